@@ -63,7 +63,7 @@ def lens_targets(folder: Path) -> Iterator[Target]:
     for name in LENSES:
         for camera in (lens, barrel, ocam):
             try:
-                camera.save(folder / name)
+                gsut.save_camera(camera, folder / name)
             except gsut.InputError:
                 continue  # not a lens of this format
             path = folder / name

@@ -93,7 +93,7 @@ T* MutableData(const py::handle& object, const char* name,
 // View of a gsut.Gaussians (any object with means, quats, log_scales, opacity_logits, sh as
 // C-contiguous arrays). View is GaussiansView<T>, or GaussiansView<const T> to read only, and
 // get(object, name, shape) the checked pointer. rows: of harmonics of several degrees, which are
-// one array of floats; null: sh (N, K, 3). The caller keeps the object alive meanwhile.
+// one array of floats; null: sh (N, K, 3). The caller keeps the object alive as long as the view.
 template <class View, class Get>
 View GaussiansOf(const py::handle& gaussians, const HarmonicsRows* rows, Get&& get) {
   View view;

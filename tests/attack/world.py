@@ -82,7 +82,7 @@ def write_lenses(folder: Path) -> None:
     for name in LENSES:
         for camera in (fisheye, barrel, ocam):
             with contextlib.suppress(gsut.InputError):  # not a lens of this format
-                camera.save(folder / name)
+                gsut.save_camera(camera, folder / name)
                 break
         assert (folder / name).is_file(), name
 
@@ -96,8 +96,10 @@ def write_tables(folder: Path) -> None:
     small_datasets.write_png(folder / "mask.png", np.full((48, 48), 255, np.uint8))
     small_datasets.write_ply(folder / "points.ply", *small_datasets.points())
     shutil.copy(folder / "ds/images/003.png", folder / "photo.png")
-    pinhole(48).save(folder / "lens48.json")
-    gsut.Camera("pinhole", [300, 300, 160, 120], 320, 240).save(folder / "lens320.json")
+    gsut.save_camera(pinhole(48), folder / "lens48.json")
+    gsut.save_camera(
+        gsut.Camera("pinhole", [300, 300, 160, 120], 320, 240), folder / "lens320.json"
+    )
     (folder / "rig.yaml").write_text(RIG)
 
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import ast
+import importlib
 import inspect
 import itertools
 import json
@@ -21,6 +22,7 @@ import gsut
 from gsut.cli import build_parser
 from gsut.run import show_every_option
 from lens_pictures import FOLDER, draw, seen_angle, widest_example
+from public_names import list_public_names
 
 ROOT = Path(__file__).resolve().parents[2]
 MODELS = ROOT / "cpp" / "gsut" / "cameras" / "models"
@@ -90,7 +92,7 @@ def lens_section(model: str) -> str:
 
 
 def lenses_page() -> str:
-    models = gsut.camera_models()
+    models = gsut.lens.camera_models()
     heads = {model: next(comment_blocks(MODELS / f"{model}.h"))[1] for model in models}
     rows = "".join(f"| [{m}](#{m}) | {capitalised(head)} |\n" for m, head in heads.items())
     return (
@@ -164,6 +166,16 @@ def tasks() -> Iterator[tuple[str, list[str]]]:
         yield heading, re.findall(r'"(\w+)"', names)
 
 
+def sections() -> Iterator[tuple[str, str, list[str]]]:
+    """Yields (module, heading, names): the tasks of `gsut`, then its submodules."""
+    for heading, names in tasks():
+        yield "gsut", heading, names
+    for module, names in list_public_names().items():
+        if module != "gsut":
+            about = (importlib.import_module(module).__doc__ or "").partition("\n")[0]
+            yield module, f"{module}: {about[:1].lower()}{about[1:].rstrip('.')}", names
+
+
 def stub_signatures() -> dict[str, str]:
     """Arguments of the functions and classes of the C++ module: "name" and "Class.name"."""
     found = {}
@@ -234,14 +246,14 @@ def member_rows(member: type, name: str) -> list[str]:
     return rows
 
 
-def api_section(name: str) -> str:
-    member = getattr(gsut, name)
+def api_section(name: str, module: str = "gsut") -> str:
+    member = getattr(importlib.import_module(module), name)
     if not callable(member):
         return f"### {name}\n\n`{member!r}`\n" if name != "__version__" else ""
     bound = inspect.isbuiltin(member)
     out = [f"### {name}\n"]
     if not (inspect.isclass(member) and issubclass(member, Exception)):
-        text = f"gsut.{name}({arguments_of(member, name)})"
+        text = f"{module}.{name}({arguments_of(member, name)})"
         lines = textwrap.wrap(text, 96, subsequent_indent="    ", break_on_hyphens=False)
         out.append("```text\n" + "\n".join(lines) + "\n```\n")
     out.append(as_markdown(docstring(member, bound=bound)) + "\n")
@@ -261,12 +273,12 @@ def link_to(heading: str, taken: list[str]) -> str:
 
 def api_page() -> str:
     parts = [
-        f"## {heading}\n\n" + "\n".join(filter(None, map(api_section, names)))
-        for heading, names in tasks()
+        f"## {heading}\n\n" + "\n".join(filter(None, (api_section(n, module) for n in names)))
+        for module, heading, names in sections()
     ]
     taken: list[str] = []
     contents = ""
-    for heading, names in tasks():
+    for _, heading, names in sections():
         link_to(heading, taken)
         links = [link_to(name, taken) for name in names if name != "__version__"]
         contents += f"- {heading}: {', '.join(links)}\n"
@@ -286,7 +298,7 @@ def page(name: str) -> str:
 
 
 def main() -> None:
-    draw([model for model in gsut.camera_models() if not (FOLDER / f"{model}.jpg").is_file()])
+    draw([model for model in gsut.lens.camera_models() if not (FOLDER / f"{model}.jpg").is_file()])
     for name in PAGES:
         (ROOT / "docs" / name).write_text(page(name))
 

@@ -100,7 +100,7 @@ def test_lens_that_none_can_be_is_refused_by_key_in_every_format(
 ):
     model, params = lens
     path, changed = tmp_path / name, 0
-    gsut.Camera(model, params, 128, 96).save(path)
+    gsut.save_camera(gsut.Camera(model, params, 128, 96), path)
 
     def change(match):
         nonlocal changed
@@ -141,7 +141,7 @@ def test_camera_of_no_whole_number_of_pixels_is_refused(width):
     with pytest.raises(gsut.InputError, match="whole numbers of pixels from 1 to 65536, found"):
         gsut.Camera("pinhole", [10, 10, 3, 3], width, 6)
     with pytest.raises(gsut.InputError, match="whole numbers of pixels from 1 to 65536, found"):
-        gsut.Camera("pinhole", [10, 10, 3, 3], 6, 6).resized(width, 6)
+        gsut.Camera("pinhole", [10, 10, 3, 3], 6, 6).resize(width, 6)
 
 
 @pytest.mark.parametrize(

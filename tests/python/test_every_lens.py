@@ -23,7 +23,7 @@ from gsut import _core
 from gsut.check import diagnose
 from gsut.cli import main
 from gsut.data import Frame, TrainingViews, write_transforms
-from gsut.data.points import points_ply
+from gsut.data.points import format_points_ply
 from gsut.evaluate import evaluate
 from gsut.gaussians import SH_C0
 from gsut.lens import Camera, load_camera
@@ -58,7 +58,7 @@ class Case:
             frames.append(Frame(f"images/{file.name}", file, lens, np.linalg.inv(given)))
         colors = np.clip(255 * (0.5 + SH_C0 * self.truth.sh[:, 0]), 0, 255).astype(np.uint8)
         means = self.truth.means + np.random.default_rng(8).normal(0, 0.03, (len(self.truth), 3))
-        (path / "points3D.ply").write_bytes(points_ply(means, colors))
+        (path / "points3D.ply").write_bytes(format_points_ply(means, colors))
         test = [f"images/{TEST_VIEW}.png"]
         write_transforms(path / "transforms.json", frames, points_file="points3D.ply", test=test)
         return path
@@ -90,7 +90,7 @@ class Case:
 _CASES: dict[str, Case] = {}
 
 
-@pytest.fixture(params=gsut.camera_models())
+@pytest.fixture(params=gsut.lens.camera_models())
 def case(request, tmp_path_factory) -> Case:
     model = request.param
     if model not in _CASES:
@@ -133,9 +133,9 @@ def test_train_learns_and_eval_measures_the_same(case):
 
 def test_compact_keeps_most_of_the_picture(case):
     ply, out = case.folder / "scene.ply", case.folder / "compact.ply"
-    gsut.save_ply(ply, case.trained.gaussians)
+    gsut.formats.save_ply(ply, case.trained.gaussians)
     assert main(["compact", str(ply), "-o", str(out), "--keep", "0.7", "--quiet"]) == 0
-    fewer = gsut.load_ply(out)
+    fewer = gsut.formats.load_ply(out)
     assert len(fewer) == pytest.approx(0.7 * len(case.trained.gaussians), abs=1)
     psnr = evaluate(fewer, case.trained.scene, [TEST_VIEW])["psnr"]
     print(case.model, case.trained.metrics["psnr"], "->", psnr, "dB")
@@ -144,7 +144,7 @@ def test_compact_keeps_most_of_the_picture(case):
 
 def test_convert_writes_the_same_lens_anew(case, capsys):
     lens, out = case.folder / "given.lens.json", case.folder / "found.lens.json"
-    case.camera.save(lens)
+    gsut.save_camera(case.camera, lens)
     words = ["camera", "convert", str(lens), case.model, "-o", str(out), "--max-angle", "30"]
     words += ["--distance", "4"] if case.camera.is_parallel else []
     worst = json_of(words, capsys)["worst"]
@@ -173,7 +173,7 @@ def test_refine_undoes_pose_errors_against_the_true_gaussians(case, refine_lens)
     right = turns(np.array(case.poses)[list(scene.train_indices)])
     before = np.abs(turns(views.poses) - right).mean()
     for step in range(3):
-        refiner.finish(truth, views.at(1.0), step)
+        refiner.finish(truth, views.select_level(1.0), step)
     after = np.abs(turns(views.poses) - right).mean()
     print(case.model, refine_lens, before, "->", after)
     assert after < tol.EVERY_LENS_REFINED[refine_lens] * before

@@ -22,13 +22,14 @@ BARE = (
     "cut",
     "dirname",
     "env",
+    "find",
     "grep",
     "head",
     "mkdir",
     "mv",
     "nproc",
 )
-BARE += ("rm", "sed", "sha256sum", "tail", "tee", "tr", "wc")
+BARE += ("rm", "sed", "sha256sum", "sort", "tail", "tee", "tr", "wc")
 TOOLS = ("c++", "cmake", "ninja")
 LIBRARIES = ("libeigen3-dev", "libceres-dev", "libtbb-dev", "libhwy-dev", "libgtest-dev")
 

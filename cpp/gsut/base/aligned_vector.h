@@ -10,7 +10,7 @@ namespace gsut {
 
 inline constexpr std::size_t kCacheLineBytes = 64;
 
-// Arrays of so many bytes or more lie on huge pages, where the system has them (Linux).
+// Arrays of this size (4 MiB) or more lie on huge pages, where the system has them (Linux).
 inline constexpr std::size_t kHugePagesFrom = std::size_t{4} << 20;
 inline constexpr std::size_t kHugePageBytes = std::size_t{2} << 20;
 

@@ -83,7 +83,7 @@ HWY_INLINE T At(const float* table, T index) {
 }
 
 // Weighted sums of rows of a table, another place in each lane: see gsut/cameras/contract.h. Reads
-// kRowLength entries of each row whatever `columns` is, and writes so many sums; at most 4 rows.
+// kRowLength entries of each row whatever `columns` is, and writes kRowLength sums; at most 4 rows.
 // Rows are read whole, lane after lane, which takes a fraction of the time of gathering entries.
 inline constexpr int kRowLength = 8;
 

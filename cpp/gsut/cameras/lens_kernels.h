@@ -30,7 +30,7 @@ struct LensBatch {
 };
 
 // Projects `count` points, a multiple of 16, on this thread, with the active instruction set. Error
-// against Camera::Project: see tests/cpp/lens_kernels_test.cpp.
+// against Camera::Project: see LensKernelTest in tests/cpp/cameras_test.cpp.
 void ProjectPoints(const FloatLens& lens, int count, const LensBatch& batch);
 
 // The same with derivatives, exact but for rounding (forward mode).

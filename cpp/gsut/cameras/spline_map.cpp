@@ -21,6 +21,9 @@ using lenses::StarEdge;
 constexpr double kLargestRadius = 20.0;
 
 // (x, y) -> (x', y') - offset, with the image of the origin as offset.
+// The spline shifts points of the stereographic plane; this is the map with its derivatives. Its
+// domain is star-shaped about the origin: one radius a sector of directions, up to the first fold
+// in it.
 struct Surface {
   const double* params;
   double density;
@@ -40,6 +43,7 @@ struct Surface {
 };
 
 // The direction (x, y) of a place around the square of diamond angles, in sectors.
+// Sectors are even in diamond angles (star_edge.h): no arctangent on the way back.
 void DirectionOf(double sector, double* x, double* y) {
   const double around = 4.0 * sector / StarEdge::kSectors - 2.0;
   *x = 1.0 - std::abs(around);
@@ -63,8 +67,9 @@ double FirstFold(const Surface& surface, double direction_x, double direction_y)
   const double half_y = 0.5 * (surface.params[2] - 1.0) / surface.density;
   const double end =
       std::min({kLargestRadius, half_x / std::abs(direction_x), half_y / std::abs(direction_y)});
-  // Looked at four times between control points.
-  const double step = 0.25 / surface.density;
+  // Of the distance of control points: a cubic between them cannot fold and unfold in less.
+  constexpr double kStep = 0.25;
+  const double step = kStep / surface.density;
   const auto regular = [&](double r) {
     return IsRegular(surface(r * direction_x, r * direction_y), r * direction_x, r * direction_y);
   };
@@ -75,6 +80,7 @@ double FirstFold(const Surface& surface, double direction_x, double direction_y)
       good = next;
       continue;
     }
+    // Halvings of a quarter of a cell leave 1e-10 of it.
     double bad = next;
     constexpr int kHalvings = 30;
     for (int i = 0; i < kHalvings; ++i) {
@@ -103,15 +109,19 @@ void CheckSplineParams(const char* lens, const double* params, int num_params) {
             << "; they must be whole numbers from order + 1 to " << kMostPoints;
     throw InputError(message.str());
   }
-  const int wanted = 8 + 2 * static_cast<int>(count_x) * static_cast<int>(count_y);
+  constexpr int kFixedParams = SplinedStereographic::kPoints;  // before the control points
+  const int wanted = kFixedParams + 2 * static_cast<int>(count_x) * static_cast<int>(count_y);
   if (num_params != wanted) {
     message << "Nx Ny 2 + 8 = " << wanted << " values are needed, found " << num_params;
     throw InputError(message.str());
   }
-  CheckLensParam(lens, "fov_x_degrees", fov, 1e-3, 359.0);
+  constexpr double kSmallestFov = 1e-3;  // degrees: the density of control points stays finite
+  constexpr double kLargestFov = 359.0;  // degrees: 360 lies at infinity in the stereographic plane
+  CheckLensParam(lens, "fov_x_degrees", fov, kSmallestFov, kLargestFov);
   CheckFocalParams(lens, "fx fy cx cy control_points ...", params + 4, num_params - 4);
 }
 
+// Nx - order intervals span fov_x, whose half has the radius 2 tan(fov / 4) in the plane.
 double SplineDensity(const double* params) {
   constexpr double kRadians = kPi / 180.0;
   return (params[1] - params[0]) / (4.0 * std::tan(0.25 * kRadians * params[3]));
@@ -127,6 +137,7 @@ LensDomain SplineDomain(const double* params, double angle_limit) {
     DirectionOf(0.5 * static_cast<double>(i), &x, &y);
     fold[i] = FirstFold(surface, x, y);
   }
+  // Squared radii in float, as kernels compare them.
   auto edge = std::make_shared<std::vector<float>>(StarEdge::kSectors);
   double farthest = 0.0;
   for (std::size_t i = 0; i < edge->size(); ++i) {
@@ -153,12 +164,13 @@ bool UnprojectSpline(const LensDomain& domain, const double* params, double u, d
   image_y -= surface.offset[1];
   // From where the undistorted lens sees the pixel, no farther than the farthest edge.
   const double distance = std::hypot(image_x, image_y);
-  constexpr double kInside = 0.95;
+  constexpr double kInside = 0.95;  // of the farthest edge
   const double start =
       distance > kInside * domain.max_radius ? kInside * domain.max_radius / distance : 1.0;
   double x = start * image_x, y = start * image_y;
   if (!InvertPlaneMap(surface, domain.max_radius, image_x, image_y, &x, &y)) return false;
   if (!lenses::StarEdge::Contains(domain, x, y)) return false;
+  // The round trip in pixels decides.
   const PlanePoint back = surface(x, y);
   const double back_u = focal[0] * (back.u + surface.offset[0]) + focal[2];
   const double back_v = focal[1] * (back.v + surface.offset[1]) + focal[3];

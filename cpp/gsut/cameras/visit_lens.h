@@ -12,7 +12,8 @@ namespace gsut::lenses {
 
 namespace gsut {
 
-// visitor(lenses::KannalaBrandt{}) for the lens asked for: one dispatch a batch, never one a point.
+// Calls visitor(lenses::KannalaBrandt{}) for kKannalaBrandt, and so on: one dispatch a batch, never
+// one a point.
 template <class Visitor>
 auto VisitLens(LensModel lens, Visitor&& visitor) {
   switch (lens) {

@@ -10,8 +10,8 @@
 
 namespace gsut {
 
-// Throws InputError if what is left of the stream, which stands behind the header, is too short for
-// the rows that the header announces; so that a broken count is found before memory is asked for.
+// Throws InputError if the rest of the stream, which is positioned behind the header, is too short
+// for the rows that the header announces: a broken count is found before memory is allocated.
 void CheckPlySize(std::istream& stream, const std::string& path, const PlyHeader& header);
 
 // Calls row(values) for each row of element `index`, values[i] being property i (of a list: 0; the

@@ -40,12 +40,17 @@ HWY_INLINE void AddOf(const float* values, float* sums, std::int64_t begin, std:
 
 // Highway's Exp is garbage beyond 104: a larger exponent is taken as this one, the end of float.
 HWY_INLINE Lane ExpWithin(Lane x) {
-  const Lane largest(88.5);
+  constexpr double kLargestExponent = 88.5;  // its exponential is 2.7e38, still a float
+  const Lane largest(kLargestExponent);
   return Exp(Select(x > largest, largest, x));
 }
 
 }  // namespace
 
+// The loss  w_o mean(sigmoid(logit)) + w_s mean(exp(log_scale))  makes Gaussians transparent and
+// small that photographs do not hold against it. Its derivatives:
+//   by logit      w_o / N      o (1 - o),
+//   by log_scale  w_s / (3 N)  exp(log_scale).
 void Regularize(const GaussiansView<const float>& params, std::int64_t begin, std::int64_t end,
                 float opacity_factor, float scale_factor, float* dl_dopacity_logits,
                 float* dl_dlog_scales) {

@@ -12,13 +12,15 @@
 namespace gsut {
 namespace {
 
-// Trust region of Levenberg-Marquardt (Madsen, Nielsen, Tingleff, "Methods for non-linear least
-// squares problems", 2004): its radius to begin with and at most; the share of the predicted
-// decrease that a step must reach; steps in a row that may fail to predict one; and the share of
-// the cost below which a predicted decrease is rounding alone.
-constexpr double kFirstRadius = 1e4, kLargestRadius = 1e16;
+// Trust region of Levenberg-Marquardt, in the form of Madsen, Nielsen and Tingleff, "Methods for
+// non-linear least squares problems", 2004: damping is the diagonal of J^T J over a radius.
+constexpr double kFirstRadius = 1e4;  // nearly Gauss-Newton: starts are good, and the cost decides
+constexpr double kLargestRadius = 1e16;  // beyond, damping is below the rounding of the diagonal
+// Share of the predicted decrease that a step must reach to be kept.
 constexpr double kLeastQuality = 1e-3;
+// Steps in a row that may fail to predict a decrease: each at least halves the radius.
 constexpr int kMostInvalid = 5;
+// Share of the cost below which a predicted decrease is rounding alone.
 constexpr double kNothing = 1e-15;
 
 }  // namespace
@@ -32,6 +34,9 @@ BundleSummary AdjustBundle(Bundle* bundle, const BundleOptions& options) {
   summary.rms_before = problem.Rms();
   double cost = problem.Evaluate();
   if (!std::isfinite(cost)) throw SolveError("bundle adjustment failed: residuals are not finite");
+  // Each iteration solves the damped normal equations and compares the decrease of the cost with
+  // the one that the linear model predicts. Nielsen's rule then changes the radius smoothly: a good
+  // prediction multiplies it by up to 3, a failed step divides it by 2, 4, 8 ... in a row.
   double radius = kFirstRadius, shrink = 2.0;
   int invalid = 0;
   while (!summary.converged && summary.iterations < options.max_iterations) {
@@ -43,6 +48,7 @@ BundleSummary AdjustBundle(Bundle* bundle, const BundleOptions& options) {
       summary.converged = true;
       break;
     }
+    // Not positive definite, or rounding: more damping mends both.
     if (!(predicted > 0.0)) {
       if (++invalid == kMostInvalid) {
         throw SolveError("bundle adjustment failed: no step lowers the cost");
@@ -52,6 +58,7 @@ BundleSummary AdjustBundle(Bundle* bundle, const BundleOptions& options) {
       continue;
     }
     invalid = 0;
+    // The step is taken for trial, and taken back if the cost did not fall enough.
     const BundleState before = problem.state();
     const bool small = problem.Step();
     const double found = problem.Evaluate();

@@ -1,4 +1,4 @@
-// Bundle adjustment: poses, points and, asked for, lenses, from where features were seen.
+// Bundle adjustment: refines poses, points and optionally lenses from where features were seen.
 #pragma once
 
 #include <Eigen/Core>

@@ -27,7 +27,7 @@ class LensEvaluation {
     bool valid;                    // inside the lens' domain
     bool lens_failed;
   };
-  // Row of an observation. Derivatives belong to the last evaluation that asked for them.
+  // Row of an observation. Derivatives are those of the last Evaluate(true).
   Row Get(int observation) const;
   std::int64_t NumOutside() const;
 

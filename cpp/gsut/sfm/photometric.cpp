@@ -1,4 +1,4 @@
-// Photometric refinement by Ceres: the scene is rendered once a step, the costs read their pixel.
+// Photometric refinement by Ceres: colour differences as blocks of residuals, and their problem.
 #include "gsut/sfm/photometric.h"
 
 #include <ceres/ceres.h>
@@ -7,13 +7,12 @@
 #include <algorithm>
 #include <cmath>
 #include <memory>
-#include <optional>
 #include <string>
 
 #include "gsut/base/errors.h"
-#include "gsut/cameras/ray_jacobian.h"
 #include "gsut/sfm/lens_parameters.h"
 #include "gsut/sfm/photometric_covariance.h"
+#include "gsut/sfm/photometric_scene.h"
 #include "gsut/sfm/pose_manifold.h"
 #include "gsut/sfm/solver_log.h"
 #include "gsut/sfm/stop_after.h"
@@ -25,148 +24,61 @@ using Eigen::Map;
 using Eigen::Vector3d;
 using RowMatrix3d = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
 using RowMatrix36 = Eigen::Matrix<double, 3, 6, Eigen::RowMajor>;
-using Matrix3X = Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::RowMajor>;
-using GainBlock = std::array<double, 2>;  // gain, bias
 
-// One image at the solver's current parameters.
-struct ImageState {
-  PoseBlock pose;
-  GainBlock gain;
-  std::vector<double> colors, by_center, by_ray, by_lens;
-  bool failed = false;
+// One pixel's share of the cost, a Huber loss rho of its squared colour difference s = |r|^2:
+//   rho(s) = s  for |r| <= a,   2 a |r| - a^2  beyond,   rho'(s) = min(1, a / |r|).
+// Gauss-Newton on a robust loss is least squares of sqrt(rho') r with its slopes (Triggs et al.,
+// "Bundle adjustment: a modern synthesis", 2000, sec. 4.3; the term in rho'' < 0 is left out, as
+// Ceres does). Its squares sum to rho' s instead of rho; `excess` = rho - rho' s >= 0 is what the
+// cost lacks, a constant in the linear system.
+struct RobustWeight {
+  double root = 1.0;  // sqrt(rho')
+  double excess = 0.0;
 };
 
-// Renders every image once for each step of the solver.
-class SceneEvaluation : public ceres::EvaluationCallback {
- public:
-  SceneEvaluation(SceneColors* scene, const std::vector<Camera>& cameras,
-                  const std::vector<PhotometricImage>& images, const PhotometricOptions& options)
-      : options_(options), scene_(scene), cameras_(cameras), images_(images) {
-    for (const Camera& camera : cameras) lenses.push_back(camera.params());
-    for (const PhotometricImage& image : images) {
-      ImageState state;
-      state.pose = ToBlock(image.camera_from_world);
-      state.gain = {image.gain, image.bias};
-      states.push_back(std::move(state));
-    }
+RobustWeight WeighHuber(double squared, double scale) {
+  if (scale <= 0.0 || squared <= scale * scale) return {};
+  const double length = std::sqrt(squared);
+  return {std::sqrt(scale / length), scale * length - scale * scale};
+}
+
+// gain x colour + bias - photograph at pixel i of an image.
+Vector3d ColorResidual(const ImageState& state, const PhotometricImage& image, std::size_t i,
+                       const double* gain) {
+  Vector3d out;
+  for (std::size_t c = 0; c < 3; ++c) {
+    const auto seen = static_cast<double>(image.colors[3 * i + c]);
+    out[static_cast<int>(c)] = gain[0] * state.colors[3 * i + c] + gain[1] - seen;
   }
+  return out;
+}
 
-  bool LensIsFree(int camera) const {
-    return !options_.lens_free.empty() &&
-           !options_.lens_free[static_cast<std::size_t>(camera)].empty();
-  }
+// The slope of the scene's colour at pixel i by the pose's tangent (centre, rotation vector).
+RowMatrix36 ByPoseTangent(const ImageState& state, std::size_t i) {
+  RowMatrix36 out;
+  out.leftCols<3>() = Map<const RowMatrix3d>(&state.by_center[9 * i]);
+  out.rightCols<3>() = Map<const RowMatrix3d>(&state.by_turn[9 * i]);
+  return out;
+}
 
-  // The lens at the current parameters. Throws InputError if they make no lens.
-  Camera MakeLens(int camera) const {
-    const Camera& before = cameras_[static_cast<std::size_t>(camera)];
-    if (!LensIsFree(camera)) return before;
-    return {before.model(), lenses[static_cast<std::size_t>(camera)], before.width(),
-            before.height(), before.valid_field_angle()};
-  }
+// Pixels of one cost: their rows and slopes, some 50 KB, stay in the second-level cache while Ceres
+// carries them into its matrix, and what it keeps per cost weighs nothing.
+constexpr std::size_t kPixelsPerCost = 256;
 
-  // The same, or none.
-  std::optional<Camera> FindLens(int camera) const {
-    try {
-      return MakeLens(camera);
-    } catch (const InputError&) {
-      return std::nullopt;
-    }
-  }
-
-  // Ceres calls points new that it has asked for before: what was rendered last is looked at.
-  void PrepareForEvaluation(bool evaluate_jacobians, bool) override {
-    std::vector<double> point = Point();
-    if (point == rendered_ && (has_jacobians_ || !evaluate_jacobians)) return;
-    rendered_ = std::move(point);
-    has_jacobians_ = evaluate_jacobians;
-    ++num_evaluations;
-    std::vector<std::optional<Camera>> now;
-    now.reserve(cameras_.size());
-    for (std::size_t c = 0; c < cameras_.size(); ++c) now.push_back(FindLens(static_cast<int>(c)));
-    for (std::size_t i = 0; i < states.size(); ++i) {
-      const std::optional<Camera>& camera = now[static_cast<std::size_t>(images_[i].camera)];
-      states[i].failed = !camera || !Evaluate(*camera, images_[i], &states[i]);
-    }
-  }
-
-  std::vector<std::vector<double>> lenses;
-  std::vector<ImageState> states;
-  int num_evaluations = 0;
-
- private:
-  // All parameters that a render depends on.
-  std::vector<double> Point() const {
-    std::vector<double> point;
-    for (const std::vector<double>& lens : lenses) {
-      point.insert(point.end(), lens.begin(), lens.end());
-    }
-    for (const ImageState& state : states) {
-      point.insert(point.end(), state.pose.begin(), state.pose.end());
-    }
-    return point;
-  }
-
-  // False if a pixel has no ray.
-  bool Evaluate(const Camera& camera, const PhotometricImage& image, ImageState* state) {
-    const std::size_t count = image.pixels.size();
-    const RayTable& table = camera.Rays();
-    for (const std::uint32_t pixel : image.pixels) {
-      if (!table.valid[pixel]) return false;
-    }
-    state->colors.resize(3 * count);
-    if (!has_jacobians_) {
-      scene_->Evaluate(camera, FromBlock(state->pose), image.pixels, state->colors.data(), nullptr,
-                       nullptr);
-      return true;
-    }
-    state->by_center.resize(9 * count);
-    state->by_ray.resize(9 * count);
-    scene_->Evaluate(camera, FromBlock(state->pose), image.pixels, state->colors.data(),
-                     state->by_center.data(), state->by_ray.data());
-    std::vector<double> rays(3 * count);
-    for (std::size_t i = 0; i < count; ++i) {
-      std::copy_n(&table.rays[3 * std::size_t{image.pixels[i]}], 3, &rays[3 * i]);
-    }
-    const std::size_t num_params = static_cast<std::size_t>(camera.num_params());
-    if (LensIsFree(image.camera)) {
-      std::vector<double> by_params(3 * count * num_params);
-      std::vector<std::uint8_t> valid(count);
-      RayJacobian(camera, static_cast<std::int64_t>(count), rays.data(), nullptr, by_params.data(),
-                  nullptr, valid.data());
-      state->by_lens.resize(by_params.size());
-      for (std::size_t i = 0; i < count; ++i) {
-        const std::size_t first = 3 * i * num_params;
-        Map<Matrix3X>(&state->by_lens[first], 3, static_cast<int>(num_params)) =
-            Map<const RowMatrix3d>(&state->by_ray[9 * i]) *
-            Map<const Matrix3X>(&by_params[first], 3, static_cast<int>(num_params));
-      }
-    }
-    // R <- exp(w) R turns the rays by -w in the camera's axes: dcolour/dw = -(d x dcolour/dd).
-    for (std::size_t i = 0; i < count; ++i) {
-      const Map<const Vector3d> ray(&rays[3 * i]);
-      Map<RowMatrix3d> slope(&state->by_ray[9 * i]);
-      for (int c = 0; c < 3; ++c) {
-        slope.row(c) = Vector3d(slope.row(c)).cross(ray).transpose().eval();
-      }
-    }
-    return true;
-  }
-
-  const PhotometricOptions& options_;
-  SceneColors* scene_;
-  const std::vector<Camera>& cameras_;
-  const std::vector<PhotometricImage>& images_;
-  bool has_jacobians_ = false;
-  std::vector<double> rendered_;  // the point that `states` are at
-};
-
-// gain x colour + bias - photograph at one pixel. Parameters: pose block, gain block and, if free,
-// the lens.
+// The weighted colour differences of a run of an image's pixels, three rows a pixel, and one last
+// row: the root of their excess, whose slopes are 0. Parameters: pose block, gain block and, if
+// free, the lens. The loss lies inside, because Ceres would apply its own to all pixels as one.
 class ColorCost : public ceres::CostFunction {
  public:
-  ColorCost(const ImageState& state, const float* seen, std::size_t pixel, int num_lens_params)
-      : state_(state), seen_(seen), pixel_(pixel), num_lens_(num_lens_params) {
-    set_num_residuals(3);
+  ColorCost(const ImageState& state, const PhotometricImage& image, std::size_t begin,
+            double loss_scale, int num_lens)
+      : state_(state),
+        image_(image),
+        begin_(begin),
+        end_(std::min(begin + kPixelsPerCost, image.pixels.size())),
+        loss_scale_(loss_scale),
+        num_lens_(num_lens) {
+    set_num_residuals(static_cast<int>(3 * (end_ - begin_) + 1));
     *mutable_parameter_block_sizes() = {7, 2};
     if (num_lens_ > 0) mutable_parameter_block_sizes()->push_back(num_lens_);
   }
@@ -174,42 +86,48 @@ class ColorCost : public ceres::CostFunction {
   bool Evaluate(double const* const* parameters, double* residuals,
                 double** jacobians) const override {
     if (state_.failed) return false;
-    const double gain = parameters[1][0], bias = parameters[1][1];
-    const Map<const Vector3d> color(&state_.colors[3 * pixel_]);
-    for (int c = 0; c < 3; ++c) {
-      residuals[c] = gain * color[c] + bias - static_cast<double>(seen_[c]);
-    }
-    if (jacobians == nullptr) return true;
-    if (jacobians[0] != nullptr) {
-      Map<Eigen::Matrix<double, 3, 7, Eigen::RowMajor>> out(jacobians[0]);
-      out.leftCols<6>() = gain * ByPoseTangent();
-      out.col(6).setZero();
-    }
-    if (jacobians[1] != nullptr) {
-      Map<Eigen::Matrix<double, 3, 2, Eigen::RowMajor>> out(jacobians[1]);
-      out.col(0) = color;
-      out.col(1).setOnes();
-    }
-    if (num_lens_ > 0 && jacobians[2] != nullptr) {
-      const std::size_t length = 3 * static_cast<std::size_t>(num_lens_);
-      for (std::size_t k = 0; k < length; ++k) {
-        jacobians[2][k] = gain * state_.by_lens[pixel_ * length + k];
+    const double* gain = parameters[1];
+    double* by_pose = jacobians == nullptr ? nullptr : jacobians[0];
+    double* by_gain = jacobians == nullptr ? nullptr : jacobians[1];
+    double* by_lens = jacobians == nullptr || num_lens_ == 0 ? nullptr : jacobians[2];
+    double excess = 0.0;
+    for (std::size_t i = begin_; i < end_; ++i) {
+      const std::size_t row = 3 * (i - begin_);
+      const Vector3d residual = ColorResidual(state_, image_, i, gain);
+      const RobustWeight weight = WeighHuber(residual.squaredNorm(), loss_scale_);
+      excess += weight.excess;
+      Map<Vector3d>{residuals + row} = weight.root * residual;
+      if (by_pose != nullptr) {
+        Map<Eigen::Matrix<double, 3, 7, Eigen::RowMajor>> out(by_pose + 7 * row);
+        out.leftCols<6>() = weight.root * gain[0] * ByPoseTangent(state_, i);
+        out.col(6).setZero();
+      }
+      if (by_gain != nullptr) {
+        Map<Eigen::Matrix<double, 3, 2, Eigen::RowMajor>> out(by_gain + 2 * row);
+        out.col(0) = weight.root * Map<const Vector3d>(&state_.colors[3 * i]);
+        out.col(1).setConstant(weight.root);
+      }
+      if (by_lens != nullptr) {
+        const auto width = static_cast<std::size_t>(num_lens_);
+        const double* slopes = &state_.by_lens[3 * i * width];
+        for (std::size_t k = 0; k < 3 * width; ++k) {
+          by_lens[width * row + k] = weight.root * gain[0] * slopes[k];
+        }
       }
     }
+    const std::size_t last = 3 * (end_ - begin_);
+    residuals[last] = std::sqrt(excess);
+    if (by_pose != nullptr) std::fill_n(by_pose + 7 * last, 7, 0.0);
+    if (by_gain != nullptr) std::fill_n(by_gain + 2 * last, 2, 0.0);
+    if (by_lens != nullptr) std::fill_n(by_lens + num_lens_ * last, num_lens_, 0.0);
     return true;
-  }
-
-  RowMatrix36 ByPoseTangent() const {
-    RowMatrix36 out;
-    out.leftCols<3>() = Map<const RowMatrix3d>(&state_.by_center[9 * pixel_]);
-    out.rightCols<3>() = Map<const RowMatrix3d>(&state_.by_ray[9 * pixel_]);
-    return out;
   }
 
  private:
   const ImageState& state_;
-  const float* seen_;
-  std::size_t pixel_;
+  const PhotometricImage& image_;
+  std::size_t begin_, end_;
+  double loss_scale_;
   int num_lens_;
 };
 
@@ -235,6 +153,7 @@ void Check(const std::vector<Camera>& cameras, const std::vector<PhotometricImag
   CheckLensFlags(cameras, options.lens_free);
 }
 
+// Over all channels of all pixels, without the loss.
 double Rms(const SceneEvaluation& evaluation, const std::vector<PhotometricImage>& images) {
   double sum = 0.0;
   std::size_t count = 0;
@@ -251,18 +170,15 @@ double Rms(const SceneEvaluation& evaluation, const std::vector<PhotometricImage
   return std::sqrt(sum / static_cast<double>(std::max<std::size_t>(1, count)));
 }
 
+// The jackknife's rows: weighted as in the last normal equations.
 Eigen::Matrix<double, 6, 6> Covariance(const ImageState& state, const PhotometricImage& image,
                                        const Camera& camera, const PhotometricOptions& options) {
   const auto rows_of = [&](std::size_t i, ColorRows* rows) {
-    const ColorCost cost(state, &image.colors[3 * i], i, 0);
-    Vector3d residual = Vector3d::Zero();
-    const double* parameters[2] = {state.pose.data(), state.gain.data()};
-    cost.Evaluate(parameters, residual.data(), nullptr);
-    const double length = residual.norm();
+    rows->residual = ColorResidual(state, image, i, state.gain.data());
+    const double length = rows->residual.norm();
     rows->weight =
         options.loss_scale > 0 && length > options.loss_scale ? options.loss_scale / length : 1.0;
-    rows->residual = residual;
-    rows->slopes.leftCols<6>() = state.gain[0] * cost.ByPoseTangent();
+    rows->slopes.leftCols<6>() = state.gain[0] * ByPoseTangent(state, i);
     if (options.with_gain) {
       rows->slopes.col(6) = Map<const Vector3d>(&state.colors[3 * i]);
       rows->slopes.col(7).setOnes();
@@ -271,6 +187,83 @@ Eigen::Matrix<double, 6, 6> Covariance(const ImageState& state, const Photometri
   return PhotometricCovariance(image.pixels, camera.width(), camera.height(),
                                options.with_gain ? 8 : 6, rows_of);
 }
+
+// The problem as Ceres takes it, and what it must find alive until it is solved.
+class ColorProblem {
+ public:
+  ColorProblem(SceneEvaluation* evaluation, const std::vector<Camera>& cameras,
+               const std::vector<PhotometricImage>& images, const PhotometricOptions& options)
+      : problem_(MakeOptions(evaluation)) {
+    for (std::size_t i = 0; i < images.size(); ++i) {
+      AddImage(evaluation, cameras, images[i], options, &evaluation->states[i]);
+    }
+    for (std::size_t c = 0; c < cameras.size(); ++c) {
+      double* lens = evaluation->lenses[c].data();
+      if (!problem_.HasParameterBlock(lens)) continue;
+      // A group of its own: within a group Ceres orders blocks by their addresses.
+      ordering_->AddElementToGroup(lens, 2 + static_cast<int>(c));
+      HoldLensParameters(options.lens_free[c], lens, &problem_, &lens_manifolds_);
+      any_lens_ = true;
+    }
+  }
+
+  // Throws SolveError with the solver's message if it fails.
+  ceres::Solver::Summary Solve(const PhotometricOptions& options) {
+    ceres::Solver::Options solver;
+    // A lens couples all images: their poses are eliminated first (a Schur complement a pose).
+    solver.linear_solver_type = any_lens_ ? ceres::DENSE_SCHUR : ceres::DENSE_NORMAL_CHOLESKY;
+    if (any_lens_) solver.linear_solver_ordering = ordering_;
+    solver.max_num_iterations = options.max_iterations + kMostRejected;
+    StopAfter stop(options.max_iterations);
+    StopWhenInterrupted interrupted;
+    solver.callbacks = {&stop, &interrupted};
+    solver.function_tolerance = options.function_tolerance;
+    solver.logging_type = ceres::SILENT;
+    const QuietSolver quiet;
+    ceres::Solver::Summary summary;
+    ceres::Solve(solver, &problem_, &summary);
+    CheckInterrupt();
+    if (!summary.IsSolutionUsable()) {
+      throw SolveError("photometric refinement failed: " + summary.message);
+    }
+    return summary;
+  }
+
+ private:
+  static ceres::Problem::Options MakeOptions(SceneEvaluation* evaluation) {
+    ceres::Problem::Options options;
+    options.manifold_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
+    options.evaluation_callback = evaluation;
+    return options;
+  }
+
+  void AddImage(SceneEvaluation* evaluation, const std::vector<Camera>& cameras,
+                const PhotometricImage& image, const PhotometricOptions& options,
+                ImageState* state) {
+    const auto camera = static_cast<std::size_t>(image.camera);
+    const bool lens_free = evaluation->LensIsFree(image.camera);
+    const int num_lens = lens_free ? cameras[camera].num_params() : 0;
+    double* pose = state->pose.data();
+    double* gain = state->gain.data();
+    std::vector<double*> blocks = {pose, gain};
+    if (lens_free) blocks.push_back(evaluation->lenses[camera].data());
+    for (std::size_t begin = 0; begin < image.pixels.size(); begin += kPixelsPerCost) {
+      problem_.AddResidualBlock(new ColorCost(*state, image, begin, options.loss_scale, num_lens),
+                                nullptr, blocks);
+    }
+    problem_.SetManifold(pose, &manifold_);
+    if (!options.with_gain) problem_.SetParameterBlockConstant(gain);
+    ordering_->AddElementToGroup(pose, 0);
+    ordering_->AddElementToGroup(gain, 1);
+  }
+
+  PoseManifold manifold_;
+  std::vector<std::unique_ptr<ceres::Manifold>> lens_manifolds_;
+  std::shared_ptr<ceres::ParameterBlockOrdering> ordering_ =
+      std::make_shared<ceres::ParameterBlockOrdering>();
+  bool any_lens_ = false;
+  ceres::Problem problem_;
+};
 
 }  // namespace
 
@@ -285,60 +278,9 @@ PhotometricSummary RefinePhotometric(SceneColors* scene, std::vector<Camera>* ca
   }
   PhotometricSummary summary;
   summary.rms_before = Rms(evaluation, *images);
-
-  PoseManifold manifold;
-  ceres::HuberLoss huber(options.loss_scale > 0 ? options.loss_scale : 1.0);
-  std::vector<std::unique_ptr<ceres::Manifold>> lens_manifolds;
-  ceres::Problem::Options problem_options;
-  problem_options.loss_function_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
-  problem_options.manifold_ownership = ceres::DO_NOT_TAKE_OWNERSHIP;
-  problem_options.evaluation_callback = &evaluation;
-  ceres::Problem problem(problem_options);
-  auto ordering = std::make_shared<ceres::ParameterBlockOrdering>();
-  bool any_lens = false;
-  for (std::size_t i = 0; i < images->size(); ++i) {
-    const PhotometricImage& image = (*images)[i];
-    ImageState& state = evaluation.states[i];
-    const int camera = image.camera;
-    const bool lens_free = evaluation.LensIsFree(camera);
-    const int num_lens = lens_free ? (*cameras)[static_cast<std::size_t>(camera)].num_params() : 0;
-    double* pose = state.pose.data();
-    double* gain = state.gain.data();
-    std::vector<double*> blocks = {pose, gain};
-    if (lens_free) blocks.push_back(evaluation.lenses[static_cast<std::size_t>(camera)].data());
-    for (std::size_t p = 0; p < image.pixels.size(); ++p) {
-      problem.AddResidualBlock(new ColorCost(state, &image.colors[3 * p], p, num_lens),
-                               options.loss_scale > 0 ? &huber : nullptr, blocks);
-    }
-    problem.SetManifold(pose, &manifold);
-    if (!options.with_gain) problem.SetParameterBlockConstant(gain);
-    ordering->AddElementToGroup(pose, 0);
-    ordering->AddElementToGroup(gain, 1);
-    any_lens = any_lens || lens_free;
-  }
-  for (std::size_t c = 0; c < evaluation.lenses.size(); ++c) {
-    double* lens = evaluation.lenses[c].data();
-    if (!problem.HasParameterBlock(lens)) continue;
-    // A group of its own: within a group Ceres orders blocks by their addresses.
-    ordering->AddElementToGroup(lens, 2 + static_cast<int>(c));
-    HoldLensParameters(options.lens_free[c], lens, &problem, &lens_manifolds);
-  }
-  ceres::Solver::Options solver;
-  solver.linear_solver_type = any_lens ? ceres::DENSE_SCHUR : ceres::DENSE_NORMAL_CHOLESKY;
-  if (any_lens) solver.linear_solver_ordering = ordering;
-  solver.max_num_iterations = options.max_iterations + kMostRejected;
-  StopAfter stop(options.max_iterations);
-  StopWhenInterrupted interrupted;
-  solver.callbacks = {&stop, &interrupted};
-  solver.function_tolerance = options.function_tolerance;
-  solver.logging_type = ceres::SILENT;
-  const QuietSolver quiet;
-  ceres::Solver::Summary solved;
-  ceres::Solve(solver, &problem, &solved);
-  CheckInterrupt();
-  if (!solved.IsSolutionUsable()) {
-    throw SolveError("photometric refinement failed: " + solved.message);
-  }
+  const ceres::Solver::Summary solved =
+      ColorProblem(&evaluation, *cameras, *images, options).Solve(options);
+  // Ceres may have evaluated a rejected step last: states go back to the solution.
   evaluation.PrepareForEvaluation(options.covariances, true);
   summary.rms_after = Rms(evaluation, *images);
   summary.iterations = static_cast<int>(solved.iterations.size()) - 1;

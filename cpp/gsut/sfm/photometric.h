@@ -1,4 +1,4 @@
-// Poses, and asked for the lens, from the colours of photographs of a known scene.
+// Refines poses, and optionally the lens, from the colours of photographs of a known scene.
 #pragma once
 
 #include <Eigen/Core>

@@ -13,7 +13,8 @@ namespace {
 
 constexpr int kBlocks = 16;  // along the image's longer side
 constexpr std::size_t kFewestBlocks = 32;
-// Of a block that is left out: not all, so that what no other block tells is not divided by zero.
+// Share of a block that is left out: not all, so that a direction that only this block determines
+// is not divided by zero.
 constexpr double kLeftOut = 0.99;
 constexpr double kSingular = 1e-12;
 
@@ -60,6 +61,7 @@ Eigen::Matrix<double, 6, 6> PhotometricCovariance(
   if (factors.info() != Eigen::Success || !(factors.vectorD().minCoeff() > kSingular)) {
     throw SolveError("the photograph does not determine its pose: too little of it shows texture");
   }
+  // What the solution would move by without a block, to first order: (N - N_b)^-1 r_b.
   Eigen::MatrixXd squares = Eigen::MatrixXd::Zero(size, size);
   for (std::size_t b = 0; b < blocks.size(); ++b) {
     const Eigen::MatrixXd others =

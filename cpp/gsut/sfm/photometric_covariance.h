@@ -1,4 +1,4 @@
-// How well the colours of a photograph tell its pose.
+// How well the colours of a photograph determine its pose.
 #pragma once
 
 #include <Eigen/Core>
@@ -19,9 +19,9 @@ struct ColorRows {
 
 // Covariance of a pose by leaving out one block of the image after the other (the jackknife, CR3 of
 // Bell and McCaffrey, "Bias reduction in standard errors for linear regression with multi-stage
-// samples", 2002): pixels of a block may err together, and where few blocks tell the pose, what is
-// left is smaller than the errors, as each block has bent the pose towards itself. Blocks are a
-// sixteenth of the image's longer side, or are halved until 32 of them have pixels.
+// samples", 2002): pixels of a block may err together, and where few blocks determine the
+// pose, residuals are smaller than errors, as each block has bent the pose towards itself. Blocks
+// are a sixteenth of the image's longer side, or are halved until 32 of them have pixels.
 //
 // pixels: row-major indices in an image of width x height; size: number of parameters; rows_of:
 // writes the rows of the i-th pixel, whose slopes have the shape (3, size). Throws SolveError where

@@ -21,8 +21,8 @@ struct RelativePose {
   Pose second_from_first;             // |translation| = 1
   std::vector<std::uint8_t> inliers;  // one a match
   int num_inliers = 0;
-  // Of the inliers, how many a rotation alone explains within the same error: where most, the
-  // direction of the translation means little.
+  // Number of inliers that a rotation alone explains within the same error: if these are most of
+  // them, the direction of the translation means little.
   int num_rotation_inliers = 0;
   double parallax =
       0.0;  // radians: upper quartile of the angle between matched rays, rotation undone

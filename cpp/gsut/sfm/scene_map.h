@@ -96,8 +96,9 @@ class SceneMap {
   Structure Result(bool covariances) const;
 
  private:
-  // Cauchy's loss bends at most at this fraction of the largest error.
-  static constexpr double kLossShare = 4.0;
+  // The largest error over the error where Cauchy's loss bends, at least: an observation about to
+  // be dropped has lost most of its weight before, so that dropping it moves little.
+  static constexpr double kErrorOverBend = 4.0;
 
   double Residual(const Track& track, const Observation& observation) const;
   bool HasRay(const Observation& observation) const {

@@ -1,4 +1,4 @@
-// Keeps Ceres from writing its warnings to standard error: gsut tells what went wrong itself.
+// Keeps Ceres from writing warnings to standard error: gsut reports errors by exceptions.
 #pragma once
 
 #include <glog/logging.h>

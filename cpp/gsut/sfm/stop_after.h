@@ -7,12 +7,12 @@
 
 namespace gsut {
 
-// Rejected steps beyond the iterations asked for: each halves the next step at least, and 2^10 is
-// what an undetermined lens parameter needs.
+// Rejected steps allowed beyond the maximum of iterations: each at least halves the next step, and
+// an undetermined lens parameter needs a factor of 2^10.
 inline constexpr int kMostRejected = 10;
 
-// Ends the solver after so many steps that lowered the cost: Ceres counts rejected ones too, and a
-// lens whose parameters the colours hardly tell begins with several of those.
+// Ends the solver after `steps` steps that lowered the cost. Ceres counts rejected ones too, and a
+// lens whose parameters the colours hardly determine begins with several of those.
 class StopAfter : public ceres::IterationCallback {
  public:
   explicit StopAfter(int steps) : left_(steps) {}

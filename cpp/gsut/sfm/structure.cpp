@@ -21,25 +21,40 @@ constexpr double kEnoughParallax = 0.35;
 constexpr int kInitialPoints = 30;
 // Share of a pair's matches that a rotation explains, above which the pair is no start.
 constexpr double kMostRotation = 0.7;
+// Iterations of the first adjustment: two images are cheap, and all later ones build on them.
 constexpr int kPairIterations = 20;
+// Iterations of an adjustment while the structure grows; the next image moves everything again.
 constexpr int kGlobalIterations = 10;
+// Relative decrease of the cost at which an adjustment of the growing structure stops.
 constexpr double kGlobalTolerance = 1e-4;
+// Points grow faster than images: everything is adjusted again when there are this many times
+// `global_growth` as many of them.
+constexpr double kPointGrowth = 1.5;
+// An image whose registration failed is tried again with this many times as many points: fewer
+// would most likely fail as before.
+constexpr double kRetryGrowth = 1.25;
+// Iterations of an adjustment of the complete structure, which rarely needs them all.
 constexpr int kFinalIterations = 30;
+// Relative decrease of the last cost: covariances are those of a minimum.
 constexpr double kFinalTolerance = 1e-7;
-constexpr double kTrialTolerance = 1e-6;  // the same without covariances
+// The same without covariances: poses no longer change by anything that matters.
+constexpr double kTrialTolerance = 1e-6;
+// Rounds of adjusting, dropping outliers and completing tracks; most scenes settle in two.
 constexpr int kFinalRounds = 3;
+// Relative decrease of the cost between rounds that change the observations anyway.
 constexpr double kExtendTolerance = 1e-4;
 // Below this share of new observations, completing tracks again changes nothing.
 constexpr double kSettled = 5e-4;
 // Rolling shutters: the largest error while the structure grows, in units of the final one.
 constexpr int kGrowingError = 4;
-// An image that sees too few points, where the camera turned from one picture to the next, is
-// placed by its pose relative to one image with so many matches; points tell no more than how far
-// it moved: so many are enough, and they may be so many times the largest error off, since those of
-// two images are. Its own points, made then, must hold it.
+// Where the camera turned from one picture to the next, an image sees too few points. It is then
+// placed by its pose relative to the registered image with which it has at least this many matches.
 constexpr int kPairMatches = 60;
+// Only the length of that motion comes from points: one would do, this many guard against an error.
 constexpr int kPairPoints = 3;
-constexpr double kPairShare = 0.4;  // of the points that it sees
+// Share of the points the image sees that must agree with that length.
+constexpr double kPairShare = 0.4;
+// How far off such points may be, in largest errors: two images alone place them poorly.
 constexpr double kPairError = 2.5;
 // Images from which lenses are adjusted in full; before, too little holds them.
 constexpr int kLensImages = 5;
@@ -89,14 +104,8 @@ class Mapper {
       best->restarts = std::min(restarts, options_.most_restarts);
       return *best;
     }
-    Structure nothing;
-    nothing.cameras = cameras_;
-    nothing.registered.assign(images_.size(), 0);
-    nothing.camera_from_world.resize(images_.size());
-    nothing.covariances.assign(images_.size(), Eigen::Matrix<double, 6, 6>::Zero());
-    nothing.failure =
-        failure.empty() ? "no pair of images gave a stable first triangulation" : failure;
-    return nothing;
+    if (failure.empty()) failure = "no pair of images gave a stable first triangulation";
+    return {cameras_, images_.size(), failure};
   }
 
  private:
@@ -137,6 +146,8 @@ class Mapper {
     options_.max_error = wanted_.max_error * (rolling ? factor : 1.0);
   }
 
+  // Two images, their points, and an adjustment: unless enough points remain, another pair is
+  // better.
   bool Start(const VerifiedPair& pair) {
     SetErrorFactor(wanted_.rolling_error);
     map_->SetGauge(pair.first, pair.second);
@@ -173,7 +184,8 @@ class Mapper {
       map_->Filter(options_.max_error);
       ReportProgress("image");
       if (map_->num_registered() > options_.global_growth * adjusted_images ||
-          map_->num_points() > 1.5 * options_.global_growth * std::max(adjusted_points, 1)) {
+          map_->num_points() >
+              kPointGrowth * options_.global_growth * std::max(adjusted_points, 1)) {
         AdjustAll();
         adjusted_images = map_->num_registered();
         adjusted_points = map_->num_points();
@@ -192,8 +204,7 @@ class Mapper {
       if (map_->registered(image)) continue;
       int count = 0;
       const double score = map_->VisibleScore(image, &count);
-      // Tried before: only with a quarter more points.
-      if (count < options_.min_inliers || 4 * count < 5 * tried_at_[image]) continue;
+      if (count < options_.min_inliers || count < kRetryGrowth * tried_at_[image]) continue;
       candidates.push_back({score, image, count});
     }
     std::stable_sort(candidates.begin(), candidates.end(),

@@ -91,11 +91,20 @@ struct StructurePoint {
 };
 
 struct Structure {
+  Structure() = default;
+  // Of no image, and why.
+  Structure(std::vector<Camera> cameras_in, std::size_t images, std::string failure_in)
+      : cameras(std::move(cameras_in)),
+        registered(images, 0),
+        camera_from_world(images),
+        covariances(images, Eigen::Matrix<double, 6, 6>::Zero()),
+        failure(std::move(failure_in)) {}
+
   std::vector<Camera> cameras;
   std::vector<std::uint8_t> registered;  // one an image
   std::vector<Pose> camera_from_world;   // identity where not registered
   std::vector<Velocity> velocities;      // of rolling shutters, see camera_chain.h; else empty
-  std::vector<Pose> camera_from_body;    // of a rig's mounts, adjusted if asked for
+  std::vector<Pose> camera_from_body;    // of a rig's mounts, see Rig::refine
   std::vector<StructurePoint> points;
   int initial_first = -1, initial_second = -1;
   int restarts = 0;
@@ -121,7 +130,7 @@ struct StructureProgress {
 // other by P3P, new points along rays, local bundle adjustment, and everything at times; outliers
 // are taken out and tracks completed in between. Starts again from another pair where it gets
 // stuck early, and keeps the best. World: the first image's frame, the first baseline is 1 long.
-// Args: pairs: verified matches; on_progress: told after each image, returns false to stop (then
+// Args: pairs: verified matches; on_progress: called after each image, returns false to stop (then
 //   SolveError is thrown); may be empty.
 // Throws InputError for an index out of range.
 Structure EstimatePoses(const std::vector<Camera>& cameras,

@@ -14,7 +14,10 @@ namespace {
 
 namespace hn = hwy::HWY_NAMESPACE;
 
-constexpr int kVectors = 3, kColumns = 4;
+// A block of sums: 3 x 4 accumulators, 3 vectors of `a` and one broadcast value of `b` fill the 16
+// registers of AVX2, and 12 independent sums hide the latency of a fused multiply-add.
+constexpr int kVectors = 3;
+constexpr int kColumns = 4;
 
 struct Matrices {
   double* out;
@@ -40,6 +43,7 @@ HWY_INLINE void Block(const Matrices& m, int row, int column, int rest) {
     for (int v = 0; v < kOwnVectors; ++v) sums[v][c] = load(out + c * m.out_stride, v);
   }
   const double *a = m.a + row, *b = m.b + column;
+  // An outer product of a column of a and one of b each time: loads are few beside the products.
   for (int k = 0; k < m.inner; ++k, a += m.a_stride, b += m.b_stride) {
     V left[kOwnVectors];
     for (int v = 0; v < kOwnVectors; ++v) left[v] = load(a, v);
@@ -48,6 +52,7 @@ HWY_INLINE void Block(const Matrices& m, int row, int column, int rest) {
       for (int v = 0; v < kOwnVectors; ++v) sums[v][c] = hn::NegMulAdd(left[v], right, sums[v][c]);
     }
   }
+  // Rows past the end belong to other tiles: the last vector is stored through its mask.
   for (int c = 0; c < kOwnColumns; ++c) {
     for (int v = 0; v + 1 < kOwnVectors; ++v) {
       hn::StoreU(sums[v][c], d, out + c * m.out_stride + v * lanes);
@@ -57,6 +62,7 @@ HWY_INLINE void Block(const Matrices& m, int row, int column, int rest) {
   }
 }
 
+// All rows of a group of columns, in blocks of three vectors.
 template <int kOwnColumns>
 HWY_INLINE void Columns(const Matrices& m, int rows, int column) {
   const int lanes = static_cast<int>(hn::Lanes(hn::ScalableTag<double>()));
@@ -64,6 +70,7 @@ HWY_INLINE void Columns(const Matrices& m, int rows, int column) {
   for (; row + kVectors * lanes <= rows; row += kVectors * lanes) {
     Block<kVectors, kOwnColumns>(m, row, column, 0);
   }
+  // The rest of the rows takes as few vectors as hold it, the last one masked.
   const int left = rows - row;
   if (left > 2 * lanes) {
     Block<3, kOwnColumns>(m, row, column, left - 2 * lanes);
@@ -76,6 +83,7 @@ HWY_INLINE void Columns(const Matrices& m, int rows, int column) {
 
 }  // namespace
 
+// Columns four at a time, the rest one by one.
 void Subtract(double* out, std::ptrdiff_t out_stride, const double* a, std::ptrdiff_t a_stride,
               const double* b, std::ptrdiff_t b_stride, int rows, int columns, int inner) {
   const Matrices m = {out, a, b, out_stride, a_stride, b_stride, inner};

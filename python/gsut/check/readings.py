@@ -12,7 +12,7 @@ import numpy as np
 from gsut._core import interpolate_pose
 from gsut.check.matches import order_in_time
 from gsut.data import Scene
-from gsut.data.poses import OPENGL_FROM_OPENCV, inverse
+from gsut.data.poses import OPENGL_FROM_OPENCV, invert_pose
 from gsut.gaussians import quaternion_from_rotation, rotations_from_quaternions
 
 _IN_USE = 3  # camera axes in use: OpenCV's, OpenGL's, a robot's body
@@ -45,7 +45,7 @@ def list_readings(scene: Scene, table: np.ndarray) -> Iterator[Reading]:
         scene: in the dataset's coordinates.
         table: (V, B, 4, 4) its poses, see `PoseTable`.
     """
-    file_axes, matrices = _file_matrices(scene, table)
+    file_axes, matrices = _undo_conversion(scene, table)
     for reading in itertools.chain(
         _read_whole_matrices(matrices, file_axes, _list_axes(file_axes)),
         _read_parts(matrices, file_axes),
@@ -57,12 +57,12 @@ def list_readings(scene: Scene, table: np.ndarray) -> Iterator[Reading]:
 
 def list_usual_readings(scene: Scene, table: np.ndarray) -> Iterator[Reading]:
     """Yields the few likeliest of `list_readings`: the other direction, and axes in use."""
-    file_axes, matrices = _file_matrices(scene, table)
+    file_axes, matrices = _undo_conversion(scene, table)
     for reading in _read_whole_matrices(matrices, file_axes, _list_axes(file_axes)[:_IN_USE]):
         yield dataclasses.replace(reading, poses=reading.poses.reshape(table.shape))
 
 
-def _file_matrices(scene: Scene, table: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _undo_conversion(scene: Scene, table: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Returns the file's camera axes (3, 3), and its matrices (V * B, 4, 4) before conversion."""
     is_opengl = (scene.path / "transforms.json").is_file() or scene.path.suffix == ".json"
     file_axes = _OPENGL_AXES if is_opengl else np.eye(3)
@@ -274,5 +274,8 @@ def _interpolate_poses(one: np.ndarray, two: np.ndarray, share: float) -> np.nda
         return two if share else one
     pairs = zip(one, two, strict=True)
     return np.stack(
-        [inverse(np.asarray(interpolate_pose(inverse(a), inverse(b), share))) for a, b in pairs]
+        [
+            invert_pose(np.asarray(interpolate_pose(invert_pose(a), invert_pose(b), share)))
+            for a, b in pairs
+        ]
     )

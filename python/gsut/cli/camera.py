@@ -43,12 +43,12 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _find(arguments: argparse.Namespace) -> int:
-    from gsut.lens import find_lenses, lens_by_name
+    from gsut.lens import find_lens, find_lenses
 
     size = None if arguments.size is None else parsed_size(arguments.size)
     found = find_lenses(arguments.words, size=size)
     if not found:
-        lens_by_name(" ".join(arguments.words))  # says which word is to blame
+        find_lens(" ".join(arguments.words))  # says which word is to blame
     shown = found[: arguments.lines]
     if arguments.json:
         rows = [
@@ -79,7 +79,9 @@ def _add_convert(actions: Any) -> None:
     )
     convert.add_argument("lens", metavar="LENS", help="lens file")
     convert.add_argument("model", metavar="MODEL", help="model to fit, such as opencv8")
-    convert.add_argument("-o", "--out", metavar="FILE", help="lens file to write; see Camera.save")
+    convert.add_argument(
+        "-o", "--out", metavar="FILE", help="lens file to write; see gsut.save_camera"
+    )
     convert.add_argument("--camera-id", metavar="ID", help="which camera of LENS")
     convert.add_argument(
         "--max-angle",
@@ -114,7 +116,7 @@ def _add_convert(actions: Any) -> None:
 
 
 def _convert(arguments: argparse.Namespace) -> int:
-    from gsut.lens import SplineGrid, convert_camera, format_conversion, load_camera
+    from gsut.lens import SplineGrid, convert_camera, format_conversion, load_camera, save_camera
 
     if arguments.out is not None:
         refuse_existing(Path(arguments.out), " with -o")
@@ -138,7 +140,7 @@ def _convert(arguments: argparse.Namespace) -> int:
         distance=arguments.distance,
     )
     if arguments.out is not None:
-        conversion.camera.save(arguments.out)
+        save_camera(conversion.camera, arguments.out)
     if arguments.json:
         lens = conversion.camera
         print_json({

@@ -15,14 +15,20 @@ from numpy.typing import ArrayLike
 from gsut._core import InputError
 from gsut.data.assemble import assemble
 from gsut.data.errors import DatasetError, raise_error
-from gsut.data.export import Export, copy_file, frame_times_ns, link_file, move_file, plain_name
-from gsut.data.layouts import Layout, known_layout, layouts
-from gsut.data.layouts.description import described, with_parts
+from gsut.data.export import (
+    Export,
+    copy_file,
+    find_frame_times,
+    link_file,
+    move_file,
+    strip_images_folder,
+)
+from gsut.data.layouts import Layout, describe_recording, find_layout, list_layouts, replace_parts
 from gsut.data.listing import Frame, Listing
 from gsut.data.load import read_dataset
-from gsut.data.memory import cameras_of, checked_image, checked_points
-from gsut.data.poses import format_kitti, format_tum, inverse, rigid_transform, seconds_text
-from gsut.data.recordings import listing_of
+from gsut.data.memory import check_image, check_points, repeat_camera
+from gsut.data.poses import check_rigid, format_kitti, format_seconds, format_tum, invert_pose
+from gsut.data.recordings import pair_recording
 from gsut.data.rigs import BODY, OWN
 from gsut.data.scene import Scene
 from gsut.files import staging_folder, whole_folder, write_file, write_picture
@@ -34,9 +40,9 @@ _TRAJECTORIES = ("tum", "kitti")
 _PNG = ".png"
 
 
-def writable_layouts() -> dict[str, Layout]:
-    """The layouts that can be written, by name."""
-    return {each.name: each for each in layouts() if each.write is not None}
+def list_writable_layouts() -> dict[str, Layout]:
+    """Lists the layouts that can be written, by name."""
+    return {each.name: each for each in list_layouts() if each.write is not None}
 
 
 def convert_dataset(
@@ -77,7 +83,7 @@ def convert_dataset(
     if out.exists():
         raise InputError(f"{out} exists; remove it or name another")
     given = {key: value for key, value in (parts or {}).items() if value is not None}
-    layout = known_layout(source) if source.exists() else None
+    layout = find_layout(source) if source.exists() else None
     if layout is None or layout.unpack is None:
         place = link_file if link else copy_file
         return _write(_read(source, given), out, to, place, scene, progress)
@@ -89,8 +95,8 @@ def convert_dataset(
         names = [stream.name for stream in recording.streams]
         if given.get("poses_of") not in (BODY, OWN, *names):
             given.pop("poses_of", None)  # a frame of the bag, which is now the body
-        recording = with_parts(recording, _from_here(given), Path.cwd(), source)
-        return _write(listing_of(recording, raise_error), out, to, move_file, None, progress)
+        recording = replace_parts(recording, _from_here(given), Path.cwd(), source)
+        return _write(pair_recording(recording, raise_error), out, to, move_file, None, progress)
 
 
 def _write(
@@ -124,25 +130,25 @@ def _write(
 def _with_bar(
     place: Callable[[Path, Path], None], total: int, progress: bool
 ) -> Callable[[Path, Path], None]:
-    """`place`, counting pictures on a bar."""
+    """Returns `place` with a progress bar that counts pictures."""
     bars, done = Progress(progress), itertools.count(1)
 
-    def shown(source: Path, target: Path) -> None:
+    def place_and_show(source: Path, target: Path) -> None:
         place(source, target)
         bars.show("pictures", min(next(done), total), total)
 
-    return shown
+    return place_and_show
 
 
 def _read(source: Path, parts: Mapping[str, Any]) -> Listing:
     if not parts:
         return read_dataset(source)
     values = {"images": str(source.resolve()), **_from_here(parts)}
-    return listing_of(described(values, source.resolve(), source), raise_error)
+    return pair_recording(describe_recording(values, source.resolve(), source), raise_error)
 
 
 def _from_here(parts: Mapping[str, Any]) -> dict[str, Any]:
-    """The parts with paths from the working directory made absolute."""
+    """Makes the parts' paths absolute, from the working directory."""
     found, here = dict(parts), Path.cwd()
     for key in ("images", "lens", "poses", "points", "masks"):
         value = found.get(key)
@@ -158,12 +164,12 @@ def _take_poses(listing: Listing, scene: Scene) -> None:
     for frame in listing.frames:
         view = views.get(frame.name)
         if view is not None:
-            frame.world_from_camera = inverse(scene.in_dataset(view.camera_from_world))
+            frame.world_from_camera = invert_pose(scene.to_dataset(view.camera_from_world))
             frame.camera = scene.file_cameras[view.camera_index]
 
 
-def _held_out(frames: Sequence[Frame], wanted: Sequence[str] | None) -> list[str] | None:
-    """The names of the frames in a list of names, file names or stems.
+def _find_held_out(frames: Sequence[Frame], wanted: Sequence[str] | None) -> list[str] | None:
+    """Finds the frames named in a list of names, file names or stems.
 
     Raises:
         InputError: one of them is no frame.
@@ -187,8 +193,10 @@ def _write_trajectory(out: Path, frames: Sequence[Frame], to: str) -> None:
             f"{out}: a .txt is a trajectory, which --to tum or --to kitti writes, not {to}"
         )
     poses = np.array([frame.world_from_camera for frame in frames])
-    times, known = frame_times_ns(frames)
-    labels = [seconds_text(t) for t in times] if known else [plain_name(f) for f in frames]
+    times, known = find_frame_times(frames)
+    labels = (
+        [format_seconds(t) for t in times] if known else [strip_images_folder(f) for f in frames]
+    )
     write_file(out, format_tum(labels, poses) if to == "tum" else format_kitti(poses))
 
 
@@ -198,7 +206,7 @@ def write_layout(out: Path, export: Export, to: str) -> list[str]:
     Raises:
         InputError: the folder exists, or there is no such layout.
     """
-    known = writable_layouts()
+    known = list_writable_layouts()
     if to not in known:
         raise InputError(f"there is no layout '{to}' to write; known: {', '.join(sorted(known))}")
     write = known[to].write
@@ -244,14 +252,14 @@ def save_dataset(
         InputError: wrong shapes or counts, or the folder exists; see `convert_dataset`.
     """
     count = len(images)
-    lenses = cameras_of(cameras, count)
+    lenses = repeat_camera(cameras, count)
     poses = np.asarray(camera_from_world, np.float64)
     if poses.shape != (count, 4, 4):
         raise InputError(f"camera_from_world has shape {poses.shape}, expected ({count}, 4, 4)")
     for what, values in (("names", names), ("times_ns", times_ns), ("masks", masks)):
         if values is not None and len(values) != count:
             raise InputError(f"{what} has {len(values)} entries for {count} images")
-    xyz, rgb = checked_points(points, point_colors)
+    xyz, rgb = check_points(points, point_colors)
     out = Path(out)
     names = [f"{i:06d}" for i in range(count)] if names is None else list(names)
     if out.exists():
@@ -259,21 +267,21 @@ def save_dataset(
     with staging_folder(out) as staging:
         folder, frames = staging, []
         for i, name in enumerate(names):
-            path, name = _stored(images[i], name, lenses[i], folder / f"{i}{_PNG}")
+            path, name = _store_image(images[i], name, lenses[i], folder / f"{i}{_PNG}")
             valid, mask = None if masks is None else masks[i], None
             if valid is not None:
                 mask = folder / f"{i}.mask{_PNG}"
                 _write_png(mask, np.asarray(valid, bool).astype(np.uint8) * 255)
             frames.append(
                 Frame(
-                    name, path, lenses[i], inverse(rigid_transform(poses[i], f"pose {i}")),
+                    name, path, lenses[i], invert_pose(check_rigid(poses[i], f"pose {i}")),
                     mask_path=mask, time_ns=None if times_ns is None else int(times_ns[i]),
                 )
             )  # fmt: skip
         return write_layout(
             out,
             Export(
-                frames, xyz, rgb, _held_out(frames, test_names),
+                frames, xyz, rgb, _find_held_out(frames, test_names),
                 lambda here, there: (
                     move_file if here.is_relative_to(folder) else copy_file
                 )(here, there),
@@ -282,16 +290,16 @@ def save_dataset(
         )  # fmt: skip
 
 
-def _stored(
+def _store_image(
     image: np.ndarray | str | os.PathLike[str], name: str, camera: Camera, target: Path
 ) -> tuple[Path, str]:
-    """Where a picture is stored, and its name with a suffix."""
+    """Stores an array as PNG; returns the picture's file, and its name with a suffix."""
     if isinstance(image, (str, os.PathLike)):
         path = Path(image)
         if not path.is_file():
             raise DatasetError(path, "the image does not exist", "correct the path")
         return path, name if Path(name).suffix else name + path.suffix
-    pixels = checked_image(image, name, camera)
+    pixels = check_image(image, name, camera)
     _write_png(target, pixels)
     return target, name if Path(name).suffix else name + _PNG
 

@@ -8,9 +8,9 @@ from pathlib import Path
 
 from gsut.data.assemble import assemble
 from gsut.data.errors import DatasetError, OnError, raise_error
-from gsut.data.layouts import Layout, known_layout, layouts
+from gsut.data.layouts import Layout, find_layout, list_layouts
 from gsut.data.listing import Listing
-from gsut.data.recordings import listing_of
+from gsut.data.recordings import pair_recording
 from gsut.data.scene import TEST_EVERY, Scene
 from gsut.files import reading
 
@@ -22,7 +22,7 @@ def load_dataset(
     test_names: Sequence[str] | None = None,
     scale: float = 1.0,
 ) -> Scene:
-    """Loads a dataset of any layout (docs/datasets.md); images are decoded when asked for.
+    """Loads a dataset of any layout (docs/datasets.md); images are decoded on demand.
 
     Args:
         path: the dataset's folder, or a transforms.json or dataset.yaml itself.
@@ -39,7 +39,7 @@ def load_dataset(
     """
     listing = read_dataset(Path(path))
     scene = assemble(listing, test_every=test_every, test_names=test_names)
-    return scene if scale == 1 else scene.scaled(scale)
+    return scene if scale == 1 else scene.scale_images(scale)
 
 
 def read_dataset(path: Path, *, on_error: OnError = raise_error) -> Listing:
@@ -52,7 +52,7 @@ def read_dataset(path: Path, *, on_error: OnError = raise_error) -> Listing:
         raise DatasetError(path, "the folder does not exist", "check the path")
     if not (path.is_dir() or path.is_file()):
         raise DatasetError(path, "a pipe or a device", "give the dataset's folder")
-    layout = known_layout(path)
+    layout = find_layout(path)
     if layout is None and path.is_file():
         raise DatasetError(
             path,
@@ -61,7 +61,7 @@ def read_dataset(path: Path, *, on_error: OnError = raise_error) -> Listing:
         )
     if layout is None:
         looked = "; ".join(
-            f"{each.name}: {each.files}" for each in layouts() if each.read or each.record
+            f"{each.name}: {each.files}" for each in list_layouts() if each.read or each.record
         )
         raise DatasetError(
             path,
@@ -81,4 +81,4 @@ def _read(layout: Layout, path: Path, on_error: OnError) -> Listing:
             path, f"{layout.files}, whose pictures are inside",
             f"`gsut data convert {path} FOLDER` makes a dataset of it",
         )  # fmt: skip
-    return listing_of(layout.record(path), on_error)
+    return pair_recording(layout.record(path), on_error)

@@ -10,14 +10,14 @@ from numpy.typing import ArrayLike
 
 from gsut._core import InputError
 from gsut.data.points import NO_COLOR
-from gsut.data.poses import rigid_transform
+from gsut.data.poses import check_rigid
 from gsut.data.scene import TEST_EVERY, Scene, View, split_views
 from gsut.lens import Camera
 
 IN_MEMORY = Path("arrays in memory")  # what such a scene has for a dataset's path
 
 
-def make_scene(
+def scene_from_arrays(
     images: Sequence[np.ndarray],
     cameras: Camera | Sequence[Camera],
     camera_from_world: ArrayLike,
@@ -29,7 +29,7 @@ def make_scene(
     test_every: int = TEST_EVERY,
     test_names: Sequence[str] | None = None,
 ) -> Scene:
-    """A scene of arrays, for `train`, `evaluate` and all else that takes one; nothing is written.
+    """Makes a scene of arrays, for `train`, `evaluate` and others; nothing is written.
 
     Args:
         images: N of (H, W, 3) uint8 RGB; kept, not copied.
@@ -50,7 +50,7 @@ def make_scene(
         DatasetError: a pose is no rigid transform.
     """
     count = len(images)
-    lenses = cameras_of(cameras, count)
+    lenses = repeat_camera(cameras, count)
     poses = np.asarray(camera_from_world, np.float64)
     if poses.shape != (count, 4, 4):
         raise InputError(f"camera_from_world has shape {poses.shape}, expected ({count}, 4, 4)")
@@ -63,7 +63,7 @@ def make_scene(
     known = list(dict.fromkeys(lenses))
     views = []
     for i in np.argsort(names, kind="stable"):
-        pixels = checked_image(images[i], names[i], lenses[i])
+        pixels = check_image(images[i], names[i], lenses[i])
         valid = None if masks is None else masks[i]
         if valid is not None:
             valid = np.asarray(valid, bool)
@@ -71,7 +71,7 @@ def make_scene(
                 raise InputError(
                     f"the mask of {names[i]} has shape {valid.shape}, its image {pixels.shape[:2]}"
                 )
-        pose = rigid_transform(poses[i], f"camera_from_world[{i}]")
+        pose = check_rigid(poses[i], f"camera_from_world[{i}]")
         views.append(
             View(names[i], IN_MEMORY / names[i], known.index(lenses[i]), pose,
                  pixels=pixels, valid=valid)
@@ -80,15 +80,15 @@ def make_scene(
         [view.name for view in views], IN_MEMORY, test_every=test_every, test_names=test_names,
         listed_train=None, listed_test=None, missing=[],
     )  # fmt: skip
-    xyz, rgb = checked_points(points, point_colors)
+    xyz, rgb = check_points(points, point_colors)
     return Scene(
         IN_MEMORY, tuple(known), tuple(views), xyz, rgb, tuple(train), tuple(test), np.zeros(3),
         tuple(notes),
     )  # fmt: skip
 
 
-def cameras_of(cameras: Camera | Sequence[Camera], count: int) -> list[Camera]:
-    """One camera for each image.
+def repeat_camera(cameras: Camera | Sequence[Camera], count: int) -> list[Camera]:
+    """Returns one camera for each image.
 
     Raises:
         InputError: another number of them.
@@ -99,8 +99,8 @@ def cameras_of(cameras: Camera | Sequence[Camera], count: int) -> list[Camera]:
     return lenses
 
 
-def checked_image(image: np.ndarray, name: str, camera: Camera) -> np.ndarray:
-    """The image as an array of its camera's size.
+def check_image(image: np.ndarray, name: str, camera: Camera) -> np.ndarray:
+    """Requires an image of its camera's size, as an array.
 
     Raises:
         InputError: another shape or type.
@@ -114,10 +114,10 @@ def checked_image(image: np.ndarray, name: str, camera: Camera) -> np.ndarray:
     return pixels
 
 
-def checked_points(
+def check_points(
     points: ArrayLike | None, point_colors: ArrayLike | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(P, 3) float64 and (P, 3) uint8, mid-grey without colours.
+    """Requires points (P, 3) as float64, and colours (P, 3) uint8, by default mid-grey.
 
     Raises:
         InputError: other shapes, or points that are not finite.

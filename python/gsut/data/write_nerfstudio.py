@@ -12,7 +12,8 @@ from gsut._core import InputError
 from gsut.data.listing import Frame
 from gsut.data.poses import OPENGL_FROM_OPENCV
 from gsut.files import write_file
-from gsut.lens import LENS_FILE, OWN_SUFFIX, Camera, format_nerfstudio
+from gsut.lens import Camera, save_camera
+from gsut.lens.files import LENS_FILE, OWN_SUFFIX, format_nerfstudio
 
 _PIXEL_CENTER = 0.5  # of the first pixel, written for other readers: cx = w / 2 is the middle
 
@@ -41,16 +42,16 @@ def write_transforms(
         OSError: a file cannot be written.
     """
     lenses = list(dict.fromkeys(frame.camera for frame in frames))
-    texts = _lens_texts(lenses, path)
+    texts = _describe_lenses(lenses, path)
     text = _format_transforms(frames, path.parent, texts, points_file, test)
     for lens, values in texts.items():
         if LENS_FILE in values:
-            lens.save(path.parent / values[LENS_FILE])
+            save_camera(lens, path.parent / values[LENS_FILE])
     write_file(path, text)
 
 
-def _lens_texts(lenses: Sequence[Camera], path: Path) -> dict[Camera, dict[str, Any]]:
-    """What stands for each lens: nerfstudio's keys, or the name of its file."""
+def _describe_lenses(lenses: Sequence[Camera], path: Path) -> dict[Camera, dict[str, Any]]:
+    """Describes each lens by nerfstudio's keys, or by the name of its file."""
     texts: dict[Camera, dict[str, Any]] = {}
     for lens in lenses:
         try:
@@ -84,7 +85,7 @@ def _format_transforms(
     for direction in directions - {"global"}:
         values["rolling_shutter"] = {"direction": direction}
     rows = [
-        (texts[frame.camera] if len(lenses) > 1 else {}) | _frame_values(frame, folder)
+        (texts[frame.camera] if len(lenses) > 1 else {}) | _describe_frame(frame, folder)
         for frame in frames
     ]
     if test is not None:
@@ -97,8 +98,8 @@ def _format_transforms(
     return json.dumps({**values, "frames": rows}, indent=1) + "\n"
 
 
-def _frame_values(frame: Frame, folder: Path) -> dict[str, Any]:
-    values: dict[str, Any] = {"file_path": _relative(frame.image_path, folder)}
+def _describe_frame(frame: Frame, folder: Path) -> dict[str, Any]:
+    values: dict[str, Any] = {"file_path": _name_relative(frame.image_path, folder)}
     if frame.time is not None:
         values["timestamp"] = frame.time
     if frame.time_ns is not None:
@@ -114,10 +115,10 @@ def _frame_values(frame: Frame, folder: Path) -> dict[str, Any]:
     }
     for key, path in files.items():
         if path is not None:
-            values[key] = _relative(path, folder)
+            values[key] = _name_relative(path, folder)
     return values
 
 
-def _relative(path: Path, folder: Path) -> str:
+def _name_relative(path: Path, folder: Path) -> str:
     place = path.parent.resolve() / path.name  # a link stands for itself
     return Path(os.path.relpath(place, folder.resolve())).as_posix()

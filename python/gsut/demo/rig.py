@@ -12,7 +12,7 @@ import numpy as np
 
 from gsut._core import InputError, exp_pose
 from gsut.data import Frame, write_transforms
-from gsut.data.poses import inverse
+from gsut.data.poses import invert_pose
 from gsut.demo.dataset import (
     MILLIMETRES,
     distances,
@@ -22,7 +22,7 @@ from gsut.demo.dataset import (
 from gsut.demo.hall import make_hall
 from gsut.demo.views import camera_path, demo_camera
 from gsut.files import whole_folder, write_picture
-from gsut.lens import Camera
+from gsut.lens import Camera, save_camera
 
 # The right camera of two: its lens in image sizes, Kannala-Brandt, seen to 80 degrees.
 _FOCAL = (0.3315, 0.3309)
@@ -90,7 +90,7 @@ def demo_rig(cameras: int, size: int) -> list[Mounted]:
         about = exp_pose([0.0, 0.0, 0.0, 0.0, -number * math.pi / 2, 0.0])  # y points down
         about[2, 3] = -_ARM
         pose = exp_pose(off) @ about
-        front = inverse(pose) if number == 0 else front
+        front = invert_pose(pose) if number == 0 else front
         found.append(Mounted(name, lens, pose @ front, f"{name}/calib_results.txt"))
     return found
 
@@ -165,14 +165,14 @@ def _write(
         images.mkdir(parents=True)
         depths.mkdir(parents=True)
         (folder / mounted.file).parent.mkdir(exist_ok=True)
-        lens.save(folder / mounted.file)
+        save_camera(lens, folder / mounted.file)
         write_picture(images / "mask.png", whole_pixels(lens).astype(np.uint8) * 255)
         cameras[name] = {
             "file": mounted.file,
             "camera_from_reference": mounted.camera_from_reference.tolist(),
         }
         rays, inside = lens.rays()
-        poses = [pose @ inverse(mounted.camera_from_reference) for pose in path]
+        poses = [pose @ invert_pose(mounted.camera_from_reference) for pose in path]
         for number, image in enumerate(render_views(hall, lens, poses, progress)):
             file = f"{number:03d}.png"
             write_picture(images / file, image[..., ::-1])

@@ -1,4 +1,4 @@
-"""A lens from a table of pixels and their rays."""
+"""Fits a lens to a table of pixels and their rays."""
 
 from __future__ import annotations
 
@@ -6,20 +6,35 @@ import numpy as np
 
 from gsut._core import InputError, camera_traits
 from gsut.lens.camera import Camera
-from gsut.lens.fit import FitTarget, angles_of, fit_lens
+from gsut.lens.fit import FitTarget, find_angles, fit_lens
 
-_FEWEST = 8
+_FEWEST = 8  # rays: the four numbers of the first guess, twice over
 _NEAR_AXIS = 0.5  # radians: rays from which focal length and principal point are guessed
 
 
-def camera_from_rays(
+def fit_camera(
     pixels: np.typing.ArrayLike,
     rays: np.typing.ArrayLike,
+    *,
     model: str,
     width: int,
     height: int,
 ) -> Camera:
-    """See `Camera.fit`."""
+    """Fits a lens to pixels and their rays, by least squares of the pixel distances.
+
+    Args:
+        pixels: (N, 2); (0.5, 0.5) is the centre of the top-left pixel.
+        rays: (N, 3) in camera axes (x right, y down, z forward), of any length; rows that are not
+            finite do not count.
+        model: see `camera_models()`.
+        width, height: of the image in pixels.
+
+    Returns:
+        The lens; `project(rays)` against `pixels` says how well it fits.
+
+    Raises:
+        InputError: wrong shapes, unknown model, too few rays, or rays that the model cannot see.
+    """
     at = np.array(pixels, np.float64).reshape(-1, 2)
     directions = np.array(rays, np.float64).reshape(-1, 3)
     if len(at) != len(directions):
@@ -31,16 +46,16 @@ def camera_from_rays(
             f"{np.count_nonzero(good)} of {len(at)} pixels have a ray; a fit needs {_FEWEST}"
         )
     if camera_traits(model).is_parallel:
-        raise InputError(f"the rays of '{model}' are parallel: rays alone do not tell its scale")
+        raise InputError(f"the rays of '{model}' are parallel: rays alone do not give its scale")
     at, directions = at[good], directions[good] / length[good, None]
-    start = Camera("kannala_brandt", [*_guess(at, directions), 0, 0, 0, 0], width, height)
+    start = Camera("kannala_brandt", [*_guess_focal(at, directions), 0, 0, 0, 0], width, height)
     params = fit_lens(FitTarget(start, directions, at, 1.0, False), model)
     return Camera(model, params, width, height)
 
 
-def _guess(pixels: np.ndarray, rays: np.ndarray) -> np.ndarray:
-    """fx fy cx cy of the equidistant lens nearest to the rays about the axis."""
-    angles = angles_of(rays)
+def _guess_focal(pixels: np.ndarray, rays: np.ndarray) -> np.ndarray:
+    """Returns fx fy cx cy of the equidistant lens nearest to the rays about the axis."""
+    angles = find_angles(rays)
     near = angles <= max(_NEAR_AXIS, float(np.sort(angles)[min(2 * _FEWEST, len(angles)) - 1]))
     across = np.hypot(rays[near, 0], rays[near, 1])
     scale = np.where(across > 0, angles[near] / np.maximum(across, 1e-12), 1.0)

@@ -1,6 +1,6 @@
 """Structure from motion: photographs and a lens in, camera poses and points out."""
 
-from gsut.sfm.core import FOLDER, PosesLog, PosesOptions, check_lens
+from gsut.sfm.core import FOLDER, PosesLog, PosesOptions, add_lens_readout, check_lens
 from gsut.sfm.pipeline import PosesResult, find_poses, read_finished
 from gsut.sfm.points import TriangulatedPoints, triangulate
 from gsut.sfm.report import DatasetCalibration, calibrate_from_dataset, is_finished, read_figures
@@ -22,6 +22,7 @@ __all__ = [
     "PosesResult",
     "PositionFit",
     "TriangulatedPoints",
+    "add_lens_readout",
     "calibrate_from_dataset",
     "check_lens",
     "compare_datasets",

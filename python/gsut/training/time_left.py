@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from gsut.data import Scene
-from gsut.optimize import grown_count
+from gsut.optimize import compute_target_size
 from gsut.run import TrainOptions
 from gsut.time_left import Pace, predict_steps
 
@@ -32,7 +32,7 @@ def predict_training_steps(
     fraction = np.arange(1, options.steps + 1) / options.steps
     quarter, half = options.coarse_to_fine
     area = np.where(fraction <= quarter, 1 / 16, np.where(fraction <= half, 1 / 4, 1.0))
-    counts = np.array([grown_count(options, max(1, first_count), f) for f in fraction])
+    counts = np.array([compute_target_size(options, max(1, first_count), f) for f in fraction])
     return predict_steps(megapixels * area, counts)
 
 

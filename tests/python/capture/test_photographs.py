@@ -9,9 +9,8 @@ import pytest
 from PIL import Image
 
 import gsut
-from gsut.capture import capture, collect_photographs
+from gsut.capture import capture, collect_photographs, needs_capture
 from gsut.capture.exif import read_facts
-from gsut.cli.poses import needs_capture
 from gsut.sfm.core.photographs import find_photographs
 from gsut.sfm.lens.doubt import explain_contradiction
 from small_videos import walk
@@ -184,7 +183,9 @@ def test_capture_comes_first_where_the_lens_is_not_known(tmp_path):
     assert needs_capture(str(tmp_path), None, False)
     assert needs_capture(str(tmp_path), "GoPro HERO9", False)
     assert not needs_capture(str(tmp_path), "lens.yaml", False)
-    gsut.Camera("pinhole", [50.0, 50.0, 32.0, 24.0], 64, 48).save(tmp_path / "lens.yaml")
+    gsut.save_camera(
+        gsut.Camera("pinhole", [50.0, 50.0, 32.0, 24.0], 64, 48), tmp_path / "lens.yaml"
+    )
     assert not needs_capture(str(tmp_path), None, False)
     assert needs_capture(str(tmp_path), None, True)
 

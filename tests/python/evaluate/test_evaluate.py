@@ -19,7 +19,7 @@ ERROR = 0.1  # of every colour value that the fake renderer shows
 
 @pytest.fixture
 def scene(tmp_path, monkeypatch):
-    scene = small_run.make_scene(tmp_path / "data")
+    scene = small_run.scene_from_arrays(tmp_path / "data")
     small_run.install(monkeypatch, scene, ERROR)
     return scene
 
@@ -54,7 +54,7 @@ def test_evaluate_figures_of_a_view_are_those_of_its_pictures(scene):
         )
         for name, figure in (
             ("psnr", gsut.psnr),
-            ("psnr_color_corrected", gsut.color_corrected_psnr),
+            ("psnr_color_corrected", gsut.metrics.color_corrected_psnr),
         ):
             assert row[name] == pytest.approx(
                 figure(image, truth, mask), abs=tolerances.FIGURE_ROUNDING
@@ -64,7 +64,7 @@ def test_evaluate_figures_of_a_view_are_those_of_its_pictures(scene):
 def test_evaluate_with_one_bad_view_names_it(tmp_path, monkeypatch):
     size = small_run.SIZE
     every_pixel = gsut.Camera("pinhole", [size, size, size / 2, size / 2], size, size)
-    scene = small_run.make_scene(tmp_path / "data", every_pixel, inverted=3)
+    scene = small_run.scene_from_arrays(tmp_path / "data", every_pixel, inverted=3)
     small_run.install(monkeypatch, scene, ERROR)
     figures = evaluate(small_run.GAUSSIANS, scene, scene.test_indices)
     assert figures["worst_view"] == "images/3.png"
@@ -133,7 +133,7 @@ def test_run_metrics_hold_every_promised_key(scene):
 
 
 def test_field_angles_grow_from_the_axis_to_the_rim():
-    angles = np.degrees(field_angles(small_run.FISHEYE.resized(64, 64)))
+    angles = np.degrees(field_angles(small_run.FISHEYE.resize(64, 64)))
     assert np.nanmin(angles) < 3
     assert 90 < np.nanmax(angles) < small_run.HALF_FIELD_DEGREES
     assert np.isnan(angles[0, 0])

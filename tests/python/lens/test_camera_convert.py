@@ -6,7 +6,7 @@ import pytest
 import tolerances as tol
 from gsut import InputError, _core
 from gsut.cli import main
-from gsut.lens import Camera, camera_models, load_camera
+from gsut.lens import Camera, camera_models, load_camera, save_camera
 from gsut.lens.convert import convert_camera, format_conversion
 from gsut.lens.fit_spline import SplineGrid
 from lens_cases import traits
@@ -79,7 +79,7 @@ def test_convert_keeps_field_angle_and_size_and_leaves_out_what_is_beyond():
 
 def test_convert_command_writes_the_lens_and_prints_the_worst_error(tmp_path, capsys):
     lens, out = tmp_path / "lens.yaml", tmp_path / "out.cameramodel"
-    example("opencv4").save(lens)
+    save_camera(example("opencv4"), lens)
     assert main(["camera", "convert", str(lens), "opencv8", "-o", str(out)]) == 0
     printed = capsys.readouterr().out
     assert "opencv4 -> opencv8" in printed and "worst (px)" in printed
@@ -158,7 +158,7 @@ def test_convert_f_theta_keeps_the_polynomials_of_one():
 
 def test_convert_command_takes_the_grid_of_a_spline(tmp_path, capsys):
     lens, out = tmp_path / "lens.yaml", tmp_path / "out.cameramodel"
-    example("kannala_brandt").save(lens)
+    save_camera(example("kannala_brandt"), lens)
     words = ["camera", "convert", str(lens), "splined_stereographic", "-o", str(out)]
     assert main([*words, "--order", "2", "--control-points", "10", "11"]) == 0
     assert "kannala_brandt -> splined_stereographic" in capsys.readouterr().out

@@ -1,4 +1,4 @@
-"""Tests gsut.data.lens_files: every format in and out, against OpenCV and real files."""
+"""Lens files: every format in and out, against OpenCV and real files."""
 
 import json
 import os
@@ -11,49 +11,19 @@ import pytest
 import tolerances as tol
 from gsut import CalibrationError, InputError
 from gsut.data.colmap import read_cameras_bin
-from gsut.lens import Camera, camera_models, load_camera
-from gsut.lens.files import colmap_camera, nerfstudio_camera
+from gsut.lens import Camera, camera_models, load_camera, save_camera
+from gsut.lens.files import camera_from_colmap, camera_from_nerfstudio, list_formats
 from lens_cases import all_lenses
 
-FILE_NAMES = {
-    "mrcal": "lens.cameramodel",
-    "opencv": "lens.yaml",
-    "opencv-json": "lens.json",
-    "kalibr": "camchain.yaml",
-    "nerfstudio": "transforms.json",
-    "colmap": "cameras.txt",
-    "colmap-binary": "cameras.bin",
-    "aria": "aria.json",
-    "gsut": "any.lens.json",
-    "matlab": "matlab.json",
-    "metashape": "calibration.xml",
-    "ocam": "calib_results.txt",
-    "opensfm": "camera_models.json",
-}
-RADIAL = {"opencv4", "opencv5", "opencv8"}
-HOLDS = {
-    "mrcal": {"pinhole", *RADIAL, "opencv12", "stereographic", "lonlat", "latlon", "cahvor"}
-    | {"splined_stereographic", "cahvore"},
-    "opencv": {"pinhole", *RADIAL, "opencv12", "opencv14", "kannala_brandt", "mei"},
-    "opencv-json": {"pinhole", *RADIAL, "opencv12", "opencv14", "kannala_brandt", "mei"},
-    "kalibr": {"pinhole", "opencv4", "kannala_brandt", "fov", "mei", "double_sphere"}
-    | {"extended_unified", "unified", "opencv5"},
-    "nerfstudio": {"pinhole", *RADIAL, "kannala_brandt", "fisheye624", "equirectangular"},
-    "colmap": {"pinhole", *RADIAL, "kannala_brandt", "fov", "thin_prism_fisheye", "fisheye624"}
-    | {"division", "extended_unified", "unified", "equirectangular"},
-}
-HOLDS["colmap-binary"] = HOLDS["colmap"]
-HOLDS["aria"] = {"pinhole", "kannala_brandt", "fisheye624"}
-HOLDS["gsut"] = set(camera_models())
-HOLDS["matlab"] = {"pinhole", "opencv4", "opencv5", "brown_conrady", "ocam"}
-HOLDS["metashape"] = {"pinhole", "opencv4", "opencv5", "kannala_brandt", "brown_conrady"}
-HOLDS["metashape"] |= {"brown_fisheye", "equirectangular"}
-HOLDS["ocam"] = {"ocam"}
-HOLDS["opensfm"] = {"pinhole", "opencv4", "opencv5", "kannala_brandt", "fisheye624"}
-HOLDS["opensfm"] |= {"equirectangular"}
+# Each way to write a lens: the format and a file's name that chooses it.
+WAYS = [
+    pytest.param(each, pattern.replace("*", "x"), id=f"{each.name}-{pattern}")
+    for each in list_formats()
+    for pattern in each.names
+]
 # Written as a model that holds them and has other parameters: compared by their rays only.
 WIDER = {"matlab": {"pinhole", "opencv4"}, "opensfm": {"pinhole", "opencv4"}}
-WIDER["metashape"] = HOLDS["metashape"]
+WIDER["metashape"] = set(camera_models())
 # Fisheye files other than gsut's own have four coefficients, exactly.
 MAX_FISHEYE_PARAMS = 8
 FISHEYE = Camera("kannala_brandt", [300, 310, 320.25, 240.75, 0.01, -0.02, 0.003, -4e-05], 640, 480)
@@ -76,11 +46,18 @@ def assert_same_lens(found: Camera, expected: Camera, wider: bool = False) -> No
     np.testing.assert_allclose(again[valid], rays[valid], rtol=0, atol=tol.LENS_FILE_PARAMS)
 
 
-@pytest.mark.parametrize("kind", FILE_NAMES)
-def test_saved_camera_reads_back_or_is_refused(kind, tmp_path):
+def test_known_programs_have_a_format():
+    names = {"mrcal", "opencv", "kalibr", "nerfstudio", "colmap", "colmap-binary", "aria", "gsut"}
+    names |= {"matlab", "metashape", "ocam", "opensfm"}
+    assert {param.values[0].name for param in WAYS} >= names
+
+
+@pytest.mark.parametrize(("lens_format", "name"), WAYS)
+def test_saved_camera_reads_back_or_is_refused(lens_format, name, tmp_path):
     saved = refused = 0
+    kind, path, models = lens_format.name, tmp_path / name, lens_format.models.split()
+    assert set(models) <= set(camera_models())
     for camera in all_lenses():
-        path = tmp_path / FILE_NAMES[kind]
         too_long = camera.model == "kannala_brandt" and len(camera.params) > MAX_FISHEYE_PARAMS
         skewed = kind == "kalibr" and camera.model == "mei" and camera.params[4] != 0.0
         two_focals = kind == "aria" and camera.model == "fisheye624" and np.ptp(camera.params[:2])
@@ -89,12 +66,12 @@ def test_saved_camera_reads_back_or_is_refused(kind, tmp_path):
         four_radial = kind == "matlab" and camera.model == "brown_conrady" and camera.params[8]
         three_radial = kind == "kalibr" and camera.model == "opencv5" and camera.params[8] != 0.0
         refused_too = skewed or two_focals or four_radial or three_radial
-        if camera.model not in HOLDS[kind] or too_long or refused_too:
+        if camera.model not in models or too_long or refused_too:
             with pytest.raises(InputError, match=camera.model):
-                camera.save(path)
+                save_camera(camera, path)
             refused += 1
             continue
-        camera.save(path)
+        save_camera(camera, path)
         assert_same_lens(load_camera(path), camera, camera.model in WIDER.get(kind, ()))
         path.unlink()
         saved += 1
@@ -107,24 +84,24 @@ def test_save_with_format_overrides_the_name(tmp_path):
     kinds = 0
     for kind, word in [("kalibr", "cam0:"), ("opencv", "!!opencv-matrix"), ("colmap", "PINHOLE")]:
         path = tmp_path / "lens.yaml"
-        Camera("pinhole", [5, 6, 7, 8], 10, 11).save(path, format=kind)
+        save_camera(Camera("pinhole", [5, 6, 7, 8], 10, 11), path, format=kind)
         assert word in path.read_text()
         kinds += 1
     assert kinds == 3
-    with pytest.raises(InputError, match="mrcal, opencv, kalibr, nerfstudio, colmap"):
-        FISHEYE.save(tmp_path / "lens.yaml", format="vhs")
+    with pytest.raises(InputError, match=r"known: .*mrcal.*opencv"):
+        save_camera(FISHEYE, tmp_path / "lens.yaml", format="vhs")
     with pytest.raises(InputError, match="chooses no format"):
-        FISHEYE.save(tmp_path / "lens.xyz")
+        save_camera(FISHEYE, tmp_path / "lens.xyz")
 
 
 def test_save_to_missing_folder_raises_and_failed_save_keeps_the_old_file(tmp_path):
     with pytest.raises(OSError):
-        FISHEYE.save(tmp_path / "absent" / "lens.yaml")
+        save_camera(FISHEYE, tmp_path / "absent" / "lens.yaml")
     path = tmp_path / "lens.cameramodel"
-    Camera("pinhole", [5, 6, 7, 8], 10, 11).save(path)
+    save_camera(Camera("pinhole", [5, 6, 7, 8], 10, 11), path)
     before = path.read_text()
     with pytest.raises(InputError, match="kannala_brandt"):
-        FISHEYE.save(path)
+        save_camera(FISHEYE, path)
     assert path.read_text() == before
     assert os.listdir(tmp_path) == ["lens.cameramodel"]
 
@@ -132,7 +109,7 @@ def test_save_to_missing_folder_raises_and_failed_save_keeps_the_old_file(tmp_pa
 @pytest.mark.parametrize("suffix", [".yaml", ".json"])
 def test_saved_opencv_file_is_read_by_opencv(suffix, tmp_path):
     path = tmp_path / f"lens{suffix}"
-    FISHEYE.save(path)
+    save_camera(FISHEYE, path)
     storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
     expected = [[300, 0, 319.75], [0, 310, 240.25], [0, 0, 1]]
     np.testing.assert_array_equal(storage.getNode("camera_matrix").mat(), expected)
@@ -180,13 +157,13 @@ def test_mrcal_file_keeps_extrinsics_region_and_field(tmp_path):
         valid_field_angle=0.5,
     )
     path = tmp_path / "lens.cameramodel"
-    camera.save(path)
+    save_camera(camera, path)
     found = load_camera(path)
     assert found.valid_field_angle == 0.5
     np.testing.assert_array_equal(found.extrinsics, camera.extrinsics)
     np.testing.assert_allclose(found.valid_region, region, rtol=0, atol=tol.LENS_FILE_PARAMS)
     empty = Camera("pinhole", [5, 6, 7, 8], 10, 11, valid_region=np.zeros((0, 2)))
-    empty.save(path)
+    save_camera(empty, path)
     assert load_camera(path).valid_region.shape == (0, 2)
 
 
@@ -255,8 +232,8 @@ COLMAP_CASES = [(*case[:4], case[2] if case[4] is None else case[4]) for case in
 @pytest.mark.parametrize(("name", "number", "params", "model", "expected"), COLMAP_CASES)
 def test_colmap_camera_by_name_and_number_is_the_lens(name, number, params, model, expected):
     camera = Camera(model, expected, 14, 16)
-    assert colmap_camera(name, params, 14, 16) == camera
-    assert colmap_camera(number, params, 14, 16, "cameras.bin") == camera
+    assert camera_from_colmap(name, params, 14, 16) == camera
+    assert camera_from_colmap(number, params, 14, 16, "cameras.bin") == camera
 
 
 def colmap_files(folder) -> list:
@@ -338,18 +315,18 @@ NERFSTUDIO = {"w": 640, "h": 480.0, "fl_x": 300, "fl_y": 310, "cx": 320, "cy": 2
     ],
 )
 def test_nerfstudio_camera_of_each_model_is_the_lens(extra, model, coefficients):
-    camera = nerfstudio_camera({**NERFSTUDIO, **extra}, "transforms.json")
+    camera = camera_from_nerfstudio({**NERFSTUDIO, **extra}, "transforms.json")
     assert camera == Camera(model, [300, 310, 320, 240, *coefficients], 640, 480)
 
 
 def test_nerfstudio_camera_without_focal_takes_the_angle():
     values = {"w": 640, "h": 480, "camera_angle_x": np.pi / 2}
-    camera = nerfstudio_camera(values)
+    camera = camera_from_nerfstudio(values)
     assert camera.model == "pinhole"
     assert list(camera.params) == pytest.approx([320, 320, 320, 240])
     values["camera_angle_y"] = 2 * np.arctan(0.5)
-    assert nerfstudio_camera(values).params[1] == pytest.approx(480)
-    limited = nerfstudio_camera({**NERFSTUDIO, "max_theta_rad": 0.5})
+    assert camera_from_nerfstudio(values).params[1] == pytest.approx(480)
+    limited = camera_from_nerfstudio({**NERFSTUDIO, "max_theta_rad": 0.5})
     assert limited.max_angle == pytest.approx(0.5)
 
 
@@ -364,7 +341,9 @@ def test_transforms_with_different_cameras_raises(tmp_path):
 
 
 def test_nerfstudio_panorama_needs_its_size_only():
-    camera = nerfstudio_camera({"camera_model": "EQUIRECTANGULAR", "w": 64, "h": 32, "fl_x": 7})
+    camera = camera_from_nerfstudio(
+        {"camera_model": "EQUIRECTANGULAR", "w": 64, "h": 32, "fl_x": 7}
+    )
     assert camera == Camera("equirectangular", [], 64, 32)
 
 
@@ -391,7 +370,7 @@ def test_aria_calibration_is_written_as_it_was_read(shared, tmp_path):
     for path in sorted((shared / "data" / "lenses" / "aria").glob("*/calibration.json")):
         for label, entry in json.loads(path.read_text())["cameras"].items():
             out = tmp_path / "aria.json"
-            load_camera(path, camera_id=label).save(out)
+            save_camera(load_camera(path, camera_id=label), out)
             (found,) = json.loads(out.read_text())["cameras"].values()
             assert (found["model"], found["size"]) == ("FISHEYE624", entry["size"])
             np.testing.assert_allclose(found["params"], entry["params"], atol=tol.LENS_FILE_PARAMS)
@@ -403,7 +382,7 @@ def test_aria_calibration_is_written_as_it_was_read(shared, tmp_path):
 def test_saved_cameras_bin_is_read_as_a_data_set_reads_it(tmp_path):
     camera = Camera("division", [300, 310, 320.25, 240.75, -0.2], 640, 480)
     path = tmp_path / "cameras.bin"
-    camera.save(path)
+    save_camera(camera, path)
     (row,) = read_cameras_bin(path)
     assert (row.width, row.height, list(row.params)) == (640, 480, list(camera.params))
 

@@ -8,9 +8,10 @@ import pytest
 
 import gsut
 import tolerances
+from disturbances import disturb_pose
 from gsut.cli import main
 from gsut.refine.localization import localize_image
-from gsut.refine.motion import pose_changes
+from gsut.refine.motion import measure_pose_changes
 from gsut.render.pictures import to_uint8
 from gsut.sfm import compare_poses
 from gsut.sfm.core import features as core_features
@@ -18,7 +19,6 @@ from gsut.sfm.report import writing
 from random_scenes import every_lens, gaussians_in_view, pinhole
 from synthetic_rig import pose_of
 from synthetic_walk import observe, shuffled
-from tests.bench.refine_disturb import disturbed_pose
 
 WIDTH, NOISE_PX = 256, 0.1
 FRAMES, POINTS = 5, 300
@@ -30,7 +30,7 @@ RIGHT = pose_of([0.01, -0.03, 0.02], [0.3, 0.02, 0.01])
 
 def test_lenses_are_all_of_the_build():
     models = {camera.model for _, camera in LENSES}
-    assert models | set(WITHOUT_CENTRE) == set(gsut.camera_models())
+    assert models | set(WITHOUT_CENTRE) == set(gsut.lens.camera_models())
 
 
 @pytest.fixture
@@ -78,13 +78,13 @@ def find_poses(rng, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize(("name", "camera"), LENSES, ids=[name for name, _ in LENSES])
 def test_poses_through_every_lens_agree_with_truth(name, camera, find_poses, tmp_path):
-    camera.save(tmp_path / "lens.lens.json")
+    gsut.save_camera(camera, tmp_path / "lens.lens.json")
     words = ["--camera", str(tmp_path / "lens.lens.json")]
     out, errors = find_poses(camera, [""], [np.eye(4)], *words)
     assert errors.ate_percent < tolerances.SFM_EVERY_LENS_ATE_PERCENT
     assert errors.rotation_degrees.max() < tolerances.SFM_EVERY_LENS_DEGREES
     try:
-        camera.save(tmp_path / "cameras.txt")
+        gsut.save_camera(camera, tmp_path / "cameras.txt")
     except gsut.InputError:  # COLMAP has no such lens: said, and the rest written
         notes = json.loads((out / "poses.json").read_text())["notes"]
         assert any("sparse/0 was not written" in note for note in notes)
@@ -95,7 +95,7 @@ def test_poses_through_every_lens_agree_with_truth(name, camera, find_poses, tmp
 
 @pytest.mark.parametrize(("name", "camera"), LENSES, ids=[name for name, _ in LENSES])
 def test_a_rig_of_every_lens_has_the_scale_of_its_file(name, camera, find_poses, tmp_path):
-    camera.save(tmp_path / "lens.lens.json")
+    gsut.save_camera(camera, tmp_path / "lens.lens.json")
     cameras = {
         folder: {"file": "lens.lens.json", "camera_from_reference": pose.tolist()}
         for folder, pose in (("left", np.eye(4)), ("right", RIGHT))
@@ -112,10 +112,10 @@ def test_a_rig_of_every_lens_has_the_scale_of_its_file(name, camera, find_poses,
 )  # fmt: skip
 def test_localize_through_every_lens_finds_the_pose(name, camera, rng):
     gaussians = gaussians_in_view(rng, camera, np.eye(4), 800, sizes=(0.03, 0.15), opacity=3.0)
-    views = [(camera, disturbed_pose(rng, np.eye(4), 1.0, 0.015)) for _ in range(2)]
+    views = [(camera, disturb_pose(rng, np.eye(4), 1.0, 0.015)) for _ in range(2)]
     pixels = to_uint8(gsut.render(gaussians, camera, np.eye(4)).image)
     found = localize_image(gaussians, views, camera, pixels, np.ones(pixels.shape[:2], bool))
-    change = pose_changes(found.pose.camera_from_world[None], np.eye(4)[None])
+    change = measure_pose_changes(found.pose.camera_from_world[None], np.eye(4)[None])
     assert found.pose.converged
     assert change.degrees[0] < tolerances.LOCALIZE_EVERY_LENS_DEGREES
     assert change.distances[0] < tolerances.LOCALIZE_EVERY_LENS_UNITS
@@ -124,8 +124,8 @@ def test_localize_through_every_lens_finds_the_pose(name, camera, rng):
 @pytest.mark.parametrize("model", WITHOUT_CENTRE)
 def test_lenses_without_one_centre_are_refused_with_what_to_do(model, rng, tmp_path, capsys):
     _, params, width, height = gsut._core.camera_examples(model)[0]
-    camera = gsut.Camera(model, params, width, height).resized(80, 60)
-    camera.save(tmp_path / "lens.lens.json")
+    camera = gsut.Camera(model, params, width, height).resize(80, 60)
+    gsut.save_camera(camera, tmp_path / "lens.lens.json")
     for i in range(2):
         cv2.imwrite(str(tmp_path / f"{i}.png"), np.zeros((60, 80), np.uint8))
     words = ["poses", str(tmp_path), "--camera", str(tmp_path / "lens.lens.json")]

@@ -11,9 +11,10 @@ import pytest
 
 import gsut
 import tolerances
+from disturbances import disturb_rig
 from gsut import _core
-from gsut.data.poses import centers_of, inverse
-from gsut.data.rigs import read_rig, relative_changes, write_rig
+from gsut.data.poses import find_centers, invert_pose
+from gsut.data.rigs import measure_changes, read_rig, write_rig
 from gsut.sfm.core import Adjustment
 from gsut.sfm.core.features import make_no_features
 from gsut.sfm.core.matching import choose_pairs
@@ -25,7 +26,6 @@ from gsut.sfm.rig.images import find_rig_photographs
 from gsut.sfm.rig.start import place_rig
 from gsut.sfm.world.comparison import compare_poses
 from synthetic_rig import BACKWARD, STEREO, SyntheticRig, pose_of
-from tests.bench.rig_poses import disturbed
 
 STRETCHED = np.diag([1.0, 2.0, 1.0, 1.0]).tolist()
 RUNS = 12  # of scenes from seeds, where a spread is on trial
@@ -67,7 +67,7 @@ def test_solve_rig_noisy_tracks_keeps_the_rig_and_the_scale(rng, mount):
     assert turned < tolerances.RIG_DEGREES
     for frame in range(10):  # left and right of a frame, as the rig has them
         left, right = solution.camera_from_world[2 * frame : 2 * frame + 2]
-        assert np.abs(right @ inverse(left) - mount).max() < tolerances.RIG_HELD
+        assert np.abs(right @ invert_pose(left) - mount).max() < tolerances.RIG_HELD
     assert len(fit.notes) == 1  # how images were paired, and no complaint
 
 
@@ -80,17 +80,17 @@ def test_solve_rig_reference_away_from_every_camera_and_three_cameras(rng):
     apart, turned = scene.worst(solution)
     assert apart < tolerances.RIG_EXACT
     assert turned < tolerances.RIG_EXACT
-    wrong = disturbed(scene.rig)
+    wrong = disturb_rig(scene.rig)
     noisy = SyntheticRig(rng, STEREO, BACKWARD, elsewhere=elsewhere, noise=0.2)
     _, fit = solved(noisy, wrong, refine_rig=True)
-    changes = relative_changes(scene.rig, fit.rig.camera_from_reference)
+    changes = measure_changes(scene.rig, fit.rig.camera_from_reference)
     assert np.degrees(max(turn for turn, _ in changes)) < tolerances.RIG_REFINED_DEGREES
     assert size_of(fit.rig) == pytest.approx(size_of(wrong), rel=tolerances.RIG_SIZE)
 
 
 def size_of(rig):
     """Root mean square distance of its cameras from their middle."""
-    centers = centers_of(rig.camera_from_reference)
+    centers = find_centers(rig.camera_from_reference)
     return np.sqrt(((centers - centers.mean(axis=0)) ** 2).sum(axis=1).mean())
 
 
@@ -166,10 +166,10 @@ def test_solve_rig_places_a_frame_by_few_points_in_each_camera(rng):
 
 def test_solve_rig_refines_a_disturbed_rig_and_keeps_its_size(rng):
     scene = SyntheticRig(rng, noise=0.2)
-    wrong = disturbed(scene.rig)
+    wrong = disturb_rig(scene.rig)
     solution, fit = solved(scene, wrong, refine_rig=True)
     assert fit.rig.baseline == pytest.approx(wrong.baseline, rel=tolerances.RIG_SIZE)
-    _, (turned, shifted) = relative_changes(scene.rig, fit.rig.camera_from_reference)
+    _, (turned, shifted) = measure_changes(scene.rig, fit.rig.camera_from_reference)
     assert np.degrees(turned) < tolerances.RIG_REFINED_DEGREES  # was 0.5
     assert shifted < tolerances.RIG_REFINED_SHARE * wrong.baseline  # was 0.01
     apart, turned = scene.worst(solution)
@@ -181,7 +181,7 @@ def test_solve_rig_refines_a_disturbed_rig_and_keeps_its_size(rng):
 
 def test_solve_rig_says_that_a_held_rig_is_turned_otherwise(rng):
     scene = SyntheticRig(rng, noise=0.2)
-    _, fit = solved(scene, disturbed(scene.rig))
+    _, fit = solved(scene, disturb_rig(scene.rig))
     assert any(
         "the rotation between two cameras differs" in n and "--refine-rig" in n for n in fit.notes
     )
@@ -223,11 +223,11 @@ def test_place_rig_needs_a_frame_with_two_images(rng):
 
 def test_place_rig_knows_swapped_folders_and_a_pose_the_wrong_way_round(rng):
     scene = SyntheticRig(rng, pose_of([0.0, 0.01, 0.0], [0.3, 0, 0]))
-    swapped = with_second(scene.rig, inverse(scene.rig.camera_from_reference[1]))
+    swapped = with_second(scene.rig, invert_pose(scene.rig.camera_from_reference[1]))
     with pytest.raises(gsut.SolveError, match="left and right swapped"):
         placed(scene, rig=swapped)
     scene = SyntheticRig(rng, pose_of([0.0, 0.3, 0.0], [0.3, 0, 0]))
-    turned = with_second(scene.rig, inverse(scene.rig.camera_from_reference[1]))
+    turned = with_second(scene.rig, invert_pose(scene.rig.camera_from_reference[1]))
     with pytest.raises(gsut.SolveError, match=r"by 34 degrees from .* the right way round"):
         placed(scene, rig=turned)
 
@@ -277,7 +277,7 @@ def rig_folder(tmp_path):
     lens = gsut.Camera("kannala_brandt", [60, 60, 40, 40, 0, 0, 0, 0], 80, 80)
     cameras = {}
     for name, pose in (("left", np.eye(4)), ("right", STEREO)):
-        lens.save(tmp_path / f"{name}.yaml")
+        gsut.save_camera(lens, tmp_path / f"{name}.yaml")
         cameras[name] = {"file": f"{name}.yaml", "camera_from_reference": pose.tolist()}
     (tmp_path / "rig.json").write_text(json.dumps({"cameras": cameras}))
 

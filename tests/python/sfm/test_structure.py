@@ -28,10 +28,8 @@ from gsut.sfm.core.solver import solve_poses
 from gsut.sfm.lens.candidates import guess_lens
 from gsut.sfm.lens.search import search_lens
 from gsut.sfm.pipeline import find_poses
-from gsut.sfm.world.comparison import centers_of, compare_poses
+from gsut.sfm.world.comparison import compare_poses, find_centers
 from synthetic_walk import Synthetic
-from tests.bench import poses_bench, pycolmap_poses
-from tests.bench.__main__ import main as bench_main
 
 _BESIDE = Path(__file__).resolve().parents[4] / "shared"
 SPONZA = Path(os.environ.get("GSUT_SHARED", _BESIDE)) / "data" / "sponza_fisheye"
@@ -246,7 +244,7 @@ def test_find_features_leaves_out_what_has_no_ray(tmp_path):
     assert len(found) > 50
     assert np.linalg.norm(found.pixels - 100, axis=1).max() < 60
     with pytest.raises(gsut.InputError, match="the lens is for 100 x 100"):
-        read_features(path, camera.resized(100, 100), PosesOptions())
+        read_features(path, camera.resize(100, 100), PosesOptions())
 
 
 @pytest.mark.parametrize("most", [150, 100])  # of 200 x 200 pixels: described before, and after
@@ -309,7 +307,7 @@ def some_sponza(tmp_path_factory):
     for view in views:
         (folder / "images" / Path(view.name).name).symlink_to(view.image_path)
     (folder / "mask.png").symlink_to(SPONZA / "mask.png")
-    scene.cameras[0].save(folder / "lens.yaml")
+    gsut.save_camera(scene.cameras[0], folder / "lens.yaml")
     truth = {Path(v.name).name: v.camera_from_world for v in views}
     return folder, truth, scene.cameras[0]
 
@@ -458,7 +456,7 @@ def test_poses_command_bad_images_get_one_clear_sentence(case, words, tmp_path, 
 
 
 def test_poses_command_wrong_lens_is_doubted(some_sponza, solved_sponza, tmp_path):
-    gsut.Camera("pinhole", [240, 240, 240, 240], 480, 480).save(tmp_path / "lens.yaml")
+    gsut.save_camera(gsut.Camera("pinhole", [240, 240, 240, 240], 480, 480), tmp_path / "lens.yaml")
     notes: list[str] = []
     result = find_poses(
         some_sponza[0],
@@ -490,7 +488,7 @@ def test_poses_command_covariances_are_as_large_as_the_errors(some_sponza, solve
 def normalised_squares(found, truth, covariances, first, second):
     """Squared errors of poses by their covariances, in the gauge of the initial pair."""
     turn = found[first, :3, :3].T @ truth[first, :3, :3]
-    own, true = centers_of(found), centers_of(truth)
+    own, true = find_centers(found), find_centers(truth)
     shift = (true - true[first]) @ turn.T
     axis = np.abs(own[second] - own[first]).argmax()
     true = own[first] + (own[second] - own[first])[axis] / shift[second, axis] * shift
@@ -514,7 +512,9 @@ def test_poses_command_camera_that_only_turns_gets_one_clear_sentence(tmp_path, 
         wide_matrix = np.array([[300.0, 0, 350], [0, 300, 350], [0, 0, 1]])
         view = matrix @ turn @ np.linalg.inv(wide_matrix)
         cv2.imwrite(str(folder / f"{i}.png"), cv2.warpPerspective(wide, view, (240, 240)))
-    gsut.Camera("pinhole", [300, 300, 120.5, 120.5], 240, 240).save(folder / "lens.yaml")
+    gsut.save_camera(
+        gsut.Camera("pinhole", [300, 300, 120.5, 120.5], 240, 240), folder / "lens.yaml"
+    )
     assert main(["poses", str(folder), "-o", str(tmp_path / "out"), "--quiet"]) == 2
     message = capsys.readouterr().err
     assert "the camera only turned" in message and message.count("\n") == 1
@@ -526,7 +526,7 @@ def test_poses_command_wrong_lens_size_says_so(tmp_path, capsys):
     folder.mkdir()
     for i in range(3):
         texture(folder / f"{i}.png", i)
-    gsut.Camera("pinhole", [100, 100, 50, 50], 100, 100).save(tmp_path / "lens.yaml")
+    gsut.save_camera(gsut.Camera("pinhole", [100, 100, 50, 50], 100, 100), tmp_path / "lens.yaml")
     arguments = ["poses", str(folder), "--camera", str(tmp_path / "lens.yaml"), "--quiet"]
     assert main([*arguments, "-o", str(tmp_path / "out")]) == 2
     assert "the lens is for 100 x 100" in capsys.readouterr().err
@@ -538,7 +538,7 @@ def test_poses_command_lens_without_one_centre_is_refused_first(tmp_path, capsys
     for i in range(2):
         texture(folder / f"{i}.png", i)
     lens = tmp_path / "lens.lens.json"
-    gsut.Camera("orthographic", [100, 100, 80, 80], 160, 160).save(lens)
+    gsut.save_camera(gsut.Camera("orthographic", [100, 100, 80, 80], 160, 160), lens)
     arguments = ["poses", str(folder), "--camera", str(lens), "-o", str(tmp_path / "out")]
     assert main(arguments) == 2
     assert "camera convert" in capsys.readouterr().err
@@ -588,69 +588,6 @@ def test_connected_images_are_as_many_as_asked_for(rng):
     few = choose_connected_pairs(verified, 4)
     assert len({i for pair in few for i in (pair.first, pair.second)}) == 4
     assert choose_connected_pairs(verified, 20) == verified
-
-
-ONE_THREAD = poses_bench.PosesBenchOptions([], threads=1)
-
-
-def test_bench_poses_prints_errors_beside_seconds(some_sponza, solved_sponza, tmp_path, capsys):
-    arguments = ["poses", str(solved_sponza), "--json", str(tmp_path / "rows.json")]
-    assert bench_main(arguments) == 0
-    (row,) = json.loads((tmp_path / "rows.json").read_text())
-    assert row["registered"] == row["images"] == IMAGES
-    # The same images and lens: the same poses but for the rounding of the lens' file.
-    assert row["rotation_max_degrees"] < tolerances.SFM_REPEAT_DEGREES
-    assert row["total_seconds"] > 0 and "ATE" in capsys.readouterr().out
-    assert 0 < row["mapping_cpu_seconds"] < row["total_cpu_seconds"]
-    # Once more, with the row changed to know it again: it is kept, not measured.
-    row["total_seconds"] = 1234.5
-    (tmp_path / "rows.json").write_text(json.dumps([row]))
-    assert bench_main([*arguments, "--resume"]) == 0
-    assert "1234.5" in capsys.readouterr().out
-
-
-def test_bench_poses_of_images_without_poses_trains_on_what_it_finds(some_sponza, tmp_path):
-    options = poses_bench.PosesBenchOptions([str(some_sponza[0])], train=20, train_scale=0.25)
-    kept = {"asked": {}, "data": "another"}
-    (first, row) = poses_bench.poses_bench(options, done=[kept])
-    assert first is kept and row["registered"] == IMAGES
-    assert row["ate_percent"] is None and row["psnr"] > 8  # of 20 steps: any picture at all
-
-
-def test_bench_poses_without_pycolmap_says_so(solved_sponza, tmp_path):
-    python = tmp_path / "python"
-    python.write_text(f"#!/bin/sh\nexit {pycolmap_poses.MISSING}\n")
-    python.chmod(0o755)
-    row = poses_bench.measure_pycolmap(solved_sponza, "known", str(python), ONE_THREAD)
-    assert row["registered"] == 0 and "has no pycolmap: pip install" in row["failure"]
-    with pytest.raises(gsut.InputError, match="cannot be run"):
-        poses_bench.measure_pycolmap(solved_sponza, "known", str(tmp_path / "absent"), ONE_THREAD)
-
-
-def test_bench_poses_compares_what_pycolmap_answers(solved_sponza, tmp_path):
-    # A stand-in answers with the data set's own poses, moved and scaled: no error is left.
-    scene = gsut.load_dataset(solved_sponza, test_every=0)
-    poses = {}
-    for view in scene.views:
-        pose = view.camera_from_world.copy()
-        pose[:3, 3] = 2.0 * (pose[:3, 3] - pose[:3, :3] @ [1.0, 2.0, 3.0])
-        poses[view.image_path.resolve().name] = pose[:3].tolist()
-    seconds = {"features": 1, "matching": 2, "mapping": 3}
-    answer = tmp_path / "answer.json"
-    answer.write_text(json.dumps({"poses": poses, "seconds": seconds, "cpu_seconds": seconds}))
-    python = tmp_path / "python"
-    python.write_text(f'#!/bin/sh\ncp {answer} "$3"\n')
-    python.chmod(0o755)
-    row = poses_bench.measure_pycolmap(solved_sponza, "known", str(python), ONE_THREAD)
-    assert row["registered"] == IMAGES and row["total_seconds"] == 6
-    assert row["ate_percent"] < 1e-8 and row["rotation_max_degrees"] < 1e-8
-
-
-def test_bench_poses_fits_a_lens_of_another_model_to_the_datasets_own(some_sponza, tmp_path):
-    folder, _, own = some_sponza
-    fitted = gsut.load_camera(poses_bench._fitted_lens(folder, "kannala_brandt", tmp_path))
-    assert fitted.model == own.model == "kannala_brandt"
-    assert fitted.params == pytest.approx(own.params, rel=tolerances.SFM_FOCAL)
 
 
 def test_poses_that_hold_no_image_are_an_error():

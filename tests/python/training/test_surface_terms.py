@@ -13,9 +13,9 @@ import tolerances
 from gsut import InputError, TrainOptions, _core
 from gsut.data.scene import read_depth, read_normals
 from gsut.gaussians import are_surfels
-from gsut.training.known_depth import KnownDepth
 from gsut.training.loop import TrainingLoop
-from gsut.training.surface_terms import SurfaceTerms, SurfaceWeights
+from gsut.training.surface.known_depth import KnownDepth
+from gsut.training.surface.surface_terms import SurfaceTerms, SurfaceWeights
 from random_scenes import arrays_of, relative_error
 from surface_scenes import lines_of
 
@@ -94,7 +94,7 @@ def test_gradients_of_all_terms_equal_differences_of_the_double_reference(rng, s
     # From a tenth of the steps on all count fully; the known distances have faded a little.
     fraction = 0.2
     g = exact.to_dtype(np.float32)
-    found = terms.gradients(g, scene, view, _core.BlendRule(), fraction)
+    found = terms.compute_gradients(g, scene, view, _core.BlendRule(), fraction)
     assert all(term > 0 for term in terms.last)
     faded = dataclasses.replace(weights, known=0.5 * 0.01**fraction)
     base, seen = total(exact, camera, pose, known, faded, scene.extent, normals)
@@ -132,7 +132,7 @@ def test_points_are_known_where_a_view_sees_them_and_not_behind_others(scene):
     # The pixel's ray and the point's differ by half a pixel.
     error = np.abs(known / truth - 1)[has]
     assert np.median(error) < 0.01 and np.mean(error > 0.05) < 0.1
-    half = camera.resized(24, 18)
+    half = camera.resize(24, 18)
     assert np.count_nonzero(KnownDepth(both, "points").map(both, view, half)) > 80
 
 
@@ -152,7 +152,7 @@ def test_depth_files_are_known_at_any_size_and_damaged_ones_are_named(tmp_path):
     camera = scene.camera(view)
     assert np.abs(known.map(scene, view, camera) - truth).max() < 1e-3
     assert known.map(scene, scene.train_indices[1], camera) is None
-    half = known.map(scene, view, camera.resized(24, 18))
+    half = known.map(scene, view, camera.resize(24, 18))
     assert np.all(half > 0)
     cv2.imwrite(str(folder / "depth.png"), np.ones((5, 4), np.uint16))
     with pytest.raises(InputError, match=r"depth.png is 4 x 5"):
@@ -214,10 +214,10 @@ def test_surfels_stay_surfels_and_go_on_to_the_same_bits(scene, strategy):
         return loop, first
 
     whole, first = trained()
-    assert are_surfels(whole.result())
+    assert are_surfels(whole.make_result())
     assert not np.isin(whole.gaussians.log_scales[:, :2], first).any()
     again, _ = trained(trained(until=45)[0].state_dict())
-    assert arrays_of(again.result()) == arrays_of(whole.result())
+    assert arrays_of(again.make_result()) == arrays_of(whole.make_result())
 
 
 def test_surfels_with_a_filter_that_thickens_them_are_refused():
@@ -243,4 +243,4 @@ def test_training_for_surfaces_flattens_and_goes_on_to_the_same_bits(scene):
     whole, plain = trained(True), trained(False)
     assert flatness(whole.gaussians) < flatness(plain.gaussians) - 0.05
     again = trained(True, trained(True, until=45).state_dict())
-    assert arrays_of(again.result()) == arrays_of(whole.result())
+    assert arrays_of(again.make_result()) == arrays_of(whole.make_result())

@@ -16,8 +16,8 @@ import tolerances
 from attack.harness import snapshot
 from gsut import InputError, TrainOptions
 from gsut.run.folder import HISTORY, SCENE
+from gsut.training.first.seeding import seed_first
 from gsut.training.loop import TrainingLoop
-from gsut.training.start import seed_first
 from random_scenes import arrays_of, pinhole
 from rendered_dataset import VIEWS, write_dataset
 
@@ -123,7 +123,7 @@ def test_train_reading_images_again_same_bits(dataset, scene, unbroken):
     # Caches of decoded images, ray tables and tiles hold nothing that later runs depend on.
     fresh = gsut.load_dataset(dataset)
     assert arrays_of(train(fresh, TrainOptions(**SHORT)).gaussians) == arrays_of(
-        gsut.load_ply(unbroken / SCENE)
+        gsut.formats.load_ply(unbroken / SCENE)
     )
 
 
@@ -242,7 +242,7 @@ def test_train_loop_state_restored_into_a_new_loop_same_bits(scene):
 def test_train_loop_shows_every_view_once_an_epoch(scene):
     loop = TrainingLoop(scene, TrainOptions(**SHORT).resolved())
     views = len(scene.train_indices)
-    epochs = [[loop._view_of(e * views + i + 1) for i in range(views)] for e in range(3)]
+    epochs = [[loop._choose_view(e * views + i + 1) for i in range(views)] for e in range(3)]
     for epoch in epochs:
         assert sorted(epoch) == sorted(scene.train_indices)
     assert epochs[0] != epochs[1]
@@ -306,7 +306,7 @@ def test_train_on_small_images_runs_at_full_resolution(tmp_path, rng, width, hei
     scene = gsut.load_dataset(write_dataset(tmp_path / "data", rng, camera=camera))
     options = TrainOptions(**SHORT, coarse_to_fine=(0.3, 0.6)).resolved()
     loop = TrainingLoop(scene, options)
-    assert loop.views.at(0.1).camera(scene.train_indices[0]).width == width
+    assert loop.views.select_level(0.1).scene.camera(scene.train_indices[0]).width == width
     result = train(scene, options)
     assert result.metrics["psnr"] is None or np.isfinite(result.metrics["psnr"])
     assert all(np.isfinite(row["loss"]) for row in result.history)
@@ -321,7 +321,7 @@ def test_train_coarse_to_fine_uses_quarter_half_and_full_resolution(tmp_path, rn
     ).resolved()
     loop = TrainingLoop(scene, options)
     view = scene.train_indices[0]
-    sizes = [loop.views.at(f / 20).camera(view).height for f in range(1, 21)]
+    sizes = [loop.views.select_level(f / 20).scene.camera(view).height for f in range(1, 21)]
     assert sizes == [65] * 6 + [130] * 6 + [260] * 8
     result = train(scene, options)
     assert len(result.history) == 20
@@ -343,10 +343,10 @@ def test_train_no_training_view_is_refused(tmp_path, rng):
 
 def test_train_every_isa_learns_alike(scene):
     found = {}
-    for isa in gsut.available_isas():
-        gsut.set_isa(isa)
+    for isa in gsut.machine.available_isas():
+        gsut.machine.set_isa(isa)
         found[isa] = train(scene, TrainOptions(steps=100, max_gaussians=150)).metrics["psnr"]
-    assert len(found) == len(gsut.available_isas())
+    assert len(found) == len(gsut.machine.available_isas())
     # Rounding steers densification: like quality, not like numbers.
     assert min(found.values()) > tolerances.TRAIN_LEAST_PSNR, found
 

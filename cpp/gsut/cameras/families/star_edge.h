@@ -11,7 +11,8 @@ struct StarEdge {
   template <class T>
   static auto Contains(const LensDomain& domain, T x, T y) {
     const T square = x * x + y * y;
-    const T size = Max(Abs(x) + Abs(y), T(1e-30));
+    constexpr double kNotZero = 1e-30;  // keeps the centre's quotient finite, in float too
+    const T size = Max(Abs(x) + Abs(y), T(kNotZero));
     const T half = y / size;
     const T two(2.0);
     const T around = Select(x < T(0.0), Select(y < T(0.0), -two - half, two - half), half);

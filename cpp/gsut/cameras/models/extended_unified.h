@@ -32,7 +32,9 @@ struct ExtendedUnified {
   }
 
   static LensDomain MakeDomain(const double* params, int num_params, double angle_limit = kPi) {
-    constexpr double kSmallest = 1e-6, kLargest = 1e6;  // of beta; calibrated ones are near 1
+    // Of beta: calibrated ones are near 1, and squares of these do not overflow a float.
+    constexpr double kSmallest = 1e-6;
+    constexpr double kLargest = 1e6;
     CheckFocalParams(kName, kParamNames, params, num_params);
     CheckLensParam(kName, "alpha", params[4], 0.0, 1.0);
     CheckLensParam(kName, "beta", params[5], kSmallest, kLargest);

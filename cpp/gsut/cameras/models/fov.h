@@ -24,8 +24,8 @@ struct Fov {
   static std::vector<std::vector<double>> FitStarts(const FitAxis& at) { return {at.With({0.5})}; }
 
   static LensDomain MakeDomain(const double* params, int num_params, double angle_limit = kPi) {
-    // Below, the lens is a pinhole to 1e-13; above, its field has shrunk to nothing.
-    constexpr double kSmallest = 1e-6, kLargest = kPi - 1e-6;
+    constexpr double kSmallest = 1e-6;       // below, the lens is a pinhole to 1e-13
+    constexpr double kLargest = kPi - 1e-6;  // above, its field has shrunk to nothing
     CheckFocalParams(kName, kParamNames, params, num_params);
     CheckLensParam(kName, "omega", params[4], kSmallest, kLargest);
     const double omega = params[4];

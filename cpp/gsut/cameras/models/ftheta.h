@@ -34,7 +34,13 @@ struct Ftheta {
         -5.13926340263e-11, 1.01263493992e-13, 0.0, 190.892671928, 0.899676946274, -2.4422029589,
         4.489445805, -2.4117488308, 1.75, 1.0003, 0.0004, -0.0002}},
   };
-  static constexpr int kReference = 2, kB = 3, kA = 9, kMaxAngle = 15, kLinear = 16;
+  // Places of parameters: which polynomial is the reference, the six coefficients from pixels to
+  // angles, the six back, the largest angle and the three of the linear map.
+  static constexpr int kReference = 2;
+  static constexpr int kB = 3;
+  static constexpr int kA = 9;
+  static constexpr int kMaxAngle = 15;
+  static constexpr int kLinear = 16;
   static constexpr int kDegree = 5;
   static constexpr int kSteps = 6;
 

@@ -5,8 +5,8 @@
 //   u = fx rd X/h + cx, v = fy rd Y/h + cy
 //
 // Parameters: fx fy cx cy in pixels; (0.5, 0.5) is the centre of the top-left pixel. Then any
-// number of dimensionless coefficients, none (the equidistant fisheye) to as many as fit; OpenCV
-// has four. COLMAP's SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE and OPENCV_FISHEYE, and Kalibr's
+// number of dimensionless coefficients from none (the equidistant fisheye) upwards; OpenCV has
+// four. COLMAP's SIMPLE_RADIAL_FISHEYE, RADIAL_FISHEYE and OPENCV_FISHEYE, and Kalibr's
 // pinhole-equi, are this lens. Domain: theta below the first root of d(rd)/d(theta), at most pi;
 // points with Z <= 0 are seen. On the axis theta/h is taken by its series. Inverse: Newton on theta
 // inside a bracket. Source: Kannala and Brandt, "A generic camera model and calibration method for

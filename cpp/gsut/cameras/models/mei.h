@@ -15,7 +15,7 @@ struct Mei {
   static constexpr const char* kName = "mei";
   static constexpr const char* kParamNames = "fx fy cx cy skew xi k1 k2 p1 p2";
   static constexpr LensExample kExamples[] = {
-      {"KITTI-360, left fisheye, calibration of the data set",
+      {"left fisheye on the roof of a car, as its data set's authors calibrated it",
        1400,
        1400,
        10,
@@ -43,7 +43,8 @@ struct Mei {
   }
 
   static LensDomain MakeDomain(const double* params, int num_params, double angle_limit = kPi) {
-    constexpr double kLargestXi = 1e3, kLargestSkew = 0.1;  // the latter of fx
+    constexpr double kLargestXi = 1e3;    // beyond, the sphere is a plane to double's rounding
+    constexpr double kLargestSkew = 0.1;  // of fx: larger ones are mistaken orders of parameters
     CheckFocalParams(kName, kParamNames, params, num_params);
     CheckLensParam(kName, "skew", params[4], -kLargestSkew * params[0], kLargestSkew * params[0]);
     CheckLensParam(kName, "xi", params[5], 0.0, kLargestXi);

@@ -4,7 +4,7 @@
 //   the ray is (x, y, a0 + a2 rho^2 + a3 rho^3 + ...)
 //
 // Parameters: cx cy in pixels; (0.5, 0.5) is the centre of the top-left pixel. Then c d e, the
-// shape of a pixel and the skew; a0 (the focal length, in rows), a2, a3 ... as many as fit, in
+// shape of a pixel and the skew; a0 (the focal length, in rows), a2, a3 ... in any number, in
 // pixels to the power of 1 - k. There is no a1: the lens is smooth on its axis. MATLAB's
 // fisheyeIntrinsics is this lens; OCamCalib's is too, with rows first and looking along -z, which
 // its reader turns. Domain: rho up to the first fold, at most kFarthest a0, as far as the inverse
@@ -31,7 +31,8 @@ struct Ocam {
         -0.00010401102516866788, 300.096686379, -0.00140133054103735, 1.61272988061406e-06,
         -4.17197554760015e-09}},
   };
-  static constexpr int kLinear = 2, kPolynomial = 5;
+  static constexpr int kLinear = 2;      // where c d e begin
+  static constexpr int kPolynomial = 5;  // where a0 a2 a3 ... begin
   static constexpr int kSteps = 6;
   static constexpr double kFarthest = 16.0;  // of a0: 86 degrees of a lens without distortion
 

@@ -11,7 +11,7 @@ struct Opencv4 : RadialTangential<4> {
   static constexpr const char* kName = "opencv4";
   static constexpr const char* kParamNames = "fx fy cx cy k1 k2 p1 p2";
   static constexpr LensExample kExamples[] = {
-      {"phone of instant-ngp's fox photographs, solved by COLMAP",
+      {"phone held upright, solved by COLMAP from its photographs",
        1080,
        1920,
        8,

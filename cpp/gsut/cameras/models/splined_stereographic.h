@@ -46,7 +46,8 @@ struct SplinedStereographic {
   };
   static constexpr bool kHasTable = true;
   static constexpr int kChoices[] = {0, 1, 2, 3};
-  static constexpr int kFocal = 4, kPoints = 8;
+  static constexpr int kFocal = 4;   // where fx fy cx cy begin
+  static constexpr int kPoints = 8;  // where control points begin
 
   static bool AcceptsParams(int num_params) { return num_params > kPoints; }
 

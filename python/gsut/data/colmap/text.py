@@ -16,8 +16,8 @@ _POINT_FIELDS = 8  # POINT3D_ID X Y Z R G B ERROR, then the track
 _CAMERA_FIELDS = 4  # CAMERA_ID MODEL WIDTH HEIGHT, then the parameters
 
 
-def _lines(path: Path) -> Iterator[tuple[int, str]]:
-    """Line numbers from 1 and text, without comments; blank lines are kept."""
+def _read_lines(path: Path) -> Iterator[tuple[int, str]]:
+    """Yields line numbers from 1 and text, without comments; blank lines are kept."""
     try:
         with open(regular(path), encoding="utf-8") as file:
             for number, line in enumerate(file, 1):
@@ -31,24 +31,24 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
         raise DatasetError(path, "not UTF-8 text", "save the file as UTF-8") from error
 
 
-def _malformed(where: str, line: str, expected: str) -> DatasetError:
-    shown = line if len(line) <= 60 else line[:57] + "..."
+def _report_malformed(where: str, line: str, expected: str) -> DatasetError:
+    place_and_show = line if len(line) <= 60 else line[:57] + "..."
     return DatasetError(
         where,
-        f"expected {expected}, found '{shown}'",
+        f"expected {expected}, found '{place_and_show}'",
         "the file may be cut off or edited: export the model again",
     )
 
 
 def read_cameras_txt(path: Path) -> list[CameraRow]:
-    """Cameras of a text model.
+    """Reads the cameras of a text model.
 
     Raises:
         DatasetError: a malformed line.
     """
     rows = []
     expected = "CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]"
-    for number, line in _lines(path):
+    for number, line in _read_lines(path):
         if not line:
             continue
         fields, where = line.split(), f"{path}, line {number}"
@@ -60,19 +60,19 @@ def read_cameras_txt(path: Path) -> list[CameraRow]:
                 CameraRow(int(fields[0]), fields[1], int(fields[2]), int(fields[3]), params, where)
             )
         except ValueError as error:
-            raise _malformed(where, line, expected) from error
+            raise _report_malformed(where, line, expected) from error
     return rows
 
 
 def read_images_txt(path: Path) -> list[ImageRow]:
-    """Images of a text model; the second line of each (its 2D points, may be empty) is passed over.
+    """Reads the images of a text model without the second line of each, its 2D points.
 
     Raises:
         DatasetError: a malformed line, or an image without its second line.
     """
     rows = []
     expected = "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME"
-    lines = _lines(path)
+    lines = _read_lines(path)
     for number, line in lines:
         if not line:
             continue
@@ -85,32 +85,32 @@ def read_images_txt(path: Path) -> list[ImageRow]:
                 ImageRow(int(fields[0]), numbers[:4], numbers[4:], int(fields[8]), fields[9], where)
             )
         except ValueError as error:
-            raise _malformed(where, line, expected) from error
+            raise _report_malformed(where, line, expected) from error
         number, points = next(lines, (number + 1, ""))
         _require_points_line(points, f"{path}, line {number}")
     return rows
 
 
 def _require_points_line(line: str, where: str) -> None:
-    """X, Y, POINT3D_ID triples; only the last one is looked at, to stay fast."""
+    """Requires X, Y, POINT3D_ID triples; checks only the last one, to stay fast."""
     fields = line.rsplit(maxsplit=3)[-3:]
     try:
         if line:
             float(fields[0]), float(fields[1]), int(fields[2])
     except (ValueError, IndexError) as error:
-        raise _malformed(
+        raise _report_malformed(
             where, line, "the image's points X Y POINT3D_ID ... (an empty line if it has none)"
         ) from error
 
 
 def read_points_txt(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Points of a text model: (N, 3) float64 and (N, 3) uint8 RGB.
+    """Reads the points of a text model: (N, 3) float64 and (N, 3) uint8 RGB.
 
     Raises:
         DatasetError: a malformed line.
     """
     points, colors = [], []
-    for number, line in _lines(path):
+    for number, line in _read_lines(path):
         if not line:
             continue
         fields = line.split(maxsplit=_POINT_FIELDS)
@@ -123,7 +123,7 @@ def read_points_txt(path: Path) -> tuple[np.ndarray, np.ndarray]:
                 raise ValueError
             colors.append(color)
         except ValueError as error:
-            raise _malformed(
+            raise _report_malformed(
                 f"{path}, line {number}", line, "POINT3D_ID X Y Z R G B ERROR TRACK[]"
             ) from error
     return np.array(points, np.float64).reshape(-1, 3), np.array(colors, np.uint8).reshape(-1, 3)

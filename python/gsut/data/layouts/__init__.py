@@ -1,26 +1,16 @@
-"""Layouts of datasets, one file each: a module with a `LAYOUT`; those with a "_" are none."""
+"""Layouts of datasets, a file each: a module with a `LAYOUT`; those with a "_" are none."""
 
-from __future__ import annotations
+from gsut.data.layouts._layout import Layout, find_layout, list_layouts
+from gsut.data.layouts.description import KEYS, describe_recording, replace_parts
+from gsut.data.layouts.folder import find_images, find_lens_file
 
-import functools
-import importlib
-import pkgutil
-from collections.abc import Collection
-from pathlib import Path
-
-from gsut.data.layouts._layout import Layout
-
-
-@functools.cache
-def layouts() -> tuple[Layout, ...]:
-    """All layouts there are, in the order in which they are looked for."""
-    names = [module.name for module in pkgutil.iter_modules(__path__)]
-    modules = [
-        importlib.import_module(f"{__name__}.{name}") for name in names if not name.startswith("_")
-    ]
-    return tuple(sorted((m.LAYOUT for m in modules), key=lambda layout: layout.rank))
-
-
-def known_layout(path: Path, but: Collection[str] = ()) -> Layout | None:
-    """The first layout, but for those of these names, that finds its files here; or None."""
-    return next((each for each in layouts() if each.name not in but and each.holds(path)), None)
+__all__ = [
+    "KEYS",
+    "Layout",
+    "describe_recording",
+    "find_images",
+    "find_layout",
+    "find_lens_file",
+    "list_layouts",
+    "replace_parts",
+]

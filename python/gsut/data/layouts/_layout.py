@@ -1,9 +1,12 @@
-"""What a layout of datasets is: how it is recognised, read and written."""
+"""A layout of datasets: how its files are recognised, read and written."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+import functools
+import importlib
+import pkgutil
+from collections.abc import Callable, Collection
 from pathlib import Path
 
 from gsut.data.errors import OnError
@@ -36,3 +39,19 @@ class Layout:
     record: Callable[[Path], Recording] | None = None
     write: Callable[[Path, Export], list[str]] | None = None
     unpack: Callable[..., Recording] | None = None
+
+
+@functools.cache
+def list_layouts() -> tuple[Layout, ...]:
+    """Returns every layout whose module lies in this folder, in the order of their ranks."""
+    package = __name__.rpartition(".")[0]
+    folder = [str(Path(__file__).parent)]
+    names = [m.name for m in pkgutil.iter_modules(folder) if not m.name.startswith("_")]
+    modules = [importlib.import_module(f"{package}.{name}") for name in names]
+    return tuple(sorted((m.LAYOUT for m in modules), key=lambda layout: layout.rank))
+
+
+def find_layout(path: Path, without: Collection[str] = ()) -> Layout | None:
+    """Returns the first layout that finds its files here, except those of these names."""
+    known = (each for each in list_layouts() if each.name not in without)
+    return next((each for each in known if each.holds(path)), None)

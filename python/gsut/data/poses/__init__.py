@@ -1,24 +1,24 @@
 """Poses, trajectories, camera paths and the times of both."""
 
-from gsut.data.poses.camera_path import lens_of_path, read_path
+from gsut.data.poses.camera_path import read_path, read_path_lens
 from gsut.data.poses.times import (
     NANOSECONDS,
     UNITS,
-    in_nanoseconds,
+    format_range,
+    format_seconds,
+    guess_unit,
     is_time,
-    range_text,
-    seconds_text,
-    unit_of,
+    to_nanoseconds,
 )
 from gsut.data.poses.trajectory import Trajectory, format_kitti, format_tum, read_trajectory
 from gsut.data.poses.transforms import (
     FARTHEST,
     OPENGL_FROM_OPENCV,
-    centers_of,
-    halfway,
-    inverse,
+    average_poses,
+    check_rigid,
+    find_centers,
+    invert_pose,
     pose_from_quaternion,
-    rigid_transform,
 )
 
 __all__ = [
@@ -27,19 +27,19 @@ __all__ = [
     "OPENGL_FROM_OPENCV",
     "UNITS",
     "Trajectory",
-    "centers_of",
+    "average_poses",
+    "check_rigid",
+    "find_centers",
     "format_kitti",
+    "format_range",
+    "format_seconds",
     "format_tum",
-    "halfway",
-    "in_nanoseconds",
-    "inverse",
+    "guess_unit",
+    "invert_pose",
     "is_time",
-    "lens_of_path",
     "pose_from_quaternion",
-    "range_text",
     "read_path",
+    "read_path_lens",
     "read_trajectory",
-    "rigid_transform",
-    "seconds_text",
-    "unit_of",
+    "to_nanoseconds",
 ]

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.data.poses.transforms import OPENGL_FROM_OPENCV, rigid_transform
+from gsut.data.poses.transforms import OPENGL_FROM_OPENCV, check_rigid
 from gsut.files import regular
 
 
 def read_path(path: str | os.PathLike[str], world_offset: np.ndarray | None = None) -> np.ndarray:
-    """Poses of a JSON file.
+    """Reads the poses of a JSON file.
 
     Three forms are known: {"camera_from_world": [4x4, ...]} (OpenCV axes), nerfstudio's camera
     path {"camera_path": [{"camera_to_world": 16 numbers}, ...]} and a transforms.json {"frames":
@@ -31,7 +31,7 @@ def read_path(path: str | os.PathLike[str], world_offset: np.ndarray | None = No
     Raises:
         InputError: no such file, not JSON, none of the known forms, or a pose that is not rigid.
     """
-    path, content = Path(path), _content(path)
+    path, content = Path(path), _read_content(path)
     try:
         if "camera_from_world" in content:
             entries, opengl = content["camera_from_world"], False
@@ -49,7 +49,7 @@ def read_path(path: str | os.PathLike[str], world_offset: np.ndarray | None = No
         ) from None
     if not entries:
         raise InputError(f"{path}: the camera path holds no pose")
-    poses = [rigid_transform(entry, f"{path}, pose {i}") for i, entry in enumerate(entries)]
+    poses = [check_rigid(entry, f"{path}, pose {i}") for i, entry in enumerate(entries)]
     matrices = np.stack(poses)
     if opengl:
         matrices = np.linalg.inv(matrices @ OPENGL_FROM_OPENCV)
@@ -59,12 +59,12 @@ def read_path(path: str | os.PathLike[str], world_offset: np.ndarray | None = No
     return matrices @ world_from_scene
 
 
-def lens_of_path(path: str | os.PathLike[str]) -> Any:
-    """The values of the lens that a camera path carries, as the viewer saves it; None without."""
-    return _content(path).get("lens")
+def read_path_lens(path: str | os.PathLike[str]) -> Any:
+    """Reads the lens that a camera path carries, as the viewer saves it; None without one."""
+    return _read_content(path).get("lens")
 
 
-def _content(path: str | os.PathLike[str]) -> dict[str, Any]:
+def _read_content(path: str | os.PathLike[str]) -> dict[str, Any]:
     try:
         content = json.loads(regular(path).read_text(encoding="utf-8"))
     except OSError as error:

@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 
 from gsut.data.errors import DatasetError
-from gsut.data.poses import NANOSECONDS, inverse, rigid_transform
+from gsut.data.poses import NANOSECONDS, check_rigid, invert_pose
 from gsut.data.rigs.rig import read_camchain, read_rig
 from gsut.data.text_files import read_json, read_yaml
 from gsut.files import regular
-from gsut.lens import Camera, is_camchain, load_camera
+from gsut.lens import Camera, load_camera
+from gsut.lens.files import is_camchain
 
 BODY = "body"  # what poses are of: the body (an IMU), each camera itself, or one named camera
 OWN = "camera"
@@ -41,7 +42,7 @@ class Mount:
 
 
 def read_mounts(lens: Path | dict[str, Path], names: Sequence[str]) -> dict[str, Mount]:
-    """Lens and place of each camera.
+    """Reads lens and place of each camera.
 
     Args:
         lens: one file for all of them: a camchain of Kalibr, a rig.json (see `read_rig`), or any
@@ -60,11 +61,11 @@ def read_mounts(lens: Path | dict[str, Path], names: Sequence[str]) -> dict[str,
                 f"camera {absent[0]} has no lens file, only {', '.join(lens) or 'none'} have",
                 "name one for each camera",
             )
-        return {name: _one(lens[name], name) for name in names}
+        return {name: _read_mount(lens[name], name) for name in names}
     if lens.suffix.lower() in _YAML:
         values = read_yaml(lens) if not regular(lens).read_bytes().startswith(b"%YAML") else {}
         if is_camchain(values):
-            return _named(_camchain(lens), names, lens)
+            return _select_mounts(_read_mounts_of_camchain(lens), names, lens)
     elif lens.suffix.lower() == ".json" and _is_rig(read_json(lens)):
         rig = read_rig(lens)
         rows = zip(rig.names, rig.cameras, rig.camera_from_reference, strict=True)
@@ -72,13 +73,13 @@ def read_mounts(lens: Path | dict[str, Path], names: Sequence[str]) -> dict[str,
             name: Mount(camera, f"{lens}, camera {name}", from_reference=pose)
             for name, camera, pose in rows
         }
-        return _named(mounts, names, lens)
-    mount = _one(lens, "")
+        return _select_mounts(mounts, names, lens)
+    mount = _read_mount(lens, "")
     return dict.fromkeys(names, mount)
 
 
 def is_rig_file(lens: Path) -> bool:
-    """Whether a lens file holds several cameras that are fixed to each other.
+    """Returns whether a lens file holds several cameras that are fixed to each other.
 
     Raises:
         DatasetError: it cannot be read.
@@ -97,7 +98,7 @@ def _is_rig(values: Any) -> bool:
     )
 
 
-def _named(mounts: dict[str, Mount], names: Sequence[str], lens: Path) -> dict[str, Mount]:
+def _select_mounts(mounts: dict[str, Mount], names: Sequence[str], lens: Path) -> dict[str, Mount]:
     if len(mounts) == 1 and len(names) == 1:
         return dict(zip(names, mounts.values(), strict=True))
     absent = [name for name in names if name not in mounts]
@@ -111,28 +112,30 @@ def _named(mounts: dict[str, Mount], names: Sequence[str], lens: Path) -> dict[s
     return {name: mounts[name] for name in names}
 
 
-def _one(lens: Path, name: str) -> Mount:
-    """A file of one camera, of a camchain the one of this name; EuRoC's sensor.yaml has a place."""
+def _read_mount(lens: Path, name: str) -> Mount:
+    """Reads a file of one camera, a camchain's camera of this name, or EuRoC's sensor.yaml."""
     if lens.suffix.lower() in _YAML and not regular(lens).read_bytes().startswith(b"%YAML"):
         values = read_yaml(lens)
         if is_camchain(values):
-            return _named(_camchain(lens), [name], lens)[name]
+            return _select_mounts(_read_mounts_of_camchain(lens), [name], lens)[name]
         if "T_BS" in values:
-            from_body = inverse(rigid_transform(matrix_of(values["T_BS"]), f"{lens}, key 'T_BS'"))
+            from_body = invert_pose(
+                check_rigid(parse_matrix(values["T_BS"]), f"{lens}, key 'T_BS'")
+            )
             return Mount(load_camera(lens), str(lens), from_body)
     camera = load_camera(lens)
     return Mount(camera, str(lens))
 
 
-def matrix_of(values: Any) -> Any:
-    """A matrix as nested lists, or EuRoC's dictionary with its 16 numbers in `data`."""
+def parse_matrix(values: Any) -> Any:
+    """Parses a matrix of nested lists, or EuRoC's dictionary with 16 numbers in `data`."""
     data = values.get("data") if isinstance(values, dict) else values
     if isinstance(data, list) and len(data) == 16:
         return [data[4 * row : 4 * row + 4] for row in range(4)]
     return data
 
 
-def _camchain(file: Path) -> dict[str, Mount]:
+def _read_mounts_of_camchain(file: Path) -> dict[str, Mount]:
     return {
         name: Mount(camera, f"{file}, camera {name}", from_body, from_reference,
                     round(shift * NANOSECONDS))
@@ -140,8 +143,8 @@ def _camchain(file: Path) -> dict[str, Mount]:
     }  # fmt: skip
 
 
-def body_from_camera(name: str, mounts: dict[str, Mount], poses_of: str | None) -> np.ndarray:
-    """(4, 4) what the trajectory's poses are of, from this camera.
+def find_body_from_camera(name: str, mounts: dict[str, Mount], poses_of: str | None) -> np.ndarray:
+    """Finds the transform (4, 4) from this camera to what the trajectory's poses are of.
 
     Args:
         name: the camera.
@@ -168,7 +171,7 @@ def body_from_camera(name: str, mounts: dict[str, Mount], poses_of: str | None) 
                 "add it; or, where the poses are those of a camera, write `poses_of: "
                 f"{next(iter(mounts)) or 'camera'}` into dataset.yaml",
             )
-        return inverse(mount.from_body)
+        return invert_pose(mount.from_body)
     if poses_of not in mounts:
         raise DatasetError(
             mount.source,
@@ -179,7 +182,7 @@ def body_from_camera(name: str, mounts: dict[str, Mount], poses_of: str | None) 
     for kind in ("from_reference", "from_body"):
         mine, its = getattr(mount, kind), getattr(other, kind)
         if mine is not None and its is not None:
-            return its @ inverse(mine)
+            return its @ invert_pose(mine)
     raise DatasetError(
         mount.source,
         f"it does not say where {name} sits against {poses_of}",

@@ -28,20 +28,20 @@ class LruCache:
         with self._lock:
             if key not in self._items:
                 self._items[key] = value
-                self._bytes += _size(value)
+                self._bytes += _count_bytes(value)
                 self._drop_oldest()
             return self._items.get(key, value)
 
     def limit(self, limit_bytes: float) -> None:
-        """Drops what is beyond so many bytes, now and from now on."""
+        """Sets the number of bytes that may be kept, and drops what exceeds it."""
         with self._lock:
             self.limit_bytes = limit_bytes
             self._drop_oldest()
 
     def _drop_oldest(self) -> None:
         while self._bytes > self.limit_bytes and len(self._items) > 1:
-            self._bytes -= _size(self._items.popitem(last=False)[1])
+            self._bytes -= _count_bytes(self._items.popitem(last=False)[1])
 
 
-def _size(arrays: tuple) -> int:
+def _count_bytes(arrays: tuple) -> int:
     return sum(array.nbytes for array in arrays if array is not None)

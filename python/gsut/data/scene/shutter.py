@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gsut._core import InputError, Shutter, interpolate_pose
-from gsut.data.poses import inverse
+from gsut.data.poses import invert_pose
 from gsut.data.scene.scene import Scene, View
 
 _NUMBER = re.compile(r"(\d+)\D*$")  # the last number of a name
@@ -21,7 +21,7 @@ def with_shutter(
     readout_time: float | None = None,
     direction: str = "top_to_bottom",
 ) -> Scene:
-    """The scene with its views' shutters as they shall be treated.
+    """Sets the shutters of the scene's views.
 
     Args:
         scene: views with one pose each, or with a start and an end pose.
@@ -54,19 +54,19 @@ def with_shutter(
             f"--shutter rolling, but {len(still)} of the {len(scene.views)} views of {scene.path} "
             "have no transform_matrix_start and _end; give --readout-time"
         )
-    moving = _moving_views(scene.views, readout_time, Shutter(direction))
+    moving = _set_views_moving(scene.views, readout_time, Shutter(direction))
     return scene.replace(
         views=[moving[i] if view.shutter is None else view for i, view in enumerate(scene.views)]
     )
 
 
-def _moving_views(views: Sequence[View], readout_time: float, shutter: Shutter) -> list[View]:
-    """The views with a start and an end pose from their neighbours in time."""
+def _set_views_moving(views: Sequence[View], readout_time: float, shutter: Shutter) -> list[View]:
+    """Gives the views a start and an end pose by their neighbours in time."""
     if len(views) < 2:
         raise InputError("--readout-time needs at least two frames to find the camera's velocity")
     moving = []
-    for view, (before, after, time) in zip(views, neighbours_in_time(views), strict=True):
-        start, end = _moved(view, views[before], views[after], 0.5 * readout_time / time)
+    for view, (before, after, time) in zip(views, find_time_neighbours(views), strict=True):
+        start, end = _shift_along_path(view, views[before], views[after], 0.5 * readout_time / time)
         moving.append(
             dataclasses.replace(
                 view, camera_from_world_start=start, camera_from_world_end=end, shutter=shutter
@@ -75,21 +75,21 @@ def _moving_views(views: Sequence[View], readout_time: float, shutter: Shutter) 
     return moving
 
 
-def neighbours_in_time(views: Sequence[View]) -> list[tuple[int, int, float]]:
-    """Of each view the one before and the one after it, and the time between them in frames.
+def find_time_neighbours(views: Sequence[View]) -> list[tuple[int, int, float]]:
+    """Finds each view's neighbours before and after it, and the time between them in frames.
 
     The first and the last are neighbours of themselves. Frames are in the order of the numbers in
     their names.
     """
-    times = frame_times([view.name for view in views])
+    times = order_frames([view.name for view in views])
     order = np.argsort(times, kind="stable")
     place = np.argsort(order)
     sides = [order[np.clip(place + side, 0, len(views) - 1)].tolist() for side in (-1, 1)]
     return [(a, b, float(times[b] - times[a])) for a, b in zip(*sides, strict=True)]
 
 
-def views_within(view: View, before: View, after: View, share: float, count: int) -> list[View]:
-    """The view at moments of its exposure: the middles of `count` equal parts of it.
+def split_exposure(view: View, before: View, after: View, share: float, count: int) -> list[View]:
+    """Splits a view's exposure into `count` equal parts; returns the view at the middle of each.
 
     Args:
         view, before, after: in the order of time, the outer ones give the velocity.
@@ -97,8 +97,12 @@ def views_within(view: View, before: View, after: View, share: float, count: int
     """
     out = []
     for at in share * ((np.arange(count) + 0.5) / count - 0.5):
-        pose = _moved(view, before, after, abs(at))[int(at > 0)] if at else view.camera_from_world
-        step = pose @ inverse(view.camera_from_world)
+        pose = (
+            _shift_along_path(view, before, after, abs(at))[int(at > 0)]
+            if at
+            else view.camera_from_world
+        )
+        step = pose @ invert_pose(view.camera_from_world)
         ends = (view.camera_from_world_start, view.camera_from_world_end)
         start, end = (None if each is None else step @ each for each in ends)
         out.append(
@@ -110,8 +114,8 @@ def views_within(view: View, before: View, after: View, share: float, count: int
     return out
 
 
-def frame_times(names: Sequence[str]) -> np.ndarray:
-    """(N,) the last number of each name, or the place in the list where they are not unique."""
+def order_frames(names: Sequence[str]) -> np.ndarray:
+    """Returns the last number (N,) of each name, or its place in the list if these repeat."""
     found = [_NUMBER.search(name) for name in names]
     numbers = [float(match[1]) for match in found if match]
     if len(set(numbers)) == len(names):
@@ -119,8 +123,10 @@ def frame_times(names: Sequence[str]) -> np.ndarray:
     return np.arange(len(names), dtype=np.float64)
 
 
-def _moved(view: View, before: View, after: View, share: float) -> tuple[np.ndarray, np.ndarray]:
-    """The poses `share` of the way from `before` to `after` earlier and later than the view's."""
+def _shift_along_path(
+    view: View, before: View, after: View, share: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the poses `share` of the way from `before` to `after` before and after the view's."""
     turn = after.camera_from_world[:3, :3] @ before.camera_from_world[:3, :3].T
     whole = np.eye(4)
     whole[:3, :3] = turn
@@ -128,8 +134,8 @@ def _moved(view: View, before: View, after: View, share: float) -> tuple[np.ndar
     step = share * (after.camera_center - before.camera_center)
     poses = []
     for rotation, shift in ((part.T, -step), (part, step)):
-        world_from_camera = inverse(view.camera_from_world)
+        world_from_camera = invert_pose(view.camera_from_world)
         world_from_camera[:3, :3] = world_from_camera[:3, :3] @ rotation.T
         world_from_camera[:3, 3] += shift
-        poses.append(inverse(world_from_camera))
+        poses.append(invert_pose(world_from_camera))
     return poses[0], poses[1]

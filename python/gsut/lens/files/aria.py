@@ -7,10 +7,10 @@ from typing import Any
 
 from gsut._core import CalibrationError, InputError
 from gsut.lens.camera import Camera
-from gsut.lens.files.values import LensValues, chosen_name
+from gsut.lens.files._format import KEYED, LensFile, LensFormat
+from gsut.lens.files._values import LensValues, choose_name, skip_to
 
-# Aria's pixel (0, 0) is gsut's (0.5, 0.5).
-_PIXEL_SHIFT = 0.5
+_PIXEL_SHIFT = 0.5  # pixels: Aria's pixel (0, 0) is gsut's (0.5, 0.5)
 # gsut's lens, the number of parameters, and how many of them are focal lengths.
 _MODELS = {
     "FISHEYE624": ("fisheye624", 15, 1),
@@ -19,44 +19,43 @@ _MODELS = {
 }
 
 
-def is_aria(values: dict[str, Any]) -> bool:
-    """Whether the keys are those of an Aria calibration."""
-    cameras = values.get("cameras")
+def is_aria(file: LensFile) -> bool:
+    """Returns whether the keys are those of an Aria calibration."""
+    cameras = file.values.get("cameras")
     return isinstance(cameras, dict) and any(
         isinstance(entry, dict) and "params" in entry and "model" in entry
         for entry in cameras.values()
     )
 
 
-def load_aria(values: dict[str, Any], source: str, text: str, camera_id: Any) -> Camera:
-    """The only camera, or the one of this label ("camera-rgb").
+def read_aria(file: LensFile, camera_id: int | str | None) -> Camera:
+    """Reads the only camera, or the one with this label ("camera-rgb").
 
     Each has model, params (FISHEYE624: f cx cy k0..k5 p0 p1 s0..s3), size and, if known,
     max_solid_angle: the largest angle from the axis in radians.
     """
-    cameras = values["cameras"]
-    label = chosen_name(cameras, camera_id, source)
+    cameras, source = file.values["cameras"], file.source
+    label = choose_name(cameras, camera_id, source)
     entry = cameras[label]
     if not isinstance(entry, dict):
         raise CalibrationError(f"{source}, key '{label}': expected a dictionary, found {entry!r}")
-    start = max(text.find(f'"{label}": {{'), 0)
-    reader = LensValues(entry, source, "\n" * text.count("\n", 0, start) + text[start:])
-    name = str(entry[reader.need("model")]).rpartition(".")[2]
+    reader = LensValues(entry, source, skip_to(file.text, f'"{label}": {{'))
+    name = str(entry[reader.require("model")]).rpartition(".")[2]
     if name not in _MODELS:
         reader.fail("model", f"{name!r} is not supported; supported: {', '.join(_MODELS)}")
     lens, count, num_focal = _MODELS[name]
-    numbers = reader.numbers(reader.need("params"), count)
+    numbers = reader.read_numbers(reader.require("params"), count)
     focal, (cx, cy), rest = numbers[:num_focal], numbers[num_focal : num_focal + 2], numbers
     params = [focal[0], focal[-1], cx + _PIXEL_SHIFT, cy + _PIXEL_SHIFT, *rest[num_focal + 2 :]]
-    width, height = reader.numbers(reader.need("size"), 2)
-    sizes = LensValues({"size": width, "height": height}, source, text)
-    limit = reader.number("max_solid_angle") if "max_solid_angle" in entry else None
-    size = sizes.pixels("size"), sizes.pixels("height")
-    return reader.camera(lens, params, *size, limit, "params")
+    width, height = reader.read_numbers(reader.require("size"), 2)
+    sizes = LensValues({"size": width, "height": height}, source, file.text)
+    limit = reader.read_number("max_solid_angle") if "max_solid_angle" in entry else None
+    size = sizes.read_pixels("size"), sizes.read_pixels("height")
+    return reader.make_camera(lens, params, *size, limit, "params")
 
 
 def format_aria(camera: Camera, label: str = "camera-rgb") -> str:
-    """A calibration of one camera, with its largest angle.
+    """Formats a calibration of one camera, with its largest angle.
 
     Raises:
         InputError: Aria has no such lens: fisheye624 with one focal length, kannala_brandt with
@@ -85,3 +84,17 @@ def format_aria(camera: Camera, label: str = "camera-rgb") -> str:
     if camera.valid_field_angle is not None:
         entry["max_solid_angle"] = camera.valid_field_angle
     return json.dumps({"cameras": {label: entry}}, indent=2) + "\n"
+
+
+FORMAT = LensFormat(
+    "aria",
+    "Project Aria",
+    KEYED,
+    read_aria,
+    is_aria,
+    marks="cameras",
+    rank=10,
+    write=lambda camera, suffix: format_aria(camera),
+    names=("*aria*.json",),
+    models="fisheye624 kannala_brandt pinhole",
+)

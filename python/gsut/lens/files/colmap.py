@@ -1,14 +1,14 @@
-"""COLMAP's camera models and its cameras.txt and cameras.bin."""
+"""COLMAP's camera models, and its cameras.txt."""
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from gsut._core import CalibrationError, InputError
 from gsut.lens.camera import Camera
-from gsut.lens.files.values import LensValues, chosen_name
+from gsut.lens.files._format import LensFile, LensFormat
+from gsut.lens.files._values import LensValues, choose_name
 
 _Values = Sequence[float]
 
@@ -22,46 +22,30 @@ class _Model(NamedTuple):
     params: Callable[[_Values], list[float]]
 
 
-def _same(p: _Values) -> list[float]:
-    return list(p)
-
-
-def _one_focal(p: _Values) -> list[float]:
+def _repeat_focal(p: _Values) -> list[float]:
     return [p[0], *p]
 
 
-def _one_focal_radial1(p: _Values) -> list[float]:
-    return [p[0], *p, 0.0, 0.0, 0.0]
-
-
-def _one_focal_radial2(p: _Values) -> list[float]:
-    return [p[0], *p, 0.0, 0.0]
-
-
-def _none(p: _Values) -> list[float]:
-    return []
-
-
-# Number, length and order of the parameters: COLMAP, src/colmap/sensor/models.h.
+# Number, length and order of the parameters: COLMAP, sensor/models in src/colmap.
 _MODELS = {
-    "SIMPLE_PINHOLE": _Model(0, 3, "pinhole", _one_focal),
-    "PINHOLE": _Model(1, 4, "pinhole", _same),
-    "SIMPLE_RADIAL": _Model(2, 4, "opencv4", _one_focal_radial1),
-    "RADIAL": _Model(3, 5, "opencv4", _one_focal_radial2),
-    "OPENCV": _Model(4, 8, "opencv4", _same),
-    "OPENCV_FISHEYE": _Model(5, 8, "kannala_brandt", _same),
-    "FULL_OPENCV": _Model(6, 12, "opencv8", _same),
-    "FOV": _Model(7, 5, "fov", _same),
-    "SIMPLE_RADIAL_FISHEYE": _Model(8, 4, "kannala_brandt", _one_focal),
-    "RADIAL_FISHEYE": _Model(9, 5, "kannala_brandt", _one_focal),
-    "THIN_PRISM_FISHEYE": _Model(10, 12, "thin_prism_fisheye", _same),
-    "RAD_TAN_THIN_PRISM_FISHEYE": _Model(11, 16, "fisheye624", _same),
-    "SIMPLE_DIVISION": _Model(12, 4, "division", _one_focal),
-    "DIVISION": _Model(13, 5, "division", _same),
-    "SIMPLE_FISHEYE": _Model(14, 3, "kannala_brandt", _one_focal),
-    "FISHEYE": _Model(15, 4, "kannala_brandt", _same),
-    "EUCM": _Model(16, 6, "extended_unified", _same),
-    "EQUIRECTANGULAR": _Model(17, 2, "equirectangular", _none),
+    "SIMPLE_PINHOLE": _Model(0, 3, "pinhole", _repeat_focal),
+    "PINHOLE": _Model(1, 4, "pinhole", list),
+    "SIMPLE_RADIAL": _Model(2, 4, "opencv4", lambda p: [p[0], *p, 0.0, 0.0, 0.0]),
+    "RADIAL": _Model(3, 5, "opencv4", lambda p: [p[0], *p, 0.0, 0.0]),
+    "OPENCV": _Model(4, 8, "opencv4", list),
+    "OPENCV_FISHEYE": _Model(5, 8, "kannala_brandt", list),
+    "FULL_OPENCV": _Model(6, 12, "opencv8", list),
+    "FOV": _Model(7, 5, "fov", list),
+    "SIMPLE_RADIAL_FISHEYE": _Model(8, 4, "kannala_brandt", _repeat_focal),
+    "RADIAL_FISHEYE": _Model(9, 5, "kannala_brandt", _repeat_focal),
+    "THIN_PRISM_FISHEYE": _Model(10, 12, "thin_prism_fisheye", list),
+    "RAD_TAN_THIN_PRISM_FISHEYE": _Model(11, 16, "fisheye624", list),
+    "SIMPLE_DIVISION": _Model(12, 4, "division", _repeat_focal),
+    "DIVISION": _Model(13, 5, "division", list),
+    "SIMPLE_FISHEYE": _Model(14, 3, "kannala_brandt", _repeat_focal),
+    "FISHEYE": _Model(15, 4, "kannala_brandt", list),
+    "EUCM": _Model(16, 6, "extended_unified", list),
+    "EQUIRECTANGULAR": _Model(17, 2, "equirectangular", lambda p: []),
 }
 # Lenses that COLMAP has with the same parameters, beside those that format_colmap converts.
 _WRITTEN = {
@@ -71,16 +55,16 @@ _WRITTEN = {
     "fov": "FOV",
     "thin_prism_fisheye": "THIN_PRISM_FISHEYE",
 }
-_NAMES = {model.number: name for name, model in _MODELS.items()}
-_SUPPORTED = ", ".join(_MODELS)
+MODEL_NAMES = {model.number: name for name, model in _MODELS.items()}
+SUPPORTED = ", ".join(_MODELS)
 # Number of parameters by model number. Binary files do not hold it.
 PARAMETER_COUNTS = {model.number: model.num_params for model in _MODELS.values()}
 
 
-def colmap_camera(
+def camera_from_colmap(
     model: str | int, params: Sequence[float], width: int, height: int, source: str = ""
 ) -> Camera:
-    """The camera of a COLMAP camera record.
+    """Makes the camera of a COLMAP camera record.
 
     Args:
         model: COLMAP's name ("OPENCV_FISHEYE") or number (5).
@@ -99,11 +83,11 @@ def colmap_camera(
         CalibrationError: unknown or unsupported model, wrong number of parameters, no lens.
     """
     prefix = f"{source}: " if source else ""
-    name = _NAMES.get(model, str(model)) if isinstance(model, int) else str(model)
+    name = MODEL_NAMES.get(model, str(model)) if isinstance(model, int) else str(model)
     entry = _MODELS.get(name)
     if entry is None:
         raise CalibrationError(
-            f"{prefix}camera model {name} is not supported; supported: {_SUPPORTED}"
+            f"{prefix}camera model {name} is not supported; supported: {SUPPORTED}"
         )
     if len(params) != entry.num_params:
         raise CalibrationError(
@@ -115,10 +99,12 @@ def colmap_camera(
             f" {width} x {height}; a part of a panorama is not supported"
         )
     lens_params = entry.params([float(value) for value in params])
-    return LensValues({}, source).camera(entry.lens, lens_params, width, height)
+    return LensValues({}, source).make_camera(entry.lens, lens_params, width, height)
 
 
-class _Record(NamedTuple):
+class Record(NamedTuple):
+    """A camera as a file of COLMAP lists it."""
+
     camera_id: int
     model: str | int
     width: int
@@ -127,10 +113,10 @@ class _Record(NamedTuple):
     where: str
 
 
-def load_colmap_text(text: str, source: str, camera_id: int | str | None) -> Camera:
-    """The only camera of a cameras.txt, or the one with this number."""
-    records = []
-    for number, line in enumerate(text.splitlines(), start=1):
+def read_colmap(file: LensFile, camera_id: int | str | None) -> Camera:
+    """Reads the only camera of a cameras.txt, or the one with this number."""
+    records, source = [], file.source
+    for number, line in enumerate(file.text.splitlines(), start=1):
         words = line.split("#", 1)[0].split()
         if not words:
             continue
@@ -144,52 +130,26 @@ def load_colmap_text(text: str, source: str, camera_id: int | str | None) -> Cam
             params = [float(word) for word in words[4:]]
         except ValueError as error:
             raise CalibrationError(f"{where}: {error}") from error
-        records.append(_Record(key, words[1], width, height, params, where))
-    return _choose(records, source, camera_id)
+        records.append(Record(key, words[1], width, height, params, where))
+    return choose_camera(records, source, camera_id)
 
 
-def load_colmap_binary(data: bytes, source: str, camera_id: int | str | None) -> Camera:
-    """The only camera of a cameras.bin, or the one with this number."""
-    position = 0
-
-    def take(layout: str) -> tuple:
-        nonlocal position
-        size = struct.calcsize(layout)
-        if position + size > len(data):
-            raise CalibrationError(
-                f"{source}: cut off at byte {len(data)} in camera {len(records) + 1}; copy or"
-                " export it again"
-            )
-        values = struct.unpack_from(layout, data, position)
-        position += size
-        return values
-
-    records: list[_Record] = []
-    (count,) = take("<Q")
-    while len(records) < count:
-        where = f"{source}, camera {len(records) + 1} of {count}"
-        key, number, width, height = take("<IiQQ")
-        name = _NAMES.get(number)
-        if name is None:
-            raise CalibrationError(
-                f"{where}: unknown camera model number {number}; supported: {_SUPPORTED}"
-            )
-        params = list(take(f"<{_MODELS[name].num_params}d"))
-        records.append(_Record(key, name, width, height, params, where))
-    return _choose(records, source, camera_id)
-
-
-def _choose(records: list[_Record], source: str, camera_id: int | str | None) -> Camera:
+def choose_camera(records: list[Record], source: str, camera_id: int | str | None) -> Camera:
+    """Makes the camera of the only record, or of the one with this number."""
     if not records:
         raise CalibrationError(f"{source}: holds no camera")
     by_number = {str(record.camera_id): record for record in records}
-    record = by_number[chosen_name(by_number, camera_id, source)]
+    record = by_number[choose_name(by_number, camera_id, source)]
     where = f"{record.where} (camera {record.camera_id})"
-    return colmap_camera(record.model, record.params, record.width, record.height, where)
+    return camera_from_colmap(record.model, record.params, record.width, record.height, where)
 
 
-def _record_of(camera: Camera) -> tuple[str, list[float]]:
-    """COLMAP's name and parameters; InputError if it has no such lens."""
+def to_colmap(camera: Camera) -> tuple[str, int, list[float]]:
+    """Returns COLMAP's name and number of a lens' model, and its parameters in COLMAP's order.
+
+    Raises:
+        InputError: COLMAP has no such lens.
+    """
     params = [float(value) for value in camera.params]
     if camera.model == "pinhole":
         name = "PINHOLE"
@@ -211,26 +171,16 @@ def _record_of(camera: Camera) -> tuple[str, list[float]]:
             " save a .cameramodel or OpenCV file instead"
         )
     params += [0.0] * (_MODELS[name].num_params - len(params))
-    return name, params
-
-
-def colmap_record(camera: Camera) -> tuple[str, int, list[float]]:
-    """COLMAP's name and number of a lens' model, and its parameters in COLMAP's order.
-
-    Raises:
-        InputError: COLMAP has no such lens.
-    """
-    name, params = _record_of(camera)
     return name, _MODELS[name].number, params
 
 
 def format_colmap(camera: Camera) -> str:
-    """The text of a cameras.txt with this camera as number 1.
+    """Formats a cameras.txt with this camera as number 1.
 
     Raises:
         InputError: COLMAP has no such lens.
     """
-    name, params = _record_of(camera)
+    name, _, params = to_colmap(camera)
     values = " ".join(repr(value) for value in params)
     return (
         "# Camera list with one line of data per camera:\n"
@@ -239,12 +189,17 @@ def format_colmap(camera: Camera) -> str:
     )
 
 
-def format_colmap_binary(camera: Camera) -> bytes:
-    """The bytes of a cameras.bin with this camera as number 1.
-
-    Raises:
-        InputError: COLMAP has no such lens.
-    """
-    name, params = _record_of(camera)
-    head = struct.pack("<QIiQQ", 1, 1, _MODELS[name].number, camera.width, camera.height)
-    return head + struct.pack(f"<{len(params)}d", *params)
+WRITTEN_MODELS = (
+    "division equirectangular extended_unified fisheye624 fov kannala_brandt opencv4 "
+    "opencv5 opencv8 pinhole thin_prism_fisheye unified"
+)
+FORMAT = LensFormat(
+    "colmap",
+    "COLMAP",
+    (".txt",),
+    read_colmap,
+    rank=20,
+    write=lambda camera, suffix: format_colmap(camera),
+    names=("*.txt",),
+    models=WRITTEN_MODELS,
+)

@@ -6,8 +6,9 @@ from typing import Any
 
 from gsut._core import InputError
 from gsut.lens.camera import Camera
-from gsut.lens.files.kalibr import kalibr_camera, kalibr_values
-from gsut.lens.files.values import LensValues
+from gsut.lens.files._format import KEYED, LensFile, LensFormat
+from gsut.lens.files._values import LensValues
+from gsut.lens.files.kalibr import camera_from_kalibr, to_kalibr
 
 _DISTORTIONS = {
     "radial-tangential": "radtan",
@@ -21,13 +22,14 @@ _DISTORTIONS = {
 _WRITTEN = {"radtan": "radial-tangential", "equi": "equidistant"}
 
 
-def is_euroc(values: dict[str, Any]) -> bool:
-    """Whether the top level of a file is a camera's as EuRoC writes it."""
-    return "intrinsics" in values and "camera_model" in values and "resolution" in values
+def is_euroc(file: LensFile) -> bool:
+    """Returns whether the top level of a file has the keys of EuRoC's cameras."""
+    return {"intrinsics", "camera_model", "resolution"} <= file.values.keys()
 
 
-def load_euroc(values: dict[str, Any], source: str, text: str) -> Camera:
-    """The camera of a sensor.yaml."""
+def read_euroc(file: LensFile, camera_id: int | str | None) -> Camera:
+    """Reads the camera of a sensor.yaml, whose lenses are Kalibr's under other names."""
+    values, source, text = file.values, file.source, file.text
     reader = LensValues(values, source, text)
     given = str(values.get("distortion_model") or "none")
     if given not in _DISTORTIONS:
@@ -35,11 +37,11 @@ def load_euroc(values: dict[str, Any], source: str, text: str) -> Camera:
         reader.fail("distortion_model", f"{given!r} is not supported; supported: {known}")
     coefficients = reader.find("distortion_coefficients", "distortion_coeffs")
     kalibr = LensValues({**values, "distortion_model": _DISTORTIONS[given]}, source, text)
-    return kalibr_camera(kalibr, coefficients or "distortion_coefficients")
+    return camera_from_kalibr(kalibr, coefficients or "distortion_coefficients")
 
 
 def format_euroc(camera: Camera, body_from_camera: Any) -> str:
-    """The text of a sensor.yaml.
+    """Formats a sensor.yaml.
 
     Args:
         camera: the lens.
@@ -48,7 +50,7 @@ def format_euroc(camera: Camera, body_from_camera: Any) -> str:
     Raises:
         InputError: Kalibr, whose lenses EuRoC's are, has no such lens.
     """
-    keys = kalibr_values(camera)
+    keys = to_kalibr(camera)
     if keys["camera_model"] != "pinhole":
         raise InputError(
             f"EuRoC's sensor.yaml has no camera model for '{camera.model}': convert the lens with "
@@ -66,3 +68,14 @@ def format_euroc(camera: Camera, body_from_camera: Any) -> str:
         f"distortion_model: {_WRITTEN.get(keys['distortion_model'], keys['distortion_model'])}\n"
         f"distortion_coefficients: {keys['distortion_coeffs']}\n"
     )
+
+
+FORMAT = LensFormat(
+    "euroc",
+    "EuRoC",
+    KEYED,
+    read_euroc,
+    is_euroc,
+    marks="camera_model and intrinsics",
+    rank=30,
+)

@@ -7,10 +7,10 @@ from typing import Any
 
 from gsut._core import CalibrationError, InputError
 from gsut.lens.camera import Camera
-from gsut.lens.files.values import LensValues, chosen_name
+from gsut.lens.files._format import KEYED, LensFile, LensFormat
+from gsut.lens.files._values import LensValues, choose_name, skip_to
 
-# Kalibr's pixel (0, 0) is gsut's (0.5, 0.5).
-_PIXEL_SHIFT = 0.5
+_PIXEL_SHIFT = 0.5  # pixels: Kalibr's pixel (0, 0) is gsut's (0.5, 0.5)
 _CAMERA_NAME = re.compile(r"cam\d+$")
 # gsut's lens and the number of coefficients of each camera_model and distortion_model.
 _LENSES = {
@@ -26,75 +26,73 @@ _LENSES = {
 }
 # Intrinsics before fu fv pu pv.
 _LEADING = {"pinhole": 0, "omni": 1, "ds": 2, "eucm": 2}
-_NUM_FISHEYE = 4
+_NUM_FISHEYE = 4  # coefficients of "equi": k1 to k4
 
 
 def is_camchain(values: dict[str, Any]) -> bool:
-    """Whether the top level of a file has cameras as Kalibr names them."""
+    """Returns whether the top level of a file has cameras as Kalibr names them."""
     return any(_CAMERA_NAME.match(str(key)) for key in values)
 
 
-def load_kalibr(values: dict[str, Any], source: str, text: str, camera_id: Any) -> Camera:
-    """The only camera of a camchain, or the one of this name ("cam1" or 1)."""
+def read_kalibr(file: LensFile, camera_id: int | str | None) -> Camera:
+    """Reads the only camera of a camchain, or the one with this name ("cam1" or 1)."""
+    values, source = file.values, file.source
     names = [str(key) for key in values if _CAMERA_NAME.match(str(key))]
     numbered = str(camera_id).isdigit()
-    wanted = chosen_name(names, f"cam{camera_id}" if numbered else camera_id, source)
+    wanted = choose_name(names, f"cam{camera_id}" if numbered else camera_id, source)
     entry = values[wanted]
     if not isinstance(entry, dict):
         raise CalibrationError(f"{source}, key '{wanted}': expected a dictionary, found {entry!r}")
-    # Lines are searched in this camera's part of the text.
-    start = text.find(f"{wanted}:")
-    reader = LensValues(entry, source, "\n" * text.count("\n", 0, start) + text[max(start, 0) :])
-    return kalibr_camera(reader)
+    return camera_from_kalibr(LensValues(entry, source, skip_to(file.text, f"{wanted}:")))
 
 
-def kalibr_camera(reader: LensValues, given: str = "distortion_coeffs") -> Camera:
-    """The camera of one entry of a camchain.
+def camera_from_kalibr(reader: LensValues, given: str = "distortion_coeffs") -> Camera:
+    """Makes the camera of one entry of a camchain.
 
     Args:
         reader: the entry's keys.
-        given: that of the distortion's coefficients.
+        given: the key of the distortion's coefficients.
     """
-    model = str(reader.values[reader.need("camera_model")])
+    model = str(reader.values[reader.require("camera_model")])
     if model not in _LEADING:
         known = ", ".join(_LEADING)
         reader.fail("camera_model", f"{model!r} is not supported; supported: {known}")
-    width, height = reader.numbers("resolution", 2)
+    width, height = reader.read_numbers("resolution", 2)
     sizes = LensValues({"resolution": width, "height": height}, reader.source, reader.text)
-    size = sizes.pixels("resolution"), sizes.pixels("height")
+    size = sizes.read_pixels("resolution"), sizes.read_pixels("height")
     distortion = str(reader.values.get("distortion_model") or "none")
     if (model, distortion) not in _LENSES:
         known = ", ".join(name for camera, name in _LENSES if camera == model)
         reader.fail("distortion_model", f"{distortion!r} is not supported; supported: {known}")
     lens, count = _LENSES[model, distortion]
     leading = _LEADING[model]
-    intrinsics = reader.numbers("intrinsics", leading + 4)
+    intrinsics = reader.read_numbers("intrinsics", leading + 4)
     own, (fx, fy, cx, cy) = intrinsics[:leading], intrinsics[leading:]
-    coefficients = reader.numbers(given, count) if count else []
+    coefficients = reader.read_numbers(given, count) if count else []
     if lens == "mei":
         own, coefficients = [0.0, *own], coefficients or [0.0] * 4  # no skew
     params = [fx, fy, cx + _PIXEL_SHIFT, cy + _PIXEL_SHIFT, *own, *coefficients]
     keys = [*(len(params) - len(coefficients)) * ["intrinsics"], *len(coefficients) * [given]]
-    return reader.camera(lens, params, *size, keys=keys)
+    return reader.make_camera(lens, params, *size, keys=keys)
 
 
 def format_kalibr(camera: Camera) -> str:
-    """The text of a camchain with this camera as cam0.
+    """Formats a camchain with this camera as cam0.
 
     Raises:
         InputError: Kalibr has no such lens.
     """
-    return "cam0:\n" + "".join(f"  {k}: {v}\n" for k, v in kalibr_values(camera).items())
+    return "cam0:\n" + "".join(f"  {k}: {v}\n" for k, v in to_kalibr(camera).items())
 
 
-def kalibr_values(camera: Camera) -> dict[str, str]:
-    """The keys of one camera of a camchain, with their values as text.
+def to_kalibr(camera: Camera) -> dict[str, str]:
+    """Returns the keys of one camera of a camchain, with their values as text.
 
     Raises:
         InputError: Kalibr has no such lens.
     """
     if camera.model == "equirectangular":
-        raise _no_model(camera)
+        raise _refuse(camera)
     values = [float(value) for value in camera.params]
     fx, fy, cx, cy, *rest = values
     model, distortion, own, coefficients = "pinhole", "none", [], rest
@@ -111,23 +109,40 @@ def kalibr_values(camera: Camera) -> dict[str, str]:
     elif camera.model == "mei" and rest[0] == 0.0:
         model, distortion, own, coefficients = "omni", "radtan", [rest[1]], rest[2:]
     elif camera.model != "pinhole":
-        raise _no_model(camera)
+        raise _refuse(camera)
     intrinsics = [*own, fx, fy, cx - _PIXEL_SHIFT, cy - _PIXEL_SHIFT]
     return {
         "camera_model": model,
-        "intrinsics": _list(intrinsics),
+        "intrinsics": _format_list(intrinsics),
         "distortion_model": distortion,
-        "distortion_coeffs": _list(coefficients),
+        "distortion_coeffs": _format_list(coefficients),
         "resolution": f"[{camera.width}, {camera.height}]",
     }
 
 
-def _no_model(camera: Camera) -> InputError:
+def _refuse(camera: Camera) -> InputError:
     return InputError(
         f"Kalibr has no camera model for '{camera.model}' with {len(camera.params)}"
         " parameters; save a .cameramodel or OpenCV file instead"
     )
 
 
-def _list(values: list[float]) -> str:
+def _format_list(values: list[float]) -> str:
     return "[" + ", ".join(f"{value:.16e}" for value in values) + "]"
+
+
+FORMAT = LensFormat(
+    "kalibr",
+    "Kalibr",
+    KEYED,
+    read_kalibr,
+    lambda file: is_camchain(file.values),
+    marks="cam0",
+    rank=20,
+    write=lambda camera, suffix: format_kalibr(camera),
+    names=(
+        "*camchain*.yaml",
+        "*camchain*.yml",
+    ),
+    models="double_sphere extended_unified fov kannala_brandt mei opencv4 opencv5 pinhole unified",
+)

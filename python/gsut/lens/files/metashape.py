@@ -6,7 +6,8 @@ import xml.etree.ElementTree as ElementTree
 
 from gsut._core import CalibrationError, InputError
 from gsut.lens.camera import Camera
-from gsut.lens.files.values import LensValues
+from gsut.lens.files._format import LensFile, LensFormat
+from gsut.lens.files._values import LensValues
 
 # Lens of each projection; both pixel conventions put the first pixel's centre at (0.5, 0.5), and
 # cx, cy count from the middle of the image. b1 adds to the focal length across, b2 is the skew.
@@ -16,8 +17,12 @@ _SPHERE = "spherical"
 _COEFFICIENTS = ("k1", "k2", "k3", "k4", "p2", "p1")
 
 
-def load_metashape(text: str, source: str, camera_id: int | str | None) -> Camera:
-    """The only calibration, or that of the sensor of this number or label; adjusted ones first."""
+def read_metashape(file: LensFile, camera_id: int | str | None) -> Camera:
+    """Reads the only calibration, or that of the sensor with this number or label.
+
+    Of several calibrations of a sensor it takes the adjusted one.
+    """
+    text, source = file.text, file.source
     try:
         root = ElementTree.fromstring(text)
     except ElementTree.ParseError as error:
@@ -38,38 +43,38 @@ def load_metashape(text: str, source: str, camera_id: int | str | None) -> Camer
         raise InputError(f"{source}: holds {len(found)} sensors; give camera_id, one of {known}")
     for names, calibration in found.items():
         if camera_id is None or str(camera_id) in names:
-            return _camera(calibration, source, text)
+            return _read_calibration(calibration, source, text)
     raise InputError(f"{source}: has no sensor {camera_id}; it holds {known}")
 
 
-def _camera(calibration: ElementTree.Element, source: str, text: str) -> Camera:
+def _read_calibration(calibration: ElementTree.Element, source: str, text: str) -> Camera:
     values: dict[str, object] = {child.tag: child.text for child in calibration}
     resolution = calibration.find("resolution")
     if resolution is not None:
         values.update(resolution.attrib)
     reader = LensValues(values, source, text)
-    size = reader.pixels(reader.need("width")), reader.pixels(reader.need("height"))
+    size = reader.read_pixels(reader.require("width")), reader.read_pixels(reader.require("height"))
     projection = str(values.get("projection", calibration.get("type", "frame"))).strip()
     if projection == _SPHERE:
-        return reader.camera("equirectangular", [], *size)
+        return reader.make_camera("equirectangular", [], *size)
     if projection not in _LENSES:
         known = ", ".join((*_LENSES, _SPHERE))
         raise CalibrationError(
             f"{source}: projection '{projection}' is not supported; supported: {known}"
         )
     for key in ("p3", "p4"):
-        if reader.number(key, 0.0) != 0.0:
+        if reader.read_number(key, 0.0) != 0.0:
             reader.fail(key, "is of a lens that newer Metashape no longer has; estimate without it")
-    focal = reader.number(reader.need("f"))
-    center = [0.5 * size[k] + reader.number(key, 0.0) for k, key in enumerate(("cx", "cy"))]
-    coefficients = [reader.number(key, 0.0) for key in _COEFFICIENTS]
-    params = [focal + reader.number("b1", 0.0), focal, *center, reader.number("b2", 0.0)]
+    focal = reader.read_number(reader.require("f"))
+    center = [0.5 * size[k] + reader.read_number(key, 0.0) for k, key in enumerate(("cx", "cy"))]
+    coefficients = [reader.read_number(key, 0.0) for key in _COEFFICIENTS]
+    params = [focal + reader.read_number("b1", 0.0), focal, *center, reader.read_number("b2", 0.0)]
     keys = ["b1" if "b1" in values else "f", "f", "cx", "cy", "b2", *_COEFFICIENTS]
-    return reader.camera(_LENSES[projection], params + coefficients, *size, keys=keys)
+    return reader.make_camera(_LENSES[projection], params + coefficients, *size, keys=keys)
 
 
 def format_metashape(camera: Camera) -> str:
-    """A <calibration> with this camera.
+    """Formats a <calibration> with this camera.
 
     Raises:
         InputError: Metashape has no such lens.
@@ -77,7 +82,7 @@ def format_metashape(camera: Camera) -> str:
     p = [float(value) for value in camera.params]
     if camera.model == "equirectangular":
         fields = [("projection", _SPHERE), ("width", camera.width), ("height", camera.height)]
-        return _xml(fields)
+        return _format_xml(fields)
     names = {lens: projection for projection, lens in _LENSES.items()}
     brown = {
         "pinhole": ("brown_conrady", [0.0] * 6),
@@ -99,9 +104,20 @@ def format_metashape(camera: Camera) -> str:
         ("f", p[1]), ("cx", p[2] - 0.5 * camera.width), ("cy", p[3] - 0.5 * camera.height),
         ("b1", p[0] - p[1]), ("b2", skew), *zip(_COEFFICIENTS, coefficients, strict=True),
     ]  # fmt: skip
-    return _xml(fields)
+    return _format_xml(fields)
 
 
-def _xml(fields: list[tuple[str, object]]) -> str:
+def _format_xml(fields: list[tuple[str, object]]) -> str:
     lines = "".join(f"  <{name}>{value}</{name}>\n" for name, value in fields)
     return f'<?xml version="1.0" encoding="UTF-8"?>\n<calibration>\n{lines}</calibration>\n'
+
+
+FORMAT = LensFormat(
+    "metashape",
+    "Metashape",
+    (".xml",),
+    read_metashape,
+    write=lambda camera, suffix: format_metashape(camera),
+    names=("*.xml",),
+    models="brown_conrady brown_fisheye equirectangular kannala_brandt opencv4 opencv5 pinhole",
+)

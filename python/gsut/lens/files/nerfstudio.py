@@ -9,11 +9,13 @@ from typing import Any
 
 from gsut._core import CalibrationError, InputError
 from gsut.lens.camera import Camera
-from gsut.lens.files.values import LensValues
+from gsut.lens.files._format import KEYED, LensFile, LensFormat
+from gsut.lens.files._load import load_camera
+from gsut.lens.files._values import LensValues
 
 _DISTORTION_KEYS = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
-# gsut's own keys: a lens file beside the transforms.json, and which of the file's lenses it is.
-LENS_FILE, LENS_ID = "lens_file", "lens_id"
+LENS_FILE = "lens_file"  # gsut's own key: a lens file beside the transforms.json
+LENS_ID = "lens_id"  # gsut's own key: which of that file's lenses it is
 _SIZE_KEYS = ("w", "h")
 _INTRINSIC_KEYS = (
     "camera_model",
@@ -42,22 +44,22 @@ _LENSES: dict[str, tuple[str, tuple[str, ...]]] = {
     "opencv8": ("FULL_OPENCV", ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")),
     "kannala_brandt": ("OPENCV_FISHEYE", ("k1", "k2", "k3", "k4")),
 }
-# k0 to k5, p0, p1, s0 to s3 under one key.
-_FISHEYE624_KEY = "distortion_params"
-_NUM_FISHEYE624 = 12
+_FISHEYE624_KEY = "distortion_params"  # k0 to k5, p0, p1, s0 to s3 under one key
+_NUM_FISHEYE624 = 12  # numbers under that key
 
 
-def is_nerfstudio(values: dict[str, Any]) -> bool:
-    """Whether the keys are those of a transforms.json."""
+def is_nerfstudio(file: LensFile) -> bool:
+    """Returns whether any key is one of a transforms.json."""
     return any(
-        key in values for key in ("fl_x", "camera_angle_x", "frames", "camera_model", LENS_FILE)
+        key in file.values
+        for key in ("fl_x", "camera_angle_x", "frames", "camera_model", LENS_FILE)
     )
 
 
-def frame_lens(
+def merge_frame_lens(
     values: dict[str, Any], frame: dict[str, Any], source: str = "", text: str = ""
 ) -> dict[str, Any]:
-    """The keys that make the lens of a frame of a transforms.json: what `nerfstudio_camera` takes.
+    """Returns the keys of a frame's lens in a transforms.json, for `camera_from_nerfstudio`.
 
     A frame's own keys win over the file's. A frame's lens_file hides the file's intrinsics, and a
     frame's intrinsics hide the file's lens_file.
@@ -70,7 +72,7 @@ def frame_lens(
         CalibrationError: a lens_file stands beside intrinsics.
     """
     levels = []
-    for level, where in ((values, source), (frame, _frame_name(frame, source))):
+    for level, where in ((values, source), (frame, _name_frame(frame, source))):
         keys = {key: level[key] for key in _LENS_KEYS if key in level}
         intrinsics = [key for key in keys if key in _INTRINSIC_KEYS]
         if LENS_FILE in keys and intrinsics:
@@ -86,14 +88,12 @@ def frame_lens(
     return {**whole, **own}
 
 
-def _frame_name(frame: dict[str, Any], source: str) -> str:
+def _name_frame(frame: dict[str, Any], source: str) -> str:
     return f"{source}, frame {frame['file_path']}" if "file_path" in frame else source
 
 
-def _camera_of_file(reader: LensValues, folder: Path) -> Camera:
-    """The camera of the file that `lens_file` names, of the size in w and h if those are given."""
-    from gsut.lens.files import load_camera  # here: it knows nerfstudio's files as well
-
+def _load_lens_file(reader: LensValues, folder: Path) -> Camera:
+    """Loads the file that `lens_file` names, and compares its size with w and h if given."""
     name = reader.values[LENS_FILE]
     if not isinstance(name, str) or not (folder / name).is_file():
         reader.fail(
@@ -108,20 +108,20 @@ def _camera_of_file(reader: LensValues, folder: Path) -> Camera:
         )
         raise CalibrationError(f"{place}: {error}{advice}") from error
     for key, found in zip(_SIZE_KEYS, (camera.width, camera.height), strict=True):
-        if key in reader.values and reader.pixels(key) != found:
-            reader.fail(key, f"is {reader.pixels(key)}, and the lens of {name} is for {found}")
+        if key in reader.values and reader.read_pixels(key) != found:
+            reader.fail(key, f"is {reader.read_pixels(key)}, and the lens of {name} is for {found}")
     return camera
 
 
-def nerfstudio_camera(
+def camera_from_nerfstudio(
     values: dict[str, Any], source: str = "", text: str = "", folder: Path | None = None
 ) -> Camera:
-    """The camera of one frame of a transforms.json.
+    """Makes the camera of one frame of a transforms.json.
 
     Args:
-        values: of `frame_lens`. lens_file, gsut's own key: a path beside the file to any lens file
-            that `load_camera` reads (lens_id: which of its cameras). Else camera_model (absent:
-            OPENCV_FISHEYE if is_fisheye, else OPENCV if any distortion is given, else PINHOLE);
+        values: of `merge_frame_lens`. lens_file, gsut's own key: a path beside the file to any lens
+            file that `load_camera` reads (lens_id: which of its cameras). Else camera_model
+            (absent: OPENCV_FISHEYE if is_fisheye, else OPENCV with distortion, else PINHOLE);
             w, h in pixels; fl_x, fl_y in pixels, or camera_angle_x, camera_angle_y, the full field
             of view in radians (the y value defaults to the x one); cx, cy (default: the centre) in
             gsut's pixel convention; k1.. p1 p2; max_theta_rad, the valid field angle in radians.
@@ -140,24 +140,24 @@ def nerfstudio_camera(
     """
     reader = LensValues(values, source, text)
     if LENS_FILE in values:
-        return _camera_of_file(reader, Path(source).parent if folder is None else folder)
-    width, height = reader.pixels("w"), reader.pixels("h")
-    limit = reader.number("max_theta_rad") if values.get("max_theta_rad") is not None else None
-    if _model_name(reader) == "EQUIRECTANGULAR":  # files give focal lengths that mean nothing
-        return reader.camera("equirectangular", [], width, height, limit)
-    fl_x = _focal(reader, "fl_x", "camera_angle_x", width)
+        return _load_lens_file(reader, Path(source).parent if folder is None else folder)
+    width, height = reader.read_pixels("w"), reader.read_pixels("h")
+    limit = reader.read_number("max_theta_rad") if values.get("max_theta_rad") is not None else None
+    if _find_model_name(reader) == "EQUIRECTANGULAR":  # files give focal lengths that mean nothing
+        return reader.make_camera("equirectangular", [], width, height, limit)
+    fl_x = _read_focal(reader, "fl_x", "camera_angle_x", width)
     # Square pixels unless the file says otherwise.
     has_own_y = any(values.get(key) is not None for key in ("fl_y", "camera_angle_y"))
-    fl_y = _focal(reader, "fl_y", "camera_angle_y", height) if has_own_y else fl_x
-    params = [fl_x, fl_y, reader.number("cx", width / 2), reader.number("cy", height / 2)]
-    keys = [_focal_key(reader, "fl_x", "camera_angle_x"), "", "cx", "cy"]
-    keys[1] = _focal_key(reader, "fl_y", "camera_angle_y") if has_own_y else keys[0]
-    given = {key: reader.number(key, 0.0) for key in _DISTORTION_KEYS}
-    model = _model_name(reader)
+    fl_y = _read_focal(reader, "fl_y", "camera_angle_y", height) if has_own_y else fl_x
+    params = [fl_x, fl_y, reader.read_number("cx", width / 2), reader.read_number("cy", height / 2)]
+    keys = [_choose_focal_key(reader, "fl_x", "camera_angle_x"), "", "cx", "cy"]
+    keys[1] = _choose_focal_key(reader, "fl_y", "camera_angle_y") if has_own_y else keys[0]
+    given = {key: reader.read_number(key, 0.0) for key in _DISTORTION_KEYS}
+    model = _find_model_name(reader)
     if model == "FISHEYE624":
-        params += reader.numbers(reader.need(_FISHEYE624_KEY), _NUM_FISHEYE624)
+        params += reader.read_numbers(reader.require(_FISHEYE624_KEY), _NUM_FISHEYE624)
         keys += _NUM_FISHEYE624 * [_FISHEYE624_KEY]
-        return reader.camera("fisheye624", params, width, height, limit, keys)
+        return reader.make_camera("fisheye624", params, width, height, limit, keys)
     if model in _PINHOLE:
         lens = "pinhole"
         if any(given.values()):
@@ -182,10 +182,10 @@ def nerfstudio_camera(
                 )  # fmt: skip
     own = _LENSES[lens][1]
     params += [given[key] for key in own]
-    return reader.camera(lens, params, width, height, limit, [*keys, *own])
+    return reader.make_camera(lens, params, width, height, limit, [*keys, *own])
 
 
-def _model_name(reader: LensValues) -> str:
+def _find_model_name(reader: LensValues) -> str:
     model = reader.values.get("camera_model")
     if model is None:
         if reader.values.get("is_fisheye"):
@@ -197,30 +197,33 @@ def _model_name(reader: LensValues) -> str:
     return str(model)
 
 
-def _focal_key(reader: LensValues, key: str, angle_key: str) -> str:
-    """Which of them gives the focal length."""
+def _choose_focal_key(reader: LensValues, key: str, angle_key: str) -> str:
+    """Returns the key that gives the focal length."""
     return key if reader.values.get(key) is not None else angle_key
 
 
-def _focal(reader: LensValues, key: str, angle_key: str, size: int) -> float:
+def _read_focal(reader: LensValues, key: str, angle_key: str, size: int) -> float:
     if reader.values.get(key) is not None:
-        return reader.number(key)
+        return reader.read_number(key)
     if reader.values.get(angle_key) is None:
         reader.fail(key, f"is missing (and so is {angle_key}); add the focal length in pixels")
-    angle = reader.number(angle_key)
+    angle = reader.read_number(angle_key)
     if not 0.0 < angle < math.pi:
         degrees = f" (degrees? write {math.radians(angle):.6g})" if math.pi < angle < 360 else ""
         reader.fail(angle_key, f"expected radians between 0 and pi, found {angle:g}{degrees}")
     return 0.5 * size / math.tan(0.5 * angle)
 
 
-def load_nerfstudio(values: dict[str, Any], source: str, text: str) -> Camera:
-    """The one camera that all frames of a transforms.json share."""
+def read_nerfstudio(file: LensFile, camera_id: int | str | None) -> Camera:
+    """Reads the one camera that all frames of a transforms.json share."""
+    values, source, text = file.values, file.source, file.text
     frames = values.get("frames")
     cameras: list[Camera] = []
     for frame in frames if isinstance(frames, list) else []:
         if isinstance(frame, dict) and any(key in frame for key in _LENS_KEYS):
-            camera = nerfstudio_camera(frame_lens(values, frame, source, text), source, text)
+            camera = camera_from_nerfstudio(
+                merge_frame_lens(values, frame, source, text), source, text
+            )
             cameras += [] if camera in cameras else [camera]
     if len(cameras) > 1:
         raise InputError(
@@ -228,11 +231,11 @@ def load_nerfstudio(values: dict[str, Any], source: str, text: str) -> Camera:
         )
     if cameras:
         return cameras[0]
-    return nerfstudio_camera(frame_lens(values, {}, source, text), source, text)
+    return camera_from_nerfstudio(merge_frame_lens(values, {}, source, text), source, text)
 
 
 def format_nerfstudio(camera: Camera) -> str:
-    """The text of a transforms.json that holds this camera and no frames.
+    """Formats a transforms.json that holds this camera and no frames.
 
     Raises:
         InputError: nerfstudio has no such lens.
@@ -257,3 +260,17 @@ def format_nerfstudio(camera: Camera) -> str:
     values.update(zip(("fl_x", "fl_y", "cx", "cy"), map(float, camera.params[:4]), strict=True))
     values.update(zip(keys, coefficients, strict=True))
     return json.dumps(values, indent=2) + "\n"
+
+
+FORMAT = LensFormat(
+    "nerfstudio",
+    "nerfstudio",
+    KEYED,
+    read_nerfstudio,
+    is_nerfstudio,
+    marks="fl_x",
+    rank=80,
+    write=lambda camera, suffix: format_nerfstudio(camera),
+    names=("transforms*.json",),
+    models="equirectangular fisheye624 kannala_brandt opencv4 opencv5 opencv8 pinhole",
+)

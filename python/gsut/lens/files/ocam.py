@@ -8,32 +8,34 @@ import numpy as np
 
 from gsut._core import CalibrationError, InputError
 from gsut.lens.camera import Camera
-from gsut.lens.files.values import LensValues
+from gsut.lens.files._format import LensFile, LensFormat
+from gsut.lens.files._values import LensValues
 
-# OCamCalib's file counts pixels from 0; its pixel (0, 0) is gsut's (0.5, 0.5).
-_PIXEL_SHIFT = 0.5
+_PIXEL_SHIFT = 0.5  # pixels: OCamCalib's pixel (0, 0) is gsut's (0.5, 0.5)
 _BLOCKS = ("polynomial", "inverse polynomial", "center", "affine parameters", "image size")
 _LENGTHS = {"center": 2, "affine parameters": 3, "image size": 2}
 _FIRST = 5  # index of a0 in gsut's parameters; a2 follows
-# The inverse polynomial that is written: its highest degree, and when it is good enough.
-_MAX_DEGREE, _GOOD_PX, _SAMPLES = 20, 0.005, 400
+_MAX_DEGREE = 20  # of the inverse polynomial: beyond it the fit loses digits
+_GOOD_PX = 0.005  # pixels: an inverse polynomial this close needs no higher degree
+_SAMPLES = 400  # angles that the inverse polynomial is fitted to: many more than coefficients
 
 
-def is_ocam_text(text: str) -> bool:
-    """Whether the first line that is no comment is a polynomial: its length, then numbers."""
-    for line in text.splitlines():
+def is_ocam(file: LensFile) -> bool:
+    """Returns whether the first line that is no comment holds a length, then numbers."""
+    for line in file.text.splitlines():
         words = line.split("#", 1)[0].split()
         if words:
             return len(words) > 1 and words[1].lstrip("+-")[:1].isdigit()
     return False
 
 
-def load_ocam(text: str, source: str) -> Camera:
-    """The camera of a calib_results.txt. Its inverse polynomial is an approximation and not used.
+def read_ocam(file: LensFile, camera_id: int | str | None) -> Camera:
+    """Reads the camera of a calib_results.txt, without its approximate inverse polynomial.
 
     Raises:
         CalibrationError: names the line that is no list of numbers, or what is missing.
     """
+    text, source = file.text, file.source
     blocks: list[tuple[int, list[float]]] = []
     for number, line in enumerate(text.splitlines(), start=1):
         words = line.split("#", 1)[0].split()
@@ -65,13 +67,13 @@ def load_ocam(text: str, source: str) -> Camera:
     params = [center[1] + _PIXEL_SHIFT, center[0] + _PIXEL_SHIFT, 1 / c, e / c, d / c]
     params += [-value * c ** (1 - k) for k, value in enumerate(poly) if k != 1]
     sizes = LensValues({"height": size[0], "width": size[1]}, source, text)
-    shape = sizes.pixels("width"), sizes.pixels("height")
+    shape = sizes.read_pixels("width"), sizes.read_pixels("height")
     keys = [*2 * ["center"], *3 * ["affine parameters"], *(len(params) - _FIRST) * ["polynomial"]]
-    return sizes.camera("ocam", params, *shape, keys=keys)
+    return sizes.make_camera("ocam", params, *shape, keys=keys)
 
 
 def format_ocam(camera: Camera) -> str:
-    """The text of a calib_results.txt, with an inverse polynomial fitted for its other readers.
+    """Formats a calib_results.txt, with an inverse polynomial fitted for its other readers.
 
     Raises:
         InputError: not an `ocam` lens.
@@ -86,7 +88,7 @@ def format_ocam(camera: Camera) -> str:
     powers = [0, *range(2, len(poly) + 1)]
     direct = [-value * c ** (k - 1) for k, value in zip(powers, poly, strict=True)]
     direct.insert(1, 0.0)
-    inverse = _inverse(np.array(direct), _farthest(camera) / c_x)
+    inverse = _fit_inverse(np.array(direct), _find_farthest(camera) / c_x)
     rows = (
         ("polynomial coefficients for the DIRECT mapping function", [len(direct), *direct]),
         ("polynomial coefficients for the inverse mapping function", [len(inverse), *inverse]),
@@ -97,16 +99,16 @@ def format_ocam(camera: Camera) -> str:
     return "".join(f"#{title}\n\n{' '.join(map(repr, values))}\n\n" for title, values in rows)
 
 
-def _farthest(camera: Camera) -> float:
-    """Distance of the farthest corner of the image from the centre, in the lens' own plane."""
+def _find_farthest(camera: Camera) -> float:
+    """Returns the distance of the image's farthest corner from the centre, in the lens' plane."""
     cx, cy, c, d, e = camera.params[:_FIRST]
     corners = np.array([[x, y] for x in (0, camera.width) for y in (0, camera.height)])
     plane = np.linalg.solve([[c, d], [e, 1]], (corners - [cx, cy]).T)
     return float(np.hypot(*plane).max())
 
 
-def _inverse(direct: np.ndarray, farthest: float) -> list[float]:
-    """Coefficients of rho by OCamCalib's angle, that of the ray above the plane of the image."""
+def _fit_inverse(direct: np.ndarray, farthest: float) -> list[float]:
+    """Fits rho as a polynomial of OCamCalib's angle, that of the ray above the image's plane."""
     rho = np.linspace(0.0, farthest, _SAMPLES)
     angle = np.arctan2(np.polyval(direct[::-1], rho), rho)
     rising = np.concatenate([[True], np.diff(angle) > 0])
@@ -119,3 +121,17 @@ def _inverse(direct: np.ndarray, farthest: float) -> list[float]:
         if best[0] < _GOOD_PX:
             break
     return best[1]
+
+
+FORMAT = LensFormat(
+    "ocam",
+    "OCamCalib",
+    (".txt",),
+    read_ocam,
+    is_ocam,
+    marks="a polynomial",
+    rank=10,
+    write=lambda camera, suffix: format_ocam(camera),
+    names=("*calib_results*.txt",),
+    models="ocam",
+)

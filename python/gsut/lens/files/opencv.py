@@ -7,10 +7,10 @@ from typing import Any
 
 from gsut._core import InputError
 from gsut.lens.camera import Camera
-from gsut.lens.files.values import LensValues
+from gsut.lens.files._format import KEYED, LensFile, LensFormat
+from gsut.lens.files._values import LensValues
 
-# OpenCV's pixel (0, 0) is gsut's (0.5, 0.5).
-PIXEL_SHIFT = 0.5
+_PIXEL_SHIFT = 0.5  # pixels: OpenCV's pixel (0, 0) is gsut's (0.5, 0.5)
 _MATRIX_KEYS = ("camera_matrix", "K", "cameraMatrix", "intrinsic_matrix", "M1")
 _OPEN3D_KEY = "intrinsic_matrix"  # Open3D's PinholeCameraIntrinsic stores it by columns
 _DISTORTION_KEYS = ("distortion_coefficients", "D", "distCoeffs", "dist_coeffs", "D1")
@@ -28,29 +28,30 @@ _NUM_OMNIDIR = 4
 _FIELD_ANGLE_KEY = "valid_field_angle"
 
 
-def has_camera_matrix(values: dict[str, Any]) -> bool:
-    """Whether these keys look like an OpenCV lens."""
-    return LensValues(values, "").find(*_MATRIX_KEYS) is not None
+def has_camera_matrix(file: LensFile) -> bool:
+    """Returns whether a key is one of the names that programs give the camera matrix."""
+    return LensValues(file.values, "").find(*_MATRIX_KEYS) is not None
 
 
-def load_opencv(values: dict[str, Any], source: str, text: str) -> Camera:
-    """The camera of a parsed FileStorage or camera_info file."""
-    reader = LensValues(values, source, text)
-    matrix_key = reader.need(*_MATRIX_KEYS)
-    matrix = reader.numbers(matrix_key, 9)
+def read_opencv(file: LensFile, camera_id: int | str | None) -> Camera:
+    """Reads the camera of a FileStorage or camera_info file."""
+    values = file.values
+    reader = LensValues(values, file.source, file.text)
+    matrix_key = reader.require(*_MATRIX_KEYS)
+    matrix = reader.read_numbers(matrix_key, 9)
     if matrix_key == _OPEN3D_KEY and matrix[2:6:3] == [0.0, 0.0]:
         matrix = [matrix[3 * column + row] for row in range(3) for column in range(3)]
     is_omnidir = reader.find(*_XI_KEYS) is not None
     if (matrix[1] != 0.0 and not is_omnidir) or matrix[3:4] + matrix[6:] != [0.0, 0.0, 0.0, 1.0]:
         reader.fail(matrix_key, f"expected fx 0 cx, 0 fy cy, 0 0 1 (no skew), found {matrix}")
-    params = [matrix[0], matrix[4], matrix[2] + PIXEL_SHIFT, matrix[5] + PIXEL_SHIFT]
-    width, height = _size(reader)
-    limit = reader.number(_FIELD_ANGLE_KEY) if _FIELD_ANGLE_KEY in values else None
+    params = [matrix[0], matrix[4], matrix[2] + _PIXEL_SHIFT, matrix[5] + _PIXEL_SHIFT]
+    width, height = _read_size(reader)
+    limit = reader.read_number(_FIELD_ANGLE_KEY) if _FIELD_ANGLE_KEY in values else None
     key = reader.find(*_DISTORTION_KEYS)
-    coefficients = reader.numbers(key) if key is not None else []
+    coefficients = reader.read_numbers(key) if key is not None else []
     keys, coefficients_of = 4 * [matrix_key], len(coefficients) * [str(key)]
     if is_omnidir:
-        (xi,) = _as_list(reader, str(reader.find(*_XI_KEYS)), 1)
+        (xi,) = _read_list(reader, str(reader.find(*_XI_KEYS)), 1)
         if len(coefficients) != _NUM_OMNIDIR:
             reader.fail(
                 key or _DISTORTION_KEYS[0],
@@ -58,7 +59,7 @@ def load_opencv(values: dict[str, Any], source: str, text: str) -> Camera:
             )
         params += [matrix[1], xi, *coefficients]
         keys += [matrix_key, str(reader.find(*_XI_KEYS)), *coefficients_of]
-        return reader.camera("mei", params, width, height, limit, keys)
+        return reader.make_camera("mei", params, width, height, limit, keys)
     keys += coefficients_of
     fisheye = _is_fisheye(reader)
     if fisheye is None and len(coefficients) == _AMBIGUOUS:
@@ -73,36 +74,38 @@ def load_opencv(values: dict[str, Any], source: str, text: str) -> Camera:
                 key or _DISTORTION_KEYS[0],
                 f"a fisheye has {_NUM_FISHEYE} coefficients, found {len(coefficients)}",
             )
-        return reader.camera("kannala_brandt", params + coefficients, width, height, limit, keys)
+        return reader.make_camera(
+            "kannala_brandt", params + coefficients, width, height, limit, keys
+        )
     if not coefficients:
-        return reader.camera("pinhole", params, width, height, limit, keys)
+        return reader.make_camera("pinhole", params, width, height, limit, keys)
     lens = _RADIAL_LENSES.get(len(coefficients))
     if lens is None:
         known = ", ".join(map(str, _RADIAL_LENSES))
         reader.fail(str(key), f"expected {known} coefficients, found {len(coefficients)}")
-    return reader.camera(lens, params + coefficients, width, height, limit, keys)
+    return reader.make_camera(lens, params + coefficients, width, height, limit, keys)
 
 
-def _as_list(reader: LensValues, key: str, count: int) -> list[float]:
-    """The numbers of a list, a matrix, or of one plain number."""
+def _read_list(reader: LensValues, key: str, count: int) -> list[float]:
+    """Reads the numbers of a list, of a matrix, or one plain number."""
     if isinstance(reader.values[key], (int, float, str)):
-        return [reader.number(key)]
-    return reader.numbers(key, count)
+        return [reader.read_number(key)]
+    return reader.read_numbers(key, count)
 
 
-def _size(reader: LensValues) -> tuple[int, int]:
+def _read_size(reader: LensValues) -> tuple[int, int]:
     both = reader.find("image_size", "imageSize", "img_size", "resolution")
     if both is not None and reader.find("image_width", "width") is None:
-        width, height = reader.numbers(both, 2)
+        width, height = reader.read_numbers(both, 2)
         sizes = LensValues({"width": width, "height": height}, reader.source, reader.text)
-        return sizes.pixels("width"), sizes.pixels("height")
-    width_key = reader.need("image_width", "width", "imageWidth")
-    height_key = reader.need("image_height", "height", "imageHeight")
-    return reader.pixels(width_key), reader.pixels(height_key)
+        return sizes.read_pixels("width"), sizes.read_pixels("height")
+    width_key = reader.require("image_width", "width", "imageWidth")
+    height_key = reader.require("image_height", "height", "imageHeight")
+    return reader.read_pixels(width_key), reader.read_pixels(height_key)
 
 
 def _is_fisheye(reader: LensValues) -> bool | None:
-    """What the file says; None: nothing that is known."""
+    """Returns what the file says about it, or None if it says nothing that is known."""
     flag = reader.find(*_FISHEYE_FLAGS)
     if flag is not None:
         return str(reader.values[flag]).lower() not in ("0", "false", "no", "none")
@@ -111,8 +114,8 @@ def _is_fisheye(reader: LensValues) -> bool | None:
     return True if name in _FISHEYE_NAMES else False if name in _RADIAL_NAMES else None
 
 
-def _keys(camera: Camera) -> tuple[dict[str, int | float], list[float], list[float]]:
-    """Plain keys, camera matrix and distortion coefficients of a camera."""
+def _to_opencv(camera: Camera) -> tuple[dict[str, int | float], list[float], list[float]]:
+    """Returns plain keys, camera matrix and distortion coefficients of a camera."""
     if camera.model == "equirectangular":
         raise InputError("OpenCV has no camera model for 'equirectangular'")
     fx, fy, cx, cy, *coefficients = (float(value) for value in camera.params)
@@ -135,26 +138,30 @@ def _keys(camera: Camera) -> tuple[dict[str, int | float], list[float], list[flo
         plain[_FIELD_ANGLE_KEY] = camera.valid_field_angle
     if xi is not None:
         plain["xi"] = xi
-    matrix = [fx, skew, cx - PIXEL_SHIFT, 0.0, fy, cy - PIXEL_SHIFT, 0.0, 0.0, 1.0]
+    matrix = [fx, skew, cx - _PIXEL_SHIFT, 0.0, fy, cy - _PIXEL_SHIFT, 0.0, 0.0, 1.0]
     return plain, matrix, coefficients
 
 
-def format_opencv_yaml(camera: Camera) -> str:
-    """The text of a FileStorage YAML file.
+def format_opencv(camera: Camera, suffix: str) -> str:
+    """Formats a FileStorage file, as JSON for the suffix .json, else as YAML.
 
     Raises:
         InputError: OpenCV has no such lens.
     """
-    plain, matrix, coefficients = _keys(camera)
+    plain, matrix, coefficients = _to_opencv(camera)
+    matrices = [("camera_matrix", 3, 3, matrix)]
+    if coefficients:
+        matrices.append(("distortion_coefficients", 1, len(coefficients), coefficients))
+    if suffix == ".json":
+        return json.dumps({**plain, **dict(map(_to_json_matrix, matrices))}, indent=4) + "\n"
     lines = ["%YAML:1.0", "---"]
     lines += [f"{key}: {value!r}" for key, value in plain.items()]
-    lines += _yaml_matrix("camera_matrix", 3, 3, matrix)
-    if coefficients:
-        lines += _yaml_matrix("distortion_coefficients", 1, len(coefficients), coefficients)
+    for row in matrices:
+        lines += _format_yaml_matrix(*row)
     return "\n".join(lines) + "\n"
 
 
-def _yaml_matrix(name: str, rows: int, columns: int, values: list[float]) -> list[str]:
+def _format_yaml_matrix(name: str, rows: int, columns: int, values: list[float]) -> list[str]:
     # 17 significant digits read back exactly; "%.16e" always has the dot that YAML 1.1 wants.
     data = ", ".join(f"{value:.16e}" for value in values)
     return [
@@ -166,25 +173,26 @@ def _yaml_matrix(name: str, rows: int, columns: int, values: list[float]) -> lis
     ]
 
 
-def format_opencv_json(camera: Camera) -> str:
-    """The text of a FileStorage JSON file.
+def _to_json_matrix(row: tuple[str, int, int, list[float]]) -> tuple[str, dict[str, Any]]:
+    name, rows, columns, data = row
+    return name, {
+        "type_id": "opencv-matrix",
+        "rows": rows,
+        "cols": columns,
+        "dt": "d",
+        "data": data,
+    }
 
-    Raises:
-        InputError: OpenCV has no such lens.
-    """
-    plain, matrix, coefficients = _keys(camera)
-    values: dict[str, Any] = dict(plain)
 
-    def put(name: str, rows: int, columns: int, data: list[float]) -> None:
-        values[name] = {
-            "type_id": "opencv-matrix",
-            "rows": rows,
-            "cols": columns,
-            "dt": "d",
-            "data": data,
-        }
-
-    put("camera_matrix", 3, 3, matrix)
-    if coefficients:
-        put("distortion_coefficients", 1, len(coefficients), coefficients)
-    return json.dumps(values, indent=4) + "\n"
+FORMAT = LensFormat(
+    "opencv",
+    "OpenCV, ROS, Open3D",
+    KEYED,
+    read_opencv,
+    has_camera_matrix,
+    marks="camera_matrix",
+    rank=40,
+    write=format_opencv,
+    names=("*.yaml", "*.yml", "*.json"),
+    models="kannala_brandt mei opencv12 opencv14 opencv4 opencv5 opencv8 pinhole",
+)

@@ -7,7 +7,8 @@ from typing import Any
 
 from gsut._core import InputError
 from gsut.lens.camera import Camera
-from gsut.lens.files.values import LensValues, chosen_name
+from gsut.lens.files._format import KEYED, LensFile, LensFormat
+from gsut.lens.files._values import LensValues, choose_name, skip_to
 
 # gsut's lens and the names of its coefficients, "" for one that is 0, by projection_type.
 _LENSES = {
@@ -32,42 +33,42 @@ _WRITTEN = {
 _TYPE_KEY = "projection_type"
 
 
-def is_opensfm(values: dict[str, Any]) -> bool:
-    """Whether the values are cameras by name."""
-    return bool(values) and all(
-        isinstance(entry, dict) and _TYPE_KEY in entry for entry in values.values()
+def is_opensfm(file: LensFile) -> bool:
+    """Returns whether every value is a camera with a projection type."""
+    return bool(file.values) and all(
+        isinstance(entry, dict) and _TYPE_KEY in entry for entry in file.values.values()
     )
 
 
-def load_opensfm(values: dict[str, Any], source: str, text: str, camera_id: Any) -> Camera:
-    """The only camera, or the one of this name."""
-    name = chosen_name(values, camera_id, source)
-    start = max(text.find(json.dumps(name)), 0)
-    reader = LensValues(values[name], source, "\n" * text.count("\n", 0, start) + text[start:])
+def read_opensfm(file: LensFile, camera_id: int | str | None) -> Camera:
+    """Reads the only camera, or the one with this name."""
+    values = file.values
+    name = choose_name(values, camera_id, file.source)
+    reader = LensValues(values[name], file.source, skip_to(file.text, json.dumps(name)))
     kind = str(values[name][_TYPE_KEY])
-    width, height = reader.pixels("width"), reader.pixels("height")
+    width, height = reader.read_pixels("width"), reader.read_pixels("height")
     if kind in _SPHERES:
-        return reader.camera("equirectangular", [], width, height)
+        return reader.make_camera("equirectangular", [], width, height)
     if kind not in _LENSES:
         supported = ", ".join((*_LENSES, *_SPHERES))
         reader.fail(_TYPE_KEY, f"{kind!r} is not supported; supported: {supported}")
     lens, keys = _LENSES[kind]
     unit = max(width, height)
-    focal_key = reader.need("focal_x", "focal")
-    focal_x = reader.number(focal_key)
-    focal_y = reader.number("focal_y", focal_x)
+    focal_key = reader.require("focal_x", "focal")
+    focal_x = reader.read_number(focal_key)
+    focal_y = reader.read_number("focal_y", focal_x)
     center = [
-        0.5 * size + unit * reader.number(key, 0.0)
+        0.5 * size + unit * reader.read_number(key, 0.0)
         for size, key in ((width, "c_x"), (height, "c_y"))
     ]
-    coefficients = [reader.number(key, 0.0) if key else 0.0 for key in keys]
+    coefficients = [reader.read_number(key, 0.0) if key else 0.0 for key in keys]
     params = [unit * focal_x, unit * focal_y, *center, *coefficients]
     focal_keys = [focal_key, "focal_y" if "focal_y" in values[name] else focal_key]
-    return reader.camera(lens, params, width, height, keys=[*focal_keys, "c_x", "c_y", *keys])
+    return reader.make_camera(lens, params, width, height, keys=[*focal_keys, "c_x", "c_y", *keys])
 
 
 def format_opensfm(camera: Camera) -> str:
-    """A camera_models.json with this camera.
+    """Formats a camera_models.json with this camera.
 
     Raises:
         InputError: OpenSfM has no such lens.
@@ -91,3 +92,17 @@ def format_opensfm(camera: Camera) -> str:
         entry |= {"c_x": (cx - 0.5 * width) / unit, "c_y": (cy - 0.5 * height) / unit}
         entry |= {key: value for key, value in zip(keys, coefficients, strict=True) if key}
     return json.dumps({"camera": entry}, indent=1) + "\n"
+
+
+FORMAT = LensFormat(
+    "opensfm",
+    "OpenSfM",
+    KEYED,
+    read_opensfm,
+    is_opensfm,
+    marks="projection_type",
+    rank=60,
+    write=lambda camera, suffix: format_opensfm(camera),
+    names=("*camera_models*.json",),
+    models="equirectangular fisheye624 kannala_brandt opencv4 opencv5 pinhole",
+)

@@ -10,6 +10,8 @@ import numpy as np
 
 from gsut._core import CalibrationError, InputError
 from gsut.lens.camera import Camera
+from gsut.lens.files._format import LensFile, LensFormat
+from gsut.lens.fit_rays import fit_camera
 
 _COLUMNS = ("x", "y", "rx", "ry", "rz")
 # The first of these that is as good as exact is taken, else the nearest; with "# model: NAME" that
@@ -21,25 +23,21 @@ _KEY = re.compile(r"^#\s*(\w+)\s*[:=]\s*(\S+)", re.MULTILINE)
 _ADVICE = "write columns x, y, rx, ry, rz, and '# width: W' and '# height: H' above them"
 
 
-def is_table(suffix: str) -> bool:
-    """Whether a file of this suffix is a table of rays."""
-    return suffix in (".csv", ".npz")
-
-
-def load_table(data: bytes, source: str) -> Camera:
-    """The camera that is nearest to a table of pixels and rays.
+def read_table(file: LensFile, camera_id: int | str | None) -> Camera:
+    """Fits a camera to a table of pixels and rays.
 
     Args:
-        data: a CSV of x, y (pixels), rx, ry, rz (rays: x right, y down, z forward, of any length),
+        file: a CSV of x, y (pixels), rx, ry, rz (rays: x right, y down, z forward, of any length),
             with lines `# width: W` and `# height: H`; or an NPZ of pixels (N, 2), rays (N, 3),
             width and height. May be there, too: model, else the best of some is taken;
             pixel_center, where the centre of the top-left pixel is, 0.5 [default] or 0.
-        source: the file's name.
+        camera_id: not used; a table is of one camera.
 
     Raises:
         CalibrationError: something is missing, or no model fits to half a pixel (RMS).
     """
-    table, keys = (_npz if data[:2] == b"PK" else _csv)(data, source)
+    data, source = file.data, file.source
+    table, keys = (_read_npz if data[:2] == b"PK" else _read_csv)(data, source)
     try:
         width, height = (int(float(keys[name])) for name in ("width", "height"))
         center = float(keys.get("pixel_center", 0.5))
@@ -54,7 +52,7 @@ def load_table(data: bytes, source: str) -> Camera:
     problem = ""
     for model in (named,) if named else _MODELS:
         try:
-            camera = Camera.fit(pixels, rays, model=model, width=width, height=height)
+            camera = fit_camera(pixels, rays, model=model, width=width, height=height)
         except InputError as error:
             problem = str(error)
             continue
@@ -70,12 +68,12 @@ def load_table(data: bytes, source: str) -> Camera:
         raise CalibrationError(
             f"{source}: none of {named or ', '.join(_MODELS)} fits the table to {_MOST_RMS} pixels "
             f"(RMS): {near}; check axes (x right, y down, z forward) and pixels, or fit another "
-            "model with gsut.Camera.fit"
+            "model with gsut.lens.fit_camera"
         )
     return best
 
 
-def _csv(data: bytes, source: str) -> tuple[np.ndarray, dict[str, str]]:
+def _read_csv(data: bytes, source: str) -> tuple[np.ndarray, dict[str, str]]:
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -98,7 +96,7 @@ def _csv(data: bytes, source: str) -> tuple[np.ndarray, dict[str, str]]:
     return np.array(table).reshape(-1, len(_COLUMNS)), dict(_KEY.findall(text))
 
 
-def _npz(data: bytes, source: str) -> tuple[np.ndarray, dict[str, str]]:
+def _read_npz(data: bytes, source: str) -> tuple[np.ndarray, dict[str, str]]:
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as file:
             pixels = np.asarray(file["pixels"], np.float64).reshape(-1, 2)
@@ -109,3 +107,6 @@ def _npz(data: bytes, source: str) -> tuple[np.ndarray, dict[str, str]]:
         raise CalibrationError(
             f"{source}: {error}; give pixels (N, 2), rays (N, 3), width and height"
         ) from error
+
+
+FORMAT = LensFormat("table", "pixels and rays", (".csv", ".npz"), read_table)

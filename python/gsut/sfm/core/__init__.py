@@ -13,7 +13,7 @@ from gsut.sfm.core.look_alikes import find_look_alikes, separate_look_alikes
 from gsut.sfm.core.mapping import Mapping, choose_shutter, require_global_shutter
 from gsut.sfm.core.matching import PairMatches, RawMatches, find_frame_numbers, match_images
 from gsut.sfm.core.models import find_further_models
-from gsut.sfm.core.options import PosesOptions
+from gsut.sfm.core.options import PosesOptions, add_lens_readout
 from gsut.sfm.core.photographs import (
     FEWEST_IMAGES,
     TANGENT,
@@ -81,6 +81,7 @@ __all__ = [
     "Solution",
     "Stages",
     "Zoom",
+    "add_lens_readout",
     "adjust_poses",
     "adjust_registered",
     "average_colors",

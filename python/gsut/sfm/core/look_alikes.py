@@ -13,8 +13,8 @@ from collections.abc import Callable
 import numpy as np
 
 from gsut._core import SolveError
-from gsut.data import some_names
-from gsut.data.poses import centers_of
+from gsut.data import list_some
+from gsut.data.poses import find_centers
 from gsut.sfm.core.matching import PairMatches
 from gsut.sfm.core.solution import Solution
 
@@ -61,7 +61,7 @@ class LookAlikes:
         return (
             f"places that look alike may be taken for one: by their poses {one} and {other} show "
             f"the same, and only {100 * share:.0f} % of it is seen in both; this concerns "
-            f"{len(self.images)} images: {some_names(self.images)}"
+            f"{len(self.images)} images: {list_some(self.images)}"
         )
 
     def to_figures(self) -> dict[str, object]:
@@ -229,7 +229,7 @@ def _compare_views(
     """Counts (N, N) the points of the first image that the second should see, and does see."""
     count = len(observed)
     points, poses = solution.points[chosen], solution.camera_from_world
-    centers = centers_of(poses)
+    centers = find_centers(poses)
     in_view = np.zeros(observed.shape, bool)
     images = np.flatnonzero(solution.registered & observed.any(axis=1))
     for image in images:

@@ -213,7 +213,7 @@ def evaluate_observations(
     for image in np.unique(observations[:, 1]):
         rows = observations[:, 1] == image
         camera = cameras[image]
-        residuals[rows] = camera.pixel_difference(camera.project(in_camera[rows])[0], pixels[rows])
+        residuals[rows] = camera.subtract_pixels(camera.project(in_camera[rows])[0], pixels[rows])
     angles = np.arctan2(np.hypot(in_camera[:, 0], in_camera[:, 1]), in_camera[:, 2])
     return pixels, residuals, angles
 

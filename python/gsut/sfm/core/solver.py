@@ -11,7 +11,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import Shutter, SolveError
-from gsut.data.scene import frame_times
+from gsut.data.scene import order_frames
 from gsut.lens import Camera
 from gsut.sfm.core.features import Features
 from gsut.sfm.core.matching import PairMatches
@@ -132,7 +132,7 @@ def solve_poses(
         settings["rolling_error"] = options.rolling_error
         if options.readout_time is not None:
             settings["readout_time"] = options.readout_time
-            settings["frame_times"] = frame_times(images.names).tolist()
+            settings["frame_times"] = order_frames(images.names).tolist()
     if not adjustment.hold_out_every:
         settings.update(_list_extension(options, images))
     lenses = list(dict.fromkeys(images.cameras))

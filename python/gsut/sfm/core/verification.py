@@ -8,7 +8,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import SolveError
-from gsut.data import some_names
+from gsut.data import list_some
 from gsut.sfm.core.features import Features
 from gsut.sfm.core.matching import BATCH, OnPairs, PairMatches, RawMatches
 from gsut.sfm.core.options import PosesOptions
@@ -169,7 +169,7 @@ def require_overlap(images: Images, pairs: Sequence[PairMatches], *, is_lens_kno
         if len(few) * 2 > len(images):
             raise SolveError(
                 f"{len(few)} of {len(images)} images have almost no features"
-                f" ({some_names(few)}); photograph something with texture, in focus and well lit"
+                f" ({list_some(few)}); photograph something with texture, in focus and well lit"
             )
         lens = ", or the lens is not theirs" if is_lens_known else ""
         raise SolveError(

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from gsut._core import SolveError
-from gsut.data.poses import centers_of
-from gsut.lens import Camera, LensProfile, field_of_view
+from gsut.data.poses import find_centers
+from gsut.lens import Camera, LensProfile, measure_field_of_view
 from gsut.sfm.core import (
     FEATURE_VARIANCE,
     Findings,
@@ -98,7 +98,7 @@ def find_critical_motion(solution: Solution, pairs: Sequence[PairMatches]) -> st
             f"{TURNED}, so depths are hardly known and nothing can be seen from elsewhere: walk "
             "between the pictures, sideways to what you film"
         )
-    extents = _measure_extents(centers_of(poses))
+    extents = _measure_extents(find_centers(poses))
     middle = poses[len(poses) // 2, :3, :3]
     angles = measure_rotation_angles(poses[:, :3, :3] @ middle.T)
     still = float(np.percentile(angles, 90)) < _LITTLE_TURN
@@ -165,7 +165,7 @@ def compare_with_profile(
         and the differences of focal length and readout time from the start in percent; None for
         what is not known.
     """
-    start = profile.camera(lens.width, lens.height)
+    start = profile.make_camera(lens.width, lens.height)
     found = given = None
     if readout is not None and "seconds" in readout:  # by the flow of a video
         found = readout["seconds"]
@@ -177,7 +177,7 @@ def compare_with_profile(
         "doubts": list(profile.doubts),
         "focal_px": [float(start.params[0]), float(lens.params[0])],
         "focal_percent": 100 * float(lens.params[0] / start.params[0] - 1),
-        "fov_degrees": [field_of_view(start), field_of_view(lens)],
+        "fov_degrees": [measure_field_of_view(start), measure_field_of_view(lens)],
         "readout_percent": 100 * (found / given - 1) if found and given else None,
     }
 
@@ -205,7 +205,7 @@ def explain_contradiction(exif_focal_px: float, lens: Camera) -> list[str]:
     if abs(found / exif_focal_px - 1) <= _CONTRADICTS:
         return []
     said = 2 * math.degrees(math.atan(lens.width / 2 / exif_focal_px))
-    field = field_of_view(lens)
+    field = measure_field_of_view(lens)
     seen = "" if field is None else f", {field:.0f} degrees across"
     return [
         f"EXIF states a focal length of {exif_focal_px:.0f} px ({said:.0f} degrees across as a "

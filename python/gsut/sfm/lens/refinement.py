@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import InputError
-from gsut.data import Frame, read_dataset, some_names
-from gsut.data.poses import inverse
+from gsut.data import Frame, list_some, read_dataset
+from gsut.data.poses import invert_pose
 from gsut.least_squares import minimize_least_squares
-from gsut.lens import Camera, refinable_params
+from gsut.lens import Camera, find_refinable_params
 from gsut.sfm.core import (
     FEATURE_VARIANCE,
     Adjustment,
@@ -95,10 +95,10 @@ def refine_lens(
         [frame.mask_path for frame in frames],
         [frame.camera for frame in frames],
     )
-    given = [inverse(frame.world_from_camera) for frame in frames]
+    given = [invert_pose(frame.world_from_camera) for frame in frames]
     features = collect_features(photographs, options, on_progress, note)
     raw = match_images(photographs.names, features, options, on_progress)
-    free = refinable_params(before)
+    free = find_refinable_params(before)
     if not free.all():
         note(_describe_held(before, free))
     camera, poses = before, given
@@ -124,7 +124,7 @@ def refine_lens(
     if solution.num_registered < len(frames):
         note(
             f"{len(frames) - solution.num_registered} of {len(frames)} images see too few points "
-            f"and are left out: {some_names(solution.unregistered_names)}"
+            f"and are left out: {list_some(solution.unregistered_names)}"
         )
     held = solution.held_out_observations
     return RefinedLens(
@@ -186,7 +186,7 @@ def _measure_held_out(
         solution.points, used, gather_pixels(features, used), camera, np.array(poses)
     )
     p = transform_to_cameras(points, held, np.array(poses))
-    residuals = camera.pixel_difference(camera.project(p)[0], gather_pixels(features, held))
+    residuals = camera.subtract_pixels(camera.project(p)[0], gather_pixels(features, held))
     distance = np.linalg.norm(residuals, axis=1)
     return float(np.median(np.where(np.isfinite(distance), distance, np.inf)))
 
@@ -211,7 +211,7 @@ def fit_points(
 
     def measure_residuals(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         p = transform_to_cameras(points, observations, poses)
-        return p, camera.pixel_difference(camera.project(p)[0], pixels)
+        return p, camera.subtract_pixels(camera.project(p)[0], pixels)
 
     def measure_cost(points: np.ndarray) -> np.ndarray:
         squared = np.sum(measure_residuals(points)[1] ** 2, axis=1)

@@ -11,8 +11,8 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import SolveError
-from gsut.data import some_names
-from gsut.lens import Camera, focal_params, has_focal_length, with_scaled_focal
+from gsut.data import list_some
+from gsut.lens import Camera, find_focal_params, has_focal_length, with_scaled_focal
 from gsut.sfm.core import (
     Features,
     Findings,
@@ -163,7 +163,7 @@ def find_zooms(
         logs[number] = _try_focals(lens, *sightings[number], options, _FITS * usual)
     return [
         Zoom(
-            float(lens.params[focal_params(lens)[0]] * math.exp(np.median(logs[group]))),
+            float(lens.params[find_focal_params(lens)[0]] * math.exp(np.median(logs[group]))),
             [solution.names[image] for image in group],
         )
         for group in _group_by_focal(logs)
@@ -178,7 +178,7 @@ def describe_zooms(zooms: Sequence[Zoom]) -> list[str]:
     counts = ", ".join(f"{len(z.names)} at a focal length of {z.focal:.0f} px" for z in zooms)
     return [
         f"the images were taken at {len(zooms)} zooms: {counts}. One lens cannot serve them all: "
-        f"put {some_names(others)} into a folder of their own, or give lens files in a dataset"
+        f"put {list_some(others)} into a folder of their own, or give lens files in a dataset"
     ]
 
 
@@ -256,7 +256,7 @@ def _fit_focal(lens: Camera, pose: np.ndarray, pixels: np.ndarray, points: np.nd
     Returns:
         The logarithm; NaN if it is not determined.
     """
-    change, log, focal = np.zeros(7), 0.0, focal_params(lens)
+    change, log, focal = np.zeros(7), 0.0, find_focal_params(lens)
     for _ in range(_ROUNDS):
         pose, log = _core.exp_pose(change[:6]) @ pose, log + float(change[6])
         scaled = with_scaled_focal(lens, math.exp(log))

@@ -15,7 +15,8 @@ import numpy as np
 from gsut._core import InputError
 from gsut.data import read_dataset
 from gsut.files import write_file
-from gsut.lens import OWN_SUFFIX, Camera, grid_pixels, save_uncertainty
+from gsut.lens import Camera, save_camera, save_uncertainty, spread_pixels
+from gsut.lens.files import OWN_SUFFIX
 from gsut.sfm.core import PosesOptions
 from gsut.sfm.lens import RefinedLens, refine_lens
 from gsut.sfm.report.calibration_page import write_page
@@ -77,7 +78,7 @@ def calibrate_from_dataset(
 
     found = refine_lens(data, PosesOptions(), on_progress, note)
     camera = found.camera.with_valid_field_angle(found.reach)
-    pixels = grid_pixels(camera.width, camera.height)
+    pixels = spread_pixels(camera.width, camera.height)
     sigma = found.covariance.estimate_projection_sigma(camera, pixels.reshape(-1, 2))
     sigma = sigma.reshape(pixels.shape[:2])
     rim = float(np.nanmax(sigma))
@@ -128,10 +129,10 @@ def _write_lens(camera: Camera, sigma: np.ndarray, out: Path) -> Path:
     if out.suffix.lower() == ".cameramodel" and camera.model == "kannala_brandt":
         exact = out.with_suffix(".yaml")
     try:
-        camera.save(exact, "opencv" if exact.suffix.lower() != ".cameramodel" else "mrcal")
+        save_camera(camera, exact, "opencv" if exact.suffix.lower() != ".cameramodel" else "mrcal")
     except InputError:  # the wanted form has no such lens
         exact = out.with_suffix(OWN_SUFFIX)
-        camera.save(exact)
+        save_camera(camera, exact)
     save_uncertainty(exact, sigma)
     return exact
 

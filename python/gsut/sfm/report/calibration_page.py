@@ -8,14 +8,23 @@ from typing import Any
 import numpy as np
 
 from gsut.files import write_file
-from gsut.lens import Camera, grid_pixels
-from gsut.page import LINE, MUTED, SERIES, html_table, plot_figure, sections_page, svg_text
+from gsut.lens import Camera, spread_pixels
+from gsut.page import (
+    LINE,
+    MUTED,
+    SERIES,
+    build_page,
+    build_table,
+    make_figure,
+    plot_map,
+    plot_residuals,
+    render_svg,
+)
 from gsut.sfm.lens import RefinedLens
 
 PAGE = "report.html"
 _REGIONS = 3  # columns and rows of the image for which residuals are given
 _MOST_ARROWS = 3000  # drawn: more cover each other
-_ARROW_PART = 0.05  # length of the arrow of a 99-percentile residual over the image's width
 _RING_DEGREES = 5.0  # of the field angle, in the plot of residuals
 _FEWEST_IN_RING = 10  # residuals, for a mean
 _BEFORE = SERIES[1]
@@ -29,7 +38,7 @@ def write_page(
     Args:
         folder: beside the lens.
         camera: the refined lens.
-        sigma: (rows, columns) pixels on the grid of `grid_pixels`.
+        sigma: (rows, columns) pixels on the grid of `spread_pixels`.
         values: of report.json.
 
     Raises:
@@ -57,23 +66,22 @@ def write_page(
         ),
         "seconds": f"{values['seconds']:.1f}",
     }
+    size = (camera.width, camera.height)
+    change = _measure_change(found.before, camera, turn)
     pictures = [
         _plot_arrows(camera, solution.pixels[good], after),
         _plot_rings(np.degrees(solution.field_angles[good]), before, after),
-        _plot_map(
-            camera, sigma, "Uncertainty of projection [px, one standard deviation]", "inferno"
+        render_svg(
+            plot_map(
+                "Uncertainty of projection [px, one standard deviation]", size, sigma, "inferno"
+            )[0]
         ),
-        _plot_map(
-            camera,
-            _measure_change(found.before, camera, turn),
-            "Change of the lens [px]",
-            "viridis",
-        ),
+        render_svg(plot_map("Change of the lens [px]", size, change, "viridis")[0]),
     ]
     parts = [
-        html_table(rows.items()),
+        build_table(rows.items()),
         "<h2>Parameters</h2>",
-        html_table(
+        build_table(
             map(_make_param_row, values["params"]),
             ("parameter", "before", "after", "sigma", "change / sigma"),
         ),
@@ -83,14 +91,14 @@ def write_page(
         "<p>Before: the same points and refined poses through the dataset's own lens, turned as "
         "well as it can be; pixels, root mean square lengths. The mean says where a region is off "
         "as a whole.</p>",
-        html_table(
+        build_table(
             _make_region_rows(camera, solution.pixels[good], before, after, sigma),
             ("column, row", "observations", "before", "after", "mean x, y after",
              "sigma of the lens"),
         ),
     ]  # fmt: skip
     path = folder / PAGE
-    write_file(path, sections_page(title, values["notes"], parts))
+    write_file(path, build_page(title, values["notes"], parts))
     return path
 
 
@@ -99,7 +107,7 @@ def _find_turn(before: Camera, after: Camera, reach: float) -> np.ndarray:
 
     Poses follow a lens that is turned as a whole.
     """
-    pixels = grid_pixels(after.width, after.height).reshape(-1, 2)
+    pixels = spread_pixels(after.width, after.height).reshape(-1, 2)
     (old, _), (new, _) = before.unproject(pixels), after.unproject(pixels)
     use = np.isfinite(old).all(axis=1) & np.isfinite(new).all(axis=1)
     use[use] = new[use][:, 2] >= np.cos(reach)
@@ -114,16 +122,16 @@ def _compute_residuals_before(found: RefinedLens, turn: np.ndarray) -> np.ndarra
     points = solution.points[solution.observations[:, 0]]
     directions = np.einsum("nij,nj->ni", pose[:, :3, :3], points) + pose[:, :3, 3]
     pixels, valid = found.before.project(directions @ turn.T)
-    difference = found.before.pixel_difference(pixels, solution.pixels)
+    difference = found.before.subtract_pixels(pixels, solution.pixels)
     return np.where(valid[:, None], difference, np.nan)
 
 
 def _measure_change(before: Camera, after: Camera, turn: np.ndarray) -> np.ndarray:
     """Returns (rows, columns) pixels between the images of one ray in the two lenses, or NaN."""
-    pixels = grid_pixels(after.width, after.height)
+    pixels = spread_pixels(after.width, after.height)
     rays, _ = after.unproject(pixels.reshape(-1, 2))
     old, valid = before.project(rays @ turn.T)
-    difference = before.pixel_difference(old, pixels.reshape(-1, 2))
+    difference = before.subtract_pixels(old, pixels.reshape(-1, 2))
     distance = np.linalg.norm(np.where(valid[:, None], difference, np.nan), axis=1)
     return distance.reshape(pixels.shape[:2])
 
@@ -137,7 +145,10 @@ def _make_region_rows(
         place = np.clip(at * _REGIONS / size, 0, _REGIONS - 1).astype(int)
         return place[..., 1] * _REGIONS + place[..., 0]
 
-    of_observation, of_grid = find_cell(pixels), find_cell(grid_pixels(camera.width, camera.height))
+    of_observation, of_grid = (
+        find_cell(pixels),
+        find_cell(spread_pixels(camera.width, camera.height)),
+    )
     rows: list[tuple[str, ...]] = []
     for index in range(_REGIONS**2):
         mine, here = of_observation == index, sigma[of_grid == index]
@@ -168,28 +179,13 @@ def _format_px(value: float | None) -> str:
     return "-" if value is None or not np.isfinite(value) else f"{value:.3f}"
 
 
-def _open_plot(camera: Camera, title: str) -> tuple[Any, Any]:
-    figure, axes = plot_figure(title, 6.0, 6.0 * camera.height / camera.width + 0.5)
-    axes.set(xlim=(0, camera.width), ylim=(camera.height, 0), aspect="equal")
-    axes.grid(False)
-    return figure, axes
-
-
 def _plot_arrows(camera: Camera, pixels: np.ndarray, residuals: np.ndarray) -> str:
-    length = float(np.percentile(np.linalg.norm(residuals, axis=1), 99))
-    factor = _ARROW_PART * camera.width / max(length, 1e-12)
-    figure, axes = _open_plot(camera, f"Residuals after, enlarged {factor:.0f} times")
-    step = max(1, len(pixels) // _MOST_ARROWS)
-    at, by = pixels[::step], residuals[::step] * factor
-    axes.quiver(
-        *at.T, *by.T, angles="xy", scale_units="xy", scale=1, width=0.0016, color=LINE,
-        rasterized=True,
-    )  # fmt: skip
-    return svg_text(figure)
+    step, size = max(1, len(pixels) // _MOST_ARROWS), (camera.width, camera.height)
+    return render_svg(plot_residuals("Residuals after", size, pixels[::step], residuals[::step])[0])
 
 
 def _plot_rings(degrees: np.ndarray, before: np.ndarray, after: np.ndarray) -> str:
-    figure, axes = plot_figure("RMS of residuals [px] by field angle", 6.0, 3.4)
+    figure, axes = make_figure("RMS of residuals [px] by field angle", 6.0, 3.4)
     ring = np.floor(degrees / _RING_DEGREES).astype(int)
     full = [i for i in np.unique(ring) if np.sum(ring == i) >= _FEWEST_IN_RING]
     middle = [(i + 0.5) * _RING_DEGREES for i in full]
@@ -199,16 +195,4 @@ def _plot_rings(degrees: np.ndarray, before: np.ndarray, after: np.ndarray) -> s
     axes.set_yscale("log")
     axes.set_xlabel("degrees from the axis", color=MUTED)
     axes.legend(fontsize=8, frameon=False)
-    return svg_text(figure)
-
-
-def _plot_map(camera: Camera, values: np.ndarray, title: str, colours: str) -> str:
-    figure, axes = _open_plot(camera, title)
-    if np.isfinite(values).any():
-        low, high = np.nanpercentile(values, (0, 99))
-        shown = axes.imshow(
-            np.ma.masked_invalid(values), cmap=colours, vmin=low, vmax=max(high, low + 1e-12),
-            extent=(0, camera.width, camera.height, 0), interpolation="nearest",
-        )  # fmt: skip
-        figure.colorbar(shown, ax=axes, shrink=0.75)
-    return svg_text(figure)
+    return render_svg(figure)

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.data import Frame, some_names, write_transforms
-from gsut.data.colmap import ColmapImage, ColmapModel, colmap_texts
-from gsut.data.points import points_ply
-from gsut.data.poses import inverse
+from gsut.data import Frame, list_some, write_transforms
+from gsut.data.colmap import ColmapImage, ColmapModel, format_model_texts
+from gsut.data.points import format_points_ply
+from gsut.data.poses import invert_pose
 from gsut.files import write_file
 from gsut.sfm.core import FEATURE_VARIANCE, Photographs, Solution
 
@@ -40,7 +40,7 @@ def write_dataset(solution: Solution, photographs: Photographs, out: Path) -> li
     Raises:
         InputError: a file cannot be written.
     """
-    write_file(out / POINTS, points_ply(solution.points, solution.colors))
+    write_file(out / POINTS, format_points_ply(solution.points, solution.colors))
     write_transforms(out / TRANSFORMS, _list_frames(solution, photographs), points_file=POINTS)
     try:
         texts = _format_colmap(solution)
@@ -57,7 +57,7 @@ def write_dataset(solution: Solution, photographs: Photographs, out: Path) -> li
 def _list_frames(solution: Solution, photographs: Photographs) -> list[Frame]:
     frames = [
         Frame(
-            name, path, camera, inverse(pose), mask_path=mask, shutter=solution.shutter,
+            name, path, camera, invert_pose(pose), mask_path=mask, shutter=solution.shutter,
             time=photographs.times.get(name),
         )
         for name, path, camera, pose, mask in zip(
@@ -69,8 +69,8 @@ def _list_frames(solution: Solution, photographs: Photographs) -> list[Frame]:
         ends = solution.interpolate_poses(0.0), solution.interpolate_poses(1.0)
         for frame, start, end in zip(frames, *ends, strict=True):
             frame.world_from_camera_start, frame.world_from_camera_end = (
-                inverse(start),
-                inverse(end),
+                invert_pose(start),
+                invert_pose(end),
             )
     return [f for f, registered in zip(frames, solution.registered, strict=True) if registered]
 
@@ -89,7 +89,7 @@ def _format_colmap(solution: Solution) -> dict[str, str]:
         if solution.registered[i]
     ]  # fmt: skip
     model = ColmapModel(images, solution.points, solution.colors, solution.point_errors)
-    return colmap_texts(model)
+    return format_model_texts(model)
 
 
 def list_figures(
@@ -165,7 +165,7 @@ def write_models(models: Sequence[Solution], photographs: Photographs, out: Path
         names = model.registered_names
         notes.append(
             f"{len(names)} images do not connect with the others and are a model of their own, "
-            f"{folder.name}: {some_names(names)}; take pictures between them and the others, or "
+            f"{folder.name}: {list_some(names)}; take pictures between them and the others, or "
             f"train them by themselves: gsut train {folder}"
         )
     return notes

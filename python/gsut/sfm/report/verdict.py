@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gsut.data import some_names
+from gsut.data import list_some
 from gsut.run import Verdict
 from gsut.sfm.core import Features, Findings, Mapping, Solution, count_exceeded, find_picture_faults
 from gsut.sfm.lens import FOCAL_LIMITS, TURNED, describe_doubt
@@ -132,7 +132,7 @@ def list_notes(mapping: Mapping, agreement: float | None, *, is_lens_known: bool
     if solution.num_registered < len(solution.names):
         notes.append(
             f"{solution.num_registered} of {len(solution.names)} images were registered; without a "
-            f"pose: {some_names(solution.unregistered_names)}"
+            f"pose: {list_some(solution.unregistered_names)}"
         )
     doubt = describe_doubt(found)
     if doubt is not None:

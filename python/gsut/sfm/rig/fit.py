@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError, SolveError
-from gsut.data.poses import centers_of, inverse
-from gsut.data.rigs import Rig, relative_changes
-from gsut.lens import Camera
+from gsut.data.poses import find_centers, invert_pose
+from gsut.data.rigs import Rig, measure_changes
+from gsut.lens import Camera, save_camera
 from gsut.sfm.core import (
     Adjustment,
     Mapping,
@@ -109,7 +109,7 @@ def put_on_rig(mapping: Mapping, rig: Rig, adjust: bool) -> tuple[Solution, RigF
     first = rig.camera_from_reference[0]
     constraint = RigConstraint(
         photographs.frames, photographs.rig_cameras - 1,
-        rig.camera_from_reference[1:] @ inverse(first), start.known, adjust,
+        rig.camera_from_reference[1:] @ invert_pose(first), start.known, adjust,
     )  # fmt: skip
     solution = adjust_poses(
         mapping.images, mapping.pairs, list(start.camera_from_world), mapping.options,
@@ -153,7 +153,7 @@ def _estimate_scale_sigma(solution: Solution) -> float | None:
     It is that of an image's distance from the frame whose pose is held: the smallest over all
     images, as a far image's own error matters least.
     """
-    centers = centers_of(solution.camera_from_world)
+    centers = find_centers(solution.camera_from_world)
     spread = solution.covariances[:, :3, :3]
     held = solution.registered & ~solution.covariances.any(axis=(1, 2))
     if not held.any():
@@ -193,7 +193,7 @@ def _describe_rig(
     before_px, after_px = _measure_residuals(alone, solution)
     # While the rig is refined a pose holds the scale, so covariances do not include it.
     scale_sigma = None if now is not rig else _estimate_scale_sigma(solution)
-    changes = relative_changes(rig, now.camera_from_reference)
+    changes = measure_changes(rig, now.camera_from_reference)
     return {
         "file": str(rig.source),
         "refined": now is not rig,
@@ -324,7 +324,7 @@ def _find_back_from_front(alone: Solution, photographs: Photographs) -> np.ndarr
                 for k in (0, 1)]  # fmt: skip
         if len(rows[0]) and len(rows[1]):
             front, back = (alone.camera_from_world[row[0]] for row in rows)
-            found.append(back @ inverse(front))
+            found.append(back @ invert_pose(front))
     if len(found) < _FEWEST:
         return None
     poses = np.array(found)
@@ -337,7 +337,7 @@ def _find_back_from_front(alone: Solution, photographs: Photographs) -> np.ndarr
     result = np.eye(4)
     result[:3, :3] = left @ right
     # The position of the back lens in the front one's frame does not turn with the cameras.
-    place = np.median([inverse(pose)[:3, 3] for pose in poses[good]], axis=0)
+    place = np.median([invert_pose(pose)[:3, 3] for pose in poses[good]], axis=0)
     result[:3, 3] = -result[:3, :3] @ place
     return result
 
@@ -345,4 +345,4 @@ def _find_back_from_front(alone: Solution, photographs: Photographs) -> np.ndarr
 def write_lens_pair(fit: RigFit) -> None:
     """Writes both lenses beside the rig's file."""
     for camera, (path, _) in zip(fit.rig.cameras, fit.rig.lens_files, strict=True):
-        camera.save(path)
+        save_camera(camera, path)

@@ -20,8 +20,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from gsut import _core
-from gsut.data.poses import centers_of
-from gsut.data.scene import frame_times
+from gsut.data.poses import find_centers
+from gsut.data.scene import order_frames
 from gsut.lens import Camera
 from gsut.sfm.core import FEATURE_VARIANCE, Mapping, Solution, transform_to_cameras
 from gsut.sfm.lens import (
@@ -73,7 +73,7 @@ def estimate_readout_time(names: Sequence[str], solution: Solution) -> ReadoutTi
     """
     if solution.velocities is None:
         return None
-    times = frame_times(names)
+    times = order_frames(names)
     order = [int(i) for i in np.argsort(times, kind="stable") if solution.registered[i]]
     own, between = [], []
     for before, image, after in zip(order, order[1:], order[2:], strict=False):
@@ -218,7 +218,7 @@ def _draw_errors(spread: np.ndarray, known: np.ndarray) -> list[np.ndarray]:
 def _find_unknowns(solution: Solution, known: np.ndarray, size: int) -> np.ndarray:
     """Returns the indices of the unknowns that the gauge leaves free."""
     images = np.flatnonzero(known)
-    centres = centers_of(solution.camera_from_world)
+    centres = find_centers(solution.camera_from_world)
     away = centres[images] - centres[images[0]]
     second = int(images[np.argmax((away**2).sum(axis=1))])
     axis = int(np.argmax(np.abs(centres[second] - centres[images[0]])))

@@ -1,0 +1,117 @@
+"""Loads and saves lens files in whichever format a file has, or its name chooses."""
+
+from __future__ import annotations
+
+import fnmatch
+import os
+from pathlib import Path
+
+from gsut._core import CalibrationError, InputError
+from gsut.files import reading, regular, write_file
+from gsut.lens.camera import Camera
+from gsut.lens.files._format import LensFile, LensFormat, list_formats
+
+_Path = str | os.PathLike[str]
+
+
+def load_camera(path: _Path, camera_id: int | str | None = None) -> Camera:
+    """Reads a lens file.
+
+    Formats, distinguished by name and content: mrcal .cameramodel, OpenCV YAML / JSON (FileStorage
+    or ROS camera_info), Open3D's intrinsics JSON, Kalibr camchain YAML, EuRoC's sensor.yaml, COLMAP
+    cameras.txt and cameras.bin, nerfstudio transforms.json, Project Aria calibration JSON,
+    OCamCalib's calib_results.txt, MATLAB's intrinsics as JSON (jsonencode(toStruct(intrinsics))),
+    Metashape's calibration XML, OpenSfM's camera_models.json, gsut's own .lens.json, and tables of
+    pixels and rays (.csv of x, y, rx, ry, rz; .npz), to which the nearest of the usual models is
+    fitted. Pixel conventions are converted: the centre of the top-left pixel is (0.5, 0.5) for
+    gsut, COLMAP, nerfstudio and Metashape, (1, 1) for MATLAB, and (0, 0) for the others.
+
+    Args:
+        path: the file.
+        camera_id: which camera, for a file with several: COLMAP's number, Kalibr's "cam0", the
+            label of Aria or Metashape, the name of OpenSfM.
+
+    Returns:
+        The camera. The valid field angle is set where the file states one.
+
+    Raises:
+        CalibrationError: the file is not a lens file, is cut off, lacks a key, or holds a lens that
+            gsut does not have; the message names file, line where known, and key.
+        InputError: the file holds several cameras and camera_id is not given or not among them.
+        OSError: the file cannot be read.
+    """
+    source, place = str(path), Path(path)
+    with reading(lambda what: CalibrationError(f"{source}: {what}; is it a lens file, and whole?")):
+        file = LensFile(place, source, regular(place).read_bytes())
+        return _find_format(file).read(file, camera_id)
+
+
+def _find_format(file: LensFile) -> LensFormat:
+    """Returns the first format that recognises the file."""
+    suffix = file.path.suffix.lower()
+    candidates = [each for each in list_formats() if suffix in each.suffixes]
+    found = next((each for each in candidates if each.has_marks(file)), None)
+    if found is not None:
+        return found
+    if candidates:
+        marks = ", ".join(f"{each.marks} ({each.program})" for each in candidates)
+        raise CalibrationError(f"{file.source}: holds none of {marks}; is it a lens file?")
+    known = "; ".join(
+        f"{kind} ({', '.join(each.program for each in list_formats() if kind in each.suffixes)})"
+        for kind in list_suffixes()
+    )
+    raise InputError(f"{file.source}: unknown kind of lens file; known: {known}")
+
+
+def list_suffixes() -> tuple[str, ...]:
+    """Returns the suffixes of all files that `load_camera` reads."""
+    return tuple(sorted({suffix for each in list_formats() for suffix in each.suffixes}))
+
+
+def save_camera(camera: Camera, path: _Path, format: str | None = None) -> None:
+    """Writes a lens to a file that `load_camera` reads.
+
+    The file is written under a temporary name and renamed, so that a crash leaves the old one.
+    Kalibr and COLMAP files have no place for the valid field angle, and only mrcal's and gsut's
+    have one for extrinsics and valid_region; those are left out.
+
+    Args:
+        camera: the lens.
+        path: a file; its name chooses the format: *.cameramodel (mrcal), *camchain*.yaml (Kalibr),
+            *.lens.json (gsut, which holds every lens), other *.yaml or *.yml and *.json (OpenCV),
+            transforms*.json (nerfstudio), *aria*.json (Project Aria), *matlab*.json (MATLAB),
+            *camera_models*.json (OpenSfM), *calib_results*.txt (OCamCalib), other *.txt and *.bin
+            (COLMAP), *.xml (Metashape).
+        format: "mrcal", "gsut", "opencv", "kalibr", "nerfstudio", "aria", "matlab", "opensfm",
+            "ocam", "metashape", "colmap" or "colmap-binary", to choose it by hand.
+
+    Raises:
+        InputError: the format cannot hold this lens, or is unknown.
+        InputError, also an OSError: the file cannot be written.
+    """
+    file = Path(path)
+    chosen = _choose_format(file) if format is None else _find_by_name(format)
+    assert chosen.write is not None
+    write_file(file, chosen.write(camera, file.suffix.lower()))
+
+
+def _choose_format(path: Path) -> LensFormat:
+    """Returns the format with the most specific pattern that the file's name matches."""
+    name = path.name.lower()
+    matching = [
+        ((len(pattern.rpartition("*")[2]), len(pattern)), each)
+        for each in list_formats()
+        for pattern in each.names
+        if fnmatch.fnmatchcase(name, pattern)
+    ]
+    if not matching:
+        known = ", ".join(pattern for each in list_formats() for pattern in each.names)
+        raise InputError(f"{path}: the name chooses no format; use {known}, or give format")
+    return max(matching, key=lambda row: row[0])[1]
+
+
+def _find_by_name(name: str) -> LensFormat:
+    known = {each.name: each for each in list_formats() if each.write is not None}
+    if name not in known:
+        raise InputError(f"unknown lens file format {name!r}; known: {', '.join(known)}")
+    return known[name]

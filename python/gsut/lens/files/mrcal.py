@@ -1,0 +1,52 @@
+"""mrcal's .cameramodel files."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gsut import _core
+from gsut._core import InputError
+from gsut.lens.camera import Camera
+from gsut.lens.files._format import LensFile, LensFormat
+from gsut.lens.files._values import LensValues
+
+
+def read_mrcal(file: LensFile, camera_id: int | str | None) -> Camera:
+    """Reads the camera with its pose and its trusted region."""
+    core, extrinsics, valid_region = _core.parse_camera_model(file.text, file.source)
+    try:
+        return Camera(
+            core.model,
+            core.params,
+            core.width,
+            core.height,
+            valid_field_angle=core.valid_field_angle,
+            extrinsics=extrinsics,
+            # No polygon means unknown; an empty one means that mrcal trusts no pixel.
+            valid_region=None if valid_region is None else np.reshape(valid_region, (-1, 2)),
+        )
+    except InputError as error:
+        LensValues({}, file.source, file.text).fail("intrinsics", str(error))
+
+
+def format_mrcal(camera: Camera) -> str:
+    """Formats a lens as a .cameramodel.
+
+    Raises:
+        InputError: mrcal has no such lens.
+    """
+    extrinsics = [0.0] * 6 if camera.extrinsics is None else list(camera.extrinsics)
+    region = None if camera.valid_region is None else camera.valid_region.tolist()
+    return _core.format_camera_model(camera, extrinsics, region)
+
+
+FORMAT = LensFormat(
+    "mrcal",
+    "mrcal",
+    (".cameramodel",),
+    read_mrcal,
+    write=lambda camera, suffix: format_mrcal(camera),
+    names=("*.cameramodel",),
+    models="cahvor cahvore latlon lonlat opencv12 opencv4 opencv5 opencv8 pinhole "
+    "splined_stereographic stereographic",
+)
