@@ -37,17 +37,17 @@ LIGHTS: dict[str, tuple[tuple[str, ...], str]] = {
     "none": ((), ""),
     "exposure": (("gain",), ""),
     "falloff": (("falloff",), ""),
-    "exposure, falloff, noise": (("gain", "falloff", "noise"), ""),
+    "exposure + falloff + noise": (("gain", "falloff", "noise"), ""),
     "two passers-by": (("people",), "--robust"),
-    "blur, noise": (("blur", "noise"), "--drop-blurred"),
-    "camera moves, noise": (("motion", "noise"), f"--motion-blur {_EXPOSED:g}"),
+    "blur + noise": (("blur", "noise"), "--drop-blurred"),
+    "motion + noise": (("motion", "noise"), f"--motion-blur {_EXPOSED:g}"),
 }
 
 
 def list_cases(settings: Settings) -> Iterator[Row]:
     """Lists the hall's lights, and datasets in their own, without and with what helps."""
     for data in settings.sets or (HALL, "fox", "gopro_max_walk"):
-        for light in LIGHTS if data == HALL else ("its own",):
+        for light in settings.lights if data == HALL else ("its own",):
             flag = LIGHTS[light][1] if data == HALL else ""
             for way in ("--exposure off", flag or "--exposure auto"):
                 yield {"data": data, "light": light, "flags": way}
@@ -62,7 +62,7 @@ def measure(case: Row, settings: Settings) -> Row:
         lambda path: make_demo_scene(path, settings.views, 6, settings.size, progress=False),
     )
     parts = LIGHTS[case["light"]][0]
-    name = "lit " + case["light"].replace(", ", "_")
+    name = "lit " + case["light"]
     data = settings.make(name, lambda path: disturb_light(clean, path, parts, seed=1))
     truth = draw_light(gsut.load_dataset(clean), parts, np.random.default_rng(1))
     row, result = _train(case, settings, data)
@@ -228,6 +228,7 @@ BENCHMARK = Benchmark(
     cases=list_cases,
     measure=measure,
     options=(
+        Option("lights", tuple(LIGHTS), "of the hall"),
         Option("steps", 400, "of each training"),
         Option("max_gaussians", 30_000, "of each training"),
         Option("scale", 0.25, "of the images of datasets"),

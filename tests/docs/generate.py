@@ -20,7 +20,7 @@ import numpy as np
 
 import gsut
 from gsut.cli import build_parser
-from gsut.run import show_every_option
+from gsut.run.options import show_every_option
 from lens_pictures import FOLDER, draw, seen_angle, widest_example
 from public_names import list_public_names
 

@@ -185,7 +185,7 @@ def test_staged_bar_never_goes_back_and_skips_what_is_done():
 
 @pytest.mark.parametrize("slower", [1.0, 4.0])
 def test_training_time_left_holds_though_steps_grow(slower):
-    options = gsut.TrainOptions(preset="fast", max_gaussians=50_000, eval_every=0).resolved()
+    options = gsut.TrainOptions(preset="fast", max_gaussians=50_000, eval_every=0).resolve()
     clock = Clock()
     pace = Pace(predict_training_steps(options, 12_000, 0.41).tolist(), clock=clock)
     fraction = np.arange(1, 501) / 500

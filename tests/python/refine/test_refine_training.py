@@ -203,7 +203,7 @@ def test_threads_do_not_change_the_bits(scene):
 
 
 def test_tracks_that_say_nothing_leave_the_poses(scene):
-    result = refine_by_tracks(scene, OPTIONS.resolved())
+    result = refine_by_tracks(scene, OPTIONS.resolve())
     assert "no poses from tracks" in result.note
     assert result.scene is scene
 
@@ -213,7 +213,7 @@ def test_tracks_bring_poses_back_and_leave_those_that_are_as_good(tmp_path, monk
     monkeypatch.setattr(demo, "camera_path", lambda n, seed: camera_path(6 * n, seed)[:n])
     folder = demo.make_demo_scene(tmp_path / "data", 12, 0, size=160, progress=False)
     true = gsut.load_dataset(folder)
-    options = TrainOptions(refine_poses=True, threads=2).resolved()
+    options = TrainOptions(refine_poses=True, threads=2).resolve()
     kept = refine_by_tracks(true, options)
     print(kept.figures)
     assert "as good, were kept" in kept.note
