@@ -47,7 +47,7 @@ def training(monkeypatch, scene):
 
     def train(scene, options, out, resume=False, progress=None, watch=None):
         calls.append(SimpleNamespace(options=options, out=out, resume=resume, progress=progress))
-        if not RunFolder(out).holds_run():
+        if not RunFolder(out).has_run():
             small_run.finished_run(Path(out), scene, options, report=False)
 
     monkeypatch.setattr(gsut, "train", train, raising=False)
