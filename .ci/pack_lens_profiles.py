@@ -41,7 +41,7 @@ def pack(profiles: Iterable[dict[str, Any]]) -> bytes:
 
 
 def _row(p: dict[str, Any], texts: dict[str, int]) -> dict[str, Any]:
-    # Anamorphic profiles are of the stretched picture; the camera writes the one before it.
+    # Anamorphic profiles describe the stretched picture; the camera stores the unstretched one.
     across, down = p["stretch"]
     params = [
         p["fx"] / across, p["fy"] / down, (p["cx"] + 0.5) / across, (p["cy"] + 0.5) / down,
