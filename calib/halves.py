@@ -14,7 +14,7 @@ from calib.lens import rays
 from calib.rigid import compose, rodrigues_vector, skew, transform_points
 from calib.solution import CameraSolution
 from calib.trust import field_angle
-from calib.uncertainty import grid_pixels
+from calib.uncertainty import spread_pixels
 from gsut.least_squares import minimize_least_squares
 
 AGREEMENT_DEGREES = 0.3  # between the rays of two good lenses of one camera
@@ -28,7 +28,7 @@ class Halves:
     """Angle between the rays of two solves, after turning one onto the other.
 
     Args:
-        degrees: (rows, columns) on the grid of `uncertainty.grid_pixels`; NaN without a ray.
+        degrees: (rows, columns) on the grid of `uncertainty.spread_pixels`; NaN without a ray.
         median_degrees, worst_degrees: inside the trusted field.
     """
 
@@ -55,7 +55,7 @@ def solve_halves(
 
 def compare_lenses(a: CameraSolution, b: CameraSolution, valid_angle: float) -> Halves:
     """Angles between the rays of two lenses at the same pixels, turned onto each other."""
-    pixels = grid_pixels(a.width, a.height)
+    pixels = spread_pixels(a.width, a.height)
     rays_a, rays_b = _rays_of_both(a, b)
     trusted = field_angle(rays_a) <= valid_angle
     degrees = np.full(len(rays_a), np.nan)
@@ -101,7 +101,7 @@ def agreement_angle(
 
 def _rays_of_both(a: CameraSolution, b: CameraSolution) -> tuple[np.ndarray, np.ndarray]:
     """Unit rays (N, 3) of the grid's pixels; NaN in both where either lens has none."""
-    pixels = grid_pixels(a.width, a.height).reshape(-1, 2)
+    pixels = spread_pixels(a.width, a.height).reshape(-1, 2)
     rays_a, rays_b = rays(a, pixels), rays(b, pixels)
     missing = ~np.all(np.isfinite(rays_a) & np.isfinite(rays_b), axis=1)
     rays_a[missing] = rays_b[missing] = np.nan

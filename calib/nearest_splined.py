@@ -19,7 +19,7 @@ from calib.lens import PIXEL_SHIFT
 from calib.lens_files import NO_SIGMA, SIGMA_KEY, write_lens
 from calib.solution import CameraSolution
 from calib.trust import Trust
-from calib.uncertainty import UNKNOWN, grid_pixels
+from calib.uncertainty import UNKNOWN, spread_pixels
 
 _EXIT_INPUT = 2
 
@@ -39,7 +39,7 @@ def nearest_splined(lens: Path, out: Path) -> list[str]:
         )
     solution = known_fisheye(camera)
     side = lens.with_suffix(".uncertainty.json")
-    sigma = np.full(grid_pixels(camera.width, camera.height).shape[:2], UNKNOWN)
+    sigma = np.full(spread_pixels(camera.width, camera.height).shape[:2], UNKNOWN)
     if side.is_file():
         rows = np.array(json.loads(side.read_text(encoding="utf-8"))[SIGMA_KEY])
         sigma = np.where(rows == NO_SIGMA, UNKNOWN, rows)

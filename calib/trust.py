@@ -10,7 +10,7 @@ import gsut
 from calib.board import Board
 from calib.lens import gsut_camera, rays
 from calib.solution import CameraSolution
-from calib.uncertainty import grid_pixels
+from calib.uncertainty import spread_pixels
 
 # Standard deviation beyond which a pixel is not where the lens says: its own size.
 TRUSTED_SIGMA_PX = 1.0
@@ -56,7 +56,7 @@ def judge(camera: CameraSolution, board: Board, sigma: np.ndarray) -> Trust:
     """
     angles = camera.field_angles(board)
     reach = float(np.max(angles[~camera.outliers]))
-    pixels = grid_pixels(camera.width, camera.height)
+    pixels = spread_pixels(camera.width, camera.height)
     try:
         domain = float(gsut_camera(camera).max_angle)
         angle_map = field_angle(rays(camera, pixels.reshape(-1, 2))).reshape(pixels.shape[:2])

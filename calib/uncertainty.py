@@ -16,7 +16,7 @@ GRID_COLUMNS = 40  # of the map; its rows follow from the image's shape
 UNKNOWN = float("nan")
 
 
-def grid_pixels(width: int, height: int) -> np.ndarray:
+def spread_pixels(width: int, height: int) -> np.ndarray:
     """(rows, columns, 2) pixels of the map: evenly spread, centre of corner to centre of corner."""
     rows = max(2, round(GRID_COLUMNS * height / width))
     x, y = np.meshgrid(np.linspace(0, width - 1, GRID_COLUMNS), np.linspace(0, height - 1, rows))
@@ -31,7 +31,7 @@ def uncertainty_map(camera: CameraSolution, board: Board) -> np.ndarray:
     that is turned together with all boards is the same lens. mrcal's method; by mrcal's own code
     for its solves, by `projection_sigma` for OpenCV's. NaN where the lens has no ray.
     """
-    pixels = grid_pixels(camera.width, camera.height)
+    pixels = spread_pixels(camera.width, camera.height)
     flat = pixels.reshape(-1, 2)
     if camera.solver == "mrcal":
         question = {"do": "uncertainty", "models": [camera.model_text], "pixels": flat.tolist()}
@@ -103,4 +103,4 @@ def safe_uncertainty_map(camera: CameraSolution, board: Board) -> tuple[np.ndarr
     try:
         return uncertainty_map(camera, board), ""
     except SolveError as error:
-        return np.full(grid_pixels(camera.width, camera.height).shape[:2], UNKNOWN), str(error)
+        return np.full(spread_pixels(camera.width, camera.height).shape[:2], UNKNOWN), str(error)

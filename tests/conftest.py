@@ -31,7 +31,7 @@ def rng() -> np.random.Generator:
 def defaults():
     """Whatever instruction set and number of threads a test forces is undone."""
     yield
-    gsut.set_isa(os.environ.get("GSUT_ISA", ""))
+    gsut.machine.set_isa(os.environ.get("GSUT_ISA", ""))
     gsut.set_num_threads(0)
 
 

@@ -30,7 +30,7 @@ def every_lens(width: int = 48) -> list[tuple[str, gsut.Camera]]:
     """(name, small camera) of each example of each central lens that this build has."""
     cameras = [
         (f"{model}[{example}]", small_camera(model, example, width))
-        for model in gsut.camera_models()
+        for model in gsut.lens.camera_models()
         for example in range(len(_core.camera_examples(model)))
     ]
     return [(name, camera) for name, camera in cameras if camera.is_central]

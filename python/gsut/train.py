@@ -21,12 +21,12 @@ from gsut.training import (
     TrainingRecord,
     choose_complexity,
     choose_degree,
+    find_plain_background,
+    leave_out_blurred,
+    limit_gaussians,
     measure_training,
-    plain_background,
     prepare_scene,
     refine_first_poses,
-    with_most,
-    without_blurred,
     write_results,
 )
 
@@ -88,29 +88,29 @@ def train(
         raise InputError(f"{scene.path} has no training view; hold out fewer (--test-every)")
     refuse_too_large(scene, asked)  # check/: of the memory that is free
     given, scene = scene, prepare_scene(scene.centred, asked)  # data/: size of the images, shutter
-    scene = without_blurred(scene, asked)
+    scene = leave_out_blurred(scene, asked)
     scene.check_pixels()  # data/: a damaged photograph is found now
     asked = choose_degree(scene, asked)  # of harmonics, as the photographs bear
     o = asked.resolved()
     if o.background is None:
-        o = dataclasses.replace(o, background=plain_background(scene))
+        o = dataclasses.replace(o, background=find_plain_background(scene))
     # run/: folder, history, checkpoints
     record = TrainingRecord(out, o, scene, resume, progress, watch)
     fresh = record.checkpoint is None
     tracks = refine_first_poses(scene, o, progress is True) if fresh else None  # sfm/, refine/
     complexity = choose_complexity(scene, asked, record.note)  # as many as the photographs bear
-    o = with_most(o, complexity.max_gaussians)
+    o = limit_gaussians(o, complexity.max_gaussians)
     loop = TrainingLoop(scene, o, tracks=tracks)  # gaussians/: the first ones
     with record.follow(loop):
         while loop.step < o.steps and record.goes_on:
             # data/ -> render/ -> loss and back -> optimize/ -> training/strategies/ -> refine/
             record.add(loop, loop.advance())
-    gaussians = loop.result().copy()  # optimize/: the mean over the last steps
-    scene = loop.finished_scene()  # refine/: poses and lens against the finished Gaussians
+    gaussians = loop.make_result().copy()  # optimize/: the mean over the last steps
+    scene = loop.finish_scene()  # refine/: poses and lens against the finished Gaussians
     scene, metrics = measure_training(loop, gaussians, scene, record.run)  # evaluate/
     for note in metrics["notes"][len(scene.notes) :]:
         record.note(note)
-    complexity.tell(metrics)
+    complexity.add_to(metrics)
     if record.run is not None:
         refined = scene if o.refine_poses else None  # formats/, verdict
         write_results(record.run, gaussians, metrics, scene.path, refined, asked)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
-import tempfile
-from collections.abc import Callable, Sequence
+import functools
+import shlex
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,157 +13,98 @@ import numpy as np
 
 import gsut
 from gsut.blocks import Layout
-from gsut.data import TrainingViews
 from gsut.demo import make_demo_scene
 from gsut.gaussians import SH_C0
-from tests.bench.block_runs import figures_of, print_stages, train_apart
-from tests.bench.report_rows import add_files, bar, check_files, print_and_write, row_writer
+from tests.bench.commands import train
+from tests.bench.harness import HALL, Benchmark, Column, Option, Row, Settings
 
-_SEAM_SHARE, _SEAM_BLOCKS = 0.05, 2  # blocks of so much of a pixel that make it one of a seam
-_COLUMNS = (
-    ("scene", "scene", ""),
-    ("training", "training", ""),
-    ("PSNR [dB]", "psnr", ".2f"),
-    ("below one of as many", "below", ".2f"),
-    ("at seams", "below_seams", ".2f"),
-    ("elsewhere", "below_rest", ".2f"),
-    ("seam pixels [%]", "seam_percent", ".1f"),
-    ("Gaussians", "num_gaussians", ",d"),
-    ("steps", "steps", ",d"),
-    ("Mpx rendered", "megapixels", ",.0f"),
-    ("CPU-s", "cpu_seconds", ".0f"),
-    ("s", "seconds", ".0f"),
-    ("peak MB", "peak_mb", ",.0f"),
-    ("MB written", "megabytes", ".1f"),
-    ("same bits", "same_bits", ""),
-)
-_ONE, _MORE = "one", "one, as many steps"
+_SEAM_SHARE = 0.05  # of a pixel, from which a block counts there
+_SEAM_BLOCKS = 2  # from this number on it is a pixel of a seam
+ONE, AS_LONG, ROUNDS, WORKERS = "one", "one, as many steps", "blocks", "blocks, two workers"
 
 
-@dataclasses.dataclass(frozen=True)
-class BlocksBenchOptions:
-    """What is trained.
-
-    Args:
-        data: datasets with held-out views; empty: the demo's hall.
-        blocks: how many.
-        flags: of all trainings.
-        size: of the hall's images, pixels.
-        workers: of the last row, which has one thread each.
-        runs: folder of the runs, which are kept there and read again.
-    """
-
-    data: Sequence[Path]
-    blocks: int
-    flags: Sequence[str]
-    size: int
-    workers: int
-    runs: Path
-
-    def trainings(self) -> dict[str, list[str]]:
-        """Flags by name; the last two must have the same bits."""
-        blocks = ["--blocks", str(self.blocks)]
-        return {
-            _ONE: [],
-            f"{self.blocks} blocks, 1 round": [*blocks, "--rounds", "1"],
-            f"{self.blocks} blocks, 2 rounds": blocks,
-            f"  by {self.workers} workers": [*blocks, "--workers", str(self.workers)],
-        }
+def list_cases(settings: Settings) -> Iterator[Row]:
+    """Lists datasets by kind of training."""
+    for data in settings.sets or (HALL, "sponza_fisheye"):
+        for training in (ONE, AS_LONG, "blocks, one round", ROUNDS, WORKERS):
+            yield {"data": data, "training": training}
 
 
-def blocks_bench(
-    options: BlocksBenchOptions,
-    say: Callable[[str], None],
-    write: Callable[[list[dict[str, Any]]], None] = lambda rows: None,
-) -> list[dict[str, Any]]:
-    """A row a training of each scene.
-
-    Args:
-        options: what to train.
-        say: told what begins.
-        write: gets all rows after each scene.
-
-    Returns:
-        PSNR is the mean over held-out views; `below` how far it lies under that of one training
-        of as many steps as the blocks have made together with the coarse model,
-        `below_seams` and `below_rest` the same of the squared error over all pixels in which two
-        blocks have more than 5 % each, and over the others.
-    """
-    rows: list[dict[str, Any]] = []
-    for data in options.data or [_hall(options)]:
-        runs: dict[str, Path] = {}
-        own: list[dict[str, Any]] = []
-        for number, (name, flags) in enumerate(options.trainings().items()):
-            say(f"{data.name}, {name.strip()}")
-            runs[name] = options.runs / f"{data.name}-{number}"
-            metrics = train_apart(data, runs[name], [*flags, *options.flags])
-            own.append({"scene": data.name, "training": name} | _figures(runs[name], metrics))
-        say(f"{data.name}, one of as many steps")
-        more = [*options.flags, "--steps", str(own[-1]["steps"])]
-        runs[_MORE] = options.runs / f"{data.name}-more"
-        figures = _figures(runs[_MORE], train_apart(data, runs[_MORE], more))
-        own.append({"scene": data.name, "training": _MORE} | figures)
-        say(f"{data.name}, seams")
-        _judge(own, runs)
-        rows += own
-        write(rows)
-    return rows
+def measure(case: Row, settings: Settings) -> Row:
+    """Trains, and compares with one training of as many steps; two workers must have one's bits."""
+    runs = {name: _train(case["data"], name, settings) for name in (ROUNDS, AS_LONG)}
+    run, metrics = _train(case["data"], case["training"], settings)
+    blocks = metrics.get("blocks")
+    row = {
+        "psnr": metrics["psnr"],
+        "num_gaussians": metrics["num_gaussians"],
+        "steps": metrics["steps"] + (blocks["coarse"]["steps"] if blocks else 0),
+        "cpu_seconds": metrics["cpu_seconds"],
+        "seconds": metrics["seconds"],
+        "peak_mb": metrics["peak_mb"],
+        "below": runs[AS_LONG][1]["psnr"] - metrics["psnr"],
+    }
+    row |= _measure_seams(run, runs[AS_LONG][0], runs[ROUNDS][0])
+    if case["training"] == WORKERS:
+        scenes = [(folder / "scene.ply").read_bytes() for folder in (run, runs[ROUNDS][0])]
+        row["bits"] = "same" if scenes[0] == scenes[1] else "OTHER"
+    return row
 
 
-def _hall(options: BlocksBenchOptions) -> Path:
-    folder = options.runs / f"hall{options.size}"
-    if not folder.is_dir():
-        make_demo_scene(folder, size=options.size)
-    return folder
+def _train(data: str, training: str, settings: Settings) -> tuple[Path, Row]:
+    """Trains, unless it has been done: the run's folder and its metrics."""
+    path = _find(data, settings)
+    out = settings.folder / f"{path.name}-{training.replace(', ', '-').replace(' ', '-')}"
+    words = shlex.split(settings.flags)
+    if training == AS_LONG:
+        metrics = _train(data, ROUNDS, settings)[1]
+        words += ["--steps", str(metrics["steps"] + metrics["blocks"]["coarse"]["steps"])]
+    else:
+        words += ["--steps", str(settings.steps)]
+    if "blocks" in training:
+        words += ["--blocks", str(settings.blocks)]
+    if training == "blocks, one round":
+        words += ["--rounds", "1"]
+    if training == WORKERS:
+        words += ["--workers", "2"]
+    return out, train(path, out, words)
 
 
-def _figures(run: Path, metrics: dict[str, Any]) -> dict[str, Any]:
-    row = figures_of(metrics)
-    return row if "stages" in row else row | {"megapixels": _pixels_of(run) / 1e6}
+def _find(data: str, settings: Settings) -> Path:
+    if data != HALL:
+        return settings.path(data)
+    size = settings.size
+    return settings.make(f"hall-{size}", lambda p: make_demo_scene(p, size=size, progress=False))
 
 
-def _pixels_of(run: Path) -> int:
-    """Rendered in the steps of a plain training."""
-    trained = gsut.load_run(run)
-    o = trained.options.resolved()
-    views, counts, total = TrainingViews(trained.scene, o.coarse_to_fine), {}, 0
-    for step in range(o.steps):
-        camera = views.at(step / o.steps).scene.cameras[0]
-        if camera.width not in counts:
-            counts[camera.width] = int(np.count_nonzero(camera.rays()[1]))
-        total += counts[camera.width]
-    return total
-
-
-def _judge(rows: list[dict[str, Any]], runs: dict[str, Path]) -> None:
-    """Adds what lies below one training, at the seams of the blocks and elsewhere, and the bits."""
-    names = list(runs)
-    by_blocks = names[-3:-1]
-    trained = {name: gsut.load_run(run) for name, run in runs.items()}
-    layout = Layout.read(str(runs[by_blocks[-1]] / "blocks/layout.json"))
-    scene = trained[_ONE].scene
-    errors = {name: np.zeros(2) for name in names}
-    pixels = np.zeros(2)
+def _measure_seams(run: Path, one: Path, by_blocks: Path) -> Row:
+    """Returns how far a run lies below one training at the seams of the blocks and elsewhere."""
+    trained, other, seams = _load(run), _load(one), _load(by_blocks)
+    layout = Layout.read(str(by_blocks / "blocks/layout.json"))
+    scene = other.scene
+    errors, pixels = np.zeros((2, 2)), np.zeros(2)
     for index in scene.test_indices:
-        mask, seam = scene.mask(index), _seam(trained[by_blocks[-1]], layout, index)
+        mask, seam = scene.mask(index), _find_seam(seams, layout, index)
         truth = scene.image(index).astype(np.float32) / 255
         where = (mask & seam, mask & ~seam)
         pixels += [np.count_nonzero(each) for each in where]
-        for name, run in trained.items():
-            squared = (_picture(run, index) - truth) ** 2
-            errors[name] += [3 * squared[each].mean(axis=1).sum() / 3 for each in where]
-    levels = {name: -10 * np.log10(error / np.maximum(pixels, 1)) for name, error in errors.items()}
-    for name, row in zip(names, rows, strict=True):
-        below = levels[_MORE] - levels[name]
-        row |= {
-            "below": rows[-1]["psnr"] - row["psnr"], "below_seams": float(below[0]),
-            "below_rest": float(below[1]), "seam_percent": float(100 * pixels[0] / pixels.sum()),
-        }  # fmt: skip
-    scenes = [(runs[name] / "scene.ply").read_bytes() for name in by_blocks]
-    rows[-2]["same_bits"] = "yes" if scenes[0] == scenes[1] else "NO"
+        for row, each in enumerate((trained, other)):
+            squared = (_render(each, index) - truth) ** 2
+            errors[row] += [squared[part].mean(axis=1).sum() for part in where]
+    below = 10 * np.log10(errors[0] / errors[1])
+    return {
+        "below_seams": float(below[0]),
+        "below_rest": float(below[1]),
+        "seam_percent": float(100 * pixels[0] / pixels.sum()),
+    }
 
 
-def _picture(run: Any, index: int) -> np.ndarray:
+@functools.lru_cache(maxsize=3)
+def _load(run: Path) -> Any:
+    return gsut.load_run(run)
+
+
+def _render(run: Any, index: int) -> np.ndarray:
     view, camera = run.scene.views[index], run.scene.camera(index)
     image = gsut.render(run.gaussians, camera, view.motion, background=run.options.background).image
     if run.light is not None:
@@ -171,8 +112,8 @@ def _picture(run: Any, index: int) -> np.ndarray:
     return np.clip(image, 0.0, 1.0)
 
 
-def _seam(run: Any, layout: Layout, index: int) -> np.ndarray:
-    """(H, W) bool: pixels in which two blocks have more than 5 % each."""
+def _find_seam(run: Any, layout: Layout, index: int) -> np.ndarray:
+    """Returns (H, W) bool: pixels in which two blocks have more than 5 % each."""
     g = run.gaussians
     owners = layout.owners(g.means.astype(np.float64) + g.origin)
     view, camera = run.scene.views[index], run.scene.camera(index)
@@ -184,41 +125,29 @@ def _seam(run: Any, layout: Layout, index: int) -> np.ndarray:
     return count >= _SEAM_BLOCKS
 
 
-# --- the command ----------------------------------------------------------------------------------
-
-HELP = "one training against blocks in one and two rounds: held-out PSNR, seams, work, workers"
-
-
-def add_flags(parser: argparse.ArgumentParser) -> None:
-    add = parser.add_argument
-    add("data", metavar="DATA", nargs="*", type=Path, help="datasets [default: the demo's hall]")
-    add("--blocks", type=int, default=4, metavar="N", help="[default 4]")
-    add("--steps", type=int, default=1000, metavar="N", help="of one training [default 1000]")
-    add("--max-gaussians", metavar="N", default="20000", help="[default 20000]")
-    add("--scale", type=float, default=1.0, metavar="X", help="of the images [default 1]")
-    add("--size", type=int, default=160, metavar="PX", help="of the hall's images [default 160]")
-    add("--threads", type=int, default=2, metavar="N", help="of all workers [default 2]")
-    add("--workers", type=int, default=2, metavar="N", help="of the last row [default 2]")
-    add("--runs", type=Path, metavar="FOLDER", help="keep the runs here, and go on with them")
-    add_files(parser)
-
-
-def run(arguments: argparse.Namespace) -> int:
-    check_files(arguments)
-    gsut.set_num_threads(arguments.threads)
-    flags = [
-        "--steps", str(arguments.steps), "--max-gaussians", arguments.max_gaussians, "--scale",
-        str(arguments.scale), "--threads", str(arguments.threads),
-    ]  # fmt: skip
-    with tempfile.TemporaryDirectory(prefix="gsut-bench-") as temporary:
-        runs = arguments.runs or Path(temporary)
-        runs.mkdir(parents=True, exist_ok=True)
-        options = BlocksBenchOptions(
-            arguments.data, arguments.blocks, flags, arguments.size, arguments.workers, runs
-        )
-        total = max(1, len(arguments.data)) * (2 + len(options.trainings()))
-        with bar(total) as advance:
-            rows = blocks_bench(options, advance, row_writer(arguments))
-    print_and_write(rows, _COLUMNS, arguments)
-    print_stages(rows, "scene")
-    return 0
+BENCHMARK = Benchmark(
+    help="one training against blocks in one and two rounds: held-out PSNR, seams, work, workers",
+    columns=(
+        Column("data"),
+        Column("training"),
+        Column("steps", form=",d"),
+        Column("psnr", "held-out PSNR", "dB", ".2f"),
+        Column("below", "below one", "dB", ".2f"),
+        Column("below_seams", "at seams", "dB", ".2f"),
+        Column("below_rest", "elsewhere", "dB", ".2f"),
+        Column("seam_percent", "seams", "% of pixels", ".1f"),
+        Column("num_gaussians", "Gaussians", form=",d"),
+        Column("cpu_seconds", "whole command", "CPU-s", ".0f"),
+        Column("seconds", "whole command", "s", ".0f"),
+        Column("peak_mb", "peak memory", "MB", ",.0f"),
+        Column("bits"),
+    ),
+    cases=list_cases,
+    measure=measure,
+    options=(
+        Option("blocks", 4, "number of blocks"),
+        Option("steps", 500, "of one training"),
+        Option("flags", "--max-gaussians 20000 --threads 2", "of all trainings"),
+        Option("size", 160, "of the hall's images, pixels"),
+    ),
+)

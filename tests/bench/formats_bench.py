@@ -2,65 +2,90 @@
 
 from __future__ import annotations
 
-import argparse
+import functools
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
+import gsut
 from gsut import formats
 from gsut._core import InputError
 from gsut.gaussians import Gaussians, multiply_quaternions, rotations_from_quaternions
 from gsut.render import psnr, render
-from gsut.run import RunFolder
-from gsut.training import read_trained
-from tests.bench.report_rows import add_files, bar, check_files, numbers, print_and_write
+from tests.bench.commands import train
+from tests.bench.harness import HALL, Benchmark, Column, Option, Row, Settings
 
-HELP = "formats of scene files: bytes, seconds, and the PSNR of the pictures"
-_COLUMNS = (
-    ("Gaussians", "num_gaussians", ",d"),
-    ("format", "format", ""),
-    ("MB", "megabytes", ",.2f"),
-    ("bytes each", "bytes_each", ".1f"),
-    ("PSNR dB", "psnr", ".1f"),
-    ("write cpu s", "write_cpu_s", ".2f"),
-    ("read cpu s", "read_cpu_s", ".2f"),
-    ("clipped", "clipped", ",d"),
-    ("", "note", ""),
-)
 _VIEWS = 4  # held-out ones that are compared
-_NO_ERROR_DB = 99.9  # what is printed where the pictures are equal
+_NO_ERROR_DB = 99.9  # printed where the pictures are equal
+_SPZ = "SPZ"
+_SPZ_VERSIONS = (3, 4)
 
 
-def add_flags(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("folder", metavar="RUN", help="a finished run with harmonics")
-    parser.add_argument("--data", metavar="DATA", help="its dataset, if that has moved")
-    parser.add_argument(
-        "--split", default="1", metavar="N,...",
-        help="also with each Gaussian split into N thin ones, for larger scenes [default 1]",
-    )  # fmt: skip
-    add_files(parser)
+def list_cases(settings: Settings) -> Iterator[Row]:
+    """Lists the formats, for each number of parts that Gaussians are split into."""
+    for data in settings.sets or (HALL,):
+        for parts in settings.split:
+            for chosen in formats.formats():
+                for version in _SPZ_VERSIONS if chosen.name == _SPZ else (0,):
+                    name = f"{_SPZ} {version}" if version else chosen.name
+                    suffix = chosen.suffixes[0]
+                    yield {"data": data, "format": name, "_parts": parts, "_suffix": suffix,
+                           "_version": version or _SPZ_VERSIONS[0]}  # fmt: skip
 
 
-def run(arguments: argparse.Namespace) -> int:
-    check_files(arguments)
-    parts = numbers(arguments.split, int, "--split")
-    if not parts or min(parts) < 1:
-        raise InputError(f"--split takes numbers from 1, found {arguments.split!r}")
-    options, scene, gaussians = read_trained(RunFolder.open(arguments.folder), arguments.data)
-    rows = []
-    with bar(len(parts) * (len(formats.formats()) + 1)) as begin:
-        for number in parts:
-            rows += measure(scene, split(gaussians, number), options.background, begin)
-    print_and_write(rows, _COLUMNS, arguments)
-    return 0
+def measure(case: Row, settings: Settings) -> Row:
+    """Writes and reads a trained model in one format."""
+    run, gaussians, truth = _prepare(case["data"], case["_parts"], settings)
+    path = settings.folder / f"scene{case['_suffix']}"
+    row: Row = {"num_gaussians": len(gaussians)}
+    chosen = formats.WriteSettings(spz_version=case["_version"])
+    begun = time.process_time()
+    try:
+        written = formats.save_gaussians(path, gaussians, chosen)
+    except InputError as error:  # a library is missing
+        return row | {"note": str(error)}
+    wrote = time.process_time()
+    size = path.stat().st_size
+    row |= {
+        "megabytes": size / 1e6,
+        "bytes_each": size / len(gaussians),
+        "clipped": sum(written.clipped.values()),
+        "write_cpu_s": wrote - begun,
+    }
+    if formats.format_of(path).read is not None:
+        found = formats.load_gaussians(path)
+        row["read_cpu_s"] = time.process_time() - wrote
+        each = [psnr(a, b) for a, b in zip(truth, _render_views(run, found), strict=True)]
+        row["psnr"] = min(_NO_ERROR_DB, float(np.mean(each)))
+    return row
 
 
-def split(gaussians: Gaussians, number: int) -> Gaussians:
-    """Each Gaussian as `number` smaller ones at random within it, a little unlike each other."""
+@functools.lru_cache(maxsize=1)
+def _prepare(data: str, parts: int, settings: Settings) -> tuple[Any, Gaussians, list[np.ndarray]]:
+    """Returns a run, its Gaussians split, and pictures of held-out views."""
+    out = settings.folder / f"{Path(data).name}-formats"
+    words = ["--preset", "fast", "--sh-degree", "3", "--steps", str(settings.steps)]
+    train(settings.path(data), out, words)
+    run = gsut.load_run(out)
+    gaussians = split_gaussians(run.gaussians, parts)
+    return run, gaussians, _render_views(run, formats.for_file(gaussians))
+
+
+def _render_views(run: Any, gaussians: Gaussians) -> list[np.ndarray]:
+    scene, background = run.scene, run.options.background
+    pictures = []
+    for index in list(scene.test_indices or scene.train_indices)[:_VIEWS]:
+        camera, pose = scene.camera(index), scene.views[index].motion
+        image = render(gaussians, camera, pose, background=background).image
+        pictures.append(np.clip(image, 0, 1))
+    return pictures
+
+
+def split_gaussians(gaussians: Gaussians, number: int) -> Gaussians:
+    """Splits each Gaussian into smaller ones at random within it, a little unlike each other."""
     if number == 1:
         return gaussians
     g, rng = gaussians, np.random.default_rng(0)
@@ -79,56 +104,24 @@ def split(gaussians: Gaussians, number: int) -> Gaussians:
     )
 
 
-def measure(
-    scene: Any, gaussians: Gaussians, background: Sequence[float], begin: Callable[[str], None]
-) -> list[dict[str, Any]]:
-    """One row a format; of SPZ two."""
-    views = list(scene.test_indices or scene.train_indices)[:_VIEWS]
-
-    def pictures(shown: Gaussians) -> list[np.ndarray]:
-        return [
-            np.clip(
-                render(shown, scene.camera(i), scene.views[i].motion, background=background).image,
-                0, 1,
-            )
-            for i in views
-        ]  # fmt: skip
-
-    truth, rows = pictures(formats.for_file(gaussians)), []
-    with TemporaryDirectory(prefix="gsut-bench-") as folder:
-        for chosen in formats.formats():
-            for version in (3, 4) if chosen.name == "SPZ" else (3,):
-                name = f"{chosen.name} {version}" if chosen.name == "SPZ" else chosen.name
-                begin(name)
-                path = Path(folder) / f"scene{chosen.suffixes[0]}"
-                settings = formats.WriteSettings(spz_version=version)
-                try:
-                    row = _row(path, gaussians, settings, truth, pictures)
-                except InputError as error:  # a library is missing
-                    row = {"note": str(error)}
-                rows.append({"num_gaussians": len(gaussians), "format": name} | row)
-    return rows
-
-
-def _row(
-    path: Path,
-    gaussians: Gaussians,
-    settings: formats.WriteSettings,
-    truth: list[np.ndarray],
-    pictures: Callable[[Gaussians], list[np.ndarray]],
-) -> dict[str, Any]:
-    begun = time.process_time()
-    written = formats.save_gaussians(path, gaussians, settings)
-    wrote = time.process_time()
-    row: dict[str, Any] = {
-        "megabytes": path.stat().st_size / 1e6,
-        "bytes_each": path.stat().st_size / len(gaussians),
-        "clipped": sum(written.clipped.values()),
-        "write_cpu_s": wrote - begun,
-    }
-    if formats.format_of(path).read is not None:
-        found = formats.load_gaussians(path)
-        row["read_cpu_s"] = time.process_time() - wrote
-        each = [psnr(a, b) for a, b in zip(truth, pictures(found), strict=True)]
-        row["psnr"] = min(_NO_ERROR_DB, float(np.mean(each)))
-    return row
+BENCHMARK = Benchmark(
+    help="formats of scene files: bytes, seconds, and the PSNR of the pictures",
+    columns=(
+        Column("data"),
+        Column("num_gaussians", "Gaussians", form=",d"),
+        Column("format"),
+        Column("megabytes", "file", "MB", ",.2f"),
+        Column("bytes_each", "a Gaussian", "bytes", ".1f"),
+        Column("psnr", "PSNR", "dB", ".1f"),
+        Column("write_cpu_s", "write", "CPU-s", ".2f"),
+        Column("read_cpu_s", "read", "CPU-s", ".2f"),
+        Column("clipped", form=",d"),
+        Column("note"),
+    ),
+    cases=list_cases,
+    measure=measure,
+    options=(
+        Option("split", (1,), "also with each Gaussian split into this many, for larger scenes"),
+        Option("steps", 500, "of the training"),
+    ),
+)

@@ -1,16 +1,11 @@
-"""`./run bench light`: what the photograph model finds of known light, and what it is worth."""
+"""`./run bench light`: light and blur in photographs, found against truth, and their worth."""
 
 from __future__ import annotations
 
-import argparse
-import dataclasses
 import shutil
-import sys
-import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -23,129 +18,111 @@ from gsut.demo.texture import to_linear, to_srgb
 from gsut.demo.views import camera_path
 from gsut.evaluate import evaluate
 from gsut.render import Falloff, Light, field_angles
-from gsut.training import TrainingLoop, prepare_scene
-from gsut.training.first_gains import first_gains
-from tests.bench.report_rows import add_files, check_files, print_and_write
+from tests.bench.harness import HALL, Benchmark, Column, Option, Row, Settings
 
-_EXPOSURE, _BALANCE = 0.07, 0.02  # standard deviations of log-gains, as measured on fox
+_EXPOSURE = 0.07  # standard deviation of log-gains, as of a phone's photographs
+_BALANCE = 0.02  # the same of each channel
 _CORRELATION = 4.0  # views over which exposure stays alike
 _FALLOFF = (-0.25, -0.1, 0.0)  # of t^2, t^4, t^6: 65 % at the rim
-_BLURRED, _BLUR = 4, (5.0, 11.0)  # one of so many photographs is moved by so many pixels
-# The camera walks on while photographs are exposed: for so long, of the time from one to the next;
-# so many rays a pixel's side, from so many places for each pixel that it moves by.
-_EXPOSED, _RAYS, _PLACES = 0.1, 2, (1.5, 4, 30)
+_BLURRED = 4  # one of this many photographs is moved
+_BLUR_PX = (5.0, 11.0)  # how far
+_EXPOSED = 0.1  # of the time from one photograph to the next, while the camera walks on
+_RAYS = 2  # per pixel's side
+_PLACES_PER_PX = 1.5  # of the camera during the exposure, for each pixel that it moves by
+_PLACES = (4, 30)  # at least and at most
 _FINE = 200  # places on the path from one photograph to the next
-# What helps.
-_FLAGS = {
-    "people": "--robust",
-    "blur": "--drop-blurred",
-    "motion": f"--motion-blur {_EXPOSED:g}",
-}
 _NOISE = 1.0  # grey levels, standard deviation
-COLUMNS = (
-    ("light in the photographs", "disturbed", ""),
-    ("--exposure", "exposure", ""),
-    ("PSNR, predicted gain [dB]", "psnr", ".2f"),
-    ("gain 1", "psnr_unit_gain", ".2f"),
-    ("colour-corrected", "psnr_color_corrected", ".2f"),
-    ("half image", "psnr_half_image", ".2f"),
-    ("against undisturbed truth", "psnr_truth", ".2f"),
-    ("gains off by [%]", "gain_percent", ".2f"),
-    ("falloff off by [%]", "falloff_percent", ".2f"),
-    ("CPU-s", "cpu_seconds", ".0f"),
-    ("of it the model [%]", "model_percent", ".1f"),
-)
+# Light -> what disturbs the photographs, and the flag that helps besides --exposure.
+LIGHTS: dict[str, tuple[tuple[str, ...], str]] = {
+    "none": ((), ""),
+    "exposure": (("gain",), ""),
+    "falloff": (("falloff",), ""),
+    "exposure, falloff, noise": (("gain", "falloff", "noise"), ""),
+    "two passers-by": (("people",), "--robust"),
+    "blur, noise": (("blur", "noise"), "--drop-blurred"),
+    "camera moves, noise": (("motion", "noise"), f"--motion-blur {_EXPOSED:g}"),
+}
 
 
-@dataclasses.dataclass(frozen=True)
-class LightBenchOptions:
-    """What is measured.
-
-    Args:
-        data: datasets that are trained as they are, with and without the model; none: the demo's
-            hall, under light that is known.
-        steps, max_gaussians, scale: of each training.
-        views, size: of the hall.
-    """
-
-    data: tuple[Path, ...] = ()
-    steps: int = 800
-    max_gaussians: int = 30_000
-    scale: float = 1.0
-    views: int = 40
-    size: int = 200
+def list_cases(settings: Settings) -> Iterator[Row]:
+    """Lists the hall's lights, and datasets in their own, without and with what helps."""
+    for data in settings.sets or (HALL, "fox", "gopro_max_walk"):
+        for light in LIGHTS if data == HALL else ("its own",):
+            flag = LIGHTS[light][1] if data == HALL else ""
+            for way in ("--exposure off", flag or "--exposure auto"):
+                yield {"data": data, "light": light, "flags": way}
 
 
-HELP = "exposure, white balance and falloff: found against truth, and what they are worth"
-
-
-def add_flags(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--data",
-        type=Path,
-        nargs="+",
-        default=(),
-        metavar="DATA",
-        help="datasets as they are [default: the demo's hall in known light]",
+def measure(case: Row, settings: Settings) -> Row:
+    """Trains in the light; the hall's is compared with the truth."""
+    if case["data"] != HALL:
+        return _train(case, settings, settings.path(case["data"]))[0]
+    clean = settings.make(
+        f"hall-{settings.size}",
+        lambda path: make_demo_scene(path, settings.views, 6, settings.size, progress=False),
     )
-    for name, text in (
-        ("steps", "training steps"),
-        ("max_gaussians", "of each training"),
-        ("views", "of the hall"),
-        ("size", "of its images, pixels"),
-    ):
-        default = getattr(LightBenchOptions, name)
-        flag = "--" + name.replace("_", "-")
-        parser.add_argument(flag, type=int, default=default, help=f"{text} [{default}]")
-    parser.add_argument("--scale", type=float, default=1.0, help="of the data's images [1]")
-    add_files(parser)
+    parts = LIGHTS[case["light"]][0]
+    name = "lit " + case["light"].replace(", ", "_")
+    data = settings.make(name, lambda path: disturb_light(clean, path, parts, seed=1))
+    truth = draw_light(gsut.load_dataset(clean), parts, np.random.default_rng(1))
+    row, result = _train(case, settings, data)
+    undisturbed = gsut.load_dataset(clean)
+    row["psnr_truth"] = evaluate(result.gaussians, undisturbed, undisturbed.test_indices)["psnr"]
+    light = result.metrics.get("light")
+    return row if light is None else row | compare_light(light, truth, gsut.load_dataset(data))
 
 
-def run(arguments: argparse.Namespace) -> int:
-    check_files(arguments)
-    names = [field.name for field in dataclasses.fields(LightBenchOptions)]
-    options = LightBenchOptions(**{name: getattr(arguments, name) for name in names})
-    rows = run_light(options, lambda text: print(text, file=sys.stderr))
-    print_and_write(rows, COLUMNS, arguments)
-    return 0
+def _train(case: Row, settings: Settings, data: Path) -> tuple[Row, gsut.TrainResult]:
+    flags = case["flags"]
+    options = gsut.TrainOptions(
+        steps=settings.steps, max_gaussians=settings.max_gaussians, eval_every=settings.steps,
+        scale=1.0 if case["data"] == HALL else settings.scale,
+        exposure="auto" if "auto" in flags else "off", robust="--robust" in flags,
+        drop_blurred="--drop-blurred" in flags,
+        motion_blur=_EXPOSED if "--motion-blur" in flags else None,
+    )  # fmt: skip
+    began = time.process_time()
+    result = gsut.train(gsut.load_dataset(data), options, progress=False)
+    row = {"cpu_seconds": time.process_time() - began}
+    names = ("psnr", "psnr_unit_gain", "psnr_color_corrected", "psnr_half_image")
+    return row | {name: result.metrics[name] for name in names}, result
 
 
-def run_light(options: LightBenchOptions, say: Callable[[str], None]) -> list[dict[str, Any]]:
-    """One row for each way to train on each light."""
-    rows = []
-    for data in options.data:
-        for exposure in ("off", "auto"):
-            say(f"{data.name}, --exposure {exposure}")
-            rows.append(_train(options, data, exposure) | {"disturbed": f"{data.name}, as it is"})
-    if rows:
-        return rows
-    with tempfile.TemporaryDirectory(prefix="gsut-light-") as folder:
-        clean = make_demo_scene(
-            Path(folder) / "clean", options.views, 6, options.size, progress=False
-        )
-        for name, parts in (
-            ("none", ()),
-            ("exposure", ("gain",)),
-            ("falloff", ("falloff",)),
-            ("exposure, falloff, noise", ("gain", "falloff", "noise")),
-            ("two passers-by", ("people",)),
-            ("blur, noise", ("blur", "noise")),
-            ("camera moves, noise", ("motion", "noise")),
-        ):
-            data = Path(folder) / name.replace(", ", "_")
-            truth = disturb(clean, data, parts, seed=1)
-            ways = next(
-                (("off", f"off, {flag}") for part, flag in _FLAGS.items() if part in parts),
-                ("off", "auto"),
-            )
-            for exposure in ways:
-                say(f"{name}, --exposure {exposure}")
-                row = _train(options, data, exposure, clean=clean, truth=truth)
-                rows.append(row | {"disturbed": name})
-    return rows
+def compare_light(found: Row, truth: Light, scene: gsut.Scene) -> Row:
+    """Returns how far gains and falloff are off, in percent; a common factor is free."""
+    light = Light.from_dict(found, [view.name for view in scene.views])
+    train = list(scene.train_indices)
+    off = np.log(light.gains[train] / truth.gains[train])
+    angles = np.linspace(0, float(np.nanmax(field_angles(scene.cameras[0]))), 50)
+    shapes = [
+        np.ones((50, 3)) if each is None else each.at(angles)
+        for each in (light.falloffs[0], truth.falloffs[0])
+    ]
+    apart = np.log(shapes[0] / shapes[1])
+    return {
+        "gain_percent": 100 * float(np.sqrt(np.mean((off - off.mean(axis=0)) ** 2))),
+        "falloff_percent": 100 * float(np.abs(apart - apart.mean(axis=0)).max()),
+    }
 
 
-def disturb(clean: Path, data: Path, parts: tuple[str, ...], seed: int) -> Light:
+def draw_light(scene: gsut.Scene, parts: tuple[str, ...], rng: np.random.Generator) -> Light:
+    """Draws gains that drift over the views, and a falloff."""
+    order = _sort_views(scene)
+    gains = {view.name: np.ones(3) for view in order}
+    if "gain" in parts:
+        drift = _draw_drift(rng, len(order), 1, _EXPOSURE)
+        drift = drift + _draw_drift(rng, len(order), 3, _BALANCE)
+        gains = {view.name: np.exp(row) for view, row in zip(order, drift, strict=True)}
+    angle = float(np.nanmax(field_angles(scene.cameras[0])))
+    falloff = Falloff(angle, np.tile(_FALLOFF, (3, 1))) if "falloff" in parts else None
+    return Light(np.array([gains[view.name] for view in scene.views]), (falloff,))
+
+
+def _sort_views(scene: gsut.Scene) -> list[gsut.View]:
+    return sorted(scene.views, key=lambda view: view.name.split("_")[-1])
+
+
+def disturb_light(clean: Path, data: Path, parts: tuple[str, ...], seed: int) -> None:
     """Copies a dataset, its photographs taken in another light.
 
     Args:
@@ -155,50 +132,30 @@ def disturb(clean: Path, data: Path, parts: tuple[str, ...], seed: int) -> Light
             each training photograph, nowhere twice), "blur" (of some training photographs) and
             "motion" (of the camera along the demo's path, in all training photographs).
         seed: of all that is random.
-
-    Returns:
-        The light.
     """
     shutil.copytree(clean, data)
     scene = gsut.load_dataset(clean)
     rng = np.random.default_rng(seed)
-    order = sorted(scene.views, key=lambda view: view.name.split("_")[-1])
-    gains = {view.name: np.ones(3) for view in order}
-    if "gain" in parts:
-        drift = _smooth(rng, len(order), 1, _EXPOSURE) + _smooth(rng, len(order), 3, _BALANCE)
-        gains = {view.name: np.exp(row) for view, row in zip(order, drift, strict=True)}
-    angle = float(np.nanmax(field_angles(scene.cameras[0])))
-    falloff = Falloff(angle, np.tile(_FALLOFF, (3, 1))) if "falloff" in parts else None
-    light = Light(np.array([gains[view.name] for view in scene.views]), (falloff,))
+    light = draw_light(scene, parts, rng)
     train = sorted(scene.train_indices, key=lambda row: scene.views[row].name.split("_")[-1])
     moved = rng.choice(train, len(train) // _BLURRED, replace=False) if "blur" in parts else []
     for index, view in enumerate(scene.views):
         seen = scene.image(index)
         if "motion" in parts and index in scene.train_indices:
-            seen = _seen_in_motion(scene, index)
+            seen = _trace_motion(scene, index)
         lit = seen * light.on(scene.cameras[0], index, 0)
         if "people" in parts and index in scene.train_indices:
-            lit = _with_people(lit.astype(np.uint8), rng)
+            lit = _draw_people(lit.astype(np.uint8), rng)
         if index in moved:
-            lit = _moved(lit.astype(np.float32), rng)
+            lit = _blur_by_motion(lit.astype(np.float32), rng)
         if "noise" in parts:
             lit = lit + rng.normal(0, _NOISE, lit.shape)
         pixels = np.clip(np.rint(lit), 0, 255).astype(np.uint8)
         cv2.imwrite(str(data / view.name), pixels[..., ::-1])
-    return light
 
 
-def _first_look(scene: gsut.Scene, settings: gsut.TrainOptions) -> float:
-    """Processor seconds in which the scene's points are asked for gains."""
-    small = prepare_scene(scene.centred, settings.resolved())
-    small.check_pixels()
-    started = time.process_time()
-    first_gains(small)
-    return time.process_time() - started
-
-
-def _seen_in_motion(scene: gsut.Scene, index: int) -> np.ndarray:
-    """(H, W, 3) in grey levels: the mean of light over the exposure on the demo's path."""
+def _trace_motion(scene: gsut.Scene, index: int) -> np.ndarray:
+    """Traces the mean of light over the exposure on the demo's path: (H, W, 3) in grey levels."""
     name, camera = scene.views[index].name, scene.cameras[0]
     place, count = int(name.split("_")[-1].split(".")[0]), _FINE * len(scene.views)
     path = camera_path(count, 0)
@@ -209,8 +166,7 @@ def _seen_in_motion(scene: gsut.Scene, index: int) -> np.ndarray:
     far = scene.extent * rays[valid].astype(np.float64)
     turned = far @ (ends[1] @ np.linalg.inv(ends[0]))[:3, :3].T
     apart = np.linalg.norm(camera.project(turned)[0] - camera.project(far)[0], axis=1)
-    per_pixel, least, most = _PLACES
-    number = int(np.clip(per_pixel * np.nanmedian(apart), least, most))
+    number = int(np.clip(_PLACES_PER_PX * np.nanmedian(apart), *_PLACES))
     chosen = np.linspace(0, len(ways) - 1, 2 * number + 1).round().astype(int)[1::2]
     poses = [path[way % count] for way in ways[chosen]]
     shown = render_views(make_hall(0), camera, poses, False, _RAYS)
@@ -218,9 +174,9 @@ def _seen_in_motion(scene: gsut.Scene, index: int) -> np.ndarray:
     return 255.0 * to_srgb(light)
 
 
-def _moved(picture: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """(H, W, 3) float32, the mean over a straight motion in some direction."""
-    angle, length = rng.uniform(0, np.pi), rng.uniform(*_BLUR)
+def _blur_by_motion(picture: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Averages (H, W, 3) float32 over a straight motion in some direction."""
+    angle, length = rng.uniform(0, np.pi), rng.uniform(*_BLUR_PX)
     size, total = picture.shape[1::-1], np.zeros_like(picture)
     ways = np.linspace(-length / 2, length / 2, 2 * (int(length) | 1))
     for way in ways:
@@ -229,8 +185,8 @@ def _moved(picture: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return total / len(ways)
 
 
-def _with_people(picture: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """(H, W, 3) uint8 with two figures somewhere, of a body and a head each."""
+def _draw_people(picture: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Draws two figures, of a body and a head each, somewhere on (H, W, 3) uint8."""
     picture = np.ascontiguousarray(picture)
     size = np.array(picture.shape[1::-1])
     for _ in range(2):
@@ -243,8 +199,10 @@ def _with_people(picture: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return picture
 
 
-def _smooth(rng: np.random.Generator, count: int, channels: int, deviation: float) -> np.ndarray:
-    """(count, channels) noise that stays alike over some rows, with this standard deviation."""
+def _draw_drift(
+    rng: np.random.Generator, count: int, channels: int, deviation: float
+) -> np.ndarray:
+    """Draws (count, channels) noise of this deviation that stays alike over some rows."""
     width = np.arange(count)[:, None] - np.arange(count)[None]
     window = np.exp(-0.5 * (width / _CORRELATION) ** 2)
     out = window @ rng.normal(size=(count, channels))
@@ -252,51 +210,28 @@ def _smooth(rng: np.random.Generator, count: int, channels: int, deviation: floa
     return out * deviation / out.std(axis=0)
 
 
-def _train(
-    options: LightBenchOptions,
-    data: Path,
-    exposure: str,
-    clean: Path | None = None,
-    truth: Light | None = None,
-) -> dict[str, Any]:
-    scene = gsut.load_dataset(data)
-    settings = gsut.TrainOptions(
-        steps=options.steps, max_gaussians=options.max_gaussians, scale=options.scale,
-        exposure=exposure.split(",")[0], robust="--robust" in exposure,
-        drop_blurred="--drop-blurred" in exposure, eval_every=options.steps,
-        motion_blur=_EXPOSED if "--motion-blur" in exposure else None,
-    )  # fmt: skip
-    stages: dict[str, list[float]] = {}
-
-    def look(loop: TrainingLoop, _: dict[str, Any]) -> bool:
-        stages.update(loop.stopwatch.seconds)
-        return True
-
-    started = time.process_time()
-    result = gsut.train(scene, settings, progress=False, watch=look)
-    row = {"exposure": exposure, "cpu_seconds": time.process_time() - started}
-    model = stages["light"][1] + (
-        0.0 if settings.exposure == "off" else _first_look(scene, settings)
-    )
-    row["model_percent"] = 100 * model / sum(cpu for _, cpu in stages.values())
-    names = ("psnr", "psnr_unit_gain", "psnr_color_corrected", "psnr_half_image")
-    row |= {name: result.metrics[name] for name in names}
-    if clean is None or truth is None:
-        return row
-    undisturbed = gsut.load_dataset(clean)
-    row["psnr_truth"] = evaluate(result.gaussians, undisturbed, undisturbed.test_indices)["psnr"]
-    light = result.metrics.get("light")
-    if light is None:
-        return row
-    found = Light.from_dict(light, [view.name for view in scene.views])
-    train = list(scene.train_indices)
-    off = np.log(found.gains[train] / truth.gains[train])
-    row["gain_percent"] = 100 * float(np.sqrt(np.mean((off - off.mean(axis=0)) ** 2)))
-    angles = np.linspace(0, float(np.nanmax(field_angles(scene.cameras[0]))), 50)
-    shapes = [
-        np.ones((50, 3)) if each is None else each.at(angles)
-        for each in (found.falloffs[0], truth.falloffs[0])
-    ]
-    apart = np.log(shapes[0] / shapes[1])
-    row["falloff_percent"] = 100 * float(np.abs(apart - apart.mean(axis=0)).max())
-    return row
+BENCHMARK = Benchmark(
+    help="exposure, white balance, falloff, blur, passers-by: found against truth, and their worth",
+    columns=(
+        Column("data"),
+        Column("light"),
+        Column("flags"),
+        Column("psnr", "predicted gain", "dB", ".2f"),
+        Column("psnr_unit_gain", "gain 1", "dB", ".2f"),
+        Column("psnr_color_corrected", "colour-corrected", "dB", ".2f"),
+        Column("psnr_half_image", "half image", "dB", ".2f"),
+        Column("psnr_truth", "undisturbed truth", "dB", ".2f"),
+        Column("gain_percent", "gains off", "%", ".2f"),
+        Column("falloff_percent", "falloff off", "%", ".2f"),
+        Column("cpu_seconds", "training", "CPU-s", ".0f"),
+    ),
+    cases=list_cases,
+    measure=measure,
+    options=(
+        Option("steps", 400, "of each training"),
+        Option("max_gaussians", 30_000, "of each training"),
+        Option("scale", 0.25, "of the images of datasets"),
+        Option("views", 40, "of the hall"),
+        Option("size", 200, "of the hall's images, pixels"),
+    ),
+)

@@ -1,53 +1,34 @@
-"""`./run bench localize`: errors of localised photographs over the stated uncertainty."""
+"""`./run bench localize`: errors of localised photographs over the uncertainty that is stated."""
 
 from __future__ import annotations
 
-import argparse
-import dataclasses
-import sys
-import tempfile
-from collections.abc import Callable, Sequence
-from pathlib import Path
+import functools
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 
 import gsut
-from gsut.cli._flags import add_json, print_json
-from gsut.demo import make_demo_scene
 from gsut.render import solid
+from tests.bench.harness import HALL, Benchmark, Column, Option, Row, Settings
 
-HELP = "photographs' poses against the truth: errors over the stated uncertainty, case by case"
-_STEPS = 1000
 _COVERED = 14.16  # of a chi-square law of three degrees of freedom: 99.73 %, as 3 sigma of one
 _PATCH = 1 / 3  # of the image's sides: all that counts where few points are seen
 Photograph = tuple[Any, np.ndarray, np.ndarray]  # lens, (H, W, 3) uint8, (H, W) bool
+Change = Callable[[Photograph, int], Photograph]  # with a number for chance
 
 
-@dataclasses.dataclass(frozen=True)
-class Case:
-    """What is done to a photograph before it is localised.
-
-    Args:
-        name: for the table.
-        make: takes the photograph and a number for chance, gives another.
-    """
-
-    name: str
-    make: Callable[[Photograph, int], Photograph]
-
-
-def _focal(factor: float) -> Callable[[Photograph, int], Photograph]:
-    def make(photograph: Photograph, _: int) -> Photograph:
+def _scale_focal(factor: float) -> Change:
+    def change(photograph: Photograph, _: int) -> Photograph:
         lens, pixels, mask = photograph
         params = np.array(lens.params)
         params[:2] *= factor
         return lens.with_params(params), pixels, mask
 
-    return make
+    return change
 
 
-def _patch(photograph: Photograph, number: int) -> Photograph:
+def _keep_patch(photograph: Photograph, number: int) -> Photograph:
     lens, pixels, mask = photograph
     rng = np.random.default_rng(number)
     height, width = mask.shape
@@ -58,98 +39,69 @@ def _patch(photograph: Photograph, number: int) -> Photograph:
     return lens, pixels, mask & patch
 
 
-def _other_light(photograph: Photograph, _: int) -> Photograph:
-    """Evening: darker, steeper, yellower, and a light from one side."""
+def _light_evening(photograph: Photograph, _: int) -> Photograph:
+    """Makes it darker, steeper and yellower, with a light from one side."""
     lens, pixels, mask = photograph
     side = np.linspace(0.6, 1.1, pixels.shape[1])[None, :, None]
     colors = 0.8 * (pixels / 255) ** 1.2 * [1.0, 0.92, 0.75] * side
     return lens, np.rint(255 * np.clip(colors, 0, 1)).astype(np.uint8), mask
 
 
-CASES: tuple[Case, ...] = (
-    Case("good lens", lambda photograph, _: photograph),
-    *(
-        Case(f"focal length {'+' if factor > 1 else '-'}{abs(factor - 1):.0%}", _focal(factor))
-        for factor in (1.01, 0.99, 1.03, 0.97, 1.1, 0.9)
-    ),
-    Case("a ninth of the picture", _patch),
-    Case("other light", _other_light),
-)
+CHANGES: dict[str, Change] = {
+    "good lens": lambda photograph, _: photograph,
+    "focal length 1 % too long": _scale_focal(1.01),
+    "focal length 3 % too long": _scale_focal(1.03),
+    "focal length 10 % too short": _scale_focal(0.9),
+    "a ninth of the picture": _keep_patch,
+    "other light": _light_evening,
+}
 
 
-def add_flags(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "runs", nargs="*", metavar="RUN", help="finished runs [default: the demo's hall]"
-    )
-    parser.add_argument(
-        "--views", type=int, default=5, metavar="N", help="held-out photographs [default 5]"
-    )
-    parser.add_argument("--only", metavar="WORDS", default="", help="cases with these words")
-    add_json(parser)
+def list_cases(settings: Settings) -> Iterator[Row]:
+    """Lists what is done to the photographs before they are localised."""
+    for data in settings.sets or (HALL,):
+        for name, change in CHANGES.items():
+            yield {"data": data, "photographs": name, "_change": change}
 
 
-def run(arguments: argparse.Namespace) -> int:
-    rows: list[dict[str, Any]] = []
-    with tempfile.TemporaryDirectory() as folder:
-        for name in arguments.runs or [_demo_run(Path(folder))]:
-            found = judge(name, arguments.views, arguments.only)
-            rows += found
-            if not arguments.json:
-                _print(Path(name).name, found)
-    if arguments.json:
-        print_json(rows)
-    return 0
+def measure(case: Row, settings: Settings) -> Row:
+    """Localises some held-out photographs of a trained model."""
+    trained = _train(case["data"], settings)
+    indices = list(trained.scene.test_indices)
+    indices = indices[:: max(1, len(indices) // settings.views)][: settings.views]
+    tries = [_localize(case["_change"], k, index, trained) for k, index in enumerate(indices)]
+    found = [each for each in tries if each is not None]
+    row: Row = {"found": f"{len(found)} of {len(tries)}"}
+    if found:
+        errors, stated, squares = map(np.array, zip(*found, strict=True))
+        row |= {
+            "error": float(np.median(errors)),
+            "largest": float(errors.max()),
+            "stated": float(np.median(stated)),
+            "sigmas": float(np.sqrt(squares / 3).max()),
+            "covered": int((squares <= _COVERED).sum()),
+        }
+    return row
 
 
-def _demo_run(folder: Path) -> Path:
-    print("making and training the demo's hall", file=sys.stderr)
-    data = make_demo_scene(folder / "hall", progress=False)
-    options = gsut.TrainOptions(preset="fast", steps=_STEPS)
-    gsut.train(gsut.load_dataset(data), options, out=folder / "run", progress=False)
-    return folder / "run"
+@functools.lru_cache(maxsize=1)
+def _train(data: str, settings: Settings) -> Any:
+    out = settings.folder / f"{data.replace('/', '_')}-localize"
+    if not out.exists():
+        options = gsut.TrainOptions(preset="fast", steps=settings.steps)
+        gsut.train(gsut.load_dataset(settings.path(data)), options, out=out, progress=False)
+    return gsut.load_run(out)
 
 
-def judge(folder: str | Path, views: int, only: str = "") -> list[dict[str, Any]]:
-    """One row a case: what became of some held-out photographs of a run.
+def _localize(
+    change: Change, number: int, index: int, trained: Any
+) -> tuple[float, float, float] | None:
+    """Returns the centre's error, its standard deviation, and the error's square by the covariance.
 
-    Args:
-        folder: of the run. views: how many photographs. only: of the cases' names.
+    None if the photograph was refused.
     """
-    trained = gsut.load_run(folder)
     scene = trained.scene
-    indices = list(scene.test_indices)
-    indices = indices[:: max(1, len(indices) // views)][:views]
-    rows = []
-    for case in CASES:
-        if only not in case.name:
-            continue
-        tries = [_localized(case, number, index, trained) for number, index in enumerate(indices)]
-        found = [each for each in tries if each is not None]
-        row: dict[str, Any] = {
-            "case": case.name, "photographs": len(tries), "found": len(found),
-        }  # fmt: skip
-        if found:
-            errors, stds, squares, focals = map(np.array, zip(*found, strict=True))
-            row |= {
-                "error_median": float(np.median(errors)),
-                "error_max": float(errors.max()),
-                "std_median": float(np.median(stds)),
-                "sigmas_median": float(np.median(np.sqrt(squares / 3))),
-                "sigmas_max": float(np.sqrt(squares / 3).max()),
-                "covered": int((squares <= _COVERED).sum()),
-                "focal_scale": float(np.median(focals)),
-            }
-        rows.append(row)
-    return rows
-
-
-def _localized(
-    case: Case, number: int, index: int, trained: Any
-) -> tuple[float, float, float, float] | None:
-    """Error and standard deviation of the centre, both as lengths, the error's square by the
-    covariance, and the focal length's factor; None where the photograph was refused."""
-    scene = trained.scene
-    lens, pixels, mask = case.make(
+    lens, pixels, mask = change(
         (scene.camera(index), scene.image(index), scene.mask(index)), number
     )
     try:
@@ -162,24 +114,22 @@ def _localized(
     off = found.pose.center - scene.views[index].camera_center
     spread = found.pose.covariance[:3, :3]
     square = float(off @ np.linalg.solve(spread, off))
-    length = float(np.linalg.norm(off))
-    return length, float(np.sqrt(np.trace(spread))), square, found.focal_scale
+    return float(np.linalg.norm(off)), float(np.sqrt(np.trace(spread))), square
 
 
-def _print(name: str, rows: Sequence[dict[str, Any]]) -> None:
-    print(
-        f"\n{name}: errors of centres (dataset's units), and over the stated sigma, rms of 3 axes"
-    )
-    heads = ("error", "worst", "stated", "/sigma", "worst", "covered")
-    print(" " * 24 + "   found " + "".join(f"{head:>10}" for head in heads))
-    for row in rows:
-        text = f"{row['case']:24} {row['found']:3}/{row['photographs']:<3}"
-        if row["found"]:
-            text += (
-                f" {row['error_median']:9.4f} {row['error_max']:9.4f} {row['std_median']:9.4f} "
-                f"{row['sigmas_median']:9.2f} {row['sigmas_max']:9.2f} "
-                f"{row['covered']:6}/{row['found']:<3}"
-            )
-        print(text)
-    missed = sum(row["found"] - row["covered"] for row in rows if row["found"])
-    print(f"{missed} errors not covered")
+BENCHMARK = Benchmark(
+    help="photographs' poses against the truth: errors of centres over the stated uncertainty",
+    columns=(
+        Column("data"),
+        Column("photographs"),
+        Column("found"),
+        Column("error", "error, median", "units", ".4f"),
+        Column("largest", "largest", "units", ".4f"),
+        Column("stated", "stated sigma", "units", ".4f"),
+        Column("sigmas", "largest", "sigmas", ".1f"),
+        Column("covered", "within 3 sigmas", form="d"),
+    ),
+    cases=list_cases,
+    measure=measure,
+    options=(Option("views", 5, "held-out photographs"), Option("steps", 1000, "of the training")),
+)

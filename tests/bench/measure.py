@@ -53,13 +53,6 @@ class Times:
         """Sum over stages, processor time over the number of threads."""
         return 1e3 * sum(self.stages[stage][1] for stage in stages) / _core.num_threads()
 
-    def per_stage_ms(self) -> dict[str, dict[str, float]]:
-        """stage -> wall_ms and cpu_ms (over threads)."""
-        return {
-            stage: {"wall_ms": self.wall_ms(stage), "cpu_ms": self.cpu_ms(stage)}
-            for stage in self.stages
-        }
-
 
 def best_times(
     run: Callable[[], dict[str, tuple[float, float]]], repeats: int, warmups: int = 1
@@ -174,7 +167,7 @@ def step_loop(scene: BenchScene, repeats: int) -> TrainingLoop:
         scene: copied.
         repeats: steps that will be made, at most.
     """
-    from gsut.optimize import optimizer_of
+    from gsut.optimize import make_optimizer
     from gsut.run import TrainOptions
     from gsut.training import TrainingLoop
 
@@ -187,7 +180,7 @@ def step_loop(scene: BenchScene, repeats: int) -> TrainingLoop:
         coarse_to_fine=(0.0, 0.0), densify_every=steps // 2, noise=False, eval_every=0, **rates,
     ).resolved()  # fmt: skip
     loop = TrainingLoop(_one_view_scene(scene), options)
-    loop.optimizer = optimizer_of(scene.gaussians, None, 0)
+    loop.optimizer = make_optimizer(scene.gaussians, None, 0)
     return loop
 
 

@@ -1,23 +1,21 @@
-"""`./run bench poses`: what `gsut poses`, and pycolmap, take and how far off a dataset they end."""
+"""`./run bench poses`: errors and seconds of `gsut poses`, and of pycolmap, against known poses."""
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import json
 import os
 import subprocess
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from gsut._core import InputError, SolveError
-from gsut.lens import camera_models, convert_camera, save_camera
+from gsut.data import read_dataset
+from gsut.lens import convert_camera, save_camera
 from gsut.lens.files import to_colmap
-from gsut.run import add_option_flags, check_options, describe_options, given_options, option
 from gsut.sfm import (
     PoseErrors,
     PosesOptions,
@@ -28,185 +26,69 @@ from gsut.sfm import (
     poses_by_path,
 )
 from tests.bench import pycolmap_poses
-from tests.bench.report_rows import (
-    MEASURED,
-    add_files,
-    bar,
-    check_files,
-    print_and_write,
-    row_writer,
-    rows_to_keep,
-)
-from tests.bench.rig_poses import RIG_COLUMNS, WAYS, RigBenchOptions, rig_bench
-from tests.bench.train_bench import TrainBenchOptions, train_bench
+from tests.bench.harness import HALL, WRONG, Benchmark, Column, Option, Row, Settings
 
-LENSES = ("known", "unknown")
-SHUTTERS = ("auto", "global", "rolling")
-PROGRAMS = ("gsut", "pycolmap")
-_STAGES = ("features", "matching", "mapping")
-_FEWEST = 3  # images with a pose, that errors and a training need
-# (heading, key of the row, format); CPU-s: processor seconds of all threads.
-POSES_COLUMNS = (
-    ("data", "data", ""),
-    ("program", "program", ""),
-    ("lens", "lens", ""),
-    ("shutter", "shutter", ""),
-    ("registered", "registered", "d"),
-    ("images", "images", "d"),
-    ("ATE [% of extent]", "ate_percent", ".4f"),
-    ("rotation median [deg]", "rotation_median_degrees", ".4f"),
-    ("mean", "rotation_mean_degrees", ".4f"),
-    ("max", "rotation_max_degrees", ".4f"),
-    ("residual median [px]", "error_px", ".3f"),
-    ("held-out PSNR [dB]", "psnr", ".2f"),
-    *((f"{stage} [CPU-s]", f"{stage}_cpu_seconds", ".1f") for stage in _STAGES),
-    ("total [CPU-s]", "total_cpu_seconds", ".1f"),
-    ("total [s]", "total_seconds", ".1f"),
-)
+_SETS = (HALL, "sponza_fisheye", "fox", "helmet_distorted_rs", "gopro_max_walk")
+KNOWN, UNKNOWN = "known", "unknown"
+_FEWEST = 3  # images with a pose, without which there is no similarity to compare by
 
 
-@describe_options
-@dataclasses.dataclass(frozen=True)
-class PosesBenchOptions:
-    """What is measured on `data`: datasets with poses, which are the reference (agreement, where
-    they are COLMAP's), or folders of images without.
-
-    Raises:
-        InputError: an unknown word, a value of the wrong kind or out of range.
-    """
-
-    data: Sequence[str]
-    lens: tuple[str, ...] = option(
-        ("known",), MEASURED, "known: the dataset's own; unknown: estimated; a camera model: its "
-        "fit to the dataset's own",
-    )  # fmt: skip
-    shutter: tuple[str, ...] = option(
-        ("auto",), MEASURED, "auto: as the dataset says; global: one pose an image, beside a "
-        "rolling data set with errors let through as large as the motion makes them; rolling",
-    )  # fmt: skip
-    programs: tuple[str, ...] = option(
-        PROGRAMS, MEASURED, "gsut; pycolmap, if --pycolmap is given, does incremental mapping"
-    )
-    pycolmap: str | None = option(None, MEASURED, "a Python that has pycolmap", none="none")
-    train: int = option(
-        0, MEASURED, "steps of a training on the poses found, whose PSNR on every eighth image "
-        "needs no reference; 0: none", low=0,
-    )  # fmt: skip
-    train_scale: float = option(
-        0.5, MEASURED, "of the images trained on", low=0, high=1, low_open=True
-    )
-    threads: int = option(0, MEASURED, "0 = all", low=0)
-
-    @property
-    def num_rows(self) -> int:
-        """Number of measurements."""
-        return len(list(self.requests()))
-
-    def requests(self) -> Iterator[dict[str, Any]]:
-        """What each row measures: dict data (path), program, lens, shutter, train."""
-        for data in self.data:
-            for lens in self.lens:
-                asked: dict[str, Any] = {"data": str(Path(data).resolve()), "lens": lens}
-                asked |= {"train": [self.train, self.train_scale]}
-                if "gsut" in self.programs:
-                    for shutter in self.shutter:
-                        yield asked | {"program": "gsut", "shutter": shutter}
-                if "pycolmap" in self.programs and self.pycolmap is not None:
-                    yield asked | {"program": "pycolmap", "shutter": "global"}
-
-    def __post_init__(self) -> None:
-        check_options(self)
-        for flag, found, known in (
-            ("--lens", self.lens, (*LENSES, *camera_models())),
-            ("--shutter", self.shutter, SHUTTERS),
-            ("--programs", self.programs, PROGRAMS),
-        ):
-            for word in found:
-                if word not in known:
-                    raise InputError(f"{flag} takes {', '.join(known)}, found {word!r}")
+def list_cases(settings: Settings) -> Iterator[Row]:
+    """Lists datasets by lens and program."""
+    for data in settings.sets or _SETS:
+        for lens in settings.lens:
+            path = settings.find(data)
+            if lens != UNKNOWN and path is not None and not _has_poses(path):
+                continue  # a folder of images has no lens of its own
+            case = {"data": data, "lens": lens}
+            yield case | {"program": "gsut"}
+            if settings.pycolmap and lens in (KNOWN, UNKNOWN):
+                yield case | {"program": "pycolmap"}
 
 
-def poses_bench(
-    options: PosesBenchOptions,
-    on_progress: Callable[[str], None] = lambda text: None,
-    on_row: Callable[[list[dict[str, Any]]], object] = lambda rows: None,
-    done: Sequence[dict[str, Any]] = (),
-) -> list[dict[str, Any]]:
-    """One row a dataset, lens, shutter and program; None for what could not be measured.
-
-    Args:
-        options: see PosesBenchOptions.
-        on_progress: told what begins.
-        on_row: called with all rows so far after each of them.
-        done: rows of an earlier call; those that this one asks for are not measured again, others
-            are kept.
-
-    Raises:
-        InputError: a dataset cannot be read.
-    """
-    rows = list(done)
-    for asked in options.requests():
-        on_progress(f"{Path(asked['data']).name}, lens {asked['lens']}, {asked['program']}")
-        if any(row.get("asked") == asked for row in rows):
-            continue
-        path = Path(asked["data"])
-        if asked["program"] == "pycolmap":
-            assert options.pycolmap is not None
-            row = measure_pycolmap(path, asked["lens"], options.pycolmap, options)
-        else:
-            row = _measure(path, asked["lens"], asked["shutter"], options)
-        rows.append({**row, "asked": asked})
-        on_row(rows)
-    return rows
-
-
-def _row(data: Path, lens: str, **values: Any) -> dict[str, Any]:
-    return {
-        **{key: None for _, key, _ in POSES_COLUMNS},
-        "data": data.name, "lens": lens, "registered": 0, **values,
-    }  # fmt: skip
-
-
-def _times(seconds: dict[str, float], cpu_seconds: dict[str, float]) -> dict[str, float]:
-    """The columns of both by stage, and in all."""
-    found: dict[str, float] = {}
-    for ending, times in (("seconds", seconds), ("cpu_seconds", cpu_seconds)):
-        found |= {f"{stage}_{ending}": times[stage] for stage in _STAGES}
-        found[f"total_{ending}"] = times.get("total", sum(times.values()))
-    return found
-
-
-def _error_values(errors: PoseErrors) -> dict[str, float]:
-    return {
-        "ate_percent": errors.ate_percent,
-        "rotation_median_degrees": float(np.median(errors.rotation_degrees)),
-        "rotation_mean_degrees": float(errors.rotation_degrees.mean()),
-        "rotation_max_degrees": float(errors.rotation_degrees.max()),
-    }
+def measure(case: Row, settings: Settings) -> Row:
+    """Finds poses and compares them with the dataset's."""
+    data = settings.path(case["data"])
+    if case["program"] == "pycolmap":
+        return measure_pycolmap(data, case["lens"], settings.pycolmap, settings.threads)
+    lens = case["lens"]
+    with tempfile.TemporaryDirectory(prefix="gsut-poses-") as folder:
+        fitted = None if lens in (KNOWN, UNKNOWN) else fit_lens(data, lens, Path(folder))
+        options = _choose_options(data, settings)
+        try:
+            result = find_poses(
+                data, folder, unknown_lens=lens == UNKNOWN, options=options, camera=fitted
+            )
+        except SolveError as error:
+            return {"registered": 0, WRONG: str(error)}
+        figures = result.figures
+        row = {
+            "registered": figures["registered"],
+            "images": figures["images"],
+            "residual_px": figures["reprojection_error_px"]["median"],
+            "verdict": figures["verdict"]["level"],
+            "seconds": figures["seconds"]["total"],
+            "cpu_seconds": figures["cpu_seconds"]["total"],
+        }
+        if lens == UNKNOWN:
+            row["focal_sigma_percent"] = figures["focal_sigma_percent"]
+        if _has_poses(data) and result.solution.num_registered >= _FEWEST:
+            row |= _describe_errors(errors_against(data, folder))
+            if lens == UNKNOWN:
+                known = read_dataset(data).frames[0].camera.params[:2].mean()
+                found = result.solution.cameras[0].params[:2].mean()
+                row["focal_error_percent"] = 100 * float(found / known - 1)
+    return row
 
 
 def _has_poses(data: Path) -> bool:
-    """Whether there is a reference: a folder of images alone is no dataset."""
     return (data / "transforms.json").is_file() or (data / "sparse").is_dir()
 
 
-def _psnr(folder: str, options: PosesBenchOptions) -> dict[str, float]:
-    """Of every eighth image, after a training on the others with the poses in a folder."""
-    if not options.train:
-        return {}
-    (row,) = train_bench(
-        TrainBenchOptions(
-            folder, ("fast",), measurements=2, scale=options.train_scale, threads=options.threads,
-            steps=options.train,
-        )
-    )  # fmt: skip
-    return {"psnr": row["psnr"]}
-
-
-def _settings(data: Path, shutter: str, threads: int) -> PosesOptions:
-    """Of `gsut poses`; looser for a rolling shutter that is taken for a global one."""
-    options = PosesOptions(threads=threads, shutter=shutter)
-    if shutter != "global" or find_photographs(data, None).shutter is None:
+def _choose_options(data: Path, settings: Settings) -> PosesOptions:
+    """Returns the options, looser where a rolling shutter is taken for a global one."""
+    options = PosesOptions(threads=settings.threads, shutter=settings.shutter)
+    if settings.shutter != "global" or find_photographs(data, None).shutter is None:
         return options
     return dataclasses.replace(
         options,
@@ -215,136 +97,100 @@ def _settings(data: Path, shutter: str, threads: int) -> PosesOptions:
     )
 
 
-def _measure(data: Path, lens: str, shutter: str, bench: PosesBenchOptions) -> dict[str, Any]:
-    row = _row(data, lens, program="gsut", shutter=shutter)
-    options = _settings(data, shutter, bench.threads)
-    with tempfile.TemporaryDirectory(prefix="gsut-poses-") as folder:
-        try:
-            result = find_poses(
-                data, folder, unknown_lens=lens == "unknown", options=options,
-                camera=None if lens in LENSES else _fitted_lens(data, lens, Path(folder)),
-            )  # fmt: skip
-        except SolveError as error:
-            return {**row, "failure": str(error)}
-        figures = result.figures
-        row.update(
-            registered=figures["registered"],
-            images=figures["images"],
-            error_px=figures["reprojection_error_px"]["median"],
-            shutter=figures["shutter"],
-            **_times(figures["seconds"], figures["cpu_seconds"]),
-        )
-        if result.solution.num_registered >= _FEWEST:
-            if _has_poses(data):
-                row.update(_error_values(errors_against(data, folder)))
-            row.update(_psnr(folder, bench))
-    return row
+def _describe_errors(errors: PoseErrors) -> Row:
+    return {
+        "centers_percent": errors.ate_percent,
+        "rotation_degrees": float(np.median(errors.rotation_degrees)),
+        "rotation_max_degrees": float(errors.rotation_degrees.max()),
+    }
 
 
-def _fitted_lens(data: Path, model: str, folder: Path) -> Path:
-    """The file of the lens of a model that is nearest to the dataset's."""
+def fit_lens(data: Path, model: str, folder: Path) -> Path:
+    """Writes the lens of a model that is nearest to the dataset's; returns its file."""
     (camera,) = set(find_photographs(data, None).lenses)
     save_camera(convert_camera(camera, model).camera, folder / "fitted.lens.json")
     return folder / "fitted.lens.json"
 
 
-def measure_pycolmap(
-    data: Path, lens: str, python: str, bench: PosesBenchOptions, *, sequential: bool = False
-) -> dict[str, Any]:
-    """pycolmap's incremental mapping of the same images, in a process of its own.
+def measure_pycolmap(data: Path, lens: str, python: str, threads: int) -> Row:
+    """Has pycolmap map the same images, in a process of its own.
 
     Args:
-        sequential: each image is matched with those after it only, as those of a video.
+        data: dataset. lens: "known" or "unknown". python: that has pycolmap. threads: 0 for all.
+
+    Raises:
+        InputError: this Python cannot be run.
     """
     photographs = find_photographs(data, None)
-    row = _row(data, lens, program="pycolmap", shutter="global", images=len(photographs))
     paths = [path.resolve() for path in photographs.paths]
     root = Path(os.path.commonpath([path.parent for path in paths]))
     names = [path.relative_to(root).as_posix() for path in paths]
-    request: dict[str, Any] = {
-        "images": str(root), "names": names, "threads": bench.threads or -1,
-        "model": None, "params": None, "sequential": sequential,
+    row: Row = {"registered": 0, "images": len(names)}
+    request: Row = {
+        "images": str(root), "names": names, "threads": threads or -1, "model": None, "params": None
     }  # fmt: skip
-    if lens == "known":
+    if lens == KNOWN:
         cameras = {camera for camera in photographs.cameras if camera is not None}
         if len(cameras) != 1:
-            return {**row, "failure": f"the images have {len(cameras)} known lenses, not one"}
+            return row | {WRONG: f"the images have {len(cameras)} known lenses, not one"}
         model, _, params = to_colmap(cameras.pop())
-        request.update(model=model, params=[float(value) for value in params])
+        request |= {"model": model, "params": [float(value) for value in params]}
     with tempfile.TemporaryDirectory(prefix="gsut-pycolmap-") as folder:
         question, answer = Path(folder) / "request.json", Path(folder) / "answer.json"
-        for name in ("work", "found/sparse/0"):
-            (Path(folder) / name).mkdir(parents=True)
-        request["work"] = str(Path(folder) / "work")
-        request["text"] = str(Path(folder) / "found/sparse/0")
-        question.write_text(json.dumps(request))
+        work = Path(folder) / "work"
+        work.mkdir()
+        question.write_text(json.dumps(request | {"work": str(work)}))
+        command = [python, pycolmap_poses.__file__, str(question), str(answer)]
         try:
-            done = subprocess.run(
-                [python, str(Path(pycolmap_poses.__file__)), str(question), str(answer)],
-                capture_output=True, text=True, check=False,
-            )  # fmt: skip
+            done = subprocess.run(command, capture_output=True, text=True, check=False)
         except OSError as error:
-            raise InputError(f"--pycolmap {python} cannot be run: {error.strerror}") from error
+            raise InputError(f"--pycolmap {python} cannot be run: {error.strerror}") from None
         if done.returncode == pycolmap_poses.MISSING:
-            return {**row, "failure": f"{python} has no pycolmap: pip install pycolmap there"}
-        if done.returncode != 0:
-            words = (done.stderr.strip() or f"exit status {done.returncode}").splitlines()[-1]
-            return {**row, "failure": f"pycolmap failed: {words}"}
+            return row | {WRONG: f"{python} has no pycolmap: pip install pycolmap there"}
+        if done.returncode or not answer.is_file():
+            return row | {WRONG: done.stderr.strip()[-300:] or "pycolmap failed"}
         found = json.loads(answer.read_text())
-        row.update(registered=len(found["poses"]))
-        row.update(_times(found["seconds"], found["cpu_seconds"]))
-        if len(found["poses"]) >= _FEWEST and _has_poses(data):
-            row.update(_error_values(_errors_of_names(found["poses"], root, data)))
-        if len(found["poses"]) >= _FEWEST and bench.train:
-            (Path(folder) / "found/images").symlink_to(root)
-            row.update(_psnr(str(Path(folder) / "found"), bench))
+    row |= {
+        "registered": len(found["poses"]),
+        "seconds": sum(found["seconds"].values()),
+        "cpu_seconds": sum(found["cpu_seconds"].values()),
+    }
+    if _has_poses(data) and len(found["poses"]) >= _FEWEST:
+        row |= _describe_errors(_compare_by_names(found["poses"], root, data))
     return row
 
 
-def _errors_of_names(found: dict[str, Any], root: Path, data: Path) -> PoseErrors:
-    """Of poses (3, 4) by the images' names below `root` against a dataset's."""
+def _compare_by_names(found: Row, root: Path, data: Path) -> PoseErrors:
+    """Compares poses (3, 4) by the images' names below `root` with a dataset's."""
     reference = poses_by_path(data)
     chosen = [name for name in found if root / name in reference]
     poses = np.array([[*found[name], [0.0, 0.0, 0.0, 1.0]] for name in chosen])
     return compare_poses(poses, np.array([reference[root / name] for name in chosen]))
 
 
-# --- the command ----------------------------------------------------------------------------------
-
-HELP = (
-    "seconds of gsut poses beside its errors against a dataset's own poses, after the best "
-    "similarity (where those are COLMAP's, that is agreement, not truth)"
+BENCHMARK = Benchmark(
+    help="gsut poses, with and without the lens, and pycolmap: errors against known poses, seconds",
+    columns=(
+        Column("data"),
+        Column("lens"),
+        Column("program"),
+        Column("registered", form="d"),
+        Column("images", form="d"),
+        Column("centers_percent", "centres", "% of extent", ".3f"),
+        Column("rotation_degrees", "rotation", "degrees", ".3f"),
+        Column("rotation_max_degrees", "largest", "degrees", ".3f"),
+        Column("focal_error_percent", "focal length", "%", "+.2f"),
+        Column("focal_sigma_percent", "stated", "%", ".2f"),
+        Column("residual_px", "residual", "px", ".2f"),
+        Column("verdict"),
+        Column("cpu_seconds", "time", "CPU-s", ".1f"),
+        Column("seconds", "time", "s", ".1f"),
+    ),
+    cases=list_cases,
+    measure=measure,
+    options=(
+        Option("lens", (KNOWN, UNKNOWN), "known, unknown, or models fitted to the known lens"),
+        Option("shutter", "auto", "auto, global or rolling, as of gsut poses"),
+        Option("pycolmap", "", "a Python that has pycolmap, for rows of its incremental mapping"),
+    ),
 )
-
-
-def add_flags(parser: argparse.ArgumentParser) -> None:
-    add = parser.add_argument
-    add("data", metavar="DATA", nargs="+", help="datasets with poses, or folders of images")
-    add(
-        "--rig", metavar="RIG",
-        help="the true rig of DATA, whose poses are in its unit: scale and poses with it, without "
-        "it, and with it disturbed by 0.5 degrees and 1 %% of its baseline",
-    )  # fmt: skip
-    add_option_flags(parser, PosesBenchOptions)
-    add_files(parser, resume=True)
-
-
-def run(arguments: argparse.Namespace) -> int:
-    check_files(arguments)
-    wanted = PosesBenchOptions(arguments.data, **given_options(PosesBenchOptions, arguments))
-    if arguments.rig:
-        if len(arguments.data) != 1:
-            raise InputError(f"--rig goes with one dataset, found {len(arguments.data)}")
-        with bar(len(WAYS)) as advance:
-            options = RigBenchOptions(arguments.data[0], arguments.rig, wanted.threads)
-            rows = rig_bench(options, advance)
-        print_and_write(rows, RIG_COLUMNS, arguments)
-    else:
-        with bar(wanted.num_rows) as advance:
-            rows = poses_bench(wanted, advance, row_writer(arguments), rows_to_keep(arguments))
-        print_and_write(rows, POSES_COLUMNS, arguments)
-    for row in rows:
-        if "failure" in row:
-            way = row.get("way") or f"{row['program']}, lens {row['lens']}"
-            print(f"{row['data']}, {way}: {row['failure']}")
-    return 0

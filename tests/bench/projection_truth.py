@@ -1,4 +1,4 @@
-"""What a projected Gaussian truly is: moments by quadrature or samples, alpha at every pixel."""
+"""Computes what a projected Gaussian truly is: moments, and alpha at every pixel."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ _SETTLED_PX = 1e-5
 _LOST = 1e-6
 
 
-def _axes(gaussians: Gaussians) -> np.ndarray:
-    """(N, 3, 3), columns the axes of each Gaussian times its scales."""
+def _find_axes(gaussians: Gaussians) -> np.ndarray:
+    """Returns (N, 3, 3), columns the axes of each Gaussian times its scales."""
     quats = gaussians.quats / np.linalg.norm(gaussians.quats, axis=1, keepdims=True)
     w, x, y, z = quats.T
     rotation = np.stack([
@@ -29,8 +29,8 @@ def _axes(gaussians: Gaussians) -> np.ndarray:
     return rotation * np.exp(gaussians.log_scales)[:, None, :]
 
 
-def projected_moments(gaussians: Gaussians, camera: _core.Camera) -> tuple[np.ndarray, np.ndarray]:
-    """Mean (N, 2) and covariance (N, 2, 2) of the pixels of each Gaussian, camera at the origin.
+def compute_moments(gaussians: Gaussians, camera: _core.Camera) -> tuple[np.ndarray, np.ndarray]:
+    """Integrates mean (N, 2) and covariance (N, 2, 2) of pixels, camera at the origin.
 
     Gauss-Hermite product rules of 8^3, 16^3 and 32^3 nodes in double: NaN where the last two still
     differ by more than 1e-5 px (or 1e-4 of the standard deviation, if that is more), or more than
@@ -38,11 +38,11 @@ def projected_moments(gaussians: Gaussians, camera: _core.Camera) -> tuple[np.nd
     """
     centers = np.full((len(gaussians), 2), np.nan)
     covariances = np.full((len(gaussians), 2, 2), np.nan)
-    axes = _axes(gaussians)
+    axes = _find_axes(gaussians)
     for i in range(len(gaussians)):
         before = None
         for order in _ORDERS:
-            moments = _moments(gaussians.means[i], axes[i], camera, order)
+            moments = _integrate(gaussians.means[i], axes[i], camera, order)
             if moments is None:
                 break
             if before is not None:
@@ -54,7 +54,7 @@ def projected_moments(gaussians: Gaussians, camera: _core.Camera) -> tuple[np.nd
     return centers, covariances
 
 
-def _moments(
+def _integrate(
     mean: np.ndarray, axes: np.ndarray, camera: _core.Camera, order: int
 ) -> tuple[np.ndarray, np.ndarray] | None:
     node, weight = hermite_e.hermegauss(order)
@@ -66,20 +66,20 @@ def _moments(
         return None
     pixels, weights = pixels[valid], weights[valid] / weights[valid].sum()
     middle, _ = camera.project(mean[None])
-    off = _short_way(pixels - middle, camera)
+    off = _unwrap(pixels - middle, camera)
     shift = weights @ off
     off = off - shift
     return middle[0] + shift, np.einsum("n,ni,nj->ij", weights, off, off)
 
 
-def _short_way(difference: np.ndarray, camera: _core.Camera) -> np.ndarray:
-    """Differences of pixels (N, 2), on a panorama the short way round."""
-    period = periods(camera)
+def _unwrap(difference: np.ndarray, camera: _core.Camera) -> np.ndarray:
+    """Takes differences of pixels (N, 2) the short way round a panorama."""
+    period = find_periods(camera)
     return difference - period * np.round(difference / period)
 
 
-def periods(camera: _core.Camera) -> np.ndarray:
-    """(2,) pixels after which the image repeats along u and v; 1e30 where it does not."""
+def find_periods(camera: _core.Camera) -> np.ndarray:
+    """Returns (2,) pixels after which the image repeats along u and v; 1e30 where it does not."""
     period = np.array(camera.period)
     return np.where(period > 0, period, 1e30)
 
@@ -101,16 +101,16 @@ class SampledMoments:
     lost: float
 
 
-def sampled_moments(
+def sample_moments(
     gaussians: Gaussians, camera: _core.Camera, samples: int, rng: np.random.Generator
 ) -> list[SampledMoments]:
-    """Monte Carlo: moments of `samples` random points of each Gaussian, camera at the origin."""
-    axes = _axes(gaussians)
+    """Estimates moments by random points of each Gaussian, camera at the origin."""
+    axes = _find_axes(gaussians)
     found = []
     for mean, own_axes in zip(gaussians.means, axes, strict=True):
         pixels, valid = camera.project(mean + rng.standard_normal((samples, 3)) @ own_axes.T)
         middle, _ = camera.project(mean[None])
-        off = _short_way(pixels[valid] - middle, camera)
+        off = _unwrap(pixels[valid] - middle, camera)
         root = np.sqrt(len(off))
         shift = off.mean(axis=0)
         off = off - shift
@@ -124,13 +124,13 @@ def sampled_moments(
     return found
 
 
-def alpha_images(gaussians: Gaussians, camera: _core.Camera, alpha_min: float) -> np.ndarray:
-    """(N, H, W) opacity times response at every pixel, 0 below alpha_min; camera at the origin."""
+def compute_alphas(gaussians: Gaussians, camera: _core.Camera, alpha_min: float) -> np.ndarray:
+    """Computes (N, H, W) opacity times response, 0 below alpha_min; camera at the origin."""
     rays, valid = camera.rays()
     directions = np.where(valid[..., None], rays, 0.0).reshape(-1, 3)
     origins = np.where(valid[..., None], camera.origins(), 0.0).reshape(-1, 3)
     alphas = np.zeros((len(gaussians), len(directions)))
-    axes = _axes(gaussians)
+    axes = _find_axes(gaussians)
     opacity = 1 / (1 + np.exp(-gaussians.opacity_logits))
     for i in range(len(gaussians)):
         inverse = np.linalg.inv(axes[i])

@@ -1,4 +1,4 @@
-"""Incremental mapping by pycolmap, run by a Python of its own for `./run bench poses`.
+"""Maps images by pycolmap, run by a Python of its own for `./run bench poses`.
 
 It imports nothing of gsut: `PYTHON pycolmap_poses.py REQUEST.json ANSWER.json`.
 """
@@ -13,14 +13,12 @@ from typing import Any
 MISSING = 3  # exit status where this Python has no pycolmap
 
 
-def run(request: dict) -> dict:
-    """Poses, and seconds and processor seconds of each stage.
+def map_images(request: dict) -> dict:
+    """Finds poses; returns them with seconds and processor seconds of each stage.
 
     Args:
-        request: "images" (folder), "names", "work" (empty folder), "threads"; "sequential": each
-            image is matched with those after it only; "model" and "params" (COLMAP's) of the known
-            lens, or None: SIMPLE_RADIAL, estimated; "text": empty folder for the model as COLMAP
-            text.
+        request: "images" (folder), "names", "work" (empty folder), "threads"; "model" and "params"
+            (COLMAP's) of the known lens, or None: SIMPLE_RADIAL, estimated.
     """
     pycolmap: Any = importlib.import_module("pycolmap")
     work = Path(request["work"])
@@ -49,8 +47,7 @@ def run(request: dict) -> dict:
         extraction_options=extraction, device=pycolmap.Device.cpu,
     )  # fmt: skip
     lap("features")
-    match = pycolmap.match_sequential if request["sequential"] else pycolmap.match_exhaustive
-    match(database, matching_options=matching, device=pycolmap.Device.cpu)
+    pycolmap.match_exhaustive(database, matching_options=matching, device=pycolmap.Device.cpu)
     lap("matching")
     mapping.ba_refine_focal_length = mapping.ba_refine_extra_params = not known
     models = pycolmap.incremental_mapping(database, request["images"], work, options=mapping)
@@ -60,8 +57,6 @@ def run(request: dict) -> dict:
     for image in best.images.values() if best is not None else ():
         if image.has_pose:
             poses[image.name] = image.cam_from_world().matrix().tolist()
-    if best is not None:
-        best.write_text(request["text"])
     return {
         "seconds": seconds,
         "cpu_seconds": cpu_seconds,
@@ -71,13 +66,13 @@ def run(request: dict) -> dict:
 
 
 def main() -> int:
-    """Reads the request, writes the answer."""
+    """Reads the request and writes the answer."""
     try:
         importlib.import_module("pycolmap")
     except ImportError:
         return MISSING
     request = json.loads(Path(sys.argv[1]).read_text())
-    Path(sys.argv[2]).write_text(json.dumps(run(request)))
+    Path(sys.argv[2]).write_text(json.dumps(map_images(request)))
     return 0
 
 

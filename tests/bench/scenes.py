@@ -60,7 +60,7 @@ class BenchScene:
     origin: str
 
 
-def make_scene(name: str, *, ply: str | None = None, data: str | None = None) -> BenchScene:
+def scene_from_arrays(name: str, *, ply: str | None = None, data: str | None = None) -> BenchScene:
     """A scene by name.
 
     Args:
@@ -228,7 +228,7 @@ def _trained_scene(ply: str | None, data: str | None) -> BenchScene:
     if ply is None or data is None:
         scene, gaussians, origin = _trained_demo()
     else:
-        scene, gaussians, origin = gsut.load_dataset(data), gsut.load_ply(ply), f"{ply}"
+        scene, gaussians, origin = gsut.load_dataset(data), gsut.formats.load_ply(ply), f"{ply}"
     index = (scene.test_indices or scene.train_indices)[0]
     view = scene.views[index]
     return BenchScene(

@@ -2,80 +2,55 @@
 
 from __future__ import annotations
 
-import argparse
 import resource
-import sys
-import tempfile
 import time
-from pathlib import Path
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
 import gsut
 from gsut import _core
-from gsut.demo import make_demo_scene
 from gsut.surface import geometry_figures
-from tests.bench.report_rows import add_files, print_and_write
+from tests.bench.harness import HALL, Benchmark, Column, Option, Row, Settings
 
-_RADIUS, _CENTER = 1.0, np.array([0.03, 0.02, 0.01])
+_RADIUS = 1.0  # of the ball
+_CENTER = np.array([0.03, 0.02, 0.01])  # of the ball: no corner of a voxel
 _TWIST = np.array([0.06, -0.05, 0.04, 0.03, 0.05, -0.06])  # of a camera during its exposure
-_FREE_WEIGHT = 0.1  # as in gsut mesh
-COLUMNS = (
-    ("what", "what", ""),
-    ("PSNR [dB]", "psnr", ".2f"),
-    ("AbsRel, expected [%]", "expected", ".2f"),
-    ("median", "median", ".2f"),
-    ("to 30 degrees", "ring0", ".2f"),
-    ("30 to 60", "ring1", ".2f"),
-    ("60 to 80", "ring2", ".2f"),
-    ("from 80", "ring3", ".2f"),
-    ("F at 2 cm", "fscore", ".2f"),
-    ("farthest vertex [voxels]", "voxels_off", ".3f"),
-    ("voxels across", "across", ".0f"),
-    ("blocks", "blocks", ".0f"),
-    ("CPU-s", "cpu_seconds", ".1f"),
-    ("s", "seconds", ".1f"),
-    ("most memory [MB]", "megabytes", ".0f"),
-)
-TRAININGS = (
-    ("plain", False, "gaussian"),
-    ("--surface", True, "gaussian"),
-    ("surfels, --surface", True, "surfel"),
-    ("surfels, as long", False, "surfel"),
-    ("plain, as long", False, "gaussian"),
-)
-HELP = "meshes of exact depths through any lens, fusion's speed, depth with and without --surface"
+_FREE_WEIGHT = 0.1  # of space seen as empty, as in gsut mesh
+_BALL_VOXEL = 0.06  # 33 voxels across the ball
+_BALL_VIEWS = 24
+_MOST_GAUSSIANS = 50_000
+_PLAIN = "plain"
+# Name -> --surface, primitive.
+TRAININGS = {
+    _PLAIN: (False, "gaussian"),
+    "--surface": (True, "gaussian"),
+    "--surface --primitive surfel": (True, "surfel"),
+}
 
 
-def add_flags(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--data", type=Path, help="a dataset with depth files, trained too")
-    parser.add_argument("--steps", type=int, default=1000, help="of each training; 0: none [1000]")
-    parser.add_argument("--views", type=int, default=60, help="that are fused for speed [60]")
-    parser.add_argument("--size", type=int, default=480, help="of their images, pixels [480]")
-    parser.add_argument(
-        "--across", type=int, nargs="*", default=[250, 500, 1000],
-        help="voxels across the ball that is fused for speed [250 500 1000]",
-    )  # fmt: skip
-    add_files(parser)
+def list_cases(settings: Settings) -> Iterator[Row]:
+    """Lists balls by lens, fusions by number of voxels, and trainings."""
+    for lens in list_lenses() if not settings.sets else ():
+        yield {"what": f"ball, {lens}", "_measure": "ball", "_lens": lens}
+    for across in settings.across if not settings.sets else ():
+        yield {"what": f"fusion, {across} voxels across", "_measure": "fusion", "_across": across}
+    for data in (settings.sets or (HALL, "sponza_fisheye")) if settings.steps else ():
+        for name in TRAININGS:
+            yield {"what": name, "data": data, "_measure": "training"}
 
 
-def run(arguments: argparse.Namespace) -> int:
-    rows = [ball_row(name, *lens) for name, lens in lenses().items()]
-    for across in arguments.across:
-        rows.append(fusion_row(across, arguments.views, arguments.size))
-    if arguments.steps:
-        with tempfile.TemporaryDirectory() as folder:
-            hall = Path(folder) / "hall"
-            make_demo_scene(hall)
-            for data, truth in ((hall, hall / "truth.ply"), (arguments.data, None)):
-                if data is not None:
-                    rows += training_rows(data, truth, arguments.steps)
-    print_and_write(rows, COLUMNS, arguments)
-    return 0
+def measure(case: Row, settings: Settings) -> Row:
+    """Measures a ball, a fusion or a training."""
+    if case["_measure"] == "ball":
+        return _fuse_ball(*list_lenses()[case["_lens"]])
+    if case["_measure"] == "fusion":
+        return _fuse_large_ball(case["_across"], settings.views, settings.size)
+    return _train(case, settings)
 
 
-def lenses() -> dict[str, tuple[Any, bool]]:
+def list_lenses() -> dict[str, tuple[Any, bool]]:
     """Name -> camera, and whether it moves during its exposure."""
     size = 220
     focal = size / np.radians(190.0)
@@ -83,23 +58,23 @@ def lenses() -> dict[str, tuple[Any, bool]]:
         "kannala_brandt", [focal, focal, size / 2, size / 2], size, size,
         valid_field_angle=np.radians(95.0),
     )  # fmt: skip
-    splined = _example("splined_stereographic", 200)
+    splined = _resize_example("splined_stereographic", 200)
     return {
-        "ball, Kannala-Brandt of 190 degrees": (wide, False),
-        "ball, splined": (splined, False),
-        "ball, rolling shutter": (wide, True),
+        "Kannala-Brandt of 190 degrees": (wide, False),
+        "splined": (splined, False),
+        "rolling shutter": (wide, True),
     }
 
 
-def _example(model: str, width: int) -> Any:
+def _resize_example(model: str, width: int) -> Any:
     _, params, full_width, full_height = _core.camera_examples(model)[0]
     return gsut.Camera(model, params, full_width, full_height).resized(
         width, max(1, round(full_height * width / full_width))
     )
 
 
-def _places(count: int, away: float) -> list[np.ndarray]:
-    """Poses around the ball that look at it."""
+def _look_at_ball(count: int, away: float) -> list[np.ndarray]:
+    """Places cameras around the ball that look at it."""
     z = 1 - 2 * (np.arange(count) + 0.5) / count
     turn = np.arange(count) * np.pi * (3 - np.sqrt(5))
     across = np.sqrt(1 - z * z)
@@ -114,8 +89,8 @@ def _places(count: int, away: float) -> list[np.ndarray]:
     return poses
 
 
-def _depth_of_ball(camera: Any, motion: Any) -> np.ndarray:
-    """(H, W) exact distances; infinity: missed, NaN: no ray."""
+def _trace_ball(camera: Any, motion: Any) -> np.ndarray:
+    """Traces (H, W) exact distances; infinity: missed, NaN: no ray."""
     rays, valid = camera.rays()
     origins, lines = camera.origins(), camera.height
     times = (np.arange(lines) + 0.5) / lines
@@ -131,74 +106,85 @@ def _depth_of_ball(camera: Any, motion: Any) -> np.ndarray:
     return np.where(valid, depth, np.nan).astype(np.float32)
 
 
-def _fused(camera: Any, motions: list[Any], voxel: float) -> dict[str, float]:
+def _fuse(camera: Any, motions: list[Any], voxel: float) -> Row:
     views = _core.DepthViews(list(_CENTER))
     for motion in motions:
-        views.add(camera, motion, _depth_of_ball(camera, motion), None, None)
-    wall, processor = time.perf_counter(), time.process_time()
+        views.add(camera, motion, _trace_ball(camera, motion), None, None)
+    processor = time.process_time()
     field = views.fuse(voxel, float("inf"), 4.0, _FREE_WEIGHT, 0)
     vertices, _ = field.mesh()
     off = np.abs(np.linalg.norm(vertices - _CENTER, axis=1) - _RADIUS) / voxel
     return {
         "voxels_off": float(off.max()),
-        "across": 2 * _RADIUS / voxel,
         "blocks": len(field),
         "cpu_seconds": time.process_time() - processor,
-        "seconds": time.perf_counter() - wall,
         "megabytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
     }
 
 
-def ball_row(name: str, camera: Any, moves: bool) -> dict[str, Any]:
-    """A ball seen by 24 cameras, 33 voxels across."""
-    motions: list[Any] = _places(24, 1.6)
+def _fuse_ball(camera: Any, moves: bool) -> Row:
+    """Fuses a ball seen by cameras around it."""
+    motions: list[Any] = _look_at_ball(_BALL_VIEWS, 1.6)
     if moves:
         how = gsut.Shutter("top_to_bottom")
         motions = [_core.CameraMotion(p, gsut.exp_pose(_TWIST) @ p, how) for p in motions]
-    return _row(what=name, **_fused(camera, motions, 0.06))
+    return _fuse(camera, motions, _BALL_VOXEL)
 
 
-def fusion_row(across: int, views: int, size: int) -> dict[str, Any]:
-    """Time of fusing a ball that fills the images of a 90-degree fisheye, and its memory."""
+def _fuse_large_ball(across: int, views: int, size: int) -> Row:
+    """Fuses a ball that fills the images of a 90-degree fisheye."""
     focal = size / np.radians(90.0)
     camera = gsut.Camera("kannala_brandt", [focal, focal, size / 2, size / 2], size, size)
-    figures = _fused(camera, _places(views, 1.6), 2 * _RADIUS / across)
-    return _row(what=f"fusion of {views} views of {size} x {size}", **figures)
+    return _fuse(camera, _look_at_ball(views, 1.6), 2 * _RADIUS / across)
 
 
-def training_rows(data: Path, truth: Path | None, steps: int) -> list[dict[str, Any]]:
-    """Trained plainly, with --surface, as surfels; without it for as many CPU-seconds as with."""
+def _train(case: Row, settings: Settings) -> Row:
+    """Trains and compares depth and mesh with the truth."""
+    data = settings.path(case["data"])
     scene = gsut.load_dataset(data)
-    common = {"preset": "fast", "max_gaussians": 50_000}
-    rows: list[dict[str, Any]] = []
-    for name, surface, primitive in TRAININGS:
-        steps_here = steps
-        if "as long" in name:
-            steps_here = round(steps * rows[1]["cpu_seconds"] / rows[0]["cpu_seconds"])
-        options = gsut.TrainOptions(
-            **common, steps=steps_here, surface=surface, primitive=primitive
-        )
-        processor = time.process_time()
-        result = gsut.train(scene, options, progress=sys.stderr.isatty())
-        taken = time.process_time() - processor
-        found = geometry_figures(
-            result.gaussians, result.scene, list(result.scene.test_indices), truth,
-            background=options.background,
-        )  # fmt: skip
-        median = found["depth"]["median"]
-        rings = [ring["abs_rel_median"] for ring in median["rings"]]
-        scores = {s["distance"]: s["fscore"] for s in found.get("mesh", {}).get("fscores", [])}
-        rows.append(
-            _row(
-                what=f"{data.name}, {name}, {steps_here} steps", psnr=result.metrics["psnr"],
-                expected=100 * found["depth"]["expected"]["abs_rel_median"],
-                median=100 * median["abs_rel_median"], fscore=scores.get(0.02),
-                cpu_seconds=taken,
-                **{f"ring{k}": None if r is None else 100 * r for k, r in enumerate(rings)},
-            )
-        )  # fmt: skip
-    return rows
+    surface, primitive = TRAININGS[case["what"]]
+    options = gsut.TrainOptions(
+        preset="fast", max_gaussians=_MOST_GAUSSIANS, steps=settings.steps, surface=surface,
+        primitive=primitive,
+    )  # fmt: skip
+    began = time.process_time()
+    result = gsut.train(scene, options, progress=False)
+    taken = time.process_time() - began
+    truth = data / "truth.ply"
+    found = geometry_figures(
+        result.gaussians, result.scene, list(result.scene.test_indices),
+        truth if truth.is_file() else None, background=options.background,
+    )  # fmt: skip
+    scores = {s["distance"]: s["fscore"] for s in found.get("mesh", {}).get("fscores", [])}
+    return {
+        "psnr": result.metrics["psnr"],
+        "expected": 100 * found["depth"]["expected"]["abs_rel_median"],
+        "median": 100 * found["depth"]["median"]["abs_rel_median"],
+        "fscore": scores.get(0.02),
+        "cpu_seconds": taken,
+    }
 
 
-def _row(**known: Any) -> dict[str, Any]:
-    return {key: known.get(key) for _, key, _ in COLUMNS}
+BENCHMARK = Benchmark(
+    help="meshes of exact depths through any lens, fusion, depth with and without --surface",
+    columns=(
+        Column("data"),
+        Column("what"),
+        Column("psnr", "held-out PSNR", "dB", ".2f"),
+        Column("expected", "expected depth off", "%", ".2f"),
+        Column("median", "median depth off", "%", ".2f"),
+        Column("fscore", "F at 2 cm", form=".2f"),
+        Column("voxels_off", "farthest vertex", "voxels", ".3f"),
+        Column("blocks", form=",d"),
+        Column("cpu_seconds", "time", "CPU-s", ".1f"),
+        Column("megabytes", "peak memory", "MB", ",.0f"),
+    ),
+    cases=list_cases,
+    measure=measure,
+    options=(
+        Option("steps", 1000, "of each training; 0: none"),
+        Option("views", 60, "that are fused for speed"),
+        Option("size", 480, "of their images, pixels"),
+        Option("across", (250, 500, 1000), "voxels across the ball that is fused for speed"),
+    ),
+)

@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from gsut.cli.poses import PosesStages
-from gsut.run import StagedProgress, counted_down
+from gsut.run import StagedProgress, StageFollower, count_down
 from gsut.sfm.core.log import PosesLog
 from gsut.sfm.time_left import PosesWork
 
@@ -116,7 +115,7 @@ def told_again(record: Mapping[str, Any]) -> list[tuple[float, float]]:
     """
     now = 0.0
     bars = WatchedProgress({}, clock=lambda: now)
-    stages = PosesStages(bars)
+    stages = StageFollower(bars)
     log = PosesLog(stages.show, None, stages.expect, clock=lambda: now)
     log.expect(PosesWork(**record["work"]), 1)
     mappers: dict[str, Callable[[int, int, int, str], None]] = {}
@@ -147,9 +146,7 @@ def right_percent(shown: Sequence[tuple[float, float]], first: float = _FIRST) -
     if not len(now):
         return 100.0
     last = np.searchsorted(moments, now, side="right") - 1
-    left = np.array(
-        [counted_down(lefts[i], t - moments[i]) for i, t in zip(last, now, strict=True)]
-    )
+    left = np.array([count_down(lefts[i], t - moments[i]) for i, t in zip(last, now, strict=True)])
     true = moments[-1] - now
     ratio = left / true
     right = (ratio < _FACTOR) & (ratio > 1 / _FACTOR) | (np.abs(left - true) < _SECONDS)

@@ -7,6 +7,7 @@ not change it.
 from __future__ import annotations
 
 import argparse
+import importlib
 import json
 import tempfile
 import time
@@ -18,16 +19,16 @@ from gsut._core import InputError
 from gsut.cli import main
 from gsut.files import write_file
 from gsut.training import TrainingTime
-from tests.bench.report_rows import table_text
+from tests.bench.harness import Column, format_table
 from tests.bench.time_left import RecordedLog, WatchedProgress, right_percent
 
 HELP = "time left that poses, train and scene show: share of the way that it is right within 1.5"
 COLUMNS = (
-    ("command", "command", ""),
-    ("input", "input", ""),
-    ("CPU-s", "seconds", ".1f"),
-    ("right [%]", "right", ".0f"),
-    ("of all the time [%]", "right_of_all", ".0f"),
+    Column("command"),
+    Column("input"),
+    Column("seconds", "time", "CPU-s", ".1f"),
+    Column("right", unit="%", form=".0f"),
+    Column("right_of_all", "of all the time", "%", ".0f"),
 )
 
 
@@ -52,7 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
         rows.append(row)
         lens = "known" if logs and logs[0].work["known"] else "unknown"
         records += [log.record(f"{Path(given).name}, lens {lens}") for log in logs]
-    print(table_text(rows, COLUMNS))
+    print(format_table(rows, COLUMNS))
     if arguments.record:
         write_file(Path(arguments.record), records_text(records))
     if arguments.json:
@@ -81,7 +82,7 @@ def measure(words: list[str]) -> tuple[dict[str, Any], list[RecordedLog]]:
             logs.append(self)
 
     class Bars(WatchedProgress):
-        def __init__(self, *values: Any) -> None:
+        def __init__(self, *values: Any, **_: Any) -> None:
             super().__init__(*values)
             shown[:] = [(time.process_time(), 0.0)]
 
@@ -100,10 +101,10 @@ def measure(words: list[str]) -> tuple[dict[str, Any], list[RecordedLog]]:
             return found
 
     with (
-        mock.patch("gsut.cli.scene.StagedProgress", Bars),
+        mock.patch.object(importlib.import_module("gsut.scene"), "StagedProgress", Bars),
         mock.patch("gsut.cli.poses.StagedProgress", Bars),
         mock.patch("gsut.sfm.pipeline.PosesLog", Log),
-        mock.patch("gsut.training.record.TrainingTime", Training),
+        mock.patch("gsut.training.record.training_record.TrainingTime", Training),
     ):
         if main([*words, "--quiet"]):
             raise InputError(f"gsut {' '.join(words)} fails")

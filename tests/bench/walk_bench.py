@@ -1,69 +1,47 @@
-"""`./run bench walk`: films of known cameras in the demo's hall, each by one command to a scene."""
+"""`./run bench walk`: poses, lens and readout of films of known cameras, against truth."""
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import json
-import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 import gsut
 from gsut._core import InputError
 from gsut.capture.panorama import LENSES
-from gsut.cli import main
-from gsut.data import CAPTURE, Frame, write_transforms
 from gsut.data.poses import inverse
-from gsut.files import write_file
-from gsut.lens import Camera, lens_by_name
+from gsut.lens import Camera, find_lens
 from gsut.sfm import compare_poses
 from gsut.sfm.lens.candidates import lens_of_field
-from tests.bench.report_rows import table_text
-from tests.bench.walk_film import Film, Path4, walk, write_film
+from tests.bench.commands import run_gsut
+from tests.bench.harness import Benchmark, Column, Option, Row, Settings
+from tests.bench.walk_film import Film, Path4, plan_walk, write_film
 
-HELP = "films of known cameras in the demo's hall: poses, lens and readout against the truth"
-_LONG = 120.0  # seconds of --long
 _WIDE = 480, 270  # size of a film that lies
-_ROOMS = 4  # of the film that leaves its room
-COLUMNS = (
-    ("film", "film", ""),
-    ("registered", "registered", "d"),
-    ("images", "images", "d"),
-    ("ATE [% of extent]", "ate_percent", ".3f"),
-    ("rotation median [deg]", "rotation_degrees", ".3f"),
-    ("lens", "model", ""),
-    ("focal error [%]", "focal_percent", ".2f"),
-    ("lens off, median [px]", "lens_px", ".2f"),
-    ("readout [ms]", "readout_ms", ".1f"),
-    ("true", "true_readout_ms", ".1f"),
-    ("error [%]", "readout_percent", ".1f"),
-    ("held-out PSNR [dB]", "psnr", ".2f"),
-    ("poses [CPU-s]", "cpu_seconds", ".0f"),
-    ("verdict", "verdict", ""),
-)
+_HALF_TURN = np.pi - 0.015  # of the second lens of a dual fisheye: not quite parallel
 
 
-def _circle(focal: float) -> Camera:
-    """A lens of 200 degrees whose circle fills most of its square."""
+def _circle_lens(focal: float) -> Camera:
+    """Makes a lens of 200 degrees whose circle fills most of its square."""
     params = [focal, focal, 192.7, 191.6, 0.02, -0.006, 0.0, 0.0]
     return Camera("kannala_brandt", params, 384, 384, valid_field_angle=np.radians(100))
 
 
-# Back to back 2.4 cm apart, not quite parallel, as in 360-degree cameras.
+# Back to back 2.4 cm apart, as in 360-degree cameras.
 _BACK_FROM_FRONT = np.eye(4)
-_BACK_FROM_FRONT[:3, :3] = Rotation.from_rotvec([0.01, np.pi - 0.015, 0.008]).as_matrix()
+_BACK_FROM_FRONT[:3, :3] = cv2.Rodrigues(np.array([0.01, _HALF_TURN, 0.008]))[0]
 _BACK_FROM_FRONT[:3, 3] = [0.001, 0.0, 0.024]
 
 
-def _of_database(name: str, path: Path4, seconds: float, **more: Any) -> Film:
-    """A film through a lens of the database, read as fast and in the order that it says."""
-    profile = lens_by_name(name)
-    camera = profile.camera(*_WIDE)
+def _film_by_database(name: str, path: Path4, seconds: float, **more: Any) -> Film:
+    """Films through a lens of the database, read as fast and in the order that it states."""
+    profile = find_lens(name)
+    camera = profile.make_camera(*_WIDE)
     readout = (profile.readout_ms or 0.0) / 1000
     if more.get("sideways"):  # the sensor's top is at the right of the upright picture
         fx, fy, cx, cy, *rest = camera.params
@@ -72,148 +50,81 @@ def _of_database(name: str, path: Path4, seconds: float, **more: Any) -> Film:
     return Film(camera, path, seconds, readout=readout, **more)
 
 
-# Each with another lens, motion, readout and hall; lenses and readout times are those of the
-# database, or as phones and drones have them. The search for the readout time was settled while
-# looking at "phone"; the others served to choose nothing.
+# Each with another lens, motion, readout and hall, by the seconds that it lasts.
 FILMS: dict[str, Callable[[float], Film]] = {
-    "action camera": lambda s: _of_database("GoPro HERO, Wide, NO-EIS", walk(s), s),
-    "read upwards": lambda s: _of_database(
-        "Insta360 OneRS, 1inch, 60fps", walk(s, seed=10), s, seed=9
-    ),
     "phone": lambda s: Film(
-        lens_of_field(*_WIDE, 68, 1.0), walk(s, seed=3), s, readout=0.022, seed=2
-    ),
-    "phone upright": lambda s: _of_database(
-        "Apple iPhone 14, 26mm, 30P", walk(s, seed=4), s, seed=3, sideways=True
-    ),
-    "wide and shaken": lambda s: Film(
-        lens_of_field(*_WIDE, 122, 0.3), walk(s, seed=5, shake_degrees=1.5), s, readout=0.012,
-        seed=4,
+        lens_of_field(*_WIDE, 68, 1.0), plan_walk(s, seed=3), s, readout=0.022, seed=2
     ),
     "straight on": lambda s: Film(
         lens_of_field(*_WIDE, 84, 0.9),
-        walk(s, seed=6, forward=6.0 / s, looking=0.0, shake_degrees=0.3), s, seed=5,
+        plan_walk(s, seed=6, forward=6.0 / s, looking=0.0, shake_degrees=0.3), s, seed=5,
     ),
-    "on the spot": lambda s: Film(
-        lens_of_field(*_WIDE, 75, 1.0), walk(s, seed=7, around=0.0, looking=1.2), s, seed=6
-    ),
-    "global shutter": lambda s: Film(
-        lens_of_field(*_WIDE, 75, 1.0), walk(s, seed=8), s, readout=0.0, seed=7
-    ),
-    "through rooms": lambda s: Film(
-        lens_of_field(*_WIDE, 84, 0.9), walk(s, seed=11, rooms=_ROOMS), s, readout=0.0, seed=10,
-        rooms=_ROOMS,
+    "wide and shaken": lambda s: Film(
+        lens_of_field(*_WIDE, 122, 0.3), plan_walk(s, seed=5, shake_degrees=1.5), s,
+        readout=0.012, seed=4,
     ),
     "dual fisheye": lambda s: Film(
-        _circle(104.0), walk(s, seed=9), s, readout=0.0, seed=8, back=_circle(105.0),
+        _circle_lens(104.0), plan_walk(s, seed=9), s, readout=0.0, seed=8, back=_circle_lens(105.0),
         back_from_front=_BACK_FROM_FRONT,
+    ),
+    "action camera": lambda s: _film_by_database("GoPro HERO, Wide, NO-EIS", plan_walk(s), s),
+    "read upwards": lambda s: _film_by_database(
+        "Insta360 OneRS, 1inch, 60fps", plan_walk(s, seed=10), s, seed=9
+    ),
+    "phone upright": lambda s: _film_by_database(
+        "Apple iPhone 14, 26mm, 30P", plan_walk(s, seed=4), s, seed=3, sideways=True
+    ),
+    "global shutter": lambda s: Film(
+        lens_of_field(*_WIDE, 75, 1.0), plan_walk(s, seed=8), s, readout=0.0, seed=7
     ),
 }  # fmt: skip
 
 
-def add_flags(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--films", metavar="NAMES", default="action camera", help="comma-separated, or all: "
-        f"{', '.join(FILMS)} [default: %(default)s]",
-    )  # fmt: skip
-    parser.add_argument(
-        "--seconds", type=float, default=8.0, help="of each film [default: %(default)g]"
-    )
-    parser.add_argument(
-        "--frame-rate", type=float, default=24.0, help="frames a second [default: %(default)g]"
-    )
-    parser.add_argument(
-        "--long", action="store_true", help=f"a walk of {_LONG:g} s, as people film one"
-    )
-    parser.add_argument(
-        "--scale",
-        type=float,
-        default=1.0,
-        help="size of the film's pictures [default: %(default)g]",
-    )
-    parser.add_argument(
-        "--samples", type=int, default=3, help="rays a pixel, and moments [default: %(default)d]"
-    )
-    parser.add_argument("--frames", type=int, help="to choose of each film [default: as gsut does]")
-    parser.add_argument("--preset", default="fast", help="of `gsut scene` [default: %(default)s]")
-    parser.add_argument("--poses", action="store_true", help="only `gsut poses`, not the scene")
-    parser.add_argument("--keep", metavar="FOLDER", help="films and scenes stay here")
-    parser.add_argument("--json", metavar="FILE", help="write the rows here")
+def list_cases(settings: Settings) -> Iterator[Row]:
+    """Lists films."""
+    for name in settings.films:
+        if name not in FILMS:
+            raise InputError(f"--films: no film {name!r}; there are {', '.join(FILMS)}")
+        yield {"film": name}
 
 
-def run(arguments: argparse.Namespace) -> int:
-    names = list(FILMS) if arguments.films == "all" else arguments.films.split(",")
-    unknown = [name for name in names if name not in FILMS]
-    if unknown:
-        raise InputError(f"--films: no film {unknown[0]!r}; there are {', '.join(FILMS)}")
-    seconds = _LONG if arguments.long else arguments.seconds
-    rows = []
-    with tempfile.TemporaryDirectory(prefix="gsut-walk-") as temporary:
-        folder = Path(arguments.keep or temporary)
-        folder.mkdir(parents=True, exist_ok=True)
-        for name in names:
-            film = _filmed(FILMS[name](seconds), arguments)
-            target = folder / f"{name}.mp4"
-            if not target.is_file():
-                write_film(film, target)
-            rows.append(measure(name, film, target, arguments))
-            print(f"{name}: {rows[-1].pop('words')}", flush=True)
-    print(table_text(rows, COLUMNS))
-    if arguments.json:
-        write_file(Path(arguments.json), json.dumps(rows, indent=1) + "\n")
-    return 0
+def measure(case: Row, settings: Settings) -> Row:
+    """Films, runs `gsut poses` on the film and compares."""
+    film = resize_film(FILMS[case["film"]](settings.seconds), settings)
+    video = settings.folder / f"{case['film']}.mp4"
+    if not video.is_file():
+        write_film(film, video)
+    out = video.with_suffix("")
+    words = ["--frames", str(settings.frames)] if settings.frames else []
+    took = run_gsut(["poses", str(video), *words], out)
+    figures = json.loads((out / "poses.json").read_text())
+    row = {
+        "registered": figures["registered"],
+        "images": figures["images"],
+        "true_readout_ms": 1000 * film.readout,
+        "cpu_seconds": took["cpu_seconds"],
+        "verdict": figures["verdict"]["level"],
+    }
+    found = (figures.get("readout") or {}).get("seconds")
+    if found is not None:
+        backwards = figures["shutter"] in ("bottom_to_top", "right_to_left")
+        row["readout_ms"] = 1000 * (-found if backwards else found)
+    return row | _compare(film, out)
 
 
-def _filmed(film: Film, arguments: argparse.Namespace) -> Film:
-    """The film at the frame rate, size and number of samples that are asked for."""
+def resize_film(film: Film, settings: Any) -> Film:
+    """Changes the film's frame rate, size and number of samples to those of the settings."""
     camera = film.camera
-    width, height = (2 * round(arguments.scale * n / 2) for n in (camera.width, camera.height))
+    width, height = (2 * round(settings.scale * n / 2) for n in (camera.width, camera.height))
     return dataclasses.replace(
-        film, frame_rate=arguments.frame_rate, samples=arguments.samples,
+        film, frame_rate=settings.frame_rate, samples=settings.samples,
         camera=camera.resized(width, height),
         back=None if film.back is None else film.back.resized(width, height),
     )  # fmt: skip
 
 
-def measure(name: str, film: Film, video: Path, arguments: argparse.Namespace) -> dict[str, Any]:
-    """The row of one film; `words` is its verdict and its notes."""
-    out = video.with_suffix("")
-    row: dict[str, Any] = {"film": name, **dict.fromkeys(key for _, key, _ in COLUMNS[1:])}
-    words = [str(video), "-o", str(out), "--quiet"]
-    words = (
-        ["poses", *words] if arguments.poses else ["scene", *words, "--preset", arguments.preset]
-    )
-    if arguments.frames:
-        words += ["--frames", str(arguments.frames)]
-    if main(words) != 0:
-        return row | {"verdict": "refused", "words": "see above"}
-    data = out if arguments.poses else out / "poses"
-    figures = json.loads((data / "poses.json").read_text())
-    verdict = figures["verdict"]
-    if not arguments.poses:
-        row["psnr"] = json.loads((out / "metrics.json").read_text())["psnr"]
-        verdict = json.loads((out / "scene.json").read_text())["verdict"]
-    found = (figures.get("readout") or {}).get("seconds")
-    backwards = figures["shutter"] in ("bottom_to_top", "right_to_left")
-    signed = None if found is None else -found if backwards else found
-    row |= {
-        "registered": figures["registered"],
-        "images": figures["images"],
-        "cpu_seconds": figures["cpu_seconds"]["total"],
-        "verdict": verdict["level"],
-        "words": "; ".join([verdict["what"], *verdict["reasons"], *figures["notes"]]),
-        "true_readout_ms": 1000 * film.readout,
-        **_against(film, data),
-    }
-    if signed is not None:
-        row["readout_ms"] = 1000 * signed
-        if film.readout:
-            row["readout_percent"] = 100 * (signed / film.readout - 1)
-    return row
-
-
-def _against(film: Film, data: Path) -> dict[str, Any]:
-    """Poses and lens against those of the film."""
+def _compare(film: Film, data: Path) -> Row:
+    """Compares poses and lenses with those of the film."""
     scene = gsut.load_dataset(data, test_every=0)
     frames = json.loads((data / "transforms.json").read_text())["frames"]
     times = {Path(row["file_path"]).name: row["timestamp"] for row in frames}
@@ -222,40 +133,21 @@ def _against(film: Film, data: Path) -> dict[str, Any]:
     truth = truth @ np.array([film.lenses[number][1] for number in lens_of])
     found = np.array([view.camera_from_world for view in scene.views])
     errors = compare_poses(found, np.array([inverse(pose) for pose in truth]))
-    lenses = [scene.cameras[scene.views[lens_of.index(k)].camera_index] for k in set(lens_of)]
-    cut = [
-        (lens, _cut(film.lenses[k][0], lens)) for k, lens in zip(set(lens_of), lenses, strict=True)
-    ]
-    focal = [float(np.mean(lens.params[:2] / true.params[:2])) - 1 for lens, true in cut]
+    pairs = []
+    for number in set(lens_of):
+        lens = scene.cameras[scene.views[lens_of.index(number)].camera_index]
+        pairs.append((lens, _crop_lens(film.lenses[number][0], lens)))
+    focal = [float(np.mean(lens.params[:2] / true.params[:2])) - 1 for lens, true in pairs]
     return {
-        "ate_percent": errors.ate_percent,
+        "centers_percent": errors.ate_percent,
         "rotation_degrees": float(np.median(errors.rotation_degrees)),
-        "model": lenses[0].model,
         "focal_percent": 100 * max(focal, key=abs),
-        "lens_px": max(lens_difference(lens, true) for lens, true in cut),
+        "lens_px": max(measure_lens_difference(lens, true) for lens, true in pairs),
     }
 
 
-def write_truth(name: str, video: Path, captured: Path, folder: Path) -> Path:
-    """A dataset in the folder, of a film's frames that were captured, with their true poses."""
-    import av
-
-    with av.open(str(video)) as file:
-        stream = file.streams.video[0]
-        film = FILMS[name](float(stream.frames / (stream.average_rate or 1)))
-        camera = film.camera.resized(stream.width, stream.height)
-    rows = json.loads((captured / CAPTURE).read_text())["frames"]
-    poses = film.path(np.array([row["time"] for row in rows]))
-    frames = [
-        Frame(row["name"], captured / row["path"], camera, pose)
-        for row, pose in zip(rows, poses, strict=True)
-    ]
-    write_transforms(folder / "transforms.json", frames)
-    return folder
-
-
-def _cut(camera: Camera, like: Camera) -> Camera:
-    """The camera of a film, of the square about its middle that the circle was cut to."""
+def _crop_lens(camera: Camera, like: Camera) -> Camera:
+    """Crops a film's camera to the square about its middle that the circle was cut to."""
     if (camera.width, camera.height) == (like.width, like.height):
         return camera
     params = camera.params.copy()
@@ -264,8 +156,8 @@ def _cut(camera: Camera, like: Camera) -> Camera:
     return Camera(camera.model, params, like.width, like.height)
 
 
-def lens_difference(lens: Camera, truth: Camera) -> float:
-    """Median distance in pixels of what both lenses see in one direction, over the picture.
+def measure_lens_difference(lens: Camera, truth: Camera) -> float:
+    """Returns the median distance in pixels of what both lenses see in one direction.
 
     The turn of one against the other that fits best is taken out: poses take it up.
     """
@@ -278,3 +170,31 @@ def lens_difference(lens: Camera, truth: Camera) -> float:
     turn = left @ np.diag([1, 1, np.linalg.det(left @ right)]) @ right
     there, _ = truth.project(ours[good] @ turn.T)
     return float(np.nanmedian(np.linalg.norm(there - pixels[good], axis=1)))
+
+
+BENCHMARK = Benchmark(
+    help="films of known cameras in the demo's hall: poses, lens and readout against the truth",
+    columns=(
+        Column("film"),
+        Column("registered", form="d"),
+        Column("images", form="d"),
+        Column("centers_percent", "centres", "% of extent", ".3f"),
+        Column("rotation_degrees", "rotation", "degrees", ".3f"),
+        Column("focal_percent", "focal length", "%", "+.2f"),
+        Column("lens_px", "lens off", "px", ".2f"),
+        Column("readout_ms", "readout found", form=".1f"),
+        Column("true_readout_ms", "true, ms", form=".1f"),
+        Column("cpu_seconds", "poses", "CPU-s", ".0f"),
+        Column("verdict"),
+    ),
+    cases=list_cases,
+    measure=measure,
+    options=(
+        Option("films", tuple(FILMS)[:4], ", ".join(FILMS)),
+        Option("seconds", 6.0, "length of each film"),
+        Option("frame_rate", 24.0, "frames per second"),
+        Option("scale", 0.834, "size of the film's pictures"),
+        Option("samples", 2, "rays per pixel, each at its moment of the exposure"),
+        Option("frames", 0, "to choose of each film; 0: as gsut does"),
+    ),
+)

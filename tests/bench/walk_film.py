@@ -17,21 +17,20 @@ import numpy as np
 
 from gsut._core import num_threads
 from gsut.data.poses import inverse
-from gsut.demo.hall import HALF_Y, make_hall
+from gsut.demo.hall import make_hall
 from gsut.demo.tracing import Tracer
 from gsut.lens import Camera
-from tests.bench.street import DOOR_X, RoomsTracer
 from tests.python.small_videos import turn_by_quarter
 
 # World-from-camera poses (N, 4, 4) at times (N,) in seconds.
 Path4 = Callable[[np.ndarray], np.ndarray]
-_ROWS, _COLUMNS = 18, 48  # of a block of pixels that is traced at once
+_BLOCK_ROWS = 18  # pixels traced at once: rays and hits of a block stay in the cache
+_BLOCK_COLUMNS = 48
 _SPREAD = np.array([0.7549, 0.5698])  # of samples over a pixel: Roberts' sequence in the plane
-_NOISE = 1.5  # grey levels, standard deviation
-_DRIFT, _TINT = 0.07, 0.02  # of exposure and white balance
-_DRIFT_SECONDS = 11.0
-# Of a walk through rooms: where it begins and ends, how far it goes aside and above, metres.
-_FROM_MIDDLE, _ASIDE, _ABOVE = 2.0, 1.2, 0.3
+_NOISE = 1.5  # grey levels, standard deviation, as of a small sensor indoors
+_DRIFT = 0.07  # of the exposure, as an automatic one does indoors
+_TINT = 0.02  # of the white balance
+_DRIFT_SECONDS = 11.0  # period of both
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,7 +52,6 @@ class Film:
         back: a second lens of the same size, whose pictures stand at the right of those of the
             first; where a lens has no ray its pictures are black.
         back_from_front: (4, 4) of it.
-        rooms: of the street that is walked through instead of the hall; 0: the hall.
     """
 
     camera: Camera
@@ -68,7 +66,6 @@ class Film:
     sideways: bool = False
     back: Camera | None = None
     back_from_front: np.ndarray | None = None
-    rooms: int = 0
 
     @property
     def lenses(self) -> list[tuple[Camera, np.ndarray]]:
@@ -83,25 +80,23 @@ class Film:
         return np.arange(round(self.seconds * self.frame_rate)) / self.frame_rate
 
 
-def walk(
+def plan_walk(
     seconds: float,
     *,
     around: float = 1.0,
     looking: float = 1.0,
     forward: float = 0.0,
-    rooms: int = 0,
     bob: float = 0.02,
     shake_degrees: float = 0.6,
     seed: int = 0,
 ) -> Path4:
-    """A walk around the hall's table.
+    """Describes a walk around the hall's table.
 
     Args:
         seconds: of the film.
         around: rounds about the table; 0: on the spot.
         looking: how far the camera looks about on the way, of about 50 degrees to both sides.
         forward: metres a second straight on instead of around the table, looking ahead.
-        rooms: so many, one behind the other, are walked through instead, see `RoomsTracer`.
         bob: metres up and down at each step.
         shake_degrees: of a hand, root mean square.
         seed: of the phases.
@@ -112,11 +107,11 @@ def walk(
     rates = np.geomspace(0.7, 5.0, 5)
     shares = shake_degrees * rates**-0.7 / math.sqrt(0.5 * (rates**-1.4).sum())
 
-    def shaken(times: np.ndarray, first: int) -> np.ndarray:
+    def shake(times: np.ndarray, first: int) -> np.ndarray:
         waves = np.sin(2 * math.pi * rates * times[:, None] + phase[first] + 1.7 * np.arange(5))
         return np.radians(waves @ shares)
 
-    def path(times: np.ndarray) -> np.ndarray:
+    def place_camera(times: np.ndarray) -> np.ndarray:
         times = np.atleast_1d(np.asarray(times, np.float64))
         share = times / seconds
         turn = 2 * math.pi * around * share + phase[0]
@@ -126,24 +121,22 @@ def walk(
         if forward:
             x, y = -3.6 + forward * times, np.full_like(times, -2.85)
             yaw = np.zeros_like(times)
-        if rooms:  # from door to door, and aside in between, above what stands there
-            y = (2 * HALF_Y * (rooms - 1) + 2 * _FROM_MIDDLE) * share - _FROM_MIDDLE
-            x = DOOR_X - _ASIDE * np.cos(math.pi * y / (2 * HALF_Y)) ** 2
-            yaw = np.full_like(times, math.pi / 2)
-        z = 1.55 + _ABOVE * bool(rooms) + bob * np.sin(2 * math.pi * 1.8 * times + phase[2])
+        z = 1.55 + bob * np.sin(2 * math.pi * 1.8 * times + phase[2])
         z = z + 0.15 * np.sin(2 * math.pi * 0.11 * times + phase[3])
         about = 0.9 * np.sin(2 * math.pi * 0.13 * times + phase[4])
-        yaw = yaw + looking * about + shaken(times, 5)
+        yaw = yaw + looking * about + shake(times, 5)
         pitch = -0.1 + 0.25 * looking * np.sin(2 * math.pi * 0.09 * times + phase[6])
-        pitch = pitch + shaken(times, 7)
-        roll = 0.5 * shaken(times, 8)
-        return _poses(np.stack([x, y, z], axis=1), yaw, pitch, roll)
+        pitch = pitch + shake(times, 7)
+        roll = 0.5 * shake(times, 8)
+        return _look_along(np.stack([x, y, z], axis=1), yaw, pitch, roll)
 
-    return path
+    return place_camera
 
 
-def _poses(centers: np.ndarray, yaw: np.ndarray, pitch: np.ndarray, roll: np.ndarray) -> np.ndarray:
-    """(N, 4, 4), OpenCV axes; yaw about z from +x, pitch upwards, roll about the view; radians."""
+def _look_along(
+    centers: np.ndarray, yaw: np.ndarray, pitch: np.ndarray, roll: np.ndarray
+) -> np.ndarray:
+    """Returns (N, 4, 4) poses: yaw about z from +x, pitch upwards, roll about the view."""
     forward = np.stack(
         [np.cos(yaw) * np.cos(pitch), np.sin(yaw) * np.cos(pitch), np.sin(pitch)], axis=1
     )
@@ -157,7 +150,7 @@ def _poses(centers: np.ndarray, yaw: np.ndarray, pitch: np.ndarray, roll: np.nda
 
 
 def write_film(film: Film, target: Path) -> None:
-    """Films it: H.264 in MP4."""
+    """Writes the film: H.264 in MP4."""
     import av
 
     camera = film.camera
@@ -167,7 +160,7 @@ def write_film(film: Film, target: Path) -> None:
         size = camera.width * len(film.lenses), camera.height
         stream.width, stream.height = size[::-1] if film.sideways else size
         stream.pix_fmt = "yuv420p"
-        for picture in film_pictures(film):
+        for picture in trace_frames(film):
             stored = np.ascontiguousarray(np.rot90(picture)) if film.sideways else picture
             out.mux(stream.encode(av.VideoFrame.from_ndarray(stored, format="rgb24")))
         out.mux(stream.encode(None))
@@ -175,14 +168,14 @@ def write_film(film: Film, target: Path) -> None:
         turn_by_quarter(target, camera.height)
 
 
-def film_pictures(film: Film) -> Iterator[np.ndarray]:
-    """(H, W, 3) uint8 RGB of each frame, before compression."""
+def trace_frames(film: Film) -> Iterator[np.ndarray]:
+    """Yields each frame before compression: (H, W, 3) uint8 RGB."""
     rng = np.random.default_rng([film.seed, 6])
-    tracer = RoomsTracer(film.rooms) if film.rooms else Tracer(make_hall(film.seed), film.samples)
-    lenses = [(_rays(camera, film.samples), pose) for camera, pose in film.lenses]
+    tracer = Tracer(make_hall(film.seed), film.samples)
+    lenses = [(_spread_rays(camera, film.samples), pose) for camera, pose in film.lenses]
     with ThreadPoolExecutor(num_threads()) as pool:
         for time in film.times:
-            parts = [_exposed(film, tracer, rays, pose, time, pool) for rays, pose in lenses]
+            parts = [_expose(film, tracer, rays, pose, time, pool) for rays, pose in lenses]
             image = np.hstack(parts)
             angle = 2 * math.pi * time / _DRIFT_SECONDS
             gain = 1 + _DRIFT * math.sin(angle) + _TINT * np.sin(angle / 2 + np.arange(3))
@@ -190,8 +183,8 @@ def film_pictures(film: Film) -> Iterator[np.ndarray]:
             yield np.round(np.clip(noisy, 0, 255)).astype(np.uint8)
 
 
-def _rays(camera: Camera, samples: int) -> np.ndarray:
-    """(S, H, W, 3) float32 unit rays, spread over each pixel, their mean in its middle."""
+def _spread_rays(camera: Camera, samples: int) -> np.ndarray:
+    """Returns (S, H, W, 3) float32 unit rays, spread over each pixel, their mean in its middle."""
     spread = (np.arange(samples)[:, None] + 0.5) * _SPREAD % 1.0
     rays = []
     for dx, dy in spread - spread.mean(axis=0) + 0.5:
@@ -201,15 +194,15 @@ def _rays(camera: Camera, samples: int) -> np.ndarray:
     return np.stack(rays)
 
 
-def _exposed(
+def _expose(
     film: Film,
-    tracer: Tracer | RoomsTracer,
+    tracer: Tracer,
     rays: np.ndarray,
     front_from_lens: np.ndarray,
     time: float,
     pool: ThreadPoolExecutor,
 ) -> np.ndarray:
-    """(H, W, 3) what a lens sees in the frame whose middle is at this time, in [0, 1]."""
+    """Returns (H, W, 3) in [0, 1]: what a lens sees in the frame whose middle is at this time."""
     samples, height, width, _ = rays.shape
     lines = width if film.sideways else height
     of_line = ((np.arange(lines) + 0.5) / lines - 0.5) * film.readout
@@ -219,7 +212,7 @@ def _exposed(
     poses = film.path((time + of_line + of_sample[:, None]).ravel()) @ front_from_lens
     poses = poses.reshape(samples, lines, 4, 4).astype(np.float32)
 
-    def colors(block: tuple[slice, slice]) -> np.ndarray:
+    def trace_block(block: tuple[slice, slice]) -> np.ndarray:
         own = rays[:, block[0], block[1]]
         seen = own.any(axis=3)
         if not seen.any():
@@ -234,11 +227,11 @@ def _exposed(
         return found.reshape(*own.shape[1:3], 3) * seen.all(axis=0)[..., None]
 
     blocks = [
-        (slice(y, y + _ROWS), slice(x, x + _COLUMNS))
-        for y in range(0, height, _ROWS)
-        for x in range(0, width, _COLUMNS)
+        (slice(y, y + _BLOCK_ROWS), slice(x, x + _BLOCK_COLUMNS))
+        for y in range(0, height, _BLOCK_ROWS)
+        for x in range(0, width, _BLOCK_COLUMNS)
     ]
     image = np.zeros((height, width, 3))
-    for block, part in zip(blocks, pool.map(colors, blocks), strict=True):
+    for block, part in zip(blocks, pool.map(trace_block, blocks), strict=True):
         image[block] = part
     return image

@@ -8,40 +8,56 @@ import importlib
 import inspect
 import re
 import textwrap
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
+
+import gsut
+from public_names import list_public_names
 
 ROOT = Path(__file__).resolve().parents[2]
 STUB = ROOT / "python" / "gsut" / "_core.pyi"
 EXAMPLES = ROOT / "docs" / "examples"  # one program for each page
 NOTE = "<!-- Written by `./run docs` from the code: edit that. -->\n"
 SECTION = re.compile(r"^(Args|Attributes|Returns|Raises):$")
-# Modules whose public names are documented; their `__all__` has a comment above each task.
-MODULES = ("gsut",)
+# The task of each submodule's names; a heading that `gsut.__all__` lacks becomes a page of its own.
+TASK_OF_MODULE = {
+    "gsut.lens": "Lenses",
+    "gsut.poses": "Find poses",
+    "gsut.loop": "Write a training loop",
+    "gsut.rendering": "Render",
+    "gsut.surface": "Make a mesh",
+    "gsut.metrics": "Judge",
+    "gsut.edit": "Edit",
+    "gsut.formats": "Save",
+    "gsut.machine": "Machine",
+}
 
 
 class Task(NamedTuple):
-    """One page: the public names of a module that serve one purpose."""
+    """One page: the public names that serve one purpose, as (module, name)."""
 
-    module: str
     heading: str
-    names: list[str]
+    names: list[tuple[str, str]]
 
     @property
     def slug(self) -> str:
         return self.heading.lower().replace(",", "").replace(" ", "-")
 
 
-def find_tasks() -> Iterator[Task]:
-    """Yields the tasks of every public module, by the comments in its `__all__`."""
-    for module in MODULES:
-        source = Path(importlib.import_module(module).__file__ or "").read_text()
-        text = source.partition("__all__ = [")[2].partition("]")[0]
-        for part in re.split(r"^    # ", text, flags=re.MULTILINE)[1:]:
-            heading, _, names = part.partition("\n")
-            found = [n for n in re.findall(r'"(\w+)"', names) if n != "__version__"]
-            yield Task(module, heading, found)
+@functools.cache
+def find_tasks() -> list[Task]:
+    """Returns the tasks of the comments in `gsut.__all__`, each with its submodule's names."""
+    tasks: dict[str, list[tuple[str, str]]] = {}
+    text = Path(gsut.__file__).read_text().partition("__all__ = [")[2].partition("]")[0]
+    for part in re.split(r"^    # ", text, flags=re.MULTILINE)[1:]:
+        heading, _, names = part.partition("\n")
+        found = [n for n in re.findall(r'"(\w+)"', names) if n != "__version__"]
+        tasks[heading] = [("gsut", name) for name in found]
+    for module, names in list_public_names().items():
+        if module != "gsut":
+            tasks.setdefault(TASK_OF_MODULE[module], []).extend((module, name) for name in names)
+    return [Task(heading, names) for heading, names in tasks.items()]
 
 
 class Signature(NamedTuple):
@@ -159,20 +175,18 @@ def make_section(module: str, name: str) -> str:
 
 def make_page(task: Task) -> str:
     """Returns the page of a task: its example, then every name."""
-    example = (EXAMPLES / f"{task.slug}.py").read_text().strip()
-    about, _, code = example.partition("\n")
-    sections = [make_section(task.module, name) for name in task.names]
-    return (
-        f"{NOTE}# {task.heading}\n\n{about.strip(chr(34))}\n\n```python\n{code.strip()}\n```\n\n"
-        + "\n".join(sections)
-    )
+    tree = ast.parse(text := (EXAMPLES / f"{task.slug}.py").read_text())
+    about, *_ = (ast.get_docstring(tree) or "").split("\n\n")
+    code = "\n".join(text.splitlines()[tree.body[0].end_lineno :]).strip()
+    sections = "\n".join(make_section(module, name) for module, name in task.names)
+    return f"{NOTE}# {task.heading}\n\n{about}\n\n```python\n{code}\n```\n\n{sections}"
 
 
 def list_links(task: Task) -> str:
     """Returns links to the names of a page; equal anchors are numbered as GitHub numbers them."""
     taken = [task.heading.lower().replace(" ", "-")]
     links = []
-    for name in task.names:
+    for _, name in task.names:
         anchor = name.lower()
         number = taken.count(anchor)
         taken.append(anchor)
@@ -184,12 +198,12 @@ def list_links(task: Task) -> str:
 def make_index() -> str:
     """Returns the index of all pages and names."""
     rows = "".join(
-        f"| [{task.heading}](api/{task.slug}.md) | `{task.module}` | {list_links(task)} |\n"
-        for task in find_tasks()
+        f"| [{task.heading}](api/{task.slug}.md) | {list_links(task)} |\n" for task in find_tasks()
     )
     return (
-        f"{NOTE}# Python API\n\n`help(gsut.render)` prints the same text. Axes, pixel centres and "
-        f"units: [conventions](conventions.md).\n\n| Task | Module | Names |\n|---|---|---|\n{rows}"
+        f"{NOTE}# Python API\n\nEvery public name, by task; `help(gsut.render)` prints the same. "
+        "Axes, pixel centres and\nunits: [conventions](conventions.md).\n\n"
+        f"| Task | Names |\n|---|---|\n{rows}"
     )
 
 

@@ -86,7 +86,7 @@ def lens_section(model: str) -> str:
 
 
 def lenses_page() -> str:
-    models = gsut.camera_models()
+    models = gsut.lens.camera_models()
     heads = {model: next(comment_blocks(MODELS / f"{model}.h"))[1] for model in models}
     rows = "".join(f"| [{m}](#{m}) | {capitalised(head)} |\n" for m, head in heads.items())
     return (
@@ -158,7 +158,7 @@ def page(name: str) -> str:
 
 
 def main() -> None:
-    draw([model for model in gsut.camera_models() if not (FOLDER / f"{model}.jpg").is_file()])
+    draw([model for model in gsut.lens.camera_models() if not (FOLDER / f"{model}.jpg").is_file()])
     for name in PAGES:
         path = ROOT / "docs" / name
         path.parent.mkdir(exist_ok=True)

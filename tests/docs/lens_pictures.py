@@ -73,7 +73,7 @@ def picture(tracer: Tracer, camera: gsut.Camera) -> np.ndarray:
         if not camera.is_central:
             starts = starts + origins[:, rows_of] @ placed[:3, :3].T
         colors[rows_of] = tracer.colors(starts, directions)
-    return gsut.to_uint8(colors.reshape(camera.height, camera.width, 3))
+    return gsut.rendering.to_uint8(colors.reshape(camera.height, camera.width, 3))
 
 
 def draw(models: list[str]) -> None:
@@ -86,4 +86,4 @@ def draw(models: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    draw(sys.argv[1:] or gsut.camera_models())
+    draw(sys.argv[1:] or gsut.lens.camera_models())

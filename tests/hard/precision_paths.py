@@ -25,7 +25,7 @@ class Outcome:
 
 def every_path() -> list[str]:
     """The double reference first, then the instruction sets."""
-    return ["float64", *gsut.available_isas()]
+    return ["float64", *gsut.machine.available_isas()]
 
 
 def run_every_path(g, camera, pose, weights, **options) -> list[Outcome]:
@@ -33,7 +33,7 @@ def run_every_path(g, camera, pose, weights, **options) -> list[Outcome]:
     outcomes = []
     for path in every_path():
         dtype = "float64" if path == "float64" else "float32"
-        gsut.set_isa("" if path == "float64" else path)
+        gsut.machine.set_isa("" if path == "float64" else path)
         result = gsut.render(g, camera, pose, dtype=dtype, **options)
         gradients = gsut.render_backward(result, *weights)
         for name in ("image", "alpha", "depth"):
@@ -43,8 +43,8 @@ def run_every_path(g, camera, pose, weights, **options) -> list[Outcome]:
             assert np.isfinite(getattr(gradients.gaussians, name)).all(), (path, name)
         assert np.isfinite(gradients.pose).all(), path
         outcomes.append(Outcome(path, result, gradients))
-    gsut.set_isa("")
-    assert len(outcomes) == 1 + len(gsut.available_isas())
+    gsut.machine.set_isa("")
+    assert len(outcomes) == 1 + len(gsut.machine.available_isas())
     return outcomes
 
 
@@ -81,9 +81,9 @@ def errors_of(outcomes: list[Outcome], weights) -> Errors:
         slopes, right = outcome.gradients, truth.gradients
         if off.any():
             kept = [np.where(same if w.ndim == 2 else same[..., None], w, 0) for w in weights]
-            gsut.set_isa(outcome.path)
+            gsut.machine.set_isa(outcome.path)
             slopes, right = (gsut.render_backward(r, *kept) for r in (found, expected))
-            gsut.set_isa("")
+            gsut.machine.set_isa("")
         arrays = [(getattr(slopes.gaussians, n), getattr(right.gaussians, n)) for n in FIELDS]
         # An array may be zero but for rounding (a round Gaussian's to its quaternion).
         floor = tolerances.HARD_ZERO_GRADIENT * max(np.linalg.norm(b) for _, b in arrays)

@@ -65,7 +65,7 @@ def test_gaussian_centred_on_the_camera_gives_nothing_and_no_nan(rng, lens):
             assert np.all(rows[0] == 0)
             assert np.array_equal(rows[1:], getattr(one.gradients.gaussians, name))
         ran += 1
-    assert ran == 1 + len(gsut.available_isas())
+    assert ran == 1 + len(gsut.machine.available_isas())
 
 
 @pytest.mark.parametrize("lens", LENSES)
@@ -99,7 +99,7 @@ def test_gaussian_larger_than_the_field_of_view_fills_the_image(rng, factor):
             assert error < tolerances.HARD_WALL, (outcome.path, factor, error)
             ran += 1
         assert ahead.sum() > 1000
-    assert ran == 2 * (1 + len(gsut.available_isas()))
+    assert ran == 2 * (1 + len(gsut.machine.available_isas()))
 
 
 def test_mirrored_hit_behind_the_camera_has_no_response_and_no_gradient(rng):
@@ -119,7 +119,7 @@ def test_mirrored_hit_behind_the_camera_has_no_response_and_no_gradient(rng):
                 assert np.all(getattr(outcome.gradients.gaussians, name) == 0)
             assert np.all(outcome.gradients.pose == 0)
             ran += 1
-    assert ran == 50 * (1 + len(gsut.available_isas()))
+    assert ran == 50 * (1 + len(gsut.machine.available_isas()))
 
 
 def test_field_beyond_180_degrees_is_ordered_by_distance_and_never_culled_by_z(rng):
@@ -148,7 +148,7 @@ def test_field_beyond_180_degrees_is_ordered_by_distance_and_never_culled_by_z(r
             found = errors_of(outcomes, weights)
             assert found.image < tolerances.HARD_IMAGE, found
             assert max(found.gradients, found.pose) < tolerances.HARD_GRADIENT, found
-    assert ran == 12 * (1 + len(gsut.available_isas()))
+    assert ran == 12 * (1 + len(gsut.machine.available_isas()))
 
 
 def test_gaussian_on_the_axis_ahead_and_behind_is_a_round_spot(rng):
@@ -176,7 +176,7 @@ def test_gaussian_on_the_axis_ahead_and_behind_is_a_round_spot(rng):
     found = errors_of(outcomes, weights)
     assert found.image < tolerances.HARD_IMAGE, found
     assert max(found.gradients, found.pose) < tolerances.HARD_GRADIENT, found
-    assert ran == 5 * (1 + len(gsut.available_isas()))
+    assert ran == 5 * (1 + len(gsut.machine.available_isas()))
 
 
 def test_gaussians_at_the_edge_of_the_domain_are_cut_by_the_mask_only(rng):

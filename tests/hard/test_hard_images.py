@@ -56,7 +56,7 @@ def test_nothing_to_draw_gives_the_background_and_gradient_zero(rng):
                 assert np.all(getattr(outcome.gradients.gaussians, name) == 0)
             assert np.all(outcome.gradients.pose == 0)
             ran += 1
-    assert ran == 4 * (1 + len(gsut.available_isas()))
+    assert ran == 4 * (1 + len(gsut.machine.available_isas()))
 
 
 def test_camera_without_a_single_ray_gives_zeros(rng):
@@ -104,12 +104,12 @@ def test_equal_depths_keep_the_order_of_indices_in_every_path(rng):
     turned = g[::-1].copy()
     ran = 0
     for path in every_path():
-        gsut.set_isa("" if path == "float64" else path)
+        gsut.machine.set_isa("" if path == "float64" else path)
         dtype = "float64" if path == "float64" else "float32"
         other = gsut.render(turned, camera, np.eye(4), dtype=dtype).image
         assert np.abs(other - outcomes[0].result.image).max() > 0.05
         ran += 1
-    assert ran == 1 + len(gsut.available_isas())
+    assert ran == 1 + len(gsut.machine.available_isas())
 
 
 def test_twenty_thousand_gaussians_on_one_spot_stay_exact(rng):
@@ -127,8 +127,8 @@ def test_twenty_thousand_gaussians_on_one_spot_stay_exact(rng):
     truth = gsut.render(g, camera, np.eye(4), dtype="float64")
     assert truth.alpha.max() > 0.9998
     ran = 0
-    for isa in gsut.available_isas():
-        gsut.set_isa(isa)
+    for isa in gsut.machine.available_isas():
+        gsut.machine.set_isa(isa)
         result = gsut.render(g, camera, np.eye(4))
         assert np.abs(result.image - truth.image).max() < tolerances.HARD_LAYERS_IMAGE
         found = gsut.render_backward(result, np.ones((33, 33, 3)))
@@ -137,4 +137,4 @@ def test_twenty_thousand_gaussians_on_one_spot_stay_exact(rng):
         assert len(touched) >= layers * 0.9
         assert np.isfinite(found.gaussians.means).all()
         ran += 1
-    assert ran == len(gsut.available_isas())
+    assert ran == len(gsut.machine.available_isas())

@@ -43,7 +43,7 @@ def test_lens_that_folds_or_has_a_pole_sees_each_direction_once(rng, lens):
     assert max(found.gradients, found.pose) < tolerances.HARD_GRADIENT, found
     for outcome in outcomes:  # pixels without a ray are masked in every path
         assert np.all(outcome.result.alpha[~valid] == 0)
-    assert len(outcomes) == 1 + len(gsut.available_isas())
+    assert len(outcomes) == 1 + len(gsut.machine.available_isas())
 
 
 def test_pixel_without_a_ray_counts_neither_in_the_loss_nor_in_its_gradient(rng):
@@ -64,7 +64,7 @@ def test_pixel_without_a_ray_counts_neither_in_the_loss_nor_in_its_gradient(rng)
         assert np.array_equal(all_of.gradients.gaussians.means, inside.gradients.gaussians.means)
         assert np.array_equal(all_of.gradients.pose, inside.gradients.pose)
         ran += 1
-    assert ran == 1 + len(gsut.available_isas())
+    assert ran == 1 + len(gsut.machine.available_isas())
 
 
 @pytest.mark.parametrize("lens", PANORAMAS)
@@ -82,7 +82,7 @@ def test_gaussians_on_the_seam_and_at_the_poles_match_double(rng, lens):
     alpha = outcomes[0].result.alpha
     assert alpha[:, 0].max() > 0.2 and alpha[:, -1].max() > 0.2  # on both sides of the seam
     assert np.abs(alpha[:, 0] - alpha[:, -1]).max() < 0.15  # 2.8 degrees apart
-    assert len(outcomes) == 1 + len(gsut.available_isas())
+    assert len(outcomes) == 1 + len(gsut.machine.available_isas())
 
 
 def test_silhouette_holds_hostile_gaussians_in_every_path(rng):
@@ -95,7 +95,7 @@ def test_silhouette_holds_hostile_gaussians_in_every_path(rng):
             truth = gsut.render(g, camera, np.eye(4), dtype="float64").alpha
             rows, columns = np.nonzero(truth > (1 + 2e-3) / 255)
             for path in every_path():
-                gsut.set_isa("" if path == "float64" else path)
+                gsut.machine.set_isa("" if path == "float64" else path)
                 dtype = "float64" if path == "float64" else "float32"
                 found = gsut.project(g, camera, np.eye(4), method="silhouette", dtype=dtype)
                 assert found.bounded[0], (path, scales)
@@ -107,11 +107,11 @@ def test_silhouette_holds_hostile_gaussians_in_every_path(rng):
                 assert held.all(), (path, camera.model, scales, box)
                 ran += 1
             seen += len(rows) > 0
-    assert ran == 48 * (1 + len(gsut.available_isas()))
+    assert ran == 48 * (1 + len(gsut.machine.available_isas()))
     assert seen >= 16
 
 
-@pytest.mark.parametrize("method", gsut.PROJECTION_METHODS)
+@pytest.mark.parametrize("method", gsut.rendering.PROJECTION_METHODS)
 def test_values_that_are_no_number_give_no_box_and_no_crash(method):
     camera = pinhole(32)
     ran = 0
@@ -124,7 +124,7 @@ def test_values_that_are_no_number_give_no_box_and_no_crash(method):
             g = blob(quat=quat)
             getattr(g, name).flat[0] = value
             for path in every_path():
-                gsut.set_isa("" if path == "float64" else path)
+                gsut.machine.set_isa("" if path == "float64" else path)
                 dtype = "float64" if path == "float64" else "float32"
                 found = gsut.project(g, camera, np.eye(4), method=method, dtype=dtype)
                 box = found.boxes[0]
@@ -132,7 +132,7 @@ def test_values_that_are_no_number_give_no_box_and_no_crash(method):
                 if np.isnan(value):
                     assert box[0] > box[2], (path, name, box)
                 ran += 1
-    assert ran == 25 * (1 + len(gsut.available_isas()))
+    assert ran == 25 * (1 + len(gsut.machine.available_isas()))
 
 
 def test_low_pass_filter_forward_and_backward_in_every_path(rng):
@@ -141,10 +141,10 @@ def test_low_pass_filter_forward_and_backward_in_every_path(rng):
     g = gaussians_in_view(
         rng, camera, pose, 300, sh_degree=0, sizes=(5e-4, 4e-3), aspect=0.0, opacity=2.0
     )
-    radii = gsut.find_filter_radii(g.means, [camera], pose[None], 0.5)
+    radii = gsut.loop.find_filter_radii(g.means, [camera], pose[None], 0.5)
     weights = random_weights(rng, camera)
     plain = run_every_path(g, camera, pose, weights)
-    outcomes = run_every_path(gsut.apply_low_pass(g, radii), camera, pose, weights)
+    outcomes = run_every_path(gsut.loop.apply_low_pass(g, radii), camera, pose, weights)
     found = errors_of(outcomes, weights)
     assert found.image < tolerances.HARD_IMAGE, found
     assert max(found.gradients, found.pose) < tolerances.HARD_GRADIENT, found
@@ -155,19 +155,19 @@ def test_low_pass_filter_forward_and_backward_in_every_path(rng):
     pixels = gsut.project(g, camera, pose).centers
     inside = np.all((pixels > 1) & (pixels < 63), axis=1)
     # A pixel's centre is at most 0.71 px away: 1.41 deviations, a response of 0.37.
-    opacity = 1 / (1 + np.exp(-gsut.apply_low_pass(g, radii).opacity_logits))
+    opacity = 1 / (1 + np.exp(-gsut.loop.apply_low_pass(g, radii).opacity_logits))
     rows = inside & (opacity > 3 / 255)
     assert rows.sum() > 150
     assert seen(plain[0])[rows].mean() < 0.6 < 0.98 < seen(outcomes[0])[rows].mean()
     truth = outcomes[0].gradients.gaussians
-    gsut.apply_low_pass_backward(g.to_dtype(np.float64), radii, truth)
+    gsut.loop.apply_low_pass_backward(g.to_dtype(np.float64), radii, truth)
     ran = 0
     for outcome in outcomes[1:]:
         slopes = outcome.gradients.gaussians
-        gsut.apply_low_pass_backward(g, radii, slopes)
+        gsut.loop.apply_low_pass_backward(g, radii, slopes)
         for field in dataclasses.fields(gsut.Gaussians):
             error = np.linalg.norm(getattr(slopes, field.name) - getattr(truth, field.name))
             size = np.linalg.norm(truth.log_scales) + np.linalg.norm(getattr(truth, field.name))
             assert error < tolerances.HARD_GRADIENT * size or found.flips > 0, field.name
         ran += 1
-    assert ran == len(gsut.available_isas())
+    assert ran == len(gsut.machine.available_isas())

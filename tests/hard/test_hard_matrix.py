@@ -132,7 +132,10 @@ def below_a_pixel(rng):
     )
     yield Scene(g, camera)
     yield Scene(
-        gsut.apply_low_pass(g, gsut.find_filter_radii(g.means, [camera], pose[None], 0.5)), camera
+        gsut.loop.apply_low_pass(
+            g, gsut.loop.find_filter_radii(g.means, [camera], pose[None], 0.5)
+        ),
+        camera,
     )
 
 
@@ -265,7 +268,7 @@ def test_hard_case_in_every_precision_and_instruction_set_both_ways_meets_its_bo
     assert worst_gradient <= bound[1]
     assert flips <= tolerances.HARD_JUMPS_AN_IMAGE
     assert ran == expected_scenes
-    assert backward == expected_scenes * (1 + len(gsut.available_isas()))
+    assert backward == expected_scenes * (1 + len(gsut.machine.available_isas()))
 
 
 def test_hard_cases_are_the_twenty_and_each_has_a_bound():
@@ -290,7 +293,7 @@ def test_same_bits_on_any_number_of_threads_in_every_path(rng):
                 a, b = (getattr(o.gradients.gaussians, name) for o in (one, two))
                 assert np.array_equal(a, b), (one.path, name)
             compared += 1
-    assert compared == 2 * (1 + len(gsut.available_isas()))
+    assert compared == 2 * (1 + len(gsut.machine.available_isas()))
 
 
 @pytest.mark.parametrize("name", FIELDS)

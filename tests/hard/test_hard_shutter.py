@@ -22,7 +22,7 @@ def run(g, camera, pair, shutter, rng, rule=None):
     truth = None
     ran = 0
     for path in every_path():
-        gsut.set_isa("" if path == "float64" else path)
+        gsut.machine.set_isa("" if path == "float64" else path)
         dtype = "float64" if path == "float64" else "float32"
         result = gsut.render(g, camera, pair, shutter=shutter, dtype=dtype, blend=rule)
         slopes = gsut.render_backward(result, *weights)

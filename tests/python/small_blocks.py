@@ -39,7 +39,7 @@ def train(
     options = gsut.BlockOptions(blocks, **given)
     with contextlib.ExitStack() as stack:
         if not report:
-            stack.enter_context(mock.patch("gsut.training.results.write_report"))
+            stack.enter_context(mock.patch("gsut.training.record.results.write_report"))
             stack.enter_context(mock.patch("gsut.blocks.stages.write_map"))
         return gsut.train_blocks(scene, training, options, out=out, resume=resume, progress=False)
 

@@ -29,7 +29,7 @@ GAUSSIANS = gsut.Gaussians(
 )  # fmt: skip
 
 
-def make_scene(path: Path, camera: gsut.Camera = FISHEYE, inverted: int | None = None):
+def scene_from_arrays(path: Path, camera: gsut.Camera = FISHEYE, inverted: int | None = None):
     """Six views of random pixels on a circle that looks inward; every third is held out.
 
     inverted: the photograph that shows the inverse of what the renderer does.
@@ -79,7 +79,7 @@ def install(monkeypatch, scene: gsut.Scene, error: float = 0.1) -> None:
 
     for module in (importlib.import_module("gsut.evaluate.evaluation"), gsut):
         monkeypatch.setattr(module, "render", render)
-    for module in (gsut, importlib.import_module("gsut.training.trained_run")):
+    for module in (gsut, importlib.import_module("gsut.training.record.trained_run")):
         monkeypatch.setattr(module, "load_dataset", lambda path, **_: scene)
 
 
@@ -96,7 +96,7 @@ def finished_run(path: Path, scene: gsut.Scene, options=None, report: bool = Tru
     evaluation = evaluate(GAUSSIANS, scene, scene.test_indices, render_folder=run.renders)
     metrics = run_metrics(evaluation, GAUSSIANS, scene, options, steps=100, train_seconds=2.0)
     run.write_json(METRICS, metrics)
-    run.write(SCENE, lambda file: gsut.save_ply(file, GAUSSIANS))
+    run.write(SCENE, lambda file: gsut.formats.save_ply(file, GAUSSIANS))
     if report:
         write_report(run)
     else:

@@ -119,5 +119,5 @@ def plane_run(folder):
         np.full(count, 5, np.float32),
         np.zeros((count, 1, 3), np.float32),
     )
-    gsut.save_ply(run.path / SCENE, discs)
+    gsut.formats.save_ply(run.path / SCENE, discs)
     return run.path

@@ -173,6 +173,45 @@ def test_cpp_files_have_one_job():
     assert {path: length for path, length in lengths.items() if length > 400} == {}
 
 
+def measure_functions(path: Path) -> list[tuple[str, int]]:
+    """Returns the first line and the length of each function of a formatted C++ file."""
+    found: list[tuple[str, int]] = []
+    lines = path.read_text().splitlines()
+    opening = r"(?!namespace|class|struct|enum|union|template|using|extern)[\w~]"
+    for indent in ("", "  "):  # free functions, and those in the body of a class
+        first = body = None
+        for number, line in enumerate(lines):
+            if first is None and re.match(indent + opening, line):
+                first, body = number, None
+            if first is None:
+                continue
+            if body is not None and line.startswith(indent + "}"):
+                found.append((lines[first].strip(), number - first + 1))
+                first = None
+            elif body is None and line.endswith("{"):
+                body = number
+            elif body is None and line.endswith((";", "}", ":")):
+                first = None  # a declaration, a one-liner, `public:`
+    return found
+
+
+def test_cpp_functions_fit_a_screen():
+    checked = [
+        (path, *function)
+        for path in files(ROOT, ("cpp", "python/bindings"), ".h", ".cpp")
+        for function in measure_functions(path)
+    ]
+    assert len(checked) >= 700
+    assert [function for function in checked if function[2] > 90] == []
+
+
+def test_cpp_function_of_many_lines_is_found(tmp_path):
+    path = tmp_path / "a.cpp"
+    text = "void Short() {\n}\n\nHWY_INLINE int Long(int a,\n                    int b) {\n"
+    path.write_text(text + "  a += b;\n" * 88 + "}\n")
+    assert measure_functions(path) == [("void Short() {", 2), ("HWY_INLINE int Long(int a,", 91)]
+
+
 # --- every file -----------------------------------------------------------------------------------
 
 

@@ -23,7 +23,7 @@ from gsut import _core
 from gsut.check import diagnose
 from gsut.cli import main
 from gsut.data import Frame, TrainingViews, write_transforms
-from gsut.data.points import points_ply
+from gsut.data.points import format_points_ply
 from gsut.evaluate import evaluate
 from gsut.gaussians import SH_C0
 from gsut.lens import Camera, load_camera
@@ -58,7 +58,7 @@ class Case:
             frames.append(Frame(f"images/{file.name}", file, lens, np.linalg.inv(given)))
         colors = np.clip(255 * (0.5 + SH_C0 * self.truth.sh[:, 0]), 0, 255).astype(np.uint8)
         means = self.truth.means + np.random.default_rng(8).normal(0, 0.03, (len(self.truth), 3))
-        (path / "points3D.ply").write_bytes(points_ply(means, colors))
+        (path / "points3D.ply").write_bytes(format_points_ply(means, colors))
         test = [f"images/{TEST_VIEW}.png"]
         write_transforms(path / "transforms.json", frames, points_file="points3D.ply", test=test)
         return path
@@ -90,7 +90,7 @@ class Case:
 _CASES: dict[str, Case] = {}
 
 
-@pytest.fixture(params=gsut.camera_models())
+@pytest.fixture(params=gsut.lens.camera_models())
 def case(request, tmp_path_factory) -> Case:
     model = request.param
     if model not in _CASES:
@@ -133,9 +133,9 @@ def test_train_learns_and_eval_measures_the_same(case):
 
 def test_compact_keeps_most_of_the_picture(case):
     ply, out = case.folder / "scene.ply", case.folder / "compact.ply"
-    gsut.save_ply(ply, case.trained.gaussians)
+    gsut.formats.save_ply(ply, case.trained.gaussians)
     assert main(["compact", str(ply), "-o", str(out), "--keep", "0.7", "--quiet"]) == 0
-    fewer = gsut.load_ply(out)
+    fewer = gsut.formats.load_ply(out)
     assert len(fewer) == pytest.approx(0.7 * len(case.trained.gaussians), abs=1)
     psnr = evaluate(fewer, case.trained.scene, [TEST_VIEW])["psnr"]
     print(case.model, case.trained.metrics["psnr"], "->", psnr, "dB")

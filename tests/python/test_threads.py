@@ -3,6 +3,7 @@ sentence. `./run sanitize thread` runs this, too."""
 
 import dataclasses
 import functools
+import importlib
 import inspect
 from concurrent.futures import ThreadPoolExecutor
 
@@ -11,6 +12,7 @@ import pytest
 
 import gsut
 import rendered_dataset
+from public_names import list_public_names
 from random_scenes import fisheye, gaussians_in_view, rng_of
 
 pytestmark = pytest.mark.threads
@@ -71,7 +73,7 @@ PIXELS = np.random.default_rng(2).uniform(0, 48, (500, 2))
 
 
 def blocks(folder):
-    gsut.save_ply(folder / "blocks.ply", blobs())
+    gsut.formats.save_ply(folder / "blocks.ply", blobs())
     return gsut.BlocksResult(folder / "blocks.ply", {}, None, None)
 
 
@@ -92,9 +94,9 @@ SHARED = {
          lambda camera: gsut.render(blobs(), camera, POSE)],
     ),
     "LensProfile": (
-        lambda _: gsut.find_lenses("gopro")[0],
+        lambda _: gsut.lens.find_lenses("gopro")[0],
         [lambda lens: lens.fov_degrees, lambda lens: lens.doubts,
-         lambda lens: lens.camera(640, 480), lambda lens: lens.fits(640, 480)],
+         lambda lens: lens.make_camera(640, 480), lambda lens: lens.rate_size(640, 480)],
     ),
     "TrainOptions": (
         lambda _: gsut.TrainOptions(), [lambda o: o.resolved().to_json(), lambda o: o.to_json()]),
@@ -120,7 +122,7 @@ SHARED = {
         [lambda r, i=i: gsut.render_backward(r, weights(i)) for i in range(6)]
         + [lambda r: gsut.render_backward(r, weights(6), with_lens=True)]
         + [lambda r: gsut.render_surface(r)]
-        + [lambda r: gsut.render_surface_backward(r, weights(9))]
+        + [lambda r: gsut.loop.render_surface_backward(r, weights(9))]
         + [lambda r: {k: v for k, v in r.statistics().items() if "time" not in k}]
         + [lambda r: gsut.render_backward(dataclasses.replace(r, sh_degree=0), weights(7))],
     ),
@@ -137,6 +139,7 @@ SHARED = {
         lambda _: gsut.BlendRule("3dgrut"),
         [lambda rule: gsut.render(blobs(), fisheye(), POSE, blend=rule), lambda rule: rule.near_z],
     ),
+    "Verdict": (lambda _: gsut.Verdict("good", "a scene"), [str, lambda v: v.as_dict()]),
     "Mesh": (
         lambda _: tetrahedra(),
         [lambda mesh: mesh.normals(), lambda mesh: mesh.face_vectors(),
@@ -156,7 +159,8 @@ def has_methods(kind):
 
 
 def test_every_class_of_the_api_with_methods_is_here():
-    classes = [getattr(gsut, name) for name in gsut.__all__]
+    public = list_public_names().items()
+    classes = [getattr(importlib.import_module(m), name) for m, names in public for name in names]
     classes = [each for each in classes if inspect.isclass(each)]
     found = {c.__name__ for c in classes if not issubclass(c, Exception) and has_methods(c)}
     assert found == set(SHARED) | APART
@@ -197,7 +201,7 @@ def test_a_loss_is_of_the_light_before_or_after_another_threads_change():
 
 def test_an_optimizer_that_a_thread_is_at_refuses_the_others():
     gaussians = gaussians_in_view(rng_of("steps"), fisheye(), POSE, 30_000, sh_degree=2)
-    rates = gsut.LearningRates(1e-3, 1e-3, 1e-3, 1e-2, 1e-2, 1e-3)
+    rates = gsut.loop.LearningRates(1e-3, 1e-3, 1e-3, 1e-2, 1e-2, 1e-3)
     shared, alone = gsut.GaussianOptimizer(gaussians), gsut.GaussianOptimizer(gaussians)
 
     def step(_):

@@ -20,7 +20,7 @@ PROJECTION_FLOAT_COVARIANCE = 2e-5
 PROJECTION_FLOAT_DEPTH = 3e-7  # relative: a square root of three squares, 2-3 ulp; worst 1.6e-7
 # Pixels, Gaussians of 0.02 degrees: second order of a fisheye, and float; worst 6.2e-5
 PROJECTION_METHODS_CENTER = 1.2e-4
-# The same of covariances, relative to the trace; simplex is the least exact
+# The same of covariances, relative to the trace: of the outline's ellipse and of the linear one
 PROJECTION_METHODS_COVARIANCE = 1e-2
 # Pixels: boxes of outlines may be narrower than their ellipse by the second order
 PROJECTION_METHODS_BOX = 1e-2

@@ -21,9 +21,6 @@ SFM_EARTH_HEIGHT = 0.8  # metres, over a path of 60
 SFM_HELMET_DEGREES = 3.0  # turn in a readout, 14 views of helmet_distorted_rs; worst 1.64
 SFM_COVARIANCE = 3.8  # mean normalised square of pose errors over 6, either way; worst 1.9
 SIFT_BLOB_PIXELS = 0.06  # SIFT's place of a Gaussian blob; worst 0.031
-# Two runs on the same images: threads add in another order, and a step of the solver more or less
-# may follow from that; worst 4.4e-14
-SFM_REPEAT_DEGREES = 1e-6
 # A lens refined from 8 images of 700 points with 0.2 px of noise: its errors in its own standard
 # deviations (8 parameters, normal: beyond 4 once in 2000 draws)
 REFINED_LENS_SIGMAS = 4.0

@@ -11,7 +11,7 @@
 #include <limits>
 
 #include "gsut/projection/placed_gaussian.h"
-#include "gsut/projection/sigma_rule.h"
+#include "gsut/projection/footprint.h"
 #include "gsut/projection/unscented-inl.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -35,49 +35,13 @@ HWY_INLINE void BoxFromCovariance(T reach, BoundedFootprint<T>* out) {
   out->high_v = out->v + half_v;
 }
 
-// Calls put(i, x, y, z) for each point of the rule.
-template <class T, class Put>
-HWY_INLINE void PutSigmaPoints(const SigmaRule& rule, const PlacedGaussian<T>& g, Put&& put) {
-  for (int i = 0; i < rule.size; ++i) {
-    T point[3] = {g.mean[0], g.mean[1], g.mean[2]};
-    for (int k = 0; k < 3; ++k) {
-      const T step = T(rule.points[i][k]) * g.scale[k];
-      for (int row = 0; row < 3; ++row) point[row] = point[row] + step * g.axes[k][row];
-    }
-    put(i, point[0], point[1], point[2]);
-  }
-}
-
-// By a rule of points, from their pixels get(i, &u, &v), NaN where there is none. Differences are
-// taken from the first point, across a seam the short way.
+// The unscented transform's footprint from the pixels get(i, &u, &v) of its points, see
+// UnscentedFootprint, with the box of its covariance.
 template <class T, class Get>
-HWY_INLINE BoundedFootprint<T> SigmaFootprint(const LensDomain& domain, const SigmaRule& rule,
-                                              T reach, Get&& get) {
-  T du[SigmaRule::kMaxPoints], dv[SigmaRule::kMaxPoints];
-  T u0(0.0), v0(0.0), sum_u(0.0), sum_v(0.0);
-  for (int i = 0; i < rule.size; ++i) {
-    T u, v;
-    get(i, &u, &v);
-    if (i == 0) {
-      u0 = u;
-      v0 = v;
-    }
-    du[i] = ShortWay(u - u0, domain.period_u);
-    dv[i] = ShortWay(v - v0, domain.period_v);
-    sum_u = sum_u + T(rule.mean_weights[i]) * du[i];
-    sum_v = sum_v + T(rule.mean_weights[i]) * dv[i];
-  }
+HWY_INLINE BoundedFootprint<T> BoundUnscented(const LensDomain& domain,
+                                              const UnscentedWeights& weights, T reach, Get&& get) {
   BoundedFootprint<T> out;
-  out.u = u0 + sum_u;
-  out.v = v0 + sum_v;
-  out.cov_uu = out.cov_uv = out.cov_vv = T(0.0);
-  for (int i = 0; i < rule.size; ++i) {
-    const T eu = du[i] - sum_u, ev = dv[i] - sum_v;
-    const T weight(rule.cov_weights[i]);
-    out.cov_uu = out.cov_uu + weight * (eu * eu);
-    out.cov_uv = out.cov_uv + weight * (eu * ev);
-    out.cov_vv = out.cov_vv + weight * (ev * ev);
-  }
+  static_cast<Footprint<T>&>(out) = UnscentedFootprint<T>(domain, weights, get);
   BoxFromCovariance(reach, &out);
   return out;
 }

@@ -46,7 +46,7 @@ void FindFootprints(const GaussiansView<const float>& gaussians, const Camera& c
   ActiveIsa();  // applies GSUT_ISA before the first kernel runs
   const bool bounds = options.method == ProjectionMethod::kSilhouette;
   const FootprintTask task = {MakeViewTask(gaussians, camera, camera_from_world, options.rule),
-                              options.method, MakeSigmaRule(options.method, options.unscented)};
+                              options.method, MakeUnscentedWeights(options.unscented)};
   const ScalarFootprints scalar(camera, camera_from_world, options);
   footprints->Resize(gaussians.size);
   ParallelFor(gaussians.size, kGrain, [&](std::int64_t begin, std::int64_t end) {

@@ -1,4 +1,4 @@
-// Footprints of Gaussians by six methods, from the linear one to the exact silhouette.
+// Footprints of Gaussians by three methods: linear, by sigma points, and the exact silhouette.
 #pragma once
 
 #include <cstdint>
@@ -13,12 +13,9 @@ namespace gsut {
 
 // How a Gaussian's place, shape and bound in the image are found.
 enum class ProjectionMethod : std::uint8_t {
-  kEwa = 0,           // the lens' Jacobian at the mean (Zwicker et al., EWA Splatting, 2001)
-  kUnscented = 1,     // 7 sigma points with alpha, beta, kappa (3DGUT)
-  kSimplex = 2,       // 4 points, the corners of a regular tetrahedron
-  kCubature = 3,      // 6 points of the spherical-radial rule (Arasaratnam and Haykin, 2009)
-  kGaussHermite = 4,  // 27 points, 3 an axis
-  kSilhouette = 5,    // the cone of rays that touch the cut-off ellipsoid, through the lens: exact
+  kEwa = 0,         // the lens' Jacobian at the mean (Zwicker et al., EWA Splatting, 2001)
+  kUnscented = 1,   // 7 sigma points with alpha, beta, kappa (3DGUT)
+  kSilhouette = 2,  // the cone of rays that touch the cut-off ellipsoid, through the lens: exact
 };
 
 struct FootprintOptions {

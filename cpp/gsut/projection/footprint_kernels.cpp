@@ -88,8 +88,8 @@ HWY_INLINE void PutGaussians(const FootprintTask& task, std::int64_t i, int v, i
       waiting.has_outline =
           PutOutline<kOutlinePoints>(domain, block->circle, g, waiting.reach, put);
       break;
-    default:
-      PutSigmaPoints(task.rule, g, put);
+    case ProjectionMethod::kUnscented:
+      PutUnscentedPoints(task.weights, g.mean, g.axes, g.scale, put);
       break;
   }
 }
@@ -112,9 +112,10 @@ HWY_INLINE BoundedFootprint<Lane> GetFootprints(const FootprintTask& task, int v
     case ProjectionMethod::kSilhouette:
       return OutlineFootprint<kOutlinePoints>(domain, block.circle, waiting.reach,
                                               waiting.has_outline, get);
-    default:
-      return SigmaFootprint(domain, task.rule, waiting.reach, get);
+    case ProjectionMethod::kUnscented:
+      break;
   }
+  return BoundUnscented(domain, task.weights, waiting.reach, get);
 }
 
 void FootprintRange(const FootprintTask& task, std::int64_t begin, std::int64_t end,
@@ -122,7 +123,7 @@ void FootprintRange(const FootprintTask& task, std::int64_t begin, std::int64_t 
   const bool by_ewa = task.method == ProjectionMethod::kEwa;
   const int points = by_ewa                                         ? 1
                      : task.method == ProjectionMethod::kSilhouette ? kOutlinePoints
-                                                                    : task.rule.size;
+                                                                    : kUnscentedPoints;
   const int most_vectors =
       HWY_MIN(FootprintBlock::kVectors, PointBlock::kPoints / (points * kLanes));
   FootprintBlock block;

@@ -4,7 +4,6 @@
 #include <cstdint>
 
 #include "gsut/projection/footprint.h"
-#include "gsut/projection/sigma_rule.h"
 #include "gsut/projection/view_task.h"
 
 namespace gsut {
@@ -15,7 +14,7 @@ inline constexpr int kOutlinePointsReference = 64;
 
 struct FootprintTask : ViewTask {
   ProjectionMethod method;
-  SigmaRule rule;  // of a method with sigma points
+  UnscentedWeights weights;
 };
 
 // Footprints of the Gaussians [begin, end), begin a multiple of 16. Arrays have room for 16 more.

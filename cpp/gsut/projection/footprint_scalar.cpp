@@ -20,7 +20,7 @@ constexpr OneFootprint kNowhere = {kNaN, kNaN, kNaN, kNaN, kNaN,
 ScalarFootprints::ScalarFootprints(const Camera& camera, const Pose& camera_from_world,
                                    const FootprintOptions& options)
     : camera_(camera), pose_(camera_from_world), options_(options) {
-  rule_ = MakeSigmaRule(options.method, options.unscented);
+  weights_ = MakeUnscentedWeights(options.unscented);
   if (options.method == ProjectionMethod::kSilhouette) pyramid_ = PyramidOf(camera);
   for (int k = 0; k < kOutlinePointsReference; ++k) {
     circle_[k][0] = std::cos(2.0 * kPi * k / kOutlinePointsReference);
@@ -67,8 +67,8 @@ bool ScalarFootprints::MayBeSeen(const PlacedGaussian<double>& g, double reach) 
 
 OneFootprint ScalarFootprints::FindPlaced(const PlacedGaussian<double>& g, double reach) const {
   using HWY_NAMESPACE::BoundedFootprint;
-  double points[kMostPoints][3], pixels[kMostPoints][2];
-  std::uint8_t valid[kMostPoints];
+  double points[kOutlinePointsReference][3], pixels[kOutlinePointsReference][2];
+  std::uint8_t valid[kOutlinePointsReference];
   const auto put = [&](int i, double x, double y, double z) {
     points[i][0] = x;
     points[i][1] = y;
@@ -98,9 +98,9 @@ OneFootprint ScalarFootprints::FindPlaced(const PlacedGaussian<double>& g, doubl
       return HWY_NAMESPACE::OutlineFootprint<kOutlinePointsReference>(domain, circle_, reach, true,
                                                                       get);
     }
-    HWY_NAMESPACE::PutSigmaPoints(rule_, g, put);
-    project(rule_.size);
-    return HWY_NAMESPACE::SigmaFootprint(domain, rule_, reach, get);
+    HWY_NAMESPACE::PutUnscentedPoints(weights_, g.mean, g.axes, g.scale, put);
+    project(HWY_NAMESPACE::kUnscentedPoints);
+    return HWY_NAMESPACE::BoundUnscented(domain, weights_, reach, get);
   }();
   if (!std::isnan(found.u)) {
     return {found.u,     found.v,      found.cov_uu, found.cov_uv, found.cov_vv,

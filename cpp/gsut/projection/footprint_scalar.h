@@ -33,12 +33,10 @@ class ScalarFootprints {
   OneFootprint FindPlaced(const PlacedGaussian<double>& g, double reach) const;
   void Search(const PlacedGaussian<double>& g, double reach, OneFootprint* out) const;
 
-  static constexpr int kMostPoints = kOutlinePointsReference;  // more than any rule has
-
   const Camera& camera_;
   const Pose& pose_;
   const FootprintOptions options_;
-  SigmaRule rule_;
+  UnscentedWeights weights_;
   std::shared_ptr<const RayPyramid> pyramid_;
   double circle_[kOutlinePointsReference][2];
 };

@@ -1,5 +1,5 @@
-// Parts of the Gaussians' gradients that all kinds of rays share: the sums over their slots,
-// colours, and rows of arrays from lanes.
+// What the gradients of Gaussians share for all kinds of rays: the sums over their slots before,
+// and after it colours, quaternions and the rows of the arrays.
 
 #if defined(GSUT_RASTER_SLOT_SUMS_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef GSUT_RASTER_SLOT_SUMS_INL_H_
@@ -9,6 +9,7 @@
 #endif
 
 #include "gsut/gaussians/adam-inl.h"
+#include "gsut/projection/seen-inl.h"
 #include "gsut/raster/frame.h"
 #include "gsut/raster/harmonics-inl.h"
 #include "gsut/raster/task.h"
@@ -199,6 +200,45 @@ HWY_INLINE void ColorGradients(const GaussiansView<const float>& g, const Harmon
   }
   HarmonicsBasisGradient(batch.degree, direction[0], direction[1], direction[2], g_basis,
                          g_direction);
+}
+
+// A turn by w (world or camera axes, the same on both sides) of a unit quaternion q: q + (0, w) q
+// / 2. From the gradient to w to that to the quaternion as stored.
+HWY_INLINE void TurnFromLeft(const SeenLanes& s, const Lane* turn, Lane* to_quat) {
+  const Lane two = Lane(2.0) * s.quat_scale;
+  const Lane w = s.quat[0], x = s.quat[1], y = s.quat[2], z = s.quat[3];
+  to_quat[0] = two * -(turn[0] * x + turn[1] * y + turn[2] * z);
+  to_quat[1] = two * (turn[0] * w + turn[1] * z - turn[2] * y);
+  to_quat[2] = two * (turn[1] * w + turn[2] * x - turn[0] * z);
+  to_quat[3] = two * (turn[2] * w + turn[0] * y - turn[1] * x);
+}
+
+// The same for a turn about the Gaussian's own axes: q + q (0, w) / 2.
+HWY_INLINE void TurnFromRight(const SeenLanes& s, const Lane* turn, Lane* to_quat) {
+  const Lane two = Lane(2.0) * s.quat_scale;
+  const Lane w = s.quat[0], x = s.quat[1], y = s.quat[2], z = s.quat[3];
+  to_quat[0] = two * -(turn[0] * x + turn[1] * y + turn[2] * z);
+  to_quat[1] = two * (turn[0] * w - turn[1] * z + turn[2] * y);
+  to_quat[2] = two * (turn[1] * w - turn[2] * x + turn[0] * z);
+  to_quat[3] = two * (turn[2] * w - turn[0] * y + turn[1] * x);
+}
+
+// Gradients to the parameters of a batch of Gaussians; means in world axes.
+struct ParameterGradients {
+  Lane mean[3], quat[4], log_scale[3], logit;
+};
+
+// Writes the rows [first, first + kLanes) that exist; those that no pixel saw become 0.
+HWY_INLINE void StoreGradients(const ParameterGradients& of, LaneMask seen, std::int64_t first,
+                               const GaussiansView<float>& rows) {
+  const std::int64_t available = HWY_MIN(rows.size - first, static_cast<std::int64_t>(kLanes));
+  Lane quat[4], log_scale[3];
+  for (int k = 0; k < 4; ++k) quat[k] = Select(seen, of.quat[k], Lane(0.0));
+  for (int k = 0; k < 3; ++k) log_scale[k] = Select(seen, of.log_scale[k], Lane(0.0));
+  StoreRows3(of.mean, available, rows.means + 3 * first);
+  StoreRows4(quat, available, rows.quats + 4 * first);
+  StoreRows3(log_scale, available, rows.log_scales + 3 * first);
+  StoreRows1(Select(seen, of.logit, Lane(0.0)), available, rows.opacity_logits + first);
 }
 
 }  // namespace HWY_NAMESPACE

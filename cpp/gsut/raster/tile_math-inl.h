@@ -14,6 +14,8 @@
 
 // Fully unrolls the loop over the Gaussians (or blocks) that are worked on together.
 #define GSUT_UNROLL _Pragma("GCC unroll 16")
+// Follows the parameters of a lambda whose arguments are constants only once it is inlined.
+#define GSUT_INLINED_LAMBDA HWY_ATTR __attribute__((always_inline))
 
 HWY_BEFORE_NAMESPACE();
 namespace gsut {
@@ -24,16 +26,19 @@ inline constexpr int kBlockStride = (kBlocks + kLanes - 1) / kLanes * kLanes;
 
 using Float4 = hn::FixedTag<float, 4>;
 
+// form[0] + form[1] s + form[2] t: a linear form of the rays (1, s, t) of a tile.
+HWY_INLINE FloatVec LinearForm(const float* form, FloatVec s, FloatVec t) {
+  const FloatTag d;
+  return hn::MulAdd(hn::Set(d, form[1]), s,
+                    hn::MulAdd(hn::Set(d, form[2]), t, hn::Set(d, form[0])));
+}
+
 // Bit b set where block b may hold a pixel with N < z^2, z > 0: interval bounds over the block's
 // box.
 HWY_INLINE std::uint64_t TouchedBlocks(const float* r, const float* boxes) {
   const FloatTag d;
   const auto zero = hn::Zero(d);
   std::uint64_t blocks = 0;
-  const auto value = [&](int form, FloatVec s, FloatVec t) HWY_ATTR {
-    return hn::MulAdd(hn::Set(d, r[form + 1]), s,
-                      hn::MulAdd(hn::Set(d, r[form + 2]), t, hn::Set(d, r[form])));
-  };
   const auto spread = [&](int form, FloatVec hs, FloatVec ht) HWY_ATTR {
     return hn::MulAdd(hn::Abs(hn::Set(d, r[form + 1])), hs,
                       hn::Mul(hn::Abs(hn::Set(d, r[form + 2])), ht));
@@ -43,11 +48,12 @@ HWY_INLINE std::uint64_t TouchedBlocks(const float* r, const float* boxes) {
     const auto t = hn::Load(d, boxes + kBlockStride + b);
     const auto hs = hn::Load(d, boxes + 2 * kBlockStride + b);
     const auto ht = hn::Load(d, boxes + 3 * kBlockStride + b);
-    const auto p =
-        hn::Max(hn::Sub(hn::Abs(value(record::kA, s, t)), spread(record::kA, hs, ht)), zero);
-    const auto q =
-        hn::Max(hn::Sub(hn::Abs(value(record::kB, s, t)), spread(record::kB, hs, ht)), zero);
-    const auto z = hn::Max(hn::Add(value(record::kC, s, t), spread(record::kC, hs, ht)), zero);
+    const auto p = hn::Max(
+        hn::Sub(hn::Abs(LinearForm(r + record::kA, s, t)), spread(record::kA, hs, ht)), zero);
+    const auto q = hn::Max(
+        hn::Sub(hn::Abs(LinearForm(r + record::kB, s, t)), spread(record::kB, hs, ht)), zero);
+    const auto z =
+        hn::Max(hn::Add(LinearForm(r + record::kC, s, t), spread(record::kC, hs, ht)), zero);
     const auto hit = hn::Lt(hn::MulAdd(p, p, hn::Mul(q, q)), hn::Mul(z, z));
     blocks |= MaskBits(hit) << b;
   }

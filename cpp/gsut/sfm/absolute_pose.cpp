@@ -13,9 +13,14 @@ namespace gsut {
 namespace {
 
 constexpr std::uint64_t kAbsolutePoseStream = 0x4142'5350;  // "ABSP"
-constexpr int kSample = 3;
+constexpr int kSample = 3;  // points that determine a pose, but for four solutions
+// From a pose of three points, errors of the inliers stop falling after two or three steps.
 constexpr int kGaussNewtonSteps = 5;
+// A refined pose has more inliers, which refine it again; the cost decides when to stop.
 constexpr int kRefinements = 3;
+
+// Sum of squared errors, each at most max_squared (MSAC: Torr and Zisserman, "MLESAC", 2000), which
+// ranks poses of equally many inliers too. Stops once it exceeds `bound`.
 
 double Cost(const Pose& pose, std::span<const Bearing> bearings,
             std::span<const Eigen::Vector3d> points, double max_squared, double bound) {
@@ -43,6 +48,8 @@ Pose RefineAbsolutePose(const Pose& camera_from_world, std::span<const Bearing> 
       Eigen::Matrix<double, 2, 3> by_point;
       const Eigen::Vector2d residual = BearingResidual(bearings[i], p, &by_point);
       if (!(residual.squaredNorm() < max_error * max_error)) continue;
+      // pose <- exp(v, w) pose moves the point by v + w x p, so the derivatives by w are those of
+      // the cross product, - by_point [p]x, column by column.
       Eigen::Matrix<double, 2, 6> jacobian;  // of a twist from the left
       jacobian.leftCols<3>() = by_point;
       jacobian.col(3) = by_point * Eigen::Vector3d(0, -p.z(), p.y());
@@ -78,6 +85,8 @@ AbsolutePose EstimateAbsolutePose(std::span<const Bearing> bearings,
     }
     return inliers;
   };
+  // LO-RANSAC (Chum, Matas, Kittler, 2003): each new best sample is refined on its inliers, which
+  // makes the inlier share higher and the number of samples needed lower.
   double best_cost = max_squared * count;
   bool found = false;
   int needed = options.max_samples;

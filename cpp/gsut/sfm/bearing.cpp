@@ -25,6 +25,7 @@ std::vector<Bearing> MakeBearings(const Camera& camera, std::span<const Eigen::V
     bearing.ray = Eigen::Map<const Eigen::Vector3d>(&rays[3 * i]);
     bearing.dpixel_dray =
         Eigen::Map<const Eigen::Matrix<double, 2, 3, Eigen::RowMajor>>(&jacobians[6 * i]);
+    // dray_dpixel is the pseudo-inverse J^T (J J^T)^-1: a pixel moves the ray across itself only.
     const Eigen::Matrix2d gram = bearing.dpixel_dray * bearing.dpixel_dray.transpose();
     bearing.dray_dpixel = bearing.dpixel_dray.transpose() * gram.inverse();
     (*valid)[i] = gram.determinant() > 0.0 && bearing.dray_dpixel.allFinite();
@@ -32,6 +33,10 @@ std::vector<Bearing> MakeBearings(const Camera& camera, std::span<const Eigen::V
   return bearings;
 }
 
+// With q the unit vector to the point and J = dpixel_dray (J ray = 0), J q is to first order how
+// far the point's pixel is from the feature's. |J q| alone would fall again beyond 90 degrees;
+// divided by cos^2 of half the angle, 2 / (1 + ray . q), it rises up to 180, so a point behind the
+// camera never looks right.
 Eigen::Vector2d BearingResidual(const Bearing& bearing, const Eigen::Vector3d& point_in_camera) {
   const double length = point_in_camera.norm();
   const Eigen::Vector3d q = point_in_camera / length;
@@ -47,6 +52,7 @@ Eigen::Vector2d BearingResidual(const Bearing& bearing, const Eigen::Vector3d& p
   const Eigen::Vector3d q = point_in_camera / length;
   const double scale = 2.0 / (1.0 + bearing.ray.dot(q));
   const Eigen::Vector2d image = bearing.dpixel_dray * q;
+  // d(s J q)/dq = s J + J q ds/dq with ds/dq = -s^2 / 2 ray^T; then q = p / |p| projects across q.
   const Eigen::Matrix<double, 2, 3> dresidual_dq =
       scale * bearing.dpixel_dray - (0.5 * scale * scale) * image * bearing.ray.transpose();
   *dresidual_dpoint = (dresidual_dq - (dresidual_dq * q) * q.transpose()) / length;

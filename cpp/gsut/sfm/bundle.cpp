@@ -34,6 +34,9 @@ BundleSummary AdjustBundle(Bundle* bundle, const BundleOptions& options) {
   summary.rms_before = problem.Rms();
   double cost = problem.Evaluate();
   if (!std::isfinite(cost)) throw SolveError("bundle adjustment failed: residuals are not finite");
+  // Each iteration solves the damped normal equations and compares the decrease of the cost with
+  // the one that the linear model predicts. Nielsen's rule then changes the radius smoothly: a good
+  // prediction multiplies it by up to 3, a failed step divides it by 2, 4, 8 ... in a row.
   double radius = kFirstRadius, shrink = 2.0;
   int invalid = 0;
   while (!summary.converged && summary.iterations < options.max_iterations) {
@@ -45,6 +48,7 @@ BundleSummary AdjustBundle(Bundle* bundle, const BundleOptions& options) {
       summary.converged = true;
       break;
     }
+    // Not positive definite, or rounding: more damping mends both.
     if (!(predicted > 0.0)) {
       if (++invalid == kMostInvalid) {
         throw SolveError("bundle adjustment failed: no step lowers the cost");
@@ -54,6 +58,7 @@ BundleSummary AdjustBundle(Bundle* bundle, const BundleOptions& options) {
       continue;
     }
     invalid = 0;
+    // The step is taken for trial, and taken back if the cost did not fall enough.
     const BundleState before = problem.state();
     const bool small = problem.Step();
     const double found = problem.Evaluate();

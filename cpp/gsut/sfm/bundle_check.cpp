@@ -13,6 +13,7 @@ namespace {
 // Velocities and rigs: one entry an image, indices that are there.
 void CheckMotions(const Bundle& bundle, const BundleOptions& options) {
   const std::size_t images = bundle.camera_from_world.size();
+  // Empty means that there are none.
   const auto fits = [&](std::size_t size) { return size == 0 || size == images; };
   if (!fits(bundle.velocities.size()) || !fits(bundle.body_of_image.size()) ||
       !fits(bundle.mount_of_image.size()) || !fits(options.velocity_priors.size()) ||
@@ -20,6 +21,7 @@ void CheckMotions(const Bundle& bundle, const BundleOptions& options) {
     throw InputError(
         "velocities, their priors and flags, bodies and mounts must have one entry an image");
   }
+  // -1: the camera is the body itself.
   const int mounts = static_cast<int>(bundle.camera_from_body.size());
   for (const int mount : bundle.mount_of_image) {
     if (mount < -1 || mount >= mounts) {
@@ -48,6 +50,7 @@ void CheckMotions(const Bundle& bundle, const BundleOptions& options) {
 
 }  // namespace
 
+// Everything that indexes something is checked here, once, so that no inner loop has to.
 void CheckBundle(const Bundle& bundle, const BundleOptions& options) {
   const int images = static_cast<int>(bundle.camera_from_world.size());
   const int points = static_cast<int>(bundle.points.size());
@@ -73,9 +76,11 @@ void CheckBundle(const Bundle& bundle, const BundleOptions& options) {
   if (!fits(options.image_fixed, images) || !fits(options.point_fixed, points)) {
     throw InputError("image_fixed and point_fixed must be empty or have one flag each");
   }
+  // Negative: the gauge is not held by an image.
   if (options.gauge_image >= images || options.scale_image >= images) {
     throw InputError("gauge_image or scale_image is not among the images");
   }
+  // Residuals of bearings do not see the lens' parameters: only pixels through the lens do.
   CheckMotions(bundle, options);
   if (!options.lens_free.empty() && !options.through_lens) {
     throw InputError("lens_free needs through_lens");

@@ -12,6 +12,11 @@
 namespace gsut {
 namespace {
 
+// At the minimum the covariance of all unknowns is sigma^2 (J^T J)^-1, and that of the poses alone
+// is its block, which is sigma^2 times the inverse of the Schur complement of the points:
+// eliminating points is marginalising them. No damping here: what the gauge leaves free must be
+// determined.
+
 using Matrix6 = Eigen::Matrix<double, 6, 6>;
 using MatrixX3 = Eigen::Matrix<double, Eigen::Dynamic, 3>;
 
@@ -23,10 +28,14 @@ struct Linearized {
 };
 
 // Pose and, if bodies move, velocity.
-int UnknownsOfBody(const BundleState& state) { return state.velocities.empty() ? 6 : 12; }
+int UnknownsOfBody(const BundleState& state) {
+  return state.velocities.empty() ? kPoseTangent : 2 * kPoseTangent;
+}
 
 // (centre, turn) of an image's camera by those of its body.
 Matrix6 CameraByBody(const BundleState& state, int image) {
+  // centre = body's centre + R_body^T c, c the camera's on the body: a turn w of the body moves it
+  // by R_body^T (c x w); the camera's own turn is R_mount w.
   Matrix6 by = Matrix6::Identity();
   const int mount = state.mount_of_image[image];
   if (mount < 0) return by;
@@ -80,6 +89,7 @@ Eigen::MatrixXd ReducedNormal(const std::vector<std::vector<Linearized>>& of_poi
       reduced.block(size * linear.body, size * linear.body, size, size) +=
           linear.by_body.transpose() * linear.by_body;
     }
+    // The point's unknowns go: what it ties together is subtracted.
     const Eigen::Matrix3d inverse = by_point.inverse();
     if (!inverse.allFinite()) throw SolveError("a point of the bundle is not determined");
     for (std::size_t i = 0; i < observations.size(); ++i) {
@@ -108,6 +118,7 @@ std::vector<int> FreeUnknowns(const BundleState& state, const BundleOptions& opt
     scale_body = state.body_of_image[options.scale_image];
     held = ScaleAxis(state.poses[gauge_body], state.poses[scale_body]);
   }
+  // Velocities of the gauge's body remain unknown: it is held in the middle of its readout only.
   std::vector<std::uint8_t> fixed(state.num_bodies(), 0);
   for (std::size_t i = 0; i < options.image_fixed.size(); ++i) {
     if (options.image_fixed[i]) fixed[state.body_of_image[i]] = 1;
@@ -115,7 +126,7 @@ std::vector<int> FreeUnknowns(const BundleState& state, const BundleOptions& opt
   std::vector<int> free;
   for (int body = 0; body < state.num_bodies(); ++body) {
     if (fixed[body]) continue;
-    for (int k = body == gauge_body ? 6 : 0; k < size; ++k) {
+    for (int k = body == gauge_body ? kPoseTangent : 0; k < size; ++k) {
       if (!(body == scale_body && k == held)) free.push_back(size * body + k);
     }
   }
@@ -134,6 +145,7 @@ std::vector<Matrix6> PoseCovariances(const Bundle& bundle, const BundleOptions& 
   const std::vector<int> free = FreeUnknowns(state, options);
   const auto points = std::count_if(of_point.begin(), of_point.end(),
                                     [](const auto& linear) { return !linear.empty(); });
+  // Residuals less unknowns: what is left to estimate the noise from.
   const std::int64_t freedom = 2 * static_cast<std::int64_t>(bundle.observations.size()) -
                                3 * static_cast<std::int64_t>(points) -
                                static_cast<std::int64_t>(free.size());
@@ -151,8 +163,8 @@ std::vector<Matrix6> PoseCovariances(const Bundle& bundle, const BundleOptions& 
   for (int image = 0; image < images; ++image) {
     const int body = state.body_of_image[image];
     Matrix6 of_body = Matrix6::Zero();
-    for (int i = 0; i < 6; ++i) {
-      for (int j = 0; j < 6; ++j) {
+    for (int i = 0; i < kPoseTangent; ++i) {
+      for (int j = 0; j < kPoseTangent; ++j) {
         const int row = place[size * body + i], column = place[size * body + j];
         if (row >= 0 && column >= 0) of_body(i, j) = variance * inverse(row, column);
       }

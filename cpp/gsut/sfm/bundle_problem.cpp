@@ -49,6 +49,8 @@ BundleProblem::BundleProblem(const Bundle& bundle, const BundleOptions& options)
   MakeSystem();
 }
 
+// Blocks of the reduced system, bodies first, in the order of images: for a walk that is a band.
+// Mounts and lenses come last, since nearly all bodies see them.
 void BundleProblem::MakeBlocks() {
   const auto add = [&](int unknowns) {
     sizes_.push_back(unknowns);
@@ -93,6 +95,8 @@ void BundleProblem::MakeSystem() {
   }
   system_ = std::make_unique<ReducedSystem>(sizes_, num_bodies_,
                                             static_cast<int>(state_.points.size()), observations);
+  // The gauge: seven degrees of freedom change no picture. Six are the pose of the gauge's body,
+  // the seventh, the scale, is one coordinate of another centre.
   for (int body = 0; body < state_.num_bodies(); ++body) {
     const int block = body_block_[body];
     if (block < 0) continue;
@@ -134,6 +138,8 @@ double BundleProblem::Linearize(int i) {
     return std::numeric_limits<double>::infinity();
   }
   const double squared = found.residual.squaredNorm();
+  // rho(s) = b log(1 + s / b), rho' = 1 / (1 + s / b), with s the squared residual, b the squared
+  // scale: Gauss-Newton sees residuals times sqrt(rho'), and the cost is rho / 2.
   // Cauchy's loss, by weights.
   double cost = squared, weight = 1.0;
   if (options_.loss_scale > 0) {
@@ -153,6 +159,7 @@ double BundleProblem::Linearize(int i) {
     const int size = sizes_[block];
     write(found.by.by_pose, size, 0, kPoseTangent);
     if (Moves(block)) write(found.by.by_velocity, size, kPoseTangent, kPoseTangent);
+    // Held components have no derivatives: their row and column of the system are zero.
     if (body == gauge_body_ || body == scale_body_) {
       for (int k = 0; k < size; ++k) {
         if (system_->Held(block)[k]) out[k] = out[size + k] = 0.0;
@@ -178,6 +185,8 @@ double BundleProblem::Linearize(int i) {
   return 0.5 * cost;
 }
 
+// Compares the step's length with that of all unknowns, in units as they are: what is left to gain
+// below kSmallStep is rounding.
 bool BundleProblem::Step() {
   double length = 0.0, size = 0.0;
   const auto count = [&](double change, double value) {
@@ -221,6 +230,7 @@ void BundleProblem::Store(Bundle* bundle) const {
     if (!used_body_[body]) continue;
     if (!bundle->velocities.empty()) bundle->velocities[i] = state_.velocities[body];
     // A pose that stayed keeps its digits; other cameras of its body follow it.
+    // Its block may have been normalised, which changes the last digit.
     const bool stays = (body == gauge_body_ || fixed_body_[body]) &&
                        state_.image_of_body[body] == image && state_.mount_of_image[image] < 0;
     if (!stays) bundle->camera_from_world[i] = state_.CameraFromWorld(image);

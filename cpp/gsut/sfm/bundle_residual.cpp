@@ -12,6 +12,8 @@ bool EvaluateObservation(const Bundle& bundle, const BundleState& state, int ind
   const CameraChain chain = state.Chain(observation);
   const Eigen::Vector3d& point = state.points[observation.point];
   Eigen::Matrix<double, 2, 3> by_p;
+  // Through the lens where it sees the point; elsewhere by the bearing, which is defined everywhere
+  // and grows the farther off the point is, so that leaving the image never pays.
   if (row.valid) {
     out->residual = Eigen::Map<const Eigen::Vector2d>(row.pixel) - observation.pixel;
     by_p = Eigen::Map<const Eigen::Matrix<double, 2, 3, Eigen::RowMajor>>(row.dpixel_dpoint);
@@ -21,6 +23,7 @@ bool EvaluateObservation(const Bundle& bundle, const BundleState& state, int ind
     out->by_params = nullptr;
   }
   if (!out->residual.allFinite()) return false;
+  // The chain rule to the body's pose, its velocity, its mount and the point.
   out->by = Derivatives(chain, point, by_p);
   return true;
 }

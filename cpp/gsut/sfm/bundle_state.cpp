@@ -6,6 +6,7 @@
 
 namespace gsut {
 
+// The component in which two centres differ most: holding it holds their distance best.
 int ScaleAxis(const PoseBlock& first, const PoseBlock& second) {
   int axis = 0;
   (CenterOf(second.data()) - CenterOf(first.data())).cwiseAbs().maxCoeff(&axis);
@@ -28,6 +29,7 @@ BundleState::BundleState(const Bundle& bundle)
   poses.resize(bodies);
   image_of_body.assign(bodies, -1);
   if (!bundle.velocities.empty()) velocities.assign(bodies, Velocity::Zero());
+  // A body's pose is that of its first image, carried back over the mount.
   for (std::size_t image = 0; image < images; ++image) {
     const int body = body_of_image[image];
     if (image_of_body[body] >= 0) continue;
@@ -46,6 +48,7 @@ CameraChain BundleState::Chain(const BundleObservation& observation) const {
           mount < 0 ? nullptr : mounts[mount].data(), observation.time};
 }
 
+// An image's own pose is that in the middle of its readout, time 0.
 Pose BundleState::CameraFromWorld(int image) const {
   BundleObservation middle;
   middle.image = image;

@@ -10,6 +10,16 @@
 namespace gsut {
 namespace {
 
+// A pair of rays gives one linear equation b2^T E b1 = 0 in the nine entries of E. Five pairs leave
+// a null space of four matrices A, B, C, D, and every solution is
+//   E = x A + y B + z C + D
+// up to its length. Two properties of essential matrices, det E = 0 and 2 E E^T E = tr(E E^T) E,
+// are 1 + 9 = 10 cubic equations in x, y, z. Ordered as below, the ten cubic monomials come first:
+// solving for them expresses each by the ten lower ones (a Groebner basis in graded order, which
+// for this problem needs no more elimination than one 10 x 10 inverse). Multiplication by x then
+// maps the span of the lower monomials to itself, and its eigenvalues are the x of the ten
+// solutions, its eigenvectors their lower monomials.
+//
 // E = x A + y B + z C + D. Polynomials in (x, y, z) are vectors of coefficients in this order:
 //   degree 1:  x y z 1
 //   degree 2:  xx xy xz yy yz zz x y z 1
@@ -29,6 +39,7 @@ constexpr int kProduct21[kQuadratic][kLinear] = {
     {0, 1, 2, 10}, {1, 3, 4, 11},    {2, 4, 5, 12},    {3, 6, 7, 13},    {4, 7, 8, 14},
     {5, 8, 9, 15}, {10, 11, 12, 16}, {11, 13, 14, 17}, {12, 14, 15, 18}, {16, 17, 18, 19}};
 
+// The product of two polynomials of degree 1.
 Quadratic Multiply(const Linear& a, const Linear& b) {
   Quadratic product = Quadratic::Zero();
   for (int i = 0; i < kLinear; ++i) {
@@ -37,6 +48,7 @@ Quadratic Multiply(const Linear& a, const Linear& b) {
   return product;
 }
 
+// The product of polynomials of degree 2 and 1.
 Cubic Multiply(const Quadratic& a, const Linear& b) {
   Cubic product = Cubic::Zero();
   for (int i = 0; i < kQuadratic; ++i) {
@@ -67,6 +79,7 @@ Eigen::Matrix<double, 10, kCubic> Constraints(const LinearMatrix& e) {
                             Multiply(gram[i][2], e[2][j]);
     }
   }
+  // det E by its first row: three minors of the others.
   const auto minor = [&](int a, int b) -> Quadratic {
     return Multiply(e[1][a], e[2][b]) - Multiply(e[1][b], e[2][a]);
   };
@@ -86,6 +99,8 @@ std::vector<Eigen::Matrix3d> FivePoint(const std::array<Eigen::Vector3d, 5>& ray
       for (int c = 0; c < 3; ++c) equations(3 * r + c, i) = rays2[i][r] * rays1[i][c];
     }
   }
+  // The null space: the last four columns of Q of a QR decomposition. An SVD would cost several
+  // times as much for the same space, and only the space matters.
   const Eigen::HouseholderQR<Eigen::Matrix<double, 9, 5>> qr(equations);
   const Eigen::Matrix<double, 9, 9> orthogonal = qr.householderQ();
   const Eigen::Matrix<double, 9, 4> null_space = orthogonal.rightCols<4>();
@@ -110,6 +125,7 @@ std::vector<Eigen::Matrix3d> FivePoint(const std::array<Eigen::Vector3d, 5>& ray
   if (!FindEigenvalues(action, &values, &vectors)) return {};
   std::vector<Eigen::Matrix3d> solutions;
   for (int i = 0; i < 10; ++i) {
+    // Complex solutions come in pairs, and are no cameras.
     if (values[i].imag() != 0.0) continue;
     const Eigen::Matrix<double, 10, 1> v = vectors.col(i).real();
     // (x, y, z, 1) up to a factor stands in the last four rows.

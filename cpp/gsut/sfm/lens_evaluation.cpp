@@ -19,6 +19,7 @@ LensEvaluation::LensEvaluation(const Bundle& bundle, const BundleState& state, b
       lenses_free_(lenses_free),
       batches_(bundle.cameras.size()),
       place_(bundle.observations.size()) {
+  // Observations are sorted by camera once: Camera works on batches, with one dispatch each.
   for (std::size_t i = 0; i < bundle.observations.size(); ++i) {
     Batch& batch = batches_[bundle.camera_of_image[bundle.observations[i].image]];
     place_[i] = static_cast<int>(batch.observations.size());
@@ -50,6 +51,8 @@ void LensEvaluation::EvaluateBatch(int camera_index, bool jacobians) {
           state_.Chain(observation).Point(state_.points[observation.point]);
     }
   });
+  // A camera of the current parameters, whose valid domain is found again: a step of the solver may
+  // have shrunk it, or made the parameters no lens at all.
   const Camera& start = bundle_.cameras[camera_index];
   try {
     const Camera camera = lenses_free_
@@ -68,6 +71,7 @@ void LensEvaluation::EvaluateBatch(int camera_index, bool jacobians) {
     batch.failed = true;
     std::fill(batch.valid.begin(), batch.valid.end(), 0);
   }
+  // Panoramas repeat: of the images of a point the one next to the feature counts.
   for (std::int64_t i = 0; i < count; ++i) {
     start.domain().MoveNear(bundle_.observations[batch.observations[i]].pixel.data(),
                             &batch.pixels[2 * i]);

@@ -16,6 +16,7 @@ using Matrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowM
 // A parameter block that only moves along the columns of a matrix, which are orthogonal.
 class LinearManifold : public ceres::Manifold {
  public:
+  // Columns are disjoint, hence orthogonal: the pseudo-inverse is their transpose, scaled.
   explicit LinearManifold(Matrix columns)
       : columns_(std::move(columns)),
         inverse_(columns_.colwise().squaredNorm().cwiseInverse().asDiagonal() *
@@ -24,6 +25,7 @@ class LinearManifold : public ceres::Manifold {
   int AmbientSize() const override { return static_cast<int>(columns_.rows()); }
   int TangentSize() const override { return static_cast<int>(columns_.cols()); }
 
+  // Linear, so the derivative of Plus by delta is the matrix itself, at any x.
   bool Plus(const double* x, const double* delta, double* sum) const override {
     Vector(sum, columns_.rows()) =
         Vector(x, columns_.rows()) + columns_ * Vector(delta, columns_.cols());
@@ -66,6 +68,8 @@ void CheckLensFlags(const std::vector<Camera>& cameras,
   if (!fits) throw InputError("lens_free must have one flag a parameter of each camera");
 }
 
+// params = start + columns * unknowns: one column a free parameter, and one column of several ones
+// for parameters with the same flag above kLensFree, which so move together.
 Eigen::MatrixXd FreeLensColumns(const std::vector<std::uint8_t>& free) {
   std::vector<std::vector<int>> columns;
   std::map<int, std::size_t> column_of_group;
@@ -88,6 +92,7 @@ void HoldLensParameters(const std::vector<std::uint8_t>& free, double* lens,
                         ceres::Problem* problem,
                         std::vector<std::unique_ptr<ceres::Manifold>>* manifolds) {
   Matrix columns = FreeLensColumns(free);
+  // All parameters free by themselves need no manifold.
   if (columns.cols() == 0) {
     problem->SetParameterBlockConstant(lens);
   } else if (columns.cols() < columns.rows()) {

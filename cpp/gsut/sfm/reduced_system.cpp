@@ -14,12 +14,33 @@
 namespace gsut {
 namespace {
 
+// The normal equations of bundle adjustment, with block unknowns b (poses, lenses), points p, the
+// derivatives B and P of all observations r, and damping D:
+//   [ B^T B + D   B^T P     ] [ db ]     [ B^T r ]
+//   [ P^T B       P^T P + D ] [ dp ] = - [ P^T r ]
+// P^T P is block-diagonal, 3 x 3 a point, as an observation sees one point. Eliminating points,
+//   S db = -B^T r + W P^T r,   S = B^T B + D - W P^T B,   W = B^T P (P^T P + D)^-1,
+// leaves the Schur complement S, which has a block for each two blocks with a common point: a band
+// for a walk, dense for a turn around one object. Then dp = (P^T P + D)^-1 (-P^T r - P^T B db).
+//
+// Phases of a step, each sum by one thread in one order, so that bits do not depend on threads:
+//   1. EliminatePoint: per point (P^T P + D)^-1 (inverse_), P^T r (point_gradient_) and, for each
+//      block that sees it, B^T P (cross_) and W (scaled_).
+//   2. FillRow: per block its row of S left of the diagonal and its right side.
+//   3. TiledCholesky: factorisation and db.
+//   4. dp, point by point.
+
+// Points of a chunk of parallel work: some microseconds each.
 constexpr std::int64_t kPointGrain = 64;
+// Observations of a chunk: a few dozen multiplications each.
 constexpr std::int64_t kObservationGrain = 512;
-constexpr int kTileRows = 60;  // at least, of all but the last tile
+// Rows of a tile, at least, of all but the last: ten poses, 29 KB, so that three fit in the cache.
+constexpr int kTileRows = 60;
 // Share of the pairs of blocks with a common point, beyond which no order is better than another.
 constexpr double kDense = 0.5;
-constexpr double kLeastDiagonal = 1e-6;  // of a scaled unknown, that steps are held back by
+// Least diagonal of an unknown, scaled to length one, that damping is taken of: without it an
+// unknown that nothing sees would take any step.
+constexpr double kLeastDiagonal = 1e-6;
 
 using RowMajor = Eigen::Matrix<double, 2, Eigen::Dynamic, Eigen::RowMajor>;
 using Jacobian = Eigen::Map<const RowMajor>;
@@ -36,6 +57,7 @@ struct Tiling {
   std::vector<int> tile, in_tile, rows;  // by block; by tile
 };
 
+// Fills tiles with whole blocks in this order, each until it has kTileRows rows.
 Tiling Tile(const std::vector<int>& order, const std::vector<int>& sizes) {
   Tiling tiling = {std::vector<int>(sizes.size()), std::vector<int>(sizes.size()), {}};
   for (const int block : order) {
@@ -49,6 +71,7 @@ Tiling Tile(const std::vector<int>& order, const std::vector<int>& sizes) {
 
 using Pairs = std::vector<std::vector<int>>;  // by block those with a larger number joined to it
 
+// A tile is present if any block in its rows is joined to one in its columns.
 std::unique_ptr<TiledCholesky> MakeMatrix(const Tiling& tiling, const Pairs& joined) {
   const std::size_t tiles = tiling.rows.size();
   std::vector<std::uint8_t> present(tiles * tiles, 0);
@@ -61,6 +84,7 @@ std::unique_ptr<TiledCholesky> MakeMatrix(const Tiling& tiling, const Pairs& joi
   return std::make_unique<TiledCholesky>(tiling.rows, std::move(present));
 }
 
+// Blocks are joined, and S has a block there, if one point or observation depends on both.
 Pairs FindJoined(std::size_t blocks, const std::vector<std::vector<int>>& together) {
   std::vector<std::uint8_t> flags(blocks * blocks, 0);
   for (const std::vector<int>& group : together) {
@@ -135,6 +159,8 @@ ReducedSystem::ReducedSystem(std::vector<int> block_sizes, int num_ordered, int 
   Order(num_ordered, observations);
 }
 
+// One entry for each point and block that see each other, with room for its 3 columns of B^T P. Few
+// blocks see a point, so a linear search among them beats a map.
 void ReducedSystem::FindEntries(const std::vector<Dependence>& observations) {
   first_entry_.assign(1, 0);
   entries_of_block_.resize(sizes_.size());
@@ -160,6 +186,8 @@ void ReducedSystem::FindEntries(const std::vector<Dependence>& observations) {
   scaled_.assign(at, 0.0);
 }
 
+// Chooses the order of blocks, as given (time, for a walk) or by minimum degree, by which its
+// factor costs less. Dense systems skip the attempt: every order fills them.
 void ReducedSystem::Order(int num_ordered, const std::vector<Dependence>& observations) {
   std::vector<std::vector<int>> together(num_points_);
   for (int point = 0; point < num_points_; ++point) {
@@ -227,6 +255,7 @@ void ReducedSystem::EliminatePoint(int point, double radius) {
       row += 2 * size;
     }
   }
+  // Levenberg-Marquardt with Marquardt's scaling: the diagonal grows by a share of itself.
   for (int k = 0; k < 3; ++k) own(k, k) += Damping(own(k, k), radius);
   inverse_[point] = own.inverse();
   point_gradient_[point] = gradient;
@@ -242,6 +271,8 @@ void ReducedSystem::FillRow(int block, double radius) {
   const auto stride = static_cast<std::ptrdiff_t>(rows_of_tile_[tile_[block]]);
   Eigen::VectorXd side = Eigen::VectorXd::Zero(size);
   std::vector<double> opposite(2 * static_cast<std::size_t>(size));
+  // B^T B and -B^T r of the observations that have this block. SubtractProduct takes a minus, hence
+  // `opposite`. Only blocks of lower rank: S is symmetric, and its lower half is kept.
   for (const Part& part : parts_of_block_[block]) {
     const int i = part.observation;
     const double* row = &by_blocks_[2 * first_column_[i]];
@@ -257,6 +288,8 @@ void ReducedSystem::FillRow(int block, double radius) {
       row += 2 * sizes_[other];
     }
   }
+  // Priors add to the diagonal alone. A held unknown gets a one: its row is zero otherwise, so that
+  // its step is zero.
   auto diagonal = Eigen::Map<Eigen::MatrixXd, 0, Eigen::OuterStride<>>(
                       TileOf(block, block), size, size, Eigen::OuterStride<>(stride))
                       .diagonal();
@@ -264,6 +297,7 @@ void ReducedSystem::FillRow(int block, double radius) {
   side -= prior_weights_[block].cwiseProduct(prior_residuals_[block]);
   for (int k = 0; k < size; ++k)
     diagonal[k] += held_[block][k] ? 1.0 : Damping(diagonal[k], radius);
+  // - W P^T B and + W P^T r of the points that this block sees.
   for (const int index : entries_of_block_[block]) {
     const Entry& entry = entries_[index];
     const double* scaled = &scaled_[entry.at];
@@ -293,6 +327,7 @@ bool ReducedSystem::Solve(double radius) {
               [&](std::int64_t begin, std::int64_t) { FillRow(static_cast<int>(begin), radius); });
   if (!step_.allFinite() || !matrix_->Factorize()) return false;
   matrix_->Solve(&step_);
+  // Back substitution: each point by itself.
   ParallelFor(num_points_, kPointGrain, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t point = begin; point < end; ++point) {
       Eigen::Vector3d side = -point_gradient_[point];
@@ -308,6 +343,10 @@ bool ReducedSystem::Solve(double radius) {
   return step_.allFinite();
 }
 
+// The decrease of half the squares if residuals were linear: with c = J d the change of a residual
+// r,
+//   r^2 / 2 - (r + c)^2 / 2 = -c (r + c / 2).
+// Summed over residuals as they are, undamped: the damping is no part of the cost.
 double ReducedSystem::PredictedDecrease() const {
   const auto count = static_cast<std::int64_t>(residuals_.size());
   double decrease =

@@ -43,6 +43,7 @@ HWY_INLINE void Block(const Matrices& m, int row, int column, int rest) {
     for (int v = 0; v < kOwnVectors; ++v) sums[v][c] = load(out + c * m.out_stride, v);
   }
   const double *a = m.a + row, *b = m.b + column;
+  // An outer product of a column of a and one of b each time: loads are few beside the products.
   for (int k = 0; k < m.inner; ++k, a += m.a_stride, b += m.b_stride) {
     V left[kOwnVectors];
     for (int v = 0; v < kOwnVectors; ++v) left[v] = load(a, v);
@@ -67,6 +68,7 @@ HWY_INLINE void Columns(const Matrices& m, int rows, int column) {
   for (; row + kVectors * lanes <= rows; row += kVectors * lanes) {
     Block<kVectors, kOwnColumns>(m, row, column, 0);
   }
+  // The rest of the rows takes as few vectors as hold it, the last one masked.
   const int left = rows - row;
   if (left > 2 * lanes) {
     Block<3, kOwnColumns>(m, row, column, left - 2 * lanes);

@@ -9,6 +9,15 @@
 namespace gsut {
 namespace {
 
+// Three rays with angles a, b, g between them see a triangle with known sides A, B, C. The
+// distances s1, s2, s3 along the rays follow from three laws of cosines,
+//   s2^2 + s3^2 - 2 s2 s3 cos a = A^2,
+//   s1^2 + s3^2 - 2 s1 s3 cos b = B^2,
+//   s1^2 + s2^2 - 2 s1 s2 cos g = C^2.
+// With s2 = u s1 and s3 = v s1, the quotients of pairs of them lose s1; one then gives u as a
+// rational function of v, and the other becomes a quartic in v with up to four real roots.
+
+// Newton's steps on the three laws: the quartic loses half of the digits near double roots.
 constexpr int kNewtonSteps = 5;
 
 // Real roots of c[0] + c[1] x + ... + c[4] x^4: eigenvalues of the companion matrix. Roots with a
@@ -34,9 +43,10 @@ std::vector<double> QuarticRoots(const std::array<double, 5>& c) {
 
 // Columns: an orthonormal frame of the triangle.
 bool Triad(const std::array<Eigen::Vector3d, 3>& p, Eigen::Matrix3d* frame) {
+  constexpr double kCollinear = 1e-12;  // sine of the angle at a corner; below, rounding decides
   const Eigen::Vector3d x = p[1] - p[0];
   const Eigen::Vector3d z = x.cross(p[2] - p[0]);
-  if (!(x.norm() > 0.0) || !(z.norm() > 1e-12 * x.norm() * (p[2] - p[0]).norm())) return false;
+  if (!(x.norm() > 0.0) || !(z.norm() > kCollinear * x.norm() * (p[2] - p[0]).norm())) return false;
   frame->col(0) = x.normalized();
   frame->col(2) = z.normalized();
   frame->col(1) = frame->col(2).cross(frame->col(0));
@@ -78,6 +88,7 @@ std::vector<Pose> ThreePoint(const std::array<Eigen::Vector3d, 3>& rays,
     if (!std::isfinite(u) || !(s1_squared > 0.0)) continue;
     Eigen::Vector3d s(1.0, u, v);
     s *= std::sqrt(s1_squared);
+    // Newton on the three laws of cosines themselves, whose derivatives are simple.
     Eigen::Vector3d error;
     for (int step = 0; step < kNewtonSteps; ++step) {
       error << s[1] * s[1] + s[2] * s[2] - 2 * s[1] * s[2] * cos_a - a2,
@@ -94,6 +105,8 @@ std::vector<Pose> ThreePoint(const std::array<Eigen::Vector3d, 3>& rays,
     constexpr double kSideTolerance = 1e-6;  // relative; spurious roots are far above
     const bool solved = error.cwiseAbs().maxCoeff() < kSideTolerance * (a2 + b2 + c2);
     if (!solved || !(s.minCoeff() > 0.0)) continue;
+    // The triangle is now known in the camera's frame too: the rotation carries one triad to the
+    // other, and the first corner gives the translation.
     Eigen::Matrix3d camera_triad;
     const std::array<Eigen::Vector3d, 3> seen = {s[0] * rays[0], s[1] * rays[1], s[2] * rays[2]};
     if (!Triad(seen, &camera_triad)) continue;

@@ -13,6 +13,8 @@ TiledCholesky::TiledCholesky(std::vector<int> sizes, std::vector<std::uint8_t> p
     : sizes_(std::move(sizes)), starts_(1, 0), present_(std::move(present)) {
   const int count = num_tiles();
   for (const int size : sizes_) starts_.push_back(starts_.back() + size);
+  // Fill: eliminating column k joins all pairs of tiles below its diagonal. Columns are taken in
+  // order, so each sees the fill that those before it made.
   std::vector<int> rows;
   for (int k = 0; k < count; ++k) {
     present_[k * count + k] = 1;
@@ -47,6 +49,8 @@ double TiledCholesky::Fill() const {
   return kept / std::max(1.0, count * (count + 1) / 2);
 }
 
+// Eliminating a column of tiles with n rows below and s columns: n^2 s / 2 multiplications, as the
+// outer product is symmetric.
 double TiledCholesky::Work() const {
   double work = 0.0;
   for (int k = 0; k < num_tiles(); ++k) {
@@ -59,6 +63,9 @@ double TiledCholesky::Work() const {
 
 void TiledCholesky::SetZero() { std::fill(values_.begin(), values_.end(), 0.0); }
 
+// L_rc = (A_rc - sum over k < c of L_rk L_ck^T) L_cc^-T: this is the sum. Left-looking, so a tile
+// is written once, from tiles that are final, and its sum has one order whatever thread computes
+// it.
 void TiledCholesky::Reduce(int row, int column) {
   const int rows = sizes_[row], columns = sizes_[column];
   for (int k = 0; k < column; ++k) {
@@ -72,6 +79,7 @@ bool TiledCholesky::Factorize() {
   std::vector<int> rows;
   for (int j = 0; j < num_tiles(); ++j) {
     Reduce(j, j);
+    // The diagonal tile first, alone; then all tiles below it, in parallel.
     Map diagonal = At(j, j);
     const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> factor(diagonal);
     if (factor.info() != Eigen::Success) return false;
@@ -89,6 +97,7 @@ bool TiledCholesky::Factorize() {
   return true;
 }
 
+// L y = x downwards, then L^T x = y upwards.
 void TiledCholesky::Solve(Eigen::VectorXd* x) const {
   const auto part = [&](int i) { return x->segment(starts_[i], sizes_[i]); };
   for (int j = 0; j < num_tiles(); ++j) {

@@ -71,16 +71,16 @@ def train_coarse(
                 bar.show("coarse", loop.step, options.steps, f"loss {loss:.4f}")
                 if loop.step % _EVERY == 0 and loop.step < options.steps:
                     write_state(checkpoint, loop.state_dict() | {"pixels": pixels})
-        loop.finished_scene()
+        loop.finish_scene()
         write_state(done, _state_of(loop, pixels))
         checkpoint.unlink(missing_ok=True)
     return _read(done, scene)
 
 
 def _state_of(loop: TrainingLoop, pixels: int) -> dict[str, Any]:
-    light = loop.photographs.light()
+    light = loop.photographs.find_light()
     return {
-        "gaussians": gaussian_arrays(loop.result()),
+        "gaussians": gaussian_arrays(loop.make_result()),
         "views": loop.views.state_dict(),
         "gains": None if light is None else light.gains,
         "falloffs": []
@@ -88,7 +88,7 @@ def _state_of(loop: TrainingLoop, pixels: int) -> dict[str, Any]:
         else [None if each is None else each.as_dict() for each in light.falloffs],
         "seconds": loop.seconds,
         "pixels": pixels,
-        "figures": None if loop.refiner is None else loop.refiner.figures(),
+        "figures": None if loop.refiner is None else loop.refiner.summarize(),
     }
 
 

@@ -13,7 +13,7 @@ from gsut.blocks.layout import Layout
 from gsut.blocks.plan import cache_bytes, check_trainable
 from gsut.blocks.stages import BlocksResult, Stages
 from gsut.blocks.workers import Workers
-from gsut.data import Scene, keep_at_most, scene_digests
+from gsut.data import Scene, digest_scene, keep_at_most
 from gsut.files import UNFINISHED, plain
 from gsut.run import (
     BLOCKS,
@@ -92,7 +92,7 @@ def _open_run(
         InputError: see `RunFolder.create`; or the run to resume was begun with another division,
             version or instruction set.
     """
-    environment = describe_environment(scene.path) | {"digests": scene_digests(scene)}
+    environment = describe_environment(scene.path) | {"digests": digest_scene(scene)}
     counted = blocks.count() or blocks.blocks == "auto"
     given = None if counted else Layout.read(blocks.blocks).as_dict()
     division = {"blocks": blocks.blocks if given is None else given, "rounds": blocks.rounds}

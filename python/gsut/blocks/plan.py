@@ -9,7 +9,7 @@ from gsut._core import InputError
 from gsut.data import Scene
 from gsut.gaussians import count_bytes_per_gaussian
 from gsut.run import BlockOptions, TrainOptions, free_memory, size_text
-from gsut.training import with_most
+from gsut.training import limit_gaussians
 
 # Of all Gaussians and steps; at half the size. With many blocks it has as many Gaussians as fit
 # into the memory of one of them with its context, but for a least share.
@@ -45,7 +45,7 @@ def coarse_options(options: TrainOptions, blocks: int) -> TrainOptions:
     """The options of the coarse model, resolved."""
     most = options.most_gaussians
     share = max(_COARSE_LEAST, min(_COARSE_GAUSSIANS, _COARSE_BLOCKS / blocks))
-    small = with_most(options, min(most, max(_FEWEST_GAUSSIANS, round(share * most))))
+    small = limit_gaussians(options, min(most, max(_FEWEST_GAUSSIANS, round(share * most))))
     steps = max(_FEWEST_STEPS, round(_COARSE_STEPS * options.steps))
     return dataclasses.replace(small, steps=steps, eval_every=0).resolved()
 
@@ -65,7 +65,7 @@ def block_options(
     # The regularisers are means over all Gaussians: over a block's alone each would weigh more.
     part = min(1.0, most / options.most_gaussians)
     return dataclasses.replace(
-        with_most(options, most), steps=max(_FEWEST_STEPS, round(visits * options.steps)),
+        limit_gaussians(options, most), steps=max(_FEWEST_STEPS, round(visits * options.steps)),
         opacity_regularizer=part * options.opacity_regularizer,
         scale_regularizer=part * options.scale_regularizer,
         eval_every=0, refine_poses=False, refine_lens=False, sh_every=1, test_names=None,

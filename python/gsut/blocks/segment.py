@@ -54,10 +54,10 @@ class BlockLoop(TrainingLoop):
         """Of the whole scene."""
         return self._task.extent
 
-    def _view_of(self, step: int) -> int:
+    def _choose_view(self, step: int) -> int:
         return int(self._order[step - 1])
 
-    def _tiles(self, step: Any) -> np.ndarray | None:
+    def _choose_tiles(self, step: Any) -> np.ndarray | None:
         if step.number % _WHOLE_EVERY == 0:
             self.pixels += int(np.count_nonzero(step.level.camera(step.view).rays()[1]))
             return None
@@ -215,4 +215,4 @@ def run_segment(
         return out | {"loop": loop.state_dict()}
     kept.clear()
     moments = loop.optimizer.moments if loop.step < task.options.steps else ()
-    return out | Trained(loop.result(), moments).as_dict()
+    return out | Trained(loop.make_result(), moments).as_dict()

@@ -51,11 +51,11 @@ from gsut.run import (
 )
 from gsut.training import (
     choose_complexity,
+    describe_place,
+    find_plain_background,
+    limit_gaussians,
+    list_scene_comments,
     measure,
-    notes_on_place,
-    plain_background,
-    scene_comments,
-    with_most,
     write_findings,
 )
 
@@ -117,9 +117,9 @@ class Stages:
         self._run, self._blocks, self._progress = run, blocks, progress
         self._engine = engine
         if options.background is None:
-            options = dataclasses.replace(options, background=plain_background(scene))
+            options = dataclasses.replace(options, background=find_plain_background(scene))
         self._complexity = choose_complexity(scene, options.resolved())
-        self._options = with_most(options, self._complexity.max_gaussians)
+        self._options = limit_gaussians(options, self._complexity.max_gaussians)
         self._scene = scene
         self._folder = run.path / BLOCKS
         self._stages: dict[str, dict[str, float]] = run.read_json(_STAGES) or {}
@@ -263,7 +263,7 @@ class Stages:
         """Writes the scene as a round has left it, and a row of the history."""
         flat = self._options.primitive == "surfel"
         self._place = self._store.save(
-            self._folder / SCENE, self._turn, scene_comments(self._run), flat
+            self._folder / SCENE, self._turn, list_scene_comments(self._run), flat
         )
         jobs = (self._job(block, number) for block in range(len(self.layout)))
         step = sum(int(_state_of(job)["step"]) for job in jobs)
@@ -300,7 +300,7 @@ class Stages:
             self._opened(), scene, chosen, resolved, self._run, steps=steps,
             train_seconds=seconds, align=o.refine_poses, light=self.coarse.light,
         )  # fmt: skip
-        self._complexity.tell(metrics)
+        self._complexity.add_to(metrics)
         if self.coarse.figures is not None:
             metrics["refinement"] = self.coarse.figures
         write_map(self._folder, *self._store.sample(self._turn), scene)
@@ -312,7 +312,7 @@ class Stages:
                        "seconds": self.coarse.seconds},
             "pixels": self.coarse.pixels + sum(row["pixels"] for row in rows),
         }  # fmt: skip
-        metrics["notes"] += notes_on_place(self._place)
+        metrics["notes"] += describe_place(self._place)
         os.replace(self._folder / SCENE, self._run.path / SCENE)
         write_findings(
             self._run, metrics, scene.path, scene if o.refine_poses else None,

@@ -12,7 +12,7 @@ import numpy as np
 from gsut._core import Shutter
 from gsut.data import Scene, View
 from gsut.gaussians import Gaussians, merge_gaussians
-from gsut.lens.files import camera_from_values, camera_values
+from gsut.lens.files import camera_from_values, values_from_camera
 from gsut.render import Falloff, Light
 from gsut.run import TrainOptions
 
@@ -101,8 +101,8 @@ class BlockTask:
         scene = self.scene
         return {
             "path": str(scene.path),
-            "cameras": [camera_values(camera) for camera in scene.cameras],
-            "file_cameras": [camera_values(camera) for camera in scene.file_cameras],
+            "cameras": [values_from_camera(camera) for camera in scene.cameras],
+            "file_cameras": [values_from_camera(camera) for camera in scene.file_cameras],
             "views": [_view_values(view) for view in scene.views],
             "world_offset": np.array(scene.world_offset),
             "decodes_small": scene.decodes_small,

@@ -1,7 +1,7 @@
 """What people hold, in: videos and photographs become a folder of pictures worth keeping."""
 
 from gsut.capture.frames import Capture, extract_frames
-from gsut.capture.inputs import capture
+from gsut.capture.inputs import capture, needs_capture
 from gsut.capture.photographs import collect_photographs
 from gsut.capture.video import is_video
 
@@ -11,4 +11,5 @@ __all__ = [
     "collect_photographs",
     "extract_frames",
     "is_video",
+    "needs_capture",
 ]

@@ -13,8 +13,9 @@ from gsut.capture.panorama import of_panoramas, other_lens
 from gsut.capture.photographs import collect_photographs
 from gsut.capture.strip import write_strip
 from gsut.capture.video import is_video
-from gsut.data import CAPTURE
+from gsut.data import CAPTURE, find_lens_file
 from gsut.files import write_json
+from gsut.lens import is_lens_name
 
 
 def capture(
@@ -45,6 +46,24 @@ def capture(
             several sizes.
     """
     return of_panoramas(_taken(inputs, out, count, on_progress), *caps)
+
+
+def needs_capture(images: str, camera: str | None, unknown_lens: bool) -> bool:
+    """Returns whether a capture must choose frames, or read the pictures' lens, before poses.
+
+    Args:
+        images: a video, or a folder of photographs or a dataset.
+        camera: a lens file, a lens name, or None.
+        unknown_lens: a lens file beside the images does not count.
+    """
+    path = Path(images)
+    if is_video(path):
+        return True
+    if not path.is_dir() or (path / "transforms.json").is_file():
+        return False
+    if camera is not None:
+        return is_lens_name(camera)
+    return unknown_lens or find_lens_file(path) is None
 
 
 def _taken(

@@ -19,7 +19,7 @@ from gsut.capture.video import stream_start
 from gsut.data import CAPTURE, read_capture
 from gsut.files import write_json, write_picture
 from gsut.lens import Camera
-from gsut.lens.files import camera_values
+from gsut.lens.files import values_from_camera
 
 LENSES = ["front", "back"]
 MASK = "mask.png"
@@ -80,7 +80,7 @@ def of_panoramas(taken: Capture, nadir: float = 0.0, zenith: float = 0.0) -> Cap
     note = "the pictures are 360-degree panoramas (equirectangular): their lens is known"
     _write_mask(taken.path / MASK, lens, None, nadir, zenith)
     rows = [{**row, "mask": MASK} for row in taken.figures["frames"]]
-    figures = {**taken.figures, "frames": rows, "lens": camera_values(lens)}
+    figures = {**taken.figures, "frames": rows, "lens": values_from_camera(lens)}
     figures["notes"] = [*(n for n in taken.notes if n != note), note]
     write_json(taken.path / CAPTURE, figures)
     return Capture(taken.path, figures)
@@ -181,7 +181,7 @@ def _split(taken: Capture, circles: Sequence[_Circle], nadir: float, zenith: flo
     _write_mask(folder / MASK, lens, _RIM * radius, nadir, zenith)
     figures = {
         **taken.figures, "key": key, "size": [side, side], "frames": rows, "camera": "",
-        "focal_px": None, "fisheye": camera_values(lens), "lenses": LENSES,
+        "focal_px": None, "fisheye": values_from_camera(lens), "lenses": LENSES,
         "notes": [
             *taken.notes,
             f"each picture holds the circles of two lenses, which become {len(rows)} pictures",

@@ -22,7 +22,7 @@ from gsut._core import InputError, __version__
 from gsut.capture.exif import RAW_SUFFIXES, PhotographFacts, read_facts
 from gsut.capture.frames import IMAGES, Capture, OnProgress, finished_capture
 from gsut.capture.strip import write_strip
-from gsut.data import CAPTURE, capture_state, some_names
+from gsut.data import CAPTURE, capture_state, list_some
 from gsut.data.images import IMAGE_SUFFIXES, find_mask
 from gsut.files import regular, write_json, write_picture
 
@@ -217,7 +217,7 @@ def _plans(facts: dict[str, PhotographFacts]) -> tuple[list[_Plan], list[str]]:
     return plans, [
         f"{len(others)} of {len(facts)} photographs are of another camera, zoom or shape than the "
         f"{len(plans)} of {facts[most[0]].camera or 'one camera'} at {size[0]} x {size[1]} and are "
-        f"left out ({'; '.join(sorted(kinds))}): {some_names(others)}. To use them too, find "
+        f"left out ({'; '.join(sorted(kinds))}): {list_some(others)}. To use them too, find "
         "their poses in a folder of their own, or give lens files in a dataset"
     ]
 

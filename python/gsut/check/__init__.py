@@ -3,7 +3,7 @@
 from gsut.check.dataset import check_scene, diagnose, doctor, look_closer
 from gsut.check.evidence import Evidence, gather_evidence
 from gsut.check.findings import Finding, format_findings, stop_at_errors
-from gsut.check.matches import neighbouring_matches
+from gsut.check.matches import match_neighbours
 from gsut.check.memory import check_memory, refuse_too_large
 from gsut.check.photographs import check_photographs
 
@@ -18,7 +18,7 @@ __all__ = [
     "format_findings",
     "gather_evidence",
     "look_closer",
-    "neighbouring_matches",
+    "match_neighbours",
     "refuse_too_large",
     "stop_at_errors",
 ]

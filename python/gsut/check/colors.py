@@ -14,7 +14,7 @@ import numpy as np
 from gsut._core import InputError
 from gsut.check.findings import Finding
 from gsut.check.readings import list_usual_readings
-from gsut.data import Scene, some_names
+from gsut.data import Scene, list_some
 from gsut.data.poses import inverse
 from gsut.run import Progress
 
@@ -48,7 +48,7 @@ def check_colors(
         if r is not None:
             per_view[index] = r
     where = str(scene.path)
-    agreed = _median(per_view.values())
+    agreed = _take_median(per_view.values())
     if agreed is None or agreed < EXPECTED_R:
         found = (
             "too few points fall into the images to compare colours"
@@ -62,7 +62,7 @@ def check_colors(
     yield Finding("info", where, f"colours of the points agree with the pixels at r = {agreed:.2f}")
     bad = [f"{scene.views[i].name} ({r:.2f})" for i, r in per_view.items() if r < _LEAST_VIEW_R]
     if bad:
-        what = f"{len(bad)} views disagree with the points' colours: {some_names(bad)}"
+        what = f"{len(bad)} views disagree with the points' colours: {list_some(bad)}"
         yield Finding("warning", where, what, "their poses may be wrong")
     yield from _check_lens(scene, chosen, agreed)
 
@@ -76,7 +76,7 @@ def _check_lens(scene: Scene, views: list[int], agreed: float) -> Iterator[Findi
     better = {}
     seen = [each for each in (_see_points(scene, index) for index in views) if each is not None]
     for name, (scale, shift) in trials.items():
-        value = _median(each.correlate(scale, shift) for each in seen)
+        value = _take_median(each.correlate(scale, shift) for each in seen)
         if value is not None and value > agreed + _LENS_GAIN:
             better[value] = name
     if better:
@@ -90,7 +90,7 @@ def _check_lens(scene: Scene, views: list[int], agreed: float) -> Iterator[Findi
         )
 
 
-def _median(values: Iterable[float | None]) -> float | None:
+def _take_median(values: Iterable[float | None]) -> float | None:
     known = [value for value in values if value is not None]
     return float(np.median(known)) if known else None
 
@@ -102,7 +102,7 @@ def _name_better_reading(scene: Scene, views: Sequence[int], agreed: float | Non
     best, best_r = "", max((agreed or 0) + _READING_GAIN, EXPECTED_R)
     for reading in list_usual_readings(scene, table):
         poses = {index: inverse(reading.poses[index, 0]) for index in views}
-        value = _median(correlate_colors(scene, index, poses[index]) for index in views)
+        value = _take_median(correlate_colors(scene, index, poses[index]) for index in views)
         if value is not None and value > best_r:
             best, best_r = reading.name, value
     if best:

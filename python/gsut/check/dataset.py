@@ -11,7 +11,7 @@ from gsut.check.evidence import gather_evidence
 from gsut.check.findings import Finding, finding_from_error, has_errors, sort_findings
 from gsut.check.geometry import check_lenses, check_points, check_poses
 from gsut.check.images import check_bits, check_images
-from gsut.check.matches import ImagePair, neighbouring_matches
+from gsut.check.matches import ImagePair, match_neighbours
 from gsut.check.memory import check_memory
 from gsut.check.photographs import check_half_pixel, check_photographs
 from gsut.check.points import check_points_frame
@@ -25,7 +25,7 @@ def check_scene(scene: Scene, matches: list[ImagePair] | None = None) -> list[Fi
 
     Args:
         scene: from `load_dataset`; some of its images are decoded.
-        matches: from `neighbouring_matches`, if already computed.
+        matches: from `match_neighbours`, if already computed.
 
     Returns:
         Findings, errors first.
@@ -43,7 +43,7 @@ def check_against_photographs(
     Args:
         scene: from `load_dataset`.
         color_views: number of views whose colours are compared; None skips this comparison.
-        matches: from `neighbouring_matches`, if already computed.
+        matches: from `match_neighbours`, if already computed.
     """
     evidence = gather_evidence(scene.about((0.0, 0.0, 0.0)), matches)
     findings = check_photographs(scene, evidence)
@@ -114,7 +114,7 @@ def doctor(
 
     Args:
         data: a folder with transforms.json, a COLMAP model or images with lens and poses; a
-            transforms.json file itself; or a scene, such as `make_scene` makes of arrays.
+            transforms.json file itself; or a scene, such as `scene_from_arrays` makes of arrays.
         test_every: of a folder: hold out every n-th image by name, 0 for none.
         progress: show bars while images are decoded.
 
@@ -140,8 +140,8 @@ def look_closer(scene: Scene, matches: list[ImagePair] | None = None) -> list[Fi
 
     Args:
         scene: in the dataset's coordinates, in which the quick checks found nothing wrong.
-        matches: from `neighbouring_matches(scene, closely=True)`, if already computed.
+        matches: from `match_neighbours(scene, closely=True)`, if already computed.
     """
-    matches = neighbouring_matches(scene, closely=True) if matches is None else matches
+    matches = match_neighbours(scene, closely=True) if matches is None else matches
     evidence = gather_evidence(scene.about((0.0, 0.0, 0.0)), matches)
     return [] if evidence is None else check_half_pixel(evidence, str(scene.path))

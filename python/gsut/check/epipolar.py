@@ -1,4 +1,4 @@
-"""How well matches fit given poses and lenses: angles to epipolar planes, in pixels."""
+"""Rates how well matches fit poses and lenses: angles to epipolar planes, in pixels."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ class Matches:
         return len(self.pair)
 
 
-def gather(scene: Scene, pairs: Sequence[ImagePair]) -> Matches:
-    """The matches of pairs of a scene's views as arrays."""
+def gather_matches(scene: Scene, pairs: Sequence[ImagePair]) -> Matches:
+    """Gathers the matches of pairs of a scene's views into arrays."""
     number = np.repeat(np.arange(len(pairs)), [p.pixels.shape[1] for p in pairs])
     views = np.array([(p.first, p.second) for p in pairs], np.int64).reshape(-1, 2)
     lens = np.array([view.camera_index for view in scene.views])[views]  # (P, 2)
@@ -51,8 +51,8 @@ def gather(scene: Scene, pairs: Sequence[ImagePair]) -> Matches:
     )  # fmt: skip
 
 
-def rays_of(cameras: Sequence[Camera], matches: Matches) -> np.ndarray:
-    """(2, M, 3) unit rays in camera axes; NaN where a pixel has none."""
+def find_rays(cameras: Sequence[Camera], matches: Matches) -> np.ndarray:
+    """Returns unit rays (2, M, 3) in camera axes, NaN where a pixel has none."""
     rays = np.full((2, len(matches), 3), np.nan)
     for side in (0, 1):
         for number in np.unique(matches.lens[side]):
@@ -74,14 +74,21 @@ class PoseTable:
     poses: np.ndarray
     rows: np.ndarray
 
-    def of_matches(self, poses: np.ndarray | None = None) -> np.ndarray:
-        """(2, M, 4, 4), of these poses (V, B, 4, 4) or the table's own."""
+    def select_poses(self, poses: np.ndarray | None = None) -> np.ndarray:
+        """Returns the pose of each match's two images.
+
+        Args:
+            poses: (V, B, 4, 4) to select from; None: the table's own.
+
+        Returns:
+            (2, M, 4, 4) world_from_camera.
+        """
         poses = self.poses if poses is None else poses
         return poses[self.rows[..., 0], self.rows[..., 1]]
 
 
-def pose_table(scene: Scene, matches: Matches) -> PoseTable:
-    """The poses as the dataset gives them."""
+def make_pose_table(scene: Scene, matches: Matches) -> PoseTable:
+    """Makes the table of the dataset's poses, and of each match's place in it."""
     of_views = [readout_poses(view) for view in scene.views]
     moments = max(len(poses) for poses in of_views)
     table = np.array([np.resize(poses, (moments, 4, 4)) for poses in of_views])
@@ -98,11 +105,13 @@ def pose_table(scene: Scene, matches: Matches) -> PoseTable:
     return PoseTable(table, rows)
 
 
-def pair_costs(errors: np.ndarray, matches: Matches, focal: float) -> np.ndarray:
-    """(P,) mean capped error of each pair: 0: all its matches fit; 1: none does.
+def rate_pairs(errors: np.ndarray, matches: Matches, focal: float) -> np.ndarray:
+    """Returns the mean capped error (P,) of each pair: 0 if all its matches fit, 1 if none does.
 
     Args:
-        errors: (M,) radians, NaN where there is no ray. focal: pixels a radian.
+        errors: (M,) radians, NaN where there is no ray.
+        matches: of all pairs.
+        focal: pixels a radian.
     """
     tolerance = TOLERANCE * matches.diagonal / 1000 / focal
     capped = np.minimum(np.where(np.isfinite(errors), errors, np.inf) / tolerance, 1.0)
@@ -110,6 +119,6 @@ def pair_costs(errors: np.ndarray, matches: Matches, focal: float) -> np.ndarray
     return sums / np.bincount(matches.pair, minlength=len(matches.pairs))
 
 
-def cost(errors: np.ndarray, matches: Matches, focal: float) -> float:
-    """The mean of `pair_costs`: 0: all matches fit; 1: none does."""
-    return float(np.mean(pair_costs(errors, matches, focal)))
+def rate_matches(errors: np.ndarray, matches: Matches, focal: float) -> float:
+    """Returns the mean of `rate_pairs`."""
+    return float(np.mean(rate_pairs(errors, matches, focal)))

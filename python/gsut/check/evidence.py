@@ -1,4 +1,4 @@
-"""What the photographs have to say: matches of neighbours, beside the given poses and lenses."""
+"""Gathers what the photographs show: matches of neighbours, beside the given poses and lenses."""
 
 from __future__ import annotations
 
@@ -12,23 +12,32 @@ from gsut.check.epipolar import (
     TOLERANCE,
     Matches,
     PoseTable,
-    cost,
-    gather,
-    pose_table,
-    rays_of,
+    find_rays,
+    gather_matches,
+    make_pose_table,
+    rate_matches,
 )
-from gsut.check.matches import ImagePair, neighbouring_matches
+from gsut.check.matches import ImagePair, match_neighbours
 from gsut.data import Scene
 from gsut.lens import Camera
 from gsut.sfm import angular_errors, pixels_per_radian
 
-_FEWEST_PAIRS, _FEWEST_MATCHES = 2, 60
-_SAMPLE = 800  # matches by which readings and lenses are tried at first
+_FEWEST_PAIRS = 2  # pairs of photographs: one alone may be an exception
+_FEWEST_MATCHES = 60  # of all pairs: fewer say nothing about poses and lens
+_SAMPLE = 800  # matches by which readings and lenses are first tried: enough to see gross errors
 
 
 @dataclasses.dataclass(frozen=True)
 class Evidence:
-    """What the photographs have to say: matches, and the given poses and lenses."""
+    """Matches of neighbouring photographs, and the given poses and lenses.
+
+    Args:
+        scene: in the dataset's coordinates.
+        pairs: the photographs that were matched.
+        matches: of all pairs.
+        table: the given poses.
+        rays: (2, M, 3) of the matches through the given lenses.
+    """
 
     scene: Scene
     pairs: list[ImagePair]
@@ -38,11 +47,12 @@ class Evidence:
 
     @functools.cached_property
     def focal(self) -> float:
+        """Pixels a radian of the first lens."""
         return pixels_per_radian(self.scene.cameras[0])
 
     @functools.cached_property
     def sample(self) -> Evidence:
-        """Some of the matches of each pair: enough to tell what is far off."""
+        """A sample of each pair's matches, by which gross errors are found faster."""
         step = -(-len(self.matches) // _SAMPLE)
         if step < 2:
             return self
@@ -56,39 +66,46 @@ class Evidence:
 
     @functools.cached_property
     def free_turns(self) -> list[tuple[int, np.ndarray, float]]:
-        """See `free_turns`."""
-        return free_turns(self)
+        """The relative poses of `estimate_turns`."""
+        return estimate_turns(self)
 
-    def cost_of_poses(self, poses: np.ndarray) -> float:
-        errors = angular_errors(self.rays, self.table.of_matches(poses))
-        return cost(errors, self.matches, self.focal)
+    def rate_poses(self, poses: np.ndarray) -> float:
+        """Returns the cost of the matches with these poses (V, B, 4, 4), from 0 to 1."""
+        errors = angular_errors(self.rays, self.table.select_poses(poses))
+        return rate_matches(errors, self.matches, self.focal)
 
-    def cost_of_lenses(self, cameras: list[Camera]) -> float:
-        errors = angular_errors(rays_of(cameras, self.matches), self.table.of_matches())
-        return cost(errors, self.matches, pixels_per_radian(cameras[0]))
+    def rate_lenses(self, cameras: list[Camera]) -> float:
+        """Returns the cost of the matches through these lenses, from 0 to 1."""
+        errors = angular_errors(find_rays(cameras, self.matches), self.table.select_poses())
+        return rate_matches(errors, self.matches, pixels_per_radian(cameras[0]))
 
-    def words(self) -> str:
+    def describe(self) -> str:
+        """Counts matches and pairs, in words."""
         return f"{len(self.matches):,} matches in {len(self.pairs)} pairs of neighbouring images"
 
 
 def gather_evidence(scene: Scene, pairs: list[ImagePair] | None = None) -> Evidence | None:
-    """Matches of some neighbouring photographs; None where they share too few features.
+    """Matches some neighbouring photographs; returns None if they share too few features.
 
     Args:
         scene: in the dataset's coordinates; some of its images are decoded.
-        pairs: from `neighbouring_matches`, where they are known already.
+        pairs: from `match_neighbours`, if already computed.
     """
-    pairs = neighbouring_matches(scene) if pairs is None else pairs
+    pairs = match_neighbours(scene) if pairs is None else pairs
     if len(pairs) < _FEWEST_PAIRS or sum(p.pixels.shape[1] for p in pairs) < _FEWEST_MATCHES:
         return None
-    matches = gather(scene, pairs)
-    rays = rays_of(scene.cameras, matches)
-    return Evidence(scene, pairs, matches, pose_table(scene, matches), rays)
+    matches = gather_matches(scene, pairs)
+    rays = find_rays(scene.cameras, matches)
+    return Evidence(scene, pairs, matches, make_pose_table(scene, matches), rays)
 
 
-def free_turns(evidence: Evidence) -> list[tuple[int, np.ndarray, float]]:
-    """Of each pair that one relative pose explains: its number, the rotation second_from_first
-    and the share of the matches; through the given lenses, without the given poses."""
+def estimate_turns(evidence: Evidence) -> list[tuple[int, np.ndarray, float]]:
+    """Estimates the relative pose of each pair through the given lenses, without the given poses.
+
+    Returns:
+        Of each pair that has one: its number, the rotation second_from_first, and the share of its
+        matches that the relative pose explains.
+    """
     scene, result = evidence.scene, []
     for number, pair in enumerate(evidence.pairs):
         cameras = [

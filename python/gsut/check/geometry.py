@@ -1,4 +1,4 @@
-"""The doctor's checks of lenses, poses and points, without training."""
+"""Checks lenses, poses and points by their geometry alone, without the photographs."""
 
 from __future__ import annotations
 
@@ -7,30 +7,30 @@ from collections.abc import Iterator
 import numpy as np
 
 from gsut.check.findings import Finding
-from gsut.data import Scene, some_names
+from gsut.data import Scene, list_some
 from gsut.data.points import UNCOLORED, has_colors
 
-LENS_SIDE = 800  # pixels: lenses are looked at on images of at most this longer side
-NO_RAY_MUCH = 0.4  # share of pixels; a 180-degree circle in a square image leaves 0.21
-SAME_PLACE = 1e-6  # of the extent: two cameras at one place
-COLLINEAR = 1e-3  # second over first singular value of the centres
-FEW_POINTS = 100
-FEW_POINTS_IN_VIEW = 20
-SEEN_SHARE = 0.05  # of the points, in the median view
-UNSEEN_SHARE = 0.5  # of the points, in no view
-POINTS_TESTED = 5000
-FAR_FROM_ORIGIN = 1e3  # distance over extent at which float32 coordinates lose about 0.1 mm in 1 m
-EXTENT_RANGE = (1e-2, 1e3)  # usual extents; others work but are worth a look
-POINT_SPREAD_RANGE = (0.05, 100.0)  # median distance of the points over the extent
+_LENS_SIDE = 800  # pixels: lenses are checked on images of at most this longer side
+_NO_RAY_MUCH = 0.4  # share of pixels; a 180-degree circle in a square image leaves 0.21
+_SAME_PLACE = 1e-6  # of the extent: cameras this near are at one place
+_COLLINEAR = 1e-3  # second over first singular value of the centres, for cameras on one line
+_FEW_POINTS = 100  # from which a scene can start well
+_FEW_POINTS_IN_VIEW = 20  # with fewer a view's pose is suspect
+_SEEN_SHARE = 0.05  # of the points in the median view, below which poses are suspect
+_UNSEEN_SHARE = 0.5  # of the points in no view, above which they may be another scene's
+_POINTS_TESTED = 5000  # evenly chosen: enough for shares of a percent
+_FAR_FROM_ORIGIN = 1e3  # distance over extent at which float32 coordinates lose about 0.1 mm in 1 m
+_EXTENT_RANGE = (1e-2, 1e3)  # usual extents; others work but deserve a note
+_POINT_SPREAD_RANGE = (0.05, 100.0)  # median distance of the points over the extent
 
 
 def check_lenses(scene: Scene) -> Iterator[Finding]:
-    """Share of pixels without a ray, principal point, focal lengths."""
+    """Checks the share of pixels without a ray, principal point and focal lengths."""
     for number, camera in enumerate(scene.cameras):
         where = f"camera {number} ({camera.model}, {camera.width} x {camera.height})"
         longer = max(camera.width, camera.height)
-        sizes = [max(1, side * LENS_SIDE // longer) for side in (camera.width, camera.height)]
-        rays, valid = (camera if longer <= LENS_SIDE else camera.resized(*sizes)).rays()
+        sizes = [max(1, side * _LENS_SIDE // longer) for side in (camera.width, camera.height)]
+        rays, valid = (camera if longer <= _LENS_SIDE else camera.resized(*sizes)).rays()
         blind = 1 - float(np.mean(valid))
         angles = np.arctan2(np.hypot(rays[..., 0], rays[..., 1]), rays[..., 2])
         angles = np.degrees(angles[np.asarray(valid, bool)])
@@ -41,7 +41,7 @@ def check_lenses(scene: Scene) -> Iterator[Finding]:
             )
             continue
         widest = f"the widest pixel sees {angles.max():.1f} degrees off the axis"
-        if blind > NO_RAY_MUCH:
+        if blind > _NO_RAY_MUCH:
             yield Finding(
                 "warning",
                 where,
@@ -80,11 +80,11 @@ def check_lenses(scene: Scene) -> Iterator[Finding]:
 
 
 def check_poses(scene: Scene) -> Iterator[Finding]:
-    """Repeated or collinear cameras, distance from the origin, up direction, shutter."""
+    """Checks for repeated or collinear cameras, a far origin, up direction and shutter."""
     where, views = str(scene.path), scene.views
     centers = np.array([view.camera_center for view in views])
     spread = np.linalg.svd(centers - centers.mean(axis=0), compute_uv=False)
-    tiny = SAME_PLACE * scene.extent
+    tiny = _SAME_PLACE * scene.extent
     if len(views) > 1 and spread[0] <= tiny * np.sqrt(len(views)):
         yield Finding(
             "warning",
@@ -93,8 +93,8 @@ def check_poses(scene: Scene) -> Iterator[Finding]:
             "depth cannot be found from a turning camera: move it, or check the translations",
         )
     else:
-        yield from _repeated_poses(scene, centers, tiny)
-        if len(views) > 2 and spread[1] < COLLINEAR * spread[0]:
+        yield from _find_repeated_poses(scene, centers, tiny)
+        if len(views) > 2 and spread[1] < _COLLINEAR * spread[0]:
             yield Finding(
                 "info",
                 where,
@@ -102,7 +102,7 @@ def check_poses(scene: Scene) -> Iterator[Finding]:
                 "expect weak geometry beside the path",
             )
     distance = float(np.linalg.norm(scene.world_offset))
-    if distance > FAR_FROM_ORIGIN * scene.extent:
+    if distance > _FAR_FROM_ORIGIN * scene.extent:
         yield Finding(
             "info",
             where,
@@ -110,7 +110,7 @@ def check_poses(scene: Scene) -> Iterator[Finding]:
             " if a PLY gave the points as float32, they are rounded to"
             f" {np.spacing(np.float32(distance)):.2g} units",
         )
-    if not EXTENT_RANGE[0] < scene.extent < EXTENT_RANGE[1]:
+    if not _EXTENT_RANGE[0] < scene.extent < _EXTENT_RANGE[1]:
         yield Finding(
             "info", where, f"the cameras' extent is {scene.extent:.3g} units: an unusual scale"
         )
@@ -125,7 +125,7 @@ def check_poses(scene: Scene) -> Iterator[Finding]:
         )
     rolling = [view for view in views if view.camera_from_world_start is not None]
     if rolling:
-        moved = np.median([_shutter_motion(view) for view in rolling], axis=0)
+        moved = np.median([_measure_readout_motion(view) for view in rolling], axis=0)
         yield Finding(
             "warning",
             where,
@@ -135,7 +135,7 @@ def check_poses(scene: Scene) -> Iterator[Finding]:
         )
 
 
-def _shutter_motion(view) -> tuple[float, float]:
+def _measure_readout_motion(view) -> tuple[float, float]:
     start, end = view.camera_from_world_start, view.camera_from_world_end
     turn = start[:3, :3] @ end[:3, :3].T
     angle = np.degrees(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1)))
@@ -143,25 +143,25 @@ def _shutter_motion(view) -> tuple[float, float]:
     return float(np.linalg.norm(move)), float(angle)
 
 
-def _repeated_poses(scene: Scene, centers: np.ndarray, tiny: float) -> Iterator[Finding]:
+def _find_repeated_poses(scene: Scene, centers: np.ndarray, tiny: float) -> Iterator[Finding]:
     views, pairs = scene.views, []
     for row in range(len(views) - 1):
         near = np.linalg.norm(centers[row + 1 :] - centers[row], axis=1) < tiny
         for other in np.flatnonzero(near) + row + 1:
             turn = views[row].camera_from_world - views[other].camera_from_world
-            if np.abs(turn[:3, :3]).max() < SAME_PLACE:
+            if np.abs(turn[:3, :3]).max() < _SAME_PLACE:
                 pairs.append(f"{views[row].name} = {views[other].name}")
     if pairs:
         yield Finding(
             "warning",
             str(scene.path),
-            f"{len(pairs)} pairs of views have the same pose: {some_names(pairs)}",
+            f"{len(pairs)} pairs of views have the same pose: {list_some(pairs)}",
             "check how poses are matched to images; for a rig, give each camera its own pose",
         )
 
 
 def check_points(scene: Scene) -> Iterator[Finding]:
-    """Number and spread of the points, and how many of them the cameras see."""
+    """Checks number and spread of the points, and how many of them the cameras see."""
     where, count = str(scene.path), len(scene.points)
     if count == 0:
         yield Finding(
@@ -172,11 +172,11 @@ def check_points(scene: Scene) -> Iterator[Finding]:
             " them with these poses",
         )
         return
-    if count < FEW_POINTS:
+    if count < _FEW_POINTS:
         yield Finding("warning", where, f"only {count} points", "`gsut points` triangulates more")
     if not has_colors(scene):
         yield Finding("info", where, UNCOLORED)
-    seen = points_in_views(scene)
+    seen = _find_seen_points(scene)
     per_view, unseen = seen.mean(axis=1), float(np.mean(~seen.any(axis=0)))
     yield Finding(
         "info",
@@ -184,7 +184,7 @@ def check_points(scene: Scene) -> Iterator[Finding]:
         f"{count} points; a view sees {np.median(per_view):.0%} of them in the median,"
         f" {per_view.min():.0%} at least; {unseen:.1%} are in no view",
     )
-    if np.median(per_view) < SEEN_SHARE:
+    if np.median(per_view) < _SEEN_SHARE:
         yield Finding(
             "warning" if seen.any() else "error",  # no view sees any: not one scene's
             where,
@@ -192,24 +192,24 @@ def check_points(scene: Scene) -> Iterator[Finding]:
             "the poses may be world-to-camera or use other axes: compare with the format's"
             " description",
         )
-    elif unseen > UNSEEN_SHARE:
+    elif unseen > _UNSEEN_SHARE:
         yield Finding(
             "warning",
             where,
             f"{unseen:.0%} of the points are in no view",
             "points and poses may be of different models or scales",
         )
-    few = [scene.views[i].name for i in np.flatnonzero(per_view * count < FEW_POINTS_IN_VIEW)]
-    if few and np.median(per_view) >= SEEN_SHARE:
+    few = [scene.views[i].name for i in np.flatnonzero(per_view * count < _FEW_POINTS_IN_VIEW)]
+    if few and np.median(per_view) >= _SEEN_SHARE:
         yield Finding(
             "warning",
             where,
-            f"{len(few)} views see fewer than {FEW_POINTS_IN_VIEW} points: {some_names(few)}",
+            f"{len(few)} views see fewer than {_FEW_POINTS_IN_VIEW} points: {list_some(few)}",
             "their poses may be wrong, or they look away from the scene",
         )
     center = np.mean([view.camera_center for view in scene.views], axis=0)
     spread = float(np.median(np.linalg.norm(scene.points - center, axis=1))) / scene.extent
-    if not POINT_SPREAD_RANGE[0] < spread < POINT_SPREAD_RANGE[1]:
+    if not _POINT_SPREAD_RANGE[0] < spread < _POINT_SPREAD_RANGE[1]:
         yield Finding(
             "warning",
             where,
@@ -218,9 +218,9 @@ def check_points(scene: Scene) -> Iterator[Finding]:
         )
 
 
-def points_in_views(scene: Scene) -> np.ndarray:
-    """(V, P) bool: which of at most POINTS_TESTED evenly chosen points each view's image holds."""
-    step = -(-len(scene.points) // POINTS_TESTED)
+def _find_seen_points(scene: Scene) -> np.ndarray:
+    """Returns (V, P) bool: which of some evenly chosen points lie in each view's image."""
+    step = -(-len(scene.points) // _POINTS_TESTED)
     points = scene.points[::step]
     seen = np.zeros((len(scene), len(points)), bool)
     for index, view in enumerate(scene.views):

@@ -9,8 +9,8 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.check.findings import Finding, finding_from_error
-from gsut.data import Scene, some_names
-from gsut.data.images import largest_of_16_bits, shrink_mask
+from gsut.data import Scene, list_some
+from gsut.data.images import find_largest_value, shrink_mask
 from gsut.run import Progress
 
 _THUMB = 32  # pixels a side of a thumbnail: enough to distinguish two frames of a film
@@ -46,7 +46,7 @@ def check_bits(scene: Scene) -> Iterator[Finding]:
     largest = 0
     for index in chosen:
         try:
-            found = largest_of_16_bits(scene.views[index].image_path)
+            found = find_largest_value(scene.views[index].image_path)
         except InputError:  # reported by the other checks
             continue
         if found is None:
@@ -152,7 +152,7 @@ def _find_outliers(stats: list[ImageStats], names: list[str], where: str) -> Ite
     )
     for rows, what, advice in cases:
         if rows.any():
-            listed = some_names([names[i] for i in np.flatnonzero(rows)])
+            listed = list_some([names[i] for i in np.flatnonzero(rows)])
             text = f"{rows.sum()} of {len(stats)} images: {what}: {listed}"
             yield Finding("warning", where, text, advice)
     relative = sharpness / max(float(np.median(sharpness)), 1e-9)
@@ -181,7 +181,7 @@ def _find_repeats(scene: Scene, stats: list[ImageStats]) -> Iterator[Finding]:
         return
     split = set(scene.test_indices)
     leaks = [p for p in pairs if (p[0] in split) != (p[1] in split)]
-    shown = some_names([f"{scene.views[a].name} = {scene.views[b].name}" for a, b in pairs])
+    shown = list_some([f"{scene.views[a].name} = {scene.views[b].name}" for a, b in pairs])
     advice = "leave one of each out"
     if leaks:
         advice += f"; {len(leaks)} pairs have one in training and one in test, which flatters PSNR"

@@ -1,4 +1,4 @@
-"""Other lenses than the dataset's: scaled, shifted, of another model, with or without k."""
+"""Tries other lenses than the dataset's: scaled, shifted, of another model, with other k."""
 
 from __future__ import annotations
 
@@ -9,20 +9,21 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from gsut._core import InputError
-from gsut.check.epipolar import Matches, rays_of
+from gsut.check.epipolar import Matches, find_rays
 from gsut.lens import Camera
 from gsut.sfm import angular_errors, pixels_per_radian
 
+# Factors on the image's size that programs resize by, and that a lens may not have followed.
 _SIZES = (0.25, 1 / 3, 0.5, 2 / 3, 0.75, 4 / 3, 1.5, 2.0, 3.0, 4.0)
-# Hundredths of the logarithm of a factor on the focal length, to half and double, as they are
-# tried, and around the best of these.
-_FOCALS, _NEAR = range(-68, 69, 4), (-3, -2, -1, 1, 2, 3)
-_FISHEYE_K1 = (0.0, 0.02, 0.05, -0.02, -0.05)
-_BARREL_K1 = (-0.4, -0.3, -0.2, -0.1, -0.05, 0.05, 0.1)
-_ITERATIONS = 8
-_SETTLED = 0.05  # of the differences' steps
-_NORMAL = 1.4826  # standard deviation of a normal law over the median of its sizes
-_FEWEST = 40  # matches that four numbers are fitted to
+# Hundredths of the logarithm of a factor on the focal length: from half to double.
+_FOCALS = range(-68, 69, 4)
+_NEAR = (-3, -2, -1, 1, 2, 3)  # likewise, around the best of _FOCALS
+_FISHEYE_K1 = (0.0, 0.02, 0.05, -0.02, -0.05)  # of fisheyes in use, about an equidistant one
+_BARREL_K1 = (-0.4, -0.3, -0.2, -0.1, -0.05, 0.05, 0.1)  # of lenses in use, mostly barrels
+_ITERATIONS = 8  # of the reweighted fit, which settles within half of them
+_SETTLED = 0.05  # of the differences' steps: a fit that moves less has settled
+_NORMAL = 1.4826  # standard deviation of a normal law over the median of its absolute values
+_FEWEST = 40  # matches to which the four numbers are fitted
 
 
 Change = Callable[[Camera], "Camera | None"]
@@ -30,7 +31,7 @@ Change = Callable[[Camera], "Camera | None"]
 
 @dataclasses.dataclass(frozen=True)
 class OtherLens:
-    """Lenses that the dataset's may have been meant to be.
+    """Lenses that may have been meant instead of the dataset's.
 
     Args:
         name: completes "the photographs fit ...".
@@ -45,7 +46,7 @@ class OtherLens:
 
 @dataclasses.dataclass(frozen=True)
 class LensFit:
-    """What the matches say about the lens where the poses are taken to be right.
+    """A correction of the lens, fitted to the matches with the poses held.
 
     Args:
         values: (4,) logarithm of the factor on the focal lengths; pixels to add to cx and cy;
@@ -60,51 +61,59 @@ class LensFit:
 
     @property
     def sigmas(self) -> np.ndarray:
-        """(4,) standard deviations."""
+        """Standard deviations (4,) of the values."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
     def shift_distance(self, shift: np.ndarray) -> float:
-        """How far cx and cy to add are from a shift (2,), in standard deviations (Mahalanobis)."""
+        """Returns the Mahalanobis distance of the correction of cx and cy from a shift (2,)."""
         off = self.values[1:3] - shift
         return float(np.sqrt(off @ np.linalg.pinv(self.covariance[1:3, 1:3]) @ off))
 
     def apply(self, cameras: Sequence[Camera], matches: Matches) -> np.ndarray:
-        """(2, M, 3) the rays of the matches through the lenses as they were fitted."""
-        return _moved_rays(cameras, matches, self.values)
+        """Returns the rays (2, M, 3) of the matches through the corrected lenses."""
+        return _find_moved_rays(cameras, matches, self.values)
 
     @property
     def moves(self) -> np.ndarray:
-        """(3,) how far focal length, principal point and distortion move pixels, in thousandths of
-        the diagonal: at a quarter of it from the centre, the distortion at half of it."""
+        """The motion of pixels by focal length, principal point and distortion.
+
+        (3,) in thousandths of the diagonal; the focal length a quarter of the diagonal from the
+        centre, the distortion half of it.
+        """
         scale, dx, dy, radial = np.abs(self.values)
         return 1000 * np.array([scale / 4, np.hypot(dx, dy) / self.diagonal, radial / 2])
 
     @property
     def significance(self) -> np.ndarray:
-        """(3,) of the same, in standard deviations."""
+        """The same corrections (3,), in standard deviations."""
         ratio = np.abs(self.values) / np.maximum(self.sigmas, 1e-12)
         return np.array([ratio[0], max(ratio[1], ratio[2]), ratio[3]])
 
 
 def fit_lens(cameras: Sequence[Camera], matches: Matches, poses: np.ndarray) -> LensFit:
-    """Least squares of the epipolar errors over one scale, shift and radial term for all lenses.
+    """Fits one scale, shift and radial term for all lenses to the epipolar errors.
 
-    Iteratively reweighted (Cauchy), derivatives by differences. A lens scaled about its principal
-    point sees a pixel where it saw one nearer or farther: so pixels are moved, not lenses made.
+    Least squares, iteratively reweighted (Cauchy), with derivatives by differences. A lens scaled
+    about its principal point sees a pixel where it saw one nearer or farther, so pixels are moved
+    instead of making lenses.
 
     Args:
-        cameras: the lenses; matches: their pixels; poses: (2, M, 4, 4) world_from_camera.
+        cameras: the lenses.
+        matches: their pixels.
+        poses: (2, M, 4, 4) world_from_camera.
     """
     focal = pixels_per_radian(cameras[0])
     steps = np.diag([1e-3, 0.1, 0.1, 1e-3])
 
-    def errors(x: np.ndarray) -> np.ndarray:
-        return angular_errors(_moved_rays(cameras, matches, x), poses, signed=True) * focal
+    def find_errors(x: np.ndarray) -> np.ndarray:
+        return angular_errors(_find_moved_rays(cameras, matches, x), poses, signed=True) * focal
 
     x, covariance = np.zeros(4), np.full((4, 4), np.inf)
     for _ in range(_ITERATIONS):
-        now = errors(x)
-        slopes = np.stack([(errors(x + d) - errors(x - d)) / (2 * d.max()) for d in steps], axis=1)
+        now = find_errors(x)
+        slopes = np.stack(
+            [(find_errors(x + d) - find_errors(x - d)) / (2 * d.max()) for d in steps], axis=1
+        )
         good = np.isfinite(now) & np.isfinite(slopes).all(axis=1)
         if np.count_nonzero(good) < _FEWEST:
             break
@@ -124,40 +133,42 @@ def fit_lens(cameras: Sequence[Camera], matches: Matches, poses: np.ndarray) -> 
     return LensFit(x, covariance, matches.diagonal)
 
 
-def _moved_rays(cameras: Sequence[Camera], matches: Matches, x: np.ndarray) -> np.ndarray:
-    """(2, M, 3) rays of the matches with the lenses changed by the numbers of `LensFit.values`."""
-    centers = np.array([_principal_point(camera) for camera in cameras])[matches.lens]
+def _find_moved_rays(cameras: Sequence[Camera], matches: Matches, x: np.ndarray) -> np.ndarray:
+    """Returns the rays (2, M, 3) of the matches through lenses changed by `LensFit.values`."""
+    centers = np.array([_find_principal_point(camera) for camera in cameras])[matches.lens]
     away = (matches.pixels - x[1:3] - centers) / np.exp(x[0])
     radius = np.linalg.norm(away, axis=-1, keepdims=True) / (matches.diagonal / 2)
     moved = centers + away / (1 + x[3] * radius**2)
-    return rays_of(cameras, dataclasses.replace(matches, pixels=moved))
+    return find_rays(cameras, dataclasses.replace(matches, pixels=moved))
 
 
-def other_lenses(
+def list_other_lenses(
     cameras: Sequence[Camera], cost_of: Callable[[list[Camera]], float]
 ) -> Iterator[OtherLens]:
-    """All other lenses that are tried, the likelier first.
+    """Yields all other lenses to try, the likelier first.
 
     Args:
         cameras: the dataset's.
-        cost_of: of lenses: focal lengths are tried more finely near the best.
+        cost_of: rates lenses; near the best focal length more are tried.
     """
-    focals = {k: _made(cameras, *_focal(k)) for k in _FOCALS}
+    focals = {k: _make_lens(cameras, *_scale_focal(k)) for k in _FOCALS}
     costs = {k: cost_of(lens.cameras) for k, lens in focals.items() if lens is not None}
     if costs:
         best = min(costs, key=lambda k: costs[k])
-        focals |= {best + k: _made(cameras, *_focal(best + k)) for k in _NEAR}
-    for name, advice, change in _changes():
+        focals |= {best + k: _make_lens(cameras, *_scale_focal(best + k)) for k in _NEAR}
+    for name, advice, change in _list_changes():
         if change is None:
             yield from (lens for _, lens in sorted(focals.items()) if lens is not None)
             continue
-        made = _made(cameras, name, advice, change)
+        made = _make_lens(cameras, name, advice, change)
         if made is not None:
             yield made
 
 
-def _made(cameras: Sequence[Camera], name: str, advice: str, change: Change) -> OtherLens | None:
-    """None where a lens cannot be changed so, or is the same."""
+def _make_lens(
+    cameras: Sequence[Camera], name: str, advice: str, change: Change
+) -> OtherLens | None:
+    """Changes the lenses; returns None if one cannot be changed so, or none changes."""
     try:
         made = [change(camera) for camera in cameras]
     except (InputError, ValueError, KeyError):
@@ -167,7 +178,7 @@ def _made(cameras: Sequence[Camera], name: str, advice: str, change: Change) -> 
     return None if same else OtherLens(name, advice, known)
 
 
-def _focal(hundredths: int) -> tuple[str, str, Change]:
+def _scale_focal(hundredths: int) -> tuple[str, str, Change]:
     s = float(np.exp(hundredths / 100))
     return (
         f"a focal length times {s:.3f}",
@@ -176,12 +187,12 @@ def _focal(hundredths: int) -> tuple[str, str, Change]:
     )
 
 
-def _changes() -> Iterator[tuple[str, str, Change | None]]:
-    """Name, advice and change; without a change stand the focal lengths."""
+def _list_changes() -> Iterator[tuple[str, str, Change | None]]:
+    """Yields name, advice and change; None as the change marks the place of the focal lengths."""
     yield (
         "a lens without distortion: they have been undistorted",
         "give the lens that the undistorted photographs have (pinhole, no k), or the originals",
-        undistorted,
+        without_distortion,
     )
     yield (
         "a fisheye (Kannala-Brandt) with these coefficients, not radial-tangential ones",
@@ -213,26 +224,26 @@ def _changes() -> Iterator[tuple[str, str, Change | None]]:
             f"focal length and principal point times {s:.3g}: the lens is for images of another "
             "size",
             f"multiply fx, fy, cx and cy by {s:.4g}, or give the width and height they are for",
-            functools.partial(_scaled, scale=s, center=s),
+            functools.partial(_scale, scale=s, center=s),
         )
         yield (
             f"a principal point times {s:.3g}",
             f"multiply cx and cy by {s:.4g}: they are for images of another size",
-            functools.partial(_scaled, scale=1.0, center=s),
+            functools.partial(_scale, scale=1.0, center=s),
         )
     yield "", "", None
     for k in _FISHEYE_K1:
         yield (
             "a fisheye: they are not undistorted, as the lens says",
             "give the lens file of the original photographs, or calibrate (gsut calibrate)",
-            functools.partial(_distorted, model="kannala_brandt", k1=k),
+            functools.partial(_add_distortion, model="kannala_brandt", k1=k),
         )
     for k in _BARREL_K1:
         yield (
             f"a lens with distortion (k1 of about {k:g}): they are not undistorted, as the lens "
             "says",
             "give the lens file of the original photographs, or calibrate (gsut calibrate)",
-            functools.partial(_distorted, model="opencv4", k1=k),
+            functools.partial(_add_distortion, model="opencv4", k1=k),
         )
     yield (
         "distortion of the other sign",
@@ -242,7 +253,7 @@ def _changes() -> Iterator[tuple[str, str, Change | None]]:
     )
 
 
-def _principal_point(camera: Camera) -> np.ndarray:
+def _find_principal_point(camera: Camera) -> np.ndarray:
     place, valid = camera.project(np.array([[0.0, 0.0, 1.0]]))
     return place[0] if valid[0] else np.array([camera.width, camera.height]) / 2
 
@@ -251,7 +262,7 @@ def _has_four(camera: Camera) -> bool:
     return camera.param_names.split()[:4] == ["fx", "fy", "cx", "cy"]
 
 
-def _unbounded(camera: Camera) -> Camera:
+def _drop_limit(camera: Camera) -> Camera:
     return camera if camera.valid_field_angle is None else camera.with_valid_field_angle(None)
 
 
@@ -264,10 +275,10 @@ def _with(
     params[:2] *= scale
     params[2] = params[2] if cx is None else cx
     params[3] = params[3] if cy is None else cy
-    return _unbounded(camera).with_params(params)
+    return _drop_limit(camera).with_params(params)
 
 
-def _scaled(camera: Camera, scale: float, center: float) -> Camera | None:
+def _scale(camera: Camera, scale: float, center: float) -> Camera | None:
     return _with(camera, scale, center * camera.params[2], center * camera.params[3])
 
 
@@ -275,22 +286,22 @@ def _with_distortion(camera: Camera, values: np.ndarray) -> Camera | None:
     if not _has_four(camera) or not np.any(values):
         return None
     params = np.concatenate([camera.params[:4], values])
-    return _unbounded(camera).with_params(params)
+    return _drop_limit(camera).with_params(params)
 
 
-def undistorted(camera: Camera) -> Camera | None:
-    """The pinhole of a lens, or None where it is one, or has none."""
+def without_distortion(camera: Camera) -> Camera | None:
+    """Returns the pinhole of a lens, or None if it is one, or has none."""
     if not _has_four(camera) or camera.model == "pinhole":
         return None
     return Camera("pinhole", camera.params[:4], camera.width, camera.height)
 
 
 def is_free_of_distortion(camera: Camera) -> bool:
-    """Whether the lens is a pinhole, or its coefficients are all zero."""
+    """Returns whether the lens is a pinhole, or its coefficients are all zero."""
     return _has_four(camera) and not np.any(camera.params[4:])
 
 
-def _distorted(camera: Camera, model: str, k1: float) -> Camera | None:
+def _add_distortion(camera: Camera, model: str, k1: float) -> Camera | None:
     if not is_free_of_distortion(camera):
         return None
     return Camera(model, [*camera.params[:4], k1, 0, 0, 0], camera.width, camera.height)

@@ -1,11 +1,10 @@
-"""Matches between photographs taken one after another: what poses and lens must explain."""
+"""Matches photographs taken one after another: what poses and lens must explain."""
 
 from __future__ import annotations
 
 import concurrent.futures
 import dataclasses
 import re
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -13,19 +12,19 @@ from gsut import _core
 from gsut._core import InputError
 from gsut.data import Scene
 from gsut.data.images import decode_mask
-from gsut.data.scene import frame_times
+from gsut.data.scene import order_frames
 from gsut.sfm import Features, PosesOptions, features_in
 
 
 @dataclasses.dataclass(frozen=True)
 class _Look:
-    """How closely photographs are looked at.
+    """How closely photographs are examined.
 
     Args:
-        anchors: places along the dataset at which neighbours are compared.
-        steps: each anchor with the images so many places further.
-        among: these with each other, too: more pairs of the same images.
-        most: matches of a pair.
+        anchors: number of places along the dataset at which neighbours are compared.
+        steps: how many places further the images lie that each anchor is compared with.
+        among: whether these are compared with each other, too: more pairs of the same images.
+        most: matches kept of a pair.
         options: of the features.
     """
 
@@ -42,7 +41,7 @@ _QUICK = _Look(9, (1, 2), True, 250, PosesOptions(
 _CLOSE = _Look(24, (1, 3, 6), False, 600, PosesOptions(
     max_features=1500, max_megapixels=0.8, contrast=0.01, max_ratio=0.75, threads=0
 ))  # fmt: skip
-_FEWEST = 16  # matches of a pair that counts
+_FEWEST = 16  # matches of a pair: fewer may be chance
 _STILL = 0.004  # of the image's diagonal: what moves less, in a pair that moves, is on the lens
 _BEFORE_NUMBER = re.compile(r"\d+\D*$")
 
@@ -61,8 +60,8 @@ class ImagePair:
     pixels: np.ndarray
 
 
-def neighbouring_matches(scene: Scene, closely: bool = False) -> list[ImagePair]:
-    """Matches of some images with the next ones of the same camera, in the order of their names.
+def match_neighbours(scene: Scene, closely: bool = False) -> list[ImagePair]:
+    """Matches some images with the next ones of the same camera, in the order of their names.
 
     Args:
         scene: some of its images are decoded and stay in its cache.
@@ -73,18 +72,23 @@ def neighbouring_matches(scene: Scene, closely: bool = False) -> list[ImagePair]
         Pairs with enough matches; empty where images show too little, or not the same.
     """
     look = _CLOSE if closely else _QUICK
-    wanted = _pairs(scene, look)
+    wanted = _choose_pairs(scene, look)
     used = sorted({index for pair in wanted for index in pair})
     with concurrent.futures.ThreadPoolExecutor(_core.num_threads()) as threads:
         features = dict(
-            zip(used, threads.map(lambda i: _features(scene, i, look.options), used), strict=True)
+            zip(
+                used,
+                threads.map(lambda i: _find_features(scene, i, look.options), used),
+                strict=True,
+            )
         )
     place = {index: number for number, index in enumerate(used)}
     rows = np.array([[place[a], place[b]] for a, b in wanted], np.int64).reshape(-1, 2)
     descriptors = [features[index].descriptors for index in used]
-    found = _core.match_pairs(descriptors, rows, look.options.max_ratio, look.options.max_distance)
+    options = look.options
+    matched = _core.match_pairs(descriptors, rows, options.max_ratio, options.max_distance)
     pairs = []
-    for (a, b), matches in zip(wanted, found, strict=True):
+    for (a, b), matches in zip(wanted, matched, strict=True):
         pixels = np.stack([features[a].pixels[matches[:, 0]], features[b].pixels[matches[:, 1]]])
         camera = scene.cameras[scene.views[a].camera_index]
         moved = np.linalg.norm(pixels[1] - pixels[0], axis=1)
@@ -97,19 +101,19 @@ def neighbouring_matches(scene: Scene, closely: bool = False) -> list[ImagePair]
 
 
 def order_in_time(scene: Scene) -> list[list[int]]:
-    """The views of each camera, names alike but for a number, in the order of these numbers."""
+    """Groups views by camera and name without its number, and sorts each group by this number."""
     groups: dict[tuple[str, int], list[int]] = {}
     for index, view in enumerate(scene.views):
         before = _BEFORE_NUMBER.sub("", view.name)
         groups.setdefault((before, view.camera_index), []).append(index)
     ordered = []
     for group in groups.values():
-        times = frame_times([scene.views[index].name.rpartition("/")[2] for index in group])
+        times = order_frames([scene.views[index].name.rpartition("/")[2] for index in group])
         ordered.append([group[place] for place in np.argsort(times, kind="stable")])
     return ordered
 
 
-def _pairs(scene: Scene, look: _Look) -> list[tuple[int, int]]:
+def _choose_pairs(scene: Scene, look: _Look) -> list[tuple[int, int]]:
     groups = order_in_time(scene)
     total = sum(len(group) for group in groups)
     pairs = []
@@ -123,17 +127,15 @@ def _pairs(scene: Scene, look: _Look) -> list[tuple[int, int]]:
     return list(dict.fromkeys(pairs))
 
 
-def _features(scene: Scene, index: int, options: PosesOptions) -> Features:
-    """Wherever the dataset lets pixels count: which of them have a ray is what is asked."""
+def _find_features(scene: Scene, index: int, options: PosesOptions) -> Features:
+    """Finds features wherever the dataset's mask allows, also where the lens has no ray.
+
+    The lens is under test, so it must not hide pixels.
+    """
     view = scene.views[index]
     try:
         pixels = scene.image(index)
         valid = view.valid if view.mask_path is None else decode_mask(view.mask_path)
-    except InputError:  # said by the checks of the files
+    except InputError:  # reported by the checks of the files
         pixels, valid = np.zeros((8, 8, 3), np.uint8), None
     return features_in(pixels, valid, options)
-
-
-def describe(pairs: Sequence[ImagePair]) -> str:
-    """How much there is to go by."""
-    return f"{sum(p.pixels.shape[1] for p in pairs):,} matches in {len(pairs)} pairs of images"

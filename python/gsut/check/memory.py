@@ -1,4 +1,4 @@
-"""The memory that a training takes, against what is free: of the doctor, and before training."""
+"""Compares the memory that a training takes with what is free."""
 
 from __future__ import annotations
 
@@ -7,26 +7,28 @@ from collections.abc import Iterator
 
 from gsut.check.findings import Finding
 from gsut.data import DatasetError, Scene
-from gsut.optimize import grown_count, last_densification
+from gsut.optimize import compute_target_size, find_last_densification
 from gsut.run import TrainOptions, free_memory, size_text
 
-_FIRST = 10_000  # Gaussians that a scene without points begins with, at least
-# Counted, to be rather low: a Gaussian's parameters, gradient and two moments, with its records in
-# a frame; a pixel's ray, target, image, gradient and loss; the program.
-_ROWS, _RECORD_BYTES, _PIXEL_BYTES, _PROGRAM_BYTES = 4, 200, 100, 150 << 20
+_FIRST = 10_000  # Gaussians with which a scene without points begins, at least
+# Lower bounds: a training that exceeds them cannot run.
+_ROWS = 4  # arrays of a Gaussian's size: parameters, gradient and two moments
+_RECORD_BYTES = 200  # of a Gaussian's records in a frame
+_PIXEL_BYTES = 100  # of a pixel's ray, target, image, gradient and loss
+_PROGRAM_BYTES = 150 << 20  # of Python with its libraries
 
 
 def check_memory(scene: Scene, options: TrainOptions | None = None) -> Iterator[Finding]:
-    """What a training takes at least, an error where that is not free.
+    """Estimates the least memory that a training takes; an error if it is not free.
 
     Args:
         scene: from `load_dataset`, not yet at the size to train at.
         options: of the training; None: the defaults.
     """
     o = (options or TrainOptions()).resolved()
-    width, height = _largest(scene, o)
-    count = _gaussians(scene, o)
-    size = width * height * _PIXEL_BYTES + count * _bytes_of(o.sh_degree) + _PROGRAM_BYTES
+    width, height = _find_largest(scene, o)
+    count = _count_gaussians(scene, o)
+    size = width * height * _PIXEL_BYTES + count * _count_bytes(o.sh_degree) + _PROGRAM_BYTES
     what = (
         f"training takes about {size_text(size)} of memory (images of up to {width} x {height}, "
         f"{count:,} Gaussians of degree {o.sh_degree})"
@@ -42,18 +44,18 @@ def check_memory(scene: Scene, options: TrainOptions | None = None) -> Iterator[
 
 
 def refuse_too_large(scene: Scene, options: TrainOptions) -> None:
-    """Raises DatasetError where the memory that is free does not suffice."""
+    """Raises a DatasetError if the free memory does not suffice."""
     for found in check_memory(scene, options):
         if found.severity == "error":
             raise DatasetError(found.where, found.what, found.advice)
 
 
-def _bytes_of(sh_degree: int) -> int:
+def _count_bytes(sh_degree: int) -> int:
     return 4 * (11 + 3 * (sh_degree + 1) ** 2) * _ROWS + _RECORD_BYTES
 
 
-def _largest(scene: Scene, options: TrainOptions) -> tuple[int, int]:
-    """Width and height of the image with the most pixels, as it is trained on."""
+def _find_largest(scene: Scene, options: TrainOptions) -> tuple[int, int]:
+    """Returns width and height of the image with the most pixels, as it is trained on."""
     sizes = [(camera.width, camera.height) for camera in scene.cameras]
     width, height = max(sizes, key=lambda size: size[0] * size[1])
     factor, longer = options.scale, max(map(max, sizes))
@@ -62,11 +64,11 @@ def _largest(scene: Scene, options: TrainOptions) -> tuple[int, int]:
     return max(1, round(factor * width)), max(1, round(factor * height))
 
 
-def _gaussians(scene: Scene, options: TrainOptions) -> int:
-    """How many there will be in any case: only mcmc's number follows from the steps."""
+def _count_gaussians(scene: Scene, options: TrainOptions) -> int:
+    """Counts the Gaussians that there will be in any case; only mcmc's follow from the steps."""
     o = dataclasses.replace(options, max_gaussians=options.most_gaussians)
     first = min(o.init_count or len(scene.points) or _FIRST, o.max_gaussians)
-    last = last_densification(o)
+    last = find_last_densification(o)
     if o.strategy != "mcmc" or last < max(1.0, o.densify_from * o.steps):
         return first
-    return max(first, grown_count(o, first, last / o.steps))
+    return max(first, compute_target_size(o, first, last / o.steps))

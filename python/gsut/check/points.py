@@ -69,7 +69,7 @@ def _name_unit(where: str, unit: float, seen: str) -> Finding:
 
 def _compare_spread(scene: Scene, evidence: Evidence) -> float | None:
     """Divides the median spread of the points by that of triangulated matches."""
-    matches, poses = evidence.matches, evidence.table.of_matches()
+    matches, poses = evidence.matches, evidence.table.select_poses()
     errors = angular_errors(evidence.rays, poses)
     tolerance = TOLERANCE * matches.diagonal / 1000 / evidence.focal
     one, two = np.einsum("smij,smj->smi", poses[..., :3, :3], evidence.rays)

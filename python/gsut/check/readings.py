@@ -45,7 +45,7 @@ def list_readings(scene: Scene, table: np.ndarray) -> Iterator[Reading]:
         scene: in the dataset's coordinates.
         table: (V, B, 4, 4) its poses, see `PoseTable`.
     """
-    file_axes, matrices = _file_matrices(scene, table)
+    file_axes, matrices = _undo_conversion(scene, table)
     for reading in itertools.chain(
         _read_whole_matrices(matrices, file_axes, _list_axes(file_axes)),
         _read_parts(matrices, file_axes),
@@ -57,12 +57,12 @@ def list_readings(scene: Scene, table: np.ndarray) -> Iterator[Reading]:
 
 def list_usual_readings(scene: Scene, table: np.ndarray) -> Iterator[Reading]:
     """Yields the few likeliest of `list_readings`: the other direction, and axes in use."""
-    file_axes, matrices = _file_matrices(scene, table)
+    file_axes, matrices = _undo_conversion(scene, table)
     for reading in _read_whole_matrices(matrices, file_axes, _list_axes(file_axes)[:_IN_USE]):
         yield dataclasses.replace(reading, poses=reading.poses.reshape(table.shape))
 
 
-def _file_matrices(scene: Scene, table: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _undo_conversion(scene: Scene, table: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Returns the file's camera axes (3, 3), and its matrices (V * B, 4, 4) before conversion."""
     is_opengl = (scene.path / "transforms.json").is_file() or scene.path.suffix == ".json"
     file_axes = _OPENGL_AXES if is_opengl else np.eye(3)

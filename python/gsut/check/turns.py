@@ -1,7 +1,7 @@
-"""What turns of the photographs against each other say of the poses' rotations.
+"""Compares turns between photographs with those of the given poses.
 
-Matches of two images tell the turn between them without the given poses; where these are wrong in
-a way that no matrix mends, their turns still tell how.
+Matches of two images give the turn between them without the given poses. Where these are wrong in
+a way that no matrix mends, their turns still show how.
 """
 
 from __future__ import annotations
@@ -18,40 +18,42 @@ from gsut.data.poses import OPENGL_FROM_OPENCV
 from gsut.gaussians import rotations_from_quaternions
 from gsut.sfm import angular_errors
 
-MATCHED = 0.5  # of the matches must fit one relative pose a pair, for there to be evidence
-_FEWEST = 4  # turns from which something is told
-_EXPLAINED = 0.5  # cost of poses, see `cost`, that need no other start
-_TILTS, _STARTS = (-0.3, 0.0, 0.3), 12  # radians about each axis; tilts that are refined
-_WIDEST, _FINEST = 0.2, 0.005  # steps of the search for a camera's turn on its body; radians
-_AGREE = 2.5  # degrees, median, of turns that are explained
-_BETTER = 0.5  # of the given turns' error, at most
-_SHARE = 0.7  # of the turns
-_CLOCKS = (-0.75, -0.5, -0.25, 0.25, 0.5, 0.75)  # frames
+MATCHED = 0.5  # of a pair's matches must fit one relative pose for it to count
+_FEWEST = 4  # turns: fewer show nothing
+_EXPLAINED = 0.5  # cost of poses, see `rate_matches`, that need no other start
+_TILTS = (-0.3, 0.0, 0.3)  # radians about each axis, from which the search for a turn starts
+_STARTS = 12  # best starts that are refined: a refinement takes a tenth of a second
+_WIDEST = 0.2  # radians: first step of the search, a bit less than between two tilts
+_FINEST = 0.005  # radians: last step, about the error of a turn
+_AGREE = 2.5  # degrees: median error of turns that are explained
+_BETTER = 0.5  # of the given turns' error, that an explanation may leave at most
+_SHARE = 0.7  # of the turns, that an explanation must fit
+_CLOCKS = (-0.75, -0.5, -0.25, 0.25, 0.5, 0.75)  # frames by which poses may be late
 
 
-def turn_of_body(evidence: Evidence) -> np.ndarray:
-    """(4, 4) body_from_camera, a rotation: turns of cameras against turns of the given poses.
+def find_body_turn(evidence: Evidence) -> np.ndarray:
+    """Finds the rotation body_from_camera (4, 4) from turns of cameras and of the given poses.
 
     Rotation vectors of both differ by the rotation sought (hand-eye calibration; Kabsch). Where
     that does not explain the matches, as turns are less exact under a rolling shutter, the 24 ways
     to name the camera's axes are starts of a search for the smallest median error. What is found is
     refined so that most matches fit.
     """
-    sample, found = evidence.sample, list(_turns(evidence))
+    sample, found = evidence.sample, list(_list_turns(evidence))
     tried = []
     if len(found) >= _FEWEST:
-        tried.append(_refined(sample, _hand_eye(evidence, found), Evidence.cost_of_poses))
-    if not tried or sample.cost_of_poses(evidence.table.poses @ tried[0]) > _EXPLAINED:
-        tried.append(_searched(sample))
-    return min(tried, key=lambda turn: sample.cost_of_poses(evidence.table.poses @ turn))
+        tried.append(_refine_turn(sample, _align_turns(evidence, found), Evidence.rate_poses))
+    if not tried or sample.rate_poses(evidence.table.poses @ tried[0]) > _EXPLAINED:
+        tried.append(_search_turn(sample))
+    return min(tried, key=lambda turn: sample.rate_poses(evidence.table.poses @ turn))
 
 
-def _hand_eye(
+def _align_turns(
     evidence: Evidence, found: Sequence[tuple[tuple[int, int], np.ndarray]]
 ) -> np.ndarray:
-    given = [rotation_vector(_given(evidence, *views)) for views, _ in found]
+    given = [to_rotation_vector(_find_given_turn(evidence, *views)) for views, _ in found]
     left, _, right = np.linalg.svd(
-        np.array(given).T @ np.array([rotation_vector(turn) for _, turn in found])
+        np.array(given).T @ np.array([to_rotation_vector(turn) for _, turn in found])
     )
     flip = np.diag([1.0, 1.0, np.linalg.det(left @ right)])
     turn = np.eye(4)
@@ -59,31 +61,30 @@ def _hand_eye(
     return turn
 
 
-def _searched(evidence: Evidence) -> np.ndarray:
-    """The turn at which most matches fit, of those near one of the 24, or between them, that have
-    the smallest median errors."""
+def _search_turn(evidence: Evidence) -> np.ndarray:
+    """Refines the starts with the smallest median errors; returns the turn with the least cost."""
     starts = []
     for axes in list_signed_permutations():
         for tilt in itertools.product(_TILTS, repeat=3) if np.linalg.det(axes) > 0 else ():
             start = np.eye(4)
             start[:3, :3] = axes @ exp_pose([0.0, 0.0, 0.0, *tilt])[:3, :3]
-            starts.append((_median_error(evidence, evidence.table.poses @ start), start))
+            starts.append((_find_median_error(evidence, evidence.table.poses @ start), start))
     starts.sort(key=lambda each: each[0])
-    near = [_refined(evidence, start, _median_error) for _, start in starts[:_STARTS]]
-    turns = [_refined(evidence, turn, Evidence.cost_of_poses) for turn in near]
-    return min(turns, key=lambda turn: evidence.cost_of_poses(evidence.table.poses @ turn))
+    near = [_refine_turn(evidence, start, _find_median_error) for _, start in starts[:_STARTS]]
+    turns = [_refine_turn(evidence, turn, Evidence.rate_poses) for turn in near]
+    return min(turns, key=lambda turn: evidence.rate_poses(evidence.table.poses @ turn))
 
 
-def _median_error(evidence: Evidence, poses: np.ndarray) -> float:
-    """Radians; infinite where most matches have no rays."""
-    errors = angular_errors(evidence.rays, evidence.table.of_matches(poses))
+def _find_median_error(evidence: Evidence, poses: np.ndarray) -> float:
+    """Returns radians; infinite if most matches have no rays."""
+    errors = angular_errors(evidence.rays, evidence.table.select_poses(poses))
     return float(np.median(np.where(np.isfinite(errors), errors, np.inf)))
 
 
-def _refined(
+def _refine_turn(
     evidence: Evidence, turn: np.ndarray, cost_of: Callable[[Evidence, np.ndarray], float]
 ) -> np.ndarray:
-    """The turn near another one at which poses cost least: a search by ever smaller steps."""
+    """Searches the turn near this one at which poses cost least, by ever smaller steps."""
     poses = evidence.table.poses
     best, step = cost_of(evidence, poses @ turn), _WIDEST
     while step > _FINEST:
@@ -100,13 +101,13 @@ def _refined(
     return turn
 
 
-def read_in_degrees(evidence: Evidence) -> float | None:
-    """Share of the turns that fit if rotation vectors in degrees were read as radians, or None.
+def rate_as_degrees(evidence: Evidence) -> float | None:
+    """Returns the share of turns that fit if degrees were read as radians, or None if few do.
 
     A rotation read so has its axis, and an angle that is 180 / pi times the right one, less full
     turns: 58 angles may have been meant, some of which fit the neighbour's.
     """
-    found = list(_turns(evidence))
+    found = list(_list_turns(evidence))
     if len(found) < _FEWEST:
         return None
     shares = []
@@ -114,7 +115,7 @@ def read_in_degrees(evidence: Evidence) -> float | None:
         good = 0
         for (a, b), turn in found:
             one, two = (
-                _meant(evidence.scene.views[i].camera_from_world[:3, :3].T @ file_axes)
+                _read_as_degrees(evidence.scene.views[i].camera_from_world[:3, :3].T @ file_axes)
                 for i in (a, b)
             )
             # turn = W_b^T W_a of camera-to-world rotations W; files have W @ file_axes.
@@ -125,9 +126,9 @@ def read_in_degrees(evidence: Evidence) -> float | None:
     return max(shares) if max(shares) >= _SHARE else None
 
 
-def _meant(rotation: np.ndarray) -> np.ndarray:
-    """(K, 3, 3) the rotations whose angle, times 180 / pi, is this one's."""
-    vector = rotation_vector(rotation)
+def _read_as_degrees(rotation: np.ndarray) -> np.ndarray:
+    """Returns the rotations (K, 3, 3) whose angle, times 180 / pi, is this one's."""
+    vector = to_rotation_vector(rotation)
     angle = np.linalg.norm(vector)
     axis = vector / max(float(angle), 1e-12)
     full = 2 * np.pi * np.arange(0, 30)
@@ -139,9 +140,9 @@ def _meant(rotation: np.ndarray) -> np.ndarray:
     )
 
 
-def clock_of_turns(evidence: Evidence) -> float | None:
-    """By how many frames poses are late where each turn is a mixture of two neighbouring ones."""
-    turns = {views: turn for views, turn in _turns(evidence)}
+def find_clock_shift(evidence: Evidence) -> float | None:
+    """Finds by how many frames poses are late, if each turn mixes two neighbouring ones."""
+    turns = {views: turn for views, turn in _list_turns(evidence)}
     triples = []
     for (a, b), first in turns.items():
         for (c, d), whole in turns.items():
@@ -149,45 +150,49 @@ def clock_of_turns(evidence: Evidence) -> float | None:
                 triples.append((a, b, d, first, whole @ first.T))
     if len(triples) < _FEWEST:
         return None
-    before = np.median([_apart(first, _given(evidence, a, b)) for a, b, _, first, _ in triples])
+    before = np.median(
+        [_measure_angle(first, _find_given_turn(evidence, a, b)) for a, b, _, first, _ in triples]
+    )
     errors = {}
     for late in _CLOCKS:
         share = abs(late)
         off = []
         for a, b, d, first, second in triples:
-            mixed = _power(second, share) @ _power(first, 1 - share)
+            mixed = _scale_turn(second, share) @ _scale_turn(first, 1 - share)
             if late < 0:
-                mixed = _power(second, 1 - share) @ _power(first, share)
-            off.append(_apart(mixed, _given(evidence, *((a, b) if late > 0 else (b, d)))))
+                mixed = _scale_turn(second, 1 - share) @ _scale_turn(first, share)
+            off.append(
+                _measure_angle(mixed, _find_given_turn(evidence, *((a, b) if late > 0 else (b, d))))
+            )
         errors[late] = float(np.median(off))
     best = min(errors, key=lambda late: errors[late])
     return best if errors[best] < min(_AGREE, _BETTER * before) else None
 
 
-def _turns(evidence: Evidence) -> Iterator[tuple[tuple[int, int], np.ndarray]]:
-    """Views, and the rotation second_from_first, of the pairs that have one."""
+def _list_turns(evidence: Evidence) -> Iterator[tuple[tuple[int, int], np.ndarray]]:
+    """Yields both views and the rotation second_from_first of each pair that has one."""
     for number, turn, share in evidence.free_turns:
         if share >= MATCHED:
             pair = evidence.pairs[number]
             yield (pair.first, pair.second), turn
 
 
-def _given(evidence: Evidence, first: int, second: int) -> np.ndarray:
+def _find_given_turn(evidence: Evidence, first: int, second: int) -> np.ndarray:
     one, two = (evidence.scene.views[i].camera_from_world[:3, :3] for i in (first, second))
     return two @ one.T
 
 
-def _power(rotation: np.ndarray, share: float) -> np.ndarray:
-    return exp_pose([0.0, 0.0, 0.0, *(share * rotation_vector(rotation))])[:3, :3]
+def _scale_turn(rotation: np.ndarray, share: float) -> np.ndarray:
+    return exp_pose([0.0, 0.0, 0.0, *(share * to_rotation_vector(rotation))])[:3, :3]
 
 
-def _apart(one: np.ndarray, other: np.ndarray) -> float:
-    """Degrees between two rotations."""
-    return float(np.degrees(np.linalg.norm(rotation_vector(one @ other.T))))
+def _measure_angle(one: np.ndarray, other: np.ndarray) -> float:
+    """Returns the degrees between two rotations."""
+    return float(np.degrees(np.linalg.norm(to_rotation_vector(one @ other.T))))
 
 
-def rotation_vector(rotation: np.ndarray) -> np.ndarray:
-    """(3,) axis times angle of a rotation (3, 3)."""
+def to_rotation_vector(rotation: np.ndarray) -> np.ndarray:
+    """Returns axis times angle (3,) of a rotation (3, 3)."""
     r = rotation
     sine = np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]]) / 2
     length = np.linalg.norm(sine)

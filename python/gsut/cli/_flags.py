@@ -53,7 +53,7 @@ def check_first(scene: Any, force: bool, quiet: bool = False, matches: Any = Non
     Args:
         scene: that is looked at.
         force: go on although the data contradict themselves. quiet: only errors.
-        matches: of `gsut.check.neighbouring_matches`, where they are known already.
+        matches: of `gsut.check.match_neighbours`, where they are known already.
 
     Raises:
         InputError: the data contradict themselves, without --force.

@@ -53,12 +53,12 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 def _render(arguments: argparse.Namespace) -> int:
     from gsut.run import RunFolder
-    from gsut.training import about_cameras, read_trained
+    from gsut.training import center_on_cameras, read_trained
 
     if arguments.repeats < 1:
         raise InputError(f"--repeats must be at least 1, found {arguments.repeats}")
     _, scene, gaussians = read_trained(RunFolder.open(arguments.folder), arguments.data)
-    scene, gaussians = about_cameras(scene, gaussians)
+    scene, gaussians = center_on_cameras(scene, gaussians)
     index = (scene.test_indices or scene.train_indices)[0]
     _core.set_num_threads(arguments.threads)
     row = {"view": scene.views[index].name, "num_gaussians": len(gaussians)}

@@ -43,12 +43,12 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _find(arguments: argparse.Namespace) -> int:
-    from gsut.lens import find_lenses, lens_by_name
+    from gsut.lens import find_lens, find_lenses
 
     size = None if arguments.size is None else parsed_size(arguments.size)
     found = find_lenses(arguments.words, size=size)
     if not found:
-        lens_by_name(" ".join(arguments.words))  # says which word is to blame
+        find_lens(" ".join(arguments.words))  # says which word is to blame
     shown = found[: arguments.lines]
     if arguments.json:
         rows = [

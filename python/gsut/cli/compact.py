@@ -106,7 +106,7 @@ def _compact_file(arguments: argparse.Namespace, options: Any) -> dict[str, Any]
     import gsut
     from gsut.compact import check_method, compact
     from gsut.formats import check_room
-    from gsut.training import count_for_bytes
+    from gsut.training.tuning import count_for_bytes
 
     wishes = (options.target_psnr_drop, options.harmonics_drop)
     if options.finetune or any(wish is not None for wish in wishes):
@@ -119,7 +119,7 @@ def _compact_file(arguments: argparse.Namespace, options: Any) -> dict[str, Any]
     if out.suffix.lower() != _PLY:
         raise InputError(f"-o {out}: of a PLY file a PLY file is made; give a name ending in .ply")
     refuse_existing(out)
-    gaussians = gsut.load_ply(arguments.source)
+    gaussians = gsut.formats.load_ply(arguments.source)
     check_room("compacting", [gaussians], _WORKING)
     keep, count = options.keep, None
     if options.target_bytes is not None:
@@ -127,7 +127,7 @@ def _compact_file(arguments: argparse.Namespace, options: Any) -> dict[str, Any]
     started = time.perf_counter()
     result = compact(gaussians, keep, count=count, method=options.merging, seed=options.seed)
     seconds = time.perf_counter() - started
-    gsut.save_ply(out, result.gaussians)
+    gsut.formats.save_ply(out, result.gaussians)
     if not arguments.quiet and not arguments.json:
         print(
             f"{len(gaussians):,} -> {len(result.gaussians):,} Gaussians in {seconds:.1f} s: {out}"
@@ -187,7 +187,7 @@ def _compact_run(arguments: argparse.Namespace, options: Any) -> dict[str, Any]:
 
 
 def _print_summary(metrics: dict[str, Any], size: int) -> None:
-    from gsut.training import FROM_START
+    from gsut.training.tuning import FROM_START
 
     done = metrics["compaction"]
     way, steps = f"by {done['method']}", done["finetune_steps"]

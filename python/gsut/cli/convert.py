@@ -100,7 +100,8 @@ def _tuned_for_viewers(arguments: argparse.Namespace) -> tuple[Any, dict[str, An
     """The run's Gaussians fine-tuned, and what that was worth."""
     from gsut.render import PLAYCANVAS_SHRINK, solid
     from gsut.run import Progress, RunFolder
-    from gsut.training import VIEWER_STEPS, read_trained, tune_for_viewers
+    from gsut.training import read_trained, tune_for_viewers
+    from gsut.training.tuning import VIEWER_STEPS
 
     if not Path(arguments.source).is_dir():
         raise InputError(

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from gsut.cli._flags import add_json, finite, folder_name, print_json
-from gsut.data import writable_layouts
+from gsut.data import list_writable_layouts
 
 HELP = "convert a dataset, a run's poses or a ROS bag into another layout"
 DESCRIPTION = "Works on datasets: photographs with lenses and poses, in any layout."
@@ -32,7 +32,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "out", metavar="OUT", type=_folder_or_trajectory, help="new folder, or a trajectory's .txt"
     )
     convert.add_argument(
-        "--to", choices=sorted(writable_layouts()), default="nerfstudio",
+        "--to", choices=sorted(list_writable_layouts()), default="nerfstudio",
         help="layout [default: %(default)s]",
     )  # fmt: skip
     convert.add_argument(

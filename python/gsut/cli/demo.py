@@ -79,7 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
             print(_pose_text(poses["poses"], data))
             print(_depth_text(poses["depth"]))
         print_figures(metrics)
-        print(Verdict.of(metrics["verdict"]))
+        print(Verdict.from_dict(metrics["verdict"]))
         print(f"report: {report}")
     if not arguments.no_open and has_display():
         webbrowser.open(report.resolve().as_uri())
@@ -88,7 +88,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _rig_poses(truth: Path, found: Path, cameras: int) -> dict[str, Any]:
     """Makes the demo's rig and finds its poses; returns their errors."""
-    from gsut.cli.poses import estimate_with_bars
+    from gsut.cli.poses import find_with_bar
     from gsut.demo import make_demo_rig
     from gsut.sfm import errors_against, is_finished
 
@@ -96,7 +96,7 @@ def _rig_poses(truth: Path, found: Path, cameras: int) -> dict[str, Any]:
         print(f"making a scene of {cameras} fisheyes on one body in {truth}", file=sys.stderr)
         make_demo_rig(truth, _FRAMES[cameras], cameras=cameras)
     if not is_finished(found):
-        estimate_with_bars(truth / "images", found, rig=truth / "rig.json")
+        find_with_bar(truth / "images", found, True, rig=truth / "rig.json")
     errors = errors_against(truth, found)
     return {
         "images": errors.images,

@@ -57,7 +57,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     import gsut
-    from gsut.data.points import TRIANGULATED, points_ply
+    from gsut.data.points import TRIANGULATED, format_points_ply
     from gsut.files import write_file
 
     if arguments.dense < 0:
@@ -83,7 +83,7 @@ def run(arguments: argparse.Namespace) -> int:
         positions, colors, figures, words = _colored(scene, cloud, arguments)
     else:
         positions, colors, figures, words = _triangulated(scene, arguments)
-    write_file(out, points_ply(positions, colors))
+    write_file(out, format_points_ply(positions, colors))
     if arguments.json:
         print_json({**figures, "out": out})
     elif not arguments.quiet:
@@ -117,10 +117,10 @@ def _triangulated(
 def _colored(
     scene: Scene, cloud: Path, arguments: argparse.Namespace
 ) -> tuple[np.ndarray, np.ndarray, dict[str, Any], str]:
-    from gsut.data.points import color_points, load_points_ply, usable_points
+    from gsut.data.points import color_points, find_usable_points, load_points_ply
 
     positions, _ = load_points_ply(cloud)
-    if fault := usable_points(positions)[1]:
+    if fault := find_usable_points(positions)[1]:
         raise InputError(f"{cloud}: {fault}; remove these points")
     near = scene.centred
     colors, views = color_points(

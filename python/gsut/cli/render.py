@@ -240,13 +240,13 @@ def _poses(arguments: argparse.Namespace, stage: Any, film: Path | None) -> np.n
 
 def _lens(arguments: argparse.Namespace, stage: Any, film: Path | None) -> Any:
     """The lens of all images along a path."""
-    from gsut.data.poses import lens_of_path
-    from gsut.lens import Camera, field_of_view, load_lens, with_field_of_view
+    from gsut.data.poses import read_path_lens
+    from gsut.lens import Camera, load_lens, measure_field_of_view, with_field_of_view
     from gsut.lens.files import camera_from_values
 
     if arguments.camera:
         return _shaped(arguments, load_lens(arguments.camera))
-    if arguments.path not in _PATHS and (saved := lens_of_path(arguments.path)):
+    if arguments.path not in _PATHS and (saved := read_path_lens(arguments.path)):
         return _shaped(arguments, camera_from_values(saved, arguments.path))
     first = stage.cameras[0]
     if film is None:
@@ -255,7 +255,7 @@ def _lens(arguments: argparse.Namespace, stage: Any, film: Path | None) -> Any:
     if arguments.size:
         width, height = parsed_size(arguments.size)
     plain = Camera("pinhole", [width, width, width / 2, height / 2], width, height)
-    seen = field_of_view(first) or _WIDEST
+    seen = measure_field_of_view(first) or _WIDEST
     return with_field_of_view(plain, arguments.fov or min(seen, _WIDEST))
 
 

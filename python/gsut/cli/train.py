@@ -85,7 +85,7 @@ def run(arguments: argparse.Namespace) -> int:
         elif not arguments.quiet:
             print_figures(metrics)
             if metrics.get("verdict"):
-                print(Verdict.of(metrics["verdict"]))
+                print(Verdict.from_dict(metrics["verdict"]))
             print(f"report: {run.path / REPORT}")
         page.stay()
     return 0
@@ -143,10 +143,10 @@ def train_into(
         options = for_views(options, len(scene.train_indices))
     if not quiet:
         from gsut.data.points import UNCOLORED, has_colors
-        from gsut.training import size_note
+        from gsut.training import describe_resizing
 
         colors = UNCOLORED if len(scene.points) and not has_colors(scene) else None
-        for note in filter(None, (*scene.notes, size_note(scene, options), colors)):
+        for note in filter(None, (*scene.notes, describe_resizing(scene, options), colors)):
             print(f"gsut: note: {note}", file=sys.stderr)
     if not (resume and run.holds_run()):
         check_first(scene, force, quiet, _matches(scene))
@@ -158,9 +158,9 @@ def train_into(
                 scene, options, blocks, out=run.path, resume=resume, progress=not quiet
             )
             return run.read_json(METRICS)
-        watch = {} if page is None else page.begin(scene, options)
+        watch = None if page is None else page.begin(scene, options)
         result = gsut.train(
-            scene, options, out=run.path, resume=resume, progress=not quiet, **watch
+            scene, options, out=run.path, resume=resume, progress=not quiet, watch=watch
         )
         if page is not None:
             page.finish(result)
@@ -175,10 +175,10 @@ def train_into(
 
 def _matches(scene: Any) -> Any:
     """What the check goes by: OpenCV finds features while Python imports what trains."""
-    from gsut.check import neighbouring_matches
+    from gsut.check import match_neighbours
 
     with concurrent.futures.ThreadPoolExecutor(1, "gsut-matches") as thread:
-        found = thread.submit(neighbouring_matches, scene)
+        found = thread.submit(match_neighbours, scene)
         importlib.import_module("gsut.train")
         return found.result()
 

@@ -8,6 +8,7 @@ import os
 import sys
 import threading
 import webbrowser
+from collections.abc import Callable
 from typing import Any, TextIO
 
 from gsut.cli._flags import Number, add_json, add_memory, add_moved_data, print_json
@@ -87,17 +88,17 @@ class LivePage:
         self._live: Any = None
         self._stack = contextlib.ExitStack()
 
-    def begin(self, scene: Any, options: Any) -> dict[str, Any]:
-        """Serves it; returns what `gsut.train` is to be given."""
+    def begin(self, scene: Any, options: Any) -> Callable[..., bool] | None:
+        """Starts to serve the page; returns the `watch` of `gsut.train`."""
         if not self._arguments.view:
-            return {}
+            return None
         from gsut.view import LOOPBACK, LiveTraining, ViewServer
 
         self._live = LiveTraining(scene, options)
         host, port = self._arguments.host or LOOPBACK, self._arguments.port
         server = self._stack.enter_context(ViewServer(self._live.session.routes, host, port))
         announce(server.address, self._arguments.no_open, sys.stderr)
-        return {"watch": self._live.watch}
+        return self._live.watch
 
     def finish(self, result: Any) -> None:
         """Shows what `gsut.train` gave."""

@@ -6,14 +6,14 @@ Rooms of their own, whose doors anyone may use: `images`, `scene`, `points`, `po
 
 from gsut.data.assemble import assemble
 from gsut.data.capture_file import CAPTURE, CAPTURE_FOLDER, STRIP, capture_state, read_capture
-from gsut.data.convert import convert_dataset, save_dataset, writable_layouts
-from gsut.data.errors import DatasetError, some_names
+from gsut.data.convert import convert_dataset, list_writable_layouts, save_dataset
+from gsut.data.errors import DatasetError, list_some
 from gsut.data.layouts import KEYS as PARTS
 from gsut.data.layouts import find_images, find_lens_file
 from gsut.data.listing import Frame
 from gsut.data.load import load_dataset, read_dataset
-from gsut.data.memory import make_scene
-from gsut.data.scene.digests import scene_digests
+from gsut.data.memory import scene_from_arrays
+from gsut.data.scene.digests import digest_scene
 from gsut.data.scene.scene import Scene, View, keep_at_most
 from gsut.data.scene.split import TEST_EVERY
 from gsut.data.scene.training_views import Level, TrainingViews
@@ -34,16 +34,16 @@ __all__ = [
     "assemble",
     "capture_state",
     "convert_dataset",
+    "digest_scene",
     "find_images",
     "find_lens_file",
     "keep_at_most",
+    "list_some",
+    "list_writable_layouts",
     "load_dataset",
-    "make_scene",
     "read_capture",
     "read_dataset",
     "save_dataset",
-    "scene_digests",
-    "some_names",
-    "writable_layouts",
+    "scene_from_arrays",
     "write_transforms",
 ]

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import InputError
-from gsut.data.errors import DatasetError, OnError, raise_error, some_names
+from gsut.data.errors import DatasetError, OnError, list_some, raise_error
 from gsut.data.images import IMAGE_SUFFIXES, read_header
 from gsut.data.listing import Frame, Listing
-from gsut.data.points import TRIANGULATED, usable_points
+from gsut.data.points import TRIANGULATED, find_usable_points
 from gsut.data.poses import inverse
 from gsut.data.scene import TEST_EVERY, Scene, View, split_views
 from gsut.lens import Camera
@@ -44,20 +44,20 @@ def assemble(
     if listing.missing and listing.frames:
         notes.append(
             f"{listing.source}: {len(listing.missing)} of {total} images do not exist and are"
-            f" left out: {some_names(listing.missing)}"
+            f" left out: {list_some(listing.missing)}"
         )
     if listing.missing_depth:
         notes.append(
             f"{listing.source}: {len(listing.missing_depth)} depth files or normal maps do not "
-            f"exist, which training does not need: {some_names(listing.missing_depth)}"
+            f"exist, which training does not need: {list_some(listing.missing_depth)}"
         )
-    frames = _without_repeats(listing, notes, on_error)
+    frames = _drop_repeats(listing, notes, on_error)
     frames = _fit_cameras(frames, notes, on_error)
     if not frames:
-        raise _nothing_left(listing, total)
+        raise _explain_nothing_left(listing, total)
     frames.sort(key=lambda frame: frame.name)
-    notes += [*_mask_notes(listing, frames, on_error), *_lens_notes(frames)]
-    finite, fault = usable_points(listing.points)
+    notes += [*_note_masks(listing, frames, on_error), *_note_lenses(frames)]
+    finite, fault = find_usable_points(listing.points)
     if fault:
         where = listing.points_source or listing.source
         on_error(DatasetError(where, fault, "remove these points"))
@@ -71,7 +71,7 @@ def assemble(
         missing=[*listing.missing],
     )
     offset = np.mean([frame.world_from_camera[:3, 3] for frame in frames], axis=0)
-    cameras, views = _views(frames, offset)
+    cameras, views = _make_views(frames, offset)
     centred = Scene(
         listing.path, tuple(cameras), tuple(views), listing.points[finite] - offset,
         listing.point_colors[finite], tuple(train), tuple(test),
@@ -93,7 +93,7 @@ def _take_triangulated(listing: Listing, on_error: OnError) -> None:
         on_error(error)
 
 
-def _mask_notes(listing: Listing, frames: list[Frame], on_error: OnError) -> Iterator[str]:
+def _note_masks(listing: Listing, frames: list[Frame], on_error: OnError) -> Iterator[str]:
     """Masks that belong to no image, and images without one among others that have one."""
     used = {frame.mask_path.resolve() for frame in frames if frame.mask_path is not None}
     without = [frame.name for frame in frames if frame.mask_path is None]
@@ -107,18 +107,18 @@ def _mask_notes(listing: Listing, frames: list[Frame], on_error: OnError) -> Ite
         else f"a mask is called as its image: {MASKS}/{Path(frames[0].name).name}.png"
     )
     if idle and len(idle) == len(found) and not named:
-        what = f"none of {len(found)} masks belongs to an image: {some_names(idle)}"
+        what = f"none of {len(found)} masks belongs to an image: {list_some(idle)}"
         on_error(DatasetError(folder, what, f"{advice}; or remove the folder"))
     elif idle:
-        yield f"{folder}: {len(idle)} masks are of no image: {some_names(idle)}; {advice}"
+        yield f"{folder}: {len(idle)} masks are of no image: {list_some(idle)}; {advice}"
     if without and len(without) < len(frames):
         yield (
             f"{len(without)} of {len(frames)} images have no mask and count as a whole"
-            f" ({some_names(without)}); {advice}"
+            f" ({list_some(without)}); {advice}"
         )
 
 
-def _lens_notes(frames: list[Frame]) -> Iterator[str]:
+def _note_lenses(frames: list[Frame]) -> Iterator[str]:
     """Lenses whose coefficients of distortion are all zero."""
     for camera in dict.fromkeys(frame.camera for frame in frames):
         names = camera.param_names.split()
@@ -131,14 +131,14 @@ def _lens_notes(frames: list[Frame]) -> Iterator[str]:
             )
 
 
-def _nothing_left(listing: Listing, total: int) -> DatasetError:
+def _explain_nothing_left(listing: Listing, total: int) -> DatasetError:
     if total == 0:
         return DatasetError(listing.source, "the dataset lists no images", "add images with poses")
     if listing.missing and not listing.frames:
         return DatasetError(
             listing.source,
             f"none of its {total} images exist (looked under {listing.path} for"
-            f" {some_names(listing.missing)})",
+            f" {list_some(listing.missing)})",
             "copy the images there or correct the paths",
         )
     return DatasetError(
@@ -146,7 +146,7 @@ def _nothing_left(listing: Listing, total: int) -> DatasetError:
     )
 
 
-def _without_repeats(listing: Listing, notes: list[str], on_error: OnError) -> list[Frame]:
+def _drop_repeats(listing: Listing, notes: list[str], on_error: OnError) -> list[Frame]:
     """Leaves out a frame that repeats an earlier one; the same image with two poses is an error."""
     first: dict[Path, Frame] = {}
     repeated = []
@@ -167,7 +167,7 @@ def _without_repeats(listing: Listing, notes: list[str], on_error: OnError) -> l
     if repeated:
         notes.append(
             f"{listing.source}: {len(repeated)} images are listed twice and used once:"
-            f" {some_names(repeated)}"
+            f" {list_some(repeated)}"
         )
     return list(first.values())
 
@@ -192,7 +192,7 @@ def _fit_cameras(frames: list[Frame], notes: list[str], on_error: OnError) -> li
     if resized:
         notes.append(
             f"{len(resized)} images are scaled copies: their camera was resized from {size}:"
-            f" {some_names(resized)}"
+            f" {list_some(resized)}"
         )
     return fitted
 
@@ -222,19 +222,19 @@ def fit_camera(camera: Camera, width: int, height: int, image_path: Path) -> Cam
     )
 
 
-def _views(frames: list[Frame], offset: np.ndarray) -> tuple[list[Camera], list[View]]:
+def _make_views(frames: list[Frame], offset: np.ndarray) -> tuple[list[Camera], list[View]]:
     """Views in the recentred world; equal cameras are stored once."""
     cameras: list[Camera] = []
     index_of: dict[tuple, int] = {}
     views = []
 
-    def recentred(world_from_camera: np.ndarray) -> np.ndarray:
+    def recenter(world_from_camera: np.ndarray) -> np.ndarray:
         moved = world_from_camera.copy()
         moved[:3, 3] -= offset
         return inverse(moved)
 
-    def recentred_if_given(world_from_camera: np.ndarray | None) -> np.ndarray | None:
-        return None if world_from_camera is None else recentred(world_from_camera)
+    def recenter_if_given(world_from_camera: np.ndarray | None) -> np.ndarray | None:
+        return None if world_from_camera is None else recenter(world_from_camera)
 
     for frame in frames:
         camera = frame.camera
@@ -248,9 +248,9 @@ def _views(frames: list[Frame], offset: np.ndarray) -> tuple[list[Camera], list[
                 frame.name,
                 frame.image_path,
                 index_of[key],
-                recentred(frame.world_from_camera),
-                recentred_if_given(frame.world_from_camera_start),
-                recentred_if_given(frame.world_from_camera_end),
+                recenter(frame.world_from_camera),
+                recenter_if_given(frame.world_from_camera_start),
+                recenter_if_given(frame.world_from_camera_end),
                 frame.mask_path,
                 frame.depth_path,
                 frame.shutter,

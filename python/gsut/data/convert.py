@@ -15,13 +15,20 @@ from numpy.typing import ArrayLike
 from gsut._core import InputError
 from gsut.data.assemble import assemble
 from gsut.data.errors import DatasetError, raise_error
-from gsut.data.export import Export, copy_file, frame_times_ns, link_file, move_file, plain_name
+from gsut.data.export import (
+    Export,
+    copy_file,
+    find_frame_times,
+    link_file,
+    move_file,
+    strip_images_folder,
+)
 from gsut.data.layouts import Layout, describe_recording, find_layout, list_layouts, replace_parts
 from gsut.data.listing import Frame, Listing
 from gsut.data.load import read_dataset
-from gsut.data.memory import cameras_of, checked_image, checked_points
-from gsut.data.poses import format_kitti, format_tum, inverse, rigid_transform, seconds_text
-from gsut.data.recordings import listing_of
+from gsut.data.memory import check_image, check_points, repeat_camera
+from gsut.data.poses import format_kitti, format_seconds, format_tum, inverse, rigid_transform
+from gsut.data.recordings import pair_recording
 from gsut.data.rigs import BODY, OWN
 from gsut.data.scene import Scene
 from gsut.files import staging_folder, whole_folder, write_file, write_picture
@@ -33,7 +40,7 @@ _TRAJECTORIES = ("tum", "kitti")
 _PNG = ".png"
 
 
-def writable_layouts() -> dict[str, Layout]:
+def list_writable_layouts() -> dict[str, Layout]:
     """The layouts that can be written, by name."""
     return {each.name: each for each in list_layouts() if each.write is not None}
 
@@ -89,7 +96,7 @@ def convert_dataset(
         if given.get("poses_of") not in (BODY, OWN, *names):
             given.pop("poses_of", None)  # a frame of the bag, which is now the body
         recording = replace_parts(recording, _from_here(given), Path.cwd(), source)
-        return _write(listing_of(recording, raise_error), out, to, move_file, None, progress)
+        return _write(pair_recording(recording, raise_error), out, to, move_file, None, progress)
 
 
 def _write(
@@ -126,18 +133,18 @@ def _with_bar(
     """`place`, counting pictures on a bar."""
     bars, done = Progress(progress), itertools.count(1)
 
-    def shown(source: Path, target: Path) -> None:
+    def place_and_show(source: Path, target: Path) -> None:
         place(source, target)
         bars.show("pictures", min(next(done), total), total)
 
-    return shown
+    return place_and_show
 
 
 def _read(source: Path, parts: Mapping[str, Any]) -> Listing:
     if not parts:
         return read_dataset(source)
     values = {"images": str(source.resolve()), **_from_here(parts)}
-    return listing_of(describe_recording(values, source.resolve(), source), raise_error)
+    return pair_recording(describe_recording(values, source.resolve(), source), raise_error)
 
 
 def _from_here(parts: Mapping[str, Any]) -> dict[str, Any]:
@@ -161,7 +168,7 @@ def _take_poses(listing: Listing, scene: Scene) -> None:
             frame.camera = scene.file_cameras[view.camera_index]
 
 
-def _held_out(frames: Sequence[Frame], wanted: Sequence[str] | None) -> list[str] | None:
+def _find_held_out(frames: Sequence[Frame], wanted: Sequence[str] | None) -> list[str] | None:
     """The names of the frames in a list of names, file names or stems.
 
     Raises:
@@ -186,8 +193,10 @@ def _write_trajectory(out: Path, frames: Sequence[Frame], to: str) -> None:
             f"{out}: a .txt is a trajectory, which --to tum or --to kitti writes, not {to}"
         )
     poses = np.array([frame.world_from_camera for frame in frames])
-    times, known = frame_times_ns(frames)
-    labels = [seconds_text(t) for t in times] if known else [plain_name(f) for f in frames]
+    times, known = find_frame_times(frames)
+    labels = (
+        [format_seconds(t) for t in times] if known else [strip_images_folder(f) for f in frames]
+    )
     write_file(out, format_tum(labels, poses) if to == "tum" else format_kitti(poses))
 
 
@@ -197,7 +206,7 @@ def write_layout(out: Path, export: Export, to: str) -> list[str]:
     Raises:
         InputError: the folder exists, or there is no such layout.
     """
-    known = writable_layouts()
+    known = list_writable_layouts()
     if to not in known:
         raise InputError(f"there is no layout '{to}' to write; known: {', '.join(sorted(known))}")
     write = known[to].write
@@ -243,14 +252,14 @@ def save_dataset(
         InputError: wrong shapes or counts, or the folder exists; see `convert_dataset`.
     """
     count = len(images)
-    lenses = cameras_of(cameras, count)
+    lenses = repeat_camera(cameras, count)
     poses = np.asarray(camera_from_world, np.float64)
     if poses.shape != (count, 4, 4):
         raise InputError(f"camera_from_world has shape {poses.shape}, expected ({count}, 4, 4)")
     for what, values in (("names", names), ("times_ns", times_ns), ("masks", masks)):
         if values is not None and len(values) != count:
             raise InputError(f"{what} has {len(values)} entries for {count} images")
-    xyz, rgb = checked_points(points, point_colors)
+    xyz, rgb = check_points(points, point_colors)
     out = Path(out)
     names = [f"{i:06d}" for i in range(count)] if names is None else list(names)
     if out.exists():
@@ -258,7 +267,7 @@ def save_dataset(
     with staging_folder(out) as staging:
         folder, frames = staging, []
         for i, name in enumerate(names):
-            path, name = _stored(images[i], name, lenses[i], folder / f"{i}{_PNG}")
+            path, name = _store_image(images[i], name, lenses[i], folder / f"{i}{_PNG}")
             valid, mask = None if masks is None else masks[i], None
             if valid is not None:
                 mask = folder / f"{i}.mask{_PNG}"
@@ -272,7 +281,7 @@ def save_dataset(
         return write_layout(
             out,
             Export(
-                frames, xyz, rgb, _held_out(frames, test_names),
+                frames, xyz, rgb, _find_held_out(frames, test_names),
                 lambda here, there: (
                     move_file if here.is_relative_to(folder) else copy_file
                 )(here, there),
@@ -281,7 +290,7 @@ def save_dataset(
         )  # fmt: skip
 
 
-def _stored(
+def _store_image(
     image: np.ndarray | str | os.PathLike[str], name: str, camera: Camera, target: Path
 ) -> tuple[Path, str]:
     """Where a picture is stored, and its name with a suffix."""
@@ -290,7 +299,7 @@ def _stored(
         if not path.is_file():
             raise DatasetError(path, "the image does not exist", "correct the path")
         return path, name if Path(name).suffix else name + path.suffix
-    pixels = checked_image(image, name, camera)
+    pixels = check_image(image, name, camera)
     _write_png(target, pixels)
     return target, name if Path(name).suffix else name + _PNG
 

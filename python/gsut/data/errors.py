@@ -33,8 +33,8 @@ def raise_error(error: InputError) -> None:
     raise error
 
 
-def some_names(names: Sequence[str]) -> str:
+def list_some(names: Sequence[str]) -> str:
     """Lists the first few names and counts the others."""
-    shown = ", ".join(names[:NAMES_SHOWN])
+    place_and_show = ", ".join(names[:NAMES_SHOWN])
     more = len(names) - NAMES_SHOWN
-    return f"{shown} and {more} more" if more > 0 else shown
+    return f"{place_and_show} and {more} more" if more > 0 else place_and_show

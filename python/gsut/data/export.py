@@ -13,7 +13,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data.listing import Frame
-from gsut.data.points import points_ply
+from gsut.data.points import format_points_ply
 from gsut.data.poses import inverse
 from gsut.files import WriteError, write_file
 from gsut.lens import Camera
@@ -44,7 +44,7 @@ class Export:
         """Writes the points' PLY; nothing where there are none."""
         if len(self.points):
             path.parent.mkdir(parents=True, exist_ok=True)
-            write_file(path, points_ply(self.points, self.point_colors))
+            write_file(path, format_points_ply(self.points, self.point_colors))
 
 
 def copy_file(source: Path, target: Path) -> None:
@@ -70,7 +70,7 @@ def move_file(source: Path, target: Path) -> None:
     os.replace(source, target)
 
 
-def plain_name(frame: Frame) -> str:
+def strip_images_folder(frame: Frame) -> str:
     """A frame's name without the folder "images", in which layouts put pictures anyway."""
     parts = PurePosixPath(frame.name).parts
     kept = [part for part in parts if part not in ("..", "/", ".")]
@@ -85,7 +85,7 @@ def place_images(export: Export, folder: Path) -> list[Frame]:
     placed: dict[Path, Path] = {}
     frames = []
     for frame in export.frames:
-        name = plain_name(frame)
+        name = strip_images_folder(frame)
         picture = folder / "images" / name
         export.place(frame.image_path, picture)
         mask = frame.mask_path
@@ -101,7 +101,7 @@ def place_images(export: Export, folder: Path) -> list[Frame]:
     return frames
 
 
-def losses(export: Export, layout: str, *, masks: bool = False) -> list[str]:
+def list_losses(export: Export, layout: str, *, masks: bool = False) -> list[str]:
     """What a layout with one pose an image has no place for, one sentence each."""
     found = []
     if any(frame.shutter is not None for frame in export.frames):
@@ -114,7 +114,7 @@ def losses(export: Export, layout: str, *, masks: bool = False) -> list[str]:
     return found
 
 
-def frame_times_ns(frames: Sequence[Frame]) -> tuple[list[int], bool]:
+def find_frame_times(frames: Sequence[Frame]) -> tuple[list[int], bool]:
     """The time of each frame in nanoseconds, and whether they are known; else ten a second.
 
     Frames of one stem in several folders then have one time: those of a rig.
@@ -141,7 +141,7 @@ class Seat:
     times: list[int]
 
 
-def seats_of(frames: Sequence[Frame], layout: str) -> tuple[list[Seat], dict[int, np.ndarray]]:
+def group_seats(frames: Sequence[Frame], layout: str) -> tuple[list[Seat], dict[int, np.ndarray]]:
     """Frames as cameras on one body.
 
     Returns:
@@ -151,10 +151,10 @@ def seats_of(frames: Sequence[Frame], layout: str) -> tuple[list[Seat], dict[int
     Raises:
         InputError: cameras that took pictures at the same times do not move as one body.
     """
-    times, _ = frame_times_ns(frames)
+    times, _ = find_frame_times(frames)
     groups: dict[tuple, Seat] = {}
     for frame, time in zip(frames, times, strict=True):
-        key = (PurePosixPath(plain_name(frame)).parent, frame.camera)
+        key = (PurePosixPath(strip_images_folder(frame)).parent, frame.camera)
         seat = groups.setdefault(key, Seat(frame.camera, np.eye(4), [], []))
         seat.frames.append(frame)
         seat.times.append(time)

@@ -10,7 +10,7 @@ from gsut.data.assemble import assemble
 from gsut.data.errors import DatasetError, OnError, raise_error
 from gsut.data.layouts import Layout, find_layout, list_layouts
 from gsut.data.listing import Listing
-from gsut.data.recordings import listing_of
+from gsut.data.recordings import pair_recording
 from gsut.data.scene import TEST_EVERY, Scene
 from gsut.files import reading
 
@@ -81,4 +81,4 @@ def _read(layout: Layout, path: Path, on_error: OnError) -> Listing:
             path, f"{layout.files}, whose pictures are inside",
             f"`gsut data convert {path} FOLDER` makes a dataset of it",
         )  # fmt: skip
-    return listing_of(layout.record(path), on_error)
+    return pair_recording(layout.record(path), on_error)

@@ -17,7 +17,7 @@ from gsut.lens import Camera
 IN_MEMORY = Path("arrays in memory")  # what such a scene has for a dataset's path
 
 
-def make_scene(
+def scene_from_arrays(
     images: Sequence[np.ndarray],
     cameras: Camera | Sequence[Camera],
     camera_from_world: ArrayLike,
@@ -50,7 +50,7 @@ def make_scene(
         DatasetError: a pose is no rigid transform.
     """
     count = len(images)
-    lenses = cameras_of(cameras, count)
+    lenses = repeat_camera(cameras, count)
     poses = np.asarray(camera_from_world, np.float64)
     if poses.shape != (count, 4, 4):
         raise InputError(f"camera_from_world has shape {poses.shape}, expected ({count}, 4, 4)")
@@ -63,7 +63,7 @@ def make_scene(
     known = list(dict.fromkeys(lenses))
     views = []
     for i in np.argsort(names, kind="stable"):
-        pixels = checked_image(images[i], names[i], lenses[i])
+        pixels = check_image(images[i], names[i], lenses[i])
         valid = None if masks is None else masks[i]
         if valid is not None:
             valid = np.asarray(valid, bool)
@@ -80,14 +80,14 @@ def make_scene(
         [view.name for view in views], IN_MEMORY, test_every=test_every, test_names=test_names,
         listed_train=None, listed_test=None, missing=[],
     )  # fmt: skip
-    xyz, rgb = checked_points(points, point_colors)
+    xyz, rgb = check_points(points, point_colors)
     return Scene(
         IN_MEMORY, tuple(known), tuple(views), xyz, rgb, tuple(train), tuple(test), np.zeros(3),
         tuple(notes),
     )  # fmt: skip
 
 
-def cameras_of(cameras: Camera | Sequence[Camera], count: int) -> list[Camera]:
+def repeat_camera(cameras: Camera | Sequence[Camera], count: int) -> list[Camera]:
     """One camera for each image.
 
     Raises:
@@ -99,7 +99,7 @@ def cameras_of(cameras: Camera | Sequence[Camera], count: int) -> list[Camera]:
     return lenses
 
 
-def checked_image(image: np.ndarray, name: str, camera: Camera) -> np.ndarray:
+def check_image(image: np.ndarray, name: str, camera: Camera) -> np.ndarray:
     """The image as an array of its camera's size.
 
     Raises:
@@ -114,7 +114,7 @@ def checked_image(image: np.ndarray, name: str, camera: Camera) -> np.ndarray:
     return pixels
 
 
-def checked_points(
+def check_points(
     points: ArrayLike | None, point_colors: ArrayLike | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """(P, 3) float64 and (P, 3) uint8, mid-grey without colours.

@@ -65,7 +65,7 @@ def read_yaml(source: Path) -> dict[str, Any]:
     return values
 
 
-def rows_of(source: Path) -> list[tuple[int, list[str]]]:
+def read_rows(source: Path) -> list[tuple[int, list[str]]]:
     """Line numbers from 1 and fields of a table; commas or blanks part them, '#' begins a comment.
 
     Raises:

@@ -42,7 +42,7 @@ def write_transforms(
         OSError: a file cannot be written.
     """
     lenses = list(dict.fromkeys(frame.camera for frame in frames))
-    texts = _lens_texts(lenses, path)
+    texts = _describe_lenses(lenses, path)
     text = _format_transforms(frames, path.parent, texts, points_file, test)
     for lens, values in texts.items():
         if LENS_FILE in values:
@@ -50,7 +50,7 @@ def write_transforms(
     write_file(path, text)
 
 
-def _lens_texts(lenses: Sequence[Camera], path: Path) -> dict[Camera, dict[str, Any]]:
+def _describe_lenses(lenses: Sequence[Camera], path: Path) -> dict[Camera, dict[str, Any]]:
     """What stands for each lens: nerfstudio's keys, or the name of its file."""
     texts: dict[Camera, dict[str, Any]] = {}
     for lens in lenses:
@@ -85,7 +85,7 @@ def _format_transforms(
     for direction in directions - {"global"}:
         values["rolling_shutter"] = {"direction": direction}
     rows = [
-        (texts[frame.camera] if len(lenses) > 1 else {}) | _frame_values(frame, folder)
+        (texts[frame.camera] if len(lenses) > 1 else {}) | _describe_frame(frame, folder)
         for frame in frames
     ]
     if test is not None:
@@ -98,8 +98,8 @@ def _format_transforms(
     return json.dumps({**values, "frames": rows}, indent=1) + "\n"
 
 
-def _frame_values(frame: Frame, folder: Path) -> dict[str, Any]:
-    values: dict[str, Any] = {"file_path": _relative(frame.image_path, folder)}
+def _describe_frame(frame: Frame, folder: Path) -> dict[str, Any]:
+    values: dict[str, Any] = {"file_path": _name_relative(frame.image_path, folder)}
     if frame.time is not None:
         values["timestamp"] = frame.time
     if frame.time_ns is not None:
@@ -115,10 +115,10 @@ def _frame_values(frame: Frame, folder: Path) -> dict[str, Any]:
     }
     for key, path in files.items():
         if path is not None:
-            values[key] = _relative(path, folder)
+            values[key] = _name_relative(path, folder)
     return values
 
 
-def _relative(path: Path, folder: Path) -> str:
+def _name_relative(path: Path, folder: Path) -> str:
     place = path.parent.resolve() / path.name  # a link stands for itself
     return Path(os.path.relpath(place, folder.resolve())).as_posix()

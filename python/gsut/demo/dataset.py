@@ -12,7 +12,7 @@ import numpy as np
 
 from gsut._core import InputError, num_threads
 from gsut.data import Frame, write_transforms
-from gsut.data.points import points_ply
+from gsut.data.points import format_points_ply
 from gsut.demo.hall import Hall, make_hall
 from gsut.demo.hall_mesh import hall_mesh
 from gsut.demo.tracing import Tracer
@@ -98,7 +98,7 @@ def _write_dataset(
     points, colors = surface_points(
         hall, camera, mask, [poses[i] for i in train], [images[i] for i in train], seed
     )
-    (folder / _POINTS_FILE).write_bytes(points_ply(points, colors))
+    (folder / _POINTS_FILE).write_bytes(format_points_ply(points, colors))
     save_mesh(folder / _TRUTH_FILE, hall_mesh(hall))
     frames = [
         Frame(

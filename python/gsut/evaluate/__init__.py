@@ -4,6 +4,7 @@ from gsut.evaluate.evaluation import evaluate, run_metrics
 from gsut.evaluate.held_out import mean_psnr, view_image
 from gsut.evaluate.report import write_report
 from gsut.evaluate.report_plots import ring_text
+from gsut.evaluate.scene_page import write_scene_page
 from gsut.evaluate.verdict import train_verdict
 
 __all__ = [
@@ -14,4 +15,5 @@ __all__ = [
     "train_verdict",
     "view_image",
     "write_report",
+    "write_scene_page",
 ]

@@ -77,7 +77,7 @@ def write_report(run: RunFolder) -> Path:
         metrics=metrics,
         environment=environment,
         headline=_headline(metrics),
-        verdict=Verdict.of(metrics["verdict"]) if metrics.get("verdict") else None,
+        verdict=Verdict.from_dict(metrics["verdict"]) if metrics.get("verdict") else None,
         **_pictures(metrics.get("views", []), run.path / RENDERS),
         rows=sorted(metrics.get("views", []), key=lambda row: row["name"]),
         curves=_curves(run.read_history(), options.resolved()),

@@ -1,4 +1,4 @@
-"""The scene's parameters: arrays, packed harmonics, seeding, the low-pass filter."""
+"""A scene's Gaussians: arrays, packed harmonics, seeding, editing, the low-pass filter."""
 
 from gsut.gaussians.arrays import SH_C0, Gaussians
 from gsut.gaussians.cut import (

@@ -27,10 +27,10 @@ class Gaussians:
         opacity_logits: (N,) opacity = 1 / (1 + exp(-logit)).
         sh: (N, K, 3) spherical harmonics of degree 0 to 3 (K = 1, 4, 9, 16);
             colour = 0.5 + sum of basis times sh, clamped at 0 from below.
-        origin: (3,) float64, where the means' zero lies in the world, for scenes so far from the
-            world's zero that float32 cannot hold them there; nothing else depends on it.
+        origin: (3,) float64, world coordinates of the means' zero, for scenes too far from the
+            world's zero for float32; nothing else depends on it.
 
-    Arrays are kept as float64 if `means` is float64, as float32 otherwise, C-contiguous.
+    Arrays are stored C-contiguous, as float64 if `means` is float64 and as float32 otherwise.
 
     Raises:
         InputError: shapes disagree.
@@ -89,27 +89,27 @@ class Gaussians:
         return {1: 0, 4: 1, 9: 2, 16: 3}[self.sh.shape[1]]
 
     def to_dtype(self, dtype: np.typing.DTypeLike) -> Gaussians:
-        """The same Gaussians in float32 or float64; a copy only if the dtype differs."""
+        """Converts to float32 or float64; returns itself if that is its dtype."""
         if np.dtype(dtype) == self.dtype:
             return self
         return self._with({name: getattr(self, name).astype(dtype) for name in _FIELDS})
 
     def __getitem__(self, rows: slice | np.ndarray) -> Gaussians:
-        """The Gaussians of a slice (views, no copy) or of an index or boolean array."""
+        """Selects rows by a slice (views, no copy) or by an index or boolean array."""
         return self._with({name: getattr(self, name)[rows] for name in _FIELDS})
 
     def make_zeros(self) -> Gaussians:
-        """The same shapes, all values 0: for gradients."""
-        # Not zeros_like, which writes its zeros: what is never written takes no memory so.
+        """Makes arrays of the same shapes with all values 0, for gradients."""
+        # np.zeros instead of np.zeros_like, which writes its zeros: unwritten pages take no memory.
         arrays = (getattr(self, name) for name in _FIELDS)
         return Gaussians(*(np.zeros(array.shape, array.dtype) for array in arrays))
 
     def translate(self, by: np.typing.ArrayLike) -> Gaussians:
-        """The Gaussians moved by a vector (3,) in world units: exact, only the origin changes."""
+        """Moves the Gaussians by a vector (3,) in world units: exact, only the origin changes."""
         return dataclasses.replace(self, origin=self.origin + np.asarray(by, np.float64))
 
     def with_origin(self, origin: np.typing.ArrayLike) -> Gaussians:
-        """The same Gaussians with their means' zero at `origin` (3,), world coordinates.
+        """Returns the same Gaussians with their means relative to `origin` (3,), world coordinates.
 
         `with_origin((0, 0, 0)).means` are world coordinates, rounded to the arrays' dtype.
         """
@@ -120,7 +120,7 @@ class Gaussians:
         return dataclasses.replace(self, means=means, origin=origin)
 
     def copy(self) -> Gaussians:
-        """A deep copy."""
+        """Returns a deep copy."""
         return self._with({name: getattr(self, name).copy() for name in _FIELDS})
 
     def _with(self, arrays: dict[str, Any]) -> Gaussians:

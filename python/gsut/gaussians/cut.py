@@ -1,4 +1,4 @@
-"""Which Gaussians of a scene to keep, and scenes put together."""
+"""Selects Gaussians of a scene, joins scenes and finds the ground."""
 
 from __future__ import annotations
 
@@ -11,21 +11,27 @@ from gsut._core import InputError
 from gsut.gaussians.arrays import Gaussians
 from gsut.gaussians.quaternions import rotations_from_quaternions
 
-_FLATNESS = 2.0  # of the second axis over the thinnest: what counts as a surface
+# Second axis over the thinnest from which a Gaussian counts as a piece of surface.
+_FLATNESS = 2.0
+# Cosine of the steepest slope that counts as level ground.
 _LEVEL = np.cos(np.radians(30.0))
-_LARGEST_PERCENT = 95  # areas above it count as this one: skies and walls of one Gaussian
+# Areas above this percentile count as equal to it: one Gaussian may be a whole wall or sky.
+_LARGEST_PERCENT = 95
+# Rounds of fitting the plane to what lies near the last one; it settles in three.
 _ROUNDS = 5
-_LAYERS = 64  # of the scene's height
-_LAYER_SHARE = 0.3  # of the fullest layer's area: the ground is the lowest with as much
+# Slices of the scene's height in which level area is summed.
+_LAYERS = 64
+# Share of the fullest slice's area that the ground, the lowest such slice, has at least.
+_LAYER_SHARE = 0.3
 
 
 def is_inside_box(gaussians: Gaussians, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Which Gaussians have their centres in a box.
+    """Returns which Gaussians have their centres in a box.
 
     Args:
         gaussians: N Gaussians.
         low: (3,) corner of the box, world coordinates.
-        high: (3,) the corner opposite.
+        high: (3,) the opposite corner.
 
     Returns:
         (N,) bool.
@@ -36,7 +42,7 @@ def is_inside_box(gaussians: Gaussians, low: np.ndarray, high: np.ndarray) -> np
 
 
 def is_inside_sphere(gaussians: Gaussians, center: np.ndarray, radius: float) -> np.ndarray:
-    """Which Gaussians have their centres in a ball.
+    """Returns which Gaussians have their centres in a ball.
 
     Args:
         gaussians: N Gaussians.
@@ -52,7 +58,7 @@ def is_inside_sphere(gaussians: Gaussians, center: np.ndarray, radius: float) ->
 
 
 def select_most_seen(gaussians: Gaussians, at: np.ndarray, share: float) -> np.ndarray:
-    """(N,) bool: a share of them, those with the largest shadows on a point.
+    """Selects (N,) bool a share of the Gaussians, those that look largest from a point.
 
     Args:
         gaussians: N Gaussians.
@@ -66,19 +72,19 @@ def select_most_seen(gaussians: Gaussians, at: np.ndarray, share: float) -> np.n
 
 
 def merge_gaussians(scenes: Sequence[Gaussians]) -> Gaussians:
-    """Scenes of one world as one, in their order.
+    """Joins scenes of one world, in their order.
 
     Args:
         scenes: at least one.
 
     Returns:
-        All Gaussians, about the first scene's origin; harmonics that some scenes lack are 0.
+        All Gaussians, relative to the first scene's origin; harmonics that a scene lacks are 0.
 
     Raises:
-        InputError: no scene.
+        InputError: there is no scene.
     """
     if not scenes:
-        raise InputError("no scenes to put together")
+        raise InputError("there are no scenes to merge; give at least one")
     origin = scenes[0].origin
     most = max(g.sh.shape[1] for g in scenes)
     parts = []
@@ -92,15 +98,15 @@ def merge_gaussians(scenes: Sequence[Gaussians]) -> Gaussians:
 
 
 def find_ground(gaussians: Gaussians, up: np.ndarray) -> tuple[np.ndarray, float]:
-    """The plane that a scene stands on, by the surfaces that lie nearly level.
+    """Finds the plane that a scene stands on from its nearly level surfaces.
 
     Args:
         gaussians: the scene.
         up: (3,) roughly away from the ground, such as the cameras' mean up.
 
     Returns:
-        (3,) the plane's normal, upwards, of length 1; normal . x = the second value on it, in world
-        coordinates.
+        (3,) the plane's upward unit normal, and its level: normal . x = level for points x of the
+        plane in world coordinates.
 
     Raises:
         InputError: fewer than three flat Gaussians that lie level within 30 degrees.
@@ -119,9 +125,9 @@ def find_ground(gaussians: Gaussians, up: np.ndarray) -> tuple[np.ndarray, float
     areas = np.exp(others[flat, 1:].sum(axis=1).astype(np.float64))
     areas = np.minimum(areas, np.percentile(areas, _LARGEST_PERCENT))
     leaning = normals[flat] * areas[:, None]
-    up = leaning.sum(axis=0) / np.linalg.norm(leaning.sum(axis=0))  # what lies level says so itself
-    low = _lowest_layer(means @ up, areas)
-    for _ in range(_ROUNDS):  # total least squares about the layer, which gets thinner
+    up = leaning.sum(axis=0) / np.linalg.norm(leaning.sum(axis=0))  # level surfaces know it better
+    low = _find_lowest_layer(means @ up, areas)
+    for _ in range(_ROUNDS):  # total least squares on a layer about the plane, ever thinner
         weights = areas * low
         middle = weights @ means / weights.sum()
         spread = (means - middle).T @ ((means - middle) * weights[:, None])
@@ -132,8 +138,8 @@ def find_ground(gaussians: Gaussians, up: np.ndarray) -> tuple[np.ndarray, float
     return normal, float(normal @ (middle + g.origin))
 
 
-def _lowest_layer(heights: np.ndarray, areas: np.ndarray) -> np.ndarray:
-    """(M,) bool: in the lowest slice of the heights that holds much level area."""
+def _find_lowest_layer(heights: np.ndarray, areas: np.ndarray) -> np.ndarray:
+    """Finds (M,) bool the surfaces in the lowest slice of heights with much level area."""
     bottom, top = np.percentile(heights, [1, 99])
     edges = np.linspace(bottom, top, _LAYERS + 1)
     filled = np.histogram(heights, edges, weights=areas)[0]

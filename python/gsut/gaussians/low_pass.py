@@ -1,4 +1,4 @@
-"""The 3D low-pass filter: Gaussians that no camera can see thinner than its own pixels."""
+"""The 3D low-pass filter, which keeps Gaussians from being thinner than a camera's pixels."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from gsut import _core
 from gsut._core import InputError
 from gsut.gaussians.arrays import Gaussians
 
-# A point this far outside the image (pixels, of the image's size) still counts as seen.
+# Share of the image's size by which a point may lie outside and still count as seen.
 _BORDER = 0.1
 
 
 def compute_pixel_density(points: np.ndarray, camera: _core.Camera, pose: np.ndarray) -> np.ndarray:
-    """Pixels a unit of area across the ray, at points (N, 3) of the world.
+    """Computes how many pixels an image spends on a unit of area across the ray.
 
     Args:
-        points: float64.
+        points: (N, 3) float64, world coordinates.
         camera: the lens.
         pose: (4, 4) camera_from_world.
 
     Returns:
-        (N,) 0 where the image, and a tenth of it around, does not hold the point.
+        (N,) pixels per unit of area; 0 at points outside the image and a tenth of it around.
     """
     density = np.zeros(len(points))
     in_camera = points @ pose[:3, :3].T + pose[:3, 3]
@@ -44,23 +44,23 @@ def compute_pixel_density(points: np.ndarray, camera: _core.Camera, pose: np.nda
 def find_filter_radii(
     means: np.ndarray, cameras: Sequence[_core.Camera], camera_from_world: Any, pixels: float
 ) -> np.ndarray:
-    """Standard deviation of each Gaussian's low-pass filter, from the camera that sees it best.
+    """Finds the standard deviation of each Gaussian's low-pass filter.
 
-    A pixel's size at a point is through the real lens: 1 / sqrt(s1 s2), s1 and s2 the singular
-    values of the pixel's derivative to the point. The smallest over the cameras whose image (and a
-    tenth of it around) holds the point counts.
+    The size of a pixel at a point is taken through the real lens: 1 / sqrt(s1 s2), with s1 and s2
+    the singular values of the derivative of the pixel by the point. The smallest over all cameras
+    whose image, and a tenth of it around, contains the point decides.
 
     Args:
         means: (N, 3) world coordinates.
-        cameras: C of them.
+        cameras: C cameras.
         camera_from_world: (C, 4, 4), one a camera.
-        pixels: standard deviation of the filter in pixels; 0.3 is about that of a pixel itself.
+        pixels: standard deviation of the filter in pixels; that of a pixel itself is about 0.3.
 
     Returns:
-        (N,) float64 world units. A point that no camera sees takes the largest of the others.
+        (N,) float64 world units. Points that no camera sees get the largest of the others.
 
     Raises:
-        InputError: pixels is not positive, or there are not as many poses as cameras.
+        InputError: pixels is not positive, or the numbers of poses and cameras differ.
     """
     if not (np.isfinite(pixels) and pixels > 0):
         raise InputError(f"low_pass must be a positive number of pixels, found {pixels}")
@@ -82,15 +82,15 @@ def find_filter_radii(
 
 
 def apply_low_pass(gaussians: Gaussians, radii: np.ndarray) -> Gaussians:
-    """The Gaussians convolved with isotropic ones of standard deviation `radii`.
+    """Convolves Gaussians with isotropic ones of standard deviation `radii`.
 
-    Scales become sqrt(scale^2 + radius^2); opacities are multiplied by the ratio of the areas of
-    the shadows before and after (root mean square over all directions), so that the light that
-    passes stays the same. Means, quaternions and harmonics are those of the argument, not copies.
+    Scales become sqrt(scale^2 + radius^2). Opacities are multiplied by the ratio of the projected
+    areas before and after (root mean square over all directions), so that as much light passes.
+    Means, quaternions and harmonics are those of the argument, not copies.
 
     Args:
         gaussians: N Gaussians.
-        radii: (N,) world units; 0 leaves a Gaussian as it is.
+        radii: (N,) world units; 0 does not change a Gaussian.
 
     Returns:
         N Gaussians of the same dtype.
@@ -108,14 +108,14 @@ def apply_low_pass(gaussians: Gaussians, radii: np.ndarray) -> Gaussians:
 
 
 def apply_low_pass_backward(gaussians: Gaussians, radii: np.ndarray, gradients: Gaussians) -> None:
-    """Turns gradients to `apply_low_pass(gaussians, radii)` into those to `gaussians`, in place.
+    """Carries gradients of `apply_low_pass(gaussians, radii)` back to `gaussians`, in place.
 
     The radii count as constants.
 
     Args:
         gaussians: N Gaussians, before the filter.
         radii: (N,) world units.
-        gradients: shaped like the Gaussians; to the filtered ones before, to these after.
+        gradients: shaped like the Gaussians: by the filtered ones on entry, by these on return.
 
     Raises:
         InputError: radii that are negative or not finite, or not one a Gaussian.
@@ -124,14 +124,13 @@ def apply_low_pass_backward(gaussians: Gaussians, radii: np.ndarray, gradients: 
 
 
 class LowPassFilter:
-    """The filter of a set of Gaussians while it is trained.
+    """The low-pass filter of Gaussians in training.
 
-    Its radii are found when they are asked for and kept until they are told to be found again, or
-    the number of Gaussians changes.
+    Radii are found on first use and kept until `renew` or until the number of Gaussians changes.
 
     Args:
         pixels: see `find_filter_radii`; 0: no filter.
-        views: gives the cameras and poses (C, 4, 4) through which the Gaussians are seen now.
+        views: returns the cameras and poses (C, 4, 4) that see the Gaussians now.
     """
 
     def __init__(
@@ -141,7 +140,7 @@ class LowPassFilter:
         self._radii: np.ndarray | None = None
 
     def apply(self, gaussians: Gaussians) -> Gaussians:
-        """The Gaussians as they are rendered; themselves without a filter."""
+        """Filters the Gaussians for rendering; returns them unchanged without a filter."""
         if not self._pixels:
             return gaussians
         if self._radii is None or len(self._radii) != len(gaussians):
@@ -150,20 +149,20 @@ class LowPassFilter:
         return apply_low_pass(gaussians, self._radii)
 
     def backpropagate(self, gaussians: Gaussians, gradients: Gaussians) -> None:
-        """Turns gradients to `apply(gaussians)` into those to `gaussians`, in place."""
+        """Carries gradients of `apply(gaussians)` back to `gaussians`, in place."""
         if self._radii is not None:
             apply_low_pass_backward(gaussians, self._radii, gradients)
 
     def renew(self) -> None:
-        """The radii are found again when next they are needed."""
+        """Discards the radii, so that the next use finds them again."""
         self._radii = None
 
     def state_dict(self) -> dict[str, Any]:
-        """The radii, where there are any."""
+        """Returns the radii, if there are any."""
         return {} if self._radii is None else {"radii": self._radii}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Goes on exactly where `state_dict` was taken."""
+        """Restores the state of `state_dict`."""
         self._radii = state.get("radii")
 
 

@@ -1,4 +1,4 @@
-"""Order along a Z curve: what is near in space stands near in memory."""
+"""Orders points along a Z curve, so that neighbours in space are near in memory."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 
 def order_by_morton_code(points: np.ndarray) -> np.ndarray:
-    """(N,) rows in the order of a Z curve of 2^21 steps an axis: neighbours stand together."""
+    """Returns (N,) rows in the order of a Z curve with 2^21 steps an axis."""
     low, high = points.min(axis=0).astype(np.float64), points.max(axis=0).astype(np.float64)
     steps = (2**21 - 1) / np.maximum(high - low, 1e-300)
     cells = ((points - low) * steps).astype(np.uint64)
@@ -17,7 +17,7 @@ def order_by_morton_code(points: np.ndarray) -> np.ndarray:
 
 
 def _spread(values: np.ndarray) -> np.ndarray:
-    """Two zero bits behind each of 21 bits."""
+    """Spreads 21 bits so that two zero bits follow each."""
     x = values
     for shift, mask in (
         (32, 0x1F00000000FFFF),

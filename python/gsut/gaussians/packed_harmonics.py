@@ -1,4 +1,4 @@
-"""Gaussians that store no more harmonics than they have: each its own degree, 0 to 3."""
+"""Gaussians that each store harmonics of their own degree, 0 to 3."""
 
 from __future__ import annotations
 
@@ -10,24 +10,25 @@ import numpy as np
 from gsut._core import InputError
 from gsut.gaussians.arrays import NO_ORIGIN, Gaussians
 
-# Degrees change at multiples of so many rows, so that the core's vectors have one degree each.
+# Degrees change at multiples of this number of rows, so that each vector of the core has one.
 _ROWS_TOGETHER = 16
+# Highest degree of harmonics that a scene may have.
 _MAX_DEGREE = 3
-# Packing is worth it where it saves this fraction of the harmonics.
+# Share of the harmonics that packing must save to be done.
 _WORTH = 0.1
 
 
 @dataclasses.dataclass
 class MixedGaussians:
-    """N Gaussians in falling order of their harmonics' degree; rendered and trained as Gaussians.
+    """N Gaussians in falling order of their harmonics' degree.
 
-    The same picture, bit for bit, as `to_gaussians()`, in less memory and time.
+    Renders and trains like `to_gaussians()`, to the same bits, in less memory and time.
 
     Args:
         means, quats, log_scales, opacity_logits: as in `Gaussians`, float32.
-        sh: (S,) float32, one Gaussian's (degree + 1)^2 coefficients of three channels after
-            another's.
-        degree_ends: entry d: the Gaussians before this row have degree d or more; entry 0 is N.
+        sh: (S,) float32: the (degree + 1)^2 coefficients of three channels of each Gaussian, one
+            Gaussian after the other.
+        degree_ends: entry d: the number of Gaussians of degree d or more; entry 0 is N.
         origin: as in `Gaussians`.
 
     Raises:
@@ -80,23 +81,23 @@ class MixedGaussians:
         )
 
     def to_dtype(self, dtype: np.typing.DTypeLike) -> Any:
-        """Itself in float32; `Gaussians` in float64, which the double reference takes."""
+        """Returns itself for float32, and `Gaussians` for float64, which the reference takes."""
         if np.dtype(dtype) == np.float32:
             return self
         return self.to_gaussians().to_dtype(dtype)
 
     def copy(self) -> MixedGaussians:
-        """A deep copy."""
+        """Returns a deep copy."""
         return dataclasses.replace(self, **{f: getattr(self, f).copy() for f in (*_GEOMETRY, "sh")})
 
     def make_zeros(self) -> MixedGaussians:
-        """The same shapes, all values 0: for gradients and moments."""
+        """Makes arrays of the same shapes with all values 0, for gradients and moments."""
         return dataclasses.replace(
             self, **{f: np.zeros_like(getattr(self, f)) for f in (*_GEOMETRY, "sh")}
         )
 
     def split_bands(self) -> list[tuple[slice, np.ndarray]]:
-        """For each degree in use, from the highest: the rows, and (n, K, 3) a view of their sh."""
+        """Splits by degree, from the highest: the rows, and (n, K, 3) a view of their sh."""
         found, begin, offset = [], 0, 0
         for degree in range(_MAX_DEGREE, -1, -1):
             end = self.degree_ends[degree]
@@ -109,7 +110,7 @@ class MixedGaussians:
         return found
 
     def to_gaussians(self) -> Gaussians:
-        """With zeros for the harmonics that are not stored; rows in this order."""
+        """Returns them with zeros for harmonics that are not stored; rows keep their order."""
         sh = np.zeros((len(self), (self.sh_degree + 1) ** 2, 3), np.float32)
         for rows, band in self.split_bands():
             sh[rows, : band.shape[1]] = band
@@ -121,7 +122,7 @@ _GEOMETRY = ("means", "quats", "log_scales", "opacity_logits")
 
 
 def find_used_degrees(gaussians: Gaussians) -> np.ndarray:
-    """(N,) uint8: each Gaussian's highest degree with a coefficient that is not 0."""
+    """Finds (N,) uint8 the highest degree of each Gaussian with a coefficient that is not 0."""
     degrees = np.zeros(len(gaussians), np.uint8)
     for degree in range(1, gaussians.sh_degree + 1):
         band = gaussians.sh[:, degree * degree : (degree + 1) ** 2]
@@ -130,7 +131,7 @@ def find_used_degrees(gaussians: Gaussians) -> np.ndarray:
 
 
 def to_mixed(gaussians: Gaussians, degrees: np.ndarray | None = None) -> MixedGaussians:
-    """Gaussians without the harmonics above each one's degree.
+    """Drops the harmonics above each Gaussian's degree.
 
     Args:
         gaussians: N Gaussians.
@@ -138,7 +139,7 @@ def to_mixed(gaussians: Gaussians, degrees: np.ndarray | None = None) -> MixedGa
             Gaussians keep the higher one.
 
     Returns:
-        In falling order of degree, otherwise in the same order.
+        The Gaussians in falling order of degree, otherwise in the same order.
     """
     g = gaussians.to_dtype(np.float32)
     degrees = find_used_degrees(g) if degrees is None else np.minimum(degrees, g.sh_degree)
@@ -159,7 +160,7 @@ def to_mixed(gaussians: Gaussians, degrees: np.ndarray | None = None) -> MixedGa
 
 
 def pack_harmonics(gaussians: Any) -> Any:
-    """The same Gaussians as `MixedGaussians` where that saves a tenth of the harmonics or more."""
+    """Packs Gaussians as `MixedGaussians` if that saves a tenth of the harmonics or more."""
     if not isinstance(gaussians, Gaussians) or gaussians.sh_degree == 0 or len(gaussians) == 0:
         return gaussians
     if gaussians.dtype != np.float32:

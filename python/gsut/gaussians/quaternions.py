@@ -6,9 +6,10 @@ import numpy as np
 
 
 def quaternion_from_rotation(rotation: np.ndarray) -> np.ndarray:
-    """(..., 4) w, x, y, z with w >= 0 of rotations (..., 3, 3).
+    """Converts rotations (..., 3, 3) to quaternions (..., 4) w, x, y, z with w >= 0.
 
-    The eigenvector of the largest eigenvalue of Bar-Itzhack's matrix (2000): stable everywhere.
+    Takes the eigenvector of the largest eigenvalue of Bar-Itzhack's matrix (2000), which is stable
+    for all rotations.
     """
     r = np.moveaxis(rotation, (-2, -1), (0, 1))
     rows = [
@@ -22,14 +23,14 @@ def quaternion_from_rotation(rotation: np.ndarray) -> np.ndarray:
 
 
 def multiply_quaternions(q: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """(N, 4) Hamilton products of one quaternion (4,) with many (N, 4)."""
+    """Multiplies one quaternion (4,) from the left with others (N, 4)."""
     w, x, y, z = q
     left = np.array([[w, -x, -y, -z], [x, w, -z, y], [y, z, w, -x], [z, -y, x, w]])
     return others @ left.T.astype(others.dtype)
 
 
 def rotations_from_quaternions(q: np.ndarray) -> np.ndarray:
-    """(N, 3, 3) rotations of unit quaternions (N, 4)."""
+    """Converts unit quaternions (N, 4) to rotations (N, 3, 3)."""
     w, x, y, z = q.T
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],

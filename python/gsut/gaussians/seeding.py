@@ -1,4 +1,4 @@
-"""The first Gaussians of a scene: from a point cloud, or at random inside the cameras' view."""
+"""Makes the first Gaussians of a scene, from a point cloud or at random in the cameras' view."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from gsut import _core
 from gsut._core import InputError
 from gsut.gaussians.arrays import Gaussians
 
+# Highest degree of harmonics that a scene may have.
 _MAX_SH_DEGREE = 3
 
 
@@ -23,23 +24,23 @@ def seed_from_points(
     max_gaussians: int | None = None,
     seed: int = 0,
 ) -> Gaussians:
-    """One Gaussian at each point, in the plane of its neighbours and sized by their distance.
+    """Places a Gaussian at each point, in the plane of its neighbours and sized by their distance.
 
     Args:
         points: (N, 3) world coordinates.
         colors: (N, 3) uint8, or floating-point numbers in [0, 1]; mid-grey if None.
         sh_degree: 0 to 3; coefficients above the constant one are 0.
         scale_factor: standard deviation along the surface / mean distance to the three nearest
-            other points (exact). Default: measured best at a CPU's budget; 3DGS uses 1, MCMC 0.1.
-        opacity: in (0, 1). Default: as scale_factor; 3DGS uses 0.1.
-        max_gaussians: if there are more points, a random choice of this many, order kept.
+            other points (exact). 3DGS uses 1, MCMC 0.1; this default trains best in few steps.
+        opacity: in (0, 1). 3DGS uses 0.1; this default trains best in few steps.
+        max_gaussians: if there are more points, this number of them is chosen at random.
         seed: of that choice.
 
     Returns:
         float32 Gaussians. The third axis is the normal of the plane through the point and its nine
-        nearest others; across it they are as thin as these points' spread is, 0.2 at least. Where
-        there are fewer, they are round. Distances are at least 1 % of their median (for points with
-        duplicates), and 1 world unit where no two points differ.
+        nearest others. Across it they are as thin as these points' spread, at least 0.2 of the
+        other axes; with fewer points they are round. Distances are at least 1 % of their median
+        (for points with duplicates), and 1 world unit if no two points differ.
 
     Raises:
         InputError: shapes disagree, a value is not finite, or an option is out of range.
@@ -76,7 +77,7 @@ def seed_from_points(
 
 
 def choose_points(count: int, most: int, seed: int) -> np.ndarray:
-    """(min(count, most),) rows of a random choice of points, in order."""
+    """Chooses at most `most` of `count` rows at random; returns them in rising order."""
     if count <= most:
         return np.arange(count)
     return np.sort(np.random.default_rng(seed).choice(count, most, replace=False))
@@ -91,7 +92,7 @@ def sample_points_in_view(
     far: float,
     seed: int = 0,
 ) -> np.ndarray:
-    """(count, 3) float64 random points that the cameras see: see `seed_in_view`."""
+    """Samples (count, 3) float64 points that the cameras see, as `seed_in_view` describes."""
     poses = np.asarray(poses, dtype=np.float64)
     if poses.ndim != 3 or poses.shape[1:] != (4, 4) or len(poses) == 0:
         raise InputError(f"poses must have shape (M, 4, 4) with M > 0, found {poses.shape}")
@@ -137,7 +138,7 @@ def seed_in_view(
     opacity: float = 0.5,
     seed: int = 0,
 ) -> Gaussians:
-    """Random Gaussians that the cameras see, for scenes without points.
+    """Places Gaussians at random where the cameras see them, for scenes without points.
 
     Args:
         cameras: one camera for all poses, or one a pose.
@@ -151,8 +152,8 @@ def seed_in_view(
         seed: of the random numbers.
 
     Returns:
-        `count` grey float32 Gaussians: each along the ray of a random valid pixel of a random pose,
-        so that wide lenses fill their whole field.
+        `count` grey float32 Gaussians, each on the ray of a random valid pixel of a random pose, so
+        that wide lenses fill their whole field.
 
     Raises:
         InputError: shapes disagree, a value is out of range, or a camera has no valid pixel.

@@ -1,4 +1,4 @@
-"""Gaussians turned, scaled and moved as a whole; their harmonics turn with them."""
+"""Rotates, scales and moves Gaussians as a whole; their harmonics rotate with them."""
 
 from __future__ import annotations
 
@@ -11,8 +11,11 @@ from gsut._core import InputError
 from gsut.gaussians.arrays import Gaussians
 from gsut.gaussians.quaternions import multiply_quaternions, quaternion_from_rotation
 
-_DIRECTIONS = 64  # at which harmonics are compared; 16 would do
+# Directions at which rotated harmonics are fitted; 16 coefficients need at least 16.
+_DIRECTIONS = 64
+# Largest deviation of a rotation from an orthogonal matrix: files often hold six digits.
 _ORTHOGONAL = 1e-6
+# Up in viewers, whose y axis points down.
 _UP = np.array([0.0, -1.0, 0.0])
 
 
@@ -22,7 +25,7 @@ def transform_gaussians(
     scale: float = 1.0,
     translation: np.typing.ArrayLike = (0.0, 0.0, 0.0),
 ) -> Gaussians:
-    """Gaussians after x -> scale rotation x + translation, in world coordinates.
+    """Applies x -> scale rotation x + translation to Gaussians, in world coordinates.
 
     Args:
         gaussians: N Gaussians.
@@ -31,10 +34,10 @@ def transform_gaussians(
         translation: (3,), in the new units.
 
     Returns:
-        The same picture for a camera that is moved the same way; the origin moves along.
+        Gaussians that give the same picture to a camera moved the same way; the origin moves too.
 
     Raises:
-        InputError: no rotation, or a scale that is not above 0.
+        InputError: `rotation` is no rotation, or the scale is not above 0.
     """
     r = np.asarray(rotation, np.float64)
     proper = r.shape == (3, 3) and np.allclose(r @ r.T, np.eye(3), atol=_ORTHOGONAL)
@@ -54,9 +57,9 @@ def transform_gaussians(
 
 
 def rotate_harmonics(degree: int, rotation: np.ndarray) -> np.ndarray:
-    """(K, K) float64: coefficients of a function on directions after a rotation of the directions.
+    """Computes the matrix (K, K) float64 that rotates the harmonics' coefficients.
 
-    Fitted to the function's values, which is exact: each degree is closed under rotations.
+    A least-squares fit to values at some directions is exact, as rotations keep each degree.
     """
     number = np.arange(_DIRECTIONS) + 0.5
     z, angle = 1 - 2 * number / _DIRECTIONS, np.pi * (1 + np.sqrt(5.0)) * number
@@ -68,7 +71,7 @@ def rotate_harmonics(degree: int, rotation: np.ndarray) -> np.ndarray:
 
 
 def rotate_upright(up: np.typing.ArrayLike) -> np.ndarray:
-    """The shortest rotation that takes a direction to -y, which viewers take for up.
+    """Returns the shortest rotation that takes a direction to -y, which is up in viewers.
 
     Args:
         up: (3,), any length but 0.

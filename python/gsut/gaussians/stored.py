@@ -1,4 +1,4 @@
-"""Gaussians that stay in their file: of a scene larger than memory an image reads what it shows."""
+"""Gaussians that stay in their file: an image reads only those that it may show."""
 
 from __future__ import annotations
 
@@ -12,25 +12,30 @@ from gsut._core import InputError
 from gsut.gaussians.arrays import Gaussians
 from gsut.gaussians.morton import order_by_morton_code
 
-_ROWS = 256  # of a piece, which is read whole or not at all
-_READ_PIECES = 64  # at once, at most
-# Of Gaussians whose reach is so many times the median's: each size has pieces of its own, or a few
-# large ones would make every piece as large.
+# Rows of a piece, which is read whole or not at all: some 60 KB, worth a read of its own.
+_ROWS = 256
+# Pieces read at once, at most.
+_READ_PIECES = 64
+# Borders between classes of reach, in medians of it. Each class has pieces of its own, since a few
+# large Gaussians would make the ball of every piece as large.
 _SIZES = (4.0, 16.0, 64.0)
-LEAST_ALPHA = 1.0 / 255.0  # below which nothing is drawn
-# Bytes of a Gaussian beside its own numbers, while it is drawn and while its size is changed.
-DRAWN_BYTES, _CHANGE_BYTES = 300, 250
+# Alpha below which nothing is drawn, as in the blend rule of 3DGS.
+LEAST_ALPHA = 1.0 / 255.0
+# Bytes that drawing takes for a Gaussian beside its own numbers.
+DRAWN_BYTES = 300
+# Bytes that changing its size takes beside these.
+_CHANGE_BYTES = 250
 
 
 def compute_reach(gaussians: Gaussians) -> np.ndarray:
-    """(N,) world units from its centre, beyond which no ray sees a Gaussian; 0: none does."""
+    """Computes (N,) the distance from its centre beyond which no ray sees a Gaussian."""
     opacity = 1.0 / (1.0 + np.exp(-gaussians.opacity_logits.astype(np.float64)))
     squared = 2.0 * np.log(np.maximum(opacity / LEAST_ALPHA, 1.0))
     return np.sqrt(squared) * np.exp(gaussians.log_scales.max(axis=1).astype(np.float64))
 
 
 def order_for_reading(gaussians: Gaussians) -> np.ndarray:
-    """(N,) rows in an order in which neighbours of one size stand together."""
+    """Returns (N,) rows in an order that keeps neighbours of similar size together."""
     reach = compute_reach(gaussians)
     sizes = np.searchsorted(np.array(_SIZES) * np.median(reach), reach) if len(reach) else reach
     groups = [np.flatnonzero(sizes == size) for size in range(len(_SIZES) + 1)]
@@ -40,18 +45,18 @@ def order_for_reading(gaussians: Gaussians) -> np.ndarray:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class StoredGaussians:
-    """N Gaussians in a file, with the balls that hold each piece of 256 rows.
+    """N Gaussians in a file, with a bounding ball of each piece of 256 rows.
 
-    `gsut.render` draws them: the same bits as of all in memory.
+    `gsut.render` draws them to the same bits as if all were in memory.
 
     Attributes:
         rows: reads the Gaussians of rows [begin, end), about `origin`.
         count: N.
         origin: (3,) float64, see `Gaussians`.
         sh_degree: of all.
-        limit: bytes that those of one image may take.
+        limit: bytes that the Gaussians of one image may take.
         balls: (pieces, 4) centre and radius, about `origin`.
-        change: what is done to the Gaussians that were read, or None.
+        change: applied to Gaussians after reading them, or None.
     """
 
     rows: Callable[[int, int], Gaussians]
@@ -67,7 +72,7 @@ class StoredGaussians:
     def from_rows(
         cls, rows: Callable[[int, int], Gaussians], count: int, limit: int
     ) -> StoredGaussians | None:
-        """Looks at all pieces once; None: some cannot be drawn.
+        """Reads all pieces once to bound them; returns None if some cannot be drawn.
 
         Args:
             rows, count, limit: see the attributes.
@@ -95,37 +100,33 @@ class StoredGaussians:
         return f"StoredGaussians({self.count}, sh_degree={self.sh_degree}, in a file)"
 
     def with_change(self, change: Callable[[Gaussians], Any]) -> StoredGaussians:
-        """The same, with something done to what is read."""
+        """Returns the same Gaussians with `change` applied to all that is read."""
         return dataclasses.replace(self, change=change, _last={})
 
     def translate(self, by: np.typing.ArrayLike) -> StoredGaussians:
-        """The Gaussians moved by a vector (3,) in world units."""
+        """Moves the Gaussians by a vector (3,) in world units."""
         return dataclasses.replace(self, origin=self.origin + np.asarray(by), _last={})
 
     def to_gaussians(self) -> Gaussians:
-        """Not there.
-
-        Raises:
-            InputError: says so.
-        """
+        """Raises InputError: the Gaussians do not fit in memory."""
         raise InputError(
             f"this needs all {self.count:,} Gaussians in memory: give more --memory, or a smaller "
             "scene (gsut compact)"
         )
 
     def estimate_bytes(self, pieces: np.ndarray) -> int:
-        """What these pieces take while they are drawn, about."""
+        """Estimates the memory that drawing these pieces takes."""
         extra = DRAWN_BYTES + (0 if self.change is None else _CHANGE_BYTES)
         return len(pieces) * _ROWS * (count_bytes_per_gaussian(self.sh_degree) + extra)
 
     def find_seen_pieces(
         self, apex: np.ndarray, around: float, axis: np.ndarray, half_angle: float
     ) -> np.ndarray:
-        """Numbers of the pieces that a cone of rays may see, rising.
+        """Finds the pieces that a cone of rays may see, in rising order.
 
         Args:
             apex: (3,) about `origin`.
-            around: of the apex, in which the rays begin.
+            around: radius about the apex in which the rays begin.
             axis: (3,) of length 1.
             half_angle: radians.
         """
@@ -137,7 +138,7 @@ class StoredGaussians:
         return np.flatnonzero((away <= reach) | (angle - covered <= half_angle))
 
     def read(self, pieces: np.ndarray) -> Any:
-        """The Gaussians of pieces, in the file's order; those of the last call are kept."""
+        """Reads the Gaussians of pieces, in the file's order; caches those of the last call."""
         key = pieces.tobytes()
         if key not in self._last:
             self._last.clear()
@@ -167,5 +168,5 @@ class StoredGaussians:
 
 
 def count_bytes_per_gaussian(sh_degree: int) -> int:
-    """Of a Gaussian's numbers."""
+    """Counts the bytes of one Gaussian's numbers."""
     return 4 * (11 + 3 * (sh_degree + 1) ** 2)

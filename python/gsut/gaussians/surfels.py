@@ -1,9 +1,9 @@
-"""Surfels (2DGS): Gaussians that are thin discs, their third axis the normal.
+"""Makes surfels (2DGS): Gaussians that are thin discs, with the third axis as normal.
 
 The largest response of a Gaussian along a ray becomes, as its third scale goes to nothing, that at
 the ray's intersection with the disc's plane (Huang et al., "2D Gaussian splatting", 2024, eqs. 8 to
-10). A ten-thousandth of the shorter scale is as good as nothing, in float too; so surfels need no
-kernels of their own.
+10). A ten-thousandth of the shorter scale is thin enough, in float too, so surfels need no kernels
+of their own.
 """
 
 from __future__ import annotations
@@ -16,24 +16,25 @@ from gsut._core import SURFEL_LOG_THICKNESS
 from gsut.gaussians.arrays import Gaussians
 from gsut.gaussians.quaternions import quaternion_from_rotation, rotations_from_quaternions
 
-_ROUNDING = 1e-3  # of logarithms that were moved by one of a factor
+# Rounding of log scales that a common factor was added to.
+_ROUNDING = 1e-3
 
 
 def press_surfels(log_scales: np.ndarray) -> None:
-    """Makes the third scale (N, 3) a ten-thousandth of the shorter of the others, in place."""
+    """Sets the third scale (N, 3) to a ten-thousandth of the shorter of the others, in place."""
     shorter = np.minimum(log_scales[:, 0], log_scales[:, 1])
     log_scales[:, 2] = shorter + log_scales.dtype.type(SURFEL_LOG_THICKNESS)
 
 
 def are_surfels(gaussians: Gaussians) -> bool:
-    """Whether all are: their third scale is a ten-thousandth of the shorter of the others."""
+    """Returns whether every third scale is a ten-thousandth of the shorter of the others."""
     scales = gaussians.log_scales
     thin = np.minimum(scales[:, 0], scales[:, 1]) + SURFEL_LOG_THICKNESS
     return len(scales) > 0 and bool(np.all(np.abs(scales[:, 2] - thin) < _ROUNDING))
 
 
 def to_surfels(gaussians: Gaussians) -> Gaussians:
-    """Flat Gaussians in place of any: the shortest axis becomes the normal, and its scale goes.
+    """Flattens Gaussians: the shortest axis becomes the normal, and its scale is dropped.
 
     Args:
         gaussians: N Gaussians of any scales.

@@ -5,23 +5,23 @@ from gsut.lens.camera import Camera, camera_models
 from gsut.lens.convert import Conversion, convert_camera, format_conversion
 from gsut.lens.database import (
     LensProfile,
+    find_lens,
     find_lenses,
     is_lens_name,
-    lens_by_name,
     load_lens,
 )
 from gsut.lens.field import (
-    field_of_view,
-    focal_params,
+    find_focal_params,
     has_focal_length,
+    measure_field_of_view,
     with_field_of_view,
     with_scaled_focal,
 )
 from gsut.lens.files import load_camera, save_camera
 from gsut.lens.fit_rays import fit_camera
 from gsut.lens.fit_spline import SplineGrid, fit_control_points
-from gsut.lens.refinable import refinable_params
-from gsut.lens.uncertainty import grid_pixels, save_uncertainty
+from gsut.lens.refinable import find_refinable_params
+from gsut.lens.uncertainty import save_uncertainty, spread_pixels
 
 __all__ = [
     "CalibrationWeights",
@@ -31,21 +31,21 @@ __all__ = [
     "SplineGrid",
     "camera_models",
     "convert_camera",
-    "field_of_view",
+    "find_focal_params",
+    "find_lens",
     "find_lenses",
+    "find_refinable_params",
     "fit_camera",
     "fit_control_points",
-    "focal_params",
     "format_conversion",
-    "grid_pixels",
     "has_focal_length",
     "is_lens_name",
-    "lens_by_name",
     "load_camera",
     "load_lens",
-    "refinable_params",
+    "measure_field_of_view",
     "save_camera",
     "save_uncertainty",
+    "spread_pixels",
     "with_field_of_view",
     "with_scaled_focal",
 ]

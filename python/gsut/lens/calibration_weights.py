@@ -41,18 +41,18 @@ class CalibrationWeights:
             )
         try:
             self._uncertainty = load_uncertainty(path)
-            self._uncertainty.at_size(cameras[0].width, cameras[0].height)
+            self._uncertainty.resample(cameras[0].width, cameras[0].height)
         except InputError as error:
             raise type(error)(f"--calibration-weights: {error}") from error
         self._of_size: dict[tuple[int, int], np.ndarray] = {}
 
-    def at_size(self, width: int, height: int) -> np.ndarray:
-        """(height, width, 1) float32 weights in (0, 1] for images of this size."""
+    def resample(self, width: int, height: int) -> np.ndarray:
+        """Returns float32 weights (height, width, 1) in (0, 1] for images of this size."""
         if (width, height) not in self._of_size:
-            sigma = self._uncertainty.at_size(width, height) / _HALF_SIGMA_PX
+            sigma = self._uncertainty.resample(width, height) / _HALF_SIGMA_PX
             self._of_size[width, height] = (1 / (1 + sigma**2)).astype(np.float32)[..., None]
         return self._of_size[width, height]
 
     def apply(self, dimage: np.ndarray) -> None:
         """Multiplies dloss_dimage (H, W, 3) in place."""
-        dimage *= self.at_size(dimage.shape[1], dimage.shape[0])
+        dimage *= self.resample(dimage.shape[1], dimage.shape[0])

@@ -10,7 +10,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.lens.plausible import implausible
+from gsut.lens.plausible import find_fault
 
 _NO_LIMIT = math.inf
 MOST_PIXELS = 1 << 16  # of a side of an image: more than any file format in use holds
@@ -70,7 +70,7 @@ class Camera(_core.Camera):
         valid_region: Sequence[Sequence[float]] | np.ndarray | None = None,
     ) -> None:
         self._take(model, params, width, height, valid_field_angle, extrinsics, valid_region)
-        doubt = implausible(self)
+        doubt = find_fault(self)
         if doubt is not None:
             raise InputError(f"{model}: this is no lens: {doubt}")
 
@@ -84,27 +84,27 @@ class Camera(_core.Camera):
         extrinsics: Sequence[float] | np.ndarray | None = None,
         valid_region: Sequence[Sequence[float]] | np.ndarray | None = None,
     ) -> Camera:
-        """What `__init__` does before it asks whether a lens can have these numbers."""
+        """Initializes the camera without asking whether a real lens can have these numbers."""
         limit = _NO_LIMIT if valid_field_angle is None else float(valid_field_angle)
         values = [float(value) for value in np.asarray(params, dtype=np.float64).ravel()]
-        super().__init__(str(model), values, *_whole_size(width, height), limit)
-        self.extrinsics = _checked_copy(extrinsics, "extrinsics", (6,))
-        self.valid_region = _checked_copy(valid_region, "valid_region", (None, 2))
+        super().__init__(str(model), values, *_convert_size(width, height), limit)
+        self.extrinsics = _copy_checked(extrinsics, "extrinsics", (6,))
+        self.valid_region = _copy_checked(valid_region, "valid_region", (None, 2))
         return self
 
     @property
     def valid_field_angle(self) -> float | None:  # type: ignore[override]  # None, not infinity
-        """Radians from the axis up to which the calibration is trusted; None: no limit known."""
+        """The angle from the axis up to which the lens is trusted, in radians; None: unlimited."""
         limit = super().valid_field_angle
         return None if limit == _NO_LIMIT else limit
 
     @property
     def param_names(self) -> str:
-        """What `params` holds, in order; "..." stands for any number of further coefficients."""
+        """The names of `params` in order; "..." means any number of further coefficients."""
         return _core.camera_param_names(self.model)
 
     def project(self, points_in_camera: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Pixels of points.
+        """Projects points to pixels.
 
         Args:
             points_in_camera: (N, 3) of any length but 0.
@@ -118,7 +118,7 @@ class Camera(_core.Camera):
         return super().project(points_in_camera)
 
     def unproject(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Rays of pixels.
+        """Returns the rays of pixels.
 
         Args:
             pixels: (N, 2), anywhere: also outside the image.
@@ -133,7 +133,7 @@ class Camera(_core.Camera):
         return super().unproject(pixels)
 
     def ray_origins(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Where the rays of pixels start: points on them, in the camera frame.
+        """Returns the points, in the camera frame, at which the rays of pixels start.
 
         Args:
             pixels: (N, 2), anywhere: also outside the image.
@@ -148,7 +148,7 @@ class Camera(_core.Camera):
         return super().ray_origins(pixels)
 
     def origins(self) -> np.ndarray:
-        """Where the rays of all pixel centres start.
+        """Returns the points at which the rays of all pixel centres start.
 
         Returns:
             (H, W, 3) float64 points in the camera frame; 0 for a central lens.
@@ -156,7 +156,7 @@ class Camera(_core.Camera):
         return super().origins()
 
     def project_jacobian(self, points_in_camera: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Exact derivatives of `project`, by forward-mode differentiation.
+        """Computes exact derivatives of `project`, by forward-mode differentiation.
 
         Args:
             points_in_camera: (N, 3).
@@ -170,8 +170,8 @@ class Camera(_core.Camera):
         """
         return super().project_jacobian(points_in_camera)
 
-    def pixel_difference(self, pixels: np.ndarray, others: np.ndarray) -> np.ndarray:
-        """`pixels - others`, through a panorama the short way round its seam.
+    def subtract_pixels(self, pixels: np.ndarray, others: np.ndarray) -> np.ndarray:
+        """Returns `pixels - others`, through a panorama the short way round its seam.
 
         Args:
             pixels, others: (N, 2) pixels.
@@ -186,7 +186,7 @@ class Camera(_core.Camera):
         return difference
 
     def rays(self) -> tuple[np.ndarray, np.ndarray]:
-        """The rays of all pixel centres, computed once and kept.
+        """Returns the rays of all pixel centres, which are computed once and kept.
 
         Returns:
             rays (H, W, 3) float64 of unit length, NaN where invalid; valid (H, W) bool. Read-only
@@ -195,7 +195,7 @@ class Camera(_core.Camera):
         return super().rays()
 
     def resized(self, width: int, height: int) -> Camera:
-        """The same lens on the image resized to this size, scaled about the pixel corner (0, 0).
+        """Returns the lens of the image resized to this size, scaled about the pixel corner (0, 0).
 
         Args:
             width, height: of the new image, pixels.
@@ -209,11 +209,11 @@ class Camera(_core.Camera):
         region = self.valid_region
         if region is not None:
             region = region * (width / self.width, height / self.height)
-        resized = super().resized(*_whole_size(width, height))
+        resized = super().resized(*_convert_size(width, height))
         return self._with(resized, valid_region=region)
 
     def with_params(self, params: Sequence[float] | np.ndarray) -> Camera:
-        """Another lens of the same model, image size and field angle.
+        """Returns another lens of the same model, image size and field angle.
 
         Pose and trusted region, which belong to this lens, are left out. Solvers go through
         numbers that no lens has: those are taken here.
@@ -229,7 +229,7 @@ class Camera(_core.Camera):
         )
 
     def with_valid_field_angle(self, valid_field_angle: float | None) -> Camera:
-        """The same lens, trusted up to this angle from the axis (radians; None: everywhere)."""
+        """Returns the lens trusted up to this angle from the axis (radians; None: everywhere)."""
         limit = _NO_LIMIT if valid_field_angle is None else float(valid_field_angle)
         return self._with(super().with_valid_field_angle(limit), valid_region=self.valid_region)
 
@@ -240,7 +240,7 @@ class Camera(_core.Camera):
         )  # fmt: skip
 
     def __eq__(self, other: object) -> bool:
-        """Same model, parameters, size and valid field angle."""
+        """Returns whether model, parameters, size and valid field angle are equal."""
         if not isinstance(other, _core.Camera):
             return NotImplemented
         return bool(_core.Camera.__eq__(self, other))
@@ -265,8 +265,8 @@ def _restore(*given: Any) -> Camera:
     return Camera.__new__(Camera)._take(*given)
 
 
-def _whole_size(width: Any, height: Any) -> tuple[int, int]:
-    """The sides of the image; 640.0 counts as 640."""
+def _convert_size(width: Any, height: Any) -> tuple[int, int]:
+    """Converts the image's sides to whole numbers; 640.0 counts as 640."""
     try:
         size = int(width), int(height)
         good = size == (width, height) and all(0 < side <= MOST_PIXELS for side in size)
@@ -281,7 +281,7 @@ def _whole_size(width: Any, height: Any) -> tuple[int, int]:
     return size
 
 
-def _checked_copy(values: Any, name: str, shape: tuple[int | None, ...]) -> np.ndarray | None:
+def _copy_checked(values: Any, name: str, shape: tuple[int | None, ...]) -> np.ndarray | None:
     if values is None:
         return None
     array = np.array(values, dtype=np.float64)

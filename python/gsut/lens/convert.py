@@ -11,7 +11,7 @@ import numpy as np
 from gsut import _core
 from gsut._core import InputError
 from gsut.lens.camera import Camera
-from gsut.lens.fit import FitTarget, angles_of, check_model, fit_lens
+from gsut.lens.fit import FitTarget, check_model, find_angles, fit_lens
 from gsut.lens.fit_spline import SplineGrid
 
 # Points along the longer side of the image at which the lenses are compared.
@@ -19,7 +19,7 @@ _SAMPLES = 48
 _SAMPLES_A_POINT = 3  # along that side, of a spline: more than it has control points
 # World units at which points count as infinitely far from a lens whose rays nearly meet.
 _FAR = 1e6
-# Of a second set of points, over the distance of the first: tells where rays start.
+# Distance of a second set of points over that of the first: shows where rays start.
 _FARTHER = 4.0
 _RINGS = 6
 
@@ -67,7 +67,7 @@ def convert_camera(
     grid: SplineGrid | None = None,
     distance: float | None = None,
 ) -> Conversion:
-    """The lens of another model that sends the rays of the image to the same pixels.
+    """Fits a lens of another model that sends the rays of the image to the same pixels.
 
     Minimises the sum of squared pixel distances over a grid of pixels that covers the image: by
     Levenberg-Marquardt with the lens' exact derivatives, for control points in one linear step. A
@@ -77,7 +77,7 @@ def convert_camera(
         camera: what to imitate.
         model: the lens to fit; see `camera_models()`.
         max_angle: radians; points farther from the axis are left out. None: all of the image.
-        num_params: of a lens with any number of coefficients; None: as many as usual.
+        num_params: of a lens with any number of coefficients; None: the usual number.
         grid: the control points of a splined lens; None: `SplineGrid()`.
         distance: of the points that both lenses are to see alike, in world units, for lenses whose
             rays do not meet. None: far away, which orthographic cannot do.
@@ -90,7 +90,7 @@ def convert_camera(
             rays.
     """
     check_model(model, num_params)
-    target = _target(camera, model, max_angle, grid, distance)
+    target = _make_target(camera, model, max_angle, grid, distance)
     params = fit_lens(target, model, num_params, grid)
     fitted = Camera(
         model,
@@ -101,19 +101,25 @@ def convert_camera(
         extrinsics=camera.extrinsics,
         valid_region=camera.valid_region,
     )
-    distances, angle = _errors(fitted, target), angles_of(target.points)
+    distances, angle = _measure_errors(fitted, target), find_angles(target.points)
     edges = np.linspace(0.0, np.nextafter(angle.max(), np.inf), _RINGS + 1)
     rings = []
     for low, high in itertools.pairwise(edges):
         inside = distances[(angle >= low) & (angle <= high)]
         rings.append(
-            Ring(math.degrees(low), math.degrees(high), len(inside), _rms(inside), _worst(inside))
+            Ring(
+                math.degrees(low),
+                math.degrees(high),
+                len(inside),
+                _find_rms(inside),
+                _find_worst(inside),
+            )
         )
-    return Conversion(fitted, rings, _rms(distances), _worst(distances))
+    return Conversion(fitted, rings, _find_rms(distances), _find_worst(distances))
 
 
 def format_conversion(conversion: Conversion) -> str:
-    """A table of the error by field angle, for people."""
+    """Formats the error by field angle as a table."""
     lines = ["field angle (degrees)   rays   rms (px)   worst (px)"]
     for ring in conversion.rings:
         lines.append(
@@ -125,7 +131,7 @@ def format_conversion(conversion: Conversion) -> str:
     return "\n".join(lines)
 
 
-def _target(
+def _make_target(
     camera: Camera,
     model: str,
     max_angle: float | None,
@@ -151,28 +157,28 @@ def _target(
     rays, valid = camera.unproject(pixels)
     origins, _ = camera.ray_origins(pixels)
     near = distance if distance is not None else 1.0 if camera.is_central else _FAR
-    # Two lenses whose rays do not meet are told apart by points at two distances.
+    # Points at two distances distinguish lenses whose rays do not meet.
     several = not camera.is_central and distance is not None and bool(traits.fit_near)
     places = (near, _FARTHER * near) if several else (near,)
     points = np.concatenate([origins + place * rays for place in places])
     pixels, valid = (np.concatenate([array] * len(places)) for array in (pixels, valid))
     if max_angle is not None:
-        valid = valid & (angles_of(points) <= max_angle)
+        valid = valid & (find_angles(points) <= max_angle)
     if valid.sum() < 8:
         raise InputError(f"only {valid.sum()} of {len(pixels)} sampled pixels have a ray to fit")
     return FitTarget(camera, points[valid], pixels[valid], near, several)
 
 
-def _errors(camera: Camera, target: FitTarget) -> np.ndarray:
-    """(N,) pixels between where a lens sees the points and where it should."""
+def _measure_errors(camera: Camera, target: FitTarget) -> np.ndarray:
+    """Returns the distances (N,) in pixels between projected points and their targets."""
     found, valid = camera.project(target.points)
     off = np.linalg.norm(np.nan_to_num(found) - target.pixels, axis=1)
     return np.where(valid, off, np.inf)
 
 
-def _rms(distance: np.ndarray) -> float:
+def _find_rms(distance: np.ndarray) -> float:
     return float(np.sqrt(np.mean(distance**2))) if len(distance) else math.nan
 
 
-def _worst(distance: np.ndarray) -> float:
+def _find_worst(distance: np.ndarray) -> float:
     return float(distance.max()) if len(distance) else math.nan

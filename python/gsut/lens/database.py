@@ -22,8 +22,8 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.lens.camera import Camera
-from gsut.lens.field import field_of_view
-from gsut.lens.files import lens_suffixes, load_camera
+from gsut.lens.field import measure_field_of_view
+from gsut.lens.files import list_suffixes, load_camera
 from gsut.lens.plausible import MOST_STRETCH
 
 _FILE = Path(__file__).with_name("profiles.json.xz")
@@ -51,7 +51,8 @@ class LensProfile:
         width, height: of the pictures calibrated on, pixels.
         fps: frames a second of the video; None: unknown.
         params: fx fy cx cy k1 k2 k3 k4 of kannala_brandt, in pixels of that size.
-        rms: of the calibration's residuals, pixels; images: it rests on so many.
+        rms: of the calibration's residuals, pixels.
+        images: the number of images that it rests on.
         radial_limit: tangent of the largest angle trusted; None: unknown.
         readout_ms: from the first line to the last; negative: bottom to top; None: unknown.
         sizes: other sizes of pictures that share the lens.
@@ -77,13 +78,13 @@ class LensProfile:
     @property
     def name(self) -> str:
         """Such as "GoPro HERO9 Black, Max Wide, NO-EIS"."""
-        return ", ".join(filter(None, (f"{self.brand} {self.model}", *self._details())))
+        return ", ".join(filter(None, (f"{self.brand} {self.model}", *self._describe_details())))
 
-    def _details(self) -> tuple[str, ...]:
+    def _describe_details(self) -> tuple[str, ...]:
         return self.lens, self.setting, self.note
 
-    def camera(self, width: int | None = None, height: int | None = None) -> Camera:
-        """The lens on pictures of this size.
+    def make_camera(self, width: int | None = None, height: int | None = None) -> Camera:
+        """Returns the lens for pictures of this size.
 
         Scaled by the longer side; what the shorter one has more or less was added or cut at both
         edges alike, as cameras make 16:9 of 4:3. Upright pictures get the lens turned, its centre
@@ -108,12 +109,12 @@ class LensProfile:
 
     @functools.cached_property
     def fov_degrees(self) -> float | None:
-        """See `field_of_view`."""
-        return field_of_view(self.camera())
+        """See `measure_field_of_view`."""
+        return measure_field_of_view(self.make_camera())
 
     @functools.cached_property
     def doubts(self) -> tuple[str, ...]:
-        """What speaks against this calibration; empty if nothing does."""
+        """Returns what speaks against this calibration; empty if nothing does."""
         fx, fy, cx, cy = self.params[:4]
         off = max(abs(cx / self.width - 0.5), abs(cy / self.height - 0.5))
         found = []
@@ -127,21 +128,21 @@ class LensProfile:
             found.append(f"centre off by {100 * off:.0f} %")
         if abs(fx / fy - 1) > _MAX_ASPECT:
             found.append("pixels not square")
-        if not self._reaches_corners():
+        if not self._has_rays_in_corners():
             found.append("ends inside the picture")
         return tuple(found)
 
-    def _reaches_corners(self) -> bool:
+    def _has_rays_in_corners(self) -> bool:
         corners = [[x, y] for x in (0.0, self.width) for y in (0.0, self.height)]
-        return bool(self.camera().unproject(np.array(corners))[1].all())
+        return bool(self.make_camera().unproject(np.array(corners))[1].all())
 
-    def readout_share(self, fps: float) -> float | None:
-        """The readout time over the time between two of `fps` frames a second; None: unknown."""
+    def find_readout_share(self, fps: float) -> float | None:
+        """Returns the readout time over the time of a frame at `fps`; None if unknown."""
         share = abs(self.readout_ms or 0.0) * fps / 1000
         return share if 0 < share <= 1 else None
 
-    def fits(self, width: int, height: int) -> int:
-        """How well a size of pictures fits: 0 known to share the lens, 1 the same shape, 2 not."""
+    def rate_size(self, width: int, height: int) -> int:
+        """Rates a size of pictures: 0 if known to share the lens, 1 for the same shape, else 2."""
         pair = (max(width, height), min(width, height))
         if pair in {(self.width, self.height), *self.sizes}:
             return 0
@@ -150,8 +151,8 @@ class LensProfile:
 
 
 @functools.cache
-def lens_profiles() -> tuple[LensProfile, ...]:
-    """All calibrations of the database but the few that no lens can be (read once; 0.5 s)."""
+def load_profiles() -> tuple[LensProfile, ...]:
+    """Loads all calibrations of the database, except the few that no lens can have."""
     with lzma.open(_FILE, "rt", encoding="utf-8") as file:
         values: dict[str, Any] = json.load(file)
     for name in _TEXTS:
@@ -173,7 +174,7 @@ def lens_profiles() -> tuple[LensProfile, ...]:
 def find_lenses(
     words: str | Sequence[str], *, size: tuple[int, int] | None = None
 ) -> list[LensProfile]:
-    """Calibrations whose brand, model, lens, setting and note hold all the words.
+    """Finds calibrations whose brand, model, lens, setting and note hold all the words.
 
     Args:
         words: such as "hero9 max wide"; case, spaces and commas do not matter.
@@ -188,25 +189,25 @@ def find_lenses(
         InputError: no word is given.
     """
     text = words if isinstance(words, str) else " ".join(words)
-    wanted = _words(text)
+    wanted = _split_words(text)
     if not wanted:
         raise InputError("give words of the camera's name, such as: gopro hero9 wide")
-    found = [profile for profile in lens_profiles() if _has(profile, wanted)]
-    usual = _usual_focal_lengths(found)
+    found = [profile for profile in load_profiles() if _has(profile, wanted)]
+    usual = _find_usual_focal_lengths(found)
 
     def rank(profile: LensProfile) -> tuple[Any, ...]:
-        off = abs(math.log(_relative_focal(profile) / usual[_group(profile)]))
+        off = abs(math.log(_find_relative_focal(profile) / usual[_group(profile)]))
         return (
-            _words_beyond(profile, wanted), bool(profile.doubts),
-            0 if size is None else profile.fits(*size), int(off / _AGREE), not profile.official,
-            profile.rms / profile.width,
+            _count_words_beyond(profile, wanted), bool(profile.doubts),
+            0 if size is None else profile.rate_size(*size), int(off / _AGREE),
+            not profile.official, profile.rms / profile.width,
         )  # fmt: skip
 
     return sorted(found, key=rank)
 
 
-def lens_by_name(name: str, size: tuple[int, int] | None = None) -> LensProfile:
-    """The best of `find_lenses`.
+def find_lens(name: str, size: tuple[int, int] | None = None) -> LensProfile:
+    """Returns the best of `find_lenses`.
 
     Raises:
         InputError: no calibration has all the words; says which word is to blame, if one is.
@@ -214,8 +215,8 @@ def lens_by_name(name: str, size: tuple[int, int] | None = None) -> LensProfile:
     found = find_lenses(name, size=size)
     if found:
         return found[0]
-    wanted = _words(name)
-    unknown = [word for word in wanted if not any(_has(p, [word]) for p in lens_profiles())]
+    wanted = _split_words(name)
+    unknown = [word for word in wanted if not any(_has(p, [word]) for p in load_profiles())]
     which = f": none has {', '.join(map(repr, unknown))}" if unknown else " with all these words"
     raise InputError(
         f"{name!r} is neither a file nor a lens of the database{which}; look with `gsut camera "
@@ -224,58 +225,60 @@ def lens_by_name(name: str, size: tuple[int, int] | None = None) -> LensProfile:
 
 
 def is_lens_name(text: str | os.PathLike[str]) -> bool:
-    """Whether this names a lens of the database, not a file: there is none, and it looks like none.
+    """Returns whether this names a lens of the database, and neither is a file nor looks like one.
 
     A missing "lens.yaml" is a missing file.
     """
     path = Path(text)
-    return not (path.exists() or path.suffix.lower() in lens_suffixes() or path.parent.name)
+    return not (path.exists() or path.suffix.lower() in list_suffixes() or path.parent.name)
 
 
 def load_lens(text: str | os.PathLike[str], size: tuple[int, int] | None = None) -> Camera:
-    """The lens that `--camera` names: of a lens file, or of the database, scaled to `size`.
+    """Loads the lens that `--camera` names, of a file or of the database, scaled to `size`.
 
     Raises:
-        CalibrationError, InputError, OSError: see `load_camera` and `lens_by_name`.
+        CalibrationError, InputError, OSError: see `load_camera` and `find_lens`.
     """
     if is_lens_name(text):
-        return lens_by_name(str(text), size).camera(*(size or (None, None)))
+        return find_lens(str(text), size).make_camera(*(size or (None, None)))
     return load_camera(text)
 
 
-def _words(text: str) -> list[str]:
+def _split_words(text: str) -> list[str]:
     return _WORD.findall(text.lower())
 
 
 @functools.cache
-def _searched(profile: LensProfile) -> str:
-    """The whole name without spaces."""
-    return "".join(_words(" ".join((profile.brand, profile.model, *profile._details()))))
+def _join_words(profile: LensProfile) -> str:
+    """Returns the whole name without spaces."""
+    return "".join(
+        _split_words(" ".join((profile.brand, profile.model, *profile._describe_details())))
+    )
 
 
 def _has(profile: LensProfile, wanted: Sequence[str]) -> bool:
-    return all(word in _searched(profile) for word in wanted)
+    return all(word in _join_words(profile) for word in wanted)
 
 
-def _words_beyond(profile: LensProfile, wanted: Sequence[str]) -> int:
-    """How many words of the name, its note aside, were not asked for."""
+def _count_words_beyond(profile: LensProfile, wanted: Sequence[str]) -> int:
+    """Counts the words of the name, without its note, that are not among the wanted ones."""
     joined = "".join(wanted)
     said = (profile.model, profile.lens, profile.setting)
-    return sum(word not in joined for text in said for word in _words(text))
+    return sum(word not in joined for text in said for word in _split_words(text))
 
 
 def _group(profile: LensProfile) -> tuple[str, ...]:
-    """What calibrations of one lens have in common."""
+    """Returns what calibrations of one lens have in common."""
     texts = (profile.brand, profile.model, profile.lens, profile.setting)
-    return tuple("".join(_words(text)) for text in texts)
+    return tuple("".join(_split_words(text)) for text in texts)
 
 
-def _relative_focal(profile: LensProfile) -> float:
+def _find_relative_focal(profile: LensProfile) -> float:
     return profile.params[0] / profile.width
 
 
-def _usual_focal_lengths(profiles: Sequence[LensProfile]) -> dict[tuple[str, ...], float]:
-    """The median focal length, in widths of the picture, of each lens' calibrations."""
+def _find_usual_focal_lengths(profiles: Sequence[LensProfile]) -> dict[tuple[str, ...], float]:
+    """Returns the median focal length of each lens' calibrations, in widths of the picture."""
     groups: dict[tuple[str, ...], list[LensProfile]] = {}
     for profile in profiles:
         groups.setdefault(_group(profile), []).append(profile)
@@ -284,6 +287,6 @@ def _usual_focal_lengths(profiles: Sequence[LensProfile]) -> dict[tuple[str, ...
         for group, members in groups.items()
     }
     return {
-        group: float(np.median([_relative_focal(profile) for profile in members]))
+        group: float(np.median([_find_relative_focal(profile) for profile in members]))
         for group, members in trusted.items()
     }

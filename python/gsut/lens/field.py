@@ -14,8 +14,8 @@ _SEARCH_STEPS = 60  # bisections of the focal length
 _CLOSE = (0.01, 0.1)  # relative, degrees: of what was wanted
 
 
-def field_of_view(camera: Camera) -> float | None:
-    """Degrees across the middle row, from the leftmost to the rightmost pixel with a ray.
+def measure_field_of_view(camera: Camera) -> float | None:
+    """Measures the degrees across the middle row, from its first to its last pixel with a ray.
 
     None where no two pixels of that row have one.
     """
@@ -29,25 +29,25 @@ def field_of_view(camera: Camera) -> float | None:
 
 
 def has_focal_length(camera: Camera) -> bool:
-    """Whether the lens has fx and fy, which `with_scaled_focal` scales."""
+    """Returns whether the lens has fx and fy, which `with_scaled_focal` scales."""
     return {"fx", "fy"} <= set(camera.param_names.split())
 
 
-def focal_params(camera: Camera) -> list[int]:
-    """Where in its parameters fx and fy of a lens that has them stand."""
+def find_focal_params(camera: Camera) -> list[int]:
+    """Returns the indices of fx and fy among the parameters of a lens that has them."""
     names = camera.param_names.split()
     return [names.index("fx"), names.index("fy")]
 
 
 def with_scaled_focal(camera: Camera, factor: float) -> Camera:
-    """The lens with its focal lengths times a factor."""
+    """Returns the lens with its focal lengths times a factor."""
     params = np.array(camera.params)
-    params[focal_params(camera)] *= factor
+    params[find_focal_params(camera)] *= factor
     return camera.with_params(params)
 
 
 def with_field_of_view(camera: Camera, degrees: float) -> Camera:
-    """The lens with its focal lengths scaled so that the image spans this field across.
+    """Returns the lens with its focal lengths scaled so that the image spans this field across.
 
     Raises:
         InputError: the lens has no focal length, or cannot span that.
@@ -57,10 +57,10 @@ def with_field_of_view(camera: Camera, degrees: float) -> Camera:
     low, high = math.log(1e-3), math.log(1e3)
     for _ in range(_SEARCH_STEPS):
         middle = (low + high) / 2
-        across = field_of_view(with_scaled_focal(camera, math.exp(middle)))
+        across = measure_field_of_view(with_scaled_focal(camera, math.exp(middle)))
         low, high = (low, middle) if across is None or across < degrees else (middle, high)
     found = with_scaled_focal(camera, math.exp((low + high) / 2))
-    across = field_of_view(found)
+    across = measure_field_of_view(found)
     if across is None or abs(across - degrees) > _CLOSE[0] * degrees + _CLOSE[1]:
         nearest = "" if across is None else f"; the nearest is {across:.0f}"
         raise InputError(f"a {camera.model} lens cannot span {degrees:g} degrees{nearest}")

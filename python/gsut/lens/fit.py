@@ -32,7 +32,7 @@ class FitTarget:
         points: (N, 3) in the camera frame.
         pixels: (N, 2) where they are to be seen.
         distance: of the points from the camera, for the scale of lenses of parallel rays.
-        several_distances: whether the points tell lenses apart whose rays do not meet.
+        several_distances: whether the points distinguish lenses whose rays do not meet.
     """
 
     camera: Camera
@@ -42,8 +42,8 @@ class FitTarget:
     several_distances: bool
 
 
-def angles_of(points: np.ndarray) -> np.ndarray:
-    """(N,) radians from the axis of points (N, 3)."""
+def find_angles(points: np.ndarray) -> np.ndarray:
+    """Returns the angles (N,) of points (N, 3) from the axis, in radians."""
     return np.arctan2(np.hypot(points[:, 0], points[:, 1]), points[:, 2])
 
 
@@ -67,14 +67,14 @@ def check_model(model: str, num_params: int | None) -> None:
 def fit_lens(
     target: FitTarget, model: str, num_params: int | None = None, grid: SplineGrid | None = None
 ) -> np.ndarray:
-    """The parameters of a lens of `model`, by least squares of the pixel distances.
+    """Fits the parameters of a lens of `model` by least squares of the pixel distances.
 
     Where to start and what to hold stands in the lens' own file (cpp/gsut/cameras/models).
 
     Args:
         target: points and pixels.
         model: see `camera_models()`.
-        num_params: of a lens with any number of coefficients; None: as many as its file starts
+        num_params: of a lens with any number of coefficients; None: the number its file starts
             with.
         grid: of a lens with a table of control points; None: `SplineGrid()`.
 
@@ -83,28 +83,28 @@ def fit_lens(
     """
     check_model(model, num_params)
     traits = _core.camera_traits(model)
-    focal, centre = _axis(target, traits.is_parallel)
+    focal, centre = _find_axis(target, traits.is_parallel)
     if traits.has_table:
         return fit_spline(focal, centre, target.points, target.pixels, grid or SplineGrid())
     fixed = tuple(traits.fit_held)
     if not target.several_distances:
         fixed += tuple(traits.fit_near)
     found = []
-    widest = float(angles_of(target.points).max())
+    widest = float(find_angles(target.points).max())
     for values in _core.camera_fit_starts(model, tuple(focal), tuple(centre), widest):
         start = np.array(values)
         if num_params is not None:
             start = np.pad(start, (0, max(0, num_params - len(start))))[:num_params]
         if len(start) == 0:  # the image's size is the lens
             return start
-        found.append(_widening(model, start, fixed, target))
-        if found[-1][1] <= _enough(target):
+        found.append(_widen(model, start, fixed, target))
+        if found[-1][1] <= _find_enough(target):
             break
     return min(found, key=lambda one: one[1])[0]
 
 
-def _axis(target: FitTarget, is_parallel: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Focal lengths (2,) on the axis and its pixel (2,)."""
+def _find_axis(target: FitTarget, is_parallel: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the focal lengths (2,) on the axis, and the axis' pixel (2,)."""
     axis = np.array([[0.0, 0.0, target.distance]])
     (centre,), valid = target.camera.project(axis)
     if not valid[0]:
@@ -114,21 +114,21 @@ def _axis(target: FitTarget, is_parallel: bool) -> tuple[np.ndarray, np.ndarray]
     return (focal if is_parallel else focal * target.distance), centre
 
 
-def _enough(target: FitTarget) -> float:
-    """The cost below which no other start is tried."""
+def _find_enough(target: FitTarget) -> float:
+    """Returns the cost below which no other start is tried."""
     return _GOOD_PX**2 * len(target.points)
 
 
-def _widening(
+def _widen(
     model: str, start: np.ndarray, fixed: tuple[int, ...], target: FitTarget
 ) -> tuple[np.ndarray, float]:
-    """From the centre of the field outwards, so that no ray starts outside the domain."""
+    """Fits from the centre of the field outwards, so that no ray starts outside the domain."""
     params, cost = start, math.inf
-    angles = angles_of(target.points)
+    angles = find_angles(target.points)
     for share in (0.25, 0.5, 0.75, 1.0):
         near = angles <= max(share * angles.max(), np.sort(angles)[min(60, len(angles) - 1)])
         part = dataclasses.replace(target, points=target.points[near], pixels=target.pixels[near])
-        enough = _enough(part)
+        enough = _find_enough(part)
         ends = (_MAX_STEPS, _LEAST_GAIN, 0.0)
         if share < 1.0:
             ends = (_STEPS_WIDENING, _GAIN_WIDENING, enough)
@@ -150,46 +150,46 @@ def _refine(
     least_gain: float,
     enough: float,
 ) -> tuple[np.ndarray, float]:
-    """The parameters that fit best, from `params` on, and their cost: `minimize_least_squares`."""
+    """Minimizes the pixel distances from `params` on; returns the parameters and their cost."""
     free = [i for i in range(len(params)) if i not in fixed]
 
     # Cost and derivatives are asked of the same lens, and making one is dear.
     @functools.lru_cache(maxsize=1)
-    def tried(values: bytes) -> tuple[_core.Camera, np.ndarray, np.ndarray]:
+    def try_params(values: bytes) -> tuple[_core.Camera, np.ndarray, np.ndarray]:
         moved = params.copy()
         moved[free] = np.frombuffer(values)
         lens = _core.Camera(  # on the way through numbers that no lens has
             model, moved.tolist(), target.camera.width, target.camera.height
         )
-        return lens, *_residuals(lens, target)
+        return lens, *_find_residuals(lens, target)
 
-    def cost_of(values: np.ndarray) -> float:
+    def rate_params(values: np.ndarray) -> float:
         try:
-            lens, residual, valid = tried(values.tobytes())
+            lens, residual, valid = try_params(values.tobytes())
         except InputError:  # a parameter left its range
             return math.inf
         # A point that the lens does not see counts as one at the image's own size.
         unseen = float(lens.width**2 + lens.height**2)
         return float((residual**2).sum() + unseen * (~valid).sum())
 
-    def normal_equations(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        lens, residual, valid = tried(values.tobytes())
+    def build_normal_equations(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        lens, residual, valid = try_params(values.tobytes())
         jacobian = -lens.project_jacobian(target.points)[1][valid][:, :, free]
         jacobian = jacobian.reshape(-1, len(free))
         return jacobian.T @ residual[valid].ravel(), jacobian.T @ jacobian
 
     values, cost = minimize_least_squares(
         params[free],
-        cost_of,
-        normal_equations,
+        rate_params,
+        build_normal_equations,
         max_steps=steps,
         least_gain=least_gain,
         enough=enough,
     )
-    return np.array(tried(values.tobytes())[0].params), float(cost)
+    return np.array(try_params(values.tobytes())[0].params), float(cost)
 
 
-def _residuals(lens: _core.Camera, target: FitTarget) -> tuple[np.ndarray, np.ndarray]:
-    """(N, 2) pixels by which the lens misses, 0 for points that it does not see; which it sees."""
+def _find_residuals(lens: _core.Camera, target: FitTarget) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the misses (N, 2) in pixels, 0 for unseen points, and which points are seen."""
     found, valid = lens.project(target.points)
     return np.where(valid[:, None], target.pixels - np.nan_to_num(found), 0.0), valid

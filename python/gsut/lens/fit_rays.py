@@ -6,7 +6,7 @@ import numpy as np
 
 from gsut._core import InputError, camera_traits
 from gsut.lens.camera import Camera
-from gsut.lens.fit import FitTarget, angles_of, fit_lens
+from gsut.lens.fit import FitTarget, find_angles, fit_lens
 
 _FEWEST = 8  # rays: the four numbers of the first guess, twice over
 _NEAR_AXIS = 0.5  # radians: rays from which focal length and principal point are guessed
@@ -55,7 +55,7 @@ def fit_camera(
 
 def _guess_focal(pixels: np.ndarray, rays: np.ndarray) -> np.ndarray:
     """Returns fx fy cx cy of the equidistant lens nearest to the rays about the axis."""
-    angles = angles_of(rays)
+    angles = find_angles(rays)
     near = angles <= max(_NEAR_AXIS, float(np.sort(angles)[min(2 * _FEWEST, len(angles)) - 1]))
     across = np.hypot(rays[near, 0], rays[near, 1])
     scale = np.where(across > 0, angles[near] / np.maximum(across, 1e-12), 1.0)

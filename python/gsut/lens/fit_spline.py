@@ -24,7 +24,7 @@ class SplineGrid:
     Attributes:
         order: 3 (cubic) or 2 (quadratic).
         columns: control points across the image.
-        rows: control points down the image; None: as many as the same pitch needs.
+        rows: control points down the image; None: the number that the same pitch needs.
     """
 
     order: int = 3
@@ -35,7 +35,7 @@ class SplineGrid:
 def fit_spline(
     focal: np.ndarray, centre: np.ndarray, points: np.ndarray, pixels: np.ndarray, grid: SplineGrid
 ) -> np.ndarray:
-    """The parameters of a splined_stereographic lens that sends points to pixels.
+    """Fits the parameters of a splined_stereographic lens that sends points to pixels.
 
     Args:
         focal, centre: (2,) pixels: of the projection that the spline bends.
@@ -53,7 +53,7 @@ def fit_spline(
             f"a spline of order {grid.order} needs at least {grid.order + 1} control points "
             f"across, found {grid.columns}"
         )
-    plane = stereographic_plane(points)
+    plane = project_stereographic(points)
     if not np.hypot(*plane.T).max() < _LARGEST:
         raise InputError(
             "'splined_stereographic' sees at most 168 degrees from the axis, and the image has "
@@ -74,8 +74,8 @@ def fit_spline(
     return np.array([grid.order, grid.columns, rows, fov, *focal, *centre, *control.ravel()])
 
 
-def stereographic_plane(points: np.ndarray) -> np.ndarray:
-    """(N, 2) coordinates 2 (X, Y) / (|P| + Z) of points (N, 3)."""
+def project_stereographic(points: np.ndarray) -> np.ndarray:
+    """Returns the coordinates 2 (X, Y) / (|P| + Z) (N, 2) of points (N, 3)."""
     norm = np.linalg.norm(points, axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
         return 2.0 * points[:, :2] / (norm + points[:, 2])[:, None]
@@ -84,7 +84,7 @@ def stereographic_plane(points: np.ndarray) -> np.ndarray:
 def fit_control_points(
     plane: np.ndarray, offsets: np.ndarray, density: float, grid: tuple[int, int], order: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """A B-spline through offsets at places of a plane, by least squares.
+    """Fits a B-spline to offsets at places of a plane by least squares.
 
     Args:
         plane: (N, 2) places; (0, 0) is the middle of the grid.
@@ -98,17 +98,17 @@ def fit_control_points(
     """
     columns, rows = grid
     weights = (
-        _basis(plane[:, 0] * density, columns, order)[:, None, :]
-        * _basis(plane[:, 1] * density, rows, order)[:, :, None]
+        _evaluate_basis(plane[:, 0] * density, columns, order)[:, None, :]
+        * _evaluate_basis(plane[:, 1] * density, rows, order)[:, :, None]
     ).reshape(len(plane), -1)
-    bends = _SMOOTH * math.sqrt(len(weights)) * _bends(columns, rows)
+    bends = _SMOOTH * math.sqrt(len(weights)) * _differentiate_twice(columns, rows)
     normal = weights.T @ weights + bends.T @ bends
     control = np.linalg.solve(normal, weights.T @ offsets)
     return control, weights @ control
 
 
-def _basis(place: np.ndarray, count: int, order: int) -> np.ndarray:
-    """(N, count) weights of the control points of a uniform B-spline; place 0 is their middle."""
+def _evaluate_basis(place: np.ndarray, count: int, order: int) -> np.ndarray:
+    """Returns the weights (N, count) of a B-spline's control points; place 0 is their middle."""
     at = place + 0.5 * (count - 1)
     middle = np.floor(at) if order == 3 else np.floor(at + 0.5)
     middle = np.clip(middle, 1, count - (3 if order == 3 else 2)).astype(int)
@@ -124,8 +124,8 @@ def _basis(place: np.ndarray, count: int, order: int) -> np.ndarray:
     return weights
 
 
-def _bends(columns: int, rows: int) -> np.ndarray:
-    """Second differences of a grid along both axes, one a row."""
+def _differentiate_twice(columns: int, rows: int) -> np.ndarray:
+    """Returns the second differences of a grid along both axes, one a row."""
     index = np.arange(columns * rows).reshape(rows, columns)
     triples = [
         np.stack([index[:, :-2], index[:, 1:-1], index[:, 2:]], axis=-1).reshape(-1, 3),

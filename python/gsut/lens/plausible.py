@@ -1,4 +1,4 @@
-"""Whether a lens that somebody states can be one: numbers that no camera has are named."""
+"""Finds numbers of a stated lens that no real camera has."""
 
 from __future__ import annotations
 
@@ -12,36 +12,36 @@ from gsut._core import InputError
 MOST_STRETCH = 4.0  # of one focal length over the other; anamorphic lenses have 2
 _FOCAL_RANGE = (1e-3, 1e4)  # focal length over the image's longer side
 _NARROWEST = 1e-4  # radians between the farthest rays: a telescope's field is ten times that
-_GRID = 9  # pixels a side that are asked for their ray
+_GRID = 9  # pixels along each side whose rays are compared
 _MOST_TRIED = 64  # parameters that may be to blame; the tables of splines have thousands
 _OF_ANY_LENS = ("fx", "fy", "cx", "cy")
 
 
-def implausible(camera: _core.Camera) -> str | None:
-    """What no camera has, as a clause that begins with a parameter's name where one is to blame;
-    None where the lens may be one.
+def find_fault(camera: _core.Camera) -> str | None:
+    """Finds what no real camera has: odd focal lengths, or pixels without rays that differ.
 
-    The focal lengths' ratio and size, and whether pixels have rays that differ.
+    Returns:
+        A clause that begins with a parameter's name if one is to blame; None for a possible lens.
     """
-    doubt = _of_focal_lengths(camera)
+    doubt = _judge_focal_lengths(camera)
     if doubt is not None:
         return doubt
-    doubt = _of_rays(camera)
+    doubt = _judge_rays(camera)
     if doubt is None:
         return None
     for name, value, other in _without_one(camera):
-        if _of_rays(other) is None:
+        if _judge_rays(other) is None:
             return f"{name} is {value:g}; with it {doubt}"
     return f"{doubt}; its coefficients are not of this model, or in another order"
 
 
-def param_names(model: str, count: int) -> list[str]:
-    """A name for each parameter of a lens: the core's, "parameter 9" where that has none."""
+def name_params(model: str, count: int) -> list[str]:
+    """Names each parameter of a lens: the core's name, or "parameter 9" where it has none."""
     names = _core.camera_param_names(model).replace("...", "").split()
     return [names[i] if i < len(names) else f"parameter {i}" for i in range(count)]
 
 
-def _of_focal_lengths(camera: _core.Camera) -> str | None:
+def _judge_focal_lengths(camera: _core.Camera) -> str | None:
     names = _core.camera_param_names(camera.model).split()
     if not {"fx", "fy"} <= set(names):
         return None
@@ -58,7 +58,7 @@ def _of_focal_lengths(camera: _core.Camera) -> str | None:
     return None
 
 
-def _of_rays(camera: _core.Camera) -> str | None:
+def _judge_rays(camera: _core.Camera) -> str | None:
     sides = (np.linspace(0.5, side - 0.5, _GRID) for side in (camera.width, camera.height))
     x, y = np.meshgrid(*sides)
     rays, valid = camera.unproject(np.stack([x.ravel(), y.ravel()], axis=1))[:2]
@@ -74,14 +74,16 @@ def _of_rays(camera: _core.Camera) -> str | None:
 
 
 def _without_one(camera: _core.Camera) -> Iterator[tuple[str, float, _core.Camera]]:
-    """The lens without its limit or with one of its parameters at 0, coefficients first; what that
-    was, by name and value."""
+    """Yields the lens without its limit, then with one of its parameters at 0, coefficients first.
+
+    Each comes with the name and the value of what was left out.
+    """
     size, limit = (camera.width, camera.height), camera.valid_field_angle
     params = camera.params.tolist()
     if limit is not None:
         yield "valid_field_angle", limit, _core.Camera(camera.model, params, *size)
     for index, name in sorted(
-        enumerate(param_names(camera.model, len(params))[:_MOST_TRIED]),
+        enumerate(name_params(camera.model, len(params))[:_MOST_TRIED]),
         key=lambda each: each[1] in _OF_ANY_LENS,
     ):
         changed = [*params[:index], 0.0, *params[index + 1 :]]

@@ -10,8 +10,8 @@ _SAMPLES = 33  # pixels along each side of the image
 _LEAST = 1e-9  # of a derivative's length: less is not its own, but that of others
 
 
-def refinable_params(camera: Camera) -> np.ndarray:
-    """Which parameters a bundle adjustment may refine; the others are to be held.
+def find_refinable_params(camera: Camera) -> np.ndarray:
+    """Returns which parameters a bundle adjustment may refine; the others must be held.
 
     Held are those that move no pixel (the configuration of a spline, the polynomial of an f-theta
     lens that only inverts the other), those that the ones before them, or a rotation of all

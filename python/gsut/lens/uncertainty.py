@@ -38,8 +38,8 @@ class LensUncertainty:
     width: int
     height: int
 
-    def at_size(self, width: int, height: int) -> np.ndarray:
-        """(height, width) standard deviations at the pixel centres of the resized image.
+    def resample(self, width: int, height: int) -> np.ndarray:
+        """Returns standard deviations (height, width) at the pixel centres of the resized image.
 
         In its pixels. Where the map has none, the value of the nearest place that has one.
 
@@ -52,9 +52,9 @@ class LensUncertainty:
                 f"images are {width} x {height}: give the lens file of these images"
             )
         rows, columns = self.sigma.shape
-        x = _grid_places(width, self.width, columns)
-        y = _grid_places(height, self.height, rows)
-        filled = _filled(self.sigma)
+        x = _place_on_grid(width, self.width, columns)
+        y = _place_on_grid(height, self.height, rows)
+        filled = _fill_gaps(self.sigma)
         left, top = (np.clip(p.astype(int), 0, n - 2) for p, n in ((x, columns), (y, rows)))
         a, b = (x - left)[None, :], (y - top)[:, None]
         upper = filled[top][:, left] * (1 - a) + filled[top][:, left + 1] * a
@@ -62,8 +62,8 @@ class LensUncertainty:
         return (upper * (1 - b) + lower * b) * (width / self.width)
 
 
-def grid_pixels(width: int, height: int) -> np.ndarray:
-    """(rows, columns, 2) pixels of a stored map: evenly spread, corner pixels' centres included."""
+def spread_pixels(width: int, height: int) -> np.ndarray:
+    """Spreads the pixels (rows, columns, 2) of a stored map evenly, corner pixels included."""
     rows = max(2, round(_GRID_COLUMNS * height / width))
     x = np.linspace(0.5, width - 0.5, _GRID_COLUMNS)
     return np.stack(np.meshgrid(x, np.linspace(0.5, height - 0.5, rows)), axis=-1)
@@ -74,7 +74,7 @@ def save_uncertainty(path: str | os.PathLike[str], sigma: np.ndarray) -> None:
 
     Args:
         path: lens file; a .cameramodel gets one more key, others NAME.uncertainty.json beside them.
-        sigma: (rows, columns) pixels on `grid_pixels`; NaN where the lens has no ray.
+        sigma: (rows, columns) pixels on `spread_pixels`; NaN where the lens has no ray.
     """
     file = Path(path)
     rows = [
@@ -143,13 +143,13 @@ def _map(rows: Any, source: Path) -> np.ndarray:
     return sigma
 
 
-def _grid_places(count: int, full: int, cells: int) -> np.ndarray:
+def _place_on_grid(count: int, full: int, cells: int) -> np.ndarray:
     """Places on the map's axis, in its cells, of the pixel centres of an image `count` wide."""
     pixel = (np.arange(count) + 0.5) * full / count - 0.5  # of the full image, first centre at 0
     return np.clip(pixel / max(full - 1, 1), 0.0, 1.0) * (cells - 1)
 
 
-def _filled(sigma: np.ndarray) -> np.ndarray:
+def _fill_gaps(sigma: np.ndarray) -> np.ndarray:
     known = np.argwhere(np.isfinite(sigma))
     result = sigma.copy()
     for row, column in np.argwhere(~np.isfinite(sigma)):

@@ -2,12 +2,12 @@
 
 from gsut.optimize.densify import densify_adaptive, densify_mcmc, split_and_prune
 from gsut.optimize.optimizer import GaussianOptimizer, LearningRates
-from gsut.optimize.packed_optimizer import optimizer_of
+from gsut.optimize.packed_optimizer import make_optimizer
 from gsut.optimize.schedule import (
-    grown_count,
-    last_densification,
-    learning_rates,
-    view_of_step,
+    choose_view,
+    compute_learning_rates,
+    compute_target_size,
+    find_last_densification,
 )
 from gsut.optimize.trajectory_mean import TrajectoryMean
 
@@ -15,12 +15,12 @@ __all__ = [
     "GaussianOptimizer",
     "LearningRates",
     "TrajectoryMean",
+    "choose_view",
+    "compute_learning_rates",
+    "compute_target_size",
     "densify_adaptive",
     "densify_mcmc",
-    "grown_count",
-    "last_densification",
-    "learning_rates",
-    "optimizer_of",
+    "find_last_densification",
+    "make_optimizer",
     "split_and_prune",
-    "view_of_step",
 ]

@@ -10,7 +10,7 @@ FIELDS = ("means", "quats", "log_scales", "opacity_logits", "sh")
 
 
 def copy_rows(arrays: Gaussians, size: int, capacity: int) -> Gaussians:
-    """New float32 arrays of `capacity` rows: the first `size` copied, the others 0."""
+    """Copies the first `size` rows into new float32 arrays of `capacity` rows; the others are 0."""
     rows = []
     for name in FIELDS:
         old = getattr(arrays, name)
@@ -20,7 +20,7 @@ def copy_rows(arrays: Gaussians, size: int, capacity: int) -> Gaussians:
     return Gaussians(*rows)
 
 
-def mask_bytes(visible: np.ndarray | None) -> np.ndarray | None:
+def to_mask_bytes(visible: np.ndarray | None) -> np.ndarray | None:
     if visible is None:
         return None
     visible = np.ascontiguousarray(visible)

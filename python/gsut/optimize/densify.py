@@ -1,4 +1,4 @@
-"""Adding and removing Gaussians together with their Adam moments: MCMC and adaptive control."""
+"""Adds and removes Gaussians together with their Adam moments: MCMC and adaptive control."""
 
 from __future__ import annotations
 
@@ -7,14 +7,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gsut import _core
-from gsut.optimize.optimizer import GaussianOptimizer, alone
+from gsut.optimize.optimizer import GaussianOptimizer, allow_one_thread
 
-_PRUNE, _SPLIT = 1, 3  # actions of an adaptive plan
+# Actions of an adaptive plan, as the core numbers them.
+_PRUNE = 1
+_SPLIT = 3
 _LARGEST_LOGIT = 80.0  # exp of it still fits float32
 
 
 class McmcCounts(NamedTuple):
-    """What densify_mcmc did."""
+    """Numbers of Gaussians after `densify_mcmc`, and of those it relocated and added."""
 
     size: int
     relocated: int
@@ -22,7 +24,7 @@ class McmcCounts(NamedTuple):
 
 
 class AdaptiveCounts(NamedTuple):
-    """What densify_adaptive did."""
+    """Numbers of Gaussians after `densify_adaptive`, and of those it pruned, cloned and split."""
 
     size: int
     pruned: int
@@ -30,7 +32,7 @@ class AdaptiveCounts(NamedTuple):
     split: int
 
 
-@alone
+@allow_one_thread
 def densify_mcmc(
     optimizer: GaussianOptimizer,
     target_size: int,
@@ -46,14 +48,13 @@ def densify_mcmc(
     Args:
         optimizer: changed.
         target_size: Gaussians to have afterwards; if there are more already, none is added.
-        weights: (N,) chances of living Gaussians to be copied; None: opacity x `gradient_max`, or
-            where errors were measured, x the root of `gradient_max` x `error_sum`: gradients alone
-            leave out what moving does not mend.
-        dead_opacity: at or below, a Gaussian is dead (as is one with a value that is not
-            finite).
+        weights: (N,) chances of living Gaussians to be copied. None: opacity x `gradient_max`, or
+            if errors were measured, opacity x the root of `gradient_max` x `error_sum`; gradients
+            alone miss errors that moving a Gaussian does not reduce.
+        dead_opacity: a Gaussian is dead at or below it, or if one of its values is not finite.
 
     Returns:
-        Counts; fewer are relocated or added if the living would be copied over 50 times.
+        The counts. Fewer are relocated or added if that would copy a living one over 50 times.
 
     Source: Kheradmand et al., "3D Gaussian splatting as Markov chain Monte Carlo", 2024.
     """
@@ -70,7 +71,7 @@ def densify_mcmc(
     return McmcCounts(*counts)
 
 
-@alone
+@allow_one_thread
 def densify_adaptive(
     optimizer: GaussianOptimizer,
     *,
@@ -89,10 +90,10 @@ def densify_adaptive(
         gradient_threshold: of the mean |dL/dmean| x distance / 2 over the views that saw it.
         prune_opacity: below it a Gaussian is pruned.
         max_scale: world units; above it a Gaussian is pruned. 3DGS: 0.1 x extent.
-        max_gaussians: only the Gaussians with the largest gradients grow beyond it.
+        max_gaussians: if there would be more, only the largest gradients are cloned or split.
 
     Returns:
-        Counts.
+        The counts.
 
     Source: Kerbl et al., "3D Gaussian splatting for real-time radiance field rendering", 2023.
     """
@@ -104,16 +105,16 @@ def densify_adaptive(
     return _apply(optimizer, plan)
 
 
-@alone
+@allow_one_thread
 def split_and_prune(
     optimizer: GaussianOptimizer, split: np.ndarray, prune: np.ndarray
 ) -> AdaptiveCounts:
-    """Splits chosen Gaussians in two as densify_adaptive does, and prunes others.
+    """Splits chosen Gaussians in two, as `densify_adaptive` does, and prunes others.
 
     Args:
         optimizer: changed.
         split: (N,) bool.
-        prune: (N,) bool; these go, even if they were to be split. The others keep their order.
+        prune: (N,) bool; takes precedence over `split`. The others keep their order.
     """
     actions = np.where(prune, _PRUNE, np.where(split, _SPLIT, 0)).astype(np.uint8)
     return _apply(optimizer, _core.AdaptivePlan(actions))

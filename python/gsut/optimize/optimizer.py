@@ -13,10 +13,12 @@ import numpy as np
 from gsut import _core
 from gsut._core import InputError
 from gsut.gaussians import Gaussians, are_surfels, order_by_morton_code, press_surfels, to_surfels
-from gsut.optimize.arrays import FIELDS, copy_rows, mask_bytes
+from gsut.optimize.arrays import FIELDS, copy_rows, to_mask_bytes
 
-ADAM = (0.9, 0.999, 1e-15)  # beta 1, beta 2 and epsilon of 3DGS
-_GROWTH = 1.5  # of the capacity, when it has to grow
+# Adam's beta 1, beta 2 and epsilon, as in 3DGS.
+ADAM = (0.9, 0.999, 1e-15)
+# Factor by which the capacity grows at least: copies then cost a constant time a row.
+_GROWTH = 1.5
 _SETS = ("params", "moment1", "moment2")  # names of `arrays` in a state
 _STATISTICS = ("gradient_max", "gradient_sum", "seen", "error_sum")
 _Optimizer = TypeVar("_Optimizer")
@@ -24,33 +26,33 @@ _Words = ParamSpec("_Words")
 _Found = TypeVar("_Found")
 
 
-def alone(
+def allow_one_thread(
     change: Callable[Concatenate[_Optimizer, _Words], _Found],
 ) -> Callable[Concatenate[_Optimizer, _Words], _Found]:
-    """What reads or changes all of an optimizer, its first argument: one thread at a time.
+    """Wraps a function so that one thread at a time runs it on its first argument, an optimizer.
 
     Raises:
-        InputError: another thread is at it; in which order they came would be left to chance.
+        InputError: another thread is using the optimizer; results would depend on their order.
     """
 
     @functools.wraps(change)
-    def guarded(optimizer: _Optimizer, *words: _Words.args, **named: _Words.kwargs) -> _Found:
+    def run_alone(optimizer: _Optimizer, *words: _Words.args, **named: _Words.kwargs) -> _Found:
         turn = optimizer._turn  # type: ignore[attr-defined]
         if not turn.acquire(blocking=False):
             raise InputError(
-                f"{change.__name__}: another thread is at work on this optimizer; give each its own"
+                f"{change.__name__}: another thread is using this optimizer; give each its own"
             )
         try:
             return change(optimizer, *words, **named)
         finally:
             turn.release()
 
-    return guarded
+    return run_alone
 
 
 @dataclasses.dataclass(frozen=True)
 class LearningRates:
-    """One step's learning rates.
+    """Learning rates of one step.
 
     Args:
         means: of the centres, world units.
@@ -70,18 +72,18 @@ class LearningRates:
 
 
 class GaussianOptimizer:
-    """Owns the parameters of a run, their Adam moments and densification statistics.
+    """The parameters of a run with their Adam moments and densification statistics.
 
-    Arrays hold `capacity` rows, of which the first `size` are alive; they grow when densification
-    needs it. The same calls give the same bits on any number of threads, and after
-    load_state_dict(state_dict()). It belongs to one Python thread at a time: another that calls it
-    meanwhile gets an InputError.
+    Arrays hold `capacity` rows, of which the first `size` are in use; they grow when densification
+    needs more. The same calls give the same bits on any number of threads, and after
+    `load_state_dict(state_dict())`. One Python thread at a time may call it; a second one gets an
+    InputError.
 
     Args:
         gaussians: the start, copied to float32.
-        capacity: rows to reserve, at least len(gaussians); give the final number to never copy.
-        seed: of densification and noise, 0 to 2^64 - 1; their numbers depend on it and on `steps`.
-        surfels: the third scale has no gradient and is that of surfels after each call.
+        capacity: rows to reserve, at least len(gaussians); the final number avoids all copies.
+        seed: 0 to 2^64 - 1; random numbers of densification and noise depend on it and on `steps`.
+        surfels: keep Gaussians flat: the third scale gets no gradient and stays that of a surfel.
 
     Attributes:
         steps: Adam steps made.
@@ -127,7 +129,7 @@ class GaussianOptimizer:
         """The Gaussians as views (no copy) that follow each step, until densification."""
         return self.arrays[0][: self.size]
 
-    @alone
+    @allow_one_thread
     def step(
         self,
         grads: Any,
@@ -136,7 +138,7 @@ class GaussianOptimizer:
         active_sh_degree: int | None = None,
         harmonics: bool = True,
     ) -> None:
-        """One Adam step in place.
+        """Makes one Adam step in place.
 
         Args:
             grads: gradients as arrays means, quats, log_scales, opacity_logits, sh in the shapes of
@@ -144,8 +146,9 @@ class GaussianOptimizer:
             rates: learning rates of this step.
             visible: (N,) bool or uint8; rows with 0 keep parameters and moments (sparse Adam).
                 None: all rows are stepped.
-            active_sh_degree: harmonics above it are not touched; None: all are stepped.
-            harmonics: False leaves them out, as the backward pass took their `harmonics_step`.
+            active_sh_degree: harmonics above this degree stay; None: all are stepped.
+            harmonics: False leaves them out, because the backward pass has stepped them (see
+                `prepare_harmonics_step`).
 
         Raises:
             InputError: shapes disagree.
@@ -162,26 +165,28 @@ class GaussianOptimizer:
             gradients[FIELDS.index("log_scales")][:, 2] = 0
         params, moment1, moment2 = ([getattr(rows, name) for name in names] for rows in self.arrays)
         of_columns = [[getattr(rates, name)] for name in FIELDS[:-1]]
-        of_columns.append(_harmonics_rates(self.gaussians.sh, rates, active_sh_degree))
+        of_columns.append(_list_harmonics_rates(self.gaussians.sh, rates, active_sh_degree))
         columns = [3, 4, 3, 1, len(of_columns[-1])]
         _core.adam_step(
             params, gradients, moment1, moment2, of_columns[: len(names)], self.steps + 1,
-            self.size, mask_bytes(visible), columns[: len(names)], *ADAM,
+            self.size, to_mask_bytes(visible), columns[: len(names)], *ADAM,
         )  # fmt: skip
         self.steps += 1
         self._press()
 
-    def harmonics_step(self, rates: LearningRates, active_sh_degree: int | None = None) -> Any:
-        """The next step's part for the harmonics, which a backward pass of `gaussians` may take.
+    def prepare_harmonics_step(
+        self, rates: LearningRates, active_sh_degree: int | None = None
+    ) -> Any:
+        """Prepares the next step of the harmonics, for the backward pass of `gaussians` to make.
 
-        Their gradients are then written nowhere, and only rows that a pixel saw are stepped.
-        `step` has to follow, with those rows as `visible` and without harmonics.
+        Gradients of harmonics are then never stored, and only rows that a pixel saw are stepped.
+        `step` must follow, with those rows as `visible` and without harmonics.
         """
         params, moment1, moment2 = (rows.sh[: self.size] for rows in self.arrays)
-        of_columns = _harmonics_rates(params, rates, active_sh_degree)
+        of_columns = _list_harmonics_rates(params, rates, active_sh_degree)
         return _core.HarmonicsStep(params, moment1, moment2, of_columns, self.steps + 1, *ADAM)
 
-    @alone
+    @allow_one_thread
     def add_regularizer(
         self, grads: Any, opacity_weight: float = 0.01, scale_weight: float = 0.01
     ) -> None:
@@ -189,38 +194,38 @@ class GaussianOptimizer:
 
         Args:
             grads: float32 arrays opacity_logits (N,) and log_scales (N, 3), as for step.
-            opacity_weight, scale_weight: of mean(opacity) and mean(scale in world units); defaults:
-                the paper's.
+            opacity_weight, scale_weight: of mean(opacity) and mean(scale in world units); the
+                defaults are the paper's.
         """
         _core.mcmc_regularize(
             self.arrays[0], self.size, grads.opacity_logits, grads.log_scales, opacity_weight,
             scale_weight,
         )  # fmt: skip
 
-    @alone
+    @allow_one_thread
     def add_noise(self, rate_means: float, noise_scale: float = 5e5) -> None:
-        """Adds MCMC's exploration noise to the means; it matters for opacities below about 0.1.
+        """Adds MCMC's exploration noise to the means, mainly at opacities below about 0.1.
 
         Args:
-            rate_means: the present learning rate of the means, world units.
+            rate_means: the current learning rate of the means, world units.
             noise_scale: the paper's factor.
         """
         _core.mcmc_noise(self.arrays[0], self.size, rate_means, noise_scale, self.seed, self.steps)
 
-    @alone
+    @allow_one_thread
     def accumulate(
         self, grad_means: np.ndarray, distances: np.ndarray, visible: np.ndarray | None = None
     ) -> None:
-        """Gathers one view's statistics for densification.
+        """Adds one view to the statistics for densification.
 
         Args:
             grad_means: (N, 3) float32, dL/dmean.
             distances: (N,) float32, from the camera centre, world units.
-            visible: (N,) bool or uint8; rows with 0 are left out. None: all count.
+            visible: (N,) bool or uint8; rows with 0 are left out. None: all rows count.
         """
         _core.accumulate_density(
             np.ascontiguousarray(grad_means, np.float32),
-            np.ascontiguousarray(distances, np.float32), mask_bytes(visible), self.gradient_max,
+            np.ascontiguousarray(distances, np.float32), to_mask_bytes(visible), self.gradient_max,
             self.gradient_sum, self.seen,
         )  # fmt: skip
 
@@ -229,21 +234,21 @@ class GaussianOptimizer:
         """Adam's first and second moments as views, as `gaussians`."""
         return self.arrays[1][: self.size], self.arrays[2][: self.size]
 
-    @alone
-    def restarted(self, gaussians: Gaussians) -> GaussianOptimizer:
-        """An optimizer of other Gaussians, with moments of 0, that goes on counting steps."""
+    @allow_one_thread
+    def restart_with(self, gaussians: Gaussians) -> GaussianOptimizer:
+        """Returns an optimizer of other Gaussians, with zero moments, that keeps counting steps."""
         new = GaussianOptimizer(gaussians, seed=self.seed, surfels=self.surfels)
         new.steps = self.steps
         return new
 
-    @alone
+    @allow_one_thread
     def reset_opacities(self, max_opacity: float = 0.01) -> None:
         """Lowers all opacities to at most max_opacity and zeroes their moments (3DGS)."""
         _core.reset_opacities(*self.arrays, self.size, max_opacity)
 
-    @alone
+    @allow_one_thread
     def state_dict(self) -> dict[str, np.ndarray]:
-        """Everything that later calls depend on, as copies of numpy arrays (for np.savez)."""
+        """Returns copies of everything later calls depend on, as arrays for `np.savez`."""
         state = {
             f"{prefix}.{name}": getattr(rows, name)[: self.size].copy()
             for prefix, rows in zip(_SETS, self.arrays, strict=True)
@@ -255,9 +260,9 @@ class GaussianOptimizer:
         state["seed"] = np.array(self.seed, np.uint64)
         return state
 
-    @alone
+    @allow_one_thread
     def load_state_dict(self, state: dict[str, np.ndarray]) -> None:
-        """Goes on exactly where state_dict was taken; the capacity stays or grows.
+        """Restores the state of `state_dict`, to the bit; the capacity stays or grows.
 
         Raises:
             InputError: an array is missing or shapes disagree.
@@ -284,18 +289,15 @@ class GaussianOptimizer:
             getattr(self, name)[:] = state[name]
         self.steps, self.seed = int(state["steps"]), int(state["seed"])
 
-    @alone
+    @allow_one_thread
     def reserve(self, rows: int) -> None:
         """Makes room for `rows` Gaussians."""
         if rows > self.capacity:
             self._set_capacity(max(rows, int(_GROWTH * self.capacity)))
 
-    @alone
+    @allow_one_thread
     def sort_by_place(self) -> None:
-        """Brings rows that are near in space together in memory, with all that belongs to them.
-
-        What a tile reads then lies closer together, and a step takes less time.
-        """
+        """Sorts all rows along a Z curve, so that the rows of a tile lie close in memory."""
         order = order_by_morton_code(np.nan_to_num(self.gaussians.means))
         for rows in self.arrays:
             for name in FIELDS:
@@ -304,9 +306,9 @@ class GaussianOptimizer:
         for name in _STATISTICS:
             setattr(self, name, getattr(self, name)[order])
 
-    @alone
+    @allow_one_thread
     def resize(self, size: int) -> None:
-        """From here on `size` rows are alive; their statistics begin anew."""
+        """Sets the number of Gaussians and resets their statistics."""
         self.size = size
         self.gradient_max, self.gradient_sum, self.error_sum = np.zeros((3, size), np.float32)
         self.seen = np.zeros(size, np.int32)
@@ -321,7 +323,7 @@ class GaussianOptimizer:
         self.arrays = params, moment1, moment2
 
 
-def _harmonics_rates(sh: np.ndarray, rates: LearningRates, degree: int | None) -> list[float]:
-    """A rate for each number of a row of harmonics (N, K, 3) that is stepped."""
+def _list_harmonics_rates(sh: np.ndarray, rates: LearningRates, degree: int | None) -> list[float]:
+    """Lists a rate for each number of a row of harmonics (N, K, 3) that is stepped."""
     coefficients = sh.shape[1] if degree is None else min(sh.shape[1], (degree + 1) ** 2)
     return [rates.sh0] * 3 + [rates.sh_rest] * (3 * (coefficients - 1))

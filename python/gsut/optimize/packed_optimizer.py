@@ -1,4 +1,4 @@
-"""Adam for Gaussians whose harmonics have different degrees; their number and degrees stay."""
+"""Adam for a fixed set of Gaussians whose harmonics have different degrees."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from gsut import _core
 from gsut.gaussians import Gaussians, MixedGaussians, press_surfels
-from gsut.optimize.arrays import mask_bytes
+from gsut.optimize.arrays import to_mask_bytes
 from gsut.optimize.optimizer import ADAM, GaussianOptimizer, LearningRates
 
 _GEOMETRY = ("means", "quats", "log_scales", "opacity_logits")
@@ -16,14 +16,14 @@ _COLUMNS = [3, 4, 3, 1]
 
 
 class MixedOptimizer:
-    """What `GaussianOptimizer` is to Gaussians, without densification; to the same bits.
+    """A `GaussianOptimizer` without densification for `MixedGaussians`; gives the same bits.
 
     Args:
         gaussians: the start, copied.
-        surfels: as of `GaussianOptimizer`; the start must be surfels.
+        surfels: as for `GaussianOptimizer`; the start must be surfels.
 
     Attributes:
-        gaussians: follow each step.
+        gaussians: the parameters after the last step.
         steps: Adam steps made.
     """
 
@@ -40,14 +40,14 @@ class MixedOptimizer:
         active_sh_degree: int | None = None,
         harmonics: bool = True,
     ) -> None:
-        """One Adam step in place, as `GaussianOptimizer.step`."""
+        """Makes one Adam step in place, as `GaussianOptimizer.step` does."""
         self.steps += 1
         if self._surfels:
             grads.log_scales[:, 2] = 0
-        seen = mask_bytes(visible)
+        seen = to_mask_bytes(visible)
         sets = (self.gaussians, grads, *self._moments)
         geometry = [[getattr(arrays, name) for name in _GEOMETRY] for arrays in sets]
-        self._adam(geometry, [[getattr(rates, name)] for name in _GEOMETRY], seen, _COLUMNS)
+        self._step_adam(geometry, [[getattr(rates, name)] for name in _GEOMETRY], seen, _COLUMNS)
         for parts in (
             zip(*(arrays.split_bands() for arrays in sets), strict=True) if harmonics else ()
         ):
@@ -56,11 +56,13 @@ class MixedOptimizer:
                 coefficients = min(coefficients, (active_sh_degree + 1) ** 2)
             of_sh = [rates.sh0] * 3 + [rates.sh_rest] * (3 * (coefficients - 1))
             bands = [[band] for _, band in parts]
-            self._adam(bands, [of_sh], None if seen is None else seen[rows], [3 * coefficients])
+            self._step_adam(
+                bands, [of_sh], None if seen is None else seen[rows], [3 * coefficients]
+            )
         if self._surfels:
             press_surfels(self.gaussians.log_scales)
 
-    def _adam(
+    def _step_adam(
         self,
         arrays: list[list[np.ndarray]],
         rates: list[list[float]],
@@ -74,7 +76,7 @@ class MixedOptimizer:
         )  # fmt: skip
 
     def add_regularizer(self, grads: Any, opacity_weight: float, scale_weight: float) -> None:
-        """As `GaussianOptimizer.add_regularizer`."""
+        """Adds the gradient of MCMC's regularisers, as `GaussianOptimizer.add_regularizer` does."""
         if opacity_weight == 0 and scale_weight == 0:
             return
         g = self.gaussians
@@ -87,16 +89,16 @@ class MixedOptimizer:
     def accumulate(
         self, grad_means: np.ndarray, distances: np.ndarray, visible: np.ndarray | None = None
     ) -> None:
-        """Nothing: statistics are for densification."""
+        """Does nothing: statistics serve densification only."""
 
 
-def optimizer_of(start: Any, capacity: int | None, seed: int, surfels: bool = False) -> Any:
-    """The optimizer of a run.
+def make_optimizer(start: Any, capacity: int | None, seed: int, surfels: bool = False) -> Any:
+    """Makes the optimizer that fits `start`: `Gaussians`, or `MixedGaussians`, which do not grow.
 
     Args:
-        start: `Gaussians`, or `MixedGaussians`, whose number and degrees stay.
-        capacity, seed: of a `GaussianOptimizer`.
-        surfels: of either.
+        start: copied.
+        capacity, seed: used for `Gaussians` only, see `GaussianOptimizer`.
+        surfels: see `GaussianOptimizer`.
     """
     if isinstance(start, MixedGaussians):
         return MixedOptimizer(start, surfels)

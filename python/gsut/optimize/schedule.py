@@ -1,4 +1,4 @@
-"""What the options ask for at a step: the view, the learning rates, the number of Gaussians."""
+"""The schedule of a run: the view, the learning rates and the number of Gaussians at a step."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from gsut.optimize.optimizer import LearningRates
 from gsut.run import TrainOptions
 
 
-def view_of_step(views: Sequence[int], step: int, seed: int) -> int:
-    """Every view once an epoch, in an order that depends on seed and epoch only; step from 1."""
+def choose_view(views: Sequence[int], step: int, seed: int) -> int:
+    """Chooses the view of a step (from 1): each once an epoch, shuffled by seed and epoch."""
     epoch, place = divmod(step - 1, len(views))
     order = np.random.default_rng([seed, epoch]).permutation(len(views))
     return views[order[place]]
 
 
-def learning_rates(options: TrainOptions, fraction: float, extent: float) -> LearningRates:
-    """Rates at a fraction of the steps; all but the centres' fall by the same factor.
+def compute_learning_rates(options: TrainOptions, fraction: float, extent: float) -> LearningRates:
+    """Computes the rates at a fraction of the steps; all but the centres' fall alike.
 
     Args:
         options: of the run, from `TrainOptions(...).resolved()`.
         fraction: of the steps, from 0 to 1.
-        extent: of the scene, world units; see `Scene.extent`.
+        extent: size of the scene in world units, see `Scene.extent`; scales the centres' rate.
 
     Returns:
         The rates of one step, for `GaussianOptimizer.step`.
@@ -37,17 +37,17 @@ def learning_rates(options: TrainOptions, fraction: float, extent: float) -> Lea
     )  # fmt: skip
 
 
-def grown_count(options: TrainOptions, first: int, fraction: float) -> int:
-    """Geometric growth from the first count to the cap between two fractions of the steps."""
+def compute_target_size(options: TrainOptions, first: int, fraction: float) -> int:
+    """Computes how many Gaussians to have: geometric growth from `first` to `max_gaussians`."""
     o = options
     if fraction >= o.grow_until or first >= o.max_gaussians:
         return o.max_gaussians
-    begun = max(0.0, fraction - o.densify_from) / max(1e-9, o.grow_until - o.densify_from)
-    return round(first * (o.max_gaussians / first) ** begun)
+    progress = max(0.0, fraction - o.densify_from) / max(1e-9, o.grow_until - o.densify_from)
+    return round(first * (o.max_gaussians / first) ** progress)
 
 
-def last_densification(options: TrainOptions) -> int:
-    """The last step, from 1, at which densification may be due; 0: none is."""
+def find_last_densification(options: TrainOptions) -> int:
+    """Returns the last step (from 1) at which densification may be due, or 0."""
     return (
         int(options.densify_until * options.steps) // options.densify_every * options.densify_every
     )

@@ -1,4 +1,4 @@
-"""The mean of the Gaussians over the last steps of training, which is what a run gives.
+"""The mean of the Gaussians over the last steps of training: the result of a run.
 
 Each step pulls the Gaussians towards one photograph. Where photographs differ in more than the
 point of view (exposure, white balance, a shadow), the last step's Gaussians are those of the last
@@ -15,15 +15,16 @@ import numpy as np
 
 from gsut.gaussians import Gaussians, press_surfels
 
-_EVERY = 4  # steps between the states that are averaged
+# Steps between averaged states: consecutive ones hardly differ, and each costs a pass.
+_EVERY = 4
 
 
 class TrajectoryMean:
     """Running mean of all parameters: quaternions and logarithms as they are optimised.
 
     Args:
-        begin: fraction of the steps after which states count; 1: none do.
-        surfels: the mean is one of surfels.
+        begin: fraction of the steps from which states are averaged; 1 averages none.
+        surfels: keep the mean flat.
     """
 
     def __init__(self, begin: float, surfels: bool = False) -> None:
@@ -54,21 +55,21 @@ class TrajectoryMean:
             press_surfels(self._mean.log_scales)
 
     def restart(self) -> None:
-        """Forgets all states: rows stand for other Gaussians from here on."""
+        """Forgets all states, because rows have become other Gaussians."""
         self._mean, self._count = None, 0
 
-    def of(self, gaussians: Any) -> Any:
-        """The mean, or `gaussians` where none has been taken since the last restart."""
+    def average(self, gaussians: Any) -> Any:
+        """Returns the mean, or `gaussians` if no state was averaged since the last restart."""
         return gaussians if self._mean is None else self._mean
 
     def state_dict(self) -> dict[str, Any]:
-        """Everything that later states depend on."""
+        """Returns the mean and the number of states in it."""
         if self._mean is None:
             return {"count": 0}
         return {"count": self._count, **vars(self._mean)}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Goes on exactly where `state_dict` was taken."""
+        """Restores the state of `state_dict`."""
         self.restart()
         arrays = {name: value for name, value in state.items() if name != "count"}
         self._count = int(state["count"])

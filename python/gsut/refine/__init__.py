@@ -1,14 +1,14 @@
-"""Poses and lens against the Gaussians; the pose of one photograph."""
+"""Refines poses and lens against the Gaussians, and finds the pose of one photograph."""
 
 from gsut.refine.alignment import evaluate_aligned
 from gsut.refine.localization import Localized, localize_image
-from gsut.refine.motion import pose_changes
+from gsut.refine.motion import measure_pose_changes
 from gsut.refine.photograph import localize
 from gsut.refine.pose import RefinedPose, refine_pose
 from gsut.refine.pose_files import read_refined, write_refined
 from gsut.refine.refiner import TrainingRefiner, check_refinable
 from gsut.refine.tracks import TracksResult, refine_by_tracks
-from gsut.refine.trust import lens_distance
+from gsut.refine.trust import measure_lens_distance
 
 __all__ = [
     "Localized",
@@ -17,10 +17,10 @@ __all__ = [
     "TrainingRefiner",
     "check_refinable",
     "evaluate_aligned",
-    "lens_distance",
     "localize",
     "localize_image",
-    "pose_changes",
+    "measure_lens_distance",
+    "measure_pose_changes",
     "read_refined",
     "refine_by_tracks",
     "refine_pose",

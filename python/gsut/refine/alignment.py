@@ -10,7 +10,7 @@ from gsut._core import SolveError
 from gsut.data import Scene
 from gsut.evaluate import evaluate
 from gsut.gaussians import Gaussians
-from gsut.refine.motion import pose_changes
+from gsut.refine.motion import measure_pose_changes
 from gsut.refine.pose import refine_pose
 from gsut.render import Light, solid
 
@@ -30,18 +30,19 @@ def evaluate_aligned(
     light: Light | None = None,
     render_folder: Path | None = None,
 ) -> tuple[Scene, dict[str, Any]]:
-    """`evaluate`, of views whose poses are first refined on their own photographs.
+    """Evaluates views after refining the pose of each on its own photograph.
 
     Only the six numbers of a view's pose are fitted to its photograph (with a gain and a bias that
-    are then left out), as is usual where training moved the poses.
+    are then discarded), as is usual if training moved the poses.
 
     Args:
         gaussians, scene, indices, background, light, render_folder: see `evaluate`.
 
     Returns:
-        The scene with the aligned poses, and the evaluation with `alignment`: psnr_before,
-        psnr_after (means), and of each view name, psnr_before, psnr_after, turned_degrees, moved
-        (scene units) and converged. A view that its photograph does not place keeps its pose.
+        The scene with the aligned poses, and the evaluation with an entry `alignment`: the means
+        psnr_before and psnr_after, and for each view name, psnr_before, psnr_after, turned_degrees,
+        moved (scene units) and converged. A view keeps its pose if its photograph does not
+        determine one.
     """
     before = evaluate(gaussians, scene, indices, background=background, light=light)
     poses, converged = [], []
@@ -66,7 +67,7 @@ def evaluate_aligned(
         light=light,
         render_folder=render_folder,
     )
-    changes = pose_changes(aligned.poses(indices), scene.poses(indices))
+    changes = measure_pose_changes(aligned.poses(indices), scene.poses(indices))
     evaluation["alignment"] = {
         "psnr_before": before["psnr"],
         "psnr_after": evaluation["psnr"],

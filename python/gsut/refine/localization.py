@@ -22,28 +22,39 @@ from gsut.refine.pose import RefinedPose, refine_pose
 from gsut.render import place_about, render, to_uint8
 from gsut.sfm import Features, PosesOptions, features_in, require_central
 
-_THUMBNAIL = 48  # pixels along the shorter side, at most
-_PIXEL_BLUR = 0.3  # standard deviation of a thumbnail's pixel, in such pixels
-_MATCHED_VIEWS = 12  # rendered views, most alike first, that are matched
-_OPAQUE = 0.8  # alpha from which a rendered distance is that of a surface
+# Size of the images that views are ranked by, pixels along the shorter side: layout is enough.
+_THUMBNAIL = 48
+# Standard deviation of the filter that models a thumbnail's pixel, in such pixels.
+_PIXEL_BLUR = 0.3
+# Number of rendered views that are matched, best ranked first.
+_MATCHED_VIEWS = 12
+# Alpha from which a rendered distance is that of a surface.
+_OPAQUE = 0.8
 # Distance of a match that agrees with a pose, in thousandths of the image's diagonal: rendered
 # distances are less exact than triangulated ones (1.8 there).
 _MAX_ERROR = 4.0
-_FEWEST_MATCHES = 12  # that agree, of a pose to start from
-_SURE_MATCHES = 40  # from which no other start is tried, if the colours converge
-_POSES_TRIED = 3  # training poses that are starts, most alike first
-# A photograph is found if its details correlate so with the render's; less will do where so many
-# features agree with the pose, too. Photographs of other places reach 0.2.
-_LIKENESS, _LIKENESS_WITH_MATCHES = 0.4, 0.25
-# Details are what is left of an image shrunk to this size, pixels along the shorter side, less its
-# mean over so many of them around.
-_DETAIL_SIDE, _DETAIL_AROUND = 120, 15
-# What the scene errs by is not in a pose's covariance: errors are so many times what it says where
-# a photograph counts as a whole, and more the less of it does, as fewer of the scene's parts are
-# averaged: by this power of its share. On the demo's hall, times of the covariance: 1.9 of the
-# whole circle (share 0.76), 2.8 of a quarter, 3.4 of a ninth.
-_SCENE_ERRORS, _BY_SHARE = 1.7, -1 / 3
-# Logarithms of factors with which the focal length is tried.
+# Matches that must agree with a pose to start from it: chance gives a few.
+_FEWEST_MATCHES = 12
+# Matches from which no other start is tried, if the colours converge.
+_SURE_MATCHES = 40
+# Number of training poses tried as starts, best ranked first.
+_POSES_TRIED = 3
+# Correlation of a photograph's details with the render's from which it counts as found; renders of
+# another place reach 0.2.
+_LIKENESS = 0.4
+# The same if _FEWEST_MATCHES features agree with the pose, which is evidence of its own.
+_LIKENESS_WITH_MATCHES = 0.25
+# Details are an image of this size (pixels along the shorter side) minus its local mean: coarse
+# enough for a pose that is a pixel off.
+_DETAIL_SIDE = 120
+# Side of the square of that mean, in such pixels: exposure and shading vary over more than this.
+_DETAIL_AROUND = 15
+# A pose's covariance does not contain the errors of the scene itself. Actual errors are this many
+# times the predicted ones if all of a photograph counts ...
+_SCENE_ERRORS = 1.7
+# ... and grow by this power of the share that counts, as fewer parts of the scene are averaged.
+_BY_SHARE = -1 / 3
+# Logarithms of the factors on the focal length that are tried.
 _FOCAL_STEPS = (-0.12, -0.06, -0.025, 0.025, 0.06, 0.12)
 
 
@@ -79,7 +90,7 @@ def localize_image(
     background: Sequence[float] = (0.0, 0.0, 0.0),
     on_progress: Callable[[str, int, int], None] | None = None,
 ) -> Localized:
-    """The pose of a photograph that may be far from every training view.
+    """Finds the pose of a photograph that may be far from every training view.
 
     Args:
         gaussians: the scene.
@@ -88,24 +99,24 @@ def localize_image(
         pixels: (H, W, 3) uint8, the photograph.
         mask: (H, W) bool, False where the photograph does not count.
         background: colour behind everything.
-        on_progress: told (what, done, in all).
+        on_progress: called with (stage, done, total).
 
     Returns:
-        The pose, from the start that explains the photograph best. Its covariance covers what the
-        scene errs by and, for lenses with fx and fy, an error of the focal length.
+        The pose, from the start that explains the photograph best. Its covariance includes errors
+        of the scene and, for lenses with fx and fy, an error of the focal length.
 
     Raises:
         InputError: a lens of the photograph whose rays do not meet in one point.
-        SolveError: no start led to a pose, or the best shows other details than the photograph: of
-            another place, or through another lens.
+        SolveError: no start led to a pose, or the best render shows other details than the
+            photograph, which then shows another place or was taken through another lens.
     """
     require_central([camera])
     if gaussians.origin.any():
-        return _localize_far(
+        return _localize_about_origin(
             gaussians, views, camera, pixels, mask, background=background, on_progress=on_progress
         )
     show = on_progress or (lambda what, done, total: None)
-    order = _most_alike(gaussians, views, camera, pixels, mask, background, show)
+    order = _rank_views(gaussians, views, camera, pixels, mask, background, show)
     found = _pose_from_matches(gaussians, views, order, camera, pixels, mask, background, show)
     starts: list[tuple[str | int, np.ndarray, int]] = [] if found is None else [found]
     starts += [(index, views[index][1], 0) for index in order[:_POSES_TRIED]]
@@ -125,7 +136,9 @@ def localize_image(
             f"none of {len(starts)} starts led to a pose: the photograph shows too little of the "
             "scene"
         )
-    likeness = _likeness(gaussians, camera, best.pose.camera_from_world, pixels, mask, background)
+    likeness = _correlate_details(
+        gaussians, camera, best.pose.camera_from_world, pixels, mask, background
+    )
     best = dataclasses.replace(best, likeness=likeness)
     with_matches = best.matches >= _FEWEST_MATCHES
     if not likeness >= (_LIKENESS_WITH_MATCHES if with_matches else _LIKENESS):
@@ -138,7 +151,7 @@ def localize_image(
     return _with_systematic_errors(gaussians, camera, pixels, mask, background, best)
 
 
-def _likeness(
+def _correlate_details(
     gaussians: Gaussians,
     camera: _core.Camera,
     pose: np.ndarray,
@@ -146,7 +159,7 @@ def _likeness(
     mask: np.ndarray,
     background: Sequence[float],
 ) -> float:
-    """Correlation of the details of a photograph with those of the scene seen from a pose."""
+    """Correlates the details of a photograph with those of the scene rendered from a pose."""
     import cv2
 
     seen = to_uint8(render(gaussians, camera, pose, background=background).image)
@@ -172,7 +185,7 @@ def _with_systematic_errors(
     background: Sequence[float],
     found: Localized,
 ) -> Localized:
-    """The covariance with the scene's errors, and with what a wrong focal length would move."""
+    """Adds the scene's errors, and the effect of a wrong focal length, to the covariance."""
     pose = found.pose
     share = float(np.mean(mask & camera.rays()[1]))
     covariance = (_SCENE_ERRORS * share**_BY_SHARE) ** 2 * pose.covariance
@@ -187,7 +200,7 @@ def _with_systematic_errors(
                     gaussians, camera.with_params(params), pose.camera_from_world, pixels, mask,
                     background=background, levels=2,
                 )  # fmt: skip
-        best, moved = _best_focal(tried, pose)
+        best, moved = _fit_focal_length(tried, pose)
         covariance = covariance + np.outer(moved, moved)
     return dataclasses.replace(
         found,
@@ -196,9 +209,16 @@ def _with_systematic_errors(
     )
 
 
-def _best_focal(tried: dict[float, RefinedPose], pose: RefinedPose) -> tuple[float, np.ndarray]:
-    """Logarithm of the focal length with which the colours differ least, by a parabola through the
-    best try and its neighbours; and (6,) what the pose moves until there."""
+def _fit_focal_length(
+    tried: dict[float, RefinedPose], pose: RefinedPose
+) -> tuple[float, np.ndarray]:
+    """Finds the focal length with which colours differ least, and how far the pose moves with it.
+
+    Fits a parabola through the best attempt and its neighbours.
+
+    Returns:
+        The logarithm of the factor on the focal length, and (6,) the change of the pose.
+    """
     steps = sorted(tried)
     squares = np.array([tried[step].rms ** 2 for step in steps])
     least = int(np.argmin(squares))
@@ -209,24 +229,24 @@ def _best_focal(tried: dict[float, RefinedPose], pose: RefinedPose) -> tuple[flo
         best = float(np.clip(-slope / (2 * bend), steps[least - 1], steps[least + 1]))
     if len(steps) < 2:
         return 0.0, np.zeros(6)
-    poses = np.array([_difference(tried[step], pose) for step in steps])
+    poses = np.array([_subtract_poses(tried[step], pose) for step in steps])
     return best, np.array([np.interp(best, steps, column) for column in poses.T])
 
 
-def _difference(one: RefinedPose, other: RefinedPose) -> np.ndarray:
-    """(6,) centre, world axes, and rotation vector, camera axes, of one pose against another."""
+def _subtract_poses(one: RefinedPose, other: RefinedPose) -> np.ndarray:
+    """Returns (6,) the change of centre (world axes) and small rotation vector (camera axes)."""
     turn = one.camera_from_world[:3, :3] @ other.camera_from_world[:3, :3].T
     vector = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
-    return np.concatenate([one.center - other.center, vector / 2])  # a small turn's
+    return np.concatenate([one.center - other.center, vector / 2])
 
 
-def _localize_far(
+def _localize_about_origin(
     gaussians: Gaussians,
     views: Sequence[tuple[_core.Camera, np.ndarray]],
     *photograph: Any,
     **settings: Any,
 ) -> Localized:
-    """`localize_image` about the Gaussians' origin, and back into the world."""
+    """Runs `localize_image` in coordinates about the Gaussians' origin."""
     origin = gaussians.origin
     near: Any = [(camera, place_about(pose, origin)) for camera, pose in views]
     found = localize_image(gaussians.translate(-origin), near, *photograph, **settings)
@@ -234,7 +254,7 @@ def _localize_far(
     return dataclasses.replace(found, pose=dataclasses.replace(found.pose, camera_from_world=pose))
 
 
-def _most_alike(
+def _rank_views(
     gaussians: Gaussians,
     views: Sequence[tuple[_core.Camera, np.ndarray]],
     camera: _core.Camera,
@@ -243,23 +263,23 @@ def _most_alike(
     background: Sequence[float],
     show: Callable[[str, int, int], None],
 ) -> list[int]:
-    """Indices of the views, those first from whose poses the small photograph is best explained."""
+    """Ranks views by how well a small render from their pose correlates with the photograph."""
     factor = min(1.0, _THUMBNAIL / min(camera.width, camera.height))
     size = [max(1, round(side * factor)) for side in (camera.width, camera.height)]
     small = camera.resized(*size)
     valid = shrink_mask(mask, *size) & small.rays()[1]
-    seen = _normalized(shrink_image(pixels, *size)[valid])
+    seen = _normalize_colors(shrink_image(pixels, *size)[valid])
     likeness = []
     for _, pose in views:
         radii = find_filter_radii(gaussians.means, [small], pose[None], _PIXEL_BLUR)
         image = render(apply_low_pass(gaussians, radii), small, pose, background=background).image
-        likeness.append(float(np.sum(seen * _normalized(image[valid]))))
+        likeness.append(float(np.sum(seen * _normalize_colors(image[valid]))))
         show("looking", len(likeness), len(views))
     return [int(index) for index in np.argsort(-np.array(likeness), kind="stable")]
 
 
-def _normalized(colors: np.ndarray) -> np.ndarray:
-    """Colours (n, 3) less their mean, of length 1: brightness and contrast do not count."""
+def _normalize_colors(colors: np.ndarray) -> np.ndarray:
+    """Subtracts the mean of colours (n, 3) and scales them to length 1: contrast cancels."""
     centred = colors.astype(np.float64) - colors.mean(axis=0, dtype=np.float64)
     return centred / max(float(np.linalg.norm(centred)), 1e-12)
 
@@ -274,7 +294,7 @@ def _pose_from_matches(
     background: Sequence[float],
     show: Callable[[str, int, int], None],
 ) -> tuple[str, np.ndarray, int] | None:
-    """ "matches", a pose and how many matches agree with it; None where too few do."""
+    """Estimates a pose from features matched to renders, with its inliers; None if too few."""
     options = PosesOptions()
     photograph = features_in(np.ascontiguousarray(pixels), mask & camera.rays()[1], options)
     if not len(photograph):
@@ -283,7 +303,7 @@ def _pose_from_matches(
     features, points = [], []
     for number, index in enumerate(chosen, start=1):
         show("matching", number, len(chosen))
-        found, places = _rendered_features(gaussians, *views[index], background, options)
+        found, places = _detect_rendered_features(gaussians, *views[index], background, options)
         features.append(found)
         points.append(places)
     descriptors = [f.descriptors for f in (photograph, *features)]
@@ -303,14 +323,14 @@ def _pose_from_matches(
     return ("matches", pose, agree) if agree >= _FEWEST_MATCHES else None
 
 
-def _rendered_features(
+def _detect_rendered_features(
     gaussians: Gaussians,
     camera: _core.Camera,
     pose: np.ndarray,
     background: Sequence[float],
     options: PosesOptions,
 ) -> tuple[Features, np.ndarray]:
-    """Features of a rendered view and the points of the scene (n, 3) that they show, or NaN."""
+    """Detects features of a rendered view; returns them and their points (n, 3), NaN if unknown."""
     result: Any = render(gaussians, camera, pose, background=background)
     _, valid = camera.rays()
     found = features_in(to_uint8(result.image), np.array(valid, bool), options)

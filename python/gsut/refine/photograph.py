@@ -1,4 +1,4 @@
-"""Where a photograph was taken, from its file or array, its lens and a trained scene."""
+"""Finds where a photograph was taken, from its file or array, its lens and a trained scene."""
 
 from __future__ import annotations
 
@@ -28,27 +28,27 @@ def localize(
     background: Sequence[float] = (0.0, 0.0, 0.0),
     on_progress: Callable[[str, int, int], None] | None = None,
 ) -> Localized:
-    """Finds where a photograph of a trained scene was taken: what `gsut localize` does.
+    """Finds where a photograph of a trained scene was taken, as `gsut localize` does.
 
     Args:
         image: its file, or (H, W, 3) uint8 RGB.
         scene: the dataset that the Gaussians were trained on.
         gaussians: the trained scene; see `load_run`.
-        camera: the photograph's lens, the file of one, or a name as `find_lenses` knows it; None:
-            the scene's only camera.
-        mask: file that is black where the photograph does not count, or (H, W) bool.
+        camera: the photograph's lens, its file, or a name that `find_lenses` knows; None: the
+            scene's only camera.
+        mask: a file, black where the photograph does not count, or (H, W) bool.
         background: colour behind everything, as in training.
-        on_progress: told (what, done, in all).
+        on_progress: called with (stage, done, total).
 
     Returns:
         The pose, in the coordinates of `scene`, with its uncertainty. Photographs larger than those
         of the scene are shrunk to their width.
 
     Raises:
-        InputError: the photograph has no lens, or another shape than it; a mask of another size.
+        InputError: the photograph has no lens, or its shape differs from the lens' or the mask's.
         SolveError: the photograph shows another place, or was taken through another lens.
     """
-    name, pixels, valid = _photograph(image)
+    name, pixels, valid = _read_photograph(image)
     if mask is not None:
         drawn = np.asarray(mask, bool) if isinstance(mask, np.ndarray) else decode_mask(Path(mask))
         if drawn.shape != valid.shape:
@@ -58,7 +58,7 @@ def localize(
                 f"{valid.shape[1]} x {valid.shape[0]}: a mask has its image's size"
             )
         valid = valid & drawn
-    lens = _lens_of(name, pixels, scene, camera)
+    lens = _choose_lens(name, pixels, scene, camera)
     size = (lens.width, lens.height)
     indices = scene.train_indices or range(len(scene.views))
     return localize_image(
@@ -72,8 +72,8 @@ def localize(
     )
 
 
-def _photograph(image: _Photograph) -> tuple[str, np.ndarray, np.ndarray]:
-    """Its name, (H, W, 3) uint8 and (H, W) bool: all, or where alpha is full."""
+def _read_photograph(image: _Photograph) -> tuple[str, np.ndarray, np.ndarray]:
+    """Returns a photograph's name, (H, W, 3) uint8 and (H, W) bool: all, or where alpha is full."""
     if isinstance(image, np.ndarray):
         if image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
             raise InputError(
@@ -84,10 +84,10 @@ def _photograph(image: _Photograph) -> tuple[str, np.ndarray, np.ndarray]:
     return str(image), pixels, np.ones(pixels.shape[:2], bool) if alpha is None else alpha
 
 
-def _lens_of(
+def _choose_lens(
     name: str, pixels: np.ndarray, scene: Scene, given: Camera | str | os.PathLike[str] | None
 ) -> Camera:
-    """The photograph's lens at the photograph's size, or at the training images' if smaller."""
+    """Chooses the lens, sized to the photograph or to the training images if they are smaller."""
     height, width = pixels.shape[:2]
     if isinstance(given, Camera):
         camera, source = given, "camera"

@@ -1,4 +1,4 @@
-"""The pose of a photograph taken in a known scene, from its colours."""
+"""Refines the pose of a photograph taken in a known scene, from its colours."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from gsut.data.images import shrink_image, shrink_mask
 from gsut.gaussians import Gaussians, apply_low_pass, find_filter_radii
 from gsut.render import DEFAULT_UNSCENTED, place_about
 
-# The coarsest image has at least this many pixels along its shorter side.
+# Pixels along the shorter side of the coarsest image, at least: fewer show no shapes.
 _SMALLEST_SIDE = 24
-# Of a lens' widest field angle: pixels within it keep their rays while the lens is refined.
+# Share of a lens' widest field angle within which pixels keep their rays while it is refined.
 _INNER = 0.96
-# Standard deviation of the filter that stands for the area of a coarse pixel, in such pixels.
+# Standard deviation of the filter that models the area of a coarse pixel, in such pixels.
 _PIXEL_BLUR = 0.3
 
 
@@ -30,13 +30,12 @@ class RefinedPose:
         camera_from_world: (4, 4) rigid transform.
         covariance: (6, 6) of the camera's centre (world axes and units) and then of a rotation
             vector w (camera axes, radians; R <- exp(w) R), by leaving out one block of a sixteenth
-            of the image after the other (jackknife: Bell and McCaffrey 2002). What the whole scene
-            errs by is not in it: on a demo scene errors are 1.9 times what it says, of a ninth of
-            a photograph 3.4 times.
-        gain: the photograph is compared with gain x render + bias, all channels alike.
+            of the image after the other (jackknife: Bell and McCaffrey 2002). Errors of the scene
+            itself are not included; with them, errors of a pose are about twice as large.
+        gain: the photograph is compared with gain x render + bias, the same for all channels.
         bias: added to the render after the gain; colours are in 0 ... 1.
-        rms: root mean square colour difference that remains, a channel.
-        converged: the last, finest step stopped because it no longer improved.
+        rms: root mean square of the remaining colour differences, per channel.
+        converged: whether the finest level stopped because it no longer improved.
     """
 
     camera_from_world: np.ndarray
@@ -58,12 +57,12 @@ class RefinedPose:
 
     @property
     def center_std(self) -> np.ndarray:
-        """(3,) standard deviations of the centre, world axes, scene units."""
+        """The (3,) standard deviations of the centre, world axes, scene units."""
         return np.sqrt(np.diag(self.covariance)[:3])
 
     @property
     def rotation_std(self) -> np.ndarray:
-        """(3,) standard deviations of the rotation about the camera's axes, degrees."""
+        """The (3,) standard deviations of the rotation about the camera's axes, degrees."""
         return np.degrees(np.sqrt(np.diag(self.covariance)[3:]))
 
 
@@ -81,20 +80,20 @@ def refine_pose(
 ) -> RefinedPose:
     """Moves a camera until the render looks like the photograph.
 
-    Levenberg-Marquardt on the colours (Huber loss), from a coarse image to the full one; each
-    coarser one has half the size, and the scene gets pixels as large. A start whose error is a few
-    pixels of the coarsest image is near enough.
+    Runs Levenberg-Marquardt on the colours (Huber loss) from a coarse image to the full one. Each
+    level halves the size, and the scene is low-pass filtered to match. The start may be wrong by a
+    few pixels of the coarsest image.
 
     Args:
-        gaussians: the scene, which stays.
-        camera: lens with one centre, and image size; the lens stays.
+        gaussians: the scene; not changed.
+        camera: lens with one centre, and image size; not changed.
         camera_from_world: (4, 4) start, or an object with such a `matrix`.
         image: (H, W, 3) photograph: uint8, or floats in 0 ... 1.
         mask: (H, W) bool, False where the photograph does not count.
         background: colour behind everything.
         with_gain: also estimate a gain and a bias of the photograph's brightness.
-        levels: how many sizes at most, the full one included; sides stay at 24 pixels or more.
-        max_pixels: pixels compared at each size at most, spread evenly by chance (a fixed seed).
+        levels: number of sizes at most, including the full one; sides keep 24 pixels or more.
+        max_pixels: most pixels compared at each size, sampled uniformly with a fixed seed.
 
     Returns:
         The pose, its covariance and how well the render then fits the photograph.
@@ -103,8 +102,8 @@ def refine_pose(
         InputError: shapes differ, no pixel counts, a rolling shutter, or a lens without one centre.
         SolveError: the photograph does not determine its pose.
     """
-    pose: Any = place_about(_one_pose(camera_from_world), gaussians.origin)
-    pixels, valid = _photograph(camera, image, mask)
+    pose: Any = place_about(_require_one_pose(camera_from_world), gaussians.origin)
+    pixels, valid = _check_photograph(camera, image, mask)
     if levels < 1 or max_pixels < 3:
         raise InputError("levels must be at least 1 and max_pixels at least 3")
     if not camera.is_central:
@@ -142,7 +141,7 @@ def refine_pose(
     )
 
 
-def _one_pose(camera_from_world: Any) -> np.ndarray:
+def _require_one_pose(camera_from_world: Any) -> np.ndarray:
     matrix = getattr(camera_from_world, "matrix", camera_from_world)
     if isinstance(matrix, _core.CameraMotion) or np.shape(matrix) != (4, 4):
         raise InputError(
@@ -152,10 +151,10 @@ def _one_pose(camera_from_world: Any) -> np.ndarray:
     return _core.checked_pose(np.asarray(matrix, np.float64))
 
 
-def _photograph(
+def _check_photograph(
     camera: _core.Camera, image: np.ndarray, mask: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Colours (H, W, 3) float32 in 0 ... 1, and which pixels count."""
+    """Returns colours (H, W, 3) float32 in 0 ... 1 and a mask (H, W) of the pixels that count."""
     size = (camera.height, camera.width)
     image = np.asarray(image)
     if image.shape != (*size, 3):
@@ -172,12 +171,15 @@ def _photograph(
 
 
 def choose_pixels(seen: np.ndarray, count: int, seed: Any = 0) -> np.ndarray:
-    """Indices (row-major, uint32) of at most `count` of the pixels that are True, by chance.
+    """Chooses at most `count` of the pixels that are True, at random.
 
     Args:
         seen: (H, W) bool.
-        count: at most so many.
+        count: most pixels to choose.
         seed: of numpy's generator: a number or several.
+
+    Returns:
+        Row-major indices, uint32, rising.
     """
     indices = np.flatnonzero(seen).astype(np.uint32)
     if len(indices) > count:
@@ -185,8 +187,8 @@ def choose_pixels(seen: np.ndarray, count: int, seed: Any = 0) -> np.ndarray:
     return indices
 
 
-def inner_pixels(camera: _core.Camera) -> np.ndarray:
-    """(H, W) bool: pixels that keep a ray when the lens changes by some percent."""
+def select_inner_pixels(camera: _core.Camera) -> np.ndarray:
+    """Returns (H, W) bool: pixels that keep a ray if the lens changes by a few percent."""
     rays, valid = camera.rays()
     angles = np.arctan2(np.hypot(rays[..., 0], rays[..., 1]), rays[..., 2])
     widest = float(np.max(angles[valid], initial=0.0))

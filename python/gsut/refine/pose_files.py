@@ -1,4 +1,4 @@
-"""The refined poses and lenses of a run: written to its folder, and read by what uses the run."""
+"""Writes a run's refined poses and lenses to its folder, and reads them back."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from gsut._core import InputError
 from gsut.data import Frame, Scene, write_transforms
 from gsut.data.poses import inverse
-from gsut.lens.files import camera_from_values, camera_values
+from gsut.lens.files import camera_from_values, values_from_camera
 from gsut.run import REFINED, TRANSFORMS, RunFolder
 
 
@@ -17,14 +17,14 @@ def write_refined(run: RunFolder, scene: Scene) -> None:
     """Writes refined.json, and transforms.json with its lens files.
 
     refined.json holds `lenses` (model, params at the size of the files, width, height) and `views`
-    (name, lens, camera_from_world in the dataset's coordinates): of training views as they were
-    refined, of test views as they were aligned.
+    (name, lens, camera_from_world in the dataset's coordinates): refined poses of training views,
+    aligned poses of test views.
 
     Raises:
         InputError: the folder cannot be written.
     """
     values = {
-        "lenses": [camera_values(camera) for camera in scene.file_cameras],
+        "lenses": [values_from_camera(camera) for camera in scene.file_cameras],
         "views": [
             {
                 "name": view.name,
@@ -52,7 +52,7 @@ def write_refined(run: RunFolder, scene: Scene) -> None:
 
 
 def read_refined(run: RunFolder, scene: Scene) -> Scene:
-    """The scene with the run's refined poses and lenses; as it is where the run has none.
+    """Returns the scene with the run's refined poses and lenses, or unchanged if it has none.
 
     Raises:
         InputError: refined.json is damaged, or belongs to other images.

@@ -1,13 +1,14 @@
-"""Refines poses, and if asked the lens, of the training views against the Gaussians in training.
+"""Refines poses, and optionally the lens, of the training views against the Gaussians in training.
 
-A sweep holds the Gaussians and moves every training view, by a few steps of Levenberg-Marquardt on
-its colours (see pose.py), until its render fits its photograph better; training goes on with the
-poses it found. Many views see a Gaussian, so that the scene is their mean and each view's own error
-shows as a shift. What no view can tell, a similarity of the whole world, is held: each sweep's mean
-motion is taken out (see motion.py), and the scene stays in the world of the first poses.
+A sweep holds the Gaussians and moves every training view by a few steps of Levenberg-Marquardt on
+its colours (see pose.py), so that its render fits its photograph better; training then continues
+with the new poses. Since many views see a Gaussian, the scene is their mean, and the error of a
+single view shows as a shift. A similarity of the whole world changes no picture, so each sweep's
+mean motion is removed (see motion.py), and the scene stays in the world of the first poses.
 
-Poses from tracks of features, or else those given, are a prior, and half of a photograph's pixels
-checks the other: a view goes only as far as its colours are worth (see trust.py).
+Poses from tracks of features, or else the given ones, are a prior, and the two halves of a
+photograph's pixels check each other: a view moves only as far as its colours can be trusted (see
+trust.py).
 """
 
 from __future__ import annotations
@@ -21,36 +22,44 @@ from gsut import _core
 from gsut._core import InputError
 from gsut.data import Level, Scene, TrainingViews
 from gsut.gaussians import Gaussians
-from gsut.lens import refinable_params
-from gsut.refine.motion import extrapolate, pose_changes, remove_mean_motion
-from gsut.refine.pose import choose_pixels, inner_pixels
+from gsut.lens import find_refinable_params
+from gsut.refine.motion import extrapolate, measure_pose_changes, remove_mean_motion
+from gsut.refine.pose import choose_pixels, select_inner_pixels
 from gsut.refine.tracks import TracksResult
 from gsut.refine.trust import Halves, Trust, select_half, weigh_lens, weigh_poses
 from gsut.render import DEFAULT_UNSCENTED, solid
 from gsut.run import TrainOptions
 
-# Fractions of the steps after which a sweep follows. Poses wait for a scene that can tell them: a
-# young one misplaces views by 0.2 degrees on sponza_fisheye, more than tracks do (0.03).
+# Fractions of the steps after which a sweep follows tracks: an unfinished scene misplaces views by
+# more than tracks do, so poses wait until it is sharp.
 _AFTER_TRACKS = (0.46, 0.56, 0.66, 0.76, 0.86)
-_WITHOUT_TRACKS, _MOST_SWEEPS = (0.3, 0.88), 10  # first and last, evenly spaced
-# Views that share what they see follow each other slowly, single ones at once: every second sweep
-# goes twice as far as it found, which quickens the former and leaves the latter to the next sweep.
+# Fractions of the first and last sweep without tracks; the others lie evenly between.
+_WITHOUT_TRACKS = (0.3, 0.88)
+# Number of sweeps without tracks, at most: each renders all views.
+_MOST_SWEEPS = 10
+# Factor on the motion of every second sweep. Views that see the same parts hold each other back and
+# move slowly; this speeds them up, and the next sweep brings back those that needed no help.
 _OVERSHOOT = 2.0
-# Colour difference beyond which a pixel counts less. On sponza_fisheye with its true poses, poses
-# wander by 0.0125 degrees with 0.03 and by 0.0135 with 0.1.
+# Colour difference beyond which a pixel counts less: about the noise and texture error of a render.
 _LOSS_SCALE = 0.03
-_PIXELS, _PIXELS_JOINT = 20_000, 4_000  # of a view, alone and where all views share the lens
-_ITERATIONS, _ITERATIONS_END = 1, 3
+# Pixels of a view that is solved alone: more would hardly change its pose.
+_PIXELS = 20_000
+# Pixels of a view if all views are solved together for the lens they share.
+_PIXELS_JOINT = 4_000
+# Steps of the solver in a sweep during training, which moves the scene again anyway.
+_ITERATIONS = 1
+# Steps in the last sweep, against the finished scene.
+_ITERATIONS_END = 3
 
 
 @dataclasses.dataclass(frozen=True)
 class Sweep:
-    """What one sweep did: medians over the views, in degrees and world units.
+    """Medians over the views of what one sweep did, in degrees and world units.
 
     Attributes:
-        weight: of the colours, against where the views started.
-        error_degrees, error_moved: of the colours, by how much halves of the pixels differ.
-        lens_weight, lens_error_px: likewise of a refined lens.
+        weight: of the poses from colours against those that the views started from.
+        error_degrees, error_moved: errors of the colours' poses, from the difference of halves.
+        lens_weight, lens_error_px: the same for a refined lens.
     """
 
     step: int
@@ -64,21 +73,21 @@ class Sweep:
     lens_error_px: float | None = None
 
     def as_dict(self) -> dict[str, Any]:
-        """For metrics.json."""
+        """Converts the sweep for metrics.json."""
         return dataclasses.asdict(self)
 
 
 class TrainingRefiner:
-    """When and how the training views are refined.
+    """Schedules the sweeps that refine the training views, and makes them.
 
     Args:
         views: whose poses and lenses are refined.
         options: resolved.
-        tracks: what bundle adjustment of tracks made of the views' poses before the first step;
-            these are then the prior of all sweeps.
+        tracks: result of bundle adjustment of tracks before the first step; its poses are then
+            the prior of all sweeps.
 
     Attributes:
-        sweeps: what each sweep did.
+        sweeps: figures of each sweep.
 
     Raises:
         InputError: a rolling shutter, a lens without one centre, or several lenses to refine.
@@ -89,7 +98,7 @@ class TrainingRefiner:
     ) -> None:
         self.views, self.options = views, options
         self.sweeps: list[Sweep] = []
-        self.tracks: dict[str, Any] = {} if tracks is None else tracks.summary()
+        self.tracks: dict[str, Any] = {} if tracks is None else tracks.summarize()
         self.trust: Trust | None = None  # of the last sweep
         check_refinable(views.scene, options)
         tracked = [] if tracks is None else tracks.tracked
@@ -109,7 +118,7 @@ class TrainingRefiner:
         self._due = {max(1, round(float(fraction) * steps)) for fraction in fractions}
 
     def is_due(self, step: int) -> bool:
-        """Whether a sweep follows this step."""
+        """Returns whether a sweep follows this step."""
         return step in self._due
 
     def sweep(self, gaussians: Gaussians, level: Level, step: int, sh_degree: int) -> None:
@@ -118,7 +127,7 @@ class TrainingRefiner:
         self._sweep(gaussians, level, step, sh_degree, _ITERATIONS, overshoot)
 
     def finish(self, gaussians: Gaussians, level: Level, step: int) -> None:
-        """The last sweep, with more steps, against the finished Gaussians."""
+        """Makes the last sweep, with more solver steps, against the finished Gaussians."""
         self._sweep(gaussians, level, step, gaussians.sh_degree, _ITERATIONS_END, False)
 
     def _sweep(
@@ -134,7 +143,9 @@ class TrainingRefiner:
         drawn = gaussians.to_dtype(np.float32)
         halves, lenses, squares = [], [], []
         for half in (0, 1):
-            views = [self._view(level, index, step, half) for index in level.scene.train_indices]
+            views = [
+                self._sample_view(level, index, step, half) for index in level.scene.train_indices
+            ]
             groups = [views] if self.options.refine_lens else [[view] for view in views]
             found = [self._solve(drawn, level, group, sh_degree, iterations) for group in groups]
             poses = np.array([pose for each in found for pose in each["camera_from_world"]])
@@ -145,13 +156,13 @@ class TrainingRefiner:
         self.trust = weigh_poses(
             both, *(self._start[name] for name in ("poses", "tracked", "sigma"))
         )
-        after = both.middle()
+        after = both.average()
         if overshoot:
             after = remove_mean_motion(extrapolate(after, before, _OVERSHOOT), before)
         after = extrapolate(after, self._start["poses"], self.trust.weights)
         self.views.move(after)
         of_lens = self._set_lens(level, lenses) if self.options.refine_lens else {}
-        changes = pose_changes(after, before)
+        changes = measure_pose_changes(after, before)
         sweep = Sweep(
             step, float(np.median(changes.degrees)), float(np.median(changes.distances)),
             float(np.sqrt(np.mean(squares))), float(np.median(self.trust.weights)),
@@ -160,7 +171,7 @@ class TrainingRefiner:
         self.sweeps.append(sweep)
 
     def state_dict(self) -> dict[str, Any]:
-        """Everything that later steps depend on."""
+        """Returns everything that later steps depend on."""
         return {
             **self.views.state_dict(),
             "sweeps": [sweep.as_dict() for sweep in self.sweeps],
@@ -169,12 +180,12 @@ class TrainingRefiner:
             "trust": None if self.trust is None else dataclasses.asdict(self.trust),
         }
 
-    def figures(self) -> dict[str, Any]:
-        """For metrics.json: what tracks and sweeps did, and the lens where it was refined."""
+    def summarize(self) -> dict[str, Any]:
+        """Summarizes tracks, sweeps and a refined lens for metrics.json."""
         scene = self.views.scene
         lens = [float(value) for value in scene.file_cameras[0].params]
         names = [scene.views[index].name for index in scene.train_indices]
-        rejected = [] if self.trust is None else self.trust.rejected(names)
+        rejected = [] if self.trust is None else self.trust.list_rejected(names)
         note = "" if self.trust is None else self.trust.note(names)
         return {
             "gauge": "mean motion of the training views taken out after each sweep",
@@ -186,14 +197,14 @@ class TrainingRefiner:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Goes on exactly where `state_dict` was taken."""
+        """Restores the state of `state_dict`, to the bit."""
         self.views.load_state_dict(state)
         self.sweeps = [Sweep(**sweep) for sweep in state["sweeps"]]
         self.tracks, self._start, trust = state["tracks"], state["start"], state["trust"]
         self.trust = None if trust is None else Trust(**trust)
 
     def _set_lens(self, level: Level, params: list[np.ndarray]) -> dict[str, float]:
-        """Goes from the first lens towards those that both halves found at a level's size."""
+        """Moves the lens from its start towards the mean of those that both halves found."""
         (file,) = self.views.scene.file_cameras
         found = [
             level.scene.cameras[0].with_params(each).resized(file.width, file.height)
@@ -205,15 +216,15 @@ class TrainingRefiner:
         self.views.replace_lenses([file.with_params(lens)])
         return {"lens_weight": weight, "lens_error_px": error}
 
-    def _view(
+    def _sample_view(
         self, level: Level, index: int, step: int, half: int
     ) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
-        """Lens, pose, pixels and colours of a view's half; pixels differ from sweep to sweep."""
+        """Samples pixels of a view's half, new ones each sweep: lens, pose, pixels and colours."""
         camera = level.camera(index)
         seen = level.scene.mask(index) & camera.rays()[1]
         seen &= select_half(camera.height, camera.width, half)
         if self.options.refine_lens:
-            seen &= inner_pixels(camera)
+            seen &= select_inner_pixels(camera)
         count = (_PIXELS_JOINT if self.options.refine_lens else _PIXELS) // 2
         chosen = choose_pixels(seen, count, (self.options.seed, step, index))
         colors = level.scene.image(index).reshape(-1, 3)[chosen].astype(np.float32)
@@ -228,7 +239,7 @@ class TrainingRefiner:
         sh_degree: int,
         iterations: int,
     ) -> dict[str, Any]:
-        """The views that have pixels, refined together; those without keep their poses."""
+        """Refines views together; those without pixels keep their poses."""
         used = [view for view in views if len(view[2])]
         out: dict[str, Any] = {
             "rms_after": 0.0,
@@ -238,7 +249,7 @@ class TrainingRefiner:
         if used:
             settings: dict[str, Any] = {"loss_scale": _LOSS_SCALE, "max_iterations": iterations}
             if self.options.refine_lens:
-                free = [refinable_params(camera) for camera in level.scene.cameras]
+                free = [find_refinable_params(camera) for camera in level.scene.cameras]
                 settings["lens_free"] = [flags.astype(int).tolist() for flags in free]
             found = _core.refine_photometric(
                 gaussians, level.scene.cameras, used, _core.BlendRule(),
@@ -250,10 +261,10 @@ class TrainingRefiner:
 
 
 def check_refinable(scene: Scene, options: TrainOptions) -> None:
-    """Refuses views whose poses cannot be refined.
+    """Rejects scenes whose poses cannot be refined.
 
     Raises:
-        InputError: says which and what to do.
+        InputError: a rolling shutter, a lens without one centre, or several lenses to refine.
     """
     flag = "--refine-lens" if options.refine_lens else "--refine-poses"
     if any(scene.views[index].shutter is not None for index in scene.train_indices):

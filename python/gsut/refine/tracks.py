@@ -1,8 +1,8 @@
-"""Poses, and if asked the lens, of the training views by bundle adjustment of feature tracks.
+"""Refines poses, and optionally the lens, of training views by bundle adjustment of tracks.
 
-What `--refine-poses` begins with: tracks tie far views together, which colours can do only once a
-scene is sharp, and slowly. The poses found are moved by the similarity that fits the given ones
-best, so that the scene's points stay where they belong. Given poses as good as the tracks' stay.
+`--refine-poses` begins with it: tracks of features tie distant views together, while colours do so
+slowly and only once a scene is sharp. The new poses are moved by the similarity that fits the given
+ones best, so that the scene's points keep their places. Given poses that are as good are kept.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ import numpy as np
 
 from gsut._core import InputError, SolveError
 from gsut.data import Scene
-from gsut.lens import Camera, refinable_params
-from gsut.refine.motion import pose_changes, turn_onto
+from gsut.lens import Camera, find_refinable_params
+from gsut.refine.motion import measure_pose_changes, turn_onto
 from gsut.run import TrainOptions
 from gsut.sfm import (
     Photographs,
@@ -29,24 +29,24 @@ from gsut.sfm import (
     verify,
 )
 
-# Of the largest error of a match: before the lens, or the poses, are refined.
+# Factor on the largest error of a match before the lens is refined, which moves all matches.
 _LOOSER = 4.0
+# Training views below which there is nothing to adjust: two poses have no redundancy.
 _FEWEST_VIEWS = 3
-# Told (what is done now, its parts done, its parts in all).
+# Called with (stage, parts done, parts in all).
 OnProgress = Callable[[str, int, int], None]
 
 
 @dataclasses.dataclass(frozen=True)
 class TracksResult:
-    """What the adjustment gave.
+    """The scene after adjustment, with its figures.
 
     Attributes:
         scene: with the refined poses, and lens, of the training views.
-        figures: for metrics.json; sigma_degrees and sigma_moved are the predicted standard
-            deviations of a pose (root of the three axes' sum), medians.
-        tracked: the views that have a pose from tracks.
-        note: why nothing was refined, or what was left out; empty otherwise. Given poses that
-            are as good as those of tracks stay.
+        figures: for metrics.json; sigma_degrees and sigma_moved are medians of the predicted
+            standard deviations of a pose (root of the sum over three axes).
+        tracked: the views whose pose comes from tracks.
+        note: why nothing was refined, or what was left out; empty otherwise.
     """
 
     scene: Scene
@@ -54,8 +54,8 @@ class TracksResult:
     tracked: list[int]
     note: str = ""
 
-    def summary(self) -> dict[str, Any]:
-        """Figures and note, for metrics.json."""
+    def summarize(self) -> dict[str, Any]:
+        """Returns figures and note, for metrics.json."""
         return {**self.figures, **({"note": self.note} if self.note else {})}
 
 
@@ -64,17 +64,17 @@ def refine_by_tracks(
 ) -> TracksResult:
     """Refines the poses of the training views, and with `refine_lens` their lens.
 
-    Features are those of the image files, at their full size. Where they do not determine the
-    poses, the scene comes back as it was, with a note: colours alone may still do.
+    Features are found in the image files at full size. If they do not determine the poses, the
+    scene is returned unchanged, with a note: colours alone may still suffice.
 
     Args:
         scene: with poses that are roughly right.
         options: of the run.
-        on_progress: told as the work goes on.
+        on_progress: see `OnProgress`.
     """
     show = on_progress or (lambda what, done, total: None)
     try:
-        solution = _adjusted(scene, options, show)
+        solution = _adjust_tracks(scene, options, show)
     except (InputError, SolveError) as error:
         return TracksResult(scene, {}, [], f"no poses from tracks of features: {error}")
     indices = [
@@ -84,8 +84,8 @@ def refine_by_tracks(
     ]
     given = scene.poses(indices)
     found = np.array(solution.camera_from_world)[np.asarray(solution.registered, bool)]
-    found = turn_onto(_moved(found, compare_poses(found, given).reference_from_world), given)
-    changes = pose_changes(found, given)
+    found = turn_onto(_move_world(found, compare_poses(found, given).reference_from_world), given)
+    changes = measure_pose_changes(found, given)
     refined = scene.with_poses(indices, found)
     if options.refine_lens:
         refined = refined.with_lenses([solution.cameras[0]])
@@ -101,7 +101,7 @@ def refine_by_tracks(
         "sigma_degrees": float(np.degrees(np.median(np.sqrt(variances[:, 3:].sum(axis=1))))),
         "sigma_moved": float(np.median(np.sqrt(variances[:, :3].sum(axis=1)))),
     }
-    if not options.refine_lens and _as_good_as_tracks(figures):
+    if not options.refine_lens and _are_as_good_as_tracks(figures):
         note = (
             f"Tracks of features differ from the given poses by {figures['turned_degrees']:.2g} "
             f"degrees and {figures['moved']:.2g} units, and err by about "
@@ -112,18 +112,18 @@ def refine_by_tracks(
     return TracksResult(refined, figures, indices, note)
 
 
-def _as_good_as_tracks(figures: dict[str, Any]) -> bool:
-    """Whether the given poses err no more than tracks predict for their own.
+def _are_as_good_as_tracks(figures: dict[str, Any]) -> bool:
+    """Returns whether the given poses err no more than tracks predict of their own.
 
-    Both err independently: the squares of how far they differ are then up to twice the tracks'.
+    Errors of both are independent, so their squared difference is up to twice the tracks' variance.
     """
     turned = figures["turned_degrees"] / max(figures["sigma_degrees"], 1e-12)
     moved = figures["moved"] / max(figures["sigma_moved"], 1e-12)
     return bool((turned**2 + moved**2) / 2 <= 2.0)
 
 
-def _adjusted(scene: Scene, options: TrainOptions, show: OnProgress) -> Solution:
-    """Features, matches and bundle adjustment of the training views."""
+def _adjust_tracks(scene: Scene, options: TrainOptions, show: OnProgress) -> Solution:
+    """Finds features and matches of the training views and adjusts their bundle."""
     views = [scene.views[index] for index in scene.train_indices]
     if len(views) < _FEWEST_VIEWS:
         raise InputError(f"{len(views)} training views are too few")
@@ -141,7 +141,7 @@ def _adjusted(scene: Scene, options: TrainOptions, show: OnProgress) -> Solution
     features = collect_features(photographs, settings, on_progress, lambda text: None)
     raw = match_images(names, features, settings, on_progress)
     poses = [view.camera_from_world for view in views]
-    free = refinable_params(cameras[0]) if options.refine_lens else None
+    free = find_refinable_params(cameras[0]) if options.refine_lens else None
     # Through a wrong lens few matches agree: a first, loose round finds a better one.
     loose = dataclasses.replace(settings, max_two_view_error=_LOOSER * settings.max_two_view_error)
     for round_settings in [loose, settings] if options.refine_lens else [settings]:
@@ -158,8 +158,8 @@ def _adjusted(scene: Scene, options: TrainOptions, show: OnProgress) -> Solution
     return solution
 
 
-def _moved(camera_from_world: np.ndarray, new_from_old: np.ndarray) -> np.ndarray:
-    """Poses (N, 4, 4) in a world that a similarity (4, 4) has moved; rigid again."""
+def _move_world(camera_from_world: np.ndarray, new_from_old: np.ndarray) -> np.ndarray:
+    """Carries poses (N, 4, 4) to a world moved by a similarity (4, 4); they stay rigid."""
     scale = float(np.cbrt(np.linalg.det(new_from_old[:3, :3])))
     rotation, shift = new_from_old[:3, :3] / scale, new_from_old[:3, 3]
     out = np.array(camera_from_world)

@@ -1,9 +1,10 @@
-"""How far poses found from colours can be trusted, by two disjoint halves of each photograph.
+"""Estimates how far poses from colours can be trusted, by two disjoint halves of each photograph.
 
-Both halves are solved alone. Where colours know a pose, both say the same; where texture is poor or
-the scene still wrong, they differ. How much they do is the colours' error (see `Halves`), against
-which stands that of the poses they started from: known for tracks, else estimated from how far
-colours lead away. The weight that follows decides how far a view goes, down to not at all.
+Each half is solved by itself. If colours determine a pose, both halves agree; if texture is poor or
+the scene still wrong, they differ. Their difference estimates the error of the colours (see
+`Halves`). It is weighed against the error of the starting poses: known for tracks, otherwise
+estimated from how far colours lead away from them. A view moves as far as its weight says, which
+may be not at all.
 """
 
 from __future__ import annotations
@@ -14,47 +15,49 @@ from typing import Any
 import numpy as np
 
 from gsut.lens import Camera
-from gsut.refine.motion import extrapolate, pose_changes
+from gsut.refine.motion import extrapolate, measure_pose_changes
 
-# Both halves see the same scene, whose own errors they share. On a demo scene (seed 11) poses were
-# off by 1.4 (young scene) to 2.7 (finished scene) times what half their difference says.
+# Actual error over half the difference of the halves: both see the same scene and share its errors.
 _SHARED = 2.5
-_BLOCKS = 16  # of a half's checkerboard, along the longer side: larger than what errors spread over
-_NAMED = 5  # views in a note, at most
-_REJECTED = 0.5  # weight below which a view is named: its start counts more than its colours
+# Blocks of a half's checkerboard along the longer side: larger than what an error spreads over.
+_BLOCKS = 16
+# Views listed in a note, at most.
+_NAMED = 5
+# Weight below which a view is listed, because its start counts more than its colours.
+_REJECTED = 0.5
 
 
 @dataclasses.dataclass(frozen=True)
 class Halves:
-    """Two sets of poses (n, 4, 4), camera_from_world, of the same views by different pixels."""
+    """Poses (n, 4, 4), camera_from_world, of the same views from two disjoint sets of pixels."""
 
     first: np.ndarray
     second: np.ndarray
 
-    def middle(self) -> np.ndarray:
-        """(n, 4, 4) halfway between both."""
+    def average(self) -> np.ndarray:
+        """Returns the poses (n, 4, 4) halfway between both."""
         return extrapolate(self.first, self.second, 0.5)
 
-    def errors(self) -> np.ndarray:
-        """(n, 2) errors of `middle` in degrees and world units, as one view alone shows them."""
-        apart = pose_changes(self.first, self.second)
+    def estimate_errors(self) -> np.ndarray:
+        """Estimates (n, 2) errors of `average()`, degrees and world units, view by view."""
+        apart = measure_pose_changes(self.first, self.second)
         return _SHARED / 2 * np.stack([apart.degrees, apart.distances], axis=1)
 
 
 @dataclasses.dataclass(frozen=True)
 class Trust:
-    """Weights of the poses that colours found.
+    """Weights of the poses from colours.
 
     Attributes:
-        weights: (n,) 0: a view stays where it started; 1: it goes where its colours say.
-        errors: (2,) of the colours, degrees and world units, median over the views.
+        weights: (n,) 0: a view stays at its start; 1: it takes the pose from its colours.
+        errors: (2,) of the colours' poses, degrees and world units, medians over the views.
     """
 
     weights: np.ndarray
     errors: np.ndarray
 
-    def rejected(self, names: list[str]) -> list[dict[str, Any]]:
-        """Views whose start counts more than their colours, for metrics.json."""
+    def list_rejected(self, names: list[str]) -> list[dict[str, Any]]:
+        """Lists views whose start counts more than their colours, for metrics.json."""
         return [
             {"name": name, "weight": float(weight)}
             for name, weight in zip(names, self.weights, strict=True)
@@ -62,8 +65,8 @@ class Trust:
         ]
 
     def note(self, names: list[str]) -> str:
-        """What a reader of the report should know; empty where all views follow their colours."""
-        named = [row["name"] for row in self.rejected(names)]
+        """Notes for the report which views keep their poses; empty if all follow their colours."""
+        named = [row["name"] for row in self.list_rejected(names)]
         if not named:
             return ""
         by = f"by {self.errors[0]:.2g} degrees and {self.errors[1]:.2g} units"
@@ -80,19 +83,19 @@ class Trust:
 
 
 def weigh_lens(first: Camera, second: Camera, start: Camera) -> tuple[float, float]:
-    """What the mean of the lenses that both halves found is worth, and its error in pixels.
+    """Weighs the mean of the lenses of both halves, and estimates its error in pixels.
 
-    As for poses whose start is unknown, by the places that lenses give to rays (`lens_distance`):
-    coefficients of a polynomial trade with each other.
+    As for poses whose start has an unknown error, but by the pixels that lenses give to rays
+    (`measure_lens_distance`), since coefficients of a polynomial compensate for each other.
     """
-    error = _SHARED / 2 * lens_distance(first, second)
+    error = _SHARED / 2 * measure_lens_distance(first, second)
     middle = first.with_params((np.array(first.params) + np.array(second.params)) / 2)
-    moved = lens_distance(middle, start)
+    moved = measure_lens_distance(middle, start)
     return (1.0 - (error / moved) ** 2 if moved > error else 0.0), error
 
 
-def lens_distance(first: Camera, second: Camera) -> float:
-    """Root mean square distance in pixels between where two lenses see the second one's rays."""
+def measure_lens_distance(first: Camera, second: Camera) -> float:
+    """Measures the RMS distance in pixels between the images of the second lens' rays in both."""
     rays, valid = second.rays()
     seen, known = first.project(rays[valid])
     expected, _ = second.project(rays[valid])
@@ -102,7 +105,7 @@ def lens_distance(first: Camera, second: Camera) -> float:
 
 
 def select_half(height: int, width: int, half: int) -> np.ndarray:
-    """(H, W) bool: the white, or the black, blocks of a checkerboard."""
+    """Selects (H, W) bool the white (0) or black (1) blocks of a checkerboard."""
     side = max(1, round(max(height, width) / _BLOCKS))
     rows, columns = np.arange(height) // side, np.arange(width) // side
     return (rows[:, None] + columns[None]) % 2 == half
@@ -111,23 +114,23 @@ def select_half(height: int, width: int, half: int) -> np.ndarray:
 def weigh_poses(
     halves: Halves, start: np.ndarray, tracked: np.ndarray, sigma: float | None
 ) -> Trust:
-    """How far views may go from where they started to where their colours say.
+    """Weighs the poses from colours against those that the views started from.
 
-    The best mean of two independent poses gives one the share of the other's variance. Over the
-    views, colours differ from the start by distance^2 = start's^2 + colours'^2. That gives the
-    start's error where it is not known (`sigma` is None), and shows where colours err by more than
-    their halves tell where it is.
+    The best mean of two independent estimates weights each by the other's share of the variance.
+    Over the views, the squared distance of colours from the start is the sum of both variances.
+    This gives the start's error if it is unknown (`sigma` is None); if it is known, it shows where
+    colours err by more than their halves do.
 
     Args:
-        halves: what the colours say.
+        halves: poses from colours.
         start: (n, 4, 4) poses before any refinement by colours.
-        tracked: (n,) bool: views to which `sigma` belongs; the others count as unknown.
-        sigma: degrees, standard deviation of the tracked views' turns as tracks predict it. Their
-            centres' depends on where the gauge is held, so that turns stand for both.
+        tracked: (n,) bool: views to which `sigma` applies; the error of others is unknown.
+        sigma: degrees, predicted standard deviation of the tracked views' rotations. That of their
+            centres depends on the gauge, so rotations are taken for both.
     """
-    own = np.maximum(halves.errors(), 1e-12)
+    own = np.maximum(halves.estimate_errors(), 1e-12)
     errors = np.median(own, axis=0)
-    changes = pose_changes(halves.middle(), start)
+    changes = measure_pose_changes(halves.average(), start)
     distances = np.stack([changes.degrees, changes.distances], axis=1)
     # Beyond the usual error a view's own counts.
     excess = np.maximum(1.0, np.mean((own / errors) ** 2, axis=1))

@@ -14,7 +14,7 @@ from gsut.gaussians import Gaussians
 from gsut.render.motion import camera_motion, place_about
 
 # In the order of the core's enumeration.
-METHODS = ("ewa", "unscented", "simplex", "cubature", "gauss_hermite", "silhouette")
+METHODS = ("ewa", "unscented", "silhouette")
 # alpha, beta, kappa of the unscented transform (gsplat: alpha 0.1; 3dgrut: alpha 1).
 DEFAULT_UNSCENTED = (1.0, 2.0, 0.0)
 
@@ -72,10 +72,10 @@ def project(
         shutter: of a pair of poses, for the method "unscented" only. Each sigma point is then
             placed by the pose of the line that sees it, found by iteration in double; depths are
             those at the middle of the exposure.
-        method: "ewa": the lens' Jacobian at the mean. "unscented": 7 sigma points. "simplex",
-            "cubature", "gauss_hermite": 4, 6 and 27 points. "silhouette": the cone of rays that
-            touch the ellipsoid where alpha falls to alpha_min, through the lens; its boxes are
-            exact, with the camera inside, across the domain's edge and the seam, too.
+        method: "ewa": the lens' Jacobian at the mean. "unscented": 7 sigma points.
+            "silhouette": the cone of rays that touch the ellipsoid where alpha falls to alpha_min,
+            through the lens; its boxes are exact, even with the camera inside, across the domain's
+            edge and across the seam.
         unscented: alpha, beta, kappa of the unscented transform.
         alpha_min: opacity times response below which a Gaussian is not drawn; sets the extents.
         dtype: "float32" (vectorised) or "float64" (the scalar reference).

@@ -38,9 +38,10 @@ from gsut.run.option_fields import (
 from gsut.run.options import AUTO, COMMON_OPTIONS, PRESETS, TrainOptions
 from gsut.run.progress import Progress
 from gsut.run.recipe import recipe
-from gsut.run.staged_progress import StagedProgress, counted_down
+from gsut.run.scene_options import SceneOptions
+from gsut.run.staged_progress import StagedProgress, StageFollower, count_down
 from gsut.run.stopwatch import Stopwatch
-from gsut.run.verdict import Verdict, worst
+from gsut.run.verdict import Verdict, combine_verdicts, judge_pictures
 
 __all__ = [
     "AUTO",
@@ -63,6 +64,8 @@ __all__ = [
     "BlockOptions",
     "Progress",
     "RunFolder",
+    "SceneOptions",
+    "StageFollower",
     "StagedProgress",
     "Stopwatch",
     "TrainOptions",
@@ -71,7 +74,8 @@ __all__ = [
     "check_fits",
     "check_options",
     "choices_in",
-    "counted_down",
+    "combine_verdicts",
+    "count_down",
     "default_text",
     "describe_environment",
     "describe_options",
@@ -81,6 +85,7 @@ __all__ = [
     "free_memory",
     "given_options",
     "is_open",
+    "judge_pictures",
     "of_preset",
     "option",
     "option_info",
@@ -92,6 +97,5 @@ __all__ = [
     "release_memory",
     "show_every_option",
     "size_text",
-    "worst",
     "write_checkpoint",
 ]

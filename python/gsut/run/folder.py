@@ -85,7 +85,7 @@ class RunFolder:
             options: written as options.json, resolved.
             resume: go on with the run that the folder holds. Without one a new run begins.
             environment: written as environment.json; a run that is resumed keeps its own, which
-                holds the command line that reproduces it. Its "digests" (see `scene_digests`) must
+                holds the command line that reproduces it. Its "digests" (see `digest_scene`) must
                 be those of the data that the run was begun with.
             command: which makes the run.
             blocks: of a training in blocks: name -> content of the JSON files in its folder, which

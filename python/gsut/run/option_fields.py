@@ -48,7 +48,7 @@ class OptionInfo:
     none: str = ""
     reason: str = ""
 
-    def range_text(self) -> str:
+    def format_range(self) -> str:
         """The allowed range in words, as used in messages."""
         if self.low is None and self.high is None:
             return "any value"
@@ -187,7 +187,7 @@ def _checked(flag: str, value: Any, info: OptionInfo, kind: Any) -> Any:
     if plain is int and info.high is None:
         info = dataclasses.replace(info, high=MOST_WHOLE)
     if not info.holds(number):
-        raise InputError(f"{flag} must be {info.range_text()}, found {value!r}")
+        raise InputError(f"{flag} must be {info.format_range()}, found {value!r}")
     return number
 
 

@@ -22,7 +22,7 @@ from gsut.run.option_fields import (
 )
 from gsut.run.recipe import PRESETS, preset_values, recipe
 
-# --max-gaussians auto: see gsut.training.complexity.
+# --max-gaussians auto: see gsut.training.first.complexity.
 AUTO = "auto"
 # What `gsut train --help` lists; the rest is for `--help all`.
 COMMON_OPTIONS = (

@@ -1,4 +1,4 @@
-"""Gaussians that are drawn with those that are trained, and stay as they are."""
+"""Draws Gaussians that stay as they are together with those that are trained."""
 
 from __future__ import annotations
 
@@ -9,33 +9,33 @@ from gsut.gaussians import Gaussians, merge_gaussians
 
 
 class Context:
-    """What is drawn beside what is trained.
+    """Gaussians that are drawn beside the trained ones and not changed.
 
     Args:
-        gaussians: that stay; None: there are none, and everything passes as it is.
+        gaussians: these Gaussians; None: there are none, and everything passes unchanged.
     """
 
     def __init__(self, gaussians: Gaussians | None) -> None:
         self._gaussians = gaussians
         self._joined: Gaussians | None = None
-        self._count = 0  # trained ones
+        self._num_trained = 0
 
     @property
     def is_empty(self) -> bool:
-        """Whether what is trained is all that is drawn."""
+        """Whether only trained Gaussians are drawn."""
         return self._gaussians is None
 
-    def around(self, trained: Any) -> Any:
-        """Those that are trained, then those that stay; valid until the next call."""
+    def append_to(self, trained: Any) -> Any:
+        """Returns the trained Gaussians followed by the context; valid until the next call."""
         if self._gaussians is None:
             return trained
-        self._count = len(trained)
-        if self._joined is None or len(self._joined) != self._count + len(self._gaussians):
+        self._num_trained = len(trained)
+        if self._joined is None or len(self._joined) != self._num_trained + len(self._gaussians):
             self._joined = merge_gaussians([trained, self._gaussians])
         for field in dataclasses.fields(trained):
-            getattr(self._joined, field.name)[: self._count] = getattr(trained, field.name)
+            getattr(self._joined, field.name)[: self._num_trained] = getattr(trained, field.name)
         return self._joined
 
-    def trained(self, rows: Any) -> Any:
-        """The rows of those that are trained, of all that was drawn last."""
-        return rows if self._gaussians is None else rows[: self._count]
+    def select_trained(self, rows: Any) -> Any:
+        """Returns those of all drawn rows that belong to trained Gaussians."""
+        return rows if self._gaussians is None else rows[: self._num_trained]

@@ -1,4 +1,4 @@
-"""How Gaussians are added and removed in training: what each strategy has in common."""
+"""Defines what strategies of densification have in common, and loads one by its name."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ class DensificationStep:
     """When a densification takes place, and on what.
 
     Attributes:
-        step: of the run; fraction: of all steps.
-        scene: at the resolution that is trained at now.
-        extent: of the scene, world units.
-        full_grown: the number of Gaussians is to stay.
+        step: of the run, from 1.
+        fraction: of all steps.
+        scene: at the current resolution.
+        extent: of the scene in world units.
+        full_grown: whether the number of Gaussians has to stay.
     """
 
     step: int
@@ -30,14 +31,14 @@ class DensificationStep:
 
 
 class Densification:
-    """A strategy: one file of training/strategies, whose class `Strategy` derives from this one.
+    """A strategy: the base of the class `Strategy` in each file of training/strategies.
 
     Args:
         options: resolved.
         first_count: number of the first Gaussians.
 
     Attributes:
-        by_error: it goes by the errors of the pixels that a Gaussian is seen in, too.
+        by_error: whether the errors of the pixels that show a Gaussian decide, too.
     """
 
     by_error = False
@@ -45,25 +46,31 @@ class Densification:
     def __init__(self, options: TrainOptions, first_count: int) -> None:
         self.options, self.first_count = options, first_count
 
+    @property
     def capacity(self) -> int | None:
-        """Rows of the optimizer's arrays to reserve; None: as many as there are Gaussians."""
+        """The number of rows to reserve in the optimizer's arrays; None: one for each Gaussian."""
         return None
 
     def add_gradients(self, optimizer: Any, gradients: Any) -> None:
-        """Before Adam's step: adds gradients of the strategy's own losses."""
+        """Adds the gradients of the strategy's own losses, before Adam's step."""
 
     def explore(self, optimizer: Any, rate_means: float) -> None:
-        """After Adam's step, with the learning rate of the means in world units."""
+        """Moves Gaussians at random, after Adam's step.
+
+        Args:
+            optimizer: owner of the Gaussians.
+            rate_means: learning rate of the centres in world units.
+        """
 
     def densify(self, optimizer: GaussianOptimizer, now: DensificationStep) -> GaussianOptimizer:
-        """Adds and removes Gaussians; returns the optimizer to go on with."""
+        """Adds and removes Gaussians; returns the optimizer to continue with."""
         raise NotImplementedError
 
     def settle(self, optimizer: GaussianOptimizer, now: DensificationStep) -> None:
-        """As often, once nothing is added or removed any more."""
+        """Replaces `densify`, at the same intervals, after `densify_until`."""
 
 
-def densification_of(options: TrainOptions, first_count: int) -> Densification:
-    """The strategy that the options name."""
+def load_strategy(options: TrainOptions, first_count: int) -> Densification:
+    """Loads the strategy that `options` names."""
     module = importlib.import_module(f"gsut.training.strategies.{options.strategy}")
     return module.Strategy(options, first_count)

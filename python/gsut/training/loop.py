@@ -1,4 +1,4 @@
-"""The training loop: the state of a run between two steps, and one step, stage by stage."""
+"""Makes training steps: the state of a run between two steps, and one step, stage by stage."""
 
 from __future__ import annotations
 
@@ -17,35 +17,37 @@ from gsut.optimize import (
     GaussianOptimizer,
     LearningRates,
     TrajectoryMean,
-    last_densification,
-    learning_rates,
-    optimizer_of,
-    view_of_step,
+    choose_view,
+    compute_learning_rates,
+    find_last_densification,
+    make_optimizer,
 )
 from gsut.refine import TracksResult, TrainingRefiner
 from gsut.render import DEFAULT_UNSCENTED, Light, random_background
 from gsut.run import Stopwatch, TrainOptions
 from gsut.training.context import Context
-from gsut.training.densification import DensificationStep, densification_of
-from gsut.training.motion_blur import BlurRenderer, Exposure
-from gsut.training.photograph_model import PhotographModel
-from gsut.training.start import first_gaussians
-from gsut.training.surface_terms import SurfaceTerms, SurfaceWeights
+from gsut.training.densification import DensificationStep, load_strategy
+from gsut.training.first import choose_first_gaussians
+from gsut.training.photograph import BlurRenderer, Exposure, PhotographModel
+from gsut.training.surface import SurfaceTerms, SurfaceWeights
 
-# Steps after which the low-pass filter's radii are found again (Mip-Splatting: 100).
+# Steps between updates of the low-pass filter's radii, as in Mip-Splatting.
 _RADII_EVERY = 100
-# Fraction of the steps after which areas that differ are left out: before, much of a scene does.
+# Fraction of the steps after which pixels that differ are left out: before, most do.
 _ROBUST_FROM = 0.15
 
 
 @dataclasses.dataclass(frozen=True)
 class _Step:
-    """What is given at the beginning of a step.
+    """What is fixed at the beginning of a step.
 
     Attributes:
-        number: from 1; fraction: of all steps.
-        view: whose photograph is trained on, at `level`.
+        number: of the step, from 1.
+        fraction: of all steps.
+        view: whose photograph is trained on.
+        level: resolution of the step.
         degree: of the harmonics in use.
+        rates: learning rates in world units.
     """
 
     number: int
@@ -57,25 +59,25 @@ class _Step:
 
 
 class TrainingLoop:
-    """The state of a run between two steps; `advance` makes one.
+    """Holds the state of a run between two steps; `advance` makes a step.
 
     Args:
         scene: training views, cameras and points, at the resolution to train at.
         options: resolved.
-        start: the first Gaussians; None: `first_gaussians`. Of `MixedGaussians` neither number nor
-            degrees change.
-        tracks: gives the first poses where they come from tracks of features; None: the scene's.
-        light: of the photographs, where a run before has found it.
-        context: drawn with those that are trained, and stay as they are.
+        start: the first Gaussians; None: `choose_first_gaussians`. `MixedGaussians` keep their
+            number and degrees.
+        tracks: gives the first poses if they come from tracks of features; None: the scene's.
+        light: of the photographs, if an earlier run has found it.
+        context: Gaussians that are drawn with the trained ones and not changed.
 
     Attributes:
-        views: photographs, poses and lenses; the only owner of the latter.
+        views: photographs, poses and lenses; the only owner of the latter two.
         photographs: their exposure, white balance and falloff.
         optimizer: owner of the Gaussians.
-        notes: what was found in the photographs before the first step.
-        step: steps made.
+        notes: sentences on the first Gaussians for the report.
+        step: number of steps made.
         seconds, cpu_seconds: of the steps alone, without reading images and measuring PSNR.
-        stopwatch: of the steps' stages, for ./run bench train.
+        stopwatch: of the stages of a step, for ./run bench train.
     """
 
     def __init__(
@@ -90,10 +92,10 @@ class TrainingLoop:
         scene = scene if tracks is None else tracks.scene
         self.options = options = dataclasses.replace(options, max_gaussians=options.most_gaussians)
         self.step, self.seconds, self.cpu_seconds = 0, 0.0, 0.0
-        start, self.notes = first_gaussians(scene, options) if start is None else (start, [])
-        self.densification = densification_of(options, len(start))
+        start, self.notes = choose_first_gaussians(scene, options) if start is None else (start, [])
+        self.densification = load_strategy(options, len(start))
         surfels = options.primitive == "surfel"
-        self.optimizer = optimizer_of(start, self.densification.capacity(), options.seed, surfels)
+        self.optimizer = make_optimizer(start, self.densification.capacity, options.seed, surfels)
         self.views = TrainingViews(scene, options.coarse_to_fine)
         lens = options.calibration_weights
         self.weights = None if lens is None else CalibrationWeights(lens, scene.cameras)
@@ -107,55 +109,55 @@ class TrainingLoop:
         self._touched = np.zeros(0, np.uint8)
         self.photographs = PhotographModel(scene, options, light)
         self.surface = SurfaceTerms(SurfaceWeights(), scene, options.known_depth) if flat else None
-        self._filter = LowPassFilter(options.low_pass, self.views.training_cameras)
+        self._filter = LowPassFilter(options.low_pass, self.views.list_training_cameras)
         self._mean = TrajectoryMean(options.average_from, surfels)
 
     @property
     def scene(self) -> Scene:
-        """At full resolution, with the poses and lenses as they are now."""
+        """The scene at full resolution, with the current poses and lenses."""
         return self.views.scene
 
     @property
     def extent(self) -> float:
-        """Of the scene, world units: what rates and sizes are in proportion to."""
+        """The scene's extent in world units, to which rates and sizes are proportional."""
         return self.scene.extent
 
     @property
     def gaussians(self) -> Gaussians:
-        """The Gaussians as they are now: views, valid until the next step."""
+        """The current Gaussians: views, valid until the next step."""
         return self.optimizer.gaussians
 
-    def drawn(self) -> Gaussians:
-        """The Gaussians as they are rendered: behind the low-pass filter, then the context."""
-        return self._context.around(self._filter.apply(self.gaussians))
+    def get_drawn(self) -> Gaussians:
+        """Returns the Gaussians as they are rendered: low-pass filtered, then the context."""
+        return self._context.append_to(self._filter.apply(self.gaussians))
 
-    def result(self) -> Gaussians:
-        """What the run gives, were this its last step: the mean over the last steps, filtered."""
-        return self._filter.apply(self._mean.of(self.gaussians))
+    def make_result(self) -> Gaussians:
+        """Returns what the run would give now: the mean over the last steps, filtered."""
+        return self._filter.apply(self._mean.average(self.gaussians))
 
-    def finished_scene(self) -> Scene:
-        """The scene with the poses and lenses that fit `result` best, were this the last step."""
+    def finish_scene(self) -> Scene:
+        """Returns the scene with the poses and lenses that fit the run's result best."""
         if self.refiner is not None:
-            self.refiner.finish(self.result(), self.views.at(1.0), self.step)
+            self.refiner.finish(self.make_result(), self.views.at(1.0), self.step)
         return self.scene
 
     def advance(self) -> float:
-        """One training step on one image; returns its loss."""
-        step = self._begin_step()
+        """Makes one training step on one image and returns its loss."""
+        step = self._begin_step()  # view, resolution, degree of harmonics, learning rates
         target, image, dimage = step.level.target(step.view), *step.level.buffers(step.view)
-        self._prepare_next_image()
+        self._prepare_next_image()  # decoded beside the step
         began, cpu_began = time.perf_counter(), time.process_time()
         self.stopwatch.start()
-        self._render(step, image)
-        self.photographs.observe(step.fraction, step.level, step.view, target, image)
+        self._render(step, image)  # projection, raster
+        self.photographs.observe(step.fraction, step.level, step.view, target, image)  # exposure
         self.stopwatch.lap("light")
-        loss = self._compare(step, target)
-        taken = self._backpropagate(step, dimage)
-        self._optimize(step, with_harmonics=not taken)
+        loss = self._compare(step, target)  # loss and its gradient to the image
+        taken = self._backpropagate(step, dimage)  # to the Gaussians
+        self._optimize(step, with_harmonics=not taken)  # Adam
         self.step = step.number
-        self._densify(step)
-        self._refine(step)
-        self._mean.observe(step.number, step.fraction, self.gaussians)
+        self._densify(step)  # more, fewer or other Gaussians
+        self._refine(step)  # poses and lenses
+        self._mean.observe(step.number, step.fraction, self.gaussians)  # of the last steps
         self.seconds += time.perf_counter() - began
         self.cpu_seconds += time.process_time() - cpu_began
         return loss
@@ -163,45 +165,44 @@ class TrainingLoop:
     def _begin_step(self) -> _Step:
         o, number = self.options, self.step + 1
         fraction = number / o.steps
-        return _Step(
-            number, fraction, self._view_of(number), self.views.at(fraction),
-            min(o.sh_degree, number // o.sh_every), learning_rates(o, fraction, self.extent),
-        )  # fmt: skip
+        rates = compute_learning_rates(o, fraction, self.extent)
+        degree, view = min(o.sh_degree, number // o.sh_every), self._choose_view(number)
+        return _Step(number, fraction, view, self.views.at(fraction), degree, rates)
 
-    def _view_of(self, step: int) -> int:
-        """Every training view once an epoch, in an order that depends on seed and epoch only."""
-        return view_of_step(self.scene.train_indices, step, self.options.seed)
+    def _choose_view(self, step: int) -> int:
+        """Returns a step's view: each once an epoch, in an order set by seed and epoch only."""
+        return choose_view(self.scene.train_indices, step, self.options.seed)
 
     def _prepare_next_image(self) -> None:
         after = self.step + 2
         if after <= self.options.steps:
-            self.views.prepare(self._view_of(after), after / self.options.steps)
+            self.views.prepare(self._choose_view(after), after / self.options.steps)
 
     def _render(self, step: _Step, image: np.ndarray) -> None:
-        """Cameras and poses -> projection -> raster."""
+        """Renders the step's view: cameras and poses, projection, raster."""
         if step.number % _RADII_EVERY == 0:
             self._filter.renew()
-        drawn = self.drawn()
+        drawn = self.get_drawn()
         if len(self._touched) != len(drawn):
             self._gradients = drawn.make_zeros()
             self._touched = np.zeros(len(drawn), np.uint8)
         behind = self.options.background or random_background(self.options.seed, step.number)
-        place = self._exposure.places(self.scene, step.level, step.view)
+        place = self._exposure.find_poses(self.scene, step.level, step.view)
         self.renderer.render(
             drawn, step.level.camera(step.view), place, self.rule, behind, step.degree,
-            DEFAULT_UNSCENTED, image, None, None, True, None, self._tiles(step),
+            DEFAULT_UNSCENTED, image, None, None, True, None, self._choose_tiles(step),
         )  # fmt: skip
         self.stopwatch.lap("render")
 
-    def _tiles(self, step: _Step) -> np.ndarray | None:
-        """Which tiles of 16 x 16 pixels the step renders, 0 or 1 each; None: all."""
+    def _choose_tiles(self, step: _Step) -> np.ndarray | None:
+        """Returns a flag (0 or 1) for each tile of 16 x 16 pixels to render; None: all."""
         return None
 
     def _choose_pixels(self, step: _Step, dimage: np.ndarray) -> None:
-        """Zeroes the loss' gradient (H, W, 3) in the pixels that the step is not about: none."""
+        """Zeros the loss' gradient (H, W, 3) in pixels that do not concern the step; none here."""
 
     def _compare(self, step: _Step, target: _core.PhotometricTarget) -> float:
-        """The loss against the photograph, and its gradient to the image."""
+        """Returns the loss against the photograph and writes its gradient to the image's buffer."""
         image, dimage = step.level.buffers(step.view)
         loss, _ = _core.photometric_loss(target, image, dimage, self.options.ssim_weight)
         self._choose_pixels(step, dimage)
@@ -213,16 +214,17 @@ class TrainingLoop:
         return loss
 
     def _backpropagate(self, step: _Step, dimage: np.ndarray) -> bool:
-        """From the image back through raster and projection; whether harmonics took their step."""
-        how = _backward_settings(self, step) | _errors_to_sum(self, step, dimage)
+        """Propagates the image's gradient to the Gaussians; returns whether harmonics took their
+        step."""
+        how = _choose_backward_settings(self, step) | _measure_pixel_errors(self, step, dimage)
         self.renderer.backward(dimage, None, None, self._gradients, self._touched, **how)
-        self._filter.backpropagate(self.gaussians, self._context.trained(self._gradients))
+        self._filter.backpropagate(self.gaussians, self._context.select_trained(self._gradients))
         self.stopwatch.lap("backward")
         return "harmonics_step" in how
 
     def _optimize(self, step: _Step, with_harmonics: bool) -> None:
-        """Statistics for densification, one step of Adam, and what the strategy adds to both."""
-        optimizer, trained = self.optimizer, self._context.trained
+        """Collects statistics for densification and makes one step of Adam."""
+        optimizer, trained = self.optimizer, self._context.select_trained
         gradients, touched = trained(self._gradients), trained(self._touched)
         self.densification.add_gradients(optimizer, gradients)
         optimizer.accumulate(gradients.means, trained(self.renderer.distances()), touched)
@@ -235,20 +237,20 @@ class TrainingLoop:
         self.stopwatch.lap("noise")
 
     def _add_surface(self, step: _Step) -> None:
-        """The gradients of `--surface`, which densification does not count."""
+        """Adds the gradients of the surface terms, which densification does not count."""
         if self.surface is None or self.surface.share(step.fraction) == 0.0:
             return
-        more = self.surface.gradients(
-            self.drawn(), step.level.scene, step.view, self.rule, step.fraction
+        more = self.surface.compute_gradients(
+            self.get_drawn(), step.level.scene, step.view, self.rule, step.fraction
         )
-        self._filter.backpropagate(self.gaussians, self._context.trained(more))
+        self._filter.backpropagate(self.gaussians, self._context.select_trained(more))
         for name in ("means", "quats", "log_scales", "opacity_logits"):
             getattr(self._gradients, name)[...] += getattr(more, name)
         self.stopwatch.lap("surface")
 
     def _densify(self, step: _Step) -> None:
-        """Where it is due: more and fewer Gaussians; or once, many fewer (`compact_at`)."""
-        o, scene = self.options, self.scene
+        """Adds and removes Gaussians at a step of densification; compacts them at `compact_at`."""
+        o = self.options
         if step.fraction >= o.densify_from and step.number % o.densify_every == 0:
             full = o.compact_at is not None and step.number >= o.compact_at
             now = DensificationStep(step.number, step.fraction, step.level.scene, self.extent, full)
@@ -259,30 +261,26 @@ class TrainingLoop:
             else:
                 self.densification.settle(self.optimizer, now)
         if step.number == o.compact_at:
-            views = seen_views(scene, scene.train_indices)
-            small = compact(
-                self.gaussians, o.keep, method=o.compact_method, views=views, seed=o.seed
-            )
-            self.optimizer = self.optimizer.restarted(small.gaussians)
+            self.optimizer = _compact(self)
             self._begin_anew()
 
     def _begin_anew(self) -> None:
-        """The Gaussians are others: what was kept of the old ones does not hold."""
+        """Discards what was kept about Gaussians that are no longer the same."""
         self._filter.renew()
         self._mean.restart()
         self.stopwatch.lap("densify")
 
     def _refine(self, step: _Step) -> None:
-        """Poses and lenses against the Gaussians, where a sweep is due."""
+        """Refines poses and lenses against the Gaussians if a sweep is due."""
         if self.refiner is not None and self.refiner.is_due(step.number):
-            self.refiner.sweep(self.drawn(), step.level, step.number, step.degree)
+            self.refiner.sweep(self.get_drawn(), step.level, step.number, step.degree)
             self._filter.renew()
             if self.surface is not None:
                 self.surface.known.forget()
             self.stopwatch.lap("refine")
 
     def state_dict(self) -> dict[str, Any]:
-        """Everything that later steps depend on."""
+        """Returns everything that later steps depend on."""
         return {
             "step": self.step,
             "seconds": self.seconds,
@@ -296,7 +294,7 @@ class TrainingLoop:
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Goes on exactly where `state_dict` was taken."""
+        """Restores the state that `state_dict` returned; the following steps have the same bits."""
         self.step = int(state["step"])
         self.seconds, self.cpu_seconds = state["seconds"], state.get("cpu_seconds", 0.0)
         self.densification.first_count = int(state["first_count"])
@@ -308,29 +306,36 @@ class TrainingLoop:
         self._filter.load_state_dict(state)
 
 
-def _backward_settings(loop: TrainingLoop, step: _Step) -> dict[str, Any]:
-    """What the backward pass is told beside the arrays.
+def _choose_backward_settings(loop: TrainingLoop, step: _Step) -> dict[str, Any]:
+    """Returns the settings of the backward pass.
 
-    It takes the harmonics' step, which saves their gradients' memory, where one picture is made of
-    what is trained alone, and what it does not show stays.
+    The backward pass also makes the harmonics' step, which saves the memory of their gradients, if
+    the picture shows trained Gaussians only and those that it does not show stay.
     """
     o, optimizer = loop.options, loop.optimizer
     settings: dict[str, Any] = {"write_untouched": not o.sparse_adam, "with_poses": False}
     is_plain = o.sparse_adam and o.motion_blur is None and loop._context.is_empty
     if is_plain and isinstance(optimizer, GaussianOptimizer):
-        settings["harmonics_step"] = optimizer.harmonics_step(step.rates, step.degree)
+        settings["harmonics_step"] = optimizer.prepare_harmonics_step(step.rates, step.degree)
     return settings
 
 
-def _errors_to_sum(loop: TrainingLoop, step: _Step, dimage: np.ndarray) -> dict[str, Any]:
-    """What the backward pass is told of errors that a densification will go by.
+def _measure_pixel_errors(loop: TrainingLoop, step: _Step, dimage: np.ndarray) -> dict[str, Any]:
+    """Returns the errors that the backward pass sums for a densification that uses them.
 
-    Nothing beside Gaussians that stay: the next densification goes by gradients alone.
+    With a context there are none: the next densification uses gradients alone.
     """
-    needed = loop.densification.by_error and step.number <= last_densification(loop.options)
+    needed = loop.densification.by_error and step.number <= find_last_densification(loop.options)
     if not needed or not loop._context.is_empty:
         return {}
     target, (image, _) = step.level.target(step.view), step.level.buffers(step.view)
     errors = np.empty(image.shape[:2], np.float32)
     _core.pixel_errors(target, image, dimage, errors)
     return {"errors": errors, "error_sums": loop.optimizer.error_sum}
+
+
+def _compact(loop: TrainingLoop) -> Any:
+    """Compacts the Gaussians to the share `keep` and returns a fresh optimizer of them."""
+    o, views = loop.options, seen_views(loop.scene, loop.scene.train_indices)
+    small = compact(loop.gaussians, o.keep, method=o.compact_method, views=views, seed=o.seed)
+    return loop.optimizer.restart_with(small.gaussians)

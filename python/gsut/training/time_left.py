@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 from gsut.data import Scene
-from gsut.optimize import grown_count
+from gsut.optimize import compute_target_size
 from gsut.run import TrainOptions
 
 # Seconds on one core of a step: of any, of a megapixel, and of each Gaussian: how steps of
@@ -39,7 +39,7 @@ def step_work(options: TrainOptions, first_count: int, megapixels: float) -> np.
     fraction = np.arange(1, options.steps + 1) / options.steps
     quarter, half = options.coarse_to_fine
     area = np.where(fraction <= quarter, 1 / 16, np.where(fraction <= half, 1 / 4, 1.0))
-    counts = np.array([grown_count(options, max(1, first_count), f) for f in fraction])
+    counts = np.array([compute_target_size(options, max(1, first_count), f) for f in fraction])
     return _STEP + _PIXELS * megapixels * area + _GAUSSIANS * counts
 
 

@@ -17,14 +17,14 @@ from gsut import _core
 from gsut._core import CalibrationError, InputError
 from gsut.lens import (
     Camera,
-    field_of_view,
     has_focal_length,
     is_lens_name,
     load_camera,
     load_lens,
+    measure_field_of_view,
     with_field_of_view,
 )
-from gsut.lens.files import camera_values
+from gsut.lens.files import values_from_camera
 
 _MOST_PIXELS = 12_000_000  # of cameras at a size, which keep their rays: 24 bytes each
 _MOST_SLIDERS = 24  # parameters with a slider
@@ -89,8 +89,8 @@ class Lenses:
     def describe(self, number: int) -> dict[str, Any]:
         """What the page knows of a lens: its values, its sliders and its field."""
         lens = self.at(number, self._lenses[number].width, self._lenses[number].height)
-        values = camera_values(lens)
-        across = field_of_view(lens)
+        values = values_from_camera(lens)
+        across = measure_field_of_view(lens)
         return {
             "id": number, **values, "params": values["params"][:_MOST_SLIDERS],
             "sliders": _sliders(lens), "field_of_view": across,

@@ -81,7 +81,7 @@ class LiveTraining:
     def _serve(self, loop: Any, wait: float | None) -> None:
         if wait is None and self._jobs.empty():
             return
-        self._stage.gaussians = loop.drawn().translate(loop.scene.world_offset)
+        self._stage.gaussians = loop.get_drawn().translate(loop.scene.world_offset)
         if self._refines:
             self._stage.scene = loop.scene.about((0.0, 0.0, 0.0))
             self.session.lenses.replace(loop.scene.cameras)

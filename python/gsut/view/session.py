@@ -14,7 +14,7 @@ from gsut.data import Scene
 from gsut.data.images import shrink_image, shrink_mask
 from gsut.files import json_text
 from gsut.lens import camera_models
-from gsut.lens.files import camera_values
+from gsut.lens.files import values_from_camera
 from gsut.view.edits import find_floaters, locate_ground, save_edited
 from gsut.view.film import Film
 from gsut.view.frames import MODES, FrameRequest, Frames
@@ -143,7 +143,7 @@ class Session:
         """The camera of a frame, or keyframes, as a file that `gsut render --path` takes."""
         poses = [self._in_dataset(pose) for pose in values["poses"]]
         camera = self.lenses.at(int(values["lens"]), int(values["width"]), int(values["height"]))
-        content = {"camera_from_world": poses, "lens": camera_values(camera)}
+        content = {"camera_from_world": poses, "lens": values_from_camera(camera)}
         return Reply(json_text(content).encode() + b"\n", "application/json")
 
     def film(self, values: dict[str, Any]) -> Reply:

@@ -29,7 +29,7 @@ def grown(finished, tmp_path_factory):
         rng.uniform(-5.0, -4.0, (COUNT, 3)), rng.uniform(-1.0, 3.0, COUNT),
         0.5 * rng.standard_normal((COUNT, 4, 3)),
     ).to_dtype(np.float32)  # fmt: skip
-    gsut.save_ply(run / "scene.ply", g[order_for_reading(g)])
+    gsut.formats.save_ply(run / "scene.ply", g[order_for_reading(g)])
     return run
 
 

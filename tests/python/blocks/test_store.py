@@ -82,7 +82,7 @@ def test_scene_is_written_block_by_block_as_one(store, gaussians, tmp_path):
     origin = store.save(tmp_path / "parts.ply", 1, ["said"], False)
     parts = [gaussians[owners == block] for block in range(3)]
     whole = merge_gaussians([part[order_for_reading(part)] for part in parts]).translate(OFFSET)
-    gsut.save_ply(tmp_path / "whole.ply", whole, ["said"])
+    gsut.formats.save_ply(tmp_path / "whole.ply", whole, ["said"])
     assert (tmp_path / "parts.ply").read_bytes() == (tmp_path / "whole.ply").read_bytes()
     assert not origin.any()
     some, of = store.sample(1)
@@ -95,6 +95,6 @@ def test_scene_far_from_zero_keeps_its_origin(gaussians, tmp_path):
     owners = far.owners(gaussians)
     far.sort(0, [lambda b=b: Trained(gaussians[owners == b]) for b in range(3)])
     np.testing.assert_array_equal(far.save(tmp_path / "far.ply", 0, [], False), far._offset)
-    back = gsut.load_ply(tmp_path / "far.ply")
+    back = gsut.formats.load_ply(tmp_path / "far.ply")
     np.testing.assert_array_equal(back.origin, far._offset)
     assert len(back) == 300

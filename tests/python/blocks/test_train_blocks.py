@@ -32,7 +32,7 @@ def test_training_in_blocks_writes_one_scene(finished):
     layout = Layout.read(str(out / "blocks/layout.json"))
     assert blocks["count"] == 3 == len(layout) == len(blocks["rows"])
     assert sum(row["gaussians"] for row in blocks["rows"]) == metrics["num_gaussians"]
-    gaussians = gsut.load_ply(out / "scene.ply").with_origin((0, 0, 0))
+    gaussians = gsut.formats.load_ply(out / "scene.ply").with_origin((0, 0, 0))
     assert metrics["num_gaussians"] == len(gaussians) == 400
     owners = layout.owners(gaussians.means.astype(float))
     assert np.bincount(owners).tolist() == [row["gaussians"] for row in blocks["rows"]]
@@ -109,7 +109,7 @@ def test_run_that_was_broken_off_goes_on_to_the_same_bits(scene, finished, tmp_p
     monkeypatch.undo()
     assert not (out / "metrics.json").exists()
     assert "loop" in read_checkpoint(states(out)[-1])  # in the middle of a block
-    monkeypatch.setattr("gsut.training.results.write_report", lambda *_: None)
+    monkeypatch.setattr("gsut.training.record.results.write_report", lambda *_: None)
     assert main(["train", str(scene.path), "-o", str(out), "--resume", "--quiet"]) == 0
     assert same_bits(finished / "run", out)
 
@@ -228,7 +228,7 @@ def test_run_killed_before_its_first_step_goes_on_to_the_same_bits(
     assert main(words) == 130
     assert (out / "options.json").is_file()
     monkeypatch.undo()
-    monkeypatch.setattr("gsut.training.results.write_report", lambda *_: None)
+    monkeypatch.setattr("gsut.training.record.results.write_report", lambda *_: None)
     assert main(words) == 0
     assert same_bits(finished / "run", out)
 

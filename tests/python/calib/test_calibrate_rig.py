@@ -13,7 +13,7 @@ from calib.rig import SHAKY, rms_of_all, solve_rig, unify_turns
 from calib.rigid import compose, inverse
 from calib.solve_mrcal_rig import solve_rig_together, solve_together
 from calib_fakes import BOARD, FISHEYE
-from tests.bench.measure_boards import by_stereo_calibrate
+from calib_oracles import calibrate_stereo
 from tests.synthetic_boards import photographs as see
 from tests.synthetic_boards import random_poses
 
@@ -117,7 +117,7 @@ def test_rig_of_real_fisheyes_agrees_with_opencv_on_the_same_boards_and_lenses(s
     solve_rig(cameras, board)
     for hold in (True, False):
         first, second = solve_together(cameras, board, hold)
-        theirs = by_stereo_calibrate(first, second, board)
+        theirs = calibrate_stereo(first, second, board)
         error = compose(second.camera_from_reference, inverse(theirs))
         assert np.degrees(np.linalg.norm(error[:3])) <= tolerances.CALIB_REAL_RIG_DEGREES
         metres = np.linalg.norm(second.camera_from_reference[3:] - theirs[3:])

@@ -18,9 +18,9 @@ from calib.lens_files import ANGLE_KEY, SIGMA_KEY, write_lens
 from calib.mrcal_process import ask, have_mrcal
 from calib.rigid import compose, inverse, rodrigues_vector, rotation_matrix
 from calib.trust import judge
-from calib.uncertainty import grid_pixels, uncertainty_map
+from calib.uncertainty import spread_pixels, uncertainty_map
 from calib_fakes import BOARD, FISHEYE, corner_photographs
-from tests.bench.measure_uncertainty import coverage
+from calib_oracles import measure_coverage
 from tests.synthetic_boards import photographs as see
 from tests.synthetic_boards import random_poses
 
@@ -91,7 +91,7 @@ def test_solve_wrongly_found_board_is_named(noisy):
 
 def test_uncertainty_repeated_solves_cover_the_truth_in_95_percent():
     solves, parameters = 8, 8
-    within, projected, ratio = coverage("fisheye", solves)
+    within, projected, ratio = measure_coverage(solves)
     # 64 parameters, correlated: 3 standard deviations of a share of 95 % are 7 % and more.
     assert len(within) == parameters
     assert within.mean() > tolerances.CALIB_COVERAGE_LEAST
@@ -103,7 +103,7 @@ def test_uncertainty_map_grows_away_from_the_boards(noisy):
     _, solution = noisy
     sigma = uncertainty_map(solution, BOARD)
     rows, columns = sigma.shape
-    assert sigma.shape == grid_pixels(420, 320).shape[:2]
+    assert sigma.shape == spread_pixels(420, 320).shape[:2]
     assert sigma[rows // 2, columns // 2] < 0.1 * np.nanmax(sigma)
 
 
@@ -148,7 +148,7 @@ def test_agreement_angle_same_lens_turned_agrees_everywhere(noisy):
     _, solution = noisy
     assert agreement_angle(solution, solution, 1.0) == 1.0
     turn = rotation_matrix([0.1, -0.2, 0.3])
-    directions = rays(solution, grid_pixels(420, 320).reshape(-1, 2))
+    directions = rays(solution, spread_pixels(420, 320).reshape(-1, 2))
     directions = directions[np.isfinite(directions).all(axis=1)]
     found = best_rotation(directions, directions @ turn.T)
     assert np.abs(found - turn).max() < tolerances.CALIB_RIGID
@@ -171,10 +171,10 @@ def test_lens_file_fisheye_reads_back_exactly_and_as_nearest_splined(noisy, tmp_
     assert "px off at most" in notes[-1]
     if not have_mrcal():
         return
-    directions = rays(solution, grid_pixels(420, 320).reshape(-1, 2))
+    directions = rays(solution, spread_pixels(420, 320).reshape(-1, 2))
     seen = np.isfinite(directions).all(axis=1) & (directions[:, 2] > 0)
     answer = ask({"do": "project", "models": [text], "points": directions[seen].tolist()})
-    off = np.array(answer["pixels"]) - grid_pixels(420, 320).reshape(-1, 2)[seen]
+    off = np.array(answer["pixels"]) - spread_pixels(420, 320).reshape(-1, 2)[seen]
     assert np.abs(off).max() < tolerances.CALIB_SPLINE_LIKE_PX
 
 

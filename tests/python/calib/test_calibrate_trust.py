@@ -13,7 +13,7 @@ from calib.lens import rays
 from calib.second_lens import SecondLens, compare_with, cut_where_lenses_differ
 from calib.solution import CameraSolution
 from calib.trust import Trust, field_angle, judge
-from calib.uncertainty import grid_pixels, uncertainty_map
+from calib.uncertainty import spread_pixels, uncertainty_map
 from calib_fakes import BOARD, FISHEYE, corner_photographs
 from tests.synthetic_boards import photographs as see
 from tests.synthetic_boards import random_poses
@@ -75,7 +75,7 @@ def test_solve_bent_board_taken_for_flat_is_another_lens(bent, truth, monkeypatc
 def test_uncertainty_of_a_bent_board_holds_the_truth(bent, truth):
     found = bent[1]
     sigma = uncertainty_map(found, BOARD).ravel()
-    directions = rays(truth, grid_pixels(420, 320).reshape(-1, 2))
+    directions = rays(truth, spread_pixels(420, 320).reshape(-1, 2))
     inside = field_angle(directions) < np.radians(40.0)
     difference = np.radians(compare_lenses(found, truth, np.radians(40.0)).degrees.ravel())
     pixels = difference * FISHEYE.params[0]

@@ -9,9 +9,8 @@ import pytest
 from PIL import Image
 
 import gsut
-from gsut.capture import capture, collect_photographs
+from gsut.capture import capture, collect_photographs, needs_capture
 from gsut.capture.exif import read_facts
-from gsut.cli.poses import needs_capture
 from gsut.sfm.core.photographs import find_photographs
 from gsut.sfm.lens.start import contradiction
 from small_videos import walk

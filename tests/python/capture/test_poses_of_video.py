@@ -5,10 +5,8 @@ import json
 import pytest
 
 import gsut
-from gsut.capture import Capture
 from gsut.cli import main
-from gsut.cli.poses import with_readout
-from gsut.sfm import PosesOptions
+from gsut.sfm import PosesOptions, add_lens_readout
 from gsut.sfm.core.photographs import find_photographs
 from small_videos import walk_past
 
@@ -31,13 +29,13 @@ def test_video_becomes_poses_with_time_stamps(tmp_path, capsys):
     assert found.times == {row["name"]: row["time"] for row in rows}
 
 
-def test_named_lens_gives_the_readout_time_of_a_rolling_shutter(tmp_path):
-    capture = Capture(tmp_path, {"size": [3840, 2160], "name_rate": 29.97})
+def test_named_lens_gives_the_readout_time_of_a_rolling_shutter():
+    captured = {"size": [3840, 2160], "name_rate": 29.97}
     name = "GoPro HERO5 Black, Wide, NO-EIS"
     rolling = PosesOptions(shutter="rolling")
-    assert with_readout(rolling, name, capture).readout_time == pytest.approx(0.5, abs=0.01)
-    assert with_readout(rolling, None, capture) == rolling
-    assert with_readout(PosesOptions(), name, capture) == PosesOptions()
+    assert add_lens_readout(rolling, name, captured).readout_time == pytest.approx(0.5, abs=0.01)
+    assert add_lens_readout(rolling, None, captured) == rolling
+    assert add_lens_readout(PosesOptions(), name, captured) == PosesOptions()
     given = PosesOptions(shutter="rolling", readout_time=0.3)
-    assert with_readout(given, name, capture).readout_time == 0.3
-    assert isinstance(gsut.find_lenses(name)[0].readout_ms, float)
+    assert add_lens_readout(given, name, captured).readout_time == 0.3
+    assert isinstance(gsut.lens.find_lenses(name)[0].readout_ms, float)

@@ -9,17 +9,16 @@ import pytest
 import gsut
 import tolerances
 from gsut.check import check_scene, doctor, gather_evidence, turns
-from gsut.check.turns import rotation_vector
+from gsut.check.turns import to_rotation_vector
 from gsut.cli import main
 from gsut.data.poses import inverse
 from gsut.demo import make_demo_scene
 from gsut.sfm import angular_errors
-from tests.bench.mistakes import MISTAKES, copy_of, write
-from tests.bench.mistakes_bench import NAMED, SAID, judge
+from mistakes import MISTAKES, NAMED, SAID, copy_of, judge, write
 
 # Not to be told apart from other mistakes: said to be wrong without a name.
 NOT_NAMED = {"clock half a frame late"}
-# Need more, or larger, images than these; `./run bench mistakes` has them.
+# Need more, or larger, images than these.
 ELSEWHERE = {
     "photographs undistorted, lens not", "distortion left out", "principal point half a pixel off",
 }  # fmt: skip
@@ -66,10 +65,12 @@ def test_doctor_judges_a_scene_of_arrays_as_it_does_files(hall):
     recorded = gsut.load_dataset(hall)
     images, masks = zip(*((recorded.image(i), recorded.mask(i)) for i in range(20)), strict=True)
     poses, lens = recorded.poses(range(20)), recorded.cameras[0]
-    good = doctor(gsut.make_scene(images, lens, poses, masks=masks), progress=False)
+    good = doctor(gsut.scene_from_arrays(images, lens, poses, masks=masks), progress=False)
     assert [str(f) for f in good if f.severity == "error"] == []
     assert any("the photographs agree with poses and lens" in f.what for f in good)
-    wrong = doctor(gsut.make_scene(images, lens, np.linalg.inv(poses), masks=masks), progress=False)
+    wrong = doctor(
+        gsut.scene_from_arrays(images, lens, np.linalg.inv(poses), masks=masks), progress=False
+    )
     said = next(f for f in wrong if f.severity == "error")
     assert "read as world-to-camera" in said.what and said.where == "arrays in memory"
 
@@ -87,13 +88,13 @@ def test_turn_of_a_body_is_found_without_the_turns_of_the_matches(hall, monkeypa
     right = evidence.table.poses
     table = dataclasses.replace(evidence.table, poses=right @ inverse(turn))
     wrong = dataclasses.replace(evidence, table=table)
-    assert wrong.cost_of_poses(table.poses) > 0.9
+    assert wrong.rate_poses(table.poses) > 0.9
     monkeypatch.setattr(turns, "_FEWEST", 1000)  # as where no relative pose fits
-    found = turns.turn_of_body(wrong)
-    off = np.degrees(np.linalg.norm(rotation_vector(found[:3, :3] @ turn[:3, :3].T)))
+    found = turns.find_body_turn(wrong)
+    off = np.degrees(np.linalg.norm(to_rotation_vector(found[:3, :3] @ turn[:3, :3].T)))
     print(f"{off:.2f} degrees")
     assert off < tolerances.BODY_TURN_DEGREES
-    assert wrong.cost_of_poses(table.poses @ found) < evidence.cost_of_poses(right) + 0.1
+    assert wrong.rate_poses(table.poses @ found) < evidence.rate_poses(right) + 0.1
 
 
 def test_photographs_without_features_say_nothing(tmp_path, rng):
@@ -125,4 +126,4 @@ def test_angular_error_is_the_distance_from_the_epipolar_plane_or_from_in_front(
 def test_rotation_vector_of_a_turn_is_its_axis_times_its_angle(rng):
     for w in (0.5 * rng.normal(size=3), np.zeros(3), np.array([0.0, 3.0, 0.0])):
         turn = gsut.exp_pose([0, 0, 0, *w])[:3, :3]
-        np.testing.assert_allclose(rotation_vector(turn), w, atol=1e-12)
+        np.testing.assert_allclose(to_rotation_vector(turn), w, atol=1e-12)

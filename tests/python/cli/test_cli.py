@@ -30,7 +30,7 @@ HELP_SECONDS = 1.0  # 0.4 on an idle machine
 
 @pytest.fixture
 def scene(tmp_path, monkeypatch):
-    scene = small_run.make_scene(tmp_path / "data")
+    scene = small_run.scene_from_arrays(tmp_path / "data")
     small_run.install(monkeypatch, scene)
     return scene
 
@@ -45,7 +45,7 @@ def training(monkeypatch, scene):
     """Replaces gsut.train; records how it was called and leaves a finished run behind."""
     calls = []
 
-    def train(scene, options, out, resume=False, progress=None):
+    def train(scene, options, out, resume=False, progress=None, watch=None):
         calls.append(SimpleNamespace(options=options, out=out, resume=resume, progress=progress))
         if not RunFolder(out).holds_run():
             small_run.finished_run(Path(out), scene, options, report=False)
@@ -148,7 +148,7 @@ def test_version_is_the_cores(capsys):
         (["render", "run", "--frames", "0"], "--frames must be from 1 to"),
         (["render", "run", "--size", "big"], "--size must be like 1280x720"),
         (["render", "run", "--path", "absent.json"], "cannot read the camera path"),
-        (["eval", "run", "--data", "moved"], "the dataset moved is not there"),
+        (["eval", "run", "--data", "moved"], "the dataset moved does not exist"),
     ],
 )
 def test_wrong_arguments_are_refused_in_one_sentence(words, said, run, monkeypatch, capsys):
@@ -169,7 +169,9 @@ def test_missing_file_of_the_system_is_one_sentence(monkeypatch, capsys, run):
     def gone(path, memory):
         raise FileNotFoundError(2, "No such file or directory", "scene.ply")
 
-    monkeypatch.setattr(importlib.import_module("gsut.training.trained_run"), "open_ply", gone)
+    monkeypatch.setattr(
+        importlib.import_module("gsut.training.record.trained_run"), "open_ply", gone
+    )
     assert "scene.ply: No such file or directory" in refused(capsys, "eval", str(run.path))
 
 
@@ -304,7 +306,7 @@ def test_render_without_out_goes_into_the_run(run):
 
 def test_render_of_a_file_of_gaussians_needs_no_run(tmp_path):
     path, out = tmp_path / "scene.ply", tmp_path / "out"
-    gsut.save_ply(path, small_run.GAUSSIANS[:20])
+    gsut.formats.save_ply(path, small_run.GAUSSIANS[:20])
     words = ["render", str(path), "--frames", "3", "--size", "40x30", "--fov", "80"]
     assert main([*words, "-o", str(out)]) == 0
     images = [cv2.imread(str(file)) for file in sorted(out.iterdir())]
@@ -313,11 +315,11 @@ def test_render_of_a_file_of_gaussians_needs_no_run(tmp_path):
 
 
 def test_render_along_the_path_of_a_screenshot_uses_its_lens(run, tmp_path):
-    from gsut.lens.files import camera_values
+    from gsut.lens.files import values_from_camera
 
     path, out = tmp_path / "camera.json", tmp_path / "out"
     lens = gsut.Camera("pinhole", [20, 20, 10, 5], 20, 10)
-    shot = {"camera_from_world": [np.eye(4).tolist()], "lens": camera_values(lens)}
+    shot = {"camera_from_world": [np.eye(4).tolist()], "lens": values_from_camera(lens)}
     path.write_text(json.dumps(shot))
     assert main(["render", str(run.path), "--path", str(path), "-o", str(out)]) == 0
     assert cv2.imread(str(out / "00000.png")).shape == (10, 20, 3)

@@ -15,7 +15,7 @@ from gsut.gaussians import press_surfels
 @pytest.fixture
 def ply(tmp_path, rng):
     path = tmp_path / "in.ply"
-    gsut.save_ply(path, plain_scene(rng, 200, 16))
+    gsut.formats.save_ply(path, plain_scene(rng, 200, 16))
     return path
 
 
@@ -40,7 +40,7 @@ def test_convert_json_has_the_errors_of_the_file(ply, tmp_path, capsys):
 def test_convert_keeps_surfels_or_says_that_they_are_gaussians_now(tmp_path, rng, capsys):
     g = plain_scene(rng, 50, 1)
     press_surfels(g.log_scales)
-    gsut.save_ply(tmp_path / "in.ply", g)
+    gsut.formats.save_ply(tmp_path / "in.ply", g)
     cases = {"out.ply": [], "three.ply": ["--three-scales"], "out.glb": []}
     for name, flags in cases.items():
         assert main(["convert", str(tmp_path / "in.ply"), str(tmp_path / name), *flags]) == 0
@@ -52,7 +52,7 @@ def test_convert_keeps_surfels_or_says_that_they_are_gaussians_now(tmp_path, rng
 
 
 def test_convert_takes_the_folder_of_a_run(tmp_path, monkeypatch, capsys):
-    scene = small_run.make_scene(tmp_path / "data")
+    scene = small_run.scene_from_arrays(tmp_path / "data")
     small_run.install(monkeypatch, scene)
     run = small_run.finished_run(tmp_path / "run", scene, report=False)
     assert main(["convert", str(run.path), str(tmp_path / "out.splat"), "--quiet"]) == 0
@@ -83,7 +83,7 @@ def test_convert_refuses_in_one_sentence(words, said, ply, tmp_path, monkeypatch
 def test_convert_run_to_a_page_begins_at_a_photograph_and_is_linked_from_the_report(
     tmp_path, monkeypatch, capsys
 ):
-    scene = small_run.make_scene(tmp_path / "data")
+    scene = small_run.scene_from_arrays(tmp_path / "data")
     small_run.install(monkeypatch, scene)
     run = small_run.finished_run(tmp_path / "run", scene)
     assert "scene.html" not in (run.path / "report.html").read_text()

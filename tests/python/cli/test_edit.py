@@ -17,13 +17,13 @@ from gsut.cli import main
 @pytest.fixture
 def ply(tmp_path, rng, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    gsut.save_ply("in.ply", plain_scene(rng, 400, 4))
-    return gsut.load_ply("in.ply")
+    gsut.formats.save_ply("in.ply", plain_scene(rng, 400, 4))
+    return gsut.formats.load_ply("in.ply")
 
 
 def edited(capsys, *words):
     assert main(["edit", *words, "-o", "out.ply", "--json"]) == 0
-    return gsut.load_ply("out.ply"), json.loads(capsys.readouterr().out)
+    return gsut.formats.load_ply("out.ply"), json.loads(capsys.readouterr().out)
 
 
 def test_edit_crops_by_box_sphere_and_opacity(ply, capsys):
@@ -73,13 +73,13 @@ def test_edit_merges_several(ply, capsys):
 def test_edit_refuses_in_one_sentence(ply, words, said, capsys):
     assert main(["edit", "in.ply", *words.split()]) == 2
     assert said in capsys.readouterr().err
-    assert len(gsut.load_ply("in.ply")) == 400
+    assert len(gsut.formats.load_ply("in.ply")) == 400
 
 
 @pytest.fixture
 def run(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    scene = small_run.make_scene(tmp_path / "data")
+    scene = small_run.scene_from_arrays(tmp_path / "data")
     small_run.install(monkeypatch, scene)
     return small_run.finished_run(tmp_path / "run", scene, report=False), scene
 

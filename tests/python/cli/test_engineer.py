@@ -150,7 +150,7 @@ def test_from_files_through_the_commands_to_depth_in_the_right_frame(walk, capsy
     assert json.loads(out)["psnr"] > tolerances.ENGINEER_PSNR
     # A place where no picture was taken, through the right lens, in the SLAM's own coordinates.
     pose = world_from_body(5 * FINE + FINE // 2) @ body_from_cameras()[1]
-    gaussians = gsut.load_ply(run / "scene.ply")
+    gaussians = gsut.formats.load_ply(run / "scene.ply")
     rendered = gsut.render(gaussians, lenses[1], inverse(pose))
     rays, inside = lenses[1].rays()
     truth = distances(hall, in_hall(pose), rays[inside])

@@ -134,7 +134,7 @@ def test_name_that_the_terminal_cannot_show_is_shown_escaped(tmp_path):
 
 def test_every_writer_on_a_full_disk_fails_and_names_the_file(tmp_path, rng):
     ply, lens = tmp_path / "in.ply", tmp_path / "in.yaml"
-    gsut.save_ply(ply, plain_scene(rng, 200, 16))
+    gsut.formats.save_ply(ply, plain_scene(rng, 200, 16))
     gsut.save_camera(gsut.Camera("kannala_brandt", [99, 99, 64, 48, 0.1, 0, 0, 0], 128, 96), lens)
     small_datasets.write_nerfstudio(tmp_path / "plane")
     small_datasets.write_ply(tmp_path / "cloud.ply", *small_datasets.points())
@@ -191,7 +191,7 @@ def test_every_writer_on_a_full_disk_fails_and_names_the_file(tmp_path, rng):
 )
 def test_sizes_without_bound_are_refused_at_once(words, said, tmp_path, monkeypatch, rng, capsys):
     monkeypatch.chdir(tmp_path)
-    gsut.save_ply("in.ply", plain_scene(rng, 20, 1))
+    gsut.formats.save_ply("in.ply", plain_scene(rng, 20, 1))
     gsut.save_camera(
         gsut.Camera("kannala_brandt", [99, 99, 64, 48, 0.1, 0, 0, 0], 128, 96), "in.yaml"
     )

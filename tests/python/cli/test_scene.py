@@ -9,12 +9,13 @@ import sys
 import time
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 import gsut
 from gsut.cli import main
-from gsut.run import StagedProgress, Verdict
+from gsut.run import StagedProgress
 from gsut.sfm.time_left import LensSteps, StepShares
 from gsut.training import TrainingTime
 from small_videos import walk_past
@@ -71,7 +72,7 @@ def test_second_run_says_done_and_changes_nothing(made, capsys):
     before = [path.stat().st_mtime_ns for path in files]
     assert main([*words, "-o", str(folder / "run")]) == 0
     printed = capsys.readouterr().out
-    assert printed.startswith("done already") and "report: " in printed
+    assert printed.startswith("already finished") and "report: " in printed
     assert [path.stat().st_mtime_ns for path in files] == before
     assert main([*words, "-o", str(folder / "run"), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["registered"] == 6
@@ -103,6 +104,40 @@ def test_killed_at_any_stage_it_ends_with_the_same_bits(made, tmp_path):
     assert (run / "scene.ply").read_bytes() == (folder / "run/scene.ply").read_bytes()
     names = ("poses/transforms.json", "poses/points3D.ply")
     assert all((run / n).read_bytes() == (folder / "run" / n).read_bytes() for n in names)
+
+
+def test_scene_called_from_python_resumes_after_interrupts(tmp_path):
+    video, pictures = cv2.VideoCapture(str(walk_past(tmp_path / "walk.mp4"))), tmp_path / "pictures"
+    pictures.mkdir()
+    for number in range(24):
+        _, picture = video.read()
+        if number % 4 == 0:
+            cv2.imwrite(str(pictures / f"{number:02}.png"), picture)
+    lens = tmp_path / "lens.yaml"
+    gsut.save_camera(gsut.Camera("pinhole", [300.0, 300.0, 160.0, 120.0], 320, 240), lens)
+    options = gsut.SceneOptions(preset="fast", steps=40, camera=str(lens), threads=1)
+    states = []
+
+    def interrupt_at(stage):
+        def show(row):
+            states.append(row)
+            if row["stage"] == stage:
+                raise KeyboardInterrupt
+
+        return show
+
+    run = tmp_path / "run"
+    for stage in ("matching", "training"):
+        with pytest.raises(KeyboardInterrupt):
+            gsut.scene(pictures, run, options, progress=interrupt_at(stage))
+        assert states[-1]["stage"] == stage and states[-1]["seconds_left"] > 0
+    result = gsut.scene(pictures, run, options, progress=False)
+    assert result.figures["registered"] == 6 and result.trained is not None
+    assert result.page.is_file() and result.verdict.level in ("usable", "poor")
+    again = gsut.scene(pictures, run, options, progress=interrupt_at("capture"))
+    assert again.trained is None and again.figures == result.figures
+    whole = gsut.scene([pictures], tmp_path / "whole", options, progress=False)
+    assert (whole.path / "scene.ply").read_bytes() == (run / "scene.ply").read_bytes()
 
 
 def test_bad_input_is_one_sentence(tmp_path, capsys):
@@ -152,19 +187,6 @@ def test_staged_bar_never_goes_back_and_skips_what_is_done():
         before = bars.left()
         bars.show(0.1)  # a sub-stage that begins again
         assert bars.left() == before
-
-
-def test_verdict_of_few_pictures_names_what_to_do():
-    from gsut.cli.scene import _capture_verdict
-
-    rows = [{"blurred": i < 10} for i in range(30)]
-    found = _capture_verdict({"frames": rows, "size": (4, 3)})
-    assert (
-        isinstance(found, Verdict)
-        and found.level == "usable"
-        and "10 of them blurred" in str(found)
-    )
-    assert _capture_verdict({"frames": rows[10:], "size": (4, 3)}).level == "good"
 
 
 @pytest.mark.parametrize("run", json.loads(LOGGED.read_text()), ids=lambda run: run["data"])

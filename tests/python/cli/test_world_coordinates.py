@@ -10,7 +10,7 @@ import pytest
 import gsut
 import tolerances
 from gsut.cli import main
-from gsut.data import writable_layouts
+from gsut.data import list_writable_layouts
 from gsut.data.points import load_points_ply
 from gsut.formats import formats
 from gsut.render import PixelFilter, to_uint8, write_png
@@ -88,7 +88,7 @@ def test_scene_and_views_are_in_the_datasets_coordinates(case):
 def test_scene_file_with_the_datasets_poses_gives_the_psnr_of_the_run(case):
     offset, data, run = case
     metrics = json.loads((run / "metrics.json").read_text())
-    gaussians = gsut.load_ply(run / "scene.ply")
+    gaussians = gsut.formats.load_ply(run / "scene.ply")
     assert abs(psnr_of(gaussians, data) - metrics["psnr"]) < tolerances.SAME_FRAME_DB
     middle = np.median(gaussians.means, axis=0) + gaussians.origin
     assert np.linalg.norm(middle - offset) < 1
@@ -116,7 +116,11 @@ def test_render_along_a_path_of_the_datasets_poses_shows_these_views(case, tmp_p
     words += ["--depth", "ray", "--cloud", str(tmp_path / "cloud.ply")]
     assert main(["render", str(run), *words]) == 0
     found = cv2.imread(str(tmp_path / "out" / "00000.png"))[..., ::-1]
-    g, camera, train = gsut.load_ply(run / "scene.ply"), scene.camera(3), scene.train_indices
+    g, camera, train = (
+        gsut.formats.load_ply(run / "scene.ply"),
+        scene.camera(3),
+        scene.train_indices,
+    )
     pixels = PixelFilter(g, [scene.camera(row) for row in train], scene.poses(train))
     wanted = gsut.render(pixels.of(camera, pose), camera, pose).image
     assert np.abs(found.astype(int) - to_uint8(wanted)).max() <= 2
@@ -125,7 +129,9 @@ def test_render_along_a_path_of_the_datasets_poses_shows_these_views(case, tmp_p
     atol = tolerances.DATA_UTM_POSITION
     np.testing.assert_allclose(view.camera_from_world, pose, rtol=0, atol=atol)
     depth = np.load(view.depth_path)
-    seen = gsut.depth_points([gsut.DepthMap(camera, view.camera_from_world, depth)]).vertices
+    seen = gsut.surface.depth_points(
+        [gsut.surface.DepthMap(camera, view.camera_from_world, depth)]
+    ).vertices
     cloud, colors = load_points_ply(tmp_path / "cloud.ply")
     np.testing.assert_allclose(cloud, seen, rtol=0, atol=tolerances.CLOUD_UNITS)
     assert len(colors) == len(cloud) > 500
@@ -155,7 +161,10 @@ def test_mesh_and_cut_scene_lie_where_the_points_do(case, tmp_path):
     box = [f"{value:.17g}" for value in (*(middle - 0.3), *(middle + 0.3))]
     words = ["edit", str(run), "-o", str(tmp_path / "cut.ply"), "--quiet", "--crop-box", *box]
     assert main(words) == 0
-    whole, cut = gsut.load_ply(run / "scene.ply"), gsut.load_ply(tmp_path / "cut.ply")
+    whole, cut = (
+        gsut.formats.load_ply(run / "scene.ply"),
+        gsut.formats.load_ply(tmp_path / "cut.ply"),
+    )
     assert 0 < len(cut) < len(whole)
     assert np.abs(cut.means + cut.origin - middle).max() < 0.3 + tolerances.FORMATS_IN_PLACE
 
@@ -168,7 +177,7 @@ def test_coloured_points_and_each_layout_keep_the_place(case, tmp_path):
     assert main(["points", str(data), *words]) == 0
     atol = tolerances.DATA_UTM_POSITION
     np.testing.assert_allclose(load_points_ply(cloud)[0], scene.points, rtol=0, atol=atol)
-    for layout in writable_layouts():
+    for layout in list_writable_layouts():
         out = tmp_path / layout
         assert main(["data", "convert", str(data), str(out), "--to", layout, "--link"]) == 0
         found = gsut.load_dataset(out, test_every=0)
@@ -185,7 +194,7 @@ def test_compacted_run_and_file_stay_in_place(case, tmp_path):
     for source, out in ((run, tmp_path / "fewer"), (run / "scene.ply", tmp_path / "fewer.ply")):
         assert main(["compact", str(source), "-o", str(out), "--keep", "0.9", "--quiet"]) == 0
         file = out if out.is_file() else out / "scene.ply"
-        assert psnr_of(gsut.load_ply(file), data) > before - tolerances.COMPACT_IN_PLACE_DB
+        assert psnr_of(gsut.formats.load_ply(file), data) > before - tolerances.COMPACT_IN_PLACE_DB
 
 
 def test_localize_gives_the_datasets_pose(case, tmp_path, capsys):
@@ -214,7 +223,7 @@ def test_refined_poses_lie_beside_the_given_ones(case, tmp_path):
         matrix = np.array(row["camera_from_world"])
         np.testing.assert_allclose(matrix, view.camera_from_world, atol=1e-8)
     metrics = json.loads((run / "metrics.json").read_text())
-    found = gsut.evaluate(gsut.load_ply(run / "scene.ply"), scene, scene.test_indices)
+    found = gsut.evaluate(gsut.formats.load_ply(run / "scene.ply"), scene, scene.test_indices)
     assert abs(found["psnr"] - metrics["psnr"]) < tolerances.SAME_FRAME_DB
 
 
@@ -244,12 +253,12 @@ def test_result_of_train_is_in_the_datasets_coordinates(case):
 def test_origin_of_a_file_comes_back_and_a_damaged_one_is_refused(tmp_path, rng):
     g = truth(rng).translate(UTM)
     file = tmp_path / "scene.ply"
-    gsut.save_ply(file, g)
-    np.testing.assert_array_equal(gsut.load_ply(file).origin, UTM)
-    np.testing.assert_array_equal(gsut.load_ply(file).means, g.means)
+    gsut.formats.save_ply(file, g)
+    np.testing.assert_array_equal(gsut.formats.load_ply(file).origin, UTM)
+    np.testing.assert_array_equal(gsut.formats.load_ply(file).means, g.means)
     file.write_bytes(file.read_bytes().replace(b"691234.5 ", b"east "))
     with pytest.raises(gsut.InputError, match="must end in three numbers"):
-        gsut.load_ply(file)
+        gsut.formats.load_ply(file)
 
 
 def test_about_another_origin_is_the_same_place(rng):
@@ -265,7 +274,7 @@ def test_about_another_origin_is_the_same_place(rng):
 
 def test_every_format_keeps_the_place_or_says_that_it_cannot(case, tmp_path, capsys):
     offset, _, run = case
-    source = gsut.load_ply(run / "scene.ply")
+    source = gsut.formats.load_ply(run / "scene.ply")
     kept = lost = 0
     for each in formats():
         if each.read is None or (each.name == "USD" and find_spec("pxr") is None):

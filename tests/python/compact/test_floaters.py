@@ -55,7 +55,7 @@ def planted(tmp_path, rng):
         np.full((number, 3), math.log(0.12)), np.full(number, 3.0),
         rng.uniform(-1.5, 1.5, (number, 1, 3)),
     ).to_dtype(np.float32)  # fmt: skip
-    scene = small_run.make_scene(tmp_path / "data")
+    scene = small_run.scene_from_arrays(tmp_path / "data")
     poses = [small_run.inward_pose(2 * math.pi * i / VIEWS) for i in range(VIEWS)]
     camera = gsut.Camera("pinhole", [50.0, 50.0, 32, 32], 64, 64)
     blobs, views = [], []

@@ -11,11 +11,11 @@ import small_datasets as small
 import small_recordings as made
 import tolerances
 from gsut.cli import main
-from gsut.data import writable_layouts
+from gsut.data import list_writable_layouts
 from gsut.data.export import Export, link_file
 from gsut.files import UNFINISHED
 
-LAYOUTS = sorted(writable_layouts())
+LAYOUTS = sorted(list_writable_layouts())
 
 
 def assert_same(scene: gsut.Scene, other: gsut.Scene, order=None) -> None:
@@ -247,7 +247,7 @@ WRONG = {
 
 
 @pytest.mark.parametrize("name", WRONG)
-@pytest.mark.parametrize("call", ["save_dataset", "make_scene"])
+@pytest.mark.parametrize("call", ["save_dataset", "scene_from_arrays"])
 def test_wrong_arrays_are_refused_by_name(call, name, tmp_path):
     change, message = WRONG[name]
     given = arrays()
@@ -261,7 +261,7 @@ def test_wrong_arrays_are_refused_by_name(call, name, tmp_path):
 
 def test_make_scene_is_the_scene_of_the_files(tmp_path):
     given = arrays()
-    scene = gsut.make_scene(**given, test_every=4)
+    scene = gsut.scene_from_arrays(**given, test_every=4)
     small.write_nerfstudio(tmp_path)
     files = gsut.load_dataset(tmp_path, test_every=4)
     assert (scene.train_indices, scene.test_indices) == (files.train_indices, files.test_indices)
@@ -273,7 +273,7 @@ def test_make_scene_is_the_scene_of_the_files(tmp_path):
 
 def test_make_scene_trains_and_is_judged_without_files(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    scene = gsut.make_scene(**arrays(), test_every=4)
+    scene = gsut.scene_from_arrays(**arrays(), test_every=4)
     result = gsut.train(scene, gsut.TrainOptions(preset="fast", steps=20), progress=False)
     figures = gsut.evaluate(result.gaussians, scene, scene.test_indices)
     assert len(figures["views"]) == len(scene.test_indices) == 3

@@ -13,7 +13,7 @@ import tolerances
 from gsut.data import TrainingViews, load_dataset
 from gsut.data.images import decode_image, decode_mask, read_header, shrink_image, shrink_mask
 from gsut.data.scene.lru_cache import LruCache
-from gsut.data.scene.scene import lens_mask
+from gsut.data.scene.scene import make_lens_mask
 
 
 def test_scaled_image_is_the_area_mean(tmp_path):
@@ -61,7 +61,7 @@ def test_lens_mask_of_a_scaled_scene_equals_asking_every_source_pixel(factor, an
     camera = full.resized(*size)
     expected = camera.rays()[1] & shrink_mask(np.array(full.rays()[1]), *size)
     assert 0 < full.rays()[1].mean() < 1
-    np.testing.assert_array_equal(lens_mask(camera, full), expected)
+    np.testing.assert_array_equal(make_lens_mask(camera, full), expected)
 
 
 @pytest.mark.parametrize("angle_degrees", [40, 70, 95])
@@ -70,7 +70,7 @@ def test_lens_mask_of_a_large_photograph_equals_asking_every_pixel(angle_degrees
     camera = gsut.Camera(
         "kannala_brandt", params, 920, 640, valid_field_angle=np.radians(angle_degrees)
     )
-    np.testing.assert_array_equal(lens_mask(camera, camera), camera.rays()[1])
+    np.testing.assert_array_equal(make_lens_mask(camera, camera), camera.rays()[1])
 
 
 def test_shrink_mask_any_ratio_is_valid_only_where_all_sources_are(rng):

@@ -109,7 +109,7 @@ def test_render_of_held_out_views_keeps_the_rolling_shutter(video, tmp_path):
     assert main(["train", str(video), "-o", str(run), "--readout-time", "0.8", *words]) == 0
     assert main(["render", str(run), "--path", "test", "-o", str(out)]) == 0
     scene = with_shutter(gsut.load_dataset(video), readout_time=READOUT)
-    gaussians = gsut.load_ply(run / "scene.ply")
+    gaussians = gsut.formats.load_ply(run / "scene.ply")
     train = scene.train_indices
     lenses = [scene.camera(index) for index in train]
     pixels = PixelFilter(gaussians, lenses, scene.poses(train))

@@ -10,7 +10,7 @@ from PIL import Image
 import gsut
 import tolerances as tol
 from gsut.data.images import decode_image
-from gsut.training import prepare_scene, size_note
+from gsut.training import describe_resizing, prepare_scene
 
 SIZE = 80, 60
 
@@ -49,7 +49,7 @@ def test_photographs_above_the_limit_are_used_smaller_and_said_so(dataset):
     prepared = prepare_scene(scene, options)
     (camera,) = prepared.cameras
     assert (camera.width, camera.height) == (36, 27)
-    assert prepared.notes[-1] == size_note(scene, options)
+    assert prepared.notes[-1] == describe_resizing(scene, options)
     assert "photographs of 80 x 60 are used at 36 x 27" in prepared.notes[-1]
     by_areas = scene.scaled(0.45)
     for i in range(3):

@@ -11,7 +11,7 @@ import small_datasets
 from gsut import _core
 from gsut._core import Shutter
 from gsut.data import Frame, write_transforms
-from gsut.data.points import points_ply
+from gsut.data.points import format_points_ply
 from gsut.lens import load_camera
 from lens_cases import real_lenses
 
@@ -49,7 +49,7 @@ def test_frames_come_back(tmp_path, rng, shutter, lenses):
     frames = frames_in(tmp_path, rng, LENSES[lenses], shutter)
     points = rng.normal(size=(5, 3))
     colors = rng.integers(0, 255, (5, 3), np.uint8)
-    (tmp_path / "p.ply").write_bytes(points_ply(points, colors))
+    (tmp_path / "p.ply").write_bytes(format_points_ply(points, colors))
     write_transforms(tmp_path / "transforms.json", frames, points_file="p.ply", test=["1.png"])
     assert len(list(tmp_path.glob("*.lens.json"))) == {"file": 1, "both": 1, "files": 3}.get(
         lenses, 0
@@ -86,7 +86,7 @@ def test_every_lens_comes_back_from_its_dataset(tmp_path, rng):
         assert read == small, camera
         assert load_camera(folder / "transforms.json") == small
         compared += 1
-    assert compared >= len(gsut.camera_models())
+    assert compared >= len(gsut.lens.camera_models())
 
 
 def test_lens_file_of_gsut_keeps_what_mrcal_keeps(tmp_path):

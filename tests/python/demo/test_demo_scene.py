@@ -272,7 +272,7 @@ def test_demo_scene_interrupted_leaves_nothing(tmp_path, monkeypatch):
     def interrupt(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(dataset, "points_ply", interrupt)
+    monkeypatch.setattr(dataset, "format_points_ply", interrupt)
     with pytest.raises(KeyboardInterrupt):
         make_demo_scene(tmp_path / "data", 1, 0, 16, progress=False)
     assert not list(tmp_path.iterdir())

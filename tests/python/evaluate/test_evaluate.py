@@ -19,7 +19,7 @@ ERROR = 0.1  # of every colour value that the fake renderer shows
 
 @pytest.fixture
 def scene(tmp_path, monkeypatch):
-    scene = small_run.make_scene(tmp_path / "data")
+    scene = small_run.scene_from_arrays(tmp_path / "data")
     small_run.install(monkeypatch, scene, ERROR)
     return scene
 
@@ -54,7 +54,7 @@ def test_evaluate_figures_of_a_view_are_those_of_its_pictures(scene):
         )
         for name, figure in (
             ("psnr", gsut.psnr),
-            ("psnr_color_corrected", gsut.color_corrected_psnr),
+            ("psnr_color_corrected", gsut.metrics.color_corrected_psnr),
         ):
             assert row[name] == pytest.approx(
                 figure(image, truth, mask), abs=tolerances.FIGURE_ROUNDING
@@ -64,7 +64,7 @@ def test_evaluate_figures_of_a_view_are_those_of_its_pictures(scene):
 def test_evaluate_with_one_bad_view_names_it(tmp_path, monkeypatch):
     size = small_run.SIZE
     every_pixel = gsut.Camera("pinhole", [size, size, size / 2, size / 2], size, size)
-    scene = small_run.make_scene(tmp_path / "data", every_pixel, inverted=3)
+    scene = small_run.scene_from_arrays(tmp_path / "data", every_pixel, inverted=3)
     small_run.install(monkeypatch, scene, ERROR)
     figures = evaluate(small_run.GAUSSIANS, scene, scene.test_indices)
     assert figures["worst_view"] == "images/3.png"

@@ -18,7 +18,7 @@ from gsut.run.options import TrainOptions
 
 @pytest.fixture
 def run(tmp_path, monkeypatch):
-    scene = small_run.make_scene(tmp_path / "data")
+    scene = small_run.scene_from_arrays(tmp_path / "data")
     small_run.install(monkeypatch, scene)
     return small_run.finished_run(tmp_path / "run", scene)
 

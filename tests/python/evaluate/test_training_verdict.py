@@ -42,7 +42,7 @@ def test_verdict_of_a_training(changes, level, reason, advice):
     assert verdict.level == level
     assert reason in "; ".join(verdict.reasons)
     assert advice in verdict.advice
-    assert Verdict.of(verdict.as_dict()) == verdict
+    assert Verdict.from_dict(verdict.as_dict()) == verdict
     if changes.get("psnr", 30.0) is not None:
         assert "30 dB sharp" in verdict.what
 

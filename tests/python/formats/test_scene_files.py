@@ -89,12 +89,12 @@ def test_rows_that_cannot_be_drawn_are_left_out_with_file_and_row(
 ):
     g, path = plain_scene(rng, 20), tmp_path / "a.ply"
     getattr(g, field)[[3, 8]] = value
-    gsut.save_ply(path, g)
+    gsut.formats.save_ply(path, g)
     said = rf"{path}: 2 of 20 Gaussians have {why} and were left out; the first is row 3"
     with pytest.warns(UserWarning, match=f"^{said}$"):
         assert len(read(path)) == 18
     getattr(g, field)[:] = value
-    gsut.save_ply(path, g)
+    gsut.formats.save_ply(path, g)
     with pytest.raises(InputError, match=f"none of its 20 Gaussians can be drawn: row 0 has {why}"):
         read(path)
 

@@ -34,7 +34,7 @@ def blank(g):
 def test_low_pass_scales_and_opacities_follow_the_definition(rng):
     g = small_scene(rng, pinhole(), np.eye(4))
     radii = 10 ** rng.uniform(-4, 0, len(g))
-    found = gsut.apply_low_pass(g, radii)
+    found = gsut.loop.apply_low_pass(g, radii)
     before, after = np.exp(g.log_scales), np.sqrt(np.exp(2 * g.log_scales) + radii[:, None] ** 2)
     assert np.abs(np.exp(found.log_scales) / after - 1).max() < tolerances.LOW_PASS_DOUBLE
 
@@ -46,24 +46,24 @@ def test_low_pass_scales_and_opacities_follow_the_definition(rng):
     opacity = 1 / (1 + np.exp(-g.opacity_logits)) * shadow(before) / shadow(after)
     filtered = 1 / (1 + np.exp(-found.opacity_logits))
     assert np.abs(filtered / opacity - 1).max() < tolerances.LOW_PASS_DOUBLE
-    assert np.array_equal(gsut.apply_low_pass(g, np.zeros(len(g))).log_scales, g.log_scales)
+    assert np.array_equal(gsut.loop.apply_low_pass(g, np.zeros(len(g))).log_scales, g.log_scales)
 
 
 @pytest.mark.parametrize("parameter", ["log_scales", "opacity_logits", "means"])
 def test_low_pass_backward_through_the_renderer_matches_central_differences(rng, parameter):
     camera, pose = fisheye(24), random_pose(rng)
     g = small_scene(rng, camera, pose, 20)
-    radii = gsut.find_filter_radii(g.means, [camera], pose[None], 0.5)
+    radii = gsut.loop.find_filter_radii(g.means, [camera], pose[None], 0.5)
     weights = random_weights(rng, camera)
 
     def loss(at):
         return loss_of(
-            gsut.render(gsut.apply_low_pass(at, radii), camera, pose, dtype="float64"), weights
+            gsut.render(gsut.loop.apply_low_pass(at, radii), camera, pose, dtype="float64"), weights
         )
 
-    result = gsut.render(gsut.apply_low_pass(g, radii), camera, pose, dtype="float64")
+    result = gsut.render(gsut.loop.apply_low_pass(g, radii), camera, pose, dtype="float64")
     slopes = gsut.render_backward(result, *weights).gaussians
-    gsut.apply_low_pass_backward(g, radii, slopes)
+    gsut.loop.apply_low_pass_backward(g, radii, slopes)
     found = getattr(slopes, parameter).ravel()
     step, ran, expected = 1e-6, 0, np.zeros_like(found)
     for index in range(found.size):
@@ -89,9 +89,9 @@ def test_low_pass_float_and_its_backward_match_double(rng):
         *(rng.normal(size=getattr(g, f.name).shape) for f in dataclasses.fields(g))
     )
     single, single_slopes = g.to_dtype(np.float32), slopes.to_dtype(np.float32)
-    gsut.apply_low_pass_backward(g, radii, slopes)
-    gsut.apply_low_pass_backward(single, radii, single_slopes)
-    exact, found = gsut.apply_low_pass(g, radii), gsut.apply_low_pass(single, radii)
+    gsut.loop.apply_low_pass_backward(g, radii, slopes)
+    gsut.loop.apply_low_pass_backward(single, radii, single_slopes)
+    exact, found = gsut.loop.apply_low_pass(g, radii), gsut.loop.apply_low_pass(single, radii)
     for name in ("log_scales", "opacity_logits"):
         assert relative_error(getattr(found, name), getattr(exact, name)) < (
             tolerances.LOW_PASS_FLOAT
@@ -112,8 +112,8 @@ def test_low_pass_extreme_values_stay_finite():
                 )  # fmt: skip
                 slopes = blank(g)
                 slopes.log_scales[:] = slopes.opacity_logits[:] = 1
-                gsut.apply_low_pass_backward(g, np.array([radius]), slopes)
-                found = gsut.apply_low_pass(g, np.array([radius]))
+                gsut.loop.apply_low_pass_backward(g, np.array([radius]), slopes)
+                found = gsut.loop.apply_low_pass(g, np.array([radius]))
                 for array in (found.log_scales, found.opacity_logits, slopes.log_scales):
                     assert np.isfinite(array).all(), (scale, logit, radius)
                 ran += 1
@@ -125,7 +125,7 @@ def test_filter_radii_are_a_pixel_at_the_nearest_camera_through_every_lens():
     for name, camera in every_lens(48):
         rays, valid = camera.rays()
         directions = rays[valid][rng_of(name).integers(int(valid.sum()), size=50)]
-        radii = gsut.find_filter_radii(2 * directions, [camera], np.eye(4)[None], 1.0)
+        radii = gsut.loop.find_filter_radii(2 * directions, [camera], np.eye(4)[None], 1.0)
         # A pixel covers the solid angle that four neighbouring rays span; here by differences.
         pixels, _ = camera.project(directions)
         step = 0.001
@@ -147,7 +147,7 @@ def test_filter_radii_are_a_pixel_at_the_nearest_camera_through_every_lens():
     camera, far = pinhole(), np.eye(4)
     far[2, 3] = 3.0
     points = np.array([[0, 0, 1.0], [0, 0, 2.0], [0, 0, -9.0]])
-    radii = gsut.find_filter_radii(points, [camera, camera], np.array([np.eye(4), far]), 0.3)
+    radii = gsut.loop.find_filter_radii(points, [camera, camera], np.array([np.eye(4), far]), 0.3)
     assert radii == pytest.approx([0.3 / 48, 0.6 / 48, 0.6 / 48])
 
 
@@ -162,8 +162,8 @@ def zoomed_out(g, camera, pose, factor):
     truth = large.reshape(height, factor, width, factor, 3).mean(axis=(1, 3))
     small = camera.resized(width, height)
     plain = gsut.render(g, small, pose).image
-    radii = gsut.find_filter_radii(g.means, [small], pose[None], 0.3)
-    filtered = gsut.render(gsut.apply_low_pass(g, radii), small, pose).image
+    radii = gsut.loop.find_filter_radii(g.means, [small], pose[None], 0.3)
+    filtered = gsut.render(gsut.loop.apply_low_pass(g, radii), small, pose).image
     return psnr(plain, truth), psnr(filtered, truth)
 
 
@@ -188,11 +188,11 @@ def test_training_with_the_filter_saves_what_it_renders(tmp_path, rng):
     scene = gsut.load_dataset(data)
     options = gsut.TrainOptions(steps=60, max_gaussians=800, sh_degree=0, seed=1, low_pass=0.3)
     result = gsut.train(scene, options, out=tmp_path / "run", progress=False)
-    saved = gsut.load_ply(tmp_path / "run" / "scene.ply")
+    saved = gsut.formats.load_ply(tmp_path / "run" / "scene.ply")
     assert np.array_equal(saved.log_scales, result.gaussians.log_scales)
     # No Gaussian is thinner than a third of a pixel of the camera that sees it best.
     views = [scene.views[i] for i in scene.train_indices]
-    radii = gsut.find_filter_radii(
+    radii = gsut.loop.find_filter_radii(
         saved.means, [scene.cameras[v.camera_index] for v in views],
         np.array([v.camera_from_world for v in views]), 0.3,
     )  # fmt: skip
@@ -205,11 +205,11 @@ def test_training_with_the_filter_saves_what_it_renders(tmp_path, rng):
 @pytest.mark.parametrize("pixels", [0.0, -1.0, np.nan, np.inf])
 def test_low_pass_bad_arguments_are_refused(pixels):
     with pytest.raises(InputError, match="low_pass"):
-        gsut.find_filter_radii(np.zeros((1, 3)), [pinhole()], np.eye(4)[None], pixels)
+        gsut.loop.find_filter_radii(np.zeros((1, 3)), [pinhole()], np.eye(4)[None], pixels)
     g = gsut.Gaussians(
         np.zeros((1, 3)), [[1.0, 0, 0, 0]], np.zeros((1, 3)), [0.0], np.zeros((1, 1, 3))
     )
     with pytest.raises(InputError, match="radii"):
-        gsut.apply_low_pass(g, np.array([-1.0]))
+        gsut.loop.apply_low_pass(g, np.array([-1.0]))
     with pytest.raises(InputError, match="camera_from_world"):
-        gsut.find_filter_radii(np.zeros((1, 3)), [pinhole()], np.eye(4), 0.3)
+        gsut.loop.find_filter_radii(np.zeros((1, 3)), [pinhole()], np.eye(4), 0.3)

@@ -16,7 +16,7 @@ from gsut.gaussians.packed_harmonics import (
     pack_harmonics,
     to_mixed,
 )
-from gsut.training.finetuning import finetune, finetune_options
+from gsut.training.tuning.finetuning import finetune, finetune_options
 from random_scenes import every_lens, fisheye, gaussians_in_view, random_pose
 from rendered_dataset import write_dataset
 
@@ -61,8 +61,8 @@ def test_mixed_renders_and_differentiates_to_the_same_bits_on_every_instruction_
     packed = to_mixed(g)
     plain, ran = packed.to_gaussians(), 0
     rng = np.random.default_rng(3)
-    for isa in gsut.available_isas():
-        gsut.set_isa(isa)
+    for isa in gsut.machine.available_isas():
+        gsut.machine.set_isa(isa)
         one = gsut.render(plain, camera, pose, sh_degree=sh_degree)
         two = gsut.render(packed, camera, pose, sh_degree=sh_degree)
         assert np.count_nonzero(one.alpha) > 500
@@ -79,7 +79,7 @@ def test_mixed_renders_and_differentiates_to_the_same_bits_on_every_instruction_
             assert np.array_equal(band, expected.gaussians.sh[rows, : band.shape[1]])
         np.testing.assert_array_equal(found.pose, expected.pose)
         ran += 1
-    assert ran == len(gsut.available_isas()) >= 1
+    assert ran == len(gsut.machine.available_isas()) >= 1
 
 
 def test_mixed_through_lines_and_every_lens_gives_the_same_bits(rng):

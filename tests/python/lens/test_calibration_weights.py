@@ -8,7 +8,7 @@ import pytest
 import gsut
 import tolerances
 from gsut.lens.calibration_weights import CalibrationWeights
-from gsut.lens.uncertainty import SIGMA_KEY, grid_pixels, load_uncertainty, save_uncertainty
+from gsut.lens.uncertainty import SIGMA_KEY, load_uncertainty, save_uncertainty, spread_pixels
 from gsut.run.options import TrainOptions
 from gsut.training.loop import TrainingLoop
 from rendered_dataset import write_dataset
@@ -21,7 +21,7 @@ def lens(request, tmp_path):
     """A lens file whose uncertainty is its pixels' column plus 0.1 times their row."""
     path = tmp_path / request.param
     gsut.save_camera(gsut.Camera("opencv4", [50, 50, 24, 24, 0, 0, 0, 0], SIZE, SIZE), path)
-    pixels = grid_pixels(SIZE, SIZE)
+    pixels = spread_pixels(SIZE, SIZE)
     save_uncertainty(path, pixels[..., 0] + 0.1 * pixels[..., 1])
     return path
 
@@ -29,27 +29,27 @@ def lens(request, tmp_path):
 def test_uncertainty_stored_and_read_is_that_of_each_pixel(lens):
     found = load_uncertainty(lens)
     y, x = np.mgrid[0:SIZE, 0:SIZE] + 0.5
-    sigma = found.at_size(SIZE, SIZE)
+    sigma = found.resample(SIZE, SIZE)
     assert np.abs(sigma - (x + 0.1 * y)).max() < tolerances.UNCERTAINTY_STORED_PX
     assert gsut.load_camera(lens).model == "opencv4"  # still a lens file
 
 
 def test_uncertainty_at_half_the_size_is_in_its_pixels(lens):
     y, x = np.mgrid[0 : SIZE // 2, 0 : SIZE // 2] * 2 + 1.0  # in pixels of the full image
-    half = load_uncertainty(lens).at_size(SIZE // 2, SIZE // 2)
+    half = load_uncertainty(lens).resample(SIZE // 2, SIZE // 2)
     assert np.abs(half - (x + 0.1 * y) / 2).max() < tolerances.UNCERTAINTY_STORED_PX
 
 
 def test_uncertainty_unknown_places_take_the_nearest(lens):
-    sigma = np.full(grid_pixels(SIZE, SIZE).shape[:2], 2.0)
+    sigma = np.full(spread_pixels(SIZE, SIZE).shape[:2], 2.0)
     sigma[0, 0] = np.nan
     save_uncertainty(lens.with_suffix(".yaml"), sigma)
     gsut.save_camera(gsut.load_camera(lens), lens.with_suffix(".yaml"))
-    assert np.all(load_uncertainty(lens.with_suffix(".yaml")).at_size(SIZE, SIZE) == 2.0)
+    assert np.all(load_uncertainty(lens.with_suffix(".yaml")).resample(SIZE, SIZE) == 2.0)
 
 
 def test_weights_one_pixel_of_uncertainty_counts_half(lens):
-    sigma = np.zeros(grid_pixels(SIZE, SIZE).shape[:2])
+    sigma = np.zeros(spread_pixels(SIZE, SIZE).shape[:2])
     sigma[:, -1] = 1.0
     gsut.save_camera(gsut.load_camera(lens), lens)
     save_uncertainty(lens, sigma)
@@ -63,7 +63,7 @@ def test_training_gradient_is_that_of_certain_pixels_only(rng, tmp_path, lens):
     scene = gsut.load_dataset(write_dataset(tmp_path / "data", rng))
     largest = {}
     for name, scale in (("certain", 0.0), ("uncertain", 1e9)):
-        save_again(lens, np.full(grid_pixels(SIZE, SIZE).shape[:2], scale))
+        save_again(lens, np.full(spread_pixels(SIZE, SIZE).shape[:2], scale))
         options = TrainOptions(steps=3, calibration_weights=str(lens), max_gaussians=100)
         loop = TrainingLoop(scene, options.resolved())
         loop.advance()

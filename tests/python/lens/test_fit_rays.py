@@ -21,7 +21,7 @@ def test_fit_of_a_lens_own_rays_gives_the_lens_again(lens, rng):
     pixels = rng.uniform([0, 0], [lens.width, lens.height], (600, 2))
     rays = np.array(lens.unproject(pixels)[0])  # NaN outside the domain: does not count
     known = np.isfinite(rays[:, 0])
-    found = gsut.fit_camera(
+    found = gsut.lens.fit_camera(
         pixels, 3 * rays, model=lens.model, width=lens.width, height=lens.height
     )
     off = np.abs(found.project(rays[known])[0] - pixels[known]).max()
@@ -33,7 +33,7 @@ def test_fit_by_another_model_is_near(rng):
     lens = LENSES[0]
     pixels = rng.uniform(100, 380, (400, 2))
     rays = lens.unproject(pixels)[0]
-    found = gsut.fit_camera(pixels, rays, model="opencv8", width=480, height=480)
+    found = gsut.lens.fit_camera(pixels, rays, model="opencv8", width=480, height=480)
     assert np.abs(found.project(rays)[0] - pixels).max() < tolerances.FIT_BY_ANOTHER_MODEL
 
 
@@ -47,7 +47,7 @@ def test_fit_by_another_model_is_near(rng):
 )
 def test_table_that_gives_no_lens_is_refused(pixels, rays, model, said):
     with pytest.raises(gsut.InputError, match=said):
-        gsut.fit_camera(pixels, rays, model=model, width=10, height=10)
+        gsut.lens.fit_camera(pixels, rays, model=model, width=10, height=10)
 
 
 def table_of(lens, rng, count=500):

@@ -12,8 +12,8 @@ import pytest
 import gsut
 import tolerances as tol
 from gsut.cli import main
-from gsut.lens import field_of_view, find_lenses, is_lens_name, lens_by_name, load_lens
-from gsut.lens.database import LensProfile, lens_profiles
+from gsut.lens import find_lens, find_lenses, is_lens_name, load_lens, measure_field_of_view
+from gsut.lens.database import LensProfile, load_profiles
 from gsut.lens.plausible import MOST_STRETCH
 from gsut.sfm.core.photographs import find_photographs
 
@@ -22,7 +22,7 @@ PROFILES = ROOT.parent / "shared/data/lens_database/profiles.jsonl.gz"
 
 
 def test_every_profile_makes_a_camera_and_most_are_not_doubted():
-    profiles = lens_profiles()
+    profiles = load_profiles()
     assert len(profiles) > 9700
     sound = [profile for profile in profiles if not profile.doubts]
     assert 0.8 < len(sound) / len(profiles) < 0.9
@@ -38,8 +38,8 @@ def test_every_profile_makes_a_camera_and_most_are_not_doubted():
     ],
 )
 def test_words_find_the_lens_whatever_their_case_and_spaces(words, name):
-    assert lens_by_name(words).name == name
-    assert not lens_by_name(words).doubts
+    assert find_lens(words).name == name
+    assert not find_lens(words).doubts
 
 
 def test_an_outlier_with_small_residuals_is_not_the_first():
@@ -50,13 +50,13 @@ def test_an_outlier_with_small_residuals_is_not_the_first():
 
 
 def test_the_pictures_size_decides_between_settings():
-    assert lens_by_name("hero9 wide", (5312, 3984)).height == 3984
-    assert lens_by_name("hero9 wide", (1920, 1080)).height == 2160
+    assert find_lens("hero9 wide", (5312, 3984)).height == 3984
+    assert find_lens("hero9 wide", (1920, 1080)).height == 2160
 
 
 def test_unknown_words_are_named():
     with pytest.raises(gsut.InputError, match="none has 'hero99'"):
-        lens_by_name("GoPro HERO99")
+        find_lens("GoPro HERO99")
     with pytest.raises(gsut.InputError, match="give words"):
         find_lenses(" , ")
 
@@ -89,23 +89,27 @@ def test_junk_is_doubted(changes, doubt):
 
 def test_camera_is_scaled_cropped_and_turned_with_the_picture():
     profile = _profile()
-    half = profile.camera(500, 375)
-    assert half == profile.camera().resized(500, 375)
-    cropped = profile.camera(2000, 1126)  # 16:9 of the same sensor: rows cut at top and bottom
+    half = profile.make_camera(500, 375)
+    assert half == profile.make_camera().resized(500, 375)
+    cropped = profile.make_camera(2000, 1126)  # 16:9 of the same sensor: rows cut at top and bottom
     np.testing.assert_allclose(cropped.params[:4], [1000, 1002, 1020, 553])
-    upright = profile.camera(750, 1000)
+    upright = profile.make_camera(750, 1000)
     np.testing.assert_allclose(upright.params[:4], [501, 500, 375, 500])
     assert (upright.width, upright.height) == (750, 1000)
 
 
 def test_sizes_readout_and_field_of_view_of_a_profile():
     profile = _profile()
-    assert [profile.fits(*size) for size in ((2000, 1000), (400, 300), (400, 400))] == [0, 1, 2]
-    assert profile.fits(1000, 2000) == 0  # held upright
-    assert profile.readout_share(30) == pytest.approx(0.48)
-    assert profile.readout_share(100) is None  # longer than the frame: wrong
+    assert [profile.rate_size(*size) for size in ((2000, 1000), (400, 300), (400, 400))] == [
+        0,
+        1,
+        2,
+    ]
+    assert profile.rate_size(1000, 2000) == 0  # held upright
+    assert profile.find_readout_share(30) == pytest.approx(0.48)
+    assert profile.find_readout_share(100) is None  # longer than the frame: wrong
     lens = gsut.Camera("pinhole", [50.0, 50.0, 50.0, 50.0], 100, 100)
-    assert field_of_view(lens) == pytest.approx(90)
+    assert measure_field_of_view(lens) == pytest.approx(90)
 
 
 def test_a_missing_lens_file_is_no_name(tmp_path):
@@ -152,7 +156,7 @@ def test_shipped_file_is_what_the_packer_makes():
         for row, stretch in zip(rows, stretches, strict=True)
         if 1 / MOST_STRETCH <= stretch <= MOST_STRETCH
     ]
-    profiles = lens_profiles()
+    profiles = load_profiles()
     assert len(profiles) == len(sound)
     for row, profile in list(zip(sound, profiles, strict=True))[::97]:
         assert profile.model == row["model"]

@@ -109,5 +109,5 @@ def test_pixel_difference_goes_the_short_way_round(camera, rng):
     pixels = rng.uniform(0, [camera.width, camera.height], (200, 2))
     small = rng.normal(0, 3.0, pixels.shape)
     copies = rng.integers(-1, 2, pixels.shape) * np.array(camera.period)
-    difference = camera.pixel_difference(pixels + small + copies, pixels)
+    difference = camera.subtract_pixels(pixels + small + copies, pixels)
     np.testing.assert_allclose(difference, small, rtol=0, atol=tol.LENS_FILE_PARAMS)

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 import tolerances
-from gsut import Gaussians, InputError, _core, available_isas, set_isa, set_num_threads
+from gsut import Gaussians, InputError, _core, set_num_threads
+from gsut.machine import available_isas, set_isa
 from gsut.optimize import GaussianOptimizer, densify_adaptive, densify_mcmc
 from gsut.optimize.optimizer import LearningRates
 from random_scenes import assert_same, random_gaussians

@@ -22,7 +22,7 @@ def test_mean_is_over_every_fourth_step_after_the_beginning(rng):
     assert len(taken) == 5
     for field in dataclasses.fields(of_step[0]):
         expected = np.mean([getattr(g, field.name) for g in taken], axis=0, dtype=np.float64)
-        found = getattr(mean.of(of_step[-1]), field.name)
+        found = getattr(mean.average(of_step[-1]), field.name)
         np.testing.assert_allclose(found, expected, atol=5e-7)  # worst observed: 1.8e-7
 
 
@@ -30,11 +30,11 @@ def test_before_the_beginning_and_after_a_restart_it_is_the_present_state(rng):
     now, before = states(rng, 2)
     mean = TrajectoryMean(0.5)
     mean.observe(4, 0.4, before)
-    assert mean.of(now) is now
+    assert mean.average(now) is now
     mean.observe(8, 0.8, before)
-    assert mean.of(now) is not now
+    assert mean.average(now) is not now
     mean.restart()
-    assert mean.of(now) is now
+    assert mean.average(now) is now
 
 
 def test_another_number_of_gaussians_begins_anew(rng):
@@ -42,7 +42,7 @@ def test_another_number_of_gaussians_begins_anew(rng):
     mean.observe(4, 0.1, states(rng, 1)[0])
     (larger,) = states(rng, 1, n=9)
     mean.observe(8, 0.2, larger)
-    np.testing.assert_array_equal(mean.of(larger).means, larger.means)
+    np.testing.assert_array_equal(mean.average(larger).means, larger.means)
 
 
 @pytest.mark.parametrize("broken_at", [0, 6, 20])
@@ -58,5 +58,6 @@ def test_state_goes_on_to_the_same_bits(rng, broken_at):
             part.load_state_dict(state)
     for field in dataclasses.fields(of_step[0]):
         np.testing.assert_array_equal(
-            getattr(whole.of(of_step[0]), field.name), getattr(part.of(of_step[0]), field.name)
+            getattr(whole.average(of_step[0]), field.name),
+            getattr(part.average(of_step[0]), field.name),
         )

@@ -8,15 +8,15 @@ import pytest
 
 import gsut
 import tolerances
+from disturbances import disturb_pose
 from gsut import TrainOptions
 from gsut.cli import main
 from gsut.refine.localization import localize_image
-from gsut.refine.motion import pose_changes
+from gsut.refine.motion import measure_pose_changes
 from gsut.render.pictures import to_uint8, write_png
 from gsut.run.folder import SCENE
 from random_scenes import fisheye, gaussians_in_view, pinhole
 from rendered_dataset import poses, truth, write_dataset
-from tests.bench.refine_disturb import disturbed_pose
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +33,7 @@ def run(tmp_path_factory):
         *(getattr(g, name) for name in ("quats", "log_scales", "opacity_logits", "sh")),
     )
     (folder / "run" / SCENE).unlink()
-    gsut.save_ply(folder / "run" / SCENE, moved)
+    gsut.formats.save_ply(folder / "run" / SCENE, moved)
     return folder / "run", g
 
 
@@ -62,16 +62,16 @@ def test_photograph_far_from_every_view_is_found_by_matches(rng):
     camera = fisheye(160)
     middle = np.eye(4)
     g = gaussians_in_view(rng, camera, middle, 3000, sizes=(0.01, 0.06), opacity=3.0)
-    views = [(camera, disturbed_pose(rng, middle, 15.0, 0.25)) for _ in range(5)]
-    pose = disturbed_pose(rng, middle, 25.0, 0.2)
+    views = [(camera, disturb_pose(rng, middle, 15.0, 0.25)) for _ in range(5)]
+    pose = disturb_pose(rng, middle, 25.0, 0.2)
     pixels = to_uint8(gsut.render(g, camera, pose).image)
     told = []
     found = localize_image(
         g, views, camera, pixels, np.ones((160, 160), bool),
         on_progress=lambda what, done, total: told.append(what),
     )  # fmt: skip
-    change = pose_changes(found.pose.camera_from_world[None], pose[None])
-    near = pose_changes(np.array([view for _, view in views]), np.repeat(pose[None], 5, 0))
+    change = measure_pose_changes(found.pose.camera_from_world[None], pose[None])
+    near = measure_pose_changes(np.array([view for _, view in views]), np.repeat(pose[None], 5, 0))
     print(f"{found.matches} matches, {change.degrees[0]:.1e} degrees, {change.distances[0]:.1e} "
           f"units; nearest view {near.degrees.min():.0f} degrees off")  # fmt: skip
     assert near.degrees.min() > 8

@@ -103,7 +103,7 @@ def test_disturbed_pose_comes_back(rng, lens, degrees, distance, gain, bias):
     g, pose = made_scene(rng, camera)
     image = gain * gsut.render(g, camera, pose, background=BACKGROUND).image + bias
     start = disturbed(rng, pose, degrees, distance)
-    found = gsut.refine_pose(g, camera, start, image, background=BACKGROUND)
+    found = gsut.poses.refine_pose(g, camera, start, image, background=BACKGROUND)
     angle, shift = pose_errors(found.camera_from_world, pose)
     print(f"{camera.model}: {angle:.2e} degrees, {shift:.2e} units, rms {found.rms:.1e}")
     assert angle < tolerances.REFINED_DEGREES
@@ -128,7 +128,7 @@ def test_covariance_is_that_of_the_noise(rng, blur, expected):
     for _ in range(20):
         noise = rng.normal(0, 0.02, clean.shape).astype(np.float32)
         image = clean + (cv2.blur(noise, (blur, blur)) if blur else noise)
-        found = gsut.refine_pose(g, camera, pose, image, levels=1)
+        found = gsut.poses.refine_pose(g, camera, pose, image, levels=1)
         turn = found.camera_from_world[:3, :3] @ pose[:3, :3].T
         axis = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
         center = -pose[:3, :3].T @ pose[:3, 3]
@@ -146,7 +146,7 @@ def test_same_bits_twice_and_masked_pixels_do_not_count(rng):
     mask[:, :24] = False
     image[:, :24] = rng.uniform(size=(64, 24, 3))
     start = disturbed(rng, pose, 0.5, 0.05)
-    found = [gsut.refine_pose(g, camera, start, image, mask) for _ in range(2)]
+    found = [gsut.poses.refine_pose(g, camera, start, image, mask) for _ in range(2)]
     np.testing.assert_array_equal(found[0].camera_from_world, found[1].camera_from_world)
     angle, shift = pose_errors(found[0].camera_from_world, pose)
     assert angle < tolerances.REFINED_DEGREES
@@ -160,11 +160,11 @@ def test_what_cannot_be_refined_is_refused_in_a_sentence(rng):
     motion = gsut.CameraMotion(pose, pose, gsut.Shutter("top_to_bottom"))
     for rolling in (motion, (pose, pose), np.stack([pose, pose])):
         with pytest.raises(gsut.InputError, match="refine_pose is for a global shutter"):
-            gsut.refine_pose(g, camera, rolling, image)
+            gsut.poses.refine_pose(g, camera, rolling, image)
     with pytest.raises(gsut.InputError, match="image must have shape"):
-        gsut.refine_pose(g, camera, pose, image[:5])
+        gsut.poses.refine_pose(g, camera, pose, image[:5])
     with pytest.raises(gsut.InputError, match="mask leaves no pixel"):
-        gsut.refine_pose(g, camera, pose, image, np.zeros((32, 32), bool))
+        gsut.poses.refine_pose(g, camera, pose, image, np.zeros((32, 32), bool))
     moving_pupil = small_camera("cahvore")
     with pytest.raises(gsut.InputError, match="derivatives of colours are for a lens with one"):
         jacobian(g, moving_pupil, pose, np.zeros(1, np.uint32))
@@ -172,4 +172,4 @@ def test_what_cannot_be_refined_is_refused_in_a_sentence(rng):
         jacobian(g, camera, pose, np.full(1, 32 * 32, np.uint32))
     empty = g[:0]
     with pytest.raises(gsut.SolveError, match="does not determine its pose"):
-        gsut.refine_pose(empty, camera, pose, image)
+        gsut.poses.refine_pose(empty, camera, pose, image)

@@ -11,7 +11,7 @@ import gsut
 import tolerances
 from gsut import _core
 from gsut.cli import main
-from gsut.lens import refinable_params
+from gsut.lens import find_refinable_params
 from gsut.sfm.core import correspondences
 from gsut.sfm.core.options import PosesOptions
 from gsut.sfm.core.solution import refine
@@ -95,7 +95,7 @@ def test_refine_of_a_splined_lens_holds_its_surface(rng):
     scene = Synthetic(rng, images=8, points=700, noise=NOISE_PX, camera=lens)
     start = lens.params.copy()
     start[4:8] += [2.0, 2.5, 2.0, -1.0]  # fx fy cx cy
-    free = refinable_params(lens)
+    free = find_refinable_params(lens)
     assert np.flatnonzero(free).tolist() == [4, 5, 6, 7]
     found = refine(
         [f"{i}" for i in range(8)], [lens.with_params(start)] * 8, scene.features,

@@ -8,19 +8,19 @@ import pytest
 
 import gsut
 import tolerances
+from disturbances import Disturbance, disturb_pose, disturb_scene, jitter_points
 from gsut import TrainOptions, _core
 from gsut.demo import dataset as demo
 from gsut.demo.views import camera_path
-from gsut.refine.motion import pose_changes, remove_mean_motion, turn_onto
+from gsut.refine.motion import measure_pose_changes, remove_mean_motion, turn_onto
 from gsut.refine.refiner import check_refinable
 from gsut.refine.tracks import refine_by_tracks
 from gsut.render.projection import DEFAULT_UNSCENTED
 from gsut.run.folder import REFINED, TRANSFORMS, RunFolder
 from gsut.sfm.world.comparison import compare_poses
-from gsut.training.trained_run import read_trained
+from gsut.training.record.trained_run import read_trained
 from random_scenes import fisheye, gaussians_in_view, pinhole, random_pose
 from room_dataset import write_room
-from tests.bench.refine_disturb import Disturbance, disturbed, disturbed_pose, jittered_points
 
 OPTIONS = TrainOptions(
     steps=240, max_gaussians=400, init_opacity=0.8, eval_every=0, checkpoint_every=0, seed=3,
@@ -44,11 +44,11 @@ def test_mean_motion_of_all_poses_is_taken_out(rng):
     growth = 1.003
     after = before @ small
     after[:, :3, 3] *= growth  # the world grows about its origin
-    found = pose_changes(remove_mean_motion(after, before), before)
+    found = measure_pose_changes(remove_mean_motion(after, before), before)
     assert found.degrees.max() < tolerances.MEAN_MOTION_DEGREES
     assert found.distances.max() < tolerances.MEAN_MOTION_UNITS
     # One pose alone has no common growth; its own motion is the mean.
-    alone = pose_changes(remove_mean_motion(after[:1], before[:1]), before[:1])
+    alone = measure_pose_changes(remove_mean_motion(after[:1], before[:1]), before[:1])
     assert alone.degrees.max() < tolerances.MEAN_MOTION_DEGREES
 
 
@@ -57,32 +57,32 @@ def test_a_turn_about_a_line_of_cameras_is_found_by_the_cameras_own(rng):
     before[:, :3, 3] = 0.0
     along = np.stack([np.linspace(-2, 2, 20), *rng.normal(0, 0.01, (2, 20))], axis=1)
     before[:, :3, 3] = -np.einsum("nij,nj->ni", before[:, :3, :3], along)
-    noisy = np.array([disturbed_pose(rng, pose, 0.02, 0.01) for pose in before])
+    noisy = np.array([disturb_pose(rng, pose, 0.02, 0.01) for pose in before])
     turned = noisy @ gsut.exp_pose([0, 0, 0, np.radians(2.0), 0, 0])
-    found = pose_changes(turn_onto(turned, before), before)
+    found = measure_pose_changes(turn_onto(turned, before), before)
     assert np.median(found.degrees) < 0.03
     assert np.median(found.distances) < 0.02
     exact = before @ gsut.exp_pose([0.3, 0.1, 0.2, 0.01, -0.02, 0.01])
-    found = pose_changes(turn_onto(exact, before), before)
+    found = measure_pose_changes(turn_onto(exact, before), before)
     assert found.degrees.max() < tolerances.MEAN_MOTION_DEGREES
     assert found.distances.max() < tolerances.MEAN_MOTION_UNITS
 
 
 def test_own_motions_stay_when_the_mean_is_taken_out(rng):
     before = np.array([random_pose(rng) for _ in range(40)])
-    after = np.array([disturbed_pose(rng, pose, 1.0, 0.1) for pose in before])
-    found = pose_changes(remove_mean_motion(after, before), before)
+    after = np.array([disturb_pose(rng, pose, 1.0, 0.1) for pose in before])
+    found = measure_pose_changes(remove_mean_motion(after, before), before)
     assert abs(np.median(found.degrees) - 1.0) < 0.2
     assert abs(np.median(found.distances) - 0.1) < 0.02
 
 
 def test_disturbance_has_exactly_its_size(rng, scene):
     pose = random_pose(rng)
-    change = pose_changes(disturbed_pose(rng, pose, 2.0, 0.08)[None], pose[None])
+    change = measure_pose_changes(disturb_pose(rng, pose, 2.0, 0.08)[None], pose[None])
     np.testing.assert_allclose([change.degrees[0], change.distances[0]], [2.0, 0.08], rtol=1e-9)
-    moved = jittered_points(scene, 0.02, 0)
+    moved = jitter_points(scene, 0.02, 0)
     assert 0.01 < np.std(moved.points - scene.points) < 0.03
-    lens = disturbed(scene, Disturbance("focal", focal=0.02), 0).file_cameras[0].params
+    lens = disturb_scene(scene, Disturbance("focal", focal=0.02), 0).file_cameras[0].params
     np.testing.assert_allclose(lens[:2] / scene.file_cameras[0].params[:2], 1.02)
 
 
@@ -93,7 +93,7 @@ def test_several_images_give_lens_and_poses_together(rng, camera):
     # Near enough that no two Gaussians change their order on the way: there the images jump.
     pose = random_pose(rng)
     g = gaussians_in_view(rng, camera, pose, 500, opacity=1.0)
-    poses = [pose, *(disturbed_pose(rng, pose, 8.0, 0.3) for _ in range(4))]
+    poses = [pose, *(disturb_pose(rng, pose, 8.0, 0.3) for _ in range(4))]
     params = np.array(camera.params)
     params[:2] *= 1.003
     params[4:] *= 1.05
@@ -103,13 +103,13 @@ def test_several_images_give_lens_and_poses_together(rng, camera):
     for true in poses:
         image = gsut.render(g, camera, true).image.reshape(-1, 3)
         chosen = rng.permutation(np.flatnonzero(valid))[:3000].astype(np.uint32)
-        start = disturbed_pose(rng, true, 0.1, 0.005)
+        start = disturb_pose(rng, true, 0.1, 0.005)
         views.append((0, start, chosen, np.ascontiguousarray(image[chosen])))
     found = _core.refine_photometric(
         g, [wrong], views, gsut.BlendRule(), (0.0, 0.0, 0.0), g.sh_degree, DEFAULT_UNSCENTED,
         {"lens_free": [[1] * len(params)], "max_iterations": 60, "function_tolerance": 1e-14},
     )  # fmt: skip
-    change = pose_changes(np.array(found["camera_from_world"]), np.array(poses))
+    change = measure_pose_changes(np.array(found["camera_from_world"]), np.array(poses))
     relative = np.abs(found["lens_params"][0] / camera.params - 1)[:2].max()
     rays = camera.with_params(found["lens_params"][0]).rays()[0]
     angle = np.nanmax(np.linalg.norm(rays - camera.rays()[0], axis=-1)[valid])
@@ -127,7 +127,7 @@ def test_several_images_give_lens_and_poses_together(rng, camera):
 
 
 def test_training_brings_disturbed_poses_back(scene):
-    start = disturbed(scene, Disturbance("x", degrees=1.0, distance=0.05), 5)
+    start = disturb_scene(scene, Disturbance("x", degrees=1.0, distance=0.05), 5)
     result = gsut.train(start, OPTIONS, progress=False)
     plain = gsut.train(start, dataclasses.replace(OPTIONS, refine_poses=False), progress=False)
     before = compare_poses(poses_of(start), poses_of(scene))
@@ -147,7 +147,7 @@ def test_training_brings_disturbed_poses_back(scene):
 
 
 def test_lens_comes_back_with_the_poses(scene):
-    start = disturbed(scene, Disturbance("x", focal=0.03), 5)
+    start = disturb_scene(scene, Disturbance("x", focal=0.03), 5)
     options = dataclasses.replace(OPTIONS, refine_lens=True)
     result = gsut.train(start, options, progress=False)
     true = scene.file_cameras[0].params[:2]
@@ -158,7 +158,7 @@ def test_lens_comes_back_with_the_poses(scene):
 
 
 def test_resumed_run_has_the_same_bits_and_writes_its_poses(scene, tmp_path):
-    start = disturbed(scene, Disturbance("x", degrees=0.5, distance=0.02, focal=0.01), 5)
+    start = disturb_scene(scene, Disturbance("x", degrees=0.5, distance=0.02, focal=0.01), 5)
     options = dataclasses.replace(OPTIONS, steps=60, refine_lens=True, checkpoint_every=30)
 
     class Killed(Exception):
@@ -219,13 +219,15 @@ def test_tracks_bring_poses_back_and_leave_those_that_are_as_good(tmp_path, monk
     assert "as good, were kept" in kept.note
     assert kept.tracked == []
     np.testing.assert_array_equal(poses_of(kept.scene), poses_of(true))
-    start = disturbed(true, Disturbance("x", degrees=2.0, distance=0.08), 5)
+    start = disturb_scene(true, Disturbance("x", degrees=2.0, distance=0.08), 5)
     found = refine_by_tracks(start, options)
     assert len(found.tracked) == 12
     assert found.note == ""
     # Centres on so short a way leave a similarity's turn to chance.
     turns = [
-        np.median(pose_changes(turn_onto(poses_of(each), poses_of(true)), poses_of(true)).degrees)
+        np.median(
+            measure_pose_changes(turn_onto(poses_of(each), poses_of(true)), poses_of(true)).degrees
+        )
         for each in (start, found.scene)
     ]
     centers = [compare_poses(poses_of(each), poses_of(true)).ate for each in (start, found.scene)]

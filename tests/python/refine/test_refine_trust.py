@@ -7,18 +7,18 @@ import pytest
 
 import gsut
 import tolerances
+from disturbances import Disturbance, disturb_pose, disturb_scene
 from gsut import TrainOptions
 from gsut.refine.trust import Halves, select_half, weigh_lens, weigh_poses
 from gsut.sfm.world.comparison import compare_poses
 from random_scenes import fisheye, random_pose
 from room_dataset import write_room
-from tests.bench.refine_disturb import Disturbance, disturbed, disturbed_pose
 
 VIEWS = 40
 
 
 def poses_off(rng, poses, degrees, distance):
-    return np.array([disturbed_pose(rng, pose, degrees, distance) for pose in poses])
+    return np.array([disturb_pose(rng, pose, degrees, distance) for pose in poses])
 
 
 def start_of(rng):
@@ -40,7 +40,7 @@ def test_colours_that_agree_far_away_are_followed(rng):
     halves = Halves(*(poses_off(rng, true, 0.05, 0.002) for _ in range(2)))
     trust = weigh_poses(halves, start, tracked, None)
     assert trust.weights.min() > 0.99
-    assert trust.rejected([str(view) for view in range(VIEWS)]) == []
+    assert trust.list_rejected([str(view) for view in range(VIEWS)]) == []
     # The halves' errors were 0.05 degrees; what they share is counted, too.
     assert 0.02 < trust.errors[0] < 0.2
 
@@ -50,7 +50,7 @@ def test_colours_that_only_scatter_about_the_start_are_not(rng):
     halves = Halves(*(poses_off(rng, start, 0.2, 0.01) for _ in range(2)))
     trust = weigh_poses(halves, start, tracked, None)
     assert trust.weights.max() == 0.0
-    assert len(trust.rejected([str(view) for view in range(VIEWS)])) == VIEWS
+    assert len(trust.list_rejected([str(view) for view in range(VIEWS)])) == VIEWS
 
 
 def test_a_turn_alone_counts_as_much_as_a_move(rng):
@@ -64,9 +64,9 @@ def test_a_view_whose_halves_disagree_is_named(rng):
     start, tracked = start_of(rng)
     true = poses_off(rng, start, 0.5, 0.02)
     first, second = (poses_off(rng, true, 0.05, 0.002) for _ in range(2))
-    first[7] = disturbed_pose(rng, first[7], 5.0, 0.2)
+    first[7] = disturb_pose(rng, first[7], 5.0, 0.2)
     trust = weigh_poses(Halves(first, second), start, tracked, None)
-    (rejected,) = trust.rejected([f"{view}.png" for view in range(VIEWS)])
+    (rejected,) = trust.list_rejected([f"{view}.png" for view in range(VIEWS)])
     assert rejected["name"] == "7.png"
     assert rejected["weight"] < 0.2
     note = trust.note([f"{view}.png" for view in range(VIEWS)])
@@ -125,7 +125,7 @@ def test_true_poses_stay_where_colours_alone_would_worsen_them(tmp_path, monkeyp
     names = [row["name"] for row in metrics["refinement"]["rejected"]]
     assert names == [scene.views[index].name for index in scene.train_indices]
     assert "For 12 of 12 training views colours count less" in metrics["refinement"]["note"]
-    off = disturbed(scene, Disturbance("x", degrees=1.0, distance=0.05), 5)
+    off = disturb_scene(scene, Disturbance("x", degrees=1.0, distance=0.05), 5)
     back, moved = errors(off)
     assert moved["refinement"]["rejected"] == []
 

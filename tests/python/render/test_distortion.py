@@ -72,13 +72,13 @@ def test_distortion_of_the_kernels_equals_the_double_reference(rng, kind):
     rest = rng.normal(size=truth.image.shape), rng.normal(size=to.shape), rng.normal(size=to.shape)
     exact = gsut.render_backward(truth, *rest, ddistortion=to, with_lens=True)
     ran = 0
-    for isa in gsut.available_isas():
-        gsut.set_isa(isa)
+    for isa in gsut.machine.available_isas():
+        gsut.machine.set_isa(isa)
         try:
             seen = gsut.render(g, camera, motion, blend=rule)
             found = gsut.render_backward(seen, *rest, ddistortion=to, with_lens=True)
         finally:
-            gsut.set_isa("")
+            gsut.machine.set_isa("")
         counts = np.abs(truth.alpha - 1e-3) > 2e-4
         error = relative_error(seen.distortion[counts], truth.distortion[counts])
         assert error < tolerances.DISTORTION, (isa, error)
@@ -89,7 +89,7 @@ def test_distortion_of_the_kernels_equals_the_double_reference(rng, kind):
         if found.lens is not None and exact.lens is not None and kind != "moving pupil":
             assert relative_error(found.rays, exact.rays) < tolerances.RENDER_GRADIENT, isa
         ran += 1
-    assert ran == len(gsut.available_isas())
+    assert ran == len(gsut.machine.available_isas())
 
 
 def test_distortion_keeps_its_digits_where_a_thin_surface_lies_far_away():

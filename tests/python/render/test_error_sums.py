@@ -49,14 +49,14 @@ def test_sums_are_the_double_references_gradient_to_the_colour(rng, rolling):
     dimage = rng.normal(size=charged.shape).astype(np.float32)
     plain, _ = passes(g, camera, place, dimage)
     ran = 0
-    for isa in gsut.available_isas():
-        gsut.set_isa(isa)
+    for isa in gsut.machine.available_isas():
+        gsut.machine.set_isa(isa)
         _, sums = passes(g, camera, place, dimage, errors)
         assert relative_error(sums - 1.0, expected) < 1e-4, isa
         assert np.all(sums[expected == 0] == 1.0)
         ran += 1
-    assert ran == len(gsut.available_isas()) > 0
-    gsut.set_isa("")
+    assert ran == len(gsut.machine.available_isas()) > 0
+    gsut.machine.set_isa("")
     gradients, again = passes(g, camera, place, dimage, errors)
     gsut.set_num_threads(1)
     assert np.array_equal(passes(g, camera, place, dimage, errors)[1], again)

@@ -26,7 +26,7 @@ BACKGROUND = (0.3, 0.1, 0.6)
 PARITIES = (None, "gsplat", "3dgrut")
 NON_CENTRAL = [
     (model, example)
-    for model in gsut.camera_models()
+    for model in gsut.lens.camera_models()
     for example in range(len(_core.camera_examples(model)))
     if not small_camera(model, example, 16).is_central
 ]
@@ -87,8 +87,8 @@ def test_render_float_lines_every_isa_matches_double():
         expected = gsut.render(g, camera, place, dtype="float64", **options)
         assert (expected.alpha > 0.2).mean() > 0.05, label
         weights = random_weights(rng, camera)
-        for isa in gsut.available_isas():
-            gsut.set_isa(isa)
+        for isa in gsut.machine.available_isas():
+            gsut.machine.set_isa(isa)
             found = gsut.render(g, camera, place, **options)
             off = np.abs(found.image - expected.image).max(axis=2)
             same = np.maximum(off, np.abs(found.alpha - expected.alpha)) < tolerances.RENDER_FLIP
@@ -117,7 +117,7 @@ def test_render_float_lines_every_isa_matches_double():
     assert worst["image"] < tolerances.LINES_IMAGE_RMS
     assert worst["depth"] < tolerances.RENDER_DEPTH
     assert flipped <= tolerances.RENDER_FLIPS_A_PIXEL * pixels
-    assert ran == SCENES * len(gsut.available_isas())
+    assert ran == SCENES * len(gsut.machine.available_isas())
 
 
 KINDS = {
@@ -194,11 +194,11 @@ def test_render_lines_every_isa_runs_its_own_kernels(rng):
     g = in_view(rng, camera, pair, gsut.Shutter("top_to_bottom"), 100)
     weights = random_weights(rng, camera)
     bits = set()
-    for isa in gsut.available_isas():
-        gsut.set_isa(isa)
+    for isa in gsut.machine.available_isas():
+        gsut.machine.set_isa(isa)
         result = gsut.render(g, camera, pair, shutter="top_to_bottom")
         bits.add(gsut.render_backward(result, *weights).gaussians.means.tobytes())
-    assert len(bits) == len(gsut.available_isas())
+    assert len(bits) == len(gsut.machine.available_isas())
 
 
 def test_render_lines_of_a_still_central_camera_are_its_rays(rng):

@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 import tolerances
-from gsut import InputError, _core, available_isas, set_isa, set_num_threads
+from gsut import InputError, _core, set_num_threads
+from gsut.machine import available_isas, set_isa
 from gsut.render import metrics
 
 pytestmark = pytest.mark.quick

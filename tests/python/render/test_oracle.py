@@ -62,7 +62,7 @@ SH0 = 0.5 / np.sqrt(np.pi)  # harmonic of degree 0
 @pytest.fixture(scope="module", params=CASES)
 def oracle(request, shared):
     """The vectors of one lens."""
-    if MODELS[request.param] not in gsut.camera_models():
+    if MODELS[request.param] not in gsut.lens.camera_models():
         pytest.skip(f"this build has no lens {MODELS[request.param]} yet")
     return Oracle(shared / "oracle" / f"{request.param}.npz")
 
@@ -163,14 +163,14 @@ def test_project_double_matches_raw_means_and_covariances(oracle, tag):
 def test_project_float_every_isa_matches_raw_means(oracle, tag):
     rows = comparable(oracle, UNSCENTED[tag][0] * np.sqrt(3))
     ran = 0
-    for isa in gsut.available_isas():
-        gsut.set_isa(isa)
+    for isa in gsut.machine.available_isas():
+        gsut.machine.set_isa(isa)
         found = gsut.project(oracle.gaussians, oracle.camera, oracle.pose, unscented=UNSCENTED[tag])
         error = found.centers[rows] - oracle[f"proj_{tag}_raw_means2d"][rows]
         print(isa, np.abs(error).max())
         assert np.abs(error).max() < tolerances.PROJECTION_FLOAT_PIXELS
         ran += 1
-    assert ran == len(gsut.available_isas()) >= 1
+    assert ran == len(gsut.machine.available_isas()) >= 1
 
 
 def test_lens_and_ray_gradients_double_match(oracle):

@@ -27,10 +27,10 @@ def test_a_small_image_is_the_mean_of_the_large_one(rng, lens):
     small = large.resized(blocks[2], blocks[0])
     whole = np.isfinite(large.rays()[0]).all(axis=2).reshape(blocks[:4]).all(axis=(1, 3))
     pixels = PixelFilter(g, [large], pose[None])
-    radii = gsut.find_filter_radii(g.means, [small], pose[None], 0.3).astype(np.float32)
+    radii = gsut.loop.find_filter_radii(g.means, [small], pose[None], 0.3).astype(np.float32)
     plain, passed, filtered = (
         gsut.psnr(gsut.render(drawn, small, pose).image.clip(0, 1), truth.clip(0, 1), whole)
-        for drawn in (g, gsut.apply_low_pass(g, radii), pixels.of(small, pose))
+        for drawn in (g, gsut.loop.apply_low_pass(g, radii), pixels.of(small, pose))
     )
     print(f"{plain:.2f} dB, low-pass {passed:.2f}, pixel filter {filtered:.2f}")
     assert filtered > plain + tol.PIXEL_FILTER_DB
@@ -52,7 +52,9 @@ def test_scales_grow_by_the_missing_variance_and_shadows_keep_their_light(rng):
     g, pose = scene_of(rng, large)
     small = large.resized(large.width // FACTOR, large.height // FACTOR)
     found = PixelFilter(g, [large], pose[None]).of(small, pose)
-    radii = [gsut.find_filter_radii(g.means, [lens], pose[None], 1.0) for lens in (small, large)]
+    radii = [
+        gsut.loop.find_filter_radii(g.means, [lens], pose[None], 1.0) for lens in (small, large)
+    ]
     missing = (radii[0] ** 2 - radii[1] ** 2) / 12.0
     grown = np.exp(2.0 * found.log_scales.astype(float)) - np.exp(2.0 * g.log_scales.astype(float))
     assert np.abs(grown / missing[:, None] - 1).max() < tol.PIXEL_FILTER_FLOAT

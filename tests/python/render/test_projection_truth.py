@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import tolerances
-from tests.bench.projection_bench import SIZES, _example_camera, _gaussians
-from tests.bench.projection_truth import alpha_images, projected_moments, sampled_moments
+from tests.bench.projection_bench import SIZES, make_example_camera, place_gaussians
+from tests.bench.projection_truth import compute_alphas, compute_moments, sample_moments
 
 SAMPLES = 1_000_000
 LENSES = (
@@ -18,14 +18,14 @@ UPPER = np.triu_indices(2)
 @pytest.mark.parametrize("lens", LENSES)
 def test_quadrature_lies_within_the_standard_error_of_a_million_samples(lens):
     rng = np.random.default_rng(LENSES.index(lens))
-    camera = _example_camera(lens, 128)
+    camera = make_example_camera(lens, 128)
     scores = []
     for size in SIZES:
-        gaussians = _gaussians(camera, size, (0.25, 0.75), 2, rng).to_dtype(np.float64)
-        centers, covariances = projected_moments(gaussians, camera)
+        gaussians = place_gaussians(camera, size, (0.25, 0.75), 2, rng).to_dtype(np.float64)
+        centers, covariances = compute_moments(gaussians, camera)
         # Without: the quadrature did not settle (a spline's pieces), or a part has no pixel.
         there = np.isfinite(centers[:, 0])
-        samples = sampled_moments(gaussians[there], camera, SAMPLES, rng)
+        samples = sample_moments(gaussians[there], camera, SAMPLES, rng)
         for center, covariance, found in zip(
             centers[there], covariances[there], samples, strict=True
         ):
@@ -38,10 +38,10 @@ def test_quadrature_lies_within_the_standard_error_of_a_million_samples(lens):
 
 @pytest.mark.parametrize("lens", ["orthographic", "cahvore"])
 def test_alpha_images_of_rays_that_do_not_meet_peak_where_the_mean_is_seen(lens):
-    camera = _example_camera(lens, 96)
-    gaussians = _gaussians(camera, "medium", (0.25, 0.75), 20, np.random.default_rng(3))
+    camera = make_example_camera(lens, 96)
+    gaussians = place_gaussians(camera, "medium", (0.25, 0.75), 20, np.random.default_rng(3))
     gaussians = gaussians.to_dtype(np.float64)
-    alphas = alpha_images(gaussians, camera, 1 / 255)
+    alphas = compute_alphas(gaussians, camera, 1 / 255)
     centers, valid = camera.project(gaussians.means)
     checked = 0
     for image, center in zip(alphas[valid], centers[valid], strict=True):

@@ -67,8 +67,8 @@ def test_render_float_hundred_scenes_every_lens_and_isa_match_double():
         assert (expected.alpha > 0.2).mean() > 0.1, case.name
         lenses.add(case.name)
         options = {"parity": case.parity, "background": BACKGROUND}
-        for isa in gsut.available_isas():
-            gsut.set_isa(isa)
+        for isa in gsut.machine.available_isas():
+            gsut.machine.set_isa(isa)
             found = gsut.render(case.gaussians, case.camera, case.pose, **options)
             label = (seed, case.name, case.parity, isa)
             off, reasons = flips.flipped(found, expected)
@@ -94,7 +94,7 @@ def test_render_float_hundred_scenes_every_lens_and_isa_match_double():
             ran += 1
     print(f"{ran} images, {pixels} pixels; of these flipped: {dict(counts)}")
     assert sum(counts.values()) <= tolerances.RENDER_FLIPS_A_PIXEL * pixels
-    assert ran == RANDOM_SCENES * len(gsut.available_isas())
+    assert ran == RANDOM_SCENES * len(gsut.machine.available_isas())
     assert len(lenses) == len(LENSES)
 
 
@@ -103,12 +103,12 @@ def test_render_float_every_isa_runs_its_own_kernels(rng):
     camera, pose = fisheye(64), random_pose(rng)
     g = gaussians_in_view(rng, camera, pose, 100)
     bits = {}
-    for isa in gsut.available_isas():
-        gsut.set_isa(isa)
-        assert gsut.active_isa() == isa
+    for isa in gsut.machine.available_isas():
+        gsut.machine.set_isa(isa)
+        assert gsut.machine.active_isa() == isa
         found = gsut.render_backward(gsut.render(g, camera, pose), *random_weights(rng, camera))
         bits[isa] = found.gaussians.means.tobytes()
-    assert len(bits) == len(gsut.available_isas())
+    assert len(bits) == len(gsut.machine.available_isas())
     assert len(set(bits.values())) == len(bits)
 
 

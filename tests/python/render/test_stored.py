@@ -34,7 +34,9 @@ def shell(rng, count):
 @pytest.fixture(scope="module")
 def ply(tmp_path_factory):
     path = tmp_path_factory.mktemp("stored") / "scene.ply"
-    gsut.save_ply(path, shell(np.random.default_rng(20261122), COUNT).translate([5e5, 4e6, 100]))
+    gsut.formats.save_ply(
+        path, shell(np.random.default_rng(20261122), COUNT).translate([5e5, 4e6, 100])
+    )
     return path
 
 
@@ -77,7 +79,7 @@ def test_stored_scene_has_the_bits_of_one_in_memory(ply, rng, monkeypatch):
 
 def test_stored_surfels_have_the_bits_of_those_in_memory(tmp_path, rng):
     path = tmp_path / "discs.ply"
-    gsut.save_ply(path, to_surfels(shell(rng, 5000)))
+    gsut.formats.save_ply(path, to_surfels(shell(rng, 5000)))
     assert b"scale_2" not in path.read_bytes()[:1000]
     stored, camera, pose = open_ply(path, 1_900_000), fisheye(96), np.eye(4)
     assert isinstance(stored, StoredGaussians)
@@ -99,7 +101,7 @@ def test_lens_that_sees_little_reads_little(ply, rng, monkeypatch):
 def test_pixel_filter_of_a_stored_scene_has_the_same_bits(ply, rng):
     camera = pinhole(96)
     pose = pose_near(rng)
-    scene = gsut.make_scene([np.zeros((96, 96, 3), np.uint8)], camera, [pose])
+    scene = gsut.scene_from_arrays([np.zeros((96, 96, 3), np.uint8)], camera, [pose])
     small = camera.resized(48, 48)
     pictures = [
         gsut.render(PixelFilter.of_run(g, scene).of(small, pose), small, pose).image
@@ -125,7 +127,7 @@ def test_file_of_another_layout_is_read_whole(ply, tmp_path):
     damaged = tmp_path / "nan.ply"
     g = load_ply(ply)
     g.means[7] = np.nan
-    gsut.save_ply(damaged, g)
+    gsut.formats.save_ply(damaged, g)
     with pytest.warns(UserWarning, match="left out; the first is row 7"):
         assert len(open_ply(damaged, LIMIT)) == COUNT - 1
 
@@ -163,7 +165,7 @@ print((peak_rss_mb() - before) * 2**20)
 @pytest.mark.skipif(sys.platform != "linux", reason="/proc tells the peak of memory")
 def test_memory_stays_under_what_was_given(ply, tmp_path):
     large = tmp_path / "large.ply"
-    gsut.save_ply(large, shell(np.random.default_rng(1), LARGE))
+    gsut.formats.save_ply(large, shell(np.random.default_rng(1), LARGE))
     limit = 20_000_000
     told = subprocess.run(
         [sys.executable, "-c", _PEAK, ply, large, str(limit)],

@@ -129,7 +129,7 @@ def test_gradient_of_normals_equals_central_differences(rng, kind):
     origins, rays, valid = rays_of(camera, motion)
     to = rng.normal(size=(camera.height, camera.width, 3)).astype(np.float32)
     to[~valid.reshape(to.shape[:2])] = 0
-    found = gsut.render_surface_backward(result, to)
+    found = gsut.loop.render_surface_backward(result, to)
     exact, weights = g.to_dtype(np.float64), to.reshape(-1, 3)[valid].astype(np.float64)
     for name in ("means", "quats", "log_scales", "opacity_logits"):
         array = getattr(exact, name)
@@ -177,7 +177,7 @@ def test_normals_of_gaussians_add_up_to_the_same_bits_on_any_threads(rng):
         result = gsut.render(g, camera, pose)
         found.append(
             (gsut.render_surface(result).normals.tobytes(),
-             gsut.render_surface_backward(result, to).means.tobytes())
+             gsut.loop.render_surface_backward(result, to).means.tobytes())
         )  # fmt: skip
     gsut.set_num_threads(0)
     assert found[0] == found[1] == found[2]

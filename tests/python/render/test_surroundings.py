@@ -7,7 +7,7 @@ import gsut
 import tolerances as tol
 from gsut.formats import NO_BACKGROUND, read_scene_file, save_ply
 from gsut.render import field_angles, random_background, with_surroundings
-from gsut.training import plain_background
+from gsut.training import find_plain_background
 from gsut.view import stage_of
 from random_scenes import fisheye, gaussians_in_view, pinhole, random_pose
 from rendered_dataset import write_dataset
@@ -89,13 +89,13 @@ def test_edges_of_one_colour_are_the_background_of_an_object(tmp_path, rng):
 
     for picture in pictures.values():
         picture[:] = rng.integers(0, 255, picture.shape)
-    assert plain_background(Edged) is None
+    assert find_plain_background(Edged) is None
     for picture in pictures.values():
         picture[0] = picture[-1] = (255, 255, 254)
         picture[:, 0] = (255, 254, 255)
-    assert plain_background(Edged) == pytest.approx((1.0, 1.0, 1.0), abs=1 / 255)
+    assert find_plain_background(Edged) == pytest.approx((1.0, 1.0, 1.0), abs=1 / 255)
     Edged.cut = True
-    assert plain_background(Edged) == (0.0, 0.0, 0.0)
+    assert find_plain_background(Edged) == (0.0, 0.0, 0.0)
 
 
 def test_a_file_says_whether_anything_stands_behind_it(tmp_path, rng):

@@ -86,7 +86,7 @@ def test_a_file_that_cannot_fit_is_refused_before_it_is_read(little, tmp_path):
 def test_what_commands_need_beside_a_file_counts_before_they_begin(
     tmp_path, monkeypatch, capsys, words, work
 ):
-    gsut.save_ply(tmp_path / "in.ply", plain_scene(np.random.default_rng(1), 600))
+    gsut.formats.save_ply(tmp_path / "in.ply", plain_scene(np.random.default_rng(1), 600))
     words = [word.format(tmp_path) for word in words]
     monkeypatch.setattr(memory, "_SMALL", 0)
     size = os.path.getsize(tmp_path / "in.ply")

@@ -2,7 +2,7 @@
 
 import pytest
 
-from gsut.run import Verdict, worst
+from gsut.run import Verdict, combine_verdicts, judge_pictures
 
 GOOD = Verdict("good", "61 of 61 images registered")
 POOR = Verdict("poor", "12 dB", ("the poses do not fit",), "gsut doctor DATA")
@@ -14,9 +14,17 @@ def test_the_words_say_level_finding_reasons_and_what_to_do():
 
 
 def test_the_poorest_of_several_counts():
-    assert worst([GOOD, POOR, GOOD]) is POOR
+    assert combine_verdicts([GOOD, POOR, GOOD]) == POOR
 
 
 def test_an_unknown_level_is_refused():
     with pytest.raises(ValueError, match="good, usable, poor"):
         Verdict("fine", "")
+
+
+def test_a_few_or_blurred_pictures_are_reasons():
+    rows = [{"blurred": i < 10} for i in range(30)]
+    found = judge_pictures({"frames": rows, "size": (4, 3)})
+    assert found.level == "usable" and "10 of them blurred" in str(found)
+    assert judge_pictures({"frames": rows[10:], "size": (4, 3)}).level == "good"
+    assert "only 5 pictures" in str(judge_pictures({"frames": rows[:5], "size": (4, 3)}))

@@ -8,16 +8,16 @@ import pytest
 
 import gsut
 import tolerances
+from disturbances import disturb_pose
 from gsut.cli import main
 from gsut.refine.localization import localize_image
-from gsut.refine.motion import pose_changes
+from gsut.refine.motion import measure_pose_changes
 from gsut.render.pictures import to_uint8
 from gsut.sfm import compare_poses, pipeline
 from gsut.sfm.core import correspondences
 from random_scenes import every_lens, gaussians_in_view, pinhole
 from synthetic_rig import pose_of
 from synthetic_walk import observe, shuffled
-from tests.bench.refine_disturb import disturbed_pose
 
 WIDTH, NOISE_PX = 256, 0.1
 FRAMES, POINTS = 5, 300
@@ -29,7 +29,7 @@ RIGHT = pose_of([0.01, -0.03, 0.02], [0.3, 0.02, 0.01])
 
 def test_lenses_are_all_of_the_build():
     models = {camera.model for _, camera in LENSES}
-    assert models | set(WITHOUT_CENTRE) == set(gsut.camera_models())
+    assert models | set(WITHOUT_CENTRE) == set(gsut.lens.camera_models())
 
 
 @pytest.fixture
@@ -111,10 +111,10 @@ def test_a_rig_of_every_lens_has_the_scale_of_its_file(name, camera, find_poses,
 )  # fmt: skip
 def test_localize_through_every_lens_finds_the_pose(name, camera, rng):
     gaussians = gaussians_in_view(rng, camera, np.eye(4), 800, sizes=(0.03, 0.15), opacity=3.0)
-    views = [(camera, disturbed_pose(rng, np.eye(4), 1.0, 0.015)) for _ in range(2)]
+    views = [(camera, disturb_pose(rng, np.eye(4), 1.0, 0.015)) for _ in range(2)]
     pixels = to_uint8(gsut.render(gaussians, camera, np.eye(4)).image)
     found = localize_image(gaussians, views, camera, pixels, np.ones(pixels.shape[:2], bool))
-    change = pose_changes(found.pose.camera_from_world[None], np.eye(4)[None])
+    change = measure_pose_changes(found.pose.camera_from_world[None], np.eye(4)[None])
     assert found.pose.converged
     assert change.degrees[0] < tolerances.LOCALIZE_EVERY_LENS_DEGREES
     assert change.distances[0] < tolerances.LOCALIZE_EVERY_LENS_UNITS

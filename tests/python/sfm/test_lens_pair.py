@@ -7,7 +7,7 @@ import pytest
 
 import gsut
 import tolerances
-from gsut.data.rigs import read_rig, relative_changes, write_rig
+from gsut.data.rigs import measure_changes, read_rig, write_rig
 from gsut.sfm.core.options import PosesOptions
 from gsut.sfm.core.solution import solve
 from gsut.sfm.rig.lens_pair import find_lens_pair, scaled_rig, write_lens_pair
@@ -57,7 +57,7 @@ def test_rig_and_both_lenses_are_found_from_the_images(rng, tmp_path):
     assert solution.registered.all()
     errors = compare_poses(solution.camera_from_world, pair.scene.poses)
     assert errors.rotation_degrees.max() < tolerances.RIG_DEGREES
-    ((turn, _),) = relative_changes(pair.scene.rig, fit.rig.camera_from_reference)[1:]
+    ((turn, _),) = measure_changes(pair.scene.rig, fit.rig.camera_from_reference)[1:]
     assert np.degrees(turn) < tolerances.RIG_FOUND_DEGREES
     for found, params in zip(fit.rig.cameras, (FRONT, BACK), strict=True):
         off = np.abs(found.params[:4] - params[:4])

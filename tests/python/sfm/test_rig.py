@@ -11,9 +11,10 @@ import pytest
 
 import gsut
 import tolerances
+from disturbances import disturb_rig
 from gsut import _core
 from gsut.data.poses import centers_of, inverse
-from gsut.data.rigs import read_rig, relative_changes, write_rig
+from gsut.data.rigs import measure_changes, read_rig, write_rig
 from gsut.sfm.core.features import no_features
 from gsut.sfm.core.options import PosesOptions
 from gsut.sfm.core.pairs import choose_pairs
@@ -23,7 +24,6 @@ from gsut.sfm.rig.images import find_rig_photographs
 from gsut.sfm.rig.start import place_rig
 from gsut.sfm.world.comparison import compare_poses
 from synthetic_rig import BACKWARD, STEREO, SyntheticRig, pose_of
-from tests.bench.rig_poses import disturbed
 
 STRETCHED = np.diag([1.0, 2.0, 1.0, 1.0]).tolist()
 RUNS = 12  # of scenes from seeds, where a spread is on trial
@@ -79,10 +79,10 @@ def test_solve_rig_reference_away_from_every_camera_and_three_cameras(rng):
     apart, turned = scene.worst(solution)
     assert apart < tolerances.RIG_EXACT
     assert turned < tolerances.RIG_EXACT
-    wrong = disturbed(scene.rig)
+    wrong = disturb_rig(scene.rig)
     noisy = SyntheticRig(rng, STEREO, BACKWARD, elsewhere=elsewhere, noise=0.2)
     _, fit = solved(noisy, wrong, adjust=True)
-    changes = relative_changes(scene.rig, fit.rig.camera_from_reference)
+    changes = measure_changes(scene.rig, fit.rig.camera_from_reference)
     assert np.degrees(max(turn for turn, _ in changes)) < tolerances.RIG_REFINED_DEGREES
     assert size_of(fit.rig) == pytest.approx(size_of(wrong), rel=tolerances.RIG_SIZE)
 
@@ -165,10 +165,10 @@ def test_solve_rig_places_a_frame_by_few_points_in_each_camera(rng):
 
 def test_solve_rig_refines_a_disturbed_rig_and_keeps_its_size(rng):
     scene = SyntheticRig(rng, noise=0.2)
-    wrong = disturbed(scene.rig)
+    wrong = disturb_rig(scene.rig)
     solution, fit = solved(scene, wrong, adjust=True)
     assert fit.rig.baseline == pytest.approx(wrong.baseline, rel=tolerances.RIG_SIZE)
-    _, (turned, shifted) = relative_changes(scene.rig, fit.rig.camera_from_reference)
+    _, (turned, shifted) = measure_changes(scene.rig, fit.rig.camera_from_reference)
     assert np.degrees(turned) < tolerances.RIG_REFINED_DEGREES  # was 0.5
     assert shifted < tolerances.RIG_REFINED_SHARE * wrong.baseline  # was 0.01
     apart, turned = scene.worst(solution)
@@ -180,7 +180,7 @@ def test_solve_rig_refines_a_disturbed_rig_and_keeps_its_size(rng):
 
 def test_solve_rig_says_that_a_held_rig_is_turned_otherwise(rng):
     scene = SyntheticRig(rng, noise=0.2)
-    _, fit = solved(scene, disturbed(scene.rig))
+    _, fit = solved(scene, disturb_rig(scene.rig))
     assert any(
         "the rotation between two cameras differs" in n and "--refine-rig" in n for n in fit.notes
     )

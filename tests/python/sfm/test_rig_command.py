@@ -7,13 +7,13 @@ import pytest
 
 import gsut
 import tolerances
+from disturbances import disturb_rig
 from gsut.cli import main
 from gsut.data.poses import inverse
+from gsut.data.rigs.rig import measure_changes, read_rig, write_rig
 from gsut.demo import make_demo_rig
 from gsut.demo.rig import right_from_left
-from gsut.sfm import errors_against
-from tests.bench import rig_poses
-from tests.bench.__main__ import main as bench_main
+from gsut.sfm import errors_against, find_poses
 
 FRAMES, SIZE = 6, 200
 PATH_SHARE = 0.15  # of the demo's path: neighbours see the same
@@ -107,18 +107,17 @@ def test_demo_rig_tells_errors_against_the_truth(demo, poses, capsys):
     assert (demo / "rig_run" / "report.html").is_file()
 
 
-def test_bench_poses_rig_has_a_row_with_and_without_it(demo, monkeypatch, capsys):
-    monkeypatch.setattr(rig_poses, "WAYS", (rig_poses.WAYS[0], rig_poses.WAYS[4]))
-    truth = demo / "rig_hall"
-    rows = demo / "rows.json"
-    words = ["poses", str(truth), "--rig", str(truth / "rig.json"), "--json", str(rows)]
-    assert bench_main(words) == 0
-    assert "scale error [%]" in capsys.readouterr().out
-    alone, refined = json.loads(rows.read_text())
-    assert alone["scale_error_percent"] is None
-    assert alone["registered"] == refined["registered"] == 2 * FRAMES
-    assert abs(refined["scale_error_percent"]) < tolerances.RIG_DEMO_REFINED_PERCENT
-    assert refined["rig_turn_degrees"] < 0.2 * rig_poses.DISTURBED_DEGREES
+def test_poses_with_a_disturbed_rig_refine_it(demo, tmp_path):
+    truth = read_rig(demo / "rig_hall" / "rig.json")
+    write_rig(disturb_rig(truth, degrees=0.5), tmp_path / "rig.json")
+    out = tmp_path / "out"
+    found = find_poses(demo / "rig_hall", out, rig=tmp_path / "rig.json", refine_rig=True).figures
+    errors = errors_against(demo / "rig_hall", out)
+    assert found["registered"] == 2 * FRAMES
+    assert abs(errors.scale_error_percent) < tolerances.RIG_DEMO_REFINED_PERCENT
+    poses = np.array([camera["camera_from_reference"] for camera in found["rig"]["cameras"]])
+    turns = [turn for turn, _ in measure_changes(truth, poses)]
+    assert np.degrees(max(turns)) < 0.2 * 0.5
 
 
 @pytest.mark.parametrize(

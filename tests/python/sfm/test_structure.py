@@ -31,8 +31,6 @@ from gsut.sfm.lens.search import search_lens
 from gsut.sfm.pipeline import find_poses
 from gsut.sfm.world.comparison import centers_of, compare_poses
 from synthetic_walk import Synthetic, quiet
-from tests.bench import poses_bench, pycolmap_poses
-from tests.bench.__main__ import main as bench_main
 
 _BESIDE = Path(__file__).resolve().parents[4] / "shared"
 SPONZA = Path(os.environ.get("GSUT_SHARED", _BESIDE)) / "data" / "sponza_fisheye"
@@ -588,69 +586,6 @@ def test_connected_images_are_as_many_as_asked_for(rng):
     few = choose_connected_pairs(verified, 4)
     assert len({i for pair in few for i in (pair.first, pair.second)}) == 4
     assert choose_connected_pairs(verified, 20) == verified
-
-
-ONE_THREAD = poses_bench.PosesBenchOptions([], threads=1)
-
-
-def test_bench_poses_prints_errors_beside_seconds(some_sponza, solved_sponza, tmp_path, capsys):
-    arguments = ["poses", str(solved_sponza), "--json", str(tmp_path / "rows.json")]
-    assert bench_main(arguments) == 0
-    (row,) = json.loads((tmp_path / "rows.json").read_text())
-    assert row["registered"] == row["images"] == IMAGES
-    # The same images and lens: the same poses but for the rounding of the lens' file.
-    assert row["rotation_max_degrees"] < tolerances.SFM_REPEAT_DEGREES
-    assert row["total_seconds"] > 0 and "ATE" in capsys.readouterr().out
-    assert 0 < row["mapping_cpu_seconds"] < row["total_cpu_seconds"]
-    # Once more, with the row changed to know it again: it is kept, not measured.
-    row["total_seconds"] = 1234.5
-    (tmp_path / "rows.json").write_text(json.dumps([row]))
-    assert bench_main([*arguments, "--resume"]) == 0
-    assert "1234.5" in capsys.readouterr().out
-
-
-def test_bench_poses_of_images_without_poses_trains_on_what_it_finds(some_sponza, tmp_path):
-    options = poses_bench.PosesBenchOptions([str(some_sponza[0])], train=20, train_scale=0.25)
-    kept = {"asked": {}, "data": "another"}
-    (first, row) = poses_bench.poses_bench(options, done=[kept])
-    assert first is kept and row["registered"] == IMAGES
-    assert row["ate_percent"] is None and row["psnr"] > 8  # of 20 steps: any picture at all
-
-
-def test_bench_poses_without_pycolmap_says_so(solved_sponza, tmp_path):
-    python = tmp_path / "python"
-    python.write_text(f"#!/bin/sh\nexit {pycolmap_poses.MISSING}\n")
-    python.chmod(0o755)
-    row = poses_bench.measure_pycolmap(solved_sponza, "known", str(python), ONE_THREAD)
-    assert row["registered"] == 0 and "has no pycolmap: pip install" in row["failure"]
-    with pytest.raises(gsut.InputError, match="cannot be run"):
-        poses_bench.measure_pycolmap(solved_sponza, "known", str(tmp_path / "absent"), ONE_THREAD)
-
-
-def test_bench_poses_compares_what_pycolmap_answers(solved_sponza, tmp_path):
-    # A stand-in answers with the data set's own poses, moved and scaled: no error is left.
-    scene = gsut.load_dataset(solved_sponza, test_every=0)
-    poses = {}
-    for view in scene.views:
-        pose = view.camera_from_world.copy()
-        pose[:3, 3] = 2.0 * (pose[:3, 3] - pose[:3, :3] @ [1.0, 2.0, 3.0])
-        poses[view.image_path.resolve().name] = pose[:3].tolist()
-    seconds = {"features": 1, "matching": 2, "mapping": 3}
-    answer = tmp_path / "answer.json"
-    answer.write_text(json.dumps({"poses": poses, "seconds": seconds, "cpu_seconds": seconds}))
-    python = tmp_path / "python"
-    python.write_text(f'#!/bin/sh\ncp {answer} "$3"\n')
-    python.chmod(0o755)
-    row = poses_bench.measure_pycolmap(solved_sponza, "known", str(python), ONE_THREAD)
-    assert row["registered"] == IMAGES and row["total_seconds"] == 6
-    assert row["ate_percent"] < 1e-8 and row["rotation_max_degrees"] < 1e-8
-
-
-def test_bench_poses_fits_a_lens_of_another_model_to_the_datasets_own(some_sponza, tmp_path):
-    folder, _, own = some_sponza
-    fitted = gsut.load_camera(poses_bench._fitted_lens(folder, "kannala_brandt", tmp_path))
-    assert fitted.model == own.model == "kannala_brandt"
-    assert fitted.params == pytest.approx(own.params, rel=tolerances.SFM_FOCAL)
 
 
 def test_poses_that_hold_no_image_are_an_error():

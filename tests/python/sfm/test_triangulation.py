@@ -9,7 +9,7 @@ import pytest
 import gsut
 import tolerances
 from gsut.cli import main
-from gsut.data.points import load_points_ply, points_ply
+from gsut.data.points import format_points_ply, load_points_ply
 from gsut.demo import make_demo_scene
 from gsut.demo.hall import make_hall
 from gsut.demo.tracing import Tracer
@@ -49,12 +49,12 @@ def relative_errors(points, scene):
 
 def test_triangulate_points_lie_on_the_surfaces(hall):
     scene = gsut.load_dataset(hall)
-    sparse = gsut.triangulate(scene)
+    sparse = gsut.poses.triangulate(scene)
     assert len(sparse) > 300
     errors = relative_errors(sparse.positions, scene)
     assert np.median(errors) < tolerances.POINTS_MEDIAN_RELATIVE
     assert np.quantile(errors, 0.9) < tolerances.POINTS_NINETY_RELATIVE
-    dense = gsut.triangulate(scene, dense=DENSE)
+    dense = gsut.poses.triangulate(scene, dense=DENSE)
     assert len(dense) > len(sparse) + DENSE / 10
     np.testing.assert_array_equal(dense.positions[: len(sparse)], sparse.positions)
     errors = relative_errors(dense.positions[len(sparse) :], scene)
@@ -69,7 +69,9 @@ def test_triangulate_sponza_agrees_with_the_exact_depth_of_a_held_out_view(share
     away = [np.linalg.norm(scene.views[i].camera_center - view.camera_center)
             for i in scene.train_indices]  # fmt: skip
     nearest = [scene.views[scene.train_indices[i]] for i in np.argsort(away)[:10]]
-    found = gsut.triangulate(scene.replace(views=nearest, train_indices=range(10), test_indices=()))
+    found = gsut.poses.triangulate(
+        scene.replace(views=nearest, train_indices=range(10), test_indices=())
+    )
     assert len(found) > 500
     depth = cv2.imread(str(view.depth_path), cv2.IMREAD_UNCHANGED) / 1000.0
     pose, camera = view.camera_from_world, scene.camera(scene.test_indices[3])
@@ -87,8 +89,8 @@ def test_triangulate_far_from_the_origin_gives_the_same_points(hall):
     scene = gsut.load_dataset(hall)
     shift = np.array([500_000.0, 5_400_000.0, 300.0])
     far = scene.about(-shift).replace(world_offset=np.zeros(3))
-    near = gsut.triangulate(scene, PosesOptions(max_features=300))
-    moved = gsut.triangulate(far, PosesOptions(max_features=300))
+    near = gsut.poses.triangulate(scene, PosesOptions(max_features=300))
+    moved = gsut.poses.triangulate(far, PosesOptions(max_features=300))
     assert np.abs(moved.positions - shift - near.positions).max() < tolerances.POINTS_FAR_METRES
 
 
@@ -134,7 +136,7 @@ def test_triangulate_wrong_poses_says_so(hall):
         for v in scene.views
     ]
     with pytest.raises(gsut.InputError, match="matches fit the given poses"):
-        gsut.triangulate(scene.replace(views=views), PosesOptions(max_features=300))
+        gsut.poses.triangulate(scene.replace(views=views), PosesOptions(max_features=300))
 
 
 def test_flow_of_views_without_common_points_is_empty(hall):
@@ -175,7 +177,9 @@ def test_points_command_colours_a_cloud(hall, tmp_path, capsys):
     cloud = tmp_path / "lidar.ply"
     hidden = np.array([[0.0, 0.0, -50.0]])
     cloud.write_bytes(
-        points_ply(np.concatenate([scene.points, hidden]), np.full((len(scene.points) + 1, 3), 128))
+        format_points_ply(
+            np.concatenate([scene.points, hidden]), np.full((len(scene.points) + 1, 3), 128)
+        )
     )
     assert main(["points", str(hall), "--colour", str(cloud)]) == 0
     assert "points coloured" in capsys.readouterr().out
@@ -184,7 +188,7 @@ def test_points_command_colours_a_cloud(hall, tmp_path, capsys):
     off = np.abs(colors[:-1].astype(float) - scene.point_colors).mean(axis=1)
     assert np.median(off) < tolerances.POINTS_COLOUR_LEVELS
     empty = tmp_path / "empty.ply"
-    empty.write_bytes(points_ply(np.zeros((0, 3)), np.zeros((0, 3))))
+    empty.write_bytes(format_points_ply(np.zeros((0, 3)), np.zeros((0, 3))))
     assert main(["points", str(hall), "--colour", str(empty)]) == 2
     assert "coordinates and unit" in capsys.readouterr().err
 

@@ -1,7 +1,6 @@
 """An unknown lens: first lenses and their ranking, what is refused, what is open, the verdict."""
 
 import dataclasses
-import json
 import math
 
 import numpy as np
@@ -12,7 +11,6 @@ from gsut.cli import main
 from gsut.demo import make_demo_scene
 from gsut.lens import with_scaled_focal
 from gsut.run import Verdict
-from gsut.run.verdict import LEVELS
 from gsut.sfm.core.correspondences import match_images
 from gsut.sfm.core.features import Features
 from gsut.sfm.core.log import PosesLog
@@ -33,7 +31,6 @@ from gsut.sfm.lens.ranking import LensRanking
 from gsut.sfm.lens.search import search_lens
 from gsut.sfm.report.verdict import poses_verdict
 from synthetic_walk import Synthetic, quiet
-from tests.bench.__main__ import main as bench_main
 
 
 @pytest.fixture(scope="module")
@@ -220,7 +217,7 @@ def test_poses_verdict_says_level_and_reason(walk, change, level, words):
     verdict = poses_verdict(solution, features, agreeing, doubt)
     assert verdict.level == level
     assert words in str(verdict) and verdict.advice
-    assert Verdict.of(verdict.as_dict()) == verdict
+    assert Verdict.from_dict(verdict.as_dict()) == verdict
 
 
 def test_poses_log_of_a_mapper_never_goes_back():
@@ -245,23 +242,13 @@ def hall(tmp_path_factory):
     return make_demo_scene(folder, views=8, test_views=0, size=176, progress=False)
 
 
-def test_bench_unknown_lens_prints_focal_length_beside_time(hall, tmp_path, capsys):
-    file = tmp_path / "rows.json"
-    assert bench_main(["unknown_lens", str(hall), "--json", str(file)]) == 0
-    (row,) = json.loads(file.read_text())
-    # Few views of a few pixels: it is found, or said why not.
-    assert row["verdict"] in (*LEVELS, "refused")
-    words = capsys.readouterr().out
-    assert "focal [px]" in words and words.startswith("hall: ")
-
-
 def test_poses_command_run_again_says_done(hall, tmp_path, capsys):
     arguments = ["poses", str(hall), "-o", str(tmp_path / "out")]
     assert main([*arguments, "--quiet"]) == 0
     before = (tmp_path / "out" / "poses.json").stat().st_mtime_ns
     assert main(arguments) == 0
     words = capsys.readouterr().out
-    assert "done already" in words and "poses of" in words
+    assert "already finished" in words and "poses of" in words
     assert (tmp_path / "out" / "poses.json").stat().st_mtime_ns == before
 
 

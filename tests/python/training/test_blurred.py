@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import gsut
-from gsut.training import without_blurred
+from gsut.training import leave_out_blurred
 from random_scenes import pinhole
 
 VIEWS, BLURRED = 12, (3, 8)
@@ -22,21 +22,21 @@ def scene(rng):
         images.append(np.clip(seen + rng.normal(0, 1, seen.shape), 0, 255).astype(np.uint8))
     poses = np.tile(np.eye(4), (VIEWS, 1, 1))
     names = [f"frame_{view}.png" for view in range(VIEWS)]  # 10 sorts before 2
-    return gsut.make_scene(images, pinhole(64), poses, names=names, test_every=0)
+    return gsut.scene_from_arrays(images, pinhole(64), poses, names=names, test_every=0)
 
 
 def test_blurred_photographs_are_left_out_and_named(scene):
-    kept = without_blurred(scene, gsut.TrainOptions(drop_blurred=True))
+    kept = leave_out_blurred(scene, gsut.TrainOptions(drop_blurred=True))
     left = [scene.views[i].name for i in set(scene.train_indices) - set(kept.train_indices)]
     assert sorted(left) == [f"frame_{view}.png" for view in BLURRED]
     assert any("frame_3.png" in note and "left out" in note for note in kept.notes)
 
 
 def test_all_are_kept_unless_asked_for(scene):
-    assert without_blurred(scene, gsut.TrainOptions()) is scene
+    assert leave_out_blurred(scene, gsut.TrainOptions()) is scene
 
 
 def test_photographs_alike_are_all_kept(scene):
     sharp = scene.replace(train_indices=[i for i, v in enumerate(scene.views)
                                          if int(v.name[6:-4]) not in BLURRED])  # fmt: skip
-    assert without_blurred(sharp, gsut.TrainOptions(drop_blurred=True)) is sharp
+    assert leave_out_blurred(sharp, gsut.TrainOptions(drop_blurred=True)) is sharp

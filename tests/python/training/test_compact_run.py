@@ -12,9 +12,9 @@ from gsut import InputError, TrainOptions
 from gsut.cli import main
 from gsut.run import parse_size
 from gsut.run.folder import METRICS, OPTIONS, SCENE, RunFolder
-from gsut.training.compact_run import CompactOptions, RunCompactor, count_for_bytes
-from gsut.training.finetuning import finetune, finetune_options
 from gsut.training.loop import TrainingLoop
+from gsut.training.tuning.compact_run import CompactOptions, RunCompactor, count_for_bytes
+from gsut.training.tuning.finetuning import finetune, finetune_options
 from random_scenes import arrays_of
 from rendered_dataset import write_dataset
 
@@ -48,7 +48,7 @@ def test_compact_of_a_run_is_a_run_that_can_be_evaluated(run, tmp_path, capsys):
     out = tmp_path / "small"
     assert main(["compact", str(run), "--keep", "0.5", "-o", str(out), "--quiet"]) == 0
     found = metrics_of(out)
-    assert found["num_gaussians"] == 150 == len(gsut.load_ply(out / SCENE))
+    assert found["num_gaussians"] == 150 == len(gsut.formats.load_ply(out / SCENE))
     assert found["compaction"]["method"] == "ghap"
     assert found["compaction"]["source_num_gaussians"] == 300
     assert found["compaction"]["source_psnr"] == metrics_of(run)["psnr"]
@@ -77,7 +77,7 @@ def test_finetuning_gains_and_keeps_the_number(run, tmp_path):
 
 
 def test_finetuning_has_the_same_bits_on_any_number_of_threads(scene, run):
-    start = gsut.compact(gsut.load_ply(run / SCENE), 0.3).gaussians
+    start = gsut.compact(gsut.formats.load_ply(run / SCENE), 0.3).gaussians
     results = []
     for threads in (1, 3):
         options = finetune_options(TrainOptions(**SHORT, threads=threads), 10, len(start))
@@ -86,7 +86,7 @@ def test_finetuning_has_the_same_bits_on_any_number_of_threads(scene, run):
 
 
 def test_target_psnr_drop_finds_fewer_gaussians_within_it(scene, run):
-    whole = gsut.load_ply(run / SCENE)
+    whole = gsut.formats.load_ply(run / SCENE)
     tried = []
     compactor = RunCompactor(
         scene, whole, TrainOptions(**SHORT).resolved(), CompactOptions(target_psnr_drop=0.3),
@@ -126,14 +126,18 @@ def test_sizes_that_are_none_are_refused(text):
 
 def test_target_size_too_small_for_one_is_refused(run):
     with pytest.raises(InputError, match="too small"):
-        count_for_bytes(gsut.load_ply(run / SCENE), 100)
+        count_for_bytes(gsut.formats.load_ply(run / SCENE), 100)
 
 
 def test_compact_of_a_ply_file_needs_no_photograph(run, tmp_path, capsys):
     out = tmp_path / "small.ply"
     words = ["compact", str(run / SCENE), "--keep", "0.25", "-o", str(out), "--json"]
     assert main(words) == 0
-    assert json.loads(capsys.readouterr().out)["num_gaussians"] == 75 == len(gsut.load_ply(out))
+    assert (
+        json.loads(capsys.readouterr().out)["num_gaussians"]
+        == 75
+        == len(gsut.formats.load_ply(out))
+    )
     assert "exists" in refused(capsys, run / SCENE, "--keep", "0.25", "-o", out)
     other = tmp_path / "other.ply"
     tuned = refused(capsys, run / SCENE, "--keep", "0.25", "--finetune", "5", "-o", other)
@@ -185,7 +189,7 @@ def test_training_with_compact_at_keeps_the_number_from_there_on_and_resumes(sce
     again.load_state_dict(state)
     while again.step < 80:
         again.advance()
-    assert arrays_of(again.result()) == arrays_of(whole.gaussians)
+    assert arrays_of(again.make_result()) == arrays_of(whole.gaussians)
 
 
 def test_compact_at_after_the_end_is_refused():
@@ -223,14 +227,14 @@ def test_compact_of_odd_ply_files_works_and_says_what_was_dropped(tmp_path, caps
         "nans": (nans, 2, 10), "clear": (clear, 0, 10), "same": (same, 0, 10),
         "one": (made(1), 0, 1),
     }  # fmt: skip
-    gsut.save_ply(tmp_path / "nothing.ply", nothing)
+    gsut.formats.save_ply(tmp_path / "nothing.ply", nothing)
     words = ["compact", str(tmp_path / "nothing.ply"), "--keep", "0.25", "-o"]
     assert main([*words, str(tmp_path / "none.ply")]) == 2
     said = f"nothing.ply: none of its {n} Gaussians can be drawn: row 0 has values that are not"
     assert said in capsys.readouterr().err and not (tmp_path / "none.ply").exists()
     for name, (g, dropped, left) in cases.items():
         source, out = tmp_path / f"{name}.ply", tmp_path / f"{name}_small.ply"
-        gsut.save_ply(source, g)
+        gsut.formats.save_ply(source, g)
         words = ["compact", str(source), "--keep", "0.25", "-o", str(out)]
         said = rf"{dropped} of {len(g)} Gaussians have values that are not finite and were left"
         with warnings.catch_warnings():
@@ -238,8 +242,8 @@ def test_compact_of_odd_ply_files_works_and_says_what_was_dropped(tmp_path, caps
             assert main(words) == 0, name
         told = capsys.readouterr()
         assert bool(re.search(f"gsut: note: .*{said}", told.err)) == bool(dropped), name
-        assert f"-> {len(gsut.load_ply(out)):,} Gaussians" in told.out
-        small = gsut.load_ply(out)
+        assert f"-> {len(gsut.formats.load_ply(out)):,} Gaussians" in told.out
+        small = gsut.formats.load_ply(out)
         assert abs(len(small) - left) <= 1, name
         assert small.sh_degree == 0
         assert all(np.isfinite(getattr(small, f)).all() for f in ("means", "sh", "log_scales"))

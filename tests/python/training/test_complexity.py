@@ -6,7 +6,8 @@ import pytest
 import gsut
 from gsut import TrainOptions
 from gsut.run import PRESETS, fitted
-from gsut.training import choose_complexity, complexity
+from gsut.training import choose_complexity
+from gsut.training.first import complexity
 from random_scenes import arrays_of
 from rendered_dataset import write_dataset
 
@@ -33,7 +34,7 @@ def test_number_grows_with_photographs_up_to_the_presets(scene, monkeypatch):
     found, said = chosen_with(scene, monkeypatch, 1000, 1)
     assert (found.max_gaussians, found.fewer) == (1000 * views, True)
     words = f"{views} photographs: at most {1000 * views:,} Gaussians of degree 1, 1,000 each: "
-    assert said == [f"{words}more would learn so few by heart"]
+    assert said == [f"{words}more would only memorize them"]
     half = scene.replace(train_indices=scene.train_indices[: views // 2])
     assert chosen_with(half, monkeypatch, 1000, 1)[0].max_gaussians == 1000 * (views // 2)
     many, said = chosen_with(scene, monkeypatch, 10**6, 1e-9)

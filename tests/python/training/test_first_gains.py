@@ -6,7 +6,7 @@ import pytest
 import gsut
 import tolerances as tol
 from gsut.render import Falloff, field_angles
-from gsut.training.first_gains import first_gains
+from gsut.training.first.gains import find_first_gains
 from random_scenes import pinhole
 
 VIEWS, HEIGHT = 10, 3.0
@@ -37,7 +37,7 @@ def photographs(log_gains, bright_side=1.0):
         poses.append(pose)
     x, y = rng.uniform(-3, 3, (2, 900))
     points = np.stack([x, y, np.full(900, HEIGHT)], axis=1)
-    return gsut.make_scene(images, CAMERA, np.array(poses), points=points, test_every=0)
+    return gsut.scene_from_arrays(images, CAMERA, np.array(poses), points=points, test_every=0)
 
 
 def test_gains_are_found_under_falloff_and_noise():
@@ -45,18 +45,18 @@ def test_gains_are_found_under_falloff_and_noise():
         np.arange(VIEWS)[:, None] + [0, 1, 2]
     )
     drift -= drift.mean(axis=0)
-    error = np.abs(first_gains(photographs(drift)) - drift).max()
+    error = np.abs(find_first_gains(photographs(drift)) - drift).max()
     print("worst log-gain off by", error)
     assert error < tol.FIRST_GAIN
 
 
 @pytest.mark.parametrize("bright_side", [1.0, 1.2])
 def test_photographs_alike_give_none_whatever_is_uneven_within_them(bright_side):
-    assert first_gains(photographs(np.zeros((VIEWS, 3)), bright_side)) is None
+    assert find_first_gains(photographs(np.zeros((VIEWS, 3)), bright_side)) is None
 
 
 def test_few_points_or_views_say_nothing():
     scene = photographs(0.3 * np.sin(np.arange(VIEWS))[:, None] * np.ones(3))
-    assert first_gains(scene) is not None
-    assert first_gains(scene.replace(points=scene.points[:20])) is None
-    assert first_gains(scene.replace(train_indices=(0, 1, 2))) is None
+    assert find_first_gains(scene) is not None
+    assert find_first_gains(scene.replace(points=scene.points[:20])) is None
+    assert find_first_gains(scene.replace(train_indices=(0, 1, 2))) is None

@@ -7,10 +7,10 @@ import pytest
 
 import gsut
 import tolerances as tol
-from gsut.data import make_scene
+from gsut.data import scene_from_arrays
 from gsut.lens import Camera
-from gsut.training.first_sky import first_sky
-from gsut.training.start import first_gaussians
+from gsut.training.first.seeding import choose_first_gaussians
+from gsut.training.first.sky import find_sky
 
 CAMERA = Camera("pinhole", [60.0, 60.0, 60.0, 40.0], 120, 80)
 CENTERS = np.array([[x, 0.0, z] for x in (-3.0, -1.0, 1.0, 3.0) for z in (0.0, 1.0)])
@@ -40,12 +40,12 @@ def ground_scene(sky: str, seed: int = 0) -> gsut.Scene:
         images.append(np.rint(255 * np.where(shown, above, shade)).astype(np.uint8))
     poses = np.tile(np.eye(4), (len(CENTERS), 1, 1))
     poses[:, :3, 3] = -CENTERS
-    return make_scene(images, CAMERA, poses, points=points, test_every=0)
+    return scene_from_arrays(images, CAMERA, poses, points=points, test_every=0)
 
 
 def test_first_sky_of_clouds_lies_far_and_has_their_colors() -> None:
     scene = ground_scene("clouds")
-    found = first_sky(scene)
+    found = find_sky(scene)
     assert found is not None
     points, colors = found
     directions = points - CENTERS.mean(axis=0)
@@ -58,7 +58,7 @@ def test_first_sky_of_clouds_lies_far_and_has_their_colors() -> None:
 
 def test_first_sky_without_clouds_lies_above_and_has_its_color() -> None:
     scene = ground_scene("cloudless")
-    found = first_sky(scene)
+    found = find_sky(scene)
     assert found is not None
     directions = found[0] - CENTERS.mean(axis=0)
     assert (directions[:, 1] < 0).all() and len(directions) > 100
@@ -70,22 +70,22 @@ def test_first_sky_of_a_plain_surface_that_moves_before_points_around_it_is_none
     scene = ground_scene("points")
     plain = (np.abs(scene.points[:, 0]) < 9) & (scene.points[:, 1] < -1) & (scene.points[:, 1] > -9)
     scene = scene.replace(points=scene.points[~plain], point_colors=scene.point_colors[~plain])
-    assert first_sky(scene) is None
+    assert find_sky(scene) is None
 
 
 @pytest.mark.parametrize("sky", ["wall", "points"])
 def test_first_sky_of_plain_wall_or_known_surface_is_none(sky: str) -> None:
-    assert first_sky(ground_scene(sky)) is None
+    assert find_sky(ground_scene(sky)) is None
 
 
 def test_first_gaussians_add_sky_within_the_cap_only() -> None:
     scene = ground_scene("clouds")
-    found = first_sky(scene)
+    found = find_sky(scene)
     assert found is not None
     most = len(scene.points) + len(found[0])
     for cap, count in ((most, most), (most - 1, len(scene.points))):
         options = gsut.TrainOptions(max_gaussians=cap).resolved()
-        gaussians, notes = first_gaussians(scene, options)
+        gaussians, notes = choose_first_gaussians(scene, options)
         assert len(gaussians) == count and len(notes) == (count == most)
 
 

@@ -14,9 +14,9 @@ from gsut import TrainOptions
 from gsut.cli import main
 from gsut.render import Light
 from gsut.run.folder import METRICS, OPTIONS, PLAN, SCENE, RunFolder
-from gsut.training import finetune_options
-from gsut.training.from_start import is_better_from_start, options_from_start
 from gsut.training.time_left import step_work
+from gsut.training.tuning import finetune_options
+from gsut.training.tuning.from_start import is_better_from_start, options_from_start
 from rendered_dataset import VIEWS, write_dataset
 
 GAINS = 0.75 + 0.25 * np.sin(np.arange(VIEWS))
@@ -52,7 +52,7 @@ def test_auto_trains_from_the_start_and_says_why(run, tmp_path, capsys):
     told = capsys.readouterr()
     assert files_of(run) == before
     assert found["compaction"]["method"] == "from_start"
-    assert found["num_gaussians"] == 150 == len(gsut.load_ply(out / SCENE))
+    assert found["num_gaussians"] == 150 == len(gsut.formats.load_ply(out / SCENE))
     options = RunFolder.open(out).read_options()
     assert (options.max_gaussians, options.steps) == (150, found["steps"])
     assert options.steps > 100

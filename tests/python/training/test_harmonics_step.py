@@ -34,7 +34,7 @@ def passes(optimizer, place, degree, dimage, in_backward):
             g, CAMERA, place, _core.BlendRule(), (0.0, 0.0, 0.0), degree, DEFAULT_UNSCENTED, image,
             None, None, True,
         )  # fmt: skip
-        step = optimizer.harmonics_step(RATES, degree) if in_backward else None
+        step = optimizer.prepare_harmonics_step(RATES, degree) if in_backward else None
         renderer.backward(dimage, None, None, gradients, touched, False, False, harmonics_step=step)
         optimizer.step(gradients, RATES, touched, degree, harmonics=not in_backward)
     assert 0 < touched.sum() < len(g)
@@ -48,8 +48,8 @@ def test_step_in_backward_gives_the_bits_of_a_step_after_it(rng, motion):
     in_view.means[::5] += 100.0  # some are far off
     dimage = rng.normal(size=(CAMERA.height, CAMERA.width, 3)).astype(np.float32)
     ran = 0
-    for isa in gsut.available_isas():
-        gsut.set_isa(isa)
+    for isa in gsut.machine.available_isas():
+        gsut.machine.set_isa(isa)
         for degree in range(4):
             after, within = (GaussianOptimizer(in_view, 400) for _ in range(2))
             assert np.any(passes(after, motion(pose), degree, dimage, False))
@@ -58,7 +58,7 @@ def test_step_in_backward_gives_the_bits_of_a_step_after_it(rng, motion):
                 assert arrays_of(found) == arrays_of(expected), (isa, degree)
             assert np.any(after.arrays[1].sh)
             ran += 1
-    assert ran == 4 * len(gsut.available_isas())
+    assert ran == 4 * len(gsut.machine.available_isas())
 
 
 def test_step_in_backward_of_what_was_not_rendered_raises(rng):
@@ -75,7 +75,7 @@ def test_step_in_backward_of_what_was_not_rendered_raises(rng):
         again(write_untouched)
 
     def again(write_untouched):
-        step = optimizer.harmonics_step(RATES)
+        step = optimizer.prepare_harmonics_step(RATES)
         renderer.backward(
             image, None, None, g.make_zeros(), touched, write_untouched, False, harmonics_step=step
         )
@@ -95,7 +95,7 @@ def test_training_steps_harmonics_in_backward_to_the_same_bits(rng, tmp_path, mo
     runs = []
     for in_backward in (True, False):
         if not in_backward:
-            monkeypatch.setattr(loop_module, "_backward_settings", lambda loop, step: after)
+            monkeypatch.setattr(loop_module, "_choose_backward_settings", lambda loop, step: after)
         loop = TrainingLoop(scene, options)
         for _ in range(7):
             loop.advance()

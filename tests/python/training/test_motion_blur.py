@@ -7,9 +7,9 @@ import gsut
 import tolerances as tol
 from gsut import InputError, _core
 from gsut.data import Level
-from gsut.data.scene import neighbours_in_time, views_within
+from gsut.data.scene import find_time_neighbours, split_exposure
 from gsut.render import DEFAULT_UNSCENTED, psnr
-from gsut.training.motion_blur import BlurRenderer, Exposure
+from gsut.training.photograph.motion_blur import BlurRenderer, Exposure
 from random_scenes import pinhole
 from rendered_dataset import truth
 
@@ -38,7 +38,7 @@ def scene(blobs):
         moments = frame + SHARE * (np.arange(9) - 4) / 9
         shown = [np.clip(gsut.render(blobs, CAMERA, place(at)).image, 0, 1) for at in moments]
         images.append(np.rint(255 * np.mean(np.power(shown, 2.2), axis=0) ** (1 / 2.2)))
-    return gsut.make_scene(
+    return gsut.scene_from_arrays(
         [image.astype(np.uint8) for image in images], CAMERA,
         np.array([place(frame) for frame in range(FRAMES)]), points=blobs.means,
         names=[f"f{frame:03d}.png" for frame in range(FRAMES)],
@@ -46,10 +46,10 @@ def scene(blobs):
 
 
 def test_views_within_lie_evenly_in_the_exposure_at_the_velocity_between_neighbours(scene):
-    before, after, time = neighbours_in_time(scene.views)[7]
+    before, after, time = find_time_neighbours(scene.views)[7]
     assert (before, after, time) == (6, 8, 2.0)
     around = (scene.views[7], scene.views[before], scene.views[after])
-    views = views_within(*around, 0.6 / time, 3)
+    views = split_exposure(*around, 0.6 / time, 3)
     velocity = (around[2].camera_center - around[1].camera_center) / 2
     for view, at in zip(views, (-0.2, 0.0, 0.2), strict=True):
         expected = scene.views[7].camera_center + at * velocity
@@ -61,12 +61,12 @@ def test_more_poses_where_the_camera_moves_further_and_one_at_a_coarse_level(sce
     exposure, level = Exposure(scene, SHARE), Level(scene)
     counts = [
         len(found) if isinstance(found, list) else 1
-        for found in (exposure.places(scene, level, view) for view in range(1, FRAMES - 1))
+        for found in (exposure.find_poses(scene, level, view) for view in range(1, FRAMES - 1))
     ]
     assert max(counts) == 3 and min(counts) == 1
     small = Level(scene.scaled(0.25))
-    assert not any(isinstance(exposure.places(scene, small, v), list) for v in range(FRAMES))
-    assert np.array_equal(Exposure(scene, None).places(scene, level, 1), scene.views[1].motion)
+    assert not any(isinstance(exposure.find_poses(scene, small, v), list) for v in range(FRAMES))
+    assert np.array_equal(Exposure(scene, None).find_poses(scene, level, 1), scene.views[1].motion)
 
 
 def test_one_frame_has_no_velocity(scene):

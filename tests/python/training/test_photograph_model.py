@@ -14,7 +14,7 @@ from gsut.evaluate import evaluate
 from gsut.render import Falloff, Light, PixelFilter, field_angles, interpolated_gains
 from gsut.run import RunFolder
 from gsut.training import read_light, read_scene, read_trained
-from gsut.training.photograph_model import PhotographModel
+from gsut.training.photograph.photograph_model import PhotographModel
 from rendered_dataset import VIEWS, write_dataset
 
 GAINS = np.exp(0.15 * np.sin(0.5 * np.arange(VIEWS)[:, None] + [0.0, 0.2, 0.4]))
@@ -135,7 +135,7 @@ def test_falloff_is_found(data):
             lit = (image * GAINS[view] * truth.at(angles)).astype(np.float32)
             target = _core.PhotometricTarget(lit, None, "partial", True)
             model.observe(fraction, level, view, target, image)
-    found = model.light()
+    found = model.find_light()
     shape = found.falloffs[0].at(angles) / truth.at(angles)
     shape /= np.median(shape)
     print("worst falloff off by", np.abs(shape - 1).max())
@@ -164,4 +164,4 @@ def test_a_scene_that_is_still_dark_tells_nothing_of_the_photographs(data, brigh
         lit = (image * GAINS[view]).astype(np.float32)
         target = _core.PhotometricTarget(lit, None, "partial", True)
         model.observe(0.1, level, view, target, (brightness * image).astype(np.float32))
-    assert (model.spread() > 0) == differ
+    assert (model.measure_spread() > 0) == differ

@@ -121,13 +121,13 @@ def test_a_killed_run_goes_on_from_its_last_images_to_the_same_bits(video, tmp_p
     from gsut.training import photometric_poses
 
     posed: list[int] = []
-    add_next = photometric_poses._Growth.add_next
+    add_next = photometric_poses.VideoScene.add_next
 
     def counted(growth):
         posed.append(growth.next)
         add_next(growth)
 
-    monkeypatch.setattr(photometric_poses._Growth, "add_next", counted)
+    monkeypatch.setattr(photometric_poses.VideoScene, "add_next", counted)
     options = PosesOptions(pairs="sequential", threads=1)
 
     def run(name, on_progress=None):

@@ -10,10 +10,10 @@ import pytest
 
 import gsut
 import tolerances as tol
-from gsut.data import Scene, make_scene
+from gsut.data import Scene, scene_from_arrays
 from gsut.lens import Camera
-from gsut.training.plane_sweep import swept_points
-from gsut.training.start import first_gaussians
+from gsut.training.first.plane_sweep import find_points_by_sweep
+from gsut.training.first.seeding import choose_first_gaussians
 
 LENSES = {
     "pinhole": Camera("pinhole", [70.0, 70.0, 48.0, 32.0], 96, 64),
@@ -43,7 +43,7 @@ def wall_scene(camera: Camera, *, rolling: bool = False, plain: bool = False) ->
         images.append(np.rint(255 * np.repeat(grey[..., None], 3, -1)).astype(np.uint8))
     poses = np.tile(np.eye(4), (len(CENTERS), 1, 1))
     poses[:, :3, 3] = -CENTERS
-    scene = make_scene(images, camera, poses, test_every=0)
+    scene = scene_from_arrays(images, camera, poses, test_every=0)
     if not rolling:
         return scene
     begun, ended = np.eye(4), np.eye(4)
@@ -62,7 +62,7 @@ def wall_scene(camera: Camera, *, rolling: bool = False, plain: bool = False) ->
 @pytest.mark.parametrize("lens", LENSES)
 @pytest.mark.parametrize("rolling", [False, True])
 def test_swept_points_of_a_wall_lie_on_it(lens: str, rolling: bool) -> None:
-    found = swept_points(wall_scene(LENSES[lens], rolling=rolling), 500, 0)
+    found = find_points_by_sweep(wall_scene(LENSES[lens], rolling=rolling), 500, 0)
     assert found is not None
     points, colors = found
     assert points.shape == colors.shape == (500, 3) and colors.dtype == np.uint8
@@ -79,7 +79,7 @@ def test_swept_points_that_only_chance_shows_are_left_out(lens: str) -> None:
     grey = np.clip(128 + 50 * (soft - soft.mean()) / soft.std(), 0, 255).astype(np.uint8)
     images[1] = np.repeat(grey[..., None], 3, -1)  # of something else
     poses = scene.poses(range(len(CENTERS)))
-    found = swept_points(make_scene(images, camera, poses, test_every=0), 500, 0)
+    found = find_points_by_sweep(scene_from_arrays(images, camera, poses, test_every=0), 500, 0)
     assert found is not None and len(found[0]) == 500
     off = np.abs(found[0][:, 2] - WALL) / WALL
     assert np.mean(off > tol.SWEPT_FAR) < tol.SWEPT_BY_CHANCE
@@ -89,7 +89,7 @@ def test_swept_points_of_few_views_lie_between_the_distances_of_given_points() -
     scene = wall_scene(LENSES["pinhole"])
     given = np.random.default_rng(0).uniform([-1, -1, 2.8], [1, 1, 3.2], (200, 3))
     colors = np.full(given.shape, 128, np.uint8)
-    found = swept_points(scene.replace(points=given, point_colors=colors), 500, 0)
+    found = find_points_by_sweep(scene.replace(points=given, point_colors=colors), 500, 0)
     assert found is not None
     off = np.abs(found[0][:, 2] - WALL) / WALL
     assert np.median(off) < tol.SWEPT_MEDIAN and np.mean(off > tol.SWEPT_FAR) < tol.SWEPT_BY_CHANCE
@@ -97,7 +97,7 @@ def test_swept_points_of_few_views_lie_between_the_distances_of_given_points() -
 
 def test_swept_points_of_three_views_that_hardly_agree_are_taken_all_the_same() -> None:
     scene = wall_scene(LENSES["pinhole"]).replace(train_indices=[0, 1, 2])
-    found = swept_points(scene, 500, 0)
+    found = find_points_by_sweep(scene, 500, 0)
     assert found is not None and len(found[0]) >= 100
 
 
@@ -107,7 +107,7 @@ def test_swept_points_are_the_same_on_any_number_of_threads() -> None:
         found = []
         for threads in (1, 2):
             gsut.set_num_threads(threads)
-            found.append(swept_points(scene, 300, 1))
+            found.append(find_points_by_sweep(scene, 300, 1))
         assert all(np.array_equal(a, b) for a, b in zip(*found, strict=True))
     finally:
         gsut.set_num_threads(before)
@@ -115,9 +115,9 @@ def test_swept_points_are_the_same_on_any_number_of_threads() -> None:
 
 def test_first_gaussians_of_photographs_without_texture_are_random() -> None:
     scene = wall_scene(LENSES["pinhole"], plain=True)
-    assert swept_points(scene, 500, 0) is None
+    assert find_points_by_sweep(scene, 500, 0) is None
     options = gsut.TrainOptions(max_gaussians=2000).resolved()
-    gaussians, notes = first_gaussians(scene, options)
+    gaussians, notes = choose_first_gaussians(scene, options)
     assert len(gaussians) == 2000 and not notes
 
 
@@ -136,5 +136,5 @@ def test_first_gaussians_add_swept_ones_where_points_are_few_and_nothing_else_is
     ]
     for of, given, count, said in counts:
         options = gsut.TrainOptions(**{"max_gaussians": 2000, **given}).resolved()
-        gaussians, notes = first_gaussians(of, options)
+        gaussians, notes = choose_first_gaussians(of, options)
         assert (len(gaussians), len(notes)) == (count, said), given

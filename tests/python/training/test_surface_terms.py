@@ -13,9 +13,9 @@ import tolerances
 from gsut import InputError, TrainOptions, _core
 from gsut.data.scene import read_depth, read_normals
 from gsut.gaussians import are_surfels
-from gsut.training.known_depth import KnownDepth
 from gsut.training.loop import TrainingLoop
-from gsut.training.surface_terms import SurfaceTerms, SurfaceWeights
+from gsut.training.surface.known_depth import KnownDepth
+from gsut.training.surface.surface_terms import SurfaceTerms, SurfaceWeights
 from random_scenes import arrays_of, relative_error
 from surface_scenes import lines_of
 
@@ -94,7 +94,7 @@ def test_gradients_of_all_terms_equal_differences_of_the_double_reference(rng, s
     # From a tenth of the steps on all count fully; the known distances have faded a little.
     fraction = 0.2
     g = exact.to_dtype(np.float32)
-    found = terms.gradients(g, scene, view, _core.BlendRule(), fraction)
+    found = terms.compute_gradients(g, scene, view, _core.BlendRule(), fraction)
     assert all(term > 0 for term in terms.last)
     faded = dataclasses.replace(weights, known=0.5 * 0.01**fraction)
     base, seen = total(exact, camera, pose, known, faded, scene.extent, normals)
@@ -214,10 +214,10 @@ def test_surfels_stay_surfels_and_go_on_to_the_same_bits(scene, strategy):
         return loop, first
 
     whole, first = trained()
-    assert are_surfels(whole.result())
+    assert are_surfels(whole.make_result())
     assert not np.isin(whole.gaussians.log_scales[:, :2], first).any()
     again, _ = trained(trained(until=45)[0].state_dict())
-    assert arrays_of(again.result()) == arrays_of(whole.result())
+    assert arrays_of(again.make_result()) == arrays_of(whole.make_result())
 
 
 def test_surfels_with_a_filter_that_thickens_them_are_refused():
@@ -243,4 +243,4 @@ def test_training_for_surfaces_flattens_and_goes_on_to_the_same_bits(scene):
     whole, plain = trained(True), trained(False)
     assert flatness(whole.gaussians) < flatness(plain.gaussians) - 0.05
     again = trained(True, trained(True, until=45).state_dict())
-    assert arrays_of(again.result()) == arrays_of(whole.result())
+    assert arrays_of(again.make_result()) == arrays_of(whole.make_result())

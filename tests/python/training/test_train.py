@@ -16,8 +16,8 @@ import tolerances
 from attack.harness import snapshot
 from gsut import InputError, TrainOptions
 from gsut.run.folder import HISTORY, SCENE
+from gsut.training.first.seeding import seed_first
 from gsut.training.loop import TrainingLoop
-from gsut.training.start import seed_first
 from random_scenes import arrays_of, pinhole
 from rendered_dataset import VIEWS, write_dataset
 
@@ -123,7 +123,7 @@ def test_train_reading_images_again_same_bits(dataset, scene, unbroken):
     # Caches of decoded images, ray tables and tiles hold nothing that later runs depend on.
     fresh = gsut.load_dataset(dataset)
     assert arrays_of(train(fresh, TrainOptions(**SHORT)).gaussians) == arrays_of(
-        gsut.load_ply(unbroken / SCENE)
+        gsut.formats.load_ply(unbroken / SCENE)
     )
 
 
@@ -242,7 +242,7 @@ def test_train_loop_state_restored_into_a_new_loop_same_bits(scene):
 def test_train_loop_shows_every_view_once_an_epoch(scene):
     loop = TrainingLoop(scene, TrainOptions(**SHORT).resolved())
     views = len(scene.train_indices)
-    epochs = [[loop._view_of(e * views + i + 1) for i in range(views)] for e in range(3)]
+    epochs = [[loop._choose_view(e * views + i + 1) for i in range(views)] for e in range(3)]
     for epoch in epochs:
         assert sorted(epoch) == sorted(scene.train_indices)
     assert epochs[0] != epochs[1]
@@ -343,10 +343,10 @@ def test_train_no_training_view_is_refused(tmp_path, rng):
 
 def test_train_every_isa_learns_alike(scene):
     found = {}
-    for isa in gsut.available_isas():
-        gsut.set_isa(isa)
+    for isa in gsut.machine.available_isas():
+        gsut.machine.set_isa(isa)
         found[isa] = train(scene, TrainOptions(steps=100, max_gaussians=150)).metrics["psnr"]
-    assert len(found) == len(gsut.available_isas())
+    assert len(found) == len(gsut.machine.available_isas())
     # Rounding steers densification: like quality, not like numbers.
     assert min(found.values()) > tolerances.TRAIN_LEAST_PSNR, found
 

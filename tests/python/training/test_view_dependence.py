@@ -5,7 +5,8 @@ import pytest
 
 import gsut
 from gsut import TrainOptions
-from gsut.training import choose_degree, complexity, view_dependence
+from gsut.training import choose_degree
+from gsut.training.first import complexity, view_dependence
 from rendered_dataset import write_dataset
 
 POINTS, VIEWS = 150, 12
@@ -22,7 +23,7 @@ def share(rng, slope, noise, others=0.0):
     colors += noise * rng.normal(size=len(point))
     hidden = rng.random(len(point)) < others
     colors[hidden] += rng.choice([-2.0, 2.0], hidden.sum())
-    return view_dependence._unforeseen(point, colors, directions)
+    return view_dependence._predict_left_out(point, colors, directions)
 
 
 def test_colors_without_a_direction_are_not_foretold(rng):
@@ -54,14 +55,14 @@ def test_each_sample_is_left_out_of_its_own_forecast(rng):
             foretold.append(c[k] - found[0] - d[k] @ found[1:])
             by_mean.append(c[k] - c[rest].mean())
     expected = np.square(foretold).sum() / np.square(by_mean).sum()
-    assert view_dependence._unforeseen(point, colors, directions) == pytest.approx(expected)
+    assert view_dependence._predict_left_out(point, colors, directions) == pytest.approx(expected)
 
 
 def test_few_points_tell_nothing(rng):
     point = np.repeat(np.arange(20), 8)
     directions = rng.normal(size=(160, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    assert view_dependence._unforeseen(point, rng.normal(size=160), directions) is None
+    assert view_dependence._predict_left_out(point, rng.normal(size=160), directions) is None
 
 
 def test_degree_of_harmonics_follows_the_photographs_where_it_is_open(
@@ -69,13 +70,15 @@ def test_degree_of_harmonics_follows_the_photographs_where_it_is_open(
 ):
     rng = np.random.default_rng(20260821)
     scene = gsut.load_dataset(write_dataset(tmp_path / "data", rng))
-    assert view_dependence.unforeseen_share(scene) is None  # a handful of points
+    assert view_dependence.measure_unpredicted_share(scene) is None  # a handful of points
     assert choose_degree(scene, TrainOptions()).sh_degree == 1
     rows = [(0.5, {}, 3), (0.9, {}, 1), (0.5, {"sh_degree": 0}, 0), (0.9, {"preset": "best"}, 2)]
     for unforeseen, given, degree in rows:
-        monkeypatch.setattr(complexity, "unforeseen_share", lambda scene, value=unforeseen: value)
+        monkeypatch.setattr(
+            complexity, "measure_unpredicted_share", lambda scene, value=unforeseen: value
+        )
         assert choose_degree(scene, TrainOptions(**given)).sh_degree == degree
-    monkeypatch.setattr(complexity, "unforeseen_share", lambda scene: 0.5)
+    monkeypatch.setattr(complexity, "measure_unpredicted_share", lambda scene: 0.5)
     options = TrainOptions(steps=20, max_gaussians=100, eval_every=0)
     result = gsut.train(scene, options, progress=True)
     assert result.gaussians.sh_degree == result.metrics["complexity"]["sh_degree"] == 3

@@ -19,7 +19,7 @@ from tolerances.view import MEASURED, PICKED_POINT
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):
-    return small_run.make_scene(tmp_path_factory.mktemp("edits"))
+    return small_run.scene_from_arrays(tmp_path_factory.mktemp("edits"))
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +40,7 @@ def test_save_writes_what_is_shown_turned_and_scaled(session, gaussians, tmp_pat
     said = session.save(values).content
     inside = (gaussians.means - frames.center) @ frames.axes[0] <= 0.2 * frames.extent
     assert said["num_gaussians"] == inside.sum() and said["of"] == 300
-    found = gsut.load_ply(tmp_path / "a.ply")
+    found = gsut.formats.load_ply(tmp_path / "a.ply")
     heights = -2.0 * (gaussians.means[inside] @ (up / np.linalg.norm(up)) - 0.3)
     np.testing.assert_allclose(found.means[:, 1], heights, atol=MEASURED)
     np.testing.assert_allclose(
@@ -95,7 +95,7 @@ def test_floaters_are_left_out_of_frames_and_files(
     assert session.floaters({}).content == {"count": 100, "of": 300}
     after = session.frames.draw(request).image
     clean = gsut.render(gaussians[~floats], scene.cameras[0], pose).image
-    np.testing.assert_array_equal(after, gsut.to_uint8(clean))
+    np.testing.assert_array_equal(after, gsut.rendering.to_uint8(clean))
     assert np.any(before != after)
     assert session.save({"name": "a.spz", "clean": True}).content["num_gaussians"] == 200
 

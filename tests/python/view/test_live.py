@@ -76,7 +76,7 @@ def test_training_that_is_looked_at_has_the_same_bits(scene, changes):
     assert len({picture.tobytes() for picture in seen}) == STEPS
     truth = gsut.render(watched.gaussians, scene.cameras[0], scene.views[0].camera_from_world)
     last = pixels(live.session.frame(request(scene)))
-    np.testing.assert_array_equal(last, gsut.to_uint8(truth.image))
+    np.testing.assert_array_equal(last, gsut.rendering.to_uint8(truth.image))
 
 
 @pytest.mark.threads
@@ -191,6 +191,6 @@ def test_train_view_serves_the_finished_scene_until_the_end(scene, tmp_path, mon
     words = ["train", str(scene.path), "-o", str(tmp_path / "run"), "--steps", "8", "--quiet"]
     assert main([*words, "--view", "--no-open", "--init-count", "500"]) == 0
     assert (told["state"], told["step"], told["steps"]) == ("finished", 8, 8)
-    gaussians = gsut.load_ply(tmp_path / "run/scene.ply")
+    gaussians = gsut.formats.load_ply(tmp_path / "run/scene.ply")
     truth = gsut.render(gaussians, scene.cameras[0], scene.views[0].camera_from_world)
-    np.testing.assert_array_equal(told["frame"][..., ::-1], gsut.to_uint8(truth.image))
+    np.testing.assert_array_equal(told["frame"][..., ::-1], gsut.rendering.to_uint8(truth.image))

@@ -18,7 +18,7 @@ _PIXELS = """
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):
-    return small_run.make_scene(tmp_path_factory.mktemp("page"))
+    return small_run.scene_from_arrays(tmp_path_factory.mktemp("page"))
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +47,7 @@ def test_lossless_canvas_has_the_bits_of_render(window, scene, gaussians):
     width, height, data = window.run(_PIXELS)
     found = np.array(data, np.uint8).reshape(height, width, 4)
     truth = gsut.render(gaussians, scene.cameras[0], scene.views[1].camera_from_world)
-    np.testing.assert_array_equal(found[..., :3], gsut.to_uint8(truth.image))
+    np.testing.assert_array_equal(found[..., :3], gsut.rendering.to_uint8(truth.image))
     assert np.all(found[..., 3] == 255)
     window.run("state.lossless = false; redraw();")
 
@@ -117,7 +117,7 @@ def test_page_measures_scales_and_saves_a_new_file(window, gaussians, folder):
       await saveEdited();
       return [$("scale-text").textContent, $("save-text").textContent];""")
     assert text == ["lengths × 2.5", f"300 of 300 Gaussians: {folder / 'new.ply'}"]
-    found = gsut.load_ply(folder / "new.ply")
+    found = gsut.formats.load_ply(folder / "new.ply")
     scales = gaussians.log_scales + np.log(2.5)
     np.testing.assert_allclose(found.log_scales, scales, atol=MEASURED)
     again = window.run("try { await saveEdited(); } catch (error) { return error.message; }")
@@ -148,7 +148,7 @@ def test_plain_lens_fills_the_window(window):
 
 
 def test_every_model_is_chosen_without_an_error(window):
-    for model in gsut.camera_models():
+    for model in gsut.lens.camera_models():
         window.run(f"await makeLens({{ model: {model!r}, fit: windowShape() }});")
         assert window.run("return [lens.model, $('lens-error').hidden];") == [model, True]
     window.run("await makeLens({ id: lens.id, params: [-1] });")

@@ -21,7 +21,7 @@ END_SECONDS = 1.0  # after Ctrl-C
 @pytest.fixture(scope="module")
 def ply(tmp_path_factory):
     path = tmp_path_factory.mktemp("view") / "small.ply"
-    gsut.save_ply(path, gaussians_in_view(rng_of("view"), fisheye(), np.eye(4), 200))
+    gsut.formats.save_ply(path, gaussians_in_view(rng_of("view"), fisheye(), np.eye(4), 200))
     return path
 
 
@@ -111,7 +111,11 @@ def test_other_files_are_not_served(server, name):
         ("frame", frame(crop=[1, 2]), "two corners"),
         ("lens", {"model": "monocle"}, "no lens model 'monocle'; known: brown_conrady"),
         ("lens", {"model": "pinhole", "params": [-1, 1, 1, 1]}, "pinhole"),
-        ("lens", {"model": "pinhole", "params": []} | {"field_of_view": 200}, "cannot span 200"),
+        (
+            "lens",
+            {"model": "pinhole", "params": []} | {"field_of_view": 200},
+            "cannot span 200",
+        ),
         ("lens", {"path": "/no/lens.yaml"}, "no such lens file"),
         ("lens", {"name": "a.yaml", "base64": "bm90OiBhIGxlbnM="}, "a.yaml: "),
         ("lens", {"name": "a.yaml", "base64": "abc"}, "not whole"),

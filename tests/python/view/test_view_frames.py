@@ -12,7 +12,7 @@ import pytest
 import gsut
 import small_run
 from gsut.data.poses import read_path
-from gsut.lens import field_of_view, with_field_of_view
+from gsut.lens import measure_field_of_view, with_field_of_view
 from gsut.lens.files import camera_from_values
 from gsut.render import PixelFilter, to_uint8
 from gsut.view import Session, Stage
@@ -28,7 +28,7 @@ SIZE = small_run.SIZE
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):
     """Photographs of what the Gaussians show, the last with a rolling shutter."""
-    scene = small_run.make_scene(tmp_path_factory.mktemp("view"))
+    scene = small_run.scene_from_arrays(tmp_path_factory.mktemp("view"))
     view = scene.views[5]
     twist = gsut.exp_pose(np.array([0.05, 0.02, 0, 0, 0.03, 0]))
     rolling = dataclasses.replace(
@@ -92,7 +92,7 @@ def test_frame_has_the_bits_of_render_through_every_lens(session, scene, gaussia
     found = drawn(session, scene, lens=number, width=camera.width, height=camera.height)
     pose = scene.views[0].camera_from_world
     truth = gsut.render(gaussians, camera, pose, background=(0.1, 0.2, 0.3))
-    np.testing.assert_array_equal(found, gsut.to_uint8(truth.image))
+    np.testing.assert_array_equal(found, gsut.rendering.to_uint8(truth.image))
 
 
 def test_frame_at_a_photograph_has_its_rolling_shutter(session, scene, gaussians):
@@ -100,7 +100,7 @@ def test_frame_at_a_photograph_has_its_rolling_shutter(session, scene, gaussians
         gaussians, scene.cameras[0], scene.views[5].motion, background=(0.1, 0.2, 0.3)
     )
     found = drawn(session, scene, 5, shutter=5)
-    np.testing.assert_array_equal(found, gsut.to_uint8(truth.image))
+    np.testing.assert_array_equal(found, gsut.rendering.to_uint8(truth.image))
     assert np.any(found != drawn(session, scene, 5))
 
 
@@ -113,7 +113,7 @@ def test_rolling_shutter_goes_along_with_the_free_eye(session, scene, gaussians)
     )
     truth = gsut.render(gaussians, scene.cameras[0], motion, background=(0.1, 0.2, 0.3))
     found = drawn(session, scene, 5, shutter=5, view=None, pose=moved.ravel().tolist())
-    off = np.abs(found.astype(int) - gsut.to_uint8(truth.image))
+    off = np.abs(found.astype(int) - gsut.rendering.to_uint8(truth.image))
     assert off.max() <= 1  # a byte's rounding: the motion is composed in another order
 
 
@@ -128,7 +128,7 @@ def test_error_is_nothing_where_the_photograph_is_the_render(session, scene, gau
     truth = gsut.render(gaussians, scene.cameras[0], scene.views[0].camera_from_world)
     session.stage.background = (0.0, 0.0, 0.0)
     path = scene.views[0].image_path.with_name("same.png")
-    gsut.write_png(path, gsut.to_uint8(truth.image))
+    gsut.write_png(path, gsut.rendering.to_uint8(truth.image))
     same = dataclasses.replace(scene.views[0], image_path=path)
     session.stage.scene = scene.replace(views=(same, *scene.views[1:]))
     mask = scene.mask(0)
@@ -209,7 +209,7 @@ def test_scene_tells_what_the_page_needs(session, scene):
     assert value["views"][5]["rolling"] and not value["views"][0]["rolling"]
     np.testing.assert_allclose(value["axes"] @ value["axes"].T, np.eye(3), atol=1e-12)
     np.testing.assert_allclose(value["up"], [0, 0, 1], atol=1e-9)  # cameras stand in a circle
-    assert set(value["models"]) == set(gsut.camera_models())
+    assert set(value["models"]) == set(gsut.lens.camera_models())
 
 
 def test_file_without_cameras_is_seen_from_the_outside(gaussians):
@@ -265,10 +265,12 @@ def test_every_lens_is_described_and_its_field_set(name, camera):
         except gsut.InputError as error:
             assert "cannot span" in str(error)
             return
-        assert field_of_view(zoomed) == pytest.approx(0.7 * across, abs=FIELD_OF_VIEW_DEGREES)
+        assert measure_field_of_view(zoomed) == pytest.approx(
+            0.7 * across, abs=FIELD_OF_VIEW_DEGREES
+        )
 
 
-@pytest.mark.parametrize("model", gsut.camera_models())
+@pytest.mark.parametrize("model", gsut.lens.camera_models())
 def test_any_model_fits_the_window(model):
     lenses = Lenses([pinhole(40)])
     value = lenses.describe(lenses.make({"model": model, "fit": [900, 600]}))

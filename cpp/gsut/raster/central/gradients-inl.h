@@ -24,106 +24,113 @@ HWY_BEFORE_NAMESPACE();
 namespace gsut {
 namespace HWY_NAMESPACE {
 
-HWY_INLINE void Cross(const Lane* a, const Lane* b, Lane* out) {
+// Adds a x b to out.
+HWY_INLINE void AddCross(const Lane* a, const Lane* b, Lane* out) {
   out[0] += a[1] * b[2] - a[2] * b[1];
   out[1] += a[2] * b[0] - a[0] * b[2];
   out[2] += a[0] * b[1] - a[1] * b[0];
 }
 
-// Gradients of the Gaussians [first, first + kLanes) that exist; adds the pose's to dpose[6] if it
-// is not null.
-HWY_INLINE void GaussianGradients(const GaussiansView<const float>& g, const HarmonicsRows& sh_rows,
-                                  std::int64_t first, const ViewFloats& view, float log2_alpha_min,
-                                  float max_cutoff, int sh_degree, const Frame& frame,
-                                  const GradientRows& to, double* dpose) {
-  const FloatTag d;
-  const std::int64_t available = HWY_MIN(g.size - first, static_cast<std::int64_t>(kLanes));
-  LaneMask seen;
-  Lane sums[16];
-  if (!LoadSlotSums(g, sh_rows, first, frame, to, &seen, sums)) return;
-  const SeenLanes s = LoadSeen(g, first, view, log2_alpha_min, max_cutoff);
-  const RecordLanes r = MakeRecord(s);
-  constexpr double kLn2 = 0.69314718055994530942;
-  const Lane form_scale = Lane(2.0 * kLn2) * r.kappa;
-  Lane ga[3], gb[3], gc[3];
-  for (int k = 0; k < 3; ++k) {
-    ga[k] = form_scale * sums[k];
-    gb[k] = form_scale * sums[3 + k];
-    gc[k] = -(form_scale * sums[6 + k]);
-  }
-  const Lane inverse_distance = Lane(1.0) / s.distance;
-  const Lane e1 = (r.k * Dot3(r.a, gc) - Dot3(r.c, ga)) * inverse_distance;
-  const Lane e2 = (r.k * Dot3(r.b, gc) - Dot3(r.c, gb)) * inverse_distance;
-  const Lane e3 =
-      Lane(2.0 * kLn2) * r.kappa * sums[slot::kHu] * inverse_distance + sums[slot::kDepth];
-  Lane g_mean[3];  // camera frame, without the harmonics' part
-  for (int k = 0; k < 3; ++k) g_mean[k] = r.a[k] * e1 + r.b[k] * e2 + r.c[k] * e3;
-  // columns_of_mt[j] = M^T e_j ... kept as M[i][j].
-  Lane m[3][3];
-  for (int i = 0; i < 3; ++i) {
-    for (int j = 0; j < 3; ++j) {
-      m[i][j] = r.a[i] * ga[j] + r.b[i] * gb[j] + r.c[i] * gc[j] + g_mean[i] * s.mean[j];
+// Gradients to the linear forms of a batch, camera frame: what the sums lack, see backward-inl.h.
+struct FormGradients {
+  Lane a[3], b[3], c[3];
+
+  HWY_INLINE FormGradients(Lane kappa, const Lane* sums) {
+    constexpr double kTwoLn2 = 1.38629436111989061883;
+    const Lane scale = Lane(kTwoLn2) * kappa;
+    for (int k = 0; k < 3; ++k) {
+      a[k] = scale * sums[record::kA + k];
+      b[k] = scale * sums[record::kB + k];
+      c[k] = -(scale * sums[record::kC + k]);
     }
   }
-  Lane g_scale[3];
-  for (int k = 0; k < 3; ++k) {
-    const Lane* q = s.axes[k];
-    const Lane mq[3] = {Dot3(m[0], q), Dot3(m[1], q), Dot3(m[2], q)};
-    g_scale[k] = Select(seen, -Dot3(q, mq), Lane(0.0));
-  }
-  // axial(P) with P = M^T, i.e. (P32 - P23, P13 - P31, P21 - P12), then into the world frame.
-  const Lane axial[3] = {m[1][2] - m[2][1], m[2][0] - m[0][2], m[0][1] - m[1][0]};
-  Lane turn[3], g_world[3];
-  for (int k = 0; k < 3; ++k) {
-    const Lane column[3] = {Lane(view.rotation[k]), Lane(view.rotation[3 + k]),
-                            Lane(view.rotation[6 + k])};
-    turn[k] = Dot3(column, axial);
-    g_world[k] = Dot3(column, g_mean);
-  }
-  // A turn w of a unit quaternion q is q + (0, w) q / 2.
-  const Lane two = Lane(2.0) * s.quat_scale;
-  const Lane w = s.quat[0], x = s.quat[1], y = s.quat[2], z = s.quat[3];
-  Lane g_quat[4] = {
-      -(turn[0] * x + turn[1] * y + turn[2] * z), turn[0] * w + turn[1] * z - turn[2] * y,
-      turn[1] * w + turn[2] * x - turn[0] * z, turn[2] * w + turn[0] * y - turn[1] * x};
-  for (Lane& component : g_quat) component = Select(seen, two * component, Lane(0.0));
+};
 
-  // Colour.
-  Lane direction[3];
-  for (int k = 0; k < 3; ++k) direction[k] = s.world[k] * inverse_distance;
-  Lane g_direction[3];
-  ColorGradients(g, sh_rows, first, sh_degree, frame, seen, direction, &sums[slot::kColor], to,
-                 g_direction);
-  const Lane along = Dot3(direction, g_direction);
-  for (int k = 0; k < 3; ++k) {
-    g_world[k] += (g_direction[k] - direction[k] * along) * inverse_distance;
-    g_world[k] = Select(seen, g_world[k], Lane(0.0));
-  }
-  const Lane g_logit = Select(seen, sums[slot::kH] * (Lane(1.0) - s.opacity), Lane(0.0));
+// dL/dm in the camera frame, without what shading adds.
+HWY_INLINE void MeanGradient(const RecordLanes& r, const FormGradients& to, const Lane* sums,
+                             Lane inverse_distance, Lane* to_mean) {
+  constexpr double kTwoLn2 = 1.38629436111989061883;
+  const Lane e1 = (r.k * Dot3(r.a, to.c) - Dot3(r.c, to.a)) * inverse_distance;
+  const Lane e2 = (r.k * Dot3(r.b, to.c) - Dot3(r.c, to.b)) * inverse_distance;
+  const Lane e3 = Lane(kTwoLn2) * r.kappa * sums[slot::kHu] * inverse_distance + sums[slot::kDepth];
+  for (int k = 0; k < 3; ++k) to_mean[k] = r.a[k] * e1 + r.b[k] * e2 + r.c[k] * e3;
+}
 
-  const GaussiansView<float>& out = to.rows;
-  StoreRows3(g_world, available, out.means + 3 * first);
-  StoreRows4(g_quat, available, out.quats + 4 * first);
-  StoreRows3(g_scale, available, out.log_scales + 3 * first);
-  StoreRows1(g_logit, available, out.opacity_logits + first);
-
-  // Pose.
-  if (dpose == nullptr) return;
-  Lane g_turn[3] = {Lane(0.0), Lane(0.0), Lane(0.0)};
-  Cross(r.a, ga, g_turn);
-  Cross(r.b, gb, g_turn);
-  Cross(r.c, gc, g_turn);
+// Adds the pose's gradient to dpose[6]: the sum of the means' for the translation, of the turns' of
+// a, b and c for the rotation.
+HWY_INLINE void AddPoseGradient(const RecordLanes& r, const FormGradients& to, const Lane* to_world,
+                                const ViewFloats& view, LaneMask seen, std::int64_t available,
+                                double* dpose) {
+  const FloatTag d;
+  Lane to_turn[3] = {Lane(0.0), Lane(0.0), Lane(0.0)};
+  AddCross(r.a, to.a, to_turn);
+  AddCross(r.b, to.b, to_turn);
+  AddCross(r.c, to.c, to_turn);
   for (int k = 0; k < 3; ++k) {
     const Lane row[3] = {Lane(view.rotation[3 * k]), Lane(view.rotation[3 * k + 1]),
                          Lane(view.rotation[3 * k + 2])};
     HWY_ALIGN float v[kLanes], t[kLanes];
-    hn::Store(Dot3(row, g_world).v, d, v);
-    hn::Store(Select(seen, g_turn[k], Lane(0.0)).v, d, t);
+    hn::Store(Dot3(row, to_world).v, d, v);
+    hn::Store(Select(seen, to_turn[k], Lane(0.0)).v, d, t);
     for (int i = 0; i < available; ++i) {
       dpose[k] += static_cast<double>(v[i]);
       dpose[3 + k] += static_cast<double>(t[i]);
     }
   }
+}
+
+// Gradients of the Gaussians [first, first + kLanes) that exist; adds the pose's to dpose[6] if it
+// is not null.
+HWY_INLINE void GaussianGradients(const RasterTask& task, std::int64_t first, const Frame& frame,
+                                  const GradientRows& to, double* dpose) {
+  const GaussiansView<const float>& g = task.gaussians;
+  const ViewFloats& view = task.view;
+  LaneMask seen;
+  Lane sums[16];
+  if (!LoadSlotSums(g, task.sh_rows, first, frame, to, &seen, sums)) return;
+  const SeenLanes s = LoadSeen(g, first, view, task.log2_alpha_min, task.max_cutoff);
+  const RecordLanes r = MakeRecord(s);
+  const FormGradients forms(r.kappa, sums);
+  const Lane inverse_distance = Lane(1.0) / s.distance;
+  Lane to_mean[3];  // camera frame
+  MeanGradient(r, forms, sums, inverse_distance, to_mean);
+  Lane m[3][3];
+  for (int i = 0; i < 3; ++i) {
+    for (int j = 0; j < 3; ++j) {
+      m[i][j] =
+          r.a[i] * forms.a[j] + r.b[i] * forms.b[j] + r.c[i] * forms.c[j] + to_mean[i] * s.mean[j];
+    }
+  }
+  ParameterGradients out;
+  for (int k = 0; k < 3; ++k) {
+    const Lane* q = s.axes[k];
+    const Lane mq[3] = {Dot3(m[0], q), Dot3(m[1], q), Dot3(m[2], q)};
+    out.log_scale[k] = -Dot3(q, mq);
+  }
+  // axial(P) with P = M^T, i.e. (P32 - P23, P13 - P31, P21 - P12), then into the world frame.
+  const Lane axial[3] = {m[1][2] - m[2][1], m[2][0] - m[0][2], m[0][1] - m[1][0]};
+  Lane turn[3];
+  for (int k = 0; k < 3; ++k) {
+    const Lane column[3] = {Lane(view.rotation[k]), Lane(view.rotation[3 + k]),
+                            Lane(view.rotation[6 + k])};
+    turn[k] = Dot3(column, axial);
+    out.mean[k] = Dot3(column, to_mean);
+  }
+  TurnFromLeft(s, turn, out.quat);
+  Lane direction[3], to_direction[3];
+  for (int k = 0; k < 3; ++k) direction[k] = s.world[k] * inverse_distance;
+  ColorGradients(g, task.sh_rows, first, task.sh_degree, frame, seen, direction,
+                 &sums[slot::kColor], to, to_direction);
+  const Lane along = Dot3(direction, to_direction);
+  for (int k = 0; k < 3; ++k) {
+    out.mean[k] += (to_direction[k] - direction[k] * along) * inverse_distance;
+    out.mean[k] = Select(seen, out.mean[k], Lane(0.0));
+  }
+  out.logit = sums[slot::kH] * (Lane(1.0) - s.opacity);
+  StoreGradients(out, seen, first, to.rows);
+  if (dpose == nullptr) return;
+  const std::int64_t available = HWY_MIN(g.size - first, static_cast<std::int64_t>(kLanes));
+  AddPoseGradient(r, forms, out.mean, view, seen, available, dpose);
 }
 
 }  // namespace HWY_NAMESPACE

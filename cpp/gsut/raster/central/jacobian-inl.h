@@ -11,126 +11,136 @@
 #define GSUT_RASTER_CENTRAL_JACOBIAN_INL_H_
 #endif
 
-#include "gsut/raster/blend-inl.h"
+#include "gsut/raster/blend_backward-inl.h"
 #include "gsut/raster/central/jacobian_kernel.h"
+#include "gsut/raster/central/response-inl.h"
 #include "gsut/raster/central/tile_axes-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace gsut {
 namespace HWY_NAMESPACE {
 
-// State of a tile's pixels, block by block: fields of kLanes floats.
+// What a block of pixels carries along from Gaussian to Gaussian, see TileFields.
 inline constexpr int kSlopeT = 0;                             // transmittance
 inline constexpr int kSlopeByLine = 1;                        // its derivatives by a, b, s, t
 inline constexpr int kSlopeOut = kSlopeByLine + kLineSlopes;  // as TileSlopes
 inline constexpr int kNumSlopeFields = kSlopeOut + TileSlopes::kSize;
 
-// NOLINTNEXTLINE(readability-function-size): one loop whose state is in registers.
+// A Gaussian's blend at a block of pixels, and its slopes.
+struct AlphaSlopes {
+  FloatVec transmittance;       // T in front of it
+  FloatVec alpha;               // 0 where it is not drawn
+  FloatVec slope[kLineSlopes];  // dalpha by a, b, s, t
+};
+
+// Phase 1: evaluates alpha and its slopes, and steps T on.
+HWY_INLINE AlphaSlopes EvaluateSlopes(bool stop_before, const BlendLimits& limits, const float* r,
+                                      FloatVec s, FloatVec t, BlockFields fields) {
+  constexpr float kTwoLn2 = 1.38629436111989061883f;
+  const FloatTag d;
+  const RayForms forms = FormsAlong(r, s, t);
+  AlphaSlopes out;
+  out.transmittance = fields.Get(kSlopeT);
+  FloatMask hit = hn::And(hn::Ge(out.transmittance, limits.stop), forms.IsHit());
+  const FloatVec sum = forms.Denominator(hn::Set(d, r[record::kK]));
+  const FloatVec reciprocal = hn::IfThenElseZero(hit, FastReciprocal(sum));
+  const FloatVec kappa = hn::Set(d, r[record::kKappa]);
+  const FloatVec raw = FastExp2(
+      hn::MulAdd(kappa, hn::Mul(forms.n, reciprocal), hn::Set(d, r[record::kLog2Opacity])));
+  out.alpha = hn::IfThenElseZero(hit, hn::Min(raw, limits.alpha_max));
+  FloatVec left = hn::NegMulAdd(out.alpha, out.transmittance, out.transmittance);
+  if (stop_before) {
+    const FloatMask ends = hn::And(hit, hn::Le(left, limits.stop));
+    hit = hn::AndNot(ends, hit);
+    out.alpha = hn::IfThenElseZero(hit, out.alpha);
+    left = hn::IfThenElse(ends, hn::Neg(out.transmittance), left);
+  }
+  fields.Set(kSlopeT, left);
+  // dalpha/ds = factor (z (p p_s + q q_s) - N z_s); 0 where alpha is clamped.
+  const FloatVec moving = hn::IfThenElseZero(hn::Lt(raw, limits.alpha_max), out.alpha);
+  const FloatVec factor = hn::Mul(hn::Mul(hn::Set(d, kTwoLn2), hn::Mul(kappa, moving)),
+                                  hn::Mul(forms.z, hn::Mul(reciprocal, reciprocal)));
+  const auto by_direction = [&](int j) HWY_ATTR {
+    const FloatVec half = hn::MulAdd(forms.p, hn::Set(d, r[record::kA + j]),
+                                     hn::Mul(forms.q, hn::Set(d, r[record::kB + j])));
+    return hn::Mul(factor,
+                   hn::NegMulAdd(forms.n, hn::Set(d, r[record::kC + j]), hn::Mul(forms.z, half)));
+  };
+  // 1 / x = (z^2 + k N) / (depth z)
+  const FloatVec inverse_x =
+      hn::IfThenElseZero(hit, hn::Div(sum, hn::Mul(hn::Set(d, r[record::kDepth]), forms.z)));
+  out.slope[2] = by_direction(1);
+  out.slope[3] = by_direction(2);
+  out.slope[0] = hn::Mul(out.slope[2], inverse_x);
+  out.slope[1] = hn::Mul(out.slope[3], inverse_x);
+  return out;
+}
+
+// Phase 2: adds to the colours' slopes, d(alpha T) c, and steps T's on: d(T (1 - alpha)). shading:
+// the slopes of the Gaussian's own colour, or null.
+HWY_INLINE void AddSlopes(const AlphaSlopes& of, const float* r, const float* shading,
+                          BlockFields fields) {
+  const FloatTag d;
+  const FloatVec kept = hn::Sub(hn::Set(d, 1.0f), of.alpha);
+  GSUT_UNROLL for (int k = 0; k < kLineSlopes; ++k) {
+    const FloatVec before = fields.Get(kSlopeByLine + k);
+    const FloatVec moved = hn::Mul(of.slope[k], of.transmittance);
+    const FloatVec of_weight = hn::MulAdd(of.alpha, before, moved);
+    fields.Set(kSlopeByLine + k, hn::MulSub(kept, before, moved));
+    GSUT_UNROLL for (int c = 0; c < 3; ++c) {
+      const int f = kSlopeOut + TileSlopes::ByLine(c, k);
+      fields.Set(f, hn::MulAdd(of_weight, hn::Set(d, r[record::kColor + c]), fields.Get(f)));
+    }
+  }
+  if (shading == nullptr) return;
+  const FloatVec weight = hn::Mul(of.alpha, of.transmittance);
+  GSUT_UNROLL for (int j = 0; j < kShadingSlopes; ++j) {
+    const int f = kSlopeOut + TileSlopes::kShading + j;
+    fields.Set(f, hn::MulAdd(weight, hn::Set(d, shading[j]), fields.Get(f)));
+  }
+}
+
+// See JacobianKernel.
 HWY_INLINE void TileJacobian(bool stop_before, bool with_shading, const RasterTask& task,
                              const TileGrid& grid, int tile, const Frame& frame,
                              const float* shading, std::uint64_t wanted, float* slopes) {
   const FloatTag d;
-  const std::uint32_t count = frame.entry_count[tile];
   const std::size_t pixel0 = static_cast<std::size_t>(tile) * kTilePixels;
   const TileAxes to_tile = ToTileAxes(grid, tile);
-  HWY_ALIGN float state[kBlocks * kNumSlopeFields * kLanes];
-  const auto field = [&](int block, int f)
-                         HWY_ATTR { return state + (block * kNumSlopeFields + f) * kLanes; };
-  __builtin_memset(state, 0, sizeof(state));
-  for (int b = 0; b < kBlocks; ++b) {
-    const std::size_t o = pixel0 + static_cast<std::size_t>(b) * kLanes;
-    hn::Store(hn::Load(d, &grid.start[o]), d, field(b, kSlopeT));
+  const BlendLimits limits(task);
+  TileFields<kNumSlopeFields> fields;
+  for (int block = 0; block < kBlocks; ++block) {
+    const BlockFields at = fields.Block(block);
+    const std::size_t o = pixel0 + static_cast<std::size_t>(block) * kLanes;
+    at.Set(kSlopeT, hn::Load(d, &grid.start[o]));
+    for (int f = kSlopeByLine; f < kNumSlopeFields; ++f) at.Set(f, hn::Zero(d));
   }
-  const FloatVec limit = hn::Set(d, task.alpha_max), stop = hn::Set(d, task.transmittance_min);
-  const FloatVec zero = hn::Zero(d);
-  constexpr float kTwoLn2 = 1.38629436111989061883f;
+  const std::uint32_t count = frame.entry_count[tile];
   const TileEntry* entries = &frame.entries[frame.tile_begin[tile]];
   for (std::uint32_t e = 0; e < count; ++e) {
     HWY_ALIGN float r[record::kSize];
     to_tile.Turn(&frame.records[std::size_t{record::kSize} * entries[e].gaussian], r);
-    const auto form = [&](int at, FloatVec s, FloatVec t) HWY_ATTR {
-      return hn::MulAdd(hn::Set(d, r[at + 1]), s,
-                        hn::MulAdd(hn::Set(d, r[at + 2]), t, hn::Set(d, r[at])));
-    };
     const float* of_gaussian =
         with_shading ? shading + std::size_t{kShadingSlopes} * entries[e].gaussian : nullptr;
     for (std::uint64_t todo = entries[e].blocks & wanted; todo != 0; todo &= todo - 1) {
       const int block = __builtin_ctzll(todo);
-      float* at = field(block, 0);
-      const auto get = [&](int f) HWY_ATTR { return hn::Load(d, at + f * kLanes); };
-      const auto put = [&](int f, FloatVec v) HWY_ATTR { hn::Store(v, d, at + f * kLanes); };
+      const BlockFields at = fields.Block(block);
       const std::size_t o = pixel0 + static_cast<std::size_t>(block) * kLanes;
       const FloatVec s = hn::Load(d, &grid.s[o]), t = hn::Load(d, &grid.t[o]);
-      // The same operations in the same order as the forward pass: the same bits, the same hits.
-      const FloatVec p = form(record::kA, s, t), q = form(record::kB, s, t);
-      const FloatVec z = hn::Max(form(record::kC, s, t), zero);
-      const FloatVec n = hn::MulAdd(p, p, hn::Mul(q, q));
-      const FloatVec zz = hn::Mul(z, z);
-      const FloatVec transmittance = get(kSlopeT);
-      FloatMask hit = hn::And(hn::Ge(transmittance, stop), hn::Lt(n, zz));
-      const FloatVec sum = hn::MulAdd(hn::Set(d, r[record::kK]), n, zz);
-      const FloatVec reciprocal = hn::IfThenElseZero(hit, FastReciprocal(sum));
-      const FloatVec kappa = hn::Set(d, r[record::kKappa]);
-      const FloatVec raw =
-          FastExp2(hn::MulAdd(kappa, hn::Mul(n, reciprocal), hn::Set(d, r[record::kLog2Opacity])));
-      FloatVec alpha = hn::IfThenElseZero(hit, hn::Min(raw, limit));
-      FloatVec left = hn::NegMulAdd(alpha, transmittance, transmittance);
-      if (stop_before) {
-        const FloatMask ends = hn::And(hit, hn::Le(left, stop));
-        hit = hn::AndNot(ends, hit);
-        alpha = hn::IfThenElseZero(hit, alpha);
-        left = hn::IfThenElse(ends, hn::Neg(transmittance), left);
-      }
-      put(kSlopeT, left);
-      const FloatVec weight = hn::Mul(alpha, transmittance);
-      // dalpha/ds = factor (z (p p_s + q q_s) - N z_s); 0 where alpha is clamped.
-      const FloatVec moving = hn::IfThenElseZero(hn::Lt(raw, limit), alpha);
-      const FloatVec factor = hn::Mul(hn::Mul(hn::Set(d, kTwoLn2), hn::Mul(kappa, moving)),
-                                      hn::Mul(z, hn::Mul(reciprocal, reciprocal)));
-      const auto by_direction = [&](int j) HWY_ATTR {
-        const FloatVec half =
-            hn::MulAdd(p, hn::Set(d, r[record::kA + j]), hn::Mul(q, hn::Set(d, r[record::kB + j])));
-        return hn::Mul(factor, hn::NegMulAdd(n, hn::Set(d, r[record::kC + j]), hn::Mul(z, half)));
-      };
-      // 1 / x = (z^2 + k N) / (depth z)
-      const FloatVec inverse_x =
-          hn::IfThenElseZero(hit, hn::Div(sum, hn::Mul(hn::Set(d, r[record::kDepth]), z)));
-      FloatVec slope[kLineSlopes];
-      slope[2] = by_direction(1);
-      slope[3] = by_direction(2);
-      slope[0] = hn::Mul(slope[2], inverse_x);
-      slope[1] = hn::Mul(slope[3], inverse_x);
-      const FloatVec kept = hn::Sub(hn::Set(d, 1.0f), alpha);
-      GSUT_UNROLL for (int k = 0; k < kLineSlopes; ++k) {
-        const FloatVec before = get(kSlopeByLine + k);
-        const FloatVec moved = hn::Mul(slope[k], transmittance);
-        const FloatVec of_weight = hn::MulAdd(alpha, before, moved);
-        put(kSlopeByLine + k, hn::MulSub(kept, before, moved));
-        GSUT_UNROLL for (int c = 0; c < 3; ++c) {
-          const int f = kSlopeOut + TileSlopes::ByLine(c, k);
-          put(f, hn::MulAdd(of_weight, hn::Set(d, r[record::kColor + c]), get(f)));
-        }
-      }
-      if (with_shading) {
-        GSUT_UNROLL for (int j = 0; j < kShadingSlopes; ++j) {
-          const int f = kSlopeOut + TileSlopes::kShading + j;
-          put(f, hn::MulAdd(weight, hn::Set(d, of_gaussian[j]), get(f)));
-        }
-      }
+      AddSlopes(EvaluateSlopes(stop_before, limits, r, s, t, at), r, of_gaussian, at);
     }
   }
-  for (int b = 0; b < kBlocks; ++b) {
+  for (int block = 0; block < kBlocks; ++block) {
+    const BlockFields at = fields.Block(block);
     for (int k = 0; k < kLineSlopes; ++k) {
-      const FloatVec left = hn::Load(d, field(b, kSlopeByLine + k));
+      const FloatVec left = at.Get(kSlopeByLine + k);
       for (int c = 0; c < 3; ++c) {
-        float* at = field(b, kSlopeOut + TileSlopes::ByLine(c, k));
-        hn::Store(hn::MulAdd(left, hn::Set(d, task.background[c]), hn::Load(d, at)), d, at);
+        const int f = kSlopeOut + TileSlopes::ByLine(c, k);
+        at.Set(f, hn::MulAdd(left, hn::Set(d, task.background[c]), at.Get(f)));
       }
     }
-    for (int f = 0; f < TileSlopes::kSize; ++f) {
-      hn::Store(hn::Load(d, field(b, kSlopeOut + f)), d, slopes + f * kTilePixels + b * kLanes);
-    }
   }
+  fields.Export(kSlopeOut, slopes);
 }
 
 }  // namespace HWY_NAMESPACE

@@ -131,11 +131,9 @@ void Records(const RasterTask& task, const TileGrid& grid, const Splats& splats,
 
 void Forward(const RasterTask& task, const TileGrid& grid, int tile, Frame* frame, float* image,
              float* alpha, float* depth, float* distortion) {
-  WithFlag(task.with_depth, [&](auto with_depth) HWY_ATTR {
-    WithFlag(task.stop_before, [&](auto stop_before) HWY_ATTR {
-      ForwardTile(with_depth, stop_before, grid, tile, task.alpha_max, task.transmittance_min,
-                  task.keep, frame);
-    });
+  WithForwardFlags(task, [&](auto with_depth, auto stop_before) HWY_ATTR {
+    CentralChunk chunk(grid, tile, *frame);
+    BlendTile(with_depth, stop_before, task, grid, tile, chunk, frame);
   });
   WritePixels(grid, tile, *frame, task.background, task.with_depth, image, alpha, depth,
               distortion);
@@ -145,27 +143,16 @@ void Backward(const RasterTask& task, const TileGrid& grid, int tile,
               const ImageGradients& gradients, Frame* frame, float* to_rays) {
   HWY_ALIGN float buffer[7 * kTilePixels];
   const PixelGradients pixels = ReadPixelGradients(grid, tile, gradients, task.background, buffer);
-  const auto run = [&](auto with_depth, auto with_rays, auto with_error) HWY_ATTR {
-    WithFlag(task.stop_before, [&](auto stop_before) HWY_ATTR {
-      BackwardTile(with_depth, stop_before, with_rays, with_error, grid, tile, task.alpha_max,
-                   task.transmittance_min, pixels, frame, to_rays);
-    });
-  };
-  if (gradients.error != nullptr) {
-    run(std::false_type(), std::false_type(), std::true_type());
-    return;
-  }
-  WithFlag(gradients.HasDepth(), [&](auto with_depth) HWY_ATTR {
-    WithFlag(to_rays != nullptr,
-             [&](auto with_rays) HWY_ATTR { run(with_depth, with_rays, std::false_type()); });
-  });
+  WithBackwardFlags(task.stop_before, gradients, to_rays != nullptr,
+                    [&](BackwardFlags flags) GSUT_INLINED_LAMBDA {
+                      BackwardTile(flags, task, grid, tile, pixels, frame, to_rays);
+                    });
 }
 
 void Gradients(const RasterTask& task, const Frame& frame, std::int64_t begin, std::int64_t end,
                const GradientRows& to, double* dpose) {
   for (std::int64_t i = begin; i < end; i += kLanes) {
-    GaussianGradients(task.gaussians, task.sh_rows, i, task.view, task.log2_alpha_min,
-                      task.max_cutoff, task.sh_degree, frame, to, dpose);
+    GaussianGradients(task, i, frame, to, dpose);
   }
 }
 

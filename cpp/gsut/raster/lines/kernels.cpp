@@ -82,12 +82,9 @@ void LineRecords(const RasterTask& task, const LineGrid& grid, std::int64_t begi
 
 void LineForward(const RasterTask& task, const LineGrid& grid, int tile, Frame* frame, float* image,
                  float* alpha, float* depth, float* distortion) {
-  WithFlag(task.with_depth, [&](auto with_depth) HWY_ATTR {
-    WithFlag(task.keep, [&](auto keep) HWY_ATTR {
-      WithFlag(task.stop_before, [&](auto stop_before) HWY_ATTR {
-        ForwardLines(with_depth, keep, stop_before, task, grid, tile, frame);
-      });
-    });
+  WithForwardFlags(task, [&](auto with_depth, auto stop_before) HWY_ATTR {
+    LineKernel kernel(task, grid, tile, *frame);
+    BlendTile(with_depth, stop_before, task, grid.tiles, tile, kernel, frame);
   });
   WritePixels(grid.tiles, tile, *frame, task.background, task.with_depth, image, alpha, depth,
               distortion);
@@ -98,20 +95,10 @@ void LineBackward(const RasterTask& task, const LineGrid& grid, int tile,
   HWY_ALIGN float buffer[7 * kTilePixels];
   const PixelGradients pixels =
       ReadPixelGradients(grid.tiles, tile, gradients, task.background, buffer);
-  const auto run = [&](auto with_depth, auto with_poses, auto with_error) HWY_ATTR {
-    WithFlag(task.stop_before, [&](auto stop_before) HWY_ATTR {
-      BackwardLines(with_depth, stop_before, with_poses, with_error, task, grid, tile, pixels,
-                    frame, to_lines);
-    });
-  };
-  if (gradients.error != nullptr) {
-    run(std::false_type(), std::false_type(), std::true_type());
-    return;
-  }
-  WithFlag(gradients.HasDepth(), [&](auto with_depth) HWY_ATTR {
-    WithFlag(to_lines != nullptr,
-             [&](auto with_poses) HWY_ATTR { run(with_depth, with_poses, std::false_type()); });
-  });
+  WithBackwardFlags(task.stop_before, gradients, to_lines != nullptr,
+                    [&](BackwardFlags flags) GSUT_INLINED_LAMBDA {
+                      BackwardLines(flags, task, grid, tile, pixels, frame, to_lines);
+                    });
 }
 
 void LineGradientsRange(const RasterTask& task, bool is_parallel, const Frame& frame,

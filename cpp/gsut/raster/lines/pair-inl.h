@@ -25,6 +25,7 @@
 #include "gsut/base/lanes-inl.h"
 #include "gsut/projection/seen-inl.h"
 #include "gsut/raster/frame.h"
+#include "gsut/raster/blend_tile-inl.h"
 #include "gsut/raster/line_grid.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -189,7 +190,6 @@ HWY_INLINE LaneMask MayHit(const LinePair& p, const Lane* center, const Lane* ha
 
 // The pairs of a chunk of a tile, a column of floats a value.
 struct LineChunk {
-  static constexpr int kPairs = 64;
   enum Column {
     kM1,
     kM2,
@@ -214,9 +214,8 @@ struct LineChunk {
     kQ2 = kQ1 + 3,
     kColumns = kQ2 + 3
   };
-  // One place more: a pair that hits nothing, to fill up the last group.
-  static constexpr int kMissing = kPairs;
-  static constexpr int kStride = kPairs + 16;
+  // Places for kChunk pairs and kMissing, rounded up to whole vectors.
+  static constexpr int kStride = kChunk + 16;
   HWY_ALIGN float values[kColumns][kStride];
 
   HWY_INLINE LineChunk() {

@@ -35,7 +35,7 @@ class _Reader:
         self.record, self.count = 0, 0
         self.count = self.unpack(_COUNT)[0]
 
-    def truncated(self) -> DatasetError:
+    def report_truncated(self) -> DatasetError:
         place = f"in {self.kind} {self.record} of {self.count}" if self.count else "in its header"
         return DatasetError(
             self.path,
@@ -46,20 +46,20 @@ class _Reader:
 
     def unpack(self, layout: struct.Struct) -> tuple:
         if self.position + layout.size > len(self.data):
-            raise self.truncated()
+            raise self.report_truncated()
         values = layout.unpack_from(self.data, self.position)
         self.position += layout.size
         return values
 
     def skip(self, size: int) -> None:
         if self.position + size > len(self.data):
-            raise self.truncated()
+            raise self.report_truncated()
         self.position += size
 
     def name(self) -> str:
         end = self.data.find(b"\0", self.position)
         if end < 0:
-            raise self.truncated()
+            raise self.report_truncated()
         text = self.data[self.position : end]
         self.position = end + 1
         try:
@@ -71,7 +71,7 @@ class _Reader:
                 "the file may be damaged: copy or export the model again",
             ) from error
 
-    def records(self) -> Iterator[int]:
+    def count_records(self) -> Iterator[int]:
         """Counts through the records, then makes sure that nothing is left."""
         for record in range(1, self.count + 1):
             self.record = record
@@ -92,7 +92,7 @@ def read_cameras_bin(path: Path) -> list[CameraRow]:
         DatasetError: truncated, or an unknown model.
     """
     reader, rows = _Reader(path, "camera"), []
-    for _ in reader.records():
+    for _ in reader.count_records():
         start = reader.position
         camera_id, model, width, height = reader.unpack(_CAMERA)
         where = f"{path}, byte {start}, camera {camera_id}"
@@ -114,7 +114,7 @@ def read_images_bin(path: Path) -> list[ImageRow]:
         DatasetError: truncated, or a name that is not UTF-8.
     """
     reader, rows = _Reader(path, "image"), []
-    for _ in reader.records():
+    for _ in reader.count_records():
         start = reader.position
         image_id, *pose, camera_id = reader.unpack(_IMAGE)
         name = reader.name()
@@ -131,7 +131,7 @@ def read_points_bin(path: Path) -> tuple[np.ndarray, np.ndarray]:
         DatasetError: truncated.
     """
     reader, points, colors = _Reader(path, "point"), [], []
-    for _ in reader.records():
+    for _ in reader.count_records():
         _, x, y, z, red, green, blue, _, track = reader.unpack(_POINT)
         reader.skip(track * _TRACK_BYTES)
         points.append((x, y, z))

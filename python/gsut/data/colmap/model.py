@@ -36,40 +36,40 @@ class ColmapModel:
     colors: np.ndarray
     errors: np.ndarray | None = None
 
-    def lenses(self) -> dict[Camera, int]:
+    def number_lenses(self) -> dict[Camera, int]:
         """Each lens once, with its number from 1."""
         found = dict.fromkeys(image.camera for image in self.images)
         return {camera: number for number, camera in enumerate(found, 1)}
 
-    def error(self, point: int) -> float:
+    def get_error(self, point: int) -> float:
         return _NO_ERROR if self.errors is None else float(self.errors[point])
 
-    def tracks(self) -> list[list[tuple[int, int]]]:
+    def list_tracks(self) -> list[list[tuple[int, int]]]:
         """Of each point the images that see it, and the place among their pixels."""
-        tracks: list[list[tuple[int, int]]] = [[] for _ in range(len(self.points))]
+        list_tracks: list[list[tuple[int, int]]] = [[] for _ in range(len(self.points))]
         for image in self.images:
             for place, point in enumerate(image.points):
-                tracks[int(point)].append((image.number, place))
-        return tracks
+                list_tracks[int(point)].append((image.number, place))
+        return list_tracks
 
 
-def colmap_texts(model: ColmapModel) -> dict[str, str]:
+def format_model_texts(model: ColmapModel) -> dict[str, str]:
     """cameras.txt, images.txt and points3D.txt; cameras and points count from 1.
 
     Raises:
         InputError: COLMAP has no such lens.
     """
-    lenses = model.lenses()
+    number_lenses = model.number_lenses()
     cameras = ["# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]"]
-    for camera, number in lenses.items():
+    for camera, number in number_lenses.items():
         name, _, params = to_colmap(camera)
         values = " ".join(map(repr, params))
         cameras.append(f"{number} {name} {camera.width} {camera.height} {values}")
     images = ["# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME"]
     for image in model.images:
         pose = image.camera_from_world
-        numbers = _numbers((*quaternion_from_rotation(pose[:3, :3]), *pose[:3, 3]))
-        images.append(f"{image.number} {numbers} {lenses[image.camera]} {image.name}")
+        numbers = _format_numbers((*quaternion_from_rotation(pose[:3, :3]), *pose[:3, 3]))
+        images.append(f"{image.number} {numbers} {number_lenses[image.camera]} {image.name}")
         images.append(
             " ".join(
                 f"{x:.6f} {y:.6f} {point + 1}"
@@ -77,23 +77,25 @@ def colmap_texts(model: ColmapModel) -> dict[str, str]:
             )
         )
     points = ["# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)"]
-    for i, track in enumerate(model.tracks()):
+    for i, track in enumerate(model.list_tracks()):
         color = " ".join(str(int(v)) for v in model.colors[i])
         seen = " ".join(f"{image} {place}" for image, place in track)
-        points.append(f"{i + 1} {_numbers(model.points[i])} {color} {model.error(i):.6f} {seen}")
+        points.append(
+            f"{i + 1} {_format_numbers(model.points[i])} {color} {model.get_error(i):.6f} {seen}"
+        )
     files = {"cameras.txt": cameras, "images.txt": images, "points3D.txt": points}
     return {name: "\n".join([*lines, ""]) for name, lines in files.items()}
 
 
-def colmap_binaries(model: ColmapModel) -> dict[str, bytes]:
+def format_model_binaries(model: ColmapModel) -> dict[str, bytes]:
     """cameras.bin, images.bin and points3D.bin.
 
     Raises:
         InputError: COLMAP has no such lens.
     """
-    lenses = model.lenses()
-    cameras = [struct.pack("<Q", len(lenses))]
-    for camera, number in lenses.items():
+    number_lenses = model.number_lenses()
+    cameras = [struct.pack("<Q", len(number_lenses))]
+    for camera, number in number_lenses.items():
         _, model_id, params = to_colmap(camera)
         head = struct.pack("<IiQQ", number, model_id, camera.width, camera.height)
         cameras.append(head + struct.pack(f"<{len(params)}d", *params))
@@ -101,21 +103,21 @@ def colmap_binaries(model: ColmapModel) -> dict[str, bytes]:
     for image in model.images:
         pose = image.camera_from_world
         values = (*quaternion_from_rotation(pose[:3, :3]), *pose[:3, 3])
-        images.append(struct.pack("<I7dI", image.number, *values, lenses[image.camera]))
+        images.append(struct.pack("<I7dI", image.number, *values, number_lenses[image.camera]))
         images.append(image.name.encode() + b"\0" + struct.pack("<Q", len(image.points)))
         seen = np.empty(len(image.points), [("xy", "<f8", 2), ("point", "<u8")])
         seen["xy"], seen["point"] = image.pixels, image.points + 1
         images.append(seen.tobytes())
     points = [struct.pack("<Q", len(model.points))]
-    for i, track in enumerate(model.tracks()):
+    for i, track in enumerate(model.list_tracks()):
         color = [int(v) for v in model.colors[i]]
         points.append(
-            struct.pack("<Q3d3BdQ", i + 1, *model.points[i], *color, model.error(i), len(track))
+            struct.pack("<Q3d3BdQ", i + 1, *model.points[i], *color, model.get_error(i), len(track))
         )
         points += [struct.pack("<II", *row) for row in track]
     files = {"cameras.bin": cameras, "images.bin": images, "points3D.bin": points}
     return {name: b"".join(parts) for name, parts in files.items()}
 
 
-def _numbers(values: Sequence[float] | np.ndarray | tuple) -> str:
+def _format_numbers(values: Sequence[float] | np.ndarray | tuple) -> str:
     return " ".join(repr(float(value)) for value in values)

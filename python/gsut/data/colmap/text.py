@@ -16,7 +16,7 @@ _POINT_FIELDS = 8  # POINT3D_ID X Y Z R G B ERROR, then the track
 _CAMERA_FIELDS = 4  # CAMERA_ID MODEL WIDTH HEIGHT, then the parameters
 
 
-def _lines(path: Path) -> Iterator[tuple[int, str]]:
+def _read_lines(path: Path) -> Iterator[tuple[int, str]]:
     """Line numbers from 1 and text, without comments; blank lines are kept."""
     try:
         with open(regular(path), encoding="utf-8") as file:
@@ -31,11 +31,11 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
         raise DatasetError(path, "not UTF-8 text", "save the file as UTF-8") from error
 
 
-def _malformed(where: str, line: str, expected: str) -> DatasetError:
-    shown = line if len(line) <= 60 else line[:57] + "..."
+def _report_malformed(where: str, line: str, expected: str) -> DatasetError:
+    place_and_show = line if len(line) <= 60 else line[:57] + "..."
     return DatasetError(
         where,
-        f"expected {expected}, found '{shown}'",
+        f"expected {expected}, found '{place_and_show}'",
         "the file may be cut off or edited: export the model again",
     )
 
@@ -48,7 +48,7 @@ def read_cameras_txt(path: Path) -> list[CameraRow]:
     """
     rows = []
     expected = "CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]"
-    for number, line in _lines(path):
+    for number, line in _read_lines(path):
         if not line:
             continue
         fields, where = line.split(), f"{path}, line {number}"
@@ -60,7 +60,7 @@ def read_cameras_txt(path: Path) -> list[CameraRow]:
                 CameraRow(int(fields[0]), fields[1], int(fields[2]), int(fields[3]), params, where)
             )
         except ValueError as error:
-            raise _malformed(where, line, expected) from error
+            raise _report_malformed(where, line, expected) from error
     return rows
 
 
@@ -72,7 +72,7 @@ def read_images_txt(path: Path) -> list[ImageRow]:
     """
     rows = []
     expected = "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME"
-    lines = _lines(path)
+    lines = _read_lines(path)
     for number, line in lines:
         if not line:
             continue
@@ -85,7 +85,7 @@ def read_images_txt(path: Path) -> list[ImageRow]:
                 ImageRow(int(fields[0]), numbers[:4], numbers[4:], int(fields[8]), fields[9], where)
             )
         except ValueError as error:
-            raise _malformed(where, line, expected) from error
+            raise _report_malformed(where, line, expected) from error
         number, points = next(lines, (number + 1, ""))
         _require_points_line(points, f"{path}, line {number}")
     return rows
@@ -98,7 +98,7 @@ def _require_points_line(line: str, where: str) -> None:
         if line:
             float(fields[0]), float(fields[1]), int(fields[2])
     except (ValueError, IndexError) as error:
-        raise _malformed(
+        raise _report_malformed(
             where, line, "the image's points X Y POINT3D_ID ... (an empty line if it has none)"
         ) from error
 
@@ -110,7 +110,7 @@ def read_points_txt(path: Path) -> tuple[np.ndarray, np.ndarray]:
         DatasetError: a malformed line.
     """
     points, colors = [], []
-    for number, line in _lines(path):
+    for number, line in _read_lines(path):
         if not line:
             continue
         fields = line.split(maxsplit=_POINT_FIELDS)
@@ -123,7 +123,7 @@ def read_points_txt(path: Path) -> tuple[np.ndarray, np.ndarray]:
                 raise ValueError
             colors.append(color)
         except ValueError as error:
-            raise _malformed(
+            raise _report_malformed(
                 f"{path}, line {number}", line, "POINT3D_ID X Y Z R G B ERROR TRACK[]"
             ) from error
     return np.array(points, np.float64).reshape(-1, 3), np.array(colors, np.uint8).reshape(-1, 3)

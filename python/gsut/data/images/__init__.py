@@ -5,22 +5,22 @@ from gsut.data.images.decode import (
     decode_image,
     decode_mask,
     decode_scaled,
-    largest_of_16_bits,
+    find_largest_value,
     read_header,
     shrink_both,
     shrink_image,
     shrink_mask,
 )
-from gsut.data.images.masks import find_mask, lens_mask, read_mask
+from gsut.data.images.masks import find_mask, make_lens_mask, read_mask
 
 __all__ = [
     "IMAGE_SUFFIXES",
     "decode_image",
     "decode_mask",
     "decode_scaled",
+    "find_largest_value",
     "find_mask",
-    "largest_of_16_bits",
-    "lens_mask",
+    "make_lens_mask",
     "read_header",
     "read_mask",
     "shrink_both",

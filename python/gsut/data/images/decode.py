@@ -58,7 +58,7 @@ def read_header(path: Path) -> ImageHeader:
             return ImageHeader(width, height, head[25] in _PNG_TYPES_WITH_ALPHA)
         if head.startswith(_JPEG_START):
             file.seek(2)
-            return ImageHeader(*_jpeg_size(file, path), False)
+            return ImageHeader(*_read_jpeg_size(file, path), False)
     pixels, valid = decode_image(path)
     return ImageHeader(pixels.shape[1], pixels.shape[0], valid is not None)
 
@@ -72,7 +72,7 @@ def _open(path: Path):
         ) from error
 
 
-def _jpeg_size(file, path: Path) -> tuple[int, int]:
+def _read_jpeg_size(file, path: Path) -> tuple[int, int]:
     while True:
         start = file.read(4)
         if len(start) < 4 or start[0] != 0xFF:
@@ -124,7 +124,7 @@ def decode_image(path: Path, reduction: int = 1) -> tuple[np.ndarray, np.ndarray
     )
 
 
-def largest_of_16_bits(path: Path) -> int | None:
+def find_largest_value(path: Path) -> int | None:
     """The largest value of an image file of 16 bits a channel; None: it has 8.
 
     Raises:
@@ -245,14 +245,14 @@ def _require_complete(data: bytes, path: Path) -> None:
     elif data.startswith(_JPEG_START):
         # In the compressed data FF is always followed by 00 or a marker: FF D9 is the end.
         # Previews in the header have an end of their own, so search after the start of scan.
-        scan = _jpeg_scan_start(data)
+        scan = _find_scan_start(data)
         if scan is None or data.find(b"\xff\xd9", scan) < 0:
             raise DatasetError(
                 path, f"the JPEG file is truncated: it ends after {len(data)} bytes", _COPY_AGAIN
             )
 
 
-def _jpeg_scan_start(data: bytes) -> int | None:
+def _find_scan_start(data: bytes) -> int | None:
     position = 2
     while position + 4 <= len(data) and data[position] == 0xFF:
         marker = data[position + 1]
@@ -300,8 +300,8 @@ def shrink_mask(valid: np.ndarray, width: int, height: int) -> np.ndarray:
     import cv2
 
     invalid = cv2.integral((~valid).view(np.uint8))  # int32, one row and column of 0 in front
-    top, bottom = _source_range(valid.shape[0], height)
-    left, right = _source_range(valid.shape[1], width)
+    top, bottom = _find_source_range(valid.shape[0], height)
+    left, right = _find_source_range(valid.shape[1], width)
     count = invalid[bottom][:, right] - invalid[top][:, right]
     count += invalid[top][:, left] - invalid[bottom][:, left]
     return count == 0
@@ -315,7 +315,7 @@ def shrink_both(
     return shrink_image(pixels, width, height), small
 
 
-def _source_range(source: int, target: int) -> tuple[np.ndarray, np.ndarray]:
+def _find_source_range(source: int, target: int) -> tuple[np.ndarray, np.ndarray]:
     """First source pixel and one past the last that each target pixel touches, in integers."""
     index = np.arange(target)
     return index * source // target, -(-(index + 1) * source // target)

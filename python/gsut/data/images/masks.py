@@ -13,7 +13,7 @@ from gsut.lens import Camera
 _LONGER_SIDE = 512  # of the smaller image, pixels
 
 
-def lens_mask(camera: Camera, full: Camera) -> np.ndarray:
+def make_lens_mask(camera: Camera, full: Camera) -> np.ndarray:
     """(H, W) bool: pixels of `camera` that have a ray, all of whose source pixels have one too.
 
     A lens' domain has no holes of a pixel: where all neighbours in a smaller image have rays, or
@@ -30,11 +30,11 @@ def lens_mask(camera: Camera, full: Camera) -> np.ndarray:
         return np.array(camera.rays()[1], bool)
     sizes = [max(1, side * _LONGER_SIDE // longer) for side in (full.width, full.height)]
     valid = np.array((camera if smaller else camera.resized(*sizes)).rays()[1], bool)
-    source = _source_mask(valid, full)
+    source = _make_source_mask(valid, full)
     return valid & shrink_mask(source, camera.width, camera.height) if smaller else source
 
 
-def _source_mask(valid: np.ndarray, full: Camera) -> np.ndarray:
+def _make_source_mask(valid: np.ndarray, full: Camera) -> np.ndarray:
     """(H, W) bool, the file's pixels with a ray; `valid`: those of a smaller image."""
     import cv2
 

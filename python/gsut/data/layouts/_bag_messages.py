@@ -21,7 +21,7 @@ _YUV = {"yuv422": "UYVY", "uyvy": "UYVY", "yuv422_yuy2": "YUYV", "yuyv": "YUYV"}
 _CHANNELS = {"mono": 1, "rgb": 3, "bgr": 3, "rgba": 4, "bgra": 4}
 
 
-def stamp_of(message: Any, received: int) -> int:
+def stamp_message(message: Any, received: int) -> int:
     """The time of a message in nanoseconds: its header's, else when it was recorded."""
     stamp = getattr(getattr(message, "header", None), "stamp", None)
     if stamp is None:
@@ -58,11 +58,11 @@ def write_picture(message: Any, path: Path, where: str) -> Path:
         write_file(file, data)
         return file
     file = path.with_name(path.name + ".png")
-    write_file(file, cv2.imencode(".png", _pixels(message, where))[1].tobytes())
+    write_file(file, cv2.imencode(".png", _decode_pixels(message, where))[1].tobytes())
     return file
 
 
-def _pixels(message: Any, where: str) -> np.ndarray:
+def _decode_pixels(message: Any, where: str) -> np.ndarray:
     """A raw picture as OpenCV stores it: grey or blue, green, red; 8 or 16 bits."""
     import cv2
 
@@ -101,7 +101,7 @@ def _pixels(message: Any, where: str) -> np.ndarray:
     return pixels[:, :, ::-1] if base.startswith("rgb") else pixels
 
 
-def camera_of(message: Any, folder: Path, where: str, rectified: bool) -> Camera:
+def read_lens(message: Any, folder: Path, where: str, rectified: bool) -> Camera:
     """The lens of a sensor_msgs CameraInfo.
 
     Args:
@@ -114,7 +114,7 @@ def camera_of(message: Any, folder: Path, where: str, rectified: bool) -> Camera
         InputError: the camera is not calibrated, or the pictures are a part of its.
         CalibrationError: a distortion that gsut does not have.
     """
-    k, d, p = (np.ravel(_either(message, name)) for name in ("k", "d", "p"))
+    k, d, p = (np.ravel(_get_either(message, name)) for name in ("k", "d", "p"))
     matrix = np.reshape(p, (3, 4))[:, :3] if rectified else np.reshape(k, (3, 3))
     if not matrix.any():
         raise InputError(
@@ -142,12 +142,12 @@ def camera_of(message: Any, folder: Path, where: str, rectified: bool) -> Camera
     return load_camera(file)
 
 
-def _either(message: Any, name: str) -> Any:
+def _get_either(message: Any, name: str) -> Any:
     """A field that ROS 1 calls by a capital letter and ROS 2 by a small one."""
     return getattr(message, name) if hasattr(message, name) else getattr(message, name.upper())
 
 
-def pose_of(message: Any, where: str) -> np.ndarray | None:
+def read_pose(message: Any, where: str) -> np.ndarray | None:
     """(4, 4) the pose that a message holds; None where it holds none."""
     if hasattr(message, "transform"):
         place, turn = message.transform.translation, message.transform.rotation
@@ -168,7 +168,7 @@ class FrameTree:
         self._parents: dict[str, tuple[str, np.ndarray]] = {}
 
     def add(self, parent: str, child: str, parent_from_child: np.ndarray) -> None:
-        self._parents[plain_frame(child)] = (plain_frame(parent), parent_from_child)
+        self._parents[strip_slash(child)] = (strip_slash(parent), parent_from_child)
 
     def _to_root(self, frame: str) -> tuple[str, np.ndarray]:
         root_from_frame, seen = np.eye(4), {frame}
@@ -180,17 +180,17 @@ class FrameTree:
             seen.add(frame)
         return frame, root_from_frame
 
-    def between(self, target: str, source: str) -> np.ndarray | None:
+    def find_transform(self, target: str, source: str) -> np.ndarray | None:
         """(4, 4) target_from_source; None where the two are not connected."""
         (root, root_from_target), (other, root_from_source) = (
-            self._to_root(plain_frame(frame)) for frame in (target, source)
+            self._to_root(strip_slash(frame)) for frame in (target, source)
         )
         return inverse(root_from_target) @ root_from_source if root == other else None
 
-    def root_of(self, frame: str) -> str:
-        return self._to_root(plain_frame(frame))[0]
+    def find_root(self, frame: str) -> str:
+        return self._to_root(strip_slash(frame))[0]
 
 
-def plain_frame(name: str) -> str:
+def strip_slash(name: str) -> str:
     """A frame's name without the slash that ROS 1 puts before it."""
     return name.lstrip("/")

@@ -15,8 +15,8 @@ from gsut._core import InputError
 from gsut.data.colmap import (
     ColmapImage,
     ColmapModel,
-    colmap_binaries,
-    colmap_texts,
+    format_model_binaries,
+    format_model_texts,
     read_cameras_bin,
     read_cameras_txt,
     read_images_bin,
@@ -24,8 +24,8 @@ from gsut.data.colmap import (
     read_points_bin,
     read_points_txt,
 )
-from gsut.data.errors import DatasetError, OnError, raise_error, some_names
-from gsut.data.export import Export, losses, place_images, plain_name
+from gsut.data.errors import DatasetError, OnError, list_some, raise_error
+from gsut.data.export import Export, list_losses, place_images, strip_images_folder
 from gsut.data.images import find_mask
 from gsut.data.layouts._layout import Layout
 from gsut.data.listing import Frame, Listing
@@ -90,7 +90,7 @@ def read_colmap(path: Path, *, on_error: OnError = raise_error) -> Listing:
         except InputError as error:
             unusable.add(camera_row.camera_id)
             on_error(error)
-    folder = _image_folder(path, model, [row.name for row in image_rows])
+    folder = _find_image_folder(path, model, [row.name for row in image_rows])
     listing = Listing(path, source)
     for row in image_rows:
         try:
@@ -122,37 +122,37 @@ def read_colmap(path: Path, *, on_error: OnError = raise_error) -> Listing:
             on_error(error)
     try:
         listing.points, listing.point_colors = read_points(model)
-        listing.points_source = _points_file(model)
+        listing.points_source = _find_points_file(model)
     except InputError as error:
         on_error(error)
     if folder.name != "images" and listing.frames:
         listing.notes.append(f"{folder}: images are read from here")
-    other = _other_models(path, model)
+    other = _list_other_models(path, model)
     if other:
-        listing.notes.append(f"{model}: this model is used, not {some_names(other)}")
+        listing.notes.append(f"{model}: this model is used, not {list_some(other)}")
     return listing
 
 
-def _points_file(model: Path) -> Path | None:
+def _find_points_file(model: Path) -> Path | None:
     return next((f for f in (model / "points3D.bin", model / "points3D.txt") if f.is_file()), None)
 
 
 def read_points(model: Path) -> tuple[np.ndarray, np.ndarray]:
     """points3D.bin or .txt of a model: (N, 3) float64 and (N, 3) uint8; empty without a file."""
-    file = _points_file(model)
+    file = _find_points_file(model)
     if file is None:
         return np.zeros((0, 3)), np.zeros((0, 3), np.uint8)
     return (read_points_bin if file.suffix == ".bin" else read_points_txt)(file)
 
 
-def _image_folder(path: Path, model: Path, names: list[str]) -> Path:
+def _find_image_folder(path: Path, model: Path, names: list[str]) -> Path:
     """The folder that holds most of the images; the full-size one where there are several."""
     roots = list(dict.fromkeys([path, model.parent, model.parent.parent]))
     folders = [root / name for root in roots for name in IMAGE_FOLDERS if (root / name).is_dir()]
     return max(folders, key=lambda folder: sum((folder / name).is_file() for name in names))
 
 
-def _other_models(path: Path, model: Path) -> list[str]:
+def _list_other_models(path: Path, model: Path) -> list[str]:
     """COLMAP writes sparse/0, sparse/1, ... when it could not join all images."""
     if model.name != "0":
         return []
@@ -169,17 +169,19 @@ def write_colmap(folder: Path, export: Export) -> list[str]:
     Raises:
         InputError: COLMAP has no such lens.
     """
-    return _write(folder, export, colmap_binaries(_model(export)))
+    return _write(folder, export, format_model_binaries(_model(export)))
 
 
 def write_colmap_text(folder: Path, export: Export) -> list[str]:
     """As `write_colmap`, with a model as text."""
-    return _write(folder, export, colmap_texts(_model(export)))
+    return _write(folder, export, format_model_texts(_model(export)))
 
 
 def _model(export: Export) -> ColmapModel:
     images = [
-        ColmapImage(number, plain_name(frame), frame.camera, inverse(frame.world_from_camera))
+        ColmapImage(
+            number, strip_images_folder(frame), frame.camera, inverse(frame.world_from_camera)
+        )
         for number, frame in enumerate(export.frames, 1)
     ]
     return ColmapModel(images, export.points, export.point_colors)
@@ -190,7 +192,7 @@ def _write(folder: Path, export: Export, files: Mapping[str, str | bytes]) -> li
     (folder / MODEL).mkdir(parents=True)
     for name, content in files.items():
         write_file(folder / MODEL / name, content)
-    return losses(export, "COLMAP", masks=True)
+    return list_losses(export, "COLMAP", masks=True)
 
 
 LAYOUT = Layout(

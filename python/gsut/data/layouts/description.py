@@ -26,7 +26,7 @@ from gsut.data.errors import DatasetError
 from gsut.data.layouts._layout import Layout, find_layout
 from gsut.data.layouts.folder import DESCRIPTION, POINT_FILES, find_images
 from gsut.data.poses import UNITS
-from gsut.data.recordings import Recording, stream_of
+from gsut.data.recordings import Recording, find_stream
 from gsut.data.rigs import read_mounts
 from gsut.data.text_files import read_text, read_yaml
 
@@ -59,12 +59,12 @@ def describe_recording(values: Mapping[str, Any], folder: Path, file: Path) -> R
     """
     wrong = [str(key) for key in values if key not in KEYS]
     if wrong:
-        raise _error(file, wrong[0], "is no key of it", f"use {', '.join(KEYS)}")
+        raise _report(file, wrong[0], "is no key of it", f"use {', '.join(KEYS)}")
     for key in _PATHS:
-        for path in _paths(values.get(key), folder):
+        for path in _list_paths(values.get(key), folder):
             if not path.exists():
-                raise _error(file, key, f"{path} does not exist", "correct the path")
-    recording = _pictures(values.get("images", "."), folder, file)
+                raise _report(file, key, f"{path} does not exist", "correct the path")
+    recording = _find_pictures(values.get("images", "."), folder, file)
     recording.path = folder
     return replace_parts(recording, values, folder, file)
 
@@ -92,28 +92,30 @@ def replace_parts(
         recording.cameras = tuple(map(str, wanted if isinstance(wanted, list) else [wanted]))
     if values.get("poses_of") is not None:
         recording.poses_of = str(values["poses_of"])
-    numbers = _numbers(values, file)
+    numbers = _read_numbers(values, file)
     units = {key: str(values[key]) for key in ("image_times", "pose_times") if key in values}
     for key, unit in units.items():
         if unit not in UNITS:
-            raise _error(file, key, f"{unit!r} is no unit of time", f"use {', '.join(UNITS)}")
+            raise _report(file, key, f"{unit!r} is no unit of time", f"use {', '.join(UNITS)}")
     for key, value in (numbers | units).items():
         setattr(recording, key, value)
     return recording
 
 
-def _paths(value: Any, folder: Path) -> list[Path]:
+def _list_paths(value: Any, folder: Path) -> list[Path]:
     if value is None:
         return []
     return [folder / str(v) for v in (value.values() if isinstance(value, dict) else [value])]
 
 
-def _pictures(value: Any, folder: Path, file: Path) -> Recording:
+def _find_pictures(value: Any, folder: Path, file: Path) -> Recording:
     if isinstance(value, dict):
-        streams = [stream_of(str(name), folder / str(sub)) for name, sub in value.items()]
+        streams = [find_stream(str(name), folder / str(sub)) for name, sub in value.items()]
         empty = [s.name for s in streams if not s.images]
         if empty:
-            raise _error(file, "images", f"there are no pictures of {empty[0]}", "correct the path")
+            raise _report(
+                file, "images", f"there are no pictures of {empty[0]}", "correct the path"
+            )
         return Recording(folder, streams, names_from=folder)
 
     path = folder / str(value)
@@ -122,14 +124,14 @@ def _pictures(value: Any, folder: Path, file: Path) -> Recording:
         recording = layout.record(path)
         recording.names_from = recording.names_from or path
         return recording
-    stream = stream_of((path.parent if path.name == "data" else path).name, path)
+    stream = find_stream((path.parent if path.name == "data" else path).name, path)
     if not stream.images:
         stream.images = find_images(path)
     points = next((folder / n for n in POINT_FILES if (folder / n).is_file()), None)
     return Recording(folder, [stream], names_from=path, points=points)
 
 
-def _numbers(values: Mapping[str, Any], file: Path) -> dict[str, Any]:
+def _read_numbers(values: Mapping[str, Any], file: Path) -> dict[str, Any]:
     found: dict[str, Any] = {}
     try:
         for key in ("time_offset", "time_tolerance"):
@@ -141,11 +143,11 @@ def _numbers(values: Mapping[str, Any], file: Path) -> dict[str, Any]:
             found[key] = (first, last)
     except (TypeError, ValueError):
         what = "two numbers of seconds" if key == "time_range" else "a number of seconds"
-        raise _error(file, key, f"expected {what}, found {values[key]!r}", "correct it") from None
+        raise _report(file, key, f"expected {what}, found {values[key]!r}", "correct it") from None
     return found
 
 
-def _error(file: Path, key: str, what: str, advice: str) -> DatasetError:
+def _report(file: Path, key: str, what: str, advice: str) -> DatasetError:
     number = 0
     if file.is_file():
         lines = read_text(file).splitlines()

@@ -17,13 +17,13 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import InputError
-from gsut.data.errors import DatasetError, some_names
-from gsut.data.export import Export, frame_times_ns, losses, seats_of
+from gsut.data.errors import DatasetError, list_some
+from gsut.data.export import Export, find_frame_times, group_seats, list_losses
 from gsut.data.layouts._layout import Layout
 from gsut.data.poses import rigid_transform
-from gsut.data.recordings import Recording, Stream, pictures_in, stream_of
-from gsut.data.rigs import BODY, matrix_of, read_mounts
-from gsut.data.text_files import read_yaml, rows_of
+from gsut.data.recordings import Recording, Stream, find_stream, list_pictures
+from gsut.data.rigs import BODY, parse_matrix, read_mounts
+from gsut.data.text_files import read_rows, read_yaml
 from gsut.files import write_file
 from gsut.gaussians import quaternion_from_rotation
 from gsut.lens.files import format_euroc
@@ -37,43 +37,45 @@ _POSE_FILES = (
 _POINTS = ("pointcloud0/data.ply", "points3D.ply", "points.ply")
 
 
-def _camera_folders(root: Path) -> list[Path]:
+def _list_camera_folders(root: Path) -> list[Path]:
     """cam0, cam1 ... with pictures in data/ (EuRoC) or right there."""
     if not root.is_dir():
         return []
     return sorted(
         folder
         for folder in root.iterdir()
-        if _CAMERA.match(folder.name) and folder.is_dir() and _pictures_folder(folder) is not None
+        if _CAMERA.match(folder.name)
+        and folder.is_dir()
+        and _find_pictures_folder(folder) is not None
     )
 
 
-def _pictures_folder(folder: Path) -> Path | None:
-    return next((f for f in (folder / "data", folder) if f.is_dir() and pictures_in(f)), None)
+def _find_pictures_folder(folder: Path) -> Path | None:
+    return next((f for f in (folder / "data", folder) if f.is_dir() and list_pictures(f)), None)
 
 
-def _root(path: Path) -> Path | None:
+def _find_root(path: Path) -> Path | None:
     """The folder of cam0, cam1 ...: mav0 in this one, or this one itself."""
-    return next((root for root in (path / ROOT, path) if _camera_folders(root)), None)
+    return next((root for root in (path / ROOT, path) if _list_camera_folders(root)), None)
 
 
-def holds(path: Path) -> bool:
+def is_euroc(path: Path) -> bool:
     """A folder with cam0, cam1 ..., or one of these: then that camera alone is used."""
     if not path.is_dir():
         return False
-    if _CAMERA.match(path.name) and _pictures_folder(path) is not None:
+    if _CAMERA.match(path.name) and _find_pictures_folder(path) is not None:
         return True
-    return _root(path) is not None
+    return _find_root(path) is not None
 
 
 def record(path: Path) -> Recording:
     """What a folder holds; poses and lenses may be absent."""
-    chosen = (path.name,) if _CAMERA.match(path.name) and _root(path) is None else ()
-    root = path.parent if chosen else _root(path) or path
+    chosen = (path.name,) if _CAMERA.match(path.name) and _find_root(path) is None else ()
+    root = path.parent if chosen else _find_root(path) or path
     base = root.parent if root.name == ROOT else root
-    folders = _camera_folders(root)
+    folders = _list_camera_folders(root)
     notes: list[str] = []
-    streams = [_stream(folder, notes) for folder in folders]
+    streams = [_find_camera_stream(folder, notes) for folder in folders]
     recording = Recording(path, streams, cameras=chosen, names_from=base, notes=notes)
     sensors = {f.name: f / "sensor.yaml" for f in folders if (f / "sensor.yaml").is_file()}
     chains = [
@@ -88,7 +90,7 @@ def record(path: Path) -> Recording:
     elif chains:
         recording.mounts = functools.partial(read_mounts, chains[0])
     recording.poses_of = BODY
-    if not any("." in text for stream in streams for text in stream.time_texts()):
+    if not any("." in text for stream in streams for text in stream.list_times()):
         recording.image_times = "ns"
     recording.points = next((root / n for n in _POINTS if (root / n).is_file()), None) or next(
         (base / n for n in _POINTS if (base / n).is_file()), None
@@ -97,17 +99,17 @@ def record(path: Path) -> Recording:
     return recording
 
 
-def _stream(folder: Path, notes: list[str]) -> Stream:
-    pictures = _pictures_folder(folder) or folder
+def _find_camera_stream(folder: Path, notes: list[str]) -> Stream:
+    pictures = _find_pictures_folder(folder) or folder
     table = folder / "data.csv"
-    stream = stream_of(folder.name, pictures)
+    stream = find_stream(folder.name, pictures)
     if stream.mask is None and (folder / "mask.png").is_file():
         stream.mask = folder / "mask.png"
     if not table.is_file():
         return stream
     present = {path.name: path for path in stream.images}
     images, times, absent = [], [], []
-    for number, fields in rows_of(table):
+    for number, fields in read_rows(table):
         if len(fields) < 2:
             raise DatasetError(
                 f"{table}, line {number}",
@@ -126,7 +128,7 @@ def _stream(folder: Path, notes: list[str]) -> Stream:
     beside = sorted(present.keys() - {path.name for path in images})
     for names, what in ((absent, "do not exist"), (beside, "are not in it")):
         if names:
-            what = f"{len(names)} pictures {what} and are left out: {some_names(names)}"
+            what = f"{len(names)} pictures {what} and are left out: {list_some(names)}"
             notes.append(f"{table}: {what}")
     stream.images, stream.times = images, times
     return stream
@@ -140,7 +142,7 @@ def _find_poses(recording: Recording, root: Path, base: Path) -> None:
             sensor = root / name / "sensor.yaml"
             values = read_yaml(sensor) if sensor.is_file() else {}
             if "T_BS" in values:
-                place = rigid_transform(matrix_of(values["T_BS"]), f"{sensor}, key 'T_BS'")
+                place = rigid_transform(parse_matrix(values["T_BS"]), f"{sensor}, key 'T_BS'")
                 recording.body_from_poses = None if np.array_equal(place, np.eye(4)) else place
             return
     for folder in dict.fromkeys((root, base)):
@@ -163,7 +165,7 @@ def write_euroc(folder: Path, export: Export) -> list[str]:
     Raises:
         InputError: a lens that Kalibr does not have, or cameras that do not move as one body.
     """
-    seats, bodies = seats_of(export.frames, "EuRoC")
+    seats, bodies = group_seats(export.frames, "EuRoC")
     texts = [format_euroc(seat.camera, seat.body_from_camera) for seat in seats]
     root = folder / "mav0"
     for number, (seat, text) in enumerate(zip(seats, texts, strict=True)):
@@ -186,8 +188,8 @@ def write_euroc(folder: Path, export: Export) -> list[str]:
         rows.append(f"{time}," + ",".join(repr(float(v)) for v in values))
     write_file(root / _POSES / "data.csv", "\n".join(rows) + "\n")
     export.write_points(root / "pointcloud0" / "data.ply")
-    notes = losses(export, "EuRoC")
-    if not frame_times_ns(export.frames)[1]:
+    notes = list_losses(export, "EuRoC")
+    if not find_frame_times(export.frames)[1]:
         notes.append("the images have no times: they are named as if taken ten a second")
     return notes
 
@@ -196,7 +198,7 @@ LAYOUT = Layout(
     "euroc",
     "mav0/cam0 ... (EuRoC, TUM-VI)",
     rank=30,
-    holds=holds,
+    holds=is_euroc,
     record=record,
     write=write_euroc,
 )

@@ -18,11 +18,11 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data.errors import DatasetError
-from gsut.data.export import POINTS, Export, losses, place_images
+from gsut.data.export import POINTS, Export, list_losses, place_images
 from gsut.data.images import IMAGE_SUFFIXES
 from gsut.data.layouts._layout import Layout
 from gsut.data.poses import format_tum
-from gsut.data.recordings import MASK, Recording, Stream, pictures_in, stream_of
+from gsut.data.recordings import MASK, Recording, Stream, find_stream, list_pictures
 from gsut.data.rigs import is_rig_file, read_mounts
 from gsut.files import write_file
 from gsut.lens import Camera, save_camera
@@ -54,7 +54,7 @@ def find_lens_file(path: Path) -> Path | None:
 def find_images(path: Path) -> list[Path]:
     """All images below DATA/images, or in DATA itself if that does not exist, sorted."""
     folder = path / "images"
-    found = pictures_in(folder, below=True) if folder.is_dir() else pictures_in(path)
+    found = list_pictures(folder, below=True) if folder.is_dir() else list_pictures(path)
     return [p for p in found if p != path / MASK]
 
 
@@ -85,7 +85,7 @@ def record(path: Path) -> Recording:
             "give a TUM trajectory: poses.txt (or trajectory.txt) with lines 'name tx ty tz "
             "qx qy qz qw' (camera-to-world, OpenCV axes)",
         )
-    streams, lens = _streams(root, images, lens_path)
+    streams, lens = _list_streams(root, images, lens_path)
     mask = path / MASK
     if mask.is_file():
         for stream in streams:
@@ -97,16 +97,16 @@ def record(path: Path) -> Recording:
     )  # fmt: skip
 
 
-def _streams(
+def _list_streams(
     root: Path, images: list[Path], lens_path: Path
 ) -> tuple[list[Stream], Path | dict[str, Path]]:
     """One stream; or one a folder, where lens files name the folders of the images."""
     folders = sorted({p.relative_to(root).parts[0] for p in images if p.parent != root})
-    if folders and len(images) == sum(len(pictures_in(root / name)) for name in folders):
-        streams = [stream_of(name, root / name) for name in folders]
+    if folders and len(images) == sum(len(list_pictures(root / name)) for name in folders):
+        streams = [find_stream(name, root / name) for name in folders]
         if _is_rig(lens_path):
             return streams, lens_path
-        beside = {name: _lens_named(root, name) for name in folders}
+        beside = {name: _find_lens_of(root, name) for name in folders}
         lenses = {name: found for name, found in beside.items() if found is not None}
         if len(lenses) == len(folders):
             return streams, lenses
@@ -120,7 +120,7 @@ def _is_rig(lens_path: Path) -> bool:
         return False  # read again as a lens file, which says what is wrong
 
 
-def _lens_named(root: Path, name: str) -> Path | None:
+def _find_lens_of(root: Path, name: str) -> Path | None:
     """NAME.yaml or the like, beside the folder of the images or above it."""
     places = (root, root.parent) if root.name == "images" else (root,)
     files = (place / f"{name}{ending}" for place in places for ending in _LENS_ENDINGS)
@@ -150,7 +150,7 @@ def write_folder(folder: Path, export: Export) -> list[str]:
     poses = np.array([frame.world_from_camera for frame in frames])
     write_file(folder / "poses.txt", format_tum([frame.name for frame in frames], poses))
     export.write_points(folder / POINTS)
-    return losses(export, "a plain folder", masks=True)
+    return list_losses(export, "a plain folder", masks=True)
 
 
 LAYOUT = Layout(

@@ -13,13 +13,13 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import InputError
-from gsut.data.errors import DatasetError, some_names
-from gsut.data.export import POINTS, Export, frame_times_ns, losses
+from gsut.data.errors import DatasetError, list_some
+from gsut.data.export import POINTS, Export, find_frame_times, list_losses
 from gsut.data.images import decode_image, read_header
 from gsut.data.layouts._layout import Layout
 from gsut.data.layouts.folder import POINT_FILES
 from gsut.data.poses import NANOSECONDS, format_kitti
-from gsut.data.recordings import Recording, Stream, pictures_in
+from gsut.data.recordings import Recording, Stream, list_pictures
 from gsut.data.rigs import BODY, Mount
 from gsut.data.text_files import read_text
 from gsut.files import write_file
@@ -30,17 +30,17 @@ _ALL = tuple(sorted(name for pair in _CAMERAS for name in pair))
 _PIXEL_SHIFT = 0.5  # KITTI's pixel (0, 0) is gsut's (0.5, 0.5)
 
 
-def _sequence(path: Path) -> Path | None:
+def _find_sequence(path: Path) -> Path | None:
     """The folder of calib.txt and image_N."""
     if (path / "calib.txt").is_file() and any((path / name).is_dir() for name in _ALL):
         return path
     if path.name in _ALL and (path.parent / "calib.txt").is_file():
         return path.parent
-    found = _sequences(path)
+    found = _list_sequences(path)
     return found[0] if found else None
 
 
-def _sequences(path: Path) -> list[Path]:
+def _list_sequences(path: Path) -> list[Path]:
     return sorted(
         f.parent for f in path.glob("sequences/*/calib.txt")
         if any((f.parent / name).is_dir() for name in _ALL)
@@ -49,15 +49,15 @@ def _sequences(path: Path) -> list[Path]:
 
 def record(path: Path) -> Recording:
     """A sequence; its poses may be absent."""
-    sequence = _sequence(path) or path
-    several = _sequences(path)
+    sequence = _find_sequence(path) or path
+    several = _list_sequences(path)
     if len(several) > 1:
         raise DatasetError(
             path,
-            f"it holds {len(several)} sequences: {some_names([s.name for s in several])}",
+            f"it holds {len(several)} sequences: {list_some([s.name for s in several])}",
             f"give one of them, such as {several[0]}",
         )
-    names = [name for name in _ALL if pictures_in(sequence / name)]
+    names = [name for name in _ALL if list_pictures(sequence / name)]
     chosen: tuple[str, ...] = tuple(n for n in _CAMERAS[0] if n in names) or tuple(names)
     if path.name in _ALL:
         chosen = (path.name,)
@@ -67,7 +67,7 @@ def record(path: Path) -> Recording:
     ) else None  # fmt: skip
     streams = []
     for name in names:
-        images = pictures_in(sequence / name)
+        images = list_pictures(sequence / name)
         if texts is not None and len(texts) < len(images):
             raise DatasetError(
                 times, f"it has {len(texts)} times for {len(images)} pictures of {name}",
@@ -77,13 +77,13 @@ def record(path: Path) -> Recording:
     recording = Recording(sequence, streams, cameras=chosen, names_from=sequence, poses_of=BODY)
     sizes = {stream.name: read_header(stream.images[0]) for stream in streams}
 
-    def mounts(wanted: Sequence[str]) -> dict[str, Mount]:
+    def make_mounts(wanted: Sequence[str]) -> dict[str, Mount]:
         return {
             name: _mount(sequence / "calib.txt", name, sizes[name].width, sizes[name].height)
             for name in wanted
         }
 
-    recording.mounts = mounts
+    recording.mounts = make_mounts
     number = sequence.name
     candidates = (
         sequence.parent.parent / "poses" / f"{number}.txt",
@@ -144,7 +144,7 @@ def write_kitti(folder: Path, export: Export) -> list[str]:
             f"KITTI's calib.txt holds pinhole cameras without distortion only, and the lens is "
             f"'{lens.model}': undistort the images first, or choose nerfstudio, colmap or folder"
         )
-    times, known = frame_times_ns(export.frames)
+    times, known = find_frame_times(export.frames)
     order = sorted(range(len(times)), key=times.__getitem__)
     sequence = folder / "sequences" / "00"
     for row, i in enumerate(order):
@@ -162,7 +162,7 @@ def write_kitti(folder: Path, export: Export) -> list[str]:
     poses = np.array([export.frames[i].world_from_camera for i in order])
     write_file(folder / "poses" / "00.txt", format_kitti(poses))
     export.write_points(sequence / POINTS)
-    notes = losses(export, "KITTI")
+    notes = list_losses(export, "KITTI")
     if not known:
         notes.append("the images have no times: they are written as if taken ten a second")
     return notes
@@ -184,7 +184,7 @@ LAYOUT = Layout(
     "kitti",
     "calib.txt and image_0 ... (KITTI odometry)",
     rank=20,
-    holds=lambda path: path.is_dir() and _sequence(path) is not None,
+    holds=lambda path: path.is_dir() and _find_sequence(path) is not None,
     record=record,
     write=write_kitti,
 )

@@ -15,7 +15,7 @@ import numpy as np
 
 from gsut._core import InputError, Shutter
 from gsut.data.errors import DatasetError, OnError, raise_error
-from gsut.data.export import POINTS, Export, place_images, plain_name
+from gsut.data.export import POINTS, Export, place_images, strip_images_folder
 from gsut.data.images import read_header
 from gsut.data.layouts._layout import Layout
 from gsut.data.layouts.colmap import find_model, read_points
@@ -57,9 +57,9 @@ def read_nerfstudio(path: Path, *, on_error: OnError = raise_error) -> Listing:
             _read_frame(frame, values, listing, cameras)
         except InputError as error:
             on_error(error)
-    listing.listed_train = _names(values, "train_filenames", source)
-    listing.listed_test = _names(values, "test_filenames", source)
-    validation = _names(values, "val_filenames", source)
+    listing.listed_train = _read_names(values, "train_filenames", source)
+    listing.listed_test = _read_names(values, "test_filenames", source)
+    validation = _read_names(values, "val_filenames", source)
     if listing.listed_test is None:
         listing.listed_test = validation
     try:
@@ -78,7 +78,7 @@ def _read_frame(
     if image_path is None:
         listing.missing.append(name)
         return
-    camera = _frame_camera(frame, values, image_path, listing.source, cameras)
+    camera = _make_frame_camera(frame, values, image_path, listing.source, cameras)
     if camera is None:
         return
     poses = {}
@@ -108,23 +108,23 @@ def _read_frame(
             middle,
             start,
             end,
-            _mask(frame, values, listing.path, where),
-            _geometry(frame, "depth_file_path", listing),
-            None if start is None else _shutter(values, listing.source),
-            _time(frame, "timestamp"),
-            None if _time(frame, "timestamp_ns") is None else int(frame["timestamp_ns"]),
-            _geometry(frame, "normal_file_path", listing),
+            _find_mask(frame, values, listing.path, where),
+            _find_geometry(frame, "depth_file_path", listing),
+            None if start is None else _read_shutter(values, listing.source),
+            _read_time(frame, "timestamp"),
+            None if _read_time(frame, "timestamp_ns") is None else int(frame["timestamp_ns"]),
+            _find_geometry(frame, "normal_file_path", listing),
         )
     )
 
 
-def _time(frame: dict, key: str) -> float | None:
+def _read_time(frame: dict, key: str) -> float | None:
     """The number under this key; None without one."""
     value = frame.get(key)
     return float(value) if isinstance(value, (int, float)) else None
 
 
-def _shutter(values: dict, source: Path) -> Shutter:
+def _read_shutter(values: dict, source: Path) -> Shutter:
     """The direction in 'rolling_shutter' of the file, top to bottom where it says nothing."""
     entry = values.get("rolling_shutter") or {}
     name = entry.get("direction", "top_to_bottom") if isinstance(entry, dict) else entry
@@ -147,7 +147,7 @@ def _find_image(folder: Path, name: str) -> Path | None:
     return None
 
 
-def _mask(frame: dict, values: dict, folder: Path, where: str) -> Path | None:
+def _find_mask(frame: dict, values: dict, folder: Path, where: str) -> Path | None:
     name = frame.get("mask_path", values.get("mask_path"))
     if not name:
         return None
@@ -159,7 +159,7 @@ def _mask(frame: dict, values: dict, folder: Path, where: str) -> Path | None:
     return path
 
 
-def _geometry(frame: dict, key: str, listing: Listing) -> Path | None:
+def _find_geometry(frame: dict, key: str, listing: Listing) -> Path | None:
     """A frame's file of depths or normals, which few trainings read: one not there is noted."""
     name = frame.get(key)
     if not name:
@@ -171,7 +171,7 @@ def _geometry(frame: dict, key: str, listing: Listing) -> Path | None:
     return None
 
 
-def _frame_camera(
+def _make_frame_camera(
     frame: dict, values: dict, image_path: Path, source: Path, cameras: dict[str, Camera | None]
 ) -> Camera | None:
     """The lens of a frame; its own keys win over the file's. Equal lenses are made once.
@@ -193,7 +193,7 @@ def _frame_camera(
     return cameras[key]
 
 
-def _names(values: dict, key: str, source: Path) -> list[str] | None:
+def _read_names(values: dict, key: str, source: Path) -> list[str] | None:
     names = values.get(key)
     if names is None:
         return None
@@ -235,7 +235,7 @@ def write_nerfstudio(folder: Path, export: Export) -> list[str]:
     test = None
     if export.test is not None:
         wanted = set(export.test)
-        test = [plain_name(frame) for frame in export.frames if frame.name in wanted]
+        test = [strip_images_folder(frame) for frame in export.frames if frame.name in wanted]
     write_transforms(
         folder / "transforms.json", frames, points_file=POINTS if len(export.points) else None,
         test=test,

@@ -21,14 +21,14 @@ from gsut._core import InputError
 from gsut.data.errors import DatasetError
 from gsut.data.layouts._bag_messages import (
     FrameTree,
-    camera_of,
-    plain_frame,
-    pose_of,
-    stamp_of,
+    read_lens,
+    read_pose,
+    stamp_message,
+    strip_slash,
     write_picture,
 )
 from gsut.data.layouts._layout import Layout
-from gsut.data.poses import format_tum, inverse, seconds_text
+from gsut.data.poses import format_seconds, format_tum, inverse
 from gsut.data.recordings import Recording, Stream
 from gsut.data.rigs import BODY, OWN, Mount
 from gsut.files import write_file
@@ -71,7 +71,7 @@ class _Track:
     poses: list[np.ndarray] = dataclasses.field(default_factory=list)
 
 
-def holds(path: Path) -> bool:
+def is_bag(path: Path) -> bool:
     """A .bag, a .mcap or .db3, or the folder of a bag of ROS 2."""
     if path.is_file():
         return path.suffix.lower() in (".bag", ".mcap", ".db3")
@@ -103,8 +103,8 @@ def unpack(
         InputError: the package rosbags is missing, the bag is damaged, or topics are missing.
     """
     with _open(bag) as reader:
-        found = _cameras(reader, bag, cameras)
-        topic = _pose_topic(reader, bag, poses_topic)
+        found = _find_cameras(reader, bag, cameras)
+        topic = _choose_pose_topic(reader, bag, poses_topic)
         track, tree = _Track(topic), FrameTree()
         moving: dict[tuple[str, str], _Track] = {}
         wanted = {camera.topic: camera for camera in found}
@@ -113,26 +113,28 @@ def unpack(
         connections = [c for c in reader.connections if c.topic in topics]
         total = sum(c.msgcount for c in connections)
         bars = Progress(progress)
-        for done, (name, received, message) in enumerate(_messages(reader, connections, bag), 1):
+        for done, (name, received, message) in enumerate(
+            _read_messages(reader, connections, bag), 1
+        ):
             bars.show("messages", done, total)
             if name in wanted:
-                _add_picture(wanted[name], message, stamp_of(message, received), folder)
+                _add_picture(wanted[name], message, stamp_message(message, received), folder)
             elif name in infos:
                 camera = infos[name]
                 if camera.lens is None:
                     rectified = "rect" in camera.topic.rsplit("/", 1)[-1]
-                    camera.lens = camera_of(message, folder, f"{bag}, {name}", rectified)
-                    camera.frame = camera.frame or plain_frame(message.header.frame_id)
+                    camera.lens = read_lens(message, folder, f"{bag}, {name}", rectified)
+                    camera.frame = camera.frame or strip_slash(message.header.frame_id)
             elif hasattr(message, "transforms"):
                 _add_transforms(name, message, received, tree, moving, f"{bag}, {name}")
             else:
                 _add_pose(track, message, received, f"{bag}, {name}, message {done}")
         bars.close()
     if topic == "/tf":
-        track = _moving_track(moving, tree, found, bag)
+        track = _find_moving_track(moving, tree, found, bag)
     if poses_of is not None and poses_of not in (BODY, OWN, *(camera.name for camera in found)):
         track.child = poses_of
-    return _recording(bag, folder, found, track, tree)
+    return _make_recording(bag, folder, found, track, tree)
 
 
 @contextlib.contextmanager
@@ -157,7 +159,7 @@ def _open(bag: Path) -> Iterator[Any]:
         reader.close()
 
 
-def _messages(reader: Any, connections: list, bag: Path) -> Iterator[tuple[str, int, Any]]:
+def _read_messages(reader: Any, connections: list, bag: Path) -> Iterator[tuple[str, int, Any]]:
     rows = reader.messages(connections=connections)
     while True:
         try:
@@ -170,7 +172,7 @@ def _messages(reader: Any, connections: list, bag: Path) -> Iterator[tuple[str, 
         yield connection.topic, received, message
 
 
-def _cameras(reader: Any, bag: Path, wanted: Sequence[str]) -> list[_Camera]:
+def _find_cameras(reader: Any, bag: Path, wanted: Sequence[str]) -> list[_Camera]:
     types = {c.topic: c.msgtype for c in reader.connections}
     found: dict[str, _Camera] = {}
     pictures = [topic for topic, kind in types.items() if kind in _IMAGES]
@@ -194,7 +196,7 @@ def _cameras(reader: Any, bag: Path, wanted: Sequence[str]) -> list[_Camera]:
     return [camera for name, camera in found.items() if not wanted or name in wanted]
 
 
-def _pose_topic(reader: Any, bag: Path, wanted: str | None) -> str:
+def _choose_pose_topic(reader: Any, bag: Path, wanted: str | None) -> str:
     types = {c.topic: c.msgtype for c in reader.connections}
     if wanted == "":
         return wanted
@@ -203,7 +205,7 @@ def _pose_topic(reader: Any, bag: Path, wanted: str | None) -> str:
             raise DatasetError(
                 bag,
                 f"{wanted} is no topic of poses",
-                f"name one of {', '.join(_pose_topics(types))}",
+                f"name one of {', '.join(_list_pose_topics(types))}",
             )
         return wanted
     for kind in _POSES:
@@ -218,7 +220,7 @@ def _pose_topic(reader: Any, bag: Path, wanted: str | None) -> str:
     return "/tf"
 
 
-def _pose_topics(types: dict[str, str]) -> list[str]:
+def _list_pose_topics(types: dict[str, str]) -> list[str]:
     return sorted(topic for topic, kind in types.items() if kind in (*_POSES, *_TF)) or ["(none)"]
 
 
@@ -227,15 +229,15 @@ def _add_picture(camera: _Camera, message: Any, time: int, folder: Path) -> None
     place.mkdir(exist_ok=True)
     camera.images.append(write_picture(message, place / str(time), camera.topic))
     camera.times.append(str(time))
-    camera.frame = plain_frame(message.header.frame_id) or camera.frame
+    camera.frame = strip_slash(message.header.frame_id) or camera.frame
 
 
 def _add_pose(track: _Track, message: Any, received: int, where: str) -> None:
-    pose = pose_of(message, where)
+    pose = read_pose(message, where)
     if pose is not None:
-        track.parent = plain_frame(message.header.frame_id)
-        track.child = plain_frame(getattr(message, "child_frame_id", ""))
-        track.times.append(stamp_of(message, received))
+        track.parent = strip_slash(message.header.frame_id)
+        track.child = strip_slash(getattr(message, "child_frame_id", ""))
+        track.times.append(stamp_message(message, received))
         track.poses.append(pose)
 
 
@@ -245,24 +247,24 @@ def _add_transforms(
 ) -> None:  # fmt: skip
     for transform in message.transforms:
         parent, child = (
-            plain_frame(name) for name in (transform.header.frame_id, transform.child_frame_id)
+            strip_slash(name) for name in (transform.header.frame_id, transform.child_frame_id)
         )
-        pose = pose_of(transform, where)
+        pose = read_pose(transform, where)
         assert pose is not None
         if topic.endswith("static"):
             tree.add(parent, child, pose)
             continue
         track = moving.setdefault((parent, child), _Track(topic, parent, child))
-        track.times.append(stamp_of(transform, received))
+        track.times.append(stamp_message(transform, received))
         track.poses.append(pose)
 
 
-def _moving_track(
+def _find_moving_track(
     moving: dict[tuple[str, str], _Track], tree: FrameTree, cameras: list[_Camera], bag: Path
 ) -> _Track:
     """The one moving transform above the cameras."""
-    roots = {tree.root_of(camera.frame) for camera in cameras}
-    above = [track for (_, child), track in moving.items() if tree.root_of(child) in roots]
+    roots = {tree.find_root(camera.frame) for camera in cameras}
+    above = [track for (_, child), track in moving.items() if tree.find_root(child) in roots]
     if len(above) != 1 or any(track.child == above[0].parent for track in moving.values()):
         edges = ", ".join(f"{parent} to {child}" for parent, child in moving) or "none"
         raise DatasetError(
@@ -274,24 +276,24 @@ def _moving_track(
     return above[0]
 
 
-def _recording(
+def _make_recording(
     bag: Path, folder: Path, cameras: list[_Camera], track: _Track, tree: FrameTree
 ) -> Recording:
     streams = [Stream(c.name, c.images, c.times) for c in cameras]
     recording = Recording(folder, streams, image_times="ns", pose_times="s")
     if track.times:
-        text = format_tum([seconds_text(time) for time in track.times], np.array(track.poses))
+        text = format_tum([format_seconds(time) for time in track.times], np.array(track.poses))
         write_file(folder / _TRAJECTORY, text)
         recording.poses = folder / _TRAJECTORY
     places = {
-        c.name: tree.between(track.child, c.frame) if track.child and c.frame else None
+        c.name: tree.find_transform(track.child, c.frame) if track.child and c.frame else None
         for c in cameras
     }
     recording.poses_of = BODY
     if all(camera.frame == track.child != "" for camera in cameras):
         recording.poses_of = OWN
 
-    def mounts(names: Sequence[str]) -> dict[str, Mount]:
+    def make_mounts(names: Sequence[str]) -> dict[str, Mount]:
         found = {}
         for camera in cameras:
             if camera.lens is None:
@@ -309,7 +311,7 @@ def _recording(
             )
         return {name: found[name] for name in names}
 
-    recording.mounts = mounts
+    recording.mounts = make_mounts
     if track.times:
         recording.notes.append(
             f"{bag}: poses of '{track.child or 'a frame without a name'}' in '{track.parent}' from "
@@ -318,4 +320,4 @@ def _recording(
     return recording
 
 
-LAYOUT = Layout("rosbag", "a ROS bag", rank=5, holds=holds, unpack=unpack)
+LAYOUT = Layout("rosbag", "a ROS bag", rank=5, holds=is_bag, unpack=unpack)

@@ -13,14 +13,14 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import InputError
-from gsut.data.errors import DatasetError, some_names
-from gsut.data.export import POINTS, Export, frame_times_ns, losses
+from gsut.data.errors import DatasetError, list_some
+from gsut.data.export import POINTS, Export, find_frame_times, list_losses
 from gsut.data.layouts._layout import Layout
 from gsut.data.layouts.folder import POINT_FILES, find_lens_file
-from gsut.data.poses import format_tum, seconds_text
+from gsut.data.poses import format_seconds, format_tum
 from gsut.data.recordings import Recording, Stream
 from gsut.data.rigs import read_mounts
-from gsut.data.text_files import rows_of
+from gsut.data.text_files import read_rows
 from gsut.files import write_file
 from gsut.lens import save_camera
 from gsut.lens.files import OWN_SUFFIX
@@ -39,7 +39,7 @@ def record(path: Path) -> Recording:
     table = _list_file(path) or path / _LISTS[0]
     stream = Stream("", [], [])
     missing = []
-    for number, fields in rows_of(table):
+    for number, fields in read_rows(table):
         pairs = [fields[i : i + _TIME_AND_FILE] for i in range(0, len(fields), _TIME_AND_FILE)]
         colour = [p for p in pairs if len(p) == _TIME_AND_FILE and not p[1].startswith("depth")]
         if not colour:
@@ -57,7 +57,7 @@ def record(path: Path) -> Recording:
         stream.times.append(time)
     recording = Recording(path, [stream], names_from=path)
     if missing:
-        what = f"{len(missing)} pictures do not exist and are left out: {some_names(missing)}"
+        what = f"{len(missing)} pictures do not exist and are left out: {list_some(missing)}"
         recording.notes.append(f"{table}: {what}")
     lens = find_lens_file(path)
     if lens is not None:
@@ -79,11 +79,11 @@ def write_tum(folder: Path, export: Export) -> list[str]:
             f"TUM's layout holds one camera, found {len(lenses)}; choose one with --cameras, or "
             "another layout"
         )
-    times, known = frame_times_ns(export.frames)
+    times, known = find_frame_times(export.frames)
     if len(set(times)) < len(times):
         raise InputError("two images have the same time: TUM's layout holds one camera")
     order = sorted(range(len(times)), key=times.__getitem__)
-    labels = [seconds_text(times[i]) for i in order]
+    labels = [format_seconds(times[i]) for i in order]
     rows = ["# color images", "# timestamp filename"]
     for i, label in zip(order, labels, strict=True):
         source = export.frames[i].image_path
@@ -96,7 +96,7 @@ def write_tum(folder: Path, export: Export) -> list[str]:
     (lens,) = lenses
     save_camera(lens, folder / f"lens{OWN_SUFFIX}")
     export.write_points(folder / POINTS)
-    notes = losses(export, "TUM")
+    notes = list_losses(export, "TUM")
     if not known:
         notes.append("the images have no times: they are named as if taken ten a second")
     return notes

@@ -1,16 +1,22 @@
 """Point clouds: PLY files, and colours taken from the photographs."""
 
-from gsut.data.points.colors import UNCOLORED, color_points, has_colors, points_seen
-from gsut.data.points.ply import NO_COLOR, TRIANGULATED, load_points_ply, points_ply, usable_points
+from gsut.data.points.colors import UNCOLORED, color_points, find_seen_points, has_colors
+from gsut.data.points.ply import (
+    NO_COLOR,
+    TRIANGULATED,
+    find_usable_points,
+    format_points_ply,
+    load_points_ply,
+)
 
 __all__ = [
     "NO_COLOR",
     "TRIANGULATED",
     "UNCOLORED",
     "color_points",
+    "find_seen_points",
+    "find_usable_points",
+    "format_points_ply",
     "has_colors",
     "load_points_ply",
-    "points_ply",
-    "points_seen",
-    "usable_points",
 ]

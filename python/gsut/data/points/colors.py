@@ -44,7 +44,7 @@ def color_points(
     count = min(len(scene), _MOST_VIEWS)
     chosen = np.unique(np.linspace(0, len(scene) - 1, count).round().astype(int)).tolist()
     for index in Progress(progress).through("colours", chosen):
-        rows, x, y, away = points_seen(scene, index, points)
+        rows, x, y, away = find_seen_points(scene, index, points)
         slot = distances[:, rows].argmax(axis=0)
         nearer = away < distances[slot, rows]
         rows, slot = rows[nearer], slot[nearer]
@@ -60,7 +60,7 @@ def color_points(
     return np.where(views[:, None] > 0, middle, NO_COLOR).astype(np.uint8), views
 
 
-def points_seen(
+def find_seen_points(
     scene: Scene, index: int, points: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """The points that a view sees, those left out that hide behind others.

@@ -39,7 +39,7 @@ def load_points_ply(
     return points, colors
 
 
-def usable_points(points: np.ndarray) -> tuple[np.ndarray, str]:
+def find_usable_points(points: np.ndarray) -> tuple[np.ndarray, str]:
     """Which of points (N, 3) lie somewhere, (N,) bool; what is said of the others, "" if all do."""
     usable = (np.abs(points) <= FARTHEST).all(axis=1)  # NaN is not
     if usable.all():
@@ -50,7 +50,7 @@ def usable_points(points: np.ndarray) -> tuple[np.ndarray, str]:
     )
 
 
-def points_ply(points: np.ndarray, colors: np.ndarray) -> bytes:
+def format_points_ply(points: np.ndarray, colors: np.ndarray) -> bytes:
     """A PLY of points (P, 3), written as doubles, with colours (P, 3) uint8."""
     layout = [(name, "<f8") for name in _AXES] + [(name, "u1") for name in _COLORS]
     vertices = np.empty(len(points), dtype=layout)

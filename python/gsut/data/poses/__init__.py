@@ -1,14 +1,14 @@
 """Poses, trajectories, camera paths and the times of both."""
 
-from gsut.data.poses.camera_path import lens_of_path, read_path
+from gsut.data.poses.camera_path import read_path, read_path_lens
 from gsut.data.poses.times import (
     NANOSECONDS,
     UNITS,
-    in_nanoseconds,
+    format_range,
+    format_seconds,
+    guess_unit,
     is_time,
-    range_text,
-    seconds_text,
-    unit_of,
+    to_nanoseconds,
 )
 from gsut.data.poses.trajectory import Trajectory, format_kitti, format_tum, read_trajectory
 from gsut.data.poses.transforms import (
@@ -29,17 +29,17 @@ __all__ = [
     "Trajectory",
     "centers_of",
     "format_kitti",
+    "format_range",
+    "format_seconds",
     "format_tum",
+    "guess_unit",
     "halfway",
-    "in_nanoseconds",
     "inverse",
     "is_time",
-    "lens_of_path",
     "pose_from_quaternion",
-    "range_text",
     "read_path",
+    "read_path_lens",
     "read_trajectory",
     "rigid_transform",
-    "seconds_text",
-    "unit_of",
+    "to_nanoseconds",
 ]

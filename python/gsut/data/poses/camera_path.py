@@ -31,7 +31,7 @@ def read_path(path: str | os.PathLike[str], world_offset: np.ndarray | None = No
     Raises:
         InputError: no such file, not JSON, none of the known forms, or a pose that is not rigid.
     """
-    path, content = Path(path), _content(path)
+    path, content = Path(path), _read_content(path)
     try:
         if "camera_from_world" in content:
             entries, opengl = content["camera_from_world"], False
@@ -59,12 +59,12 @@ def read_path(path: str | os.PathLike[str], world_offset: np.ndarray | None = No
     return matrices @ world_from_scene
 
 
-def lens_of_path(path: str | os.PathLike[str]) -> Any:
+def read_path_lens(path: str | os.PathLike[str]) -> Any:
     """The values of the lens that a camera path carries, as the viewer saves it; None without."""
-    return _content(path).get("lens")
+    return _read_content(path).get("lens")
 
 
-def _content(path: str | os.PathLike[str]) -> dict[str, Any]:
+def _read_content(path: str | os.PathLike[str]) -> dict[str, Any]:
     try:
         content = json.loads(regular(path).read_text(encoding="utf-8"))
     except OSError as error:

@@ -16,38 +16,38 @@ _LEAST = {"ns": Decimal(10) ** 17, "us": Decimal(10) ** 14, "ms": Decimal(10) **
 
 def is_time(text: str) -> bool:
     """Whether this is a finite decimal number."""
-    return _decimal(text) is not None
+    return _parse_decimal(text) is not None
 
 
-def unit_of(texts: Iterable[str]) -> str:
+def guess_unit(texts: Iterable[str]) -> str:
     """The unit of times since 1970, by the largest one's digits; "s" where they are smaller."""
-    largest = max((abs(_decimal(text) or Decimal(0)) for text in texts), default=Decimal(0))
+    largest = max((abs(_parse_decimal(text) or Decimal(0)) for text in texts), default=Decimal(0))
     return next((unit for unit, least in _LEAST.items() if largest >= least), "s")
 
 
-def in_nanoseconds(texts: Sequence[str], unit: str) -> np.ndarray:
+def to_nanoseconds(texts: Sequence[str], unit: str) -> np.ndarray:
     """(N,) int64 of decimal numbers in this unit, see `UNITS`; at most 146 years either way."""
-    times = (_nanoseconds(text, unit) for text in texts)
+    times = (_convert(text, unit) for text in texts)
     return np.array([max(-_FARTHEST, min(time, _FARTHEST)) for time in times], np.int64)
 
 
-def range_text(texts: Iterable[str], unit: str) -> str:
+def format_range(texts: Iterable[str], unit: str) -> str:
     """From when to when, in seconds."""
-    times = [_nanoseconds(text, unit) for text in texts]
-    return f"{seconds_text(min(times))} to {seconds_text(max(times))} s"
+    times = [_convert(text, unit) for text in texts]
+    return f"{format_seconds(min(times))} to {format_seconds(max(times))} s"
 
 
-def _nanoseconds(text: str, unit: str) -> int:
-    return round((_decimal(text) or Decimal(0)) * UNITS[unit])
+def _convert(text: str, unit: str) -> int:
+    return round((_parse_decimal(text) or Decimal(0)) * UNITS[unit])
 
 
-def seconds_text(nanoseconds: int) -> str:
+def format_seconds(nanoseconds: int) -> str:
     """A time as decimal seconds with nine digits."""
     sign, rest = "-" if nanoseconds < 0 else "", abs(int(nanoseconds))
     return f"{sign}{rest // NANOSECONDS}.{rest % NANOSECONDS:09d}"
 
 
-def _decimal(text: str) -> Decimal | None:
+def _parse_decimal(text: str) -> Decimal | None:
     try:
         value = Decimal(text)
     except InvalidOperation:

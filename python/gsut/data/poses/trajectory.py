@@ -65,9 +65,9 @@ def read_trajectory(source: Path, on_error: OnError) -> Trajectory:
         DatasetError: the file is missing, no text, or has no poses.
     """
     if source.suffix.lower() == ".json":
-        labels, places, makers = _json_rows(source)
+        labels, places, makers = _read_json_rows(source)
     else:
-        labels, places, makers = _table_rows(source)
+        labels, places, makers = _read_table_rows(source)
     if not makers:
         raise DatasetError(source, "it holds no pose", _ADVICE)
     kept, poses = [], []
@@ -89,7 +89,7 @@ _Make = Callable[[], np.ndarray]
 _Rows = tuple[list[str] | None, list[str], list[_Make]]
 
 
-def _json_rows(source: Path) -> _Rows:
+def _read_json_rows(source: Path) -> _Rows:
     values = read_json(source)
     if not isinstance(values, dict):
         raise DatasetError(source, "not an object of names and matrices", _ADVICE)
@@ -101,7 +101,7 @@ def _json_rows(source: Path) -> _Rows:
     return list(values), places, list[_Make](makers)
 
 
-def _table_rows(source: Path) -> _Rows:
+def _read_table_rows(source: Path) -> _Rows:
     labels: list[str] = []
     places: list[str] = []
     makers: list[_Make] = []
@@ -112,7 +112,7 @@ def _table_rows(source: Path) -> _Rows:
         if not line:
             continue
         if line.startswith("#") or _is_heading(line):
-            found = _w_first(line)
+            found = _has_w_first(line)
             w_first = found if found is not None else w_first
             continue
         place = f"{source}, line {number}"
@@ -120,23 +120,23 @@ def _table_rows(source: Path) -> _Rows:
             kitti = len(line.split()) == _KITTI and all(is_time(v) for v in line.split())
         places.append(place)
         if kitti:
-            makers.append(functools.partial(_kitti_pose, line, place))
+            makers.append(functools.partial(_parse_kitti_pose, line, place))
             continue
         with_commas = "," in line
         fields = line.split(",")[:_TUM] if with_commas else line.rsplit(maxsplit=_TUM - 1)
         labels.append(fields[0].strip())
         order = with_commas if w_first is None else w_first
-        makers.append(functools.partial(_pose, fields, order, place, line))
+        makers.append(functools.partial(_parse_pose, fields, order, place, line))
     return None if kitti else labels, places, makers
 
 
 def _is_heading(line: str) -> bool:
     """A line of names of columns: no numbers, and the quaternion's among them."""
     fields = re.split(r"[,\s]+", line)
-    return _w_first(line) is not None and not any(is_time(field) for field in fields)
+    return _has_w_first(line) is not None and not any(is_time(field) for field in fields)
 
 
-def _w_first(heading: str) -> bool | None:
+def _has_w_first(heading: str) -> bool | None:
     """Whether a heading has the quaternion's w before its x; None where it has none."""
     places = [re.search(rf"\bq\w*{axis}\b", heading, re.IGNORECASE) for axis in "wx"]
     if places[0] is None or places[1] is None:
@@ -144,22 +144,22 @@ def _w_first(heading: str) -> bool | None:
     return places[0].start() < places[1].start()
 
 
-def _pose(fields: list[str], w_first: bool, place: str, line: str) -> np.ndarray:
+def _parse_pose(fields: list[str], w_first: bool, place: str, line: str) -> np.ndarray:
     order = "qw qx qy qz" if w_first else "qx qy qz qw"
     try:
         values = [float(field) for field in fields[1:]]
         if len(values) != _TUM - 1:
             raise ValueError
     except ValueError as error:
-        shown = line if len(line) <= 100 else line[:97] + "..."
+        place_and_show = line if len(line) <= 100 else line[:97] + "..."
         raise DatasetError(
-            place, f"expected 'name tx ty tz {order}', found '{shown}'", _ADVICE
+            place, f"expected 'name tx ty tz {order}', found '{place_and_show}'", _ADVICE
         ) from error
     *translation, a, b, c, d = values
     return pose_from_quaternion([a, b, c, d] if w_first else [d, a, b, c], translation, place)
 
 
-def _kitti_pose(line: str, place: str) -> np.ndarray:
+def _parse_kitti_pose(line: str, place: str) -> np.ndarray:
     try:
         return rigid_transform(np.reshape([float(v) for v in line.split()], (3, 4)), place)
     except ValueError as error:

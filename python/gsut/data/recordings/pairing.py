@@ -8,27 +8,27 @@ from collections.abc import Sequence
 import numpy as np
 
 from gsut._core import InputError, interpolate_pose
-from gsut.data.errors import DatasetError, OnError, some_names
+from gsut.data.errors import DatasetError, OnError, list_some
 from gsut.data.images import find_mask
 from gsut.data.listing import Frame, Listing
 from gsut.data.poses import (
     NANOSECONDS,
     UNITS,
     Trajectory,
-    in_nanoseconds,
+    format_range,
+    format_seconds,
+    guess_unit,
     inverse,
-    range_text,
     read_trajectory,
-    seconds_text,
-    unit_of,
+    to_nanoseconds,
 )
 from gsut.data.recordings.recording import Recording, Stream
-from gsut.data.rigs import Mount, body_from_camera
+from gsut.data.rigs import Mount, find_body_from_camera
 
 _ABSOLUTE = 1e8  # seconds: beyond it a time is one since 1970, not since the first picture
 
 
-def listing_of(recording: Recording, on_error: OnError) -> Listing:
+def pair_recording(recording: Recording, on_error: OnError) -> Listing:
     """Brings pictures, lenses and poses together.
 
     Poses whose labels are all numbers are found by time: the two around a picture are interpolated
@@ -38,7 +38,7 @@ def listing_of(recording: Recording, on_error: OnError) -> Listing:
     Raises:
         DatasetError: pictures, lens or poses are missing, or none belong together.
     """
-    streams = _chosen(recording)
+    streams = _choose_streams(recording)
     if recording.mounts is None:
         raise DatasetError(
             recording.path,
@@ -61,15 +61,15 @@ def listing_of(recording: Recording, on_error: OnError) -> Listing:
     listing = Listing(recording.path, trajectory.source, notes=list(recording.notes))
     named: set[int] = set()
     for stream in streams if len(trajectory) else ():
-        place = body_from_camera(stream.name, mounts, recording.poses_of)
+        place = find_body_from_camera(stream.name, mounts, recording.poses_of)
         if trajectory.is_timed:
-            poses, times = _by_time(stream, mounts[stream.name], trajectory, recording)
+            poses, times = _pair_by_time(stream, mounts[stream.name], trajectory, recording)
         elif trajectory.labels is None:
-            poses, times = _by_order(stream, trajectory, recording)
+            poses, times = _pair_by_order(stream, trajectory, recording)
         else:
-            poses, times = _by_name(stream, trajectory, recording, named)
+            poses, times = _pair_by_name(stream, trajectory, recording, named)
         if recording.time_range is not None:
-            inside = _in_range(times, recording.time_range, stream.images[0].parent)
+            inside = _find_in_range(times, recording.time_range, stream.images[0].parent)
             stream = Stream(
                 stream.name, [p for p, keep in zip(stream.images, inside, strict=True) if keep],
                 mask=stream.mask,
@@ -88,7 +88,7 @@ def listing_of(recording: Recording, on_error: OnError) -> Listing:
     return listing
 
 
-def _chosen(recording: Recording) -> list[Stream]:
+def _choose_streams(recording: Recording) -> list[Stream]:
     names = [stream.name for stream in recording.streams]
     unknown = [name for name in recording.cameras if name not in names]
     if unknown:
@@ -131,16 +131,16 @@ def _add_frames(
     if without:
         listing.notes.append(
             f"{listing.source}: {len(without)} of {len(stream.images)} images have no pose"
-            f"{_within(recording, times)} and are left out: {some_names(without)}"
+            f"{_format_tolerance(recording, times)} and are left out: {list_some(without)}"
         )
 
 
-def _within(recording: Recording, times: Sequence[int | None]) -> str:
+def _format_tolerance(recording: Recording, times: Sequence[int | None]) -> str:
     timed = any(time is not None for time in times)
     return f" within {recording.time_tolerance:g} s" if timed else ""
 
 
-def _by_name(
+def _pair_by_name(
     stream: Stream, trajectory: Trajectory, recording: Recording, named: set[int]
 ) -> tuple[list[np.ndarray | None], list[int | None]]:
     """Poses by the paths, file names or stems of pictures; `named` collects the poses in use."""
@@ -166,7 +166,7 @@ def _by_name(
     return poses, [None] * len(stream.images)
 
 
-def _by_order(
+def _pair_by_order(
     stream: Stream, trajectory: Trajectory, recording: Recording
 ) -> tuple[list[np.ndarray | None], list[int | None]]:
     if len(stream.images) != len(trajectory):
@@ -177,18 +177,18 @@ def _by_order(
             "these belong together by their order: give one pose for each picture, or poses with "
             "times or names",
         )
-    texts = stream.time_texts()
+    texts = stream.list_times()
     times: list[int | None] = [None] * len(texts)
     if stream.times is not None and all(texts):
-        unit = recording.image_times or unit_of(texts)
-        times = [int(t) for t in in_nanoseconds(texts, unit)]
+        unit = recording.image_times or guess_unit(texts)
+        times = [int(t) for t in to_nanoseconds(texts, unit)]
     return list(trajectory.poses), times
 
 
-def _by_time(
+def _pair_by_time(
     stream: Stream, mount: Mount, trajectory: Trajectory, recording: Recording
 ) -> tuple[list[np.ndarray | None], list[int | None]]:
-    texts = stream.time_texts()
+    texts = stream.list_times()
     rows = [i for i, text in enumerate(texts) if text]
     poses: list[np.ndarray | None] = [None] * len(texts)
     times: list[int | None] = [None] * len(texts)
@@ -199,27 +199,27 @@ def _by_time(
             "are none",
             "name each picture by its time, or begin each line with the picture's name",
         )
-    unit = recording.image_times or unit_of(texts[i] for i in rows)
-    image_ns = in_nanoseconds([texts[i] for i in rows], unit)
+    unit = recording.image_times or guess_unit(texts[i] for i in rows)
+    image_ns = to_nanoseconds([texts[i] for i in rows], unit)
     for row, stamp in zip(rows, image_ns, strict=True):
         times[row] = int(stamp)
     labels = trajectory.labels or ()
-    pose_unit = recording.pose_times or unit_of(labels)
-    pose_ns = in_nanoseconds(labels, pose_unit)
+    pose_unit = recording.pose_times or guess_unit(labels)
+    pose_ns = to_nanoseconds(labels, pose_unit)
     order = np.argsort(pose_ns, kind="stable")
     shift = round(recording.time_offset * NANOSECONDS) + mount.clock_shift
     clock = _Clock(pose_ns[order], image_ns + shift, recording.time_tolerance)
     if not clock.near.any():
         ranges = (
             f"pictures of {stream.name or stream.images[0].parent} are from "
-            f"{range_text((texts[i] for i in rows), unit)}, its poses from "
-            f"{range_text(labels, pose_unit)}"
+            f"{format_range((texts[i] for i in rows), unit)}, its poses from "
+            f"{format_range(labels, pose_unit)}"
         )
-        raise _no_pose(stream, trajectory, recording, clock, ranges)
+        raise _explain_no_pose(stream, trajectory, recording, clock, ranges)
     for k, row in enumerate(rows):
         if clock.near[k]:
-            low, high, share = clock.around(k)
-            poses[row] = _between(
+            low, high, share = clock.find_around(k)
+            poses[row] = _interpolate(
                 trajectory.poses[order[low]], trajectory.poses[order[high]], share
             )
     return poses, times
@@ -241,7 +241,7 @@ class _Clock:
         self.distance = np.minimum(before, after)
         self.near = self.distance <= round(self.tolerance * NANOSECONDS)
 
-    def around(self, k: int) -> tuple[int, int, float]:
+    def find_around(self, k: int) -> tuple[int, int, float]:
         """The poses before and after picture k, and its share of the way; the same at the ends."""
         high = int(self.high[k])
         if high == len(self.poses):
@@ -252,7 +252,7 @@ class _Clock:
         return high - 1, high, (int(self.images[k]) - int(self.poses[high - 1])) / step
 
 
-def _between(one: np.ndarray, two: np.ndarray, share: float) -> np.ndarray:
+def _interpolate(one: np.ndarray, two: np.ndarray, share: float) -> np.ndarray:
     """A share of the way: the origin along the line, the rotation along the shorter arc."""
     if share == 0.0:
         return one
@@ -264,7 +264,7 @@ def _between(one: np.ndarray, two: np.ndarray, share: float) -> np.ndarray:
     return pose
 
 
-def _in_range(
+def _find_in_range(
     times: Sequence[int | None], limits: tuple[float, float], where: object
 ) -> list[bool]:
     """Of each picture whether it was taken between two times, see `Recording.time_range`."""
@@ -276,7 +276,7 @@ def _in_range(
     return [time is not None and first <= time <= last for time in times]
 
 
-def _no_pose(
+def _explain_no_pose(
     stream: Stream, trajectory: Trajectory, recording: Recording, clock: _Clock, ranges: str
 ) -> DatasetError:
     """Why no picture has a pose: other units, other clocks, or a tolerance that is too small."""
@@ -290,14 +290,14 @@ def _no_pose(
             f"nearest pose is {nearest:.3g} s away (median)",
             f"if that is right write `time_tolerance: {1.5 * nearest:.2g}` into dataset.yaml",
         )
-    if _counts(stream):
+    if _are_counted(stream):
         return DatasetError(
             trajectory.source,
             f"no picture has a pose: {ranges}; the pictures' names count them and are no times",
             "begin each line with the picture's name; or list lines 'time rgb/FILE' in rgb.txt, "
             "as TUM does",
         )
-    fitting = _other_units(stream, trajectory, clock)
+    fitting = _try_other_units(stream, trajectory, clock)
     if fitting is not None:
         return DatasetError(
             trajectory.source,
@@ -308,11 +308,11 @@ def _no_pose(
         trajectory.source,
         f"no picture has a pose, as their times do not overlap: {ranges}",
         "take the poses of this recording; or, where both clocks began at once, write "
-        f"`time_offset: {seconds_text(int(poses[0]) - int(images.min()))}` into dataset.yaml",
+        f"`time_offset: {format_seconds(int(poses[0]) - int(images.min()))}` into dataset.yaml",
     )
 
 
-def _counts(stream: Stream) -> bool:
+def _are_counted(stream: Stream) -> bool:
     """Whether the names of pictures count them: 000, 001, 002 ..."""
     stems = [path.stem for path in stream.images]
     if stream.times is not None or len(stems) < 2 or not all(s.isdecimal() for s in stems):
@@ -320,14 +320,16 @@ def _counts(stream: Stream) -> bool:
     return bool((np.diff([int(stem) for stem in stems]) == 1).all())
 
 
-def _other_units(stream: Stream, trajectory: Trajectory, clock: _Clock) -> tuple[str, str] | None:
-    texts = [text for text in stream.time_texts() if text]
+def _try_other_units(
+    stream: Stream, trajectory: Trajectory, clock: _Clock
+) -> tuple[str, str] | None:
+    texts = [text for text in stream.list_times() if text]
     for key, mine, others in (
         ("image_times", texts, clock.poses),
         ("pose_times", list(trajectory.labels or ()), clock.images),
     ):
         for unit in UNITS:
-            times = in_nanoseconds(mine, unit)
+            times = to_nanoseconds(mine, unit)
             if times.max() >= others.min() and others.max() >= times.min() and np.ptp(times) > 0:
                 words = "pictures" if key == "image_times" else "poses"
                 return f"the times of {words} are in {unit}", f"{key}: {unit}"

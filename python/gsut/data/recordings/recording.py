@@ -25,7 +25,7 @@ class Stream:
     times: list[str] | None = None
     mask: Path | None = None
 
-    def time_texts(self) -> list[str]:
+    def list_times(self) -> list[str]:
         """Of each picture; an empty text where its name is no number."""
         texts = [path.stem for path in self.images] if self.times is None else self.times
         return [text if is_time(text) else "" for text in texts]
@@ -40,7 +40,7 @@ class Recording:
         streams: one a camera.
         mounts: lenses and places of the cameras of these names; None: no lens was found.
         poses: file of the trajectory, or None.
-        poses_of: see `body_from_camera`.
+        poses_of: see `find_body_from_camera`.
         body_from_poses: (4, 4) where the poses are of another sensor on the body (EuRoC's T_BS).
         names_from: pictures are named by their paths from here.
         points, masks: a PLY, a folder; or None.
@@ -70,7 +70,7 @@ class Recording:
     notes: list[str] = dataclasses.field(default_factory=list)
 
 
-def pictures_in(folder: Path, *, below: bool = False) -> list[Path]:
+def list_pictures(folder: Path, *, below: bool = False) -> list[Path]:
     """The pictures of a folder (and below it), sorted; a mask.png is none."""
     found = folder.rglob("*") if below else folder.glob("*")
     return sorted(
@@ -78,7 +78,7 @@ def pictures_in(folder: Path, *, below: bool = False) -> list[Path]:
     )
 
 
-def stream_of(name: str, folder: Path) -> Stream:
+def find_stream(name: str, folder: Path) -> Stream:
     """The pictures of a folder as a stream, with its mask.png if there is one."""
     mask = folder / MASK
-    return Stream(name, pictures_in(folder), mask=mask if mask.is_file() else None)
+    return Stream(name, list_pictures(folder), mask=mask if mask.is_file() else None)

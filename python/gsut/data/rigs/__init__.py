@@ -4,23 +4,23 @@ from gsut.data.rigs.mounts import (
     BODY,
     OWN,
     Mount,
-    body_from_camera,
+    find_body_from_camera,
     is_rig_file,
-    matrix_of,
+    parse_matrix,
     read_mounts,
 )
-from gsut.data.rigs.rig import Rig, read_rig, relative_changes, write_rig
+from gsut.data.rigs.rig import Rig, measure_changes, read_rig, write_rig
 
 __all__ = [
     "BODY",
     "OWN",
     "Mount",
     "Rig",
-    "body_from_camera",
+    "find_body_from_camera",
     "is_rig_file",
-    "matrix_of",
+    "measure_changes",
+    "parse_matrix",
     "read_mounts",
     "read_rig",
-    "relative_changes",
     "write_rig",
 ]

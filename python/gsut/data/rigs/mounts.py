@@ -61,11 +61,11 @@ def read_mounts(lens: Path | dict[str, Path], names: Sequence[str]) -> dict[str,
                 f"camera {absent[0]} has no lens file, only {', '.join(lens) or 'none'} have",
                 "name one for each camera",
             )
-        return {name: _one(lens[name], name) for name in names}
+        return {name: _read_mount(lens[name], name) for name in names}
     if lens.suffix.lower() in _YAML:
         values = read_yaml(lens) if not regular(lens).read_bytes().startswith(b"%YAML") else {}
         if is_camchain(values):
-            return _named(_camchain(lens), names, lens)
+            return _select_mounts(_read_mounts_of_camchain(lens), names, lens)
     elif lens.suffix.lower() == ".json" and _is_rig(read_json(lens)):
         rig = read_rig(lens)
         rows = zip(rig.names, rig.cameras, rig.camera_from_reference, strict=True)
@@ -73,8 +73,8 @@ def read_mounts(lens: Path | dict[str, Path], names: Sequence[str]) -> dict[str,
             name: Mount(camera, f"{lens}, camera {name}", from_reference=pose)
             for name, camera, pose in rows
         }
-        return _named(mounts, names, lens)
-    mount = _one(lens, "")
+        return _select_mounts(mounts, names, lens)
+    mount = _read_mount(lens, "")
     return dict.fromkeys(names, mount)
 
 
@@ -98,7 +98,7 @@ def _is_rig(values: Any) -> bool:
     )
 
 
-def _named(mounts: dict[str, Mount], names: Sequence[str], lens: Path) -> dict[str, Mount]:
+def _select_mounts(mounts: dict[str, Mount], names: Sequence[str], lens: Path) -> dict[str, Mount]:
     if len(mounts) == 1 and len(names) == 1:
         return dict(zip(names, mounts.values(), strict=True))
     absent = [name for name in names if name not in mounts]
@@ -112,20 +112,22 @@ def _named(mounts: dict[str, Mount], names: Sequence[str], lens: Path) -> dict[s
     return {name: mounts[name] for name in names}
 
 
-def _one(lens: Path, name: str) -> Mount:
+def _read_mount(lens: Path, name: str) -> Mount:
     """A file of one camera, of a camchain the one of this name; EuRoC's sensor.yaml has a place."""
     if lens.suffix.lower() in _YAML and not regular(lens).read_bytes().startswith(b"%YAML"):
         values = read_yaml(lens)
         if is_camchain(values):
-            return _named(_camchain(lens), [name], lens)[name]
+            return _select_mounts(_read_mounts_of_camchain(lens), [name], lens)[name]
         if "T_BS" in values:
-            from_body = inverse(rigid_transform(matrix_of(values["T_BS"]), f"{lens}, key 'T_BS'"))
+            from_body = inverse(
+                rigid_transform(parse_matrix(values["T_BS"]), f"{lens}, key 'T_BS'")
+            )
             return Mount(load_camera(lens), str(lens), from_body)
     camera = load_camera(lens)
     return Mount(camera, str(lens))
 
 
-def matrix_of(values: Any) -> Any:
+def parse_matrix(values: Any) -> Any:
     """A matrix as nested lists, or EuRoC's dictionary with its 16 numbers in `data`."""
     data = values.get("data") if isinstance(values, dict) else values
     if isinstance(data, list) and len(data) == 16:
@@ -133,7 +135,7 @@ def matrix_of(values: Any) -> Any:
     return data
 
 
-def _camchain(file: Path) -> dict[str, Mount]:
+def _read_mounts_of_camchain(file: Path) -> dict[str, Mount]:
     return {
         name: Mount(camera, f"{file}, camera {name}", from_body, from_reference,
                     round(shift * NANOSECONDS))
@@ -141,7 +143,7 @@ def _camchain(file: Path) -> dict[str, Mount]:
     }  # fmt: skip
 
 
-def body_from_camera(name: str, mounts: dict[str, Mount], poses_of: str | None) -> np.ndarray:
+def find_body_from_camera(name: str, mounts: dict[str, Mount], poses_of: str | None) -> np.ndarray:
     """(4, 4) what the trajectory's poses are of, from this camera.
 
     Args:

@@ -15,7 +15,7 @@ from gsut.data.errors import DatasetError
 from gsut.data.poses import centers_of, inverse, rigid_transform
 from gsut.data.text_files import read_yaml
 from gsut.files import regular, write_file
-from gsut.lens import Camera, grid_pixels, load_camera
+from gsut.lens import Camera, load_camera, spread_pixels
 from gsut.lens.files import is_camchain
 
 _POSE = "camera_from_reference"
@@ -78,7 +78,7 @@ def read_rig(path: str | os.PathLike[str]) -> Rig:
     except UnicodeDecodeError as error:
         raise InputError(f"--rig {file} is not text; give a JSON or camchain YAML file") from error
     is_yaml = file.suffix.lower() in (".yaml", ".yml")
-    rig = _of_camchain(file) if is_yaml else _of_json(file, text)
+    rig = _read_camchain_rig(file) if is_yaml else _parse_rig(file, text)
     if len(rig) < _FEWEST_CAMERAS:
         raise InputError(
             f"{file} holds {len(rig)} camera; a rig has at least {_FEWEST_CAMERAS}: calibrate all "
@@ -111,7 +111,7 @@ def write_rig(rig: Rig, path: Path) -> None:
     write_file(path, text)
 
 
-def _of_json(file: Path, text: str) -> Rig:
+def _parse_rig(file: Path, text: str) -> Rig:
     try:
         values = json.loads(text)
     except json.JSONDecodeError as error:
@@ -132,15 +132,15 @@ def _of_json(file: Path, text: str) -> Rig:
             raise InputError(f'{where}: "{_LENS}" does not name its lens file; write it there')
         if _POSE not in entry:
             raise InputError(f'{where}: "{_POSE}" is missing; calibrate the cameras together')
-        poses.append(_pose(entry[_POSE], where))
+        poses.append(_parse_pose(entry[_POSE], where))
         camera_id = entry.get("camera_id")
-        lens, camera = _lens(file.parent / entry[_LENS], camera_id, where)
+        lens, camera = _load_lens(file.parent / entry[_LENS], camera_id, where)
         lenses.append(camera)
         files.append((lens, camera_id))
     return Rig(file, tuple(cameras), tuple(lenses), np.array(poses), tuple(files))
 
 
-def _of_camchain(file: Path) -> Rig:
+def _read_camchain_rig(file: Path) -> Rig:
     rows = read_camchain(file)
     for name, _, from_reference, *_ in rows:
         if from_reference is None:
@@ -177,9 +177,9 @@ def read_camchain(
         pose = np.eye(4) if number == 0 else None
         before = from_first[-1] if number else None
         if number and step is not None and before is not None:
-            pose = _pose(step, where) @ before
+            pose = _parse_pose(step, where) @ before
         from_first.append(pose)
-        from_imu.append(None if imu is None else _pose(imu, where))
+        from_imu.append(None if imu is None else _parse_pose(imu, where))
     known = next((k for k, pose in enumerate(from_imu) if pose is not None), None)
     if known is not None:
         for k, pose in enumerate(from_first):
@@ -193,7 +193,7 @@ def read_camchain(
     ]  # fmt: skip
 
 
-def _pose(values: Any, where: str) -> np.ndarray:
+def _parse_pose(values: Any, where: str) -> np.ndarray:
     """(4, 4) of six numbers or a matrix."""
     import cv2
 
@@ -215,7 +215,7 @@ def _pose(values: Any, where: str) -> np.ndarray:
     )
 
 
-def _lens(file: Path, camera_id: str | None, where: str) -> tuple[Path, Camera]:
+def _load_lens(file: Path, camera_id: str | None, where: str) -> tuple[Path, Camera]:
     """The lens, and the file that it was read from."""
     if not file.is_file():
         raise InputError(f"{where}: there is no lens file {file}; put it there")
@@ -236,7 +236,7 @@ def _lens(file: Path, camera_id: str | None, where: str) -> tuple[Path, Camera]:
 
 def _is_same(exact: Camera, splined: Camera) -> bool:
     """Whether the splined lens is the other one, pixel by pixel."""
-    pixels = grid_pixels(exact.width, exact.height).reshape(-1, 2)
+    pixels = spread_pixels(exact.width, exact.height).reshape(-1, 2)
     rays, valid = exact.unproject(pixels)
     found, seen = splined.project(rays[valid])
     off = np.abs(found - pixels[valid])[seen]
@@ -244,7 +244,7 @@ def _is_same(exact: Camera, splined: Camera) -> bool:
     return same_size and off.size > 0 and bool(off.max() < _STAND_IN_PX)
 
 
-def relative_changes(given: Rig, found: np.ndarray) -> list[tuple[float, float]]:
+def measure_changes(given: Rig, found: np.ndarray) -> list[tuple[float, float]]:
     """Of each camera the turn in radians and the shift, in the rig's unit, against the file's.
 
     Args:

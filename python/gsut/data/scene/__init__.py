@@ -2,7 +2,7 @@
 
 from gsut.data.scene.maps import MILLIMETRE, read_depth, read_normals
 from gsut.data.scene.scene import Scene, View
-from gsut.data.scene.shutter import frame_times, neighbours_in_time, views_within, with_shutter
+from gsut.data.scene.shutter import find_time_neighbours, order_frames, split_exposure, with_shutter
 from gsut.data.scene.split import TEST_EVERY, split_views
 
 __all__ = [
@@ -10,11 +10,11 @@ __all__ = [
     "TEST_EVERY",
     "Scene",
     "View",
-    "frame_times",
-    "neighbours_in_time",
+    "find_time_neighbours",
+    "order_frames",
     "read_depth",
     "read_normals",
+    "split_exposure",
     "split_views",
-    "views_within",
     "with_shutter",
 ]

@@ -15,7 +15,7 @@ from gsut.data.scene.scene import Scene
 _END_BYTES = 1 << 16  # of both ends of a file: pictures that differ differ there
 
 
-def scene_digests(scene: Scene) -> dict[str, str]:
+def digest_scene(scene: Scene) -> dict[str, str]:
     """A digest of each part of a scene: images, masks, poses, lenses, points and split.
 
     Of an image or mask file its size and both ends are read, 64 KiB each.
@@ -35,11 +35,13 @@ def scene_digests(scene: Scene) -> dict[str, str]:
     split = repr((scene.train_indices, scene.test_indices, [view.name for view in views]))
     parts: dict[str, Iterable[bytes]] = {
         "images": (
-            _ends(v.image_path) if v.pixels is None else np.ascontiguousarray(v.pixels).tobytes()
+            _read_ends(v.image_path)
+            if v.pixels is None
+            else np.ascontiguousarray(v.pixels).tobytes()
             for v in views
         ),
         "masks": itertools.chain(
-            (_ends(path) for path in dict.fromkeys(v.mask_path for v in views) if path),
+            (_read_ends(path) for path in dict.fromkeys(v.mask_path for v in views) if path),
             (np.packbits(v.valid).tobytes() for v in views if v.valid is not None),
         ),
         "poses": (np.ascontiguousarray(pose).tobytes() for pose in poses),
@@ -50,7 +52,7 @@ def scene_digests(scene: Scene) -> dict[str, str]:
     return {name: _digest(content) for name, content in parts.items()}
 
 
-def _ends(path: Path) -> bytes:
+def _read_ends(path: Path) -> bytes:
     try:
         with open(path, "rb") as file:
             size = os.fstat(file.fileno()).st_size

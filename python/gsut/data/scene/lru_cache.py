@@ -28,7 +28,7 @@ class LruCache:
         with self._lock:
             if key not in self._items:
                 self._items[key] = value
-                self._bytes += _size(value)
+                self._bytes += _count_bytes(value)
                 self._drop_oldest()
             return self._items.get(key, value)
 
@@ -40,8 +40,8 @@ class LruCache:
 
     def _drop_oldest(self) -> None:
         while self._bytes > self.limit_bytes and len(self._items) > 1:
-            self._bytes -= _size(self._items.popitem(last=False)[1])
+            self._bytes -= _count_bytes(self._items.popitem(last=False)[1])
 
 
-def _size(arrays: tuple) -> int:
+def _count_bytes(arrays: tuple) -> int:
     return sum(array.nbytes for array in arrays if array is not None)

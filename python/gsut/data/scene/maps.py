@@ -40,7 +40,7 @@ def read_depth(
         if picture is None or picture.ndim != 2:
             raise InputError(f"{path}: no depth picture of one channel")
         depth = picture * unit
-    sizes = _image_sizes(scene, view)
+    sizes = _list_image_sizes(scene, view)
     if depth.shape not in sizes:
         raise InputError(
             f"{path} is {' x '.join(map(str, depth.shape[::-1]))}, its image "
@@ -78,7 +78,7 @@ def read_normals(scene: Scene, view: int) -> np.ndarray | None:
             raise InputError(f"{path}: no picture of normals with three channels")
         largest = np.float32(255 if picture.dtype == np.uint8 else 65535)
         normals = picture[..., 2::-1].astype(np.float32) / (largest / 2) - 1
-    sizes = _image_sizes(scene, view)
+    sizes = _list_image_sizes(scene, view)
     if normals.shape[2:] != (3,) or normals.shape[:2] not in sizes:
         raise InputError(
             f"{path} is {' x '.join(map(str, normals.shape))}, its image {sizes[1][0]} rows of "
@@ -102,7 +102,7 @@ def _load_picture(path: Path) -> np.ndarray | None:
     return cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
 
 
-def _image_sizes(scene: Scene, view: int) -> list[tuple[int, int]]:
+def _list_image_sizes(scene: Scene, view: int) -> list[tuple[int, int]]:
     """Returns (height, width) of a view's image in the scene and in its file."""
     number = scene.views[view].camera_index
     cameras = (scene.cameras[number], scene.file_cameras[number])

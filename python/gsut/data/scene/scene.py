@@ -14,7 +14,7 @@ import numpy as np
 from gsut import _core
 from gsut._core import CameraMotion, InputError, Shutter
 from gsut.data.errors import DatasetError
-from gsut.data.images import decode_scaled, lens_mask, read_mask, shrink_both
+from gsut.data.images import decode_scaled, make_lens_mask, read_mask, shrink_both
 from gsut.data.scene.lru_cache import LruCache
 from gsut.lens import Camera
 
@@ -171,7 +171,7 @@ class Scene:
         views = []
         for view in self.views:
             poses = ((name, getattr(view, name)) for name in names)
-            near: Any = {name: _moved(pose, shift) for name, pose in poses if pose is not None}
+            near: Any = {name: _move_pose(pose, shift) for name, pose in poses if pose is not None}
             views.append(dataclasses.replace(view, **near))
         scene = self.replace(views=views, points=self.points - shift, world_offset=origin)
         if not origin.any():
@@ -254,11 +254,11 @@ class Scene:
 
     def in_dataset(self, camera_from_world: np.ndarray) -> np.ndarray:
         """(4, 4) the pose in the dataset's coordinates."""
-        return _moved(camera_from_world, -self.world_offset)
+        return _move_pose(camera_from_world, -self.world_offset)
 
     def from_dataset(self, camera_from_world: np.ndarray) -> np.ndarray:
         """(4, 4) a pose in the dataset's coordinates, in the scene's."""
-        return _moved(camera_from_world, self.world_offset)
+        return _move_pose(camera_from_world, self.world_offset)
 
     @functools.cached_property
     def extent(self) -> float:
@@ -268,9 +268,9 @@ class Scene:
         centroid, else 1.
         """
         rows = self.train_indices or range(len(self.views))
-        radius = _radius(np.array([self.views[i].camera_center for i in rows]), np.max)
+        radius = _measure_radius(np.array([self.views[i].camera_center for i in rows]), np.max)
         if radius <= np.finfo(np.float32).eps * (1 + np.abs(self.points).max(initial=0)):
-            radius = _radius(self.points, lambda d: np.sqrt(np.mean(d**2)))
+            radius = _measure_radius(self.points, lambda d: np.sqrt(np.mean(d**2)))
         return EXTENT_MARGIN * radius if radius > 0 else 1.0
 
     def image(self, index: int) -> np.ndarray:
@@ -279,7 +279,7 @@ class Scene:
         Raises:
             DatasetError: the file is truncated, cannot be decoded or changed its size.
         """
-        return self._pixels(self.views[index])[0]
+        return self._read_pixels(self.views[index])[0]
 
     def mask(self, index: int) -> np.ndarray:
         """(H, W) bool, True where view `index` can be compared; read-only, cached.
@@ -302,14 +302,14 @@ class Scene:
         self._images.limit_bytes = self._masks.limit_bytes = np.inf
         self.check_pixels()
 
-    def _pixels(self, view: View) -> tuple[np.ndarray, np.ndarray | None]:
+    def _read_pixels(self, view: View) -> tuple[np.ndarray, np.ndarray | None]:
         camera = self.cameras[view.camera_index]
         key = (view.image_path, camera.width, camera.height)
         return self._images.get(key, lambda: self._decode(view, camera))
 
     def _decode(self, view: View, camera: Camera) -> tuple[np.ndarray, np.ndarray | None]:
         if self.larger is not None:
-            return shrink_both(*self.larger._pixels(view), camera.width, camera.height)
+            return shrink_both(*self.larger._read_pixels(view), camera.width, camera.height)
         if view.pixels is not None:
             return shrink_both(view.pixels, view.valid, camera.width, camera.height)
         full = self.file_cameras[view.camera_index]
@@ -318,8 +318,8 @@ class Scene:
 
     def _make_mask(self, view: View) -> np.ndarray:
         camera = self.cameras[view.camera_index]
-        valid = self._lens_mask(view.camera_index)
-        alpha = self._pixels(view)[1]
+        valid = self._get_lens_mask(view.camera_index)
+        alpha = self._read_pixels(view)[1]
         if alpha is not None:
             valid = valid & alpha
         path = view.mask_path
@@ -329,13 +329,13 @@ class Scene:
             valid = valid & self._masks.get(
                 key, lambda: (read_mask(path, full, camera.width, camera.height),)
             )[0]  # fmt: skip
-        return _with_pixels(valid, view)
+        return _require_pixels(valid, view)
 
-    def _lens_mask(self, camera_index: int) -> np.ndarray:
+    def _get_lens_mask(self, camera_index: int) -> np.ndarray:
         """(H, W) bool: pixels with a ray, all of whose source pixels have one too."""
 
         def make() -> tuple[np.ndarray]:
-            return (lens_mask(self.cameras[camera_index], self.file_cameras[camera_index]),)
+            return (make_lens_mask(self.cameras[camera_index], self.file_cameras[camera_index]),)
 
         return self._masks.get(("lens", camera_index), make)[0]
 
@@ -346,7 +346,7 @@ def keep_at_most(scene: Scene, size: float) -> None:
     scene._masks.limit(size)
 
 
-def _with_pixels(valid: np.ndarray, view: View) -> np.ndarray:
+def _require_pixels(valid: np.ndarray, view: View) -> np.ndarray:
     """The mask; raises DatasetError where it leaves nothing."""
     if not valid.any():
         raise DatasetError(
@@ -358,14 +358,14 @@ def _with_pixels(valid: np.ndarray, view: View) -> np.ndarray:
     return valid
 
 
-def _moved(camera_from_world: np.ndarray, origin: np.ndarray) -> np.ndarray:
+def _move_pose(camera_from_world: np.ndarray, origin: np.ndarray) -> np.ndarray:
     """(4, 4) the pose in coordinates whose zero lies at `origin` of its own."""
     pose = np.array(camera_from_world)
     pose[:3, 3] += pose[:3, :3] @ origin
     return pose
 
 
-def _radius(points: np.ndarray, reduce: Callable[[np.ndarray], float]) -> float:
+def _measure_radius(points: np.ndarray, reduce: Callable[[np.ndarray], float]) -> float:
     if len(points) == 0:
         return 0.0
     return float(reduce(np.linalg.norm(points - points.mean(axis=0), axis=1)))

@@ -54,19 +54,19 @@ def with_shutter(
             f"--shutter rolling, but {len(still)} of the {len(scene.views)} views of {scene.path} "
             "have no transform_matrix_start and _end; give --readout-time"
         )
-    moving = _moving_views(scene.views, readout_time, Shutter(direction))
+    moving = _set_views_moving(scene.views, readout_time, Shutter(direction))
     return scene.replace(
         views=[moving[i] if view.shutter is None else view for i, view in enumerate(scene.views)]
     )
 
 
-def _moving_views(views: Sequence[View], readout_time: float, shutter: Shutter) -> list[View]:
+def _set_views_moving(views: Sequence[View], readout_time: float, shutter: Shutter) -> list[View]:
     """The views with a start and an end pose from their neighbours in time."""
     if len(views) < 2:
         raise InputError("--readout-time needs at least two frames to find the camera's velocity")
     moving = []
-    for view, (before, after, time) in zip(views, neighbours_in_time(views), strict=True):
-        start, end = _moved(view, views[before], views[after], 0.5 * readout_time / time)
+    for view, (before, after, time) in zip(views, find_time_neighbours(views), strict=True):
+        start, end = _shift_along_path(view, views[before], views[after], 0.5 * readout_time / time)
         moving.append(
             dataclasses.replace(
                 view, camera_from_world_start=start, camera_from_world_end=end, shutter=shutter
@@ -75,20 +75,20 @@ def _moving_views(views: Sequence[View], readout_time: float, shutter: Shutter) 
     return moving
 
 
-def neighbours_in_time(views: Sequence[View]) -> list[tuple[int, int, float]]:
+def find_time_neighbours(views: Sequence[View]) -> list[tuple[int, int, float]]:
     """Of each view the one before and the one after it, and the time between them in frames.
 
     The first and the last are neighbours of themselves. Frames are in the order of the numbers in
     their names.
     """
-    times = frame_times([view.name for view in views])
+    times = order_frames([view.name for view in views])
     order = np.argsort(times, kind="stable")
     place = np.argsort(order)
     sides = [order[np.clip(place + side, 0, len(views) - 1)].tolist() for side in (-1, 1)]
     return [(a, b, float(times[b] - times[a])) for a, b in zip(*sides, strict=True)]
 
 
-def views_within(view: View, before: View, after: View, share: float, count: int) -> list[View]:
+def split_exposure(view: View, before: View, after: View, share: float, count: int) -> list[View]:
     """The view at moments of its exposure: the middles of `count` equal parts of it.
 
     Args:
@@ -97,7 +97,11 @@ def views_within(view: View, before: View, after: View, share: float, count: int
     """
     out = []
     for at in share * ((np.arange(count) + 0.5) / count - 0.5):
-        pose = _moved(view, before, after, abs(at))[int(at > 0)] if at else view.camera_from_world
+        pose = (
+            _shift_along_path(view, before, after, abs(at))[int(at > 0)]
+            if at
+            else view.camera_from_world
+        )
         step = pose @ inverse(view.camera_from_world)
         ends = (view.camera_from_world_start, view.camera_from_world_end)
         start, end = (None if each is None else step @ each for each in ends)
@@ -110,7 +114,7 @@ def views_within(view: View, before: View, after: View, share: float, count: int
     return out
 
 
-def frame_times(names: Sequence[str]) -> np.ndarray:
+def order_frames(names: Sequence[str]) -> np.ndarray:
     """(N,) the last number of each name, or the place in the list where they are not unique."""
     found = [_NUMBER.search(name) for name in names]
     numbers = [float(match[1]) for match in found if match]
@@ -119,7 +123,9 @@ def frame_times(names: Sequence[str]) -> np.ndarray:
     return np.arange(len(names), dtype=np.float64)
 
 
-def _moved(view: View, before: View, after: View, share: float) -> tuple[np.ndarray, np.ndarray]:
+def _shift_along_path(
+    view: View, before: View, after: View, share: float
+) -> tuple[np.ndarray, np.ndarray]:
     """The poses `share` of the way from `before` to `after` earlier and later than the view's."""
     turn = after.camera_from_world[:3, :3] @ before.camera_from_world[:3, :3].T
     whole = np.eye(4)

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 
 from gsut._core import InputError
-from gsut.data.errors import DatasetError, some_names
+from gsut.data.errors import DatasetError, list_some
 
 TEST_EVERY = 8  # every 8th image by name is held out, as in the 3DGS papers
 
@@ -44,27 +44,27 @@ def split_views(
     notes: list[str] = []
     everything = range(len(names))
     if test_names is not None:
-        test = _indices(test_names, names, "test_names", source, missing)
+        test = _find_indices(test_names, names, "test_names", source, missing)
         train = set(everything) - test
     elif listed_test is not None or listed_train is not None:
-        test = _indices(listed_test or (), names, "test_filenames", source, missing)
+        test = _find_indices(listed_test or (), names, "test_filenames", source, missing)
         if listed_train is None:
             train = set(everything) - test
         else:
-            train = _indices(listed_train, names, "train_filenames", source, missing)
+            train = _find_indices(listed_train, names, "train_filenames", source, missing)
         both = sorted(train & test)
         if both:
             raise DatasetError(
                 source,
                 f"{len(both)} images are in the training and the test list:"
-                f" {some_names([names[i] for i in both])}",
+                f" {list_some([names[i] for i in both])}",
                 "a held-out image must not be trained on: remove them from one list",
             )
         neither = [names[i] for i in everything if i not in test | train]
         if neither:
             notes.append(
                 f"{source}: {len(neither)} images are in no list and are not used:"
-                f" {some_names(neither)}"
+                f" {list_some(neither)}"
             )
     else:
         test = set(everything[::test_every]) if test_every and len(names) > 1 else set()
@@ -74,15 +74,15 @@ def split_views(
     return sorted(train), sorted(test), notes
 
 
-def _indices(
+def _find_indices(
     wanted: Sequence[str], names: Sequence[str], what: str, source: Path, missing: Sequence[str]
 ) -> set[int]:
     """Indices of names given in full, as file name or as stem; missing images are passed over."""
     by_alias: dict[str, list[int]] = {}
     for index, name in enumerate(names):
-        for alias in _aliases(name):
+        for alias in _list_aliases(name):
             by_alias.setdefault(alias, []).append(index)
-    absent = {alias for name in missing for alias in _aliases(name)}
+    absent = {alias for name in missing for alias in _list_aliases(name)}
     found: set[int] = set()
     for name in wanted:
         rows = by_alias.get(_clean(name), [])
@@ -90,7 +90,7 @@ def _indices(
             raise DatasetError(
                 source,
                 f"{what} has '{name}', which fits {len(rows)} images:"
-                f" {some_names([names[i] for i in rows])}",
+                f" {list_some([names[i] for i in rows])}",
                 "give the name with its folder",
             )
         if not rows and _clean(name) not in absent:
@@ -105,6 +105,6 @@ def _clean(name: object) -> str:
     return str(PurePosixPath(str(name)))
 
 
-def _aliases(name: str) -> set[str]:
+def _list_aliases(name: str) -> set[str]:
     path = PurePosixPath(name)
     return {str(path), path.name, path.stem, str(path.parent / path.stem)}

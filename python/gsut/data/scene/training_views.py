@@ -113,12 +113,12 @@ class TrainingViews:
         factor = self._factor_at(fraction)
         if self._level is None or factor != self._factor:
             self._factor = factor
-            self._level = self._new_level(
+            self._level = self._make_level(
                 self.scene if factor == 1.0 else self.scene.scaled(factor, keep_larger=True)
             )
         return self._level
 
-    def _new_level(self, scene: Scene) -> Level:
+    def _make_level(self, scene: Scene) -> Level:
         if self._keep is None:
             return Level(scene)
         for each in {id(scene): scene, id(self.scene): self.scene}.values():
@@ -142,7 +142,7 @@ class TrainingViews:
         """(n, 4, 4) camera_from_world of the training views, in their order."""
         return self.scene.poses(self.scene.train_indices)
 
-    def training_cameras(self) -> tuple[list[Any], np.ndarray]:
+    def list_training_cameras(self) -> tuple[list[Any], np.ndarray]:
         """The cameras of the training views and their poses (V, 4, 4), as they are now."""
         return [self.scene.camera(i) for i in self.scene.train_indices], self.poses
 
@@ -161,7 +161,7 @@ class TrainingViews:
         """
         self.scene = self.scene.with_lenses(file_cameras)
         if self._level is not None:
-            self._level = self._new_level(self._level.scene.with_lenses(file_cameras))
+            self._level = self._make_level(self._level.scene.with_lenses(file_cameras))
 
     def state_dict(self) -> dict[str, Any]:
         """Poses and lenses as they are now."""

@@ -1,7 +1,7 @@
 """Lens files in and out: a module a format, found by its `FORMAT`; those with a "_" are none."""
 
 from gsut.lens.files._format import LensFormat, list_formats
-from gsut.lens.files._load import lens_suffixes, load_camera, save_camera
+from gsut.lens.files._load import list_suffixes, load_camera, save_camera
 from gsut.lens.files.colmap import PARAMETER_COUNTS, camera_from_colmap, to_colmap
 from gsut.lens.files.euroc import format_euroc
 from gsut.lens.files.kalibr import is_camchain
@@ -11,7 +11,7 @@ from gsut.lens.files.nerfstudio import (
     format_nerfstudio,
     merge_frame_lens,
 )
-from gsut.lens.files.own import OWN_SUFFIX, camera_from_values, camera_values
+from gsut.lens.files.own import OWN_SUFFIX, camera_from_values, values_from_camera
 
 __all__ = [
     "LENS_FILE",
@@ -21,14 +21,14 @@ __all__ = [
     "camera_from_colmap",
     "camera_from_nerfstudio",
     "camera_from_values",
-    "camera_values",
     "format_euroc",
     "format_nerfstudio",
     "is_camchain",
-    "lens_suffixes",
     "list_formats",
+    "list_suffixes",
     "load_camera",
     "merge_frame_lens",
     "save_camera",
     "to_colmap",
+    "values_from_camera",
 ]

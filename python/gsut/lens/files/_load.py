@@ -58,12 +58,12 @@ def _find_format(file: LensFile) -> LensFormat:
         raise CalibrationError(f"{file.source}: holds none of {marks}; is it a lens file?")
     known = "; ".join(
         f"{kind} ({', '.join(each.program for each in list_formats() if kind in each.suffixes)})"
-        for kind in lens_suffixes()
+        for kind in list_suffixes()
     )
     raise InputError(f"{file.source}: unknown kind of lens file; known: {known}")
 
 
-def lens_suffixes() -> tuple[str, ...]:
+def list_suffixes() -> tuple[str, ...]:
     """Returns the suffixes of all files that `load_camera` reads."""
     return tuple(sorted({suffix for each in list_formats() for suffix in each.suffixes}))
 

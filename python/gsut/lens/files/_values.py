@@ -9,7 +9,7 @@ from typing import Any, NoReturn
 
 from gsut._core import CalibrationError, InputError
 from gsut.lens.camera import Camera, camera_models
-from gsut.lens.plausible import param_names
+from gsut.lens.plausible import name_params
 
 
 class LensValues:
@@ -47,7 +47,7 @@ class LensValues:
                 return present[key.lower()]
         return None
 
-    def need(self, *keys: str) -> str:
+    def require(self, *keys: str) -> str:
         """Returns the first of these keys that is present; fails if there is none."""
         key = self.find(*keys)
         if key is None:
@@ -67,29 +67,29 @@ class LensValues:
             self.fail(key, f"expected a finite number, found {_shorten(value)}")
         return number
 
-    def number(self, key: str, default: float | None = None) -> float:
+    def read_number(self, key: str, default: float | None = None) -> float:
         """Reads the finite number under this key, or returns the default if the key is absent."""
         if key not in self.values and default is not None:
             return default
-        return self._convert(self.need(key), self.values[self.need(key)])
+        return self._convert(self.require(key), self.values[self.require(key)])
 
-    def pixels(self, key: str) -> int:
+    def read_pixels(self, key: str) -> int:
         """Reads the positive whole number under this key: 1080 or 1080.0."""
-        number = self.number(key)
+        number = self.read_number(key)
         if number < 1 or number != int(number):
             self.fail(key, f"expected a positive whole number of pixels, found {number:g}")
         return int(number)
 
-    def numbers(self, key: str, count: int | None = None) -> list[float]:
+    def read_numbers(self, key: str, count: int | None = None) -> list[float]:
         """Reads the finite numbers of the list under this key, flattened, `count` of them."""
-        flat = _flatten(self.values[self.need(key)])
+        flat = _flatten(self.values[self.require(key)])
         if flat is None:
             self.fail(key, f"expected a list of numbers, found {_shorten(self.values[key])}")
         if count is not None and len(flat) != count:
             self.fail(key, f"expected {count} numbers, found {len(flat)}")
         return [self._convert(key, value) for value in flat]
 
-    def camera(
+    def make_camera(
         self,
         model: str,
         params: Sequence[float],
@@ -113,7 +113,7 @@ class LensValues:
         try:
             return Camera(model, params, width, height, valid_field_angle=valid_field_angle)
         except InputError as error:
-            names = param_names(model, len(params)) if keys and model in camera_models() else []
+            names = name_params(model, len(params)) if keys and model in camera_models() else []
             for index, name in enumerate(names):
                 if re.search(rf"\b{name} is ", str(error)):  # so all of them say which
                     self.fail(keys if isinstance(keys, str) else keys[index], str(error))

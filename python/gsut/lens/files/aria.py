@@ -40,18 +40,18 @@ def read_aria(file: LensFile, camera_id: int | str | None) -> Camera:
     if not isinstance(entry, dict):
         raise CalibrationError(f"{source}, key '{label}': expected a dictionary, found {entry!r}")
     reader = LensValues(entry, source, skip_to(file.text, f'"{label}": {{'))
-    name = str(entry[reader.need("model")]).rpartition(".")[2]
+    name = str(entry[reader.require("model")]).rpartition(".")[2]
     if name not in _MODELS:
         reader.fail("model", f"{name!r} is not supported; supported: {', '.join(_MODELS)}")
     lens, count, num_focal = _MODELS[name]
-    numbers = reader.numbers(reader.need("params"), count)
+    numbers = reader.read_numbers(reader.require("params"), count)
     focal, (cx, cy), rest = numbers[:num_focal], numbers[num_focal : num_focal + 2], numbers
     params = [focal[0], focal[-1], cx + _PIXEL_SHIFT, cy + _PIXEL_SHIFT, *rest[num_focal + 2 :]]
-    width, height = reader.numbers(reader.need("size"), 2)
+    width, height = reader.read_numbers(reader.require("size"), 2)
     sizes = LensValues({"size": width, "height": height}, source, file.text)
-    limit = reader.number("max_solid_angle") if "max_solid_angle" in entry else None
-    size = sizes.pixels("size"), sizes.pixels("height")
-    return reader.camera(lens, params, *size, limit, "params")
+    limit = reader.read_number("max_solid_angle") if "max_solid_angle" in entry else None
+    size = sizes.read_pixels("size"), sizes.read_pixels("height")
+    return reader.make_camera(lens, params, *size, limit, "params")
 
 
 def format_aria(camera: Camera, label: str = "camera-rgb") -> str:

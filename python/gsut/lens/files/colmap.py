@@ -26,7 +26,7 @@ def _repeat_focal(p: _Values) -> list[float]:
     return [p[0], *p]
 
 
-# Number, length and order of the parameters: COLMAP, src/colmap/sensor/models.h.
+# Number, length and order of the parameters: COLMAP, sensor/models in src/colmap.
 _MODELS = {
     "SIMPLE_PINHOLE": _Model(0, 3, "pinhole", _repeat_focal),
     "PINHOLE": _Model(1, 4, "pinhole", list),
@@ -99,7 +99,7 @@ def camera_from_colmap(
             f" {width} x {height}; a part of a panorama is not supported"
         )
     lens_params = entry.params([float(value) for value in params])
-    return LensValues({}, source).camera(entry.lens, lens_params, width, height)
+    return LensValues({}, source).make_camera(entry.lens, lens_params, width, height)
 
 
 class Record(NamedTuple):

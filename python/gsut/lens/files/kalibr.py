@@ -53,27 +53,27 @@ def camera_from_kalibr(reader: LensValues, given: str = "distortion_coeffs") -> 
         reader: the entry's keys.
         given: the key of the distortion's coefficients.
     """
-    model = str(reader.values[reader.need("camera_model")])
+    model = str(reader.values[reader.require("camera_model")])
     if model not in _LEADING:
         known = ", ".join(_LEADING)
         reader.fail("camera_model", f"{model!r} is not supported; supported: {known}")
-    width, height = reader.numbers("resolution", 2)
+    width, height = reader.read_numbers("resolution", 2)
     sizes = LensValues({"resolution": width, "height": height}, reader.source, reader.text)
-    size = sizes.pixels("resolution"), sizes.pixels("height")
+    size = sizes.read_pixels("resolution"), sizes.read_pixels("height")
     distortion = str(reader.values.get("distortion_model") or "none")
     if (model, distortion) not in _LENSES:
         known = ", ".join(name for camera, name in _LENSES if camera == model)
         reader.fail("distortion_model", f"{distortion!r} is not supported; supported: {known}")
     lens, count = _LENSES[model, distortion]
     leading = _LEADING[model]
-    intrinsics = reader.numbers("intrinsics", leading + 4)
+    intrinsics = reader.read_numbers("intrinsics", leading + 4)
     own, (fx, fy, cx, cy) = intrinsics[:leading], intrinsics[leading:]
-    coefficients = reader.numbers(given, count) if count else []
+    coefficients = reader.read_numbers(given, count) if count else []
     if lens == "mei":
         own, coefficients = [0.0, *own], coefficients or [0.0] * 4  # no skew
     params = [fx, fy, cx + _PIXEL_SHIFT, cy + _PIXEL_SHIFT, *own, *coefficients]
     keys = [*(len(params) - len(coefficients)) * ["intrinsics"], *len(coefficients) * [given]]
-    return reader.camera(lens, params, *size, keys=keys)
+    return reader.make_camera(lens, params, *size, keys=keys)
 
 
 def format_kalibr(camera: Camera) -> str:

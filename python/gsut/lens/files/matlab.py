@@ -30,39 +30,41 @@ def read_matlab(file: LensFile, camera_id: int | str | None) -> Camera:
     """Reads a fisheye as `ocam`, another lens as `opencv5`, or `brown_conrady` if it has skew."""
     source, text = file.source, file.text
     reader = LensValues(_find_intrinsics(file.values), source, text)
-    rows, columns = reader.numbers(reader.need("ImageSize"), 2)
+    rows, columns = reader.read_numbers(reader.require("ImageSize"), 2)
     sizes = LensValues({"ImageSize": columns, "rows": rows}, source, text)
-    size = sizes.pixels("ImageSize"), sizes.pixels("rows")
+    size = sizes.read_pixels("ImageSize"), sizes.read_pixels("rows")
     if "MappingCoefficients" in reader.values:
-        cx, cy = reader.numbers(reader.need("DistortionCenter"), 2)
+        cx, cy = reader.read_numbers(reader.require("DistortionCenter"), 2)
         stretch = [1.0, 0.0, 0.0, 1.0]
         if reader.find("StretchMatrix"):
-            stretch = reader.numbers("StretchMatrix", 4)
+            stretch = reader.read_numbers("StretchMatrix", 4)
         c, d, e, one = stretch
         if one != 1.0:
             reader.fail("StretchMatrix", f"expected [c d; e 1], found {stretch}")
-        poly = reader.numbers("MappingCoefficients", 4)
+        poly = reader.read_numbers("MappingCoefficients", 4)
         params = [cx + _PIXEL_SHIFT, cy + _PIXEL_SHIFT, c, d, e, *poly]
         keys = [*2 * ["DistortionCenter"], *3 * ["StretchMatrix"], *4 * ["MappingCoefficients"]]
-        return reader.camera("ocam", params, *size, keys=keys)
-    focal = reader.numbers(reader.need("FocalLength"), 2)
-    center = [value + _PIXEL_SHIFT for value in reader.numbers(reader.need("PrincipalPoint"), 2)]
-    radial = reader.numbers("RadialDistortion") if reader.find("RadialDistortion") else []
+        return reader.make_camera("ocam", params, *size, keys=keys)
+    focal = reader.read_numbers(reader.require("FocalLength"), 2)
+    center = [
+        value + _PIXEL_SHIFT for value in reader.read_numbers(reader.require("PrincipalPoint"), 2)
+    ]
+    radial = reader.read_numbers("RadialDistortion") if reader.find("RadialDistortion") else []
     if len(radial) not in (0, 2, 3):
         reader.fail("RadialDistortion", f"expected 2 or 3 coefficients, found {len(radial)}")
     k1, k2, k3 = (*radial, 0.0, 0.0, 0.0)[:3]
     tangential = [0.0, 0.0]
     if reader.find("TangentialDistortion"):
-        tangential = reader.numbers("TangentialDistortion", 2)
-    skew = reader.number("Skew", 0.0)
+        tangential = reader.read_numbers("TangentialDistortion", 2)
+    skew = reader.read_number("Skew", 0.0)
     keys = [*2 * ["FocalLength"], *2 * ["PrincipalPoint"]]
     if skew != 0.0:
         brown = [*focal, *center, skew, k1, k2, k3, 0.0, *tangential]
         keys += ["Skew", *4 * ["RadialDistortion"], *2 * ["TangentialDistortion"]]
-        return reader.camera("brown_conrady", brown, *size, keys=keys)
+        return reader.make_camera("brown_conrady", brown, *size, keys=keys)
     keys += [*2 * ["RadialDistortion"], *2 * ["TangentialDistortion"], "RadialDistortion"]
     params = [*focal, *center, k1, k2, *tangential, k3]
-    return reader.camera("opencv5", params, *size, keys=keys)
+    return reader.make_camera("opencv5", params, *size, keys=keys)
 
 
 def format_matlab(camera: Camera) -> str:

@@ -53,24 +53,24 @@ def _read_calibration(calibration: ElementTree.Element, source: str, text: str) 
     if resolution is not None:
         values.update(resolution.attrib)
     reader = LensValues(values, source, text)
-    size = reader.pixels(reader.need("width")), reader.pixels(reader.need("height"))
+    size = reader.read_pixels(reader.require("width")), reader.read_pixels(reader.require("height"))
     projection = str(values.get("projection", calibration.get("type", "frame"))).strip()
     if projection == _SPHERE:
-        return reader.camera("equirectangular", [], *size)
+        return reader.make_camera("equirectangular", [], *size)
     if projection not in _LENSES:
         known = ", ".join((*_LENSES, _SPHERE))
         raise CalibrationError(
             f"{source}: projection '{projection}' is not supported; supported: {known}"
         )
     for key in ("p3", "p4"):
-        if reader.number(key, 0.0) != 0.0:
+        if reader.read_number(key, 0.0) != 0.0:
             reader.fail(key, "is of a lens that newer Metashape no longer has; estimate without it")
-    focal = reader.number(reader.need("f"))
-    center = [0.5 * size[k] + reader.number(key, 0.0) for k, key in enumerate(("cx", "cy"))]
-    coefficients = [reader.number(key, 0.0) for key in _COEFFICIENTS]
-    params = [focal + reader.number("b1", 0.0), focal, *center, reader.number("b2", 0.0)]
+    focal = reader.read_number(reader.require("f"))
+    center = [0.5 * size[k] + reader.read_number(key, 0.0) for k, key in enumerate(("cx", "cy"))]
+    coefficients = [reader.read_number(key, 0.0) for key in _COEFFICIENTS]
+    params = [focal + reader.read_number("b1", 0.0), focal, *center, reader.read_number("b2", 0.0)]
     keys = ["b1" if "b1" in values else "f", "f", "cx", "cy", "b2", *_COEFFICIENTS]
-    return reader.camera(_LENSES[projection], params + coefficients, *size, keys=keys)
+    return reader.make_camera(_LENSES[projection], params + coefficients, *size, keys=keys)
 
 
 def format_metashape(camera: Camera) -> str:

@@ -108,8 +108,8 @@ def _load_lens_file(reader: LensValues, folder: Path) -> Camera:
         )
         raise CalibrationError(f"{place}: {error}{advice}") from error
     for key, found in zip(_SIZE_KEYS, (camera.width, camera.height), strict=True):
-        if key in reader.values and reader.pixels(key) != found:
-            reader.fail(key, f"is {reader.pixels(key)}, and the lens of {name} is for {found}")
+        if key in reader.values and reader.read_pixels(key) != found:
+            reader.fail(key, f"is {reader.read_pixels(key)}, and the lens of {name} is for {found}")
     return camera
 
 
@@ -141,23 +141,23 @@ def camera_from_nerfstudio(
     reader = LensValues(values, source, text)
     if LENS_FILE in values:
         return _load_lens_file(reader, Path(source).parent if folder is None else folder)
-    width, height = reader.pixels("w"), reader.pixels("h")
-    limit = reader.number("max_theta_rad") if values.get("max_theta_rad") is not None else None
+    width, height = reader.read_pixels("w"), reader.read_pixels("h")
+    limit = reader.read_number("max_theta_rad") if values.get("max_theta_rad") is not None else None
     if _find_model_name(reader) == "EQUIRECTANGULAR":  # files give focal lengths that mean nothing
-        return reader.camera("equirectangular", [], width, height, limit)
+        return reader.make_camera("equirectangular", [], width, height, limit)
     fl_x = _read_focal(reader, "fl_x", "camera_angle_x", width)
     # Square pixels unless the file says otherwise.
     has_own_y = any(values.get(key) is not None for key in ("fl_y", "camera_angle_y"))
     fl_y = _read_focal(reader, "fl_y", "camera_angle_y", height) if has_own_y else fl_x
-    params = [fl_x, fl_y, reader.number("cx", width / 2), reader.number("cy", height / 2)]
+    params = [fl_x, fl_y, reader.read_number("cx", width / 2), reader.read_number("cy", height / 2)]
     keys = [_choose_focal_key(reader, "fl_x", "camera_angle_x"), "", "cx", "cy"]
     keys[1] = _choose_focal_key(reader, "fl_y", "camera_angle_y") if has_own_y else keys[0]
-    given = {key: reader.number(key, 0.0) for key in _DISTORTION_KEYS}
+    given = {key: reader.read_number(key, 0.0) for key in _DISTORTION_KEYS}
     model = _find_model_name(reader)
     if model == "FISHEYE624":
-        params += reader.numbers(reader.need(_FISHEYE624_KEY), _NUM_FISHEYE624)
+        params += reader.read_numbers(reader.require(_FISHEYE624_KEY), _NUM_FISHEYE624)
         keys += _NUM_FISHEYE624 * [_FISHEYE624_KEY]
-        return reader.camera("fisheye624", params, width, height, limit, keys)
+        return reader.make_camera("fisheye624", params, width, height, limit, keys)
     if model in _PINHOLE:
         lens = "pinhole"
         if any(given.values()):
@@ -182,7 +182,7 @@ def camera_from_nerfstudio(
                 )  # fmt: skip
     own = _LENSES[lens][1]
     params += [given[key] for key in own]
-    return reader.camera(lens, params, width, height, limit, [*keys, *own])
+    return reader.make_camera(lens, params, width, height, limit, [*keys, *own])
 
 
 def _find_model_name(reader: LensValues) -> str:
@@ -204,10 +204,10 @@ def _choose_focal_key(reader: LensValues, key: str, angle_key: str) -> str:
 
 def _read_focal(reader: LensValues, key: str, angle_key: str, size: int) -> float:
     if reader.values.get(key) is not None:
-        return reader.number(key)
+        return reader.read_number(key)
     if reader.values.get(angle_key) is None:
         reader.fail(key, f"is missing (and so is {angle_key}); add the focal length in pixels")
-    angle = reader.number(angle_key)
+    angle = reader.read_number(angle_key)
     if not 0.0 < angle < math.pi:
         degrees = f" (degrees? write {math.radians(angle):.6g})" if math.pi < angle < 360 else ""
         reader.fail(angle_key, f"expected radians between 0 and pi, found {angle:g}{degrees}")

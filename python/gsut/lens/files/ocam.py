@@ -67,9 +67,9 @@ def read_ocam(file: LensFile, camera_id: int | str | None) -> Camera:
     params = [center[1] + _PIXEL_SHIFT, center[0] + _PIXEL_SHIFT, 1 / c, e / c, d / c]
     params += [-value * c ** (1 - k) for k, value in enumerate(poly) if k != 1]
     sizes = LensValues({"height": size[0], "width": size[1]}, source, text)
-    shape = sizes.pixels("width"), sizes.pixels("height")
+    shape = sizes.read_pixels("width"), sizes.read_pixels("height")
     keys = [*2 * ["center"], *3 * ["affine parameters"], *(len(params) - _FIRST) * ["polynomial"]]
-    return sizes.camera("ocam", params, *shape, keys=keys)
+    return sizes.make_camera("ocam", params, *shape, keys=keys)
 
 
 def format_ocam(camera: Camera) -> str:

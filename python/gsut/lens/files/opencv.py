@@ -37,8 +37,8 @@ def read_opencv(file: LensFile, camera_id: int | str | None) -> Camera:
     """Reads the camera of a FileStorage or camera_info file."""
     values = file.values
     reader = LensValues(values, file.source, file.text)
-    matrix_key = reader.need(*_MATRIX_KEYS)
-    matrix = reader.numbers(matrix_key, 9)
+    matrix_key = reader.require(*_MATRIX_KEYS)
+    matrix = reader.read_numbers(matrix_key, 9)
     if matrix_key == _OPEN3D_KEY and matrix[2:6:3] == [0.0, 0.0]:
         matrix = [matrix[3 * column + row] for row in range(3) for column in range(3)]
     is_omnidir = reader.find(*_XI_KEYS) is not None
@@ -46,9 +46,9 @@ def read_opencv(file: LensFile, camera_id: int | str | None) -> Camera:
         reader.fail(matrix_key, f"expected fx 0 cx, 0 fy cy, 0 0 1 (no skew), found {matrix}")
     params = [matrix[0], matrix[4], matrix[2] + _PIXEL_SHIFT, matrix[5] + _PIXEL_SHIFT]
     width, height = _read_size(reader)
-    limit = reader.number(_FIELD_ANGLE_KEY) if _FIELD_ANGLE_KEY in values else None
+    limit = reader.read_number(_FIELD_ANGLE_KEY) if _FIELD_ANGLE_KEY in values else None
     key = reader.find(*_DISTORTION_KEYS)
-    coefficients = reader.numbers(key) if key is not None else []
+    coefficients = reader.read_numbers(key) if key is not None else []
     keys, coefficients_of = 4 * [matrix_key], len(coefficients) * [str(key)]
     if is_omnidir:
         (xi,) = _read_list(reader, str(reader.find(*_XI_KEYS)), 1)
@@ -59,7 +59,7 @@ def read_opencv(file: LensFile, camera_id: int | str | None) -> Camera:
             )
         params += [matrix[1], xi, *coefficients]
         keys += [matrix_key, str(reader.find(*_XI_KEYS)), *coefficients_of]
-        return reader.camera("mei", params, width, height, limit, keys)
+        return reader.make_camera("mei", params, width, height, limit, keys)
     keys += coefficients_of
     fisheye = _is_fisheye(reader)
     if fisheye is None and len(coefficients) == _AMBIGUOUS:
@@ -74,32 +74,34 @@ def read_opencv(file: LensFile, camera_id: int | str | None) -> Camera:
                 key or _DISTORTION_KEYS[0],
                 f"a fisheye has {_NUM_FISHEYE} coefficients, found {len(coefficients)}",
             )
-        return reader.camera("kannala_brandt", params + coefficients, width, height, limit, keys)
+        return reader.make_camera(
+            "kannala_brandt", params + coefficients, width, height, limit, keys
+        )
     if not coefficients:
-        return reader.camera("pinhole", params, width, height, limit, keys)
+        return reader.make_camera("pinhole", params, width, height, limit, keys)
     lens = _RADIAL_LENSES.get(len(coefficients))
     if lens is None:
         known = ", ".join(map(str, _RADIAL_LENSES))
         reader.fail(str(key), f"expected {known} coefficients, found {len(coefficients)}")
-    return reader.camera(lens, params + coefficients, width, height, limit, keys)
+    return reader.make_camera(lens, params + coefficients, width, height, limit, keys)
 
 
 def _read_list(reader: LensValues, key: str, count: int) -> list[float]:
     """Reads the numbers of a list, of a matrix, or one plain number."""
     if isinstance(reader.values[key], (int, float, str)):
-        return [reader.number(key)]
-    return reader.numbers(key, count)
+        return [reader.read_number(key)]
+    return reader.read_numbers(key, count)
 
 
 def _read_size(reader: LensValues) -> tuple[int, int]:
     both = reader.find("image_size", "imageSize", "img_size", "resolution")
     if both is not None and reader.find("image_width", "width") is None:
-        width, height = reader.numbers(both, 2)
+        width, height = reader.read_numbers(both, 2)
         sizes = LensValues({"width": width, "height": height}, reader.source, reader.text)
-        return sizes.pixels("width"), sizes.pixels("height")
-    width_key = reader.need("image_width", "width", "imageWidth")
-    height_key = reader.need("image_height", "height", "imageHeight")
-    return reader.pixels(width_key), reader.pixels(height_key)
+        return sizes.read_pixels("width"), sizes.read_pixels("height")
+    width_key = reader.require("image_width", "width", "imageWidth")
+    height_key = reader.require("image_height", "height", "imageHeight")
+    return reader.read_pixels(width_key), reader.read_pixels(height_key)
 
 
 def _is_fisheye(reader: LensValues) -> bool | None:

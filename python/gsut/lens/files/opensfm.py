@@ -46,25 +46,25 @@ def read_opensfm(file: LensFile, camera_id: int | str | None) -> Camera:
     name = choose_name(values, camera_id, file.source)
     reader = LensValues(values[name], file.source, skip_to(file.text, json.dumps(name)))
     kind = str(values[name][_TYPE_KEY])
-    width, height = reader.pixels("width"), reader.pixels("height")
+    width, height = reader.read_pixels("width"), reader.read_pixels("height")
     if kind in _SPHERES:
-        return reader.camera("equirectangular", [], width, height)
+        return reader.make_camera("equirectangular", [], width, height)
     if kind not in _LENSES:
         supported = ", ".join((*_LENSES, *_SPHERES))
         reader.fail(_TYPE_KEY, f"{kind!r} is not supported; supported: {supported}")
     lens, keys = _LENSES[kind]
     unit = max(width, height)
-    focal_key = reader.need("focal_x", "focal")
-    focal_x = reader.number(focal_key)
-    focal_y = reader.number("focal_y", focal_x)
+    focal_key = reader.require("focal_x", "focal")
+    focal_x = reader.read_number(focal_key)
+    focal_y = reader.read_number("focal_y", focal_x)
     center = [
-        0.5 * size + unit * reader.number(key, 0.0)
+        0.5 * size + unit * reader.read_number(key, 0.0)
         for size, key in ((width, "c_x"), (height, "c_y"))
     ]
-    coefficients = [reader.number(key, 0.0) if key else 0.0 for key in keys]
+    coefficients = [reader.read_number(key, 0.0) if key else 0.0 for key in keys]
     params = [unit * focal_x, unit * focal_y, *center, *coefficients]
     focal_keys = [focal_key, "focal_y" if "focal_y" in values[name] else focal_key]
-    return reader.camera(lens, params, width, height, keys=[*focal_keys, "c_x", "c_y", *keys])
+    return reader.make_camera(lens, params, width, height, keys=[*focal_keys, "c_x", "c_y", *keys])
 
 
 def format_opensfm(camera: Camera) -> str:

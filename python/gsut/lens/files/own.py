@@ -13,7 +13,7 @@ OWN_SUFFIX = ".lens.json"  # ending of a file's name that chooses this format
 _OPTIONAL = ("valid_field_angle", "extrinsics", "valid_region")
 
 
-def camera_values(camera: Camera) -> dict[str, Any]:
+def values_from_camera(camera: Camera) -> dict[str, Any]:
     """Returns a camera as values for JSON, which `camera_from_values` reads without loss."""
     values: dict[str, Any] = {
         "model": camera.model,
@@ -30,7 +30,7 @@ def camera_values(camera: Camera) -> dict[str, Any]:
 
 
 def camera_from_values(values: dict[str, Any], source: str = "", text: str = "") -> Camera:
-    """Makes the camera of `camera_values`.
+    """Makes the camera of `values_from_camera`.
 
     Args:
         values: model (see `camera_models`), params in its order, width, height; if known
@@ -42,15 +42,17 @@ def camera_from_values(values: dict[str, Any], source: str = "", text: str = "")
         CalibrationError: a key is missing or no finite number, or the lens is unknown.
     """
     reader = LensValues(values, source, text)
-    model = str(values[reader.need("model")])
-    size = reader.pixels(reader.need("width")), reader.pixels(reader.need("height"))
+    model = str(values[reader.require("model")])
+    size = reader.read_pixels(reader.require("width")), reader.read_pixels(reader.require("height"))
     known = {key for key in _OPTIONAL if values.get(key) is not None}
-    limit = reader.number("valid_field_angle") if "valid_field_angle" in known else None
-    camera = reader.camera(model, reader.numbers(reader.need("params")), *size, limit, "params")
+    limit = reader.read_number("valid_field_angle") if "valid_field_angle" in known else None
+    camera = reader.make_camera(
+        model, reader.read_numbers(reader.require("params")), *size, limit, "params"
+    )
     if not known - {"valid_field_angle"}:
         return camera
-    extrinsics = reader.numbers("extrinsics", 6) if "extrinsics" in known else None
-    region = reader.numbers("valid_region") if "valid_region" in known else None
+    extrinsics = reader.read_numbers("extrinsics", 6) if "extrinsics" in known else None
+    region = reader.read_numbers("valid_region") if "valid_region" in known else None
     if region is not None and len(region) % 2:
         reader.fail("valid_region", f"expected pairs of pixels, found {len(region)} numbers")
     pairs = None if region is None else [region[i : i + 2] for i in range(0, len(region), 2)]
@@ -62,7 +64,7 @@ def camera_from_values(values: dict[str, Any], source: str = "", text: str = "")
 
 def format_own(camera: Camera) -> str:
     """Formats a lens file; its `param_names` explain the numbers to people and are not read."""
-    values = camera_values(camera)
+    values = values_from_camera(camera)
     return json.dumps({**values, "param_names": camera.param_names}, indent=1) + "\n"
 
 

@@ -68,7 +68,7 @@ def read_table(file: LensFile, camera_id: int | str | None) -> Camera:
         raise CalibrationError(
             f"{source}: none of {named or ', '.join(_MODELS)} fits the table to {_MOST_RMS} pixels "
             f"(RMS): {near}; check axes (x right, y down, z forward) and pixels, or fit another "
-            "model with gsut.fit_camera"
+            "model with gsut.lens.fit_camera"
         )
     return best
 

@@ -9,7 +9,7 @@ from gsut.sfm.core.look_alikes import LookAlikes, ToldApart, find_look_alikes, t
 from gsut.sfm.core.matching import PairMatches, RawMatches
 from gsut.sfm.core.models import further_models, refine_registered
 from gsut.sfm.core.moving import Moving
-from gsut.sfm.core.options import PosesOptions
+from gsut.sfm.core.options import PosesOptions, add_lens_readout
 from gsut.sfm.core.overlap import count_exceeded, picture_faults, require_overlap, why_nothing
 from gsut.sfm.core.pairs import times_of
 from gsut.sfm.core.photographs import (
@@ -56,6 +56,7 @@ __all__ = [
     "Solution",
     "Stages",
     "ToldApart",
+    "add_lens_readout",
     "angular_errors",
     "check_lens",
     "choose_connected_pairs",

@@ -13,7 +13,7 @@ from collections.abc import Callable
 import numpy as np
 
 from gsut._core import SolveError
-from gsut.data import some_names
+from gsut.data import list_some
 from gsut.data.poses import centers_of
 from gsut.sfm.core.matching import PairMatches
 from gsut.sfm.core.solution import Solution
@@ -58,7 +58,7 @@ class LookAlikes:
         return (
             f"places that look alike may be taken for one: by their poses {one} and {other} show "
             f"the same, and only {100 * share:.0f} % of it is seen in both; this concerns "
-            f"{len(self.images)} images: {some_names(self.images)}"
+            f"{len(self.images)} images: {list_some(self.images)}"
         )
 
     def figures(self) -> dict[str, object]:

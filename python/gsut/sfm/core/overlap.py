@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gsut._core import SolveError
-from gsut.data import some_names
+from gsut.data import list_some
 from gsut.sfm.core.features import Features
 from gsut.sfm.core.matching import PairMatches
 
@@ -36,7 +36,7 @@ def require_overlap(
         if len(few) * 2 > len(names):
             raise SolveError(
                 f"{len(few)} of {len(names)} images have almost no features"
-                f" ({some_names(few)}); photograph something with texture, in focus and well lit"
+                f" ({list_some(few)}); photograph something with texture, in focus and well lit"
             )
         lens = ", or the lens is not theirs" if known else ""
         raise SolveError(

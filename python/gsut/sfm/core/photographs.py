@@ -14,7 +14,7 @@ from gsut import _core
 from gsut._core import InputError, Shutter
 from gsut.data import find_images, find_lens_file, read_capture, read_dataset
 from gsut.data.images import find_mask, read_header
-from gsut.lens import Camera, LensProfile, find_lenses, is_lens_name, lens_by_name, load_camera
+from gsut.lens import Camera, LensProfile, find_lens, find_lenses, is_lens_name, load_camera
 from gsut.lens.files import camera_from_values
 
 FEWEST_IMAGES = 2
@@ -202,7 +202,7 @@ def _candidates(captured: dict[str, Any]) -> tuple[Camera, ...]:
     for profile in find_lenses(name, size=(width, height)) if name else ():
         if len(found) > _MOST_CANDIDATES:
             break
-        lens = profile.camera(width, height)
+        lens = profile.make_camera(width, height)
         near = any(abs(lens.params[0] / c.params[0] - 1) < _SAME_LENS for c in found)
         if not (profile.doubts or near):
             found.append(lens)
@@ -217,8 +217,8 @@ def _with_profile(found: Photographs, name: str) -> Photographs:
             header = read_header(path)
             sizes.append((header.width, header.height))
             break
-    profile = lens_by_name(name, *sizes)
-    candidates = tuple(profile.camera(*size) for size in sizes)
+    profile = find_lens(name, *sizes)
+    candidates = tuple(profile.make_camera(*size) for size in sizes)
     return dataclasses.replace(
         found, cameras=[None] * len(found), profile=profile, candidates=candidates
     )

@@ -11,7 +11,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import Shutter
-from gsut.data.scene import frame_times
+from gsut.data.scene import order_frames
 from gsut.lens import Camera
 from gsut.sfm.core.features import Features
 from gsut.sfm.core.matching import PairMatches
@@ -203,7 +203,7 @@ def solve(
         settings["rolling_error"] = options.rolling_error
         if options.readout_time is not None:
             settings["readout_time"] = options.readout_time
-            settings["frame_times"] = frame_times(names).tolist()
+            settings["frame_times"] = order_frames(names).tolist()
     if not hold_out_every:
         settings.update(_extension(options, features, lenses))
     found = _core.estimate_poses(
@@ -365,7 +365,7 @@ def evaluate_observations(
         pixels[rows] = features[image].pixels[observations[rows, 2]]
         camera = cameras[image]
         found, _ = camera.project(in_camera[rows])
-        residuals[rows] = camera.pixel_difference(found, pixels[rows])
+        residuals[rows] = camera.subtract_pixels(found, pixels[rows])
     angles = np.arctan2(np.hypot(in_camera[:, 0], in_camera[:, 1]), in_camera[:, 2])
     return pixels, residuals, angles
 

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import InputError
-from gsut.data import Frame, read_dataset, some_names
+from gsut.data import Frame, list_some, read_dataset
 from gsut.data.poses import inverse
 from gsut.least_squares import minimize_least_squares
-from gsut.lens import Camera, refinable_params
+from gsut.lens import Camera, find_refinable_params
 from gsut.sfm.core import (
     FEATURE_VARIANCE,
     Features,
@@ -95,7 +95,7 @@ def refine_lens(
     given = [inverse(frame.world_from_camera) for frame in frames]
     features = collect_features(photographs, options, on_progress, note)
     raw = match_images(photographs.names, features, options, on_progress)
-    free = refinable_params(before)
+    free = find_refinable_params(before)
     if not free.all():
         note(_held_note(before, free))
     camera, poses = before, given
@@ -117,7 +117,7 @@ def refine_lens(
     if solution.num_registered < len(frames):
         note(
             f"{len(frames) - solution.num_registered} of {len(frames)} images see too few points "
-            f"and are left out: {some_names(solution.unregistered_names())}"
+            f"and are left out: {list_some(solution.unregistered_names())}"
         )
     held = solution.held_out_observations
     return RefinedLens(
@@ -192,7 +192,7 @@ def _held_out_error(
     used = solution.observations[np.isin(solution.observations[:, 0], held[:, 0])]
     points = fitted_points(solution.points, used, _pixels(features, used), camera, np.array(poses))
     p = in_cameras(points, held, np.array(poses))
-    residuals = camera.pixel_difference(camera.project(p)[0], _pixels(features, held))
+    residuals = camera.subtract_pixels(camera.project(p)[0], _pixels(features, held))
     distance = np.linalg.norm(residuals, axis=1)
     return float(np.median(np.where(np.isfinite(distance), distance, np.inf)))
 
@@ -222,7 +222,7 @@ def fitted_points(
 
     def residuals(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         p = in_cameras(points, observations, poses)
-        return p, camera.pixel_difference(camera.project(p)[0], pixels)
+        return p, camera.subtract_pixels(camera.project(p)[0], pixels)
 
     def cost_of(points: np.ndarray) -> np.ndarray:
         squared = np.sum(residuals(points)[1] ** 2, axis=1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from gsut.lens import Camera, LensProfile, field_of_view
+from gsut.lens import Camera, LensProfile, measure_field_of_view
 from gsut.sfm.core import Photographs, PosesOptions
 
 _CONTRADICTS = 0.1  # share by which focal lengths differ
@@ -42,7 +42,7 @@ def compare_with_profile(
         and by how many percent focal length and readout time differ from the start; None where
         one of them is not known.
     """
-    start = profile.camera(lens.width, lens.height)
+    start = profile.make_camera(lens.width, lens.height)
     found = given = None
     if readout is not None and "seconds" in readout:  # by the flow of a video
         found = readout["seconds"]
@@ -54,7 +54,7 @@ def compare_with_profile(
         "doubts": list(profile.doubts),
         "focal_px": [float(start.params[0]), float(lens.params[0])],
         "focal_percent": 100 * float(lens.params[0] / start.params[0] - 1),
-        "fov_degrees": [field_of_view(start), field_of_view(lens)],
+        "fov_degrees": [measure_field_of_view(start), measure_field_of_view(lens)],
         "readout_percent": 100 * (found / given - 1) if found and given else None,
     }
 
@@ -81,7 +81,7 @@ def contradiction(said_focal_px: float, lens: Camera) -> list[str]:
     if abs(found / said_focal_px - 1) <= _CONTRADICTS:
         return []
     said = 2 * math.degrees(math.atan(lens.width / 2 / said_focal_px))
-    field = field_of_view(lens)
+    field = measure_field_of_view(lens)
     seen = "" if field is None else f", {field:.0f} degrees across"
     return [
         f"EXIF says a focal length of {said_focal_px:.0f} px ({said:.0f} degrees across as a "

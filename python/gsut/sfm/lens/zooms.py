@@ -11,8 +11,8 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import Shutter, SolveError
-from gsut.data import some_names
-from gsut.lens import Camera, focal_params, has_focal_length, with_scaled_focal
+from gsut.data import list_some
+from gsut.lens import Camera, find_focal_params, has_focal_length, with_scaled_focal
 from gsut.sfm.core import (
     Features,
     Photographs,
@@ -170,7 +170,7 @@ def find_zooms(
         logs[number] = _tried(lens, *sightings[number], options, _FITS * usual)
     return [
         Zoom(
-            float(lens.params[focal_params(lens)[0]] * math.exp(np.median(logs[group]))),
+            float(lens.params[find_focal_params(lens)[0]] * math.exp(np.median(logs[group]))),
             [solution.names[image] for image in group],
         )
         for group in _groups(logs)
@@ -185,7 +185,7 @@ def zooms_notes(zooms: Sequence[Zoom]) -> list[str]:
     counts = ", ".join(f"{len(z.names)} at a focal length of {z.focal:.0f} px" for z in zooms)
     return [
         f"the images were taken at {len(zooms)} zooms: {counts}. One lens cannot serve them all: "
-        f"put {some_names(others)} into a folder of their own, or give lens files in a dataset"
+        f"put {list_some(others)} into a folder of their own, or give lens files in a dataset"
     ]
 
 
@@ -259,7 +259,7 @@ def _fitted(lens: Camera, pose: np.ndarray, pixels: np.ndarray, points: np.ndarr
 
     Gauss-Newton on the pose and the factor, weighted as by Cauchy's loss; NaN: not determined.
     """
-    change, log, focal = np.zeros(7), 0.0, focal_params(lens)
+    change, log, focal = np.zeros(7), 0.0, find_focal_params(lens)
     for _ in range(_ROUNDS):
         pose, log = _core.exp_pose(change[:6]) @ pose, log + float(change[6])
         scaled = with_scaled_focal(lens, math.exp(log))

@@ -15,7 +15,7 @@ import numpy as np
 from gsut._core import InputError
 from gsut.data import read_dataset
 from gsut.files import write_file
-from gsut.lens import Camera, grid_pixels, save_camera, save_uncertainty
+from gsut.lens import Camera, save_camera, save_uncertainty, spread_pixels
 from gsut.lens.files import OWN_SUFFIX
 from gsut.sfm.core import PosesOptions
 from gsut.sfm.lens import RefinedLens, refine_lens
@@ -77,7 +77,7 @@ def calibrate_from_dataset(
 
     found = refine_lens(data, PosesOptions(), on_progress, note)
     camera = found.camera.with_valid_field_angle(found.reach)
-    pixels = grid_pixels(camera.width, camera.height)
+    pixels = spread_pixels(camera.width, camera.height)
     sigma = found.covariance.projection_sigma(camera, pixels.reshape(-1, 2))
     sigma = sigma.reshape(pixels.shape[:2])
     rim = float(np.nanmax(sigma))

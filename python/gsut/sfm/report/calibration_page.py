@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from gsut.files import write_file
-from gsut.lens import Camera, grid_pixels
+from gsut.lens import Camera, spread_pixels
 from gsut.page import LINE, MUTED, SERIES, html_table, plot_figure, sections_page, svg_text
 from gsut.sfm.lens import RefinedLens
 
@@ -28,7 +28,7 @@ def write_page(
 
     Args:
         folder: beside the lens. found: of `refine_lens`. camera: the refined lens.
-        sigma: (rows, columns) pixels on the grid of `grid_pixels`. values: of report.json.
+        sigma: (rows, columns) pixels on the grid of `spread_pixels`. values: of report.json.
 
     Raises:
         InputError: the file cannot be written.
@@ -86,7 +86,7 @@ def write_page(
 def _turn(before: Camera, after: Camera, reach: float) -> np.ndarray:
     """(3, 3) the rotation that brings the rays of the new lens onto the old one's (Kabsch): poses
     follow a lens that is turned as a whole."""
-    pixels = grid_pixels(after.width, after.height).reshape(-1, 2)
+    pixels = spread_pixels(after.width, after.height).reshape(-1, 2)
     (old, _), (new, _) = before.unproject(pixels), after.unproject(pixels)
     use = np.isfinite(old).all(axis=1) & np.isfinite(new).all(axis=1)
     use[use] = new[use][:, 2] >= np.cos(reach)
@@ -101,16 +101,16 @@ def _residuals_before(found: RefinedLens, turn: np.ndarray) -> np.ndarray:
     points = solution.points[solution.observations[:, 0]]
     directions = np.einsum("nij,nj->ni", pose[:, :3, :3], points) + pose[:, :3, 3]
     pixels, valid = found.before.project(directions @ turn.T)
-    difference = found.before.pixel_difference(pixels, solution.pixels)
+    difference = found.before.subtract_pixels(pixels, solution.pixels)
     return np.where(valid[:, None], difference, np.nan)
 
 
 def _change(before: Camera, after: Camera, turn: np.ndarray) -> np.ndarray:
     """(rows, columns) pixels between the images of one ray in the two lenses; NaN without one."""
-    pixels = grid_pixels(after.width, after.height)
+    pixels = spread_pixels(after.width, after.height)
     rays, _ = after.unproject(pixels.reshape(-1, 2))
     old, valid = before.project(rays @ turn.T)
-    difference = before.pixel_difference(old, pixels.reshape(-1, 2))
+    difference = before.subtract_pixels(old, pixels.reshape(-1, 2))
     distance = np.linalg.norm(np.where(valid[:, None], difference, np.nan), axis=1)
     return distance.reshape(pixels.shape[:2])
 
@@ -124,7 +124,7 @@ def _region_rows(
         place = np.clip(at * _REGIONS / size, 0, _REGIONS - 1).astype(int)
         return place[..., 1] * _REGIONS + place[..., 0]
 
-    of_observation, of_grid = cell(pixels), cell(grid_pixels(camera.width, camera.height))
+    of_observation, of_grid = cell(pixels), cell(spread_pixels(camera.width, camera.height))
     rows: list[tuple[str, ...]] = []
     for index in range(_REGIONS**2):
         mine, here = of_observation == index, sigma[of_grid == index]

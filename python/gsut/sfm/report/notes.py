@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from gsut.data import some_names
+from gsut.data import list_some
 from gsut.sfm.core import Solution
 from gsut.sfm.lens import LensDoubt
 from gsut.sfm.rig import RigFit
@@ -28,7 +28,7 @@ def solution_notes(
     if solution.num_registered < len(solution.names):
         notes.append(
             f"{solution.num_registered} of {len(solution.names)} images were registered; without a "
-            f"pose: {some_names(solution.unregistered_names())}"
+            f"pose: {list_some(solution.unregistered_names())}"
         )
     open_lens = doubt.words() if doubt is not None else None
     if open_lens is not None:

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.data import Frame, some_names, write_transforms
-from gsut.data.colmap import ColmapImage, ColmapModel, colmap_texts
-from gsut.data.points import points_ply
+from gsut.data import Frame, list_some, write_transforms
+from gsut.data.colmap import ColmapImage, ColmapModel, format_model_texts
+from gsut.data.points import format_points_ply
 from gsut.data.poses import inverse
 from gsut.files import write_file
 from gsut.sfm.core import FEATURE_VARIANCE, Photographs, Solution
@@ -40,7 +40,7 @@ def write_dataset(solution: Solution, photographs: Photographs, out: Path) -> li
     Raises:
         InputError: a file cannot be written.
     """
-    write_file(out / POINTS, points_ply(solution.points, solution.colors))
+    write_file(out / POINTS, format_points_ply(solution.points, solution.colors))
     write_transforms(out / TRANSFORMS, _frames(solution, photographs), points_file=POINTS)
     try:
         texts = _colmap(solution)
@@ -89,7 +89,7 @@ def _colmap(solution: Solution) -> dict[str, str]:
         if solution.registered[i]
     ]  # fmt: skip
     model = ColmapModel(images, solution.points, solution.colors, solution.point_errors)
-    return colmap_texts(model)
+    return format_model_texts(model)
 
 
 def figures(
@@ -163,7 +163,7 @@ def write_models(models: Sequence[Solution], photographs: Photographs, out: Path
         names = [n for n, good in zip(model.names, model.registered, strict=True) if good]
         notes.append(
             f"{len(names)} images do not connect with the others and are a model of their own, "
-            f"{folder.name}: {some_names(names)}; take pictures between them and the others, or "
+            f"{folder.name}: {list_some(names)}; take pictures between them and the others, or "
             f"train them by themselves: gsut train {folder}"
         )
     return notes

@@ -61,7 +61,7 @@ def write_report(out: Path, solution: Solution, values: dict[str, Any]) -> None:
     }
     parts = []
     if "verdict" in values:  # a calibration judges its lens on its own page
-        verdict = Verdict.of(values["verdict"])
+        verdict = Verdict.from_dict(values["verdict"])
         parts.append(f"<p><b>{html.escape(str(verdict))}</b></p>")
     parts += [
         html_table(summary.items()),

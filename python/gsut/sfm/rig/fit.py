@@ -10,7 +10,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data.poses import centers_of, inverse
-from gsut.data.rigs import Rig, relative_changes
+from gsut.data.rigs import Rig, measure_changes
 from gsut.lens import Camera
 from gsut.sfm.core import (
     Features,
@@ -222,7 +222,7 @@ def _figures(
     before_px, after_px = _median_residuals(alone, solution)
     # Where the rig is refined a pose holds the scale meanwhile, and covariances lack it.
     scale_sigma = None if adjust else _scale_sigma(solution)
-    changes = relative_changes(rig, now.camera_from_reference)
+    changes = measure_changes(rig, now.camera_from_reference)
     return {
         "file": str(rig.source),
         "refined": adjust,

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import InputError
-from gsut.data import some_names
+from gsut.data import list_some
 from gsut.data.rigs import Rig
 from gsut.sfm.core import FEWEST_IMAGES, Photographs, photographs_in
 
@@ -110,7 +110,7 @@ def _require_one_each(keys: list[list[str]], names: list[list[str]], rig: Rig) -
         if twice:
             raise InputError(
                 f"images of the camera {camera} are of one frame by their names: "
-                f"{some_names(twice)}; each frame has one image of a camera"
+                f"{list_some(twice)}; each frame has one image of a camera"
             )
 
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gsut import _core
-from gsut.data.scene import frame_times
+from gsut.data.scene import order_frames
 from gsut.sfm.core import Solution
 
 _FEWEST = 6  # frames with neighbours: fewer say nothing about how well the time explains them
@@ -44,7 +44,7 @@ def readout_time(names: Sequence[str], solution: Solution) -> ReadoutTime | None
     """
     if solution.velocities is None:
         return None
-    times = frame_times(names)
+    times = order_frames(names)
     order = [int(i) for i in np.argsort(times, kind="stable") if solution.registered[i]]
     own, between = [], []
     for before, image, after in zip(order, order[1:], order[2:], strict=False):

@@ -1,4 +1,4 @@
-"""Adaptive density control: clone and split by gradient, prune, reset opacities now and then."""
+"""Adaptive density control: clones and splits by gradient, prunes, and resets opacities."""
 
 from __future__ import annotations
 
@@ -7,17 +7,19 @@ import math
 from gsut.optimize import GaussianOptimizer, densify_adaptive
 from gsut.training.densification import Densification, DensificationStep
 
-# Opacities are lowered every so many of the steps, of 30 000 (3DGS), and the sizes that separate
-# cloning from splitting and that are pruned, in units of the extent.
+# Fraction of the steps between resets of the opacities, 3000 of 30,000 steps (3DGS).
 _RESET_FRACTION = 0.1
-CLONE_SCALE, PRUNE_SCALE = 0.01, 0.1
+# Size below which a Gaussian is cloned, above which it is split, x scene extent (3DGS).
+CLONE_SCALE = 0.01
+# Size above which a Gaussian is pruned, x scene extent (3DGS).
+PRUNE_SCALE = 0.1
 
 
 class Strategy(Densification):
     """Kerbl et al., "3D Gaussian splatting for real-time radiance field rendering", 2023."""
 
     def densify(self, optimizer: GaussianOptimizer, now: DensificationStep) -> GaussianOptimizer:
-        """Clones, splits and prunes; every tenth of the steps lowers the opacities."""
+        """Clones, splits and prunes; resets the opacities once every tenth of the steps."""
         o = self.options
         densify_adaptive(
             optimizer,

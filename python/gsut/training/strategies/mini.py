@@ -14,23 +14,29 @@ from gsut.run import TrainOptions
 from gsut.training.densification import Densification, DensificationStep
 from gsut.training.strategies.adaptive import CLONE_SCALE, PRUNE_SCALE
 
-# A Gaussian that is the strongest at more than this fraction of a view's valid pixels is blurred
-# (publication), and the number of views that are looked at each time, drawn anew.
+# Fraction of a view's valid pixels at which a Gaussian is the strongest that counts as blurred
+# (publication).
 BLUR_FRACTION = 2e-4
+# Views that are searched for blurred Gaussians at each densification, drawn anew.
 _BLUR_VIEWS = 8
-# Fractions of the steps: new Gaussians at the depths seen; and where growth ends, by sampling.
-REINIT_AT, SAMPLE_AT = 0.25, 0.5
-# Growth until then, in multiples of --max-gaussians.
+# Fraction of the steps at which new Gaussians replace the old, at the depths seen (publication).
+REINIT_AT = 0.25
+# Fraction of the steps at which growth ends and Gaussians are sampled (publication).
+SAMPLE_AT = 0.5
+# Most Gaussians before sampling, x --max-gaussians: enough to sample the important ones from.
 OVERGROWN = 3
 
 
 def find_blurred(gaussians: Gaussians, scene: Scene, indices: list[int]) -> np.ndarray:
-    """(N,) bool: the strongest at more than `BLUR_FRACTION` of some view's valid pixels.
+    """Finds Gaussians that are the strongest at more than `BLUR_FRACTION` of some view's pixels.
 
     Args:
         gaussians: N Gaussians.
-        scene: at the resolution to look at.
+        scene: at the resolution to render.
         indices: of the views.
+
+    Returns:
+        (N,) bool.
     """
     found = np.zeros(len(gaussians), bool)
     for view in seen_views(scene, indices):
@@ -43,14 +49,14 @@ def find_blurred(gaussians: Gaussians, scene: Scene, indices: list[int]) -> np.n
 def reinitialize(
     gaussians: Gaussians, scene: Scene, options: TrainOptions, count: int, seed: list[int]
 ) -> Gaussians:
-    """New Gaussians on the surfaces that the training views see, in their photographs' colours.
+    """Seeds new Gaussians on the surfaces that the training views see, in the photographs' colours.
 
     Args:
-        gaussians: which show the surfaces: a point of each pixel's ray, where it is nearest to the
-            centre of the pixel's strongest Gaussian.
-        scene: at the resolution to look at.
+        gaussians: which show the surfaces: the point of each pixel's ray nearest to the centre of
+            the pixel's strongest Gaussian.
+        scene: at the resolution to render.
         options: shape and harmonics of first Gaussians.
-        count: how many, spread evenly over the views; fewer if there are not as many pixels.
+        count: how many, spread evenly over the views; fewer if there are not enough pixels.
         seed: of the choice of pixels.
     """
     rng, views = np.random.default_rng(seed), scene.train_indices
@@ -69,15 +75,18 @@ def reinitialize(
 
 
 def sample(gaussians: Gaussians, scene: Scene, count: int, seed: list[int]) -> np.ndarray:
-    """(N,) bool: which Gaussians stay, drawn in proportion to their blend weights.
+    """Draws the Gaussians that stay, in proportion to their blend weights.
 
-    Only those that are the strongest somewhere are drawn from (intersection preserving).
+    Only those that are the strongest somewhere can be drawn (intersection preserving).
 
     Args:
         gaussians: N Gaussians.
-        scene: at the resolution to look at, through all its training views.
-        count: how many, at most.
+        scene: at the resolution to render, through all its training views.
+        count: the most to draw.
         seed: of the draw.
+
+    Returns:
+        (N,) bool.
     """
     views = seen_views(scene, scene.train_indices)
     strong = np.zeros(len(gaussians), bool)
@@ -99,7 +108,7 @@ class Strategy(Densification):
     """Fang and Wang, "Mini-Splatting", ECCV 2024; `max_gaussians` is what sampling leaves."""
 
     def densify(self, optimizer: GaussianOptimizer, now: DensificationStep) -> GaussianOptimizer:
-        """Clones and splits by gradient and blur, or does what its step brings."""
+        """Clones and splits by gradient and blur; re-initialises and samples once each."""
         o, step, scene = self.options, now.step, now.scene
         seed = [o.seed, step]
         if self._is_due(SAMPLE_AT, step):
@@ -110,7 +119,7 @@ class Strategy(Densification):
             return optimizer
         if self._is_due(REINIT_AT, step):
             new = reinitialize(optimizer.gaussians, scene, o, optimizer.size, seed)
-            return optimizer.restarted(new)
+            return optimizer.restart_with(new)
         most = OVERGROWN * o.max_gaussians
         densify_adaptive(
             optimizer,
@@ -127,6 +136,6 @@ class Strategy(Densification):
         return optimizer
 
     def _is_due(self, fraction: float, step: int) -> bool:
-        """Whether this fraction of the steps has passed since the last densification."""
+        """Returns whether this fraction of the steps has passed since the last densification."""
         o = self.options
         return step - o.densify_every < math.ceil(fraction * o.steps) <= step

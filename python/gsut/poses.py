@@ -1,0 +1,28 @@
+"""More about poses: refine, localize, triangulate, compare, calibrate; `find_poses` is in gsut."""
+
+from gsut.capture import Capture
+from gsut.data.points import color_points
+from gsut.refine import Localized, RefinedPose, localize_image, refine_pose
+from gsut.sfm import (
+    DatasetCalibration,
+    PoseErrors,
+    TriangulatedPoints,
+    calibrate_from_dataset,
+    compare_poses,
+    triangulate,
+)
+
+__all__ = [
+    "Capture",
+    "DatasetCalibration",
+    "Localized",
+    "PoseErrors",
+    "RefinedPose",
+    "TriangulatedPoints",
+    "calibrate_from_dataset",
+    "color_points",
+    "compare_poses",
+    "localize_image",
+    "refine_pose",
+    "triangulate",
+]

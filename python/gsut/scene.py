@@ -1,0 +1,314 @@
+"""The whole way from videos or photographs to a scene, one line a stage.
+
+Each line names the folder that does it. Every stage leaves its files in the run's folder, and a
+stage whose files are complete is not repeated.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from gsut import _core
+from gsut._core import InputError
+from gsut.capture import Capture, capture
+from gsut.data import CAPTURE_FOLDER, Scene, load_dataset
+from gsut.evaluate import write_scene_page
+from gsut.output_folder import claim_folder
+from gsut.run import (
+    METRICS,
+    OPTIONS,
+    REPORT,
+    RunFolder,
+    SceneOptions,
+    StagedProgress,
+    StageFollower,
+    TrainOptions,
+    Verdict,
+    combine_verdicts,
+    flag_name,
+    for_views,
+    judge_pictures,
+)
+from gsut.sfm import (
+    PosesOptions,
+    add_lens_readout,
+    check_lens,
+    find_poses,
+    is_finished,
+    read_figures,
+)
+from gsut.train import TrainResult, train
+from gsut.training import TrainingTime, describe_resizing
+
+POSES = "poses"  # folder of the pictures and poses, inside the run's folder
+STATE = "scene.json"  # inputs and settings; seconds and verdict once the scene is finished
+PAGE = "scene.html"
+# Seconds that each stage is expected to take before anything is known about the pictures.
+_EXPECTED_SECONDS = {"capture": 8.0, POSES: 100.0, "training": 60.0, "report": 0.1}
+_TRAINING_START_SECONDS = 3.0  # expected of a training before its first step
+_NO_SETTING = {"threads"}  # options that do not change the result
+
+# Called as `on_progress(row)` with "stage", "share", "seconds_left" and "text".
+OnProgress = Callable[[dict[str, Any]], None]
+# Called as `on_training(scene, options)` before a training; returns the `watch` of `gsut.train`.
+OnTraining = Callable[[Scene, TrainOptions], Callable[..., bool] | None]
+
+
+@dataclasses.dataclass
+class SceneResult:
+    """The result of `gsut.scene`; `gsut.load_run(result.path)` loads its Gaussians and dataset.
+
+    Attributes:
+        path: folder of the scene: scene.ply, scene.html, report.html, and the dataset in poses/.
+        figures: the content of scene.json: pictures, registered, psnr, ssim, seconds, verdict ...
+        trained: the result of the training; None if it was finished by an earlier call.
+    """
+
+    path: Path
+    figures: dict[str, Any]
+    trained: TrainResult | None = None
+
+    @property
+    def verdict(self) -> Verdict:
+        """How good the scene is, why, and what to try next."""
+        return Verdict.from_dict(self.figures["verdict"])
+
+    @property
+    def page(self) -> Path:
+        """The page that shows all stages."""
+        return self.path / PAGE
+
+
+def scene(
+    inputs: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
+    out: str | os.PathLike[str],
+    options: SceneOptions | None = None,
+    *,
+    progress: bool | OnProgress = True,
+    on_training: OnTraining | None = None,
+) -> SceneResult:
+    """Makes a scene from videos or photographs of one camera: pictures, poses, training, verdict.
+
+    If interrupted, the same call resumes where it stopped; when everything is finished, it returns
+    the result at once.
+
+    Args:
+        inputs: videos, photographs and folders of photographs, all of one camera; one or several.
+        out: folder of the scene and all its stages.
+        options: every setting; None: the defaults.
+        progress: True shows a bar; a function receives dicts with "stage", "share" (of everything,
+            0 to 1), "seconds_left" and "text".
+        on_training: called with the dataset and the training's options before it starts; what it
+            returns becomes the `watch` of `gsut.train`.
+
+    Returns:
+        The folder, the figures and the verdict.
+
+    Raises:
+        InputError: unusable inputs, or `out` holds a scene with other inputs or settings.
+        SolveError: no poses could be found; says why.
+    """
+    sources = [inputs] if isinstance(inputs, str | os.PathLike) else list(inputs)
+    making = _SceneInProgress(sources, out, options or SceneOptions(), on_training)
+    if "verdict" in making.figures:
+        return SceneResult(making.folder.path, making.figures)
+    with making.claim_poses(), _start_bars(progress) as bars:
+        pictures = making.choose_pictures(bars)  # capture/: frames worth keeping, a first lens
+        poses = making.find_poses(pictures, bars)  # sfm/: where each picture was taken, the lens
+        metrics = making.train(bars)  # train.py
+        making.report(pictures, poses, metrics, bars)  # run/: verdict; evaluate/: page
+    return SceneResult(making.folder.path, making.figures, making.trained)
+
+
+def is_scene_finished(out: str | os.PathLike[str]) -> bool:
+    """Returns whether a folder holds a scene whose stages are all finished."""
+    figures = RunFolder(out).read_json(STATE)
+    return figures is not None and "verdict" in figures
+
+
+class _SceneInProgress:
+    """A scene while it is being made: its folder, its settings, and what is known about it.
+
+    Attributes:
+        folder: of the run.
+        figures: the content of scene.json so far.
+        trained: the result of the training, if this process made it.
+    """
+
+    def __init__(
+        self,
+        inputs: Sequence[str | os.PathLike[str]],
+        out: str | os.PathLike[str],
+        options: SceneOptions,
+        on_training: OnTraining | None,
+    ) -> None:
+        if not inputs:
+            raise InputError("a scene needs at least one video, photograph or folder")
+        self.folder = RunFolder.claim(out, "scene", inputs[0])
+        self.trained: TrainResult | None = None
+        self._inputs, self._options = [os.fspath(name) for name in inputs], options
+        self._on_training = on_training
+        self._poses_seconds = 0.0  # taken by the stages of `find_poses` in this process
+        self.figures = self._read_figures()
+
+    def _read_figures(self) -> dict[str, Any]:
+        """Returns the figures that the folder holds, or new ones.
+
+        Raises:
+            InputError: it holds a scene of other inputs or settings, or a run of another command.
+        """
+        settings = dataclasses.asdict(self._options)
+        key = {
+            "inputs": [str(Path(name).resolve()) for name in self._inputs],
+            **{name: value for name, value in settings.items() if name not in _NO_SETTING},
+        }
+        figures = self.folder.read_json(STATE)
+        if figures is None:
+            self.folder.refuse_run()
+            return {"key": key}
+        different = [name for name in key if figures["key"].get(name, key[name]) != key[name]]
+        if different:
+            name = different[0]
+            what = name if name == "inputs" else flag_name(name)
+            raise InputError(
+                f"{self.folder.path} holds a scene with other {what} "
+                f"({figures['key'].get(name)}, now {key[name]}); give another output folder "
+                "(nothing was overwritten)"
+            )
+        return figures
+
+    def claim_poses(self) -> contextlib.AbstractContextManager:
+        """Takes the folder of the poses for the duration of the block; checks the lens first."""
+        check_lens(self._options.camera)
+        return claim_folder(self.folder.path / POSES, "poses", self._inputs[0])
+
+    def choose_pictures(self, bars: StagedProgress) -> Capture:
+        """Writes the pictures worth keeping below poses/."""
+        o = self._options
+        with bars.stage("capture"):
+            shares = {"looking": 0.7, "frames": 0.3, "photographs": 1.0}
+            pictures = capture(
+                self._inputs, self.folder.path / POSES / CAPTURE_FOLDER, count=o.frames,
+                caps=(o.nadir_cap, o.zenith_cap), on_progress=_spread_over(bars, shares),
+            )  # fmt: skip
+            for note in pictures.notes:
+                bars.note(note)
+        self.folder.write_json(STATE, self.figures)
+        bars.expect(
+            "training",
+            _TRAINING_START_SECONDS
+            + _estimate_training_seconds(pictures.figures, self._training_options()),
+        )
+        return pictures
+
+    def find_poses(self, pictures: Capture, bars: StagedProgress) -> dict[str, Any]:
+        """Finds poses and lens, and returns the content of poses.json."""
+        o, out = self._options, self.folder.path / POSES
+        bars.skip(POSES)  # the stages of `find_poses` take its place
+        if is_finished(out):
+            return read_figures(out)
+        options = PosesOptions(shutter=o.shutter, seed=o.seed, threads=o.threads)
+        with contextlib.closing(StageFollower(bars)) as stages:
+            figures = find_poses(
+                pictures.path, out, camera=o.camera, fov_degrees=o.fov,
+                options=add_lens_readout(options, o.camera, pictures.figures),
+                on_progress=stages.show, on_expected=stages.expect, notes_to=bars.note,
+            ).figures  # fmt: skip
+        self._poses_seconds = stages.seconds
+        return figures
+
+    def _training_options(self) -> TrainOptions:
+        o = self._options
+        return TrainOptions(preset=o.preset, steps=o.steps, seed=o.seed, threads=o.threads)
+
+    def train(self, bars: StagedProgress) -> dict[str, Any]:
+        """Trains on the dataset in poses/, and returns the content of metrics.json."""
+        folder, options = self.folder, self._training_options()
+        if folder.read_json(METRICS) is not None and (folder.path / REPORT).is_file():
+            bars.skip("training")
+            return folder.read_json(METRICS)
+        dataset = load_dataset(folder.path / POSES, test_every=options.test_every)
+        options = for_views(options, len(dataset.train_indices))
+        if (folder.path / OPTIONS).is_file():
+            options = folder.read_options()
+        for note in filter(None, (*dataset.notes, describe_resizing(dataset, options))):
+            bars.note(note)
+
+        def show(row: dict[str, Any]) -> None:
+            done = row["step"] / options.steps
+            bars.show(done, f"step {row['step']} of {options.steps}", row["seconds_left"])
+
+        with bars.stage("training"):
+            watch = self._on_training(dataset, options) if self._on_training else None
+            self.trained = train(
+                dataset, options, out=folder.path, resume=True, progress=show, watch=watch
+            )
+        return self.trained.metrics
+
+    def report(
+        self,
+        pictures: Capture,
+        poses: dict[str, Any],
+        metrics: dict[str, Any],
+        bars: StagedProgress,
+    ) -> None:
+        """Judges the scene as a whole; writes scene.html and scene.json."""
+        with bars.stage("report"):
+            bars.show(0.5)
+            seconds = {
+                "capture": bars.seconds["capture"],
+                # A stage that an earlier call finished took what its figures say.
+                POSES: self._poses_seconds or poses["seconds"]["total"],
+                "training": bars.seconds["training"] or metrics["train_seconds"],
+            }
+            found = filter(None, (row.get("verdict") for row in (metrics, poses)))
+            verdicts = [Verdict.from_dict(values) for values in found]
+            verdict = combine_verdicts([*verdicts, judge_pictures(pictures.figures)])
+            self.figures |= {
+                "seconds": seconds,
+                "pictures": len(pictures.figures["frames"]),
+                "registered": poses["registered"],
+                **{key: metrics.get(key) for key in ("psnr", "ssim", "num_gaussians", "steps")},
+                "renders": (metrics.get("verdict") or {}).get("what"),
+                "verdict": verdict.as_dict(),
+            }
+            strip = self.folder.path / POSES / CAPTURE_FOLDER
+            write_scene_page(self.folder, PAGE, self.figures, metrics, strip, POSES, pictures.notes)
+        seconds["report"] = bars.seconds["report"]
+        self.folder.write_json(STATE, self.figures)
+
+
+def _start_bars(progress: bool | OnProgress) -> StagedProgress:
+    """Returns the bar of the whole command, or what passes its states to a function."""
+    listener = progress if callable(progress) else None
+    return StagedProgress(_EXPECTED_SECONDS, progress is True, on_progress=listener)
+
+
+def _spread_over(
+    bars: StagedProgress, shares: dict[str, float]
+) -> Callable[[str, int, int, str], None]:
+    """Returns a function that shows sub-stages in order, each as its share of the stage."""
+    names, whole = list(shares), sum(shares.values())
+
+    def show(name: str, done: int, total: int, text: str) -> None:
+        if name in shares:  # the fit of a panorama's lens is not: it takes no time
+            before = sum(shares[other] for other in names[: names.index(name)])
+            bars.show((before + shares[name] * done / max(1, total)) / whole, f"{name} {text}")
+
+    return show
+
+
+def _estimate_training_seconds(figures: dict[str, Any], options: TrainOptions) -> float:
+    """Returns the seconds that the training's steps will take for pictures of this size."""
+    most = dataclasses.replace(options.resolved(), max_gaussians=options.most_gaussians)
+    width, height = figures["size"]
+    shrunk = min(1.0, options.max_side / max(width, height)) if options.max_side else 1.0
+    return TrainingTime(
+        most, most.most_gaussians // 4, shrunk**2 * width * height / 1e6, 0,
+        threads=options.threads or _core.num_threads(),
+    ).left(0)  # fmt: skip

@@ -1,0 +1,28 @@
+"""What training decides before its first step: images, size of the model, first Gaussians."""
+
+from gsut.training.first.complexity import choose_complexity, choose_degree, limit_gaussians
+from gsut.training.first.gains import find_first_gains
+from gsut.training.first.preparation import (
+    center_on_cameras,
+    describe_resizing,
+    find_plain_background,
+    leave_out_blurred,
+    prepare_scene,
+    refine_first_poses,
+)
+from gsut.training.first.seeding import choose_first_gaussians, seed_first
+
+__all__ = [
+    "center_on_cameras",
+    "choose_complexity",
+    "choose_degree",
+    "choose_first_gaussians",
+    "describe_resizing",
+    "find_first_gains",
+    "find_plain_background",
+    "leave_out_blurred",
+    "limit_gaussians",
+    "prepare_scene",
+    "refine_first_poses",
+    "seed_first",
+]

@@ -1,0 +1,152 @@
+"""Chooses how many Gaussians and which degree of harmonics the photographs of a scene support.
+
+Where photographs are few, further Gaussians only memorize them. Two counts bound the number: that
+of the training views and that of their pixels, both known before the first step.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from gsut.data import Scene
+from gsut.run import AUTO, TrainOptions, for_degree, is_open, of_preset
+from gsut.training.first.view_dependence import measure_unpredicted_share
+
+# Most Gaussians for each training view: held-out views of a dozen photographs are predicted best
+# with 50,000 to 100,000 Gaussians, and worse with more.
+_PER_VIEW = 5000
+# Fewest training pixels for each Gaussian: one has more parameters than fewer pixels have values.
+_PIXELS_EACH = 4
+# Harmonics have the highest degree if the viewing direction leaves less than this share of the
+# variance of points' colours unpredicted: it is 0.2 to 0.6 for shiny scenes, about 1 for matt ones.
+_UNPREDICTED = 0.7
+# Degree of the harmonics of a scene whose colours depend on the viewing direction, as in 3DGS.
+_HIGHEST = 3
+
+
+@dataclasses.dataclass(frozen=True)
+class Complexity:
+    """The number of Gaussians of a run and the reasons for it.
+
+    Attributes:
+        max_gaussians: the most that training may grow to.
+        sh_degree: of their harmonics.
+        views: number of training views.
+        because: why this number, in words; "" if the options give it.
+        fewer: whether it is below the preset's.
+        steps: of the training.
+        fewer_steps: by how much this is below the preset's number of steps.
+        higher_degree: by how much `sh_degree` is above the preset's.
+    """
+
+    max_gaussians: int
+    sh_degree: int
+    views: int
+    because: str = ""
+    fewer: bool = False
+    steps: int = 0
+    fewer_steps: int = 0
+    higher_degree: int = 0
+
+    def __str__(self) -> str:
+        return (
+            f"{self.views} photographs: at most {self.max_gaussians:,} Gaussians of degree "
+            f"{self.sh_degree}, {self.because}"
+        )
+
+    def explain_changes(self) -> Iterator[str]:
+        """Yields a sentence for the steps and one for the harmonics where the preset has others."""
+        if self.fewer_steps:
+            preset = self.steps + self.fewer_steps
+            yield (
+                f"{self.views} photographs: {self.steps} steps, for which the preset has {preset}; "
+                "more would not show other views better (--steps)"
+            )
+        if self.higher_degree:
+            yield (
+                f"colours depend on the direction that they are seen from: harmonics of degree "
+                f"{self.sh_degree} (--sh-degree)"
+            )
+
+    def add_to(self, metrics: dict[str, Any]) -> None:
+        """Adds itself to the content of metrics.json, with notes on what the preset has not."""
+        metrics["complexity"] = dataclasses.asdict(self)
+        if self.fewer:
+            metrics["notes"].append(str(self))
+        metrics["notes"] += self.explain_changes()
+
+
+def choose_complexity(
+    scene: Scene, options: TrainOptions, report: Callable[[str], None] = lambda text: None
+) -> Complexity:
+    """Chooses the number of Gaussians of a run.
+
+    Args:
+        scene: as it is trained on.
+        options: for this scene; `max_gaussians` other than "auto" stays.
+        report: receives a line for each choice and its reason.
+
+    Returns:
+        The preset's number, or a smaller one if training views, or their pixels, are few.
+    """
+    most, views = options.most_gaussians, len(scene.train_indices)
+    chosen = Complexity(
+        most, options.sh_degree, views, steps=options.steps,
+        fewer_steps=-_count_over_preset(options, "steps"),
+        higher_degree=_count_over_preset(options, "sh_degree"),
+    )  # fmt: skip
+    if options.max_gaussians == AUTO:
+        chosen = _bound_number(scene, chosen)
+        report(str(chosen))
+    for line in chosen.explain_changes():
+        report(line)
+    return chosen
+
+
+def choose_degree(scene: Scene, options: TrainOptions) -> TrainOptions:
+    """Raises the degree of harmonics if it is open and colours depend on the viewing direction.
+
+    Args:
+        scene: as it is trained on.
+        options: not resolved.
+    """
+    if not is_open(options, "sh_degree"):
+        return options
+    share = measure_unpredicted_share(scene)
+    return for_degree(options, _HIGHEST) if share is not None and share < _UNPREDICTED else options
+
+
+def _count_over_preset(options: TrainOptions, name: str) -> int:
+    """Returns the difference to the preset's value; 0 if the user has given one."""
+    return getattr(options, name) - of_preset(options, name) if is_open(options, name) else 0
+
+
+def _bound_number(scene: Scene, given: Complexity) -> Complexity:
+    """Limits the number of Gaussians by the training views and their pixels."""
+    most, views = given.max_gaussians, given.views
+    pixels = _count_pixels(scene, _PIXELS_EACH * most)
+    by_views, by_pixels = _PER_VIEW * views, pixels // _PIXELS_EACH
+    number = max(1, min(most, by_views, by_pixels))
+    because = "the preset's number"
+    if number < most:
+        rule = f"{_PER_VIEW:,} each" if number == by_views else f"one for {_PIXELS_EACH} pixels"
+        because = f"{rule}: more would only memorize them"
+    return dataclasses.replace(given, max_gaussians=number, because=because, fewer=number < most)
+
+
+def limit_gaussians(options: TrainOptions, most: int) -> TrainOptions:
+    """Returns the options of a run of at most `most` Gaussians."""
+    first = min(options.init_count, most) if options.init_count else None
+    return dataclasses.replace(options, max_gaussians=most, init_count=first)
+
+
+def _count_pixels(scene: Scene, enough: int) -> int:
+    """Counts the unmasked pixels of the training views, stopping at `enough`."""
+    count = 0
+    for index in scene.train_indices:
+        count += int(scene.mask(index).sum())
+        if count >= enough:
+            break
+    return count

@@ -1,0 +1,131 @@
+"""Chooses the first Gaussians: on the dataset's points, a sky, a plane sweep, or at random."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from gsut._core import InputError
+from gsut.data import Scene
+from gsut.data.points import color_points, has_colors
+from gsut.gaussians import (
+    Gaussians,
+    choose_points,
+    seed_from_points,
+    seed_in_view,
+    to_surfels,
+)
+from gsut.run import TrainOptions
+from gsut.training.first.plane_sweep import find_points_by_sweep
+from gsut.training.first.sky import describe_sky, find_sky
+
+# Nearest distance of random first Gaussians from a camera, x scene extent: nearer fills the view.
+_RANDOM_NEAR = 0.05
+# Farthest distance of random first Gaussians from a camera, x scene extent: far walls and hills.
+_RANDOM_FAR = 4.0
+# Number of random first Gaussians; growth adds more where they are needed.
+_RANDOM_COUNT = 30_000
+# Most points of a plane sweep; of more, growth would have to move many to better places.
+_SWEPT_COUNT = 20_000
+# Points of the sweep that each of the dataset's replaces: a sweep, whose
+# distances are worse, does not help beside thousands of accurate points.
+_SWEPT_PER_POINT = 8
+# Largest share of the most Gaussians that a sweep may take: the others grow where needed.
+_SWEPT_SHARE = 0.4
+
+Colored = tuple[np.ndarray, np.ndarray]  # points (N, 3) and their colours (N, 3) uint8
+
+
+def choose_first_gaussians(scene: Scene, options: TrainOptions) -> tuple[Gaussians, list[str]]:
+    """Chooses what training starts from.
+
+    It starts from the dataset's points, from a sky if the photographs show one, and from what a
+    plane sweep finds in the photographs if points are few.
+
+    Args:
+        scene: as it is trained on.
+        options: resolved.
+
+    Returns:
+        The Gaussians, and notes on those that come from photographs alone.
+    """
+    sky = _find_sky_to_seed(scene, options)
+    swept = _sweep_to_seed(scene, options, 0 if sky is None else len(sky[0]))
+    notes = [] if sky is None else [describe_sky(len(sky[0]))]
+    if swept is not None:
+        notes.append(
+            f"{len(swept[0])} of the first Gaussians lie where neighbouring photographs agree, "
+            f"beside {len(scene.points)} points of the data (--init points or random: without)."
+        )
+    return seed_first(scene, options, [more for more in (sky, swept) if more is not None]), notes
+
+
+def _sweep_to_seed(scene: Scene, options: TrainOptions, sky: int) -> Colored | None:
+    """Sweeps for points if the options leave the first Gaussians open and points are few."""
+    o = options
+    given = _SWEPT_COUNT if o.init_count is None else o.init_count
+    most = min(given, round(_SWEPT_SHARE * o.max_gaussians))
+    count = most - _SWEPT_PER_POINT * len(scene.points)
+    if o.init != "auto" or (o.init_count is not None and len(scene.points)) or count <= 0:
+        return None
+    most = min(count, o.max_gaussians - len(scene.points) - sky)
+    return find_points_by_sweep(scene, most, o.seed)
+
+
+def _find_sky_to_seed(scene: Scene, options: TrainOptions) -> Colored | None:
+    """Finds a sky if the options leave the first Gaussians open and there is room for it."""
+    o = options
+    if not _is_on_points(scene, o) or o.init_count is not None or o.background is not None:
+        return None
+    sky = find_sky(scene)
+    if sky is None or min(len(scene.points), o.max_gaussians) + len(sky[0]) > o.max_gaussians:
+        return None
+    return sky
+
+
+def _is_on_points(scene: Scene, options: TrainOptions) -> bool:
+    return options.init != "random" and len(scene.points) > 0
+
+
+def seed_first(scene: Scene, options: TrainOptions, more: Sequence[Colored] = ()) -> Gaussians:
+    """Seeds Gaussians on the scene's points and `more`, or at random within the cameras' view.
+
+    Args:
+        scene: as it is trained on.
+        options: resolved.
+        more: points and colours beside the scene's, see `find_sky` and `find_points_by_sweep`.
+
+    Raises:
+        InputError: `init` is "points" and the scene has none.
+    """
+    o = options
+    shape: dict[str, Any] = {
+        "sh_degree": o.sh_degree,
+        "scale_factor": o.init_scale,
+        "opacity": o.init_opacity,
+        "seed": o.seed,
+    }
+    if o.init == "points" and len(scene.points) == 0:
+        raise InputError(f"{scene.path} has no points to start from; use --init random")
+    if more or _is_on_points(scene, o):
+        first = seed_from_points(*_choose_colored_points(scene, o, more), **shape)
+    else:
+        first = seed_in_view(
+            [scene.camera(i) for i in scene.train_indices], scene.poses(scene.train_indices),
+            min(o.init_count or _RANDOM_COUNT, o.max_gaussians), near=_RANDOM_NEAR * scene.extent,
+            far=_RANDOM_FAR * scene.extent, **shape,
+        )  # fmt: skip
+    return to_surfels(first) if o.primitive == "surfel" else first
+
+
+def _choose_colored_points(scene: Scene, options: TrainOptions, more: Sequence[Colored]) -> Colored:
+    """Joins the scene's points, drawn if they exceed the most Gaussians, with `more`."""
+    most = min(options.init_count or len(scene.points), options.max_gaussians)
+    rows = choose_points(len(scene.points), most, options.seed)
+    points, colors = scene.points[rows], scene.point_colors[rows]
+    if len(points) and not has_colors(scene):
+        colors, _ = color_points(scene, points)
+    points = np.concatenate([points, *(each for each, _ in more)])
+    return points, np.concatenate([colors, *(each for _, each in more)])

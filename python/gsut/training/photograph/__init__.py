@@ -1,0 +1,6 @@
+"""How a photograph came to be: exposure, white balance, falloff of the lens, motion blur."""
+
+from gsut.training.photograph.motion_blur import BlurRenderer, Exposure
+from gsut.training.photograph.photograph_model import GAINS_DIFFER, PhotographModel
+
+__all__ = ["GAINS_DIFFER", "BlurRenderer", "Exposure", "PhotographModel"]

@@ -1,0 +1,392 @@
+"""Finds exposure, white balance and falloff of the photographs while a scene is trained.
+
+Each step compares its image with its photograph, and least squares give the photograph's gain, one
+a channel (`PhotometricTarget.light_sums`); nothing is optimised by gradients. The photograph is
+divided by its light, not the image multiplied: Gaussians learn the scene at the mean gain and
+without falloff, and the backward pass needs neither. The mean log-gain of the training views is
+held at zero, exactly. If the scene's points show that gains differ, theirs are used from the first
+step until the images are better than they are.
+"""
+
+from __future__ import annotations
+
+import bisect
+import copy
+import math
+from typing import Any
+
+import numpy as np
+
+from gsut import _core
+from gsut.data import Level, Scene
+from gsut.render import Falloff, Light, falloff_basis, field_angles, interpolated_gains
+from gsut.run import TrainOptions
+from gsut.training.first import find_first_gains
+
+# Fraction of the steps before which images show too little of the scene to judge a photograph by.
+_FROM = 0.05
+# Fraction of the steps from which images are compared although gains come from points: the falloffs
+# need them.
+_POINTS_ALONE = 0.3
+# Fraction of the steps up to which gains from points stay: later, images are better.
+_POINTS_UNTIL = 0.5
+# Fractions of the steps at which "auto" checks whether gains differ; a long run decides early.
+_DECIDED_AT = (0.25, 0.3, 0.35, 0.4, 0.5, 0.6)
+# Fractions of the steps at which falloffs are fitted: a young scene is less sharp at the rim than
+# at the centre, which looks like falloff.
+_FALLOFF_AT = (0.35, 0.5, 0.65, 0.8, 0.93)
+# Relative change below which a new falloff is discarded: each change resets every photograph's
+# statistics.
+_MOVED = 0.002
+# Normal deviate of the correlation of two visits' gains: chance exceeds it once in a thousand runs.
+_CHANCE = 3.09
+# Standard deviation of log-gains above which photographs differ: 1 % of brightness, which begins to
+# show in the result.
+GAINS_DIFFER = 0.01
+# Views seen twice below which nothing is decided: correlations of fewer are chance.
+_FEWEST_TWICE = 5
+# Log-gain of all photographs together above which the scene has not reached their brightness and
+# says nothing about one of them.
+_UNSETTLED = 0.25
+# Standard errors that errors of the scene may explain.
+_DISAGREE = 3.0
+# Relative difference of rings from their mean below which a lens has no falloff.
+_FALLOFF_DIFFERS = 0.05
+# Share of all visible pixels below which a ring is not judged.
+_FEWEST_SHOWN = 0.01
+# Rings of equal field angle that a photograph is divided into: enough for two even powers.
+_RINGS = 8
+# Quarters of the picture that each ring is divided into, to measure disagreement.
+_QUADRANTS = 4
+# Largest plausible logarithm of a gain, a factor of two.
+_STRONGEST = 0.7
+# Weight of a ring's prior; the weights of the visible rings add up to 1.
+_PRIOR = 1e-4
+# Smallest plausible falloff: lenses darken towards the rim by at most ten.
+_DARKEST = 0.1
+# Largest plausible falloff: lenses do not brighten towards the rim, save for errors of the fit.
+_BRIGHTEST = 1.05
+# Fewest rows and columns of pixels over which a ring's mean is taken; more change nothing.
+_BASIS_ROWS = 100
+# Number of angles at which a falloff is checked.
+_CHECKED = 65
+
+
+class PhotographModel:
+    """Estimates gains of the training views and falloffs of their cameras.
+
+    Args:
+        scene: at any resolution.
+        options: resolved; `exposure` decides whether the model is used.
+        light: what an earlier run has found; None: nothing is known.
+    """
+
+    def __init__(self, scene: Scene, options: TrainOptions, light: Light | None = None) -> None:
+        self._mode = options.exposure
+        self._gains_used = self._mode == "on"
+        self._scene = scene
+        self._camera_of = [view.camera_index for view in scene.views]
+        self._names = [view.name for view in scene.views]
+        count = len(scene.views)
+        self._log_gains, self._known = np.zeros((count, 3)), np.zeros(count, bool)
+        # The last sums of each view: (V, 2, rings x quadrants, 3) of T C and of C^2.
+        self._sums = np.zeros((count, 2, _RINGS * _QUADRANTS, 3))
+        self._before = np.zeros_like(self._sums)  # those of the visit before
+        self._total = [0.0] * 3  # of the known log-gains; those of other views are zero
+        self._num_known = 0
+        self._falloffs: list[Falloff | None] = [None] * len(scene.cameras)
+        self._looked = (0, 0)  # how often for gains, for falloffs
+        self._by_points = False
+        first = find_first_gains(scene) if light is None and self._mode != "off" else None
+        if first is not None:
+            self._gains_used, self._by_points = True, True
+            self._start_from(first)
+        if light is not None:
+            self._start_from(np.log(light.gains))
+            self._falloffs = list(light.falloffs)
+        self._bases: dict[int, tuple[float, np.ndarray]] = {}
+        self._lights: dict[int, np.ndarray] = {}  # see `_find_light_of_parts`
+        self._planes: dict[tuple[int, int, int], Any] = {}  # of one level's cameras
+        self._parts: dict[tuple[int, int, int], np.ndarray] = {}
+
+    def _start_from(self, log_gains: np.ndarray) -> None:
+        """Starts from log-gains (V, 3) of the training views; those of other views stay zero."""
+        train = list(self._scene.train_indices)
+        self._log_gains[train], self._known[train] = log_gains[train], True
+        self._total, self._num_known = self._log_gains.sum(axis=0).tolist(), len(train)
+
+    def observe(
+        self,
+        fraction: float,
+        level: Level,
+        view: int,
+        target: _core.PhotometricTarget,
+        image: np.ndarray,
+    ) -> None:
+        """Updates the light of a view's photograph from its image and passes it to `target`.
+
+        Args:
+            fraction: of the steps that are done.
+            level: whose view it is.
+            view: whose photograph `target` is.
+            image: (H, W, 3) float32, the view as it is rendered now.
+        """
+        if self._mode == "off" or (fraction < _FROM and not self._by_points):
+            return
+        camera = level.camera(view)
+        key = (self._camera_of[view], camera.width, camera.height)
+        if not self._by_points or fraction >= _POINTS_ALONE:
+            self._compare(fraction, key, camera, view, target, image)
+        falloff = self._falloffs[key[0]]
+        if falloff is not None and key not in self._planes:
+            self._planes = {k: v for k, v in self._planes.items() if k[0] != key[0]}
+            inverse = 1.0 / falloff.at(field_angles(camera))
+            self._planes[key] = _core.FalloffPlane(inverse.astype(np.float32))
+        target.set_light(self._invert_gain(view), self._planes.get(key))
+
+    def _compare(
+        self,
+        fraction: float,
+        key: tuple[int, int, int],
+        camera: Any,
+        view: int,
+        target: _core.PhotometricTarget,
+        image: np.ndarray,
+    ) -> None:
+        """Compares one image: updates the gain, and at certain fractions decides on gains and
+        falloffs.
+
+        Args:
+            fraction, view, target, image: see `observe`.
+            key: of the camera at this size.
+            camera: this camera.
+        """
+        if key not in self._parts:
+            self._parts = {k: v for k, v in self._parts.items() if k[0] != key[0]}
+            self._parts[key] = _divide_photograph(camera)
+        if not self._gains_used:
+            self._before[view] = self._sums[view]
+        self._sums[view] = target.light_sums(image, self._parts[key], _RINGS * _QUADRANTS)
+        if not self._by_points or fraction >= _POINTS_UNTIL:
+            self._learn_gain(view)
+        looked = bisect.bisect(_DECIDED_AT, fraction), bisect.bisect(_FALLOFF_AT, fraction)
+        if looked[0] > self._looked[0]:
+            self._gains_used = self._gains_used or self.measure_spread() > GAINS_DIFFER
+        if looked[1] > self._looked[1]:
+            self._find_falloffs()
+        self._looked = looked
+
+    def measure_spread(self) -> float:
+        """Returns the standard deviation of log-gains that two visits and all quarters agree on.
+
+        Of brightness or of white balance, whichever differs more; 0 if chance may explain it.
+        """
+        twice = np.flatnonzero(self._known & (self._before[:, 1] > 0).any(axis=(1, 2)))
+        if len(twice) < _FEWEST_TWICE:
+            return 0.0
+        visits = [
+            sums[twice].reshape(-1, 2, _RINGS, _QUADRANTS, 3) for sums in (self._before, self._sums)
+        ]
+        if abs(np.log(visits[1][:, 0].sum() / visits[1][:, 1].sum())) > _UNSETTLED:
+            return 0.0
+        (before, _), (now, errors) = (_estimate_gains(visit) for visit in visits)
+        found = [0.0]
+        for part in (_average_channels, _subtract_brightness):
+            a, b = (part(gains) - part(gains).mean(axis=0) for gains in (before, now))
+            both = np.mean(np.sum(a * b, axis=1))
+            alone = np.sqrt(np.mean(np.sum(a**2, axis=1)) * np.mean(np.sum(b**2, axis=1)))
+            chance = np.arctanh(min(both / alone, 1 - 1e-12)) * np.sqrt(len(twice) - 3)
+            noise = np.mean(np.sum(part(errors) ** 2, axis=(1, 2)))
+            if chance > _CHANCE and both > _DISAGREE**2 * noise:
+                found.append(float(np.sqrt(both - noise)))
+        return max(found)
+
+    def find_light(self) -> Light | None:
+        """Returns the light of all views; views without training take their neighbours' in time."""
+        if not self._gains_used and not any(self._falloffs):
+            return None
+        known = np.flatnonzero(self._known)
+        logs = np.zeros_like(self._log_gains)
+        if self._gains_used:
+            logs = self._log_gains - self._log_gains[known].mean(axis=0)
+        logs = interpolated_gains(logs, known.tolist(), self._names, self._camera_of)
+        return Light(np.exp(logs), tuple(self._falloffs))
+
+    def _learn_gain(self, view: int) -> None:
+        """Moves a view's gain halfway to what the last image says."""
+        sums = self._sums[view]
+        if self._falloffs[self._camera_of[view]] is not None:
+            sums = sums * self._find_light_of_parts(self._camera_of[view])
+        tc, cc = np.add.reduce(sums, axis=1).tolist()
+        if not all(value > 0 for value in (*tc, *cc)):
+            return
+        found = [math.log(t / c) for t, c in zip(tc, cc, strict=True)]
+        found = [min(max(gain, -_STRONGEST), _STRONGEST) for gain in found]
+        before = self._log_gains[view].tolist()
+        if not self._known[view]:
+            self._known[view] = True
+            self._num_known += 1
+            gains = found
+        else:
+            gains = [0.5 * (a + b) for a, b in zip(before, found, strict=True)]
+        self._log_gains[view] = gains
+        change = zip(self._total, gains, before, strict=True)
+        self._total = [total + now - old for total, now, old in change]
+
+    def _invert_gain(self, view: int) -> list[float]:
+        """Returns the factors of a view's photograph, one a channel; 1 if gains are unused."""
+        if not self._gains_used:
+            return [1.0, 1.0, 1.0]
+        gains = self._log_gains[view].tolist()
+        count = max(1, self._num_known)
+        return [math.exp(total / count - g) for total, g in zip(self._total, gains, strict=True)]
+
+    def _find_light_of_parts(self, camera: int) -> np.ndarray:
+        """Returns (2, rings x quadrants, 3), the factors of sums of T C and of C^2."""
+        falloff = self._falloffs[camera]
+        assert falloff is not None
+        if camera not in self._lights:
+            light = 1.0 + self._get_basis(camera)[1] @ falloff.coefficients.T
+            light = np.repeat(light, _QUADRANTS, axis=0)
+            self._lights[camera] = np.stack([light, light**2])
+        return self._lights[camera]
+
+    def _get_basis(self, camera: int) -> tuple[float, np.ndarray]:
+        """Returns widest angle and `_mean_basis` of a camera; computed once."""
+        if camera not in self._bases:
+            angles = field_angles(self._scene.cameras[camera])
+            self._bases[camera] = _find_widest(angles), _mean_basis(angles)
+        return self._bases[camera]
+
+    def _find_falloffs(self) -> None:
+        """Fits each camera's falloff to the rings of all its photographs, with gains held."""
+        for camera in range(len(self._scene.cameras)):
+            angle, basis = self._get_basis(camera)
+            views = [v for v in np.flatnonzero(self._known) if self._camera_of[v] == camera]
+            rings = self._sums[views].reshape(-1, 2, _RINGS, _QUADRANTS, 3).sum(axis=3)
+            gains = np.exp(self._log_gains[views])[:, None]
+            tc, cc = gains * rings[:, 0], gains**2 * rings[:, 1]  # (views, rings, 3)
+            if not (cc.sum(axis=(0, 1)) > 0).all():
+                continue
+            found = _fit_falloff(angle, basis, tc.sum(axis=0), cc.sum(axis=0))
+            values = found.at(np.linspace(0.0, angle, _CHECKED))
+            believed = values.min() > _DARKEST and values.max() < _BRIGHTEST
+            self._take_falloff(camera, found if believed and _is_falloff_certain(tc, cc) else None)
+
+    def _take_falloff(self, camera: int, found: Falloff | None) -> None:
+        """Replaces a camera's falloff unless the new one hardly differs."""
+        before = self._falloffs[camera]
+        if found is not None and before is not None:
+            angles = np.linspace(0.0, found.max_angle, _CHECKED)
+            if np.abs(found.at(angles) / before.at(angles) - 1.0).max() < _MOVED:
+                return
+        self._falloffs[camera] = found
+        self._lights.pop(camera, None)
+        self._planes = {key: plane for key, plane in self._planes.items() if key[0] != camera}
+
+    def state_dict(self) -> dict[str, Any]:
+        """Returns everything that later steps depend on."""
+        return {name: copy.copy(getattr(self, name)) for name in _STATE} | {
+            "falloffs": [None if each is None else each.as_dict() for each in self._falloffs]
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Restores the state that `state_dict` returned; the following steps have the same bits."""
+        for name in _STATE:
+            setattr(self, name, copy.copy(state[name]))
+        self._falloffs = [Falloff.from_dict(each) for each in state["falloffs"]]
+        self._lights, self._planes = {}, {}
+
+
+_STATE = (
+    "_mode", "_gains_used", "_log_gains", "_known", "_total", "_num_known", "_sums", "_before",
+    "_looked",
+)  # fmt: skip
+
+
+def _estimate_gains(sums: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Estimates log-gains (V, 3) and their errors (V, quadrants, 3).
+
+    What all photographs' rings have in common, a falloff, is no gain. The squares of a view's
+    errors add up to the variance of its gain, judged by how far its quarters disagree.
+
+    Args:
+        sums: (V, 2, rings, quadrants, 3) of T C and of C^2.
+    """
+    tc, cc = sums[:, 0], sums[:, 1]
+    common = tc.sum(axis=(0, 2)) / np.maximum(cc.sum(axis=(0, 2)), np.finfo(float).tiny)
+    tc = (tc / np.maximum(common, np.finfo(float).tiny)[:, None]).sum(axis=1)
+    cc = cc.sum(axis=1)  # (V, quadrants, 3)
+    share = cc / np.maximum(cc.sum(axis=1, keepdims=True), np.finfo(float).tiny)
+    gain = tc.sum(axis=1) / np.maximum(cc.sum(axis=1), np.finfo(float).tiny)
+    apart = np.where(cc > 0, tc / np.where(cc > 0, cc, 1.0), 0.0) / gain[:, None] - 1.0
+    apart -= np.mean(apart, axis=0)  # what the quarters of all have in common is no disagreement
+    return np.log(gain), share * apart * np.sqrt(_QUADRANTS / (_QUADRANTS - 1))
+
+
+def _average_channels(logs: np.ndarray) -> np.ndarray:
+    """Returns the brightness (..., 1) of log-gains (..., 3)."""
+    return logs.mean(axis=-1, keepdims=True)
+
+
+def _subtract_brightness(logs: np.ndarray) -> np.ndarray:
+    """Returns the white balance (..., 3) of log-gains (..., 3)."""
+    return logs - _average_channels(logs)
+
+
+def _divide_photograph(camera: _core.Camera) -> np.ndarray:
+    """Returns the part of each pixel, (H, W) uint8: ring x quadrants + quadrant."""
+    lower = np.arange(camera.height)[:, None] >= camera.height / 2
+    right = np.arange(camera.width)[None] >= camera.width / 2
+    angles = field_angles(camera)
+    return (_number_rings(angles, _find_widest(angles)) * _QUADRANTS + 2 * lower + right).astype(
+        np.uint8
+    )
+
+
+def _find_widest(angles: np.ndarray) -> float:
+    """Returns the largest of field angles (...) in radians, above zero even for a single pixel."""
+    return float(np.nanmax(angles, initial=np.finfo(float).tiny))
+
+
+def _number_rings(angles: np.ndarray, widest: float) -> np.ndarray:
+    """Returns the ring of each field angle (...) of a camera; NaN counts as the last ring."""
+    return np.minimum(_RINGS * np.nan_to_num(angles, nan=widest) / widest, _RINGS - 1).astype(int)
+
+
+def _mean_basis(angles: np.ndarray) -> np.ndarray:
+    """Returns (rings, ORDERS) means of the falloff's even powers over the pixels of each ring."""
+    few = max(1, min(angles.shape) // _BASIS_ROWS)
+    widest, some = _find_widest(angles), angles[::few, ::few]
+    known = some[~np.isnan(some)]
+    ring, basis = _number_rings(known, widest), falloff_basis(known / widest)
+    counts = np.maximum(1, np.bincount(ring, minlength=_RINGS))
+    sums = [np.bincount(ring, column, minlength=_RINGS) for column in basis.T]
+    return np.stack(sums, axis=1) / counts[:, None]
+
+
+def _fit_falloff(angle: float, basis: np.ndarray, tc: np.ndarray, cc: np.ndarray) -> Falloff:
+    """Fits the falloff of mean `basis` to sums of T C and C^2 of rings (rings, 3)."""
+    basis = np.concatenate([np.ones((_RINGS, 1)), basis], axis=1)
+    coefficients = np.zeros((3, basis.shape[1]))
+    for channel in range(3):
+        of_all = cc[:, channel].sum()
+        mean = tc[:, channel].sum() / of_all
+        # Rings that show nothing stay at the mean.
+        weight = cc[:, channel] / of_all + _PRIOR
+        right = basis.T @ (tc[:, channel] / of_all + _PRIOR * mean)
+        normal = basis.T @ (weight[:, None] * basis)  # singular where all is on the axis
+        coefficients[channel] = np.linalg.lstsq(normal, right, rcond=None)[0]
+    return Falloff(angle, coefficients[:, 1:] / coefficients[:, :1])
+
+
+def _is_falloff_certain(tc: np.ndarray, cc: np.ndarray) -> bool:
+    """Returns whether rings differ by more than photographs (views, rings, 3) disagree."""
+    tc, cc = tc.sum(axis=2), cc.sum(axis=2)
+    of_ring = np.maximum(cc.sum(axis=0), np.finfo(float).tiny)
+    level = tc.sum(axis=0) / of_ring
+    errors = np.sqrt(np.sum((tc - level * cc) ** 2, axis=0)) / of_ring
+    mean = tc.sum() / cc.sum()
+    seen = of_ring > _FEWEST_SHOWN * of_ring.sum()
+    apart = np.abs(level / mean - 1.0)
+    return bool((seen & (apart > np.maximum(_FALLOFF_DIFFERS, _DISAGREE * errors / mean))).any())

@@ -1,0 +1,35 @@
+"""What a training writes, and how a finished run is read again."""
+
+from gsut.training.record.results import (
+    describe_place,
+    list_scene_comments,
+    measure,
+    measure_training,
+    write_findings,
+    write_results,
+)
+from gsut.training.record.trained_run import (
+    TrainedRun,
+    load_run,
+    open_trained,
+    read_light,
+    read_scene,
+    read_trained,
+)
+from gsut.training.record.training_record import TrainingRecord
+
+__all__ = [
+    "TrainedRun",
+    "TrainingRecord",
+    "describe_place",
+    "list_scene_comments",
+    "load_run",
+    "measure",
+    "measure_training",
+    "open_trained",
+    "read_light",
+    "read_scene",
+    "read_trained",
+    "write_findings",
+    "write_results",
+]

@@ -1,0 +1,161 @@
+"""Measures a finished training and writes its files."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsut.data import Scene
+from gsut.evaluate import (
+    evaluate,
+    mean_psnr,
+    run_metrics,
+    train_verdict,
+    write_report,
+)
+from gsut.formats import NO_BACKGROUND, for_file, place_text, save_ply
+from gsut.gaussians import Gaussians
+from gsut.refine import evaluate_aligned, write_refined
+from gsut.render import Light
+from gsut.run import SCENE, RunFolder, TrainOptions
+from gsut.training.loop import TrainingLoop
+
+# Training views that are measured if none is held out: each takes a render.
+_MOST_MEASURED = 8
+# Training views that are measured beside held-out ones, to show how far these fall behind.
+_BESIDE = 4
+
+
+def measure(
+    gaussians: Gaussians,
+    scene: Scene,
+    indices: Sequence[int],
+    options: TrainOptions,
+    run: RunFolder | None,
+    *,
+    steps: int,
+    train_seconds: float,
+    align: bool = False,
+    light: Light | None = None,
+) -> tuple[Scene, dict[str, Any]]:
+    """Computes the content of metrics.json.
+
+    Args:
+        gaussians, scene: the result of a training.
+        indices: of the views to measure.
+        options: of the run.
+        run: receives pictures of these views.
+        steps, train_seconds: see `run_metrics`.
+        align: align test views with the Gaussians first, since the training views' poses have
+            moved.
+        light: exposure of the views and falloff of the cameras, if they were found.
+
+    Returns:
+        The scene, with the aligned poses, and the figures.
+    """
+    settings: dict[str, Any] = {
+        "background": options.background,
+        "light": light,
+        "render_folder": None if run is None else run.renders,
+    }
+    if align and scene.test_indices:
+        scene, evaluation = evaluate_aligned(gaussians, scene, indices, **settings)
+    else:
+        evaluation = evaluate(gaussians, scene, indices, **settings)
+    metrics = run_metrics(
+        evaluation, gaussians, scene, options, steps=steps, train_seconds=train_seconds
+    )
+    if light is not None:
+        metrics["light"] = light.as_dict([view.name for view in scene.views])
+        metrics["notes"].append(light.note())
+    metrics["evaluated_on"] = "test views" if scene.test_indices else "training views"
+    return scene, metrics
+
+
+def measure_training(
+    loop: TrainingLoop, gaussians: Gaussians, scene: Scene, run: RunFolder | None
+) -> tuple[Scene, dict[str, Any]]:
+    """Measures a finished training on its test views, or on some training views if it has none."""
+    scene, metrics = measure(
+        gaussians, scene, scene.test_indices or scene.train_indices[:_MOST_MEASURED], loop.options,
+        run, steps=loop.step, train_seconds=loop.seconds, align=loop.options.refine_poses,
+        light=loop.photographs.find_light(),
+    )  # fmt: skip
+    if scene.test_indices:
+        some = scene.train_indices[:: -(-len(scene.train_indices) // _BESIDE)]
+        metrics["psnr_train"] = mean_psnr(scene, gaussians, some, loop.options.background)
+    metrics["notes"] += loop.notes
+    if loop.refiner is not None:
+        metrics["refinement"] = loop.refiner.summarize()
+    return scene, metrics
+
+
+def write_results(
+    run: RunFolder,
+    gaussians: Gaussians,
+    metrics: dict[str, Any],
+    data: Path,
+    refined: Scene | None,
+    options: TrainOptions,
+) -> None:
+    """Writes scene.ply, metrics.json, report.html and, if poses were refined, these.
+
+    Args:
+        run: the folder.
+        gaussians: in coordinates whose origin is the metrics' world_offset.
+        metrics: see `run_metrics`; gets the verdict, and notes on what could not be written.
+        data: path of the dataset, for the verdict's advice.
+        refined: the scene with refined poses, or None.
+        options: of the training as given, for the verdict's advice.
+    """
+    in_dataset = gaussians.translate(metrics["world_offset"])
+    metrics["notes"] += describe_place(for_file(in_dataset).origin)
+    run.write(SCENE, lambda path: save_ply(path, in_dataset, list_scene_comments(run)))
+    write_findings(run, metrics, data, refined, options)
+
+
+def list_scene_comments(run: RunFolder) -> list[str]:
+    """Returns the comments for the header of a run's scene.ply."""
+    return [NO_BACKGROUND] if run.read_options().background is None else []
+
+
+def describe_place(origin: np.ndarray) -> list[str]:
+    """Returns a note on the origin (3,) of scene.ply, if it is not the dataset's."""
+    if not origin.any():
+        return []
+    return [f"scene.ply holds {place_text(origin)}; its comment says so, gsut reads it back"]
+
+
+def write_findings(
+    run: RunFolder,
+    metrics: dict[str, Any],
+    data: Path,
+    refined: Scene | None,
+    options: TrainOptions,
+    division: Sequence[str] = (),
+) -> None:
+    """Writes what `write_results` does, except scene.ply, which exists; `division`: see
+    `train_verdict`."""
+    if refined is not None:
+        metrics["notes"] += _list_refinement_notes(metrics)
+        write_refined(run, refined)
+    verdict = train_verdict(metrics, str(data), str(run.path), options, division)
+    metrics["verdict"] = verdict.as_dict()
+    run.write_json("metrics.json", metrics)
+    write_report(run)
+
+
+def _list_refinement_notes(metrics: dict[str, Any]) -> list[str]:
+    """Returns the report's notes on refined poses; none in a run that only takes them over."""
+    refinement = metrics.get("refinement", {})
+    notes = [each["note"] for each in (refinement.get("tracks", {}), refinement) if "note" in each]
+    if "alignment" in metrics:
+        aligned = metrics["alignment"]
+        notes.append(
+            f"{aligned['note']} PSNR before alignment {aligned['psnr_before']:.2f} dB, after "
+            f"{aligned['psnr_after']:.2f} dB."
+        )
+    return notes

@@ -1,0 +1,142 @@
+"""Shows and stores a running training: bar, history, checkpoints."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import os
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from gsut._core import num_threads
+from gsut.data import Scene, digest_scene
+from gsut.evaluate import mean_psnr
+from gsut.run import Progress, RunFolder, TrainOptions, describe_environment
+from gsut.training.loop import TrainingLoop
+from gsut.training.time_left import TrainingTime, megapixels_of
+
+# Held-out views that the curve of PSNR is measured on, spread evenly: each takes a render.
+_CURVE_VIEWS = 4
+# Approximate number of rows of the history: the points that a plot can show.
+_MOST_ROWS = 200
+# Seconds after which a checkpoint is due, whatever the step: the most that an interruption costs.
+_CHECKPOINT_SECONDS = 60.0
+
+
+class TrainingRecord:
+    """Records one training: on screen, and in a run's folder if there is one.
+
+    Args:
+        out: the folder; None: no files.
+        options: resolved.
+        scene: the dataset.
+        resume: continue the run that the folder holds.
+        progress: True shows a bar; a function receives each row of the history, with
+            "seconds_left".
+        watch: receives the loop and the row after each step and returns whether to continue.
+
+    Attributes:
+        run: the folder, or None.
+        checkpoint: the state that `follow` continues from, or None.
+        history: one dict a row: step, seconds, cpu_seconds, loss, num_gaussians, and psnr if
+            measured.
+        goes_on: False once `watch` has ended the training.
+
+    Raises:
+        InputError: the folder holds a run, or with `resume` one of other options.
+    """
+
+    def __init__(
+        self,
+        out: str | os.PathLike[str] | None,
+        options: TrainOptions,
+        scene: Scene,
+        resume: bool,
+        progress: bool | Callable[[dict[str, Any]], None],
+        watch: Callable[[TrainingLoop, dict[str, Any]], bool] | None = None,
+    ) -> None:
+        self._options, self._progress, self._watch = options, progress, watch
+        self.goes_on = True
+        self._bar = Progress(progress is True)
+        self._saved = time.monotonic()
+        self._time: TrainingTime | None = None
+        self.run: RunFolder | None = None
+        self.checkpoint: dict[str, Any] | None = None
+        self.history: list[dict[str, Any]] = []
+        if out is not None:
+            environment = describe_environment(scene.path) | {"digests": digest_scene(scene)}
+            self.run = RunFolder.create(out, options, resume=resume, environment=environment)
+            found = self.run.load_checkpoint() if resume else None
+            self.checkpoint = None if found is None else found[1]
+            self.history = self.run.read_history()
+
+    def note(self, text: str) -> None:
+        """Prints a line above the bar."""
+        self._bar.note(text)
+
+    @contextlib.contextmanager
+    def follow(self, loop: TrainingLoop) -> Iterator[None]:
+        """Restores the loop from the checkpoint, shows a bar during the block, and saves at its
+        end."""
+        if self.checkpoint is not None:
+            loop.load_state_dict(self.checkpoint)
+        self._time = _make_time(loop)
+        with self._bar:
+            yield
+        self._save(loop)
+
+    def add(self, loop: TrainingLoop, loss: float) -> None:
+        """Records a step: bar, history, checkpoint, `watch`."""
+        row = self._make_row(loop, loss)
+        steps, count = self._options.steps, len(loop.gaussians)
+        left = None if self._time is None else self._time.left(loop.step)
+        self._bar.show_step(loop.step, steps, loss, count, row.get("psnr"), left)
+        if row:
+            self.history.append(row)
+            if self.run is not None:
+                self.run.append_history(row)
+            if callable(self._progress):
+                self._progress({**row, "seconds_left": left})
+        every = self._options.checkpoint_every
+        late = time.monotonic() - self._saved > _CHECKPOINT_SECONDS
+        last = loop.step == self._options.steps  # which `follow` saves
+        if every and not last and (loop.step % every == 0 or late):
+            self._save(loop)
+        if self._watch is not None:
+            self.goes_on = self._watch(loop, row)
+
+    def _make_row(self, loop: TrainingLoop, loss: float) -> dict[str, Any]:
+        """Returns the row of this step, with the held-out PSNR if it is due; empty between rows."""
+        o, step = self._options, loop.step
+        measure = step == o.steps or (o.eval_every and step % o.eval_every == 0)
+        if not (measure or step % max(1, o.steps // _MOST_ROWS) == 0):
+            return {}
+        row = {
+            "step": step,
+            "seconds": loop.seconds,
+            "cpu_seconds": loop.cpu_seconds,
+            "loss": loss,
+            "num_gaussians": len(loop.gaussians),
+        }
+        test = loop.scene.test_indices
+        if measure and test:
+            chosen = test[:: math.ceil(len(test) / _CURVE_VIEWS)]
+            light = loop.photographs.find_light()
+            row["psnr"] = mean_psnr(
+                loop.scene, loop.make_result(), chosen, o.background, loop.renderer, light
+            )
+        return row
+
+    def _save(self, loop: TrainingLoop) -> None:
+        self._saved = time.monotonic()
+        if self.run is not None:
+            self.run.save_checkpoint(loop.step, loop.state_dict())
+
+
+def _make_time(loop: TrainingLoop) -> TrainingTime:
+    scene = loop.scene
+    return TrainingTime(
+        loop.options, len(loop.gaussians), megapixels_of(scene), len(scene.test_indices),
+        loop.step, num_threads(),
+    )  # fmt: skip

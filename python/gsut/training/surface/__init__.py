@@ -1,0 +1,5 @@
+"""The terms that `--surface` adds to the loss, and the distances and normals that they may use."""
+
+from gsut.training.surface.surface_terms import SurfaceTerms, SurfaceWeights
+
+__all__ = ["SurfaceTerms", "SurfaceWeights"]

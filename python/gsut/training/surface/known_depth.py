@@ -1,0 +1,105 @@
+"""Finds distances that are known before training: depth files, or the points that a view sees.
+
+Points are those of `gsut poses`, of another program or of a LiDAR. Which of them a view sees is
+not stored with them: a point well behind another in the same part of the image is left out.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from gsut.data import Scene
+from gsut.data.scene import read_depth
+from gsut.training.lines import project_points
+
+# A point is hidden if it is this many times as far as the nearest one in its cell of the image:
+# surfaces seen at a slant span less within a cell.
+_HIDES = 1.2
+# Points in a cell on average: enough that one of them lies on the nearest surface.
+_IN_CELL = 8
+# Share of the weight that is left at the last step (3DGS's depth regularisation).
+_LAST = 0.01
+
+
+def anneal(fraction: float) -> float:
+    """Returns the share of the weight at a fraction of the steps, falling from 1 to 1/100."""
+    return _LAST**fraction
+
+
+class KnownDepth:
+    """Holds the known distances of each view.
+
+    Args:
+        scene: at full resolution.
+        source: "points", "files", "off", or "auto": files if training views have them, else
+            points.
+    """
+
+    def __init__(self, scene: Scene, source: str) -> None:
+        if source == "auto":
+            files = any(scene.views[i].depth_path is not None for i in scene.train_indices)
+            source = "files" if files else "points"
+        self.source = source
+        self._seen: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+
+    def map(self, scene: Scene, view: int, camera: Any) -> np.ndarray | None:
+        """Returns (H, W) float32 along the rays of `camera`, 0 if unknown; None: nothing is known.
+
+        Args:
+            scene: with the view's current pose.
+            view: its number.
+            camera: the view's lens at any size.
+
+        Raises:
+            InputError: a depth file is damaged or of another size than the image.
+        """
+        if self.source == "off":
+            return None
+        if view not in self._seen:
+            read = _read_file if self.source == "files" else _find_visible_points
+            self._seen[view] = read(scene, view)
+        places, distances = self._seen[view]
+        if not len(distances):
+            return None
+        known = np.zeros((camera.height, camera.width), np.float32)
+        size = np.array([camera.width, camera.height])
+        columns, rows = np.minimum((places * size).astype(np.int64), size - 1).T
+        known[rows, columns] = distances
+        return known
+
+    def forget(self) -> None:
+        """Discards what depends on poses and lenses, which have changed."""
+        if self.source == "points":
+            self._seen.clear()
+
+
+def _read_file(scene: Scene, view: int) -> tuple[np.ndarray, np.ndarray]:
+    depth = read_depth(scene, view)
+    if depth is None:
+        return np.zeros((0, 2)), np.zeros(0)
+    rows, columns = np.nonzero(np.isfinite(depth) & (depth > 0))
+    places = (np.stack([columns, rows], axis=1) + 0.5) / depth.shape[::-1]
+    return places, depth[rows, columns]
+
+
+def _find_visible_points(scene: Scene, view: int) -> tuple[np.ndarray, np.ndarray]:
+    """Returns places (n, 2) as shares of the image size and distances (n,), farthest first."""
+    camera, motion = scene.camera(view), scene.views[view].motion
+    in_camera, pixels, valid = project_points(camera, motion, scene.points)
+    size = np.array([camera.width, camera.height])
+    with np.errstate(invalid="ignore"):
+        valid = valid & np.all((pixels >= 0) & (pixels < size), axis=1)
+    places = np.where(valid[:, None], pixels, 0.0)
+    column, row = places.astype(np.int64).T
+    valid &= scene.mask(view)[row, column]
+    distances = np.linalg.norm(in_camera[valid] - camera.origins()[row, column][valid], axis=1)
+    places = places[valid] / size
+    cells = max(1, int(np.sqrt(len(places) / _IN_CELL)))
+    cell = np.floor(places * cells).astype(np.int64) @ np.array([1, cells])
+    nearest = np.full(cells * cells, np.inf)
+    np.minimum.at(nearest, cell, distances)
+    seen = np.flatnonzero(distances <= _HIDES * nearest[cell])
+    seen = seen[np.argsort(-distances[seen], kind="stable")]  # the nearest of a pixel comes last
+    return places[seen], distances[seen]

@@ -1,0 +1,23 @@
+"""Further training of a finished run: fine-tuning, compaction, and tuning for other viewers."""
+
+from gsut.training.tuning.compact_run import (
+    FROM_START,
+    CompactOptions,
+    RunCompactor,
+    count_for_bytes,
+    write_compacted_run,
+)
+from gsut.training.tuning.finetuning import finetune, finetune_options
+from gsut.training.tuning.for_viewers import VIEWER_STEPS, tune_for_viewers
+
+__all__ = [
+    "FROM_START",
+    "VIEWER_STEPS",
+    "CompactOptions",
+    "RunCompactor",
+    "count_for_bytes",
+    "finetune",
+    "finetune_options",
+    "tune_for_viewers",
+    "write_compacted_run",
+]

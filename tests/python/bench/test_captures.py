@@ -1,0 +1,137 @@
+"""Benchmarks of captures: films, poses and pycolmap, the time left, a command that is watched."""
+
+import json
+import os
+
+import numpy as np
+import pytest
+
+import gsut
+import tolerances
+from gsut.demo import make_demo_scene
+from tests.bench import pycolmap_poses
+from tests.bench.__main__ import main as bench_main
+from tests.bench.harness import WRONG, Settings
+from tests.bench.photographs_bench import read_usage, watch_stages
+from tests.bench.poses_bench import BENCHMARK, KNOWN, UNKNOWN, fit_lens, measure, measure_pycolmap
+from tests.bench.time_left import right_percent
+from tests.bench.walk_bench import FILMS, measure_lens_difference, resize_film
+
+
+def test_films_of_the_database_are_read_in_the_order_of_their_sensor():
+    assert FILMS["action camera"](8.0).readout == pytest.approx(0.0166)
+    assert FILMS["read upwards"](8.0).readout < 0
+    upright = FILMS["phone upright"](8.0)
+    # The sensor's first row is the last column of the upright picture.
+    assert upright.sideways and upright.readout < 0
+    assert upright.camera.width < upright.camera.height
+
+
+def test_film_of_another_size_has_the_same_lens():
+    film = FILMS["dual fisheye"](8.0)
+    wanted = Settings({"scale": 0.5, "samples": 2, "frame_rate": 5.0})
+    small = resize_film(film, wanted)
+    assert (small.camera.width, small.back.width, len(small.times)) == (192, 192, 40)
+    assert measure_lens_difference(small.camera.resized(384, 384), film.camera) < 1e-9
+
+
+def test_time_left_is_right_where_what_is_shown_falls_with_the_time():
+    honest = [(t, 100.0 - t) for t in np.arange(100.0, step=2.0)]
+    assert right_percent([*honest, (100.0, 0.0)]) == 100
+    late = [(t, left if t < 60 else 2 * left) for t, left in honest]
+    # From 60 to the end of the 10 to 100 seconds.
+    assert right_percent([*late, (100.0, 0.0)]) == pytest.approx(100 * (1 - 40 / 90), abs=0.5)
+    assert right_percent([(0.0, 1.0), (3.0, 0.0)]) == 100  # over before the first seconds are
+
+
+def test_bench_time_left_watches_a_command(tmp_path, capsys):
+    make_demo_scene(tmp_path / "hall", 5, 1, 48, progress=False)
+    words = [
+        "time_left",
+        "train",
+        str(tmp_path / "hall"),
+        "--words",
+        "--steps 6 --max-gaussians 50",
+    ]
+    assert bench_main([*words, "--json", str(tmp_path / "rows.json")]) == 0
+    (row,) = json.loads((tmp_path / "rows.json").read_text())
+    lefts = [left for _, left in row["shown"]]
+    assert len(lefts) == 8 and lefts[-1] == 0 and min(lefts[1:-1]) > 0
+    assert "right [%]" in capsys.readouterr().out
+
+
+def test_a_command_that_ends_early_is_named_with_its_stage(tmp_path):
+    with pytest.raises(gsut.InputError, match=r"scene absent .*ended in photographs with 2"):
+        watch_stages(["scene", "absent", "-o", str(tmp_path / "run")], tmp_path / "run")
+    assert read_usage(2**30) is None
+    seconds, peak_mb = read_usage(os.getpid())
+    assert seconds > 0 and peak_mb > 10
+
+
+# Poses.
+
+
+VIEWS = 20
+
+
+@pytest.fixture(scope="module")
+def hall(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("poses") / "hall"
+    return make_demo_scene(folder, VIEWS, test_views=0, size=200, progress=False)
+
+
+def find_hall_poses(hall, tmp_path, lens):
+    settings = BENCHMARK.settings(tmp_path, threads=1, lens=(lens,))
+    settings.sets = (str(hall),)
+    (case,) = BENCHMARK.cases(settings)
+    return measure(case, settings)
+
+
+def test_poses_with_the_lens_have_errors_beside_seconds(hall, tmp_path):
+    row = find_hall_poses(hall, tmp_path, KNOWN)
+    assert row["images"] == VIEWS and row["registered"] >= 3 and row["cpu_seconds"] > 0
+    assert row["centers_percent"] < 2 and row["rotation_max_degrees"] < 2
+    assert "focal_sigma_percent" not in row
+
+
+def test_poses_without_the_lens_state_its_uncertainty(tmp_path):
+    hall = make_demo_scene(tmp_path / "few", views=10, test_views=0, size=176, progress=False)
+    row = find_hall_poses(hall, tmp_path, UNKNOWN)
+    # Few views of a few pixels: the lens is found, or the reason why not.
+    assert WRONG in row or row["focal_sigma_percent"] > 0
+
+
+def test_a_python_without_pycolmap_is_named(hall, tmp_path):
+    python = tmp_path / "python"
+    python.write_text(f"#!/bin/sh\nexit {pycolmap_poses.MISSING}\n")
+    python.chmod(0o755)
+    row = measure_pycolmap(hall, "known", str(python), 1)
+    assert row["registered"] == 0 and "has no pycolmap: pip install" in row[WRONG]
+    with pytest.raises(gsut.InputError, match="cannot be run"):
+        measure_pycolmap(hall, "known", str(tmp_path / "absent"), 1)
+
+
+def test_poses_of_pycolmap_are_compared_after_a_similarity(hall, tmp_path):
+    # A stand-in answers with the dataset's own poses, moved and scaled: no error is left.
+    scene = gsut.load_dataset(hall, test_every=0)
+    poses = {}
+    for view in scene.views:
+        pose = view.camera_from_world.copy()
+        pose[:3, 3] = 2.0 * (pose[:3, 3] - pose[:3, :3] @ [1.0, 2.0, 3.0])
+        poses[view.image_path.resolve().name] = pose[:3].tolist()
+    seconds = {"features": 1, "matching": 2, "mapping": 3}
+    answer = tmp_path / "answer.json"
+    answer.write_text(json.dumps({"poses": poses, "seconds": seconds, "cpu_seconds": seconds}))
+    python = tmp_path / "python"
+    python.write_text(f'#!/bin/sh\ncp {answer} "$3"\n')
+    python.chmod(0o755)
+    row = measure_pycolmap(hall, "known", str(python), 1)
+    assert row["registered"] == VIEWS and row["seconds"] == 6
+    assert row["centers_percent"] < 1e-8 and row["rotation_max_degrees"] < 1e-8
+
+
+def test_a_lens_of_another_model_is_fitted_to_the_datasets_own(hall, tmp_path):
+    own = gsut.load_dataset(hall).cameras[0]
+    fitted = gsut.load_camera(fit_lens(hall, "kannala_brandt", tmp_path))
+    assert fitted.model == own.model == "kannala_brandt"
+    assert fitted.params == pytest.approx(own.params, rel=tolerances.SFM_FOCAL)
