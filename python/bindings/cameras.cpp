@@ -186,7 +186,7 @@ void BindCameras(py::module_& m) {
           [](const Camera& camera) {
             return std::array<double, 2>{camera.domain().period_u, camera.domain().period_v};
           })
-      .def("resized", &Camera::Resized, py::arg("width"), py::arg("height"))
+      .def("resize", &Camera::Resized, py::arg("width"), py::arg("height"))
       .def("with_valid_field_angle", &Camera::WithValidFieldAngle, py::arg("valid_field_angle"))
       .def(py::self == py::self);
   m.def("camera_models", &LensNames);

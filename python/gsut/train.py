@@ -115,5 +115,5 @@ def train(
         refined = scene if o.refine_poses else None  # formats/, verdict
         write_results(record.run, gaussians, metrics, scene.path, refined, asked)
     gaussians = gaussians.translate(scene.world_offset)
-    scene = scene.about((0.0, 0.0, 0.0)) if o.refine_poses else prepare_scene(given, o)
+    scene = scene.move_origin((0.0, 0.0, 0.0)) if o.refine_poses else prepare_scene(given, o)
     return TrainResult(gaussians, metrics, record.history, scene)

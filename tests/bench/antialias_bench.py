@@ -73,7 +73,7 @@ def _trace_hall(scene: gsut.Scene, case: Row, settings: Settings) -> list[tuple]
 
 def _scale_views(scene: gsut.Scene, case: Row, settings: Settings) -> list[tuple]:
     """Scales every third held-out photograph: camera, pose, picture, mask."""
-    shown = scene if case["_scale"] == 2.0 else scene.scaled(case["_scale"] / 2.0)
+    shown = scene if case["_scale"] == 2.0 else scene.scale_images(case["_scale"] / 2.0)
     return [
         (shown.camera(i), shown.views[i].camera_from_world, shown.image(i), shown.mask(i))
         for i in shown.test_indices[::3]

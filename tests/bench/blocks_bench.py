@@ -115,7 +115,7 @@ def _render(run: Any, index: int) -> np.ndarray:
 def _find_seam(run: Any, layout: Layout, index: int) -> np.ndarray:
     """Returns (H, W) bool: pixels in which two blocks have more than 5 % each."""
     g = run.gaussians
-    owners = layout.owners(g.means.astype(np.float64) + g.origin)
+    owners = layout.find_owners(g.means.astype(np.float64) + g.origin)
     view, camera = run.scene.views[index], run.scene.camera(index)
     count = np.zeros((camera.height, camera.width), int)
     for block in range(len(layout)):

@@ -68,7 +68,7 @@ def list_lenses() -> dict[str, tuple[Any, bool]]:
 
 def _resize_example(model: str, width: int) -> Any:
     _, params, full_width, full_height = _core.camera_examples(model)[0]
-    return gsut.Camera(model, params, full_width, full_height).resized(
+    return gsut.Camera(model, params, full_width, full_height).resize(
         width, max(1, round(full_height * width / full_width))
     )
 

@@ -14,7 +14,7 @@ import numpy as np
 import gsut
 from gsut._core import InputError
 from gsut.capture.panorama import LENSES
-from gsut.data.poses import inverse
+from gsut.data.poses import invert_pose
 from gsut.lens import Camera, find_lens
 from gsut.sfm import compare_poses
 from gsut.sfm.lens.candidates import lens_of_field
@@ -118,8 +118,8 @@ def resize_film(film: Film, settings: Any) -> Film:
     width, height = (2 * round(settings.scale * n / 2) for n in (camera.width, camera.height))
     return dataclasses.replace(
         film, frame_rate=settings.frame_rate, samples=settings.samples,
-        camera=camera.resized(width, height),
-        back=None if film.back is None else film.back.resized(width, height),
+        camera=camera.resize(width, height),
+        back=None if film.back is None else film.back.resize(width, height),
     )  # fmt: skip
 
 
@@ -132,7 +132,7 @@ def _compare(film: Film, data: Path) -> Row:
     lens_of = [int(view.image_path.parent.name == LENSES[1]) for view in scene.views]
     truth = truth @ np.array([film.lenses[number][1] for number in lens_of])
     found = np.array([view.camera_from_world for view in scene.views])
-    errors = compare_poses(found, np.array([inverse(pose) for pose in truth]))
+    errors = compare_poses(found, np.array([invert_pose(pose) for pose in truth]))
     pairs = []
     for number in set(lens_of):
         lens = scene.cameras[scene.views[lens_of.index(number)].camera_index]

@@ -28,7 +28,7 @@ def widest_example(model: str) -> tuple[str, gsut.Camera]:
     best = None
     for about, params, width, height in _core.camera_examples(model):
         camera = gsut.Camera(model, params, width, height)
-        camera = camera.resized(
+        camera = camera.resize(
             *(max(1, round(s * SIDE / max(width, height))) for s in (width, height))
         )
         angle = seen_angle(camera)

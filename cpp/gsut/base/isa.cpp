@@ -35,6 +35,7 @@ std::int64_t UsableTargets() {
   return targets;
 }
 
+// Highway's dispatch tables look at these targets from the next call on; 0 restores detection.
 void Force(std::int64_t targets) {
   hwy::SetSupportedTargetsForTest(targets);
   hwy::GetChosenTarget().Update(hwy::SupportedTargets());
@@ -42,6 +43,7 @@ void Force(std::int64_t targets) {
 
 // Applies GSUT_ISA the first time anybody asks.
 void ApplyEnvironmentOnce() {
+  // UsableTargets must be known before forcing changes what Highway reports.
   static const bool applied = [] {
     UsableTargets();
     const char* name = std::getenv("GSUT_ISA");
@@ -80,6 +82,7 @@ void SetIsa(const std::string& name) {
   }
   std::string known;
   for (const IsaName& isa : kIsaNames) {
+    // Sets that this processor lacks are not offered.
     if ((usable & isa.targets) == 0) continue;
     if (name == isa.name) {
       Force(usable & isa.targets);

@@ -18,6 +18,8 @@ void CheckSize(int width, int height) {
                    std::to_string(height));
 }
 
+// Everything that can be wrong with a lens is found here, once: projections check nothing but the
+// domain.
 LensDomain CheckedDomain(LensModel lens, const std::vector<double>& params, int width, int height,
                          double angle) {
   if (!(angle > 0.0)) {
@@ -43,6 +45,8 @@ LensDomain CheckedDomain(LensModel lens, const std::vector<double>& params, int 
 
 }  // namespace
 
+// The state is shared and never changes, so copies of a camera are cheap and its ray table is
+// common.
 Camera::Camera(std::string_view model, std::vector<double> params, int width, int height,
                double valid_field_angle) {
   const LensModel lens = LensFromName(model);
@@ -78,6 +82,7 @@ bool Camera::IsParallel() const {
   });
 }
 
+// Scaling is about the image's corner: with pixel centres at halves, (0, 0) stays (0, 0).
 Camera Camera::Resized(int width, int height) const {
   CheckSize(width, height);
   const double scale_x = static_cast<double>(width) / state_->width;
@@ -85,6 +90,7 @@ Camera Camera::Resized(int width, int height) const {
   std::vector<double> params = state_->params;
   VisitLens(state_->lens, [&](auto lens) {
     using Lens = decltype(lens);
+    // fx and cx scale with the width, fy and cy with the height; coefficients have no unit.
     if constexpr (requires { Lens::Rescale(params.data(), 0, 1.0, 1.0); }) {
       Lens::Rescale(params.data(), num_params(), scale_x, scale_y);
     } else {

@@ -44,12 +44,14 @@ bool ProjectPoint(const Camera& camera, const double* point, double* pixel) {
   return valid;
 }
 
+// Forward mode: a Dual carries kDirections derivatives along, and more parameters take more passes.
 // Value, and the derivatives along the directions [first, first + kDirections) of (point, params).
 template <class Lens>
 bool ProjectDirections(const Camera& camera, const double* point, int first,
                        std::vector<Dual<kDirections>>* params, Dual<kDirections>* u,
                        Dual<kDirections>* v) {
   using T = Dual<kDirections>;
+  // A variable is its value and a one in its own direction.
   const auto seed = [first](double value, int direction) {
     const bool here = direction >= first && direction < first + kDirections;
     return here ? T(value, direction - first) : T(value);
@@ -114,6 +116,7 @@ void Camera::UnprojectLines(std::int64_t count, const double* pixels, double* or
 void Camera::ProjectJacobian(std::int64_t count, const double* points, double* pixels,
                              std::uint8_t* valid, double* dpixel_dpoint,
                              double* dpixel_dparams) const {
+  // Pixels come from the plain projection, so that asking for derivatives does not change a bit.
   Project(count, points, pixels, valid);
   const int k = num_params();
   const auto loop = [&](auto model, std::int64_t begin, std::int64_t end) {
@@ -127,6 +130,7 @@ void Camera::ProjectJacobian(std::int64_t count, const double* points, double* p
         T u, v;
         ProjectDirections<decltype(model)>(*this, point, first, &dual_params, &u, &v);
         for (int d = first; d < std::min(directions, first + kDirections); ++d) {
+          // d/dpoint = d/d(point / s) / s.
           const double factor = valid[i] ? (d < 3 ? 1.0 / scale : 1.0) : kNaN;
           const bool of_point = d < 3;
           double* row = of_point ? dpixel_dpoint : dpixel_dparams;

@@ -7,6 +7,7 @@
 
 namespace gsut {
 
+// `requires` asks the struct whether it declares an optional member; contract.h lists them.
 LensTraits TraitsOf(LensModel lens) {
   return VisitLens(lens, [](auto model) {
     using Lens = decltype(model);
@@ -38,6 +39,7 @@ std::vector<std::vector<double>> LensFitStarts(LensModel lens, const FitAxis& at
     if constexpr (requires { Lens::FitStarts(at); }) {
       return Lens::FitStarts(at);
     } else {
+      // The shortest list of parameters that the lens accepts, without distortion.
       std::vector<double> start = at.With({});
       while (!Lens::AcceptsParams(static_cast<int>(start.size()))) start.push_back(0.0);
       return {start};

@@ -15,6 +15,7 @@ namespace {
 
 using lenses::Ocam;
 
+// Radii at which the start of the inverse is fitted and checked: some twenty a coefficient.
 constexpr int kSamples = 96;
 
 double AngleAt(const double* params, int num_params, double rho) {
@@ -22,6 +23,7 @@ double AngleAt(const double* params, int num_params, double rho) {
   return std::atan2(rho, Ocam::Depth(params, num_params, rho, &slope));
 }
 
+// The angle is atan2(rho, depth), whose slope has the sign of depth - rho depth'.
 // Where depth(rho) - rho depth'(rho), which is positive while the angle rises, vanishes.
 double Fold(const double* params, int num_params) {
   std::vector<double> rise = {params[Ocam::kPolynomial], 0.0};
@@ -75,7 +77,7 @@ bool TryRadius(const double* params, int num_params, double radius, LensDomain* 
 }  // namespace
 
 LensDomain OcamDomain(const double* params, int num_params, double angle_limit) {
-  constexpr double kStep = 0.98;
+  constexpr double kStep = 0.98;  // of the radius, until the steps find the inverse everywhere
   const double limit = std::min(angle_limit, kPi);
   double radius = std::min(Fold(params, num_params), Ocam::kFarthest * params[Ocam::kPolynomial]);
   if (AngleAt(params, num_params, radius) > limit) {
@@ -88,6 +90,7 @@ LensDomain OcamDomain(const double* params, int num_params, double angle_limit) 
         },
         limit, 0.0, radius, std::min(radius, params[Ocam::kPolynomial] * limit));
   }
+  // Near a fold no polynomial starts well: the domain ends before.
   LensDomain domain;
   while (!TryRadius(params, num_params, radius, &domain)) radius *= kStep;
   SetCone(std::min(AngleAt(params, num_params, radius), limit), &domain);

@@ -22,6 +22,8 @@ PlanePoint OnCircle(const PlaneMap& map, double radius, double azimuth) {
   return map(radius * std::cos(azimuth), radius * std::sin(azimuth));
 }
 
+// Regular where the map keeps orientation (its Jacobian's determinant is positive) and the image of
+// a circle turns forward about the centre: a disc of such points is mapped one-to-one.
 bool IsRegular(const PlaneMap& map, double x, double y) {
   const PlanePoint p = map(x, y);
   const double du = -p.du_dx * y + p.du_dy * x;  // along the circle
@@ -61,6 +63,7 @@ double MinimumNear(int sample, const std::function<double(double azimuth)>& f) {
   return smallest;
 }
 
+// Even steps of the angle whose tangent they are: dense where images are, sparse far out.
 // Radii to look at, ascending, the last one being the limit.
 std::vector<double> SampleRadii(double limit) {
   std::vector<double> radii;
@@ -86,6 +89,7 @@ double FirstSingularRadius(const PlaneMap& map, const std::vector<double>& radii
       good = radius;
       continue;
     }
+    // Bisection down to neighbouring numbers.
     double bad = radius;
     for (;;) {
       const double middle = 0.5 * (good + bad);
@@ -125,6 +129,7 @@ bool Newton(const PlaneMap& map, double radius, double u, double v, int max_step
     // Next to a pole the rounding of (x, y) alone moves the image by more than `accepted`.
     const bool at_floor =
         residual <= accepted || std::hypot(dx, dy) <= kAccepted * kEpsilon * std::hypot(*x, *y);
+    // Halve the step until it stays in the disc, keeps orientation and lowers the residual.
     double scale = 1.0;
     for (;; scale *= 0.5) {
       constexpr double kSmallestScale = 1e-4;
@@ -149,6 +154,7 @@ bool Newton(const PlaneMap& map, double radius, double u, double v, int max_step
 
 }  // namespace
 
+// Azimuths are sampled, and the worst one is refined between its neighbours.
 double RegularRadius(const PlaneMap& map, double limit) {
   const std::vector<double> radii = SampleRadii(limit);
   double smallest = limit;
@@ -190,6 +196,7 @@ ImageRadii ImageOfCircle(const PlaneMap& map, double radius) {
   return radii;
 }
 
+// The image grows with the disc, so bisection finds where it reaches `largest`.
 double RadiusWithin(const PlaneMap& map, double radius, double largest) {
   if (ImageOfCircle(map, radius).largest < largest) return radius;
   constexpr double kPrecision = 1e-9;
@@ -201,6 +208,8 @@ double RadiusWithin(const PlaneMap& map, double radius, double largest) {
   return low;
 }
 
+// The boundary's image turns forward once, so exactly one of its points lies in the target's
+// direction: is it farther out than the target?
 bool ImageOfDiscContains(const PlaneMap& map, double radius, double u, double v) {
   // The side of the target on which the image of a boundary point lies.
   const auto turn = [&](double azimuth) {

@@ -103,6 +103,8 @@ double CutRadius(const Coefficients& k, double radius, double largest) {
   return at_end > 0.0 && at_end < largest ? radius : InvertRadius(k, radius, largest);
 }
 
+// Without tangential and thin-prism terms and tilt only the radius changes: one equation in one
+// unknown. Otherwise two, from a start that ignores all but the radial part.
 // (u, v) in focal lengths -> (x, y) in the disc of this radius.
 bool Undistort(const LensDomain& domain, const Coefficients& k, double u, double v, double* x,
                double* y) {

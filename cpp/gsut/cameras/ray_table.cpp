@@ -35,6 +35,7 @@ void BuildRays(const Camera& camera, RayTable* table) {
     double* rays = &table->rays[static_cast<std::size_t>(3 * begin)];
     std::uint8_t* valid = &table->valid[static_cast<std::size_t>(begin)];
     camera.UnprojectLines(count, pixels, origins, rays, valid);
+    // A ray is kept if the point at distance one on it projects back to its pixel.
     for (std::int64_t k = 0; k < 3 * count; ++k) points[k] = origins[k] + rays[k];
     camera.Project(count, points, back, seen);
     for (std::int64_t i = 0; i < count; ++i) {

@@ -21,6 +21,9 @@ using lenses::StarEdge;
 constexpr double kLargestRadius = 20.0;
 
 // (x, y) -> (x', y') - offset, with the image of the origin as offset.
+// The spline shifts points of the stereographic plane; this is the map with its derivatives. Its
+// domain is star-shaped about the origin: one radius a sector of directions, up to the first fold
+// in it.
 struct Surface {
   const double* params;
   double density;
@@ -76,6 +79,7 @@ double FirstFold(const Surface& surface, double direction_x, double direction_y)
       good = next;
       continue;
     }
+    // Halvings of a quarter of a cell leave 1e-10 of it.
     double bad = next;
     constexpr int kHalvings = 30;
     for (int i = 0; i < kHalvings; ++i) {
@@ -116,6 +120,7 @@ void CheckSplineParams(const char* lens, const double* params, int num_params) {
   CheckFocalParams(lens, "fx fy cx cy control_points ...", params + 4, num_params - 4);
 }
 
+// Nx - order intervals span fov_x, whose half has the radius 2 tan(fov / 4) in the plane.
 double SplineDensity(const double* params) {
   constexpr double kRadians = kPi / 180.0;
   return (params[1] - params[0]) / (4.0 * std::tan(0.25 * kRadians * params[3]));

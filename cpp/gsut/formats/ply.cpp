@@ -1,4 +1,14 @@
-// PLY reader and writer for Gaussians and points.
+// Reads and writes PLY files of Gaussians and points.
+//
+// The layout of 3DGS, which all viewers read: one element "vertex" with float properties
+//   x y z                     means;
+//   nx ny nz                  normals, zero;
+//   f_dc_0 .. 2               harmonics of degree 0, one a channel;
+//   f_rest_0 .. 3 (K - 1) - 1 the others, channel by channel: all K - 1 of red come first;
+//   opacity                   logit;
+//   scale_0 .. 2              natural logarithms (surfels: two);
+//   rot_0 .. 3                quaternion w x y z, of any norm.
+// Readers find properties by name, so other properties and orders do no harm.
 #include "gsut/formats/ply.h"
 
 #include <algorithm>
@@ -23,6 +33,7 @@ constexpr float kLargestLogit = 20.0f;
 // Farther from zero, neighbouring floats lie 0.5 mm apart, or more, of coordinates in metres.
 constexpr double kFarFromZero = 4096.0;
 
+// A folder opens without an error and then reads nothing; a pipe would wait for ever.
 std::ifstream Open(const std::string& path) {
   std::error_code unknown;
   const std::filesystem::file_status status = std::filesystem::status(path, unknown);
@@ -36,6 +47,7 @@ std::ifstream Open(const std::string& path) {
   return stream;
 }
 
+// Element of this name, or an error that lists what the file has instead.
 std::size_t FindVertices(const PlyHeader& header, const std::string& path) {
   std::string names;
   for (std::size_t i = 0; i < header.elements.size(); ++i) {
@@ -86,7 +98,7 @@ void PutLittleEndian(float value, char* out) {
   if constexpr (std::endian::native == std::endian::big) std::reverse(out, out + sizeof value);
 }
 
-// How many scales the file has: surfels have two.
+// How many scales the file has: surfels have two, as 2DGS writes them.
 int CountScales(const PlyElement& element) {
   return element.Find("scale_2") < 0 && element.Find("scale_1") >= 0 ? 2 : 3;
 }
@@ -140,6 +152,7 @@ PlyGaussianReader::PlyGaussianReader(const std::string& path)
     : path_(path), stream_(Open(path)), header_(ReadPlyHeader(stream_, path)) {
   element_ = FindVertices(header_, path);
   const PlyElement& element = header_.elements[element_];
+  // Everything is looked for now, so that a file of another kind fails before memory is allocated.
   for (const char* name : {"x", "y", "z", "opacity"}) {
     FindProperty(element, name, path, "Gaussians");
   }
@@ -171,6 +184,8 @@ std::int64_t PlyGaussianReader::Read(const GaussiansView<float>& out) {
       sh.push_back(rest[static_cast<std::size_t>(channel * (k_count - 1) + k - 1)]);
     }
   }
+  // Only ascii and double coordinates have digits that float would lose far from zero; the first
+  // row's place, in whole units, then becomes the origin of all.
   const bool has_digits =
       header_.format == PlyFormat::kAscii || element.properties[means[0]].type == PlyType::kFloat64;
   std::int64_t row = 0, not_finite = 0;
@@ -200,6 +215,7 @@ std::int64_t PlyGaussianReader::Read(const GaussiansView<float>& out) {
     if (scales.size() < 3) PressSurfel(out.log_scales + 3 * row);
     float& logit = out.opacity_logits[row];
     logit = static_cast<float>(values[opacity]);
+    // Some trainers clamp opacities at 0 and 1, whose logits are infinite.
     if (std::isinf(logit)) logit = std::copysign(kLargestLogit, logit);
     finite = finite && !std::isnan(logit);
     get(sh, out.sh + 3 * row * k_count);
@@ -235,10 +251,12 @@ void WritePly(const std::string& name, const GaussiansView<const float>& gaussia
   int properties = 0;
   const int scales = surfels ? 2 : 3;
   const std::string header = GaussianHeader(gaussians, comments, scales, &properties);
+  // Written beside, then renamed: a crash or a full disk leaves the old file as it was.
   const std::string partial = path + ".partial";
   std::ofstream stream(partial, std::ios::binary | std::ios::trunc);
   if (!stream) throw InputError(path + ": cannot be written: " + std::strerror(errno));
   stream.write(header.data(), static_cast<std::streamsize>(header.size()));
+  // Rows written at a time: about a megabyte.
   constexpr std::int64_t kBlockRows = 4096;
   const std::size_t row_bytes = static_cast<std::size_t>(properties) * sizeof(float);
   std::vector<char> block(kBlockRows * row_bytes);

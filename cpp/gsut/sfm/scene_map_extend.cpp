@@ -61,6 +61,9 @@ class FeatureGrid {
 
 }  // namespace
 
+// Matching from image to image misses features whose neighbours look alike or whose view has
+// turned. A point that is already known says where to look: its projection, within a few pixels,
+// leaves few features, and a looser descriptor distance then suffices.
 std::vector<SceneMap::Candidate> SceneMap::CandidatesIn(int image,
                                                         const Eigen::MatrixXf& descriptors) const {
   std::vector<std::uint8_t> seen(tracks_.size(), 0);
@@ -143,6 +146,8 @@ int SceneMap::Extend() {
   std::stable_sort(found.begin(), found.end(),
                    [](const Found& a, const Found& b) { return a.squared < b.squared; });
   for (const Found& one : found) joins.push_back(one.join);
+  // Tracks are made anew from the old joins, first, and the found ones: two points whose features
+  // join become one, unless they are seen in one image.
   SetTracks(JoinTracks(num_features_, joins));
   Complete(-1);
   return static_cast<int>(found.size());

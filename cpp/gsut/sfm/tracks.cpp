@@ -10,6 +10,9 @@
 namespace gsut {
 namespace {
 
+// Matches are edges between features of images, and a track is a component that sees each image at
+// most once. One wrong match would tie two points into one, so an edge that would give an image two
+// features is refused; edges therefore come in order of trust, and their order matters.
 class Components {
  public:
   Components(std::vector<TrackElement> elements) : parent_(elements.size()), members_() {
@@ -31,6 +34,7 @@ class Components {
     a = Root(a);
     b = Root(b);
     if (a == b) return;
+    // Members are sorted by image: merging shows whether an image would be in it twice.
     if (members_[a].size() < members_[b].size()) std::swap(a, b);
     std::vector<TrackElement> merged;
     merged.reserve(members_[a].size() + members_[b].size());

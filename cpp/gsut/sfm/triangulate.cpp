@@ -8,7 +8,9 @@
 namespace gsut {
 namespace {
 
-constexpr int kMostPairs = 30;  // hypotheses tried
+// Pairs of rays tried, of those with the widest angles: one good pair is enough.
+constexpr int kMostPairs = 30;
+// From a midpoint Gauss-Newton converges in three or four steps.
 constexpr int kGaussNewtonSteps = 10;
 
 struct Pair {
@@ -44,7 +46,9 @@ double SquaredResidual(const PosedBearing& observation, const Eigen::Vector3d& p
 
 std::array<double, 2> RayDepths(const Pose& second_from_first, const Eigen::Vector3d& ray1,
                                 const Eigen::Vector3d& ray2) {
-  // t + depth1 a = depth2 ray2 in the second camera, in the least-squares sense.
+  // t + depth1 a = depth2 ray2 in the second camera, in the least-squares sense: the vector between
+  // the nearest points is along n = a x ray2. Crossing the equation with ray2 or a, and taking the
+  // part along n, leaves one depth each.
   const Eigen::Vector3d a = second_from_first.rotation * ray1;
   const Eigen::Vector3d& t = second_from_first.translation;
   const Eigen::Vector3d normal = a.cross(ray2);
@@ -116,6 +120,7 @@ TriangulatedPoint Triangulate(std::span<const PosedBearing> observations,
   const double max_squared = options.max_error * options.max_error;
   double best_cost = max_squared * count;
   std::vector<std::uint8_t> kept(count);
+  // Truncated squares, as of RANSAC: every hypothesis is judged by all observations.
   const auto judge = [&](const Eigen::Vector3d& point) {
     double cost = 0.0;
     int inliers = 0;

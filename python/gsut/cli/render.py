@@ -264,7 +264,7 @@ def _shaped(arguments: argparse.Namespace, lens: Any) -> Any:
     from gsut.lens import with_field_of_view
 
     if arguments.size:
-        lens = lens.resized(*parsed_size(arguments.size))
+        lens = lens.resize(*parsed_size(arguments.size))
     return lens if arguments.fov is None else with_field_of_view(lens, arguments.fov)
 
 

@@ -185,7 +185,7 @@ def _matches(scene: Any) -> Any:
 
 def print_figures(figures: dict[str, Any]) -> None:
     """The headline figures and the rings, for people."""
-    from gsut.evaluate import ring_text
+    from gsut.evaluate import name_ring
 
     if figures.get("psnr") is None:
         print("no held-out view, hence no PSNR")
@@ -196,7 +196,7 @@ def print_figures(figures: dict[str, Any]) -> None:
             f"SSIM {figures['ssim']:.4f}"
         )
         rings = [
-            f"{ring_text(ring)} {ring['psnr']:.2f}"
+            f"{name_ring(ring)} {ring['psnr']:.2f}"
             for ring in figures["rings"]
             if ring["psnr"] is not None
         ]

@@ -12,7 +12,7 @@ import numpy as np
 
 from gsut._core import InputError, exp_pose
 from gsut.data import Frame, write_transforms
-from gsut.data.poses import inverse
+from gsut.data.poses import invert_pose
 from gsut.demo.dataset import (
     MILLIMETRES,
     distances,
@@ -90,7 +90,7 @@ def demo_rig(cameras: int, size: int) -> list[Mounted]:
         about = exp_pose([0.0, 0.0, 0.0, 0.0, -number * math.pi / 2, 0.0])  # y points down
         about[2, 3] = -_ARM
         pose = exp_pose(off) @ about
-        front = inverse(pose) if number == 0 else front
+        front = invert_pose(pose) if number == 0 else front
         found.append(Mounted(name, lens, pose @ front, f"{name}/calib_results.txt"))
     return found
 
@@ -172,7 +172,7 @@ def _write(
             "camera_from_reference": mounted.camera_from_reference.tolist(),
         }
         rays, inside = lens.rays()
-        poses = [pose @ inverse(mounted.camera_from_reference) for pose in path]
+        poses = [pose @ invert_pose(mounted.camera_from_reference) for pose in path]
         for number, image in enumerate(render_views(hall, lens, poses, progress)):
             file = f"{number:03d}.png"
             write_picture(images / file, image[..., ::-1])

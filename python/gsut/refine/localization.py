@@ -266,7 +266,7 @@ def _rank_views(
     """Ranks views by how well a small render from their pose correlates with the photograph."""
     factor = min(1.0, _THUMBNAIL / min(camera.width, camera.height))
     size = [max(1, round(side * factor)) for side in (camera.width, camera.height)]
-    small = camera.resized(*size)
+    small = camera.resize(*size)
     valid = shrink_mask(mask, *size) & small.rays()[1]
     seen = _normalize_colors(shrink_image(pixels, *size)[valid])
     likeness = []

@@ -207,7 +207,7 @@ class TrainingRefiner:
         """Moves the lens from its start towards the mean of those that both halves found."""
         (file,) = self.views.scene.file_cameras
         found = [
-            level.scene.cameras[0].with_params(each).resized(file.width, file.height)
+            level.scene.cameras[0].with_params(each).resize(file.width, file.height)
             for each in params
         ]
         weight, error = weigh_lens(found[0], found[1], file.with_params(self._start["lens"]))

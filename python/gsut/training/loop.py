@@ -138,13 +138,13 @@ class TrainingLoop:
     def finish_scene(self) -> Scene:
         """Returns the scene with the poses and lenses that fit the run's result best."""
         if self.refiner is not None:
-            self.refiner.finish(self.make_result(), self.views.at(1.0), self.step)
+            self.refiner.finish(self.make_result(), self.views.select_level(1.0), self.step)
         return self.scene
 
     def advance(self) -> float:
         """Makes one training step on one image and returns its loss."""
         step = self._begin_step()  # view, resolution, degree of harmonics, learning rates
-        target, image, dimage = step.level.target(step.view), *step.level.buffers(step.view)
+        target, image, dimage = step.level.get_target(step.view), *step.level.get_buffers(step.view)
         self._prepare_next_image()  # decoded beside the step
         began, cpu_began = time.perf_counter(), time.process_time()
         self.stopwatch.start()
@@ -167,7 +167,7 @@ class TrainingLoop:
         fraction = number / o.steps
         rates = compute_learning_rates(o, fraction, self.extent)
         degree, view = min(o.sh_degree, number // o.sh_every), self._choose_view(number)
-        return _Step(number, fraction, view, self.views.at(fraction), degree, rates)
+        return _Step(number, fraction, view, self.views.select_level(fraction), degree, rates)
 
     def _choose_view(self, step: int) -> int:
         """Returns a step's view: each once an epoch, in an order set by seed and epoch only."""
@@ -203,7 +203,7 @@ class TrainingLoop:
 
     def _compare(self, step: _Step, target: _core.PhotometricTarget) -> float:
         """Returns the loss against the photograph and writes its gradient to the image's buffer."""
-        image, dimage = step.level.buffers(step.view)
+        image, dimage = step.level.get_buffers(step.view)
         loss, _ = _core.photometric_loss(target, image, dimage, self.options.ssim_weight)
         self._choose_pixels(step, dimage)
         if self.weights is not None:
@@ -328,7 +328,7 @@ def _measure_pixel_errors(loop: TrainingLoop, step: _Step, dimage: np.ndarray) -
     needed = loop.densification.by_error and step.number <= find_last_densification(loop.options)
     if not needed or not loop._context.is_empty:
         return {}
-    target, (image, _) = step.level.target(step.view), step.level.buffers(step.view)
+    target, (image, _) = step.level.get_target(step.view), step.level.get_buffers(step.view)
     errors = np.empty(image.shape[:2], np.float32)
     _core.pixel_errors(target, image, dimage, errors)
     return {"errors": errors, "error_sums": loop.optimizer.error_sum}

@@ -10,7 +10,7 @@ import numpy as np
 
 from gsut._core import SolveError
 from gsut.data import Scene, View
-from gsut.data.poses import centers_of
+from gsut.data.poses import find_centers
 from gsut.gaussians import Gaussians, seed_from_points
 from gsut.lens import Camera
 from gsut.refine import RefinedPose, refine_pose
@@ -123,7 +123,7 @@ class VideoScene:
         self._scene = Scene(
             photographs.root, tuple(lenses), self._list_views(), self.points.positions,
             self.points.colors, tuple(range(len(photographs))), (), np.zeros(3),
-        ).scaled(min(1.0, (_PIXELS / pixels) ** 0.5))  # fmt: skip
+        ).scale_images(min(1.0, (_PIXELS / pixels) ** 0.5))  # fmt: skip
         self._options = TrainOptions(
             steps=10_000_000, max_gaussians=100_000_000, sh_degree=0, coarse_to_fine=(0.0, 0.0),
             strategy="adaptive", densify_until=0.0, densify_from=0.0, noise=False, eval_every=0,
@@ -242,7 +242,7 @@ class VideoScene:
         loop = self._loop
         loop.views.move(self._fill_in_poses())
         loop.posed = self.posed.tolist()
-        middle = centers_of(self._poses[loop.posed]).mean(axis=0)
+        middle = find_centers(self._poses[loop.posed]).mean(axis=0)
         distance = float(np.median(np.linalg.norm(self.points.positions - middle, axis=1)))
         loop.options = dataclasses.replace(
             self._options, lr_means=_RATE * distance / loop.scene.extent

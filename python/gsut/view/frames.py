@@ -10,7 +10,7 @@ import numpy as np
 from gsut import _core
 from gsut._core import InputError
 from gsut.data.images import shrink_image
-from gsut.data.poses import rigid_transform
+from gsut.data.poses import check_rigid
 from gsut.gaussians import (
     SH_C0,
     Gaussians,
@@ -96,7 +96,7 @@ class FrameRequest:
             InputError: a value is missing or out of range; the sentence says which.
         """
         try:
-            pose = rigid_transform(np.reshape(values["pose"], (4, 4)), "the frame's pose")
+            pose = check_rigid(np.reshape(values["pose"], (4, 4)), "the frame's pose")
             # What the page has from a photograph comes back with its bits.
             pose = np.array(values["pose"], np.float64).reshape(4, 4)
             width, height = int(values["width"]), int(values["height"])

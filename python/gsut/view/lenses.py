@@ -77,7 +77,7 @@ class Lenses:
         key = (number, width, height)
         with self._lock:
             if key not in self._resized:
-                self._resized[key] = lens.resized(width, height)
+                self._resized[key] = lens.resize(width, height)
                 while len(self._resized) > 1 and self._pixels() > _MOST_PIXELS:
                     self._resized.popitem(last=False)
             self._resized.move_to_end(key)

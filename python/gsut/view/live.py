@@ -83,7 +83,7 @@ class LiveTraining:
             return
         self._stage.gaussians = loop.get_drawn().translate(loop.scene.world_offset)
         if self._refines:
-            self._stage.scene = loop.scene.about((0.0, 0.0, 0.0))
+            self._stage.scene = loop.scene.move_origin((0.0, 0.0, 0.0))
             self.session.lenses.replace(loop.scene.cameras)
         try:
             self._work_off(wait or 0.0)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from gsut.data import Scene
-from gsut.data.poses import inverse
+from gsut.data.poses import invert_pose
 from gsut.lens import Camera
 
 _PIECES = 12  # straight in space is bent in the image: each line is drawn in so many pieces
@@ -85,7 +85,7 @@ def draw_cameras(
     for index, view in enumerate(scene.views):
         if index == chosen:
             continue  # the eye itself
-        world = inverse(view.camera_from_world)
+        world = invert_pose(view.camera_from_world)
         border = frustum(scene.camera(index)) * (_FRUSTUM * scene.extent)
         corners = border @ world[:3, :3].T + world[:3, 3]
         color = _HELD_OUT if index in held_out else _TRAINING

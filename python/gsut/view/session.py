@@ -208,7 +208,7 @@ class Session:
 
     def _in_dataset(self, pose: Any) -> np.ndarray:
         matrix = np.array(pose, np.float64).reshape(4, 4)
-        return matrix if self.stage.scene is None else self.stage.scene.in_dataset(matrix)
+        return matrix if self.stage.scene is None else self.stage.scene.to_dataset(matrix)
 
 
 def _index(value: Any, scene: Scene) -> int:

@@ -13,7 +13,7 @@ import numpy as np
 from gsut._core import CameraMotion, InputError
 from gsut.check import Finding
 from gsut.data import Scene, load_dataset
-from gsut.data.poses import inverse
+from gsut.data.poses import invert_pose
 from gsut.formats import read_scene_file
 from gsut.gaussians import pack_harmonics, seed_from_points
 from gsut.lens import Camera
@@ -161,5 +161,5 @@ def free_motion(scene: Scene, index: int, pose: np.ndarray) -> Any:
     start, end = view.camera_from_world_start, view.camera_from_world_end
     if view.shutter is None or start is None or end is None:
         return pose
-    moved = inverse(view.camera_from_world) @ pose
+    moved = invert_pose(view.camera_from_world) @ pose
     return CameraMotion(start @ moved, end @ moved, view.shutter)

@@ -32,7 +32,7 @@ def test_film_of_another_size_has_the_same_lens():
     wanted = Settings({"scale": 0.5, "samples": 2, "frame_rate": 5.0})
     small = resize_film(film, wanted)
     assert (small.camera.width, small.back.width, len(small.times)) == (192, 192, 40)
-    assert measure_lens_difference(small.camera.resized(384, 384), film.camera) < 1e-9
+    assert measure_lens_difference(small.camera.resize(384, 384), film.camera) < 1e-9
 
 
 def test_time_left_is_right_where_what_is_shown_falls_with_the_time():

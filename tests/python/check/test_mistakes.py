@@ -11,7 +11,7 @@ import tolerances
 from gsut.check import check_scene, doctor, gather_evidence, turns
 from gsut.check.turns import to_rotation_vector
 from gsut.cli import main
-from gsut.data.poses import inverse
+from gsut.data.poses import invert_pose
 from gsut.demo import make_demo_scene
 from gsut.sfm import angular_errors
 from mistakes import MISTAKES, NAMED, SAID, copy_of, judge, write
@@ -86,7 +86,7 @@ def test_turn_of_a_body_is_found_without_the_turns_of_the_matches(hall, monkeypa
     turn = gsut.exp_pose([0, 0, 0, 0.2, -0.15, 0.1])
     turn[:3, :3] = [[0, 0, 1], [-1, 0, 0], [0, -1, 0]] @ turn[:3, :3]  # a body's axes, and a tilt
     right = evidence.table.poses
-    table = dataclasses.replace(evidence.table, poses=right @ inverse(turn))
+    table = dataclasses.replace(evidence.table, poses=right @ invert_pose(turn))
     wrong = dataclasses.replace(evidence, table=table)
     assert wrong.rate_poses(table.poses) > 0.9
     monkeypatch.setattr(turns, "_FEWEST", 1000)  # as where no relative pose fits
@@ -110,7 +110,7 @@ def test_angular_error_is_the_distance_from_the_epipolar_plane_or_from_in_front(
     poses = np.stack([np.eye(4), gsut.exp_pose([0.5, 0.1, -0.2, 0.1, -0.2, 0.3])])
     seen = np.stack([points @ p[:3, :3].T + p[:3, 3] for p in poses])
     rays = seen / np.linalg.norm(seen, axis=-1, keepdims=True)
-    places = np.stack([np.tile(inverse(pose), (50, 1, 1)) for pose in poses])
+    places = np.stack([np.tile(invert_pose(pose), (50, 1, 1)) for pose in poses])
     assert angular_errors(rays, places).max() < 1e-9
     behind = angular_errors(-rays, places)
     assert behind.min() > 1e-3  # the rays meet, but behind both cameras

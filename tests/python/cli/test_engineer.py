@@ -15,7 +15,7 @@ import gsut
 import small_recordings as made
 import tolerances
 from gsut.cli import main
-from gsut.data.poses import inverse
+from gsut.data.poses import invert_pose
 from gsut.demo.dataset import distances, render_views, surface_points, whole_pixels
 from gsut.demo.hall import make_hall
 from gsut.demo.rig import right_camera, right_from_left
@@ -34,7 +34,7 @@ def body_from_cameras() -> list[np.ndarray]:
     left = np.eye(4)
     left[:3, :3] = [[0, 0, 1], [-1, 0, 0], [0, -1, 0]]
     left[:3, 3] = [0.12, 0.08, -0.03]
-    return [left, left @ inverse(right_from_left())]
+    return [left, left @ invert_pose(right_from_left())]
 
 
 @functools.cache
@@ -45,7 +45,7 @@ def path() -> list[np.ndarray]:
 
 def world_from_body(fine: int) -> np.ndarray:
     """The true path, in the SLAM's world."""
-    pose = path()[fine + FINE] @ inverse(body_from_cameras()[0])
+    pose = path()[fine + FINE] @ invert_pose(body_from_cameras()[0])
     pose[:3, 3] += PLACE
     return pose
 
@@ -61,9 +61,9 @@ def camchain(lenses: list[gsut.Camera]) -> str:
     text, before = "", None
     for name, lens, place in zip(made.CAMERAS, lenses, body_from_cameras(), strict=True):
         fx, fy, cx, cy, *k = (float(v) for v in lens.params)
-        rows = {"T_cam_imu": inverse(place)}
+        rows = {"T_cam_imu": invert_pose(place)}
         if before is not None:
-            rows["T_cn_cnm1"] = inverse(place) @ before
+            rows["T_cn_cnm1"] = invert_pose(place) @ before
         before = place
         text += f"{name}:\n  cam_overlaps: [{1 - int(name[-1])}]\n  camera_model: pinhole\n"
         text += f"  intrinsics: {[fx, fy, cx - 0.5, cy - 0.5]}\n  distortion_model: equidistant\n"
@@ -151,7 +151,7 @@ def test_from_files_through_the_commands_to_depth_in_the_right_frame(walk, capsy
     # A place where no picture was taken, through the right lens, in the SLAM's own coordinates.
     pose = world_from_body(5 * FINE + FINE // 2) @ body_from_cameras()[1]
     gaussians = gsut.formats.load_ply(run / "scene.ply")
-    rendered = gsut.render(gaussians, lenses[1], inverse(pose))
+    rendered = gsut.render(gaussians, lenses[1], invert_pose(pose))
     rays, inside = lenses[1].rays()
     truth = distances(hall, in_hall(pose), rays[inside])
     covered = rendered.alpha[inside] > 0.5

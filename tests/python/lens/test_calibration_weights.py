@@ -85,7 +85,7 @@ def test_weights_bad_input_is_one_sentence(tmp_path, lens):
     with pytest.raises(gsut.InputError, match=r"the data has 2 lenses"):
         CalibrationWeights(lens, [camera, camera])
     with pytest.raises(gsut.InputError, match=r"images of 48 x 48 pixels, the images are 48 x 96"):
-        CalibrationWeights(lens, [camera.resized(48, 96)])
+        CalibrationWeights(lens, [camera.resize(48, 96)])
     for name in ("plain.cameramodel", "plain.yaml"):
         gsut.save_camera(camera, tmp_path / name)
         with pytest.raises(gsut.InputError, match=r"plain\..* has no uncertainty"):

@@ -123,7 +123,7 @@ def test_localize_through_every_lens_finds_the_pose(name, camera, rng):
 @pytest.mark.parametrize("model", WITHOUT_CENTRE)
 def test_lenses_without_one_centre_are_refused_with_what_to_do(model, rng, tmp_path, capsys):
     _, params, width, height = gsut._core.camera_examples(model)[0]
-    camera = gsut.Camera(model, params, width, height).resized(80, 60)
+    camera = gsut.Camera(model, params, width, height).resize(80, 60)
     gsut.save_camera(camera, tmp_path / "lens.lens.json")
     for i in range(2):
         cv2.imwrite(str(tmp_path / f"{i}.png"), np.zeros((60, 80), np.uint8))

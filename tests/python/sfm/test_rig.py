@@ -13,7 +13,7 @@ import gsut
 import tolerances
 from disturbances import disturb_rig
 from gsut import _core
-from gsut.data.poses import centers_of, inverse
+from gsut.data.poses import find_centers, invert_pose
 from gsut.data.rigs import measure_changes, read_rig, write_rig
 from gsut.sfm.core.features import no_features
 from gsut.sfm.core.options import PosesOptions
@@ -66,7 +66,7 @@ def test_solve_rig_noisy_tracks_keeps_the_rig_and_the_scale(rng, mount):
     assert turned < tolerances.RIG_DEGREES
     for frame in range(10):  # left and right of a frame, as the rig has them
         left, right = solution.camera_from_world[2 * frame : 2 * frame + 2]
-        assert np.abs(right @ inverse(left) - mount).max() < tolerances.RIG_HELD
+        assert np.abs(right @ invert_pose(left) - mount).max() < tolerances.RIG_HELD
     assert len(fit.notes) == 1  # how images were paired, and no complaint
 
 
@@ -89,7 +89,7 @@ def test_solve_rig_reference_away_from_every_camera_and_three_cameras(rng):
 
 def size_of(rig):
     """Root mean square distance of its cameras from their middle."""
-    centers = centers_of(rig.camera_from_reference)
+    centers = find_centers(rig.camera_from_reference)
     return np.sqrt(((centers - centers.mean(axis=0)) ** 2).sum(axis=1).mean())
 
 
@@ -222,11 +222,11 @@ def test_place_rig_needs_a_frame_with_two_images(rng):
 
 def test_place_rig_knows_swapped_folders_and_a_pose_the_wrong_way_round(rng):
     scene = SyntheticRig(rng, pose_of([0.0, 0.01, 0.0], [0.3, 0, 0]))
-    swapped = with_second(scene.rig, inverse(scene.rig.camera_from_reference[1]))
+    swapped = with_second(scene.rig, invert_pose(scene.rig.camera_from_reference[1]))
     with pytest.raises(gsut.SolveError, match="left and right swapped"):
         placed(scene, rig=swapped)
     scene = SyntheticRig(rng, pose_of([0.0, 0.3, 0.0], [0.3, 0, 0]))
-    turned = with_second(scene.rig, inverse(scene.rig.camera_from_reference[1]))
+    turned = with_second(scene.rig, invert_pose(scene.rig.camera_from_reference[1]))
     with pytest.raises(gsut.SolveError, match=r"by 34 degrees from .* the right way round"):
         placed(scene, rig=turned)
 

@@ -9,7 +9,7 @@ import gsut
 import tolerances
 from disturbances import disturb_rig
 from gsut.cli import main
-from gsut.data.poses import inverse
+from gsut.data.poses import invert_pose
 from gsut.data.rigs.rig import measure_changes, read_rig, write_rig
 from gsut.demo import make_demo_rig
 from gsut.demo.rig import right_from_left
@@ -43,7 +43,7 @@ def test_make_demo_rig_truth_has_the_rig_and_a_lens_a_frame(demo):
     ]  # fmt: skip
     left, right = scene.views[:FRAMES], scene.views[FRAMES:]
     for a, b in zip(left, right, strict=True):
-        step = b.camera_from_world @ inverse(a.camera_from_world) - right_from_left()
+        step = b.camera_from_world @ invert_pose(a.camera_from_world) - right_from_left()
         assert np.abs(step).max() < tolerances.RIG_HELD
     assert scene.camera(0) != scene.camera(FRAMES)
 

@@ -29,7 +29,7 @@ from gsut.sfm.core.solution import solve
 from gsut.sfm.lens.candidates import guess_lens
 from gsut.sfm.lens.search import search_lens
 from gsut.sfm.pipeline import find_poses
-from gsut.sfm.world.comparison import centers_of, compare_poses
+from gsut.sfm.world.comparison import compare_poses, find_centers
 from synthetic_walk import Synthetic, quiet
 
 _BESIDE = Path(__file__).resolve().parents[4] / "shared"
@@ -242,7 +242,7 @@ def test_find_features_leaves_out_what_has_no_ray(tmp_path):
     assert len(found) > 50
     assert np.linalg.norm(found.pixels - 100, axis=1).max() < 60
     with pytest.raises(gsut.InputError, match="the lens is for 100 x 100"):
-        find_features(path, camera.resized(100, 100), PosesOptions())
+        find_features(path, camera.resize(100, 100), PosesOptions())
 
 
 @pytest.mark.parametrize("most", [150, 100])  # of 200 x 200 pixels: described before, and after
@@ -480,7 +480,7 @@ def test_poses_command_covariances_are_as_large_as_the_errors(some_sponza, solve
 def normalised_squares(found, truth, covariances, first, second):
     """Squared errors of poses by their covariances, in the gauge of the initial pair."""
     turn = found[first, :3, :3].T @ truth[first, :3, :3]
-    own, true = centers_of(found), centers_of(truth)
+    own, true = find_centers(found), find_centers(truth)
     shift = (true - true[first]) @ turn.T
     axis = np.abs(own[second] - own[first]).argmax()
     true = own[first] + (own[second] - own[first])[axis] / shift[second, axis] * shift

@@ -50,7 +50,7 @@ def test_number_is_bounded_by_pixels_that_can_be_compared(scene, monkeypatch):
     assert found.max_gaussians == pixels // 4
     assert f"{pixels // 4:,} Gaussians of degree 1, one for 4 pixels: " in said
     # Photographs of half the size have a quarter of them.
-    small = scene.scaled(0.5)
+    small = scene.scale_images(0.5)
     found, _ = chosen_with(small, monkeypatch, 10**6, 4)
     assert found.max_gaussians == valid_pixels(small) // 4
 

@@ -132,7 +132,7 @@ def test_points_are_known_where_a_view_sees_them_and_not_behind_others(scene):
     # The pixel's ray and the point's differ by half a pixel.
     error = np.abs(known / truth - 1)[has]
     assert np.median(error) < 0.01 and np.mean(error > 0.05) < 0.1
-    half = camera.resized(24, 18)
+    half = camera.resize(24, 18)
     assert np.count_nonzero(KnownDepth(both, "points").map(both, view, half)) > 80
 
 
@@ -152,7 +152,7 @@ def test_depth_files_are_known_at_any_size_and_damaged_ones_are_named(tmp_path):
     camera = scene.camera(view)
     assert np.abs(known.map(scene, view, camera) - truth).max() < 1e-3
     assert known.map(scene, scene.train_indices[1], camera) is None
-    half = known.map(scene, view, camera.resized(24, 18))
+    half = known.map(scene, view, camera.resize(24, 18))
     assert np.all(half > 0)
     cv2.imwrite(str(folder / "depth.png"), np.ones((5, 4), np.uint16))
     with pytest.raises(InputError, match=r"depth.png is 4 x 5"):

@@ -66,7 +66,7 @@ def pixels(reply):
 def test_a_frame_coarser_than_the_photographs_is_filtered_once_it_rests(session, scene, gaussians):
     side = 3 * SIZE // 4
     small = {"width": side, "height": side}
-    camera, pose = scene.cameras[0].resized(side, side), scene.views[0].camera_from_world
+    camera, pose = scene.cameras[0].resize(side, side), scene.views[0].camera_from_world
     lenses = [scene.camera(row) for row in scene.train_indices]
     filtered = PixelFilter(gaussians, lenses, scene.poses(scene.train_indices)).of(camera, pose)
     shown = [
@@ -194,7 +194,7 @@ def test_camera_of_a_screenshot_is_a_path_that_render_takes(session, scene, tmp_
     path = tmp_path / "camera.json"
     path.write_bytes(reply.content)
     np.testing.assert_allclose(read_path(path, scene.world_offset)[0], pose, atol=1e-12)
-    assert camera_from_values(json.loads(reply.content)["lens"]) == scene.cameras[0].resized(64, 64)
+    assert camera_from_values(json.loads(reply.content)["lens"]) == scene.cameras[0].resize(64, 64)
 
 
 def test_photograph_is_shrunk_and_its_mask_tinted(session, scene):

@@ -6,7 +6,7 @@ import numpy as np
 
 from gsut._core import CameraMotion
 from gsut.data import View
-from gsut.data.poses import inverse
+from gsut.data.poses import invert_pose
 from gsut.lens import Camera
 
 _TINY = 1e-12
@@ -17,9 +17,9 @@ def readout_poses(view: View) -> np.ndarray:
     """(1, 4, 4) world_from_camera, or (16, 4, 4) at as many moments of a rolling readout."""
     motion = view.motion
     if not isinstance(motion, CameraMotion):
-        return inverse(np.asarray(motion))[None]
+        return invert_pose(np.asarray(motion))[None]
     times = (np.arange(_MOMENTS) + 0.5) / _MOMENTS
-    return np.array([inverse(np.asarray(motion.at(float(time)))) for time in times])
+    return np.array([invert_pose(np.asarray(motion.at(float(time)))) for time in times])
 
 
 def readout_moments(view: View, camera: Camera, pixels: np.ndarray) -> np.ndarray:

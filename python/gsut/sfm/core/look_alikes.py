@@ -14,7 +14,7 @@ import numpy as np
 
 from gsut._core import SolveError
 from gsut.data import list_some
-from gsut.data.poses import centers_of
+from gsut.data.poses import find_centers
 from gsut.sfm.core.matching import PairMatches
 from gsut.sfm.core.solution import Solution
 
@@ -252,7 +252,7 @@ def _compared(
     """(N, N) how many points of the first image the second should see, and how many it does."""
     count = len(observed)
     points, poses = solution.points[chosen], solution.camera_from_world
-    centers = centers_of(poses)
+    centers = find_centers(poses)
     in_view = np.zeros(observed.shape, bool)
     images = np.flatnonzero(solution.registered & observed.any(axis=1))
     for image in images:

@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from gsut._core import SolveError
-from gsut.data.poses import centers_of
+from gsut.data.poses import find_centers
 from gsut.lens import Camera
 from gsut.sfm.core import Solution
 
@@ -152,7 +152,7 @@ def _add_velocity_priors(
     """What is known of velocities beforehand, as in the adjustment; see `_VELOCITY_SIGMA`."""
     if unknowns == 6:
         return
-    size = np.linalg.norm(np.ptp(centers_of(solution.camera_from_world), axis=0))
+    size = np.linalg.norm(np.ptp(find_centers(solution.camera_from_world), axis=0))
     for image in range(len(solution.names)):
         for k in range(6):
             sigma = _VELOCITY_SIGMA[k // 3] * (size if k < 3 else 1.0)
@@ -230,7 +230,7 @@ def without_points(
 def _unknowns(solution: Solution, lens: int, of_image: int) -> np.ndarray:
     """Indices of what the gauge leaves free, the lens' last."""
     first, second = solution.initial_pair
-    centres = centers_of(solution.camera_from_world)
+    centres = find_centers(solution.camera_from_world)
     axis = int(np.argmax(np.abs(centres[second] - centres[first])))
     keep = np.repeat(solution.registered, of_image)
     keep[of_image * first : of_image * first + 6] = False

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gsut._core import SolveError
-from gsut.data.poses import centers_of
+from gsut.data.poses import find_centers
 from gsut.sfm.core import FEATURE_VARIANCE, PairMatches, PosesOptions, Solution, rotation_angles
 from gsut.sfm.lens.covariance import lens_covariance
 
@@ -50,7 +50,7 @@ def critical_motion(solution: Solution, pairs: Sequence[PairMatches]) -> str | N
             f"{TURNED}, so depths are hardly known and nothing can be seen from elsewhere: walk "
             "between the pictures, sideways to what you film"
         )
-    extents = _extents(centers_of(poses))
+    extents = _extents(find_centers(poses))
     middle = poses[len(poses) // 2, :3, :3]
     angles = rotation_angles(poses[:, :3, :3] @ middle.T)
     still = float(np.percentile(angles, 90)) < _TURNS

@@ -10,7 +10,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data import Frame, list_some, read_dataset
-from gsut.data.poses import inverse
+from gsut.data.poses import invert_pose
 from gsut.least_squares import minimize_least_squares
 from gsut.lens import Camera, find_refinable_params
 from gsut.sfm.core import (
@@ -92,7 +92,7 @@ def refine_lens(
         [frame.mask_path for frame in frames],
         [frame.camera for frame in frames],
     )
-    given = [inverse(frame.world_from_camera) for frame in frames]
+    given = [invert_pose(frame.world_from_camera) for frame in frames]
     features = collect_features(photographs, options, on_progress, note)
     raw = match_images(photographs.names, features, options, on_progress)
     free = find_refinable_params(before)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gsut.data.poses import centers_of
+from gsut.data.poses import find_centers
 from gsut.lens import Camera
 from gsut.sfm.core import Features, PairMatches
 
@@ -89,7 +89,7 @@ class BearingPoints:
     def _begin(self, images: tuple[int, int], matches: np.ndarray, poses: np.ndarray) -> None:
         rays = [self._rays[i][matches[:, k]] @ poses[i, :3, :3] for k, i in enumerate(images)]
         cosine = np.einsum("nk,nk->n", *rays)
-        met, distances = _meet(centers_of(poses[list(images)]), rays, cosine)
+        met, distances = _meet(find_centers(poses[list(images)]), rays, cosine)
         good = (distances > 0).all(axis=0) & (np.cos(self._min_angle) > cosine)
         for k, i in enumerate(images):
             good[good] = self._errors(i, matches[good, k], met[good], poses)
@@ -118,7 +118,7 @@ class BearingPoints:
         """Moves each point to where its rays come nearest to each other, least squares."""
         total = np.zeros((len(self.positions), 3, 3))
         right = np.zeros((len(self.positions), 3))
-        centers = centers_of(poses)
+        centers = find_centers(poses)
         for image in np.unique(self.observations[:, 1]):
             of_image = self.observations[:, 1] == image
             points, features = self.observations[of_image, 0], self.observations[of_image, 2]

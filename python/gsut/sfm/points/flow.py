@@ -120,7 +120,7 @@ class _Small:
         view = scene.views[index]
         file = scene.file_cameras[view.camera_index]
         self.factor = np.array([file.width / size[0], file.height / size[1]])
-        self.camera, self.pose = file.resized(*size), view.camera_from_world
+        self.camera, self.pose = file.resize(*size), view.camera_from_world
         self._distances = np.linalg.norm(points - view.camera_center, axis=1)
         self._seen = np.clip((seen / self.factor).astype(int), 0, np.array(size) - 1)
 

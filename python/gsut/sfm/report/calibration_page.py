@@ -9,13 +9,22 @@ import numpy as np
 
 from gsut.files import write_file
 from gsut.lens import Camera, spread_pixels
-from gsut.page import LINE, MUTED, SERIES, html_table, plot_figure, sections_page, svg_text
+from gsut.page import (
+    LINE,
+    MUTED,
+    SERIES,
+    build_page,
+    build_table,
+    make_figure,
+    plot_map,
+    plot_residuals,
+    render_svg,
+)
 from gsut.sfm.lens import RefinedLens
 
 PAGE = "report.html"
 _REGIONS = 3  # columns and rows of the image for which residuals are given
 _MOST_ARROWS = 3000
-_ARROW_PART = 0.05  # of the image's width: length of the arrow of a 99-percentile residual
 _RING_DEGREES = 5.0
 _FEWEST_IN_RING = 10
 _BEFORE = SERIES[1]
@@ -53,16 +62,25 @@ def write_page(
         ),
         "seconds": f"{values['seconds']:.1f}",
     }
+    size = (camera.width, camera.height)
     pictures = [
         _arrows(camera, solution.pixels[good], after),
         _rings(np.degrees(solution.field_angles[good]), before, after),
-        _map(camera, sigma, "Uncertainty of projection [px, one standard deviation]", "inferno"),
-        _map(camera, _change(found.before, camera, turn), "Change of the lens [px]", "viridis"),
+        render_svg(
+            plot_map(
+                "Uncertainty of projection [px, one standard deviation]", size, sigma, "inferno"
+            )[0]
+        ),
+        render_svg(
+            plot_map(
+                "Change of the lens [px]", size, _change(found.before, camera, turn), "viridis"
+            )[0]
+        ),
     ]
     parts = [
-        html_table(rows.items()),
+        build_table(rows.items()),
         "<h2>Parameters</h2>",
-        html_table(
+        build_table(
             map(_param, values["params"]),
             ("parameter", "before", "after", "sigma", "change / sigma"),
         ),
@@ -72,14 +90,14 @@ def write_page(
         "<p>Before: the same points and refined poses through the data set's own lens, turned as "
         "well as it can be; pixels, root mean square lengths. The mean says where a region is off "
         "as a whole.</p>",
-        html_table(
+        build_table(
             _region_rows(camera, solution.pixels[good], before, after, sigma),
             ("column, row", "observations", "before", "after", "mean x, y after",
              "sigma of the lens"),
         ),
     ]  # fmt: skip
     path = folder / PAGE
-    write_file(path, sections_page(title, values["notes"], parts))
+    write_file(path, build_page(title, values["notes"], parts))
     return path
 
 
@@ -155,28 +173,13 @@ def _text(value: float | None) -> str:
     return "-" if value is None or not np.isfinite(value) else f"{value:.3f}"
 
 
-def _over_image(camera: Camera, title: str) -> tuple[Any, Any]:
-    figure, axes = plot_figure(title, 6.0, 6.0 * camera.height / camera.width + 0.5)
-    axes.set(xlim=(0, camera.width), ylim=(camera.height, 0), aspect="equal")
-    axes.grid(False)
-    return figure, axes
-
-
 def _arrows(camera: Camera, pixels: np.ndarray, residuals: np.ndarray) -> str:
-    length = float(np.percentile(np.linalg.norm(residuals, axis=1), 99))
-    factor = _ARROW_PART * camera.width / max(length, 1e-12)
-    figure, axes = _over_image(camera, f"Residuals after, enlarged {factor:.0f} times")
-    step = max(1, len(pixels) // _MOST_ARROWS)
-    at, by = pixels[::step], residuals[::step] * factor
-    axes.quiver(
-        *at.T, *by.T, angles="xy", scale_units="xy", scale=1, width=0.0016, color=LINE,
-        rasterized=True,
-    )  # fmt: skip
-    return svg_text(figure)
+    step, size = max(1, len(pixels) // _MOST_ARROWS), (camera.width, camera.height)
+    return render_svg(plot_residuals("Residuals after", size, pixels[::step], residuals[::step])[0])
 
 
 def _rings(degrees: np.ndarray, before: np.ndarray, after: np.ndarray) -> str:
-    figure, axes = plot_figure("RMS of residuals [px] by field angle", 6.0, 3.4)
+    figure, axes = make_figure("RMS of residuals [px] by field angle", 6.0, 3.4)
     ring = np.floor(degrees / _RING_DEGREES).astype(int)
     full = [i for i in np.unique(ring) if np.sum(ring == i) >= _FEWEST_IN_RING]
     middle = [(i + 0.5) * _RING_DEGREES for i in full]
@@ -186,16 +189,4 @@ def _rings(degrees: np.ndarray, before: np.ndarray, after: np.ndarray) -> str:
     axes.set_yscale("log")
     axes.set_xlabel("degrees from the axis", color=MUTED)
     axes.legend(fontsize=8, frameon=False)
-    return svg_text(figure)
-
-
-def _map(camera: Camera, values: np.ndarray, title: str, colours: str) -> str:
-    figure, axes = _over_image(camera, title)
-    if np.isfinite(values).any():
-        low, high = np.nanpercentile(values, (0, 99))
-        shown = axes.imshow(
-            np.ma.masked_invalid(values), cmap=colours, vmin=low, vmax=max(high, low + 1e-12),
-            extent=(0, camera.width, camera.height, 0), interpolation="nearest",
-        )  # fmt: skip
-        figure.colorbar(shown, ax=axes, shrink=0.75)
-    return svg_text(figure)
+    return render_svg(figure)

@@ -15,7 +15,7 @@ from gsut._core import InputError
 from gsut.data import Frame, list_some, write_transforms
 from gsut.data.colmap import ColmapImage, ColmapModel, format_model_texts
 from gsut.data.points import format_points_ply
-from gsut.data.poses import inverse
+from gsut.data.poses import invert_pose
 from gsut.files import write_file
 from gsut.sfm.core import FEATURE_VARIANCE, Photographs, Solution
 
@@ -57,7 +57,7 @@ def write_dataset(solution: Solution, photographs: Photographs, out: Path) -> li
 def _frames(solution: Solution, photographs: Photographs) -> list[Frame]:
     frames = [
         Frame(
-            name, path, camera, inverse(pose), mask_path=mask, shutter=solution.shutter,
+            name, path, camera, invert_pose(pose), mask_path=mask, shutter=solution.shutter,
             time=photographs.times.get(name),
         )
         for name, path, camera, pose, mask in zip(
@@ -69,8 +69,8 @@ def _frames(solution: Solution, photographs: Photographs) -> list[Frame]:
         ends = solution.poses_at(0.0), solution.poses_at(1.0)
         for frame, start, end in zip(frames, *ends, strict=True):
             frame.world_from_camera_start, frame.world_from_camera_end = (
-                inverse(start),
-                inverse(end),
+                invert_pose(start),
+                invert_pose(end),
             )
     return [f for f, registered in zip(frames, solution.registered, strict=True) if registered]
 

@@ -9,18 +9,18 @@ from typing import Any
 import numpy as np
 
 from gsut.data import CAPTURE_FOLDER, STRIP
-from gsut.data.poses import centers_of
+from gsut.data.poses import find_centers
 from gsut.files import write_file
 from gsut.page import (
     LINE,
     MUTED,
     SERIES,
     TITLE,
-    bytes_address,
-    html_table,
-    plot_figure,
-    sections_page,
-    svg_text,
+    build_page,
+    build_table,
+    embed_bytes,
+    make_figure,
+    render_svg,
 )
 from gsut.run import Verdict
 from gsut.sfm.core import Solution
@@ -64,24 +64,24 @@ def write_report(out: Path, solution: Solution, values: dict[str, Any]) -> None:
         verdict = Verdict.from_dict(values["verdict"])
         parts.append(f"<p><b>{html.escape(str(verdict))}</b></p>")
     parts += [
-        html_table(summary.items()),
+        build_table(summary.items()),
         "<h2>Cameras and points from above and from the side</h2>",
         _scene_plot(solution, values.get("rig")),
         "<h2>Residuals and tracks</h2>",
         _residual_plot(solution),
         _track_plot(solution),
         "<h2>Images</h2>",
-        html_table(
+        build_table(
             map(_image_row, values["views"]),
             ("image", "points", "median error [px]", "sigma of the turn [degrees]"),
         ),
     ]
     strip = out / CAPTURE_FOLDER / STRIP
     if strip.is_file():
-        address = bytes_address(strip.read_bytes(), "image/jpeg")
+        address = embed_bytes(strip.read_bytes(), "image/jpeg")
         picture = f'<img src="{address}" alt="the pictures chosen" style="width: 100%">'
         parts += ["<h2>Pictures chosen</h2>", picture]
-    write_file(out / REPORT, sections_page(title, values["notes"], parts))
+    write_file(out / REPORT, build_page(title, values["notes"], parts))
 
 
 def _image_row(row: dict[str, Any]) -> tuple[str, ...]:
@@ -117,7 +117,7 @@ def _rig_rows(rig: dict[str, Any]) -> dict[str, str]:
 
 def _scene_plot(solution: Solution, rig: dict[str, Any] | None) -> str:
     """Seen along two principal axes of the camera path; each camera of a rig in a colour."""
-    centers = centers_of(solution.camera_from_world[solution.registered])
+    centers = find_centers(solution.camera_from_world[solution.registered])
     forward = solution.camera_from_world[solution.registered][:, 2, :3]
     down = solution.camera_from_world[solution.registered][:, 1, :3].mean(axis=0)
     down = down / max(float(np.linalg.norm(down)), 1e-12)
@@ -132,7 +132,7 @@ def _scene_plot(solution: Solution, rig: dict[str, Any] | None) -> str:
     keep = keep[:: max(1, len(keep) // _MOST_POINTS)]
     points, colors = solution.points[keep] - middle, solution.colors[keep] / 255.0
     cameras, frames = _rig_places(solution, rig)
-    figure, axes = plot_figure("", 10, 5, 2)
+    figure, axes = make_figure("", 10, 5, 2)
     size = 0.03 * max(float(np.ptp(centers @ across)), float(np.ptp(centers @ along)), 1e-9)
     for axis, (x, y) in zip(axes, ((across, along), (across, -down)), strict=True):
         axis.scatter(points @ x, points @ y, s=0.6, c=colors, linewidths=0, rasterized=True)
@@ -149,7 +149,7 @@ def _scene_plot(solution: Solution, rig: dict[str, Any] | None) -> str:
     if rig is not None:
         axes[0].set_xlabel("in the rig's unit", color=MUTED)
         axes[0].legend(fontsize=8, frameon=False)
-    return svg_text(figure)
+    return render_svg(figure)
 
 
 def _rig_places(
@@ -172,7 +172,7 @@ def _residual_plot(solution: Solution) -> str:
     good = np.isfinite(lengths)
     degrees = np.degrees(solution.field_angles[good])
     lengths = lengths[good]
-    figure, axes = plot_figure("residual [px] by field angle", 10, 3, 2)
+    figure, axes = make_figure("residual [px] by field angle", 10, 3, 2)
     bins = np.floor(degrees / _BIN_DEGREES).astype(int)
     middles, medians, upper = [], [], []
     for index in np.unique(bins):
@@ -189,13 +189,13 @@ def _residual_plot(solution: Solution) -> str:
     axes[0].legend(fontsize=8, frameon=False)
     axes[1].hist(lengths, bins=60, range=(0, float(np.percentile(lengths, 99))), color=LINE)
     axes[1].set_title("residuals [px]", **TITLE)
-    return svg_text(figure)
+    return render_svg(figure)
 
 
 def _track_plot(solution: Solution) -> str:
     lengths = np.bincount(solution.observations[:, 0])
-    figure, axes = plot_figure("points by track length (images)", 5, 3)
+    figure, axes = make_figure("points by track length (images)", 5, 3)
     longest = int(max(lengths.max(initial=2), 3))
     axes.hist(lengths, bins=np.arange(1.5, longest + 1.5), color=LINE)
     axes.set_yscale("log")
-    return svg_text(figure)
+    return render_svg(figure)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.data.poses import centers_of, inverse
+from gsut.data.poses import find_centers, invert_pose
 from gsut.data.rigs import Rig, measure_changes
 from gsut.lens import Camera
 from gsut.sfm.core import (
@@ -141,7 +141,7 @@ def put_on_rig(
         rig, np.bincount(alone.observations[:, 1], minlength=len(photographs)),
     )  # fmt: skip
     first = rig.camera_from_reference[0]
-    camera_from_body = rig.camera_from_reference[1:] @ inverse(first)
+    camera_from_body = rig.camera_from_reference[1:] @ invert_pose(first)
     solution = refine(
         photographs.names, cameras, features, pairs, list(start.camera_from_world), options,
         on_progress, lens_free=lens_free,
@@ -187,7 +187,7 @@ def _scale_sigma(solution: Solution) -> float | None:
     That of the distance of each image from the frame whose pose is held: the smallest, of those
     far away, has least of the image's own.
     """
-    centers = centers_of(solution.camera_from_world)
+    centers = find_centers(solution.camera_from_world)
     spread = solution.covariances[:, :3, :3]
     held = solution.registered & ~solution.covariances.any(axis=(1, 2))
     if not held.any():

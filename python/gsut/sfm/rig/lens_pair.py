@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import SolveError
-from gsut.data.poses import inverse
+from gsut.data.poses import invert_pose
 from gsut.data.rigs import Rig
 from gsut.lens import save_camera
 from gsut.sfm.core import (
@@ -104,7 +104,7 @@ def _back_from_front(alone: Solution, photographs: Photographs) -> np.ndarray | 
                 for k in (0, 1)]  # fmt: skip
         if len(rows[0]) and len(rows[1]):
             front, back = (alone.camera_from_world[row[0]] for row in rows)
-            found.append(back @ inverse(front))
+            found.append(back @ invert_pose(front))
     if len(found) < _FEWEST:
         return None
     poses = np.array(found)
@@ -117,7 +117,7 @@ def _back_from_front(alone: Solution, photographs: Photographs) -> np.ndarray | 
     result = np.eye(4)
     result[:3, :3] = left @ right
     # The place of the back lens in the front one's frame, where it does not turn with the rest.
-    place = np.median([inverse(pose)[:3, 3] for pose in poses[good]], axis=0)
+    place = np.median([invert_pose(pose)[:3, 3] for pose in poses[good]], axis=0)
     result[:3, 3] = -result[:3, :3] @ place
     return result
 

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from gsut._core import SolveError
-from gsut.data.poses import centers_of
+from gsut.data.poses import find_centers
 from gsut.data.rigs import Rig
 
 # Two cameras of one frame whose rotation differs this much from the rig's: one of them was placed
@@ -66,8 +66,8 @@ def place_rig(
             the rig.
     """
     camera_from_reference = rig.camera_from_reference
-    seats = centers_of(camera_from_reference)
-    centers = centers_of(camera_from_world)
+    seats = find_centers(camera_from_reference)
+    centers = find_centers(camera_from_world)
     # world -> reference, by each image alone.
     turns = (
         camera_from_reference[rig_cameras, :3, :3].transpose(0, 2, 1)

@@ -16,7 +16,7 @@ import math
 
 import numpy as np
 
-from gsut.data.poses import centers_of
+from gsut.data.poses import find_centers
 from gsut.sfm.core import FEATURE_VARIANCE, Solution, in_cameras
 from gsut.sfm.lens import by_turn, free_columns, residual_spread, without_points
 
@@ -144,7 +144,7 @@ def _errors(spread: np.ndarray, known: np.ndarray) -> list[np.ndarray]:
 def _unknowns(solution: Solution, known: np.ndarray, size: int) -> np.ndarray:
     """Indices of what the gauge leaves free of so many unknowns."""
     images = np.flatnonzero(known)
-    centres = centers_of(solution.camera_from_world)
+    centres = find_centers(solution.camera_from_world)
     away = centres[images] - centres[images[0]]
     second = int(images[np.argmax((away**2).sum(axis=1))])
     axis = int(np.argmax(np.abs(centres[second] - centres[images[0]])))

@@ -10,7 +10,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data import load_dataset
-from gsut.data.poses import centers_of
+from gsut.data.poses import find_centers
 from gsut.sfm.core import rotation_angles, similarity
 
 _FEWEST = 3  # centres that fix a similarity
@@ -72,7 +72,7 @@ def compare_poses(camera_from_world: np.ndarray, reference: np.ndarray) -> PoseE
         )
     if len(reference) < _FEWEST:
         raise InputError(f"{len(reference)} poses fix no similarity; at least {_FEWEST} are needed")
-    centers, targets = centers_of(camera_from_world), centers_of(reference)
+    centers, targets = find_centers(camera_from_world), find_centers(reference)
     scale, rotation, translation = similarity(centers, targets)
     distances = np.linalg.norm(scale * centers @ rotation.T + translation - targets, axis=1)
     about_mean = (centers - centers.mean(axis=0)) @ rotation.T - (targets - targets.mean(axis=0))

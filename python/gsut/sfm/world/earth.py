@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from gsut.data.poses import centers_of
+from gsut.data.poses import find_centers
 from gsut.gaussians import rotate_upright
 from gsut.sfm.core import Solution, similarity
 
@@ -81,7 +81,7 @@ def find_earth(
         given = np.array([places[solution.names[i]] for i in index])
         origin = np.median(given, axis=0)
         target = _metres(given, origin)
-        centers = centers_of(solution.camera_from_world[index])
+        centers = find_centers(solution.camera_from_world[index])
         if up is None and held is not None:
             up = _up_by_path(held, centers, target)
             figures["up"] = "not known" if up is None else "by the cameras and the path of GPS"

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import InputError
-from gsut.data.poses import centers_of
+from gsut.data.poses import find_centers
 from gsut.files import regular
 from gsut.sfm.core import similarity
 
@@ -108,7 +108,7 @@ def fit_positions(
             f"{source}: {len(pairs)} of its {len(positions)} names are photographs of the run; 3 "
             f"at least are needed. The run's are like {next(iter(poses), '?')}"
         )
-    centers = centers_of(np.stack([pose for pose, _ in pairs]))
+    centers = find_centers(np.stack([pose for pose, _ in pairs]))
     places = np.stack([place for _, place in pairs]) @ _SCENE_FROM_EAST_NORTH_UP.T
     for points in (centers, places):
         spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
