@@ -9,5 +9,6 @@ import numpy as np
 run = gsut.load_run("RUN")
 scene, index = run.scene, run.scene.test_indices[0]
 start = gsut.exp_pose([0.01, 0, 0, 0, 0.002, 0]) @ scene.views[index].camera_from_world
-found = gsut.poses.refine_pose(run.gaussians, scene.camera(index), scene.image(index), start)
+camera, photograph, mask = scene.camera(index), scene.image(index), scene.mask(index)
+found = gsut.poses.refine_pose(run.gaussians, camera, start, photograph, mask)
 print(np.round(found.center, 3), found.center_std)  # world coordinates

@@ -6,4 +6,4 @@ print(gsut.lens.find_lenses("hero9 max wide")[:1])
 camera = gsut.load_camera("fisheye.yaml")
 converted = gsut.lens.convert_camera(camera, "opencv8")
 print(converted)  # errors by field angle
-gsut.save_camera("opencv8.yaml", converted.camera)
+gsut.save_camera(converted.camera, "opencv8.yaml")

@@ -3,7 +3,6 @@
 import gsut
 
 scene, gaussians = gsut.load_dataset("DATA"), gsut.load_gaussians("RUN/scene.ply")
-depths = gsut.surface.depth_maps(gaussians, scene, scene.train_indices)
-mesh = gsut.surface.fuse_depth(depths)
+mesh = gsut.extract_mesh(gaussians, scene, gsut.surface.MeshOptions(voxel=0.1))
 gsut.save_mesh("mesh.ply", mesh)
 print(mesh)
