@@ -203,7 +203,6 @@ void BindCameras(py::module_& m) {
       .def_readonly("fit_held", &LensTraits::fit_held)
       .def_readonly("fit_near", &LensTraits::fit_near)
       .def_readonly("has_table", &LensTraits::has_table)
-      .def_readonly("takes_size", &LensTraits::takes_size)
       .def_readonly("is_central", &LensTraits::is_central)
       .def_readonly("is_parallel", &LensTraits::is_parallel);
   m.def(

@@ -60,6 +60,7 @@ std::string& ForcedName() {
 
 }  // namespace
 
+// A name may stand for several of Highway's targets, of which one is compiled in.
 std::vector<std::string> AvailableIsas() {
   std::vector<std::string> names;
   for (const IsaName& isa : kIsaNames) {
@@ -91,6 +92,7 @@ void SetIsa(const std::string& name) {
     }
     known += std::string(known.empty() ? "" : ", ") + isa.name;
   }
+  // Better an error than a test that silently runs another set.
   throw InputError("instruction set \"" + name +
                    "\" (GSUT_ISA) is unknown or not available here; " +
                    "this build and processor offer: " + known);

@@ -37,6 +37,8 @@ class Threads {
 
   int count() const { return count_; }
 
+  // Takes a free arena or makes one, and gives it back: there is one for each loop that runs at the
+  // same time.
   template <class Work>
   void Execute(const Work& work) {
     std::unique_ptr<tbb::task_arena> arena;
@@ -164,6 +166,7 @@ void ParallelFor(std::int64_t count, std::int64_t grain,
     return;
   }
   const std::shared_ptr<Threads> current = CurrentThreads();
+  // One thread needs no arena, and runs chunks in order.
   if (current->count() == 1) {
     for (std::int64_t chunk = 0; chunk < chunks; ++chunk) run_chunk(chunk);
   } else {

@@ -34,6 +34,7 @@ LensDomain CheckedDomain(LensModel lens, const std::vector<double>& params, int 
       throw InputError(std::string(Lens::kName) + " takes the parameters \"" + Lens::kParamNames +
                        "\", found " + std::to_string(num_params) + " values");
     }
+    // No direction is farther from the axis than pi.
     const double limit = std::min(angle, kPi);
     if constexpr (requires { Lens::kTakesSize; }) {
       return Lens::MakeDomain(params.data(), num_params, limit, width, height);
@@ -70,6 +71,7 @@ int Camera::height() const { return state_->height; }
 double Camera::valid_field_angle() const { return state_->valid_field_angle; }
 const LensDomain& Camera::domain() const { return state_->domain; }
 
+// Members of contract.h that a lens declares or not; asked of the struct, never of its name.
 bool Camera::IsCentral() const {
   return VisitLens(lens(), [](auto lens) {
     return !requires { decltype(lens)::kHasOrigins; };
@@ -107,6 +109,7 @@ Camera Camera::WithValidFieldAngle(double valid_field_angle) const {
   return Camera(model(), state_->params, state_->width, state_->height, valid_field_angle);
 }
 
+// Equal values are equal cameras, wherever they came from; the domain follows from them.
 bool operator==(const Camera& a, const Camera& b) {
   return a.state_ == b.state_ ||
          (a.lens() == b.lens() && a.params() == b.params() && a.width() == b.width() &&

@@ -33,6 +33,7 @@ double SafeScaleFor(const double* point) {
   ? 1.0 : SafeScale(point);
 }
 
+// NaN marks a point without an image, so that it cannot be mistaken for a pixel.
 template <class Lens>
 bool ProjectPoint(const Camera& camera, const double* point, double* pixel) {
   const double s = SafeScaleFor<Lens>(point);
@@ -95,6 +96,7 @@ void Camera::UnprojectLines(std::int64_t count, const double* pixels, double* or
                             std::uint8_t* valid) const {
   VisitLens(lens(), [&](auto model) {
     using Lens = decltype(model);
+    // Lenses with one centre have all origins at 0.
     if constexpr (requires { Lens::kHasOrigins; }) {
       ParallelFor(count, kGrain, [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t i = begin; i < end; ++i) {
@@ -121,6 +123,7 @@ void Camera::ProjectJacobian(std::int64_t count, const double* points, double* p
   const int k = num_params();
   const auto loop = [&](auto model, std::int64_t begin, std::int64_t end) {
     using T = Dual<kDirections>;
+    // One vector a chunk, not a point: parameters may be thousands.
     std::vector<T> dual_params(k);
     for (std::int64_t i = begin; i < end; ++i) {
       const double* point = points + 3 * i;

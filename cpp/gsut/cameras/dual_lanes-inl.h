@@ -62,7 +62,7 @@ HWY_INLINE DualLane operator-(const DualLane& a, const DualLane& b) {
   for (int i = 0; i < DualLane::kDirections; ++i) out.grad[i] = a.grad[i] - b.grad[i];
   return out;
 }
-// Product and quotient rule: d(ab) = b da + a db, d(a/b) = da / b - a / b^2 db.
+// Product rule d(ab) = b da + a db and quotient rule d(a / b) = (da - (a / b) db) / b.
 HWY_INLINE DualLane operator*(const DualLane& a, const DualLane& b) {
   return Chain(a.value * b.value, a, b.value, b, a.value);
 }

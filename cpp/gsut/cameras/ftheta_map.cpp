@@ -27,6 +27,7 @@ std::span<const double> Reference(const double* params) {
 }
 
 // Where the polynomial, increasing on [0, high], takes this value.
+// Newton inside a bracket, on t times the polynomial over t, as t = 0 is a root of all of them.
 double Solve(std::span<const double> p, double value, double high, double start) {
   const auto f = [p](double t, double* derivative) {
     *derivative = Ftheta::Slope(p.data(), t);

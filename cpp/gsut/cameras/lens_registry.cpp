@@ -28,6 +28,7 @@ const LensEntry& Entry(LensModel lens) { return kLenses[static_cast<int>(lens)];
 
 }  // namespace
 
+// In the order of LensModel.
 std::vector<std::string> LensNames() {
   std::vector<std::string> names;
   for (const LensEntry& entry : kLenses) names.emplace_back(entry.name);

@@ -22,7 +22,6 @@ LensTraits TraitsOf(LensModel lens) {
       traits.fit_near.assign(std::begin(Lens::kFitNear), std::end(Lens::kFitNear));
     }
     traits.has_table = requires { Lens::kHasTable; };
-    traits.takes_size = requires { Lens::kTakesSize; };
     traits.is_central = !requires { Lens::kHasOrigins; };
     traits.is_parallel = requires { Lens::kIsParallel; };
     return traits;

@@ -36,6 +36,7 @@ double Fold(const double* params, int num_params) {
 // The least squares of w (rho / (a0 theta) - 1) = b0 theta^2 + b1 theta^4 + b2 theta^6 over
 // samples.
 std::array<double, 3> FitStart(const std::vector<double>& theta, const std::vector<double>& ratio) {
+  // Normal equations of three unknowns, with the right side as the fourth column.
   double m[3][4] = {};
   for (std::size_t i = 0; i < theta.size(); ++i) {
     const double square = theta[i] * theta[i];
@@ -64,6 +65,7 @@ bool TryRadius(const double* params, int num_params, double radius, LensDomain* 
     theta.push_back(AngleAt(params, num_params, rho));
     ratio.push_back(rho / (a0 * theta.back()));
   }
+  // A fit over the whole domain starts everywhere about equally well.
   const std::array<double, 3> start = FitStart(theta, ratio);
   std::copy(start.begin(), start.end(), domain->limits.begin());
   for (int i = 1; i <= kSamples; ++i) {

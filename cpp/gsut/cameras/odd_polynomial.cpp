@@ -67,6 +67,7 @@ bool UnprojectOddPolynomial(const LensDomain& domain, const double* params, int 
     ray[2] = 1.0;
     return true;
   }
+  // Newton inside a bracket: the radius rises with the angle all through the domain.
   const double theta = Invert(k, domain.max_angle, radius);
   if (!(theta < domain.max_angle)) return false;
   double slope = 0.0;

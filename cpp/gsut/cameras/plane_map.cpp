@@ -16,6 +16,7 @@ constexpr double kTwoPi = 6.283185307179586477;
 constexpr double kMargin = 1e-9;
 constexpr double kEpsilon = std::numeric_limits<double>::epsilon();
 
+// Positive where the map keeps orientation.
 double Determinant(const PlanePoint& p) { return p.du_dx * p.dv_dy - p.du_dy * p.dv_dx; }
 
 PlanePoint OnCircle(const PlaneMap& map, double radius, double azimuth) {
@@ -167,11 +168,14 @@ double RegularRadius(const PlaneMap& map, double limit) {
     }
   }
   if (worst < 0) return limit;
+  // The margin keeps the domain's own points regular, to rounding.
   const double refined = MinimumNear(
       worst, [&](double azimuth) { return FirstSingularRadius(map, radii, azimuth, limit); });
   return std::min(smallest, refined) * (1.0 - kMargin);
 }
 
+// The smallest and largest distance of the circle's image from the centre bound where inverses can
+// be.
 ImageRadii ImageOfCircle(const PlaneMap& map, double radius) {
   const auto image_radius = [&](double azimuth) {
     const PlanePoint p = OnCircle(map, radius, azimuth);
@@ -218,6 +222,7 @@ bool ImageOfDiscContains(const PlaneMap& map, double radius, double u, double v)
   };
   constexpr double kReach = kTwoPi / 8;  // no lens turns a direction further
   const double direction = std::atan2(v, u);
+  // The turn rises with the azimuth, so bisection finds where it is zero.
   double low = direction - kReach, high = direction + kReach;
   if (!(turn(low) < 0.0 && turn(high) > 0.0)) return true;  // undecided: let Newton decide
   for (;;) {

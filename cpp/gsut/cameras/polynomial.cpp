@@ -32,6 +32,7 @@ double Bisect(std::span<const double> c, double low, double high) {
 // there, and bisection finds it: no start value, no divergence. The derivative's roots come the
 // same way. All x in (0, 1] where the polynomial vanishes, touches zero or changes sign; ascending.
 std::vector<double> RootsInUnitInterval(std::span<const double> c) {
+  // Zero leading coefficients would make a derivative of the wrong degree.
   while (!c.empty() && c.back() == 0.0) c = c.first(c.size() - 1);
   if (c.size() < 2) return {};
   std::vector<double> derivative(c.size() - 1);
@@ -43,6 +44,7 @@ std::vector<double> RootsInUnitInterval(std::span<const double> c) {
   for (const double knot : knots) {
     const double at_low = EvaluatePolynomial(c, low);
     const double at_knot = EvaluatePolynomial(c, knot);
+    // A touching root has no change of sign: a value within its rounding error counts as zero.
     if (std::abs(at_knot) <= EvaluationError(c, knot)) {
       roots.push_back(knot);
     } else if (low != knot && at_low != 0.0 && (at_low < 0.0) != (at_knot < 0.0) &&

@@ -46,6 +46,7 @@ struct Chart {
   }
 };
 
+// The unit vector that two tilts of the camera's axis give.
 void OpticalAxis(const double* params, double* axis) {
   axis[0] = std::sin(params[4]) * std::cos(params[5]);
   axis[1] = std::sin(params[5]);
@@ -107,6 +108,7 @@ bool UnprojectPupilChart(const LensDomain& domain, const double* params, double 
                          double* origin, double* ray) {
   double direction[3] = {0.0, 0.0, 1.0};
   if (!FromPixel(params, u, v, &direction[0], &direction[1])) return false;
+  // The pixel's direction, in parts along and across the optical axis.
   const Chart chart{params};
   double axis[3], across[3];
   OpticalAxis(params, axis);

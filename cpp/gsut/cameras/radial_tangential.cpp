@@ -75,6 +75,7 @@ double DistortRadius(const Coefficients& k, double r, double* derivative) {
 }
 
 // The whole distortion with its Jacobian.
+// Duals of two directions give the Jacobian; terms that are all zero are not computed.
 PlaneMap MakePlaneMap(const Coefficients& k) {
   return gsut::MakePlaneMap([&k](const Dual<2>& x, const Dual<2>& y, Dual<2>* u, Dual<2>* v) {
     if (k.has_tilt) {
@@ -143,6 +144,7 @@ LensDomain RadialTangentialDomain(const double* params, int num_params, double a
   const Coefficients k(params, num_params);
   const PlaneMap map = MakePlaneMap(k);
   const double largest = LargestDistortedRadius(params);
+  // The radial part gives a first bound, the other terms can only shrink it.
   double radius = CutRadius(k, RadialLimit(k), largest);
   if (!k.is_radial) radius = RadiusWithin(map, RegularRadius(map, radius), largest);
   // std::tan is finite and positive just below 90 degrees.

@@ -22,6 +22,7 @@ void BuildRays(const Camera& camera, RayTable* table) {
   const std::int64_t width = camera.width(), size = width * camera.height();
   table->rays.resize(static_cast<std::size_t>(3 * size));
   table->valid.resize(static_cast<std::size_t>(size));
+  // Origins take memory only where rays have their own.
   if (!camera.IsCentral()) table->origins.resize(table->rays.size());
   ParallelFor(size, kBatch, [&](std::int64_t begin, std::int64_t end) {
     double pixels[2 * kBatch] = {}, origins[3 * kBatch], points[3 * kBatch] = {}, back[2 * kBatch];

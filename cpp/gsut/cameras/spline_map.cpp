@@ -43,6 +43,7 @@ struct Surface {
 };
 
 // The direction (x, y) of a place around the square of diamond angles, in sectors.
+// Sectors are even in diamond angles (star_edge.h): no arctangent on the way back.
 void DirectionOf(double sector, double* x, double* y) {
   const double around = 4.0 * sector / StarEdge::kSectors - 2.0;
   *x = 1.0 - std::abs(around);
@@ -136,6 +137,7 @@ LensDomain SplineDomain(const double* params, double angle_limit) {
     DirectionOf(0.5 * static_cast<double>(i), &x, &y);
     fold[i] = FirstFold(surface, x, y);
   }
+  // Squared radii in float, as kernels compare them.
   auto edge = std::make_shared<std::vector<float>>(StarEdge::kSectors);
   double farthest = 0.0;
   for (std::size_t i = 0; i < edge->size(); ++i) {
@@ -168,6 +170,7 @@ bool UnprojectSpline(const LensDomain& domain, const double* params, double u, d
   double x = start * image_x, y = start * image_y;
   if (!InvertPlaneMap(surface, domain.max_radius, image_x, image_y, &x, &y)) return false;
   if (!lenses::StarEdge::Contains(domain, x, y)) return false;
+  // The round trip in pixels decides.
   const PlanePoint back = surface(x, y);
   const double back_u = focal[0] * (back.u + surface.offset[0]) + focal[2];
   const double back_v = focal[1] * (back.v + surface.offset[1]) + focal[3];

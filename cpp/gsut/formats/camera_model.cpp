@@ -40,6 +40,7 @@ struct ConfiguredName {
   std::vector<const char*> keys;
   bool is_first;
 };
+// A function, as a global of vectors would be made in an order that the linker chooses.
 const std::vector<ConfiguredName>& ConfiguredModels() {
   static const std::vector<ConfiguredName> models = {
       {"LENSMODEL_SPLINED_STEREOGRAPHIC",
@@ -101,6 +102,7 @@ class Reader {
  public:
   Reader(const PythonLiteral& root, const std::string& source) : root_(root), source_(source) {}
 
+  // Errors name the file, the line and the key, as calibration files are edited by hand.
   [[noreturn]] void Fail(const std::string& key, int line, const std::string& problem) const {
     throw CalibrationError(source_ + ", line " + std::to_string(line) + ", key '" + key +
                            "': " + problem);
@@ -213,6 +215,7 @@ class Reader {
   const std::string& source_;
 };
 
+// (std::to_chars promises that, and does not depend on the locale.)
 // The shortest text that reads back as the same double.
 std::string Text(double value) {
   constexpr std::size_t kLongest = 64;  // a double has at most 24 characters
@@ -252,6 +255,7 @@ std::string FormatCameraModel(const CameraModelFile& file) {
   for (const ModelName& model : kModels) {
     if (camera.model() == model.gsut) name = model.mrcal;
   }
+  // Parameters that mrcal keeps in the name go back there.
   for (const ConfiguredName& model : ConfiguredModels()) {
     if (camera.model() != model.gsut) continue;
     name = model.mrcal;

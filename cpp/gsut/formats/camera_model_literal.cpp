@@ -85,6 +85,7 @@ class Parser {
     SkipSpace();
     PythonLiteral value;
     value.line = line_;
+    // Recursion is as deep as the nesting.
     if (depth > kMaxDepth) Fail("nested too deep");
     if (AtEnd()) Fail("expected a value");
     const char c = Peek();
@@ -117,6 +118,7 @@ class Parser {
     }
   }
 
+  // Tuples are read as lists.
   void ParseList(int depth, PythonLiteral* value) {
     value->kind = Kind::kList;
     const char close = Take() == '[' ? ']' : ')';

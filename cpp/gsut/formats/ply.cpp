@@ -93,6 +93,7 @@ int CountCoefficients(const PlyElement& element, const std::string& path) {
   return static_cast<int>(rest / 3 + 1);
 }
 
+// Files that are written are little-endian on every machine.
 void PutLittleEndian(float value, char* out) {
   std::memcpy(out, &value, sizeof value);
   if constexpr (std::endian::native == std::endian::big) std::reverse(out, out + sizeof value);
@@ -198,6 +199,7 @@ std::int64_t PlyGaussianReader::Read(const GaussiansView<float>& out) {
         origin_[k] = std::round(values[means[k]]);
       }
     }
+    // Values are double here; what float cannot hold becomes infinite and is counted.
     const auto get = [&](const std::vector<std::size_t>& columns, float* to) {
       for (const std::size_t column : columns) {
         *to = static_cast<float>(values[column]);
@@ -243,6 +245,7 @@ std::string WritablePath(const std::string& path) {
 void WritePly(const std::string& name, const GaussiansView<const float>& gaussians,
               const std::vector<std::string>& comments, bool surfels) {
   const std::string path = WritablePath(name);
+  // A line break would end the comment and begin a line of the header.
   for (const std::string& comment : comments) {
     if (comment.find_first_of("\r\n") != std::string::npos) {
       throw InputError("a PLY comment holds a line break: \"" + comment + "\"; give one a line");
@@ -258,6 +261,7 @@ void WritePly(const std::string& name, const GaussiansView<const float>& gaussia
   stream.write(header.data(), static_cast<std::streamsize>(header.size()));
   // Rows written at a time: about a megabyte.
   constexpr std::int64_t kBlockRows = 4096;
+  // Rows are put together in memory: one write a block, not a number.
   const std::size_t row_bytes = static_cast<std::size_t>(properties) * sizeof(float);
   std::vector<char> block(kBlockRows * row_bytes);
   for (std::int64_t begin = 0; begin < gaussians.size; begin += kBlockRows) {
@@ -300,6 +304,7 @@ PlyPoints ReadPlyPoints(const std::string& path) {
   for (const char* name : {"x", "y", "z"}) {
     position.push_back(FindProperty(element, name, path, "points"));
   }
+  // Some scanners call their colours diffuse_red ...
   for (const std::string prefix : {"", "diffuse_"}) {
     if (element.Find(prefix + "red") < 0) continue;
     for (const char* name : {"red", "green", "blue"}) {

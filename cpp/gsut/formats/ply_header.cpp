@@ -51,6 +51,7 @@ class Parser {
     if (!GetLine(stream_, &line) || line != "ply") {
       throw InputError(path_ + ": not a PLY file (the first line is not \"ply\")");
     }
+    // obj_info lines, which some writers add, are passed over; other unknown keywords are errors.
     bool has_format = false;
     for (line_ = 2; line_ < kMaxHeaderLines && GetLine(stream_, &line); ++line_) {
       std::istringstream words(line);
@@ -151,13 +152,6 @@ int PlyTypeBytes(PlyType type) {
     if (known.type == type) return known.bytes;
   }
   return 0;
-}
-
-// Of a row without lists, whose rows differ in length.
-std::int64_t PlyElement::RowBytes() const {
-  std::int64_t bytes = 0;
-  for (const PlyProperty& property : properties) bytes += PlyTypeBytes(property.type);
-  return bytes;
 }
 
 // Properties are few, so a linear search does.

@@ -205,6 +205,7 @@ void CheckPlySize(std::istream& stream, const std::string& path, const PlyHeader
   }
 }
 
+// Rows are handed on one by one, so that no file is held in memory as a whole.
 void ReadPlyRows(std::istream& stream, const std::string& path, const PlyHeader& header,
                  std::size_t index, const std::function<void(const double* values)>& row) {
   Values reader(stream, header.format);

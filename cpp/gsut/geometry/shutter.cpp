@@ -56,6 +56,7 @@ std::string Shutter::DirectionName() const {
   return "";
 }
 
+// Lines are rows or columns, by the direction of the readout.
 int Shutter::NumLines(int width, int height) const {
   return IsGlobal() ? 1 : RunsOverRows() ? height : width;
 }

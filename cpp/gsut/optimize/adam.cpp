@@ -101,6 +101,7 @@ void UpdateRows(const AdamConstants& c, const AdamGroup& group, const float* rat
     function(c, count, rates, group.gradients + at, group.params + at, group.moment1 + at,
              group.moment2 + at);
   };
+  // The fastest way first: no masks, no rates an element.
   if (active == columns && !many_rates && visible == nullptr) {
     update(static_cast<std::size_t>(begin) * columns,
            static_cast<std::size_t>(end - begin) * columns);
@@ -196,6 +197,7 @@ void AdamStep(const std::vector<AdamGroup>& groups, std::int64_t rows, std::int6
   const auto rows_function = HWY_DYNAMIC_DISPATCH(AdamRows);
   for (const AdamGroup& group : groups) {
     const std::vector<float> rates = RatesOf(group, step, options);
+    // Schedules often give all columns one rate.
     const bool same =
         std::all_of(rates.begin(), rates.end(), [&](float rate) { return rate == rates.front(); });
     constexpr std::int64_t kChunkElements = 16384;  // 64 KiB of each of the four arrays

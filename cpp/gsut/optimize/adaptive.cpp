@@ -89,6 +89,8 @@ AdaptivePlan PlanAdaptive(const GaussiansView<float>& params, std::int64_t size,
       const double scale = ScaleFromLog(static_cast<double>(std::max(s[0], std::max(s[1], s[2]))));
       const double opacity = Sigmoid(static_cast<double>(params.opacity_logits[row]));
       AdaptiveAction& action = plan.actions[static_cast<std::size_t>(row)];
+      // What is no number, transparent or huge goes; what is pulled about is doubled: small ones
+      // are copied, large ones split.
       if (!RowIsFinite(params, row) || opacity < options.prune_opacity ||
           scale > options.max_scale) {
         action = AdaptiveAction::kPrune;
@@ -147,6 +149,7 @@ std::int64_t ApplyAdaptive(const TrainingState& state, const AdaptivePlan& plan,
   return plan.SizeAfter();
 }
 
+// 3DGS lowers all opacities at times: Gaussians that photographs need come back, floaters do not.
 void ResetOpacities(const TrainingState& state, double max_opacity) {
   CheckState(state);
   if (!(max_opacity > 0.0 && max_opacity < 1.0)) {
@@ -161,6 +164,7 @@ void ResetOpacities(const TrainingState& state, double max_opacity) {
   }
 }
 
+// gradient x distance is the gradient in pixels but for the focal length: near and far alike.
 void AccumulateDensity(std::int64_t size, const float* dl_dmeans, const float* distances,
                        const std::uint8_t* visible, float* max, float* sum, std::int32_t* count) {
   ParallelFor(size, kChunkRows, [&](std::int64_t begin, std::int64_t end) {

@@ -112,6 +112,7 @@ class Herd {
   }
 
   // Weighted averages; returns the largest change. A centre without members stays where it is.
+  // The largest change of any entry ends the rounds, as in the paper.
   double Average() {
     std::vector<Feature> sums(centers_.size(), Feature{});
     std::vector<double> weights(centers_.size(), 0.0);

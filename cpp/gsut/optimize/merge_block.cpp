@@ -131,6 +131,7 @@ class Planner {
     }
   }
 
+  // With path halving, as in any union-find.
   Place Heir(Place place) {
     while (heir_[place] != place) {
       heir_[place] = heir_[heir_[place]];
@@ -154,6 +155,7 @@ class Planner {
       costs.emplace_back(CostOfMerging(clusters_[place], clusters_[candidate], options_),
                          candidate);
     }
+    // Alone in its block: nothing to merge with.
     if (costs.empty()) return;
     // Candidates of both parents add up; only the cheapest stay.
     const auto most = static_cast<std::size_t>(kMergedCandidates * options_.neighbors);
@@ -208,6 +210,7 @@ class Planner {
   std::priority_queue<Entry> heap_;
 };
 
+// What was never merged keeps its bits.
 void CopyRowTo(const GaussiansView<const float>& from, std::int64_t row,
                const GaussiansView<float>& to, std::int64_t place) {
   const std::int64_t sh = 3 * std::int64_t{from.sh_coefficients};

@@ -156,6 +156,7 @@ void Nearest(const float* rows, std::int64_t count, const PackedEntries& entries
 }
 
 // Entries become the means of their rows; one without rows stays. Returns whether one has moved.
+// Sums in double, in the order of rows.
 bool MoveToMeans(const float* rows, std::int64_t count, int columns, const std::uint32_t* labels,
                  std::int64_t size, float* entries) {
   std::vector<double> sums(static_cast<std::size_t>(size * columns), 0.0);
@@ -239,6 +240,8 @@ Cells FindCells(const float* rows, std::int64_t count, int columns, std::int64_t
 
 // Entries of each cell, as offsets: in proportion to its rows, one at least where it has any, and
 // together no more than `entries`.
+// Rounding down keeps the sum within `entries`; the one that each cell has at least is paid for
+// first.
 std::vector<std::int64_t> ShareOut(const Cells& cells, std::int64_t count, std::int64_t entries) {
   const auto size = static_cast<std::int64_t>(cells.begin.size()) - 1;
   std::vector<std::int64_t> offsets(cells.begin.size(), 0);
@@ -264,7 +267,7 @@ Palette MakePalette(const float* rows, std::int64_t count, int columns,
   if (!std::all_of(rows, rows + count * columns, [](float x) { return std::isfinite(x); })) {
     throw InputError("a palette needs finite values");
   }
-  // Cells are as many as entries of a cell, which makes both levels cost the same.
+  // The number of cells equals that of a cell's entries, so both levels cost the same.
   const std::int64_t most = std::min(options.entries, count);
   const auto size = static_cast<std::int64_t>(std::sqrt(static_cast<double>(most)));
   const Cells cells = FindCells(rows, count, columns, size, options.rounds);

@@ -112,6 +112,7 @@ class Products {
   explicit Products(const Descriptors& second)
       : second_(second), columns_(kDescriptorLength * kBlockColumns) {}
 
+  // Packs a block of columns; zeros behind the last one give cosines of 0, which are not used.
   void SetColumns(int begin) {
     const int count = std::min(kBlockColumns, second_.count - begin);
     std::fill(columns_.begin(), columns_.end(), Column{0});
@@ -217,6 +218,7 @@ void FindBest(const Descriptors& first, const Descriptors& second, TwoBest* of_f
     std::fill(where, where + kBlockColumns, -1.0F);
     for (int row = 0; row < num_first; row += kRows) {
       const int rows = std::min(kRows, num_first - row);
+      // At the bottom there may be fewer rows than registers.
       // Rows past the end repeat the last one, and their results are not read.
       Lanes of_row[kRows];
       VF scale[kRows];
@@ -248,6 +250,7 @@ void FindBest(const Descriptors& first, const Descriptors& second, TwoBest* of_f
           hn::Store(of_column.index, d, where + at);
         }
       }
+      // The row's best over this block: the lanes' bests compete, then all seconds.
       for (int r = 0; r < rows; ++r) {
         hn::Store(of_row[r].best, d, spill.data());
         hn::Store(of_row[r].second, d, spill.data() + lanes);
@@ -308,6 +311,7 @@ HWY_EXPORT(Kernel);
 
 namespace {
 
+// Lengths for cosines, and sums of bytes, which make up for the offset of signed rows.
 Descriptors SumDescriptors(const std::uint8_t* bytes, int count) {
   const int padded = (count + kBlockColumns - 1) / kBlockColumns * kBlockColumns;
   Descriptors all = {bytes, count, AlignedVector<float>(padded, 0.0F),

@@ -93,6 +93,7 @@ int PlaceBodies(const StructureOptions& options, SceneMap* map) {
       seen += visible.back().points.size();
     }
     if (static_cast<int>(seen) < options.min_inliers) continue;
+    // Each image of the body may give the start; the one most observations agree with wins.
     Placement best;
     for (std::size_t i = 0; i < images.size(); ++i) {
       AbsolutePoseOptions settings;

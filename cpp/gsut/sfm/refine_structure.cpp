@@ -110,6 +110,7 @@ Structure RefineStructure(const std::vector<Camera>& cameras,
                           const std::function<bool(const StructureProgress&)>& on_progress) {
   Check(cameras, images, camera_from_world);
   CheckRig(options.rig, registered, images.size());
+  // Rounds of: complete tracks, adjust, drop what is off; from loose to tight.
   StructureOptions current = options;  // the map reads its largest error in every round
   SceneMap map(cameras, images, pairs, current);
   const int farthest = FarthestFromFirst(camera_from_world);
@@ -166,6 +167,7 @@ Structure RefineStructure(const std::vector<Camera>& cameras,
     settle();
   }
   map.DropWeakImages();
+  // The gauge's images must still be there.
   const bool held = map.on_rig() || (map.registered(0) && map.registered(farthest));
   if (changed < 0.0 || map.num_points() < kFewestPoints || map.num_registered() < 2 || !held) {
     return {cameras, images.size(),

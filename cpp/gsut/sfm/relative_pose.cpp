@@ -80,6 +80,7 @@ Pose ChooseInFront(const Eigen::Matrix3d& e, std::span<const Bearing> first,
       const auto depths = RayDepths(pose, first[i].ray, second[i].ray);
       count += depths[0] > 0.0 && depths[1] > 0.0;
     }
+    // Of four decompositions one puts points in front of both.
     if (count > most) {
       most = count;
       best = pose;
@@ -245,6 +246,7 @@ RelativePose EstimateRelativePose(std::span<const Bearing> first, std::span<cons
     }
   }
   if (result.num_inliers < kFewestMatches) return result;
+  // The upper quartile: most points may be far away, and a quarter near enough to show the motion.
   const auto upper = parallaxes.begin() + static_cast<std::ptrdiff_t>(parallaxes.size() * 3 / 4);
   std::nth_element(parallaxes.begin(), upper, parallaxes.end());
   result.parallax = *upper;

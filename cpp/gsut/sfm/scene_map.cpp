@@ -28,6 +28,7 @@ SceneMap::SceneMap(std::vector<Camera> cameras, const std::vector<ImageFeatures>
       poses_(images.size()),
       camera_from_body_(options.rig.camera_from_body),
       loss_pixels_(options.max_error / kErrorOverBend) {
+  // Times follow from pixels and never change; poses of lines do, with every adjustment.
   UpdateBearings();
   if (rolling()) {
     for (const ImageFeatures& image : images_) {
@@ -251,6 +252,7 @@ int SceneMap::DropWeakImages() {
     if (!track.has_point) continue;
     for (const Observation& seen_by : track.observations) seen[seen_by.image] += seen_by.used;
   }
+  // On a rig the body counts.
   if (on_rig()) {  // what one camera of a body sees places them all
     std::vector<int> of_body(images_.size(), 0);
     const std::vector<int>& body = options_.rig.body_of_image;

@@ -167,6 +167,7 @@ BundleSummary SceneMap::AdjustGlobally(int max_iterations, double tolerance, boo
   return summary;
 }
 
+// The nearest registered image on either side in time; at an end, the image itself is one of them.
 Velocity SceneMap::NeighborVelocity(int image) const {
   int before = image, after = image;
   const std::vector<double>& times = options_.frame_times;
@@ -237,6 +238,7 @@ void SceneMap::AdjustImage(int image, double max_error) {
         bundle.points.push_back(track.position);
       }
     }
+    // Points are held: only the image moves.
     if (bundle.points.empty()) return;
     options.point_fixed.assign(bundle.points.size(), 1);
     options.loss_scale = max_error / kErrorOverBend;

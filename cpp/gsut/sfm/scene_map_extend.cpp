@@ -23,6 +23,7 @@ Descriptor UnitDescriptor(const ImageFeatures& image, int feature) {
   return descriptor.normalized();
 }
 
+// Cells as wide as the radius or wider: what is near lies in the nine cells around.
 // The features of an image by place.
 class FeatureGrid {
  public:
@@ -138,6 +139,7 @@ int SceneMap::Extend() {
   std::vector<Found> found;
   for (int image = 0; image < num_images(); ++image) {
     for (const Candidate& candidate : of_image[image]) {
+      // A join to the track's first feature joins it to all of them.
       const TrackElement& own = first[candidate.track];
       if (own.image == image) continue;  // its own observation there no longer agrees
       found.push_back({candidate.squared, {own, {image, candidate.feature}}});

@@ -21,6 +21,7 @@ class Components {
     for (std::size_t i = 0; i < elements.size(); ++i) members_[i] = {elements[i]};
   }
 
+  // Path halving: each visit points nodes to their grandparents.
   int Root(int node) {
     while (parent_[node] != node) {
       parent_[node] = parent_[parent_[node]];
@@ -68,6 +69,7 @@ class Components {
 std::vector<std::vector<TrackElement>> JoinTracks(std::span<const int> num_features,
                                                   std::span<const TrackJoin> joins) {
   const int images = static_cast<int>(num_features.size());
+  // Features are numbered across images, one node each.
   std::vector<int> begin(images + 1, 0);
   std::vector<TrackElement> elements;
   for (int image = 0; image < images; ++image) {

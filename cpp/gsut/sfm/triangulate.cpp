@@ -56,6 +56,7 @@ std::array<double, 2> RayDepths(const Pose& second_from_first, const Eigen::Vect
   return {ray2.cross(t).dot(normal) / squared_sine, a.cross(t).dot(normal) / squared_sine};
 }
 
+// The largest angle between two rays at the point: what its depth can be known from.
 double TriangulationAngle(std::span<const PosedBearing> observations,
                           std::span<const std::uint8_t> chosen, const Eigen::Vector3d& point) {
   double largest = 0.0;
@@ -89,6 +90,8 @@ bool RefinePoint(std::span<const PosedBearing> observations, std::span<const std
       gradient += jacobian.transpose() * residual;
       distance = std::max(distance, in_camera.norm());
     }
+    // A step farther than the point's distance has left the region where the residual is nearly
+    // linear.
     const Eigen::Vector3d change = normal.ldlt().solve(-gradient);
     if (!change.allFinite() || change.norm() > distance) return false;
     *point += change;
@@ -112,6 +115,7 @@ TriangulatedPoint Triangulate(std::span<const PosedBearing> observations,
       if (angle >= options.min_angle) pairs.push_back({i, j, angle});
     }
   }
+  // Wide pairs place a point best.
   const auto wider = [](const Pair& a, const Pair& b) { return a.angle > b.angle; };
   if (pairs.size() > kMostPairs) {
     std::nth_element(pairs.begin(), pairs.begin() + kMostPairs, pairs.end(), wider);

@@ -60,7 +60,7 @@ class BlockLoop(TrainingLoop):
 
     def _choose_tiles(self, step: Any) -> np.ndarray | None:
         if step.number % _WHOLE_EVERY == 0:
-            self.pixels += int(np.count_nonzero(step.level.camera(step.view).rays()[1]))
+            self.pixels += int(np.count_nonzero(step.level.scene.camera(step.view).rays()[1]))
             return None
         _, tiles, pixels = self._choose_shown(step)
         self.pixels += pixels
@@ -73,7 +73,7 @@ class BlockLoop(TrainingLoop):
     def _choose_shown(self, step: Any) -> tuple[np.ndarray, np.ndarray, int]:
         """Returns a view's pixels that count (H, W), tiles to render, and number of rendered
         pixels."""
-        camera = step.level.camera(step.view)
+        camera = step.level.scene.camera(step.view)
         key = (step.view, camera.width)
         if key not in self._chosen:
             self._chosen = {k: v for k, v in self._chosen.items() if k[1] == camera.width}
@@ -134,7 +134,7 @@ class KnownLight:
         """Passes a view's light to its target."""
         if self._light is None:
             return
-        camera, index = level.camera(view), self._scene.views[view].camera_index
+        camera, index = level.scene.camera(view), self._scene.views[view].camera_index
         falloff, key = self._light.falloffs[index], (index, camera.width)
         if falloff is not None and key not in self._planes:
             inverse = 1.0 / falloff.at(field_angles(camera))

@@ -163,7 +163,7 @@ class Stages:
         """Trains the coarse model, if it fits into memory."""
         options = make_coarse_options(self._options, self._count)
         scale = choose_coarse_scale(self._scene)
-        small = self._scene if scale == 1.0 else self._scene.scaled(scale)
+        small = self._scene if scale == 1.0 else self._scene.scale_images(scale)
         views = len(small.train_indices)
         size = TrainingSize(small, options.sh_degree, options.most_gaussians, 0, views)
         alone = dataclasses.replace(self._blocks, workers=1)
@@ -180,7 +180,7 @@ class Stages:
         if path.is_file():
             layout = Layout.read(str(path))
         else:
-            small = scene.scaled(choose_coarse_scale(scene))
+            small = scene.scale_images(choose_coarse_scale(scene))
             with Progress(self._progress) as bar:
                 seen = Counter(bar, "layout", len(scene.train_indices))
                 work = measure_work(g, small, scene.train_indices, seen.advance)
@@ -213,7 +213,7 @@ class Stages:
         if not missing:
             return jobs
         coarse, scene = self.coarse, self.coarse.scene
-        small = scene.scaled(choose_coarse_scale(scene))
+        small = scene.scale_images(choose_coarse_scale(scene))
         keep_at_most(small, limit_cache_bytes(self._blocks))
         with Progress(self._progress) as bar:
             if self._shares is None:

@@ -220,7 +220,7 @@ class TrainingRefiner:
         self, level: Level, index: int, step: int, half: int
     ) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
         """Samples pixels of a view's half, new ones each sweep: lens, pose, pixels and colours."""
-        camera = level.camera(index)
+        camera = level.scene.camera(index)
         seen = level.scene.mask(index) & camera.rays()[1]
         seen &= select_half(camera.height, camera.width, half)
         if self.options.refine_lens:

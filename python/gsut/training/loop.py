@@ -189,7 +189,7 @@ class TrainingLoop:
         behind = self.options.background or random_background(self.options.seed, step.number)
         place = self._exposure.find_poses(self.scene, step.level, step.view)
         self.renderer.render(
-            drawn, step.level.camera(step.view), place, self.rule, behind, step.degree,
+            drawn, step.level.scene.camera(step.view), place, self.rule, behind, step.degree,
             DEFAULT_UNSCENTED, image, None, None, True, None, self._choose_tiles(step),
         )  # fmt: skip
         self.stopwatch.lap("render")

@@ -264,7 +264,7 @@ def test_training_views_own_poses_and_lenses_at_every_resolution(tmp_path, monke
     monkeypatch.setattr("gsut.data.scene.training_views._SMALLEST_SIDE", 8)
     views = TrainingViews(load_dataset(small.write_nerfstudio(tmp_path)), (0.3, 0.6))
     level = views.select_level(0.5)
-    assert level.camera(0).width == small.WIDTH // 2
+    assert level.scene.camera(0).width == small.WIDTH // 2
     state, poses = views.state_dict(), views.poses + 1.0
     views.move(poses)
     (lens,) = views.scene.file_cameras
@@ -275,4 +275,4 @@ def test_training_views_own_poses_and_lenses_at_every_resolution(tmp_path, monke
         np.testing.assert_allclose(scene.cameras[0].params, 0.9 * scale * lens.params)
     views.load_state_dict(state)
     np.testing.assert_array_equal(views.poses, state["poses"])
-    assert views.select_level(1.0).camera(0) == lens
+    assert views.select_level(1.0).scene.camera(0) == lens

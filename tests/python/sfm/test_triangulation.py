@@ -88,7 +88,7 @@ def test_triangulate_sponza_agrees_with_the_exact_depth_of_a_held_out_view(share
 def test_triangulate_far_from_the_origin_gives_the_same_points(hall):
     scene = gsut.load_dataset(hall)
     shift = np.array([500_000.0, 5_400_000.0, 300.0])
-    far = scene.about(-shift).replace(world_offset=np.zeros(3))
+    far = scene.move_origin(-shift).replace(world_offset=np.zeros(3))
     near = gsut.poses.triangulate(scene, PosesOptions(max_features=300))
     moved = gsut.poses.triangulate(far, PosesOptions(max_features=300))
     assert np.abs(moved.positions - shift - near.positions).max() < tolerances.POINTS_FAR_METRES

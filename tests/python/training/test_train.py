@@ -306,7 +306,7 @@ def test_train_on_small_images_runs_at_full_resolution(tmp_path, rng, width, hei
     scene = gsut.load_dataset(write_dataset(tmp_path / "data", rng, camera=camera))
     options = TrainOptions(**SHORT, coarse_to_fine=(0.3, 0.6)).resolved()
     loop = TrainingLoop(scene, options)
-    assert loop.views.select_level(0.1).camera(scene.train_indices[0]).width == width
+    assert loop.views.select_level(0.1).scene.camera(scene.train_indices[0]).width == width
     result = train(scene, options)
     assert result.metrics["psnr"] is None or np.isfinite(result.metrics["psnr"])
     assert all(np.isfinite(row["loss"]) for row in result.history)
@@ -321,7 +321,7 @@ def test_train_coarse_to_fine_uses_quarter_half_and_full_resolution(tmp_path, rn
     ).resolved()
     loop = TrainingLoop(scene, options)
     view = scene.train_indices[0]
-    sizes = [loop.views.select_level(f / 20).camera(view).height for f in range(1, 21)]
+    sizes = [loop.views.select_level(f / 20).scene.camera(view).height for f in range(1, 21)]
     assert sizes == [65] * 6 + [130] * 6 + [260] * 8
     result = train(scene, options)
     assert len(result.history) == 20

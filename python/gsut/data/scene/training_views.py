@@ -37,10 +37,6 @@ class Level:
         self._buffers: dict[tuple[int, int], tuple[np.ndarray, np.ndarray]] = {}
         self._coming: dict[int, concurrent.futures.Future[_core.PhotometricTarget]] = {}
 
-    def camera(self, view: int) -> _core.Camera:
-        """Returns the camera of a view, at this resolution."""
-        return self.scene.camera(view)
-
     def get_target(self, view: int) -> _core.PhotometricTarget:
         """Returns the view's photograph and mask with what the loss precomputes of them."""
         if view in self._targets:
@@ -66,7 +62,7 @@ class Level:
 
     def get_buffers(self, view: int) -> tuple[np.ndarray, np.ndarray]:
         """Returns two (H, W, 3) float32 arrays of the view's size, which are reused."""
-        camera = self.camera(view)
+        camera = self.scene.camera(view)
         size = (camera.height, camera.width)
         if size not in self._buffers:
             self._buffers[size] = (
