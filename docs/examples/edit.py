@@ -1,7 +1,8 @@
 """Crops a scene to a box and merges it with a moved copy of itself."""
 
-import gsut
 import numpy as np
+
+import gsut
 
 gaussians = gsut.load_gaussians("RUN/scene.ply")
 inside = gsut.edit.is_inside_box(gaussians, [-1, -1, 0], [1, 1, 2])

@@ -3,8 +3,9 @@
 `gsut.find_poses("photos", "data")` finds the poses of a folder of photographs.
 """
 
-import gsut
 import numpy as np
+
+import gsut
 
 run = gsut.load_run("RUN")
 scene, index = run.scene, run.scene.test_indices[0]

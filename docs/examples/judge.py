@@ -1,7 +1,8 @@
 """Compares renders with held-out photographs."""
 
-import gsut
 import numpy as np
+
+import gsut
 
 scene, gaussians = gsut.load_dataset("DATA"), gsut.load_gaussians("RUN/scene.ply")
 figures = gsut.evaluate(gaussians, scene, scene.test_indices)

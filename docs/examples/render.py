@@ -1,7 +1,8 @@
 """Renders a scene through a lens of your choice, and along a path."""
 
-import gsut
 import numpy as np
+
+import gsut
 
 scene, gaussians = gsut.load_dataset("DATA"), gsut.load_gaussians("RUN/scene.ply")
 camera = gsut.load_camera("fisheye.yaml")

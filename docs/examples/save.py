@@ -3,5 +3,5 @@
 import gsut
 
 gaussians = gsut.load_gaussians("RUN/scene.ply")
-gsut.save_gaussians("scene.spz", gaussians)
-print(gsut.load_gaussians("scene.spz"))
+gsut.save_gaussians("copy.spz", gaussians)
+print(gsut.load_gaussians("copy.spz"))

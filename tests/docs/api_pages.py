@@ -176,10 +176,13 @@ def make_section(module: str, name: str) -> str:
 def make_page(task: Task) -> str:
     """Returns the page of a task: its example, then every name."""
     tree = ast.parse(text := (EXAMPLES / f"{task.slug}.py").read_text())
-    about, *_ = (ast.get_docstring(tree) or "").split("\n\n")
+    about = re.sub(
+        r"(?<!-->)$", "\n", ast.get_docstring(tree) or ""
+    )  # a marker stands above the code
     code = "\n".join(text.splitlines()[tree.body[0].end_lineno :]).strip()
     sections = "\n".join(make_section(module, name) for module, name in task.names)
-    return f"{NOTE}# {task.heading}\n\n{about}\n\n```python\n{code}\n```\n\n{sections}"
+    block = f"```python\n{code}\n```"
+    return f"{NOTE}# {task.heading}\n\n{about}\n{block}\n\n{sections}"
 
 
 def list_links(task: Task) -> str:
