@@ -182,7 +182,7 @@ BENCHMARK = Benchmark(
         Column("focal_error_percent", "focal length", "%", "+.2f"),
         Column("focal_sigma_percent", "stated", "%", ".2f"),
         Column("residual_px", "residual", "px", ".2f"),
-        Column("verdict"),
+        Column("verdict", form="s"),
         Column("cpu_seconds", "time", "CPU-s", ".1f"),
         Column("seconds", "time", "s", ".1f"),
     ),
@@ -191,6 +191,10 @@ BENCHMARK = Benchmark(
     options=(
         Option("lens", (KNOWN, UNKNOWN), "known, unknown, or models fitted to the known lens"),
         Option("shutter", "auto", "auto, global or rolling, as of gsut poses"),
-        Option("pycolmap", "", "a Python that has pycolmap, for rows of its incremental mapping"),
+        Option(
+            "pycolmap",
+            os.environ.get("GSUT_PYCOLMAP", ""),
+            "a Python that has pycolmap, for its rows",
+        ),
     ),
 )

@@ -29,7 +29,7 @@ def list_cases(settings: Settings) -> Iterator[Row]:
     for lens in settings.lenses:
         if lens not in known:
             raise InputError(f'--lenses: "{lens}" is unknown; known: {", ".join(known)}')
-        for size in SIZES:
+        for size in settings.sizes:
             for method in METHODS:
                 yield {"lens": lens, "size": size, "method": method}
 
@@ -164,6 +164,7 @@ BENCHMARK = Benchmark(
     measure=measure,
     options=(
         Option("lenses", ("kannala_brandt",), "models"),
+        Option("sizes", tuple(SIZES), "of the Gaussians"),
         Option("width", 128, "of the images, pixels"),
         Option("samples", 6, "Gaussians of each ring with errors"),
         Option("runs", 3, "timings, of which the shortest counts"),

@@ -26,7 +26,7 @@ _PLAIN = "plain"
 TRAININGS = {
     _PLAIN: (False, "gaussian"),
     "--surface": (True, "gaussian"),
-    "--surface --primitive surfel": (True, "surfel"),
+    "--surface --set primitive=surfel": (True, "surfel"),
 }
 
 
@@ -36,7 +36,7 @@ def list_cases(settings: Settings) -> Iterator[Row]:
         yield {"what": f"ball, {lens}", "_measure": "ball", "_lens": lens}
     for across in settings.across if not settings.sets else ():
         yield {"what": f"fusion, {across} voxels across", "_measure": "fusion", "_across": across}
-    for data in (settings.sets or (HALL, "sponza_fisheye")) if settings.steps else ():
+    for data in (settings.sets or (HALL,)) if settings.steps else ():
         for name in TRAININGS:
             yield {"what": name, "data": data, "_measure": "training"}
 

@@ -185,7 +185,7 @@ BENCHMARK = Benchmark(
         Column("readout_ms", "readout found", form=".1f"),
         Column("true_readout_ms", "true, ms", form=".1f"),
         Column("cpu_seconds", "poses", "CPU-s", ".0f"),
-        Column("verdict"),
+        Column("verdict", form="s"),
     ),
     cases=list_cases,
     measure=measure,

@@ -18,7 +18,7 @@ import numpy as np
 import gsut
 from api_pages import API_PAGES, NOTE
 from gsut.cli import build_parser
-from gsut.run import show_every_option
+from gsut.run.options import show_every_option
 from lens_pictures import FOLDER, draw, seen_angle, widest_example
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -120,7 +120,7 @@ def is_public(name: str) -> bool:
 
 
 def is_public_member(name: str) -> bool:
-    """Whether a name continues a public one: `TrainOptions.resolved`."""
+    """Whether a name continues a public one: `TrainOptions.resolve`."""
     first, _, rest = name.partition(".")
     return bool(rest) and first in gsut.__all__ and hasattr(getattr(gsut, first), rest)
 

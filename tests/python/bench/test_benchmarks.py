@@ -102,7 +102,7 @@ def test_blocks_are_compared_with_one_training_of_as_many_steps(hall, monkeypatc
     rows = run_bench("blocks", hall, **options)
     assert rows["hall, one, as many steps"]["below"] == 0.0
     assert rows["hall, one, as many steps"]["steps"] == rows["hall, blocks"]["steps"] > 10
-    assert rows["hall, blocks, two workers, same"]["bits"] == "same"
+    assert rows["hall, blocks, two workers"]["bits"] == "same"
     assert 0 <= rows["hall, blocks"]["seam_percent"] <= 100
 
 
@@ -136,7 +136,7 @@ def test_surfaces_measure_balls_and_fusion(tmp_path):
 
 def test_light_is_compared_with_the_truth(tmp_path):
     options = {"steps": 20, "max_gaussians": 200, "views": 8, "size": 48}
-    rows = run_bench("light", tmp_path, only="falloff, noise", **options)
+    rows = run_bench("light", tmp_path, only="falloff + noise", **options)
     assert [row["flags"] for row in rows.values()] == ["--exposure off", "--exposure auto"]
     assert all(row["psnr_truth"] > 3 for row in rows.values())
 

@@ -1,4 +1,4 @@
-"""A row in a forked process of its own: what it breaks, takes or leaves running ends with it."""
+"""Runs a case in a forked process: what it breaks, takes or leaves running ends with it."""
 
 from __future__ import annotations
 
@@ -12,12 +12,14 @@ from collections.abc import Callable
 
 from attack.harness import PATIENCE
 
-LONGEST = 2 * PATIENCE  # seconds by the clock, after which nothing inside has ended it
+LONGEST = 2 * PATIENCE  # seconds by the clock; what is inside should have ended it before
 
 
-def import_all() -> None:
-    """Imports here what commands would import each anew. Nothing of it starts a thread: a forked
-    process would be without it."""
+def import_everything() -> None:
+    """Imports what each command would import anew.
+
+    Nothing of it starts a thread, which a forked process would not have.
+    """
     import av  # noqa: F401
     import cv2  # noqa: F401
     import jinja2  # noqa: F401
@@ -33,8 +35,8 @@ def import_all() -> None:
     build_parser()
 
 
-def apart(work: Callable[[], str | None]) -> tuple[str | None, float]:
-    """What work returns, in a process of its own, and processor seconds with its children's."""
+def run_forked(work: Callable[[], str | None]) -> tuple[str | None, float]:
+    """Runs work in a process of its own; returns its answer and processor seconds."""
     reader, writer = os.pipe()
     sys.stdout.flush()
     process = os.fork()
@@ -48,18 +50,20 @@ def apart(work: Callable[[], str | None]) -> tuple[str | None, float]:
         os.write(writer, b"-" if said is None else b"+" + said.encode(errors="replace")[-9000:])
         os._exit(0)
     os.close(writer)
-    told = os.read(reader, 10_000) if select.select([reader], [], [], LONGEST)[0] else b"+it hangs"
+    answer = (
+        os.read(reader, 10_000) if select.select([reader], [], [], LONGEST)[0] else b"+it hangs"
+    )
     os.close(reader)
-    _end(process)
+    _end_group(process)
     _, status, took = os.wait4(process, 0)
-    if not told:
-        told = f"+ended by itself with {os.waitstatus_to_exitcode(status)}".encode()
-    said = None if told == b"-" else told[1:].decode()
+    if not answer:
+        answer = f"+ended by itself with {os.waitstatus_to_exitcode(status)}".encode()
+    said = None if answer == b"-" else answer[1:].decode()
     return said, took.ru_utime + took.ru_stime
 
 
-def _end(process: int) -> None:
-    """Ends the group of the process, and waits until its files are its own no longer."""
+def _end_group(process: int) -> None:
+    """Kills the group of the process after its leader has ended, or a second."""
     watched = os.pidfd_open(process)
     select.select([watched], [], [], 1.0)
     os.close(watched)
