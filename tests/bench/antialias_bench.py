@@ -10,9 +10,9 @@ import numpy as np
 
 import gsut
 from gsut.demo import make_demo_scene
-from gsut.demo.dataset import render_views, whole_pixels
+from gsut.demo.dataset import find_whole_pixels, render_views
 from gsut.demo.hall import make_hall
-from gsut.demo.views import demo_camera
+from gsut.demo.views import make_camera
 from gsut.gaussians import apply_low_pass, find_filter_radii
 from gsut.lens import Camera
 from gsut.render import PixelFilter, psnr, render
@@ -63,11 +63,11 @@ def _trace_hall(scene: gsut.Scene, case: Row, settings: Settings) -> list[tuple]
     """Traces every other held-out view: camera, pose, picture, mask."""
     poses = [scene.views[index].camera_from_world for index in scene.test_indices[::2]]
     side = round(case["_scale"] * settings.size)
-    camera = demo_camera(side)
+    camera = make_camera(side)
     if case["lens"] == "pinhole":
         camera = Camera("pinhole", [0.6 * side, 0.6 * side, side / 2, side / 2], side, side)
     seen = render_views(make_hall(0), camera, [np.linalg.inv(pose) for pose in poses], False)
-    mask = whole_pixels(camera)
+    mask = find_whole_pixels(camera)
     return [(camera, pose, picture, mask) for pose, picture in zip(poses, seen, strict=True)]
 
 
