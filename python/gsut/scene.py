@@ -30,10 +30,9 @@ from gsut.run import (
     TrainOptions,
     Verdict,
     combine_verdicts,
-    flag_name,
-    for_views,
     judge_pictures,
 )
+from gsut.run.options import fit_to_views, format_flag
 from gsut.sfm import (
     PosesOptions,
     add_lens_readout,
@@ -174,7 +173,7 @@ class _SceneInProgress:
         different = [name for name in key if figures["key"].get(name, key[name]) != key[name]]
         if different:
             name = different[0]
-            what = name if name == "inputs" else flag_name(name)
+            what = name if name == "inputs" else format_flag(name)
             raise InputError(
                 f"{self.folder.path} holds a scene with other {what} "
                 f"({figures['key'].get(name)}, now {key[name]}); give another output folder "
@@ -233,7 +232,7 @@ class _SceneInProgress:
             bars.skip("training")
             return folder.read_json(METRICS)
         dataset = load_dataset(folder.path / POSES, test_every=options.test_every)
-        options = for_views(options, len(dataset.train_indices))
+        options = fit_to_views(options, len(dataset.train_indices))
         if (folder.path / OPTIONS).is_file():
             options = folder.read_options()
         for note in filter(None, (*dataset.notes, describe_resizing(dataset, options))):
@@ -305,7 +304,7 @@ def _spread_over(
 
 def _estimate_training_seconds(figures: dict[str, Any], options: TrainOptions) -> float:
     """Returns the seconds that the training's steps will take for pictures of this size."""
-    most = dataclasses.replace(options.resolved(), max_gaussians=options.most_gaussians)
+    most = dataclasses.replace(options.resolve(), max_gaussians=options.most_gaussians)
     width, height = figures["size"]
     shrunk = min(1.0, options.max_side / max(width, height)) if options.max_side else 1.0
     return TrainingTime(

@@ -57,13 +57,10 @@ GOOD: dict[tuple[str, str], tuple[str, ...]] = {
             "edit": ("--min-opacity",),
             "mesh": ("--support", "--threads"),
             "points": ("--dense",),
-            "poses": ("--nadir-cap", "--zenith-cap", "--feature-scale", "--preview-matches",
-                      "--extend-rounds", "--threads", "--seed", "--contrast"),
-            "train": ("--port", "--seed", "--threads", "--eval-every", "--checkpoint-every",
-                      "--max-side", "--test-every", "--sh-degree", "--low-pass", "--lr-means",
-                      "--lr-scales", "--lr-quats", "--lr-opacity", "--lr-sh0", "--lr-sh-rest",
-                      "--average-from", "--ssim-weight", "--opacity-regularizer",
-                      "--scale-regularizer", "--densify-from", "--grow-until"),
+            "poses": ("--nadir-cap", "--zenith-cap", "--threads", "--seed"),
+            "scene": ("--nadir-cap", "--zenith-cap", "--threads", "--seed"),
+            "train": ("--port", "--seed", "--threads", "--max-side", "--test-every",
+                      "--sh-degree"),
         }.items() for flag in flags
     },
 }  # fmt: skip

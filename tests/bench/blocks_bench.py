@@ -64,7 +64,7 @@ def _train(data: str, training: str, settings: Settings) -> tuple[Path, Row]:
     if "blocks" in training:
         words += ["--blocks", str(settings.blocks)]
     if training == "blocks, one round":
-        words += ["--rounds", "1"]
+        words += ["--set", "rounds=1"]
     if training == WORKERS:
         words += ["--workers", "2"]
     return out, train(path, out, words)

@@ -26,7 +26,7 @@ _PLAIN = "plain"
 TRAININGS = {
     _PLAIN: (False, "gaussian"),
     "--surface": (True, "gaussian"),
-    "--surface --primitive surfel": (True, "surfel"),
+    "--surface --set primitive=surfel": (True, "surfel"),
 }
 
 

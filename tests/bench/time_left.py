@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from gsut.run import StagedProgress, StageFollower, count_down
+from gsut.run import StagedProgress, StageFollower
+from gsut.run.staged_progress import count_down
 from gsut.sfm.core.log import PosesLog
 from gsut.sfm.time_left import PosesWork
 

@@ -99,10 +99,10 @@ SHARED = {
          lambda lens: lens.make_camera(640, 480), lambda lens: lens.rate_size(640, 480)],
     ),
     "TrainOptions": (
-        lambda _: gsut.TrainOptions(), [lambda o: o.resolved().to_json(), lambda o: o.to_json()]),
+        lambda _: gsut.TrainOptions(), [lambda o: o.resolve().to_json(), lambda o: o.to_json()]),
     "BlockOptions": (
         lambda _: gsut.BlockOptions(blocks="4", memory="2GB"),
-        [lambda o: (o.count, o.memory_bytes)],
+        [lambda o: (o.count(), o.parse_memory())],
     ),
     "BlocksResult": (blocks, [lambda result: result.gaussians] * 6),  # read when asked for
     "Gaussians": (

@@ -15,14 +15,7 @@ from gsut.blocks.stages import BlocksResult, Stages
 from gsut.blocks.workers import Workers
 from gsut.data import Scene, digest_scene, keep_at_most
 from gsut.files import UNFINISHED, plain
-from gsut.run import (
-    BLOCKS,
-    BlockOptions,
-    RunFolder,
-    TrainOptions,
-    describe_environment,
-    read_plan,
-)
+from gsut.run import BLOCKS, BlockOptions, RunFolder, TrainOptions, describe_environment, read_plan
 from gsut.training import choose_degree, prepare_scene
 
 # Version of the tasks' format; tasks of another version cannot be resumed.
@@ -62,7 +55,7 @@ def train_blocks(
     _core.set_num_threads(o.threads)
     if not scene.train_indices:
         raise InputError(f"{scene.path} has no training view; hold out fewer (--test-every)")
-    near = prepare_scene(scene.centred, o.resolved())
+    near = prepare_scene(scene.centred, o.resolve())
     keep_at_most(near, limit_cache_bytes(b))
     near.check_pixels()
     o = choose_degree(near, o)

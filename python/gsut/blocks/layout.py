@@ -11,7 +11,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.files import regular
-from gsut.run import MOST_BLOCKS
+from gsut.run.options import MOST_BLOCKS
 
 # Distance from the cameras' box, x its diagonal, beyond which things are far.
 _FAR = 2.0

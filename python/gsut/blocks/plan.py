@@ -125,7 +125,7 @@ def make_coarse_options(options: TrainOptions, blocks: int) -> TrainOptions:
     share = max(_COARSE_LEAST, min(_COARSE_GAUSSIANS, _COARSE_BLOCKS / blocks))
     small = limit_gaussians(options, min(most, max(_FEWEST_GAUSSIANS, round(share * most))))
     steps = max(_FEWEST_STEPS, round(_COARSE_STEPS * options.steps))
-    return dataclasses.replace(small, steps=steps, eval_every=0).resolved()
+    return dataclasses.replace(small, steps=steps, eval_every=0).resolve()
 
 
 def make_block_options(
@@ -149,7 +149,7 @@ def make_block_options(
         eval_every=0, refine_poses=False, refine_lens=False, sh_every=1, test_names=None,
         densify_until=min(until, options.densify_until), init_count=None, exposure="off",
         coarse_to_fine=(0.0, 0.0),
-    ).resolved()  # fmt: skip
+    ).resolve()  # fmt: skip
 
 
 def limit_cache_bytes(blocks: BlockOptions) -> float:
@@ -160,7 +160,7 @@ def limit_cache_bytes(blocks: BlockOptions) -> float:
 
 def limit_drawn_bytes(blocks: BlockOptions) -> int | None:
     """Returns the bytes of Gaussians drawn for measurement; None: what is free."""
-    limit = blocks.memory_bytes()
+    limit = blocks.parse_memory()
     return None if limit is None else max(limit - _PROGRAM_BYTES, limit // _CACHE_PART)
 
 
@@ -172,7 +172,7 @@ def count_at_once(blocks: BlockOptions) -> int:
 def find_memory_limit(blocks: BlockOptions) -> int | None:
     """Returns the bytes that all workers together may take; None if the system does not say."""
     free = free_memory()
-    return blocks.memory_bytes() or (None if free is None else int(_USED * free))
+    return blocks.parse_memory() or (None if free is None else int(_USED * free))
 
 
 def choose_count(scene: Scene, options: TrainOptions, blocks: BlockOptions) -> int:
@@ -219,7 +219,7 @@ def check_memory(sizes: dict[str, int], blocks: BlockOptions) -> None:
     Raises:
         InputError: the given limit is less than the largest part takes.
     """
-    limit = blocks.memory_bytes()
+    limit = blocks.parse_memory()
     name, size = max(sizes.items(), key=lambda item: item[1])
     together = size * count_at_once(blocks)
     if limit is not None and together > limit:
@@ -249,9 +249,9 @@ def check_trainable(options: TrainOptions) -> None:
         "--robust": options.robust,
         "--motion-blur": options.motion_blur is not None,
         "--surface": options.surface,
-        "--compact-at": options.compact_at is not None,
-        "--low-pass": options.low_pass > 0,
-        "--strategy mini": options.strategy == "mini",
+        "compact_at": options.compact_at is not None,
+        "low_pass": options.low_pass > 0,
+        "strategy=mini": options.strategy == "mini",
     }
     for flag, given in unsupported.items():
         if given:

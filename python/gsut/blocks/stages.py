@@ -121,7 +121,7 @@ class Stages:
         self._engine = engine
         if options.background is None:
             options = dataclasses.replace(options, background=find_plain_background(scene))
-        self._complexity = choose_complexity(scene, options.resolved())
+        self._complexity = choose_complexity(scene, options.resolve())
         self._options = limit_gaussians(options, self._complexity.max_gaussians)
         self._scene = scene
         self._folder = run.path / BLOCKS
@@ -167,7 +167,7 @@ class Stages:
         views = len(small.train_indices)
         size = TrainingSize(small, options.sh_degree, options.most_gaussians, 0, views)
         alone = dataclasses.replace(self._blocks, workers=1)
-        if self._blocks.memory_bytes():
+        if self._blocks.parse_memory():
             check_memory({"the coarse model": size.estimate_least_bytes()}, alone)
         keep = size.limit_photograph_bytes(alone)
         coarse = train_coarse(self._scene, options, self._folder, self._progress, keep)
@@ -296,7 +296,7 @@ class Stages:
     def finish(self) -> BlocksResult:
         """Measures the scene and writes what `train` writes, with figures of the blocks."""
         scene, o = self.coarse.scene, self._options
-        resolved = dataclasses.replace(o.resolved(), background=o.background)
+        resolved = dataclasses.replace(o.resolve(), background=o.background)
         rows = self._make_rows()
         steps = sum(row["steps"] for row in rows)
         seconds = self.coarse.seconds + sum(row["seconds"] for row in rows)
@@ -321,7 +321,7 @@ class Stages:
         os.replace(self._folder / SCENE, self._run.path / SCENE)
         write_findings(
             self._run, metrics, scene.path, scene if o.refine_poses else None,
-            self._run.begun_with(), self._blocks.words(),
+            self._run.begun_with(), self._blocks.list_words(),
         )  # fmt: skip
         scene = scene.move_origin((0.0, 0.0, 0.0))
         return BlocksResult(self._run.path / SCENE, metrics, scene, self.layout)

@@ -78,7 +78,7 @@ class TaskMaker:
         if room <= 0 or not inside.any():
             return []
         part = scene.replace(points=scene.points[inside], point_colors=scene.point_colors[inside])
-        return [Trained(seed_first(part, dataclasses.replace(o.resolved(), init_count=room)))]
+        return [Trained(seed_first(part, dataclasses.replace(o.resolve(), init_count=room)))]
 
     def estimate_memory(self, block: int) -> int:
         """Estimates the least bytes that the block's training takes."""

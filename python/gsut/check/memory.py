@@ -25,7 +25,7 @@ def check_memory(scene: Scene, options: TrainOptions | None = None) -> Iterator[
         scene: from `load_dataset`, not yet at the size to train at.
         options: of the training; None: the defaults.
     """
-    o = (options or TrainOptions()).resolved()
+    o = (options or TrainOptions()).resolve()
     width, height = _find_largest(scene, o)
     count = _count_gaussians(scene, o)
     size = width * height * _PIXEL_BYTES + count * _count_bytes(o.sh_degree) + _PROGRAM_BYTES

@@ -10,7 +10,7 @@ from typing import Any
 
 from gsut._core import InputError
 from gsut.files import json_text
-from gsut.run import MOST_WHOLE
+from gsut.run.options import MOST_WHOLE
 
 # Of pictures, films, scenes and tables: nobody means a folder by such a name.
 FILE_SUFFIXES = frozenset(

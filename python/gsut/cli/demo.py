@@ -146,6 +146,6 @@ def _free_run(folder: Path, options: TrainOptions, name: str = "run") -> tuple[R
         if not run.holds_run():
             return run, False
         unfinished = not (run.path / REPORT).is_file() and (run.path / OPTIONS).is_file()
-        if unfinished and run.read_options() == options.resolved():
+        if unfinished and run.read_options() == options.resolve():
             return run, True
         number += 1

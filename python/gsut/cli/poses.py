@@ -15,14 +15,8 @@ from gsut.capture import capture, needs_capture
 from gsut.cli._flags import add_capture, add_json, add_quiet, degrees, folder_name, print_json
 from gsut.data import CAPTURE_FOLDER
 from gsut.output_folder import claim_folder
-from gsut.run import (
-    Progress,
-    StagedProgress,
-    StageFollower,
-    Verdict,
-    add_option_flags,
-    given_options,
-)
+from gsut.run import Progress, StagedProgress, StageFollower, Verdict
+from gsut.run.options import add_option_flags, collect_given
 from gsut.sfm import (
     PosesOptions,
     PosesResult,
@@ -107,7 +101,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError("--photometric needs a known lens; give it by --camera")
     if arguments.rig is None:
         check_lens(arguments.camera)
-    options = PosesOptions(**given_options(PosesOptions, arguments))
+    options = PosesOptions(**collect_given(PosesOptions, arguments))
     with claim_folder(arguments.out, "poses", arguments.images):
         images, options = capture_first(arguments, options)
         figures, is_new = find_once(images, arguments, options)

@@ -22,18 +22,15 @@ from gsut.cli._flags import (
 from gsut.cli.view import LivePage, add_live_flags
 from gsut.run import (
     BLOCKS,
-    COMMON_OPTIONS,
     METRICS,
     REPORT,
     BlockOptions,
     RunFolder,
     TrainOptions,
     Verdict,
-    add_option_flags,
-    for_views,
-    given_options,
     read_plan,
 )
+from gsut.run.options import add_option_flags, collect_given, fit_to_views
 
 HELP = "train a scene on photographs"
 DESCRIPTION = (
@@ -61,13 +58,12 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     add_quiet(parser)
     add_json(parser)
     add_live_flags(parser)
-    add_option_flags(parser, TrainOptions, COMMON_OPTIONS)
-    add_option_flags(parser, BlockOptions)
+    add_option_flags(parser, TrainOptions, BlockOptions)
 
 
 def run(arguments: argparse.Namespace) -> int:
     run = RunFolder.claim(arguments.out, "train", arguments.data)
-    given = given_options(TrainOptions, arguments)
+    given = collect_given(TrainOptions, arguments)
     if arguments.resume and run.holds_run():
         options = dataclasses.replace(run.begun_with(), **given)
     else:
@@ -97,7 +93,7 @@ def _block_options(run: RunFolder, arguments: argparse.Namespace) -> BlockOption
     Raises:
         InputError: a flag that makes no sense without --blocks, or with it.
     """
-    given = given_options(BlockOptions, arguments)
+    given = collect_given(BlockOptions, arguments)
     plan = read_plan(run) if arguments.resume else None
     if plan is not None:
         before = plan["blocks"]
@@ -140,7 +136,7 @@ def train_into(
 
     scene = gsut.load_dataset(data, test_every=options.test_every, test_names=options.test_names)
     if blocks is None:
-        options = for_views(options, len(scene.train_indices))
+        options = fit_to_views(options, len(scene.train_indices))
     if not quiet:
         from gsut.data.points import UNCOLORED, has_colors
         from gsut.training import describe_resizing
@@ -165,7 +161,7 @@ def train_into(
         if page is not None:
             page.finish(result)
     except KeyboardInterrupt:
-        kept = [] if blocks is None else blocks.words("blocks", "rounds")
+        kept = [] if blocks is None else blocks.list_words("blocks", "rounds")
         again = shlex.join(["gsut", "train", data, "-o", str(run.path), "--resume", *kept])
         raise KeyboardInterrupt(
             f"stopped; this goes on from the last checkpoint: {again}"

@@ -110,7 +110,7 @@ def list_losses(export: Export, layout: str, *, masks: bool = False) -> list[str
     if masked and not masks:
         found.append(f"{layout} has no place for masks: those of {masked} images are left out")
     if export.test is not None:
-        found.append(f"{layout} has no place for lists of held-out images: give --test-names")
+        found.append(f"{layout} has no place for lists of held-out images: give --set test_names")
     return found
 
 

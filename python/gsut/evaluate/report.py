@@ -32,10 +32,8 @@ from gsut.run import (
     RunFolder,
     TrainOptions,
     Verdict,
-    default_text,
-    flag_name,
-    option_info,
 )
+from gsut.run.options import format_default, get_info, label_option
 
 _MOST_VIEWS = 12  # with pictures, to keep the page small; the table lists all
 _MOST_PIXELS_WIDE = 900  # of an embedded picture: sharp at the width of the page
@@ -89,7 +87,7 @@ def write_report(run: RunFolder) -> Path:
         verdict=Verdict.from_dict(metrics["verdict"]) if metrics.get("verdict") else None,
         **_embed_views(metrics.get("views", []), run.path / RENDERS),
         **_list_rows(metrics, environment),
-        curves=_plot_curves(run.read_history(), options.resolved()),
+        curves=_plot_curves(run.read_history(), options.resolve()),
         ring_plot=plot_rings(metrics["rings"]) if metrics.get("rings") else None,
         light_plots=plot_light(metrics["light"]) if "light" in metrics else [],
         settings=_list_settings(options),
@@ -264,17 +262,17 @@ def _embed(image: np.ndarray) -> str:
 
 def _list_settings(options: TrainOptions) -> list[dict[str, Any]]:
     """Lists all options by group and marks those that differ from a default run."""
-    defaults = TrainOptions().resolved()
+    defaults = TrainOptions().resolve()
     groups: dict[str, list[dict[str, Any]]] = {}
     for field in dataclasses.fields(options):
-        info, value = option_info(field), getattr(options, field.name)
+        info, value = get_info(field), getattr(options, field.name)
         groups.setdefault(info.group, []).append(
             {
-                "flag": flag_name(field.name),
+                "flag": label_option(options, field.name),
                 "value": _format_value(value),
                 "unit": info.unit,
                 "help": info.help,
-                "default": default_text(field),
+                "default": format_default(field),
                 "changed": value != getattr(defaults, field.name),
             }
         )

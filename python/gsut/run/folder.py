@@ -111,7 +111,7 @@ class RunFolder:
             with whole_folder(run.path / BLOCKS) as folder:
                 for name, content in blocks.items():
                     write_json(folder / name, content | (given if name == plan else {}))
-        run.write_text(OPTIONS, options.resolved().to_json() + "\n")
+        run.write_text(OPTIONS, options.resolve().to_json() + "\n")
         if environment is not None and not (resume and (run.path / ENVIRONMENT).is_file()):
             run.write_json(ENVIRONMENT, environment)
         return run
@@ -340,8 +340,8 @@ def _check_same_way(run: RunFolder, in_blocks: bool) -> None:
 
 
 def _check_same_options(run: RunFolder, options: TrainOptions) -> None:
-    saved = dataclasses.asdict(run.begun_with().resolved())
-    wanted = dataclasses.asdict(options.resolved())
+    saved = dataclasses.asdict(run.begun_with().resolve())
+    wanted = dataclasses.asdict(options.resolve())
     for name, value in wanted.items():
         if name not in _FREE_ON_RESUME and saved[name] != value:
             raise InputError(

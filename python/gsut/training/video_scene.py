@@ -129,7 +129,7 @@ class VideoScene:
             strategy="adaptive", densify_until=0.0, densify_from=0.0, noise=False, eval_every=0,
             lr_means_final_factor=1.0, lr_final_factor=1.0, average_from=1.0,
             init="points", seed=video.options.seed,
-        ).resolved()  # fmt: skip
+        ).resolve()  # fmt: skip
         self._loop = _VideoLoop(self._scene, self._options)
         self._update_loop()
 

@@ -23,7 +23,7 @@ from gsut.training import TrainingLoop
 from small_blocks import OPTIONS, small_scene
 from tolerances.blocks import SHARES_SUM
 
-FEW_STEPS = dataclasses.replace(OPTIONS, steps=24, coarse_to_fine=(0.0, 0.0), sh_every=1).resolved()
+FEW_STEPS = dataclasses.replace(OPTIONS, steps=24, coarse_to_fine=(0.0, 0.0), sh_every=1).resolve()
 SETTLED = dataclasses.replace(FEW_STEPS, densify_until=0.5)  # in the first of two rounds
 FIELDS = ("means", "quats", "log_scales", "opacity_logits", "sh")
 
@@ -35,7 +35,7 @@ def scene(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def task(scene):
-    start = TrainingLoop(scene, OPTIONS.resolved()).gaussians.copy()
+    start = TrainingLoop(scene, OPTIONS.resolve()).gaussians.copy()
     train = [scene.views[index] for index in scene.train_indices]
     part = scene.replace(views=train, train_indices=range(len(train)), test_indices=())
     tiles = np.zeros((3, 3), bool)
@@ -143,7 +143,7 @@ def test_each_tenth_step_is_about_the_whole_view(task):
 
 
 def test_shares_of_all_blocks_add_up_to_what_is_covered(scene, rng):
-    g = TrainingLoop(scene, OPTIONS.resolved()).gaussians.copy()
+    g = TrainingLoop(scene, OPTIONS.resolve()).gaussians.copy()
     for blocks in (4, 9):  # drawn all, or those alone that a first pass has found
         owners = rng.integers(0, blocks, len(g)).astype(np.int32)
         indices = scene.train_indices[:3]
@@ -161,7 +161,7 @@ def test_shares_of_all_blocks_add_up_to_what_is_covered(scene, rng):
 
 
 def test_context_is_what_is_seen_and_merged_to_a_most(scene, rng):
-    g = TrainingLoop(scene, OPTIONS.resolved()).gaussians.copy()
+    g = TrainingLoop(scene, OPTIONS.resolve()).gaussians.copy()
     own, others = g[:20], g[20:]
     views = seen_views(scene, scene.train_indices[:2])
     assert len(choose_context(own, others, views, 1000, 0)) == len(others)

@@ -167,9 +167,9 @@ def test_resumed_run_keeps_its_division(scene, finished):
         ({"robust": True}, "--robust"),
         ({"motion_blur": 0.5}, "--motion-blur"),
         ({"surface": True}, "--surface"),
-        ({"low_pass": 0.3}, "--low-pass"),
-        ({"strategy": "mini"}, "--strategy mini"),
-        ({"compact_at": 5}, "--compact-at"),
+        ({"low_pass": 0.3}, "low_pass"),
+        ({"strategy": "mini"}, "strategy=mini"),
+        ({"compact_at": 5}, "compact_at"),
     ],
 )
 def test_options_that_are_not_there_for_blocks_are_refused(scene, tmp_path, given, words):
@@ -185,7 +185,7 @@ def test_memory_decides_the_number_of_blocks_and_refuses_what_does_not_fit(scene
     for memory in ("64GB", "8GB", "2GB"):
         options = gsut.BlockOptions("auto", memory=memory)
         counts[memory] = choose_count(scene, many, options)
-        assert estimate_total_bytes(scene, many, options, counts[memory]) <= options.memory_bytes()
+        assert estimate_total_bytes(scene, many, options, counts[memory]) <= options.parse_memory()
     assert counts["64GB"] == 1 < counts["8GB"] < counts["2GB"]
     pair = gsut.BlockOptions("auto", memory="8GB", workers=2)
     assert choose_count(scene, many, pair) > counts["8GB"]
@@ -200,7 +200,7 @@ def test_memory_decides_the_number_of_blocks_and_refuses_what_does_not_fit(scene
     ("flags", "words"),
     [
         (["--blocks", "0"], "--blocks 0: from 1"),
-        (["--blocks", "none.json"], "nor a layout.json that is there"),
+        (["--blocks", "none.json"], "nor an existing layout.json"),
         (["--blocks", "2", "--memory", "much"], "--memory must be like"),
         (["--workers", "2"], "--workers is for a training in --blocks"),
         (["--blocks", "2", "--view"], "--view shows a training as a whole"),

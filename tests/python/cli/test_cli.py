@@ -19,8 +19,8 @@ import gsut.demo
 import small_run
 from gsut.cli import build_parser, command_names, main
 from gsut.cli.demo import _free_run
+from gsut.run import TrainOptions
 from gsut.run.folder import CHECKPOINT, METRICS, REPORT, SCENE, RunFolder
-from gsut.run.options import TrainOptions
 from gsut.run.progress import Progress
 
 PACKAGE = str(Path(gsut.__file__).parent.parent)
@@ -180,7 +180,7 @@ def test_missing_file_of_the_system_is_one_sentence(monkeypatch, capsys, run):
 
 def test_train_hands_the_given_options_on(tmp_path, training, capsys):
     out = tmp_path / "new"
-    words = ["train", "data", "-o", str(out), "--steps", "7", "--seed", "3", "--no-noise"]
+    words = ["train", "data", "-o", str(out), "--steps", "7", "--seed", "3", "--set", "noise=false"]
     assert main(words) == 0
     (call,) = training
     assert call.options == TrainOptions(steps=7, seed=3, noise=False)
@@ -217,7 +217,7 @@ def test_train_resume_takes_the_runs_own_options(run, training):
     assert main(["train", "data", "-o", str(run.path), "--resume", "--threads", "2"]) == 0
     (call,) = training
     assert call.resume is True
-    assert call.options == TrainOptions(steps=100, threads=2).resolved()
+    assert call.options == TrainOptions(steps=100, threads=2).resolve()
 
 
 def test_train_resume_of_nothing_begins_a_run(tmp_path, training):

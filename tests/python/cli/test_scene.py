@@ -220,7 +220,7 @@ def test_share_of_adjustments_goes_on_where_steps_are_left_out():
 
 @pytest.mark.parametrize("slower", [1.0, 4.0])
 def test_training_time_left_holds_though_steps_grow(slower):
-    options = gsut.TrainOptions(preset="fast", max_gaussians=50_000, eval_every=0).resolved()
+    options = gsut.TrainOptions(preset="fast", max_gaussians=50_000, eval_every=0).resolve()
     clock = Clock()
     told = TrainingTime(options, 12_000, 0.41, 8, clock=clock)
     fraction = np.arange(1, 501) / 500

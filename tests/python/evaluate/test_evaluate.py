@@ -12,7 +12,7 @@ import tolerances
 from gsut.evaluate.evaluation import evaluate, field_angles, run_metrics
 from gsut.render.metrics import RING_EDGES_DEGREES
 from gsut.render.pictures import picture_stems, to_uint8
-from gsut.run.options import TrainOptions
+from gsut.run import TrainOptions
 
 ERROR = 0.1  # of every colour value that the fake renderer shows
 

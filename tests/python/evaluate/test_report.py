@@ -12,8 +12,8 @@ import small_run
 from gsut import InputError
 from gsut.evaluate.report import _choose_views, write_report
 from gsut.page import format_duration, format_number
+from gsut.run import TrainOptions
 from gsut.run.folder import METRICS, REPORT, RunFolder
-from gsut.run.options import TrainOptions
 
 
 @pytest.fixture

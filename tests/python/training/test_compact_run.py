@@ -10,8 +10,8 @@ import pytest
 import gsut
 from gsut import InputError, TrainOptions
 from gsut.cli import main
-from gsut.run import parse_size
 from gsut.run.folder import METRICS, OPTIONS, SCENE, RunFolder
+from gsut.run.options import parse_size
 from gsut.training.loop import TrainingLoop
 from gsut.training.tuning.compact_run import CompactOptions, RunCompactor, count_for_bytes
 from gsut.training.tuning.finetuning import finetune, finetune_options
@@ -89,7 +89,7 @@ def test_target_psnr_drop_finds_fewer_gaussians_within_it(scene, run):
     whole = gsut.formats.load_ply(run / SCENE)
     tried = []
     compactor = RunCompactor(
-        scene, whole, TrainOptions(**SHORT).resolved(), CompactOptions(target_psnr_drop=0.3),
+        scene, whole, TrainOptions(**SHORT).resolve(), CompactOptions(target_psnr_drop=0.3),
         on_try=lambda count, psnr: tried.append((count, psnr)),
     )  # fmt: skip
     small = compactor.make()
@@ -193,7 +193,7 @@ def test_training_with_compact_at_keeps_the_number_from_there_on_and_resumes(sce
 
 
 def test_compact_at_after_the_end_is_refused():
-    with pytest.raises(InputError, match="--compact-at 100 is not before the end"):
+    with pytest.raises(InputError, match="--set compact_at=100 is not before the end"):
         TrainOptions(steps=100, compact_at=100)
 
 

@@ -18,7 +18,7 @@ def scene(tmp_path_factory):
 
 
 def loop_of(scene, **options):
-    return TrainingLoop(scene, TrainOptions(**SHORT, **options).resolved())
+    return TrainingLoop(scene, TrainOptions(**SHORT, **options).resolve())
 
 
 @pytest.mark.parametrize("blur", [{}, {"motion_blur": 0.5}], ids=["still", "blurred"])
@@ -40,7 +40,7 @@ def test_other_strategies_go_by_gradients(scene):
 
 def test_beside_gaussians_that_stay_growth_goes_by_gradients(scene):
     context = loop_of(scene).gaussians.copy()
-    loop = TrainingLoop(scene, TrainOptions(**SHORT).resolved(), context=context)
+    loop = TrainingLoop(scene, TrainOptions(**SHORT).resolve(), context=context)
     loop.advance()
     assert loop.optimizer.gradient_max.any()
     assert not loop.optimizer.error_sum.any()

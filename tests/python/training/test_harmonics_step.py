@@ -91,7 +91,7 @@ def test_step_in_backward_of_what_was_not_rendered_raises(rng):
 def test_training_steps_harmonics_in_backward_to_the_same_bits(rng, tmp_path, monkeypatch):
     scene = gsut.load_dataset(write_dataset(tmp_path / "data", rng))
     after = {"write_untouched": False, "with_poses": False}
-    options = TrainOptions(steps=8, sh_degree=2, sh_every=2, densify_every=3).resolved()
+    options = TrainOptions(steps=8, sh_degree=2, sh_every=2, densify_every=3).resolve()
     runs = []
     for in_backward in (True, False):
         if not in_backward:

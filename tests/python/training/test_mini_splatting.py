@@ -23,7 +23,7 @@ def scene(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def trained(scene):
-    loop = TrainingLoop(scene, TrainOptions(steps=40, max_gaussians=400).resolved())
+    loop = TrainingLoop(scene, TrainOptions(steps=40, max_gaussians=400).resolve())
     while loop.step < 40:
         loop.advance()
     return loop.gaussians.copy()
@@ -57,9 +57,9 @@ def test_splitting_makes_two_smaller_ones_and_pruning_keeps_the_order(trained):
 
 
 def test_reinitialised_gaussians_lie_where_the_views_see_them_in_their_colours(scene, trained):
-    new = reinitialize(trained, scene, TrainOptions().resolved(), 200, [1])
+    new = reinitialize(trained, scene, TrainOptions().resolve(), 200, [1])
     assert len(new) == 200
-    again = reinitialize(trained, scene, TrainOptions().resolved(), 200, [1])
+    again = reinitialize(trained, scene, TrainOptions().resolve(), 200, [1])
     assert new.means.tobytes() == again.means.tobytes()
     low, high = trained.means.min(axis=0) - 1, trained.means.max(axis=0) + 1
     assert np.all((new.means > low) & (new.means < high))
@@ -84,7 +84,7 @@ def test_sampling_draws_in_proportion_to_blend_weights(scene, trained):
 
 
 def test_run_overgrows_and_is_sampled_to_its_number_and_resumes_to_the_same_bits(scene):
-    options = TrainOptions(**SHORT).resolved()
+    options = TrainOptions(**SHORT).resolve()
     loop, sizes, state = TrainingLoop(scene, options), {}, None
     while loop.step < 80:
         loop.advance()

@@ -60,7 +60,7 @@ def psnr_on(scene, gaussians, indices):
 
 
 def test_train_300_steps_learns_the_scene(scene):
-    options = TrainOptions(steps=300, max_gaussians=300).resolved()
+    options = TrainOptions(steps=300, max_gaussians=300).resolve()
     result = train(scene, options)
     start = seed_first(scene, options)
     views = scene.train_indices
@@ -79,7 +79,7 @@ def test_train_adaptive_strategy_learns_and_keeps_its_cap(scene):
     # Between two opacity resets, which 3DGS makes every tenth of the steps, there must be room.
     options = TrainOptions(steps=400, max_gaussians=400, strategy="adaptive", densify_until=0.6)
     result = train(scene, options)
-    start = seed_first(scene, options.resolved())
+    start = seed_first(scene, options.resolve())
     views = scene.train_indices
     assert psnr_on(scene, result.gaussians, views) > psnr_on(scene, start, views) + 5
     counts = [row["num_gaussians"] for row in result.history]
@@ -226,7 +226,7 @@ def test_train_resume_with_other_options_is_refused(scene, unbroken):
 
 
 def test_train_loop_state_restored_into_a_new_loop_same_bits(scene):
-    options = TrainOptions(**SHORT).resolved()
+    options = TrainOptions(**SHORT).resolve()
     loop = TrainingLoop(scene, options)
     for _ in range(25):
         loop.advance()
@@ -240,7 +240,7 @@ def test_train_loop_state_restored_into_a_new_loop_same_bits(scene):
 
 
 def test_train_loop_shows_every_view_once_an_epoch(scene):
-    loop = TrainingLoop(scene, TrainOptions(**SHORT).resolved())
+    loop = TrainingLoop(scene, TrainOptions(**SHORT).resolve())
     views = len(scene.train_indices)
     epochs = [[loop._choose_view(e * views + i + 1) for i in range(views)] for e in range(3)]
     for epoch in epochs:
@@ -252,7 +252,7 @@ def test_train_random_init_learns_from_nothing(tmp_path, rng):
     folder = write_dataset(tmp_path / "data", rng, with_points=False)
     scene = gsut.load_dataset(folder)
     assert len(scene.points) == 0
-    options = TrainOptions(steps=300, max_gaussians=500, init_count=400).resolved()
+    options = TrainOptions(steps=300, max_gaussians=500, init_count=400).resolve()
     assert len(seed_first(scene, options)) == 400
     result = train(scene, options)
     assert psnr_on(scene, result.gaussians, scene.train_indices) > (
@@ -262,7 +262,7 @@ def test_train_random_init_learns_from_nothing(tmp_path, rng):
 
 def test_train_init_points_without_points_is_refused(tmp_path, rng):
     scene = gsut.load_dataset(write_dataset(tmp_path / "data", rng, with_points=False))
-    with pytest.raises(InputError, match="--init random"):
+    with pytest.raises(InputError, match="--set init=random"):
         train(scene, TrainOptions(**SHORT, init="points"))
 
 
@@ -304,7 +304,7 @@ def test_train_with_everything_masked_leaves_no_number_that_is_not_finite(tmp_pa
 def test_train_on_small_images_runs_at_full_resolution(tmp_path, rng, width, height):
     camera = pinhole(width, height)
     scene = gsut.load_dataset(write_dataset(tmp_path / "data", rng, camera=camera))
-    options = TrainOptions(**SHORT, coarse_to_fine=(0.3, 0.6)).resolved()
+    options = TrainOptions(**SHORT, coarse_to_fine=(0.3, 0.6)).resolve()
     loop = TrainingLoop(scene, options)
     assert loop.views.select_level(0.1).scene.camera(scene.train_indices[0]).width == width
     result = train(scene, options)
@@ -318,7 +318,7 @@ def test_train_coarse_to_fine_uses_quarter_half_and_full_resolution(tmp_path, rn
     scene = gsut.load_dataset(write_dataset(tmp_path / "data", rng, camera=camera))
     options = TrainOptions(
         steps=20, max_gaussians=100, coarse_to_fine=(0.3, 0.6), densify_every=5
-    ).resolved()
+    ).resolve()
     loop = TrainingLoop(scene, options)
     view = scene.train_indices[0]
     sizes = [loop.views.select_level(f / 20).scene.camera(view).height for f in range(1, 21)]

@@ -84,7 +84,7 @@ def calibrate_from_dataset(
     if not rim <= _UNCERTAIN_PX:
         notes.append(
             f"the lens is uncertain by up to {rim:.2f} px: give more images, turned in different "
-            "directions, and train with --calibration-weights"
+            "directions, and train with --set calibration_weights"
         )
     file = _write_lens(camera, sigma, out)
     folder = out.with_name(f"{out.stem}-dataset")

@@ -11,7 +11,8 @@ import numpy as np
 from gsut import _core
 from gsut.data import Scene
 from gsut.render import Light
-from gsut.run import TrainOptions, recipe
+from gsut.run import TrainOptions
+from gsut.run.options import compute_recipe
 from gsut.training.first import choose_first_gaussians, leave_out_blurred, limit_gaussians
 from gsut.training.loop import TrainingLoop
 from gsut.training.photograph import GAINS_DIFFER
@@ -111,7 +112,10 @@ def options_from_start(
 
 def _set_steps(options: TrainOptions, steps: int) -> TrainOptions:
     """Changes the number of steps and what the recipe derives from it."""
-    before, after = recipe(options.steps, options.sh_degree), recipe(steps, options.sh_degree)
+    before, after = (
+        compute_recipe(options.steps, options.sh_degree),
+        compute_recipe(steps, options.sh_degree),
+    )
     follows = {name: after[name] for name in before if getattr(options, name) == before[name]}
     return dataclasses.replace(
         options, steps=steps, **follows | {"eval_every": 0}, compact_at=None, exposure="on",
