@@ -15,7 +15,7 @@ from gsut.demo import make_demo_scene
 from gsut.demo.dataset import render_views
 from gsut.demo.hall import make_hall
 from gsut.demo.texture import to_linear, to_srgb
-from gsut.demo.views import camera_path
+from gsut.demo.views import plan_walk
 from gsut.evaluate import evaluate
 from gsut.render import Falloff, Light, field_angles
 from tests.bench.harness import HALL, Benchmark, Column, Option, Row, Settings
@@ -158,7 +158,7 @@ def _trace_motion(scene: gsut.Scene, index: int) -> np.ndarray:
     """Traces the mean of light over the exposure on the demo's path: (H, W, 3) in grey levels."""
     name, camera = scene.views[index].name, scene.cameras[0]
     place, count = int(name.split("_")[-1].split(".")[0]), _FINE * len(scene.views)
-    path = camera_path(count, 0)
+    path = plan_walk(count, 0)
     half = round(_EXPOSED * _FINE / 2)
     ways = np.arange(-half, half + 1) + _FINE * place
     ends = [np.linalg.inv(path[way % count]) for way in (ways[0], ways[-1])]

@@ -223,7 +223,7 @@ def _expose(
         directions = sum(rotation[..., k] * own[..., k, None] for k in range(3))
         origins = np.broadcast_to(at[..., :3, 3], directions.shape)
         shape = (samples, -1, 3)
-        found = tracer.colors(origins.reshape(shape), directions.reshape(shape))
+        found = tracer.trace_colors(origins.reshape(shape), directions.reshape(shape))
         return found.reshape(*own.shape[1:3], 3) * seen.all(axis=0)[..., None]
 
     blocks = [

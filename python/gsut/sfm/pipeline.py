@@ -138,7 +138,7 @@ def find_poses(
             find_lens_pair(mapping, claimed.path)
             mapping.log.show("writing", 0, 1, "")
             place_on_earth(mapping)
-            mapping.log.watch.lap("mapping")
+            mapping.log.watch.record_lap("mapping")
             if mapper is None:
                 mapping.found.agreement = measure_agreement(mapping.solved, mapping.pairs)
         values = write_poses(mapping, claimed.path, stages.digest)
@@ -220,7 +220,7 @@ def _find_matches(mapping: Mapping, stages: Stages) -> None:
     photographs, options, log = mapping.photographs, mapping.options, mapping.log
     _expect_times(mapping)
     mapping.features = collect_features(photographs, options, log.show, log.note, stages)
-    log.watch.lap("features")
+    log.watch.record_lap("features")
     is_lens_known = photographs.are_lenses_known
     mapping.found.figures["lens"] = "known" if is_lens_known else "estimated"
     if not is_lens_known:
@@ -234,7 +234,7 @@ def _find_matches(mapping: Mapping, stages: Stages) -> None:
             mapping.images, mapping.raw, options, log.follow_pairs("verifying")
         )
         require_overlap(mapping.images, mapping.pairs, is_lens_known=True)
-    log.watch.lap("matching")
+    log.watch.record_lap("matching")
 
 
 def _expect_times(mapping: Mapping) -> None:

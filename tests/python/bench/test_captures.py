@@ -1,7 +1,6 @@
 """Benchmarks of captures: films, poses and pycolmap, a command that is watched."""
 
 import json
-import os
 
 import pytest
 
@@ -10,7 +9,6 @@ import tolerances
 from gsut.demo import make_demo_scene
 from tests.bench import pycolmap_poses
 from tests.bench.harness import WRONG, Settings
-from tests.bench.photographs_bench import read_usage, watch_stages
 from tests.bench.poses_bench import BENCHMARK, KNOWN, UNKNOWN, fit_lens, measure, measure_pycolmap
 from tests.bench.walk_bench import FILMS, measure_lens_difference, resize_film
 
@@ -30,14 +28,6 @@ def test_film_of_another_size_has_the_same_lens():
     small = resize_film(film, wanted)
     assert (small.camera.width, small.back.width, len(small.times)) == (192, 192, 40)
     assert measure_lens_difference(small.camera.resize(384, 384), film.camera) < 1e-9
-
-
-def test_a_command_that_ends_early_is_named_with_its_stage(tmp_path):
-    with pytest.raises(gsut.InputError, match=r"scene absent .*ended in photographs with 2"):
-        watch_stages(["scene", "absent", "-o", str(tmp_path / "run")], tmp_path / "run")
-    assert read_usage(2**30) is None
-    seconds, peak_mb = read_usage(os.getpid())
-    assert seconds > 0 and peak_mb > 10
 
 
 # Poses.

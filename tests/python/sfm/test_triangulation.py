@@ -42,7 +42,7 @@ def relative_errors(points, scene):
     for view in scene.views[::2]:
         rays = points - view.camera_center
         away = np.linalg.norm(rays, axis=1)
-        exact = tracer.depths(view.camera_center, rays / away[:, None])
+        exact = tracer.trace_depths(view.camera_center, rays / away[:, None])
         best = np.minimum(best, np.abs(exact - away) / away)
     return best
 

@@ -83,7 +83,7 @@ def test_bearing_points_leave_out_wrong_matches_and_thin_angles(rng):
 @pytest.fixture(scope="module")
 def video(tmp_path_factory):
     """A dataset of a short video through the demo's fisheye, in the order of names."""
-    path = gsut.demo.dataset.camera_path
+    path = gsut.demo.dataset.plan_walk
     patch = pytest.MonkeyPatch()
     patch.setattr(
         gsut.demo.dataset,

@@ -45,7 +45,7 @@ def write_poses(mapping: Mapping, folder: Path, made_from: str) -> dict[str, Any
         if found.rig.figures.get("found"):
             write_lens_pair(found.rig)
         write_rig(found.rig.rig, folder / RIG)
-    log.watch.lap("writing")
+    log.watch.record_lap("writing")
     seconds, cpu_seconds = (
         {stage: times[clock] for stage, times in log.watch.seconds.items()} for clock in (0, 1)
     )
