@@ -159,8 +159,8 @@ def test_from_dataset_page_shows_the_lens_before_and_after(refined):
     page = (folder / "report.html").read_text()
     assert page.count("<svg") == 4
     assert not re.search(r"(src|href)=\"http", page)  # self-contained
-    assert f"<td>fx</td><td>{lens.params[0]:.8g}</td>" in page
-    rows = re.findall(r"<tr><td>\d, \d<td>([\d,]+)<td>([\d.]+)<td>([\d.]+)<td>", page)
+    assert f">fx</td><td>{lens.params[0]:.8g}</td>" in page
+    rows = re.findall(r">\d, \d</td><td>([\d,]+)</td><td>([\d.]+)</td><td>([\d.]+)</td>", page)
     assert len(rows) == 9  # regions, each with observations
     for _, before, after in rows:
         assert float(after) < 2 * np.sqrt(2) * NOISE_PX < float(before)
