@@ -143,7 +143,7 @@ def _free_run(folder: Path, options: TrainOptions, name: str = "run") -> tuple[R
     number = 1
     while True:
         run = RunFolder(folder / (name if number == 1 else f"{name}-{number}"))
-        if not run.holds_run():
+        if not run.has_run():
             return run, False
         unfinished = not (run.path / REPORT).is_file() and (run.path / OPTIONS).is_file()
         if unfinished and run.read_options() == options.resolve():

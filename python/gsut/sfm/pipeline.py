@@ -163,7 +163,7 @@ def find_poses(
     log.expect(_work(photographs, options, shutter, on_rig is not None), options.threads)
     with set_threads(options.threads):
         features = collect_features(photographs, options, log.show, log.note, stages)
-        log.watch.lap("features")
+        log.watch.record_lap("features")
         log.learn(features=float(np.mean([len(f) for f in features])))
         if not (known := photographs.lenses_known):
             photographs = guess_lenses(photographs, fov_degrees)
@@ -177,7 +177,7 @@ def find_poses(
                 features, photographs.lenses, raw, options, log.on_pairs("verifying"), shutter
             )
             require_overlap(photographs.names, features, pairs, known=True)
-        log.watch.lap("matching")
+        log.watch.record_lap("matching")
         extra: dict[str, Any] = {"lens": "known" if known else "estimated"}
         fit: RigFit | None = None
         flags: np.ndarray | None = None
@@ -206,7 +206,7 @@ def find_poses(
             photographs, solution, features, pairs, options, flags, log, extra, folder
         )
         solution, doubt, fit = done.solution, done.doubt, fit or done.rig
-        log.watch.lap("mapping")
+        log.watch.record_lap("mapping")
     extra["matches_in_points"] = agreeing = None if mapper else matches_in_points(solution, pairs)
     log.note(*compare_lens(photographs, solution.cameras[0], options, extra))
     log.note(*zooms_notes(zooms), *write_models(models, photographs, folder))
@@ -275,7 +275,7 @@ def _write(
         if fit.figures.get("found"):
             write_lens_pair(fit)
         write_rig(fit.rig, folder / RIG)
-    log.watch.lap("writing")
+    log.watch.record_lap("writing")
     seconds, cpu_seconds = (
         {stage: times[clock] for stage, times in log.watch.seconds.items()} for clock in (0, 1)
     )

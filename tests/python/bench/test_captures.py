@@ -1,7 +1,6 @@
 """Benchmarks of captures: films, poses and pycolmap, the time left, a command that is watched."""
 
 import json
-import os
 
 import numpy as np
 import pytest
@@ -12,7 +11,6 @@ from gsut.demo import make_demo_scene
 from tests.bench import pycolmap_poses
 from tests.bench.__main__ import main as bench_main
 from tests.bench.harness import WRONG, Settings
-from tests.bench.photographs_bench import read_usage, watch_stages
 from tests.bench.poses_bench import BENCHMARK, KNOWN, UNKNOWN, fit_lens, measure, measure_pycolmap
 from tests.bench.time_left import right_percent
 from tests.bench.walk_bench import FILMS, measure_lens_difference, resize_film
@@ -58,14 +56,6 @@ def test_bench_time_left_watches_a_command(tmp_path, capsys):
     lefts = [left for _, left in row["shown"]]
     assert len(lefts) == 8 and lefts[-1] == 0 and min(lefts[1:-1]) > 0
     assert "right [%]" in capsys.readouterr().out
-
-
-def test_a_command_that_ends_early_is_named_with_its_stage(tmp_path):
-    with pytest.raises(gsut.InputError, match=r"scene absent .*ended in photographs with 2"):
-        watch_stages(["scene", "absent", "-o", str(tmp_path / "run")], tmp_path / "run")
-    assert read_usage(2**30) is None
-    seconds, peak_mb = read_usage(os.getpid())
-    assert seconds > 0 and peak_mb > 10
 
 
 # Poses.

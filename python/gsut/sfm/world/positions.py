@@ -12,7 +12,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data.poses import find_centers
-from gsut.files import regular
+from gsut.files import check_regular
 from gsut.sfm.core import similarity
 
 _GEODETIC, _METRIC = ("latitude", "longitude", "altitude"), ("x", "y", "z")
@@ -56,7 +56,7 @@ def read_positions(path: str | os.PathLike[str]) -> dict[str, np.ndarray]:
         InputError: cannot be read, lacks a column, or a line is wrong; file and line are named.
     """
     try:
-        with open(regular(path), newline="", encoding="utf-8-sig") as file:
+        with open(check_regular(path), newline="", encoding="utf-8-sig") as file:
             table = csv.DictReader(file, skipinitialspace=True)
             heading = [name.strip().lower() for name in table.fieldnames or ()]
             table.fieldnames = heading
