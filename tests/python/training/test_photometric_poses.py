@@ -87,7 +87,7 @@ def video(tmp_path_factory):
     patch = pytest.MonkeyPatch()
     patch.setattr(
         gsut.demo.dataset,
-        "camera_path",
+        "plan_walk",
         lambda count, seed: path(round(1 / SHARE), seed)[:count],
     )
     folder = tmp_path_factory.mktemp("video") / "data"
