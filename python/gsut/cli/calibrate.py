@@ -18,7 +18,7 @@ from types import ModuleType
 
 from gsut._core import InputError
 from gsut.cli._flags import add_json, add_quiet, finite, print_json
-from gsut.files import regular
+from gsut.files import check_regular
 from gsut.lens.files import OWN_SUFFIX
 from gsut.output_folder import claim_folder
 from gsut.run import Progress
@@ -209,6 +209,6 @@ def _images(given: list[str]) -> list[Path]:
             found += [Path(match) for match in matches]
         else:
             if os.path.lexists(path) and not path.is_file():
-                regular(path)  # a pipe, a link to itself: said so
+                check_regular(path)  # a pipe, a link to itself: said so
             found.append(path)
     return found

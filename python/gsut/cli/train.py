@@ -64,8 +64,8 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     run = RunFolder.claim(arguments.out, "train", arguments.data)
     given = collect_given(TrainOptions, arguments)
-    if arguments.resume and run.holds_run():
-        options = dataclasses.replace(run.begun_with(), **given)
+    if arguments.resume and run.has_run():
+        options = dataclasses.replace(run.read_given_options(), **given)
     else:
         options = TrainOptions(**given)
         if not arguments.resume:
@@ -100,7 +100,7 @@ def _block_options(run: RunFolder, arguments: argparse.Namespace) -> BlockOption
         layout = str(run.path / BLOCKS / "layout.json")
         kept = {"blocks": before if isinstance(before, str) else layout, "rounds": plan["rounds"]}
         given = kept | given
-    elif arguments.resume and given and run.holds_run():
+    elif arguments.resume and given and run.has_run():
         raise InputError(f"{run.path} was not begun in blocks; leave --{next(iter(given))} out")
     if not given:
         return None
@@ -144,7 +144,7 @@ def train_into(
         colors = UNCOLORED if len(scene.points) and not has_colors(scene) else None
         for note in filter(None, (*scene.notes, describe_resizing(scene, options), colors)):
             print(f"gsut: note: {note}", file=sys.stderr)
-    if not (resume and run.holds_run()):
+    if not (resume and run.has_run()):
         check_first(scene, force, quiet, _matches(scene))
     elif run.is_finished() and not quiet:
         print(f"gsut: note: {run.path} is finished; nothing in it changes", file=sys.stderr)

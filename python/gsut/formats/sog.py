@@ -246,7 +246,9 @@ def _decode_gaussians(images: _Images, meta: dict[str, Any], count: int) -> Gaus
     logs = low + (coarse * 256.0 + fine) / 65535 * (high - low)
     rotation = images.read_pixels(meta["quats"]["files"][0], count, 4)
     largest = np.clip(rotation[:, 3].astype(int) - _LARGEST_BEGIN, 0, 3)
-    scales = _read_codebook(meta["scales"])[images.read_pixels(meta["scales"]["files"][0], count, 3)]
+    scales = _read_codebook(meta["scales"])[
+        images.read_pixels(meta["scales"]["files"][0], count, 3)
+    ]
     color = images.read_pixels(meta["sh0"]["files"][0], count, 4)
     sh = _read_codebook(meta["sh0"])[color[:, :3]][:, None]
     if "shN" in meta:

@@ -141,13 +141,6 @@ def test_light_is_compared_with_the_truth(tmp_path):
     assert all(row["psnr_truth"] > 3 for row in rows.values())
 
 
-def test_antialias_compares_filters_at_other_sizes(tmp_path):
-    options = {"steps": 20, "max_gaussians": 200, "size": 128}
-    rows = run_bench("antialias", tmp_path, only="0.25", **options)
-    assert [row["lens"] for row in rows.values()] == ["fisheye", "pinhole"]
-    assert all(5 < row["pixel_filter"] < 60 for row in rows.values())
-
-
 def test_localize_compares_errors_with_the_stated_ones(tmp_path):
     make_demo_scene(tmp_path / HALL, views=14, test_views=2, size=96, progress=False)
     rows = run_bench("localize", tmp_path, only="good lens", views=1, steps=60)

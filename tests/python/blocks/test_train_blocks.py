@@ -16,7 +16,7 @@ from gsut.blocks import workers
 from gsut.blocks.layout import Layout
 from gsut.blocks.plan import check_memory, choose_count, estimate_total_bytes, make_block_options
 from gsut.cli import main
-from gsut.run import RunFolder, read_checkpoint, size_text
+from gsut.run import RunFolder, format_size, read_checkpoint
 from small_blocks import OPTIONS, same_bits, states, train
 
 
@@ -193,7 +193,7 @@ def test_memory_decides_the_number_of_blocks_and_refuses_what_does_not_fit(scene
         choose_count(scene, many, gsut.BlockOptions("auto", memory="160MB"))
     with pytest.raises(gsut.InputError, match=r"block 1 takes about 5 GB, times 2 workers"):
         check_memory({"block 0": 10**9, "block 1": 5 * 10**9}, pair)
-    assert size_text(1234567) == "1.23 MB"
+    assert format_size(1234567) == "1.23 MB"
 
 
 @pytest.mark.parametrize(

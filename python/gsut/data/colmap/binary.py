@@ -10,7 +10,7 @@ import numpy as np
 
 from gsut.data.colmap.records import CameraRow, ImageRow
 from gsut.data.errors import DatasetError
-from gsut.files import regular
+from gsut.files import check_regular
 from gsut.lens.files import PARAMETER_COUNTS
 
 _COUNT = struct.Struct("<Q")
@@ -26,7 +26,7 @@ class _Reader:
 
     def __init__(self, path: Path, kind: str) -> None:
         try:
-            self.data = regular(path).read_bytes()
+            self.data = check_regular(path).read_bytes()
         except OSError as error:
             raise DatasetError(
                 path, f"cannot be opened ({error.strerror})", "check the path"
