@@ -82,7 +82,6 @@ def _render(arguments: argparse.Namespace) -> int:
 
 def _measured(gaussians: Any, camera: Any, place: Any, repeats: int) -> dict[str, Any]:
     """Times and errors of one view, see _render."""
-    from gsut.render import DEFAULT_UNSCENTED
 
     rng = np.random.default_rng(0)
     rule, degree = _core.BlendRule(), gaussians.sh_degree
@@ -96,7 +95,9 @@ def _measured(gaussians: Any, camera: Any, place: Any, repeats: int) -> dict[str
         for name in ("alpha_min", "transmittance_min", "response_min"):
             setattr(moved, name, factor * getattr(rule, name))
         image, _, _, blended, _ = _core.render_reference(
-            exact, camera, place, moved, _BACKGROUND, degree, pixels
+            exact,
+            _core.RenderJob(camera, place, rule=moved, background=_BACKGROUND, sh_degree=degree),
+            pixels,
         )
         return image, blended
 
@@ -107,19 +108,23 @@ def _measured(gaussians: Any, camera: Any, place: Any, repeats: int) -> dict[str
     weights = (rng.normal(size=truth.shape) * smooth[..., None]).astype(np.float32)
     wanted = _zeros_like(exact)
     _core.render_reference_backward(
-        exact, camera, place, rule, _BACKGROUND, degree, weights.astype(np.float64), None, None,
-        wanted, pixels,
-    )  # fmt: skip
+        exact,
+        _core.RenderJob(camera, place, rule=rule, background=_BACKGROUND, sh_degree=degree),
+        weights.astype(np.float64),
+        wanted,
+        pixels=pixels,
+    )
 
     renderer, image = _core.Renderer(), np.zeros(truth.shape, np.float32)
     found, touched = _zeros_like(gaussians), np.zeros(len(gaussians), np.uint8)
     best: dict[str, float] = {}
     for _ in range(1 + repeats):  # the first warms up
         renderer.render(
-            gaussians, camera, place, rule, _BACKGROUND, degree, DEFAULT_UNSCENTED, image, None,
-            None, True,
-        )  # fmt: skip
-        renderer.backward(weights, None, None, found, touched, True, False)
+            gaussians,
+            _core.RenderJob(camera, place, rule=rule, background=_BACKGROUND, sh_degree=degree),
+            image,
+        )
+        renderer.backward(weights, found, touched, with_poses=False)
         for stage, (wall, _) in renderer.timings().items():
             best[stage] = min(wall, best.get(stage, np.inf))
     rms = float(np.sqrt(np.mean((image - truth)[smooth] ** 2)))

@@ -12,7 +12,6 @@ from gsut import _core
 from gsut.data import Scene
 from gsut.gaussians import Gaussians
 from gsut.render import (
-    DEFAULT_UNSCENTED,
     Light,
     place_about,
     psnr,
@@ -80,15 +79,14 @@ def view_image(
     alpha = np.zeros(shape, np.float32) if background is None else None
     renderer.render(
         gaussians,
-        camera,
-        place_about(scene.views[index].motion, gaussians.origin),
-        _core.BlendRule(),
-        solid(background),
-        gaussians.sh_degree,
-        DEFAULT_UNSCENTED,
+        _core.RenderJob(
+            camera,
+            place_about(scene.views[index].motion, gaussians.origin),
+            background=solid(background),
+            sh_degree=gaussians.sh_degree,
+            keep=False,
+        ),
         image,
         alpha,
-        None,
-        False,
     )
     return image if alpha is None else with_surroundings(image, alpha, camera)

@@ -21,7 +21,6 @@ from gsut.gaussians import (
 )
 from gsut.lens import Camera
 from gsut.render import (
-    DEFAULT_UNSCENTED,
     PixelFilter,
     is_coarser,
     place_about,
@@ -265,10 +264,19 @@ class Frames:
             return seen.image, seen.alpha, seen.depth
         fills = self.stage.background is None
         self._renderer.render(
-            gaussians, camera, place_about(place, gaussians.origin), self._rule,
-            solid(self.stage.background), gaussians.sh_degree, DEFAULT_UNSCENTED, image,
-            alpha if with_depth or fills else None, depth if with_depth else None, False,
-        )  # fmt: skip
+            gaussians,
+            _core.RenderJob(
+                camera,
+                place_about(place, gaussians.origin),
+                rule=self._rule,
+                background=solid(self.stage.background),
+                sh_degree=gaussians.sh_degree,
+                keep=False,
+            ),
+            image,
+            alpha if with_depth or fills else None,
+            depth if with_depth else None,
+        )
         return with_surroundings(image, alpha, camera) if fills else image, alpha, depth
 
     def _for_pixels(self, gaussians: Any, request: FrameRequest, camera: Camera, place: Any) -> Any:
