@@ -29,9 +29,9 @@ COLUMNS = (
 
 
 def pack(profiles: Iterable[dict[str, Any]]) -> bytes:
-    """The file's bytes."""
+    """Returns the bytes of the packed file."""
     texts: dict[str, int] = {}
-    rows = [_row(p, texts) for p in profiles if min(p["fx"], p["fy"]) > 0]
+    rows = [make_row(p, texts) for p in profiles if min(p["fx"], p["fy"]) > 0]
     values = {
         "origin": ORIGIN, "licence": LICENCE, "columns": COLUMNS, "texts": list(texts),
         **{name: [row[name] for row in rows] for name in COLUMNS},
@@ -40,8 +40,8 @@ def pack(profiles: Iterable[dict[str, Any]]) -> bytes:
     return lzma.compress(text.encode(), preset=9 | lzma.PRESET_EXTREME)
 
 
-def _row(p: dict[str, Any], texts: dict[str, int]) -> dict[str, Any]:
-    # Anamorphic profiles are of the stretched picture; the camera writes the one before it.
+def make_row(p: dict[str, Any], texts: dict[str, int]) -> dict[str, Any]:
+    # Anamorphic profiles describe the stretched picture; the camera stores the unstretched one.
     across, down = p["stretch"]
     params = [
         p["fx"] / across, p["fy"] / down, (p["cx"] + 0.5) / across, (p["cy"] + 0.5) / down,
@@ -51,17 +51,17 @@ def _row(p: dict[str, Any], texts: dict[str, int]) -> dict[str, Any]:
         "official": int(p["official"]),
         "width": round(p["w"] / across),
         "height": round(p["h"] / down),
-        "fps": _rounded(p["fps"], 5),
-        "params": [*(_rounded(v, 6) for v in params), *(_rounded(v, 5) for v in p["k"])],
-        "rms": _rounded(p["rms"], 3),
+        "fps": round_to(p["fps"], 5),
+        "params": [*(round_to(v, 6) for v in params), *(round_to(v, 5) for v in p["k"])],
+        "rms": round_to(p["rms"], 3),
         "images": p["images"],
-        "radial_limit": _rounded(p["radial_limit"], 4) or None,
-        "readout_ms": _rounded(p["readout_ms"], 4) or None,
+        "radial_limit": round_to(p["radial_limit"], 4) or None,
+        "readout_ms": round_to(p["readout_ms"], 4) or None,
         "sizes": p["sizes"],
     }
 
 
-def _rounded(value: float | None, digits: int) -> float | None:
+def round_to(value: float | None, digits: int) -> float | None:
     """To so many significant digits."""
     return None if value is None else float(f"{value:.{digits}g}")
 

@@ -1,4 +1,10 @@
-"""From photographs of a chessboard to a lens file; run as `python -m calib JOB.json`.
+"""From photographs of a chessboard to a lens file: the program behind `gsut calibrate`.
 
-Talks to gsut through lens files and its public names only; gsut starts it as a subprocess.
+It uses gsut's public names and lens files only.
 """
+
+from calib.calibrate import calibrate
+from calib.job import Job
+from calib.report import write_nearest_splined
+
+__all__ = ["Job", "calibrate", "write_nearest_splined"]

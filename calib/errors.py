@@ -1,19 +1,21 @@
-"""The two ways in which a calibration can fail."""
+"""The ways in which a calibration can fail; gsut's command line prints each as one sentence."""
+
+import gsut
 
 
-class BoardError(ValueError):
-    """The photographs or arguments are not what a calibration needs: one sentence, naming which."""
+class BoardError(gsut.InputError):
+    """The photographs or arguments do not allow a calibration; the message names which."""
 
 
-class SolveError(RuntimeError):
-    """The photographs are readable, but no lens that can be trusted came out of them."""
+class SolveError(gsut.SolveError):
+    """The photographs are readable, but no trustworthy lens came out of them."""
 
 
 class MisfitError(SolveError):
-    """Boards that do not fit the lens on which the others agree.
+    """Some boards do not fit the lens on which the others agree.
 
     Args:
-        message: one sentence. indices: of the photographs, in the order that was solved.
+        message: one sentence. indices: of these photographs, in the order that was solved.
     """
 
     def __init__(self, message: str, indices: list[int]) -> None:

@@ -1,21 +1,18 @@
-"""What to calibrate: the job file that `gsut calibrate` writes and `python -m calib` reads."""
+"""Describes what to calibrate and with what, and checks it before any work begins."""
 
 from __future__ import annotations
 
-import json
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from calib import solve_mrcal, solve_opencv
-from calib.board import Board
+from calib.boards import Board
+from calib.camera import LENSES
 from calib.errors import BoardError
-from calib.lens_files import require_suffix
-from calib.mrcal_process import have_mrcal
-from calib.solution import LENSES
+from calib.solve import MRCAL_LENSES, OPENCV_LENSES, has_mrcal
 
 LENS_CHOICES = ("auto", *LENSES)
 SOLVERS = ("auto", "opencv", "mrcal")
+SUFFIXES = (".cameramodel", ".yaml", ".yml", ".json")
 _DEFAULT_SOLVER = {"fisheye": "opencv", "opencv4": "mrcal", "opencv8": "mrcal", "splined": "mrcal"}
 
 
@@ -24,11 +21,15 @@ class Job:
     """One calibration.
 
     Args:
-        images: files, of all cameras. board: "9x6", inner corners. spacing: side of a square.
-        out: the lens' file; for a rig NAME.cameramodel becomes NAME-CAMERA.cameramodel.
+        images: files, of all cameras. board: number of inner corners, such as "9x6".
+        spacing: side of a square.
+        out: the lens file; for a rig NAME.cameramodel becomes NAME-CAMERA.cameramodel.
         lens: one of LENS_CHOICES. solver: one of SOLVERS. cameras: names of the rig's cameras.
-        knot_degrees: between knots of a splined lens; None: from the number of corners.
+        knot_degrees: between the knots of a splined lens; None: from the number of corners.
         progress: show bars.
+
+    Raises:
+        BoardError: a value is impossible, or two do not go together.
     """
 
     images: tuple[Path, ...]
@@ -42,8 +43,12 @@ class Job:
     progress: bool = True
 
     def __post_init__(self) -> None:
-        self.chessboard()
-        require_suffix(self.out)
+        self.parse_board()
+        if self.out.suffix.lower() not in SUFFIXES:
+            raise BoardError(
+                f"{self.out}: the lens' file name must end in {', '.join(SUFFIXES[:-1])} or "
+                f"{SUFFIXES[-1]}"
+            )
         if not self.images:
             raise BoardError("no images were given")
         for name, value, known in (
@@ -52,7 +57,7 @@ class Job:
         ):
             if value not in known:
                 raise BoardError(f"unknown {name} {value!r}; known: {', '.join(known)}")
-        able = {"opencv": solve_opencv.LENS_NAMES, "mrcal": solve_mrcal.LENS_NAMES}
+        able = {"opencv": OPENCV_LENSES, "mrcal": MRCAL_LENSES}
         if self.lens != "auto" and self.solver != "auto" and self.lens not in able[self.solver]:
             raise BoardError(
                 f"the solver {self.solver} has no {self.lens} lens; "
@@ -65,41 +70,18 @@ class Job:
         if self.knot_degrees is not None and not 2.0 <= self.knot_degrees <= 90.0:
             raise BoardError(f"knots must be 2 to 90 degrees apart, found {self.knot_degrees}")
 
-    def chessboard(self) -> Board:
-        """The board.
+    def parse_board(self) -> Board:
+        """Parses the board's size.
 
         Raises:
-            BoardError: no such board.
+            BoardError: no board has this size.
         """
         return Board.parse(self.board, self.spacing)
 
-    def solver_for(self, lens: str) -> str:
-        """Which solver a lens is solved with."""
+    def choose_solver(self, lens: str) -> str:
+        """Chooses the solver of a lens: the one given, or the best that is installed."""
         if self.solver != "auto":
             return self.solver
-        if self.lens == "auto" and not have_mrcal():
+        if self.lens == "auto" and not has_mrcal():
             return "opencv"
         return _DEFAULT_SOLVER[lens]
-
-
-def read_job(path: Path) -> Job:
-    """A job from its JSON file.
-
-    Raises:
-        BoardError: not a job; the message names the file and the key.
-    """
-    try:
-        values: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, json.JSONDecodeError) as error:
-        raise BoardError(f"{path}: not a readable job ({error})") from None
-    known = {f.name for f in fields(Job)}
-    unknown = sorted(set(values) - known)
-    if unknown:
-        raise BoardError(f"{path}: unknown key {unknown[0]!r}; known: {', '.join(sorted(known))}")
-    missing = sorted({"images", "board", "spacing", "out"} - set(values))
-    if missing:
-        raise BoardError(f"{path}: the key {missing[0]!r} is missing")
-    values["images"] = tuple(Path(image) for image in values["images"])
-    values["cameras"] = tuple(values.get("cameras") or ())
-    values["out"] = Path(values["out"])
-    return Job(**values)

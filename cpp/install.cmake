@@ -1,8 +1,8 @@
-# Installs the libraries with their headers, one component a folder (see gsutConfig.cmake.in).
+# Installs the libraries with their headers, one component per folder (see gsutConfig.cmake.in).
 include(GNUInstallDirs)
 include(CMakePackageConfigHelpers)
 set(if_asked "")
-if(GSUT_BUILD_PYTHON)  # beside the Python module, whose wheel has no use for them
+if(GSUT_BUILD_PYTHON)  # the wheel of the Python module does not contain them
   set(if_asked EXCLUDE_FROM_ALL)
 endif()
 set(package_dir ${CMAKE_INSTALL_LIBDIR}/cmake/gsut)

@@ -9,7 +9,7 @@ import numpy as np
 
 from gsut._core import InputError, exp_pose
 from gsut.data import Scene
-from gsut.data.poses import inverse
+from gsut.data.poses import invert_pose
 from gsut.data.rigs.rig import Rig
 from gsut.lens import Camera
 
@@ -110,11 +110,11 @@ def disturb_rig(rig: Rig, degrees: float = 0.5, share: float = 0.01, seed: int =
     """
     rng = np.random.default_rng(seed)
     poses = [rig.camera_from_reference[0]]
-    first = inverse(poses[0])[:3, 3]
+    first = invert_pose(poses[0])[:3, 3]
     for pose in rig.camera_from_reference[1:]:
         axis, side = rng.standard_normal((2, 3))
         turn = cv2.Rodrigues(np.radians(degrees) * axis / np.linalg.norm(axis))[0]
-        apart = inverse(pose)[:3, 3] - first
+        apart = invert_pose(pose)[:3, 3] - first
         across = np.cross(apart, side)
         length = max(float(np.linalg.norm(across)), 1e-300)
         across *= share * np.linalg.norm(apart) / length

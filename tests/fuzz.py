@@ -26,15 +26,13 @@ import numpy as np
 import gsut
 import small_datasets
 import small_recordings
+from attack.world import write_lenses
 from formats.scene_cases import plain_scene
-from gsut import data, formats
-from gsut.lens import convert_camera
+from gsut import formats
+from gsut.data.poses.camera_path import read_path
 from gsut.run.checkpoint import read_checkpoint, write_checkpoint
 from gsut.run.folder import HISTORY, RunFolder
 
-LENSES = ("gsut.lens.json", "opencv.yaml", "opencv.json", "camchain.yaml", "cameras.txt",
-          "cameras.bin", "transforms.json", "aria.json", "matlab.json", "camera_models.json",
-          "calibration.xml", "lens.cameramodel", "calib_results.txt")  # fmt: skip
 NUMBERS = (b"0", b"-1", b"1e308", b"nan", b"inf", b"-inf", b"9223372036854775807", b"1e-320",
            b"4294967296", b"true", b"null", b'""', b"[]", b"{}", b"9" * 400)  # fmt: skip
 SLOWEST = 10.0  # processor seconds of one file
@@ -56,22 +54,13 @@ class Target:
     read: Callable[[], object]
 
 
-def lens_targets(folder: Path) -> Iterator[Target]:
-    lens = gsut.Camera("kannala_brandt", [90, 91, 50, 40, 0.01, -0.002, 1e-4, 2e-5], 100, 80)
-    barrel = gsut.Camera("opencv5", [90, 91, 50, 40, -0.1, 0.02, 1e-3, -1e-3, 0], 100, 80)
-    ocam = convert_camera(lens, "ocam").camera
-    for name in LENSES:
-        for camera in (lens, barrel, ocam):
-            try:
-                gsut.save_camera(camera, folder / name)
-            except gsut.InputError:
-                continue  # not a lens of this format
-            path = folder / name
-            yield Target(f"lens {name}", path, lambda path=path: gsut.load_camera(path))
-            break
+def list_lens_targets(folder: Path) -> Iterator[Target]:
+    write_lenses(folder / "lenses")
+    for path in sorted((folder / "lenses").iterdir()):
+        yield Target(f"lens {path.name}", path, lambda path=path: gsut.load_camera(path))
 
 
-def scene_targets(folder: Path) -> Iterator[Target]:
+def list_scene_targets(folder: Path) -> Iterator[Target]:
     gaussians = plain_scene(np.random.default_rng(1), 60)
     for each in formats.formats():
         if each.name == "USD" or each.read is None or each.write is None:
@@ -81,7 +70,7 @@ def scene_targets(folder: Path) -> Iterator[Target]:
         yield Target(f"scene {each.name}", path, lambda path=path: formats.load_gaussians(path))
 
 
-def dataset_targets(folder: Path) -> Iterator[Target]:
+def list_dataset_targets(folder: Path) -> Iterator[Target]:
     writers = (
         small_datasets.write_nerfstudio, small_datasets.write_colmap_text,
         small_datasets.write_colmap_binary, small_datasets.write_folder,
@@ -96,7 +85,7 @@ def dataset_targets(folder: Path) -> Iterator[Target]:
                 yield Target(name, path, lambda place=place: gsut.load_dataset(place))
 
 
-def run_targets(folder: Path) -> Iterator[Target]:
+def list_run_targets(folder: Path) -> Iterator[Target]:
     run = RunFolder.create(folder / "run", gsut.TrainOptions(steps=100))
     run.append_history({"step": 1, "loss": 0.5})
     write_checkpoint(folder / "state.npz", {"step": 1, "state": {"a": np.arange(30.0), "b": [1]}})
@@ -105,11 +94,11 @@ def run_targets(folder: Path) -> Iterator[Target]:
     yield Target(HISTORY, run.path / HISTORY, run.read_history)
     path = folder / "path.json"
     path.write_text(str([np.eye(4).tolist()] * 3).replace("'", '"'))
-    yield Target("camera path", path, lambda: data.read_path(path, None))
+    yield Target("camera path", path, lambda: read_path(path, None))
 
 
-def changed(content: bytes, chance: random.Random) -> bytes:
-    """A few random changes."""
+def change_bytes(content: bytes, chance: random.Random) -> bytes:
+    """Changes bytes, numbers and pieces at random, a few times."""
     for _ in range(chance.choice((1, 1, 2, 5))):
         size = len(content)
         start = chance.randrange(size + 1)
@@ -137,7 +126,7 @@ def changed(content: bytes, chance: random.Random) -> bytes:
 
 
 def fault(target: Target) -> str | None:
-    """What is wrong with how the reader took the file; None if nothing is."""
+    """Reads a file; returns what is wrong with how the reader took it, or None."""
     started = time.process_time()
     try:
         with warnings.catch_warnings():
@@ -156,7 +145,7 @@ def fault(target: Target) -> str | None:
 
 
 def fuzz(folder: Path, seconds: float, seed: int, rounds: int | None = None) -> tuple[int, int]:
-    """Changes and reads until the time is over, or so many rounds over all readers.
+    """Changes and reads until the time is over, or for a number of rounds over all readers.
 
     Returns:
         Numbers of readers' files and of changed files read.
@@ -165,7 +154,7 @@ def fuzz(folder: Path, seconds: float, seed: int, rounds: int | None = None) -> 
         AssertionError: what was found; the changed file stays where it is.
     """
     targets: list[Target] = []
-    for make in (lens_targets, scene_targets, dataset_targets, run_targets):
+    for make in (list_lens_targets, list_scene_targets, list_dataset_targets, list_run_targets):
         place = folder / make.__name__
         place.mkdir()
         targets += make(place)
@@ -176,7 +165,7 @@ def fuzz(folder: Path, seconds: float, seed: int, rounds: int | None = None) -> 
     chance, end, count = random.Random(seed), time.monotonic() + seconds, 0
     while time.monotonic() < end and (rounds is None or count < rounds * len(targets)):
         target, content = targets[count % len(targets)], whole[count % len(targets)]
-        target.file.write_bytes(changed(content, chance))
+        target.file.write_bytes(change_bytes(content, chance))
         said = fault(target)
         assert said is None, f"{target.name}: {target.file}: {said}"
         target.file.write_bytes(content)

@@ -18,11 +18,11 @@ def small_camera(model: str, example: int = 0, width: int = 48) -> gsut.Camera:
     """An example lens of a model, its image shrunk to `width` pixels: the field of view stays."""
     _, params, full_width, full_height = _core.camera_examples(model)[example]
     whole = gsut.Camera(model, params, full_width, full_height)
-    camera = whole.resized(width, max(1, round(full_height * width / full_width)))
+    camera = whole.resize(width, max(1, round(full_height * width / full_width)))
     rays, valid = camera.rays()
     if np.arccos(rays[valid][:, 2].min()) > _PANORAMA_ANGLE:
         width *= 3
-        camera = whole.resized(width, max(1, round(full_height * width / full_width)))
+        camera = whole.resize(width, max(1, round(full_height * width / full_width)))
     return camera
 
 

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 
 import gsut
-from calib.board import Board, Photograph
-from calib.lens import PIXEL_SHIFT
-from calib.rigid import rotation_matrix, transform_points
+from calib.boards.board import Board, Photograph
+from calib.camera.projection import PIXEL_SHIFT
+from calib.camera.rigid import matrix_from_rodrigues, transform_points
 
 _TRIES = 200  # for a pose that shows the whole board
 _MARGIN_PX = 8.0  # of the board from the image's edge
@@ -50,12 +50,12 @@ def random_poses(
             axis = np.cross([0.0, 0.0, 1.0], sight)
             axis = axis / max(np.linalg.norm(axis), 1e-12) * angle
             tilt = np.append(generator.uniform(-_TILT, _TILT, 2), generator.uniform(-np.pi, np.pi))
-            rotation = rotation_matrix(axis) @ rotation_matrix(tilt)
+            rotation = matrix_from_rodrigues(axis) @ matrix_from_rodrigues(tilt)
             centre = sight * size * generator.uniform(0.8, 1.6)
             rotation_vector = cv2.Rodrigues(rotation)[0].ravel()
-            middle = rotation @ board.points().mean(axis=0)
+            middle = rotation @ board.locate_corners().mean(axis=0)
             pose = np.concatenate([rotation_vector, centre - middle])
-            if _fits(camera, transform_points(pose, board.points())):
+            if _fits(camera, transform_points(pose, board.locate_corners())):
                 poses.append(pose)
                 break
         else:
@@ -83,7 +83,7 @@ def photographs(
     """
     result = []
     for index, pose in enumerate(poses):
-        pixels, _ = camera.project(transform_points(pose, board.points(warp)))
+        pixels, _ = camera.project(transform_points(pose, board.locate_corners(warp)))
         corners = pixels - PIXEL_SHIFT + noise_px * generator.standard_normal(pixels.shape)
         photograph = Photograph(Path(f"synthetic{index:03d}.png"), "camera", str(index))
         photograph.width, photograph.height = camera.width, camera.height
@@ -100,7 +100,7 @@ def draw(camera: gsut.Camera, board: Board, pose: np.ndarray, samples: int = 3) 
         (np.arange(width)[:, None] + fine).ravel(), (np.arange(height)[:, None] + fine).ravel()
     )
     rays, valid = camera.unproject(np.stack([x, y], axis=-1).reshape(-1, 2))
-    rotation, origin = rotation_matrix(pose[:3]), np.asarray(pose[3:])
+    rotation, origin = matrix_from_rodrigues(pose[:3]), np.asarray(pose[3:])
     with np.errstate(divide="ignore", invalid="ignore"):
         distance = (rotation[:, 2] @ origin) / (rays @ rotation[:, 2])
         on_board = ((rays * distance[:, None] - origin) @ rotation)[:, :2] / board.spacing

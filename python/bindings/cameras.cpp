@@ -186,7 +186,7 @@ void BindCameras(py::module_& m) {
           [](const Camera& camera) {
             return std::array<double, 2>{camera.domain().period_u, camera.domain().period_v};
           })
-      .def("resized", &Camera::Resized, py::arg("width"), py::arg("height"))
+      .def("resize", &Camera::Resized, py::arg("width"), py::arg("height"))
       .def("with_valid_field_angle", &Camera::WithValidFieldAngle, py::arg("valid_field_angle"))
       .def(py::self == py::self);
   m.def("camera_models", &LensNames);
@@ -203,7 +203,6 @@ void BindCameras(py::module_& m) {
       .def_readonly("fit_held", &LensTraits::fit_held)
       .def_readonly("fit_near", &LensTraits::fit_near)
       .def_readonly("has_table", &LensTraits::has_table)
-      .def_readonly("takes_size", &LensTraits::takes_size)
       .def_readonly("is_central", &LensTraits::is_central)
       .def_readonly("is_parallel", &LensTraits::is_parallel);
   m.def(

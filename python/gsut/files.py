@@ -163,7 +163,7 @@ def refuse_existing(path: Path, by: str = "") -> None:
         raise InputError(f"{path} cannot be written: {folder} {what}; give another name{by}")
 
 
-def regular(path: str | os.PathLike[str]) -> Path:
+def check_regular(path: str | os.PathLike[str]) -> Path:
     """The path of a file to read, which must not lead to a pipe or a device: those may have no end,
     or nobody who writes them.
 
@@ -202,8 +202,8 @@ def write_picture(path: str | os.PathLike[str], pixels: Any, quality: int | None
 
 
 def write_json(path: str | os.PathLike[str], value: Any) -> None:
-    """Writes `json_text`, see `whole_file`."""
-    write_file(path, json_text(value) + "\n")
+    """Writes `format_json`, see `whole_file`."""
+    write_file(path, format_json(value) + "\n")
 
 
 # What parsers raise where a file is not what they expect: words for numbers, lists for keys ...
@@ -269,21 +269,21 @@ def parse_yaml(text: str, fails: Callable[[str, str], Exception]) -> Any:
         raise fails(line, getattr(error, "problem", None) or "cannot be parsed") from error
 
 
-def json_text(value: Any) -> str:
+def format_json(value: Any) -> str:
     """JSON with two spaces of indent; NaN and infinities, which JSON lacks, become null."""
-    return json.dumps(plain(value), indent=2)
+    return json.dumps(to_plain(value), indent=2)
 
 
-def plain(value: Any) -> Any:
+def to_plain(value: Any) -> Any:
     """`value` with numpy's types as plain ones and numbers that JSON lacks as None."""
     if isinstance(value, dict):
-        return {str(key): plain(entry) for key, entry in value.items()}
+        return {str(key): to_plain(entry) for key, entry in value.items()}
     if isinstance(value, (list, tuple)):
-        return [plain(entry) for entry in value]
+        return [to_plain(entry) for entry in value]
     if isinstance(value, np.ndarray):
-        return plain(value.tolist())
+        return to_plain(value.tolist())
     if isinstance(value, np.generic):
-        return plain(value.item())
+        return to_plain(value.item())
     if isinstance(value, float) and not math.isfinite(value):
         return None
     if isinstance(value, Path):

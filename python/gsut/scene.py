@@ -30,11 +30,11 @@ from gsut.run import (
     TrainOptions,
     Verdict,
     combine_verdicts,
-    flag_name,
-    for_views,
     judge_pictures,
 )
+from gsut.run.options import fit_to_views, format_flag
 from gsut.sfm import (
+    PosesLog,
     PosesOptions,
     add_lens_readout,
     check_lens,
@@ -43,7 +43,7 @@ from gsut.sfm import (
     read_figures,
 )
 from gsut.train import TrainResult, train
-from gsut.training import TrainingTime, describe_resizing
+from gsut.training import describe_resizing, track_training
 
 POSES = "poses"  # folder of the pictures and poses, inside the run's folder
 STATE = "scene.json"  # inputs and settings; seconds and verdict once the scene is finished
@@ -174,7 +174,7 @@ class _SceneInProgress:
         different = [name for name in key if figures["key"].get(name, key[name]) != key[name]]
         if different:
             name = different[0]
-            what = name if name == "inputs" else flag_name(name)
+            what = name if name == "inputs" else format_flag(name)
             raise InputError(
                 f"{self.folder.path} holds a scene with other {what} "
                 f"({figures['key'].get(name)}, now {key[name]}); give another output folder "
@@ -217,7 +217,7 @@ class _SceneInProgress:
             figures = find_poses(
                 pictures.path, out, camera=o.camera, fov_degrees=o.fov,
                 options=add_lens_readout(options, o.camera, pictures.figures),
-                on_progress=stages.show, on_expected=stages.expect, notes_to=bars.note,
+                log=PosesLog(stages.show, bars.note, stages.expect),
             ).figures  # fmt: skip
         self._poses_seconds = stages.seconds
         return figures
@@ -233,7 +233,7 @@ class _SceneInProgress:
             bars.skip("training")
             return folder.read_json(METRICS)
         dataset = load_dataset(folder.path / POSES, test_every=options.test_every)
-        options = for_views(options, len(dataset.train_indices))
+        options = fit_to_views(options, len(dataset.train_indices))
         if (folder.path / OPTIONS).is_file():
             options = folder.read_options()
         for note in filter(None, (*dataset.notes, describe_resizing(dataset, options))):
@@ -305,10 +305,10 @@ def _spread_over(
 
 def _estimate_training_seconds(figures: dict[str, Any], options: TrainOptions) -> float:
     """Returns the seconds that the training's steps will take for pictures of this size."""
-    most = dataclasses.replace(options.resolved(), max_gaussians=options.most_gaussians)
+    most = dataclasses.replace(options.resolve(), max_gaussians=options.most_gaussians)
     width, height = figures["size"]
     shrunk = min(1.0, options.max_side / max(width, height)) if options.max_side else 1.0
-    return TrainingTime(
+    return track_training(
         most, most.most_gaussians // 4, shrunk**2 * width * height / 1e6, 0,
         threads=options.threads or _core.num_threads(),
-    ).left(0)  # fmt: skip
+    ).predict_left(0)  # fmt: skip

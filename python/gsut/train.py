@@ -15,7 +15,8 @@ from gsut._core import InputError
 from gsut.check import refuse_too_large
 from gsut.data import Scene
 from gsut.gaussians import Gaussians
-from gsut.run import TrainOptions, for_views
+from gsut.run import TrainOptions
+from gsut.run.options import fit_to_views
 from gsut.training import (
     TrainingLoop,
     TrainingRecord,
@@ -82,7 +83,7 @@ def train(
         InputError: no training view, an option out of range, or `out` holds a run.
         DatasetError: a photograph or a mask cannot be used, or memory does not suffice.
     """
-    asked = for_views(options or TrainOptions(), len(scene.train_indices))
+    asked = fit_to_views(options or TrainOptions(), len(scene.train_indices))
     _core.set_num_threads(asked.threads)
     if not scene.train_indices:
         raise InputError(f"{scene.path} has no training view; hold out fewer (--test-every)")
@@ -91,7 +92,7 @@ def train(
     scene = leave_out_blurred(scene, asked)
     scene.check_pixels()  # data/: a damaged photograph is found now
     asked = choose_degree(scene, asked)  # of harmonics, as the photographs bear
-    o = asked.resolved()
+    o = asked.resolve()
     if o.background is None:
         o = dataclasses.replace(o, background=find_plain_background(scene))
     # run/: folder, history, checkpoints
@@ -115,5 +116,5 @@ def train(
         refined = scene if o.refine_poses else None  # formats/, verdict
         write_results(record.run, gaussians, metrics, scene.path, refined, asked)
     gaussians = gaussians.translate(scene.world_offset)
-    scene = scene.about((0.0, 0.0, 0.0)) if o.refine_poses else prepare_scene(given, o)
+    scene = scene.move_origin((0.0, 0.0, 0.0)) if o.refine_poses else prepare_scene(given, o)
     return TrainResult(gaussians, metrics, record.history, scene)

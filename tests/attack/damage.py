@@ -1,4 +1,4 @@
-"""What can happen to a file, whatever it holds."""
+"""Damages a file in every way that does not depend on what it holds."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ PICTURE = bytes.fromhex(
 )  # one red pixel
 
 
-def replaced(make: Callable[[Path], object]) -> Damage:
+def replace(make: Callable[[Path], object]) -> Damage:
     """Something else in place of the file."""
 
     def damage(path: Path) -> None:
@@ -24,31 +24,31 @@ def replaced(make: Callable[[Path], object]) -> Damage:
     return damage
 
 
-def rewritten(change: Callable[[bytes], bytes]) -> Damage:
+def rewrite(change: Callable[[bytes], bytes]) -> Damage:
     """The file with other content."""
     return lambda path: path.write_bytes(change(path.read_bytes()))
 
 
 # Name -> what is done. None of these files can be read in any sense.
 TO_ANY_FILE: dict[str, Damage] = {
-    "empty": rewritten(lambda _: b""),
-    "cut in half": rewritten(lambda content: content[: len(content) // 2]),
-    "zeros": rewritten(lambda content: bytes(len(content))),
-    "noise": rewritten(lambda content: random.Random(1).randbytes(len(content))),
-    "a picture": rewritten(lambda _: PICTURE),
-    "one line of text": rewritten(lambda _: b"hello, this is something else\n"),
-    "a web page": rewritten(lambda _: b"<!DOCTYPE html><html><body>404</body></html>\n"),
-    "a folder": replaced(lambda path: path.mkdir()),
-    "a pipe that nobody writes": replaced(os.mkfifo),
-    "a device without end": replaced(lambda path: path.symlink_to("/dev/zero")),
-    "a link to itself": replaced(lambda path: path.symlink_to(path.name)),
-    "a link to nothing": replaced(lambda path: path.symlink_to("nowhere")),
+    "empty": rewrite(lambda _: b""),
+    "cut in half": rewrite(lambda content: content[: len(content) // 2]),
+    "zeros": rewrite(lambda content: bytes(len(content))),
+    "noise": rewrite(lambda content: random.Random(1).randbytes(len(content))),
+    "a picture": rewrite(lambda _: PICTURE),
+    "one line of text": rewrite(lambda _: b"hello, this is something else\n"),
+    "a web page": rewrite(lambda _: b"<!DOCTYPE html><html><body>404</body></html>\n"),
+    "a folder": replace(lambda path: path.mkdir()),
+    "a pipe that nobody writes": replace(os.mkfifo),
+    "a device without end": replace(lambda path: path.symlink_to("/dev/zero")),
+    "a link to itself": replace(lambda path: path.symlink_to(path.name)),
+    "a link to nothing": replace(lambda path: path.symlink_to("nowhere")),
     "missing": Path.unlink,
 }
 # Of text alone.
 TO_TEXT: dict[str, Damage] = {
-    "UTF-16": rewritten(lambda content: content.decode().encode("utf-16")),
-    "a byte that is no UTF-8": rewritten(lambda content: content[:9] + b"\xff\xfe" + content[9:]),
+    "UTF-16": rewrite(lambda content: content.decode().encode("utf-16")),
+    "a byte that is no UTF-8": rewrite(lambda content: content[:9] + b"\xff\xfe" + content[9:]),
 }
 # What the sentence must say of it, beside the file's name.
 CAUSES = {

@@ -1,4 +1,4 @@
-"""Numbers that no flag means, for every flag of every command that takes numbers."""
+"""Gives every flag that takes numbers the numbers that it cannot mean."""
 
 from __future__ import annotations
 
@@ -57,13 +57,10 @@ GOOD: dict[tuple[str, str], tuple[str, ...]] = {
             "edit": ("--min-opacity",),
             "mesh": ("--support", "--threads"),
             "points": ("--dense",),
-            "poses": ("--nadir-cap", "--zenith-cap", "--feature-scale", "--preview-matches",
-                      "--extend-rounds", "--threads", "--seed", "--contrast"),
-            "train": ("--port", "--seed", "--threads", "--eval-every", "--checkpoint-every",
-                      "--max-side", "--test-every", "--sh-degree", "--low-pass", "--lr-means",
-                      "--lr-scales", "--lr-quats", "--lr-opacity", "--lr-sh0", "--lr-sh-rest",
-                      "--average-from", "--ssim-weight", "--opacity-regularizer",
-                      "--scale-regularizer", "--densify-from", "--grow-until"),
+            "poses": ("--nadir-cap", "--zenith-cap", "--threads", "--seed"),
+            "scene": ("--nadir-cap", "--zenith-cap", "--threads", "--seed"),
+            "train": ("--port", "--seed", "--threads", "--max-side", "--test-every",
+                      "--sh-degree"),
         }.items() for flag in flags
     },
 }  # fmt: skip
@@ -78,14 +75,14 @@ SOONER = {
 LONG = ("calibrate", "demo", "scene")  # with a number in a good sense these take their time
 
 
-def of_flags() -> Iterator[Case]:
-    """Every flag that takes numbers, with each number that it cannot mean."""
+def list_flag_cases() -> Iterator[Case]:
+    """Lists every flag that takes numbers, with each number that it cannot mean."""
     for command, (base, needs) in BASES.items():
-        for action in numeric_flags(command):
+        for action in find_numeric_flags(command):
             flag = action.option_strings[-1]
             count = action.nargs if isinstance(action.nargs, int) else 1
             for value in NO_NUMBERS + (() if command in LONG else ODD):
-                words = (*command.split(), *_without(base, flag, count), f"{flag}")
+                words = (*command.split(), *_drop_flag(base, flag, count), f"{flag}")
                 given = [value] + ["1"] * (count - 1)
                 names = ["[-_ ]".join(map(re.escape, flag.strip("-").split("-")))]
                 names += [re.escape(action.dest), *filter(None, [SOONER.get((command, flag))])]
@@ -96,11 +93,11 @@ def of_flags() -> Iterator[Case]:
                 )  # fmt: skip
 
 
-def numeric_flags(command: str) -> list[argparse.Action]:
+def find_numeric_flags(command: str) -> list[argparse.Action]:
     name, *inner = command.split()
-    parser = _inner(build_parser([name]), name)
+    parser = _find_command(build_parser([name]), name)
     for each in inner:
-        parser = _inner(parser, each)
+        parser = _find_command(parser, each)
     return [
         action for action in parser._actions
         if action.option_strings and action.nargs != 0
@@ -108,13 +105,13 @@ def numeric_flags(command: str) -> list[argparse.Action]:
     ]  # fmt: skip
 
 
-def _inner(parser: argparse.ArgumentParser, name: str) -> argparse.ArgumentParser:
+def _find_command(parser: argparse.ArgumentParser, name: str) -> argparse.ArgumentParser:
     commands = next(a for a in parser._actions if isinstance(a, argparse._SubParsersAction))
     return commands.choices[name]
 
 
-def _without(base: tuple[str, ...], flag: str, count: int) -> tuple[str, ...]:
-    """The base's words without this flag, which is given otherwise."""
+def _drop_flag(base: tuple[str, ...], flag: str, count: int) -> tuple[str, ...]:
+    """Drops a flag, which is given otherwise, from the base's words."""
     if flag not in base:
         return base
     at = base.index(flag)

@@ -1,4 +1,4 @@
-"""A case of the attack: a command line over spoiled inputs, and what it may do."""
+"""Runs a case of the attack: a command line over spoiled inputs, and judges what it did."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from attack.world import copy_needs, inside
+from attack.world import copy_needs, enter_folder
 from gsut.cli import main
 from gsut.files import UNFINISHED
 
@@ -67,7 +67,7 @@ class Case:
 
 
 @dataclasses.dataclass(frozen=True)
-class Told:
+class Outcome:
     """What a command did.
 
     Attributes:
@@ -83,7 +83,7 @@ class Told:
     output: str = ""
 
 
-def run_words(words: tuple[str, ...], apart: bool = False) -> Told:
+def run_words(words: tuple[str, ...], apart: bool = False) -> Outcome:
     """Runs a command in this process, or in one of its own."""
     if apart:
         started = time.monotonic()
@@ -91,14 +91,18 @@ def run_words(words: tuple[str, ...], apart: bool = False) -> Told:
         try:
             done = subprocess.run(command, capture_output=True, timeout=PATIENCE, check=False)
         except subprocess.TimeoutExpired:
-            return Told(None, "it hangs", PATIENCE)
+            return Outcome(None, "it hangs", PATIENCE)
         errors = done.stderr.decode(errors="backslashreplace").rpartition("\r")[2]
-        return Told(done.returncode, errors, time.monotonic() - started)
+        return Outcome(done.returncode, errors, time.monotonic() - started)
     out, errors = io.StringIO(), io.StringIO()
     before = warnings.showwarning
     started = time.process_time()
     status: int | None = None
-    with _limits() as stopped, contextlib.redirect_stdout(out), contextlib.redirect_stderr(errors):
+    with (
+        _limit_time() as stopped,
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(errors),
+    ):
         try:
             status = main(list(words))
         except SystemExit as end:  # argparse's --help
@@ -108,13 +112,13 @@ def run_words(words: tuple[str, ...], apart: bool = False) -> Told:
         finally:
             warnings.showwarning = before
     if stopped:  # also where what was stopped has swallowed that
-        return Told(None, f"it hangs: {errors.getvalue()}", time.process_time() - started)
-    return Told(status, errors.getvalue(), time.process_time() - started, out.getvalue())
+        return Outcome(None, f"it hangs: {errors.getvalue()}", time.process_time() - started)
+    return Outcome(status, errors.getvalue(), time.process_time() - started, out.getvalue())
 
 
 @contextlib.contextmanager
-def _limits() -> Iterator[list[int]]:
-    """Stops what takes too long; yields the list that then gets the signal."""
+def _limit_time() -> Iterator[list[int]]:
+    """Stops what takes too long; the list that it yields then gets the signal."""
     stopped: list[int] = []
 
     def stop(number: int, _: object) -> None:
@@ -134,40 +138,39 @@ def _limits() -> Iterator[list[int]]:
 
 
 def attack(case: Case, world: Path, scratch: Path) -> str | None:
-    """Carries a case out in a new folder; what is wrong with what happened, or None."""
-    return carry_out(case, world, scratch)[1]
+    """Runs a case in a new folder; returns what is wrong with what happened, or None."""
+    return run_case(case, world, scratch)[1]
 
 
-def carry_out(case: Case, world: Path, scratch: Path) -> tuple[Told, str | None]:
-    """As `attack`, with what was told."""
+def run_case(case: Case, world: Path, scratch: Path) -> tuple[Outcome, str | None]:
+    """Runs a case like `attack`; returns the done as well."""
     scratch.mkdir()
     copy_needs(case.needs, world, scratch)
     try:
-        with inside(scratch):
+        with enter_folder(scratch):
             if case.spoil is not None:
                 case.spoil(scratch)
-            before = snapshot(scratch)
+            before = take_snapshot(scratch)
             # calib/ is a process of its own, whose words do not go through Python's streams
-            told = run_words(case.words, case.words[0] == "calibrate" and case.kind != "flag")
+            done = run_words(case.words, case.words[0] == "calibrate" and case.kind != "flag")
             gc.collect()  # folders that a failed command held are let go
-            return told, fault(case, told, before, snapshot(scratch))
+            return done, find_fault(case, done, before, take_snapshot(scratch))
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
 
 
-def disagreement(doctor: Case, train: Case, world: Path, scratch: Path) -> str | None:
-    """Both cases carried out: whether `doctor` finds what `train` refuses, and the other way round,
-    in the same words."""
-    told, wrong = carry_out(train, world, scratch)
-    found, _ = carry_out(doctor, world, scratch)
+def find_disagreement(doctor: Case, train: Case, world: Path, scratch: Path) -> str | None:
+    """Runs both cases: `doctor` must find what `train` refuses, in the same words, and reverse."""
+    done, wrong = run_case(train, world, scratch)
+    found, _ = run_case(doctor, world, scratch)
     if wrong is not None:
         return wrong
-    if found.status is None or found.status != told.status:
-        return f"train {told.status}, doctor {found.status}: {told.errors} {found.output[-900:]}"
-    if told.status == 0:
+    if found.status is None or found.status != done.status:
+        return f"train {done.status}, doctor {found.status}: {done.errors} {found.output[-900:]}"
+    if done.status == 0:
         noted = re.search(doctor.noted, found.output)
         return None if noted else f"goes on without a word of {doctor.noted}: {found.output[-600:]}"
-    sentence = told.errors.splitlines()[-1]
+    sentence = done.errors.splitlines()[-1]
     if not found.output:  # there is no dataset to look at
         return None if found.errors.splitlines()[-1] == sentence else f"others: {found.errors}"
     errors = [each for each in json.loads(found.output) if each["severity"] == "error"]
@@ -175,37 +178,39 @@ def disagreement(doctor: Case, train: Case, world: Path, scratch: Path) -> str |
     return None if any(same) else f"other words: {sentence} {errors}"
 
 
-def fault(case: Case, told: Told, before: dict[str, str], after: dict[str, str]) -> str | None:
-    if told.status is None or "Traceback" in told.errors:
-        return f"traceback: {told.errors[-1500:]}"
+def find_fault(
+    case: Case, done: Outcome, before: dict[str, str], after: dict[str, str]
+) -> str | None:
+    if done.status is None or "Traceback" in done.errors:
+        return f"traceback: {done.errors[-1500:]}"
     kept = re.compile("|".join(case.keeps) or "$^")
     changed = sorted(name for name in before if after.get(name) != before[name])
-    if told.status == 0:
+    if done.status == 0:
         changed = [name for name in changed if not kept.match(name)]
     if changed:
-        return f"changed {changed} and ended with {told.status}: {told.errors[-300:]}"
+        return f"changed {changed} and ended with {done.status}: {done.errors[-300:]}"
     half = [name for name in after if UNFINISHED in name]
     if half:
         return f"left {half}"
-    if told.status == 0:
-        return None if case.may_pass else f"accepted: {told.errors[-300:]}"
-    if told.status != 2:
-        return f"status {told.status}: {told.errors[-300:]}"
+    if done.status == 0:
+        return None if case.may_pass else f"accepted: {done.errors[-300:]}"
+    if done.status != 2:
+        return f"status {done.status}: {done.errors[-300:]}"
     new = [name for name in after if name not in before and not kept.match(name)]
     if new:
-        return f"failed and left {new}: {told.errors[-300:]}"
-    if case.words[0] == "doctor" and told.output:  # which finds what is wrong: no error of its own
-        missing = [each for each in case.said if not re.search(each, told.output)]
-        return f"does not find {missing}: {told.output[-600:]}" if missing else None
-    lines = [line for line in told.errors.splitlines() if line.startswith("gsut: error: ")]
-    if len(lines) != 1 or not told.errors.endswith(lines[0] + "\n"):
-        return f"not one sentence at the end: {told.errors[-600:]}"
+        return f"failed and left {new}: {done.errors[-300:]}"
+    if case.words[0] == "doctor" and done.output:  # which finds what is wrong: no error of its own
+        missing = [each for each in case.said if not re.search(each, done.output)]
+        return f"does not find {missing}: {done.output[-600:]}" if missing else None
+    lines = [line for line in done.errors.splitlines() if line.startswith("gsut: error: ")]
+    if len(lines) != 1 or not done.errors.endswith(lines[0] + "\n"):
+        return f"not one sentence at the end: {done.errors[-600:]}"
     missing = [each for each in case.said if not re.search(each, lines[0])]
     return f"does not say {missing}: {lines[0]}" if missing else None
 
 
-def snapshot(folder: Path) -> dict[str, str]:
-    """What there is: names of all, with kind and content."""
+def take_snapshot(folder: Path) -> dict[str, str]:
+    """Lists all names below a folder, with kind and a digest of the content."""
     found = {}
     for path in sorted(folder.rglob("*")):
         name = os.fsencode(path.relative_to(folder)).decode("utf-8", "backslashreplace")

@@ -1,5 +1,7 @@
-"""Commands killed at random moments: run again as their own words say, they end with the same bits
-or the same result, and nothing stays half-written."""
+"""Kills commands at random moments and runs them again.
+
+They must end with the same bits or the same result, and leave nothing half-written.
+"""
 
 from __future__ import annotations
 
@@ -51,7 +53,7 @@ class Killed:
     again: tuple[str, ...] | None = None
 
 
-TRAIN = ("train", "ds", "-o", "out", "--steps", "80", "--quiet", "--checkpoint-every", "10",
+TRAIN = ("train", "ds", "-o", "out", "--steps", "80", "--quiet", "--set", "checkpoint_every=10",
          "--max-gaussians", "300")  # fmt: skip
 REFINE = ("--refine-poses", "--max-side", "48")
 BLOCKS = ("--blocks", "2")
@@ -80,7 +82,7 @@ COMMANDS = (
 )  # fmt: skip
 
 
-def kills(
+def kill_commands(
     world: Path, folder: Path, count: int, seed: int, only: str = ""
 ) -> Iterator[tuple[str, str | None]]:
     """Name and what is wrong, or None, of so many kills of each command: half of them at random
@@ -92,24 +94,24 @@ def kills(
     ]
     try:
         for command in wanted:
-            yield from _kills_of(command, zygote, world, folder, count, random.Random(seed))
+            yield from _kill_command(command, zygote, world, folder, count, random.Random(seed))
     finally:
         zygote.close()
 
 
-def _kills_of(
+def _kill_command(
     command: Killed, zygote: Zygote, world: Path, folder: Path, count: int, chance: random.Random
 ) -> Iterator[tuple[str, str | None]]:
     whole = folder / f"whole {command.name}"
     whole.mkdir()
     copy_needs(command.needs, world, whole)
     started = time.monotonic()
-    unbroken = zygote.run(_words(command), whole, after=_longest(command))
+    unbroken = zygote.run(_choose_words(command), whole, after=_find_patience(command))
     took = time.monotonic() - started
     if unbroken["status"] != (-signal.SIGKILL if command.name in PAGES else 0):
         yield command.name, f"unbroken: {unbroken['errors']}"
         return
-    wanted = _results(command, whole)
+    wanted = _digest_results(command, whole)
     shutil.rmtree(whole)
     for number in range(count):
         scratch = folder / f"kill-{number}"
@@ -118,45 +120,45 @@ def _kills_of(
         moment: dict[str, Any] = {"after": chance.uniform(FIRST, 1.0) * took}
         if number % 2 and unbroken["changes"]:
             moment = {"before": 1 + chance.randrange(unbroken["changes"]), "after": LONGEST}
-        yield command.name, _kill(command, zygote, scratch, moment, wanted)
+        yield command.name, _kill_once(command, zygote, scratch, moment, wanted)
         shutil.rmtree(scratch)
 
 
-def _words(command: Killed) -> tuple[str, ...]:
+def _choose_words(command: Killed) -> tuple[str, ...]:
     return (*command.words, *VIEWED) if command.name == "train, viewed" else command.words
 
 
-def _longest(command: Killed) -> float:
+def _find_patience(command: Killed) -> float:
     return VIEW_SECONDS if command.name in PAGES else LONGEST
 
 
-def _kill(
+def _kill_once(
     command: Killed, zygote: Zygote, scratch: Path, moment: dict[str, Any], wanted: dict[str, str]
 ) -> str | None:
     """What is wrong after this kill and after what goes on, or None."""
     when = "change {before}".format(**moment) if "before" in moment else f"{moment['after']:.2f} s"
-    given = {path: _digest(path) for path in _files(scratch)}
-    zygote.run(_words(command), scratch, **moment)
-    half = [path.name for path in _files(scratch) if not _is_whole(path)]
+    given = {path: _digest_file(path) for path in _list_files(scratch)}
+    zygote.run(_choose_words(command), scratch, **moment)
+    half = [path.name for path in _list_files(scratch) if not _is_whole(path)]
     if half:
         return f"killed at {when}: {half} half-written"
-    early = {name for name, found in _results(command, scratch).items() if found != "absent"}
-    wrong = [name for name in early if _results(command, scratch)[name] != wanted[name]]
+    early = {name for name, found in _digest_results(command, scratch).items() if found != "absent"}
+    wrong = [name for name in early if _digest_results(command, scratch)[name] != wanted[name]]
     if wrong:
         return f"killed at {when}: {wrong} there with other bits"
-    changed = [p.name for p, digest in given.items() if not p.exists() or _digest(p) != digest]
+    changed = [p.name for p, digest in given.items() if not p.exists() or _digest_file(p) != digest]
     if changed:
         return f"killed at {when}: {changed} changed"
     if command.name == "view":
         return None
-    told = zygote.run(command.again or command.words, scratch)
-    done = early == set(wanted) and told["status"] == 2 and DONE.search(told["errors"])
-    if told["status"] != 0 and not done:
-        return f"killed at {when}, again: {told['errors']}"
+    ended = zygote.run(command.again or command.words, scratch)
+    done = early == set(wanted) and ended["status"] == 2 and DONE.search(ended["errors"])
+    if ended["status"] != 0 and not done:
+        return f"killed at {when}, again: {ended['errors']}"
     left = [p.name for p in scratch.rglob("*") if UNFINISHED in p.name]
     if left:
         return f"killed at {when}, again: {left} left"
-    found = _results(command, scratch)
+    found = _digest_results(command, scratch)
     wrong = [name for name in wanted if found[name] != wanted[name]]
     return f"killed at {when}, again: {wrong} with other bits" if wrong else None
 
@@ -182,14 +184,14 @@ def _is_whole(path: Path) -> bool:
     return True
 
 
-def _files(folder: Path) -> list[Path]:
+def _list_files(folder: Path) -> list[Path]:
     return sorted(path for path in folder.rglob("*") if path.is_file())
 
 
-def _digest(path: Path) -> str:
+def _digest_file(path: Path) -> str:
     return hashlib.sha1(path.read_bytes()).hexdigest()
 
 
-def _results(command: Killed, folder: Path) -> dict[str, str]:
+def _digest_results(command: Killed, folder: Path) -> dict[str, str]:
     places = {name: folder / name for name in command.results}
-    return {name: _digest(p) if p.is_file() else "absent" for name, p in places.items()}
+    return {name: _digest_file(p) if p.is_file() else "absent" for name, p in places.items()}

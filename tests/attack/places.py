@@ -1,4 +1,4 @@
-"""Places to write that no command may write to, and odd names that it may."""
+"""Has every command write to places where none may write, and to odd names that are allowed."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def make(path: str, content: bytes | None = b"mine\n") -> Prepare:
     return prepare
 
 
-def link(path: str, target: str) -> Prepare:
+def make_link(path: str, target: str) -> Prepare:
     return lambda folder: (folder / path).symlink_to(target)
 
 
@@ -59,7 +59,7 @@ REFUSED_FILES: dict[str, tuple[str, Prepare | None, str]] = {
         (folder / f"out{s}").mkdir() for s in (".spz", ".html", ".ply", ".mp4", ".json", ".txt")],
         "out"),
     "a name of 300 letters": ("o" * 300, None, "ooo"),
-    "a folder without end": ("loop/out", link("loop", "loop"), "loop|out"),
+    "a folder without end": ("loop/out", make_link("loop", "loop"), "loop|out"),
     "a pipe": ("out", lambda folder: [
         os.mkfifo(folder / f"out{s}") for s in (".spz", ".html", ".ply", ".mp4", ".json", ".txt")],
         "out"),
@@ -72,8 +72,8 @@ REFUSED_FOLDERS: dict[str, tuple[str, Prepare | None, str]] = {
     "below a file": ("mine/out", make("mine"), "mine|out"),
     "nothing": ("", None, "empty|name"),
     "here": (".", make("mine"), r"\.|folder"),
-    "a link to nothing": ("out", link("out", "nowhere"), "out"),
-    "a link to itself": ("out", link("out", "out"), "out"),
+    "a link to nothing": ("out", make_link("out", "nowhere"), "out"),
+    "a link to itself": ("out", make_link("out", "out"), "out"),
     "a name of 300 letters": ("o" * 300, None, "ooo"),
     "a name of a film": ("out.mp4", None, r"out\.mp4"),
     "a pipe": ("out", lambda folder: os.mkfifo(folder / "out"), "out"),
@@ -91,8 +91,8 @@ ODD_NAMES = (
 )
 
 
-def of_places() -> Iterator[Case]:
-    """Every command that writes, to every place."""
+def list_place_cases() -> Iterator[Case]:
+    """Lists every command that writes, with every place."""
     for commands, rows in ((FILES, REFUSED_FILES), (FOLDERS, REFUSED_FOLDERS)):
         for words, needs in commands.items():
             for name, (out, prepare, said) in rows.items():

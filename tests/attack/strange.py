@@ -1,4 +1,4 @@
-"""What careless people hand over, and what other programs write: each thing to every command."""
+"""Gives every command what careless people hand over and what other programs write."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 import small_videos
-from attack.datasets import content
+from attack.datasets import edit_json
 from attack.harness import Case
 
 Make = Callable[[Path], object]
@@ -72,7 +72,7 @@ class Strange:
     needs: tuple[str, ...] = ()
 
 
-def text_of(name: str, change: Callable[[str], str | bytes]) -> Make:
+def edit_text(name: str, change: Callable[[str], str | bytes]) -> Make:
     def make(folder: Path) -> None:
         changed = change((folder / name).read_text())
         (folder / name).write_bytes(changed.encode() if isinstance(changed, str) else changed)
@@ -80,14 +80,14 @@ def text_of(name: str, change: Callable[[str], str | bytes]) -> Make:
     return make
 
 
-def blender(values: dict[str, Any]) -> dict[str, Any]:
+def write_as_blender(values: dict[str, Any]) -> dict[str, Any]:
     """As the exporter of synthetic scenes writes it: no size, no suffixes, an angle."""
     frames = [f | {"file_path": "./" + f["file_path"].removesuffix(".png"), "rotation": 0.0125}
               for f in values["frames"]]  # fmt: skip
     return {"camera_angle_x": 0.7, "frames": frames}
 
 
-def instant(values: dict[str, Any]) -> dict[str, Any]:
+def write_as_instant_ngp(values: dict[str, Any]) -> dict[str, Any]:
     extra = {"aabb_scale": 16, "scale": 0.33, "offset": [1, 1, 1], "k1": 0.0, "k2": 0.0,
              "p1": 0.0, "p2": 0.0, "camera_angle_x": 0.9, "camera_angle_y": 0.9, "is_fisheye": 0,
              "integer_depth_scale": 0.001}  # fmt: skip
@@ -96,30 +96,30 @@ def instant(values: dict[str, Any]) -> dict[str, Any]:
     return values | extra | {"frames": frames}
 
 
-def studio(values: dict[str, Any]) -> None:
+def write_as_nerfstudio(values: dict[str, Any]) -> None:
     values.update(applied_transform=np.eye(4)[:3].tolist(), applied_scale=1.5,
                   orientation_override="none", auto_scale_poses_override=False)  # fmt: skip
     for number, frame in enumerate(values["frames"]):
         frame.update(colmap_im_id=number, depth_file_path=f"depths/{number}.png", fl_x=40)
 
 
-def backslashes(values: dict[str, Any]) -> None:
+def write_as_windows(values: dict[str, Any]) -> None:
     for frame in values["frames"]:
         frame["file_path"] = "D:\\scans\\" + frame["file_path"].replace("/", "\\")
     for key in ("train_filenames", "test_filenames"):
         del values[key]
 
 
-def capitals(values: dict[str, Any]) -> None:
+def write_in_capitals(values: dict[str, Any]) -> None:
     for frame in values["frames"]:
         frame["file_path"] = frame["file_path"].replace(".png", ".PNG")
     for key in ("train_filenames", "test_filenames"):
         del values[key]
 
 
-def pictures(fill: Callable[[int], bytes | np.ndarray], count: int = 6, name: str = "{:03d}.png",
+def make_shots(fill: Callable[[int], bytes | np.ndarray], count: int = 6, name: str = "{:03d}.png",
              ) -> Make:  # fmt: skip
-    """A folder of pictures "shots"."""
+    """Makes a folder of pictures, "shots"."""
 
     def make(folder: Path) -> None:
         (folder / "shots").mkdir()
@@ -133,11 +133,11 @@ def pictures(fill: Callable[[int], bytes | np.ndarray], count: int = 6, name: st
     return make
 
 
-def ground(number: int, step: float = 4.0) -> np.ndarray:
+def draw_view(number: int, step: float = 4.0) -> np.ndarray:
     return small_videos.view(small_videos.texture(), 300 + step * number)
 
 
-def mesh_ply(folder: Path) -> None:
+def write_mesh(folder: Path) -> None:
     """As mesh programs write it: double, faces, normals, big end first."""
     rows = np.zeros(4, [("p", ">f8", 3), ("n", ">f4", 3), ("s", ">f4")])
     rows["p"] = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]
@@ -150,7 +150,7 @@ def mesh_ply(folder: Path) -> None:
     (folder / "mesh.ply").write_bytes(header.encode() + rows.tobytes() + face)
 
 
-def sound(folder: Path) -> None:
+def write_sound(folder: Path) -> None:
     """A film without a picture."""
     import av
 
@@ -162,7 +162,7 @@ def sound(folder: Path) -> None:
             container.mux(packet)
 
 
-def colmap(change: Callable[[Path], object]) -> Make:
+def change_colmap(change: Callable[[Path], object]) -> Make:
     return lambda folder: change(folder / "colmap_text")
 
 
@@ -174,30 +174,30 @@ def move_images(folder: Path) -> None:
         path.rename(place / path.name)
 
 
-def archive(folder: Path) -> None:
+def pack_zip(folder: Path) -> None:
     with zipfile.ZipFile(folder / "ds.zip", "w") as file:
         for path in sorted((folder / "ds").rglob("*")):
             file.write(path, path.relative_to(folder))
 
 
-def tarball(folder: Path) -> None:
+def pack_tar(folder: Path) -> None:
     with tarfile.open(folder / "ds.tar.gz", "w:gz") as file:
         file.add(folder / "ds", "ds")
 
 
-def nest(folder: Path) -> None:
+def nest_dataset(folder: Path) -> None:
     """A dataset in a folder in a folder, as archives unpack."""
     (folder / "download").mkdir()
     (folder / "ds").rename(folder / "download" / "ds")
 
 
-def newline(folder: Path) -> None:
+def rename_with_newline(folder: Path) -> None:
     (folder / "ds/images/003.png").rename(folder / "ds/images/new\nline.png")
-    content(lambda values: json.loads(
+    edit_json(lambda values: json.loads(
         json.dumps(values).replace("003.png", "new\\nline.png")))(folder)  # fmt: skip
 
 
-def mixed(folder: Path) -> None:
+def exchange_pictures(folder: Path) -> None:
     """Another dataset's photographs under the same names."""
     shutil.rmtree(folder / "ds/images")
     (folder / "plane/images").rename(folder / "ds/images")
@@ -212,9 +212,9 @@ THINGS: dict[str, Strange] = {
     "a dataset's table": Strange(None, "ds/transforms.json", "", DATA | {"camera"}, ("ds",)),
     "a dataset's pictures": Strange(None, "ds/images", "", needs=("ds",)),
     "a dataset's points": Strange(None, "ds/points3D.ply", "", needs=("ds",)),
-    "a folder around a dataset": Strange(nest, "download", "", needs=("ds",)),
-    "an archive": Strange(archive, "ds.zip", "", needs=("ds",)),
-    "a tar archive": Strange(tarball, "ds.tar.gz", "", needs=("ds",)),
+    "a folder around a dataset": Strange(nest_dataset, "download", "", needs=("ds",)),
+    "an archive": Strange(pack_zip, "ds.zip", "", needs=("ds",)),
+    "a tar archive": Strange(pack_tar, "ds.tar.gz", "", needs=("ds",)),
     "an address": Strange(None, "https://example.com/scan.zip", r"https:/+example\.com"),
     "nothing": Strange(None, "", "empty"),
     "a dash": Strange(None, "-", "-"),
@@ -222,50 +222,51 @@ THINGS: dict[str, Strange] = {
     "the world": Strange(None, "/", "/"),
     "a lens": Strange(None, "lens48.json", "", frozenset(("camera",)), ("lens48.json",)),
     "a text": Strange(lambda f: (f / "read.me").write_text("hello\n"), "read.me"),
-    "empty pictures": Strange(pictures(lambda _: b""), "shots"),
-    "texts called pictures": Strange(pictures(lambda _: b"no"), "shots"),
-    "one picture": Strange(pictures(ground, 1), "shots"),
-    "twins": Strange(pictures(lambda _: ground(0)), "shots"),
-    "black pictures": Strange(pictures(lambda _: ground(0) * 0), "shots"),
+    "empty pictures": Strange(make_shots(lambda _: b""), "shots"),
+    "texts called pictures": Strange(make_shots(lambda _: b"no"), "shots"),
+    "one picture": Strange(make_shots(draw_view, 1), "shots"),
+    "twins": Strange(make_shots(lambda _: draw_view(0)), "shots"),
+    "black pictures": Strange(make_shots(lambda _: draw_view(0) * 0), "shots"),
     "pictures of two sizes": Strange(
-        pictures(lambda i: ground(i)[: 240 - 60 * (i % 2)]), "shots"),
+        make_shots(lambda i: draw_view(i)[: 240 - 60 * (i % 2)]), "shots"),
     "pictures of one pixel": Strange(
-        pictures(lambda _: np.zeros((1, 1, 3), np.uint8)), "shots"),
+        make_shots(lambda _: np.zeros((1, 1, 3), np.uint8)), "shots"),
     "pictures of a line": Strange(
-        pictures(lambda _: np.zeros((1, 9000, 3), np.uint8)), "shots"),
-    "pictures with new lines": Strange(pictures(ground, 3, "a\n{}.png"), "shots"),
-    "raw pictures of noise": Strange(pictures(lambda i: bytes(999), 3, "{}.CR2"), "shots"),
-    "documents": Strange(pictures(lambda i: b"%PDF-1.4", 3, "{}.pdf"), "shots"),
-    "a film of sound": Strange(sound, "sound.mp4"),
+        make_shots(lambda _: np.zeros((1, 9000, 3), np.uint8)), "shots"),
+    "pictures with new lines": Strange(make_shots(draw_view, 3, "a\n{}.png"), "shots"),
+    "raw pictures of noise": Strange(make_shots(lambda i: bytes(999), 3, "{}.CR2"), "shots"),
+    "documents": Strange(make_shots(lambda i: b"%PDF-1.4", 3, "{}.pdf"), "shots"),
+    "a film of sound": Strange(write_sound, "sound.mp4"),
     "a film of one frame": Strange(
-        lambda f: small_videos.write_video(f / "short.mp4", [ground(0)]), "short.mp4"),
+        lambda f: small_videos.write_video(f / "short.mp4", [draw_view(0)]), "short.mp4"),
     "a film that stands": Strange(
-        lambda f: small_videos.write_video(f / "still.mp4", [ground(0)] * 9), "still.mp4"),
+        lambda f: small_videos.write_video(f / "still.mp4", [draw_view(0)] * 9), "still.mp4"),
     "a film of black": Strange(
-        lambda f: small_videos.write_video(f / "dark.mp4", [ground(0) * 0] * 9), "dark.mp4"),
-    "a mesh": Strange(mesh_ply, "mesh.ply"),
-    "as Blender writes": Strange(content(blender), "ds", "", DATA, ("ds",)),
-    "as instant-ngp writes": Strange(content(instant), "ds", "", DATA, ("ds",)),
-    "as nerfstudio writes": Strange(content(studio), "ds", "", DATA, ("ds",)),
-    "as Windows writes": Strange(content(backslashes), "ds", "", needs=("ds",)),
-    "other capitals": Strange(content(capitals), "ds", "", needs=("ds",)),
+        lambda f: small_videos.write_video(f / "dark.mp4", [draw_view(0) * 0] * 9), "dark.mp4"),
+    "a mesh": Strange(write_mesh, "mesh.ply"),
+    "as Blender writes": Strange(edit_json(write_as_blender), "ds", "", DATA, ("ds",)),
+    "as instant-ngp writes": Strange(edit_json(write_as_instant_ngp), "ds", "", DATA, ("ds",)),
+    "as nerfstudio writes": Strange(edit_json(write_as_nerfstudio), "ds", "", DATA, ("ds",)),
+    "as Windows writes": Strange(edit_json(write_as_windows), "ds", "", needs=("ds",)),
+    "other capitals": Strange(edit_json(write_in_capitals), "ds", "", needs=("ds",)),
     "a mark before the text": Strange(
-        text_of("ds/transforms.json", lambda t: b"\xef\xbb\xbf" + t.encode()), "ds", "", DATA,
+        edit_text("ds/transforms.json", lambda t: b"\xef\xbb\xbf" + t.encode()), "ds", "", DATA,
         ("ds",)),
     "commas at the end": Strange(
-        text_of("ds/transforms.json", lambda t: t[:-1] + ",}"), "ds", needs=("ds",)),
+        edit_text("ds/transforms.json", lambda t: t[:-1] + ",}"), "ds", needs=("ds",)),
     "lines of Windows": Strange(
-        text_of("colmap_text/sparse/0/images.txt", lambda t: t.replace("\n", "\r\n")),
+        edit_text("colmap_text/sparse/0/images.txt", lambda t: t.replace("\n", "\r\n")),
         "colmap_text", "", DATA, ("colmap_text",)),
     "a model without pictures": Strange(
-        colmap(lambda p: shutil.rmtree(p / "images")), "colmap_text", "", needs=("colmap_text",)),
+        change_colmap(lambda p: shutil.rmtree(p / "images")), "colmap_text", "",
+        needs=("colmap_text",)),
     "a model of other pictures": Strange(
-        colmap(move_images), "colmap_text", "", needs=("colmap_text",)),
+        change_colmap(move_images), "colmap_text", "", needs=("colmap_text",)),
     "a model of half the pictures": Strange(
-        colmap(lambda p: [x.unlink() for x in sorted((p / "images").iterdir())[::2]]),
+        change_colmap(lambda p: [x.unlink() for x in sorted((p / "images").iterdir())[::2]]),
         "colmap_text", "", DATA, ("colmap_text",)),
-    "a name of two lines": Strange(newline, "ds", "", DATA, ("ds",)),
-    "mixed up pictures": Strange(mixed, "ds", "", needs=("ds", "plane")),
+    "a name of two lines": Strange(rename_with_newline, "ds", "", DATA, ("ds",)),
+    "mixed up pictures": Strange(exchange_pictures, "ds", "", needs=("ds", "plane")),
 }  # fmt: skip
 
 
@@ -310,8 +311,8 @@ ONTO: dict[tuple[str, ...], tuple[str, ...]] = {
 }  # fmt: skip
 
 
-def of_strange() -> Iterator[Case]:
-    """Every thing to every command, and every command onto what is there."""
+def list_strange_cases() -> Iterator[Case]:
+    """Lists every thing with every command, and every command onto what is there."""
     for words, needs in ONTO.items():
         yield Case("onto", "what is there", words, needs, said=(r"\w",), keeps=("out",))
     for name, thing in THINGS.items():

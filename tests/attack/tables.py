@@ -1,4 +1,4 @@
-"""The table of the attack: every row is data; `cases` makes them."""
+"""Lists the cases of the attack from tables: damaged files, flags, places, strange things."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from attack.damage import CAUSES, TO_ANY_FILE, TO_TEXT
-from attack.flags import BASES, of_flags
+from attack.flags import BASES, list_flag_cases
 from attack.harness import Case, Spoil
-from attack.places import FILES, FOLDERS, of_places
-from attack.strange import of_strange
+from attack.places import FILES, FOLDERS, list_place_cases
+from attack.strange import list_strange_cases
 from attack.world import LENSES, SCENES
 
 RUN_FILES = ("options.json", "metrics.json", "scene.ply", "environment.json", "history.jsonl",
              "checkpoint.npz")  # fmt: skip
-# Of a run: the files that the command reads, so that damage must be told; it may do without others.
+# Of a run: the files that the command reads, whose damage must be reported.
 OF_RUN: dict[tuple[str, ...], tuple[str, ...]] = {
     ("eval", "run"): ("options.json", "environment.json", "scene.ply"),
     ("render", "run", "-o", "out", "--frames", "1", "--size", "16x16"):
@@ -44,8 +44,8 @@ HEADLESS = {
 TEXTS = (".json", ".yaml", ".txt", ".xml", ".csv", ".cameramodel", ".jsonl")
 
 
-def damages(name: str) -> dict[str, Callable[[Path], object]]:
-    """What may happen to this file."""
+def list_damages(name: str) -> dict[str, Callable[[Path], object]]:
+    """Lists what may happen to a file."""
     return TO_ANY_FILE | (TO_TEXT if name.endswith(TEXTS) else {})
 
 
@@ -53,12 +53,12 @@ def spoil_file(name: str, damage: Callable[[Path], object]) -> Spoil:
     return lambda folder: damage(folder / name)
 
 
-def named(path: str) -> str:
+def match_name(path: str) -> str:
     return re.escape(Path(path).name)
 
 
-def of_files() -> Iterator[Case]:
-    """Damage to every file that a command is given or finds."""
+def list_file_cases() -> Iterator[Case]:
+    """Lists damage to every file that a command is given or finds."""
     singles: list[tuple[str, str, tuple[str, ...]]] = [
         *(("lens", f"lenses/{n}", ("camera", "convert", f"lenses/{n}", "pinhole")) for n in LENSES),
         *(("scene", f"scenes/{n}", ("convert", f"scenes/{n}", "out.ply")) for n in SCENES),
@@ -91,29 +91,30 @@ def of_files() -> Iterator[Case]:
                                                "--quiet")),
     ]  # fmt: skip
     for kind, file, words in singles:
-        needs = [file, *_named_by(words)]
-        for name, damage in damages(file).items():
+        needs = [file, *_find_needs(words)]
+        for name, damage in list_damages(file).items():
             yield Case(
                 kind, f"{Path(file).name} is {name}", words, tuple(dict.fromkeys(needs)),
-                spoil_file(file, damage), (named(file), CAUSES.get(name, "")),
+                spoil_file(file, damage), (match_name(file), CAUSES.get(name, "")),
                 may_pass=(Path(file).name, name) in HEADLESS,
             )  # fmt: skip
     for words, files in OF_RUN.items():
         for file in files:
-            for name, damage in damages(file).items():
+            for name, damage in list_damages(file).items():
                 if file == "checkpoint.npz" and name in CAUSES:
                     continue  # none yet: it begins anew
                 yield Case(
                     "run", f"{file} is {name}", words, ("ds", "run"),
                     spoil_file(f"run/{file}", damage),
-                    (named(file) + r"|\brun\b", f"{CAUSES[name]}|{ABSENT}" if name in CAUSES
+                    (match_name(file) + r"|\brun\b", f"{CAUSES[name]}|{ABSENT}" if name in CAUSES
                      else ""),
                 )  # fmt: skip
 
 
-def of_bases(spoiled: list[Case]) -> Iterator[Case]:
-    """Every command as it is before its input is spoiled: it must end well, or the rest tells
-    nothing. Left out: those that take minutes or wait, and a rig whose folder has no photographs of
+def list_base_cases(spoiled: list[Case]) -> Iterator[Case]:
+    """Lists every command before its input is spoiled: it must end well, or the rest means nothing.
+
+    Left out: those that take minutes or wait, and a rig whose folder has no photographs of
     it, where the rig's file must at least be read."""
     bases = {case.words: case.needs for case in spoiled}
     for command, (words, needs) in BASES.items():
@@ -128,13 +129,19 @@ def of_bases(spoiled: list[Case]) -> Iterator[Case]:
             yield Case("base", "as it is", words, needs, None, ("nothing fails",), True, "", keeps)
 
 
-def _named_by(words: tuple[str, ...]) -> list[str]:
+def _find_needs(words: tuple[str, ...]) -> list[str]:
     known = ("scenes/a.ply", "ds", "run", "folder", "photo.png", "film.mp4", "boards", "blocks")
     found = [each for each in known if any(w == each or w.startswith(each + "/") for w in words)]
     return ["ds", *found] if "run" in found else found
 
 
-def cases() -> list[Case]:
-    """The whole table."""
-    files = list(of_files())
-    return [*of_bases(files), *files, *of_flags(), *of_places(), *of_strange()]
+def list_cases() -> list[Case]:
+    """Lists all cases but those of datasets."""
+    files = list(list_file_cases())
+    return [
+        *list_base_cases(files),
+        *files,
+        *list_flag_cases(),
+        *list_place_cases(),
+        *list_strange_cases(),
+    ]

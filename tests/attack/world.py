@@ -1,4 +1,4 @@
-"""Small valid inputs of every kind, made once; each case spoils a copy."""
+"""Makes small valid inputs of every kind, once; each case spoils a copy."""
 
 from __future__ import annotations
 
@@ -41,8 +41,8 @@ SCENES = ("a.ply", "b.compressed.ply", "c.spz", "d.sog", "e.glb", "f.splat")
 
 
 @contextlib.contextmanager
-def inside(folder: Path) -> Iterator[None]:
-    """The current folder, for a while."""
+def enter_folder(folder: Path) -> Iterator[None]:
+    """Makes a folder the current one for the duration of the block."""
     before = Path.cwd()
     os.chdir(folder)
     try:
@@ -52,7 +52,7 @@ def inside(folder: Path) -> Iterator[None]:
 
 
 def make_world(folder: Path) -> Path:
-    """Datasets of every layout, a finished run, scene files, lens files, a film, tables."""
+    """Makes datasets of every layout, a run, scene files, lens files, a film and tables."""
     rng = np.random.default_rng(5)
     rendered_dataset.write_dataset(folder / "ds", rng)
     small_datasets.write_nerfstudio(folder / "plane")
@@ -68,7 +68,7 @@ def make_world(folder: Path) -> Path:
         formats.save_gaussians(folder / "scenes" / name, gaussians)
     small_videos.walk_past(folder / "film.mp4", 8)
     write_tables(folder)
-    with contextlib.redirect_stdout(io.StringIO()), inside(folder):
+    with contextlib.redirect_stdout(io.StringIO()), enter_folder(folder):
         status = main(["train", "ds", "-o", "run", "--steps", STEPS, "--preset", "fast", "--quiet"])
     assert status == 0, "the attack's own run cannot be trained"
     return folder
@@ -88,7 +88,7 @@ def write_lenses(folder: Path) -> None:
 
 
 def write_tables(folder: Path) -> None:
-    """What some flags name: a camera path, positions, a mask, points, a picture."""
+    """Writes what some flags name: a camera path, positions, a mask, points, a picture."""
     poses = [np.eye(4).tolist() for _ in range(3)]
     (folder / "path.json").write_text(json.dumps({"camera_from_world": poses}))
     rows = (f"images/{i:03d}.png,{i},0.5,{i * i}" for i in range(rendered_dataset.VIEWS))
@@ -106,7 +106,7 @@ def write_tables(folder: Path) -> None:
 def write_walked(place: Path) -> None:
     """A dataset of photographs with texture, whose poses gsut found."""
     words = ("poses", "film.mp4", "-o", str(place), "--camera", "lens320.json", "--quiet")
-    with contextlib.redirect_stdout(io.StringIO()), inside(place.parent):
+    with contextlib.redirect_stdout(io.StringIO()), enter_folder(place.parent):
         assert main(words) == 0, "the attack's own film cannot be used"
 
 
@@ -123,7 +123,7 @@ def write_boards(place: Path) -> None:
 def write_blocks(place: Path) -> None:
     """A run in blocks that was killed after its coarse model."""
     words = ("train", "ds", "-o", str(place), "--steps", STEPS, "--blocks", "2", "--quiet")
-    with contextlib.redirect_stdout(io.StringIO()), inside(place.parent):
+    with contextlib.redirect_stdout(io.StringIO()), enter_folder(place.parent):
         assert main(words) == 0, "the attack's own run in blocks cannot be trained"
     for name in ("report.html", "metrics.json", "scene.ply", "history.jsonl"):
         (place / name).unlink()

@@ -1,4 +1,4 @@
-"""A process that has imported gsut and forks commands to be killed: imports take longer than they.
+"""Forks commands that are to be killed from a process that has imported gsut, which takes long.
 
 `python -m attack.zygote` reads a line of JSON a command and answers with one.
 """
@@ -14,7 +14,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from attack.apart import import_all
+from attack.forked import import_everything
 
 _OPERATIONS = frozenset(
     f"os.{name}" for name in ("rename", "mkdir", "rmdir", "remove", "link", "symlink", "truncate")
@@ -60,7 +60,7 @@ class Zygote:
         self._process.communicate()
 
 
-def _count_changes(folder: str, before: int | None, told: str) -> None:
+def _count_changes(folder: str, before: int | None, to: str) -> None:
     count, own = 0, os.getpid()
 
     def hook(event: str, arguments: tuple[Any, ...]) -> None:
@@ -77,7 +77,7 @@ def _count_changes(folder: str, before: int | None, told: str) -> None:
             os.killpg(0, signal.SIGKILL)
         os.pwrite(log, b"%09d" % count, 0)
 
-    log = os.open(told, os.O_WRONLY | os.O_CREAT)
+    log = os.open(to, os.O_WRONLY | os.O_CREAT)
     sys.addaudithook(hook)
 
 
@@ -109,7 +109,7 @@ def _answer(process: int, asked: dict[str, Any], errors: str) -> dict[str, Any]:
 
 
 def _serve() -> None:
-    import_all()
+    import_everything()
     for line in sys.stdin:
         asked = json.loads(line)
         errors = asked["folder"] + ".log"

@@ -64,7 +64,7 @@ def _train(data: str, training: str, settings: Settings) -> tuple[Path, Row]:
     if "blocks" in training:
         words += ["--blocks", str(settings.blocks)]
     if training == "blocks, one round":
-        words += ["--rounds", "1"]
+        words += ["--set", "rounds=1"]
     if training == WORKERS:
         words += ["--workers", "2"]
     return out, train(path, out, words)
@@ -115,7 +115,7 @@ def _render(run: Any, index: int) -> np.ndarray:
 def _find_seam(run: Any, layout: Layout, index: int) -> np.ndarray:
     """Returns (H, W) bool: pixels in which two blocks have more than 5 % each."""
     g = run.gaussians
-    owners = layout.owners(g.means.astype(np.float64) + g.origin)
+    owners = layout.find_owners(g.means.astype(np.float64) + g.origin)
     view, camera = run.scene.views[index], run.scene.camera(index)
     count = np.zeros((camera.height, camera.width), int)
     for block in range(len(layout)):
@@ -140,7 +140,7 @@ BENCHMARK = Benchmark(
         Column("cpu_seconds", "whole command", "CPU-s", ".0f"),
         Column("seconds", "whole command", "s", ".0f"),
         Column("peak_mb", "peak memory", "MB", ",.0f"),
-        Column("bits"),
+        Column("bits", form="s"),
     ),
     cases=list_cases,
     measure=measure,

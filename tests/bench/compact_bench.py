@@ -38,7 +38,7 @@ def measure(case: Row, settings: Settings) -> Row:
     label = name.replace("/", "_")
     whole = settings.folder / f"{label}-whole"
     words = ["--steps", str(settings.steps), "--max-gaussians", str(settings.cap)]
-    words += ["--scale", str(settings.scale), "--eval-every", "0"]
+    words += ["--scale", str(settings.scale), "--set", "eval_every=0"]
     took = train(settings.path(name), whole, words)
     out = settings.folder / f"{label}-{method.replace(' ', '-')}-{case['keep']}"
     if method == WHOLE:

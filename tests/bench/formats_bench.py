@@ -116,7 +116,7 @@ BENCHMARK = Benchmark(
         Column("write_cpu_s", "write", "CPU-s", ".2f"),
         Column("read_cpu_s", "read", "CPU-s", ".2f"),
         Column("clipped", form=",d"),
-        Column("note"),
+        Column("note", form="s"),
     ),
     cases=list_cases,
     measure=measure,

@@ -39,7 +39,7 @@ class Column:
         key: of the value in a row.
         name: heading; the key if empty.
         unit: shown with the heading. Columns of a unit of time are empty in wrong rows.
-        form: of format(); empty for text, which names the row.
+        form: of format(); empty for text that names the row, "s" for text that was measured.
     """
 
     key: str

@@ -15,7 +15,7 @@ from gsut.demo import make_demo_scene
 from gsut.demo.dataset import render_views
 from gsut.demo.hall import make_hall
 from gsut.demo.texture import to_linear, to_srgb
-from gsut.demo.views import camera_path
+from gsut.demo.views import plan_walk
 from gsut.evaluate import evaluate
 from gsut.render import Falloff, Light, field_angles
 from tests.bench.harness import HALL, Benchmark, Column, Option, Row, Settings
@@ -37,17 +37,17 @@ LIGHTS: dict[str, tuple[tuple[str, ...], str]] = {
     "none": ((), ""),
     "exposure": (("gain",), ""),
     "falloff": (("falloff",), ""),
-    "exposure, falloff, noise": (("gain", "falloff", "noise"), ""),
+    "exposure + falloff + noise": (("gain", "falloff", "noise"), ""),
     "two passers-by": (("people",), "--robust"),
-    "blur, noise": (("blur", "noise"), "--drop-blurred"),
-    "camera moves, noise": (("motion", "noise"), f"--motion-blur {_EXPOSED:g}"),
+    "blur + noise": (("blur", "noise"), "--drop-blurred"),
+    "motion + noise": (("motion", "noise"), f"--motion-blur {_EXPOSED:g}"),
 }
 
 
 def list_cases(settings: Settings) -> Iterator[Row]:
     """Lists the hall's lights, and datasets in their own, without and with what helps."""
     for data in settings.sets or (HALL, "fox", "gopro_max_walk"):
-        for light in LIGHTS if data == HALL else ("its own",):
+        for light in settings.lights if data == HALL else ("its own",):
             flag = LIGHTS[light][1] if data == HALL else ""
             for way in ("--exposure off", flag or "--exposure auto"):
                 yield {"data": data, "light": light, "flags": way}
@@ -62,7 +62,7 @@ def measure(case: Row, settings: Settings) -> Row:
         lambda path: make_demo_scene(path, settings.views, 6, settings.size, progress=False),
     )
     parts = LIGHTS[case["light"]][0]
-    name = "lit " + case["light"].replace(", ", "_")
+    name = "lit " + case["light"]
     data = settings.make(name, lambda path: disturb_light(clean, path, parts, seed=1))
     truth = draw_light(gsut.load_dataset(clean), parts, np.random.default_rng(1))
     row, result = _train(case, settings, data)
@@ -158,7 +158,7 @@ def _trace_motion(scene: gsut.Scene, index: int) -> np.ndarray:
     """Traces the mean of light over the exposure on the demo's path: (H, W, 3) in grey levels."""
     name, camera = scene.views[index].name, scene.cameras[0]
     place, count = int(name.split("_")[-1].split(".")[0]), _FINE * len(scene.views)
-    path = camera_path(count, 0)
+    path = plan_walk(count, 0)
     half = round(_EXPOSED * _FINE / 2)
     ways = np.arange(-half, half + 1) + _FINE * place
     ends = [np.linalg.inv(path[way % count]) for way in (ways[0], ways[-1])]
@@ -228,6 +228,7 @@ BENCHMARK = Benchmark(
     cases=list_cases,
     measure=measure,
     options=(
+        Option("lights", tuple(LIGHTS), "of the hall"),
         Option("steps", 400, "of each training"),
         Option("max_gaussians", 30_000, "of each training"),
         Option("scale", 0.25, "of the images of datasets"),

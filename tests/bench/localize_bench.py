@@ -122,7 +122,7 @@ BENCHMARK = Benchmark(
     columns=(
         Column("data"),
         Column("photographs"),
-        Column("found"),
+        Column("found", form="s"),
         Column("error", "error, median", "units", ".4f"),
         Column("largest", "largest", "units", ".4f"),
         Column("stated", "stated sigma", "units", ".4f"),

@@ -187,7 +187,7 @@ def step_loop(scene: BenchScene, repeats: int) -> TrainingLoop:
     options = TrainOptions(
         steps=steps, max_gaussians=_SEEDS, sh_degree=scene.gaussians.sh_degree, sh_every=1,
         coarse_to_fine=(0.0, 0.0), densify_every=steps // 2, noise=False, eval_every=0, **rates,
-    ).resolved()  # fmt: skip
+    ).resolve()  # fmt: skip
     loop = TrainingLoop(_one_view_scene(scene), options)
     loop.optimizer = make_optimizer(scene.gaussians, None, 0)
     return loop

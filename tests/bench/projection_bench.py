@@ -29,7 +29,7 @@ def list_cases(settings: Settings) -> Iterator[Row]:
     for lens in settings.lenses:
         if lens not in known:
             raise InputError(f'--lenses: "{lens}" is unknown; known: {", ".join(known)}')
-        for size in SIZES:
+        for size in settings.sizes:
             for method in METHODS:
                 yield {"lens": lens, "size": size, "method": method}
 
@@ -85,9 +85,9 @@ def make_example_camera(name: str, width: int) -> _core.Camera:
     """Makes the first example of a lens; three times as wide if it sees behind itself."""
     _, params, full_width, full_height = _core.camera_examples(name)[0]
     whole = _core.Camera(name, params, full_width, full_height)
-    if _find_widest_angle(whole.resized(32, max(1, 32 * full_height // full_width))) > 2.0:
+    if _find_widest_angle(whole.resize(32, max(1, 32 * full_height // full_width))) > 2.0:
         width *= 3
-    return whole.resized(width, max(1, round(full_height * width / full_width)))
+    return whole.resize(width, max(1, round(full_height * width / full_width)))
 
 
 def _find_widest_angle(camera: _core.Camera) -> float:
@@ -164,6 +164,7 @@ BENCHMARK = Benchmark(
     measure=measure,
     options=(
         Option("lenses", ("kannala_brandt",), "models"),
+        Option("sizes", tuple(SIZES), "of the Gaussians"),
         Option("width", 128, "of the images, pixels"),
         Option("samples", 6, "Gaussians of each ring with errors"),
         Option("runs", 3, "timings, of which the shortest counts"),

@@ -43,7 +43,7 @@ BENCHMARK = Benchmark(
         Column("pictures", form="d"),
         Column("residual_px", "residual", "px", ".2f"),
         Column("psnr", "held-out PSNR", "dB", ".2f"),
-        Column("verdict"),
+        Column("verdict", form="s"),
         Column("seconds", "time", "s", ".0f"),
         Column("cpu_seconds", "time", "CPU-s", ".0f"),
         Column("peak_mb", "peak memory", "MB", ",.0f"),

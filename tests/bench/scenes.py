@@ -1,4 +1,4 @@
-"""The scenes that speed is measured on: made from a seed, or trained."""
+"""Makes the scenes that speed is measured on, from a seed."""
 
 from __future__ import annotations
 
@@ -20,7 +20,6 @@ KNOWN_SCENES = (
     "peer_10k_480x480",
     "peer_100k_480x480",
     "rolling_shutter_100k_640x480",
-    "trained",
 )
 _SYNTHETIC = re.compile(r"synthetic_(\d+(?:\.\d+)?[km]?)_(\d+)x(\d+)")
 _ROLLING = re.compile(r"rolling_shutter_(\d+(?:\.\d+)?[km]?)_(\d+)x(\d+)")
@@ -38,7 +37,7 @@ _FAR_FACTOR = 50.0
 _NEEDLE_SHAPE = (8.0, 0.1, 0.5)  # 80 : 1 before the axes' own spread
 # Standard deviation of a Gaussian in pixels that gives about 50 blended Gaussians a pixel at 100 k
 # Gaussians on 640 x 480 (measured).
-_SIGMA_PIXELS, _SIGMA_GAUSSIANS, _SIGMA_IMAGE = 1.9, 100_000, 640 * 480
+_SIGMA_PIXELS = 1.9
 
 
 @dataclasses.dataclass
@@ -66,12 +65,10 @@ def scene_from_arrays(name: str, *, ply: str | None = None, data: str | None = N
     Args:
         name: synthetic_N_WxH (room through a fisheye of about 180 degrees), rolling_shutter_N_WxH
             (the same, read out line by line as the camera moves), peer_N_WxH (the scene that other
-            projects were measured on) with N such as 10k or 1m; or trained.
-        ply: Gaussians of `trained`; None: the demo scene, trained shortly.
-        data: dataset that `ply` was trained on: its first held-out view is measured.
+            projects were measured on), with N such as 10k or 1m.
 
     Raises:
-        InputError: an unknown name (lists the known ones), or a PLY without its dataset.
+        InputError: an unknown name; lists the known ones.
     """
     match = _SYNTHETIC.fullmatch(name)
     if match:
@@ -86,8 +83,6 @@ def scene_from_arrays(name: str, *, ply: str | None = None, data: str | None = N
     match = _PEER.fullmatch(name)
     if match:
         return peer_scene(parsed_count(match[1]), int(match[2]), int(match[3]), name=name)
-    if name == "trained":
-        return _trained_scene(ply, data)
     raise InputError(
         f'scene "{name}" is unknown; known: {", ".join(KNOWN_SCENES)}; other numbers of Gaussians '
         "and sizes are named alike"
@@ -139,11 +134,6 @@ def synthetic_scene(
         name, g, Camera("kannala_brandt", params, width, height), np.eye(4),
         f"room made from seed {seed}, median sigma {sigma_pixels:.3g} px",
     )  # fmt: skip
-
-
-def dense_sigma_pixels(count: int, width: int, height: int) -> float:
-    """The sigma that keeps the Gaussians blended a pixel at about 50 whatever the sizes."""
-    return _SIGMA_PIXELS * math.sqrt(_SIGMA_GAUSSIANS / count * width * height / _SIGMA_IMAGE)
 
 
 def peer_scene(count: int, width: int, height: int, *, name: str = "peer") -> BenchScene:
@@ -218,38 +208,3 @@ def _fill_room(g: Gaussians, rng: np.random.Generator, radians: float) -> None:
     g.sh[:, 0] = (uniform(3) - 0.5) / SH_C0
     for k in range(1, g.sh.shape[1]):  # one after the other: less memory
         g.sh[:, k] = 0.05 * normal(3)
-
-
-def _trained_scene(ply: str | None, data: str | None) -> BenchScene:
-    import gsut
-
-    if (ply is None) != (data is None):
-        raise InputError("the scene trained needs both --ply and --data, or neither (the demo)")
-    if ply is None or data is None:
-        scene, gaussians, origin = _trained_demo()
-    else:
-        scene, gaussians, origin = gsut.load_dataset(data), gsut.formats.load_ply(ply), f"{ply}"
-    index = (scene.test_indices or scene.train_indices)[0]
-    view = scene.views[index]
-    return BenchScene(
-        "trained", gaussians, scene.camera(index), view.camera_from_world,
-        f"{origin}, view {view.name}",
-    )  # fmt: skip
-
-
-def _trained_demo() -> tuple:
-    """The demo's hall, made and trained for some seconds in a folder that is removed."""
-    import tempfile
-    from pathlib import Path
-
-    import gsut
-    from gsut.demo import make_demo_scene
-
-    steps = 400
-    with tempfile.TemporaryDirectory(prefix="gsut_bench_") as folder:
-        data = Path(folder) / "fisheye_hall"
-        make_demo_scene(data, progress=False)
-        scene = gsut.load_dataset(data)
-        options = gsut.TrainOptions(preset="fast", steps=steps, eval_every=0)
-        result = gsut.train(scene, options, progress=False)
-    return scene, result.gaussians, f"demo scene after {steps} steps"

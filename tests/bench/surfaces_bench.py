@@ -26,7 +26,7 @@ _PLAIN = "plain"
 TRAININGS = {
     _PLAIN: (False, "gaussian"),
     "--surface": (True, "gaussian"),
-    "--surface --primitive surfel": (True, "surfel"),
+    "--surface --set primitive=surfel": (True, "surfel"),
 }
 
 
@@ -36,7 +36,7 @@ def list_cases(settings: Settings) -> Iterator[Row]:
         yield {"what": f"ball, {lens}", "_measure": "ball", "_lens": lens}
     for across in settings.across if not settings.sets else ():
         yield {"what": f"fusion, {across} voxels across", "_measure": "fusion", "_across": across}
-    for data in (settings.sets or (HALL, "sponza_fisheye")) if settings.steps else ():
+    for data in (settings.sets or (HALL,)) if settings.steps else ():
         for name in TRAININGS:
             yield {"what": name, "data": data, "_measure": "training"}
 
@@ -68,7 +68,7 @@ def list_lenses() -> dict[str, tuple[Any, bool]]:
 
 def _resize_example(model: str, width: int) -> Any:
     _, params, full_width, full_height = _core.camera_examples(model)[0]
-    return gsut.Camera(model, params, full_width, full_height).resized(
+    return gsut.Camera(model, params, full_width, full_height).resize(
         width, max(1, round(full_height * width / full_width))
     )
 

@@ -14,10 +14,10 @@ import numpy as np
 import gsut
 from gsut._core import InputError
 from gsut.capture.panorama import LENSES
-from gsut.data.poses import inverse
+from gsut.data.poses import invert_pose
 from gsut.lens import Camera, find_lens
 from gsut.sfm import compare_poses
-from gsut.sfm.lens.candidates import lens_of_field
+from gsut.sfm.lens.candidates import make_lens
 from tests.bench.commands import run_gsut
 from tests.bench.harness import Benchmark, Column, Option, Row, Settings
 from tests.bench.walk_film import Film, Path4, plan_walk, write_film
@@ -53,14 +53,14 @@ def _film_by_database(name: str, path: Path4, seconds: float, **more: Any) -> Fi
 # Each with another lens, motion, readout and hall, by the seconds that it lasts.
 FILMS: dict[str, Callable[[float], Film]] = {
     "phone": lambda s: Film(
-        lens_of_field(*_WIDE, 68, 1.0), plan_walk(s, seed=3), s, readout=0.022, seed=2
+        make_lens(*_WIDE, 68, 1.0), plan_walk(s, seed=3), s, readout=0.022, seed=2
     ),
     "straight on": lambda s: Film(
-        lens_of_field(*_WIDE, 84, 0.9),
+        make_lens(*_WIDE, 84, 0.9),
         plan_walk(s, seed=6, forward=6.0 / s, looking=0.0, shake_degrees=0.3), s, seed=5,
     ),
     "wide and shaken": lambda s: Film(
-        lens_of_field(*_WIDE, 122, 0.3), plan_walk(s, seed=5, shake_degrees=1.5), s,
+        make_lens(*_WIDE, 122, 0.3), plan_walk(s, seed=5, shake_degrees=1.5), s,
         readout=0.012, seed=4,
     ),
     "dual fisheye": lambda s: Film(
@@ -75,7 +75,7 @@ FILMS: dict[str, Callable[[float], Film]] = {
         "Apple iPhone 14, 26mm, 30P", plan_walk(s, seed=4), s, seed=3, sideways=True
     ),
     "global shutter": lambda s: Film(
-        lens_of_field(*_WIDE, 75, 1.0), plan_walk(s, seed=8), s, readout=0.0, seed=7
+        make_lens(*_WIDE, 75, 1.0), plan_walk(s, seed=8), s, readout=0.0, seed=7
     ),
 }  # fmt: skip
 
@@ -118,8 +118,8 @@ def resize_film(film: Film, settings: Any) -> Film:
     width, height = (2 * round(settings.scale * n / 2) for n in (camera.width, camera.height))
     return dataclasses.replace(
         film, frame_rate=settings.frame_rate, samples=settings.samples,
-        camera=camera.resized(width, height),
-        back=None if film.back is None else film.back.resized(width, height),
+        camera=camera.resize(width, height),
+        back=None if film.back is None else film.back.resize(width, height),
     )  # fmt: skip
 
 
@@ -132,7 +132,7 @@ def _compare(film: Film, data: Path) -> Row:
     lens_of = [int(view.image_path.parent.name == LENSES[1]) for view in scene.views]
     truth = truth @ np.array([film.lenses[number][1] for number in lens_of])
     found = np.array([view.camera_from_world for view in scene.views])
-    errors = compare_poses(found, np.array([inverse(pose) for pose in truth]))
+    errors = compare_poses(found, np.array([invert_pose(pose) for pose in truth]))
     pairs = []
     for number in set(lens_of):
         lens = scene.cameras[scene.views[lens_of.index(number)].camera_index]
@@ -185,7 +185,7 @@ BENCHMARK = Benchmark(
         Column("readout_ms", "readout found", form=".1f"),
         Column("true_readout_ms", "true, ms", form=".1f"),
         Column("cpu_seconds", "poses", "CPU-s", ".0f"),
-        Column("verdict"),
+        Column("verdict", form="s"),
     ),
     cases=list_cases,
     measure=measure,

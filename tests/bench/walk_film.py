@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import num_threads
-from gsut.data.poses import inverse
+from gsut.data.poses import invert_pose
 from gsut.demo.hall import make_hall
 from gsut.demo.tracing import Tracer
 from gsut.lens import Camera
@@ -72,7 +72,7 @@ class Film:
         """Each lens with its (4, 4) front_from_lens."""
         if self.back is None or self.back_from_front is None:
             return [(self.camera, np.eye(4))]
-        return [(self.camera, np.eye(4)), (self.back, inverse(self.back_from_front))]
+        return [(self.camera, np.eye(4)), (self.back, invert_pose(self.back_from_front))]
 
     @property
     def times(self) -> np.ndarray:
@@ -223,7 +223,7 @@ def _expose(
         directions = sum(rotation[..., k] * own[..., k, None] for k in range(3))
         origins = np.broadcast_to(at[..., :3, 3], directions.shape)
         shape = (samples, -1, 3)
-        found = tracer.colors(origins.reshape(shape), directions.reshape(shape))
+        found = tracer.trace_colors(origins.reshape(shape), directions.reshape(shape))
         return found.reshape(*own.shape[1:3], 3) * seen.all(axis=0)[..., None]
 
     blocks = [

@@ -6,9 +6,6 @@
 from __future__ import annotations
 
 import argparse
-import ast
-import importlib
-import inspect
 import itertools
 import json
 import re
@@ -19,17 +16,14 @@ from pathlib import Path
 import numpy as np
 
 import gsut
+from api_pages import API_PAGES, NOTE
 from gsut.cli import build_parser
-from gsut.run import show_every_option
+from gsut.run.options import show_every_option
 from lens_pictures import FOLDER, draw, seen_angle, widest_example
-from public_names import list_public_names
 
 ROOT = Path(__file__).resolve().parents[2]
 MODELS = ROOT / "cpp" / "gsut" / "cameras" / "models"
-STUB = ROOT / "python" / "gsut" / "_core.pyi"
 VECTORS = ROOT / "tests" / "oracles" / "lens_vectors.json"
-NOTE = "<!-- Written by `./run docs` from the code: edit that. -->\n"
-SECTION = re.compile(r"^(Args|Attributes|Returns|Raises):$")
 # Lenses that tests/python/lens compares with a program and not with recorded vectors.
 CV2 = ("kannala_brandt", "opencv12", "opencv14", "opencv4", "opencv5", "opencv8", "pinhole")
 ORACLES = dict.fromkeys(CV2, "OpenCV") | {
@@ -155,141 +149,7 @@ def cli_page() -> str:
     )
 
 
-# --- Python ---------------------------------------------------------------------------------------
-
-
-def tasks() -> Iterator[tuple[str, list[str]]]:
-    """(heading, names) of `gsut.__all__`, by the comments between them."""
-    source = Path(gsut.__file__).read_text().partition("__all__ = [")[2].partition("]")[0]
-    for part in re.split(r"^    # ", source, flags=re.MULTILINE)[1:]:
-        heading, _, names = part.partition("\n")
-        yield heading, re.findall(r'"(\w+)"', names)
-
-
-def sections() -> Iterator[tuple[str, str, list[str]]]:
-    """Yields (module, heading, names): the tasks of `gsut`, then its submodules."""
-    for heading, names in tasks():
-        yield "gsut", heading, names
-    for module, names in list_public_names().items():
-        if module != "gsut":
-            about = (importlib.import_module(module).__doc__ or "").partition("\n")[0]
-            yield module, f"{module}: {about[:1].lower()}{about[1:].rstrip('.')}", names
-
-
-def stub_signatures() -> dict[str, str]:
-    """Arguments of the functions and classes of the C++ module: "name" and "Class.name"."""
-    found = {}
-    for node in ast.parse(STUB.read_text()).body:
-        members = [node] if isinstance(node, ast.FunctionDef) else getattr(node, "body", [])
-        for member in members:
-            if isinstance(member, ast.FunctionDef):
-                name = member.name if member is node else f"{node.name}.{member.name}"
-                for argument in (*member.args.args, *member.args.kwonlyargs):
-                    argument.annotation = None
-                member.args.args = [a for a in member.args.args if a.arg != "self"]
-                found[name] = ast.unparse(member.args)
-    return found
-
-
-STUBS = stub_signatures()
-
-
-def arguments_of(member: object, name: str) -> str:
-    """The arguments without types, which the text has."""
-    key = name if not inspect.isclass(member) else f"{name}.__init__"
-    if key in STUBS and getattr(member, "__module__", "").endswith("_core"):
-        return STUBS[key]
-    signature = inspect.signature(member)  # type: ignore[arg-type]
-    shown = [
-        p.replace(annotation=inspect.Parameter.empty)
-        for p in signature.parameters.values()
-        if p.name != "self"
-    ]
-    text = str(inspect.Signature(shown))[1:-1]
-    return re.sub(r"<function .* at \w+>", "...", text)
-
-
-def docstring(member: object, *, bound: bool) -> str:
-    text = inspect.cleandoc(inspect.getdoc(member) or "")
-    return text.partition("\n")[2].strip() if bound else text
-
-
-def as_markdown(text: str) -> str:
-    """A docstring's sections as paragraphs and lists."""
-    out: list[str] = []
-    for block in text.split("\n\n"):
-        head, _, rest = block.partition("\n")
-        if not SECTION.match(head):
-            out.append(" ".join(block.split()))
-            continue
-        body = textwrap.dedent(rest)
-        if head in ("Args:", "Attributes:", "Raises:") or re.match(r"\w+: ", body):
-            entries = re.split(r"\n(?=\S)", body)
-            rows = [" ".join(entry.split()) for entry in entries]
-            rows = [re.sub(r"^([\w, *]+?(?: \(an InputError\))?):", r"`\1`:", row) for row in rows]
-            out.append(f"{head[:-1]}:\n\n" + "\n".join(f"- {row}" for row in rows))
-        else:
-            out.append(f"{head[:-1]}: " + " ".join(body.split()))
-    return "\n\n".join(out)
-
-
-def member_rows(member: type, name: str) -> list[str]:
-    """Methods and properties of a class, a line each."""
-    rows = []
-    for part, value in vars(member).items():
-        if part.startswith("_") or not (callable(value) or isinstance(value, property)):
-            continue
-        text = docstring(value, bound=type(value).__name__ == "instancemethod")
-        summary = " ".join(text.partition("\n\n")[0].split())
-        called = "" if isinstance(value, property) else f"({arguments_of(value, f'{name}.{part}')})"
-        rows.append(f"- `.{part}{called}`: {summary}")
-    return rows
-
-
-def api_section(name: str, module: str = "gsut") -> str:
-    member = getattr(importlib.import_module(module), name)
-    if not callable(member):
-        return f"### {name}\n\n`{member!r}`\n" if name != "__version__" else ""
-    bound = inspect.isbuiltin(member)
-    out = [f"### {name}\n"]
-    if not (inspect.isclass(member) and issubclass(member, Exception)):
-        text = f"{module}.{name}({arguments_of(member, name)})"
-        lines = textwrap.wrap(text, 96, subsequent_indent="    ", break_on_hyphens=False)
-        out.append("```text\n" + "\n".join(lines) + "\n```\n")
-    out.append(as_markdown(docstring(member, bound=bound)) + "\n")
-    if inspect.isclass(member):
-        rows = member_rows(member, name)
-        out.append("Members:\n\n" + "\n".join(rows) + "\n" if rows else "")
-    return "\n".join(out)
-
-
-def link_to(heading: str, taken: list[str]) -> str:
-    """A link to a heading of the same page; equal anchors are numbered as GitHub numbers them."""
-    anchor = heading.lower().replace(" ", "-")
-    number = taken.count(anchor)
-    taken.append(anchor)
-    return f"[{heading}](#{anchor}{f'-{number}' if number else ''})"
-
-
-def api_page() -> str:
-    parts = [
-        f"## {heading}\n\n" + "\n".join(filter(None, (api_section(n, module) for n in names)))
-        for module, heading, names in sections()
-    ]
-    taken: list[str] = []
-    contents = ""
-    for _, heading, names in sections():
-        link_to(heading, taken)
-        links = [link_to(name, taken) for name in names if name != "__version__"]
-        contents += f"- {heading}: {', '.join(links)}\n"
-    return (
-        f"{NOTE}# Python API\n\nEvery public name; `help(gsut.render)` prints the same. Axes, "
-        f"pixel centres and units: [conventions](conventions.md).\n\n{contents}\n"
-        + "\n".join(parts)
-    )
-
-
-PAGES = {"lenses.md": lenses_page, "cli.md": cli_page, "api.md": api_page}
+PAGES = {"lenses.md": lenses_page, "cli.md": cli_page, **API_PAGES}
 
 
 def page(name: str) -> str:
@@ -300,7 +160,9 @@ def page(name: str) -> str:
 def main() -> None:
     draw([model for model in gsut.lens.camera_models() if not (FOLDER / f"{model}.jpg").is_file()])
     for name in PAGES:
-        (ROOT / "docs" / name).write_text(page(name))
+        path = ROOT / "docs" / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(page(name))
 
 
 if __name__ == "__main__":

@@ -28,7 +28,7 @@ def widest_example(model: str) -> tuple[str, gsut.Camera]:
     best = None
     for about, params, width, height in _core.camera_examples(model):
         camera = gsut.Camera(model, params, width, height)
-        camera = camera.resized(
+        camera = camera.resize(
             *(max(1, round(s * SIDE / max(width, height))) for s in (width, height))
         )
         angle = seen_angle(camera)
@@ -72,7 +72,7 @@ def picture(tracer: Tracer, camera: gsut.Camera) -> np.ndarray:
         starts = placed[:3, 3]
         if not camera.is_central:
             starts = starts + origins[:, rows_of] @ placed[:3, :3].T
-        colors[rows_of] = tracer.colors(starts, directions)
+        colors[rows_of] = tracer.trace_colors(starts, directions)
     return gsut.rendering.to_uint8(colors.reshape(camera.height, camera.width, 3))
 
 

@@ -24,7 +24,12 @@ from tests.bench.__main__ import build_parser as bench_parser
 
 READMES = [ROOT / folder / "README.md" for folder in (".", "calib", "tests/bench")]
 NOTEBOOK = sorted((ROOT / "docs" / "notebook").glob("*.md"))
-PAGE_FILES = [*READMES, ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGE_FILES = [
+    *READMES,
+    *(ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"),
+    *sorted((ROOT / "docs").glob("*.md")),
+    *sorted((ROOT / "docs" / "api").glob("*.md")),
+]
 NOT_RUN = "<!-- not run:"  # and the reason, on the line before the block
 ONES_OF_RUN = re.findall(r"^    ([a-z]+)( \| [a-z-]+)*\)", (ROOT / "run").read_text(), re.MULTILINE)
 
@@ -115,7 +120,7 @@ def is_public(name: str) -> bool:
 
 
 def is_public_member(name: str) -> bool:
-    """Whether a name continues a public one: `TrainOptions.resolved`."""
+    """Whether a name continues a public one: `TrainOptions.resolve`."""
     first, _, rest = name.partition(".")
     return bool(rest) and first in gsut.__all__ and hasattr(getattr(gsut, first), rest)
 

@@ -11,7 +11,7 @@ import gsut
 ROOT = Path(__file__).resolve().parents[2]
 sys.path.insert(0, str(ROOT))
 
-from calib.board import Board  # noqa: E402
+from calib.boards.board import Board  # noqa: E402
 from tests.synthetic_boards import draw, photographs, random_poses  # noqa: E402
 
 BOARD = Board(7, 5, 0.03)

@@ -6,12 +6,17 @@ import cv2
 import numpy as np
 
 import gsut
-from calib import solve_opencv
-from calib.board import Board
-from calib.lens import PIXEL_SHIFT, gsut_camera, rays
-from calib.rigid import rodrigues_vector, rotation_matrix
-from calib.solution import CameraSolution
-from calib.uncertainty import parameter_covariance, projection_covariance
+from calib.boards import Board
+from calib.camera import (
+    PIXEL_SHIFT,
+    CameraSolution,
+    matrix_from_rodrigues,
+    rodrigues_from_matrix,
+    to_gsut_camera,
+    unproject_pixels,
+)
+from calib.solve import solve_by_opencv
+from calib.trust.uncertainty import estimate_parameter_covariance, propagate_covariance
 from synthetic_boards import photographs, random_poses
 
 NOISE_PX = 0.2  # put on every corner
@@ -41,14 +46,14 @@ def measure_coverage(solves: int, seed: int = 1) -> tuple[np.ndarray, float, flo
     for _ in range(solves):
         poses = random_poses(camera, _BOARD, _BOARDS, _WIDEST_DEGREES, generator)
         seen = photographs(camera, _BOARD, poses, NOISE_PX, generator)
-        solved = solve_opencv.solve_camera(seen, _BOARD, "fisheye")
-        sigma, cov, layout, noise = parameter_covariance(solved, _BOARD)
+        solved = solve_by_opencv(seen, _BOARD, "fisheye")
+        sigma, cov, layout, noise = estimate_parameter_covariance(solved, _BOARD)
         found = solved.params.copy()
         found[2:4] += PIXEL_SHIFT
         within.append(np.abs(found - _FISHEYE) <= 2 * sigma)
         ratio.append(noise / NOISE_PX)
-        spread = projection_covariance(
-            solved, rays(solved, pixels - PIXEL_SHIFT), cov, layout.boards
+        spread = propagate_covariance(
+            solved, unproject_pixels(solved, pixels - PIXEL_SHIFT), cov, layout.boards
         )
         deviation = np.sqrt(np.einsum("nii->ni", spread))
         error = _project_again(camera, solved, poses, pixels) - pixels
@@ -64,11 +69,11 @@ def _project_again(
     true_rays, valid = camera.unproject(pixels)
     assert valid.all()
     turns = [
-        rodrigues_vector(rotation_matrix(found[:3]) @ rotation_matrix(true[:3]).T)
+        rodrigues_from_matrix(matrix_from_rodrigues(found[:3]) @ matrix_from_rodrigues(true[:3]).T)
         for found, true in zip(solved.camera_from_board, poses, strict=True)
     ]
-    turned = true_rays @ rotation_matrix(np.mean(turns, axis=0)).T
-    again, _ = gsut_camera(solved).project(turned)
+    turned = true_rays @ matrix_from_rodrigues(np.mean(turns, axis=0)).T
+    again, _ = to_gsut_camera(solved).project(turned)
     return again
 
 
@@ -83,7 +88,7 @@ def calibrate_stereo(first: CameraSolution, second: CameraSolution, board: Board
         fx, fy, cx, cy = camera.params[:4]
         lenses += [np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]]), camera.params[4:].copy()]
     kind = np.float64 if fisheye else np.float32  # what OpenCV's two functions take
-    points = board.points(first.warp).astype(kind)[None]
+    points = board.locate_corners(first.warp).astype(kind)[None]
     corners = [
         [photograph.corners.astype(kind)[None] for photograph in camera.photographs]
         for camera in (first, second)

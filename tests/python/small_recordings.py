@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 import small_datasets as small
-from gsut.data.poses import inverse
+from gsut.data.poses import invert_pose
 
 START = 1403636579763555584  # of EuRoC's first picture: float64 would round it by 128 ns
 STEP = 100_000_001  # nanoseconds between pictures
@@ -31,7 +31,7 @@ def times() -> list[int]:
 def world_from_body(time: float | int) -> np.ndarray:
     """At an exact time: uniform motion between the small dataset's ten poses."""
     at = (int(time) - START) / STEP
-    first = small.world_from_cameras()[0] @ inverse(body_from_cameras()[0])
+    first = small.world_from_cameras()[0] @ invert_pose(body_from_cameras()[0])
     pose = np.eye(4)
     angle = 0.02 * at
     turn = [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]]
@@ -66,7 +66,7 @@ def write_sensor(path: Path, camera: int) -> None:
 def camchain(with_imu: bool = True, shift: float = 0.0) -> str:
     text, before = "", None
     for name, place in zip(CAMERAS, body_from_cameras(), strict=True):
-        camera_from_body = inverse(place)
+        camera_from_body = invert_pose(place)
         rows = {"T_cam_imu": camera_from_body} if with_imu else {}
         if before is not None:
             rows["T_cn_cnm1"] = camera_from_body @ before

@@ -88,7 +88,7 @@ def finished_run(path: Path, scene: gsut.Scene, options=None, report: bool = Tru
 
     Without `report` the report is an empty file, which is much faster.
     """
-    options = (options or gsut.TrainOptions(steps=100)).resolved()
+    options = (options or gsut.TrainOptions(steps=100)).resolve()
     run = RunFolder.create(path, options, environment=describe_environment(scene.path))
     for step in range(10, 101, 10):
         row = {"step": step, "seconds": step / 50, "loss": 1 / step, "num_gaussians": 10 * step}

@@ -6,8 +6,9 @@ import cv2
 import numpy as np
 
 import gsut
-from gsut.data.poses import inverse
+from gsut.data.poses import invert_pose
 from gsut.data.rigs import Rig
+from gsut.sfm.core import Mapping, PosesLog, PosesOptions
 from gsut.sfm.core.matching import PairMatches
 from gsut.sfm.core.photographs import Photographs
 from synthetic_walk import observe
@@ -101,7 +102,7 @@ class SyntheticRig:
                 few = min(len(mine), len(self._seen[j])) < _FEWEST_SHARED
                 if len(first) < (3 if few else _FEWEST_SHARED):
                     continue
-                relative = self.poses[j] @ inverse(self.poses[i])
+                relative = self.poses[j] @ invert_pose(self.poses[i])
                 distance = np.linalg.norm(relative[:3, 3])
                 relative[:3, 3] /= distance
                 matches = np.stack([first, second], axis=1).astype(np.int32)
@@ -114,14 +115,23 @@ class SyntheticRig:
         No scale is taken out: the rig's is on trial.
         """
         first = int(np.argmax(solution.registered))
-        onto = inverse(solution.camera_from_world[first]) @ self.poses[first]
+        onto = invert_pose(solution.camera_from_world[first]) @ self.poses[first]
         apart, turned = [], []
         for found, truth in zip(
             solution.camera_from_world[solution.registered],
             self.poses[solution.registered],
             strict=True,
         ):
-            step = found @ onto @ inverse(truth)
-            apart.append(np.linalg.norm(inverse(found @ onto)[:3, 3] - inverse(truth)[:3, 3]))
+            step = found @ onto @ invert_pose(truth)
+            apart.append(
+                np.linalg.norm(invert_pose(found @ onto)[:3, 3] - invert_pose(truth)[:3, 3])
+            )
             turned.append(np.degrees(np.linalg.norm(cv2.Rodrigues(step[:3, :3])[0])))
         return max(apart), max(turned)
+
+    def mapping(self, **known):
+        """The state of a run that has verified the matches of the rig's images."""
+        return Mapping(
+            self.photographs, PosesOptions(), PosesLog(), features=self.features, pairs=self.pairs,
+            **known,
+        )  # fmt: skip

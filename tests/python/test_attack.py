@@ -2,9 +2,9 @@
 
 import pytest
 
-from attack.datasets import dataset_cases
-from attack.harness import attack, disagreement
-from attack.tables import cases
+from attack.datasets import list_dataset_cases
+from attack.harness import attack, find_disagreement
+from attack.tables import list_cases
 from attack.world import LATER, make_world
 
 EVERY = 127  # of the table; another part of it for each kind
@@ -18,7 +18,7 @@ def world(tmp_path_factory):
 
 
 def test_sample_of_bad_inputs_is_refused_in_one_sentence(world, tmp_path):
-    table = [case for case in cases() if not LATER.keys() & set(case.needs)]  # seconds to make
+    table = [case for case in list_cases() if not LATER.keys() & set(case.needs)]  # seconds to make
     assert len(table) >= LEAST
     assert len({case.title for case in table}) == len(table)
     for number, case in enumerate(table[::EVERY]):
@@ -27,8 +27,8 @@ def test_sample_of_bad_inputs_is_refused_in_one_sentence(world, tmp_path):
 
 
 def test_doctor_and_train_agree_on_a_sample_of_spoiled_datasets(world, tmp_path):
-    pairs = list(dataset_cases(world))
+    pairs = list(list_dataset_cases(world))
     assert len(pairs) >= LEAST
     for number, (doctor, train) in enumerate(pairs[::EVERY_DATASET]):
-        said = disagreement(doctor, train, world, tmp_path / str(number))
+        said = find_disagreement(doctor, train, world, tmp_path / str(number))
         assert said is None, f"{train.title}: {said}"

@@ -141,7 +141,7 @@ def test_camera_of_no_whole_number_of_pixels_is_refused(width):
     with pytest.raises(gsut.InputError, match="whole numbers of pixels from 1 to 65536, found"):
         gsut.Camera("pinhole", [10, 10, 3, 3], width, 6)
     with pytest.raises(gsut.InputError, match="whole numbers of pixels from 1 to 65536, found"):
-        gsut.Camera("pinhole", [10, 10, 3, 3], 6, 6).resized(width, 6)
+        gsut.Camera("pinhole", [10, 10, 3, 3], 6, 6).resize(width, 6)
 
 
 @pytest.mark.parametrize(

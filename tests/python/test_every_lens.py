@@ -173,7 +173,7 @@ def test_refine_undoes_pose_errors_against_the_true_gaussians(case, refine_lens)
     right = turns(np.array(case.poses)[list(scene.train_indices)])
     before = np.abs(turns(views.poses) - right).mean()
     for step in range(3):
-        refiner.finish(truth, views.at(1.0), step)
+        refiner.finish(truth, views.select_level(1.0), step)
     after = np.abs(turns(views.poses) - right).mean()
     print(case.model, refine_lens, before, "->", after)
     assert after < tol.EVERY_LENS_REFINED[refine_lens] * before

@@ -82,14 +82,14 @@ SHARED = {
     "Scene": (
         lambda folder: gsut.load_dataset(folder),
         [lambda scene, i=i: (scene.image(i), scene.mask(i), scene.extent) for i in range(6)]
-        + [lambda scene: scene.scaled(0.5).image(1), lambda scene: scene.poses([0, 1]),
+        + [lambda scene: scene.scale_images(0.5).image(1), lambda scene: scene.poses([0, 1]),
            lambda scene: scene.centred.image(2), lambda scene: scene.centred.points],
     ),
     "Camera": (
         lambda _: fisheye(),
         [lambda camera: camera.rays(), lambda camera: camera.origins(),
          lambda camera: camera.project(RAYS), lambda camera: camera.unproject(PIXELS),
-         lambda camera: camera.project_jacobian(RAYS), lambda camera: camera.resized(24, 24),
+         lambda camera: camera.project_jacobian(RAYS), lambda camera: camera.resize(24, 24),
          lambda camera: camera.valid_field_angle,
          lambda camera: gsut.render(blobs(), camera, POSE)],
     ),
@@ -99,10 +99,10 @@ SHARED = {
          lambda lens: lens.make_camera(640, 480), lambda lens: lens.rate_size(640, 480)],
     ),
     "TrainOptions": (
-        lambda _: gsut.TrainOptions(), [lambda o: o.resolved().to_json(), lambda o: o.to_json()]),
+        lambda _: gsut.TrainOptions(), [lambda o: o.resolve().to_json(), lambda o: o.to_json()]),
     "BlockOptions": (
         lambda _: gsut.BlockOptions(blocks="4", memory="2GB"),
-        [lambda o: (o.count, o.memory_bytes)],
+        [lambda o: (o.count(), o.parse_memory())],
     ),
     "BlocksResult": (blocks, [lambda result: result.gaussians] * 6),  # read when asked for
     "Gaussians": (

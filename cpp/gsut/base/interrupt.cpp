@@ -11,6 +11,7 @@ thread_local InterruptCheck* of_this_thread = nullptr;
 
 }  // namespace
 
+// Of nested checks the outermost one is asked: it belongs to the call that the user made.
 InterruptCheck::InterruptCheck(std::function<std::exception_ptr()> ask)
     : ask_(std::move(ask)),
       next_(std::chrono::steady_clock::now() + kInterval),
@@ -24,6 +25,7 @@ InterruptCheck::~InterruptCheck() {
 
 InterruptCheck* InterruptCheck::OfThisThread() { return of_this_thread; }
 
+// Asking takes Python's lock, so it is done at intervals; once wanted, an interrupt stays wanted.
 bool InterruptCheck::IsWanted() {
   if (reason_ != nullptr) return true;
   const auto now = std::chrono::steady_clock::now();

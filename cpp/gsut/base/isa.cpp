@@ -35,6 +35,7 @@ std::int64_t UsableTargets() {
   return targets;
 }
 
+// Highway's dispatch tables look at these targets from the next call on; 0 restores detection.
 void Force(std::int64_t targets) {
   hwy::SetSupportedTargetsForTest(targets);
   hwy::GetChosenTarget().Update(hwy::SupportedTargets());
@@ -42,6 +43,7 @@ void Force(std::int64_t targets) {
 
 // Applies GSUT_ISA the first time anybody asks.
 void ApplyEnvironmentOnce() {
+  // UsableTargets must be known before forcing changes what Highway reports.
   static const bool applied = [] {
     UsableTargets();
     const char* name = std::getenv("GSUT_ISA");
@@ -58,6 +60,7 @@ std::string& ForcedName() {
 
 }  // namespace
 
+// A name may stand for several of Highway's targets, of which one is compiled in.
 std::vector<std::string> AvailableIsas() {
   std::vector<std::string> names;
   for (const IsaName& isa : kIsaNames) {
@@ -80,6 +83,7 @@ void SetIsa(const std::string& name) {
   }
   std::string known;
   for (const IsaName& isa : kIsaNames) {
+    // Sets that this processor lacks are not offered.
     if ((usable & isa.targets) == 0) continue;
     if (name == isa.name) {
       Force(usable & isa.targets);
@@ -88,6 +92,7 @@ void SetIsa(const std::string& name) {
     }
     known += std::string(known.empty() ? "" : ", ") + isa.name;
   }
+  // Better an error than a test that silently runs another set.
   throw InputError("instruction set \"" + name +
                    "\" (GSUT_ISA) is unknown or not available here; " +
                    "this build and processor offer: " + known);

@@ -37,6 +37,8 @@ class Threads {
 
   int count() const { return count_; }
 
+  // Takes a free arena or makes one, and gives it back: there is one for each loop that runs at the
+  // same time.
   template <class Work>
   void Execute(const Work& work) {
     std::unique_ptr<tbb::task_arena> arena;
@@ -127,6 +129,7 @@ void SetNumThreads(int num_threads) {
   const int count = num_threads == 0 ? tbb::info::default_concurrency() : num_threads;
   const std::lock_guard<std::mutex> lock(threads_mutex);
   std::shared_ptr<Threads>& threads = LastThreads();
+  // global_control takes the least of all limits alive.
   threads = nullptr;  // the old limit goes before the new one comes
   threads = std::make_shared<Threads>(count);
 }
@@ -137,6 +140,8 @@ void ParallelFor(std::int64_t count, std::int64_t grain,
                  const std::function<void(std::int64_t, std::int64_t)>& body) {
   if (count <= 0) return;
   if (grain < 1) grain = 1;
+  // Chunks depend on count and grain only, never on the number of threads: a loop that sums within
+  // a chunk gives the same bits on any machine.
   const std::int64_t chunks = (count + grain - 1) / grain;
   // Only the calling thread polls for an interrupt. While it waits it may run chunks of other
   // loops, which an interrupt of this one does not end.
@@ -150,6 +155,7 @@ void ParallelFor(std::int64_t count, std::int64_t grain,
         return;
       }
     }
+    // oneTBB may run this chunk on any thread: the mode is set and restored around it.
     const WithinLoop within;
     const FlushDenormals flush;
     const std::int64_t begin = chunk * grain;
@@ -160,6 +166,7 @@ void ParallelFor(std::int64_t count, std::int64_t grain,
     return;
   }
   const std::shared_ptr<Threads> current = CurrentThreads();
+  // One thread needs no arena, and runs chunks in order.
   if (current->count() == 1) {
     for (std::int64_t chunk = 0; chunk < chunks; ++chunk) run_chunk(chunk);
   } else {
@@ -172,6 +179,7 @@ double ParallelSum(std::int64_t count, std::int64_t grain,
                    const std::function<double(std::int64_t, std::int64_t)>& partial) {
   if (count <= 0) return 0.0;
   if (grain < 1) grain = 1;
+  // One sum a chunk, added in order afterwards: the same bits on any number of threads.
   std::vector<double> sums(static_cast<std::size_t>((count + grain - 1) / grain));
   ParallelFor(count, grain, [&](std::int64_t begin, std::int64_t end) {
     sums[static_cast<std::size_t>(begin / grain)] = partial(begin, end);
@@ -181,6 +189,8 @@ double ParallelSum(std::int64_t count, std::int64_t grain,
   return total;
 }
 
+// Gradients of almost transparent Gaussians are denormal numbers, each of which costs processors
+// some hundred cycles. Bits 15 and 6 of MXCSR flush results and operands to zero.
 #if defined(__SSE2__)
 FlushDenormals::FlushDenormals() : saved_(_mm_getcsr()) {
   constexpr unsigned kFlushToZeroAndDenormalsAreZero = 0x8040;

@@ -18,6 +18,8 @@ void CheckSize(int width, int height) {
                    std::to_string(height));
 }
 
+// Everything that can be wrong with a lens is found here, once: projections check nothing but the
+// domain.
 LensDomain CheckedDomain(LensModel lens, const std::vector<double>& params, int width, int height,
                          double angle) {
   if (!(angle > 0.0)) {
@@ -32,6 +34,7 @@ LensDomain CheckedDomain(LensModel lens, const std::vector<double>& params, int 
       throw InputError(std::string(Lens::kName) + " takes the parameters \"" + Lens::kParamNames +
                        "\", found " + std::to_string(num_params) + " values");
     }
+    // No direction is farther from the axis than pi.
     const double limit = std::min(angle, kPi);
     if constexpr (requires { Lens::kTakesSize; }) {
       return Lens::MakeDomain(params.data(), num_params, limit, width, height);
@@ -43,6 +46,8 @@ LensDomain CheckedDomain(LensModel lens, const std::vector<double>& params, int 
 
 }  // namespace
 
+// The state is shared and never changes, so copies of a camera are cheap and its ray table is
+// common.
 Camera::Camera(std::string_view model, std::vector<double> params, int width, int height,
                double valid_field_angle) {
   const LensModel lens = LensFromName(model);
@@ -66,6 +71,7 @@ int Camera::height() const { return state_->height; }
 double Camera::valid_field_angle() const { return state_->valid_field_angle; }
 const LensDomain& Camera::domain() const { return state_->domain; }
 
+// Members of contract.h that a lens declares or not; asked of the struct, never of its name.
 bool Camera::IsCentral() const {
   return VisitLens(lens(), [](auto lens) {
     return !requires { decltype(lens)::kHasOrigins; };
@@ -78,6 +84,7 @@ bool Camera::IsParallel() const {
   });
 }
 
+// Scaling is about the image's corner: with pixel centres at halves, (0, 0) stays (0, 0).
 Camera Camera::Resized(int width, int height) const {
   CheckSize(width, height);
   const double scale_x = static_cast<double>(width) / state_->width;
@@ -85,6 +92,7 @@ Camera Camera::Resized(int width, int height) const {
   std::vector<double> params = state_->params;
   VisitLens(state_->lens, [&](auto lens) {
     using Lens = decltype(lens);
+    // fx and cx scale with the width, fy and cy with the height; coefficients have no unit.
     if constexpr (requires { Lens::Rescale(params.data(), 0, 1.0, 1.0); }) {
       Lens::Rescale(params.data(), num_params(), scale_x, scale_y);
     } else {
@@ -101,6 +109,7 @@ Camera Camera::WithValidFieldAngle(double valid_field_angle) const {
   return Camera(model(), state_->params, state_->width, state_->height, valid_field_angle);
 }
 
+// Equal values are equal cameras, wherever they came from; the domain follows from them.
 bool operator==(const Camera& a, const Camera& b) {
   return a.state_ == b.state_ ||
          (a.lens() == b.lens() && a.params() == b.params() && a.width() == b.width() &&

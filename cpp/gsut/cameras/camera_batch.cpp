@@ -33,6 +33,7 @@ double SafeScaleFor(const double* point) {
   ? 1.0 : SafeScale(point);
 }
 
+// NaN marks a point without an image, so that it cannot be mistaken for a pixel.
 template <class Lens>
 bool ProjectPoint(const Camera& camera, const double* point, double* pixel) {
   const double s = SafeScaleFor<Lens>(point);
@@ -44,12 +45,14 @@ bool ProjectPoint(const Camera& camera, const double* point, double* pixel) {
   return valid;
 }
 
+// Forward mode: a Dual carries kDirections derivatives along, and more parameters take more passes.
 // Value, and the derivatives along the directions [first, first + kDirections) of (point, params).
 template <class Lens>
 bool ProjectDirections(const Camera& camera, const double* point, int first,
                        std::vector<Dual<kDirections>>* params, Dual<kDirections>* u,
                        Dual<kDirections>* v) {
   using T = Dual<kDirections>;
+  // A variable is its value and a one in its own direction.
   const auto seed = [first](double value, int direction) {
     const bool here = direction >= first && direction < first + kDirections;
     return here ? T(value, direction - first) : T(value);
@@ -93,6 +96,7 @@ void Camera::UnprojectLines(std::int64_t count, const double* pixels, double* or
                             std::uint8_t* valid) const {
   VisitLens(lens(), [&](auto model) {
     using Lens = decltype(model);
+    // Lenses with one centre have all origins at 0.
     if constexpr (requires { Lens::kHasOrigins; }) {
       ParallelFor(count, kGrain, [&](std::int64_t begin, std::int64_t end) {
         for (std::int64_t i = begin; i < end; ++i) {
@@ -114,10 +118,12 @@ void Camera::UnprojectLines(std::int64_t count, const double* pixels, double* or
 void Camera::ProjectJacobian(std::int64_t count, const double* points, double* pixels,
                              std::uint8_t* valid, double* dpixel_dpoint,
                              double* dpixel_dparams) const {
+  // Pixels come from the plain projection, so that asking for derivatives does not change a bit.
   Project(count, points, pixels, valid);
   const int k = num_params();
   const auto loop = [&](auto model, std::int64_t begin, std::int64_t end) {
     using T = Dual<kDirections>;
+    // One vector a chunk, not a point: parameters may be thousands.
     std::vector<T> dual_params(k);
     for (std::int64_t i = begin; i < end; ++i) {
       const double* point = points + 3 * i;
@@ -127,6 +133,7 @@ void Camera::ProjectJacobian(std::int64_t count, const double* points, double* p
         T u, v;
         ProjectDirections<decltype(model)>(*this, point, first, &dual_params, &u, &v);
         for (int d = first; d < std::min(directions, first + kDirections); ++d) {
+          // d/dpoint = d/d(point / s) / s.
           const double factor = valid[i] ? (d < 3 ? 1.0 / scale : 1.0) : kNaN;
           const bool of_point = d < 3;
           double* row = of_point ? dpixel_dpoint : dpixel_dparams;

@@ -14,6 +14,7 @@ namespace gsut {
 namespace HWY_NAMESPACE {
 
 // value + sum of grad[i] e_i with e_i e_j = 0. Comparisons look at the value only.
+// A lens' Project, written once for any T, gives its derivatives by being called with this one.
 struct DualLane {
   static constexpr int kDirections = 3;
   Lane value;
@@ -61,6 +62,7 @@ HWY_INLINE DualLane operator-(const DualLane& a, const DualLane& b) {
   for (int i = 0; i < DualLane::kDirections; ++i) out.grad[i] = a.grad[i] - b.grad[i];
   return out;
 }
+// Product rule d(ab) = b da + a db and quotient rule d(a / b) = (da - (a / b) db) / b.
 HWY_INLINE DualLane operator*(const DualLane& a, const DualLane& b) {
   return Chain(a.value * b.value, a, b.value, b, a.value);
 }
@@ -70,6 +72,7 @@ HWY_INLINE DualLane operator/(const DualLane& a, const DualLane& b) {
   return Chain(quotient, a, inverse, b, -quotient * inverse);
 }
 
+// Branches follow the value: on their border the derivative is that of the side taken.
 HWY_INLINE LaneMask operator<(const DualLane& a, const DualLane& b) { return a.value < b.value; }
 HWY_INLINE LaneMask operator<=(const DualLane& a, const DualLane& b) { return a.value <= b.value; }
 HWY_INLINE LaneMask operator>(const DualLane& a, const DualLane& b) { return a.value > b.value; }
@@ -84,6 +87,7 @@ HWY_INLINE DualLane Select(LaneMask mask, const DualLane& yes, const DualLane& n
   return out;
 }
 
+// d sqrt(a) = da / (2 sqrt(a)); d atan2(y, x) = (x dy - y dx) / (x^2 + y^2).
 HWY_INLINE DualLane Sqrt(const DualLane& a) {
   const Lane root = Sqrt(a.value);
   return a.Chain(root, Lane(0.5) / root);
@@ -108,6 +112,7 @@ HWY_INLINE DualLane Tan(const DualLane& a) {
   const Lane tangent = Tan(a.value);
   return a.Chain(tangent, MulAdd(tangent, tangent, Lane(1.0)));
 }
+// A step function: its derivative is 0 wherever it has one.
 HWY_INLINE DualLane Floor(const DualLane& a) { return DualLane(Floor(a.value)); }
 
 // The entry of a table at a whole number; its derivatives are those of the entry.

@@ -7,6 +7,8 @@
 
 namespace gsut {
 
+// Parameters are rounded once; lanes read them by the thousand. Behind a table lie zeros that a
+// whole row may be read from (SumRows).
 FloatLens::FloatLens(const Camera& camera)
     : lens(camera.lens()),
       domain(camera.domain()),

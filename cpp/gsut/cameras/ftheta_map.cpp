@@ -16,6 +16,8 @@ namespace {
 
 using lenses::Ftheta;
 
+// The lens has two polynomials: B from pixels to angles, A from angles to pixels. One of them, the
+// reference, is the lens; the other is its approximate inverse and only starts Newton's steps.
 bool IsAngleToPixel(const double* params) { return params[Ftheta::kReference] > 0.5; }
 
 // The exact polynomial.
@@ -25,6 +27,7 @@ std::span<const double> Reference(const double* params) {
 }
 
 // Where the polynomial, increasing on [0, high], takes this value.
+// Newton inside a bracket, on t times the polynomial over t, as t = 0 is a root of all of them.
 double Solve(std::span<const double> p, double value, double high, double start) {
   const auto f = [p](double t, double* derivative) {
     *derivative = Ftheta::Slope(p.data(), t);
@@ -39,6 +42,7 @@ LensDomain FthetaDomain(const double* params, double angle_limit) {
   const std::span<const double> p = Reference(params);
   std::vector<double> slope;
   for (std::size_t i = 1; i < p.size(); ++i) slope.push_back(static_cast<double>(i) * p[i]);
+  // The reference is one-to-one up to its first fold.
   const double fold = SmallestPositiveRoot(slope);
   double angle = std::min({params[Ftheta::kMaxAngle], angle_limit, kPi});
   double radius = 0.0;
@@ -77,6 +81,7 @@ bool UnprojectFtheta(const LensDomain& domain, const double* params, double x, d
   const double theta = IsAngleToPixel(params) ? Solve(p, radius, domain.max_angle, radius / p[1])
                                               : EvaluatePolynomial(p, radius);
   if (!(theta < domain.max_angle)) return false;
+  // (x, y) sin(theta) / radius has length sin(theta): with cos(theta) a unit ray.
   const double over = radius > 0.0 ? std::sin(theta) / radius : 0.0;
   ray[0] = over * x;
   ray[1] = over * y;

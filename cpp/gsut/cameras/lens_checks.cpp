@@ -34,7 +34,7 @@ void CheckFocalParams(const char* lens, const char* param_names, const double* p
       wanted = "positive and finite (a focal length in pixels)";
       good = good && params[i] > 0.0;
     } else if (i < 4) {
-      wanted = "a pixel coordinate below 5e8";
+      wanted = "a pixel coordinate below 5e8";  // half of kMaxPixel
       good = good && std::abs(params[i]) <= 0.5 * kMaxPixel;
     }
     if (good) continue;
@@ -45,10 +45,13 @@ void CheckFocalParams(const char* lens, const char* param_names, const double* p
   }
 }
 
+// A radius in focal lengths that keeps pixels, with any principal point allowed, below kMaxPixel.
 double LargestDistortedRadius(const double* params) {
   return 0.5 * kMaxPixel / std::max(params[0], params[1]);
 }
 
+// A round trip proves an inverse, whatever method found it. gain: how much an error of rounding in
+// the ray grows on its way to the pixel.
 bool InverseConverged(double u, double v, double back_u, double back_v, double gain) {
   // Rounding of the result, of the projection and of its sum with the principal point.
   constexpr double kUnitsInLastPlace = 16 * std::numeric_limits<double>::epsilon();
@@ -57,6 +60,7 @@ bool InverseConverged(double u, double v, double back_u, double back_v, double g
   return std::hypot(back_u - u, back_v - v) < tolerance;
 }
 
+// To focal lengths about the principal point. NaN fails the comparison too.
 bool FromPixel(const double* params, double u, double v, double* x, double* y) {
   if (!(std::abs(u) < kMaxPixel && std::abs(v) < kMaxPixel)) return false;
   *x = (u - params[2]) / params[0];

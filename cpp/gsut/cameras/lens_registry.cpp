@@ -14,6 +14,8 @@ struct LensEntry {
   std::span<const LensExample> examples;
 };
 
+// GSUT_FOR_EACH_LENS comes from the build, which lists the files of cameras/models in the order of
+// their names; LensModel has the same order, so its value is the index.
 constexpr LensEntry kLenses[] = {
 #define GSUT_LENS_ENTRY(Lens)                                          \
   {LensModel::k##Lens, lenses::Lens::kName, lenses::Lens::kParamNames, \
@@ -26,12 +28,14 @@ const LensEntry& Entry(LensModel lens) { return kLenses[static_cast<int>(lens)];
 
 }  // namespace
 
+// In the order of LensModel.
 std::vector<std::string> LensNames() {
   std::vector<std::string> names;
   for (const LensEntry& entry : kLenses) names.emplace_back(entry.name);
   return names;
 }
 
+// A linear search: lenses are few, and names are looked up once a camera.
 LensModel LensFromName(std::string_view name) {
   std::string known;
   for (const LensEntry& entry : kLenses) {

@@ -7,6 +7,7 @@
 
 namespace gsut {
 
+// `requires` asks the struct whether it declares an optional member; contract.h lists them.
 LensTraits TraitsOf(LensModel lens) {
   return VisitLens(lens, [](auto model) {
     using Lens = decltype(model);
@@ -21,7 +22,6 @@ LensTraits TraitsOf(LensModel lens) {
       traits.fit_near.assign(std::begin(Lens::kFitNear), std::end(Lens::kFitNear));
     }
     traits.has_table = requires { Lens::kHasTable; };
-    traits.takes_size = requires { Lens::kTakesSize; };
     traits.is_central = !requires { Lens::kHasOrigins; };
     traits.is_parallel = requires { Lens::kIsParallel; };
     return traits;
@@ -38,6 +38,7 @@ std::vector<std::vector<double>> LensFitStarts(LensModel lens, const FitAxis& at
     if constexpr (requires { Lens::FitStarts(at); }) {
       return Lens::FitStarts(at);
     } else {
+      // The shortest list of parameters that the lens accepts, without distortion.
       std::vector<double> start = at.With({});
       while (!Lens::AcceptsParams(static_cast<int>(start.size()))) start.push_back(0.0);
       return {start};

@@ -14,7 +14,6 @@ struct LensTraits {
   std::vector<int> fit_held;  // kFitHeld
   std::vector<int> fit_near;  // kFitNear
   bool has_table = false;     // kHasTable
-  bool takes_size = false;    // kTakesSize
   bool is_central = true;     // not kHasOrigins
   bool is_parallel = false;   // kIsParallel
 };

@@ -15,6 +15,7 @@ namespace {
 
 using lenses::Ocam;
 
+// Radii at which the start of the inverse is fitted and checked: some twenty a coefficient.
 constexpr int kSamples = 96;
 
 double AngleAt(const double* params, int num_params, double rho) {
@@ -22,6 +23,7 @@ double AngleAt(const double* params, int num_params, double rho) {
   return std::atan2(rho, Ocam::Depth(params, num_params, rho, &slope));
 }
 
+// The angle is atan2(rho, depth), whose slope has the sign of depth - rho depth'.
 // Where depth(rho) - rho depth'(rho), which is positive while the angle rises, vanishes.
 double Fold(const double* params, int num_params) {
   std::vector<double> rise = {params[Ocam::kPolynomial], 0.0};
@@ -34,6 +36,7 @@ double Fold(const double* params, int num_params) {
 // The least squares of w (rho / (a0 theta) - 1) = b0 theta^2 + b1 theta^4 + b2 theta^6 over
 // samples.
 std::array<double, 3> FitStart(const std::vector<double>& theta, const std::vector<double>& ratio) {
+  // Normal equations of three unknowns, with the right side as the fourth column.
   double m[3][4] = {};
   for (std::size_t i = 0; i < theta.size(); ++i) {
     const double square = theta[i] * theta[i];
@@ -62,6 +65,7 @@ bool TryRadius(const double* params, int num_params, double radius, LensDomain* 
     theta.push_back(AngleAt(params, num_params, rho));
     ratio.push_back(rho / (a0 * theta.back()));
   }
+  // A fit over the whole domain starts everywhere about equally well.
   const std::array<double, 3> start = FitStart(theta, ratio);
   std::copy(start.begin(), start.end(), domain->limits.begin());
   for (int i = 1; i <= kSamples; ++i) {
@@ -75,7 +79,7 @@ bool TryRadius(const double* params, int num_params, double radius, LensDomain* 
 }  // namespace
 
 LensDomain OcamDomain(const double* params, int num_params, double angle_limit) {
-  constexpr double kStep = 0.98;
+  constexpr double kStep = 0.98;  // of the radius, until the steps find the inverse everywhere
   const double limit = std::min(angle_limit, kPi);
   double radius = std::min(Fold(params, num_params), Ocam::kFarthest * params[Ocam::kPolynomial]);
   if (AngleAt(params, num_params, radius) > limit) {
@@ -88,6 +92,7 @@ LensDomain OcamDomain(const double* params, int num_params, double angle_limit) 
         },
         limit, 0.0, radius, std::min(radius, params[Ocam::kPolynomial] * limit));
   }
+  // Near a fold no polynomial starts well: the domain ends before.
   LensDomain domain;
   while (!TryRadius(params, num_params, radius, &domain)) radius *= kStep;
   SetCone(std::min(AngleAt(params, num_params, radius), limit), &domain);

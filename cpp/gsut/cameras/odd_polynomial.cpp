@@ -16,6 +16,8 @@ std::span<const double> Coefficients(const double* params, int num_params) {
   return {params + 4, static_cast<std::size_t>(num_params - 4)};
 }
 
+// rd = theta (1 + k1 theta^2 + k2 theta^4 + ...), by Horner's rule from the last coefficient:
+//   d(rd)/d(theta) = 1 + 3 k1 theta^2 + 5 k2 theta^4 + ...
 // rd and its derivative.
 double Evaluate(std::span<const double> k, double theta, double* derivative) {
   const double square = theta * theta;
@@ -42,6 +44,7 @@ LensDomain OddPolynomialDomain(const double* params, int num_params, double angl
   for (std::size_t i = 0; i < k.size(); ++i) {
     slope.push_back(static_cast<double>(2 * i + 3) * k[i]);
   }
+  // One-to-one while the slope, a polynomial in theta^2, is positive.
   LensDomain domain;
   domain.max_angle = std::min({kPi, angle_limit, std::sqrt(SmallestPositiveRoot(slope))});
   const double largest = LargestDistortedRadius(params);
@@ -64,6 +67,7 @@ bool UnprojectOddPolynomial(const LensDomain& domain, const double* params, int 
     ray[2] = 1.0;
     return true;
   }
+  // Newton inside a bracket: the radius rises with the angle all through the domain.
   const double theta = Invert(k, domain.max_angle, radius);
   if (!(theta < domain.max_angle)) return false;
   double slope = 0.0;
@@ -72,6 +76,7 @@ bool UnprojectOddPolynomial(const LensDomain& domain, const double* params, int 
   const double back_u = params[0] * scale * x + params[2];
   const double back_v = params[1] * scale * y + params[3];
   if (!InverseConverged(u, v, back_u, back_v, gain)) return false;
+  // The azimuth is that of the pixel: only the radius is distorted.
   const double sine_over_radius = std::sin(theta) / radius;
   ray[0] = x * sine_over_radius;
   ray[1] = y * sine_over_radius;

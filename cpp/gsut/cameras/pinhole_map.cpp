@@ -8,6 +8,7 @@
 
 namespace gsut {
 
+// Radius tan(theta): never beyond 90 degrees, nor so near them that pixels overflow.
 LensDomain PinholeDomain(const double* params, double angle_limit) {
   LensDomain domain;
   double radius = LargestDistortedRadius(params);
@@ -22,6 +23,7 @@ bool UnprojectPinhole(const LensDomain& domain, const double* params, double u, 
                       double* ray) {
   double x = 0.0, y = 0.0;
   if (!FromPixel(params, u, v, &x, &y) || !(x * x + y * y < domain.limits[0])) return false;
+  // (x, y, 1) is the ray at depth one.
   const double norm = std::sqrt(1.0 + x * x + y * y);
   ray[0] = x / norm;
   ray[1] = y / norm;

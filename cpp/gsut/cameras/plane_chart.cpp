@@ -9,6 +9,11 @@
 namespace gsut {
 namespace {
 
+// Such a lens is a chart, which maps a direction at angle theta from the axis to a plane at radius
+//   tan(theta) (gnomonic), theta (equidistant) or 2 tan(theta / 2) (stereographic),
+// and a distortion of that plane. The chart has a closed inverse; the distortion is inverted by
+// Newton's method (plane_map.h), and its domain is the largest disc on which it is one-to-one.
+
 double RadiusOf(PlaneChart chart, double angle) {
   switch (chart) {
     case PlaneChart::kGnomonic:
@@ -47,6 +52,7 @@ double LargestRadius(PlaneChart chart, const double* params) {
   __builtin_unreachable();
 }
 
+// A tangential term may move the image of the axis: discs are taken about it.
 // The map about the image of the origin, which `center` receives.
 PlaneMap Centred(const PlaneMap& map, double* center) {
   const PlanePoint p = map(0.0, 0.0);
@@ -113,6 +119,7 @@ bool UnprojectPlaneChart(PlaneChart chart, const LensDomain& domain, const doubl
   if (!FromPixel(params, u, v, &target_u, &target_v)) return false;
   if (!Undistort(domain, map, target_u - center[0], target_v - center[1], &x, &y)) return false;
   if (!(x * x + y * y < domain.limits[0])) return false;
+  // The round trip, with the gain from an error in the plane to one in pixels.
   const PlanePoint back = distortion(x, y);
   const double gain_u = params[0] * std::hypot(back.du_dx, back.du_dy);
   const double gain_v = params[1] * std::hypot(back.dv_dx, back.dv_dy);

@@ -16,12 +16,15 @@ constexpr double kTwoPi = 6.283185307179586477;
 constexpr double kMargin = 1e-9;
 constexpr double kEpsilon = std::numeric_limits<double>::epsilon();
 
+// Positive where the map keeps orientation.
 double Determinant(const PlanePoint& p) { return p.du_dx * p.dv_dy - p.du_dy * p.dv_dx; }
 
 PlanePoint OnCircle(const PlaneMap& map, double radius, double azimuth) {
   return map(radius * std::cos(azimuth), radius * std::sin(azimuth));
 }
 
+// Regular where the map keeps orientation (its Jacobian's determinant is positive) and the image of
+// a circle turns forward about the centre: a disc of such points is mapped one-to-one.
 bool IsRegular(const PlaneMap& map, double x, double y) {
   const PlanePoint p = map(x, y);
   const double du = -p.du_dx * y + p.du_dy * x;  // along the circle
@@ -61,6 +64,7 @@ double MinimumNear(int sample, const std::function<double(double azimuth)>& f) {
   return smallest;
 }
 
+// Even steps of the angle whose tangent they are: dense where images are, sparse far out.
 // Radii to look at, ascending, the last one being the limit.
 std::vector<double> SampleRadii(double limit) {
   std::vector<double> radii;
@@ -86,6 +90,7 @@ double FirstSingularRadius(const PlaneMap& map, const std::vector<double>& radii
       good = radius;
       continue;
     }
+    // Bisection down to neighbouring numbers.
     double bad = radius;
     for (;;) {
       const double middle = 0.5 * (good + bad);
@@ -125,6 +130,7 @@ bool Newton(const PlaneMap& map, double radius, double u, double v, int max_step
     // Next to a pole the rounding of (x, y) alone moves the image by more than `accepted`.
     const bool at_floor =
         residual <= accepted || std::hypot(dx, dy) <= kAccepted * kEpsilon * std::hypot(*x, *y);
+    // Halve the step until it stays in the disc, keeps orientation and lowers the residual.
     double scale = 1.0;
     for (;; scale *= 0.5) {
       constexpr double kSmallestScale = 1e-4;
@@ -149,6 +155,7 @@ bool Newton(const PlaneMap& map, double radius, double u, double v, int max_step
 
 }  // namespace
 
+// Azimuths are sampled, and the worst one is refined between its neighbours.
 double RegularRadius(const PlaneMap& map, double limit) {
   const std::vector<double> radii = SampleRadii(limit);
   double smallest = limit;
@@ -161,11 +168,14 @@ double RegularRadius(const PlaneMap& map, double limit) {
     }
   }
   if (worst < 0) return limit;
+  // The margin keeps the domain's own points regular, to rounding.
   const double refined = MinimumNear(
       worst, [&](double azimuth) { return FirstSingularRadius(map, radii, azimuth, limit); });
   return std::min(smallest, refined) * (1.0 - kMargin);
 }
 
+// The smallest and largest distance of the circle's image from the centre bound where inverses can
+// be.
 ImageRadii ImageOfCircle(const PlaneMap& map, double radius) {
   const auto image_radius = [&](double azimuth) {
     const PlanePoint p = OnCircle(map, radius, azimuth);
@@ -190,6 +200,7 @@ ImageRadii ImageOfCircle(const PlaneMap& map, double radius) {
   return radii;
 }
 
+// The image grows with the disc, so bisection finds where it reaches `largest`.
 double RadiusWithin(const PlaneMap& map, double radius, double largest) {
   if (ImageOfCircle(map, radius).largest < largest) return radius;
   constexpr double kPrecision = 1e-9;
@@ -201,6 +212,8 @@ double RadiusWithin(const PlaneMap& map, double radius, double largest) {
   return low;
 }
 
+// The boundary's image turns forward once, so exactly one of its points lies in the target's
+// direction: is it farther out than the target?
 bool ImageOfDiscContains(const PlaneMap& map, double radius, double u, double v) {
   // The side of the target on which the image of a boundary point lies.
   const auto turn = [&](double azimuth) {
@@ -209,6 +222,7 @@ bool ImageOfDiscContains(const PlaneMap& map, double radius, double u, double v)
   };
   constexpr double kReach = kTwoPi / 8;  // no lens turns a direction further
   const double direction = std::atan2(v, u);
+  // The turn rises with the azimuth, so bisection finds where it is zero.
   double low = direction - kReach, high = direction + kReach;
   if (!(turn(low) < 0.0 && turn(high) > 0.0)) return true;  // undecided: let Newton decide
   for (;;) {

@@ -28,8 +28,11 @@ double Bisect(std::span<const double> c, double low, double high) {
   }
 }
 
-// All x in (0, 1] where the polynomial vanishes, touches zero or changes sign; ascending.
+// Between neighbouring roots of its derivative a polynomial is monotone, so at most one root lies
+// there, and bisection finds it: no start value, no divergence. The derivative's roots come the
+// same way. All x in (0, 1] where the polynomial vanishes, touches zero or changes sign; ascending.
 std::vector<double> RootsInUnitInterval(std::span<const double> c) {
+  // Zero leading coefficients would make a derivative of the wrong degree.
   while (!c.empty() && c.back() == 0.0) c = c.first(c.size() - 1);
   if (c.size() < 2) return {};
   std::vector<double> derivative(c.size() - 1);
@@ -41,6 +44,7 @@ std::vector<double> RootsInUnitInterval(std::span<const double> c) {
   for (const double knot : knots) {
     const double at_low = EvaluatePolynomial(c, low);
     const double at_knot = EvaluatePolynomial(c, knot);
+    // A touching root has no change of sign: a value within its rounding error counts as zero.
     if (std::abs(at_knot) <= EvaluationError(c, knot)) {
       roots.push_back(knot);
     } else if (low != knot && at_low != 0.0 && (at_low < 0.0) != (at_knot < 0.0) &&
@@ -55,6 +59,7 @@ std::vector<double> RootsInUnitInterval(std::span<const double> c) {
 
 }  // namespace
 
+// Horner's rule: as many multiplications as coefficients, and the smallest rounding error.
 double EvaluatePolynomial(std::span<const double> coefficients, double x) {
   double sum = 0.0;
   for (std::size_t i = coefficients.size(); i-- > 0;) sum = sum * x + coefficients[i];
@@ -72,6 +77,8 @@ double SmallestPositiveRoot(std::span<const double> coefficients) {
   return far.empty() ? std::numeric_limits<double>::infinity() : 1.0 / far.back();
 }
 
+// Newton's method inside a bracket that every evaluation shrinks: quadratic where the function is
+// smooth, never worse than halving.
 double SolveIncreasing(const std::function<double(double x, double* derivative)>& f, double target,
                        double low, double high, double start) {
   // Halving alone needs about 1100 steps over all doubles, and about 60 over any one scale.

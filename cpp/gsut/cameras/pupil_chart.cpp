@@ -11,10 +11,16 @@
 namespace gsut {
 namespace {
 
+// CAHVORE's entrance pupil moves along the optical axis with the angle theta of a ray, so rays do
+// not meet. With chi(theta) by the linearity L (tan(L theta) / L, theta, or sin(L theta) / L), the
+// pixel shows the tangent  chi (1 + r0 + r1 chi^2 + r2 chi^4). From pixel to ray all is explicit
+// but the root of that polynomial; from point to pixel the pupil depends on the angle, and Project
+// iterates.
+
 constexpr double kLargestTilt = 0.5;    // of the optical axis, radians
 constexpr int kDomainSamples = 4096;    // of the angle, to find the first fold
 constexpr double kDomainMargin = 1e-9;  // relative: before the fold
-constexpr int kMaxSteps = 100;
+constexpr int kMaxSteps = 100;          // of bisection, more than a double has digits
 
 struct Chart {
   const double* params;
@@ -40,6 +46,7 @@ struct Chart {
   }
 };
 
+// The unit vector that two tilts of the camera's axis give.
 void OpticalAxis(const double* params, double* axis) {
   axis[0] = std::sin(params[4]) * std::cos(params[5]);
   axis[1] = std::sin(params[5]);
@@ -74,6 +81,7 @@ LensDomain PupilChartDomain(const double* params, double angle_limit) {
   if (!rises(0.0)) {
     throw InputError("cahvore: 1 + r0 is not positive: the lens has no image on its axis");
   }
+  // The first angle, from the axis, at which the tangent stops rising.
   double inside = 0.0, outside = limit;
   for (int i = 1; i <= kDomainSamples; ++i) {
     const double theta = limit * i / kDomainSamples;
@@ -100,6 +108,7 @@ bool UnprojectPupilChart(const LensDomain& domain, const double* params, double 
                          double* origin, double* ray) {
   double direction[3] = {0.0, 0.0, 1.0};
   if (!FromPixel(params, u, v, &direction[0], &direction[1])) return false;
+  // The pixel's direction, in parts along and across the optical axis.
   const Chart chart{params};
   double axis[3], across[3];
   OpticalAxis(params, axis);
@@ -121,6 +130,7 @@ bool UnprojectPupilChart(const LensDomain& domain, const double* params, double 
   }
   const double theta = chart.Angle(chi);
   const double sine = std::sin(theta), cosine = std::cos(theta), theta2 = theta * theta;
+  // theta / sin(theta) - 1 cancels for small angles: its series is theta^2 / 6.
   constexpr double kSmallAngle = 1e-4;
   const double late = theta < kSmallAngle ? theta2 / 6.0 : theta / sine - 1.0;
   const double pupil = late * (params[9] + theta2 * (params[10] + theta2 * params[11]));

@@ -18,11 +18,13 @@ void CheckLensParam(const char* lens, const char* name, double value, double low
   throw InputError(message.str());
 }
 
+// limits[3] is tan of half the angle, by which kernels test for the cone without an arctangent.
 void SetCone(double angle, LensDomain* domain) {
   domain->max_angle = angle;
   domain->limits[3] = angle < kPi ? std::tan(0.5 * angle) : kInfinity;
 }
 
+// The radius rises with the angle up to `angle`; bisection finds where it leaves the largest pixel.
 LensDomain RadialDomain(const double* params, double angle, double angle_limit,
                         const std::function<double(double angle)>& radius) {
   const double largest = LargestDistortedRadius(params);
@@ -46,6 +48,7 @@ LensDomain RadialDomain(const double* params, double angle, double angle_limit,
   return domain;
 }
 
+// Beyond 90 degrees the cone is the complement of one behind: the two tests differ there.
 bool RayInCone(const LensDomain& domain, double x, double y, double z, double* ray) {
   const double h = std::hypot(x, y);
   const double n = std::hypot(h, z);

@@ -75,6 +75,7 @@ double DistortRadius(const Coefficients& k, double r, double* derivative) {
 }
 
 // The whole distortion with its Jacobian.
+// Duals of two directions give the Jacobian; terms that are all zero are not computed.
 PlaneMap MakePlaneMap(const Coefficients& k) {
   return gsut::MakePlaneMap([&k](const Dual<2>& x, const Dual<2>& y, Dual<2>* u, Dual<2>* v) {
     if (k.has_tilt) {
@@ -103,6 +104,8 @@ double CutRadius(const Coefficients& k, double radius, double largest) {
   return at_end > 0.0 && at_end < largest ? radius : InvertRadius(k, radius, largest);
 }
 
+// Without tangential and thin-prism terms and tilt only the radius changes: one equation in one
+// unknown. Otherwise two, from a start that ignores all but the radial part.
 // (u, v) in focal lengths -> (x, y) in the disc of this radius.
 bool Undistort(const LensDomain& domain, const Coefficients& k, double u, double v, double* x,
                double* y) {
@@ -141,6 +144,7 @@ LensDomain RadialTangentialDomain(const double* params, int num_params, double a
   const Coefficients k(params, num_params);
   const PlaneMap map = MakePlaneMap(k);
   const double largest = LargestDistortedRadius(params);
+  // The radial part gives a first bound, the other terms can only shrink it.
   double radius = CutRadius(k, RadialLimit(k), largest);
   if (!k.is_radial) radius = RadiusWithin(map, RegularRadius(map, radius), largest);
   // std::tan is finite and positive just below 90 degrees.

@@ -19,7 +19,9 @@ using Matrix3X = Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::RowMajor>;
 constexpr double kNear = 1.0;
 constexpr double kFar = 2.0;
 
-// shifts (count, 3, K): the least motion, a parameter, that leaves the points on their pixels.
+// A point p of the ray stays on its pixel: pixel(p, params) is constant, so J dp + P dparams = 0.
+// The least dp is -J^T (J J^T)^-1 P dparams: across the ray, since J takes the ray to 0. shifts
+// (count, 3, K): the least motion, a parameter, that leaves the points on their pixels.
 void Shifts(const Camera& camera, std::int64_t count, const double* points, double* shifts,
             std::uint8_t* valid) {
   const int num_params = camera.num_params();
@@ -69,6 +71,7 @@ void RayJacobian(const Camera& camera, std::int64_t count, const double* rays,
     drays[i] = (far[i] - near_shift) / (kFar - kNear);
     if (dorigins != nullptr) dorigins[i] = near_shift - kNear * drays[i];
   }
+  // What is invalid at either distance has no derivative at all.
   const std::size_t row = 3 * static_cast<std::size_t>(camera.num_params());
   for (std::size_t i = 0; i < n; ++i) {
     if (valid[i]) continue;

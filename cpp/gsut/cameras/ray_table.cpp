@@ -22,6 +22,7 @@ void BuildRays(const Camera& camera, RayTable* table) {
   const std::int64_t width = camera.width(), size = width * camera.height();
   table->rays.resize(static_cast<std::size_t>(3 * size));
   table->valid.resize(static_cast<std::size_t>(size));
+  // Origins take memory only where rays have their own.
   if (!camera.IsCentral()) table->origins.resize(table->rays.size());
   ParallelFor(size, kBatch, [&](std::int64_t begin, std::int64_t end) {
     double pixels[2 * kBatch] = {}, origins[3 * kBatch], points[3 * kBatch] = {}, back[2 * kBatch];
@@ -35,6 +36,7 @@ void BuildRays(const Camera& camera, RayTable* table) {
     double* rays = &table->rays[static_cast<std::size_t>(3 * begin)];
     std::uint8_t* valid = &table->valid[static_cast<std::size_t>(begin)];
     camera.UnprojectLines(count, pixels, origins, rays, valid);
+    // A ray is kept if the point at distance one on it projects back to its pixel.
     for (std::int64_t k = 0; k < 3 * count; ++k) points[k] = origins[k] + rays[k];
     camera.Project(count, points, back, seen);
     for (std::int64_t i = 0; i < count; ++i) {

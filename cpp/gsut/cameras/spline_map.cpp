@@ -21,6 +21,9 @@ using lenses::StarEdge;
 constexpr double kLargestRadius = 20.0;
 
 // (x, y) -> (x', y') - offset, with the image of the origin as offset.
+// The spline shifts points of the stereographic plane; this is the map with its derivatives. Its
+// domain is star-shaped about the origin: one radius a sector of directions, up to the first fold
+// in it.
 struct Surface {
   const double* params;
   double density;
@@ -40,6 +43,7 @@ struct Surface {
 };
 
 // The direction (x, y) of a place around the square of diamond angles, in sectors.
+// Sectors are even in diamond angles (star_edge.h): no arctangent on the way back.
 void DirectionOf(double sector, double* x, double* y) {
   const double around = 4.0 * sector / StarEdge::kSectors - 2.0;
   *x = 1.0 - std::abs(around);
@@ -76,6 +80,7 @@ double FirstFold(const Surface& surface, double direction_x, double direction_y)
       good = next;
       continue;
     }
+    // Halvings of a quarter of a cell leave 1e-10 of it.
     double bad = next;
     constexpr int kHalvings = 30;
     for (int i = 0; i < kHalvings; ++i) {
@@ -116,6 +121,7 @@ void CheckSplineParams(const char* lens, const double* params, int num_params) {
   CheckFocalParams(lens, "fx fy cx cy control_points ...", params + 4, num_params - 4);
 }
 
+// Nx - order intervals span fov_x, whose half has the radius 2 tan(fov / 4) in the plane.
 double SplineDensity(const double* params) {
   constexpr double kRadians = kPi / 180.0;
   return (params[1] - params[0]) / (4.0 * std::tan(0.25 * kRadians * params[3]));
@@ -131,6 +137,7 @@ LensDomain SplineDomain(const double* params, double angle_limit) {
     DirectionOf(0.5 * static_cast<double>(i), &x, &y);
     fold[i] = FirstFold(surface, x, y);
   }
+  // Squared radii in float, as kernels compare them.
   auto edge = std::make_shared<std::vector<float>>(StarEdge::kSectors);
   double farthest = 0.0;
   for (std::size_t i = 0; i < edge->size(); ++i) {
@@ -163,6 +170,7 @@ bool UnprojectSpline(const LensDomain& domain, const double* params, double u, d
   double x = start * image_x, y = start * image_y;
   if (!InvertPlaneMap(surface, domain.max_radius, image_x, image_y, &x, &y)) return false;
   if (!lenses::StarEdge::Contains(domain, x, y)) return false;
+  // The round trip in pixels decides.
   const PlanePoint back = surface(x, y);
   const double back_u = focal[0] * (back.u + surface.offset[0]) + focal[2];
   const double back_v = focal[1] * (back.v + surface.offset[1]) + focal[3];

@@ -40,6 +40,7 @@ struct ConfiguredName {
   std::vector<const char*> keys;
   bool is_first;
 };
+// A function, as a global of vectors would be made in an order that the linker chooses.
 const std::vector<ConfiguredName>& ConfiguredModels() {
   static const std::vector<ConfiguredName> models = {
       {"LENSMODEL_SPLINED_STEREOGRAPHIC",
@@ -51,6 +52,7 @@ const std::vector<ConfiguredName>& ConfiguredModels() {
   return models;
 }
 
+// For messages: the names that would have been read.
 std::string KnownModels() {
   std::string known;
   for (const ModelName& model : kModels) known += std::string(model.mrcal) + ", ";
@@ -59,6 +61,7 @@ std::string KnownModels() {
 }
 
 // The values that follow `model.mrcal` in a name; false if they are not what the model needs.
+// All keys must be there, in this order, and nothing behind them.
 bool ParseConfig(const ConfiguredName& model, const std::string& name,
                  std::vector<double>* config) {
   std::size_t position = std::string_view(model.mrcal).size();
@@ -94,10 +97,12 @@ bool ParseName(const std::string& name, std::string* lens, std::vector<double>* 
 }
 
 // The file's dictionary with checked access to its keys.
+// Every access says what it expected and where, so that a broken file names its own line.
 class Reader {
  public:
   Reader(const PythonLiteral& root, const std::string& source) : root_(root), source_(source) {}
 
+  // Errors name the file, the line and the key, as calibration files are edited by hand.
   [[noreturn]] void Fail(const std::string& key, int line, const std::string& problem) const {
     throw CalibrationError(source_ + ", line " + std::to_string(line) + ", key '" + key +
                            "': " + problem);
@@ -138,6 +143,7 @@ class Reader {
     return numbers;
   }
 
+  // A size must be a whole number: 1e3 is one, 1000.5 is a mistake.
   int Pixels(const std::string& key, const PythonLiteral& list, double number) const {
     if (number >= 1.0 && number <= std::numeric_limits<int>::max() &&
         number == std::floor(number)) {
@@ -159,6 +165,8 @@ class Reader {
              "; fit one of them with mrcal-convert-lensmodel");
   }
 
+  // Parameters in gsut's order: configuration, intrinsics, configuration. cx and cy, the third and
+  // fourth intrinsic of each of these lenses, are shifted to gsut's pixel origin.
   Camera ReadCamera() const {
     std::vector<double> params, last;
     const std::string model = Model(&params, &last);
@@ -172,8 +180,11 @@ class Reader {
       numbers[2] += kPixelShift;
       numbers[3] += kPixelShift;
     }
+    // A wrong number of parameters is reported by the lens itself, with its parameters' names.
     params.insert(params.end(), numbers.begin(), numbers.end());
     params.insert(params.end(), last.begin(), last.end());
+    // gsut's own key limits the field where calibration saw nothing; mrcal ignores keys it does not
+    // know.
     double field_angle = kInfinity;
     if (const PythonLiteral* limit = root_.Find(kFieldAngleKey)) {
       field_angle = Number(kFieldAngleKey, *limit);
@@ -185,6 +196,7 @@ class Reader {
     }
   }
 
+  // mrcal's polygon of pixels inside which the calibration is to be trusted.
   std::optional<std::vector<std::array<double, 2>>> ValidRegion() const {
     constexpr const char* kKey = "valid_intrinsics_region";
     const PythonLiteral* list = root_.Find(kKey);
@@ -203,13 +215,16 @@ class Reader {
   const std::string& source_;
 };
 
+// (std::to_chars promises that, and does not depend on the locale.)
 // The shortest text that reads back as the same double.
 std::string Text(double value) {
-  char buffer[64];
+  constexpr std::size_t kLongest = 64;  // a double has at most 24 characters
+  char buffer[kLongest];
   const auto [end, error] = std::to_chars(buffer, buffer + sizeof(buffer), value);
   return error == std::errc() ? std::string(buffer, end) : std::to_string(value);
 }
 
+// mrcal ends lists with a comma; Python takes it.
 template <class Values>
 std::string ListText(const Values& values) {
   std::string text = "[ ";
@@ -225,6 +240,7 @@ CameraModelFile ParseCameraModel(std::string_view text, const std::string& sourc
     throw CalibrationError(source + ", line " + std::to_string(root.line) +
                            ": expected a dictionary, found " + KindName(root.kind));
   }
+  // Extrinsics are kept as they are: a rotation vector and a translation, camera from reference.
   const Reader reader(root, source);
   CameraModelFile file{reader.ReadCamera(), {}, reader.ValidRegion()};
   const std::vector<double> extrinsics = reader.Numbers("extrinsics", reader.Get("extrinsics"), 6);
@@ -239,6 +255,7 @@ std::string FormatCameraModel(const CameraModelFile& file) {
   for (const ModelName& model : kModels) {
     if (camera.model() == model.gsut) name = model.mrcal;
   }
+  // Parameters that mrcal keeps in the name go back there.
   for (const ConfiguredName& model : ConfiguredModels()) {
     if (camera.model() != model.gsut) continue;
     name = model.mrcal;
@@ -254,6 +271,7 @@ std::string FormatCameraModel(const CameraModelFile& file) {
     throw InputError("a .cameramodel file cannot hold the lens '" + camera.model() +
                      "'; it holds " + KnownModels());
   }
+  // Back to mrcal's pixel origin; the text has mrcal's own layout, comments included.
   params[2] -= kPixelShift;
   params[3] -= kPixelShift;
   std::ostringstream out;

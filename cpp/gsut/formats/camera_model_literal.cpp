@@ -14,6 +14,11 @@ using Kind = PythonLiteral::Kind;
 // Deeper nesting is no lens file, and would exhaust the stack.
 constexpr int kMaxDepth = 32;
 
+// A recursive-descent parser: one function for each kind of value,
+//   value := dict | list | strings | word | number
+//   dict  := '{' [value ':' value {',' value ':' value} [',']] '}'
+//   list  := '[' [value {',' value} [',']] ']', or the same in parentheses.
+// Each consumes what it recognises and leaves the rest, and counts lines for messages.
 class Parser {
  public:
   Parser(std::string_view text, const std::string& source) : text_(text), source_(source) {}
@@ -29,6 +34,7 @@ class Parser {
   bool AtEnd() const { return position_ >= text_.size(); }
   char Peek() const { return AtEnd() ? '\0' : text_[position_]; }
 
+  // Consumes a character.
   char Take() {
     const char c = Peek();
     if (c == '\n') ++line_;
@@ -36,6 +42,7 @@ class Parser {
     return c;
   }
 
+  // What was expected, and what is there instead.
   [[noreturn]] void Fail(const std::string& problem) const {
     std::string found = "the file ends";
     if (Peek() == '\n') {
@@ -62,6 +69,7 @@ class Parser {
     }
   }
 
+  // Consumes this character if it comes next, behind white space.
   bool TakeIf(char c) {
     SkipSpace();
     if (AtEnd() || Peek() != c) return false;
@@ -77,6 +85,7 @@ class Parser {
     SkipSpace();
     PythonLiteral value;
     value.line = line_;
+    // Recursion is as deep as the nesting.
     if (depth > kMaxDepth) Fail("nested too deep");
     if (AtEnd()) Fail("expected a value");
     const char c = Peek();
@@ -94,6 +103,7 @@ class Parser {
     return value;
   }
 
+  // Keys and values alternate in `items`. A comma may stand behind the last one.
   void ParseDict(int depth, PythonLiteral* value) {
     value->kind = Kind::kDict;
     Expect('{');
@@ -108,6 +118,7 @@ class Parser {
     }
   }
 
+  // Tuples are read as lists.
   void ParseList(int depth, PythonLiteral* value) {
     value->kind = Kind::kList;
     const char close = Take() == '[' ? ']' : ')';
@@ -122,6 +133,7 @@ class Parser {
 
   static bool IsQuote(char c) { return c == '\'' || c == '"'; }
 
+  // Strings: files of old Python versions have b'...' and u'...'.
   // A quote, perhaps after one of the prefixes b, r, u.
   bool IsStringStart() const {
     if (IsQuote(Peek())) return true;
@@ -142,6 +154,7 @@ class Parser {
   void ParseString(std::string* out) {
     const char quote = Take();
     const std::string triple(3, quote);
+    // Triple quotes may span lines; single ones may not.
     const bool is_triple = text_.substr(position_ - 1, 3) == triple;
     if (is_triple) position_ += 2;
     for (;;) {
@@ -155,6 +168,7 @@ class Parser {
         return;
       }
       if (!is_triple && Peek() == '\n') Fail("a string is not closed");
+      // Only the escapes that such files use: others stand for their character.
       char c = Take();
       if (c == '\\' && !AtEnd()) {
         c = Take();
@@ -165,6 +179,7 @@ class Parser {
     }
   }
 
+  // True, False or None; nothing is evaluated.
   void ParseWord(PythonLiteral* value) {
     const std::size_t begin = position_;
     std::size_t end = begin;
@@ -179,6 +194,7 @@ class Parser {
     position_ = end;
   }
 
+  // from_chars takes no plus sign, so it is passed over; then none may follow.
   void ParseNumber(PythonLiteral* value) {
     value->kind = Kind::kNumber;
     std::size_t begin = position_;
@@ -199,6 +215,7 @@ class Parser {
 
 }  // namespace
 
+// Of several equal keys the last, as in Python.
 const PythonLiteral* PythonLiteral::Find(std::string_view key) const {
   const PythonLiteral* found = nullptr;
   if (kind != Kind::kDict) return found;
@@ -208,6 +225,7 @@ const PythonLiteral* PythonLiteral::Find(std::string_view key) const {
   return found;
 }
 
+// For messages: an article and a noun.
 const char* KindName(PythonLiteral::Kind kind) {
   switch (kind) {
     case Kind::kNone:

@@ -1,4 +1,14 @@
-// PLY reader and writer for Gaussians and points.
+// Reads and writes PLY files of Gaussians and points.
+//
+// The layout of 3DGS, which all viewers read: one element "vertex" with float properties
+//   x y z                     means;
+//   nx ny nz                  normals, zero;
+//   f_dc_0 .. 2               harmonics of degree 0, one a channel;
+//   f_rest_0 .. 3 (K - 1) - 1 the others, channel by channel: all K - 1 of red come first;
+//   opacity                   logit;
+//   scale_0 .. 2              natural logarithms (surfels: two);
+//   rot_0 .. 3                quaternion w x y z, of any norm.
+// Readers find properties by name, so other properties and orders do no harm.
 #include "gsut/formats/ply.h"
 
 #include <algorithm>
@@ -23,6 +33,7 @@ constexpr float kLargestLogit = 20.0f;
 // Farther from zero, neighbouring floats lie 0.5 mm apart, or more, of coordinates in metres.
 constexpr double kFarFromZero = 4096.0;
 
+// A folder opens without an error and then reads nothing; a pipe would wait for ever.
 std::ifstream Open(const std::string& path) {
   std::error_code unknown;
   const std::filesystem::file_status status = std::filesystem::status(path, unknown);
@@ -36,6 +47,7 @@ std::ifstream Open(const std::string& path) {
   return stream;
 }
 
+// Element of this name, or an error that lists what the file has instead.
 std::size_t FindVertices(const PlyHeader& header, const std::string& path) {
   std::string names;
   for (std::size_t i = 0; i < header.elements.size(); ++i) {
@@ -81,12 +93,13 @@ int CountCoefficients(const PlyElement& element, const std::string& path) {
   return static_cast<int>(rest / 3 + 1);
 }
 
+// Files that are written are little-endian on every machine.
 void PutLittleEndian(float value, char* out) {
   std::memcpy(out, &value, sizeof value);
   if constexpr (std::endian::native == std::endian::big) std::reverse(out, out + sizeof value);
 }
 
-// How many scales the file has: surfels have two.
+// How many scales the file has: surfels have two, as 2DGS writes them.
 int CountScales(const PlyElement& element) {
   return element.Find("scale_2") < 0 && element.Find("scale_1") >= 0 ? 2 : 3;
 }
@@ -140,6 +153,7 @@ PlyGaussianReader::PlyGaussianReader(const std::string& path)
     : path_(path), stream_(Open(path)), header_(ReadPlyHeader(stream_, path)) {
   element_ = FindVertices(header_, path);
   const PlyElement& element = header_.elements[element_];
+  // Everything is looked for now, so that a file of another kind fails before memory is allocated.
   for (const char* name : {"x", "y", "z", "opacity"}) {
     FindProperty(element, name, path, "Gaussians");
   }
@@ -171,6 +185,8 @@ std::int64_t PlyGaussianReader::Read(const GaussiansView<float>& out) {
       sh.push_back(rest[static_cast<std::size_t>(channel * (k_count - 1) + k - 1)]);
     }
   }
+  // Only ascii and double coordinates have digits that float would lose far from zero; the first
+  // row's place, in whole units, then becomes the origin of all.
   const bool has_digits =
       header_.format == PlyFormat::kAscii || element.properties[means[0]].type == PlyType::kFloat64;
   std::int64_t row = 0, not_finite = 0;
@@ -183,6 +199,7 @@ std::int64_t PlyGaussianReader::Read(const GaussiansView<float>& out) {
         origin_[k] = std::round(values[means[k]]);
       }
     }
+    // Values are double here; what float cannot hold becomes infinite and is counted.
     const auto get = [&](const std::vector<std::size_t>& columns, float* to) {
       for (const std::size_t column : columns) {
         *to = static_cast<float>(values[column]);
@@ -200,6 +217,7 @@ std::int64_t PlyGaussianReader::Read(const GaussiansView<float>& out) {
     if (scales.size() < 3) PressSurfel(out.log_scales + 3 * row);
     float& logit = out.opacity_logits[row];
     logit = static_cast<float>(values[opacity]);
+    // Some trainers clamp opacities at 0 and 1, whose logits are infinite.
     if (std::isinf(logit)) logit = std::copysign(kLargestLogit, logit);
     finite = finite && !std::isnan(logit);
     get(sh, out.sh + 3 * row * k_count);
@@ -227,6 +245,7 @@ std::string WritablePath(const std::string& path) {
 void WritePly(const std::string& name, const GaussiansView<const float>& gaussians,
               const std::vector<std::string>& comments, bool surfels) {
   const std::string path = WritablePath(name);
+  // A line break would end the comment and begin a line of the header.
   for (const std::string& comment : comments) {
     if (comment.find_first_of("\r\n") != std::string::npos) {
       throw InputError("a PLY comment holds a line break: \"" + comment + "\"; give one a line");
@@ -235,11 +254,14 @@ void WritePly(const std::string& name, const GaussiansView<const float>& gaussia
   int properties = 0;
   const int scales = surfels ? 2 : 3;
   const std::string header = GaussianHeader(gaussians, comments, scales, &properties);
+  // Written beside, then renamed: a crash or a full disk leaves the old file as it was.
   const std::string partial = path + ".partial";
   std::ofstream stream(partial, std::ios::binary | std::ios::trunc);
   if (!stream) throw InputError(path + ": cannot be written: " + std::strerror(errno));
   stream.write(header.data(), static_cast<std::streamsize>(header.size()));
+  // Rows written at a time: about a megabyte.
   constexpr std::int64_t kBlockRows = 4096;
+  // Rows are put together in memory: one write a block, not a number.
   const std::size_t row_bytes = static_cast<std::size_t>(properties) * sizeof(float);
   std::vector<char> block(kBlockRows * row_bytes);
   for (std::int64_t begin = 0; begin < gaussians.size; begin += kBlockRows) {
@@ -282,6 +304,7 @@ PlyPoints ReadPlyPoints(const std::string& path) {
   for (const char* name : {"x", "y", "z"}) {
     position.push_back(FindProperty(element, name, path, "points"));
   }
+  // Some scanners call their colours diffuse_red ...
   for (const std::string prefix : {"", "diffuse_"}) {
     if (element.Find(prefix + "red") < 0) continue;
     for (const char* name : {"red", "green", "blue"}) {

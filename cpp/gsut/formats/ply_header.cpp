@@ -51,6 +51,7 @@ class Parser {
     if (!GetLine(stream_, &line) || line != "ply") {
       throw InputError(path_ + ": not a PLY file (the first line is not \"ply\")");
     }
+    // obj_info lines, which some writers add, are passed over; other unknown keywords are errors.
     bool has_format = false;
     for (line_ = 2; line_ < kMaxHeaderLines && GetLine(stream_, &line); ++line_) {
       std::istringstream words(line);
@@ -78,10 +79,12 @@ class Parser {
   }
 
  private:
+  // Names the line, as headers are text that people edit.
   [[noreturn]] void Fail(const std::string& what) const {
     throw InputError(path_ + ": PLY header, line " + std::to_string(line_) + ": " + what);
   }
 
+  // The version behind the name is always 1.0 and is not looked at.
   void ParseFormat(std::istringstream& words) {
     std::string name;
     words >> name;
@@ -97,6 +100,7 @@ class Parser {
     }
   }
 
+  // "element vertex 1000"
   void ParseElement(std::istringstream& words) {
     PlyElement element;
     std::string more;
@@ -106,6 +110,7 @@ class Parser {
     header_.elements.push_back(std::move(element));
   }
 
+  // "property float x" or "property list uchar int vertex_indices", of the last element named.
   void ParseProperty(std::istringstream& words) {
     if (header_.elements.empty()) Fail("a property stands before the first element");
     PlyProperty property;
@@ -125,6 +130,7 @@ class Parser {
     header_.elements.back().properties.push_back(std::move(property));
   }
 
+  // Types have two names: float and float32, uchar and uint8 ...
   PlyType ParseType(const std::string& name) const {
     for (const TypeName& type : kTypes) {
       if (name == type.name || name == type.sized_name) return type.type;
@@ -140,6 +146,7 @@ class Parser {
 
 }  // namespace
 
+// Of a number in a binary file.
 int PlyTypeBytes(PlyType type) {
   for (const TypeName& known : kTypes) {
     if (known.type == type) return known.bytes;
@@ -147,12 +154,7 @@ int PlyTypeBytes(PlyType type) {
   return 0;
 }
 
-std::int64_t PlyElement::RowBytes() const {
-  std::int64_t bytes = 0;
-  for (const PlyProperty& property : properties) bytes += PlyTypeBytes(property.type);
-  return bytes;
-}
-
+// Properties are few, so a linear search does.
 int PlyElement::Find(const std::string& property) const {
   for (std::size_t i = 0; i < properties.size(); ++i) {
     if (properties[i].name == property) return static_cast<int>(i);
@@ -160,6 +162,7 @@ int PlyElement::Find(const std::string& property) const {
   return -1;
 }
 
+// For messages.
 std::string PlyElement::PropertyNames() const {
   std::string names;
   for (const PlyProperty& property : properties) {

@@ -27,7 +27,6 @@ struct PlyElement {
   std::int64_t count = 0;
   std::vector<PlyProperty> properties;
 
-  std::int64_t RowBytes() const;                // binary, without lists
   int Find(const std::string& property) const;  // -1 if absent
   std::string PropertyNames() const;            // "x y z", for messages
 };

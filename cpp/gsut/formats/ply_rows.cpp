@@ -12,6 +12,7 @@
 namespace gsut {
 namespace {
 
+// Bytes read from the file at a time; streams are slow for single numbers.
 constexpr std::size_t kBufferBytes = std::size_t{1} << 20;
 
 // Bytes of the stream, a block at a time.
@@ -54,6 +55,7 @@ class Source {
   std::size_t end_ = 0;
 };
 
+// memcpy, as values in a file are not aligned.
 template <class T>
 double Decode(const char* bytes) {
   T value;
@@ -61,6 +63,7 @@ double Decode(const char* bytes) {
   return static_cast<double>(value);
 }
 
+// Every type of PLY is exact in double.
 double Decode(PlyType type, const char* bytes) {
   switch (type) {
     case PlyType::kInt8:
@@ -83,6 +86,7 @@ double Decode(PlyType type, const char* bytes) {
   return 0.0;
 }
 
+// Numbers of a file, one after the other, in whichever of the three encodings it has.
 enum class Outcome { kValue, kEnd, kNotANumber };
 
 class Values {
@@ -99,6 +103,7 @@ class Values {
   const std::string& word() const { return word_; }
 
  private:
+  // Bytes are reversed where the file's order is not this machine's.
   Outcome ReadBytes(PlyType type, double* value) {
     std::array<char, 8> found, bytes;
     const int count = PlyTypeBytes(type);
@@ -111,11 +116,14 @@ class Values {
     return Outcome::kValue;
   }
 
+  // A word between white space. from_chars takes no plus sign, which some writers put; and unlike
+  // streams it does not depend on the locale's decimal point.
   Outcome ReadWord(double* value) {
     const auto is_space = [](int c) { return c == ' ' || c == '\n' || c == '\r' || c == '\t'; };
     int c = source_.Next();
     while (is_space(c)) c = source_.Next();
     if (c < 0) return Outcome::kEnd;
+    // A longer word is no number: binary data behind an ascii header would fill memory.
     constexpr std::size_t kLongestNumber = 64;
     word_.clear();
     for (; c >= 0 && !is_space(c) && word_.size() < kLongestNumber; c = source_.Next()) {
@@ -133,6 +141,7 @@ class Values {
   std::string word_;
 };
 
+// Lists are read and dropped: faces and the like have no numbers of fixed places.
 void ReadElement(Values& reader, const PlyElement& element, const std::string& path,
                  const std::function<void(const double*)>* row_function) {
   std::vector<double> values(element.properties.size());
@@ -156,6 +165,7 @@ void ReadElement(Values& reader, const PlyElement& element, const std::string& p
       }
       double length = 0.0, entry = 0.0;
       read(property, property.count_type, &length);
+      // A list's length may be of any type, negative or huge: the loop needs no memory for it.
       while (length > 0.0) {  // too long: the file ends first
         read(property, property.type, &entry);
         length -= 1.0;
@@ -169,10 +179,13 @@ void ReadElement(Values& reader, const PlyElement& element, const std::string& p
 }  // namespace
 
 void CheckPlySize(std::istream& stream, const std::string& path, const PlyHeader& header) {
+  // How much is left: to the end and back.
   const std::istream::pos_type here = stream.tellg();
   stream.seekg(0, std::ios::end);
   const double left = static_cast<double>(stream.tellg() - here);
   stream.seekg(here);
+  // In double, since a hostile header's counts overflow whole numbers. Ascii rows have at least one
+  // character a property, lists at least their count.
   double needed = 0.0;
   for (const PlyElement& element : header.elements) {
     std::int64_t row_bytes = 0;
@@ -192,9 +205,11 @@ void CheckPlySize(std::istream& stream, const std::string& path, const PlyHeader
   }
 }
 
+// Rows are handed on one by one, so that no file is held in memory as a whole.
 void ReadPlyRows(std::istream& stream, const std::string& path, const PlyHeader& header,
                  std::size_t index, const std::function<void(const double* values)>& row) {
   Values reader(stream, header.format);
+  // Rows of earlier elements have no index: they are read to get past them.
   for (std::size_t i = 0; i < index; ++i) {
     ReadElement(reader, header.elements[i], path, nullptr);
   }

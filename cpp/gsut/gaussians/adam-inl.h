@@ -20,6 +20,8 @@ namespace HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 using AdamTag = hn::ScalableTag<float>;
 
+// m and v are running means of g and g^2; see adam.h for the equations and their source. Their bias
+// corrections are constants of a step: that of m is in the rate, that of v under the root.
 // One vector of elements; rate already holds the first moment's bias correction.
 template <class D, class V = hn::Vec<D>>
 HWY_INLINE void UpdateVector(D d, const AdamConstants& c, V rate, V gradient, V& param, V& moment1,

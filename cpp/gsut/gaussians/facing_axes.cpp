@@ -1,4 +1,8 @@
-// Scalar: a few operations a Gaussian beside the hundreds of its pixels.
+// Paints each Gaussian with its normal, so that rendering colours renders normals.
+//
+// A Gaussian's shortest axis, turned to the camera, is written as the harmonic of degree 0 whose
+// colour 0.5 + c0 sh is 0.5 (1 + n). Scalar: a few operations a Gaussian beside the hundreds of its
+// pixels.
 #include "gsut/gaussians/facing_axes.h"
 
 #include <algorithm>
@@ -10,8 +14,10 @@
 namespace gsut {
 namespace {
 
+// Gaussians of a chunk of parallel work: some tens of microseconds.
 constexpr std::int64_t kGrain = 2048;
-constexpr double kColorOfAxis = 0.5 / 0.28209479177387814;  // over the harmonic of degree 0
+// Half a colour's range over the harmonic of degree 0: axes of -1 to 1 become colours of 0 to 1.
+constexpr double kColorOfAxis = 0.5 / 0.28209479177387814;
 
 template <class T>
 int Shortest(const GaussiansView<const T>& g, std::int64_t i) {
@@ -54,6 +60,7 @@ void FacingAxesBackward(const GaussiansView<const T>& g, const double* center, c
   ParallelFor(g.size, kGrain, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t i = begin; i < end; ++i) {
       if (dsh[3 * i] == T(0) && dsh[3 * i + 1] == T(0) && dsh[3 * i + 2] == T(0)) continue;
+      // Only the shortest axis' column has a gradient; its sign and choice count as constants.
       double quat[4], rotation[9], to_rotation[9] = {}, to_quat[4];
       const int axis = Shortest(g, i);
       const double factor = Facing(g, i, center, axis, quat, rotation);
@@ -72,6 +79,7 @@ void FlattenGradient(const GaussiansView<const T>& g, double weight, T* dlog_sca
   const double each = weight / static_cast<double>(g.size);
   ParallelFor(g.size, kGrain, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t i = begin; i < end; ++i) {
+      // d exp(l) / dl = exp(l): the loss is the mean of the shortest scales.
       const std::int64_t at = 3 * i + Shortest(g, i);
       dlog_scales[at] += static_cast<T>(each * std::exp(static_cast<double>(g.log_scales[at])));
     }

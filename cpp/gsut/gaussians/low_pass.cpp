@@ -11,6 +11,14 @@ namespace {
 
 constexpr std::int64_t kGrain = 4096;
 
+// Per axis s' = sqrt(s^2 + r^2). A Gaussian seen along a random direction casts a shadow whose
+// squared area is, in the mean, proportional to
+//   A^2 = (s1 s2)^2 + (s2 s3)^2 + (s3 s1)^2,
+// so the opacity's factor A(s) / A(s') keeps what it hides. All in logarithms, where nothing
+// overflows:
+//   d log A / d log s_k = s_k^2 (s_i^2 + s_j^2) / A^2   (share),
+//   d log s' / d log s  = s^2 / s'^2                     (keep).
+
 // One Gaussian's filter.
 struct Filtered {
   double log_scale[3];
@@ -53,6 +61,7 @@ Filtered Filter(const T* log_scales, double radius) {
 // 1 - p and the logit of p = c sigmoid(logit), c = exp(log_factor) <= 1.
 void FilteredOpacity(double logit, double log_factor, double* rest, double* filtered) {
   const double opacity = 1.0 / (1.0 + std::exp(-logit)), clear = 1.0 / (1.0 + std::exp(logit));
+  // 1 - p = (1 - o) - o (c - 1): no cancellation where the opacity is near one.
   *rest = clear - opacity * std::expm1(log_factor);
   *filtered = std::log(opacity) + log_factor - std::log(*rest);
 }

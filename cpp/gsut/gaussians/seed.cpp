@@ -23,6 +23,7 @@ void CheckFinite(const double* values, std::int64_t rows, const char* name) {
   }
 }
 
+// The median over points that have a distance: duplicates have none.
 double MedianPositive(const std::vector<Neighborhood>& neighborhoods) {
   std::vector<double> distances;
   for (const Neighborhood& each : neighborhoods) {
@@ -48,6 +49,8 @@ void SeedFromPoints(const double* points, const double* colors, const SeedOption
   }
   CheckFinite(points, out.size, "points");
   CheckFinite(colors, out.size, "colors");
+  // Sizes follow the points' density: thin where they lie in a plane, and at least a share of the
+  // median, so that duplicates do not become Gaussians of no size.
   const std::vector<Neighborhood> neighborhoods = FindNeighborhoods(points, out.size);
   const double median = MedianPositive(neighborhoods);
   const double smallest = median > 0.0 ? options.min_relative_distance * median : 1.0;
@@ -57,6 +60,7 @@ void SeedFromPoints(const double* points, const double* colors, const SeedOption
     const Neighborhood& around = neighborhoods[static_cast<std::size_t>(row)];
     const double along = options.scale_factor * std::max(around.distance, smallest);
     const double across = along * std::max(options.least_thickness, around.thickness);
+    // A colour is 0.5 + c0 sh; harmonics above degree 0 begin at 0.
     std::fill_n(out.sh + row * sh_width, sh_width, 0.0f);
     for (int i = 0; i < 3; ++i) {
       out.means[3 * row + i] = static_cast<float>(points[3 * row + i]);

@@ -14,6 +14,7 @@ namespace {
 
 using Point = std::array<double, 3>;
 
+// Points of a leaf, which are compared one by one: fewer would make more nodes to walk.
 constexpr std::int64_t kLeafPoints = 12;
 // Points lie in one line if their squares across it are no more than rounding beside those along
 // it.
@@ -138,6 +139,8 @@ class Tree {
     const Range low = {2 * range.node + 1, range.begin, middle};
     const Range high = {2 * range.node + 2, middle, range.end};
     const double offset = p[split.axis] - split.value;
+    // The side that holds the point first; the other only if the plane is nearer than the worst so
+    // far.
     Visit(offset < 0.0 ? low : high, self, nearest);
     if (offset * offset < nearest->Worst()) Visit(offset < 0.0 ? high : low, self, nearest);
   }
@@ -158,6 +161,7 @@ void LayPlane(const Tree& tree, std::int64_t self, const Nearest& nearest, Neigh
   const Eigen::Vector3d mean = offsets.rowwise().mean();
   offsets.colwise() -= mean;
   const Eigen::Matrix3d spread = offsets * offsets.transpose();
+  // Principal axes: the normal is that of the least spread, the frame right-handed.
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(spread);
   const Eigen::Vector3d& squares = solver.eigenvalues();  // ascending
   if (!(squares[1] > kLeastSpread * squares[2])) return;

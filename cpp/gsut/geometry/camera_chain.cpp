@@ -42,6 +42,11 @@ Eigen::Vector3d CameraChain::Point(const Eigen::Vector3d& in_world) const {
   return mount == nullptr ? q : RotationOf(mount) * (q - CenterOf(mount));
 }
 
+// p = R_m (q - c_m),  q = exp(t w) R (X - c - t v). From the outside in, each factor takes the
+// derivative by what it made and gives that by what it took:
+//   dp/dq = R_m,  dq/dX = exp(t w) R,  dq/dv = -t dq/dX,
+//   dq/dw = -[q]x t J(t w), with J the left Jacobian: exp(t (w + d)) = exp(t J d) exp(t w) to first
+//   order.
 ChainDerivatives Derivatives(const CameraChain& chain, const Eigen::Vector3d& in_world,
                              const Eigen::Matrix<double, 2, 3>& dout_dp) {
   ChainDerivatives out;
@@ -73,6 +78,7 @@ Pose MovedPose(const Pose& middle, const Velocity& velocity, double time) {
   return moved;
 }
 
+// The inverse of MovedPose over a unit of time.
 Velocity VelocityBetween(const Pose& start, const Pose& end) {
   Velocity velocity;
   velocity << end.CenterInSource() - start.CenterInSource(),

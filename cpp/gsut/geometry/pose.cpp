@@ -32,6 +32,7 @@ Pose Pose::FromMatrix(const Eigen::Matrix4d& m) {
     throw InputError(message.str());
   }
   Pose pose;
+  // Through a unit quaternion: the result is orthogonal to rounding, however few digits came in.
   pose.rotation = Eigen::Quaterniond(r).normalized().toRotationMatrix();
   // A matrix that is exact to double keeps its digits: the quaternion is only used where it helps.
   constexpr double kExact = 1e-12;  // a few hundred units in the last place of an entry
@@ -61,6 +62,7 @@ Pose Pose::operator*(const Pose& other) const {
   return product;
 }
 
+// Slerp of rotations; translations, not centres, change linearly.
 Pose Interpolate(const Pose& start, const Pose& end, double t) {
   const Eigen::Quaterniond a(start.rotation);
   const Eigen::Quaterniond b(end.rotation);
@@ -70,6 +72,10 @@ Pose Interpolate(const Pose& start, const Pose& end, double t) {
   return pose;
 }
 
+// Rodrigues' formula, and the translation V v that belongs to it:
+//   exp([w]x) = I + a [w]x + b [w]x^2,   V = I + b [w]x + c [w]x^2,
+//   a = sin(t) / t,  b = (1 - cos(t)) / t^2,  c = (t - sin(t)) / t^3,  t = |w|.
+// For small t numerators cancel, and two terms of the series are exact.
 Pose ExpPose(const Eigen::Matrix<double, 6, 1>& xi) {
   const Eigen::Vector3d v = xi.head<3>();
   const Eigen::Vector3d w = xi.tail<3>();

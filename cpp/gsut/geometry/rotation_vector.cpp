@@ -26,6 +26,9 @@ Eigen::Matrix3d RotationOfVector(const Eigen::Vector3d& w) {
   return ExpPose(xi).rotation;
 }
 
+// By the quaternion (cos t/2, sin t/2 axis), whose parts never cancel: the arccosine of the trace
+// loses half of the digits near 0 and pi. q and -q are one rotation; w >= 0 takes the angle below
+// pi.
 Eigen::Vector3d VectorOfRotation(const Eigen::Matrix3d& rotation) {
   Eigen::Quaterniond q(rotation);
   q.normalize();
@@ -35,6 +38,8 @@ Eigen::Vector3d VectorOfRotation(const Eigen::Matrix3d& rotation) {
   return q.vec() * (2.0 * std::atan2(sine, q.w()) / sine);
 }
 
+// exp(w + d) = exp(J(w) d) exp(w) to first order; J = I + b [w]x + c [w]x^2 as of ExpPose, with
+// 1 - cos t = 2 sin^2(t/2), which does not cancel.
 Eigen::Matrix3d LeftJacobian(const Eigen::Vector3d& w) {
   const double angle = w.norm();
   const double a2 = angle * angle;
@@ -46,6 +51,7 @@ Eigen::Matrix3d LeftJacobian(const Eigen::Vector3d& w) {
   return Eigen::Matrix3d::Identity() + b * k + c * k * k;
 }
 
+// I - [w]x / 2 + (1 - t/2 cot(t/2)) / t^2 [w]x^2.
 Eigen::Matrix3d InverseLeftJacobian(const Eigen::Vector3d& w) {
   const double angle = w.norm();
   const double a2 = angle * angle;

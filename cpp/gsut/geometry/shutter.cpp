@@ -56,10 +56,12 @@ std::string Shutter::DirectionName() const {
   return "";
 }
 
+// Lines are rows or columns, by the direction of the readout.
 int Shutter::NumLines(int width, int height) const {
   return IsGlobal() ? 1 : RunsOverRows() ? height : width;
 }
 
+// The middle of a line's exposure, in readouts. gsplat takes 0 and 1 for the outer lines instead.
 double Shutter::LineTime(int line, int width, int height) const {
   if (IsGlobal()) return 0.0;
   const int lines = NumLines(width, height);
@@ -70,6 +72,7 @@ double Shutter::LineTime(int line, int width, int height) const {
   return (read + 0.5) / lines;
 }
 
+// Continuous between lines, so that a projection can be solved for the time it is seen at.
 double Shutter::PixelTime(double u, double v, int width, int height) const {
   if (IsGlobal()) return 0.0;
   const int lines = NumLines(width, height);
@@ -78,6 +81,8 @@ double Shutter::PixelTime(double u, double v, int width, int height) const {
   return first + ((RunsOverRows() ? v : u) - 0.5) * step;
 }
 
+// The rotation goes the shortest way at a steady speed, and so does the centre: the camera's own
+// motion. gsplat moves the translation evenly, which bends the centre's path as the camera turns.
 Pose CameraMotion::At(double t) const {
   if (shutter.IsGlobal() || t == 0.0) return start;
   if (t == 1.0) return end;

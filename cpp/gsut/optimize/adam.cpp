@@ -28,6 +28,16 @@ namespace {
 using D = AdamTag;
 using V = hn::Vec<D>;
 
+// Adam (Kingma and Ba, "Adam: a method for stochastic optimization", 2015), element by element:
+//   m = b1 m + (1 - b1) g,   v = b2 v + (1 - b2) g^2,
+//   p = p - rate / (1 - b1^t) m / (sqrt(v / (1 - b2^t)) + epsilon),
+// with all that does not depend on the element in AdamConstants. An element reads 16 bytes and
+// writes 12 for a dozen operations, so memory decides the time: rows that no pixel saw (sparse
+// Adam) are best not touched at all. A group has one of three ways through its rows:
+//   1. every row, one rate: the arrays as they lie, without a look at rows (UpdateRange);
+//   2. narrow rows: 16 at a time, several rows a vector, masked by what was seen (UpdateBlocks);
+//   3. wide rows (harmonics): one at a time, where a skipped row saves its memory.
+
 // 16 rows are a whole number of vectors of any instruction set, whatever the columns.
 constexpr std::int64_t kBlockRows = 16;
 // Rows of more columns are stepped one at a time, so that what is not seen is not even read.
@@ -42,6 +52,7 @@ void UpdateSeen(const AdamConstants& c, std::size_t count, const float* rates,
   const hn::RebindToSigned<D> di;
   const hn::Rebind<std::uint8_t, D> du;
   const auto rows = hn::LoadU(hn::FixedTag<std::uint8_t, kBlockRows>(), visible);
+  // The byte of each element's row is looked up in a register of 16, then widened to a mask.
   for (std::size_t i = 0; i < count; i += hn::Lanes(d)) {
     const auto seen = hn::PromoteTo(di, hn::TableLookupBytes(rows, hn::LoadU(du, row_of + i)));
     const auto mask = hn::RebindMask(d, hn::Ne(seen, hn::Zero(di)));
@@ -63,6 +74,7 @@ std::int64_t UpdateBlocks(const AdamConstants& c, const AdamGroup& group, const 
                           std::int64_t end) {
   const auto columns = static_cast<std::size_t>(group.columns);
   const std::size_t count = kBlockRows * columns;
+  // Rates and rows of the elements of a block are the same for all blocks.
   float block_rates[kBlockRows * kNarrowColumns];
   std::uint8_t row_of[kBlockRows * kNarrowColumns];
   for (std::size_t i = 0; i < count; ++i) {
@@ -89,6 +101,7 @@ void UpdateRows(const AdamConstants& c, const AdamGroup& group, const float* rat
     function(c, count, rates, group.gradients + at, group.params + at, group.moment1 + at,
              group.moment2 + at);
   };
+  // The fastest way first: no masks, no rates an element.
   if (active == columns && !many_rates && visible == nullptr) {
     update(static_cast<std::size_t>(begin) * columns,
            static_cast<std::size_t>(end - begin) * columns);
@@ -184,6 +197,7 @@ void AdamStep(const std::vector<AdamGroup>& groups, std::int64_t rows, std::int6
   const auto rows_function = HWY_DYNAMIC_DISPATCH(AdamRows);
   for (const AdamGroup& group : groups) {
     const std::vector<float> rates = RatesOf(group, step, options);
+    // Schedules often give all columns one rate.
     const bool same =
         std::all_of(rates.begin(), rates.end(), [&](float rate) { return rate == rates.front(); });
     constexpr std::int64_t kChunkElements = 16384;  // 64 KiB of each of the four arrays

@@ -23,6 +23,8 @@ bool Grows(AdaptiveAction action) {
   return action == AdaptiveAction::kClone || action == AdaptiveAction::kSplit;
 }
 
+// The mean gradient of a Gaussian's place over the views that saw it: where it is large, the scene
+// pulls a Gaussian to several sides, and one is not enough.
 double Proxy(const float* sums, const std::int32_t* counts, std::int64_t row) {
   return counts[row] > 0 ? static_cast<double>(sums[row]) / counts[row] : 0.0;
 }
@@ -57,9 +59,11 @@ void Split(const GaussiansView<float>& params, std::int64_t row, std::int64_t co
     const auto shrunk = static_cast<float>(log_scale - std::log(kSplitShrink));
     params.log_scales[3 * row + axis] = params.log_scales[3 * copy + axis] = shrunk;
   }
+  // Six normal numbers, a function of the parent's row alone: threads do not matter.
   const auto a = rng.Normals(3 * parent), b = rng.Normals(3 * parent + 1),
              c = rng.Normals(3 * parent + 2);
   const double normals[2][3] = {{a[0], a[1], b[0]}, {b[1], c[0], c[1]}};
+  // mean + R S n: a sample of the parent's own density.
   for (int half = 0; half < 2; ++half) {
     float* mean = params.means + 3 * (half == 0 ? row : copy);
     for (int i = 0; i < 3; ++i) {
@@ -85,6 +89,8 @@ AdaptivePlan PlanAdaptive(const GaussiansView<float>& params, std::int64_t size,
       const double scale = ScaleFromLog(static_cast<double>(std::max(s[0], std::max(s[1], s[2]))));
       const double opacity = Sigmoid(static_cast<double>(params.opacity_logits[row]));
       AdaptiveAction& action = plan.actions[static_cast<std::size_t>(row)];
+      // What is no number, transparent or huge goes; what is pulled about is doubled: small ones
+      // are copied, large ones split.
       if (!RowIsFinite(params, row) || opacity < options.prune_opacity ||
           scale > options.max_scale) {
         action = AdaptiveAction::kPrune;
@@ -93,6 +99,7 @@ AdaptivePlan PlanAdaptive(const GaussiansView<float>& params, std::int64_t size,
       }
     }
   });
+  // Pruned rows make room, so the limit counts what remains.
   plan.pruned = std::count(plan.actions.begin(), plan.actions.end(), AdaptiveAction::kPrune);
   if (options.max_gaussians > 0) {
     LimitGrowth(gradient_sums, counts, options.max_gaussians - (size - plan.pruned), &plan.actions);
@@ -110,6 +117,8 @@ std::int64_t ApplyAdaptive(const TrainingState& state, const AdaptivePlan& plan,
                      " Gaussians, there are " + std::to_string(state.size));
   }
   CheckCapacity(state, plan.SizeAfter(), "adaptive densification");
+  // First compact in place, in order, so that no row is overwritten before it is moved; then write
+  // copies behind the rows that were kept.
   std::vector<std::int64_t> parents;  // row before pruning
   std::vector<std::int64_t> rows;     // and after
   std::int64_t kept = 0;
@@ -140,6 +149,7 @@ std::int64_t ApplyAdaptive(const TrainingState& state, const AdaptivePlan& plan,
   return plan.SizeAfter();
 }
 
+// 3DGS lowers all opacities at times: Gaussians that photographs need come back, floaters do not.
 void ResetOpacities(const TrainingState& state, double max_opacity) {
   CheckState(state);
   if (!(max_opacity > 0.0 && max_opacity < 1.0)) {
@@ -154,6 +164,7 @@ void ResetOpacities(const TrainingState& state, double max_opacity) {
   }
 }
 
+// gradient x distance is the gradient in pixels but for the focal length: near and far alike.
 void AccumulateDensity(std::int64_t size, const float* dl_dmeans, const float* distances,
                        const std::uint8_t* visible, float* max, float* sum, std::int32_t* count) {
   ParallelFor(size, kChunkRows, [&](std::int64_t begin, std::int64_t end) {
@@ -161,6 +172,7 @@ void AccumulateDensity(std::int64_t size, const float* dl_dmeans, const float* d
       if (visible != nullptr && visible[row] == 0) continue;
       const double x = dl_dmeans[3 * row], y = dl_dmeans[3 * row + 1], z = dl_dmeans[3 * row + 2];
       const auto product = static_cast<float>(std::sqrt(x * x + y * y + z * z) * distances[row]);
+      // Also false for NaN.
       if (!(product <= std::numeric_limits<float>::max())) continue;
       if (max != nullptr) max[row] = std::max(max[row], product);
       if (sum != nullptr) sum[row] += 0.5f * product;

@@ -19,6 +19,7 @@ Eigen::Vector3d Point(const float* points, Row row) {
 }
 
 // Direction of the largest spread, pointing to where the points' third moment is positive.
+// (An eigenvector has no sign of its own: the third moment gives one that turns with the points.)
 Eigen::Vector3d PrincipalDirection(const float* points, const Row* rows, std::int64_t count) {
   Eigen::Vector3d mean = Eigen::Vector3d::Zero();
   for (std::int64_t i = 0; i < count; ++i) mean += Point(points, rows[i]);
@@ -48,6 +49,8 @@ Blocks SplitIntoBlocks(const float* points, const std::vector<Row>& rows, int de
   blocks.begin = {0, static_cast<std::int64_t>(rows.size())};
   std::vector<std::pair<double, Row>> keys(rows.size());
   for (int level = 0; level < depth && std::int64_t{2} << level <= blocks.begin.back(); ++level) {
+    // Each node of the level is halved at the median of its projections: 2^depth blocks whose sizes
+    // differ by one.
     std::vector<std::int64_t> next(2 * static_cast<std::size_t>(blocks.size()) + 1);
     next.back() = blocks.begin.back();
     ParallelFor(blocks.size(), 1, [&](std::int64_t node, std::int64_t) {

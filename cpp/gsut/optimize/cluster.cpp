@@ -34,6 +34,8 @@ struct Bump {
   double x, y, xx, xy, yy;
 };
 
+// The integral of a product of Gaussians N(x; a, A) N(x; b, B) is a Gaussian of their distance with
+// covariance A + B; for bumps of height 1 instead of area 1, times 2 pi sqrt(|A| |B| / |A + B|).
 // Integral over the plane of the product of two.
 double Product(const Bump& a, const Bump& b) {
   const double xx = a.xx + b.xx, xy = a.xy + b.xy, yy = a.yy + b.yy;
@@ -65,6 +67,10 @@ Bump MinusOverlap(const Bump& a, const Bump& b) {
           a.xy * bxy + a.yy * byy};
 }
 
+// What a picture loses by a merge: along a direction two Gaussians blend to the opacity
+//   a + b - a b   (1 - (1 - a)(1 - b), whichever is in front),
+// and the merged one shows m. The integral of (a + b - ab - m)^2 over the picture expands into ten
+// products of bumps, each closed. Depth within the pair does not matter, their colours count apart.
 // Squared difference of the two blended and the merged field, over the two's own squares; seen
 // along the three axes of the merged Gaussian.
 double FieldDifference(const Cluster& a, const Cluster& b, const Cluster& merged) {
@@ -116,6 +122,7 @@ Cluster ClusterOf(const GaussiansView<const float>& gaussians, std::int64_t row,
                            kLeastOpacity, kMostOpacity);
   out.transparency = 1.0 - out.opacity;
   const float* s = gaussians.log_scales + 3 * row;
+  // Mass: opacity times the projected area, which is how much a Gaussian hides on average.
   const double area =
       ShadowArea(ScaleFromLog(static_cast<double>(s[0])), ScaleFromLog(static_cast<double>(s[1])),
                  ScaleFromLog(static_cast<double>(s[2])));
@@ -136,6 +143,8 @@ Cluster Merge(const Cluster& a, const Cluster& b, bool with_sh) {
   const double share = weight > 0.0 ? b.moments.weight / weight : 0.5;
   out.transparency = a.transparency * b.transparency;
   out.density = (1.0 - share) * a.density + share * b.density;
+  // The merged Gaussian hides as much as both: mass over its own area is its opacity. It is no more
+  // opaque than both in front of each other.
   const double area = ShadowArea(out.moments.covariance);
   const double kept = out.density * area > 0.0 ? weight / (out.density * area)
                                                : (1.0 - share) * a.opacity + share * b.opacity;
@@ -154,6 +163,7 @@ double CostOfMerging(const Cluster& a, const Cluster& b, const MergeOptions& opt
   const double weight_a = a.moments.weight, weight_b = b.moments.weight;
   const double weight = weight_a + weight_b;
   if (!(weight > 0.0)) return 0.0;
+  // Colour: the weighted variance of two values, w_a w_b / (w_a + w_b) |difference|^2.
   double square = 0.0;
   for (std::size_t k = 0; k < a.sh.size(); ++k) {
     const double difference = a.sh[k] - b.sh[k];
@@ -162,6 +172,8 @@ double CostOfMerging(const Cluster& a, const Cluster& b, const MergeOptions& opt
   const double color = weight_a * (weight_b / weight) * kInverseSphere * square;
   double cost = color;
   if (options.divergence_weight > 0.0) {
+    // Shape: entropy that merging adds to a mixture (Runnalls, "Kullback-Leibler approach to
+    // Gaussian mixture reduction", 2007), an upper bound of the divergence.
     const Moments both = MergeMoments(a.moments, b.moments);
     const double divergence = 0.5 * (weight * LogDeterminant(both.covariance) -
                                      weight_a * a.log_determinant - weight_b * b.log_determinant);

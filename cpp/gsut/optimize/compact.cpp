@@ -16,6 +16,7 @@ namespace {
 // more than the average, down to this fraction of it.
 constexpr double kLeastOfShare = 0.1;
 
+// Halvings until blocks have at most `block_rows` rows.
 int DepthFor(std::int64_t rows, int block_rows) {
   int depth = 0;
   while ((rows >> depth) > block_rows) ++depth;
@@ -36,6 +37,7 @@ std::vector<std::int64_t> ShareMerges(const std::vector<std::vector<MergeStep>>&
   if (wanted <= 0 || costs.empty()) return made;
   wanted = std::min(wanted, static_cast<std::int64_t>(costs.size()));
   std::nth_element(costs.begin(), costs.begin() + (wanted - 1), costs.end());
+  // The cost that the last of the wanted merges has, over all blocks: below it, a block makes all.
   const double threshold = costs[static_cast<std::size_t>(wanted - 1)];
   std::int64_t total = 0;
   for (std::size_t b = 0; b < steps.size(); ++b) {
@@ -99,6 +101,9 @@ GaussianArrays MergePairs(const GaussiansView<const float>& gaussians,
     return BlockRows{blocks.order.data() + begin,
                      blocks.begin[static_cast<std::size_t>(b) + 1] - begin};
   };
+  // 1. Each block plans merges beyond its share, by itself. 2. One threshold over all blocks
+  // decides how many each makes. 3. Each makes them again from the start, which costs less than
+  // keeping every state of every plan.
   std::vector<std::vector<MergeStep>> steps(static_cast<std::size_t>(blocks.size()));
   if (target < count) {
     ParallelFor(blocks.size(), 1, [&](std::int64_t b, std::int64_t) {
@@ -119,8 +124,7 @@ GaussianArrays MergePairs(const GaussiansView<const float>& gaussians,
   ParallelFor(blocks.size(), 1, [&](std::int64_t b, std::int64_t) {
     auto& plan = steps[static_cast<std::size_t>(b)];
     plan.resize(static_cast<std::size_t>(made[static_cast<std::size_t>(b)]));
-    CarryOutMerges(gaussians, rows_of(b), weights, plan, options, view,
-                   first[static_cast<std::size_t>(b)]);
+    CarryOutMerges(gaussians, rows_of(b), weights, plan, view, first[static_cast<std::size_t>(b)]);
   });
   return out;
 }

@@ -18,6 +18,10 @@
 namespace gsut {
 namespace {
 
+// GHAP (Wang et al., "Gaussian Herding across Pens", 2025): reduce a mixture block by block
+// ("pens" of a k-d tree) by k-means on Gaussians themselves, in which a cluster's centre averages
+// means and covariances, weighted by opacity.
+
 // Mean (3) and covariance (xx, yy, zz, then xy, xz, yz times sqrt 2): the squared distance of two
 // is |dmean|^2 + |dcov|_F^2.
 constexpr int kFeatures = 9;
@@ -83,6 +87,8 @@ class Herd {
     distance_.resize(members_.size());
   }
 
+  // Squared distances to all centres, column by column, so that the inner loop is one vector's
+  // work.
   void Assign() {
     const std::size_t count = centers_.size();
     std::vector<double> columns(kFeatures * count), square(count);
@@ -106,6 +112,7 @@ class Herd {
   }
 
   // Weighted averages; returns the largest change. A centre without members stays where it is.
+  // The largest change of any entry ends the rounds, as in the paper.
   double Average() {
     std::vector<Feature> sums(centers_.size(), Feature{});
     std::vector<double> weights(centers_.size(), 0.0);
@@ -158,6 +165,8 @@ GaussianArrays ReduceBlock(const GaussiansView<const float>& gaussians, const st
   for (std::size_t c = 0; c < herd.centers(); ++c) {
     if (nearest[c] < 0) continue;
     const Feature& center = herd.center(c);
+    // Centres take place and shape from their mean, opacity and colour from the nearest member: an
+    // average of colours would blur what k-means has put together by place.
     const std::int64_t source = rows[nearest[c]];
     for (int k = 0; k < 3; ++k) {
       view.means[3 * place + k] = static_cast<float>(center[static_cast<std::size_t>(k)]);
@@ -182,6 +191,7 @@ GaussianArrays HerdPaper(const GaussiansView<const float>& gaussians,
   }
   const auto count = static_cast<std::int64_t>(rows.size());
   if (count == 0) return GaussianArrays(0, gaussians.sh_coefficients);
+  // Blocks are independent: their random numbers depend on the block's number, not on the thread.
   int depth = options.depth;  // blocks that keep at least one each
   while (depth > 0 && options.keep * static_cast<double>(count >> depth) < 1.0) --depth;
   const Blocks blocks = SplitIntoBlocks(gaussians.means, rows, depth, BlockAxis::kCycle);

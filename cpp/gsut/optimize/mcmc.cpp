@@ -18,6 +18,16 @@ constexpr std::int64_t kChunkRows = 1024;
 // Largest opacity that relocation computes with: its logit, 13.8, is far from where float ends.
 constexpr double kMaxOpacity = 1.0 - 1e-6;
 
+// Relocation (Kheradmand et al., "3D Gaussian splatting as Markov chain Monte Carlo", 2024) moves
+// dead Gaussians to where living ones are, such that the picture changes as little as possible. The
+// paper puts n copies at one place, and solves for an opacity. Here a Gaussian becomes n smaller
+// ones spread over its volume:
+//   scales    s' = s n^(-1/3)                n volumes s'^3 are the parent's;
+//   opacity   1 - o' = (1 - o)^(n^(-1/3))    optical thickness -log(1 - o) is density times length,
+//             and a copy's length is n^(-1/3) of the parent's;
+//   places    offsets with variance (1 - n^(-2/3)) s^2, so that offset and copy together have the
+//             parent's variance s^2.
+
 std::vector<std::uint8_t> FindAlive(const TrainingState& state, const McmcOptions& options) {
   std::vector<std::uint8_t> alive(static_cast<std::size_t>(state.size));
   ParallelFor(state.size, kChunkRows, [&](std::int64_t begin, std::int64_t end) {
@@ -35,6 +45,8 @@ std::vector<std::uint8_t> FindAlive(const TrainingState& state, const McmcOption
 // limit cuts off is drawn again among the others. Returns how many were placed.
 std::int64_t DrawSources(std::int64_t wanted, std::vector<double>* weights, const Rng& rng,
                          std::vector<int>* copies) {
+  // One number in each of `draws` equal parts: every row gets its expected number of copies to
+  // within one, which plain sampling would miss by its square root.
   const std::size_t rows = weights->size();
   std::int64_t placed = 0;
   std::uint64_t counter = 0;
@@ -58,6 +70,7 @@ std::int64_t DrawSources(std::int64_t wanted, std::vector<double>* weights, cons
         ++placed;
       }
     }
+    // Full rows take no part in the next round.
     for (std::size_t i = 0; i < rows; ++i) {
       if ((*copies)[i] + 1 >= kMcmcMaxCopies) (*weights)[i] = 0.0;
     }
@@ -111,6 +124,7 @@ void Replace(const TrainingState& state, std::int64_t source, int n,
     CopyParams(params, source, destinations[i]);
     ZeroMoments(state, destinations[i]);
   }
+  // Offsets are along the parent's axes: R S offset.
   double offsets[3 * kMcmcMaxCopies];
   DrawOffsets(n, place, source, offsets);
   double rotation[9];
@@ -153,6 +167,7 @@ McmcCounts McmcDensify(const TrainingState& state, std::int64_t target_size, con
     }
   }
   const auto dead = static_cast<std::int64_t>(destinations.size());
+  // No weight at all, as before the first gradient: all that live have the same chance.
   if (total == 0.0) chances.assign(alive.begin(), alive.end());
   for (std::int64_t row = state.size; row < target_size; ++row) destinations.push_back(row);
   if (rows == 0 || destinations.empty()) return {state.size, 0, 0};
@@ -161,6 +176,7 @@ McmcCounts McmcDensify(const TrainingState& state, std::int64_t target_size, con
   const std::int64_t placed =
       DrawSources(static_cast<std::int64_t>(destinations.size()), &chances,
                   Rng(options.seed, RandomStream(RandomUse::kMcmcDraw, options.step)), &copies);
+  // Each source owns a run of destinations, so sources are independent of each other.
   std::vector<std::int64_t> sources, first_destination;
   std::int64_t used = 0;
   for (std::size_t row = 0; row < rows; ++row) {

@@ -19,8 +19,10 @@ constexpr float kCentre = 0.005f;
 // it would add up to less than 2 % of it.
 constexpr float kNegligible = 1e-4f;
 
-// Three standard normal values by Box-Muller in float: 24-bit uniforms reach 5.8 standard
-// deviations, and noise needs no more digits.
+// Langevin's term: mean += rate noise_scale gate Sigma e, with e standard normal. Gaussians that
+// are nearly transparent explore, within their own shape, what no gradient would show them. Three
+// standard normal values by Box-Muller in float: 24-bit uniforms reach 5.8 standard deviations, and
+// noise needs no more digits.
 void DrawNormals(const Rng& rng, std::int64_t index, float* normals) {
   constexpr float kUnit = 0x1.0p-24f;
   constexpr float kTwoPi = 6.28318530717958648f;

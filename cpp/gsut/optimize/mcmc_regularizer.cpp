@@ -47,6 +47,10 @@ HWY_INLINE Lane ExpWithin(Lane x) {
 
 }  // namespace
 
+// The loss  w_o mean(sigmoid(logit)) + w_s mean(exp(log_scale))  makes Gaussians transparent and
+// small that photographs do not hold against it. Its derivatives:
+//   by logit      w_o / N      o (1 - o),
+//   by log_scale  w_s / (3 N)  exp(log_scale).
 void Regularize(const GaussiansView<const float>& params, std::int64_t begin, std::int64_t end,
                 float opacity_factor, float scale_factor, float* dl_dopacity_logits,
                 float* dl_dlog_scales) {

@@ -20,6 +20,7 @@ constexpr double kNever = std::numeric_limits<double>::infinity();
 // Candidates that a merged cluster keeps, in multiples of a single one's.
 constexpr int kMergedCandidates = 2;
 
+// Clusters of single Gaussians, about the block's middle, so that double has digits to spare.
 std::vector<Cluster> ClustersOf(const GaussiansView<const float>& gaussians, BlockRows block,
                                 const float* weights, double* origin) {
   std::fill_n(origin, 3, 0.0);
@@ -39,6 +40,14 @@ std::vector<Cluster> ClustersOf(const GaussiansView<const float>& gaussians, Blo
   return clusters;
 }
 
+// Merges the cheapest pair, again and again. A heap holds for each cluster its cheapest partner at
+// the time of the entry. Merging a and b makes a new cluster in a's place, so that entries about
+// either are out of date; they are recognised and mended when they come to the top:
+//   a stamp per cluster:   only its latest entry counts;
+//   a version per cluster: an entry counts only if its partner has not merged since;
+//   heirs (union-find):    candidates that went into others are replaced by them.
+// Costs of a cluster with its changed partner may have fallen, and are found only when one of the
+// two is refreshed: greedy to that extent, in n log n instead of n^2 log n.
 class Planner {
  public:
   Planner(std::vector<Cluster> clusters, const MergeOptions& options)
@@ -60,7 +69,7 @@ class Planner {
     while (left > kept && !heap_.empty()) {
       const Entry top = heap_.top();
       heap_.pop();
-      if (!alive_[top.place] || top.stamp != stamp_of(top.place)) continue;
+      if (!alive_[top.place] || top.stamp != stamps_[top.place]) continue;
       const Best& best = best_[top.place];
       if (!alive_[best.partner] || version_[best.partner] != best.partner_version) {
         Refresh(top.place);
@@ -88,8 +97,6 @@ class Planner {
     }
   };
 
-  std::uint32_t stamp_of(Place place) const { return stamps_[place]; }
-
   // The nearest centres of each cluster, by all distances: blocks are small.
   void FindNeighbors() {
     const std::size_t count = clusters_.size();
@@ -102,6 +109,7 @@ class Planner {
       y[i] = static_cast<float>(clusters_[i].moments.mean[1]);
       z[i] = static_cast<float>(clusters_[i].moments.mean[2]);
     }
+    // All distances, 1024^2 at most: a loop that the compiler vectorises beats any tree.
     std::vector<std::pair<float, Place>> nearest;
     for (std::size_t i = 0; i < count; ++i) {
       for (std::size_t j = 0; j < count; ++j) {
@@ -123,6 +131,7 @@ class Planner {
     }
   }
 
+  // With path halving, as in any union-find.
   Place Heir(Place place) {
     while (heir_[place] != place) {
       heir_[place] = heir_[heir_[place]];
@@ -138,6 +147,7 @@ class Planner {
     std::sort(candidates.begin(), candidates.end());
     candidates.erase(std::unique(candidates.begin(), candidates.end()), candidates.end());
     std::erase(candidates, place);
+    // All neighbours have gone into this cluster: look farther.
     if (candidates.empty()) AddNearestAlive(place);
     std::vector<std::pair<double, Place>> costs;
     costs.reserve(candidates.size());
@@ -145,7 +155,9 @@ class Planner {
       costs.emplace_back(CostOfMerging(clusters_[place], clusters_[candidate], options_),
                          candidate);
     }
+    // Alone in its block: nothing to merge with.
     if (costs.empty()) return;
+    // Candidates of both parents add up; only the cheapest stay.
     const auto most = static_cast<std::size_t>(kMergedCandidates * options_.neighbors);
     if (costs.size() > most) {
       std::sort(costs.begin(), costs.end());
@@ -198,6 +210,7 @@ class Planner {
   std::priority_queue<Entry> heap_;
 };
 
+// What was never merged keeps its bits.
 void CopyRowTo(const GaussiansView<const float>& from, std::int64_t row,
                const GaussiansView<float>& to, std::int64_t place) {
   const std::int64_t sh = 3 * std::int64_t{from.sh_coefficients};
@@ -219,9 +232,7 @@ std::vector<MergeStep> PlanMerges(const GaussiansView<const float>& gaussians, B
 
 void CarryOutMerges(const GaussiansView<const float>& gaussians, BlockRows block,
                     const float* weights, const std::vector<MergeStep>& steps,
-                    const MergeOptions& options, const GaussiansView<float>& out,
-                    std::int64_t first) {
-  static_cast<void>(options);
+                    const GaussiansView<float>& out, std::int64_t first) {
   double origin[3];
   std::vector<Cluster> clusters = ClustersOf(gaussians, block, weights, origin);
   std::vector<std::uint8_t> alive(clusters.size(), 1);

@@ -29,7 +29,6 @@ std::vector<MergeStep> PlanMerges(const GaussiansView<const float>& gaussians, B
 // Makes the merges and writes what is left to the rows `first` .. of `out`, by smallest member.
 void CarryOutMerges(const GaussiansView<const float>& gaussians, BlockRows block,
                     const float* weights, const std::vector<MergeStep>& steps,
-                    const MergeOptions& options, const GaussiansView<float>& out,
-                    std::int64_t first);
+                    const GaussiansView<float>& out, std::int64_t first);
 
 }  // namespace gsut

@@ -11,6 +11,7 @@
 namespace gsut {
 namespace {
 
+// Knud Thomsen's formula (2004) for the surface of an ellipsoid: off by 1.06 % at most.
 constexpr double kThomsenPower = 1.6075;
 // Of a merged Gaussian, smallest variance over the largest: 1e-6 as standard deviations, which
 // float parameters still distinguish from a plane.
@@ -35,6 +36,7 @@ Eigen::Matrix3d CovarianceOf(const GaussiansView<const float>& gaussians, std::i
 }
 
 Moments MergeMoments(const Moments& a, const Moments& b) {
+  // Mean and covariance of a mixture of two: variances, and the variance of the means.
   const double weight = a.weight + b.weight;
   const double share = weight > 0.0 ? b.weight / weight : 0.5;
   const Eigen::Vector3d between = b.mean - a.mean;
@@ -46,6 +48,7 @@ Moments MergeMoments(const Moments& a, const Moments& b) {
   return out;
 }
 
+// By Cauchy's theorem the mean area of a convex body's shadow is a quarter of its surface.
 double ShadowArea(double a, double b, double c) {
   const double sum = std::pow(a * b, kThomsenPower) + std::pow(a * c, kThomsenPower) +
                      std::pow(b * c, kThomsenPower);
@@ -63,6 +66,7 @@ void ParametersOf(const Eigen::Matrix3d& covariance, double least, float* quat, 
   const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> solver(covariance);
   const double floor =
       std::max({least, kLeastVarianceRatio * solver.eigenvalues()[2], kTiniestVariance});
+  // Eigenvectors may be a mirrored frame, which no quaternion is.
   Eigen::Matrix3d axes = solver.eigenvectors();
   if (axes.determinant() < 0.0) axes.col(0) = -axes.col(0);
   const Eigen::Quaterniond rotation(axes);

@@ -18,6 +18,13 @@
 #define GSUT_OPTIMIZE_PALETTE_PACKED
 namespace gsut {
 
+// k-means of N rows to K entries costs N K a round. In two levels it costs N sqrt(K): rows fall
+// into sqrt(K) cells, and each cell's rows into the entries that it is given. Nearest in a cell is
+// not quite nearest of all, which a palette of thousands of entries does not notice.
+//
+// |row - entry|^2 = |row|^2 - 2 (row . entry - |entry|^2 / 2): the nearest entry has the largest
+// bracket, so the search is a matrix product with a start value.
+
 constexpr int kBlock = 16;  // entries that are compared at once: a whole number of any vectors
 constexpr int kRows = 4;    // rows that are compared at once
 
@@ -78,6 +85,7 @@ void NearestOfRows(const float* const* rows, const PackedEntries& entries, std::
       }
     }
   }
+  // Each lane has its own best: of equal ones the first entry wins, whatever the vector's width.
   for (int r = 0; r < kRows; ++r) {
     HWY_ALIGN float lane_best[kWidth], lane_index[kWidth];
     hn::Store(best[r], d, lane_best);
@@ -148,6 +156,7 @@ void Nearest(const float* rows, std::int64_t count, const PackedEntries& entries
 }
 
 // Entries become the means of their rows; one without rows stays. Returns whether one has moved.
+// Sums in double, in the order of rows.
 bool MoveToMeans(const float* rows, std::int64_t count, int columns, const std::uint32_t* labels,
                  std::int64_t size, float* entries) {
   std::vector<double> sums(static_cast<std::size_t>(size * columns), 0.0);
@@ -175,6 +184,7 @@ bool MoveToMeans(const float* rows, std::int64_t count, int columns, const std::
 template <class Assign>
 void Cluster(const float* rows, std::int64_t count, int columns, std::int64_t size, int rounds,
              const Assign& assign, float* entries, std::uint32_t* labels) {
+  // Starts are evenly spaced rows: no random numbers, so the same rows give the same palette.
   for (std::int64_t i = 0; i < size; ++i) {
     std::copy_n(rows + ((2 * i + 1) * count / (2 * size)) * columns, columns,
                 entries + i * columns);
@@ -214,6 +224,7 @@ Cells FindCells(const float* rows, std::int64_t count, int columns, std::int64_t
       },
       centers.data(), labels.data());
   assign_to(rows, count, Pack(centers.data(), size, columns), labels.data());
+  // A counting sort by label keeps rows in order within their cell.
   Cells cells;
   cells.begin.assign(static_cast<std::size_t>(size + 1), 0);
   for (const std::uint32_t label : labels) ++cells.begin[label + 1];
@@ -229,6 +240,8 @@ Cells FindCells(const float* rows, std::int64_t count, int columns, std::int64_t
 
 // Entries of each cell, as offsets: in proportion to its rows, one at least where it has any, and
 // together no more than `entries`.
+// Rounding down keeps the sum within `entries`; the one that each cell has at least is paid for
+// first.
 std::vector<std::int64_t> ShareOut(const Cells& cells, std::int64_t count, std::int64_t entries) {
   const auto size = static_cast<std::int64_t>(cells.begin.size()) - 1;
   std::vector<std::int64_t> offsets(cells.begin.size(), 0);
@@ -254,6 +267,7 @@ Palette MakePalette(const float* rows, std::int64_t count, int columns,
   if (!std::all_of(rows, rows + count * columns, [](float x) { return std::isfinite(x); })) {
     throw InputError("a palette needs finite values");
   }
+  // The number of cells equals that of a cell's entries, so both levels cost the same.
   const std::int64_t most = std::min(options.entries, count);
   const auto size = static_cast<std::int64_t>(std::sqrt(static_cast<double>(most)));
   const Cells cells = FindCells(rows, count, columns, size, options.rounds);

@@ -25,6 +25,7 @@ struct Columns {
   Column all[5];
 };
 
+// An exponent of all ones is infinity or no number: one integer comparison, in vectors.
 bool IsFinite(float value) {
   constexpr std::uint32_t kExponent = 0x7f800000u;
   std::uint32_t bits;
@@ -62,6 +63,7 @@ void CopyParams(const GaussiansView<float>& params, std::int64_t from, std::int6
   }
 }
 
+// A row is a Gaussian's parameters with both of its moments.
 void CopyRow(const TrainingState& state, std::int64_t from, std::int64_t to) {
   CopyParams(state.params, from, to);
   CopyParams(state.moment1, from, to);
@@ -76,6 +78,7 @@ void ZeroMoments(const TrainingState& state, std::int64_t row) {
   }
 }
 
+// Nothing recovers from a NaN, so callers replace such rows.
 bool RowIsFinite(const GaussiansView<float>& params, std::int64_t row) {
   for (const Column& column : Columns(params).all) {
     for (std::int64_t i = row * column.width; i < (row + 1) * column.width; ++i) {

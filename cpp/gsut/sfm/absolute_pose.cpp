@@ -97,6 +97,7 @@ AbsolutePose EstimateAbsolutePose(std::span<const Bearing> bearings,
       rays[i] = bearings[sample[i]].ray;
       seen[i] = points[sample[i]];
     }
+    // Up to four poses fit three points; the cost over all points decides between them.
     bool improved = false;
     for (const Pose& pose : ThreePoint(rays, seen)) {
       const double cost = Cost(pose, bearings, points, max_squared, best_cost);
@@ -115,6 +116,7 @@ AbsolutePose EstimateAbsolutePose(std::span<const Bearing> bearings,
       best_cost = cost;
       result.camera_from_world = pose;
     }
+    // The more inliers, the fewer samples until one of them held inliers only.
     const double share = static_cast<double>(inliers_of(result.camera_from_world)) / count;
     needed = std::min(needed, SamplesNeeded(share, kSample, options.max_samples));
   }

@@ -111,6 +111,7 @@ void BundleProblem::MakeSystem() {
   }
 }
 
+// Partial sums of chunks are added in order: the cost has the same bits on any number of threads.
 double BundleProblem::Evaluate() {
   if (evaluation_) evaluation_->Evaluate(true);
   const auto count = static_cast<std::int64_t>(bundle_.observations.size());
@@ -249,6 +250,7 @@ void BundleProblem::Store(Bundle* bundle) const {
   }
 }
 
+// Without the loss, and including observations whose point is outside the lens.
 double BundleProblem::Rms() {
   if (evaluation_) evaluation_->Evaluate(false);
   double sum = 0.0;

@@ -22,6 +22,7 @@ bool EvaluateObservation(const Bundle& bundle, const BundleState& state, int ind
     out->residual = BearingResidual(observation.bearing, chain.Point(point), &by_p);
     out->by_params = nullptr;
   }
+  // A point at the camera's centre has no direction: the whole step is refused.
   if (!out->residual.allFinite()) return false;
   // The chain rule to the body's pose, its velocity, its mount and the point.
   out->by = Derivatives(chain, point, by_p);

@@ -18,6 +18,7 @@ BundleState::BundleState(const Bundle& bundle)
       body_of_image(bundle.body_of_image),
       mount_of_image(bundle.mount_of_image) {
   const std::size_t images = bundle.camera_from_world.size();
+  // Without a rig every image is a body of its own.
   if (body_of_image.empty()) {
     body_of_image.resize(images);
     std::iota(body_of_image.begin(), body_of_image.end(), 0);

@@ -44,6 +44,7 @@ void LensEvaluation::EvaluateBatch(int camera_index, bool jacobians) {
   Batch& batch = batches_[camera_index];
   const auto count = static_cast<std::int64_t>(batch.observations.size());
   if (count == 0) return;
+  // Points into the camera's frame at the time of their line; then through the lens as one batch.
   ParallelFor(count, kGrain, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t i = begin; i < end; ++i) {
       const BundleObservation& observation = bundle_.observations[batch.observations[i]];
@@ -78,6 +79,7 @@ void LensEvaluation::EvaluateBatch(int camera_index, bool jacobians) {
   }
 }
 
+// Rows of a batch lie in the order of its observations.
 LensEvaluation::Row LensEvaluation::Get(int observation) const {
   const int camera = bundle_.camera_of_image[bundle_.observations[observation].image];
   const Batch& batch = batches_[camera];

@@ -65,6 +65,7 @@ void CheckLensFlags(const std::vector<Camera>& cameras,
   for (std::size_t c = 0; fits && c < cameras.size(); ++c) {
     fits = lens_free[c].empty() || static_cast<int>(lens_free[c].size()) == cameras[c].num_params();
   }
+  // One flag a parameter, or none for a lens that stays.
   if (!fits) throw InputError("lens_free must have one flag a parameter of each camera");
 }
 
@@ -75,6 +76,7 @@ Eigen::MatrixXd FreeLensColumns(const std::vector<std::uint8_t>& free) {
   std::map<int, std::size_t> column_of_group;
   for (std::size_t k = 0; k < free.size(); ++k) {
     if (!free[k]) continue;
+    // Flag 1 makes a column of its own, hence a key that no other parameter has.
     const auto [group, added] = column_of_group.try_emplace(
         free[k] == kLensFree ? -1 - static_cast<int>(k) : free[k], columns.size());
     if (added) columns.emplace_back();
@@ -88,6 +90,7 @@ Eigen::MatrixXd FreeLensColumns(const std::vector<std::uint8_t>& free) {
   return matrix;
 }
 
+// Ceres' own subset manifold holds parameters but cannot tie several to one unknown.
 void HoldLensParameters(const std::vector<std::uint8_t>& free, double* lens,
                         ceres::Problem* problem,
                         std::vector<std::unique_ptr<ceres::Manifold>>* manifolds) {

@@ -31,6 +31,13 @@ namespace gsut {
 // Columns packed at a time, small enough to stay in the second-level cache: 128 KiB as floats.
 constexpr int kBlockColumns = 256;
 
+// The job: for each of N descriptors the two nearest of M others, and the other way round, in one
+// pass over the N x M cosines. That is a matrix product whose result is never stored: each cosine
+// updates the two best of its row and of its column while it is in a register.
+//   a block of columns is packed (SetColumns) so that a vector holds several columns' k-th entries;
+//   kRows rows at a time run over it, kRows x kVectors sums in registers (Find);
+//   rows keep their two best in lanes until the block ends, columns in a small array beside it.
+
 struct Descriptors {
   const std::uint8_t* bytes;
   int count;
@@ -91,6 +98,7 @@ struct Lanes {
   VF best, second, index;
 };
 
+// The new second best is the smaller of value and best, if that is above the old one.
 HWY_INLINE void AddLanes(Lanes& lanes, VF value, VF index) {
   const auto larger = hn::Gt(value, lanes.best);
   lanes.second = hn::Max(lanes.second, hn::Min(lanes.best, value));
@@ -104,6 +112,7 @@ class Products {
   explicit Products(const Descriptors& second)
       : second_(second), columns_(kDescriptorLength * kBlockColumns) {}
 
+  // Packs a block of columns; zeros behind the last one give cosines of 0, which are not used.
   void SetColumns(int begin) {
     const int count = std::min(kBlockColumns, second_.count - begin);
     std::fill(columns_.begin(), columns_.end(), Column{0});
@@ -152,6 +161,8 @@ HWY_INLINE void Products::Find(int j, VF (&out)[kRows][kVectors]) const {
       sums[r][v] = hn::ShiftLeft<kOffsetBits>(hn::Load(di, sums_ + j + v * kLanes));
     }
   }
+  // sum of (row - 128) column = sum of row column - 128 sum of column: the start value adds it
+  // back.
   const auto* column = reinterpret_cast<const std::int32_t*>(columns_.data()) + j;
   for (int k = 0; k < kDescriptorLength; k += 4, column += kBlockColumns) {
     for (int r = 0; r < kRows; ++r) {
@@ -207,6 +218,7 @@ void FindBest(const Descriptors& first, const Descriptors& second, TwoBest* of_f
     std::fill(where, where + kBlockColumns, -1.0F);
     for (int row = 0; row < num_first; row += kRows) {
       const int rows = std::min(kRows, num_first - row);
+      // At the bottom there may be fewer rows than registers.
       // Rows past the end repeat the last one, and their results are not read.
       Lanes of_row[kRows];
       VF scale[kRows];
@@ -238,6 +250,7 @@ void FindBest(const Descriptors& first, const Descriptors& second, TwoBest* of_f
           hn::Store(of_column.index, d, where + at);
         }
       }
+      // The row's best over this block: the lanes' bests compete, then all seconds.
       for (int r = 0; r < rows; ++r) {
         hn::Store(of_row[r].best, d, spill.data());
         hn::Store(of_row[r].second, d, spill.data() + lanes);
@@ -249,6 +262,7 @@ void FindBest(const Descriptors& first, const Descriptors& second, TwoBest* of_f
         }
       }
     }
+    // A column has met all rows now.
     for (int j = 0; j < block; ++j) {
       of_second[begin + j] = {best[j], next[j], static_cast<std::int32_t>(where[j])};
     }
@@ -261,6 +275,7 @@ std::vector<FeatureMatch> Match(const Descriptors& first, const Descriptors& sec
                                 const MatchOptions& options) {
   std::vector<TwoBest> of_first(first.count), of_second(second.count);
   FindBest(first, second, of_first.data(), of_second.data());
+  // Lowe's ratio test in both directions, on matches that are each other's best.
   const auto squared = [](float cosine) {
     return std::max(kSmallestSquared, 2.0F - 2.0F * cosine);
   };
@@ -296,6 +311,7 @@ HWY_EXPORT(Kernel);
 
 namespace {
 
+// Lengths for cosines, and sums of bytes, which make up for the offset of signed rows.
 Descriptors SumDescriptors(const std::uint8_t* bytes, int count) {
   const int padded = (count + kBlockColumns - 1) / kBlockColumns * kBlockColumns;
   Descriptors all = {bytes, count, AlignedVector<float>(padded, 0.0F),

@@ -153,6 +153,7 @@ void Check(const std::vector<Camera>& cameras, const std::vector<PhotometricImag
   CheckLensFlags(cameras, options.lens_free);
 }
 
+// Over all channels of all pixels, without the loss.
 double Rms(const SceneEvaluation& evaluation, const std::vector<PhotometricImage>& images) {
   double sum = 0.0;
   std::size_t count = 0;
@@ -169,6 +170,7 @@ double Rms(const SceneEvaluation& evaluation, const std::vector<PhotometricImage
   return std::sqrt(sum / static_cast<double>(std::max<std::size_t>(1, count)));
 }
 
+// The jackknife's rows: weighted as in the last normal equations.
 Eigen::Matrix<double, 6, 6> Covariance(const ImageState& state, const PhotometricImage& image,
                                        const Camera& camera, const PhotometricOptions& options) {
   const auto rows_of = [&](std::size_t i, ColorRows* rows) {
@@ -278,6 +280,7 @@ PhotometricSummary RefinePhotometric(SceneColors* scene, std::vector<Camera>* ca
   summary.rms_before = Rms(evaluation, *images);
   const ceres::Solver::Summary solved =
       ColorProblem(&evaluation, *cameras, *images, options).Solve(options);
+  // Ceres may have evaluated a rejected step last: states go back to the solution.
   evaluation.PrepareForEvaluation(options.covariances, true);
   summary.rms_after = Rms(evaluation, *images);
   summary.iterations = static_cast<int>(solved.iterations.size()) - 1;

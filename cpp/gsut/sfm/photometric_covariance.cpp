@@ -61,6 +61,7 @@ Eigen::Matrix<double, 6, 6> PhotometricCovariance(
   if (factors.info() != Eigen::Success || !(factors.vectorD().minCoeff() > kSingular)) {
     throw SolveError("the photograph does not determine its pose: too little of it shows texture");
   }
+  // What the solution would move by without a block, to first order: (N - N_b)^-1 r_b.
   Eigen::MatrixXd squares = Eigen::MatrixXd::Zero(size, size);
   for (std::size_t b = 0; b < blocks.size(); ++b) {
     const Eigen::MatrixXd others =

@@ -12,7 +12,9 @@ namespace {
 constexpr int kFewestOfOne = 8;
 // A pose of few points may put those of the other images this many times the largest error off.
 constexpr double kLooser = 4.0;
+// Rounds of choosing observations and adjusting: the choice settles in two.
 constexpr int kRounds = 3;
+// Iterations of a round: six unknowns converge in a few.
 constexpr int kIterations = 20;
 
 struct Placement {
@@ -24,7 +26,9 @@ double Error(const Bearing& bearing, const Pose& pose, const Eigen::Vector3d& po
   return BearingResidual(bearing, pose.rotation * point + pose.translation).norm();
 }
 
-// The body's pose from that of its image `from`, by what all its images see.
+// On a rig one pose places all cameras. P3P on one image gives a start; bundle adjustment with
+// fixed points, fixed mounts and one free body then uses what all of them see. The body's pose from
+// that of its image `from`, by what all its images see.
 Placement PlaceBody(const std::vector<int>& images, const std::vector<SceneMap::Visible>& visible,
                     std::size_t from, const Pose& camera_from_world, double max_error,
                     const SceneMap& map) {
@@ -38,6 +42,7 @@ Placement PlaceBody(const std::vector<int>& images, const std::vector<SceneMap::
     bundle.camera_from_body.push_back(map.CameraFromBody(images[i]));
     bundle.camera_from_world.push_back(bundle.camera_from_body[i] * body_from_world);
   }
+  // The first round takes observations that the start, from one image alone, may put far off.
   double error = kLooser * max_error;
   for (int round = 0; round < kRounds; ++round) {
     bundle.observations.clear();
@@ -78,6 +83,7 @@ int PlaceBodies(const StructureOptions& options, SceneMap* map) {
     if (!map->registered(image)) bodies[options.rig.body_of_image[image]].push_back(image);
   }
   const int before = map->num_registered();
+  // Bodies are placed from the same structure and registered together: their order does not matter.
   std::vector<std::pair<int, Pose>> found;  // first image of the body, its pose
   for (const std::vector<int>& images : bodies) {
     std::vector<SceneMap::Visible> visible;
@@ -87,6 +93,7 @@ int PlaceBodies(const StructureOptions& options, SceneMap* map) {
       seen += visible.back().points.size();
     }
     if (static_cast<int>(seen) < options.min_inliers) continue;
+    // Each image of the body may give the start; the one most observations agree with wins.
     Placement best;
     for (std::size_t i = 0; i < images.size(); ++i) {
       AbsolutePoseOptions settings;

@@ -14,10 +14,16 @@ namespace {
 // Largest errors of the first rounds, in units of the final one: a lens that is 2 % off moves
 // observations at its rim by several pixels.
 constexpr double kLooser[] = {8.0, 4.0, 2.0};
+// Rounds of adjusting and choosing observations again at the final error; most settle in two.
 constexpr int kFinalRounds = 4;
+// Iterations of a round, which the tolerance nearly always ends first.
 constexpr int kIterations = 30;
+// Relative decrease of the cost at which a round stops: the next one changes the observations
+// anyway.
 constexpr double kTolerance = 1e-5;
+// Iterations of the last adjustment, whose minimum is the result.
 constexpr int kLastIterations = 50;
+// Its tolerance: covariances are those of a minimum.
 constexpr double kLastTolerance = 1e-9;
 // Of rolling shutters, whose motion and velocity hardly differ in what they do to a picture: steps
 // along that valley cost much and change nothing that is seen. The last tolerance is that of trials
@@ -27,6 +33,7 @@ constexpr double kRollingTolerance = 1e-4;
 constexpr double kRoughLastTolerance = 1e-6;
 // Below this share of new and dropped observations the rounds end.
 constexpr double kSettled = 5e-4;
+// Points below which the given poses do not fit their photographs.
 constexpr int kFewestPoints = 30;
 
 // Every image on a body and a mount that are there, and all images of a body with a pose or none.
@@ -72,6 +79,16 @@ void Check(const std::vector<Camera>& cameras, const std::vector<ImageFeatures>&
   }
 }
 
+void ReportProgress(const SceneMap& map, const char* step,
+                    const std::function<bool(const StructureProgress&)>& on_progress) {
+  if (!on_progress) return;
+  if (!on_progress({map.num_registered(), map.num_images(), map.num_points(), step})) {
+    throw SolveError("stopped");
+  }
+}
+
+// The image whose centre holds the scale best: the longest baseline to the one that holds the
+// gauge.
 int FarthestFromFirst(const std::vector<Pose>& poses) {
   const auto distance = [&](const Pose& pose) {
     return (pose.CenterInSource() - poses.front().CenterInSource()).squaredNorm();
@@ -93,6 +110,7 @@ Structure RefineStructure(const std::vector<Camera>& cameras,
                           const std::function<bool(const StructureProgress&)>& on_progress) {
   Check(cameras, images, camera_from_world);
   CheckRig(options.rig, registered, images.size());
+  // Rounds of: complete tracks, adjust, drop what is off; from loose to tight.
   StructureOptions current = options;  // the map reads its largest error in every round
   SceneMap map(cameras, images, pairs, current);
   const int farthest = FarthestFromFirst(camera_from_world);
@@ -104,25 +122,15 @@ Structure RefineStructure(const std::vector<Camera>& cameras,
                      ? Velocity(options.readout_time * options.image_rates[image])
                      : Velocity::Zero());
   }
-  const auto tell = [&](const char* step) {
-    if (!on_progress) return;
-    const StructureProgress progress = {map.num_registered(), map.num_images(), map.num_points(),
-                                        step};
-    if (!on_progress(progress)) throw SolveError("stopped");
-  };
+  const auto report = [&](const char* step) { ReportProgress(map, step, on_progress); };
   const bool lens_free = !options.lens_free.empty();
-  Structure nothing;
-  nothing.cameras = cameras;
-  nothing.registered.assign(images.size(), 0);
-  nothing.camera_from_world.resize(images.size());
-  nothing.covariances.assign(images.size(), Eigen::Matrix<double, 6, 6>::Zero());
   // Returns the share of observations that came or went.
   const auto round = [&](int iterations, double tolerance) {
     const int added = map.Complete(-1);
     if (map.num_points() < kFewestPoints) return -1.0;
     map.AdjustGlobally(iterations, tolerance, true, lens_free);
     const int dropped = map.Filter(current.max_error);
-    tell("adjustment");
+    report("adjustment");
     return static_cast<double>(added + dropped) / std::max(1, map.num_points());
   };
   const bool rolling = map.rolling();
@@ -131,6 +139,8 @@ Structure RefineStructure(const std::vector<Camera>& cameras,
   // With velocities as many unknowns again: they wait for the end, where observations are settled.
   map.HoldVelocities(true);
   double changed = 0.0;
+  // Given poses are roughly right: the largest error starts loose and gets tight, while points and,
+  // if free, the lens come to fit.
   for (const double looser : kLooser) {
     current.max_error = looser * options.max_error;
     if (changed >= 0.0) changed = round(kIterations, tolerance);
@@ -144,31 +154,34 @@ Structure RefineStructure(const std::vector<Camera>& cameras,
     }
   };
   settle();
+  // Bodies without a pose join once the structure stands, until no more can be placed.
   while (map.on_rig() && changed >= 0.0 && PlaceBodies(current, &map) > 0) settle();
   for (int i = 0; i < options.extend_rounds && changed >= 0.0 && HasDescriptors(images); ++i) {
     map.Extend();
-    tell("longer tracks");
+    report("longer tracks");
     settle();
   }
+  // Known velocities were held so far; now they may differ within their uncertainty.
   if (options.rate_sigma > 0 && !options.image_rates.empty()) {
     map.HoldVelocities(false);
     settle();
   }
   map.DropWeakImages();
+  // The gauge's images must still be there.
   const bool held = map.on_rig() || (map.registered(0) && map.registered(farthest));
   if (changed < 0.0 || map.num_points() < kFewestPoints || map.num_registered() < 2 || !held) {
-    nothing.failure = "only " + std::to_string(map.num_points()) +
-                      " points agree with the poses, and " + std::to_string(kFewestPoints) +
-                      " are needed in the first image and the one farthest from it too";
-    return nothing;
+    return {cameras, images.size(),
+            "only " + std::to_string(map.num_points()) + " points agree with the poses, and " +
+                std::to_string(kFewestPoints) +
+                " are needed in the first image and the one farthest from it too"};
   }
   const bool rough = rolling || !options.covariances;
   map.AdjustGlobally(kLastIterations, rough ? kRoughLastTolerance : kLastTolerance, true,
                      lens_free);
   map.Filter(current.max_error);
-  tell("final adjustment");
+  report("final adjustment");
   Structure result = map.Result(options.covariances);
-  tell("covariances");
+  report("covariances");
   result.initial_first = 0;
   result.initial_second = farthest;
   return result;
@@ -190,18 +203,14 @@ Structure TriangulateStructure(const std::vector<Camera>& cameras,
     map.Register(image, camera_from_world[image],
                  velocities.empty() ? Velocity::Zero() : velocities[image]);
   }
-  const auto tell = [&](const char* step) {
-    const StructureProgress progress = {map.num_registered(), map.num_images(), map.num_points(),
-                                        step};
-    if (on_progress && !on_progress(progress)) throw SolveError("stopped");
-  };
+  const auto report = [&](const char* step) { ReportProgress(map, step, on_progress); };
   map.Complete(-1);
   map.Filter(options.max_error);
-  tell("triangulation");
+  report("triangulation");
   for (int i = 0; i < options.extend_rounds && HasDescriptors(images); ++i) {
     map.Extend();
     map.Filter(options.max_error);
-    tell("longer tracks");
+    report("longer tracks");
   }
   return map.Result(false);
 }

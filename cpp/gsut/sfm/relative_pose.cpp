@@ -15,15 +15,20 @@ namespace gsut {
 namespace {
 
 constexpr std::uint64_t kRelativePoseStream = 0x5245'4C50;  // "RELP"
-constexpr int kSample = 5;
+constexpr int kSample = 5;  // matches that determine an essential matrix, up to ten solutions
 // Fewer inliers than this prove nothing: five points always fit.
 constexpr int kFewestMatches = 8;
+// Refinements of a new best pose, each on the inliers of the one before; the cost ends them
+// earlier.
 constexpr int kRefinements = 4;
 // The first samples come from this many matches; after kGrowingSamples, from all.
 constexpr int kFirstPool = 24;
 constexpr int kGrowingSamples = 200;
+// Steps of a refinement: from a sample's pose, quadratic convergence needs no more.
 constexpr int kGaussNewtonSteps = 4;
 
+// Sampson's error: the epipolar constraint b2^T E b1 over the length of its gradient by the four
+// pixel coordinates, which is the distance to the nearest match that fulfils it, to first order.
 double SquaredError(const Eigen::Matrix3d& e, const Bearing& first, const Bearing& second) {
   const Eigen::Vector3d line2 = e * first.ray;
   const Eigen::Vector3d line1 = e.transpose() * second.ray;
@@ -45,6 +50,8 @@ double Cost(const Eigen::Matrix3d& e, std::span<const Bearing> first,
   return cost;
 }
 
+// E = U diag(1, 1, 0) V^T gives R = U W V^T or U W^T V^T and t = +- u3 (Hartley and Zisserman,
+// "Multiple view geometry", 2nd ed., result 9.19).
 std::array<Pose, 4> Decompose(const Eigen::Matrix3d& e) {
   const Eigen::JacobiSVD<Eigen::Matrix3d> svd(e, Eigen::ComputeFullU | Eigen::ComputeFullV);
   Eigen::Matrix3d u = svd.matrixU();
@@ -73,6 +80,7 @@ Pose ChooseInFront(const Eigen::Matrix3d& e, std::span<const Bearing> first,
       const auto depths = RayDepths(pose, first[i].ray, second[i].ray);
       count += depths[0] > 0.0 && depths[1] > 0.0;
     }
+    // Of four decompositions one puts points in front of both.
     if (count > most) {
       most = count;
       best = pose;
@@ -99,6 +107,8 @@ Pose Refine(Pose pose, std::span<const Bearing> first, std::span<const Bearing> 
       const double weight = 1.0 / ((line2.transpose() * second[i].dray_dpixel).squaredNorm() +
                                    (line1.transpose() * first[i].dray_dpixel).squaredNorm());
       if (!(value * value * weight < max_squared)) continue;
+      // b2 . (t x a), a = R b1. A turn w of R moves a by w x a:  d = w . (a x (b2 x t)); t moves
+      // across itself:  d = dt . (a x b2).
       const Eigen::Vector3d a = pose.rotation * first[i].ray;
       const Eigen::Vector3d by_rotation = a.cross(second[i].ray.cross(t));
       const Eigen::Vector3d by_translation = a.cross(second[i].ray);
@@ -119,6 +129,7 @@ Pose Refine(Pose pose, std::span<const Bearing> first, std::span<const Bearing> 
 }
 
 // The rotation that carries the first rays of the chosen matches nearest to the second ones.
+// (Kabsch's algorithm: U V^T of the sum of b2 b1^T, without a mirror.)
 Eigen::Matrix3d FitRotation(std::span<const Bearing> first, std::span<const Bearing> second,
                             const std::vector<std::uint8_t>& chosen) {
   Eigen::Matrix3d sum = Eigen::Matrix3d::Zero();
@@ -180,6 +191,8 @@ RelativePose EstimateRelativePose(std::span<const Bearing> first, std::span<cons
   Eigen::Matrix3d best_e = Eigen::Matrix3d::Zero();
   int needed = options.max_samples;
   for (int draw = 0; draw < needed; ++draw) {
+    // PROSAC's idea (Chum and Matas, 2005): matches come best first, so early samples take few of
+    // them.
     const int pool = std::min(
         count,
         kFirstPool + static_cast<int>(static_cast<std::int64_t>(count) * draw / kGrowingSamples));
@@ -215,6 +228,7 @@ RelativePose EstimateRelativePose(std::span<const Bearing> first, std::span<cons
     needed = std::min(
         needed, SamplesNeeded(static_cast<double>(inliers) / count, kSample, options.max_samples));
   }
+  // Inliers must also lie in front of both cameras, along their rays.
   if (best_e.isZero()) return result;
   const Pose pose = ChooseInFront(best_e, first, second, max_squared);
   std::vector<double> parallaxes;
@@ -232,6 +246,7 @@ RelativePose EstimateRelativePose(std::span<const Bearing> first, std::span<cons
     }
   }
   if (result.num_inliers < kFewestMatches) return result;
+  // The upper quartile: most points may be far away, and a quarter near enough to show the motion.
   const auto upper = parallaxes.begin() + static_cast<std::ptrdiff_t>(parallaxes.size() * 3 / 4);
   std::nth_element(parallaxes.begin(), upper, parallaxes.end());
   result.parallax = *upper;

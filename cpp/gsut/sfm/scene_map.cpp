@@ -28,6 +28,7 @@ SceneMap::SceneMap(std::vector<Camera> cameras, const std::vector<ImageFeatures>
       poses_(images.size()),
       camera_from_body_(options.rig.camera_from_body),
       loss_pixels_(options.max_error / kErrorOverBend) {
+  // Times follow from pixels and never change; poses of lines do, with every adjustment.
   UpdateBearings();
   if (rolling()) {
     for (const ImageFeatures& image : images_) {
@@ -52,6 +53,8 @@ double SceneMap::TimeAt(const Eigen::Vector2d& pixel, const Camera& camera) cons
          kMiddle;
 }
 
+// Every n-th longer track keeps one of its observations out of everything: errors there are those
+// of a prediction, which show a wrong lens or shutter where fitted residuals do not.
 void SceneMap::SetTracks(const std::vector<std::vector<TrackElement>>& tracks) {
   tracks_.clear();
   for (std::vector<int>& of_image : tracks_of_image_) of_image.clear();
@@ -87,6 +90,8 @@ void SceneMap::Register(int image, const Pose& camera_from_world, const Velocity
   Place(image, camera_from_world, velocity);
 }
 
+// With a rolling shutter each feature has the pose of its own line, which is kept: residuals read
+// it many times between two changes.
 void SceneMap::Place(int image, const Pose& camera_from_world, const Velocity& velocity) {
   poses_[image] = camera_from_world;
   if (!rolling()) return;
@@ -127,6 +132,9 @@ SceneMap::Visible SceneMap::VisiblePoints(int image) const {
   return visible;
 }
 
+// Points spread over the image hold a pose better than as many in a corner. Grids of 2 x 2 to 32 x
+// 32 count occupied cells, a cell weighted by its grid's side (Schonberger and Frahm,
+// "Structure-from- motion revisited", 2016, section 4.2).
 double SceneMap::VisibleScore(int image, int* count) const {
   std::array<std::vector<std::uint8_t>, kScoreLevels> cells;
   for (int level = 0; level < kScoreLevels; ++level) cells[level].assign(4ULL << (2 * level), 0);
@@ -153,6 +161,7 @@ double SceneMap::VisibleScore(int image, int* count) const {
   return score;
 }
 
+// A track with a point gains the observations that agree with it now; one without is triangulated.
 int SceneMap::CompleteTrack(Track* track) {
   int added = 0;
   const auto open = [&](const Observation& observation) {
@@ -184,6 +193,8 @@ int SceneMap::CompleteTrack(Track* track) {
   return result.num_kept;
 }
 
+// Tracks are independent, and the number of observations is a whole number: any order gives the
+// same.
 int SceneMap::Complete(int image) {
   const std::int64_t count = image < 0 ? static_cast<std::int64_t>(tracks_.size())
                                        : static_cast<std::int64_t>(tracks_of_image_[image].size());
@@ -197,6 +208,8 @@ int SceneMap::Complete(int image) {
       }));
 }
 
+// Two conditions: an observation must be near its point's projection, and the rays that remain must
+// meet at an angle, or the point's depth means nothing.
 int SceneMap::Filter(double max_error) {
   const auto count = static_cast<std::int64_t>(tracks_.size());
   return static_cast<int>(
@@ -219,6 +232,7 @@ int SceneMap::Filter(double max_error) {
             observations.push_back(
                 {&bearings_[observation.image][observation.feature], &PoseOf(observation)});
           }
+          // The point goes if too little is left of it; its features may join again later.
           const std::vector<std::uint8_t> all(observations.size(), 1);
           if (used >= 2 &&
               TriangulationAngle(observations, all, track.position) >= options_.min_angle) {
@@ -238,6 +252,7 @@ int SceneMap::DropWeakImages() {
     if (!track.has_point) continue;
     for (const Observation& seen_by : track.observations) seen[seen_by.image] += seen_by.used;
   }
+  // On a rig the body counts.
   if (on_rig()) {  // what one camera of a body sees places them all
     std::vector<int> of_body(images_.size(), 0);
     const std::vector<int>& body = options_.rig.body_of_image;
@@ -256,6 +271,7 @@ int SceneMap::DropWeakImages() {
       }
     }
   }
+  // Points that only the dropped images held go too.
   if (dropped > 0) Filter(options_.max_error);
   return dropped;
 }

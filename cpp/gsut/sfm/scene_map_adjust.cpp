@@ -34,6 +34,8 @@ double Median(std::vector<double>* values) {
 
 }  // namespace
 
+// The loss follows the data: it bends at a multiple of the median residual, so that sharp features
+// are weighed finely and blurred ones are not all outliers.
 void SceneMap::UpdateLoss() {
   std::vector<double> lengths;
   for (const Track& track : tracks_) {
@@ -54,6 +56,8 @@ void SceneMap::AddImage(int image, Bundle* bundle, std::vector<int>* image_of) c
   if (rolling()) bundle->velocities.push_back(velocities_[image]);
 }
 
+// Copies what takes part into a bundle with numbers of its own. images_free: the images that move;
+// points that they see move too, and other images that see those are in it, held. Null: everything.
 Bundle SceneMap::MakeBundle(const std::vector<std::uint8_t>* images_free, BundleOptions* options,
                             std::vector<int>* image_of, std::vector<int>* track_of) const {
   Bundle bundle;
@@ -87,6 +91,7 @@ Bundle SceneMap::MakeBundle(const std::vector<std::uint8_t>* images_free, Bundle
            images_[observation.image].pixels[observation.feature], TimeOf(observation)});
     }
   }
+  // With two held images the gauge needs no more.
   const auto placed = [&](int image) { return image < 0 ? -1 : place[image]; };
   options->gauge_image = placed(gauge_first_);
   options->scale_image = placed(gauge_second_);
@@ -114,6 +119,8 @@ void SceneMap::StoreBundle(const Bundle& bundle, const std::vector<int>& image_o
   if (options_.rig.refine) RestoreRigSize(bundle);
 }
 
+// A new image changes what is near it: itself and the images that share most points with it move,
+// which costs the same however large the structure has become.
 void SceneMap::AdjustLocally(int image) {
   std::vector<int> shared(images_.size(), 0);
   for (const int index : tracks_of_image_[image]) {
@@ -131,8 +138,8 @@ void SceneMap::AdjustLocally(int image) {
     if (shared[order[i]] > 0) free[order[i]] = 1;
   }
   BundleOptions options;
-  constexpr int kLocalIterations = 12;
-  constexpr double kLocalTolerance = 1e-4;
+  constexpr int kLocalIterations = 12;      // a few images converge in fewer
+  constexpr double kLocalTolerance = 1e-4;  // relative; the next image moves them again
   options.max_iterations = kLocalIterations;
   options.function_tolerance = kLocalTolerance;
   std::vector<int> image_of, track_of;
@@ -160,12 +167,14 @@ BundleSummary SceneMap::AdjustGlobally(int max_iterations, double tolerance, boo
   return summary;
 }
 
+// The nearest registered image on either side in time; at an end, the image itself is one of them.
 Velocity SceneMap::NeighborVelocity(int image) const {
   int before = image, after = image;
   const std::vector<double>& times = options_.frame_times;
   for (int other = 0; other < num_images(); ++other) {
     if (!registered_[other]) continue;
-    const bool earlier = times[other]<times[image], later = times[other]> times[image];
+    const bool earlier = times[other] < times[image];
+    const bool later = times[other] > times[image];
     if (earlier && (before == image || times[other] > times[before])) before = other;
     if (later && (after == image || times[other] < times[after])) after = other;
   }
@@ -173,6 +182,9 @@ Velocity SceneMap::NeighborVelocity(int image) const {
   return VelocityBetween(poses_[before], poses_[after]) / (times[after] - times[before]);
 }
 
+// A rolling shutter's velocity and the pose explain much of the same, so velocities need priors:
+// near what flow, or neighbours in time, say of them; else near standing still, as far as hands
+// move.
 void SceneMap::SetPriors(const Bundle& bundle, const std::vector<int>& image_of,
                          BundleOptions* options) const {
   std::vector<std::vector<double>> distances(image_of.size());
@@ -205,8 +217,8 @@ void SceneMap::SetPriors(const Bundle& bundle, const std::vector<int>& image_of,
 
 void SceneMap::AdjustImage(int image, double max_error) {
   // More than once: observations that looked wrong for a still camera may be right after all.
-  constexpr int kRounds = 3;
-  constexpr int kIterations = 20;
+  constexpr int kRounds = 3;       // the choice of observations settles in two
+  constexpr int kIterations = 20;  // twelve unknowns converge in fewer
   for (int round = 0; round < kRounds; ++round) {
     Bundle bundle;
     BundleOptions options;
@@ -226,6 +238,7 @@ void SceneMap::AdjustImage(int image, double max_error) {
         bundle.points.push_back(track.position);
       }
     }
+    // Points are held: only the image moves.
     if (bundle.points.empty()) return;
     options.point_fixed.assign(bundle.points.size(), 1);
     options.loss_scale = max_error / kErrorOverBend;
@@ -238,6 +251,8 @@ void SceneMap::AdjustImage(int image, double max_error) {
   }
 }
 
+// Residuals of observations that were used go into the RMS and median, those held out into a median
+// of their own.
 Structure SceneMap::Result(bool covariances) const {
   Structure result;
   result.cameras = cameras_;

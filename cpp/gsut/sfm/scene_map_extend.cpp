@@ -23,6 +23,7 @@ Descriptor UnitDescriptor(const ImageFeatures& image, int feature) {
   return descriptor.normalized();
 }
 
+// Cells as wide as the radius or wider: what is near lies in the nine cells around.
 // The features of an image by place.
 class FeatureGrid {
  public:
@@ -61,6 +62,9 @@ class FeatureGrid {
 
 }  // namespace
 
+// Matching from image to image misses features whose neighbours look alike or whose view has
+// turned. A point that is already known says where to look: its projection, within a few pixels,
+// leaves few features, and a looser descriptor distance then suffices.
 std::vector<SceneMap::Candidate> SceneMap::CandidatesIn(int image,
                                                         const Eigen::MatrixXf& descriptors) const {
   std::vector<std::uint8_t> seen(tracks_.size(), 0);
@@ -135,6 +139,7 @@ int SceneMap::Extend() {
   std::vector<Found> found;
   for (int image = 0; image < num_images(); ++image) {
     for (const Candidate& candidate : of_image[image]) {
+      // A join to the track's first feature joins it to all of them.
       const TrackElement& own = first[candidate.track];
       if (own.image == image) continue;  // its own observation there no longer agrees
       found.push_back({candidate.squared, {own, {image, candidate.feature}}});
@@ -143,6 +148,8 @@ int SceneMap::Extend() {
   std::stable_sort(found.begin(), found.end(),
                    [](const Found& a, const Found& b) { return a.squared < b.squared; });
   for (const Found& one : found) joins.push_back(one.join);
+  // Tracks are made anew from the old joins, first, and the found ones: two points whose features
+  // join become one, unless they are seen in one image.
   SetTracks(JoinTracks(num_features_, joins));
   Complete(-1);
   return static_cast<int>(found.size());

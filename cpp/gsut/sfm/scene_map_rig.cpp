@@ -32,6 +32,8 @@ void SceneMap::RegisterBody(int image, const Pose& camera_from_world) {
   }
 }
 
+// Bodies are numbered as they appear; cameras of a body without observations are added all the
+// same, as their poses follow from the body's.
 void SceneMap::AddRig(Bundle* bundle, BundleOptions* options, std::vector<int>* image_of) const {
   const Rig& rig = options_.rig;
   std::vector<int> place(images_.size(), -1);  // of bodies
@@ -68,6 +70,8 @@ void SceneMap::AddRig(Bundle* bundle, BundleOptions* options, std::vector<int>* 
   }
 }
 
+// Free mounts can grow as the world shrinks: no picture shows it. The adjustment holds the scale by
+// one pose, and here everything is scaled so that the rig has its given size again.
 void SceneMap::RestoreRigSize(const Bundle& bundle) {
   const Rig& rig = options_.rig;
   // Which mounts were adjusted: those of images with observations. The last entry: the body itself.

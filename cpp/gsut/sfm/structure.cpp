@@ -104,14 +104,8 @@ class Mapper {
       best->restarts = std::min(restarts, options_.most_restarts);
       return *best;
     }
-    Structure nothing;
-    nothing.cameras = cameras_;
-    nothing.registered.assign(images_.size(), 0);
-    nothing.camera_from_world.resize(images_.size());
-    nothing.covariances.assign(images_.size(), Eigen::Matrix<double, 6, 6>::Zero());
-    nothing.failure =
-        failure.empty() ? "no pair of images gave a stable first triangulation" : failure;
-    return nothing;
+    if (failure.empty()) failure = "no pair of images gave a stable first triangulation";
+    return {cameras_, images_.size(), failure};
   }
 
  private:
@@ -152,6 +146,8 @@ class Mapper {
     options_.max_error = wanted_.max_error * (rolling ? factor : 1.0);
   }
 
+  // Two images, their points, and an adjustment: unless enough points remain, another pair is
+  // better.
   bool Start(const VerifiedPair& pair) {
     SetErrorFactor(wanted_.rolling_error);
     map_->SetGauge(pair.first, pair.second);

@@ -91,6 +91,15 @@ struct StructurePoint {
 };
 
 struct Structure {
+  Structure() = default;
+  // Of no image, and why.
+  Structure(std::vector<Camera> cameras_in, std::size_t images, std::string failure_in)
+      : cameras(std::move(cameras_in)),
+        registered(images, 0),
+        camera_from_world(images),
+        covariances(images, Eigen::Matrix<double, 6, 6>::Zero()),
+        failure(std::move(failure_in)) {}
+
   std::vector<Camera> cameras;
   std::vector<std::uint8_t> registered;  // one an image
   std::vector<Pose> camera_from_world;   // identity where not registered

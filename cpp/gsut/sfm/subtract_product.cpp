@@ -52,6 +52,7 @@ HWY_INLINE void Block(const Matrices& m, int row, int column, int rest) {
       for (int v = 0; v < kOwnVectors; ++v) sums[v][c] = hn::NegMulAdd(left[v], right, sums[v][c]);
     }
   }
+  // Rows past the end belong to other tiles: the last vector is stored through its mask.
   for (int c = 0; c < kOwnColumns; ++c) {
     for (int v = 0; v + 1 < kOwnVectors; ++v) {
       hn::StoreU(sums[v][c], d, out + c * m.out_stride + v * lanes);
@@ -61,6 +62,7 @@ HWY_INLINE void Block(const Matrices& m, int row, int column, int rest) {
   }
 }
 
+// All rows of a group of columns, in blocks of three vectors.
 template <int kOwnColumns>
 HWY_INLINE void Columns(const Matrices& m, int rows, int column) {
   const int lanes = static_cast<int>(hn::Lanes(hn::ScalableTag<double>()));
@@ -81,6 +83,7 @@ HWY_INLINE void Columns(const Matrices& m, int rows, int column) {
 
 }  // namespace
 
+// Columns four at a time, the rest one by one.
 void Subtract(double* out, std::ptrdiff_t out_stride, const double* a, std::ptrdiff_t a_stride,
               const double* b, std::ptrdiff_t b_stride, int rows, int columns, int inner) {
   const Matrices m = {out, a, b, out_stride, a_stride, b_stride, inner};

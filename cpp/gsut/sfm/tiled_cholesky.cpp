@@ -28,6 +28,7 @@ TiledCholesky::TiledCholesky(std::vector<int> sizes, std::vector<std::uint8_t> p
       }
     }
   }
+  // Tiles are stored column by column, as the factorisation reads them.
   place_.assign(present_.size(), 0);
   std::size_t total = 0;
   for (int j = 0; j < count; ++j) {
@@ -40,6 +41,7 @@ TiledCholesky::TiledCholesky(std::vector<int> sizes, std::vector<std::uint8_t> p
   values_.assign(total, 0.0);
 }
 
+// 1 where nothing is zero: ordering has then gained nothing.
 double TiledCholesky::Fill() const {
   const double count = num_tiles();
   double kept = 0.0;

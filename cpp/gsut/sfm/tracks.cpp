@@ -10,6 +10,9 @@
 namespace gsut {
 namespace {
 
+// Matches are edges between features of images, and a track is a component that sees each image at
+// most once. One wrong match would tie two points into one, so an edge that would give an image two
+// features is refused; edges therefore come in order of trust, and their order matters.
 class Components {
  public:
   Components(std::vector<TrackElement> elements) : parent_(elements.size()), members_() {
@@ -18,6 +21,7 @@ class Components {
     for (std::size_t i = 0; i < elements.size(); ++i) members_[i] = {elements[i]};
   }
 
+  // Path halving: each visit points nodes to their grandparents.
   int Root(int node) {
     while (parent_[node] != node) {
       parent_[node] = parent_[parent_[node]];
@@ -31,6 +35,7 @@ class Components {
     a = Root(a);
     b = Root(b);
     if (a == b) return;
+    // Members are sorted by image: merging shows whether an image would be in it twice.
     if (members_[a].size() < members_[b].size()) std::swap(a, b);
     std::vector<TrackElement> merged;
     merged.reserve(members_[a].size() + members_[b].size());
@@ -64,6 +69,7 @@ class Components {
 std::vector<std::vector<TrackElement>> JoinTracks(std::span<const int> num_features,
                                                   std::span<const TrackJoin> joins) {
   const int images = static_cast<int>(num_features.size());
+  // Features are numbered across images, one node each.
   std::vector<int> begin(images + 1, 0);
   std::vector<TrackElement> elements;
   for (int image = 0; image < images; ++image) {

@@ -8,7 +8,9 @@
 namespace gsut {
 namespace {
 
-constexpr int kMostPairs = 30;  // hypotheses tried
+// Pairs of rays tried, of those with the widest angles: one good pair is enough.
+constexpr int kMostPairs = 30;
+// From a midpoint Gauss-Newton converges in three or four steps.
 constexpr int kGaussNewtonSteps = 10;
 
 struct Pair {
@@ -44,7 +46,9 @@ double SquaredResidual(const PosedBearing& observation, const Eigen::Vector3d& p
 
 std::array<double, 2> RayDepths(const Pose& second_from_first, const Eigen::Vector3d& ray1,
                                 const Eigen::Vector3d& ray2) {
-  // t + depth1 a = depth2 ray2 in the second camera, in the least-squares sense.
+  // t + depth1 a = depth2 ray2 in the second camera, in the least-squares sense: the vector between
+  // the nearest points is along n = a x ray2. Crossing the equation with ray2 or a, and taking the
+  // part along n, leaves one depth each.
   const Eigen::Vector3d a = second_from_first.rotation * ray1;
   const Eigen::Vector3d& t = second_from_first.translation;
   const Eigen::Vector3d normal = a.cross(ray2);
@@ -52,6 +56,7 @@ std::array<double, 2> RayDepths(const Pose& second_from_first, const Eigen::Vect
   return {ray2.cross(t).dot(normal) / squared_sine, a.cross(t).dot(normal) / squared_sine};
 }
 
+// The largest angle between two rays at the point: what its depth can be known from.
 double TriangulationAngle(std::span<const PosedBearing> observations,
                           std::span<const std::uint8_t> chosen, const Eigen::Vector3d& point) {
   double largest = 0.0;
@@ -85,6 +90,8 @@ bool RefinePoint(std::span<const PosedBearing> observations, std::span<const std
       gradient += jacobian.transpose() * residual;
       distance = std::max(distance, in_camera.norm());
     }
+    // A step farther than the point's distance has left the region where the residual is nearly
+    // linear.
     const Eigen::Vector3d change = normal.ldlt().solve(-gradient);
     if (!change.allFinite() || change.norm() > distance) return false;
     *point += change;
@@ -108,6 +115,7 @@ TriangulatedPoint Triangulate(std::span<const PosedBearing> observations,
       if (angle >= options.min_angle) pairs.push_back({i, j, angle});
     }
   }
+  // Wide pairs place a point best.
   const auto wider = [](const Pair& a, const Pair& b) { return a.angle > b.angle; };
   if (pairs.size() > kMostPairs) {
     std::nth_element(pairs.begin(), pairs.begin() + kMostPairs, pairs.end(), wider);
@@ -116,6 +124,7 @@ TriangulatedPoint Triangulate(std::span<const PosedBearing> observations,
   const double max_squared = options.max_error * options.max_error;
   double best_cost = max_squared * count;
   std::vector<std::uint8_t> kept(count);
+  // Truncated squares, as of RANSAC: every hypothesis is judged by all observations.
   const auto judge = [&](const Eigen::Vector3d& point) {
     double cost = 0.0;
     int inliers = 0;

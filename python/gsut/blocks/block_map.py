@@ -1,4 +1,4 @@
-"""The map of blocks: Gaussians from above, a colour a block, and where the cameras stood."""
+"""Draws the map of blocks: Gaussians from above in a colour for each block, and the cameras."""
 
 from __future__ import annotations
 
@@ -9,12 +9,16 @@ import numpy as np
 from gsut.data import Scene
 from gsut.files import whole_file
 from gsut.gaussians import Gaussians
-from gsut.page import INK, MUTED, SERIES, plot_figure
+from gsut.page import INK, MUTED, SERIES, make_figure
 
+# Name of the picture in the folder of the blocks.
 MAP = "map.png"
+# Gaussians that are drawn, evenly chosen: more would cover each other.
 _DOTS = 20_000
-_FARTHEST_PERCENT = 1.0  # of the Gaussians on each side, outside of which nothing is shown
-_MOST_NUMBERS = 100  # blocks up to which each has its number
+# Percent of the Gaussians on each side that may lie beyond the map's edge.
+_FARTHEST_PERCENT = 1.0
+# Most blocks whose numbers are written: more would cover each other.
+_MOST_NUMBERS = 100
 
 
 def write_map(folder: Path, gaussians: Gaussians, owners: np.ndarray, scene: Scene) -> None:
@@ -32,10 +36,10 @@ def write_map(folder: Path, gaussians: Gaussians, owners: np.ndarray, scene: Sce
     low, high = np.minimum(low, centers.min(axis=0)), np.maximum(high, centers.max(axis=0))
     across, along = np.sort(np.argsort(-np.ptp(centers, axis=0), kind="stable")[:2])
     rows = np.linspace(0, len(points) - 1, min(_DOTS, len(points))).astype(int)
-    figure, axes = plot_figure("Blocks, and the cameras as rings", 7.0, 5.0)
+    figure, axes = make_figure("Blocks, and the cameras as rings", 7.0, 5.0)
     blocks, number = np.unique(owners, return_inverse=True)
     middles = np.array([np.median(points[number == each], axis=0) for each in range(len(blocks))])
-    colors = np.array(SERIES)[_colors_apart(middles)[number[rows]]]
+    colors = np.array(SERIES)[choose_colors(middles)[number[rows]]]
     axes.scatter(points[rows, across], points[rows, along], s=1.5, c=colors, linewidths=0)
     axes.scatter(
         centers[:, across], centers[:, along], s=24, facecolors="none", edgecolors=INK,
@@ -55,8 +59,12 @@ def write_map(folder: Path, gaussians: Gaussians, owners: np.ndarray, scene: Sce
         figure.savefig(temporary, format="png", dpi=110)
 
 
-def _colors_apart(middles: np.ndarray) -> np.ndarray:
-    """(B,) a colour's number for each block, by its middle (B, 3): those of one lie far apart."""
+def choose_colors(middles: np.ndarray) -> np.ndarray:
+    """Chooses a colour's number (B,) for each block, so that blocks of one colour lie far apart.
+
+    Args:
+        middles: (B, 3) of the blocks.
+    """
     chosen = np.zeros(len(middles), int)
     for block, middle in enumerate(middles):
         away = np.full(len(SERIES), np.inf)

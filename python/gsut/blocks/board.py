@@ -1,4 +1,4 @@
-"""The bars of a training in blocks."""
+"""Shows the progress of a training in blocks."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from gsut.run import Progress, read_checkpoint
 
 
 class Counter:
-    """A bar that is moved by one."""
+    """Counts views on a bar."""
 
     def __init__(self, bar: Progress, stage: str, total: int) -> None:
         self._bar, self._stage, self._total, self._done = bar, stage, total, 0
 
-    def one(self) -> None:
+    def advance(self) -> None:
         self._done += 1
         self._bar.show(self._stage, min(self._done, self._total), self._total)
 
 
 class Board:
-    """The bar of a round: steps of all blocks, and where those at work are.
+    """Shows the steps of all blocks in a round on one bar.
 
     Attributes:
-        peaks: MiB that the process which trained a block took at most.
+        peaks: for each block the most memory in MiB that its process has taken.
     """
 
     def __init__(self, jobs: list[Job], progress: bool) -> None:
@@ -39,7 +39,7 @@ class Board:
                 self._steps[job.block] = task["begin"] if state is None else state["step"]
 
     def report(self, job: Job, message: dict[str, Any]) -> None:
-        """Moves the bar: a message of `run_job`."""
+        """Moves the bar according to a message of `run_job`."""
         self._steps[job.block] = message["step"]
         if message.get("peak_rss_mb"):
             self.peaks[job.block] = max(self.peaks.get(job.block, 0.0), message["peak_rss_mb"])
@@ -50,5 +50,5 @@ class Board:
         self._bar.show("blocks", done, total, text)
 
     def close(self) -> None:
-        """Leaves the bar as it stands."""
+        """Ends the bar at its current state."""
         self._bar.close()

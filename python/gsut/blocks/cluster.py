@@ -1,4 +1,4 @@
-"""Blocks trained on a Ray cluster: the same tasks, each state brought home as it is made."""
+"""Trains blocks on a Ray cluster: the same tasks; each state returns to this machine when made."""
 
 from __future__ import annotations
 
@@ -15,24 +15,28 @@ from typing import Any
 from gsut import _core
 from gsut._core import InputError
 from gsut.blocks.segment import BlockLoop, run_segment
-from gsut.blocks.task import BlockTask, photographs_of
-from gsut.blocks.workers import Job, Report, summary_of
+from gsut.blocks.task import BlockTask, list_photographs
+from gsut.blocks.workers import Job, Report, summarize_state
 from gsut.files import write_file
 from gsut.run import read_checkpoint, write_checkpoint
 
-# Times that Ray runs a segment again whose worker or node is lost.
+# Times that Ray repeats a segment whose worker or node is lost.
 _RETRIES = 20
+# Seconds between looks at what has finished.
 _WAIT_SECONDS = 1.0
-_DESCRIBE_SECONDS = 60.0  # for each node to say what it has
+# Seconds for each node to describe itself.
+_DESCRIBE_SECONDS = 60.0
+# Address that stands for the cluster of this machine.
 _AUTO = "auto"
 
-# A worker's own: where photographs lie, and the task and loop of the last segment.
+# A worker's folder for photographs; empty until it is needed.
 _folder: list[tempfile.TemporaryDirectory] = []
+# Task and loop of a worker's last segment, by the hash of the task: the next one is often the same.
 _last: dict[str, tuple[BlockTask, list[BlockLoop]]] = {}
 
 
 class Cluster:
-    """The nodes of a Ray cluster, which this machine is one of.
+    """Runs blocks on the nodes of a Ray cluster, which this machine is one of.
 
     Args:
         address: "auto" or HOST:PORT.
@@ -42,7 +46,7 @@ class Cluster:
         threads: processors that a block takes: all of the smallest node.
 
     Raises:
-        InputError: Ray is not installed, there is no such cluster, or its nodes have several
+        InputError: Ray is not installed, there is no such cluster, or its nodes have different
             versions of gsut.
     """
 
@@ -61,14 +65,14 @@ class Cluster:
             except (ConnectionError, RuntimeError, ValueError) as error:
                 where = "this machine" if address == _AUTO else address
                 raise InputError(
-                    f"no Ray cluster at {where} ({str(error).splitlines()[0]}); begin one with ray "
+                    f"no Ray cluster at {where} ({str(error).splitlines()[0]}); start one with ray "
                     "start --head, and run gsut on a machine of it (ray start --address HOST:PORT)"
                 ) from None
-        self.isa, self.threads, self.nodes = self._agree()
+        self.isa, self.threads, self.nodes = self._compare_nodes()
         _core.set_isa(self.isa)
 
-    def _agree(self) -> tuple[str, int, int]:
-        """What all nodes have in common."""
+    def _compare_nodes(self) -> tuple[str, int, int]:
+        """Returns instruction set, threads and number of nodes that can be used together."""
         ray = self._ray
         from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
 
@@ -83,14 +87,14 @@ class Cluster:
             for node in nodes
         ]
         try:
-            told = ray.get(asked, timeout=_DESCRIBE_SECONDS)
+            found = ray.get(asked, timeout=_DESCRIBE_SECONDS)
         except ray.exceptions.RayError as error:
             raise InputError(
-                f"a node of the cluster cannot run gsut ({_first_line(error)}); install the same "
+                f"a node of the cluster cannot run gsut ({_quote_error(error)}); install the same "
                 "version on all of them"
             ) from None
         own = describe_node()
-        for node, each in zip(nodes, told, strict=True):
+        for node, each in zip(nodes, found, strict=True):
             if each["version"] != own["version"]:
                 raise InputError(
                     f"{node['NodeManagerHostname']} has gsut {each['version']}, this machine "
@@ -99,28 +103,28 @@ class Cluster:
         processors = [int(node["Resources"].get("CPU", 0)) for node in nodes]
         if not any(processors):
             raise InputError("the cluster's nodes have no processors to give; see ray status")
-        common = set.intersection(*(set(each["isas"]) for each in [own, *told]))
+        common = set.intersection(*(set(each["isas"]) for each in [own, *found]))
         isa = next(name for name in own["isas"] if name in common)  # widest first
         return isa, min(count for count in processors if count), sum(map(bool, processors))
 
     def run(self, jobs: Sequence[Job], report: Report) -> None:
-        """Trains all blocks; those that are done are left alone.
+        """Trains all blocks that are not finished.
 
         Raises:
-            InputError: what a worker found wrong, or that Ray gave up.
+            InputError: a worker found an error, or Ray gave up.
         """
         photographs: dict[str, Any] = {}
         coming: dict[Any, tuple[Job, Callable[[Any], Any]]] = {}
         for job in jobs:
             if not job.is_done():
-                submit = self._submitter(job, photographs)
+                submit = self._make_submitter(job, photographs)
                 first = job.state.read_bytes() if job.state.is_file() else None
                 coming[submit(first)] = job, submit
         try:
             while coming:
                 for done in self._ray.wait(list(coming), timeout=_WAIT_SECONDS)[0]:
                     job, submit = coming.pop(done)
-                    state, summary = self._result(done, job)
+                    state, summary = self._fetch_result(done, job)
                     write_file(job.state, state)
                     report(job, summary | {"bytes": len(state)})
                     if not job.is_done():
@@ -130,17 +134,17 @@ class Cluster:
                 self._ray.cancel(left, force=True)
 
     def close(self) -> None:
-        """Nothing: the cluster goes on, and Ray ends with this process."""
+        """Does nothing: the cluster continues to run, and Ray ends with this process."""
 
-    def _submitter(self, job: Job, photographs: dict[str, Any]) -> Callable[[Any], Any]:
-        """What asks the cluster for a block's segment after a state; task and files go there once.
+    def _make_submitter(self, job: Job, photographs: dict[str, Any]) -> Callable[[Any], Any]:
+        """Returns a function that submits a block's next segment; task and files are sent once.
 
-        A state goes by way of this machine, which keeps it: the node that made it may be lost.
+        A state travels by way of this machine, which keeps it: the node that made it may be lost.
         """
         segment = self._ray.remote(train_segment).options(
             num_cpus=self.threads, max_retries=_RETRIES
         )
-        paths = photographs_of(read_checkpoint(job.task, ("views",)))
+        paths = list_photographs(read_checkpoint(job.task, ("views",)))
         files = [self._put(path, photographs) for path in paths]
         task = self._ray.put(job.task.read_bytes())
 
@@ -153,12 +157,12 @@ class Cluster:
         return submit
 
     def _put(self, path: str, known: dict[str, Any]) -> Any:
-        """A file's content in the cluster: once, however many blocks it shows."""
+        """Puts a file's content into the cluster, once for all blocks."""
         if path not in known:
             known[path] = self._ray.put(Path(path).read_bytes())
         return known[path]
 
-    def _result(self, done: Any, job: Job) -> tuple[bytes, dict[str, Any]]:
+    def _fetch_result(self, done: Any, job: Job) -> tuple[bytes, dict[str, Any]]:
         try:
             return self._ray.get(done)
         except self._ray.exceptions.RayTaskError as error:
@@ -169,13 +173,13 @@ class Cluster:
         except self._ray.exceptions.RayError as error:
             raise InputError(
                 f"block {job.block}: Ray gave up after {_RETRIES} attempts "
-                f"({_first_line(error)}); see ray status for the nodes' memory and disks. Its "
-                "states are here: --resume goes on"
+                f"({_quote_error(error)}); see ray status for the nodes' memory and disks. Its "
+                "states are here: --resume continues"
             ) from None
 
 
 def describe_node() -> dict[str, Any]:
-    """Version of gsut and instruction sets, widest first, of the machine that runs this."""
+    """Returns the version of gsut and the instruction sets, widest first, of this machine."""
     return {"version": _core.__version__, "isas": _core.available_isas()}
 
 
@@ -183,14 +187,17 @@ def train_segment(
     task: bytes, paths: list[str], photographs: list[Any], state: bytes | None, isa: str,
     version: str, threads: int,
 ) -> tuple[bytes, dict[str, Any]]:  # fmt: skip
-    """A worker's side: the next state of a block, as a file's content, and what it says.
+    """Trains a segment on a worker; returns the next state's file and its summary.
 
     Args:
         task: content of the task's file.
         paths: of its photographs, on the driver's machine.
-        photographs: where Ray has each of them, or what they hold.
+        photographs: their content, or where Ray has it.
         state: content of the last state's file; None: the first segment.
         isa, version, threads: of gsut.
+
+    Raises:
+        InputError: version or instruction set do not match, or the disk is full.
     """
     if _core.__version__ != version:
         raise InputError(
@@ -199,39 +206,39 @@ def train_segment(
         )
     if isa not in _core.available_isas():
         raise InputError(
-            f"{os.uname().nodename} has no {isa} instructions, which this run was begun with"
+            f"{os.uname().nodename} has no {isa} instructions, which this run started with"
         )
     _core.set_isa(isa)
     _core.set_num_threads(threads)
-    folder = _own_folder()
+    folder = _make_folder()
     name = hashlib.sha256(task).hexdigest()
     if name not in _last:
         _last.clear()
         files = zip(paths, photographs, strict=True)
-        places = {path: _fetch(path, content, folder) for path, content in files}
+        places = {path: _store_photograph(path, content, folder) for path, content in files}
         values = _from_bytes(task, folder)
         _last[name] = BlockTask.from_dict(values, lambda path: places.get(path, path)), []
     loaded, kept = _last[name]
     before = None if state is None else _from_bytes(state, folder)
     began = time.perf_counter()
     after = run_segment(loaded, before, kept)
-    summary = summary_of(after) | {"wall_seconds": time.perf_counter() - began}
+    summary = summarize_state(after) | {"wall_seconds": time.perf_counter() - began}
     file = folder / "state.npz"
     write_checkpoint(file, after)
     return file.read_bytes(), summary
 
 
-def _own_folder() -> Path:
+def _make_folder() -> Path:
     try:
         if not _folder:
             _folder.append(tempfile.TemporaryDirectory(prefix="gsut-"))
         return Path(_folder[0].name)
     except OSError as error:
-        raise _no_disk(error) from None
+        raise _make_disk_error(error) from None
 
 
-def _fetch(path: str, content: Any, folder: Path) -> str:
-    """A photograph in this process' folder, brought if it is not there."""
+def _store_photograph(path: str, content: Any, folder: Path) -> str:
+    """Returns the path of a photograph in this process' folder, storing it first if needed."""
     place = folder / (hashlib.sha256(path.encode()).hexdigest()[:16] + Path(path).suffix)
     if not place.is_file():
         try:
@@ -241,7 +248,7 @@ def _fetch(path: str, content: Any, folder: Path) -> str:
                 content = ray.get(content)
             write_file(place, content)
         except OSError as error:
-            raise _no_disk(error) from None
+            raise _make_disk_error(error) from None
     return str(place)
 
 
@@ -251,20 +258,20 @@ def _from_bytes(content: bytes, folder: Path) -> dict[str, Any]:
         file.write_bytes(content)
         return read_checkpoint(file)
     except OSError as error:
-        raise _no_disk(error) from None
+        raise _make_disk_error(error) from None
     finally:
         with contextlib.suppress(OSError):
             file.unlink()
 
 
-def _no_disk(error: OSError) -> InputError:
+def _make_disk_error(error: OSError) -> InputError:
     return InputError(
         f"{os.uname().nodename} cannot keep photographs in {tempfile.gettempdir()} "
         f"({error.strerror or error}); give that node room there, or another TMPDIR"
     )
 
 
-def _first_line(error: BaseException) -> str:
+def _quote_error(error: BaseException) -> str:
     return (
         f"{type(error).__name__}: {str(error).strip().splitlines()[0]}"
         if str(error)

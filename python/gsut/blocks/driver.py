@@ -1,4 +1,4 @@
-"""A training in blocks, stage after stage: read `train_blocks` first."""
+"""Trains a scene in blocks, stage after stage: read `train_blocks` first."""
 
 from __future__ import annotations
 
@@ -10,22 +10,16 @@ from gsut import _core
 from gsut._core import InputError
 from gsut.blocks.cluster import Cluster
 from gsut.blocks.layout import Layout
-from gsut.blocks.plan import cache_bytes, check_trainable
+from gsut.blocks.plan import check_trainable, limit_cache_bytes
 from gsut.blocks.stages import BlocksResult, Stages
 from gsut.blocks.workers import Workers
 from gsut.data import Scene, digest_scene, keep_at_most
-from gsut.files import UNFINISHED, plain
-from gsut.run import (
-    BLOCKS,
-    BlockOptions,
-    RunFolder,
-    TrainOptions,
-    describe_environment,
-    read_plan,
-)
+from gsut.files import UNFINISHED, to_plain
+from gsut.run import BLOCKS, BlockOptions, RunFolder, TrainOptions, describe_environment, read_plan
 from gsut.training import choose_degree, prepare_scene
 
-_TASKS = 3  # kind of the tasks: those of another cannot be gone on with
+# Version of the tasks' format; tasks of another version cannot be resumed.
+_TASKS = 3
 
 
 def train_blocks(
@@ -42,18 +36,18 @@ def train_blocks(
     Args:
         scene: from `load_dataset`.
         options: every setting of the run; None: the defaults.
-        blocks: how it is divided; None: in as few blocks as the free memory allows.
+        blocks: how it is divided; None: as few blocks as the free memory allows.
         out: run folder, which gets what `train` writes and the blocks' states.
-        resume: go on from the states in `out`, to the same bits.
+        resume: continue from the states in `out`, to the same bits.
         progress: show bars.
 
     Returns:
         Gaussians, metrics, scene, layout. The same seed gives the same bits with any number of
-        workers and threads, whichever of them are killed meanwhile, given one instruction set.
+        workers and threads, even if some are killed, given one instruction set.
 
     Raises:
-        InputError: an option out of range or not there for blocks, memory that does not suffice,
-            `out` holds a run, or a worker fails again and again.
+        InputError: an option is out of range or not supported for blocks, memory does not suffice,
+            `out` holds a run, or a worker fails repeatedly.
         DatasetError: a photograph or a mask cannot be used.
     """
     o, b = options or TrainOptions(), blocks or BlockOptions()
@@ -61,8 +55,8 @@ def train_blocks(
     _core.set_num_threads(o.threads)
     if not scene.train_indices:
         raise InputError(f"{scene.path} has no training view; hold out fewer (--test-every)")
-    near = prepare_scene(scene.centred, o.resolved())
-    keep_at_most(near, cache_bytes(b))
+    near = prepare_scene(scene.centred, o.resolve())
+    keep_at_most(near, limit_cache_bytes(b))
     near.check_pixels()
     o = choose_degree(near, o)
     engine = Workers(b.workers, o.threads) if b.cluster is None else Cluster(b.cluster)
@@ -73,7 +67,7 @@ def train_blocks(
     with training.stage("layout"):
         training.layout = training.choose_layout()  # bisection of the work
     for number in range(b.rounds):
-        for turn in training.turns(number):
+        for turn in training.list_turns(number):
             with training.stage(f"tasks {number + 1}"):
                 jobs = training.write_tasks(number, turn)  # views, pixels, context
             with training.stage(f"round {number + 1}"):
@@ -86,17 +80,17 @@ def train_blocks(
 def _open_run(
     out: Any, options: TrainOptions, blocks: BlockOptions, scene: Scene, resume: bool
 ) -> tuple[RunFolder, TrainOptions]:
-    """The folder, and the options as they were first given: those of a run have none left out.
+    """Opens the run's folder; returns it and the options that the run started with.
 
     Raises:
-        InputError: see `RunFolder.create`; or the run to resume was begun with another division,
-            version or instruction set.
+        InputError: see `RunFolder.create`; or the run to resume has another division, version or
+            instruction set.
     """
     environment = describe_environment(scene.path) | {"digests": digest_scene(scene)}
     counted = blocks.count() or blocks.blocks == "auto"
     given = None if counted else Layout.read(blocks.blocks).as_dict()
     division = {"blocks": blocks.blocks if given is None else given, "rounds": blocks.rounds}
-    now = plain(
+    now = to_plain(
         division | {"tasks": _TASKS, "version": _core.__version__, "isa": _core.active_isa()}
     )
     first = {"plan.json": now} | ({} if given is None else {"layout.json": given})
@@ -106,9 +100,9 @@ def _open_run(
         if plan.get(name) != value:
             hint = " (set GSUT_ISA)" if name == "isa" else ""
             raise InputError(
-                f"{run.path} was begun with {name} {plan.get(name)}, not {value}; a resumed run "
-                f"keeps it{hint}, or begin a new run"
+                f"{run.path} was started with {name} {plan.get(name)}, not {value}; a resumed run "
+                f"keeps it{hint}, or start a new run"
             )
     for leftover in (run.path / BLOCKS).rglob(UNFINISHED + "*"):
         leftover.unlink()
-    return run, dataclasses.replace(run.begun_with(), threads=options.threads)
+    return run, dataclasses.replace(run.read_given_options(), threads=options.threads)

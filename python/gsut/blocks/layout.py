@@ -1,4 +1,4 @@
-"""How a scene is cut into blocks: bisection in three dimensions, far things apart; no overlap."""
+"""Cuts a scene into blocks by bisection; far things are a block of their own."""
 
 from __future__ import annotations
 
@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.files import regular
-from gsut.run import MOST_BLOCKS
+from gsut.files import check_regular
+from gsut.run.options import MOST_BLOCKS
 
-# Beyond so many diagonals of the cameras' box from it things are far; they are a block of their own
-# where they are worth at least so much of a block's mean share of the work.
-_FAR, _FAR_WORTH = 2.0, 0.5
+# Distance from the cameras' box, x its diagonal, beyond which things are far.
+_FAR = 2.0
+# Least work of far things, x the mean of the blocks, for a block of their own.
+_FAR_WORTH = 0.5
 
 
 @dataclasses.dataclass(frozen=True)
@@ -23,49 +24,48 @@ class Layout:
     """A partition of space: every point lies in exactly one block.
 
     Attributes:
-        tree: {"axis": 0 to 2, "at": coordinate, "below": tree, "above": tree}, where what lies at
-            the coordinate is above; or None: one block. Blocks are numbered by the leaves, below
-            first.
+        tree: {"axis": 0 to 2, "at": coordinate, "below": tree, "above": tree}, where a point at the
+            coordinate is above; or None: one block. Blocks are numbered by the leaves, below first.
         near: (low, high) corners beyond which everything is the last block; None: no such block.
 
-    Coordinates are the dataset's, so that a file holds for every run on it.
+    Coordinates are the dataset's, so that a file is valid for every run on it.
     """
 
     tree: dict[str, Any] | None
     near: tuple[tuple[float, ...], tuple[float, ...]] | None = None
 
     def __len__(self) -> int:
-        return _leaves(self.tree) + (self.near is not None)
+        return _count_leaves(self.tree) + (self.near is not None)
 
-    def owners(self, points: np.ndarray) -> np.ndarray:
-        """(N,) the block of each point (N, 3), float64 in the dataset's coordinates."""
+    def find_owners(self, points: np.ndarray) -> np.ndarray:
+        """Returns the block (N,) of each point (N, 3), float64 in the dataset's coordinates."""
         out = np.zeros(len(points), np.int32)
-        _descend(self.tree, points, np.arange(len(points)), 0, out)
+        _number_points(self.tree, points, np.arange(len(points)), 0, out)
         if self.near is not None:
             low, high = (np.array(corner) for corner in self.near)
             out[~((points >= low) & (points <= high)).all(axis=1)] = len(self) - 1
         return out
 
     def as_dict(self) -> dict[str, Any]:
-        """For JSON; `from_dict` gives the same."""
+        """Returns a dict for JSON, which `from_dict` reads."""
         return {"tree": self.tree, "near": None if self.near is None else list(self.near)}
 
     @classmethod
     def from_dict(cls, values: Any, source: str) -> Layout:
-        """What `as_dict` was taken of, or somebody wrote by hand.
+        """Makes a layout of the result of `as_dict`, or of what somebody wrote by hand.
 
         Raises:
-            InputError: says what of the file `source` is wrong.
+            InputError: names what is wrong in the file `source`.
         """
         if not isinstance(values, dict) or "tree" not in values:
             raise InputError(
                 f'{source}: a layout is {{"tree": {{"axis": 0, "at": 1.5, "below": null, "above": '
-                'null}}, with "near": [[low], [high]] where far things are a block of their own'
+                'null}}, with "near": [[low], [high]] if far things are a block of their own'
             )
         _check_tree(values["tree"], source, "tree")
         near = values.get("near")
         if near is not None:
-            corners = np.array(near, float) if _numbers(near) else np.zeros(0)
+            corners = np.array(near, float) if _are_numbers(near) else np.zeros(0)
             if corners.shape != (2, 3) or not (corners[0] < corners[1]).all():
                 raise InputError(f'{source}: "near" is two corners, the lower one first: {near!r}')
             near = (tuple(corners[0].tolist()), tuple(corners[1].tolist()))
@@ -76,13 +76,13 @@ class Layout:
 
     @classmethod
     def read(cls, path: str) -> Layout:
-        """The layout of a JSON file.
+        """Reads a layout from a JSON file.
 
         Raises:
             InputError: it cannot be read or understood.
         """
         try:
-            with open(regular(path), encoding="utf-8") as file:
+            with open(check_regular(path), encoding="utf-8") as file:
                 values = json.load(file)
         except OSError as error:
             raise InputError(f"cannot read {path}: {error.strerror}") from None
@@ -91,17 +91,17 @@ class Layout:
         return cls.from_dict(values, path)
 
 
-def bisect(points: np.ndarray, work: np.ndarray, centers: np.ndarray, count: int) -> Layout:
-    """Cuts a scene into blocks of the same work.
+def cut_scene(points: np.ndarray, work: np.ndarray, centers: np.ndarray, count: int) -> Layout:
+    """Cuts a scene into blocks of equal work.
 
     Each box is cut across the axis along which its work spreads furthest, so that both sides have
     work in proportion to their numbers of blocks.
 
     Args:
-        points: (N, 3) Gaussians' centres, the dataset's coordinates.
-        work: (N,) what each costs: the sum of its blend weights.
+        points: (N, 3) Gaussians' centres in the dataset's coordinates.
+        work: (N,) cost of each: the sum of its blend weights.
         centers: (C, 3) of the cameras.
-        count: blocks, at least 1; fewer come out where there are not as many different points.
+        count: number of blocks, at least 1; fewer result if there are not enough different points.
 
     Returns:
         The layout; outer boxes reach to infinity, or to where far things begin.
@@ -143,19 +143,19 @@ def _cut(points: np.ndarray, work: np.ndarray, count: int) -> dict[str, Any] | N
     return None  # all points at one place
 
 
-def _leaves(tree: dict[str, Any] | None) -> int:
-    return 1 if tree is None else _leaves(tree["below"]) + _leaves(tree["above"])
+def _count_leaves(tree: dict[str, Any] | None) -> int:
+    return 1 if tree is None else _count_leaves(tree["below"]) + _count_leaves(tree["above"])
 
 
-def _descend(
+def _number_points(
     tree: dict[str, Any] | None, points: np.ndarray, rows: np.ndarray, first: int, out: np.ndarray
 ) -> None:
     if tree is None:
         out[rows] = first
         return
     below = points[rows, tree["axis"]] < tree["at"]
-    _descend(tree["below"], points, rows[below], first, out)
-    _descend(tree["above"], points, rows[~below], first + _leaves(tree["below"]), out)
+    _number_points(tree["below"], points, rows[below], first, out)
+    _number_points(tree["above"], points, rows[~below], first + _count_leaves(tree["below"]), out)
 
 
 def _check_tree(tree: Any, source: str, where: str, depth: int = 0) -> None:
@@ -168,14 +168,14 @@ def _check_tree(tree: Any, source: str, where: str, depth: int = 0) -> None:
         )
     if tree["axis"] not in (0, 1, 2) or isinstance(tree["axis"], bool):
         raise InputError(f"{source}: {where}.axis is {tree['axis']!r}; 0, 1 or 2")
-    if not (_numbers([[tree["at"]]]) and math.isfinite(tree["at"])):
+    if not (_are_numbers([[tree["at"]]]) and math.isfinite(tree["at"])):
         raise InputError(f"{source}: {where}.at is {tree['at']!r}; a coordinate")
     for side in ("below", "above"):
         _check_tree(tree[side], source, f"{where}.{side}", depth + 1)
 
 
-def _numbers(rows: Any) -> bool:
-    """Whether these are lists of numbers."""
+def _are_numbers(rows: Any) -> bool:
+    """Returns whether `rows` is a list of lists of numbers."""
     return isinstance(rows, list) and all(
         isinstance(row, list)
         and all(isinstance(value, (int, float)) and not isinstance(value, bool) for value in row)

@@ -1,4 +1,4 @@
-"""What each view shows of each block, by what the renderer blends: any lens, any occlusion."""
+"""Measures what each view shows of each block, by what the renderer blends, for any lens."""
 
 from __future__ import annotations
 
@@ -14,12 +14,16 @@ from gsut.compact import SeenView, blend_weights, compact, seen_views, weights_b
 from gsut.data import Scene
 from gsut.gaussians import SH_C0, Gaussians, merge_gaussians
 
-_LEAST = 1 / 255  # share of a pixel that counts: a grey level
-_CHANNELS = 3  # blocks that are drawn together, one a colour
-_WORK_VIEWS = 64  # that the work is measured in, and what a block sees of the others
-# Share of a view's valid pixels from which on a block is trained on it, and the share of what the
-# view shows with which it is trained on it as often as on any.
-_LEAST_SHARE, _FULL_SHARE = 0.005, 0.25
+# Share of a pixel that counts: a grey level.
+_LEAST = 1 / 255
+# Blocks that are drawn together, one in each colour channel.
+_CHANNELS = 3
+# Views in which the work is measured, and what a block sees of the others, spread evenly.
+_WORK_VIEWS = 64
+# Share of a view's valid pixels from which a block is trained on it.
+_LEAST_SHARE = 0.005
+# Share of a view from which a block is trained on it in every epoch.
+_FULL_SHARE = 0.25
 
 
 @dataclasses.dataclass(frozen=True)
@@ -27,10 +31,10 @@ class Shares:
     """What the views show of the blocks.
 
     Attributes:
-        weights: (V, B) pixels, each with the share that a block has in it, summed.
-        pixels: (V,) valid ones.
-        tiles: {(view, block): (rows, columns) bool}: tiles that show the block, where it has a
-            share in the view that counts.
+        weights: (V, B) pixels, summed with the share that a block has in each.
+        pixels: (V,) numbers of valid pixels.
+        tiles: {(view, block): (rows, columns) bool}: tiles that show the block, if its share
+            counts.
     """
 
     weights: np.ndarray
@@ -39,25 +43,25 @@ class Shares:
 
     @functools.cached_property
     def rates(self) -> np.ndarray:
-        """(V, B) how often a block is trained on a view, of a plain training's visits: 0 to 1."""
+        """The share of the epochs (V, B) in which a block is trained on a view, 0 to 1."""
         shares = self.weights / np.maximum(self.weights.sum(axis=1, keepdims=True), 1e-9)
         rates = np.zeros(shares.shape)
         for row, block in self.tiles:
             rates[row, block] = min(1.0, shares[row, block] / _FULL_SHARE)
         return rates
 
-    def neighbours(self, block: int) -> np.ndarray:
-        """Numbers of the other blocks that its views show, those that they show most of first."""
+    def find_neighbours(self, block: int) -> np.ndarray:
+        """Returns the other blocks that its views show, the most visible first."""
         seen = self.rates[:, block] @ (self.weights / np.maximum(self.pixels, 1)[:, None])
         seen[block] = 0.0
         return np.argsort(-seen, kind="stable")[: np.count_nonzero(seen)]
 
 
-def work_of(
+def measure_work(
     gaussians: Gaussians, scene: Scene, indices: Sequence[int], on_view: Callable[[], object]
 ) -> np.ndarray:
-    """(N,) what each Gaussian costs: its blend weights in some views, spread evenly."""
-    return blend_weights(gaussians, seen_views(scene, some_of(indices)), on_view)
+    """Returns the cost (N,) of each Gaussian: its blend weights in some views, spread evenly."""
+    return blend_weights(gaussians, seen_views(scene, choose_evenly(indices)), on_view)
 
 
 def find_shares(
@@ -69,14 +73,14 @@ def find_shares(
     indices: Sequence[int],
     on_view: Callable[[], object] = lambda: None,
 ) -> Shares:
-    """What views show of blocks.
+    """Measures what views show of blocks.
 
     Args:
         gaussians: N Gaussians, in the scene's coordinates.
         owners: (N,) their blocks.
-        blocks: how many there are.
-        small: the scene at the size to look at.
-        scene: at the size that is trained at, whose tiles are meant.
+        blocks: number of blocks.
+        small: the scene at the size to render.
+        scene: at the size to train at, which the tiles divide.
         indices: of the views; rows of the result are in their order.
         on_view: called after each.
     """
@@ -104,19 +108,19 @@ def find_shares(
             for channel, block in enumerate(some):
                 shown = view.mask & (image[..., channel] > _LEAST)
                 if shown.any():
-                    tiles[row, int(block)] = _tiles_of(shown, scene.camera(index))
+                    tiles[row, int(block)] = _mark_tiles(shown, scene.camera(index))
         on_view()
     return Shares(weights, pixels, tiles)
 
 
 def _mark(sh: np.ndarray, owners: np.ndarray, blocks: np.ndarray) -> None:
-    """One channel a block: 1 for its Gaussians, 0 for all others."""
+    """Marks each block in its own channel: 1 for its Gaussians, 0 for all others."""
     for channel, block in enumerate(blocks):
         sh[:, 0, channel] = np.where(owners == block, 0.5 / SH_C0, -0.5 / SH_C0)
 
 
-def _tiles_of(shown: np.ndarray, full: _core.Camera) -> np.ndarray:
-    """(rows, columns) bool: tiles of an image of camera `full` with a pixel of `shown` (h, w)."""
+def _mark_tiles(shown: np.ndarray, full: _core.Camera) -> np.ndarray:
+    """Returns (rows, columns) bool: tiles of an image of camera `full` with a pixel of `shown`."""
     places = [
         ((np.arange(size) + 0.5) * (whole / size) / TILE).astype(int)
         for size, whole in zip(shown.shape, (full.height, full.width), strict=True)
@@ -127,22 +131,22 @@ def _tiles_of(shown: np.ndarray, full: _core.Camera) -> np.ndarray:
     return out
 
 
-def some_of(indices: Sequence[int]) -> Sequence[int]:
-    """At most 64 of them, spread evenly."""
+def choose_evenly(indices: Sequence[int]) -> Sequence[int]:
+    """Chooses at most 64 indices, spread evenly."""
     return indices[:: -(-len(indices) // _WORK_VIEWS)]
 
 
 def choose_context(
     own: Gaussians, others: Gaussians, views: Sequence[SeenView], most: int, seed: int
 ) -> Gaussians:
-    """The Gaussians of other blocks that a block is trained among.
+    """Chooses the Gaussians of other blocks that a block is trained among.
 
     Args:
         own: Gaussians of the block.
         others: of other blocks.
         views: that show the block, with the pixels that do.
-        most: rows of the result; where there are more those that the pixels do not show are left
-            out, and if they are still too many they are merged.
+        most: rows of the result. If there are more, those that the pixels do not show are left out,
+            and if they are still too many they are merged.
         seed: of the merging.
     """
     if len(others) <= most:

@@ -1,4 +1,4 @@
-"""The stages of a training in blocks: what each one does, and what it leaves in the folder."""
+"""Runs the stages of a training in blocks; each leaves its result in the folder."""
 
 from __future__ import annotations
 
@@ -18,18 +18,17 @@ from gsut.blocks.block_map import write_map
 from gsut.blocks.board import Board, Counter
 from gsut.blocks.cluster import Cluster
 from gsut.blocks.coarse import Coarse, train_coarse
-from gsut.blocks.layout import Layout, bisect
+from gsut.blocks.layout import Layout, cut_scene
 from gsut.blocks.plan import (
-    cache_bytes,
+    TrainingSize,
     check_memory,
+    choose_coarse_scale,
     choose_count,
-    coarse_options,
-    coarse_scale,
-    drawn_bytes,
-    least_bytes,
-    photograph_bytes,
+    limit_cache_bytes,
+    limit_drawn_bytes,
+    make_coarse_options,
 )
-from gsut.blocks.shares import Shares, find_shares, work_of
+from gsut.blocks.shares import Shares, find_shares, measure_work
 from gsut.blocks.store import BlockStore
 from gsut.blocks.task import Trained
 from gsut.blocks.tasks import TaskMaker
@@ -59,8 +58,12 @@ from gsut.training import (
     write_findings,
 )
 
-_CURVE_VIEWS = 8  # held out, that each round is measured on
-_LAYOUT, _STAGES = f"{BLOCKS}/layout.json", f"{BLOCKS}/stages.json"
+# Held-out views that each round is measured on, spread evenly.
+_CURVE_VIEWS = 8
+# Path of the layout in the run's folder.
+_LAYOUT = f"{BLOCKS}/layout.json"
+# Path of the stages' times and sizes in the run's folder.
+_STAGES = f"{BLOCKS}/stages.json"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,8 +72,8 @@ class BlocksResult:
 
     Attributes:
         path: of scene.ply.
-        metrics: the content of metrics.json; what concerns the blocks is in its "blocks".
-        scene: at the size trained at, with the poses and lens as the coarse model found them.
+        metrics: the content of metrics.json; "blocks" is about the blocks.
+        scene: at the size trained at, with the poses and lens of the coarse model.
         layout: which block a point lies in.
     """
 
@@ -81,7 +84,7 @@ class BlocksResult:
 
     @functools.cached_property
     def gaussians(self) -> Gaussians:
-        """Of all blocks, in the dataset's coordinates; read when they are asked for."""
+        """The Gaussians in the dataset's coordinates; read at the first use."""
         return load_ply(self.path)
 
     def __repr__(self) -> str:
@@ -91,13 +94,13 @@ class BlocksResult:
 
 
 class Stages:
-    """The stages of one training in blocks; what they leave is in the folder.
+    """Holds a training in blocks and runs its stages.
 
     Args:
-        run: folder, with the plan that was begun with.
-        options: of the run, as they were first given.
+        run: folder, with the plan that the run started with.
+        options: of the run as they were first given.
         blocks: how it is divided.
-        scene: at the size to train at, about its cameras.
+        scene: at the size to train at, centred on its cameras.
         engine: trains blocks.
         progress: show bars.
     """
@@ -118,21 +121,21 @@ class Stages:
         self._engine = engine
         if options.background is None:
             options = dataclasses.replace(options, background=find_plain_background(scene))
-        self._complexity = choose_complexity(scene, options.resolved())
+        self._complexity = choose_complexity(scene, options.resolve())
         self._options = limit_gaussians(options, self._complexity.max_gaussians)
         self._scene = scene
         self._folder = run.path / BLOCKS
         self._stages: dict[str, dict[str, float]] = run.read_json(_STAGES) or {}
         self._peak: dict[int, float] = {}
-        self._count = self._agreed_count()
+        self._count = self._choose_count()
         self._shares: Shares | None = None
         self._turn = 0  # of the store
 
-    def _agreed_count(self) -> int:
-        """The number of blocks; a run that is resumed keeps its own."""
+    def _choose_count(self) -> int:
+        """Returns the number of blocks; a resumed run keeps its own."""
         plan = read_plan(self._run) or {}
         if "count" not in plan:
-            layout = self._run.path / _LAYOUT  # as it was given
+            layout = self._run.path / _LAYOUT  # given by the user
             if layout.is_file():
                 plan["count"] = len(Layout.read(str(layout)))
             else:
@@ -142,105 +145,106 @@ class Stages:
 
     @contextlib.contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Adds the seconds of a stage, and what it wrote, to those of the run."""
-        began, before = time.perf_counter(), self._bytes()
+        """Adds the seconds of a stage, and the bytes that it wrote, to those of the run."""
+        began, before = time.perf_counter(), self._count_bytes()
         try:
             yield
         finally:
             row = self._stages.setdefault(name, {"seconds": 0.0, "bytes": 0})
             row["seconds"] += time.perf_counter() - began
-            row["bytes"] += self._bytes() - before
+            row["bytes"] += self._count_bytes() - before
             release_memory()
             self._run.write_json(_STAGES, self._stages)
 
-    def _bytes(self) -> int:
+    def _count_bytes(self) -> int:
         return sum(file.stat().st_size for file in self._folder.rglob("*.npz"))
 
     def train_coarse(self) -> Coarse:
-        """The coarse model, after a look at whether it fits."""
-        options = coarse_options(self._options, self._count)
-        scale = coarse_scale(self._scene)
-        small = self._scene if scale == 1.0 else self._scene.scaled(scale)
+        """Trains the coarse model, if it fits into memory."""
+        options = make_coarse_options(self._options, self._count)
+        scale = choose_coarse_scale(self._scene)
+        small = self._scene if scale == 1.0 else self._scene.scale_images(scale)
         views = len(small.train_indices)
-        sizes = small, options.sh_degree, options.most_gaussians, 0, views
+        size = TrainingSize(small, options.sh_degree, options.most_gaussians, 0, views)
         alone = dataclasses.replace(self._blocks, workers=1)
-        if self._blocks.memory_bytes():
-            check_memory({"the coarse model": least_bytes(*sizes)}, alone)
-        keep = photograph_bytes(*sizes, alone)
+        if self._blocks.parse_memory():
+            check_memory({"the coarse model": size.estimate_least_bytes()}, alone)
+        keep = size.limit_photograph_bytes(alone)
         coarse = train_coarse(self._scene, options, self._folder, self._progress, keep)
         keep_at_most(self._scene, 0)
         return coarse
 
     def choose_layout(self) -> Layout:
-        """As the file says that was given, as it was before, or by bisection."""
+        """Reads the layout of the run, or chooses one by bisection."""
         path, g, scene = self._run.path / _LAYOUT, self.coarse.gaussians, self.coarse.scene
         if path.is_file():
             layout = Layout.read(str(path))
         else:
-            small = scene.scaled(coarse_scale(scene))
+            small = scene.scale_images(choose_coarse_scale(scene))
             with Progress(self._progress) as bar:
                 seen = Counter(bar, "layout", len(scene.train_indices))
-                work = work_of(g, small, scene.train_indices, seen.one)
+                work = measure_work(g, small, scene.train_indices, seen.advance)
             centers = np.array([scene.views[i].camera_center for i in scene.train_indices])
             points = g.means.astype(np.float64) + scene.world_offset
-            layout = bisect(points, work, centers + scene.world_offset, self._count)
+            layout = cut_scene(points, work, centers + scene.world_offset, self._count)
             self._run.write_json(_LAYOUT, layout.as_dict())
         self._store = BlockStore(self._folder, layout, self._scene.world_offset)
         self._store.begin(Trained(g))
         return layout
 
-    def turns(self, number: int) -> list[range]:
-        """The blocks of a round that are trained beside each other, turn after turn.
+    def list_turns(self, number: int) -> list[range]:
+        """Returns the blocks of a round that are trained beside each other, turn after turn.
 
-        In the second round, where blocks correct what their seams show, two that do so at once
-        would both correct it: the one half sees what the other has become.
+        In the second round blocks correct what their seams show. Two that do so at once would both
+        correct it, so that one half sees what the other has become.
         """
         count = len(self.layout)
-        turns = [range(count)] if number == 0 else [range(0, count, 2), range(1, count, 2)]
-        return [turn for turn in turns if turn]
+        list_turns = [range(count)] if number == 0 else [range(0, count, 2), range(1, count, 2)]
+        return [turn for turn in list_turns if turn]
 
     def write_tasks(self, number: int, turn: range) -> list[Job]:
-        """The tasks of some blocks in a round, from the Gaussians of all.
+        """Writes the tasks of some blocks in a round, from the Gaussians of all.
 
         Raises:
-            InputError: a block would take more than the memory that was given.
+            InputError: a block would exceed the given memory.
         """
-        jobs = [self._job(block, number) for block in turn]
+        jobs = [self._make_job(block, number) for block in turn]
         missing = [job for job in jobs if not (job.task.is_file() or job.state.is_file())]
         if not missing:
             return jobs
         coarse, scene = self.coarse, self.coarse.scene
-        small = scene.scaled(coarse_scale(scene))
-        keep_at_most(small, cache_bytes(self._blocks))
+        small = scene.scale_images(choose_coarse_scale(scene))
+        keep_at_most(small, limit_cache_bytes(self._blocks))
         with Progress(self._progress) as bar:
             if self._shares is None:
                 seen = Counter(bar, "views", len(scene.train_indices))
                 self._shares = find_shares(
-                    coarse.gaussians, self._store.owners(coarse.gaussians), len(self.layout),
-                    small, scene, scene.train_indices, seen.one,
+                    coarse.gaussians, self._store.find_owners(coarse.gaussians), len(self.layout),
+                    small, scene, scene.train_indices, seen.advance,
                 )  # fmt: skip
             maker = TaskMaker(
                 self._options, self._blocks, coarse, small, self._shares, self._store, self._turn,
                 number,
             )  # fmt: skip
             check_memory(
-                {f"block {job.block}": maker.memory(job.block) for job in jobs}, self._blocks
+                {f"block {job.block}": maker.estimate_memory(job.block) for job in jobs},
+                self._blocks,
             )
-            for job in bar.through("tasks", missing):
+            for job in bar.iterate("tasks", missing):
                 job.task.parent.mkdir(exist_ok=True)
-                task = maker.task(job.block)
+                task = maker.make_task(job.block)
                 if task is None:  # nothing to train, or no view that shows it
-                    write_state(job.state, _untrained(maker.own(job.block)))
+                    write_state(job.state, _make_untrained_state(maker.make_own(job.block)))
                 else:
                     write_state(job.task, task.as_dict())
         return jobs
 
-    def _job(self, block: int, number: int) -> Job:
+    def _make_job(self, block: int, number: int) -> Job:
         folder = self._folder / f"b{block:03d}"
         return Job(block, folder / f"task{number + 1}.npz", folder / f"state{number + 1}.npz")
 
     def run_turn(self, jobs: list[Job]) -> None:
-        """Trains blocks, and puts what they have become in place of what they were."""
+        """Trains blocks and replaces their Gaussians by the trained ones."""
         board = Board(jobs, self._progress)
         try:
             self._engine.run(jobs, board.report)
@@ -250,26 +254,26 @@ class Stages:
         self._peak |= {b: max(self._peak.get(b, 0.0), mb) for b, mb in board.peaks.items()}
         trained = {job.block: job for job in jobs}
 
-        def part(block: int) -> Trained:
+        def read_part(block: int) -> Trained:
             if block in trained:
-                return Trained.from_dict(_state_of(trained[block], ("own", "moments")))
-            return self._store.trained(block, self._turn)
+                return Trained.from_dict(_read_figures(trained[block], ("own", "moments")))
+            return self._store.read_block(block, self._turn)
 
-        parts = [functools.partial(part, block) for block in range(len(self.layout))]
+        parts = [functools.partial(read_part, block) for block in range(len(self.layout))]
         self._store.sort(self._turn + 1, parts)
         self._turn += 1
 
     def note(self, number: int) -> None:
-        """Writes the scene as a round has left it, and a row of the history."""
+        """Writes the scene after a round, and a row of the history."""
         flat = self._options.primitive == "surfel"
         self._place = self._store.save(
             self._folder / SCENE, self._turn, list_scene_comments(self._run), flat
         )
-        jobs = (self._job(block, number) for block in range(len(self.layout)))
-        step = sum(int(_state_of(job)["step"]) for job in jobs)
+        jobs = (self._make_job(block, number) for block in range(len(self.layout)))
+        step = sum(int(_read_figures(job)["step"]) for job in jobs)
         scene = self.coarse.scene
         row: dict[str, Any] = {
-            "step": step, "num_gaussians": sum(self._store.counts(self._turn)),
+            "step": step, "num_gaussians": sum(self._store.count_gaussians(self._turn)),
             "seconds": sum(row["seconds"] for row in self._stages.values()),
         }  # fmt: skip
         test = scene.test_indices
@@ -277,27 +281,28 @@ class Stages:
             chosen = test[:: -(-len(test) // _CURVE_VIEWS)]
             light, background = self.coarse.light, self._options.background
             figures = evaluate(
-                self._opened(), scene, chosen, background=background, light=light
+                self._open_scene(), scene, chosen, background=background, light=light
             )  # fmt: skip
             row["psnr"] = figures["psnr"]
         self._run.roll_back_history(step - 1)
         self._run.append_history(row)
 
-    def _opened(self) -> Any:
-        """The Gaussians of all in the scene's coordinates; in their file where memory is short."""
-        limit = drawn_bytes(self._blocks)
+    def _open_scene(self) -> Any:
+        """Opens all Gaussians in the scene's coordinates; they stay in their file if memory is
+        short."""
+        limit = limit_drawn_bytes(self._blocks)
         return open_ply(self._folder / SCENE, limit).translate(-self._scene.world_offset)
 
     def finish(self) -> BlocksResult:
-        """Measures and writes what `train` writes, and how the blocks went."""
+        """Measures the scene and writes what `train` writes, with figures of the blocks."""
         scene, o = self.coarse.scene, self._options
-        resolved = dataclasses.replace(o.resolved(), background=o.background)
-        rows = self._rows()
+        resolved = dataclasses.replace(o.resolve(), background=o.background)
+        rows = self._make_rows()
         steps = sum(row["steps"] for row in rows)
         seconds = self.coarse.seconds + sum(row["seconds"] for row in rows)
         chosen = scene.test_indices or scene.train_indices[:_CURVE_VIEWS]
         scene, metrics = measure(
-            self._opened(), scene, chosen, resolved, self._run, steps=steps,
+            self._open_scene(), scene, chosen, resolved, self._run, steps=steps,
             train_seconds=seconds, align=o.refine_poses, light=self.coarse.light,
         )  # fmt: skip
         self._complexity.add_to(metrics)
@@ -308,7 +313,7 @@ class Stages:
             "count": len(self.layout), "rounds": self._blocks.rounds,
             "workers": self._blocks.workers, "rows": rows, "stages": self._stages,
             "coarse": {"gaussians": len(self.coarse.gaussians), "pixels": self.coarse.pixels,
-                       "steps": coarse_options(o, self._count).steps,
+                       "steps": make_coarse_options(o, self._count).steps,
                        "seconds": self.coarse.seconds},
             "pixels": self.coarse.pixels + sum(row["pixels"] for row in rows),
         }  # fmt: skip
@@ -316,18 +321,18 @@ class Stages:
         os.replace(self._folder / SCENE, self._run.path / SCENE)
         write_findings(
             self._run, metrics, scene.path, scene if o.refine_poses else None,
-            self._run.begun_with(), self._blocks.words(),
+            self._run.read_given_options(), self._blocks.list_words(),
         )  # fmt: skip
-        scene = scene.about((0.0, 0.0, 0.0))
+        scene = scene.move_origin((0.0, 0.0, 0.0))
         return BlocksResult(self._run.path / SCENE, metrics, scene, self.layout)
 
-    def _rows(self) -> list[dict[str, Any]]:
-        """What each block took, of all rounds together."""
-        counts = self._store.counts(self._turn)
+    def _make_rows(self) -> list[dict[str, Any]]:
+        """Returns the figures of each block over all rounds."""
+        counts = self._store.count_gaussians(self._turn)
         rows = []
         for block in range(len(self.layout)):
-            jobs = [self._job(block, number) for number in range(self._blocks.rounds)]
-            states = [_state_of(job) for job in jobs]
+            jobs = [self._make_job(block, number) for number in range(self._blocks.rounds)]
+            states = [_read_figures(job) for job in jobs]
             rows.append({
                 "block": block, "gaussians": counts[block],
                 "views": max(int(state.get("views", 0)) for state in states),
@@ -340,14 +345,14 @@ class Stages:
         return rows
 
 
-def _state_of(job: Job, names: Collection[str] = FIGURES) -> dict[str, Any]:
-    """Entries of the state of a block that was trained."""
+def _read_figures(job: Job, names: Collection[str] = FIGURES) -> dict[str, Any]:
+    """Reads entries of the state of a trained block."""
     state = job.read_state(names)
     assert state is not None
     return state
 
 
-def _untrained(own: Trained) -> dict[str, Any]:
-    """The state of a block that no view shows."""
+def _make_untrained_state(own: Trained) -> dict[str, Any]:
+    """Returns the state of a block that no view shows."""
     empty: dict[str, Any] = dict.fromkeys(FIGURES, 0)
     return empty | {"finished": True} | own.as_dict()

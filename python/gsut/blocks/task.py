@@ -1,4 +1,4 @@
-"""What the training of one block in one round depends on, all of it, and how it travels."""
+"""Defines all that the training of one block in one round depends on, and how it travels."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Trained:
 
     Attributes:
         gaussians: N Gaussians.
-        moments: Adam's first and second of each; none of what was not trained.
+        moments: Adam's first and second of each; none if they were not trained.
     """
 
     gaussians: Gaussians
@@ -38,19 +38,19 @@ class Trained:
         return Trained(self.gaussians[rows], tuple(each[rows] for each in self.moments))
 
     def as_dict(self) -> dict[str, Any]:
-        """For `write_checkpoint`."""
-        moments = [gaussian_arrays(each) for each in self.moments]
-        return {"own": gaussian_arrays(self.gaussians), "moments": moments}
+        """Returns a dict for `write_checkpoint`."""
+        moments = [list_arrays(each) for each in self.moments]
+        return {"own": list_arrays(self.gaussians), "moments": moments}
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> Trained:
-        """What `as_dict` was taken of."""
+        """Restores what `as_dict` returned."""
         moments = (Gaussians(**each) for each in values["moments"])
         return cls(Gaussians(**values["own"]), tuple(moments))
 
     @classmethod
-    def joined(cls, parts: Sequence[Trained]) -> Trained:
-        """All of them, in their order; moments of what was not trained beside what was are 0."""
+    def join(cls, parts: Sequence[Trained]) -> Trained:
+        """Joins parts in their order; moments of untrained parts beside trained ones are 0."""
         known = next((part.moments for part in parts if part.moments), ())
         moments = (
             merge_gaussians(
@@ -63,20 +63,20 @@ class Trained:
 
 @dataclasses.dataclass(frozen=True)
 class BlockTask:
-    """One block in one round: a pure function's argument.
+    """One block in one round: the argument of a pure function.
 
     Attributes:
         scene: views that show the block, at the size to train at; all are training views.
         options: resolved; `steps` are those of the block in all rounds.
-        extent: of the whole scene, world units.
-        light: of the views, frozen; None: none was found.
+        extent: of the whole scene in world units.
+        light: of the views, fixed; None: none was found.
         tiles: for each view which of its tiles of 16 x 16 pixels show the block, bool.
-        rates: for each view how often it is trained on, 1 where it is as often as any.
+        rates: for each view the share of the epochs in which it is used.
         keep_bytes: of decoded photographs; the bits do not depend on it.
-        own: Gaussians to begin with; with moments training goes on after `begin` steps.
-        context: Gaussians of other blocks, which are drawn and stay.
-        begin, end: steps of this round, of all.
-        segments: parts of the round, after each of which there is a state.
+        own: first Gaussians; if they have moments, training continues after `begin` steps.
+        context: Gaussians of other blocks, which are drawn and not changed.
+        begin, end: steps of this round.
+        segments: parts of the round; after each there is a state.
     """
 
     scene: Scene
@@ -92,28 +92,29 @@ class BlockTask:
     end: int
     segments: int
 
-    def last_step(self, segment: int) -> int:
-        """The step with which a segment (from 0) ends."""
+    def find_last_step(self, segment: int) -> int:
+        """Returns the last step of a segment (from 0)."""
         return self.begin + (self.end - self.begin) * (segment + 1) // self.segments
 
     def as_dict(self) -> dict[str, Any]:
-        """For `write_checkpoint`; the photographs are named, not held."""
+        """Returns a dict for `write_checkpoint`, which names the photographs and does not hold
+        them."""
         scene = self.scene
         return {
             "path": str(scene.path),
             "cameras": [values_from_camera(camera) for camera in scene.cameras],
             "file_cameras": [values_from_camera(camera) for camera in scene.file_cameras],
-            "views": [_view_values(view) for view in scene.views],
+            "views": [_pack_view(view) for view in scene.views],
             "world_offset": np.array(scene.world_offset),
             "decodes_small": scene.decodes_small,
             "options": self.options.to_json(),
             "extent": self.extent,
-            "light": None if self.light is None else _light_values(self.light),
+            "light": None if self.light is None else pack_light(self.light),
             "tiles": [np.array(tiles) for tiles in self.tiles],
             "rates": self.rates,
             "keep_bytes": self.keep_bytes,
             **self.own.as_dict(),
-            "context": gaussian_arrays(self.context),
+            "context": list_arrays(self.context),
             "begin": self.begin,
             "end": self.end,
             "segments": self.segments,
@@ -123,16 +124,16 @@ class BlockTask:
     def from_dict(
         cls, values: dict[str, Any], place: Callable[[str], str] = lambda path: path
     ) -> BlockTask:
-        """What `as_dict` was taken of.
+        """Restores what `as_dict` returned.
 
         Args:
             values: its result.
-            place: where a photograph or a mask of this path is on this machine.
+            place: maps the path of a photograph or mask to that on this machine.
         """
         scene = Scene(
             Path(values["path"]),
             tuple(camera_from_values(each) for each in values["cameras"]),
-            tuple(_view_of(each, place) for each in values["views"]),
+            tuple(_unpack_view(each, place) for each in values["views"]),
             np.zeros((0, 3)), np.zeros((0, 3)), tuple(range(len(values["views"]))), (),
             values["world_offset"],
             file_cameras=tuple(camera_from_values(each) for each in values["file_cameras"]),
@@ -142,24 +143,24 @@ class BlockTask:
         rest: Any = {name: values[name] for name in names}
         return cls(
             scene=scene, options=TrainOptions.from_json(values["options"]),
-            light=None if values["light"] is None else _light_of(values["light"]),
+            light=None if values["light"] is None else unpack_light(values["light"]),
             own=Trained.from_dict(values), context=Gaussians(**values["context"]), **rest,
         )  # fmt: skip
 
 
-def photographs_of(values: dict[str, Any]) -> list[str]:
-    """Paths of the files that a task (`BlockTask.as_dict`) reads."""
+def list_photographs(values: dict[str, Any]) -> list[str]:
+    """Returns the paths of the files that a task (`BlockTask.as_dict`) reads."""
     paths = [v[name] for v in values["views"] for name in ("image_path", "mask_path")]
     in_memory = {v["image_path"] for v in values["views"] if v["pixels"] is not None}
     return sorted({path for path in paths if path is not None} - in_memory)
 
 
-def gaussian_arrays(gaussians: Gaussians) -> dict[str, np.ndarray]:
-    """The arrays of Gaussians about the world's zero, for `write_checkpoint`."""
+def list_arrays(gaussians: Gaussians) -> dict[str, np.ndarray]:
+    """Returns the arrays of Gaussians, without their origin, for `write_checkpoint`."""
     return {name: getattr(gaussians, name) for name in _ARRAYS}
 
 
-def _view_values(view: View) -> dict[str, Any]:
+def _pack_view(view: View) -> dict[str, Any]:
     values = {field.name: getattr(view, field.name) for field in dataclasses.fields(view)}
     values["image_path"] = str(view.image_path)
     values["mask_path"] = None if view.mask_path is None else str(view.mask_path)
@@ -170,7 +171,7 @@ def _view_values(view: View) -> dict[str, Any]:
     return values
 
 
-def _view_of(values: dict[str, Any], place: Callable[[str], str]) -> View:
+def _unpack_view(values: dict[str, Any], place: Callable[[str], str]) -> View:
     mask, shutter = values["mask_path"], values["shutter"]
     given = values | {
         "image_path": Path(place(values["image_path"])),
@@ -180,12 +181,12 @@ def _view_of(values: dict[str, Any], place: Callable[[str], str]) -> View:
     return View(**given)
 
 
-def _light_values(light: Light) -> dict[str, Any]:
+def pack_light(light: Light) -> dict[str, Any]:
     return {
         "gains": light.gains,
         "falloffs": [None if each is None else each.as_dict() for each in light.falloffs],
     }
 
 
-def _light_of(values: dict[str, Any]) -> Light:
+def unpack_light(values: dict[str, Any]) -> Light:
     return Light(values["gains"], tuple(Falloff.from_dict(each) for each in values["falloffs"]))

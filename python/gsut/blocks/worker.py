@@ -1,4 +1,4 @@
-"""`python -m gsut.blocks.worker THREADS`: a process of `Workers`."""
+"""Runs a process of `Workers`: `python -m gsut.blocks.worker THREADS`."""
 
 from __future__ import annotations
 

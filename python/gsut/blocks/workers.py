@@ -1,4 +1,4 @@
-"""Blocks trained on this machine: here one after another, or by processes side by side."""
+"""Trains blocks on this machine: one after another in this process, or by several processes."""
 
 from __future__ import annotations
 
@@ -20,19 +20,20 @@ from gsut._core import InputError
 from gsut.blocks.segment import BlockLoop, run_segment
 from gsut.blocks.task import BlockTask
 from gsut.files import whole_file
-from gsut.run import peak_rss_mb, read_checkpoint, release_memory, write_checkpoint
+from gsut.run import measure_peak_rss, read_checkpoint, release_memory, write_checkpoint
 
-# A worker that ends so often without a new state ends the run: it would do so for ever.
+# Times that a worker may end without a new state before the run ends: it would do so for ever.
 _MOST_DEATHS = 3
+# Seconds between reports within a segment.
 _REPORT_SECONDS = 0.5
-# Entries of a state that are read without its Gaussians, see `run_segment`.
+# Entries of a state that can be read without its Gaussians, see `run_segment`.
 FIGURES = ("segment", "step", "seconds", "pixels", "views", "finished")
 Report = Callable[["Job", dict[str, Any]], object]
 
 
 @dataclasses.dataclass(frozen=True)
 class Job:
-    """One block of a round: its task and its last state, which the one who trains it replaces.
+    """One block of a round: its task and its last state, which its training replaces.
 
     Attributes:
         block: number.
@@ -44,56 +45,56 @@ class Job:
     state: Path
 
     def read_state(self, names: Collection[str] | None = None) -> dict[str, Any] | None:
-        """The last state, or these entries of it; None: not begun."""
+        """Reads the last state, or these entries of it; None before the first one."""
         return read_checkpoint(self.state, names) if self.state.is_file() else None
 
     def is_done(self) -> bool:
-        """Whether the state is the last one."""
+        """Returns whether the state is the last one."""
         state = self.read_state(FIGURES)
         return state is not None and state["finished"]
 
 
 def write_state(path: Path, state: dict[str, Any]) -> int:
-    """Replaces the file, whole or not at all; returns its bytes."""
+    """Replaces the file atomically and returns its bytes."""
     with whole_file(path) as temporary:
         write_checkpoint(temporary, state)
     return path.stat().st_size
 
 
 def run_job(job: Job, report: Report) -> None:
-    """Trains a block from its last state to the end of the round, here.
+    """Trains a block in this process from its last state to the end of the round.
 
-    `report` gets step, loss and count now and then, and after each segment its "segment", the
+    `report` receives step, loss and count now and then, and after each segment its "segment", the
     seconds and rendered pixels of the round so far, the bytes of its state, and the most memory
     that the process took.
     """
     task, state = BlockTask.from_dict(read_checkpoint(job.task)), job.read_state()
     kept: list[BlockLoop] = []
-    told = time.monotonic()
+    last = time.monotonic()
 
     def on_step(step: int, loss: float, count: int) -> None:
-        nonlocal told
-        if time.monotonic() - told > _REPORT_SECONDS:
-            told = time.monotonic()
+        nonlocal last
+        if time.monotonic() - last > _REPORT_SECONDS:
+            last = time.monotonic()
             report(job, {"step": step, "loss": float(loss), "count": count})
 
     while state is None or not state["finished"]:
         state = run_segment(task, state, kept, on_step)
-        report(job, summary_of(state) | {"bytes": write_state(job.state, state)})
+        report(job, summarize_state(state) | {"bytes": write_state(job.state, state)})
     release_memory()
 
 
-def summary_of(state: dict[str, Any]) -> dict[str, Any]:
-    """What a state says of its segment, without its arrays."""
-    told = {name: state[name] for name in ("segment", "step", "seconds", "pixels")}
-    return told | {"peak_rss_mb": peak_rss_mb(), "process": os.getpid()}
+def summarize_state(state: dict[str, Any]) -> dict[str, Any]:
+    """Returns the figures of a state's segment, without its arrays."""
+    figures = {name: state[name] for name in ("segment", "step", "seconds", "pixels")}
+    return figures | {"peak_rss_mb": measure_peak_rss(), "process": os.getpid()}
 
 
 class Workers:
-    """Processes of this machine; one is this process.
+    """Runs blocks in processes of this machine; if there is only one, in this process.
 
     Args:
-        count: how many.
+        count: number of processes.
         threads: of all together; 0: all processors.
     """
 
@@ -103,10 +104,10 @@ class Workers:
         self._workers: list[_Worker] = []
 
     def run(self, jobs: Sequence[Job], report: Report) -> None:
-        """Trains all blocks; those that are done are left alone.
+        """Trains all blocks that are not finished.
 
         Raises:
-            InputError: what a worker found wrong, or that it ended again and again.
+            InputError: a worker found an error, or ended repeatedly.
         """
         jobs = [job for job in jobs if not job.is_done()]
         if self._count == 1:
@@ -119,7 +120,7 @@ class Workers:
         errors: list[BaseException] = []
         lock = threading.Lock()
 
-        def tell(job: Job, message: dict[str, Any]) -> None:
+        def forward_report(job: Job, message: dict[str, Any]) -> None:
             with lock:
                 report(job, message)
 
@@ -130,7 +131,7 @@ class Workers:
                         job = waiting.get_nowait()
                     except queue.Empty:
                         return
-                    worker.run(job, tell)
+                    worker.run(job, forward_report)
             except BaseException as error:
                 errors.append(error)
             finally:
@@ -151,10 +152,6 @@ class Workers:
         if errors:
             raise errors[0]
 
-    def processes(self) -> list[int]:
-        """Ids of the processes that are at work now."""
-        return [w.process.pid for w in self._workers if w.process is not None]
-
     def close(self) -> None:
         """Ends the processes; their last states stay."""
         for worker in self._workers:
@@ -163,7 +160,7 @@ class Workers:
 
 
 class _Worker:
-    """One process, started when it is needed and again when it dies."""
+    """Runs one process, started when needed and again when it dies."""
 
     def __init__(self, threads: int) -> None:
         self._threads = threads
@@ -190,14 +187,14 @@ class _Worker:
                 )
 
     def close(self) -> None:
-        """From another thread: `run` comes back."""
+        """Ends the process from another thread, so that `run` returns."""
         self._closed = True
         process = self.process
         if process is not None:
             process.kill()
 
     def finish(self) -> int | None:
-        """Ends the process; its exit status."""
+        """Ends the process and returns its exit status."""
         process, self.process = self.process, None
         if process is None:
             return None
@@ -207,7 +204,7 @@ class _Worker:
         return process.returncode
 
     def _serve(self, job: Job, report: Report) -> bool:
-        """Whether the worker has finished the job; False: it died."""
+        """Returns whether the worker has finished the job; False if it died."""
         if self.process is None:
             self.process = subprocess.Popen(
                 [sys.executable, "-m", "gsut.blocks.worker", str(self._threads)],
@@ -234,7 +231,7 @@ class _Worker:
 
 
 def serve_forever(threads: int) -> None:
-    """The worker's side: a job a line on standard input, messages on standard output."""
+    """Serves jobs in a worker: one a line on standard input, messages on standard output."""
     _core.set_num_threads(threads)
     out = os.fdopen(os.dup(sys.stdout.fileno()), "w", buffering=1)
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # nothing else may write among the messages
@@ -243,21 +240,21 @@ def serve_forever(threads: int) -> None:
     def read() -> None:
         for line in sys.stdin:
             jobs.put(line)
-        os._exit(0)  # nobody asks any more
+        os._exit(0)  # the driver is gone
 
     threading.Thread(target=read, daemon=True).start()
 
-    def tell(message: dict[str, Any]) -> None:
+    def send(message: dict[str, Any]) -> None:
         with contextlib.suppress(BrokenPipeError):
             out.write(json.dumps(message) + "\n")
 
     while (line := jobs.get()) is not None:
         block, task, state = json.loads(line)
         try:
-            run_job(Job(block, Path(task), Path(state)), lambda _, message: tell(message))
-            tell({"done": True})
+            run_job(Job(block, Path(task), Path(state)), lambda _, message: send(message))
+            send({"done": True})
         except MemoryError:
-            tell({"error": f"block {block}: memory ran out; give more --blocks or --memory"})
+            send({"error": f"block {block}: memory ran out; give more --blocks or --memory"})
         except Exception as error:
             text = str(error) if isinstance(error, InputError) else repr(error)
-            tell({"error": f"block {block}: {text}"})
+            send({"error": f"block {block}: {text}"})

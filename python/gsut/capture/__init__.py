@@ -1,4 +1,4 @@
-"""What people hold, in: videos and photographs become a folder of pictures worth keeping."""
+"""Turns videos and photographs into a folder of pictures that poses can be found for."""
 
 from gsut.capture.frames import Capture, extract_frames
 from gsut.capture.inputs import capture, needs_capture

@@ -1,8 +1,8 @@
 """Chooses frames of a video by how far the view moved and by sharpness, never every n-th.
 
 Corners are tracked (Lucas-Kanade, in pyramids) on small grey frames. A first pass finds candidates
-a short step of the view apart, each the sharpest of the frames about there; frames are then chosen
-among them, evenly by the way that the view has gone.
+a short step of the view apart, each the sharpest of the frames near there; frames are then chosen
+among them, evenly along the way of the view.
 """
 
 from __future__ import annotations
@@ -12,32 +12,45 @@ from collections.abc import Sequence
 
 import numpy as np
 
-# Of the picture's diagonal: how far its median corner moves between candidates, at least and most.
-_LEAST_STEP, _MOST_STEP = 0.004, 0.008
-_LOST_STEP = 0.15  # where most corners are lost: a cut, or a sudden turn
-_CHOSEN_STEP = 0.05  # between chosen frames, where their number allows it
-# Frames that are chosen at least, if there are candidates, and at most: fewer make a poor scene,
-# more take long and add little.
-_FEWEST, _MOST = 60, 300
+# Least motion of the median corner between candidates, x the picture's diagonal.
+_LEAST_STEP = 0.004
+# Most motion of the median corner between candidates, x the picture's diagonal.
+_MOST_STEP = 0.008
+# Motion that is assumed if most corners are lost, x the diagonal: a cut, or a sudden turn.
+_LOST_STEP = 0.15
+# Motion between chosen frames, x the diagonal, if their number allows it.
+_CHOSEN_STEP = 0.05
+# Fewest frames that are chosen if there are candidates: fewer make a poor scene.
+_FEWEST = 60
+# Most frames that are chosen: more take long and add little.
+_MOST = 300
+# Corners that are tracked; more do not change their median.
 _CORNERS = 200
-_FEWEST_CORNERS = 12  # fewer say nothing: a blank wall, darkness
-_BLANK_SECONDS = 0.5  # then a candidate so often at least
-_TRACKED_SIDE = 320  # longer side of the frames that corners are tracked in, pixels
-_JUDGED_SIDE = 800  # ... that sharpness is judged in
-_MIDDLE = 0.5  # share of the way between two chosen frames in which the sharpest is sought
-_BLURRED = 0.4  # sharpness, of the median of the frames around, below which a frame is blurred
-_NEIGHBOURS = 5  # on each side
+# Corners below which motion cannot be measured: a blank wall, darkness.
+_FEWEST_CORNERS = 12
+# Seconds between candidates if motion cannot be measured.
+_BLANK_SECONDS = 0.5
+# Longer side in pixels of the frames that corners are tracked in.
+_TRACKED_SIDE = 320
+# Longer side in pixels of the frames that sharpness is measured in.
+_JUDGED_SIDE = 800
+# Share of the way between two chosen frames in which the sharpest is sought.
+_MIDDLE = 0.5
+# Sharpness, x the median of the frames around, below which a frame is blurred.
+_BLURRED = 0.4
+# Frames on each side that a frame's sharpness is compared with.
+_NEIGHBOURS = 5
 
 
 @dataclasses.dataclass(frozen=True)
 class Candidate:
     """A frame that may be chosen.
 
-    Args:
+    Attributes:
         number: of the frame, from 0 in the order of the file.
         time: seconds from the video's start.
         sharpness: variance of the Laplacian, in grey levels squared.
-        moved: how far the view moved since the candidate before, of the picture's diagonal.
+        moved: motion of the view since the candidate before, x the picture's diagonal.
     """
 
     number: int
@@ -47,7 +60,7 @@ class Candidate:
 
 
 class CandidateSearch:
-    """Takes a video's frames one by one; `candidates` grows."""
+    """Finds candidates among a video's frames, which it receives one by one."""
 
     def __init__(self) -> None:
         self.candidates: list[Candidate] = []
@@ -57,16 +70,16 @@ class CandidateSearch:
         self._best: tuple[Candidate, np.ndarray] | None = None  # since the last candidate
 
     def add(self, number: int, time: float, grey: np.ndarray) -> None:
-        """Takes the next frame, (H, W) uint8 of any size."""
-        frame = Candidate(number, time, _sharpness(shrunk_grey(grey, _JUDGED_SIDE)), 0.0)
-        small = shrunk_grey(grey, _TRACKED_SIDE)
+        """Adds the next frame, (H, W) uint8 of any size."""
+        frame = Candidate(number, time, _measure_sharpness(shrink_grey(grey, _JUDGED_SIDE)), 0.0)
+        small = shrink_grey(grey, _TRACKED_SIDE)
         if self._before is None:
             self._commit(frame, small)
             self._before = small
             return
         self._corners = track_corners(self._before, small, self._corners)
         self._before = small
-        moved = self._moved(time, small)
+        moved = self._measure_motion(time, small)
         if moved < _LEAST_STEP:
             return
         frame = dataclasses.replace(frame, moved=moved)
@@ -79,12 +92,12 @@ class CandidateSearch:
             return
         self._commit(*self._best)
         self._corners = track_corners(self._best_picture, small, self._corners)
-        moved = self._moved(time, small)
+        moved = self._measure_motion(time, small)
         if moved >= _LEAST_STEP:
             self._best = dataclasses.replace(frame, moved=moved), small
 
     def finish(self) -> list[Candidate]:
-        """All candidates, once every frame is in."""
+        """Returns all candidates after the last frame."""
         if self._best is not None:
             self._commit(*self._best)
         return self.candidates
@@ -98,8 +111,8 @@ class CandidateSearch:
         self._corners = self._start
         self._best, self._best_picture = None, small
 
-    def _moved(self, time: float, small: np.ndarray) -> float:
-        """The median corner's way since the last candidate; a lost one went far."""
+    def _measure_motion(self, time: float, small: np.ndarray) -> float:
+        """Returns the median corner's motion since the last candidate; lost corners went far."""
         if len(self._start) < _FEWEST_CORNERS:
             return _MOST_STEP * (time - self.candidates[-1].time) / _BLANK_SECONDS
         assert self._corners is not None
@@ -109,11 +122,11 @@ class CandidateSearch:
 
 
 def choose_frames(candidates: Sequence[Candidate], count: int | None = None) -> list[int]:
-    """Indices of the candidates to keep, in order.
+    """Returns the indices of the candidates to keep, in order.
 
     Args:
         candidates: of one video.
-        count: how many; None: by how far the view moved, 60 to 300 where there are so many.
+        count: number to keep; None: 60 to 300 by how far the view moved.
     """
     way = np.cumsum([c.moved for c in candidates])
     if count is None:
@@ -132,8 +145,8 @@ def choose_frames(candidates: Sequence[Candidate], count: int | None = None) -> 
     return chosen
 
 
-def blurred(candidates: Sequence[Candidate]) -> np.ndarray:
-    """(N,) bool: frames far less sharp than those around them."""
+def find_blurred(candidates: Sequence[Candidate]) -> np.ndarray:
+    """Returns (N,) bool: frames far less sharp than those around them."""
     sharp = np.array([c.sharpness for c in candidates])
     around = [
         np.median(sharp[max(0, i - _NEIGHBOURS) : i + _NEIGHBOURS + 1]) for i in range(len(sharp))
@@ -141,8 +154,8 @@ def blurred(candidates: Sequence[Candidate]) -> np.ndarray:
     return sharp < _BLURRED * np.array(around)
 
 
-def shrunk_grey(grey: np.ndarray, longer: int) -> np.ndarray:
-    """(H, W) grey picture, its longer side at most this many pixels."""
+def shrink_grey(grey: np.ndarray, longer: int) -> np.ndarray:
+    """Shrinks a grey picture (H, W) so that its longer side has at most `longer` pixels."""
     import cv2
 
     scale = longer / max(grey.shape)
@@ -152,14 +165,14 @@ def shrunk_grey(grey: np.ndarray, longer: int) -> np.ndarray:
     return cv2.resize(grey, size, interpolation=cv2.INTER_AREA)
 
 
-def _sharpness(grey: np.ndarray) -> float:
+def _measure_sharpness(grey: np.ndarray) -> float:
     import cv2
 
     return float(cv2.Laplacian(grey, cv2.CV_32F).var())
 
 
 def track_corners(before: np.ndarray, after: np.ndarray, corners: np.ndarray | None) -> np.ndarray:
-    """Where corners (N, 2) of one grey frame are in another; NaN where lost."""
+    """Tracks corners (N, 2) of one grey frame to another; NaN if lost."""
     import cv2
 
     corners = np.zeros((0, 2), np.float32) if corners is None else corners

@@ -1,8 +1,8 @@
-"""How the view moves at each frame chosen: corners followed to the frames beside it.
+"""Measures how the view moves at each chosen frame, by tracking corners to adjacent frames.
 
-A rolling shutter bends a frame by what the camera moves while the frame is read: the flow at that
-moment, which frames half a second apart do not tell. Nor does the mean over the frames beside it:
-frames are chosen for their sharpness, where a shaking hand was slow and sped up before and after.
+A rolling shutter bends a frame by the camera's motion while the frame is read: the flow at that
+moment, which frames half a second apart do not show. Nor does the mean over adjacent frames: frames
+are chosen for their sharpness, where a shaking hand was slow and sped up before and after.
 """
 
 from __future__ import annotations
@@ -11,24 +11,32 @@ from collections.abc import Collection
 
 import numpy as np
 
-from gsut.capture.choose import shrunk_grey, track_corners
+from gsut.capture.choose import shrink_grey, track_corners
 
-_SIDE = 480  # longer side of the frames that corners are followed in, pixels
+# Longer side in pixels of the frames that corners are tracked in.
+_SIDE = 480
+# Corners that are tracked at a frame: enough for a shutter's few unknowns.
 _CORNERS = 40
-_RETURN = 0.3  # pixels there, within which a corner that is followed there and back returns
+# Pixels of the small frame within which a corner tracked there and back returns.
+_RETURN = 0.3
+# Fewest corners that are worth keeping.
 _FEWEST = 8
+# Frames on each side through which a corner's way is a polynomial.
+FRAMES_BESIDE = 2
 FRAMES_BESIDE = 2  # on each side, through which a corner's way is a polynomial
+
+
 _Frame = tuple[int, float, np.ndarray]  # number, seconds, grey picture
 
 
 class FlowSearch:
-    """Takes a video's frames one by one, and finds the flow at those wanted.
+    """Finds the flow at some frames of a video, whose frames it receives one by one.
 
     Args:
         wanted: numbers of the frames.
 
     Attributes:
-        found: by number of the frame rows of x, y (pixels), and their change in a second.
+        found: by number of the frame, rows of x, y (pixels), and their change per second.
     """
 
     def __init__(self, wanted: Collection[int]) -> None:
@@ -38,20 +46,21 @@ class FlowSearch:
         self._scale = 1.0
 
     def add(self, number: int, time: float, grey: np.ndarray) -> None:
-        """Takes the next frame, (H, W) uint8; those with none wanted within two need not come."""
-        small = shrunk_grey(grey, _SIDE)
+        """Adds the next frame, (H, W) uint8; frames more than two from a wanted one may be
+        skipped."""
+        small = shrink_grey(grey, _SIDE)
         self._scale = grey.shape[1] / small.shape[1]
         self._last = [*self._last[-2 * FRAMES_BESIDE :], (number, time, small)]
         self._find(number - FRAMES_BESIDE)
 
     def finish(self) -> dict[int, list[list[float]]]:
-        """`found`, once every frame is in."""
+        """Returns `found` after the last frame."""
         for number, _, _ in self._last[-FRAMES_BESIDE:]:
             self._find(number)
         return self.found
 
     def _find(self, wanted: int) -> None:
-        """Of a frame, if it is wanted and those beside it are there."""
+        """Finds the flow at a frame if it is wanted and its neighbours have arrived."""
         own = {number: (number, time, picture) for number, time, picture in self._last}
         if wanted not in self._wanted or not {wanted - 1, wanted, wanted + 1} <= own.keys():
             return
@@ -62,13 +71,15 @@ class FlowSearch:
         if found is None:
             return
         corners = found.reshape(-1, 2)
-        ways = {n: _followed(middle, frame, corners) for n, frame in own.items() if n != wanted}
+        ways = {
+            n: _follow_corners(middle, frame, corners) for n, frame in own.items() if n != wanted
+        }
         for reach in range(FRAMES_BESIDE, 0, -1):
             beside = [n for n in range(wanted - reach, wanted + reach + 1) if n != wanted]
             if not own.keys() >= set(beside):
                 continue
             times = np.array([own[n][1] for n in beside]) - middle[1]
-            speed = np.tensordot(_slopes(times), [ways[n] for n in beside], axes=1)
+            speed = np.tensordot(_weigh_slope(times), [ways[n] for n in beside], axes=1)
             good = np.isfinite(speed).all(axis=1)
             if good.sum() >= _FEWEST:
                 # cv2 puts the centre of the top-left pixel at (0, 0).
@@ -77,8 +88,8 @@ class FlowSearch:
                 return
 
 
-def _followed(middle: _Frame, other: _Frame, corners: np.ndarray) -> np.ndarray:
-    """(N, 2) how far corners (N, 2) move from one frame to another; NaN where lost."""
+def _follow_corners(middle: _Frame, other: _Frame, corners: np.ndarray) -> np.ndarray:
+    """Returns how far corners (N, 2) move from one frame to another; NaN if lost."""
     moved = track_corners(middle[2], other[2], corners)
     back = track_corners(other[2], middle[2], moved)
     lost = ~(np.linalg.norm(back - corners, axis=1) < _RETURN)
@@ -86,9 +97,11 @@ def _followed(middle: _Frame, other: _Frame, corners: np.ndarray) -> np.ndarray:
     return moved - corners
 
 
-def _slopes(times: np.ndarray) -> np.ndarray:
-    """(N,) what values at times (N,) count for in the slope at 0 of the polynomial through them and
-    through 0 there; NaN where times coincide."""
+def _weigh_slope(times: np.ndarray) -> np.ndarray:
+    """Returns the weights (N,) of values at times (N,) in a polynomial's slope at 0.
+
+    The polynomial goes through the values, and through 0 at time 0. NaN if times coincide.
+    """
     nodes = times / max(float(np.abs(times).max()), 1e-12)
     powers = nodes ** np.arange(1, len(nodes) + 1)[:, None]
     if abs(np.linalg.det(powers)) < 1e-9:

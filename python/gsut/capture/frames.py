@@ -1,4 +1,4 @@
-"""A video in, a folder of chosen frames out."""
+"""Extracts frames of a video into a folder."""
 
 from __future__ import annotations
 
@@ -11,22 +11,29 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError, __version__
-from gsut.capture.choose import Candidate, CandidateSearch, blurred, choose_frames
+from gsut.capture.choose import Candidate, CandidateSearch, choose_frames, find_blurred
 from gsut.capture.flow import FRAMES_BESIDE, FlowSearch
 from gsut.capture.strip import write_strip
-from gsut.capture.track import places_at, track_of
-from gsut.capture.video import Video, camera_in
+from gsut.capture.track import interpolate_places, read_track
+from gsut.capture.video import Video, read_camera_name
 from gsut.data import CAPTURE, capture_state, read_capture
 from gsut.files import write_json, write_picture
 
 OnProgress = Callable[[str, int, int, str], None]
-IMAGES = "images"  # folder of the frames, beside capture.json
-FEWEST_FRAMES = 8  # from which a scene can be made at all
-_STILL = 0.01  # way of the view, of the diagonal, below which it is one still picture
-_CUT_OFF = 0.98  # of the frames that the file announces: fewer are a file that was cut off
-_MANY_BLURRED = 0.25  # share of the chosen frames
+# Folder of the frames, beside capture.json.
+IMAGES = "images"
+# Fewest frames of a video from which a scene can be made.
+FEWEST_FRAMES = 8
+# Motion of the view, x the diagonal, below which the video is one still picture.
+_STILL = 0.01
+# Share of the frames that the file announces below which it was cut off.
+_CUT_OFF = 0.98
+# Share of blurred frames from which a note warns.
+_MANY_BLURRED = 0.25
+# Quality of written JPEG files: compression then changes features less than noise does.
 _JPEG_QUALITY = 97
-_MOST_PER_SECOND = 35.0  # frames looked at
+# Most frames per second that are looked at: faster videos show nothing new.
+_MOST_PER_SECOND = 35.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,46 +70,46 @@ def extract_frames(
 ) -> Capture:
     """Chooses frames of a video by sharpness and by how far the view moved, and writes them.
 
-    Twice through the video: the first time small, to choose; the second time to write. A finished
-    folder of the same video and count is returned as it is.
+    The video is read twice: first small, to choose; then to write. A finished folder of the same
+    video and count is returned unchanged.
 
     Args:
-        video: any that FFmpeg decodes (H.264, HEVC, VP9, AV1, ...), of any frame rate; turned
-            upright as the file says.
-        out: folder that gets images/f00123.jpg (the number counts frames at the video's frame
-            rate, so that it tells the time), capture.json and strip.jpg.
-        count: frames to choose; None: by how far the view moved, 60 to 300 where there are so many.
+        video: any that FFmpeg decodes (H.264, HEVC, VP9, AV1, ...), of any frame rate; rotated
+            upright according to the file.
+        out: folder that gets images/f00123.jpg (the number counts frames at the video's frame rate
+            and so gives the time), capture.json and strip.jpg.
+        count: frames to choose; None: 60 to 300 by how far the view moved.
         beside: video of the other lens of a 360-degree camera, taken at the same time; its frames
-            stand at the right of those of the first. The video itself: its second stream.
-        on_progress: told (stage, done, total, text).
+            are put to the right of the first. The video itself: its second stream.
+        on_progress: called with (stage, done, total, text).
 
     Returns:
         The folder, with the frames' names, time stamps and sharpness.
 
     Raises:
-        InputError: no video, a codec that cannot be decoded, fewer than 8 frames, a view that
-            never moves, or a count below 2; says what to do.
+        InputError: no video, a codec that cannot be decoded, fewer than 8 frames, a view that never
+            moves, or a count below 2.
     """
     if count is not None and count < 2:
         raise InputError(f"--frames takes 2 or more, found {count}; 60 or more make a good scene")
     path, folder = Path(video), Path(out)
     files = [path] if beside is None else [path, Path(beside)]
-    told = on_progress or (lambda *_: None)
+    report = on_progress or (lambda *_: None)
     with Video(*files) as source:
         announced, rate = source.frame_count, source.frame_rate
         size = source.width, source.height
     key = {"version": __version__, "inputs": capture_state(files), "count": count}
-    done = finished_capture(folder, key)
+    done = read_finished_capture(folder, key)
     if done is not None:
         return done
-    candidates, seen = _candidates(files, told)
+    candidates, seen = _find_candidates(files, report)
     notes = _judge(path, candidates, seen, announced, rate)
     chosen = [candidates[index] for index in choose_frames(candidates, count)]
-    names, name_rate = _names(chosen, rate)
+    names, name_rate = _name_frames(chosen, rate)
     (folder / IMAGES).mkdir(parents=True, exist_ok=True)
-    flows = _write(files, chosen, names, folder / IMAGES, told)
-    places = places_at(track_of(path), np.array([c.time for c in chosen]))
-    unsharp = blurred(chosen)
+    flows = _write(files, chosen, names, folder / IMAGES, report)
+    places = interpolate_places(read_track(path), np.array([c.time for c in chosen]))
+    unsharp = find_blurred(chosen)
     if unsharp.mean() > _MANY_BLURRED:
         notes.append(
             f"{unsharp.sum()} of the {len(chosen)} frames chosen are blurred: move more slowly, or "
@@ -110,7 +117,7 @@ def extract_frames(
         )
     figures: dict[str, Any] = {
         "kind": "video", "key": key, "inputs": [str(file) for file in files], "size": size,
-        "frame_rate": rate, "name_rate": name_rate, "camera": camera_in(path),
+        "frame_rate": rate, "name_rate": name_rate, "camera": read_camera_name(path),
         "frames_seen": seen, "seconds": candidates[-1].time, "notes": notes,
         "frames": [
             {"name": name, "path": f"{IMAGES}/{name}", "number": c.number, "time": c.time,
@@ -124,8 +131,8 @@ def extract_frames(
     return Capture(folder, figures)
 
 
-def finished_capture(folder: Path, key: dict[str, Any]) -> Capture | None:
-    """The capture that a folder holds, if it is whole and of the same inputs and settings."""
+def read_finished_capture(folder: Path, key: dict[str, Any]) -> Capture | None:
+    """Reads the capture in a folder if it is complete and of the same inputs and settings."""
     figures = read_capture(folder)
     if figures is None or figures.get("key") != key:
         return None
@@ -133,31 +140,31 @@ def finished_capture(folder: Path, key: dict[str, Any]) -> Capture | None:
     return Capture(folder, figures) if whole else None
 
 
-def _candidates(files: Sequence[Path], told: OnProgress) -> tuple[list[Candidate], int]:
-    """The frames that may be chosen, and how many there were."""
+def _find_candidates(files: Sequence[Path], report: OnProgress) -> tuple[list[Candidate], int]:
+    """Returns the frames that may be chosen, and the number of all frames."""
     import cv2
 
     search = CandidateSearch()
     seen = 0
     with Video(*files) as source:
         every = max(1, round(source.frame_rate / _MOST_PER_SECOND))
-        for number, time, picture in source.frames():
+        for number, time, picture in source.read_frames():
             seen = number + 1
             pixels = picture() if number % every == 0 else None
             if pixels is not None:
                 search.add(number, time, cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY))
             text = f"{len(search.candidates)} candidates"
-            told("looking", seen, max(seen, source.frame_count), text)
+            report("looking", seen, max(seen, source.frame_count), text)
     return search.finish(), seen
 
 
 def _judge(
     path: Path, candidates: Sequence[Candidate], seen: int, announced: int, rate: float
 ) -> list[str]:
-    """Notes on the video.
+    """Returns notes on the video.
 
     Raises:
-        InputError: nothing can be made of it.
+        InputError: no scene can be made of it.
     """
     if seen == 0:
         raise InputError(
@@ -179,16 +186,16 @@ def _judge(
     if seen < _CUT_OFF * announced:
         return [
             f"{path.name} ends after {seen} of {announced} frames ({candidates[-1].time:.1f} s): "
-            "it was cut off or is damaged; what is there is used"
+            "it was cut off or is damaged; the frames before are used"
         ]
     return []
 
 
-def _names(chosen: Sequence[Candidate], rate: float) -> tuple[list[str], float]:
-    """Names whose numbers tell the time: at a constant frame rate, the frames' own numbers.
+def _name_frames(chosen: Sequence[Candidate], rate: float) -> tuple[list[str], float]:
+    """Names frames by numbers that give the time: at a constant frame rate, their own numbers.
 
     Returns:
-        The names, and how many numbers a second has.
+        The names, and the numbers per second.
     """
     times = np.array([c.time for c in chosen])
     steady = max((abs(c.time * rate - c.number) for c in chosen), default=0) < 0.5
@@ -204,7 +211,7 @@ def _write(
     chosen: Sequence[Candidate],
     names: Sequence[str],
     folder: Path,
-    told: OnProgress,
+    report: OnProgress,
 ) -> dict[int, list[list[float]]]:
     """Writes the frames; returns the flow at each, by its number."""
     import cv2
@@ -216,7 +223,7 @@ def _write(
         stale.unlink()
     search = FlowSearch(wanted)
     with Video(*files) as source:
-        for number, time, picture in source.frames():
+        for number, time, picture in source.read_frames():
             if number > chosen[-1].number + FRAMES_BESIDE:
                 break
             pixels = picture() if number in beside else None
@@ -231,5 +238,5 @@ def _write(
                 continue
             target = folder / wanted[number]
             write_picture(target, pixels, _JPEG_QUALITY)
-            told("frames", names.index(target.name) + 1, len(names), target.name)
+            report("frames", names.index(target.name) + 1, len(names), target.name)
     return search.finish()

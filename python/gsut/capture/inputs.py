@@ -1,4 +1,4 @@
-"""Whatever people hold - videos, photographs, folders of them - as one folder of pictures."""
+"""Collects videos, photographs and folders of them into one folder of pictures."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 from gsut._core import InputError
 from gsut.capture.frames import Capture, OnProgress, extract_frames
-from gsut.capture.panorama import of_panoramas, other_lens
+from gsut.capture.panorama import find_other_lens, prepare_panoramas
 from gsut.capture.photographs import collect_photographs
 from gsut.capture.strip import write_strip
 from gsut.capture.video import is_video
@@ -26,26 +26,26 @@ def capture(
     caps: tuple[float, float] = (0.0, 0.0),
     on_progress: OnProgress | None = None,
 ) -> Capture:
-    """Makes one folder of pictures of videos and photographs of one camera.
+    """Makes one folder of pictures from videos and photographs of one camera.
 
-    Pictures of 360-degree cameras are recognised: see `of_panoramas`; their two lenses may also be
-    two streams of a video, or two videos.
+    Pictures of 360-degree cameras are recognised, see `prepare_panoramas`; their two lenses may
+    also be two streams of a video, or two videos.
 
     Args:
         inputs: videos, photographs and folders of photographs, in any number.
-        out: the folder; what is finished in it is not done again.
+        out: the folder; what is finished in it is not repeated.
         count: frames to choose of each video; None: by how far its view moves.
         caps: degrees from straight down and straight up that are masked in 360-degree pictures.
-        on_progress: told (stage, done, total, text).
+        on_progress: called with (stage, done, total, text).
 
     Returns:
-        The folder and what was found on the way.
+        The folder, with what was found on the way.
 
     Raises:
-        InputError: see `extract_frames`, `collect_photographs` and `of_panoramas`; or pictures of
-            several sizes.
+        InputError: see `extract_frames`, `collect_photographs` and `prepare_panoramas`; or pictures
+            of several sizes.
     """
-    return of_panoramas(_taken(inputs, out, count, on_progress), *caps)
+    return prepare_panoramas(_take_pictures(inputs, out, count, on_progress), *caps)
 
 
 def needs_capture(images: str, camera: str | None, unknown_lens: bool) -> bool:
@@ -66,7 +66,7 @@ def needs_capture(images: str, camera: str | None, unknown_lens: bool) -> bool:
     return unknown_lens or find_lens_file(path) is None
 
 
-def _taken(
+def _take_pictures(
     inputs: Sequence[str | os.PathLike[str]],
     out: str | os.PathLike[str],
     count: int | None,
@@ -74,7 +74,7 @@ def _taken(
 ) -> Capture:
     videos = [path for path in map(Path, inputs) if is_video(path)]
     others = [path for path in map(Path, inputs) if not is_video(path)]
-    beside = other_lens(videos) if videos and not others else None
+    beside = find_other_lens(videos) if videos and not others else None
     if not others and (len(videos) == 1 or beside is not None):
         return extract_frames(videos[0], out, count=count, beside=beside, on_progress=on_progress)
     if not videos:
@@ -88,11 +88,11 @@ def _taken(
     ]
     if others:
         parts.append(collect_photographs(others, folder / "photographs", on_progress=on_progress))
-    return _joined(parts, folder)
+    return _join_captures(parts, folder)
 
 
-def _joined(parts: Sequence[Capture], folder: Path) -> Capture:
-    """One capture of several.
+def _join_captures(parts: Sequence[Capture], folder: Path) -> Capture:
+    """Joins several captures into one.
 
     Raises:
         InputError: they have different sizes.

@@ -1,7 +1,7 @@
-"""Pictures of 360-degree cameras: equirectangular ones get their lens, two circles become two.
+"""Prepares pictures of 360-degree cameras: gives panoramas their lens, splits dual fisheyes.
 
 Dual-fisheye pictures hold the circles of two lenses, back to back, side by side. Each becomes a
-square picture of its own, masked outside its circle; both lenses begin as one of one kind.
+square picture of its own, masked outside its circle; both lenses start with the same parameters.
 """
 
 from __future__ import annotations
@@ -15,45 +15,58 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.capture.frames import IMAGES, Capture
-from gsut.capture.video import stream_start
+from gsut.capture.video import read_stream_start
 from gsut.data import CAPTURE, read_capture
 from gsut.files import write_json, write_picture
 from gsut.lens import Camera
 from gsut.lens.files import values_from_camera
 
+# Names of the two lenses, which are folders of their pictures.
 LENSES = ["front", "back"]
+# Name of the mask that all pictures share.
 MASK = "mask.png"
-_SPLIT = "lenses"  # folder of the two lenses' pictures
-_LOOKED_AT = 12  # pictures that decide what a camera takes
-_DARK = 24  # grey level below which nothing is seen
-_BRIGHT_SHARE = 0.6  # of a circle's pixels are brighter than that, in one picture at least
-_RIM = 0.985  # of the circle's radius that is used: its edge is dim and coloured
-_FIELD = math.radians(195)  # of a circle, where nothing is known: between those in use
-_WIDTHS = (1.7, 2.1)  # over the height, of pictures with two circles: some have borders
-_SEAM = 2.0  # differences across the seam of a panorama, over those of its other columns
+# Folder of the two lenses' pictures.
+_SPLIT = "lenses"
+# Pictures that decide what a camera takes, evenly chosen.
+_EXAMINED = 12
+# Grey level below which nothing is seen.
+_DARK = 24
+# Share of a circle's pixels that are brighter in at least one picture.
+_BRIGHT_SHARE = 0.6
+# Share of the circle's radius that is used: its edge is dim and coloured.
+_RIM = 0.985
+# Field of view of a circle in radians if unknown, between those of common cameras.
+_FIELD = math.radians(195)
+# Widths over heights of pictures with two circles, which may have borders.
+_WIDTHS = (1.7, 2.1)
+# Most difference across the seam of a panorama, x that between its other columns.
+_SEAM = 2.0
+# Quality of written JPEG files: compression then changes features less than noise does.
 _JPEG_QUALITY = 97
 
 
 @dataclasses.dataclass(frozen=True)
 class _Circle:
+    """A circle in pixels."""
+
     x: float
     y: float
     radius: float
 
 
-def of_panoramas(taken: Capture, nadir: float = 0.0, zenith: float = 0.0) -> Capture:
-    """The capture as it serves: split and masked where it comes from a 360-degree camera.
+def prepare_panoramas(taken: Capture, nadir: float = 0.0, zenith: float = 0.0) -> Capture:
+    """Splits and masks a capture if it comes from a 360-degree camera.
 
     Args:
         taken: of any camera.
         nadir, zenith: degrees from straight down and straight up that are masked: tripod, hand,
-            selfie stick; of pictures held upright.
+            selfie stick; for pictures held upright.
 
     Returns:
         The same capture if it is of another camera and nothing is masked.
 
     Raises:
-        InputError: caps of pictures that are no panoramas.
+        InputError: caps are out of range, or given for pictures that are no panoramas.
     """
     if not (0 <= nadir < 90 and 0 <= zenith < 90):
         raise InputError(
@@ -62,9 +75,9 @@ def of_panoramas(taken: Capture, nadir: float = 0.0, zenith: float = 0.0) -> Cap
     width, height = taken.figures["size"]
     paths = [taken.path / row["path"] for row in taken.figures["frames"]]
     if _WIDTHS[0] * height <= width <= _WIDTHS[1] * height:
-        some = [paths[i] for i in np.unique(np.linspace(0, len(paths) - 1, _LOOKED_AT).astype(int))]
-        brightest, seam = _looked_at(some)
-        circles = [_circle(half) for half in np.hsplit(brightest[:, : width // 2 * 2], 2)]
+        some = [paths[i] for i in np.unique(np.linspace(0, len(paths) - 1, _EXAMINED).astype(int))]
+        brightest, seam = _examine_pictures(some)
+        circles = [_find_circle(half) for half in np.hsplit(brightest[:, : width // 2 * 2], 2)]
         if None not in circles:
             return _split(taken, [c for c in circles if c is not None], nadir, zenith)
     if width != 2 * height:
@@ -86,24 +99,24 @@ def of_panoramas(taken: Capture, nadir: float = 0.0, zenith: float = 0.0) -> Cap
     return Capture(taken.path, figures)
 
 
-def other_lens(videos: Sequence[Path]) -> Path | None:
-    """The video of the second lens of a 360-degree camera; None: there is none.
+def find_other_lens(videos: Sequence[Path]) -> Path | None:
+    """Finds the video of the second lens of a 360-degree camera; None if there is none.
 
     Args:
         videos: one, whose second stream may be of that lens, or two, the second one's.
 
     Returns:
-        The last of the videos if both lenses' frames are square with a bright circle, as many of
-        one lens as of the other.
+        The last of the videos if both lenses' frames are square with a bright circle and of equal
+        number.
     """
     if len(videos) > 2:
         return None
     common = []
     for path, stream in ((videos[-1], 2 - len(videos)), (videos[0], 0)):
-        start = stream_start(path, stream, _LOOKED_AT)
+        start = read_stream_start(path, stream, _EXAMINED)
         if start is None or start[0].shape[1] != start[0].shape[2]:
             return None
-        if _circle(start[0].max(axis=(0, 3))) is None:
+        if _find_circle(start[0].max(axis=(0, 3))) is None:
             return None
         common.append(start[1])
     if common[0] != common[1]:
@@ -111,8 +124,8 @@ def other_lens(videos: Sequence[Path]) -> Path | None:
     return videos[-1]
 
 
-def _looked_at(paths: Sequence[Path]) -> tuple[np.ndarray, bool]:
-    """The brightest grey level of each pixel, and whether left and right edge join."""
+def _examine_pictures(paths: Sequence[Path]) -> tuple[np.ndarray, bool]:
+    """Returns the brightest grey level of each pixel, and whether left and right edge join."""
     import cv2
 
     brightest: np.ndarray = np.zeros(0, np.uint8)
@@ -130,8 +143,8 @@ def _looked_at(paths: Sequence[Path]) -> tuple[np.ndarray, bool]:
     return brightest, bool(ratios) and sum(ratios) > len(ratios) / 2
 
 
-def _circle(half: np.ndarray) -> _Circle | None:
-    """The bright circle of one half of a picture; None: there is none."""
+def _find_circle(half: np.ndarray) -> _Circle | None:
+    """Finds the bright circle in one half of a picture; None if there is none."""
     height, width = half.shape
     bright = half > _DARK
     rows, columns = np.flatnonzero(bright.any(axis=1)), np.flatnonzero(bright.any(axis=0))
@@ -152,7 +165,7 @@ def _circle(half: np.ndarray) -> _Circle | None:
 
 
 def _split(taken: Capture, circles: Sequence[_Circle], nadir: float, zenith: float) -> Capture:
-    """A capture of the pictures of both lenses, in a folder of its own."""
+    """Writes the pictures of both lenses as a capture in a folder of its own."""
     import cv2
 
     folder = taken.path / _SPLIT
@@ -174,10 +187,10 @@ def _split(taken: Capture, circles: Sequence[_Circle], nadir: float, zenith: flo
             target = folder / IMAGES / name / f"{stem}.jpg"
             write_picture(target, part, _JPEG_QUALITY)
             own = f"{name}/{target.name}"
-            flow = _flow_in(row.get("flow"), number * half + corner[0], corner[1], side)
+            flow = _crop_flow(row.get("flow"), number * half + corner[0], corner[1], side)
             rows.append({**row, "name": own, "path": f"{IMAGES}/{own}", "mask": MASK, "flow": flow})
     radius = min(circle.radius for circle in circles)
-    lens = _fisheye(side, radius)
+    lens = _make_fisheye(side, radius)
     _write_mask(folder / MASK, lens, _RIM * radius, nadir, zenith)
     figures = {
         **taken.figures, "key": key, "size": [side, side], "frames": rows, "camera": "",
@@ -191,16 +204,16 @@ def _split(taken: Capture, circles: Sequence[_Circle], nadir: float, zenith: flo
     return Capture(folder, figures)
 
 
-def _flow_in(
+def _crop_flow(
     flow: list[list[float]] | None, left: int, top: int, side: int
 ) -> list[list[float]] | None:
-    """Of the flow of a picture what is in a square part of it, in the pixels of the part."""
+    """Returns the flow within a square part of a picture, in the pixels of the part."""
     rows = [[x - left, y - top, *rates] for x, y, *rates in flow or ()]
     return [row for row in rows if 0 <= row[0] < side and 0 <= row[1] < side] or None
 
 
 def _cut(pixels: np.ndarray, left: int, top: int, side: int) -> np.ndarray:
-    """A square part, black where it reaches beyond the picture."""
+    """Cuts out a square part, black where it reaches beyond the picture."""
     out = np.zeros((side, side, 3), np.uint8)
     height, width = pixels.shape[:2]
     x0, y0, x1, y1 = max(0, left), max(0, top), min(width, left + side), min(height, top + side)
@@ -208,8 +221,8 @@ def _cut(pixels: np.ndarray, left: int, top: int, side: int) -> np.ndarray:
     return out
 
 
-def _fisheye(side: int, radius: float) -> Camera:
-    """An equidistant lens whose field fills the circle."""
+def _make_fisheye(side: int, radius: float) -> Camera:
+    """Returns an equidistant lens whose field fills the circle."""
     focal = radius / (_FIELD / 2)
     return Camera("kannala_brandt", [focal, focal, side / 2, side / 2, 0, 0, 0, 0], side, side)
 
@@ -217,7 +230,7 @@ def _fisheye(side: int, radius: float) -> Camera:
 def _write_mask(
     path: Path, lens: Camera, radius: float | None, nadir: float, zenith: float
 ) -> None:
-    """An image that is white inside the circle and outside the caps."""
+    """Writes an image that is white inside the circle and outside the caps."""
     rays, valid = lens.rays()
     mask = np.array(valid)
     down = np.degrees(np.arccos(np.clip(np.nan_to_num(rays[:, :, 1]), -1, 1)))

@@ -1,8 +1,8 @@
-"""Folders of photographs in: one camera's pictures at one size, what others need said in words.
+"""Collects photographs of one camera at one size, and notes why others are left out.
 
-Ordinary photographs stay where they are, their pixels as stored: a phone held upright stores what
-its sensor saw, so that all of its photographs share one lens. Only what cannot be used like that is
-written anew: other formats, photographs of the same camera that were turned or made smaller.
+Ordinary photographs stay where they are, with their pixels as stored: a phone held upright stores
+what its sensor saw, so that all of its photographs share one lens. Only what cannot be used so is
+written again: other formats, and photographs of the same camera that were turned or shrunk.
 """
 
 from __future__ import annotations
@@ -20,25 +20,29 @@ import numpy as np
 
 from gsut._core import InputError, __version__
 from gsut.capture.exif import RAW_SUFFIXES, PhotographFacts, read_facts
-from gsut.capture.frames import IMAGES, Capture, OnProgress, finished_capture
+from gsut.capture.frames import IMAGES, Capture, OnProgress, read_finished_capture
 from gsut.capture.strip import write_strip
 from gsut.data import CAPTURE, capture_state, list_some
 from gsut.data.images import IMAGE_SUFFIXES, find_mask
-from gsut.files import regular, write_json, write_picture
+from gsut.files import check_regular, write_json, write_picture
 
 HEIF_SUFFIXES = (".heic", ".heif")
 PHOTOGRAPH_SUFFIXES = (*IMAGE_SUFFIXES, *HEIF_SUFFIXES, *RAW_SUFFIXES)
+# Pillow's pixel formats that are used without conversion.
 _AS_STORED = ("RGB", "RGBA", "L", "LA", "P", "I;16", "I;16B", "1", "I")
-_SAME_FOCAL = 0.03  # share by which focal lengths of one setting differ, at most
+# Most relative difference of focal lengths of one zoom setting: EXIF rounds them.
+_SAME_FOCAL = 0.03
+# Most relative difference of shapes that resizing makes equal.
 _SAME_SHAPE = 0.01
+# Quality of written JPEG files: compression then changes features less than noise does.
 _JPEG_QUALITY = 97
-# EXIF's orientation of pixels that were turned by a quarter against the clock.
+# EXIF's orientation of pixels that were turned by a quarter counterclockwise.
 _TURNED = {1: 6, 2: 5, 3: 8, 4: 7, 5: 4, 6: 3, 7: 2, 8: 1}
 
 
 @dataclasses.dataclass(frozen=True)
 class _Plan:
-    """What happens to one photograph: turned by a quarter, resized to a size, or nothing."""
+    """What is done to one photograph: a quarter turn, resizing, or nothing."""
 
     facts: PhotographFacts
     name: str  # as in the dataset
@@ -58,50 +62,50 @@ def collect_photographs(
     *,
     on_progress: OnProgress | None = None,
 ) -> Capture:
-    """Finds photographs, reads what they say of themselves, and makes them fit for one lens.
+    """Finds photographs, reads their metadata, and fits them to one lens.
 
     Args:
         inputs: folders, or photographs, of one camera.
-        out: folder that gets capture.json, strip.jpg and, of the photographs that cannot be used
-            as they are, copies in images/.
-        on_progress: told (stage, done, total, text).
+        out: folder that gets capture.json, strip.jpg and, in images/, copies of photographs that
+            need conversion.
+        on_progress: called with (stage, done, total, text).
 
     Returns:
-        The folder. "frames" has a row a photograph: name, path, and where the file says so time
-        (seconds since the first), orientation and place; "focal_px" is the focal length that the
-        photographs name, "camera" who took them.
+        The folder. "frames" has a row for each photograph: name, path, and if the file has them
+        time (seconds since the first), orientation and place; "focal_px" is the focal length in the
+        metadata, "camera" the camera's name.
 
     Raises:
         InputError: no photographs, or a format that needs a library which is not installed.
     """
-    told = on_progress or (lambda *_: None)
+    report = on_progress or (lambda *_: None)
     files = find_photograph_files(inputs)
     folder = Path(out)
     key = {"version": __version__, "inputs": capture_state(list(files.values()))}
-    done = finished_capture(folder, key)
+    done = read_finished_capture(folder, key)
     if done is not None:
         return done
     _require_readers(list(files.values()))
     notes: list[str] = []
-    facts = _all_facts(files, notes, told)
+    facts = _read_all_facts(files, notes, report)
     if not facts:
         raise InputError(f"none of the {len(files)} photographs can be read: {notes[0]}")
-    plans, left_out = _plans(facts)
+    plans, left_out = _plan_photographs(facts)
     notes += left_out
     (folder / IMAGES).mkdir(parents=True, exist_ok=True)
-    rows = _write(plans, folder, told)
+    rows = _write(plans, folder, report)
     first = min((p.facts.time for p in plans if p.facts.time is not None), default=0.0)
     for row, plan in zip(rows, plans, strict=True):
         f = plan.facts
         row["time"] = None if f.time is None else f.time - first
         row["orientation"] = _TURNED[f.orientation] if plan.turned else f.orientation
         row["place"] = f.place
-        mask = None if plan.is_written else _mask_of(f.path, plan.name)
+        mask = None if plan.is_written else _find_mask(f.path, plan.name)
         row["mask"] = None if mask is None else os.path.relpath(mask, folder.resolve())
-    focal = [_scaled_focal(plan) for plan in plans if plan.facts.focal_px is not None]
+    focal = [_scale_focal(plan) for plan in plans if plan.facts.focal_px is not None]
     figures: dict[str, Any] = {
         "kind": "photographs", "key": key, "inputs": [str(i) for i in inputs], "notes": notes,
-        "size": _size(plans[0]),
+        "size": _find_size(plans[0]),
         "camera": collections.Counter(p.facts.camera for p in plans).most_common(1)[0][0],
         "focal_px": float(np.median(focal)) if focal else None,
         "frames": rows,
@@ -112,10 +116,10 @@ def collect_photographs(
 
 
 def find_photograph_files(inputs: Sequence[str | os.PathLike[str]]) -> dict[str, Path]:
-    """The photographs by name: in each folder, or in its folder images, sorted.
+    """Finds the photographs in each folder, or in its folder images, sorted, by name.
 
     Raises:
-        InputError: an input that does not exist, or no photograph at all.
+        InputError: an input does not exist, or there is no photograph at all.
     """
     found: dict[str, Path] = {}
     for given in map(Path, inputs):
@@ -141,34 +145,34 @@ def find_photograph_files(inputs: Sequence[str | os.PathLike[str]]) -> dict[str,
 
 
 def _require_readers(paths: Sequence[Path]) -> None:
-    """Loads the libraries that some formats need.
+    """Imports the libraries that some formats need.
 
     Raises:
-        InputError: one is not installed; says how to install it.
+        InputError: one is not installed; the message says how to install it.
     """
     suffixes = {path.suffix.lower() for path in paths}
     if suffixes & set(HEIF_SUFFIXES):
         try:
             import pillow_heif
         except ImportError:
-            raise _lacks("HEIC", "pillow-heif", suffixes & set(HEIF_SUFFIXES)) from None
+            raise _explain_missing("HEIC", "pillow-heif", suffixes & set(HEIF_SUFFIXES)) from None
         pillow_heif.register_heif_opener()
     if suffixes & set(RAW_SUFFIXES):
         try:
             import rawpy  # noqa: F401
         except ImportError:
-            raise _lacks("raw", "rawpy", suffixes & set(RAW_SUFFIXES)) from None
+            raise _explain_missing("raw", "rawpy", suffixes & set(RAW_SUFFIXES)) from None
 
 
-def _lacks(kind: str, library: str, suffixes: set[str]) -> InputError:
+def _explain_missing(kind: str, library: str, suffixes: set[str]) -> InputError:
     return InputError(
         f"{kind} photographs ({', '.join(sorted(suffixes))}) need the library {library}: pip "
         f"install {library}; or export the photographs as JPEG"
     )
 
 
-def _all_facts(
-    files: dict[str, Path], notes: list[str], told: OnProgress
+def _read_all_facts(
+    files: dict[str, Path], notes: list[str], report: OnProgress
 ) -> dict[str, PhotographFacts]:
     facts = {}
     for done, (name, path) in enumerate(files.items(), 1):
@@ -176,15 +180,15 @@ def _all_facts(
             facts[name] = read_facts(path)
         except InputError as error:
             notes.append(f"left out: {error}")
-        told("photographs", done, 2 * len(files), name)
+        report("photographs", done, 2 * len(files), name)
     return facts
 
 
-def _plans(facts: dict[str, PhotographFacts]) -> tuple[list[_Plan], list[str]]:
-    """What to do with each photograph of the camera that took most, and what is left out.
+def _plan_photographs(facts: dict[str, PhotographFacts]) -> tuple[list[_Plan], list[str]]:
+    """Decides what to do with each photograph of the most frequent camera; notes what is left out.
 
     Raises:
-        InputError: one that does not name its camera has another size.
+        InputError: a photograph that does not name its camera has another size.
     """
     groups: dict[tuple[str, float], list[str]] = {}
     for name, f in facts.items():
@@ -205,7 +209,7 @@ def _plans(facts: dict[str, PhotographFacts]) -> tuple[list[_Plan], list[str]]:
                 f"{name} is {f.width} x {f.height}, most are {size[0]} x {size[1]}; sort them into "
                 "one folder a camera, or give lens files in a dataset"
             )
-        plan = _fitted(f, name, size) if name in most or not f.camera else None
+        plan = _fit_photograph(f, name, size) if name in most or not f.camera else None
         if plan is None:
             others.append(name)
         else:
@@ -222,8 +226,8 @@ def _plans(facts: dict[str, PhotographFacts]) -> tuple[list[_Plan], list[str]]:
     ]
 
 
-def _fitted(f: PhotographFacts, name: str, size: tuple[int, int]) -> _Plan | None:
-    """How a photograph comes to this size; None: it has another shape."""
+def _fit_photograph(f: PhotographFacts, name: str, size: tuple[int, int]) -> _Plan | None:
+    """Plans how a photograph gets this size; None if it has another shape."""
     if (f.width, f.height) == size:
         return _Plan(f, name)
     turned = (f.width < f.height) != (size[0] < size[1])
@@ -233,19 +237,19 @@ def _fitted(f: PhotographFacts, name: str, size: tuple[int, int]) -> _Plan | Non
     return _Plan(f, name, turned, None if (width, height) == size else size)
 
 
-def _size(plan: _Plan) -> tuple[int, int]:
+def _find_size(plan: _Plan) -> tuple[int, int]:
     f = plan.facts
     return plan.size or ((f.height, f.width) if plan.turned else (f.width, f.height))
 
 
-def _scaled_focal(plan: _Plan) -> float:
+def _scale_focal(plan: _Plan) -> float:
     f = plan.facts
     assert f.focal_px is not None
-    return f.focal_px * math.hypot(*_size(plan)) / math.hypot(f.width, f.height)
+    return f.focal_px * math.hypot(*_find_size(plan)) / math.hypot(f.width, f.height)
 
 
-def _write(plans: Sequence[_Plan], folder: Path, told: OnProgress) -> list[dict[str, Any]]:
-    """The rows of the photographs, and copies of those that cannot be used as they are."""
+def _write(plans: Sequence[_Plan], folder: Path, report: OnProgress) -> list[dict[str, Any]]:
+    """Writes copies of photographs that need conversion; returns the rows of all."""
     rows: list[dict[str, Any]] = []
     with concurrent.futures.ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
         written = pool.map(lambda plan: _copy(plan, folder) if plan.is_written else None, plans)
@@ -253,12 +257,12 @@ def _write(plans: Sequence[_Plan], folder: Path, told: OnProgress) -> list[dict[
             target = plan.facts.path.resolve() if copy is None else copy
             path = os.path.relpath(target, folder.resolve())
             rows.append({"name": plan.name if copy is None else target.name, "path": path})
-            told("photographs", len(plans) + done, 2 * len(plans), plan.name)
+            report("photographs", len(plans) + done, 2 * len(plans), plan.name)
     return rows
 
 
-def _mask_of(path: Path, name: str) -> Path | None:
-    """The mask of a photograph, as `gsut train` finds it: masks/NAME.png or mask.png."""
+def _find_mask(path: Path, name: str) -> Path | None:
+    """Finds the mask of a photograph, as `gsut train` does: masks/NAME.png or mask.png."""
     roots = dict.fromkeys((path.parent, path.parent.parent))
     common = (root / "mask.png" for root in roots)
     found = (find_mask(root / "masks", each) for root in roots for each in (name, path.name))
@@ -267,10 +271,10 @@ def _mask_of(path: Path, name: str) -> Path | None:
 
 
 def _copy(plan: _Plan, folder: Path) -> Path:
-    """Writes a photograph anew as JPEG; returns the file."""
+    """Writes a photograph again as JPEG; returns the file."""
     import cv2
 
-    pixels = _decoded(plan.facts.path)
+    pixels = _decode(plan.facts.path)
     if plan.turned:
         pixels = np.rot90(pixels)
     if plan.size is not None:
@@ -281,8 +285,8 @@ def _copy(plan: _Plan, folder: Path) -> Path:
     return target
 
 
-def _decoded(path: Path) -> np.ndarray:
-    """(H, W, 3) uint8 RGB of the stored pixels."""
+def _decode(path: Path) -> np.ndarray:
+    """Decodes the stored pixels to (H, W, 3) uint8 RGB."""
     if path.suffix.lower() in RAW_SUFFIXES:
         import rawpy
 
@@ -290,7 +294,7 @@ def _decoded(path: Path) -> np.ndarray:
             return raw.postprocess(use_camera_wb=True, user_flip=0)
     from PIL import Image
 
-    with Image.open(regular(path)) as image:
+    with Image.open(check_regular(path)) as image:
         if image.mode.startswith("I"):
             grey = np.asarray(image).astype(np.float64) / 257
             return np.repeat(grey.round().clip(0, 255).astype(np.uint8)[:, :, None], 3, axis=2)

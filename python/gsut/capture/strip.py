@@ -1,4 +1,4 @@
-"""The chosen pictures as one strip, to see at a glance what a scene is made from."""
+"""Draws the chosen pictures as one strip, which shows at a glance what a scene is made from."""
 
 from __future__ import annotations
 
@@ -11,11 +11,16 @@ import numpy as np
 from gsut.data import STRIP
 from gsut.files import write_picture
 
-_HEIGHT = 96  # of a picture, pixels
-_WIDEST = 4  # heights: what is wider is squeezed
+# Height of a picture in pixels.
+_HEIGHT = 96
+# Most width of a picture, x its height; wider ones are squeezed.
+_WIDEST = 4
+# Pictures in a line.
 _COLUMNS = 10
-_MOST = 60  # pictures; of more, some evenly
-_BLURRED_COLOR = (40, 40, 220)  # blue, green, red
+# Most pictures, evenly chosen.
+_MOST = 60
+# Colour of a blurred picture's frame: blue, green, red.
+_BLURRED_COLOR = (40, 40, 220)
 
 
 def write_strip(folder: Path, rows: Sequence[dict[str, Any]]) -> None:
@@ -26,7 +31,7 @@ def write_strip(folder: Path, rows: Sequence[dict[str, Any]]) -> None:
         rows: "frames" of capture.json.
     """
     shown = [rows[i] for i in np.unique(np.linspace(0, len(rows) - 1, _MOST).round().astype(int))]
-    tiles = [_tile(folder / row["path"], row) for row in shown]
+    tiles = [_draw_tile(folder / row["path"], row) for row in shown]
     width = max(tile.shape[1] for tile in tiles)
     lines = []
     for start in range(0, len(tiles), _COLUMNS):
@@ -38,7 +43,7 @@ def write_strip(folder: Path, rows: Sequence[dict[str, Any]]) -> None:
     write_picture(folder / STRIP, np.concatenate(lines))
 
 
-def _tile(path: Path, row: dict[str, Any]) -> np.ndarray:
+def _draw_tile(path: Path, row: dict[str, Any]) -> np.ndarray:
     import cv2
 
     try:

@@ -1,4 +1,4 @@
-"""Where a video's camera was: GPS in the metadata of GoPro, and in DJI's subtitles."""
+"""Reads where a video's camera was: GPS in GoPro's metadata, and in DJI's subtitles."""
 
 from __future__ import annotations
 
@@ -9,47 +9,54 @@ from pathlib import Path
 
 import numpy as np
 
-_HEADER = 8  # bytes of a record of GPMF: key, type, size, repeats
-# GPMF's types and Python's.
+# Bytes of a GPMF record's header: key, type, size, repeats.
+_HEADER = 8
+# GPMF's types and the characters of Python's struct.
 _TYPES = {"b": "b", "B": "B", "s": "h", "S": "H", "l": "i", "L": "I", "f": "f", "d": "d", "j": "q",
           "J": "Q"}  # fmt: skip
-# Streams of positions, the best first, and where latitude, longitude and altitude (m) stand in a
-# row: HERO5 to 10, HERO11 and later, the Karma drone.
+# Streams of positions, the best first, and the columns of latitude, longitude and altitude (m):
+# of HERO11 and later, of HERO5 to 10, and of drones.
 _STREAMS = {"GPS9": (0, 1, 2), "GPS5": (0, 1, 2), "GLPI": (1, 2, 3)}
+# Fewest positions of a track.
 _FEWEST = 2
+# A subtitle with its time.
 _CUE = re.compile(r"(\d+):(\d+):(\d+)[,.](\d+) *-->.*?(?=\n\s*\n|\Z)", re.DOTALL)
+# Words that precede latitude, longitude and altitude; one is misspelt by DJI.
 _NAMES = ("latitude",), ("longitude", "longtitude"), ("abs_alt", "altitude", "rel_alt")
+# A number after such a word.
 _NUMBER = r"\s*:?\s*(-?\d+\.?\d*)"
 
 
-def track_of(video: Path) -> np.ndarray:
-    """Places along a video.
+def read_track(video: Path) -> np.ndarray:
+    """Reads places along a video.
 
     Args:
         video: a GoPro's MP4, or one of a drone with NAME.SRT beside it.
 
     Returns:
         (N, 4) seconds since the beginning, latitude and longitude in degrees, altitude in metres;
-        (0, 4) where nothing is said.
+        (0, 4) if the file has no places.
     """
     for suffix in (".SRT", ".srt"):
         subtitles = video.with_suffix(suffix)
         if subtitles.is_file():
-            return _plausible(_of_subtitles(subtitles.read_text("utf-8", "replace")))
+            return _drop_implausible(_parse_subtitles(subtitles.read_text("utf-8", "replace")))
     found: dict[str, list[np.ndarray]] = {}
-    for start, length, payload in _payloads(video):
-        for name, rows in _positions(payload):
+    for start, length, payload in _read_payloads(video):
+        for name, rows in _read_positions(payload):
             times = start + length * np.arange(len(rows)) / len(rows)
             found.setdefault(name, []).append(np.column_stack([times, rows]))
     for name in _STREAMS:
-        rows = _plausible(np.concatenate(found.get(name, [np.zeros((0, 4))])))
+        rows = _drop_implausible(np.concatenate(found.get(name, [np.zeros((0, 4))])))
         if len(rows) >= _FEWEST:
             return rows
     return np.zeros((0, 4))
 
 
-def places_at(track: np.ndarray, times: np.ndarray) -> list[tuple[float, float, float] | None]:
-    """Latitude, longitude and altitude at times (N,) within the track (M, 4); None beyond."""
+def interpolate_places(
+    track: np.ndarray, times: np.ndarray
+) -> list[tuple[float, float, float] | None]:
+    """Returns latitude, longitude and altitude at times (N,); None outside the track (M, 4)."""
     if len(track) < _FEWEST:
         return [None] * len(times)
     columns = [np.interp(times, track[:, 0], track[:, axis]) for axis in (1, 2, 3)]
@@ -61,16 +68,16 @@ def places_at(track: np.ndarray, times: np.ndarray) -> list[tuple[float, float, 
     ]
 
 
-def _plausible(rows: np.ndarray) -> np.ndarray:
-    """In order of time, without what no receiver means: no fix is 0, 0."""
+def _drop_implausible(rows: np.ndarray) -> np.ndarray:
+    """Sorts rows by time and drops impossible ones and 0, 0, which means that there was no fix."""
     good = np.isfinite(rows).all(axis=1) & (np.abs(rows[:, 1]) <= 90) & (np.abs(rows[:, 2]) <= 180)
     good &= (rows[:, 1] != 0) | (rows[:, 2] != 0)
     rows = rows[good]
     return rows[np.argsort(rows[:, 0], kind="stable")]
 
 
-def _payloads(video: Path) -> Iterator[tuple[float, float, bytes]]:
-    """Of GoPro's metadata: seconds, length in seconds, bytes."""
+def _read_payloads(video: Path) -> Iterator[tuple[float, float, bytes]]:
+    """Yields GoPro's metadata: seconds, length in seconds, bytes."""
     import av
 
     try:
@@ -87,11 +94,14 @@ def _payloads(video: Path) -> Iterator[tuple[float, float, bytes]]:
                     base = float(packet.time_base)
                     yield packet.pts * base, (packet.duration or 0) * base, bytes(packet)
     except (av.FFmpegError, OSError):
-        return  # what is wrong with the file is said where its frames are read
+        return  # reading the frames reports what is wrong with the file
 
 
-def _records(data: bytes) -> Iterator[tuple[str, str, int, int, bytes]]:
-    """Key, type, bytes of a row, rows, content of each record of GPMF; damaged ones end it."""
+def _split_records(data: bytes) -> Iterator[tuple[str, str, int, int, bytes]]:
+    """Yields key, type, bytes of a row, number of rows and content of each GPMF record.
+
+    A damaged record ends the iteration.
+    """
     at = 0
     while at + _HEADER <= len(data):
         key, kind, size, count = struct.unpack_from(">4scBH", data, at)
@@ -102,23 +112,23 @@ def _records(data: bytes) -> Iterator[tuple[str, str, int, int, bytes]]:
         at += -(-size * count // 4) * 4
 
 
-def _positions(payload: bytes) -> Iterator[tuple[str, np.ndarray]]:
-    """The streams of positions in a payload: name, (N, 3)."""
-    for _, _, _, _, device in _records(payload):
-        for name, _, _, _, stream in _records(device):
+def _read_positions(payload: bytes) -> Iterator[tuple[str, np.ndarray]]:
+    """Yields the streams of positions in a payload: name, (N, 3)."""
+    for _, _, _, _, device in _split_records(payload):
+        for name, _, _, _, stream in _split_records(device):
             if name != "STRM":
                 continue
-            held = {key: rest for key, *rest in _records(stream)}
+            held = {key: rest for key, *rest in _split_records(stream)}
             for wanted, columns in _STREAMS.items():
-                rows = _rows(held, wanted) if wanted in held else None
-                fixed = _rows(held, "GPSF") if "GPSF" in held else None
+                rows = _read_rows(held, wanted) if wanted in held else None
+                fixed = _read_rows(held, "GPSF") if "GPSF" in held else None
                 lost = fixed is not None and fixed[0, 0] < 2  # GPSF: 2 two, 3 three dimensions
                 if rows is not None and not lost and rows.shape[1] > max(columns):
                     yield wanted, rows[:, columns]
 
 
-def _rows(held: dict[str, list], key: str) -> np.ndarray | None:
-    """(N, M) numbers of a record, scaled; None: of another make."""
+def _read_rows(held: dict[str, list], key: str) -> np.ndarray | None:
+    """Returns the numbers (N, M) of a record, scaled; None if its layout is unknown."""
     kind, size, count, data = held[key]
     if kind == "?":
         kind = held["TYPE"][3].decode("latin1").strip("\0") if "TYPE" in held else ""
@@ -130,13 +140,13 @@ def _rows(held: dict[str, list], key: str) -> np.ndarray | None:
     rows = np.array(list(struct.iter_unpack(layout, data)), np.float64)
     if key in ("GPSF", "SCAL") or "SCAL" not in held:
         return rows
-    scale = _rows(held, "SCAL")
+    scale = _read_rows(held, "SCAL")
     if scale is None or scale.size not in (1, rows.shape[1]) or not scale.all():
         return None
     return rows / scale.ravel()
 
 
-def _of_subtitles(text: str) -> np.ndarray:
+def _parse_subtitles(text: str) -> np.ndarray:
     rows = []
     for cue in _CUE.finditer(text):
         hours, minutes, seconds, part = cue.groups()

@@ -1,8 +1,8 @@
-"""Reads videos: frames with their time stamps, upright, and what is wrong with a file in words.
+"""Reads videos: upright frames with their time stamps, and sentences on what is wrong with a file.
 
-By OpenCV, whose decoder is FFmpeg: it turns frames as the file's rotation says, and the time
-stamps are those of the file, so that a variable frame rate is no matter. The second of two lenses,
-in a stream or file of its own, is read by PyAV, since OpenCV reads the first stream only.
+OpenCV, whose decoder is FFmpeg, rotates frames according to the file and gives the file's time
+stamps, so that a variable frame rate does not matter. The second of two lenses, in a stream or file
+of its own, is read by PyAV, since OpenCV reads the first stream only.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.files import regular
+from gsut.files import check_regular
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".mts", ".m2ts", ".360", ".insv")
 # GoPro's firmware names since HERO9; before, HD8 is HERO8.
@@ -27,17 +27,19 @@ _GOPRO = {
     "HD9": "HERO9", "H19": "Max", "H21": "HERO10", "H22": "HERO11", "H23": "HERO12",
     "H24": "HERO13",
 }  # fmt: skip
+# Bytes at either end of a file that are searched for the camera's name.
 _METADATA_BYTES = 4_000_000
+# Advice for a codec that cannot be decoded.
 _CONVERT = "convert it: ffmpeg -i IN -c:v libx264 -crf 16 OUT.mp4"
 
 
 def is_video(path: str | os.PathLike[str]) -> bool:
-    """Whether the name is that of a video."""
+    """Returns whether the name is that of a video."""
     return Path(path).suffix.lower() in VIDEO_SUFFIXES
 
 
 class Video:
-    """An open video.
+    """Reads an open video.
 
     Args:
         path: the file.
@@ -45,12 +47,12 @@ class Video:
             stream.
 
     Attributes:
-        width, height: of the upright frames, pixels; frames of two lenses are side by side.
-        frame_rate: frames a second, the mean.
-        frame_count: as the file says; 0: it does not.
+        width, height: of the upright frames in pixels; frames of two lenses are side by side.
+        frame_rate: mean number of frames per second.
+        frame_count: according to the file; 0 if it does not say.
 
     Raises:
-        InputError: no video, an index that is missing, or a codec that cannot be decoded.
+        InputError: no video, a missing index, or a codec that cannot be decoded.
     """
 
     def __init__(
@@ -59,13 +61,13 @@ class Video:
         self.path = Path(path)
         if not self.path.is_file():
             raise InputError(f"{path}: no such file; give a video or a folder of photographs")
-        self._capture = _opened(self.path)
+        self._capture = _open_video(self.path)
         import cv2
 
         self._other: Iterator[Any] | None = None
         self._beside: Any = None  # the frame of the other lens
         if beside is not None:
-            self._other = _frames_of(Path(beside), int(Path(beside) == self.path))
+            self._other = _decode_stream(Path(beside), int(Path(beside) == self.path))
             self._capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)  # the other one is not turned
         self.frame_rate = float(self._capture.get(cv2.CAP_PROP_FPS)) or 30.0
         self.frame_count = max(0, int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT)))
@@ -74,10 +76,10 @@ class Video:
         if self._other is not None:
             self.width *= 2
 
-    def frames(self) -> Iterator[tuple[int, float, Any]]:
-        """Yields (number, seconds, picture) of every frame, once.
+    def read_frames(self) -> Iterator[tuple[int, float, Any]]:
+        """Yields (number, seconds, decode) of every frame, once.
 
-        `picture()` decodes the frame just yielded to (H, W, 3) uint8 BGR, or None if it is damaged.
+        `decode()` returns the frame just yielded as (H, W, 3) uint8 BGR, or None if it is damaged.
         """
         import cv2
 
@@ -88,10 +90,10 @@ class Video:
                 self._beside = next(self._other, None)
                 if self._beside is None:
                     return
-            yield number, seconds, self._picture
+            yield number, seconds, self._decode_picture
             number += 1
 
-    def _picture(self) -> np.ndarray | None:
+    def _decode_picture(self) -> np.ndarray | None:
         read, picture = self._capture.retrieve()
         if not read or self._other is None:
             return picture if read else None
@@ -108,17 +110,19 @@ class Video:
         self.close()
 
 
-def stream_start(path: Path, stream: int, count: int) -> tuple[np.ndarray, tuple[Any, ...]] | None:
-    """The first frames of a stream of a video, and what two lenses of one camera have in common.
+def read_stream_start(
+    path: Path, stream: int, count: int
+) -> tuple[np.ndarray, tuple[Any, ...]] | None:
+    """Reads the first frames of a stream of a video, and what two lenses of one camera share.
 
     Returns:
-        (N, H, W, 3) uint8, N at most count, with size, number and rate of the frames; None where
+        (N, H, W, 3) uint8, N at most `count`, with size, number and rate of the frames; None if
         there is no such stream, or no frame in it can be decoded.
     """
     import av
 
     try:
-        with av.open(str(regular(path))) as container:
+        with av.open(str(check_regular(path))) as container:
             streams = container.streams.video
             if stream >= len(streams):
                 return None
@@ -128,26 +132,26 @@ def stream_start(path: Path, stream: int, count: int) -> tuple[np.ndarray, tuple
             frames = itertools.islice(container.decode(video=stream), count)
             pictures = [frame.to_ndarray(format="bgr24") for frame in frames]
     except (av.FFmpegError, OSError):
-        return None  # what is wrong with the file is said where it is read
+        return None  # reading the frames reports what is wrong with the file
     return (np.array(pictures), about) if pictures else None
 
 
-def _frames_of(path: Path, stream: int) -> Iterator[Any]:
+def _decode_stream(path: Path, stream: int) -> Iterator[Any]:
     import av
 
     with contextlib.suppress(av.FFmpegError), av.open(str(path)) as container:  # ends where damaged
         yield from container.decode(video=stream)
 
 
-def _opened(path: Path) -> Any:
+def _open_video(path: Path) -> Any:
     import cv2
 
-    with _quiet():
+    with _silence():
         capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
         opened = capture.isOpened()
     if opened and int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)) > 0:
         return capture
-    if _lacks_index(path):
+    if _is_without_index(path):
         raise InputError(
             f"{path}: the video was cut off before its index (no 'moov') was written, so no "
             "frame of it can be found; copy it from the camera again, or let the camera repair it"
@@ -158,8 +162,8 @@ def _opened(path: Path) -> Any:
     )
 
 
-def camera_in(path: Path) -> str:
-    """The camera's name for `find_lenses`, where the metadata of an MP4 or MOV has one; else ""."""
+def read_camera_name(path: Path) -> str:
+    """Reads the camera's name for `find_lenses` from an MP4 or MOV; "" if it has none."""
     size = path.stat().st_size
     with open(path, "rb") as file:  # the index stands at the beginning or at the end
         data = file.read(_METADATA_BYTES)
@@ -175,8 +179,8 @@ def camera_in(path: Path) -> str:
 
 
 @contextlib.contextmanager
-def _quiet() -> Iterator[None]:
-    """OpenCV and FFmpeg say nothing meanwhile: what is wrong is said once, by us."""
+def _silence() -> Iterator[None]:
+    """Hides the messages of OpenCV and FFmpeg: gsut itself reports what is wrong, once."""
     import cv2
 
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
@@ -188,8 +192,8 @@ def _quiet() -> Iterator[None]:
         cv2.utils.logging.setLogLevel(before)
 
 
-def _lacks_index(path: Path) -> bool:
-    """Whether an MP4 or MOV has no 'moov' box: cameras write it when recording ends."""
+def _is_without_index(path: Path) -> bool:
+    """Returns whether an MP4 or MOV has no 'moov' box, which cameras write when recording ends."""
     kinds = []
     with open(path, "rb") as file:
         size = path.stat().st_size

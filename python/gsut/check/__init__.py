@@ -1,17 +1,14 @@
 """Finds the usual mistakes in a dataset before time is spent on it."""
 
 from gsut.check.dataset import check_scene, diagnose, doctor, look_closer
-from gsut.check.evidence import Evidence, gather_evidence
+from gsut.check.evidence import gather_evidence
 from gsut.check.findings import Finding, format_findings, stop_at_errors
 from gsut.check.matches import match_neighbours
 from gsut.check.memory import check_memory, refuse_too_large
-from gsut.check.photographs import check_photographs
 
 __all__ = [
-    "Evidence",
     "Finding",
     "check_memory",
-    "check_photographs",
     "check_scene",
     "diagnose",
     "doctor",

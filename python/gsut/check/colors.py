@@ -15,7 +15,7 @@ from gsut._core import InputError
 from gsut.check.findings import Finding
 from gsut.check.readings import list_usual_readings
 from gsut.data import Scene, list_some
-from gsut.data.poses import inverse
+from gsut.data.poses import invert_pose
 from gsut.run import Progress
 
 EXPECTED_R = 0.5  # correlation; good real data reach 0.7 to 0.95
@@ -43,7 +43,7 @@ def check_colors(
         return
     chosen = np.unique(np.linspace(0, len(scene) - 1, views).round().astype(int)).tolist()
     per_view = {}
-    for index in Progress(progress).through("colours", chosen):
+    for index in Progress(progress).iterate("colours", chosen):
         r = correlate_colors(scene, index)
         if r is not None:
             per_view[index] = r
@@ -97,11 +97,11 @@ def _take_median(values: Iterable[float | None]) -> float | None:
 
 def _name_better_reading(scene: Scene, views: Sequence[int], agreed: float | None) -> str:
     """Names the reading of the poses with which colours agree best, if it is clearly better."""
-    scene = scene.about((0.0, 0.0, 0.0))
-    table = np.array([inverse(view.camera_from_world) for view in scene.views])[:, None]
+    scene = scene.move_origin((0.0, 0.0, 0.0))
+    table = np.array([invert_pose(view.camera_from_world) for view in scene.views])[:, None]
     best, best_r = "", max((agreed or 0) + _READING_GAIN, EXPECTED_R)
     for reading in list_usual_readings(scene, table):
-        poses = {index: inverse(reading.poses[index, 0]) for index in views}
+        poses = {index: invert_pose(reading.poses[index, 0]) for index in views}
         value = _take_median(correlate_colors(scene, index, poses[index]) for index in views)
         if value is not None and value > best_r:
             best, best_r = reading.name, value

@@ -45,7 +45,7 @@ def check_against_photographs(
         color_views: number of views whose colours are compared; None skips this comparison.
         matches: from `match_neighbours`, if already computed.
     """
-    evidence = gather_evidence(scene.about((0.0, 0.0, 0.0)), matches)
+    evidence = gather_evidence(scene.move_origin((0.0, 0.0, 0.0)), matches)
     findings = check_photographs(scene, evidence)
     if has_errors(findings):
         return findings  # whatever else is wrong follows from it
@@ -143,5 +143,5 @@ def look_closer(scene: Scene, matches: list[ImagePair] | None = None) -> list[Fi
         matches: from `match_neighbours(scene, closely=True)`, if already computed.
     """
     matches = match_neighbours(scene, closely=True) if matches is None else matches
-    evidence = gather_evidence(scene.about((0.0, 0.0, 0.0)), matches)
+    evidence = gather_evidence(scene.move_origin((0.0, 0.0, 0.0)), matches)
     return [] if evidence is None else check_half_pixel(evidence, str(scene.path))

@@ -30,7 +30,7 @@ def check_lenses(scene: Scene) -> Iterator[Finding]:
         where = f"camera {number} ({camera.model}, {camera.width} x {camera.height})"
         longer = max(camera.width, camera.height)
         sizes = [max(1, side * _LENS_SIDE // longer) for side in (camera.width, camera.height)]
-        rays, valid = (camera if longer <= _LENS_SIDE else camera.resized(*sizes)).rays()
+        rays, valid = (camera if longer <= _LENS_SIDE else camera.resize(*sizes)).rays()
         blind = 1 - float(np.mean(valid))
         angles = np.arctan2(np.hypot(rays[..., 0], rays[..., 1]), rays[..., 2])
         angles = np.degrees(angles[np.asarray(valid, bool)])

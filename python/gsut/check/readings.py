@@ -12,7 +12,7 @@ import numpy as np
 from gsut._core import interpolate_pose
 from gsut.check.matches import order_in_time
 from gsut.data import Scene
-from gsut.data.poses import OPENGL_FROM_OPENCV, inverse
+from gsut.data.poses import OPENGL_FROM_OPENCV, invert_pose
 from gsut.gaussians import quaternion_from_rotation, rotations_from_quaternions
 
 _IN_USE = 3  # camera axes in use: OpenCV's, OpenGL's, a robot's body
@@ -274,5 +274,8 @@ def _interpolate_poses(one: np.ndarray, two: np.ndarray, share: float) -> np.nda
         return two if share else one
     pairs = zip(one, two, strict=True)
     return np.stack(
-        [inverse(np.asarray(interpolate_pose(inverse(a), inverse(b), share))) for a, b in pairs]
+        [
+            invert_pose(np.asarray(interpolate_pose(invert_pose(a), invert_pose(b), share)))
+            for a, b in pairs
+        ]
     )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 import os
 import shlex
@@ -17,7 +16,8 @@ from typing import Any
 
 from gsut._core import InputError
 from gsut.cli._flags import add_json, finite, print_json
-from gsut.run import HISTORY, METRICS, PRESETS
+from gsut.run import METRICS, RunFolder
+from gsut.run.options import PRESETS
 
 HELP = "held-out PSNR against the seconds of whole commands, beside other versions of gsut"
 DESCRIPTION = (
@@ -38,7 +38,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--flags", metavar="WORDS", default="",
-        help="of all runs, such as --flags='--scale 0.25 --init random'",
+        help="of all runs, such as --flags='--scale 0.25 --set init=random'",
     )  # fmt: skip
     parser.add_argument(
         "--against", metavar="GSUT", action="append", default=[],
@@ -91,10 +91,8 @@ def _timed(command: Sequence[str], data: str, flags: Sequence[str]) -> dict[str,
             said = done.stderr.strip().splitlines()[-1:] or ["it says nothing"]
             reason = said[0].removeprefix("gsut: error: ")
             raise InputError(f"{shlex.join(words)} failed: {reason}")
-        metrics = json.loads((out / METRICS).read_text(encoding="utf-8"))
-        rows = [
-            json.loads(line) for line in (out / HISTORY).read_text(encoding="utf-8").splitlines()
-        ]
+        run = RunFolder(out)
+        metrics, rows = run.read_json(METRICS), run.read_history()
     if metrics["psnr"] is None or not metrics["test_views"]:
         raise InputError(f"{data} has no held-out views to measure PSNR on")
     curve = [row for row in rows if row.get("psnr") is not None]

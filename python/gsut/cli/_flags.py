@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from gsut._core import InputError
-from gsut.files import json_text
-from gsut.run import MOST_WHOLE
+from gsut.files import format_json
+from gsut.run.options import MOST_WHOLE
 
 # Of pictures, films, scenes and tables: nobody means a folder by such a name.
 FILE_SUFFIXES = frozenset(
@@ -192,4 +192,4 @@ def parsed_size(text: str) -> tuple[int, int]:
 
 
 def print_json(figures: Any) -> None:
-    print(json_text(figures))
+    print(format_json(figures))

@@ -12,7 +12,7 @@ import numpy as np
 
 from gsut._core import CameraMotion, InputError
 from gsut.data import Frame, write_transforms
-from gsut.data.poses import inverse
+from gsut.data.poses import invert_pose
 from gsut.files import refuse_existing, whole_file
 from gsut.render import render_surface, write_png, z_of_distance
 from gsut.surface import Cloud, DepthMap, save_mesh
@@ -93,13 +93,13 @@ class DepthOutput:
         poses: dict[str, Any]
         if isinstance(place, CameraMotion):
             poses = {
-                "world_from_camera": inverse(place.at(0.5)),
-                "world_from_camera_start": inverse(place.at(0.0)),
-                "world_from_camera_end": inverse(place.at(1.0)),
+                "world_from_camera": invert_pose(place.at(0.5)),
+                "world_from_camera_start": invert_pose(place.at(0.0)),
+                "world_from_camera_end": invert_pose(place.at(1.0)),
                 "shutter": place.shutter,
             }
         else:
-            poses = {"world_from_camera": inverse(np.asarray(place, np.float64))}
+            poses = {"world_from_camera": invert_pose(np.asarray(place, np.float64))}
         # By that name a dataset's depths are along the rays.
         along_rays = file if self._kind == "ray" else None
         self._frames.append(

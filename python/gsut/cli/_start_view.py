@@ -29,7 +29,7 @@ def start_view(scene: Any, gaussians: Any, origin: np.ndarray) -> Any:
         up = -pose[1, :3]
     scale = _SMALL / max(camera.width, camera.height)
     sides = [max(1, round(scale * side)) for side in (camera.width, camera.height)]
-    seen = gsut.render(gaussians, camera.resized(*sides), pose)
+    seen = gsut.render(gaussians, camera.resize(*sides), pose)
     hit = seen.alpha > 0.5
     distance = np.median(seen.depth[hit] / seen.alpha[hit]) if hit.any() else scene.extent
     position = -pose[:3, :3].T @ pose[:3, 3] - origin

@@ -1,24 +1,24 @@
-"""`gsut calibrate`: hands photographs of a board to calib/, which solves for the lens.
+"""`gsut calibrate`: has calib/ solve for a lens from photographs of a board.
 
-Thin on purpose: writes a job file, runs `python -m calib` on it, and passes on what it says.
-`--from-dataset` needs no board and is done by gsut itself (gsut.sfm).
+`--from-dataset` needs no board; gsut.sfm does it.
 """
 
 from __future__ import annotations
 
 import argparse
 import glob
+import importlib
 import json
 import os
-import subprocess
 import sys
-import tempfile
+from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
+from types import ModuleType
 
 from gsut._core import InputError
 from gsut.cli._flags import add_json, add_quiet, finite, print_json
-from gsut.files import regular
+from gsut.files import check_regular
 from gsut.lens.files import OWN_SUFFIX
 from gsut.output_folder import claim_folder
 from gsut.run import Progress
@@ -35,7 +35,7 @@ _IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp")
 _LENSES = ("auto", "fisheye", "opencv4", "opencv8", "splined")
 _REPORT = "report.json"  # beside the lens file
 _SOLVERS = ("auto", "opencv", "mrcal")
-_MRCAL_INSTALL = "sudo apt-get install mrcal python3-mrcal"  # as calib/mrcal_process.py says it
+_MRCAL_INSTALL = "sudo apt-get install mrcal python3-mrcal"  # as in calib/solve/mrcal_process.py
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
@@ -124,7 +124,8 @@ def _from_boards(arguments: argparse.Namespace) -> int:
     """Runs calib on the arguments; returns its exit status.
 
     Raises:
-        InputError: no images, or calib/ is not installed.
+        InputError: a flag or image is missing, the photographs do not serve, or calib/ is not
+            installed.
     """
     for name in ("images", "board", "spacing"):
         if getattr(arguments, name) in ([], None):
@@ -133,21 +134,23 @@ def _from_boards(arguments: argparse.Namespace) -> int:
                 f"{what} missing: give photographs of a chessboard with --board COLUMNSxROWS and "
                 "--spacing METRES, or --from-dataset DATA"
             )
-    job = {
-        "images": [str(path) for path in _images(arguments.images)],
-        "board": arguments.board,
-        "spacing": arguments.spacing,
-        "lens": arguments.lens,
-        "solver": arguments.solver,
-        "cameras": [name.strip() for name in arguments.rig.split(",") if name.strip()],
-        "knot_degrees": arguments.knot_degrees,
-        "out": arguments.out,
-        "progress": not arguments.quiet,
-    }
-    with tempfile.TemporaryDirectory(prefix="gsut-calibrate-") as folder:
-        file = Path(folder) / "job.json"
-        file.write_text(json.dumps(job), encoding="utf-8")
-        return _run_calib("calib", str(file), silent=arguments.quiet or arguments.json)
+    calib = _import_calib()
+    job = calib.Job(
+        images=tuple(_images(arguments.images)),
+        board=arguments.board,
+        spacing=arguments.spacing,
+        out=Path(arguments.out),
+        lens=arguments.lens,
+        solver=arguments.solver,
+        cameras=tuple(name.strip() for name in arguments.rig.split(",") if name.strip()),
+        knot_degrees=arguments.knot_degrees,
+        progress=not arguments.quiet,
+    )
+    result = calib.calibrate(job)
+    _print_notes(result.notes)
+    if not (arguments.quiet or arguments.json):
+        print("\n".join(result.summarize()))
+    return 0
 
 
 def _from_dataset(arguments: argparse.Namespace) -> int:
@@ -161,30 +164,32 @@ def _from_dataset(arguments: argparse.Namespace) -> int:
     out = Path(arguments.out)
     with Progress(not arguments.quiet) as bars:
         done = calibrate_from_dataset(arguments.from_dataset, out, bars.show, bars.note)
-    silent = arguments.quiet or arguments.json
-    if not silent:
+    if not (arguments.quiet or arguments.json):
         print("\n".join(done.summary))
-    if done.lens == out or done.lens.name.endswith(OWN_SUFFIX):
-        return 0
-    return _run_calib("calib.nearest_splined", str(done.lens), str(out), silent=silent)
+    if done.lens != out and not done.lens.name.endswith(OWN_SUFFIX):
+        _print_notes(_import_calib().write_nearest_splined(done.lens, out))
+    return 0
 
 
-def _run_calib(module: str, *words: str, silent: bool) -> int:
-    """`python -m MODULE WORDS...` with calib/ on its path; its exit status.
+def _import_calib() -> ModuleType:
+    """Imports calib/, which lies beside gsut and uses its public names only.
 
     Raises:
         InputError: calib/ is not installed.
     """
-    place = next((place for place in _PLACES if (place / "calib" / "__main__.py").is_file()), None)
+    place = next((place for place in _PLACES if (place / "calib" / "__init__.py").is_file()), None)
     if place is None:
         raise InputError(
             "calib/ is not part of this installation; run gsut from a clone of its repository"
         )
-    paths = [str(_HERE.parents[1]), str(place), os.environ.get("PYTHONPATH", "")]
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path for path in paths if path)}
-    command = [sys.executable, "-m", module, *words]
-    output = subprocess.DEVNULL if silent else None
-    return subprocess.run(command, env=environment, check=False, stdout=output).returncode
+    if str(place) not in sys.path:
+        sys.path.insert(0, str(place))
+    return importlib.import_module("calib")
+
+
+def _print_notes(notes: Sequence[str]) -> None:
+    for note in notes:
+        print(f"gsut: note: {note}", file=sys.stderr)
 
 
 def _images(given: list[str]) -> list[Path]:
@@ -204,6 +209,6 @@ def _images(given: list[str]) -> list[Path]:
             found += [Path(match) for match in matches]
         else:
             if os.path.lexists(path) and not path.is_file():
-                regular(path)  # a pipe, a link to itself: said so
+                check_regular(path)  # a pipe, a link to itself: said so
             found.append(path)
     return found

@@ -77,7 +77,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from gsut.run import parse_size
+    from gsut.run.options import parse_size
     from gsut.training import CompactOptions
 
     size = arguments.target_size

@@ -249,5 +249,5 @@ def _fit_of_positions(arguments: argparse.Namespace) -> Any:
 
     positions = read_positions(arguments.positions)
     _, _, scene, _ = _trained(arguments, arguments.sources[0], "give a run for --positions")
-    poses = {view.name: scene.in_dataset(view.camera_from_world) for view in scene.views}
+    poses = {view.name: scene.to_dataset(view.camera_from_world) for view in scene.views}
     return fit_positions(poses, positions, arguments.positions)

@@ -63,7 +63,7 @@ def _figures(localized: Any, scene: Any, start: str) -> dict[str, Any]:
     """What is printed, in the dataset's coordinates."""
     found = localized.pose
     return {
-        "camera_from_world": scene.in_dataset(found.camera_from_world).tolist(),
+        "camera_from_world": scene.to_dataset(found.camera_from_world).tolist(),
         "center": (found.center + scene.world_offset).tolist(),
         "center_std": found.center_std.tolist(),
         "rotation_std_degrees": found.rotation_std.tolist(),

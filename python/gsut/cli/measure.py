@@ -35,16 +35,16 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from gsut.view import point_in_photograph, stage_of
+    from gsut.view import find_point_in_photograph, open_stage
 
     pixels = [(name, _number(x), _number(y)) for name, x, y in arguments.pixel]
     if len(pixels) + len(arguments.point) < 2:
         raise InputError("a distance needs two of --pixel PHOTO X Y and --point X Y Z")
     if arguments.length is not None and not 0 < arguments.length < np.inf:
         raise InputError(f"--length must be above 0, found {arguments.length}")
-    stage = stage_of(arguments.scene, arguments.data)
+    stage = open_stage(arguments.scene, arguments.data)
     points = np.array(
-        [point_in_photograph(stage, name, (x, y)) for name, x, y in pixels] + arguments.point
+        [find_point_in_photograph(stage, name, (x, y)) for name, x, y in pixels] + arguments.point
     )
     distances = np.linalg.norm(np.diff(points, axis=0), axis=1)
     figures = {"points": points, "distances": distances, "total": distances.sum()}

@@ -208,7 +208,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _page(run: str, mesh: Any, maps: dict[str, Any]) -> str:
     """A page of some of the depth maps, by name, and of the mesh as their views see it."""
-    from gsut.page import html_table, number_text
+    from gsut.page import build_table, format_number
     from gsut.surface import SurfaceView, shown_views, surface_page
 
     names = list(maps)
@@ -219,9 +219,9 @@ def _page(run: str, mesh: Any, maps: dict[str, Any]) -> str:
     ]  # fmt: skip
     size = mesh.vertices.max(axis=0) - mesh.vertices.min(axis=0)
     rows = [
-        ["vertices", number_text(len(mesh.vertices), 0)],
-        ["faces", number_text(len(mesh.faces), 0)],
-        ["size", " x ".join(number_text(side) for side in size)],
-        ["depth maps", number_text(len(maps), 0)],
+        ["vertices", format_number(len(mesh.vertices), 0)],
+        ["faces", format_number(len(mesh.faces), 0)],
+        ["size", " x ".join(format_number(side) for side in size)],
+        ["depth maps", format_number(len(maps), 0)],
     ]
-    return surface_page(f"Mesh of {run}", views, mesh, [html_table(rows)])
+    return surface_page(f"Mesh of {run}", views, mesh, [build_table(rows)])

@@ -175,17 +175,17 @@ def run(arguments: argparse.Namespace) -> int:
 def _stage(arguments: argparse.Namespace) -> Any:
     """Gaussians, photographs and background of a run or of a file."""
     from gsut.run import RunFolder
-    from gsut.view import stage_of
+    from gsut.view import open_stage
 
     place = Path(arguments.folder)
     if place.is_file():
         if arguments.out is None:
             raise InputError("a file has no folder for its images: say where to, with -o")
-        stage = stage_of(place, arguments.data, arguments.memory)
+        stage = open_stage(place, arguments.data, arguments.memory)
         if stage.kind == "data":
             raise InputError(f"{place} is of a dataset, which has no Gaussians; `gsut train` it")
         return stage
-    return stage_of(RunFolder.open(place).path, arguments.data, arguments.memory)
+    return open_stage(RunFolder.open(place).path, arguments.data, arguments.memory)
 
 
 def _pixel_filter(stage: Any) -> Any:
@@ -264,7 +264,7 @@ def _shaped(arguments: argparse.Namespace, lens: Any) -> Any:
     from gsut.lens import with_field_of_view
 
     if arguments.size:
-        lens = lens.resized(*parsed_size(arguments.size))
+        lens = lens.resize(*parsed_size(arguments.size))
     return lens if arguments.fov is None else with_field_of_view(lens, arguments.fov)
 
 

@@ -7,7 +7,8 @@ import shlex
 
 from gsut.cli._flags import add_json, add_quiet, folder_name, print_json
 from gsut.cli.view import LivePage, add_live_flags
-from gsut.run import SceneOptions, add_option_flags, given_options
+from gsut.run import SceneOptions
+from gsut.run.options import add_option_flags, collect_given
 
 HELP = "a scene from a video or photographs, in one command"
 DESCRIPTION = (
@@ -41,7 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
     import gsut
     from gsut.scene import is_scene_finished
 
-    options = SceneOptions(**given_options(SceneOptions, arguments))
+    options = SceneOptions(**collect_given(SceneOptions, arguments))
     was_finished = is_scene_finished(arguments.out)
     is_silent = arguments.quiet or arguments.json
     with LivePage(arguments) as page:

@@ -22,18 +22,15 @@ from gsut.cli._flags import (
 from gsut.cli.view import LivePage, add_live_flags
 from gsut.run import (
     BLOCKS,
-    COMMON_OPTIONS,
     METRICS,
     REPORT,
     BlockOptions,
     RunFolder,
     TrainOptions,
     Verdict,
-    add_option_flags,
-    for_views,
-    given_options,
     read_plan,
 )
+from gsut.run.options import add_option_flags, collect_given, fit_to_views
 
 HELP = "train a scene on photographs"
 DESCRIPTION = (
@@ -61,15 +58,14 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     add_quiet(parser)
     add_json(parser)
     add_live_flags(parser)
-    add_option_flags(parser, TrainOptions, COMMON_OPTIONS)
-    add_option_flags(parser, BlockOptions)
+    add_option_flags(parser, TrainOptions, BlockOptions)
 
 
 def run(arguments: argparse.Namespace) -> int:
     run = RunFolder.claim(arguments.out, "train", arguments.data)
-    given = given_options(TrainOptions, arguments)
-    if arguments.resume and run.holds_run():
-        options = dataclasses.replace(run.begun_with(), **given)
+    given = collect_given(TrainOptions, arguments)
+    if arguments.resume and run.has_run():
+        options = dataclasses.replace(run.read_given_options(), **given)
     else:
         options = TrainOptions(**given)
         if not arguments.resume:
@@ -97,14 +93,14 @@ def _block_options(run: RunFolder, arguments: argparse.Namespace) -> BlockOption
     Raises:
         InputError: a flag that makes no sense without --blocks, or with it.
     """
-    given = given_options(BlockOptions, arguments)
+    given = collect_given(BlockOptions, arguments)
     plan = read_plan(run) if arguments.resume else None
     if plan is not None:
         before = plan["blocks"]
         layout = str(run.path / BLOCKS / "layout.json")
         kept = {"blocks": before if isinstance(before, str) else layout, "rounds": plan["rounds"]}
         given = kept | given
-    elif arguments.resume and given and run.holds_run():
+    elif arguments.resume and given and run.has_run():
         raise InputError(f"{run.path} was not begun in blocks; leave --{next(iter(given))} out")
     if not given:
         return None
@@ -140,7 +136,7 @@ def train_into(
 
     scene = gsut.load_dataset(data, test_every=options.test_every, test_names=options.test_names)
     if blocks is None:
-        options = for_views(options, len(scene.train_indices))
+        options = fit_to_views(options, len(scene.train_indices))
     if not quiet:
         from gsut.data.points import UNCOLORED, has_colors
         from gsut.training import describe_resizing
@@ -148,7 +144,7 @@ def train_into(
         colors = UNCOLORED if len(scene.points) and not has_colors(scene) else None
         for note in filter(None, (*scene.notes, describe_resizing(scene, options), colors)):
             print(f"gsut: note: {note}", file=sys.stderr)
-    if not (resume and run.holds_run()):
+    if not (resume and run.has_run()):
         check_first(scene, force, quiet, _matches(scene))
     elif run.is_finished() and not quiet:
         print(f"gsut: note: {run.path} is finished; nothing in it changes", file=sys.stderr)
@@ -165,7 +161,7 @@ def train_into(
         if page is not None:
             page.finish(result)
     except KeyboardInterrupt:
-        kept = [] if blocks is None else blocks.words("blocks", "rounds")
+        kept = [] if blocks is None else blocks.list_words("blocks", "rounds")
         again = shlex.join(["gsut", "train", data, "-o", str(run.path), "--resume", *kept])
         raise KeyboardInterrupt(
             f"stopped; this goes on from the last checkpoint: {again}"
@@ -185,7 +181,7 @@ def _matches(scene: Any) -> Any:
 
 def print_figures(figures: dict[str, Any]) -> None:
     """The headline figures and the rings, for people."""
-    from gsut.evaluate import ring_text
+    from gsut.evaluate import name_ring
 
     if figures.get("psnr") is None:
         print("no held-out view, hence no PSNR")
@@ -196,7 +192,7 @@ def print_figures(figures: dict[str, Any]) -> None:
             f"SSIM {figures['ssim']:.4f}"
         )
         rings = [
-            f"{ring_text(ring)} {ring['psnr']:.2f}"
+            f"{name_ring(ring)} {ring['psnr']:.2f}"
             for ring in figures["rings"]
             if ring["psnr"] is not None
         ]

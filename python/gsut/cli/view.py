@@ -47,9 +47,9 @@ def add_view_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from gsut.view import LOOPBACK, Session, ViewServer, stage_of
+    from gsut.view import LOOPBACK, Session, ViewServer, open_stage
 
-    stage = stage_of(arguments.scene, arguments.data, arguments.memory)
+    stage = open_stage(arguments.scene, arguments.data, arguments.memory)
     for note in () if stage.scene is None else stage.scene.notes:
         print(f"gsut: note: {note}", file=sys.stderr)
     session = Session(stage)

@@ -79,7 +79,7 @@ def find_support(
     if len(indices) < 2:
         raise InputError(f"{len(indices)} photographs cannot contradict each other; 2 at least")
     longest = max(max(camera.width, camera.height) for camera in scene.cameras)
-    small = scene.scaled(min(1.0, _LONGER_SIDE / longest))
+    small = scene.scale_images(min(1.0, _LONGER_SIDE / longest))
     passes = Passes(gaussians, background or (0.0, 0.0, 0.0))
     count = len(gaussians)
     total, most, weight, most_weight = np.zeros((4, count))

@@ -11,9 +11,9 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.gaussians import Gaussians
-from gsut.run import choices_in
+from gsut.run.options import list_choices
 
-METHODS = choices_in("compact/methods", "ghap")
+METHODS = list_choices("compact/methods", "ghap")
 
 
 @dataclasses.dataclass(frozen=True)

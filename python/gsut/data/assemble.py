@@ -13,7 +13,7 @@ from gsut.data.errors import DatasetError, OnError, list_some, raise_error
 from gsut.data.images import IMAGE_SUFFIXES, read_header
 from gsut.data.listing import Frame, Listing
 from gsut.data.points import TRIANGULATED, find_usable_points
-from gsut.data.poses import inverse
+from gsut.data.poses import invert_pose
 from gsut.data.scene import TEST_EVERY, Scene, View, split_views
 from gsut.lens import Camera
 
@@ -78,7 +78,7 @@ def assemble(
         offset, (*notes, *split_notes),
     )  # fmt: skip
     centred.__dict__["centred"] = centred
-    return centred.about((0.0, 0.0, 0.0))
+    return centred.move_origin((0.0, 0.0, 0.0))
 
 
 def _take_triangulated(listing: Listing, on_error: OnError) -> None:
@@ -94,7 +94,7 @@ def _take_triangulated(listing: Listing, on_error: OnError) -> None:
 
 
 def _note_masks(listing: Listing, frames: list[Frame], on_error: OnError) -> Iterator[str]:
-    """Masks that belong to no image, and images without one among others that have one."""
+    """Notes masks that belong to no image, and images without a mask among others that have one."""
     used = {frame.mask_path.resolve() for frame in frames if frame.mask_path is not None}
     without = [frame.name for frame in frames if frame.mask_path is None]
     folder = listing.path / MASKS
@@ -119,7 +119,7 @@ def _note_masks(listing: Listing, frames: list[Frame], on_error: OnError) -> Ite
 
 
 def _note_lenses(frames: list[Frame]) -> Iterator[str]:
-    """Lenses whose coefficients of distortion are all zero."""
+    """Notes lenses whose coefficients of distortion are all zero."""
     for camera in dict.fromkeys(frame.camera for frame in frames):
         names = camera.param_names.split()
         rows = [i for i, name in enumerate(names) if name[0] in "kp" and name[1:].isdigit()]
@@ -198,7 +198,7 @@ def _fit_cameras(frames: list[Frame], notes: list[str], on_error: OnError) -> li
 
 
 def fit_camera(camera: Camera, width: int, height: int, image_path: Path) -> Camera:
-    """The camera of an image of this size: itself, or resized if both axes have the same ratio.
+    """Resizes a camera to an image of this size, if both axes have the same ratio.
 
     Raises:
         DatasetError: the shapes differ.
@@ -208,7 +208,7 @@ def fit_camera(camera: Camera, width: int, height: int, image_path: Path) -> Cam
     same_by_width = abs(camera.height * width / camera.width - height) <= HALF_PIXEL
     same_by_height = abs(camera.width * height / camera.height - width) <= HALF_PIXEL
     if same_by_width or same_by_height:
-        return camera.resized(width, height)
+        return camera.resize(width, height)
     turned = (width, height) == (camera.height, camera.width)
     advice = (
         "the image was turned after calibration (EXIF orientation applied?): store it unturned"
@@ -223,7 +223,7 @@ def fit_camera(camera: Camera, width: int, height: int, image_path: Path) -> Cam
 
 
 def _make_views(frames: list[Frame], offset: np.ndarray) -> tuple[list[Camera], list[View]]:
-    """Views in the recentred world; equal cameras are stored once."""
+    """Makes views in the recentred world; equal cameras are stored once."""
     cameras: list[Camera] = []
     index_of: dict[tuple, int] = {}
     views = []
@@ -231,7 +231,7 @@ def _make_views(frames: list[Frame], offset: np.ndarray) -> tuple[list[Camera], 
     def recenter(world_from_camera: np.ndarray) -> np.ndarray:
         moved = world_from_camera.copy()
         moved[:3, 3] -= offset
-        return inverse(moved)
+        return invert_pose(moved)
 
     def recenter_if_given(world_from_camera: np.ndarray | None) -> np.ndarray | None:
         return None if world_from_camera is None else recenter(world_from_camera)

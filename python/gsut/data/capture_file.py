@@ -14,7 +14,7 @@ STRIP = "strip.jpg"  # the pictures side by side, beside capture.json
 
 
 def read_capture(folder: Path) -> dict[str, Any] | None:
-    """The content of FOLDER/capture.json; None where there is none.
+    """Reads FOLDER/capture.json; returns None if there is none.
 
     "frames" holds one object a picture: name, path (from FOLDER), and where known time (seconds)
     and mask (a path, too); "focal_px" the focal length that the pictures name, "camera" who took
@@ -30,5 +30,5 @@ def read_capture(folder: Path) -> dict[str, Any] | None:
 
 
 def capture_state(paths: Sequence[Path]) -> list[list[Any]]:
-    """What tells whether files are still the same: path, size and time of change of each."""
+    """Lists path, size and time of change of each file, which show whether it is still the same."""
     return [[str(p.resolve()), p.stat().st_size, p.stat().st_mtime_ns] for p in paths]

@@ -27,7 +27,7 @@ from gsut.data.layouts import Layout, describe_recording, find_layout, list_layo
 from gsut.data.listing import Frame, Listing
 from gsut.data.load import read_dataset
 from gsut.data.memory import check_image, check_points, repeat_camera
-from gsut.data.poses import format_kitti, format_seconds, format_tum, inverse, rigid_transform
+from gsut.data.poses import check_rigid, format_kitti, format_seconds, format_tum, invert_pose
 from gsut.data.recordings import pair_recording
 from gsut.data.rigs import BODY, OWN
 from gsut.data.scene import Scene
@@ -41,7 +41,7 @@ _PNG = ".png"
 
 
 def list_writable_layouts() -> dict[str, Layout]:
-    """The layouts that can be written, by name."""
+    """Lists the layouts that can be written, by name."""
     return {each.name: each for each in list_layouts() if each.write is not None}
 
 
@@ -130,7 +130,7 @@ def _write(
 def _with_bar(
     place: Callable[[Path, Path], None], total: int, progress: bool
 ) -> Callable[[Path, Path], None]:
-    """`place`, counting pictures on a bar."""
+    """Returns `place` with a progress bar that counts pictures."""
     bars, done = Progress(progress), itertools.count(1)
 
     def place_and_show(source: Path, target: Path) -> None:
@@ -148,7 +148,7 @@ def _read(source: Path, parts: Mapping[str, Any]) -> Listing:
 
 
 def _from_here(parts: Mapping[str, Any]) -> dict[str, Any]:
-    """The parts with paths from the working directory made absolute."""
+    """Makes the parts' paths absolute, from the working directory."""
     found, here = dict(parts), Path.cwd()
     for key in ("images", "lens", "poses", "points", "masks"):
         value = found.get(key)
@@ -164,12 +164,12 @@ def _take_poses(listing: Listing, scene: Scene) -> None:
     for frame in listing.frames:
         view = views.get(frame.name)
         if view is not None:
-            frame.world_from_camera = inverse(scene.in_dataset(view.camera_from_world))
+            frame.world_from_camera = invert_pose(scene.to_dataset(view.camera_from_world))
             frame.camera = scene.file_cameras[view.camera_index]
 
 
 def _find_held_out(frames: Sequence[Frame], wanted: Sequence[str] | None) -> list[str] | None:
-    """The names of the frames in a list of names, file names or stems.
+    """Finds the frames named in a list of names, file names or stems.
 
     Raises:
         InputError: one of them is no frame.
@@ -274,7 +274,7 @@ def save_dataset(
                 _write_png(mask, np.asarray(valid, bool).astype(np.uint8) * 255)
             frames.append(
                 Frame(
-                    name, path, lenses[i], inverse(rigid_transform(poses[i], f"pose {i}")),
+                    name, path, lenses[i], invert_pose(check_rigid(poses[i], f"pose {i}")),
                     mask_path=mask, time_ns=None if times_ns is None else int(times_ns[i]),
                 )
             )  # fmt: skip
@@ -293,7 +293,7 @@ def save_dataset(
 def _store_image(
     image: np.ndarray | str | os.PathLike[str], name: str, camera: Camera, target: Path
 ) -> tuple[Path, str]:
-    """Where a picture is stored, and its name with a suffix."""
+    """Stores an array as PNG; returns the picture's file, and its name with a suffix."""
     if isinstance(image, (str, os.PathLike)):
         path = Path(image)
         if not path.is_file():

@@ -14,7 +14,7 @@ import numpy as np
 from gsut._core import InputError
 from gsut.data.listing import Frame
 from gsut.data.points import format_points_ply
-from gsut.data.poses import inverse
+from gsut.data.poses import invert_pose
 from gsut.files import WriteError, write_file
 from gsut.lens import Camera
 
@@ -71,7 +71,7 @@ def move_file(source: Path, target: Path) -> None:
 
 
 def strip_images_folder(frame: Frame) -> str:
-    """A frame's name without the folder "images", in which layouts put pictures anyway."""
+    """Strips the folder "images", into which layouts put pictures anyway, from a frame's name."""
     parts = PurePosixPath(frame.name).parts
     kept = [part for part in parts if part not in ("..", "/", ".")]
     return "/".join(kept[1:] if len(kept) > 1 and kept[0] == "images" else kept)
@@ -102,7 +102,7 @@ def place_images(export: Export, folder: Path) -> list[Frame]:
 
 
 def list_losses(export: Export, layout: str, *, masks: bool = False) -> list[str]:
-    """What a layout with one pose an image has no place for, one sentence each."""
+    """Lists what a layout with one pose an image cannot hold, one sentence each."""
     found = []
     if any(frame.shutter is not None for frame in export.frames):
         found.append(f"{layout} has the pose in the middle of each readout: it knows no other")
@@ -110,12 +110,12 @@ def list_losses(export: Export, layout: str, *, masks: bool = False) -> list[str
     if masked and not masks:
         found.append(f"{layout} has no place for masks: those of {masked} images are left out")
     if export.test is not None:
-        found.append(f"{layout} has no place for lists of held-out images: give --test-names")
+        found.append(f"{layout} has no place for lists of held-out images: give --set test_names")
     return found
 
 
 def find_frame_times(frames: Sequence[Frame]) -> tuple[list[int], bool]:
-    """The time of each frame in nanoseconds, and whether they are known; else ten a second.
+    """Returns each frame's time in nanoseconds, by default ten a second, and whether it is known.
 
     Frames of one stem in several folders then have one time: those of a rig.
     """
@@ -142,7 +142,7 @@ class Seat:
 
 
 def group_seats(frames: Sequence[Frame], layout: str) -> tuple[list[Seat], dict[int, np.ndarray]]:
-    """Frames as cameras on one body.
+    """Groups frames by the camera of one body that took them.
 
     Returns:
         One seat for each lens and folder, the body being the first camera, and world_from_body by
@@ -162,10 +162,10 @@ def group_seats(frames: Sequence[Frame], layout: str) -> tuple[list[Seat], dict[
     for seat in groups.values():
         met = [i for i, time in enumerate(seat.times) if time in bodies]
         if met:
-            first = inverse(bodies[seat.times[met[0]]]) @ seat.frames[met[0]].world_from_camera
+            first = invert_pose(bodies[seat.times[met[0]]]) @ seat.frames[met[0]].world_from_camera
             seat.body_from_camera = first
         for frame, time in zip(seat.frames, seat.times, strict=True):
-            body = frame.world_from_camera @ inverse(seat.body_from_camera)
+            body = frame.world_from_camera @ invert_pose(seat.body_from_camera)
             before = bodies.setdefault(time, body)
             scale = 1 + np.abs(before[:3, 3]).max() + np.abs(seat.body_from_camera[:3, 3]).max()
             if np.abs(before - body).max() > _SAME_PLACE * scale:

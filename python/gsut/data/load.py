@@ -22,7 +22,7 @@ def load_dataset(
     test_names: Sequence[str] | None = None,
     scale: float = 1.0,
 ) -> Scene:
-    """Loads a dataset of any layout (docs/datasets.md); images are decoded when asked for.
+    """Loads a dataset of any layout (docs/datasets.md); images are decoded on demand.
 
     Args:
         path: the dataset's folder, or a transforms.json or dataset.yaml itself.
@@ -39,7 +39,7 @@ def load_dataset(
     """
     listing = read_dataset(Path(path))
     scene = assemble(listing, test_every=test_every, test_names=test_names)
-    return scene if scale == 1 else scene.scaled(scale)
+    return scene if scale == 1 else scene.scale_images(scale)
 
 
 def read_dataset(path: Path, *, on_error: OnError = raise_error) -> Listing:

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from gsut._core import InputError
 from gsut.data.points import NO_COLOR
-from gsut.data.poses import rigid_transform
+from gsut.data.poses import check_rigid
 from gsut.data.scene import TEST_EVERY, Scene, View, split_views
 from gsut.lens import Camera
 
@@ -29,7 +29,7 @@ def scene_from_arrays(
     test_every: int = TEST_EVERY,
     test_names: Sequence[str] | None = None,
 ) -> Scene:
-    """A scene of arrays, for `train`, `evaluate` and all else that takes one; nothing is written.
+    """Makes a scene of arrays, for `train`, `evaluate` and others; nothing is written.
 
     Args:
         images: N of (H, W, 3) uint8 RGB; kept, not copied.
@@ -71,7 +71,7 @@ def scene_from_arrays(
                 raise InputError(
                     f"the mask of {names[i]} has shape {valid.shape}, its image {pixels.shape[:2]}"
                 )
-        pose = rigid_transform(poses[i], f"camera_from_world[{i}]")
+        pose = check_rigid(poses[i], f"camera_from_world[{i}]")
         views.append(
             View(names[i], IN_MEMORY / names[i], known.index(lenses[i]), pose,
                  pixels=pixels, valid=valid)
@@ -88,7 +88,7 @@ def scene_from_arrays(
 
 
 def repeat_camera(cameras: Camera | Sequence[Camera], count: int) -> list[Camera]:
-    """One camera for each image.
+    """Returns one camera for each image.
 
     Raises:
         InputError: another number of them.
@@ -100,7 +100,7 @@ def repeat_camera(cameras: Camera | Sequence[Camera], count: int) -> list[Camera
 
 
 def check_image(image: np.ndarray, name: str, camera: Camera) -> np.ndarray:
-    """The image as an array of its camera's size.
+    """Requires an image of its camera's size, as an array.
 
     Raises:
         InputError: another shape or type.
@@ -117,7 +117,7 @@ def check_image(image: np.ndarray, name: str, camera: Camera) -> np.ndarray:
 def check_points(
     points: ArrayLike | None, point_colors: ArrayLike | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(P, 3) float64 and (P, 3) uint8, mid-grey without colours.
+    """Requires points (P, 3) as float64, and colours (P, 3) uint8, by default mid-grey.
 
     Raises:
         InputError: other shapes, or points that are not finite.

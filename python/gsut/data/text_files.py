@@ -7,17 +7,17 @@ from pathlib import Path
 from typing import Any
 
 from gsut.data.errors import DatasetError
-from gsut.files import parse_yaml, regular
+from gsut.files import check_regular, parse_yaml
 
 
 def read_text(source: Path) -> str:
-    """The text of a file.
+    """Reads the text of a file.
 
     Raises:
         DatasetError: missing, or not UTF-8 text.
     """
     try:
-        return regular(source).read_text(encoding="utf-8-sig")
+        return check_regular(source).read_text(encoding="utf-8-sig")
     except OSError as error:
         raise DatasetError(
             source, f"cannot be opened ({error.strerror})", "check the path"
@@ -49,7 +49,7 @@ def read_json(source: Path) -> Any:
 
 
 def read_yaml(source: Path) -> dict[str, Any]:
-    """The keys and values of a YAML file.
+    """Reads the keys and values of a YAML file.
 
     Raises:
         DatasetError: missing, not text, not YAML (with line), or no keys and values.
@@ -66,7 +66,7 @@ def read_yaml(source: Path) -> dict[str, Any]:
 
 
 def read_rows(source: Path) -> list[tuple[int, list[str]]]:
-    """Line numbers from 1 and fields of a table; commas or blanks part them, '#' begins a comment.
+    """Reads line numbers from 1 and fields, parted by commas or blanks; '#' begins a comment.
 
     Raises:
         DatasetError: missing, or not UTF-8 text.

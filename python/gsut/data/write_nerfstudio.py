@@ -51,7 +51,7 @@ def write_transforms(
 
 
 def _describe_lenses(lenses: Sequence[Camera], path: Path) -> dict[Camera, dict[str, Any]]:
-    """What stands for each lens: nerfstudio's keys, or the name of its file."""
+    """Describes each lens by nerfstudio's keys, or by the name of its file."""
     texts: dict[Camera, dict[str, Any]] = {}
     for lens in lenses:
         try:

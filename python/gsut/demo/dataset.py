@@ -14,9 +14,9 @@ from gsut._core import InputError, num_threads
 from gsut.data import Frame, write_transforms
 from gsut.data.points import format_points_ply
 from gsut.demo.hall import Hall, make_hall
-from gsut.demo.hall_mesh import hall_mesh
+from gsut.demo.hall_mesh import build_hall_mesh
 from gsut.demo.tracing import Tracer
-from gsut.demo.views import camera_path, demo_camera
+from gsut.demo.views import make_camera, plan_walk
 from gsut.files import whole_folder, write_picture
 from gsut.lens import Camera
 from gsut.run import Progress
@@ -24,11 +24,11 @@ from gsut.surface import save_mesh
 
 SAMPLES_PER_SIDE = 4  # rays a pixel: a grid of 4 x 4
 _BLOCK = 32  # pixels; rays of a block are traced together
-_POINTS = 4000
+_POINTS = 4000  # what structure from motion finds in such a scene
 _POINTS_FILE = "points3D.ply"
-_TRUTH_FILE = "truth.ply"
+_TRUTH_FILE = "truth.ply"  # the exact mesh
 _POINT_NOISE = 0.01  # metres, standard deviation: as good as structure from motion gets
-MILLIMETRES = 1000.0
+MILLIMETRES = 1000.0  # to a metre
 
 
 def make_demo_scene(
@@ -69,7 +69,7 @@ def make_demo_scene(
         if value < least:
             raise InputError(f"{name} is {value}; give at least {least}")
     with whole_folder(folder) as partial:
-        _write_dataset(partial, views, test_views, camera or demo_camera(size), seed, progress)
+        _write_dataset(partial, views, test_views, camera or make_camera(size), seed, progress)
     return folder
 
 
@@ -79,10 +79,10 @@ def _write_dataset(
     for name in ("images", "depth"):
         (folder / name).mkdir()
     hall = make_hall(seed)
-    poses = camera_path(views + test_views, seed)
-    is_test = _test_places(views, test_views)
+    poses = plan_walk(views + test_views, seed)
+    is_test = _mark_test_views(views, test_views)
     names = [f"{'test' if test else 'train'}_{i:03d}.png" for i, test in enumerate(is_test)]
-    mask = whole_pixels(camera)
+    mask = find_whole_pixels(camera)
     (rays, inside), origins = camera.rays(), camera.origins()
     images = []
     for number, image in enumerate(render_views(hall, camera, poses, progress)):
@@ -90,16 +90,16 @@ def _write_dataset(
         write_picture(folder / "images" / names[number], image[..., ::-1])
         if is_test[number]:
             depth = np.zeros(inside.shape)
-            depth[inside] = distances(hall, poses[number], rays[inside], origins[inside])
+            depth[inside] = measure_distances(hall, poses[number], rays[inside], origins[inside])
             millimetres = np.round(depth * MILLIMETRES).astype(np.uint16)
             write_picture(folder / "depth" / names[number], millimetres)
     write_picture(folder / "mask.png", mask.astype(np.uint8) * 255)
     train = [i for i, test in enumerate(is_test) if not test]
-    points, colors = surface_points(
+    points, colors = sample_surfaces(
         hall, camera, mask, [poses[i] for i in train], [images[i] for i in train], seed
     )
     (folder / _POINTS_FILE).write_bytes(format_points_ply(points, colors))
-    save_mesh(folder / _TRUTH_FILE, hall_mesh(hall))
+    save_mesh(folder / _TRUTH_FILE, build_hall_mesh(hall))
     frames = [
         Frame(
             name, folder / "images" / name, camera, pose, mask_path=folder / "mask.png",
@@ -111,20 +111,20 @@ def _write_dataset(
     write_transforms(folder / "transforms.json", frames, points_file=_POINTS_FILE, test=test_names)
 
 
-def distances(
+def measure_distances(
     hall: Hall, pose: np.ndarray, rays: np.ndarray, origins: np.ndarray | float = 0.0
 ) -> np.ndarray:
-    """(N,) exact distance in metres along unit rays of a camera at a pose (4, 4).
+    """Measures exact distances (N,) in metres along unit rays of a camera at a pose (4, 4).
 
     Args:
         rays, origins: (N, 3) in the camera frame; origins 0 where all rays meet.
     """
     starts = np.broadcast_to(origins, rays.shape) @ pose[:3, :3].T + pose[:3, 3]
-    return Tracer(hall, 1).depths(starts, rays @ pose[:3, :3].T).astype(np.float64)
+    return Tracer(hall, 1).trace_depths(starts, rays @ pose[:3, :3].T).astype(np.float64)
 
 
-def _test_places(views: int, test_views: int) -> list[bool]:
-    """Which images of the path are held out: evenly spread ones."""
+def _mark_test_views(views: int, test_views: int) -> list[bool]:
+    """Marks the images of the path that are held out: evenly spread ones."""
     count = views + test_views
     is_test = [False] * count
     for i in range(test_views):
@@ -132,8 +132,8 @@ def _test_places(views: int, test_views: int) -> list[bool]:
     return is_test
 
 
-def whole_pixels(camera: Camera) -> np.ndarray:
-    """(H, W) pixels whose four corners lie inside the image circle."""
+def find_whole_pixels(camera: Camera) -> np.ndarray:
+    """Finds pixels (H, W) whose four corners lie inside the image circle."""
     x, y = np.meshgrid(np.arange(camera.width + 1.0), np.arange(camera.height + 1.0))
     valid = camera.unproject(np.stack([x.ravel(), y.ravel()], axis=1))[1].reshape(x.shape)
     return valid[:-1, :-1] & valid[1:, :-1] & valid[:-1, 1:] & valid[1:, 1:]
@@ -142,7 +142,7 @@ def whole_pixels(camera: Camera) -> np.ndarray:
 def _sample_rays(
     camera: Camera, samples_per_side: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(S, H, W, 3) float32 rays and their origins on a grid in each pixel, (S, H, W) validity."""
+    """Samples float32 rays (S, H, W, 3) and origins on a grid in each pixel; (S, H, W) validity."""
     steps = (np.arange(samples_per_side) + 0.5) / samples_per_side
     shape = (-1, camera.height, camera.width)
     samples = []
@@ -159,7 +159,7 @@ def render_views(
     hall: Hall, camera: Camera, poses: list[np.ndarray], progress: bool,
     samples_per_side: int = SAMPLES_PER_SIDE,
 ) -> Iterator[np.ndarray]:  # fmt: skip
-    """(H, W, 3) uint8 RGB images, one a pose, black outside the image circle."""
+    """Renders uint8 RGB images (H, W, 3), one for each pose, black outside the image circle."""
     rays, origins, valid = _sample_rays(camera, samples_per_side)
     share = valid.mean(axis=0)
     tracer = Tracer(hall, samples_per_side**2)
@@ -169,7 +169,7 @@ def render_views(
         for x in range(0, camera.width, _BLOCK)
     ]
 
-    def block_colors(pose: np.ndarray, block: tuple[slice, slice]) -> np.ndarray:
+    def trace_block(pose: np.ndarray, block: tuple[slice, slice]) -> np.ndarray:
         colors = np.zeros((*share[block].shape, 3))
         seen = share[block] > 0
         if seen.any():
@@ -182,20 +182,20 @@ def render_views(
             if not camera.is_central:
                 middle = starts.sum(axis=0) / known.sum(axis=0)
                 place = place + np.where(known, starts, middle) @ turn
-            seen_colors = tracer.colors(place, directions @ turn)
+            seen_colors = tracer.trace_colors(place, directions @ turn)
             colors[seen] = seen_colors * share[block][seen][:, None]
         return np.round(np.clip(colors, 0, 1) * 255).astype(np.uint8)
 
     with ThreadPoolExecutor(num_threads()) as pool:
-        for pose in Progress(progress).through("ray-casting the demo scene", poses):
+        for pose in Progress(progress).iterate("ray-casting the demo scene", poses):
             image = np.zeros((camera.height, camera.width, 3), dtype=np.uint8)
-            results = pool.map(block_colors, itertools.repeat(pose), blocks)
+            results = pool.map(trace_block, itertools.repeat(pose), blocks)
             for block, colors in zip(blocks, results, strict=True):
                 image[block] = colors
             yield image
 
 
-def surface_points(
+def sample_surfaces(
     hall: Hall,
     camera: Camera,
     mask: np.ndarray,
@@ -203,7 +203,7 @@ def surface_points(
     images: list[np.ndarray],
     seed: int,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """World points (N, 3) on surfaces that the training views see, and their colours (N, 3)."""
+    """Samples world points (N, 3) on surfaces that the training views see, and colours (N, 3)."""
     rng = np.random.default_rng([seed, 2])
     rays, origins = camera.rays()[0], camera.origins()
     pixels = np.argwhere(mask)
@@ -212,7 +212,7 @@ def surface_points(
         count = _POINTS // len(poses) + (i < _POINTS % len(poses))
         row, column = pixels[rng.integers(0, len(pixels), count)].T
         ray, start = rays[row, column], origins[row, column]
-        away = distances(hall, pose, ray, start)
+        away = measure_distances(hall, pose, ray, start)
         turn = pose[:3, :3].T
         points.append(pose[:3, 3] + start @ turn + away[:, None] * (ray @ turn))
         colors.append(image[row, column])

@@ -1,4 +1,4 @@
-"""The furnished hall: where each shape stands, what it is made of, where light comes from."""
+"""Builds the furnished hall: its shapes, their materials, and its lights."""
 
 from __future__ import annotations
 
@@ -9,10 +9,12 @@ import numpy as np
 
 from gsut.demo import pictures, surfaces
 from gsut.demo.shapes import Box, Cylinder, Room, Shape, Sphere
-from gsut.demo.texture import Material, finished
+from gsut.demo.texture import Material, finish_picture
 
 # Half the room's length and width, and its height: metres, origin on the middle of the floor.
-HALF_X, HALF_Y, HEIGHT = 4.5, 3.5, 3.8
+HALF_X = 4.5  # metres from the middle to the walls at -x and +x
+HALF_Y = 3.5  # metres from the middle to the walls at -y and +y
+HEIGHT = 3.8  # metres
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,7 +38,7 @@ class Lamp:
 
 @dataclasses.dataclass(frozen=True)
 class Hall:
-    """All that the tracer needs."""
+    """The scene that the tracer renders."""
 
     room: Room
     shapes: tuple[Shape, ...]
@@ -46,10 +48,10 @@ class Hall:
 
 @functools.lru_cache(maxsize=2)
 def make_hall(seed: int) -> Hall:
-    """The hall with textures drawn from a seed; its geometry is always the same."""
+    """Builds the hall with textures drawn from a seed; its geometry is always the same."""
     rng = np.random.default_rng(seed)
     windows = tuple(
-        Window(y, 0.95, 1.15, 2.3, finished(pictures.stained_glass(rng, 230, 115)))
+        Window(y, 0.95, 1.15, 2.3, finish_picture(pictures.paint_stained_glass(rng, 230, 115)))
         for y in (-2.1, 0.0, 2.1)
     )
     lamps = tuple(Lamp((x, 0.0, 2.62), 0.14) for x in (-1.5, 1.5))
@@ -60,37 +62,46 @@ def make_hall(seed: int) -> Hall:
         x, y, z = lamp.centre
         shapes.append(Cylinder((x, y), 0.02, z + 0.14, HEIGHT, brass, False))
         shapes.append(Cylinder((x, y), 0.09, z + 0.12, z + 0.17, brass, False))
-    shapes += _structure(rng) + _furniture(rng) + _decoration(rng) + _paintings(rng)
-    return Hall(_walls(rng, windows), tuple(shapes), windows, lamps)
+    shapes += (
+        _build_structure(rng)
+        + _build_furniture(rng)
+        + _build_decoration(rng)
+        + _hang_paintings(rng)
+    )
+    return Hall(_build_walls(rng, windows), tuple(shapes), windows, lamps)
 
 
-def _metric(picture: np.ndarray, width: float, height: float) -> Material:
-    return Material(finished(picture), (width, height))
+def _make_material(picture: np.ndarray, width: float, height: float) -> Material:
+    return Material(finish_picture(picture), (width, height))
 
 
-def _walls(rng: np.random.Generator, windows: tuple[Window, ...]) -> Room:
+def _build_walls(rng: np.random.Generator, windows: tuple[Window, ...]) -> Room:
     length, width = 2 * HALF_X, 2 * HALF_Y
-    east = surfaces.plaster_wall(rng, width, HEIGHT, (0.85, 0.72, 0.50))
-    _stone_around_windows(rng, east, windows)
-    ceiling_x, ceiling_y = surfaces.grid(length, width)
-    ceiling = surfaces.planks(rng, ceiling_x, ceiling_y, 0.3, (0.74, 0.60, 0.43))
+    east = surfaces.paint_plaster(rng, width, HEIGHT, (0.85, 0.72, 0.50))
+    _paint_window_frames(rng, east, windows)
+    ceiling_x, ceiling_y = surfaces.place_texels(length, width)
+    ceiling = surfaces.paint_planks(rng, ceiling_x, ceiling_y, 0.3, (0.74, 0.60, 0.43))
     sides = (
-        _metric(surfaces.panelled_wall(rng, width, HEIGHT, (0.52, 0.20, 0.19)), width, HEIGHT),
-        _metric(east, width, HEIGHT),
-        _metric(surfaces.brick_wall(rng, length, HEIGHT), length, HEIGHT),
-        _metric(surfaces.panelled_wall(rng, length, HEIGHT, (0.24, 0.45, 0.46)), length, HEIGHT),
-        _metric(surfaces.tiled_floor(rng, length, width), length, width),
-        _metric(ceiling, length, width),
+        _make_material(
+            surfaces.paint_panels(rng, width, HEIGHT, (0.52, 0.20, 0.19)), width, HEIGHT
+        ),
+        _make_material(east, width, HEIGHT),
+        _make_material(surfaces.paint_bricks(rng, length, HEIGHT), length, HEIGHT),
+        _make_material(
+            surfaces.paint_panels(rng, length, HEIGHT, (0.24, 0.45, 0.46)), length, HEIGHT
+        ),
+        _make_material(surfaces.paint_floor(rng, length, width), length, width),
+        _make_material(ceiling, length, width),
     )
     low, high = (-HALF_X, -HALF_Y, 0.0), (HALF_X, HALF_Y, HEIGHT)
     return Room(low, high, sides[0], sides=sides)
 
 
-def _stone_around_windows(rng, wall: np.ndarray, windows: tuple[Window, ...]) -> None:
-    """Draws a stone frame of voussoirs around each arch."""
-    y, z = surfaces.grid(2 * HALF_Y, HEIGHT)
+def _paint_window_frames(rng, wall: np.ndarray, windows: tuple[Window, ...]) -> None:
+    """Paints a stone frame of voussoirs around each arch."""
+    y, z = surfaces.place_texels(2 * HALF_Y, HEIGHT)
     y = y - HALF_Y
-    block = surfaces.stone(rng, (0.66, 0.63, 0.57))
+    block = surfaces.paint_stone(rng, (0.66, 0.63, 0.57))
     for window in windows:
         across = y - window.y
         above = z - (window.z + 0.75 * window.height)
@@ -104,15 +115,15 @@ def _stone_around_windows(rng, wall: np.ndarray, windows: tuple[Window, ...]) ->
         wall[frame] = paint * np.where(joint, 0.6, 1.0)[:, None]
 
 
-def _structure(rng: np.random.Generator) -> list[Shape]:
-    """Beams and columns."""
-    oak = _metric(surfaces.wood(rng, (0.34, 0.20, 0.11)), 2.0, 2.0)
+def _build_structure(rng: np.random.Generator) -> list[Shape]:
+    """Builds beams and columns."""
+    oak = _make_material(surfaces.paint_wood(rng, (0.34, 0.20, 0.11)), 2.0, 2.0)
     shapes: list[Shape] = [
         Box((x - 0.13, -HALF_Y, HEIGHT - 0.28), (x + 0.13, HALF_Y, HEIGHT), oak)
         for x in (-3.4, -1.7, 0.0, 1.7, 3.4)
     ]
-    mantle = _metric(surfaces.fluted_stone(rng, (0.80, 0.76, 0.68)), 1.0, 1.0)
-    block = _metric(surfaces.stone(rng, (0.70, 0.64, 0.55)), 1.0, 1.0)
+    mantle = _make_material(surfaces.paint_flutes(rng, (0.80, 0.76, 0.68)), 1.0, 1.0)
+    block = _make_material(surfaces.paint_stone(rng, (0.70, 0.64, 0.55)), 1.0, 1.0)
     for x in (-2.9, 2.9):
         for y in (-2.2, 2.2):
             shapes.append(Cylinder((x, y), 0.19, 0.22, HEIGHT - 0.50, mantle))
@@ -122,10 +133,10 @@ def _structure(rng: np.random.Generator) -> list[Shape]:
     return shapes
 
 
-def _furniture(rng: np.random.Generator) -> list[Shape]:
-    """Table, benches, bookcase, chest, crates."""
-    walnut = _metric(surfaces.wood(rng, (0.50, 0.30, 0.16), board=0.16), 2.0, 2.0)
-    pine = _metric(surfaces.wood(rng, (0.72, 0.53, 0.32), board=0.13), 2.0, 2.0)
+def _build_furniture(rng: np.random.Generator) -> list[Shape]:
+    """Builds a table, benches, a bookcase, a chest and crates."""
+    walnut = _make_material(surfaces.paint_wood(rng, (0.50, 0.30, 0.16), board=0.16), 2.0, 2.0)
+    pine = _make_material(surfaces.paint_wood(rng, (0.72, 0.53, 0.32), board=0.13), 2.0, 2.0)
     shapes: list[Shape] = [Box((-1.0, -0.5, 0.74), (1.0, 0.5, 0.80), walnut)]
     for x in (-0.86, 0.86):
         for y in (-0.38, 0.38):
@@ -134,7 +145,7 @@ def _furniture(rng: np.random.Generator) -> list[Shape]:
         shapes.append(Box((-0.8, y - 0.14, 0.40), (0.8, y + 0.14, 0.45), walnut))
         for x in (-0.62, 0.62):
             shapes.append(Box((x - 0.04, y - 0.12, 0.0), (x + 0.04, y + 0.12, 0.40), walnut))
-    books = Material(finished(pictures.bookcase(rng, 230, 280)))
+    books = Material(finish_picture(pictures.paint_bookcase(rng, 230, 280)))
     shapes.append(Box((-HALF_X, -1.4, 0.0), (-HALF_X + 0.36, 1.4, 2.3), books, fitted=True))
     shapes.append(Box((-HALF_X, -1.46, 2.3), (-HALF_X + 0.42, 1.46, 2.38), walnut))
     shapes.append(Box((0.55, HALF_Y - 0.55, 0.0), (1.75, HALF_Y - 0.05, 0.62), walnut))
@@ -144,22 +155,24 @@ def _furniture(rng: np.random.Generator) -> list[Shape]:
     return shapes
 
 
-def _decoration(rng: np.random.Generator) -> list[Shape]:
-    """Things on the table, plinths with balls, potted trees."""
+def _build_decoration(rng: np.random.Generator) -> list[Shape]:
+    """Builds the things on the table, plinths with balls, and potted trees."""
 
-    def ball(picture: np.ndarray) -> Material:
-        return Material(finished(picture))
+    def wrap_ball(picture: np.ndarray) -> Material:
+        return Material(finish_picture(picture))
 
-    def plain(red: float, green: float, blue: float) -> Material:
-        return Material(finished(np.full((1, 1, 3), (red, green, blue))))
+    def make_plain(red: float, green: float, blue: float) -> Material:
+        return Material(finish_picture(np.full((1, 1, 3), (red, green, blue))))
 
-    pot = _metric(pictures.zigzag_pot(rng), 1.0, 0.45)
+    pot = _make_material(pictures.paint_zigzags(rng), 1.0, 0.45)
     shapes: list[Shape] = [
-        Cylinder((-0.62, 0.05), 0.13, 0.80, 0.83, plain(0.35, 0.22, 0.12)),
-        Cylinder((-0.62, 0.05), 0.03, 0.83, 0.92, plain(0.70, 0.52, 0.22)),
-        Sphere((-0.62, 0.05, 1.13), 0.22, ball(pictures.globe(rng))),
-        Cylinder((0.62, 0.12), 0.12, 0.80, 1.12, _metric(pictures.zigzag_pot(rng), 1.0, 0.32)),
-        Sphere((0.62, 0.12, 1.27), 0.19, ball(surfaces.leaves(rng))),
+        Cylinder((-0.62, 0.05), 0.13, 0.80, 0.83, make_plain(0.35, 0.22, 0.12)),
+        Cylinder((-0.62, 0.05), 0.03, 0.83, 0.92, make_plain(0.70, 0.52, 0.22)),
+        Sphere((-0.62, 0.05, 1.13), 0.22, wrap_ball(pictures.paint_globe(rng))),
+        Cylinder(
+            (0.62, 0.12), 0.12, 0.80, 1.12, _make_material(pictures.paint_zigzags(rng), 1.0, 0.32)
+        ),
+        Sphere((0.62, 0.12, 1.27), 0.19, wrap_ball(surfaces.paint_leaves(rng))),
     ]
     bottom = 0.80
     for x, y, half, tall, color in (
@@ -168,36 +181,36 @@ def _decoration(rng: np.random.Generator) -> list[Shape]:
         (0.04, -0.21, 0.15, 0.05, (0.80, 0.64, 0.24)),
     ):  # a pile of books
         low, high = (x - half, y - 0.7 * half, bottom), (x + half, y + 0.7 * half, bottom + tall)
-        shapes.append(Box(low, high, plain(*color)))
+        shapes.append(Box(low, high, make_plain(*color)))
         bottom += tall
     fruit = ((0.02, -0.20, 0.98, 0.06, (0.80, 0.16, 0.10)),
              (0.30, 0.22, 0.87, 0.07, (0.92, 0.58, 0.10)),
              (0.17, 0.27, 0.86, 0.06, (0.55, 0.68, 0.15)))  # fmt: skip
-    shapes += [Sphere((x, y, z), r, plain(*color)) for x, y, z, r, color in fruit]
-    stone = _metric(surfaces.stone(rng, (0.78, 0.75, 0.70)), 1.0, 1.0)
+    shapes += [Sphere((x, y, z), r, make_plain(*color)) for x, y, z, r, color in fruit]
+    stone = _make_material(surfaces.paint_stone(rng, (0.78, 0.75, 0.70)), 1.0, 1.0)
     for x, y, picture in (
-        (-3.75, 2.85, pictures.marble(rng)),
-        (3.7, -2.95, pictures.striped_ball(rng)),
+        (-3.75, 2.85, pictures.paint_marble(rng)),
+        (3.7, -2.95, pictures.paint_stripes(rng)),
     ):
         shapes.append(Box((x - 0.28, y - 0.28, 0.0), (x + 0.28, y + 0.28, 0.85), stone))
-        shapes.append(Sphere((x, y, 1.17), 0.32, ball(picture)))
+        shapes.append(Sphere((x, y, 1.17), 0.32, wrap_ball(picture)))
     for x, y in ((3.85, 2.85), (-1.2, -3.05), (2.0, -3.05)):
         shapes.append(Cylinder((x, y), 0.24, 0.0, 0.45, pot))
-        shapes.append(Cylinder((x, y), 0.04, 0.45, 0.95, plain(0.32, 0.21, 0.12)))
-        shapes.append(Sphere((x, y, 1.25), 0.40, ball(surfaces.leaves(rng))))
+        shapes.append(Cylinder((x, y), 0.04, 0.45, 0.95, make_plain(0.32, 0.21, 0.12)))
+        shapes.append(Sphere((x, y, 1.25), 0.40, wrap_ball(surfaces.paint_leaves(rng))))
     return shapes
 
 
-def _paintings(rng: np.random.Generator) -> list[Shape]:
-    """Framed pictures on three walls, 4 cm thick."""
+def _hang_paintings(rng: np.random.Generator) -> list[Shape]:
+    """Hangs framed pictures, 4 cm thick, on three walls."""
     thick = 0.04
     shapes: list[Shape] = []
 
     def hang(kind, along: float, width: float, height: float, wall: int) -> None:
-        picture = pictures.painting(rng, kind, round(height * 120), round(width * 120))
+        picture = pictures.paint_framed(rng, kind, round(height * 120), round(width * 120))
         low_z, high_z = 2.05 - height / 2, 2.05 + height / 2
         low, high = along - width / 2, along + width / 2
-        material = Material(finished(picture))
+        material = Material(finish_picture(picture))
         if wall == 0:  # at -x
             corners = (-HALF_X, low, low_z), (-HALF_X + thick, high, high_z)
         elif wall == 2:  # at -y
@@ -206,12 +219,12 @@ def _paintings(rng: np.random.Generator) -> list[Shape]:
             corners = (low, HALF_Y - thick, low_z), (high, HALF_Y, high_z)
         shapes.append(Box(*corners, material, fitted=True))
 
-    hang(pictures.landscape, -1.55, 1.7, 1.1, 3)
-    hang(pictures.rectangles, 1.15, 1.2, 1.2, 3)
-    hang(pictures.circles, -3.4, 0.9, 1.2, 3)
-    hang(pictures.night, 0.4, 1.8, 1.2, 2)
-    hang(pictures.circles, 3.0, 0.9, 0.9, 2)
-    hang(pictures.landscape, -2.7, 1.3, 1.0, 2)
-    hang(pictures.rectangles, 2.45, 0.9, 1.2, 0)
-    hang(pictures.night, -2.45, 0.9, 1.2, 0)
+    hang(pictures.paint_landscape, -1.55, 1.7, 1.1, 3)
+    hang(pictures.paint_rectangles, 1.15, 1.2, 1.2, 3)
+    hang(pictures.paint_circles, -3.4, 0.9, 1.2, 3)
+    hang(pictures.paint_night, 0.4, 1.8, 1.2, 2)
+    hang(pictures.paint_circles, 3.0, 0.9, 0.9, 2)
+    hang(pictures.paint_landscape, -2.7, 1.3, 1.0, 2)
+    hang(pictures.paint_rectangles, 2.45, 0.9, 1.2, 0)
+    hang(pictures.paint_night, -2.45, 0.9, 1.2, 0)
     return shapes

@@ -1,4 +1,4 @@
-"""The hall's exact geometry as triangles."""
+"""Converts the hall's exact geometry to triangles."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from gsut.surface import Mesh
 _ROUND = 64  # sides of a circle: within half a millimetre
 
 
-def hall_mesh(hall: Hall) -> Mesh:
-    """All surfaces, also where shapes stand in each other; faces look towards the open side.
+def build_hall_mesh(hall: Hall) -> Mesh:
+    """Builds the mesh of all surfaces, also where shapes overlap; faces look to the open side.
 
     Flat ones are exact, round ones within half a millimetre. Metres, the demo's coordinates.
     """
     vertices, faces, count = [], [], 0
     for shape in (hall.room, *hall.shapes):
-        places, corners = _triangles(shape)
+        places, corners = _triangulate(shape)
         vertices.append(places)
         faces.append(corners + count)
         count += len(places)
     return Mesh(np.concatenate(vertices), np.concatenate(faces).astype(np.uint32))
 
 
-def _triangles(shape: Shape) -> tuple[np.ndarray, np.ndarray]:
+def _triangulate(shape: Shape) -> tuple[np.ndarray, np.ndarray]:
     if isinstance(shape, Box):
-        places, corners = _box(np.array(shape.low), np.array(shape.high))
+        places, corners = _triangulate_box(np.array(shape.low), np.array(shape.high))
         return (places, corners[:, ::-1]) if isinstance(shape, Room) else (places, corners)
     turn = 2 * math.pi * np.arange(_ROUND) / _ROUND
     circle = np.stack([np.cos(turn), np.sin(turn)], axis=1)
@@ -46,10 +46,10 @@ def _triangles(shape: Shape) -> tuple[np.ndarray, np.ndarray]:
         center = (x, y)
     else:
         raise TypeError(type(shape))
-    return _turned(circle, rings, ends, center)
+    return _triangulate_rings(circle, rings, ends, center)
 
 
-def _box(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _triangulate_box(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     bits = np.array([[i & 1, i >> 1 & 1, i >> 2 & 1] for i in range(8)])
     quads = np.array(
         [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]]
@@ -57,13 +57,13 @@ def _box(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.where(bits, high, low), np.concatenate([quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]])
 
 
-def _turned(
+def _triangulate_rings(
     circle: np.ndarray,
     rings: list[tuple[float, float]],
     ends: tuple[float, float],
     center: tuple[float, float],
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Rings (radius, height) from below to above, closed by a point at each end of the axis."""
+    """Joins rings (radius, height), from below to above, and closes them by a point at each end."""
     places = [
         np.concatenate([radius * circle + center, np.full((_ROUND, 1), height)], axis=1)
         for radius, height in rings

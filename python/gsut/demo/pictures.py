@@ -1,4 +1,4 @@
-"""Procedural pictures: stained glass, paintings, book spines, a globe, decorated pots and balls.
+"""Paints pictures: stained glass, paintings, book spines, a globe, decorated pots and balls.
 
 All return (h, w, 3) sRGB pictures, row 0 at the top.
 """
@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gsut.demo.texture import blend, noise
+from gsut.demo.texture import blend, make_noise
 
 _JEWELS = np.array(
     [(0.85, 0.13, 0.12), (0.12, 0.30, 0.80), (0.95, 0.72, 0.15), (0.10, 0.58, 0.36),
@@ -15,16 +15,16 @@ _JEWELS = np.array(
 )  # fmt: skip
 
 
-def _unit_grid(height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
-    """x to the right and y up, both in 0..1."""
+def _place_texels(height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
+    """Returns x to the right and y up, both in 0..1."""
     x = (np.arange(width) + 0.5) / width
     y = 1 - (np.arange(height) + 0.5) / height
     return np.broadcast_to(x, (height, width)), np.broadcast_to(y[:, None], (height, width))
 
 
-def stained_glass(rng: np.random.Generator, height: int, width: int) -> np.ndarray:
-    """A window twice as high as wide: a rosette above a lattice; 0 outside the round arch."""
-    x, y = _unit_grid(height, width)
+def paint_stained_glass(rng: np.random.Generator, height: int, width: int) -> np.ndarray:
+    """Paints a window twice as high as wide: rosette above lattice; 0 outside the arch."""
+    x, y = _place_texels(height, width)
     u, v = x - 0.5, (y - 0.75) * (height / width)  # in window widths from the arch's centre
     radius, angle = np.hypot(u, v), np.arctan2(v, u) / (2 * np.pi) + 0.5
     # Lattice of diamonds below.
@@ -41,7 +41,7 @@ def stained_glass(rng: np.random.Generator, height: int, width: int) -> np.ndarr
         off = np.abs(angle * petals - np.round(angle * petals)) / petals * 2 * np.pi * radius
         edge = np.minimum(np.abs(radius - inner), np.abs(radius - outer))
         lead = np.where(ring, np.minimum(edge, off if petals > 1 else edge), lead)
-    color = color * (0.8 + 0.4 * noise(rng, (height, width), cell=14)[..., None])
+    color = color * (0.8 + 0.4 * make_noise(rng, (height, width), cell=14)[..., None])
     color = blend((0.05, 0.05, 0.06), color, (lead - 0.010) * 90)
     rim = np.where(v > 0, 0.5 - radius, 0.5 - np.abs(u))
     rim = np.minimum(rim, y * height / width)
@@ -49,25 +49,25 @@ def stained_glass(rng: np.random.Generator, height: int, width: int) -> np.ndarr
     return np.where((rim > 0)[..., None], color, 0.0)
 
 
-def landscape(rng: np.random.Generator, height: int, width: int) -> np.ndarray:
-    """Evening sky, sun, three ranges of hills and a lake."""
-    x, y = _unit_grid(height, width)
+def paint_landscape(rng: np.random.Generator, height: int, width: int) -> np.ndarray:
+    """Paints an evening sky, the sun, three ranges of hills and a lake."""
+    x, y = _place_texels(height, width)
     color = blend(np.asarray((0.98, 0.72, 0.42)), np.asarray((0.30, 0.45, 0.72)), (y - 0.35) * 1.8)
     color = blend(
         color, (1.0, 0.93, 0.70), (0.09 - np.hypot((x - 0.66) * width / height, y - 0.62)) * 40
     )
     for level, paint in ((0.52, (0.42, 0.40, 0.55)), (0.42, (0.28, 0.36, 0.40)),
                          (0.30, (0.18, 0.27, 0.17))):  # fmt: skip
-        ridge = level + 0.22 * (noise(rng, (8, width), cell=width / 3)[3] - 0.5)
+        ridge = level + 0.22 * (make_noise(rng, (8, width), cell=width / 3)[3] - 0.5)
         color = blend(color, paint, (ridge[None, :] - y) * height * 0.5)
-    ripples = 0.5 + 0.5 * np.sin(y * 180 + 4 * noise(rng, (height, width), cell=20))
+    ripples = 0.5 + 0.5 * np.sin(y * 180 + 4 * make_noise(rng, (height, width), cell=20))
     return blend(color, blend(np.asarray((0.22, 0.36, 0.52)), (0.92, 0.74, 0.52), ripples * 0.5),
                  (0.16 - y) * height * 0.5)  # fmt: skip
 
 
-def circles(rng: np.random.Generator, height: int, width: int) -> np.ndarray:
-    """Concentric discs in squares."""
-    x, y = _unit_grid(height, width)
+def paint_circles(rng: np.random.Generator, height: int, width: int) -> np.ndarray:
+    """Paints concentric discs in squares."""
+    x, y = _place_texels(height, width)
     columns, rows = max(2, round(4 * width / height)), 4
     u, v = x * columns, y * rows
     column, row = np.floor(u).astype(int), np.floor(v).astype(int)
@@ -79,9 +79,9 @@ def circles(rng: np.random.Generator, height: int, width: int) -> np.ndarray:
     return color
 
 
-def rectangles(rng: np.random.Generator, height: int, width: int) -> np.ndarray:
-    """White canvas cut by black bars into fields, some of them red, blue or yellow."""
-    x, y = _unit_grid(height, width)
+def paint_rectangles(rng: np.random.Generator, height: int, width: int) -> np.ndarray:
+    """Paints a white canvas cut by black bars into fields, some of them red, blue or yellow."""
+    x, y = _place_texels(height, width)
     cuts_x = np.sort(np.concatenate([[0, 1], rng.uniform(0.12, 0.9, 4)]))
     cuts_y = np.sort(np.concatenate([[0, 1], rng.uniform(0.12, 0.9, 3)]))
     paints = np.array([(0.94, 0.93, 0.88), (0.94, 0.93, 0.88), (0.80, 0.10, 0.10),
@@ -96,10 +96,10 @@ def rectangles(rng: np.random.Generator, height: int, width: int) -> np.ndarray:
     return color
 
 
-def night(rng: np.random.Generator, height: int, width: int) -> np.ndarray:
-    """Swirling night sky with stars over a dark hill."""
-    x, y = _unit_grid(height, width)
-    flow = noise(rng, (height, width), cell=height / 2.5, octaves=2)
+def paint_night(rng: np.random.Generator, height: int, width: int) -> np.ndarray:
+    """Paints a swirling night sky with stars over a dark hill."""
+    x, y = _place_texels(height, width)
+    flow = make_noise(rng, (height, width), cell=height / 2.5, octaves=2)
     bands = 0.5 + 0.5 * np.sin(40 * flow + 8 * y)
     color = blend(np.asarray((0.07, 0.13, 0.38)), (0.35, 0.55, 0.80), bands * 0.8)
     aspect = width / height
@@ -107,21 +107,23 @@ def night(rng: np.random.Generator, height: int, width: int) -> np.ndarray:
         star = np.hypot((x - rng.uniform(0.05, 0.95)) * aspect, y - rng.uniform(0.45, 0.95))
         glow = rng.uniform(0.05, 0.09)
         color = blend(color, (0.98, 0.88, 0.45), np.exp(-((star / glow) ** 2)))
-    hill = 0.25 + 0.2 * (noise(rng, (8, width), cell=width / 3)[3] - 0.5)
+    hill = 0.25 + 0.2 * (make_noise(rng, (8, width), cell=width / 3)[3] - 0.5)
     return blend(color, (0.06, 0.10, 0.12), (hill[None, :] - y) * height * 0.5)
 
 
-def painting(rng: np.random.Generator, kind, height: int, width: int) -> np.ndarray:
-    """A picture with a gilt frame and a mount, by one of the painters above."""
-    x, y = _unit_grid(height, width)
+def paint_framed(rng: np.random.Generator, kind, height: int, width: int) -> np.ndarray:
+    """Paints a picture by one of the painters above, with a gilt frame and a mount."""
+    x, y = _place_texels(height, width)
     rim = np.minimum(np.minimum(x, 1 - x) * width, np.minimum(y, 1 - y) * height)
     color = blend(kind(rng, height, width), (0.90, 0.87, 0.78), (14 - rim) * 0.5)
     gilt = np.asarray((0.70, 0.52, 0.22)) * (0.8 + 0.35 * np.cos(rim * 2 * np.pi / 9))[..., None]
     return blend(color, gilt, (9 - rim) * 0.7)
 
 
-def bookcase(rng: np.random.Generator, height: int, width: int, shelves: int = 5) -> np.ndarray:
-    """Shelves of books of many colours and heights in a wooden case; 100 px a metre."""
+def paint_bookcase(
+    rng: np.random.Generator, height: int, width: int, shelves: int = 5
+) -> np.ndarray:
+    """Paints shelves of books of many colours and heights in a wooden case; 100 px a metre."""
     color = np.broadcast_to(np.asarray((0.07, 0.05, 0.04)), (height, width, 3)).copy()
     case = np.asarray((0.36, 0.22, 0.13))
     board, side = 4, 5
@@ -150,10 +152,10 @@ def bookcase(rng: np.random.Generator, height: int, width: int, shelves: int = 5
     return color
 
 
-def globe(rng: np.random.Generator) -> np.ndarray:
-    """Longitude by latitude: oceans, land, ice and a net of degrees."""
-    x, y = _unit_grid(128, 256)
-    land = noise(rng, (128, 256), cell=48, octaves=5)
+def paint_globe(rng: np.random.Generator) -> np.ndarray:
+    """Paints longitude by latitude: oceans, land, ice and a net of degrees."""
+    x, y = _place_texels(128, 256)
+    land = make_noise(rng, (128, 256), cell=48, octaves=5)
     land[:, 246:] += (land[:, :1] - land[:, 245:246]) * np.linspace(0, 1, 10)  # closes the seam
     color = blend(np.asarray((0.10, 0.30, 0.55)), (0.20, 0.45, 0.65), (land - 0.3) * 4)
     color = blend(color, (0.85, 0.76, 0.50), (land - 0.52) * 60)
@@ -165,25 +167,25 @@ def globe(rng: np.random.Generator) -> np.ndarray:
     return blend(color, (0.92, 0.86, 0.66), 0.6 * (meridian | parallel))
 
 
-def striped_ball(rng: np.random.Generator) -> np.ndarray:
-    """Swirling stripes around a ball."""
-    x, y = _unit_grid(128, 256)
+def paint_stripes(rng: np.random.Generator) -> np.ndarray:
+    """Paints swirling stripes around a ball."""
+    x, y = _place_texels(128, 256)
     phase = np.floor((x + 0.35 * y) * 10).astype(int) % len(_JEWELS)
     return _JEWELS[rng.permutation(len(_JEWELS))][phase]
 
 
-def marble(rng: np.random.Generator) -> np.ndarray:
-    """White marble with grey-green swirls around a ball."""
-    flow = noise(rng, (128, 256), cell=70, octaves=4)
+def paint_marble(rng: np.random.Generator) -> np.ndarray:
+    """Paints white marble with grey-green swirls around a ball."""
+    flow = make_noise(rng, (128, 256), cell=70, octaves=4)
     bands = 0.5 + 0.5 * np.sin(34 * flow)
     return blend(np.asarray((0.93, 0.91, 0.87)), (0.35, 0.42, 0.42), bands**3)
 
 
-def zigzag_pot(rng: np.random.Generator) -> np.ndarray:
-    """Terracotta: 1 unit around, 1 unit high, painted zigzags."""
-    x, y = _unit_grid(100, 200)
+def paint_zigzags(rng: np.random.Generator) -> np.ndarray:
+    """Paints terracotta with zigzags: 1 unit around, 1 unit high."""
+    x, y = _place_texels(100, 200)
     color = np.asarray((0.72, 0.36, 0.22)) * (
-        0.85 + 0.3 * noise(rng, (100, 200), cell=12)[..., None]
+        0.85 + 0.3 * make_noise(rng, (100, 200), cell=12)[..., None]
     )
     wave = np.abs((x * 8) % 1 - 0.5) * 0.3
     for level, paint in ((0.30, (0.95, 0.88, 0.72)), (0.50, (0.16, 0.28, 0.40)),

@@ -1,4 +1,4 @@
-"""The demo's hall seen by several cameras on one body, with the truth: for `gsut poses --rig`."""
+"""Writes the demo's hall as several cameras on one body see it, with the truth."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ import numpy as np
 
 from gsut._core import InputError, exp_pose
 from gsut.data import Frame, write_transforms
-from gsut.data.poses import inverse
+from gsut.data.poses import invert_pose
 from gsut.demo.dataset import (
     MILLIMETRES,
-    distances,
+    find_whole_pixels,
+    measure_distances,
     render_views,
-    whole_pixels,
 )
 from gsut.demo.hall import make_hall
-from gsut.demo.views import camera_path, demo_camera
+from gsut.demo.views import make_camera, plan_walk
 from gsut.files import whole_folder, write_picture
 from gsut.lens import Camera, save_camera
 
@@ -44,8 +44,8 @@ _AROUND = (
 _POLYNOMIAL = (-0.3333, 0.0040, -0.0318)
 _WIDE_ANGLE = math.radians(110.0)
 _ARM = 0.12  # metres from the body's middle to each of the four
-# What mounts are off from straight: metres and radians.
-_OFF_METRES, _OFF_RADIANS = 0.01, 0.03
+_OFF_METRES = 0.01  # largest error of a mount's place
+_OFF_RADIANS = 0.03  # largest error of its direction
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,8 +65,8 @@ class Mounted:
     file: str
 
 
-def demo_rig(cameras: int, size: int) -> list[Mounted]:
-    """Two fisheyes beside each other, or four of 220 degrees that look all around.
+def make_rig(cameras: int, size: int) -> list[Mounted]:
+    """Makes two fisheyes beside each other, or four of 220 degrees that look all around.
 
     Args:
         cameras: 2 or 4.
@@ -74,8 +74,8 @@ def demo_rig(cameras: int, size: int) -> list[Mounted]:
     """
     if cameras == 2:
         return [
-            Mounted("left", demo_camera(size), np.eye(4), "left.yaml"),
-            Mounted("right", right_camera(size), right_from_left(), "right.yaml"),
+            Mounted("left", make_camera(size), np.eye(4), "left.yaml"),
+            Mounted("right", make_right_camera(size), place_right(), "right.yaml"),
         ]
     rng = np.random.default_rng(4)
     found, front = [], np.eye(4)
@@ -90,19 +90,19 @@ def demo_rig(cameras: int, size: int) -> list[Mounted]:
         about = exp_pose([0.0, 0.0, 0.0, 0.0, -number * math.pi / 2, 0.0])  # y points down
         about[2, 3] = -_ARM
         pose = exp_pose(off) @ about
-        front = inverse(pose) if number == 0 else front
+        front = invert_pose(pose) if number == 0 else front
         found.append(Mounted(name, lens, pose @ front, f"{name}/calib_results.txt"))
     return found
 
 
-def right_camera(size: int) -> Camera:
-    """The second lens, for square images of this many pixels a side."""
+def make_right_camera(size: int) -> Camera:
+    """Makes the second lens, for square images of `size` pixels a side."""
     params = [size * value for value in (*_FOCAL, *_CENTRE)] + list(_DISTORTION)
     return Camera("kannala_brandt", params, size, size, valid_field_angle=_MAX_ANGLE)
 
 
-def right_from_left() -> np.ndarray:
-    """(4, 4) of the demo's rig, metres."""
+def place_right() -> np.ndarray:
+    """Returns the pose (4, 4) of the right camera from the left one, in metres."""
     pose = exp_pose([0.0, 0.0, 0.0, *_TURN])
     pose[:3, 3] = -pose[:3, :3] @ np.array(_PLACE)
     return pose
@@ -149,9 +149,9 @@ def make_demo_rig(
         raise InputError(f"path_share is {path_share}; give more than 0 and at most 1")
     if cameras not in (2, 4):
         raise InputError(f"cameras is {cameras}; the demo has rigs of 2 and of 4")
-    path = camera_path(round(frames / path_share), seed)[:frames]
+    path = plan_walk(round(frames / path_share), seed)[:frames]
     with whole_folder(folder) as partial:
-        _write(partial, path, demo_rig(cameras, size), seed, progress)
+        _write(partial, path, make_rig(cameras, size), seed, progress)
     return folder
 
 
@@ -166,18 +166,18 @@ def _write(
         depths.mkdir(parents=True)
         (folder / mounted.file).parent.mkdir(exist_ok=True)
         save_camera(lens, folder / mounted.file)
-        write_picture(images / "mask.png", whole_pixels(lens).astype(np.uint8) * 255)
+        write_picture(images / "mask.png", find_whole_pixels(lens).astype(np.uint8) * 255)
         cameras[name] = {
             "file": mounted.file,
             "camera_from_reference": mounted.camera_from_reference.tolist(),
         }
         rays, inside = lens.rays()
-        poses = [pose @ inverse(mounted.camera_from_reference) for pose in path]
+        poses = [pose @ invert_pose(mounted.camera_from_reference) for pose in path]
         for number, image in enumerate(render_views(hall, lens, poses, progress)):
             file = f"{number:03d}.png"
             write_picture(images / file, image[..., ::-1])
             depth = np.zeros(inside.shape, np.uint16)
-            away = distances(hall, poses[number], rays[inside])
+            away = measure_distances(hall, poses[number], rays[inside])
             depth[inside] = np.round(away * MILLIMETRES)
             write_picture(depths / file, depth)
             frames.append(

@@ -1,4 +1,4 @@
-"""Boxes, spheres, upright cylinders and the room around them: exact intersections with many rays.
+"""Intersects many rays with boxes, spheres, upright cylinders and the room around them.
 
 Rays come as three float32 arrays a quantity (x, y, z), so that a test is a few dozen array
 operations. Lengths in metres, z up.
@@ -17,10 +17,9 @@ from gsut.demo.texture import Material
 # Three arrays that broadcast: x, y, z.
 Triple = tuple[np.ndarray, ...]
 
-_TINY = np.float32(1e-9)
-# Hits closer than this are the surface the ray starts on, metres.
-_SKIP = np.float32(1e-4)
-_MISS = np.float32(np.inf)
+_TINY = np.float32(1e-9)  # replaces smaller divisors
+_SKIP = np.float32(1e-4)  # metres; closer hits are the surface that the ray starts on
+_MISS = np.float32(np.inf)  # distance of a ray that hits nothing
 
 
 class Rays:
@@ -32,15 +31,15 @@ class Rays:
         safe = (np.where(np.abs(d) < _TINY, _TINY, d) for d in direction)
         self.inverse: Triple = tuple(np.float32(1.0) / d for d in safe)
 
-    def at(self, distance: np.ndarray | np.floating) -> Triple:
-        """Points at these distances."""
+    def locate(self, distance: np.ndarray | np.floating) -> Triple:
+        """Returns the points at these distances."""
         ox, oy, oz = self.origin
         dx, dy, dz = self.direction
         return ox + distance * dx, oy + distance * dy, oz + distance * dz
 
 
 class Shape(Protocol):
-    """What the tracer asks of a shape."""
+    """The interface of a shape for the tracer."""
 
     @property
     def low(self) -> tuple[float, float, float]:
@@ -58,18 +57,18 @@ class Shape(Protocol):
     def casts_shadow(self) -> bool:
         """Whether it stops light."""
 
-    def distance(self, rays: Rays) -> np.ndarray:
-        """(N,) distance to the first hit, infinite where there is none."""
+    def intersect(self, rays: Rays) -> np.ndarray:
+        """Returns the distance (N,) to the first hit, infinite without one."""
 
-    def normal(self, points: Triple) -> Triple:
-        """Outward unit normals of points on the surface."""
+    def compute_normals(self, points: Triple) -> Triple:
+        """Computes outward unit normals of points on the surface."""
 
-    def surface(self, points: Triple, normal: Triple) -> tuple[np.ndarray, np.ndarray]:
-        """Texture coordinates (N,), (N,) of points on the surface; the unit is the material's."""
+    def map_texture(self, points: Triple, normal: Triple) -> tuple[np.ndarray, np.ndarray]:
+        """Maps points on the surface to texture coordinates (N,), (N,), in the material's unit."""
 
 
-def _upright(normal: Triple, x, y, z) -> tuple[np.ndarray, np.ndarray]:
-    """Of three values the two along a face with this normal: level first, then upwards."""
+def _choose_axes(normal: Triple, x, y, z) -> tuple[np.ndarray, np.ndarray]:
+    """Chooses the two of three values along a face with this normal: level first, then up."""
     along_x, level = np.abs(normal[0]) > 0.5, np.abs(normal[2]) > 0.5
     return np.where(along_x, y, x), np.where(level, y, z)
 
@@ -88,7 +87,7 @@ class Box:
     fitted: bool = False
     casts_shadow: bool = True
 
-    def _slabs(self, rays: Rays) -> tuple[np.ndarray, np.ndarray]:
+    def _intersect_slabs(self, rays: Rays) -> tuple[np.ndarray, np.ndarray]:
         enter, leave = [], []
         for axis in range(3):
             origin, inverse = rays.origin[axis], rays.inverse[axis]
@@ -99,13 +98,12 @@ class Box:
         near = np.maximum(np.maximum(enter[0], enter[1]), enter[2])
         return near, np.minimum(np.minimum(leave[0], leave[1]), leave[2])
 
-    def distance(self, rays: Rays) -> np.ndarray:
-        """See Shape. A ray that starts inside hits nothing."""
-        near, far = self._slabs(rays)
+    def intersect(self, rays: Rays) -> np.ndarray:
+        """Returns the distance to the first hit; a ray that starts inside hits nothing."""
+        near, far = self._intersect_slabs(rays)
         return np.where((near <= far) & (near > _SKIP), near, _MISS)
 
-    def normal(self, points: Triple) -> Triple:
-        """See Shape."""
+    def compute_normals(self, points: Triple) -> Triple:
         relative = []
         for axis in range(3):
             middle = 0.5 * (self.low[axis] + self.high[axis])
@@ -116,16 +114,15 @@ class Box:
             np.where(face == axis, np.sign(relative[axis]), np.float32(0.0)) for axis in range(3)
         )
 
-    def surface(self, points: Triple, normal: Triple) -> tuple[np.ndarray, np.ndarray]:
-        """See Shape."""
+    def map_texture(self, points: Triple, normal: Triple) -> tuple[np.ndarray, np.ndarray]:
         size = [high - low for low, high in zip(self.low, self.high, strict=True)]
         x, y, z = (points[axis] - np.float32(self.low[axis]) for axis in range(3))
         if self.fitted:
             x, y, z = x / np.float32(size[0]), y / np.float32(size[1]), z / np.float32(size[2])
-        u, v = _upright(normal, x, y, z)
+        u, v = _choose_axes(normal, x, y, z)
         if self.fitted:
             return u, v
-        along, up = _upright(normal, *(np.float32(length) for length in size))
+        along, up = _choose_axes(normal, *(np.float32(length) for length in size))
         return np.where(up > along, v, u), np.where(up > along, u, v)
 
 
@@ -136,21 +133,22 @@ class Room(Box):
     # By side: -x, +x, -y, +y, floor, ceiling; `material` is not used.
     sides: tuple[Material, ...] = ()
 
-    def distance(self, rays: Rays) -> np.ndarray:
-        """See Shape."""
-        return self._slabs(rays)[1]
+    def intersect(self, rays: Rays) -> np.ndarray:
+        return self._intersect_slabs(rays)[1]
 
-    def normal(self, points: Triple) -> Triple:
-        """See Shape. Points inwards."""
-        x, y, z = Box.normal(self, points)
+    def compute_normals(self, points: Triple) -> Triple:
+        """Computes unit normals that point inwards."""
+        x, y, z = Box.compute_normals(self, points)
         return -x, -y, -z
 
-    def surface(self, points: Triple, normal: Triple) -> tuple[np.ndarray, np.ndarray]:
-        """See Shape. Metres along the wall and up it; on floor and ceiling along x and y."""
-        return _upright(normal, *(p - np.float32(c) for p, c in zip(points, self.low, strict=True)))
+    def map_texture(self, points: Triple, normal: Triple) -> tuple[np.ndarray, np.ndarray]:
+        """Maps to metres along the wall and up it; on floor and ceiling along x and y."""
+        return _choose_axes(
+            normal, *(p - np.float32(c) for p, c in zip(points, self.low, strict=True))
+        )
 
-    def side(self, normal: Triple) -> np.ndarray:
-        """(N,) index into `sides`."""
+    def find_side(self, normal: Triple) -> np.ndarray:
+        """Finds the index (N,) into `sides`."""
         axis = np.argmax(np.abs(normal), axis=0)
         negative = normal[0] + normal[1] + normal[2] < 0  # inward normal of a "+" side
         return 2 * axis + negative
@@ -175,23 +173,20 @@ class Sphere:
         """Upper corner of the bounding box."""
         return tuple(c + self.radius for c in self.centre)  # type: ignore[return-value]
 
-    def distance(self, rays: Rays) -> np.ndarray:
-        """See Shape."""
+    def intersect(self, rays: Rays) -> np.ndarray:
         offset = [np.float32(c) - o for c, o in zip(self.centre, rays.origin, strict=True)]
         along = sum(o * d for o, d in zip(offset, rays.direction, strict=True))
         root = along * along - sum(o * o for o in offset) + np.float32(self.radius**2)
         near = along - np.sqrt(np.maximum(root, np.float32(0.0)))
         return np.where((root > 0) & (near > _SKIP), near, _MISS)
 
-    def normal(self, points: Triple) -> Triple:
-        """See Shape."""
+    def compute_normals(self, points: Triple) -> Triple:
         return tuple(
             (p - np.float32(c)) / np.float32(self.radius)
             for p, c in zip(points, self.centre, strict=True)
         )
 
-    def surface(self, points: Triple, normal: Triple) -> tuple[np.ndarray, np.ndarray]:
-        """See Shape."""
+    def map_texture(self, points: Triple, normal: Triple) -> tuple[np.ndarray, np.ndarray]:
         x, y, z = normal
         longitude = np.arctan2(y, x) / np.float32(2 * math.pi) + np.float32(0.5)
         return longitude, np.arcsin(np.clip(z, -1, 1)) / np.float32(math.pi) + np.float32(0.5)
@@ -218,8 +213,8 @@ class Cylinder:
         """Upper corner of the bounding box."""
         return self.centre[0] + self.radius, self.centre[1] + self.radius, self.top
 
-    def distance(self, rays: Rays) -> np.ndarray:
-        """See Shape. The entry into the infinite cylinder and the slab, whichever is later."""
+    def intersect(self, rays: Rays) -> np.ndarray:
+        """Returns the later of the entries into the infinite cylinder and into the slab."""
         x = np.float32(self.centre[0]) - rays.origin[0]
         y = np.float32(self.centre[1]) - rays.origin[1]
         dx, dy = rays.direction[0], rays.direction[1]
@@ -233,8 +228,7 @@ class Cylinder:
         far = np.minimum((along + half) / level, np.maximum(one, two))
         return np.where((root > 0) & (near <= far) & (near > _SKIP), near, _MISS)
 
-    def normal(self, points: Triple) -> Triple:
-        """See Shape."""
+    def compute_normals(self, points: Triple) -> Triple:
         x = (points[0] - np.float32(self.centre[0])) / np.float32(self.radius)
         y = (points[1] - np.float32(self.centre[1])) / np.float32(self.radius)
         middle = np.float32(0.5 * (self.bottom + self.top))
@@ -250,8 +244,7 @@ class Cylinder:
             np.where(lid, np.sign(height), zero),
         )
 
-    def surface(self, points: Triple, normal: Triple) -> tuple[np.ndarray, np.ndarray]:
-        """See Shape."""
+    def map_texture(self, points: Triple, normal: Triple) -> tuple[np.ndarray, np.ndarray]:
         x = points[0] - np.float32(self.centre[0])
         y = points[1] - np.float32(self.centre[1])
         angle = np.arctan2(y, x) / np.float32(2 * math.pi) + np.float32(0.5)

@@ -1,4 +1,4 @@
-"""Textures: linear-light albedo images, looked up with bilinear interpolation."""
+"""Looks up textures: linear-light albedo images with bilinear interpolation."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from numpy.typing import ArrayLike
 
 
 def to_linear(srgb: np.ndarray) -> np.ndarray:
-    """sRGB display values in [0, 1] to linear light. Source: IEC 61966-2-1."""
+    """Converts sRGB display values in [0, 1] to linear light (IEC 61966-2-1)."""
     return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
 
 
 def to_srgb(linear: np.ndarray) -> np.ndarray:
-    """Linear light in [0, 1] to sRGB display values. Source: IEC 61966-2-1."""
+    """Converts linear light in [0, 1] to sRGB display values (IEC 61966-2-1)."""
     linear = np.maximum(linear, 0.0)
     return np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
 
@@ -35,11 +35,11 @@ class Material:
     size: tuple[float, float] = (1.0, 1.0)
     emission: float = 0.0
 
-    def color(self, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """(N, 3) albedo at texture coordinates (N,)."""
+    def look_up(self, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Looks up the albedo (N, 3) at texture coordinates (N,)."""
         height, width = self.image.shape[:2]
-        x = _mirrored(u / np.float32(self.size[0])) * np.float32(width) - np.float32(0.5)
-        y = (1 - _mirrored(v / np.float32(self.size[1]))) * np.float32(height) - np.float32(0.5)
+        x = _fold(u / np.float32(self.size[0])) * np.float32(width) - np.float32(0.5)
+        y = (1 - _fold(v / np.float32(self.size[1]))) * np.float32(height) - np.float32(0.5)
         column, row = np.floor(x), np.floor(y)
         right, below = (x - column)[:, None], (y - row)[:, None]
         left_column = np.clip(column.astype(np.int32), 0, width - 1)
@@ -53,15 +53,15 @@ class Material:
         return lines[0] + below * (lines[1] - lines[0])
 
 
-def _mirrored(position: np.ndarray) -> np.ndarray:
-    """Folds the line onto [0, 1]: there and back again."""
+def _fold(position: np.ndarray) -> np.ndarray:
+    """Folds the line onto [0, 1] and back, so that textures repeat without seams."""
     return np.abs(np.mod(position + 1, 2) - 1).astype(np.float32)
 
 
-def noise(
+def make_noise(
     rng: np.random.Generator, shape: tuple[int, ...], cell: float, octaves: int = 3
 ) -> np.ndarray:
-    """Smooth noise about 0.5 in [0, 1] of a shape (h, w); cell: pixels of the largest feature."""
+    """Makes smooth noise (h, w) about 0.5 in [0, 1]; `cell`: pixels of the largest feature."""
     height, width = shape
     total, weight_sum = np.zeros(shape), 0.0
     for octave in range(octaves):
@@ -74,12 +74,12 @@ def noise(
 
 
 def blend(below: ArrayLike, above: ArrayLike, amount: np.ndarray | float) -> np.ndarray:
-    """below where amount is 0, above where it is 1; amount (h, w) or a number, clamped."""
+    """Blends two colours: `below` where amount is 0, `above` where it is 1; amount is clamped."""
     share = np.clip(np.asarray(amount, dtype=np.float64), 0.0, 1.0)
     share = share[..., None] if share.ndim == 2 else share
     return np.asarray(below) * (1.0 - share) + np.asarray(above) * share
 
 
-def finished(srgb: np.ndarray) -> np.ndarray:
-    """A drawn picture (sRGB) as the linear float32 image of a Material."""
+def finish_picture(srgb: np.ndarray) -> np.ndarray:
+    """Converts a painted picture (sRGB) to the linear float32 image of a Material."""
     return np.ascontiguousarray(to_linear(np.clip(srgb, 0.0, 1.0)), dtype=np.float32)

@@ -1,4 +1,4 @@
-"""Casts rays into the hall: distance to the first surface, and its light.
+"""Traces rays through the hall: distance to the first surface, and its light.
 
 Light: the sun through the stained glass (hard shadows), two lamps (each ray of a pixel aims at
 another point of a lamp: soft shadows) and the light of the surroundings, one ray of each pixel ray
@@ -18,16 +18,16 @@ from gsut.demo.shapes import Rays, Shape, Triple
 from gsut.demo.texture import to_srgb
 
 _SUN = np.array([0.80, 0.16, 0.58]) / np.linalg.norm([0.80, 0.16, 0.58])  # towards it
-_SUN_LIGHT = np.array([15.0, 13.6, 11.0], dtype=np.float32)
-_LAMP_LIGHT = np.array([3.8, 2.9, 1.9], dtype=np.float32)
+_SUN_LIGHT = np.array([15.0, 13.6, 11.0], dtype=np.float32)  # linear light on a facing surface
+_LAMP_LIGHT = np.array([3.8, 2.9, 1.9], dtype=np.float32)  # the same, 1 m from a lamp
 _LAMP_SOFTNESS = 0.35  # m^2, keeps the light finite beside the lamp
 _LAMP_SHADOW_RADIUS = 0.22  # m, a little more than the ball: softer shadows
 _AMBIENT_REACH = 1.6  # m, beyond which surroundings do not darken
-_AMBIENT = np.array([0.27, 0.27, 0.29], dtype=np.float32)
-_WINDOW_GLOW = np.array([0.42, 0.46, 0.55], dtype=np.float32)
-_GLASS_EMISSION = 1.6
+_AMBIENT = np.array([0.27, 0.27, 0.29], dtype=np.float32)  # light from open surroundings
+_WINDOW_GLOW = np.array([0.42, 0.46, 0.55], dtype=np.float32)  # the same, from the windows' side
+_GLASS_EMISSION = 1.6  # of the stained glass, times its colour
 _LIFT = np.float32(2e-3)  # m, start of secondary rays above the surface
-_GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))
+_GOLDEN_ANGLE = math.pi * (3 - math.sqrt(5))  # radians; its multiples spread evenly
 
 
 class Bounds:
@@ -39,10 +39,11 @@ class Bounds:
         self._middle = 0.5 * (self._low + self._high)
         self._radius = 0.5 * np.linalg.norm(self._high - self._low, axis=1)
 
-    def in_cone(
+    def find_in_cone(
         self, origin: np.ndarray, directions: np.ndarray, around: float = 0.0
     ) -> np.ndarray:
-        """Numbers of the shapes that unit directions (N, 3) from points so near one may hit."""
+        """Finds shapes that unit directions (N, 3) may hit, from points within `around` of
+        `origin`."""
         axis = directions.mean(axis=0)
         axis = axis / np.linalg.norm(axis)
         spread = math.acos(float(np.clip((directions @ axis).min(), -1, 1)))
@@ -53,22 +54,22 @@ class Bounds:
         covered = np.arcsin(np.minimum(radius / np.maximum(away, 1e-9), 1))
         return np.flatnonzero((away <= radius) | (angle < spread + covered))
 
-    def in_box(self, low: list, high: list) -> np.ndarray:
-        """Numbers of the shapes that rays within these corners may hit."""
+    def find_in_box(self, low: list, high: list) -> np.ndarray:
+        """Finds shapes that rays within these corners may hit."""
         return np.flatnonzero(np.all((self._low <= high) & (self._high >= low), axis=1))
 
 
-def _dot(a: Triple, b: Triple) -> np.ndarray:
+def _multiply(a: Triple, b: Triple) -> np.ndarray:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-def _rays(*ends: np.ndarray) -> Rays:
-    """Of origins (N or 1, 3) and directions (N, 3), axis by axis."""
+def _make_rays(*ends: np.ndarray) -> Rays:
+    """Makes rays from origins (N or 1, 3) and directions (N, 3), axis by axis."""
     return Rays(*(tuple(np.ascontiguousarray(a.T, np.float32)) for a in ends))
 
 
-def sphere_directions(count: int) -> np.ndarray:
-    """(count, 3) unit vectors spread evenly over the sphere (Fibonacci's spiral)."""
+def spread_directions(count: int) -> np.ndarray:
+    """Spreads (count, 3) unit vectors evenly over the sphere (Fibonacci's spiral)."""
     z = 1 - 2 * (np.arange(count) + 0.5) / count
     angle = np.arange(count) * _GOLDEN_ANGLE
     radius = np.sqrt(1 - z * z)
@@ -84,10 +85,10 @@ class Tracer:
         self._samples = samples
         # Neighbouring rays of a pixel get directions far apart.
         shuffled = np.argsort(np.arange(samples) * _GOLDEN_ANGLE % 1.0, kind="stable")
-        self._spread = sphere_directions(samples)[shuffled]
+        self._spread = spread_directions(samples)[shuffled]
 
-    def colors(self, origin: np.ndarray, directions: np.ndarray) -> np.ndarray:
-        """Display colours of pixels.
+    def trace_colors(self, origin: np.ndarray, directions: np.ndarray) -> np.ndarray:
+        """Traces the display colours of pixels.
 
         Args:
             origin: (3,) of all rays, metres; or (samples, P, 3), one a ray.
@@ -99,80 +100,83 @@ class Tracer:
         samples, pixels, _ = directions.shape
         flat = directions.reshape(-1, 3)
         origins = origin.reshape(-1, 3)
-        rays = _rays(origins, flat)
+        rays = _make_rays(origins, flat)
         middle = origins.mean(axis=0)
         around = float(np.linalg.norm(origins - middle, axis=1).max()) if len(origins) > 1 else 0.0
-        reached = self._bounds.in_cone(middle, flat, around)
-        distance, number = self._first_hit(rays, reached)
-        points = rays.at(distance)
-        normal, albedo, emission = self._surfaces(points, number)
-        light = self._light(points, normal)
+        reached = self._bounds.find_in_cone(middle, flat, around)
+        distance, number = self._find_first_hit(rays, reached)
+        points = rays.locate(distance)
+        normal, albedo, emission = self._describe_surfaces(points, number)
+        light = self._gather_light(points, normal)
         radiance = np.where(emission[:, None] > 0, emission[:, None] * albedo, albedo * light)
         shown = 1 - np.exp(-radiance)  # film-like: no hard clipping in the windows
         return to_srgb(shown.reshape(samples, pixels, 3).mean(axis=0))
 
-    def depths(self, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
-        """(N,) distance in metres along unit directions (N, 3) from origins (N, 3)."""
-        return self._first_hit(_rays(origins, directions), np.arange(len(self._hall.shapes)))[0]
+    def trace_depths(self, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
+        """Traces the distance (N,) in metres along unit directions (N, 3) from origins (N, 3)."""
+        return self._find_first_hit(
+            _make_rays(origins, directions), np.arange(len(self._hall.shapes))
+        )[0]
 
-    def _first_hit(self, rays: Rays, candidates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Distance (N,) to the first surface and its number (N,): -1 the room, else the shape's."""
-        distance = self._hall.room.distance(rays)
+    def _find_first_hit(self, rays: Rays, candidates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Finds the distance (N,) to the first surface and its number (N,): -1 the room, else a
+        shape."""
+        distance = self._hall.room.intersect(rays)
         number = np.full(distance.shape, -1, dtype=np.int16)
         for index in candidates:
-            other = self._hall.shapes[index].distance(rays)
+            other = self._hall.shapes[index].intersect(rays)
             closer = other < distance
             number[closer] = index
             distance = np.where(closer, other, distance)
         return distance, number
 
-    def _free_share(self, rays: Rays, length: np.ndarray | np.floating) -> np.ndarray:
-        """(N,) share of rays of this length before a shape (not the room) stops them."""
-        ends = rays.at(length)
+    def _measure_free_share(self, rays: Rays, length: np.ndarray | np.floating) -> np.ndarray:
+        """Measures the share (N,) of the length that rays run before a shape stops them."""
+        ends = rays.locate(length)
         if not ends[0].size:
             return np.ones(0, np.float32)
         low = [min(o.min(), e.min()) for o, e in zip(rays.origin, ends, strict=True)]
         high = [max(o.max(), e.max()) for o, e in zip(rays.origin, ends, strict=True)]
         nearest = np.asarray(length)
-        for index in self._bounds.in_box(low, high):
+        for index in self._bounds.find_in_box(low, high):
             if self._hall.shapes[index].casts_shadow:
-                nearest = np.minimum(nearest, self._hall.shapes[index].distance(rays))
+                nearest = np.minimum(nearest, self._hall.shapes[index].intersect(rays))
         return nearest / length
 
-    def _surfaces(self, points: Triple, number: np.ndarray):
-        """Normal, albedo (N, 3) and emission (N,) of points on surfaces."""
+    def _describe_surfaces(self, points: Triple, number: np.ndarray):
+        """Returns normal, albedo (N, 3) and emission (N,) of points on surfaces."""
         normal = tuple(np.zeros_like(p) for p in points)
         albedo = np.zeros((len(number), 3), dtype=np.float32)
         emission = np.zeros(len(number), dtype=np.float32)
 
         def fill(where: np.ndarray, material, u, v) -> None:
-            albedo[where] = material.color(u, v)
+            albedo[where] = material.look_up(u, v)
             emission[where] = material.emission
 
         for index in np.unique(number):
             where = np.flatnonzero(number == index)
             local = tuple(p[where] for p in points)
             shape = self._hall.room if index < 0 else self._hall.shapes[index]
-            local_normal = shape.normal(local)
+            local_normal = shape.compute_normals(local)
             for axis in range(3):
                 normal[axis][where] = local_normal[axis]
-            u, v = shape.surface(local, local_normal)
+            u, v = shape.map_texture(local, local_normal)
             if index >= 0:
                 fill(where, shape.material, u, v)
                 continue
-            side = self._hall.room.side(local_normal)
+            side = self._hall.room.find_side(local_normal)
             for wall in np.unique(side):
                 on = np.flatnonzero(side == wall)
                 fill(where[on], self._hall.room.sides[wall], u[on], v[on])
             on_wall = where[side == 1]
-            glass = self._glass(points[1][on_wall], points[2][on_wall])
+            glass = self._color_glass(points[1][on_wall], points[2][on_wall])
             open_ = glass.any(axis=1)
             albedo[on_wall[open_]] = glass[open_]
             emission[on_wall[open_]] = _GLASS_EMISSION
         return normal, albedo, emission
 
-    def _glass(self, y: np.ndarray, z: np.ndarray) -> np.ndarray:
-        """(N, 3) colour of the windows at points of their wall; 0 beside them."""
+    def _color_glass(self, y: np.ndarray, z: np.ndarray) -> np.ndarray:
+        """Returns the colour (N, 3) of the windows at points of their wall; 0 beside them."""
         color = np.zeros((len(y), 3), dtype=np.float32)
         for window in self._hall.windows:
             rows, columns = window.glass.shape[:2]
@@ -185,29 +189,31 @@ class Tracer:
             color[inside] = window.glass[row, column]
         return color
 
-    def _light(self, points: Triple, normal: Triple) -> np.ndarray:
-        """(N, 3) light that falls on surface points; their order is that of `colors`."""
+    def _gather_light(self, points: Triple, normal: Triple) -> np.ndarray:
+        """Gathers the light (N, 3) on surface points, whose order is that of `trace_colors`."""
         lifted = tuple(p + _LIFT * n for p, n in zip(points, normal, strict=True))
-        light = self._surroundings(lifted, normal)
+        light = self._gather_surroundings(lifted, normal)
         self._add_lamp(light, lifted, normal)
         self._add_sun(light, lifted, normal)
         return light
 
-    def _per_sample(self, values: np.ndarray, count: int) -> Triple:
-        """Values (samples, 3), one a sample, for rays ordered as in `colors`."""
+    def _repeat_samples(self, values: np.ndarray, count: int) -> Triple:
+        """Repeats values (samples, 3), one a sample, for rays ordered as in `trace_colors`."""
         spread = np.repeat(values.astype(np.float32), count // self._samples, axis=0)
         return spread[:, 0], spread[:, 1], spread[:, 2]
 
-    def _surroundings(self, points: Triple, normal: Triple) -> np.ndarray:
+    def _gather_surroundings(self, points: Triple, normal: Triple) -> np.ndarray:
         count = len(points[0])
-        spread = self._per_sample(self._spread, count)
+        spread = self._repeat_samples(self._spread, count)
         # Normal plus a point of the unit sphere: cosine-distributed about the normal.
         toward = tuple(n + s * np.float32(0.98) for n, s in zip(normal, spread, strict=True))
-        length = np.sqrt(_dot(toward, toward))
+        length = np.sqrt(_multiply(toward, toward))
         direction = tuple(t / length for t in toward)
         rays = Rays(points, direction)
         reach = np.float32(_AMBIENT_REACH)
-        free = np.minimum(self._free_share(rays, reach), self._hall.room.distance(rays) / reach)
+        free = np.minimum(
+            self._measure_free_share(rays, reach), self._hall.room.intersect(rays) / reach
+        )
         free = np.clip(free, np.float32(0.0), np.float32(1.0)) ** np.float32(0.7)
         to_windows = np.maximum(direction[0], np.float32(0.0)) ** 2
         near_windows = np.float32(1.0) / (1 + ((np.float32(HALF_X) - points[0]) / 3) ** 2)
@@ -216,20 +222,21 @@ class Tracer:
         return (upward[:, None] * _AMBIENT + sky) * free[:, None]
 
     def _add_lamp(self, light: np.ndarray, points: Triple, normal: Triple) -> None:
-        """Every second ray of a pixel sees one lamp, the others the other, at double strength."""
+        """Adds the lamps: every second ray of a pixel sees one, the others the other, twice as
+        bright."""
         lamps = self._hall.lamps
         centres = np.array([lamp.centre for lamp in lamps])
-        offsets = sphere_directions(self._samples) * _LAMP_SHADOW_RADIUS
+        offsets = spread_directions(self._samples) * _LAMP_SHADOW_RADIUS
         chosen = centres[np.arange(self._samples) % len(lamps)] + offsets
-        target = self._per_sample(chosen, len(points[0]))
+        target = self._repeat_samples(chosen, len(points[0]))
         toward = tuple(t - p for t, p in zip(target, points, strict=True))
-        square = _dot(toward, toward)
+        square = _multiply(toward, toward)
         length = np.sqrt(square)
         direction = tuple(t / length for t in toward)
-        cosine = np.maximum(_dot(direction, normal), np.float32(0.0))
+        cosine = np.maximum(_multiply(direction, normal), np.float32(0.0))
         facing = np.flatnonzero(cosine > 0)
         rays = Rays(tuple(p[facing] for p in points), tuple(d[facing] for d in direction))
-        free = self._free_share(rays, length[facing]) >= 1
+        free = self._measure_free_share(rays, length[facing]) >= 1
         strength = cosine / (square + np.float32(_LAMP_SOFTNESS)) * np.float32(len(lamps))
         light[facing] += (strength[facing] * free)[:, None] * _LAMP_LIGHT
 
@@ -241,12 +248,12 @@ class Tracer:
         lit = np.flatnonzero((cosine > 0) & (length > 0.01) & (z < 3.3))
         if len(lit) == 0:
             return
-        glass = self._glass(y[lit], z[lit])
+        glass = self._color_glass(y[lit], z[lit])
         through = glass.any(axis=1)
         lit, glass = lit[through], glass[through]
         if len(lit) == 0:
             return
         direction = tuple(np.full(len(lit), value, dtype=np.float32) for value in sun)
         rays = Rays(tuple(p[lit] for p in points), direction)
-        free = self._free_share(rays, length[lit]) >= 1
+        free = self._measure_free_share(rays, length[lit]) >= 1
         light[lit] += (cosine[lit] * free)[:, None] * _SUN_LIGHT * glass

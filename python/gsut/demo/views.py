@@ -1,4 +1,4 @@
-"""The demo's lens, and where its camera stands."""
+"""Makes the demo's lens and the walk of its camera."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ _DISTORTION = (0.030, -0.010, 0.003, -0.0005)
 MAX_ANGLE = math.radians(95.0)
 
 
-def demo_camera(size: int) -> Camera:
-    """The demo's fisheye for square images of this many pixels a side."""
+def make_camera(size: int) -> Camera:
+    """Makes the demo's fisheye for square images of `size` pixels a side."""
     params = [size * value for value in (*_FOCAL, *_CENTRE)] + list(_DISTORTION)
     return Camera("kannala_brandt", params, size, size, valid_field_angle=MAX_ANGLE)
 
 
-def camera_path(count: int, seed: int) -> list[np.ndarray]:
-    """World-from-camera poses (4, 4), OpenCV axes, on a walk around the table; metres."""
+def plan_walk(count: int, seed: int) -> list[np.ndarray]:
+    """Plans world-from-camera poses (4, 4), OpenCV axes, on a walk around the table; metres."""
     rng = np.random.default_rng([seed, 1])
     phase = rng.uniform(0, 2 * math.pi, 4)
     poses = []
@@ -34,11 +34,11 @@ def camera_path(count: int, seed: int) -> list[np.ndarray]:
         z = 1.55 + 0.40 * math.sin(5 * turn + phase[1])
         yaw = 2 * turn + math.pi / 2 + 1.6 * math.sin(7 * turn + phase[2])
         pitch = -0.10 + 0.35 * math.sin(4 * turn + phase[3])
-        poses.append(_looking((x, y, z), yaw, pitch))
+        poses.append(_look_along((x, y, z), yaw, pitch))
     return poses
 
 
-def _looking(position: tuple[float, float, float], yaw: float, pitch: float) -> np.ndarray:
+def _look_along(position: tuple[float, float, float], yaw: float, pitch: float) -> np.ndarray:
     forward = np.array(
         [math.cos(yaw) * math.cos(pitch), math.sin(yaw) * math.cos(pitch), math.sin(pitch)]
     )

@@ -3,14 +3,14 @@
 from gsut.evaluate.evaluation import evaluate, run_metrics
 from gsut.evaluate.held_out import mean_psnr, view_image
 from gsut.evaluate.report import write_report
-from gsut.evaluate.report_plots import ring_text
+from gsut.evaluate.report_plots import name_ring
 from gsut.evaluate.scene_page import write_scene_page
 from gsut.evaluate.verdict import train_verdict
 
 __all__ = [
     "evaluate",
     "mean_psnr",
-    "ring_text",
+    "name_ring",
     "run_metrics",
     "train_verdict",
     "view_image",

@@ -1,4 +1,4 @@
-"""Makes report.html: one self-contained page of everything a training run left in its folder."""
+"""Writes report.html: one self-contained page of a training run, from the files in its folder."""
 
 from __future__ import annotations
 
@@ -13,8 +13,15 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.evaluate.report_plots import curve_plot, light_plots, ring_plot
-from gsut.page import bytes_address, duration_text, number_text, picture_address, render_page
+from gsut.evaluate.report_plots import name_ring, plot_curve, plot_light, plot_rings
+from gsut.page import (
+    embed_bytes,
+    embed_picture,
+    format_duration,
+    format_number,
+    paint_values,
+    render_template,
+)
 from gsut.run import (
     BLOCKS,
     ENVIRONMENT,
@@ -25,23 +32,21 @@ from gsut.run import (
     RunFolder,
     TrainOptions,
     Verdict,
-    default_text,
-    flag_name,
-    option_info,
 )
+from gsut.run.options import format_default, get_info, label_option
 
-_MOST_VIEWS = 12  # with pictures; the table lists all
-_MOST_PIXELS_WIDE = 900  # of an embedded picture
+_MOST_VIEWS = 12  # with pictures, to keep the page small; the table lists all
+_MOST_PIXELS_WIDE = 900  # of an embedded picture: sharp at the width of the page
 _ERROR_FULL = 0.1  # mean absolute difference of the colours, of [0, 1], at the heat map's end
 _DEPTH_PERCENTILES = (1.0, 99.0)  # of all distances shown: the ends of the colour scale
-_LEGEND_STOPS = 12
+_LEGEND_STOPS = 12  # colours of a legend's gradient
 
 
-def _curves(history: list[dict[str, Any]], options: TrainOptions) -> dict[str, list[str]]:
-    """Data addresses of the plots of a training, by what they are over."""
+def _plot_curves(history: list[dict[str, Any]], options: TrainOptions) -> dict[str, list[str]]:
+    """Plots a training's history over steps and over seconds, as data addresses."""
     return {
         axis: [
-            curve_plot(history, key, title, axis, options)
+            plot_curve(history, key, title, axis, options)
             for key, title in (
                 ("psnr", "Held-out PSNR [dB]"),
                 ("loss", "Training loss"),
@@ -54,15 +59,17 @@ def _curves(history: list[dict[str, Any]], options: TrainOptions) -> dict[str, l
 
 
 def write_report(run: RunFolder) -> Path:
-    """Writes RUN/report.html from metrics.json, history.jsonl, options.json, environment.json and
-    the pictures in renders/, and returns its path.
+    """Writes RUN/report.html and returns its path.
+
+    It is made from metrics.json, history.jsonl, options.json, environment.json and the pictures in
+    renders/.
 
     Args:
-        run: the folder of a run whose training and evaluation are done.
+        run: the folder of a run whose training and evaluation are finished.
 
     Raises:
-        InputError: metrics.json is absent, a picture it names cannot be read, or the report cannot
-            be written.
+        InputError: metrics.json is absent, a picture that it names cannot be read, or the report
+            cannot be written.
     """
     metrics = run.read_json(METRICS)
     if metrics is None:
@@ -72,82 +79,121 @@ def write_report(run: RunFolder) -> Path:
     source = (
         importlib.resources.files("gsut.evaluate").joinpath("report.html.j2").read_text("utf-8")
     )
-    page = render_page(
+    page = render_template(
         source,
         metrics=metrics,
         environment=environment,
-        headline=_headline(metrics),
+        headline=_list_headline(metrics),
         verdict=Verdict.from_dict(metrics["verdict"]) if metrics.get("verdict") else None,
-        **_pictures(metrics.get("views", []), run.path / RENDERS),
-        rows=sorted(metrics.get("views", []), key=lambda row: row["name"]),
-        curves=_curves(run.read_history(), options.resolved()),
-        rings=metrics.get("rings", []),
-        ring_plot=ring_plot(metrics["rings"]) if metrics.get("rings") else None,
-        light_plots=light_plots(metrics["light"]) if "light" in metrics else [],
-        settings=_settings(options),
-        block_map=_block_map(run.path / BLOCKS / "map.png"),
-        title=_title(run, metrics),
+        **_embed_views(metrics.get("views", []), run.path / RENDERS),
+        **_list_rows(metrics, environment),
+        curves=_plot_curves(run.read_history(), options.resolve()),
+        ring_plot=plot_rings(metrics["rings"]) if metrics.get("rings") else None,
+        light_plots=plot_light(metrics["light"]) if "light" in metrics else [],
+        settings=_list_settings(options),
+        block_map=_embed_block_map(run.path / BLOCKS / "map.png"),
+        title=_choose_title(run, metrics),
         page=PAGE if (run.path / PAGE).is_file() else None,
     )
     return run.write_text(REPORT, page)
 
 
-def _title(run: RunFolder, metrics: dict[str, Any]) -> str:
-    """The dataset's name; that of a folder within the run says nothing."""
+def _choose_title(run: RunFolder, metrics: dict[str, Any]) -> str:
+    """Returns the dataset's name, or the run's if the dataset is a folder within the run."""
     name = metrics.get("dataset")
     return name if name and not (run.path / name).is_dir() else run.path.name
 
 
-def _headline(metrics: dict[str, Any]) -> list[tuple[str, str, str]]:
-    """(value, unit, label) of the figures at the top."""
+def _list_headline(metrics: dict[str, Any]) -> list[tuple[str, str, str]]:
+    """Lists (value, unit, label) of the figures at the top."""
     render_ms = metrics.get("render_ms")
-    rows = [
-        (number_text(metrics.get("psnr")), "dB", "PSNR, held-out mean"),
-        (number_text(metrics.get("ssim"), 4), "", "SSIM, held-out mean"),
-        (number_text(metrics.get("num_gaussians"), 0), "", "Gaussians"),
-        (number_text(metrics.get("steps"), 0), "", "training steps"),
-        (duration_text(metrics.get("train_seconds")), "", "training time"),
-        (number_text(render_ms, 1), "ms", "per rendered view"),
-        (number_text(metrics.get("peak_rss_mb"), 0), "MiB", "peak memory"),
+    return [
+        (format_number(metrics.get("psnr")), "dB", "PSNR, held-out mean"),
+        (format_number(metrics.get("ssim"), 4), "", "SSIM, held-out mean"),
+        (format_number(metrics.get("num_gaussians"), 0), "", "Gaussians"),
+        (format_number(metrics.get("steps"), 0), "", "training steps"),
+        (format_duration(metrics.get("train_seconds")), "", "training time"),
+        (format_number(render_ms, 1), "ms", "per rendered view"),
+        (format_number(metrics.get("peak_rss_mb"), 0), "MiB", "peak memory"),
     ]
-    return rows
 
 
-def _pictures(rows: list[dict[str, Any]], folder: Path) -> dict[str, Any]:
-    """The views to show, with embedded pictures, and the two colour scales."""
+def _list_rows(metrics: dict[str, Any], environment: dict[str, Any]) -> dict[str, list[list[str]]]:
+    """Lists the rows of the page's tables, as text."""
+    views = sorted(metrics.get("views", []), key=lambda row: row["name"])
+    means = {"name": "mean", "render_ms": None, **{k: metrics.get(k) for k in _QUALITY}}
+    blocks = metrics.get("blocks", {"stages": {}, "rows": []})
+    return {
+        "ring_rows": [
+            [name_ring(ring), format_number(ring["psnr"]), format_number(ring["pixels"], 0)]
+            for ring in metrics.get("rings", [])
+        ],
+        "view_rows": [
+            [
+                row["name"],
+                *(format_number(row[key], digits) for key, digits in _QUALITY.items()),
+                "" if row is means else format_number(row["render_ms"], 1),
+            ]
+            for row in [*views, means]
+        ],
+        "stage_rows": [
+            [name, format_duration(stage["seconds"]), format_number(stage["bytes"] / 1e6, 1)]
+            for name, stage in blocks["stages"].items()
+        ],
+        "block_rows": [
+            [
+                row["block"], format_number(row["gaussians"], 0), row["views"], row["steps"],
+                format_duration(row["seconds"]), format_number(row["bytes"] / 1e6, 1),
+                format_number(row["peak_rss_mb"], 0),
+            ]
+            for row in blocks["rows"]
+        ],
+        "environment_rows": [
+            *([k, v] for k, v in environment.items() if k != "command" and v is not None),
+            ["seconds per step", format_number(metrics.get("seconds_per_step"), 4)],
+            ["seed", metrics.get("seed")],
+        ],
+    }  # fmt: skip
+
+
+_QUALITY = {"psnr": 2, "psnr_color_corrected": 2, "ssim": 4}  # keys of a view, with decimals
+
+
+def _embed_views(rows: list[dict[str, Any]], folder: Path) -> dict[str, Any]:
+    """Embeds the pictures of the views to show, and the two colour scales."""
     import cv2
 
-    shown = [row for row in _chosen_views(rows) if "truth" in row[0]]
+    shown = [row for row in _choose_views(rows) if "truth" in row[0]]
 
-    def distance_of(shown: tuple[dict[str, Any], list[str]]) -> np.ndarray:
+    def read_distance(shown: tuple[dict[str, Any], list[str]]) -> np.ndarray:
         return _read(folder / shown[0]["depth"]).astype(np.float32) * shown[0]["depth_unit"]
 
     with concurrent.futures.ThreadPoolExecutor(_core.num_threads(), "gsut-pictures") as threads:
-        distances = list(threads.map(distance_of, shown))
+        distances = list(threads.map(read_distance, shown))
         seen = [d[d > 0] for d in distances if np.any(d > 0)]
         near, far = np.percentile(np.concatenate(seen), _DEPTH_PERCENTILES) if seen else (1.0, 1.0)
 
-        def view_of(shown: tuple[dict[str, Any], list[str]], distance: np.ndarray) -> Any:
+        def embed_all(shown: tuple[dict[str, Any], list[str]], distance: np.ndarray) -> Any:
             row, marks = shown
-            depth = _log_position(distance, near, far)
-            depth = _coloured(depth, cv2.COLORMAP_TURBO, distance > 0)
-            return _view(row, folder) | {"marks": marks, "depth": _picture(depth)}
+            depth = _place_on_log_scale(distance, near, far)
+            depth = paint_values(depth, cv2.COLORMAP_TURBO, distance > 0)
+            return _embed_view(row, folder) | {"marks": marks, "depth": _embed(depth)}
 
-        views = list(threads.map(view_of, shown, distances))
+        views = list(threads.map(embed_all, shown, distances))
     hero = next((view for view in views if "median" in view["marks"]), None)
     return {
         "views": views,
         "hero": hero,
-        "error_scale": _gradient(cv2.COLORMAP_INFERNO),
+        "error_scale": _build_gradient(cv2.COLORMAP_INFERNO),
         "error_full_percent": 100 * _ERROR_FULL,
-        "depth_scale": _gradient(cv2.COLORMAP_TURBO, reverse=True),
+        "depth_scale": _build_gradient(cv2.COLORMAP_TURBO, reverse=True),
         "depth_near": near,
         "depth_far": far,
     }
 
 
-def _view(row: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """A view's row with its photograph, its render and how far they differ, to embed."""
+def _embed_view(row: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Adds to a view's row its photograph, its render and their difference, embedded."""
     import cv2
 
     truth, render = _read(folder / row["truth"]), _read(folder / row["render"])
@@ -158,14 +204,14 @@ def _view(row: dict[str, Any], folder: Path) -> dict[str, Any]:
         **row,
         "width": width,
         "height": height,
-        "truth": _picture(truth),
-        "render": _picture(render),
-        "error": _picture(_coloured(error / _ERROR_FULL, cv2.COLORMAP_INFERNO)),
+        "truth": _embed(truth),
+        "render": _embed(render),
+        "error": _embed(paint_values(error / _ERROR_FULL, cv2.COLORMAP_INFERNO)),
     }
 
 
-def _chosen_views(rows: list[dict[str, Any]]) -> list[tuple[dict[str, Any], list[str]]]:
-    """At most _MOST_VIEWS rows spread over the ranks of PSNR, by name, with their marks."""
+def _choose_views(rows: list[dict[str, Any]]) -> list[tuple[dict[str, Any], list[str]]]:
+    """Chooses about _MOST_VIEWS rows spread over the ranks of PSNR, with their marks, by name."""
     ranked = sorted((row for row in rows if row["psnr"] is not None), key=lambda row: row["psnr"])
     if not ranked:
         return []
@@ -177,31 +223,22 @@ def _chosen_views(rows: list[dict[str, Any]]) -> list[tuple[dict[str, Any], list
     return sorted(chosen, key=lambda entry: entry[0]["name"])
 
 
-def _log_position(distance: np.ndarray, near: float, far: float) -> np.ndarray:
-    """1 at `near`, 0 at `far`, evenly by the logarithm of the distance between them."""
+def _place_on_log_scale(distance: np.ndarray, near: float, far: float) -> np.ndarray:
+    """Maps distances to 1 at `near` and 0 at `far`, evenly in their logarithm."""
     span = math.log(far / near) or 1.0
     with np.errstate(divide="ignore"):
         return 1.0 - np.clip(np.log(distance / near) / span, 0.0, 1.0)
 
 
-def _coloured(values: np.ndarray, colormap: int, valid: np.ndarray | None = None) -> np.ndarray:
-    """(H, W, 3) RGB of values in [0, 1] by a colour map of OpenCV; black where not valid."""
-    import cv2
-
-    levels = np.rint(np.clip(values, 0.0, 1.0) * 255).astype(np.uint8)
-    colours = cv2.cvtColor(cv2.applyColorMap(levels, colormap), cv2.COLOR_BGR2RGB)
-    return colours if valid is None else colours * valid[..., None].astype(np.uint8)
-
-
-def _gradient(colormap: int, reverse: bool = False) -> str:
-    """The colour map as a CSS gradient from left to right."""
-    colours = _coloured(np.linspace(0, 1, _LEGEND_STOPS)[None], colormap)[0]
+def _build_gradient(colormap: int, reverse: bool = False) -> str:
+    """Builds a CSS gradient of the colour map, from left to right."""
+    colours = paint_values(np.linspace(0, 1, _LEGEND_STOPS)[None], colormap)[0]
     stops = ", ".join(f"rgb({r},{g},{b})" for r, g, b in (colours[::-1] if reverse else colours))
     return f"linear-gradient(90deg, {stops})"
 
 
 def _read(path: Path) -> np.ndarray:
-    """A picture as stored: (H, W, 3) RGB uint8 or (H, W) uint16."""
+    """Reads a picture as stored: (H, W, 3) RGB uint8 or (H, W) uint16."""
     import cv2
 
     try:
@@ -214,39 +251,39 @@ def _read(path: Path) -> np.ndarray:
     return cv2.cvtColor(image, cv2.COLOR_BGR2RGB) if image.ndim == 3 else image
 
 
-def _block_map(path: Path) -> str | None:
-    """The map of a training in blocks as a data address; None: there is none."""
-    return bytes_address(path.read_bytes(), "image/png") if path.is_file() else None
+def _embed_block_map(path: Path) -> str | None:
+    """Returns the map of a training in blocks as a data address; None if there is none."""
+    return embed_bytes(path.read_bytes(), "image/png") if path.is_file() else None
 
 
-def _picture(image: np.ndarray) -> str:
-    return picture_address(image, _MOST_PIXELS_WIDE)
+def _embed(image: np.ndarray) -> str:
+    return embed_picture(image, _MOST_PIXELS_WIDE)
 
 
-def _settings(options: TrainOptions) -> list[dict[str, Any]]:
-    """All options by group, with those that differ from a default run marked."""
-    defaults = TrainOptions().resolved()
+def _list_settings(options: TrainOptions) -> list[dict[str, Any]]:
+    """Lists all options by group and marks those that differ from a default run."""
+    defaults = TrainOptions().resolve()
     groups: dict[str, list[dict[str, Any]]] = {}
     for field in dataclasses.fields(options):
-        info, value = option_info(field), getattr(options, field.name)
+        info, value = get_info(field), getattr(options, field.name)
         groups.setdefault(info.group, []).append(
             {
-                "flag": flag_name(field.name),
-                "value": _value_text(value),
+                "flag": label_option(options, field.name),
+                "value": _format_value(value),
                 "unit": info.unit,
                 "help": info.help,
-                "default": default_text(field),
+                "default": format_default(field),
                 "changed": value != getattr(defaults, field.name),
             }
         )
     return [{"name": name, "options": rows} for name, rows in groups.items()]
 
 
-def _value_text(value: Any) -> str:
+def _format_value(value: Any) -> str:
     if value is None:
         return "–"
     if isinstance(value, bool):
         return "on" if value else "off"
     if isinstance(value, tuple):
-        return ", ".join(_value_text(entry) for entry in value)
+        return ", ".join(_format_value(entry) for entry in value)
     return f"{value:g}" if isinstance(value, float) else str(value)

@@ -1,4 +1,4 @@
-"""The report's plots, as data addresses of SVG."""
+"""Draws the charts of a run's report, as data addresses of SVG."""
 
 from __future__ import annotations
 
@@ -6,27 +6,29 @@ from typing import Any
 
 import numpy as np
 
-from gsut.page import Chart, limits_of
+from gsut.page import Chart, pad_limits
 from gsut.render import Falloff
 from gsut.run import TrainOptions
 
-_FAINT = "#a9c9e8"
+_FAINT = "#a9c9e8"  # of the noisy curve behind the smooth one
 _CHANNELS = ("#c0392b", "#27865a", "#2c6fb5")  # of lines for red, green and blue
-_MOST_POINTS, _SMOOTH_POINTS = 400, 60  # of a curve; more are averaged
-_MOST_DOTS = 40
+_MOST_POINTS = 400  # of a curve, about one a pixel; more are averaged
+_SMOOTH_POINTS = 60  # of a smoothed curve
+_MOST_DOTS = 40  # on a curve; more would hide it
+_BAR_ROOM_DB = 8.0  # below the lowest bar: bars from 0 would hide small differences
 
 
-def curve_plot(
+def plot_curve(
     history: list[dict[str, Any]], key: str, title: str, axis: str, options: TrainOptions
 ) -> str:
-    """A quantity of history.jsonl over steps or seconds.
+    """Plots a quantity of history.jsonl over steps or seconds.
 
     Args:
         history: rows with `step`, `seconds` and some with `key`.
         key: psnr, loss or num_gaussians.
         title: title, with unit.
         axis: "step" or "seconds".
-        options: resolved; tell where the resolution changed.
+        options: resolved; they give the steps at which the resolution changed.
 
     Returns:
         A data address.
@@ -39,36 +41,35 @@ def curve_plot(
     if len(x) > 2 and key == "loss" and (y > 0).all():
         low, high = np.percentile(y, (0.5, 99.5))
         chart = Chart(title, name, across, (low / 1.15, high * 1.15), log=True)
-        chart.line(*_thinned(x, y, _MOST_POINTS), _FAINT, 1.0)
-        chart.line(*_thinned(x, y, _SMOOTH_POINTS))
+        chart.draw_line(*_average_runs(x, y, _MOST_POINTS), _FAINT, 1.0)
+        chart.draw_line(*_average_runs(x, y, _SMOOTH_POINTS))
     else:
-        up = limits_of(y) if len(y) else (0.0, 1.0)
+        up = pad_limits(y) if len(y) else (0.0, 1.0)
         if key == "num_gaussians":
             up = 0.0, up[1]
-        chart = Chart(title, name, across, up, y_text=_with_spaces)
-        chart.line(x, y, dots=len(x) <= _MOST_DOTS)
+        chart = Chart(title, name, across, up, y_text=_format_count)
+        chart.draw_line(x, y, dots=len(x) <= _MOST_DOTS)
     if key == "psnr" and len(x):
-        chart.last_value(x[-1], y[-1], f"{y[-1]:.2f}")
+        chart.label_point(x[-1], y[-1], f"{y[-1]:.2f}")
     _mark_resolutions(chart, history, axis, options)
-    return chart.address()
+    return chart.embed()
 
 
-def ring_plot(rings: list[dict[str, Any]]) -> str:
-    """PSNR by ring of field angle as bars, a data address; rings without pixels are left out."""
+def plot_rings(rings: list[dict[str, Any]]) -> str:
+    """Plots PSNR by ring of field angle as bars; rings without pixels are left out."""
     rings = [ring for ring in rings if ring["psnr"] is not None]
     values = [ring["psnr"] for ring in rings]
-    # Bars from 0 would hide differences of some dB: they start well below the least.
-    up = (max(0.0, min(values) - 8.0), max(values) + 2.0) if values else (0.0, 1.0)
+    up = (max(0.0, min(values) - _BAR_ROOM_DB), max(values) + 2.0) if values else (0.0, 1.0)
     chart = Chart(
         "PSNR by field angle [dB]", "angle to the optical axis",
         (-0.6, max(len(values), 3) - 0.4), up, x_ticks=False,
     )  # fmt: skip
-    chart.bars([ring_text(ring) for ring in rings], values)
-    return chart.address()
+    chart.draw_bars([name_ring(ring) for ring in rings], values)
+    return chart.embed()
 
 
-def light_plots(light: dict[str, Any]) -> list[str]:
-    """What metrics.json says of the photographs' light, as data addresses: gains, and falloffs."""
+def plot_light(light: dict[str, Any]) -> list[str]:
+    """Plots the gains of the photographs and the falloffs of the lenses, from metrics.json."""
     gains = np.array(list(light["gains"].values()))
     falloffs = [falloff for each in light["falloffs"] if (falloff := Falloff.from_dict(each))]
     plots = []
@@ -76,11 +77,11 @@ def light_plots(light: dict[str, Any]) -> list[str]:
         number = np.arange(len(gains), dtype=float)
         chart = Chart(
             "Gain of each photograph", "photographs, by name", (0.0, max(1.0, number[-1])),
-            limits_of(gains),
+            pad_limits(gains),
         )  # fmt: skip
         for values, color in zip(gains.T, _CHANNELS, strict=True):
-            chart.line(number, values, color, 1.4)
-        plots.append(chart.address())
+            chart.draw_line(number, values, color, 1.4)
+        plots.append(chart.embed())
     if falloffs:
         widest = float(np.degrees(max(falloff.max_angle for falloff in falloffs)))
         chart = Chart(
@@ -90,24 +91,24 @@ def light_plots(light: dict[str, Any]) -> list[str]:
         for falloff in falloffs:
             angles = np.linspace(0.0, falloff.max_angle, 60)
             for values, color in zip(falloff.at(angles).T, _CHANNELS, strict=True):
-                chart.line(np.degrees(angles), values, color, 1.4)
-        plots.append(chart.address())
+                chart.draw_line(np.degrees(angles), values, color, 1.4)
+        plots.append(chart.embed())
     return plots
 
 
-def ring_text(ring: dict[str, Any]) -> str:
-    """A ring's range in words: 0–30°, beyond 80°."""
+def name_ring(ring: dict[str, Any]) -> str:
+    """Names a ring by its range: 0–30°, beyond 80°."""
     low, high = ring["from_degrees"], ring["to_degrees"]
     return f"beyond {low:g}°" if high >= 180 else f"{low:g}–{high:g}°"
 
 
-def _with_spaces(value: float) -> str:
-    """20 000, 31.5."""
+def _format_count(value: float) -> str:
+    """Formats 20000 as 20 000, and 31.5 as it is."""
     return f"{value:,.0f}".replace(",", " ") if abs(value) >= 1000 else f"{value:g}"
 
 
-def _thinned(x: np.ndarray, y: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
-    """At most `most` points: means of equal stretches of rows."""
+def _average_runs(x: np.ndarray, y: np.ndarray, most: int) -> tuple[np.ndarray, np.ndarray]:
+    """Averages runs of equal length, so that at most `most` points remain."""
     if len(x) <= most:
         return x, y
     starts = np.linspace(0, len(x), most + 1).astype(int)[:-1]
@@ -118,7 +119,7 @@ def _thinned(x: np.ndarray, y: np.ndarray, most: int) -> tuple[np.ndarray, np.nd
 def _mark_resolutions(
     chart: Chart, history: list[dict[str, Any]], axis: str, options: TrainOptions
 ) -> None:
-    """Thin lines where training went on to 1/2 and to the full resolution."""
+    """Marks where training changed to 1/2 and to the full resolution."""
     steps = np.array([row["step"] for row in history], float)
     x = np.array([row.get(axis, np.nan) for row in history], float)
     fractions = options.coarse_to_fine
@@ -126,4 +127,4 @@ def _mark_resolutions(
         return
     for fraction, text in zip(fractions, ("1/2 size", "full size"), strict=True):
         if 0 < fraction < 1:
-            chart.upright(float(np.interp(fraction * options.steps, steps, x)), text)
+            chart.mark_x(float(np.interp(fraction * options.steps, steps, x)), text)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from gsut.data import STRIP
-from gsut.page import bytes_address, duration_text, html_table, sections_page
+from gsut.page import build_page, build_table, embed_bytes, format_duration
 from gsut.run import RENDERS, REPORT, RunFolder, Verdict
 
 
@@ -32,8 +32,8 @@ def write_scene_page(
         poses: folder with the report of the poses, relative to the run's.
         notes: what the choice of pictures had to say.
     """
-    strip = bytes_address((captured / STRIP).read_bytes(), "image/jpeg")
-    rows = [(stage, duration_text(seconds)) for stage, seconds in figures["seconds"].items()]
+    strip = embed_bytes((captured / STRIP).read_bytes(), "image/jpeg")
+    rows = [(stage, format_duration(seconds)) for stage, seconds in figures["seconds"].items()]
     parts = [
         f"<p><b>{Verdict.from_dict(figures['verdict'])}</b></p>",
         f'<p><a href="{REPORT}">Report of the training</a>: held-out views beside photographs. '
@@ -43,9 +43,9 @@ def write_scene_page(
         "<h2>Pictures</h2>",
         f'<img src="{strip}" alt="the pictures chosen" style="width: 100%">',
         "<h2>Time taken</h2>",
-        html_table(rows),
+        build_table(rows),
     ]
-    folder.write_text(name, sections_page(folder.path.name, notes, parts))
+    folder.write_text(name, build_page(folder.path.name, notes, parts))
 
 
 def _list_result_parts(

@@ -7,7 +7,8 @@ import shlex
 from collections.abc import Sequence
 from typing import Any
 
-from gsut.run import PRESETS, TrainOptions, Verdict
+from gsut.run import TrainOptions, Verdict
+from gsut.run.options import PRESETS
 
 _GOOD_DB, _POOR_DB = 27.0, 22.0
 # What renders look like beside photographs, from so many dB of PSNR on.
@@ -99,7 +100,7 @@ class _Again:
         return self._with(["--steps", str(2 * steps)], "steps")
 
     def _with(self, words: Sequence[str], *but: str) -> str:
-        kept = [*self.division, *self.options.words(*but)]
+        kept = [*self.division, *self.options.list_words(*but)]
         return shlex.join(["gsut", "train", self.data, "-o", self.out, *kept, *words])
 
 

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import InputError
-from gsut.files import regular
+from gsut.files import check_regular
 from gsut.formats._errors import largest_errors
 from gsut.formats._format import (
     Format,
@@ -118,7 +118,7 @@ def read_scene_file(path: str | os.PathLike[str]) -> SceneFile:
     path = Path(path)
     candidates = _named(path, "read")
     try:
-        with open(regular(path), "rb") as file:
+        with open(check_regular(path), "rb") as file:
             head = file.read(_SNIFFED_BYTES)
     except OSError as error:
         raise InputError(f"{path}: cannot be opened: {error.strerror}") from None

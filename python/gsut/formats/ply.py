@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from gsut import _core
-from gsut.files import regular, whole_file
+from gsut.files import check_regular, whole_file
 from gsut.formats._format import (
     ELSEWHERE,
     Format,
@@ -101,7 +101,7 @@ def open_ply(
 
 def _plain_rows(path: Path) -> tuple[Callable[[int, int], Gaussians], int, int] | None:
     """What reads rows of a file of float32 alone, their number and degree; None: another file."""
-    with open(regular(path), "rb") as file:
+    with open(check_regular(path), "rb") as file:
         head = file.read(_HEADER_BYTES)
     text, end, _ = head.partition(_PLAIN_END)
     words = [line.split() for line in text.decode("utf-8", "replace").splitlines()]
@@ -141,7 +141,7 @@ def _plain_rows(path: Path) -> tuple[Callable[[int, int], Gaussians], int, int] 
 def _check_size(path: str | os.PathLike[str]) -> None:
     """Raises InputError if the memory that is free cannot hold the file's numbers."""
     try:
-        with open(regular(path), "rb") as file:
+        with open(check_regular(path), "rb") as file:
             is_text = b"\nformat ascii" in file.read(_HEADER_BYTES)
     except OSError:
         return  # told by the reader

@@ -36,14 +36,14 @@ class CalibrationWeights:
     def __init__(self, path: str | os.PathLike[str], cameras: Sequence[Camera]) -> None:
         if len(cameras) != 1:
             raise InputError(
-                f"--calibration-weights takes the file of one lens, the data has {len(cameras)} "
-                "lenses; train without it"
+                f"--set calibration_weights takes the file of one lens, the data has "
+                f"{len(cameras)} lenses; train without it"
             )
         try:
             self._uncertainty = load_uncertainty(path)
             self._uncertainty.resample(cameras[0].width, cameras[0].height)
         except InputError as error:
-            raise type(error)(f"--calibration-weights: {error}") from error
+            raise type(error)(f"--set calibration_weights: {error}") from error
         self._of_size: dict[tuple[int, int], np.ndarray] = {}
 
     def resample(self, width: int, height: int) -> np.ndarray:

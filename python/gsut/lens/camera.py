@@ -194,7 +194,7 @@ class Camera(_core.Camera):
         """
         return super().rays()
 
-    def resized(self, width: int, height: int) -> Camera:
+    def resize(self, width: int, height: int) -> Camera:
         """Returns the lens of the image resized to this size, scaled about the pixel corner (0, 0).
 
         Args:
@@ -209,7 +209,7 @@ class Camera(_core.Camera):
         region = self.valid_region
         if region is not None:
             region = region * (width / self.width, height / self.height)
-        resized = super().resized(*_convert_size(width, height))
+        resized = super().resize(*_convert_size(width, height))
         return self._with(resized, valid_region=region)
 
     def with_params(self, params: Sequence[float] | np.ndarray) -> Camera:

@@ -21,7 +21,7 @@ def compute_learning_rates(options: TrainOptions, fraction: float, extent: float
     """Computes the rates at a fraction of the steps; all but the centres' fall alike.
 
     Args:
-        options: of the run, from `TrainOptions(...).resolved()`.
+        options: of the run, from `TrainOptions(...).resolve()`.
         fraction: of the steps, from 0 to 1.
         extent: size of the scene in world units, see `Scene.extent`; scales the centres' rate.
 

@@ -1,4 +1,4 @@
-"""Charts of lines or bars as SVG, written as text: matplotlib takes a second to begin with."""
+"""Draws charts of lines or bars as SVG text, which saves the second that matplotlib loads for."""
 
 from __future__ import annotations
 
@@ -8,14 +8,18 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from gsut.page.page import bytes_address
+from gsut.page.page import embed_bytes
 from gsut.page.plots import GRID, INK, LINE, MUTED
 
-_WIDTH, _HEIGHT = 520, 300
-_LEFT, _RIGHT, _TOP, _BOTTOM = 58, 510, 34, 252  # of the area that is drawn in
-_TICKS = 8  # about so many on an axis
+_WIDTH = 520  # of the chart, in its pixels
+_HEIGHT = 300  # of the chart
+_LEFT = 58  # edge of the axes' area; leaves room for the values of y
+_RIGHT = 510  # edge of the area
+_TOP = 34  # edge of the area, below the title
+_BOTTOM = 252  # edge of the area, above the values of x
+_TICKS = 8  # the most on an axis; more would crowd it
 _FONT = "Helvetica, Arial, 'DejaVu Sans', sans-serif"
-_MARGIN = 0.04  # of the range, above and below values where no limits are given
+_MARGIN = 0.04  # of the values' range, added above and below it
 
 
 class Chart:
@@ -23,11 +27,11 @@ class Chart:
 
     Args:
         title: with the unit.
-        x_label: below.
-        x_limits, y_limits: what is shown; ends that differ.
+        x_label: below the axis.
+        x_limits, y_limits: ends of the axes; they must differ.
         log: the y axis is logarithmic.
-        y_text: of a value beside its tick.
-        x_ticks: False where `bars` names what is below them.
+        y_text: formats the value of a tick.
+        x_ticks: False if `draw_bars` writes labels instead.
     """
 
     def __init__(
@@ -43,33 +47,35 @@ class Chart:
     ) -> None:
         self._log, self._x_limits, self._y_limits = log, x_limits, y_limits
         self._parts: list[str] = []
-        for value in (_log_ticks if log else _ticks)(*y_limits):
-            y = float(self._y(np.array(value)))
+        for value in (_list_log_ticks if log else _list_ticks)(*y_limits):
+            y = float(self._place_y(np.array(value)))
             self._parts.append(f'<path d="M{_LEFT} {y:.1f}H{_RIGHT}" stroke="{GRID}"/>')
-            self.text(_LEFT - 6, y + 4, y_text(value), MUTED, 12, "end")
+            self.write(_LEFT - 6, y + 4, y_text(value), MUTED, 12, "end")
         self._parts.append(f'<path d="M{_LEFT} {_BOTTOM}H{_RIGHT}" stroke="{GRID}"/>')
-        for value in _ticks(*x_limits) if x_ticks else ():
-            self.text(float(self._x(np.array(value))), _BOTTOM + 17, f"{value:g}", MUTED, 12)
-        self.text((_LEFT + _RIGHT) / 2, _HEIGHT - 10, x_label, MUTED, 13)
-        self.text(_LEFT, 20, title, INK, 15, "start", bold=True)
+        for value in _list_ticks(*x_limits) if x_ticks else ():
+            self.write(float(self._place_x(np.array(value))), _BOTTOM + 17, f"{value:g}", MUTED, 12)
+        self.write((_LEFT + _RIGHT) / 2, _HEIGHT - 10, x_label, MUTED, 13)
+        self.write(_LEFT, 20, title, INK, 15, "start", bold=True)
 
-    def text(
+    def write(
         self, x: float, y: float, words: str, color: str, size: float, anchor: str = "middle",
         bold: bool = False,
     ) -> None:  # fmt: skip
-        """Words at a place of the picture, in its pixels."""
+        """Writes words at a place of the chart, in its pixels."""
         weight = ' font-weight="bold"' if bold else ""
         self._parts.append(
             f'<text x="{x:.1f}" y="{y:.1f}" fill="{color}" font-size="{size:g}" '
             f'text-anchor="{anchor}"{weight}>{html.escape(words)}</text>'
         )
 
-    def line(
+    def draw_line(
         self, x: np.ndarray, y: np.ndarray, color: str = LINE, width: float = 2.3,
         dots: bool = False,
     ) -> None:  # fmt: skip
-        """A line through points, with a dot at each if asked for."""
-        places = [f"{a:.1f} {b:.1f}" for a, b in zip(self._x(x), self._y(y), strict=True)]
+        """Draws a line through points; `dots` marks each of them."""
+        places = [
+            f"{a:.1f} {b:.1f}" for a, b in zip(self._place_x(x), self._place_y(y), strict=True)
+        ]
         if len(places) > 1:
             self._parts.append(
                 f'<path d="M{"L".join(places)}" fill="none" stroke="{color}" '
@@ -79,57 +85,57 @@ class Chart:
             across, down = place.split()
             self._parts.append(f'<circle cx="{across}" cy="{down}" r="3" fill="{color}"/>')
 
-    def last_value(self, x: float, y: float, words: str) -> None:
-        """Words below a point of a line, to its left."""
-        across, down = float(self._x(np.array(x))), float(self._y(np.array(y)))
-        self.text(across - 2, down + 19, words, INK, 12.5, "end", bold=True)
+    def label_point(self, x: float, y: float, words: str) -> None:
+        """Writes words below a point of a line, to its left."""
+        across, down = float(self._place_x(np.array(x))), float(self._place_y(np.array(y)))
+        self.write(across - 2, down + 19, words, INK, 12.5, "end", bold=True)
 
-    def upright(self, x: float, words: str) -> None:
-        """A thin line at x, behind all else, with words beside its top."""
-        across = float(self._x(np.array(x)))
+    def mark_x(self, x: float, words: str) -> None:
+        """Draws a thin vertical line at x behind everything else, with words beside its top."""
+        across = float(self._place_x(np.array(x)))
         self._parts.insert(0, f'<path d="M{across:.1f} {_TOP}V{_BOTTOM}" stroke="{GRID}"/>')
-        self.text(across + 4, _TOP + 9, words, MUTED, 10, "start")
+        self.write(across + 4, _TOP + 9, words, MUTED, 10, "start")
 
-    def bars(self, labels: Sequence[str], values: Sequence[float]) -> None:
-        """Bars from the bottom at x = 0, 1, 2 ...; above each its value, below it its label."""
+    def draw_bars(self, labels: Sequence[str], values: Sequence[float]) -> None:
+        """Draws bars at x = 0, 1, 2 ... with the value above and the label below each."""
         for place, (label, value) in enumerate(zip(labels, values, strict=True)):
-            left, middle, right = self._x(place + np.array([-0.31, 0.0, 0.31]))
-            top = float(self._y(np.array(value)))
+            left, middle, right = self._place_x(place + np.array([-0.31, 0.0, 0.31]))
+            top = float(self._place_y(np.array(value)))
             self._parts.append(
                 f'<path d="M{left:.1f} {_BOTTOM}V{top:.1f}H{right:.1f}V{_BOTTOM}Z" fill="{LINE}"/>'
             )
-            self.text(middle, top - 6, f"{value:.2f}", INK, 12.5, bold=True)
-            self.text(middle, _BOTTOM + 17, label, MUTED, 12)
+            self.write(middle, top - 6, f"{value:.2f}", INK, 12.5, bold=True)
+            self.write(middle, _BOTTOM + 17, label, MUTED, 12)
 
-    def address(self) -> str:
-        """As a data address."""
+    def embed(self) -> str:
+        """Returns the chart as the data address of an SVG."""
         text = (
             f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {_WIDTH} {_HEIGHT}" '
             f'width="{_WIDTH}" height="{_HEIGHT}" font-family="{_FONT}">'
             f"{''.join(self._parts)}</svg>"
         )
-        return bytes_address(text.encode(), "image/svg+xml")
+        return embed_bytes(text.encode(), "image/svg+xml")
 
-    def _x(self, values: np.ndarray) -> np.ndarray:
+    def _place_x(self, values: np.ndarray) -> np.ndarray:
         low, high = self._x_limits
         return _LEFT + (values - low) / (high - low) * (_RIGHT - _LEFT)
 
-    def _y(self, values: np.ndarray) -> np.ndarray:
+    def _place_y(self, values: np.ndarray) -> np.ndarray:
         low, high = self._y_limits
         if self._log:
             low, high, values = math.log(low), math.log(high), np.log(values)
         return np.clip(_BOTTOM - (values - low) / (high - low) * (_BOTTOM - _TOP), 0, _HEIGHT)
 
 
-def limits_of(values: np.ndarray) -> tuple[float, float]:
-    """Ends of an axis that shows all values; around one that is alone."""
+def pad_limits(values: np.ndarray) -> tuple[float, float]:
+    """Returns the ends of an axis that shows all values; a single value is centred."""
     low, high = float(np.min(values)), float(np.max(values))
     room = _MARGIN * (high - low) or 0.5 * abs(high) or 1.0
     return low - room, high + room
 
 
-def _ticks(low: float, high: float) -> list[float]:
-    """Multiples of 1, 2 or 5 times a power of ten within an axis."""
+def _list_ticks(low: float, high: float) -> list[float]:
+    """Lists the multiples of 1, 2 or 5 times a power of ten within an axis."""
     least = (high - low) / _TICKS
     power = 10.0 ** math.floor(math.log10(least))
     step = next(factor * power for factor in (1, 2, 5, 10) if factor * power >= least)
@@ -137,8 +143,8 @@ def _ticks(low: float, high: float) -> list[float]:
     return [float(f"{number * step:.12g}") for number in range(first, last + 1)]
 
 
-def _log_ticks(low: float, high: float) -> list[float]:
-    """1, 2 and 5 times powers of ten within an axis."""
+def _list_log_ticks(low: float, high: float) -> list[float]:
+    """Lists 1, 2 and 5 times powers of ten within an axis."""
     powers = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
     ticks = [float(f"{factor}e{power}") for power in powers for factor in (1, 2, 5)]
     return [tick for tick in ticks if low <= tick <= high]

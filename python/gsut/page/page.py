@@ -1,4 +1,4 @@
-"""A self-contained HTML page: one template, numbers, tables and embedded pictures."""
+"""Builds self-contained HTML pages: one frame, numbers, tables and embedded pictures."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-_JPEG_QUALITY = 88
+_JPEG_QUALITY = 88  # of embedded pictures: artefacts stay below what renders lack
 _SECTIONS = """{% extends "page.html.j2" %}{% block content %}<h1>{{ title }}</h1>
 {%- for note in notes %}<p class="note">{{ note }}</p>{% endfor %}
 {%- for part in parts %}
@@ -19,45 +19,84 @@ _SECTIONS = """{% extends "page.html.j2" %}{% block content %}<h1>{{ title }}</h
 {%- endfor %}{% endblock %}"""
 
 
-def render_page(source: str, **values: Any) -> str:
-    """The page of a Jinja template that extends "page.html.j2" (its blocks: style, content, after).
+def render_template(source: str, **values: Any) -> str:
+    """Renders a Jinja template that extends "page.html.j2" (its blocks: content, after).
 
-    Text is escaped; the filters `number` and `duration` are `number_text` and `duration_text`.
+    Text is escaped. The filters `number` and `duration` are `format_number` and `format_duration`,
+    the function `table` is `build_table`, whose HTML is `safe`; "viewer.html.j2" holds macros to
+    compare and enlarge pictures.
     """
     import jinja2
 
-    base = importlib.resources.files("gsut.page").joinpath("page.html.j2").read_text("utf-8")
+    files = importlib.resources.files("gsut.page")
+    names = ("page.html.j2", "viewer.html.j2")
     environment = jinja2.Environment(
         autoescape=True,
         undefined=jinja2.StrictUndefined,
-        loader=jinja2.DictLoader({"page.html.j2": base}),
+        loader=jinja2.DictLoader({name: files.joinpath(name).read_text("utf-8") for name in names}),
     )
-    environment.filters.update(number=number_text, duration=duration_text)
+    environment.filters.update(number=format_number, duration=format_duration)
+    environment.globals.update(table=build_table)
     return environment.from_string(source).render(**values)
 
 
-def sections_page(title: str, notes: Sequence[str], parts: Sequence[str]) -> str:
-    """A page of a title, notes, and parts that are HTML: headings, tables, plots."""
-    return render_page(_SECTIONS, title=title, notes=notes, parts=parts)
+def build_page(title: str, notes: Sequence[str], parts: Sequence[str]) -> str:
+    """Builds a page from a title, notes, and parts that are HTML: headings, tables, plots."""
+    return render_template(_SECTIONS, title=title, notes=notes, parts=parts)
 
 
-def html_table(rows: Iterable[Sequence[object]], heading: Sequence[str] = ()) -> str:
-    """A table of figures; the first column is text."""
-    lines = ["".join(f"<td>{html.escape(str(cell))}" for cell in row) for row in rows]
+def build_table(
+    rows: Iterable[Sequence[object]],
+    heading: Sequence[str] = (),
+    texts: Sequence[int] = (0,),
+    bold: int | None = None,
+) -> str:
+    """Builds a table of figures that scrolls sideways on narrow screens.
+
+    Args:
+        rows: cells; their text is escaped. heading: of the columns; empty: none.
+        texts: columns that are text and therefore aligned to the left; the others are numbers.
+        bold: index of a row to emphasize.
+    """
+
+    def build_row(cells: Sequence[object], tag: str) -> str:
+        kinds = [' class="t"' if column in texts else "" for column in range(len(cells))]
+        return "".join(
+            f"<{tag}{kind}>{html.escape(str(cell))}</{tag}>"
+            for cell, kind in zip(cells, kinds, strict=True)
+        )
+
+    lines = [build_row(row, "th" if index == bold else "td") for index, row in enumerate(rows)]
     if heading:
-        lines.insert(0, "".join(f"<th>{html.escape(cell)}" for cell in heading))
-    return '<table class="numbers">' + "".join(f"<tr>{line}</tr>" for line in lines) + "</table>"
+        lines.insert(0, build_row(heading, "th"))
+    body = "".join(f"<tr>{line}</tr>" for line in lines)
+    return f'<div class="scroll"><table class="numbers">{body}</table></div>'
 
 
-def number_text(value: float | None, digits: int = 2) -> str:
-    """A number with `digits` decimals and thousands apart by thin spaces; a dash for none."""
+def build_list(items: Iterable[str]) -> str:
+    """Builds a bullet list of sentences."""
+    return f"<ul>{''.join(f'<li>{html.escape(item)}</li>' for item in items)}</ul>"
+
+
+def build_thumbnails(pictures: Iterable[tuple[str, str]], width: int) -> str:
+    """Builds a row of small pictures, each an address and a caption, `width` pixels wide."""
+    figures = "".join(
+        f'<figure style="width: {width}px"><img src="{address}" alt="{html.escape(caption)}">'
+        f"<figcaption>{html.escape(caption)}</figcaption></figure>"
+        for address, caption in pictures
+    )
+    return f'<div class="pictures">{figures}</div>'
+
+
+def format_number(value: float | None, digits: int = 2) -> str:
+    """Formats a number with `digits` decimals and thin spaces for thousands; None is a dash."""
     if value is None or not math.isfinite(value):
         return "–"
     return f"{value:,.{digits}f}".replace(",", "\u2009")
 
 
-def duration_text(seconds: float | None) -> str:
-    """Seconds as 12.3 s, 4 min 05 s or 1 h 02 min; a dash for None."""
+def format_duration(seconds: float | None) -> str:
+    """Formats seconds as 12.3 s, 4 min 05 s or 1 h 02 min; None is a dash."""
     if seconds is None:
         return "–"
     if seconds < 60:
@@ -68,13 +107,16 @@ def duration_text(seconds: float | None) -> str:
     return f"{minutes // 60} h {minutes % 60:02d} min"
 
 
-def bytes_address(data: bytes, kind: str) -> str:
-    """A data address of a file of the kind "image/..."."""
+def embed_bytes(data: bytes, kind: str) -> str:
+    """Returns the data address of a file of the media type `kind`, such as "image/png"."""
     return f"data:{kind};base64,{base64.b64encode(data).decode()}"
 
 
-def picture_address(image: np.ndarray, most_wide: int) -> str:
-    """An RGB or grey uint8 picture as the data address of a JPEG, at most so many pixels wide."""
+def embed_picture(image: np.ndarray, most_wide: int) -> str:
+    """Returns an RGB or grey uint8 picture as the data address of a JPEG.
+
+    Pictures wider than `most_wide` pixels are shrunk to that.
+    """
     import cv2
 
     height, width = image.shape[:2]
@@ -85,4 +127,23 @@ def picture_address(image: np.ndarray, most_wide: int) -> str:
         size = (most_wide, max(1, round(height * most_wide / width)))
         pixels = cv2.resize(pixels, size, interpolation=cv2.INTER_AREA)
     _, data = cv2.imencode(".jpg", pixels, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
-    return bytes_address(data.tobytes(), "image/jpeg")
+    return embed_bytes(data.tobytes(), "image/jpeg")
+
+
+def paint_values(
+    values: np.ndarray, colormap: int, valid: np.ndarray | None = None, background: int = 0
+) -> np.ndarray:
+    """Paints values in [0, 1] by a colour map of OpenCV.
+
+    Args:
+        values: (H, W). colormap: such as cv2.COLORMAP_TURBO.
+        valid: (H, W) bool; None: all. background: grey level of invalid pixels.
+
+    Returns:
+        (H, W, 3) RGB uint8.
+    """
+    import cv2
+
+    levels = np.rint(np.clip(values, 0.0, 1.0) * 255).astype(np.uint8)
+    colors = cv2.cvtColor(cv2.applyColorMap(levels, colormap), cv2.COLOR_BGR2RGB)
+    return colors if valid is None else np.where(valid[..., None], colors, np.uint8(background))

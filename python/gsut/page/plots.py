@@ -1,21 +1,27 @@
-"""Plots in the style of the page, as SVG or PNG."""
+"""Draws plots in the style of the page, as SVG or PNG."""
 
 from __future__ import annotations
 
 import io
 from typing import Any
 
-from gsut.page.page import bytes_address
+import numpy as np
 
-# Colours of the page (see page.html.j2); plots stand on white in its dark mode, too.
-INK, MUTED, GRID, LINE = "#1d2733", "#6b7785", "#e3e8ee", "#1668b8"
-SERIES = (LINE, "#c8442f", "#2a8f5a", "#8a4fb0", "#b07a12", "#3a8fa0")  # in turn
-_PNG_DPI = 110
+from gsut.page.page import embed_bytes
+
+# Colours of the page (see page.html.j2); plots have a white background in its dark mode, too.
+INK = "#1d2733"  # of titles and values
+MUTED = "#6b7785"  # of labels
+GRID = "#e3e8ee"  # of grid and frame
+LINE = "#1668b8"  # of the first line
+SERIES = (LINE, "#c8442f", "#2a8f5a", "#8a4fb0", "#b07a12", "#3a8fa0")  # of several lines
 TITLE: dict[str, Any] = {"loc": "left", "color": INK, "fontsize": 11, "fontweight": "bold"}
+_PNG_DPI = 110  # sharp at the width that pages give a plot
+_ARROW_SHARE = 0.05  # of the image's width: length of the arrow of a 99-percentile residual
 
 
-def plot_figure(title: str, width: float, height: float, columns: int = 1) -> tuple[Any, Any]:
-    """A figure of so many inches, and its axes (a list if there are several columns).
+def make_figure(title: str, width: float, height: float, columns: int = 1) -> tuple[Any, Any]:
+    """Makes a figure in the style of the page, and its axes (a list if there are several columns).
 
     Args:
         title: above the first axes; may be empty.
@@ -37,8 +43,65 @@ def plot_figure(title: str, width: float, height: float, columns: int = 1) -> tu
     return figure, every if columns > 1 else every[0]
 
 
-def svg_text(figure: Any) -> str:
-    """The figure as an SVG element; the same text for the same figure."""
+def make_image_figure(title: str, size: tuple[int, int]) -> tuple[Any, Any]:
+    """Makes a figure whose axes are an image of `size` (width, height) pixels, y downwards."""
+    figure, axes = make_figure(title, 6.0, 6.0 * size[1] / size[0] + 0.5)
+    axes.set(xlim=(0, size[0]), ylim=(size[1], 0), aspect="equal")
+    axes.grid(False)
+    return figure, axes
+
+
+def plot_residuals(
+    title: str, size: tuple[int, int], pixels: np.ndarray, residuals: np.ndarray
+) -> tuple[Any, Any]:
+    """Plots residuals (N, 2) as arrows at their pixels (N, 2), enlarged alike.
+
+    The factor is added to the title. Arrows are rasterized within an SVG.
+    """
+    length = float(np.percentile(np.linalg.norm(residuals, axis=1), 99))
+    factor = _ARROW_SHARE * size[0] / max(length, 1e-12)
+    figure, axes = make_image_figure(f"{title}, enlarged {factor:.0f} times", size)
+    axes.quiver(
+        *pixels.T, *(residuals * factor).T, angles="xy", scale_units="xy", scale=1, width=0.0016,
+        color=LINE, rasterized=True,
+    )  # fmt: skip
+    return figure, axes
+
+
+def plot_map(
+    title: str,
+    size: tuple[int, int],
+    values: np.ndarray,
+    colors: str,
+    label: str = "",
+    logarithmic: tuple[float, float] | None = None,
+) -> tuple[Any, Any]:
+    """Plots values (rows, columns) over an image, with a colour bar; NaN stays white.
+
+    Args:
+        title: of the plot. size: (width, height) pixels of the image. values: on an even grid.
+        colors: name of a colour map. label: of the colour bar.
+        logarithmic: ends of a logarithmic scale; None: linear, up to the 99th percentile.
+    """
+    from matplotlib.colors import LogNorm, Normalize
+
+    figure, axes = make_image_figure(title, size)
+    if np.isfinite(values).any():
+        if logarithmic is not None:
+            norm, values = LogNorm(*logarithmic), np.clip(values, *logarithmic)
+        else:
+            low, high = np.nanpercentile(values, (0, 99))
+            norm = Normalize(low, max(high, low + 1e-12))
+        shown = axes.imshow(
+            np.ma.masked_invalid(values), cmap=colors, norm=norm,
+            extent=(0, size[0], size[1], 0), interpolation="nearest",
+        )  # fmt: skip
+        figure.colorbar(shown, ax=axes, shrink=0.75, label=label)
+    return figure, axes
+
+
+def render_svg(figure: Any) -> str:
+    """Renders a figure as an SVG element; equal figures give equal text."""
     import matplotlib
 
     buffer = io.StringIO()
@@ -48,8 +111,8 @@ def svg_text(figure: Any) -> str:
     return text[text.index("<svg") :]
 
 
-def png_address(figure: Any) -> str:
-    """A PNG as a data address, for plots of many points."""
+def embed_figure(figure: Any) -> str:
+    """Returns a figure as the data address of a PNG, for plots of many points."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=_PNG_DPI)
-    return bytes_address(buffer.getvalue(), "image/png")
+    return embed_bytes(buffer.getvalue(), "image/png")

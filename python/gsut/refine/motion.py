@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from gsut._core import exp_pose
-from gsut.data.poses import centers_of
+from gsut.data.poses import find_centers
 
 # Spread of camera centres relative to their size: below it they determine no scale.
 _SMALLEST_SPREAD = 1e-12
@@ -30,7 +30,7 @@ def measure_pose_changes(after: np.ndarray, before: np.ndarray) -> PoseChanges:
     """Measures angles and distances between two sets of poses (N, 4, 4), camera_from_world."""
     turns = np.linalg.norm(_compute_turns(after, before), axis=1)
     return PoseChanges(
-        np.degrees(turns), np.linalg.norm(centers_of(after) - centers_of(before), axis=1)
+        np.degrees(turns), np.linalg.norm(find_centers(after) - find_centers(before), axis=1)
     )
 
 
@@ -44,7 +44,7 @@ def remove_mean_motion(after: np.ndarray, before: np.ndarray) -> np.ndarray:
         after, before: (N, 4, 4) camera_from_world.
     """
     turn = _rotation_from_vector(_compute_turns(after, before).mean(axis=0))
-    start, end = centers_of(before), centers_of(after)
+    start, end = find_centers(before), find_centers(after)
     spread = start - start.mean(axis=0)
     turned = (end - end.mean(axis=0)) @ turn  # by the inverse of the mean turn
     size = float(np.sum(spread**2))
@@ -64,8 +64,8 @@ def turn_onto(after: np.ndarray, before: np.ndarray) -> np.ndarray:
     Args:
         after, before: (N, 4, 4) camera_from_world.
     """
-    turns, start = _compute_turns(after, before), centers_of(before)
-    spread = centers_of(after) - centers_of(after).mean(axis=0)
+    turns, start = _compute_turns(after, before), find_centers(before)
+    spread = find_centers(after) - find_centers(after).mean(axis=0)
     missing = start - start.mean(axis=0) - spread
     of_turns = float(np.median(np.sum((turns - turns.mean(axis=0)) ** 2, axis=1)))
     of_centers = float(np.median(np.sum(missing**2, axis=1)))
@@ -83,7 +83,7 @@ def extrapolate(after: np.ndarray, before: np.ndarray, factor: float | np.ndarra
     """Returns poses that are `factor` (one, or (N,)) times as far from `before` as `after` is."""
     factors = np.reshape(factor, (-1, 1))
     turns = factors * _compute_turns(after, before)
-    centers = centers_of(before) + factors * (centers_of(after) - centers_of(before))
+    centers = find_centers(before) + factors * (find_centers(after) - find_centers(before))
     rotations = [
         old[:3, :3] @ _rotation_from_vector(w).T for old, w in zip(before, turns, strict=True)
     ]

@@ -107,4 +107,4 @@ def _choose_lens(
         )
     trained = max(c.width for c in scene.cameras)
     width = min(width, trained)
-    return camera.resized(width, round(camera.height * width / camera.width))
+    return camera.resize(width, round(camera.height * width / camera.width))

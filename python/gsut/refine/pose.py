@@ -116,7 +116,7 @@ def refine_pose(
         size = [max(1, round(side / 2**level)) for side in (camera.width, camera.height)]
         if level > 0 and min(size) < _SMALLEST_SIDE:
             continue
-        lens = camera if level == 0 else camera.resized(*size)
+        lens = camera if level == 0 else camera.resize(*size)
         seen = shrink_mask(valid, *size) & lens.rays()[1]
         chosen = choose_pixels(seen, max_pixels)
         if len(chosen) == 0:

@@ -8,7 +8,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data import Frame, Scene, write_transforms
-from gsut.data.poses import inverse
+from gsut.data.poses import invert_pose
 from gsut.lens.files import camera_from_values, values_from_camera
 from gsut.run import REFINED, TRANSFORMS, RunFolder
 
@@ -30,7 +30,7 @@ def write_refined(run: RunFolder, scene: Scene) -> None:
                 "name": view.name,
                 "lens": view.camera_index,
                 "split": "test" if index in scene.test_indices else "train",
-                "camera_from_world": scene.in_dataset(view.camera_from_world).tolist(),
+                "camera_from_world": scene.to_dataset(view.camera_from_world).tolist(),
             }
             for index, view in enumerate(scene.views)
         ],
@@ -40,7 +40,7 @@ def write_refined(run: RunFolder, scene: Scene) -> None:
     frames = [
         Frame(
             view.name, view.image_path, cameras[view.camera_index],
-            inverse(scene.in_dataset(view.camera_from_world)), mask_path=view.mask_path,
+            invert_pose(scene.to_dataset(view.camera_from_world)), mask_path=view.mask_path,
         )
         for view in scene.views
     ]  # fmt: skip

@@ -207,7 +207,7 @@ class TrainingRefiner:
         """Moves the lens from its start towards the mean of those that both halves found."""
         (file,) = self.views.scene.file_cameras
         found = [
-            level.scene.cameras[0].with_params(each).resized(file.width, file.height)
+            level.scene.cameras[0].with_params(each).resize(file.width, file.height)
             for each in params
         ]
         weight, error = weigh_lens(found[0], found[1], file.with_params(self._start["lens"]))
@@ -220,7 +220,7 @@ class TrainingRefiner:
         self, level: Level, index: int, step: int, half: int
     ) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
         """Samples pixels of a view's half, new ones each sweep: lens, pose, pixels and colours."""
-        camera = level.camera(index)
+        camera = level.scene.camera(index)
         seen = level.scene.mask(index) & camera.rays()[1]
         seen &= select_half(camera.height, camera.width, half)
         if self.options.refine_lens:

@@ -9,7 +9,7 @@ import numpy as np
 from gsut import _core
 from gsut._core import InputError
 from gsut.gaussians import LEAST_ALPHA, Gaussians, StoredGaussians
-from gsut.run import size_text
+from gsut.run import format_size
 
 _TILE = 16  # pixels a side
 # Gaussians that are widened to the image's pixels reach out of the balls that hold them, by less
@@ -114,8 +114,9 @@ class StoredImage:
             return
         if size > limit:
             raise InputError(
-                f"{size_text(limit)} of memory do not hold what 16 x 16 pixels may see of the "
-                f"scene, {size_text(size)}; give more --memory, or compact the scene (gsut compact)"
+                f"{format_size(limit)} of memory do not hold what 16 x 16 pixels may see of the "
+                f"scene, {format_size(size)}; give more --memory, or compact the scene "
+                "(gsut compact)"
             )
         whole = rows * _TILE >= self._shape[0] and columns * _TILE >= self._shape[1]
         tiles = None

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.files import regular
+from gsut.files import check_regular
 
 _LAYOUT = "layout"
 _ARRAY = "__array__"  # key of the dict that stands for an array in the layout
@@ -69,7 +69,7 @@ def read_checkpoint(
     """
     try:
         # Opened here: np.load leaves a damaged file open.
-        with open(regular(path), "rb") as file, np.load(file, allow_pickle=False) as members:
+        with open(check_regular(path), "rb") as file, np.load(file, allow_pickle=False) as members:
             layout = json.loads(members[_LAYOUT].tobytes().decode())
             some = layout if names is None else {k: v for k, v in layout.items() if k in names}
             return _put_arrays(some, members)

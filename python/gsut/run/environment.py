@@ -51,7 +51,7 @@ def command_line() -> str:
     return shlex.join(["gsut" if program == "__main__.py" else program, *sys.argv[1:]])
 
 
-def peak_rss_mb() -> float | None:
+def measure_peak_rss() -> float | None:
     """Largest resident memory of this process so far, in MiB; None where it is not told."""
     with contextlib.suppress(OSError, StopIteration):
         # Of Linux: what getrusage tells begins with that of the process that started this one.

@@ -13,10 +13,10 @@ from typing import Any
 
 from gsut._core import InputError
 from gsut.files import (
-    json_text,
-    plain,
+    check_regular,
+    format_json,
     reading,
-    regular,
+    to_plain,
     whole_file,
     whole_folder,
     write_file,
@@ -97,7 +97,7 @@ class RunFolder:
                 folder cannot be made, written or claimed (see `gsut.output_folder.claim_folder`).
         """
         run = cls.claim(path, command, (environment or {}).get("dataset"))
-        if run.holds_run():
+        if run.has_run():
             if resume:
                 _check_same_way(run, blocks is not None)
                 _check_same_options(run, options)
@@ -111,7 +111,7 @@ class RunFolder:
             with whole_folder(run.path / BLOCKS) as folder:
                 for name, content in blocks.items():
                     write_json(folder / name, content | (given if name == plan else {}))
-        run.write_text(OPTIONS, options.resolved().to_json() + "\n")
+        run.write_text(OPTIONS, options.resolve().to_json() + "\n")
         if environment is not None and not (resume and (run.path / ENVIRONMENT).is_file()):
             run.write_json(ENVIRONMENT, environment)
         return run
@@ -138,7 +138,7 @@ class RunFolder:
         run = cls(path)
         if not run.path.is_dir():
             if os.path.lexists(run.path):
-                regular(run.path)  # a pipe, a link to nowhere: said so
+                check_regular(run.path)  # a pipe, a link to nowhere: said so
             raise InputError(f"{run.path}: no such folder; give the folder of a run")
         if not (run.path / OPTIONS).is_file():
             raise InputError(
@@ -146,7 +146,7 @@ class RunFolder:
             )
         return run
 
-    def holds_run(self) -> bool:
+    def has_run(self) -> bool:
         """Whether the folder has any file of a run."""
         return any((self.path / name).exists() for name in _FILES)
 
@@ -162,7 +162,7 @@ class RunFolder:
         """Raises InputError if the folder has any file of a run, or is not a folder."""
         if self.path.exists() and not self.path.is_dir():
             raise InputError(f"{self.path} is a file; give a folder for the run")
-        if self.holds_run():
+        if self.has_run():
             raise InputError(
                 f"{self.path} already holds a run; add --resume to go on with it, or give another "
                 "folder (nothing was overwritten)"
@@ -206,7 +206,7 @@ class RunFolder:
 
     def write_json(self, name: str, value: Any) -> Path:
         """Writes RUN/name atomically as JSON; NaN and infinities, which JSON lacks, become null."""
-        return self.write_text(name, json_text(value) + "\n")
+        return self.write_text(name, format_json(value) + "\n")
 
     def read_json(self, name: str) -> Any:
         """The content of a JSON file of the run; None where the file is absent.
@@ -232,9 +232,9 @@ class RunFolder:
                 f"{path} is absent, so nobody knows how the run was made; {SCENE}, if it is there, "
                 "can be used by itself, and a new run needs another folder"
             )
-        return _options_of(path, lambda: regular(path).read_text(encoding="utf-8"))
+        return _options_of(path, lambda: check_regular(path).read_text(encoding="utf-8"))
 
-    def begun_with(self) -> TrainOptions:
+    def read_given_options(self) -> TrainOptions:
         """The options to go on with: as they were given to a training in blocks, which makes others
         of them than of resolved ones; else as `read_options`."""
         plan = read_plan(self)
@@ -280,7 +280,7 @@ class RunFolder:
             return
         try:
             with open(self.path / HISTORY, "a", encoding="utf-8") as file:
-                file.write(json.dumps(plain(row)) + "\n")
+                file.write(json.dumps(to_plain(row)) + "\n")
         except OSError as error:
             raise InputError(f"cannot write {self.path / HISTORY}: {_reason(error)}") from None
 
@@ -340,8 +340,8 @@ def _check_same_way(run: RunFolder, in_blocks: bool) -> None:
 
 
 def _check_same_options(run: RunFolder, options: TrainOptions) -> None:
-    saved = dataclasses.asdict(run.begun_with().resolved())
-    wanted = dataclasses.asdict(options.resolved())
+    saved = dataclasses.asdict(run.read_given_options().resolve())
+    wanted = dataclasses.asdict(options.resolve())
     for name, value in wanted.items():
         if name not in _FREE_ON_RESUME and saved[name] != value:
             raise InputError(

@@ -29,7 +29,7 @@ def check_fits(what: str, size: float, advice: str) -> None:
     free = free_memory()
     if free is not None and size > free:
         raise InputError(
-            f"{what} takes about {size_text(size)} of memory, and {size_text(free)} are free; "
+            f"{what} takes about {format_size(size)} of memory, and {format_size(free)} are free; "
             f"{advice}"
         )
 
@@ -47,7 +47,7 @@ def release_memory() -> None:
         ctypes.CDLL(None).malloc_trim(0)
 
 
-def size_text(size: float) -> str:
+def format_size(size: float) -> str:
     """Bytes in words."""
     for unit, factor in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
         if size >= factor:

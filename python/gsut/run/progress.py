@@ -117,7 +117,7 @@ class Progress:
             text += f", PSNR {self._psnr:.2f} dB"
         self.show("training", step, total, text, left)
 
-    def through(self, stage: str, items: Sequence[_Item]) -> Iterator[_Item]:
+    def iterate(self, stage: str, items: Sequence[_Item]) -> Iterator[_Item]:
         """The items, one by one, with a bar of how many are done."""
         for done, item in enumerate(items):
             self.show(stage, done, len(items))

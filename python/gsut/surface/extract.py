@@ -211,7 +211,7 @@ def _smaller(camera: Any, most: int) -> Any:
     """The lens on an image whose longer side has at most so many pixels."""
     share = most / max(camera.width, camera.height)
     sides = (max(1, round(side * share)) for side in (camera.width, camera.height))
-    return camera.resized(*sides) if share < 1 else camera
+    return camera.resize(*sides) if share < 1 else camera
 
 
 def _rendered(

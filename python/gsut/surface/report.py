@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import CameraMotion
-from gsut.page import html_table, number_text, picture_address, sections_page
+from gsut.page import build_page, build_table, embed_picture, format_number, paint_values
 from gsut.surface.mesh import Mesh
 from gsut.surface.shading import shaded_picture
 
@@ -65,7 +65,7 @@ def surface_page(
     shown = [_view_part(view, mesh) for view in views]
     judged = any(view.truth is not None for view in views)
     said = [_OF_DEPTH, _OF_ERROR * judged, _OF_MESH * (mesh is not None)]
-    return sections_page(title, [], [*parts, f"<h2>Views</h2><p>{' '.join(said)}</p>", *shown])
+    return build_page(title, [], [*parts, f"<h2>Views</h2><p>{' '.join(said)}</p>", *shown])
 
 
 def geometry_tables(figures: dict[str, Any]) -> list[str]:
@@ -81,23 +81,23 @@ def geometry_tables(figures: dict[str, Any]) -> list[str]:
         rows = [
             [
                 kind, _percent(row["abs_rel"]), _percent(row["abs_rel_median"]),
-                number_text(row["rmse"], 4), number_text(row["rmse_log"], 4),
+                format_number(row["rmse"], 4), format_number(row["rmse_log"], 4),
                 _percent(row["delta1"]), _percent(row["coverage"]),
                 *(_percent(ring["abs_rel_median"]) for ring in row["rings"]),
             ]
             for kind, row in depth.items()
         ]  # fmt: skip
         note = f"<p>{figures['depth']['views']} views; by field angle: the median of AbsRel.</p>"
-        parts.append(f"<h2>Depth</h2>{note}{html_table(rows, heading)}")
+        parts.append(f"<h2>Depth</h2>{note}{build_table(rows, heading)}")
     if mesh := figures.get("mesh"):
         names = ("accuracy", "completeness", "chamfer", "normal_consistency")
-        rows = [[name.replace("_", " "), number_text(mesh[name], 4)] for name in names]
+        rows = [[name.replace("_", " "), format_number(mesh[name], 4)] for name in names]
         scores = [
-            [f"{row['distance']:g}", *(number_text(row[n], 3) for n in _SCORES)]
+            [f"{row['distance']:g}", *(format_number(row[n], 3) for n in _SCORES)]
             for row in mesh["fscores"]
         ]
         heading = ["at a distance of", *(name.replace("fscore", "F-score") for name in _SCORES)]
-        parts.append(f"<h2>Mesh</h2>{html_table(rows)}{html_table(scores, heading)}")
+        parts.append(f"<h2>Mesh</h2>{build_table(rows)}{build_table(scores, heading)}")
     return parts
 
 
@@ -105,7 +105,7 @@ _SCORES = ("precision", "recall", "fscore")
 
 
 def _percent(value: float | None) -> str:
-    return number_text(None if value is None else 100 * value)
+    return format_number(None if value is None else 100 * value)
 
 
 def _view_part(view: SurfaceView, mesh: Mesh | None) -> str:
@@ -117,10 +117,10 @@ def _view_part(view: SurfaceView, mesh: Mesh | None) -> str:
         pictures.append((f"error, median {_percent(middle)} %", _error_colors(error)))
     if mesh is not None and len(mesh):
         width = min(view.camera.width, _MOST_WIDE)
-        camera = view.camera.resized(width, round(view.camera.height * width / view.camera.width))
+        camera = view.camera.resize(width, round(view.camera.height * width / view.camera.width))
         pictures.append(("mesh", shaded_picture(mesh, camera, view.motion)))
     figures = "".join(
-        f'<figure style="margin:0"><img src="{picture_address(image, _MOST_WIDE)}" alt="">'
+        f'<figure style="margin:0"><img src="{embed_picture(image, _MOST_WIDE)}" alt="">'
         f"<figcaption><small>{html.escape(text)}</small></figcaption></figure>"
         for text, image in pictures
     )
@@ -129,20 +129,17 @@ def _view_part(view: SurfaceView, mesh: Mesh | None) -> str:
 
 
 def _depth_colors(depth: np.ndarray) -> np.ndarray:
+    import cv2  # here, because gsut --help needs none
+
     has = np.isfinite(depth) & (depth > 0)
     logs = np.log(np.where(has, depth, 1))
     low, high = np.percentile(logs[has], (2, 98)) if has.any() else (0.0, 1.0)
-    return _colored((logs - low) / max(high - low, 1e-9), has, "COLORMAP_TURBO")
+    return paint_values((logs - low) / max(high - low, 1e-9), cv2.COLORMAP_TURBO, has, _GREY)
 
 
 def _error_colors(error: np.ndarray) -> np.ndarray:
+    import cv2
+
     has = np.isfinite(error)
-    return _colored(np.where(has, error, 0) / _FULL_ERROR, has, "COLORMAP_INFERNO")
-
-
-def _colored(share: np.ndarray, has: np.ndarray, colors: str) -> np.ndarray:
-    import cv2  # here, because gsut --help needs none
-
-    levels = np.round(255 * np.clip(share, 0, 1)).astype(np.uint8)
-    shown = cv2.applyColorMap(levels, getattr(cv2, colors))[..., ::-1]
-    return np.where(has[..., None], shown, np.uint8(_GREY))
+    error = np.where(has, error, 0) / _FULL_ERROR
+    return paint_values(error, cv2.COLORMAP_INFERNO, has, _GREY)

@@ -31,7 +31,7 @@ def shaded_picture(mesh: Mesh, camera: Any, motion: np.ndarray | CameraMotion) -
 
     if not len(mesh.faces):
         raise InputError("a picture is of a mesh with faces; this one has none")
-    fine = camera.resized(_SAMPLES * camera.width, _SAMPLES * camera.height)
+    fine = camera.resize(_SAMPLES * camera.width, _SAMPLES * camera.height)
     origins, world = (np.ascontiguousarray(a.reshape(-1, 3)) for a in world_rays(fine, motion))
     faces = tree_of(mesh).cast(origins, world)[1]
     met = np.flatnonzero(faces >= 0)

@@ -138,19 +138,19 @@ class TrainingLoop:
     def finish_scene(self) -> Scene:
         """Returns the scene with the poses and lenses that fit the run's result best."""
         if self.refiner is not None:
-            self.refiner.finish(self.make_result(), self.views.at(1.0), self.step)
+            self.refiner.finish(self.make_result(), self.views.select_level(1.0), self.step)
         return self.scene
 
     def advance(self) -> float:
         """Makes one training step on one image and returns its loss."""
         step = self._begin_step()  # view, resolution, degree of harmonics, learning rates
-        target, image, dimage = step.level.target(step.view), *step.level.buffers(step.view)
+        target, image, dimage = step.level.get_target(step.view), *step.level.get_buffers(step.view)
         self._prepare_next_image()  # decoded beside the step
         began, cpu_began = time.perf_counter(), time.process_time()
         self.stopwatch.start()
         self._render(step, image)  # projection, raster
         self.photographs.observe(step.fraction, step.level, step.view, target, image)  # exposure
-        self.stopwatch.lap("light")
+        self.stopwatch.record_lap("light")
         loss = self._compare(step, target)  # loss and its gradient to the image
         taken = self._backpropagate(step, dimage)  # to the Gaussians
         self._optimize(step, with_harmonics=not taken)  # Adam
@@ -167,7 +167,7 @@ class TrainingLoop:
         fraction = number / o.steps
         rates = compute_learning_rates(o, fraction, self.extent)
         degree, view = min(o.sh_degree, number // o.sh_every), self._choose_view(number)
-        return _Step(number, fraction, view, self.views.at(fraction), degree, rates)
+        return _Step(number, fraction, view, self.views.select_level(fraction), degree, rates)
 
     def _choose_view(self, step: int) -> int:
         """Returns a step's view: each once an epoch, in an order set by seed and epoch only."""
@@ -187,7 +187,7 @@ class TrainingLoop:
             self._gradients = drawn.make_zeros()
             self._touched = np.zeros(len(drawn), np.uint8)
         behind = self.options.background or random_background(self.options.seed, step.number)
-        camera = step.level.camera(step.view)
+        camera = step.level.scene.camera(step.view)
         poses = self._exposure.find_poses(self.scene, step.level, step.view)
         look: dict[str, Any] = {
             "rule": self.rule, "background": behind, "sh_degree": step.degree,
@@ -196,7 +196,7 @@ class TrainingLoop:
         several = isinstance(poses, list)
         jobs = [_core.RenderJob(camera, pose, **look) for pose in (poses if several else [poses])]
         self.renderer.render(drawn, jobs if several else jobs[0], image)
-        self.stopwatch.lap("render")
+        self.stopwatch.record_lap("render")
 
     def _choose_tiles(self, step: _Step) -> np.ndarray | None:
         """Returns a flag (0 or 1) for each tile of 16 x 16 pixels to render; None: all."""
@@ -207,14 +207,14 @@ class TrainingLoop:
 
     def _compare(self, step: _Step, target: _core.PhotometricTarget) -> float:
         """Returns the loss against the photograph and writes its gradient to the image's buffer."""
-        image, dimage = step.level.buffers(step.view)
+        image, dimage = step.level.get_buffers(step.view)
         loss, _ = _core.photometric_loss(target, image, dimage, self.options.ssim_weight)
         self._choose_pixels(step, dimage)
         if self.weights is not None:
             self.weights.apply(dimage)
         if self.options.robust and self.step >= _ROBUST_FROM * self.options.steps:
             _core.trim_gradient(target, image, dimage)
-        self.stopwatch.lap("loss")
+        self.stopwatch.record_lap("loss")
         return loss
 
     def _backpropagate(self, step: _Step, dimage: np.ndarray) -> bool:
@@ -223,7 +223,7 @@ class TrainingLoop:
         how = _choose_backward_settings(self, step) | _measure_pixel_errors(self, step, dimage)
         self.renderer.backward(dimage, self._gradients, self._touched, **how)
         self._filter.backpropagate(self.gaussians, self._context.select_trained(self._gradients))
-        self.stopwatch.lap("backward")
+        self.stopwatch.record_lap("backward")
         return "harmonics_step" in how
 
     def _optimize(self, step: _Step, with_harmonics: bool) -> None:
@@ -232,13 +232,13 @@ class TrainingLoop:
         gradients, touched = trained(self._gradients), trained(self._touched)
         self.densification.add_gradients(optimizer, gradients)
         optimizer.accumulate(gradients.means, trained(self.renderer.distances()), touched)
-        self.stopwatch.lap("statistics")
+        self.stopwatch.record_lap("statistics")
         self._add_surface(step)
         visible = touched if self.options.sparse_adam else None
         optimizer.step(gradients, step.rates, visible, step.degree, with_harmonics)
-        self.stopwatch.lap("adam")
+        self.stopwatch.record_lap("adam")
         self.densification.explore(optimizer, step.rates.means)
-        self.stopwatch.lap("noise")
+        self.stopwatch.record_lap("noise")
 
     def _add_surface(self, step: _Step) -> None:
         """Adds the gradients of the surface terms, which densification does not count."""
@@ -250,7 +250,7 @@ class TrainingLoop:
         self._filter.backpropagate(self.gaussians, self._context.select_trained(more))
         for name in ("means", "quats", "log_scales", "opacity_logits"):
             getattr(self._gradients, name)[...] += getattr(more, name)
-        self.stopwatch.lap("surface")
+        self.stopwatch.record_lap("surface")
 
     def _densify(self, step: _Step) -> None:
         """Adds and removes Gaussians at a step of densification; compacts them at `compact_at`."""
@@ -272,7 +272,7 @@ class TrainingLoop:
         """Discards what was kept about Gaussians that are no longer the same."""
         self._filter.renew()
         self._mean.restart()
-        self.stopwatch.lap("densify")
+        self.stopwatch.record_lap("densify")
 
     def _refine(self, step: _Step) -> None:
         """Refines poses and lenses against the Gaussians if a sweep is due."""
@@ -281,7 +281,7 @@ class TrainingLoop:
             self._filter.renew()
             if self.surface is not None:
                 self.surface.known.forget()
-            self.stopwatch.lap("refine")
+            self.stopwatch.record_lap("refine")
 
     def state_dict(self) -> dict[str, Any]:
         """Returns everything that later steps depend on."""
@@ -332,7 +332,7 @@ def _measure_pixel_errors(loop: TrainingLoop, step: _Step, dimage: np.ndarray) -
     needed = loop.densification.by_error and step.number <= find_last_densification(loop.options)
     if not needed or not loop._context.is_empty:
         return {}
-    target, (image, _) = step.level.target(step.view), step.level.buffers(step.view)
+    target, (image, _) = step.level.get_target(step.view), step.level.get_buffers(step.view)
     errors = np.empty(image.shape[:2], np.float32)
     _core.pixel_errors(target, image, dimage, errors)
     return {"errors": errors, "error_sums": loop.optimizer.error_sum}

@@ -10,23 +10,23 @@ import numpy as np
 
 from gsut._core import SolveError
 from gsut.data import Scene, View
-from gsut.data.poses import centers_of
+from gsut.data.poses import find_centers
 from gsut.gaussians import Gaussians, seed_from_points
 from gsut.lens import Camera
 from gsut.refine import RefinedPose, refine_pose
 from gsut.render import render
 from gsut.run import TrainOptions
-from gsut.sfm import (
-    BearingPoints,
+from gsut.sfm import PosesOptions
+from gsut.sfm.core import (
     Features,
     PairMatches,
     Photographs,
-    PosesOptions,
     Solution,
-    diagonal,
     evaluate_observations,
-    in_cameras,
+    measure_diagonal,
+    transform_to_cameras,
 )
+from gsut.sfm.points import BearingPoints
 from gsut.training.loop import TrainingLoop
 
 # Pixels of the images that are compared; more take longer at the same accuracy.
@@ -109,7 +109,7 @@ class VideoScene:
         photographs, cameras = video.photographs, video.cameras
         self._poses = np.full((len(photographs), 4, 4), np.nan)
         self._found: dict[int, RefinedPose] = {}
-        max_error = video.options.max_error * diagonal(cameras) / 1000
+        max_error = video.options.max_error * measure_diagonal(cameras) / 1000
         self.points = BearingPoints(
             cameras, video.features, video.pairs, max_error, np.radians(video.options.min_angle)
         )
@@ -123,13 +123,13 @@ class VideoScene:
         self._scene = Scene(
             photographs.root, tuple(lenses), self._list_views(), self.points.positions,
             self.points.colors, tuple(range(len(photographs))), (), np.zeros(3),
-        ).scaled(min(1.0, (_PIXELS / pixels) ** 0.5))  # fmt: skip
+        ).scale_images(min(1.0, (_PIXELS / pixels) ** 0.5))  # fmt: skip
         self._options = TrainOptions(
             steps=10_000_000, max_gaussians=100_000_000, sh_degree=0, coarse_to_fine=(0.0, 0.0),
             strategy="adaptive", densify_until=0.0, densify_from=0.0, noise=False, eval_every=0,
             lr_means_final_factor=1.0, lr_final_factor=1.0, average_from=1.0,
             init="points", seed=video.options.seed,
-        ).resolved()  # fmt: skip
+        ).resolve()  # fmt: skip
         self._loop = _VideoLoop(self._scene, self._options)
         self._update_loop()
 
@@ -206,7 +206,7 @@ class VideoScene:
         )
         pixels, residuals, angles = evaluate_observations(
             observations,
-            in_cameras(points, observations, self._poses),
+            transform_to_cameras(points, observations, self._poses),
             self._video.cameras,
             self._video.features,
         )
@@ -242,7 +242,7 @@ class VideoScene:
         loop = self._loop
         loop.views.move(self._fill_in_poses())
         loop.posed = self.posed.tolist()
-        middle = centers_of(self._poses[loop.posed]).mean(axis=0)
+        middle = find_centers(self._poses[loop.posed]).mean(axis=0)
         distance = float(np.median(np.linalg.norm(self.points.positions - middle, axis=1)))
         loop.options = dataclasses.replace(
             self._options, lr_means=_RATE * distance / loop.scene.extent

@@ -1,10 +1,10 @@
-"""A page in the browser that walks through a scene: frames from gsut's own renderer."""
+"""Serves a page that shows a scene in the browser, drawn by gsut's own renderer."""
 
 from gsut.view.live import LiveTraining
-from gsut.view.measure import point_in_photograph
+from gsut.view.measure import find_point_in_photograph
 from gsut.view.server import LOOPBACK, ViewServer
 from gsut.view.session import Session
-from gsut.view.stage import Stage, data_stage, stage_of
+from gsut.view.stage import Stage, open_stage
 
 __all__ = [
     "LOOPBACK",
@@ -12,7 +12,6 @@ __all__ = [
     "Session",
     "Stage",
     "ViewServer",
-    "data_stage",
-    "point_in_photograph",
-    "stage_of",
+    "find_point_in_photograph",
+    "open_stage",
 ]

@@ -1,4 +1,4 @@
-"""What the page does to a scene: finds its ground and floaters, and saves it anew as a file."""
+"""Edits a scene from the page: finds its ground and floaters, and saves it to a new file."""
 
 from __future__ import annotations
 
@@ -15,17 +15,18 @@ from gsut.formats import WriteSettings, format_of, save_gaussians
 from gsut.gaussians import find_ground, rotate_upright, transform_gaussians
 from gsut.view.frames import Frames
 
+# Name of the new file if the page gives none.
 _DEFAULT_NAME = "edited.ply"
 
 
 def locate_ground(frames: Frames, up: Any) -> dict[str, Any]:
-    """The plane that the scene stands on, near to this up: "normal" (3,) and "level"."""
-    normal, level = find_ground(frames.whole(), _direction(up))
+    """Finds the plane that the scene stands on, roughly across `up`: "normal" (3,) and "level"."""
+    normal, level = find_ground(frames.load_all(), _parse_direction(up))
     return {"normal": normal, "level": level}
 
 
 def find_floaters(frames: Frames, on_view: Callable[[int], object]) -> dict[str, int]:
-    """Has `frames` know its floaters; how many there are.
+    """Finds the floaters, stores them in `frames` and returns how many there are.
 
     Raises:
         InputError: the stage has no training photographs.
@@ -35,7 +36,7 @@ def find_floaters(frames: Frames, on_view: Callable[[int], object]) -> dict[str,
         raise InputError("floaters are found by a run's photographs, and there are none here")
     if frames.floaters is None:
         support = find_support(
-            stage.scene, frames.whole(), stage.scene.train_indices,
+            stage.scene, frames.load_all(), stage.scene.train_indices,
             background=stage.background, light=stage.light, on_view=on_view,
         )  # fmt: skip
         frames.floaters = support.contradicted
@@ -43,18 +44,19 @@ def find_floaters(frames: Frames, on_view: Callable[[int], object]) -> dict[str,
 
 
 def save_edited(frames: Frames, values: dict[str, Any]) -> dict[str, Any]:
-    """Writes the scene as it is seen to a new file beside the run or file that is looked at.
+    """Writes the scene as it is shown to a new file beside the run or file.
 
     Args:
         frames: of the stage.
-        values: "name" of the file; "crop" and "clean" as in a frame; "up" (3,) is turned to -y, and
-            with "level" the ground, which lies there along "up", to y = 0; lengths times "scale".
+        values: "name" of the file; "crop" and "clean" as in a frame; "up" (3,) becomes -y, and with
+            "level" the ground, which lies there along "up", becomes y = 0; lengths are multiplied
+            by "scale".
 
     Returns:
-        "path", "num_gaussians", "of" and sentences of what the format "left_out".
+        "path", "num_gaussians", "of" and sentences on what the format "left_out".
 
     Raises:
-        InputError: the name is of a file that exists, of another folder or of no format.
+        InputError: the file exists, lies in another folder or has an unknown format.
     """
     folder = frames.stage.folder
     if folder is None:
@@ -69,13 +71,13 @@ def save_edited(frames: Frames, values: dict[str, Any]) -> dict[str, Any]:
     if not 0 < scale < np.inf:
         raise InputError(f"lengths cannot be multiplied by {scale}")
     crop = None if not values.get("crop") else np.array(values["crop"], np.float64).reshape(2, 3)
-    whole = frames.whole()
-    kept = whole[frames.kept(whole, crop, bool(values.get("clean")))]
+    whole = frames.load_all()
+    kept = whole[frames.select_kept(whole, crop, bool(values.get("clean")))]
     if not len(kept):
         raise InputError("nothing is left; crop less")
     turn, height = np.eye(3), 0.0
     if values.get("up") is not None:
-        turn = rotate_upright(_direction(values["up"]))
+        turn = rotate_upright(_parse_direction(values["up"]))
         height = float(values.get("level") or 0)
     moved = transform_gaussians(kept, turn, scale, scale * np.array([0.0, height, 0.0]))
     written = save_gaussians(path, moved, WriteSettings(antialiased=frames.stage.antialiased))
@@ -85,7 +87,7 @@ def save_edited(frames: Frames, values: dict[str, Any]) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _direction(up: Any) -> np.ndarray:
+def _parse_direction(up: Any) -> np.ndarray:
     value = np.array(up, np.float64).reshape(3)
     if not np.isfinite(value).all() or not value.any():
         raise InputError(f"up must be a direction, found {up}")

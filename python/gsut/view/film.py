@@ -1,4 +1,4 @@
-"""A film of keyframes, made in the background while the page stays usable."""
+"""Makes a film of keyframes in the background while the page stays usable."""
 
 from __future__ import annotations
 
@@ -16,28 +16,33 @@ from gsut._core import InputError
 from gsut.render import smooth_path, write_video
 
 if TYPE_CHECKING:
-    from gsut.view.frames import FrameRequest, Frames
+    from gsut.view.frame_request import FrameRequest
+    from gsut.view.frames import Frames
 
+# Media type of each format.
 _KINDS = {"mp4": "video/mp4", "webm": "video/webm", "gif": "image/gif"}
-_MOST_SECONDS, _MOST_RATE = 600.0, 120.0
+# Longest film in seconds: a longer one would keep the machine busy for hours.
+_MOST_SECONDS = 600.0
+# Most frames per second, the fastest common screens.
+_MOST_RATE = 120.0
 
 
 class _Stopped(Exception):
-    """Somebody does not want the film any more."""
+    """The user has stopped the film."""
 
 
 class Film:
-    """One film; begins at once.
+    """Makes one film; starts at once.
 
     Args:
-        frames: draws.
-        drawing: when.
-        keys: the keyframes, alike but for their poses.
+        frames: draws the frames.
+        drawing: decides when.
+        keys: the keyframes, equal but for their poses.
         settings: "seconds", "rate" in frames a second, "ending" mp4, webm or gif, and "closed" to
-            come back to the first keyframe.
+            return to the first keyframe.
 
     Attributes:
-        content: of the file, once it is whole.
+        content: of the file, once it is complete.
         ending, kind: of the file.
 
     Raises:
@@ -68,29 +73,29 @@ class Film:
         self._done, self._failure, self._stop = 0, "", threading.Event()
         threading.Thread(target=self._make, daemon=True).start()
 
-    def state(self) -> dict[str, Any]:
-        """How far it is."""
+    def describe(self) -> dict[str, Any]:
+        """Returns the progress of the film."""
         return {
             "done": self._done, "of": len(self._poses), "ready": bool(self.content),
             "failure": self._failure,
         }  # fmt: skip
 
     def stop(self) -> None:
-        """Makes no further frame."""
+        """Stops after the current frame."""
         self._stop.set()
 
     def _make(self) -> None:
         try:
             with tempfile.TemporaryDirectory(prefix="gsut-film-") as folder:
                 path = Path(folder) / f"film.{self.ending}"
-                write_video(path, self._images(), self._rate)
+                write_video(path, self._draw_images(), self._rate)
                 self.content = path.read_bytes()
         except _Stopped:
             self._failure = "stopped"
         except InputError as error:
             self._failure = str(error)
 
-    def _images(self) -> Iterator[np.ndarray]:
+    def _draw_images(self) -> Iterator[np.ndarray]:
         for pose in self._poses:
             if self._stop.is_set():
                 raise _Stopped

@@ -1,4 +1,4 @@
-"""The lenses of a session: the dataset's, those of files, and those made with sliders."""
+"""Keeps the lenses of a session: the dataset's, those of files, and those made with sliders."""
 
 from __future__ import annotations
 
@@ -26,13 +26,16 @@ from gsut.lens import (
 )
 from gsut.lens.files import values_from_camera
 
-_MOST_PIXELS = 12_000_000  # of cameras at a size, which keep their rays: 24 bytes each
-_MOST_SLIDERS = 24  # parameters with a slider
-_MODELS_OF_TABLES = ("control_points",)  # parameters without sliders: a table of them
+# Most pixels of resized cameras together; each keeps a ray of 24 bytes a pixel.
+_MOST_PIXELS = 12_000_000
+# Most parameters with a slider: more do not fit the panel.
+_MOST_SLIDERS = 24
+# Parameters without sliders: a table of them.
+_TABLES = ("control_points",)
 
 
 class Lenses:
-    """Lenses by number, and each at the sizes it is drawn at.
+    """Keeps lenses by number, and each at the sizes that it is drawn at.
 
     Args:
         cameras: the dataset's; they are numbers 0, 1 ...
@@ -47,7 +50,7 @@ class Lenses:
         self._lock = threading.RLock()  # each request has a thread of its own
 
     def add(self, camera: Camera) -> int:
-        """The number of a lens, new or known."""
+        """Adds a lens if it is new; returns its number."""
         with self._lock:
             if camera not in self._numbers:
                 self._lenses.append(camera)
@@ -55,7 +58,7 @@ class Lenses:
             return self._numbers[camera]
 
     def replace(self, cameras: Sequence[Camera]) -> None:
-        """The dataset's lenses have moved."""
+        """Replaces the dataset's lenses by refined ones."""
         with self._lock:
             for number, camera in enumerate(cameras):
                 if self._lenses[number] != camera:
@@ -63,8 +66,8 @@ class Lenses:
                     for key in [key for key in self._resized if key[0] == number]:
                         del self._resized[key]
 
-    def at(self, number: int, width: int, height: int) -> Camera:
-        """A lens scaled to an image of this size.
+    def resize(self, number: int, width: int, height: int) -> Camera:
+        """Returns a lens scaled to an image of this size.
 
         Raises:
             InputError: there is no such lens.
@@ -77,39 +80,38 @@ class Lenses:
         key = (number, width, height)
         with self._lock:
             if key not in self._resized:
-                self._resized[key] = lens.resized(width, height)
-                while len(self._resized) > 1 and self._pixels() > _MOST_PIXELS:
+                self._resized[key] = lens.resize(width, height)
+                while len(self._resized) > 1 and self._count_pixels() > _MOST_PIXELS:
                     self._resized.popitem(last=False)
             self._resized.move_to_end(key)
             return self._resized[key]
 
-    def _pixels(self) -> int:
+    def _count_pixels(self) -> int:
         return sum(width * height for _, width, height in self._resized)
 
     def describe(self, number: int) -> dict[str, Any]:
-        """What the page knows of a lens: its values, its sliders and its field."""
-        lens = self.at(number, self._lenses[number].width, self._lenses[number].height)
+        """Describes a lens for the page: its values, its sliders and its field."""
+        lens = self.resize(number, self._lenses[number].width, self._lenses[number].height)
         values = values_from_camera(lens)
         across = measure_field_of_view(lens)
         return {
             "id": number, **values, "params": values["params"][:_MOST_SLIDERS],
-            "sliders": _sliders(lens), "field_of_view": across,
+            "sliders": _describe_sliders(lens), "field_of_view": across,
             "max_angle": math.degrees(lens.max_angle), "can_zoom": has_focal_length(lens),
-            "radians_per_pixel": _radians_per_pixel(lens),
+            "radians_per_pixel": _measure_radians_per_pixel(lens),
         }  # fmt: skip
 
     def make(self, wanted: dict[str, Any]) -> int:
-        """The number of a lens that the page asks for.
+        """Makes the lens that the page requests; returns its number.
 
         Args:
-            wanted: one of "path" of a lens file, or the name of a lens that is known; "name" and
-                "base64" of a lens file; "model", for an example of it; "id" of a lens. Then, if
-                given, "params" replace its first parameters, "fit" [width, height] gives it that
-                shape of image, and "field_of_view" in degrees, across the image, scales its focal
-                lengths.
+            wanted: one of "path" of a lens file, or the name of a known lens; "name" and "base64"
+                of a lens file; "model", for an example of it; "id" of a lens. Then, if given,
+                "params" replace its first parameters, "fit" [width, height] gives it that shape of
+                image, and "field_of_view" in degrees, across the image, scales its focal lengths.
 
         Raises:
-            InputError, CalibrationError: no such lens; the sentence says why.
+            InputError, CalibrationError: there is no such lens; the message says why.
         """
         if wanted.get("path"):
             path = str(Path(str(wanted["path"])).expanduser())
@@ -117,33 +119,33 @@ class Lenses:
                 raise InputError(f"{path}: no such lens file")
             lens = load_lens(path)
         elif wanted.get("name"):
-            lens = _uploaded(str(wanted["name"]), str(wanted.get("base64", "")))
+            lens = _read_upload(str(wanted["name"]), str(wanted.get("base64", "")))
         elif wanted.get("model"):
-            lens = _example(str(wanted["model"]))
+            lens = _make_example(str(wanted["model"]))
         else:
             lens = self._lenses[int(wanted.get("id", 0))]
         if wanted.get("params") is not None:
             given = [float(value) for value in wanted["params"]]
             lens = lens.with_params([*given, *lens.params[len(given) :]])
         if wanted.get("fit"):
-            lens = _reshaped(lens, *(int(side) for side in wanted["fit"]))
+            lens = _reshape(lens, *(int(side) for side in wanted["fit"]))
         if wanted.get("field_of_view"):
             lens = with_field_of_view(lens, float(wanted["field_of_view"]))
         return self.add(lens)
 
 
-def _uploaded(name: str, content: str) -> Camera:
-    """The lens of a file's content in base64; its name chooses the format."""
+def _read_upload(name: str, content: str) -> Camera:
+    """Reads the lens of a file's content in base64; its name decides the format."""
     with tempfile.TemporaryDirectory(prefix="gsut-lens-") as folder:
         path = Path(folder) / Path(name).name
         path.write_bytes(base64.b64decode(content))
         try:
             return load_camera(path)
-        except (InputError, CalibrationError) as error:  # the folder is of no use to anybody
+        except (InputError, CalibrationError) as error:  # the folder's name helps nobody
             raise InputError(str(error).replace(f"{folder}/", "")) from None
 
 
-def _example(model: str) -> Camera:
+def _make_example(model: str) -> Camera:
     if model not in _core.camera_models():
         known = ", ".join(_core.camera_models())
         raise InputError(f"there is no lens model {model!r}; known: {known}")
@@ -151,8 +153,8 @@ def _example(model: str) -> Camera:
     return Camera(model, params, width, height)
 
 
-def _reshaped(lens: Camera, width: int, height: int) -> Camera:
-    """The lens on a sensor of another shape: as high as before, its centre in the middle."""
+def _reshape(lens: Camera, width: int, height: int) -> Camera:
+    """Returns the lens on a sensor of another shape: of equal height, its centre in the middle."""
     names = lens.param_names.split()
     if "cx" not in names or _core.camera_traits(lens.model).has_table:
         return lens
@@ -162,8 +164,8 @@ def _reshaped(lens: Camera, width: int, height: int) -> Camera:
     return Camera(lens.model, params, wide, lens.height, valid_field_angle=lens.valid_field_angle)
 
 
-def _radians_per_pixel(lens: Camera) -> float:
-    """Between neighbouring pixels in the middle of the image; 1 / width where they have no rays."""
+def _measure_radians_per_pixel(lens: Camera) -> float:
+    """Returns the angle between adjacent pixels in the middle; 1 / width if they have no rays."""
     middle = np.array([lens.width, lens.height]) / 2
     half = np.array([0.5, 0.0])
     rays, valid = lens.unproject(np.stack([middle - half, middle + half]))
@@ -172,22 +174,22 @@ def _radians_per_pixel(lens: Camera) -> float:
     return float(np.linalg.norm(np.cross(*rays))) or 1.0 / lens.width
 
 
-def _sliders(lens: Camera) -> list[dict[str, Any]]:
-    """Name and range of each parameter that is a number on its own."""
+def _describe_sliders(lens: Camera) -> list[dict[str, Any]]:
+    """Returns name and range of each parameter that is a number on its own."""
     names = lens.param_names.split() if len(lens.params) else []
     rows = []
     for index, value in enumerate(lens.params[:_MOST_SLIDERS]):
         name = names[index] if index < len(names) else "..."
-        if name in _MODELS_OF_TABLES:
+        if name in _TABLES:
             break
         if name == "...":
             name = f"coefficient {index + 1}"
-        low, high = _range_of(name, float(value), lens)
+        low, high = _choose_range(name, float(value), lens)
         rows.append({"name": name, "value": float(value), "low": low, "high": high})
     return rows
 
 
-def _range_of(name: str, value: float, lens: Camera) -> tuple[float, float]:
+def _choose_range(name: str, value: float, lens: Camera) -> tuple[float, float]:
     if name in ("fx", "fy"):
         return value / 4, value * 4
     if name in ("cx", "cy"):

@@ -1,4 +1,4 @@
-"""A training that can be looked at: drawn between its steps, paused and stopped from the page."""
+"""Shows a training while it runs: draws between its steps, pauses and stops it from the page."""
 
 from __future__ import annotations
 
@@ -16,19 +16,20 @@ from gsut.view.server import Reply
 from gsut.view.session import AtOnce, Session
 from gsut.view.stage import Stage
 
-_WAIT_SECONDS = 0.2  # of a paused training, between looks at what the page wants
+# Seconds of a paused training between looks at what the page requests.
+_WAIT_SECONDS = 0.2
 _Result = TypeVar("_Result")
 
 
 class LiveTraining:
-    """Joins one training and the page's session.
+    """Connects one training with the page's session.
 
     The training's own thread draws, between two steps: no copy is made of the Gaussians, they are
-    never seen half changed, and nothing is computed but what is drawn. The bits of the result are
-    those of a training that nobody looks at.
+    never seen half changed, and nothing is computed but what is drawn. The result's bits are those
+    of a training without the page.
 
     Args:
-        scene: that is trained on.
+        scene: to be trained on.
         options: of the training.
 
     Attributes:
@@ -36,7 +37,7 @@ class LiveTraining:
     """
 
     def __init__(self, scene: Scene, options: TrainOptions) -> None:
-        options = options.resolved()
+        options = options.resolve()
         scene = prepare_scene(scene, options)
         self._stage = Stage(scene.path.resolve().name, "training", None, scene, options.background)
         self._steps, self._step, self._refines = options.steps, 0, options.refine_poses
@@ -48,10 +49,10 @@ class LiveTraining:
         self._go_on = threading.Event()
         self._go_on.set()
         self._stopped = False
-        self.session = Session(self._stage, self._draw, self._told)
+        self.session = Session(self._stage, self._draw, self._handle_action)
 
     def watch(self, loop: Any, row: dict[str, Any]) -> bool:
-        """For `gsut.train(watch=...)`: draws what is asked for, waits while paused.
+        """Draws what the page requests and waits while paused; for `gsut.train(watch=...)`.
 
         Returns:
             False once somebody has stopped the training.
@@ -72,39 +73,42 @@ class LiveTraining:
         return not self._stopped
 
     def finish(self, gaussians: Any = None) -> None:
-        """The training is over, or could not be done; its Gaussians stay to be looked at."""
+        """Marks the training as finished or failed; its Gaussians can still be looked at."""
         with self._lock:
             self._state = "finished"
         self._stage.gaussians = gaussians
-        self._work_off(0.0)
+        self._finish_jobs(0.0)
 
     def _serve(self, loop: Any, wait: float | None) -> None:
         if wait is None and self._jobs.empty():
             return
         self._stage.gaussians = loop.get_drawn().translate(loop.scene.world_offset)
         if self._refines:
-            self._stage.scene = loop.scene.about((0.0, 0.0, 0.0))
+            self._stage.scene = loop.scene.move_origin((0.0, 0.0, 0.0))
             self.session.lenses.replace(loop.scene.cameras)
         try:
-            self._work_off(wait or 0.0)
+            self._finish_jobs(wait or 0.0)
         finally:
             self._stage.gaussians = None  # the next step changes them
 
-    def _work_off(self, wait: float) -> None:
-        """Draws what is asked for now, or within so many seconds. What is asked for meanwhile waits
-        for the next step: pages that ask again at once would keep the training for ever."""
+    def _finish_jobs(self, wait: float) -> None:
+        """Draws what is requested now, or within `wait` seconds.
+
+        Requests that arrive during this wait for the next step: pages that repeat theirs at once
+        would keep the training forever.
+        """
         try:
             for number in range(max(1, self._jobs.qsize())):
                 work, answer = self._jobs.get(number == 0 and wait > 0, wait)
                 try:
                     answer.set_result(self._at_once(work))  # others draw once it is finished
-                except Exception as error:  # the asker's own, told there
+                except Exception as error:  # raised where it was requested
                     answer.set_exception(error)
         except queue.Empty:
             return
 
     def _draw(self, work: Callable[[], _Result]) -> _Result:
-        """Has the work done between two steps, or at once where no step is made."""
+        """Has the work done between two steps, or at once if no step is being made."""
         answer: concurrent.futures.Future[_Result] = concurrent.futures.Future()
         with self._lock:
             between = self._state in ("training", "paused")
@@ -112,8 +116,8 @@ class LiveTraining:
                 self._jobs.put((work, answer))
         return answer.result() if between else self._at_once(work)
 
-    def _told(self, values: dict[str, Any]) -> Reply:
-        """Pauses, resumes or stops, and says how far the training is."""
+    def _handle_action(self, values: dict[str, Any]) -> Reply:
+        """Pauses, resumes or stops the training, and returns its progress."""
         action = values.get("action")
         if action == "pause":
             self._go_on.clear()

@@ -1,4 +1,4 @@
-"""The point of the scene that a pixel sees."""
+"""Finds the point of the scene that a pixel sees."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ from gsut._core import CameraMotion, InputError
 from gsut.render import render
 from gsut.view.stage import Stage
 
-SEEN = 0.5  # alpha above which there is something
+# Alpha above which a pixel shows something.
+SEEN = 0.5
 
 
-def pose_of_pixel(place: Any, camera: Any, pixel: np.ndarray) -> np.ndarray:
-    """(4, 4) camera_from_world of the moment at which a pixel was read.
+def find_pose_of_pixel(place: Any, camera: Any, pixel: np.ndarray) -> np.ndarray:
+    """Returns camera_from_world (4, 4) at the moment at which a pixel was read.
 
     Args:
         place: (4, 4) camera_from_world, or a CameraMotion.
@@ -28,15 +29,16 @@ def pose_of_pixel(place: Any, camera: Any, pixel: np.ndarray) -> np.ndarray:
     return place.at(float(times[int(np.clip(line, 0, len(times) - 1))]))
 
 
-def point_at(
+def find_point_at(
     place: Any, camera: Any, pixel: np.ndarray, alpha: np.ndarray, depth: np.ndarray
 ) -> np.ndarray | None:
-    """The point (3,) at the expected distance along a pixel's ray; None where there is nothing.
+    """Returns the point (3,) at the expected distance along a pixel's ray; None if nothing is
+    there.
 
     Args:
         place, camera: of the image.
         pixel: (2,) x and y.
-        alpha, depth: (H, W), as `gsut.render` gives them.
+        alpha, depth: (H, W), see `gsut.render`.
     """
     at = np.asarray(pixel, np.float64)[None]
     rays, valid = camera.unproject(at)
@@ -45,16 +47,16 @@ def point_at(
     if not valid[0] or alpha[row, column] < SEEN:
         return None
     in_camera = camera.ray_origins(at)[0][0] + depth[row, column] / alpha[row, column] * rays[0]
-    pose = pose_of_pixel(place, camera, at[0])
+    pose = find_pose_of_pixel(place, camera, at[0])
     return pose[:3, :3].T @ (in_camera - pose[:3, 3])
 
 
-def point_in_photograph(stage: Stage, name: str, pixel: tuple[float, float]) -> np.ndarray:
-    """The point (3,) that a photograph's pixel sees, in the dataset's coordinates.
+def find_point_in_photograph(stage: Stage, name: str, pixel: tuple[float, float]) -> np.ndarray:
+    """Finds the point (3,) that a photograph's pixel sees, in the dataset's coordinates.
 
     Args:
         stage: with photographs.
-        name: of the photograph, its folders may be left out.
+        name: of the photograph; its folders may be left out.
         pixel: x and y in the photograph's own pixels.
 
     Raises:
@@ -76,7 +78,7 @@ def point_in_photograph(stage: Stage, name: str, pixel: tuple[float, float]) -> 
     point = None
     if stage.gaussians is not None and len(stage.gaussians):
         seen = render(stage.gaussians, camera, view.motion)
-        point = point_at(view.motion, camera, at, seen.alpha, seen.depth)
+        point = find_point_at(view.motion, camera, at, seen.alpha, seen.depth)
     if point is None:
         raise InputError(f"{name}: nothing is seen at pixel {pixel[0]:g}, {pixel[1]:g}")
     return point + scene.world_offset

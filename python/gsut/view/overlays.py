@@ -1,4 +1,4 @@
-"""What is drawn over a frame through its own lens: cameras, points, marks, the crop box."""
+"""Draws over a frame through its own lens: cameras, points, marks, the crop box."""
 
 from __future__ import annotations
 
@@ -8,15 +8,28 @@ from typing import Any
 import numpy as np
 
 from gsut.data import Scene
-from gsut.data.poses import inverse
+from gsut.data.poses import invert_pose
 from gsut.lens import Camera
 
-_PIECES = 12  # straight in space is bent in the image: each line is drawn in so many pieces
-_LONGEST_JUMP = 0.25  # of the image's width: a longer piece crosses the image's edge or a seam
-# A camera's frustum: rays through its image's border, this long over the scene's extent.
+# Pieces of each line: straight in space is bent in the image.
+_PIECES = 12
+# Longest piece that is drawn, x the image's width: a longer one crosses the edge or a seam.
+_LONGEST_JUMP = 0.25
+# Length of the rays of a camera's frustum, x scene extent.
 _FRUSTUM = 0.06
-_TRAINING, _HELD_OUT, _CHOSEN = (96, 165, 250), (251, 146, 60), (250, 204, 21)
-_MARK, _BOX = (52, 211, 153), (244, 114, 182)
+# Colour of training views' cameras.
+_TRAINING = (96, 165, 250)
+# Colour of held-out views' cameras.
+_HELD_OUT = (251, 146, 60)
+# Colour of marks.
+_MARK = (52, 211, 153)
+# Colour of the crop box.
+_BOX = (244, 114, 182)
+# Colour of the ground's grid.
+_GRID = (120, 130, 145)
+# Lines of the grid in each direction.
+_GRID_LINES = 11
+# Pairs of corners that differ in one axis.
 _BOX_EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if (a ^ b) in (1, 2, 4)]
 
 
@@ -85,8 +98,8 @@ def draw_cameras(
     for index, view in enumerate(scene.views):
         if index == chosen:
             continue  # the eye itself
-        world = inverse(view.camera_from_world)
-        border = frustum(scene.camera(index)) * (_FRUSTUM * scene.extent)
+        world = invert_pose(view.camera_from_world)
+        border = make_frustum(scene.camera(index)) * (_FRUSTUM * scene.extent)
         corners = border @ world[:3, :3].T + world[:3, 3]
         color = _HELD_OUT if index in held_out else _TRAINING
         starts += [*corners, *[world[:3, 3]] * (len(corners) // 2)]
@@ -95,8 +108,8 @@ def draw_cameras(
     draw_lines(image, camera, pose, np.array(starts), np.array(ends), colors)
 
 
-def frustum(camera: Camera) -> np.ndarray:
-    """(8, 3) rays around the border of a lens' image; drawn in to where the lens sees."""
+def make_frustum(camera: Camera) -> np.ndarray:
+    """Returns (8, 3) rays around the border of an image, moved inward to where the lens sees."""
     width, height = camera.width, camera.height
     middle = np.array([width, height]) / 2
     corners = np.array(
@@ -132,8 +145,19 @@ def draw_box(image: np.ndarray, camera: Camera, pose: np.ndarray, corners: np.nd
     draw_lines(image, camera, pose, starts, ends, [_BOX] * len(_BOX_EDGES))
 
 
-def hatch_without_ray(image: np.ndarray, valid: Any) -> None:
-    """Marks the pixels that have no ray."""
+def mark_without_ray(image: np.ndarray, valid: Any) -> None:
+    """Marks the pixels that have no ray by stripes."""
     rows, columns = np.nonzero(~np.asarray(valid, bool))
     stripe = ((rows + columns) // 6) % 2
     image[rows, columns] = np.where(stripe[:, None], (70, 40, 48), (40, 24, 30)).astype(np.uint8)
+
+
+def draw_grid(
+    image: np.ndarray, camera: Camera, pose: np.ndarray, axes: np.ndarray, middle: np.ndarray
+) -> None:
+    """Draws a grid on the plane through `middle` along the first and last of `axes` (3, 3)."""
+    places = np.linspace(-1, 1, _GRID_LINES)
+    starts = [(x, 0, -1) for x in places] + [(-1, 0, z) for z in places]
+    ends = [(x, 0, 1) for x in places] + [(1, 0, z) for z in places]
+    lines = (np.array(side) @ axes + middle for side in (starts, ends))
+    draw_lines(image, camera, pose, *lines, [_GRID] * len(starts))

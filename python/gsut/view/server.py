@@ -1,4 +1,4 @@
-"""The page's server: of the standard library, on the loopback, behind a random token."""
+"""Serves the page with the standard library, on the loopback, behind a random token."""
 
 from __future__ import annotations
 
@@ -14,23 +14,26 @@ from typing import Any
 from urllib.parse import parse_qsl, urlsplit
 
 from gsut._core import CalibrationError, InputError, SolveError
-from gsut.files import json_text
+from gsut.files import format_json
 
+# Address that only this machine reaches.
 LOOPBACK = "127.0.0.1"
-_MOST_BYTES = 8 << 20  # of what the page sends: a lens file with a table of control points
+# Most bytes that the page may send: a lens file with a table of control points.
+_MOST_BYTES = 8 << 20
+# Media type of each of the page's files.
 _KINDS = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
-# Nothing but this server is asked for anything, whatever the page says.
+# Content security policy: the page may load from this server only.
 _POLICY = "default-src 'self'; img-src 'self' blob: data:; frame-ancestors 'none'; base-uri 'none'"
 
 
 @dataclasses.dataclass
 class Reply:
-    """What a route answers with: bytes of a kind, or a value that becomes JSON.
+    """The answer of a route: bytes of a kind, or a value that becomes JSON.
 
     Attributes:
         content: the bytes, or a JSON value.
         kind: of the bytes; "" for JSON.
-        headers: more of them.
+        headers: additional ones.
         keep: whether the browser may keep it.
     """
 
@@ -48,12 +51,12 @@ class ViewServer:
     """Serves the page and its routes until `close`.
 
     Args:
-        routes: by name, as it follows the token in the address.
-        host: whose requests are answered; the loopback unless told.
+        routes: by name, which follows the token in the address.
+        host: whose requests are answered, by default the loopback's.
         port: 0 for a free one.
 
     Attributes:
-        address: to be opened in a browser.
+        address: to open in a browser.
 
     Raises:
         InputError: host and port cannot be listened on.
@@ -74,13 +77,13 @@ class ViewServer:
                 f"cannot listen on {host}:{port} ({reason}); give another --host or --port"
             ) from None
         self.host, self.port = host, self._server.server_address[1]
-        Handler.hosts = None if host != LOOPBACK else _loopback_names(self.port)
+        Handler.hosts = None if host != LOOPBACK else _list_loopback_names(self.port)
         name = socket.gethostname() if host in ("", "0.0.0.0", "::") else host
         self.address = f"http://{name}:{self.port}/{self.token}/"
         threading.Thread(target=self._server.serve_forever, args=(0.1,), daemon=True).start()
 
     def close(self) -> None:
-        """Ends; requests under way are left to themselves."""
+        """Stops serving without waiting for open requests."""
         self._server.shutdown()
         self._server.server_close()
 
@@ -91,7 +94,7 @@ class ViewServer:
         self.close()
 
 
-def _loopback_names(port: int) -> frozenset[str]:
+def _list_loopback_names(port: int) -> frozenset[str]:
     return frozenset(f"{name}:{port}" for name in (LOOPBACK, "localhost"))
 
 
@@ -100,7 +103,7 @@ class _Server(http.server.ThreadingHTTPServer):
     block_on_close = False
 
     def handle_error(self, *_: object) -> None:
-        """A browser that leaves in the middle of a frame is no error."""
+        """Ignores a browser that leaves in the middle of a frame."""
 
 
 class _Handler(http.server.BaseHTTPRequestHandler):
@@ -123,7 +126,7 @@ class _Handler(http.server.BaseHTTPRequestHandler):
             values = json.loads(self.rfile.read(int(length)) or b"{}")
             assert isinstance(values, dict)
         except (ValueError, AssertionError, RecursionError):
-            return self._refuse(400, "the request is no JSON object")
+            return self._refuse(400, "the request is not a JSON object")
         self._answer(values)
 
     def _answer(self, values: dict[str, Any]) -> None:
@@ -136,27 +139,27 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         self._send(*self._reply(rest[0] if rest else "", values))
 
     def _reply(self, name: str, values: dict[str, Any]) -> tuple[int, Reply]:
-        """The status and what the route answers with; every failure is a sentence."""
+        """Returns the status and the route's answer; every failure becomes a sentence."""
         try:
             if name in self.routes:
                 return 200, self.routes[name](values)
-            return 200, _page_file(name or "view.html")
+            return 200, _read_page_file(name or "view.html")
         except FileNotFoundError:
-            return 404, _error(f"there is no {name!r} here")
+            return 404, _make_error(f"there is no {name!r} here")
         except (InputError, CalibrationError, SolveError) as error:
-            return 400, _error(" ".join(str(error).split()))
+            return 400, _make_error(" ".join(str(error).split()))
         except (KeyError, TypeError, ValueError) as error:
-            return 400, _error(f"{name}: the request is not whole: {error!r}")
+            return 400, _make_error(f"{name}: the request is incomplete: {error!r}")
         except Exception as error:
-            return 500, _error(f"{name} failed: {error!r}")
+            return 500, _make_error(f"{name} failed: {error!r}")
 
     def _refuse(self, status: int, sentence: str) -> None:
-        self._send(status, _error(sentence))
+        self._send(status, _make_error(sentence))
 
     def _send(self, status: int, reply: Reply) -> None:
         content, kind = reply.content, reply.kind
         if not kind:
-            content, kind = json_text(content).encode(), "application/json"
+            content, kind = format_json(content).encode(), "application/json"
         self.send_response(status)
         self.send_header("Content-Type", kind)
         self.send_header("Content-Length", str(len(content)))
@@ -170,15 +173,15 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         self.wfile.write(content)
 
     def log_message(self, *_: object) -> None:
-        """Frames are not worth a line each."""
+        """Logs nothing: frames do not deserve a line each."""
 
 
-def _error(sentence: str) -> Reply:
+def _make_error(sentence: str) -> Reply:
     return Reply({"error": sentence})
 
 
-def _page_file(name: str) -> Reply:
-    """A file of the page, shipped beside this one."""
+def _read_page_file(name: str) -> Reply:
+    """Reads a file of the page, shipped beside this one."""
     stem, _, ending = name.partition(".")
     if stem != "view" or ending not in _KINDS:
         raise FileNotFoundError(name)

@@ -1,4 +1,4 @@
-"""One session of the page: its routes, and who draws when."""
+"""Answers the page's requests during one session, and decides who draws when."""
 
 from __future__ import annotations
 
@@ -12,30 +12,34 @@ from gsut import _core
 from gsut._core import InputError
 from gsut.data import Scene
 from gsut.data.images import shrink_image, shrink_mask
-from gsut.files import json_text
+from gsut.files import format_json
 from gsut.lens import camera_models
 from gsut.lens.files import values_from_camera
 from gsut.view.edits import find_floaters, locate_ground, save_edited
 from gsut.view.film import Film
-from gsut.view.frames import MODES, FrameRequest, Frames
+from gsut.view.frame_request import MODES, FrameRequest
+from gsut.view.frames import Frames
 from gsut.view.lenses import Lenses
 from gsut.view.server import Reply, Route
 from gsut.view.stage import Stage
 
-_THUMBNAIL = 160  # pixels, the longer side
+# Longer side of a thumbnail in pixels.
+_THUMBNAIL = 160
+# JPEG quality of a photograph.
 _PHOTO_QUALITY = 90
-_MASKED = (200, 40, 60)  # tint of what a mask leaves out
+# Colour that tints what a mask leaves out.
+_MASKED = (200, 40, 60)
 _Result = TypeVar("_Result")
 
 
 class Drawing(Protocol):
-    """Says when work on the Gaussians is done: at once, or between two steps of a training."""
+    """Decides when work on the Gaussians is done: at once, or between two steps of a training."""
 
     def __call__(self, work: Callable[[], _Result]) -> _Result: ...
 
 
 class AtOnce:
-    """Work is done by whoever asks, one at a time."""
+    """Does work in the caller's thread, one at a time."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -46,12 +50,12 @@ class AtOnce:
 
 
 class Session:
-    """What the page can ask for.
+    """Answers what the page can request.
 
     Args:
-        stage: what is looked at.
-        drawing: when it is drawn; None: at once.
-        training: of a live training, the route that tells and steers it.
+        stage: what is shown.
+        drawing: decides when it is drawn; None: at once.
+        training: of a live training, the route that controls it and returns its progress.
     """
 
     def __init__(
@@ -63,24 +67,25 @@ class Session:
         self._draw: Drawing = drawing or AtOnce()
         self._training = training
         self._film: Film | None = None
-        self._notes = threading.Lock()
-        self._asked = 0  # photographs, for floaters
+        self._lock = threading.Lock()
+        self._photographs_done = 0  # photographs, for floaters
 
     @property
     def routes(self) -> dict[str, Route]:
-        """By name."""
+        """The routes by name."""
         routes: dict[str, Route] = {
-            "scene": self.scene, "frame": self.frame, "photo": self.photo, "lens": self.lens,
-            "pick": self.pick, "camera": self.camera, "film": self.film,
-            "film.file": self.film_file, "findings": self.findings, "ground": self.ground,
-            "floaters": self.floaters, "save": self.save,
+            "scene": self.describe_scene, "frame": self.draw_frame,
+            "photo": self.send_photograph, "lens": self.make_lens, "pick": self.pick_point,
+            "camera": self.save_cameras, "film": self.handle_film, "film.file": self.send_film,
+            "findings": self.list_findings, "ground": self.find_ground,
+            "floaters": self.find_floaters, "save": self.save_scene,
         }  # fmt: skip
         if self._training is not None:
             routes["training"] = self._training
         return routes
 
-    def scene(self, _: dict[str, Any]) -> Reply:
-        """All that the page needs to begin with."""
+    def describe_scene(self, _: dict[str, Any]) -> Reply:
+        """Returns everything that the page needs at its start."""
         stage, place = self.stage, self.stage.place()
         gaussians = stage.gaussians
         value = {
@@ -91,25 +96,25 @@ class Session:
             "extent": place["extent"], "pose": place["pose"].ravel(),
             "lenses": [self.lenses.describe(row) for row in range(len(stage.cameras))],
             "models": {name: _core.camera_param_names(name) for name in camera_models()},
-            "views": [] if stage.scene is None else _views(stage.scene),
+            "views": [] if stage.scene is None else _describe_views(stage.scene),
             "figures": {key: stage.figures.get(key) for key in ("psnr", "ssim", "steps")},
             "live": self._training is not None,
             "folder": None if stage.folder is None else str(stage.folder),
         }  # fmt: skip
         return Reply(value)
 
-    def frame(self, values: dict[str, Any]) -> Reply:
-        """A frame as JPEG or PNG."""
+    def draw_frame(self, values: dict[str, Any]) -> Reply:
+        """Draws a frame as JPEG or PNG."""
         request = self._request(values)
         data, kind, span = self._draw(lambda: self.frames.encode(request))
         headers = {} if span is None else {"X-Span": f"{span[0]:.6g} {span[1]:.6g}"}
         return Reply(data, kind, headers)
 
-    def photo(self, values: dict[str, Any]) -> Reply:
-        """A photograph as JPEG: "view", "side" of at most so many pixels, "mask" to tint it."""
+    def send_photograph(self, values: dict[str, Any]) -> Reply:
+        """Returns a photograph as JPEG: "view", "side" for its longest side, "mask" to tint it."""
         import cv2
 
-        scene = self._photographs()
+        scene = self._require_scene()
         index = _index(values["view"], scene)
         side = int(values.get("side", _THUMBNAIL))
         pixels = scene.image(index)
@@ -125,29 +130,34 @@ class Session:
         _, data = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, _PHOTO_QUALITY])
         return Reply(data.tobytes(), "image/jpeg", keep=True)
 
-    def lens(self, values: dict[str, Any]) -> Reply:
-        """A lens made or read; see `Lenses.make`."""
+    def make_lens(self, values: dict[str, Any]) -> Reply:
+        """Makes or reads a lens; see `Lenses.make`."""
         return Reply(self.lenses.describe(self.lenses.make(values)))
 
-    def pick(self, values: dict[str, Any]) -> Reply:
-        """The point that a pixel of a frame sees, in the scene's and the dataset's coordinates."""
+    def pick_point(self, values: dict[str, Any]) -> Reply:
+        """Finds the point that a pixel of a frame sees, in the scene's and the dataset's
+        coordinates."""
         request = self._request(values["frame"])
         x, y = (float(value) for value in values["pixel"])
-        point = self._draw(lambda: self.frames.pick(request, (x, y)))
+        point = self._draw(lambda: self.frames.find_point(request, (x, y)))
         if point is None:
             return Reply({"point": None})
         distance = np.linalg.norm(request.pose[:3, :3] @ point + request.pose[:3, 3])
-        return Reply({"point": point, "in_dataset": point + self._offset(), "distance": distance})
+        return Reply(
+            {"point": point, "in_dataset": point + self._get_offset(), "distance": distance}
+        )
 
-    def camera(self, values: dict[str, Any]) -> Reply:
-        """The camera of a frame, or keyframes, as a file that `gsut render --path` takes."""
-        poses = [self._in_dataset(pose) for pose in values["poses"]]
-        camera = self.lenses.at(int(values["lens"]), int(values["width"]), int(values["height"]))
+    def save_cameras(self, values: dict[str, Any]) -> Reply:
+        """Returns the camera of a frame, or keyframes, as a file for `gsut render --path`."""
+        poses = [self._move_to_dataset(pose) for pose in values["poses"]]
+        camera = self.lenses.resize(
+            int(values["lens"]), int(values["width"]), int(values["height"])
+        )
         content = {"camera_from_world": poses, "lens": values_from_camera(camera)}
-        return Reply(json_text(content).encode() + b"\n", "application/json")
+        return Reply(format_json(content).encode() + b"\n", "application/json")
 
-    def film(self, values: dict[str, Any]) -> Reply:
-        """Begins a film ("keys" and so on), stops it ("stop"), or tells how far it is."""
+    def handle_film(self, values: dict[str, Any]) -> Reply:
+        """Starts a film ("keys" and so on) or stops it ("stop"); returns its progress."""
         if "keys" in values:
             if self._film is not None:
                 self._film.stop()
@@ -156,10 +166,10 @@ class Session:
         elif values.get("stop") and self._film is not None:
             self._film.stop()
             self._film = None
-        return Reply(None if self._film is None else self._film.state())
+        return Reply(None if self._film is None else self._film.describe())
 
-    def film_file(self, _: dict[str, Any]) -> Reply:
-        """The film that was made."""
+    def send_film(self, _: dict[str, Any]) -> Reply:
+        """Returns the finished film."""
         if self._film is None or not self._film.content:
             raise InputError("there is no film yet")
         name = "".join(c if c.isalnum() else "-" for c in self.stage.name).encode(
@@ -168,47 +178,50 @@ class Session:
         saved = f'attachment; filename="{name.decode()}.{self._film.ending}"'
         return Reply(self._film.content, self._film.kind, {"Content-Disposition": saved})
 
-    def findings(self, _: dict[str, Any]) -> Reply:
-        """What the doctor says of a dataset; found when first asked for."""
+    def list_findings(self, _: dict[str, Any]) -> Reply:
+        """Returns the doctor's findings on a dataset, which are made at the first request."""
         from gsut.check import diagnose
 
-        with self._notes:
+        with self._lock:
             if self.stage.kind == "data" and not self.stage.findings:
                 assert self.stage.scene is not None
                 self.stage.findings = diagnose(self.stage.scene.path, progress=False)
         keys = ("severity", "where", "what", "advice")
         return Reply([{key: getattr(row, key) for key in keys} for row in self.stage.findings])
 
-    def ground(self, values: dict[str, Any]) -> Reply:
-        """The plane that the scene stands on, near to "up"."""
+    def find_ground(self, values: dict[str, Any]) -> Reply:
+        """Finds the plane that the scene stands on, roughly across "up"."""
         return Reply(locate_ground(self.frames, values["up"]))
 
-    def floaters(self, values: dict[str, Any]) -> Reply:
-        """Looks for floaters, which takes a second a photograph or less; with "far", how far."""
+    def find_floaters(self, values: dict[str, Any]) -> Reply:
+        """Finds floaters, which takes up to a second for each photograph; with "far", returns
+        progress."""
         if values.get("far"):
-            return Reply({"done": self._asked})
-        with self._notes:
-            return Reply(find_floaters(self.frames, lambda done: setattr(self, "_asked", done)))
+            return Reply({"done": self._photographs_done})
+        with self._lock:
+            return Reply(
+                find_floaters(self.frames, lambda done: setattr(self, "_photographs_done", done))
+            )
 
-    def save(self, values: dict[str, Any]) -> Reply:
-        """Writes the scene as it is seen to a new file."""
+    def save_scene(self, values: dict[str, Any]) -> Reply:
+        """Writes the scene as it is shown to a new file."""
         return Reply(save_edited(self.frames, values))
 
     def _request(self, values: dict[str, Any]) -> FrameRequest:
         count = 0 if self.stage.scene is None else len(self.stage.scene)
         return FrameRequest.parse(values, count)
 
-    def _photographs(self) -> Scene:
+    def _require_scene(self) -> Scene:
         if self.stage.scene is None:
             raise InputError("there are no photographs here; give --data")
         return self.stage.scene
 
-    def _offset(self) -> np.ndarray:
+    def _get_offset(self) -> np.ndarray:
         return np.zeros(3) if self.stage.scene is None else self.stage.scene.world_offset
 
-    def _in_dataset(self, pose: Any) -> np.ndarray:
+    def _move_to_dataset(self, pose: Any) -> np.ndarray:
         matrix = np.array(pose, np.float64).reshape(4, 4)
-        return matrix if self.stage.scene is None else self.stage.scene.in_dataset(matrix)
+        return matrix if self.stage.scene is None else self.stage.scene.to_dataset(matrix)
 
 
 def _index(value: Any, scene: Scene) -> int:
@@ -218,8 +231,8 @@ def _index(value: Any, scene: Scene) -> int:
     return index
 
 
-def _views(scene: Scene) -> list[dict[str, Any]]:
-    """What the page knows of each photograph."""
+def _describe_views(scene: Scene) -> list[dict[str, Any]]:
+    """Describes each photograph for the page."""
     held_out = set(scene.test_indices)
     rows = []
     for index, view in enumerate(scene.views):

@@ -1,4 +1,4 @@
-"""What is looked at: a trained run, a file of Gaussians, or a dataset before training."""
+"""Opens what is shown: a trained run, a file of Gaussians, or a dataset before training."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 from gsut._core import CameraMotion, InputError
 from gsut.check import Finding
 from gsut.data import Scene, load_dataset
-from gsut.data.poses import inverse
+from gsut.data.poses import invert_pose
 from gsut.formats import read_scene_file
 from gsut.gaussians import pack_harmonics, seed_from_points
 from gsut.lens import Camera
@@ -21,31 +21,37 @@ from gsut.render import Light
 from gsut.run import METRICS, OPTIONS, RunFolder
 from gsut.training import open_trained, read_light
 
-# Points of a dataset are drawn as small, nearly opaque Gaussians: of this size over the distance
-# to their neighbours, and at most so many.
-_POINT_SCALE, _POINT_OPACITY, _MOST_POINTS = 0.25, 0.95, 300_000
-# A file of Gaussians has no cameras: the middle share of them says where the scene is, and the
-# first look is from this many of its radii away, through a lens of this field.
+# Size of the Gaussians that stand for a dataset's points, x the distance to their neighbours.
+_POINT_SCALE = 0.25
+# Opacity of these Gaussians: nearly opaque.
+_POINT_OPACITY = 0.95
+# Most points that are shown.
+_MOST_POINTS = 300_000
+# Percentiles of the centres that bound a scene without cameras.
 _MIDDLE_PERCENT = (10.0, 90.0)
+# Distance of the first pose of such a scene, x its radius.
 _FIRST_DISTANCE = 2.5
-_FIRST_SIZE, _FIRST_FOCAL = (1280, 960), 800.0
+# Size of the first image of such a scene in pixels.
+_FIRST_SIZE = (1280, 960)
+# Focal length of the first lens of such a scene in pixels.
+_FIRST_FOCAL = 800.0
 
 
 @dataclasses.dataclass
 class Stage:
-    """What is looked at.
+    """What is shown.
 
     Attributes:
         name: for people.
         kind: "run", "file", "data" or "training".
-        gaussians: what is drawn; None before training has begun.
+        gaussians: what is drawn; None before training has started.
         scene: photographs, poses and points; None for a file of Gaussians.
         background: colour behind everything; None: see `render`.
         findings: of the doctor, before training.
         figures: the content of metrics.json, or {}.
-        light: of the photographs, where the run has found it.
+        light: of the photographs, if the run has found it.
         folder: where the page may save edited scenes; None: nowhere.
-        antialiased: what the file says of itself, see `SceneFile`.
+        antialiased: according to the file, see `SceneFile`.
     """
 
     name: str
@@ -61,7 +67,7 @@ class Stage:
 
     @property
     def cameras(self) -> tuple[Camera, ...]:
-        """The dataset's lenses; a plain one for a file of Gaussians."""
+        """The dataset's lenses; a pinhole for a file of Gaussians."""
         if self.scene is not None:
             return self.scene.cameras
         width, height = _FIRST_SIZE
@@ -69,9 +75,9 @@ class Stage:
         return (Camera("pinhole", params, width, height),)
 
     def place(self) -> dict[str, Any]:
-        """Where the scene is: up (3,), center (3,), extent, and the first pose (4, 4)."""
+        """Places the scene: returns up (3,), center (3,), extent, and the first pose (4, 4)."""
         if self.scene is not None and len(self.scene):
-            return _place_of_views(self.scene)
+            return _place_views(self.scene)
         means = np.zeros((1, 3))
         if self.gaussians is not None and len(self.gaussians):
             means = self.gaussians.means + self.gaussians.origin
@@ -82,7 +88,7 @@ class Stage:
         return {"up": np.array([0.0, -1.0, 0.0]), "center": center, "extent": extent, "pose": pose}
 
 
-def _place_of_views(scene: Scene) -> dict[str, Any]:
+def _place_views(scene: Scene) -> dict[str, Any]:
     rows = list(scene.train_indices or range(len(scene)))
     poses = scene.poses(rows)
     up = -poses[:, 1, :3].mean(axis=0)
@@ -95,13 +101,13 @@ def _place_of_views(scene: Scene) -> dict[str, Any]:
     return {"up": up, "center": center, "extent": scene.extent, "pose": poses[0]}
 
 
-def stage_of(
+def open_stage(
     path: str | os.PathLike[str], data: str | None = None, memory: str | None = None
 ) -> Stage:
-    """The stage of a finished run, a file of Gaussians or a dataset.
+    """Opens a finished run, a file of Gaussians or a dataset.
 
     Args:
-        path: which of them is told by what is there.
+        path: of one of these, which is recognised by its content.
         data: a run's dataset, if it is not where training read it; photographs beside a file.
         memory: that a run's Gaussians may take, such as 2GB; None: most of what is free.
 
@@ -134,11 +140,11 @@ def stage_of(
             place.name, "file", packed, photographs, behind, folder=place.parent,
             antialiased=file.antialiased,
         )  # fmt: skip
-    return data_stage(load_dataset(place))
+    return make_data_stage(load_dataset(place))
 
 
-def data_stage(scene: Scene, findings: Sequence[Finding] = ()) -> Stage:
-    """The stage of a dataset: its points stand for Gaussians."""
+def make_data_stage(scene: Scene, findings: Sequence[Finding] = ()) -> Stage:
+    """Makes the stage of a dataset, whose points stand for Gaussians."""
     gaussians = None
     if len(scene.points):
         origin = scene.points.mean(axis=0)  # float32 holds them near it
@@ -149,17 +155,20 @@ def data_stage(scene: Scene, findings: Sequence[Finding] = ()) -> Stage:
     return Stage(scene.path.resolve().name, "data", gaussians, scene, findings=findings)
 
 
-def free_motion(scene: Scene, index: int, pose: np.ndarray) -> Any:
-    """The rolling shutter's motion of a photograph, moved to another pose; that pose without one.
+def move_motion(scene: Scene, index: int, pose: np.ndarray) -> Any:
+    """Moves the rolling shutter's motion of a photograph to another pose.
 
     Args:
         scene: of the photograph.
         index: of the photograph.
         pose: (4, 4) camera_from_world of the middle of the exposure.
+
+    Returns:
+        The motion; `pose` if the photograph has no rolling shutter.
     """
     view = scene.views[index]
     start, end = view.camera_from_world_start, view.camera_from_world_end
     if view.shutter is None or start is None or end is None:
         return pose
-    moved = inverse(view.camera_from_world) @ pose
+    moved = invert_pose(view.camera_from_world) @ pose
     return CameraMotion(start @ moved, end @ moved, view.shutter)

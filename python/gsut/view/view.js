@@ -1,4 +1,4 @@
-// The page of gsut view: asks for the newest pose only, one frame at a time.
+// The page of gsut view: moves through a scene and requests one frame at a time, of the newest pose.
 "use strict";
 
 const base = location.pathname.replace(/[^/]*$/, "");
@@ -6,18 +6,27 @@ const $ = (id) => document.getElementById(id);
 const MODE_NAMES = { color: "Colour", distance: "Distance", normal: "Normals", alpha: "Alpha", centers: "Centres", error: "Error" };
 const COMPARE_NAMES = { render: "Render", photo: "Photo", fade: "Fade", wipe: "Wipe", flicker: "Flicker" };
 const LAYER_NAMES = { cameras: "Cameras", points: "Points", domain: "No ray", axes: "Ground" };
-// Of the shown size, and of the Gaussians, while moving. Large scenes cost by their Gaussians: a
-// smaller picture of all of them comes first, and fewer of them only where that is not enough.
+// Number of Gaussians above which these, not the pixels, decide how long a frame takes.
 const LARGE = 200000;
+// Size of a frame while moving, by level, relative to the shown size. The picture shrinks first;
+// Gaussians are left out only if that is not enough.
 const SCALES = { small: [0.2, 0.25, 0.35, 0.5, 0.7, 1], large: [0.35, 0.5, 0.5, 0.5, 0.7, 1] };
+// Share of the Gaussians that a frame while moving is drawn from, by level.
 const SHARES = { small: [1, 1, 1, 1, 1, 1], large: [0.25, 0.25, 0.5, 1, 1, 1] };
-const SLOW_MS = 60, FAST_MS = 25; // of a frame, beyond which this changes
-const SLOWEST_MS = 100; // beyond which Gaussians are left out: ten frames a second
-const REST_MS = 140; // after the last movement the frame comes whole
+// Milliseconds of a frame above which the level falls.
+const SLOW_MS = 60;
+// Milliseconds of a frame below which the level rises.
+const FAST_MS = 25;
+// Milliseconds of a frame above which Gaussians are left out: ten frames a second.
+const SLOWEST_MS = 100;
+// Milliseconds after the last movement until a frame of full quality is requested.
+const REST_MS = 140;
+// Most pixels of a frame, unless it is lossless.
 const MOST_PIXELS = 3e6;
-const PLAIN_FIELD = 80; // degrees across the window
+// Field of view in degrees of the pinhole that fills the window.
+const PLAIN_FIELD = 80;
 
-let scene; // what the server said of it
+let scene; // as the server describes it
 let lens; // the lens in use, described
 const state = {
   eye: { R: null, c: null }, // world_from_camera: columns right, down, forward; centre
@@ -61,7 +70,7 @@ async function call(name, values) {
   try {
     reply = await fetch(base + name, values === undefined ? {} : { method: "POST", body: JSON.stringify(values) });
   } catch {
-    throw new Error("gsut view has ended; start it again and reload its address");
+    throw new Error("gsut view is not running any more; start it again and open the address that it prints");
   }
   if (!reply.ok) throw new Error((await reply.json()).error);
   return reply;
@@ -182,7 +191,7 @@ function move(right, up, forward) {
   redraw();
 }
 const step = () => scene.extent * 2 ** Number($("speed").value);
-function dolly(amount) { // orbiting: a share of the way to the pivot
+function dolly(amount) { // when orbiting: by a share of the way to the pivot
   const away = norm(add(state.pivot, state.eye.c, -1));
   move(0, 0, state.navigation === "orbit" ? away * (1 - Math.exp(-amount)) : amount * step() * 0.5);
 }
@@ -194,7 +203,7 @@ function levelled() {
   redraw();
 }
 let flight = 0;
-function fly(eye, arrive) { // a short flight from here to there
+function fly(eye, arrive) { // moves the eye smoothly to another pose
   const from = { R: [...state.eye.R], c: [...state.eye.c] }, began = performance.now(), mine = ++flight;
   const still = matchMedia("(prefers-reduced-motion: reduce)").matches || document.hidden;
   const tick = () => {
@@ -257,7 +266,7 @@ async function pick(event) {
 }
 async function measure(event) {
   const found = await pick(event);
-  if (!found.point) return toast("nothing to measure there");
+  if (!found.point) return toast("there is nothing to measure at this pixel");
   if (state.marks.length >= 2) state.marks = [];
   state.marks.push(found.point);
   const two = state.marks.length === 2;
@@ -272,7 +281,7 @@ async function measure(event) {
 }
 async function setPivot(event) {
   const found = await pick(event);
-  if (!found.point) return toast("nothing to orbit there");
+  if (!found.point) return toast("there is nothing to orbit at this pixel");
   state.pivot = found.point;
   choose("navigation", "orbit");
   const forward = unit(add(found.point, state.eye.c, -1)), right = unit(cross(forward, state.up));
@@ -287,7 +296,7 @@ function turnUp(up, ground = null) {
 }
 async function findGround() {
   const found = await ask("ground", { up: state.up });
-  $("ground-text").textContent = `The ground is drawn; it leans ${format(Math.acos(Math.min(1, dot(found.normal, unit(state.up)))) * 180 / Math.PI)}° against the up before. Saved, it lies at y = 0.`;
+  $("ground-text").textContent = `Ground found, tilted by ${format(Math.acos(Math.min(1, dot(found.normal, unit(state.up)))) * 180 / Math.PI)}° from the previous up direction. In a saved file it lies at y = 0.`;
   const layer = document.querySelector("#layers input[value=axes]");
   if (!layer.checked) layer.click();
   turnUp(found.normal, [...found.normal, found.level]);
@@ -300,7 +309,7 @@ async function leaveFloatersOut() {
     $("clean-text").hidden = false;
     const look = setInterval(async () => {
       const far = await ask("floaters", { far: true }).catch(() => ({ done: 0 }));
-      if ($("clean").disabled) $("clean-text").textContent = `Asking the photographs, ${far.done} of ${count} …`;
+      if ($("clean").disabled) $("clean-text").textContent = `Comparing with the photographs: ${far.done} of ${count} …`;
     }, 500);
     try {
       const found = await ask("floaters", {});
@@ -390,7 +399,7 @@ function choose(id, value) {
 }
 function lossless(on) {
   state.lossless = $("lossless").checked = on;
-  toast(on ? "exact pixels: the lens' own size, without loss" : "the window's size");
+  toast(on ? "exact pixels: size of the lens, lossless" : "size of the window");
   redraw(false);
 }
 
@@ -454,7 +463,7 @@ function fillStrip() {
 }
 
 // --- lenses --------------------------------------------------------------------------------------
-let reshape; // fits a lens of our own choice to the window
+let reshape; // fits a lens that is not the dataset's to the window
 function useLens(described, keepSliders = false) {
   const changed = !lens || lens.id !== described.id;
   lens = described;
@@ -488,7 +497,7 @@ function fillSliders() {
   });
 }
 let lensBusy = false, lensNext = null;
-async function makeLens(values, keepSliders = false) { // the newest wish only
+async function makeLens(values, keepSliders = false) { // only the newest request counts
   lensNext = [values, keepSliders];
   if (lensBusy) return;
   lensBusy = true;
@@ -522,9 +531,9 @@ function fillLenses() {
     for (const [value, text] of entries) box.append(new Option(text, value));
     $("lens").append(box);
   };
-  group(scene.views.length ? "The photographs'" : "Plain", scene.lenses.map((each) => [`id:${each.id}`, `${each.model}, ${each.width} × ${each.height}`]));
-  group("Of our own", [["fill", "plain, fills the window"]]);
-  group("Any model", Object.keys(scene.models).map((name) => [`model:${name}`, name]));
+  group(scene.views.length ? "Lenses of the dataset" : "Pinhole", scene.lenses.map((each) => [`id:${each.id}`, `${each.model}, ${each.width} × ${each.height}`]));
+  group("Other", [["fill", "pinhole that fills the window"]]);
+  group("Examples of models", Object.keys(scene.models).map((name) => [`model:${name}`, name]));
 }
 
 // --- the page ------------------------------------------------------------------------------------
@@ -555,7 +564,7 @@ function keysChanged() {
   $("film-make").disabled = count < 2;
 }
 let recording;
-function record() { // a keyframe where the eye has moved
+function record() { // adds a keyframe if the eye has moved
   const pose = state.exact ?? poseOf(state.eye);
   if (String(pose) === String(state.keys.at(-1))) return;
   state.keys.push(pose);
@@ -609,7 +618,7 @@ async function fillFindings() {
   }));
 }
 
-// --- a training that goes on ----------------------------------------------------------------------
+// --- a live training ------------------------------------------------------------------------------
 function curve(id, rows, key) {
   const points = rows.filter((row) => row[key] != null), values = points.map((row) => row[key]);
   if (!points.length) return;
@@ -624,7 +633,7 @@ async function followTraining() {
     const best = now.history.filter((row) => row.psnr != null).at(-1);
     $("train-text").textContent = now.state === "preparing" ? "Preparing …" : `${now.state}: step ${now.step.toLocaleString()} of ${now.steps.toLocaleString()}, ${now.num_gaussians.toLocaleString()} Gaussians`;
     $("curve-best").textContent = best ? `held-out PSNR, now ${best.psnr.toFixed(2)} dB` : "held-out PSNR";
-    $("train-pause").textContent = now.state === "paused" ? "Go on" : "Pause";
+    $("train-pause").textContent = now.state === "paused" ? "Resume" : "Pause";
     $("train-pause").disabled = $("train-stop").disabled = now.state === "finished";
     curve("curve-loss", now.history, "loss");
     curve("curve-psnr", now.history, "psnr");
@@ -759,7 +768,7 @@ async function begin() {
   fillStrip();
   fillLenses();
   fillCrop();
-  $("up").append(new Option(scene.views.length ? "as the cameras" : "as the file", JSON.stringify(scene.up)));
+  $("up").append(new Option(scene.views.length ? "from the cameras" : "from the file", JSON.stringify(scene.up)));
   ["+x", "−x", "+y", "−y", "+z", "−z"].forEach((name, k) => {
     const axis = [0, 0, 0];
     axis[k >> 1] = k % 2 ? -1 : 1;

@@ -102,7 +102,7 @@ def test_blocks_are_compared_with_one_training_of_as_many_steps(hall, monkeypatc
     rows = run_bench("blocks", hall, **options)
     assert rows["hall, one, as many steps"]["below"] == 0.0
     assert rows["hall, one, as many steps"]["steps"] == rows["hall, blocks"]["steps"] > 10
-    assert rows["hall, blocks, two workers, same"]["bits"] == "same"
+    assert rows["hall, blocks, two workers"]["bits"] == "same"
     assert 0 <= rows["hall, blocks"]["seam_percent"] <= 100
 
 
@@ -136,16 +136,9 @@ def test_surfaces_measure_balls_and_fusion(tmp_path):
 
 def test_light_is_compared_with_the_truth(tmp_path):
     options = {"steps": 20, "max_gaussians": 200, "views": 8, "size": 48}
-    rows = run_bench("light", tmp_path, only="falloff, noise", **options)
+    rows = run_bench("light", tmp_path, only="falloff + noise", **options)
     assert [row["flags"] for row in rows.values()] == ["--exposure off", "--exposure auto"]
     assert all(row["psnr_truth"] > 3 for row in rows.values())
-
-
-def test_antialias_compares_filters_at_other_sizes(tmp_path):
-    options = {"steps": 20, "max_gaussians": 200, "size": 128}
-    rows = run_bench("antialias", tmp_path, only="0.25", **options)
-    assert [row["lens"] for row in rows.values()] == ["fisheye", "pinhole"]
-    assert all(5 < row["pixel_filter"] < 60 for row in rows.values())
 
 
 def test_localize_compares_errors_with_the_stated_ones(tmp_path):

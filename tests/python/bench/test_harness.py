@@ -115,7 +115,7 @@ def test_each_benchmark_declares_columns_that_name_its_rows(name, tmp_path, monk
     if benchmark is None:  # it watches a command
         return
     keys = [column.key for column in benchmark.columns]
-    assert len(set(keys)) == len(keys)
+    assert len(set(keys)) == len({column.heading for column in benchmark.columns}) == len(keys)
     assert {column.unit for column in benchmark.columns} - {""}, "error or quality without a unit"
     monkeypatch.setattr(Settings, "find", lambda self, data: None)
     cases = list(benchmark.cases(benchmark.settings(tmp_path)))

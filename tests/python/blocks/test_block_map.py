@@ -4,12 +4,12 @@ import itertools
 
 import numpy as np
 
-from gsut.blocks.block_map import _colors_apart
+from gsut.blocks.block_map import choose_colors
 
 
 def test_neighbours_have_different_colours():
     grid = np.array([(x, y, 0.0) for x in range(4) for y in range(4)])
-    chosen = _colors_apart(grid)
+    chosen = choose_colors(grid)
     pairs = [
         (a, b)
         for a, b in itertools.combinations(range(16), 2)

@@ -13,7 +13,7 @@ import pytest
 import gsut
 from gsut.blocks import cluster
 from gsut.blocks.segment import run_segment
-from gsut.blocks.task import BlockTask, photographs_of
+from gsut.blocks.task import BlockTask, list_photographs
 from gsut.run import read_checkpoint
 from small_blocks import LARGE_OPTIONS, same_bits, train
 
@@ -82,7 +82,7 @@ def test_nodes_with_other_versions_are_refused(finished, tmp_path):
 def arguments(finished):
     """A first segment's task, paths and photographs, as a worker gets them."""
     file = finished / "run/blocks/b000/task1.npz"
-    paths = photographs_of(read_checkpoint(file))
+    paths = list_photographs(read_checkpoint(file))
     return file.read_bytes(), paths, [Path(path).read_bytes() for path in paths]
 
 

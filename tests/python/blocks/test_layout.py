@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import gsut
-from gsut.blocks.layout import Layout, bisect
+from gsut.blocks.layout import Layout, cut_scene
 from tolerances.blocks import MOST_OF_A_SHARE
 
 
@@ -14,8 +14,8 @@ from tolerances.blocks import MOST_OF_A_SHARE
 def test_bisection_gives_each_block_its_share_of_the_work(rng, count):
     points = rng.normal(size=(5000, 3)) * (5, 1, 3)
     work = rng.exponential(size=5000)
-    layout = bisect(points, work, rng.normal(size=(10, 3)), count)
-    owners = layout.owners(points)
+    layout = cut_scene(points, work, rng.normal(size=(10, 3)), count)
+    owners = layout.find_owners(points)
     assert len(layout) == count
     shares = np.bincount(owners, work, minlength=count) / work.sum()
     assert shares.min() > 0
@@ -26,7 +26,7 @@ def test_every_point_has_one_owner_and_cuts_are_half_open(rng):
     layout = Layout({"axis": 1, "at": 0.5, "below": None,
                      "above": {"axis": 0, "at": -1.0, "below": None, "above": None}})  # fmt: skip
     points = np.array([[0, 0.5, 0], [0, np.nextafter(0.5, 0), 0], [-1, 9, 9], [-1e30, 9, 0]])
-    assert layout.owners(points).tolist() == [2, 0, 2, 1]
+    assert layout.find_owners(points).tolist() == [2, 0, 2, 1]
     assert len(layout) == 3
 
 
@@ -34,10 +34,10 @@ def test_far_things_are_a_block_of_their_own_where_they_are_worth_it(rng):
     cameras = rng.uniform(-1, 1, (20, 3))
     near, far = rng.uniform(-3, 3, (900, 3)), rng.normal(size=(100, 3)) * 1000
     points = np.concatenate([near, far])
-    worth = bisect(points, np.ones(1000), cameras, 4)
+    worth = cut_scene(points, np.ones(1000), cameras, 4)
     assert worth.near is None  # a tenth of the work, less than half of a block's
-    layout = bisect(points, np.r_[np.ones(900), np.full(100, 3.0)], cameras, 4)
-    owners = layout.owners(points)
+    layout = cut_scene(points, np.r_[np.ones(900), np.full(100, 3.0)], cameras, 4)
+    owners = layout.find_owners(points)
     assert len(layout) == 4
     assert layout.near is not None
     outside = (np.abs(points) > 20).any(axis=1)
@@ -46,12 +46,12 @@ def test_far_things_are_a_block_of_their_own_where_they_are_worth_it(rng):
 
 
 def test_points_at_one_place_are_one_block():
-    assert len(bisect(np.ones((9, 3)), np.ones(9), np.zeros((2, 3)), 4)) == 1
+    assert len(cut_scene(np.ones((9, 3)), np.ones(9), np.zeros((2, 3)), 4)) == 1
 
 
 def test_layout_is_read_back_as_written(rng, tmp_path):
     points = rng.normal(size=(300, 3))
-    layout = bisect(points, np.ones(300), points[:4], 5)
+    layout = cut_scene(points, np.ones(300), points[:4], 5)
     file = tmp_path / "layout.json"
     file.write_text(json.dumps(layout.as_dict()))
     assert Layout.read(str(file)) == layout

@@ -11,7 +11,7 @@ from gsut.cli import main
 from gsut.gaussians import order_for_reading, stored
 from gsut.run import RunFolder
 from gsut.training import open_trained
-from gsut.view import Session, stage_of
+from gsut.view import Session, open_stage
 from stored_reads import count_reads
 
 COUNT = 6000
@@ -86,19 +86,19 @@ def test_mesh_is_the_same_and_says_what_it_cannot(run, reads, tmp_path, capsys, 
 
 
 def test_view_draws_the_same_frames_and_refuses_what_needs_all(run, reads):
-    sessions = [Session(stage_of(run, None, memory)) for memory in (None, MEMORY)]
+    sessions = [Session(open_stage(run, None, memory)) for memory in (None, MEMORY)]
     pose = open_trained(RunFolder.open(run), None, None)[1].views[3].camera_from_world
     frame = {"pose": pose.ravel().tolist(), "lens": 0, "width": 40, "height": 40, "quality": None}
     box = [[-0.5, -0.5, -0.5], [0.5, 0.5, 0.2]]
     cases = ({}, {"mode": "distance"}, {"crop": box}, {"share": 0.5})
     for case in cases[:-1]:
-        replies = [session.frame({**frame, **case}) for session in sessions]
+        replies = [session.draw_frame({**frame, **case}) for session in sessions]
         assert replies[0].content == replies[1].content
     assert len(reads) >= len(cases) - 1
-    assert sessions[1].frame({**frame, "share": 0.5}).content  # all of them: no half is known
+    assert sessions[1].draw_frame({**frame, "share": 0.5}).content  # all of them: no half is known
     for ask in (
-        lambda s: s.frame({**frame, "mode": "centers"}),
-        lambda s: s.ground({"up": [0, 0, 1]}),
+        lambda s: s.draw_frame({**frame, "mode": "centers"}),
+        lambda s: s.find_ground({"up": [0, 0, 1]}),
     ):
         with pytest.raises(gsut.InputError, match="needs all 6,000 Gaussians"):
             ask(sessions[1])

@@ -10,20 +10,20 @@ import gsut
 from gsut.blocks.segment import (
     TILE,
     BlockLoop,
+    order_views,
     run_segment,
     spread_tiles,
-    tiles_around,
-    views_by_rate,
+    widen_tiles,
 )
 from gsut.blocks.shares import Shares, choose_context, find_shares
-from gsut.blocks.task import BlockTask, Trained, photographs_of
+from gsut.blocks.task import BlockTask, Trained, list_photographs
 from gsut.compact import seen_views
 from gsut.run import read_checkpoint, write_checkpoint
 from gsut.training import TrainingLoop
 from small_blocks import OPTIONS, small_scene
 from tolerances.blocks import SHARES_SUM
 
-FEW_STEPS = dataclasses.replace(OPTIONS, steps=24, coarse_to_fine=(0.0, 0.0), sh_every=1).resolved()
+FEW_STEPS = dataclasses.replace(OPTIONS, steps=24, coarse_to_fine=(0.0, 0.0), sh_every=1).resolve()
 SETTLED = dataclasses.replace(FEW_STEPS, densify_until=0.5)  # in the first of two rounds
 FIELDS = ("means", "quats", "log_scales", "opacity_logits", "sh")
 
@@ -35,7 +35,7 @@ def scene(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def task(scene):
-    start = TrainingLoop(scene, OPTIONS.resolved()).gaussians.copy()
+    start = TrainingLoop(scene, OPTIONS.resolve()).gaussians.copy()
     train = [scene.views[index] for index in scene.train_indices]
     part = scene.replace(views=train, train_indices=range(len(train)), test_indices=())
     tiles = np.zeros((3, 3), bool)
@@ -80,7 +80,7 @@ def test_segments_from_files_give_the_bits_of_one_go(task, tmp_path):
         np.testing.assert_array_equal(state["own"][name], whole[name])
         np.testing.assert_array_equal(kept_loop[name], whole[name])
     assert state["pixels"] > 0
-    assert all(path.endswith(".png") for path in photographs_of(values))
+    assert all(path.endswith(".png") for path in list_photographs(values))
 
 
 def test_round_that_goes_on_gives_the_bits_of_an_unbroken_one(task):
@@ -128,7 +128,7 @@ def test_gradients_of_the_pixels_that_count_are_those_of_the_whole_view(task):
     np.testing.assert_array_equal(found["part"]["after"][counts], found["whole"]["before"][counts])
     assert np.abs(found["part"]["after"][counts]).max() > 0
     assert not found["part"]["after"][~counts].any()
-    assert not tiles_around(counts.astype(np.float32))[:, 2].any()  # and not all was rendered
+    assert not widen_tiles(counts.astype(np.float32))[:, 2].any()  # and not all was rendered
 
 
 def test_each_tenth_step_is_about_the_whole_view(task):
@@ -143,7 +143,7 @@ def test_each_tenth_step_is_about_the_whole_view(task):
 
 
 def test_shares_of_all_blocks_add_up_to_what_is_covered(scene, rng):
-    g = TrainingLoop(scene, OPTIONS.resolved()).gaussians.copy()
+    g = TrainingLoop(scene, OPTIONS.resolve()).gaussians.copy()
     for blocks in (4, 9):  # drawn all, or those alone that a first pass has found
         owners = rng.integers(0, blocks, len(g)).astype(np.int32)
         indices = scene.train_indices[:3]
@@ -161,7 +161,7 @@ def test_shares_of_all_blocks_add_up_to_what_is_covered(scene, rng):
 
 
 def test_context_is_what_is_seen_and_merged_to_a_most(scene, rng):
-    g = TrainingLoop(scene, OPTIONS.resolved()).gaussians.copy()
+    g = TrainingLoop(scene, OPTIONS.resolve()).gaussians.copy()
     own, others = g[:20], g[20:]
     views = seen_views(scene, scene.train_indices[:2])
     assert len(choose_context(own, others, views, 1000, 0)) == len(others)
@@ -172,12 +172,12 @@ def test_context_is_what_is_seen_and_merged_to_a_most(scene, rng):
 
 def test_views_are_trained_on_as_often_as_their_rates_say():
     rates = np.array([1.0, 0.25, 0.02, 1.0])
-    order = views_by_rate(rates, 227, 5)
+    order = order_views(rates, 227, 5)
     times = np.bincount(order, minlength=4)
     assert len(order) == 227
     assert np.abs(times / times[0] - rates).max() < 0.02
-    np.testing.assert_array_equal(views_by_rate(rates, 100, 5), order[:100])  # whatever follows
-    epochs = views_by_rate(np.ones(7), 21, 5).reshape(3, 7)
+    np.testing.assert_array_equal(order_views(rates, 100, 5), order[:100])  # whatever follows
+    epochs = order_views(np.ones(7), 21, 5).reshape(3, 7)
     assert (np.sort(epochs) == np.arange(7)).all()
 
 
@@ -195,8 +195,8 @@ def test_neighbours_are_those_that_a_block_s_views_show_most_of_first():
         np.array([[50.0, 30.0, 2.0, 0.0], [0.1, 80.0, 0.0, 9.0]]), np.array([100.0, 100.0]),
         {(0, 0): tile, (0, 1): tile, (0, 2): tile, (1, 1): tile, (1, 3): tile},
     )  # fmt: skip
-    assert shares.neighbours(0).tolist() == [1, 2]  # 3 is in no view that it is trained on
-    assert shares.neighbours(1).tolist() == [0, 3, 2]
+    assert shares.find_neighbours(0).tolist() == [1, 2]  # 3 is in no view that it is trained on
+    assert shares.find_neighbours(1).tolist() == [0, 3, 2]
     np.testing.assert_allclose(shares.rates, [[1, 1, 8 / 82, 0], [0, 1, 0, 36 / 89.1]])
 
 

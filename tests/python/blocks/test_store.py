@@ -31,12 +31,12 @@ def store(tmp_path):
 
 def test_every_gaussian_goes_to_the_block_it_lies_in(store, gaussians):
     store.sort(0, [lambda b=b: Trained(gaussians[b::3]) for b in range(3)])
-    owners = store.owners(gaussians)
+    owners = store.find_owners(gaussians)
     assert set(owners) == {0, 1, 2}
-    assert store.counts(0) == np.bincount(owners).tolist()
+    assert store.count_gaussians(0) == np.bincount(owners).tolist()
     for block in range(3):
-        own = store.own(block, 0)
-        assert (store.owners(own) == block).all()
+        own = store.read_gaussians(block, 0)
+        assert (store.find_owners(own) == block).all()
         assert {row.tobytes() for row in own.means} == {
             row.tobytes() for row in gaussians.means[owners == block]
         }
@@ -45,9 +45,11 @@ def test_every_gaussian_goes_to_the_block_it_lies_in(store, gaussians):
 
 def test_all_are_put_to_their_blocks_in_their_order(store, gaussians):
     store.begin(Trained(gaussians))
-    owners = store.owners(gaussians)
+    owners = store.find_owners(gaussians)
     for block in range(3):
-        np.testing.assert_array_equal(store.own(block, 0).means, gaussians[owners == block].means)
+        np.testing.assert_array_equal(
+            store.read_gaussians(block, 0).means, gaussians[owners == block].means
+        )
 
 
 def test_moments_go_where_their_gaussians_go(store, gaussians):
@@ -57,7 +59,7 @@ def test_moments_go_where_their_gaussians_go(store, gaussians):
     untrained = {row.tobytes() for row in gaussians[2::3].means}
     rows = 0
     for block in range(3):
-        own = store.trained(block, 0)
+        own = store.read_block(block, 0)
         known = np.array([row.tobytes() not in untrained for row in own.gaussians.means])
         first, second = own.moments
         np.testing.assert_array_equal(first.means[known], 2 * own.gaussians.means[known])
@@ -77,7 +79,7 @@ def test_sorting_that_was_broken_off_is_done_again(store, gaussians, tmp_path):
 
 
 def test_scene_is_written_block_by_block_as_one(store, gaussians, tmp_path):
-    owners = store.owners(gaussians)
+    owners = store.find_owners(gaussians)
     store.sort(1, [lambda b=b: Trained(gaussians[owners == b]) for b in range(3)])
     origin = store.save(tmp_path / "parts.ply", 1, ["said"], False)
     parts = [gaussians[owners == block] for block in range(3)]
@@ -87,12 +89,12 @@ def test_scene_is_written_block_by_block_as_one(store, gaussians, tmp_path):
     assert not origin.any()
     some, of = store.sample(1)
     assert len(some) == 300
-    assert (store.owners(some) == of).all()
+    assert (store.find_owners(some) == of).all()
 
 
 def test_scene_far_from_zero_keeps_its_origin(gaussians, tmp_path):
     far = BlockStore(tmp_path, LAYOUT, np.array([4e5, 5e6, 0.0]))
-    owners = far.owners(gaussians)
+    owners = far.find_owners(gaussians)
     far.sort(0, [lambda b=b: Trained(gaussians[owners == b]) for b in range(3)])
     np.testing.assert_array_equal(far.save(tmp_path / "far.ply", 0, [], False), far._offset)
     back = gsut.formats.load_ply(tmp_path / "far.ply")

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 import gsut
-from attack.harness import snapshot
+from attack.harness import take_snapshot
 from gsut.blocks import workers
 from gsut.blocks.layout import Layout
-from gsut.blocks.plan import block_options, check_memory, choose_count, needed
+from gsut.blocks.plan import check_memory, choose_count, estimate_total_bytes, make_block_options
 from gsut.cli import main
-from gsut.run import RunFolder, read_checkpoint, size_text
+from gsut.run import RunFolder, format_size, read_checkpoint
 from small_blocks import OPTIONS, same_bits, states, train
 
 
@@ -34,7 +34,7 @@ def test_training_in_blocks_writes_one_scene(finished):
     assert sum(row["gaussians"] for row in blocks["rows"]) == metrics["num_gaussians"]
     gaussians = gsut.formats.load_ply(out / "scene.ply").with_origin((0, 0, 0))
     assert metrics["num_gaussians"] == len(gaussians) == 400
-    owners = layout.owners(gaussians.means.astype(float))
+    owners = layout.find_owners(gaussians.means.astype(float))
     assert np.bincount(owners).tolist() == [row["gaussians"] for row in blocks["rows"]]
     assert blocks["pixels"] > blocks["coarse"]["pixels"] > 0
     stages = ["coarse", "layout", "tasks 1", "round 1", "tasks 2", "round 2", "measure"]
@@ -67,7 +67,7 @@ def test_regularisers_pull_at_a_gaussian_as_in_one_training():
     pulls = [
         (each.opacity_regularizer / most, each.scale_regularizer / most)
         for most in (400, 100, 25)
-        for each in [block_options(OPTIONS, gsut.BlockOptions("4"), 1.0, most)]
+        for each in [make_block_options(OPTIONS, gsut.BlockOptions("4"), 1.0, most)]
     ]
     assert pulls[0] == (OPTIONS.opacity_regularizer / 400, OPTIONS.scale_regularizer / 400)
     np.testing.assert_allclose(pulls[1:], [pulls[0]] * 2, rtol=1e-15)
@@ -156,7 +156,7 @@ def test_resumed_run_keeps_its_division(scene, finished):
     text = plan.read_text()
     for name, other in (("isa", "none"), ("version", "0.0")):
         plan.write_text(json.dumps(json.loads(text) | {name: other}))
-        with pytest.raises(gsut.InputError, match=f"begun with {name} {other}"):
+        with pytest.raises(gsut.InputError, match=f"started with {name} {other}"):
             train(scene, finished / "run", resume=True)
     plan.write_text(text)
 
@@ -167,14 +167,14 @@ def test_resumed_run_keeps_its_division(scene, finished):
         ({"robust": True}, "--robust"),
         ({"motion_blur": 0.5}, "--motion-blur"),
         ({"surface": True}, "--surface"),
-        ({"low_pass": 0.3}, "--low-pass"),
-        ({"strategy": "mini"}, "--strategy mini"),
-        ({"compact_at": 5}, "--compact-at"),
+        ({"low_pass": 0.3}, "low_pass"),
+        ({"strategy": "mini"}, "strategy=mini"),
+        ({"compact_at": 5}, "compact_at"),
     ],
 )
 def test_options_that_are_not_there_for_blocks_are_refused(scene, tmp_path, given, words):
     options = dataclasses.replace(OPTIONS, **given)
-    with pytest.raises(gsut.InputError, match=f"{words} is not there for --blocks"):
+    with pytest.raises(gsut.InputError, match=f"{words} cannot be combined with --blocks"):
         gsut.train_blocks(scene, options, out=tmp_path / "run", progress=False)
     assert not (tmp_path / "run").exists()
 
@@ -185,7 +185,7 @@ def test_memory_decides_the_number_of_blocks_and_refuses_what_does_not_fit(scene
     for memory in ("64GB", "8GB", "2GB"):
         options = gsut.BlockOptions("auto", memory=memory)
         counts[memory] = choose_count(scene, many, options)
-        assert needed(scene, many, options, counts[memory]) <= options.memory_bytes()
+        assert estimate_total_bytes(scene, many, options, counts[memory]) <= options.parse_memory()
     assert counts["64GB"] == 1 < counts["8GB"] < counts["2GB"]
     pair = gsut.BlockOptions("auto", memory="8GB", workers=2)
     assert choose_count(scene, many, pair) > counts["8GB"]
@@ -193,14 +193,14 @@ def test_memory_decides_the_number_of_blocks_and_refuses_what_does_not_fit(scene
         choose_count(scene, many, gsut.BlockOptions("auto", memory="160MB"))
     with pytest.raises(gsut.InputError, match=r"block 1 takes about 5 GB, times 2 workers"):
         check_memory({"block 0": 10**9, "block 1": 5 * 10**9}, pair)
-    assert size_text(1234567) == "1.23 MB"
+    assert format_size(1234567) == "1.23 MB"
 
 
 @pytest.mark.parametrize(
     ("flags", "words"),
     [
         (["--blocks", "0"], "--blocks 0: from 1"),
-        (["--blocks", "none.json"], "nor a layout.json that is there"),
+        (["--blocks", "none.json"], "nor an existing layout.json"),
         (["--blocks", "2", "--memory", "much"], "--memory must be like"),
         (["--workers", "2"], "--workers is for a training in --blocks"),
         (["--blocks", "2", "--view"], "--view shows a training as a whole"),
@@ -248,6 +248,6 @@ def test_run_goes_on_as_a_whole_or_in_blocks_as_it_was_begun(scene, finished, tm
 
 
 def test_finished_run_in_blocks_stays_as_it_is(scene, finished):
-    before = snapshot(finished / "run")
+    before = take_snapshot(finished / "run")
     train(scene, finished / "run", resume=True, report=True)
-    assert snapshot(finished / "run") == before
+    assert take_snapshot(finished / "run") == before

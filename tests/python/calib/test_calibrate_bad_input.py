@@ -1,15 +1,14 @@
 """Photographs that cannot be calibrated from: one sentence each, naming the file."""
 
 import json
-import sys
 
 import cv2
 import numpy as np
 import pytest
 
-from calib import __main__ as program
-from calib.images import read_grey
+from calib.boards.images import read_grey
 from calib_fakes import write_pictures
+from gsut.cli import main
 
 
 @pytest.fixture(scope="module")
@@ -19,16 +18,10 @@ def pictures(tmp_path_factory):
     return write_pictures(folder, 10, np.random.default_rng(21))[0]
 
 
-def calibrate(monkeypatch, folder, images, board="7x5", **more):
-    """Runs `python -m calib` on a job; returns its exit status."""
-    values = {
-        "images": [str(path) for path in images], "board": board, "spacing": 0.03,
-        "lens": "fisheye", "out": str(folder / "lens.yaml"), "progress": False, **more,
-    }  # fmt: skip
-    job = folder / "job.json"
-    job.write_text(json.dumps(values))
-    monkeypatch.setattr(sys, "argv", ["calib", str(job)])
-    return program.main()
+def calibrate(folder, images, board="7x5"):
+    """Runs `gsut calibrate` on images; returns its exit status."""
+    words = ["calibrate", *map(str, images), "--board", board, "--spacing", "0.03", "--quiet"]
+    return main([*words, "--lens", "fisheye", "-o", str(folder / "lens.yaml")])
 
 
 def changed(folder, paths, change):
@@ -118,10 +111,10 @@ def missing(folder, paths):
     ],
 )
 def test_calibrate_bad_photographs_are_one_sentence_with_the_file(
-    make, board, sentence, pictures, tmp_path, monkeypatch, capsys
+    make, board, sentence, pictures, tmp_path, capsys
 ):
     images = make(tmp_path, pictures)
-    assert calibrate(monkeypatch, tmp_path, images, board) == 2
+    assert calibrate(tmp_path, images, board) == 2
     said = capsys.readouterr().err
     assert said.startswith("gsut: error: ")
     assert said.count("\n") == 1
@@ -131,11 +124,9 @@ def test_calibrate_bad_photographs_are_one_sentence_with_the_file(
     assert not list(tmp_path.glob("lens*"))
 
 
-def test_calibrate_some_bad_photographs_are_left_out_and_reported(
-    pictures, tmp_path, monkeypatch, capsys
-):
+def test_calibrate_some_bad_photographs_are_left_out_and_reported(pictures, tmp_path, capsys):
     spoiled = changed(tmp_path, pictures[8:9], blurred) + changed(tmp_path, pictures[9:], empty)
-    assert calibrate(monkeypatch, tmp_path, [*pictures[:8], *spoiled]) == 0
+    assert calibrate(tmp_path, [*pictures[:8], *spoiled]) == 0
     said = capsys.readouterr().err
     report = json.loads((tmp_path / "report.json").read_text())
     assert (report["boards_found"], report["boards_total"]) == (8, 10)

@@ -11,7 +11,7 @@ import pytest
 
 import gsut
 import tolerances
-from calib.mrcal_process import INSTALL
+from calib.solve.mrcal_process import INSTALL
 from calib_fakes import FISHEYE, ROOT, write_pictures
 from gsut.cli.calibrate import _images
 

@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 
 import tolerances
-from calib.board import Board, Photograph, assign_cameras
-from calib.corner_files import read_vnl, write_board_picture, write_vnl
-from calib.corners import corner_noise, find_board, find_boards, ordered
+from calib.boards.board import Board, Photograph, assign_cameras
+from calib.boards.corner_files import write_board_picture, write_vnl
+from calib.boards.corners import estimate_corner_noise, find_board, find_boards, order_corners
+from calib.boards.images import read_grey
+from calib.camera.rigid import transform_points
 from calib.errors import BoardError
-from calib.images import read_grey
-from calib.rigid import transform_points
 from calib_fakes import BOARD, FISHEYE, write_pictures
 
 
@@ -32,7 +32,7 @@ def test_corners_drawn_boards_lie_where_the_lens_puts_them(pictures):
     photographs = _found(paths)
     checked = 0
     for photograph, pose in zip(photographs, poses, strict=True):
-        truth = FISHEYE.project(transform_points(pose, BOARD.points()))[0] - 0.5
+        truth = FISHEYE.project(transform_points(pose, BOARD.locate_corners()))[0] - 0.5
         assert photograph.corners is not None, photograph.reason
         # 7 + 5 is even: the board may be numbered from either end
         error = min(
@@ -62,27 +62,28 @@ def test_ordered_mirrored_grid_is_turned_back(pictures):
     photograph = _found(pictures[0])[0]
     grid = photograph.corners.reshape(BOARD.rows, BOARD.columns, 2)
     image = read_grey(photograph.path)
-    assert np.array_equal(ordered(grid[:, ::-1], image), grid)
-    assert np.array_equal(ordered(grid[::-1], image), grid)
+    assert np.array_equal(order_corners(grid[:, ::-1], image), grid)
+    assert np.array_equal(order_corners(grid[::-1], image), grid)
 
 
 def test_corner_noise_displaced_corner_stands_out(pictures):
     grid = _found(pictures[0])[0].corners.reshape(BOARD.rows, BOARD.columns, 2)
-    before = np.nanmax(corner_noise(grid))
+    before = np.nanmax(estimate_corner_noise(grid))
     moved = grid.copy()
     moved[2, 3] += (3.0, 0.0)
-    assert np.unravel_index(np.nanargmax(corner_noise(moved)), grid.shape[:2]) == (2, 3)
-    assert np.nanmax(corner_noise(moved)) > before + 2.0  # 6 / sqrt(70) of 3 px
+    assert np.unravel_index(np.nanargmax(estimate_corner_noise(moved)), grid.shape[:2]) == (2, 3)
+    assert np.nanmax(estimate_corner_noise(moved)) > before + 2.0  # 6 / sqrt(70) of 3 px
 
 
 def test_vnl_written_and_read_gives_the_same_corners(pictures, tmp_path):
     photographs = _found(pictures[0])
     write_vnl(tmp_path / "corners.vnl", photographs)
     assert (tmp_path / "corners.vnl").read_text().startswith("# filename x y level\n")
-    read = read_vnl(tmp_path / "corners.vnl", BOARD)
-    assert len(read) == 6
-    for photograph in photographs:
-        assert np.abs(read[str(photograph.path)] - photograph.corners).max() < 1e-5
+    rows = [line.split() for line in (tmp_path / "corners.vnl").read_text().splitlines()[1:]]
+    read = np.array([row[1:3] for row in rows], float).reshape(6, BOARD.corners, 2)
+    assert [row[0] for row in rows[:: BOARD.corners]] == [str(p.path) for p in photographs]
+    for photograph, corners in zip(photographs, read, strict=True):
+        assert np.abs(corners - photograph.corners).max() < 1e-5
 
 
 def test_board_picture_is_written_for_found_and_missed_boards(pictures, tmp_path):

@@ -4,31 +4,31 @@ import numpy as np
 import pytest
 
 import tolerances
-from calib import solve_mrcal, solve_opencv
-from calib.board import Board, assign_cameras
-from calib.corners import find_boards
+from calib.boards.board import Board, assign_cameras
+from calib.boards.corners import find_boards
+from calib.camera.rigid import compose, invert
 from calib.errors import SolveError
-from calib.mrcal_process import have_mrcal
-from calib.rig import SHAKY, rms_of_all, solve_rig, unify_turns
-from calib.rigid import compose, inverse
-from calib.solve_mrcal_rig import solve_rig_together, solve_together
+from calib.solve import solve_by_mrcal, solve_by_opencv
+from calib.solve.mrcal_process import has_mrcal
+from calib.solve.mrcal_rig import solve_rig_together, solve_together
+from calib.solve.rig import SHAKY, compute_rms, solve_rig, unify_turns
 from calib_fakes import BOARD, FISHEYE
 from calib_oracles import calibrate_stereo
 from tests.synthetic_boards import photographs as see
 from tests.synthetic_boards import random_poses
 
 needs_mrcal = pytest.mark.skipif(
-    not have_mrcal(), reason="mrcal is not installed: apt-get install mrcal python3-mrcal"
+    not has_mrcal(), reason="mrcal is not installed: apt-get install mrcal python3-mrcal"
 )
 NOISE_PX = 0.1
 
 
 def _by_opencv(photographs, board):
-    return solve_opencv.solve_camera(photographs, board, "fisheye")
+    return solve_by_opencv(photographs, board, "fisheye")
 
 
 def _by_mrcal(photographs, board):
-    return solve_mrcal.solve_camera(photographs, board, "opencv8")
+    return solve_by_mrcal(photographs, board, "opencv8")
 
 
 def _rig(generator, board, noise_px, turned_ones=(), solve=_by_opencv):
@@ -51,7 +51,7 @@ def test_rig_relative_pose_is_recovered(rng):
     noise_px = 0.02
     cameras, truth = _rig(rng, BOARD, noise_px)
     rms, notes = solve_rig(cameras, BOARD)
-    error = compose(cameras[1].camera_from_reference, inverse(truth))
+    error = compose(cameras[1].camera_from_reference, invert(truth))
     assert np.degrees(np.linalg.norm(error[:3])) < tolerances.CALIB_RIG_DEGREES
     assert np.linalg.norm(error[3:]) < tolerances.CALIB_RIG_METRES
     assert rms < 2 * noise_px
@@ -78,7 +78,7 @@ def test_rig_in_one_solve_recovers_the_pose_and_keeps_the_noise(rng):
     cameras, truth = _rig(rng, BOARD, noise_px, solve=_by_mrcal)
     alone = [camera.params.copy() for camera in cameras]
     together, rms, notes = solve_rig_together(cameras, BOARD)
-    error = compose(together[1].camera_from_reference, inverse(truth))
+    error = compose(together[1].camera_from_reference, invert(truth))
     assert np.degrees(np.linalg.norm(error[:3])) < tolerances.CALIB_RIG_DEGREES
     assert np.linalg.norm(error[3:]) < tolerances.CALIB_RIG_METRES
     assert rms == pytest.approx(np.sqrt(2) * noise_px, rel=tolerances.CALIB_NOISE_RELATIVE)
@@ -98,7 +98,7 @@ def test_rig_in_one_solve_frames_apart_keep_the_lenses(rng):
     cameras[1] = _by_mrcal(cameras[1].photographs, BOARD)
     alone = [camera.params.copy() for camera in cameras]
     placed, rms, notes = solve_rig_together(cameras, BOARD)
-    assert rms > SHAKY * rms_of_all(cameras)
+    assert rms > SHAKY * compute_rms(cameras)
     assert "were not taken together" in notes[0]
     assert all(np.array_equal(c.params, p) for c, p in zip(placed, alone, strict=True))
     assert np.linalg.norm(placed[1].camera_from_reference[3:]) > 0.05
@@ -118,7 +118,7 @@ def test_rig_of_real_fisheyes_agrees_with_opencv_on_the_same_boards_and_lenses(s
     for hold in (True, False):
         first, second = solve_together(cameras, board, hold)
         theirs = calibrate_stereo(first, second, board)
-        error = compose(second.camera_from_reference, inverse(theirs))
+        error = compose(second.camera_from_reference, invert(theirs))
         assert np.degrees(np.linalg.norm(error[:3])) <= tolerances.CALIB_REAL_RIG_DEGREES
         metres = np.linalg.norm(second.camera_from_reference[3:] - theirs[3:])
         assert metres <= tolerances.CALIB_REAL_RIG_METRES

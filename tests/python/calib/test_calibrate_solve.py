@@ -7,25 +7,25 @@ import pytest
 
 import gsut
 import tolerances
-from calib import solve_mrcal, solve_opencv
-from calib.board import Board, assign_cameras
-from calib.corners import find_boards
-from calib.cross_validation import compare, hold_out
+from calib.boards.board import Board, assign_cameras
+from calib.boards.corners import find_boards
+from calib.camera.projection import to_gsut_camera, unproject_pixels
+from calib.camera.rigid import compose, invert, matrix_from_rodrigues, rodrigues_from_matrix
 from calib.errors import MisfitError
-from calib.halves import agreement_angle, best_rotation
-from calib.lens import gsut_camera, rays
-from calib.lens_files import ANGLE_KEY, SIGMA_KEY, write_lens
-from calib.mrcal_process import ask, have_mrcal
-from calib.rigid import compose, inverse, rodrigues_vector, rotation_matrix
-from calib.trust import judge
-from calib.uncertainty import spread_pixels, uncertainty_map
+from calib.report.lens_files import ANGLE_KEY, SIGMA_KEY, write_lens
+from calib.solve import solve_by_mrcal, solve_by_opencv
+from calib.solve.mrcal_process import ask, has_mrcal
+from calib.trust.cross_validation import compare, hold_out
+from calib.trust.halves import find_agreement_angle, fit_rotation
+from calib.trust.trust import judge
+from calib.trust.uncertainty import map_uncertainty, spread_pixels
 from calib_fakes import BOARD, FISHEYE, corner_photographs
 from calib_oracles import measure_coverage
 from tests.synthetic_boards import photographs as see
 from tests.synthetic_boards import random_poses
 
 needs_mrcal = pytest.mark.skipif(
-    not have_mrcal(), reason="mrcal is not installed: apt-get install mrcal python3-mrcal"
+    not has_mrcal(), reason="mrcal is not installed: apt-get install mrcal python3-mrcal"
 )
 NOISE_PX = 0.1
 
@@ -34,7 +34,7 @@ NOISE_PX = 0.1
 def noisy():
     """Twenty boards through a fisheye with noise, and OpenCV's solution of them."""
     photographs, _ = corner_photographs(20, NOISE_PX, np.random.default_rng(11))
-    return photographs, solve_opencv.solve_camera(photographs, BOARD, "fisheye")
+    return photographs, solve_by_opencv(photographs, BOARD, "fisheye")
 
 
 def test_rigid_compose_and_inverse_cancel(rng):
@@ -42,8 +42,8 @@ def test_rigid_compose_and_inverse_cancel(rng):
     for size in (1e-12, 1e-3, 1.0, 3.14):
         axis = rng.standard_normal(3)
         pose = np.concatenate([axis / np.linalg.norm(axis) * size, rng.standard_normal(3)])
-        assert np.abs(compose(pose, inverse(pose))).max() < tolerances.CALIB_RIGID
-        again = rodrigues_vector(rotation_matrix(pose[:3]))
+        assert np.abs(compose(pose, invert(pose))).max() < tolerances.CALIB_RIGID
+        again = rodrigues_from_matrix(matrix_from_rodrigues(pose[:3]))
         assert np.abs(again - pose[:3]).max() < tolerances.CALIB_RIGID
         checked += 1
     assert checked == 4
@@ -51,8 +51,10 @@ def test_rigid_compose_and_inverse_cancel(rng):
 
 def test_solve_fisheye_without_noise_recovers_the_lens(rng):
     photographs, _ = corner_photographs(10, 0.0, rng)
-    found = solve_opencv.solve_camera(photographs, BOARD, "fisheye")
-    assert np.abs(gsut_camera(found).params - FISHEYE.params).max() < tolerances.CALIB_EXACT_PARAMS
+    found = solve_by_opencv(photographs, BOARD, "fisheye")
+    assert (
+        np.abs(to_gsut_camera(found).params - FISHEYE.params).max() < tolerances.CALIB_EXACT_PARAMS
+    )
     assert found.outliers.sum() == 0
 
 
@@ -60,10 +62,10 @@ def test_solve_fisheye_boards_past_ninety_degrees_are_used(rng):
     wide = gsut.Camera("kannala_brandt", [90.0, 91.0, 212.0, 209.0, 0.02, -0.01, 0, 0], 420, 420)
     board = Board(7, 5, 0.03)
     poses = random_poses(wide, board, 24, 95.0, rng)
-    found = solve_opencv.solve_camera(see(wide, board, poses, 0.05, rng), board, "fisheye")
-    assert np.degrees(found.field_angles(board).max()) > 100.0
+    found = solve_by_opencv(see(wide, board, poses, 0.05, rng), board, "fisheye")
+    assert np.degrees(found.measure_field_angles(board).max()) > 100.0
     assert found.rms_axis_px == pytest.approx(0.05, rel=tolerances.CALIB_NOISE_RELATIVE)
-    assert np.abs(gsut_camera(found).params - wide.params)[:4].max() < tolerances.CALIB_WIDE_PX
+    assert np.abs(to_gsut_camera(found).params - wide.params)[:4].max() < tolerances.CALIB_WIDE_PX
 
 
 def test_rms_both_conventions_differ_by_root_two(noisy):
@@ -77,7 +79,7 @@ def test_solve_displaced_corners_are_the_outliers(noisy):
     moved = [(0, 3), (4, 17), (9, 30)]
     for board, corner in moved:
         photographs[board].corners[corner] += (3.0, -2.0)
-    found = solve_opencv.solve_camera(photographs, BOARD, "fisheye")
+    found = solve_by_opencv(photographs, BOARD, "fisheye")
     assert {tuple(map(int, index)) for index in np.argwhere(found.outliers)} == set(moved)
 
 
@@ -85,7 +87,7 @@ def test_solve_wrongly_found_board_is_named(noisy):
     photographs, _ = corner_photographs(8, NOISE_PX, np.random.default_rng(6))
     photographs[3].corners = np.roll(photographs[3].corners, 11, axis=0)
     with pytest.raises(MisfitError, match=r"synthetic003\.png: its corners do not fit") as caught:
-        solve_opencv.solve_camera(photographs, BOARD, "fisheye")
+        solve_by_opencv(photographs, BOARD, "fisheye")
     assert caught.value.indices == [3]
 
 
@@ -101,7 +103,7 @@ def test_uncertainty_repeated_solves_cover_the_truth_in_95_percent():
 
 def test_uncertainty_map_grows_away_from_the_boards(noisy):
     _, solution = noisy
-    sigma = uncertainty_map(solution, BOARD)
+    sigma = map_uncertainty(solution, BOARD)
     rows, columns = sigma.shape
     assert sigma.shape == spread_pixels(420, 320).shape[:2]
     assert sigma[rows // 2, columns // 2] < 0.1 * np.nanmax(sigma)
@@ -109,7 +111,7 @@ def test_uncertainty_map_grows_away_from_the_boards(noisy):
 
 def test_trust_good_fisheye_reaches_as_far_as_its_boards(noisy):
     _, solution = noisy
-    trust = judge(solution, BOARD, uncertainty_map(solution, BOARD))
+    trust = judge(solution, BOARD, map_uncertainty(solution, BOARD))
     assert not trust.refusal
     assert trust.valid_angle <= trust.reach < trust.domain
     assert np.degrees(trust.valid_angle) > 50
@@ -117,7 +119,7 @@ def test_trust_good_fisheye_reaches_as_far_as_its_boards(noisy):
 
 def test_trust_lens_with_a_pole_inside_the_boards_is_refused(noisy):
     _, solution = noisy
-    radial = solve_opencv.solve_camera(solution.photographs, BOARD, "opencv8")
+    radial = solve_by_opencv(solution.photographs, BOARD, "opencv8")
     radial.params[8:] = 0.0  # the denominator
     radial.params[9] = -1.0  # 1 - r^4: a pole at 45 degrees
     trust = judge(radial, BOARD, np.full((2, 2), np.nan))
@@ -127,14 +129,14 @@ def test_trust_lens_with_a_pole_inside_the_boards_is_refused(noisy):
 
 def test_cross_validation_prefers_the_lens_that_predicts(noisy):
     photographs, fisheye = noisy
-    radial = solve_opencv.solve_camera(photographs, BOARD, "opencv4")
+    radial = solve_by_opencv(photographs, BOARD, "opencv4")
     results = [
         hold_out(
             full.lens,
             full,
             photographs,
             BOARD,
-            lambda part, full=full: solve_opencv.solve_camera(part, BOARD, full.lens),
+            lambda part, full=full: solve_by_opencv(part, BOARD, full.lens),
         )
         for full in (radial, fisheye)
     ]
@@ -146,21 +148,21 @@ def test_cross_validation_prefers_the_lens_that_predicts(noisy):
 
 def test_agreement_angle_same_lens_turned_agrees_everywhere(noisy):
     _, solution = noisy
-    assert agreement_angle(solution, solution, 1.0) == 1.0
-    turn = rotation_matrix([0.1, -0.2, 0.3])
-    directions = rays(solution, spread_pixels(420, 320).reshape(-1, 2))
+    assert find_agreement_angle(solution, solution, 1.0) == 1.0
+    turn = matrix_from_rodrigues([0.1, -0.2, 0.3])
+    directions = unproject_pixels(solution, spread_pixels(420, 320).reshape(-1, 2))
     directions = directions[np.isfinite(directions).all(axis=1)]
-    found = best_rotation(directions, directions @ turn.T)
+    found = fit_rotation(directions, directions @ turn.T)
     assert np.abs(found - turn).max() < tolerances.CALIB_RIGID
 
 
 def test_lens_file_fisheye_reads_back_exactly_and_as_nearest_splined(noisy, tmp_path):
     _, solution = noisy
-    trust = judge(solution, BOARD, uncertainty_map(solution, BOARD))
+    trust = judge(solution, BOARD, map_uncertainty(solution, BOARD))
     notes = write_lens(tmp_path / "lens.cameramodel", solution, trust, "made by a test")
     exact = gsut.load_camera(tmp_path / "lens.yaml")
     assert exact.model == "kannala_brandt"
-    assert np.abs(exact.params - gsut_camera(solution).params).max() < tolerances.CALIB_WRITTEN
+    assert np.abs(exact.params - to_gsut_camera(solution).params).max() < tolerances.CALIB_WRITTEN
     assert exact.valid_field_angle == pytest.approx(trust.valid_angle, rel=1e-12)
     text = (tmp_path / "lens.cameramodel").read_text()
     values = ast.literal_eval(text)
@@ -169,11 +171,11 @@ def test_lens_file_fisheye_reads_back_exactly_and_as_nearest_splined(noisy, tmp_
     assert np.array(values[SIGMA_KEY]).shape == trust.sigma.shape
     assert values[ANGLE_KEY] == trust.valid_angle
     assert "px off at most" in notes[-1]
-    if not have_mrcal():
+    if not has_mrcal():
         return
-    directions = rays(solution, spread_pixels(420, 320).reshape(-1, 2))
+    directions = unproject_pixels(solution, spread_pixels(420, 320).reshape(-1, 2))
     seen = np.isfinite(directions).all(axis=1) & (directions[:, 2] > 0)
-    answer = ask({"do": "project", "models": [text], "points": directions[seen].tolist()})
+    answer = ask({"do": "project", "model": text, "points": directions[seen].tolist()})
     off = np.array(answer["pixels"]) - spread_pixels(420, 320).reshape(-1, 2)[seen]
     assert np.abs(off).max() < tolerances.CALIB_SPLINE_LIKE_PX
 
@@ -181,15 +183,15 @@ def test_lens_file_fisheye_reads_back_exactly_and_as_nearest_splined(noisy, tmp_
 @pytest.fixture(scope="module")
 def by_mrcal(noisy):
     """mrcal's solution of the same boards with a rational lens, and its uncertainty."""
-    found = solve_mrcal.solve_camera(noisy[0], BOARD, "opencv8")
-    return found, uncertainty_map(found, BOARD)
+    found = solve_by_mrcal(noisy[0], BOARD, "opencv8")
+    return found, map_uncertainty(found, BOARD)
 
 
 @needs_mrcal
 def test_mrcal_opencv8_agrees_with_the_fisheye_of_opencv(noisy, by_mrcal):
     found, _ = by_mrcal
     assert found.rms_axis_px == pytest.approx(NOISE_PX, rel=tolerances.CALIB_NOISE_RELATIVE)
-    assert agreement_angle(found, noisy[1], 0.8) == 0.8
+    assert find_agreement_angle(found, noisy[1], 0.8) == 0.8
 
 
 @needs_mrcal
@@ -201,14 +203,16 @@ def test_mrcal_lens_file_is_read_by_mrcal_and_gsut(by_mrcal, tmp_path):
     assert lens.model == "opencv8"
     assert lens.valid_field_angle == pytest.approx(trust.valid_angle, rel=1e-12)
     text = (tmp_path / "lens.cameramodel").read_text()
-    assert ask({"do": "solved", "models": [text]})["model"] == "LENSMODEL_OPENCV8"
+    assert (
+        ask({"do": "describe_solve", "model": text})["cameras"][0]["model"] == "LENSMODEL_OPENCV8"
+    )
 
 
 @needs_mrcal
 def test_mrcal_uncertainty_agrees_with_ours_for_the_same_lens(noisy, by_mrcal):
-    ours = solve_opencv.solve_camera(noisy[0], BOARD, "opencv8")
+    ours = solve_by_opencv(noisy[0], BOARD, "opencv8")
     middle = (slice(10, 20), slice(12, 28))  # where both know most
-    ratio = by_mrcal[1][middle] / uncertainty_map(ours, BOARD)[middle]
+    ratio = by_mrcal[1][middle] / map_uncertainty(ours, BOARD)[middle]
     # mrcal also solves for the board's shape and pulls coefficients to 0
     low, high = tolerances.CALIB_SIGMA_RATIO
     assert low < np.median(ratio) < high
@@ -227,7 +231,7 @@ def real_left(shared):
 def test_solve_real_fisheye_meets_the_anchor(real_left):
     photographs, board = real_left
     assert len(photographs) == 29
-    found = solve_opencv.solve_camera(photographs, board, "fisheye")
+    found = solve_by_opencv(photographs, board, "fisheye")
     assert found.rms_2d_px <= tolerances.CALIB_REAL_FISHEYE_PX
 
 
@@ -238,4 +242,4 @@ def test_solve_real_fisheye_with_mrcal_meets_the_anchors(real_left):
         ("opencv8", tolerances.CALIB_REAL_OPENCV8_PX),
         ("splined", tolerances.CALIB_REAL_SPLINED_PX),
     ):
-        assert solve_mrcal.solve_camera(photographs, board, lens).rms_2d_px <= anchor
+        assert solve_by_mrcal(photographs, board, lens).rms_2d_px <= anchor

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 import tolerances
-from calib import solve_opencv
-from calib.board import Board
-from calib.halves import AGREEMENT_DEGREES, agreement_angle, compare_lenses
-from calib.lens import rays
-from calib.second_lens import SecondLens, compare_with, cut_where_lenses_differ
-from calib.solution import CameraSolution
-from calib.trust import Trust, field_angle, judge
-from calib.uncertainty import spread_pixels, uncertainty_map
+from calib.boards.board import Board
+from calib.camera.projection import unproject_pixels
+from calib.report.lens_files import solution_from_fisheye
+from calib.solve import opencv_solver, solve_by_opencv
+from calib.trust.halves import AGREEMENT_DEGREES, compare_lenses, find_agreement_angle
+from calib.trust.second_lens import SecondLens, compare_with, cut_where_lenses_differ
+from calib.trust.trust import Trust, judge, measure_field_angle
+from calib.trust.uncertainty import map_uncertainty, spread_pixels
 from calib_fakes import BOARD, FISHEYE, corner_photographs
 from tests.synthetic_boards import photographs as see
 from tests.synthetic_boards import random_poses
@@ -29,27 +29,22 @@ def bent():
     generator = np.random.default_rng(23)
     poses = random_poses(FISHEYE, BOARD, 20, 50.0, generator)
     photographs = see(FISHEYE, BOARD, poses, NOISE_PX, generator, WARP)
-    return photographs, solve_opencv.solve_camera(photographs, BOARD, "fisheye")
+    return photographs, solve_by_opencv(photographs, BOARD, "fisheye")
 
 
 @pytest.fixture(scope="module")
 def truth():
     """The lens that is behind the photographs, as a solution."""
-    params = np.array(FISHEYE.params)
-    params[2:4] -= 0.5
-    return CameraSolution(
-        "camera", "fisheye", "truth", FISHEYE.width, FISHEYE.height, "KANNALA_BRANDT", params,
-        np.zeros(6), [], np.empty((0, 6)), np.empty((0, 0, 2)), np.empty((0, 0), bool),
-    )  # fmt: skip
+    return solution_from_fisheye(FISHEYE)
 
 
 def test_board_points_of_a_bent_board_are_parabolas_between_its_edges():
     board = Board(5, 3, 0.1)
-    z = board.points((0.01, -0.002))[:, 2].reshape(3, 5)
+    z = board.locate_corners((0.01, -0.002))[:, 2].reshape(3, 5)
     assert z[0] == pytest.approx([0, 0.0075, 0.01, 0.0075, 0], abs=1e-15)
     assert z[1] == pytest.approx(z[0] - 0.002, abs=1e-15)
     assert np.array_equal(z[2], z[0])
-    assert np.all(board.points()[:, 2] == 0)
+    assert np.all(board.locate_corners()[:, 2] == 0)
 
 
 def test_solve_bent_board_finds_its_warp_and_the_lens(bent, truth):
@@ -66,17 +61,17 @@ def test_solve_bent_board_taken_for_flat_is_another_lens(bent, truth, monkeypatc
     def flat(params, poses, *_):
         return params, poses, np.zeros(2)
 
-    monkeypatch.setattr(solve_opencv, "_bent", flat)
-    found = solve_opencv.solve_camera(bent[0], BOARD, "fisheye")
+    monkeypatch.setattr(opencv_solver, "_solve_with_warp", flat)
+    found = solve_by_opencv(bent[0], BOARD, "fisheye")
     worst = compare_lenses(found, truth, LIMIT).worst_degrees
     assert worst > 3 * tolerances.CALIB_BENT_DEGREES
 
 
 def test_uncertainty_of_a_bent_board_holds_the_truth(bent, truth):
     found = bent[1]
-    sigma = uncertainty_map(found, BOARD).ravel()
-    directions = rays(truth, spread_pixels(420, 320).reshape(-1, 2))
-    inside = field_angle(directions) < np.radians(40.0)
+    sigma = map_uncertainty(found, BOARD).ravel()
+    directions = unproject_pixels(truth, spread_pixels(420, 320).reshape(-1, 2))
+    inside = measure_field_angle(directions) < np.radians(40.0)
     difference = np.radians(compare_lenses(found, truth, np.radians(40.0)).degrees.ravel())
     pixels = difference * FISHEYE.params[0]
     assert inside.sum() > 100
@@ -95,16 +90,14 @@ def test_agreement_angle_shifted_lens_agrees_near_but_not_far(truth):
     params = np.concatenate([truth.params[:2] * fit[0], truth.params[2:4], fit[1:] / fit[0]])
     other = dataclasses.replace(truth, params=params)
     limit = np.radians(50.0)
-    assert agreement_angle(truth, other, limit, distance) == limit
-    assert agreement_angle(truth, other, limit) < np.radians(40.0)
+    assert find_agreement_angle(truth, other, limit, distance) == limit
+    assert find_agreement_angle(truth, other, limit) < np.radians(40.0)
 
 
 def test_compare_with_true_kind_and_rational_lens_agree_on_a_flat_board():
     photographs, _ = corner_photographs(20, NOISE_PX, np.random.default_rng(11))
-    fisheye, radial = (
-        solve_opencv.solve_camera(photographs, BOARD, lens) for lens in ("fisheye", "opencv8")
-    )
-    trust = judge(fisheye, BOARD, uncertainty_map(fisheye, BOARD))
+    fisheye, radial = (solve_by_opencv(photographs, BOARD, lens) for lens in ("fisheye", "opencv8"))
+    trust = judge(fisheye, BOARD, map_uncertainty(fisheye, BOARD))
     second = compare_with(fisheye, trust, radial, BOARD)
     assert second.compared_to <= trust.valid_angle
     assert second.agrees_to > np.radians(40.0)
@@ -143,4 +136,4 @@ def test_trusted_field_stays_where_all_agree():
 def test_trusted_field_of_nothing_is_a_refusal():
     trust = _trust(70.0)
     cut_where_lenses_differ(trust, None, [_second(60.0, 0.0, 0.0)], "left")
-    assert "cannot be told from these boards" in trust.refusal
+    assert "do not determine the lens of left" in trust.refusal

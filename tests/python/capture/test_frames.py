@@ -8,7 +8,7 @@ import pytest
 
 import gsut
 from gsut.capture import extract_frames, is_video
-from gsut.capture.choose import CandidateSearch, blurred, choose_frames
+from gsut.capture.choose import CandidateSearch, choose_frames, find_blurred
 from gsut.capture.video import Video
 from small_videos import (
     HEIGHT,
@@ -57,7 +57,7 @@ def test_the_sharpest_frame_about_a_place_is_chosen():
 def test_blurred_frames_are_marked():
     ground = texture()
     found = candidates(view(ground, 50 + 9.0 * i, blur=4.0 * (i == 12)) for i in range(24))
-    assert [c.number for c, b in zip(found, blurred(found), strict=True) if b] == [12]
+    assert [c.number for c, b in zip(found, find_blurred(found), strict=True) if b] == [12]
 
 
 def test_a_cut_and_a_blank_wall_give_candidates():

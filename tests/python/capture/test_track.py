@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gsut.capture.track import _positions, places_at, track_of
+from gsut.capture.track import _read_positions, interpolate_places, read_track
 
 _BESIDE = Path(__file__).resolve().parents[4] / "shared"
 KARMA = Path(os.environ.get("GSUT_SHARED", _BESIDE)) / "data/karma/karma.mp4"
@@ -37,29 +37,29 @@ def payload(fix):
 
 
 def test_positions_of_a_gopro_are_scaled_and_need_a_fix():
-    ((name, rows),) = _positions(payload(3))
+    ((name, rows),) = _read_positions(payload(3))
     assert name == "GPS5" and np.allclose(rows, [[47, 8.5, 430], [47.00001, 8.5, 431]])
-    assert list(_positions(payload(0))) == []
-    assert list(_positions(payload(3)[:40])) == []  # cut off
+    assert list(_read_positions(payload(0))) == []
+    assert list(_read_positions(payload(3)[:40])) == []  # cut off
 
 
 def test_subtitles_of_a_drone_give_its_track(tmp_path):
     (tmp_path / "DJI_1.SRT").write_text("".join(CUE.format(number=i) for i in range(1, 5)))
-    track = track_of(tmp_path / "DJI_1.MP4")
+    track = read_track(tmp_path / "DJI_1.MP4")
     assert np.allclose(track[:, 0], [1.5, 2.5, 3.5, 4.5])
-    found = places_at(track, np.array([1.0, 2.0, 4.5]))
+    found = interpolate_places(track, np.array([1.0, 2.0, 4.5]))
     assert found[0] is None and found[1] == pytest.approx((47.15, 8.5, 412.1))
-    assert places_at(track[:1], np.array([1.0])) == [None]
+    assert interpolate_places(track[:1], np.array([1.0])) == [None]
 
 
 def test_video_without_positions_has_no_track(tmp_path):
     (tmp_path / "film.mp4").write_bytes(b"no film")
-    assert track_of(tmp_path / "film.mp4").shape == (0, 4)
+    assert read_track(tmp_path / "film.mp4").shape == (0, 4)
 
 
 def test_track_of_a_real_flight():
     if not KARMA.is_file():
         pytest.skip("shared data is absent")
-    track = track_of(KARMA)
+    track = read_track(KARMA)
     assert len(track) == 47 and 11 < track[-1, 0] < 12.1
     assert np.ptp(track[:, 3]) < 2 and abs(track[0, 1] - 33.125) < 0.001

@@ -11,9 +11,9 @@ import tolerances
 from gsut.check import check_scene, doctor, gather_evidence, turns
 from gsut.check.turns import to_rotation_vector
 from gsut.cli import main
-from gsut.data.poses import inverse
+from gsut.data.poses import invert_pose
 from gsut.demo import make_demo_scene
-from gsut.sfm import angular_errors
+from gsut.sfm.core import measure_angular_errors
 from mistakes import MISTAKES, NAMED, SAID, copy_of, judge, write
 
 # Not to be told apart from other mistakes: said to be wrong without a name.
@@ -86,7 +86,7 @@ def test_turn_of_a_body_is_found_without_the_turns_of_the_matches(hall, monkeypa
     turn = gsut.exp_pose([0, 0, 0, 0.2, -0.15, 0.1])
     turn[:3, :3] = [[0, 0, 1], [-1, 0, 0], [0, -1, 0]] @ turn[:3, :3]  # a body's axes, and a tilt
     right = evidence.table.poses
-    table = dataclasses.replace(evidence.table, poses=right @ inverse(turn))
+    table = dataclasses.replace(evidence.table, poses=right @ invert_pose(turn))
     wrong = dataclasses.replace(evidence, table=table)
     assert wrong.rate_poses(table.poses) > 0.9
     monkeypatch.setattr(turns, "_FEWEST", 1000)  # as where no relative pose fits
@@ -110,17 +110,17 @@ def test_angular_error_is_the_distance_from_the_epipolar_plane_or_from_in_front(
     poses = np.stack([np.eye(4), gsut.exp_pose([0.5, 0.1, -0.2, 0.1, -0.2, 0.3])])
     seen = np.stack([points @ p[:3, :3].T + p[:3, 3] for p in poses])
     rays = seen / np.linalg.norm(seen, axis=-1, keepdims=True)
-    places = np.stack([np.tile(inverse(pose), (50, 1, 1)) for pose in poses])
-    assert angular_errors(rays, places).max() < 1e-9
-    behind = angular_errors(-rays, places)
+    places = np.stack([np.tile(invert_pose(pose), (50, 1, 1)) for pose in poses])
+    assert measure_angular_errors(rays, places).max() < 1e-9
+    behind = measure_angular_errors(-rays, places)
     assert behind.min() > 1e-3  # the rays meet, but behind both cameras
     turned = places.copy()
     turned[1, :, :3, :3] = turned[1, :, :3, :3] @ gsut.exp_pose([0, 0, 0, 0.01, 0, 0])[:3, :3]
-    off = angular_errors(rays, turned)
+    off = measure_angular_errors(rays, turned)
     assert 0 < np.median(off) < 0.01
     still = np.stack([places[0], places[0]])
     expected = np.arccos(np.clip(np.sum(rays[0] * rays[1], axis=1), -1, 1)) / np.sqrt(2)
-    np.testing.assert_allclose(angular_errors(rays, still), expected, atol=1e-7)
+    np.testing.assert_allclose(measure_angular_errors(rays, still), expected, atol=1e-7)
 
 
 def test_rotation_vector_of_a_turn_is_its_axis_times_its_angle(rng):

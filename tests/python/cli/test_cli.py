@@ -19,8 +19,8 @@ import gsut.demo
 import small_run
 from gsut.cli import build_parser, command_names, main
 from gsut.cli.demo import _free_run
+from gsut.run import TrainOptions
 from gsut.run.folder import CHECKPOINT, METRICS, REPORT, SCENE, RunFolder
-from gsut.run.options import TrainOptions
 from gsut.run.progress import Progress
 
 PACKAGE = str(Path(gsut.__file__).parent.parent)
@@ -47,7 +47,7 @@ def training(monkeypatch, scene):
 
     def train(scene, options, out, resume=False, progress=None, watch=None):
         calls.append(SimpleNamespace(options=options, out=out, resume=resume, progress=progress))
-        if not RunFolder(out).holds_run():
+        if not RunFolder(out).has_run():
             small_run.finished_run(Path(out), scene, options, report=False)
 
     monkeypatch.setattr(gsut, "train", train, raising=False)
@@ -180,7 +180,7 @@ def test_missing_file_of_the_system_is_one_sentence(monkeypatch, capsys, run):
 
 def test_train_hands_the_given_options_on(tmp_path, training, capsys):
     out = tmp_path / "new"
-    words = ["train", "data", "-o", str(out), "--steps", "7", "--seed", "3", "--no-noise"]
+    words = ["train", "data", "-o", str(out), "--steps", "7", "--seed", "3", "--set", "noise=false"]
     assert main(words) == 0
     (call,) = training
     assert call.options == TrainOptions(steps=7, seed=3, noise=False)
@@ -217,7 +217,7 @@ def test_train_resume_takes_the_runs_own_options(run, training):
     assert main(["train", "data", "-o", str(run.path), "--resume", "--threads", "2"]) == 0
     (call,) = training
     assert call.resume is True
-    assert call.options == TrainOptions(steps=100, threads=2).resolved()
+    assert call.options == TrainOptions(steps=100, threads=2).resolve()
 
 
 def test_train_resume_of_nothing_begins_a_run(tmp_path, training):
@@ -424,10 +424,9 @@ def test_progress_disabled_writes_nothing(capsys):
     assert capsys.readouterr() == ("", "")
 
 
-# The real thing, where this build has it.
+# The real thing.
 
 
-@pytest.mark.skipif(not hasattr(gsut, "train"), reason="this build has no gsut.train yet")
 def test_demo_for_real_ends_with_a_report(tmp_path, capsys, monkeypatch):
     small = functools.partial(gsut.demo.make_demo_scene, size=96)  # what takes long is drawing it
     monkeypatch.setattr(gsut.demo, "make_demo_scene", small)

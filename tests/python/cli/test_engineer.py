@@ -15,11 +15,11 @@ import gsut
 import small_recordings as made
 import tolerances
 from gsut.cli import main
-from gsut.data.poses import inverse
-from gsut.demo.dataset import distances, render_views, surface_points, whole_pixels
+from gsut.data.poses import invert_pose
+from gsut.demo.dataset import find_whole_pixels, measure_distances, render_views, sample_surfaces
 from gsut.demo.hall import make_hall
-from gsut.demo.rig import right_camera, right_from_left
-from gsut.demo.views import camera_path, demo_camera
+from gsut.demo.rig import make_right_camera, place_right
+from gsut.demo.views import make_camera, plan_walk
 from gsut.files import write_picture
 
 FRAMES, SIZE = 14, 96
@@ -34,18 +34,18 @@ def body_from_cameras() -> list[np.ndarray]:
     left = np.eye(4)
     left[:3, :3] = [[0, 0, 1], [-1, 0, 0], [0, -1, 0]]
     left[:3, 3] = [0.12, 0.08, -0.03]
-    return [left, left @ inverse(right_from_left())]
+    return [left, left @ invert_pose(place_right())]
 
 
 @functools.cache
 def path() -> list[np.ndarray]:
     """A fifth of the demo's walk serves."""
-    return camera_path(5 * FRAMES * FINE, 0)
+    return plan_walk(5 * FRAMES * FINE, 0)
 
 
 def world_from_body(fine: int) -> np.ndarray:
     """The true path, in the SLAM's world."""
-    pose = path()[fine + FINE] @ inverse(body_from_cameras()[0])
+    pose = path()[fine + FINE] @ invert_pose(body_from_cameras()[0])
     pose[:3, 3] += PLACE
     return pose
 
@@ -61,9 +61,9 @@ def camchain(lenses: list[gsut.Camera]) -> str:
     text, before = "", None
     for name, lens, place in zip(made.CAMERAS, lenses, body_from_cameras(), strict=True):
         fx, fy, cx, cy, *k = (float(v) for v in lens.params)
-        rows = {"T_cam_imu": inverse(place)}
+        rows = {"T_cam_imu": invert_pose(place)}
         if before is not None:
-            rows["T_cn_cnm1"] = inverse(place) @ before
+            rows["T_cn_cnm1"] = invert_pose(place) @ before
         before = place
         text += f"{name}:\n  cam_overlaps: [{1 - int(name[-1])}]\n  camera_model: pinhole\n"
         text += f"  intrinsics: {[fx, fy, cx - 0.5, cy - 0.5]}\n  distortion_model: equidistant\n"
@@ -87,7 +87,7 @@ def write_uncoloured(path, points: np.ndarray) -> None:
 def walk(tmp_path_factory):
     """The recording as it comes from the robot: DATA, and the hall it was taken in."""
     data = tmp_path_factory.mktemp("robot") / "DATA"
-    hall, lenses = make_hall(0), [demo_camera(SIZE), right_camera(SIZE)]
+    hall, lenses = make_hall(0), [make_camera(SIZE), make_right_camera(SIZE)]
     left_images = []
     for name, lens, place in zip(made.CAMERAS, lenses, body_from_cameras(), strict=True):
         folder = data / "mav0" / name
@@ -96,7 +96,7 @@ def walk(tmp_path_factory):
         for i, image in enumerate(render_views(hall, lens, poses, progress=False)):
             write_picture(folder / "data" / f"{START + i * STEP}.png", image[..., ::-1])
             left_images += [image] if name == "cam0" else []
-        write_picture(folder / "mask.png", whole_pixels(lens).astype(np.uint8) * 255)
+        write_picture(folder / "mask.png", find_whole_pixels(lens).astype(np.uint8) * 255)
     (data / "camchain.yaml").write_text(camchain(lenses))
     random = np.random.default_rng(5)
     rows = ["# timestamp tx ty tz qx qy qz qw"]
@@ -108,7 +108,7 @@ def walk(tmp_path_factory):
         rows.append(f"{time // 10**9}.{time % 10**9:09d}{values}")
     (data / "trajectory.txt").write_text("\n".join(rows) + "\n")
     left = [in_hall(world_from_body(i * FINE) @ body_from_cameras()[0]) for i in range(FRAMES)]
-    cloud, _ = surface_points(hall, lenses[0], whole_pixels(lenses[0]), left, left_images, 0)
+    cloud, _ = sample_surfaces(hall, lenses[0], find_whole_pixels(lenses[0]), left, left_images, 0)
     write_uncoloured(data / "points3D.ply", cloud + PLACE)
     return data, hall, lenses
 
@@ -151,9 +151,9 @@ def test_from_files_through_the_commands_to_depth_in_the_right_frame(walk, capsy
     # A place where no picture was taken, through the right lens, in the SLAM's own coordinates.
     pose = world_from_body(5 * FINE + FINE // 2) @ body_from_cameras()[1]
     gaussians = gsut.formats.load_ply(run / "scene.ply")
-    rendered = gsut.render(gaussians, lenses[1], inverse(pose))
+    rendered = gsut.render(gaussians, lenses[1], invert_pose(pose))
     rays, inside = lenses[1].rays()
-    truth = distances(hall, in_hall(pose), rays[inside])
+    truth = measure_distances(hall, in_hall(pose), rays[inside])
     covered = rendered.alpha[inside] > 0.5
     found = rendered.depth[inside][covered] / rendered.alpha[inside][covered]
     errors = np.abs(found - truth[covered]) / truth[covered]

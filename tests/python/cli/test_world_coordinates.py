@@ -77,8 +77,8 @@ def test_scene_and_views_are_in_the_datasets_coordinates(case):
     assert np.linalg.norm(scene.points.mean(axis=0) - offset) < 1
     near = scene.centred
     np.testing.assert_allclose(near.points + near.world_offset, scene.points, rtol=1e-15)
-    assert near.centred is near and near.about((0, 0, 0)).centred is near
-    half = scene.scaled(0.5).replace(notes=())
+    assert near.centred is near and near.move_origin((0, 0, 0)).centred is near
+    half = scene.scale_images(0.5).replace(notes=())
     np.testing.assert_array_equal(
         half.centred.views[3].camera_from_world, near.views[3].camera_from_world
     )

@@ -265,7 +265,7 @@ def test_make_scene_is_the_scene_of_the_files(tmp_path):
     small.write_nerfstudio(tmp_path)
     files = gsut.load_dataset(tmp_path, test_every=4)
     assert (scene.train_indices, scene.test_indices) == (files.train_indices, files.test_indices)
-    half, small_files = scene.scaled(0.5), files.scaled(0.5)
+    half, small_files = scene.scale_images(0.5), files.scale_images(0.5)
     for i in range(small.VIEWS):
         np.testing.assert_array_equal(half.image(i), small_files.image(i))
         np.testing.assert_array_equal(scene.mask(i), files.mask(i))

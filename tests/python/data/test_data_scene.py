@@ -18,7 +18,7 @@ from gsut.data.scene.scene import make_lens_mask
 
 def test_scaled_image_is_the_area_mean(tmp_path):
     scene = load_dataset(small.write_nerfstudio(tmp_path))
-    half = scene.scaled(0.5)
+    half = scene.scale_images(0.5)
     full = scene.image(3).astype(float)
     mean = full.reshape(small.HEIGHT // 2, 2, small.WIDTH // 2, 2, 3).mean(axis=(1, 3))
     assert half.image(3).shape == mean.shape
@@ -35,7 +35,7 @@ def test_scaled_camera_scales_about_the_pixel_corner(tmp_path):
 
 @pytest.mark.parametrize("factor", [0.5, 0.3, 0.07, 0.001])
 def test_scaled_size_is_rounded_and_at_least_one(factor, tmp_path):
-    scene = load_dataset(small.write_nerfstudio(tmp_path)).scaled(factor)
+    scene = load_dataset(small.write_nerfstudio(tmp_path)).scale_images(factor)
     size = [max(1, int(n * factor + 0.5)) for n in (small.HEIGHT, small.WIDTH)]
     assert list(scene.image(0).shape[:2]) == size == list(scene.mask(0).shape)
     np.testing.assert_allclose(
@@ -47,7 +47,7 @@ def test_scaled_size_is_rounded_and_at_least_one(factor, tmp_path):
 def test_scaled_factor_out_of_range_raises(factor, tmp_path):
     scene = load_dataset(small.write_nerfstudio(tmp_path))
     with pytest.raises(gsut.InputError, match="scale must be above 0 and at most 1"):
-        scene.scaled(factor)
+        scene.scale_images(factor)
 
 
 @pytest.mark.parametrize("angle_degrees", [40, 70, 95])
@@ -58,7 +58,7 @@ def test_lens_mask_of_a_scaled_scene_equals_asking_every_source_pixel(factor, an
         "kannala_brandt", params, 320, 240, valid_field_angle=np.radians(angle_degrees)
     )
     size = [max(1, int(n * factor + 0.5)) for n in (320, 240)]
-    camera = full.resized(*size)
+    camera = full.resize(*size)
     expected = camera.rays()[1] & shrink_mask(np.array(full.rays()[1]), *size)
     assert 0 < full.rays()[1].mean() < 1
     np.testing.assert_array_equal(make_lens_mask(camera, full), expected)
@@ -105,7 +105,7 @@ def test_mask_combines_file_and_alpha(tmp_path):
     np.testing.assert_array_equal(scene.mask(1), expected)
     expected[:, :2] = False
     np.testing.assert_array_equal(scene.mask(0), expected)
-    half = scene.scaled(0.5).mask(0)
+    half = scene.scale_images(0.5).mask(0)
     blocks = expected.reshape(small.HEIGHT // 2, 2, small.WIDTH // 2, 2)
     np.testing.assert_array_equal(half, blocks.all(axis=(1, 3)))
 
@@ -122,7 +122,7 @@ def test_mask_fisheye_leaves_out_pixels_without_a_ray(tmp_path):
     mask = scene.mask(0)
     assert mask[distance < limit - 1].all() and not mask[distance > limit + 1].any()
     assert 0.1 < mask.mean() < 0.9
-    half = scene.scaled(0.5).mask(0)
+    half = scene.scale_images(0.5).mask(0)
     blocks = mask.reshape(small.HEIGHT // 2, 2, small.WIDTH // 2, 2)
     np.testing.assert_array_equal(half, blocks.all(axis=(1, 3)))
 
@@ -167,7 +167,7 @@ def test_mask_file_of_zeros_and_ones_is_read_as_black_and_white(tmp_path):
 
 
 def test_image_from_many_threads_is_the_same_and_read_only(tmp_path):
-    scene = load_dataset(small.write_nerfstudio(tmp_path)).scaled(0.5)
+    scene = load_dataset(small.write_nerfstudio(tmp_path)).scale_images(0.5)
     scene._images.limit_bytes = 1  # every call decodes anew
     expected = [
         shrink_image(small.render(pose), small.WIDTH // 2, small.HEIGHT // 2)
@@ -253,7 +253,7 @@ def test_replaced_scene_shares_what_is_decoded_and_nothing_else_changes(tmp_path
     ]  # fmt: skip
     assert moved.image(1) is scene.image(1) and moved.mask(1) is scene.mask(1)
     (lens,) = scene.file_cameras
-    wider = scene.scaled(0.5).with_lenses([lens.with_params(lens.params * 0.9)])
+    wider = scene.scale_images(0.5).with_lenses([lens.with_params(lens.params * 0.9)])
     np.testing.assert_allclose(wider.cameras[0].params, 0.45 * lens.params)
     fewer = scene.replace(views=scene.views[3:], train_indices=[0], test_indices=[])
     assert fewer.image(0) is scene.image(3)
@@ -263,16 +263,16 @@ def test_replaced_scene_shares_what_is_decoded_and_nothing_else_changes(tmp_path
 def test_training_views_own_poses_and_lenses_at_every_resolution(tmp_path, monkeypatch):
     monkeypatch.setattr("gsut.data.scene.training_views._SMALLEST_SIDE", 8)
     views = TrainingViews(load_dataset(small.write_nerfstudio(tmp_path)), (0.3, 0.6))
-    level = views.at(0.5)
-    assert level.camera(0).width == small.WIDTH // 2
+    level = views.select_level(0.5)
+    assert level.scene.camera(0).width == small.WIDTH // 2
     state, poses = views.state_dict(), views.poses + 1.0
     views.move(poses)
     (lens,) = views.scene.file_cameras
     views.replace_lenses([lens.with_params(lens.params * 0.9)])
-    for scene in (views.scene, views.at(0.5).scene, views.at(1.0).scene):
+    for scene in (views.scene, views.select_level(0.5).scene, views.select_level(1.0).scene):
         np.testing.assert_array_equal(scene.poses(scene.train_indices), poses)
         scale = scene.cameras[0].width / small.WIDTH
         np.testing.assert_allclose(scene.cameras[0].params, 0.9 * scale * lens.params)
     views.load_state_dict(state)
     np.testing.assert_array_equal(views.poses, state["poses"])
-    assert views.at(1.0).camera(0) == lens
+    assert views.select_level(1.0).scene.camera(0) == lens

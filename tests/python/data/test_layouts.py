@@ -11,7 +11,7 @@ import small_datasets as small
 import small_recordings as made
 import tolerances
 from gsut.data.layouts import list_layouts
-from gsut.data.poses import inverse
+from gsut.data.poses import invert_pose
 
 JITTER = 500_000  # nanoseconds
 
@@ -24,7 +24,7 @@ def assert_truth(scene: gsut.Scene, cameras=(0, 1), stamps=None, count=small.VIE
         camera = next((c for c in cameras if f"cam{c}" in view.name), cameras[0])
         stem = view.image_path.stem
         time = int(stem) if stamps is None else stamps[stem]
-        expected = inverse(made.world_from_camera(camera, time))
+        expected = invert_pose(made.world_from_camera(camera, time))
         np.testing.assert_allclose(
             view.camera_from_world, expected, rtol=0, atol=tolerances.LAYOUT_POSE
         )
@@ -94,8 +94,8 @@ def test_poses_of_a_vicon_marker_go_through_its_place_on_the_body(tmp_path):
     )
     scene = gsut.load_dataset(tmp_path)
     view = scene.views[0]
-    body = made.world_from_body(made.START) @ inverse(place)
-    expected = inverse(body @ made.body_from_cameras()[0])
+    body = made.world_from_body(made.START) @ invert_pose(place)
+    expected = invert_pose(body @ made.body_from_cameras()[0])
     np.testing.assert_allclose(
         view.camera_from_world, expected, rtol=0, atol=tolerances.LAYOUT_POSE
     )
@@ -154,7 +154,7 @@ def test_poses_between_pictures_are_interpolated_at_their_times(tmp_path):
     scene = gsut.load_dataset(tmp_path)
     assert len(scene) == small.VIEWS
     for view in scene.views:
-        expected = inverse(made.world_from_camera(0, int(view.image_path.stem)))
+        expected = invert_pose(made.world_from_camera(0, int(view.image_path.stem)))
         np.testing.assert_allclose(
             view.camera_from_world, expected, rtol=0, atol=tolerances.LAYOUT_INTERPOLATED
         )
@@ -261,7 +261,7 @@ def write_kitti(folder) -> None:
         for i, time in enumerate(made.times()):
             picture = small.render(made.world_from_camera(0, time) @ place)
             small.write_png(sequence / f"image_{number}/{i:06d}.png", picture)
-        projection = k @ inverse(place)[:3]
+        projection = k @ invert_pose(place)[:3]
         rows.append(f"P{number}: " + " ".join(f"{v:.17g}" for v in projection.ravel()))
     (sequence / "calib.txt").write_text("\n".join(rows) + "\n")
     (sequence / "times.txt").write_text("".join(f"{0.1 * i:e}\n" for i in range(small.VIEWS)))

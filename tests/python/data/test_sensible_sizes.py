@@ -51,7 +51,7 @@ def test_photographs_above_the_limit_are_used_smaller_and_said_so(dataset):
     assert (camera.width, camera.height) == (36, 27)
     assert prepared.notes[-1] == describe_resizing(scene, options)
     assert "photographs of 80 x 60 are used at 36 x 27" in prepared.notes[-1]
-    by_areas = scene.scaled(0.45)
+    by_areas = scene.scale_images(0.45)
     for i in range(3):
         differs = np.abs(prepared.image(i).astype(int) - by_areas.image(i))
         assert differs.max() <= tol.REDUCED_DECODING_LEVELS
@@ -64,12 +64,12 @@ def test_photographs_within_the_limit_keep_their_bits(dataset):
     assert prepare_scene(scene, gsut.TrainOptions(max_side=80)) is scene
     assert prepare_scene(scene, gsut.TrainOptions(max_side=0)) is scene
     half = prepare_scene(scene, gsut.TrainOptions(scale=0.5, max_side=10))
-    np.testing.assert_array_equal(half.image(0), scene.scaled(0.5).image(0))
+    np.testing.assert_array_equal(half.image(0), scene.scale_images(0.5).image(0))
 
 
 def test_half_levels_of_a_limited_scene_come_from_its_own_pictures(dataset):
     scene = prepare_scene(gsut.load_dataset(dataset), gsut.TrainOptions(max_side=40))
-    level = scene.scaled(0.5, keep_larger=True)
+    level = scene.scale_images(0.5, keep_larger=True)
     expected = cv2.resize(scene.image(1), (20, 15), interpolation=cv2.INTER_AREA)
     np.testing.assert_array_equal(level.image(1), expected)
     assert dataclasses.replace(scene).decodes_small

@@ -61,15 +61,15 @@ def test_frames_come_back(tmp_path, rng, shutter, lenses):
     for index, frame in enumerate(frames):
         view = scene.views[index]
         assert scene.camera(index) == frame.camera
-        read = np.linalg.inv(scene.in_dataset(view.camera_from_world))
+        read = np.linalg.inv(scene.to_dataset(view.camera_from_world))
         np.testing.assert_allclose(read, frame.world_from_camera, atol=1e-12)
         np.testing.assert_allclose(
-            scene.from_dataset(scene.in_dataset(view.camera_from_world)),
+            scene.from_dataset(scene.to_dataset(view.camera_from_world)),
             view.camera_from_world, atol=1e-15,
         )  # fmt: skip
         assert (view.shutter is None) == (shutter is None)
         if shutter is not None:
-            start = np.linalg.inv(scene.in_dataset(view.camera_from_world_start))
+            start = np.linalg.inv(scene.to_dataset(view.camera_from_world_start))
             np.testing.assert_allclose(start, frame.world_from_camera_start, atol=1e-12)
 
 
@@ -78,7 +78,7 @@ def test_every_lens_comes_back_from_its_dataset(tmp_path, rng):
     for camera in real_lenses():
         folder = tmp_path / str(compared)
         folder.mkdir()
-        small = camera.resized(32, max(1, 32 * camera.height // camera.width))
+        small = camera.resize(32, max(1, 32 * camera.height // camera.width))
         write_transforms(folder / "transforms.json", frames_in(folder, rng, [small]))
         read = gsut.load_dataset(folder).cameras[0]
         if small.model == "opencv5" and small.params[-1] == 0:

@@ -14,7 +14,7 @@ from gsut.demo import views as demo_views
 from gsut.demo.hall import HALF_X, HALF_Y, HEIGHT, make_hall
 from gsut.demo.shapes import Box, Cylinder, Rays, Sphere
 from gsut.demo.texture import Material
-from gsut.demo.tracing import Tracer, sphere_directions
+from gsut.demo.tracing import Tracer, spread_directions
 from gsut.lens import Camera
 
 VIEWS, TEST_VIEWS, SIZE, SEED = 6, 2, 64, 3
@@ -72,7 +72,7 @@ def test_demo_scene_same_seed_same_bytes(made, tmp_path):
 
 def test_demo_scene_transforms_are_complete(made, transforms):
     assert transforms["camera_model"] == "OPENCV_FISHEYE"
-    camera = demo_views.demo_camera(SIZE)
+    camera = demo_views.make_camera(SIZE)
     keys = ("fl_x", "fl_y", "cx", "cy", "k1", "k2", "k3", "k4")
     assert [transforms[key] for key in keys] == list(camera.params)
     assert (transforms["w"], transforms["h"], transforms["pixel_center"]) == (SIZE, SIZE, 0.5)
@@ -97,7 +97,7 @@ def test_demo_scene_transforms_are_complete(made, transforms):
 
 def test_demo_scene_mask_is_the_image_circle(made):
     mask = cv2.imread(str(made / "mask.png"), cv2.IMREAD_UNCHANGED)
-    rays, _ = demo_views.demo_camera(SIZE).rays()
+    rays, _ = demo_views.make_camera(SIZE).rays()
     # Two pixels inside the rim and two outside: unmasked and masked, whatever the corners.
     pixel = math.radians(190.0) / SIZE
     angle = np.nan_to_num(np.arccos(np.clip(rays[..., 2], -1, 1)), nan=np.inf)
@@ -112,7 +112,7 @@ def test_demo_scene_mask_is_the_image_circle(made):
 def test_demo_scene_points_lie_on_surfaces_with_their_colour(made, transforms):
     points, colors = read_points(made / "points3D.ply")
     assert len(points) == 4000
-    hall, camera = make_hall(SEED), demo_views.demo_camera(SIZE)
+    hall, camera = make_hall(SEED), demo_views.make_camera(SIZE)
     off_surface = np.full(len(points), np.inf)
     off_color = np.full(len(points), np.inf)
     for name, pose in poses_of(transforms).items():
@@ -121,7 +121,7 @@ def test_demo_scene_points_lie_on_surfaces_with_their_colour(made, transforms):
         in_camera = (points - pose[:3, 3]) @ pose[:3, :3]
         away = np.linalg.norm(in_camera, axis=1)
         pixels, valid = camera.project(in_camera)
-        exact = dataset.distances(hall, pose, in_camera / away[:, None])
+        exact = dataset.measure_distances(hall, pose, in_camera / away[:, None])
         off_surface = np.minimum(off_surface, np.where(valid, np.abs(exact - away), np.inf))
         image = np.pad(read_image(made / name).astype(int), ((2, 2), (2, 2), (0, 0)))
         column, row = np.clip(np.nan_to_num(pixels), 0, SIZE - 1).astype(int).T
@@ -135,7 +135,7 @@ def test_demo_scene_points_lie_on_surfaces_with_their_colour(made, transforms):
 
 
 def test_demo_scene_depth_never_exceeds_the_room_and_mostly_meets_it(made, transforms):
-    rays, valid = demo_views.demo_camera(SIZE).rays()
+    rays, valid = demo_views.make_camera(SIZE).rays()
     checked = 0
     for name, pose in poses_of(transforms).items():
         if name not in transforms["test_filenames"]:
@@ -160,7 +160,7 @@ def test_demo_scene_depth_never_exceeds_the_room_and_mostly_meets_it(made, trans
 @pytest.mark.parametrize("central", [True, False])
 def test_demo_scene_colour_is_the_same_from_another_view(central, made, tmp_path):
     # Depth of a test view carries its pixels into the training views that see the same point.
-    hall, camera = make_hall(SEED), demo_views.demo_camera(SIZE)
+    hall, camera = make_hall(SEED), demo_views.make_camera(SIZE)
     if not central:  # a window of three metres, every ray of which starts elsewhere
         camera = Camera("orthographic", [SIZE / 3, SIZE / 3, SIZE / 2, SIZE / 2], SIZE, SIZE)
         made = make_demo_scene(tmp_path / "data", VIEWS, TEST_VIEWS, SIZE, SEED, False, camera)
@@ -180,7 +180,7 @@ def test_demo_scene_colour_is_the_same_from_another_view(central, made, tmp_path
             there, _ = camera.unproject(pixels)
             starts, _ = camera.ray_origins(pixels)
             away = np.sum((in_camera - starts) * there, axis=1)
-            exact = dataset.distances(hall, poses[other], there, starts)
+            exact = dataset.measure_distances(hall, poses[other], there, starts)
             seen &= np.abs(exact - away) < 0.02
             column, row = np.clip(np.nan_to_num(pixels), 0, SIZE - 1).astype(int).T
             seen &= mask[row, column]
@@ -194,9 +194,10 @@ def test_demo_scene_colour_is_the_same_from_another_view(central, made, tmp_path
 
 def test_demo_scene_cameras_keep_away_from_things():
     hall = make_hall(0)
-    directions = sphere_directions(500)
+    directions = spread_directions(500)
     nearest = [
-        dataset.distances(hall, pose, directions).min() for pose in demo_views.camera_path(35, 0)
+        dataset.measure_distances(hall, pose, directions).min()
+        for pose in demo_views.plan_walk(35, 0)
     ]
     assert len(nearest) == 35
     assert min(nearest) > 0.5
@@ -216,11 +217,11 @@ def test_shape_hits_lie_on_the_surface_and_face_the_ray(name, rng):
     # From all sides towards a ball around the shape.
     origins = rng.uniform((-0.6, -0.6, -0.2), (0.6, 0.6, 1.0), (count, 3)) - 3 * directions
     rays = Rays(tuple(origins.T.astype(np.float32)), tuple(directions.T.astype(np.float32)))
-    distance = shape.distance(rays)
+    distance = shape.intersect(rays)
     hit = np.isfinite(distance)
     assert 0.1 < hit.mean() < 0.9
-    points = tuple(p[hit].astype(np.float64) for p in rays.at(np.where(hit, distance, 0)))
-    normal = shape.normal(points)
+    points = tuple(p[hit].astype(np.float64) for p in rays.locate(np.where(hit, distance, 0)))
+    normal = shape.compute_normals(points)
     facing = sum(n * d[hit] for n, d in zip(normal, directions.T, strict=True))
     assert np.all(facing < 0)
     x, y, z = points
@@ -239,7 +240,7 @@ def test_shape_hits_lie_on_the_surface_and_face_the_ray(name, rng):
     np.testing.assert_allclose(outside, 0, rtol=0, atol=tolerances.DEMO_SURFACE)
     # Marched: nothing of the way to the hit lies inside, nor anything of a missing ray.
     steps = np.linspace(0, 6, 200, dtype=np.float32)[:, None]
-    marched = rays.at(np.minimum(steps, np.where(hit, distance, 6) - np.float32(1e-3)))
+    marched = rays.locate(np.minimum(steps, np.where(hit, distance, 6) - np.float32(1e-3)))
     x, y, z = (m.astype(np.float64) for m in marched)
     inside = {
         "box": np.all([(m > a) & (m < b) for m, a, b in
@@ -295,12 +296,12 @@ def test_glass_is_found_one_float_inside_the_edges_of_every_window(seed):
         low, high = np.float32(window.z), np.float32(window.z + window.height)
         z = np.float32([low, np.nextafter(low, high), np.nextafter(high, low), high])
         yy, zz = (grid.ravel() for grid in np.meshgrid(y, z))
-        assert tracer._glass(yy, zz).shape == (len(yy), 3)
+        assert tracer._color_glass(yy, zz).shape == (len(yy), 3)
         tried += len(yy)
     assert tried == 16 * len(hall.windows) > 0
 
 
 def test_no_ray_is_stopped_where_there_is_none():
     none = tuple(np.zeros(0, np.float32) for _ in range(3))
-    free = Tracer(make_hall(0), 4)._free_share(Rays(none, none), np.zeros(0, np.float32))
+    free = Tracer(make_hall(0), 4)._measure_free_share(Rays(none, none), np.zeros(0, np.float32))
     assert free.shape == (0,)

@@ -12,7 +12,7 @@ import tolerances
 from gsut.evaluate.evaluation import evaluate, field_angles, run_metrics
 from gsut.render.metrics import RING_EDGES_DEGREES
 from gsut.render.pictures import picture_stems, to_uint8
-from gsut.run.options import TrainOptions
+from gsut.run import TrainOptions
 
 ERROR = 0.1  # of every colour value that the fake renderer shows
 
@@ -133,7 +133,7 @@ def test_run_metrics_hold_every_promised_key(scene):
 
 
 def test_field_angles_grow_from_the_axis_to_the_rim():
-    angles = np.degrees(field_angles(small_run.FISHEYE.resized(64, 64)))
+    angles = np.degrees(field_angles(small_run.FISHEYE.resize(64, 64)))
     assert np.nanmin(angles) < 3
     assert 90 < np.nanmax(angles) < small_run.HALF_FIELD_DEGREES
     assert np.isnan(angles[0, 0])

@@ -10,10 +10,10 @@ import pytest
 
 import small_run
 from gsut import InputError
-from gsut.evaluate.report import _chosen_views, write_report
-from gsut.page import duration_text, number_text
+from gsut.evaluate.report import _choose_views, write_report
+from gsut.page import format_duration, format_number
+from gsut.run import TrainOptions
 from gsut.run.folder import METRICS, REPORT, RunFolder
-from gsut.run.options import TrainOptions
 
 
 @pytest.fixture
@@ -101,30 +101,30 @@ def test_report_with_a_picture_that_is_gone_or_torn_names_it(run, damage):
         write_report(run)
 
 
-def test_chosen_views_of_many_hold_best_median_and_worst(rng):
+def test_choose_views_of_many_hold_best_median_and_worst(rng):
     rows = [{"name": f"{i:03d}", "psnr": float(v)} for i, v in enumerate(rng.permutation(101))]
-    chosen = _chosen_views(rows)
+    chosen = _choose_views(rows)
     marked = {mark: row["psnr"] for row, marks in chosen for mark in marks}
     assert marked == {"worst": 0.0, "median": 50.0, "best": 100.0}
     assert 12 <= len(chosen) <= 14
     assert [row["name"] for row, _ in chosen] == sorted(row["name"] for row, _ in chosen)
 
 
-def test_chosen_views_of_few_are_all():
+def test_choose_views_of_few_are_all():
     count = 0
     for number in (0, 1, 2, 5):
         rows = [{"name": str(i), "psnr": float(i)} for i in range(number)]
-        assert len(_chosen_views(rows)) == number
+        assert len(_choose_views(rows)) == number
         count += 1
     assert count == 4
 
 
 def test_numbers_and_durations_read_well():
-    assert number_text(1234567.0, 0) == "1\u2009234\u2009567"
-    assert number_text(None) == "–"
-    assert duration_text(12.34) == "12.3 s"
-    assert duration_text(245.0) == "4 min 05 s"
-    assert duration_text(3725.0) == "1 h 02 min"
+    assert format_number(1234567.0, 0) == "1\u2009234\u2009567"
+    assert format_number(None) == "–"
+    assert format_duration(12.34) == "12.3 s"
+    assert format_duration(245.0) == "4 min 05 s"
+    assert format_duration(3725.0) == "1 h 02 min"
 
 
 def test_report_of_the_same_run_is_the_same_bytes(run):

@@ -6,9 +6,9 @@ import re
 import numpy as np
 import pytest
 
-from gsut.evaluate.report_plots import curve_plot, ring_plot
+from gsut.evaluate.report_plots import plot_curve, plot_rings
 from gsut.page import Chart
-from gsut.page.chart import _log_ticks, _ticks
+from gsut.page.chart import _list_log_ticks, _list_ticks
 from gsut.run import TrainOptions
 
 
@@ -26,21 +26,21 @@ def texts(address: str) -> list[str]:
      (25.3, 31.2, [26, 27, 28, 29, 30, 31])],
 )  # fmt: skip
 def test_ticks_are_round_and_within_the_axis(low, high, expected):
-    assert _ticks(low, high) == expected
+    assert _list_ticks(low, high) == expected
 
 
-def test_log_ticks_are_one_two_and_five():
-    assert _log_ticks(0.03, 2.5) == [0.05, 0.1, 0.2, 0.5, 1, 2]
+def test_list_log_ticks_are_one_two_and_five():
+    assert _list_log_ticks(0.03, 2.5) == [0.05, 0.1, 0.2, 0.5, 1, 2]
 
 
 def test_a_line_goes_from_corner_to_corner_of_its_axes():
     chart = Chart("a < b", "x", (0.0, 2.0), (1.0, 100.0), log=True)
-    chart.line(np.array([0.0, 1.0, 2.0]), np.array([1.0, 10.0, 100.0]))
-    (path,) = re.findall(r'd="M([^"]*)" fill="none"', svg(chart.address()))
+    chart.draw_line(np.array([0.0, 1.0, 2.0]), np.array([1.0, 10.0, 100.0]))
+    (path,) = re.findall(r'd="M([^"]*)" fill="none"', svg(chart.embed()))
     places = np.array([place.split() for place in path.split("L")], float)
     assert np.allclose(places[1], (places[0] + places[2]) / 2)
     assert places[0][0] < places[2][0] and places[0][1] > places[2][1]  # y grows downwards
-    assert "a &lt; b" in texts(chart.address())
+    assert "a &lt; b" in texts(chart.embed())
 
 
 @pytest.mark.parametrize("axis", ["step", "seconds"])
@@ -49,18 +49,18 @@ def test_curves_of_any_history_name_their_axis_and_last_value(axis):
         {"step": n, "seconds": n / 7, "loss": 1 / n, "psnr": 20 + n / 100, "num_gaussians": 900 * n}
         for n in range(1, 101)
     ]
-    options = TrainOptions(steps=100).resolved()
+    options = TrainOptions(steps=100).resolve()
     count = 0
     for history in (rows, rows[:1], [rows[0] | {"psnr": None, "seconds": 0.0}]):
         for key in ("loss", "psnr", "num_gaussians"):
-            words = texts(curve_plot(history, key, "Title", axis, options))
+            words = texts(plot_curve(history, key, "Title", axis, options))
             assert "Title" in words
             assert ("steps" if axis == "step" else "seconds of training") in words
             count += 1
     assert count == 9
-    words = texts(curve_plot(rows, "psnr", "PSNR", axis, options))
+    words = texts(plot_curve(rows, "psnr", "PSNR", axis, options))
     assert "21.00" in words and "full size" in words
-    assert "80 000" in texts(curve_plot(rows, "num_gaussians", "Gaussians", axis, options))
+    assert "80 000" in texts(plot_curve(rows, "num_gaussians", "Gaussians", axis, options))
 
 
 def test_rings_without_pixels_have_no_bar():
@@ -68,5 +68,5 @@ def test_rings_without_pixels_have_no_bar():
         {"from_degrees": 0.0, "to_degrees": 30.0, "psnr": 31.5, "pixels": 9},
         {"from_degrees": 30.0, "to_degrees": 60.0, "psnr": None, "pixels": 0},
     ]
-    words = texts(ring_plot(rings))
+    words = texts(plot_rings(rings))
     assert "31.50" in words and "0–30°" in words and "30–60°" not in words

@@ -6,13 +6,8 @@ import shlex
 import pytest
 
 from gsut.evaluate import train_verdict
-from gsut.run import (
-    BlockOptions,
-    TrainOptions,
-    Verdict,
-    add_option_flags,
-    given_options,
-)
+from gsut.run import BlockOptions, TrainOptions, Verdict
+from gsut.run.options import add_option_flags, collect_given
 
 GOOD = {
     "psnr": 30.1, "psnr_train": 31.0, "psnr_color_corrected": 30.3, "psnr_min": 28.0,
@@ -50,7 +45,7 @@ def test_verdict_of_a_training(changes, level, reason, advice):
 def options_of(command, kind):
     parser = argparse.ArgumentParser()
     add_option_flags(parser, kind)
-    return kind(**given_options(kind, parser.parse_known_args(shlex.split(command))[0]))
+    return kind(**collect_given(kind, parser.parse_known_args(shlex.split(command))[0]))
 
 
 @pytest.mark.parametrize(
@@ -64,7 +59,7 @@ def options_of(command, kind):
         ({"preset": "best", "refine_lens": True, "test_every": 5}, {"steps": 14_000}),
     ],
 )  # fmt: skip
-@pytest.mark.parametrize("known", [lambda options: options, TrainOptions.resolved])
+@pytest.mark.parametrize("known", [lambda options: options, TrainOptions.resolve])
 def test_next_command_keeps_the_options_of_the_run_but_makes_more_steps(made, again, known):
     options = known(TrainOptions(**made))
     advice = train_verdict(GOOD | {"psnr": 25.0}, "data", "run", options).advice
@@ -75,7 +70,7 @@ def test_next_command_divides_as_the_run_was_divided():
     division = BlockOptions("4", memory="2GB", workers=2)
     bad = GOOD | {"psnr": 15.0, "psnr_train": 16.0, "psnr_min": 12.0}
     for metrics in (GOOD | {"psnr": 25.0}, bad):
-        advice = train_verdict(metrics, "data", "run", None, division.words()).advice
+        advice = train_verdict(metrics, "data", "run", None, division.list_words()).advice
         assert options_of(advice.partition(", then ")[2] or advice, BlockOptions) == division
     assert "--refine-poses" in advice
-    assert BlockOptions("auto").words() == ["--blocks", "auto"]
+    assert BlockOptions("auto").list_words() == ["--blocks", "auto"]

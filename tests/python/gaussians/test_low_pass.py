@@ -160,7 +160,7 @@ def zoomed_out(g, camera, pose, factor):
     large = gsut.render(g, camera, pose).image
     height, width = camera.height // factor, camera.width // factor
     truth = large.reshape(height, factor, width, factor, 3).mean(axis=(1, 3))
-    small = camera.resized(width, height)
+    small = camera.resize(width, height)
     plain = gsut.render(g, small, pose).image
     radii = gsut.loop.find_filter_radii(g.means, [small], pose[None], 0.3)
     filtered = gsut.render(gsut.loop.apply_low_pass(g, radii), small, pose).image
@@ -176,7 +176,7 @@ def test_zooming_out_of_a_trained_scene_the_filter_answers_aliasing(tmp_path, rn
     pose = scene.views[scene.test_indices[0]].camera_from_world
     gains = []
     for factor in (4, 8, 16):
-        plain, filtered = zoomed_out(trained, scene.cameras[0].resized(96, 96), pose, factor)
+        plain, filtered = zoomed_out(trained, scene.cameras[0].resize(96, 96), pose, factor)
         print(f"1/{factor}: {plain:.2f} dB without, {filtered:.2f} dB with the filter")
         gains.append(filtered - plain)
     assert min(gains) > 0

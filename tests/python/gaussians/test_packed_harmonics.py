@@ -162,7 +162,7 @@ def test_lighter_leaves_alone_what_it_would_not_save(rng, scene):
 
 def test_finetuning_of_mixed_keeps_degrees_and_takes_the_same_steps(tmp_path, rng):
     data = gsut.load_dataset(write_dataset(tmp_path / "data", np.random.default_rng(20260821)))
-    options = TrainOptions(steps=30, max_gaussians=300, sh_degree=2).resolved()
+    options = TrainOptions(steps=30, max_gaussians=300, sh_degree=2).resolve()
     start = gsut.train(data, options, progress=False).gaussians
     start.sh[:, 1:] += 0.01 * rng.normal(size=start.sh[:, 1:].shape).astype(np.float32)
     start = with_degrees(rng, start, rng.integers(0, 3, len(start)))

@@ -9,7 +9,7 @@ import gsut
 import tolerances
 from gsut.lens.calibration_weights import CalibrationWeights
 from gsut.lens.uncertainty import SIGMA_KEY, load_uncertainty, save_uncertainty, spread_pixels
-from gsut.run.options import TrainOptions
+from gsut.run import TrainOptions
 from gsut.training.loop import TrainingLoop
 from rendered_dataset import write_dataset
 
@@ -65,10 +65,10 @@ def test_training_gradient_is_that_of_certain_pixels_only(rng, tmp_path, lens):
     for name, scale in (("certain", 0.0), ("uncertain", 1e9)):
         save_again(lens, np.full(spread_pixels(SIZE, SIZE).shape[:2], scale))
         options = TrainOptions(steps=3, calibration_weights=str(lens), max_gaussians=100)
-        loop = TrainingLoop(scene, options.resolved())
+        loop = TrainingLoop(scene, options.resolve())
         loop.advance()
         largest[name] = np.abs(loop._gradients.means).max()
-    plain = TrainingLoop(scene, TrainOptions(steps=3, max_gaussians=100).resolved())
+    plain = TrainingLoop(scene, TrainOptions(steps=3, max_gaussians=100).resolve())
     plain.advance()
     assert largest["certain"] == np.abs(plain._gradients.means).max()
     assert largest["uncertain"] < 1e-12 * largest["certain"]
@@ -85,7 +85,7 @@ def test_weights_bad_input_is_one_sentence(tmp_path, lens):
     with pytest.raises(gsut.InputError, match=r"the data has 2 lenses"):
         CalibrationWeights(lens, [camera, camera])
     with pytest.raises(gsut.InputError, match=r"images of 48 x 48 pixels, the images are 48 x 96"):
-        CalibrationWeights(lens, [camera.resized(48, 96)])
+        CalibrationWeights(lens, [camera.resize(48, 96)])
     for name in ("plain.cameramodel", "plain.yaml"):
         gsut.save_camera(camera, tmp_path / name)
         with pytest.raises(gsut.InputError, match=r"plain\..* has no uncertainty"):

@@ -194,7 +194,7 @@ def test_project_on_any_number_of_threads_has_same_bits():
 
 @each_lens
 def test_resized_scales_pixels_about_the_corner(camera):
-    other = camera.resized(camera.width * 2, camera.height * 3)
+    other = camera.resize(camera.width * 2, camera.height * 3)
     assert (other.width, other.height) == (camera.width * 2, camera.height * 3)
     points = polar_grid(0.9 * camera.max_angle, 16, 20)
     expected, valid = camera.project(points)
@@ -209,7 +209,7 @@ def test_pickled_camera_compares_equal(camera):
     assert copy == camera and hash(copy) == hash(camera)
     np.testing.assert_array_equal(copy.params, camera.params)
     assert camera.model in repr(camera)
-    assert copy != camera.resized(camera.width + 1, camera.height)
+    assert copy != camera.resize(camera.width + 1, camera.height)
     assert camera != "camera"
 
 
@@ -219,7 +219,7 @@ def test_camera_with_extras_keeps_them_through_pickle_and_resize():
     copy = pickle.loads(pickle.dumps(camera))
     np.testing.assert_array_equal(copy.extrinsics, np.arange(6))
     np.testing.assert_array_equal(copy.valid_region, region)
-    np.testing.assert_array_equal(copy.resized(20, 30).valid_region, np.array(region) * [2, 3])
+    np.testing.assert_array_equal(copy.resize(20, 30).valid_region, np.array(region) * [2, 3])
 
 
 def test_camera_params_are_a_copy():

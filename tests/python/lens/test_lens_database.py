@@ -90,7 +90,7 @@ def test_junk_is_doubted(changes, doubt):
 def test_camera_is_scaled_cropped_and_turned_with_the_picture():
     profile = _profile()
     half = profile.make_camera(500, 375)
-    assert half == profile.make_camera().resized(500, 375)
+    assert half == profile.make_camera().resize(500, 375)
     cropped = profile.make_camera(2000, 1126)  # 16:9 of the same sensor: rows cut at top and bottom
     np.testing.assert_allclose(cropped.params[:4], [1000, 1002, 1020, 553])
     upright = profile.make_camera(750, 1000)

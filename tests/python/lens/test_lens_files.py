@@ -1,4 +1,4 @@
-"""Tests gsut.data.lens_files: every format in and out, against OpenCV and real files."""
+"""Lens files: every format in and out, against OpenCV and real files."""
 
 import json
 import os

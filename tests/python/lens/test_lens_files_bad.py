@@ -1,4 +1,4 @@
-"""Tests gsut.data.lens_files with bad files: one clear sentence with file, line and key."""
+"""Bad lens files: one clear sentence with file, line and key."""
 
 import pytest
 

@@ -5,7 +5,7 @@ import pytest
 
 import calib_fakes  # noqa: F401  # puts calib/ on the path
 import tolerances as tol
-from calib.mrcal_process import ask, have_mrcal
+from calib.solve.mrcal_process import ask, has_mrcal
 from gsut import CalibrationError, _core
 from gsut.lens import Camera, load_camera, save_camera
 from lens_cases import polar_grid
@@ -66,7 +66,7 @@ def test_cahvore_name_without_its_linearity_is_refused(tmp_path, name):
 
 
 @pytest.mark.skipif(
-    not have_mrcal(), reason="mrcal is not installed: apt-get install mrcal python3-mrcal"
+    not has_mrcal(), reason="mrcal is not installed: apt-get install mrcal python3-mrcal"
 )
 def test_written_lenses_project_in_mrcal_as_in_gsut(tmp_path):
     lenses = examples("cahvore", "cahvor", "splined_stereographic", "opencv12", "latlon")
@@ -77,7 +77,7 @@ def test_written_lenses_project_in_mrcal_as_in_gsut(tmp_path):
         # Distance 1: mrcal ignores the distance of a point before a cahvore lens.
         points = polar_grid(min(0.9 * camera.max_angle, 1.4), 12, 16)
         pixels, valid = camera.project(points)
-        question = {"do": "project", "models": [path.read_text()], "points": points.tolist()}
+        question = {"do": "project", "model": path.read_text(), "points": points.tolist()}
         expected = np.array(ask(question)["pixels"]) + 0.5
         assert valid.sum() > 100
         error = np.abs(pixels[valid] - expected[valid]).max()

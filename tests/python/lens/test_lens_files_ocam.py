@@ -132,7 +132,7 @@ def test_matlab_fisheye_is_its_formula(tmp_path):
 
 def test_ocam_resized_sees_the_same_rays(published):
     _, camera = published
-    small = camera.resized(camera.width // 3, camera.height // 2)
+    small = camera.resize(camera.width // 3, camera.height // 2)
     scale = np.array([small.width / camera.width, small.height / camera.height])
     rays, _ = camera.unproject(grid(camera))
     pixels, valid = small.project(rays)

@@ -11,7 +11,7 @@ import tolerances
 from disturbances import Disturbance, disturb_pose, disturb_scene, jitter_points
 from gsut import TrainOptions, _core
 from gsut.demo import dataset as demo
-from gsut.demo.views import camera_path
+from gsut.demo.views import plan_walk
 from gsut.refine.motion import measure_pose_changes, remove_mean_motion, turn_onto
 from gsut.refine.refiner import check_refinable
 from gsut.refine.tracks import refine_by_tracks
@@ -203,17 +203,17 @@ def test_threads_do_not_change_the_bits(scene):
 
 
 def test_tracks_that_say_nothing_leave_the_poses(scene):
-    result = refine_by_tracks(scene, OPTIONS.resolved())
+    result = refine_by_tracks(scene, OPTIONS.resolve())
     assert "no poses from tracks" in result.note
     assert result.scene is scene
 
 
 def test_tracks_bring_poses_back_and_leave_those_that_are_as_good(tmp_path, monkeypatch):
     # A sixth of the demo's way, on which photographs share enough.
-    monkeypatch.setattr(demo, "camera_path", lambda n, seed: camera_path(6 * n, seed)[:n])
+    monkeypatch.setattr(demo, "plan_walk", lambda n, seed: plan_walk(6 * n, seed)[:n])
     folder = demo.make_demo_scene(tmp_path / "data", 12, 0, size=160, progress=False)
     true = gsut.load_dataset(folder)
-    options = TrainOptions(refine_poses=True, threads=2).resolved()
+    options = TrainOptions(refine_poses=True, threads=2).resolve()
     kept = refine_by_tracks(true, options)
     print(kept.figures)
     assert "as good, were kept" in kept.note

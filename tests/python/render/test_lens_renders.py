@@ -16,7 +16,7 @@ def small(camera: Camera) -> Camera:
     if camera.width * camera.height <= PIXELS**2:
         return camera
     scale = PIXELS / max(camera.width, camera.height)
-    return camera.resized(max(8, round(camera.width * scale)), max(8, round(camera.height * scale)))
+    return camera.resize(max(8, round(camera.width * scale)), max(8, round(camera.height * scale)))
 
 
 # Hard lenses whose few pixels see nearly everything: no tile has a plane.

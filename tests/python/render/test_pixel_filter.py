@@ -24,7 +24,7 @@ def test_a_small_image_is_the_mean_of_the_large_one(rng, lens):
     truth = gsut.render(g, large, pose).image
     blocks = (large.height // FACTOR, FACTOR, large.width // FACTOR, FACTOR, 3)
     truth = truth.reshape(blocks).mean(axis=(1, 3))
-    small = large.resized(blocks[2], blocks[0])
+    small = large.resize(blocks[2], blocks[0])
     whole = np.isfinite(large.rays()[0]).all(axis=2).reshape(blocks[:4]).all(axis=(1, 3))
     pixels = PixelFilter(g, [large], pose[None])
     radii = gsut.loop.find_filter_radii(g.means, [small], pose[None], 0.3).astype(np.float32)
@@ -37,20 +37,20 @@ def test_a_small_image_is_the_mean_of_the_large_one(rng, lens):
     assert filtered > passed
     # At the photographs' own pixels, and finer ones, nothing changes.
     assert pixels.of(large, pose) is g
-    assert pixels.of(large.resized(2 * large.width, 2 * large.height), pose) is g
+    assert pixels.of(large.resize(2 * large.width, 2 * large.height), pose) is g
 
 
 def test_coarser_pixels_are_told_by_the_lens():
     large = pinhole(128)
-    assert is_coarser(large.resized(96, 96), [large, large.resized(64, 64)])
-    assert not is_coarser(large, [large, large.resized(64, 64)])
-    assert not is_coarser(large.resized(256, 256), [large])
+    assert is_coarser(large.resize(96, 96), [large, large.resize(64, 64)])
+    assert not is_coarser(large, [large, large.resize(64, 64)])
+    assert not is_coarser(large.resize(256, 256), [large])
 
 
 def test_scales_grow_by_the_missing_variance_and_shadows_keep_their_light(rng):
     large = pinhole(64)
     g, pose = scene_of(rng, large)
-    small = large.resized(large.width // FACTOR, large.height // FACTOR)
+    small = large.resize(large.width // FACTOR, large.height // FACTOR)
     found = PixelFilter(g, [large], pose[None]).of(small, pose)
     radii = [
         gsut.loop.find_filter_radii(g.means, [lens], pose[None], 1.0) for lens in (small, large)

@@ -102,7 +102,7 @@ def test_pixel_filter_of_a_stored_scene_has_the_same_bits(ply, rng):
     camera = pinhole(96)
     pose = pose_near(rng)
     scene = gsut.scene_from_arrays([np.zeros((96, 96, 3), np.uint8)], camera, [pose])
-    small = camera.resized(48, 48)
+    small = camera.resize(48, 48)
     pictures = [
         gsut.render(PixelFilter.of_run(g, scene).of(small, pose), small, pose).image
         for g in (load_ply(ply), open_ply(ply, 2 * LIMIT))
@@ -152,13 +152,13 @@ import sys
 import numpy as np
 import gsut
 from gsut.formats import open_ply
-from gsut.run import peak_rss_mb
+from gsut.run import measure_peak_rss
 gsut.set_num_threads(2)
 camera = gsut.Camera("equirectangular", [], 320, 160)
 gsut.render(open_ply(sys.argv[1])[:1000], camera, np.eye(4))
-before = peak_rss_mb()
+before = measure_peak_rss()
 gsut.render(open_ply(sys.argv[2], int(sys.argv[3])), camera, np.eye(4))
-print((peak_rss_mb() - before) * 2**20)
+print((measure_peak_rss() - before) * 2**20)
 """
 
 

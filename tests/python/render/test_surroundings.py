@@ -8,7 +8,7 @@ import tolerances as tol
 from gsut.formats import NO_BACKGROUND, read_scene_file, save_ply
 from gsut.render import field_angles, random_background, with_surroundings
 from gsut.training import find_plain_background
-from gsut.view import stage_of
+from gsut.view import open_stage
 from random_scenes import fisheye, gaussians_in_view, pinhole, random_pose
 from rendered_dataset import write_dataset
 
@@ -103,4 +103,4 @@ def test_a_file_says_whether_anything_stands_behind_it(tmp_path, rng):
     for name, comments in (("open.ply", [NO_BACKGROUND]), ("black.ply", [])):
         save_ply(tmp_path / name, g, comments)
         assert read_scene_file(tmp_path / name).no_background == bool(comments)
-        assert stage_of(tmp_path / name).background == (None if comments else (0.0, 0.0, 0.0))
+        assert open_stage(tmp_path / name).background == (None if comments else (0.0, 0.0, 0.0))

@@ -15,9 +15,9 @@ import pytest
 import gsut
 from gsut import InputError
 from gsut.output_folder import MARKER
+from gsut.run import TrainOptions
 from gsut.run.checkpoint import read_checkpoint, write_checkpoint
 from gsut.run.folder import CHECKPOINT, ENVIRONMENT, HISTORY, METRICS, OPTIONS, SCENE, RunFolder
-from gsut.run.options import TrainOptions
 
 OPTIONS_OF_RUN = TrainOptions(steps=100)
 
@@ -228,7 +228,7 @@ def test_resume_removes_unfinished_files(tmp_path):
 
 def test_resume_without_a_run_begins_one(tmp_path):
     run = RunFolder.create(tmp_path / "run", OPTIONS_OF_RUN, resume=True)
-    assert run.read_options() == OPTIONS_OF_RUN.resolved()
+    assert run.read_options() == OPTIONS_OF_RUN.resolve()
 
 
 def test_resume_where_the_options_are_gone_is_refused_and_changes_nothing(tmp_path):

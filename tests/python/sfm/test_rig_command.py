@@ -9,11 +9,11 @@ import gsut
 import tolerances
 from disturbances import disturb_rig
 from gsut.cli import main
-from gsut.data.poses import inverse
+from gsut.data.poses import invert_pose
 from gsut.data.rigs.rig import measure_changes, read_rig, write_rig
 from gsut.demo import make_demo_rig
-from gsut.demo.rig import right_from_left
-from gsut.sfm import errors_against, find_poses
+from gsut.demo.rig import place_right
+from gsut.sfm import compare_datasets, find_poses
 
 FRAMES, SIZE = 6, 200
 PATH_SHARE = 0.15  # of the demo's path: neighbours see the same
@@ -43,7 +43,7 @@ def test_make_demo_rig_truth_has_the_rig_and_a_lens_a_frame(demo):
     ]  # fmt: skip
     left, right = scene.views[:FRAMES], scene.views[FRAMES:]
     for a, b in zip(left, right, strict=True):
-        step = b.camera_from_world @ inverse(a.camera_from_world) - right_from_left()
+        step = b.camera_from_world @ invert_pose(a.camera_from_world) - place_right()
         assert np.abs(step).max() < tolerances.RIG_HELD
     assert scene.camera(0) != scene.camera(FRAMES)
 
@@ -56,7 +56,7 @@ def test_make_demo_rig_refuses_numbers_out_of_range(tmp_path):
 
 
 def test_poses_with_a_rig_finds_all_images_in_metres(demo, poses):
-    errors = errors_against(demo / "rig_hall", poses)
+    errors = compare_datasets(demo / "rig_hall", poses)
     assert errors.images == 2 * FRAMES
     assert abs(errors.scale_error_percent) < tolerances.RIG_DEMO_SCALE_PERCENT
     assert errors.metric_ate < tolerances.RIG_DEMO_METRES
@@ -82,7 +82,7 @@ def test_poses_with_a_rig_writes_both_lenses_in_all_forms(demo, poses):
     ]  # fmt: skip
     assert {(row[8], row[9].split("/")[0]) for row in images} == {("1", "left"), ("2", "right")}
     again = json.loads((poses / "rig.json").read_text())["cameras"]["right"]
-    assert np.abs(np.array(again["camera_from_reference"]) - right_from_left()).max() < 1e-12
+    assert np.abs(np.array(again["camera_from_reference"]) - place_right()).max() < 1e-12
     assert (poses / again["file"]).resolve() == (demo / "rig_hall" / "right.yaml").resolve()
     page = (poses / "report.html").read_text()
     assert "6 of 6 frames" in page
@@ -99,7 +99,7 @@ def test_train_takes_what_poses_with_a_rig_wrote(poses, tmp_path):
     assert tested == {"left", "right"}
 
 
-def test_demo_rig_tells_errors_against_the_truth(demo, poses, capsys):
+def test_demo_rig_tells_compare_datasets_the_truth(demo, poses, capsys):
     words = ["demo", "--rig", "-o", str(demo), "--steps", "30", "--no-open"]
     assert main(words) == 0  # rig_hall and rig_poses are there already
     told = capsys.readouterr().out
@@ -112,7 +112,7 @@ def test_poses_with_a_disturbed_rig_refine_it(demo, tmp_path):
     write_rig(disturb_rig(truth, degrees=0.5), tmp_path / "rig.json")
     out = tmp_path / "out"
     found = find_poses(demo / "rig_hall", out, rig=tmp_path / "rig.json", refine_rig=True).figures
-    errors = errors_against(demo / "rig_hall", out)
+    errors = compare_datasets(demo / "rig_hall", out)
     assert found["registered"] == 2 * FRAMES
     assert abs(errors.scale_error_percent) < tolerances.RIG_DEMO_REFINED_PERCENT
     poses = np.array([camera["camera_from_reference"] for camera in found["rig"]["cameras"]])

@@ -14,7 +14,7 @@ from gsut.demo import make_demo_scene
 from gsut.demo.hall import make_hall
 from gsut.demo.tracing import Tracer
 from gsut.sfm import PosesOptions
-from gsut.sfm.points.flow import _sampled, follow_pixels
+from gsut.sfm.points.flow import _sample_image, follow_pixels
 
 DENSE = 6000
 
@@ -42,7 +42,7 @@ def relative_errors(points, scene):
     for view in scene.views[::2]:
         rays = points - view.camera_center
         away = np.linalg.norm(rays, axis=1)
-        exact = tracer.depths(view.camera_center, rays / away[:, None])
+        exact = tracer.trace_depths(view.camera_center, rays / away[:, None])
         best = np.minimum(best, np.abs(exact - away) / away)
     return best
 
@@ -88,7 +88,7 @@ def test_triangulate_sponza_agrees_with_the_exact_depth_of_a_held_out_view(share
 def test_triangulate_far_from_the_origin_gives_the_same_points(hall):
     scene = gsut.load_dataset(hall)
     shift = np.array([500_000.0, 5_400_000.0, 300.0])
-    far = scene.about(-shift).replace(world_offset=np.zeros(3))
+    far = scene.move_origin(-shift).replace(world_offset=np.zeros(3))
     near = gsut.poses.triangulate(scene, PosesOptions(max_features=300))
     moved = gsut.poses.triangulate(far, PosesOptions(max_features=300))
     assert np.abs(moved.positions - shift - near.positions).max() < tolerances.POINTS_FAR_METRES
@@ -206,4 +206,4 @@ def test_train_colours_points_that_have_none(hall, tmp_path, capsys):
 def test_flow_at_more_places_than_opencv_takes_at_once(rng):
     ramp = np.stack(np.meshgrid(np.arange(8.0), np.arange(6.0)), axis=-1).astype(np.float32)
     places = rng.integers(0, 6, (70_000, 2)) + 0.5
-    assert np.array_equal(_sampled(ramp, places), places - 0.5)
+    assert np.array_equal(_sample_image(ramp, places), places - 0.5)

@@ -11,10 +11,10 @@ import small_datasets
 import tolerances
 from gsut import InputError, _core
 from gsut.cli import main
-from gsut.demo.dataset import distances
+from gsut.demo.dataset import measure_distances
 from gsut.demo.hall import make_hall
-from gsut.demo.hall_mesh import hall_mesh
-from gsut.demo.views import camera_path, demo_camera
+from gsut.demo.hall_mesh import build_hall_mesh
+from gsut.demo.views import make_camera, plan_walk
 from gsut.surface import Mesh, cast_depth, depth_figures, mesh_figures, save_mesh, tree_of
 from random_scenes import pinhole
 from surface_scenes import box_depth, edge_counts, lines_of, plane_run
@@ -96,12 +96,12 @@ def test_cast_depth_equals_the_exact_one(direction):
 
 def test_hall_as_a_mesh_is_the_hall_that_is_drawn():
     hall = make_hall(0)
-    mesh = hall_mesh(hall)
+    mesh = build_hall_mesh(hall)
     assert np.all(edge_counts(mesh.faces) == 2)
-    camera, pose = demo_camera(100), camera_path(35, 0)[3]
+    camera, pose = make_camera(100), plan_walk(35, 0)[3]
     rays, valid = camera.rays()
     found = cast_depth(tree_of(mesh), camera, np.linalg.inv(pose))[valid]
-    error = np.abs(found - distances(hall, pose, rays[valid]))
+    error = np.abs(found - measure_distances(hall, pose, rays[valid]))
     assert np.isfinite(found).all()
     # At an edge of a shape one of them may just miss it.
     assert np.mean(error > tolerances.HALL_MESH) < 1e-3

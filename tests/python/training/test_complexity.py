@@ -1,21 +1,11 @@
 """The number of Gaussians that a run may have, by counts of photographs and pixels."""
 
-import numpy as np
-import pytest
-
 import gsut
 from gsut import TrainOptions
-from gsut.run import PRESETS, fitted
+from gsut.run.options import PRESETS, presets
 from gsut.training import choose_complexity
 from gsut.training.first import complexity
 from random_scenes import arrays_of
-from rendered_dataset import write_dataset
-
-
-@pytest.fixture(scope="module")
-def scene(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("complexity") / "data"
-    return gsut.load_dataset(write_dataset(folder, np.random.default_rng(20260821)))
 
 
 def valid_pixels(scene):
@@ -26,7 +16,7 @@ def chosen_with(scene, monkeypatch, per_view, pixels_each, **options):
     monkeypatch.setattr(complexity, "_PER_VIEW", per_view)
     monkeypatch.setattr(complexity, "_PIXELS_EACH", pixels_each)
     said = []
-    return choose_complexity(scene, TrainOptions(**options).resolved(), said.append), said
+    return choose_complexity(scene, TrainOptions(**options).resolve(), said.append), said
 
 
 def test_number_grows_with_photographs_up_to_the_presets(scene, monkeypatch):
@@ -50,7 +40,7 @@ def test_number_is_bounded_by_pixels_that_can_be_compared(scene, monkeypatch):
     assert found.max_gaussians == pixels // 4
     assert f"{pixels // 4:,} Gaussians of degree 1, one for 4 pixels: " in said
     # Photographs of half the size have a quarter of them.
-    small = scene.scaled(0.5)
+    small = scene.scale_images(0.5)
     found, _ = chosen_with(small, monkeypatch, 10**6, 4)
     assert found.max_gaussians == valid_pixels(small) // 4
 
@@ -84,7 +74,7 @@ def test_training_takes_the_number_says_so_and_has_the_bits_of_one_that_is_given
 def test_training_on_few_photographs_takes_fewer_steps_and_says_so(scene, monkeypatch, capsys):
     preset = {"steps": 50, "max_gaussians": 100, "sh_degree": 0}
     monkeypatch.setitem(PRESETS, "fast", preset)
-    monkeypatch.setattr(fitted, "_LEAST_STEPS", 5)
+    monkeypatch.setattr(presets, "_LEAST_STEPS", 5)
     views = len(scene.train_indices)
     result = gsut.train(scene, TrainOptions(preset="fast", eval_every=0), progress=True)
     assert result.metrics["steps"] == result.metrics["complexity"]["steps"] == 2 * views

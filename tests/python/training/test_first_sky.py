@@ -84,7 +84,7 @@ def test_first_gaussians_add_sky_within_the_cap_only() -> None:
     assert found is not None
     most = len(scene.points) + len(found[0])
     for cap, count in ((most, most), (most - 1, len(scene.points))):
-        options = gsut.TrainOptions(max_gaussians=cap).resolved()
+        options = gsut.TrainOptions(max_gaussians=cap).resolve()
         gaussians, notes = choose_first_gaussians(scene, options)
         assert len(gaussians) == count and len(notes) == (count == most)
 

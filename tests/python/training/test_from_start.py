@@ -14,7 +14,7 @@ from gsut import TrainOptions
 from gsut.cli import main
 from gsut.render import Light
 from gsut.run.folder import METRICS, OPTIONS, PLAN, SCENE, RunFolder
-from gsut.training.time_left import step_work
+from gsut.training.time_left import predict_training_steps
 from gsut.training.tuning import finetune_options
 from gsut.training.tuning.from_start import is_better_from_start, options_from_start
 from rendered_dataset import VIEWS, write_dataset
@@ -112,7 +112,7 @@ def test_auto_of_a_run_in_blocks_merges(run, tmp_path):
 
 
 def test_light_that_hardly_differs_is_no_reason():
-    options = TrainOptions(steps=80).resolved()
+    options = TrainOptions(steps=80).resolve()
     for spread, better in ((0.0, False), (0.004, False), (0.05, True)):
         light = Light(np.exp(spread * np.array([[-1.0] * 3, [1.0] * 3])), (None,))
         assert is_better_from_start(options, light, 1000, 300, 100) == better
@@ -125,11 +125,11 @@ def test_steps_are_as_much_work_as_run_compaction_and_finetuning(run, steps, kee
     scene = gsut.load_dataset(RunFolder.open(run).read_json("environment.json")["dataset"])
     megapixels = scene.cameras[0].width * scene.cameras[0].height / 1e6
     own, first = 50_000, 10_000
-    o = TrainOptions(steps=steps, max_gaussians=own, lr_scales=0.01).resolved()
+    o = TrainOptions(steps=steps, max_gaussians=own, lr_scales=0.01).resolve()
     chosen = options_from_start(scene, o, first, own, round(keep * own), 300)
 
     def work(options, begin):
-        return step_work(options, begin, megapixels).sum()
+        return predict_training_steps(options, begin, megapixels).sum()
 
     few = dataclasses.replace(o, max_gaussians=round(keep * own))
     tuned = finetune_options(few, 300, few.max_gaussians)
@@ -137,7 +137,7 @@ def test_steps_are_as_much_work_as_run_compaction_and_finetuning(run, steps, kee
     compaction = work(finetune_options(o, len(scene.train_indices), own), own)
     assert 5 * compaction < work(chosen, first) - wanted < 6 * compaction
     # What the recipe says of a number of steps follows it, what was given stays.
-    expected = TrainOptions(steps=chosen.steps, max_gaussians=few.max_gaussians).resolved()
+    expected = TrainOptions(steps=chosen.steps, max_gaussians=few.max_gaussians).resolve()
     assert math.isclose(chosen.lr_scales, 0.01)
     for name in ("lr_means", "lr_sh_rest", "densify_every", "noise", "coarse_to_fine"):
         assert getattr(chosen, name) == getattr(expected, name), name

@@ -3,22 +3,14 @@
 import numpy as np
 import pytest
 
-import gsut
 from gsut import TrainOptions
 from gsut.training import TrainingLoop
-from rendered_dataset import write_dataset
 
 SHORT = {"steps": 20, "max_gaussians": 300, "densify_every": 5, "noise": False}
 
 
-@pytest.fixture(scope="module")
-def scene(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("growth") / "data"
-    return gsut.load_dataset(write_dataset(folder, np.random.default_rng(20260821)))
-
-
 def loop_of(scene, **options):
-    return TrainingLoop(scene, TrainOptions(**SHORT, **options).resolved())
+    return TrainingLoop(scene, TrainOptions(**SHORT, **options).resolve())
 
 
 @pytest.mark.parametrize("blur", [{}, {"motion_blur": 0.5}], ids=["still", "blurred"])
@@ -40,7 +32,7 @@ def test_other_strategies_go_by_gradients(scene):
 
 def test_beside_gaussians_that_stay_growth_goes_by_gradients(scene):
     context = loop_of(scene).gaussians.copy()
-    loop = TrainingLoop(scene, TrainOptions(**SHORT).resolved(), context=context)
+    loop = TrainingLoop(scene, TrainOptions(**SHORT).resolve(), context=context)
     loop.advance()
     assert loop.optimizer.gradient_max.any()
     assert not loop.optimizer.error_sum.any()

@@ -10,20 +10,13 @@ from gsut.gaussians import SH_C0
 from gsut.optimize import GaussianOptimizer, split_and_prune
 from gsut.training.loop import TrainingLoop
 from gsut.training.strategies.mini import OVERGROWN, find_blurred, reinitialize, sample
-from rendered_dataset import write_dataset
 
 SHORT = {"steps": 80, "max_gaussians": 150, "densify_every": 4, "strategy": "mini", "noise": False}
 
 
 @pytest.fixture(scope="module")
-def scene(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("mini") / "data"
-    return gsut.load_dataset(write_dataset(folder, np.random.default_rng(20260821)))
-
-
-@pytest.fixture(scope="module")
 def trained(scene):
-    loop = TrainingLoop(scene, TrainOptions(steps=40, max_gaussians=400).resolved())
+    loop = TrainingLoop(scene, TrainOptions(steps=40, max_gaussians=400).resolve())
     while loop.step < 40:
         loop.advance()
     return loop.gaussians.copy()
@@ -57,9 +50,9 @@ def test_splitting_makes_two_smaller_ones_and_pruning_keeps_the_order(trained):
 
 
 def test_reinitialised_gaussians_lie_where_the_views_see_them_in_their_colours(scene, trained):
-    new = reinitialize(trained, scene, TrainOptions().resolved(), 200, [1])
+    new = reinitialize(trained, scene, TrainOptions().resolve(), 200, [1])
     assert len(new) == 200
-    again = reinitialize(trained, scene, TrainOptions().resolved(), 200, [1])
+    again = reinitialize(trained, scene, TrainOptions().resolve(), 200, [1])
     assert new.means.tobytes() == again.means.tobytes()
     low, high = trained.means.min(axis=0) - 1, trained.means.max(axis=0) + 1
     assert np.all((new.means > low) & (new.means < high))
@@ -83,19 +76,10 @@ def test_sampling_draws_in_proportion_to_blend_weights(scene, trained):
     assert np.count_nonzero(drawn) > 40  # drawn, not the best forty
 
 
-def test_run_overgrows_and_is_sampled_to_its_number_and_resumes_to_the_same_bits(scene):
-    options = TrainOptions(**SHORT).resolved()
-    loop, sizes, state = TrainingLoop(scene, options), {}, None
+def test_run_overgrows_and_is_sampled_to_its_number(scene):
+    loop, sizes = TrainingLoop(scene, TrainOptions(**SHORT).resolve()), {}
     while loop.step < 80:
         loop.advance()
         sizes[loop.step] = len(loop.gaussians)
-        if loop.step == 30:  # between re-initialisation and sampling
-            state = loop.state_dict()
-    assert max(sizes.values()) <= OVERGROWN * 150
-    assert max(sizes.values()) > 150
+    assert 150 < max(sizes.values()) <= OVERGROWN * 150
     assert sizes[80] == sizes[40] <= 150
-    again = TrainingLoop(scene, options)
-    again.load_state_dict(state)
-    while again.step < 80:
-        again.advance()
-    assert again.gaussians.means.tobytes() == loop.gaussians.means.tobytes()

@@ -64,7 +64,7 @@ def test_more_poses_where_the_camera_moves_further_and_one_at_a_coarse_level(sce
         for found in (exposure.find_poses(scene, level, view) for view in range(1, FRAMES - 1))
     ]
     assert max(counts) == 3 and min(counts) == 1
-    small = Level(scene.scaled(0.25))
+    small = Level(scene.scale_images(0.25))
     assert not any(isinstance(exposure.find_poses(scene, small, v), list) for v in range(FRAMES))
     assert np.array_equal(Exposure(scene, None).find_poses(scene, level, 1), scene.views[1].motion)
 

@@ -116,7 +116,7 @@ def test_swept_points_are_the_same_on_any_number_of_threads() -> None:
 def test_first_gaussians_of_photographs_without_texture_are_random() -> None:
     scene = wall_scene(LENSES["pinhole"], plain=True)
     assert find_points_by_sweep(scene, 500, 0) is None
-    options = gsut.TrainOptions(max_gaussians=2000).resolved()
+    options = gsut.TrainOptions(max_gaussians=2000).resolve()
     gaussians, notes = choose_first_gaussians(scene, options)
     assert len(gaussians) == 2000 and not notes
 
@@ -135,6 +135,6 @@ def test_first_gaussians_add_swept_ones_where_points_are_few_and_nothing_else_is
         (scene, {"init": "random", "init_count": 90}, 90, 0),
     ]
     for of, given, count, said in counts:
-        options = gsut.TrainOptions(**{"max_gaussians": 2000, **given}).resolved()
+        options = gsut.TrainOptions(**{"max_gaussians": 2000, **given}).resolve()
         gaussians, notes = choose_first_gaussians(of, options)
         assert (len(gaussians), len(notes)) == (count, said), given

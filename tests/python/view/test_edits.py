@@ -12,7 +12,7 @@ import small_run
 from gsut import InputError
 from gsut.cli import main
 from gsut.view import Session, Stage
-from gsut.view.measure import point_in_photograph
+from gsut.view.measure import find_point_in_photograph
 from random_scenes import fisheye, gaussians_in_view, rng_of
 from tolerances.view import MEASURED, PICKED_POINT
 
@@ -37,7 +37,7 @@ def test_save_writes_what_is_shown_turned_and_scaled(session, gaussians, tmp_pat
     crop = [[-9, -9, -9], [0.2, 9, 9]]
     up = np.array([0.1, 0.2, 1.0])
     values = {"name": "a.ply", "crop": crop, "up": up.tolist(), "level": 0.3, "scale": 2.0}
-    said = session.save(values).content
+    said = session.save_scene(values).content
     inside = (gaussians.means - frames.center) @ frames.axes[0] <= 0.2 * frames.extent
     assert said["num_gaussians"] == inside.sum() and said["of"] == 300
     found = gsut.formats.load_ply(tmp_path / "a.ply")
@@ -62,7 +62,7 @@ def test_save_writes_what_is_shown_turned_and_scaled(session, gaussians, tmp_pat
 def test_save_refuses_in_one_sentence_and_writes_nothing(session, tmp_path, values, said):
     (tmp_path / "scene.ply").write_text("mine")
     with pytest.raises(InputError, match=said):
-        session.save(values)
+        session.save_scene(values)
     assert (tmp_path / "scene.ply").read_text() == "mine"
     assert len(list(tmp_path.iterdir())) == 1
 
@@ -73,13 +73,13 @@ def test_ground_is_found_and_a_training_has_no_file_yet(session, scene, gaussian
     g.means[flat] = np.random.default_rng(1).uniform(-1, 1, (150, 3)) * [3, 3, 0.01] + [0, 0, -2]
     g.quats[flat], g.log_scales[flat], g.opacity_logits[flat] = [1, 0, 0, 0], [-1, -1, -5], 2.0
     found = Session(Stage("a", "training", g, scene))
-    plane = found.ground({"up": [0.1, 0, 1]}).content
+    plane = found.find_ground({"up": [0.1, 0, 1]}).content
     assert plane["normal"] @ [0, 0, 1] > 0.99
     assert plane["level"] == pytest.approx(-2, abs=0.1)
     with pytest.raises(InputError, match="not a file yet"):
-        found.save({"name": "a.ply"})
+        found.save_scene({"name": "a.ply"})
     with pytest.raises(InputError, match="run's photographs"):
-        found.floaters({})
+        found.find_floaters({})
 
 
 def test_floaters_are_left_out_of_frames_and_files(
@@ -92,16 +92,16 @@ def test_floaters_are_left_out_of_frames_and_files(
     frame = {"pose": pose.ravel().tolist(), "lens": 0, "width": 32, "height": 32, "clean": True}
     request = session._request({**frame, "quality": None})
     before = session.frames.draw(request).image.copy()
-    assert session.floaters({}).content == {"count": 100, "of": 300}
+    assert session.find_floaters({}).content == {"count": 100, "of": 300}
     after = session.frames.draw(request).image
     clean = gsut.render(gaussians[~floats], scene.cameras[0], pose).image
     np.testing.assert_array_equal(after, gsut.rendering.to_uint8(clean))
     assert np.any(before != after)
-    assert session.save({"name": "a.spz", "clean": True}).content["num_gaussians"] == 200
+    assert session.save_scene({"name": "a.spz", "clean": True}).content["num_gaussians"] == 200
 
 
 def measured(monkeypatch, capsys, stage, *words):
-    monkeypatch.setattr("gsut.view.stage_of", lambda *_: stage)
+    monkeypatch.setattr("gsut.view.open_stage", lambda *_: stage)
     assert main(["measure", "RUN", *words, "--json"]) == 0
     return json.loads(capsys.readouterr().out)
 
@@ -116,7 +116,9 @@ def test_measure_by_pixels_of_photographs_and_points(
     words = ["--pixel", "0.png", *pixel, "--point", "1", "2", "3", "--length", "5"]
     found = measured(monkeypatch, capsys, stage, *words)
     frame = {"pose": scene.views[0].camera_from_world.ravel().tolist(), "lens": 0, "width": 32}
-    picked = session.pick({"frame": {**frame, "height": 32}, "pixel": pixel}).content["in_dataset"]
+    picked = session.pick_point({"frame": {**frame, "height": 32}, "pixel": pixel}).content[
+        "in_dataset"
+    ]
     np.testing.assert_allclose(found["points"], [picked, [1, 2, 3]], atol=PICKED_POINT)
     distance = np.linalg.norm(picked - [1, 2, 3])
     assert found["distances"] == pytest.approx([distance])
@@ -136,7 +138,7 @@ def test_measure_knows_when_a_rolling_shutter_read_the_pixel(scene, gaussians):
     row, column = np.unravel_index(np.argmax(truth.alpha[:8]), truth.alpha[:8].shape)
     assert truth.alpha[row, column] > 0.5
     pixel = (column + 0.5, row + 0.5)
-    found = point_in_photograph(Stage("a", "run", gaussians, moving), "images/0.png", pixel)
+    found = find_point_in_photograph(Stage("a", "run", gaussians, moving), "images/0.png", pixel)
     pose = rolling.motion.at((row + 0.5) / 32)
     in_camera = pose[:3, :3] @ (found - moving.world_offset) + pose[:3, 3]
     ray = scene.cameras[0].unproject(np.array([pixel]))[0][0]
@@ -156,6 +158,6 @@ def test_measure_knows_when_a_rolling_shutter_read_the_pixel(scene, gaussians):
     ],
 )
 def test_measure_refuses_in_one_sentence(session, monkeypatch, capsys, words, said):
-    monkeypatch.setattr("gsut.view.stage_of", lambda *_: session.stage)
+    monkeypatch.setattr("gsut.view.open_stage", lambda *_: session.stage)
     assert main(["measure", "RUN", *words.split()]) == 2
     assert said in capsys.readouterr().err

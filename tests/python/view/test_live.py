@@ -13,7 +13,7 @@ import gsut
 import rendered_dataset
 from gsut.cli import main
 from gsut.view import LiveTraining, ViewServer
-from gsut.view.frames import MODES
+from gsut.view.frame_request import MODES
 
 STEPS = 24
 
@@ -58,7 +58,7 @@ def test_training_that_is_looked_at_has_the_same_bits(scene, changes):
     seen = []
 
     def look(mode):
-        seen.append(pixels(live.session.frame(request(scene, mode=mode))))
+        seen.append(pixels(live.session.draw_frame(request(scene, mode=mode))))
 
     def watch(loop, row):
         live.watch(loop, {})  # from here on frames are drawn between steps
@@ -75,7 +75,7 @@ def test_training_that_is_looked_at_has_the_same_bits(scene, changes):
     assert bits(watched) == bits(alone)
     assert len({picture.tobytes() for picture in seen}) == STEPS
     truth = gsut.render(watched.gaussians, scene.cameras[0], scene.views[0].camera_from_world)
-    last = pixels(live.session.frame(request(scene)))
+    last = pixels(live.session.draw_frame(request(scene)))
     np.testing.assert_array_equal(last, gsut.rendering.to_uint8(truth.image))
 
 
@@ -153,7 +153,7 @@ def test_training_pauses_goes_on_and_stops_with_what_there_is(scene, tmp_path):
     paused = {}
 
     def drawn_and_resumed(loop):
-        paused["first"] = pixels(live.session.frame(request(scene)))
+        paused["first"] = pixels(live.session.draw_frame(request(scene)))
         paused["step"] = loop.step
         paused["told"] = told()
         told(action="resume")
@@ -189,7 +189,7 @@ def test_train_view_serves_the_finished_scene_until_the_end(scene, tmp_path, mon
 
     monkeypatch.setattr("gsut.cli.view.wait_for_end", wait_for_end)
     words = ["train", str(scene.path), "-o", str(tmp_path / "run"), "--steps", "8", "--quiet"]
-    assert main([*words, "--view", "--no-open", "--init-count", "500"]) == 0
+    assert main([*words, "--view", "--no-open", "--set", "init_count=500"]) == 0
     assert (told["state"], told["step"], told["steps"]) == ("finished", 8, 8)
     gaussians = gsut.formats.load_ply(tmp_path / "run/scene.ply")
     truth = gsut.render(gaussians, scene.cameras[0], scene.views[0].camera_from_world)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import gsut
-from gsut.view import LOOPBACK, Session, ViewServer, stage_of
+from gsut.view import LOOPBACK, Session, ViewServer, open_stage
 from random_scenes import fisheye, gaussians_in_view, rng_of
 
 END_SECONDS = 1.0  # after Ctrl-C
@@ -27,7 +27,7 @@ def ply(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def server(ply):
-    with ViewServer(Session(stage_of(ply)).routes) as server:
+    with ViewServer(Session(open_stage(ply)).routes) as server:
         yield server
 
 
@@ -52,7 +52,7 @@ def frame(**changes):
 def test_address_has_a_token_of_its_own_on_the_loopback(server, ply):
     assert server.address == f"http://{LOOPBACK}:{server.port}/{server.token}/"
     assert len(server.token) >= 20
-    with ViewServer(Session(stage_of(ply)).routes) as other:
+    with ViewServer(Session(open_stage(ply)).routes) as other:
         assert other.token != server.token
 
 
@@ -100,7 +100,7 @@ def test_other_files_are_not_served(server, name):
 @pytest.mark.parametrize(
     ("name", "values", "words"),
     [
-        ("frame", {}, "not whole: 'pose'"),
+        ("frame", {}, "incomplete: 'pose'"),
         ("frame", frame(pose=[1.0] * 16), "the frame's pose"),
         ("frame", frame(lens=99), "no lens 99"),
         ("frame", frame(mode="x-ray"), "no mode 'x-ray'; known: color, distance"),
@@ -118,11 +118,11 @@ def test_other_files_are_not_served(server, name):
         ),
         ("lens", {"path": "/no/lens.yaml"}, "no such lens file"),
         ("lens", {"name": "a.yaml", "base64": "bm90OiBhIGxlbnM="}, "a.yaml: "),
-        ("lens", {"name": "a.yaml", "base64": "abc"}, "not whole"),
+        ("lens", {"name": "a.yaml", "base64": "abc"}, "incomplete"),
         ("photo", {"view": 0}, "no photographs here"),
         ("film", {"keys": [], "frame": frame()}, "two keyframes"),
         ("film.file", {}, "no film yet"),
-        ("pick", {}, "not whole: KeyError('frame')"),
+        ("pick", {}, "incomplete: KeyError('frame')"),
     ],
 )
 def test_bad_request_is_refused_in_a_sentence(server, name, values, words):
@@ -145,7 +145,7 @@ def test_failure_of_a_route_is_told_and_the_server_goes_on():
 
 def test_no_json_is_refused(server):
     reply, data = ask(server, f"/{server.token}/frame", "[1")
-    assert (reply.status, sentence(data)) == (400, "the request is no JSON object")
+    assert (reply.status, sentence(data)) == (400, "the request is not a JSON object")
 
 
 def test_port_in_use_is_refused_in_a_sentence(server, ply):
@@ -164,7 +164,7 @@ def test_scene_that_cannot_be_read_is_refused(tmp_path, content, words):
     if content is not None:
         path.write_bytes(content)
     with pytest.raises(gsut.InputError, match=words):
-        stage_of(path)
+        open_stage(path)
 
 
 def test_control_c_ends_the_command_within_a_second(ply):

@@ -16,9 +16,9 @@ from gsut.lens import measure_field_of_view, with_field_of_view
 from gsut.lens.files import camera_from_values
 from gsut.render import PixelFilter, to_uint8
 from gsut.view import Session, Stage
-from gsut.view.frames import MODES
+from gsut.view.frame_request import MODES
 from gsut.view.lenses import Lenses
-from gsut.view.overlays import frustum
+from gsut.view.overlays import make_frustum
 from random_scenes import every_lens, fisheye, gaussians_in_view, pinhole, rng_of
 from tolerances.view import FIELD_OF_VIEW_DEGREES, PICKED_POINT
 
@@ -66,7 +66,7 @@ def pixels(reply):
 def test_a_frame_coarser_than_the_photographs_is_filtered_once_it_rests(session, scene, gaussians):
     side = 3 * SIZE // 4
     small = {"width": side, "height": side}
-    camera, pose = scene.cameras[0].resized(side, side), scene.views[0].camera_from_world
+    camera, pose = scene.cameras[0].resize(side, side), scene.views[0].camera_from_world
     lenses = [scene.camera(row) for row in scene.train_indices]
     filtered = PixelFilter(gaussians, lenses, scene.poses(scene.train_indices)).of(camera, pose)
     shown = [
@@ -81,7 +81,7 @@ def test_a_frame_coarser_than_the_photographs_is_filtered_once_it_rests(session,
 
 
 def drawn(session, scene, index=0, **changes):
-    reply = session.frame(wanted(scene, index, **changes))
+    reply = session.draw_frame(wanted(scene, index, **changes))
     assert reply.kind == "image/png"
     return pixels(reply)
 
@@ -138,7 +138,9 @@ def test_error_is_nothing_where_the_photograph_is_the_render(session, scene, gau
 
 
 def test_distance_tells_the_range_of_its_colours(session, scene):
-    near, far = map(float, session.frame(wanted(scene, mode="distance")).headers["X-Span"].split())
+    near, far = map(
+        float, session.draw_frame(wanted(scene, mode="distance")).headers["X-Span"].split()
+    )
     assert 0 < near < far < 20
 
 
@@ -149,7 +151,7 @@ def test_normals_of_a_plane_point_back_at_the_camera(session, camera):
     rays = camera.rays()[0]
     distance = np.where(rays[..., 2] > 0.3, 2 / rays[..., 2], np.nan)  # the plane z = 2
     session.frames.axes = np.eye(3)
-    colors = session.frames._normals(camera, np.eye(4), distance)[10:-10, 10:-10]
+    colors = session.frames._draw_normals(camera, np.eye(4), distance)[10:-10, 10:-10]
     seen = np.isfinite(distance)[10:-10, 10:-10] & (colors.max(axis=2) > 0)
     assert seen.mean() > 0.8
     assert np.abs(colors[seen].astype(int) - [128, 128, 0]).max() <= 1  # (0, 0, -1)
@@ -178,33 +180,35 @@ def test_picked_point_lies_on_the_pixels_ray_at_its_distance(session, scene, gau
     truth = gsut.render(gaussians, scene.cameras[0], pose)
     row, column = np.unravel_index(np.argmax(truth.alpha), truth.alpha.shape)
     frame = wanted(scene)
-    found = session.pick({"frame": frame, "pixel": [column + 0.5, row + 0.5]}).content
+    found = session.pick_point({"frame": frame, "pixel": [column + 0.5, row + 0.5]}).content
     ray = scene.cameras[0].unproject(np.array([[column + 0.5, row + 0.5]]))[0][0]
     distance = truth.depth[row, column] / truth.alpha[row, column]
     assert found["distance"] == pytest.approx(distance, rel=PICKED_POINT)
     in_camera = pose[:3, :3] @ found["point"] + pose[:3, 3]
     np.testing.assert_allclose(in_camera, ray * distance, atol=PICKED_POINT)
     np.testing.assert_allclose(found["in_dataset"], found["point"] + scene.world_offset)
-    assert session.pick({"frame": frame, "pixel": [0.5, 0.5]}).content == {"point": None}
+    assert session.pick_point({"frame": frame, "pixel": [0.5, 0.5]}).content == {"point": None}
 
 
 def test_camera_of_a_screenshot_is_a_path_that_render_takes(session, scene, tmp_path):
     pose = scene.views[2].camera_from_world
-    reply = session.camera({"poses": [pose.ravel().tolist()], "lens": 0, "width": 64, "height": 64})
+    reply = session.save_cameras(
+        {"poses": [pose.ravel().tolist()], "lens": 0, "width": 64, "height": 64}
+    )
     path = tmp_path / "camera.json"
     path.write_bytes(reply.content)
     np.testing.assert_allclose(read_path(path, scene.world_offset)[0], pose, atol=1e-12)
-    assert camera_from_values(json.loads(reply.content)["lens"]) == scene.cameras[0].resized(64, 64)
+    assert camera_from_values(json.loads(reply.content)["lens"]) == scene.cameras[0].resize(64, 64)
 
 
 def test_photograph_is_shrunk_and_its_mask_tinted(session, scene):
-    small = pixels(session.photo({"view": 0, "side": 16}))
+    small = pixels(session.send_photograph({"view": 0, "side": 16}))
     assert small.shape == (16, 16, 3)
-    assert np.any(pixels(session.photo({"view": 0, "side": 16, "mask": 1})) != small)
+    assert np.any(pixels(session.send_photograph({"view": 0, "side": 16, "mask": 1})) != small)
 
 
 def test_scene_tells_what_the_page_needs(session, scene):
-    value = session.scene({}).content
+    value = session.describe_scene({}).content
     assert [view["held_out"] for view in value["views"]] == [i in (0, 3) for i in range(6)]
     assert value["views"][5]["rolling"] and not value["views"][0]["rolling"]
     np.testing.assert_allclose(value["axes"] @ value["axes"].T, np.eye(3), atol=1e-12)
@@ -214,7 +218,7 @@ def test_scene_tells_what_the_page_needs(session, scene):
 
 def test_file_without_cameras_is_seen_from_the_outside(gaussians):
     session = Session(Stage("a.ply", "file", gaussians))
-    value = session.scene({}).content
+    value = session.describe_scene({}).content
     request = {
         "pose": value["pose"].tolist(),
         "lens": 0,
@@ -222,25 +226,25 @@ def test_file_without_cameras_is_seen_from_the_outside(gaussians):
         "height": 30,
         "quality": None,
     }
-    assert pixels(session.frame(request)).max() > 60
+    assert pixels(session.draw_frame(request)).max() > 60
 
 
 def test_film_of_keyframes_is_made_in_the_background(session, scene):
     keys = [scene.views[index].camera_from_world.ravel().tolist() for index in (0, 1, 2)]
     frame = {**wanted(scene), "view": None}
     asked = {"keys": keys, "frame": frame, "seconds": 0.5, "rate": 10, "ending": "webm"}
-    state = session.film(asked).content
+    state = session.handle_film(asked).content
     end = time.monotonic() + 60
     while not state["ready"] and time.monotonic() < end:
         time.sleep(0.02)
-        state = session.film({}).content
+        state = session.handle_film({}).content
         assert state["failure"] == ""
     assert (state["done"], state["of"]) == (5, 5)
-    reply = session.film_file({})
+    reply = session.send_film({})
     assert reply.kind == "video/webm"
     assert reply.content.startswith(b"\x1aE\xdf\xa3")  # of every Matroska file
     assert 'filename="small.webm"' in reply.headers["Content-Disposition"]
-    assert session.film({"stop": True}).content is None
+    assert session.handle_film({"stop": True}).content is None
 
 
 def test_share_draws_the_gaussians_that_are_seen_most(session, scene, gaussians):
@@ -288,7 +292,7 @@ def test_lens_of_a_slider_keeps_the_other_parameters():
 
 def test_frustum_reaches_where_the_lens_sees():
     camera = fisheye(40)
-    rays = frustum(camera)
+    rays = make_frustum(camera)
     assert rays.shape == (8, 3)
     np.testing.assert_allclose(np.linalg.norm(rays, axis=1), 1, atol=1e-12)
     assert camera.project(rays)[1].all()

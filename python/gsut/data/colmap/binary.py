@@ -10,7 +10,7 @@ import numpy as np
 
 from gsut.data.colmap.records import CameraRow, ImageRow
 from gsut.data.errors import DatasetError
-from gsut.files import regular
+from gsut.files import check_regular
 from gsut.lens.files import PARAMETER_COUNTS
 
 _COUNT = struct.Struct("<Q")
@@ -26,7 +26,7 @@ class _Reader:
 
     def __init__(self, path: Path, kind: str) -> None:
         try:
-            self.data = regular(path).read_bytes()
+            self.data = check_regular(path).read_bytes()
         except OSError as error:
             raise DatasetError(
                 path, f"cannot be opened ({error.strerror})", "check the path"
@@ -86,7 +86,7 @@ class _Reader:
 
 
 def read_cameras_bin(path: Path) -> list[CameraRow]:
-    """Cameras of a binary model.
+    """Reads the cameras of a binary model.
 
     Raises:
         DatasetError: truncated, or an unknown model.
@@ -108,7 +108,7 @@ def read_cameras_bin(path: Path) -> list[CameraRow]:
 
 
 def read_images_bin(path: Path) -> list[ImageRow]:
-    """Images of a binary model; their 2D points are stepped over.
+    """Reads the images of a binary model without their 2D points.
 
     Raises:
         DatasetError: truncated, or a name that is not UTF-8.
@@ -125,7 +125,7 @@ def read_images_bin(path: Path) -> list[ImageRow]:
 
 
 def read_points_bin(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Points of a binary model: (N, 3) float64 and (N, 3) uint8 RGB.
+    """Reads the points of a binary model: (N, 3) float64 and (N, 3) uint8 RGB.
 
     Raises:
         DatasetError: truncated.

@@ -37,7 +37,7 @@ class ColmapModel:
     errors: np.ndarray | None = None
 
     def number_lenses(self) -> dict[Camera, int]:
-        """Each lens once, with its number from 1."""
+        """Numbers the lenses from 1, each once."""
         found = dict.fromkeys(image.camera for image in self.images)
         return {camera: number for number, camera in enumerate(found, 1)}
 
@@ -45,7 +45,7 @@ class ColmapModel:
         return _NO_ERROR if self.errors is None else float(self.errors[point])
 
     def list_tracks(self) -> list[list[tuple[int, int]]]:
-        """Of each point the images that see it, and the place among their pixels."""
+        """Lists, for each point, the images that see it and its index among their pixels."""
         list_tracks: list[list[tuple[int, int]]] = [[] for _ in range(len(self.points))]
         for image in self.images:
             for place, point in enumerate(image.points):
@@ -54,7 +54,7 @@ class ColmapModel:
 
 
 def format_model_texts(model: ColmapModel) -> dict[str, str]:
-    """cameras.txt, images.txt and points3D.txt; cameras and points count from 1.
+    """Formats cameras.txt, images.txt and points3D.txt; cameras and points count from 1.
 
     Raises:
         InputError: COLMAP has no such lens.
@@ -88,7 +88,7 @@ def format_model_texts(model: ColmapModel) -> dict[str, str]:
 
 
 def format_model_binaries(model: ColmapModel) -> dict[str, bytes]:
-    """cameras.bin, images.bin and points3D.bin.
+    """Packs cameras.bin, images.bin and points3D.bin.
 
     Raises:
         InputError: COLMAP has no such lens.

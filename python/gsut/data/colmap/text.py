@@ -9,7 +9,7 @@ import numpy as np
 
 from gsut.data.colmap.records import CameraRow, ImageRow
 from gsut.data.errors import DatasetError
-from gsut.files import regular
+from gsut.files import check_regular
 
 _IMAGE_FIELDS = 10  # IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME
 _POINT_FIELDS = 8  # POINT3D_ID X Y Z R G B ERROR, then the track
@@ -17,9 +17,9 @@ _CAMERA_FIELDS = 4  # CAMERA_ID MODEL WIDTH HEIGHT, then the parameters
 
 
 def _read_lines(path: Path) -> Iterator[tuple[int, str]]:
-    """Line numbers from 1 and text, without comments; blank lines are kept."""
+    """Yields line numbers from 1 and text, without comments; blank lines are kept."""
     try:
-        with open(regular(path), encoding="utf-8") as file:
+        with open(check_regular(path), encoding="utf-8") as file:
             for number, line in enumerate(file, 1):
                 if not line.startswith("#"):
                     yield number, line.strip()
@@ -41,7 +41,7 @@ def _report_malformed(where: str, line: str, expected: str) -> DatasetError:
 
 
 def read_cameras_txt(path: Path) -> list[CameraRow]:
-    """Cameras of a text model.
+    """Reads the cameras of a text model.
 
     Raises:
         DatasetError: a malformed line.
@@ -65,7 +65,7 @@ def read_cameras_txt(path: Path) -> list[CameraRow]:
 
 
 def read_images_txt(path: Path) -> list[ImageRow]:
-    """Images of a text model; the second line of each (its 2D points, may be empty) is passed over.
+    """Reads the images of a text model without the second line of each, its 2D points.
 
     Raises:
         DatasetError: a malformed line, or an image without its second line.
@@ -92,7 +92,7 @@ def read_images_txt(path: Path) -> list[ImageRow]:
 
 
 def _require_points_line(line: str, where: str) -> None:
-    """X, Y, POINT3D_ID triples; only the last one is looked at, to stay fast."""
+    """Requires X, Y, POINT3D_ID triples; checks only the last one, to stay fast."""
     fields = line.rsplit(maxsplit=3)[-3:]
     try:
         if line:
@@ -104,7 +104,7 @@ def _require_points_line(line: str, where: str) -> None:
 
 
 def read_points_txt(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Points of a text model: (N, 3) float64 and (N, 3) uint8 RGB.
+    """Reads the points of a text model: (N, 3) float64 and (N, 3) uint8 RGB.
 
     Raises:
         DatasetError: a malformed line.

@@ -12,11 +12,10 @@ from typing import NamedTuple
 import numpy as np
 
 from gsut.data.errors import DatasetError
-from gsut.files import regular
+from gsut.files import check_regular
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp")
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-_PNG_TYPES_WITH_ALPHA = (3, 4, 6)  # palette (may carry alpha), grey + alpha, RGB + alpha
 # Start-of-frame markers of JPEG; C4, C8 and CC are tables, not frames.
 _JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 _JPEG_BARE = frozenset({0x01, *range(0xD0, 0xD9)})  # markers without a length
@@ -29,15 +28,14 @@ _COPY_AGAIN = "copy or export the file again"
 
 
 class ImageHeader(NamedTuple):
-    """Size in pixels, and whether the file may hold an alpha channel."""
+    """Size of an image in pixels."""
 
     width: int
     height: int
-    may_have_alpha: bool
 
 
 def read_header(path: Path) -> ImageHeader:
-    """Size of an image, from the first bytes of PNG and JPEG files, else by decoding it.
+    """Reads an image's size from the first bytes of PNG and JPEG files, else by decoding it.
 
     The size is that of the stored pixels: EXIF orientation is not applied.
 
@@ -55,17 +53,17 @@ def read_header(path: Path) -> ImageHeader:
                     path, f"says {width} x {height} pixels, more than its {size} bytes can hold",
                     _COPY_AGAIN,
                 )  # fmt: skip
-            return ImageHeader(width, height, head[25] in _PNG_TYPES_WITH_ALPHA)
+            return ImageHeader(width, height)
         if head.startswith(_JPEG_START):
             file.seek(2)
-            return ImageHeader(*_read_jpeg_size(file, path), False)
-    pixels, valid = decode_image(path)
-    return ImageHeader(pixels.shape[1], pixels.shape[0], valid is not None)
+            return ImageHeader(*_read_jpeg_size(file, path))
+    pixels, _ = decode_image(path)
+    return ImageHeader(pixels.shape[1], pixels.shape[0])
 
 
 def _open(path: Path):
     try:
-        return open(regular(path), "rb")
+        return open(check_regular(path), "rb")
     except OSError as error:
         raise DatasetError(
             path, f"cannot be opened ({error.strerror})", "check the path"
@@ -125,7 +123,7 @@ def decode_image(path: Path, reduction: int = 1) -> tuple[np.ndarray, np.ndarray
 
 
 def find_largest_value(path: Path) -> int | None:
-    """The largest value of an image file of 16 bits a channel; None: it has 8.
+    """Returns the largest value of an image file with 16 bits a channel; None if it has 8.
 
     Raises:
         DatasetError: see `decode_image`.
@@ -189,7 +187,7 @@ def _decode(path: Path, reduction: int = 1) -> np.ndarray:
 
 
 def _decode_jpeg(data: bytes, path: Path, reduction: int) -> np.ndarray | None:
-    """(H, W) grey or (H, W, 3) BGR, the bits of OpenCV's decoder; None: a kind for OpenCV.
+    """Decodes a JPEG to grey (H, W) or BGR (H, W, 3), OpenCV's bits; None: leave it to OpenCV.
 
     Raises:
         DatasetError: the decoder met data that no encoder writes, and made up the rest.
@@ -211,13 +209,13 @@ def _decode_jpeg(data: bytes, path: Path, reduction: int) -> np.ndarray | None:
 
 
 def _is_padded(data: bytes) -> bool:
-    """Whether blanks stand between a JPEG's pixels and its end: some cameras write them."""
+    """Returns whether blanks fill the space before a JPEG's end, as some cameras write them."""
     end = data.rfind(b"\xff\xd9")
     return end > 0 and data[end - 4 : end] in (bytes(4), b"\xff" * 4)
 
 
 def _require_complete(data: bytes, path: Path) -> None:
-    """A PNG must hold all its chunks with right checksums, a JPEG its end marker."""
+    """Requires all chunks of a PNG with right checksums, and the end marker of a JPEG."""
     if data.startswith(_PNG_SIGNATURE):
         position, kind = len(_PNG_SIGNATURE), b""
         while kind != b"IEND":
@@ -283,7 +281,7 @@ def decode_mask(path: Path) -> np.ndarray:
 
 
 def shrink_image(pixels: np.ndarray, width: int, height: int) -> np.ndarray:
-    """(H, W, 3) uint8 -> (height, width, 3): each pixel is the mean over its area."""
+    """Shrinks (H, W, 3) uint8 to (height, width, 3): each pixel is the mean over its area."""
     if pixels.shape[:2] == (height, width):
         return pixels
     import cv2
@@ -292,7 +290,7 @@ def shrink_image(pixels: np.ndarray, width: int, height: int) -> np.ndarray:
 
 
 def shrink_mask(valid: np.ndarray, width: int, height: int) -> np.ndarray:
-    """(H, W) bool -> (height, width): valid only if every source pixel that it touches is."""
+    """Shrinks (H, W) bool to (height, width): valid if every source pixel that it touches is."""
     if valid.shape == (height, width):
         return valid
     if valid.all():
@@ -310,12 +308,12 @@ def shrink_mask(valid: np.ndarray, width: int, height: int) -> np.ndarray:
 def shrink_both(
     pixels: np.ndarray, valid: np.ndarray | None, width: int, height: int
 ) -> tuple[np.ndarray, np.ndarray | None]:
-    """`shrink_image`, and `shrink_mask` where there is a mask."""
+    """Shrinks an image, and its mask if there is one."""
     small = None if valid is None else shrink_mask(valid, width, height)
     return shrink_image(pixels, width, height), small
 
 
 def _find_source_range(source: int, target: int) -> tuple[np.ndarray, np.ndarray]:
-    """First source pixel and one past the last that each target pixel touches, in integers."""
+    """Returns the first source pixel that each target pixel touches, and one past the last."""
     index = np.arange(target)
     return index * source // target, -(-(index + 1) * source // target)

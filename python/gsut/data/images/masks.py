@@ -14,7 +14,7 @@ _LONGER_SIDE = 512  # of the smaller image, pixels
 
 
 def make_lens_mask(camera: Camera, full: Camera) -> np.ndarray:
-    """(H, W) bool: pixels of `camera` that have a ray, all of whose source pixels have one too.
+    """Returns (H, W) bool: pixels that have a ray, as have all their source pixels.
 
     A lens' domain has no holes of a pixel: where all neighbours in a smaller image have rays, or
     none, the pixels between them are taken to be alike. Only those at the domain's edge and at the
@@ -29,13 +29,13 @@ def make_lens_mask(camera: Camera, full: Camera) -> np.ndarray:
     if not smaller and longer <= _LONGER_SIDE:
         return np.array(camera.rays()[1], bool)
     sizes = [max(1, side * _LONGER_SIDE // longer) for side in (full.width, full.height)]
-    valid = np.array((camera if smaller else camera.resized(*sizes)).rays()[1], bool)
+    valid = np.array((camera if smaller else camera.resize(*sizes)).rays()[1], bool)
     source = _make_source_mask(valid, full)
     return valid & shrink_mask(source, camera.width, camera.height) if smaller else source
 
 
 def _make_source_mask(valid: np.ndarray, full: Camera) -> np.ndarray:
-    """(H, W) bool, the file's pixels with a ray; `valid`: those of a smaller image."""
+    """Returns (H, W) bool: the file's pixels with a ray, from those of a smaller image."""
     import cv2
 
     square, size = np.ones((3, 3), np.uint8), (full.width, full.height)
@@ -52,7 +52,7 @@ def _make_source_mask(valid: np.ndarray, full: Camera) -> np.ndarray:
 
 
 def read_mask(path: Path, full: Camera, width: int, height: int) -> np.ndarray:
-    """A mask file of an image of the size of camera `full`, shrunk to `width` x `height`.
+    """Reads the mask of an image of the size of camera `full`, and shrinks it.
 
     Raises:
         DatasetError: unreadable, or neither of the image's size nor a larger copy of it.
@@ -71,7 +71,7 @@ def read_mask(path: Path, full: Camera, width: int, height: int) -> np.ndarray:
 
 
 def find_mask(folder: Path, name: str) -> Path | None:
-    """The mask of an image: folder/name.png, or folder/name with .png added (COLMAP's rule)."""
+    """Finds an image's mask: folder/name.png, or folder/name with .png added (COLMAP's rule)."""
     for candidate in (folder / f"{name}.png", folder / PurePosixPath(name).with_suffix(".png")):
         if candidate.is_file():
             return candidate

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.data.poses import NANOSECONDS, inverse, pose_from_quaternion
+from gsut.data.poses import NANOSECONDS, invert_pose, pose_from_quaternion
 from gsut.files import write_file
 from gsut.lens import Camera, load_camera
 
@@ -22,7 +22,7 @@ _CHANNELS = {"mono": 1, "rgb": 3, "bgr": 3, "rgba": 4, "bgra": 4}
 
 
 def stamp_message(message: Any, received: int) -> int:
-    """The time of a message in nanoseconds: its header's, else when it was recorded."""
+    """Returns a message's time in nanoseconds: its header's, else when it was recorded."""
     stamp = getattr(getattr(message, "header", None), "stamp", None)
     if stamp is None:
         return received
@@ -63,7 +63,7 @@ def write_picture(message: Any, path: Path, where: str) -> Path:
 
 
 def _decode_pixels(message: Any, where: str) -> np.ndarray:
-    """A raw picture as OpenCV stores it: grey or blue, green, red; 8 or 16 bits."""
+    """Decodes a raw picture to grey, or to blue, green, red; 8 or 16 bits."""
     import cv2
 
     name = str(message.encoding).lower()
@@ -102,7 +102,7 @@ def _decode_pixels(message: Any, where: str) -> np.ndarray:
 
 
 def read_lens(message: Any, folder: Path, where: str, rectified: bool) -> Camera:
-    """The lens of a sensor_msgs CameraInfo.
+    """Reads the lens of a sensor_msgs CameraInfo.
 
     Args:
         message: the message.
@@ -143,12 +143,12 @@ def read_lens(message: Any, folder: Path, where: str, rectified: bool) -> Camera
 
 
 def _get_either(message: Any, name: str) -> Any:
-    """A field that ROS 1 calls by a capital letter and ROS 2 by a small one."""
+    """Returns a field whose name ROS 1 writes with a capital letter and ROS 2 with a small one."""
     return getattr(message, name) if hasattr(message, name) else getattr(message, name.upper())
 
 
 def read_pose(message: Any, where: str) -> np.ndarray | None:
-    """(4, 4) the pose that a message holds; None where it holds none."""
+    """Reads the pose (4, 4) that a message holds; None if it holds none."""
     if hasattr(message, "transform"):
         place, turn = message.transform.translation, message.transform.rotation
     elif hasattr(message, "pose"):
@@ -181,16 +181,16 @@ class FrameTree:
         return frame, root_from_frame
 
     def find_transform(self, target: str, source: str) -> np.ndarray | None:
-        """(4, 4) target_from_source; None where the two are not connected."""
+        """Returns target_from_source (4, 4); None if the two are not connected."""
         (root, root_from_target), (other, root_from_source) = (
             self._to_root(strip_slash(frame)) for frame in (target, source)
         )
-        return inverse(root_from_target) @ root_from_source if root == other else None
+        return invert_pose(root_from_target) @ root_from_source if root == other else None
 
     def find_root(self, frame: str) -> str:
         return self._to_root(strip_slash(frame))[0]
 
 
 def strip_slash(name: str) -> str:
-    """A frame's name without the slash that ROS 1 puts before it."""
+    """Strips the slash that ROS 1 puts before a frame's name."""
     return name.lstrip("/")

@@ -29,7 +29,7 @@ from gsut.data.export import Export, list_losses, place_images, strip_images_fol
 from gsut.data.images import find_mask
 from gsut.data.layouts._layout import Layout
 from gsut.data.listing import Frame, Listing
-from gsut.data.poses import inverse, pose_from_quaternion
+from gsut.data.poses import invert_pose, pose_from_quaternion
 from gsut.files import write_file
 from gsut.lens import Camera
 from gsut.lens.files import camera_from_colmap
@@ -39,7 +39,7 @@ IMAGE_FOLDERS = ("images", "images_2", "images_4", "images_8", ".")
 
 
 def find_model(path: Path) -> Path | None:
-    """The folder with cameras and images (.bin or .txt): sparse/0, sparse, or the folder itself."""
+    """Finds the folder with cameras and images (.bin or .txt): sparse/0, sparse, or this one."""
     for name in MODEL_FOLDERS:
         folder = path / name
         for suffix in (".bin", ".txt"):
@@ -114,7 +114,7 @@ def read_colmap(path: Path, *, on_error: OnError = raise_error) -> Listing:
                     row.name,
                     image_path,
                     cameras[row.camera_id],
-                    inverse(pose),
+                    invert_pose(pose),
                     mask_path=find_mask(folder.parent / "masks", row.name),
                 )
             )
@@ -138,7 +138,7 @@ def _find_points_file(model: Path) -> Path | None:
 
 
 def read_points(model: Path) -> tuple[np.ndarray, np.ndarray]:
-    """points3D.bin or .txt of a model: (N, 3) float64 and (N, 3) uint8; empty without a file."""
+    """Reads points3D of a model: (N, 3) float64 and (N, 3) uint8; empty without a file."""
     file = _find_points_file(model)
     if file is None:
         return np.zeros((0, 3)), np.zeros((0, 3), np.uint8)
@@ -146,14 +146,14 @@ def read_points(model: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _find_image_folder(path: Path, model: Path, names: list[str]) -> Path:
-    """The folder that holds most of the images; the full-size one where there are several."""
+    """Finds the folder that holds most of the images; of several, that of the full size."""
     roots = list(dict.fromkeys([path, model.parent, model.parent.parent]))
     folders = [root / name for root in roots for name in IMAGE_FOLDERS if (root / name).is_dir()]
     return max(folders, key=lambda folder: sum((folder / name).is_file() for name in names))
 
 
 def _list_other_models(path: Path, model: Path) -> list[str]:
-    """COLMAP writes sparse/0, sparse/1, ... when it could not join all images."""
+    """Lists the other models, which COLMAP writes when it could not join all images."""
     if model.name != "0":
         return []
     names = sorted(p.name for p in model.parent.iterdir() if p.name.isdigit() and p != model)
@@ -173,14 +173,14 @@ def write_colmap(folder: Path, export: Export) -> list[str]:
 
 
 def write_colmap_text(folder: Path, export: Export) -> list[str]:
-    """As `write_colmap`, with a model as text."""
+    """Writes the dataset as `write_colmap` does, with a model as text."""
     return _write(folder, export, format_model_texts(_model(export)))
 
 
 def _model(export: Export) -> ColmapModel:
     images = [
         ColmapImage(
-            number, strip_images_folder(frame), frame.camera, inverse(frame.world_from_camera)
+            number, strip_images_folder(frame), frame.camera, invert_pose(frame.world_from_camera)
         )
         for number, frame in enumerate(export.frames, 1)
     ]

@@ -38,7 +38,7 @@ KEYS = (
 
 
 def record(path: Path) -> Recording:
-    """What a dataset.yaml, or the one in a folder, describes."""
+    """Reads a dataset.yaml, or the one in a folder, as a recording."""
     file = path / DESCRIPTION if path.is_dir() else path
     recording = describe_recording(read_yaml(file), file.parent, file)
     if file.name != DESCRIPTION:
@@ -47,7 +47,7 @@ def record(path: Path) -> Recording:
 
 
 def describe_recording(values: Mapping[str, Any], folder: Path, file: Path) -> Recording:
-    """What these keys describe.
+    """Makes the recording that these keys describe.
 
     Args:
         values: by the keys at the top of this file.

@@ -20,7 +20,7 @@ from gsut._core import InputError
 from gsut.data.errors import DatasetError, list_some
 from gsut.data.export import Export, find_frame_times, group_seats, list_losses
 from gsut.data.layouts._layout import Layout
-from gsut.data.poses import rigid_transform
+from gsut.data.poses import check_rigid
 from gsut.data.recordings import Recording, Stream, find_stream, list_pictures
 from gsut.data.rigs import BODY, parse_matrix, read_mounts
 from gsut.data.text_files import read_rows, read_yaml
@@ -38,7 +38,7 @@ _POINTS = ("pointcloud0/data.ply", "points3D.ply", "points.ply")
 
 
 def _list_camera_folders(root: Path) -> list[Path]:
-    """cam0, cam1 ... with pictures in data/ (EuRoC) or right there."""
+    """Lists cam0, cam1 ... with pictures in data/ (EuRoC) or right there."""
     if not root.is_dir():
         return []
     return sorted(
@@ -55,12 +55,12 @@ def _find_pictures_folder(folder: Path) -> Path | None:
 
 
 def _find_root(path: Path) -> Path | None:
-    """The folder of cam0, cam1 ...: mav0 in this one, or this one itself."""
+    """Finds the folder of cam0, cam1 ...: mav0 in this one, or this one itself."""
     return next((root for root in (path / ROOT, path) if _list_camera_folders(root)), None)
 
 
 def is_euroc(path: Path) -> bool:
-    """A folder with cam0, cam1 ..., or one of these: then that camera alone is used."""
+    """Returns whether a folder holds cam0, cam1 ..., or is one of them, then used alone."""
     if not path.is_dir():
         return False
     if _CAMERA.match(path.name) and _find_pictures_folder(path) is not None:
@@ -69,7 +69,7 @@ def is_euroc(path: Path) -> bool:
 
 
 def record(path: Path) -> Recording:
-    """What a folder holds; poses and lenses may be absent."""
+    """Records what a folder holds; poses and lenses may be absent."""
     chosen = (path.name,) if _CAMERA.match(path.name) and _find_root(path) is None else ()
     root = path.parent if chosen else _find_root(path) or path
     base = root.parent if root.name == ROOT else root
@@ -142,7 +142,7 @@ def _find_poses(recording: Recording, root: Path, base: Path) -> None:
             sensor = root / name / "sensor.yaml"
             values = read_yaml(sensor) if sensor.is_file() else {}
             if "T_BS" in values:
-                place = rigid_transform(parse_matrix(values["T_BS"]), f"{sensor}, key 'T_BS'")
+                place = check_rigid(parse_matrix(values["T_BS"]), f"{sensor}, key 'T_BS'")
                 recording.body_from_poses = None if np.array_equal(place, np.eye(4)) else place
             return
     for folder in dict.fromkeys((root, base)):

@@ -39,7 +39,7 @@ _LENS_ENDINGS = (".lens.json", ".cameramodel", ".yaml", ".yml", ".json")
 
 
 def find_lens_file(path: Path) -> Path | None:
-    """The lens file of a plain folder, or None."""
+    """Finds the lens file of a plain folder; None without one."""
     for pattern in LENS_PATTERNS:
         for candidate in sorted(path.glob(pattern)):
             if (
@@ -52,14 +52,14 @@ def find_lens_file(path: Path) -> Path | None:
 
 
 def find_images(path: Path) -> list[Path]:
-    """All images below DATA/images, or in DATA itself if that does not exist, sorted."""
+    """Finds all images below DATA/images, or in DATA itself if that does not exist, sorted."""
     folder = path / "images"
     found = list_pictures(folder, below=True) if folder.is_dir() else list_pictures(path)
     return [p for p in found if p != path / MASK]
 
 
 def record(path: Path) -> Recording:
-    """What the folder holds.
+    """Records what the folder holds.
 
     Raises:
         DatasetError: no images, no lens or no poses.
@@ -100,7 +100,7 @@ def record(path: Path) -> Recording:
 def _list_streams(
     root: Path, images: list[Path], lens_path: Path
 ) -> tuple[list[Stream], Path | dict[str, Path]]:
-    """One stream; or one a folder, where lens files name the folders of the images."""
+    """Lists one stream, or one a folder if lens files name the folders of the images."""
     folders = sorted({p.relative_to(root).parts[0] for p in images if p.parent != root})
     if folders and len(images) == sum(len(list_pictures(root / name)) for name in folders):
         streams = [find_stream(name, root / name) for name in folders]
@@ -121,7 +121,7 @@ def _is_rig(lens_path: Path) -> bool:
 
 
 def _find_lens_of(root: Path, name: str) -> Path | None:
-    """NAME.yaml or the like, beside the folder of the images or above it."""
+    """Finds NAME.yaml or the like, beside the folder of the images or above it."""
     places = (root, root.parent) if root.name == "images" else (root,)
     files = (place / f"{name}{ending}" for place in places for ending in _LENS_ENDINGS)
     return next((file for file in files if file.is_file()), None)

@@ -31,7 +31,7 @@ _PIXEL_SHIFT = 0.5  # KITTI's pixel (0, 0) is gsut's (0.5, 0.5)
 
 
 def _find_sequence(path: Path) -> Path | None:
-    """The folder of calib.txt and image_N."""
+    """Finds the folder of calib.txt and image_N."""
     if (path / "calib.txt").is_file() and any((path / name).is_dir() for name in _ALL):
         return path
     if path.name in _ALL and (path.parent / "calib.txt").is_file():
@@ -48,7 +48,7 @@ def _list_sequences(path: Path) -> list[Path]:
 
 
 def record(path: Path) -> Recording:
-    """A sequence; its poses may be absent."""
+    """Records a sequence; its poses may be absent."""
     sequence = _find_sequence(path) or path
     several = _list_sequences(path)
     if len(several) > 1:
@@ -97,7 +97,7 @@ def record(path: Path) -> Recording:
 
 
 def _mount(calib: Path, name: str, width: int, height: int) -> Mount:
-    """A rectified camera: P = K [I | t], from camera 0."""
+    """Mounts a rectified camera: P = K [I | t], from camera 0."""
     key = f"P{name[-1]}"
     lines = read_text(calib).splitlines()
     found = [(n, line) for n, line in enumerate(lines, 1) if line.split(":")[0].strip() == key]
@@ -169,7 +169,7 @@ def write_kitti(folder: Path, export: Export) -> list[str]:
 
 
 def _place_png(export: Export, source: Path, target: Path) -> None:
-    """KITTI's readers want PNG: others are decoded and stored without a loss."""
+    """Places a picture as PNG, which KITTI's readers expect; others are converted without loss."""
     if source.suffix.lower() == ".png":
         export.place(source, target)
         return

@@ -20,7 +20,7 @@ from gsut.data.images import read_header
 from gsut.data.layouts._layout import Layout
 from gsut.data.layouts.colmap import find_model, read_points
 from gsut.data.listing import Frame, Listing
-from gsut.data.poses import OPENGL_FROM_OPENCV, halfway, rigid_transform
+from gsut.data.poses import OPENGL_FROM_OPENCV, average_poses, check_rigid
 from gsut.data.text_files import read_json
 from gsut.data.write_nerfstudio import write_transforms
 from gsut.lens import Camera
@@ -84,7 +84,7 @@ def _read_frame(
     poses = {}
     for key in ("transform_matrix", "transform_matrix_start", "transform_matrix_end"):
         if key in frame:
-            opengl = rigid_transform(frame[key], f"{where}, {key}")
+            opengl = check_rigid(frame[key], f"{where}, {key}")
             poses[key] = opengl @ OPENGL_FROM_OPENCV
     start, end = poses.get("transform_matrix_start"), poses.get("transform_matrix_end")
     middle = poses.get("transform_matrix")
@@ -95,7 +95,7 @@ def _read_frame(
             "give both poses of the rolling shutter, or none",
         )
     if middle is None and start is not None and end is not None:
-        middle = halfway(start, end)
+        middle = average_poses(start, end)
     if middle is None:
         raise DatasetError(where, "there is no 'transform_matrix'", "give its camera-to-world pose")
     listing.frames.append(
@@ -119,13 +119,12 @@ def _read_frame(
 
 
 def _read_time(frame: dict, key: str) -> float | None:
-    """The number under this key; None without one."""
     value = frame.get(key)
     return float(value) if isinstance(value, (int, float)) else None
 
 
 def _read_shutter(values: dict, source: Path) -> Shutter:
-    """The direction in 'rolling_shutter' of the file, top to bottom where it says nothing."""
+    """Reads the direction in 'rolling_shutter' of the file; top to bottom by default."""
     entry = values.get("rolling_shutter") or {}
     name = entry.get("direction", "top_to_bottom") if isinstance(entry, dict) else entry
     try:
@@ -160,7 +159,7 @@ def _find_mask(frame: dict, values: dict, folder: Path, where: str) -> Path | No
 
 
 def _find_geometry(frame: dict, key: str, listing: Listing) -> Path | None:
-    """A frame's file of depths or normals, which few trainings read: one not there is noted."""
+    """Finds a frame's file of depths or normals; notes a missing one, which few trainings need."""
     name = frame.get(key)
     if not name:
         return None
@@ -174,7 +173,7 @@ def _find_geometry(frame: dict, key: str, listing: Listing) -> Path | None:
 def _make_frame_camera(
     frame: dict, values: dict, image_path: Path, source: Path, cameras: dict[str, Camera | None]
 ) -> Camera | None:
-    """The lens of a frame; its own keys win over the file's. Equal lenses are made once.
+    """Makes the lens of a frame, whose own keys win over the file's. Equal lenses are made once.
 
     Returns:
         The camera, or None if making the same lens failed before: it is reported once.

@@ -28,7 +28,7 @@ from gsut.data.layouts._bag_messages import (
     write_picture,
 )
 from gsut.data.layouts._layout import Layout
-from gsut.data.poses import format_seconds, format_tum, inverse
+from gsut.data.poses import format_seconds, format_tum, invert_pose
 from gsut.data.recordings import Recording, Stream
 from gsut.data.rigs import BODY, OWN, Mount
 from gsut.files import write_file
@@ -72,7 +72,7 @@ class _Track:
 
 
 def is_bag(path: Path) -> bool:
-    """A .bag, a .mcap or .db3, or the folder of a bag of ROS 2."""
+    """Returns whether this is a .bag, .mcap or .db3, or the folder of a bag of ROS 2."""
     if path.is_file():
         return path.suffix.lower() in (".bag", ".mcap", ".db3")
     return (path / "metadata.yaml").is_file() and any(
@@ -262,7 +262,7 @@ def _add_transforms(
 def _find_moving_track(
     moving: dict[tuple[str, str], _Track], tree: FrameTree, cameras: list[_Camera], bag: Path
 ) -> _Track:
-    """The one moving transform above the cameras."""
+    """Finds the one moving transform above the cameras."""
     roots = {tree.find_root(camera.frame) for camera in cameras}
     above = [track for (_, child), track in moving.items() if tree.find_root(child) in roots]
     if len(above) != 1 or any(track.child == above[0].parent for track in moving.values()):
@@ -307,7 +307,7 @@ def _make_recording(
                 f"'{track.child}', which the poses are of"
             )
             found[camera.name] = Mount(
-                camera.lens, where, None if place is None else inverse(place)
+                camera.lens, where, None if place is None else invert_pose(place)
             )
         return {name: found[name] for name in names}
 

@@ -35,7 +35,7 @@ def _list_file(path: Path) -> Path | None:
 
 
 def record(path: Path) -> Recording:
-    """The pictures that the list names; poses and lens may be absent."""
+    """Records the pictures that the list names; poses and lens may be absent."""
     table = _list_file(path) or path / _LISTS[0]
     stream = Stream("", [], [])
     missing = []

@@ -8,24 +8,23 @@ from gsut.data.points.ply import NO_COLOR
 from gsut.data.scene import Scene
 from gsut.run import Progress
 
-_MOST_VIEWS = 150  # evenly chosen
+_MOST_VIEWS = 150  # evenly chosen: more change the colours little
 _SLOTS = 7  # nearest photographs of a point: their median is its colour
-# A view's points are sorted into cells that hold about so many; in each the nearest, and what lies
-# hardly behind it, is seen.
-_PER_CELL, _BEHIND = 4, 1.05
+_PER_CELL = 4  # points that a cell of a view holds on average: the nearest of them is seen
+_BEHIND = 1.05  # times the nearest point's distance, up to which others of its cell are seen, too
 _WIDEST_CELL = 48  # cells along the longer side, at least
 UNCOLORED = "the points have no colours: training takes theirs from the photographs"
 
 
 def has_colors(scene: Scene) -> bool:
-    """Whether the scene's points differ in colour: files without any are read as grey."""
+    """Returns whether the scene's points differ in colour; without colours all are read as grey."""
     return len(scene.points) > 0 and bool(np.ptp(scene.point_colors) > 0)
 
 
 def color_points(
     scene: Scene, points: np.ndarray, *, progress: bool = False
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The median colour of the pixels at which photographs see points.
+    """Takes the median colour of the pixels at which photographs see points.
 
     A point counts as seen where no other point of its surroundings is nearer to the camera; of all
     photographs that see it, the nearest are asked.
@@ -43,7 +42,7 @@ def color_points(
     colors = np.zeros((_SLOTS, len(points), 3), np.uint8)
     count = min(len(scene), _MOST_VIEWS)
     chosen = np.unique(np.linspace(0, len(scene) - 1, count).round().astype(int)).tolist()
-    for index in Progress(progress).through("colours", chosen):
+    for index in Progress(progress).iterate("colours", chosen):
         rows, x, y, away = find_seen_points(scene, index, points)
         slot = distances[:, rows].argmax(axis=0)
         nearer = away < distances[slot, rows]
@@ -63,7 +62,7 @@ def color_points(
 def find_seen_points(
     scene: Scene, index: int, points: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The points that a view sees, those left out that hide behind others.
+    """Finds the points that a view sees, without those that hide behind others.
 
     Args:
         scene: photographs, poses and lenses.

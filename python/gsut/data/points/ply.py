@@ -40,7 +40,7 @@ def load_points_ply(
 
 
 def find_usable_points(points: np.ndarray) -> tuple[np.ndarray, str]:
-    """Which of points (N, 3) lie somewhere, (N,) bool; what is said of the others, "" if all do."""
+    """Returns which points (N, 3) are usable, (N,) bool, and what is wrong with others, or ""."""
     usable = (np.abs(points) <= FARTHEST).all(axis=1)  # NaN is not
     if usable.all():
         return usable, ""
@@ -51,7 +51,7 @@ def find_usable_points(points: np.ndarray) -> tuple[np.ndarray, str]:
 
 
 def format_points_ply(points: np.ndarray, colors: np.ndarray) -> bytes:
-    """A PLY of points (P, 3), written as doubles, with colours (P, 3) uint8."""
+    """Formats a PLY of points (P, 3), as doubles, with colours (P, 3) uint8."""
     layout = [(name, "<f8") for name in _AXES] + [(name, "u1") for name in _COLORS]
     vertices = np.empty(len(points), dtype=layout)
     for names, columns in ((_AXES, points), (_COLORS, colors)):

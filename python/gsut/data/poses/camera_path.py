@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.data.poses.transforms import OPENGL_FROM_OPENCV, rigid_transform
-from gsut.files import regular
+from gsut.data.poses.transforms import OPENGL_FROM_OPENCV, check_rigid
+from gsut.files import check_regular
 
 
 def read_path(path: str | os.PathLike[str], world_offset: np.ndarray | None = None) -> np.ndarray:
-    """Poses of a JSON file.
+    """Reads the poses of a JSON file.
 
     Three forms are known: {"camera_from_world": [4x4, ...]} (OpenCV axes), nerfstudio's camera
     path {"camera_path": [{"camera_to_world": 16 numbers}, ...]} and a transforms.json {"frames":
@@ -49,7 +49,7 @@ def read_path(path: str | os.PathLike[str], world_offset: np.ndarray | None = No
         ) from None
     if not entries:
         raise InputError(f"{path}: the camera path holds no pose")
-    poses = [rigid_transform(entry, f"{path}, pose {i}") for i, entry in enumerate(entries)]
+    poses = [check_rigid(entry, f"{path}, pose {i}") for i, entry in enumerate(entries)]
     matrices = np.stack(poses)
     if opengl:
         matrices = np.linalg.inv(matrices @ OPENGL_FROM_OPENCV)
@@ -60,13 +60,13 @@ def read_path(path: str | os.PathLike[str], world_offset: np.ndarray | None = No
 
 
 def read_path_lens(path: str | os.PathLike[str]) -> Any:
-    """The values of the lens that a camera path carries, as the viewer saves it; None without."""
+    """Reads the lens that a camera path carries, as the viewer saves it; None without one."""
     return _read_content(path).get("lens")
 
 
 def _read_content(path: str | os.PathLike[str]) -> dict[str, Any]:
     try:
-        content = json.loads(regular(path).read_text(encoding="utf-8"))
+        content = json.loads(check_regular(path).read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(f"cannot read the camera path {path}: {error.strerror}") from None
     except ValueError as error:

@@ -15,24 +15,24 @@ _LEAST = {"ns": Decimal(10) ** 17, "us": Decimal(10) ** 14, "ms": Decimal(10) **
 
 
 def is_time(text: str) -> bool:
-    """Whether this is a finite decimal number."""
+    """Returns whether this is a finite decimal number."""
     return _parse_decimal(text) is not None
 
 
 def guess_unit(texts: Iterable[str]) -> str:
-    """The unit of times since 1970, by the largest one's digits; "s" where they are smaller."""
+    """Guesses the unit of times since 1970 by the digits of the largest; "s" for smaller ones."""
     largest = max((abs(_parse_decimal(text) or Decimal(0)) for text in texts), default=Decimal(0))
     return next((unit for unit, least in _LEAST.items() if largest >= least), "s")
 
 
 def to_nanoseconds(texts: Sequence[str], unit: str) -> np.ndarray:
-    """(N,) int64 of decimal numbers in this unit, see `UNITS`; at most 146 years either way."""
+    """Converts decimal numbers in this unit, see `UNITS`, to (N,) int64; 146 years at most."""
     times = (_convert(text, unit) for text in texts)
     return np.array([max(-_FARTHEST, min(time, _FARTHEST)) for time in times], np.int64)
 
 
 def format_range(texts: Iterable[str], unit: str) -> str:
-    """From when to when, in seconds."""
+    """Formats the first and the last time, in seconds."""
     times = [_convert(text, unit) for text in texts]
     return f"{format_seconds(min(times))} to {format_seconds(max(times))} s"
 
@@ -42,7 +42,7 @@ def _convert(text: str, unit: str) -> int:
 
 
 def format_seconds(nanoseconds: int) -> str:
-    """A time as decimal seconds with nine digits."""
+    """Formats a time as decimal seconds with nine digits."""
     sign, rest = "-" if nanoseconds < 0 else "", abs(int(nanoseconds))
     return f"{sign}{rest // NANOSECONDS}.{rest % NANOSECONDS:09d}"
 

@@ -13,11 +13,12 @@ import numpy as np
 from gsut._core import InputError
 from gsut.data.errors import DatasetError, OnError
 from gsut.data.poses.times import is_time
-from gsut.data.poses.transforms import pose_from_quaternion, rigid_transform
+from gsut.data.poses.transforms import check_rigid, pose_from_quaternion
 from gsut.data.text_files import read_json, read_text
 from gsut.gaussians import quaternion_from_rotation
 
-_TUM, _KITTI = 8, 12  # fields of a line
+_TUM = 8  # fields of a line: label, position, quaternion
+_KITTI = 12  # fields of a line: a 3x4 matrix
 _ADVICE = (
     "`gsut scene` makes a scene of photographs, `gsut poses` finds their poses alone; or write "
     "poses.txt with lines 'name tx ty tz qx qy qz qw' (camera-to-world, OpenCV axes)"
@@ -46,7 +47,7 @@ class Trajectory:
 
     @property
     def is_timed(self) -> bool:
-        """Whether every label is a number: then poses are found by time, else by name."""
+        """Is true if every label is a number: then poses are paired by time instead of name."""
         return self.labels is not None and all(is_time(label) for label in self.labels)
 
 
@@ -95,7 +96,7 @@ def _read_json_rows(source: Path) -> _Rows:
         raise DatasetError(source, "not an object of names and matrices", _ADVICE)
     places = [f"{source}, image {name}" for name in values]
     makers = [
-        functools.partial(rigid_transform, matrix, place)
+        functools.partial(check_rigid, matrix, place)
         for matrix, place in zip(values.values(), places, strict=True)
     ]
     return list(values), places, list[_Make](makers)
@@ -131,13 +132,13 @@ def _read_table_rows(source: Path) -> _Rows:
 
 
 def _is_heading(line: str) -> bool:
-    """A line of names of columns: no numbers, and the quaternion's among them."""
+    """Returns whether a line names columns: it has no numbers, but the quaternion's names."""
     fields = re.split(r"[,\s]+", line)
     return _has_w_first(line) is not None and not any(is_time(field) for field in fields)
 
 
 def _has_w_first(heading: str) -> bool | None:
-    """Whether a heading has the quaternion's w before its x; None where it has none."""
+    """Returns whether a heading has the quaternion's w before its x; None without them."""
     places = [re.search(rf"\bq\w*{axis}\b", heading, re.IGNORECASE) for axis in "wx"]
     if places[0] is None or places[1] is None:
         return None
@@ -161,7 +162,7 @@ def _parse_pose(fields: list[str], w_first: bool, place: str, line: str) -> np.n
 
 def _parse_kitti_pose(line: str, place: str) -> np.ndarray:
     try:
-        return rigid_transform(np.reshape([float(v) for v in line.split()], (3, 4)), place)
+        return check_rigid(np.reshape([float(v) for v in line.split()], (3, 4)), place)
     except ValueError as error:
         if isinstance(error, InputError):
             raise
@@ -171,7 +172,7 @@ def _parse_kitti_pose(line: str, place: str) -> np.ndarray:
 
 
 def format_tum(labels: Sequence[str], poses: np.ndarray) -> str:
-    """A TUM trajectory of poses (N, 4, 4) to the world, each with its time or name."""
+    """Formats a TUM trajectory of poses (N, 4, 4) to the world, each with its time or name."""
     quaternions = quaternion_from_rotation(np.reshape(poses, (-1, 4, 4))[:, :3, :3])
     rows = ["# timestamp tx ty tz qx qy qz qw"]
     for label, pose, (w, *xyz) in zip(labels, poses, quaternions, strict=True):
@@ -181,5 +182,5 @@ def format_tum(labels: Sequence[str], poses: np.ndarray) -> str:
 
 
 def format_kitti(poses: np.ndarray) -> str:
-    """A KITTI trajectory: a 3x4 matrix to the world a line."""
+    """Formats a KITTI trajectory: a 3x4 matrix to the world a line."""
     return "".join(" ".join(repr(float(v)) for v in pose[:3].ravel()) + "\n" for pose in poses)

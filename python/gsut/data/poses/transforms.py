@@ -14,7 +14,7 @@ FARTHEST = 1e12  # a coordinate in any unit: the Earth is 1e10 millimetres wide
 OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
-def rigid_transform(values: object, where: object) -> np.ndarray:
+def check_rigid(values: object, where: object) -> np.ndarray:
     """Checks a 4x4 or 3x4 matrix and returns the nearest rigid transform.
 
     Args:
@@ -85,7 +85,7 @@ def _require_rotation(rotation: np.ndarray, where: object) -> None:
 
 
 def pose_from_quaternion(quat_wxyz: ArrayLike, translation: ArrayLike, where: object) -> np.ndarray:
-    """(4, 4) transform of a unit quaternion w, x, y, z and a translation.
+    """Makes a transform (4, 4) of a unit quaternion w, x, y, z and a translation.
 
     Raises:
         DatasetError: not finite, or the norm is not 1 within `ROTATION_TOLERANCE`.
@@ -115,16 +115,16 @@ def pose_from_quaternion(quat_wxyz: ArrayLike, translation: ArrayLike, where: ob
     return pose
 
 
-def inverse(pose: np.ndarray) -> np.ndarray:
-    """The inverse of a rigid transform (4, 4), exact in the rotation."""
+def invert_pose(pose: np.ndarray) -> np.ndarray:
+    """Inverts a rigid transform (4, 4), exactly in the rotation."""
     result = np.eye(4)
     result[:3, :3] = pose[:3, :3].T
     result[:3, 3] = -pose[:3, :3].T @ pose[:3, 3]
     return result
 
 
-def halfway(start: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """The pose in the middle of two: mean translation, rotation half way along the shorter arc."""
+def average_poses(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Averages two poses: mean translation, rotation half way along the shorter arc."""
     relative = start[:3, :3].T @ end[:3, :3]
     # (I + R) is twice the half rotation's projection: its polar factor is the square root of R.
     left, _, right = np.linalg.svd(np.eye(3) + relative)
@@ -134,6 +134,6 @@ def halfway(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     return pose
 
 
-def centers_of(camera_from_world: np.ndarray) -> np.ndarray:
-    """(N, 3) camera centres of (N, 4, 4) poses."""
+def find_centers(camera_from_world: np.ndarray) -> np.ndarray:
+    """Returns the camera centres (N, 3) of poses (N, 4, 4)."""
     return -np.einsum("nji,nj->ni", camera_from_world[:, :3, :3], camera_from_world[:, :3, 3])

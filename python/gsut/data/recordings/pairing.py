@@ -18,7 +18,7 @@ from gsut.data.poses import (
     format_range,
     format_seconds,
     guess_unit,
-    inverse,
+    invert_pose,
     read_trajectory,
     to_nanoseconds,
 )
@@ -56,7 +56,7 @@ def pair_recording(recording: Recording, on_error: OnError) -> Listing:
     mounts = recording.mounts([stream.name for stream in recording.streams])
     trajectory = read_trajectory(recording.poses, on_error)
     if recording.body_from_poses is not None:
-        moved = trajectory.poses @ inverse(recording.body_from_poses)
+        moved = trajectory.poses @ invert_pose(recording.body_from_poses)
         trajectory = dataclasses.replace(trajectory, poses=moved)
     listing = Listing(recording.path, trajectory.source, notes=list(recording.notes))
     named: set[int] = set()
@@ -143,7 +143,7 @@ def _format_tolerance(recording: Recording, times: Sequence[int | None]) -> str:
 def _pair_by_name(
     stream: Stream, trajectory: Trajectory, recording: Recording, named: set[int]
 ) -> tuple[list[np.ndarray | None], list[int | None]]:
-    """Poses by the paths, file names or stems of pictures; `named` collects the poses in use."""
+    """Pairs poses by the paths, file names or stems of pictures; `named` collects those in use."""
     root = recording.names_from or recording.path
     found: dict[str, int] = {}
     for make in (
@@ -242,7 +242,7 @@ class _Clock:
         self.near = self.distance <= round(self.tolerance * NANOSECONDS)
 
     def find_around(self, k: int) -> tuple[int, int, float]:
-        """The poses before and after picture k, and its share of the way; the same at the ends."""
+        """Returns the poses around picture k, the same at the ends, and the share."""
         high = int(self.high[k])
         if high == len(self.poses):
             return high - 1, high - 1, 0.0
@@ -253,7 +253,7 @@ class _Clock:
 
 
 def _interpolate(one: np.ndarray, two: np.ndarray, share: float) -> np.ndarray:
-    """A share of the way: the origin along the line, the rotation along the shorter arc."""
+    """Interpolates two poses: the origin along the line, the rotation along the shorter arc."""
     if share == 0.0:
         return one
     turns = one.copy(), two.copy()
@@ -267,7 +267,7 @@ def _interpolate(one: np.ndarray, two: np.ndarray, share: float) -> np.ndarray:
 def _find_in_range(
     times: Sequence[int | None], limits: tuple[float, float], where: object
 ) -> list[bool]:
-    """Of each picture whether it was taken between two times, see `Recording.time_range`."""
+    """Returns which pictures were taken between two times, see `Recording.time_range`."""
     known = [time for time in times if time is not None]
     if not known:
         raise DatasetError(where, "time_range is given, but the pictures have no times", "drop it")
@@ -279,7 +279,7 @@ def _find_in_range(
 def _explain_no_pose(
     stream: Stream, trajectory: Trajectory, recording: Recording, clock: _Clock, ranges: str
 ) -> DatasetError:
-    """Why no picture has a pose: other units, other clocks, or a tolerance that is too small."""
+    """Explains why no picture has a pose: other units or clocks, or too small a tolerance."""
     images, poses = clock.images, clock.poses
     overlap = images.max() >= poses[0] and poses[-1] >= images.min()
     if overlap:
@@ -313,7 +313,7 @@ def _explain_no_pose(
 
 
 def _are_counted(stream: Stream) -> bool:
-    """Whether the names of pictures count them: 000, 001, 002 ..."""
+    """Returns whether the names of pictures count them: 000, 001, 002 ..."""
     stems = [path.stem for path in stream.images]
     if stream.times is not None or len(stems) < 2 or not all(s.isdecimal() for s in stems):
         return False

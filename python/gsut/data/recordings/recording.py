@@ -12,7 +12,7 @@ from gsut.data.images import IMAGE_SUFFIXES
 from gsut.data.poses import is_time
 from gsut.data.rigs import Mount
 
-TIME_TOLERANCE = 0.02  # seconds, as of TUM's associate.py
+TIME_TOLERANCE = 0.02  # seconds, as TUM's own tools use
 MASK = "mask.png"
 
 
@@ -26,7 +26,7 @@ class Stream:
     mask: Path | None = None
 
     def list_times(self) -> list[str]:
-        """Of each picture; an empty text where its name is no number."""
+        """Lists each picture's time as text; empty if its name is not a number."""
         texts = [path.stem for path in self.images] if self.times is None else self.times
         return [text if is_time(text) else "" for text in texts]
 
@@ -71,7 +71,7 @@ class Recording:
 
 
 def list_pictures(folder: Path, *, below: bool = False) -> list[Path]:
-    """The pictures of a folder (and below it), sorted; a mask.png is none."""
+    """Lists the pictures of a folder (and below it), sorted, without a mask.png."""
     found = folder.rglob("*") if below else folder.glob("*")
     return sorted(
         p for p in found if p.suffix.lower() in IMAGE_SUFFIXES and p.is_file() and p.name != MASK
@@ -79,6 +79,6 @@ def list_pictures(folder: Path, *, below: bool = False) -> list[Path]:
 
 
 def find_stream(name: str, folder: Path) -> Stream:
-    """The pictures of a folder as a stream, with its mask.png if there is one."""
+    """Finds the pictures of a folder as a stream, with its mask.png if there is one."""
     mask = folder / MASK
     return Stream(name, list_pictures(folder), mask=mask if mask.is_file() else None)

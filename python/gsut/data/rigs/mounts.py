@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from gsut.data.errors import DatasetError
-from gsut.data.poses import NANOSECONDS, inverse, rigid_transform
+from gsut.data.poses import NANOSECONDS, check_rigid, invert_pose
 from gsut.data.rigs.rig import read_camchain, read_rig
 from gsut.data.text_files import read_json, read_yaml
-from gsut.files import regular
+from gsut.files import check_regular
 from gsut.lens import Camera, load_camera
 from gsut.lens.files import is_camchain
 
@@ -42,7 +42,7 @@ class Mount:
 
 
 def read_mounts(lens: Path | dict[str, Path], names: Sequence[str]) -> dict[str, Mount]:
-    """Lens and place of each camera.
+    """Reads lens and place of each camera.
 
     Args:
         lens: one file for all of them: a camchain of Kalibr, a rig.json (see `read_rig`), or any
@@ -63,7 +63,9 @@ def read_mounts(lens: Path | dict[str, Path], names: Sequence[str]) -> dict[str,
             )
         return {name: _read_mount(lens[name], name) for name in names}
     if lens.suffix.lower() in _YAML:
-        values = read_yaml(lens) if not regular(lens).read_bytes().startswith(b"%YAML") else {}
+        values = (
+            read_yaml(lens) if not check_regular(lens).read_bytes().startswith(b"%YAML") else {}
+        )
         if is_camchain(values):
             return _select_mounts(_read_mounts_of_camchain(lens), names, lens)
     elif lens.suffix.lower() == ".json" and _is_rig(read_json(lens)):
@@ -79,14 +81,14 @@ def read_mounts(lens: Path | dict[str, Path], names: Sequence[str]) -> dict[str,
 
 
 def is_rig_file(lens: Path) -> bool:
-    """Whether a lens file holds several cameras that are fixed to each other.
+    """Returns whether a lens file holds several cameras that are fixed to each other.
 
     Raises:
         DatasetError: it cannot be read.
     """
     if lens.suffix.lower() == ".json":
         return _is_rig(read_json(lens))
-    if lens.suffix.lower() not in _YAML or regular(lens).read_bytes().startswith(b"%YAML"):
+    if lens.suffix.lower() not in _YAML or check_regular(lens).read_bytes().startswith(b"%YAML"):
         return False
     return sum(is_camchain({key: None}) for key in read_yaml(lens)) > 1
 
@@ -113,14 +115,14 @@ def _select_mounts(mounts: dict[str, Mount], names: Sequence[str], lens: Path) -
 
 
 def _read_mount(lens: Path, name: str) -> Mount:
-    """A file of one camera, of a camchain the one of this name; EuRoC's sensor.yaml has a place."""
-    if lens.suffix.lower() in _YAML and not regular(lens).read_bytes().startswith(b"%YAML"):
+    """Reads a file of one camera, a camchain's camera of this name, or EuRoC's sensor.yaml."""
+    if lens.suffix.lower() in _YAML and not check_regular(lens).read_bytes().startswith(b"%YAML"):
         values = read_yaml(lens)
         if is_camchain(values):
             return _select_mounts(_read_mounts_of_camchain(lens), [name], lens)[name]
         if "T_BS" in values:
-            from_body = inverse(
-                rigid_transform(parse_matrix(values["T_BS"]), f"{lens}, key 'T_BS'")
+            from_body = invert_pose(
+                check_rigid(parse_matrix(values["T_BS"]), f"{lens}, key 'T_BS'")
             )
             return Mount(load_camera(lens), str(lens), from_body)
     camera = load_camera(lens)
@@ -128,7 +130,7 @@ def _read_mount(lens: Path, name: str) -> Mount:
 
 
 def parse_matrix(values: Any) -> Any:
-    """A matrix as nested lists, or EuRoC's dictionary with its 16 numbers in `data`."""
+    """Parses a matrix of nested lists, or EuRoC's dictionary with 16 numbers in `data`."""
     data = values.get("data") if isinstance(values, dict) else values
     if isinstance(data, list) and len(data) == 16:
         return [data[4 * row : 4 * row + 4] for row in range(4)]
@@ -144,7 +146,7 @@ def _read_mounts_of_camchain(file: Path) -> dict[str, Mount]:
 
 
 def find_body_from_camera(name: str, mounts: dict[str, Mount], poses_of: str | None) -> np.ndarray:
-    """(4, 4) what the trajectory's poses are of, from this camera.
+    """Finds the transform (4, 4) from this camera to what the trajectory's poses are of.
 
     Args:
         name: the camera.
@@ -171,7 +173,7 @@ def find_body_from_camera(name: str, mounts: dict[str, Mount], poses_of: str | N
                 "add it; or, where the poses are those of a camera, write `poses_of: "
                 f"{next(iter(mounts)) or 'camera'}` into dataset.yaml",
             )
-        return inverse(mount.from_body)
+        return invert_pose(mount.from_body)
     if poses_of not in mounts:
         raise DatasetError(
             mount.source,
@@ -182,7 +184,7 @@ def find_body_from_camera(name: str, mounts: dict[str, Mount], poses_of: str | N
     for kind in ("from_reference", "from_body"):
         mine, its = getattr(mount, kind), getattr(other, kind)
         if mine is not None and its is not None:
-            return its @ inverse(mine)
+            return its @ invert_pose(mine)
     raise DatasetError(
         mount.source,
         f"it does not say where {name} sits against {poses_of}",

@@ -12,18 +12,18 @@ import numpy as np
 
 from gsut._core import CalibrationError, InputError
 from gsut.data.errors import DatasetError
-from gsut.data.poses import centers_of, inverse, rigid_transform
+from gsut.data.poses import check_rigid, find_centers, invert_pose
 from gsut.data.text_files import read_yaml
-from gsut.files import regular, write_file
+from gsut.files import check_regular, write_file
 from gsut.lens import Camera, load_camera, spread_pixels
 from gsut.lens.files import is_camchain
 
 _POSE = "camera_from_reference"
 _LENS = "file"
 _FEWEST_CAMERAS = 2
-# Of the exact lens beside a .cameramodel, and the model there that stands in for it.
-_EXACT_SUFFIXES, _STAND_IN = (".yaml", ".yml", ".json"), "splined_stereographic"
-_STAND_IN_PX = 0.01  # between the two; those of `gsut calibrate` differ by 0.0002
+_EXACT_SUFFIXES = (".yaml", ".yml", ".json")  # of the exact lens beside a .cameramodel
+_STAND_IN = "splined_stereographic"  # the model that stands in for it there
+_STAND_IN_PX = 0.01  # pixels between the two; those of `gsut calibrate` differ by 0.0002
 _NO_BASELINE = 1e-9  # of the distance to the reference, in units in the last place of a file
 
 
@@ -52,7 +52,7 @@ class Rig:
     @property
     def baseline(self) -> float:
         """The longest distance between two cameras."""
-        centers = centers_of(self.camera_from_reference)
+        centers = find_centers(self.camera_from_reference)
         return float(np.linalg.norm(centers[:, None] - centers[None], axis=2).max())
 
 
@@ -72,7 +72,7 @@ def read_rig(path: str | os.PathLike[str]) -> Rig:
     """
     file = Path(path)
     try:
-        text = regular(file).read_text(encoding="utf-8")
+        text = check_regular(file).read_text(encoding="utf-8")
     except OSError as error:
         raise InputError(f"--rig {file} cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
@@ -153,7 +153,7 @@ def _read_camchain_rig(file: Path) -> Rig:
 def read_camchain(
     file: Path,
 ) -> list[tuple[str, Camera, np.ndarray | None, np.ndarray | None, float]]:
-    """The cameras of a Kalibr camchain.
+    """Reads the cameras of a Kalibr camchain.
 
     Returns:
         Of each its name, lens, camera_from_cam0 (by T_cn_cnm1) and camera_from_imu (T_cam_imu, or
@@ -185,7 +185,7 @@ def read_camchain(
         for k, pose in enumerate(from_first):
             first = from_first[known]
             if from_imu[k] is None and pose is not None and first is not None:
-                from_imu[k] = pose @ inverse(first) @ from_imu[known]
+                from_imu[k] = pose @ invert_pose(first) @ from_imu[known]
     return [
         (name, load_camera(file, name), from_first[k], from_imu[k],
          float(values[name].get("timeshift_cam_imu") or 0.0))
@@ -194,7 +194,7 @@ def read_camchain(
 
 
 def _parse_pose(values: Any, where: str) -> np.ndarray:
-    """(4, 4) of six numbers or a matrix."""
+    """Parses a pose (4, 4), given as six numbers or a matrix."""
     import cv2
 
     try:
@@ -207,7 +207,7 @@ def _parse_pose(values: Any, where: str) -> np.ndarray:
         pose[:3, 3] = array[3:]
         return pose
     if array.shape in ((4, 4), (3, 4)):
-        return rigid_transform(array, where)
+        return check_rigid(array, where)
     raise DatasetError(
         where,
         "its pose is neither six numbers (Rodrigues rotation, translation) nor a 4x4 matrix",
@@ -216,7 +216,7 @@ def _parse_pose(values: Any, where: str) -> np.ndarray:
 
 
 def _load_lens(file: Path, camera_id: str | None, where: str) -> tuple[Path, Camera]:
-    """The lens, and the file that it was read from."""
+    """Loads a lens; returns the file that it was read from, and the lens."""
     if not file.is_file():
         raise InputError(f"{where}: there is no lens file {file}; put it there")
     camera = load_camera(file, camera_id)
@@ -235,7 +235,7 @@ def _load_lens(file: Path, camera_id: str | None, where: str) -> tuple[Path, Cam
 
 
 def _is_same(exact: Camera, splined: Camera) -> bool:
-    """Whether the splined lens is the other one, pixel by pixel."""
+    """Returns whether the splined lens agrees with the exact one, pixel by pixel."""
     pixels = spread_pixels(exact.width, exact.height).reshape(-1, 2)
     rays, valid = exact.unproject(pixels)
     found, seen = splined.project(rays[valid])
@@ -245,7 +245,7 @@ def _is_same(exact: Camera, splined: Camera) -> bool:
 
 
 def measure_changes(given: Rig, found: np.ndarray) -> list[tuple[float, float]]:
-    """Of each camera the turn in radians and the shift, in the rig's unit, against the file's.
+    """Measures each camera's turn, in radians, and shift, in the rig's unit, against the file.
 
     Args:
         given: as read. found: (K, 4, 4) camera_from_reference now.
@@ -254,8 +254,8 @@ def measure_changes(given: Rig, found: np.ndarray) -> list[tuple[float, float]]:
 
     changes = []
     for before, after in zip(given.camera_from_reference, found, strict=True):
-        step = after @ inverse(before)
+        step = after @ invert_pose(before)
         turn = float(np.linalg.norm(cv2.Rodrigues(step[:3, :3])[0]))
-        centers = centers_of(np.stack([before, after]))
+        centers = find_centers(np.stack([before, after]))
         changes.append((turn, float(np.linalg.norm(centers[1] - centers[0]))))
     return changes

@@ -16,7 +16,7 @@ _END_BYTES = 1 << 16  # of both ends of a file: pictures that differ differ ther
 
 
 def digest_scene(scene: Scene) -> dict[str, str]:
-    """A digest of each part of a scene: images, masks, poses, lenses, points and split.
+    """Digests each part of a scene: images, masks, poses, lenses, points and split.
 
     Of an image or mask file its size and both ends are read, 64 KiB each.
     """

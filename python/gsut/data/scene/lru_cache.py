@@ -33,7 +33,7 @@ class LruCache:
             return self._items.get(key, value)
 
     def limit(self, limit_bytes: float) -> None:
-        """Drops what is beyond so many bytes, now and from now on."""
+        """Sets the number of bytes that may be kept, and drops what exceeds it."""
         with self._lock:
             self.limit_bytes = limit_bytes
             self._drop_oldest()

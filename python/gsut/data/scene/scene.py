@@ -1,4 +1,4 @@
-"""A dataset in memory: cameras, views, points and images that are decoded when asked for."""
+"""A dataset in memory: cameras, views, points, and images that are decoded on demand."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class View:
 
     @property
     def motion(self) -> np.ndarray | CameraMotion:
-        """What `render` takes: the pose, or with a rolling shutter the motion between both."""
+        """The pose that `render` takes, or with a rolling shutter the motion between both."""
         start, end = self.camera_from_world_start, self.camera_from_world_end
         if self.shutter is None or start is None or end is None:
             return self.camera_from_world
@@ -91,7 +91,7 @@ def _read_only(values: np.typing.ArrayLike, dtype: np.typing.DTypeLike) -> np.nd
 class Scene:
     """Cameras, views, points and the split into training and test views; immutable.
 
-    Its images are read when they are asked for. The world is the dataset's. Training works in
+    Its images are read on demand. The world is the dataset's. Training works in
     `centred`, the same scene about the mean of the camera centres, where float32 suffices.
 
     Args:
@@ -142,7 +142,7 @@ class Scene:
             object.__setattr__(self, name, value)
 
     def replace(self, **changes: Any) -> Scene:
-        """The scene with other values of the named attributes; decoded images are shared."""
+        """Returns the scene with other values of these attributes; decoded images are shared."""
         scene = dataclasses.replace(self, **changes)
         object.__setattr__(scene, "_images", self._images)
         if not changes.keys() & {"cameras", "file_cameras"}:  # a mask depends on the lens
@@ -156,12 +156,12 @@ class Scene:
         """The scene with the mean of its camera centres as origin; itself if it was moved."""
         if self.world_offset.any() or not self.views:
             return self
-        return self.about(np.mean([view.camera_center for view in self.views], axis=0))
+        return self.move_origin(np.mean([view.camera_center for view in self.views], axis=0))
 
-    def about(self, origin: np.typing.ArrayLike) -> Scene:
-        """The same scene in coordinates whose zero lies at `origin` (3,) of the dataset's.
+    def move_origin(self, origin: np.typing.ArrayLike) -> Scene:
+        """Returns the scene in coordinates whose zero lies at `origin` (3,) of the dataset's.
 
-        `about((0, 0, 0))` is in the dataset's coordinates.
+        `move_origin((0, 0, 0))` is in the dataset's coordinates.
         """
         origin = np.array(origin, np.float64)
         shift = origin - self.world_offset
@@ -175,7 +175,7 @@ class Scene:
             views.append(dataclasses.replace(view, **near))
         scene = self.replace(views=views, points=self.points - shift, world_offset=origin)
         if not origin.any():
-            scene.__dict__["centred"] = self  # exactly this one, when it is asked for
+            scene.__dict__["centred"] = self  # exactly this one, not a copy
         return scene
 
     def _keep_centred(self, old: Scene, change: Callable[[Scene], Scene]) -> None:
@@ -185,29 +185,29 @@ class Scene:
             self.__dict__["centred"] = change(near)
 
     def with_poses(self, indices: Sequence[int], camera_from_world: Iterable[np.ndarray]) -> Scene:
-        """The scene with other poses (n, 4, 4) of n views."""
+        """Returns the scene with other poses (n, 4, 4) of n views."""
         views = list(self.views)
         for index, pose in zip(indices, camera_from_world, strict=True):
             views[index] = dataclasses.replace(views[index], camera_from_world=np.array(pose))
         return self.replace(views=views)
 
     def with_lenses(self, file_cameras: Sequence[Camera]) -> Scene:
-        """The scene seen through other lenses.
+        """Returns the scene seen through other lenses.
 
         Args:
             file_cameras: one for each of this scene's `file_cameras`, of the same size.
         """
         cameras = [
             full if (full.width, full.height) == (c.width, c.height)
-            else full.resized(c.width, c.height)
+            else full.resize(c.width, c.height)
             for c, full in zip(self.cameras, file_cameras, strict=True)
         ]  # fmt: skip
         return self.replace(cameras=cameras, file_cameras=file_cameras)
 
-    def scaled(
+    def scale_images(
         self, factor: float, *, keep_larger: bool = False, decodes_small: bool = False
     ) -> Scene:
-        """The same scene with images of `factor` (0 to 1] times the size.
+        """Returns the scene with images of `factor` (0 to 1] times the size.
 
         Images are averaged over areas; intrinsics scale about the pixel corner.
 
@@ -220,7 +220,7 @@ class Scene:
         if not 0 < factor <= 1:
             raise InputError(f"scale must be above 0 and at most 1, found {factor}; use e.g. 0.5")
         cameras = [
-            c.resized(max(1, int(c.width * factor + 0.5)), max(1, int(c.height * factor + 0.5)))
+            c.resize(max(1, int(c.width * factor + 0.5)), max(1, int(c.height * factor + 0.5)))
             for c in self.cameras
         ]
         # Images of other pixels: nothing that is decoded can be shared.
@@ -228,10 +228,8 @@ class Scene:
             self, cameras=tuple(cameras), larger=self if keep_larger else None,
             decodes_small=decodes_small or self.decodes_small,
         )  # fmt: skip
-        scene._keep_centred(
-            self,
-            lambda near: near.scaled(factor, keep_larger=keep_larger, decodes_small=decodes_small),
-        )
+        how = {"keep_larger": keep_larger, "decodes_small": decodes_small}
+        scene._keep_centred(self, lambda near: near.scale_images(factor, **how))
         return scene
 
     def __len__(self) -> int:
@@ -245,24 +243,24 @@ class Scene:
         )
 
     def camera(self, index: int) -> Camera:
-        """Camera of view `index`."""
+        """Returns the camera of view `index`."""
         return self.cameras[self.views[index].camera_index]
 
     def poses(self, indices: Sequence[int]) -> np.ndarray:
-        """(n, 4, 4) camera_from_world of views."""
+        """Returns camera_from_world (n, 4, 4) of views."""
         return np.array([self.views[i].camera_from_world for i in indices]).reshape(-1, 4, 4)
 
-    def in_dataset(self, camera_from_world: np.ndarray) -> np.ndarray:
-        """(4, 4) the pose in the dataset's coordinates."""
+    def to_dataset(self, camera_from_world: np.ndarray) -> np.ndarray:
+        """Returns a pose (4, 4) of the scene in the dataset's coordinates."""
         return _move_pose(camera_from_world, -self.world_offset)
 
     def from_dataset(self, camera_from_world: np.ndarray) -> np.ndarray:
-        """(4, 4) a pose in the dataset's coordinates, in the scene's."""
+        """Returns a pose (4, 4) of the dataset in the scene's coordinates."""
         return _move_pose(camera_from_world, self.world_offset)
 
     @functools.cached_property
     def extent(self) -> float:
-        """1.1 x the largest distance of a training camera from their centroid, world units.
+        """The largest distance of a training camera from their centroid times 1.1, in world units.
 
         Where all cameras stand at one place: the points' root mean square distance from their
         centroid, else 1.
@@ -274,7 +272,7 @@ class Scene:
         return EXTENT_MARGIN * radius if radius > 0 else 1.0
 
     def image(self, index: int) -> np.ndarray:
-        """(H, W, 3) uint8 RGB of view `index` at the scene's scale; read-only, cached.
+        """Reads (H, W, 3) uint8 RGB of view `index` at the scene's scale; read-only, cached.
 
         Raises:
             DatasetError: the file is truncated, cannot be decoded or changed its size.
@@ -282,7 +280,7 @@ class Scene:
         return self._read_pixels(self.views[index])[0]
 
     def mask(self, index: int) -> np.ndarray:
-        """(H, W) bool, True where view `index` can be compared; read-only, cached.
+        """Makes (H, W) bool, True where view `index` can be compared; read-only, cached.
 
         The dataset's mask, full alpha, and pixels with a ray in the lens' domain. In a scaled
         scene a pixel is valid only if all source pixels are.
@@ -332,7 +330,6 @@ class Scene:
         return _require_pixels(valid, view)
 
     def _get_lens_mask(self, camera_index: int) -> np.ndarray:
-        """(H, W) bool: pixels with a ray, all of whose source pixels have one too."""
 
         def make() -> tuple[np.ndarray]:
             return (make_lens_mask(self.cameras[camera_index], self.file_cameras[camera_index]),)
@@ -341,13 +338,12 @@ class Scene:
 
 
 def keep_at_most(scene: Scene, size: float) -> None:
-    """Keeps so many bytes of a scene's decoded images, and of its masks; drops the others."""
+    """Sets the number of bytes of a scene's decoded images to keep, and of its masks."""
     scene._images.limit(size)
     scene._masks.limit(size)
 
 
 def _require_pixels(valid: np.ndarray, view: View) -> np.ndarray:
-    """The mask; raises DatasetError where it leaves nothing."""
     if not valid.any():
         raise DatasetError(
             view.mask_path or view.image_path,
@@ -359,7 +355,7 @@ def _require_pixels(valid: np.ndarray, view: View) -> np.ndarray:
 
 
 def _move_pose(camera_from_world: np.ndarray, origin: np.ndarray) -> np.ndarray:
-    """(4, 4) the pose in coordinates whose zero lies at `origin` of its own."""
+    """Returns the pose (4, 4) in coordinates whose zero lies at `origin` of its own."""
     pose = np.array(camera_from_world)
     pose[:3, 3] += pose[:3, :3] @ origin
     return pose

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gsut._core import InputError, Shutter, interpolate_pose
-from gsut.data.poses import inverse
+from gsut.data.poses import invert_pose
 from gsut.data.scene.scene import Scene, View
 
 _NUMBER = re.compile(r"(\d+)\D*$")  # the last number of a name
@@ -21,7 +21,7 @@ def with_shutter(
     readout_time: float | None = None,
     direction: str = "top_to_bottom",
 ) -> Scene:
-    """The scene with its views' shutters as they shall be treated.
+    """Sets the shutters of the scene's views.
 
     Args:
         scene: views with one pose each, or with a start and an end pose.
@@ -61,7 +61,7 @@ def with_shutter(
 
 
 def _set_views_moving(views: Sequence[View], readout_time: float, shutter: Shutter) -> list[View]:
-    """The views with a start and an end pose from their neighbours in time."""
+    """Gives the views a start and an end pose by their neighbours in time."""
     if len(views) < 2:
         raise InputError("--readout-time needs at least two frames to find the camera's velocity")
     moving = []
@@ -76,7 +76,7 @@ def _set_views_moving(views: Sequence[View], readout_time: float, shutter: Shutt
 
 
 def find_time_neighbours(views: Sequence[View]) -> list[tuple[int, int, float]]:
-    """Of each view the one before and the one after it, and the time between them in frames.
+    """Finds each view's neighbours before and after it, and the time between them in frames.
 
     The first and the last are neighbours of themselves. Frames are in the order of the numbers in
     their names.
@@ -89,7 +89,7 @@ def find_time_neighbours(views: Sequence[View]) -> list[tuple[int, int, float]]:
 
 
 def split_exposure(view: View, before: View, after: View, share: float, count: int) -> list[View]:
-    """The view at moments of its exposure: the middles of `count` equal parts of it.
+    """Splits a view's exposure into `count` equal parts; returns the view at the middle of each.
 
     Args:
         view, before, after: in the order of time, the outer ones give the velocity.
@@ -102,7 +102,7 @@ def split_exposure(view: View, before: View, after: View, share: float, count: i
             if at
             else view.camera_from_world
         )
-        step = pose @ inverse(view.camera_from_world)
+        step = pose @ invert_pose(view.camera_from_world)
         ends = (view.camera_from_world_start, view.camera_from_world_end)
         start, end = (None if each is None else step @ each for each in ends)
         out.append(
@@ -115,7 +115,7 @@ def split_exposure(view: View, before: View, after: View, share: float, count: i
 
 
 def order_frames(names: Sequence[str]) -> np.ndarray:
-    """(N,) the last number of each name, or the place in the list where they are not unique."""
+    """Returns the last number (N,) of each name, or its place in the list if these repeat."""
     found = [_NUMBER.search(name) for name in names]
     numbers = [float(match[1]) for match in found if match]
     if len(set(numbers)) == len(names):
@@ -126,7 +126,7 @@ def order_frames(names: Sequence[str]) -> np.ndarray:
 def _shift_along_path(
     view: View, before: View, after: View, share: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The poses `share` of the way from `before` to `after` earlier and later than the view's."""
+    """Returns the poses `share` of the way from `before` to `after` before and after the view's."""
     turn = after.camera_from_world[:3, :3] @ before.camera_from_world[:3, :3].T
     whole = np.eye(4)
     whole[:3, :3] = turn
@@ -134,8 +134,8 @@ def _shift_along_path(
     step = share * (after.camera_center - before.camera_center)
     poses = []
     for rotation, shift in ((part.T, -step), (part, step)):
-        world_from_camera = inverse(view.camera_from_world)
+        world_from_camera = invert_pose(view.camera_from_world)
         world_from_camera[:3, :3] = world_from_camera[:3, :3] @ rotation.T
         world_from_camera[:3, 3] += shift
-        poses.append(inverse(world_from_camera))
+        poses.append(invert_pose(world_from_camera))
     return poses[0], poses[1]

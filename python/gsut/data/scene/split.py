@@ -77,7 +77,7 @@ def split_views(
 def _find_indices(
     wanted: Sequence[str], names: Sequence[str], what: str, source: Path, missing: Sequence[str]
 ) -> set[int]:
-    """Indices of names given in full, as file name or as stem; missing images are passed over."""
+    """Finds names given in full, as file name or as stem; missing images are skipped."""
     by_alias: dict[str, list[int]] = {}
     for index, name in enumerate(names):
         for alias in _list_aliases(name):

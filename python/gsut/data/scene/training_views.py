@@ -37,12 +37,8 @@ class Level:
         self._buffers: dict[tuple[int, int], tuple[np.ndarray, np.ndarray]] = {}
         self._coming: dict[int, concurrent.futures.Future[_core.PhotometricTarget]] = {}
 
-    def camera(self, view: int) -> _core.Camera:
-        """Camera of a view, at this resolution."""
-        return self.scene.camera(view)
-
-    def target(self, view: int) -> _core.PhotometricTarget:
-        """The view's photograph and mask with what the loss precomputes of them."""
+    def get_target(self, view: int) -> _core.PhotometricTarget:
+        """Returns the view's photograph and mask with what the loss precomputes of them."""
         if view in self._targets:
             self._targets.move_to_end(view)
             return self._targets[view]
@@ -55,7 +51,7 @@ class Level:
         return target
 
     def prepare(self, view: int, worker: concurrent.futures.Executor) -> None:
-        """Begins to make the target of a view on another thread, for the step after this one."""
+        """Starts making the target of a view on another thread, for the next step."""
         if view not in self._targets and view not in self._coming:
             self._coming[view] = worker.submit(self._make_target, view)
 
@@ -64,9 +60,9 @@ class Level:
             self.scene.image(view), self.scene.mask(view), "partial", True
         )
 
-    def buffers(self, view: int) -> tuple[np.ndarray, np.ndarray]:
-        """Two (H, W, 3) float32 arrays of the view's size, used again and again."""
-        camera = self.camera(view)
+    def get_buffers(self, view: int) -> tuple[np.ndarray, np.ndarray]:
+        """Returns two (H, W, 3) float32 arrays of the view's size, which are reused."""
+        camera = self.scene.camera(view)
         size = (camera.height, camera.width)
         if size not in self._buffers:
             self._buffers[size] = (
@@ -101,20 +97,20 @@ class TrainingViews:
         self._keep: tuple[int, int] | None = None
 
     def keep_at_most(self, size: int) -> None:
-        """Keeps so many bytes of decoded photographs; others are decoded again when they are due.
+        """Sets the number of bytes of decoded photographs to keep; others are decoded again.
 
         What is ready for the loss takes most of it, the pixels alone the rest.
         """
         self._keep = size - size // _PIXELS_PART, size // _PIXELS_PART
         self._level = None
 
-    def at(self, fraction: float) -> Level:
-        """The level for a step at this fraction of all steps; a passed level is dropped."""
+    def select_level(self, fraction: float) -> Level:
+        """Returns the level for a step at this fraction of all steps; drops a passed one."""
         factor = self._factor_at(fraction)
         if self._level is None or factor != self._factor:
             self._factor = factor
             self._level = self._make_level(
-                self.scene if factor == 1.0 else self.scene.scaled(factor, keep_larger=True)
+                self.scene if factor == 1.0 else self.scene.scale_images(factor, keep_larger=True)
             )
         return self._level
 
@@ -126,7 +122,7 @@ class TrainingViews:
         return Level(scene, self._keep[0])
 
     def prepare(self, view: int, fraction: float) -> None:
-        """Begins to decode the next step's image while this step is computed.
+        """Starts decoding the next step's image while this step is computed.
 
         Args:
             view: of the next step.
@@ -139,22 +135,22 @@ class TrainingViews:
 
     @property
     def poses(self) -> np.ndarray:
-        """(n, 4, 4) camera_from_world of the training views, in their order."""
+        """The poses camera_from_world (n, 4, 4) of the training views, in their order."""
         return self.scene.poses(self.scene.train_indices)
 
     def list_training_cameras(self) -> tuple[list[Any], np.ndarray]:
-        """The cameras of the training views and their poses (V, 4, 4), as they are now."""
+        """Lists the cameras of the training views and their current poses (V, 4, 4)."""
         return [self.scene.camera(i) for i in self.scene.train_indices], self.poses
 
     def move(self, camera_from_world: np.ndarray) -> None:
-        """Goes on with other poses (n, 4, 4) of the training views."""
+        """Replaces the poses (n, 4, 4) of the training views."""
         self.scene = self.scene.with_poses(self.scene.train_indices, camera_from_world)
         if self._level is not None:
             level = self._level.scene
             self._level.scene = level.with_poses(level.train_indices, camera_from_world)
 
     def replace_lenses(self, file_cameras: Sequence[Camera]) -> None:
-        """Goes on with other lenses.
+        """Replaces the lenses.
 
         Args:
             file_cameras: one for each of the scene's, at the size of its files.
@@ -164,12 +160,12 @@ class TrainingViews:
             self._level = self._make_level(self._level.scene.with_lenses(file_cameras))
 
     def state_dict(self) -> dict[str, Any]:
-        """Poses and lenses as they are now."""
+        """Returns the current poses and lenses."""
         lenses = [np.array(camera.params) for camera in self.scene.file_cameras]
         return {"poses": self.poses, "lenses": lenses}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
-        """Goes on exactly where `state_dict` was taken."""
+        """Restores the poses and lenses of `state_dict`."""
         self.move(state["poses"])
         cameras = self.scene.file_cameras
         lenses = tuple(c.with_params(p) for c, p in zip(cameras, state["lenses"], strict=True))

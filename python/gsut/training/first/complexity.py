@@ -11,7 +11,8 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from gsut.data import Scene
-from gsut.run import AUTO, TrainOptions, for_degree, is_open, of_preset
+from gsut.run import TrainOptions
+from gsut.run.options import AUTO, get_preset_value, is_from_preset, raise_degree
 from gsut.training.first.view_dependence import measure_unpredicted_share
 
 # Most Gaussians for each training view: held-out views of a dozen photographs are predicted best
@@ -112,15 +113,21 @@ def choose_degree(scene: Scene, options: TrainOptions) -> TrainOptions:
         scene: as it is trained on.
         options: not resolved.
     """
-    if not is_open(options, "sh_degree"):
+    if not is_from_preset(options, "sh_degree"):
         return options
     share = measure_unpredicted_share(scene)
-    return for_degree(options, _HIGHEST) if share is not None and share < _UNPREDICTED else options
+    return (
+        raise_degree(options, _HIGHEST) if share is not None and share < _UNPREDICTED else options
+    )
 
 
 def _count_over_preset(options: TrainOptions, name: str) -> int:
     """Returns the difference to the preset's value; 0 if the user has given one."""
-    return getattr(options, name) - of_preset(options, name) if is_open(options, name) else 0
+    return (
+        getattr(options, name) - get_preset_value(options, name)
+        if is_from_preset(options, name)
+        else 0
+    )
 
 
 def _bound_number(scene: Scene, given: Complexity) -> Complexity:

@@ -146,7 +146,7 @@ def find_points_by_sweep(
     """
     longest = max(max(camera.width, camera.height) for camera in scene.cameras)
     factor = min(1.0, _LONGER_SIDE / longest)
-    small = scene if factor == 1.0 else scene.scaled(factor, keep_larger=True)
+    small = scene if factor == 1.0 else scene.scale_images(factor, keep_larger=True)
     between = _find_range(small)
     if between is None:
         return None

@@ -29,11 +29,11 @@ _SMOOTHING = 0.8
 def prepare_scene(scene: Scene, options: TrainOptions) -> Scene:
     """Rescales the scene and sets its shutter according to `options`."""
     o = options
-    small = scene if o.scale == 1.0 else scene.scaled(o.scale)
+    small = scene if o.scale == 1.0 else scene.scale_images(o.scale)
     note = describe_resizing(scene, o)
     if note is not None:
         most = max(max(c.width, c.height) for c in scene.cameras)
-        small = scene.scaled(o.max_side / most, decodes_small=True)
+        small = scene.scale_images(o.max_side / most, decodes_small=True)
         small = small.replace(notes=(*small.notes, note))
     return with_shutter(small, o.shutter, o.readout_time, o.readout_direction)
 

@@ -65,7 +65,7 @@ def find_sky(scene: Scene) -> tuple[np.ndarray, np.ndarray] | None:
     if not len(scene.points) or len(rows) < _SEEN_BY:
         return None
     longest = max(max(camera.width, camera.height) for camera in scene.cameras)
-    small = scene.scaled(min(1.0, _LONGER_SIDE / longest), decodes_small=True)
+    small = scene.scale_images(min(1.0, _LONGER_SIDE / longest), decodes_small=True)
     points = scene.points[:: -(-len(scene.points) // _MOST_POINTS)]
     middle = np.mean([scene.views[row].camera_center for row in rows], axis=0)
     away = float(np.percentile(np.linalg.norm(points - middle, axis=1), _PERCENT))
@@ -106,7 +106,7 @@ def describe_sky(count: int) -> str:
     return (
         f"{count} of the first Gaussians are a sky, {_FAR:g} times as far as the points: there the "
         "photographs show no points, but colours that agree when they are taken for far away "
-        "(--init-count leaves it out)."
+        "(--set init_count leaves it out)."
     )
 
 

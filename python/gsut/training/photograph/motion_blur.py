@@ -62,7 +62,7 @@ class Exposure:
         # Two moments lie half of the exposure apart. Computed anew in each step, so that a resumed
         # run depends on nothing but its poses.
         pixels = 2.0 * _measure_motion(scene, view, *self._spread_views(scene, view, 2))
-        pixels *= level.camera(view).width / scene.camera(view).width
+        pixels *= level.scene.camera(view).width / scene.camera(view).width
         count = int(np.clip(round(pixels / _APART), 1, _MOST))
         places = [each.motion for each in self._spread_views(scene, view, count)]
         return places if count > 1 else places[0]

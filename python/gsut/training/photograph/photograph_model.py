@@ -133,7 +133,7 @@ class PhotographModel:
         """
         if self._mode == "off" or (fraction < _FROM and not self._by_points):
             return
-        camera = level.camera(view)
+        camera = level.scene.camera(view)
         key = (self._camera_of[view], camera.width, camera.height)
         if not self._by_points or fraction >= _POINTS_ALONE:
             self._compare(fraction, key, camera, view, target, image)

@@ -13,7 +13,8 @@ from gsut.formats import load_ply, open_ply
 from gsut.gaussians import Gaussians
 from gsut.refine import read_refined
 from gsut.render import Light
-from gsut.run import ENVIRONMENT, METRICS, SCENE, RunFolder, TrainOptions, parse_size
+from gsut.run import ENVIRONMENT, METRICS, SCENE, RunFolder, TrainOptions
+from gsut.run.options import parse_size
 from gsut.training.first import prepare_scene
 
 

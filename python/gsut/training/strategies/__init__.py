@@ -1,1 +1,1 @@
-"""Strategies of densification, one a file, found by their names: `--strategy` NAME is NAME.py."""
+"""Strategies of densification, one a file, found by their names: strategy NAME is NAME.py."""

@@ -121,7 +121,7 @@ class SurfaceTerms:
         if id(camera) not in self._cameras:
             size = self.weights.size
             width, height = (max(1, round(size * n)) for n in (camera.width, camera.height))
-            self._cameras[id(camera)] = camera, camera.resized(width, height)
+            self._cameras[id(camera)] = camera, camera.resize(width, height)
         return self._cameras[id(camera)][1]
 
     def _get_buffers(self, camera: Any) -> list[np.ndarray]:

@@ -28,7 +28,8 @@ from gsut.data import Scene
 from gsut.evaluate import mean_psnr
 from gsut.gaussians import Gaussians, MixedGaussians, pack_harmonics
 from gsut.render import Light
-from gsut.run import AUTO, METRICS, REFINED, RunFolder, TrainOptions, describe_environment
+from gsut.run import METRICS, REFINED, RunFolder, TrainOptions, describe_environment
+from gsut.run.options import AUTO
 from gsut.training.first import center_on_cameras
 from gsut.training.loop import TrainingLoop
 from gsut.training.record import measure, write_results
@@ -294,7 +295,7 @@ def write_compacted_run(
     elif tuned:
         options = finetune_options(options, tuned, len(gaussians))
     environment = describe_environment(scene.path)
-    run = RunFolder.create(out, options.resolved(), environment=environment, command="compact")
+    run = RunFolder.create(out, options.resolve(), environment=environment, command="compact")
     before = source.read_json(METRICS) or {}
     _, metrics = measure(
         gaussians, scene, scene.test_indices or scene.train_indices, options, run,

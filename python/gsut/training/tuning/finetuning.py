@@ -49,7 +49,7 @@ def finetune_options(options: TrainOptions, steps: int, count: int) -> TrainOpti
         opacity_regularizer=0.0,
         scale_regularizer=0.0,
         **_RATES,
-    ).resolved()
+    ).resolve()
 
 
 def finetune(

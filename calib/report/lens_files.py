@@ -1,0 +1,143 @@
+"""Writes solved lenses as mrcal's .cameramodel or OpenCV's YAML, with their trusted field."""
+
+from __future__ import annotations
+
+import ast
+import json
+from pathlib import Path
+
+import numpy as np
+
+import gsut
+from calib.camera import PIXEL_SHIFT, CameraSolution, invert, to_gsut_camera
+from calib.errors import BoardError
+from calib.solve import fit_splined
+from calib.trust import UNKNOWN, Trust, spread_pixels, trace_trusted_outline
+from gsut.files import write_file
+from gsut.lens import save_camera
+
+# Keys that mrcal does not know and skips; its C reader takes numbers and lists of them only.
+ANGLE_KEY = "gsut_valid_field_angle"  # radians
+SIGMA_KEY = "gsut_uncertainty_px"  # rows of the map over the image, corner to corner
+NO_SIGMA = -1.0  # marks pixels where the lens has no ray
+_DIGITS = 6  # decimals of the map, in pixels
+
+
+def write_lens(path: Path, camera: CameraSolution, trust: Trust, origin: str) -> list[str]:
+    """Writes one camera's lens file.
+
+    mrcal has no Kannala-Brandt lens: a .cameramodel then holds the splined lens that is nearest to
+    it, and a .yaml beside it the exact one. OpenCV's formats hold neither the uncertainty, which
+    goes to NAME.uncertainty.json, nor splined lenses.
+
+    Args:
+        path: the file. camera: the solution. trust: how far it holds.
+        origin: comment lines for the head of the file.
+
+    Returns:
+        Notes on what else was written.
+
+    Raises:
+        BoardError: the format cannot hold this lens.
+    """
+    if path.suffix.lower() != ".cameramodel":
+        return _write_opencv(path, camera, trust)
+    notes = []
+    if camera.model_text is not None:
+        values = ast.literal_eval(camera.model_text)
+    else:
+        values = {
+            "lensmodel": camera.model,
+            "intrinsics": camera.params.tolist(),
+            "extrinsics": [],
+            "imagersize": [camera.width, camera.height],
+        }
+        if camera.lens == "fisheye":
+            exact = path.with_suffix(".yaml")
+            notes = _write_opencv(exact, camera, trust)
+            model, params, error = fit_splined(camera, trust.domain)
+            values.update(lensmodel=model, intrinsics=params)
+            notes.append(
+                f"{path.name}: mrcal has no Kannala-Brandt lens; this is the splined lens nearest "
+                f"to it, {error:.1e} px off at most; the lens itself is {exact.name}"
+            )
+    values["extrinsics"] = camera.camera_from_reference.tolist()
+    values["valid_intrinsics_region"] = trace_trusted_outline(camera, trust.valid_angle).tolist()
+    values[ANGLE_KEY] = float(trust.valid_angle)
+    values[SIGMA_KEY] = _round_map(trust.sigma)
+    lines = [f"# {line}" for line in origin.splitlines()]
+    lines += ["{", *(f"    {key!r}: {value!r}," for key, value in values.items()), "}"]
+    write_file(path, "\n".join(lines) + "\n")
+    return notes
+
+
+def _write_opencv(path: Path, camera: CameraSolution, trust: Trust) -> list[str]:
+    if camera.lens == "splined":
+        raise BoardError(f"{path}: OpenCV has no splined lens; give -o a .cameramodel file")
+    lens = to_gsut_camera(camera).with_valid_field_angle(trust.valid_angle)
+    save_camera(lens, path, "opencv")
+    side = path.with_suffix(".uncertainty.json")
+    write_file(side, json.dumps({SIGMA_KEY: _round_map(trust.sigma)}) + "\n")
+    return [f"{side.name} holds the uncertainty of {path.name}"]
+
+
+def _round_map(sigma: np.ndarray) -> list[list[float]]:
+    return [
+        [round(float(value), _DIGITS) if np.isfinite(value) else NO_SIGMA for value in row]
+        for row in sigma
+    ]
+
+
+def measure_baseline(camera: CameraSolution) -> float:
+    """Measures the distance of a camera's centre from the reference camera's, in board units."""
+    return float(np.linalg.norm(invert(camera.camera_from_reference)[3:]))
+
+
+def write_nearest_splined(lens: Path, out: Path) -> list[str]:
+    """Writes a Kannala-Brandt lens file as the .cameramodel that is nearest to it.
+
+    LENS.uncertainty.json, if it exists, goes into the file too.
+
+    Returns:
+        Notes on what else was written.
+
+    Raises:
+        BoardError: the lens is no Kannala-Brandt lens.
+        gsut.InputError, OSError: the file cannot be read.
+    """
+    camera = gsut.load_camera(lens)
+    if camera.model != "kannala_brandt" or len(camera.params) != 8:
+        raise BoardError(
+            f"{lens}: the lens is {camera.model} with {len(camera.params)} parameters; this writes "
+            "kannala_brandt with 8"
+        )
+    side = lens.with_suffix(".uncertainty.json")
+    sigma = np.full(spread_pixels(camera.width, camera.height).shape[:2], UNKNOWN)
+    if side.is_file():
+        rows = np.array(json.loads(side.read_text(encoding="utf-8"))[SIGMA_KEY])
+        sigma = np.where(rows == NO_SIGMA, UNKNOWN, rows)
+    domain = float(camera.with_valid_field_angle(None).max_angle)
+    valid = camera.valid_field_angle or domain
+    trust = Trust(valid, valid, domain, sigma, 0.0)
+    origin = f"gsut calibrate --from-dataset: {lens.name}"
+    return write_lens(out, solution_from_fisheye(camera), trust, origin)
+
+
+def solution_from_fisheye(camera: gsut.Camera) -> CameraSolution:
+    """Returns a Kannala-Brandt lens as a solution without boards."""
+    params = np.array(camera.params)
+    params[2:4] -= PIXEL_SHIFT
+    return CameraSolution(
+        name="camera",
+        lens="fisheye",
+        solver="gsut",
+        width=camera.width,
+        height=camera.height,
+        model="KANNALA_BRANDT",
+        params=params,
+        camera_from_reference=np.zeros(6),
+        photographs=[],
+        camera_from_board=np.empty((0, 6)),
+        residuals=np.empty((0, 0, 2)),
+        outliers=np.empty((0, 0), bool),
+    )

@@ -1,0 +1,52 @@
+"""Options: their fields, ranges and reasons, as dataclasses and as command-line flags."""
+
+from gsut.run.options.blocks import MOST_BLOCKS, BlockOptions
+from gsut.run.options.fields import (
+    MOST_WHOLE,
+    check_options,
+    define_option,
+    document_options,
+    format_default,
+    format_flag,
+    get_info,
+    label_option,
+    list_choices,
+    parse_size,
+)
+from gsut.run.options.flags import add_option_flags, collect_given, show_every_option
+from gsut.run.options.presets import (
+    fit_to_views,
+    get_preset_value,
+    is_from_preset,
+    raise_degree,
+)
+from gsut.run.options.recipe import PRESETS, compute_recipe
+from gsut.run.options.scene import SceneOptions
+from gsut.run.options.train import AUTO, TrainOptions
+
+__all__ = [
+    "AUTO",
+    "MOST_BLOCKS",
+    "MOST_WHOLE",
+    "PRESETS",
+    "BlockOptions",
+    "SceneOptions",
+    "TrainOptions",
+    "add_option_flags",
+    "check_options",
+    "collect_given",
+    "compute_recipe",
+    "define_option",
+    "document_options",
+    "fit_to_views",
+    "format_default",
+    "format_flag",
+    "get_info",
+    "get_preset_value",
+    "is_from_preset",
+    "label_option",
+    "list_choices",
+    "parse_size",
+    "raise_degree",
+    "show_every_option",
+]

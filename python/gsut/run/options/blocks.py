@@ -1,0 +1,82 @@
+"""How a training is divided: number of blocks, memory, workers, cluster."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import ClassVar
+
+from gsut._core import InputError
+from gsut.run.options.fields import (
+    check_options,
+    define_option,
+    document_options,
+    list_words,
+    parse_size,
+)
+
+# Most blocks of a scene: their tasks are kept in one table and one folder.
+MOST_BLOCKS = 4096
+
+
+@document_options
+@dataclasses.dataclass(frozen=True)
+class BlockOptions:
+    """How a training is divided.
+
+    Raises:
+        InputError: a value of the wrong kind or out of range.
+    """
+
+    FLAGS: ClassVar[tuple[str, ...]] = ("blocks", "memory", "workers", "cluster")
+
+    # fmt: off
+    blocks: str = define_option(
+        "auto", "Blocks", "train the scene in blocks, in less memory and on many machines: their "
+        "number; auto: as few as --memory allows; or a layout.json (see docs/blocks.md)",
+    )
+    rounds: int = define_option(
+        2, "Blocks", "rounds of training; in the second one, a fifth of the steps, blocks see the "
+        "results of their neighbours", low=1, high=2,
+    )
+    memory: str | None = define_option(
+        None, "Blocks", "memory that the training may use, such as 8GB; on a cluster: per node",
+        none="all that is free",
+    )
+    workers: int = define_option(
+        1, "Blocks", "parallel processes, which share --threads; neither their number nor a crash "
+        "of one changes the result's bits", low=1, high=1024,
+    )
+    cluster: str | None = define_option(
+        None, "Blocks", "train on a Ray cluster: auto for the one running here, or HOST:PORT",
+        none="this machine only",
+    )
+    # fmt: on
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "blocks", str(self.blocks))
+        check_options(self)
+        self.parse_memory()
+        if self.count() is None and self.blocks != "auto" and not Path(self.blocks).is_file():
+            raise InputError(
+                f"--blocks {self.blocks}: neither auto, nor a number from 1 to {MOST_BLOCKS}, nor "
+                "an existing layout.json"
+            )
+
+    def count(self) -> int | None:
+        """Returns the number of blocks requested; None: auto, or given by a file."""
+        if not self.blocks.isdecimal():
+            return None
+        number = int(self.blocks)
+        if not 1 <= number <= MOST_BLOCKS:
+            raise InputError(f"--blocks {number}: from 1 to {MOST_BLOCKS}")
+        return number
+
+    def list_words(self, *but: str) -> list[str]:
+        """Lists the words of a command line that divide a training so, without the fields `but`."""
+        blocks = [] if "blocks" in but else ["--blocks", self.blocks]
+        return blocks + list_words(self, BlockOptions(), ("blocks", *but))
+
+    def parse_memory(self) -> int | None:
+        """Returns --memory in bytes; None: not given."""
+        return None if self.memory is None else parse_size(self.memory, "--memory")

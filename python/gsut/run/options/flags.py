@@ -1,0 +1,157 @@
+"""Turns options dataclasses into command-line flags and into names that --set takes."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import typing
+from typing import Any
+
+from gsut._core import InputError
+from gsut.run.options.fields import (
+    OptionInfo,
+    describe_option,
+    format_flag,
+    get_info,
+    has_flag,
+    list_fields,
+    strip_none,
+)
+
+_TRUTH = {"true": True, "on": True, "yes": True, "false": False, "off": False, "no": False}
+
+
+def add_option_flags(parser: argparse.ArgumentParser, *classes: type) -> None:
+    """Adds the flags of options dataclasses, grouped, with units and defaults.
+
+    Fields that their class does not list in FLAGS get no flag of their own: `--set NAME=VALUE`
+    sets them, and `--help-all` lists them. Options that are not given leave nothing in the
+    namespace, so that `collect_given` distinguishes a given value from a default.
+    """
+    groups: dict[str, Any] = {}
+    others = []
+    for options, field in ((each, field) for each in classes for field in list_fields(each)):
+        if not has_flag(options, field.name):
+            others.append((options, field))
+            continue
+        info, kind = get_info(field), _find_kind(options, field)
+        if info.group not in groups:
+            groups[info.group] = parser.add_argument_group(info.group)
+        settings: dict[str, Any] = {"default": argparse.SUPPRESS, "help": _write_help(field)}
+        if kind is bool:
+            settings["action"] = argparse.BooleanOptionalAction
+        else:
+            settings |= {"type": _make_reader(kind, info), "metavar": _write_metavar(kind, info)}
+        groups[info.group].add_argument(format_flag(field.name), dest=field.name, **settings)
+    if others:
+        parser.set_defaults(**{_OTHERS: others})
+        group = parser.add_argument_group("Other options")
+        group.add_argument(
+            "--set", action=_SetOption, classes=classes, metavar="NAME=VALUE",
+            default=argparse.SUPPRESS,
+            help="set any other option; --help-all lists them; may be given several times",
+        )  # fmt: skip
+        group.add_argument(
+            "--help-all", action=_HelpAll, nargs=0, default=argparse.SUPPRESS,
+            help="show every option, also those of --set, and exit",
+        )  # fmt: skip
+
+
+_OTHERS = "_options_without_flag"  # of a parser: [(class, field)], for show_every_option
+
+
+def show_every_option(parser: argparse.ArgumentParser) -> None:
+    """Lets the parser's help list the options that only --set reaches.
+
+    They are listed as positional arguments, which makes the parser useless for parsing.
+    """
+    parser.usage = parser.format_usage().removeprefix("usage: ").rstrip().replace("%", "%%")
+    groups: dict[str, Any] = {}
+    for options, field in parser.get_default(_OTHERS) or ():
+        info = get_info(field)
+        if info.group not in groups:
+            groups[info.group] = parser.add_argument_group(f"{info.group}, by --set NAME=VALUE")
+        metavar = f"{field.name}={_write_metavar(_find_kind(options, field), info)}"
+        groups[info.group].add_argument(field.name, metavar=metavar, help=_write_help(field))
+
+
+def collect_given(options: type, namespace: argparse.Namespace) -> dict[str, Any]:
+    """Returns the options that were given on the command line, by field name."""
+    given = vars(namespace)
+    return {f.name: given[f.name] for f in list_fields(options) if f.name in given}
+
+
+class _HelpAll(argparse.Action):
+    """`--help-all`."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> None:
+        show_every_option(parser)
+        parser.print_help()
+        parser.exit()
+
+
+class _SetOption(argparse.Action):
+    """`--set NAME=VALUE`: puts the value where the option's own flag would put it."""
+
+    def __init__(self, classes: tuple[type, ...], **settings: Any) -> None:
+        super().__init__(**settings)
+        self._fields = {f.name: (each, f) for each in classes for f in list_fields(each)}
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, *_: Any
+    ) -> None:
+        name, equals, text = values.partition("=")
+        name = name.strip().replace("-", "_")
+        if not equals:
+            raise InputError(f"--set takes NAME=VALUE, such as {next(iter(self._fields))}=..., "
+                             f"found {values!r}")  # fmt: skip
+        if name not in self._fields:
+            raise InputError(f"--set {name}: no such option; {parser.prog} --help-all lists them")
+        options, field = self._fields[name]
+        read = _make_reader(_find_kind(options, field), get_info(field))
+        setattr(namespace, name, read(text.strip()))
+
+
+def _find_kind(options: type, field: dataclasses.Field) -> Any:
+    return strip_none(typing.get_type_hints(options)[field.name])
+
+
+def _write_help(field: dataclasses.Field) -> str:
+    return describe_option(field).replace("%", "%%")
+
+
+def _write_metavar(kind: Any, info: OptionInfo) -> str:
+    if info.choices:
+        return "{" + ",".join(info.choices) + "}"
+    if typing.get_origin(kind) is tuple:
+        entries = typing.get_args(kind)
+        return "A,B,..." if entries[-1] is Ellipsis else ",".join("XYZW"[: len(entries)])
+    return {int: "N", float: "X", str: "WORD", bool: "{true,false}"}[kind]
+
+
+def _make_reader(kind: Any, info: OptionInfo) -> Any:
+    """Returns the function that turns the text of a flag into a value.
+
+    It checks nothing: text that is no number stays text, which `check_options` rejects with the
+    same sentence that a wrong value gets in Python.
+    """
+
+    def read(text: str) -> Any:
+        if text in info.words or info.choices:
+            return text
+        if typing.get_origin(kind) is tuple:
+            entry = typing.get_args(kind)[0]
+            return tuple(_parse_text(part.strip(), entry) for part in text.split(",") if part)
+        return _parse_text(text, kind)
+
+    return read
+
+
+def _parse_text(text: str, kind: Any) -> Any:
+    """Returns text as a value of this type, or the text itself if it is none."""
+    if kind is bool:
+        return _TRUTH.get(text.lower(), text)
+    try:
+        return kind(text) if kind in (int, float) else text
+    except ValueError:
+        return text

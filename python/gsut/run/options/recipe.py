@@ -1,0 +1,82 @@
+"""The values of training options that depend on the preset and on the number of steps."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from typing import Any
+
+# Values a preset gives to options that are not given; max_gaussians is the limit of "auto".
+PRESETS: dict[str, dict[str, Any]] = {
+    "fast": {"steps": 500, "max_gaussians": 50_000, "sh_degree": 1},
+    "balanced": {"steps": 2000, "max_gaussians": 200_000, "sh_degree": 1},
+    "best": {"steps": 7000, "max_gaussians": 300_000, "sh_degree": 2},
+}
+
+# Learning rate of the centres x steps, as (steps, product): what counts is how far centres can
+# move in the whole run, so short runs need higher rates.
+_MEANS_LR_TIMES_STEPS = ((500, 1.3), (1000, 0.8))
+# Range of that rate, in scene extents a step: long runs keep the rate that suits 2000 steps.
+_MEANS_LR_RANGE = (4.8e-4, 3.2e-3)
+# Learning rate of the logarithms of the scales, as (steps, rate).
+_SCALES_LR = ((500, 2e-2), (1000, 1.5e-2))
+# Learning rate of harmonics above degree 0 x steps, for the same reason as for the centres.
+_SH_REST_LR_TIMES_STEPS = 1.0
+# Range of that rate; the lower end is the published rate.
+_SH_REST_LR_RANGE = (1.25e-4, 1e-3)
+# Decay of the other rates, as (steps, factor at the last step): short runs have no time to settle.
+_LR_FINAL_FACTOR = ((1000, 1.0), (2000, 0.5), (7000, 0.3))
+# Steps between relocations, as (steps, interval).
+_DENSIFY_EVERY = ((1000, 50.0), (2000, 100.0))
+# Relocations in a run that is shorter than the table above, at least.
+_FEWEST_DENSIFICATIONS = 10
+# Fractions of the steps until which to train at 1/4 and at 1/2 of the resolution.
+_QUARTER_UNTIL = ((1000, 0.20), (2000, 0.15), (7000, 0.075))
+_HALF_UNTIL = ((1000, 0.45), (2000, 0.40), (7000, 0.20))
+# Fewest steps between measurements of the held-out PSNR: four views take as long as ten steps.
+_EVAL_EVERY_LEAST = 100
+# Fraction of the steps until which the number of Gaussians grows; the rest refines them.
+_GROW_UNTIL = 0.5
+# MCMC noise explores, which only pays in runs of at least this many steps.
+_NOISE_FROM_STEPS = 1500
+# All harmonics are in use after this fraction of the steps.
+_SH_WITHIN = 0.6
+# Most steps between two degrees of harmonics: the published interval.
+_SH_EVERY_MOST = 1000
+
+
+def compute_recipe(steps: int, sh_degree: int) -> dict[str, Any]:
+    """Returns the options that depend on the number of steps, for those that are not given."""
+    densify_every = round(_interpolate(steps, _DENSIFY_EVERY))
+    return {
+        "eval_every": max(steps // 10, min(steps, _EVAL_EVERY_LEAST)),
+        "lr_means": _clamp(_interpolate(steps, _MEANS_LR_TIMES_STEPS) / steps, _MEANS_LR_RANGE),
+        "lr_scales": _interpolate(steps, _SCALES_LR),
+        "lr_sh_rest": _clamp(_SH_REST_LR_TIMES_STEPS / steps, _SH_REST_LR_RANGE),
+        "lr_final_factor": _interpolate(steps, _LR_FINAL_FACTOR),
+        "sh_every": max(1, min(_SH_EVERY_MOST, round(_SH_WITHIN * steps / (sh_degree + 1)))),
+        "densify_every": max(1, min(densify_every, steps // _FEWEST_DENSIFICATIONS)),
+        "noise": steps >= _NOISE_FROM_STEPS,
+        "grow_until": _GROW_UNTIL,
+        "coarse_to_fine": (_interpolate(steps, _QUARTER_UNTIL), _interpolate(steps, _HALF_UNTIL)),
+    }
+
+
+def get_preset(preset: str | None) -> dict[str, Any]:
+    """Returns the values that a preset gives; None means "balanced"."""
+    return PRESETS[preset or "balanced"]
+
+
+def _clamp(value: float, ends: tuple[float, float]) -> float:
+    return min(max(value, ends[0]), ends[1])
+
+
+def _interpolate(steps: int, table: tuple[tuple[int, float], ...]) -> float:
+    """Returns the value at `steps`, linear in log(steps) between rows and constant outside."""
+    if steps <= table[0][0]:
+        return table[0][1]
+    for (s0, v0), (s1, v1) in itertools.pairwise(table):
+        if steps <= s1:
+            t = math.log(steps / s0) / math.log(s1 / s0)
+            return v0 + t * (v1 - v0)
+    return table[-1][1]

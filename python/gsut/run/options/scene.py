@@ -1,0 +1,58 @@
+"""The settings of `gsut.scene` and the command `gsut scene`."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from gsut.run.options.fields import check_options, define_option, document_options
+from gsut.run.options.recipe import PRESETS
+
+
+@document_options
+@dataclasses.dataclass(frozen=True)
+class SceneOptions:
+    """All settings of `gsut.scene`; immutable, checked when made.
+
+    Raises:
+        InputError: a value of the wrong kind or out of range (names option, value and range).
+    """
+
+    # fmt: off
+    preset: str = define_option(
+        "balanced", "Training", "how long to train; see `gsut train --help`",
+        choices=tuple(PRESETS),
+    )
+    steps: int | None = define_option(
+        None, "Training", "training steps, one picture each", low=1, high=10_000_000,
+        none="the preset's",
+    )
+    camera: str | None = define_option(
+        None, "Camera", "lens file, or the camera's name, such as 'GoPro HERO9 Black, Max Wide' "
+        "(see `gsut camera find`)",
+        none="what the pictures say of their camera; otherwise the lens is estimated",
+    )
+    fov: float | None = define_option(
+        None, "Camera", "rough horizontal field of view", unit="degrees", low=0, low_open=True,
+        high=360, none="estimated",
+    )
+    shutter: str = define_option(
+        "auto", "Camera", "see `gsut poses --help`", choices=("auto", "global", "rolling"),
+    )
+    frames: int | None = define_option(
+        None, "Pictures", "number of frames to choose from a video", low=1,
+        none="60 to 300, depending on how far the view moves",
+    )
+    nadir_cap: float = define_option(
+        0.0, "Pictures", "360-degree pictures: mask everything within this angle of straight down "
+        "(tripod, hand, selfie stick)", unit="degrees", low=0, high=90,
+    )
+    zenith_cap: float = define_option(
+        0.0, "Pictures", "360-degree pictures: mask everything within this angle of straight up",
+        unit="degrees", low=0, high=90,
+    )
+    seed: int = define_option(0, "Run", "seed of every random number", low=0, high=2**63 - 1)
+    threads: int = define_option(0, "Run", "threads; 0 = all processors", low=0, high=4096)
+    # fmt: on
+
+    def __post_init__(self) -> None:
+        check_options(self)

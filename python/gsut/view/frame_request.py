@@ -1,0 +1,103 @@
+"""Parses the page's request for one frame."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from gsut._core import InputError
+from gsut.data.poses import check_rigid
+
+# What a frame can show.
+MODES = ("color", "distance", "normal", "alpha", "centers", "error")
+# Shares of the Gaussians that a frame can be drawn from: those of a large scene cost more than
+# its pixels do.
+SHARES = (1.0, 0.5, 0.25)
+# Most pixels of one frame: eight times those of a 4k screen half its width.
+_MOST_PIXELS = 33_000_000
+# JPEG quality of a frame at rest.
+FULL_QUALITY = 92
+
+
+@dataclasses.dataclass(frozen=True)
+class FrameRequest:
+    """One frame that the page requests.
+
+    Attributes:
+        pose: (4, 4) camera_from_world, scene coordinates.
+        lens: its number in `Lenses`.
+        width, height: of the image.
+        mode: one of MODES.
+        view: the photograph whose pose this is, or None.
+        shutter: the photograph whose rolling shutter is used, or None.
+        layers: names of what is drawn over it: cameras, points, domain, axes, box.
+        crop: (2, 3) lower and upper corner of the box in `Frames.axes`, or None.
+        marks: (n, 3) measured points.
+        quality: of the JPEG; None: a lossless PNG.
+        share: of the Gaussians, the most visible ones; below 1 while the eye moves.
+        clean: leave floaters out, once `Frames.floaters` is known.
+        ground: (4,) a plane's normal n and d, with n . x = d on it, that the layer "axes" draws;
+            None: across `Frames.axes` through the scene's middle.
+    """
+
+    pose: np.ndarray
+    lens: int
+    width: int
+    height: int
+    mode: str = "color"
+    view: int | None = None
+    shutter: int | None = None
+    layers: frozenset[str] = frozenset()
+    crop: np.ndarray | None = None
+    marks: np.ndarray | None = None
+    quality: int | None = FULL_QUALITY
+    share: float = 1.0
+    clean: bool = False
+    ground: np.ndarray | None = None
+
+    @classmethod
+    def parse(cls, values: dict[str, Any], num_views: int) -> FrameRequest:
+        """Parses the request of a JSON object.
+
+        Raises:
+            InputError: a value is missing or out of range; the message says which.
+        """
+        try:
+            pose = check_rigid(np.reshape(values["pose"], (4, 4)), "the frame's pose")
+            # A photograph's pose keeps its bits on the way through the page.
+            pose = np.array(values["pose"], np.float64).reshape(4, 4)
+            width, height = int(values["width"]), int(values["height"])
+            view, shutter = (
+                None if values.get(key) is None else int(values[key]) for key in ("view", "shutter")
+            )
+            crop = None if not values.get("crop") else np.array(values["crop"], np.float64)
+            marks = np.array(values.get("marks") or [], np.float64).reshape(-1, 3)
+            ground = values.get("ground")
+            ground = None if ground is None else np.array(ground, np.float64).reshape(4)
+            quality = values.get("quality", FULL_QUALITY)
+            quality = None if quality is None else min(100, max(5, int(quality)))
+            lens, share = int(values["lens"]), float(values.get("share", 1))
+        except (KeyError, TypeError, ValueError) as error:
+            if isinstance(error, InputError):
+                raise
+            raise InputError(f"the frame's request is incomplete: {error}") from None
+        mode = values.get("mode", "color")
+        if mode not in MODES:
+            raise InputError(f"there is no mode {mode!r}; known: {', '.join(MODES)}")
+        if width < 1 or height < 1 or width * height > _MOST_PIXELS:
+            raise InputError(f"a frame of {width} x {height} cannot be drawn; at most 33 million")
+        if any(row is not None and not 0 <= row < num_views for row in (view, shutter)):
+            raise InputError(f"there is no such photograph; there are {num_views}")
+        if share not in SHARES:
+            raise InputError(f"share must be one of {SHARES}, found {share}")
+        if crop is not None and (crop.shape != (2, 3) or not np.isfinite(crop).all()):
+            raise InputError("crop must be two corners of three numbers")
+        if not np.isfinite(marks).all() or (ground is not None and not ground[:3].any()):
+            raise InputError("marks must be finite, and the ground needs a normal")
+        layers = frozenset(values.get("layers") or ())
+        return cls(
+            pose, lens, width, height, mode, view, shutter, layers, crop, marks, quality, share,
+            bool(values.get("clean")), ground,
+        )  # fmt: skip
