@@ -40,7 +40,7 @@ class WatchedProgress(StagedProgress):
     def show(self, share: float, text: str = "", left: float | None = None) -> None:
         """As a user sees it."""
         super().show(share, text, left)
-        self.shown.append((self._clock(), self.left()))
+        self.shown.append((self._clock(), self.estimate_left()))
 
     def shown_until(self, end: float) -> list[tuple[float, float]]:
         """What was shown, and at last nothing left."""
