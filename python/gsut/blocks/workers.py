@@ -152,10 +152,6 @@ class Workers:
         if errors:
             raise errors[0]
 
-    def list_processes(self) -> list[int]:
-        """Returns the ids of the running processes."""
-        return [w.process.pid for w in self._workers if w.process is not None]
-
     def close(self) -> None:
         """Ends the processes; their last states stay."""
         for worker in self._workers:

@@ -203,9 +203,6 @@ class Session:
                 find_floaters(self.frames, lambda done: setattr(self, "_photographs_done", done))
             )
 
-    def _count_photograph(self, done: int) -> None:
-        self._photographs_done = done
-
     def save_scene(self, values: dict[str, Any]) -> Reply:
         """Writes the scene as it is shown to a new file."""
         return Reply(save_edited(self.frames, values))

@@ -14,7 +14,7 @@ from gsut import TrainOptions
 from gsut.cli import main
 from gsut.render import Light
 from gsut.run.folder import METRICS, OPTIONS, PLAN, SCENE, RunFolder
-from gsut.training.time_left import step_work
+from gsut.training.time_left import predict_training_steps
 from gsut.training.tuning import finetune_options
 from gsut.training.tuning.from_start import is_better_from_start, options_from_start
 from rendered_dataset import VIEWS, write_dataset
@@ -129,7 +129,7 @@ def test_steps_are_as_much_work_as_run_compaction_and_finetuning(run, steps, kee
     chosen = options_from_start(scene, o, first, own, round(keep * own), 300)
 
     def work(options, begin):
-        return step_work(options, begin, megapixels).sum()
+        return predict_training_steps(options, begin, megapixels).sum()
 
     few = dataclasses.replace(o, max_gaussians=round(keep * own))
     tuned = finetune_options(few, 300, few.max_gaussians)

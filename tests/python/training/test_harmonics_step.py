@@ -11,7 +11,6 @@ from gsut.run import TrainOptions
 from gsut.training import TrainingLoop
 from gsut.training import loop as loop_module
 from random_scenes import arrays_of, fisheye, gaussians_in_view, random_pose
-from rendered_dataset import write_dataset
 
 RATES = LearningRates(1e-3, 2e-3, 3e-3, 4e-2, 5e-3, 6e-4)
 CAMERA = fisheye(40)
@@ -88,8 +87,7 @@ def test_step_in_backward_of_what_was_not_rendered_raises(rng):
         again(False)
 
 
-def test_training_steps_harmonics_in_backward_to_the_same_bits(rng, tmp_path, monkeypatch):
-    scene = gsut.load_dataset(write_dataset(tmp_path / "data", rng))
+def test_training_steps_harmonics_in_backward_to_the_same_bits(scene, monkeypatch):
     after = {"write_untouched": False, "with_poses": False}
     options = TrainOptions(steps=8, sh_degree=2, sh_every=2, densify_every=3).resolve()
     runs = []

@@ -16,7 +16,7 @@ from gsut.run.options import compute_recipe
 from gsut.training.first import choose_first_gaussians, leave_out_blurred, limit_gaussians
 from gsut.training.loop import TrainingLoop
 from gsut.training.photograph import GAINS_DIFFER
-from gsut.training.time_left import megapixels_of, step_work
+from gsut.training.time_left import measure_megapixels, predict_training_steps
 from gsut.training.tuning.finetuning import finetune_options
 
 # Name of this way in metrics.json.
@@ -92,10 +92,11 @@ def options_from_start(
         first: number of the first Gaussians.
         scene, options, own, count, finetune: see `train_from_start`.
     """
-    megapixels = megapixels_of(scene)
+    megapixels = measure_megapixels(scene)
 
     def sum_work(o: TrainOptions, begin: int) -> float:
-        return math.fsum(step_work(o, begin, megapixels))  # rounded once, whatever the machine
+        # The exact sum, rounded once, is the same on every machine.
+        return math.fsum(predict_training_steps(o, begin, megapixels))
 
     compaction = round(_COMPACTION * len(scene.train_indices))
     whole, few = limit_gaussians(options, own), limit_gaussians(options, count)
