@@ -55,11 +55,11 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from gsut.formats import WriteSettings, check_room, format_of, read_scene_file
+    from gsut.formats import WriteSettings, check_room, choose_format, read_scene_file
     from gsut.gaussians import are_surfels
 
     out = Path(arguments.out)
-    chosen = format_of(out)
+    chosen = choose_format(out)
     refuse_existing(out)
     path = find_scene_file(Path(arguments.source))
     found = read_scene_file(path)
@@ -130,12 +130,12 @@ def _find_start_view(arguments: argparse.Namespace, out: Path, gaussians: Any) -
     if out.suffix.lower() != _PAGE or not Path(arguments.source).is_dir():
         return None
     from gsut.cli._start_view import start_view
-    from gsut.formats import for_file
+    from gsut.formats import prepare_for_file
     from gsut.run import RunFolder
     from gsut.training import read_scene
 
     scene = read_scene(RunFolder.open(arguments.source), arguments.data)[1]
-    return start_view(scene, gaussians, for_file(gaussians).origin)
+    return start_view(scene, gaussians, prepare_for_file(gaussians).origin)
 
 
 def _link_in_report(out: Path) -> None:
@@ -169,15 +169,21 @@ def _lower_degree(gaussians: Any, degree: int) -> Any:
 
 def _write(out: Path, gaussians: Any, settings: Any) -> dict[str, Any]:
     """Writes, and reads again what was written: the errors are those of the file."""
-    from gsut.formats import for_file, format_of, largest_errors, load_gaussians, save_gaussians
+    from gsut.formats import (
+        choose_format,
+        load_gaussians,
+        measure_errors,
+        prepare_for_file,
+        save_gaussians,
+    )
 
     started = time.perf_counter()
     written = save_gaussians(out, gaussians, settings)
     seconds = time.perf_counter() - started
     errors = None
-    if format_of(out).read is not None:
-        stored: Any = for_file(gaussians)
-        errors = largest_errors(stored[written.rows], load_gaussians(out))
+    if choose_format(out).read is not None:
+        stored: Any = prepare_for_file(gaussians)
+        errors = measure_errors(stored[written.rows], load_gaussians(out))
     return {
         "bytes": out.stat().st_size,
         "write_seconds": seconds,

@@ -87,14 +87,14 @@ def run(arguments: argparse.Namespace) -> int:
     from gsut.formats import (
         WriteSettings,
         check_room,
-        format_of,
+        choose_format,
         read_scene_file,
         save_gaussians,
     )
     from gsut.gaussians import merge_gaussians, transform_gaussians
 
     out = Path(arguments.out)
-    format_of(out)
+    choose_format(out)
     refuse_existing(out)
     scale = _scale_of(arguments)
     files = [read_scene_file(find_scene_file(Path(source))) for source in arguments.sources]
