@@ -98,13 +98,10 @@ def find_shares(
         for first in range(0, len(chosen), _CHANNELS):
             some = chosen[first : first + _CHANNELS]
             _mark(marked.sh, owners, some)
-            renderer.render(
-                marked,
-                _core.RenderJob(
-                    view.camera, view.camera_from_world, rule=rule, sh_degree=0, keep=False
-                ),
-                image,
+            job = _core.RenderJob(
+                view.camera, view.camera_from_world, rule=rule, sh_degree=0, keep=False
             )
+            renderer.render(marked, job, image)
             for channel, block in enumerate(some):
                 shown = view.mask & (image[..., channel] > _LEAST)
                 if shown.any():

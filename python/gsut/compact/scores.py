@@ -135,19 +135,11 @@ class Passes:
         """Image (H, W, 3) and alpha (H, W); keep: for the passes below."""
         image = np.zeros((view.camera.height, view.camera.width, 3), np.float32)
         alpha = np.zeros(image.shape[:2], np.float32)
-        self._renderer.render(
-            self.gaussians,
-            _core.RenderJob(
-                view.camera,
-                view.camera_from_world,
-                rule=self._rule,
-                background=self._background,
-                sh_degree=self.gaussians.sh_degree,
-                keep=keep,
-            ),
-            image,
-            alpha,
-        )
+        job = _core.RenderJob(
+            view.camera, view.camera_from_world, rule=self._rule, background=self._background,
+            sh_degree=self.gaussians.sh_degree, keep=keep,
+        )  # fmt: skip
+        self._renderer.render(self.gaussians, job, image, alpha)
         return image, alpha
 
     def backward(self, dimage: np.ndarray) -> Gaussians:

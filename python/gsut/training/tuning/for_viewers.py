@@ -107,13 +107,10 @@ def tune_for_viewers(
         truth = render(teacher, camera, pose, background=background).image
         splats = EwaSplats(optimizer.gaussians, camera, pose, shrink=shrink)
         image = np.zeros_like(truth)
-        renderer.render(
-            splats.discs,
-            _core.RenderJob(
-                camera, pose, rule=rule, background=tuple(background), sh_degree=teacher.sh_degree
-            ),
-            image,
+        job = _core.RenderJob(
+            camera, pose, rule=rule, background=tuple(background), sh_degree=teacher.sh_degree
         )
+        renderer.render(splats.discs, job, image)
         loss, dimage = _core.photometric_loss(
             _core.PhotometricTarget(truth), image, None, _SSIM_WEIGHT
         )
