@@ -191,7 +191,7 @@ def test_solve_rig_says_that_a_held_rig_is_turned_otherwise(rng):
 # --- the start: scale and poses of frames --------------------------------------------------------
 
 
-def placed(scene, poses=None, registered=None, rig=None):
+def place_in_world(scene, poses=None, registered=None, rig=None):
     photographs = scene.photographs
     return place_rig(
         scene.poses if poses is None else poses,
@@ -208,7 +208,7 @@ def test_place_rig_finds_scale_and_overrules_a_misplaced_image(rng):
     right = 9  # of frame 4: sees fewer points than its mate
     assert len(scene.features[right]) < len(scene.features[right - 1])
     poses[right] = pose_of([1.0, 0, 0], [3, 3, 3])
-    start = placed(scene, poses)
+    start = place_in_world(scene, poses)
     assert start.scale == pytest.approx(0.4, rel=tolerances.RIG_EXACT)
     assert np.abs(start.camera_from_world - scene.poses).max() < tolerances.RIG_EXACT
     assert start.known.all()
@@ -218,18 +218,18 @@ def test_place_rig_needs_a_frame_with_two_images(rng):
     scene = SyntheticRig(rng)
     left = scene.photographs.rig_cameras == 0
     with pytest.raises(gsut.SolveError, match="sets no scale: 10 of 20 images were placed"):
-        placed(scene, registered=left)
+        place_in_world(scene, registered=left)
 
 
 def test_place_rig_knows_swapped_folders_and_a_pose_the_wrong_way_round(rng):
     scene = SyntheticRig(rng, pose_of([0.0, 0.01, 0.0], [0.3, 0, 0]))
     swapped = with_second(scene.rig, invert_pose(scene.rig.camera_from_reference[1]))
     with pytest.raises(gsut.SolveError, match="left and right swapped"):
-        placed(scene, rig=swapped)
+        place_in_world(scene, rig=swapped)
     scene = SyntheticRig(rng, pose_of([0.0, 0.3, 0.0], [0.3, 0, 0]))
     turned = with_second(scene.rig, invert_pose(scene.rig.camera_from_reference[1]))
     with pytest.raises(gsut.SolveError, match=r"by 34 degrees from .* the right way round"):
-        placed(scene, rig=turned)
+        place_in_world(scene, rig=turned)
 
 
 @pytest.mark.parametrize(
