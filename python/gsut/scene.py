@@ -84,7 +84,7 @@ class SceneResult:
         return self.path / PAGE
 
 
-def scene(
+def make_scene(
     inputs: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
     out: str | os.PathLike[str],
     options: SceneOptions | None = None,
@@ -202,7 +202,7 @@ class _SceneInProgress:
         bars.expect(
             "training",
             _TRAINING_START_SECONDS
-            + _estimate_training_seconds(pictures.figures, self._training_options()),
+            + _estimate_training_seconds(pictures.figures, self._make_training_options()),
         )
         return pictures
 
@@ -222,13 +222,13 @@ class _SceneInProgress:
         self._poses_seconds = stages.seconds
         return figures
 
-    def _training_options(self) -> TrainOptions:
+    def _make_training_options(self) -> TrainOptions:
         o = self._options
         return TrainOptions(preset=o.preset, steps=o.steps, seed=o.seed, threads=o.threads)
 
     def train(self, bars: StagedProgress) -> dict[str, Any]:
         """Trains on the dataset in poses/, and returns the content of metrics.json."""
-        folder, options = self.folder, self._training_options()
+        folder, options = self.folder, self._make_training_options()
         if folder.read_json(METRICS) is not None and (folder.path / REPORT).is_file():
             bars.skip("training")
             return folder.read_json(METRICS)

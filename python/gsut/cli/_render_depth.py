@@ -39,8 +39,8 @@ class DepthOutput:
         self._too_far = self._known = 0
 
     @classmethod
-    def asked(cls, arguments: argparse.Namespace, folder: Path | None) -> DepthOutput | None:
-        """None where neither depths nor a cloud are asked for.
+    def from_flags(cls, arguments: argparse.Namespace, folder: Path | None) -> DepthOutput | None:
+        """Makes the writer that the flags request; None without depths and a cloud.
 
         Raises:
             InputError: depths of a film, a unit out of range, or a file that exists.
@@ -120,7 +120,7 @@ class DepthOutput:
                 file=sys.stderr,
             )
         if self._file is not None:
-            points = self._cloud.mesh()
+            points = self._cloud.to_mesh()
             save_mesh(self._file, points)
             figures |= {"cloud": str(self._file), "points": len(points.vertices)}
         return figures

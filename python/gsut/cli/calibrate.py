@@ -136,7 +136,7 @@ def _from_boards(arguments: argparse.Namespace) -> int:
             )
     calib = _import_calib()
     job = calib.Job(
-        images=tuple(_images(arguments.images)),
+        images=tuple(_list_images(arguments.images)),
         board=arguments.board,
         spacing=arguments.spacing,
         out=Path(arguments.out),
@@ -192,8 +192,8 @@ def _print_notes(notes: Sequence[str]) -> None:
         print(f"gsut: note: {note}", file=sys.stderr)
 
 
-def _images(given: list[str]) -> list[Path]:
-    """Files as given; folders and quoted patterns replaced by the images in them."""
+def _list_images(given: list[str]) -> list[Path]:
+    """Lists files; folders and quoted patterns are replaced by the images in them."""
     found: list[Path] = []
     for name in given:
         path = Path(name)

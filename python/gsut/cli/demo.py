@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from gsut.cli._flags import add_json, folder_name, print_json, whole
+from gsut.cli._flags import add_json, print_json, read_folder_name, whole
 from gsut.cli.train import print_figures, train_into
 from gsut.cli.view import has_display
 from gsut.run import OPTIONS, REPORT, RunFolder, TrainOptions, Verdict
@@ -28,7 +28,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o",
         "--out",
-        type=folder_name,
+        type=read_folder_name,
         metavar="FOLDER",
         default="demo",
         help="folder for all of it [default demo]",
@@ -43,8 +43,8 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         const=2,
         choices=(2, 4),
         help="two fisheyes on one body instead, or four of 220 degrees with OCamCalib's files: "
-        "finds their poses with `gsut poses --rig`, trains on them, and tells the errors of poses, "
-        "scale and depth against the truth",
+        "finds their poses with `gsut poses --rig`, trains on them, and prints the errors of "
+        "poses, scale and depth against the truth",
     )
     parser.add_argument(
         "--no-open", action="store_true", help="do not open the report in a browser"
@@ -61,7 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
     name = {None: "", 2: "rig_", 4: "surround_"}[arguments.rig]
     if arguments.rig:
         data, truth = folder / f"{name}poses", folder / f"{name}hall"
-        poses = {"poses": _rig_poses(truth, data, arguments.rig)}
+        poses = {"poses": _find_rig_poses(truth, data, arguments.rig)}
     else:
         data = folder / "fisheye_hall"
         if not data.is_dir():
@@ -70,14 +70,14 @@ def run(arguments: argparse.Namespace) -> int:
     run, resume = _free_run(folder, options, f"{name}run")
     metrics = train_into(run, str(data), options, resume, quiet=False)
     if arguments.rig:
-        poses["depth"] = _depth_errors(run, truth / "depth")
+        poses["depth"] = _measure_depth_errors(run, truth / "depth")
     report = run.path / REPORT
     if arguments.json:
         print_json(metrics | poses)
     else:
         if poses:
-            print(_pose_text(poses["poses"], data))
-            print(_depth_text(poses["depth"]))
+            print(_describe_poses(poses["poses"], data))
+            print(_describe_depth(poses["depth"]))
         print_figures(metrics)
         print(Verdict.from_dict(metrics["verdict"]))
         print(f"report: {report}")
@@ -86,7 +86,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _rig_poses(truth: Path, found: Path, cameras: int) -> dict[str, Any]:
+def _find_rig_poses(truth: Path, found: Path, cameras: int) -> dict[str, Any]:
     """Makes the demo's rig and finds its poses; returns their errors."""
     from gsut.cli.poses import find_with_bar
     from gsut.demo import make_demo_rig
@@ -107,19 +107,19 @@ def _rig_poses(truth: Path, found: Path, cameras: int) -> dict[str, Any]:
     }
 
 
-def _depth_errors(run: RunFolder, truth: Path) -> dict[str, Any]:
-    """Of the held-out views' median depths; distances along rays need no common frame."""
-    from gsut.surface import geometry_figures
+def _measure_depth_errors(run: RunFolder, truth: Path) -> dict[str, Any]:
+    """Measures the held-out views' median depths; distances along rays need no common frame."""
+    from gsut.surface import judge_geometry
     from gsut.training import read_trained
 
     options, scene, gaussians = read_trained(run, None)
-    figures = geometry_figures(
+    figures = judge_geometry(
         gaussians, scene, scene.test_indices, truth, background=options.background
     )
     return figures["depth"]["median"]
 
 
-def _depth_text(figures: dict[str, Any]) -> str:
+def _describe_depth(figures: dict[str, Any]) -> str:
     edge = figures["rings"][-1]
     rim = "" if edge["abs_rel_median"] is None else f", {100 * edge['abs_rel_median']:.2f} % "
     return (
@@ -129,7 +129,7 @@ def _depth_text(figures: dict[str, Any]) -> str:
     )
 
 
-def _pose_text(errors: dict[str, Any], found: Path) -> str:
+def _describe_poses(errors: dict[str, Any], found: Path) -> str:
     return (
         f"poses of {errors['images']} images against the truth: lengths off by "
         f"{errors['scale_error_percent']:+.2f} %, centres by {errors['metric_ate']:.4f} m of "
@@ -139,7 +139,7 @@ def _pose_text(errors: dict[str, Any], found: Path) -> str:
 
 
 def _free_run(folder: Path, options: TrainOptions, name: str = "run") -> tuple[RunFolder, bool]:
-    """The first of NAME, NAME-2, NAME-3 ... that is free, or unfinished with the same options."""
+    """Finds the first of NAME, NAME-2 ... that is free, or unfinished with the same options."""
     number = 1
     while True:
         run = RunFolder(folder / (name if number == 1 else f"{name}-{number}"))

@@ -12,7 +12,7 @@ from typing import Any
 
 from gsut._core import InputError
 from gsut.capture import capture, needs_capture
-from gsut.cli._flags import add_capture, add_json, add_quiet, degrees, folder_name, print_json
+from gsut.cli._flags import add_capture, add_json, add_quiet, degrees, print_json, read_folder_name
 from gsut.data import CAPTURE_FOLDER
 from gsut.output_folder import claim_folder
 from gsut.run import Progress, StagedProgress, StageFollower, Verdict
@@ -62,7 +62,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o",
         "--out",
-        type=folder_name,
+        type=read_folder_name,
         metavar="DATA",
         required=True,
         help="folder for transforms.json, points3D.ply, sparse/0 (COLMAP), poses.json and "

@@ -57,7 +57,7 @@ def write_checkpoint(path: str | os.PathLike[str], state: dict[str, Any]) -> Non
 def read_checkpoint(
     path: str | os.PathLike[str], names: Collection[str] | None = None
 ) -> dict[str, Any]:
-    """The state in a file of `write_checkpoint`; arrays and numbers have the same bits.
+    """Reads the state from a file of `write_checkpoint`; arrays and numbers have the same bits.
 
     Args:
         path: the file.
@@ -80,7 +80,7 @@ def read_checkpoint(
 
 
 def _take_arrays(value: Any, name: str, arrays: dict[str, np.ndarray]) -> Any:
-    """`value` with every array replaced by the name under which it is put into `arrays`."""
+    """Replaces every array in `value` by the name under which it is put into `arrays`."""
     if isinstance(value, (np.ndarray, np.generic)):
         if value.dtype.hasobject:
             raise TypeError(f"checkpoint entry {name} is an array of objects")
@@ -99,7 +99,7 @@ def _take_arrays(value: Any, name: str, arrays: dict[str, np.ndarray]) -> Any:
 
 
 def _put_arrays(value: Any, members: Any) -> Any:
-    """The inverse of `_take_arrays`."""
+    """Reverses `_take_arrays`."""
     if isinstance(value, dict):
         if value.keys() == {_ARRAY}:
             return members[value[_ARRAY]]

@@ -22,7 +22,7 @@ class Stopwatch:
         self.seconds = {}
 
     def start(self) -> None:
-        """The next lap begins now."""
+        """Starts the next lap."""
         self._wall, self._cpu = time.perf_counter(), time.process_time()
 
     def record_lap(self, stage: str) -> None:

@@ -17,14 +17,14 @@ import pytest
 import gsut
 import gsut.demo
 import small_run
-from gsut.cli import build_parser, command_names, main
+from gsut.cli import build_parser, list_commands, main
 from gsut.cli.demo import _free_run
 from gsut.run import TrainOptions
 from gsut.run.folder import CHECKPOINT, METRICS, REPORT, SCENE, RunFolder
 from gsut.run.progress import Progress
 
 PACKAGE = str(Path(gsut.__file__).parent.parent)
-COMMANDS = command_names()
+COMMANDS = list_commands()
 HELP_SECONDS = 1.0  # 0.4 on an idle machine
 
 
