@@ -37,7 +37,7 @@ class Mesh:
 
     def compute_face_vectors(self) -> np.ndarray:
         """Returns the normals (F, 3) of the faces, as long as twice their areas."""
-        a, b, c = self._corners()
+        a, b, c = self._gather_corners()
         return np.cross(b - a, c - a)
 
     def compute_normals(self) -> np.ndarray:
@@ -87,7 +87,7 @@ class Mesh:
 
     def crop(self, low: np.ndarray, high: np.ndarray) -> Mesh:
         """Keeps the faces whose middles lie within a box (two corners (3,))."""
-        a, b, c = self._corners()
+        a, b, c = self._gather_corners()
         middle = (a + b + c) / 3
         return self.with_faces(np.all((middle >= low) & (middle <= high), axis=1))
 

@@ -109,7 +109,7 @@ def test_parts_and_crop_keep_whole_meshes(ball):
 
 def test_normals_of_a_ball_point_outwards(ball):
     outwards = ball.vertices / np.linalg.norm(ball.vertices, axis=1, keepdims=True)
-    assert np.sum(ball.normals() * outwards, axis=1).min() > 0.9
+    assert np.sum(ball.compute_normals() * outwards, axis=1).min() > 0.9
 
 
 def test_fewer_faces_stay_on_the_surface_and_keep_colours(ball):
