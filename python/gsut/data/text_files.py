@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from gsut.data.errors import DatasetError
-from gsut.files import parse_yaml, regular
+from gsut.files import check_regular, parse_yaml
 
 
 def read_bytes(source: Path) -> bytes:
@@ -17,7 +17,7 @@ def read_bytes(source: Path) -> bytes:
         DatasetError: it cannot be opened.
     """
     try:
-        return regular(source).read_bytes()
+        return check_regular(source).read_bytes()
     except OSError as error:
         raise DatasetError(
             source, f"cannot be opened ({error.strerror})", "check the path"
@@ -31,7 +31,7 @@ def read_text(source: Path) -> str:
         DatasetError: missing, or not UTF-8 text.
     """
     try:
-        return regular(source).read_text(encoding="utf-8-sig")
+        return check_regular(source).read_text(encoding="utf-8-sig")
     except OSError as error:
         raise DatasetError(
             source, f"cannot be opened ({error.strerror})", "check the path"
