@@ -62,7 +62,7 @@ def list_lens_targets(folder: Path) -> Iterator[Target]:
 
 def list_scene_targets(folder: Path) -> Iterator[Target]:
     gaussians = plain_scene(np.random.default_rng(1), 60)
-    for each in formats.formats():
+    for each in formats.list_formats():
         if each.name == "USD" or each.read is None or each.write is None:
             continue  # USD: of a library that may take minutes over its own damaged files
         path = folder / f"scene{each.suffixes[0]}"

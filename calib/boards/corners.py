@@ -37,7 +37,7 @@ def find_boards(photographs: Sequence[Photograph], board: Board, progress: bool 
             image of a camera, too few boards, or a board of another size.
     """
     first: dict[str, Photograph] = {}
-    for photograph in Progress(progress).through("boards", photographs):
+    for photograph in Progress(progress).iterate("boards", photographs):
         image = read_grey(photograph.path)
         photograph.height, photograph.width = image.shape
         reference = first.setdefault(photograph.camera, photograph)

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from calib.errors import BoardError
-from gsut.files import regular
+from gsut.files import check_regular
 
 # First bytes of a format, and the mark that ends a complete file.
 _END_MARKS = {b"\xff\xd8": b"\xff\xd9", b"\x89PNG": b"IEND"}
@@ -22,7 +22,7 @@ def read_grey(path: Path) -> np.ndarray:
         BoardError: the file cannot be opened, is no image, or is cut off.
     """
     try:
-        data = regular(path).read_bytes()
+        data = check_regular(path).read_bytes()
     except OSError as error:
         raise BoardError(f"{path}: cannot be read ({error.strerror}); check the path") from None
     for start, end in _END_MARKS.items():

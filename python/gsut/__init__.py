@@ -60,7 +60,8 @@ if TYPE_CHECKING:
         write_video,
     )
     from gsut.run import BlockOptions, SceneOptions, TrainOptions, Verdict
-    from gsut.scene import SceneResult, scene
+    from gsut.scene import SceneResult
+    from gsut.scene import make_scene as scene
     from gsut.sfm import PosesOptions, PosesResult, find_poses
     from gsut.surface import Mesh, extract_mesh, load_mesh, save_mesh
     from gsut.train import TrainResult, train

@@ -1,4 +1,4 @@
-"""Public names are imported when they are asked for: a command loads what it needs."""
+"""Imports public names on first use, so that a command loads only what it needs."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ class _Package(types.ModuleType):
         if home is not None:
             value = getattr(importlib.import_module(home[0]), home[1])
         else:
-            value = self._folder(name)
+            value = self._import_folder(name)
         self.__dict__[name] = value
         return value
 
-    def _folder(self, name: str) -> types.ModuleType:
-        """A folder that nothing has imported before."""
+    def _import_folder(self, name: str) -> types.ModuleType:
+        """Imports a folder of the package on first use."""
         full = f"{self.__name__}.{name}"
         try:
             if not name.startswith("_"):
@@ -46,8 +46,7 @@ class _Package(types.ModuleType):
 
 
 def import_names(package: str, source: str) -> None:
-    """Lets a package import, when they are asked for, the names that its source imports for type
-    checkers alone.
+    """Lets a package import, on first use, the names that its source imports for type checkers.
 
     Args:
         package: its name.

@@ -1,8 +1,8 @@
-"""While the command line imports, Ctrl-C ends it at once and silently: nothing has begun.
+"""While the command line imports, Ctrl-C ends it at once and silently: nothing has started.
 
 An exception in the midst of an import would be a traceback, or another error of the library that is
-being imported. What cannot be imported, as where memory is short, is told in a sentence. A program
-that imports gsut keeps its own way with signals and errors.
+being imported. What cannot be imported, for lack of memory for example, is reported
+in one sentence. A program that imports gsut keeps its own handling of signals and errors.
 """
 
 import os
@@ -14,14 +14,14 @@ from typing import Any
 
 
 def _is_command() -> bool:
-    """Whether this process runs `gsut` or `python -m gsut`."""
+    """Returns whether this process runs `gsut` or `python -m gsut`."""
     if sys.argv[:1] == ["-m"]:  # as long as Python looks for the module
         return sys.orig_argv[sys.orig_argv.index("-m") + 1 :][:1] == ["gsut"]
     return Path(sys.argv[0] if sys.argv else "").stem == "gsut"
 
 
-def done() -> None:
-    """From now on Ctrl-C raises KeyboardInterrupt again, and errors are the command's."""
+def finish_start() -> None:
+    """Lets Ctrl-C raise KeyboardInterrupt again, and leaves errors to the command."""
     global _waits
     sys.excepthook = sys.__excepthook__
     if _waits:
@@ -38,8 +38,8 @@ if _waits:
     signal.signal(signal.SIGINT, signal.SIG_DFL)
 
 
-def _tell(kind: type[BaseException], error: BaseException, trace: Any) -> None:
-    """An unknown GSUT_ISA, a library that is missing or has no memory: the end of the command."""
+def _report_error(kind: type[BaseException], error: BaseException, trace: Any) -> None:
+    """Ends the command at an unknown GSUT_ISA or a library that is missing or lacks memory."""
     if not isinstance(error, (ImportError, OSError, MemoryError)):
         return sys.__excepthook__(kind, error, trace)
     said = " ".join(str(error).split()) or "there is not enough memory to begin"
@@ -48,7 +48,7 @@ def _tell(kind: type[BaseException], error: BaseException, trace: Any) -> None:
 
 
 if _is_command():
-    os.environ.pop("MPLBACKEND", None)  # plots are files: no window, whatever is asked for
+    os.environ.pop("MPLBACKEND", None)  # plots are files: no window, whatever the environment says
     if not os.environ.get("GSUT_DEBUG"):
-        sys.excepthook = _tell
+        sys.excepthook = _report_error
     import gsut._core  # noqa: F401

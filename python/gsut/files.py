@@ -1,4 +1,4 @@
-"""The one writer of files: each appears whole or not at all, whatever happens meanwhile."""
+"""Writes files so that each appears whole or not at all, whatever happens in between."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
     path = Path(os.path.realpath(path))
     if path.exists() and not path.is_file():
         raise WriteError(f"cannot write {path}: it is not a file; give another name")
-    temporary = _unfinished(path)
+    temporary = _name_unfinished(path)
     try:
         yield temporary
         with open(temporary, "r+b") as file:
@@ -90,7 +90,7 @@ def staging_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     path = Path(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        staging = _unfinished(path)
+        staging = _name_unfinished(path)
         staging.mkdir()
     except OSError as error:
         raise WriteError(
@@ -102,14 +102,14 @@ def staging_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
         shutil.rmtree(staging, ignore_errors=True)
 
 
-# Of which computer's processes temporary names tell: folders may be shared.
+# Names the computer in temporary names: folders may be shared.
 _HOST = f"{zlib.crc32(platform.node().encode()):08x}"
 _numbers = itertools.count()
 _tidied: set[Path] = set()
 
 
-def _unfinished(path: Path) -> Path:
-    """A name beside `path` that nobody else uses; what killed processes left there goes."""
+def _name_unfinished(path: Path) -> Path:
+    """Returns an unused name beside `path`; removes what killed processes left there."""
     if path.parent not in _tidied:
         _tidied.add(path.parent)
         remove_unfinished(path.parent)
@@ -126,7 +126,7 @@ def remove_unfinished(folder: Path, *, of_all: bool = False) -> None:
     for leftover in folder.glob(UNFINISHED + "*"):
         host, _, rest = leftover.name.removeprefix(UNFINISHED).partition("-")
         number = rest.partition("-")[0]
-        if not (of_all or (host == _HOST and number.isdecimal() and not _lives(int(number)))):
+        if not (of_all or (host == _HOST and number.isdecimal() and not _is_alive(int(number)))):
             continue
         if leftover.is_dir() and not leftover.is_symlink():
             shutil.rmtree(leftover, ignore_errors=True)
@@ -135,7 +135,7 @@ def remove_unfinished(folder: Path, *, of_all: bool = False) -> None:
                 leftover.unlink()
 
 
-def _lives(process: int) -> bool:
+def _is_alive(process: int) -> bool:
     if os.name != "posix":
         return True  # asking would end it
     try:
@@ -163,9 +163,8 @@ def refuse_existing(path: Path, by: str = "") -> None:
         raise InputError(f"{path} cannot be written: {folder} {what}; give another name{by}")
 
 
-def regular(path: str | os.PathLike[str]) -> Path:
-    """The path of a file to read, which must not lead to a pipe or a device: those may have no end,
-    or nobody who writes them.
+def check_regular(path: str | os.PathLike[str]) -> Path:
+    """Returns the path of a file to read unless it is a pipe or a device, which may never end.
 
     Raises:
         OSError: it does, or it leads to a folder or to nothing.
@@ -202,8 +201,8 @@ def write_picture(path: str | os.PathLike[str], pixels: Any, quality: int | None
 
 
 def write_json(path: str | os.PathLike[str], value: Any) -> None:
-    """Writes `json_text`, see `whole_file`."""
-    write_file(path, json_text(value) + "\n")
+    """Writes `format_json`, see `whole_file`."""
+    write_file(path, format_json(value) + "\n")
 
 
 # What parsers raise where a file is not what they expect: words for numbers, lists for keys ...
@@ -230,7 +229,7 @@ def reading(fails: Callable[[str], Exception]) -> Iterator[None]:
 
 
 def parse_yaml(text: str, fails: Callable[[str, str], Exception]) -> Any:
-    """YAML, also as OpenCV writes it: with a directive of its own and tagged matrices.
+    """Reads YAML, also as OpenCV writes it: with a directive of its own and tagged matrices.
 
     Args:
         text: the file's content.
@@ -239,7 +238,7 @@ def parse_yaml(text: str, fails: Callable[[str, str], Exception]) -> Any:
     import yaml  # here, because gsut --help needs none
 
     class Loader(yaml.SafeLoader):
-        """Stops at many aliases: each can double what it stands for."""
+        """Stops at an excess of aliases: each can double what it refers to."""
 
         aliases = 0
 
@@ -269,21 +268,21 @@ def parse_yaml(text: str, fails: Callable[[str, str], Exception]) -> Any:
         raise fails(line, getattr(error, "problem", None) or "cannot be parsed") from error
 
 
-def json_text(value: Any) -> str:
-    """JSON with two spaces of indent; NaN and infinities, which JSON lacks, become null."""
-    return json.dumps(plain(value), indent=2)
+def format_json(value: Any) -> str:
+    """Returns JSON with two spaces of indent; NaN and infinities, which JSON lacks, become null."""
+    return json.dumps(to_plain(value), indent=2)
 
 
-def plain(value: Any) -> Any:
-    """`value` with numpy's types as plain ones and numbers that JSON lacks as None."""
+def to_plain(value: Any) -> Any:
+    """Turns numpy's types into plain ones, and numbers that JSON lacks into None."""
     if isinstance(value, dict):
-        return {str(key): plain(entry) for key, entry in value.items()}
+        return {str(key): to_plain(entry) for key, entry in value.items()}
     if isinstance(value, (list, tuple)):
-        return [plain(entry) for entry in value]
+        return [to_plain(entry) for entry in value]
     if isinstance(value, np.ndarray):
-        return plain(value.tolist())
+        return to_plain(value.tolist())
     if isinstance(value, np.generic):
-        return plain(value.item())
+        return to_plain(value.item())
     if isinstance(value, float) and not math.isfinite(value):
         return None
     if isinstance(value, Path):

@@ -7,10 +7,15 @@ from typing import Any
 
 import numpy as np
 
-# The damping, relative to the diagonal of the normal equations: at the start, the factors by which
-# it falls and rises, and its range. With one factor for both it swings between two values in a
-# curved valley, and neither is the one that gets along there.
-_FIRST, _FALL, _RISE, _LEAST, _MOST = 1e-4, 3.0, 2.0, 1e-15, 1e8
+# First damping, relative to the diagonal of the normal equations: close to a Gauss-Newton step.
+_FIRST = 1e-4
+# Factors by which the damping falls after a better step and rises after a worse one. They differ,
+# since with one factor for both it swings between two values in a curved valley.
+_FALL = 3.0
+_RISE = 2.0
+# Range of the damping: below, the equations are undamped in double; above, steps have no length.
+_LEAST = 1e-15
+_MOST = 1e8
 _SMALLEST_COLUMN = 1e-12  # length of a Jacobian's column below which an unknown is taken to be idle
 
 

@@ -58,7 +58,7 @@ class OutputFolder:
             self._let_go()
 
     def is_held(self) -> bool:
-        """Whether it was not let go, and nobody has removed or replaced the folder meanwhile."""
+        """Returns whether the claim still holds and nobody has removed or replaced the folder."""
         try:
             found = os.stat(self._marker)
             return self._let_go.alive and os.path.samestat(found, os.fstat(self._descriptor))
@@ -122,7 +122,7 @@ def _claim(
         ) from None
     try:
         _lock(folder, descriptor)
-        if _owner(marker) != f"gsut {command}":  # new, or torn by a crash
+        if _read_owner(marker) != f"gsut {command}":  # new, or torn by a crash
             content = {
                 "command": f"gsut {command}",
                 "version": _core.__version__,
@@ -148,11 +148,11 @@ def _refuse_foreign(marker: Path, command: str, writes: Collection[str] | None) 
         return
     if not folder.is_dir():
         raise InputError(f"{folder} is a file; give a folder to write to")
-    found = _found(folder, writes)
+    found = _list_found(folder, writes)
     if not found:
         return
     mine = f"gsut {command}"
-    owner = _owner(marker) if marker.is_file() else "something other than gsut"
+    owner = _read_owner(marker) if marker.is_file() else "something other than gsut"
     if owner not in (None, mine):
         some = ", ".join(sorted(found)[:3]) + (" ..." if len(found) > 3 else "")
         raise InputError(
@@ -161,15 +161,15 @@ def _refuse_foreign(marker: Path, command: str, writes: Collection[str] | None) 
         )
 
 
-def _found(folder: Path, writes: Collection[str] | None) -> set[str]:
-    """What lies where the command would write."""
+def _list_found(folder: Path, writes: Collection[str] | None) -> set[str]:
+    """Lists what lies where the command would write."""
     names = set(os.listdir(folder))
     found = names - _LITTER if writes is None else names & set(writes)
     return {name for name in found if not name.startswith(UNFINISHED)}
 
 
-def _owner(marker: Path) -> str | None:
-    """The command that the marker names; None where it was torn by a crash."""
+def _read_owner(marker: Path) -> str | None:
+    """Returns the command that the marker names; None if a crash tore it."""
     try:
         content: Any = json.loads(marker.read_text(encoding="utf-8"))
         return str(content["command"])
@@ -193,7 +193,7 @@ def _lock(folder: Path, descriptor: int) -> None:
 
 def _let_go(marker: Path, descriptor: int, made: bool, writes: Collection[str] | None) -> None:
     try:
-        if not _found(marker.parent, writes):
+        if not _list_found(marker.parent, writes):
             marker.unlink()
             if made:
                 marker.parent.rmdir()

@@ -34,6 +34,7 @@ from gsut.run import (
 )
 from gsut.run.options import fit_to_views, format_flag
 from gsut.sfm import (
+    PosesLog,
     PosesOptions,
     add_lens_readout,
     check_lens,
@@ -42,7 +43,7 @@ from gsut.sfm import (
     read_figures,
 )
 from gsut.train import TrainResult, train
-from gsut.training import TrainingTime, describe_resizing
+from gsut.training import describe_resizing, track_training
 
 POSES = "poses"  # folder of the pictures and poses, inside the run's folder
 STATE = "scene.json"  # inputs and settings; seconds and verdict once the scene is finished
@@ -83,7 +84,7 @@ class SceneResult:
         return self.path / PAGE
 
 
-def scene(
+def make_scene(
     inputs: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
     out: str | os.PathLike[str],
     options: SceneOptions | None = None,
@@ -201,7 +202,7 @@ class _SceneInProgress:
         bars.expect(
             "training",
             _TRAINING_START_SECONDS
-            + _estimate_training_seconds(pictures.figures, self._training_options()),
+            + _estimate_training_seconds(pictures.figures, self._make_training_options()),
         )
         return pictures
 
@@ -216,18 +217,18 @@ class _SceneInProgress:
             figures = find_poses(
                 pictures.path, out, camera=o.camera, fov_degrees=o.fov,
                 options=add_lens_readout(options, o.camera, pictures.figures),
-                on_progress=stages.show, on_expected=stages.expect, notes_to=bars.note,
+                log=PosesLog(stages.show, bars.note, stages.expect),
             ).figures  # fmt: skip
         self._poses_seconds = stages.seconds
         return figures
 
-    def _training_options(self) -> TrainOptions:
+    def _make_training_options(self) -> TrainOptions:
         o = self._options
         return TrainOptions(preset=o.preset, steps=o.steps, seed=o.seed, threads=o.threads)
 
     def train(self, bars: StagedProgress) -> dict[str, Any]:
         """Trains on the dataset in poses/, and returns the content of metrics.json."""
-        folder, options = self.folder, self._training_options()
+        folder, options = self.folder, self._make_training_options()
         if folder.read_json(METRICS) is not None and (folder.path / REPORT).is_file():
             bars.skip("training")
             return folder.read_json(METRICS)
@@ -307,7 +308,7 @@ def _estimate_training_seconds(figures: dict[str, Any], options: TrainOptions) -
     most = dataclasses.replace(options.resolve(), max_gaussians=options.most_gaussians)
     width, height = figures["size"]
     shrunk = min(1.0, options.max_side / max(width, height)) if options.max_side else 1.0
-    return TrainingTime(
+    return track_training(
         most, most.most_gaussians // 4, shrunk**2 * width * height / 1e6, 0,
         threads=options.threads or _core.num_threads(),
-    ).left(0)  # fmt: skip
+    ).predict_left(0)  # fmt: skip

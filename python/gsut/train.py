@@ -41,7 +41,7 @@ class TrainResult:
             training worked.
         metrics: the content of metrics.json.
         history: one dict a logged step: step, seconds, cpu_seconds, loss, num_gaussians, psnr.
-        scene: at the size trained at, with the poses and lens as they were refined (if asked for).
+        scene: at the size trained at, with the poses and lens as they were refined (if requested).
     """
 
     gaussians: Gaussians
@@ -99,7 +99,7 @@ def train(
     record = TrainingRecord(out, o, scene, resume, progress, watch)
     fresh = record.checkpoint is None
     tracks = refine_first_poses(scene, o, progress is True) if fresh else None  # sfm/, refine/
-    complexity = choose_complexity(scene, asked, record.note)  # as many as the photographs bear
+    complexity = choose_complexity(scene, asked, record.note)  # what the photographs support
     o = limit_gaussians(o, complexity.max_gaussians)
     loop = TrainingLoop(scene, o, tracks=tracks)  # gaussians/: the first ones
     with record.follow(loop):

@@ -11,7 +11,7 @@ import gsut
 from gsut import _core
 from gsut.compact import METHODS, check_keep, check_method
 from gsut.evaluate import evaluate, view_image
-from gsut.training.tuning.from_start import options_from_start
+from gsut.training.tuning.from_start import FromStart
 from tests.bench.commands import run_gsut, train
 from tests.bench.harness import HALL, Benchmark, Column, Option, Row, Settings
 
@@ -48,9 +48,8 @@ def measure(case: Row, settings: Settings) -> Row:
         own = len(trained.gaussians)
         count = round(float(case["keep"]) * own)
         scene = trained.scene
-        steps = options_from_start(
-            scene, trained.options, min(count, len(scene.points)), own, count, settings.finetune
-        ).steps
+        start = FromStart(trained.options, own, count, settings.finetune, None)
+        steps = start.choose_options(scene, min(count, len(scene.points))).steps
         words[1], words[3] = str(steps), str(count)
         took = train(settings.path(name), out, words)
     else:

@@ -72,7 +72,7 @@ def read_rows(text: str) -> list[dict[str, str]]:
 
 
 def renew_table(table: Table, rows: Sequence[Row], origin: str) -> str:
-    """Writes a table from measured rows; rows of the old one that were not measured stay."""
+    """Writes a table from measured rows; then come rows of the old one that were not measured."""
     columns = table.columns
     names = [column.heading for column in columns if not column.form]
     new = [
@@ -82,7 +82,7 @@ def renew_table(table: Table, rows: Sequence[Row], origin: str) -> str:
     ]
     kept = {tuple(row.get(name, "") for name in names): row for row in read_rows(table.text)}
     measured = {tuple(row[name] for name in names): row for row in new}
-    merged = list((kept | measured).values())
+    merged = list((measured | {key: kept[key] for key in kept if key not in measured}).values())
     origins = list(dict.fromkeys(row[ORIGIN] for row in merged))
     letters = dict(zip(origins, string.ascii_lowercase, strict=False))
     headings = [*(column.heading for column in columns), ORIGIN]

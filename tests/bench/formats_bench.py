@@ -28,7 +28,7 @@ def list_cases(settings: Settings) -> Iterator[Row]:
     """Lists the formats, for each number of parts that Gaussians are split into."""
     for data in settings.sets or (HALL,):
         for parts in settings.split:
-            for chosen in formats.formats():
+            for chosen in formats.list_formats():
                 for version in _SPZ_VERSIONS if chosen.name == _SPZ else (0,):
                     name = f"{_SPZ} {version}" if version else chosen.name
                     suffix = chosen.suffixes[0]
@@ -55,7 +55,7 @@ def measure(case: Row, settings: Settings) -> Row:
         "clipped": sum(written.clipped.values()),
         "write_cpu_s": wrote - begun,
     }
-    if formats.format_of(path).read is not None:
+    if formats.choose_format(path).read is not None:
         found = formats.load_gaussians(path)
         row["read_cpu_s"] = time.process_time() - wrote
         each = [psnr(a, b) for a, b in zip(truth, _render_views(run, found), strict=True)]
@@ -71,7 +71,7 @@ def _prepare(data: str, parts: int, settings: Settings) -> tuple[Any, Gaussians,
     train(settings.path(data), out, words)
     run = gsut.load_run(out)
     gaussians = split_gaussians(run.gaussians, parts)
-    return run, gaussians, _render_views(run, formats.for_file(gaussians))
+    return run, gaussians, _render_views(run, formats.prepare_for_file(gaussians))
 
 
 def _render_views(run: Any, gaussians: Gaussians) -> list[np.ndarray]:

@@ -16,15 +16,9 @@ from gsut._core import InputError, SolveError
 from gsut.data import read_dataset
 from gsut.lens import convert_camera, save_camera
 from gsut.lens.files import to_colmap
-from gsut.sfm import (
-    PoseErrors,
-    PosesOptions,
-    compare_poses,
-    errors_against,
-    find_photographs,
-    find_poses,
-    poses_by_path,
-)
+from gsut.sfm import PoseErrors, PosesOptions, compare_datasets, compare_poses, find_poses
+from gsut.sfm.core import find_photographs
+from gsut.sfm.world import read_poses_by_path
 from tests.bench import pycolmap_poses
 from tests.bench.harness import HALL, WRONG, Benchmark, Column, Option, Row, Settings
 
@@ -73,7 +67,7 @@ def measure(case: Row, settings: Settings) -> Row:
         if lens == UNKNOWN:
             row["focal_sigma_percent"] = figures["focal_sigma_percent"]
         if _has_poses(data) and result.solution.num_registered >= _FEWEST:
-            row |= _describe_errors(errors_against(data, folder))
+            row |= _describe_errors(compare_datasets(data, folder))
             if lens == UNKNOWN:
                 known = read_dataset(data).frames[0].camera.params[:2].mean()
                 found = result.solution.cameras[0].params[:2].mean()
@@ -162,7 +156,7 @@ def measure_pycolmap(data: Path, lens: str, python: str, threads: int) -> Row:
 
 def _compare_by_names(found: Row, root: Path, data: Path) -> PoseErrors:
     """Compares poses (3, 4) by the images' names below `root` with a dataset's."""
-    reference = poses_by_path(data)
+    reference = read_poses_by_path(data)
     chosen = [name for name in found if root / name in reference]
     poses = np.array([[*found[name], [0.0, 0.0, 0.0, 1.0]] for name in chosen])
     return compare_poses(poses, np.array([reference[root / name] for name in chosen]))

@@ -17,7 +17,7 @@ from gsut.capture.panorama import LENSES
 from gsut.data.poses import invert_pose
 from gsut.lens import Camera, find_lens
 from gsut.sfm import compare_poses
-from gsut.sfm.lens.candidates import lens_of_field
+from gsut.sfm.lens.candidates import make_lens
 from tests.bench.commands import run_gsut
 from tests.bench.harness import Benchmark, Column, Option, Row, Settings
 from tests.bench.walk_film import Film, Path4, plan_walk, write_film
@@ -53,14 +53,14 @@ def _film_by_database(name: str, path: Path4, seconds: float, **more: Any) -> Fi
 # Each with another lens, motion, readout and hall, by the seconds that it lasts.
 FILMS: dict[str, Callable[[float], Film]] = {
     "phone": lambda s: Film(
-        lens_of_field(*_WIDE, 68, 1.0), plan_walk(s, seed=3), s, readout=0.022, seed=2
+        make_lens(*_WIDE, 68, 1.0), plan_walk(s, seed=3), s, readout=0.022, seed=2
     ),
     "straight on": lambda s: Film(
-        lens_of_field(*_WIDE, 84, 0.9),
+        make_lens(*_WIDE, 84, 0.9),
         plan_walk(s, seed=6, forward=6.0 / s, looking=0.0, shake_degrees=0.3), s, seed=5,
     ),
     "wide and shaken": lambda s: Film(
-        lens_of_field(*_WIDE, 122, 0.3), plan_walk(s, seed=5, shake_degrees=1.5), s,
+        make_lens(*_WIDE, 122, 0.3), plan_walk(s, seed=5, shake_degrees=1.5), s,
         readout=0.012, seed=4,
     ),
     "dual fisheye": lambda s: Film(
@@ -75,7 +75,7 @@ FILMS: dict[str, Callable[[float], Film]] = {
         "Apple iPhone 14, 26mm, 30P", plan_walk(s, seed=4), s, seed=3, sideways=True
     ),
     "global shutter": lambda s: Film(
-        lens_of_field(*_WIDE, 75, 1.0), plan_walk(s, seed=8), s, readout=0.0, seed=7
+        make_lens(*_WIDE, 75, 1.0), plan_walk(s, seed=8), s, readout=0.0, seed=7
     ),
 }  # fmt: skip
 

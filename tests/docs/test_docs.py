@@ -17,7 +17,7 @@ import pytest
 import gsut
 import tolerances
 from generate import PAGES, ROOT, page
-from gsut.cli import build_parser, command_names, main
+from gsut.cli import build_parser, list_commands, main
 from gsut.demo import make_demo_scene
 from public_names import list_public_names
 from tests.bench.__main__ import build_parser as bench_parser
@@ -172,7 +172,7 @@ def test_every_command_has_its_call_or_is_said_to_have_none():
     sentence = re.search(r"^(.*) are for people", text, re.MULTILINE)
     assert sentence is not None
     others = set(re.findall(r"`(\w+)`", sentence[1]))
-    assert calls | others == set(command_names()) and not calls & others
+    assert calls | others == set(list_commands()) and not calls & others
 
 
 def test_blocks_were_found():

@@ -8,6 +8,7 @@ import numpy as np
 import gsut
 from gsut.data.poses import invert_pose
 from gsut.data.rigs import Rig
+from gsut.sfm.core import Mapping, PosesLog, PosesOptions
 from gsut.sfm.core.matching import PairMatches
 from gsut.sfm.core.photographs import Photographs
 from synthetic_walk import observe
@@ -127,3 +128,10 @@ class SyntheticRig:
             )
             turned.append(np.degrees(np.linalg.norm(cv2.Rodrigues(step[:3, :3])[0])))
         return max(apart), max(turned)
+
+    def mapping(self, **known):
+        """The state of a run that has verified the matches of the rig's images."""
+        return Mapping(
+            self.photographs, PosesOptions(), PosesLog(), features=self.features, pairs=self.pairs,
+            **known,
+        )  # fmt: skip

@@ -1,14 +1,17 @@
 """A made walk among points: features through a lens of 200 degrees, with their descriptors."""
 
+from pathlib import Path
+
 import numpy as np
 
 import gsut
 from gsut import _core
 from gsut.lens import with_scaled_focal
-from gsut.sfm.core.correspondences import match_images
+from gsut.sfm.core import Images, Mapping, Photographs, PosesLog
 from gsut.sfm.core.features import Features
+from gsut.sfm.core.matching import match_images
 from gsut.sfm.core.options import PosesOptions
-from gsut.sfm.core.verification import verify
+from gsut.sfm.core.verification import verify_matches
 
 
 def quiet(*_: object) -> None:
@@ -90,9 +93,22 @@ class Synthetic:
 
     def verified(self, options=None):
         options = options or PosesOptions()
-        count = len(self.features)
-        raw = match_images([f"{i}" for i in range(count)], self.features, options, quiet)
-        return verify(self.features, [self.camera] * count, raw, options)
+        images = self.images()
+        raw = match_images(images.names, self.features, options, quiet)
+        return verify_matches(images, raw, options)
+
+    def images(self, camera=None, shutter=None):
+        """All images as the solver takes them, through the true lens or another one."""
+        names = [f"{i:03d}.png" for i in range(len(self.features))]
+        return Images(names, [camera or self.camera] * len(names), self.features, shutter)
+
+    def mapping(self, options, *, camera=None, raw=None, **known):
+        """The state of a run that has found the features and matches of the walk."""
+        images = self.images(camera)
+        raw = raw or match_images(images.names, self.features, options, quiet)
+        paths = [Path(name) for name in images.names]
+        photographs = Photographs(Path(), images.names, paths, [None] * len(paths), images.cameras)
+        return Mapping(photographs, options, PosesLog(), features=self.features, raw=raw, **known)
 
     def settings(self, **more):
         return {"max_error": 2.5, "min_angle": 0.026, **more}

@@ -12,7 +12,7 @@ ROOT = Path(__file__).resolve().parents[2]
 FLOORS = {
     "_core": -3,
     "_starting": -2,
-    **dict.fromkeys(("files", "least_squares"), -1),
+    **dict.fromkeys(("files", "least_squares", "time_left"), -1),
     "output_folder": 0,
     **dict.fromkeys(("gaussians", "lens", "run", "page"), 1),
     **dict.fromkeys(("render", "optimize", "data", "formats"), 2),
@@ -50,7 +50,7 @@ ROOMS: dict[str, dict[str, int]] = {
     },
 }
 MAX_DOOR, MAX_DOORS = 30, 414  # names in a folder's __all__; in all of them together
-WIDER = {"run": 31, "render": 46, "sfm": 41, "gaussians": 33}
+WIDER = {"run": 31, "render": 46, "gaussians": 33}
 LIBRARIES = {
     *("av", "cv2", "gsut_scalar_baseline", "jinja2", "matplotlib", "numpy", "PIL", "simplejpeg"),
     *("tqdm", "yaml"),

@@ -6,14 +6,14 @@ import words
 
 # Findings that remain in each kind; none may be added.
 ALLOWED: dict[str, int] = {
-    "banned word": 372,
-    "docstring": 1519,
-    "history": 58,
+    "banned word": 173,
+    "docstring": 559,
+    "history": 11,
     "missing file": 2,
-    "name": 1259,
-    "packed constants": 157,
+    "name": 522,
+    "packed constants": 69,
 }
-LEAST_COMMENTS = 0.04  # share of lines in .cpp and -inl.h that are comments
+LEAST_COMMENTS = 0.07  # share of lines in .cpp and -inl.h that are comments
 
 
 def test_product_follows_the_style_guide():

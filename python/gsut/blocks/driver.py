@@ -14,7 +14,7 @@ from gsut.blocks.plan import check_trainable, limit_cache_bytes
 from gsut.blocks.stages import BlocksResult, Stages
 from gsut.blocks.workers import Workers
 from gsut.data import Scene, digest_scene, keep_at_most
-from gsut.files import UNFINISHED, plain
+from gsut.files import UNFINISHED, to_plain
 from gsut.run import BLOCKS, BlockOptions, RunFolder, TrainOptions, describe_environment, read_plan
 from gsut.training import choose_degree, prepare_scene
 
@@ -90,7 +90,7 @@ def _open_run(
     counted = blocks.count() or blocks.blocks == "auto"
     given = None if counted else Layout.read(blocks.blocks).as_dict()
     division = {"blocks": blocks.blocks if given is None else given, "rounds": blocks.rounds}
-    now = plain(
+    now = to_plain(
         division | {"tasks": _TASKS, "version": _core.__version__, "isa": _core.active_isa()}
     )
     first = {"plan.json": now} | ({} if given is None else {"layout.json": given})
@@ -105,4 +105,4 @@ def _open_run(
             )
     for leftover in (run.path / BLOCKS).rglob(UNFINISHED + "*"):
         leftover.unlink()
-    return run, dataclasses.replace(run.begun_with(), threads=options.threads)
+    return run, dataclasses.replace(run.read_given_options(), threads=options.threads)

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.files import regular
+from gsut.files import check_regular
 from gsut.run.options import MOST_BLOCKS
 
 # Distance from the cameras' box, x its diagonal, beyond which things are far.
@@ -82,7 +82,7 @@ class Layout:
             InputError: it cannot be read or understood.
         """
         try:
-            with open(regular(path), encoding="utf-8") as file:
+            with open(check_regular(path), encoding="utf-8") as file:
                 values = json.load(file)
         except OSError as error:
             raise InputError(f"cannot read {path}: {error.strerror}") from None

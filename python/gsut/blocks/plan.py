@@ -9,7 +9,7 @@ from typing import NamedTuple
 from gsut._core import InputError
 from gsut.data import Scene
 from gsut.gaussians import count_bytes_per_gaussian
-from gsut.run import BlockOptions, TrainOptions, free_memory, size_text
+from gsut.run import BlockOptions, TrainOptions, format_size, free_memory
 from gsut.training import limit_gaussians
 
 # Share of all Gaussians that the coarse model of few blocks has: blocks need room to grow.
@@ -191,8 +191,8 @@ def choose_count(scene: Scene, options: TrainOptions, blocks: BlockOptions) -> i
         if total / count < _FEWEST_GAUSSIANS:
             smallest = estimate_total_bytes(scene, options, blocks, count)
             raise InputError(
-                f"--memory {size_text(limit)}: even blocks of {total // count:,} Gaussians take "
-                f"{size_text(smallest)} with {blocks.workers} worker(s); give more memory, fewer "
+                f"--memory {format_size(limit)}: even blocks of {total // count:,} Gaussians take "
+                f"{format_size(smallest)} with {blocks.workers} worker(s); give more memory, fewer "
                 "--workers or smaller images (--max-side)"
             )
     return count
@@ -224,7 +224,7 @@ def check_memory(sizes: dict[str, int], blocks: BlockOptions) -> None:
     together = size * count_at_once(blocks)
     if limit is not None and together > limit:
         raise InputError(
-            f"--memory {size_text(limit)}: {name} takes about {size_text(size)}"
+            f"--memory {format_size(limit)}: {name} takes about {format_size(size)}"
             f"{f', times {blocks.workers} workers' if together > size else ''}; give more "
             "--blocks, fewer --workers, fewer --max-gaussians or smaller images (--max-side)"
         )

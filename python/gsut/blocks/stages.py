@@ -230,7 +230,7 @@ class Stages:
                 {f"block {job.block}": maker.estimate_memory(job.block) for job in jobs},
                 self._blocks,
             )
-            for job in bar.through("tasks", missing):
+            for job in bar.iterate("tasks", missing):
                 job.task.parent.mkdir(exist_ok=True)
                 task = maker.make_task(job.block)
                 if task is None:  # nothing to train, or no view that shows it
@@ -321,7 +321,7 @@ class Stages:
         os.replace(self._folder / SCENE, self._run.path / SCENE)
         write_findings(
             self._run, metrics, scene.path, scene if o.refine_poses else None,
-            self._run.begun_with(), self._blocks.list_words(),
+            self._run.read_given_options(), self._blocks.list_words(),
         )  # fmt: skip
         scene = scene.move_origin((0.0, 0.0, 0.0))
         return BlocksResult(self._run.path / SCENE, metrics, scene, self.layout)

@@ -20,7 +20,7 @@ from gsut._core import InputError
 from gsut.blocks.segment import BlockLoop, run_segment
 from gsut.blocks.task import BlockTask
 from gsut.files import whole_file
-from gsut.run import peak_rss_mb, read_checkpoint, release_memory, write_checkpoint
+from gsut.run import measure_peak_rss, read_checkpoint, release_memory, write_checkpoint
 
 # Times that a worker may end without a new state before the run ends: it would do so for ever.
 _MOST_DEATHS = 3
@@ -87,7 +87,7 @@ def run_job(job: Job, report: Report) -> None:
 def summarize_state(state: dict[str, Any]) -> dict[str, Any]:
     """Returns the figures of a state's segment, without its arrays."""
     figures = {name: state[name] for name in ("segment", "step", "seconds", "pixels")}
-    return figures | {"peak_rss_mb": peak_rss_mb(), "process": os.getpid()}
+    return figures | {"peak_rss_mb": measure_peak_rss(), "process": os.getpid()}
 
 
 class Workers:
@@ -151,10 +151,6 @@ class Workers:
                 server.join()
         if errors:
             raise errors[0]
-
-    def list_processes(self) -> list[int]:
-        """Returns the ids of the running processes."""
-        return [w.process.pid for w in self._workers if w.process is not None]
 
     def close(self) -> None:
         """Ends the processes; their last states stay."""

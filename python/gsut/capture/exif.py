@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from gsut._core import InputError
-from gsut.files import regular
+from gsut.files import check_regular
 
 # Diagonal of the 36 x 24 mm frame that "35 mm equivalent" refers to.
 _FRAME_DIAGONAL = math.hypot(36.0, 24.0)
@@ -68,7 +68,7 @@ def read_facts(path: Path) -> PhotographFacts:
         return _read_raw_facts(path)
     Image.MAX_IMAGE_PIXELS = None  # panoramas are no bombs
     try:
-        with Image.open(regular(path)) as image:
+        with Image.open(check_regular(path)) as image:
             exif = image.getexif()
             size, mode = image.size, image.mode
             details, place = exif.get_ifd(_DETAILS), exif.get_ifd(_PLACE)
@@ -99,7 +99,7 @@ def _read_raw_facts(path: Path) -> PhotographFacts:
             f"{path}: cannot be read as a raw photograph ({error}); export it as JPEG"
         ) from None
     try:
-        with Image.open(regular(path)) as image:
+        with Image.open(check_regular(path)) as image:
             exif = image.getexif()
             details, place = exif.get_ifd(_DETAILS), exif.get_ifd(_PLACE)
     except (OSError, SyntaxError, ValueError, UnidentifiedImageError):

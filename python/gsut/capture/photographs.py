@@ -24,7 +24,7 @@ from gsut.capture.frames import IMAGES, Capture, OnProgress, read_finished_captu
 from gsut.capture.strip import write_strip
 from gsut.data import CAPTURE, capture_state, list_some
 from gsut.data.images import IMAGE_SUFFIXES, find_mask
-from gsut.files import regular, write_json, write_picture
+from gsut.files import check_regular, write_json, write_picture
 
 HEIF_SUFFIXES = (".heic", ".heif")
 PHOTOGRAPH_SUFFIXES = (*IMAGE_SUFFIXES, *HEIF_SUFFIXES, *RAW_SUFFIXES)
@@ -294,7 +294,7 @@ def _decode(path: Path) -> np.ndarray:
             return raw.postprocess(use_camera_wb=True, user_flip=0)
     from PIL import Image
 
-    with Image.open(regular(path)) as image:
+    with Image.open(check_regular(path)) as image:
         if image.mode.startswith("I"):
             grey = np.asarray(image).astype(np.float64) / 257
             return np.repeat(grey.round().clip(0, 255).astype(np.uint8)[:, :, None], 3, axis=2)

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.files import regular
+from gsut.files import check_regular
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".mts", ".m2ts", ".360", ".insv")
 # GoPro's firmware names since HERO9; before, HD8 is HERO8.
@@ -122,7 +122,7 @@ def read_stream_start(
     import av
 
     try:
-        with av.open(str(regular(path))) as container:
+        with av.open(str(check_regular(path))) as container:
             streams = container.streams.video
             if stream >= len(streams):
                 return None

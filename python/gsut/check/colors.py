@@ -43,7 +43,7 @@ def check_colors(
         return
     chosen = np.unique(np.linspace(0, len(scene) - 1, views).round().astype(int)).tolist()
     per_view = {}
-    for index in Progress(progress).through("colours", chosen):
+    for index in Progress(progress).iterate("colours", chosen):
         r = correlate_colors(scene, index)
         if r is not None:
             per_view[index] = r

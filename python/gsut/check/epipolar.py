@@ -10,7 +10,7 @@ import numpy as np
 from gsut.check.matches import ImagePair
 from gsut.data import Scene
 from gsut.lens import Camera
-from gsut.sfm import readout_moments, readout_poses
+from gsut.sfm.core import compute_readout_poses, find_readout_moments
 
 # Error of a match beyond which it counts as plainly wrong, in thousandths of the image's diagonal:
 # one and a half pixels of the small images that features are sought in.
@@ -89,7 +89,7 @@ class PoseTable:
 
 def make_pose_table(scene: Scene, matches: Matches) -> PoseTable:
     """Makes the table of the dataset's poses, and of each match's place in it."""
-    of_views = [readout_poses(view) for view in scene.views]
+    of_views = [compute_readout_poses(view) for view in scene.views]
     moments = max(len(poses) for poses in of_views)
     table = np.array([np.resize(poses, (moments, 4, 4)) for poses in of_views])
     rows = np.zeros((2, len(matches), 2), np.int64)
@@ -99,7 +99,7 @@ def make_pose_table(scene: Scene, matches: Matches) -> PoseTable:
         for index in np.unique(of_match):
             here = of_match == index
             view = scene.views[index]
-            rows[side, here, 1] = readout_moments(
+            rows[side, here, 1] = find_readout_moments(
                 view, scene.cameras[view.camera_index], matches.pixels[side, here]
             )
     return PoseTable(table, rows)

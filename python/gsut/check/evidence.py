@@ -20,7 +20,7 @@ from gsut.check.epipolar import (
 from gsut.check.matches import ImagePair, match_neighbours
 from gsut.data import Scene
 from gsut.lens import Camera
-from gsut.sfm import angular_errors, pixels_per_radian
+from gsut.sfm.core import measure_angular_errors, measure_pixels_per_radian
 
 _FEWEST_PAIRS = 2  # pairs of photographs: one alone may be an exception
 _FEWEST_MATCHES = 60  # of all pairs: fewer say nothing about poses and lens
@@ -48,7 +48,7 @@ class Evidence:
     @functools.cached_property
     def focal(self) -> float:
         """Pixels a radian of the first lens."""
-        return pixels_per_radian(self.scene.cameras[0])
+        return measure_pixels_per_radian(self.scene.cameras[0])
 
     @functools.cached_property
     def sample(self) -> Evidence:
@@ -71,13 +71,13 @@ class Evidence:
 
     def rate_poses(self, poses: np.ndarray) -> float:
         """Returns the cost of the matches with these poses (V, B, 4, 4), from 0 to 1."""
-        errors = angular_errors(self.rays, self.table.select_poses(poses))
+        errors = measure_angular_errors(self.rays, self.table.select_poses(poses))
         return rate_matches(errors, self.matches, self.focal)
 
     def rate_lenses(self, cameras: list[Camera]) -> float:
         """Returns the cost of the matches through these lenses, from 0 to 1."""
-        errors = angular_errors(find_rays(cameras, self.matches), self.table.select_poses())
-        return rate_matches(errors, self.matches, pixels_per_radian(cameras[0]))
+        errors = measure_angular_errors(find_rays(cameras, self.matches), self.table.select_poses())
+        return rate_matches(errors, self.matches, measure_pixels_per_radian(cameras[0]))
 
     def describe(self) -> str:
         """Counts matches and pairs, in words."""

@@ -73,7 +73,7 @@ def check_images(scene: Scene, *, progress: bool = True) -> Iterator[Finding]:
     """
     yield from check_bits(scene)
     stats: list[ImageStats] = []
-    for index in Progress(progress).through("images", range(len(scene))):
+    for index in Progress(progress).iterate("images", range(len(scene))):
         try:
             stats.append(_measure_image(scene, index))
         except InputError as error:

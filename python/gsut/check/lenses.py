@@ -11,7 +11,7 @@ import numpy as np
 from gsut._core import InputError
 from gsut.check.epipolar import Matches, find_rays
 from gsut.lens import Camera
-from gsut.sfm import angular_errors, pixels_per_radian
+from gsut.sfm.core import measure_angular_errors, measure_pixels_per_radian
 
 # Factors on the image's size that programs resize by, and that a lens may not have followed.
 _SIZES = (0.25, 1 / 3, 0.5, 2 / 3, 0.75, 4 / 3, 1.5, 2.0, 3.0, 4.0)
@@ -102,11 +102,14 @@ def fit_lens(cameras: Sequence[Camera], matches: Matches, poses: np.ndarray) -> 
         matches: their pixels.
         poses: (2, M, 4, 4) world_from_camera.
     """
-    focal = pixels_per_radian(cameras[0])
+    focal = measure_pixels_per_radian(cameras[0])
     steps = np.diag([1e-3, 0.1, 0.1, 1e-3])
 
     def find_errors(x: np.ndarray) -> np.ndarray:
-        return angular_errors(_find_moved_rays(cameras, matches, x), poses, signed=True) * focal
+        return (
+            measure_angular_errors(_find_moved_rays(cameras, matches, x), poses, signed=True)
+            * focal
+        )
 
     x, covariance = np.zeros(4), np.full((4, 4), np.inf)
     for _ in range(_ITERATIONS):

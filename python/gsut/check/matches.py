@@ -13,7 +13,8 @@ from gsut._core import InputError
 from gsut.data import Scene
 from gsut.data.images import decode_mask
 from gsut.data.scene import order_frames
-from gsut.sfm import Features, PosesOptions, features_in
+from gsut.sfm import PosesOptions
+from gsut.sfm.core import Features, detect_features
 
 
 @dataclasses.dataclass(frozen=True)
@@ -138,4 +139,4 @@ def _find_features(scene: Scene, index: int, options: PosesOptions) -> Features:
         valid = view.valid if view.mask_path is None else decode_mask(view.mask_path)
     except InputError:  # reported by the checks of the files
         pixels, valid = np.zeros((8, 8, 3), np.uint8), None
-    return features_in(pixels, valid, options)
+    return detect_features(pixels, valid, options)

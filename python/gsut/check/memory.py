@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from gsut.check.findings import Finding
 from gsut.data import DatasetError, Scene
 from gsut.optimize import compute_target_size, find_last_densification
-from gsut.run import TrainOptions, free_memory, size_text
+from gsut.run import TrainOptions, format_size, free_memory
 
 _FIRST = 10_000  # Gaussians with which a scene without points begins, at least
 # Lower bounds: a training that exceeds them cannot run.
@@ -30,7 +30,7 @@ def check_memory(scene: Scene, options: TrainOptions | None = None) -> Iterator[
     count = _count_gaussians(scene, o)
     size = width * height * _PIXEL_BYTES + count * _count_bytes(o.sh_degree) + _PROGRAM_BYTES
     what = (
-        f"training takes about {size_text(size)} of memory (images of up to {width} x {height}, "
+        f"training takes about {format_size(size)} of memory (images of up to {width} x {height}, "
         f"{count:,} Gaussians of degree {o.sh_degree})"
     )
     free = free_memory()
@@ -38,7 +38,7 @@ def check_memory(scene: Scene, options: TrainOptions | None = None) -> Iterator[
         yield Finding("info", str(scene.path), what)
         return
     yield Finding(
-        "error", str(scene.path), f"{what}, and {size_text(free)} are free",
+        "error", str(scene.path), f"{what}, and {format_size(free)} are free",
         "use smaller images (--max-side), fewer Gaussians (--max-gaussians) or --blocks",
     )  # fmt: skip
 

@@ -26,7 +26,7 @@ from gsut.check.turns import (
     to_rotation_vector,
 )
 from gsut.data import Scene, list_some
-from gsut.sfm import angular_errors, pixels_per_radian
+from gsut.sfm.core import measure_angular_errors, measure_pixels_per_radian
 
 # Costs are between 0 and 1; good data lie at 0.1 to 0.5, wrong data at 0.7 to 1.
 _POOR = 0.62  # cost from which something is wrong, whether or not another reading fits
@@ -133,7 +133,7 @@ def _fit_others(evidence: Evidence, most: float) -> list[tuple[float, str, str, 
     for lens in lenses[:_FITTED_LENSES]:
         rays = fit_lens(lens.cameras, matches, poses).apply(lens.cameras, matches)
         value = rate_matches(
-            angular_errors(rays, poses), matches, pixels_per_radian(lens.cameras[0])
+            measure_angular_errors(rays, poses), matches, measure_pixels_per_radian(lens.cameras[0])
         )
         if value < most:
             found.append((value, f"nearly {lens.name}", lens.advice, "lens"))
@@ -209,7 +209,9 @@ def _find_small_errors(evidence: Evidence, given: float) -> list[Finding]:
     """Finds pairs that do not fit, and small errors of the lens, where most matches fit."""
     scene, where = evidence.scene, str(evidence.scene.path)
     poses = evidence.table.select_poses()
-    costs = rate_pairs(angular_errors(evidence.rays, poses), evidence.matches, evidence.focal)
+    costs = rate_pairs(
+        measure_angular_errors(evidence.rays, poses), evidence.matches, evidence.focal
+    )
     findings = []
     free = {number: share for number, _, share in evidence.free_turns if share > MATCHED}
     bad = [i for i in np.flatnonzero(costs > _BAD_PAIR) if i in free]

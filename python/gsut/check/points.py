@@ -11,7 +11,7 @@ from gsut.check.findings import Finding
 from gsut.check.readings import list_signed_permutations
 from gsut.data import Scene
 from gsut.data.points import has_colors
-from gsut.sfm import angular_errors
+from gsut.sfm.core import measure_angular_errors
 
 _FEWEST = 30  # points, or triangulated matches, of which a median is trusted
 _UNITS = {  # points' unit over the poses' -> names of both
@@ -70,7 +70,7 @@ def _name_unit(where: str, unit: float, seen: str) -> Finding:
 def _compare_spread(scene: Scene, evidence: Evidence) -> float | None:
     """Divides the median spread of the points by that of triangulated matches."""
     matches, poses = evidence.matches, evidence.table.select_poses()
-    errors = angular_errors(evidence.rays, poses)
+    errors = measure_angular_errors(evidence.rays, poses)
     tolerance = TOLERANCE * matches.diagonal / 1000 / evidence.focal
     one, two = np.einsum("smij,smj->smi", poses[..., :3, :3], evidence.rays)
     base = poses[1, :, :3, 3] - poses[0, :, :3, 3]

@@ -16,7 +16,7 @@ from gsut.check.evidence import Evidence
 from gsut.check.readings import list_signed_permutations
 from gsut.data.poses import OPENGL_FROM_OPENCV
 from gsut.gaussians import rotations_from_quaternions
-from gsut.sfm import angular_errors
+from gsut.sfm.core import measure_angular_errors
 
 MATCHED = 0.5  # of a pair's matches must fit one relative pose for it to count
 _FEWEST = 4  # turns: fewer show nothing
@@ -77,7 +77,7 @@ def _search_turn(evidence: Evidence) -> np.ndarray:
 
 def _find_median_error(evidence: Evidence, poses: np.ndarray) -> float:
     """Returns radians; infinite if most matches have no rays."""
-    errors = angular_errors(evidence.rays, evidence.table.select_poses(poses))
+    errors = measure_angular_errors(evidence.rays, evidence.table.select_poses(poses))
     return float(np.median(np.where(np.isfinite(errors), errors, np.inf)))
 
 

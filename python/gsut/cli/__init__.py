@@ -26,7 +26,7 @@ EXIT_INPUT = 2  # wrong arguments or data: one sentence says which
 EXIT_INTERRUPTED = 130  # as shells report Ctrl-C
 EXIT_PIPE = 141  # as shells report a reader of the output that has gone
 DEBUG_VARIABLE = "GSUT_DEBUG"
-_STOPPED = "stopped; no file was left half-written, and the same command begins anew"
+_STOPPED = "interrupted; no file was left half-written, and the same command starts again"
 
 
 class Parser(argparse.ArgumentParser):
@@ -38,22 +38,24 @@ class Parser(argparse.ArgumentParser):
     def __init__(self, **settings: Any) -> None:
         super().__init__(allow_abbrev=False, **settings)
 
-    def error(self, message: str) -> NoReturn:
+    def raise_error(self, message: str) -> NoReturn:
         raise _core.InputError(f"{message} (see {self.prog} --help)")
+
+    error = raise_error  # the name that argparse calls
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command; returns its exit status (see `run_command`)."""
-    names = command_names()
+    names = list_commands()
 
-    def parser_of(words: Sequence[str]) -> argparse.ArgumentParser:
+    def make_parser(words: Sequence[str]) -> argparse.ArgumentParser:
         return build_parser(words[:1] if words and words[0] in names else names)
 
-    return run_command(parser_of, arguments)
+    return run_command(make_parser, arguments)
 
 
 def run_command(
-    parser_of: Callable[[Sequence[str]], argparse.ArgumentParser],
+    make_parser: Callable[[Sequence[str]], argparse.ArgumentParser],
     arguments: Sequence[str] | None = None,
 ) -> int:
     """Parses, and calls `run` of what was parsed.
@@ -63,7 +65,7 @@ def run_command(
         arguments: the words after the program's name; those of the process if None.
 
     Returns:
-        0; 2 after wrong input, or where something cannot be read or written, told in one sentence
+        0; 2 after wrong input, or if something cannot be read or written, reported in one sentence
         on standard error (with GSUT_DEBUG=1 the traceback too); 130 after Ctrl-C; 141 where nobody
         reads the output any more.
     """
@@ -78,11 +80,11 @@ def run_command(
     try:
         try:
             _refuse_empty(words)
-            parsed = parser_of(words).parse_args(words)
-            _starting.done()
+            parsed = make_parser(words).parse_args(words)
+            _starting.finish_start()
             return parsed.run(parsed)
         finally:
-            sys.stdout.flush()  # here its failure can be told
+            sys.stdout.flush()  # here its failure can be reported
     except KeyboardInterrupt as interrupt:
         _say(f"\ngsut: {str(interrupt) or _STOPPED}")
         return EXIT_INTERRUPTED
@@ -90,7 +92,7 @@ def run_command(
         _drop_output()
         return EXIT_PIPE
     except Exception as error:
-        sentence = _sentence_of(error)
+        sentence = _describe_error(error)
         if sentence is None:  # a bug of ours is shown as one
             raise
         return _report(sentence)
@@ -106,8 +108,8 @@ def _refuse_empty(words: Sequence[str]) -> None:
             )
 
 
-def _sentence_of(error: Exception) -> str | None:
-    """What is told of an error that is not a bug."""
+def _describe_error(error: Exception) -> str | None:
+    """Returns the sentence for an error that is not a bug; None for a bug."""
     if isinstance(error, (_core.InputError, _core.CalibrationError, _core.SolveError)):
         return str(error)
     if isinstance(error, MemoryError):
@@ -135,7 +137,7 @@ def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
 
 
 def _say(line: str) -> None:
-    """On standard error, which may have gone, or be a file on a disk that is full."""
+    """Prints to standard error, which may be closed or a file on a full disk."""
     try:
         print(line, file=sys.stderr, flush=True)
     except OSError:
@@ -143,7 +145,7 @@ def _say(line: str) -> None:
 
 
 def _drop_output() -> None:
-    """Standard output goes nowhere from now on: what it still holds cannot fail at the end."""
+    """Sends standard output nowhere from now on, so that flushing it at the end cannot fail."""
     if sys.stdout is sys.__stdout__ and sys.stdout is not None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
@@ -155,21 +157,21 @@ def _report(message: str) -> int:
     return EXIT_INPUT
 
 
-def command_names() -> list[str]:
-    """The commands there are: the modules of this folder."""
+def list_commands() -> list[str]:
+    """Lists the commands: the modules of this folder."""
     found = (module.name for module in pkgutil.iter_modules(__path__))
     return sorted(name for name in found if not name.startswith("_"))
 
 
 def build_parser(names: Iterable[str] | None = None) -> argparse.ArgumentParser:
-    """The parser of these commands, or all; each sets `run`, the function that carries it out."""
+    """Returns the parser of these commands, or of all; each sets `run`, its function."""
     parser = Parser(
         prog="gsut",
         description="3D Gaussian splatting for any real lens, on any machine, without a GPU.",
         epilog="`gsut COMMAND --help` lists a command's options.",
     )
     parser.add_argument("--version", action="version", version=f"gsut {_core.__version__}")
-    wanted = command_names() if names is None else names
+    wanted = list_commands() if names is None else names
     add_commands(parser, {name: f"gsut.cli.{name}" for name in wanted}, "commands", "COMMAND")
     return parser
 

@@ -46,7 +46,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--level", metavar="DB", type=finite, action="append", default=[], dest="levels",
-        help="tell the seconds to this PSNR, between two runs by interpolation; may be repeated",
+        help="report the seconds to this PSNR, interpolated between two runs; may be repeated",
     )  # fmt: skip
     add_json(parser)
 
@@ -58,12 +58,12 @@ def run(arguments: argparse.Namespace) -> int:
     for words in arguments.runs or [f"--preset {preset}" for preset in PRESETS]:
         for version, command in versions.items():
             flags = [*shlex.split(words), *shlex.split(arguments.flags)]
-            row = {"version": version, "run": words} | _timed(command, arguments.data, flags)
+            row = {"version": version, "run": words} | _time_command(command, arguments.data, flags)
             rows.append(row)
             if not arguments.json:
-                print(_text(row), flush=True)
+                print(_describe_row(row), flush=True)
     reached = {
-        version: {level: seconds_to(level, rows, version) for level in arguments.levels}
+        version: {level: find_seconds_to(level, rows, version) for level in arguments.levels}
         for version in versions
     }
     if arguments.json:
@@ -76,17 +76,17 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _timed(command: Sequence[str], data: str, flags: Sequence[str]) -> dict[str, Any]:
-    """Figures of one whole command, its seconds, and the curve of its history."""
+def _time_command(command: Sequence[str], data: str, flags: Sequence[str]) -> dict[str, Any]:
+    """Runs one whole command; returns its figures, its seconds and the curve of its history."""
     with tempfile.TemporaryDirectory(prefix="gsut-bench-") as folder:
         out = Path(folder) / "run"
         words = [*command, "train", data, "-o", str(out), "--quiet", *flags]
-        began, before = time.perf_counter(), _seconds_of_children()
+        began, before = time.perf_counter(), _measure_child_seconds()
         try:
             done = subprocess.run(words, capture_output=True, encoding="utf-8", check=False)
         except OSError as error:
             raise InputError(f"{command[0]} cannot be run: {error.strerror}") from None
-        seconds, cpu_seconds = time.perf_counter() - began, _seconds_of_children() - before
+        seconds, cpu_seconds = time.perf_counter() - began, _measure_child_seconds() - before
         if done.returncode:
             said = done.stderr.strip().splitlines()[-1:] or ["it says nothing"]
             reason = said[0].removeprefix("gsut: error: ")
@@ -100,15 +100,15 @@ def _timed(command: Sequence[str], data: str, flags: Sequence[str]) -> dict[str,
     return {**figures, "seconds": seconds, "cpu_seconds": cpu_seconds, "curve": curve}
 
 
-def _seconds_of_children() -> float:
+def _measure_child_seconds() -> float:
     used = os.times()
     return used.children_user + used.children_system
 
 
-def seconds_to(
+def find_seconds_to(
     level: float, rows: Sequence[dict[str, Any]], version: str
 ) -> tuple[float, float] | None:
-    """Seconds and processor seconds of a whole command that reaches a PSNR; None: none does.
+    """Finds the seconds and processor seconds of a command that reaches a PSNR; None: none does.
 
     Between two runs by interpolation of their logarithms; those of the first run, at most, where
     it reaches more.
@@ -127,10 +127,10 @@ def seconds_to(
     return None
 
 
-def _text(row: dict[str, Any]) -> str:
-    """The row and its curve, for people."""
+def _describe_row(row: dict[str, Any]) -> str:
+    """Returns the row and its curve in words."""
     curve = "".join(
-        f"    {point['seconds']:8.1f} s {_cpu_text(point)}{point['psnr']:7.2f} dB\n"
+        f"    {point['seconds']:8.1f} s {_describe_cpu(point)}{point['psnr']:7.2f} dB\n"
         for point in row["curve"]
     )
     return (
@@ -141,6 +141,6 @@ def _text(row: dict[str, Any]) -> str:
     )
 
 
-def _cpu_text(point: dict[str, Any]) -> str:
+def _describe_cpu(point: dict[str, Any]) -> str:
     cpu = point.get("cpu_seconds")
     return f"{'':14}" if cpu is None else f"{cpu:8.1f} CPU-s"

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from gsut._core import InputError
-from gsut.files import json_text
+from gsut.files import format_json
 from gsut.run.options import MOST_WHOLE
 
 # Of pictures, films, scenes and tables: nobody means a folder by such a name.
@@ -48,7 +48,7 @@ def add_force(parser: argparse.ArgumentParser) -> None:
 
 
 def check_first(scene: Any, force: bool, quiet: bool = False, matches: Any = None) -> None:
-    """The doctor's quick checks; says what will make the result worse.
+    """Runs the doctor's quick checks and prints what will make the result worse.
 
     Args:
         scene: that is looked at.
@@ -68,7 +68,7 @@ def check_first(scene: Any, force: bool, quiet: bool = False, matches: Any = Non
 
 
 def add_capture(parser: argparse.ArgumentParser) -> None:
-    """How pictures are taken from a video or a 360-degree camera."""
+    """Adds the flags that choose pictures of a video or a 360-degree camera."""
     parser.add_argument(
         "--frames",
         type=count,
@@ -87,7 +87,7 @@ def add_capture(parser: argparse.ArgumentParser) -> None:
 
 
 def add_run(parser: argparse.ArgumentParser) -> None:
-    """A finished run as the first argument, and where its dataset is now."""
+    """Adds a finished run as the first argument, and --data for a dataset that moved."""
     parser.add_argument("folder", metavar="RUN", help="folder of the run")
     add_moved_data(parser)
 
@@ -99,7 +99,7 @@ def add_moved_data(parser: argparse.ArgumentParser) -> None:
 
 
 def add_memory(parser: argparse.ArgumentParser) -> None:
-    """--memory, of commands that look at a run."""
+    """Adds --memory, for commands that read a run."""
     parser.add_argument(
         "--memory",
         metavar="SIZE",
@@ -109,7 +109,7 @@ def add_memory(parser: argparse.ArgumentParser) -> None:
 
 
 def add_depth_unit(parser: argparse.ArgumentParser) -> None:
-    """--depth-unit, of 16-bit files that are read or written."""
+    """Adds --depth-unit, for 16-bit files that are read or written."""
     parser.add_argument(
         "--depth-unit",
         type=Number(0, _MOST_UNIT, above=True),
@@ -123,8 +123,8 @@ class Number:
     """A number within bounds, for `type=`; NaN and infinities are refused.
 
     Args:
-        low, high: allowed both; without bounds as far as squares can be told from infinity, or
-            whole numbers counted by a machine.
+        low, high: allowed both; without bounds as far as squares are finite, or up to the
+            largest 32-bit integer.
         whole: without digits behind the point.
         above: `low` itself is not allowed.
     """
@@ -148,10 +148,12 @@ class Number:
             value = math.nan
         above = value > self._low if self._above else value >= self._low
         if not (above and value <= self._high):
-            raise argparse.ArgumentTypeError(f"takes {self._words(value)}, found {text[:80]!r}")
+            raise argparse.ArgumentTypeError(
+                f"takes {self._describe_range(value)}, found {text[:80]!r}"
+            )
         return value
 
-    def _words(self, value: float) -> str:
+    def _describe_range(self, value: float) -> str:
         if not self.whole and not math.isfinite(value):
             return "a finite number"
         words = "a whole number" if self.whole else "a number"
@@ -168,8 +170,8 @@ degrees = Number(0, 360, above=True)  # of a field of view
 positive = Number(0, above=True)
 
 
-def folder_name(text: str) -> str:
-    """The name of a folder to write, for `type=`: an empty or a file's name is refused."""
+def read_folder_name(text: str) -> str:
+    """Reads the name of a folder to write, for `type=`; rejects an empty or a file's name."""
     if not text:
         raise argparse.ArgumentTypeError("a folder is written here, and the name is empty")
     if Path(text).suffix.lower() in FILE_SUFFIXES and not Path(text).is_dir():
@@ -179,8 +181,8 @@ def folder_name(text: str) -> str:
     return text
 
 
-def parsed_size(text: str) -> tuple[int, int]:
-    """Width and height of --size.
+def parse_image_size(text: str) -> tuple[int, int]:
+    """Reads width and height of --size.
 
     Raises:
         InputError: not like 1280x720.
@@ -192,4 +194,4 @@ def parsed_size(text: str) -> tuple[int, int]:
 
 
 def print_json(figures: Any) -> None:
-    print(json_text(figures))
+    print(format_json(figures))

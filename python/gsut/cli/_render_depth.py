@@ -39,8 +39,8 @@ class DepthOutput:
         self._too_far = self._known = 0
 
     @classmethod
-    def asked(cls, arguments: argparse.Namespace, folder: Path | None) -> DepthOutput | None:
-        """None where neither depths nor a cloud are asked for.
+    def from_flags(cls, arguments: argparse.Namespace, folder: Path | None) -> DepthOutput | None:
+        """Makes the writer that the flags request; None without depths and a cloud.
 
         Raises:
             InputError: depths of a film, a unit out of range, or a file that exists.

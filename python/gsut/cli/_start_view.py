@@ -11,7 +11,7 @@ _SMALL = 64  # pixels a side of the picture that says how far the scene is
 
 
 def start_view(scene: Any, gaussians: Any, origin: np.ndarray) -> Any:
-    """The first training view with the cameras' mean up; it turns about what it looks at.
+    """Returns the first training view, upright by the cameras' mean, turning about its subject.
 
     Args:
         scene: the dataset.

@@ -17,13 +17,15 @@ DESCRIPTION = (
     "Measures speed and, beside it, error: against a double-precision reference or the held-out "
     "photographs, never speed alone."
 )
-_IMAGE_RMS_BOUND = 1e-5  # of a right image against the double reference: above, no time is told
+# Largest error of a right image against the double reference; above it, no time is reported.
+_IMAGE_RMS_BOUND = 1e-5
 _GRADIENT_BOUND = 1e-4  # relative, of each parameter
 _PIXELS = 256  # drawn at random, at which errors are measured
 # Relative move of the rule's cut-offs that finds pixels where it jumps, which the last bit decides.
 _JUMP = 1e-4
 _BACKGROUND = (0.0, 0.0, 0.0)
-_FORWARD, _BACKWARD = ("project", "records", "bin", "forward"), ("backward", "gradients")
+_FORWARD = ("project", "records", "bin", "forward")
+_BACKWARD = ("backward", "gradients")
 _TINY = 1e-300
 _PARAMETERS = ("means", "quats", "log_scales", "opacity_logits", "sh")
 
@@ -62,7 +64,7 @@ def _render(arguments: argparse.Namespace) -> int:
     index = (scene.test_indices or scene.train_indices)[0]
     _core.set_num_threads(arguments.threads)
     row = {"view": scene.views[index].name, "num_gaussians": len(gaussians)}
-    row |= _measured(gaussians, scene.camera(index), scene.views[index].motion, arguments.repeats)
+    row |= _measure(gaussians, scene.camera(index), scene.views[index].motion, arguments.repeats)
     if arguments.json:
         print_json(row)
         return 0
@@ -80,9 +82,8 @@ def _render(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _measured(gaussians: Any, camera: Any, place: Any, repeats: int) -> dict[str, Any]:
+def _measure(gaussians: Any, camera: Any, place: Any, repeats: int) -> dict[str, Any]:
     """Times and errors of one view, see _render."""
-    from gsut.render import DEFAULT_UNSCENTED
 
     rng = np.random.default_rng(0)
     rule, degree = _core.BlendRule(), gaussians.sh_degree
@@ -91,35 +92,30 @@ def _measured(gaussians: Any, camera: Any, place: Any, repeats: int) -> dict[str
     pixels.flat[rng.permutation(seen)[:_PIXELS]] = 1
     exact = gaussians.to_dtype(np.float64)
 
-    def reference(factor: float) -> tuple[np.ndarray, np.ndarray]:
+    def render_reference(factor: float) -> tuple[np.ndarray, np.ndarray]:
         moved = _core.BlendRule()
         for name in ("alpha_min", "transmittance_min", "response_min"):
             setattr(moved, name, factor * getattr(rule, name))
-        image, _, _, blended, _ = _core.render_reference(
-            exact, camera, place, moved, _BACKGROUND, degree, pixels
-        )
+        job = _core.RenderJob(camera, place, rule=moved, background=_BACKGROUND, sh_degree=degree)
+        image, _, _, blended, _ = _core.render_reference(exact, job, pixels)
         return image, blended
 
-    truth, blended = reference(1.0)
+    truth, blended = render_reference(1.0)
     smooth = pixels.astype(bool)
     for factor in (1.0 - _JUMP, 1.0 + _JUMP):
-        smooth &= reference(factor)[1] == blended
+        smooth &= render_reference(factor)[1] == blended
     weights = (rng.normal(size=truth.shape) * smooth[..., None]).astype(np.float32)
-    wanted = _zeros_like(exact)
-    _core.render_reference_backward(
-        exact, camera, place, rule, _BACKGROUND, degree, weights.astype(np.float64), None, None,
-        wanted, pixels,
-    )  # fmt: skip
+    wanted = _make_zeros(exact)
+    job = _core.RenderJob(camera, place, rule=rule, background=_BACKGROUND, sh_degree=degree)
+    _core.render_reference_backward(exact, job, weights.astype(np.float64), wanted, pixels=pixels)
 
     renderer, image = _core.Renderer(), np.zeros(truth.shape, np.float32)
-    found, touched = _zeros_like(gaussians), np.zeros(len(gaussians), np.uint8)
+    found, touched = _make_zeros(gaussians), np.zeros(len(gaussians), np.uint8)
     best: dict[str, float] = {}
     for _ in range(1 + repeats):  # the first warms up
-        renderer.render(
-            gaussians, camera, place, rule, _BACKGROUND, degree, DEFAULT_UNSCENTED, image, None,
-            None, True,
-        )  # fmt: skip
-        renderer.backward(weights, None, None, found, touched, True, False)
+        job = _core.RenderJob(camera, place, rule=rule, background=_BACKGROUND, sh_degree=degree)
+        renderer.render(gaussians, job, image)
+        renderer.backward(weights, found, touched, with_poses=False)
         for stage, (wall, _) in renderer.timings().items():
             best[stage] = min(wall, best.get(stage, np.inf))
     rms = float(np.sqrt(np.mean((image - truth)[smooth] ** 2)))
@@ -143,7 +139,7 @@ def _measured(gaussians: Any, camera: Any, place: Any, repeats: int) -> dict[str
     }
 
 
-def _zeros_like(gaussians: Any) -> Any:
+def _make_zeros(gaussians: Any) -> Any:
     from gsut.gaussians import Gaussians
 
     return Gaussians(*(np.zeros_like(getattr(gaussians, name)) for name in _PARAMETERS))

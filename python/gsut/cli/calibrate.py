@@ -18,7 +18,7 @@ from types import ModuleType
 
 from gsut._core import InputError
 from gsut.cli._flags import add_json, add_quiet, finite, print_json
-from gsut.files import regular
+from gsut.files import check_regular
 from gsut.lens.files import OWN_SUFFIX
 from gsut.output_folder import claim_folder
 from gsut.run import Progress
@@ -136,7 +136,7 @@ def _from_boards(arguments: argparse.Namespace) -> int:
             )
     calib = _import_calib()
     job = calib.Job(
-        images=tuple(_images(arguments.images)),
+        images=tuple(_list_images(arguments.images)),
         board=arguments.board,
         spacing=arguments.spacing,
         out=Path(arguments.out),
@@ -192,8 +192,8 @@ def _print_notes(notes: Sequence[str]) -> None:
         print(f"gsut: note: {note}", file=sys.stderr)
 
 
-def _images(given: list[str]) -> list[Path]:
-    """Files as given; folders and quoted patterns replaced by the images in them."""
+def _list_images(given: list[str]) -> list[Path]:
+    """Lists files; folders and quoted patterns are replaced by the images in them."""
     found: list[Path] = []
     for name in given:
         path = Path(name)
@@ -209,6 +209,6 @@ def _images(given: list[str]) -> list[Path]:
             found += [Path(match) for match in matches]
         else:
             if os.path.lexists(path) and not path.is_file():
-                regular(path)  # a pipe, a link to itself: said so
+                check_regular(path)  # a pipe, a link to itself: said so
             found.append(path)
     return found

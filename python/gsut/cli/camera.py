@@ -11,7 +11,7 @@ from typing import Any
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.cli._flags import Number, add_json, count, parsed_size, positive, print_json, whole
+from gsut.cli._flags import Number, add_json, count, parse_image_size, positive, print_json, whole
 from gsut.files import refuse_existing
 
 HELP = "convert a lens into another model, find one by the camera's name"
@@ -45,7 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _find(arguments: argparse.Namespace) -> int:
     from gsut.lens import find_lens, find_lenses
 
-    size = None if arguments.size is None else parsed_size(arguments.size)
+    size = None if arguments.size is None else parse_image_size(arguments.size)
     found = find_lenses(arguments.words, size=size)
     if not found:
         find_lens(" ".join(arguments.words))  # says which word is to blame

@@ -55,13 +55,13 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="ghap: merge neighbours where it costs least, weighted by what the lenses see, and "
         "fit colours to the whole model's pictures; field: without the fit; ghap-paper: the "
         "published k-means; lightgaussian, pup: prune by score; auto: ghap, but with --finetune "
-        "where photographs differ in light and more than a fifth is kept as many are trained from "
-        "the start for the same work, which is better there [default auto]",
+        "where photographs differ in light and more than a fifth is kept, the same number is "
+        "trained from the start for the same work, which is better there [default auto]",
     )  # fmt: skip
     parser.add_argument(
         "--finetune", type=whole, default=0, metavar="STEPS",
         help="train the result STEPS steps on the photographs; the fewer Gaussians are kept, the "
-        "more steps pay, up to as many as the run had [default 0: no photograph is used]",
+        "more steps pay, up to the number of the run [default 0: no photograph is used]",
     )  # fmt: skip
     parser.add_argument(
         "--harmonics-drop", type=finite, metavar="DB",
@@ -100,7 +100,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _compact_file(arguments: argparse.Namespace, options: Any) -> dict[str, Any]:
-    """A PLY file without cameras or photographs."""
+    """Compacts a PLY file without cameras or photographs."""
     import time
 
     import gsut

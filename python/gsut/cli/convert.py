@@ -55,25 +55,25 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from gsut.formats import WriteSettings, check_room, format_of, read_scene_file
+    from gsut.formats import WriteSettings, check_room, choose_format, read_scene_file
     from gsut.gaussians import are_surfels
 
     out = Path(arguments.out)
-    chosen = format_of(out)
+    chosen = choose_format(out)
     refuse_existing(out)
-    path = scene_file_of(Path(arguments.source))
+    path = find_scene_file(Path(arguments.source))
     found = read_scene_file(path)
     gaussians, tuning = found.gaussians, None
     check_room("converting", [gaussians], _WORKING)
     if arguments.reader == "viewers":
-        gaussians, tuning = _tuned_for_viewers(arguments)
+        gaussians, tuning = _tune_for_viewers(arguments)
     elif arguments.steps is not None:
         raise InputError("--steps belongs to --for viewers")
-    gaussians = _lowered(gaussians, arguments.sh_degree)
+    gaussians = _lower_degree(gaussians, arguments.sh_degree)
     settings = WriteSettings(
         antialiased=found.antialiased,
         spz_version=arguments.spz_version,
-        view=_first_view(arguments, out, gaussians),
+        view=_find_start_view(arguments, out, gaussians),
         three_scales=arguments.three_scales,
     )
     figures = {
@@ -96,8 +96,8 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _tuned_for_viewers(arguments: argparse.Namespace) -> tuple[Any, dict[str, Any]]:
-    """The run's Gaussians fine-tuned, and what that was worth."""
+def _tune_for_viewers(arguments: argparse.Namespace) -> tuple[Any, dict[str, Any]]:
+    """Fine-tunes a run's Gaussians for viewers; returns them and the gain."""
     from gsut.render import PLAYCANVAS_SHRINK, solid
     from gsut.run import Progress, RunFolder
     from gsut.training import read_trained, tune_for_viewers
@@ -125,21 +125,21 @@ def _tuned_for_viewers(arguments: argparse.Namespace) -> tuple[Any, dict[str, An
     return tuned.gaussians, figures
 
 
-def _first_view(arguments: argparse.Namespace, out: Path, gaussians: Any) -> Any:
-    """Where a page of a run begins, None for other formats and for files of Gaussians."""
+def _find_start_view(arguments: argparse.Namespace, out: Path, gaussians: Any) -> Any:
+    """Finds where a page of a run starts; None for other formats and files of Gaussians."""
     if out.suffix.lower() != _PAGE or not Path(arguments.source).is_dir():
         return None
     from gsut.cli._start_view import start_view
-    from gsut.formats import for_file
+    from gsut.formats import prepare_for_file
     from gsut.run import RunFolder
     from gsut.training import read_scene
 
     scene = read_scene(RunFolder.open(arguments.source), arguments.data)[1]
-    return start_view(scene, gaussians, for_file(gaussians).origin)
+    return start_view(scene, gaussians, prepare_for_file(gaussians).origin)
 
 
 def _link_in_report(out: Path) -> None:
-    """A page that stands in a run's folder is linked from its report."""
+    """Links a page written into a run's folder from the run's report."""
     from gsut.evaluate import write_report
     from gsut.run import PAGE, REPORT, RunFolder
 
@@ -147,8 +147,8 @@ def _link_in_report(out: Path) -> None:
         write_report(RunFolder.open(out.parent))
 
 
-def scene_file_of(source: Path) -> Path:
-    """The file of a run, or the file itself."""
+def find_scene_file(source: Path) -> Path:
+    """Returns the scene file of a run, or the file itself."""
     from gsut.run import SCENE, RunFolder
 
     if not source.is_dir():
@@ -159,7 +159,7 @@ def scene_file_of(source: Path) -> Path:
     return path
 
 
-def _lowered(gaussians: Any, degree: int) -> Any:
+def _lower_degree(gaussians: Any, degree: int) -> Any:
     import dataclasses
 
     if gaussians.sh_degree <= degree:
@@ -169,15 +169,21 @@ def _lowered(gaussians: Any, degree: int) -> Any:
 
 def _write(out: Path, gaussians: Any, settings: Any) -> dict[str, Any]:
     """Writes, and reads again what was written: the errors are those of the file."""
-    from gsut.formats import for_file, format_of, largest_errors, load_gaussians, save_gaussians
+    from gsut.formats import (
+        choose_format,
+        load_gaussians,
+        measure_errors,
+        prepare_for_file,
+        save_gaussians,
+    )
 
     started = time.perf_counter()
     written = save_gaussians(out, gaussians, settings)
     seconds = time.perf_counter() - started
     errors = None
-    if format_of(out).read is not None:
-        stored: Any = for_file(gaussians)
-        errors = largest_errors(stored[written.rows], load_gaussians(out))
+    if choose_format(out).read is not None:
+        stored: Any = prepare_for_file(gaussians)
+        errors = measure_errors(stored[written.rows], load_gaussians(out))
     return {
         "bytes": out.stat().st_size,
         "write_seconds": seconds,

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from gsut.cli._flags import add_json, finite, folder_name, print_json
+from gsut.cli._flags import add_json, finite, print_json, read_folder_name
 from gsut.data import list_writable_layouts
 
 HELP = "convert a dataset, a run's poses or a ROS bag into another layout"
@@ -29,7 +29,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "and --poses",
     )  # fmt: skip
     convert.add_argument(
-        "out", metavar="OUT", type=_folder_or_trajectory, help="new folder, or a trajectory's .txt"
+        "out", metavar="OUT", type=_read_target, help="new folder, or a trajectory's .txt"
     )
     convert.add_argument(
         "--to", choices=sorted(list_writable_layouts()), default="nerfstudio",
@@ -43,12 +43,12 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     convert.set_defaults(action=_convert)
 
 
-def _folder_or_trajectory(text: str) -> str:
-    return text if text.lower().endswith(".txt") else folder_name(text)
+def _read_target(text: str) -> str:
+    return text if text.lower().endswith(".txt") else read_folder_name(text)
 
 
 def _add_parts(parser: argparse.ArgumentParser) -> None:
-    """The keys of dataset.yaml."""
+    """Adds a flag for each key of dataset.yaml."""
     parts = parser.add_argument_group("what the layout leaves open")
     parts.add_argument("--lens", metavar="FILE", help="lens file, camchain.yaml or rig.json")
     parts.add_argument(
@@ -89,7 +89,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _convert(arguments: argparse.Namespace) -> int:
     from gsut.data import convert_dataset
 
-    parts = _parts(arguments)
+    parts = _collect_parts(arguments)
     source, scene = Path(arguments.source), None
     if _is_run(source):
         from gsut.run import RunFolder
@@ -116,7 +116,7 @@ def _convert(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _parts(arguments: argparse.Namespace) -> dict[str, Any]:
+def _collect_parts(arguments: argparse.Namespace) -> dict[str, Any]:
     from gsut.data import PARTS
 
     given = {key: getattr(arguments, key, None) for key in PARTS}

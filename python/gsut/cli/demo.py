@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from gsut.cli._flags import add_json, folder_name, print_json, whole
+from gsut.cli._flags import add_json, print_json, read_folder_name, whole
 from gsut.cli.train import print_figures, train_into
 from gsut.cli.view import has_display
 from gsut.run import OPTIONS, REPORT, RunFolder, TrainOptions, Verdict
@@ -28,7 +28,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o",
         "--out",
-        type=folder_name,
+        type=read_folder_name,
         metavar="FOLDER",
         default="demo",
         help="folder for all of it [default demo]",
@@ -43,8 +43,8 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         const=2,
         choices=(2, 4),
         help="two fisheyes on one body instead, or four of 220 degrees with OCamCalib's files: "
-        "finds their poses with `gsut poses --rig`, trains on them, and tells the errors of poses, "
-        "scale and depth against the truth",
+        "finds their poses with `gsut poses --rig`, trains on them, and prints the errors of "
+        "poses, scale and depth against the truth",
     )
     parser.add_argument(
         "--no-open", action="store_true", help="do not open the report in a browser"
@@ -61,7 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
     name = {None: "", 2: "rig_", 4: "surround_"}[arguments.rig]
     if arguments.rig:
         data, truth = folder / f"{name}poses", folder / f"{name}hall"
-        poses = {"poses": _rig_poses(truth, data, arguments.rig)}
+        poses = {"poses": _find_rig_poses(truth, data, arguments.rig)}
     else:
         data = folder / "fisheye_hall"
         if not data.is_dir():
@@ -70,14 +70,14 @@ def run(arguments: argparse.Namespace) -> int:
     run, resume = _free_run(folder, options, f"{name}run")
     metrics = train_into(run, str(data), options, resume, quiet=False)
     if arguments.rig:
-        poses["depth"] = _depth_errors(run, truth / "depth")
+        poses["depth"] = _measure_depth_errors(run, truth / "depth")
     report = run.path / REPORT
     if arguments.json:
         print_json(metrics | poses)
     else:
         if poses:
-            print(_pose_text(poses["poses"], data))
-            print(_depth_text(poses["depth"]))
+            print(_describe_poses(poses["poses"], data))
+            print(_describe_depth(poses["depth"]))
         print_figures(metrics)
         print(Verdict.from_dict(metrics["verdict"]))
         print(f"report: {report}")
@@ -86,18 +86,18 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _rig_poses(truth: Path, found: Path, cameras: int) -> dict[str, Any]:
+def _find_rig_poses(truth: Path, found: Path, cameras: int) -> dict[str, Any]:
     """Makes the demo's rig and finds its poses; returns their errors."""
     from gsut.cli.poses import find_with_bar
     from gsut.demo import make_demo_rig
-    from gsut.sfm import errors_against, is_finished
+    from gsut.sfm import compare_datasets, is_finished
 
     if not truth.is_dir():
         print(f"making a scene of {cameras} fisheyes on one body in {truth}", file=sys.stderr)
         make_demo_rig(truth, _FRAMES[cameras], cameras=cameras)
     if not is_finished(found):
         find_with_bar(truth / "images", found, True, rig=truth / "rig.json")
-    errors = errors_against(truth, found)
+    errors = compare_datasets(truth, found)
     return {
         "images": errors.images,
         "scale_error_percent": errors.scale_error_percent,
@@ -107,8 +107,8 @@ def _rig_poses(truth: Path, found: Path, cameras: int) -> dict[str, Any]:
     }
 
 
-def _depth_errors(run: RunFolder, truth: Path) -> dict[str, Any]:
-    """Of the held-out views' median depths; distances along rays need no common frame."""
+def _measure_depth_errors(run: RunFolder, truth: Path) -> dict[str, Any]:
+    """Measures the held-out views' median depths; distances along rays need no common frame."""
     from gsut.surface import geometry_figures
     from gsut.training import read_trained
 
@@ -119,7 +119,7 @@ def _depth_errors(run: RunFolder, truth: Path) -> dict[str, Any]:
     return figures["depth"]["median"]
 
 
-def _depth_text(figures: dict[str, Any]) -> str:
+def _describe_depth(figures: dict[str, Any]) -> str:
     edge = figures["rings"][-1]
     rim = "" if edge["abs_rel_median"] is None else f", {100 * edge['abs_rel_median']:.2f} % "
     return (
@@ -129,7 +129,7 @@ def _depth_text(figures: dict[str, Any]) -> str:
     )
 
 
-def _pose_text(errors: dict[str, Any], found: Path) -> str:
+def _describe_poses(errors: dict[str, Any], found: Path) -> str:
     return (
         f"poses of {errors['images']} images against the truth: lengths off by "
         f"{errors['scale_error_percent']:+.2f} %, centres by {errors['metric_ate']:.4f} m of "
@@ -139,11 +139,11 @@ def _pose_text(errors: dict[str, Any], found: Path) -> str:
 
 
 def _free_run(folder: Path, options: TrainOptions, name: str = "run") -> tuple[RunFolder, bool]:
-    """The first of NAME, NAME-2, NAME-3 ... that is free, or unfinished with the same options."""
+    """Finds the first of NAME, NAME-2 ... that is free, or unfinished with the same options."""
     number = 1
     while True:
         run = RunFolder(folder / (name if number == 1 else f"{name}-{number}"))
-        if not run.holds_run():
+        if not run.has_run():
             return run, False
         unfinished = not (run.path / REPORT).is_file() and (run.path / OPTIONS).is_file()
         if unfinished and run.read_options() == options.resolve():

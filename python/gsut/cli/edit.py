@@ -10,14 +10,14 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.cli._flags import add_json, add_moved_data, add_quiet, finite, print_json
-from gsut.cli.convert import scene_file_of
+from gsut.cli.convert import find_scene_file
 from gsut.files import refuse_existing
 
 HELP = "cut, level, scale and merge scenes"
 DESCRIPTION = (
-    "Reads scenes (runs, or files of Gaussians of any known format) and writes one file. What is "
-    "asked for happens in this order: floaters, merge, crop, opacity, up or ground, scale. Places "
-    "are in the coordinates of IN. IN is left as it is; an OUT that exists is refused."
+    "Reads scenes (runs, or files of Gaussians of any known format) and writes one file. Edits "
+    "are made in this order: floaters, merge, crop, opacity, up or ground, scale. Places are in "
+    "the coordinates of IN. IN stays as it is; an existing OUT is rejected."
 )
 
 _WORKING = 5.0  # of the Gaussians' numbers, beside them: turned in float64, and written
@@ -87,17 +87,17 @@ def run(arguments: argparse.Namespace) -> int:
     from gsut.formats import (
         WriteSettings,
         check_room,
-        format_of,
+        choose_format,
         read_scene_file,
         save_gaussians,
     )
     from gsut.gaussians import merge_gaussians, transform_gaussians
 
     out = Path(arguments.out)
-    format_of(out)
+    choose_format(out)
     refuse_existing(out)
     scale = _scale_of(arguments)
-    files = [read_scene_file(scene_file_of(Path(source))) for source in arguments.sources]
+    files = [read_scene_file(find_scene_file(Path(source))) for source in arguments.sources]
     if len({file.antialiased for file in files}) > 1:
         raise InputError(
             "some of these scenes are antialiased and others are not: no one file fits"
@@ -107,17 +107,18 @@ def run(arguments: argparse.Namespace) -> int:
     found = sum(map(len, parts))
     if arguments.floaters or arguments.unseen:
         parts = [
-            _by_photographs(arguments, *each) for each in zip(arguments.sources, parts, strict=True)
+            _remove_unsupported(arguments, *each)
+            for each in zip(arguments.sources, parts, strict=True)
         ]
     whole = merge_gaussians(parts)
-    kept = whole[_kept(whole, arguments)]
+    kept = whole[_select_kept(whole, arguments)]
     if len(kept) == 0:
         raise InputError("nothing is left; crop less (--crop-box, --crop-sphere, --min-opacity)")
     if arguments.positions:
         fit = _fit_of_positions(arguments)
         scale, rotation, translation = fit.scale, fit.rotation, fit.translation
     else:
-        rotation, height = _level(arguments, kept)
+        rotation, height = _find_level(arguments, kept)
         translation = scale * np.array([0.0, height, 0.0])
     moved = transform_gaussians(kept, rotation, scale, translation)
     written = save_gaussians(out, moved, WriteSettings(antialiased=files[0].antialiased))
@@ -173,8 +174,8 @@ def _scale_of(arguments: argparse.Namespace) -> float:
     return float(scale)
 
 
-def _kept(gaussians: Any, arguments: argparse.Namespace) -> np.ndarray:
-    """(N,) bool, what --crop-box, --crop-sphere and --min-opacity leave."""
+def _select_kept(gaussians: Any, arguments: argparse.Namespace) -> np.ndarray:
+    """Selects what --crop-box, --crop-sphere and --min-opacity leave, as (N,) bool."""
     from gsut.gaussians import is_inside_box, is_inside_sphere
 
     kept, least = np.ones(len(gaussians), bool), arguments.min_opacity
@@ -191,15 +192,15 @@ def _kept(gaussians: Any, arguments: argparse.Namespace) -> np.ndarray:
     return kept
 
 
-def _level(arguments: argparse.Namespace, gaussians: Any) -> tuple[np.ndarray, float]:
-    """The rotation that makes up -y, and how far the ground then lies below y = 0 (0 without)."""
+def _find_level(arguments: argparse.Namespace, gaussians: Any) -> tuple[np.ndarray, float]:
+    """Finds the rotation that turns up to -y, and how far below y = 0 the ground then lies."""
     from gsut.gaussians import find_ground, rotate_upright
 
     if arguments.up is not None and arguments.upright:
         raise InputError("give --up or --upright, not both")
     if arguments.up is None and not (arguments.upright or arguments.ground):
         return np.eye(3), 0.0
-    up = _up_of_cameras(arguments) if arguments.up is None else np.array(arguments.up)
+    up = _find_up_of_cameras(arguments) if arguments.up is None else np.array(arguments.up)
     if not (np.isfinite(up).all() and np.any(up)):
         raise InputError(f"--up must be a direction, found {arguments.up}")
     if not arguments.ground:
@@ -208,15 +209,15 @@ def _level(arguments: argparse.Namespace, gaussians: Any) -> tuple[np.ndarray, f
     return rotate_upright(normal), level
 
 
-def _up_of_cameras(arguments: argparse.Namespace) -> np.ndarray:
-    _, _, scene, _ = _trained(arguments, arguments.sources[0], "say what is up by --up X Y Z")
+def _find_up_of_cameras(arguments: argparse.Namespace) -> np.ndarray:
+    _, _, scene, _ = _load_trained(arguments, arguments.sources[0], "say what is up by --up X Y Z")
     rows = scene.train_indices or range(len(scene))
     poses = np.stack([scene.views[row].camera_from_world for row in rows])
     return -poses[:, 1, :3].mean(axis=0)
 
 
-def _trained(arguments: argparse.Namespace, source: str, otherwise: str) -> tuple[Any, ...]:
-    """A run, its options, dataset and Gaussians."""
+def _load_trained(arguments: argparse.Namespace, source: str, otherwise: str) -> tuple[Any, ...]:
+    """Loads a run, its options, dataset and Gaussians."""
     from gsut.run import RunFolder
     from gsut.training import read_trained
 
@@ -226,12 +227,14 @@ def _trained(arguments: argparse.Namespace, source: str, otherwise: str) -> tupl
     return (run, *read_trained(run, arguments.data))
 
 
-def _by_photographs(arguments: argparse.Namespace, source: str, gaussians: Any) -> Any:
+def _remove_unsupported(arguments: argparse.Namespace, source: str, gaussians: Any) -> Any:
     from gsut.compact import find_support
     from gsut.run import Progress
     from gsut.training import read_light
 
-    run, options, scene, _ = _trained(arguments, source, "give a run for --floaters and --unseen")
+    run, options, scene, _ = _load_trained(
+        arguments, source, "give a run for --floaters and --unseen"
+    )
     rows = scene.train_indices
     with Progress(not arguments.quiet) as bars:
         support = find_support(
@@ -248,6 +251,6 @@ def _fit_of_positions(arguments: argparse.Namespace) -> Any:
     from gsut.sfm import fit_positions, read_positions
 
     positions = read_positions(arguments.positions)
-    _, _, scene, _ = _trained(arguments, arguments.sources[0], "give a run for --positions")
+    _, _, scene, _ = _load_trained(arguments, arguments.sources[0], "give a run for --positions")
     poses = {view.name: scene.to_dataset(view.camera_from_world) for view in scene.views}
     return fit_positions(poses, positions, arguments.positions)

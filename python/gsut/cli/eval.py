@@ -17,8 +17,8 @@ from gsut.cli._flags import (
     add_memory,
     add_run,
     check_first,
-    folder_name,
     print_json,
+    read_folder_name,
 )
 from gsut.files import whole_folder
 
@@ -48,7 +48,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o",
         "--out",
-        type=folder_name,
+        type=read_folder_name,
         metavar="FOLDER",
         help="new folder for the pictures (truth, render, 16-bit distance) and metrics.json; with "
         "--geometry also surface.html: errors of depth, and the mesh as views see it",
@@ -92,7 +92,9 @@ def run(arguments: argparse.Namespace) -> int:
         )
     check_first(scene, arguments.force, quiet=True)
     with whole_folder(arguments.out) if arguments.out else contextlib.nullcontext() as out:
-        figures = _figures(arguments, run, options, (trained_on, scene), gaussians, indices, out)
+        figures = _measure_run(
+            arguments, run, options, (trained_on, scene), gaussians, indices, out
+        )
     if arguments.json:
         print_json(figures)
     else:
@@ -103,7 +105,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _figures(
+def _measure_run(
     arguments: argparse.Namespace,
     run: Any,
     options: Any,
@@ -112,7 +114,7 @@ def _figures(
     indices: Sequence[int],
     out: Path | None,
 ) -> dict[str, Any]:
-    """The content of metrics.json, written to `out` beside the pictures, if given.
+    """Returns the content of metrics.json; with `out`, writes it there beside the pictures.
 
     scenes: as it was trained on, and as it is judged.
     """
@@ -138,7 +140,7 @@ def _figures(
     if options.refine_poses:
         print("gsut: note: poses as the run refined them, held-out views aligned", file=sys.stderr)
     if arguments.geometry is not None:
-        figures["geometry"] = _geometry(
+        figures["geometry"] = _measure_geometry(
             arguments, gaussians, scene, indices, options.background, out
         )
     if out is not None:
@@ -146,7 +148,7 @@ def _figures(
     return figures
 
 
-def _geometry(
+def _measure_geometry(
     arguments: argparse.Namespace,
     gaussians: Any,
     scene: Any,
@@ -154,7 +156,7 @@ def _geometry(
     background: Any,
     out: Path | None,
 ) -> dict[str, Any]:
-    """Figures of depth and mesh, and a page about them in `out`, if given."""
+    """Measures depth and mesh; with `out`, writes a page about them there."""
     from gsut.files import write_file
     from gsut.run import Progress
     from gsut.surface import (
@@ -196,7 +198,7 @@ def _geometry(
 
 
 def print_geometry(geometry: dict[str, Any]) -> None:
-    """A line for each kind of depth, with its rings, and for the mesh."""
+    """Prints a line for each kind of depth, with its rings, and for the mesh."""
     depth = dict(geometry.get("depth", {}))
     views = depth.pop("views", 0)
     for kind, row in depth.items():

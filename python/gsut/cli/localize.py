@@ -8,7 +8,7 @@ from typing import Any
 
 from gsut.cli._flags import add_force, add_json, add_moved_data, check_first, print_json
 
-_FOCAL_OFF = 0.025  # relative; told from here on
+_FOCAL_OFF = 0.025  # relative; reported above this
 HELP = "where a photograph of a trained scene was taken"
 DESCRIPTION = (
     "Finds the pose of a photograph: matches its features with views rendered from the training "
@@ -51,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
         )
     indices = scene.train_indices or range(len(scene.views))
     start = found.start if isinstance(found.start, str) else scene.views[indices[found.start]].name
-    figures = _figures(found, scene, start)
+    figures = _list_figures(found, scene, start)
     if arguments.json:
         print_json(figures)
     else:
@@ -59,8 +59,8 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _figures(localized: Any, scene: Any, start: str) -> dict[str, Any]:
-    """What is printed, in the dataset's coordinates."""
+def _list_figures(localized: Any, scene: Any, start: str) -> dict[str, Any]:
+    """Returns what is printed, in the dataset's coordinates."""
     found = localized.pose
     return {
         "camera_from_world": scene.to_dataset(found.camera_from_world).tolist(),

@@ -197,7 +197,9 @@ def run(arguments: argparse.Namespace) -> int:
             write_png(picture, shaded_picture(made, camera, motion))
         if report:
             names = [scene.views[i].name for i in scene.train_indices or range(len(scene.views))]
-            write_file(report, _page(arguments.folder, made, dict(zip(names, maps, strict=True))))
+            write_file(
+                report, _write_page(arguments.folder, made, dict(zip(names, maps, strict=True)))
+            )
     figures |= {"seconds": time.perf_counter() - began, "out": str(out)}
     if arguments.json:
         print_json(figures)
@@ -206,8 +208,8 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _page(run: str, mesh: Any, maps: dict[str, Any]) -> str:
-    """A page of some of the depth maps, by name, and of the mesh as their views see it."""
+def _write_page(run: str, mesh: Any, maps: dict[str, Any]) -> str:
+    """Writes a page of some depth maps, by name, and of the mesh as their views see it."""
     from gsut.page import build_table, format_number
     from gsut.surface import SurfaceView, shown_views, surface_page
 

@@ -80,9 +80,9 @@ def run(arguments: argparse.Namespace) -> int:
     check_first(scene.replace(points=np.zeros((0, 3)), point_colors=np.zeros((0, 3))),
                 arguments.force, quiet=True)  # fmt: skip
     if arguments.colour:
-        positions, colors, figures, words = _colored(scene, cloud, arguments)
+        positions, colors, figures, words = _color_points(scene, cloud, arguments)
     else:
-        positions, colors, figures, words = _triangulated(scene, arguments)
+        positions, colors, figures, words = _triangulate(scene, arguments)
     write_file(out, format_points_ply(positions, colors))
     if arguments.json:
         print_json({**figures, "out": out})
@@ -93,7 +93,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _triangulated(
+def _triangulate(
     scene: Scene, arguments: argparse.Namespace
 ) -> tuple[np.ndarray, np.ndarray, dict[str, Any], str]:
     from gsut.run import Progress
@@ -114,7 +114,7 @@ def _triangulated(
     return found.positions, found.colors, figures, words
 
 
-def _colored(
+def _color_points(
     scene: Scene, cloud: Path, arguments: argparse.Namespace
 ) -> tuple[np.ndarray, np.ndarray, dict[str, Any], str]:
     from gsut.data.points import color_points, find_usable_points, load_points_ply

@@ -12,18 +12,19 @@ from typing import Any
 
 from gsut._core import InputError
 from gsut.capture import capture, needs_capture
-from gsut.cli._flags import add_capture, add_json, add_quiet, degrees, folder_name, print_json
+from gsut.cli._flags import add_capture, add_json, add_quiet, degrees, print_json, read_folder_name
 from gsut.data import CAPTURE_FOLDER
 from gsut.output_folder import claim_folder
 from gsut.run import Progress, StagedProgress, StageFollower, Verdict
 from gsut.run.options import add_option_flags, collect_given
 from gsut.sfm import (
+    PosesLog,
     PosesOptions,
     PosesResult,
     add_lens_readout,
     check_lens,
-    done_already,
     find_poses,
+    read_finished,
 )
 
 HELP = "camera poses and points of photographs, without COLMAP"
@@ -61,7 +62,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o",
         "--out",
-        type=folder_name,
+        type=read_folder_name,
         metavar="DATA",
         required=True,
         help="folder for transforms.json, points3D.ply, sparse/0 (COLMAP), poses.json and "
@@ -148,7 +149,7 @@ def find_once(
         keep = Path(arguments.out) / FOLDER / "growth.npz"
         settings["mapper"] = functools.partial(grow_poses, keep=keep)
     elif arguments.rig is None:
-        figures = done_already(images, arguments.out, **settings)
+        figures = read_finished(images, arguments.out, **settings)
         if figures is not None:
             return figures, False
     settings |= {"rig": arguments.rig, "refine_rig": arguments.refine_rig}
@@ -166,10 +167,8 @@ def find_with_bar(
 ) -> PosesResult:
     """Calls `find_poses` with one progress bar for all its stages."""
     with StagedProgress({}, enabled) as bars, contextlib.closing(StageFollower(bars)) as stages:
-        return find_poses(
-            images, out, on_progress=stages.show, on_expected=stages.expect, notes_to=bars.note,
-            **settings,
-        )  # fmt: skip
+        log = PosesLog(stages.show, bars.note, stages.expect)
+        return find_poses(images, out, log=log, **settings)
 
 
 def print_poses(figures: dict[str, Any], out: Path, is_new: bool) -> None:

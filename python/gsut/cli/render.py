@@ -19,7 +19,7 @@ from gsut.cli._flags import (
     add_moved_data,
     degrees,
     finite,
-    parsed_size,
+    parse_image_size,
     positive,
     print_json,
     whole,
@@ -33,7 +33,8 @@ DESCRIPTION = (
     "Depths go to the folder depth/ beside the images, and transforms.json makes of all a dataset."
 )
 _PATHS = ("auto", "orbit", "train", "test")
-_FRAMES, _FILM_FRAMES = 120, 300
+_FRAMES = 120  # images along a path, unless given
+_FILM_FRAMES = 300  # of a film, unless given: ten seconds
 _MOST_FRAMES = 100_000  # an hour of film
 _MOST_FPS = 1000  # no player shows more
 _FILM_SIZE = (1920, 1080)
@@ -132,10 +133,10 @@ def run(arguments: argparse.Namespace) -> int:
     label = arguments.path if arguments.path in _PATHS else "path"
     out = Path(arguments.out or Path(arguments.folder) / label)
     film = is_film(out)
-    depths = DepthOutput.asked(arguments, None if film else out)
+    depths = DepthOutput.from_flags(arguments, None if film else out)
     stage = _stage(arguments)
-    places, names, cameras = _frames(arguments, stage, out if film else None)
-    pixels = _pixel_filter(stage)
+    places, names, cameras = _list_frames(arguments, stage, out if film else None)
+    pixels = _make_pixel_filter(stage)
     if depths is not None:
         depths.check(cameras)
     pictures = contextlib.nullcontext() if film else whole_folder(out)
@@ -143,7 +144,7 @@ def run(arguments: argparse.Namespace) -> int:
         if depths is not None:
             depths.folder = folder
 
-        def images() -> Iterator[np.ndarray]:
+        def render_images() -> Iterator[np.ndarray]:
             for done, (name, place, camera) in enumerate(
                 zip(names, places, cameras, strict=True), 1
             ):
@@ -156,9 +157,9 @@ def run(arguments: argparse.Namespace) -> int:
                 bars.show("images", done, len(places))
 
         if folder is None:
-            _write_video(out, images(), cameras, arguments.fps)
+            _write_video(out, render_images(), cameras, arguments.fps)
         else:
-            for name, image in zip(names, images(), strict=True):
+            for name, image in zip(names, render_images(), strict=True):
                 write_png(folder / f"{name}.png", image)
         figures = {"images": len(places), "out": str(out)}
         if depths is not None:
@@ -173,7 +174,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _stage(arguments: argparse.Namespace) -> Any:
-    """Gaussians, photographs and background of a run or of a file."""
+    """Loads Gaussians, photographs and background of a run or of a file."""
     from gsut.run import RunFolder
     from gsut.view import open_stage
 
@@ -188,8 +189,8 @@ def _stage(arguments: argparse.Namespace) -> Any:
     return open_stage(RunFolder.open(place).path, arguments.data, arguments.memory)
 
 
-def _pixel_filter(stage: Any) -> Any:
-    """For images coarser than a run's photographs; None where nobody knows how fine these are."""
+def _make_pixel_filter(stage: Any) -> Any:
+    """Makes the filter for images coarser than a run's photographs; None without photographs."""
     from gsut.render import PixelFilter
 
     scene = stage.scene
@@ -198,7 +199,7 @@ def _pixel_filter(stage: Any) -> Any:
     return PixelFilter.of_run(stage.gaussians, scene)
 
 
-def _frames(
+def _list_frames(
     arguments: argparse.Namespace, stage: Any, film: Path | None
 ) -> tuple[list[np.ndarray | CameraMotion], list[str], list[Any]]:
     """Places, names and cameras of the images to render.
@@ -209,20 +210,20 @@ def _frames(
 
     scene = stage.scene
     if arguments.path != "test":
-        poses = _poses(arguments, stage, film)
+        poses = _list_poses(arguments, stage, film)
         numbers = [f"{number:05d}" for number in range(len(poses))]
-        return list(poses), numbers, [_lens(arguments, stage, film)] * len(poses)
+        return list(poses), numbers, [_choose_lens(arguments, stage, film)] * len(poses)
     if scene is None or not scene.test_indices:
         raise InputError(f"{stage.name} has no held-out views; choose another --path")
     views = [scene.views[index] for index in scene.test_indices]
-    own = [_shaped(arguments, camera) for camera in scene.cameras]
+    own = [_reshape_lens(arguments, camera) for camera in scene.cameras]
     if arguments.camera:
-        own = [_lens(arguments, stage, film)] * len(own)
+        own = [_choose_lens(arguments, stage, film)] * len(own)
     names = picture_stems([view.name for view in views])
     return [view.motion for view in views], names, [own[view.camera_index] for view in views]
 
 
-def _poses(arguments: argparse.Namespace, stage: Any, film: Path | None) -> np.ndarray:
+def _list_poses(arguments: argparse.Namespace, stage: Any, film: Path | None) -> np.ndarray:
     from gsut.data.poses import read_path
     from gsut.render import auto_path, orbit_path, smooth_path, turn_path
 
@@ -238,42 +239,42 @@ def _poses(arguments: argparse.Namespace, stage: Any, film: Path | None) -> np.n
     return paths[arguments.path](keys, count)
 
 
-def _lens(arguments: argparse.Namespace, stage: Any, film: Path | None) -> Any:
-    """The lens of all images along a path."""
+def _choose_lens(arguments: argparse.Namespace, stage: Any, film: Path | None) -> Any:
+    """Chooses the lens of all images along a path."""
     from gsut.data.poses import read_path_lens
     from gsut.lens import Camera, load_lens, measure_field_of_view, with_field_of_view
     from gsut.lens.files import camera_from_values
 
     if arguments.camera:
-        return _shaped(arguments, load_lens(arguments.camera))
+        return _reshape_lens(arguments, load_lens(arguments.camera))
     if arguments.path not in _PATHS and (saved := read_path_lens(arguments.path)):
-        return _shaped(arguments, camera_from_values(saved, arguments.path))
+        return _reshape_lens(arguments, camera_from_values(saved, arguments.path))
     first = stage.cameras[0]
     if film is None:
-        return _shaped(arguments, first)
+        return _reshape_lens(arguments, first)
     width, height = _SIZES.get(film.suffix.lower(), _FILM_SIZE)
     if arguments.size:
-        width, height = parsed_size(arguments.size)
+        width, height = parse_image_size(arguments.size)
     plain = Camera("pinhole", [width, width, width / 2, height / 2], width, height)
     seen = measure_field_of_view(first) or _WIDEST
     return with_field_of_view(plain, arguments.fov or min(seen, _WIDEST))
 
 
-def _shaped(arguments: argparse.Namespace, lens: Any) -> Any:
-    """A lens at the size and with the field that are asked for."""
+def _reshape_lens(arguments: argparse.Namespace, lens: Any) -> Any:
+    """Gives a lens the size and the field of view that the flags request."""
     from gsut.lens import with_field_of_view
 
     if arguments.size:
-        lens = lens.resize(*parsed_size(arguments.size))
+        lens = lens.resize(*parse_image_size(arguments.size))
     return lens if arguments.fov is None else with_field_of_view(lens, arguments.fov)
 
 
 def _write_video(
-    path: Path, images: Iterator[np.ndarray], cameras: list[Any], frames_per_second: float
+    path: Path, render_images: Iterator[np.ndarray], cameras: list[Any], frames_per_second: float
 ) -> None:
     from gsut.render import write_video
 
     refuse_existing(path)
     if len({(camera.width, camera.height) for camera in cameras}) > 1:
         raise InputError("the images of a film must have one size; give --size")
-    write_video(path, images, frames_per_second)
+    write_video(path, render_images, frames_per_second)

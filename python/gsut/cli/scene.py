@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import shlex
 
-from gsut.cli._flags import add_json, add_quiet, folder_name, print_json
+from gsut.cli._flags import add_json, add_quiet, print_json, read_folder_name
 from gsut.cli.view import LivePage, add_live_flags
 from gsut.run import SceneOptions
 from gsut.run.options import add_option_flags, collect_given
@@ -29,7 +29,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "--out",
         metavar="RUN",
         required=True,
-        type=folder_name,
+        type=read_folder_name,
         help="folder of the scene and all its stages",
     )
     add_option_flags(parser, SceneOptions)

@@ -16,8 +16,8 @@ from gsut.cli._flags import (
     add_json,
     add_quiet,
     check_first,
-    folder_name,
     print_json,
+    read_folder_name,
 )
 from gsut.cli.view import LivePage, add_live_flags
 from gsut.run import (
@@ -46,13 +46,13 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="dataset: photographs with lenses and poses, in any layout of docs/datasets.md",
     )
     parser.add_argument(
-        "-o", "--out", metavar="RUN", required=True, type=folder_name, help="folder of the run"
+        "-o", "--out", metavar="RUN", required=True, type=read_folder_name, help="folder of the run"
     )
     parser.add_argument(
         "--resume",
         action="store_true",
-        help="go on with the run in RUN from its last checkpoint, with its own options; the result "
-        "has the same bits as an unbroken run",
+        help="resume the run in RUN from its last checkpoint, with its own options; the result has "
+        "the same bits as an uninterrupted run",
     )
     add_force(parser)
     add_quiet(parser)
@@ -64,13 +64,13 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     run = RunFolder.claim(arguments.out, "train", arguments.data)
     given = collect_given(TrainOptions, arguments)
-    if arguments.resume and run.holds_run():
-        options = dataclasses.replace(run.begun_with(), **given)
+    if arguments.resume and run.has_run():
+        options = dataclasses.replace(run.read_given_options(), **given)
     else:
         options = TrainOptions(**given)
         if not arguments.resume:
             run.refuse_run()  # before the data is read: that may take a while
-    blocks = _block_options(run, arguments)
+    blocks = _read_block_options(run, arguments)
     with LivePage(arguments) as page:
         metrics = train_into(
             run, arguments.data, options, arguments.resume, arguments.quiet, page, arguments.force,
@@ -87,8 +87,8 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _block_options(run: RunFolder, arguments: argparse.Namespace) -> BlockOptions | None:
-    """How the run is divided; None: not at all. One that is resumed stays divided as it is.
+def _read_block_options(run: RunFolder, arguments: argparse.Namespace) -> BlockOptions | None:
+    """Returns how the run is divided; None: not at all. A resumed run keeps its division.
 
     Raises:
         InputError: a flag that makes no sense without --blocks, or with it.
@@ -100,8 +100,8 @@ def _block_options(run: RunFolder, arguments: argparse.Namespace) -> BlockOption
         layout = str(run.path / BLOCKS / "layout.json")
         kept = {"blocks": before if isinstance(before, str) else layout, "rounds": plan["rounds"]}
         given = kept | given
-    elif arguments.resume and given and run.holds_run():
-        raise InputError(f"{run.path} was not begun in blocks; leave --{next(iter(given))} out")
+    elif arguments.resume and given and run.has_run():
+        raise InputError(f"{run.path} was not started in blocks; leave --{next(iter(given))} out")
     if not given:
         return None
     if "blocks" not in given and "cluster" not in given:
@@ -128,7 +128,7 @@ def train_into(
         data: the dataset.
         options, resume: of the training.
         quiet: no bar, no notes.
-        page: that shows it meanwhile.
+        page: that shows the training.
         force: train although the data contradict themselves.
         blocks: train in blocks; None: as a whole.
     """
@@ -144,8 +144,8 @@ def train_into(
         colors = UNCOLORED if len(scene.points) and not has_colors(scene) else None
         for note in filter(None, (*scene.notes, describe_resizing(scene, options), colors)):
             print(f"gsut: note: {note}", file=sys.stderr)
-    if not (resume and run.holds_run()):
-        check_first(scene, force, quiet, _matches(scene))
+    if not (resume and run.has_run()):
+        check_first(scene, force, quiet, _match_neighbours(scene))
     elif run.is_finished() and not quiet:
         print(f"gsut: note: {run.path} is finished; nothing in it changes", file=sys.stderr)
     try:
@@ -164,13 +164,13 @@ def train_into(
         kept = [] if blocks is None else blocks.list_words("blocks", "rounds")
         again = shlex.join(["gsut", "train", data, "-o", str(run.path), "--resume", *kept])
         raise KeyboardInterrupt(
-            f"stopped; this goes on from the last checkpoint: {again}"
+            f"interrupted; to resume from the last checkpoint, run: {again}"
         ) from None
     return run.read_json(METRICS)
 
 
-def _matches(scene: Any) -> Any:
-    """What the check goes by: OpenCV finds features while Python imports what trains."""
+def _match_neighbours(scene: Any) -> Any:
+    """Finds the matches for the check, while another thread imports what trains."""
     from gsut.check import match_neighbours
 
     with concurrent.futures.ThreadPoolExecutor(1, "gsut-matches") as thread:
@@ -180,7 +180,7 @@ def _matches(scene: Any) -> Any:
 
 
 def print_figures(figures: dict[str, Any]) -> None:
-    """The headline figures and the rings, for people."""
+    """Prints the headline figures and the rings."""
     from gsut.evaluate import name_ring
 
     if figures.get("psnr") is None:

@@ -29,7 +29,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def add_view_flags(parser: argparse.ArgumentParser) -> None:
-    """Where the page is served, in every command that serves it."""
+    """Adds the flags that say where the page is served."""
     parser.add_argument(
         "--host",
         metavar="ADDRESS",
@@ -66,7 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def add_live_flags(parser: argparse.ArgumentParser) -> None:
-    """For commands that train: `LivePage`."""
+    """Adds the flags of `LivePage`, for commands that train."""
     parser.add_argument(
         "--view",
         action="store_true",
@@ -77,7 +77,7 @@ def add_live_flags(parser: argparse.ArgumentParser) -> None:
 
 
 class LivePage:
-    """The page of a training where `--view` asks for one; else nothing.
+    """The page of a training with `--view`; without it, does nothing.
 
     Args:
         arguments: of `add_live_flags`.
@@ -106,7 +106,7 @@ class LivePage:
             self._live.finish(result.gaussians)
 
     def stay(self) -> None:
-        """Until Ctrl-C, where there is a page."""
+        """Waits for Ctrl-C if there is a page."""
         if self._live is not None:
             sys.stdout.flush()
             wait_for_end()
@@ -126,13 +126,13 @@ def announce(address: str, no_open: bool, file: TextIO) -> None:
 
 
 def wait_for_end() -> None:
-    """Until Ctrl-C, which is how one ends a page."""
+    """Waits for Ctrl-C, which ends a page."""
     with contextlib.suppress(KeyboardInterrupt):
         threading.Event().wait()
 
 
 def has_display() -> bool:
-    """Whether a browser could be seen."""
+    """Returns whether the machine can show a browser."""
     if sys.platform in ("win32", "darwin"):
         return True
     return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

@@ -187,7 +187,7 @@ def render_views(
         return np.round(np.clip(colors, 0, 1) * 255).astype(np.uint8)
 
     with ThreadPoolExecutor(num_threads()) as pool:
-        for pose in Progress(progress).through("ray-casting the demo scene", poses):
+        for pose in Progress(progress).iterate("ray-casting the demo scene", poses):
             image = np.zeros((camera.height, camera.width, 3), dtype=np.uint8)
             results = pool.map(trace_block, itertools.repeat(pose), blocks)
             for block, colors in zip(blocks, results, strict=True):

@@ -30,7 +30,7 @@ from gsut.render import (
     to_uint8,
     write_png,
 )
-from gsut.run import TrainOptions, peak_rss_mb
+from gsut.run import TrainOptions, measure_peak_rss
 
 # Of a view, and their means over the views.
 FIGURES = ("psnr", "ssim", "psnr_unit_gain", "psnr_color_corrected", "psnr_half_image")
@@ -196,7 +196,7 @@ def run_metrics(
         "train_seconds": train_seconds,
         "seconds_per_step": train_seconds / steps if steps else None,
         "render_ms": evaluation["render_ms"],
-        "peak_rss_mb": peak_rss_mb(),
+        "peak_rss_mb": measure_peak_rss(),
         "camera_model": ", ".join(sorted({camera.model for camera in scene.cameras})),
         "image_size": sorted({(camera.width, camera.height) for camera in scene.cameras}),
         "threads": _core.num_threads(),

@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import InputError
-from gsut.files import regular
-from gsut.formats._errors import largest_errors
+from gsut.files import check_regular
+from gsut.formats._errors import measure_errors
 from gsut.formats._format import (
     Format,
     SceneFile,
@@ -25,10 +25,10 @@ from gsut.formats._format import (
     WriteSettings,
     Written,
     check_room,
-    drawable,
-    only_drawable,
+    find_drawable,
+    keep_drawable,
 )
-from gsut.formats._origin import for_file, place_text
+from gsut.formats._origin import name_origin, prepare_for_file
 from gsut.formats.ply import NO_BACKGROUND, load_ply, open_ply, save_ply, save_ply_parts
 from gsut.gaussians import Gaussians, are_surfels
 
@@ -40,15 +40,15 @@ __all__ = [
     "WriteSettings",
     "Written",
     "check_room",
-    "drawable",
-    "for_file",
-    "format_of",
-    "formats",
-    "largest_errors",
+    "choose_format",
+    "find_drawable",
+    "list_formats",
     "load_gaussians",
     "load_ply",
+    "measure_errors",
+    "name_origin",
     "open_ply",
-    "place_text",
+    "prepare_for_file",
     "read_scene_file",
     "save_gaussians",
     "save_ply",
@@ -58,8 +58,8 @@ _SNIFFED_BYTES = 4096
 
 
 @functools.cache
-def formats() -> tuple[Format, ...]:
-    """All formats there are, by name."""
+def list_formats() -> tuple[Format, ...]:
+    """Lists all formats by name."""
     names = [module.name for module in pkgutil.iter_modules(__path__)]
     modules = [
         importlib.import_module(f"{__name__}.{name}")
@@ -69,26 +69,26 @@ def formats() -> tuple[Format, ...]:
     return tuple(module.FORMAT for module in modules)
 
 
-def format_of(path: str | os.PathLike[str]) -> Format:
-    """The format that a file of this name is written in.
+def choose_format(path: str | os.PathLike[str]) -> Format:
+    """Chooses the format in which a file of this name is written.
 
     Raises:
         InputError: no format has this suffix; the message lists those that there are.
     """
-    return _named(Path(path), "write")[0]
+    return _match_formats(Path(path), "write")[0]
 
 
-def _named(path: Path, verb: str) -> list[Format]:
-    """The formats with a suffix of this name; the longest first, then whose own it is."""
+def _match_formats(path: Path, verb: str) -> list[Format]:
+    """Finds the formats with a suffix of this name; the longest first, then the suffix's owner."""
     name = path.name.lower()
     fitting = [
         (-len(suffix), place, each)
-        for each in formats()
+        for each in list_formats()
         for place, suffix in enumerate(each.suffixes)
         if name.endswith(suffix)
     ]
     if not fitting:
-        known = [suffix for each in formats() for suffix in each.suffixes[:1]]
+        known = [suffix for each in list_formats() for suffix in each.suffixes[:1]]
         raise InputError(
             f"{path}: no format to {verb} has this suffix; known: {', '.join(sorted(known))}"
         )
@@ -114,11 +114,11 @@ def load_gaussians(path: str | os.PathLike[str]) -> Gaussians:
 
 
 def read_scene_file(path: str | os.PathLike[str]) -> SceneFile:
-    """As `load_gaussians`, with what else the file says."""
+    """Reads Gaussians as `load_gaussians` does, with the file's other statements."""
     path = Path(path)
-    candidates = _named(path, "read")
+    candidates = _match_formats(path, "read")
     try:
-        with open(regular(path), "rb") as file:
+        with open(check_regular(path), "rb") as file:
             head = file.read(_SNIFFED_BYTES)
     except OSError as error:
         raise InputError(f"{path}: cannot be opened: {error.strerror}") from None
@@ -130,7 +130,7 @@ def read_scene_file(path: str | os.PathLike[str]) -> SceneFile:
     found = readers[0](path)
     if not len(found.gaussians):
         raise InputError(f"{path}: none of its 0 Gaussians can be drawn")
-    return dataclasses.replace(found, gaussians=only_drawable(path, found.gaussians))
+    return dataclasses.replace(found, gaussians=keep_drawable(path, found.gaussians))
 
 
 def save_gaussians(
@@ -142,8 +142,8 @@ def save_gaussians(
 
     Args:
         path: the file, written whole or not at all; what was there before is replaced.
-        gaussians: written in world coordinates, in float32 (see `for_file`). Those that cannot be
-            drawn (see `drawable`) are left out, but for `PLY`, which keeps every row.
+        gaussians: written in world coordinates, in float32 (see `prepare_for_file`). Those that
+            cannot be drawn (see `find_drawable`) are left out; only PLY keeps every row.
         settings: where a format leaves a choice.
 
     Returns:
@@ -154,9 +154,9 @@ def save_gaussians(
             the file cannot be written.
     """
     path = Path(path)
-    chosen = format_of(path)
-    g = for_file(gaussians)
-    good = drawable(g)
+    chosen = choose_format(path)
+    g = prepare_for_file(gaussians)
+    good = find_drawable(g)
     if not good.any():
         raise InputError(f"{path}: there is no Gaussian to write")
     kept = np.flatnonzero(good)
@@ -167,5 +167,5 @@ def save_gaussians(
     if are_surfels(g) and (settings.three_scales or not chosen.keeps_surfels):
         left_out += ("surfels: the file holds Gaussians a ten-thousandth as thick as wide",)
     if g.origin.any() and not chosen.keeps_origin:
-        left_out += (f"where the scene lies: the file holds {place_text(g.origin)}",)
+        left_out += (f"where the scene lies: the file holds {name_origin(g.origin)}",)
     return Written(rows, {k: v for k, v in written.clipped.items() if v}, left_out)

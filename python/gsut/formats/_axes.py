@@ -11,8 +11,8 @@ _AXES = np.array([-1.0, -1.0, 1.0], np.float32)
 _ALIKE = 1e-3  # relative difference of scales: of writers in float32
 
 
-def half_turned(gaussians: Gaussians) -> Gaussians:
-    """Turned by 180 degrees about z, exactly; twice is nothing.
+def turn_half(gaussians: Gaussians) -> Gaussians:
+    """Turns Gaussians by 180 degrees about z, exactly; twice changes nothing.
 
     Harmonics of odd order change sign, and nothing else is mixed.
     """
@@ -30,8 +30,8 @@ def half_turned(gaussians: Gaussians) -> Gaussians:
     )
 
 
-def placed(gaussians: Gaussians, matrix: np.ndarray, what: str) -> Gaussians:
-    """Gaussians of a node, in the world.
+def place_in_world(gaussians: Gaussians, matrix: np.ndarray, what: str) -> Gaussians:
+    """Places the Gaussians of a node in the world.
 
     Args:
         gaussians: of the node.

@@ -122,8 +122,7 @@ class Format:
 
 
 def check_room(what: str, scenes: Sequence[Gaussians], times: float, more: int = 0) -> None:
-    """Raises InputError, before it is begun, where work on Gaussians does not fit into the memory
-    that is free.
+    """Raises InputError if work on Gaussians does not fit into free memory, before it starts.
 
     Args:
         what: the work, for the message.
@@ -136,8 +135,8 @@ def check_room(what: str, scenes: Sequence[Gaussians], times: float, more: int =
     check_fits(f"{what} {count:,} Gaussians of degree {degree}", size, ELSEWHERE)
 
 
-def drawable(gaussians: Gaussians) -> np.ndarray:
-    """(N,) bool: all values are finite and the rotation has a direction."""
+def find_drawable(gaussians: Gaussians) -> np.ndarray:
+    """Finds rows (N,) whose values are finite and whose rotation has a direction."""
     g = gaussians
     finite = np.isfinite(g.opacity_logits)
     for array in (g.means, g.quats, g.log_scales, g.sh):
@@ -145,14 +144,14 @@ def drawable(gaussians: Gaussians) -> np.ndarray:
     return finite & (np.abs(g.quats).max(axis=1, initial=0.0) > 0)
 
 
-def only_drawable(path: str | os.PathLike[str], gaussians: Gaussians) -> Gaussians:
-    """The one rule of every reader: what cannot be drawn is left out, and a warning names the file,
-    how many and the first row.
+def keep_drawable(path: str | os.PathLike[str], gaussians: Gaussians) -> Gaussians:
+    """Leaves out Gaussians that cannot be drawn and warns with the file, their number and first
+    row. Every reader applies this rule.
 
     Raises:
         InputError: there are Gaussians, and none of them can be drawn.
     """
-    good = drawable(gaussians)
+    good = find_drawable(gaussians)
     if good.all():
         return gaussians
     first = int(np.argmin(good))
@@ -172,8 +171,8 @@ def only_drawable(path: str | os.PathLike[str], gaussians: Gaussians) -> Gaussia
 
 
 def check_claim(path: Path, count: int, size: int, what: str = "Gaussians") -> None:
-    """Raises InputError, before memory is asked for, if so many cannot be in `size` bytes, or in
-    the memory that is free."""
+    """Raises InputError if `count` Gaussians cannot be in `size` bytes or in free memory. This
+    comes before any memory is allocated."""
     if not 0 <= count <= max(size, _FREE_CLAIM):
         raise InputError(
             f"{path}: claims {count:,} {what} in {size:,} bytes, which cannot be; the file is "

@@ -20,8 +20,8 @@ _ORIGIN = re.compile(re.escape(_KEY) + r"(\S+) (\S+) (\S+)$")
 ROUNDING = 1e-5
 
 
-def for_file(gaussians: Gaussians) -> Gaussians:
-    """The Gaussians in float32 as a file shall hold them.
+def prepare_for_file(gaussians: Gaussians) -> Gaussians:
+    """Converts Gaussians to float32 about the zero that a file needs.
 
     Returns:
         In world coordinates (origin 0) where float32 rounds them by at most `ROUNDING` of the
@@ -38,21 +38,21 @@ def for_file(gaussians: Gaussians) -> Gaussians:
     return gaussians.with_origin((0.0, 0.0, 0.0)).to_dtype(np.float32)
 
 
-def place_text(origin: np.ndarray) -> str:
-    """What a file holds whose zero lies at `origin`, in words."""
+def name_origin(origin: np.ndarray) -> str:
+    """Describes coordinates about `origin` in words."""
     values = ", ".join(f"{value:.10g}" for value in origin)
     return f"the dataset's coordinates less ({values}), as float32 cannot hold them there"
 
 
-def origin_comments(gaussians: Gaussians) -> list[str]:
-    """The comments of a PLY file of these Gaussians: none with the zero at the world's."""
+def format_origin(gaussians: Gaussians) -> list[str]:
+    """Returns the comments that name the origin in a PLY file; none for the world's zero."""
     if not gaussians.origin.any():
         return []
     return [_KEY + " ".join(f"{value:.17g}" for value in gaussians.origin)]
 
 
-def origin_in(comments: Sequence[str], path: str | os.PathLike[str]) -> np.ndarray:
-    """(3,) the origin that a PLY file's comments name; zero if none does.
+def parse_origin(comments: Sequence[str], path: str | os.PathLike[str]) -> np.ndarray:
+    """Parses the origin (3,) from a PLY file's comments; zero if none names it.
 
     Raises:
         InputError: the comment is damaged.

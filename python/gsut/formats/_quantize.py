@@ -13,13 +13,13 @@ _SQRT2 = math.sqrt(2.0)
 _OTHERS = np.array([[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]])
 
 
-def opacity_of(logits: np.ndarray) -> np.ndarray:
-    """float32 opacities in [0, 1]."""
+def opacity_from_logits(logits: np.ndarray) -> np.ndarray:
+    """Converts logits to float32 opacities in [0, 1]."""
     return (1.0 / (1.0 + np.exp(-logits.astype(np.float64)))).astype(np.float32)
 
 
-def logit_of(opacities: np.ndarray) -> np.ndarray:
-    """float32 logits, at most 20 in size."""
+def logits_from_opacity(opacities: np.ndarray) -> np.ndarray:
+    """Converts opacities to float32 logits of at most 20 in size."""
     values = np.clip(opacities.astype(np.float64), 0.0, 1.0)
     with np.errstate(divide="ignore"):
         logits = np.log(values) - np.log1p(-values)
@@ -27,21 +27,21 @@ def logit_of(opacities: np.ndarray) -> np.ndarray:
 
 
 def to_bytes(values: np.ndarray) -> tuple[np.ndarray, int]:
-    """Values on a scale of 0 to 255 as uint8, and how many lay beyond it by half a step or more."""
+    """Rounds values on a scale of 0 to 255 to uint8 and counts those outside it."""
     rounded = np.rint(values)
     beyond = int(np.count_nonzero((rounded < 0) | (rounded > 255)))
     return np.clip(rounded, 0, 255).astype(np.uint8), beyond
 
 
-def unit_quats(quats: np.ndarray) -> np.ndarray:
-    """(N, 4) of norm 1, w >= 0."""
+def normalize_quats(quats: np.ndarray) -> np.ndarray:
+    """Normalizes quaternions (N, 4) to norm 1 and w >= 0."""
     q = quats.astype(np.float64)
     q /= np.linalg.norm(q, axis=1, keepdims=True)
     return np.where(q[:, :1] < 0, -q, q)
 
 
-def smallest_three(quats: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A rotation by the place of its largest component and the other three, times sqrt 2.
+def drop_largest(quats: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Encodes a rotation by the index of its largest component and the other three times sqrt 2.
 
     Args:
         quats: (N, 4) in any order of the components, any norm > 0.
@@ -50,15 +50,15 @@ def smallest_three(quats: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         (N,) the place, 0 to 3; (N, 3) the others in their order, in [-1, 1], for the sign that
         makes the largest one positive.
     """
-    q = unit_quats(quats)
+    q = normalize_quats(quats)
     largest = np.argmax(np.abs(q), axis=1)
     rows = np.arange(len(q))
     q *= np.where(q[rows, largest] < 0, -1.0, 1.0)[:, None]
     return largest, np.clip(q[rows[:, None], _OTHERS[largest]] * _SQRT2, -1.0, 1.0)
 
 
-def from_smallest_three(largest: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """(N, 4) float32 unit quaternions, the inverse of `smallest_three`."""
+def restore_largest(largest: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Decodes float32 unit quaternions (N, 4) from `drop_largest`."""
     q = np.empty((len(others), 4))
     rest = others / _SQRT2
     rows = np.arange(len(q))
@@ -67,8 +67,8 @@ def from_smallest_three(largest: np.ndarray, others: np.ndarray) -> np.ndarray:
     return q.astype(np.float32)
 
 
-def codebook(values: np.ndarray, entries: int = 256, rounds: int = 20) -> np.ndarray:
-    """The best few values to stand for many (Lloyd's algorithm in one dimension).
+def build_codebook(values: np.ndarray, entries: int = 256, rounds: int = 20) -> np.ndarray:
+    """Builds the best few values to represent many (Lloyd's algorithm in one dimension).
 
     Args:
         values: of any shape, at least one.
@@ -95,7 +95,7 @@ def codebook(values: np.ndarray, entries: int = 256, rounds: int = 20) -> np.nda
     return centers.astype(np.float32)
 
 
-def nearest_entries(values: np.ndarray, book: np.ndarray) -> np.ndarray:
-    """Index of the entry of a rising codebook that is nearest to each value, uint8."""
+def find_nearest_entries(values: np.ndarray, book: np.ndarray) -> np.ndarray:
+    """Finds the uint8 index of the nearest entry of a rising codebook for each value."""
     middles = 0.5 * (book[1:].astype(np.float64) + book[:-1])
     return np.searchsorted(middles, values.astype(np.float64)).astype(np.uint8)

@@ -9,18 +9,18 @@ import numpy as np
 from gsut._core import InputError
 from gsut.files import whole_file
 from gsut.formats._format import Format, SceneFile, WriteSettings, Written, check_claim
-from gsut.formats._origin import origin_comments, origin_in
+from gsut.formats._origin import format_origin, parse_origin
 from gsut.formats._quantize import (
-    from_smallest_three,
-    logit_of,
-    opacity_of,
-    smallest_three,
+    drop_largest,
+    logits_from_opacity,
+    opacity_from_logits,
+    restore_largest,
     to_bytes,
 )
-from gsut.formats.ply import PACKED, antialiased_comment, comments_of, is_antialiased
+from gsut.formats.ply import PACKED, format_antialiased, is_antialiased, read_comments
 from gsut.gaussians import SH_C0, Gaussians, order_by_morton_code
 
-_CHUNK = 256
+_CHUNK = 256  # Gaussians with bounds of their own
 _BOUNDS = [
     f"{end}_{name}"
     for group in (("x", "y", "z"), ("scale_x", "scale_y", "scale_z"), ("r", "g", "b"))
@@ -29,7 +29,8 @@ _BOUNDS = [
 ]
 _PACKED = ("packed_position", "packed_rotation", "packed_scale", "packed_color")
 _THREE_BITS = (11, 10, 11)  # of x, y, z in one number
-_LEAST_LOG_SCALE, _MOST_LOG_SCALE = -20.0, 20.0
+_LEAST_LOG_SCALE = -20.0  # that readers of the format accept
+_MOST_LOG_SCALE = 20.0  # likewise
 _SH_RANGE = 8.0  # a byte spans -4 to 4
 _HEADER_BYTES = 65536
 
@@ -38,10 +39,10 @@ def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written
     order = order_by_morton_code(gaussians.means)
     g = gaussians[order]
     log_scales = np.clip(g.log_scales, _LEAST_LOG_SCALE, _MOST_LOG_SCALE)
-    position_bounds, position = _in_chunks(g.means)
-    scale_bounds, scale = _in_chunks(log_scales)
-    color_bounds, color = _in_chunks(0.5 + SH_C0 * g.sh[:, 0])
-    rgba = np.concatenate([color, opacity_of(g.opacity_logits)[:, None]], axis=1)
+    position_bounds, position = _scale_chunks(g.means)
+    scale_bounds, scale = _scale_chunks(log_scales)
+    color_bounds, color = _scale_chunks(0.5 + SH_C0 * g.sh[:, 0])
+    rgba = np.concatenate([color, opacity_from_logits(g.opacity_logits)[:, None]], axis=1)
     vertices = np.empty((len(g), 4), "<u4")
     vertices[:, 0] = _pack(position, _THREE_BITS)
     vertices[:, 1] = _pack_rotations(g.quats)
@@ -51,8 +52,8 @@ def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written
     sh, clipped = to_bytes((rest / _SH_RANGE + 0.5) * 256 - 0.5)
     chunks = np.concatenate([position_bounds, scale_bounds, color_bounds], axis=1).astype("<f4")
     with whole_file(path) as temporary, open(temporary, "wb") as file:
-        comments = [antialiased_comment(settings.antialiased), *origin_comments(gaussians)]
-        file.write(_header(len(g), rest.shape[1], comments))
+        comments = [format_antialiased(settings.antialiased), *format_origin(gaussians)]
+        file.write(_build_header(len(g), rest.shape[1], comments))
         for array in (chunks, vertices, sh):
             file.write(array.tobytes())
     counts = {
@@ -62,7 +63,7 @@ def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written
     return Written(order, counts)
 
 
-def _header(count: int, harmonics: int, comments: list[str]) -> bytes:
+def _build_header(count: int, harmonics: int, comments: list[str]) -> bytes:
     lines = ["ply", "format binary_little_endian 1.0"]
     lines += [f"comment {comment}" for comment in ("written by gsut", *comments)]
     lines += [f"element chunk {-(-count // _CHUNK)}"]
@@ -74,8 +75,8 @@ def _header(count: int, harmonics: int, comments: list[str]) -> bytes:
     return ("\n".join([*lines, "end_header"]) + "\n").encode()
 
 
-def _in_chunks(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(C, 6) the least and the most of each chunk; (N, 3) where values are between them, 0 to 1."""
+def _scale_chunks(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the least and most (C, 6) of each chunk, and values (N, 3) between them, 0 to 1."""
     starts = np.arange(0, len(values), _CHUNK)
     values = values.astype(np.float32)
     low, high = np.minimum.reduceat(values, starts), np.maximum.reduceat(values, starts)
@@ -85,7 +86,7 @@ def _in_chunks(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _pack(values: np.ndarray, bits: tuple[int, ...]) -> np.ndarray:
-    """Values in [0, 1] as one number each row, the first in the highest bits."""
+    """Packs values in [0, 1] into one number a row, the first in the highest bits."""
     packed = np.zeros(len(values), np.uint32)
     for column, width in zip(values.T, bits, strict=True):
         packed = (packed << np.uint32(width)) | np.rint(column * (2**width - 1)).astype(np.uint32)
@@ -101,7 +102,7 @@ def _unpack(packed: np.ndarray, bits: tuple[int, ...]) -> np.ndarray:
 
 
 def _pack_rotations(quats: np.ndarray) -> np.ndarray:
-    largest, others = smallest_three(quats)
+    largest, others = drop_largest(quats)
     values = np.concatenate([largest[:, None] / 3, 0.5 + 0.5 * others], axis=1)
     return _pack(values, (2, 10, 10, 10))
 
@@ -127,29 +128,29 @@ def _read(path: Path) -> SceneFile:
     words = packed.view("<u4").reshape(-1, 4)
     chunk = np.arange(count) // _CHUNK
 
-    def between(first: int, values: np.ndarray) -> np.ndarray:
+    def interpolate(first: int, values: np.ndarray) -> np.ndarray:
         low = limits[:, first : first + 3].astype(np.float64)
         return low[chunk] + values * (limits[:, first + 3 : first + 6] - low)[chunk]
 
     rotation = _unpack(words[:, 1], (2, 10, 10, 10))
     rgba = _unpack(words[:, 3], (8, 8, 8, 8))
-    means = between(0, _unpack(words[:, 0], _THREE_BITS))
-    constant = (between(12, rgba[:, :3]) - 0.5) / SH_C0
+    means = interpolate(0, _unpack(words[:, 0], _THREE_BITS))
+    constant = (interpolate(12, rgba[:, :3]) - 0.5) / SH_C0
     rest = ((sh.reshape(count, 3, -1) + 0.5) / 256 - 0.5) * _SH_RANGE
     return SceneFile(
         Gaussians(
             means.astype(np.float32),
-            from_smallest_three(np.rint(3 * rotation[:, 0]).astype(int), 2 * rotation[:, 1:] - 1),
-            between(6, _unpack(words[:, 2], _THREE_BITS)),
-            logit_of(rgba[:, 3]),
+            restore_largest(np.rint(3 * rotation[:, 0]).astype(int), 2 * rotation[:, 1:] - 1),
+            interpolate(6, _unpack(words[:, 2], _THREE_BITS)),
+            logits_from_opacity(rgba[:, 3]),
             np.concatenate([constant[:, None], rest.transpose(0, 2, 1)], axis=1),
-        ).translate(origin_in(comments_of(path), path)),
+        ).translate(parse_origin(read_comments(path), path)),
         is_antialiased(path),
     )
 
 
 def _parse_header(path: Path, head: bytes) -> tuple[dict[str, tuple[int, list[str]]], int]:
-    """Element -> count and its properties "TYPE NAME"; and where the data begins."""
+    """Reads each element's count and properties "TYPE NAME", and where the data begins."""
     text, found, _ = head.partition(b"end_header\n")
     elements: dict[str, tuple[int, list[str]]] = {}
     last = ""

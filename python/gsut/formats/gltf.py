@@ -11,21 +11,27 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.files import whole_file
-from gsut.formats._axes import half_turned, placed
+from gsut.formats._axes import place_in_world, turn_half
 from gsut.formats._format import WRONG_JSON, Format, SceneFile, WriteSettings, Written
-from gsut.formats._quantize import logit_of, opacity_of, to_bytes, unit_quats
+from gsut.formats._quantize import (
+    logits_from_opacity,
+    normalize_quats,
+    opacity_from_logits,
+    to_bytes,
+)
 from gsut.gaussians import SH_C0, Gaussians, rotations_from_quaternions
 
 _EXTENSION = "KHR_gaussian_splatting"
 _HEAD = struct.Struct("<4sII")
 _CHUNK = struct.Struct("<I4s")
-_FLOAT, _BYTE = 5126, 5121
-_POINTS = 0
+_FLOAT = 5126  # glTF's code of float32
+_BYTE = 5121  # glTF's code of uint8
+_POINTS = 0  # glTF's mode of primitives that are points
 _WIDTHS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}
-_MOST_JSON = 1 << 24  # bytes of what describes a file
+_MOST_JSON = 1 << 24  # bytes of a file's description; more is an attack
 
 
-def _harmonic_names(degree: int) -> list[str]:
+def _name_harmonics(degree: int) -> list[str]:
     return [
         f"{_EXTENSION}:SH_DEGREE_{each}_COEF_{order}"
         for each in range(degree + 1)
@@ -34,8 +40,8 @@ def _harmonic_names(degree: int) -> list[str]:
 
 
 def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written:
-    g = half_turned(gaussians)
-    opacity = opacity_of(g.opacity_logits)
+    g = turn_half(gaussians)
+    opacity = opacity_from_logits(g.opacity_logits)
     # For programs that do not know the extension: coloured points, in linear light.
     shown = np.clip(0.5 + SH_C0 * g.sh[:, 0].astype(np.float64), 0.0, 1.0)
     linear = np.where(shown <= 0.04045, shown / 12.92, ((shown + 0.055) / 1.055) ** 2.4)
@@ -43,12 +49,12 @@ def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written
     arrays = {
         "POSITION": g.means,
         "COLOR_0": fallback,
-        f"{_EXTENSION}:ROTATION": unit_quats(g.quats)[:, [1, 2, 3, 0]].astype(np.float32),
+        f"{_EXTENSION}:ROTATION": normalize_quats(g.quats)[:, [1, 2, 3, 0]].astype(np.float32),
         f"{_EXTENSION}:SCALE": np.exp(g.log_scales.astype(np.float64)).astype(np.float32),
         f"{_EXTENSION}:OPACITY": opacity,
-        **{name: g.sh[:, k] for k, name in enumerate(_harmonic_names(g.sh_degree))},
+        **{name: g.sh[:, k] for k, name in enumerate(_name_harmonics(g.sh_degree))},
     }
-    document = _document(arrays)
+    document = _build_document(arrays)
     text = json.dumps(document, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
     size = document["buffers"][0]["byteLength"]
@@ -64,7 +70,7 @@ def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written
     return Written(None, {}, left_out)
 
 
-def _document(arrays: dict[str, np.ndarray]) -> dict[str, Any]:
+def _build_document(arrays: dict[str, np.ndarray]) -> dict[str, Any]:
     views: list[dict[str, Any]] = []
     accessors: list[dict[str, Any]] = []
     begin = 0
@@ -111,14 +117,16 @@ def _document(arrays: dict[str, np.ndarray]) -> dict[str, Any]:
 def _read(path: Path) -> SceneFile:
     document, begin, size = _parse(path)
     try:
-        attributes = _attributes_of(path, document)
+        attributes = _find_attributes(path, document)
         arrays = {
-            name: _array(path, document, index, begin, size)
+            name: _read_array(path, document, index, begin, size)
             for name, index in attributes.items()
             if name == "POSITION" or name.startswith(_EXTENSION)
         }
-        placed_so = placed(_gaussians_of(arrays), _place_of(path, document), f"{path}: its mesh")
-        return SceneFile(half_turned(placed_so))
+        placed_so = place_in_world(
+            _decode_gaussians(arrays), _place_of(path, document), f"{path}: its mesh"
+        )
+        return SceneFile(turn_half(placed_so))
     except WRONG_JSON as error:
         if isinstance(error, InputError):
             raise
@@ -128,7 +136,7 @@ def _read(path: Path) -> SceneFile:
 
 
 def _parse(path: Path) -> tuple[dict[str, Any], int, int]:
-    """The description, and where the binary chunk begins and how long it is."""
+    """Reads the description, and where the binary chunk begins and how long it is."""
     size = path.stat().st_size
     with open(path, "rb") as file:
         head = file.read(_HEAD.size + _CHUNK.size)
@@ -151,8 +159,8 @@ def _parse(path: Path) -> tuple[dict[str, Any], int, int]:
     return document, begin, there
 
 
-def _attributes_of(path: Path, document: dict[str, Any]) -> dict[str, int]:
-    """The attributes of the one primitive that has Gaussians."""
+def _find_attributes(path: Path, document: dict[str, Any]) -> dict[str, int]:
+    """Finds the attributes of the one primitive that has Gaussians."""
     found = [
         primitive
         for mesh in document["meshes"]
@@ -168,7 +176,7 @@ def _attributes_of(path: Path, document: dict[str, Any]) -> dict[str, int]:
 
 
 def _place_of(path: Path, document: dict[str, Any]) -> np.ndarray:
-    """(4, 4) world <- mesh with Gaussians, by the nodes above it."""
+    """Composes world <- mesh (4, 4) of the Gaussians from the nodes above them."""
     (mesh,) = (
         number
         for number, each in enumerate(document["meshes"])
@@ -185,13 +193,13 @@ def _place_of(path: Path, document: dict[str, Any]) -> np.ndarray:
         if at in seen:
             raise InputError(f"{path}: its nodes are their own parents")
         seen.add(at)
-        place = _matrix_of(nodes[at]) @ place
+        place = _compose_matrix(nodes[at]) @ place
         at = parents.get(at)
     return place
 
 
-def _matrix_of(node: dict[str, Any]) -> np.ndarray:
-    """(4, 4) of one node: its matrix, by columns, or its translation, rotation and scale."""
+def _compose_matrix(node: dict[str, Any]) -> np.ndarray:
+    """Composes the matrix (4, 4) of one node from its columns or from its parts."""
     if "matrix" in node:
         return np.array(node["matrix"], np.float64).reshape(4, 4).T
     x, y, z, w = np.array(node.get("rotation", [0, 0, 0, 1]), np.float64)
@@ -204,7 +212,9 @@ def _matrix_of(node: dict[str, Any]) -> np.ndarray:
     return matrix
 
 
-def _array(path: Path, document: dict[str, Any], index: int, begin: int, size: int) -> np.ndarray:
+def _read_array(
+    path: Path, document: dict[str, Any], index: int, begin: int, size: int
+) -> np.ndarray:
     accessor = document["accessors"][index]
     view = document["bufferViews"][accessor["bufferView"]]
     width, count = _WIDTHS[accessor["type"]], int(accessor["count"])
@@ -227,9 +237,9 @@ def _array(path: Path, document: dict[str, Any], index: int, begin: int, size: i
     return np.ascontiguousarray(rows).view("<f4")
 
 
-def _gaussians_of(arrays: dict[str, np.ndarray]) -> Gaussians:
+def _decode_gaussians(arrays: dict[str, np.ndarray]) -> Gaussians:
     degree = 0
-    while degree < 3 and _harmonic_names(degree + 1)[-1] in arrays:
+    while degree < 3 and _name_harmonics(degree + 1)[-1] in arrays:
         degree += 1
     with np.errstate(divide="ignore", invalid="ignore"):
         log_scales = np.log(arrays[f"{_EXTENSION}:SCALE"])
@@ -237,8 +247,8 @@ def _gaussians_of(arrays: dict[str, np.ndarray]) -> Gaussians:
         arrays["POSITION"],
         arrays[f"{_EXTENSION}:ROTATION"][:, [3, 0, 1, 2]],
         log_scales,
-        logit_of(arrays[f"{_EXTENSION}:OPACITY"][:, 0]),
-        np.stack([arrays[name] for name in _harmonic_names(degree)], axis=1),
+        logits_from_opacity(arrays[f"{_EXTENSION}:OPACITY"][:, 0]),
+        np.stack([arrays[name] for name in _name_harmonics(degree)], axis=1),
     )
 
 

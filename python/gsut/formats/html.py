@@ -76,17 +76,17 @@ def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written
         style=(parts / "viewer.css").read_text(encoding="utf-8"),
         viewer=gzip.decompress((parts / "viewer.js.gz").read_bytes()).decode(),
         scene=scene,
-        settings=json.dumps(_settings(gaussians, view)),
+        settings=json.dumps(_build_settings(gaussians, view)),
         antialiased=json.dumps(settings.antialiased),
     )
     write_file(path, page)
     return written
 
 
-def _settings(gaussians: Gaussians, view: StartView | None) -> dict[str, Any]:
-    """What the viewer reads: background and the first view."""
+def _build_settings(gaussians: Gaussians, view: StartView | None) -> dict[str, Any]:
+    """Builds the viewer's settings: background and first view."""
     if view is None:
-        view = _overview(gaussians)
+        view = _look_from_outside(gaussians)
         turn = np.eye(3)
     else:
         turn = rotate_upright(view.up)
@@ -116,8 +116,8 @@ def _settings(gaussians: Gaussians, view: StartView | None) -> dict[str, Any]:
     }
 
 
-def _overview(gaussians: Gaussians) -> StartView:
-    """From outside, at what lies in the middle."""
+def _look_from_outside(gaussians: Gaussians) -> StartView:
+    """Places the first view outside the scene, looking at its middle."""
     middle = np.median(gaussians.means, axis=0).astype(np.float64)
     extent = float(np.percentile(np.linalg.norm(gaussians.means - middle, axis=1), 80))
     place = middle + 2 * max(extent, 1e-6) * np.array([0.0, -0.3, -1.0])

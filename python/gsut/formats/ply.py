@@ -10,16 +10,16 @@ from pathlib import Path
 import numpy as np
 
 from gsut import _core
-from gsut.files import regular, whole_file
+from gsut.files import check_regular, whole_file
 from gsut.formats._format import (
     ELSEWHERE,
     Format,
     SceneFile,
     WriteSettings,
     Written,
-    only_drawable,
+    keep_drawable,
 )
-from gsut.formats._origin import for_file, origin_comments, origin_in
+from gsut.formats._origin import format_origin, parse_origin, prepare_for_file
 from gsut.gaussians import (
     DRAWN_BYTES,
     Gaussians,
@@ -36,8 +36,9 @@ _ANTIALIASED = ("SplatRenderMode: mip", "antialiased 1")
 NO_BACKGROUND = "gsut: no background"
 _HEADER_BYTES = 65536  # read for comments
 _TEXT_BYTES = 4  # of a text file for one in memory, at most
-_OF_FREE = 0.8  # that Gaussians may take where nobody says how much
-_PLAIN_FORMAT, _PLAIN_ELEMENT = ["format", "binary_little_endian", "1.0"], ["element", "vertex"]
+_OF_FREE = 0.8  # share of the free memory that Gaussians may take by default
+_PLAIN_FORMAT = ["format", "binary_little_endian", "1.0"]
+_PLAIN_ELEMENT = ["element", "vertex"]
 _PLAIN_END = b"end_header\n"
 PACKED = b"packed_position"  # a property of SuperSplat's compressed files
 
@@ -59,7 +60,7 @@ def load_ply(path: str | os.PathLike[str]) -> Gaussians:
         follows from the number of f_rest properties.
         Bits of float32 files are kept, but infinite opacity logits, which some writers use for
         opacities of exactly 0 and 1, become -20 and 20. Rows with other values that are not finite,
-        or a rotation of norm 0, are left out, and a warning says how many and which is the first.
+        or a rotation of norm 0, are left out; a warning gives their number and the first.
 
     Raises:
         InputError: the file cannot be opened, is no PLY file, misses a property (the message names
@@ -68,9 +69,11 @@ def load_ply(path: str | os.PathLike[str]) -> Gaussians:
     """
     _check_size(path)
     *arrays, not_finite, origin = _core.read_ply(os.fsencode(path))
-    gaussians = Gaussians(*arrays).translate(origin_in(comments_of(path), path)).translate(origin)
+    gaussians = (
+        Gaussians(*arrays).translate(parse_origin(read_comments(path), path)).translate(origin)
+    )
     if not_finite or not gaussians.quats.any(axis=1).all():
-        return only_drawable(path, gaussians)
+        return keep_drawable(path, gaussians)
     _warn_of_rounding(path, gaussians)
     return gaussians
 
@@ -78,7 +81,7 @@ def load_ply(path: str | os.PathLike[str]) -> Gaussians:
 def open_ply(
     path: str | os.PathLike[str], memory: int | None = None
 ) -> Gaussians | StoredGaussians:
-    """Gaussians of a PLY file; where they do not fit into memory, those that stay in the file.
+    """Opens the Gaussians of a PLY file; those that do not fit into memory stay in the file.
 
     Args:
         path: see `load_ply`; of files that gsut did not write all are read.
@@ -89,7 +92,7 @@ def open_ply(
     """
     free = free_memory()
     limit = memory or (None if free is None else int(_OF_FREE * free))
-    found = None if limit is None else _plain_rows(Path(path))
+    found = None if limit is None else _find_plain_rows(Path(path))
     if limit is None or found is None:
         return load_ply(path)
     rows, count, sh_degree = found
@@ -99,9 +102,10 @@ def open_ply(
     return load_ply(path) if stored is None else stored
 
 
-def _plain_rows(path: Path) -> tuple[Callable[[int, int], Gaussians], int, int] | None:
-    """What reads rows of a file of float32 alone, their number and degree; None: another file."""
-    with open(regular(path), "rb") as file:
+def _find_plain_rows(path: Path) -> tuple[Callable[[int, int], Gaussians], int, int] | None:
+    """Returns a reader of rows of a file of only float32, their number and degree. None for other
+    files."""
+    with open(check_regular(path), "rb") as file:
         head = file.read(_HEADER_BYTES)
     text, end, _ = head.partition(_PLAIN_END)
     words = [line.split() for line in text.decode("utf-8", "replace").splitlines()]
@@ -121,9 +125,9 @@ def _plain_rows(path: Path) -> tuple[Callable[[int, int], Gaussians], int, int] 
     if not whole or any(name not in columns for group in names for name in group):
         return None  # `load_ply` says what is wrong
     means, quats, scales, opacity, base, others = ([columns[n] for n in group] for group in names)
-    origin = origin_in(comments_of(path), path)
+    origin = parse_origin(read_comments(path), path)
 
-    def rows(begin: int, end: int) -> Gaussians:
+    def read_rows(begin: int, end: int) -> Gaussians:
         table = np.fromfile(
             path, "<f4", (end - begin) * len(columns), offset=offset + 4 * begin * len(columns)
         ).reshape(end - begin, len(columns))
@@ -135,22 +139,22 @@ def _plain_rows(path: Path) -> tuple[Callable[[int, int], Gaussians], int, int] 
             press_surfels(sizes)
         return Gaussians(table[:, means], table[:, quats], sizes, table[:, opacity[0]], sh, origin)
 
-    return rows, count, {0: 0, 9: 1, 24: 2, 45: 3}.get(rest, 0)
+    return read_rows, count, {0: 0, 9: 1, 24: 2, 45: 3}.get(rest, 0)
 
 
 def _check_size(path: str | os.PathLike[str]) -> None:
     """Raises InputError if the memory that is free cannot hold the file's numbers."""
     try:
-        with open(regular(path), "rb") as file:
+        with open(check_regular(path), "rb") as file:
             is_text = b"\nformat ascii" in file.read(_HEADER_BYTES)
     except OSError:
-        return  # told by the reader
+        return  # the reader reports it
     size = os.path.getsize(path) // (_TEXT_BYTES if is_text else 1)
     check_fits(f"reading {os.fspath(path)}", size, ELSEWHERE)
 
 
 def _warn_of_rounding(path: str | os.PathLike[str], gaussians: Gaussians) -> None:
-    """Where the file's own float32 could not tell places apart that its Gaussians do."""
+    """Warns if the file's float32 coordinates are coarser than its Gaussians are large."""
     if not len(gaussians):
         return
     step = np.spacing(np.median(np.abs(gaussians.means), axis=0).max())
@@ -183,9 +187,9 @@ def save_ply(
     Raises:
         InputError: the file cannot be written, or a comment holds a line break.
     """
-    stored = for_file(gaussians)
+    stored = prepare_for_file(gaussians)
     flat = are_surfels(stored) if surfels is None else surfels
-    _core.write_ply(os.fsencode(path), stored, [*comments, *origin_comments(stored)], flat)
+    _core.write_ply(os.fsencode(path), stored, [*comments, *format_origin(stored)], flat)
 
 
 def save_ply_parts(
@@ -196,7 +200,7 @@ def save_ply_parts(
     comments: Sequence[str] = (),
     surfels: bool = False,
 ) -> np.ndarray:
-    """`save_ply` of Gaussians that come in parts, of which one is in memory at a time.
+    """Saves Gaussians that come in parts, one of which is in memory at a time.
 
     Args:
         path, comments, surfels: see `save_ply`.
@@ -207,8 +211,8 @@ def save_ply_parts(
     Returns:
         (3,) the origin that a comment names.
     """
-    place = for_file(sample)
-    named = [*comments, *origin_comments(place)]
+    place = prepare_for_file(sample)
+    named = [*comments, *format_origin(place)]
     with whole_file(path) as temporary, open(temporary, "wb") as out:
         piece = temporary.with_name(temporary.name + ".piece")
         for part in parts:
@@ -227,30 +231,30 @@ def save_ply_parts(
     return place.origin
 
 
-def comments_of(path: str | os.PathLike[str]) -> list[str]:
-    """The comments in a PLY file's header."""
+def read_comments(path: str | os.PathLike[str]) -> list[str]:
+    """Reads the comments in a PLY file's header."""
     with open(path, "rb") as file:
         head = file.read(_HEADER_BYTES).split(b"end_header", 1)[0]
     lines = head.decode("utf-8", "replace").splitlines()
     return [line.removeprefix("comment").strip() for line in lines if line.startswith("comment ")]
 
 
-def antialiased_comment(antialiased: bool) -> str:
-    """What a header says about filters; plain "default" keeps programs from adding one."""
+def format_antialiased(antialiased: bool) -> str:
+    """Formats the comment about filters; plain "default" keeps programs from adding one."""
     return f"SplatRenderMode: {'mip' if antialiased else 'default'}"
 
 
 def is_antialiased(path: Path) -> bool:
-    """Whether a PLY file's comments say so."""
-    return any(comment in _ANTIALIASED for comment in comments_of(path))
+    """Returns whether a PLY file's comments declare a screen filter."""
+    return any(comment in _ANTIALIASED for comment in read_comments(path))
 
 
 def _read(path: Path) -> SceneFile:
-    return SceneFile(load_ply(path), is_antialiased(path), NO_BACKGROUND in comments_of(path))
+    return SceneFile(load_ply(path), is_antialiased(path), NO_BACKGROUND in read_comments(path))
 
 
 def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written:
-    comments = ["written by gsut", antialiased_comment(settings.antialiased)]
+    comments = ["written by gsut", format_antialiased(settings.antialiased)]
     save_ply(path, gaussians, comments, surfels=False if settings.three_scales else None)
     return Written()
 

@@ -27,12 +27,12 @@ from gsut.formats._format import (
     check_claim,
 )
 from gsut.formats._quantize import (
-    codebook,
-    from_smallest_three,
-    logit_of,
-    nearest_entries,
-    opacity_of,
-    smallest_three,
+    build_codebook,
+    drop_largest,
+    find_nearest_entries,
+    logits_from_opacity,
+    opacity_from_logits,
+    restore_largest,
 )
 from gsut.gaussians import Gaussians, order_by_morton_code
 
@@ -49,45 +49,45 @@ _SHARING = 4
 
 def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written:
     # WebP keeps no colour where alpha is 0.
-    seen = np.flatnonzero(np.rint(255 * opacity_of(gaussians.opacity_logits)) > 0)
+    seen = np.flatnonzero(np.rint(255 * opacity_from_logits(gaussians.opacity_logits)) > 0)
     if not len(seen):
         raise InputError(f"{path}: all Gaussians are of opacity 0; there is nothing to write")
     order = seen[order_by_morton_code(gaussians.means[seen])]
     g = gaussians[order]
-    images, meta = _images_of(g)
+    images, meta = _encode_images(g)
     if settings.antialiased:
         meta |= {"antialias": True, "model": "antialiased"}
     with whole_file(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
         for name, pixels in images.items():
-            archive.writestr(_entry(name), _encoded(path, pixels))
-        archive.writestr(_entry(_META), json.dumps(meta, separators=(",", ":")))
+            archive.writestr(_make_entry(name), _encode_webp(path, pixels))
+        archive.writestr(_make_entry(_META), json.dumps(meta, separators=(",", ":")))
     unseen = len(gaussians) - len(seen)
     said = f"{unseen:,} Gaussians of opacity below 1/510, which nobody sees, were left out"
     return Written(order, {}, (said,) if unseen else ())
 
 
-def _entry(name: str) -> zipfile.ZipInfo:
-    """Of the same time in every archive, so that the same scene makes the same bytes."""
+def _make_entry(name: str) -> zipfile.ZipInfo:
+    """Makes an archive entry with a fixed time, so that equal scenes give equal bytes."""
     return zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
 
 
-def _images_of(g: Gaussians) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-    """Image name -> (H, W, 3 or 4) uint8, RGB(A); and the description."""
+def _encode_images(g: Gaussians) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
+    """Encodes Gaussians as images (H, W, 3 or 4) uint8 by name, and their description."""
     logs = np.sign(g.means) * np.log1p(np.abs(g.means.astype(np.float64)))
     low, high = logs.min(axis=0), logs.max(axis=0)
     steps = np.rint((logs - low) / np.maximum(high - low, 1e-300) * 65535).astype(np.uint16)
-    largest, others = smallest_three(g.quats)
+    largest, others = drop_largest(g.quats)
     rotation = np.rint(127.5 + 127.5 * others).astype(np.uint8)
-    alpha = np.rint(255 * opacity_of(g.opacity_logits)).astype(np.uint8)[:, None]
-    scales, colors = codebook(g.log_scales), codebook(g.sh[:, 0])
-    color = np.concatenate([nearest_entries(g.sh[:, 0], colors), alpha], axis=1)
+    alpha = np.rint(255 * opacity_from_logits(g.opacity_logits)).astype(np.uint8)[:, None]
+    scales, colors = build_codebook(g.log_scales), build_codebook(g.sh[:, 0])
+    color = np.concatenate([find_nearest_entries(g.sh[:, 0], colors), alpha], axis=1)
     kind = (_LARGEST_BEGIN + largest[:, None]).astype(np.uint8)
     images = {
-        "means_l.webp": _image(steps.astype(np.uint8)),
-        "means_u.webp": _image((steps >> 8).astype(np.uint8)),
-        "quats.webp": _image(np.concatenate([rotation, kind], axis=1)),
-        "scales.webp": _image(nearest_entries(g.log_scales, scales)),
-        "sh0.webp": _image(color),
+        "means_l.webp": _fill_image(steps.astype(np.uint8)),
+        "means_u.webp": _fill_image((steps >> 8).astype(np.uint8)),
+        "quats.webp": _fill_image(np.concatenate([rotation, kind], axis=1)),
+        "scales.webp": _fill_image(find_nearest_entries(g.log_scales, scales)),
+        "sh0.webp": _fill_image(color),
     }
     meta = {
         "version": 2,
@@ -104,21 +104,21 @@ def _images_of(g: Gaussians) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         "sh0": {"codebook": colors.tolist(), "files": ["sh0.webp"]},
     }
     if g.sh_degree:
-        centroids, labels, meta["shN"] = _palette_of(g)
+        centroids, labels, meta["shN"] = _build_palette(g)
         images |= {"shN_centroids.webp": centroids, "shN_labels.webp": labels}
     return images, meta
 
 
-def _palette_of(g: Gaussians) -> tuple[np.ndarray, np.ndarray, dict[str, Any]]:
-    """The harmonics above the constant one: images of entries and labels, and the description."""
+def _build_palette(g: Gaussians) -> tuple[np.ndarray, np.ndarray, dict[str, Any]]:
+    """Builds images of entries and labels of the harmonics above the constant one."""
     coefficients = g.sh.shape[1] - 1
     rows = np.ascontiguousarray(g.sh[:, 1:].reshape(len(g), -1), np.float32)
     wanted = min(_MOST_ENTRIES, max(1024, len(g) // _SHARING))
     entries, labels = _core.make_palette(rows, wanted)
-    book = codebook(entries)
+    book = build_codebook(entries)
     lines = -(-len(entries) // _PALETTE_COLUMNS)
     pixels = np.zeros((lines * _PALETTE_COLUMNS, coefficients, 3), np.uint8)
-    pixels[: len(entries)] = nearest_entries(entries, book).reshape(-1, coefficients, 3)
+    pixels[: len(entries)] = find_nearest_entries(entries, book).reshape(-1, coefficients, 3)
     two = np.stack([labels & 255, labels >> 8, np.zeros_like(labels)], axis=1).astype(np.uint8)
     described = {
         "count": len(entries),
@@ -126,11 +126,11 @@ def _palette_of(g: Gaussians) -> tuple[np.ndarray, np.ndarray, dict[str, Any]]:
         "codebook": book.tolist(),
         "files": ["shN_centroids.webp", "shN_labels.webp"],
     }
-    return pixels.reshape(lines, _PALETTE_COLUMNS * coefficients, 3), _image(two), described
+    return pixels.reshape(lines, _PALETTE_COLUMNS * coefficients, 3), _fill_image(two), described
 
 
-def _image(rows: np.ndarray) -> np.ndarray:
-    """One pixel a Gaussian, row by row, as square as sides of whole fours allow."""
+def _fill_image(rows: np.ndarray) -> np.ndarray:
+    """Fills an image with one pixel a Gaussian, as square as sides of multiples of four allow."""
     width = 4 * math.ceil(math.sqrt(len(rows)) / 4)
     height = 4 * math.ceil(len(rows) / width / 4)
     pixels = np.zeros((height * width, rows.shape[1]), np.uint8)
@@ -138,7 +138,7 @@ def _image(rows: np.ndarray) -> np.ndarray:
     return pixels.reshape(height, width, -1)
 
 
-def _encoded(path: Path, pixels: np.ndarray) -> bytes:
+def _encode_webp(path: Path, pixels: np.ndarray) -> bytes:
     if max(pixels.shape) > _MOST_SIDE:
         raise InputError(
             f"{path}: an image of {pixels.shape[1]} x {pixels.shape[0]} pixels is needed, and WebP "
@@ -152,12 +152,12 @@ def _read(path: Path) -> SceneFile:
     size = path.stat().st_size
     with _archive(path) as archive:
         try:
-            meta = json.loads(_member(path, archive, _META, _MOST_META))
+            meta = json.loads(_read_member(path, archive, _META, _MOST_META))
             if meta["version"] != 2:
                 raise InputError(f"{path}: SOG version {meta['version']}; gsut reads 2")
             count = int(meta["count"])
             check_claim(path, count, size)
-            gaussians = _gaussians_of(_Images(path, archive), meta, count)
+            gaussians = _decode_gaussians(_Images(path, archive), meta, count)
             antialiased = bool(meta.get("antialias")) or meta.get("model") == "antialiased"
         except WRONG_JSON as error:
             if isinstance(error, InputError):
@@ -177,8 +177,8 @@ def _archive(path: Path) -> Iterator[zipfile.ZipFile]:
         raise InputError(f"{path}: truncated or damaged archive: {error}") from None
 
 
-def _member(path: Path, archive: zipfile.ZipFile, name: str, most: int) -> bytes:
-    """A file of the archive, unpacked no further than it may be large."""
+def _read_member(path: Path, archive: zipfile.ZipFile, name: str, most: int) -> bytes:
+    """Reads a file of the archive and stops if it unpacks beyond the size it may have."""
     if name not in archive.namelist():
         raise InputError(f"{path}: no SOG file: {name} is missing")
     with archive.open(name) as file:
@@ -194,8 +194,10 @@ class _Images:
     def __init__(self, path: Path, archive: zipfile.ZipFile) -> None:
         self.path, self.archive = path, archive
 
-    def rows(self, name: str, count: int, channels: int, width: int | None = None) -> np.ndarray:
-        """(count, channels): the first pixels, row by row.
+    def read_pixels(
+        self, name: str, count: int, channels: int, width: int | None = None
+    ) -> np.ndarray:
+        """Reads the first pixels (count, channels), row by row.
 
         Args:
             name: of the file.
@@ -204,8 +206,8 @@ class _Images:
             width: that the image must have; None: any.
         """
         # A lossless pixel takes 4 bytes and the tables of an image some thousands, at most.
-        data = _member(self.path, self.archive, name, 5 * count + (1 << 16))
-        found = _webp_size(data)
+        data = _read_member(self.path, self.archive, name, 5 * count + (1 << 16))
+        found = _read_webp_size(data)
         if found is None:
             raise InputError(f"{self.path}: {name} is no lossless WebP image")
         wide, high = found
@@ -221,8 +223,8 @@ class _Images:
         return pixels.reshape(wide * high, -1)[:count, order]
 
 
-def _webp_size(data: bytes) -> tuple[int, int] | None:
-    """Width and height in a lossless WebP file's header, None if it is none."""
+def _read_webp_size(data: bytes) -> tuple[int, int] | None:
+    """Reads width and height from a lossless WebP header; None if it is none."""
     bits = io.BytesIO(data)
     if bits.read(4) != b"RIFF" or bits.read(8)[4:] != b"WEBP":
         return None
@@ -238,34 +240,36 @@ def _webp_size(data: bytes) -> tuple[int, int] | None:
     return (sides & 0x3FFF) + 1, (sides >> 14 & 0x3FFF) + 1
 
 
-def _gaussians_of(images: _Images, meta: dict[str, Any], count: int) -> Gaussians:
-    fine, coarse = (images.rows(name, count, 3) for name in meta["means"]["files"])
+def _decode_gaussians(images: _Images, meta: dict[str, Any], count: int) -> Gaussians:
+    fine, coarse = (images.read_pixels(name, count, 3) for name in meta["means"]["files"])
     low, high = (np.array(meta["means"][end], np.float64) for end in ("mins", "maxs"))
     logs = low + (coarse * 256.0 + fine) / 65535 * (high - low)
-    rotation = images.rows(meta["quats"]["files"][0], count, 4)
+    rotation = images.read_pixels(meta["quats"]["files"][0], count, 4)
     largest = np.clip(rotation[:, 3].astype(int) - _LARGEST_BEGIN, 0, 3)
-    scales = _book(meta["scales"])[images.rows(meta["scales"]["files"][0], count, 3)]
-    color = images.rows(meta["sh0"]["files"][0], count, 4)
-    sh = _book(meta["sh0"])[color[:, :3]][:, None]
+    scales = _read_codebook(meta["scales"])[
+        images.read_pixels(meta["scales"]["files"][0], count, 3)
+    ]
+    color = images.read_pixels(meta["sh0"]["files"][0], count, 4)
+    sh = _read_codebook(meta["sh0"])[color[:, :3]][:, None]
     if "shN" in meta:
-        sh = np.concatenate([sh, _harmonics_of(images, meta["shN"], count)], axis=1)
+        sh = np.concatenate([sh, _decode_harmonics(images, meta["shN"], count)], axis=1)
     return Gaussians(
         (np.sign(logs) * np.expm1(np.abs(logs))).astype(np.float32),
-        from_smallest_three(largest, rotation[:, :3] / 127.5 - 1),
+        restore_largest(largest, rotation[:, :3] / 127.5 - 1),
         scales,
-        logit_of(color[:, 3] / 255),
+        logits_from_opacity(color[:, 3] / 255),
         sh,
     )
 
 
-def _book(described: dict[str, Any]) -> np.ndarray:
+def _read_codebook(described: dict[str, Any]) -> np.ndarray:
     book = np.zeros(256, np.float32)
     values = np.array(described["codebook"], np.float32)
     book[: len(values)] = values
     return book
 
 
-def _harmonics_of(images: _Images, described: dict[str, Any], count: int) -> np.ndarray:
+def _decode_harmonics(images: _Images, described: dict[str, Any], count: int) -> np.ndarray:
     coefficients = (int(described["bands"]) + 1) ** 2 - 1
     size = int(described["count"])
     if coefficients not in (3, 8, 15) or not 1 <= size <= _MOST_ENTRIES:
@@ -275,12 +279,12 @@ def _harmonics_of(images: _Images, described: dict[str, Any], count: int) -> np.
         )
     lines = -(-size // _PALETTE_COLUMNS)
     width = _PALETTE_COLUMNS * coefficients
-    entries = images.rows(described["files"][0], lines * width, 3, width)
-    labels = images.rows(described["files"][1], count, 3).astype(np.int64)
+    entries = images.read_pixels(described["files"][0], lines * width, 3, width)
+    labels = images.read_pixels(described["files"][1], count, 3).astype(np.int64)
     numbers = labels[:, 0] + 256 * labels[:, 1]
     if numbers.max(initial=0) >= lines * _PALETTE_COLUMNS:
         raise InputError(f"{images.path}: damaged: a label is beyond the palette")
-    return _book(described)[entries.reshape(-1, coefficients, 3)[numbers]]
+    return _read_codebook(described)[entries.reshape(-1, coefficients, 3)[numbers]]
 
 
 FORMAT = Format("SOG", (".sog",), _write, _read, lambda head: head.startswith(b"PK"))

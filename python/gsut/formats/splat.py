@@ -9,7 +9,12 @@ import numpy as np
 from gsut._core import InputError
 from gsut.files import write_file
 from gsut.formats._format import Format, SceneFile, WriteSettings, Written
-from gsut.formats._quantize import logit_of, opacity_of, to_bytes, unit_quats
+from gsut.formats._quantize import (
+    logits_from_opacity,
+    normalize_quats,
+    opacity_from_logits,
+    to_bytes,
+)
 from gsut.gaussians import SH_C0, Gaussians
 
 _ROW = np.dtype([("mean", "<f4", 3), ("scale", "<f4", 3), ("rgba", "u1", 4), ("quat", "u1", 4)])
@@ -30,12 +35,14 @@ def _read(path: Path) -> SceneFile:
     quats = (rows["quat"].astype(np.float32) - _QUAT_SCALE) / _QUAT_SCALE
     color = rows["rgba"].astype(np.float32) / 255
     sh = ((color[:, :3] - 0.5) / SH_C0)[:, None, :]
-    return SceneFile(Gaussians(rows["mean"], quats, log_scales, logit_of(color[:, 3]), sh))
+    return SceneFile(
+        Gaussians(rows["mean"], quats, log_scales, logits_from_opacity(color[:, 3]), sh)
+    )
 
 
 def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written:
     # Viewers that draw while loading show the largest and most opaque first.
-    opacity = opacity_of(gaussians.opacity_logits)
+    opacity = opacity_from_logits(gaussians.opacity_logits)
     weight = opacity * np.exp(np.sum(gaussians.log_scales.astype(np.float64), axis=1))
     order = np.argsort(-weight, kind="stable")
     g, opacity = gaussians[order], opacity[order]
@@ -43,7 +50,7 @@ def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written
     rows["mean"], rows["scale"] = g.means, np.exp(g.log_scales)
     rows["rgba"][:, :3], colors = to_bytes(255 * (0.5 + SH_C0 * g.sh[:, 0]))
     rows["rgba"][:, 3] = np.rint(255 * opacity)
-    q = unit_quats(g.quats)
+    q = normalize_quats(g.quats)
     # 1 has no byte of its own: the sign whose largest component is negative is exact.
     largest = q[np.arange(len(q)), np.argmax(np.abs(q), axis=1)]
     q *= np.where(largest > 0, -1.0, 1.0)[:, None]

@@ -16,10 +16,10 @@ from gsut._core import InputError
 from gsut.files import write_file
 from gsut.formats._format import Format, SceneFile, WriteSettings, Written, check_claim
 from gsut.formats._quantize import (
-    from_smallest_three,
-    logit_of,
-    opacity_of,
-    smallest_three,
+    drop_largest,
+    logits_from_opacity,
+    opacity_from_logits,
+    restore_largest,
     to_bytes,
 )
 from gsut.gaussians import Gaussians
@@ -32,21 +32,21 @@ _GZIP = b"\x1f\x8b"
 _ANTIALIASED = 1  # a bit of the flags
 _LARGEST = 2**23 - 1  # of a position, in steps
 _MOST_FRACTIONAL_BITS = 24
-# Positions are rounded by so much of a Gaussian's size in the median, if no more than this share of
-# the scene lies too far for that.
-_ROUNDING, _MOST_FAR = 1 / 16, 0.01
-_LOG_SCALE_STEPS, _LOG_SCALE_ZERO = 16.0, 10.0  # byte = (log scale + 10) 16
+_ROUNDING = 1 / 16  # of positions, in sizes of the median Gaussian: below what a view shows
+_MOST_FAR = 0.01  # share of the scene that may lie too far for this rounding
+_LOG_SCALE_STEPS = 16.0  # byte = (log scale + 10) 16
+_LOG_SCALE_ZERO = 10.0  # of the same formula
 _COLOR_SCALE = 0.15  # byte = 255 (0.15 harmonic + 0.5)
-# Harmonics lie on every second of the 256 steps from -1 to 1. The format's first writers keep 5 and
-# 4 bits, which makes a third smaller files; a trained scene is 37 dB from itself then, not 53.
+# Harmonics lie on every second of the 256 steps from -1 to 1. Other writers keep 5 and 4 bits:
+# files a third smaller, with an error that shows in a view.
 _SH_STEP = 2
 _ROTATION_STEPS = 511
-_DEFLATE_MOST = 1032  # deflate makes at most so many bytes of one
+_DEFLATE_MOST = 1032  # the most bytes that deflate makes of one
 
 
 @dataclasses.dataclass(frozen=True)
 class _Layout:
-    """What a header says."""
+    """The content of a header."""
 
     version: int
     count: int
@@ -54,8 +54,8 @@ class _Layout:
     fractional_bits: int
     flags: int
 
-    def sizes(self) -> list[int]:
-        """Bytes of positions, opacities, colours, scales, rotations, harmonics."""
+    def count_bytes(self) -> list[int]:
+        """Counts the bytes of positions, opacities, colours, scales, rotations and harmonics."""
         harmonics = 3 * ((self.degree + 1) ** 2 - 1)
         rotation = 3 if self.version == 2 else 4
         return [self.count * each for each in (9, 1, 3, 3, rotation, harmonics)]
@@ -63,10 +63,10 @@ class _Layout:
 
 def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written:
     clipped = {}
-    g, bits, clipped["distance"] = _within(path, gaussians)
+    g, bits, clipped["distance"] = _fit_coordinates(path, gaussians)
     steps = np.rint(g.means.astype(np.float64) * 2.0**bits).astype("<i4")
     positions = steps.reshape(-1, 1).view(np.uint8)[:, :3]
-    alphas, _ = to_bytes(255 * opacity_of(g.opacity_logits))
+    alphas, _ = to_bytes(255 * opacity_from_logits(g.opacity_logits))
     colors, clipped["color"] = to_bytes(255 * (_COLOR_SCALE * g.sh[:, 0].astype(np.float64) + 0.5))
     scales, clipped["scale"] = to_bytes(_LOG_SCALE_STEPS * (g.log_scales + _LOG_SCALE_ZERO))
     rotations = _pack_rotations(g.quats)
@@ -77,22 +77,22 @@ def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written
     flags = _ANTIALIASED if settings.antialiased else 0
     head = (_MAGIC, settings.spz_version, len(g), g.sh_degree, bits, flags)
     if settings.spz_version == 3:
-        write_file(path, _gzip(_HEADER.pack(*head, 0) + b"".join(planes)))
+        write_file(path, _compress_gzip(_HEADER.pack(*head, 0) + b"".join(planes)))
     elif settings.spz_version == 4:
-        write_file(path, _streams(head, [plane for plane in planes if plane]))
+        write_file(path, _build_streams(head, [plane for plane in planes if plane]))
     else:
         raise InputError(f"SPZ version {settings.spz_version} is not written; 3 and 4 are")
     return Written(None, clipped)
 
 
-def _within(path: Path, g: Gaussians) -> tuple[Gaussians, int, int]:
-    """Gaussians that fit, their fractional bits, and how many were brought nearer for that.
+def _fit_coordinates(path: Path, g: Gaussians) -> tuple[Gaussians, int, int]:
+    """Returns Gaussians that fit, their fractional bits, and how many were moved nearer for that.
 
     A few far ones, of a sky, would take the digits that all others need: they come nearer along
     their direction from the file's zero and get smaller alike.
     """
     far = np.max(np.abs(g.means), axis=1)
-    bits = _fractional_bits(path, float(far.max(initial=0.0)))
+    bits = _count_fractional_bits(path, float(far.max(initial=0.0)))
     size = float(np.exp(np.median(g.log_scales)))
     wanted = min(_MOST_FRACTIONAL_BITS, math.ceil(-math.log2(2 * _ROUNDING * max(size, 1e-30))))
     most = (_LARGEST - 0.5) / 2.0**wanted
@@ -105,8 +105,8 @@ def _within(path: Path, g: Gaussians) -> tuple[Gaussians, int, int]:
     return g, wanted, count
 
 
-def _fractional_bits(path: Path, extent: float) -> int:
-    """As many as leave room for the largest coordinate."""
+def _count_fractional_bits(path: Path, extent: float) -> int:
+    """Counts the fractional bits that leave room for the largest coordinate."""
     bits = _MOST_FRACTIONAL_BITS
     if extent > 0:
         bits = min(bits, math.floor(math.log2((_LARGEST - 0.5) / extent)))
@@ -120,8 +120,8 @@ def _fractional_bits(path: Path, extent: float) -> int:
 
 
 def _pack_rotations(quats: np.ndarray) -> np.ndarray:
-    """10 bits each of the three smallest, sign and size, of x, y, z, w."""
-    largest, others = smallest_three(quats[:, [1, 2, 3, 0]])
+    """Packs the three smallest of x, y, z, w, each as 10 bits of sign and size."""
+    largest, others = drop_largest(quats[:, [1, 2, 3, 0]])
     packed = largest.astype("<u4")
     for column in others.T:
         size = np.rint(np.abs(column) * _ROTATION_STEPS).astype(np.uint32)
@@ -137,12 +137,12 @@ def _pack_harmonics(sh: np.ndarray) -> tuple[np.ndarray, int]:
     return np.clip(wanted, 0, most).astype(np.uint8), beyond
 
 
-def _gzip(data: bytes) -> bytes:
+def _compress_gzip(data: bytes) -> bytes:
     compressor = zlib.compressobj(6, zlib.DEFLATED, 16 + zlib.MAX_WBITS)
     return compressor.compress(data) + compressor.flush()
 
 
-def _zstandard() -> Any:
+def _compress_zstandard() -> Any:
     try:
         import zstandard
     except ImportError:
@@ -153,8 +153,8 @@ def _zstandard() -> Any:
     return zstandard
 
 
-def _streams(head: tuple[int, ...], planes: list[bytes]) -> bytes:
-    compressor = _zstandard().ZstdCompressor(level=12)
+def _build_streams(head: tuple[int, ...], planes: list[bytes]) -> bytes:
+    compressor = _compress_zstandard().ZstdCompressor(level=12)
     packed = [compressor.compress(plane) for plane in planes]
     table = [
         _ENTRY.pack(len(small), len(plane)) for small, plane in zip(packed, planes, strict=True)
@@ -164,7 +164,9 @@ def _streams(head: tuple[int, ...], planes: list[bytes]) -> bytes:
 
 def _read(path: Path) -> SceneFile:
     data = path.read_bytes()
-    layout, planes = _gunzipped(path, data) if data[:2] == _GZIP else _decompressed(path, data)
+    layout, planes = (
+        _decompress_gzip(path, data) if data[:2] == _GZIP else _decompress_zstandard(path, data)
+    )
     bytes_of = [np.frombuffer(plane, np.uint8) for plane in planes]
     positions, alphas, colors, scales, rotations, harmonics = bytes_of
     n = layout.count
@@ -177,7 +179,7 @@ def _read(path: Path) -> SceneFile:
         means.astype(np.float32),
         _unpack_rotations(rotations, layout.version),
         scales.reshape(n, 3) / _LOG_SCALE_STEPS - _LOG_SCALE_ZERO,
-        logit_of(alphas / 255),
+        logits_from_opacity(alphas / 255),
         np.concatenate([constant, rest], axis=1),
     )
     return SceneFile(gaussians, bool(layout.flags & _ANTIALIASED))
@@ -194,10 +196,12 @@ def _unpack_rotations(data: np.ndarray, version: int) -> np.ndarray:
         value = packed >> np.uint32(shift)
         size = (value & 511) / _ROTATION_STEPS
         others[:, column] = np.where(value & 512, -size, size)
-    return from_smallest_three((packed >> 30).astype(int), others)[:, [3, 0, 1, 2]]
+    return restore_largest((packed >> 30).astype(int), others)[:, [3, 0, 1, 2]]
 
 
-def _checked(path: Path, size: int, head: tuple[int, ...], versions: tuple[int, ...]) -> _Layout:
+def _check_header(
+    path: Path, size: int, head: tuple[int, ...], versions: tuple[int, ...]
+) -> _Layout:
     magic, *values = head
     layout = _Layout(*values[:5])
     if magic != _MAGIC:
@@ -210,14 +214,14 @@ def _checked(path: Path, size: int, head: tuple[int, ...], versions: tuple[int, 
     return layout
 
 
-def _gunzipped(path: Path, data: bytes) -> tuple[_Layout, list[bytes]]:
+def _decompress_gzip(path: Path, data: bytes) -> tuple[_Layout, list[bytes]]:
     stream = zlib.decompressobj(16 + zlib.MAX_WBITS)
     try:
         head = stream.decompress(data, _HEADER.size)
         if len(head) < _HEADER.size:
             raise InputError(f"{path}: truncated in the header")
-        layout = _checked(path, len(data), _HEADER.unpack(head), (2, 3))
-        sizes = layout.sizes()
+        layout = _check_header(path, len(data), _HEADER.unpack(head), (2, 3))
+        sizes = layout.count_bytes()
         if sum(sizes) > _DEFLATE_MOST * len(data):
             raise InputError(
                 f"{path}: claims {layout.count:,} Gaussians, more than {len(data):,} bytes of gzip "
@@ -234,19 +238,19 @@ def _gunzipped(path: Path, data: bytes) -> tuple[_Layout, list[bytes]]:
     return layout, [body[a:b] for a, b in itertools.pairwise(np.cumsum([0, *sizes]))]
 
 
-def _decompressed(path: Path, data: bytes) -> tuple[_Layout, list[bytes]]:
+def _decompress_zstandard(path: Path, data: bytes) -> tuple[_Layout, list[bytes]]:
     if len(data) < _HEADER_4.size:
         raise InputError(f"{path}: no SPZ file, or truncated in the header")
     *head, streams, table = _HEADER_4.unpack_from(data)
-    layout = _checked(path, len(data), tuple(head), (4,))
-    sizes = layout.sizes()
+    layout = _check_header(path, len(data), tuple(head), (4,))
+    sizes = layout.count_bytes()
     wanted = [size for size in sizes if size]
     begin = table + _ENTRY.size * streams
     if streams != len(wanted) or table < _HEADER_4.size or begin > len(data):
         raise InputError(
             f"{path}: {streams} streams listed at byte {table}; {len(wanted)} are needed"
         )
-    planes, decompressor = [], _zstandard().ZstdDecompressor()
+    planes, decompressor = [], _compress_zstandard().ZstdDecompressor()
     for number, size in enumerate(wanted):
         small, large = _ENTRY.unpack_from(data, table + number * _ENTRY.size)
         piece = data[begin : begin + small]
@@ -259,7 +263,7 @@ def _decompressed(path: Path, data: bytes) -> tuple[_Layout, list[bytes]]:
         try:
             with decompressor.stream_reader(piece) as reader:
                 planes.append(reader.read(size + 1))
-        except _zstandard().ZstdError as error:
+        except _compress_zstandard().ZstdError as error:
             raise InputError(f"{path}: stream {number} is damaged: {error}") from None
         if len(planes[-1]) != size:
             raise InputError(f"{path}: stream {number} has not the {size:,} bytes that it says")

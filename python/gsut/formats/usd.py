@@ -11,9 +11,9 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.files import whole_file
-from gsut.formats._axes import half_turned, placed
+from gsut.formats._axes import place_in_world, turn_half
 from gsut.formats._format import Format, SceneFile, WriteSettings, Written, check_claim
-from gsut.formats._quantize import logit_of, opacity_of, unit_quats
+from gsut.formats._quantize import logits_from_opacity, normalize_quats, opacity_from_logits
 from gsut.gaussians import Gaussians
 
 _SCHEMA = "ParticleField3DGaussianSplat"
@@ -21,7 +21,7 @@ _HARMONICS = "radiance:sphericalHarmonicsCoefficients"
 _DEGREE = "radiance:sphericalHarmonicsDegree"
 
 
-def _library() -> tuple[Any, ...]:
+def _import_library() -> tuple[Any, ...]:
     try:
         from pxr import Gf, Tf, Usd, UsdGeom, UsdVol, Vt
 
@@ -34,8 +34,8 @@ def _library() -> tuple[Any, ...]:
 
 
 def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written:
-    _, _, usd, geometry, volume, vt = _library()
-    g = half_turned(gaussians)
+    _, _, usd, geometry, volume, vt = _import_library()
+    g = turn_half(gaussians)
     packed = path.suffix.lower() == ".usdz"
     with whole_file(path) as temporary, TemporaryDirectory(prefix="gsut-") as folder:
         layer = Path(folder) / f"{path.stem}.usdc" if packed else temporary
@@ -45,10 +45,10 @@ def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written
         field = volume.ParticleField3DGaussianSplat.Define(stage, "/Gaussians")
         stage.SetDefaultPrim(field.GetPrim())
         field.CreatePositionsAttr(vt.Vec3fArray.FromNumpy(g.means))
-        xyzw = unit_quats(g.quats)[:, [1, 2, 3, 0]].astype(np.float32)  # as in memory
+        xyzw = normalize_quats(g.quats)[:, [1, 2, 3, 0]].astype(np.float32)  # as in memory
         field.CreateOrientationsAttr(vt.QuatfArray.FromNumpy(np.ascontiguousarray(xyzw)))
         field.CreateScalesAttr(vt.Vec3fArray.FromNumpy(np.exp(g.log_scales)))
-        field.CreateOpacitiesAttr(vt.FloatArray.FromNumpy(opacity_of(g.opacity_logits)))
+        field.CreateOpacitiesAttr(vt.FloatArray.FromNumpy(opacity_from_logits(g.opacity_logits)))
         harmonics = vt.Vec3fArray.FromNumpy(g.sh.reshape(-1, 3))
         field.CreateRadianceSphericalHarmonicsCoefficientsAttr(harmonics)
         field.CreateRadianceSphericalHarmonicsDegreeAttr(g.sh_degree)
@@ -69,7 +69,7 @@ def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written
 
 
 def _read(path: Path) -> SceneFile:
-    _, tf, usd, geometry, _, _ = _library()
+    _, tf, usd, geometry, _, _ = _import_library()
     try:
         return _read_stage(path, usd.Stage.Open(str(path)), geometry)
     except (tf.ErrorException, MemoryError) as error:
@@ -83,31 +83,31 @@ def _read_stage(path: Path, stage: Any, geometry: Any) -> SceneFile:
     if len(found) != 1:
         raise InputError(f"{path}: {len(found)} prims of type {_SCHEMA}; gsut reads one")
     place = np.array(geometry.XformCache().GetLocalToWorldTransform(found[0])).T  # rows to columns
-    g = placed(_gaussians_of(path, found[0]), place, f"{path}: {found[0].GetPath()}")
+    g = place_in_world(_decode_gaussians(path, found[0]), place, f"{path}: {found[0].GetPath()}")
     # gsut's own have y up; what has z up is left as it is.
     up = geometry.GetStageUpAxis(stage)
-    return SceneFile(half_turned(g) if up == geometry.Tokens.y else g)
+    return SceneFile(turn_half(g) if up == geometry.Tokens.y else g)
 
 
-def _gaussians_of(path: Path, prim: Any) -> Gaussians:
-    def values(name: str, width: int) -> np.ndarray:
-        """Of the attribute in float or, where it is empty, in half precision."""
+def _decode_gaussians(path: Path, prim: Any) -> Gaussians:
+    def read_values(name: str, width: int) -> np.ndarray:
+        """Reads the attribute in float or, if that is empty, in half precision."""
         both = [prim.GetAttribute(each).Get() for each in (name, f"{name}h")]
         filled = [each for each in both if each is not None and len(each)]
         if not filled:
             raise InputError(f"{path}: {prim.GetPath()} has no {name}")
         return np.array(filled[0], np.float32).reshape(-1, width)
 
-    means = values("positions", 3)
+    means = read_values("positions", 3)
     count = len(means)
     check_claim(path, count, path.stat().st_size)
     degree = prim.GetAttribute(_DEGREE).Get()
     arrays = {
-        "orientations": values("orientations", 4),
-        "scales": values("scales", 3),
-        "opacities": values("opacities", 1),
+        "orientations": read_values("orientations", 4),
+        "scales": read_values("scales", 3),
+        "opacities": read_values("opacities", 1),
     }
-    sh = values(_HARMONICS, 3)
+    sh = read_values(_HARMONICS, 3)
     lengths = {name: len(array) for name, array in arrays.items()}
     if degree not in (0, 1, 2, 3) or len(sh) != count * (degree + 1) ** 2:
         raise InputError(
@@ -122,7 +122,7 @@ def _gaussians_of(path: Path, prim: Any) -> Gaussians:
         means,
         arrays["orientations"][:, [3, 0, 1, 2]],
         log_scales,
-        logit_of(arrays["opacities"][:, 0]),
+        logits_from_opacity(arrays["opacities"][:, 0]),
         sh.reshape(count, -1, 3),
     )
 

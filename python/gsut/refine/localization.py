@@ -20,7 +20,8 @@ from gsut.data.images import shrink_image, shrink_mask
 from gsut.gaussians import Gaussians, apply_low_pass, find_filter_radii
 from gsut.refine.pose import RefinedPose, refine_pose
 from gsut.render import place_about, render, to_uint8
-from gsut.sfm import Features, PosesOptions, features_in, require_central
+from gsut.sfm import PosesOptions
+from gsut.sfm.core import Features, detect_features, require_central
 
 # Size of the images that views are ranked by, pixels along the shorter side: layout is enough.
 _THUMBNAIL = 48
@@ -296,7 +297,7 @@ def _pose_from_matches(
 ) -> tuple[str, np.ndarray, int] | None:
     """Estimates a pose from features matched to renders, with its inliers; None if too few."""
     options = PosesOptions()
-    photograph = features_in(np.ascontiguousarray(pixels), mask & camera.rays()[1], options)
+    photograph = detect_features(np.ascontiguousarray(pixels), mask & camera.rays()[1], options)
     if not len(photograph):
         return None
     chosen = list(order[:_MATCHED_VIEWS])
@@ -333,7 +334,7 @@ def _detect_rendered_features(
     """Detects features of a rendered view; returns them and their points (n, 3), NaN if unknown."""
     result: Any = render(gaussians, camera, pose, background=background)
     _, valid = camera.rays()
-    found = features_in(to_uint8(result.image), np.array(valid, bool), options)
+    found = detect_features(to_uint8(result.image), np.array(valid, bool), options)
     if not len(found):
         return found, np.zeros((0, 3))
     column, row = np.clip(found.pixels.astype(int), 0, [camera.width - 1, camera.height - 1]).T

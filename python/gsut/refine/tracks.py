@@ -18,15 +18,16 @@ from gsut.data import Scene
 from gsut.lens import Camera, find_refinable_params
 from gsut.refine.motion import measure_pose_changes, turn_onto
 from gsut.run import TrainOptions
-from gsut.sfm import (
+from gsut.sfm import PosesOptions, compare_poses
+from gsut.sfm.core import (
+    Adjustment,
+    Images,
     Photographs,
-    PosesOptions,
     Solution,
+    adjust_poses,
     collect_features,
-    compare_poses,
     match_images,
-    refine,
-    verify,
+    verify_matches,
 )
 
 # Factor on the largest error of a match before the lens is refined, which moves all matches.
@@ -145,15 +146,16 @@ def _adjust_tracks(scene: Scene, options: TrainOptions, show: OnProgress) -> Sol
     # Through a wrong lens few matches agree: a first, loose round finds a better one.
     loose = dataclasses.replace(settings, max_two_view_error=_LOOSER * settings.max_two_view_error)
     for round_settings in [loose, settings] if options.refine_lens else [settings]:
-        verified = verify(features, cameras, raw, round_settings)
+        images = Images(names, cameras, features)
+        verified = verify_matches(images, raw, round_settings)
         if not verified:
             raise InputError("no two images have matches that agree through their lens")
-        solution = refine(
-            names, cameras, features, verified, poses, settings,
+        solution = adjust_poses(
+            images, verified, poses, settings,
             lambda done, total, points, step: show("poses", int(done), int(total)),
-            lens_free=free,
+            Adjustment(free),
         )  # fmt: skip
-        poses = solution.poses_or(poses)
+        poses = solution.fill_poses(poses)
         cameras = list(solution.cameras)
     return solution
 

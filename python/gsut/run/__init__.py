@@ -1,7 +1,7 @@
 """A run: its folder, checkpoints, options, progress, verdict, environment."""
 
 from gsut.run.checkpoint import read_checkpoint, write_checkpoint
-from gsut.run.environment import describe_environment, peak_rss_mb
+from gsut.run.environment import describe_environment, measure_peak_rss
 from gsut.run.folder import (
     BLOCKS,
     ENVIRONMENT,
@@ -17,7 +17,7 @@ from gsut.run.folder import (
     RunFolder,
     read_plan,
 )
-from gsut.run.memory import check_fits, free_memory, release_memory, size_text
+from gsut.run.memory import check_fits, format_size, free_memory, release_memory
 from gsut.run.options import BlockOptions, SceneOptions, TrainOptions
 from gsut.run.progress import Progress
 from gsut.run.staged_progress import StagedProgress, StageFollower
@@ -48,12 +48,12 @@ __all__ = [
     "check_fits",
     "combine_verdicts",
     "describe_environment",
+    "format_size",
     "free_memory",
     "judge_pictures",
-    "peak_rss_mb",
+    "measure_peak_rss",
     "read_checkpoint",
     "read_plan",
     "release_memory",
-    "size_text",
     "write_checkpoint",
 ]

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.files import regular
+from gsut.files import check_regular
 
 _LAYOUT = "layout"
 _ARRAY = "__array__"  # key of the dict that stands for an array in the layout
@@ -57,7 +57,7 @@ def write_checkpoint(path: str | os.PathLike[str], state: dict[str, Any]) -> Non
 def read_checkpoint(
     path: str | os.PathLike[str], names: Collection[str] | None = None
 ) -> dict[str, Any]:
-    """The state in a file of `write_checkpoint`; arrays and numbers have the same bits.
+    """Reads the state from a file of `write_checkpoint`; arrays and numbers have the same bits.
 
     Args:
         path: the file.
@@ -69,7 +69,7 @@ def read_checkpoint(
     """
     try:
         # Opened here: np.load leaves a damaged file open.
-        with open(regular(path), "rb") as file, np.load(file, allow_pickle=False) as members:
+        with open(check_regular(path), "rb") as file, np.load(file, allow_pickle=False) as members:
             layout = json.loads(members[_LAYOUT].tobytes().decode())
             some = layout if names is None else {k: v for k, v in layout.items() if k in names}
             return _put_arrays(some, members)
@@ -80,7 +80,7 @@ def read_checkpoint(
 
 
 def _take_arrays(value: Any, name: str, arrays: dict[str, np.ndarray]) -> Any:
-    """`value` with every array replaced by the name under which it is put into `arrays`."""
+    """Replaces every array in `value` by the name under which it is put into `arrays`."""
     if isinstance(value, (np.ndarray, np.generic)):
         if value.dtype.hasobject:
             raise TypeError(f"checkpoint entry {name} is an array of objects")
@@ -99,7 +99,7 @@ def _take_arrays(value: Any, name: str, arrays: dict[str, np.ndarray]) -> Any:
 
 
 def _put_arrays(value: Any, members: Any) -> Any:
-    """The inverse of `_take_arrays`."""
+    """Reverses `_take_arrays`."""
     if isinstance(value, dict):
         if value.keys() == {_ARRAY}:
             return members[value[_ARRAY]]

@@ -19,7 +19,7 @@ _MEGABYTE = 2**20
 
 
 def describe_environment(dataset: str | os.PathLike[str] | None = None) -> dict[str, Any]:
-    """Versions, machine and command line, for environment.json.
+    """Describes versions, machine and command line, for environment.json.
 
     Args:
         dataset: the data set's path; kept in full, so that `gsut eval` finds it from anywhere.
@@ -31,7 +31,7 @@ def describe_environment(dataset: str | os.PathLike[str] | None = None) -> dict[
 
     return {
         "dataset": str(Path(dataset).resolve()) if dataset is not None else None,
-        "command": command_line(),
+        "command": format_command_line(),
         "started": time.strftime("%Y-%m-%d %H:%M:%S %z"),
         "version": _core.__version__,
         "isa": _core.active_isa(),
@@ -40,21 +40,21 @@ def describe_environment(dataset: str | os.PathLike[str] | None = None) -> dict[
         "numpy": np.__version__,
         "opencv": cv2.__version__,
         "system": platform.platform(),
-        "processor": _processor_name(),
+        "processor": _read_processor_name(),
         "processors": os.cpu_count(),
     }
 
 
-def command_line() -> str:
-    """The command line of this process, to be typed again; the program's path left out."""
+def format_command_line() -> str:
+    """Returns the command line of this process, without the program's path."""
     program = Path(sys.argv[0]).name if sys.argv and sys.argv[0] else "python"
     return shlex.join(["gsut" if program == "__main__.py" else program, *sys.argv[1:]])
 
 
-def peak_rss_mb() -> float | None:
-    """Largest resident memory of this process so far, in MiB; None where it is not told."""
+def measure_peak_rss() -> float | None:
+    """Returns the largest resident memory of this process so far, in MiB; None if unknown."""
     with contextlib.suppress(OSError, StopIteration):
-        # Of Linux: what getrusage tells begins with that of the process that started this one.
+        # Of Linux: what getrusage reports starts with that of the parent process.
         status = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
         return int(next(row for row in status if row.startswith("VmHWM")).split()[1]) / 1024
     try:
@@ -65,8 +65,8 @@ def peak_rss_mb() -> float | None:
     return peak / _MEGABYTE if sys.platform == "darwin" else peak / 1024  # bytes there, KiB here
 
 
-def _processor_name() -> str:
-    """The processor's name as the system tells it."""
+def _read_processor_name() -> str:
+    """Returns the processor's name as the system reports it."""
     try:
         for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
             if line.startswith(("model name", "Model")):

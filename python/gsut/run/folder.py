@@ -13,10 +13,10 @@ from typing import Any
 
 from gsut._core import InputError
 from gsut.files import (
-    json_text,
-    plain,
+    check_regular,
+    format_json,
     reading,
-    regular,
+    to_plain,
     whole_file,
     whole_folder,
     write_file,
@@ -35,7 +35,7 @@ METRICS = "metrics.json"  # the figures on the held-out images
 REPORT = "report.html"  # all of it to look at
 REFINED = "refined.json"  # poses and lenses, where they were refined (see gsut.refined_poses)
 TRANSFORMS = "transforms.json"  # the same as a dataset, where the format has the lens
-PAGE = "scene.html"  # the scene for any browser, where somebody asked for it (gsut convert)
+PAGE = "scene.html"  # the scene for any browser, if gsut convert wrote it
 BLOCKS = "blocks"  # states of a training in blocks, its plan and layout
 PLAN = f"{BLOCKS}/plan.json"  # how it is divided, with its TrainOptions as they were given
 RENDERS = "renders"  # pictures of the held-out views
@@ -86,7 +86,7 @@ class RunFolder:
             resume: go on with the run that the folder holds. Without one a new run begins.
             environment: written as environment.json; a run that is resumed keeps its own, which
                 holds the command line that reproduces it. Its "digests" (see `digest_scene`) must
-                be those of the data that the run was begun with.
+                be those of the data that the run started with.
             command: which makes the run.
             blocks: of a training in blocks: name -> content of the JSON files in its folder, which
                 a new run gets at once and before all others; PLAN's gets the options as given.
@@ -97,7 +97,7 @@ class RunFolder:
                 folder cannot be made, written or claimed (see `gsut.output_folder.claim_folder`).
         """
         run = cls.claim(path, command, (environment or {}).get("dataset"))
-        if run.holds_run():
+        if run.has_run():
             if resume:
                 _check_same_way(run, blocks is not None)
                 _check_same_options(run, options)
@@ -123,14 +123,14 @@ class RunFolder:
         command: str,
         source: str | os.PathLike[str] | None = None,
     ) -> RunFolder:
-        """A folder that this process writes as long as the object lives: see `claim_folder`."""
+        """Takes a folder that this process writes while the object lives: see `claim_folder`."""
         run = cls(path)
         run._claim = claim_folder(path, command, source)
         return run
 
     @classmethod
     def open(cls, path: str | os.PathLike[str]) -> RunFolder:
-        """The folder of a run that exists.
+        """Opens the folder of an existing run.
 
         Raises:
             InputError: there is no such folder, or it holds no run.
@@ -138,7 +138,7 @@ class RunFolder:
         run = cls(path)
         if not run.path.is_dir():
             if os.path.lexists(run.path):
-                regular(run.path)  # a pipe, a link to nowhere: said so
+                check_regular(run.path)  # a pipe, a link to nowhere: said so
             raise InputError(f"{run.path}: no such folder; give the folder of a run")
         if not (run.path / OPTIONS).is_file():
             raise InputError(
@@ -146,12 +146,12 @@ class RunFolder:
             )
         return run
 
-    def holds_run(self) -> bool:
-        """Whether the folder has any file of a run."""
+    def has_run(self) -> bool:
+        """Returns whether the folder has any file of a run."""
         return any((self.path / name).exists() for name in _FILES)
 
     def is_finished(self) -> bool:
-        """Whether a training has done all its steps and written all its files."""
+        """Returns whether a training has done all its steps and written all its files."""
         if not all((self.path / name).is_file() for name in (SCENE, METRICS, REPORT)):
             return False
         with reading(lambda what: InputError(f"{self.path / METRICS}: {what}; {_DAMAGED}")):
@@ -162,14 +162,14 @@ class RunFolder:
         """Raises InputError if the folder has any file of a run, or is not a folder."""
         if self.path.exists() and not self.path.is_dir():
             raise InputError(f"{self.path} is a file; give a folder for the run")
-        if self.holds_run():
+        if self.has_run():
             raise InputError(
-                f"{self.path} already holds a run; add --resume to go on with it, or give another "
+                f"{self.path} already holds a run; add --resume to resume it, or give another "
                 "folder (nothing was overwritten)"
             )
 
     def refuse_finished(self, source: str | os.PathLike[str]) -> None:
-        """As `refuse_run`, but removes what a killed process left of a run made of `source`."""
+        """Removes what a killed process left of a run made of `source`; else as `refuse_run`."""
         made_of = (self.read_json(MARKER) or {}).get("input")
         if made_of != os.path.realpath(source) or (self.path / REPORT).is_file():
             self.refuse_run()
@@ -179,7 +179,7 @@ class RunFolder:
 
     @property
     def renders(self) -> Path:
-        """The folder of the pictures; made when asked for."""
+        """The folder of the pictures, made on first use."""
         folder = self.path / RENDERS
         folder.mkdir(exist_ok=True)
         return folder
@@ -206,10 +206,10 @@ class RunFolder:
 
     def write_json(self, name: str, value: Any) -> Path:
         """Writes RUN/name atomically as JSON; NaN and infinities, which JSON lacks, become null."""
-        return self.write_text(name, json_text(value) + "\n")
+        return self.write_text(name, format_json(value) + "\n")
 
     def read_json(self, name: str) -> Any:
-        """The content of a JSON file of the run; None where the file is absent.
+        """Reads a JSON file of the run; None if the file is absent.
 
         Raises:
             InputError: the file is not JSON.
@@ -221,7 +221,7 @@ class RunFolder:
             return json.loads(path.read_text(encoding="utf-8"))
 
     def read_options(self) -> TrainOptions:
-        """The options of the run.
+        """Reads the options of the run.
 
         Raises:
             InputError: the file is absent or damaged.
@@ -232,15 +232,14 @@ class RunFolder:
                 f"{path} is absent, so nobody knows how the run was made; {SCENE}, if it is there, "
                 "can be used by itself, and a new run needs another folder"
             )
-        return _options_of(path, lambda: regular(path).read_text(encoding="utf-8"))
+        return _parse_options(path, lambda: check_regular(path).read_text(encoding="utf-8"))
 
-    def begun_with(self) -> TrainOptions:
-        """The options to go on with: as they were given to a training in blocks, which makes others
-        of them than of resolved ones; else as `read_options`."""
+    def read_given_options(self) -> TrainOptions:
+        """Reads the options as given to a training in blocks; otherwise as `read_options`."""
         plan = read_plan(self)
         if plan is None:
             return self.read_options()
-        return _options_of(self.path / PLAN, lambda: json.dumps(plan["options"]))
+        return _parse_options(self.path / PLAN, lambda: json.dumps(plan["options"]))
 
     # Checkpoints.
 
@@ -249,15 +248,14 @@ class RunFolder:
 
         Args:
             step: number of steps done.
-            state: numpy arrays and JSON-able values, in dicts and lists as deep as wanted (see
-                `gsut.checkpoint.write_checkpoint`); read back exact to the bit.
+            state: numpy arrays and JSON-able values, in nested dicts and lists; read back exactly.
         """
         return self.write(
             CHECKPOINT, lambda path: write_checkpoint(path, {"step": step, "state": state})
         )
 
     def load_checkpoint(self) -> tuple[int, dict[str, Any]] | None:
-        """The step and state of the last `save_checkpoint`; None where there is no checkpoint.
+        """Reads the step and state of the last `save_checkpoint`; None without a checkpoint.
 
         Also rolls history.jsonl back to that step, so that the resumed run's rows follow on.
 
@@ -280,12 +278,13 @@ class RunFolder:
             return
         try:
             with open(self.path / HISTORY, "a", encoding="utf-8") as file:
-                file.write(json.dumps(plain(row)) + "\n")
+                file.write(json.dumps(to_plain(row)) + "\n")
         except OSError as error:
-            raise InputError(f"cannot write {self.path / HISTORY}: {_reason(error)}") from None
+            reason = error.strerror or error
+            raise InputError(f"cannot write {self.path / HISTORY}: {reason}") from None
 
     def read_history(self) -> list[dict[str, Any]]:
-        """All complete rows of history.jsonl; a line torn by a crash is left out."""
+        """Reads all complete rows of history.jsonl; a line torn by a crash is left out."""
         path = self.path / HISTORY
         rows = []
         lines = path.read_bytes().splitlines() if path.is_file() else ()
@@ -303,14 +302,16 @@ class RunFolder:
             self.write_text(HISTORY, "".join(row + "\n" for row in rows))
 
 
-def _options_of(path: Path, read: Callable[[], str]) -> TrainOptions:
+def _parse_options(path: Path, read: Callable[[], str]) -> TrainOptions:
     with reading(lambda what: InputError(f"{path}: {what}; {_DAMAGED}")):
         return TrainOptions.from_json(read(), source=str(path))
 
 
 def read_plan(run: RunFolder) -> dict[str, Any] | None:
-    """How a training in blocks is divided: its "blocks", their number or layout, and "rounds", the
-    "version" and "isa" it was begun with, its "options" as they were given, and in time "count".
+    """Reads how a training in blocks is divided.
+
+    The plan holds "blocks" (number or layout), "rounds", the "version" and "isa" at its start, its
+    "options" as they were given, and, once it is known, "count".
 
     Returns:
         None where the run is one as a whole.
@@ -334,19 +335,19 @@ def _check_same_way(run: RunFolder, in_blocks: bool) -> None:
     if (read_plan(run) is not None) != in_blocks:
         ways = ("as a whole", "in blocks")
         raise InputError(
-            f"{run.path} was begun {ways[not in_blocks]}, not {ways[in_blocks]}; a resumed run "
-            "goes on as it was begun"
+            f"{run.path} was started {ways[not in_blocks]}, not {ways[in_blocks]}; a resumed "
+            "run cannot change that"
         )
 
 
 def _check_same_options(run: RunFolder, options: TrainOptions) -> None:
-    saved = dataclasses.asdict(run.begun_with().resolve())
+    saved = dataclasses.asdict(run.read_given_options().resolve())
     wanted = dataclasses.asdict(options.resolve())
     for name, value in wanted.items():
         if name not in _FREE_ON_RESUME and saved[name] != value:
             raise InputError(
-                f"{run.path} was begun with {name} = {saved[name]}, not {value}; a resumed "
-                "run keeps its options, so leave this one out or begin a new run"
+                f"{run.path} was started with {name} = {saved[name]}, not {value}; a resumed "
+                "run keeps its options, so leave this one out or start a new run"
             )
 
 
@@ -358,11 +359,7 @@ def _check_same_data(run: RunFolder, environment: dict[str, Any]) -> None:
     changed = [name for name, digest in now.items() if saved.get(name) != digest]
     if changed:
         raise InputError(
-            f"{run.path} was begun with other {' and '.join(changed)} than "
+            f"{run.path} was started with other {' and '.join(changed)} than "
             f"{environment['dataset']} has now; a resumed run needs the same data: give those, "
-            "or begin a new run"
+            "or start a new run"
         )
-
-
-def _reason(error: OSError) -> str:
-    return error.strerror or str(error)

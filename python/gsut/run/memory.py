@@ -1,4 +1,4 @@
-"""What memory is free, and whether something fits into it, asked before it is begun."""
+"""Finds how much memory is free, and rejects work that does not fit before it starts."""
 
 from __future__ import annotations
 
@@ -9,12 +9,14 @@ from pathlib import Path
 
 from gsut._core import InputError
 
-_SMALL = 256 << 20  # bytes that nobody is asked about
-_GROUPS, _OWN_GROUPS = Path("/sys/fs/cgroup"), Path("/proc/self/cgroup")
+_SMALL = 256 << 20  # bytes that are taken without a check
+# Where Linux lists all control groups, and those of this process.
+_GROUPS = Path("/sys/fs/cgroup")
+_OWN_GROUPS = Path("/proc/self/cgroup")
 
 
 def check_fits(what: str, size: float, advice: str) -> None:
-    """Refuses, before it is begun, what the memory that is free cannot hold.
+    """Rejects work that does not fit into the free memory, before it starts.
 
     Args:
         what: is to be done, for the message.
@@ -29,15 +31,16 @@ def check_fits(what: str, size: float, advice: str) -> None:
     free = free_memory()
     if free is not None and size > free:
         raise InputError(
-            f"{what} takes about {size_text(size)} of memory, and {size_text(free)} are free; "
+            f"{what} takes about {format_size(size)} of memory, and {format_size(free)} are free; "
             f"{advice}"
         )
 
 
 def free_memory() -> int | None:
-    """Bytes that this process could still get: of the machine's memory (with its swap), of its
-    control groups' and of its own limit; None where nobody tells."""
-    told = [*_of_machine(), *_of_groups(), *_of_limit()]
+    """Returns the bytes that this process could still get; None if the system does not say.
+
+    The least of what the machine (with its swap), control groups and the own limit leave."""
+    told = [*_read_machine(), *_read_groups(), *_read_limit()]
     return max(0, min(told)) if told else None
 
 
@@ -47,15 +50,15 @@ def release_memory() -> None:
         ctypes.CDLL(None).malloc_trim(0)
 
 
-def size_text(size: float) -> str:
-    """Bytes in words."""
+def format_size(size: float) -> str:
+    """Returns a number of bytes in words."""
     for unit, factor in (("GB", 1e9), ("MB", 1e6), ("kB", 1e3)):
         if size >= factor:
             return f"{size / factor:.3g} {unit}"
     return f"{size:.0f} bytes"
 
 
-def _of_machine() -> list[int]:
+def _read_machine() -> list[int]:
     try:
         lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
         rows = {name: int(value.split()[0]) for name, _, value in (r.partition(":") for r in lines)}
@@ -68,8 +71,8 @@ def _of_machine() -> list[int]:
         return []
 
 
-def _of_groups() -> list[int]:
-    """What each control group that this process is in has left; of its own files in memory, those
+def _read_groups() -> list[int]:
+    """Returns what each control group of this process has left; of its files in memory, those
     that can be dropped count as free."""
     try:
         lines = _OWN_GROUPS.read_text("ascii").splitlines()
@@ -87,11 +90,13 @@ def _of_groups() -> list[int]:
             continue
         inner = folder / name.lstrip("/")
         groups = [g for g in (inner, *inner.parents) if g == folder or folder in g.parents]
-        found += [left for group in groups if (left := _left_in(group, *files)) is not None]
+        found += [
+            left for group in groups if (left := _read_left_in_group(group, *files)) is not None
+        ]
     return found
 
 
-def _left_in(group: Path, most: str, used: str, droppable: str) -> int | None:
+def _read_left_in_group(group: Path, most: str, used: str, droppable: str) -> int | None:
     try:
         free = int((group / most).read_text("ascii")) - int((group / used).read_text("ascii"))
         rows = dict(row.split() for row in (group / "memory.stat").read_text("ascii").splitlines())
@@ -100,8 +105,8 @@ def _left_in(group: Path, most: str, used: str, droppable: str) -> int | None:
         return None
 
 
-def _of_limit() -> list[int]:
-    """`ulimit -v`."""
+def _read_limit() -> list[int]:
+    """Returns what `ulimit -v` leaves."""
     try:
         import resource
 

@@ -42,7 +42,7 @@ class Progress:
         Args:
             stage: a word.
             done: how much of it is done.
-            total: of so much; 0 shows nothing.
+            total: the whole; 0 shows nothing.
             text: the state, shown behind the bar.
             left: seconds, where they are known otherwise than by the pace of the last steps.
         """
@@ -117,8 +117,8 @@ class Progress:
             text += f", PSNR {self._psnr:.2f} dB"
         self.show("training", step, total, text, left)
 
-    def through(self, stage: str, items: Sequence[_Item]) -> Iterator[_Item]:
-        """The items, one by one, with a bar of how many are done."""
+    def iterate(self, stage: str, items: Sequence[_Item]) -> Iterator[_Item]:
+        """Yields the items, with a bar of the number done."""
         for done, item in enumerate(items):
             self.show(stage, done, len(items))
             yield item
@@ -126,7 +126,7 @@ class Progress:
         self.close()
 
     def note(self, text: str) -> None:
-        """A line of words above the bar."""
+        """Prints a line above the bar."""
         if self._enabled:
             from tqdm import tqdm
 

@@ -26,7 +26,7 @@ class StagedProgress:
     """The bar of a whole command.
 
     The time left of a stage is its expected time multiplied by the pace so far: the pace of the
-    stage itself if it has begun, otherwise, with less weight, that of the earlier stages.
+    stage itself if it has started, otherwise, with less weight, that of the earlier stages.
 
     Args:
         expected: seconds that each stage takes, in order; `expect` corrects them.
@@ -94,7 +94,7 @@ class StagedProgress:
         self._done, self._stage_left = min(1.0, max(self._done, share)), left
         words = f"{self._stage}: {text}" if text else str(self._stage)
         with self._lock:
-            self._last = self._clock(), self.left(), words
+            self._last = self._clock(), self.estimate_left(), words
             self._refresh()
         if self._on_progress is not None:
             row = {"stage": self._stage, "share": self._shown, "text": text}
@@ -117,7 +117,7 @@ class StagedProgress:
             with self._lock:
                 self._refresh()
 
-    def left(self) -> float:
+    def estimate_left(self) -> float:
         """Returns the seconds left of all stages."""
         name = self._stage
         before = ((self._spent + _TRUST_SECONDS) / (self._planned + _TRUST_SECONDS)) ** _SHARED
@@ -129,7 +129,7 @@ class StagedProgress:
             return before * later
         expected = self._expected[name]
         taken, gone = self._clock() - self._began, self._done * expected
-        # A stage that has just begun goes at the pace of the stages before it.
+        # A stage that has just started goes at the pace of the stages before it.
         pace = (taken + before * _TRUST_SECONDS) / (gone + _TRUST_SECONDS)
         both = (self._spent + taken + _TRUST_SECONDS) / (self._planned + gone + _TRUST_SECONDS)
         own = pace * (expected - gone) if self._stage_left is None else self._stage_left

@@ -22,10 +22,10 @@ class Stopwatch:
         self.seconds = {}
 
     def start(self) -> None:
-        """The next lap begins now."""
+        """Starts the next lap."""
         self._wall, self._cpu = time.perf_counter(), time.process_time()
 
-    def lap(self, stage: str) -> None:
+    def record_lap(self, stage: str) -> None:
         """Adds the time since the last lap, or `start`, to a stage."""
         wall, cpu = time.perf_counter(), time.process_time()
         total = self.seconds.setdefault(stage, [0.0, 0.0])

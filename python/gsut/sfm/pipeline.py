@@ -1,90 +1,72 @@
-"""Photographs and a lens in, poses and points out: the stages of `gsut poses` in order."""
+"""Estimates the poses of photographs: the stages of `gsut poses` in order."""
 
 from __future__ import annotations
 
 import dataclasses
-import functools
-import json
 import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from gsut import _core
-from gsut._core import InputError, Shutter, SolveError
+from gsut._core import SolveError
 from gsut.data.images import read_header
-from gsut.data.rigs import Rig, read_rig, write_rig
-from gsut.files import write_file
+from gsut.data.rigs import read_rig
 from gsut.output_folder import claim_folder
 from gsut.sfm.core import (
+    Adjustment,
     Features,
-    OnProgress,
+    Mapping,
+    OnStep,
     PairMatches,
     Photographs,
     PosesLog,
     PosesOptions,
     Solution,
     Stages,
-    ToldApart,
+    choose_shutter,
     collect_features,
-    digest,
+    digest_key,
+    explain_failure,
+    find_frame_numbers,
+    find_further_models,
     find_look_alikes,
     find_photographs,
-    further_models,
     match_images,
-    matches_in_points,
+    measure_agreement,
     require_central,
+    require_global_shutter,
     require_overlap,
+    separate_look_alikes,
     set_threads,
-    solve,
-    tell_apart,
-    times_of,
-    verify,
-    why_nothing,
+    solve_poses,
+    verify_matches,
 )
-from gsut.sfm.finish import finish_solution
-from gsut.sfm.lens import Zoom, compare_lens, find_zooms, guess_lenses, search_zooms, zooms_notes
-from gsut.sfm.report import (
-    FIGURES,
-    figures,
-    is_finished,
-    poses_verdict,
-    read_figures,
-    solution_notes,
-    write_dataset,
-    write_models,
-    write_report,
-)
-from gsut.sfm.rig import (
-    COVARIANCE_OF,
-    RigFit,
-    find_rig_photographs,
-    refuse_beside_rig,
-    solve_rig,
-    write_lens_pair,
-)
-from gsut.sfm.shutter import probably_rolling
-from gsut.sfm.time_left import PosesWork
+from gsut.sfm.lens import find_zooms, guess_lenses, judge_lens, search_zooms
+from gsut.sfm.report import is_finished, read_figures, write_poses
+from gsut.sfm.rig import find_lens_pair, find_rig_photographs, reject_beside_rig, solve_rig
+from gsut.sfm.shutter import find_shutter, is_probably_rolling
+from gsut.sfm.world import place_on_earth
+from gsut.time_left import PosesWork
 
-RIG = "rig.json"
-# (photographs, features, pairs, options, on_progress) -> poses and points; lenses are known.
-Mapper = Callable[
-    [
-        Photographs,
-        list[Features],
-        list[PairMatches],
-        PosesOptions,
-        Callable[[int, int, int, str], None],
-    ],
-    Solution,
-]
+# (photographs, features, pairs, options, on_step) -> poses and points; lenses are known.
+Mapper = Callable[[Photographs, list[Features], list[PairMatches], PosesOptions, OnStep], Solution]
+
+
+@dataclasses.dataclass(frozen=True)
+class Given:
+    """What a user knows of photographs before their poses are estimated; see `find_poses`."""
+
+    camera: str | os.PathLike[str] | None = None
+    unknown_lens: bool = False
+    fov_degrees: float | None = None
+    rig: str | os.PathLike[str] | None = None
+    refine_rig: bool = False
 
 
 @dataclasses.dataclass(frozen=True)
 class PosesResult:
-    """What `find_poses` found and wrote.
+    """The poses that `find_poses` found and wrote.
 
     Args:
         path: the output folder.
@@ -105,43 +87,35 @@ def find_poses(
     images: str | os.PathLike[str],
     out: str | os.PathLike[str],
     *,
-    camera: str | os.PathLike[str] | None = None,
-    unknown_lens: bool = False,
-    fov_degrees: float | None = None,
     options: PosesOptions | None = None,
     mapper: Mapper | None = None,
-    rig: str | os.PathLike[str] | None = None,
-    refine_rig: bool = False,
-    on_progress: OnProgress | None = None,
-    notes_to: Callable[[str], None] | None = None,
-    on_expected: Callable[[dict[str, float]], None] | None = None,
+    log: PosesLog | None = None,
+    **given: Any,
 ) -> PosesResult:
-    """Camera poses and sparse points of photographs, without COLMAP, through any lens.
+    """Estimates camera poses and sparse points of photographs, without COLMAP, through any lens.
 
-    Killed at any moment, the same call goes on from the last stage that was finished (features of
-    each image, matches). Unreadable images are left out and named in the notes.
+    If interrupted, the same call resumes from the last stage that was finished (features of each
+    image, matches). Unreadable images are left out and named in the notes.
 
     Args:
-        images: folder of photographs, or a dataset (its poses are not looked at).
+        images: folder of photographs, or a dataset (its poses are ignored).
         out: output folder: transforms.json, points3D.ply, sparse/0 (COLMAP text), poses.json and
             report.html. Images stay where they are. Images that do not connect with these are
             models of their own in model_2, model_3 ...
-        camera: lens file, or a dataset whose lens is used; None: the lens file beside the images,
-            or the dataset's own; if there is none the lens is estimated. A known lens is held.
-            Else the name of a lens of the database (see `find_lenses`), which is estimated from
-            there; how far it ended from it is in the notes and in poses.json ("lens_start").
-        unknown_lens: estimate the lens even where one lies beside the images.
-        fov_degrees: rough horizontal field of view, for an unknown lens; None: several are tried.
         options: every setting of the search; None: the defaults.
         mapper: makes poses of verified pairs where the lens is known; None: incremental, with
             bundle adjustment.
+        log: receives progress, notes and expected times.
+        camera: lens file, or a dataset whose lens is used; None: the lens file beside the images,
+            or the dataset's own; if there is none the lens is estimated. A known lens is held. The
+            name of a lens of the database (see `find_lenses`) is where the estimation starts; the
+            difference is in the notes and in poses.json ("lens_start").
+        unknown_lens: estimate the lens even where a lens file lies beside the images.
+        fov_degrees: rough horizontal field of view of an unknown lens; None: several are tried.
         rig: file of a rig (see `gsut.data.read_rig`): images then holds one folder a camera, the
-            images of one frame share one pose of the rig, and all is in its unit. rig.json, the
-            rig as it was used, is written too.
-        refine_rig: the cameras' poses on the rig are adjusted; its size stays.
-        on_progress: told (stage, done, total, text); never fewer done than before in a stage.
-        notes_to: told each note as it arises (an image left out, say).
-        on_expected: told the stages' seconds, in order, at first and whenever more is known.
+            images of one frame share one pose of the rig, and all lengths are in its unit. The rig
+            as it was used is written to rig.json.
+        refine_rig: adjust the cameras' poses on the rig; its size stays.
 
     Returns:
         The output folder, poses with points, and figures.
@@ -152,247 +126,189 @@ def find_poses(
         SolveError: nothing could be reconstructed: no overlap, images all the same, or a camera
             that only turned; says which.
     """
-    options = options or PosesOptions()
-    log = PosesLog(on_progress, notes_to, on_expected)
-    photographs, on_rig = _inputs(Path(images), camera, rig, unknown_lens, mapper, options)
-    shutter = _shutter(photographs, options, mapper)
-    claimed = claim_folder(out, "poses", images)  # held to the end
-    folder = claimed.path
-    key = _key(photographs, options, fov_degrees)
-    stages = Stages(folder, key)
-    log.expect(_work(photographs, options, shutter, on_rig is not None), options.threads)
-    with set_threads(options.threads):
-        features = collect_features(photographs, options, log.show, log.note, stages)
-        log.watch.lap("features")
-        log.learn(features=float(np.mean([len(f) for f in features])))
-        if not (known := photographs.lenses_known):
-            photographs = guess_lenses(photographs, fov_degrees)
-        raw = match_images(
-            photographs.names, features, options, log.show, photographs.frames, stages
-        )
-        log.learn(pairs=len(raw.pairs), matches=sum(map(len, raw.matches)))
-        pairs: list[PairMatches] = []
-        if known:
-            pairs = verify(
-                features, photographs.lenses, raw, options, log.on_pairs("verifying"), shutter
-            )
-            require_overlap(photographs.names, features, pairs, known=True)
-        log.watch.lap("matching")
-        extra: dict[str, Any] = {"lens": "known" if known else "estimated"}
-        fit: RigFit | None = None
-        flags: np.ndarray | None = None
-        zooms: list[Zoom] = []
-        if on_rig is not None:
-            solution, fit = solve_rig(
-                photographs, features, pairs, options, log.on_images("mapping"),
-                log.on_images("rig"), rig=on_rig, adjust=refine_rig,
-            )  # fmt: skip
-        elif known:
-            run = mapper or functools.partial(_map_incrementally, shutter=shutter)
-            solution = run(photographs, features, pairs, options, log.on_images("mapping"))
+    mapping = _start_mapping(images, Given(**given), options, mapper, log)
+    with claim_folder(out, "poses", images) as claimed:
+        stages = Stages(claimed.path, _make_key(mapping))
+        with set_threads(mapping.options.threads):
+            _find_matches(mapping, stages)
+            _map_photographs(mapping, mapper)
+            _separate_places(mapping, is_final=bool(mapping.rig or mapper))
+            find_shutter(mapping)
+            judge_lens(mapping)
+            find_lens_pair(mapping, claimed.path)
+            mapping.log.show("writing", 0, 1, "")
+            place_on_earth(mapping)
+            mapping.log.watch.record_lap("mapping")
             if mapper is None:
-                zooms = find_zooms(solution, features, raw, options)
-        else:
-            search, zooms = search_zooms(
-                photographs, features, raw, options, fov_degrees, log, shutter
-            )
-            solution, pairs, extra["lens_search"] = search.solution, search.pairs, search.rows
-            flags = search.flags
-        told, models = _apart(
-            photographs, solution, features, pairs, options, flags, log, bool(rig or mapper),
-        )  # fmt: skip
-        solution, pairs = told.solution, told.pairs
-        done = finish_solution(
-            photographs, solution, features, pairs, options, flags, log, extra, folder
-        )
-        solution, doubt, fit = done.solution, done.doubt, fit or done.rig
-        log.watch.lap("mapping")
-    extra["matches_in_points"] = agreeing = None if mapper else matches_in_points(solution, pairs)
-    log.note(*compare_lens(photographs, solution.cameras[0], options, extra))
-    log.note(*zooms_notes(zooms), *write_models(models, photographs, folder))
-    extra["models"] = [int(model.num_registered) for model in models]
-    log.note(*solution_notes(solution, agreeing, fit, doubt, known=known))
-    verdict = poses_verdict(solution, features, agreeing, doubt, len(zooms), told.doubt)
-    extra |= {"verdict": verdict.as_dict(), "made_from": digest(key), **told.figures()}
-    values = _write(folder, solution, photographs, fit, extra, log)
-    stages.remove()
-    return PosesResult(folder, solution, values)
+                mapping.found.agreement = measure_agreement(mapping.solved, mapping.pairs)
+        values = write_poses(mapping, claimed.path, stages.digest)
+        stages.remove()
+        return PosesResult(claimed.path, mapping.solved, values)
 
 
-def _inputs(
-    images: Path,
-    camera: str | os.PathLike[str] | None,
-    rig: str | os.PathLike[str] | None,
-    unknown_lens: bool,
-    mapper: Mapper | None,
-    options: PosesOptions,
-) -> tuple[Photographs, Rig | None]:
-    """The photographs with their lenses, as far as they are known, and the rig."""
-    if rig is not None:
-        others = {"camera": camera, "unknown-lens": unknown_lens, "photometric": mapper}
-        refuse_beside_rig(options, others)
-        on_rig = read_rig(rig)
-        photographs = find_rig_photographs(images, on_rig)
-        require_central(photographs.lenses)
-        return photographs, on_rig
-    photographs = find_photographs(
-        images, None if camera is None else Path(camera), with_lens=not unknown_lens
-    )
-    if unknown_lens:
-        photographs = dataclasses.replace(photographs, cameras=[None] * len(photographs))
-    require_central([camera for camera in photographs.cameras if camera is not None])
-    return photographs, None
+def read_finished(
+    images: str | os.PathLike[str],
+    out: str | os.PathLike[str],
+    options: PosesOptions | None = None,
+    **given: Any,
+) -> dict[str, Any] | None:
+    """Reads poses.json if `find_poses` has finished in `out` with the same arguments, else None.
 
-
-def _work(
-    photographs: Photographs, options: PosesOptions, shutter: Shutter | None, on_rig: bool
-) -> PosesWork:
-    """What there is to do, as far as the files say it."""
-    header = read_header(photographs.paths[0])
-    video = shutter is None and options.shutter == "auto" and bool(photographs.flows)
-    return PosesWork(
-        len(photographs), min(header.width * header.height / 1e6, options.max_megapixels),
-        photographs.lenses_known, rolling=shutter is not None,
-        video=video,
-        lines=video and probably_rolling(photographs.flows, header.width, header.height),
-        rig=on_rig or photographs.frames is not None,
-    )  # fmt: skip
-
-
-def _write(
-    folder: Path,
-    solution: Solution,
-    photographs: Photographs,
-    fit: RigFit | None,
-    extra: dict[str, Any],
-    log: PosesLog,
-) -> dict[str, Any]:
-    """Writes everything; returns the content of poses.json."""
-    for text in write_dataset(solution, photographs, folder):
-        log.note(text)
-    if fit is not None:
-        extra = {**extra, "rig": fit.figures, "covariance_of": COVARIANCE_OF}
-        if fit.figures.get("found"):
-            write_lens_pair(fit)
-        write_rig(fit.rig, folder / RIG)
-    log.watch.lap("writing")
-    seconds, cpu_seconds = (
-        {stage: times[clock] for stage, times in log.watch.seconds.items()} for clock in (0, 1)
-    )
-    cpu_seconds["total"] = sum(cpu_seconds.values())
-    values = figures(solution, seconds, log.notes, {**extra, "cpu_seconds": cpu_seconds})
-    write_report(folder, solution, values)
-    write_file(folder / FIGURES, json.dumps(values, indent=1) + "\n")
-    return values
-
-
-def _map_incrementally(
-    photographs: Photographs,
-    features: list[Features],
-    pairs: list[PairMatches],
-    options: PosesOptions,
-    on_progress: Callable[[int, int, int, str], None],
-    *,
-    shutter: Shutter | None,
-) -> Solution:
-    try:
-        return solve(
-            photographs.names, photographs.lenses, features, pairs, options, on_progress,
-            shutter=shutter,
-        )  # fmt: skip
-    except SolveError as error:
-        otherwise = "let the lens be estimated: --unknown-lens"
-        raise why_nothing(error, features, pairs, otherwise) from None
-
-
-def _apart(
-    photographs: Photographs,
-    solution: Solution,
-    features: list[Features],
-    pairs: list[PairMatches],
-    options: PosesOptions,
-    flags: np.ndarray | None,
-    log: PosesLog,
-    as_it_is: bool,
-) -> tuple[ToldApart, list[Solution]]:
-    """The solution without joins of places that look alike, and further models.
-
-    Args:
-        photographs, solution, features, pairs, options, log: see `find_poses`.
-        flags: of the parameters of an estimated lens, or None.
-        as_it_is: the solution is only looked at, and stays.
+    Raises:
+        InputError: see `find_poses`.
     """
-    times = times_of(photographs.names, photographs.frames)
-    if as_it_is:
-        doubt = find_look_alikes(solution, times, options.window)
-        return ToldApart(solution, pairs, doubt=doubt), []
-
-    def again(kept: list[PairMatches]) -> Solution:
-        return solve(
-            solution.names, solution.cameras, features, kept, options, log.on_images("mapping"),
-            lens_free=flags, lens_settled=flags is not None, shutter=solution.shutter,
-        )  # fmt: skip
-
-    told = tell_apart(solution, pairs, again, times, options.window)
-    log.note(*told.words())
-    whole, models = further_models(told.solution, features, told.pairs, options)
-    return dataclasses.replace(told, solution=whole), models
+    if not is_finished(Path(out)):
+        return None
+    mapping = _start_mapping(images, Given(**given), options, None, None)
+    figures = read_figures(Path(out))
+    return figures if figures.get("made_from") == digest_key(_make_key(mapping)) else None
 
 
-def _key(photographs: Photographs, options: PosesOptions, fov: float | None) -> dict[str, Any]:
-    """All that features and matches depend on."""
+def _start_mapping(
+    images: str | os.PathLike[str],
+    given: Given,
+    options: PosesOptions | None,
+    mapper: Mapper | None,
+    log: PosesLog | None,
+) -> Mapping:
+    """Finds the photographs, with their lenses as far as these are known, and the rig."""
+    options, rig = options or PosesOptions(), None
+    if given.rig is not None:
+        others = {
+            "camera": given.camera, "unknown-lens": given.unknown_lens, "photometric": mapper,
+        }  # fmt: skip
+        reject_beside_rig(options, others)
+        rig = read_rig(given.rig)
+        photographs = find_rig_photographs(Path(images), rig)
+    else:
+        lens = None if given.camera is None else Path(given.camera)
+        photographs = find_photographs(Path(images), lens, with_lens=not given.unknown_lens)
+        if given.unknown_lens:
+            photographs = dataclasses.replace(photographs, cameras=[None] * len(photographs))
+    require_central(camera for camera in photographs.cameras if camera is not None)
+    shutter = choose_shutter(photographs, options)
+    if mapper is not None:
+        require_global_shutter(shutter)
+    return Mapping(
+        photographs, options, log or PosesLog(), given.fov_degrees, rig, given.refine_rig, shutter
+    )
+
+
+def _make_key(mapping: Mapping) -> dict[str, Any]:
+    """Lists all that features, matches and poses depend on, as JSON values."""
+    photographs = mapping.photographs
     files = []
     for path in photographs.paths:
         state = path.stat()
         files.append([str(path.resolve()), state.st_size, state.st_mtime_ns])
+    frames = photographs.frames
     return {
         "version": _core.__version__,
         "files": files,
         "masks": [str(mask) for mask in photographs.masks],
         "lenses": [repr(camera) for camera in photographs.cameras],
         "shutter": photographs.shutter.direction if photographs.shutter else None,
-        "options": dataclasses.asdict(options),
-        "fov": fov,
+        "options": dataclasses.asdict(mapping.options),
+        "fov": mapping.fov_degrees,
         "profile": photographs.profile.name if photographs.profile else None,
-        **({} if photographs.frames is None else {"frames": photographs.frames.tolist()}),
+        **({} if frames is None else {"frames": frames.tolist()}),
     }
 
 
-def _shutter(
-    photographs: Photographs, options: PosesOptions, mapper: Mapper | None
-) -> Shutter | None:
-    """The rolling shutter of the images, or None."""
-    if options.shutter == "global":
-        return None
-    shutter = photographs.shutter
-    if shutter is None and (options.shutter == "rolling" or options.readout_time is not None):
-        shutter = Shutter(options.readout_direction)
-    if shutter is not None and mapper is not None:
-        raise InputError(
-            "--photometric takes every image for one pose, and these have a rolling shutter: "
-            "leave it out, or give --shutter global"
+def _find_matches(mapping: Mapping, stages: Stages) -> None:
+    """Finds features and matches; verifies the matches where the lenses are known."""
+    photographs, options, log = mapping.photographs, mapping.options, mapping.log
+    _expect_times(mapping)
+    mapping.features = collect_features(photographs, options, log.show, log.note, stages)
+    log.watch.record_lap("features")
+    is_lens_known = photographs.are_lenses_known
+    mapping.found.figures["lens"] = "known" if is_lens_known else "estimated"
+    if not is_lens_known:
+        mapping.photographs = guess_lenses(photographs, mapping.fov_degrees)
+    mapping.raw = match_images(
+        photographs.names, mapping.features, options, log.show, photographs.frames, stages
+    )
+    log.update_work(pairs=len(mapping.raw.pairs))
+    if is_lens_known:
+        mapping.pairs = verify_matches(
+            mapping.images, mapping.raw, options, log.follow_pairs("verifying")
         )
-    return shutter
+        require_overlap(mapping.images, mapping.pairs, is_lens_known=True)
+    log.watch.record_lap("matching")
 
 
-def done_already(
-    images: str | os.PathLike[str],
-    out: str | os.PathLike[str],
-    *,
-    camera: str | os.PathLike[str] | None = None,
-    unknown_lens: bool = False,
-    fov_degrees: float | None = None,
-    options: PosesOptions | None = None,
-) -> dict[str, Any] | None:
-    """The content of poses.json if `find_poses` has finished there with the same arguments.
+def _expect_times(mapping: Mapping) -> None:
+    """Reports how long the stages will take, as far as the files show it."""
+    photographs, options = mapping.photographs, mapping.options
+    header = read_header(photographs.paths[0])
+    is_video = mapping.shutter is None and options.shutter == "auto"
+    conditions = {
+        "lens": not photographs.are_lenses_known,
+        "rig": photographs.frames is not None,
+        "shutter": is_video and is_probably_rolling(photographs.flows, header.width, header.height),
+    }
+    count = len(photographs)
+    work = PosesWork(
+        count, min(header.width * header.height / 1e6, options.max_megapixels),
+        min(count * (count - 1), count * options.partners) / 2,
+        tuple(name for name, is_expected in conditions.items() if is_expected),
+    )  # fmt: skip
+    mapping.log.expect(work, options.threads)
 
-    Raises:
-        InputError: as `find_poses`.
+
+def _map_photographs(mapping: Mapping, mapper: Mapper | None) -> None:
+    """Estimates poses and points: on a rig, through known lenses, or together with the lens."""
+    if mapping.rig is not None:
+        solve_rig(mapping)
+    elif mapping.found.figures["lens"] == "estimated":
+        search_zooms(mapping)
+    elif mapper is not None:
+        mapping.solution = mapper(
+            mapping.photographs, mapping.features, mapping.pairs, mapping.options,
+            mapping.log.follow_steps("mapping"),
+        )  # fmt: skip
+        return
+    else:
+        try:
+            mapping.solution = solve_poses(
+                mapping.images, mapping.pairs, mapping.options, mapping.log.follow_steps("mapping")
+            )
+        except SolveError as error:
+            advice = "let the lens be estimated: --unknown-lens"
+            raise explain_failure(error, mapping.features, mapping.pairs, advice) from None
+        mapping.found.zooms = find_zooms(
+            mapping.solution, mapping.features, mapping.raw, mapping.options
+        )
+
+
+def _separate_places(mapping: Mapping, *, is_final: bool) -> None:
+    """Separates places that look alike, and reconstructs images that do not connect.
+
+    Args:
+        is_final: look for such places, but leave the solution unchanged.
     """
-    folder, options = Path(out), options or PosesOptions()
-    if not is_finished(folder):
-        return None
-    photographs, _ = _inputs(Path(images), camera, None, unknown_lens, None, options)
-    figures = read_figures(folder)
-    same = figures.get("made_from") == digest(_key(photographs, options, fov_degrees))
-    return figures if same else None
+    found, options, window = mapping.found, mapping.options, mapping.options.window
+    photographs, solution = mapping.photographs, mapping.solved
+    times = find_frame_numbers(photographs.names, photographs.frames)
+    if is_final:
+        found.look_alikes = find_look_alikes(solution, times, window)
+        return
+
+    def solve_again(kept: list[PairMatches]) -> Solution:
+        images = dataclasses.replace(mapping.images, cameras=solution.cameras)
+        adjustment = Adjustment(mapping.lens_free, lens_settled=mapping.lens_free is not None)
+        on_step = mapping.log.follow_steps("mapping")
+        return solve_poses(images, kept, options, on_step, adjustment)
+
+    before = len(mapping.pairs)
+    mapping.solution, mapping.pairs, found.look_alikes = separate_look_alikes(
+        solution, mapping.pairs, solve_again, times, window
+    )
+    if len(mapping.pairs) < before:
+        mapping.log.note(
+            f"{before - len(mapping.pairs)} of {before} pairs of images were left out: they took "
+            "places that look alike for one"
+        )
+    mapping.solution, found.models = find_further_models(
+        mapping.solution, mapping.features, mapping.pairs, options
+    )

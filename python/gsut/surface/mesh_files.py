@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import InputError
-from gsut.files import regular, write_file
+from gsut.files import check_regular, write_file
 from gsut.surface.mesh import Mesh
 
 # Coordinates that float32 would move by more than this share of their extent are written in double.
@@ -162,7 +162,7 @@ def load_mesh(path: str | os.PathLike[str]) -> Mesh:
     """
     path = Path(path)
     try:
-        content = regular(path).read_bytes()
+        content = check_regular(path).read_bytes()
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}") from None
     readers = {".ply": _read_ply, ".obj": _read_obj}

@@ -29,7 +29,7 @@ from gsut.training.record import (
     write_findings,
     write_results,
 )
-from gsut.training.time_left import TrainingTime
+from gsut.training.time_left import track_training
 from gsut.training.tuning import (
     CompactOptions,
     RunCompactor,
@@ -43,7 +43,6 @@ __all__ = [
     "TrainedRun",
     "TrainingLoop",
     "TrainingRecord",
-    "TrainingTime",
     "center_on_cameras",
     "choose_complexity",
     "choose_degree",
@@ -64,6 +63,7 @@ __all__ = [
     "read_trained",
     "refine_first_poses",
     "seed_first",
+    "track_training",
     "tune_for_viewers",
     "write_compacted_run",
     "write_findings",

@@ -23,7 +23,7 @@ from gsut.optimize import (
     make_optimizer,
 )
 from gsut.refine import TracksResult, TrainingRefiner
-from gsut.render import DEFAULT_UNSCENTED, Light, random_background
+from gsut.render import Light, random_background
 from gsut.run import Stopwatch, TrainOptions
 from gsut.training.context import Context
 from gsut.training.densification import DensificationStep, load_strategy
@@ -150,7 +150,7 @@ class TrainingLoop:
         self.stopwatch.start()
         self._render(step, image)  # projection, raster
         self.photographs.observe(step.fraction, step.level, step.view, target, image)  # exposure
-        self.stopwatch.lap("light")
+        self.stopwatch.record_lap("light")
         loss = self._compare(step, target)  # loss and its gradient to the image
         taken = self._backpropagate(step, dimage)  # to the Gaussians
         self._optimize(step, with_harmonics=not taken)  # Adam
@@ -187,12 +187,16 @@ class TrainingLoop:
             self._gradients = drawn.make_zeros()
             self._touched = np.zeros(len(drawn), np.uint8)
         behind = self.options.background or random_background(self.options.seed, step.number)
-        place = self._exposure.find_poses(self.scene, step.level, step.view)
-        self.renderer.render(
-            drawn, step.level.scene.camera(step.view), place, self.rule, behind, step.degree,
-            DEFAULT_UNSCENTED, image, None, None, True, None, self._choose_tiles(step),
-        )  # fmt: skip
-        self.stopwatch.lap("render")
+        camera = step.level.scene.camera(step.view)
+        poses = self._exposure.find_poses(self.scene, step.level, step.view)
+        look: dict[str, Any] = {
+            "rule": self.rule, "background": behind, "sh_degree": step.degree,
+            "tiles": self._choose_tiles(step),
+        }  # fmt: skip
+        several = isinstance(poses, list)
+        jobs = [_core.RenderJob(camera, pose, **look) for pose in (poses if several else [poses])]
+        self.renderer.render(drawn, jobs if several else jobs[0], image)
+        self.stopwatch.record_lap("render")
 
     def _choose_tiles(self, step: _Step) -> np.ndarray | None:
         """Returns a flag (0 or 1) for each tile of 16 x 16 pixels to render; None: all."""
@@ -210,16 +214,16 @@ class TrainingLoop:
             self.weights.apply(dimage)
         if self.options.robust and self.step >= _ROBUST_FROM * self.options.steps:
             _core.trim_gradient(target, image, dimage)
-        self.stopwatch.lap("loss")
+        self.stopwatch.record_lap("loss")
         return loss
 
     def _backpropagate(self, step: _Step, dimage: np.ndarray) -> bool:
         """Propagates the image's gradient to the Gaussians; returns whether harmonics took their
         step."""
         how = _choose_backward_settings(self, step) | _measure_pixel_errors(self, step, dimage)
-        self.renderer.backward(dimage, None, None, self._gradients, self._touched, **how)
+        self.renderer.backward(dimage, self._gradients, self._touched, **how)
         self._filter.backpropagate(self.gaussians, self._context.select_trained(self._gradients))
-        self.stopwatch.lap("backward")
+        self.stopwatch.record_lap("backward")
         return "harmonics_step" in how
 
     def _optimize(self, step: _Step, with_harmonics: bool) -> None:
@@ -228,13 +232,13 @@ class TrainingLoop:
         gradients, touched = trained(self._gradients), trained(self._touched)
         self.densification.add_gradients(optimizer, gradients)
         optimizer.accumulate(gradients.means, trained(self.renderer.distances()), touched)
-        self.stopwatch.lap("statistics")
+        self.stopwatch.record_lap("statistics")
         self._add_surface(step)
         visible = touched if self.options.sparse_adam else None
         optimizer.step(gradients, step.rates, visible, step.degree, with_harmonics)
-        self.stopwatch.lap("adam")
+        self.stopwatch.record_lap("adam")
         self.densification.explore(optimizer, step.rates.means)
-        self.stopwatch.lap("noise")
+        self.stopwatch.record_lap("noise")
 
     def _add_surface(self, step: _Step) -> None:
         """Adds the gradients of the surface terms, which densification does not count."""
@@ -246,7 +250,7 @@ class TrainingLoop:
         self._filter.backpropagate(self.gaussians, self._context.select_trained(more))
         for name in ("means", "quats", "log_scales", "opacity_logits"):
             getattr(self._gradients, name)[...] += getattr(more, name)
-        self.stopwatch.lap("surface")
+        self.stopwatch.record_lap("surface")
 
     def _densify(self, step: _Step) -> None:
         """Adds and removes Gaussians at a step of densification; compacts them at `compact_at`."""
@@ -268,7 +272,7 @@ class TrainingLoop:
         """Discards what was kept about Gaussians that are no longer the same."""
         self._filter.renew()
         self._mean.restart()
-        self.stopwatch.lap("densify")
+        self.stopwatch.record_lap("densify")
 
     def _refine(self, step: _Step) -> None:
         """Refines poses and lenses against the Gaussians if a sweep is due."""
@@ -277,7 +281,7 @@ class TrainingLoop:
             self._filter.renew()
             if self.surface is not None:
                 self.surface.known.forget()
-            self.stopwatch.lap("refine")
+            self.stopwatch.record_lap("refine")
 
     def state_dict(self) -> dict[str, Any]:
         """Returns everything that later steps depend on."""

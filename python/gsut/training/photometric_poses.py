@@ -15,14 +15,8 @@ from typing import Any
 
 from gsut._core import InputError, SolveError
 from gsut.run import RunFolder, read_checkpoint, write_checkpoint
-from gsut.sfm import (
-    Features,
-    PairMatches,
-    Photographs,
-    PosesOptions,
-    Solution,
-    solve,
-)
+from gsut.sfm import PosesOptions
+from gsut.sfm.core import Features, Images, PairMatches, Photographs, Solution, solve_poses
 from gsut.training.video_scene import Video, VideoScene
 
 # Numbers of first images to solve by features, tried in turn: the fewest that give a structure.
@@ -107,10 +101,10 @@ def _solve_first(video: Video, on_progress: OnProgress) -> dict[str, Any]:
     for wanted in _FIRST_IMAGES:
         count = min(wanted, len(video.cameras))
         try:
-            found = solve(
-                video.photographs.names[:count], video.cameras[:count], video.features[:count],
-                [pair for pair in video.pairs if pair.second < count], video.options, on_progress,
-            )  # fmt: skip
+            names = video.photographs.names[:count]
+            images = Images(names, video.cameras[:count], video.features[:count])
+            own = [pair for pair in video.pairs if pair.second < count]
+            found = solve_poses(images, own, video.options, on_progress)
             if found.num_registered == count:
                 return {
                     "poses": found.camera_from_world,

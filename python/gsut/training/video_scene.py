@@ -16,17 +16,17 @@ from gsut.lens import Camera
 from gsut.refine import RefinedPose, refine_pose
 from gsut.render import render
 from gsut.run import TrainOptions
-from gsut.sfm import (
-    BearingPoints,
+from gsut.sfm import PosesOptions
+from gsut.sfm.core import (
     Features,
     PairMatches,
     Photographs,
-    PosesOptions,
     Solution,
-    diagonal,
     evaluate_observations,
-    in_cameras,
+    measure_diagonal,
+    transform_to_cameras,
 )
+from gsut.sfm.points import BearingPoints
 from gsut.training.loop import TrainingLoop
 
 # Pixels of the images that are compared; more take longer at the same accuracy.
@@ -109,7 +109,7 @@ class VideoScene:
         photographs, cameras = video.photographs, video.cameras
         self._poses = np.full((len(photographs), 4, 4), np.nan)
         self._found: dict[int, RefinedPose] = {}
-        max_error = video.options.max_error * diagonal(cameras) / 1000
+        max_error = video.options.max_error * measure_diagonal(cameras) / 1000
         self.points = BearingPoints(
             cameras, video.features, video.pairs, max_error, np.radians(video.options.min_angle)
         )
@@ -206,7 +206,7 @@ class VideoScene:
         )
         pixels, residuals, angles = evaluate_observations(
             observations,
-            in_cameras(points, observations, self._poses),
+            transform_to_cameras(points, observations, self._poses),
             self._video.cameras,
             self._video.features,
         )

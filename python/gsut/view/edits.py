@@ -11,7 +11,7 @@ import numpy as np
 from gsut._core import InputError
 from gsut.compact import find_support
 from gsut.files import refuse_existing
-from gsut.formats import WriteSettings, format_of, save_gaussians
+from gsut.formats import WriteSettings, choose_format, save_gaussians
 from gsut.gaussians import find_ground, rotate_upright, transform_gaussians
 from gsut.view.frames import Frames
 
@@ -65,7 +65,7 @@ def save_edited(frames: Frames, values: dict[str, Any]) -> dict[str, Any]:
     if Path(name).name != name or name.startswith("."):
         raise InputError(f"give a file's name, without folders: it is saved in {folder}")
     path = folder / name
-    format_of(path)
+    choose_format(path)
     refuse_existing(path)
     scale = float(values.get("scale") or 1)
     if not 0 < scale < np.inf:

@@ -14,7 +14,7 @@ from typing import Any
 from urllib.parse import parse_qsl, urlsplit
 
 from gsut._core import CalibrationError, InputError, SolveError
-from gsut.files import json_text
+from gsut.files import format_json
 
 # Address that only this machine reaches.
 LOOPBACK = "127.0.0.1"
@@ -159,7 +159,7 @@ class _Handler(http.server.BaseHTTPRequestHandler):
     def _send(self, status: int, reply: Reply) -> None:
         content, kind = reply.content, reply.kind
         if not kind:
-            content, kind = json_text(content).encode(), "application/json"
+            content, kind = format_json(content).encode(), "application/json"
         self.send_response(status)
         self.send_header("Content-Type", kind)
         self.send_header("Content-Length", str(len(content)))

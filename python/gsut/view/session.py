@@ -12,7 +12,7 @@ from gsut import _core
 from gsut._core import InputError
 from gsut.data import Scene
 from gsut.data.images import shrink_image, shrink_mask
-from gsut.files import json_text
+from gsut.files import format_json
 from gsut.lens import camera_models
 from gsut.lens.files import values_from_camera
 from gsut.view.edits import find_floaters, locate_ground, save_edited
@@ -154,7 +154,7 @@ class Session:
             int(values["lens"]), int(values["width"]), int(values["height"])
         )
         content = {"camera_from_world": poses, "lens": values_from_camera(camera)}
-        return Reply(json_text(content).encode() + b"\n", "application/json")
+        return Reply(format_json(content).encode() + b"\n", "application/json")
 
     def handle_film(self, values: dict[str, Any]) -> Reply:
         """Starts a film ("keys" and so on) or stops it ("stop"); returns its progress."""
@@ -202,9 +202,6 @@ class Session:
             return Reply(
                 find_floaters(self.frames, lambda done: setattr(self, "_photographs_done", done))
             )
-
-    def _count_photograph(self, done: int) -> None:
-        self._photographs_done = done
 
     def save_scene(self, values: dict[str, Any]) -> Reply:
         """Writes the scene as it is shown to a new file."""

@@ -1,18 +1,15 @@
-"""Benchmarks of captures: films, poses and pycolmap, the time left, a command that is watched."""
+"""Benchmarks of captures: films, poses and pycolmap, a command that is watched."""
 
 import json
 
-import numpy as np
 import pytest
 
 import gsut
 import tolerances
 from gsut.demo import make_demo_scene
 from tests.bench import pycolmap_poses
-from tests.bench.__main__ import main as bench_main
 from tests.bench.harness import WRONG, Settings
 from tests.bench.poses_bench import BENCHMARK, KNOWN, UNKNOWN, fit_lens, measure, measure_pycolmap
-from tests.bench.time_left import right_percent
 from tests.bench.walk_bench import FILMS, measure_lens_difference, resize_film
 
 
@@ -31,31 +28,6 @@ def test_film_of_another_size_has_the_same_lens():
     small = resize_film(film, wanted)
     assert (small.camera.width, small.back.width, len(small.times)) == (192, 192, 40)
     assert measure_lens_difference(small.camera.resize(384, 384), film.camera) < 1e-9
-
-
-def test_time_left_is_right_where_what_is_shown_falls_with_the_time():
-    honest = [(t, 100.0 - t) for t in np.arange(100.0, step=2.0)]
-    assert right_percent([*honest, (100.0, 0.0)]) == 100
-    late = [(t, left if t < 60 else 2 * left) for t, left in honest]
-    # From 60 to the end of the 10 to 100 seconds.
-    assert right_percent([*late, (100.0, 0.0)]) == pytest.approx(100 * (1 - 40 / 90), abs=0.5)
-    assert right_percent([(0.0, 1.0), (3.0, 0.0)]) == 100  # over before the first seconds are
-
-
-def test_bench_time_left_watches_a_command(tmp_path, capsys):
-    make_demo_scene(tmp_path / "hall", 5, 1, 48, progress=False)
-    words = [
-        "time_left",
-        "train",
-        str(tmp_path / "hall"),
-        "--words",
-        "--steps 6 --max-gaussians 50",
-    ]
-    assert bench_main([*words, "--json", str(tmp_path / "rows.json")]) == 0
-    (row,) = json.loads((tmp_path / "rows.json").read_text())
-    lefts = [left for _, left in row["shown"]]
-    assert len(lefts) == 8 and lefts[-1] == 0 and min(lefts[1:-1]) > 0
-    assert "right [%]" in capsys.readouterr().out
 
 
 # Poses.

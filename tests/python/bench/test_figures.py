@@ -57,9 +57,9 @@ def test_rows_that_are_not_measured_keep_their_figures_and_origin():
     rows = [{"scene": "two", "drawn": "half", "kilobytes": 9.0}, {"scene": "three", "drawn": "all"}]
     text = renew_table(make_table(), rows, "commit 99999999, 2026-11-24, 2 cores of Z")
     found = read_rows(text)
-    assert [row["scene"] for row in found] == ["one", "two", "three"]
-    assert [row["a frame [kB]"] for row in found] == ["5", "9", "-"]
-    assert [row[ORIGIN].split()[1] for row in found] == ["1a2b3c4d,", "99999999,", "99999999,"]
+    assert [row["scene"] for row in found] == ["two", "three", "one"]
+    assert [row["a frame [kB]"] for row in found] == ["9", "-", "5"]
+    assert [row[ORIGIN].split()[1] for row in found] == ["99999999,", "99999999,", "1a2b3c4d,"]
     assert "`./run bench view --frames 3`" in text
     assert read_rows(renew_table(make_table(text), [], "none")) == found
 

@@ -8,7 +8,7 @@ import pytest
 
 import rendered_dataset
 from gsut.cli import main as gsut_main
-from gsut.cli._bench_train import seconds_to
+from gsut.cli._bench_train import find_seconds_to
 from tests.bench import render_bench
 
 
@@ -58,6 +58,6 @@ def test_seconds_to_a_level_lie_between_those_of_two_runs():
     rows = [
         {"version": "this", "psnr": psnr, "seconds": s, "cpu_seconds": 2 * s} for psnr, s in runs
     ]
-    assert seconds_to(25.25, rows, "this") == pytest.approx((2 * 2**0.5, 4 * 2**0.5))
-    assert seconds_to(20.0, rows, "this") == (1.0, 2.0)
-    assert seconds_to(30.1, rows, "this") is None
+    assert find_seconds_to(25.25, rows, "this") == pytest.approx((2 * 2**0.5, 4 * 2**0.5))
+    assert find_seconds_to(20.0, rows, "this") == (1.0, 2.0)
+    assert find_seconds_to(30.1, rows, "this") is None

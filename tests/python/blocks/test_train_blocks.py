@@ -16,7 +16,7 @@ from gsut.blocks import workers
 from gsut.blocks.layout import Layout
 from gsut.blocks.plan import check_memory, choose_count, estimate_total_bytes, make_block_options
 from gsut.cli import main
-from gsut.run import RunFolder, read_checkpoint, size_text
+from gsut.run import RunFolder, format_size, read_checkpoint
 from small_blocks import OPTIONS, same_bits, states, train
 
 
@@ -193,7 +193,7 @@ def test_memory_decides_the_number_of_blocks_and_refuses_what_does_not_fit(scene
         choose_count(scene, many, gsut.BlockOptions("auto", memory="160MB"))
     with pytest.raises(gsut.InputError, match=r"block 1 takes about 5 GB, times 2 workers"):
         check_memory({"block 0": 10**9, "block 1": 5 * 10**9}, pair)
-    assert size_text(1234567) == "1.23 MB"
+    assert format_size(1234567) == "1.23 MB"
 
 
 @pytest.mark.parametrize(
@@ -234,14 +234,14 @@ def test_run_killed_before_its_first_step_goes_on_to_the_same_bits(
 
 
 def test_run_goes_on_as_a_whole_or_in_blocks_as_it_was_begun(scene, finished, tmp_path, capsys):
-    with pytest.raises(gsut.InputError, match="was begun in blocks, not as a whole"):
+    with pytest.raises(gsut.InputError, match="was started in blocks, not as a whole"):
         gsut.train(scene, OPTIONS, out=finished / "run", resume=True, progress=False)
     whole = RunFolder.create(tmp_path / "whole", OPTIONS)
-    with pytest.raises(gsut.InputError, match="was begun as a whole, not in blocks"):
+    with pytest.raises(gsut.InputError, match="was started as a whole, not in blocks"):
         train(scene, whole.path, resume=True)
     words = ["train", "ds", "-o", str(whole.path), "--blocks", "2", "--resume"]
     assert main(words) == 2
-    assert "was not begun in blocks; leave --blocks out" in capsys.readouterr().err
+    assert "was not started in blocks; leave --blocks out" in capsys.readouterr().err
     (whole.path / "blocks").mkdir()  # of a run in blocks whose plan is lost
     assert main(words) == 2
     assert "plan.json is absent or is not a file" in capsys.readouterr().err

@@ -13,7 +13,7 @@ import gsut
 import tolerances
 from calib.solve.mrcal_process import INSTALL
 from calib_fakes import FISHEYE, ROOT, write_pictures
-from gsut.cli.calibrate import _images
+from gsut.cli.calibrate import _list_images
 
 
 @pytest.fixture(scope="module")
@@ -118,10 +118,10 @@ def test_calibrate_wrong_arguments_are_one_sentence(folder, words, sentence):
 
 
 def test_images_folders_and_patterns_are_expanded(folder, tmp_path):
-    assert len(_images([str(folder)])) == 10
-    assert len(_images([str(folder / "board1*.png")])) == 1
-    assert _images(["absent.png"]) == [Path("absent.png")]  # calib names it
+    assert len(_list_images([str(folder)])) == 10
+    assert len(_list_images([str(folder / "board1*.png")])) == 1
+    assert _list_images(["absent.png"]) == [Path("absent.png")]  # calib names it
     with pytest.raises(gsut.InputError, match="holds no images"):
-        _images([str(tmp_path)])
+        _list_images([str(tmp_path)])
     with pytest.raises(gsut.InputError, match="no file matches"):
-        _images([str(tmp_path / "*.png")])
+        _list_images([str(tmp_path / "*.png")])

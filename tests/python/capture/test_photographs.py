@@ -12,7 +12,7 @@ import gsut
 from gsut.capture import capture, collect_photographs, needs_capture
 from gsut.capture.exif import read_facts
 from gsut.sfm.core.photographs import find_photographs
-from gsut.sfm.lens.start import contradiction
+from gsut.sfm.lens.doubt import explain_contradiction
 from small_videos import walk
 
 FOCAL_35 = 26
@@ -172,8 +172,8 @@ def test_several_videos_of_one_size_are_joined(tmp_path):
 
 def test_exif_that_contradicts_the_lens_found_is_named():
     lens = gsut.Camera("pinhole", [700.0, 700.0, 500.0, 400.0], 1000, 800)
-    assert contradiction(710.0, lens) == []
-    (text,) = contradiction(555.0, lens)
+    assert explain_contradiction(710.0, lens) == []
+    (text,) = explain_contradiction(555.0, lens)
     assert "555 px (84 degrees across" in text and "700 px were found, 71 degrees" in text
 
 

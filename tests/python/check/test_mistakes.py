@@ -13,7 +13,7 @@ from gsut.check.turns import to_rotation_vector
 from gsut.cli import main
 from gsut.data.poses import invert_pose
 from gsut.demo import make_demo_scene
-from gsut.sfm import angular_errors
+from gsut.sfm.core import measure_angular_errors
 from mistakes import MISTAKES, NAMED, SAID, copy_of, judge, write
 
 # Not to be told apart from other mistakes: said to be wrong without a name.
@@ -111,16 +111,16 @@ def test_angular_error_is_the_distance_from_the_epipolar_plane_or_from_in_front(
     seen = np.stack([points @ p[:3, :3].T + p[:3, 3] for p in poses])
     rays = seen / np.linalg.norm(seen, axis=-1, keepdims=True)
     places = np.stack([np.tile(invert_pose(pose), (50, 1, 1)) for pose in poses])
-    assert angular_errors(rays, places).max() < 1e-9
-    behind = angular_errors(-rays, places)
+    assert measure_angular_errors(rays, places).max() < 1e-9
+    behind = measure_angular_errors(-rays, places)
     assert behind.min() > 1e-3  # the rays meet, but behind both cameras
     turned = places.copy()
     turned[1, :, :3, :3] = turned[1, :, :3, :3] @ gsut.exp_pose([0, 0, 0, 0.01, 0, 0])[:3, :3]
-    off = angular_errors(rays, turned)
+    off = measure_angular_errors(rays, turned)
     assert 0 < np.median(off) < 0.01
     still = np.stack([places[0], places[0]])
     expected = np.arccos(np.clip(np.sum(rays[0] * rays[1], axis=1), -1, 1)) / np.sqrt(2)
-    np.testing.assert_allclose(angular_errors(rays, still), expected, atol=1e-7)
+    np.testing.assert_allclose(measure_angular_errors(rays, still), expected, atol=1e-7)
 
 
 def test_rotation_vector_of_a_turn_is_its_axis_times_its_angle(rng):

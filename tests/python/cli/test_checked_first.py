@@ -8,7 +8,7 @@ import pytest
 
 import gsut
 from gsut.check import Finding, dataset
-from gsut.cli import build_parser, command_names, main
+from gsut.cli import build_parser, list_commands, main
 from rendered_dataset import write_dataset
 
 # Words of each command, and what it spends its time in.
@@ -64,7 +64,7 @@ def test_a_contradiction_stops_the_command_before_it_spends_time(
 
 def test_the_table_has_every_command_that_can_be_forced():
     found = set()
-    for name in command_names():
+    for name in list_commands():
         action = build_parser([name])._subparsers._group_actions[0]
         assert isinstance(action, argparse._SubParsersAction)
         if "--force" in action.choices[name]._option_string_actions:

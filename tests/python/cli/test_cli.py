@@ -17,14 +17,14 @@ import pytest
 import gsut
 import gsut.demo
 import small_run
-from gsut.cli import build_parser, command_names, main
+from gsut.cli import build_parser, list_commands, main
 from gsut.cli.demo import _free_run
 from gsut.run import TrainOptions
 from gsut.run.folder import CHECKPOINT, METRICS, REPORT, SCENE, RunFolder
 from gsut.run.progress import Progress
 
 PACKAGE = str(Path(gsut.__file__).parent.parent)
-COMMANDS = command_names()
+COMMANDS = list_commands()
 HELP_SECONDS = 1.0  # 0.4 on an idle machine
 
 
@@ -47,7 +47,7 @@ def training(monkeypatch, scene):
 
     def train(scene, options, out, resume=False, progress=None, watch=None):
         calls.append(SimpleNamespace(options=options, out=out, resume=resume, progress=progress))
-        if not RunFolder(out).holds_run():
+        if not RunFolder(out).has_run():
             small_run.finished_run(Path(out), scene, options, report=False)
 
     monkeypatch.setattr(gsut, "train", train, raising=False)
@@ -424,10 +424,9 @@ def test_progress_disabled_writes_nothing(capsys):
     assert capsys.readouterr() == ("", "")
 
 
-# The real thing, where this build has it.
+# The real thing.
 
 
-@pytest.mark.skipif(not hasattr(gsut, "train"), reason="this build has no gsut.train yet")
 def test_demo_for_real_ends_with_a_report(tmp_path, capsys, monkeypatch):
     small = functools.partial(gsut.demo.make_demo_scene, size=96)  # what takes long is drawing it
     monkeypatch.setattr(gsut.demo, "make_demo_scene", small)

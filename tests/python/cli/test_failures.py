@@ -113,7 +113,7 @@ def test_an_error_that_cannot_be_told_keeps_its_status(monkeypatch):
 )
 def test_what_cannot_be_imported_is_one_sentence(error, said, capsys):
     with pytest.raises(SystemExit) as ended:
-        _starting._tell(type(error), error, None)
+        _starting._report_error(type(error), error, None)
     assert ended.value.code == EXIT_INPUT
     told = capsys.readouterr().err
     assert told.startswith("gsut: error: ") and said in told and told.count("\n") == 1

@@ -12,7 +12,7 @@ import tolerances
 from gsut.cli import main
 from gsut.data import list_writable_layouts
 from gsut.data.points import load_points_ply
-from gsut.formats import formats
+from gsut.formats import list_formats
 from gsut.render import PixelFilter, to_uint8, write_png
 from random_scenes import pinhole
 from rendered_dataset import poses, truth, write_dataset
@@ -276,7 +276,7 @@ def test_every_format_keeps_the_place_or_says_that_it_cannot(case, tmp_path, cap
     offset, _, run = case
     source = gsut.formats.load_ply(run / "scene.ply")
     kept = lost = 0
-    for each in formats():
+    for each in list_formats():
         if each.read is None or (each.name == "USD" and find_spec("pxr") is None):
             continue
         out = tmp_path / f"scene{each.suffixes[0]}"

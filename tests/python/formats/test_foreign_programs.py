@@ -52,7 +52,7 @@ def splat_transform():
 
 
 def assert_close(chosen, reference, found, factor=1.0):
-    errors = formats.largest_errors(same_rows(reference, found), found)
+    errors = formats.measure_errors(same_rows(reference, found), found)
     bounds = {name: factor * bound for name, bound in FORMAT_ERRORS[chosen.name].items()}
     if chosen.name == "SPZ" and factor > 1:
         bounds |= FOREIGN_SPZ
@@ -72,7 +72,7 @@ def test_program_finds_in_our_file_what_we_wrote(tmp_path, rng, request, program
     g = plain_scene(rng, 1000)
     formats.save_gaussians(tmp_path / name, g, WriteSettings(**settings))
     convert(tmp_path / name, tmp_path / "out.ply")
-    assert_close(formats.format_of(name), g, formats.load_ply(tmp_path / "out.ply"))
+    assert_close(formats.choose_format(name), g, formats.load_ply(tmp_path / "out.ply"))
 
 
 @pytest.mark.parametrize("program", ["gaussforge", "splat_transform"])
@@ -86,4 +86,4 @@ def test_we_find_in_a_programs_file_what_it_wrote(tmp_path, rng, request, progra
     formats.save_ply(tmp_path / "in.ply", g)
     convert(tmp_path / "in.ply", tmp_path / name)
     found = formats.load_gaussians(tmp_path / name)
-    assert_close(formats.format_of(name), g, found, FOREIGN_ROUNDING)
+    assert_close(formats.choose_format(name), g, found, FOREIGN_ROUNDING)

@@ -16,7 +16,7 @@ from gsut.formats import WriteSettings
 from tolerances import HOSTILE_BYTES
 
 COUNT = 300
-READ = {each.name: each for each in formats.formats() if each.read is not None}
+READ = {each.name: each for each in formats.list_formats() if each.read is not None}
 HUGE = 4_000_000_000
 
 
@@ -78,7 +78,7 @@ def read_or_refused(path):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             found = formats.load_gaussians(path)
-        assert formats.drawable(found).all()
+        assert formats.find_drawable(found).all()
         assert len(found) <= 2 * COUNT
         return "read"
     except InputError as error:

@@ -27,7 +27,7 @@ def test_page_holds_the_scene_the_viewer_and_its_licence_and_asks_for_nothing(tm
     g = plain_scene(rng, 300)
     written = formats.save_gaussians(tmp_path / "a <b>.html", g)
     text, found, settings = page_of(tmp_path / "a <b>.html")
-    errors = formats.largest_errors(g[written.rows], found)
+    errors = formats.measure_errors(g[written.rows], found)
     assert errors["position"] <= FORMAT_ERRORS["SOG"]["position"]
     assert "MIT License" in text and "PlayCanvas" in text and "<title>a &lt;b></title>" in text
     assert re.findall(r'<(?:script|link|img)[^>]+(?:src|href)="[^"]*"', text) == []

@@ -31,7 +31,7 @@ def with_nodes(path, nodes):
 def assert_placed(found, g, scale, rotation, translation):
     expected = transform_gaussians(g, FLIP @ rotation @ FLIP, scale, FLIP @ translation)
     assert found.origin == pytest.approx(expected.origin)
-    errors = formats.largest_errors(expected, found)
+    errors = formats.measure_errors(expected, found)
     assert {name: error for name, error in errors.items() if error > PLACED} == {}
 
 
@@ -79,7 +79,7 @@ def test_usd_transform_places_the_scene_and_usdz_is_read_as_usdc(tmp_path, rng):
     formats.save_gaussians(tmp_path / "a.usdz", g)
     assert (tmp_path / "a.usdz").read_bytes()[:2] == b"PK"
     same = formats.load_gaussians(tmp_path / "a.usdz")
-    errors = formats.largest_errors(g, same)
+    errors = formats.measure_errors(g, same)
     bounds = FORMAT_ERRORS["USD"]
     assert {name: error for name, error in errors.items() if error > bounds[name]} == {}
     formats.save_gaussians(tmp_path / "a.usda", g)

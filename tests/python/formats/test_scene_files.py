@@ -13,7 +13,7 @@ from gsut import InputError, formats
 from gsut.formats import WriteSettings
 from tolerances import FORMAT_ERRORS, SPZ_DIRECTION
 
-ALL = {each.name: each for each in formats.formats()}
+ALL = {each.name: each for each in formats.list_formats()}
 READ = [each for each in ALL.values() if each.read is not None]
 
 
@@ -55,7 +55,7 @@ def test_round_trip_is_within_the_bounds_of_the_format(tmp_path, rng, chosen, co
     assert written.clipped == {}
     assert sorted(written.rows) == list(range(2000))
     assert found.sh_degree == (0 if chosen.name == "splat" else g.sh_degree)
-    errors = formats.largest_errors(g[written.rows], found)
+    errors = formats.measure_errors(g[written.rows], found)
     bounds = FORMAT_ERRORS[chosen.name]
     assert {name: error for name, error in errors.items() if not error <= bounds[name]} == {}
 

@@ -12,11 +12,12 @@ import tolerances
 from gsut import _core
 from gsut.cli import main
 from gsut.lens import find_refinable_params
-from gsut.sfm.core import correspondences
+from gsut.sfm.core import Adjustment
+from gsut.sfm.core import features as core_features
 from gsut.sfm.core.options import PosesOptions
-from gsut.sfm.core.solution import refine
-from gsut.sfm.lens.covariance import lens_covariance
-from gsut.sfm.lens.refinement import _held_note
+from gsut.sfm.core.solver import adjust_poses
+from gsut.sfm.lens.covariance import estimate_lens_covariance
+from gsut.sfm.lens.refinement import _describe_held
 from gsut.sfm.world.comparison import compare_poses
 from small_datasets import OPENGL_FROM_OPENCV, transforms, write_nerfstudio
 from synthetic_walk import Synthetic
@@ -65,13 +66,13 @@ def refined(tmp_path_factory):
     folder = tmp_path_factory.mktemp("refined")
     lens, poses = write_disturbed(folder / "data", scene, rng)
 
-    def found(paths, cameras, masks, options, on_image):
-        for i in range(len(paths)):
+    def found(photographs, chosen, options, on_image):
+        for i in chosen:
             on_image(i, scene.features[i], None)
 
     words = ["calibrate", "--from-dataset", str(folder / "data"), "--quiet"]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(correspondences, "find_all_features", found)
+        patch.setattr(core_features, "_read_all_features", found)
         assert main([*words, "-o", str(folder / "lens.cameramodel")]) == 0
     return scene, lens, poses, folder
 
@@ -97,16 +98,18 @@ def test_refine_of_a_splined_lens_holds_its_surface(rng):
     start[4:8] += [2.0, 2.5, 2.0, -1.0]  # fx fy cx cy
     free = find_refinable_params(lens)
     assert np.flatnonzero(free).tolist() == [4, 5, 6, 7]
-    found = refine(
-        [f"{i}" for i in range(8)], [lens.with_params(start)] * 8, scene.features,
-        scene.verified(), scene.poses, PosesOptions(), lambda *_: True, lens_free=free,
+    found = adjust_poses(
+        scene.images(lens.with_params(start)), scene.verified(), scene.poses, PosesOptions(),
+        adjustment=Adjustment(free),
     )  # fmt: skip
     after = found.cameras[0].params
     assert np.array_equal(after[~free], lens.params[~free])
-    sigmas = lens_covariance(found, free, PosesOptions().loss_scale).sigmas
+    sigmas = estimate_lens_covariance(found, free, PosesOptions().loss_scale).sigmas
     errors = (after - lens.params)[free] / sigmas[free]
     assert np.abs(errors).max() < tolerances.REFINED_LENS_SIGMAS
-    assert _held_note(lens, free).startswith("of the splined_stereographic lens fx, fy, cx, cy are")
+    assert _describe_held(lens, free).startswith(
+        "of the splined_stereographic lens fx, fy, cx, cy are"
+    )
 
 
 def distant_errors(found: gsut.Camera, truth: gsut.Camera, seen: np.ndarray, pixels: np.ndarray):
@@ -124,16 +127,15 @@ def test_lens_covariance_is_that_of_many_draws():
     for seed in range(100, 116):
         rng = np.random.default_rng(seed)
         scene = Synthetic(rng, images=IMAGES, points=700, noise=NOISE_PX)
-        found = refine(
-            [f"{i}" for i in range(IMAGES)], [disturbed_lens(scene.camera)] * IMAGES,
-            scene.features, scene.verified(), disturbed_poses(scene, rng), PosesOptions(),
-            lambda *_: True, lens_free=np.ones(8, bool),
+        found = adjust_poses(
+            scene.images(disturbed_lens(scene.camera)), scene.verified(),
+            disturbed_poses(scene, rng), PosesOptions(), adjustment=Adjustment(np.ones(8, bool)),
         )  # fmt: skip
-        covariance = lens_covariance(found, np.ones(8, bool), PosesOptions().loss_scale)
+        covariance = estimate_lens_covariance(found, np.ones(8, bool), PosesOptions().loss_scale)
         z.append((found.cameras[0].params - scene.camera.params) / covariance.sigmas)
         seen = np.concatenate([features.pixels for features in scene.features])
         grid = seen[:: len(seen) // 50]
-        sigma = covariance.projection_sigma(found.cameras[0], grid)
+        sigma = covariance.estimate_projection_sigma(found.cameras[0], grid)
         error = distant_errors(found.cameras[0], scene.camera, seen, grid)
         lengths.append(np.linalg.norm(error, axis=1) / sigma)
         assert np.median(sigma) < 1.0  # pixels: says something, too
@@ -157,8 +159,8 @@ def test_from_dataset_page_shows_the_lens_before_and_after(refined):
     page = (folder / "report.html").read_text()
     assert page.count("<svg") == 4
     assert not re.search(r"(src|href)=\"http", page)  # self-contained
-    assert f"<td>fx<td>{lens.params[0]:.8g}<td>" in page
-    rows = re.findall(r"<tr><td>\d, \d<td>([\d,]+)<td>([\d.]+)<td>([\d.]+)<td>", page)
+    assert f">fx</td><td>{lens.params[0]:.8g}</td>" in page
+    rows = re.findall(r">\d, \d</td><td>([\d,]+)</td><td>([\d.]+)</td><td>([\d.]+)</td>", page)
     assert len(rows) == 9  # regions, each with observations
     for _, before, after in rows:
         assert float(after) < 2 * np.sqrt(2) * NOISE_PX < float(before)
@@ -191,9 +193,9 @@ def test_refine_from_poses_of_other_images_says_that_they_disagree(rng):
     scene = Synthetic(rng, images=4, points=200)
     poses = [_core.exp_pose(rng.normal(0, 1, 6)) for _ in scene.poses]
     with pytest.raises(_core.SolveError, match="points agree with the poses"):
-        refine(
-            ["0", "1", "2", "3"], [scene.camera] * 4, scene.features, scene.verified(), poses,
-            PosesOptions(), lambda *_: True, lens_free=np.ones(8, bool),
+        adjust_poses(
+            scene.images(), scene.verified(), poses, PosesOptions(),
+            adjustment=Adjustment(np.ones(8, bool)),
         )  # fmt: skip
 
 

@@ -152,13 +152,13 @@ import sys
 import numpy as np
 import gsut
 from gsut.formats import open_ply
-from gsut.run import peak_rss_mb
+from gsut.run import measure_peak_rss
 gsut.set_num_threads(2)
 camera = gsut.Camera("equirectangular", [], 320, 160)
 gsut.render(open_ply(sys.argv[1])[:1000], camera, np.eye(4))
-before = peak_rss_mb()
+before = measure_peak_rss()
 gsut.render(open_ply(sys.argv[2], int(sys.argv[3])), camera, np.eye(4))
-print((peak_rss_mb() - before) * 2**20)
+print((measure_peak_rss() - before) * 2**20)
 """
 
 

@@ -10,7 +10,7 @@ import small_datasets
 from formats.scene_cases import plain_scene
 from gsut.check import check_memory, refuse_too_large
 from gsut.cli import main
-from gsut.run import check_fits, free_memory, memory, size_text
+from gsut.run import check_fits, format_size, free_memory, memory
 
 
 @pytest.fixture(scope="module")
@@ -30,7 +30,7 @@ def little(monkeypatch):
 def test_free_memory_is_that_of_the_machine_at_most():
     free = free_memory()
     assert 0 < free <= 2 * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    assert size_text(1_234_567) == "1.23 MB"
+    assert format_size(1_234_567) == "1.23 MB"
 
 
 @pytest.mark.parametrize(

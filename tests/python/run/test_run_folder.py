@@ -206,7 +206,7 @@ def test_create_in_a_folder_that_is_not_writable_says_so(tmp_path):
 def test_resume_with_other_options_names_the_difference(tmp_path):
     path = tmp_path / "run"
     RunFolder.create(path, OPTIONS_OF_RUN)
-    with pytest.raises(InputError, match="begun with seed = 0, not 3"):
+    with pytest.raises(InputError, match="started with seed = 0, not 3"):
         RunFolder.create(path, TrainOptions(steps=100, seed=3), resume=True)
     RunFolder.create(path, TrainOptions(steps=100, threads=2, checkpoint_every=9), resume=True)
     assert RunFolder.open(path).read_options().threads == 2

@@ -9,10 +9,10 @@ import tolerances
 from gsut import _core
 from gsut.sfm.core.matching import PairMatches
 from gsut.sfm.core.options import PosesOptions
-from gsut.sfm.core.solution import solve
-from gsut.sfm.core.verification import without_contradicted
+from gsut.sfm.core.solver import solve_poses
+from gsut.sfm.core.verification import drop_contradicted
 from gsut.sfm.world.comparison import compare_poses
-from synthetic_walk import Synthetic, quiet
+from synthetic_walk import Synthetic
 
 IMAGES = 24
 
@@ -41,23 +41,23 @@ def round_walk(rng):
 def test_pairs_of_places_that_look_alike_are_dropped(rng, round_walk):
     rotations, pairs = round_walk
     false = [pair_of(rng, rotations, i, i + 12, 40, 170) for i in range(6)]
-    kept = without_contradicted([*false, *pairs], IMAGES)
+    kept = drop_contradicted([*false, *pairs], IMAGES)
     assert kept == pairs
 
 
 def test_pairs_that_are_off_as_flat_scenes_make_them_are_kept(rng, round_walk):
     rotations, pairs = round_walk
     flat = [pair_of(rng, rotations, i, i + 3, 200, 20) for i in range(6)]
-    assert without_contradicted([*pairs, *flat], IMAGES) == [*pairs, *flat]
+    assert drop_contradicted([*pairs, *flat], IMAGES) == [*pairs, *flat]
 
 
 def test_few_pairs_and_parts_that_do_not_connect_are_kept(round_walk):
     _, pairs = round_walk
-    assert without_contradicted([], IMAGES) == []
-    assert without_contradicted(pairs[:1], IMAGES) == pairs[:1]
+    assert drop_contradicted([], IMAGES) == []
+    assert drop_contradicted(pairs[:1], IMAGES) == pairs[:1]
     apart = [p for p in pairs if (p.first < 12) == (p.second < 12)]
     assert 30 < len(apart) < len(pairs)
-    assert without_contradicted(apart, IMAGES) == apart
+    assert drop_contradicted(apart, IMAGES) == apart
 
 
 @pytest.mark.parametrize(("few", "all_placed"), [(5, True), (2, False)])
@@ -78,10 +78,7 @@ def test_image_that_shares_few_points_is_placed_by_its_neighbour(rng, few, all_p
         if (first < joint) == (second < joint):
             pairs.append(pair)
     assert len(pairs[0].matches) > 60
-    found = solve(
-        [f"{i}" for i in range(8)], [scene.camera] * 8, scene.features, pairs,
-        PosesOptions(extend_rounds=0), quiet,
-    )  # fmt: skip
+    found = solve_poses(scene.images(), pairs, PosesOptions(extend_rounds=0))
     assert found.registered.all() == all_placed
     if not all_placed:
         assert found.num_registered <= joint + 1  # one half

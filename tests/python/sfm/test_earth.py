@@ -8,7 +8,7 @@ import pytest
 import tolerances
 from gsut import _core
 from gsut.sfm.core.solution import Solution
-from gsut.sfm.world.earth import find_earth, moved_solution
+from gsut.sfm.world.earth import find_earth, move_to_earth
 
 COUNT = 24
 SCALE = 7.0  # metres in a unit of the world
@@ -71,7 +71,7 @@ def test_gps_gives_metres_north_and_up(noise, wrong):
     earth = find_earth(solution, upright(solution), places)
     assert earth.figures["gps"]["applied"] and "metres and north" in earth.notes[0]
     assert earth.scale == pytest.approx(SCALE, rel=0.002 + 0.02 * noise)
-    found = centers(moved_solution(solution, earth))
+    found = centers(move_to_earth(solution, earth))
     moved = (found - found.mean(axis=0)) * [1, -1, 1] - (truth - truth.mean(axis=0))
     assert np.abs(moved[:, [0, 2]]).max() < tolerances.SFM_EARTH_METRES + 1.2 * noise
     assert np.abs(moved[:, 1]).max() < tolerances.SFM_EARTH_HEIGHT + noise
@@ -81,7 +81,7 @@ def test_moved_solution_sees_its_points_as_before():
     rng = np.random.default_rng(2)
     solution, truth = made(rng)
     earth = find_earth(solution, upright(solution), gps(truth, rng, 0.1))
-    moved = moved_solution(solution, earth)
+    moved = move_to_earth(solution, earth)
     before, after = (
         s.camera_from_world[:, :3, :3] @ s.points[0] + s.camera_from_world[:, :3, 3]
         for s in (solution, moved)

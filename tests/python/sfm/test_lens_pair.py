@@ -8,12 +8,12 @@ import pytest
 import gsut
 import tolerances
 from gsut.data.rigs import measure_changes, read_rig, write_rig
+from gsut.sfm.core import Adjustment
 from gsut.sfm.core.options import PosesOptions
-from gsut.sfm.core.solution import solve
-from gsut.sfm.rig.lens_pair import find_lens_pair, scaled_rig, write_lens_pair
+from gsut.sfm.core.solver import solve_poses
+from gsut.sfm.rig.fit import find_lens_pair, write_lens_pair
 from gsut.sfm.world.comparison import compare_poses
 from synthetic_rig import BACKWARD, SyntheticRig
-from synthetic_walk import quiet
 
 FLAGS = np.array([2, 2, 0, 0, 1, 1, 0, 0], np.uint8)
 FRONT = [300.0, 300.0, 400.0, 400.0, 0.02, -0.01, 0.0, 0.0]
@@ -37,17 +37,17 @@ class Pair:
             lenses=(lens(FRONT), lens(BACK)),
             **settings,
         )
-        photographs = self.scene.photographs
-        self.alone = solve(
-            photographs.names, [lens(FRONT)] * len(photographs), self.scene.features,
-            self.scene.pairs, PosesOptions(), quiet, lens_free=FLAGS,
+        self.mapping = self.scene.mapping(lens_free=FLAGS)
+        self.alone = solve_poses(
+            self.mapping.images.with_lens(lens(FRONT)), self.scene.pairs, PosesOptions(),
+            adjustment=Adjustment(FLAGS),
         )  # fmt: skip
+        self.mapping.solution = self.alone
 
-    def find(self, folder, photographs=None):
-        return find_lens_pair(
-            self.alone, photographs or self.scene.photographs, self.scene.features,
-            self.scene.pairs, PosesOptions(), FLAGS, folder, quiet,
-        )  # fmt: skip
+    def find(self, folder, **changes):
+        mapping = dataclasses.replace(self.mapping, **changes)
+        find_lens_pair(mapping, folder)
+        return mapping.solved, mapping.found.rig, mapping.log.notes[-1]
 
 
 def test_rig_and_both_lenses_are_found_from_the_images(rng, tmp_path):
@@ -66,7 +66,7 @@ def test_rig_and_both_lenses_are_found_from_the_images(rng, tmp_path):
     write_rig(fit.rig, tmp_path / "rig.json")
     again = read_rig(tmp_path / "rig.json")
     assert again.names == ("front", "back") and again.cameras[1] == fit.rig.cameras[1]
-    larger = scaled_rig(fit, 10.0)
+    larger = fit.rescale(10.0)
     assert larger.rig.baseline == pytest.approx(10 * fit.rig.baseline)
 
 
@@ -78,6 +78,6 @@ def test_images_that_were_not_taken_together_stay_single(rng, tmp_path):
     back = photographs.rig_cameras == 1
     frames[back] = (frames[back] + 3) % 8
     wrong = dataclasses.replace(photographs, frames=frames)
-    solution, fit, words = pair.find(tmp_path, wrong)
+    solution, fit, words = pair.find(tmp_path, photographs=wrong)
     assert solution is pair.alone and fit is None
     assert "placed one by one" in words

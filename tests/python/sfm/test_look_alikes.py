@@ -9,14 +9,15 @@ import pytest
 import gsut
 import tolerances
 from gsut import _core
-from gsut.sfm.core.correspondences import match_images
-from gsut.sfm.core.look_alikes import find_look_alikes, tell_apart
+from gsut.sfm.core import Findings, Images
+from gsut.sfm.core.look_alikes import find_look_alikes, separate_look_alikes
+from gsut.sfm.core.matching import match_images
 from gsut.sfm.core.options import PosesOptions
-from gsut.sfm.core.solution import solve
-from gsut.sfm.core.verification import verify
-from gsut.sfm.report.verdict import poses_verdict
+from gsut.sfm.core.solver import solve_poses
+from gsut.sfm.core.verification import verify_matches
+from gsut.sfm.report.verdict import judge_poses
 from gsut.sfm.world.comparison import compare_poses
-from synthetic_walk import observe, quiet, shuffled
+from synthetic_walk import Synthetic, observe, quiet, shuffled
 
 VISIT = 12  # images of one visit to a room
 NEAR = 8
@@ -51,16 +52,18 @@ def two_visits(rng, same_room):
         features.append(shuffled(rng, observe(rng, camera, pixels, valid, 0.2, identity)[1]))
     names = [f"f{image:03d}.jpg" for image in range(2 * VISIT)]
     raw = match_images(names, features, OPTIONS, quiet)
-    pairs = verify(features, [camera] * len(names), raw, OPTIONS)
+    pairs = verify_matches(Images(names, [camera] * len(names), features), raw, OPTIONS)
     return SimpleNamespace(
         names=names, camera=camera, features=features, pairs=pairs, poses=np.array(poses)
     )
 
 
+def images_of(scene):
+    return Images(scene.names, [scene.camera] * len(scene.names), scene.features)
+
+
 def mapped(scene, pairs):
-    return solve(
-        scene.names, [scene.camera] * len(scene.names), scene.features, pairs, OPTIONS, quiet
-    )
+    return solve_poses(images_of(scene), pairs, OPTIONS)
 
 
 @pytest.fixture
@@ -81,13 +84,15 @@ def test_two_rooms_as_one_are_found_and_told_apart(folded, times):
     assert max(found.shares) < 0.65
     for one, other in found.pairs:
         assert (scene.names.index(one) < VISIT) != (scene.names.index(other) < VISIT)
-    told = tell_apart(solution, scene.pairs, lambda pairs: mapped(scene, pairs), times, NEAR)
-    assert told.dropped > VISIT and told.words()
-    registered = told.solution.registered
+    left, pairs, doubt = separate_look_alikes(
+        solution, scene.pairs, lambda pairs: mapped(scene, pairs), times, NEAR
+    )
+    assert len(scene.pairs) - len(pairs) > VISIT
+    registered = left.registered
     assert registered.reshape(2, VISIT).all(axis=1).sum() == 1 and registered.sum() == VISIT
-    errors = compare_poses(told.solution.camera_from_world[registered], scene.poses[registered])
+    errors = compare_poses(left.camera_from_world[registered], scene.poses[registered])
     assert errors.ate_percent < tolerances.SFM_TOLD_APART_ATE_PERCENT
-    assert told.doubt is None and find_look_alikes(told.solution, times, NEAR) is None
+    assert doubt is None and find_look_alikes(left, times, NEAR) is None
 
 
 @pytest.mark.parametrize("times", [TIMES, None], ids=["in time", "no order"])
@@ -96,27 +101,35 @@ def test_one_room_visited_twice_is_left_as_it_is(rng, times):
     solution = mapped(scene, scene.pairs)
     assert solution.registered.all()
     assert find_look_alikes(solution, times, NEAR) is None
-    told = tell_apart(solution, scene.pairs, lambda pairs: pytest.fail("mapped again"), times)
-    assert told.solution is solution and told.pairs == scene.pairs and told.words() == []
+    same, pairs, _ = separate_look_alikes(
+        solution, scene.pairs, lambda pairs: pytest.fail("mapped again"), times
+    )
+    assert same is solution and pairs == scene.pairs
+
+
+def test_three_images_are_too_few_to_doubt(rng):
+    scene = Synthetic(rng, images=3)
+    solution = solve_poses(scene.images(), scene.verified(), OPTIONS)
+    assert solution.registered.all() and find_look_alikes(solution) is None
 
 
 def test_two_rooms_stay_as_they_are_where_nothing_is_left(folded):
     scene, solution = folded
     few = dataclasses.replace(solution, registered=np.arange(2 * VISIT) < 2)
-    told = tell_apart(solution, scene.pairs, lambda pairs: few)
-    assert told.solution is solution and not told.dropped and told.doubt is not None
+    same, pairs, doubt = separate_look_alikes(solution, scene.pairs, lambda pairs: few)
+    assert same is solution and pairs == scene.pairs and doubt is not None
 
     def nothing(pairs):
         raise _core.SolveError("nothing")
 
-    assert tell_apart(solution, scene.pairs, nothing).solution is solution
+    assert separate_look_alikes(solution, scene.pairs, nothing)[0] is solution
 
 
 def test_verdict_of_two_rooms_as_one_is_poor_and_names_images(folded):
     scene, solution = folded
     found = find_look_alikes(solution)
-    verdict = poses_verdict(solution, scene.features, 0.9, None, alike=found)
+    verdict = judge_poses(solution, scene.features, 0.9, Findings(look_alikes=found))
     assert verdict.level == "poor" and "look alike" in verdict.reasons[0]
     assert all(name in verdict.reasons[0] for name in found.pairs[0])
     assert "folder" in verdict.advice
-    assert found.figures()["images"] == found.images
+    assert found.to_figures()["images"] == found.images

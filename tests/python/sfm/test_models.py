@@ -8,13 +8,13 @@ import pytest
 
 import tolerances
 from gsut.data import load_dataset
-from gsut.sfm.core.models import further_models, merge
+from gsut.sfm.core.models import find_further_models, merge_models
 from gsut.sfm.core.options import PosesOptions
 from gsut.sfm.core.photographs import Photographs
-from gsut.sfm.core.solution import solve
+from gsut.sfm.core.solver import solve_poses
 from gsut.sfm.report.output import write_models
 from gsut.sfm.world.comparison import compare_poses
-from synthetic_walk import Synthetic, quiet
+from synthetic_walk import Synthetic
 
 IMAGES = 12
 OPTIONS = PosesOptions(extend_rounds=0)
@@ -29,17 +29,14 @@ def walk():
 
 
 def solved(scene, pairs):
-    return solve(
-        [f"{i}.png" for i in range(IMAGES)], [scene.camera] * IMAGES, scene.features, pairs,
-        OPTIONS, quiet,
-    )  # fmt: skip
+    return solve_poses(scene.images(), pairs, OPTIONS)
 
 
 def test_views_that_do_not_connect_become_two_models(walk, tmp_path):
     scene, _, apart = walk
     first = solved(scene, apart)
     assert first.num_registered == 6
-    same, models = further_models(first, scene.features, apart, OPTIONS)
+    same, models = find_further_models(first, scene.features, apart, OPTIONS)
     assert same is first and [m.num_registered for m in models] == [6]
     assert not (models[0].registered & first.registered).any()
     for name in first.names:
@@ -62,16 +59,16 @@ def test_the_largest_model_is_the_first(walk):
     apart = [p for p in pairs if (p.first < 4) == (p.second < 4)]
     small = solved(scene, [p for p in apart if p.first < 4])
     assert small.num_registered == 4
-    first, (second,) = further_models(small, scene.features, apart, OPTIONS)
+    first, (second,) = find_further_models(small, scene.features, apart, OPTIONS)
     assert second is small and first.registered.tolist() == [False] * 4 + [True] * 8
 
 
 def test_models_are_merged_when_matches_join_them(walk):
     scene, pairs, apart = walk
     first = solved(scene, apart)
-    _, (second,) = further_models(first, scene.features, apart, OPTIONS)
-    assert merge(first, second, scene.features, apart, OPTIONS) is None
-    merged = merge(first, second, scene.features, pairs, OPTIONS)
+    _, (second,) = find_further_models(first, scene.features, apart, OPTIONS)
+    assert merge_models(first, second, scene.features, apart, OPTIONS) is None
+    merged = merge_models(first, second, scene.features, pairs, OPTIONS)
     assert merged.registered.all() and merged.names == first.names
     errors = compare_poses(merged.camera_from_world, np.array(scene.poses))
     assert errors.rotation_degrees.max() < tolerances.SFM_SYNTHETIC_DEGREES

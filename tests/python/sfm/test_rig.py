@@ -15,10 +15,12 @@ from disturbances import disturb_rig
 from gsut import _core
 from gsut.data.poses import find_centers, invert_pose
 from gsut.data.rigs import measure_changes, read_rig, write_rig
-from gsut.sfm.core.features import no_features
+from gsut.sfm.core import Adjustment
+from gsut.sfm.core.features import make_no_features
+from gsut.sfm.core.matching import choose_pairs
 from gsut.sfm.core.options import PosesOptions
-from gsut.sfm.core.pairs import choose_pairs
-from gsut.sfm.core.solution import FEATURE_VARIANCE, OnRig, refine
+from gsut.sfm.core.solution import FEATURE_VARIANCE
+from gsut.sfm.core.solver import RigConstraint, adjust_poses
 from gsut.sfm.rig.fit import solve_rig
 from gsut.sfm.rig.images import find_rig_photographs
 from gsut.sfm.rig.start import place_rig
@@ -31,10 +33,9 @@ ROOT = Path(__file__).resolve().parents[3]
 
 
 def solved(scene, rig=None, **settings):
-    return solve_rig(
-        scene.photographs, scene.features, scene.pairs, PosesOptions(),
-        lambda *_: None, lambda *_: None, rig=rig or scene.rig, **settings,
-    )  # fmt: skip
+    mapping = scene.mapping(rig=rig or scene.rig, **settings)
+    solve_rig(mapping)
+    return mapping.solved, mapping.found.rig
 
 
 def with_second(rig, pose):
@@ -81,7 +82,7 @@ def test_solve_rig_reference_away_from_every_camera_and_three_cameras(rng):
     assert turned < tolerances.RIG_EXACT
     wrong = disturb_rig(scene.rig)
     noisy = SyntheticRig(rng, STEREO, BACKWARD, elsewhere=elsewhere, noise=0.2)
-    _, fit = solved(noisy, wrong, adjust=True)
+    _, fit = solved(noisy, wrong, refine_rig=True)
     changes = measure_changes(scene.rig, fit.rig.camera_from_reference)
     assert np.degrees(max(turn for turn, _ in changes)) < tolerances.RIG_REFINED_DEGREES
     assert size_of(fit.rig) == pytest.approx(size_of(wrong), rel=tolerances.RIG_SIZE)
@@ -141,10 +142,10 @@ def test_refine_on_a_rig_places_a_frame_without_poses(rng):
     photographs = scene.photographs
     known = photographs.frames != 4
     start = np.where(known[:, None, None], scene.poses, np.eye(4))
-    solution = refine(
-        photographs.names, photographs.cameras, scene.features, scene.pairs, list(start),
-        PosesOptions(), lambda *_: None,
-        on_rig=OnRig(photographs.frames, photographs.rig_cameras - 1, STEREO[None], known),
+    rig = RigConstraint(photographs.frames, photographs.rig_cameras - 1, STEREO[None], known)
+    solution = adjust_poses(
+        scene.mapping().images, scene.pairs, list(start), PosesOptions(),
+        adjustment=Adjustment(rig=rig),
     )  # fmt: skip
     assert solution.registered.all()
     assert scene.worst(solution)[0] < tolerances.RIG_EXACT
@@ -166,7 +167,7 @@ def test_solve_rig_places_a_frame_by_few_points_in_each_camera(rng):
 def test_solve_rig_refines_a_disturbed_rig_and_keeps_its_size(rng):
     scene = SyntheticRig(rng, noise=0.2)
     wrong = disturb_rig(scene.rig)
-    solution, fit = solved(scene, wrong, adjust=True)
+    solution, fit = solved(scene, wrong, refine_rig=True)
     assert fit.rig.baseline == pytest.approx(wrong.baseline, rel=tolerances.RIG_SIZE)
     _, (turned, shifted) = measure_changes(scene.rig, fit.rig.camera_from_reference)
     assert np.degrees(turned) < tolerances.RIG_REFINED_DEGREES  # was 0.5
@@ -190,7 +191,7 @@ def test_solve_rig_says_that_a_held_rig_is_turned_otherwise(rng):
 # --- the start: scale and poses of frames --------------------------------------------------------
 
 
-def placed(scene, poses=None, registered=None, rig=None):
+def place_in_world(scene, poses=None, registered=None, rig=None):
     photographs = scene.photographs
     return place_rig(
         scene.poses if poses is None else poses,
@@ -207,7 +208,7 @@ def test_place_rig_finds_scale_and_overrules_a_misplaced_image(rng):
     right = 9  # of frame 4: sees fewer points than its mate
     assert len(scene.features[right]) < len(scene.features[right - 1])
     poses[right] = pose_of([1.0, 0, 0], [3, 3, 3])
-    start = placed(scene, poses)
+    start = place_in_world(scene, poses)
     assert start.scale == pytest.approx(0.4, rel=tolerances.RIG_EXACT)
     assert np.abs(start.camera_from_world - scene.poses).max() < tolerances.RIG_EXACT
     assert start.known.all()
@@ -217,18 +218,18 @@ def test_place_rig_needs_a_frame_with_two_images(rng):
     scene = SyntheticRig(rng)
     left = scene.photographs.rig_cameras == 0
     with pytest.raises(gsut.SolveError, match="sets no scale: 10 of 20 images were placed"):
-        placed(scene, registered=left)
+        place_in_world(scene, registered=left)
 
 
 def test_place_rig_knows_swapped_folders_and_a_pose_the_wrong_way_round(rng):
     scene = SyntheticRig(rng, pose_of([0.0, 0.01, 0.0], [0.3, 0, 0]))
     swapped = with_second(scene.rig, invert_pose(scene.rig.camera_from_reference[1]))
     with pytest.raises(gsut.SolveError, match="left and right swapped"):
-        placed(scene, rig=swapped)
+        place_in_world(scene, rig=swapped)
     scene = SyntheticRig(rng, pose_of([0.0, 0.3, 0.0], [0.3, 0, 0]))
     turned = with_second(scene.rig, invert_pose(scene.rig.camera_from_reference[1]))
     with pytest.raises(gsut.SolveError, match=r"by 34 degrees from .* the right way round"):
-        placed(scene, rig=turned)
+        place_in_world(scene, rig=turned)
 
 
 @pytest.mark.parametrize(
@@ -259,7 +260,7 @@ def test_choose_pairs_of_many_frames_compares_neighbours_of_all_cameras():
     count = 200
     frames = np.repeat(np.arange(count // 2), 2)
     names = [f"{'left' if i % 2 == 0 else 'right'}/{m}.png" for i, m in enumerate(frames)]
-    features = [no_features() for _ in names]
+    features = [make_no_features() for _ in names]
     pairs = {tuple(p) for p in choose_pairs(names, features, PosesOptions(window=3), frames)}
     for first in range(count - 8):
         near = {(first, second) for second in range(first + 1, count) if

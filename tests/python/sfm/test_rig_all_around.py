@@ -10,7 +10,7 @@ import tolerances
 from gsut.cli import main
 from gsut.demo import make_demo_rig
 from gsut.demo.rig import make_rig
-from gsut.sfm import errors_against
+from gsut.sfm import compare_datasets
 
 FRAMES, SIZE, PATH_SHARE = 4, 128, 0.1
 
@@ -54,7 +54,7 @@ def test_lenses_of_the_files_are_those_of_the_pictures(truth):
 
 
 def test_poses_of_all_images_come_out_in_metres(truth, poses):
-    errors = errors_against(truth, poses)
+    errors = compare_datasets(truth, poses)
     assert errors.images == 4 * FRAMES
     print(errors.scale_error_percent, errors.metric_ate, np.median(errors.rotation_degrees))
     assert abs(errors.scale_error_percent) < tolerances.AROUND_SCALE_PERCENT

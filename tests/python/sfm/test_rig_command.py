@@ -13,7 +13,7 @@ from gsut.data.poses import invert_pose
 from gsut.data.rigs.rig import measure_changes, read_rig, write_rig
 from gsut.demo import make_demo_rig
 from gsut.demo.rig import place_right
-from gsut.sfm import errors_against, find_poses
+from gsut.sfm import compare_datasets, find_poses
 
 FRAMES, SIZE = 6, 200
 PATH_SHARE = 0.15  # of the demo's path: neighbours see the same
@@ -56,7 +56,7 @@ def test_make_demo_rig_refuses_numbers_out_of_range(tmp_path):
 
 
 def test_poses_with_a_rig_finds_all_images_in_metres(demo, poses):
-    errors = errors_against(demo / "rig_hall", poses)
+    errors = compare_datasets(demo / "rig_hall", poses)
     assert errors.images == 2 * FRAMES
     assert abs(errors.scale_error_percent) < tolerances.RIG_DEMO_SCALE_PERCENT
     assert errors.metric_ate < tolerances.RIG_DEMO_METRES
@@ -99,7 +99,7 @@ def test_train_takes_what_poses_with_a_rig_wrote(poses, tmp_path):
     assert tested == {"left", "right"}
 
 
-def test_demo_rig_tells_errors_against_the_truth(demo, poses, capsys):
+def test_demo_rig_tells_compare_datasets_the_truth(demo, poses, capsys):
     words = ["demo", "--rig", "-o", str(demo), "--steps", "30", "--no-open"]
     assert main(words) == 0  # rig_hall and rig_poses are there already
     told = capsys.readouterr().out
@@ -112,7 +112,7 @@ def test_poses_with_a_disturbed_rig_refine_it(demo, tmp_path):
     write_rig(disturb_rig(truth, degrees=0.5), tmp_path / "rig.json")
     out = tmp_path / "out"
     found = find_poses(demo / "rig_hall", out, rig=tmp_path / "rig.json", refine_rig=True).figures
-    errors = errors_against(demo / "rig_hall", out)
+    errors = compare_datasets(demo / "rig_hall", out)
     assert found["registered"] == 2 * FRAMES
     assert abs(errors.scale_error_percent) < tolerances.RIG_DEMO_REFINED_PERCENT
     poses = np.array([camera["camera_from_reference"] for camera in found["rig"]["cameras"]])

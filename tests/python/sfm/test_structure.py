@@ -16,21 +16,20 @@ from gsut.cli import main
 from gsut.gaussians import quaternion_from_rotation
 from gsut.lens import convert_camera
 from gsut.sfm import pipeline
-from gsut.sfm.core import correspondences, solution
-from gsut.sfm.core.alignment import rotation_angles, similarity
-from gsut.sfm.core.correspondences import match_images
-from gsut.sfm.core.features import _PIXELS_EACH, features_in, find_features
+from gsut.sfm.core import Images, matching, solver
+from gsut.sfm.core import features as core_features
+from gsut.sfm.core.features import _PIXELS_EACH, detect_features, read_features
 from gsut.sfm.core.log import PosesLog
+from gsut.sfm.core.matching import choose_pairs, has_growing_numbers
 from gsut.sfm.core.options import PosesOptions
-from gsut.sfm.core.pairs import choose_pairs, counts_up
-from gsut.sfm.core.photographs import Photographs
 from gsut.sfm.core.selection import choose_connected_pairs, keep_most_distinct
-from gsut.sfm.core.solution import solve
+from gsut.sfm.core.solution import measure_rotation_angles, similarity_from_points
+from gsut.sfm.core.solver import solve_poses
 from gsut.sfm.lens.candidates import guess_lens
 from gsut.sfm.lens.search import search_lens
 from gsut.sfm.pipeline import find_poses
 from gsut.sfm.world.comparison import compare_poses, find_centers
-from synthetic_walk import Synthetic, quiet
+from synthetic_walk import Synthetic
 
 _BESIDE = Path(__file__).resolve().parents[4] / "shared"
 SPONZA = Path(os.environ.get("GSUT_SHARED", _BESIDE)) / "data" / "sponza_fisheye"
@@ -63,7 +62,7 @@ def test_estimate_poses_sees_beyond_ninety_degrees(rng):
 
 def test_solve_extends_tracks_to_images_that_no_match_told_of(rng):
     scene = Synthetic(rng)
-    count = len(scene.features)
+    len(scene.features)
     # Neighbours only, and half of their matches: tracks in pieces.
     half = [
         dataclasses.replace(pair, matches=pair.matches[rng.random(len(pair.matches)) < 0.5])
@@ -72,9 +71,8 @@ def test_solve_extends_tracks_to_images_that_no_match_told_of(rng):
     ]
     found = {}
     for rounds in (0, 2):
-        found[rounds] = solve(
-            [f"{i}" for i in range(count)], [scene.camera] * count, scene.features, half,
-            PosesOptions(extend_rounds=rounds), lambda *_: None,
+        found[rounds] = solve_poses(
+            scene.images(), half, PosesOptions(extend_rounds=rounds),
         )  # fmt: skip
     lengths = {rounds: len(s.observations) / len(s.points) for rounds, s in found.items()}
     assert lengths[2] > 1.4 * lengths[0]  # worst 1.58
@@ -151,7 +149,7 @@ def test_estimate_poses_is_the_same_on_any_number_of_threads(rng):
 
 
 def test_match_pairs_of_floats_are_refused(rng):
-    unit = [f.unit_descriptors() for f in Synthetic(rng, images=2, points=50).features]
+    unit = [f.normalize_descriptors() for f in Synthetic(rng, images=2, points=50).features]
     with pytest.raises(gsut.InputError, match="uint8"):
         _core.match_pairs(unit, [[0, 1]], 0.8, 0.7)
 
@@ -190,8 +188,8 @@ def test_relative_pose_agrees_with_opencv_on_a_narrow_lens(rng):
     a, b = first - 0.5, second - 0.5
     essential, mask = cv2.findEssentialMat(a, b, matrix, threshold=1.0)
     rotation, shift = cv2.recoverPose(essential, a, b, matrix, mask=mask)[1:3]
-    by_cv2 = np.degrees(rotation_angles((rotation @ pose[:3, :3].T)[None]))[0]
-    ours = np.degrees(rotation_angles((found[:3, :3] @ pose[:3, :3].T)[None]))[0]
+    by_cv2 = np.degrees(measure_rotation_angles((rotation @ pose[:3, :3].T)[None]))[0]
+    ours = np.degrees(measure_rotation_angles((found[:3, :3] @ pose[:3, :3].T)[None]))[0]
     assert ours < max(2 * by_cv2, 0.1)  # ours is refined on all inliers, cv2's is not
     direction = pose[:3, 3] / np.linalg.norm(pose[:3, 3])
     assert found[:3, 3] @ direction > min(float(shift.ravel() @ direction), 0.999)
@@ -209,7 +207,11 @@ def test_choose_pairs_rules(rng):
     assert near.tolist() == [[0, 1], [0, 2], [0, 4], [1, 2], [1, 3], [2, 3], [2, 4], [3, 4]]
     alike = choose_pairs(names, scene.features, PosesOptions(pairs="similar", neighbors=2))
     assert 5 <= len(alike) <= 10 and (alike[:, 0] < alike[:, 1]).all()
-    assert counts_up(names) and not counts_up(["a1", "b2"]) and not counts_up(["a2", "a1"])
+    assert (
+        has_growing_numbers(names)
+        and not has_growing_numbers(["a1", "b2"])
+        and not has_growing_numbers(["a2", "a1"])
+    )
 
 
 def test_find_features_puts_a_blob_at_its_pixel(tmp_path):
@@ -220,7 +222,7 @@ def test_find_features_puts_a_blob_at_its_pixel(tmp_path):
         image += np.exp(-((x - cx) ** 2 + (y - cy) ** 2) / (2 * 4.0**2))
     path = tmp_path / "blobs.png"
     cv2.imwrite(str(path), (255 * image).clip(0, 255).astype(np.uint8))
-    found = find_features(path, None, PosesOptions())
+    found = read_features(path, None, PosesOptions())
     checked = 0
     for center in centers:
         nearest = np.linalg.norm(found.pixels - center, axis=1).min()
@@ -238,11 +240,11 @@ def test_find_features_leaves_out_what_has_no_ray(tmp_path):
     camera = gsut.Camera(
         "kannala_brandt", [60, 60, 100, 100, 0, 0, 0, 0], 200, 200, valid_field_angle=1.0
     )
-    found = find_features(path, camera, PosesOptions())
+    found = read_features(path, camera, PosesOptions())
     assert len(found) > 50
     assert np.linalg.norm(found.pixels - 100, axis=1).max() < 60
     with pytest.raises(gsut.InputError, match="the lens is for 100 x 100"):
-        find_features(path, camera.resize(100, 100), PosesOptions())
+        read_features(path, camera.resize(100, 100), PosesOptions())
 
 
 @pytest.mark.parametrize("most", [150, 100])  # of 200 x 200 pixels: described before, and after
@@ -251,8 +253,8 @@ def test_find_features_at_once_finds_those_of_detection_and_choice(tmp_path, mos
     image = cv2.imread(str(tmp_path / "a.png"))
     assert (image[..., 0].size < _PIXELS_EACH * most) == (most == 150)
     options = PosesOptions(max_features=most)
-    at_once = features_in(image, None, options)
-    chosen = features_in(image, np.ones(image.shape[:2], bool), options)
+    at_once = detect_features(image, None, options)
+    chosen = detect_features(image, np.ones(image.shape[:2], bool), options)
     assert (
         most <= len(at_once) <= most + 5 and len(chosen) == most
     )  # SIFT keeps those equal to the last
@@ -264,7 +266,7 @@ def test_similarity_is_found_again(rng):
     source = rng.standard_normal((10, 3))
     rotation = _core.exp_pose([0, 0, 0, 0.3, -1.0, 2.0])[:3, :3]
     target = 2.5 * source @ rotation.T + [1, 2, 3]
-    scale, found, shift = similarity(source, target)
+    scale, found, shift = similarity_from_points(source, target)
     assert abs(scale - 2.5) < 1e-12 and np.abs(found - rotation).max() < 1e-12
     assert np.abs(shift - [1, 2, 3]).max() < 1e-12
 
@@ -359,23 +361,23 @@ def test_poses_command_writes_figures_report_and_colmap(some_sponza, solved_spon
 def test_poses_command_killed_goes_on_from_its_last_stage(some_sponza, tmp_path, monkeypatch):
     out = tmp_path / "data"
     calls = {"features": 0}
-    original = correspondences.find_all_features
+    original = core_features._read_all_features
 
-    def counted(paths, *rest):
-        calls["features"] += len(paths)
-        original(paths, *rest)
+    def counted(photographs, chosen, *rest):
+        calls["features"] += len(chosen)
+        original(photographs, chosen, *rest)
 
     def killed(*_, **__):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(correspondences, "find_all_features", counted)
+    monkeypatch.setattr(core_features, "_read_all_features", counted)
     with monkeypatch.context() as patch:
-        patch.setattr(pipeline, "solve", killed)
+        patch.setattr(pipeline, "solve_poses", killed)
         with pytest.raises(KeyboardInterrupt):
             find_poses(some_sponza[0], out)
     assert calls["features"] == IMAGES
     with monkeypatch.context() as patch:  # features and matches are not made again
-        patch.setattr(correspondences, "match_in_full", killed)
+        patch.setattr(matching, "_match_in_full", killed)
         result = find_poses(some_sponza[0], out)
     assert calls["features"] == IMAGES
     assert result.solution.num_registered == IMAGES
@@ -392,10 +394,13 @@ def test_poses_command_corrupt_image_is_named_and_the_rest_kept(some_sponza, tmp
             target.symlink_to(path.resolve())
     notes: list[str] = []
     result = find_poses(
-        folder, tmp_path / "out", camera=some_sponza[0] / "lens.yaml", notes_to=notes.append
+        folder,
+        tmp_path / "out",
+        camera=some_sponza[0] / "lens.yaml",
+        log=PosesLog(on_note=notes.append),
     )
     assert result.solution.num_registered == 7
-    name = result.solution.unregistered_names()[0]
+    name = result.solution.unregistered_names[0]
     assert any(name in note and "truncated" in note for note in notes)
     assert any("7 of 8 images were registered" in note for note in notes)
 
@@ -425,7 +430,7 @@ def texture(path: Path, seed: int, size: int = 160) -> None:
 @pytest.mark.parametrize(
     ("case", "words"),
     [
-        ("absent", "is no folder"),
+        ("absent", "is not a folder"),
         ("one", "holds 1 image"),
         ("same", "all images are the same"),
         ("apart", "matches that agree"),
@@ -454,7 +459,10 @@ def test_poses_command_wrong_lens_is_doubted(some_sponza, solved_sponza, tmp_pat
     gsut.save_camera(gsut.Camera("pinhole", [240, 240, 240, 240], 480, 480), tmp_path / "lens.yaml")
     notes: list[str] = []
     result = find_poses(
-        some_sponza[0], tmp_path / "out", camera=tmp_path / "lens.yaml", notes_to=notes.append
+        some_sponza[0],
+        tmp_path / "out",
+        camera=tmp_path / "lens.yaml",
+        log=PosesLog(on_note=notes.append),
     )
     assert any("the lens is probably not that of the images" in note for note in notes)
     assert result.figures["matches_in_points"] < 0.5  # observed 0.36 on 8 of these images
@@ -546,22 +554,16 @@ def test_poses_options_are_checked():
 # --- unknown lens and benchmark -------------------------------------------------------------------
 
 
-def test_search_lens_finds_the_fisheye_of_a_synthetic_walk(rng, tmp_path):
+def test_search_lens_finds_the_fisheye_of_a_synthetic_walk(rng):
     scene = Synthetic(rng, images=8, points=700, noise=0.1)
-    count = len(scene.features)
-    guess = guess_lens(1000, 1010, 180.0)
-    names = [f"{i}.png" for i in range(count)]
-    photographs = Photographs(
-        tmp_path, names, [tmp_path / n for n in names], [None] * count, [guess] * count
-    )
     options = PosesOptions(max_two_view_error=4.0, max_error=5.0)
-    raw = match_images(names, scene.features, options, quiet)
-    found = search_lens(photographs, scene.features, raw, options, 180.0, PosesLog())
-    assert found.solution.num_registered == count
-    lens = found.solution.cameras[0]
+    found = scene.mapping(options, camera=guess_lens(1000, 1010, 180.0), fov_degrees=180.0)
+    search_lens(found)
+    assert found.solved.registered.all()
+    lens = found.solved.cameras[0]
     assert lens.model == "kannala_brandt"
     assert abs(lens.params[0] / scene.camera.params[0] - 1) < tolerances.SFM_FOCAL
-    assert found.rows[-1]["held_out_px"] < 0.5
+    assert found.found.figures["lens_search"][-1]["held_out_px"] < 0.5
 
 
 def test_convert_camera_to_a_fisheye_is_the_same_lens():
@@ -590,5 +592,5 @@ def test_connected_images_are_as_many_as_asked_for(rng):
 
 def test_poses_that_hold_no_image_are_an_error():
     found = {"failure": "", "registered": np.zeros(3, bool)}
-    with pytest.raises(_core.SolveError, match="no image holds its points"):
-        solution._solution(["a", "b", "c"], [], [], found, False)
+    with pytest.raises(_core.SolveError, match="no image keeps its points"):
+        solver._make_solution(Images(["a", "b", "c"], [], []), found, False)

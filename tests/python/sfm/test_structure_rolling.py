@@ -11,17 +11,17 @@ import gsut
 import tolerances
 from gsut import _core
 from gsut.cli import main
-from gsut.sfm import errors_against
-from gsut.sfm.core.correspondences import match_images
+from gsut.sfm import compare_datasets
 from gsut.sfm.core.log import PosesLog
+from gsut.sfm.core.matching import match_images
 from gsut.sfm.core.options import PosesOptions
-from gsut.sfm.core.photographs import Photographs
-from gsut.sfm.core.solution import matches_in_points, solve
-from gsut.sfm.core.verification import verify
+from gsut.sfm.core.solution import measure_agreement
+from gsut.sfm.core.solver import solve_poses
+from gsut.sfm.core.verification import verify_matches
 from gsut.sfm.lens.candidates import guess_lens
 from gsut.sfm.lens.search import search_lens
 from gsut.sfm.pipeline import find_poses
-from gsut.sfm.shutter.readout import readout_time
+from gsut.sfm.shutter.readout import estimate_readout_time
 from gsut.sfm.world.comparison import compare_poses
 from synthetic_walk import Synthetic, quiet
 
@@ -35,13 +35,10 @@ SHUTTER = _core.Shutter("top_to_bottom")
 
 def solved(scene, shutter, options):
     """The walk solved, with matches as loose as the shutter needs."""
-    count = len(scene.features)
-    names = [f"{i:03d}.png" for i in range(count)]
-    cameras = [scene.camera] * count
-    raw = match_images(names, scene.features, options, quiet)
-    verified = verify(scene.features, cameras, raw, options, shutter=SHUTTER)
-    found = solve(names, cameras, scene.features, verified, options, quiet, shutter=shutter)
-    return names, found
+    images = scene.images(shutter=SHUTTER)
+    raw = match_images(images.names, scene.features, options, quiet)
+    verified = verify_matches(images, raw, options)
+    return images.names, solve_poses(scene.images(shutter=shutter), verified, options)
 
 
 @pytest.fixture(scope="module")
@@ -75,12 +72,12 @@ def test_solve_rolling_walk_finds_velocities_and_the_readout_time(walk, rolling)
     turns = np.degrees(np.linalg.norm(found.velocities[:, 3:], axis=1))
     expected = np.degrees(np.linalg.norm(np.array(walk.velocities)[:, 3:], axis=1))
     assert np.abs(turns - expected).max() < tolerances.SFM_ROLLING_DEGREES
-    readout = readout_time(names, found)
+    readout = estimate_readout_time(names, found)
     assert readout is not None
     assert abs(readout.time - READOUT) < tolerances.SFM_READOUT_TIME
     assert readout.explained > 0.95
     # Frames in another order are no video: no time is given out.
-    assert readout_time([names[i] for i in (0, 5, 2, 8, 1, 9, 4, 7, 3, 6)], found) is None
+    assert estimate_readout_time([names[i] for i in (0, 5, 2, 8, 1, 9, 4, 7, 3, 6)], found) is None
 
 
 def test_solve_with_the_readout_time_given_agrees(walk):
@@ -89,29 +86,25 @@ def test_solve_with_the_readout_time_given_agrees(walk):
     assert errors.ate_percent < tolerances.SFM_ROLLING_ATE_PERCENT
 
 
-def test_search_lens_finds_a_rolling_fisheye_with_the_poses(walk, tmp_path):
-    count = len(walk.features)
+def test_search_lens_finds_a_rolling_fisheye_with_the_poses(walk):
     guess = guess_lens(walk.camera.width, walk.camera.height, 180.0)
-    names = [f"{i:03d}.png" for i in range(count)]
-    photographs = Photographs(
-        tmp_path, names, [tmp_path / n for n in names], [None] * count, [guess] * count
-    )
-    options = PosesOptions()
-    raw = match_images(names, walk.features, options, quiet)
-    search = search_lens(photographs, walk.features, raw, options, 180.0, PosesLog(), SHUTTER)
-    found = search.solution
+    mapping = walk.mapping(PosesOptions(), camera=guess, fov_degrees=180.0, shutter=SHUTTER)
+    search_lens(mapping)
+    found = mapping.solved
     assert found.registered.all() and found.velocities is not None
     errors = compare_poses(found.camera_from_world, np.array(walk.poses))
     assert errors.ate_percent < tolerances.SFM_ROLLING_ATE_PERCENT
     assert errors.rotation_degrees.max() < tolerances.SFM_ROLLING_DEGREES
     assert abs(found.cameras[0].params[0] / walk.camera.params[0] - 1) < tolerances.SFM_FOCAL
-    assert matches_in_points(found, search.pairs) > 0.95
+    assert measure_agreement(found, mapping.pairs) > 0.95
 
 
 def test_solve_rolling_start_and_end_poses_meet_the_middle(rolling):
     found = rolling[1]
     for i in range(IMAGES):
-        motion = _core.CameraMotion(found.poses_at(0.0)[i], found.poses_at(1.0)[i], SHUTTER)
+        motion = _core.CameraMotion(
+            found.interpolate_poses(0.0)[i], found.interpolate_poses(1.0)[i], SHUTTER
+        )
         assert np.abs(motion.at(0.5) - found.camera_from_world[i]).max() < 1e-12
     # The residuals are those of the moving camera.
     assert np.median(np.linalg.norm(found.residuals, axis=1)) < 0.2
@@ -148,8 +141,10 @@ def test_poses_command_upright_rolling_images_that_bend_are_doubted(tmp_path):
         return [frames[i] for i in sorted(order[:12])]
 
     notes: list[str] = []
-    result = find_poses(some_helmet(tmp_path, nearest), tmp_path / "out", notes_to=notes.append)
-    assert errors_against(tmp_path, tmp_path / "out").ate_percent > 1  # it does bend
+    result = find_poses(
+        some_helmet(tmp_path, nearest), tmp_path / "out", log=PosesLog(on_note=notes.append)
+    )
+    assert compare_datasets(tmp_path, tmp_path / "out").ate_percent > 1  # it does bend
     assert result.figures["matches_in_points"] < 0.8  # observed 0.73
     assert sum("the scene has bent with the motion" in note for note in notes) == 1
 

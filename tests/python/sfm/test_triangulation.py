@@ -14,7 +14,7 @@ from gsut.demo import make_demo_scene
 from gsut.demo.hall import make_hall
 from gsut.demo.tracing import Tracer
 from gsut.sfm import PosesOptions
-from gsut.sfm.points.flow import _sampled, follow_pixels
+from gsut.sfm.points.flow import _sample_image, follow_pixels
 
 DENSE = 6000
 
@@ -206,4 +206,4 @@ def test_train_colours_points_that_have_none(hall, tmp_path, capsys):
 def test_flow_at_more_places_than_opencv_takes_at_once(rng):
     ramp = np.stack(np.meshgrid(np.arange(8.0), np.arange(6.0)), axis=-1).astype(np.float32)
     places = rng.integers(0, 6, (70_000, 2)) + 0.5
-    assert np.array_equal(_sampled(ramp, places), places - 0.5)
+    assert np.array_equal(_sample_image(ramp, places), places - 0.5)

@@ -1,17 +1,18 @@
 """The rolling shutter of a video, found from the flow of its pictures, or not."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 import tolerances
 from gsut import _core
 from gsut.sfm.core.options import PosesOptions
-from gsut.sfm.core.solution import solve
-from gsut.sfm.shutter.frame_motion import rates_of_frames
-from gsut.sfm.shutter.readout_by_flow import readout_by_flow
+from gsut.sfm.core.solver import solve_poses
+from gsut.sfm.shutter.readout import estimate_rates, estimate_readout_by_flow
 from gsut.sfm.shutter.video import find_video_shutter
 from gsut.sfm.world.comparison import compare_poses
-from synthetic_walk import Synthetic, quiet
+from synthetic_walk import Synthetic
 
 READOUT = 0.04  # seconds; frames are a second apart
 IMAGES = 12
@@ -39,10 +40,7 @@ class Walk:
         count = len(self.scene.features)
         self.names = [f"{i:03d}.png" for i in range(count)]
         self.pairs = self.scene.verified()
-        cameras = [self.scene.camera] * count
-        self.still = solve(
-            self.names, cameras, self.scene.features, self.pairs, PosesOptions(), quiet
-        )
+        self.still = solve_poses(self.scene.images(), self.pairs, PosesOptions())
         # A shutter that is global moves all the same between the frames.
         self.scene.readout = READOUT
         self.scene.velocities = [
@@ -51,10 +49,9 @@ class Walk:
         self.flows = {name: flow_of(self.scene, i) for i, name in enumerate(self.names)}
 
     def find(self, flows=None):
-        return find_video_shutter(
-            self.still, self.scene.features, self.pairs, PosesOptions(), flows or self.flows, None,
-            quiet,
-        )  # fmt: skip
+        mapping = self.scene.mapping(PosesOptions(), pairs=self.pairs, solution=self.still)
+        photographs = dataclasses.replace(mapping.photographs, flows=flows or self.flows)
+        return find_video_shutter(dataclasses.replace(mapping, photographs=photographs))
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +60,7 @@ def rolling():
 
 
 def test_rates_of_frames_are_those_of_the_walk(rolling):
-    rates, _ = rates_of_frames(rolling.still, rolling.flows)
+    rates, _ = estimate_rates(rolling.still, rolling.flows)
     expected = np.array(rolling.scene.velocities) / READOUT
     off = np.degrees(np.linalg.norm(rates[:, 3:] - expected[:, 3:], axis=1))
     assert off.max() < tolerances.SFM_RATE_DEGREES
@@ -77,8 +74,8 @@ def test_errors_of_the_flow_shorten_the_time_by_the_reliability(rolling):
             name: rows + noise * rng.standard_normal(rows.shape) * [0, 0, 1, 1]
             for name, rows in rolling.flows.items()
         }
-        rates, spread = rates_of_frames(rolling.still, flows)
-        times.append(readout_by_flow(rolling.still, rates, spread, True, None, 1.5))
+        rates, spread = estimate_rates(rolling.still, flows)
+        times.append(estimate_readout_by_flow(rolling.still, rates, spread, True, None, 1.5))
     exact, noisy = times
     assert exact.reliability > 0.99 > 0.97 > noisy.reliability
     short, right = noisy.time / exact.time, noisy.time / noisy.reliability / exact.time
@@ -97,7 +94,7 @@ def test_rolling_video_is_found_with_its_readout_time_and_better_poses(rolling):
     after = compare_poses(found.solution.camera_from_world, truth)
     assert after.ate_percent < before.ate_percent
     assert 4 * np.median(after.rotation_degrees) < np.median(before.rotation_degrees)
-    assert "top to bottom" in found.words()
+    assert "top to bottom" in found.describe()
 
 
 def test_flow_of_the_other_sign_is_a_shutter_that_reads_backwards(rolling):
@@ -111,4 +108,4 @@ def test_global_video_is_left_as_it_is():
     walk = Walk(None)
     found = walk.find()
     assert found.readout is None and found.solution is walk.still
-    assert "not determined" in found.words()
+    assert "not determined" in found.describe()

@@ -7,20 +7,19 @@ import pytest
 
 import gsut
 from gsut.lens import with_scaled_focal
-from gsut.sfm.core.correspondences import match_images
+from gsut.sfm.core import Findings
+from gsut.sfm.core.matching import match_images
 from gsut.sfm.core.options import PosesOptions
-from gsut.sfm.core.photographs import Photographs
-from gsut.sfm.core.solution import solve
+from gsut.sfm.core.solver import solve_poses
 from gsut.sfm.lens import zooms
-from gsut.sfm.lens.search import LensSearch
-from gsut.sfm.lens.zooms import find_zooms, search_zooms, zooms_notes
-from gsut.sfm.report.verdict import poses_verdict
+from gsut.sfm.lens.zooms import describe_zooms, find_zooms, search_zooms
+from gsut.sfm.report.verdict import judge_poses
 from synthetic_walk import Synthetic, quiet
 
 IMAGES, FACTOR = 9, 1.5
 OPTIONS = PosesOptions(extend_rounds=0)
 LENS = gsut.Camera("kannala_brandt", [500, 500, 500, 505, 0.02, -0.01, 0, 0], 1000, 1010)
-NAMES = [f"{i}.jpg" for i in range(IMAGES)]
+NAMES = [f"{i:03d}.png" for i in range(IMAGES)]
 SECOND = [2, 5, 8]  # images of the second zoom
 
 
@@ -39,7 +38,7 @@ def of_one(mixed):
     """Poses of the images of the first zoom alone, the lens known."""
     scene, _ = mixed
     pairs = [p for p in scene.verified() if not {p.first, p.second} & set(SECOND)]
-    found = solve(NAMES, [LENS] * IMAGES, scene.features, pairs, OPTIONS, quiet)
+    found = solve_poses(scene.images(), pairs, OPTIONS)
     assert found.num_registered == IMAGES - len(SECOND)
     return found
 
@@ -50,10 +49,10 @@ def test_zooms_are_found_with_their_focal_lengths_and_names(mixed, of_one):
     assert second.names == [NAMES[i] for i in SECOND]
     assert first.focal == pytest.approx(500, rel=0.01)
     assert second.focal == pytest.approx(FACTOR * 500, rel=0.01)
-    (note,) = zooms_notes([first, second])
+    (note,) = describe_zooms([first, second])
     assert "2 zooms: 6 at a focal length of 500 px, 3 at" in note
-    assert "put 2.jpg, 5.jpg, 8.jpg into a folder of their own" in note
-    verdict = poses_verdict(of_one, scene.features, None, None, 2)
+    assert "put 002.png, 005.png, 008.png into a folder of their own" in note
+    verdict = judge_poses(of_one, scene.features, None, Findings(zooms=[first, second]))
     assert verdict.level != "good" and "the images were taken at 2 zooms" in verdict.reasons
 
 
@@ -61,13 +60,11 @@ def test_images_of_one_zoom_are_none():
     scene = Synthetic(np.random.default_rng(4), images=IMAGES, points=300, camera=LENS)
     raw = match_images(NAMES, scene.features, OPTIONS, quiet)
     pairs = scene.verified()
-    whole = solve(NAMES, [LENS] * IMAGES, scene.features, pairs, OPTIONS, quiet)
-    assert zooms_notes([]) == []
+    whole = solve_poses(scene.images(), pairs, OPTIONS)
+    assert describe_zooms([]) == []
     assert whole.registered.all() and find_zooms(whole, scene.features, raw, OPTIONS) == []
-    some = solve(
-        NAMES, [LENS] * IMAGES, scene.features,
-        [p for p in pairs if not {p.first, p.second} & set(SECOND)], OPTIONS, quiet,
-    )  # fmt: skip
+    of_first = [p for p in pairs if not {p.first, p.second} & set(SECOND)]
+    some = solve_poses(scene.images(), of_first, OPTIONS)
     assert not some.registered.all() and find_zooms(some, scene.features, raw, OPTIONS) == []
 
 
@@ -86,16 +83,16 @@ def test_lens_is_sought_by_the_images_of_one_zoom_where_many_are_left_out(
     )
     searched = []
 
-    def search(photographs, features, own, *_):
-        searched.append({int(image) for image in own.pairs.ravel()})
-        solution = compromise if len(searched) == 1 else of_one
-        return LensSearch(solution, [], [], np.zeros(8, np.uint8))
+    def search(mapping):
+        searched.append({int(image) for image in mapping.raw.pairs.ravel()})
+        mapping.solution = compromise if len(searched) == 1 else of_one
 
     monkeypatch.setattr(zooms, "search_lens", search)
     monkeypatch.setattr(zooms, "_FOCALS", np.geomspace(0.7, 1.6, 5))
-    photographs = Photographs(None, NAMES, [], [], [LENS] * IMAGES)
-    found, several = search_zooms(photographs, scene.features, raw, OPTIONS, None, None)
-    assert found.solution is of_one and [len(zoom.names) for zoom in several] == [6, 3]
+    mapping = scene.mapping(OPTIONS, raw=raw)
+    search_zooms(mapping)
+    assert mapping.solution is of_one
+    assert [len(zoom.names) for zoom in mapping.found.zooms] == [6, 3]
     whole, own = searched
     assert whole == set(range(IMAGES)) and own and not own & set(SECOND)
 
@@ -104,17 +101,17 @@ def test_lens_is_not_sought_again_where_images_only_do_not_connect(monkeypatch):
     scene = Synthetic(np.random.default_rng(4), images=IMAGES, points=300, camera=LENS)
     raw = match_images(NAMES, scene.features, OPTIONS, quiet)
     pairs = [p for p in scene.verified() if (p.first < 5) == (p.second < 5)]
-    half = solve(NAMES, [LENS] * IMAGES, scene.features, pairs, OPTIONS, quiet)
+    half = solve_poses(scene.images(), pairs, OPTIONS)
     assert half.num_registered == 5
     searched = []
 
-    def search(*_):
+    def search(mapping):
         searched.append(1)
-        return LensSearch(half, [], [], np.zeros(8, np.uint8))
+        mapping.solution = half
 
     monkeypatch.setattr(zooms, "search_lens", search)
     apart = [i for i, (a, b) in enumerate(raw.pairs) if (a < 5) == (b < 5)]
     raw = dataclasses.replace(raw, pairs=raw.pairs[apart], matches=[raw.matches[i] for i in apart])
-    photographs = Photographs(None, NAMES, [], [], [LENS] * IMAGES)
-    found, several = search_zooms(photographs, scene.features, raw, OPTIONS, None, None)
-    assert found.solution is half and several == [] and len(searched) == 1
+    mapping = scene.mapping(OPTIONS, raw=raw)
+    search_zooms(mapping)
+    assert mapping.solution is half and mapping.found.zooms == [] and len(searched) == 1

@@ -1,21 +1,11 @@
 """The number of Gaussians that a run may have, by counts of photographs and pixels."""
 
-import numpy as np
-import pytest
-
 import gsut
 from gsut import TrainOptions
 from gsut.run.options import PRESETS, presets
 from gsut.training import choose_complexity
 from gsut.training.first import complexity
 from random_scenes import arrays_of
-from rendered_dataset import write_dataset
-
-
-@pytest.fixture(scope="module")
-def scene(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("complexity") / "data"
-    return gsut.load_dataset(write_dataset(folder, np.random.default_rng(20260821)))
 
 
 def valid_pixels(scene):

@@ -14,9 +14,9 @@ from gsut import TrainOptions
 from gsut.cli import main
 from gsut.render import Light
 from gsut.run.folder import METRICS, OPTIONS, PLAN, SCENE, RunFolder
-from gsut.training.time_left import step_work
+from gsut.training.time_left import predict_training_steps
 from gsut.training.tuning import finetune_options
-from gsut.training.tuning.from_start import is_better_from_start, options_from_start
+from gsut.training.tuning.from_start import FromStart
 from rendered_dataset import VIEWS, write_dataset
 
 GAINS = 0.75 + 0.25 * np.sin(np.arange(VIEWS))
@@ -115,8 +115,8 @@ def test_light_that_hardly_differs_is_no_reason():
     options = TrainOptions(steps=80).resolve()
     for spread, better in ((0.0, False), (0.004, False), (0.05, True)):
         light = Light(np.exp(spread * np.array([[-1.0] * 3, [1.0] * 3])), (None,))
-        assert is_better_from_start(options, light, 1000, 300, 100) == better
-    assert not is_better_from_start(options, None, 1000, 300, 100)
+        assert FromStart(options, 1000, 300, 100, light).is_better() == better
+    assert not FromStart(options, 1000, 300, 100, None).is_better()
 
 
 @pytest.mark.parametrize("steps", [500, 2000])
@@ -126,10 +126,11 @@ def test_steps_are_as_much_work_as_run_compaction_and_finetuning(run, steps, kee
     megapixels = scene.cameras[0].width * scene.cameras[0].height / 1e6
     own, first = 50_000, 10_000
     o = TrainOptions(steps=steps, max_gaussians=own, lr_scales=0.01).resolve()
-    chosen = options_from_start(scene, o, first, own, round(keep * own), 300)
+    start = FromStart(o, own, round(keep * own), 300, None)
+    chosen = start.choose_options(scene, first)
 
     def work(options, begin):
-        return step_work(options, begin, megapixels).sum()
+        return predict_training_steps(options, begin, megapixels).sum()
 
     few = dataclasses.replace(o, max_gaussians=round(keep * own))
     tuned = finetune_options(few, 300, few.max_gaussians)

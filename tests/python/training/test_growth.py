@@ -3,18 +3,10 @@
 import numpy as np
 import pytest
 
-import gsut
 from gsut import TrainOptions
 from gsut.training import TrainingLoop
-from rendered_dataset import write_dataset
 
 SHORT = {"steps": 20, "max_gaussians": 300, "densify_every": 5, "noise": False}
-
-
-@pytest.fixture(scope="module")
-def scene(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("growth") / "data"
-    return gsut.load_dataset(write_dataset(folder, np.random.default_rng(20260821)))
 
 
 def loop_of(scene, **options):

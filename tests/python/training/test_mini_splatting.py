@@ -10,15 +10,8 @@ from gsut.gaussians import SH_C0
 from gsut.optimize import GaussianOptimizer, split_and_prune
 from gsut.training.loop import TrainingLoop
 from gsut.training.strategies.mini import OVERGROWN, find_blurred, reinitialize, sample
-from rendered_dataset import write_dataset
 
 SHORT = {"steps": 80, "max_gaussians": 150, "densify_every": 4, "strategy": "mini", "noise": False}
-
-
-@pytest.fixture(scope="module")
-def scene(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("mini") / "data"
-    return gsut.load_dataset(write_dataset(folder, np.random.default_rng(20260821)))
 
 
 @pytest.fixture(scope="module")
@@ -83,19 +76,10 @@ def test_sampling_draws_in_proportion_to_blend_weights(scene, trained):
     assert np.count_nonzero(drawn) > 40  # drawn, not the best forty
 
 
-def test_run_overgrows_and_is_sampled_to_its_number_and_resumes_to_the_same_bits(scene):
-    options = TrainOptions(**SHORT).resolve()
-    loop, sizes, state = TrainingLoop(scene, options), {}, None
+def test_run_overgrows_and_is_sampled_to_its_number(scene):
+    loop, sizes = TrainingLoop(scene, TrainOptions(**SHORT).resolve()), {}
     while loop.step < 80:
         loop.advance()
         sizes[loop.step] = len(loop.gaussians)
-        if loop.step == 30:  # between re-initialisation and sampling
-            state = loop.state_dict()
-    assert max(sizes.values()) <= OVERGROWN * 150
-    assert max(sizes.values()) > 150
+    assert 150 < max(sizes.values()) <= OVERGROWN * 150
     assert sizes[80] == sizes[40] <= 150
-    again = TrainingLoop(scene, options)
-    again.load_state_dict(state)
-    while again.step < 80:
-        again.advance()
-    assert again.gaussians.means.tobytes() == loop.gaussians.means.tobytes()

@@ -9,9 +9,9 @@ import pytest
 import gsut
 import gsut.demo.dataset
 from gsut.cli import main
-from gsut.sfm.core.alignment import rotation_angles
 from gsut.sfm.core.features import Features
 from gsut.sfm.core.matching import PairMatches
+from gsut.sfm.core.solution import measure_rotation_angles
 from gsut.sfm.core.stages import FOLDER
 from gsut.sfm.points.bearing_points import BearingPoints
 from gsut.sfm.world.comparison import compare_poses
@@ -87,7 +87,7 @@ def video(tmp_path_factory):
     patch = pytest.MonkeyPatch()
     patch.setattr(
         gsut.demo.dataset,
-        "camera_path",
+        "plan_walk",
         lambda count, seed: path(round(1 / SHARE), seed)[:count],
     )
     folder = tmp_path_factory.mktemp("video") / "data"
@@ -109,13 +109,14 @@ def test_a_video_is_registered_by_its_colours(video, tmp_path):
     ]
     # The centres lie almost on a line, so turns are compared from the first image's on.
     turns = [p[:, :3, :3] @ p[0, :3, :3].T for p in poses]
-    off = np.degrees(rotation_angles(np.einsum("nij,nkj->nik", *turns)))
+    off = np.degrees(measure_rotation_angles(np.einsum("nij,nkj->nik", *turns)))
     assert off.max() < 0.4  # degrees; worst observed: 0.14
     assert compare_poses(*poses).ate_percent < 1.5  # worst observed: 0.54
     assert (out / "report.html").is_file()
 
 
 def test_a_killed_run_goes_on_from_its_last_images_to_the_same_bits(video, tmp_path, monkeypatch):
+    from gsut.sfm.core import PosesLog
     from gsut.sfm.core.options import PosesOptions
     from gsut.sfm.pipeline import find_poses
     from gsut.training import photometric_poses
@@ -134,7 +135,7 @@ def test_a_killed_run_goes_on_from_its_last_images_to_the_same_bits(video, tmp_p
         keep = tmp_path / name / FOLDER / "growth.npz"
         mapper = functools.partial(photometric_poses.grow_poses, keep=keep)
         return find_poses(
-            video, tmp_path / name, options=options, mapper=mapper, on_progress=on_progress
+            video, tmp_path / name, options=options, mapper=mapper, log=PosesLog(on_progress)
         ).solution
 
     class Killed(Exception):

@@ -7,7 +7,6 @@ import gsut
 from gsut import TrainOptions
 from gsut.training import choose_degree
 from gsut.training.first import complexity, view_dependence
-from rendered_dataset import write_dataset
 
 POINTS, VIEWS = 150, 12
 
@@ -65,11 +64,7 @@ def test_few_points_tell_nothing(rng):
     assert view_dependence._predict_left_out(point, rng.normal(size=160), directions) is None
 
 
-def test_degree_of_harmonics_follows_the_photographs_where_it_is_open(
-    tmp_path, monkeypatch, capsys
-):
-    rng = np.random.default_rng(20260821)
-    scene = gsut.load_dataset(write_dataset(tmp_path / "data", rng))
+def test_degree_of_harmonics_follows_the_photographs_where_it_is_open(scene, monkeypatch, capsys):
     assert view_dependence.measure_unpredicted_share(scene) is None  # a handful of points
     assert choose_degree(scene, TrainOptions()).sh_degree == 1
     rows = [(0.5, {}, 3), (0.9, {}, 1), (0.5, {"sh_degree": 0}, 0), (0.9, {"preset": "best"}, 2)]

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gsut.data.errors import DatasetError
-from gsut.files import regular
+from gsut.files import check_regular
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp")
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -63,7 +63,7 @@ def read_header(path: Path) -> ImageHeader:
 
 def _open(path: Path):
     try:
-        return open(regular(path), "rb")
+        return open(check_regular(path), "rb")
     except OSError as error:
         raise DatasetError(
             path, f"cannot be opened ({error.strerror})", "check the path"

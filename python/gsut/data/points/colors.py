@@ -42,7 +42,7 @@ def color_points(
     colors = np.zeros((_SLOTS, len(points), 3), np.uint8)
     count = min(len(scene), _MOST_VIEWS)
     chosen = np.unique(np.linspace(0, len(scene) - 1, count).round().astype(int)).tolist()
-    for index in Progress(progress).through("colours", chosen):
+    for index in Progress(progress).iterate("colours", chosen):
         rows, x, y, away = find_seen_points(scene, index, points)
         slot = distances[:, rows].argmax(axis=0)
         nearer = away < distances[slot, rows]

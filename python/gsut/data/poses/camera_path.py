@@ -11,7 +11,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data.poses.transforms import OPENGL_FROM_OPENCV, check_rigid
-from gsut.files import regular
+from gsut.files import check_regular
 
 
 def read_path(path: str | os.PathLike[str], world_offset: np.ndarray | None = None) -> np.ndarray:
@@ -66,7 +66,7 @@ def read_path_lens(path: str | os.PathLike[str]) -> Any:
 
 def _read_content(path: str | os.PathLike[str]) -> dict[str, Any]:
     try:
-        content = json.loads(regular(path).read_text(encoding="utf-8"))
+        content = json.loads(check_regular(path).read_text(encoding="utf-8"))
     except OSError as error:
         raise InputError(f"cannot read the camera path {path}: {error.strerror}") from None
     except ValueError as error:

@@ -14,7 +14,7 @@ from gsut._core import CalibrationError, InputError
 from gsut.data.errors import DatasetError
 from gsut.data.poses import check_rigid, find_centers, invert_pose
 from gsut.data.text_files import read_yaml
-from gsut.files import regular, write_file
+from gsut.files import check_regular, write_file
 from gsut.lens import Camera, load_camera, spread_pixels
 from gsut.lens.files import is_camchain
 
@@ -72,7 +72,7 @@ def read_rig(path: str | os.PathLike[str]) -> Rig:
     """
     file = Path(path)
     try:
-        text = regular(file).read_text(encoding="utf-8")
+        text = check_regular(file).read_text(encoding="utf-8")
     except OSError as error:
         raise InputError(f"--rig {file} cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:

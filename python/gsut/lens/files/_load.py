@@ -7,7 +7,7 @@ import os
 from pathlib import Path
 
 from gsut._core import CalibrationError, InputError
-from gsut.files import reading, regular, write_file
+from gsut.files import check_regular, reading, write_file
 from gsut.lens.camera import Camera
 from gsut.lens.files._format import LensFile, LensFormat, list_formats
 
@@ -42,7 +42,7 @@ def load_camera(path: _Path, camera_id: int | str | None = None) -> Camera:
     """
     source, place = str(path), Path(path)
     with reading(lambda what: CalibrationError(f"{source}: {what}; is it a lens file, and whole?")):
-        file = LensFile(place, source, regular(place).read_bytes())
+        file = LensFile(place, source, check_regular(place).read_bytes())
         return _find_format(file).read(file, camera_id)
 
 

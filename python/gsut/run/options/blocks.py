@@ -10,7 +10,7 @@ from gsut._core import InputError
 from gsut.run.options.fields import (
     check_options,
     define_option,
-    document_options,
+    describe_options,
     list_words,
     parse_size,
 )
@@ -19,7 +19,7 @@ from gsut.run.options.fields import (
 MOST_BLOCKS = 4096
 
 
-@document_options
+@describe_options
 @dataclasses.dataclass(frozen=True)
 class BlockOptions:
     """How a training is divided.

@@ -145,7 +145,7 @@ def list_words(options: Any, default: Any, but: Sequence[str] = ()) -> list[str]
     return words
 
 
-def document_options(options: type) -> type:
+def describe_options(options: type) -> type:
     """Lists the fields of an options dataclass in its docstring, above the errors."""
     doc, _, raises = (options.__doc__ or "").partition("    Raises:")
     rows = "".join(f"        {f.name}: {describe_option(f)}.\n" for f in list_fields(options))

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 
-from gsut.run.options.fields import check_options, define_option, document_options
+from gsut.run.options.fields import check_options, define_option, describe_options
 from gsut.run.options.recipe import PRESETS
 
 
-@document_options
+@describe_options
 @dataclasses.dataclass(frozen=True)
 class SceneOptions:
     """All settings of `gsut.scene`; immutable, checked when made.

@@ -15,7 +15,7 @@ from gsut._core import InputError
 from gsut.run.options.fields import (
     check_options,
     define_option,
-    document_options,
+    describe_options,
     list_choices,
     list_words,
 )
@@ -25,7 +25,7 @@ from gsut.run.options.recipe import PRESETS, compute_recipe, get_preset
 AUTO = "auto"
 
 
-@document_options
+@describe_options
 @dataclasses.dataclass(frozen=True)
 class TrainOptions:
     """All settings of one training run; immutable, checked when made.

@@ -1,95 +1,125 @@
 """Photographs, features, matches, and the solver that turns these into poses and points."""
 
-from gsut.sfm.core.alignment import rotation_angles, similarity
-from gsut.sfm.core.correspondences import OnProgress, collect_features, match_images
-from gsut.sfm.core.epipolar import angular_errors, pixels_per_radian, readout_moments, readout_poses
-from gsut.sfm.core.features import Features, features_in
+from gsut.sfm.core.epipolar import (
+    compute_readout_poses,
+    find_readout_moments,
+    measure_angular_errors,
+    measure_pixels_per_radian,
+)
+from gsut.sfm.core.features import Features, OnProgress, collect_features, detect_features
+from gsut.sfm.core.findings import Findings, RigFit, Zoom
 from gsut.sfm.core.log import PosesLog
-from gsut.sfm.core.look_alikes import LookAlikes, ToldApart, find_look_alikes, tell_apart
-from gsut.sfm.core.matching import PairMatches, RawMatches
-from gsut.sfm.core.models import further_models, refine_registered
-from gsut.sfm.core.moving import Moving
+from gsut.sfm.core.look_alikes import find_look_alikes, separate_look_alikes
+from gsut.sfm.core.mapping import Mapping, choose_shutter, require_global_shutter
+from gsut.sfm.core.matching import PairMatches, RawMatches, find_frame_numbers, match_images
+from gsut.sfm.core.models import find_further_models
 from gsut.sfm.core.options import PosesOptions, add_lens_readout
-from gsut.sfm.core.overlap import count_exceeded, picture_faults, require_overlap, why_nothing
-from gsut.sfm.core.pairs import times_of
 from gsut.sfm.core.photographs import (
     FEWEST_IMAGES,
     TANGENT,
     Photographs,
     check_lens,
     find_photographs,
-    photographs_in,
+    list_photographs,
     require_central,
 )
-from gsut.sfm.core.selection import choose_connected_pairs, keep_most_distinct, only_pairs
+from gsut.sfm.core.selection import choose_connected_pairs, keep_most_distinct, select_pairs
 from gsut.sfm.core.solution import (
     FEATURE_VARIANCE,
-    OnRig,
+    Images,
     Solution,
-    diagonal,
+    average_colors,
     evaluate_observations,
-    in_cameras,
-    matches_in_points,
-    mean_colors,
-    refine,
-    solve,
+    gather_pixels,
+    measure_agreement,
+    measure_diagonal,
+    measure_rotation_angles,
+    similarity_from_points,
+    transform_to_cameras,
 )
-from gsut.sfm.core.stages import FOLDER, Stages, digest
+from gsut.sfm.core.solver import (
+    Adjustment,
+    OnStep,
+    ReadoutMotion,
+    RigConstraint,
+    adjust_poses,
+    adjust_registered,
+    list_extension_settings,
+    select_verified_pairs,
+    solve_poses,
+)
+from gsut.sfm.core.stages import FOLDER, Stages, digest_key
 from gsut.sfm.core.threads import set_threads
-from gsut.sfm.core.verification import verify
+from gsut.sfm.core.verification import (
+    count_exceeded,
+    explain_failure,
+    find_picture_faults,
+    require_overlap,
+    verify_matches,
+)
 
 __all__ = [
     "FEATURE_VARIANCE",
     "FEWEST_IMAGES",
     "FOLDER",
     "TANGENT",
+    "Adjustment",
     "Features",
-    "LookAlikes",
-    "Moving",
+    "Findings",
+    "Images",
+    "Mapping",
     "OnProgress",
-    "OnRig",
+    "OnStep",
     "PairMatches",
     "Photographs",
     "PosesLog",
     "PosesOptions",
     "RawMatches",
+    "ReadoutMotion",
+    "RigConstraint",
+    "RigFit",
     "Solution",
     "Stages",
-    "ToldApart",
+    "Zoom",
     "add_lens_readout",
-    "angular_errors",
+    "adjust_poses",
+    "adjust_registered",
+    "average_colors",
     "check_lens",
     "choose_connected_pairs",
+    "choose_shutter",
     "collect_features",
+    "compute_readout_poses",
     "count_exceeded",
-    "diagonal",
-    "digest",
+    "detect_features",
+    "digest_key",
     "evaluate_observations",
-    "features_in",
+    "explain_failure",
+    "find_frame_numbers",
+    "find_further_models",
     "find_look_alikes",
     "find_photographs",
-    "further_models",
-    "in_cameras",
+    "find_picture_faults",
+    "find_readout_moments",
+    "gather_pixels",
     "keep_most_distinct",
+    "list_extension_settings",
+    "list_photographs",
     "match_images",
-    "matches_in_points",
-    "mean_colors",
-    "only_pairs",
-    "photographs_in",
-    "picture_faults",
-    "pixels_per_radian",
-    "readout_moments",
-    "readout_poses",
-    "refine",
-    "refine_registered",
+    "measure_agreement",
+    "measure_angular_errors",
+    "measure_diagonal",
+    "measure_pixels_per_radian",
+    "measure_rotation_angles",
     "require_central",
+    "require_global_shutter",
     "require_overlap",
-    "rotation_angles",
+    "select_pairs",
+    "select_verified_pairs",
+    "separate_look_alikes",
     "set_threads",
-    "similarity",
-    "solve",
-    "tell_apart",
-    "times_of",
-    "verify",
-    "why_nothing",
+    "similarity_from_points",
+    "solve_poses",
+    "transform_to_cameras",
+    "verify_matches",
 ]

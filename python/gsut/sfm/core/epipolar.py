@@ -1,4 +1,4 @@
-"""How well two rays of posed cameras fit each other: angles to epipolar planes."""
+"""Measures how well two rays of posed cameras meet: angles to epipolar planes."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from gsut.data import View
 from gsut.data.poses import invert_pose
 from gsut.lens import Camera
 
-_TINY = 1e-12
-_MOMENTS = 16  # of a rolling shutter's readout
+_TINY = 1e-12  # keeps quotients finite
+_MOMENTS = 16  # of a rolling readout at which poses are taken: neighbouring poses hardly differ
 
 
-def readout_poses(view: View) -> np.ndarray:
-    """(1, 4, 4) world_from_camera, or (16, 4, 4) at as many moments of a rolling readout."""
+def compute_readout_poses(view: View) -> np.ndarray:
+    """Returns (1, 4, 4) world_from_camera, or (16, 4, 4) at moments of a rolling readout."""
     motion = view.motion
     if not isinstance(motion, CameraMotion):
         return invert_pose(np.asarray(motion))[None]
@@ -22,8 +22,8 @@ def readout_poses(view: View) -> np.ndarray:
     return np.array([invert_pose(np.asarray(motion.at(float(time)))) for time in times])
 
 
-def readout_moments(view: View, camera: Camera, pixels: np.ndarray) -> np.ndarray:
-    """(N,) into `readout_poses`, when pixels (N, 2) are read."""
+def find_readout_moments(view: View, camera: Camera, pixels: np.ndarray) -> np.ndarray:
+    """Returns (N,) indices into the poses of a readout: when pixels (N, 2) are read."""
     motion = view.motion
     if not isinstance(motion, CameraMotion):
         return np.zeros(len(pixels), np.int64)
@@ -35,23 +35,26 @@ def readout_moments(view: View, camera: Camera, pixels: np.ndarray) -> np.ndarra
     return np.clip((share * _MOMENTS).astype(np.int64), 0, _MOMENTS - 1)
 
 
-def pixels_per_radian(camera: Camera) -> float:
-    """On the axis, or of a panorama the mean."""
+def measure_pixels_per_radian(camera: Camera) -> float:
+    """Returns the pixels that a radian covers on the axis; of a panorama the mean."""
     place, valid = camera.project(np.array([[0.0, 0.0, 1.0], [1e-4, 0.0, 1.0], [0.0, 1e-4, 1.0]]))
     if not np.all(valid):
         return float(np.hypot(camera.width, camera.height)) / 2
     return float(np.mean(np.linalg.norm(place[1:] - place[0], axis=1))) / 1e-4
 
 
-def angular_errors(
+def measure_angular_errors(
     rays: np.ndarray, world_from_camera: np.ndarray, signed: bool = False
 ) -> np.ndarray:
-    """(M,) radians by which two rays miss each other, or would meet behind a camera; NaN: no ray.
+    """Measures by how many radians two rays miss each other or would meet behind a camera.
 
     Args:
         rays: (2, M, 3) in camera axes.
         world_from_camera: (2, M, 4, 4), or (2, M, 3, 4).
-        signed: only by how much they miss each other, to which side: for least squares.
+        signed: return the signed angle by which they miss each other, for least squares.
+
+    Returns:
+        (M,); NaN where there is no ray.
     """
     one, two = np.einsum("smij,smj->smi", world_from_camera[..., :3, :3], rays)
     base = world_from_camera[1, :, :3, 3] - world_from_camera[0, :, :3, 3]
@@ -78,7 +81,7 @@ def angular_errors(
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """np.cross of (M, 3), several times quicker for few rows."""
+    """Returns the cross product of (M, 3), several times faster than np.cross for few rows."""
     x, y, z = a.T
     u, v, w = b.T
     return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=1)

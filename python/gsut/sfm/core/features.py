@@ -1,4 +1,4 @@
-"""Features of photographs: root-SIFT on the raw, distorted image, where the lens has rays."""
+"""Finds the features of photographs: root-SIFT on the raw, distorted image."""
 
 from __future__ import annotations
 
@@ -15,12 +15,16 @@ from gsut._core import InputError
 from gsut.data.images import decode_image, decode_mask, shrink_image, shrink_mask
 from gsut.lens import Camera
 from gsut.sfm.core.options import PosesOptions
+from gsut.sfm.core.photographs import FEWEST_IMAGES, Photographs
+from gsut.sfm.core.stages import Stages
 
-DESCRIPTOR_LENGTH = 128
-_BYTES = 512  # of a descriptor of unit length: as SIFT's own
-# Keypoints so near a pixel without a ray, in units of their size, describe the lens' edge.
+DESCRIPTOR_LENGTH = 128  # of SIFT: 4 x 4 cells of 8 directions
+DESCRIPTOR_SCALE = 512  # length of a descriptor stored in bytes: SIFT's own convention
+# Distance to the nearest invalid pixel, in units of the keypoint's size, below which a keypoint
+# describes the edge of the lens' image circle instead of the scene.
 _EDGE_SIZES = 1.0
-# Pixels for each feature wanted, up to which describing all takes less than a second pyramid.
+# Pixels for each wanted feature up to which describing all keypoints is cheaper than building the
+# image pyramid a second time.
 _PIXELS_EACH = 300
 
 
@@ -31,8 +35,8 @@ class Features:
     Args:
         pixels: (N, 2) float64 in the full image; (0.5, 0.5) is the centre of the top-left pixel.
         sizes: (N,) float32 diameters in pixels of the full image, largest first.
-        descriptors: (N, 128) uint8, 512 times the root of SIFT's shares (root-SIFT: Arandjelovic
-            and Zisserman 2012), at most 255; see `unit_descriptors`.
+        descriptors: (N, 128) uint8, DESCRIPTOR_SCALE times the root of SIFT's shares (root-SIFT:
+            Arandjelovic and Zisserman 2012), at most 255; see `normalize_descriptors`.
         colors: (N, 3) uint8 red, green, blue at the pixels.
     """
 
@@ -44,28 +48,86 @@ class Features:
     def __len__(self) -> int:
         return len(self.pixels)
 
-    def unit_descriptors(self, most: int | None = None) -> np.ndarray:
-        """(M, 128) float32 of unit length, of the `most` largest features."""
+    def normalize_descriptors(self, most: int | None = None) -> np.ndarray:
+        """Returns (M, 128) float32 descriptors of unit length of the `most` largest features."""
         values = self.descriptors[:most].astype(np.float32)
         return values / np.maximum(np.linalg.norm(values, axis=1, keepdims=True), 1e-12)
 
 
-def no_features() -> Features:
-    """Of an image that cannot be read, or shows nothing."""
+# Called with (stage, done, total, text) as the work goes on.
+OnProgress = Callable[[str, int, int, str], None]
+
+
+def collect_features(
+    photographs: Photographs,
+    options: PosesOptions,
+    on_progress: OnProgress,
+    note: Callable[[str], None],
+    stages: Stages | None = None,
+) -> list[Features]:
+    """Finds the features of all images; those that cannot be read have none.
+
+    Args:
+        on_progress: called for the stage "features".
+        note: called with a sentence on each image that is left out.
+        stages: where features are kept; None: nowhere.
+
+    Raises:
+        InputError: fewer than two images can be used.
+    """
+    total = len(photographs)
+    found = [_load_features(stages, i) if stages else None for i in range(total)]
+    absent = [i for i, features in enumerate(found) if features is None]
+    on_progress("features", total - len(absent), total, "")
+    broken: list[str] = []
+
+    def on_image(place: int, features: Features | None, error: Exception | None) -> None:
+        index = absent[place]
+        if features is None:
+            broken.append(str(error))
+            note(f"left out: {error}")
+            features = make_no_features()
+        elif stages is not None:
+            stages.save(_name_stage(index), vars(features))
+        found[index] = features
+        done = total - len(absent) + place + 1
+        on_progress("features", done, total, f"{len(features):,} in {photographs.names[index]}")
+
+    _read_all_features(photographs, absent, options, on_image)
+    if total - len(broken) < FEWEST_IMAGES:
+        raise InputError(
+            f"{total - len(broken)} of {total} images can be used, and poses need at least "
+            f"{FEWEST_IMAGES} that overlap; {broken[0] if broken else ''}"
+        )
+    return [features for features in found if features is not None]
+
+
+def _name_stage(index: int) -> str:
+    return f"features-{index:06d}"
+
+
+def _load_features(stages: Stages, index: int) -> Features | None:
+    arrays = stages.load(_name_stage(index))
+    names = {field.name for field in dataclasses.fields(Features)}
+    return None if arrays is None or set(arrays) != names else Features(**arrays)
+
+
+def make_no_features() -> Features:
+    """Returns the features of an image that cannot be read or shows nothing."""
     return Features(
         np.zeros((0, 2)), np.zeros(0, np.float32),
         np.zeros((0, DESCRIPTOR_LENGTH), np.uint8), np.zeros((0, 3), np.uint8),
     )  # fmt: skip
 
 
-def find_features(
+def read_features(
     path: Path, camera: Camera | None, options: PosesOptions, mask_path: Path | None = None
 ) -> Features:
-    """Finds the features of one image.
+    """Reads an image and detects its features.
 
     Args:
         path: the image.
-        camera: its lens; features where it has no ray are left out. None: unknown.
+        camera: its lens, which leaves out features where it has no ray; None: unknown.
         options: see PosesOptions.
         mask_path: image that is white where pixels are valid, or None.
 
@@ -80,11 +142,15 @@ def find_features(
             f"{path} is {width} x {height}, the lens is for {camera.width} x {camera.height}; "
             "give the lens file of these images"
         )
-    return features_in(pixels, _valid_pixels(camera, alpha, mask_path, width, height), options)
+    return detect_features(
+        pixels, _find_valid_pixels(camera, alpha, mask_path, width, height), options
+    )
 
 
-def features_in(pixels: np.ndarray, valid: np.ndarray | None, options: PosesOptions) -> Features:
-    """Finds the features of an image in memory.
+def detect_features(
+    pixels: np.ndarray, valid: np.ndarray | None, options: PosesOptions
+) -> Features:
+    """Detects the features of an image in memory.
 
     Args:
         pixels: (H, W, 3) uint8.
@@ -103,7 +169,8 @@ def features_in(pixels: np.ndarray, valid: np.ndarray | None, options: PosesOpti
     small_mask = None
     if valid is not None:
         small_mask = shrink_mask(valid, small.shape[1], small.shape[0]).astype(np.uint8)
-    # All at once builds SIFT's pyramid once, and describes features that are not chosen.
+    # Detecting and describing at once builds SIFT's pyramid once, but describes keypoints that
+    # are not chosen.
     at_once = small_mask is None or grey.size < _PIXELS_EACH * options.max_features
     sift = cv2.SIFT.create(
         options.max_features if small_mask is None else 0,
@@ -114,14 +181,14 @@ def features_in(pixels: np.ndarray, valid: np.ndarray | None, options: PosesOpti
     else:
         keypoints = sift.detect(grey, small_mask)
     if small_mask is not None and keypoints:
-        kept = _strongest(keypoints, options.max_features, small_mask)
+        kept = _choose_strongest(keypoints, options.max_features, small_mask)
         keypoints = [keypoints[row] for row in kept]
         if at_once:
             descriptors = descriptors[kept]
         elif keypoints:
             keypoints, descriptors = sift.compute(grey, keypoints)
     if not keypoints:
-        return no_features()
+        return make_no_features()
     at = np.array([k.pt for k in keypoints], np.float64).reshape(-1, 2)
     sizes = np.array([k.size for k in keypoints], np.float32) * float(factor.mean())
     order = np.argsort(-sizes, kind="stable")
@@ -132,25 +199,22 @@ def features_in(pixels: np.ndarray, valid: np.ndarray | None, options: PosesOpti
     return Features(
         full,
         sizes[order],
-        np.minimum(np.rint(_BYTES * root[order]), 255).astype(np.uint8),
+        np.minimum(np.rint(DESCRIPTOR_SCALE * root[order]), 255).astype(np.uint8),
         pixels[corner[:, 1], corner[:, 0]],
     )
 
 
-def find_all_features(
-    paths: Sequence[Path],
-    cameras: Sequence[Camera | None],
-    masks: Sequence[Path | None],
+def _read_all_features(
+    photographs: Photographs,
+    chosen: Sequence[int],
     options: PosesOptions,
     on_image: Callable[[int, Features | None, Exception | None], None],
 ) -> None:
-    """Finds the features of many images in parallel.
+    """Reads the features of the chosen images in parallel.
 
     Args:
-        paths, cameras, masks: one an image.
-        options: see PosesOptions.
-        on_image: called in the order of the images with the index and the features, or the error
-            of an image that cannot be read.
+        on_image: called in the order of `chosen` with the place there and the features, or the
+            error of an image that cannot be read.
     """
     import cv2
 
@@ -160,9 +224,12 @@ def find_all_features(
     try:
         with concurrent.futures.ThreadPoolExecutor(workers) as pool:
             jobs = [
-                pool.submit(find_features, path, camera, options, mask)
-                for path, camera, mask in zip(paths, cameras, masks, strict=True)
-            ]
+                pool.submit(
+                    read_features, photographs.paths[i], photographs.cameras[i], options,
+                    photographs.masks[i],
+                )
+                for i in chosen
+            ]  # fmt: skip
             try:
                 for index, job in enumerate(jobs):
                     try:
@@ -179,10 +246,10 @@ def find_all_features(
         cv2.setNumThreads(before)
 
 
-def _valid_pixels(
+def _find_valid_pixels(
     camera: Camera | None, alpha: np.ndarray | None, mask_path: Path | None, width: int, height: int
 ) -> np.ndarray | None:
-    """(H, W) bool, or None where all are valid."""
+    """Combines rays, alpha and mask into (H, W) bool; None if all pixels are valid."""
     valid = np.ones((height, width), bool)
     if camera is not None:
         valid &= camera.rays()[1]
@@ -199,8 +266,8 @@ def _valid_pixels(
     return None if valid.all() else valid
 
 
-def _strongest(keypoints, most: int, mask: np.ndarray) -> list[int]:
-    """Numbers of keypoints well inside the mask, one a place and direction, by contrast."""
+def _choose_strongest(keypoints, most: int, mask: np.ndarray) -> list[int]:
+    """Returns the numbers of the keypoints of most contrast well inside the mask."""
     import cv2
 
     distance = cv2.distanceTransform(mask, cv2.DIST_L2, 3)

@@ -1,8 +1,8 @@
-"""Places that look alike, taken for one: images at one place by their poses that see other things.
+"""Finds places that look alike and were taken for one, and separates them.
 
-Rooms with the same furniture, walked through alike, contradict nothing by the rotations of pairs
-(see `contradictions`): the furniture fits. What stands around it does not: of the points that
-several images of one room see, those of the other room see only the furniture's.
+Where a camera walks through two rooms with the same furniture, the rotations of pairs do not
+contradict each other: the furniture fits. What stands around it does not fit: of the points that
+several images of one room see, the images of the other room see only those of the furniture.
 """
 
 from __future__ import annotations
@@ -18,42 +18,45 @@ from gsut.data.poses import find_centers
 from gsut.sfm.core.matching import PairMatches
 from gsut.sfm.core.solution import Solution
 
-# Points are compared where both images see them from nearly the same side and distance, and a
-# margin inside the picture: there features are found again, and little is hidden.
-_ANGLE = np.radians(6.0)
-_DISTANCE = 1.2
-_MARGIN = 0.04
-_MOVED = 0.25  # of the distance: farther apart, no two images are that near
-# An image with those that share most points with it; a point must be seen by so many of one such
-# group and be in view of so many of the other.
-_GROUP, _SEEN_BY, _IN_VIEW_OF = 4, 3, 3
-_MOST_POINTS, _MOST_OF_IMAGE = 20_000, 300
-# Such points of a pair of images, and of the one that has fewer.
-_EXPECTED, _EXPECTED_OF_EITHER = 20, 8
-# Share of them that is seen, in the mean over an image's pairs, below which the image is doubted:
-# 0.77 and more for true loops, below 0.6 for half of the images of folded walks. So many pairs of
-# an image, images, and share of the images that can tell, count.
-_SHARE, _PAIRS, _IMAGES, _OF_ALL = 0.6, 2, 3, 0.1
-_ROUNDS = 2
-_LEFT = 0.2  # share of the images with a pose that must keep one, or what was found stays, doubted
+# Points are compared where both images see them from nearly the same side and distance, where
+# features are found again and little is hidden.
+_MOST_ANGLE = np.radians(6.0)  # between the rays of two images to a point
+_MOST_DISTANCE_RATIO = 1.2  # of two images to a point
+_MARGIN = 0.04  # of the image's sides, where features are often missed
+_MOST_MOVED = 0.25  # of the farthest point's distance: beyond it no two images are that near
+_GROUP_SIZE = 4  # an image with those that share most points with it
+_SEEN_BY = 3  # images of one group that must see a point
+_IN_VIEW_OF = 3  # images of the other group that the point must be in view of
+_MOST_POINTS = 20_000  # compared in all: enough for shares to a percent
+_MOST_POINTS_OF_IMAGE = 300  # compared: enough for a share to some percent
+_FEWEST_OF_PAIR = 20  # points that a pair of images must be able to compare
+_FEWEST_OF_EITHER = 8  # of them in the image that has fewer
+# Share of the expected points that are seen, in the mean over an image's pairs, below which the
+# image is doubted: true loops have 0.77 and more, half of the images of folded walks less than 0.6.
+_LEAST_SHARE = 0.6
+_FEWEST_PAIRS = 2  # of an image, for its share to count
+_FEWEST_IMAGES = 3  # doubted, for a doubt at all
+_LEAST_OF_ALL = 0.1  # share of the comparable images that must be doubted, for a doubt at all
+_ROUNDS = 2  # of dropping joins and mapping again
+_LEAST_LEFT = 0.2  # share of the images with a pose that must keep one, or nothing is dropped
 
 
 @dataclasses.dataclass(frozen=True)
 class LookAlikes:
-    """What speaks for places that were taken for one.
+    """Evidence that places which look alike were taken for one.
 
     Args:
-        pairs: of image names at one place by their poses, worst first, one of a doubted image each.
-        shares: of each, of what one of both sees there, the share that the other sees.
-        images: names of all that are doubted.
+        pairs: names of two images at one place by their poses, worst first, one a doubted image.
+        shares: of each pair, the share of what one image sees that the other sees too.
+        images: names of all doubted images.
     """
 
     pairs: list[tuple[str, str]]
     shares: list[float]
     images: list[str]
 
-    def words(self) -> str:
-        """The reason of a verdict."""
+    def explain(self) -> str:
+        """Returns the sentence of a verdict."""
         (one, other), share = self.pairs[0], self.shares[0]
         return (
             f"places that look alike may be taken for one: by their poses {one} and {other} show "
@@ -61,8 +64,8 @@ class LookAlikes:
             f"{len(self.images)} images: {list_some(self.images)}"
         )
 
-    def figures(self) -> dict[str, object]:
-        """Of poses.json."""
+    def to_figures(self) -> dict[str, object]:
+        """Returns the values for poses.json."""
         return {
             "images": self.images,
             "pairs": [
@@ -73,42 +76,12 @@ class LookAlikes:
 
 
 @dataclasses.dataclass(frozen=True)
-class ToldApart:
-    """What `tell_apart` makes of a solution.
-
-    Args:
-        solution, pairs: it, and the pairs that it is made of.
-        dropped: how many were left out for it.
-        doubt: what still speaks for places taken for one, or None.
-    """
-
-    solution: Solution
-    pairs: list[PairMatches]
-    dropped: int = 0
-    doubt: LookAlikes | None = None
-
-    def words(self) -> list[str]:
-        """What a user should know of it."""
-        if not self.dropped:
-            return []
-        return [
-            f"{self.dropped} of {self.dropped + len(self.pairs)} pairs of images were left out: "
-            "they took places that look alike for one"
-        ]
-
-    def figures(self) -> dict[str, object]:
-        """Of poses.json."""
-        return {"look_alikes": None if self.doubt is None else self.doubt.figures()}
-
-
-@dataclasses.dataclass(frozen=True)
 class _Evidence:
-    """What images see of each other.
+    """What images see of each other's points.
 
     Args:
-        shares: (N, N) of what either should see of the other's points; NaN: unknown.
-        joined: (N, N) bool, surely: near in time, or, where that is not known, with a neighbour in
-            common.
+        shares: (N, N) of the points that either should see of the other's; NaN: unknown.
+        joined: (N, N) bool: near in time, or, where that is not known, with a common neighbour.
         doubted: (N,) bool.
     """
 
@@ -120,58 +93,61 @@ class _Evidence:
 def find_look_alikes(
     solution: Solution, times: np.ndarray | None = None, near: int = 0
 ) -> LookAlikes | None:
-    """Images whose poses say that they show the same, and whose points say that they do not.
+    """Finds images whose poses say that they show the same place while their points do not.
 
     Args:
         solution: poses and points.
-        times: (N,) int64, number of each image's frame in order of time; None: not known.
-        near: frames whose numbers differ by so much at most are not compared: they surely follow
-            each other; nor are others, between which the camera did not leave the place.
+        times: (N,) int64, each image's frame number in order of time; None: not known.
+        near: frames whose numbers differ by no more are not compared, as they follow each other;
+            nor are frames between which the camera did not leave the place.
 
     Returns:
-        What speaks for it; None where nothing does, or too little can tell.
+        None where nothing speaks for it, or too little can be compared.
     """
-    return _named(solution, _evidence(solution, times, near))
+    return _name_doubted(solution, _gather_evidence(solution, times, near))
 
 
-def tell_apart(
+def separate_look_alikes(
     solution: Solution,
     pairs: list[PairMatches],
     solve: Callable[[list[PairMatches]], Solution],
     times: np.ndarray | None = None,
     near: int = 0,
-) -> ToldApart:
-    """Maps again without the joins that took places for one.
+) -> tuple[Solution, list[PairMatches], LookAlikes | None]:
+    """Maps again without the pairs that took places for one.
 
     Args:
-        solution: as it was mapped. pairs: verified, of all images.
-        solve: the mapper.
+        solution: the result of mapping.
+        pairs: verified matches that it was made from.
+        solve: maps the given pairs.
         times, near: see `find_look_alikes`. Only frames near each other in time stay joined, or,
-            where times are not known, images that share a neighbour: a false join of others may
-            look right, and one is enough to fold the whole.
+            where times are not known, images that share a neighbour: another false join may look
+            right, and one is enough to fold the whole.
 
     Returns:
-        What is left; all as it was where no image is doubted, or where too little is left.
+        The solution, its pairs, and what still speaks for places taken for one; solution and pairs
+        are those given where no image is doubted or too little would be left.
     """
-    told, found = ToldApart(solution, pairs), _evidence(solution, times, near)
+    found = _gather_evidence(solution, times, near)
+    least = _LEAST_LEFT * solution.num_registered
     for _ in range(_ROUNDS):
         if not found.doubted.any():
             break
-        kept = [pair for pair in told.pairs if found.joined[pair.first, pair.second]]
-        if len(kept) == len(told.pairs):
+        kept = [pair for pair in pairs if found.joined[pair.first, pair.second]]
+        if len(kept) == len(pairs):
             break
         try:
             fresh = solve(kept)
         except SolveError:
             break
-        if fresh.num_registered < _LEFT * solution.num_registered:
+        if fresh.num_registered < least:
             break
-        told, found = ToldApart(fresh, kept, len(pairs) - len(kept)), _evidence(fresh, times, near)
-    return dataclasses.replace(told, doubt=_named(told.solution, found))
+        solution, pairs, found = fresh, kept, _gather_evidence(fresh, times, near)
+    return solution, pairs, _name_doubted(solution, found)
 
 
-def _named(solution: Solution, found: _Evidence) -> LookAlikes | None:
-    """The evidence in words."""
+def _name_doubted(solution: Solution, found: _Evidence) -> LookAlikes | None:
+    """Names the doubted images, and the pair of each that speaks most against it."""
     doubted = np.flatnonzero(found.doubted)
     if not len(doubted):
         return None
@@ -184,29 +160,29 @@ def _named(solution: Solution, found: _Evidence) -> LookAlikes | None:
     return LookAlikes(list(pairs), list(pairs.values()), names)
 
 
-def _evidence(solution: Solution, times: np.ndarray | None, near: int) -> _Evidence:
-    observed, chosen = _observed(solution)
-    groups = _groups(observed, solution.registered)
-    expected, seen = _compared(solution, observed, chosen, groups)
+def _gather_evidence(solution: Solution, times: np.ndarray | None, near: int) -> _Evidence:
+    observed, chosen = _sample_observations(solution)
+    groups = _group_images(observed, solution.registered)
+    expected, seen = _compare_views(solution, observed, chosen, groups)
     joined = (groups[:, None, :, None] == groups[None, :, None, :]).any(axis=(2, 3))
     together = joined
     if times is not None:
         joined = np.abs(times[:, None] - times) <= near
-    together = together | joined | _one_stay(expected + expected.T >= _EXPECTED, joined)
-    known = (expected + expected.T >= _EXPECTED) & ~together
-    known &= np.minimum(expected, expected.T) >= _EXPECTED_OF_EITHER
+    together = together | joined | _find_stays(expected + expected.T >= _FEWEST_OF_PAIR, joined)
+    known = (expected + expected.T >= _FEWEST_OF_PAIR) & ~together
+    known &= np.minimum(expected, expected.T) >= _FEWEST_OF_EITHER
     shares = np.where(known, (seen + seen.T) / np.maximum(expected + expected.T, 1), np.nan)
     of_image = known.sum(axis=1)
     mean = np.where(known, shares, 0).sum(axis=1) / np.maximum(of_image, 1)
-    can_tell = of_image >= _PAIRS
-    doubted = can_tell & (mean < _SHARE)
-    if doubted.sum() < max(_IMAGES, _OF_ALL * can_tell.sum()):
+    comparable = of_image >= _FEWEST_PAIRS
+    doubted = comparable & (mean < _LEAST_SHARE)
+    if doubted.sum() < max(_FEWEST_IMAGES, _LEAST_OF_ALL * comparable.sum()):
         doubted[:] = False
     return _Evidence(shares, joined, doubted)
 
 
-def _one_stay(same_place: np.ndarray, joined: np.ndarray) -> np.ndarray:
-    """(N, N) bool, whether joins lead from an image to another without leaving the place."""
+def _find_stays(same_place: np.ndarray, joined: np.ndarray) -> np.ndarray:
+    """Returns (N, N) bool: joins lead from one image to the other without leaving the place."""
     stay = np.eye(len(joined), dtype=bool)
     for image, here in enumerate(same_place):
         reached, fresh = stay[image], stay[image]
@@ -217,8 +193,8 @@ def _one_stay(same_place: np.ndarray, joined: np.ndarray) -> np.ndarray:
     return stay | stay.T
 
 
-def _observed(solution: Solution) -> tuple[np.ndarray, np.ndarray]:
-    """(N, P) bool, which images observe some of the points, and which points (P,) these are."""
+def _sample_observations(solution: Solution) -> tuple[np.ndarray, np.ndarray]:
+    """Returns (N, P) bool, which images observe some of the points, and these points (P,)."""
     views = np.bincount(solution.observations[:, 0], minlength=len(solution.points))
     chosen = np.flatnonzero(views >= _SEEN_BY)
     chosen = chosen[:: max(1, -(-len(chosen) // _MOST_POINTS))]
@@ -230,26 +206,27 @@ def _observed(solution: Solution) -> tuple[np.ndarray, np.ndarray]:
     return observed, chosen
 
 
-def _groups(observed: np.ndarray, registered: np.ndarray) -> np.ndarray:
-    """(N, _GROUP) each image, and those that share most points with it."""
+def _group_images(observed: np.ndarray, registered: np.ndarray) -> np.ndarray:
+    """Returns (N, G) each image, and those that share most points with it."""
     values = observed.astype(np.float32)
     common = values @ values.T
-    groups = np.repeat(np.arange(len(common))[:, None], _GROUP, axis=1)
+    size = min(_GROUP_SIZE, len(common))
+    groups = np.repeat(np.arange(len(common))[:, None], size, axis=1)
     for image in np.flatnonzero(registered):
         common[image, image] = np.inf
-        groups[image] = np.argsort(-common[image], kind="stable")[:_GROUP]
+        groups[image] = np.argsort(-common[image], kind="stable")[:size]
     return groups
 
 
-def _times(values: np.ndarray, groups: np.ndarray) -> np.ndarray:
-    """(N, P) how many images of each group `values` (N, P) bool is true of."""
+def _count_in_groups(values: np.ndarray, groups: np.ndarray) -> np.ndarray:
+    """Counts (N, P) the images of each group for which `values` (N, P) bool is true."""
     return values[groups].sum(axis=1, dtype=np.int8)
 
 
-def _compared(
+def _compare_views(
     solution: Solution, observed: np.ndarray, chosen: np.ndarray, groups: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(N, N) how many points of the first image the second should see, and how many it does."""
+    """Counts (N, N) the points of the first image that the second should see, and does see."""
     count = len(observed)
     points, poses = solution.points[chosen], solution.camera_from_world
     centers = find_centers(poses)
@@ -261,26 +238,27 @@ def _compared(
         size = np.array([camera.width, camera.height])
         inside = np.abs(pixels / size - 0.5) < 0.5 - _MARGIN
         in_view[image] = valid & inside.all(axis=1)
-    stable = observed & (_times(observed, groups) >= _SEEN_BY)
+    stable = observed & (_count_in_groups(observed, groups) >= _SEEN_BY)
     expected, seen = np.zeros((count, count)), np.zeros((count, count))
     for image in images:
         own = np.flatnonzero(stable[image])
-        own = own[:: max(1, len(own) // _MOST_OF_IMAGE)]
+        own = own[:: max(1, len(own) // _MOST_POINTS_OF_IMAGE)]
         if not len(own):
             continue
         same_view = np.zeros((count, len(own)), bool)
         ray = points[own] - centers[image]
         distance = np.linalg.norm(ray, axis=1)
         moved = np.linalg.norm(centers - centers[image], axis=1)
-        close = np.flatnonzero(moved < _MOVED * distance.max())
+        close = np.flatnonzero(moved < _MOST_MOVED * distance.max())
         rays = points[own] - centers[close, None]
         far = np.linalg.norm(rays, axis=2)
         cosine = (rays * ray).sum(axis=2) / np.maximum(far * distance, 1e-300)
         ratio = far / distance
-        same_side = (cosine > np.cos(_ANGLE)) & (ratio < _DISTANCE) & (ratio > 1 / _DISTANCE)
+        same_side = (cosine > np.cos(_MOST_ANGLE)) & (ratio < _MOST_DISTANCE_RATIO)
+        same_side &= ratio > 1 / _MOST_DISTANCE_RATIO
         same_view[close] = in_view[close][:, own] & same_side
-        wanted = same_view & (_times(same_view, groups) >= _IN_VIEW_OF)
-        found = _times(observed[:, own], groups) > 0
+        wanted = same_view & (_count_in_groups(same_view, groups) >= _IN_VIEW_OF)
+        found = _count_in_groups(observed[:, own], groups) > 0
         expected[image] = wanted.sum(axis=1)
         seen[image] = (wanted & found).sum(axis=1)
     return expected, seen

@@ -1,18 +1,26 @@
-"""Matches between images: a quick look, all descriptors, then one relative pose a pair."""
+"""Chooses pairs of images and matches their features."""
 
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from gsut import _core
-from gsut.sfm.core.features import Features
+from gsut.sfm.core.features import Features, OnProgress
 from gsut.sfm.core.options import PosesOptions
+from gsut.sfm.core.stages import Stages
 
-_BATCH = 64  # pairs between two refreshes of the progress bar
-# Told (pairs done, pairs in all).
+BATCH = 64  # pairs between two refreshes of the progress bar
+_STAGE = "matches"  # name of the stage file
+# Visual words that a vocabulary has: enough to rank images by likeness, and quick to find.
+_WORDS = 64
+_SAMPLE = 20000  # descriptors that the vocabulary is made from
+_WORD_FEATURES = 500  # of each image, largest first, that are compared with the vocabulary
+_ROUNDS = 8  # of k-means: the vocabulary need not be exact
+# Called with (pairs done, pairs in all).
 OnPairs = Callable[[int, int], None]
 
 
@@ -24,7 +32,7 @@ class PairMatches:
         first, second: the images, first < second.
         matches: (M, 2) int32, feature of the first and of the second image.
         second_from_first: (4, 4), translation of unit length.
-        rotation_matches: how many of them a rotation alone explains.
+        rotation_matches: number of them that a rotation alone explains.
         parallax: radians, upper quartile of the angle between matched rays, rotation undone.
     """
 
@@ -36,39 +44,97 @@ class PairMatches:
     parallax: float
 
     def as_tuple(self) -> tuple:
-        """As `_core.estimate_poses` takes it."""
+        """Returns the tuple that the solver takes."""
         return (
             self.first, self.second, self.matches, self.second_from_first,
             self.rotation_matches, self.parallax,
         )  # fmt: skip
 
 
-def preview_pairs(
+@dataclasses.dataclass(frozen=True)
+class RawMatches:
+    """Features that look alike, pair by pair, before they are checked against poses or a lens.
+
+    Args:
+        pairs: (P, 2) images.
+        matches: of each pair (M, 2) int32, feature of the first and of the second image, most
+            distinct first.
+    """
+
+    pairs: np.ndarray
+    matches: list[np.ndarray]
+
+
+def match_images(
+    names: Sequence[str],
+    features: Sequence[Features],
+    options: PosesOptions,
+    on_progress: OnProgress,
+    frames: np.ndarray | None = None,
+    stages: Stages | None = None,
+) -> RawMatches:
+    """Matches the features of all pairs of images that look alike.
+
+    Args:
+        names, features: of all images.
+        on_progress: called for the stages "preview" and "matching".
+        frames: of a rig's images, see Photographs.
+        stages: where matches are kept; None: nowhere.
+    """
+    kept = _load_matches(stages) if stages is not None else None
+    if kept is not None:
+        return kept
+
+    def show(stage: str) -> OnPairs:
+        return lambda done, total: on_progress(stage, done, total, f"{total} pairs")
+
+    pairs = choose_pairs(names, features, options, frames)
+    pairs = _preview_pairs(features, pairs, options, show("preview"))
+    raw = _match_in_full(features, pairs, options, show("matching"))
+    if stages is not None:
+        arrays = {
+            "pairs": np.asarray(raw.pairs, np.int64).reshape(-1, 2),
+            "lengths": np.array([len(m) for m in raw.matches], np.int64),
+            "matches": np.concatenate([np.zeros((0, 2), np.int32), *raw.matches]),
+        }
+        stages.save(_STAGE, arrays)
+    return raw
+
+
+def _load_matches(stages: Stages) -> RawMatches | None:
+    arrays = stages.load(_STAGE)
+    if arrays is None:
+        return None
+    ends = np.cumsum(arrays["lengths"])
+    matches = [arrays["matches"][a:b] for a, b in zip(ends - arrays["lengths"], ends, strict=True)]
+    return RawMatches(arrays["pairs"], matches)
+
+
+def _preview_pairs(
     features: Sequence[Features],
     pairs: np.ndarray,
     options: PosesOptions,
     on_pairs: OnPairs,
 ) -> np.ndarray:
-    """The pairs whose largest features match at all: most pairs of a walk see different things.
+    """Keeps the pairs whose largest features match: most pairs of a walk see different things.
 
     Args:
         features: of all images, largest first.
         pairs: (P, 2).
         options: preview_features, preview_matches and partners.
-        on_pairs: told (pairs done, pairs in all).
 
     Returns:
         (Q, 2), a subset of pairs.
     """
     largest = [f.descriptors[: options.preview_features] for f in features]
     counts = np.zeros(len(pairs), np.int64)
-    for begin in range(0, len(pairs), _BATCH):
-        batch = pairs[begin : begin + _BATCH]
+    for begin in range(0, len(pairs), BATCH):
+        batch = pairs[begin : begin + BATCH]
         found = _core.match_pairs(largest, batch, options.max_ratio, options.max_distance)
         counts[begin : begin + len(batch)] = [len(m) for m in found]
         on_pairs(begin + len(batch), len(pairs))
     good = np.flatnonzero(counts >= options.preview_matches)
-    # Of either image the best partners: a pair is kept if one of both wants it.
+    # Each image keeps its best partners; a pair stays if either of its images keeps it.
     order = good[np.argsort(-counts[good], kind="stable")]
     used = np.zeros(len(features), np.int64)
     kept = []
@@ -81,33 +147,114 @@ def preview_pairs(
     return pairs[sorted(kept)]
 
 
-@dataclasses.dataclass(frozen=True)
-class RawMatches:
-    """Features alike, pair by pair, before anything is asked of poses or lens.
-
-    Args:
-        pairs: (P, 2) images.
-        matches: of each pair (M, 2) int32, feature of the first and of the second image, most
-            distinct first.
-    """
-
-    pairs: np.ndarray
-    matches: list[np.ndarray]
-
-
-def match_in_full(
+def _match_in_full(
     features: Sequence[Features], pairs: np.ndarray, options: PosesOptions, on_pairs: OnPairs
 ) -> RawMatches:
-    """Compares all features of pairs of images.
-
-    Args:
-        features: of all images. pairs: (P, 2). options: max_ratio and max_distance.
-        on_pairs: told (pairs done, pairs in all).
-    """
+    """Compares all features of pairs (P, 2) of images."""
     descriptors = [f.descriptors for f in features]
     matches: list[np.ndarray] = []
-    for begin in range(0, len(pairs), _BATCH):
-        batch = pairs[begin : begin + _BATCH]
+    for begin in range(0, len(pairs), BATCH):
+        batch = pairs[begin : begin + BATCH]
         matches += _core.match_pairs(descriptors, batch, options.max_ratio, options.max_distance)
         on_pairs(begin + len(batch), len(pairs))
     return RawMatches(pairs, matches)
+
+
+def choose_pairs(
+    names: Sequence[str],
+    features: Sequence[Features],
+    options: PosesOptions,
+    frames: np.ndarray | None = None,
+) -> np.ndarray:
+    """Chooses the pairs of images to compare.
+
+    Args:
+        names: of the images, in order.
+        features: of the images.
+        options: `pairs` is the rule.
+        frames: (N,) of a rig's images, which are then in order of time; its windows count frames.
+
+    Returns:
+        (P, 2) int64, the smaller index first, each pair once, ordered.
+    """
+    count = len(names)
+    rule = options.pairs
+    if rule == "auto" and count <= options.all_up_to:
+        rule = "all"
+    if rule == "all":
+        first, second = np.triu_indices(count, 1)
+        return np.stack([first, second], axis=1).astype(np.int64)
+    chosen: list[np.ndarray] = []
+    in_time = find_frame_numbers(names, frames) is not None
+    if rule == "sequential" or (rule == "auto" and in_time):
+        together = 1 if frames is None else int(np.bincount(frames).max())
+        chosen.append(_pair_sequential(count, options.window * together))
+    if rule in ("similar", "auto"):
+        chosen.append(_pair_similar(features, options.neighbors, options.seed))
+    pairs = np.unique(np.sort(np.concatenate(chosen), axis=1), axis=0)
+    return pairs[pairs[:, 0] != pairs[:, 1]]
+
+
+def find_frame_numbers(names: Sequence[str], frames: np.ndarray | None) -> np.ndarray | None:
+    """Returns (N,) the frame number of each image, from a rig or a video; None: not known."""
+    if frames is None:
+        return np.arange(len(names)) if has_growing_numbers(names) else None
+    return frames
+
+
+def has_growing_numbers(names: Sequence[str]) -> bool:
+    """Returns whether names are one text around a growing number, like the frames of a video."""
+    found = [re.fullmatch(r"(.*?)(\d+)(\D*)", name) for name in names]
+    if not all(found):
+        return False
+    parts = [match.groups() for match in found if match]
+    numbers = [int(part[1]) for part in parts]
+    return len({(part[0], part[2]) for part in parts}) == 1 and numbers == sorted(numbers)
+
+
+def _pair_sequential(count: int, window: int) -> np.ndarray:
+    """Pairs images up to `window` apart, then those at twice, four times ... the distance."""
+    steps = list(range(1, window + 1))
+    while steps[-1] * 2 < count:
+        steps.append(steps[-1] * 2)
+    pairs = [(i, i + step) for i in range(count) for step in steps if i + step < count]
+    return np.array(pairs, np.int64).reshape(-1, 2)
+
+
+def _pair_similar(features: Sequence[Features], neighbors: int, seed: int) -> np.ndarray:
+    """Pairs the images most alike by aggregated descriptors (VLAD: Jegou et al. 2010)."""
+    rng = np.random.default_rng(seed)
+    largest = [f.normalize_descriptors(_WORD_FEATURES) for f in features]
+    everything = np.concatenate(largest)
+    if len(everything) < _WORDS:
+        return _pair_sequential(len(features), len(features))
+    sample = everything[rng.permutation(len(everything))[:_SAMPLE]]
+    words = _cluster_descriptors(sample, rng)
+    signatures = np.stack([_sum_residuals(d, words) for d in largest])
+    likeness = signatures @ signatures.T
+    np.fill_diagonal(likeness, -np.inf)
+    count = min(neighbors, len(features) - 1)
+    nearest = np.argsort(-likeness, axis=1, kind="stable")[:, :count]
+    first = np.repeat(np.arange(len(features)), count)
+    return np.stack([first, nearest.ravel()], axis=1).astype(np.int64)
+
+
+def _cluster_descriptors(sample: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    words = sample[rng.permutation(len(sample))[:_WORDS]].copy()
+    for _ in range(_ROUNDS):
+        nearest = np.argmax(sample @ words.T - 0.5 * (words**2).sum(axis=1), axis=1)
+        for word in range(len(words)):
+            members = sample[nearest == word]
+            if len(members):
+                words[word] = members.mean(axis=0)
+    return words
+
+
+def _sum_residuals(descriptors: np.ndarray, words: np.ndarray) -> np.ndarray:
+    """Sums each word's differences to its descriptors; (W * 128,) of unit length."""
+    total = np.zeros_like(words)
+    if len(descriptors):
+        nearest = np.argmax(descriptors @ words.T - 0.5 * (words**2).sum(axis=1), axis=1)
+        np.add.at(total, nearest, descriptors - words[nearest])
+    total = np.sign(total) * np.sqrt(np.abs(total))
+    return total.ravel() / max(float(np.linalg.norm(total)), 1e-12)

@@ -1,64 +1,59 @@
-"""Views that do not connect: each group of them is a model of its own."""
+"""Reconstructs the images that a solution left out, as part of it or as models of their own."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from gsut._core import SolveError
-from gsut.sfm.core.alignment import similarity
 from gsut.sfm.core.features import Features
 from gsut.sfm.core.matching import PairMatches
-from gsut.sfm.core.moving import Moving
 from gsut.sfm.core.options import PosesOptions
-from gsut.sfm.core.solution import Solution, refine, solve
+from gsut.sfm.core.solution import Images, Solution, similarity_from_points
+from gsut.sfm.core.solver import adjust_registered, solve_poses
 
-_FEWEST = 4  # images of a model
-_MOST = 20  # models
-# Points of two models that must agree after a similarity, the samples of it, and how near they must
-# come, of the median distance from the cameras.
-_JOINING = 30
-_SAMPLES = 200
-_NEAR = 0.03
+_FEWEST_IMAGES = 4  # of a model: fewer are hardly worth a training
+_MOST_MODELS = 20  # beyond the first: more are fragments
+_JOINING_POINTS = 30  # that must agree for two models to be merged: chance does not reach it
+_SAMPLES = 200  # of three points that a similarity is fitted to
+# Distance at which points of two models agree, over the median distance from their middle.
+_AGREEING_DISTANCE = 0.03
 
 
-def further_models(
+def find_further_models(
     solution: Solution,
     features: Sequence[Features],
     pairs: Sequence[PairMatches],
     options: PosesOptions,
 ) -> tuple[Solution, list[Solution]]:
-    """Models of the images that a solution left out, largest first, and the solution.
+    """Reconstructs the images that a solution left out.
 
-    A model whose points are seen in images of the first too is merged with it.
+    A model whose points are seen in images of the first one too is merged with it.
 
     Args:
-        solution: the first model. features: of all images.
-        pairs: verified. options: see PosesOptions.
+        features: of all images.
+        pairs: verified matches.
 
     Returns:
-        The largest model, larger still if others were merged with it, and the others; each has one
-        entry an image of all.
+        The largest model, and the others, largest first; each has an entry for every image.
     """
     found: list[Solution] = []
     left = ~solution.registered
-    while len(found) < _MOST and left.sum() >= _FEWEST:
+    images = Images(solution.names, solution.cameras, features, solution.shutter)
+    while len(found) < _MOST_MODELS and left.sum() >= _FEWEST_IMAGES:
         own = [pair for pair in pairs if left[pair.first] and left[pair.second]]
         if not own:
             break
         try:
-            model = solve(
-                solution.names, solution.cameras, features, own, options, lambda *_: None,
-                shutter=solution.shutter,
-            )  # fmt: skip
+            model = solve_poses(images, own, options)
         except SolveError:
             break
-        if model.num_registered < _FEWEST:
+        if model.num_registered < _FEWEST_IMAGES:
             break
         left &= ~model.registered
-        merged = merge(solution, model, features, pairs, options)
+        merged = merge_models(solution, model, features, pairs, options)
         if merged is not None:
             solution = merged
         else:
@@ -67,23 +62,22 @@ def further_models(
     return largest, others
 
 
-def merge(
+def merge_models(
     first: Solution,
     second: Solution,
     features: Sequence[Features],
     pairs: Sequence[PairMatches],
     options: PosesOptions,
 ) -> Solution | None:
-    """One model of two, in the world of the first; None if too few points join them.
+    """Merges two models of the same images in the world of the first.
 
-    Args:
-        first, second: of the same images, each with poses of some.
-        others: see `further_models`.
+    Returns:
+        None if too few points join them, or where the images have a rolling shutter.
     """
-    if first.shutter is not None:
-        return None  # `refine` knows no velocities
-    ours, theirs = _common_points(first, second, pairs)
-    found = _robust_similarity(theirs, ours, options.seed)
+    if first.shutter is not None:  # an adjustment would need the velocities of the images
+        return None
+    ours, theirs = _find_common_points(first, second, pairs)
+    found = _fit_robust_similarity(theirs, ours, options.seed)
     if found is None:
         return None
     scale, rotation, translation = found
@@ -96,7 +90,7 @@ def merge(
         first, camera_from_world=poses, registered=first.registered | second.registered
     )
     try:
-        model = refine_registered(both, features, pairs, options)
+        model = adjust_registered(both, features, pairs, options)
     except SolveError:
         return None
     if model.num_registered <= max(first.num_registered, second.num_registered):
@@ -104,49 +98,10 @@ def merge(
     return model
 
 
-def refine_registered(
-    solution: Solution,
-    features: Sequence[Features],
-    pairs: Sequence[PairMatches],
-    options: PosesOptions,
-    *,
-    only: Sequence[int] | None = None,
-    lens_free: np.ndarray | None = None,
-    moving: Moving | None = None,
-    on_progress: Callable[[int, int, int, str], None] = lambda *_: None,
-) -> Solution:
-    """`refine` for the images that have a pose; the others stay without.
-
-    Args:
-        solution: poses to begin with. features, pairs: of all images.
-        only: so few of those with a pose; None: all.
-        others: see `refine`; `moving` has one rate an image of all.
-
-    Raises:
-        SolveError: too few points agree with the poses.
-    """
-    registered = np.flatnonzero(solution.registered) if only is None else only
-    chosen = [int(image) for image in registered]
-    place = {image: index for index, image in enumerate(chosen)}
-    own = [
-        dataclasses.replace(pair, first=place[pair.first], second=place[pair.second])
-        for pair in pairs
-        if pair.first in place and pair.second in place
-    ]
-    if moving is not None:
-        moving = dataclasses.replace(moving, rates=moving.rates[chosen])
-    model = refine(
-        [solution.names[i] for i in chosen], [solution.cameras[i] for i in chosen],
-        [features[i] for i in chosen], own, [solution.camera_from_world[i] for i in chosen],
-        options, on_progress, lens_free=lens_free, moving=moving,
-    )  # fmt: skip
-    return _of_all(model, np.array(chosen), solution)
-
-
-def _common_points(
+def _find_common_points(
     first: Solution, second: Solution, pairs: Sequence[PairMatches]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(M, 3) points of the first and of the second model that matches between images join."""
+    """Returns (M, 3) points of the first and of the second model that matches join."""
     of_first, of_second = (
         {(int(image), int(feature)): int(point) for point, image, feature in s.observations}
         for s in (first, second)
@@ -162,56 +117,22 @@ def _common_points(
     return first.points[rows[:, 0]], second.points[rows[:, 1]]
 
 
-def _robust_similarity(
+def _fit_robust_similarity(
     source: np.ndarray, target: np.ndarray, seed: int
 ) -> tuple[float, np.ndarray, np.ndarray] | None:
-    """The similarity that most points agree with; None if too few do."""
-    if len(source) < _JOINING:
+    """Fits the similarity that most points agree with; None if too few do."""
+    if len(source) < _JOINING_POINTS:
         return None
     rng = np.random.default_rng(seed)
-    near = _NEAR * float(np.median(np.linalg.norm(target - np.median(target, axis=0), axis=1)))
+    size = float(np.median(np.linalg.norm(target - np.median(target, axis=0), axis=1)))
     best = np.zeros(len(source), bool)
     for _ in range(_SAMPLES):
         rows = rng.choice(len(source), 3, replace=False)
-        agree = _off(similarity(source[rows], target[rows]), source, target) < near
+        scale, rotation, translation = similarity_from_points(source[rows], target[rows])
+        distances = np.linalg.norm(scale * source @ rotation.T + translation - target, axis=1)
+        agree = distances < _AGREEING_DISTANCE * size
         if agree.sum() > best.sum():
             best = agree
-    if best.sum() < _JOINING:
+    if best.sum() < _JOINING_POINTS:
         return None
-    return similarity(source[best], target[best])
-
-
-def _off(
-    found: tuple[float, np.ndarray, np.ndarray], source: np.ndarray, target: np.ndarray
-) -> np.ndarray:
-    scale, rotation, translation = found
-    return np.linalg.norm(scale * source @ rotation.T + translation - target, axis=1)
-
-
-def _of_all(model: Solution, chosen: np.ndarray, whole: Solution) -> Solution:
-    """A solution of some images as one of all."""
-    count = len(whole.names)
-
-    def spread(values: np.ndarray, empty: np.ndarray) -> np.ndarray:
-        result = np.repeat(empty[None], count, axis=0)
-        result[chosen] = values
-        return result
-
-    observations, held = model.observations.copy(), model.held_out_observations.copy()
-    for rows in (observations, held):
-        rows[:, 1] = chosen[rows[:, 1]]
-    lenses = {whole.cameras[i]: lens for i, lens in zip(chosen, model.cameras, strict=True)}
-    first, second = (int(chosen[i]) for i in model.initial_pair)
-    moving = model.velocities
-    return dataclasses.replace(
-        model,
-        names=whole.names,
-        cameras=[lenses.get(camera, camera) for camera in whole.cameras],
-        registered=spread(model.registered, np.zeros((), bool)),
-        camera_from_world=spread(model.camera_from_world, np.eye(4)),
-        covariances=spread(model.covariances, np.zeros((6, 6))),
-        velocities=None if moving is None else spread(moving, np.zeros(6)),
-        observations=observations,
-        initial_pair=(first, second),
-        held_out_observations=held,
-    )
+    return similarity_from_points(source[best], target[best])

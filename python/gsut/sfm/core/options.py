@@ -7,12 +7,12 @@ from typing import Any, ClassVar
 
 from gsut._core import InputError
 from gsut.lens import find_lens, is_lens_name
-from gsut.run.options import check_options, define_option, document_options
+from gsut.run.options import check_options, define_option, describe_options
 
 PAIR_RULES = ("auto", "all", "sequential", "similar")
 
 
-@document_options
+@describe_options
 @dataclasses.dataclass(frozen=True)
 class PosesOptions:
     """All settings of `find_poses`; immutable, checked when made.

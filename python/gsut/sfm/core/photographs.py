@@ -1,4 +1,4 @@
-"""The photographs of `gsut poses` and the lens of each."""
+"""Finds the photographs that poses are estimated for, and what is known of their lenses."""
 
 from __future__ import annotations
 
@@ -17,32 +17,32 @@ from gsut.data.images import find_mask, read_header
 from gsut.lens import Camera, LensProfile, find_lens, find_lenses, is_lens_name, load_camera
 from gsut.lens.files import camera_from_values
 
-FEWEST_IMAGES = 2
-_KINDS_LISTED = 5  # endings of names in a message
+FEWEST_IMAGES = 2  # that poses can be estimated from
+_KINDS_LISTED = 5  # endings of file names in a message
 # Kannala-Brandt coefficients of a perspective lens: tan(x) / x = 1 + x^2/3 + 2 x^4/15 + ...
 TANGENT = (1 / 3, 2 / 15, 17 / 315, 62 / 2835)
-_MOST_CANDIDATES = 3  # of the database
-_SAME_LENS = 0.05  # share by which focal lengths of candidates differ, at least
+_MOST_CANDIDATES = 3  # of the database: each costs a trial of the lens search
+_SAME_LENS = 0.05  # relative difference of focal lengths below which lenses are one candidate
 
 
 @dataclasses.dataclass(frozen=True)
 class Photographs:
-    """What poses are estimated for.
+    """The photographs that poses are estimated for.
 
     Args:
         root: the folder that names are relative to.
         names: of the images, sorted.
         paths: of the images.
-        masks: image that is white where pixels are valid, or None; one an image.
-        cameras: one an image, equal lenses the same object; None: unknown.
-        shutter: rolling, in the direction that the dataset says, or None: nothing said.
-        frames: (N,) of a rig: which images were taken together, counted from 0 in order of time.
-        rig_cameras: (N,) of a rig: the camera, counted from 0.
+        masks: one an image, white where pixels are valid, or None.
+        cameras: the lens of each image, equal lenses the same object; None: unknown.
+        shutter: rolling, in the dataset's direction; None: the dataset does not say.
+        frames: (N,) of a rig: the frame of each image, counted from 0 in order of time.
+        rig_cameras: (N,) of a rig: the camera of each image, counted from 0.
         paired_by: of a rig: "name" or "order" of the images.
-        profile: of the database, where the lens was given by name: a start, not known.
+        profile: the lens of the database that was named: a start, not a known lens.
         candidates: lenses that an unknown one may be near.
         times: seconds by name, of a video's frames.
-        said_focal_px: focal length that the images' EXIF names, in pixels.
+        exif_focal_px: focal length that EXIF states, in pixels.
         flows: (M, 4) by name: pixels of a video's frames, and how far they move in a second.
         orientations: EXIF's by name, 1 for upright; of captures only.
         places: latitude and longitude in degrees, altitude in metres, by name.
@@ -60,7 +60,7 @@ class Photographs:
     profile: LensProfile | None = None
     candidates: tuple[Camera, ...] = ()
     times: dict[str, float] = dataclasses.field(default_factory=dict)
-    said_focal_px: float | None = None
+    exif_focal_px: float | None = None
     flows: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
     orientations: dict[str, int] = dataclasses.field(default_factory=dict)
     places: dict[str, tuple[float, float, float]] = dataclasses.field(default_factory=dict)
@@ -69,58 +69,58 @@ class Photographs:
         return len(self.names)
 
     @property
-    def lenses_known(self) -> bool:
+    def are_lenses_known(self) -> bool:
         """Whether every image has a lens."""
         return None not in self.cameras
 
     @property
     def lenses(self) -> list[Camera]:
-        """The lens of each image, where all are known."""
-        assert self.lenses_known
+        """The lens of each image; all must be known."""
+        assert self.are_lenses_known
         return [camera for camera in self.cameras if camera is not None]
 
 
 def find_photographs(images: Path, lens: Path | None, *, with_lens: bool = True) -> Photographs:
-    """Finds images and lens.
+    """Finds the images of a folder or dataset, and their lens.
 
     Args:
-        images: a folder of images (or with a folder `images`), with masks as
-            `gsut train` reads them (mask.png, masks/); or a dataset, whose images, masks and lens
-            are used and whose poses are not.
+        images: a folder of images (or with a folder `images`), with masks as `gsut train` reads
+            them (mask.png, masks/); or a dataset, whose images, masks and lens are used and whose
+            poses are not.
         lens: lens file, or a dataset whose lens is used; None: the one beside the images, or
             unknown. A name of the database leaves the lens unknown, with a candidate.
-        with_lens: whether a lens file beside plain images is read.
+        with_lens: read a lens file beside plain images.
 
     Raises:
         InputError: no such folder, fewer than two images, or the lens cannot be read.
     """
     if not images.is_dir():
-        raise InputError(f"{images} is no folder; give the folder of the photographs")
+        raise InputError(f"{images} is not a folder; give the folder of the photographs")
     if (images / "transforms.json").is_file():
-        found = _of_dataset(images)
+        found = _read_dataset_images(images)
     else:
-        found = photographs_in(images, with_lens=with_lens and lens is None)
+        found = list_photographs(images, with_lens=with_lens and lens is None)
     if lens is not None and is_lens_name(lens):
-        found = _with_profile(found, str(lens))
+        found = _add_profile(found, str(lens))
     elif lens is not None:
-        camera = _lens_of(lens)
+        camera = _read_lens(lens)
         found = dataclasses.replace(found, cameras=[camera] * len(found))
     if len(found) < FEWEST_IMAGES:
         kinds = {path.suffix.lower() for path in images.rglob("*") if path.is_file()} - {""}
         raise InputError(
-            f"{images} holds {len(found)} image(s){_other_kinds(kinds)}; poses need at least "
+            f"{images} holds {len(found)} image(s){_describe_kinds(kinds)}; poses need at least "
             f"{FEWEST_IMAGES} that overlap, better 20 or more"
         )
     return found
 
 
-def _other_kinds(kinds: set[str]) -> str:
-    """What is said of files that are no pictures here, such as HEIC beside a given lens."""
+def _describe_kinds(kinds: set[str]) -> str:
+    """Describes the files that cannot be read as pictures, such as HEIC beside a given lens."""
     listed = ", ".join(sorted(kinds)[:_KINDS_LISTED])
     return f" among files of the kinds {listed}" if listed else ""
 
 
-def _of_dataset(path: Path) -> Photographs:
+def _read_dataset_images(path: Path) -> Photographs:
     frames = sorted(read_dataset(path).frames, key=lambda frame: frame.name)
     return Photographs(
         path,
@@ -132,11 +132,11 @@ def _of_dataset(path: Path) -> Photographs:
     )
 
 
-def photographs_in(path: Path, *, with_lens: bool = False) -> Photographs:
-    """The images and masks of a plain folder, and, if asked for, the lens beside them."""
+def list_photographs(path: Path, *, with_lens: bool = False) -> Photographs:
+    """Lists the images and masks of a plain folder, and reads the lens beside them if wanted."""
     captured = read_capture(path)
     if captured is not None:
-        return _of_capture(path, captured)
+        return _read_captured(path, captured)
     paths = find_images(path)
     root = path / "images" if (path / "images").is_dir() else path
     names = [p.relative_to(root).as_posix() for p in paths]
@@ -147,9 +147,9 @@ def photographs_in(path: Path, *, with_lens: bool = False) -> Photographs:
     return Photographs(root, names, paths, masks, [camera] * len(paths))
 
 
-def _of_capture(path: Path, captured: dict[str, Any]) -> Photographs:
-    """The pictures that capture.json lists, and what they say of their lens."""
-    rows, frames, lens_of = _in_order(captured)
+def _read_captured(path: Path, captured: dict[str, Any]) -> Photographs:
+    """Returns the pictures that capture.json lists, and what they say about their lens."""
+    rows, frames, lens_of = _order_rows(captured)
     masks = [row.get("mask") for row in rows]
     return Photographs(
         path,
@@ -160,11 +160,11 @@ def _of_capture(path: Path, captured: dict[str, Any]) -> Photographs:
         frames=frames,
         rig_cameras=lens_of,
         paired_by=None if frames is None else "name",
-        candidates=_candidates(captured),
+        candidates=_find_candidates(captured),
         times={row["name"]: row["time"] for row in rows if row.get("time") is not None},
-        said_focal_px=captured.get("focal_px"),
+        exif_focal_px=captured.get("focal_px"),
         flows={row["name"]: np.array(row["flow"]) for row in rows if row.get("flow")},
-        # Circles of a dual fisheye are turned as their maker likes.
+        # The circles of a dual fisheye have an orientation of their own.
         orientations={
             row["name"]: row.get("orientation") or 1 for row in rows if not captured.get("fisheye")
         },
@@ -172,10 +172,10 @@ def _of_capture(path: Path, captured: dict[str, Any]) -> Photographs:
     )
 
 
-def _in_order(
+def _order_rows(
     captured: dict[str, Any],
 ) -> tuple[list[dict[str, Any]], np.ndarray | None, np.ndarray | None]:
-    """The rows of the pictures, and of pictures taken by two lenses together frame and lens."""
+    """Sorts the rows of the pictures; of two lenses it returns each row's frame and lens too."""
     rows = sorted(captured["frames"], key=lambda row: row["name"])
     lenses = captured.get("lenses")
     if not lenses:
@@ -188,8 +188,8 @@ def _in_order(
     return [rows[i] for i in order], sorted_keys[:, 0], sorted_keys[:, 1]
 
 
-def _candidates(captured: dict[str, Any]) -> tuple[Camera, ...]:
-    """Lenses that what the pictures say of their camera speaks for: EXIF's, and the database's."""
+def _find_candidates(captured: dict[str, Any]) -> tuple[Camera, ...]:
+    """Finds the lenses that EXIF and the database suggest for the pictures' camera."""
     width, height = captured["size"]
     found = []
     if captured.get("fisheye"):
@@ -209,11 +209,11 @@ def _candidates(captured: dict[str, Any]) -> tuple[Camera, ...]:
     return tuple(found)
 
 
-def _with_profile(found: Photographs, name: str) -> Photographs:
-    """The photographs with a lens of the database as candidate."""
+def _add_profile(found: Photographs, name: str) -> Photographs:
+    """Adds a lens of the database as a candidate."""
     sizes = []
     for path in found.paths:
-        with contextlib.suppress(InputError):  # unreadable: named when features are sought
+        with contextlib.suppress(InputError):  # unreadable: reported when features are sought
             header = read_header(path)
             sizes.append((header.width, header.height))
             break
@@ -225,13 +225,12 @@ def _with_profile(found: Photographs, name: str) -> Photographs:
 
 
 def check_lens(lens: str | None) -> None:
-    """Raises InputError or OSError, before time is spent, if `--camera` names a file that holds no
-    lens."""
+    """Raises InputError or OSError, before time is spent, if `--camera` names no lens file."""
     if lens is not None and not is_lens_name(lens):
-        _lens_of(Path(lens))
+        _read_lens(Path(lens))
 
 
-def _lens_of(path: Path) -> Camera:
+def _read_lens(path: Path) -> Camera:
     if not path.is_dir():
         return load_camera(path)
     if (path / "transforms.json").is_file():
@@ -246,10 +245,10 @@ def _lens_of(path: Path) -> Camera:
 
 
 def require_central(cameras: Iterable[_core.Camera]) -> None:
-    """Refuses lenses whose rays do not meet in one point.
+    """Rejects lenses whose rays do not meet in one point.
 
     Raises:
-        InputError: says what to do instead.
+        InputError: such a lens; says what to use instead.
     """
     for camera in cameras:
         if not camera.is_central:

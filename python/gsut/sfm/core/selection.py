@@ -1,4 +1,4 @@
-"""The pairs and matches that lenses are compared by: few, and those that say most."""
+"""Selects few pairs and matches for quick trials: those that say most."""
 
 from __future__ import annotations
 
@@ -7,13 +7,12 @@ from collections.abc import Sequence
 
 from gsut.sfm.core.matching import PairMatches, RawMatches
 
-# Matches, and radians of parallax, of a pair beyond which more do not count.
-_ENOUGH_MATCHES = 200
-_ENOUGH_PARALLAX = 0.2
+_ENOUGH_MATCHES = 200  # of a pair, beyond which more do not count
+_ENOUGH_PARALLAX = 0.2  # radians, beyond which more does not count
 
 
 def keep_most_distinct(pairs: Sequence[PairMatches], most: int) -> list[PairMatches]:
-    """The pairs with their most distinct matches, which stand first."""
+    """Keeps at most `most` matches of each pair, the most distinct, which stand first."""
     return [
         pair
         if len(pair.matches) <= most
@@ -27,9 +26,9 @@ def keep_most_distinct(pairs: Sequence[PairMatches], most: int) -> list[PairMatc
 
 
 def choose_connected_pairs(pairs: Sequence[PairMatches], most: int) -> list[PairMatches]:
-    """The pairs among `most` images that are best connected: by many matches, and by parallax.
+    """Chooses the pairs among the `most` images best connected by matches and parallax.
 
-    Neighbours in a video have most matches and tell least of the lens: a match counts by its
+    Neighbours in a video have most matches but constrain the lens least, so a match counts by its
     pair's parallax.
     """
     strength: dict[int, dict[int, float]] = {}
@@ -51,7 +50,7 @@ def choose_connected_pairs(pairs: Sequence[PairMatches], most: int) -> list[Pair
     return [pair for pair in pairs if pair.first in chosen and pair.second in chosen]
 
 
-def only_pairs(raw: RawMatches, wanted: set[tuple[int, int]]) -> RawMatches:
-    """The matches of these pairs of images."""
+def select_pairs(raw: RawMatches, wanted: set[tuple[int, int]]) -> RawMatches:
+    """Keeps the matches of these pairs of images."""
     kept = [i for i, (a, b) in enumerate(raw.pairs) if (int(a), int(b)) in wanted]
     return RawMatches(raw.pairs[kept], [raw.matches[i] for i in kept])

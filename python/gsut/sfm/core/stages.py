@@ -1,4 +1,4 @@
-"""What a run of `gsut poses` has done so far, on disk: a killed run goes on from there."""
+"""Keeps on disk what a run has finished, so that an interrupted run resumes from there."""
 
 from __future__ import annotations
 
@@ -13,16 +13,13 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.files import whole_file, write_file
-from gsut.sfm.core.features import Features
-from gsut.sfm.core.matching import RawMatches
 
 FOLDER = "stages"
 _KEY = "key.txt"
-_MATCHES = "matches.npz"
 
 
-def digest(key: dict[str, Any]) -> str:
-    """Of all that a result depends on, as JSON values."""
+def digest_key(key: dict[str, Any]) -> str:
+    """Returns the hash of all that a result depends on, given as JSON values."""
     return hashlib.sha256(json.dumps(key, sort_keys=True).encode()).hexdigest()
 
 
@@ -36,67 +33,29 @@ class Stages:
 
     def __init__(self, out: Path, key: dict[str, Any]) -> None:
         self._folder = out / FOLDER
-        of_key = digest(key)
+        self.digest = digest_key(key)
         stored = self._folder / _KEY
-        if not (stored.is_file() and stored.read_text(encoding="utf-8") == of_key):
+        if not (stored.is_file() and stored.read_text(encoding="utf-8") == self.digest):
             shutil.rmtree(self._folder, ignore_errors=True)
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise InputError(f"cannot make {self._folder}: {error.strerror}") from error
-        write_file(stored, of_key)
+        write_file(stored, self.digest)
 
     def remove(self) -> None:
-        """Deletes the stage files: the run is done."""
+        """Deletes the stage files once the run is complete."""
         shutil.rmtree(self._folder, ignore_errors=True)
 
-    def _save(self, name: str, arrays: dict[str, np.ndarray]) -> None:
-        with whole_file(self._folder / name) as file:
+    def save(self, name: str, arrays: dict[str, np.ndarray]) -> None:
+        """Writes named arrays as one stage file."""
+        with whole_file(self._folder / f"{name}.npz") as file:
             np.savez(file, **arrays)  # type: ignore[arg-type]  # numpy's stub wants bool for a name
 
-    def _load(self, name: str) -> dict[str, np.ndarray] | None:
+    def load(self, name: str) -> dict[str, np.ndarray] | None:
+        """Reads the arrays of a stage; None if the file is absent or damaged."""
         try:
-            with np.load(self._folder / name) as file:
+            with np.load(self._folder / f"{name}.npz") as file:
                 return {key: file[key] for key in file.files}
         except (OSError, ValueError, KeyError, zipfile.BadZipFile):
-            return None  # absent or damaged: made again
-
-    def save_features(self, index: int, features: Features) -> None:
-        """Keeps the features of an image."""
-        self._save(
-            f"features-{index:06d}.npz",
-            {
-                "pixels": features.pixels, "sizes": features.sizes,
-                "descriptors": features.descriptors, "colors": features.colors,
-            },
-        )  # fmt: skip
-
-    def load_features(self, index: int) -> Features | None:
-        """The features of an image, or None."""
-        arrays = self._load(f"features-{index:06d}.npz")
-        if arrays is None or set(arrays) != {"pixels", "sizes", "descriptors", "colors"}:
             return None
-        return Features(**arrays)
-
-    def save_matches(self, raw: RawMatches) -> None:
-        """Keeps the matches of all pairs."""
-        self._save(
-            _MATCHES,
-            {
-                "pairs": np.asarray(raw.pairs, np.int64).reshape(-1, 2),
-                "lengths": np.array([len(m) for m in raw.matches], np.int64),
-                "matches": np.concatenate([np.zeros((0, 2), np.int32), *raw.matches]),
-            },
-        )
-
-    def load_matches(self) -> RawMatches | None:
-        """The matches of all pairs, or None."""
-        arrays = self._load(_MATCHES)
-        if arrays is None:
-            return None
-        ends = np.cumsum(arrays["lengths"])
-        starts = ends - arrays["lengths"]
-        return RawMatches(
-            arrays["pairs"],
-            [arrays["matches"][a:b] for a, b in zip(starts, ends, strict=True)],
-        )

@@ -1,4 +1,4 @@
-"""Pairs of images that the others contradict: two places that look alike, taken for one."""
+"""Keeps matches that agree with relative poses, and explains why nothing can be reconstructed."""
 
 from __future__ import annotations
 
@@ -7,54 +7,62 @@ from collections.abc import Sequence
 import numpy as np
 
 from gsut import _core
-from gsut.lens import Camera
+from gsut._core import SolveError
+from gsut.data import list_some
 from gsut.sfm.core.features import Features
-from gsut.sfm.core.matching import OnPairs, PairMatches, RawMatches
+from gsut.sfm.core.matching import BATCH, OnPairs, PairMatches, RawMatches
 from gsut.sfm.core.options import PosesOptions
+from gsut.sfm.core.solution import Images
 
-# Rotations of pairs are often off by 20 degrees where what both see is flat; a pair of two places
-# that look alike is off by any angle.
-_BATCH = 64  # pairs between two refreshes of the progress bar
-_OFF = np.radians(45.0)
-_SCALE = np.radians(8.0)  # of the robust weights
-_ROUNDS = 10
-_MOST_WEIGHT = 300  # matches of a pair, beyond which it is no surer
+# Largest angle in radians between a pair's rotation and that of all images. Rotations of pairs are
+# often off by 20 degrees where both see a plane; a pair of places that look alike is off by any
+# angle.
+_LARGEST_OFFSET = np.radians(45.0)
+_SCALE = np.radians(8.0)  # of the robust weights: the offset of an ordinary pair
+_ROUNDS = 10  # of the robust average: it has converged after five or six
+_MOST_WEIGHT = 300  # matches of a pair, beyond which its rotation is no more certain
+_FEW_IMAGES = 10  # below this more images are suggested
+_LITTLE_PARALLAX = 1.5  # degrees, below which the camera is said to have hardly moved
+_ALMOST_NO_FEATURES = 50  # of an image without texture, out of focus or dark
+_SAME_PARALLAX = 0.02  # degrees: less is the error of the features
+_SAME_TURN = 0.05  # degrees: less is the error of the features
+_TURNED_SHARE = 0.9  # of a pair's matches: a rotation explains them
+_POOR = 2  # severity of the faults that are named
+_DARK = 25  # mean grey value of the features of an underexposed picture, of 255
+_BRIGHT = 235  # mean grey value of the features of an overexposed picture, of 255
+_FEW_FEATURES = 500  # of a picture that is blurred, dark or without texture
+# Share of bad pictures above which a result is usable at most, and above which it is poor.
+_BAD_SHARES = (0.25, 0.75)
 
 
-def verify(
-    features: Sequence[Features],
-    cameras: Sequence[Camera],
+def verify_matches(
+    images: Images,
     raw: RawMatches,
     options: PosesOptions,
     on_pairs: OnPairs = lambda done, total: None,
-    shutter: _core.Shutter | None = None,
 ) -> list[PairMatches]:
-    """Keeps what agrees with one relative pose a pair, and with the other pairs' rotations.
+    """Keeps matches that agree with one relative pose a pair, and with the other pairs' rotations.
 
-    Far quicker than the matching.
-
-    Args:
-        features, cameras: of all images.
-        raw: see RawMatches.
-        options: see PosesOptions.
-        on_pairs: told (pairs done, pairs in all).
-        shutter: rolling, if it is: matches may then be rolling_error times farther off.
+    Matches of a rolling shutter may be `options.rolling_error` times farther off.
 
     Returns:
         The pairs with at least min_matches matches that the others do not contradict.
     """
-    bearings = [_core.ImageBearings(c, f.pixels) for c, f in zip(cameras, features, strict=True)]
+    bearings = [
+        _core.ImageBearings(c, f.pixels)
+        for c, f in zip(images.cameras, images.features, strict=True)
+    ]
     valid = [b.valid for b in bearings]
-    diagonal = max(float(np.hypot(c.width, c.height)) for c in cameras)
+    diagonal = max(float(np.hypot(c.width, c.height)) for c in images.cameras)
     max_error = options.max_two_view_error * diagonal / 1000
-    if shutter is not None:
+    if images.shutter is not None:
         max_error *= options.rolling_error
     result = []
-    for begin in range(0, len(raw.pairs), _BATCH):
-        batch = raw.pairs[begin : begin + _BATCH]
+    for begin in range(0, len(raw.pairs), BATCH):
+        batch = raw.pairs[begin : begin + BATCH]
         found = [
             m[valid[a][m[:, 0]] & valid[b][m[:, 1]]]
-            for (a, b), m in zip(batch, raw.matches[begin : begin + _BATCH], strict=True)
+            for (a, b), m in zip(batch, raw.matches[begin : begin + BATCH], strict=True)
         ]
         verified = _core.verify_pairs(bearings, batch, found, max_error, options.seed)
         for (a, b), matches, (inliers, pose, rotation, parallax, ok) in zip(
@@ -65,11 +73,11 @@ def verify(
                     PairMatches(int(a), int(b), matches[inliers], pose, rotation, parallax)
                 )
         on_pairs(begin + len(batch), len(raw.pairs))
-    return without_contradicted(result, len(features))
+    return drop_contradicted(result, len(images))
 
 
-def without_contradicted(pairs: Sequence[PairMatches], count: int) -> list[PairMatches]:
-    """The pairs whose rotations agree with those of all images, as the other pairs tell them.
+def drop_contradicted(pairs: Sequence[PairMatches], count: int) -> list[PairMatches]:
+    """Drops the pairs whose rotation disagrees with the rotations of all images.
 
     Images get rotations from the pairs with most matches first (a spanning tree), then from all
     pairs with robust weights (Chatterjee and Govindu, "Efficient and robust large-scale rotation
@@ -84,9 +92,9 @@ def without_contradicted(pairs: Sequence[PairMatches], count: int) -> list[PairM
     second = np.array([pair.second for pair in pairs])
     relative = np.array([pair.second_from_first[:3, :3] for pair in pairs])
     weights = np.array([float(min(len(pair.matches), _MOST_WEIGHT)) for pair in pairs])
-    rotations = _spanned(first, second, relative, weights, count)
+    rotations = _chain_rotations((first, second), relative, weights, count)
     for _ in range(_ROUNDS):
-        off = _offsets(rotations, first, second, relative)
+        off = _measure_offsets(rotations, (first, second), relative)
         robust = weights / (1 + (np.linalg.norm(off, axis=1) / _SCALE) ** 2) ** 2
         laplacian = np.zeros((count, count))
         pull = np.zeros((count, 3))
@@ -104,14 +112,15 @@ def without_contradicted(pairs: Sequence[PairMatches], count: int) -> list[PairM
                 for r, turn in zip(rotations, turns, strict=True)
             ]
         )
-    off = np.linalg.norm(_offsets(rotations, first, second, relative), axis=1)
-    return [pair for pair, angle in zip(pairs, off, strict=True) if angle < _OFF]
+    off = np.linalg.norm(_measure_offsets(rotations, (first, second), relative), axis=1)
+    return [pair for pair, angle in zip(pairs, off, strict=True) if angle < _LARGEST_OFFSET]
 
 
-def _spanned(
-    first: np.ndarray, second: np.ndarray, relative: np.ndarray, weights: np.ndarray, count: int
+def _chain_rotations(
+    ends: tuple[np.ndarray, np.ndarray], relative: np.ndarray, weights: np.ndarray, count: int
 ) -> np.ndarray:
-    """(N, 3, 3) camera from world along the pairs with most matches."""
+    """Chains (N, 3, 3) camera_from_world along the pairs with most matches."""
+    first, second = ends
     group = np.arange(count)
     rotations = np.tile(np.eye(3), (count, 1, 1))
     for index in np.argsort(-weights, kind="stable"):
@@ -125,10 +134,11 @@ def _spanned(
     return rotations
 
 
-def _offsets(
-    rotations: np.ndarray, first: np.ndarray, second: np.ndarray, relative: np.ndarray
+def _measure_offsets(
+    rotations: np.ndarray, ends: tuple[np.ndarray, np.ndarray], relative: np.ndarray
 ) -> np.ndarray:
-    """(P, 3) of each pair the turn in the world, radians, that the second is short of the first."""
+    """Returns (P, 3) radians, the turn in the world that each pair's second image lacks."""
+    first, second = ends
     wanted = relative @ rotations[first]
     turn = np.swapaxes(rotations[second], 1, 2) @ wanted
     axis = np.stack(
@@ -139,3 +149,108 @@ def _offsets(
     cosine = 0.5 * (np.trace(turn, axis1=1, axis2=2) - 1)
     angle = np.arctan2(sine, cosine)
     return axis * (angle / np.maximum(2 * sine, 1e-12))[:, None]
+
+
+def require_overlap(images: Images, pairs: Sequence[PairMatches], *, is_lens_known: bool) -> None:
+    """Rejects images that nothing can be reconstructed from.
+
+    Args:
+        pairs: verified matches.
+
+    Raises:
+        SolveError: no overlap, images that are all the same, or a camera that only turned.
+    """
+    if not pairs:
+        few = [
+            name
+            for name, features in zip(images.names, images.features, strict=True)
+            if len(features) < _ALMOST_NO_FEATURES
+        ]
+        if len(few) * 2 > len(images):
+            raise SolveError(
+                f"{len(few)} of {len(images)} images have almost no features"
+                f" ({list_some(few)}); photograph something with texture, in focus and well lit"
+            )
+        lens = ", or the lens is not theirs" if is_lens_known else ""
+        raise SolveError(
+            f"no two of the {len(images)} images have matches that agree: they show different "
+            f"things or overlap too little{lens}; give photographs of one place, each overlapping "
+            "the next by more than half"
+        )
+    parallax = np.array([pair.parallax for pair in pairs])
+    if any(pair.rotation_matches <= _TURNED_SHARE * len(pair.matches) for pair in pairs):
+        return
+    if np.degrees(np.median(parallax)) < _SAME_PARALLAX or all(map(_is_same_view, pairs)):
+        raise SolveError(
+            "all images are the same: matched features do not move; give photographs from "
+            "different places"
+        )
+    raise SolveError(
+        f"in all {len(pairs)} overlapping pairs the camera only turned, so there is no depth; walk "
+        "between the photographs instead of turning on the spot"
+    )
+
+
+def _is_same_view(pair: PairMatches) -> bool:
+    """Returns whether the second image is not turned against the first."""
+    turn = np.arccos(np.clip((np.trace(pair.second_from_first[:3, :3]) - 1) / 2, -1, 1))
+    return bool(np.degrees(turn) < _SAME_TURN)
+
+
+def explain_failure(
+    error: SolveError,
+    features: Sequence[Features],
+    pairs: Sequence[PairMatches],
+    advice: str,
+    *,
+    has_only_turned: bool = False,
+) -> SolveError:
+    """Adds to a solver's error what the images say about its cause, gravest first.
+
+    Args:
+        features: of all images.
+        pairs: verified matches.
+        advice: what else may help.
+        has_only_turned: whether the camera turned on the spot.
+    """
+    reasons = []
+    if has_only_turned:
+        reasons.append(
+            "the camera only turned on the spot, so there is no depth: walk between the pictures"
+        )
+    faults = find_picture_faults(features)
+    reasons += [f"{what}: {advice}" for level, what, advice in faults if level == _POOR]
+    if len(features) < _FEW_IMAGES:
+        reasons.append(f"{len(features)} images are few: take 20 or more")
+    parallax = np.degrees(float(np.median([pair.parallax for pair in pairs] or [np.inf])))
+    if parallax < _LITTLE_PARALLAX and not has_only_turned:
+        reasons.append(
+            f"the camera hardly moved between them ({parallax:.1f} degrees of parallax): walk "
+            "sideways to what you photograph"
+        )
+    return SolveError("; ".join([str(error), *reasons, f"or {advice}"]))
+
+
+def find_picture_faults(features: Sequence[Features]) -> list[tuple[int, str, str]]:
+    """Judges exposure and sharpness; returns severity (0 to 2), fault and advice of each."""
+    total = len(features)
+    few = sum(len(f) < _FEW_FEATURES for f in features)
+    grey = np.array([float(f.colors.mean()) for f in features if len(f)])
+    dark, bright = int((grey < _DARK).sum()), int((grey > _BRIGHT).sum())
+    return [
+        (
+            count_exceeded((dark + bright) / max(1, total), _BAD_SHARES),
+            f"{dark} of {total} images are too dark, {bright} too bright",
+            "film with more light and a fixed exposure",
+        ),
+        (
+            count_exceeded(few / max(1, total), _BAD_SHARES),
+            f"{few} of {total} images have few features: blurred, dark or without texture",
+            "hold the camera still, film more slowly or with more light",
+        ),
+    ]
+
+
+def count_exceeded(value: float, limits: tuple[float, float]) -> int:
+    """Returns how many of the limits a value exceeds."""
+    return int(value > limits[0]) + int(value > limits[1])

@@ -1,4 +1,4 @@
-"""Lenses to begin with where none is known: a ladder of fields of view and of kinds of lens."""
+"""Lists lenses to start from where none is known: fields of view by kinds of lens."""
 
 from __future__ import annotations
 
@@ -14,9 +14,11 @@ from gsut.data.images import read_header
 from gsut.lens import Camera
 from gsut.sfm.core import TANGENT, Features, Photographs
 
-_FISHEYE_FROM = 110.0  # degrees: wider guesses are fisheyes from the start
-_WIDEST_PERSPECTIVE = 130.0  # degrees
-_DEFAULT_FIELD = 60.0
+_FISHEYE_FROM = 110.0  # degrees across: wider guesses are fisheyes from the start
+_WIDEST_PERSPECTIVE = 130.0  # degrees across: beyond it tan() stretches the image's edge too much
+_DEFAULT_FIELD = 60.0  # degrees across: between a phone's main and wide camera
+_LONGEST_SAMPLE = 200  # features of an image that are tested for a ray
+_MOST_SAMPLED = 50  # images whose features are tested for a ray
 # Fields of view along the longer side (degrees) by kind of lens, r = f tan(b theta) / b: a
 # telephoto lens to a wide angle (b = 1), an action camera to a fisheye (stereographic, b = 1/2, and
 # equidistant, b = 0).
@@ -25,28 +27,27 @@ _LADDER = {
     0.5: (75.0, 90.0, 110.0, 140.0, 180.0),
     0.0: (75.0, 90.0, 110.0, 135.0, 165.0, 200.0),
 }
-# What no camera's lens goes beyond: focal length over the image's longer side (a fisheye's circle
-# of 220 degrees; a field of view of 10 degrees), stretch of the pixels, distance of the principal
-# point from the centre over the diagonal, and the share of features that it must have rays for.
-_LEAST_FOCAL, _MOST_FOCAL = 0.12, 6.0
-_MOST_STRETCH = 0.03
-_MOST_OFF_CENTER = 0.08
-_LEAST_SEEN = 0.95
+# Limits that no camera's lens exceeds.
+_LEAST_FOCAL = 0.12  # focal length over the longer side: a fisheye's circle of 220 degrees
+_MOST_FOCAL = 6.0  # focal length over the longer side: a field of view of 10 degrees
+_MOST_STRETCH = 0.03  # relative difference of the sides of a pixel
+_MOST_OFF_CENTER = 0.08  # distance of the principal point from the centre over the diagonal
+_LEAST_SEEN = 0.95  # share of the features that the lens must have rays for
 
 
 def guess_lenses(photographs: Photographs, fov_degrees: float | None) -> Photographs:
-    """The photographs with a lens to begin with.
+    """Gives the photographs a lens to start from.
 
     Raises:
-        InputError: images of different sizes (one unknown lens cannot serve both), or a field of
-            view that is none.
+        InputError: images of different sizes (one unknown lens cannot serve both), or an impossible
+            field of view.
     """
     sizes: dict[tuple[int, int], Path] = {}
     for path in photographs.paths:
         try:
             header = read_header(path)
         except InputError:
-            continue  # unreadable: named already
+            continue  # unreadable: reported already
         sizes.setdefault((header.width, header.height), path)
     if len(sizes) > 1:
         (first, a), (second, b) = list(sizes.items())[:2]
@@ -62,51 +63,53 @@ def guess_lenses(photographs: Photographs, fov_degrees: float | None) -> Photogr
 
 
 def guess_lens(width: int, height: int, fov_degrees: float) -> Camera:
-    """An undistorted lens of this horizontal field of view: perspective, or equidistant if wide."""
+    """Returns an undistorted lens of this horizontal field of view, equidistant if it is wide."""
     if not 5 <= fov_degrees <= 300:
         raise InputError(f"--fov takes 5 to 300 degrees, found {fov_degrees:g}")
     half = math.radians(fov_degrees / 2)
     if fov_degrees >= _FISHEYE_FROM:
-        return _kannala_brandt(width, height, width / 2 / half, 0.0)
+        return _make_kannala_brandt(width, height, width / 2 / half, 0.0)
     focal = width / 2 / math.tan(half)
     return Camera("opencv4", [focal, focal, width / 2, height / 2, 0, 0, 0, 0], width, height)
 
 
-def lens_ladder(width: int, height: int, fov_degrees: float | None) -> list[Camera]:
-    """Kannala-Brandt lenses with square pixels and a centred principal point.
+def list_lens_ladder(width: int, height: int, fov_degrees: float | None) -> list[Camera]:
+    """Lists Kannala-Brandt lenses with square pixels and a centred principal point.
 
     Args:
         width, height: of the images.
-        fov_degrees: horizontal, if it is roughly known; None: the whole ladder.
+        fov_degrees: horizontal, if roughly known; None: the whole ladder.
     """
     if fov_degrees is not None:
-        guess_lens(width, height, fov_degrees)  # refuses what is no field of view
+        guess_lens(width, height, fov_degrees)  # rejects an impossible field of view
         return [
-            _kannala_brandt(width, height, width / 2 / _radius(fov_degrees, bend), bend)
+            _make_kannala_brandt(
+                width, height, width / 2 / _measure_radius(fov_degrees, bend), bend
+            )
             for bend in _LADDER
             if bend * fov_degrees < _WIDEST_PERSPECTIVE
         ]
     return [
-        lens_of_field(width, height, field, bend)
+        make_lens(width, height, field, bend)
         for bend, fields in _LADDER.items()
         for field in fields
     ]
 
 
-def lens_of_field(width: int, height: int, fov_degrees: float, bend: float) -> Camera:
-    """A Kannala-Brandt lens near r = f tan(bend theta) / bend.
+def make_lens(width: int, height: int, fov_degrees: float, bend: float) -> Camera:
+    """Makes a Kannala-Brandt lens near r = f tan(bend theta) / bend.
 
     Args:
         width, height: of the images.
         fov_degrees: along the longer side.
         bend: 1 perspective, 1/2 stereographic, 0 equidistant.
     """
-    focal = max(width, height) / 2 / _radius(fov_degrees, bend)
-    return _kannala_brandt(width, height, focal, bend)
+    focal = max(width, height) / 2 / _measure_radius(fov_degrees, bend)
+    return _make_kannala_brandt(width, height, focal, bend)
 
 
-def with_added_bend(lens: Camera, change: float) -> Camera:
-    """A Kannala-Brandt lens with more or less k1, its edge of the image at the same angle."""
+def adjust_bend(lens: Camera, change: float) -> Camera:
+    """Changes k1 of a Kannala-Brandt lens; the image's edge stays at the same angle."""
     params = lens.params.copy()
     rays, valid = lens.unproject(np.array([[0.0, lens.height / 2], [lens.width / 2, 0.0]]))
     theta = float(np.max(np.arctan2(np.hypot(rays[valid, 0], rays[valid, 1]), rays[valid, 2])))
@@ -117,19 +120,19 @@ def with_added_bend(lens: Camera, change: float) -> Camera:
     return lens.with_params(params)
 
 
-def _radius(fov_degrees: float, bend: float) -> float:
-    """Of the edge of the field, in focal lengths."""
+def _measure_radius(fov_degrees: float, bend: float) -> float:
+    """Returns the radius of the edge of the field in focal lengths."""
     half = math.radians(fov_degrees / 2)
     return math.tan(bend * half) / bend if bend else half
 
 
-def _kannala_brandt(width: int, height: int, focal: float, bend: float) -> Camera:
+def _make_kannala_brandt(width: int, height: int, focal: float, bend: float) -> Camera:
     ks = [factor * bend ** (2 * k) for k, factor in enumerate(TANGENT, 1)]
     return Camera("kannala_brandt", [focal, focal, width / 2, height / 2, *ks], width, height)
 
 
-def implausible(lens: Camera, features: Sequence[Features]) -> str | None:
-    """Why no camera has this lens; None if one may.
+def explain_implausible(lens: Camera, features: Sequence[Features]) -> str | None:
+    """Explains why no camera can have this lens; None if one can.
 
     Args:
         lens: with fx, fy, cx, cy first.
@@ -144,7 +147,9 @@ def implausible(lens: Camera, features: Sequence[Features]) -> str | None:
     off = math.hypot(cx - lens.width / 2, cy - lens.height / 2)
     if off > _MOST_OFF_CENTER * math.hypot(lens.width, lens.height):
         return f"its principal point is {off:.0f} px from the image's centre"
-    pixels = np.concatenate([f.pixels[:: max(1, len(f) // 200)] for f in features[:50]])
+    pixels = np.concatenate(
+        [f.pixels[:: max(1, len(f) // _LONGEST_SAMPLE)] for f in features[:_MOST_SAMPLED]]
+    )
     seen = float(lens.unproject(pixels)[1].mean()) if len(pixels) else 1.0
     if seen < _LEAST_SEEN:
         return f"it has no ray at {100 * (1 - seen):.0f} % of the features"

@@ -1,4 +1,4 @@
-"""How well a refined lens is known: the covariance of its parameters and of what it projects."""
+"""Estimates how well a lens is known: the covariance of its parameters and projections."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from gsut.data.poses import find_centers
 from gsut.lens import Camera
 from gsut.sfm.core import Solution
 
-# Standard deviation of what an image may move (of the cameras' extent) and turn (radians) during
-# its readout.
+# Standard deviations of an image's shift, over the extent of the cameras, and of its turn in
+# radians during a readout: as in the adjustment.
 _VELOCITY_SIGMA = (0.1, 0.2)
-_CHUNK = 2000  # points whose pairs of observations are summed at once
+_CHUNK = 2000  # points whose pairs of observations are summed at once, to bound memory
 
 
 @dataclasses.dataclass(frozen=True)
 class LensCovariance:
-    """At the solution, from its residuals.
+    """Covariance of a lens at a solution, from the residuals.
 
     Args:
-        params: (F, F) covariance of what was free, one row a parameter or group of tied ones.
-        free: (K,) bool, which parameters were.
-        basis: (K, F) change of the parameters by that of what was free.
-        with_turn: (F + 3, F + 3): the same, and the turn that undoes a change of the lens best at
+        params: (F, F) covariance of the free parameters, one row a parameter or tied group.
+        free: (K,) bool, the parameters that were free.
+        basis: (K, F) derivative of all parameters by the free ones.
+        with_turn: (F + 3, F + 3) the same, with the turn that best undoes a change of the lens at
             the observations (radians, camera frame).
         noise: standard deviation of a feature's coordinate in pixels.
     """
@@ -39,27 +39,30 @@ class LensCovariance:
 
     @property
     def sigmas(self) -> np.ndarray:
-        """(K,) standard deviations of the parameters; 0 for those that were held."""
+        """Standard deviations (K,) of the parameters; 0 if held."""
         return np.sqrt(np.einsum("kf,fg,kg->k", self.basis, self.params, self.basis))
 
-    def projection_sigma(self, camera: Camera, pixels: np.ndarray) -> np.ndarray:
-        """(N,) pixels: standard deviation, in its worst direction, of distant points' projections.
+    def estimate_projection_sigma(self, camera: Camera, pixels: np.ndarray) -> np.ndarray:
+        """Estimates the standard deviation of distant points' projections in the worst direction.
 
         A lens that is turned together with all cameras is the same lens: changes count after the
         turn that undoes them best where features were seen.
 
         Args:
-            camera: the refined lens. pixels: (N, 2) where the directions are seen.
+            camera: the refined lens.
+            pixels: (N, 2) where the directions are seen.
 
         Returns:
-            NaN where the lens has no ray.
+            (N,) pixels; NaN where the lens has no ray.
         """
         rays, valid = camera.unproject(pixels)
         sigma = np.full(len(pixels), np.nan)
         if not valid.any():
             return sigma
         by_point, by_params = camera.project_jacobian(rays[valid])
-        jacobian = np.concatenate([by_params @ self.basis, by_turn(by_point, rays[valid])], 2)
+        jacobian = np.concatenate(
+            [by_params @ self.basis, differentiate_by_turn(by_point, rays[valid])], 2
+        )
         spread = jacobian @ self.with_turn @ jacobian.transpose(0, 2, 1)
         known = np.isfinite(spread).all(axis=(1, 2))
         values = np.full(len(spread), np.nan)
@@ -68,10 +71,10 @@ class LensCovariance:
         return sigma
 
 
-def lens_covariance(
+def estimate_lens_covariance(
     solution: Solution, free: np.ndarray, loss_scale: float, feature_variance: float = 1.0
 ) -> LensCovariance:
-    """Covariance of the lens of a solution that all images share; poses and points are free too.
+    """Estimates the covariance of the lens that all images share; poses and points are free too.
 
     The inverse of the normal equations with the points eliminated, times a variance that takes in
     what Cauchy's loss costs (Huber 1964: E[psi^2] / E[psi']^2). The first image and one component
@@ -79,7 +82,7 @@ def lens_covariance(
 
     Args:
         solution: with one lens.
-        free: (K,) flags of the parameters that were adjusted; equal ones above 1 are tied.
+        free: (K,) flags of the adjusted parameters; equal ones above 1 are tied.
         loss_scale: of Cauchy's loss, in medians of the residuals' lengths, as in the adjustment.
         feature_variance: FEATURE_VARIANCE for features of photographs, 1 for independent errors.
 
@@ -87,7 +90,7 @@ def lens_covariance(
         SolveError: the observations do not determine the lens.
     """
     camera = solution.cameras[0]
-    basis = free_columns(free)
+    basis = spread_free_parameters(free)
     image, point = solution.observations[:, 1], solution.observations[:, 0]
     poses = solution.camera_from_world
     rotation = poses[image, :3, :3]
@@ -101,13 +104,15 @@ def lens_covariance(
     weight = np.sqrt(1 / (1 + squared / scale**2))[:, None, None]
     by_centre = -by_p @ rotation
     change = weight * (by_params @ basis)
-    rows = weight * np.concatenate([by_centre, by_turn(by_p, p)], axis=2)
+    rows = weight * np.concatenate([by_centre, differentiate_by_turn(by_p, p)], axis=2)
     if solution.shutter is not None:  # a body that moves during the readout: as much by its time
-        rows = np.concatenate([rows, _readout_times(solution)[good, None, None] * rows], axis=2)
-    normal, freedom = without_points(image, point, rows, change, -weight * by_centre, len(poses))
+        rows = np.concatenate(
+            [rows, _compute_readout_times(solution)[good, None, None] * rows], axis=2
+        )
+    normal, freedom = eliminate_points(image, point, rows, change, -weight * by_centre, len(poses))
     _add_velocity_priors(normal, solution, math.sqrt(float(np.median(squared)) / 2), rows.shape[2])
     freedom += 2 * len(image)
-    unknown = _unknowns(solution, basis.shape[1], rows.shape[2])
+    unknown = _find_unknowns(solution, basis.shape[1], rows.shape[2])
     freedom -= len(unknown)
     small = normal[np.ix_(unknown, unknown)]
     size = 1 / np.sqrt(np.maximum(np.diag(small), 1e-300))
@@ -121,25 +126,25 @@ def lens_covariance(
             "these images do not determine the lens: give more of them, from different places and "
             "turned in different directions"
         )
-    noise, variance = residual_spread(squared, weight[:, 0, 0] ** 2, freedom)
+    noise, variance = estimate_residual_spread(squared, weight[:, 0, 0] ** 2, freedom)
     variance *= feature_variance
-    turn = weight * by_turn(by_p, p)
+    turn = weight * differentiate_by_turn(by_p, p)
     undone = -np.linalg.lstsq(turn.reshape(-1, 3), change.reshape(-1, change.shape[2]))[0]
     both = np.concatenate([np.eye(change.shape[2]), undone])
     params = variance * inverse[np.ix_(lens, lens)]
     return LensCovariance(params, np.asarray(free) > 0, basis, both @ params @ both.T, noise)
 
 
-def free_columns(flags: np.ndarray) -> np.ndarray:
-    """(K, F) of the flags (K,) of a lens' parameters: a column for each free one, or tied group."""
+def spread_free_parameters(flags: np.ndarray) -> np.ndarray:
+    """Returns (K, F) with a column for each free parameter or tied group of the flags (K,)."""
     flags = np.asarray(flags).astype(int)
     groups = np.where(flags == 1, -1 - np.arange(len(flags)), flags)
     wanted = list(dict.fromkeys(groups[flags > 0].tolist()))
     return np.stack([groups == group for group in wanted], axis=1).astype(np.float64)
 
 
-def _readout_times(solution: Solution) -> np.ndarray:
-    """(S,) of the observations' lines, -0.5 to 0.5, but for the direction."""
+def _compute_readout_times(solution: Solution) -> np.ndarray:
+    """Returns (S,) the times of the observations' lines, -0.5 to 0.5, but for the direction."""
     assert solution.shutter is not None
     camera, along_y = solution.cameras[0], "top" in solution.shutter.direction
     size = camera.height if along_y else camera.width
@@ -149,7 +154,7 @@ def _readout_times(solution: Solution) -> np.ndarray:
 def _add_velocity_priors(
     normal: np.ndarray, solution: Solution, noise: float, unknowns: int
 ) -> None:
-    """What is known of velocities beforehand, as in the adjustment; see `_VELOCITY_SIGMA`."""
+    """Adds the priors of velocities to the normal equations; see `_VELOCITY_SIGMA`."""
     if unknowns == 6:
         return
     size = np.linalg.norm(np.ptp(find_centers(solution.camera_from_world), axis=0))
@@ -160,13 +165,15 @@ def _add_velocity_priors(
             normal[place, place] += (noise / sigma) ** 2
 
 
-def residual_spread(squared: np.ndarray, weight: np.ndarray, freedom: int) -> tuple[float, float]:
-    """Noise of a coordinate in pixels, and the factor of the inverse weighted normal equations.
+def estimate_residual_spread(
+    squared: np.ndarray, weight: np.ndarray, freedom: int
+) -> tuple[float, float]:
+    """Estimates a coordinate's noise in pixels, and the factor of the inverse normal equations.
 
     Args:
         squared: (S,) residuals' squared lengths.
-        weight: (S,) Cauchy's, w = 1 / (1 + squared / c^2).
-        freedom: coordinates less unknowns.
+        weight: (S,) of Cauchy's loss, w = 1 / (1 + squared / c^2).
+        freedom: number of coordinates minus unknowns.
     """
     lost = 2 * len(squared) / freedom
     noise = math.sqrt(float(np.median(squared)) / (2 * math.log(2)) * lost)  # of a normal's length
@@ -175,12 +182,17 @@ def residual_spread(squared: np.ndarray, weight: np.ndarray, freedom: int) -> tu
     return noise, lost * psi * float(np.mean(weight)) / float(np.mean(weight**2)) ** 2
 
 
-def by_turn(by_point: np.ndarray, p: np.ndarray) -> np.ndarray:
-    """(N, 2, 3): derivative by w of a function of p + w x p."""
+def differentiate_by_turn(by_point: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """Returns (N, 2, 3) the derivative by w of a function of p + w x p.
+
+    Args:
+        by_point: (N, 2, 3) its derivative by the point.
+        p: (N, 3) the points.
+    """
     return np.cross(p[:, None, :], by_point)
 
 
-def without_points(
+def eliminate_points(
     image: np.ndarray,
     point: np.ndarray,
     by_pose: np.ndarray,
@@ -188,9 +200,15 @@ def without_points(
     by_point: np.ndarray,
     images: int,
 ) -> tuple[np.ndarray, int]:
-    """Normal equations (D images + F, same) without the points, and minus three for each point.
+    """Eliminates the points from the normal equations (D images + F, same): Schur complement.
 
-    D is the number of columns of by_pose.
+    Args:
+        image, point: (S,) of the observations.
+        by_pose: (S, 2, D), by_lens: (S, 2, F), by_point: (S, 2, 3) weighted derivatives.
+        images: number of images.
+
+    Returns:
+        The matrix, and minus three for each point eliminated: what it adds to the freedom.
     """
     order = np.argsort(point, kind="stable")
     image, point = image[order], point[order]
@@ -227,8 +245,8 @@ def without_points(
     return np.block([[poses, cross], [cross.T, lens]]), -3 * len(starts)
 
 
-def _unknowns(solution: Solution, lens: int, of_image: int) -> np.ndarray:
-    """Indices of what the gauge leaves free, the lens' last."""
+def _find_unknowns(solution: Solution, lens: int, of_image: int) -> np.ndarray:
+    """Returns the indices of the unknowns that the gauge leaves free, the lens' last."""
     first, second = solution.initial_pair
     centres = find_centers(solution.camera_from_world)
     axis = int(np.argmax(np.abs(centres[second] - centres[first])))

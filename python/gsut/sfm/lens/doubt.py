@@ -1,32 +1,80 @@
-"""Camera motions and scenes that leave something open, recognised from poses and points."""
+"""Judges how well an estimated lens is known, and compares it with what was said of it."""
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from gsut._core import SolveError
 from gsut.data.poses import find_centers
-from gsut.sfm.core import FEATURE_VARIANCE, PairMatches, PosesOptions, Solution, rotation_angles
-from gsut.sfm.lens.covariance import lens_covariance
+from gsut.lens import Camera, LensProfile, measure_field_of_view
+from gsut.sfm.core import (
+    FEATURE_VARIANCE,
+    Findings,
+    Mapping,
+    PairMatches,
+    PosesOptions,
+    Solution,
+    measure_rotation_angles,
+)
+from gsut.sfm.lens.covariance import estimate_lens_covariance
 
-# Second over first extent of the camera centres, below which they lie on a line.
-_STRAIGHT = 0.03
-_TURNS = math.radians(10.0)  # between the views, less than which says nothing of the lens
-# Third over second extent of the points, below which they lie in a plane.
-_FLAT = 0.03
-_LITTLE_PARALLAX = math.radians(2.0)
+# Twice the standard deviation of the focal length over it, above which a result is usable at most,
+# and above which it is poor.
+FOCAL_LIMITS = (0.02, 0.1)
 TURNED = "the camera mostly turned on the spot"  # how that sentence begins
-_OF_TURN = 0.1  # parallax of a pair over its turn, below which the turn is what there is
-_MOSTLY = 0.8  # of the pairs
-_TURNED_ONLY = 0.9  # share of a pair's matches that a rotation explains
+_STRAIGHT = 0.03  # second over first extent of the camera centres, below which they lie on a line
+_FLAT = 0.03  # third over second extent of the points, below which they lie in a plane
+_LITTLE_TURN = math.radians(10.0)  # between the views: it constrains no lens
+_LITTLE_PARALLAX = math.radians(2.0)  # too little for depths that serve other views
+_TURN_SHARE = 0.1  # parallax of a pair over its turn, below which the camera only turned
+_MOSTLY = 0.8  # share of the pairs that speaks for the whole capture
+_TURNED_ONLY = 0.9  # share of a pair's matches that a rotation must explain
+_CONTRADICTS = 0.1  # relative difference of focal lengths that needs an explanation
 
 
-def critical_motion(solution: Solution, pairs: Sequence[PairMatches]) -> str | None:
-    """What of the motion or the scene leaves the lens open, as a sentence; None if nothing does.
+def judge_lens(mapping: Mapping) -> None:
+    """Adds to the findings how well the focal length is known; does nothing for a known lens."""
+    solution, flags = mapping.solved, mapping.lens_free
+    if flags is None:
+        return
+    found = mapping.found
+    found.motion = find_critical_motion(solution, mapping.pairs)
+    found.focal_sigma = math.inf
+    try:
+        covariance = estimate_lens_covariance(
+            solution, flags, mapping.options.loss_scale, FEATURE_VARIANCE
+        )
+        found.focal_sigma = float(covariance.sigmas[0] / solution.cameras[0].params[0])
+    except SolveError:  # the images do not determine the lens
+        pass
+    is_finite = math.isfinite(found.focal_sigma)
+    found.figures["focal_sigma_percent"] = 100 * found.focal_sigma if is_finite else None
+
+
+def describe_doubt(found: Findings) -> str | None:
+    """Describes what leaves an estimated lens open; None if it is known well enough."""
+    if found.focal_sigma is None:
+        return None
+    if 2 * found.focal_sigma <= FOCAL_LIMITS[0] and found.motion is None:
+        return None
+    known = f"to {200 * found.focal_sigma:.1f} %" if found.focal_sigma < 1 else "not at all"
+    if found.motion:
+        return (
+            f"{found.motion}; by the errors of the features alone the focal length is known "
+            f"{known} (two standard deviations)"
+        )
+    return (
+        f"these images determine the focal length {known} (two standard deviations); give "
+        "--camera or --fov if you know the lens"
+    )
+
+
+def find_critical_motion(solution: Solution, pairs: Sequence[PairMatches]) -> str | None:
+    """Finds why the motion or the scene leaves the lens open, as a sentence; None if nothing does.
 
     A straight flight without turns: a longer focal length with a longer path gives the same images.
     A turn about one point: no depth. A plane seen from one height: no depth differences, so that
@@ -34,33 +82,33 @@ def critical_motion(solution: Solution, pairs: Sequence[PairMatches]) -> str | N
     self-calibration", CVPR 1997).
 
     Args:
-        solution: poses and points. pairs: verified matches.
+        pairs: verified matches.
     """
     poses = solution.camera_from_world[solution.registered]
     turned = [pair.rotation_matches > _TURNED_ONLY * len(pair.matches) for pair in pairs]
     parallax = np.array([pair.parallax for pair in pairs])
-    turns = rotation_angles(
+    turns = measure_rotation_angles(
         np.array([p.second_from_first[:3, :3] for p in pairs]).reshape(-1, 3, 3)
     )
-    # A rolling shutter, and a step to the side, are more than a rotation explains.
-    beside = parallax < _OF_TURN * turns
+    # A rolling shutter or a step to the side is more than a rotation explains.
+    beside = parallax < _TURN_SHARE * turns
     mostly = pairs and max(np.mean(turned), np.mean(beside)) > _MOSTLY
     if mostly and float(np.median(parallax)) < _LITTLE_PARALLAX:
         return (
             f"{TURNED}, so depths are hardly known and nothing can be seen from elsewhere: walk "
             "between the pictures, sideways to what you film"
         )
-    extents = _extents(find_centers(poses))
+    extents = _measure_extents(find_centers(poses))
     middle = poses[len(poses) // 2, :3, :3]
-    angles = rotation_angles(poses[:, :3, :3] @ middle.T)
-    still = float(np.percentile(angles, 90)) < _TURNS
+    angles = measure_rotation_angles(poses[:, :3, :3] @ middle.T)
+    still = float(np.percentile(angles, 90)) < _LITTLE_TURN
     if extents[1] < _STRAIGHT * extents[0] and still:
         return (
             "the camera moved straight on without turning, so the focal length and the length of "
             "the path along the view can replace each other: film a curve, or turn the camera "
             "while you move, some pictures upright and some on their side"
         )
-    flat = _extents(_near(solution.points))
+    flat = _measure_extents(_drop_far_points(solution.points))
     if flat[2] < _FLAT * flat[1] and still:
         return (
             "everything seen lies in one plane and was seen from one direction, so focal length "
@@ -70,74 +118,98 @@ def critical_motion(solution: Solution, pairs: Sequence[PairMatches]) -> str | N
     return None
 
 
-def _near(points: np.ndarray) -> np.ndarray:
-    """The points without the farthest tenth: single outliers are no depth."""
+def _drop_far_points(points: np.ndarray) -> np.ndarray:
+    """Drops the farthest tenth of the points, as single outliers are no depth."""
     distance = np.linalg.norm(points - np.median(points, axis=0), axis=1)
     return points[distance <= np.percentile(distance, 90)] if len(points) else points
 
 
-def _extents(points: np.ndarray) -> np.ndarray:
-    """(3,) singular values about the mean, largest first."""
+def _measure_extents(points: np.ndarray) -> np.ndarray:
+    """Returns (3,) the singular values about the mean, largest first."""
     if len(points) < 3:
         return np.array([1.0, 0.0, 0.0])
     values = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     return np.maximum(values, 1e-300 * np.ones(3))
 
 
-# Above the first usable at most, above the second poor: two standard deviations of the focal
-# length over it, and the median residual over the image's diagonal.
-FOCAL_LIMITS = (0.02, 0.1)
+def compare_lens(mapping: Mapping) -> list[str]:
+    """Compares the lens that was found with what the photographs say, one sentence each.
+
+    Adds "lens_start" to the figures where the lens was named.
+    """
+    photographs, figures = mapping.photographs, mapping.found.figures
+    lens, notes = mapping.solved.cameras[0], []
+    if figures["lens"] == "estimated" and photographs.exif_focal_px is not None:
+        notes += explain_contradiction(photographs.exif_focal_px, lens)
+    if photographs.profile is not None:
+        figures["lens_start"] = compare_with_profile(
+            photographs.profile, lens, figures.get("readout"), mapping.options
+        )
+        notes.append(describe_start(figures["lens_start"]))
+    return notes
 
 
-@dataclasses.dataclass(frozen=True)
-class LensDoubt:
-    """What is open about an estimated lens.
+def compare_with_profile(
+    profile: LensProfile, lens: Camera, readout: dict[str, Any] | None, options: PosesOptions
+) -> dict[str, Any]:
+    """Compares a lens and readout time with a profile's, for "lens_start" of poses.json.
 
     Args:
-        focal_sigma: standard deviation of the focal length over it; infinite: not determined.
-        motion: why, see `critical_motion`.
+        profile: the lens that the search started from.
+        lens: the estimated lens.
+        readout: of poses.json, with the estimated time; None: a global shutter.
+        options: with the given readout time.
+
+    Returns:
+        Name and doubts of the profile, its focal length and field of view and the estimated ones,
+        and the differences of focal length and readout time from the start in percent; None for
+        what is not known.
     """
-
-    focal_sigma: float
-    motion: str | None
-
-    @property
-    def percent(self) -> float | None:
-        """Standard deviation of the focal length in percent; None: not determined."""
-        return 100 * self.focal_sigma if math.isfinite(self.focal_sigma) else None
-
-    def words(self) -> str | None:
-        """A sentence, if the focal length is not known to 2 % (two standard deviations)."""
-        if 2 * self.focal_sigma <= FOCAL_LIMITS[0] and self.motion is None:
-            return None
-        share = (
-            f"to {200 * self.focal_sigma:.1f} %"
-            if math.isfinite(self.focal_sigma) and self.focal_sigma < 1
-            else "not at all"
-        )
-        if self.motion:
-            return (
-                f"{self.motion}; by the errors of the features alone the focal length is known "
-                f"{share} (two standard deviations)"
-            )
-        return (
-            f"these images determine the focal length {share} (two standard deviations); give "
-            "--camera or --fov if you know the lens"
-        )
+    start = profile.make_camera(lens.width, lens.height)
+    found = given = None
+    if readout is not None and "seconds" in readout:  # by the flow of a video
+        found = readout["seconds"]
+        given = None if profile.readout_ms is None else abs(profile.readout_ms) / 1000
+    elif readout is not None:
+        found, given = readout["estimated"], options.readout_time
+    return {
+        "name": profile.name,
+        "doubts": list(profile.doubts),
+        "focal_px": [float(start.params[0]), float(lens.params[0])],
+        "focal_percent": 100 * float(lens.params[0] / start.params[0] - 1),
+        "fov_degrees": [measure_field_of_view(start), measure_field_of_view(lens)],
+        "readout_percent": 100 * (found / given - 1) if found and given else None,
+    }
 
 
-def lens_doubt(
-    solution: Solution, flags: np.ndarray, pairs: Sequence[PairMatches], options: PosesOptions
-) -> LensDoubt:
-    """How well the images determine the lens that was estimated from them.
+def describe_start(values: dict[str, Any]) -> str:
+    """Describes the comparison in a sentence."""
+    before, after = values["focal_px"]
+    text = (
+        f"the search for the lens started from {values['name']} of the database and found a focal "
+        "length "
+        f"of {after:.1f} px, {values['focal_percent']:+.1f} % of its {before:.1f} px"
+    )
+    if None not in values["fov_degrees"]:
+        text += " (field of view {:.1f} -> {:.1f} degrees)".format(*values["fov_degrees"])
+    if values["readout_percent"] is not None:
+        text += f", its readout time {values['readout_percent']:+.0f} %"
+    if values["doubts"]:
+        text += f"; that calibration is doubtful: {', '.join(values['doubts'])}"
+    return text
 
-    Args:
-        solution: with the lens. flags: of its parameters, see `search_lens`.
-        pairs: verified. options: of the adjustment.
-    """
-    motion = critical_motion(solution, pairs)
-    try:
-        covariance = lens_covariance(solution, flags, options.loss_scale, FEATURE_VARIANCE)
-    except SolveError:
-        return LensDoubt(math.inf, motion)
-    return LensDoubt(float(covariance.sigmas[0] / solution.cameras[0].params[0]), motion)
+
+def explain_contradiction(exif_focal_px: float, lens: Camera) -> list[str]:
+    """Explains, in a sentence, a lens far from the focal length that EXIF states."""
+    found = float(lens.params[0])
+    if abs(found / exif_focal_px - 1) <= _CONTRADICTS:
+        return []
+    said = 2 * math.degrees(math.atan(lens.width / 2 / exif_focal_px))
+    field = measure_field_of_view(lens)
+    seen = "" if field is None else f", {field:.0f} degrees across"
+    return [
+        f"EXIF states a focal length of {exif_focal_px:.0f} px ({said:.0f} degrees across as a "
+        f"perspective lens), but {found:.0f} px were found{seen}: the photographs were cropped or "
+        "corrected in the camera, or the lens found is wrong; if renders look bent, give the field "
+        "of view by --fov or a lens by --camera"
+    ]

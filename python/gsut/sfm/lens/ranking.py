@@ -1,4 +1,4 @@
-"""How well lenses explain pairs of images: a quick ranking before anything is reconstructed."""
+"""Ranks lenses by how well they explain pairs of images, before anything is reconstructed."""
 
 from __future__ import annotations
 
@@ -10,22 +10,22 @@ import numpy as np
 from gsut import _core
 from gsut.lens import Camera, with_scaled_focal
 from gsut.sfm.core import Features, PosesOptions, RawMatches
-from gsut.sfm.lens.candidates import with_added_bend
+from gsut.sfm.lens.candidates import adjust_bend
 
-_PAIRS = 24
-_PAIRS_OF_AN_IMAGE = 2
+_PAIRS = 24  # of images that lenses are compared by: more hardly change the order
+_PAIRS_OF_AN_IMAGE = 2  # at most, so that the pairs spread over the images
 _MATCHES = 250  # of a pair, the most distinct
-# Of a first look at all lenses; so many of them get a closer one.
-_QUICK_PAIRS, _QUICK_MATCHES, _CLOSER = 10, 100, 6
-_FAVOUR = 1.02  # on the share of a lens that the database or EXIF speaks for
-# Matches of a pair beyond which more do not count, and the spread of their displacements beyond
-# which more is no better (of the diagonal): pairs that move say more than pairs with many matches.
-_ENOUGH_MATCHES = 300
+_QUICK_PAIRS = 10  # of a first look at all lenses
+_QUICK_MATCHES = 100  # of a pair, in the first look
+_CLOSER = 6  # lenses that get a closer look
+_FAVOUR = 1.02  # factor on the share of a lens that the database or EXIF suggests
+_ENOUGH_MATCHES = 300  # of a pair, beyond which more do not count
+# Spread of a pair's displacements over the extent of its features, beyond which more is no better:
+# pairs that move constrain a lens more than pairs with many matches.
 _ENOUGH_SPREAD = 0.06
-# Of pairs of a camera that turned on the spot a turn alone explains so much, of what agrees to a
-# larger error: where the lens is only nearly right.
-_TURNED, _TURN_ERROR = 0.8, 3.0
-# Steps of the focal length and of k1 around the best lens, coarse to fine.
+_TURNED = 0.8  # share of the agreeing matches that a turn explains if the camera only turned
+_TURN_ERROR = 3.0  # factor on the largest error then, where the lens is only nearly right
+# Relative steps of the focal length and steps of k1 around the best lens, coarse to fine.
 _STEPS = ((0.15, 0.06), (0.07, 0.03), (0.035, 0.015))
 
 
@@ -45,8 +45,10 @@ class LensRanking:
     prediction of matches that were not fitted.
 
     Args:
-        features: of all images. raw: their matches. options: the error and the seed.
-        error_factor: on the largest error; more than 1 for rolling shutters.
+        features: of all images.
+        raw: their matches.
+        options: the largest error and the seed.
+        error_factor: on the largest error; above 1 for rolling shutters.
     """
 
     def __init__(
@@ -56,7 +58,7 @@ class LensRanking:
         options: PosesOptions,
         error_factor: float = 1.0,
     ) -> None:
-        chosen = _informative_pairs(features, raw)
+        chosen = _choose_informative_pairs(features, raw)
         images = sorted({int(image) for i in chosen for image in raw.pairs[i]})
         place = {image: index for index, image in enumerate(images)}
         self._features = [features[image] for image in images]
@@ -66,30 +68,30 @@ class LensRanking:
         self._error = error_factor * options.max_two_view_error / 1000
         self._seed = options.seed
 
-    def share(self, camera: Camera, pairs: int = _PAIRS, most: int = _MATCHES) -> float:
-        """Mean share of the matches that agree through this lens, of so many pairs and matches."""
-        return self._shares(camera, pairs, most, 1.0)[0]
+    def measure_share(self, camera: Camera, pairs: int = _PAIRS, most: int = _MATCHES) -> float:
+        """Returns the mean share of the matches that agree through this lens."""
+        return self._measure_shares(camera, pairs, most, 1.0)[0]
 
-    def only_turned(self, lenses: Sequence[Camera]) -> bool:
-        """Whether a lens near one of these explains by turns alone what agrees through it."""
+    def has_only_turned(self, lenses: Sequence[Camera]) -> bool:
+        """Returns whether, through a lens near one of these, turns alone explain what agrees."""
 
-        def by_turns(camera: Camera) -> float:
-            agree, turns = self._shares(camera, _PAIRS, _MATCHES, _TURN_ERROR)
+        def measure_turned(camera: Camera) -> float:
+            agree, turns = self._measure_shares(camera, _PAIRS, _MATCHES, _TURN_ERROR)
             return turns / max(agree, 1e-9)
 
-        best = max(lenses, key=by_turns)
-        most = by_turns(best)
+        best = max(lenses, key=measure_turned)
+        most = measure_turned(best)
         for step, _ in _STEPS:
             for factor in (1 + step, 1 / (1 + step)):
                 camera = with_scaled_focal(best, factor)
-                if (found := by_turns(camera)) > most:
+                if (found := measure_turned(camera)) > most:
                     best, most = camera, found
         return most > _TURNED
 
-    def _shares(
+    def _measure_shares(
         self, camera: Camera, pairs: int, most: int, error_factor: float
     ) -> tuple[float, float]:
-        """Mean shares of the matches that agree with one pose a pair, and with a turn alone."""
+        """Returns the mean shares of matches that agree with one pose a pair, and with a turn."""
         matches_of = [matches[:most] for matches in self._matches[:pairs]]
         bearings = [_core.ImageBearings(camera, f.pixels) for f in self._features]
         valid = [b.valid for b in bearings]
@@ -106,18 +108,18 @@ class LensRanking:
         agree, turns = np.mean(shares, axis=0) if shares else (0.0, 0.0)
         return float(agree), float(turns)
 
-    def best(
+    def rank_lenses(
         self,
         likely: Sequence[Camera],
         others: Sequence[Camera],
         on_lens: Callable[[int, int], None],
     ) -> list[RankedLens]:
-        """The lenses, best first; the best one is improved by small steps before.
+        """Ranks lenses, best first, after improving the best one by small steps.
 
         Args:
-            likely: lenses that something speaks for: a little worse, they are still preferred.
-            others: lenses to begin with.
-            on_lens: told (lenses done, lenses in all).
+            likely: lenses that are preferred even if they score a little worse.
+            others: further lenses.
+            on_lens: called with (lenses done, lenses in all).
         """
         candidates = [*likely, *others]
         total = len(candidates) + _CLOSER + 4 * len(_STEPS)
@@ -127,7 +129,7 @@ class LensRanking:
             nonlocal done
             ranked = []
             for camera in cameras:
-                ranked.append(RankedLens(camera, self.share(camera, pairs, most)))
+                ranked.append(RankedLens(camera, self.measure_share(camera, pairs, most)))
                 done += 1
                 on_lens(done, total)
             favour = {camera: _FAVOUR for camera in likely}
@@ -140,17 +142,17 @@ class LensRanking:
             for step in (
                 with_scaled_focal(best.camera, 1 + focal),
                 with_scaled_focal(best.camera, 1 / (1 + focal)),
-                *((with_added_bend(best.camera, b) for b in (bend, -bend)) if bend else ()),
+                *((adjust_bend(best.camera, b) for b in (bend, -bend)) if bend else ()),
             ):
-                share = self.share(step)
+                share = self.measure_share(step)
                 if share > best.share:
                     best = RankedLens(step, share)
             on_lens(done + 4 * number, total)
         return [best, *ranked]
 
 
-def _informative_pairs(features: Sequence[Features], raw: RawMatches) -> np.ndarray:
-    """Indices of pairs with many matches whose displacements differ, spread over the images."""
+def _choose_informative_pairs(features: Sequence[Features], raw: RawMatches) -> np.ndarray:
+    """Chooses pairs with many matches whose displacements differ, spread over the images."""
     scores = np.zeros(len(raw.pairs))
     for i, ((a, b), matches) in enumerate(zip(raw.pairs, raw.matches, strict=True)):
         if len(matches) < 2:

@@ -1,4 +1,4 @@
-"""Images of several zooms taken for those of one lens: told by the focal length each asks for."""
+"""Finds images of several zooms that were taken for those of one lens, by their focal lengths."""
 
 from __future__ import annotations
 
@@ -10,111 +10,104 @@ from collections.abc import Sequence
 import numpy as np
 
 from gsut import _core
-from gsut._core import Shutter, SolveError
+from gsut._core import SolveError
 from gsut.data import list_some
 from gsut.lens import Camera, find_focal_params, has_focal_length, with_scaled_focal
 from gsut.sfm.core import (
     Features,
-    Photographs,
-    PosesLog,
+    Findings,
+    Mapping,
     PosesOptions,
     RawMatches,
     Solution,
-    only_pairs,
+    Zoom,
+    select_pairs,
 )
-from gsut.sfm.lens.candidates import lens_of_field
-from gsut.sfm.lens.covariance import by_turn
-from gsut.sfm.lens.search import LensSearch, search_lens
+from gsut.sfm.lens.candidates import make_lens
+from gsut.sfm.lens.covariance import differentiate_by_turn
+from gsut.sfm.lens.search import search_lens
 
-# Factors on the focal length that an image without a pose is tried with, how many matches with, how
-# many images, and the share of the usual share of matches that must fit.
+# Factors on the focal length that an image without a pose is tried with.
 _FACTORS = np.geomspace(0.25, 4.0, 33)
-_TRIED_MATCHES, _MOST_TRIED, _FITS = 200, 40, 0.5
-_ROUGH = 3.0  # on the largest error meanwhile: between two factors
-_FITTED = 300  # points of an image, by which its focal length is found at most
-_FEWEST_POINTS = 20
-_ROUNDS = 8
-_DOUBTED = 0.7  # share of the usual share of matches that fit, below which a pose is doubted
-_KNOWN = 0.02  # standard deviation of the logarithm of an image's focal length, at most
-# Focal lengths farther apart than this, with none between, are two zooms; so many images make one;
-# and zooms that hold less than this share of the images are none.
-_APART, _FEWEST, _MOST_OF_ALL = 0.05, 3, 0.9
-# Share of the images without a pose, from which they may be of another zoom; fewest matches of a
-# pair that tells, so many pairs of an image, and matches of each; factors on the focal length that
-# are compared, or on that of a lens of this field of view in degrees.
-_LEFT_OUT, _LINKED, _PAIRS_OF_AN_IMAGE, _COMPARED = 0.1, 50, 5, 100
-_FOCALS, _FIELD = np.geomspace(0.45, 2.2, 15), 60.0
+_TRIED_MATCHES = 200  # of an image that is tried with several focal lengths
+_MOST_TRIED = 40  # images that are tried: enough to see a second zoom
+_FITS = 0.5  # share of the usual share of matches that must fit for a trial to count
+_ROUGH = 3.0  # on the largest error of a trial, which may lie between two factors
+_FITTED_POINTS = 300  # of an image, by which its focal length is found at most
+_FEWEST_POINTS = 20  # of an image whose focal length is found
+_ROUNDS = 8  # of Gauss-Newton
+_DOUBTED = 0.7  # share of the usual share of fitting matches below which a pose is doubted
+_KNOWN_SIGMA = 0.02  # largest standard deviation of the logarithm of an image's focal length
+_ZOOM_GAP = 0.05  # of the logarithms of neighbouring focal lengths between two zooms
+_FEWEST_IMAGES = 3  # of a zoom
+_MOST_OF_ALL = 0.9  # share of the images that zooms must hold together, or there are none
+_LEFT_OUT = 0.1  # share of the images without a pose from which they may be of another zoom
+_LINKED_MATCHES = 50  # of a pair that is compared at several focal lengths
+_PAIRS_OF_AN_IMAGE = 5  # that are compared at several focal lengths
+_COMPARED_MATCHES = 100  # of such a pair
+_FOCALS = np.geomspace(0.45, 2.2, 15)  # factors on the focal length that pairs are compared at
+_FIELD = 60.0  # degrees across of the lens whose focal length is scaled where none was found
 
 
-@dataclasses.dataclass(frozen=True)
-class Zoom:
-    """Images of one focal length, in pixels."""
-
-    focal: float
-    names: list[str]
-
-
-def search_zooms(
-    photographs: Photographs,
-    features: Sequence[Features],
-    raw: RawMatches,
-    options: PosesOptions,
-    fov_degrees: float | None,
-    log: PosesLog,
-    shutter: Shutter | None = None,
-) -> tuple[LensSearch, list[Zoom]]:
-    """`search_lens`, and the zooms of the images where they are several.
+def search_zooms(mapping: Mapping) -> None:
+    """Searches the lens, and the zooms of the images where they are several.
 
     Images of two zooms can pass for images of one between them, from nearer and from farther away.
-    Where many are left without a pose, and the matches of some speak for another zoom than those of
-    most, the lens is sought once more by the latter alone.
+    Where a tenth of the images are left without a pose, and the matches of some suggest another
+    zoom than those of most, the lens is searched once more by the latter alone.
 
-    Args, raises: as `search_lens`.
+    Sets what `search_lens` sets, and the zooms found.
+
+    Raises:
+        SolveError: see `search_lens`.
     """
-    found, failure = None, None
+    features, raw, options = mapping.features, mapping.raw, mapping.options
+    failure = None
     try:
-        found = search_lens(photographs, features, raw, options, fov_degrees, log, shutter)
+        search_lens(mapping)
     except SolveError as error:
         failure = error
-    if found is not None:
-        zooms = find_zooms(found.solution, features, raw, options)
-        if zooms or found.solution.num_registered >= (1 - _LEFT_OUT) * len(features):
-            return found, zooms
-    size = photographs.cameras[0]
-    assert size is not None
-    start = lens_of_field(size.width, size.height, _FIELD, 1.0)
-    lens = start if found is None else found.solution.cameras[0]
-    group, others = _of_most(lens, features, raw, options)
-    if len(others) >= _FEWEST and len(group) > _FEWEST:
-        own = only_pairs(raw, {(int(a), int(b)) for a, b in raw.pairs if {a, b} <= group})
+    solution = mapping.solution
+    if solution is not None:
+        mapping.found.zooms = find_zooms(solution, features, raw, options)
+        if mapping.found.zooms or solution.num_registered >= (1 - _LEFT_OUT) * len(features):
+            return
+    size = mapping.photographs.lenses[0]
+    start = make_lens(size.width, size.height, _FIELD, 1.0)
+    lens = start if solution is None else solution.cameras[0]
+    group, others = _split_by_zoom(lens, features, raw, options)
+    if len(others) >= _FEWEST_IMAGES and len(group) > _FEWEST_IMAGES:
+        own = select_pairs(raw, {(int(a), int(b)) for a, b in raw.pairs if {a, b} <= group})
+        again = dataclasses.replace(mapping, raw=own, solution=None, found=Findings())
+        again.found.figures.update(mapping.found.figures)
         with contextlib.suppress(SolveError):
-            other = search_lens(photographs, features, own, options, fov_degrees, log, shutter)
-            zooms = find_zooms(other.solution, features, raw, options)
-            if zooms:
-                return other, zooms
-    if found is None:
-        assert failure is not None
+            search_lens(again)
+            again.found.zooms = find_zooms(again.solved, features, raw, options)
+            if again.found.zooms:
+                mapping.solution, mapping.pairs = again.solution, again.pairs
+                mapping.lens_free, mapping.found = again.lens_free, again.found
+                return
+    if failure is not None:
         raise failure
-    return found, []
 
 
-def _of_most(
+def _split_by_zoom(
     lens: Camera, features: Sequence[Features], raw: RawMatches, options: PosesOptions
 ) -> tuple[set[int], set[int]]:
-    """Images that are probably of the zoom of most, and those that are of another.
+    """Splits images into those probably of the zoom of most, and those of another.
 
     Matches of a pair agree through a lens of the right focal length if both images have that one,
-    and hardly more with one than with another if they have two: each image has that of which its
-    pairs speak for most. Images without pairs that tell are in neither.
+    and hardly more with one than with another if they have two: each image gets the focal length
+    that its pairs favour most. Images without enough matches are in neither.
     """
     used = np.zeros(len(features), np.int64)
     chosen = []
     for index in np.argsort([-len(matches) for matches in raw.matches], kind="stable"):
         pair = raw.pairs[index]
-        if len(raw.matches[index]) >= _LINKED and used[pair].min() < _PAIRS_OF_AN_IMAGE:
+        if len(raw.matches[index]) >= _LINKED_MATCHES and used[pair].min() < _PAIRS_OF_AN_IMAGE:
             used[pair] += 1
             chosen.append(index)
-    pairs, matches = raw.pairs[chosen], [raw.matches[i][:_COMPARED] for i in chosen]
+    pairs, matches = raw.pairs[chosen], [raw.matches[i][:_COMPARED_MATCHES] for i in chosen]
     max_error = options.max_two_view_error * math.hypot(lens.width, lens.height) / 1000
     agree = np.zeros((len(_FOCALS), len(chosen)))
     for row, factor in zip(agree, _FOCALS, strict=True):
@@ -138,7 +131,7 @@ def _of_most(
 def find_zooms(
     solution: Solution, features: Sequence[Features], raw: RawMatches, options: PosesOptions
 ) -> list[Zoom]:
-    """The zooms that the images were taken at, most images first; [] if it was one.
+    """Finds the zooms that the images were taken at, most images first; [] if it was one.
 
     Each image's focal length is found with its pose while the points stay: those with a pose by
     their observations; the others, and those whose pose fits fewer of their matches than is usual,
@@ -146,39 +139,39 @@ def find_zooms(
 
     Args:
         solution: with one lens for all images.
-        features: of all images. raw: their matches, which hold across zooms: verified ones do not.
-        options: see PosesOptions.
+        features: of all images.
+        raw: their matches, which hold across zooms; verified ones do not.
     """
     lens = solution.cameras[0]
     if len(set(solution.cameras)) > 1 or solution.shutter is not None or not has_focal_length(lens):
         return []
     logs = np.full(len(features), np.nan)
-    sightings = _sightings(solution, features, raw)
-    shares = _fitting_shares(solution, sightings, options)
+    sightings = _gather_sightings(solution, features, raw)
+    shares = _measure_fitting_shares(solution, sightings, options)
     if np.isnan(shares).all():
         return []
     usual = float(np.nanmedian(shares))
     doubted = shares < _DOUBTED * usual
     for image in np.flatnonzero(solution.registered & ~doubted):
         rows = np.flatnonzero(solution.observations[:, 1] == image)
-        rows = rows[:: max(1, len(rows) // _FITTED)]
+        rows = rows[:: max(1, len(rows) // _FITTED_POINTS)]
         points = solution.points[solution.observations[rows, 0]]
         pose = solution.camera_from_world[image]
-        logs[image] = _fitted(lens, pose, solution.pixels[rows], points)
-    open_ = [n for n in sorted(sightings) if doubted[n] or not solution.registered[n]]
-    for number in open_[:: max(1, -(-len(open_) // _MOST_TRIED))]:
-        logs[number] = _tried(lens, *sightings[number], options, _FITS * usual)
+        logs[image] = _fit_focal(lens, pose, solution.pixels[rows], points)
+    tried = [n for n in sorted(sightings) if doubted[n] or not solution.registered[n]]
+    for number in tried[:: max(1, -(-len(tried) // _MOST_TRIED))]:
+        logs[number] = _try_focals(lens, *sightings[number], options, _FITS * usual)
     return [
         Zoom(
             float(lens.params[find_focal_params(lens)[0]] * math.exp(np.median(logs[group]))),
             [solution.names[image] for image in group],
         )
-        for group in _groups(logs)
+        for group in _group_by_focal(logs)
     ]
 
 
-def zooms_notes(zooms: Sequence[Zoom]) -> list[str]:
-    """A sentence on more than one zoom, and what to do; none where there are not several."""
+def describe_zooms(zooms: Sequence[Zoom]) -> list[str]:
+    """Describes several zooms and what to do, in a sentence; [] where there are not several."""
     if not zooms:
         return []
     others = [name for zoom in zooms[1:] for name in zoom.names]
@@ -189,10 +182,10 @@ def zooms_notes(zooms: Sequence[Zoom]) -> list[str]:
     ]
 
 
-def _sightings(
+def _gather_sightings(
     solution: Solution, features: Sequence[Features], raw: RawMatches
 ) -> dict[int, tuple[np.ndarray, np.ndarray]]:
-    """Of each image the pixels, and the points (M, 3) of others, that its matches join."""
+    """Returns, by image, the pixels and the points (M, 3) of others that its matches join."""
     point_of = [np.full(len(f), -1) for f in features]
     for point, image, feature in solution.observations:
         point_of[image][feature] = point
@@ -213,10 +206,10 @@ def _sightings(
     return sightings
 
 
-def _fitting_shares(
+def _measure_fitting_shares(
     solution: Solution, sightings: dict[int, tuple[np.ndarray, np.ndarray]], options: PosesOptions
 ) -> np.ndarray:
-    """(N,) share of the matches with points that an image's pose fits; NaN: it has none."""
+    """Returns (N,) the share of the matches with points that an image's pose fits, or NaN."""
     lens = solution.cameras[0]
     max_error = options.max_error * math.hypot(lens.width, lens.height) / 1000
     shares = np.full(len(solution.names), np.nan)
@@ -228,12 +221,13 @@ def _fitting_shares(
     return shares
 
 
-def _tried(
+def _try_focals(
     lens: Camera, pixels: np.ndarray, points: np.ndarray, options: PosesOptions, least: float
 ) -> float:
-    """Logarithm of the factor on the focal length that an image asks for.
+    """Finds the logarithm of the factor on the focal length by which an image fits its matches.
 
-    NaN: with none of them at least this share of the matches fits.
+    Returns:
+        NaN if no factor fits at least this share of the matches.
     """
     max_error = _ROUGH * options.max_error * math.hypot(lens.width, lens.height) / 1000
     some = slice(None, None, max(1, len(pixels) // _TRIED_MATCHES))
@@ -249,15 +243,18 @@ def _tried(
     if best is None or most < max(options.min_inliers, least * len(pixels)):
         return math.nan
     factor, pose, rows = best
-    return math.log(factor) + _fitted(
+    return math.log(factor) + _fit_focal(
         with_scaled_focal(lens, factor), pose, pixels[rows], points[rows]
     )
 
 
-def _fitted(lens: Camera, pose: np.ndarray, pixels: np.ndarray, points: np.ndarray) -> float:
-    """The logarithm of the factor on the focal length that fits an image best, from its pose.
+def _fit_focal(lens: Camera, pose: np.ndarray, pixels: np.ndarray, points: np.ndarray) -> float:
+    """Fits the pose and the logarithm of the factor on the focal length to an image.
 
-    Gauss-Newton on the pose and the factor, weighted as by Cauchy's loss; NaN: not determined.
+    Gauss-Newton with the weights of Cauchy's loss.
+
+    Returns:
+        The logarithm; NaN if it is not determined.
     """
     change, log, focal = np.zeros(7), 0.0, find_focal_params(lens)
     for _ in range(_ROUNDS):
@@ -267,7 +264,9 @@ def _fitted(lens: Camera, pose: np.ndarray, pixels: np.ndarray, points: np.ndarr
         by_p, by_params = scaled.project_jacobian(p)
         by_focal = by_params[:, :, focal] @ scaled.params[focal]
         off = pixels - scaled.project(p)[0]
-        matrix = np.concatenate([by_p, by_turn(by_p, p), by_focal[:, :, None]], axis=2)
+        matrix = np.concatenate(
+            [by_p, differentiate_by_turn(by_p, p), by_focal[:, :, None]], axis=2
+        )
         good = np.isfinite(matrix).all(axis=(1, 2)) & np.isfinite(off).all(axis=1)
         if good.sum() < _FEWEST_POINTS:
             return math.nan
@@ -284,15 +283,15 @@ def _fitted(lens: Camera, pose: np.ndarray, pixels: np.ndarray, points: np.ndarr
             return math.nan
     inverse = np.linalg.pinv((left / size).T @ (left / size))
     sigma = math.sqrt(scale * inverse[6, 6]) / size[6]
-    return log if sigma < _KNOWN else math.nan
+    return log if sigma < _KNOWN_SIGMA else math.nan
 
 
-def _groups(logs: np.ndarray) -> list[np.ndarray]:
-    """Images by their focal lengths, largest group first; [] where there are not several."""
+def _group_by_focal(logs: np.ndarray) -> list[np.ndarray]:
+    """Groups images by focal length, largest group first; [] where there are not several."""
     known = np.flatnonzero(np.isfinite(logs))
     order = known[np.argsort(logs[known], kind="stable")]
-    cuts = np.flatnonzero(np.diff(logs[order]) > _APART) + 1
-    groups = [group for group in np.split(order, cuts) if len(group) >= _FEWEST]
+    cuts = np.flatnonzero(np.diff(logs[order]) > _ZOOM_GAP) + 1
+    groups = [group for group in np.split(order, cuts) if len(group) >= _FEWEST_IMAGES]
     if len(groups) < 2 or sum(map(len, groups)) < _MOST_OF_ALL * len(known):
         return []
     return [np.sort(group) for group in sorted(groups, key=len, reverse=True)]

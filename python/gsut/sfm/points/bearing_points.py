@@ -1,4 +1,4 @@
-"""Points from matched bearings of posed images: tracks that grow image by image."""
+"""Triangulates points from matched bearings of posed images, image by image."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from gsut.sfm.core import Features, PairMatches
 
 
 class BearingPoints:
-    """Where matched rays of posed images meet.
+    """Points where matched rays of posed images meet.
 
     Args:
         cameras, features: of all images.
@@ -46,7 +46,7 @@ class BearingPoints:
         self.observations: np.ndarray = np.zeros((0, 3), np.int32)
 
     def state_dict(self) -> dict[str, np.ndarray]:
-        """The points and what sees them."""
+        """Returns the points and their observations."""
         return {
             "positions": self.positions,
             "colors": self.colors,
@@ -54,7 +54,7 @@ class BearingPoints:
         }
 
     def load_state_dict(self, state: dict[str, np.ndarray]) -> None:
-        """Goes on where `state_dict` was taken."""
+        """Restores what `state_dict` returned."""
         self.positions, self.colors = state["positions"], state["colors"]
         self.observations = state["observations"]
         self._point_of = [np.full(len(f), -1, np.int64) for f in self._features]
@@ -62,10 +62,10 @@ class BearingPoints:
             self._point_of[image][feature] = point
 
     def add_image(self, image: int, poses: np.ndarray) -> None:
-        """Extends the tracks to an image, and begins new ones with the posed images before it.
+        """Extends tracks to an image, and begins new ones with the posed images before it.
 
         Args:
-            image: index; posed.
+            image: index of an image with a pose.
             poses: (N, 4, 4) camera_from_world of all images, NaN where there is none.
         """
         for pair in self._pairs_of[image]:  # the widest baselines first: pairs are sorted
@@ -83,39 +83,39 @@ class BearingPoints:
         self, image: int, features: np.ndarray, points: np.ndarray, poses: np.ndarray
     ) -> None:
         _, once = np.unique(points, return_index=True)
-        good = once[self._errors(image, features[once], self.positions[points[once]], poses)]
-        self._see(points[good], image, features[good])
+        good = once[self._is_near(image, features[once], self.positions[points[once]], poses)]
+        self._add_observations(points[good], image, features[good])
 
     def _begin(self, images: tuple[int, int], matches: np.ndarray, poses: np.ndarray) -> None:
         rays = [self._rays[i][matches[:, k]] @ poses[i, :3, :3] for k, i in enumerate(images)]
         cosine = np.einsum("nk,nk->n", *rays)
-        met, distances = _meet(find_centers(poses[list(images)]), rays, cosine)
+        met, distances = _intersect_rays(find_centers(poses[list(images)]), rays, cosine)
         good = (distances > 0).all(axis=0) & (np.cos(self._min_angle) > cosine)
         for k, i in enumerate(images):
-            good[good] = self._errors(i, matches[good, k], met[good], poses)
+            good[good] = self._is_near(i, matches[good, k], met[good], poses)
         new = len(self.positions) + np.arange(int(good.sum()))
         self.positions = np.concatenate([self.positions, met[good]])
         colors = self._features[images[0]].colors[matches[good, 0]]
         self.colors = np.concatenate([self.colors, colors])
         for k, i in enumerate(images):
-            self._see(new, i, matches[good, k])
+            self._add_observations(new, i, matches[good, k])
 
-    def _see(self, points: np.ndarray, image: int, features: np.ndarray) -> None:
+    def _add_observations(self, points: np.ndarray, image: int, features: np.ndarray) -> None:
         self._point_of[image][features] = points
         rows = np.stack([points, np.full(len(points), image), features], axis=1)
         self.observations = np.concatenate([self.observations, rows.astype(np.int32)])
 
-    def _errors(
+    def _is_near(
         self, image: int, features: np.ndarray, positions: np.ndarray, poses: np.ndarray
     ) -> np.ndarray:
-        """(N,) bool: the projection lies near enough to the feature."""
+        """Returns (N,) bool: the projection lies near enough to the feature."""
         pose = poses[image]
         seen = self._cameras[image].project(positions @ pose[:3, :3].T + pose[:3, 3])[0]
         distances = np.linalg.norm(seen - self._features[image].pixels[features], axis=1)
         return distances < self._max_error  # NaN, outside the lens' domain: False
 
     def adjust(self, poses: np.ndarray) -> None:
-        """Moves each point to where its rays come nearest to each other, least squares."""
+        """Moves each point to where its rays come nearest to each other in least squares."""
         total = np.zeros((len(self.positions), 3, 3))
         right = np.zeros((len(self.positions), 3))
         centers = find_centers(poses)
@@ -124,7 +124,7 @@ class BearingPoints:
             points, features = self.observations[of_image, 0], self.observations[of_image, 2]
             rays = self._rays[image][features] @ poses[image, :3, :3]
             across: np.ndarray = np.eye(3) - rays[:, :, None] * rays[:, None, :]
-            # Errors are of angle: a far point's distance from the ray counts less.
+            # Errors are angles: the distance of a far point from its ray counts less.
             weight = 1.0 / np.sum((self.positions[points] - centers[image]) ** 2, axis=1)
             across = across * weight[:, None, None]
             np.add.at(total, points, across)
@@ -133,10 +133,10 @@ class BearingPoints:
             self.positions = np.linalg.solve(total, right[:, :, None])[:, :, 0]
 
 
-def _meet(
+def _intersect_rays(
     centers: np.ndarray, rays: Sequence[np.ndarray], cosine: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(N, 3) middles of the shortest segments between pairs of rays, and (2, N) distances."""
+    """Returns (N, 3) middles of the shortest segments between rays, and (2, N) distances."""
     base = centers[1] - centers[0]
     first, second = rays[0] @ base, rays[1] @ base
     with np.errstate(divide="ignore", invalid="ignore"):

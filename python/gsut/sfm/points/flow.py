@@ -1,7 +1,7 @@
-"""Pixels of posed photographs followed into their neighbours by optical flow: dense matches.
+"""Follows pixels of posed photographs into their neighbours by optical flow: dense matches.
 
 A neighbour is first drawn as the photograph's own lens and pose would see it, at distances that
-known points tell; what flow has to find is then small, whatever the turn and the distortion.
+known points give; what flow has to find is then small, whatever the turn and the distortion.
 """
 
 from __future__ import annotations
@@ -19,20 +19,19 @@ from gsut.data import Scene
 from gsut.data.images import shrink_image, shrink_mask
 from gsut.sfm.core import OnProgress
 
-_MEGAPIXELS = 0.5  # of the images between which flow is sought
+_MEGAPIXELS = 0.5  # of the images that flow is computed on: more costs time and gains little
 _NEIGHBORS = 4  # of each photograph
-_SHARED = 15  # points that two neighbours both see
-# Degrees between the rays to the points that two neighbours see: enough for a distance, and little
-# enough for a patch to look alike.
-_AT_ONCE = 30_000  # places; cv2.remap takes less than 2^15
-_LEAST_ANGLE, _MOST_ANGLE = 1.5, 20.0
-_SMOOTH = 20  # of the image's longer side: distances are averaged over so much
-_RETURNS = 0.7  # pixels of the small images: the flow there and back again ends where it began
+_SHARED = 15  # points that two neighbours must both see
+_LEAST_ANGLE = 1.5  # degrees between two neighbours' rays to a point: enough for a distance
+_MOST_ANGLE = 20.0  # degrees between two neighbours' rays: a patch still looks alike
+_AT_ONCE = 30_000  # places: cv2.remap takes less than 2^15
+_SMOOTH = 20  # parts of the longer side, over one of which distances are averaged
+_RETURN_PX = 0.7  # of the small images, between a pixel and where flow there and back leads
 
 
 @dataclasses.dataclass(frozen=True)
 class Flow:
-    """Pixels of all views, and which of two views are the same point.
+    """Pixels of all views, and the pairs of them that show the same point.
 
     Args:
         pixels: (N, 2) float64 of each view, at the size of the files.
@@ -53,15 +52,15 @@ def follow_pixels(
     count: int,
     on_progress: OnProgress,
 ) -> Flow:
-    """Dense inverse search (Kroeger et al. 2016), checked there and back.
+    """Follows pixels by dense inverse search (Kroeger et al. 2016), checked there and back.
 
     Args:
         scene: the photographs.
-        positions: (P, 3), observations: (S, 3) point, view, pixel: of points that are known; they
-            tell which views are neighbours, and distances.
+        positions: (P, 3) of known points, which give neighbours and distances.
+        observations: (S, 3) point, view, pixel of the known points.
         pixels: (N, 2) of each view, that the observations name.
         count: pixels to follow, of all views together.
-        on_progress: told of the stage "flow".
+        on_progress: called for the stage "flow".
     """
     import cv2
 
@@ -71,8 +70,8 @@ def follow_pixels(
         for index, rows in enumerate(of_view)
     ]
     step = math.sqrt(sum(float(s.valid.sum()) for s in small) / max(1, count))
-    grids = [s.grid(max(1.0, step)) for s in small]
-    wanted = _neighbors(scene, positions, of_view)
+    grids = [s.make_grid(max(1.0, step)) for s in small]
+    wanted = _choose_neighbors(scene, positions, of_view)
     before = cv2.getNumThreads()
     cv2.setNumThreads(1)  # its result depends on the number of threads
     try:
@@ -99,13 +98,17 @@ def follow_pixels(
         both = np.stack([rows, there], axis=1).astype(np.int32)
         matches.append((a, b, both) if a < b else (b, a, np.ascontiguousarray(both[:, ::-1])))
     of_views = [np.concatenate(each) for each in places]
-    colors = [s.colors_at(each) for s, each in zip(small, of_views, strict=True)]
+    colors = [s.sample_colors(each) for s, each in zip(small, of_views, strict=True)]
     return Flow([e * s.factor for e, s in zip(of_views, small, strict=True)], colors, matches)
 
 
 class _Small:
-    """A view's photograph at the size that flow is sought at; points (N, 3) that it sees, and the
-    pixels (N, 2) of the full image where it does."""
+    """A view's photograph at the size that flow is computed at.
+
+    Args:
+        points: (N, 3) that the view sees.
+        seen: (N, 2) pixels of the full image where it sees them.
+    """
 
     def __init__(self, scene: Scene, index: int, points: np.ndarray, seen: np.ndarray) -> None:
         import cv2
@@ -124,8 +127,8 @@ class _Small:
         self._distances = np.linalg.norm(points - view.camera_center, axis=1)
         self._seen = np.clip((seen / self.factor).astype(int), 0, np.array(size) - 1)
 
-    def scene_points(self) -> np.ndarray:
-        """(H, W, 3) where each pixel's ray is as long as to the nearest known point beside it."""
+    def estimate_points(self) -> np.ndarray:
+        """Estimates (H, W, 3) the point of each pixel from known points beside it."""
         import cv2
 
         far = np.full(self.valid.shape, 255, np.uint8)
@@ -141,21 +144,21 @@ class _Small:
         rays = np.nan_to_num(self.camera.rays()[0])
         return (rays * distance[..., None] - self.pose[:3, 3]) @ self.pose[:3, :3]
 
-    def grid(self, step: float) -> np.ndarray:
-        """(N, 2) pixels so far apart that count."""
+    def make_grid(self, step: float) -> np.ndarray:
+        """Returns (N, 2) valid pixels that are `step` apart."""
         height, width = self.valid.shape
         x, y = np.meshgrid(np.arange(step / 2, width, step), np.arange(step / 2, height, step))
         places = np.stack([x.ravel(), y.ravel()], axis=1)
-        return places[self.counts_at(places)]
+        return places[self.is_valid_at(places)]
 
-    def counts_at(self, places: np.ndarray) -> np.ndarray:
-        """(N,) bool: inside the image, and valid."""
+    def is_valid_at(self, places: np.ndarray) -> np.ndarray:
+        """Returns (N,) bool: inside the image, and valid."""
         height, width = self.valid.shape
         inside = np.all((places >= 0) & (places < [width, height]), axis=1)
         x, y = np.where(inside[:, None], places, 0).astype(int).T
         return inside & self.valid[y, x]
 
-    def colors_at(self, places: np.ndarray) -> np.ndarray:
+    def sample_colors(self, places: np.ndarray) -> np.ndarray:
         x, y = places.astype(int).T
         return self.image[y, x]
 
@@ -163,8 +166,8 @@ class _Small:
 def _follow(
     a: _Small, others: list[_Small], grid: np.ndarray
 ) -> list[tuple[np.ndarray, np.ndarray]]:
-    """For each of the others: rows of the grid of `a` that are found again there, and where."""
-    points = a.scene_points().reshape(-1, 3) if others else np.zeros((0, 3))
+    """Follows the grid of `a` into others; returns the rows found there, and their places."""
+    points = a.estimate_points().reshape(-1, 3) if others else np.zeros((0, 3))
     return [_follow_into(a, b, points, grid) for b in others]
 
 
@@ -180,15 +183,15 @@ def _follow_into(
     moved = cv2.remap(b.grey, at[..., 0], at[..., 1], cv2.INTER_LINEAR)
     search: Any = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     there, back = search.calc(a.grey, moved, None), search.calc(moved, a.grey, None)
-    reached = grid + _sampled(there, grid)
-    returned = reached + _sampled(back, reached)
-    arrived = _sampled(place.astype(np.float32), reached)
-    good = (np.linalg.norm(returned - grid, axis=1) < _RETURNS) & b.counts_at(arrived)
+    reached = grid + _sample_image(there, grid)
+    returned = reached + _sample_image(back, reached)
+    arrived = _sample_image(place.astype(np.float32), reached)
+    good = (np.linalg.norm(returned - grid, axis=1) < _RETURN_PX) & b.is_valid_at(arrived)
     return np.flatnonzero(good), arrived[good]
 
 
-def _sampled(values: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """(N, 2) of values (H, W, 2) at places, pixel centres at (0.5, 0.5)."""
+def _sample_image(values: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Samples (N, 2) of values (H, W, 2) at places; pixel centres are at (0.5, 0.5)."""
     import cv2
 
     if not len(places):
@@ -203,8 +206,10 @@ def _sampled(values: np.ndarray, places: np.ndarray) -> np.ndarray:
     return np.concatenate(found, axis=1)[0].astype(np.float64)
 
 
-def _neighbors(scene: Scene, positions: np.ndarray, of_view: list[np.ndarray]) -> list[list[int]]:
-    """Of each view those that share most points with it and see them from another side."""
+def _choose_neighbors(
+    scene: Scene, positions: np.ndarray, of_view: list[np.ndarray]
+) -> list[list[int]]:
+    """Chooses the views that share most points with each view and see them from another side."""
     shared = np.zeros((len(scene), len(scene)))
     for a, b in itertools.combinations(range(len(scene)), 2):
         points = np.intersect1d(of_view[a][:, 0], of_view[b][:, 0])

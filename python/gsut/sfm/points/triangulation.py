@@ -1,8 +1,8 @@
-"""Points of a dataset whose poses and lenses are known: both stay exactly as they are.
+"""Triangulates points of a dataset whose poses and lenses are known and stay unchanged.
 
 Features of neighbouring photographs are matched; matches that lie on each other's epipolar lines
 through the given poses are joined into tracks, and these are triangulated. For a dense cloud every
-few pixels are followed into the neighbours by optical flow, and treated alike.
+few pixels are followed into the neighbours by optical flow and triangulated in the same way.
 """
 
 from __future__ import annotations
@@ -21,22 +21,23 @@ from gsut.sfm.core import (
     OnProgress,
     Photographs,
     PosesOptions,
-    angular_errors,
+    average_colors,
     collect_features,
-    diagonal,
+    compute_readout_poses,
+    find_readout_moments,
+    list_extension_settings,
     match_images,
-    mean_colors,
-    pixels_per_radian,
-    readout_moments,
-    readout_poses,
+    measure_angular_errors,
+    measure_diagonal,
+    measure_pixels_per_radian,
     require_central,
 )
 from gsut.sfm.points.flow import follow_pixels
 
-_FEWEST_POINTS = 30
-_FEWEST_MATCHES = 8  # of a pair that counts
-_PARALLAX = 4.0  # pixels, on the axis: a point's rays meet at no smaller angle
-_DENSE_VIEWS = 3  # that agree on a pixel's point: flow errs alike in two
+_FEWEST_POINTS = 30  # fewer mean that poses and photographs do not belong together
+_FEWEST_MATCHES = 8  # of a pair that is used
+_LEAST_PARALLAX = 4.0  # pixels on the axis that a point's rays must differ by
+_DENSE_VIEWS = 3  # that must agree on a pixel's point: flow can err alike in two
 
 
 @dataclasses.dataclass(frozen=True)
@@ -47,7 +48,7 @@ class TriangulatedPoints:
         positions: (P, 3) float64.
         colors: (P, 3) uint8, mean over the photographs that see a point.
         errors: (P,) pixels, mean distance of a point's projections from its features.
-        views: (P,) how many photographs see a point.
+        views: (P,) number of photographs that see a point.
     """
 
     positions: np.ndarray
@@ -71,9 +72,9 @@ def triangulate(
     Args:
         scene: from `load_dataset`; rolling shutters keep their motion.
         options: of features, pairs, matches, errors and angles.
-        dense: about how many pixels of all photographs are followed into their neighbours by
-            optical flow, beside the features; 0: none.
-        on_progress: told (stage, done, total, text).
+        dense: approximate number of pixels of all photographs to follow into their neighbours by
+            optical flow, in addition to the features; 0: none.
+        on_progress: called with (stage, done, total, text).
 
     Returns:
         Points in the scene's coordinates.
@@ -93,23 +94,25 @@ def triangulate(
     features = collect_features(photographs, chosen, show, lambda text: None)
     raw = match_images(photographs.names, features, chosen, show)
     posed = _Posed(views, photographs.lenses, [f.pixels for f in features], chosen)
-    pairs = [posed.fitting(a, b, m) for (a, b), m in zip(raw.pairs, raw.matches, strict=True)]
-    found = posed.triangulated(pairs, chosen, [f.descriptors for f in features])
+    pairs = [posed.keep_fitting(a, b, m) for (a, b), m in zip(raw.pairs, raw.matches, strict=True)]
+    found = posed.triangulate(pairs, chosen, [f.descriptors for f in features])
     if len(found["points"]) < _FEWEST_POINTS:
         matched = sum(len(m) for m in raw.matches)
         raise InputError(
             f"{scene.path}: only {sum(len(p[2]) for p in pairs):,} of {matched:,} matches fit the "
-            f"given poses and lens, which gives {len(found['points'])} points: `gsut doctor` says "
+            f"given poses and lens, which gives {len(found['points'])} points: `gsut doctor` shows "
             "what contradicts what"
         )
-    points = _points(found, [f.colors for f in features])
+    points = _make_points(found, [f.colors for f in features])
     if dense:
         flow = follow_pixels(
             near, found["points"], found["observations"], [f.pixels for f in features], dense, show
         )
         posed = _Posed(views, photographs.lenses, flow.pixels, chosen)
-        found = posed.triangulated([posed.fitting(*match) for match in flow.matches], chosen, None)
-        points = _joined(points, _points(found, flow.colors))
+        found = posed.triangulate(
+            [posed.keep_fitting(*match) for match in flow.matches], chosen, None
+        )
+        points = _join_points(points, _make_points(found, flow.colors))
     shift = near.world_offset - scene.world_offset
     return dataclasses.replace(points, positions=points.positions + shift)
 
@@ -122,44 +125,41 @@ class _Posed:
         options: PosesOptions,
     ) -> None:  # fmt: skip
         self._views, self._lenses, self._pixels = views, lenses, pixels
-        self._diagonal = diagonal(lenses)
+        self._diagonal = measure_diagonal(lenses)
         self._rays, self._poses = [], []
         for view, lens, places in zip(views, lenses, pixels, strict=True):
             rays, valid = lens.unproject(places)
             self._rays.append(np.where(np.asarray(valid)[:, None], rays, np.nan))
-            self._poses.append(readout_poses(view)[readout_moments(view, lens, places)])
+            self._poses.append(
+                compute_readout_poses(view)[find_readout_moments(view, lens, places)]
+            )
         error = options.max_two_view_error * self._diagonal / 1000
-        self._tolerance = error / pixels_per_radian(lenses[0])
-        self._least_angle = _PARALLAX / pixels_per_radian(lenses[0])
+        self._tolerance = error / measure_pixels_per_radian(lenses[0])
+        self._least_angle = _LEAST_PARALLAX / measure_pixels_per_radian(lenses[0])
 
-    def fitting(self, a: int, b: int, matches: np.ndarray) -> tuple[int, int, np.ndarray]:
-        """The matches (M, 2) of two images that fit the given poses."""
+    def keep_fitting(self, a: int, b: int, matches: np.ndarray) -> tuple[int, int, np.ndarray]:
+        """Keeps the matches (M, 2) of two images that fit the given poses."""
         sides = ((a, matches[:, 0]), (b, matches[:, 1]))
-        errors = angular_errors(
+        errors = measure_angular_errors(
             np.stack([self._rays[i][rows] for i, rows in sides]),
             np.stack([self._poses[i][rows] for i, rows in sides]),
         )
         return int(a), int(b), matches[errors < self._tolerance]
 
-    def triangulated(
+    def triangulate(
         self,
         pairs: list[tuple[int, int, np.ndarray]],
         options: PosesOptions,
         descriptors: list[np.ndarray] | None,
     ) -> dict[str, Any]:
-        """What the solver finds; tracks are extended where there are descriptors."""
+        """Triangulates pairs' matches; tracks are extended where there are descriptors."""
         lenses = list(dict.fromkeys(self._lenses))
         settings: dict[str, Any] = {
             "max_error": options.max_error * self._diagonal / 1000,
             "min_angle": max(math.radians(options.min_angle), self._least_angle),
         }
-        if descriptors is not None and options.extend_rounds:
-            settings |= {
-                "descriptors": descriptors,
-                "extend_rounds": options.extend_rounds,
-                "extend_radius": options.extend_radius * self._diagonal / 1000,
-                "extend_distance": options.extend_distance,
-            }
+        if descriptors is not None:
+            settings |= list_extension_settings(options, descriptors, self._lenses)
         shutters = [view.shutter for view in self._views if view.shutter is not None]
         ends = []
         if shutters:
@@ -179,16 +179,16 @@ class _Posed:
         )  # fmt: skip
 
 
-def _points(found: dict[str, Any], colors: list[np.ndarray]) -> TriangulatedPoints:
+def _make_points(found: dict[str, Any], colors: list[np.ndarray]) -> TriangulatedPoints:
     observations, count = found["observations"], len(found["points"])
     return TriangulatedPoints(
-        found["points"], mean_colors(observations, count, colors), found["point_errors"],
+        found["points"], average_colors(observations, count, colors), found["point_errors"],
         np.bincount(observations[:, 0], minlength=count),
     )  # fmt: skip
 
 
-def _joined(sparse: TriangulatedPoints, dense: TriangulatedPoints) -> TriangulatedPoints:
-    """Features' points, and those of pixels that enough photographs see."""
+def _join_points(sparse: TriangulatedPoints, dense: TriangulatedPoints) -> TriangulatedPoints:
+    """Joins the features' points and those of pixels that enough photographs see."""
     kept = dense.views >= _DENSE_VIEWS
     names = [field.name for field in dataclasses.fields(TriangulatedPoints)]
     return TriangulatedPoints(

@@ -1,4 +1,4 @@
-"""Refines a dataset's lens and poses; writes lens file, report and refined dataset."""
+"""Refines a dataset's lens and poses, and writes lens file, report and refined dataset."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from gsut.lens.files import OWN_SUFFIX
 from gsut.sfm.core import PosesOptions
 from gsut.sfm.lens import RefinedLens, refine_lens
 from gsut.sfm.report.calibration_page import write_page
-from gsut.sfm.report.output import REPORT, TRANSFORMS, figures, write_dataset
+from gsut.sfm.report.output import REPORT, TRANSFORMS, list_figures, write_dataset
 from gsut.sfm.report.page import write_report
 
 _REPORT_JSON = "report.json"
@@ -30,11 +30,11 @@ _SUFFIXES = (".cameramodel", ".yaml", ".yml", ".json")
 
 @dataclasses.dataclass(frozen=True)
 class DatasetCalibration:
-    """What `calibrate_from_dataset` wrote.
+    """The files that `calibrate_from_dataset` wrote.
 
     Attributes:
-        lens: the file of the lens.
-        summary: for people, in lines.
+        lens: the lens file.
+        summary: lines to print.
     """
 
     lens: Path
@@ -49,22 +49,23 @@ def calibrate_from_dataset(
 ) -> DatasetCalibration:
     """Refines the lens and the poses of a dataset together and writes everything.
 
-    Beside the lens file: report.json, report.html and the folder NAME-dataset with the refined
-    poses. A Kannala-Brandt lens, which mrcal does not have, goes to NAME.yaml where a .cameramodel
-    was asked for; the caller adds the nearest splined lens. Any other lens that the form asked for
-    does not have goes to NAME.lens.json.
+    Beside the lens file it writes report.json, report.html and the folder NAME-dataset with the
+    refined poses. A Kannala-Brandt lens, which mrcal does not have, goes to NAME.yaml instead of a
+    .cameramodel; the caller adds the nearest splined lens. Any other lens that the wanted form does
+    not have goes to NAME.lens.json.
 
     Args:
         data: the dataset; its lens and poses are roughly right.
         out: the lens file.
         on_progress: called with stage, number done, total and words.
-        on_note: told of what the user should know.
+        on_note: called with each sentence that the user should know.
 
     Returns:
         The lens' file and a summary.
 
     Raises:
-        InputError: wrong arguments or data, one sentence. SolveError: nothing to be trusted.
+        InputError: wrong arguments or data.
+        SolveError: the images do not determine the lens.
     """
     data = Path(data)
     _check_file(out)
@@ -78,7 +79,7 @@ def calibrate_from_dataset(
     found = refine_lens(data, PosesOptions(), on_progress, note)
     camera = found.camera.with_valid_field_angle(found.reach)
     pixels = spread_pixels(camera.width, camera.height)
-    sigma = found.covariance.projection_sigma(camera, pixels.reshape(-1, 2))
+    sigma = found.covariance.estimate_projection_sigma(camera, pixels.reshape(-1, 2))
     sigma = sigma.reshape(pixels.shape[:2])
     rim = float(np.nanmax(sigma))
     if not rim <= _UNCERTAIN_PX:
@@ -90,7 +91,12 @@ def calibrate_from_dataset(
     folder = out.with_name(f"{out.stem}-dataset")
     seconds = time.perf_counter() - started
     notes += _write_refined(found, camera, data, folder, notes, seconds)
-    values = _report(found, camera, sigma, file, folder, notes, seconds)
+    values = _list_results(found, camera, sigma) | {
+        "file": file.name,
+        "dataset": folder.name,
+        "notes": notes,
+        "seconds": round(seconds, 2),
+    }
     write_file(out.parent / _REPORT_JSON, json.dumps(values, indent=2) + "\n")
     page = write_page(out.parent, found, camera, sigma, values)
     names = camera.param_names.split()
@@ -124,7 +130,7 @@ def _write_lens(camera: Camera, sigma: np.ndarray, out: Path) -> Path:
         exact = out.with_suffix(".yaml")
     try:
         save_camera(camera, exact, "opencv" if exact.suffix.lower() != ".cameramodel" else "mrcal")
-    except InputError:  # the form that was asked for has no such lens
+    except InputError:  # the wanted form has no such lens
         exact = out.with_suffix(OWN_SUFFIX)
         save_camera(camera, exact)
     save_uncertainty(exact, sigma)
@@ -134,7 +140,7 @@ def _write_lens(camera: Camera, sigma: np.ndarray, out: Path) -> Path:
 def _write_refined(
     found: RefinedLens, camera: Camera, data: Path, folder: Path, notes: list[str], seconds: float
 ) -> list[str]:
-    """The data set with the refined lens and poses, its split kept; returns notes."""
+    """Writes the dataset with the refined lens and poses, keeping its split; returns notes."""
     solution = dataclasses.replace(found.solution, cameras=[camera] * len(found.solution.cameras))
     try:
         folder.mkdir(exist_ok=True)
@@ -144,7 +150,7 @@ def _write_refined(
     listing = read_dataset(data)
     path = folder / TRANSFORMS
     values = json.loads(path.read_text(encoding="utf-8"))
-    names = [name for name, ok in zip(solution.names, solution.registered, strict=True) if ok]
+    names = solution.registered_names
     files = [frame["file_path"] for frame in values["frames"]]
     new_name = dict(zip(names, files, strict=True))
     for key, listed in (
@@ -154,21 +160,14 @@ def _write_refined(
         if listed is not None:
             values[key] = [new_name[name] for name in listed if name in new_name]
     write_file(path, json.dumps(values, indent=1) + "\n")
-    row = figures(solution, {"total": seconds}, notes + more, {"lens": "refined"})
+    row = list_figures(solution, {"total": seconds}, notes + more, {"lens": "refined"})
     write_report(folder, solution, row)
     more.append(f"residuals by field angle: {folder / REPORT}")
     return more
 
 
-def _report(
-    found: RefinedLens,
-    camera: Camera,
-    sigma: np.ndarray,
-    file: Path,
-    folder: Path,
-    notes: list[str],
-    seconds: float,
-) -> dict[str, Any]:
+def _list_results(found: RefinedLens, camera: Camera, sigma: np.ndarray) -> dict[str, Any]:
+    """Lists the values of report.json that the refinement gives."""
     solution = found.solution
     good = np.isfinite(solution.residuals).all(axis=1)
     rms = float(np.sqrt(np.mean(np.sum(solution.residuals[good] ** 2, axis=1))))
@@ -186,14 +185,14 @@ def _report(
         "median_px": solution.median,
         "noise_px": found.covariance.noise,
         "held_out_observations": found.held_out,
-        "held_out_before_px": _number(found.held_out_before_px),
-        "held_out_after_px": _number(found.held_out_after_px),
+        "held_out_before_px": _keep_finite(found.held_out_before_px),
+        "held_out_after_px": _keep_finite(found.held_out_after_px),
         "valid_angle_degrees": float(np.degrees(found.reach)),
         "lens_domain_degrees": float(np.degrees(found.camera.max_angle)),
         "uncertainty_px": {
-            "best": _number(np.nanmin(sigma)),
-            "median": _number(np.nanmedian(sigma)),
-            "worst": _number(np.nanmax(sigma)),
+            "best": _keep_finite(np.nanmin(sigma)),
+            "median": _keep_finite(np.nanmedian(sigma)),
+            "worst": _keep_finite(np.nanmax(sigma)),
         },
         "params": [
             {
@@ -204,12 +203,8 @@ def _report(
             }
             for i in range(len(after))
         ],
-        "file": file.name,
-        "dataset": folder.name,
-        "notes": notes,
-        "seconds": round(seconds, 2),
     }
 
 
-def _number(value: float) -> float | None:
+def _keep_finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None

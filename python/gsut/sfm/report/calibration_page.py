@@ -1,4 +1,4 @@
-"""report.html of `gsut calibrate --from-dataset`: the lens before and after, in pictures."""
+"""Writes the page of a refined lens: before and after, in pictures."""
 
 from __future__ import annotations
 
@@ -24,20 +24,22 @@ from gsut.sfm.lens import RefinedLens
 
 PAGE = "report.html"
 _REGIONS = 3  # columns and rows of the image for which residuals are given
-_MOST_ARROWS = 3000
-_RING_DEGREES = 5.0
-_FEWEST_IN_RING = 10
+_MOST_ARROWS = 3000  # drawn: more cover each other
+_RING_DEGREES = 5.0  # of the field angle, in the plot of residuals
+_FEWEST_IN_RING = 10  # residuals, for a mean
 _BEFORE = SERIES[1]
 
 
 def write_page(
     folder: Path, found: RefinedLens, camera: Camera, sigma: np.ndarray, values: dict[str, Any]
 ) -> Path:
-    """Writes FOLDER/report.html, self-contained, and returns its path.
+    """Writes FOLDER/report.html, which needs no other file, and returns its path.
 
     Args:
-        folder: beside the lens. found: of `refine_lens`. camera: the refined lens.
-        sigma: (rows, columns) pixels on the grid of `spread_pixels`. values: of report.json.
+        folder: beside the lens.
+        camera: the refined lens.
+        sigma: (rows, columns) pixels on the grid of `spread_pixels`.
+        values: of report.json.
 
     Raises:
         InputError: the file cannot be written.
@@ -45,53 +47,52 @@ def write_page(
     solution = found.solution
     good = np.isfinite(solution.residuals).all(axis=1)
     after = solution.residuals[good]
-    turn = _turn(found.before, camera, found.reach)
-    before = _residuals_before(found, turn)[good]
+    turn = _find_turn(found.before, camera, found.reach)
+    before = _compute_residuals_before(found, turn)[good]
     title = f"{values['lens']} refined from {values['images']} images"
     rows = {
         "images": f"{values['images']} of {values['images_total']}",
         "points, observations": f"{values['points']:,}, {values['observations']:,}",
         "residuals": f"RMS {values['rms_2d_px']:.3f} px (2-D), {values['rms_axis_px']:.3f} "
         f"(an axis); median {values['median_px']:.3f}",
-        "observations that no adjustment used, median": f"{_text(values['held_out_before_px'])} px "
-        f"before, {_text(values['held_out_after_px'])} after ({values['held_out_observations']})",
+        "observations that no adjustment used, median": (
+            f"{_format_px(values['held_out_before_px'])} px before, "
+            f"{_format_px(values['held_out_after_px'])} after ({values['held_out_observations']})"
+        ),
         "seen to": f"{values['valid_angle_degrees']:.1f} degrees from the axis; the lens is "
         f"one-to-one to {values['lens_domain_degrees']:.1f}",
         "standard deviation of a projected pixel": ", ".join(
-            f"{_text(value)} px ({name})" for name, value in values["uncertainty_px"].items()
+            f"{_format_px(value)} px ({name})" for name, value in values["uncertainty_px"].items()
         ),
         "seconds": f"{values['seconds']:.1f}",
     }
     size = (camera.width, camera.height)
+    change = _measure_change(found.before, camera, turn)
     pictures = [
-        _arrows(camera, solution.pixels[good], after),
-        _rings(np.degrees(solution.field_angles[good]), before, after),
+        _plot_arrows(camera, solution.pixels[good], after),
+        _plot_rings(np.degrees(solution.field_angles[good]), before, after),
         render_svg(
             plot_map(
                 "Uncertainty of projection [px, one standard deviation]", size, sigma, "inferno"
             )[0]
         ),
-        render_svg(
-            plot_map(
-                "Change of the lens [px]", size, _change(found.before, camera, turn), "viridis"
-            )[0]
-        ),
+        render_svg(plot_map("Change of the lens [px]", size, change, "viridis")[0]),
     ]
     parts = [
         build_table(rows.items()),
         "<h2>Parameters</h2>",
         build_table(
-            map(_param, values["params"]),
+            map(_make_param_row, values["params"]),
             ("parameter", "before", "after", "sigma", "change / sigma"),
         ),
         "<h2>Pictures</h2>",
         f'<div class="pictures">{"".join(pictures)}</div>',
         "<h2>Residuals by region of the image</h2>",
-        "<p>Before: the same points and refined poses through the data set's own lens, turned as "
+        "<p>Before: the same points and refined poses through the dataset's own lens, turned as "
         "well as it can be; pixels, root mean square lengths. The mean says where a region is off "
         "as a whole.</p>",
         build_table(
-            _region_rows(camera, solution.pixels[good], before, after, sigma),
+            _make_region_rows(camera, solution.pixels[good], before, after, sigma),
             ("column, row", "observations", "before", "after", "mean x, y after",
              "sigma of the lens"),
         ),
@@ -101,9 +102,11 @@ def write_page(
     return path
 
 
-def _turn(before: Camera, after: Camera, reach: float) -> np.ndarray:
-    """(3, 3) the rotation that brings the rays of the new lens onto the old one's (Kabsch): poses
-    follow a lens that is turned as a whole."""
+def _find_turn(before: Camera, after: Camera, reach: float) -> np.ndarray:
+    """Finds (3, 3) the rotation from the new lens' rays to the old one's (Kabsch).
+
+    Poses follow a lens that is turned as a whole.
+    """
     pixels = spread_pixels(after.width, after.height).reshape(-1, 2)
     (old, _), (new, _) = before.unproject(pixels), after.unproject(pixels)
     use = np.isfinite(old).all(axis=1) & np.isfinite(new).all(axis=1)
@@ -112,8 +115,8 @@ def _turn(before: Camera, after: Camera, reach: float) -> np.ndarray:
     return u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt))]) @ vt
 
 
-def _residuals_before(found: RefinedLens, turn: np.ndarray) -> np.ndarray:
-    """(S, 2) pixels through the data set's lens minus pixels seen; NaN where it has none."""
+def _compute_residuals_before(found: RefinedLens, turn: np.ndarray) -> np.ndarray:
+    """Returns (S, 2) the residuals through the dataset's lens; NaN where it has no pixel."""
     solution = found.solution
     pose = solution.camera_from_world[solution.observations[:, 1]]
     points = solution.points[solution.observations[:, 0]]
@@ -123,8 +126,8 @@ def _residuals_before(found: RefinedLens, turn: np.ndarray) -> np.ndarray:
     return np.where(valid[:, None], difference, np.nan)
 
 
-def _change(before: Camera, after: Camera, turn: np.ndarray) -> np.ndarray:
-    """(rows, columns) pixels between the images of one ray in the two lenses; NaN without one."""
+def _measure_change(before: Camera, after: Camera, turn: np.ndarray) -> np.ndarray:
+    """Returns (rows, columns) pixels between the images of one ray in the two lenses, or NaN."""
     pixels = spread_pixels(after.width, after.height)
     rays, _ = after.unproject(pixels.reshape(-1, 2))
     old, valid = before.project(rays @ turn.T)
@@ -133,58 +136,61 @@ def _change(before: Camera, after: Camera, turn: np.ndarray) -> np.ndarray:
     return distance.reshape(pixels.shape[:2])
 
 
-def _region_rows(
+def _make_region_rows(
     camera: Camera, pixels: np.ndarray, before: np.ndarray, after: np.ndarray, sigma: np.ndarray
 ) -> list[tuple[str, ...]]:
     size = np.array([camera.width, camera.height])
 
-    def cell(at: np.ndarray) -> np.ndarray:
+    def find_cell(at: np.ndarray) -> np.ndarray:
         place = np.clip(at * _REGIONS / size, 0, _REGIONS - 1).astype(int)
         return place[..., 1] * _REGIONS + place[..., 0]
 
-    of_observation, of_grid = cell(pixels), cell(spread_pixels(camera.width, camera.height))
+    of_observation, of_grid = (
+        find_cell(pixels),
+        find_cell(spread_pixels(camera.width, camera.height)),
+    )
     rows: list[tuple[str, ...]] = []
     for index in range(_REGIONS**2):
         mine, here = of_observation == index, sigma[of_grid == index]
         mean = after[mine].mean(axis=0) if mine.any() else np.full(2, np.nan)
         here = here[np.isfinite(here)]
-        known = _text(float(np.median(here))) if len(here) else "-"
+        known = _format_px(float(np.median(here))) if len(here) else "-"
         rows.append((
             f"{index % _REGIONS + 1}, {index // _REGIONS + 1}", f"{mine.sum():,}",
-            _text(_rms(before[mine])), _text(_rms(after[mine])),
-            f"{_text(mean[0])}, {_text(mean[1])}", known,
+            _format_px(_measure_rms(before[mine])), _format_px(_measure_rms(after[mine])),
+            f"{_format_px(mean[0])}, {_format_px(mean[1])}", known,
         ))  # fmt: skip
     return rows
 
 
-def _rms(residuals: np.ndarray) -> float:
+def _measure_rms(residuals: np.ndarray) -> float:
     squares = np.sum(residuals**2, axis=1)
     squares = squares[np.isfinite(squares)]
     return float(np.sqrt(squares.mean())) if len(squares) else float("nan")
 
 
-def _param(row: dict[str, Any]) -> tuple[str, ...]:
+def _make_param_row(row: dict[str, Any]) -> tuple[str, ...]:
     before, after, sigma = row["before"], row["after"], row["sigma"]
     moved = f"{(after - before) / sigma:.1f}" if sigma > 0 else "-"
     return row["name"], f"{before:.8g}", f"{after:.8g}", f"{sigma:.2g}", moved
 
 
-def _text(value: float | None) -> str:
+def _format_px(value: float | None) -> str:
     return "-" if value is None or not np.isfinite(value) else f"{value:.3f}"
 
 
-def _arrows(camera: Camera, pixels: np.ndarray, residuals: np.ndarray) -> str:
+def _plot_arrows(camera: Camera, pixels: np.ndarray, residuals: np.ndarray) -> str:
     step, size = max(1, len(pixels) // _MOST_ARROWS), (camera.width, camera.height)
     return render_svg(plot_residuals("Residuals after", size, pixels[::step], residuals[::step])[0])
 
 
-def _rings(degrees: np.ndarray, before: np.ndarray, after: np.ndarray) -> str:
+def _plot_rings(degrees: np.ndarray, before: np.ndarray, after: np.ndarray) -> str:
     figure, axes = make_figure("RMS of residuals [px] by field angle", 6.0, 3.4)
     ring = np.floor(degrees / _RING_DEGREES).astype(int)
     full = [i for i in np.unique(ring) if np.sum(ring == i) >= _FEWEST_IN_RING]
     middle = [(i + 0.5) * _RING_DEGREES for i in full]
     for residuals, color, name in ((before, _BEFORE, "before"), (after, LINE, "after")):
-        rms = [_rms(residuals[ring == i]) for i in full]
+        rms = [_measure_rms(residuals[ring == i]) for i in full]
         axes.plot(middle, rms, color=color, marker="o", markersize=4, label=name)
     axes.set_yscale("log")
     axes.set_xlabel("degrees from the axis", color=MUTED)

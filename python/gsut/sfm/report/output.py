@@ -1,4 +1,4 @@
-"""Writes poses: transforms.json, COLMAP text, points3D.ply and poses.json."""
+"""Writes poses as a dataset, COLMAP text, points and poses.json, and reads the latter."""
 
 from __future__ import annotations
 
@@ -24,26 +24,26 @@ POINTS = "points3D.ply"
 REPORT = "report.html"
 FIGURES = "poses.json"
 COLMAP = "sparse/0"
+MODEL = "model_{}"  # folder of a further model; the first is in the output folder itself
 
 
 def write_dataset(solution: Solution, photographs: Photographs, out: Path) -> list[str]:
-    """Writes the poses in all formats; every file as a whole or not at all.
+    """Writes the poses as a dataset and COLMAP text; every file as a whole or not at all.
 
     Args:
-        solution: what was found.
-        photographs: the images; named by paths relative to `out`, not copied.
+        photographs: the images, which are named by paths relative to `out` and not copied.
         out: the folder.
 
     Returns:
-        What could not be written, one sentence each (COLMAP lacks some lenses).
+        A sentence on each thing that could not be written (COLMAP lacks some lenses).
 
     Raises:
         InputError: a file cannot be written.
     """
     write_file(out / POINTS, format_points_ply(solution.points, solution.colors))
-    write_transforms(out / TRANSFORMS, _frames(solution, photographs), points_file=POINTS)
+    write_transforms(out / TRANSFORMS, _list_frames(solution, photographs), points_file=POINTS)
     try:
-        texts = _colmap(solution)
+        texts = _format_colmap(solution)
     except InputError as error:
         return [f"{COLMAP} was not written: {error}"]
     (out / COLMAP).mkdir(parents=True, exist_ok=True)
@@ -54,7 +54,7 @@ def write_dataset(solution: Solution, photographs: Photographs, out: Path) -> li
     return []
 
 
-def _frames(solution: Solution, photographs: Photographs) -> list[Frame]:
+def _list_frames(solution: Solution, photographs: Photographs) -> list[Frame]:
     frames = [
         Frame(
             name, path, camera, invert_pose(pose), mask_path=mask, shutter=solution.shutter,
@@ -66,7 +66,7 @@ def _frames(solution: Solution, photographs: Photographs) -> list[Frame]:
         )
     ]  # fmt: skip
     if solution.shutter is not None:
-        ends = solution.poses_at(0.0), solution.poses_at(1.0)
+        ends = solution.interpolate_poses(0.0), solution.interpolate_poses(1.0)
         for frame, start, end in zip(frames, *ends, strict=True):
             frame.world_from_camera_start, frame.world_from_camera_end = (
                 invert_pose(start),
@@ -75,8 +75,8 @@ def _frames(solution: Solution, photographs: Photographs) -> list[Frame]:
     return [f for f, registered in zip(frames, solution.registered, strict=True) if registered]
 
 
-def _colmap(solution: Solution) -> dict[str, str]:
-    """cameras.txt, images.txt and points3D.txt; images and points count from 1."""
+def _format_colmap(solution: Solution) -> dict[str, str]:
+    """Formats cameras.txt, images.txt and points3D.txt; images and points count from 1."""
     rows: list[list[int]] = [[] for _ in solution.names]
     for row, (_, image, _) in enumerate(solution.observations):
         rows[image].append(row)
@@ -92,10 +92,10 @@ def _colmap(solution: Solution) -> dict[str, str]:
     return format_model_texts(model)
 
 
-def figures(
+def list_figures(
     solution: Solution, seconds: dict[str, float], notes: list[str], extra: dict[str, Any]
 ) -> dict[str, Any]:
-    """What poses.json holds: JSON values, None for what is not known."""
+    """Lists the values of poses.json: JSON values, None for what is not known."""
     sigmas = np.sqrt(np.einsum("nii->ni", solution.covariances))
     lenses = list(dict.fromkeys(solution.cameras))
     rows = []
@@ -109,17 +109,21 @@ def figures(
                 row["readout_shift"] = solution.velocities[i, :3].tolist()
                 row["readout_turn_degrees"] = np.degrees(solution.velocities[i, 3:]).tolist()
             row["points"] = int(mine.sum())
-            row["error_px"] = _number(np.nanmedian(lengths)) if len(lengths) else None
-            row["sigma_center"] = [_number(v) for v in sigmas[i, :3]]
-            row["sigma_turn_degrees"] = [_number(math.degrees(v)) for v in sigmas[i, 3:]]
-            row["covariance"] = [[_number(v) for v in line] for line in solution.covariances[i]]
+            row["error_px"] = _keep_finite(np.nanmedian(lengths)) if len(lengths) else None
+            row["sigma_center"] = [_keep_finite(v) for v in sigmas[i, :3]]
+            row["sigma_turn_degrees"] = [_keep_finite(math.degrees(v)) for v in sigmas[i, 3:]]
+            row["covariance"] = [
+                [_keep_finite(v) for v in line] for line in solution.covariances[i]
+            ]
         rows.append(row)
     return {
         "registered": solution.num_registered,
         "images": len(solution.names),
         "points": len(solution.points),
         "observations": len(solution.observations),
-        "mean_track_length": _number(len(solution.observations) / max(1, len(solution.points))),
+        "mean_track_length": _keep_finite(
+            len(solution.observations) / max(1, len(solution.points))
+        ),
         "reprojection_error_px": {"rms": solution.rms, "median": solution.median},
         "seconds": {**seconds, "total": sum(seconds.values())},
         "initial_pair": [solution.names[i] for i in solution.initial_pair],
@@ -138,29 +142,27 @@ def figures(
     }  # fmt: skip
 
 
-def _number(value: float) -> float | None:
+def _keep_finite(value: float) -> float | None:
     return float(value) if math.isfinite(value) else None
 
 
-_NAME = "model_{}"  # of a folder; the first model is in the output folder itself
-
-
 def write_models(models: Sequence[Solution], photographs: Photographs, out: Path) -> list[str]:
-    """Writes further models to model_2, model_3 ...; returns a sentence on each.
+    """Writes further models to model_2, model_3 ..., and deletes those of an earlier run.
 
-    Those of an earlier run are deleted.
+    Returns:
+        A sentence on each.
     """
-    for old in out.glob(_NAME.format("*")):
+    for old in out.glob(MODEL.format("*")):
         if (old / FIGURES).is_file():
             shutil.rmtree(old)
     notes = []
     for number, model in enumerate(models, 2):
-        folder = out / _NAME.format(number)
+        folder = out / MODEL.format(number)
         folder.mkdir(parents=True, exist_ok=True)
         write_dataset(model, photographs, folder)
-        values = figures(model, {}, [], {"model": number})
+        values = list_figures(model, {}, [], {"model": number})
         write_file(folder / FIGURES, json.dumps(values, indent=1) + "\n")
-        names = [n for n, good in zip(model.names, model.registered, strict=True) if good]
+        names = model.registered_names
         notes.append(
             f"{len(names)} images do not connect with the others and are a model of their own, "
             f"{folder.name}: {list_some(names)}; take pictures between them and the others, or "
@@ -170,10 +172,10 @@ def write_models(models: Sequence[Solution], photographs: Photographs, out: Path
 
 
 def read_figures(out: Path) -> dict[str, Any]:
-    """The content of poses.json of a finished run."""
+    """Reads poses.json of a finished run."""
     return json.loads((out / FIGURES).read_text(encoding="utf-8"))
 
 
 def is_finished(out: Path) -> bool:
-    """Whether a folder holds the result of a finished run."""
+    """Returns whether a folder holds the result of a finished run."""
     return (out / FIGURES).is_file() and (out / TRANSFORMS).is_file() and (out / REPORT).is_file()

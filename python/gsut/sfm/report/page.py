@@ -1,4 +1,4 @@
-"""report.html of `gsut poses`: cameras and points, track lengths, residuals by field angle."""
+"""Writes the page of a run: cameras and points, track lengths, residuals by field angle."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ from gsut.run import Verdict
 from gsut.sfm.core import Solution
 from gsut.sfm.report.output import REPORT
 
-_MOST_POINTS = 20000  # drawn
+_MOST_POINTS = 20000  # drawn: more only make the page larger
 _SHOWN_PERCENT = 97.0  # of the points, nearest first: far ones would shrink the rest
-_BIN_DEGREES = 5.0
+_BIN_DEGREES = 5.0  # of the field angle, in the plot of residuals
+_FEWEST_IN_BIN = 10  # residuals, for a median and a percentile
 
 
 def write_report(out: Path, solution: Solution, values: dict[str, Any]) -> None:
-    """Writes report.html, self-contained.
+    """Writes report.html, which needs no other file.
 
     Args:
         out: the folder.
-        solution: poses and points.
         values: the content of poses.json.
 
     Raises:
@@ -51,7 +51,7 @@ def write_report(out: Path, solution: Solution, values: dict[str, Any]) -> None:
         "reprojection error": f"median {error['median']:.3f} px, rms {error['rms']:.3f} px",
         "seconds": ", ".join(f"{k} {v:.1f}" for k, v in values["seconds"].items()),
         "began with": " and ".join(values["initial_pair"]),
-        **(_rig_rows(values["rig"]) if "rig" in values else {}),
+        **(_make_rig_rows(values["rig"]) if "rig" in values else {}),
         **{
             f"lens {i}": f"{lens['model']} "
             + " ".join(f"{v:.6g}" for v in lens["params"])
@@ -66,13 +66,13 @@ def write_report(out: Path, solution: Solution, values: dict[str, Any]) -> None:
     parts += [
         build_table(summary.items()),
         "<h2>Cameras and points from above and from the side</h2>",
-        _scene_plot(solution, values.get("rig")),
+        _plot_scene(solution, values.get("rig")),
         "<h2>Residuals and tracks</h2>",
-        _residual_plot(solution),
-        _track_plot(solution),
+        _plot_residuals(solution),
+        _plot_tracks(solution),
         "<h2>Images</h2>",
         build_table(
-            map(_image_row, values["views"]),
+            map(_make_image_row, values["views"]),
             ("image", "points", "median error [px]", "sigma of the turn [degrees]"),
         ),
     ]
@@ -84,7 +84,7 @@ def write_report(out: Path, solution: Solution, values: dict[str, Any]) -> None:
     write_file(out / REPORT, build_page(title, values["notes"], parts))
 
 
-def _image_row(row: dict[str, Any]) -> tuple[str, ...]:
+def _make_image_row(row: dict[str, Any]) -> tuple[str, ...]:
     if not row["registered"]:
         return row["name"], "not registered", "", ""
     sigma = [v for v in row["sigma_turn_degrees"] if v is not None]
@@ -92,8 +92,8 @@ def _image_row(row: dict[str, Any]) -> tuple[str, ...]:
     return row["name"], str(row["points"]), f"{row['error_px'] or 0:.3f}", shown
 
 
-def _rig_rows(rig: dict[str, Any]) -> dict[str, str]:
-    """Of the summary: the frames, the unit, and where each camera of the rig is."""
+def _make_rig_rows(rig: dict[str, Any]) -> dict[str, str]:
+    """Makes the rows of the summary: the frames, the unit, and each camera of the rig."""
     rows = {
         "rig": f"{rig['frames_registered']} of {rig['frames_total']} frames; lengths in the "
         f"unit of {rig['file']}, baseline {rig['baseline']:.6g}",
@@ -115,8 +115,8 @@ def _rig_rows(rig: dict[str, Any]) -> dict[str, str]:
     return rows
 
 
-def _scene_plot(solution: Solution, rig: dict[str, Any] | None) -> str:
-    """Seen along two principal axes of the camera path; each camera of a rig in a colour."""
+def _plot_scene(solution: Solution, rig: dict[str, Any] | None) -> str:
+    """Plots the scene along two principal axes of the path; each camera of a rig in a colour."""
     centers = find_centers(solution.camera_from_world[solution.registered])
     forward = solution.camera_from_world[solution.registered][:, 2, :3]
     down = solution.camera_from_world[solution.registered][:, 1, :3].mean(axis=0)
@@ -131,7 +131,7 @@ def _scene_plot(solution: Solution, rig: dict[str, Any] | None) -> str:
     keep = np.flatnonzero(far <= np.percentile(far, _SHOWN_PERCENT))
     keep = keep[:: max(1, len(keep) // _MOST_POINTS)]
     points, colors = solution.points[keep] - middle, solution.colors[keep] / 255.0
-    cameras, frames = _rig_places(solution, rig)
+    cameras, frames = _group_by_rig(solution, rig)
     figure, axes = make_figure("", 10, 5, 2)
     size = 0.03 * max(float(np.ptp(centers @ across)), float(np.ptp(centers @ along)), 1e-9)
     for axis, (x, y) in zip(axes, ((across, along), (across, -down)), strict=True):
@@ -152,14 +152,13 @@ def _scene_plot(solution: Solution, rig: dict[str, Any] | None) -> str:
     return render_svg(figure)
 
 
-def _rig_places(
+def _group_by_rig(
     solution: Solution, rig: dict[str, Any] | None
 ) -> tuple[dict[str, list[int]], list[list[int]]]:
-    """Rows, among the images with a pose, of each camera of a rig, and of each frame."""
+    """Returns the rows, among the images with a pose, of each camera and of each frame."""
     if rig is None:
         return {"": list(range(solution.num_registered))}, []
-    with_pose = [n for n, good in zip(solution.names, solution.registered, strict=True) if good]
-    place = {name: row for row, name in enumerate(with_pose)}
+    place = {name: row for row, name in enumerate(solution.registered_names)}
     cameras = {
         camera["name"]: [place[m[number]] for m in rig["frames"] if m[number] in place]
         for number, camera in enumerate(rig["cameras"])
@@ -167,7 +166,7 @@ def _rig_places(
     return cameras, [[place[name] for name in m if name in place] for m in rig["frames"]]
 
 
-def _residual_plot(solution: Solution) -> str:
+def _plot_residuals(solution: Solution) -> str:
     lengths = np.linalg.norm(solution.residuals, axis=1)
     good = np.isfinite(lengths)
     degrees = np.degrees(solution.field_angles[good])
@@ -177,7 +176,7 @@ def _residual_plot(solution: Solution) -> str:
     middles, medians, upper = [], [], []
     for index in np.unique(bins):
         inside = lengths[bins == index]
-        if len(inside) < 10:
+        if len(inside) < _FEWEST_IN_BIN:
             continue
         middles.append((index + 0.5) * _BIN_DEGREES)
         medians.append(np.median(inside))
@@ -192,7 +191,7 @@ def _residual_plot(solution: Solution) -> str:
     return render_svg(figure)
 
 
-def _track_plot(solution: Solution) -> str:
+def _plot_tracks(solution: Solution) -> str:
     lengths = np.bincount(solution.observations[:, 0])
     figure, axes = make_figure("points by track length (images)", 5, 3)
     longest = int(max(lengths.max(initial=2), 3))

@@ -1,64 +1,58 @@
-"""Poses of a rig's images: first one by one, then one pose a frame, in the rig's unit."""
+"""Places a rig's images with one pose a frame, and finds the rig of two lenses of a camera."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from gsut._core import InputError
+from gsut._core import InputError, SolveError
 from gsut.data.poses import find_centers, invert_pose
 from gsut.data.rigs import Rig, measure_changes
-from gsut.lens import Camera
+from gsut.lens import Camera, save_camera
 from gsut.sfm.core import (
-    Features,
-    OnRig,
-    PairMatches,
+    Adjustment,
+    Mapping,
     Photographs,
     PosesOptions,
+    RigConstraint,
+    RigFit,
     Solution,
-    refine,
-    solve,
+    adjust_poses,
+    measure_rotation_angles,
+    solve_poses,
 )
 from gsut.sfm.rig.start import RigStart, place_rig
 
-# Growth of the median residual, with one pose a frame, that is worth a word: as in `gsut
-# calibrate`, whose boards show that images were not taken together.
+# Growth of the median residual with one pose a frame that is reported: as in `gsut calibrate`,
+# where boards show that images were not taken together.
 _SHAKY = 1.5
-# A mean turn against the rig's that is worth a word: so large, and so many standard errors.
-_TURNED_DEGREES = 0.1
-_TURNED_SIGMAS = 5.0
-_FEWEST_PX = 0.2  # residuals below this need no word: no photograph's features are that exact
-# Of poses.json, in place of the words for single images.
+_TURNED_DEGREES = 0.1  # mean turn against the rig's that is reported
+_TURNED_SIGMAS = 5.0  # standard errors that such a turn must have
+_EXACT_PX = 0.2  # residuals below this are not reported: no photograph's features are that exact
+# Of poses.json, in place of the sentence for single images.
 COVARIANCE_OF = (
     "centre in the world, turn in the camera frame (radians); the rig's pose at one frame is "
     "held, with one component of another's centre where the rig was refined; the cameras' poses on "
     "it count as known"
 )
+LENS_NAMES = ("front", "back")
+_FEWEST = 4  # frames of which both images have a pose
+_SAME = math.radians(5.0)  # largest difference of turns between the lenses from their middle
+_RIGID = 1.5  # growth of the median residual with one pose a frame that contradicts a rig
+# The solver takes lenses of equal parameters for one: the second differs in the last digits.
+_DIFFERENCE = 1e-9
+_CENTER = (2, 3)  # the parameters of the principal point
+_FREE = 1  # flag of a parameter that is estimated by itself
 
 
-@dataclasses.dataclass(frozen=True)
-class RigFit:
-    """What became of the rig.
-
-    Args:
-        rig: with its poses as they are now.
-        figures: of poses.json, under "rig".
-        notes: what a user should know, one sentence each.
-    """
-
-    rig: Rig
-    figures: dict[str, Any]
-    notes: list[str]
-
-
-def refuse_beside_rig(options: PosesOptions, others: Mapping[str, object]) -> None:
-    """Refuses what contradicts a rig.
+def reject_beside_rig(options: PosesOptions, others: dict[str, object]) -> None:
+    """Rejects flags that contradict a rig.
 
     Args:
-        options: see PosesOptions.
         others: values of further flags by name; None or False: not given.
 
     Raises:
@@ -74,83 +68,55 @@ def refuse_beside_rig(options: PosesOptions, others: Mapping[str, object]) -> No
         )
 
 
-def solve_rig(
-    photographs: Photographs,
-    features: Sequence[Features],
-    pairs: Sequence[PairMatches],
-    options: PosesOptions,
-    on_progress: Callable[[int, int, int, str], None],
-    on_rig_progress: Callable[[int, int, int, str], None],
-    *,
-    rig: Rig,
-    adjust: bool = False,
-) -> tuple[Solution, RigFit]:
-    """Poses and points in the rig's unit, one pose of the rig a frame.
+def solve_rig(mapping: Mapping) -> None:
+    """Estimates poses and points in the rig's unit, with one pose of the rig a frame.
 
     First each image by itself, through its own lens; then the rig's pose at each frame from the
     images placed, the scale from its baselines, and all images' poses from the rig's; then bundle
     adjustment of all observations with one pose a frame. Frames without a placed image are placed
     by the points found.
 
-    Args:
-        photographs: see `find_rig_photographs`.
-        features, pairs, options: as for `solution.solve`; images without any feature get no pose.
-        on_progress: told (registered, images, points, step) while images are placed one by one.
-        on_rig_progress: the same, with one pose a frame.
-        rig: see `read_rig`.
-        adjust: the cameras' poses on the rig are adjusted too; its size is kept.
+    Sets the mapping's solution and the fit of the rig.
 
     Raises:
         SolveError: nothing could be reconstructed; no frame has two placed images, so nothing
             sets the scale; or images contradict the rig.
     """
-    cameras = photographs.lenses
-    # With tracks extended as in the end: in pieces they fit any poses, and residuals say little.
-    alone = solve(photographs.names, cameras, features, pairs, options, on_progress)
-    return put_on_rig(
-        alone, photographs, cameras, features, pairs, options, on_rig_progress, rig, adjust
+    assert mapping.rig is not None
+    # With tracks extended as at the end: short tracks fit any poses, and residuals show little.
+    mapping.solution = solve_poses(
+        mapping.images, mapping.pairs, mapping.options, mapping.log.follow_steps("mapping")
     )
+    mapping.solution, mapping.found.rig = put_on_rig(mapping, mapping.rig, mapping.refine_rig)
 
 
-def put_on_rig(
-    alone: Solution,
-    photographs: Photographs,
-    cameras: Sequence[Camera],
-    features: Sequence[Features],
-    pairs: Sequence[PairMatches],
-    options: PosesOptions,
-    on_progress: Callable[[int, int, int, str], None],
-    rig: Rig,
-    adjust: bool,
-    lens_free: np.ndarray | None = None,
-) -> tuple[Solution, RigFit]:
-    """One pose of the rig a frame, from images placed one by one.
+def put_on_rig(mapping: Mapping, rig: Rig, adjust: bool) -> tuple[Solution, RigFit]:
+    """Estimates one pose of the rig a frame, from images placed one by one.
 
     Args:
-        alone: their poses.
-        cameras: the lens of each image.
-        lens_free: which parameters of the lenses are estimated too, see `solve`.
-        others: see `solve_rig`.
+        mapping: with the solution of the images one by one.
+        adjust: adjust the cameras' poses on the rig too.
 
     Raises:
         SolveError: see `solve_rig`.
     """
+    alone, photographs = mapping.solved, mapping.photographs
     assert photographs.frames is not None and photographs.rig_cameras is not None
     start = place_rig(
         alone.camera_from_world, alone.registered, photographs.frames, photographs.rig_cameras,
         rig, np.bincount(alone.observations[:, 1], minlength=len(photographs)),
     )  # fmt: skip
     first = rig.camera_from_reference[0]
-    camera_from_body = rig.camera_from_reference[1:] @ invert_pose(first)
-    solution = refine(
-        photographs.names, cameras, features, pairs, list(start.camera_from_world), options,
-        on_progress, lens_free=lens_free,
-        on_rig=OnRig(
-            photographs.frames, photographs.rig_cameras - 1, camera_from_body, start.known, adjust
-        ),
+    constraint = RigConstraint(
+        photographs.frames, photographs.rig_cameras - 1,
+        rig.camera_from_reference[1:] @ invert_pose(first), start.known, adjust,
+    )  # fmt: skip
+    solution = adjust_poses(
+        mapping.images, mapping.pairs, list(start.camera_from_world), mapping.options,
+        mapping.log.follow_steps("rig"), Adjustment(mapping.lens_free, rig=constraint),
     )  # fmt: skip
     # An image that could not be read has no features: its frame's pose must not register it.
-    readable = np.array([len(f) > 0 for f in features])
+    readable = np.array([len(f) > 0 for f in mapping.features])
     solution = dataclasses.replace(
         solution, initial_pair=alone.initial_pair, restarts=alone.restarts,
         registered=solution.registered & readable,
@@ -161,12 +127,12 @@ def put_on_rig(
     if adjust:
         found = np.concatenate([first[None], mounts @ first])
         now = dataclasses.replace(rig, camera_from_reference=found)
-    figures = _figures(photographs, rig, now, start, alone, solution, adjust)
-    return solution, RigFit(now, figures, _notes(rig, figures))
+    figures = _describe_rig(photographs, (rig, now), start, alone, solution)
+    return solution, RigFit(now, figures, _list_notes(rig, figures))
 
 
-def _median_residuals(alone: Solution, solution: Solution) -> tuple[float, float]:
-    """In pixels, each over the observations that both have."""
+def _measure_residuals(alone: Solution, solution: Solution) -> tuple[float, float]:
+    """Returns both median residuals in pixels, over the observations that both solutions have."""
     keys = [
         each.observations[:, 1].astype(np.int64) << 32 | each.observations[:, 2]
         for each in (alone, solution)
@@ -181,11 +147,11 @@ def _median_residuals(alone: Solution, solution: Solution) -> tuple[float, float
     return float(np.nanmedian(lengths[0])), float(np.nanmedian(lengths[1]))
 
 
-def _scale_sigma(solution: Solution) -> float | None:
-    """Relative standard error of lengths, the rig's own taken for exact; None: not known.
+def _estimate_scale_sigma(solution: Solution) -> float | None:
+    """Estimates the relative standard error of lengths, the rig's own being exact; or None.
 
-    That of the distance of each image from the frame whose pose is held: the smallest, of those
-    far away, has least of the image's own.
+    It is that of an image's distance from the frame whose pose is held: the smallest over all
+    images, as a far image's own error matters least.
     """
     centers = find_centers(solution.camera_from_world)
     spread = solution.covariances[:, :3, :3]
@@ -201,16 +167,21 @@ def _scale_sigma(solution: Solution) -> float | None:
     return float(np.sqrt(along[good] / squared[good] ** 2).min())
 
 
-def _figures(
+def _describe_rig(
     photographs: Photographs,
-    rig: Rig,
-    now: Rig,
+    rigs: tuple[Rig, Rig],
     start: RigStart,
     alone: Solution,
     solution: Solution,
-    adjust: bool,
 ) -> dict[str, Any]:
-    """Of poses.json: the rig as given, as it is now, and what the images say about it."""
+    """Describes a rig for poses.json: as given, as it is now, and what the images say about it.
+
+    Args:
+        rigs: the rig given, and the rig now: the same object if it was not refined.
+        start: poses of the rig from images placed one by one.
+        alone, solution: images placed one by one, and on the rig.
+    """
+    rig, now = rigs
     frames, cameras = photographs.frames, photographs.rig_cameras
     assert frames is not None and cameras is not None
     names, registered = np.array(photographs.names), solution.registered
@@ -219,13 +190,13 @@ def _figures(
     ]
     for name, frame, camera in zip(photographs.names, frames, cameras, strict=True):
         table[frame][camera] = name
-    before_px, after_px = _median_residuals(alone, solution)
-    # Where the rig is refined a pose holds the scale meanwhile, and covariances lack it.
-    scale_sigma = None if adjust else _scale_sigma(solution)
+    before_px, after_px = _measure_residuals(alone, solution)
+    # While the rig is refined a pose holds the scale, so covariances do not include it.
+    scale_sigma = None if now is not rig else _estimate_scale_sigma(solution)
     changes = measure_changes(rig, now.camera_from_reference)
     return {
         "file": str(rig.source),
-        "refined": adjust,
+        "refined": now is not rig,
         "unit": "that of the rig's file, which all poses and points are in",
         "paired_by": photographs.paired_by,
         "frames_total": len(table),
@@ -258,8 +229,8 @@ def _figures(
     }  # fmt: skip
 
 
-def _notes(rig: Rig, figures: dict[str, Any]) -> list[str]:
-    """What a user should know of the rig, one sentence each."""
+def _list_notes(rig: Rig, figures: dict[str, Any]) -> list[str]:
+    """Lists what a user should know of the rig, one sentence each."""
     images = sum(camera["images"] for camera in figures["cameras"])
     how = "by name" if figures["paired_by"] == "name" else "in order, as names differ"
     incomplete = sum(None in row for row in figures["frames"])
@@ -268,7 +239,7 @@ def _notes(rig: Rig, figures: dict[str, Any]) -> list[str]:
         + (f"; {incomplete} without the image of a camera" if incomplete else "")
     ]
     before_px, after_px = figures["residual_alone_px"], figures["residual_px"]
-    if after_px > max(_SHAKY * before_px, _FEWEST_PX):
+    if after_px > max(_SHAKY * before_px, _EXACT_PX):
         notes.append(
             f"with one pose of the rig a frame the residuals are {after_px:.2f} px "
             f"(median), each image by itself has {before_px:.2f}: the images of one frame were "
@@ -285,3 +256,93 @@ def _notes(rig: Rig, figures: dict[str, Any]) -> list[str]:
             "--refine-rig"
         )
     return notes
+
+
+def find_lens_pair(mapping: Mapping, folder: Path) -> None:
+    """Finds the rig of two lenses, and the poses of all images on it.
+
+    Does nothing where the lens was known, images have no frames, or a rolling shutter was found: a
+    rig takes its cameras for still while an image is read.
+
+    Args:
+        mapping: poses image by image, through one lens for both.
+        folder: where the rig and both lenses will be written.
+    """
+    photographs, alone = mapping.photographs, mapping.solved
+    frames, flags = photographs.frames, mapping.lens_free
+    if flags is None or frames is None or alone.shutter is not None:
+        return
+    start = _find_back_from_front(alone, photographs)
+    if start is None:
+        mapping.log.note(
+            f"fewer than {_FEWEST} frames have poses of both lenses that agree: their images are "
+            "placed one by one, not as those of a rig"
+        )
+        return
+    lens = alone.cameras[0]
+    second = lens.with_params(lens.params * (1 + _DIFFERENCE))
+    files = tuple((folder / f"{name}.yaml", None) for name in LENS_NAMES)
+    rig = Rig(folder / "rig.json", LENS_NAMES, (lens, second), np.stack([np.eye(4), start]), files)
+    assert photographs.rig_cameras is not None
+    cameras: list[Camera | None] = [rig.cameras[camera] for camera in photographs.rig_cameras]
+    flags = flags.copy()
+    flags[list(_CENTER)] = _FREE  # circles are found to a pixel only
+    of_rig = dataclasses.replace(photographs, cameras=cameras)
+    try:
+        solution, fit = put_on_rig(
+            dataclasses.replace(mapping, photographs=of_rig, lens_free=flags), rig, True
+        )
+    except SolveError as error:
+        mapping.log.note(f"the images' poses make no rig of two lenses: {error}")
+        return
+    before, after = fit.figures["residual_alone_px"], fit.figures["residual_px"]
+    if after > _RIGID * before or solution.num_registered < alone.num_registered:
+        mapping.log.note(
+            f"with one pose a frame {solution.num_registered} of {len(photographs)} images are "
+            f"off by {after:.2f} px, one by one {alone.num_registered} by {before:.2f}: the two "
+            "lenses were not read in one moment, and their images are placed one by one"
+        )
+        return
+    lenses = tuple(solution.cameras[int(np.argmax(photographs.rig_cameras == k))] for k in (0, 1))
+    fit = dataclasses.replace(fit, rig=dataclasses.replace(fit.rig, cameras=lenses))
+    turn = float(np.degrees(measure_rotation_angles(fit.rig.camera_from_reference[1:, :3, :3])[0]))
+    fit.figures.update(found=True, turn_degrees=turn)
+    mapping.log.note(
+        f"the two lenses are a rig: {fit.figures['frames_registered']} frames, the back one turned "
+        f"by {turn:.2f} degrees against the front one (rig.json)"
+    )
+    mapping.solution, mapping.found.rig = solution, fit
+
+
+def _find_back_from_front(alone: Solution, photographs: Photographs) -> np.ndarray | None:
+    """Returns (4, 4) back_from_front, the middle of the frames whose poses agree, or None."""
+    frames, lens_of = photographs.frames, photographs.rig_cameras
+    assert frames is not None and lens_of is not None
+    found = []
+    for frame in range(int(frames.max(initial=-1)) + 1):
+        rows = [np.flatnonzero((frames == frame) & (lens_of == k) & alone.registered)
+                for k in (0, 1)]  # fmt: skip
+        if len(rows[0]) and len(rows[1]):
+            front, back = (alone.camera_from_world[row[0]] for row in rows)
+            found.append(back @ invert_pose(front))
+    if len(found) < _FEWEST:
+        return None
+    poses = np.array(found)
+    apart = np.array([measure_rotation_angles(poses[:, :3, :3] @ pose[:3, :3].T) for pose in poses])
+    middle = int(np.argmin(np.median(apart, axis=1)))
+    good = apart[middle] <= _SAME
+    if good.sum() < max(_FEWEST, len(poses) / 2):
+        return None
+    left, _, right = np.linalg.svd(poses[good, :3, :3].sum(axis=0))
+    result = np.eye(4)
+    result[:3, :3] = left @ right
+    # The position of the back lens in the front one's frame does not turn with the cameras.
+    place = np.median([invert_pose(pose)[:3, 3] for pose in poses[good]], axis=0)
+    result[:3, 3] = -result[:3, :3] @ place
+    return result
+
+
+def write_lens_pair(fit: RigFit) -> None:
+    """Writes both lenses beside the rig's file."""
+    for camera, (path, _) in zip(fit.rig.cameras, fit.rig.lens_files, strict=True):
+        save_camera(camera, path)

@@ -1,4 +1,4 @@
-"""The photographs of a rig: one folder a camera, and which images belong to one frame."""
+"""Finds the photographs of a rig, one folder a camera, and the images of each frame."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ import numpy as np
 from gsut._core import InputError
 from gsut.data import list_some
 from gsut.data.rigs import Rig
-from gsut.sfm.core import FEWEST_IMAGES, Photographs, photographs_in
+from gsut.sfm.core import FEWEST_IMAGES, Photographs, list_photographs
 
 _NOT_CAMERAS = {"masks"}  # folders that may lie beside those of the cameras
 
 
 def find_rig_photographs(images: Path, rig: Rig) -> Photographs:
-    """Finds the images of each camera, ordered by frame and then by camera.
+    """Finds the images of each camera of a rig, ordered by frame and then by camera.
 
     Images are of one frame if their names without suffix, and without their camera's name, are
     the same; where no name is in two folders, but all have as many images, they are paired in
@@ -35,7 +35,7 @@ def find_rig_photographs(images: Path, rig: Rig) -> Photographs:
             be paired.
     """
     if not images.is_dir():
-        raise InputError(f"{images} is no folder; give the folder with one folder a camera")
+        raise InputError(f"{images} is not a folder; give the folder with one folder a camera")
     root = images / "images" if (images / "images").is_dir() else images
     names = ", ".join(rig.names)
     absent = [name for name in rig.names if not (root / name).is_dir()]
@@ -48,19 +48,21 @@ def find_rig_photographs(images: Path, rig: Rig) -> Photographs:
     for folder in sorted(p for p in root.iterdir() if p.is_dir()):
         if folder.name in rig.names or folder.name in _NOT_CAMERAS or folder.name.startswith("."):
             continue
-        if len(photographs_in(folder)):
+        if len(list_photographs(folder)):
             raise InputError(
                 f"{folder} holds images, but {rig.source} has no camera {folder.name}; it has "
                 f"{names}: add its lens and pose there, or move the folder away"
             )
-    found = [photographs_in(root / name) for name in rig.names]
+    found = [list_photographs(root / name) for name in rig.names]
     for name, each in zip(rig.names, found, strict=True):
         if not len(each):
             raise InputError(f"{root / name} holds no images; a camera of the rig needs some")
     if sum(map(len, found)) < FEWEST_IMAGES:
         raise InputError(f"{root} holds too few images; poses need at least {FEWEST_IMAGES}")
-    keys, paired_by = _paired([p.names for p in found], rig)
-    order = {key: i for i, key in enumerate(sorted({k for own in keys for k in own}, key=_natural))}
+    keys, paired_by = _pair_images([p.names for p in found], rig)
+    order = {
+        key: i for i, key in enumerate(sorted({k for own in keys for k in own}, key=_split_numbers))
+    }
     rows = sorted(
         (order[key], camera, i) for camera, own in enumerate(keys) for i, key in enumerate(own)
     )
@@ -76,9 +78,9 @@ def find_rig_photographs(images: Path, rig: Rig) -> Photographs:
     )
 
 
-def _paired(names: list[list[str]], rig: Rig) -> tuple[list[list[str]], str]:
-    """The frame's name of each image of each camera, and whether by name or by order."""
-    # As they are, else without the camera's name: left/left12.jpg and right/right12.jpg.
+def _pair_images(names: list[list[str]], rig: Rig) -> tuple[list[list[str]], str]:
+    """Returns the frame's name of each image of each camera, and "name" or "order"."""
+    # The names themselves, else without the camera's name: left/left12.jpg and right/right12.jpg.
     plain = [[str(Path(image).with_suffix("")) for image in own] for own in names]
     short = [
         [key.replace(camera, "") for key in own]
@@ -92,19 +94,19 @@ def _paired(names: list[list[str]], rig: Rig) -> tuple[list[list[str]], str]:
     if len(set(counts.values())) > 1:
         said = ", ".join(f"{camera} {count}" for camera, count in counts.items())
         raise InputError(
-            f"images of one frame cannot be told: no name is in two cameras' folders, and their "
+            f"images of one frame cannot be found: no name is in two cameras' folders, and their "
             f"numbers differ ({said}); give images of one frame one name, such as "
             f"{rig.names[0]}/0001.png and {rig.names[1]}/0001.png"
         )
     ordered = []
     for own in plain:
-        place = {key: i for i, key in enumerate(sorted(own, key=_natural))}
+        place = {key: i for i, key in enumerate(sorted(own, key=_split_numbers))}
         ordered.append([f"{place[key]}" for key in own])
     return ordered, "order"
 
 
 def _require_one_each(keys: list[list[str]], names: list[list[str]], rig: Rig) -> None:
-    """Refuses two images of one camera at one frame."""
+    """Rejects two images of one camera at one frame."""
     for own, images, camera in zip(keys, names, rig.names, strict=True):
         twice = sorted(i for i, key in zip(images, own, strict=True) if own.count(key) > 1)
         if twice:
@@ -114,8 +116,8 @@ def _require_one_each(keys: list[list[str]], names: list[list[str]], rig: Rig) -
             )
 
 
-def _natural(text: str) -> list[tuple[int, str]]:
-    """Sorts numbers by their value: 2 before 10."""
+def _split_numbers(text: str) -> list[tuple[int, str]]:
+    """Returns a key that sorts numbers in names by their value: 2 before 10."""
     return [
         (int(part), "") if part.isdecimal() else (-1, part) for part in re.split(r"(\d+)", text)
     ]

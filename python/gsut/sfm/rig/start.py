@@ -1,37 +1,36 @@
-"""The rig's pose at each frame, and the scale, from images that were placed one by one."""
+"""Estimates the rig's pose at each frame, and the scale, from images placed one by one."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
 
 import numpy as np
 
 from gsut._core import SolveError
 from gsut.data.poses import find_centers
 from gsut.data.rigs import Rig
+from gsut.sfm.core import Mapping
 
-# Two cameras of one frame whose rotation differs this much from the rig's: one of them was placed
-# wrongly.
+# Difference from the rig's rotation between two cameras of a frame beyond which one of the images
+# was placed wrongly.
 _SAME_DEGREES = 5.0
-# Median over all frames beyond which it is the rig that is wrong.
-_WRONG_DEGREES = 15.0
-_FEWEST_TURNS = 3  # frames that a mean turn is made of
+_WRONG_DEGREES = 15.0  # median over all frames beyond which the rig is wrong
+_FEWEST_TURNS = 3  # frames that a mean turn is taken over
 
 
 @dataclasses.dataclass(frozen=True)
 class RigStart:
-    """The rig as images placed one by one show it.
+    """The poses of a rig, from images placed one by one.
 
     Args:
         camera_from_world: (N, 4, 4) of all images in the rig's unit, by their frame's pose;
             identity where no image of the frame was placed.
-        known: (N,) bool, whether there is such a pose.
+        known: (N,) bool, whether the frame has a pose.
         scale: the rig's unit over that of the poses given.
-        scale_spread: median distance of the scales of single frames from it, relative.
+        scale_spread: median relative difference of single frames' scales from it.
         frames: number of frames that the scale comes from.
-        turn_degrees: mean over the frames of the rotation between two cameras, against the rig's,
-            of the two that differ most from it.
+        turn_degrees: mean over the frames of the rotation between two cameras against the rig's, of
+            the two that differ most from it.
         turn_sigma_degrees: standard error of that mean.
     """
 
@@ -52,14 +51,14 @@ def place_rig(
     rig: Rig,
     observations: np.ndarray,
 ) -> RigStart:
-    """The rig's pose at each frame, and the scale, from images placed one by one.
+    """Estimates the rig's pose at each frame, and the scale, from images placed one by one.
 
     Args:
         camera_from_world: (N, 4, 4), in any unit.
-        registered: (N,) bool, which of them are known.
+        registered: (N,) bool, the poses that are known.
         frames, rig_cameras: (N,) of each image.
         rig: its cameras' poses.
-        observations: (N,) of each image; of two that disagree the one with more counts.
+        observations: (N,) of each image; of two images that disagree the one with more is right.
 
     Raises:
         SolveError: no frame has two placed images of cameras that are apart, or they contradict
@@ -82,7 +81,7 @@ def place_rig(
         for place, i in enumerate(frame):
             for j in frame[place + 1 :]:
                 of_two = (int(rig_cameras[i]), int(rig_cameras[j]))
-                turned.setdefault(of_two, []).append(_vector_degrees(turns[i] @ turns[j].T))
+                turned.setdefault(of_two, []).append(_convert_to_degrees(turns[i] @ turns[j].T))
                 best = i if observations[i] >= observations[j] else j
                 apart = turns[best].T @ (seats[rig_cameras[j]] - seats[rig_cameras[i]])
                 squared = float(apart @ apart)
@@ -105,7 +104,7 @@ def place_rig(
             f"{sum(len(m) > 0 for m in groups)} of {len(groups)} frames; the cameras must see "
             "parts of one scene, at the same frame or later"
         )
-    per_unit = _weighted_median(np.array(scales), np.array(weights))
+    per_unit = _find_weighted_median(np.array(scales), np.array(weights))
     if per_unit <= 0.0:
         raise SolveError(
             f"the images show the cameras on the other side of each other than {rig.source} says: "
@@ -116,7 +115,7 @@ def place_rig(
     for number, placed in enumerate(groups):
         if not len(placed):
             continue
-        reference = _reference_pose(
+        reference = _average_poses(
             turns[placed],
             centers[placed] / per_unit,
             seats[rig_cameras[placed]],
@@ -127,14 +126,14 @@ def place_rig(
         known |= own
     spread = np.median(np.abs(np.array(scales) / per_unit - 1.0))
     counted = sum(len(m) > 1 for m in groups)
-    return RigStart(poses, known, 1.0 / per_unit, float(spread), counted, *_mean_turn(turned))
+    return RigStart(poses, known, 1.0 / per_unit, float(spread), counted, *_average_turns(turned))
 
 
-def _mean_turn(turned: Mapping[tuple[int, int], list[np.ndarray]]) -> tuple[float, float]:
-    """Length of the mean where it is largest, and its standard error; degrees.
+def _average_turns(turned: Mapping[tuple[int, int], list[np.ndarray]]) -> tuple[float, float]:
+    """Returns the largest mean turn between two cameras and its standard error, in degrees.
 
     Args:
-        turned: by two cameras, rotation vectors in degrees.
+        turned: rotation vectors in degrees by pair of cameras.
     """
     largest = (0.0, 0.0)
     for vectors in turned.values():
@@ -146,17 +145,19 @@ def _mean_turn(turned: Mapping[tuple[int, int], list[np.ndarray]]) -> tuple[floa
     return largest
 
 
-def _reference_pose(
+def _average_poses(
     turns: np.ndarray, centers: np.ndarray, seats: np.ndarray, observations: np.ndarray
 ) -> np.ndarray:
-    """(4, 4) reference_from_world of a frame: the mean of its images that agree with the best.
+    """Averages (4, 4) reference_from_world of a frame over its images that agree with the best.
 
     Args:
-        turns: (M, 3, 3) reference_from_world by each. centers: (M, 3) of the cameras in the world.
-        seats: (M, 3) of the cameras in the reference frame. observations: (M,) of each.
+        turns: (M, 3, 3) reference_from_world by each image.
+        centers: (M, 3) of the cameras in the world.
+        seats: (M, 3) of the cameras in the reference frame.
+        observations: (M,) of each image.
     """
     best = int(np.argmax(observations))
-    angles = [np.linalg.norm(_vector_degrees(turns[best] @ turn.T)) for turn in turns]
+    angles = [np.linalg.norm(_convert_to_degrees(turns[best] @ turn.T)) for turn in turns]
     good = np.array(angles) <= _SAME_DEGREES
     left, _, right = np.linalg.svd(turns[good].sum(axis=0))
     pose = np.eye(4)
@@ -165,14 +166,14 @@ def _reference_pose(
     return pose
 
 
-def _vector_degrees(rotation: np.ndarray) -> np.ndarray:
-    """(3,) the rotation's axis times its angle in degrees."""
+def _convert_to_degrees(rotation: np.ndarray) -> np.ndarray:
+    """Returns (3,) the rotation's axis times its angle in degrees."""
     import cv2
 
     return np.degrees(cv2.Rodrigues(rotation)[0].ravel())
 
 
-def _weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
+def _find_weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
     order = np.argsort(values, kind="stable")
     total = np.cumsum(weights[order])
     return float(values[order][np.searchsorted(total, 0.5 * total[-1])])

@@ -1,56 +1,60 @@
-"""Whether the frames of a video were read line by line, and how fast: from their own motion.
+"""Finds whether the frames of a video were read line by line, and how fast, from their motion.
 
-The flow of the video tells how fast the camera moved at each frame; the residuals of poses without
-a rolling shutter tell whether lines were bent by that, and how long a readout takes.
+The flow of the video shows how fast the camera moved at each frame; the residuals of poses without
+a rolling shutter show whether lines were bent by that, and how long a readout takes.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
 from gsut._core import Shutter, SolveError
 from gsut.lens import Camera
 from gsut.sfm.core import (
-    Features,
-    Moving,
+    Adjustment,
+    Mapping,
     PairMatches,
-    PosesOptions,
+    ReadoutMotion,
     Solution,
+    adjust_registered,
     choose_connected_pairs,
     keep_most_distinct,
-    refine_registered,
 )
-from gsut.sfm.shutter.frame_motion import rates_of_frames
-from gsut.sfm.shutter.readout_by_flow import FlowReadout, readout_by_flow
+from gsut.sfm.shutter.readout import (
+    FlowReadout,
+    estimate_rates,
+    estimate_readout_by_flow,
+    estimate_readout_time,
+)
 
 _FEWEST = 8  # images whose motion is known
-_LONGEST = 0.05  # seconds that a readout takes at most
-_KNOWN = 0.1  # share of the time that two standard deviations may be, for it to be known
-# Standard deviations from nothing, at least, and images that keep a pose.
-_CLEAR, _KEPT = 4.0, 0.95
-# The time is corrected so often at most, on so many images, until a step is this share of it; a
-# correction is at least that share of what is missing. Velocities stay meanwhile.
-_CORRECTIONS, _IMAGES, _SETTLED, _LEAST_SLOPE, _HELD = 5, 30, 0.03, 0.25, 0.0
-_MATCHES = 150  # of a pair meanwhile: the most distinct
-# Of the diagonal: less motion during a readout is not worth the time that training takes longer.
-# The first estimate falls short by about that factor.
-_MATTERS, _SHORT = 1e-3, 2.0
-_USUAL_READOUT = 0.015  # seconds
-_OBLONG = 1.2  # sides of a picture: less tells nothing of how the sensor was held
+_LONGEST = 0.05  # seconds that a readout takes at most: slower sensors are not used for video
+_KNOWN = 0.1  # two standard deviations over the time, up to which the time counts as known
+_CLEAR = 4.0  # standard deviations from zero, below which there is no sign of a rolling shutter
+_KEPT = 0.95  # share of the images that must keep a pose
+_CORRECTIONS = 5  # of the readout time at most: the secant method converges in two or three
+_IMAGES = 30  # that the readout time is corrected on
+_SETTLED = 0.03  # relative size of a correction that ends them
+_LEAST_SLOPE = 0.25  # share of what is missing that a correction is taken to reach at least
+_TRIAL_MATCHES = 150  # of a pair, the most distinct, that corrections use
+# Motion during a readout over the diagonal that is worth the time that training takes longer.
+_MATTERS = 1e-3
+_SHORT = 2.0  # factor by which the first estimate is usually too short
+_USUAL_READOUT = 0.015  # seconds: of phones and action cameras
+_OBLONG = 1.2  # ratio of a picture's sides from which it shows how the sensor was held
 _BACKWARDS = {"top_to_bottom": "bottom_to_top", "left_to_right": "right_to_left"}
 
 
 @dataclasses.dataclass(frozen=True)
 class VideoShutter:
-    """What was found.
+    """The shutter of a video.
 
     Args:
-        solution: with a rolling shutter, or as it was.
+        solution: with a rolling shutter, or the one given.
         readout: None: not determined, and the shutter counts as global.
     """
 
@@ -59,11 +63,11 @@ class VideoShutter:
 
     @property
     def is_known(self) -> bool:
-        """Whether the time is known to 10 % (two standard deviations)."""
+        """Whether two standard deviations are within 10 % of it."""
         return self.readout is not None and 2 * self.readout.sigma <= _KNOWN * self.readout.time
 
-    def words(self) -> str:
-        """A sentence."""
+    def describe(self) -> str:
+        """Describes the shutter in a sentence."""
         found = self.readout
         if found is None or self.solution.shutter is None:
             return (
@@ -78,64 +82,69 @@ class VideoShutter:
             f"deviation {1000 * found.sigma:.1f} ms{doubt})"
         )
 
-    def figures(self) -> dict[str, Any]:
-        """Of poses.json."""
-        found = self.readout
-        return {
+
+def find_shutter(mapping: Mapping) -> None:
+    """Finds the rolling shutter of a video of which nothing is said, and adds it to the figures.
+
+    The mapping's solution is then one with a rolling shutter.
+    """
+    solution, figures = mapping.solved, mapping.found.figures
+    is_unknown = solution.shutter is None and mapping.options.shutter == "auto"
+    if is_unknown and mapping.photographs.flows:
+        lines = find_video_shutter(mapping)
+        mapping.solution = solution = lines.solution
+        mapping.log.note(lines.describe())
+        found = lines.readout
+        figures["shutter"] = solution.shutter.direction if solution.shutter else "global"
+        figures["readout"] = {
             "seconds": found.time if found else None,
             "sigma_seconds": found.sigma if found else None,
         }
+    elif solution.shutter is None:
+        figures["shutter"] = "global"
+    else:
+        time = estimate_readout_time(mapping.photographs.names, solution)
+        figures["shutter"] = solution.shutter.direction
+        figures["readout"] = {
+            "given": mapping.options.readout_time,
+            "estimated": time.time if time else None,
+            "explained": time.explained if time else None,
+        }
 
 
-def find_video_shutter(
-    solution: Solution,
-    features: Sequence[Features],
-    pairs: Sequence[PairMatches],
-    options: PosesOptions,
-    flows: Mapping[str, np.ndarray],
-    lens_free: np.ndarray | None,
-    on_progress: Callable[[float, str], None],
-    on_step: Callable[[int, int, int, str], None] = lambda *_: None,
-) -> VideoShutter:
+def find_video_shutter(mapping: Mapping) -> VideoShutter:
     """Looks for a rolling shutter in a solution without one.
 
     Lines are taken to run along the longer side of the picture, as those of a sensor do.
-
-    Args:
-        solution: poses of frames. features: of all images. pairs: verified.
-        options: see PosesOptions.
-        flows: see `rates_of_frames`, in seconds.
-        lens_free: see `solve`.
-        on_progress: told which share of finding the time is done, and words.
-        on_step: told of the adjustment with it, see `solve`.
     """
+    solution, options = mapping.solved, mapping.options
+    flows, camera = mapping.photographs.flows, solution.cameras[0]
     nothing = VideoShutter(solution, None)
-    rates, spread = rates_of_frames(solution, flows)
+    rates, spread = estimate_rates(solution, flows)
     if np.isfinite(rates).all(axis=1).sum() < _FEWEST or len(set(solution.cameras)) > 1:
         return nothing
     found, forward = None, ""
-    for direction in _directions(solution.cameras[0]):
+    for direction in _list_directions(camera):
         along_y = direction == "top_to_bottom"
-        other = readout_by_flow(solution, rates, spread, along_y, lens_free, options.loss_scale)
+        other = estimate_readout_by_flow(
+            solution, rates, spread, along_y, mapping.lens_free, options.loss_scale
+        )
         if other and (found is None or other.clearness > found.clearness):
             found, forward = other, direction
     if found is None or found.clearness < _CLEAR or abs(found.time) > _LONGEST:
         return nothing
-    camera = solution.cameras[0]
-    if not _matters(_SHORT * abs(found.time), flows, camera.width, camera.height):
+    if not _has_enough_motion(_SHORT * abs(found.time), flows, camera.width, camera.height):
         return nothing
-    sign = 1 if found.time > 0 else -1
-    shutter = Shutter(forward if sign > 0 else _BACKWARDS[forward])
+    shutter = Shutter(forward if found.time > 0 else _BACKWARDS[forward])
     try:
-        readout = _settled(
-            solution, features, pairs, options, rates, spread, lens_free, shutter,
-            FlowReadout(abs(found.time), found.sigma), on_progress,
-        )  # fmt: skip
+        start = FlowReadout(abs(found.time), found.sigma)
+        readout = _correct_readout(mapping, rates, spread, shutter, start)
         if not 0 < readout.time < _LONGEST:
             return nothing
-        moved = refine_registered(
-            solution, features, pairs, options, lens_free=lens_free,
-            moving=Moving(shutter, readout.time, rates), on_progress=on_step,
+        moved = adjust_registered(
+            solution, mapping.features, mapping.pairs, options,
+            mapping.log.follow_steps("shutter"),
+            Adjustment(mapping.lens_free, motion=ReadoutMotion(shutter, readout.time, rates)),
         )  # fmt: skip
     except SolveError:
         return nothing
@@ -143,35 +152,34 @@ def find_video_shutter(
     return VideoShutter(moved, readout) if kept else nothing
 
 
-def _settled(
-    solution: Solution,
-    features: Sequence[Features],
-    pairs: Sequence[PairMatches],
-    options: PosesOptions,
+def _correct_readout(
+    mapping: Mapping,
     rates: np.ndarray,
     spread: np.ndarray,
-    lens_free: np.ndarray | None,
     shutter: Shutter,
     found: FlowReadout,
-    on_progress: Callable[[float, str], None],
 ) -> FlowReadout:
-    """The readout time at which the residuals ask for no other one.
+    """Corrects the readout time until the residuals favour no other one.
 
     Poses without a rolling shutter have lost the observations that speak most for one: each
-    correction falls short, by a share that the last two tell (the secant method).
+    correction is too small, by a share that the last two show (the secant method).
     """
-    some = _some_images(solution, pairs, rates)
-    few = keep_most_distinct(pairs, _MATCHES)
+    flags, loss_scale = mapping.lens_free, mapping.options.loss_scale
+    some = _choose_images(mapping.solved, mapping.pairs, rates)
+    trial = dataclasses.replace(mapping.solved, registered=some)
+    few = keep_most_distinct(mapping.pairs, _TRIAL_MATCHES)
     sign = 1 if shutter.direction in _BACKWARDS else -1
+    along_y = "top" in shutter.direction
     time, slope, before = found.time, 1 / _SHORT, None
     for number in range(_CORRECTIONS):
-        on_progress(number / _CORRECTIONS, f"lines read in {1000 * time:.1f} ms?")
-        moving = Moving(shutter, time, rates, _HELD, extend=False)
-        moved = refine_registered(
-            solution, features, few, options, only=some, lens_free=lens_free, moving=moving
-        )
-        along_y = "top" in shutter.direction
-        more = readout_by_flow(moved, rates, spread, along_y, lens_free, options.loss_scale)
+        text = f"lines read in {1000 * time:.1f} ms?"
+        mapping.log.show_share("shutter", 0.5 * number / _CORRECTIONS, text)
+        motion = ReadoutMotion(shutter, time, rates, sigma=0.0, extend=False)
+        moved = adjust_registered(
+            trial, mapping.features, few, mapping.options,
+            adjustment=Adjustment(flags, motion=motion),
+        )  # fmt: skip
+        more = estimate_readout_by_flow(moved, rates, spread, along_y, flags, loss_scale)
         if more is None:
             break
         own, found = sign * more.time, more
@@ -181,34 +189,39 @@ def _settled(
         time += own / slope
         if abs(own / slope) < _SETTLED * time or not 0 < time < _LONGEST:
             break
-    # What a correction falls short by, its standard deviation does too.
+    # The standard deviation is too small by the same share as a correction.
     return FlowReadout(
         time / found.reliability, found.sigma / (slope * found.reliability), found.reliability
     )
 
 
-def _some_images(solution: Solution, pairs: Sequence[PairMatches], rates: np.ndarray) -> list[int]:
-    """Images with a pose and a rate that are well connected with each other."""
+def _choose_images(
+    solution: Solution, pairs: Sequence[PairMatches], rates: np.ndarray
+) -> np.ndarray:
+    """Chooses (N,) bool images with a pose and a rate that are well connected with each other."""
     good = solution.registered & np.isfinite(rates).all(axis=1)
     own = [pair for pair in pairs if good[pair.first] and good[pair.second]]
     chosen = choose_connected_pairs(own, _IMAGES) if own else []
-    return sorted({image for pair in chosen for image in (pair.first, pair.second)})
+    images = {image for pair in chosen for image in (pair.first, pair.second)}
+    return np.isin(np.arange(len(good)), list(images))
 
 
-def probably_rolling(flows: Mapping[str, np.ndarray], width: int, height: int) -> bool:
-    """Whether a readout as long as most cameras' would be found in the flow of such pictures."""
-    return bool(flows) and _matters(_USUAL_READOUT, flows, width, height)
+def is_probably_rolling(flows: Mapping[str, np.ndarray], width: int, height: int) -> bool:
+    """Returns whether a usual readout would be found in the flow of pictures of this size."""
+    return bool(flows) and _has_enough_motion(_USUAL_READOUT, flows, width, height)
 
 
-def _matters(time: float, flows: Mapping[str, np.ndarray], width: int, height: int) -> bool:
-    """Whether pictures move enough, in the median, during a readout of so many seconds."""
+def _has_enough_motion(
+    time: float, flows: Mapping[str, np.ndarray], width: int, height: int
+) -> bool:
+    """Returns whether pictures move enough, in the median, during a readout (seconds)."""
     speeds = [np.linalg.norm(flow[:, 2:], axis=1) for flow in flows.values()]
     moved = time * float(np.median(np.concatenate(speeds)))
     return moved >= _MATTERS * math.hypot(width, height)
 
 
-def _directions(camera: Camera) -> list[str]:
-    """Orders of lines to try: along the longer side, where one is longer."""
+def _list_directions(camera: Camera) -> list[str]:
+    """Lists the orders of lines to try: along the longer side, where one is longer."""
     both = ["top_to_bottom", "left_to_right"]
     if max(camera.width, camera.height) < _OBLONG * min(camera.width, camera.height):
         return both

@@ -11,9 +11,9 @@ import numpy as np
 from gsut._core import InputError
 from gsut.data import load_dataset
 from gsut.data.poses import find_centers
-from gsut.sfm.core import rotation_angles, similarity
+from gsut.sfm.core import measure_rotation_angles, similarity_from_points
 
-_FEWEST = 3  # centres that fix a similarity
+_FEWEST = 3  # centres that determine a similarity
 
 
 @dataclasses.dataclass(frozen=True)
@@ -21,12 +21,12 @@ class PoseErrors:
     """Errors after the best similarity.
 
     Args:
-        images: number of images compared.
+        images: number of compared images.
         ate: root of the mean squared distance of the centres, in the reference's unit.
-        metric_ate: the same after the best rotation and shift alone: poses that claim to be in the
-            reference's unit.
-        scale: the similarity's: the reference's unit over that of the poses.
-        extent: the reference's: diagonal of the box around its camera centres.
+        metric_ate: the same after the best rotation and shift alone, for poses in the reference's
+            unit.
+        scale: of the similarity: the reference's unit over that of the poses.
+        extent: of the reference: diagonal of the box around its camera centres.
         rotation_degrees: (N,) angles between the rotations.
         center_distances: (N,) in the reference's unit.
         reference_from_world: (4, 4) similarity.
@@ -48,12 +48,12 @@ class PoseErrors:
 
     @property
     def scale_error_percent(self) -> float:
-        """How much longer lengths are than the reference's, where they claim to have its unit."""
+        """Excess of lengths over the reference's, in percent."""
         return 100.0 * (1.0 / self.scale - 1.0)
 
 
 def compare_poses(camera_from_world: np.ndarray, reference: np.ndarray) -> PoseErrors:
-    """Errors of poses against a reference.
+    """Measures the errors of poses against a reference.
 
     Args:
         camera_from_world: (N, 4, 4).
@@ -71,9 +71,11 @@ def compare_poses(camera_from_world: np.ndarray, reference: np.ndarray) -> PoseE
             f"{reference.shape}"
         )
     if len(reference) < _FEWEST:
-        raise InputError(f"{len(reference)} poses fix no similarity; at least {_FEWEST} are needed")
+        raise InputError(
+            f"{len(reference)} poses determine no similarity; at least {_FEWEST} are needed"
+        )
     centers, targets = find_centers(camera_from_world), find_centers(reference)
-    scale, rotation, translation = similarity(centers, targets)
+    scale, rotation, translation = similarity_from_points(centers, targets)
     distances = np.linalg.norm(scale * centers @ rotation.T + translation - targets, axis=1)
     about_mean = (centers - centers.mean(axis=0)) @ rotation.T - (targets - targets.mean(axis=0))
     relative = camera_from_world[:, :3, :3] @ rotation.T @ reference[:, :3, :3].transpose(0, 2, 1)
@@ -86,27 +88,29 @@ def compare_poses(camera_from_world: np.ndarray, reference: np.ndarray) -> PoseE
         metric_ate=float(np.sqrt((about_mean**2).sum(axis=1).mean())),
         scale=scale,
         extent=float(np.linalg.norm(targets.max(axis=0) - targets.min(axis=0))),
-        rotation_degrees=np.degrees(rotation_angles(relative)),
+        rotation_degrees=np.degrees(measure_rotation_angles(relative)),
         center_distances=distances,
         reference_from_world=matrix,
     )
 
 
-def poses_by_path(data: str | os.PathLike[str]) -> dict[Path, np.ndarray]:
-    """(4, 4) camera_from_world of a dataset's images."""
+def read_poses_by_path(data: str | os.PathLike[str]) -> dict[Path, np.ndarray]:
+    """Reads (4, 4) camera_from_world of a dataset's images."""
     return {
         view.image_path.resolve(): view.camera_from_world
         for view in load_dataset(data, test_every=0).views
     }
 
 
-def errors_against(reference: str | os.PathLike[str], found: str | os.PathLike[str]) -> PoseErrors:
-    """Errors of a dataset's poses against another's, over the images that both have.
+def compare_datasets(
+    reference: str | os.PathLike[str], found: str | os.PathLike[str]
+) -> PoseErrors:
+    """Measures the errors of a dataset's poses against a reference dataset's, by shared images.
 
     Raises:
         InputError: a dataset cannot be read, or they share fewer than three images.
     """
-    truth, own = poses_by_path(reference), poses_by_path(found)
+    truth, own = read_poses_by_path(reference), read_poses_by_path(found)
     shared = [path for path in own if path in truth]
     return compare_poses(
         np.array([own[path] for path in shared]).reshape(-1, 4, 4),

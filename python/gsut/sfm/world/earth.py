@@ -1,4 +1,4 @@
-"""Which way is up, and from GPS north and metres: where the evidence agrees, else the world stays.
+"""Finds which way is up, and from GPS north and metres, where the evidence agrees.
 
 The world becomes x east, y down, z north: scenes then stand upright where y points down, as it does
 in cameras and in most viewers of Gaussians.
@@ -8,34 +8,35 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from gsut.data.poses import find_centers
 from gsut.gaussians import rotate_upright
-from gsut.sfm.core import Solution, similarity
+from gsut.sfm.core import Mapping, Solution, similarity_from_points
 
-# Of WGS 84: metres, squared eccentricity.
-_EARTH, _ECCENTRICITY = 6378137.0, 6.69437999014e-3
-# Directions in the stored picture, by EXIF's orientation: up, and level.
+_EARTH_RADIUS = 6378137.0  # metres, semi-major axis of WGS 84
+_ECCENTRICITY_2 = 6.69437999014e-3  # squared, of WGS 84
+# Directions of up in the stored picture (x, y), by EXIF's orientation.
 _UP_OF = {1: (0, -1), 2: (0, -1), 3: (0, 1), 4: (0, 1), 5: (-1, 0), 6: (-1, 0), 7: (1, 0),
           8: (1, 0)}  # fmt: skip
-# Radians, standard deviations: people and drones hold cameras level, but look up and down.
-_ROLL, _PITCH = math.radians(5.0), math.radians(25.0)
-_MOST_ROLL = math.radians(12.0)  # in the mean, beyond which cameras were not held level
-_MOST_TILT = 0.15  # of two standard deviations of up, radians, beyond which it is not known
-_FEWEST, _FEWEST_PLACES = 6, 5  # images with a place; different places
-_SAMPLES = 300
-_SAME_PLACE = 0.3  # metres
-_MOST_OFF = 0.1  # of the path's size: GPS this far off gives no scale
-_CONTRADICTS, _CLEAR_WAY = 0.3, 20.0  # off by that share of so many metres: one of them is wrong
-_FITTING = 0.6  # share of the places that fit
+_ROLL = math.radians(5.0)  # standard deviation: people and drones hold cameras level
+_PITCH = math.radians(25.0)  # standard deviation: they look up and down
+_MOST_ROLL = math.radians(12.0)  # mean roll beyond which cameras were not held level
+_MOST_TILT = 0.15  # radians: two standard deviations of up beyond which it is not known
+_FEWEST = 6  # images with a place, or an orientation
+_FEWEST_PLACES = 5  # different places
+_SAMPLES = 300  # pairs of places that an alignment is fitted to
+_SAME_PLACE = 0.3  # metres within which places are the same
+_MOST_OFF = 0.1  # median error over the path's size beyond which GPS gives no scale
+_CONTRADICTS = 0.3  # median error over the path's size beyond which poses or GPS are wrong
+_CLEAR_WAY = 20.0  # metres that the path must be in size for such a contradiction
+_FITTING = 0.6  # share of the places that must fit
 _TURN_UP = math.radians(10.0)  # that GPS may turn up against the cameras'
-_DRIFT = 0.3  # metres, within minutes: places near each other in time err alike
-_STRAIGHT = 0.1  # second extent of a path over its first, below which GPS's slope is its slope
-_UP_SIGMA = 0.01  # radians: GPS that knows up so well is asked for it
+_DRIFT = 0.3  # metres of GPS within minutes: places near each other in time err alike
+_STRAIGHT = 0.1  # second over first extent of a path, below which its slope is that of GPS
+_UP_SIGMA = 0.01  # radians: GPS that determines up this well is used for it
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,9 +44,9 @@ class Earth:
     """A similarity to the world of the earth: x -> scale rotation x + translation.
 
     Args:
-        scale, rotation, translation: of it.
-        figures: for poses.json: "up", and of GPS "metres", "origin", what it is off by.
-        notes: sentences.
+        scale, rotation, translation: of the similarity.
+        figures: for poses.json: "up", and of GPS "origin" and its errors.
+        notes: what a user should know, one sentence each.
     """
 
     scale: float
@@ -57,21 +58,20 @@ class Earth:
 
 def find_earth(
     solution: Solution,
-    orientations: Mapping[str, int],
-    places: Mapping[str, tuple[float, float, float]],
+    orientations: dict[str, int],
+    places: dict[str, tuple[float, float, float]],
 ) -> Earth | None:
-    """What pictures' orientation and places say of the world.
+    """Finds the world from the orientations and places of pictures.
 
     Args:
-        solution: the poses.
         orientations: EXIF's, by name, 1 for upright; images without one do not count.
         places: latitude and longitude in degrees, altitude in metres, by name.
 
     Returns:
-        None where nothing is known.
+        None where nothing is known about it.
     """
-    held = _held(solution, orientations)
-    up = None if held is None else _up(held)
+    held = _find_held(solution, orientations)
+    up = None if held is None else _find_up(held)
     figures: dict[str, Any] = {"up": "not known" if up is None else "by the cameras"}
     index = [
         i for i, name in enumerate(solution.names) if solution.registered[i] and name in places
@@ -80,12 +80,12 @@ def find_earth(
     if len(index) >= _FEWEST:
         given = np.array([places[solution.names[i]] for i in index])
         origin = np.median(given, axis=0)
-        target = _metres(given, origin)
+        target = _convert_to_metres(given, origin)
         centers = find_centers(solution.camera_from_world[index])
         if up is None and held is not None:
-            up = _up_by_path(held, centers, target)
+            up = _find_up_by_path(held, centers, target)
             figures["up"] = "not known" if up is None else "by the cameras and the path of GPS"
-        found = _aligned(centers, target, up)
+        found = _align_with_gps(centers, target, up)
         figures |= {"gps": found.figures, "origin": None}
         notes.append(found.words)
         if found.transform is not None:
@@ -97,8 +97,21 @@ def find_earth(
     return Earth(1.0, rotate_upright(up), np.zeros(3), figures, tuple(notes))
 
 
-def moved_solution(solution: Solution, earth: Earth) -> Solution:
-    """The solution in the world of the earth."""
+def place_on_earth(mapping: Mapping) -> None:
+    """Moves poses, points and rig to the world of the earth, as far as the photographs show it."""
+    photographs, found = mapping.photographs, mapping.found
+    earth = find_earth(mapping.solved, photographs.orientations, photographs.places)
+    if earth is None:
+        return
+    found.figures["earth"] = earth.figures
+    mapping.log.note(*earth.notes)
+    if found.rig is not None:
+        found.rig = found.rig.rescale(earth.scale)
+    mapping.solution = move_to_earth(mapping.solved, earth)
+
+
+def move_to_earth(solution: Solution, earth: Earth) -> Solution:
+    """Moves a solution to the world of the earth."""
     scale, rotation = earth.scale, earth.rotation
     poses = solution.camera_from_world.copy()
     turned = solution.camera_from_world[:, :3, :3] @ rotation.T
@@ -119,11 +132,14 @@ def moved_solution(solution: Solution, earth: Earth) -> Solution:
     )
 
 
-def _metres(places: np.ndarray, origin: np.ndarray) -> np.ndarray:
-    """(N, 3) east, down, north of an origin (latitude, longitude, altitude), by the ellipsoid."""
+def _convert_to_metres(places: np.ndarray, origin: np.ndarray) -> np.ndarray:
+    """Converts places to (N, 3) east, down, north of an origin, in metres on the ellipsoid."""
     latitude = math.radians(origin[0])
-    shape = 1 - _ECCENTRICITY * math.sin(latitude) ** 2
-    across, along = _EARTH / math.sqrt(shape), _EARTH * (1 - _ECCENTRICITY) / shape**1.5
+    shape = 1 - _ECCENTRICITY_2 * math.sin(latitude) ** 2
+    across, along = (
+        _EARTH_RADIUS / math.sqrt(shape),
+        _EARTH_RADIUS * (1 - _ECCENTRICITY_2) / shape**1.5,
+    )
     off = places - origin
     turn = (off[:, 1] + 180) % 360 - 180
     return np.stack(
@@ -142,17 +158,17 @@ class _Held:
 
     @property
     def information(self) -> np.ndarray:
-        """(3, 3) of up, a unit vector; the least of its quadratic form is best."""
+        """A matrix (3, 3) whose quadratic form is least for up."""
         return self.count * self.spread / _ROLL**2 - np.outer(self.mean, self.mean) / _PITCH**2
 
     def is_level(self, up: np.ndarray, sigma: float) -> bool:
-        """Whether cameras were held level against it, and it is known."""
+        """Returns whether cameras were held level against `up`, and it is known."""
         roll = math.sqrt(max(0.0, float(up @ self.spread @ up)))
         return roll <= math.sin(_MOST_ROLL) and 2 * sigma <= _MOST_TILT
 
 
-def _held(solution: Solution, orientations: Mapping[str, int]) -> _Held | None:
-    """Of the pictures whose orientation is known; None: too few, or each in another way."""
+def _find_held(solution: Solution, orientations: dict[str, int]) -> _Held | None:
+    """Measures how the cameras were held; None: too few are known, or each differently."""
     ups, levels = [], []
     for i in np.flatnonzero(solution.registered):
         if solution.names[i] not in orientations:
@@ -170,10 +186,10 @@ def _held(solution: Solution, orientations: Mapping[str, int]) -> _Held | None:
     return _Held(mean / length, np.transpose(levels) @ np.array(levels) / len(levels), len(ups))
 
 
-def _up(held: _Held) -> np.ndarray | None:
-    """Up in the solution's world, from cameras that were held level; None: not known.
+def _find_up(held: _Held) -> np.ndarray | None:
+    """Finds up in the solution's world, from cameras that were held level; None: not known.
 
-    The direction to which the pictures' level axes are square, and near the mean of their own up.
+    It is perpendicular to the pictures' level axes, and near the mean of their own up.
     """
     values, axes = np.linalg.eigh(held.information)
     up = axes[:, 0] * np.sign(axes[:, 0] @ held.mean)
@@ -181,14 +197,15 @@ def _up(held: _Held) -> np.ndarray | None:
     return up if held.is_level(up, sigma) else None
 
 
-def _up_by_path(held: _Held, centers: np.ndarray, target: np.ndarray) -> np.ndarray | None:
-    """Up where all cameras looked alike along a straight path, whose slope GPS tells.
+def _find_up_by_path(held: _Held, centers: np.ndarray, target: np.ndarray) -> np.ndarray | None:
+    """Finds up where all cameras looked alike along a straight path, whose slope GPS shows.
 
-    Level axes of one direction leave open how far up leans along the view; the path says it.
+    Level axes of one direction leave open how far up leans along the view; the path shows it.
 
     Args:
         held: how the cameras were held.
-        centers: (N, 3) of the cameras. target: (N, 3) of GPS: east, down, north.
+        centers: (N, 3) of the cameras.
+        target: (N, 3) of GPS: east, down, north.
     """
     middle = centers - centers.mean(axis=0)
     _, extents, axes = np.linalg.svd(middle, full_matrices=False)
@@ -198,7 +215,7 @@ def _up_by_path(held: _Held, centers: np.ndarray, target: np.ndarray) -> np.ndar
     fit = np.polyfit(along, target, 1)
     off = target[:, 1] - np.polyval(fit[:, 1], along)
     length = float(np.linalg.norm(fit[0]))
-    # Heights of GPS drift: no better for more places.
+    # Heights of GPS drift, so more places do not make them better.
     slope_sigma = 2 * float(off.std()) / max(length * float(np.ptp(along)), 1e-9)
     if slope_sigma > _MOST_TILT / 2:
         return None
@@ -220,27 +237,29 @@ def _up_by_path(held: _Held, centers: np.ndarray, target: np.ndarray) -> np.ndar
 
 @dataclasses.dataclass(frozen=True)
 class _Aligned:
+    """An alignment with GPS, or None, and its figures and sentence."""
+
     transform: tuple[float, np.ndarray, np.ndarray] | None
     turned_up: bool
     figures: dict[str, Any]
     words: str
 
 
-def _aligned(centers: np.ndarray, target: np.ndarray, up: np.ndarray | None) -> _Aligned:
-    """Camera centres against GPS (east, down, north): what they agree in, and in words."""
+def _align_with_gps(centers: np.ndarray, target: np.ndarray, up: np.ndarray | None) -> _Aligned:
+    """Aligns camera centres with GPS (east, down, north) as far as they agree."""
     ground = target[:, [0, 2]]
     way = float(np.sqrt(((ground - np.median(ground, axis=0)) ** 2).sum(axis=1).mean()))
     different = len(np.unique(np.round(target / _SAME_PLACE), axis=0))
     figures: dict[str, Any] = {"images": len(target), "applied": False, "spread_m": way}
     if different < _FEWEST_PLACES:
         words = (
-            f"GPS names {different} place(s) for {len(target)} images: that says nothing of scale "
-            "or north"
+            f"GPS gives {different} place(s) for {len(target)} images: that determines neither "
+            "scale nor north"
         )
         return _Aligned(None, False, figures, words)
     turn = np.eye(3) if up is None else rotate_upright(up)
     level = centers @ turn.T
-    fit = _level_similarity(level[:, [0, 2]], ground)
+    fit = _fit_level_similarity(level[:, [0, 2]], ground)
     scale, yaw, shift, off, good = fit
     limit = float(np.median(off))
     figures |= {"off_m": limit, "fitting": float(good.mean())}
@@ -249,21 +268,21 @@ def _aligned(centers: np.ndarray, target: np.ndarray, up: np.ndarray | None) -> 
     rotation = yaw @ turn
     height = float(np.median(target[good, 1] - scale * level[good, 1])) if good.any() else 0.0
     transform = (scale, rotation, np.array([shift[0], height, shift[1]]))
-    full = _full_similarity(centers, target, good)
-    if full is not None and (up is None or _angle(full[1], rotation) < _TURN_UP):
+    full = _fit_full_similarity(centers, target, good)
+    if full is not None and (up is None or _measure_up_angle(full[1], rotation) < _TURN_UP):
         transform, turned_up = full, True
     elif up is None:
         words = (
             "GPS is not used: the cameras were not held level, and their path is too straight or "
-            "too small for GPS to tell which way is up"
+            "too small for GPS to show which way is up"
         )
         return _Aligned(None, False, figures, words)
     if share > _MOST_OFF or good.mean() < _FITTING:
         if share > _CONTRADICTS and way > _CLEAR_WAY:
             words = (
-                f"GPS contradicts the poses: it says a way of {way:.0f} m about its middle, and "
-                f"is off the cameras' path by {limit:.1f} m: the poses are wrong, or GPS is of "
-                "another moment; scale and north are not taken from it"
+                f"GPS contradicts the poses: its path extends {way:.0f} m about its middle, and is "
+                f"{limit:.1f} m off the cameras' path: the poses are wrong, or GPS is of another "
+                "moment; scale and north are not taken from it"
             )
         else:
             words = (
@@ -282,12 +301,12 @@ def _aligned(centers: np.ndarray, target: np.ndarray, up: np.ndarray | None) -> 
     return _Aligned(transform, turned_up, figures, words)
 
 
-def _level_similarity(
+def _fit_level_similarity(
     source: np.ndarray, target: np.ndarray
 ) -> tuple[float, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """On the ground: scale, turn about y (3, 3), shift (2,), how far each is off, and which fit.
+    """Fits scale, turn about y (3, 3) and shift (2,) on the ground; returns errors and inliers too.
 
-    Of many pairs of places the one that leaves the least median; then least squares of what fits.
+    The pair of places with the least median error, then least squares of the places that fit.
     """
     a, b = (rows[:, 0] + 1j * rows[:, 1] for rows in (source, target))
     rng = np.random.default_rng(0)
@@ -315,21 +334,21 @@ def _level_similarity(
     return abs(factor), yaw, np.array([middle.real, middle.imag]), off, good
 
 
-def _full_similarity(
+def _fit_full_similarity(
     source: np.ndarray, target: np.ndarray, good: np.ndarray
 ) -> tuple[float, np.ndarray, np.ndarray] | None:
-    """In space; None where the path does not tell which way is up."""
+    """Fits a similarity in space; None where the path does not show which way is up."""
     if good.sum() < _FEWEST:
         return None
-    found = similarity(source[good], target[good])
+    found = similarity_from_points(source[good], target[good])
     scale, rotation, shift = found
     off = np.linalg.norm(scale * source[good] @ rotation.T + shift - target[good], axis=1)
     across = np.linalg.svd(target[good] - target[good].mean(axis=0), compute_uv=False)[1]
-    # The second extent, over which an error in height tilts the path.
+    # An error in height tilts the path over its second extent.
     known = float(np.sqrt((off**2).mean())) / max(float(across), 1e-9)
     return found if known < _UP_SIGMA else None
 
 
-def _angle(one: np.ndarray, other: np.ndarray) -> float:
-    """Between where two rotations say that up is."""
+def _measure_up_angle(one: np.ndarray, other: np.ndarray) -> float:
+    """Returns the angle in radians between the up directions of two rotations."""
     return math.acos(float(np.clip(one[1] @ other[1], -1, 1)))

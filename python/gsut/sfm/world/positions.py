@@ -1,38 +1,37 @@
-"""Where photographs were taken, by GPS or survey: it makes a scene metric, upright and north."""
+"""Reads where photographs were taken, and aligns a scene with it: metric, upright and north."""
 
 from __future__ import annotations
 
 import csv
 import dataclasses
 import os
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
 from gsut._core import InputError
 from gsut.data.poses import find_centers
-from gsut.files import regular
-from gsut.sfm.core import similarity
+from gsut.files import check_regular
+from gsut.sfm.core import Mapping, similarity_from_points
 
-_GEODETIC, _METRIC = ("latitude", "longitude", "altitude"), ("x", "y", "z")
-# WGS 84: semi-major axis in metres, and the square of the eccentricity.
-_AXIS, _ECCENTRICITY_2 = 6378137.0, 6.69437999014e-3
-# From east, north, up to a scene's axes, as viewers take them: x right, y down, z ahead.
+_GEODETIC = ("latitude", "longitude", "altitude")  # columns in degrees and metres
+_METRIC = ("x", "y", "z")  # columns in metres
+_EARTH_RADIUS = 6378137.0  # metres, semi-major axis of WGS 84
+_ECCENTRICITY_2 = 6.69437999014e-3  # squared, of WGS 84
+# From east, north, up to the axes of a scene: x right, y down, z ahead.
 _SCENE_FROM_EAST_NORTH_UP = np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]])
-# Cameras on a line say nothing of what is up: the second spread over the first.
-_ON_A_LINE = 1e-3
+_ON_A_LINE = 1e-3  # second over first spread of cameras on a line, which leave up open
 
 
 @dataclasses.dataclass(frozen=True)
 class PositionFit:
-    """x -> scale rotation x + translation brings a scene to where its photographs were taken.
+    """x -> scale rotation x + translation moves a scene to where its photographs were taken.
 
     Attributes:
         scale: metres over the scene's unit.
         rotation, translation: (3, 3) and (3,); afterwards x is east, -y up, z north.
-        rms: distance in metres that is left between cameras and positions.
-        count: of photographs with a position.
+        rms: remaining distance in metres between cameras and positions.
+        count: photographs with a position.
     """
 
     scale: float
@@ -43,20 +42,20 @@ class PositionFit:
 
 
 def read_positions(path: str | os.PathLike[str]) -> dict[str, np.ndarray]:
-    """Positions of photographs: a CSV file with a heading.
+    """Reads the positions of photographs from a CSV file with a heading.
 
     Args:
         path: columns name,x,y,z (metres; x east, y north, z up) or
             name,latitude,longitude,altitude (degrees and metres, WGS 84), in any order.
 
     Returns:
-        name -> (3,) east, north, up in metres; of latitudes about their first.
+        name -> (3,) east, north, up in metres; geodetic positions are relative to the first.
 
     Raises:
         InputError: cannot be read, lacks a column, or a line is wrong; file and line are named.
     """
     try:
-        with open(regular(path), newline="", encoding="utf-8-sig") as file:
+        with open(check_regular(path), newline="", encoding="utf-8-sig") as file:
             table = csv.DictReader(file, skipinitialspace=True)
             heading = [name.strip().lower() for name in table.fieldnames or ()]
             table.fieldnames = heading
@@ -80,19 +79,21 @@ def read_positions(path: str | os.PathLike[str]) -> dict[str, np.ndarray]:
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{path}: cannot be read: {error}") from None
     if wanted == _GEODETIC and rows:
-        return dict(zip(rows, _east_north_up(np.stack(list(rows.values()))), strict=True))
+        return dict(
+            zip(rows, _convert_to_east_north_up(np.stack(list(rows.values()))), strict=True)
+        )
     return rows
 
 
 def fit_positions(
     poses: Mapping[str, np.ndarray], positions: Mapping[str, np.ndarray], source: object
 ) -> PositionFit:
-    """The similarity that brings cameras to their positions with the least squared distance.
+    """Fits the similarity that moves cameras to their positions with the least squared distance.
 
     Args:
         poses: name of a photograph -> (4, 4) camera_from_world.
         positions: of `read_positions`; names may lack folders.
-        source: where these come from, for errors.
+        source: of the positions, for errors.
 
     Raises:
         InputError: fewer than three photographs have one, or they lie on a line.
@@ -114,17 +115,17 @@ def fit_positions(
         spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
         if not spread[1] > _ON_A_LINE * spread[0]:
             raise InputError(f"{source}: the photographs lie on a line, which leaves up open")
-    scale, rotation, translation = similarity(centers, places)
+    scale, rotation, translation = similarity_from_points(centers, places)
     away = scale * centers @ rotation.T + translation - places
     rms = float(np.sqrt(np.mean(np.sum(away**2, axis=1))))
     return PositionFit(scale, rotation, translation, rms, len(pairs))
 
 
-def _east_north_up(geodetic: np.ndarray) -> np.ndarray:
-    """(N, 3) metres about the first of (N, 3) latitudes, longitudes, altitudes."""
+def _convert_to_east_north_up(geodetic: np.ndarray) -> np.ndarray:
+    """Converts (N, 3) latitudes, longitudes, altitudes to metres relative to the first."""
     latitude, longitude = np.radians(geodetic[:, 0]), np.radians(geodetic[:, 1])
     sin, cos = np.sin(latitude), np.cos(latitude)
-    normal = _AXIS / np.sqrt(1 - _ECCENTRICITY_2 * sin**2)
+    normal = _EARTH_RADIUS / np.sqrt(1 - _ECCENTRICITY_2 * sin**2)
     across = (normal + geodetic[:, 2]) * cos
     places = np.stack(
         [across * np.cos(longitude), across * np.sin(longitude),

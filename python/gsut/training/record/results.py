@@ -16,7 +16,7 @@ from gsut.evaluate import (
     train_verdict,
     write_report,
 )
-from gsut.formats import NO_BACKGROUND, for_file, place_text, save_ply
+from gsut.formats import NO_BACKGROUND, name_origin, prepare_for_file, save_ply
 from gsut.gaussians import Gaussians
 from gsut.refine import evaluate_aligned, write_refined
 from gsut.render import Light
@@ -112,7 +112,7 @@ def write_results(
         options: of the training as given, for the verdict's advice.
     """
     in_dataset = gaussians.translate(metrics["world_offset"])
-    metrics["notes"] += describe_place(for_file(in_dataset).origin)
+    metrics["notes"] += describe_place(prepare_for_file(in_dataset).origin)
     run.write(SCENE, lambda path: save_ply(path, in_dataset, list_scene_comments(run)))
     write_findings(run, metrics, data, refined, options)
 
@@ -126,7 +126,7 @@ def describe_place(origin: np.ndarray) -> list[str]:
     """Returns a note on the origin (3,) of scene.ply, if it is not the dataset's."""
     if not origin.any():
         return []
-    return [f"scene.ply holds {place_text(origin)}; its comment says so, gsut reads it back"]
+    return [f"scene.ply holds {name_origin(origin)}; its comment says so, gsut reads it back"]
 
 
 def write_findings(

@@ -13,11 +13,10 @@ from gsut._core import num_threads
 from gsut.data import Scene, digest_scene
 from gsut.evaluate import mean_psnr
 from gsut.run import Progress, RunFolder, TrainOptions, describe_environment
+from gsut.time_left import Pace
 from gsut.training.loop import TrainingLoop
-from gsut.training.time_left import TrainingTime, megapixels_of
+from gsut.training.time_left import CURVE_VIEWS, measure_megapixels, track_training
 
-# Held-out views that the curve of PSNR is measured on, spread evenly: each takes a render.
-_CURVE_VIEWS = 4
 # Approximate number of rows of the history: the points that a plot can show.
 _MOST_ROWS = 200
 # Seconds after which a checkpoint is due, whatever the step: the most that an interruption costs.
@@ -60,7 +59,7 @@ class TrainingRecord:
         self.goes_on = True
         self._bar = Progress(progress is True)
         self._saved = time.monotonic()
-        self._time: TrainingTime | None = None
+        self._time: Pace | None = None
         self.run: RunFolder | None = None
         self.checkpoint: dict[str, Any] | None = None
         self.history: list[dict[str, Any]] = []
@@ -81,7 +80,10 @@ class TrainingRecord:
         end."""
         if self.checkpoint is not None:
             loop.load_state_dict(self.checkpoint)
-        self._time = _make_time(loop)
+        self._time = track_training(
+            loop.options, len(loop.gaussians), measure_megapixels(loop.scene),
+            len(loop.scene.test_indices), loop.step, num_threads(),
+        )  # fmt: skip
         with self._bar:
             yield
         self._save(loop)
@@ -90,7 +92,7 @@ class TrainingRecord:
         """Records a step: bar, history, checkpoint, `watch`."""
         row = self._make_row(loop, loss)
         steps, count = self._options.steps, len(loop.gaussians)
-        left = None if self._time is None else self._time.left(loop.step)
+        left = None if self._time is None else self._time.predict_left(loop.step)
         self._bar.show_step(loop.step, steps, loss, count, row.get("psnr"), left)
         if row:
             self.history.append(row)
@@ -121,7 +123,7 @@ class TrainingRecord:
         }
         test = loop.scene.test_indices
         if measure and test:
-            chosen = test[:: math.ceil(len(test) / _CURVE_VIEWS)]
+            chosen = test[:: math.ceil(len(test) / CURVE_VIEWS)]
             light = loop.photographs.find_light()
             row["psnr"] = mean_psnr(
                 loop.scene, loop.make_result(), chosen, o.background, loop.renderer, light
@@ -132,11 +134,3 @@ class TrainingRecord:
         self._saved = time.monotonic()
         if self.run is not None:
             self.run.save_checkpoint(loop.step, loop.state_dict())
-
-
-def _make_time(loop: TrainingLoop) -> TrainingTime:
-    scene = loop.scene
-    return TrainingTime(
-        loop.options, len(loop.gaussians), megapixels_of(scene), len(scene.test_indices),
-        loop.step, num_threads(),
-    )  # fmt: skip

@@ -34,7 +34,7 @@ from gsut.training.first import center_on_cameras
 from gsut.training.loop import TrainingLoop
 from gsut.training.record import measure, write_results
 from gsut.training.tuning.finetuning import finetune, finetune_options
-from gsut.training.tuning.from_start import FROM_START, is_better_from_start, train_from_start
+from gsut.training.tuning.from_start import FROM_START, FromStart
 
 # Ratio of its bounds at which the search for the smallest number stops: 5 % of a file's size.
 _SEARCH_RATIO = 1.05
@@ -56,7 +56,7 @@ class CompactOptions:
 
     Attributes:
         method: see `gsut.compact`; auto: ghap, or training from the start if
-            `is_better_from_start`.
+            `FromStart.is_better`.
         keep: fraction of the Gaussians, above 0 and at most 1.
         target_psnr_drop: dB of held-out PSNR (training views if none is held out) that may be lost,
             fine-tuning included; the smallest number that satisfies it is found by bisection.
@@ -181,7 +181,7 @@ class RunCompactor:
         o, own, count = self.options, len(self.gaussians), self._count()
         if o.method != AUTO or count is None:
             return ""
-        if not is_better_from_start(self.train_options, self.light, own, count, o.finetune):
+        if not self._plan_from_start(count).is_better():
             return ""
         return (
             f"The photographs differ in light and {count / own:.0%} of {own:,} Gaussians are kept, "
@@ -229,13 +229,14 @@ class RunCompactor:
         )
         return tuned.to_gaussians() if isinstance(tuned, MixedGaussians) else tuned
 
+    def _plan_from_start(self, count: int) -> FromStart:
+        own, tuned = len(self.gaussians), self.options.finetune
+        return FromStart(self.train_options, own, count, tuned, self.light)
+
     def _train_from_start(self) -> Gaussians:
         count = self._count()
-        assert count is not None and self.light is not None
-        self.anew = train_from_start(
-            self.scene, self.train_options, len(self.gaussians), count, self.options.finetune,
-            self.light, self.on_step,
-        )  # fmt: skip
+        assert count is not None
+        self.anew = self._plan_from_start(count).train(self.scene, self.on_step)
         self.light = self.anew.photographs.find_light()
         return self.anew.make_result().copy()
 

@@ -16,7 +16,7 @@ from gsut.run.options import compute_recipe
 from gsut.training.first import choose_first_gaussians, leave_out_blurred, limit_gaussians
 from gsut.training.loop import TrainingLoop
 from gsut.training.photograph import GAINS_DIFFER
-from gsut.training.time_left import megapixels_of, step_work
+from gsut.training.time_left import measure_megapixels, predict_training_steps
 from gsut.training.tuning.finetuning import finetune_options
 
 # Name of this way in metrics.json.
@@ -30,84 +30,80 @@ _COMPACTION = 5.5
 _ROUNDS = 4
 
 
-def is_better_from_start(
-    options: TrainOptions, light: Light | None, own: int, count: int, finetune: int
-) -> bool:
-    """Returns whether training `count` Gaussians from the start beats compacting a run's `own` to
-    them.
+@dataclasses.dataclass(frozen=True)
+class FromStart:
+    """A training from the start in place of a compaction.
 
-    Args:
+    Attributes:
         options: of the run; those of a fine-tuning grow nothing.
-        light: of the photographs, if the run has found it.
         own: number of the run's Gaussians.
-        count: number to keep.
+        count: number to keep, the most to train.
         finetune: steps that would follow the compaction; 0 means that no photograph may be used.
+        light: of the photographs, if the run has found it.
     """
-    if not finetune or light is None or options.densify_every > options.steps:
-        return False
-    differs = np.log(light.gains).std(axis=0).max() > GAINS_DIFFER  # as "auto" of --exposure
-    return bool(differs) and _FEW_KEPT * own < count < own
 
+    options: TrainOptions
+    own: int
+    count: int
+    finetune: int
+    light: Light | None
 
-def train_from_start(
-    scene: Scene,
-    options: TrainOptions,
-    own: int,
-    count: int,
-    finetune: int,
-    light: Light,
-    on_step: Callable[[TrainingLoop, float], object] = lambda loop, loss: None,
-) -> TrainingLoop:
-    """Trains `count` Gaussians with a run's options, for the work of the run and its compaction.
+    def is_better(self) -> bool:
+        """Returns whether this training beats compacting the run's Gaussians."""
+        if not self.finetune or self.light is None:
+            return False
+        if self.options.densify_every > self.options.steps:
+            return False
+        # The criterion of `exposure` "auto".
+        differs = np.log(self.light.gains).std(axis=0).max() > GAINS_DIFFER
+        return bool(differs) and _FEW_KEPT * self.own < self.count < self.own
 
-    Args:
-        scene: at the resolution to train at, with the poses that the run has refined.
-        options: of the run.
-        own: number of the run's Gaussians.
-        count: how many to train, at most.
-        finetune: steps that would follow the compaction, whose work counts, too.
-        light: of the photographs.
-        on_step: called after each step with the loop and the step's loss.
+    def train(self, scene: Scene, on_step: Callable[[TrainingLoop, float], object]) -> TrainingLoop:
+        """Trains with the run's options, for the work of the run and its compaction.
 
-    Returns:
-        The finished loop. The number of steps is found by a rule and no clock, so that the bits are
-        the same on any number of threads.
-    """
-    _core.set_num_threads(options.threads)
-    scene = leave_out_blurred(scene, options)
-    start, _ = choose_first_gaussians(scene, limit_gaussians(options, count))
-    chosen = options_from_start(scene, options, len(start), own, count, finetune)
-    loop = TrainingLoop(scene, chosen, start, light=light)
-    while loop.step < chosen.steps:
-        on_step(loop, loop.advance())
-    return loop
+        Args:
+            scene: at the resolution to train at, with the poses that the run has refined.
+            on_step: called after each step with the loop and the step's loss.
 
+        Returns:
+            The finished loop. The number of steps follows from a rule and no clock, so that the
+            bits are the same on any number of threads.
+        """
+        _core.set_num_threads(self.options.threads)
+        scene = leave_out_blurred(scene, self.options)
+        start, _ = choose_first_gaussians(scene, limit_gaussians(self.options, self.count))
+        chosen = self.choose_options(scene, len(start))
+        loop = TrainingLoop(scene, chosen, start, light=self.light)
+        while loop.step < chosen.steps:
+            on_step(loop, loop.advance())
+        return loop
 
-def options_from_start(
-    scene: Scene, options: TrainOptions, first: int, own: int, count: int, finetune: int
-) -> TrainOptions:
-    """Returns options whose steps are as much work as the run, its compaction and fine-tuning.
+    def choose_options(self, scene: Scene, first: int) -> TrainOptions:
+        """Returns options whose steps are as much work as the run, its compaction and fine-tuning.
 
-    Args:
-        first: number of the first Gaussians.
-        scene, options, own, count, finetune: see `train_from_start`.
-    """
-    megapixels = megapixels_of(scene)
+        Args:
+            scene: as it is trained on.
+            first: number of the first Gaussians.
+        """
+        megapixels = measure_megapixels(scene)
 
-    def sum_work(o: TrainOptions, begin: int) -> float:
-        return math.fsum(step_work(o, begin, megapixels))  # rounded once, whatever the machine
+        def sum_work(o: TrainOptions, begin: int) -> float:
+            # The exact sum, rounded once, is the same on every machine.
+            return math.fsum(predict_training_steps(o, begin, megapixels))
 
-    compaction = round(_COMPACTION * len(scene.train_indices))
-    whole, few = limit_gaussians(options, own), limit_gaussians(options, count)
-    wanted = (
-        sum_work(whole, first)
-        + sum_work(finetune_options(whole, compaction, own), own)
-        + sum_work(finetune_options(few, finetune, count), count)
-    )
-    chosen = _set_steps(few, options.steps)
-    for _ in range(_ROUNDS):
-        chosen = _set_steps(few, max(1, round(wanted * chosen.steps / sum_work(chosen, first))))
-    return chosen
+        own, count = self.own, self.count
+        compaction = round(_COMPACTION * len(scene.train_indices))
+        whole, few = (limit_gaussians(self.options, most) for most in (own, count))
+        wanted = (
+            sum_work(whole, first)
+            + sum_work(finetune_options(whole, compaction, own), own)
+            + sum_work(finetune_options(few, self.finetune, count), count)
+        )
+        chosen = _set_steps(few, self.options.steps)
+        for _ in range(_ROUNDS):
+            steps = max(1, round(wanted * chosen.steps / sum_work(chosen, first)))
+            chosen = _set_steps(few, steps)
+        return chosen
 
 
 def _set_steps(options: TrainOptions, steps: int) -> TrainOptions:

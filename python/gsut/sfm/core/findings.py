@@ -1,0 +1,69 @@
+"""What the stages of a run find beside poses and points."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+from gsut.data.rigs import Rig
+from gsut.sfm.core.look_alikes import LookAlikes
+
+
+@dataclasses.dataclass(frozen=True)
+class RigFit:
+    """A rig after its images were placed on it.
+
+    Args:
+        rig: with its final poses.
+        figures: of poses.json, under "rig".
+        notes: what a user should know, one sentence each.
+    """
+
+    rig: Rig
+    figures: dict[str, Any]
+    notes: list[str]
+
+    def rescale(self, scale: float) -> RigFit:
+        """Rescales the rig and its figures to another unit."""
+        poses = self.rig.camera_from_reference.copy()
+        poses[:, :3, 3] *= scale
+        self.figures["baseline"] *= scale
+        for row, pose in zip(self.figures["cameras"], poses, strict=True):
+            row["camera_from_reference"] = pose.tolist()
+        return dataclasses.replace(
+            self, rig=dataclasses.replace(self.rig, camera_from_reference=poses)
+        )
+
+
+@dataclasses.dataclass(frozen=True)
+class Zoom:
+    """Images of one focal length, in pixels."""
+
+    focal: float
+    names: list[str]
+
+
+@dataclasses.dataclass
+class Findings:
+    """What a run has found so far, for its notes, verdict and poses.json.
+
+    Args:
+        rig: of a rig's images, else None.
+        zooms: that the images were taken at, where they are several.
+        models: of images that do not connect with the others.
+        look_alikes: what still speaks for places taken for one, or None.
+        agreement: share of the verified matches that observe one point, or None.
+        focal_sigma: standard deviation of an estimated focal length over it; infinite: not
+            determined; None: the lens was known.
+        motion: why the motion or the scene leaves the lens open, as a sentence, or None.
+        figures: of poses.json.
+    """
+
+    rig: RigFit | None = None
+    zooms: list[Zoom] = dataclasses.field(default_factory=list)
+    models: list[Any] = dataclasses.field(default_factory=list)
+    agreement: float | None = None
+    look_alikes: LookAlikes | None = None
+    focal_sigma: float | None = None
+    motion: str | None = None
+    figures: dict[str, Any] = dataclasses.field(default_factory=dict)
