@@ -77,47 +77,39 @@ std::optional<HarmonicsRows> MixedRows(const py::handle& gaussians) {
 // A renderer and what its last image was made from.
 class BoundRenderer {
  public:
-  void Render(const py::object& gaussians, const Camera& camera, const py::object& pose,
-              const BlendRule& rule, const std::array<double, 3>& background, int sh_degree,
-              const std::array<double, 3>& unscented, const py::object& image,
-              const py::object& alpha, const py::object& depth, bool keep,
-              const py::object& distortion, const py::object& tiles) {
+  void Render(const py::object& gaussians, const BoundJob& bound, const py::object& image,
+              const py::object& alpha, const py::object& depth, const py::object& distortion) {
     const std::optional<HarmonicsRows> sh_rows = MixedRows(gaussians);
     const auto view = ConstGaussians<float>(gaussians, sh_rows ? &*sh_rows : nullptr);
-    motion_ = ReadMotion(pose);
-    camera_ = std::make_unique<Camera>(camera);
-    height_ = camera.height();
-    width_ = camera.width();
-    float* image_data = MutableData<float>(image, "image", {height_, width_, 3});
-    float* alpha_data =
-        alpha.is_none() ? nullptr : MutableData<float>(alpha, "alpha", {height_, width_});
-    float* depth_data =
-        depth.is_none() ? nullptr : MutableData<float>(depth, "depth", {height_, width_});
-    float* distortion_data = distortion.is_none()
-                                 ? nullptr
-                                 : MutableData<float>(distortion, "distortion", {height_, width_});
-    TiledOptions options;
-    options.unscented = {unscented[0], unscented[1], unscented[2]};
-    options.with_depth = depth_data != nullptr || distortion_data != nullptr;
-    options.keep_for_backward = keep;
-    options.sh_rows = sh_rows;
+    motion_ = bound.motion;
+    camera_ = std::make_unique<Camera>(bound.camera);
+    height_ = bound.camera.height();
+    width_ = bound.camera.width();
+    RenderJob job = {bound.camera, bound.motion, bound.settings, bound.unscented};
+    job.keep_for_backward = bound.keep;
+    job.sh_rows = sh_rows;
     const auto in_tiles = [](std::int64_t pixels) { return (pixels + kTileSize - 1) / kTileSize; };
-    options.tiles =
-        OptionalData<std::uint8_t>(tiles, "tiles", {in_tiles(height_), in_tiles(width_)});
+    job.tiles =
+        OptionalData<std::uint8_t>(bound.tiles, "tiles", {in_tiles(height_), in_tiles(width_)});
+    const auto output = [&](const py::object& array, const char* name) {
+      return array.is_none() ? nullptr : MutableData<float>(array, name, {height_, width_});
+    };
+    job.image = MutableData<float>(image, "image", {height_, width_, 3});
+    job.alpha = output(alpha, "alpha");
+    job.depth = output(depth, "depth");
+    job.distortion = output(distortion, "distortion");
     sh_rows_ = sh_rows;
     gaussians_ = gaussians;
-    const RenderSettings settings = Settings(rule, background, sh_degree);
     const LongCall released;
-    renderer_.Render(view, camera, motion_, settings, options, image_data, alpha_data, depth_data,
-                     distortion_data);
+    renderer_.Render(view, job);
   }
 
   // None without with_poses.
-  py::object Backward(const py::object& dimage, const py::object& dalpha, const py::object& ddepth,
-                      const py::object& gradients, const py::object& touched, bool write_untouched,
-                      bool with_poses, bool with_lens, const py::object& ddistortion,
-                      const BoundHarmonicsStep* step, const py::object& errors,
-                      const py::object& error_sums) {
+  py::object Backward(const py::object& dimage, const py::object& gradients,
+                      const py::object& touched, const py::object& dalpha, const py::object& ddepth,
+                      const py::object& ddistortion, const py::object& errors,
+                      const py::object& error_sums, bool write_untouched, bool with_poses,
+                      bool with_lens, const BoundHarmonicsStep* step) {
     const ImageGradients to_image = {
         ConstData<float>(dimage, "dimage", {height_, width_, 3}),
         OptionalData<float>(dalpha, "dalpha", {height_, width_}),
@@ -276,42 +268,37 @@ class BoundRenderer {
   std::int64_t height_ = 0, width_ = 0;
 };
 
-py::tuple RenderDouble(const py::object& gaussians, const Camera& camera, const py::object& pose,
-                       const BlendRule& rule, const std::array<double, 3>& background,
-                       int sh_degree, const py::object& pixels) {
+py::tuple RenderDouble(const py::object& gaussians, const BoundJob& job, const py::object& pixels) {
   const auto view = ConstGaussians<double>(gaussians);
-  const CameraMotion motion = ReadMotion(pose);
-  const py::ssize_t h = camera.height(), w = camera.width();
+  const py::ssize_t h = job.camera.height(), w = job.camera.width();
   const std::uint8_t* chosen = OptionalData<std::uint8_t>(pixels, "pixels", {h, w});
-  const RenderSettings settings = Settings(rule, background, sh_degree);
   ReferenceImage result;
   {
     const LongCall released;
-    result = RenderReference(view, camera, motion, settings, chosen);
+    result = RenderReference(view, job.camera, job.motion, job.settings, chosen);
   }
   return ReferenceArrays(result, h, w);
 }
 
-py::tuple BackwardDouble(const py::object& gaussians, const Camera& camera, const py::object& pose,
-                         const BlendRule& rule, const std::array<double, 3>& background,
-                         int sh_degree, const py::object& dimage, const py::object& dalpha,
-                         const py::object& ddepth, const py::object& gradients,
-                         const py::object& pixels, bool with_lens, const py::object& ddistortion) {
+py::tuple BackwardDouble(const py::object& gaussians, const BoundJob& job, const py::object& dimage,
+                         const py::object& gradients, const py::object& dalpha,
+                         const py::object& ddepth, const py::object& ddistortion,
+                         const py::object& pixels, bool with_lens) {
   const auto view = ConstGaussians<double>(gaussians);
   const auto out = MutableGaussians<double>(gradients);
-  const CameraMotion motion = ReadMotion(pose);
+  const Camera& camera = job.camera;
+  const CameraMotion& motion = job.motion;
   const std::int64_t h = camera.height(), w = camera.width();
   const ReferenceGradients to_image = {ConstData<double>(dimage, "dimage", {h, w, 3}),
                                        OptionalData<double>(dalpha, "dalpha", {h, w}),
                                        OptionalData<double>(ddepth, "ddepth", {h, w}),
                                        OptionalData<double>(ddistortion, "ddistortion", {h, w})};
   const std::uint8_t* chosen = OptionalData<std::uint8_t>(pixels, "pixels", {h, w});
-  const RenderSettings settings = Settings(rule, background, sh_degree);
   double dpose[12] = {};
   LensGradient lens;
   {
     const LongCall released;
-    RenderReferenceBackward(view, camera, motion, settings, to_image, out, dpose, &lens.to_rays,
+    RenderReferenceBackward(view, camera, motion, job.settings, to_image, out, dpose, &lens.to_rays,
                             chosen);
     if (with_lens) lens.Chain(camera, motion);
   }
@@ -354,18 +341,32 @@ Raises:
             rule.order = by_z ? OrderKey::kDepthZ : OrderKey::kDistance;
           },
           "Whether Gaussians are ordered by camera z in place of distance.");
+  py::class_<BoundJob>(m, "RenderJob", "One image to be rendered: its camera, pose and rules.")
+      .def(py::init([](const Camera& camera, const py::object& pose, const BlendRule& rule,
+                       const std::array<double, 3>& background, int sh_degree,
+                       const std::array<double, 3>& unscented, const py::object& tiles, bool keep) {
+             return BoundJob{camera,
+                             ReadMotion(pose),
+                             Settings(rule, background, sh_degree),
+                             {unscented[0], unscented[1], unscented[2]},
+                             tiles,
+                             keep};
+           }),
+           py::arg("camera"), py::arg("camera_from_world"), py::kw_only(),
+           py::arg("rule") = BlendRule(), py::arg("background") = std::array<double, 3>{},
+           py::arg("sh_degree") = 3, py::arg("unscented") = std::array<double, 3>{1.0, 2.0, 0.0},
+           py::arg("tiles") = py::none(), py::arg("keep") = true);
   py::class_<BoundRenderer>(m, "Renderer", "The tiled float renderer with its buffers.")
       .def(py::init<>())
-      .def("render", &BoundRenderer::Render, py::arg("gaussians"), py::arg("camera"),
-           py::arg("camera_from_world"), py::arg("rule"), py::arg("background"),
-           py::arg("sh_degree"), py::arg("unscented"), py::arg("image"), py::arg("alpha"),
-           py::arg("depth"), py::arg("keep"), py::arg("distortion") = py::none(),
-           py::arg("tiles") = py::none())
-      .def("backward", &BoundRenderer::Backward, py::arg("dimage"), py::arg("dalpha"),
-           py::arg("ddepth"), py::arg("gradients"), py::arg("touched"), py::arg("write_untouched"),
-           py::arg("with_poses") = true, py::arg("with_lens") = false,
-           py::arg("ddistortion") = py::none(), py::arg("harmonics_step") = nullptr,
-           py::arg("errors") = py::none(), py::arg("error_sums") = py::none())
+      .def("render", &BoundRenderer::Render, py::arg("gaussians"), py::arg("job"), py::arg("image"),
+           py::arg("alpha") = py::none(), py::arg("depth") = py::none(),
+           py::arg("distortion") = py::none())
+      .def("backward", &BoundRenderer::Backward, py::arg("dimage"), py::arg("gradients"),
+           py::arg("touched"), py::kw_only(), py::arg("dalpha") = py::none(),
+           py::arg("ddepth") = py::none(), py::arg("ddistortion") = py::none(),
+           py::arg("errors") = py::none(), py::arg("error_sums") = py::none(),
+           py::arg("write_untouched") = true, py::arg("with_poses") = true,
+           py::arg("with_lens") = false, py::arg("harmonics_step") = nullptr)
       .def("add_significance", &BoundRenderer::AddSignificance, py::arg("chosen"),
            py::arg("significance"))
       .def("add_fisher", &BoundRenderer::AddFisher, py::arg("chosen"), py::arg("fisher"))
@@ -379,14 +380,12 @@ Raises:
       .def("distances", &BoundRenderer::Distances)
       .def("timings", &BoundRenderer::Timings)
       .def("statistics", &BoundRenderer::Statistics);
-  m.def("render_reference", &RenderDouble, py::arg("gaussians"), py::arg("camera"),
-        py::arg("camera_from_world"), py::arg("rule"), py::arg("background"), py::arg("sh_degree"),
+  m.def("render_reference", &RenderDouble, py::arg("gaussians"), py::arg("job"),
         py::arg("pixels") = py::none());
-  m.def("render_reference_backward", &BackwardDouble, py::arg("gaussians"), py::arg("camera"),
-        py::arg("camera_from_world"), py::arg("rule"), py::arg("background"), py::arg("sh_degree"),
-        py::arg("dimage"), py::arg("dalpha"), py::arg("ddepth"), py::arg("gradients"),
-        py::arg("pixels") = py::none(), py::arg("with_lens") = false,
-        py::arg("ddistortion") = py::none());
+  m.def("render_reference_backward", &BackwardDouble, py::arg("gaussians"), py::arg("job"),
+        py::arg("dimage"), py::arg("gradients"), py::kw_only(), py::arg("dalpha") = py::none(),
+        py::arg("ddepth") = py::none(), py::arg("ddistortion") = py::none(),
+        py::arg("pixels") = py::none(), py::arg("with_lens") = false);
 }
 
 }  // namespace gsut::bindings

@@ -1,4 +1,4 @@
-// What the bindings of the renderers share.
+// What the bindings of the renderers share: jobs, settings and the reference's arrays.
 #pragma once
 
 #include <algorithm>
@@ -6,6 +6,7 @@
 
 #include "bindings/arrays.h"
 #include "gsut/raster/reference/reference.h"
+#include "gsut/raster/render.h"
 
 namespace gsut::bindings {
 
@@ -17,6 +18,16 @@ inline RenderSettings Settings(const BlendRule& rule, const std::array<double, 3
   settings.sh_degree = sh_degree;
   return settings;
 }
+
+// What an image shows and how, without the arrays that it fills: RenderJob of the Python module.
+struct BoundJob {
+  Camera camera;
+  CameraMotion motion;
+  RenderSettings settings;
+  UnscentedOptions unscented;
+  py::object tiles;
+  bool keep;
+};
 
 inline py::tuple ReferenceArrays(const ReferenceImage& result, py::ssize_t h, py::ssize_t w) {
   py::array_t<double> image({h, w, py::ssize_t{3}}), alpha({h, w}), depth({h, w});

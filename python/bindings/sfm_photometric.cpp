@@ -11,30 +11,29 @@
 #include "bindings/geometry.h"
 #include "bindings/long_call.h"
 #include "bindings/module.h"
+#include "bindings/raster.h"
 #include "gsut/raster/render.h"
 #include "gsut/sfm/photometric.h"
 
 namespace gsut::bindings {
 namespace {
 
-// Gaussians as the scene of photometric refinement: renders an image and takes out the pixels asked
-// for, with buffers that only grow. The arrays behind the Gaussians must live, unchanged.
+// Gaussians as the scene of photometric refinement: renders an image and takes out the chosen
+// pixels, with buffers that only grow. The arrays behind the Gaussians must live, unchanged.
 class GaussianColors : public SceneColors {
  public:
   GaussianColors(const GaussiansView<const float>& gaussians, const RenderSettings& settings,
                  const UnscentedOptions& unscented)
-      : gaussians_(gaussians), settings_(settings) {
-    options_.unscented = unscented;
-    options_.with_depth = false;
-  }
+      : gaussians_(gaussians), settings_(settings), unscented_(unscented) {}
 
   void Evaluate(const Camera& camera, const Pose& camera_from_world,
                 std::span<const std::uint32_t> pixels, double* colors, double* by_center,
                 double* by_ray) override {
     image_.resize(3 * static_cast<std::size_t>(camera.width()) * camera.height());
-    options_.keep_for_backward = by_center != nullptr;
-    renderer_.Render(gaussians_, camera, CameraMotion(camera_from_world), settings_, options_,
-                     image_.data(), nullptr, nullptr);
+    RenderJob job = {camera, CameraMotion(camera_from_world), settings_, unscented_};
+    job.keep_for_backward = by_center != nullptr;
+    job.image = image_.data();
+    renderer_.Render(gaussians_, job);
     for (std::size_t i = 0; i < pixels.size(); ++i) {
       for (std::size_t c = 0; c < 3; ++c) {
         colors[3 * i + c] = static_cast<double>(image_[3 * std::size_t{pixels[i]} + c]);
@@ -46,20 +45,10 @@ class GaussianColors : public SceneColors {
  private:
   GaussiansView<const float> gaussians_;
   RenderSettings settings_;
-  TiledOptions options_;
+  UnscentedOptions unscented_;
   Renderer renderer_;
   std::vector<float> image_;
 };
-
-GaussianColors MakeScene(const GaussiansView<const float>& gaussians, const BlendRule& rule,
-                         const std::array<double, 3>& background, int sh_degree,
-                         const std::array<double, 3>& unscented) {
-  RenderSettings settings;
-  settings.rule = rule;
-  std::copy(background.begin(), background.end(), settings.background);
-  settings.sh_degree = sh_degree;
-  return GaussianColors(gaussians, settings, {unscented[0], unscented[1], unscented[2]});
-}
 
 std::vector<std::uint32_t> ReadChosen(const py::handle& object) {
   const auto array = ReadArray<std::uint32_t>(object, "pixels", {kAny});
@@ -67,14 +56,11 @@ std::vector<std::uint32_t> ReadChosen(const py::handle& object) {
 }
 
 // Colours (count, 3) of pixels and their derivatives by centre and ray, each (count, 3, 3).
-py::tuple ColorJacobian(const py::object& gaussians, const Camera& camera, const py::object& pose,
-                        const BlendRule& rule, const std::array<double, 3>& background,
-                        int sh_degree, const std::array<double, 3>& unscented,
+py::tuple ColorJacobian(const py::object& gaussians, const BoundJob& job,
                         const py::object& pixels) {
-  GaussianColors scene =
-      MakeScene(ConstGaussians<float>(gaussians), rule, background, sh_degree, unscented);
+  GaussianColors scene(ConstGaussians<float>(gaussians), job.settings, job.unscented);
   const std::vector<std::uint32_t> chosen = ReadChosen(pixels);
-  const Pose camera_from_world = ReadPose(pose);
+  const Pose camera_from_world = job.motion.Middle();
   const auto count = static_cast<py::ssize_t>(chosen.size());
   auto colors = NewArray<double>({count, 3});
   auto by_center = NewArray<double>({count, 3, 3});
@@ -82,7 +68,7 @@ py::tuple ColorJacobian(const py::object& gaussians, const Camera& camera, const
   double* outputs[3] = {colors.mutable_data(), by_center.mutable_data(), by_ray.mutable_data()};
   {
     const LongCall released;
-    scene.Evaluate(camera, camera_from_world, chosen, outputs[0], outputs[1], outputs[2]);
+    scene.Evaluate(job.camera, camera_from_world, chosen, outputs[0], outputs[1], outputs[2]);
   }
   return py::make_tuple(colors, by_center, by_ray);
 }
@@ -105,8 +91,8 @@ py::dict Refine(const py::object& gaussians, const std::vector<const Camera*>& c
                 const py::list& views, const BlendRule& rule,
                 const std::array<double, 3>& background, int sh_degree,
                 const std::array<double, 3>& unscented, const py::dict& settings) {
-  GaussianColors scene =
-      MakeScene(ConstGaussians<float>(gaussians), rule, background, sh_degree, unscented);
+  GaussianColors scene(ConstGaussians<float>(gaussians), Settings(rule, background, sh_degree),
+                       {unscented[0], unscented[1], unscented[2]});
   std::vector<Camera> lenses;
   lenses.reserve(cameras.size());
   for (const Camera* camera : cameras) lenses.push_back(*camera);
@@ -156,9 +142,7 @@ py::dict Refine(const py::object& gaussians, const std::vector<const Camera*>& c
 }  // namespace
 
 void BindSfmPhotometric(py::module_& m) {
-  m.def("color_jacobian", &ColorJacobian, py::arg("gaussians"), py::arg("camera"),
-        py::arg("camera_from_world"), py::arg("rule"), py::arg("background"), py::arg("sh_degree"),
-        py::arg("unscented"), py::arg("pixels"));
+  m.def("color_jacobian", &ColorJacobian, py::arg("gaussians"), py::arg("job"), py::arg("pixels"));
   m.def("refine_photometric", &Refine, py::arg("gaussians"), py::arg("cameras"), py::arg("views"),
         py::arg("rule"), py::arg("background"), py::arg("sh_degree"), py::arg("unscented"),
         py::arg("settings"));

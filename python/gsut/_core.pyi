@@ -348,38 +348,46 @@ class DepthViews:
     def colors(self, points: NDArray[np.float64], tolerance: float) -> NDArray[np.float32]: ...
     def __len__(self) -> int: ...
 
+class RenderJob:
+    def __init__(
+        self,
+        camera: Camera,
+        camera_from_world: _MotionLike,
+        *,
+        rule: BlendRule = ...,
+        background: Sequence[float] = (0.0, 0.0, 0.0),
+        sh_degree: int = 3,
+        unscented: Sequence[float] = (1.0, 2.0, 0.0),
+        tiles: NDArray[np.uint8] | None = None,  # 16 x 16 pixels each; 0: left out
+        keep: bool = True,  # what a backward pass needs
+    ) -> None: ...
+
 class Renderer:
     def __init__(self) -> None: ...
     def render(
         self,
         gaussians: _Gaussians,
-        camera: Camera,
-        camera_from_world: _MotionLike,
-        rule: BlendRule,
-        background: Sequence[float],
-        sh_degree: int,
-        unscented: Sequence[float],
+        job: RenderJob,
         image: NDArray[np.float32],
-        alpha: NDArray[np.float32] | None,
-        depth: NDArray[np.float32] | None,
-        keep: bool,
+        alpha: NDArray[np.float32] | None = None,
+        depth: NDArray[np.float32] | None = None,
         distortion: NDArray[np.float32] | None = None,
-        tiles: NDArray[np.uint8] | None = None,
     ) -> None: ...
     def backward(
         self,
         dimage: NDArray[np.float32],
-        dalpha: NDArray[np.float32] | None,
-        ddepth: NDArray[np.float32] | None,
         gradients: _Gaussians,
         touched: NDArray[np.uint8],
-        write_untouched: bool,
-        with_poses: bool = True,
-        with_lens: bool = False,
+        *,
+        dalpha: NDArray[np.float32] | None = None,
+        ddepth: NDArray[np.float32] | None = None,
         ddistortion: NDArray[np.float32] | None = None,
-        harmonics_step: HarmonicsStep | None = None,
         errors: NDArray[np.float32] | None = None,
         error_sums: NDArray[np.float32] | None = None,
+        write_untouched: bool = True,
+        with_poses: bool = True,
+        with_lens: bool = False,
+        harmonics_step: HarmonicsStep | None = None,
     ) -> Any: ...  # NDArray[np.float64], or None without with_poses
     def add_significance(
         self, chosen: NDArray[np.uint8] | None, significance: NDArray[np.float64]
@@ -403,40 +411,24 @@ class Renderer:
     def statistics(self) -> dict[str, int]: ...
 
 def render_reference(
-    gaussians: _Gaussians,
-    camera: Camera,
-    camera_from_world: _MotionLike,
-    rule: BlendRule,
-    background: Sequence[float],
-    sh_degree: int,
-    pixels: NDArray[np.uint8] | None = None,
+    gaussians: _Gaussians, job: RenderJob, pixels: NDArray[np.uint8] | None = None
 ) -> tuple[NDArray[Any], ...]: ...  # image, alpha, depth, samples, distortion
 def render_reference_backward(
     gaussians: _Gaussians,
-    camera: Camera,
-    camera_from_world: _MotionLike,
-    rule: BlendRule,
-    background: Sequence[float],
-    sh_degree: int,
+    job: RenderJob,
     dimage: NDArray[np.float64],
-    dalpha: NDArray[np.float64] | None,
-    ddepth: NDArray[np.float64] | None,
     gradients: _Gaussians,
+    *,
+    dalpha: NDArray[np.float64] | None = None,
+    ddepth: NDArray[np.float64] | None = None,
+    ddistortion: NDArray[np.float64] | None = None,
     pixels: NDArray[np.uint8] | None = None,
     with_lens: bool = False,
-    ddistortion: NDArray[np.float64] | None = None,
 ) -> tuple[NDArray[np.float64], tuple[NDArray[np.float64], NDArray[np.float64]] | None]: ...
 
 # Colours (n, 3) of pixels, and by_center and by_ray (n, 3, 3) of them.
 def color_jacobian(
-    gaussians: _Gaussians,
-    camera: Camera,
-    camera_from_world: _PoseLike,
-    rule: BlendRule,
-    background: Sequence[float],
-    sh_degree: int,
-    unscented: Sequence[float],
-    pixels: NDArray[Any],
+    gaussians: _Gaussians, job: RenderJob, pixels: NDArray[Any]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]: ...
 
 # views: (camera's index, camera_from_world, pixels (n,), colours (n, 3)).

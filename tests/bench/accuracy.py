@@ -104,9 +104,8 @@ def make_truth(
 
     def render(factor: float) -> tuple[np.ndarray, np.ndarray]:
         moved = _moved(rule, factor)
-        image, _, _, blended, _ = _core.render_reference(
-            g, camera, pose, moved, background, degree, pixels
-        )
+        job = _core.RenderJob(camera, pose, rule=moved, background=background, sh_degree=degree)
+        image, _, _, blended, _ = _core.render_reference(g, job, pixels)
         return image[inside], blended[inside]
 
     image, blended = render(1.0)
@@ -116,10 +115,8 @@ def make_truth(
     gradients = None
     if with_gradients:
         gradients = empty_gradients(g)
-        _core.render_reference_backward(
-            g, camera, pose, rule, background, degree, dimage.astype(np.float64), None, None,
-            gradients, pixels,
-        )  # fmt: skip
+        job = _core.RenderJob(camera, pose, rule=rule, background=background, sh_degree=degree)
+        _core.render_reference_backward(g, job, dimage.astype(np.float64), gradients, pixels=pixels)
     return Truth(
         pixels, image, smooth, dimage, rows, gradients, float(blended.mean()),
         f"{len(chosen)} tiles, {len(image)} of {pixels.size} pixels, "

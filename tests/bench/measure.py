@@ -104,14 +104,17 @@ class FastRun:
     def once(self, dimage: np.ndarray | None = None) -> dict[str, tuple[float, float]]:
         """Forward and backward; returns the times of their stages."""
         s = self.scene
-        self.renderer.render(
-            s.gaussians, s.camera, s.camera_from_world, self.rule, _BACKGROUND,
-            s.gaussians.sh_degree, DEFAULT_UNSCENTED, self.image, None, None, True,
+        job = _core.RenderJob(
+            s.camera, s.camera_from_world, rule=self.rule, background=_BACKGROUND,
+            sh_degree=s.gaussians.sh_degree,
         )  # fmt: skip
+        self.renderer.render(s.gaussians, job, self.image)
         self.renderer.backward(
-            self._dimage if dimage is None else dimage, None, None, self.gradients, self._touched,
-            True, False,
-        )  # fmt: skip
+            self._dimage if dimage is None else dimage,
+            self.gradients,
+            self._touched,
+            with_poses=False,
+        )
         return self.renderer.timings()
 
 
@@ -214,10 +217,11 @@ def _one_view_scene(scene: BenchScene) -> Any:
     """What the training loop needs of a dataset: one view with its picture."""
     camera = scene.camera  # by itself: the scene may go before the loop does
     image = np.zeros((camera.height, camera.width, 3), np.float32)
-    _core.Renderer().render(
-        scene.gaussians, scene.camera, scene.camera_from_world, _core.BlendRule(), _BACKGROUND,
-        scene.gaussians.sh_degree, DEFAULT_UNSCENTED, image, None, None, False,
+    job = _core.RenderJob(
+        scene.camera, scene.camera_from_world, background=_BACKGROUND,
+        sh_degree=scene.gaussians.sh_degree, keep=False,
     )  # fmt: skip
+    _core.Renderer().render(scene.gaussians, job, image)
     pixels = (np.clip(image, 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)
     valid = np.asarray(camera.rays()[1], bool)
     return SimpleNamespace(

@@ -270,10 +270,11 @@ void CountMisses(const NamedCamera& lens, const SceneKind& kind, std::int64_t n,
   const auto g = GaussiansInView(camera, pose, n, kind, &draws);
   const auto exact = ToDouble(g);
   Renderer renderer;
-  TiledOptions options;
-  options.keep_for_backward = false;
   std::vector<float> image(3 * camera.Rays().valid.size());
-  renderer.Render(g.View(), camera, pose, Settings(), options, image.data(), nullptr, nullptr);
+  RenderJob job = {camera, pose};
+  job.keep_for_backward = false;
+  job.image = image.data();
+  renderer.Render(g.View(), job);
   const Frame& frame = renderer.frame();
   const Splats& splats = renderer.splats();
   const int tiles_x = (camera.width() + kTileSize - 1) / kTileSize;
@@ -373,8 +374,11 @@ TEST(RendererTest, FloatMatchesTheReferenceOnEveryInstructionSet) {
     SetIsa(isa);
     Renderer renderer;
     std::vector<float> image(3 * pixels), alpha(pixels), depth(pixels);
-    renderer.Render(g.View(), camera, pose, Settings(), {}, image.data(), alpha.data(),
-                    depth.data());
+    RenderJob job = {camera, pose};
+    job.image = image.data();
+    job.alpha = alpha.data();
+    job.depth = depth.data();
+    renderer.Render(g.View(), job);
     std::size_t off = 0;
     for (std::size_t p = 0; p < 3 * pixels; ++p) {
       off += std::abs(image[p] - truth.image[p]) > kImageError;
@@ -414,13 +418,13 @@ TEST(RendererTest, BackwardWithoutItsRenderRaises) {
                       {gradients->MutableView(), touched.data(), true}, dpose);
   };
   EXPECT_THROW(backward(&out, nullptr), InputError);
-  TiledOptions options;
-  options.keep_for_backward = false;
-  renderer.Render(g.View(), camera, Pose(), Settings(), options, image.data(), nullptr, nullptr);
+  RenderJob job = {camera, Pose()};
+  job.image = image.data();
+  job.keep_for_backward = false;
+  renderer.Render(g.View(), job);
   EXPECT_THROW(backward(&out, nullptr), InputError);
-  options.keep_for_backward = true;
-  options.with_depth = false;
-  renderer.Render(g.View(), camera, Pose(), Settings(), options, image.data(), nullptr, nullptr);
+  job.keep_for_backward = true;
+  renderer.Render(g.View(), job);
   EXPECT_THROW(backward(&out, plane.data()), InputError);
   EXPECT_THROW(backward(&other, nullptr), InputError);
   EXPECT_NO_THROW(backward(&out, nullptr));
@@ -431,9 +435,9 @@ TEST(RendererTest, ImageTooSmallForItsFieldRaises) {
   const OwnedGaussians<float> none(0);
   std::vector<float> image(3 * 64);
   Renderer renderer;
-  EXPECT_THROW(renderer.Render(none.View(), panorama, Pose(), Settings(), {}, image.data(), nullptr,
-                               nullptr),
-               InputError);
+  RenderJob job = {panorama, Pose()};
+  job.image = image.data();
+  EXPECT_THROW(renderer.Render(none.View(), job), InputError);
 }
 
 TEST(BlendRuleTest, PresetsDifferAsPublishedAndUnknownNamesRaise) {

@@ -30,9 +30,11 @@ def stub_members(body: list[ast.stmt]) -> dict[str, ast.stmt]:
 
 def stub_arguments(function: ast.FunctionDef) -> list[tuple[str, bool]]:
     """Names of the arguments, self left out, each with whether it has a default."""
-    names = [argument.arg for argument in function.args.args]
-    defaults = len(function.args.defaults)
-    optional = [False] * (len(names) - defaults) + [True] * defaults
+    args = function.args
+    names = [argument.arg for argument in args.args + args.kwonlyargs]
+    required = len(args.args) - len(args.defaults)
+    optional = [False] * required + [True] * len(args.defaults)
+    optional += [default is not None for default in args.kw_defaults]
     return [pair for pair in zip(names, optional, strict=True) if pair[0] != "self"]
 
 

@@ -26,33 +26,31 @@ constexpr const char* kTooWide =
 
 }  // namespace
 
-void Renderer::Render(const GaussiansView<const float>& gaussians, const Camera& camera,
-                      const CameraMotion& motion, const RenderSettings& settings,
-                      const TiledOptions& options, float* image, float* alpha, float* depth,
-                      float* distortion) {
+void Renderer::Render(const GaussiansView<const float>& gaussians, const RenderJob& job) {
   rendered_ = stepped_ = false;
-  settings.rule.Check();
+  const BlendRule& rule = job.settings.rule;
+  rule.Check();
   ActiveIsa();  // applies GSUT_ISA before the first kernel runs
   timings_.clear();
-  camera_ = std::make_unique<Camera>(camera);
-  motion_ = motion;
+  camera_ = std::make_unique<Camera>(job.camera);
+  motion_ = job.motion;
   lines_ = nullptr;
   Stopwatch watch;
-  if (HasOneCenter(camera, motion)) {
-    grid_ = TilesOf(camera, ActiveLanes());
+  if (HasOneCenter(job.camera, job.motion)) {
+    grid_ = TilesOf(job.camera, ActiveLanes());
   } else {
-    lines_ = LinesOf(camera, motion, ActiveLanes());
+    lines_ = LinesOf(job.camera, job.motion, ActiveLanes());
   }
   if (tiles().too_wide) throw InputError(kTooWide);
-  FillTask(gaussians, motion.Middle(), settings, options);
+  FillTask(gaussians, job);
   if (lines_ == nullptr) {
-    const FootprintRule footprint = {settings.rule.alpha_min, settings.rule.response_min};
-    Project(gaussians, camera, motion.start, options.unscented, footprint, &splats_);
+    const FootprintRule footprint = {rule.alpha_min, rule.response_min};
+    Project(gaussians, job.camera, job.motion.start, job.unscented, footprint, &splats_);
   } else {
     splats_.Resize(gaussians.size);
   }
   timings_.push_back(watch.Lap("project"));
-  ResizeFrame(options.tiles);
+  ResizeFrame(job.tiles);
   ParallelFor(gaussians.size, kRecordsPart, [&](std::int64_t begin, std::int64_t end) {
     frame_.row_spans[static_cast<std::size_t>(begin / kRecordsPart)].clear();
     if (lines_ == nullptr) {
@@ -60,7 +58,7 @@ void Renderer::Render(const GaussiansView<const float>& gaussians, const Camera&
     } else {
       LineRecordsKernel(task_, *lines_, begin, end, &frame_, &splats_);
     }
-    if (options.tiles == nullptr) return;
+    if (job.tiles == nullptr) return;
     for (std::int64_t i = begin; i < end; ++i) {
       frame_.rects[static_cast<std::size_t>(i)].Prune(frame_.alive.data(), tiles().tiles_x);
     }
@@ -75,22 +73,23 @@ void Renderer::Render(const GaussiansView<const float>& gaussians, const Camera&
   ParallelFor(tiles().num_tiles(), 1, [&](std::int64_t index, std::int64_t) {
     const int tile = TileInOrder(index);
     if (lines_ == nullptr) {
-      ForwardKernel(task_, *grid_, tile, &frame_, image, alpha, depth, distortion);
+      ForwardKernel(task_, *grid_, tile, &frame_, job.image, job.alpha, job.depth, job.distortion);
     } else {
-      LineForwardKernel(task_, *lines_, tile, &frame_, image, alpha, depth, distortion);
+      LineForwardKernel(task_, *lines_, tile, &frame_, job.image, job.alpha, job.depth,
+                        job.distortion);
     }
   });
   timings_.push_back(watch.Lap("forward"));
   rendered_ = task_.keep;
 }
 
-void Renderer::FillTask(const GaussiansView<const float>& gaussians, const Pose& camera_from_world,
-                        const RenderSettings& settings, const TiledOptions& options) {
+void Renderer::FillTask(const GaussiansView<const float>& gaussians, const RenderJob& job) {
+  const RenderSettings& settings = job.settings;
   task_.gaussians = gaussians;
-  reference_ = camera_from_world;
+  reference_ = job.motion.Middle();
   rule_ = settings.rule;
   std::copy_n(settings.background, 3, background_);
-  task_.view = MakeViewFloats(camera_from_world);
+  task_.view = MakeViewFloats(reference_);
   task_.log2_alpha_min = static_cast<float>(std::log2(settings.rule.alpha_min));
   task_.max_cutoff = settings.rule.response_min > 0.0
                          ? static_cast<float>(-2.0 * std::log(settings.rule.response_min))
@@ -102,10 +101,10 @@ void Renderer::FillTask(const GaussiansView<const float>& gaussians, const Pose&
   task_.far_z = static_cast<float>(settings.rule.far_z);
   task_.order_by_z = settings.rule.order == OrderKey::kDepthZ;
   task_.stop_before = settings.rule.stop_before;
-  task_.with_depth = options.with_depth;
-  task_.keep = options.keep_for_backward;
+  task_.with_depth = job.WithDepth();
+  task_.keep = job.keep_for_backward;
   task_.sh_rows =
-      options.sh_rows.value_or(HarmonicsRows::Uniform(gaussians.size, gaussians.sh_coefficients));
+      job.sh_rows.value_or(HarmonicsRows::Uniform(gaussians.size, gaussians.sh_coefficients));
   if (!task_.sh_rows.IsValid() || task_.sh_rows.end[0] != gaussians.size) {
     throw InputError(
         "the rows of each degree of harmonics must fall from the number of Gaussians, "

@@ -26,37 +26,45 @@ namespace gsut {
 
 struct WalkScene;
 
-struct TiledOptions {
-  UnscentedOptions unscented;
-  bool with_depth = true;
+// One image to be rendered: the camera and its pose, the rules, and where the pixels go.
+struct RenderJob {
+  Camera camera;
+  CameraMotion motion;
+  RenderSettings settings = {};
+  UnscentedOptions unscented = {};
   bool keep_for_backward = true;
   // Of harmonics of several degrees, packed; then sh_coefficients are those of the first row. The
   // gradients are packed the same way. None: (N, K, 3).
-  std::optional<HarmonicsRows> sh_rows;
+  std::optional<HarmonicsRows> sh_rows = {};
   // (rows, columns) of 16 x 16 pixels, row-major: tiles that are 0 are left out. They show the
   // background and add nothing to any gradient; null: all are drawn. A byte a tile, not a bit a
   // block of pixels, so that what is left out is the same for every instruction set.
   const std::uint8_t* tiles = nullptr;
+  // Outputs, row-major; all but the image may be null.
+  float* image = nullptr;       // (H, W, 3)
+  float* alpha = nullptr;       // (H, W)
+  float* depth = nullptr;       // (H, W)
+  float* distortion = nullptr;  // (H, W)
+
+  // Whether distances are blended at all: what a later gradient to them needs.
+  bool WithDepth() const { return depth != nullptr || distortion != nullptr; }
 };
 
 // Renders one camera after another with buffers that only grow. Not thread-safe; inside, all loops
 // are parallel and give the same bits on any number of threads. Rays that start at one point (a
 // central lens, standing still) and lines (a rolling shutter, a lens without one centre) have
 // kernels of their own.
-// Error against the double reference: image rms at most 1e-5 (tests/tolerances.py).
+// Error against the double reference: image rms at most 1e-5 (RENDER_IMAGE_RMS in
+// tests/tolerances/raster.py).
 class Renderer {
  public:
-  // Writes image (H, W, 3), alpha, depth and distortion (H, W), row-major; all but the image may be
-  // null; distortion needs with_depth. A Gaussian with a parameter that is not finite, or centred
-  // on the camera, is not drawn. The arrays behind `gaussians` must live, unchanged, until the
-  // backward call.
-  void Render(const GaussiansView<const float>& gaussians, const Camera& camera,
-              const CameraMotion& motion, const RenderSettings& settings,
-              const TiledOptions& options, float* image, float* alpha, float* depth,
-              float* distortion = nullptr);
+  // Writes the job's outputs. A Gaussian with a parameter that is not finite, or centred on the
+  // camera, is not drawn. The arrays behind `gaussians` must live, unchanged, until the backward
+  // call; the job's outputs and tiles need not.
+  void Render(const GaussiansView<const float>& gaussians, const RenderJob& job);
 
   // Gradients of L = sum(dimage * image) + sum(dalpha * alpha) + sum(ddepth * depth) +
-  // sum(ddistortion * distortion) for the last Render; the last two need with_depth there.
+  // sum(ddistortion * distortion) for the last Render; the last two need RenderJob::WithDepth.
   // to.rows is shaped like the Gaussians and overwritten. With to.step, which must be of the
   // rendered harmonics and excludes write_untouched, the next Backward needs another Render.
   // dpose[12]: gradient to xi = (v, w) in camera_from_world <- ExpPose(xi)
@@ -115,8 +123,7 @@ class Renderer {
   std::int64_t buffer_bytes() const;
 
  private:
-  void FillTask(const GaussiansView<const float>& gaussians, const Pose& camera_from_world,
-                const RenderSettings& settings, const TiledOptions& options);
+  void FillTask(const GaussiansView<const float>& gaussians, const RenderJob& job);
   void ResizeFrame(const std::uint8_t* chosen);
   const TileGrid& tiles() const { return lines_ == nullptr ? *grid_ : lines_->tiles; }
   // The tile that is drawn as number `index`: in strips from top to bottom, so that what a tile

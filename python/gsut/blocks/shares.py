@@ -13,7 +13,6 @@ from gsut.blocks.segment import TILE
 from gsut.compact import SeenView, blend_weights, compact, seen_views, weights_by_view
 from gsut.data import Scene
 from gsut.gaussians import SH_C0, Gaussians, merge_gaussians
-from gsut.render import DEFAULT_UNSCENTED
 
 # Share of a pixel that counts: a grey level.
 _LEAST = 1 / 255
@@ -99,10 +98,10 @@ def find_shares(
         for first in range(0, len(chosen), _CHANNELS):
             some = chosen[first : first + _CHANNELS]
             _mark(marked.sh, owners, some)
-            renderer.render(
-                marked, view.camera, view.camera_from_world, rule, (0.0, 0.0, 0.0), 0,
-                DEFAULT_UNSCENTED, image, None, None, False,
-            )  # fmt: skip
+            job = _core.RenderJob(
+                view.camera, view.camera_from_world, rule=rule, sh_degree=0, keep=False
+            )
+            renderer.render(marked, job, image)
             for channel, block in enumerate(some):
                 shown = view.mask & (image[..., channel] > _LEAST)
                 if shown.any():

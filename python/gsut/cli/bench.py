@@ -84,7 +84,6 @@ def _render(arguments: argparse.Namespace) -> int:
 
 def _measure(gaussians: Any, camera: Any, place: Any, repeats: int) -> dict[str, Any]:
     """Times and errors of one view, see _render."""
-    from gsut.render import DEFAULT_UNSCENTED
 
     rng = np.random.default_rng(0)
     rule, degree = _core.BlendRule(), gaussians.sh_degree
@@ -97,9 +96,8 @@ def _measure(gaussians: Any, camera: Any, place: Any, repeats: int) -> dict[str,
         moved = _core.BlendRule()
         for name in ("alpha_min", "transmittance_min", "response_min"):
             setattr(moved, name, factor * getattr(rule, name))
-        image, _, _, blended, _ = _core.render_reference(
-            exact, camera, place, moved, _BACKGROUND, degree, pixels
-        )
+        job = _core.RenderJob(camera, place, rule=moved, background=_BACKGROUND, sh_degree=degree)
+        image, _, _, blended, _ = _core.render_reference(exact, job, pixels)
         return image, blended
 
     truth, blended = render_reference(1.0)
@@ -108,20 +106,16 @@ def _measure(gaussians: Any, camera: Any, place: Any, repeats: int) -> dict[str,
         smooth &= render_reference(factor)[1] == blended
     weights = (rng.normal(size=truth.shape) * smooth[..., None]).astype(np.float32)
     wanted = _make_zeros(exact)
-    _core.render_reference_backward(
-        exact, camera, place, rule, _BACKGROUND, degree, weights.astype(np.float64), None, None,
-        wanted, pixels,
-    )  # fmt: skip
+    job = _core.RenderJob(camera, place, rule=rule, background=_BACKGROUND, sh_degree=degree)
+    _core.render_reference_backward(exact, job, weights.astype(np.float64), wanted, pixels=pixels)
 
     renderer, image = _core.Renderer(), np.zeros(truth.shape, np.float32)
     found, touched = _make_zeros(gaussians), np.zeros(len(gaussians), np.uint8)
     best: dict[str, float] = {}
     for _ in range(1 + repeats):  # the first warms up
-        renderer.render(
-            gaussians, camera, place, rule, _BACKGROUND, degree, DEFAULT_UNSCENTED, image, None,
-            None, True,
-        )  # fmt: skip
-        renderer.backward(weights, None, None, found, touched, True, False)
+        job = _core.RenderJob(camera, place, rule=rule, background=_BACKGROUND, sh_degree=degree)
+        renderer.render(gaussians, job, image)
+        renderer.backward(weights, found, touched, with_poses=False)
         for stage, (wall, _) in renderer.timings().items():
             best[stage] = min(wall, best.get(stage, np.inf))
     rms = float(np.sqrt(np.mean((image - truth)[smooth] ** 2)))

@@ -11,7 +11,6 @@ import numpy as np
 from gsut import _core
 from gsut._core import InputError
 from gsut.gaussians import SH_C0, Gaussians
-from gsut.render import DEFAULT_UNSCENTED
 
 
 @dataclasses.dataclass(frozen=True)
@@ -136,15 +135,16 @@ class Passes:
         """Image (H, W, 3) and alpha (H, W); keep: for the passes below."""
         image = np.zeros((view.camera.height, view.camera.width, 3), np.float32)
         alpha = np.zeros(image.shape[:2], np.float32)
-        self._renderer.render(
-            self.gaussians, view.camera, view.camera_from_world, self._rule, self._background,
-            self.gaussians.sh_degree, DEFAULT_UNSCENTED, image, alpha, None, keep,
+        job = _core.RenderJob(
+            view.camera, view.camera_from_world, rule=self._rule, background=self._background,
+            sh_degree=self.gaussians.sh_degree, keep=keep,
         )  # fmt: skip
+        self._renderer.render(self.gaussians, job, image, alpha)
         return image, alpha
 
     def backward(self, dimage: np.ndarray) -> Gaussians:
         """Gradients of sum(dimage * image); valid until the next call."""
-        self._renderer.backward(dimage, None, None, self._gradients, self.touched, True)
+        self._renderer.backward(dimage, self._gradients, self.touched)
         return self._gradients
 
     def significance(self, mask: np.ndarray, sums: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

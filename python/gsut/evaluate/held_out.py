@@ -12,7 +12,6 @@ from gsut import _core
 from gsut.data import Scene
 from gsut.gaussians import Gaussians
 from gsut.render import (
-    DEFAULT_UNSCENTED,
     Light,
     place_about,
     psnr,
@@ -78,17 +77,9 @@ def view_image(
     shape = (camera.height, camera.width)
     image = np.zeros((*shape, 3), np.float32)
     alpha = np.zeros(shape, np.float32) if background is None else None
-    renderer.render(
-        gaussians,
-        camera,
-        place_about(scene.views[index].motion, gaussians.origin),
-        _core.BlendRule(),
-        solid(background),
-        gaussians.sh_degree,
-        DEFAULT_UNSCENTED,
-        image,
-        alpha,
-        None,
-        False,
-    )
+    job = _core.RenderJob(
+        camera, place_about(scene.views[index].motion, gaussians.origin),
+        background=solid(background), sh_degree=gaussians.sh_degree, keep=False,
+    )  # fmt: skip
+    renderer.render(gaussians, job, image, alpha)
     return image if alpha is None else with_surroundings(image, alpha, camera)

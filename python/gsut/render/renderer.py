@@ -155,40 +155,36 @@ def render(
     pose = camera_motion(camera_from_world, shutter)
     place = place_about(pose, gaussians.origin)
     degree = min(int(sh_degree), gaussians.sh_degree)
+    look = {
+        "rule": rule, "background": color, "sh_degree": degree, "unscented": tuple(unscented)
+    }  # fmt: skip
+    shown = (camera, pose, rule, color, degree)
+    renderer, seen = None, None
     if dtype == "float64":
         if isinstance(gaussians, StoredGaussians):
             raise InputError("the double reference takes Gaussians in memory, not in a file")
-        g = gaussians.to_dtype(np.float64)
-        exact = _core.render_reference(g, camera, place, rule, color, degree)
+        drawn = gaussians.to_dtype(np.float64)
+        exact = _core.render_reference(drawn, _core.RenderJob(camera, place, **look))
         image, alpha, depth, _, distortion = exact
-        out = Render(image, alpha, depth, distortion, g, camera, pose, rule, color, degree, None)
-        return out if background is not None else _over_surroundings(out)
-    if dtype != "float32":
+    elif dtype != "float32":
         raise InputError(f'dtype "{dtype}" is unknown; known: float32, float64')
-    if isinstance(gaussians, StoredGaussians):
-        stored = StoredImage(gaussians, camera, place, rule, color, degree, tuple(unscented))
-        drawn = stored.draw()
-        drawn_by = stored.renderer()
-        out = Render(
-            *drawn, gaussians, camera, pose, rule, color, degree, drawn_by, seen=stored.seen
-        )
-        return out if background is not None else _over_surroundings(out)
-    g = gaussians.to_dtype(np.float32)
-    shape = (camera.height, camera.width)
-    image = np.zeros((*shape, 3), np.float32)
-    alpha = np.zeros(shape, np.float32)
-    depth = np.zeros(shape, np.float32)
-    distortion = np.zeros(shape, np.float32)
-    renderer = _core.Renderer()
-    renderer.render(
-        g, camera, place, rule, color, degree, tuple(unscented), image, alpha, depth, True,
-        distortion,
-    )  # fmt: skip
-    out = Render(image, alpha, depth, distortion, g, camera, pose, rule, color, degree, renderer)
-    return out if background is not None else _over_surroundings(out)
+    elif isinstance(gaussians, StoredGaussians):
+        drawn = gaussians
+        stored = StoredImage(gaussians, camera, place, look)
+        image, alpha, depth, distortion = stored.draw()
+        renderer, seen = stored.renderer, stored.seen
+    else:
+        drawn = gaussians.to_dtype(np.float32)
+        image = np.zeros((camera.height, camera.width, 3), np.float32)
+        alpha, depth, distortion = (np.zeros(image.shape[:2], np.float32) for _ in range(3))
+        renderer = _core.Renderer()
+        job = _core.RenderJob(camera, place, **look)
+        renderer.render(drawn, job, image, alpha, depth, distortion)
+    out = Render(image, alpha, depth, distortion, drawn, *shown, renderer, seen=seen)
+    return out if background is not None else _fill_with_surroundings(out)
 
 
-def _over_surroundings(seen: Render) -> Render:
+def _fill_with_surroundings(seen: Render) -> Render:
     """The same render with what is around in place of its black background."""
     behind = surroundings(seen.image, seen.alpha, seen.camera)
     if behind is None:
@@ -240,27 +236,18 @@ def render_backward(
         through = np.sum(dimage * result.behind, axis=2)
         dalpha = -through if dalpha is None else dalpha - through
     out = g.make_zeros()
+    given = {"dalpha": dalpha, "ddepth": ddepth, "ddistortion": ddistortion}
     if result.renderer is None:
-        pose, of_lens = _core.render_reference_backward(
-            g,
-            result.camera,
-            place_about(result.camera_from_world, g.origin),
-            result.rule,
-            result.background,
-            result.sh_degree,
-            dimage,
-            dalpha,
-            ddepth,
-            out,
-            None,
-            with_lens,
-            ddistortion,
+        job = _core.RenderJob(
+            result.camera, place_about(result.camera_from_world, g.origin), rule=result.rule,
+            background=result.background, sh_degree=result.sh_degree,
+        )  # fmt: skip
+        pose, lens = _core.render_reference_backward(
+            g, job, dimage, out, **given, with_lens=with_lens
         )
-        return Gradients(out, pose, None, *(of_lens or (None, None)))
+        return Gradients(out, pose, None, *(lens or (None, None)))
     touched = np.zeros(len(g), np.uint8)
     with result._turn:
-        pose = result.renderer.backward(
-            dimage, dalpha, ddepth, out, touched, True, True, with_lens, ddistortion
-        )
-        of_tiles = result.renderer.lens_gradients() or (None, None)
-    return Gradients(out, pose, touched.astype(bool), *of_tiles)
+        pose = result.renderer.backward(dimage, out, touched, **given, with_lens=with_lens)
+        lens = result.renderer.lens_gradients() or (None, None)
+    return Gradients(out, pose, touched.astype(bool), *lens)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -28,7 +27,7 @@ class StoredImage:
     Args:
         gaussians: in the file.
         camera, place: as the core takes them, about the Gaussians' origin.
-        rule, background, sh_degree, unscented: of `Renderer.render`.
+        look: rule, background, sh_degree and unscented of `_core.RenderJob`.
 
     Attributes:
         seen: the Gaussians that were drawn, where they were drawn at once; None: in parts.
@@ -39,15 +38,12 @@ class StoredImage:
         gaussians: StoredGaussians,
         camera: _core.Camera,
         place: Any,
-        rule: _core.BlendRule,
-        background: Sequence[float],
-        sh_degree: int,
-        unscented: Sequence[float],
+        look: dict[str, Any],
     ) -> None:
-        if rule.alpha_min < LEAST_ALPHA:
+        if look["rule"].alpha_min < LEAST_ALPHA:
             raise InputError("a blend rule with alpha_min below 1/255 needs Gaussians in memory")
         self._gaussians, self._camera, self._place = gaussians, camera, place
-        self._settings = rule, background, sh_degree, unscented
+        self._look = look
         self._renderer = _core.Renderer()
         self.seen: Any = None
         self._shape = camera.height, camera.width
@@ -63,8 +59,9 @@ class StoredImage:
         self._draw(out, 0, 0, -(-self._shape[0] // _TILE), -(-self._shape[1] // _TILE))
         return out
 
+    @property
     def renderer(self) -> _core.Renderer | None:
-        """What has drawn `seen`, with all that it keeps of them; None: there are none."""
+        """The renderer that has drawn `seen`, with all that it keeps of it; None without `seen`."""
         return None if self.seen is None else self._renderer
 
     def _new(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -72,12 +69,8 @@ class StoredImage:
         return image, rest[0], rest[1], rest[2]
 
     def _render(self, gaussians: Any, out: Any, keep: bool, tiles: np.ndarray | None) -> None:
-        image, alpha, depth, distortion = out
-        rule, background, degree, unscented = self._settings
-        self._renderer.render(
-            gaussians, self._camera, self._place, rule, background, degree, unscented, image,
-            alpha, depth, keep, distortion, tiles,
-        )  # fmt: skip
+        job = _core.RenderJob(self._camera, self._place, **self._look, tiles=tiles, keep=keep)
+        self._renderer.render(gaussians, job, *out)
 
     def _find_rays(self) -> None:
         """Of all pixels, as the renderer has them: of any lens, and of one that moves."""

@@ -23,7 +23,7 @@ from gsut.optimize import (
     make_optimizer,
 )
 from gsut.refine import TracksResult, TrainingRefiner
-from gsut.render import DEFAULT_UNSCENTED, Light, random_background
+from gsut.render import Light, random_background
 from gsut.run import Stopwatch, TrainOptions
 from gsut.training.context import Context
 from gsut.training.densification import DensificationStep, load_strategy
@@ -187,11 +187,15 @@ class TrainingLoop:
             self._gradients = drawn.make_zeros()
             self._touched = np.zeros(len(drawn), np.uint8)
         behind = self.options.background or random_background(self.options.seed, step.number)
-        place = self._exposure.find_poses(self.scene, step.level, step.view)
-        self.renderer.render(
-            drawn, step.level.scene.camera(step.view), place, self.rule, behind, step.degree,
-            DEFAULT_UNSCENTED, image, None, None, True, None, self._choose_tiles(step),
-        )  # fmt: skip
+        camera = step.level.scene.camera(step.view)
+        poses = self._exposure.find_poses(self.scene, step.level, step.view)
+        look: dict[str, Any] = {
+            "rule": self.rule, "background": behind, "sh_degree": step.degree,
+            "tiles": self._choose_tiles(step),
+        }  # fmt: skip
+        several = isinstance(poses, list)
+        jobs = [_core.RenderJob(camera, pose, **look) for pose in (poses if several else [poses])]
+        self.renderer.render(drawn, jobs if several else jobs[0], image)
         self.stopwatch.record_lap("render")
 
     def _choose_tiles(self, step: _Step) -> np.ndarray | None:
@@ -217,7 +221,7 @@ class TrainingLoop:
         """Propagates the image's gradient to the Gaussians; returns whether harmonics took their
         step."""
         how = _choose_backward_settings(self, step) | _measure_pixel_errors(self, step, dimage)
-        self.renderer.backward(dimage, None, None, self._gradients, self._touched, **how)
+        self.renderer.backward(dimage, self._gradients, self._touched, **how)
         self._filter.backpropagate(self.gaussians, self._context.select_trained(self._gradients))
         self.stopwatch.record_lap("backward")
         return "harmonics_step" in how

@@ -20,7 +20,6 @@ from gsut.gaussians import (
 )
 from gsut.lens import Camera
 from gsut.render import (
-    DEFAULT_UNSCENTED,
     PixelFilter,
     is_coarser,
     place_about,
@@ -184,11 +183,12 @@ class Frames:
             seen = render(gaussians, camera, place, background=self.stage.background)
             return seen.image, seen.alpha, seen.depth
         fills = self.stage.background is None
-        self._renderer.render(
-            gaussians, camera, place_about(place, gaussians.origin), self._rule,
-            solid(self.stage.background), gaussians.sh_degree, DEFAULT_UNSCENTED, image,
-            alpha if with_depth or fills else None, depth if with_depth else None, False,
+        job = _core.RenderJob(
+            camera, place_about(place, gaussians.origin), rule=self._rule,
+            background=solid(self.stage.background), sh_degree=gaussians.sh_degree, keep=False,
         )  # fmt: skip
+        covered = alpha if with_depth or fills else None
+        self._renderer.render(gaussians, job, image, covered, depth if with_depth else None)
         return with_surroundings(image, alpha, camera) if fills else image, alpha, depth
 
     def _widen_for_pixels(

@@ -84,19 +84,21 @@ def test_scalar_renderer_backward_before_render_is_refused(pinhole):
 
 def test_reference_on_chosen_pixels_equals_the_whole_there(pinhole, rng):
     g = pinhole.gaussians.to_dtype(np.float64)
-    rule, size = gsut.BlendRule(), (pinhole.camera.height, pinhole.camera.width)
+    size = (pinhole.camera.height, pinhole.camera.width)
     chosen = (rng.uniform(size=size) < 0.3).astype(np.uint8)
-    arguments = (g, pinhole.camera, pinhole.camera_from_world, rule, (0.2, 0.3, 0.4), 0)
-    whole = _core.render_reference(*arguments)
-    part = _core.render_reference(*arguments, chosen)
+    job = _core.RenderJob(
+        pinhole.camera, pinhole.camera_from_world, background=(0.2, 0.3, 0.4), sh_degree=0
+    )
+    whole = _core.render_reference(g, job)
+    part = _core.render_reference(g, job, chosen)
     for of_all, of_chosen in zip(whole, part, strict=True):
         assert np.array_equal(of_chosen[chosen != 0], of_all[chosen != 0])
         assert not of_chosen[chosen == 0].any()
     dimage = rng.normal(size=(*size, 3))
     of_chosen, of_all = accuracy.empty_gradients(g), accuracy.empty_gradients(g)
     masked = dimage * chosen[..., None]
-    _core.render_reference_backward(*arguments, dimage, None, None, of_chosen, chosen)
-    _core.render_reference_backward(*arguments, masked, None, None, of_all)
+    _core.render_reference_backward(g, job, dimage, of_chosen, pixels=chosen)
+    _core.render_reference_backward(g, job, masked, of_all)
     for name in accuracy.PARAMETERS:
         assert np.allclose(
             getattr(of_chosen, name), getattr(of_all, name), rtol=0, atol=tol.BENCH_ROUNDING
@@ -107,9 +109,9 @@ def test_truth_of_a_sample_leaves_no_gaussian_out(fisheye):
     rule = gsut.BlendRule()
     truth = accuracy.make_truth(fisheye, rule, tiles=3, with_gradients=False)
     image, _, _, blended, _ = _core.render_reference(
-        fisheye.gaussians.to_dtype(np.float64), fisheye.camera, fisheye.camera_from_world, rule,
-        (0.0, 0.0, 0.0), 3,
-    )  # fmt: skip
+        fisheye.gaussians.to_dtype(np.float64),
+        _core.RenderJob(fisheye.camera, fisheye.camera_from_world, rule=rule),
+    )
     inside = truth.pixels != 0
     assert 0 < len(truth.rows) < len(fisheye.gaussians)
     assert 0 < inside.sum() <= 3 * 256

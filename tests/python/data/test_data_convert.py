@@ -60,10 +60,7 @@ def test_one_camera_of_a_rig_becomes_a_tum_dataset_with_exact_times(tmp_path):
     assert len(scene) == small.VIEWS
     for view, time in zip(scene.views, made.times(), strict=True):
         assert view.image_path.stem == f"{time // 10**9}.{time % 10**9:09d}"
-        expected = np.linalg.inv(made.world_from_camera(1, time))
-        np.testing.assert_allclose(
-            view.camera_from_world, expected, rtol=0, atol=tolerances.LAYOUT_POSE
-        )
+        made.assert_pose(view, 1, time)
 
 
 def fisheye(values: dict) -> dict:
@@ -179,10 +176,7 @@ def test_poses_go_out_as_a_trajectory_and_come_back(to, tmp_path, capsys):
     out.rename(tmp_path / "again/poses.txt")
     scene = gsut.load_dataset(tmp_path / "again")
     for view, time in zip(scene.views, made.times(), strict=True):
-        expected = np.linalg.inv(made.world_from_camera(0, time))
-        np.testing.assert_allclose(
-            view.camera_from_world, expected, rtol=0, atol=tolerances.LAYOUT_POSE
-        )
+        made.assert_pose(view, 0, time)
     assert "poses.txt" in capsys.readouterr().out
 
 

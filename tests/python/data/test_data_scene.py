@@ -192,15 +192,6 @@ def test_cache_over_its_limit_drops_the_oldest():
     assert made == [1, 2, 3, 2]  # 3 pushed out 2, not 1, which was used later
 
 
-def test_preload_keeps_all_images_without_their_files(tmp_path):
-    scene = load_dataset(small.write_nerfstudio(tmp_path))
-    scene.preload()
-    for name in small.names():
-        (tmp_path / name).unlink()
-    shapes = [scene.image(i).shape for i in range(len(scene))]
-    assert shapes == [(small.HEIGHT, small.WIDTH, 3)] * small.VIEWS
-
-
 def test_extent_is_the_largest_distance_of_a_training_camera(tmp_path):
     scene = load_dataset(small.write_nerfstudio(tmp_path), test_every=0)
     centers = np.array([pose[:3, 3] for pose in small.world_from_cameras()])

@@ -24,10 +24,7 @@ def assert_truth(scene: gsut.Scene, cameras=(0, 1), stamps=None, count=small.VIE
         camera = next((c for c in cameras if f"cam{c}" in view.name), cameras[0])
         stem = view.image_path.stem
         time = int(stem) if stamps is None else stamps[stem]
-        expected = invert_pose(made.world_from_camera(camera, time))
-        np.testing.assert_allclose(
-            view.camera_from_world, expected, rtol=0, atol=tolerances.LAYOUT_POSE
-        )
+        made.assert_pose(view, camera, time)
         compared += 1
     assert compared == len(scene)
 

@@ -31,10 +31,7 @@ def assert_truth(scene: gsut.Scene) -> None:
     )  # fmt: skip
     for i, (view, time) in enumerate(zip(scene.views, made.times(), strict=True)):
         assert view.image_path.stem == str(time)
-        expected = np.linalg.inv(made.world_from_camera(0, time))
-        np.testing.assert_allclose(
-            view.camera_from_world, expected, rtol=0, atol=tolerances.LAYOUT_POSE
-        )
+        made.assert_pose(view, 0, time)
         picture = small.render(made.world_from_camera(0, time))
         np.testing.assert_array_equal(scene.image(i), picture)
 
@@ -59,11 +56,7 @@ def test_a_camchain_places_the_camera_where_tf_does_not(write_bag, tmp_path):
     bag = write_bag(tmp_path / "walk", "ROS2_HUMBLE", static=False)
     (tmp_path / "chain.yaml").write_text(made.camchain())
     gsut.convert_dataset(bag, tmp_path / "out", parts={"lens": str(tmp_path / "chain.yaml")})
-    scene = gsut.load_dataset(tmp_path / "out")
-    expected = np.linalg.inv(made.world_from_camera(0, made.START))
-    np.testing.assert_allclose(
-        scene.views[0].camera_from_world, expected, rtol=0, atol=tolerances.LAYOUT_POSE
-    )
+    made.assert_pose(gsut.load_dataset(tmp_path / "out").views[0], 0, made.START)
 
 
 def test_a_trajectory_in_a_file_serves_a_bag_without_poses(write_bag, tmp_path):

@@ -148,9 +148,7 @@ def test_mixed_that_is_wrong_is_refused(scene):
         gsut.render(odd, camera, pose)
     result = gsut.render(packed, camera, pose)
     with pytest.raises(InputError, match="degrees of harmonics"):
-        result.renderer.backward(
-            result.image, None, None, packed.to_gaussians(), np.zeros(COUNT, np.uint8), True
-        )
+        result.renderer.backward(result.image, packed.to_gaussians(), np.zeros(COUNT, np.uint8))
 
 
 def test_lighter_leaves_alone_what_it_would_not_save(rng, scene):

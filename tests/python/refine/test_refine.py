@@ -7,7 +7,6 @@ import pytest
 import gsut
 import tolerances
 from gsut import _core
-from gsut.render.projection import DEFAULT_UNSCENTED
 from random_scenes import (
     fisheye,
     gaussians_in_view,
@@ -22,7 +21,7 @@ BACKGROUND = (0.2, 0.4, 0.1)
 
 def jacobian(g, camera, pose, pixels):
     return _core.color_jacobian(
-        g, camera, pose, gsut.BlendRule(), BACKGROUND, g.sh_degree, DEFAULT_UNSCENTED, pixels
+        g, _core.RenderJob(camera, pose, background=BACKGROUND, sh_degree=g.sh_degree), pixels
     )
 
 

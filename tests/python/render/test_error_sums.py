@@ -6,7 +6,6 @@ import pytest
 import gsut
 from gsut import _core
 from gsut.gaussians import SH_C0
-from gsut.render import DEFAULT_UNSCENTED
 from random_scenes import fisheye, gaussians_in_view, random_pose, relative_error
 
 SIZE = 70  # five tiles a side, the last one cut
@@ -23,16 +22,12 @@ def moving(pose, rolling):
 def passes(gaussians, camera, place, dimage, errors=None, **settings):
     """Gradients of one render, and the sums of errors, which begin at 1."""
     renderer, image = _core.Renderer(), np.zeros_like(dimage)
-    renderer.render(
-        gaussians, camera, place, RULE, (0.0, 0.0, 0.0), 0, DEFAULT_UNSCENTED, image, None, None,
-        True,
-    )  # fmt: skip
+    renderer.render(gaussians, _core.RenderJob(camera, place, rule=RULE, sh_degree=0), image)
     gradients, touched = gaussians.make_zeros(), np.zeros(len(gaussians), np.uint8)
     sums = None if errors is None else np.ones(len(gaussians), np.float32)
     renderer.backward(
-        dimage, None, None, gradients, touched, True, False, errors=errors, error_sums=sums,
-        **settings,
-    )  # fmt: skip
+        dimage, gradients, touched, with_poses=False, errors=errors, error_sums=sums, **settings
+    )
     return gradients, sums
 
 

@@ -219,7 +219,7 @@ def test_render_lines_without_pose_gradients_give_the_same_others(rng):
     out = [g.copy(), g.copy()]
     touched = np.zeros(len(g), np.uint8)
     for with_poses, gradients in zip((True, False), out, strict=True):
-        found = result.renderer.backward(dimage, None, None, gradients, touched, True, with_poses)
+        found = result.renderer.backward(dimage, gradients, touched, with_poses=with_poses)
         assert (found is None) != with_poses
     for field in FIELDS:
         assert np.array_equal(getattr(out[0], field), getattr(out[1], field))

@@ -211,15 +211,13 @@ def test_renderer_reused_for_other_sizes_gives_the_same_bits_as_a_new_one(rng):
         camera = fisheye(size)
         g = gaussians_in_view(rng, camera, pose, count)
         image = np.full((size, size, 3), np.nan, np.float32)
-        renderer.render(
-            g, camera, pose, gsut.BlendRule(), (0, 0, 0), 3, (1, 2, 0), image, None, None, True
-        )
+        renderer.render(g, _core.RenderJob(camera, pose), image)
         expected = gsut.render(g, camera, pose)
         assert np.array_equal(image, expected.image)
         weights = random_weights(rng, camera)
         gradients = gsut.render_backward(expected, weights[0])
         out, touched = g.copy(), np.zeros(len(g), np.uint8)
-        dpose = renderer.backward(weights[0].astype(np.float32), None, None, out, touched, True)
+        dpose = renderer.backward(weights[0].astype(np.float32), out, touched)
         assert np.array_equal(dpose, gradients.pose)
         assert np.array_equal(out.means, gradients.gaussians.means)
         assert np.array_equal(touched, gradients.touched)
@@ -234,12 +232,10 @@ def test_renderer_untouched_rows_are_left_alone_on_request(rng):
     g.means[:32:3, 2] *= -1  # and some beside touched ones
     renderer = _core.Renderer()
     image = np.zeros((32, 32, 3), np.float32)
-    renderer.render(
-        g, camera, pose, gsut.BlendRule(), (0, 0, 0), 3, (1, 2, 0), image, None, None, True
-    )
+    renderer.render(g, _core.RenderJob(camera, pose), image)
     touched = np.zeros(64, np.uint8)
     zeroed = gsut.Gaussians(*(np.full_like(getattr(g, f), 7) for f in FIELDS))
-    renderer.backward(np.ones_like(image), None, None, zeroed, touched, True)
+    renderer.backward(np.ones_like(image), zeroed, touched)
     assert 10 < touched.sum() <= 21
     for field in FIELDS:
         assert np.all(getattr(zeroed, field)[touched == 0] == 0)
@@ -251,18 +247,17 @@ def test_renderer_backward_without_what_it_needs_is_refused(rng):
     image = np.zeros((16, 16, 3), np.float32)
     depth = np.zeros((16, 16), np.float32)
     touched = np.zeros(5, np.uint8)
-    arguments = (g, camera, pose, gsut.BlendRule(), (0, 0, 0), 3, (1, 2, 0), image, None)
     renderer = _core.Renderer()
     with pytest.raises(InputError):
-        renderer.backward(image, None, None, g.copy(), touched, True)
-    renderer.render(*arguments, None, False)
+        renderer.backward(image, g.copy(), touched)
+    renderer.render(g, _core.RenderJob(camera, pose, keep=False), image)
     with pytest.raises(InputError, match="keep_for_backward"):
-        renderer.backward(image, None, None, g.copy(), touched, True)
-    renderer.render(*arguments, None, True)
+        renderer.backward(image, g.copy(), touched)
+    renderer.render(g, _core.RenderJob(camera, pose), image)
     with pytest.raises(InputError, match="depth"):
-        renderer.backward(image, None, depth, g.copy(), touched, True)
+        renderer.backward(image, g.copy(), touched, ddepth=depth)
     with pytest.raises(InputError):
-        renderer.backward(image, None, None, g[:4].copy(), touched[:4].copy(), True)
+        renderer.backward(image, g[:4].copy(), touched[:4].copy())
 
 
 @pytest.mark.parametrize(

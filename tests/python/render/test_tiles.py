@@ -5,7 +5,6 @@ import pytest
 
 import gsut
 from gsut import _core
-from gsut.render import DEFAULT_UNSCENTED
 from random_scenes import fisheye, random_gaussians
 
 SIZE = 100  # seven tiles a side, the last one cut
@@ -16,11 +15,10 @@ def passes(gaussians, camera, pose, dimage, tiles=None):
     renderer = _core.Renderer()
     image = np.zeros((camera.height, camera.width, 3), np.float32)
     renderer.render(
-        gaussians, camera, pose, gsut.BlendRule(), (0.2, 0.3, 0.4), 3, DEFAULT_UNSCENTED, image,
-        None, None, True, None, tiles,
-    )  # fmt: skip
+        gaussians, _core.RenderJob(camera, pose, background=(0.2, 0.3, 0.4), tiles=tiles), image
+    )
     gradients, touched = gaussians.make_zeros(), np.zeros(len(gaussians), np.uint8)
-    renderer.backward(dimage, None, None, gradients, touched, True)
+    renderer.backward(dimage, gradients, touched)
     return image, gradients, touched, renderer.statistics()
 
 

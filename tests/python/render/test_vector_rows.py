@@ -3,10 +3,8 @@
 import numpy as np
 import pytest
 
-import gsut
 from gsut import _core
 from gsut.gaussians import Gaussians
-from gsut.render import DEFAULT_UNSCENTED
 from random_scenes import fisheye, random_gaussians
 
 FIELDS = ("means", "quats", "log_scales", "opacity_logits", "sh")
@@ -26,12 +24,9 @@ def gradients_of(gaussians, spare):
     image = np.zeros((SIZE, SIZE, 3), np.float32)
     dimage = np.random.default_rng(3).normal(size=image.shape).astype(np.float32)
     renderer = _core.Renderer()
-    renderer.render(
-        gaussians, camera, np.eye(4), gsut.BlendRule(), (0.0, 0.0, 0.0), 3, DEFAULT_UNSCENTED,
-        image, None, None, True,
-    )  # fmt: skip
+    renderer.render(gaussians, _core.RenderJob(camera, np.eye(4)), image)
     touched = np.zeros(len(gaussians), np.uint8)
-    renderer.backward(dimage, None, None, gradients, touched, True)
+    renderer.backward(dimage, gradients, touched)
     assert touched.any()
     return image, rows
 

@@ -6,7 +6,6 @@ import pytest
 import gsut
 from gsut import _core
 from gsut.optimize import GaussianOptimizer, LearningRates
-from gsut.render import DEFAULT_UNSCENTED
 from gsut.run import TrainOptions
 from gsut.training import TrainingLoop
 from gsut.training import loop as loop_module
@@ -29,12 +28,11 @@ def passes(optimizer, place, degree, dimage, in_backward):
     renderer, gradients = _core.Renderer(), g.make_zeros()
     touched, image = np.zeros(len(g), np.uint8), np.zeros_like(dimage)
     for _ in range(STEPS):
-        renderer.render(
-            g, CAMERA, place, _core.BlendRule(), (0.0, 0.0, 0.0), degree, DEFAULT_UNSCENTED, image,
-            None, None, True,
-        )  # fmt: skip
+        renderer.render(g, _core.RenderJob(CAMERA, place, sh_degree=degree), image)
         step = optimizer.prepare_harmonics_step(RATES, degree) if in_backward else None
-        renderer.backward(dimage, None, None, gradients, touched, False, False, harmonics_step=step)
+        renderer.backward(
+            dimage, gradients, touched, write_untouched=False, with_poses=False, harmonics_step=step
+        )
         optimizer.step(gradients, RATES, touched, degree, harmonics=not in_backward)
     assert 0 < touched.sum() < len(g)
     return gradients.sh
@@ -67,16 +65,18 @@ def test_step_in_backward_of_what_was_not_rendered_raises(rng):
     image, touched = np.zeros((CAMERA.height, CAMERA.width, 3), np.float32), np.zeros(50, np.uint8)
 
     def backward(drawn, write_untouched):
-        renderer.render(
-            drawn, CAMERA, pose, _core.BlendRule(), (0.0, 0.0, 0.0), 1, DEFAULT_UNSCENTED, image,
-            None, None, True,
-        )  # fmt: skip
+        renderer.render(drawn, _core.RenderJob(CAMERA, pose, sh_degree=1), image)
         again(write_untouched)
 
     def again(write_untouched):
         step = optimizer.prepare_harmonics_step(RATES)
         renderer.backward(
-            image, None, None, g.make_zeros(), touched, write_untouched, False, harmonics_step=step
+            image,
+            g.make_zeros(),
+            touched,
+            write_untouched=write_untouched,
+            with_poses=False,
+            harmonics_step=step,
         )
 
     for drawn, write_untouched in ((g.copy(), False), (g, True)):

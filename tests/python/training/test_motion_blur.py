@@ -8,7 +8,7 @@ import tolerances as tol
 from gsut import InputError, _core
 from gsut.data import Level
 from gsut.data.scene import find_time_neighbours, split_exposure
-from gsut.render import DEFAULT_UNSCENTED, psnr
+from gsut.render import psnr
 from gsut.training.photograph.motion_blur import BlurRenderer, Exposure
 from random_scenes import pinhole
 from rendered_dataset import truth
@@ -76,16 +76,16 @@ def test_one_frame_has_no_velocity(scene):
 
 def rendered(renderer, gaussians, places):
     image = np.zeros((CAMERA.height, CAMERA.width, 3), np.float32)
-    renderer.render(
-        gaussians, CAMERA, places, _core.BlendRule(), (0.2, 0.3, 0.4), 0, DEFAULT_UNSCENTED, image,
-        None, None, True, None, None,
-    )  # fmt: skip
+    look = {"background": (0.2, 0.3, 0.4), "sh_degree": 0}
+    several = isinstance(places, list)
+    jobs = [_core.RenderJob(CAMERA, place, **look) for place in (places if several else [places])]
+    renderer.render(gaussians, jobs if several else jobs[0], image)
     return image
 
 
 def backward(renderer, gaussians, dimage):
     gradients, touched = gaussians.make_zeros(), np.zeros(len(gaussians), np.uint8)
-    renderer.backward(dimage, None, None, gradients, touched, True, False)
+    renderer.backward(dimage, gradients, touched, with_poses=False)
     return gradients, touched
 
 

@@ -114,32 +114,32 @@ class BlurRenderer:
         self._mean = np.zeros(0, np.float32)
 
     def render(
-        self, gaussians: Any, camera: Any, place: Any, rule: Any, behind: Any, degree: int,
-        unscented: Any, image: np.ndarray, *more: Any,
-    ) -> None:  # fmt: skip
-        """Renders as `_core.Renderer.render` does; `place` may be a list."""
-        places = place if isinstance(place, list) else [place]
-        while len(self._renderers) < len(places):
+        self,
+        gaussians: Any,
+        job: _core.RenderJob | list[_core.RenderJob],
+        image: np.ndarray,
+        *more: Any,
+    ) -> None:
+        """Renders one job, as `_core.Renderer.render` does, or the mean of a list of them."""
+        jobs = job if isinstance(job, list) else [job]
+        while len(self._renderers) < len(jobs):
             self._renderers.append(_core.Renderer())
-        several = len(places) > 1
-        self._shown = [np.zeros_like(image) for _ in places] if several else []
+        several = len(jobs) > 1
+        self._shown = [np.zeros_like(image) for _ in jobs] if several else []
         for each, renderer, shown in zip(
-            places, self._renderers, self._shown or [image], strict=False
+            jobs, self._renderers, self._shown or [image], strict=False
         ):
-            renderer.render(gaussians, camera, each, rule, behind, degree, unscented, shown, *more)
+            renderer.render(gaussians, each, shown, *more)
         if several:
             np.sqrt(np.mean(np.square(np.maximum(self._shown, 0.0)), axis=0), out=image)
             self._mean = np.maximum(image, _DARKEST)
 
     def backward(
-        self, dimage: np.ndarray, dalpha: Any, ddepth: Any, gradients: Gaussians,
-        touched: np.ndarray, write_untouched: bool, with_poses: bool, **errors: Any,
-    ) -> None:  # fmt: skip
+        self, dimage: np.ndarray, gradients: Gaussians, touched: np.ndarray, **how: Any
+    ) -> None:
         """Propagates as `_core.Renderer.backward` does; no depth gradients with several poses."""
         if not self._shown:
-            self._renderers[0].backward(
-                dimage, dalpha, ddepth, gradients, touched, write_untouched, with_poses, **errors
-            )
+            self._renderers[0].backward(dimage, gradients, touched, **how)
             return
         sums, any_touched = gradients.make_zeros(), np.zeros_like(touched)
         arrays = [
@@ -149,7 +149,7 @@ class BlurRenderer:
         ]
         for renderer, shown in zip(self._renderers, self._shown, strict=False):
             part = dimage * np.maximum(shown, 0.0) / (len(self._shown) * self._mean)
-            renderer.backward(part, None, None, gradients, touched, True, with_poses, **errors)
+            renderer.backward(part, gradients, touched, **how | {"write_untouched": True})
             np.maximum(any_touched, touched, out=any_touched)
             for total, one in arrays:
                 total += one

@@ -14,7 +14,6 @@ import numpy as np
 from gsut import _core
 from gsut.data import Scene
 from gsut.gaussians import Gaussians
-from gsut.render import DEFAULT_UNSCENTED
 from gsut.training.surface.known_depth import KnownDepth, anneal
 from gsut.training.surface.known_normals import KnownNormals, add_known_normals
 
@@ -91,10 +90,8 @@ class SurfaceTerms:
         image, dimage, alpha, dalpha, depth, ddepth, distortion, ddistortion = self._get_buffers(
             small
         )
-        self.renderer.render(
-            normals, small, motion, rule, (0.5, 0.5, 0.5), 0, DEFAULT_UNSCENTED, image, alpha,
-            depth, True, distortion,
-        )  # fmt: skip
+        job = _core.RenderJob(small, motion, rule=rule, background=(0.5, 0.5, 0.5), sh_degree=0)
+        self.renderer.render(normals, job, image, alpha, depth, distortion)
         directions, origins = self.renderer.rays()
         maps = {
             "directions": directions, "origins": origins, "alpha": alpha, "depth": depth,
@@ -113,8 +110,9 @@ class SurfaceTerms:
         out = normals.make_zeros()
         touched = np.zeros(len(out), np.uint8)
         self.renderer.backward(
-            dimage, dalpha, ddepth, out, touched, True, False, False, ddistortion
-        )
+            dimage, out, touched, dalpha=dalpha, ddepth=ddepth, ddistortion=ddistortion,
+            with_poses=False,
+        )  # fmt: skip
         flatten = share * w.flatten / self.extent
         _core.facing_axes_backward(gaussians, center, out.sh, out, flatten)
         return out

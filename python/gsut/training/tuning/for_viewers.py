@@ -14,7 +14,7 @@ from gsut.data import Scene
 from gsut.gaussians import Gaussians
 from gsut.lens import Camera
 from gsut.optimize import GaussianOptimizer, LearningRates, choose_view
-from gsut.render import DEFAULT_UNSCENTED, EwaSplats, psnr, render, render_ewa, viewer_rule
+from gsut.render import EwaSplats, psnr, render, render_ewa, viewer_rule
 from gsut.training.first import center_on_cameras
 
 # Steps of the fine-tune by default; more gain little.
@@ -107,16 +107,16 @@ def tune_for_viewers(
         truth = render(teacher, camera, pose, background=background).image
         splats = EwaSplats(optimizer.gaussians, camera, pose, shrink=shrink)
         image = np.zeros_like(truth)
-        renderer.render(
-            splats.discs, camera, pose, rule, tuple(background), teacher.sh_degree,
-            DEFAULT_UNSCENTED, image, None, None, True,
-        )  # fmt: skip
+        job = _core.RenderJob(
+            camera, pose, rule=rule, background=tuple(background), sh_degree=teacher.sh_degree
+        )
+        renderer.render(splats.discs, job, image)
         loss, dimage = _core.photometric_loss(
             _core.PhotometricTarget(truth), image, None, _SSIM_WEIGHT
         )
         gradients = splats.discs.make_zeros()
         touched = np.zeros(len(teacher), np.uint8)
-        renderer.backward(dimage, None, None, gradients, touched, True, False)
+        renderer.backward(dimage, gradients, touched, with_poses=False)
         splats.backward(gradients)
         optimizer.step(gradients, _lower_rates(step / steps, extent), touched)
         on_step(step, float(loss))
