@@ -255,6 +255,19 @@ def test_mcmc_relocates_all_kinds_of_dead_and_copies_the_living(rng):
     assert np.all(state["moment1.means"][rest] != 0)
 
 
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("name", FIELDS)
+def test_mcmc_relocates_exactly_the_row_with_a_value_that_is_not_finite(rng, name, value):
+    g = random_gaussians(rng, 3)
+    g.opacity_logits[:] = 1.0
+    getattr(g, name).reshape(3, -1)[1, -1] = value
+    optimizer = GaussianOptimizer(g)
+    assert densify_mcmc(optimizer, 3, np.ones(3, np.float32)) == (3, 1, 0)
+    found = optimizer.gaussians
+    assert all(np.isfinite(getattr(found, field)).all() for field in FIELDS)
+    np.testing.assert_array_equal(found.sh[[0, 2]], g.sh[[0, 2]])  # which relocation never writes
+
+
 def test_mcmc_draws_in_proportion_to_the_weights(rng):
     weights = np.array([0.0, 1.0, 2.0, 5.0, 0.0], np.float32)
     copies = np.zeros(5)
@@ -450,6 +463,16 @@ def test_apply_adaptive_for_another_size_raises(rng):
         _core.apply_adaptive(b, b.copy(), b.copy(), 4, plan, 0, 0)
 
 
+def test_arrays_without_room_for_new_rows_raise_with_the_need(rng):
+    params, moment1, moment2 = (random_gaussians(rng, 3) for _ in range(3))
+    with pytest.raises(InputError, match="capacity of 6"):
+        _core.mcmc_densify(params, moment1, moment2, 3, 6, np.ones(3, np.float32), 0.005, 0, 0)
+    clone, split = 2, 3
+    plan = _core.AdaptivePlan(np.array([clone, split], np.uint8))
+    with pytest.raises(InputError, match="capacity of 4"):
+        _core.apply_adaptive(params, moment1, moment2, 2, plan, 0, 0)
+
+
 def test_reset_opacities_limits_them_and_forgets_their_moments(rng):
     g = random_gaussians(rng, 20)
     g.opacity_logits[3] = -8.0
@@ -509,10 +532,10 @@ def test_training_has_same_bits_on_any_thread_count():
     for threads in (1, 2, 8):
         set_num_threads(threads)
         rng = np.random.default_rng(1)
-        optimizer = GaussianOptimizer(random_gaussians(rng, 3000), seed=2)
+        optimizer = GaussianOptimizer(random_gaussians(rng, 20011), seed=2)
         train(optimizer, rng, 20)
         states.append(optimizer.state_dict())
-    assert len(states[0]["params.means"]) > 3000
+    assert len(states[0]["params.means"]) > 20011
     assert_same_state(states[0], states[1])
     assert_same_state(states[0], states[2])
 
