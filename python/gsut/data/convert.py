@@ -107,7 +107,6 @@ def _write(
     scene: Scene | None,
     progress: bool,
 ) -> list[str]:
-    """Writes a listing as `convert_dataset` says."""
     if scene is not None:
         _take_poses(listing, scene)
     checked = assemble(listing, test_every=0)  # sizes, repeats, images that can be read

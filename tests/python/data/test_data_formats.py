@@ -203,10 +203,9 @@ SPLITS = {
 @pytest.mark.parametrize("name", SPLITS)
 def test_load_split(name, tmp_path):
     lists, arguments, test, trained = SPLITS[name]
-    values = small.transforms()
-    values["frames"] = values["frames"][: lists.get("frames")][::-1]  # sorted by name again
-    values |= {key: names for key, names in lists.items() if key != "frames"}
-    scene = load_dataset(small.write_nerfstudio(tmp_path, values), **arguments)
+    frames = small.transforms()["frames"][: lists.get("frames")][::-1]  # sorted by name again
+    path = small.write_nerfstudio(tmp_path, **{**lists, "frames": frames})
+    scene = load_dataset(path, **arguments)
     assert scene.test_indices == test and len(scene.train_indices) == trained
     assert not set(scene.train_indices) & set(test)
     assert bool(scene.notes) == (name == "the file's lists")
@@ -221,8 +220,8 @@ def test_load_colmap_beside_transforms_moves_its_points(tmp_path):
     small.write_colmap_text(tmp_path / "colmap")
     values = small.transforms()
     del values["ply_file_path"]
-    values["applied_transform"] = [[0, 1, 0, 5], [1, 0, 0, 0], [0, 0, -1, 2]]
-    scene = load_dataset(small.write_nerfstudio(tmp_path, values))
+    transform = [[0, 1, 0, 5], [1, 0, 0, 0], [0, 0, -1, 2]]
+    scene = load_dataset(small.write_nerfstudio(tmp_path, values, applied_transform=transform))
     xyz = small.points()[0]
     expected = np.stack([xyz[:, 1] + 5, xyz[:, 0], 2 - xyz[:, 2]], axis=1)
     np.testing.assert_allclose(

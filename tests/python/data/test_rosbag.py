@@ -11,6 +11,7 @@ import small_recordings as made
 import tolerances
 from gsut.cli import main
 from gsut.files import UNFINISHED
+from raising import raises_saying
 
 STORES = {"ROS1_NOETIC": "walk.bag", "ROS2_HUMBLE": "walk"}
 
@@ -82,9 +83,8 @@ REFUSED = {
 def test_what_a_bag_lacks_is_one_sentence(name, write_bag, tmp_path):
     made_with, asked, parts = REFUSED[name]
     bag = write_bag(tmp_path / "walk", "ROS2_HUMBLE", **made_with)
-    with pytest.raises(gsut.InputError) as caught:
+    with raises_saying(parts):
         gsut.convert_dataset(bag, tmp_path / "out", **asked)
-    assert [part for part in parts if part not in str(caught.value)] == [], str(caught.value)
     assert [path.name for path in tmp_path.iterdir()] == ["walk"]
 
 

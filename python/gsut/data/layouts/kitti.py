@@ -31,7 +31,6 @@ _PIXEL_SHIFT = 0.5  # KITTI's pixel (0, 0) is gsut's (0.5, 0.5)
 
 
 def _find_sequence(path: Path) -> Path | None:
-    """Finds the folder of calib.txt and image_N."""
     if (path / "calib.txt").is_file() and any((path / name).is_dir() for name in _ALL):
         return path
     if path.name in _ALL and (path.parent / "calib.txt").is_file():

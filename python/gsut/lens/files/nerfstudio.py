@@ -198,7 +198,6 @@ def _find_model_name(reader: LensValues) -> str:
 
 
 def _choose_focal_key(reader: LensValues, key: str, angle_key: str) -> str:
-    """Returns the key that gives the focal length."""
     return key if reader.values.get(key) is not None else angle_key
 
 
