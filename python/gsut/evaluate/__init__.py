@@ -5,7 +5,6 @@ from gsut.evaluate.held_out import mean_psnr, render_view_image
 from gsut.evaluate.report import write_report
 from gsut.evaluate.report_plots import name_ring
 from gsut.evaluate.scene_page import write_scene_page
-from gsut.evaluate.verdict import train_verdict
 
 __all__ = [
     "evaluate",
@@ -13,7 +12,6 @@ __all__ = [
     "name_ring",
     "render_view_image",
     "run_metrics",
-    "train_verdict",
     "write_report",
     "write_scene_page",
 ]
