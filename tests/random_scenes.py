@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
@@ -164,3 +165,33 @@ def open_rule():
     rule = gsut.BlendRule()
     rule.alpha_min, rule.transmittance_min = 1e-30, 0.0
     return rule
+
+
+def central_differences(
+    loss: Callable[[], float],
+    array: np.ndarray,
+    indices: Iterable[int] | None = None,
+    step: float = 1e-5,
+) -> np.ndarray:
+    """Differentiates `loss` with respect to flat entries of an array that it reads.
+
+    Returns:
+        The slopes of the entries `indices`, or, in the shape of `array`, those of all entries.
+    """
+    slopes = []
+    for index in range(array.size) if indices is None else indices:
+        kept, sides = array.flat[index], []
+        for sign in (1, -1):
+            array.flat[index] = kept + sign * step
+            sides.append(loss())
+        array.flat[index] = kept
+        slopes.append((sides[0] - sides[1]) / (2 * step))
+    return np.array(slopes).reshape(array.shape if indices is None else -1)
+
+
+def pose_differences(
+    loss: Callable[[np.ndarray], float], pose: np.ndarray, step: float = 1e-5
+) -> np.ndarray:
+    """(6,) slopes of a loss of a pose with respect to a twist of it from the left."""
+    twist = np.zeros(6)
+    return central_differences(lambda: loss(gsut.exp_pose(twist) @ pose), twist, step=step)

@@ -29,10 +29,9 @@ from gsut.run import (
     StageFollower,
     TrainOptions,
     Verdict,
-    combine_verdicts,
-    judge_pictures,
 )
 from gsut.run.options import fit_to_views, format_flag
+from gsut.run.verdicts import combine_verdicts, judge_pictures
 from gsut.sfm import (
     PosesLog,
     PosesOptions,

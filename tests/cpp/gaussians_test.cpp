@@ -8,7 +8,6 @@
 #include <vector>
 
 #include "gsut/gaussians/activations.h"
-#include "gsut/base/errors.h"
 #include "gsut/base/parallel.h"
 #include "gsut/gaussians/harmonics.h"
 #include "gsut/gaussians/seed.h"
@@ -354,14 +353,6 @@ TEST(SeedTest, NeighborhoodsHaveSameBitsOnAnyThreadCount) {
   SetNumThreads(0);
   EXPECT_EQ(results[0], results[1]);
   EXPECT_EQ(results[0], results[2]);
-}
-
-TEST(SeedTest, PointThatIsNotFiniteRaises) {
-  const double colors[6] = {};
-  double points[6] = {0, 0, 0, 1, std::numeric_limits<double>::quiet_NaN(), 0};
-  std::vector<float> out(2 * 14);
-  const GaussiansView<float> view = {2, 1, &out[0], &out[6], &out[14], &out[20], &out[22]};
-  EXPECT_THROW(SeedFromPoints(points, colors, {}, view), InputError);
 }
 
 }  // namespace

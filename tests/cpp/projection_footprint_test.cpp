@@ -367,13 +367,5 @@ TEST(FootprintTest, SilhouetteOfABallOnTheAxisHasItsClosedForm) {
   EXPECT_EQ(ran, 4);
 }
 
-TEST(FootprintTest, NoGaussiansGiveNothing) {
-  const Camera camera("pinhole", {100.0, 100.0, 50.0, 50.0}, 100, 100);
-  const OwnedGaussians<float> none(0);
-  Footprints<float> found;
-  FindFootprints(none.View(), camera, Pose(), {}, &found);
-  EXPECT_EQ(found.size, 0);
-}
-
 }  // namespace
 }  // namespace gsut

@@ -46,27 +46,6 @@ def test_lens_that_folds_or_has_a_pole_sees_each_direction_once(rng, lens):
     assert len(outcomes) == 1 + len(gsut.machine.available_isas())
 
 
-def test_pixel_without_a_ray_counts_neither_in_the_loss_nor_in_its_gradient(rng):
-    camera = FOLDS["barrel opencv"].with_valid_field_angle(0.6)
-    valid = camera.rays()[1]
-    assert 500 < valid.sum() < valid.size - 500
-    pose = random_pose(rng)
-    g = gaussians_in_view(rng, camera, pose, 60)
-    dimage, dalpha, ddepth = random_weights(rng, camera)
-    kept = [np.where(valid, weight, 0) for weight in (dalpha, ddepth)]
-    masked = (np.where(valid[..., None], dimage, 0), *kept)
-    ran = 0
-    for all_of, inside in zip(
-        run_every_path(g, camera, pose, (dimage, dalpha, ddepth)),
-        run_every_path(g, camera, pose, masked),
-        strict=True,
-    ):
-        assert np.array_equal(all_of.gradients.gaussians.means, inside.gradients.gaussians.means)
-        assert np.array_equal(all_of.gradients.pose, inside.gradients.pose)
-        ran += 1
-    assert ran == 1 + len(gsut.machine.available_isas())
-
-
 @pytest.mark.parametrize("lens", PANORAMAS)
 def test_gaussians_on_the_seam_and_at_the_poles_match_double(rng, lens):
     camera = PANORAMAS[lens]

@@ -295,10 +295,10 @@ def test_cutoffs_of_any_size_give_finite_numbers_that_match_double(rng):
 
 @pytest.mark.parametrize(
     ("field", "value"),
-    [("alpha_min", 0.0), ("alpha_min", -1.0), ("alpha_min", np.nan), ("alpha_max", 1.0),
-     ("alpha_max", 0.0), ("alpha_max", np.nan), ("transmittance_min", -0.1),
-     ("transmittance_min", 1.0), ("response_min", 1.0), ("response_min", np.nan),
-     ("near_z", np.nan), ("near_z", np.inf)],
+    [("alpha_min", 0.0), ("alpha_min", -1.0), ("alpha_min", 1.0), ("alpha_min", np.nan),
+     ("alpha_max", 1.0), ("alpha_max", 0.0), ("alpha_max", np.nan), ("transmittance_min", -0.1),
+     ("transmittance_min", 1.0), ("transmittance_min", np.nan), ("response_min", -0.1),
+     ("response_min", 1.0), ("response_min", np.nan), ("near_z", np.nan), ("near_z", np.inf)],
 )  # fmt: skip
 def test_blend_rule_that_divides_by_zero_is_refused_with_its_field(field, value):
     rule = gsut.BlendRule("gsplat")

@@ -61,11 +61,7 @@ def all_lenses() -> list[Camera]:
 
 def real_lenses() -> list[Camera]:
     """Every real lens of every model; see test_lines.py for those whose rays do not meet."""
-    cameras = []
-    for model in camera_models():
-        for _, params, width, height in _core.camera_examples(model):
-            cameras.append(Camera(model, params, width, height))
-    return cameras
+    return examples(*camera_models())
 
 
 def traits(model: str) -> _core.LensTraits:
@@ -90,3 +86,12 @@ def polar_grid(max_angle: float, azimuths: int = 64, angles: int = 200) -> np.nd
     near = [angle for angle in (0.0, *10.0 ** np.arange(-12, -1)) if angle < max_angle]
     far = np.linspace(min(0.01, max_angle), max_angle, angles)
     return np.concatenate([circle(angle, azimuths) for angle in (*near, *far)])
+
+
+def examples(*models: str) -> list[Camera]:
+    """The lenses that the files of these models carry as their examples."""
+    return [
+        Camera(model, params, width, height)
+        for model in models
+        for _, params, width, height in _core.camera_examples(model)
+    ]

@@ -91,10 +91,11 @@ def transforms() -> dict:
     }  # fmt: skip
 
 
-def write_nerfstudio(path: Path, values: dict | None = None) -> Path:
+def write_nerfstudio(path: Path, values: dict | None = None, **changes) -> Path:
+    """Writes a transforms.json, by default a good one, with these keys changed or added."""
     write_images(path)
     write_ply(path / "points3D.ply", *points())
-    (path / "transforms.json").write_text(json.dumps(transforms() if values is None else values))
+    (path / "transforms.json").write_text(json.dumps((values or transforms()) | changes))
     return path
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 import small_datasets as small
+import tolerances
 from gsut.data.poses import invert_pose
 
 START = 1403636579763555584  # of EuRoC's first picture: float64 would round it by 128 ns
@@ -42,6 +43,14 @@ def world_from_body(time: float | int) -> np.ndarray:
 
 def world_from_camera(camera: int, time: int) -> np.ndarray:
     return world_from_body(time) @ body_from_cameras()[camera]
+
+
+def assert_pose(view, camera: int, time: int) -> None:
+    """A view has the pose of this camera at this time."""
+    expected = invert_pose(world_from_camera(camera, time))
+    np.testing.assert_allclose(
+        view.camera_from_world, expected, rtol=0, atol=tolerances.LAYOUT_POSE
+    )
 
 
 def matrix_text(matrix: np.ndarray) -> str:

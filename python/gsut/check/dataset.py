@@ -144,4 +144,4 @@ def look_closer(scene: Scene, matches: list[ImagePair] | None = None) -> list[Fi
     """
     matches = match_neighbours(scene, closely=True) if matches is None else matches
     evidence = gather_evidence(scene.move_origin((0.0, 0.0, 0.0)), matches)
-    return [] if evidence is None else check_half_pixel(evidence, str(scene.path))
+    return [] if evidence is None else check_half_pixel(evidence)

@@ -17,6 +17,7 @@ from gsut.check.epipolar import (
     make_pose_table,
     rate_matches,
 )
+from gsut.check.findings import Finding
 from gsut.check.matches import ImagePair, match_neighbours
 from gsut.data import Scene
 from gsut.lens import Camera
@@ -78,6 +79,10 @@ class Evidence:
         """Returns the cost of the matches through these lenses, from 0 to 1."""
         errors = measure_angular_errors(find_rays(cameras, self.matches), self.table.select_poses())
         return rate_matches(errors, self.matches, measure_pixels_per_radian(cameras[0]))
+
+    def make_finding(self, severity: str, what: str, advice: str = "") -> Finding:
+        """Makes a finding about the dataset whose photographs these are."""
+        return Finding(severity, str(self.scene.path), what, advice)
 
     def describe(self) -> str:
         """Counts matches and pairs, in words."""

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+import functools
+from collections.abc import Callable, Sequence
 
 from gsut._core import InputError
 from gsut.data import DatasetError
@@ -30,6 +31,11 @@ class Finding:
     def __str__(self) -> str:
         tail = f"; {self.advice}" if self.advice else ""
         return f"{self.severity}: {self.where}: {self.what}{tail}"
+
+
+def make_reporters(where: str) -> tuple[Callable[..., Finding], Callable[..., Finding]]:
+    """Makes two functions that turn words and advice into an "info" and a "warning" of a place."""
+    return functools.partial(Finding, "info", where), functools.partial(Finding, "warning", where)
 
 
 def finding_from_error(error: InputError) -> Finding:

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from gsut.check.findings import Finding
+from gsut.check.findings import Finding, make_reporters
 from gsut.data import Scene, list_some
 from gsut.data.points import UNCOLORED, has_colors
 
@@ -28,6 +28,7 @@ def check_lenses(scene: Scene) -> Iterator[Finding]:
     """Checks the share of pixels without a ray, principal point and focal lengths."""
     for number, camera in enumerate(scene.cameras):
         where = f"camera {number} ({camera.model}, {camera.width} x {camera.height})"
+        inform, warn = make_reporters(where)
         longer = max(camera.width, camera.height)
         sizes = [max(1, side * _LENS_SIDE // longer) for side in (camera.width, camera.height)]
         rays, valid = (camera if longer <= _LENS_SIDE else camera.resize(*sizes)).rays()
@@ -42,28 +43,22 @@ def check_lenses(scene: Scene) -> Iterator[Finding]:
             continue
         widest = f"the widest pixel sees {angles.max():.1f} degrees off the axis"
         if blind > _NO_RAY_MUCH:
-            yield Finding(
-                "warning",
-                where,
+            yield warn(
                 f"{blind:.1%} of the pixels have no ray (the lens model ends at {limit:.1f}"
                 " degrees) and are not trained on",
                 "if these pixels show the scene, calibrate with a model for this field of view",
             )
         elif blind > 0:
-            yield Finding(
-                "info",
-                where,
+            yield inform(
                 f"{blind:.1%} of the pixels have no ray (the lens model ends at {limit:.1f}"
-                f" degrees) and are masked; {widest}",
+                f" degrees) and are masked; {widest}"
             )
         else:
-            yield Finding("info", where, f"every pixel has a ray; {widest}")
+            yield inform(f"every pixel has a ray; {widest}")
         axis = camera.project(np.array([[0.0, 0.0, 1.0]]))[0][0]
         size = np.array([camera.width, camera.height])
         if not np.all((axis > 0.2 * size) & (axis < 0.8 * size)):
-            yield Finding(
-                "warning",
-                where,
+            yield warn(
                 f"the optical axis meets the image at ({axis[0]:.1f}, {axis[1]:.1f}), far from its"
                 " middle",
                 "check cx and cy, and that the images are not cropped",
@@ -71,9 +66,7 @@ def check_lenses(scene: Scene) -> Iterator[Finding]:
         around = camera.project(np.array([[0.01, 0.0, 1.0], [0.0, 0.01, 1.0]]))[0] - axis
         ratio = np.linalg.norm(around[0]) / np.linalg.norm(around[1])
         if not 0.9 < ratio < 1.1:
-            yield Finding(
-                "warning",
-                where,
+            yield warn(
                 f"the focal lengths differ by a factor of {ratio:.3f}",
                 "real lenses have nearly equal ones: check width, height and focal lengths",
             )
@@ -81,54 +74,39 @@ def check_lenses(scene: Scene) -> Iterator[Finding]:
 
 def check_poses(scene: Scene) -> Iterator[Finding]:
     """Checks for repeated or collinear cameras, a far origin, up direction and shutter."""
-    where, views = str(scene.path), scene.views
+    (inform, warn), views = make_reporters(str(scene.path)), scene.views
     centers = np.array([view.camera_center for view in views])
     spread = np.linalg.svd(centers - centers.mean(axis=0), compute_uv=False)
     tiny = _SAME_PLACE * scene.extent
     if len(views) > 1 and spread[0] <= tiny * np.sqrt(len(views)):
-        yield Finding(
-            "warning",
-            where,
+        yield warn(
             "all cameras stand at one place",
             "depth cannot be found from a turning camera: move it, or check the translations",
         )
     else:
         yield from _find_repeated_poses(scene, centers, tiny)
         if len(views) > 2 and spread[1] < _COLLINEAR * spread[0]:
-            yield Finding(
-                "info",
-                where,
-                "all cameras stand on one line",
-                "expect weak geometry beside the path",
-            )
+            yield inform("all cameras stand on one line", "expect weak geometry beside the path")
     distance = float(np.linalg.norm(scene.world_offset))
     if distance > _FAR_FROM_ORIGIN * scene.extent:
-        yield Finding(
-            "info",
-            where,
+        yield inform(
             f"the scene lies {distance:.6g} units from the origin and is moved there on loading;"
             " if a PLY gave the points as float32, they are rounded to"
-            f" {np.spacing(np.float32(distance)):.2g} units",
+            f" {np.spacing(np.float32(distance)):.2g} units"
         )
     if not _EXTENT_RANGE[0] < scene.extent < _EXTENT_RANGE[1]:
-        yield Finding(
-            "info", where, f"the cameras' extent is {scene.extent:.3g} units: an unusual scale"
-        )
+        yield inform(f"the cameras' extent is {scene.extent:.3g} units: an unusual scale")
     up = -np.mean([view.camera_from_world[1, :3] for view in views], axis=0)
     axis = int(np.argmax(np.abs(up)))
     if up[axis] < -0.5:
-        yield Finding(
-            "info",
-            where,
+        yield inform(
             f"the cameras' up is the world's -{'xyz'[axis]}: a viewer with +{'xyz'[axis]} up shows"
-            " the scene upside down (usual for COLMAP, whose y points down)",
+            " the scene upside down (usual for COLMAP, whose y points down)"
         )
     rolling = [view for view in views if view.camera_from_world_start is not None]
     if rolling:
         moved = np.median([_measure_readout_motion(view) for view in rolling], axis=0)
-        yield Finding(
-            "warning",
-            where,
+        yield warn(
             f"{len(rolling)} views have rolling-shutter poses (median motion in one frame"
             f" {moved[0]:.3g} units, {moved[1]:.2g} degrees)",
             "training sees each line from its own pose; --shutter global would blur the scene",
@@ -163,26 +141,23 @@ def _find_repeated_poses(scene: Scene, centers: np.ndarray, tiny: float) -> Iter
 def check_points(scene: Scene) -> Iterator[Finding]:
     """Checks number and spread of the points, and how many of them the cameras see."""
     where, count = str(scene.path), len(scene.points)
+    inform, warn = make_reporters(where)
     if count == 0:
-        yield Finding(
-            "warning",
-            where,
+        yield warn(
             "there are no points",
             "training starts from random ones and needs more steps: `gsut points` triangulates"
             " them with these poses",
         )
         return
     if count < _FEW_POINTS:
-        yield Finding("warning", where, f"only {count} points", "`gsut points` triangulates more")
+        yield warn(f"only {count} points", "`gsut points` triangulates more")
     if not has_colors(scene):
-        yield Finding("info", where, UNCOLORED)
+        yield inform(UNCOLORED)
     seen = _find_seen_points(scene)
     per_view, unseen = seen.mean(axis=1), float(np.mean(~seen.any(axis=0)))
-    yield Finding(
-        "info",
-        where,
+    yield inform(
         f"{count} points; a view sees {np.median(per_view):.0%} of them in the median,"
-        f" {per_view.min():.0%} at least; {unseen:.1%} are in no view",
+        f" {per_view.min():.0%} at least; {unseen:.1%} are in no view"
     )
     if np.median(per_view) < _SEEN_SHARE:
         yield Finding(
@@ -193,26 +168,20 @@ def check_points(scene: Scene) -> Iterator[Finding]:
             " description",
         )
     elif unseen > _UNSEEN_SHARE:
-        yield Finding(
-            "warning",
-            where,
+        yield warn(
             f"{unseen:.0%} of the points are in no view",
             "points and poses may be of different models or scales",
         )
     few = [scene.views[i].name for i in np.flatnonzero(per_view * count < _FEW_POINTS_IN_VIEW)]
     if few and np.median(per_view) >= _SEEN_SHARE:
-        yield Finding(
-            "warning",
-            where,
+        yield warn(
             f"{len(few)} views see fewer than {_FEW_POINTS_IN_VIEW} points: {list_some(few)}",
             "their poses may be wrong, or they look away from the scene",
         )
     center = np.mean([view.camera_center for view in scene.views], axis=0)
     spread = float(np.median(np.linalg.norm(scene.points - center, axis=1))) / scene.extent
     if not _POINT_SPREAD_RANGE[0] < spread < _POINT_SPREAD_RANGE[1]:
-        yield Finding(
-            "warning",
-            where,
+        yield warn(
             f"the points' median distance is {spread:.3g} x the cameras' extent",
             "points and poses may have different units",
         )

@@ -62,18 +62,16 @@ def check_photographs(scene: Scene, evidence: Evidence | None) -> list[Finding]:
         Findings: "error" where the photographs contradict poses or lens, "warning" where they
         differ a little, "info" where they agree or say nothing.
     """
-    where = str(scene.path)
     if evidence is None:
         what = "neighbouring images share too few features to check poses and lens by them"
-        return [Finding("info", where, what)]
+        return [Finding("info", str(scene.path), what)]
     given = evidence.rate_poses(evidence.table.poses)
     other = _find_best_other(evidence, given)
     if other is not None:
         value, name, advice, subject = other
         return [
-            Finding(
+            evidence.make_finding(
                 "error",
-                where,
                 f"the photographs contradict the {subject} ({evidence.describe()}: "
                 f"{_share(given)} fit); {_share(value)} fit {name}",
                 advice,
@@ -142,12 +140,10 @@ def _fit_others(evidence: Evidence, most: float) -> list[tuple[float, str, str, 
 
 def _explain_nothing(evidence: Evidence, given: float) -> Finding:
     """Judges whether poses are wrong, or photographs say nothing, where no known reading fits."""
-    where = str(evidence.scene.path)
     share, turn = _fit_freely(evidence)
     if share < MATCHED:
-        return Finding(
+        return evidence.make_finding(
             "warning",
-            where,
             f"only {_share(given)} of the matched features fit the poses and the lens, and they "
             f"hardly fit any ({share:.0%} with free poses; {evidence.describe()})",
             "check lens model and focal length (gsut calibrate); blurred, repeated or moving "
@@ -158,25 +154,22 @@ def _explain_nothing(evidence: Evidence, given: float) -> Finding:
     )
     degrees = rate_as_degrees(evidence)
     if degrees is not None:
-        return Finding(
+        return evidence.make_finding(
             "error",
-            where,
             f"{contradiction}; {degrees:.0%} of the turns between neighbours fit these poses with "
             "their rotation vectors read in degrees",
             "convert rotation vectors to radians (np.radians) before matrices are made of them",
         )
     late = find_clock_shift(evidence)
     if late is not None:
-        return Finding(
+        return evidence.make_finding(
             "error",
-            where,
             f"{contradiction}; the turns between neighbours fit poses that are about {abs(late):g} "
             f"of a frame {'late' if late > 0 else 'early'}",
             "shift the poses' clock against the images' by as much, and interpolate anew",
         )
-    return Finding(
+    return evidence.make_finding(
         "error",
-        where,
         f"the photographs contradict the poses: {_share(given)} of the matches fit them, "
         f"{share:.0%} fit free poses through the same lens, whose turns between neighbours differ "
         f"by {turn:.1f} degrees (median; {evidence.describe()})",
@@ -207,7 +200,7 @@ def _fit_freely(evidence: Evidence) -> tuple[float, float]:
 
 def _find_small_errors(evidence: Evidence, given: float) -> list[Finding]:
     """Finds pairs that do not fit, and small errors of the lens, where most matches fit."""
-    scene, where = evidence.scene, str(evidence.scene.path)
+    scene = evidence.scene
     poses = evidence.table.select_poses()
     costs = rate_pairs(
         measure_angular_errors(evidence.rays, poses), evidence.matches, evidence.focal
@@ -218,9 +211,8 @@ def _find_small_errors(evidence: Evidence, given: float) -> list[Finding]:
     if bad:
         names = [scene.views[evidence.pairs[i].second].name for i in bad]
         findings.append(
-            Finding(
+            evidence.make_finding(
                 "error" if len(bad) > max(1, _MANY_BAD * len(costs)) else "warning",
-                where,
                 f"{len(bad)} of {len(costs)} pairs of neighbouring images contradict their poses: "
                 f"{list_some(names)}",
                 "they may have the poses of other images: check names, order and time stamps",
@@ -228,12 +220,11 @@ def _find_small_errors(evidence: Evidence, given: float) -> list[Finding]:
         )
     if len(costs) >= _FEWEST_FOR_LENS:
         fit = fit_lens(scene.cameras, evidence.matches, poses)
-        findings += _find_lens_errors(evidence, fit, where)
+        findings += _find_lens_errors(evidence, fit)
     if not findings:
         findings.append(
-            Finding(
+            evidence.make_finding(
                 "info",
-                where,
                 f"the photographs agree with poses and lens ({evidence.describe()}, "
                 f"{_share(given)} fit)",
             )
@@ -241,7 +232,7 @@ def _find_small_errors(evidence: Evidence, given: float) -> list[Finding]:
     return findings
 
 
-def _name_distortion(evidence: Evidence, where: str) -> Finding | None:
+def _name_distortion(evidence: Evidence) -> Finding | None:
     """Names undistorted photographs, or a lens without distortion, if the distortion is wrong."""
     cameras = evidence.scene.cameras
     plain = [without_distortion(camera) for camera in cameras]
@@ -249,29 +240,26 @@ def _name_distortion(evidence: Evidence, where: str) -> Finding | None:
     if len(known) == len(cameras):
         if _is_off(fit_lens(known, evidence.matches, evidence.table.select_poses())).any():
             return None
-        return Finding(
+        return evidence.make_finding(
             "warning",
-            where,
             "the photographs fit better a lens without distortion: they have been undistorted",
             "give the lens that the undistorted photographs have (pinhole, no k), or the originals",
         )
     if not all(is_free_of_distortion(camera) for camera in cameras):
         return None
-    return Finding(
+    return evidence.make_finding(
         "warning",
-        where,
         "the photographs fit better a lens with distortion: they are not undistorted, as the lens "
         "says",
         "give the lens file of the original photographs, or calibrate (gsut calibrate)",
     )
 
 
-def check_half_pixel(evidence: Evidence, where: str) -> list[Finding]:
+def check_half_pixel(evidence: Evidence) -> list[Finding]:
     """Checks whether the principal point is half a pixel off, as where two conventions meet.
 
     Args:
         evidence: of a close look.
-        where: for the finding.
     """
     fit = fit_lens(evidence.scene.cameras, evidence.matches, evidence.table.select_poses())
     for half in (0.5, -0.5):
@@ -281,9 +269,8 @@ def check_half_pixel(evidence: Evidence, where: str) -> list[Finding]:
         ):
             dx, dy = fit.values[1:3]
             return [
-                Finding(
+                evidence.make_finding(
                     "warning",
-                    where,
                     f"the photographs fit better cx {dx:+.2f} +- {fit.sigmas[1]:.2f} and cy "
                     f"{dy:+.2f} +- {fit.sigmas[2]:.2f} pixels",
                     _correct_half_pixel(half),
@@ -305,12 +292,12 @@ def _is_off(fit: LensFit) -> np.ndarray:
     return (fit.moves > _MOVES) & (fit.significance > _SIGMAS)
 
 
-def _find_lens_errors(evidence: Evidence, fit: LensFit, where: str) -> list[Finding]:
+def _find_lens_errors(evidence: Evidence, fit: LensFit) -> list[Finding]:
     off = _is_off(fit)
     if not off.any():
         return []
     if off[2] and not off[1]:
-        named = _name_distortion(evidence, where)
+        named = _name_distortion(evidence)
         if named is not None:
             return [named]
     log_scale, dx, dy, radial = fit.values
@@ -333,4 +320,8 @@ def _find_lens_errors(evidence: Evidence, fit: LensFit, where: str) -> list[Find
             "check that the lens is for images of this size and crop, or refine it: "
             "gsut train --refine-poses --refine-lens"
         )
-    return [Finding("warning", where, f"the photographs fit better {' and '.join(words)}", advice)]
+    return [
+        evidence.make_finding(
+            "warning", f"the photographs fit better {' and '.join(words)}", advice
+        )
+    ]

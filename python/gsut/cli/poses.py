@@ -66,7 +66,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         metavar="DATA",
         required=True,
         help="folder for transforms.json, points3D.ply, sparse/0 (COLMAP), poses.json and "
-        "report.html; a run that was killed goes on here",
+        "report.html; run the same command again to resume an interrupted run",
     )
     parser.add_argument(
         "--photometric",

@@ -26,7 +26,7 @@ from gsut.data.export import (
 from gsut.data.layouts import Layout, describe_recording, find_layout, list_layouts, replace_parts
 from gsut.data.listing import Frame, Listing
 from gsut.data.load import read_dataset
-from gsut.data.memory import check_image, check_points, repeat_camera
+from gsut.data.memory import check_counts, check_image, check_points
 from gsut.data.poses import check_rigid, format_kitti, format_seconds, format_tum, invert_pose
 from gsut.data.recordings import pair_recording
 from gsut.data.rigs import BODY, OWN
@@ -107,7 +107,6 @@ def _write(
     scene: Scene | None,
     progress: bool,
 ) -> list[str]:
-    """Writes a listing as `convert_dataset` says."""
     if scene is not None:
         _take_poses(listing, scene)
     checked = assemble(listing, test_every=0)  # sizes, repeats, images that can be read
@@ -251,17 +250,11 @@ def save_dataset(
     Raises:
         InputError: wrong shapes or counts, or the folder exists; see `convert_dataset`.
     """
-    count = len(images)
-    lenses = repeat_camera(cameras, count)
-    poses = np.asarray(camera_from_world, np.float64)
-    if poses.shape != (count, 4, 4):
-        raise InputError(f"camera_from_world has shape {poses.shape}, expected ({count}, 4, 4)")
-    for what, values in (("names", names), ("times_ns", times_ns), ("masks", masks)):
-        if values is not None and len(values) != count:
-            raise InputError(f"{what} has {len(values)} entries for {count} images")
+    lenses, poses, names = check_counts(
+        len(images), cameras, camera_from_world, names, times_ns=times_ns, masks=masks
+    )
     xyz, rgb = check_points(points, point_colors)
     out = Path(out)
-    names = [f"{i:06d}" for i in range(count)] if names is None else list(names)
     if out.exists():
         raise InputError(f"{out} exists; remove it or name another folder")
     with staging_folder(out) as staging:

@@ -101,8 +101,33 @@ def place_images(export: Export, folder: Path) -> list[Frame]:
     return frames
 
 
-def list_losses(export: Export, layout: str, *, masks: bool = False) -> list[str]:
-    """Lists what a layout with one pose an image cannot hold, one sentence each."""
+def require_one_lens(export: Export, layout: str) -> Camera:
+    """Returns the only lens.
+
+    Raises:
+        InputError: there are several.
+    """
+    lenses = {frame.camera for frame in export.frames}
+    if len(lenses) > 1:
+        raise InputError(
+            f"{layout}'s layout, as gsut writes it, holds one camera, found {len(lenses)}; choose"
+            " one with --cameras, or another layout"
+        )
+    (lens,) = lenses
+    return lens
+
+
+def list_losses(
+    export: Export, layout: str, *, masks: bool = False, times: bool = False
+) -> list[str]:
+    """Lists what a layout with one pose an image cannot hold, one sentence each.
+
+    Args:
+        export: what is written.
+        layout: its name, for the sentences.
+        masks: whether it holds masks.
+        times: whether it names images by time, which then may have been made up.
+    """
     found = []
     if any(frame.shutter is not None for frame in export.frames):
         found.append(f"{layout} has the pose in the middle of each readout: it knows no other")
@@ -111,6 +136,8 @@ def list_losses(export: Export, layout: str, *, masks: bool = False) -> list[str
         found.append(f"{layout} has no place for masks: those of {masked} images are left out")
     if export.test is not None:
         found.append(f"{layout} has no place for lists of held-out images: give --set test_names")
+    if times and not find_frame_times(export.frames)[1]:
+        found.append("the images have no times: they are named as if taken ten a second")
     return found
 
 

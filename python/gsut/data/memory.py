@@ -50,14 +50,7 @@ def scene_from_arrays(
         DatasetError: a pose is no rigid transform.
     """
     count = len(images)
-    lenses = repeat_camera(cameras, count)
-    poses = np.asarray(camera_from_world, np.float64)
-    if poses.shape != (count, 4, 4):
-        raise InputError(f"camera_from_world has shape {poses.shape}, expected ({count}, 4, 4)")
-    names = [f"{i:06d}" for i in range(count)] if names is None else list(names)
-    for name, values in (("names", names), ("masks", masks)):
-        if values is not None and len(values) != count:
-            raise InputError(f"{name} has {len(values)} entries for {count} images")
+    lenses, poses, names = check_counts(count, cameras, camera_from_world, names, masks=masks)
     if len(set(names)) < count:
         raise InputError("two images have the same name; give each its own")
     known = list(dict.fromkeys(lenses))
@@ -87,16 +80,30 @@ def scene_from_arrays(
     )  # fmt: skip
 
 
-def repeat_camera(cameras: Camera | Sequence[Camera], count: int) -> list[Camera]:
-    """Returns one camera for each image.
+def check_counts(
+    count: int,
+    cameras: Camera | Sequence[Camera],
+    camera_from_world: ArrayLike,
+    names: Sequence[str] | None,
+    **others: Sequence | None,
+) -> tuple[list[Camera], np.ndarray, list[str]]:
+    """Requires one entry for each image of everything that is given.
+
+    Returns:
+        Lenses, poses (count, 4, 4) and names, by default numbers of six digits.
 
     Raises:
-        InputError: another number of them.
+        InputError: another number of entries, named.
     """
     lenses = [cameras] * count if isinstance(cameras, Camera) else list(cameras)
-    if len(lenses) != count:
-        raise InputError(f"cameras has {len(lenses)} entries for {count} images")
-    return lenses
+    poses = np.asarray(camera_from_world, np.float64)
+    names = [f"{i:06d}" for i in range(count)] if names is None else list(names)
+    for what, values in {"cameras": lenses, "names": names, **others}.items():
+        if values is not None and len(values) != count:
+            raise InputError(f"{what} has {len(values)} entries for {count} images")
+    if poses.shape != (count, 4, 4):
+        raise InputError(f"camera_from_world has shape {poses.shape}, expected ({count}, 4, 4)")
+    return lenses, poses, names
 
 
 def check_image(image: np.ndarray, name: str, camera: Camera) -> np.ndarray:

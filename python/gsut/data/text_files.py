@@ -1,4 +1,4 @@
-"""Reads the text files of datasets; errors name the file and, where known, the line."""
+"""Reads the files of datasets; errors name the file and, where known, the line."""
 
 from __future__ import annotations
 
@@ -8,6 +8,20 @@ from typing import Any
 
 from gsut.data.errors import DatasetError
 from gsut.files import check_regular, parse_yaml
+
+
+def read_bytes(source: Path) -> bytes:
+    """Reads the bytes of a file.
+
+    Raises:
+        DatasetError: it cannot be opened.
+    """
+    try:
+        return check_regular(source).read_bytes()
+    except OSError as error:
+        raise DatasetError(
+            source, f"cannot be opened ({error.strerror})", "check the path"
+        ) from error
 
 
 def read_text(source: Path) -> str:

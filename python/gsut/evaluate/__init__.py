@@ -5,14 +5,12 @@ from gsut.evaluate.held_out import mean_psnr, view_image
 from gsut.evaluate.report import write_report
 from gsut.evaluate.report_plots import name_ring
 from gsut.evaluate.scene_page import write_scene_page
-from gsut.evaluate.verdict import train_verdict
 
 __all__ = [
     "evaluate",
     "mean_psnr",
     "name_ring",
     "run_metrics",
-    "train_verdict",
     "view_image",
     "write_report",
     "write_scene_page",

@@ -250,7 +250,6 @@ def _split_words(text: str) -> list[str]:
 
 @functools.cache
 def _join_words(profile: LensProfile) -> str:
-    """Returns the whole name without spaces."""
     return "".join(
         _split_words(" ".join((profile.brand, profile.model, *profile._describe_details())))
     )

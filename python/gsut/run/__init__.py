@@ -22,7 +22,7 @@ from gsut.run.options import BlockOptions, SceneOptions, TrainOptions
 from gsut.run.progress import Progress
 from gsut.run.staged_progress import StagedProgress, StageFollower
 from gsut.run.stopwatch import Stopwatch
-from gsut.run.verdict import Verdict, combine_verdicts, judge_pictures
+from gsut.run.verdicts import Verdict
 
 __all__ = [
     "BLOCKS",
@@ -46,11 +46,9 @@ __all__ = [
     "TrainOptions",
     "Verdict",
     "check_fits",
-    "combine_verdicts",
     "describe_environment",
     "format_size",
     "free_memory",
-    "judge_pictures",
     "measure_peak_rss",
     "read_checkpoint",
     "read_plan",

@@ -56,7 +56,7 @@ def test_dual_fisheye_pictures_become_two_masked_lenses(tmp_path):
     assert mask.mean() == pytest.approx(np.pi / 4 * 0.985**2, abs=0.02)
     assert not mask[0, 0] and mask[side // 2, side // 2]
     photographs = find_photographs(found.path, None)
-    assert len(photographs) == 6 and not photographs.lenses_known
+    assert len(photographs) == 6 and not photographs.are_lenses_known
     assert {path for path in photographs.masks} == {found.path / "mask.png"}
     (lens,) = photographs.candidates
     rays, _ = lens.unproject([[side / 2, side / 2 - CIRCLE]])
@@ -131,7 +131,7 @@ def test_video_of_a_panorama_knows_its_lens_and_caps_are_masked(tmp_path):
     video = write_video(tmp_path / "walk.mp4", [panorama(6 * i) for i in range(20)])
     found = capture([video], tmp_path / "out", count=4, caps=(20.0, 10.0))
     photographs = find_photographs(found.path, None)
-    assert photographs.lenses_known
+    assert photographs.are_lenses_known
     assert photographs.cameras[0] == gsut.Camera("equirectangular", [], 512, 256)
     mask = decode_mask(photographs.masks[0])
     rows = mask.all(axis=1)

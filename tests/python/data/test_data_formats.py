@@ -184,43 +184,35 @@ def test_load_utm_coordinates_keep_their_digits(tmp_path):
     )
 
 
-def test_load_lists_of_the_file_decide_the_split(tmp_path):
-    values = small.transforms()
-    values["train_filenames"] = small.names()[:6]
-    values["test_filenames"] = small.names()[7:9]
-    scene = load_dataset(small.write_nerfstudio(tmp_path, values))
-    assert (scene.train_indices, scene.test_indices) == ((0, 1, 2, 3, 4, 5), (7, 8))
-    assert "2 images are in no list" in scene.notes[0]
+ALL = small.names()
+LISTS = {"train_filenames": ALL[:6], "test_filenames": ALL[7:9]}
+# Lists of the file, arguments of `load_dataset`, the views held out and the number trained on.
+SPLITS = {
+    "the file's lists": (LISTS, {}, (7, 8), 6),
+    "validation, where there is no test list": ({"val_filenames": ALL[2:4]}, {}, (2, 3), 8),
+    "full name": (LISTS, {"test_names": ["images/004.png"]}, (4,), 9),
+    "file name": (LISTS, {"test_names": ["004.png"]}, (4,), 9),
+    "stem": (LISTS, {"test_names": ["004"]}, (4,), 9),
+    "none": ({}, {"test_every": 0}, (), 10),
+    "every 4th": ({}, {"test_every": 4}, (0, 4, 8), 7),
+    "every 8th": ({}, {"test_every": 8}, (0, 8), 8),
+    "a single image": ({"frames": 1}, {}, (), 1),
+}
 
 
-def test_load_validation_list_serves_where_there_is_no_test_list(tmp_path):
-    values = small.transforms()
-    values["val_filenames"] = small.names()[2:4]
-    scene = load_dataset(small.write_nerfstudio(tmp_path, values))
-    assert scene.test_indices == (2, 3)
-
-
-@pytest.mark.parametrize("name", ["images/004.png", "004.png", "004"])
-def test_load_test_names_full_short_or_stem_win(name, tmp_path):
-    values = small.transforms()
-    values["test_filenames"] = small.names()[7:9]
-    scene = load_dataset(small.write_nerfstudio(tmp_path, values), test_names=[name])
-    assert scene.test_indices == (4,) and len(scene.train_indices) == small.VIEWS - 1
-
-
-@pytest.mark.parametrize(("every", "test"), [(0, ()), (4, (0, 4, 8)), (8, (0, 8))])
-def test_load_test_every_holds_out_every_nth_by_name(every, test, tmp_path):
-    values = small.transforms()
-    values["frames"].reverse()
-    scene = load_dataset(small.write_nerfstudio(tmp_path, values), test_every=every)
-    assert scene.test_indices == test
-
-
-def test_load_single_image_is_trained_on(tmp_path):
-    values = small.transforms()
-    values["frames"] = values["frames"][:1]
-    scene = load_dataset(small.write_nerfstudio(tmp_path, values))
-    assert (scene.train_indices, scene.test_indices) == ((0,), ())
+@pytest.mark.parametrize("name", SPLITS)
+def test_load_split(name, tmp_path):
+    lists, arguments, test, trained = SPLITS[name]
+    frames = small.transforms()["frames"][: lists.get("frames")][::-1]  # sorted by name again
+    path = small.write_nerfstudio(tmp_path, **{**lists, "frames": frames})
+    scene = load_dataset(path, **arguments)
+    assert scene.test_indices == test and len(scene.train_indices) == trained
+    assert not set(scene.train_indices) & set(test)
+    assert bool(scene.notes) == (name == "the file's lists")
+    if scene.notes:
+        assert (
+            scene.train_indices == tuple(range(6)) and "2 images are in no list" in scene.notes[0]
+        )
 
 
 def test_load_colmap_beside_transforms_moves_its_points(tmp_path):
@@ -228,8 +220,8 @@ def test_load_colmap_beside_transforms_moves_its_points(tmp_path):
     small.write_colmap_text(tmp_path / "colmap")
     values = small.transforms()
     del values["ply_file_path"]
-    values["applied_transform"] = [[0, 1, 0, 5], [1, 0, 0, 0], [0, 0, -1, 2]]
-    scene = load_dataset(small.write_nerfstudio(tmp_path, values))
+    transform = [[0, 1, 0, 5], [1, 0, 0, 0], [0, 0, -1, 2]]
+    scene = load_dataset(small.write_nerfstudio(tmp_path, values, applied_transform=transform))
     xyz = small.points()[0]
     expected = np.stack([xyz[:, 1] + 5, xyz[:, 0], 2 - xyz[:, 2]], axis=1)
     np.testing.assert_allclose(

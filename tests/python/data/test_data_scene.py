@@ -89,12 +89,15 @@ def test_shrink_mask_any_ratio_is_valid_only_where_all_sources_are(rng):
     assert cases > 1000
 
 
+def assert_halved_is_valid_only_where_all_are(scene, mask):
+    blocks = mask.reshape(small.HEIGHT // 2, 2, small.WIDTH // 2, 2)
+    np.testing.assert_array_equal(scene.scale_images(0.5).mask(0), blocks.all(axis=(1, 3)))
+
+
 def test_mask_combines_file_and_alpha(tmp_path):
-    values = small.transforms()
     mask = np.full((small.HEIGHT, small.WIDTH), 255, np.uint8)
     mask[:3] = 0
-    values["mask_path"] = "mask.png"
-    small.write_nerfstudio(tmp_path, values)
+    small.write_nerfstudio(tmp_path, mask_path="mask.png")
     small.write_png(tmp_path / "mask.png", mask)
     rgba = np.full((small.HEIGHT, small.WIDTH, 4), 255, np.uint8)
     rgba[:, :2, 3] = 254
@@ -105,16 +108,13 @@ def test_mask_combines_file_and_alpha(tmp_path):
     np.testing.assert_array_equal(scene.mask(1), expected)
     expected[:, :2] = False
     np.testing.assert_array_equal(scene.mask(0), expected)
-    half = scene.scale_images(0.5).mask(0)
-    blocks = expected.reshape(small.HEIGHT // 2, 2, small.WIDTH // 2, 2)
-    np.testing.assert_array_equal(half, blocks.all(axis=(1, 3)))
+    assert_halved_is_valid_only_where_all_are(scene, expected)
 
 
 def test_mask_fisheye_leaves_out_pixels_without_a_ray(tmp_path):
     """k1 = -0.2 folds back at 1.29 rad: the corners of a wide image have no ray."""
-    values = small.transforms()
-    values.update(camera_model="OPENCV_FISHEYE", fl_x=15.0, fl_y=15.0, k1=-0.2)
-    scene = load_dataset(small.write_nerfstudio(tmp_path, values))
+    lens = {"camera_model": "OPENCV_FISHEYE", "fl_x": 15.0, "fl_y": 15.0, "k1": -0.2}
+    scene = load_dataset(small.write_nerfstudio(tmp_path, **lens))
     y, x = np.mgrid[: small.HEIGHT, : small.WIDTH] + 0.5
     theta = 1 / np.sqrt(0.6)  # root of 1 + 3 k1 theta^2
     limit = 15.0 * theta * (1 - 0.2 * theta**2)
@@ -122,9 +122,7 @@ def test_mask_fisheye_leaves_out_pixels_without_a_ray(tmp_path):
     mask = scene.mask(0)
     assert mask[distance < limit - 1].all() and not mask[distance > limit + 1].any()
     assert 0.1 < mask.mean() < 0.9
-    half = scene.scale_images(0.5).mask(0)
-    blocks = mask.reshape(small.HEIGHT // 2, 2, small.WIDTH // 2, 2)
-    np.testing.assert_array_equal(half, blocks.all(axis=(1, 3)))
+    assert_halved_is_valid_only_where_all_are(scene, mask)
 
 
 def test_image_grey_and_sixteen_bits_become_rgb(tmp_path):
@@ -190,15 +188,6 @@ def test_cache_over_its_limit_drops_the_oldest():
     for key in (1, 2, 1, 3, 1, 2):
         get(key)
     assert made == [1, 2, 3, 2]  # 3 pushed out 2, not 1, which was used later
-
-
-def test_preload_keeps_all_images_without_their_files(tmp_path):
-    scene = load_dataset(small.write_nerfstudio(tmp_path))
-    scene.preload()
-    for name in small.names():
-        (tmp_path / name).unlink()
-    shapes = [scene.image(i).shape for i in range(len(scene))]
-    assert shapes == [(small.HEIGHT, small.WIDTH, 3)] * small.VIEWS
 
 
 def test_extent_is_the_largest_distance_of_a_training_camera(tmp_path):

@@ -43,11 +43,11 @@ def edited(path, **keys):
     (path / "transforms.json").write_text(json.dumps(values))
 
 
-def twelve_bits(path):
+def write_sixteen_bits(path, factor):
+    """Pixels of 8 bits times a factor, in files of 16."""
     small.write_nerfstudio(path)
     for file in (path / "images").iterdir():
-        pixels = cv2.imread(str(file)).astype(np.uint16) * 16
-        cv2.imwrite(str(file), pixels)
+        cv2.imwrite(str(file), cv2.imread(str(file)).astype(np.uint16) * factor)
 
 
 def masks(path, names):
@@ -119,15 +119,13 @@ def test_four_coefficients_with_a_model_are_read(model, tmp_path):
 
 
 def test_twelve_bits_in_files_of_sixteen_are_refused_before_training(tmp_path):
-    twelve_bits(tmp_path / "data")
+    write_sixteen_bits(tmp_path / "data", 16)
     findings = check_scene(gsut.load_dataset(tmp_path / "data"))
     (said,) = [f for f in findings if "bits a channel" in f.what]
     assert said.severity == "error" and "12 bits?" in said.what and "by 16" in said.advice
 
 
 def test_files_that_use_their_sixteen_bits_are_not_refused(tmp_path):
-    small.write_nerfstudio(tmp_path / "data")
-    for file in (tmp_path / "data" / "images").iterdir():
-        cv2.imwrite(str(file), cv2.imread(str(file)).astype(np.uint16) * 257)
+    write_sixteen_bits(tmp_path / "data", 257)
     findings = check_scene(gsut.load_dataset(tmp_path / "data"))
     assert [f for f in findings if "bits a channel" in f.what] == []

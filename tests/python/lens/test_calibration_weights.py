@@ -51,8 +51,7 @@ def test_uncertainty_unknown_places_take_the_nearest(lens):
 def test_weights_one_pixel_of_uncertainty_counts_half(lens):
     sigma = np.zeros(spread_pixels(SIZE, SIZE).shape[:2])
     sigma[:, -1] = 1.0
-    gsut.save_camera(gsut.load_camera(lens), lens)
-    save_uncertainty(lens, sigma)
+    save_again(lens, sigma)
     gradient = np.ones((SIZE, SIZE, 3), np.float32)
     CalibrationWeights(lens, [gsut.load_camera(lens)]).apply(gradient)
     assert np.all(gradient[:, 0] == 1.0)

@@ -4,17 +4,16 @@ import numpy as np
 import pytest
 
 import tolerances as tol
-from gsut import InputError, _core
+from gsut import InputError
 from gsut.cli import main
 from gsut.lens import Camera, camera_models, load_camera, save_camera
 from gsut.lens.convert import convert_camera, format_conversion
 from gsut.lens.fit_spline import SplineGrid
-from lens_cases import traits
+from lens_cases import examples, traits
 
 
 def example(model: str, index: int = 0) -> Camera:
-    _, params, width, height = _core.camera_examples(model)[index]
-    return Camera(model, params, width, height)
+    return examples(model)[index]
 
 
 # Beside every model, which holds its own lenses: other models that hold a lens exactly.

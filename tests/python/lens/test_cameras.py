@@ -10,6 +10,7 @@ import tolerances as tol
 from gsut import InputError, set_num_threads
 from gsut.lens.camera import Camera, camera_models
 from lens_cases import OPENCV, all_lenses, polar_grid, traits
+from raising import raises_saying
 
 pytestmark = pytest.mark.quick
 
@@ -241,10 +242,8 @@ def test_camera_params_are_a_copy():
     ],
 )
 def test_camera_of_bad_arguments_raises_and_says_why(arguments, words):
-    with pytest.raises(InputError) as caught:
+    with raises_saying(words):
         Camera(*arguments)
-    for word in words:
-        assert word in str(caught.value)
 
 
 def test_project_of_wrong_shape_raises():

@@ -138,7 +138,7 @@ def test_photographs_get_the_named_lens_as_candidate(tmp_path):
     for name in ("a.png", "b.png"):
         gsut.write_png(tmp_path / name, np.zeros((24, 32, 3), np.uint8))
     found = find_photographs(tmp_path, "GoPro HERO5 Black, Wide")
-    assert not found.lenses_known
+    assert not found.are_lenses_known
     assert found.profile.model.startswith("HERO5")
     assert [(c.width, c.height) for c in found.candidates] == [(32, 24)]
 

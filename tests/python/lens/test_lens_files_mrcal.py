@@ -6,9 +6,9 @@ import pytest
 import calib_fakes  # noqa: F401  # puts calib/ on the path
 import tolerances as tol
 from calib.solve.mrcal_process import ask, has_mrcal
-from gsut import CalibrationError, _core
+from gsut import CalibrationError
 from gsut.lens import Camera, load_camera, save_camera
-from lens_cases import polar_grid
+from lens_cases import examples, polar_grid
 
 # As mrcal 2.2 writes it.
 CAHVORE = """{
@@ -26,14 +26,6 @@ CAHVORE = """{
 }
 """  # noqa: E501
 PARAMS = [330, 329, 320.5, 242, 0.011, -0.007, 0.0004, -0.012, 0.003, 0.004, -0.002, 0.0005, 0.37]
-
-
-def examples(*models):
-    return [
-        Camera(model, params, width, height)
-        for model in models
-        for _, params, width, height in _core.camera_examples(model)
-    ]
 
 
 def test_cahvore_file_of_mrcal_is_read(tmp_path):

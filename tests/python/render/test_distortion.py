@@ -7,6 +7,7 @@ import gsut
 import tolerances
 from gsut import _core
 from random_scenes import (
+    central_differences,
     fisheye,
     gaussians_in_view,
     open_rule,
@@ -16,7 +17,6 @@ from random_scenes import (
     small_camera,
 )
 
-STEP = 1e-5
 FIELDS = ("means", "quats", "log_scales", "opacity_logits")
 CAMERAS = {
     "pinhole": lambda: pinhole(14),
@@ -51,15 +51,7 @@ def test_gradient_of_the_distortion_equals_central_differences_in_double(rng, ki
     nothing = np.zeros_like(seen.image)
     found = gsut.render_backward(seen, nothing, ddistortion=to).gaussians
     for name in FIELDS:
-        array = getattr(g, name)
-        numeric = np.zeros_like(array)
-        for index in np.ndindex(array.shape):
-            kept, sides = array[index], []
-            for sign in (1, -1):
-                array[index] = kept + sign * STEP
-                sides.append(np.sum(to * render(g).distortion))
-            array[index] = kept
-            numeric[index] = (sides[0] - sides[1]) / (2 * STEP)
+        numeric = central_differences(lambda: np.sum(to * render(g).distortion), getattr(g, name))
         assert relative_error(getattr(found, name), numeric) < tolerances.RENDER_DIFFERENCES, name
 
 
@@ -122,14 +114,7 @@ def test_shortest_axes_face_the_camera_and_their_gradients_equal_differences(rng
     assert np.all(np.sum(axes * (g.means - center), 1) <= 0)
     found = g.make_zeros()
     _core.facing_axes_backward(g, list(center), to, found, 3.0)
-    numeric = np.zeros_like(g.quats)
-    for index in np.ndindex(numeric.shape):
-        kept, sides = g.quats[index], []
-        for sign in (1, -1):
-            g.quats[index] = kept + sign * STEP
-            sides.append(np.sum(to * colors(g)))
-        g.quats[index] = kept
-        numeric[index] = (sides[0] - sides[1]) / (2 * STEP)
+    numeric = central_differences(lambda: np.sum(to * colors(g)), g.quats)
     assert relative_error(found.quats, numeric) < tolerances.RENDER_DIFFERENCES
     scales = np.exp(g.log_scales)
     shortest = scales == scales.min(axis=1, keepdims=True)

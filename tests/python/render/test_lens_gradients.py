@@ -5,7 +5,14 @@ import pytest
 
 import gsut
 import tolerances
-from random_scenes import gaussians_in_view, random_pose, relative_error, small_camera
+from random_scenes import (
+    central_differences,
+    gaussians_in_view,
+    loss_of,
+    random_pose,
+    relative_error,
+    small_camera,
+)
 
 # One of each kind: radial, rational, prisms, two spheres, polynomials, moving pupil, parallel rays.
 LENSES = (
@@ -70,8 +77,7 @@ def test_lens_gradient_double_equals_central_differences(rng, model):
     rule = smooth_rule()
 
     def loss(lens):
-        r = gsut.render(g, lens, pose, blend=rule, dtype="float64")
-        return sum((w * x).sum() for w, x in zip(weights, (r.image, r.alpha, r.depth), strict=True))
+        return loss_of(gsut.render(g, lens, pose, blend=rule, dtype="float64"), weights)
 
     result = gsut.render(g, camera, pose, blend=rule, dtype="float64")
     found = gsut.render_backward(result, *weights, with_lens=True)
@@ -138,17 +144,12 @@ def test_lens_gradient_with_a_rolling_shutter_equals_central_differences(rng):
         )
 
     found = gsut.render_backward(render(camera), *weights, with_lens=True)
-    ran = 0
+    ran, params = 0, np.array(camera.params)
     for k in range(4):
-        sides = []
-        step = STEP * camera.params[k]
-        for sign in (1, -1):
-            params = list(camera.params)
-            params[k] += sign * step
-            r = render(gsut.Camera("opencv12", params, camera.width, camera.height))
-            images = (r.image, r.alpha, r.depth)
-            sides.append(sum((w * x).sum() for w, x in zip(weights, images, strict=True)))
-        expected = (sides[0] - sides[1]) / (2 * step)
+        (expected,) = central_differences(
+            lambda: loss_of(render(camera.with_params(params)), weights),
+            params, [k], STEP * camera.params[k],
+        )  # fmt: skip
         tolerance = tolerances.LENS_OF_IMAGE_GRADIENT * np.abs(found.lens[:4]).max()
         assert abs(found.lens[k] - expected) < tolerance
         ran += 1

@@ -1,5 +1,7 @@
 """The unscented projection: against its definition in numpy, float against double, refusals."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -158,9 +160,12 @@ def test_project_beyond_ninety_degrees_has_a_pixel_through_a_fisheye():
     ("arguments", "message"),
     [
         ({"method": "linear"}, "ewa, unscented, .*silhouette"),
-        ({"unscented": (0.0, 2.0, 0.0)}, "alpha must be positive"),
-        ({"unscented": (1.0, 2.0, -3.0)}, "kappa"),
-        ({"unscented": (1.0, np.nan, 0.0)}, "beta"),
+        *(
+            ({"unscented": (alpha, 2.0, 0.0)}, "alpha must be positive")
+            for alpha in (0.0, -1.0, np.nan, np.inf)
+        ),
+        *(({"unscented": (1.0, 2.0, kappa)}, "kappa") for kappa in (-3.0, -4.0, np.nan)),
+        *(({"unscented": (1.0, beta, 0.0)}, "beta") for beta in (np.nan, np.inf)),
         ({"camera_from_world": np.diag([2.0, 1, 1, 1])}, "rotation"),
         ({"camera_from_world": np.full((4, 4), np.nan)}, "finite"),
         ({"camera_from_world": np.eye(3)}, "camera_from_world"),
@@ -220,7 +225,9 @@ def test_project_unknown_dtype_is_refused(rng):
 
 
 def test_project_no_gaussians_gives_empty_arrays():
-    for dtype in ("float32", "float64"):
-        found = gsut.project(no_gaussians(), pinhole(), np.eye(4), dtype=dtype)
+    for dtype, method in itertools.product(
+        ("float32", "float64"), gsut.rendering.PROJECTION_METHODS
+    ):
+        found = gsut.project(no_gaussians(), pinhole(), np.eye(4), dtype=dtype, method=method)
         assert found.centers.shape == (0, 2) and found.covariances.shape == (0, 2, 2)
         assert found.depths.shape == (0,) and found.valid.shape == (0,)

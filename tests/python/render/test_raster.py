@@ -10,12 +10,14 @@ import ray_model
 import tolerances
 from gsut import InputError
 from random_scenes import (
+    central_differences,
     every_lens,
     fisheye,
     gaussians_in_view,
     loss_of,
-    no_gaussians,
+    open_rule,
     pinhole,
+    pose_differences,
     random_pose,
     random_weights,
     relative_error,
@@ -27,16 +29,6 @@ pytestmark = pytest.mark.quick
 LENSES = dict(every_lens(width=24))
 BACKGROUND = (0.2, 0.5, 0.9)
 FIELDS = tuple(field.name for field in dataclasses.fields(gsut.Gaussians))
-
-
-def smooth_rule():
-    """gsut's rule without the cut-offs, at which an image jumps and differences are wrong.
-
-    The clamp at 0.99 stays, and is never reached in these tests.
-    """
-    rule = gsut.BlendRule()
-    rule.alpha_min, rule.transmittance_min = 1e-30, 0.0
-    return rule
 
 
 def double_render(g, camera, pose, **options):
@@ -66,15 +58,11 @@ def test_render_double_every_lens_and_rule_matches_a_second_implementation(rng, 
 
 def differences(g, camera, pose, weights, options, field, indices, step=1e-5):
     """Central differences of the loss to flat entries of one array of the Gaussians."""
-    slopes = []
-    for index in indices:
-        losses = []
-        for sign in (1, -1):
-            moved = g.copy()
-            getattr(moved, field).flat[index] += sign * step
-            losses.append(loss_of(double_render(moved, camera, pose, **options), weights))
-        slopes.append((losses[0] - losses[1]) / (2 * step))
-    return np.array(slopes)
+    moved = g.copy()
+    return central_differences(
+        lambda: loss_of(double_render(moved, camera, pose, **options), weights),
+        getattr(moved, field), indices, step,
+    )  # fmt: skip
 
 
 # Entries of each array that differences are taken of: all but those of higher harmonics, of which
@@ -92,7 +80,7 @@ def test_render_backward_every_parameter_matches_central_differences(degree):
         rng = rng_of(f"{lens} {degree}")
         g, pose = scene(rng, camera, count=8, sh_degree=degree, **FAR_ENOUGH)
         weights = random_weights(rng, camera)
-        options = {"blend": smooth_rule(), "background": BACKGROUND}
+        options = {"blend": open_rule(), "background": BACKGROUND}
         found = gsut.render_backward(double_render(g, camera, pose, **options), *weights)
         for field in FIELDS:
             of_field = getattr(found.gaussians, field).ravel()
@@ -109,18 +97,13 @@ def test_render_backward_pose_matches_central_differences(rng, lens):
     camera = LENSES[lens]
     g, pose = scene(rng, camera, count=12, **FAR_ENOUGH)
     weights = random_weights(rng, camera)
-    options = {"blend": smooth_rule(), "background": BACKGROUND}
+    options = {"blend": open_rule(), "background": BACKGROUND}
     found = gsut.render_backward(double_render(g, camera, pose, **options), *weights).pose
-    slopes = []
-    for k in range(6):
-        step = 1e-5 * np.eye(6)[k]
-        losses = [
-            loss_of(double_render(g, camera, gsut.exp_pose(xi) @ pose, **options), weights)
-            for xi in (step, -step)
-        ]
-        slopes.append((losses[0] - losses[1]) / 2e-5)
+    slopes = pose_differences(
+        lambda near: loss_of(double_render(g, camera, near, **options), weights), pose
+    )
     assert len(slopes) == 6
-    assert relative_error(found, np.array(slopes)) < tolerances.RENDER_DIFFERENCES
+    assert relative_error(found, slopes) < tolerances.RENDER_DIFFERENCES
 
 
 def test_render_backward_with_the_cutoff_differs_from_differences_only_by_its_jumps(rng):
@@ -352,14 +335,14 @@ def test_order_key_distance_and_depth_differ_off_the_axis():
         assert by_distance[0] > by_z[0] + 0.05
 
 
-# An infinite logit is opacity 1.
-FINITE_MEANING = {("opacity_logits", np.inf)}
+# Opacities of 0 and 1.
+FINITE_MEANING = {("opacity_logits", np.inf), ("opacity_logits", -np.inf)}
 
 
 def test_render_reference_value_that_is_not_finite_is_refused_with_its_index():
     ran = 0
     for field in FIELDS:
-        for value in (np.nan, np.inf):
+        for value in (np.nan, np.inf, -np.inf):
             if (field, value) in FINITE_MEANING:
                 continue
             g = stacked(one_gaussian(), one_gaussian())
@@ -367,16 +350,4 @@ def test_render_reference_value_that_is_not_finite_is_refused_with_its_index():
             with pytest.raises(InputError, match="Gaussian 1 "):
                 double_render(g, AXIS, np.eye(4))
             ran += 1
-    assert ran == 2 * len(FIELDS) - len(FINITE_MEANING)
-
-
-def test_render_no_gaussians_is_background_where_there_are_rays():
-    camera = fisheye(32, degrees=170)
-    _, valid = camera.rays()
-    for dtype in ("float32", "float64"):
-        result = gsut.render(no_gaussians(), camera, np.eye(4), background=BACKGROUND, dtype=dtype)
-        assert result.image[valid] == pytest.approx(np.tile(BACKGROUND, (valid.sum(), 1)))
-        assert np.all(result.image[~valid] == 0)
-        assert np.all(result.alpha == 0) and np.all(result.depth == 0)
-        found = gsut.render_backward(result, np.ones((32, 32, 3)))
-        assert np.all(found.pose == 0) and len(found.gaussians) == 0
+    assert ran == 3 * len(FIELDS) - len(FINITE_MEANING)

@@ -10,10 +10,13 @@ import gsut
 import tolerances
 from gsut import InputError, _core
 from random_scenes import (
+    central_differences,
     fisheye,
     gaussians_in_view,
     loss_of,
+    open_rule,
     pinhole,
+    pose_differences,
     random_pose,
     random_weights,
     relative_error,
@@ -37,12 +40,6 @@ def scene(rng, camera, count=30, **options):
     middle = _core.CameraMotion(start, end, gsut.Shutter("top_to_bottom")).at(0.5)
     g = gaussians_in_view(rng, camera, middle, count, **options)
     return g.to_dtype(np.float64), (start, end)
-
-
-def smooth_rule():
-    rule = gsut.BlendRule()
-    rule.alpha_min, rule.transmittance_min = 1e-30, 0.0
-    return rule
 
 
 @pytest.mark.parametrize("direction", DIRECTIONS)
@@ -101,18 +98,17 @@ def test_render_double_pair_of_equal_poses_is_the_global_image(rng):
     assert still.alpha.max() > 0.5
 
 
-def pose_differences(g, camera, pair, weights, options, step=1e-5):
-    slopes = np.zeros((2, 6))
-    for which in range(2):
-        for k in range(6):
-            losses = []
-            for sign in (1, -1):
-                poses = list(pair)
-                poses[which] = gsut.exp_pose(sign * step * np.eye(6)[k]) @ pair[which]
-                image = gsut.render(g, camera, tuple(poses), dtype="float64", **options)
-                losses.append(loss_of(image, weights))
-            slopes[which, k] = (losses[0] - losses[1]) / (2 * step)
-    return slopes
+def pair_differences(g, camera, pair, weights, options):
+    """(2, 6) slopes of the loss with respect to the start and the end."""
+
+    def loss(start, end):
+        return loss_of(gsut.render(g, camera, (start, end), dtype="float64", **options), weights)
+
+    start, end = pair
+    return np.stack(
+        [pose_differences(lambda near: loss(near, end), start),
+         pose_differences(lambda near: loss(start, near), end)]
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("parity", PARITIES)
@@ -121,10 +117,10 @@ def test_render_backward_both_poses_match_central_differences(rng, direction, pa
     camera = fisheye(20)
     g, pair = scene(rng, camera, count=10, sizes=(0.02, 0.05), aspect=0.3)
     weights = random_weights(rng, camera)
-    options = {"blend": smooth_rule(), "shutter": gsut.Shutter(direction, parity)}
+    options = {"blend": open_rule(), "shutter": gsut.Shutter(direction, parity)}
     result = gsut.render(g, camera, pair, dtype="float64", **options)
     found = gsut.render_backward(result, *weights).pose
-    slopes = pose_differences(g, camera, pair, weights, options)
+    slopes = pair_differences(g, camera, pair, weights, options)
     assert found.shape == (2, 6)
     assert relative_error(found, slopes) < tolerances.RENDER_DIFFERENCES
 
@@ -135,10 +131,10 @@ def test_render_backward_poses_any_turn_matches_central_differences(rng, turn):
     g, (start, _) = scene(rng, camera, count=10, sizes=(0.02, 0.05), aspect=0.3)
     pair = (start, moved(rng, start, 0.2, turn))
     weights = random_weights(rng, camera)
-    options = {"blend": smooth_rule(), "shutter": "top_to_bottom"}
+    options = {"blend": open_rule(), "shutter": "top_to_bottom"}
     result = gsut.render(g, camera, pair, dtype="float64", **options)
     found = gsut.render_backward(result, *weights).pose
-    slopes = pose_differences(g, camera, pair, weights, options)
+    slopes = pair_differences(g, camera, pair, weights, options)
     assert relative_error(found, slopes) < tolerances.RENDER_DIFFERENCES
 
 
@@ -146,20 +142,16 @@ def test_render_backward_rolling_parameters_match_central_differences(rng):
     camera = pinhole(20)
     g, pair = scene(rng, camera, count=6, sh_degree=2, sizes=(0.02, 0.05), aspect=0.3)
     weights = random_weights(rng, camera)
-    options = {"blend": smooth_rule(), "shutter": "top_to_bottom", "dtype": "float64"}
+    options = {"blend": open_rule(), "shutter": "top_to_bottom", "dtype": "float64"}
     found = gsut.render_backward(gsut.render(g, camera, pair, **options), *weights).gaussians
     ran = 0
     for field in dataclasses.fields(g):
         of_field = getattr(found, field.name).ravel()
         indices = rng.permutation(of_field.size)[:18]
-        slopes = []
-        for index in indices:
-            losses = []
-            for sign in (1, -1):
-                near = g.copy()
-                getattr(near, field.name).flat[index] += sign * 1e-5
-                losses.append(loss_of(gsut.render(near, camera, pair, **options), weights))
-            slopes.append((losses[0] - losses[1]) / 2e-5)
+        slopes = central_differences(
+            lambda: loss_of(gsut.render(g, camera, pair, **options), weights),
+            getattr(g, field.name), indices,
+        )  # fmt: skip
         assert relative_error(of_field[indices], slopes) < tolerances.RENDER_DIFFERENCES
         ran += len(slopes)
     assert ran == 18 * 4 + 6

@@ -8,6 +8,7 @@ import tolerances
 from gsut import InputError, _core
 from gsut.render import z_from_distance
 from random_scenes import (
+    central_differences,
     fisheye,
     gaussians_in_view,
     open_rule,
@@ -17,8 +18,6 @@ from random_scenes import (
     small_camera,
 )
 from surface_scenes import lines_of
-
-STEP = 1e-5
 
 
 def rays_of(camera, motion):
@@ -131,18 +130,12 @@ def test_gradient_of_normals_equals_central_differences(rng, kind):
     to[~valid.reshape(to.shape[:2])] = 0
     found = gsut.loop.render_surface_backward(result, to)
     exact, weights = g.to_dtype(np.float64), to.reshape(-1, 3)[valid].astype(np.float64)
+
+    def loss():
+        return (weights * sum_of_normals(exact, center, origins[valid], rays[valid])).sum()
+
     for name in ("means", "quats", "log_scales", "opacity_logits"):
-        array = getattr(exact, name)
-        numeric = np.zeros_like(array)
-        for index in np.ndindex(array.shape):
-            sides, kept = [], array[index]
-            for sign in (1, -1):
-                array[index] = kept + sign * STEP
-                sides.append(
-                    (weights * sum_of_normals(exact, center, origins[valid], rays[valid])).sum()
-                )
-            array[index] = kept
-            numeric[index] = (sides[0] - sides[1]) / (2 * STEP)
+        numeric = central_differences(loss, getattr(exact, name))
         error = relative_error(getattr(found, name), numeric)
         assert error < tolerances.SURFACE_GRADIENTS, name
     assert not found.sh.any()

@@ -2,7 +2,7 @@
 
 import pytest
 
-from gsut.run import Verdict, combine_verdicts, judge_pictures
+from gsut.run.verdicts import Verdict, combine_verdicts, judge_pictures
 
 GOOD = Verdict("good", "61 of 61 images registered")
 POOR = Verdict("poor", "12 dB", ("the poses do not fit",), "gsut doctor DATA")

@@ -15,7 +15,7 @@ from gsut.sfm.core.matching import match_images
 from gsut.sfm.core.options import PosesOptions
 from gsut.sfm.core.solver import solve_poses
 from gsut.sfm.core.verification import verify_matches
-from gsut.sfm.report.verdict import judge_poses
+from gsut.sfm.report.verdict import judge_solution
 from gsut.sfm.world.comparison import compare_poses
 from synthetic_walk import Synthetic, observe, quiet, shuffled
 
@@ -128,7 +128,7 @@ def test_two_rooms_stay_as_they_are_where_nothing_is_left(folded):
 def test_verdict_of_two_rooms_as_one_is_poor_and_names_images(folded):
     scene, solution = folded
     found = find_look_alikes(solution)
-    verdict = judge_poses(solution, scene.features, 0.9, Findings(look_alikes=found))
+    verdict = judge_solution(solution, scene.features, 0.9, Findings(look_alikes=found))
     assert verdict.level == "poor" and "look alike" in verdict.reasons[0]
     assert all(name in verdict.reasons[0] for name in found.pairs[0])
     assert "folder" in verdict.advice

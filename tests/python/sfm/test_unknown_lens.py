@@ -23,7 +23,7 @@ from gsut.sfm.lens.covariance import spread_free_parameters
 from gsut.sfm.lens.doubt import TURNED, describe_doubt, find_critical_motion
 from gsut.sfm.lens.ranking import LensRanking
 from gsut.sfm.lens.search import search_lens
-from gsut.sfm.report.verdict import judge_poses
+from gsut.sfm.report.verdict import judge_solution
 from synthetic_walk import Synthetic, quiet
 
 
@@ -212,7 +212,7 @@ def test_poses_verdict_says_level_and_reason(walk, change, level, words):
     change = {key: value for key, value in change.items() if key not in ("features", "colors")}
     agreeing, found = change.pop("agreeing"), change.pop("doubt")
     solution = dataclasses.replace(many(walk[3]), **change)
-    verdict = judge_poses(solution, features, agreeing, found)
+    verdict = judge_solution(solution, features, agreeing, found)
     assert verdict.level == level
     assert words in str(verdict) and verdict.advice
     assert Verdict.from_dict(verdict.as_dict()) == verdict

@@ -1,4 +1,4 @@
-"""Reads COLMAP's cameras.bin, images.bin and points3D.bin; errors name the byte and the record."""
+"""Reads COLMAP's images.bin and points3D.bin; errors name the byte and the record."""
 
 from __future__ import annotations
 
@@ -8,13 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from gsut.data.colmap.records import CameraRow, ImageRow
+from gsut.data.colmap.records import ImageRow
 from gsut.data.errors import DatasetError
-from gsut.files import check_regular
-from gsut.lens.files import PARAMETER_COUNTS
+from gsut.data.text_files import read_bytes
 
 _COUNT = struct.Struct("<Q")
-_CAMERA = struct.Struct("<IiQQ")  # id, model, width, height
 _IMAGE = struct.Struct("<I4d3dI")  # id, quaternion, translation, camera id; then the name and a 0
 _POINT2D_BYTES = 24  # x, y as double, point id as uint64
 _POINT = struct.Struct("<Q3d3BdQ")  # id, position, colour, error, length of the track
@@ -25,12 +23,7 @@ class _Reader:
     """Steps through a file's bytes and knows which record it is in."""
 
     def __init__(self, path: Path, kind: str) -> None:
-        try:
-            self.data = check_regular(path).read_bytes()
-        except OSError as error:
-            raise DatasetError(
-                path, f"cannot be opened ({error.strerror})", "check the path"
-            ) from error
+        self.data = read_bytes(path)
         self.path, self.kind, self.position = path, kind, 0
         self.record, self.count = 0, 0
         self.count = self.unpack(_COUNT)[0]
@@ -83,28 +76,6 @@ class _Reader:
                 f" {self.kind} records, at byte {self.position}",
                 "the file may be of another COLMAP version or damaged: export the model again",
             )
-
-
-def read_cameras_bin(path: Path) -> list[CameraRow]:
-    """Reads the cameras of a binary model.
-
-    Raises:
-        DatasetError: truncated, or an unknown model.
-    """
-    reader, rows = _Reader(path, "camera"), []
-    for _ in reader.count_records():
-        start = reader.position
-        camera_id, model, width, height = reader.unpack(_CAMERA)
-        where = f"{path}, byte {start}, camera {camera_id}"
-        if model not in PARAMETER_COUNTS:
-            raise DatasetError(
-                where,
-                f"unknown camera model {model}, known are 0 to {max(PARAMETER_COUNTS)}",
-                "convert the camera in COLMAP, e.g. to OPENCV or OPENCV_FISHEYE",
-            )
-        params = reader.unpack(struct.Struct(f"<{PARAMETER_COUNTS[model]}d"))
-        rows.append(CameraRow(camera_id, model, width, height, list(params), where))
-    return rows
 
 
 def read_images_bin(path: Path) -> list[ImageRow]:

@@ -5,17 +5,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 
-class CameraRow(NamedTuple):
-    """One camera: model by name (text) or number (binary), parameters in COLMAP's order."""
-
-    camera_id: int
-    model: str | int
-    width: int
-    height: int
-    params: list[float]
-    where: str
-
-
 class ImageRow(NamedTuple):
     """One image: its camera-from-world rotation and translation."""
 

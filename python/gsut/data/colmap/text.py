@@ -1,4 +1,4 @@
-"""Reads COLMAP's cameras.txt, images.txt and points3D.txt; errors name the line."""
+"""Reads COLMAP's images.txt and points3D.txt; errors name the line."""
 
 from __future__ import annotations
 
@@ -7,13 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from gsut.data.colmap.records import CameraRow, ImageRow
+from gsut.data.colmap.records import ImageRow
 from gsut.data.errors import DatasetError
 from gsut.files import check_regular
 
 _IMAGE_FIELDS = 10  # IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME
 _POINT_FIELDS = 8  # POINT3D_ID X Y Z R G B ERROR, then the track
-_CAMERA_FIELDS = 4  # CAMERA_ID MODEL WIDTH HEIGHT, then the parameters
 
 
 def _read_lines(path: Path) -> Iterator[tuple[int, str]]:
@@ -38,30 +37,6 @@ def _report_malformed(where: str, line: str, expected: str) -> DatasetError:
         f"expected {expected}, found '{place_and_show}'",
         "the file may be cut off or edited: export the model again",
     )
-
-
-def read_cameras_txt(path: Path) -> list[CameraRow]:
-    """Reads the cameras of a text model.
-
-    Raises:
-        DatasetError: a malformed line.
-    """
-    rows = []
-    expected = "CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]"
-    for number, line in _read_lines(path):
-        if not line:
-            continue
-        fields, where = line.split(), f"{path}, line {number}"
-        try:
-            if len(fields) <= _CAMERA_FIELDS:
-                raise ValueError
-            params = [float(field) for field in fields[_CAMERA_FIELDS:]]
-            rows.append(
-                CameraRow(int(fields[0]), fields[1], int(fields[2]), int(fields[3]), params, where)
-            )
-        except ValueError as error:
-            raise _report_malformed(where, line, expected) from error
-    return rows
 
 
 def read_images_txt(path: Path) -> list[ImageRow]:

@@ -17,8 +17,6 @@ from gsut.data.colmap import (
     ColmapModel,
     format_model_binaries,
     format_model_texts,
-    read_cameras_bin,
-    read_cameras_txt,
     read_images_bin,
     read_images_txt,
     read_points_bin,
@@ -30,9 +28,10 @@ from gsut.data.images import find_mask
 from gsut.data.layouts._layout import Layout
 from gsut.data.listing import Frame, Listing
 from gsut.data.poses import invert_pose, pose_from_quaternion
+from gsut.data.text_files import read_bytes, read_text
 from gsut.files import write_file
 from gsut.lens import Camera
-from gsut.lens.files import camera_from_colmap
+from gsut.lens.files import camera_from_colmap, list_binary_cameras, list_text_cameras
 
 MODEL_FOLDERS = ("sparse/0", "sparse", ".")
 IMAGE_FOLDERS = ("images", "images_2", "images_4", "images_8", ".")
@@ -66,10 +65,13 @@ def read_colmap(path: Path, *, on_error: OnError = raise_error) -> Listing:
         )
     suffix = ".bin" if (model / "images.bin").is_file() else ".txt"
     source = model / f"images{suffix}"
+    file = model / f"cameras{suffix}"
     if suffix == ".bin":
-        camera_rows, image_rows = read_cameras_bin(model / "cameras.bin"), read_images_bin(source)
+        camera_rows = list_binary_cameras(read_bytes(file), str(file))
+        image_rows = read_images_bin(source)
     else:
-        camera_rows, image_rows = read_cameras_txt(model / "cameras.txt"), read_images_txt(source)
+        camera_rows = list_text_cameras(read_text(file), str(file))
+        image_rows = read_images_txt(source)
     cameras: dict[int, Camera] = {}
     unusable: set[int] = set()
     for camera_row in camera_rows:

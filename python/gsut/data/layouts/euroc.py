@@ -18,7 +18,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data.errors import DatasetError, list_some
-from gsut.data.export import Export, find_frame_times, group_seats, list_losses
+from gsut.data.export import Export, group_seats, list_losses
 from gsut.data.layouts._layout import Layout
 from gsut.data.poses import check_rigid
 from gsut.data.recordings import Recording, Stream, find_stream, list_pictures
@@ -188,10 +188,7 @@ def write_euroc(folder: Path, export: Export) -> list[str]:
         rows.append(f"{time}," + ",".join(repr(float(v)) for v in values))
     write_file(root / _POSES / "data.csv", "\n".join(rows) + "\n")
     export.write_points(root / "pointcloud0" / "data.ply")
-    notes = list_losses(export, "EuRoC")
-    if not find_frame_times(export.frames)[1]:
-        notes.append("the images have no times: they are named as if taken ten a second")
-    return notes
+    return list_losses(export, "EuRoC", times=True)
 
 
 LAYOUT = Layout(

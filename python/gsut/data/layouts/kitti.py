@@ -14,7 +14,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data.errors import DatasetError, list_some
-from gsut.data.export import POINTS, Export, find_frame_times, list_losses
+from gsut.data.export import POINTS, Export, find_frame_times, list_losses, require_one_lens
 from gsut.data.images import decode_image, read_header
 from gsut.data.layouts._layout import Layout
 from gsut.data.layouts.folder import POINT_FILES
@@ -31,7 +31,6 @@ _PIXEL_SHIFT = 0.5  # KITTI's pixel (0, 0) is gsut's (0.5, 0.5)
 
 
 def _find_sequence(path: Path) -> Path | None:
-    """Finds the folder of calib.txt and image_N."""
     if (path / "calib.txt").is_file() and any((path / name).is_dir() for name in _ALL):
         return path
     if path.name in _ALL and (path.parent / "calib.txt").is_file():
@@ -132,19 +131,13 @@ def write_kitti(folder: Path, export: Export) -> list[str]:
     Raises:
         InputError: several cameras, or a lens with distortion.
     """
-    lenses = {frame.camera for frame in export.frames}
-    if len(lenses) > 1:
-        raise InputError(
-            f"gsut writes KITTI's layout with one camera, found {len(lenses)}; choose one with "
-            "--cameras, or another layout"
-        )
-    (lens,) = lenses
+    lens = require_one_lens(export, "KITTI")
     if lens.model != "pinhole":
         raise InputError(
             f"KITTI's calib.txt holds pinhole cameras without distortion only, and the lens is "
             f"'{lens.model}': undistort the images first, or choose nerfstudio, colmap or folder"
         )
-    times, known = find_frame_times(export.frames)
+    times, _ = find_frame_times(export.frames)
     order = sorted(range(len(times)), key=times.__getitem__)
     sequence = folder / "sequences" / "00"
     for row, i in enumerate(order):
@@ -162,10 +155,7 @@ def write_kitti(folder: Path, export: Export) -> list[str]:
     poses = np.array([export.frames[i].world_from_camera for i in order])
     write_file(folder / "poses" / "00.txt", format_kitti(poses))
     export.write_points(sequence / POINTS)
-    notes = list_losses(export, "KITTI")
-    if not known:
-        notes.append("the images have no times: they are written as if taken ten a second")
-    return notes
+    return list_losses(export, "KITTI", times=True)
 
 
 def _place_png(export: Export, source: Path, target: Path) -> None:

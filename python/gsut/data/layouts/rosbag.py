@@ -262,7 +262,6 @@ def _add_transforms(
 def _find_moving_track(
     moving: dict[tuple[str, str], _Track], tree: FrameTree, cameras: list[_Camera], bag: Path
 ) -> _Track:
-    """Finds the one moving transform above the cameras."""
     roots = {tree.find_root(camera.frame) for camera in cameras}
     above = [track for (_, child), track in moving.items() if tree.find_root(child) in roots]
     if len(above) != 1 or any(track.child == above[0].parent for track in moving.values()):

@@ -14,7 +14,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data.errors import DatasetError, list_some
-from gsut.data.export import POINTS, Export, find_frame_times, list_losses
+from gsut.data.export import POINTS, Export, find_frame_times, list_losses, require_one_lens
 from gsut.data.layouts._layout import Layout
 from gsut.data.layouts.folder import POINT_FILES, find_lens_file
 from gsut.data.poses import format_seconds, format_tum
@@ -73,13 +73,8 @@ def write_tum(folder: Path, export: Export) -> list[str]:
     Raises:
         InputError: several cameras, or two images of one time.
     """
-    lenses = {frame.camera for frame in export.frames}
-    if len(lenses) > 1:
-        raise InputError(
-            f"TUM's layout holds one camera, found {len(lenses)}; choose one with --cameras, or "
-            "another layout"
-        )
-    times, known = find_frame_times(export.frames)
+    lens = require_one_lens(export, "TUM")
+    times, _ = find_frame_times(export.frames)
     if len(set(times)) < len(times):
         raise InputError("two images have the same time: TUM's layout holds one camera")
     order = sorted(range(len(times)), key=times.__getitem__)
@@ -93,13 +88,9 @@ def write_tum(folder: Path, export: Export) -> list[str]:
     write_file(folder / "rgb.txt", "\n".join(rows) + "\n")
     poses = np.array([export.frames[i].world_from_camera for i in order])
     write_file(folder / "groundtruth.txt", format_tum(labels, poses))
-    (lens,) = lenses
     save_camera(lens, folder / f"lens{OWN_SUFFIX}")
     export.write_points(folder / POINTS)
-    notes = list_losses(export, "TUM")
-    if not known:
-        notes.append("the images have no times: they are named as if taken ten a second")
-    return notes
+    return list_losses(export, "TUM", times=True)
 
 
 LAYOUT = Layout(

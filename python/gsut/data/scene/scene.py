@@ -18,7 +18,7 @@ from gsut.data.images import decode_scaled, make_lens_mask, read_mask, shrink_bo
 from gsut.data.scene.lru_cache import LruCache
 from gsut.lens import Camera
 
-IMAGE_CACHE_BYTES = 1 << 30  # decoded pixels kept by one scene (preload() keeps all)
+IMAGE_CACHE_BYTES = 1 << 30  # decoded pixels kept by one scene
 _IN_WORLD = {"views", "points", "world_offset"}  # what a scene has in world coordinates
 EXTENT_MARGIN = 1.1  # of 3DGS: the scene's extent over the cameras' radius
 
@@ -294,11 +294,6 @@ class Scene:
         with concurrent.futures.ThreadPoolExecutor(_core.num_threads()) as threads:
             for _ in threads.map(self.mask, range(len(self.views))):  # which looks at the alpha
                 pass
-
-    def preload(self) -> None:
-        """Decodes all images now and keeps them."""
-        self._images.limit_bytes = self._masks.limit_bytes = np.inf
-        self.check_pixels()
 
     def _read_pixels(self, view: View) -> tuple[np.ndarray, np.ndarray | None]:
         camera = self.cameras[view.camera_index]

@@ -1,8 +1,9 @@
 """Lens files in and out: a module a format, found by its `FORMAT`; those with a "_" are none."""
 
-from gsut.lens.files._format import LensFormat, list_formats
+from gsut.lens.files._format import list_formats
 from gsut.lens.files._load import list_suffixes, load_camera, save_camera
-from gsut.lens.files.colmap import PARAMETER_COUNTS, camera_from_colmap, to_colmap
+from gsut.lens.files.colmap import camera_from_colmap, list_text_cameras, to_colmap
+from gsut.lens.files.colmap_binary import list_binary_cameras
 from gsut.lens.files.euroc import format_euroc
 from gsut.lens.files.kalibr import is_camchain
 from gsut.lens.files.nerfstudio import (
@@ -16,16 +17,16 @@ from gsut.lens.files.own import OWN_SUFFIX, camera_from_values, values_from_came
 __all__ = [
     "LENS_FILE",
     "OWN_SUFFIX",
-    "PARAMETER_COUNTS",
-    "LensFormat",
     "camera_from_colmap",
     "camera_from_nerfstudio",
     "camera_from_values",
     "format_euroc",
     "format_nerfstudio",
     "is_camchain",
+    "list_binary_cameras",
     "list_formats",
     "list_suffixes",
+    "list_text_cameras",
     "load_camera",
     "merge_frame_lens",
     "save_camera",

@@ -65,7 +65,8 @@ class LensFormat:
         has_marks: whether a file with such a suffix is of this format.
         marks: what it is recognised by, in words.
         rank: formats are asked in this order; the lowest one that recognises the file reads it.
-        write: formats a lens as the content of a file of this suffix; None: gsut only reads it.
+        write: formats a lens as the content of a file of this suffix, or raises InputError if the
+            program has no such lens; None: gsut only reads it.
         names: patterns of file names that choose it for writing; of several that match, the one
             with the longest ending wins, then the longest one.
         models: names of lenses that it holds, at least with some parameters; blanks part them.

@@ -47,7 +47,6 @@ def load_camera(path: _Path, camera_id: int | str | None = None) -> Camera:
 
 
 def _find_format(file: LensFile) -> LensFormat:
-    """Returns the first format that recognises the file."""
     suffix = file.path.suffix.lower()
     candidates = [each for each in list_formats() if suffix in each.suffixes]
     found = next((each for each in candidates if each.has_marks(file)), None)

@@ -75,7 +75,9 @@ class LensValues:
 
     def read_pixels(self, key: str) -> int:
         """Reads the positive whole number under this key: 1080 or 1080.0."""
-        number = self.read_number(key)
+        return self._require_pixels(key, self.read_number(key))
+
+    def _require_pixels(self, key: str, number: float) -> int:
         if number < 1 or number != int(number):
             self.fail(key, f"expected a positive whole number of pixels, found {number:g}")
         return int(number)
@@ -88,6 +90,11 @@ class LensValues:
         if count is not None and len(flat) != count:
             self.fail(key, f"expected {count} numbers, found {len(flat)}")
         return [self._convert(key, value) for value in flat]
+
+    def read_size(self, key: str) -> tuple[int, int]:
+        """Reads the two positive whole numbers of the list under this key."""
+        first, second = (self._require_pixels(key, v) for v in self.read_numbers(key, 2))
+        return first, second
 
     def make_camera(
         self,
@@ -118,6 +125,14 @@ class LensValues:
                 if re.search(rf"\b{name} is ", str(error)):  # so all of them say which
                     self.fail(keys if isinstance(keys, str) else keys[index], str(error))
             raise CalibrationError(f"{prefix}{error}") from error
+
+
+def refuse_lens(program: str, camera: Camera) -> InputError:
+    """Makes the error of a format that has no camera model for this lens."""
+    return InputError(
+        f"{program} has no camera model for '{camera.model}' with {len(camera.params)} parameters;"
+        " save a *.lens.json file instead"
+    )
 
 
 def skip_to(text: str, start: str) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 from gsut._core import CalibrationError, InputError
 from gsut.lens.camera import Camera
 from gsut.lens.files._format import KEYED, LensFile, LensFormat
-from gsut.lens.files._values import LensValues, choose_name, skip_to
+from gsut.lens.files._values import LensValues, choose_name, refuse_lens, skip_to
 
 _PIXEL_SHIFT = 0.5  # pixels: Aria's pixel (0, 0) is gsut's (0.5, 0.5)
 # gsut's lens, the number of parameters, and how many of them are focal lengths.
@@ -47,10 +47,8 @@ def read_aria(file: LensFile, camera_id: int | str | None) -> Camera:
     numbers = reader.read_numbers(reader.require("params"), count)
     focal, (cx, cy), rest = numbers[:num_focal], numbers[num_focal : num_focal + 2], numbers
     params = [focal[0], focal[-1], cx + _PIXEL_SHIFT, cy + _PIXEL_SHIFT, *rest[num_focal + 2 :]]
-    width, height = reader.read_numbers(reader.require("size"), 2)
-    sizes = LensValues({"size": width, "height": height}, source, file.text)
+    size = reader.read_size(reader.require("size"))
     limit = reader.read_number("max_solid_angle") if "max_solid_angle" in entry else None
-    size = sizes.read_pixels("size"), sizes.read_pixels("height")
     return reader.make_camera(lens, params, *size, limit, "params")
 
 
@@ -65,10 +63,7 @@ def format_aria(camera: Camera, label: str = "camera-rgb") -> str:
     names = [name for name, (lens, _, _) in _MODELS.items() if lens == camera.model]
     _, count, num_focal = _MODELS[names[0]] if names else ("", 0, 0)
     if not names or len(params) - 2 + num_focal > count:
-        raise InputError(
-            f"Project Aria has no camera model for '{camera.model}' with {len(params)} parameters;"
-            " save a .cameramodel or OpenCV file instead"
-        )
+        raise refuse_lens("Project Aria", camera)
     if num_focal == 1 and params[0] != params[1]:
         raise InputError(
             f"Project Aria's {names[0]} has one focal length, and this '{camera.model}' has two:"

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from gsut._core import CalibrationError, InputError
+from gsut._core import CalibrationError
 from gsut.lens.camera import Camera
-from gsut.lens.files._format import LensFile, LensFormat
-from gsut.lens.files._values import LensValues, choose_name
+from gsut.lens.files._format import LensFormat
+from gsut.lens.files._values import LensValues, choose_name, refuse_lens
 
 _Values = Sequence[float]
 
@@ -102,8 +102,8 @@ def camera_from_colmap(
     return LensValues({}, source).make_camera(entry.lens, lens_params, width, height)
 
 
-class Record(NamedTuple):
-    """A camera as a file of COLMAP lists it."""
+class ColmapCamera(NamedTuple):
+    """A camera as a file of COLMAP lists it: model by name (text) or number (binary)."""
 
     camera_id: int
     model: str | int
@@ -113,35 +113,39 @@ class Record(NamedTuple):
     where: str
 
 
-def read_colmap(file: LensFile, camera_id: int | str | None) -> Camera:
-    """Reads the only camera of a cameras.txt, or the one with this number."""
-    records, source = [], file.source
-    for number, line in enumerate(file.text.splitlines(), start=1):
+def list_text_cameras(text: str, source: str) -> list[ColmapCamera]:
+    """Lists the cameras of a cameras.txt.
+
+    Raises:
+        CalibrationError: names the malformed line.
+    """
+    found = []
+    for number, line in enumerate(text.splitlines(), start=1):
         words = line.split("#", 1)[0].split()
         if not words:
             continue
         where = f"{source}, line {number}"
         if len(words) < 5:
             raise CalibrationError(
-                f"{where}: expected CAMERA_ID MODEL WIDTH HEIGHT PARAMS..., found {line.strip()!r}"
+                f"{where}: expected CAMERA_ID MODEL WIDTH HEIGHT PARAMS[], found {line.strip()!r}"
             )
         try:
             key, width, height = int(words[0]), int(words[2]), int(words[3])
             params = [float(word) for word in words[4:]]
         except ValueError as error:
             raise CalibrationError(f"{where}: {error}") from error
-        records.append(Record(key, words[1], width, height, params, where))
-    return choose_camera(records, source, camera_id)
+        found.append(ColmapCamera(key, words[1], width, height, params, where))
+    return found
 
 
-def choose_camera(records: list[Record], source: str, camera_id: int | str | None) -> Camera:
-    """Makes the camera of the only record, or of the one with this number."""
-    if not records:
+def choose_camera(found: list[ColmapCamera], source: str, camera_id: int | str | None) -> Camera:
+    """Makes the only camera, or the one with this number."""
+    if not found:
         raise CalibrationError(f"{source}: holds no camera")
-    by_number = {str(record.camera_id): record for record in records}
-    record = by_number[choose_name(by_number, camera_id, source)]
-    where = f"{record.where} (camera {record.camera_id})"
-    return camera_from_colmap(record.model, record.params, record.width, record.height, where)
+    by_number = {str(each.camera_id): each for each in found}
+    chosen = by_number[choose_name(by_number, camera_id, source)]
+    where = f"{chosen.where} (camera {chosen.camera_id})"
+    return camera_from_colmap(chosen.model, chosen.params, chosen.width, chosen.height, where)
 
 
 def to_colmap(camera: Camera) -> tuple[str, int, list[float]]:
@@ -166,20 +170,13 @@ def to_colmap(camera: Camera) -> tuple[str, int, list[float]]:
     elif camera.model in _WRITTEN:
         name = _WRITTEN[camera.model]
     else:
-        raise InputError(
-            f"COLMAP has no camera model for '{camera.model}' with {len(params)} parameters;"
-            " save a .cameramodel or OpenCV file instead"
-        )
+        raise refuse_lens("COLMAP", camera)
     params += [0.0] * (_MODELS[name].num_params - len(params))
     return name, _MODELS[name].number, params
 
 
 def format_colmap(camera: Camera) -> str:
-    """Formats a cameras.txt with this camera as number 1.
-
-    Raises:
-        InputError: COLMAP has no such lens.
-    """
+    """Formats a cameras.txt with this camera as number 1."""
     name, _, params = to_colmap(camera)
     values = " ".join(repr(value) for value in params)
     return (
@@ -197,7 +194,9 @@ FORMAT = LensFormat(
     "colmap",
     "COLMAP",
     (".txt",),
-    read_colmap,
+    lambda file, camera_id: choose_camera(
+        list_text_cameras(file.text, file.source), file.source, camera_id
+    ),
     rank=20,
     write=lambda camera, suffix: format_colmap(camera),
     names=("*.txt",),

@@ -6,55 +6,59 @@ import struct
 
 from gsut._core import CalibrationError
 from gsut.lens.camera import Camera
-from gsut.lens.files._format import LensFile, LensFormat
+from gsut.lens.files._format import LensFormat
 from gsut.lens.files.colmap import (
-    MODEL_NAMES,
     PARAMETER_COUNTS,
     SUPPORTED,
     WRITTEN_MODELS,
-    Record,
+    ColmapCamera,
     choose_camera,
     to_colmap,
 )
 
 
-def read_colmap_binary(file: LensFile, camera_id: int | str | None) -> Camera:
-    """Reads the only camera of a cameras.bin, or the one with this number."""
-    data, source, position = file.data, file.source, 0
+def list_binary_cameras(data: bytes, source: str) -> list[ColmapCamera]:
+    """Lists the cameras of a cameras.bin.
+
+    Raises:
+        CalibrationError: names the camera at whose place the file ends or cannot be understood.
+    """
+    position, count = 0, 0
+    found: list[ColmapCamera] = []
 
     def take(layout: str) -> tuple:
         nonlocal position
         size = struct.calcsize(layout)
         if position + size > len(data):
+            place = f"camera {len(found) + 1} of {count}" if count else "its header"
             raise CalibrationError(
-                f"{source}: cut off at byte {len(data)} in camera {len(records) + 1}; copy or"
-                " export it again"
+                f"{source}: the file ends at byte {len(data)}, in {place}, which starts at or"
+                f" before byte {position}; copy or export it again"
             )
         values = struct.unpack_from(layout, data, position)
         position += size
         return values
 
-    records: list[Record] = []
     (count,) = take("<Q")
-    while len(records) < count:
-        where = f"{source}, camera {len(records) + 1} of {count}"
+    while len(found) < count:
+        where = f"{source}, byte {position}, camera {len(found) + 1} of {count}"
         key, number, width, height = take("<IiQQ")
-        name = MODEL_NAMES.get(number)
-        if name is None:
+        if number not in PARAMETER_COUNTS:
             raise CalibrationError(
-                f"{where}: unknown camera model number {number}; supported: {SUPPORTED}"
+                f"{where}: unknown camera model {number}; supported: {SUPPORTED}"
             )
         params = list(take(f"<{PARAMETER_COUNTS[number]}d"))
-        records.append(Record(key, name, width, height, params, where))
-    return choose_camera(records, source, camera_id)
+        found.append(ColmapCamera(key, number, width, height, params, where))
+    if position != len(data):
+        raise CalibrationError(
+            f"{source}: {len(data) - position} bytes are left after {count} camera records, at byte"
+            f" {position}; the file may be of another COLMAP version or damaged: export it again"
+        )
+    return found
 
 
 def format_colmap_binary(camera: Camera) -> bytes:
-    """Formats a cameras.bin with this camera as number 1.
-
-    Raises:
-        InputError: COLMAP has no such lens.
-    """
+    """Formats a cameras.bin with this camera as number 1."""
     _, number, params = to_colmap(camera)
     head = struct.pack("<QIiQQ", 1, 1, number, camera.width, camera.height)
     return head + struct.pack(f"<{len(params)}d", *params)
@@ -64,7 +68,9 @@ FORMAT = LensFormat(
     "colmap-binary",
     "COLMAP",
     (".bin",),
-    read_colmap_binary,
+    lambda file, camera_id: choose_camera(
+        list_binary_cameras(file.data, file.source), file.source, camera_id
+    ),
     write=lambda camera, suffix: format_colmap_binary(camera),
     names=("*.bin",),
     models=WRITTEN_MODELS,

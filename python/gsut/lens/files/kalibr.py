@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 from typing import Any
 
-from gsut._core import CalibrationError, InputError
+from gsut._core import CalibrationError
 from gsut.lens.camera import Camera
 from gsut.lens.files._format import KEYED, LensFile, LensFormat
-from gsut.lens.files._values import LensValues, choose_name, skip_to
+from gsut.lens.files._values import LensValues, choose_name, refuse_lens, skip_to
 
 _PIXEL_SHIFT = 0.5  # pixels: Kalibr's pixel (0, 0) is gsut's (0.5, 0.5)
 _CAMERA_NAME = re.compile(r"cam\d+$")
@@ -57,9 +57,7 @@ def camera_from_kalibr(reader: LensValues, given: str = "distortion_coeffs") -> 
     if model not in _LEADING:
         known = ", ".join(_LEADING)
         reader.fail("camera_model", f"{model!r} is not supported; supported: {known}")
-    width, height = reader.read_numbers("resolution", 2)
-    sizes = LensValues({"resolution": width, "height": height}, reader.source, reader.text)
-    size = sizes.read_pixels("resolution"), sizes.read_pixels("height")
+    size = reader.read_size("resolution")
     distortion = str(reader.values.get("distortion_model") or "none")
     if (model, distortion) not in _LENSES:
         known = ", ".join(name for camera, name in _LENSES if camera == model)
@@ -77,11 +75,7 @@ def camera_from_kalibr(reader: LensValues, given: str = "distortion_coeffs") -> 
 
 
 def format_kalibr(camera: Camera) -> str:
-    """Formats a camchain with this camera as cam0.
-
-    Raises:
-        InputError: Kalibr has no such lens.
-    """
+    """Formats a camchain with this camera as cam0."""
     return "cam0:\n" + "".join(f"  {k}: {v}\n" for k, v in to_kalibr(camera).items())
 
 
@@ -92,7 +86,7 @@ def to_kalibr(camera: Camera) -> dict[str, str]:
         InputError: Kalibr has no such lens.
     """
     if camera.model == "equirectangular":
-        raise _refuse(camera)
+        raise refuse_lens("Kalibr", camera)
     values = [float(value) for value in camera.params]
     fx, fy, cx, cy, *rest = values
     model, distortion, own, coefficients = "pinhole", "none", [], rest
@@ -109,7 +103,7 @@ def to_kalibr(camera: Camera) -> dict[str, str]:
     elif camera.model == "mei" and rest[0] == 0.0:
         model, distortion, own, coefficients = "omni", "radtan", [rest[1]], rest[2:]
     elif camera.model != "pinhole":
-        raise _refuse(camera)
+        raise refuse_lens("Kalibr", camera)
     intrinsics = [*own, fx, fy, cx - _PIXEL_SHIFT, cy - _PIXEL_SHIFT]
     return {
         "camera_model": model,
@@ -118,13 +112,6 @@ def to_kalibr(camera: Camera) -> dict[str, str]:
         "distortion_coeffs": _format_list(coefficients),
         "resolution": f"[{camera.width}, {camera.height}]",
     }
-
-
-def _refuse(camera: Camera) -> InputError:
-    return InputError(
-        f"Kalibr has no camera model for '{camera.model}' with {len(camera.params)}"
-        " parameters; save a .cameramodel or OpenCV file instead"
-    )
 
 
 def _format_list(values: list[float]) -> str:

@@ -8,10 +8,9 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from gsut._core import InputError
 from gsut.lens.camera import Camera
 from gsut.lens.files._format import KEYED, LensFile, LensFormat
-from gsut.lens.files._values import LensValues
+from gsut.lens.files._values import LensValues, refuse_lens
 
 _PIXEL_SHIFT = -0.5  # pixels: MATLAB's pixel (1, 1) is gsut's (0.5, 0.5)
 
@@ -28,11 +27,8 @@ def _find_intrinsics(values: dict[str, Any]) -> dict[str, Any]:
 
 def read_matlab(file: LensFile, camera_id: int | str | None) -> Camera:
     """Reads a fisheye as `ocam`, another lens as `opencv5`, or `brown_conrady` if it has skew."""
-    source, text = file.source, file.text
-    reader = LensValues(_find_intrinsics(file.values), source, text)
-    rows, columns = reader.read_numbers(reader.require("ImageSize"), 2)
-    sizes = LensValues({"ImageSize": columns, "rows": rows}, source, text)
-    size = sizes.read_pixels("ImageSize"), sizes.read_pixels("rows")
+    reader = LensValues(_find_intrinsics(file.values), file.source, file.text)
+    height, width = reader.read_size(reader.require("ImageSize"))
     if "MappingCoefficients" in reader.values:
         cx, cy = reader.read_numbers(reader.require("DistortionCenter"), 2)
         stretch = [1.0, 0.0, 0.0, 1.0]
@@ -44,7 +40,7 @@ def read_matlab(file: LensFile, camera_id: int | str | None) -> Camera:
         poly = reader.read_numbers("MappingCoefficients", 4)
         params = [cx + _PIXEL_SHIFT, cy + _PIXEL_SHIFT, c, d, e, *poly]
         keys = [*2 * ["DistortionCenter"], *3 * ["StretchMatrix"], *4 * ["MappingCoefficients"]]
-        return reader.make_camera("ocam", params, *size, keys=keys)
+        return reader.make_camera("ocam", params, width, height, keys=keys)
     focal = reader.read_numbers(reader.require("FocalLength"), 2)
     center = [
         value + _PIXEL_SHIFT for value in reader.read_numbers(reader.require("PrincipalPoint"), 2)
@@ -61,18 +57,14 @@ def read_matlab(file: LensFile, camera_id: int | str | None) -> Camera:
     if skew != 0.0:
         brown = [*focal, *center, skew, k1, k2, k3, 0.0, *tangential]
         keys += ["Skew", *4 * ["RadialDistortion"], *2 * ["TangentialDistortion"]]
-        return reader.make_camera("brown_conrady", brown, *size, keys=keys)
+        return reader.make_camera("brown_conrady", brown, width, height, keys=keys)
     keys += [*2 * ["RadialDistortion"], *2 * ["TangentialDistortion"], "RadialDistortion"]
     params = [*focal, *center, k1, k2, *tangential, k3]
-    return reader.make_camera("opencv5", params, *size, keys=keys)
+    return reader.make_camera("opencv5", params, width, height, keys=keys)
 
 
 def format_matlab(camera: Camera) -> str:
-    """Formats JSON with the arguments of fisheyeIntrinsics or cameraIntrinsics.
-
-    Raises:
-        InputError: MATLAB has no such lens.
-    """
+    """Formats JSON with the arguments of fisheyeIntrinsics or cameraIntrinsics."""
     p = [float(value) for value in camera.params]
     values: dict[str, Any] = {"ImageSize": [camera.height, camera.width]}
     if camera.model == "ocam" and len(p) <= 9:
@@ -88,10 +80,7 @@ def format_matlab(camera: Camera) -> str:
     }
     known = camera.model in coefficients and not (camera.model == "brown_conrady" and p[8] != 0.0)
     if not known:
-        raise InputError(
-            f"MATLAB has no camera model for '{camera.model}' with {len(p)} parameters; save a"
-            " *.lens.json file instead"
-        )
+        raise refuse_lens("MATLAB", camera)
     radial, tangential, skew = coefficients[camera.model]
     values["FocalLength"] = p[:2]
     values["PrincipalPoint"] = [value - _PIXEL_SHIFT for value in p[2:4]]

@@ -7,7 +7,7 @@ import xml.etree.ElementTree as ElementTree
 from gsut._core import CalibrationError, InputError
 from gsut.lens.camera import Camera
 from gsut.lens.files._format import LensFile, LensFormat
-from gsut.lens.files._values import LensValues
+from gsut.lens.files._values import LensValues, refuse_lens
 
 # Lens of each projection; both pixel conventions put the first pixel's centre at (0.5, 0.5), and
 # cx, cy count from the middle of the image. b1 adds to the focal length across, b2 is the skew.
@@ -74,11 +74,7 @@ def _read_calibration(calibration: ElementTree.Element, source: str, text: str) 
 
 
 def format_metashape(camera: Camera) -> str:
-    """Formats a <calibration> with this camera.
-
-    Raises:
-        InputError: Metashape has no such lens.
-    """
+    """Formats a <calibration> with this camera."""
     p = [float(value) for value in camera.params]
     if camera.model == "equirectangular":
         fields = [("projection", _SPHERE), ("width", camera.width), ("height", camera.height)]
@@ -93,10 +89,7 @@ def format_metashape(camera: Camera) -> str:
         "brown_fisheye": ("brown_fisheye", p[5:]),
     }
     if camera.model not in brown or (camera.model == "kannala_brandt" and len(p) > 8):
-        raise InputError(
-            f"Metashape has no camera model for '{camera.model}' with {len(p)} parameters; save a"
-            " *.lens.json file instead"
-        )
+        raise refuse_lens("Metashape", camera)
     lens, coefficients = brown[camera.model]
     skew = p[4] if camera.model == lens else 0.0
     fields = [

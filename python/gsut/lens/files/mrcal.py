@@ -30,11 +30,7 @@ def read_mrcal(file: LensFile, camera_id: int | str | None) -> Camera:
 
 
 def format_mrcal(camera: Camera) -> str:
-    """Formats a lens as a .cameramodel.
-
-    Raises:
-        InputError: mrcal has no such lens.
-    """
+    """Formats a lens as a .cameramodel."""
     extrinsics = [0.0] * 6 if camera.extrinsics is None else list(camera.extrinsics)
     region = None if camera.valid_region is None else camera.valid_region.tolist()
     return _core.format_camera_model(camera, extrinsics, region)

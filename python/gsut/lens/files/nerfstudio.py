@@ -11,7 +11,7 @@ from gsut._core import CalibrationError, InputError
 from gsut.lens.camera import Camera
 from gsut.lens.files._format import KEYED, LensFile, LensFormat
 from gsut.lens.files._load import load_camera
-from gsut.lens.files._values import LensValues
+from gsut.lens.files._values import LensValues, refuse_lens
 
 _DISTORTION_KEYS = ("k1", "k2", "k3", "k4", "k5", "k6", "p1", "p2")
 LENS_FILE = "lens_file"  # gsut's own key: a lens file beside the transforms.json
@@ -198,7 +198,6 @@ def _find_model_name(reader: LensValues) -> str:
 
 
 def _choose_focal_key(reader: LensValues, key: str, angle_key: str) -> str:
-    """Returns the key that gives the focal length."""
     return key if reader.values.get(key) is not None else angle_key
 
 
@@ -235,11 +234,7 @@ def read_nerfstudio(file: LensFile, camera_id: int | str | None) -> Camera:
 
 
 def format_nerfstudio(camera: Camera) -> str:
-    """Formats a transforms.json that holds this camera and no frames.
-
-    Raises:
-        InputError: nerfstudio has no such lens.
-    """
+    """Formats a transforms.json that holds this camera and no frames."""
     name, keys = _LENSES.get(camera.model, ("", ()))
     coefficients = [float(value) for value in camera.params[4:]]
     values: dict[str, Any] = {"camera_model": name, "w": camera.width, "h": camera.height}
@@ -252,10 +247,7 @@ def format_nerfstudio(camera: Camera) -> str:
         values["camera_model"] = name = "FISHEYE624"
         values[_FISHEYE624_KEY], coefficients = coefficients, []
     if not name or len(coefficients) > len(keys):
-        raise InputError(
-            f"nerfstudio has no camera model for '{camera.model}' with {len(camera.params)}"
-            " parameters; save a *.lens.json file instead"
-        )
+        raise refuse_lens("nerfstudio", camera)
     coefficients += [0.0] * (len(keys) - len(coefficients))
     values.update(zip(("fl_x", "fl_y", "cx", "cy"), map(float, camera.params[:4]), strict=True))
     values.update(zip(keys, coefficients, strict=True))

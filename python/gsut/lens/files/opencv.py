@@ -5,10 +5,9 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from gsut._core import InputError
 from gsut.lens.camera import Camera
 from gsut.lens.files._format import KEYED, LensFile, LensFormat
-from gsut.lens.files._values import LensValues
+from gsut.lens.files._values import LensValues, refuse_lens
 
 _PIXEL_SHIFT = 0.5  # pixels: OpenCV's pixel (0, 0) is gsut's (0.5, 0.5)
 _MATRIX_KEYS = ("camera_matrix", "K", "cameraMatrix", "intrinsic_matrix", "M1")
@@ -96,9 +95,7 @@ def _read_list(reader: LensValues, key: str, count: int) -> list[float]:
 def _read_size(reader: LensValues) -> tuple[int, int]:
     both = reader.find("image_size", "imageSize", "img_size", "resolution")
     if both is not None and reader.find("image_width", "width") is None:
-        width, height = reader.read_numbers(both, 2)
-        sizes = LensValues({"width": width, "height": height}, reader.source, reader.text)
-        return sizes.read_pixels("width"), sizes.read_pixels("height")
+        return reader.read_size(both)
     width_key = reader.require("image_width", "width", "imageWidth")
     height_key = reader.require("image_height", "height", "imageHeight")
     return reader.read_pixels(width_key), reader.read_pixels(height_key)
@@ -117,7 +114,7 @@ def _is_fisheye(reader: LensValues) -> bool | None:
 def _to_opencv(camera: Camera) -> tuple[dict[str, int | float], list[float], list[float]]:
     """Returns plain keys, camera matrix and distortion coefficients of a camera."""
     if camera.model == "equirectangular":
-        raise InputError("OpenCV has no camera model for 'equirectangular'")
+        raise refuse_lens("OpenCV", camera)
     fx, fy, cx, cy, *coefficients = (float(value) for value in camera.params)
     skew, xi = 0.0, None
     if camera.model == "mei":
@@ -126,9 +123,7 @@ def _to_opencv(camera: Camera) -> tuple[dict[str, int | float], list[float], lis
     if fisheye and len(coefficients) <= _NUM_FISHEYE:
         coefficients += [0.0] * (_NUM_FISHEYE - len(coefficients))
     elif camera.model not in ("pinhole", "mei", *_RADIAL_LENSES.values()):
-        raise InputError(
-            f"OpenCV has no camera model for '{camera.model}' with {len(camera.params)} parameters"
-        )
+        raise refuse_lens("OpenCV", camera)
     plain: dict[str, int | float] = {
         "image_width": camera.width,
         "image_height": camera.height,
@@ -143,11 +138,7 @@ def _to_opencv(camera: Camera) -> tuple[dict[str, int | float], list[float], lis
 
 
 def format_opencv(camera: Camera, suffix: str) -> str:
-    """Formats a FileStorage file, as JSON for the suffix .json, else as YAML.
-
-    Raises:
-        InputError: OpenCV has no such lens.
-    """
+    """Formats a FileStorage file, as JSON for the suffix .json, else as YAML."""
     plain, matrix, coefficients = _to_opencv(camera)
     matrices = [("camera_matrix", 3, 3, matrix)]
     if coefficients:

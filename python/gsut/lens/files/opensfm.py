@@ -5,10 +5,9 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from gsut._core import InputError
 from gsut.lens.camera import Camera
 from gsut.lens.files._format import KEYED, LensFile, LensFormat
-from gsut.lens.files._values import LensValues, choose_name, skip_to
+from gsut.lens.files._values import LensValues, choose_name, refuse_lens, skip_to
 
 # gsut's lens and the names of its coefficients, "" for one that is 0, by projection_type.
 _LENSES = {
@@ -68,11 +67,7 @@ def read_opensfm(file: LensFile, camera_id: int | str | None) -> Camera:
 
 
 def format_opensfm(camera: Camera) -> str:
-    """Formats a camera_models.json with this camera.
-
-    Raises:
-        InputError: OpenSfM has no such lens.
-    """
+    """Formats a camera_models.json with this camera."""
     width, height = camera.width, camera.height
     entry: dict[str, Any] = {_TYPE_KEY: _SPHERES[0], "width": width, "height": height}
     if camera.model != "equirectangular":
@@ -81,10 +76,7 @@ def format_opensfm(camera: Camera) -> str:
         fx, fy, cx, cy = (float(value) for value in camera.params[:4]) if kind else (0.0,) * 4
         coefficients = [float(value) for value in camera.params[4:]]
         if not kind or len(coefficients) > len(keys):
-            raise InputError(
-                f"OpenSfM has no camera model for '{camera.model}' with {len(camera.params)}"
-                " parameters; save a *.lens.json file instead"
-            )
+            raise refuse_lens("OpenSfM", camera)
         coefficients += [0.0] * (len(keys) - len(coefficients))
         unit = max(width, height)
         entry[_TYPE_KEY] = kind

@@ -51,7 +51,6 @@ from gsut.sfm.core.solver import (
 from gsut.sfm.core.stages import FOLDER, Stages, digest_key
 from gsut.sfm.core.threads import set_threads
 from gsut.sfm.core.verification import (
-    count_exceeded,
     explain_failure,
     find_picture_faults,
     require_overlap,
@@ -90,7 +89,6 @@ __all__ = [
     "choose_shutter",
     "collect_features",
     "compute_readout_poses",
-    "count_exceeded",
     "detect_features",
     "digest_key",
     "evaluate_observations",

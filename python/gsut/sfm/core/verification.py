@@ -9,6 +9,7 @@ import numpy as np
 from gsut import _core
 from gsut._core import SolveError
 from gsut.data import list_some
+from gsut.run.verdicts import Fault, count_exceeded
 from gsut.sfm.core.features import Features
 from gsut.sfm.core.matching import BATCH, OnPairs, PairMatches, RawMatches
 from gsut.sfm.core.options import PosesOptions
@@ -231,26 +232,21 @@ def explain_failure(
     return SolveError("; ".join([str(error), *reasons, f"or {advice}"]))
 
 
-def find_picture_faults(features: Sequence[Features]) -> list[tuple[int, str, str]]:
-    """Judges exposure and sharpness; returns severity (0 to 2), fault and advice of each."""
+def find_picture_faults(features: Sequence[Features]) -> list[Fault]:
+    """Lists what is wrong with the exposure and sharpness of the images."""
     total = len(features)
     few = sum(len(f) < _FEW_FEATURES for f in features)
     grey = np.array([float(f.colors.mean()) for f in features if len(f)])
     dark, bright = int((grey < _DARK).sum()), int((grey > _BRIGHT).sum())
     return [
-        (
+        Fault(
             count_exceeded((dark + bright) / max(1, total), _BAD_SHARES),
             f"{dark} of {total} images are too dark, {bright} too bright",
             "film with more light and a fixed exposure",
         ),
-        (
+        Fault(
             count_exceeded(few / max(1, total), _BAD_SHARES),
             f"{few} of {total} images have few features: blurred, dark or without texture",
             "hold the camera still, film more slowly or with more light",
         ),
     ]
-
-
-def count_exceeded(value: float, limits: tuple[float, float]) -> int:
-    """Returns how many of the limits a value exceeds."""
-    return int(value > limits[0]) + int(value > limits[1])

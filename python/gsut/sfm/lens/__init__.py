@@ -7,12 +7,11 @@ from gsut.sfm.lens.covariance import (
     estimate_residual_spread,
     spread_free_parameters,
 )
-from gsut.sfm.lens.doubt import FOCAL_LIMITS, TURNED, compare_lens, describe_doubt, judge_lens
+from gsut.sfm.lens.doubt import TURNED, compare_lens, describe_doubt, judge_lens
 from gsut.sfm.lens.refinement import RefinedLens, refine_lens
 from gsut.sfm.lens.zooms import describe_zooms, find_zooms, search_zooms
 
 __all__ = [
-    "FOCAL_LIMITS",
     "TURNED",
     "RefinedLens",
     "compare_lens",

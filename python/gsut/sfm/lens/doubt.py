@@ -11,6 +11,7 @@ import numpy as np
 from gsut._core import SolveError
 from gsut.data.poses import find_centers
 from gsut.lens import Camera, LensProfile, measure_field_of_view
+from gsut.run.verdicts import FOCAL_LIMITS
 from gsut.sfm.core import (
     FEATURE_VARIANCE,
     Findings,
@@ -22,9 +23,6 @@ from gsut.sfm.core import (
 )
 from gsut.sfm.lens.covariance import estimate_lens_covariance
 
-# Twice the standard deviation of the focal length over it, above which a result is usable at most,
-# and above which it is poor.
-FOCAL_LIMITS = (0.02, 0.1)
 TURNED = "the camera mostly turned on the spot"  # how that sentence begins
 _STRAIGHT = 0.03  # second over first extent of the camera centres, below which they lie on a line
 _FLAT = 0.03  # third over second extent of the points, below which they lie in a plane

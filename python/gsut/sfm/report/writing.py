@@ -12,7 +12,7 @@ from gsut.sfm.core import Mapping
 from gsut.sfm.lens import compare_lens, describe_zooms
 from gsut.sfm.report.output import FIGURES, list_figures, write_dataset, write_models
 from gsut.sfm.report.page import write_report
-from gsut.sfm.report.verdict import judge_poses, list_notes
+from gsut.sfm.report.verdict import judge_solution, list_notes
 from gsut.sfm.rig import COVARIANCE_OF, write_lens_pair
 
 RIG = "rig.json"
@@ -30,7 +30,7 @@ def write_poses(mapping: Mapping, folder: Path, made_from: str) -> dict[str, Any
     log.note(*describe_zooms(found.zooms))
     log.note(*write_models(found.models, mapping.photographs, folder))
     log.note(*list_notes(mapping, found.agreement, is_lens_known=is_lens_known))
-    verdict = judge_poses(solution, mapping.features, found.agreement, found)
+    verdict = judge_solution(solution, mapping.features, found.agreement, found)
     look_alikes = found.look_alikes
     found.figures |= {
         "matches_in_points": found.agreement,

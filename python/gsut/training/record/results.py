@@ -13,7 +13,6 @@ from gsut.evaluate import (
     evaluate,
     mean_psnr,
     run_metrics,
-    train_verdict,
     write_report,
 )
 from gsut.formats import NO_BACKGROUND, name_origin, prepare_for_file, save_ply
@@ -21,6 +20,7 @@ from gsut.gaussians import Gaussians
 from gsut.refine import evaluate_aligned, write_refined
 from gsut.render import Light
 from gsut.run import SCENE, RunFolder, TrainOptions
+from gsut.run.verdicts import judge_training
 from gsut.training.loop import TrainingLoop
 
 # Training views that are measured if none is held out: each takes a render.
@@ -138,11 +138,11 @@ def write_findings(
     division: Sequence[str] = (),
 ) -> None:
     """Writes what `write_results` does, except scene.ply, which exists; `division`: see
-    `train_verdict`."""
+    `judge_training`."""
     if refined is not None:
         metrics["notes"] += _list_refinement_notes(metrics)
         write_refined(run, refined)
-    verdict = train_verdict(metrics, str(data), str(run.path), options, division)
+    verdict = judge_training(metrics, str(data), str(run.path), options, division)
     metrics["verdict"] = verdict.as_dict()
     run.write_json("metrics.json", metrics)
     write_report(run)

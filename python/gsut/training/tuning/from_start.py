@@ -88,9 +88,8 @@ class FromStart:
         megapixels = measure_megapixels(scene)
 
         def sum_work(o: TrainOptions, begin: int) -> float:
-            return math.fsum(
-                predict_training_steps(o, begin, megapixels)
-            )  # rounded once, whatever the machine
+            # The exact sum, rounded once, is the same on every machine.
+            return math.fsum(predict_training_steps(o, begin, megapixels))
 
         own, count = self.own, self.count
         compaction = round(_COMPACTION * len(scene.train_indices))

@@ -5,9 +5,9 @@ import shlex
 
 import pytest
 
-from gsut.evaluate import train_verdict
 from gsut.run import BlockOptions, TrainOptions, Verdict
 from gsut.run.options import add_option_flags, collect_given
+from gsut.run.verdicts import judge_training
 
 GOOD = {
     "psnr": 30.1, "psnr_train": 31.0, "psnr_color_corrected": 30.3, "psnr_min": 28.0,
@@ -32,7 +32,7 @@ GOOD = {
     ],
 )  # fmt: skip
 def test_verdict_of_a_training(changes, level, reason, advice):
-    verdict = train_verdict(GOOD | changes, "data", "run")
+    verdict = judge_training(GOOD | changes, "data", "run")
     print(verdict)
     assert verdict.level == level
     assert reason in "; ".join(verdict.reasons)
@@ -62,7 +62,7 @@ def options_of(command, kind):
 @pytest.mark.parametrize("known", [lambda options: options, TrainOptions.resolve])
 def test_next_command_keeps_the_options_of_the_run_but_makes_more_steps(made, again, known):
     options = known(TrainOptions(**made))
-    advice = train_verdict(GOOD | {"psnr": 25.0}, "data", "run", options).advice
+    advice = judge_training(GOOD | {"psnr": 25.0}, "data", "run", options).advice
     assert options_of(advice, TrainOptions) == TrainOptions(**made | again)
 
 
@@ -70,7 +70,7 @@ def test_next_command_divides_as_the_run_was_divided():
     division = BlockOptions("4", memory="2GB", workers=2)
     bad = GOOD | {"psnr": 15.0, "psnr_train": 16.0, "psnr_min": 12.0}
     for metrics in (GOOD | {"psnr": 25.0}, bad):
-        advice = train_verdict(metrics, "data", "run", None, division.list_words()).advice
+        advice = judge_training(metrics, "data", "run", None, division.list_words()).advice
         assert options_of(advice.partition(", then ")[2] or advice, BlockOptions) == division
     assert "--refine-poses" in advice
     assert BlockOptions("auto").list_words() == ["--blocks", "auto"]

@@ -3,14 +3,24 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple
 
 LEVELS = ("good", "usable", "poor")
-# Below this number of pictures a scene has views from too few sides.
-_FEW_PICTURES = 20
-# Share of blurred pictures above which the sharp ones no longer make up for them.
-_MANY_BLURRED = 0.25
+
+
+class Fault(NamedTuple):
+    """Something that may keep a result from being good.
+
+    Attributes:
+        severity: 0 if there is nothing wrong; 1: the result is usable at most; 2: it is poor.
+        what: the fault, in words.
+        advice: what to do against it.
+    """
+
+    severity: int
+    what: str
+    advice: str
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,6 +53,19 @@ class Verdict:
         """Makes a verdict from the values of `as_dict`, also after a way through JSON."""
         return cls(**{**values, "reasons": tuple(values["reasons"])})
 
+    @classmethod
+    def from_faults(cls, what: str, faults: Iterable[Fault], advice: str) -> Verdict:
+        """Makes the verdict of a result with faults; the worst one sets level and advice.
+
+        Args:
+            what: what was found.
+            faults: causes before what they lead to; those of severity 0 do not count.
+            advice: what to do next if there is no fault.
+        """
+        found = sorted((f for f in faults if f.severity > 0), key=lambda fault: -fault.severity)
+        level = LEVELS[found[0].severity if found else 0]
+        return cls(level, what, tuple(f.what for f in found), found[0].advice if found else advice)
+
     def as_dict(self) -> dict[str, Any]:
         """Returns plain values for metrics.json, poses.json and `--json`."""
         return dataclasses.asdict(self) | {"reasons": list(self.reasons)}
@@ -57,25 +80,3 @@ def combine_verdicts(verdicts: Sequence[Verdict]) -> Verdict:
     poorest = max(verdicts, key=lambda verdict: LEVELS.index(verdict.level))
     reasons = (r for v in (poorest, *verdicts) if v.level != "good" for r in v.reasons)
     return dataclasses.replace(poorest, reasons=tuple(dict.fromkeys(reasons)))
-
-
-def judge_pictures(figures: dict[str, Any]) -> Verdict:
-    """Judges the pictures that a capture chose, by their number and sharpness.
-
-    Args:
-        figures: of a capture: "frames", a row for each picture, and "size".
-    """
-    rows = figures["frames"]
-    blurred = sum(bool(row.get("blurred")) for row in rows)
-    what = f"{len(rows)} pictures of {figures['size'][0]} x {figures['size'][1]}"
-    if len(rows) < _FEW_PICTURES:
-        return Verdict(
-            "usable", what, (f"only {len(rows)} pictures",),
-            "take 60 or more, walking around what you want to see",
-        )  # fmt: skip
-    if blurred > _MANY_BLURRED * len(rows):
-        return Verdict(
-            "usable", what, (f"{blurred} of them blurred",),
-            "film more slowly, or with more light",
-        )  # fmt: skip
-    return Verdict("good", what)

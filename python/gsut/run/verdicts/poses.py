@@ -1,0 +1,130 @@
+"""Judges camera poses by how many were found, how well they fit, and what the pictures are like."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+from gsut.run.verdicts.verdict import Fault, Verdict
+
+# Limits below which a result is usable at most, and below which it is poor.
+_REGISTERED = (0.95, 0.6)  # share of the images with a pose
+_IMAGES = (20, 6)  # images with a pose
+_OBSERVATIONS = (100, 30)  # of an image, in the tenth of the images that see fewest points
+# Share of the matches that observe one point, with an estimated lens and with a given one: a
+# rolling shutter alone leaves about half, a wrong lens a third.
+_AGREEING = (0.5, 0.25)
+_AGREEING_GIVEN = (0.5, 0.45)
+# Median residual over the diagonal above which a result is usable at most, and above which poor.
+_RESIDUAL = (1.0e-3, 2.5e-3)
+# The same for two standard deviations of the focal length over it.
+FOCAL_LIMITS = (0.02, 0.1)
+_SEPARATE_PLACES = (
+    "put the pictures of each place into a folder of their own, or add pictures of the way from "
+    "one to the other, and put up something that sets them apart"
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class PosesQuality:
+    """What the verdict on poses depends on.
+
+    Attributes:
+        images, registered, points: numbers of images, of those with a pose, and of points.
+        median_px: median residual in pixels; diagonal_px: the images' diagonal.
+        weakest: points that the weakest tenth of the images observe.
+        agreement: share of the matches that observe one point, or None.
+        focal_sigma: standard deviation of the focal length over it; None: the lens was given.
+        motion: a sentence on a motion that determines too little; empty: none.
+        only_turned: whether that motion is a turn on the spot.
+        zooms: at which the images were taken.
+        look_alikes: a sentence on places taken for one another, or None.
+        pictures: faults of the pictures themselves.
+    """
+
+    images: int
+    registered: int
+    points: int
+    median_px: float
+    diagonal_px: float
+    weakest: float
+    agreement: float | None
+    focal_sigma: float | None
+    motion: str = ""
+    only_turned: bool = False
+    zooms: int = 1
+    look_alikes: str | None = None
+    pictures: Sequence[Fault] = ()
+
+
+def judge_poses(quality: PosesQuality) -> Verdict:
+    """Judges how good poses are, with the reasons and what to do next."""
+    q = quality
+    sigma = 2 * (q.focal_sigma or 0.0)
+    lost = _count_missed(q.registered / max(1, q.images), _REGISTERED)
+    agreement = 1.0 if q.agreement is None else q.agreement
+    is_given = q.focal_sigma is None
+    faults = [  # causes before what they lead to
+        Fault(
+            0 if not q.motion else 2 if q.only_turned else 1,
+            q.motion.split(":")[0],
+            q.motion.rpartition(": ")[2],
+        ),
+        *([] if q.look_alikes is None else [Fault(2, q.look_alikes, _SEPARATE_PLACES)]),
+        *q.pictures,
+        Fault(
+            max(1, lost) if q.zooms > 1 else 0,
+            f"the images were taken at {q.zooms} zooms",
+            "put the images of each zoom into a folder of their own",
+        ),
+        Fault(
+            lost,
+            f"{q.images - q.registered} of {q.images} images could not be connected with the "
+            "others",
+            "add pictures between those that are connected and the others; those of another camera "
+            "or zoom need a run of their own",
+        ),
+        Fault(
+            _count_missed(q.registered, _IMAGES),
+            f"only {q.registered} views",
+            "take 60 pictures or more, walking around what you want to see",
+        ),
+        Fault(
+            _count_missed(q.weakest, _OBSERVATIONS),
+            f"weak overlap: the weakest images see {q.weakest:.0f} points of the others",
+            "take more pictures between them, each showing two thirds of the one before",
+        ),
+        Fault(
+            _count_missed(agreement, _AGREEING_GIVEN if is_given else _AGREEING),
+            f"only {100 * (q.agreement or 0):.0f} % of the matches agree in all images together",
+            "let the lens be estimated: --unknown-lens"
+            if is_given
+            else "give --shutter rolling if the camera moved fast",
+        ),
+        Fault(
+            count_exceeded(sigma, FOCAL_LIMITS),
+            "the focal length is "
+            + ("not determined" if sigma > 1 else f"known only to {100 * sigma:.1f} %"),
+            "give the lens by --camera or --fov, or turn the camera more while you walk",
+        ),
+        Fault(
+            count_exceeded(q.median_px / q.diagonal_px, _RESIDUAL),
+            f"points are off by {q.median_px:.2f} px",
+            "give --shutter rolling if the camera moved fast, or the lens by --camera",
+        ),
+    ]  # fmt: skip
+    what = (
+        f"poses of {q.registered} of {q.images} images, {q.points:,} points, off by "
+        f"{q.median_px:.2f} px in the median"
+    )
+    return Verdict.from_faults(what, faults, "gsut train")
+
+
+def _count_missed(value: float, limits: tuple[float, float]) -> int:
+    """Returns how many of the limits a value misses."""
+    return int(value < limits[0]) + int(value < limits[1])
+
+
+def count_exceeded(value: float, limits: tuple[float, float]) -> int:
+    """Returns how many of the limits a value exceeds."""
+    return int(value > limits[0]) + int(value > limits[1])
