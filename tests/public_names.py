@@ -13,8 +13,8 @@ OF_FOLDERS = {
         "Conversion", "SplineGrid",
     ],
     "surface": [
-        "MeshOptions", "fuse_depth", "depth_maps", "DepthMap", "depth_points", "extract_grid",
-        "grid_of_depth", "Grid", "save_grid",
+        "MeshOptions", "fuse_depth", "render_depth_maps", "DepthMap", "points_from_depth",
+        "extract_grid", "grid_from_depth", "Grid", "save_grid",
     ],
     "formats": ["save_ply", "load_ply"],
 }  # fmt: skip

@@ -1,6 +1,6 @@
 """Edit Gaussians: merge, cut, transform, level, and remove what no photograph supports."""
 
-from gsut.compact import SeenView, Support, find_support, seen_views
+from gsut.compact import SeenView, Support, find_support, list_seen_views
 from gsut.gaussians import (
     find_ground,
     is_inside_box,
@@ -17,8 +17,8 @@ __all__ = [
     "find_support",
     "is_inside_box",
     "is_inside_sphere",
+    "list_seen_views",
     "merge_gaussians",
     "rotate_upright",
-    "seen_views",
     "transform_gaussians",
 ]

@@ -10,7 +10,7 @@ from pathlib import Path
 import gsut
 from gsut import _core
 from gsut.compact import METHODS, check_keep, check_method
-from gsut.evaluate import evaluate, view_image
+from gsut.evaluate import evaluate, render_view_image
 from gsut.training.tuning.from_start import FromStart
 from tests.bench.commands import run_gsut, train
 from tests.bench.harness import HALL, Benchmark, Column, Option, Row, Settings
@@ -69,7 +69,7 @@ def measure_model(run: Path) -> Row:
     renderer, times = _core.Renderer(), []
     for index in (scene.test_indices[0], *scene.test_indices):  # the first once more: buffers grow
         began = time.process_time()
-        view_image(scene, trained.gaussians, index, background, renderer)
+        render_view_image(scene, trained.gaussians, index, background, renderer)
         times.append(1e3 * (time.process_time() - began) / _core.num_threads())
     return {
         "num_gaussians": len(trained.gaussians),

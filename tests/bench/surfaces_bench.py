@@ -11,7 +11,7 @@ import numpy as np
 
 import gsut
 from gsut import _core
-from gsut.surface import geometry_figures
+from gsut.surface import judge_geometry
 from tests.bench.harness import HALL, Benchmark, Column, Option, Row, Settings
 
 _RADIUS = 1.0  # of the ball
@@ -151,7 +151,7 @@ def _train(case: Row, settings: Settings) -> Row:
     result = gsut.train(scene, options, progress=False)
     taken = time.process_time() - began
     truth = data / "truth.ply"
-    found = geometry_figures(
+    found = judge_geometry(
         result.gaussians, result.scene, list(result.scene.test_indices),
         truth if truth.is_file() else None, background=options.background,
     )  # fmt: skip

@@ -142,8 +142,8 @@ SHARED = {
     "Verdict": (lambda _: gsut.Verdict("good", "a scene"), [str, lambda v: v.as_dict()]),
     "Mesh": (
         lambda _: tetrahedra(),
-        [lambda mesh: mesh.normals(), lambda mesh: mesh.face_vectors(),
-         lambda mesh: mesh.largest_parts(1), lambda mesh: mesh.cropped(np.zeros(3), np.ones(3))],
+        [lambda mesh: mesh.compute_normals(), lambda mesh: mesh.compute_face_vectors(),
+         lambda mesh: mesh.keep_largest_parts(1), lambda mesh: mesh.crop(np.zeros(3), np.ones(3))],
     ),
 }  # fmt: skip
 APART = {"GaussianOptimizer"}  # what changes with each call: below

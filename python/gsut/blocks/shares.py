@@ -10,7 +10,7 @@ import numpy as np
 
 from gsut import _core
 from gsut.blocks.segment import TILE
-from gsut.compact import SeenView, blend_weights, compact, seen_views, weights_by_view
+from gsut.compact import SeenView, blend_by_view, blend_weights, compact, list_seen_views
 from gsut.data import Scene
 from gsut.gaussians import SH_C0, Gaussians, merge_gaussians
 
@@ -61,7 +61,7 @@ def measure_work(
     gaussians: Gaussians, scene: Scene, indices: Sequence[int], on_view: Callable[[], object]
 ) -> np.ndarray:
     """Returns the cost (N,) of each Gaussian: its blend weights in some views, spread evenly."""
-    return blend_weights(gaussians, seen_views(scene, choose_evenly(indices)), on_view)
+    return blend_weights(gaussians, list_seen_views(scene, choose_evenly(indices)), on_view)
 
 
 def find_shares(
@@ -88,9 +88,9 @@ def find_shares(
     tiles: dict[tuple[int, int], np.ndarray] = {}
     marked = dataclasses.replace(gaussians, sh=np.zeros((len(gaussians), 1, 3), np.float32))
     renderer, rule = _core.Renderer(), _core.BlendRule()
-    found = weights_by_view(gaussians, (seen_views(small, [index])[0] for index in indices))
+    found = blend_by_view(gaussians, (list_seen_views(small, [index])[0] for index in indices))
     for row, (index, each) in enumerate(zip(indices, found, strict=True)):
-        view = seen_views(small, [index])[0]
+        view = list_seen_views(small, [index])[0]
         pixels[row] = np.count_nonzero(view.mask)
         weights[row] = np.bincount(owners, each, minlength=blocks)
         chosen = np.flatnonzero(weights[row] >= _LEAST_SHARE * max(pixels[row], 1))

@@ -20,7 +20,7 @@ from gsut.blocks.segment import spread_tiles
 from gsut.blocks.shares import Shares, choose_context, choose_evenly
 from gsut.blocks.store import BlockStore
 from gsut.blocks.task import BlockTask, Trained
-from gsut.compact import SeenView, seen_views
+from gsut.compact import SeenView, list_seen_views
 from gsut.data import Scene
 from gsut.data.points import has_colors
 from gsut.gaussians import Gaussians, merge_gaussians
@@ -146,7 +146,7 @@ class TaskMaker:
         """Returns the views at the size to render, with the pixels that show the block."""
         views = []
         for index, shown, view in zip(
-            indices, tiles, seen_views(self._small, indices), strict=True
+            indices, tiles, list_seen_views(self._small, indices), strict=True
         ):
             camera = self._scene.camera(index)
             spread = spread_tiles(shown, view.mask.shape, (camera.height, camera.width))

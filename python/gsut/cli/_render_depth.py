@@ -120,7 +120,7 @@ class DepthOutput:
                 file=sys.stderr,
             )
         if self._file is not None:
-            points = self._cloud.mesh()
+            points = self._cloud.to_mesh()
             save_mesh(self._file, points)
             figures |= {"cloud": str(self._file), "points": len(points.vertices)}
         return figures

@@ -109,11 +109,11 @@ def _find_rig_poses(truth: Path, found: Path, cameras: int) -> dict[str, Any]:
 
 def _measure_depth_errors(run: RunFolder, truth: Path) -> dict[str, Any]:
     """Measures the held-out views' median depths; distances along rays need no common frame."""
-    from gsut.surface import geometry_figures
+    from gsut.surface import judge_geometry
     from gsut.training import read_trained
 
     options, scene, gaussians = read_trained(run, None)
-    figures = geometry_figures(
+    figures = judge_geometry(
         gaussians, scene, scene.test_indices, truth, background=options.background
     )
     return figures["depth"]["median"]

@@ -162,14 +162,14 @@ def _measure_geometry(
     from gsut.surface import (
         Mesh,
         SurfaceView,
-        geometry_figures,
-        geometry_tables,
+        build_geometry_tables,
+        build_surface_page,
+        choose_views,
+        judge_geometry,
         load_mesh,
-        shown_views,
-        surface_page,
     )
 
-    names = {scene.views[index].name for index in shown_views(indices)}
+    names = {scene.views[index].name for index in choose_views(indices)}
     views: list[SurfaceView] = []
     meshes: list[Mesh] = []
 
@@ -178,7 +178,7 @@ def _measure_geometry(
             views.append(view)
 
     with Progress(sys.stderr.isatty()) as bars:
-        figures = geometry_figures(
+        figures = judge_geometry(
             gaussians,
             scene,
             indices,
@@ -192,7 +192,9 @@ def _measure_geometry(
         )
     if out is not None:
         title = f"Surface of {arguments.folder}"
-        page = surface_page(title, views, meshes[0] if meshes else None, geometry_tables(figures))
+        page = build_surface_page(
+            title, views, meshes[0] if meshes else None, build_geometry_tables(figures)
+        )
         write_file(out / _PAGE, page)
     return figures
 

@@ -134,12 +134,12 @@ def run(arguments: argparse.Namespace) -> int:
         MeshOptions,
         check_grid_name,
         check_mesh_name,
-        depth_maps,
         extract_grid,
         fuse_depth,
+        render_depth_maps,
         save_grid,
         save_mesh,
-        shaded_picture,
+        shade_mesh,
     )
     from gsut.training import open_trained
 
@@ -184,7 +184,7 @@ def run(arguments: argparse.Namespace) -> int:
             made: Any = extract_grid(gaussians, scene, settings, **behind)
             figures = {"shape": list(made.distances.shape), "voxel": made.voxel}
         else:
-            maps = depth_maps(gaussians, scene, settings, **behind)
+            maps = render_depth_maps(gaussians, scene, settings, **behind)
             made = fuse_depth(maps, settings, progress=bars.show)
             figures = {"vertices": len(made.vertices), "faces": len(made.faces)}
     if to_grid:
@@ -194,7 +194,7 @@ def run(arguments: argparse.Namespace) -> int:
         if picture:
             middle = len(scene.views) // 2
             camera, motion = scene.camera(middle), scene.views[middle].motion
-            write_png(picture, shaded_picture(made, camera, motion))
+            write_png(picture, shade_mesh(made, camera, motion))
         if report:
             names = [scene.views[i].name for i in scene.train_indices or range(len(scene.views))]
             write_file(
@@ -211,13 +211,13 @@ def run(arguments: argparse.Namespace) -> int:
 def _write_page(run: str, mesh: Any, maps: dict[str, Any]) -> str:
     """Writes a page of some depth maps, by name, and of the mesh as their views see it."""
     from gsut.page import build_table, format_number
-    from gsut.surface import SurfaceView, shown_views, surface_page
+    from gsut.surface import SurfaceView, build_surface_page, choose_views
 
     names = list(maps)
     views = [
         SurfaceView(names[k], maps[names[k]].camera, maps[names[k]].motion, maps[names[k]].image,
                     maps[names[k]].depth)
-        for k in shown_views(range(len(names)))
+        for k in choose_views(range(len(names)))
     ]  # fmt: skip
     size = mesh.vertices.max(axis=0) - mesh.vertices.min(axis=0)
     rows = [
@@ -226,4 +226,4 @@ def _write_page(run: str, mesh: Any, maps: dict[str, Any]) -> str:
         ["size", " x ".join(format_number(side) for side in size)],
         ["depth maps", format_number(len(maps), 0)],
     ]
-    return surface_page(f"Mesh of {run}", views, mesh, [build_table(rows)])
+    return build_surface_page(f"Mesh of {run}", views, mesh, [build_table(rows)])

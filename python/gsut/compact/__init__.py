@@ -5,19 +5,19 @@ from gsut.compact.compaction import (
     check_keep,
     check_method,
     compact,
-    looks_at_views,
-    scores_of,
-    settings_of,
+    list_settings,
+    needs_views,
+    score_gaussians,
 )
 from gsut.compact.floaters import Support, find_support
 from gsut.compact.harmonics import drop_harmonics
 from gsut.compact.method import METHODS
 from gsut.compact.scores import (
     SeenView,
+    blend_by_view,
     blend_weights,
     find_strongest,
-    seen_views,
-    weights_by_view,
+    list_seen_views,
 )
 
 __all__ = [
@@ -25,6 +25,7 @@ __all__ = [
     "Compaction",
     "SeenView",
     "Support",
+    "blend_by_view",
     "blend_weights",
     "check_keep",
     "check_method",
@@ -32,9 +33,8 @@ __all__ = [
     "drop_harmonics",
     "find_strongest",
     "find_support",
-    "looks_at_views",
-    "scores_of",
-    "seen_views",
-    "settings_of",
-    "weights_by_view",
+    "list_seen_views",
+    "list_settings",
+    "needs_views",
+    "score_gaussians",
 ]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.compact.method import method_of
+from gsut.compact.method import find_method
 from gsut.compact.scores import SeenView
 from gsut.gaussians import Gaussians, are_surfels, to_surfels
 from gsut.render import place_about
@@ -51,11 +51,11 @@ def compact(
             then fits colours to the whole scene's pictures in these views (`refit_colors`);
             "field": likewise without the second part; "ghap-paper": the publication's k-means;
             "lightgaussian", "pup": pruning by score.
-        views: from `seen_views`; lightgaussian and pup need them, ghap and field weigh by opacity
-            times size without them, ghap-paper does not look.
+        views: from `list_seen_views`; lightgaussian and pup need them, ghap and field weigh by
+            opacity times size without them, ghap-paper does not use them.
         seed: of ghap-paper's start.
-        scores: from `scores_of` with the same Gaussians, views and method, so that several numbers
-            cost one look; None: they are found.
+        scores: from `score_gaussians` with the same Gaussians, views and method, so that several
+            numbers cost one pass over the views; None: they are computed.
         on_view: called after each view.
 
     Returns:
@@ -70,28 +70,28 @@ def compact(
     """
     check_method(method, bool(views))
     origin = gaussians.origin
-    g, views = _finite(gaussians).translate(-origin), about(views, origin)
+    g, views = _keep_finite(gaussians).translate(-origin), _place_views(views, origin)
     dropped = len(gaussians) - len(g)
-    target = _target(len(g), keep, count)
+    target = _count_target(len(g), keep, count)
     if target == len(g):
         return Compaction(g.copy().translate(origin), dropped)
     if scores is None:
-        scores = scores_of(g, method, views, on_view)
+        scores = score_gaussians(g, method, views, on_view)
     if scores is not None and len(scores) != len(g):
         raise InputError(f"scores must be one a finite Gaussian, {len(g)}, found {len(scores)}")
-    reduced = method_of(method).reduce(g, target, scores, views, seed, on_view)
+    reduced = find_method(method).reduce(g, target, scores, views, seed, on_view)
     if are_surfels(g):
         reduced = to_surfels(reduced)
     return Compaction(reduced.translate(origin), dropped)
 
 
-def scores_of(
+def score_gaussians(
     gaussians: Gaussians,
     method: str,
     views: Sequence[SeenView],
     on_view: Callable[[], object] = lambda: None,
 ) -> np.ndarray | None:
-    """What a method asks the views, which does not depend on how many Gaussians are kept.
+    """Scores Gaussians by a method's look through the views, whatever number is kept.
 
     Args:
         gaussians, method, views, on_view: as in `compact`.
@@ -100,15 +100,15 @@ def scores_of(
         A float64 for each Gaussian whose values are finite: blend weights for ghap and field,
         scores for lightgaussian and pup; None for a method that does not look, or without views.
     """
-    score = method_of(method).score
+    score = find_method(method).score
     if score is None or not views:
         return None
-    g, origin = _finite(gaussians), gaussians.origin
-    return score(g.translate(-origin), about(views, origin), on_view)
+    g, origin = _keep_finite(gaussians), gaussians.origin
+    return score(g.translate(-origin), _place_views(views, origin), on_view)
 
 
-def about(views: Sequence[SeenView], origin: np.ndarray) -> Sequence[SeenView]:
-    """The views in coordinates whose zero lies at `origin` (3,)."""
+def _place_views(views: Sequence[SeenView], origin: np.ndarray) -> Sequence[SeenView]:
+    """Places the views in coordinates whose zero lies at `origin` (3,)."""
     if not origin.any():
         return views
     return [
@@ -117,25 +117,25 @@ def about(views: Sequence[SeenView], origin: np.ndarray) -> Sequence[SeenView]:
     ]
 
 
-def _finite(gaussians: Gaussians) -> Gaussians:
+def _keep_finite(gaussians: Gaussians) -> Gaussians:
     g = gaussians.to_dtype(np.float32)
-    finite = finite_rows(g)
+    finite = find_finite_rows(g)
     return g if finite.all() else g[finite]
 
 
-def looks_at_views(method: str) -> bool:
-    """Whether a method makes use of views."""
-    return method_of(method).score is not None
+def needs_views(method: str) -> bool:
+    """Returns whether a method uses views."""
+    return find_method(method).score is not None
 
 
-def settings_of(method: str) -> dict[str, Any]:
-    """The constants that a method works with here, to tell results of other constants apart."""
-    return {"method": method, **method_of(method).settings}
+def list_settings(method: str) -> dict[str, Any]:
+    """Lists the constants that a method uses here, which identify its results."""
+    return {"method": method, **find_method(method).settings}
 
 
 def check_method(method: str, has_views: bool) -> None:
     """Raises InputError for a method that is unknown, or needs views where there are none."""
-    if method_of(method).needs_views and not has_views:
+    if find_method(method).needs_views and not has_views:
         raise InputError(
             f'method "{method}" scores Gaussians by what views see of them; give the run with its '
             "dataset, or use ghap"
@@ -150,8 +150,8 @@ def check_keep(keep: float) -> None:
         )
 
 
-def finite_rows(gaussians: Gaussians) -> np.ndarray:
-    """(N,) bool: rows all of whose values are finite."""
+def find_finite_rows(gaussians: Gaussians) -> np.ndarray:
+    """Finds rows (N,) all of whose values are finite."""
     finite = np.ones(len(gaussians), bool)
     for field in dataclasses.fields(gaussians):
         values = getattr(gaussians, field.name)
@@ -159,7 +159,7 @@ def finite_rows(gaussians: Gaussians) -> np.ndarray:
     return finite
 
 
-def _target(rows: int, keep: float | None, count: int | None) -> int:
+def _count_target(rows: int, keep: float | None, count: int | None) -> int:
     if (keep is None) == (count is None):
         raise InputError("give keep (a fraction) or count (a number of Gaussians), not both")
     if keep is not None:

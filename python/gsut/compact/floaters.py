@@ -13,17 +13,17 @@ from gsut.compact.scores import Passes, SeenView
 from gsut.gaussians import Gaussians
 from gsut.render import Light, place_about
 
-_LONGER_SIDE = 480  # pixels of the photographs that are asked
-_UNSEEN = 0.05  # pixels: less weight than this in all photographs together is none
-# Contradicted: the photographs but the one that wants it most are better without it, by so much
-# squared error a pixel of its weight there. At a fifth of it, many stand for each other: without
-# all of them karma loses 0.35 dB; at 0 fox loses 3.9 dB.
+_LONGER_SIDE = 480  # pixels of the photographs that are compared
+_UNSEEN = 0.05  # pixels of weight in all photographs together, below which nothing shows a Gaussian
+# Squared error per pixel of weight that the photographs must lose without a contradicted Gaussian;
+# the one that needs it most does not count. With less, Gaussians that replace each other would all
+# be removed.
 _HARM = 0.05
 
 
 @dataclasses.dataclass(frozen=True)
 class Support:
-    """What photographs say of N Gaussians.
+    """The evidence of photographs for N Gaussians.
 
     Attributes:
         total: (N,) by how much their squared error, summed over pixels and channels, grows without
@@ -45,7 +45,7 @@ class Support:
 
     @property
     def contradicted(self) -> np.ndarray:
-        """(N,) bool: all photographs but the one that wants it most are better without it."""
+        """The rows (N,) that make renders of all photographs but one worse."""
         return ~self.unseen & (self.total - self.most < -_HARM * self.other_weight)
 
 
@@ -58,7 +58,7 @@ def find_support(
     light: Light | None = None,
     on_view: Callable[[int], object] = lambda done: None,
 ) -> Support:
-    """What photographs say of each Gaussian, by what their images would be without it.
+    """Finds the evidence of photographs for each Gaussian: how renders would err without it.
 
     An image is linear in what one Gaussian covers, so this is exact, one Gaussian at a time.
 
@@ -90,7 +90,7 @@ def find_support(
             photograph = photograph / light.on(camera, index, view.camera_index)
         mask = small.mask(index)
         passes.render(SeenView(camera, place_about(view.motion, gaussians.origin), mask))
-        here = passes.support(np.ascontiguousarray(photograph, np.float32), mask)
+        here = passes.add_support(np.ascontiguousarray(photograph, np.float32), mask)
         more = here[:, 0] > most
         most_weight = np.where(more, here[:, 1], most_weight)
         most = np.where(more, here[:, 0], most)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from gsut.compact.scores import SeenView, basis_sums
+from gsut.compact.scores import SeenView, sum_bases
 from gsut.gaussians import Gaussians
 
 # Tries of the search for the highest cost that is not noticed, each halving what is left.
@@ -55,18 +55,18 @@ def drop_harmonics(
     n, top = len(gaussians), gaussians.sh_degree
     if top == 0 or n == 0:
         return Harmonics(gaussians, np.zeros(n, np.uint8))
-    sums = basis_sums(gaussians, views, on_view)  # (N, K)
-    costs = _costs(gaussians, sums)
+    sums = sum_bases(gaussians, views, on_view)  # (N, K)
+    costs = _estimate_costs(gaussians, sums)
     wanted = measure(gaussians) - max_drop
     # Every cost at which some Gaussian's degree changes, from the least.
     steps = np.unique(costs[costs > 0])
     low, high = -1, len(steps)  # steps[low] holds the measure, steps[high] does not
-    best = _at_cost(gaussians, sums, costs, 0.0)
+    best = _choose_degrees(gaussians, sums, costs, 0.0)
     for _ in range(_TRIES):
         if high - low <= 1:
             break
         middle = (low + high) // 2
-        tried = _at_cost(gaussians, sums, costs, float(steps[middle]))
+        tried = _choose_degrees(gaussians, sums, costs, float(steps[middle]))
         if measure(tried.gaussians) >= wanted:
             low, best = middle, tried
         else:
@@ -74,8 +74,8 @@ def drop_harmonics(
     return best
 
 
-def _costs(gaussians: Gaussians, sums: np.ndarray) -> np.ndarray:
-    """(N, D) cost of lowering to degree 0 .. D - 1; falls along the row."""
+def _estimate_costs(gaussians: Gaussians, sums: np.ndarray) -> np.ndarray:
+    """Estimates the cost (N, D) of lowering to degree 0 .. D - 1; it falls along the row."""
     weights = np.maximum(sums[:, 0], 0.0)
     squares = np.sum(gaussians.sh.astype(np.float64) ** 2, axis=2)  # (N, K)
     top = gaussians.sh_degree
@@ -84,8 +84,10 @@ def _costs(gaussians: Gaussians, sums: np.ndarray) -> np.ndarray:
     return weights[:, None] * above
 
 
-def _at_cost(gaussians: Gaussians, sums: np.ndarray, costs: np.ndarray, most: float) -> Harmonics:
-    """The lowest degrees that cost at most `most` each."""
+def _choose_degrees(
+    gaussians: Gaussians, sums: np.ndarray, costs: np.ndarray, most: float
+) -> Harmonics:
+    """Chooses the lowest degrees that cost at most `most` each."""
     top = gaussians.sh_degree
     degrees = np.sum(costs > most, axis=1)
     coefficient_degree = np.floor(np.sqrt(np.arange((top + 1) ** 2))).astype(int)

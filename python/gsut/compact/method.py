@@ -27,7 +27,7 @@ class Method:
             one view and `on_view`, which is called after each view; returns (N,) float64. None: the
             method does not look.
         needs_views: it cannot do without.
-        settings: the constants that it works with, to tell results of other constants apart.
+        settings: the constants that it uses, which identify its results.
     """
 
     reduce: Callable[..., Gaussians]
@@ -36,8 +36,8 @@ class Method:
     settings: dict[str, Any] = dataclasses.field(default_factory=dict)
 
 
-def method_of(name: str) -> Method:
-    """The method of a name.
+def find_method(name: str) -> Method:
+    """Finds the method of a name.
 
     Raises:
         InputError: there is none; lists the known ones.
@@ -48,5 +48,5 @@ def method_of(name: str) -> Method:
 
 
 def keep_best(gaussians: Gaussians, target: int, scores: np.ndarray, *_: Any) -> Gaussians:
-    """The `target` Gaussians with the highest scores, in their order; of equal ones the first."""
+    """Keeps the `target` Gaussians with the highest scores, in their order; the first of equals."""
     return gaussians[np.sort(np.argsort(-scores, kind="stable")[:target])]

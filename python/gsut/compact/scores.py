@@ -28,8 +28,8 @@ class SeenView:
     mask: np.ndarray
 
 
-def seen_views(scene: Any, indices: Sequence[int]) -> list[SeenView]:
-    """Views of a scene without their photographs: what `compact` looks through.
+def list_seen_views(scene: Any, indices: Sequence[int]) -> list[SeenView]:
+    """Lists views of a scene without their photographs, for `compact` to look through.
 
     Args:
         scene: a `Scene`.
@@ -46,7 +46,7 @@ def blend_weights(
     views: Sequence[SeenView],
     on_view: Callable[[], object] = lambda: None,
 ) -> np.ndarray:
-    """Sum of each Gaussian's blend weights (alpha x transmittance) over all valid pixels.
+    """Sums each Gaussian's blend weights (alpha x transmittance) over all valid pixels.
 
     The image is linear in the colours, and the blend weight is the factor: so this is the gradient
     of the images' sum to the colours, exactly, by the backward pass that trains.
@@ -59,49 +59,51 @@ def blend_weights(
     Returns:
         (N,) float64, in pixels; 0 for what no valid pixel sees.
     """
-    return np.maximum(_sums(grey(gaussians, 0), views, on_view)[:, 0] / SH_C0, 0.0)
+    return np.maximum(_sum_views(paint_grey(gaussians, 0), views, on_view)[:, 0] / SH_C0, 0.0)
 
 
-def weights_by_view(gaussians: Gaussians, views: Iterable[SeenView]) -> Iterator[np.ndarray]:
-    """`blend_weights` of one view after the other."""
-    for sums in _each(grey(gaussians, 0), views):
+def blend_by_view(gaussians: Gaussians, views: Iterable[SeenView]) -> Iterator[np.ndarray]:
+    """Yields the blend weights of one view after the other."""
+    for sums in _look_through(paint_grey(gaussians, 0), views):
         yield np.maximum(sums[:, 0].astype(np.float64) / SH_C0, 0.0)
 
 
-def basis_sums(
+def sum_bases(
     gaussians: Gaussians,
     views: Sequence[SeenView],
     on_view: Callable[[], object] = lambda: None,
 ) -> np.ndarray:
-    """Sum over all valid pixels of blend weight times the harmonics' basis in the ray's direction.
+    """Sums blend weight times the harmonics' basis in the ray's direction over all valid pixels.
 
     Returns:
         (N, K) float64; column 0 is 0.2821 x `blend_weights`. With coefficients sh,
         sum_k sums_k sh_k / (sum of blend weights) is the mean colour seen of them.
     """
-    return _sums(grey(gaussians, gaussians.sh_degree), views, on_view)
+    return _sum_views(paint_grey(gaussians, gaussians.sh_degree), views, on_view)
 
 
-def _sums(grey: Gaussians, views: Sequence[SeenView], on_view: Callable[[], object]) -> np.ndarray:
+def _sum_views(
+    grey: Gaussians, views: Sequence[SeenView], on_view: Callable[[], object]
+) -> np.ndarray:
     sums = np.zeros(grey.sh.shape[:2])
-    for each in _each(grey, needed_views(views)):
+    for each in _look_through(grey, require_views(views)):
         sums += each
         on_view()
     return sums
 
 
-def _each(grey: Gaussians, views: Iterable[SeenView]) -> Iterator[np.ndarray]:
-    """(N, K) of each view; valid until the next."""
+def _look_through(grey: Gaussians, views: Iterable[SeenView]) -> Iterator[np.ndarray]:
+    """Yields (N, K) of each view; valid until the next."""
     passes = Passes(grey)
     for view in views:
         dimage = np.zeros((*view.mask.shape, 3), np.float32)
         dimage[..., 0] = view.mask
         passes.render(view)
-        yield passes.backward(dimage).sh[:, :, 0]
+        yield passes.backpropagate(dimage).sh[:, :, 0]
 
 
 def find_strongest(gaussians: Gaussians, view: SeenView) -> tuple[np.ndarray, np.ndarray]:
-    """The Gaussian with the largest blend weight at each pixel of a view.
+    """Finds the Gaussian with the largest blend weight at each pixel of a view.
 
     Args:
         gaussians: N Gaussians.
@@ -111,9 +113,9 @@ def find_strongest(gaussians: Gaussians, view: SeenView) -> tuple[np.ndarray, np
         (H, W) int32, the Gaussian's number, -1 where there is none, and (H, W, 3) float32, the
         point of the pixel's ray that is nearest to the Gaussian's centre, in the world.
     """
-    passes = Passes(grey(gaussians, 0))
+    passes = Passes(paint_grey(gaussians, 0))
     passes.render(view)
-    return passes.significance(view.mask, np.zeros(len(gaussians)))
+    return passes.add_significance(view.mask, np.zeros(len(gaussians)))
 
 
 class Passes:
@@ -127,12 +129,8 @@ class Passes:
         self._renderer = _core.Renderer()
         self._rule = _core.BlendRule()
 
-    def render(self, view: SeenView) -> None:
-        """One view, for the passes below."""
-        self.picture(view)
-
-    def picture(self, view: SeenView, keep: bool = True) -> tuple[np.ndarray, np.ndarray]:
-        """Image (H, W, 3) and alpha (H, W); keep: for the passes below."""
+    def render(self, view: SeenView, keep: bool = True) -> tuple[np.ndarray, np.ndarray]:
+        """Renders image (H, W, 3) and alpha (H, W); keep: for the passes below."""
         image = np.zeros((view.camera.height, view.camera.width, 3), np.float32)
         alpha = np.zeros(image.shape[:2], np.float32)
         job = _core.RenderJob(
@@ -142,36 +140,36 @@ class Passes:
         self._renderer.render(self.gaussians, job, image, alpha)
         return image, alpha
 
-    def backward(self, dimage: np.ndarray) -> Gaussians:
-        """Gradients of sum(dimage * image); valid until the next call."""
+    def backpropagate(self, dimage: np.ndarray) -> Gaussians:
+        """Computes the gradients of sum(dimage * image); valid until the next call."""
         self._renderer.backward(dimage, self._gradients, self.touched)
         return self._gradients
 
-    def significance(self, mask: np.ndarray, sums: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Adds to sums (N,); each pixel's strongest Gaussian (-1: none) and where."""
+    def add_significance(self, mask: np.ndarray, sums: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Adds to sums (N,); returns each pixel's strongest Gaussian (-1: none) and its place."""
         return self._renderer.add_significance(mask.view(np.uint8), sums)
 
-    def fisher(self, mask: np.ndarray, sums: np.ndarray) -> None:
+    def add_fisher(self, mask: np.ndarray, sums: np.ndarray) -> None:
         """Adds to sums (N, 21): the upper triangles."""
         self._renderer.add_fisher(mask.view(np.uint8), sums)
 
-    def support(self, photograph: np.ndarray, mask: np.ndarray) -> np.ndarray:
-        """(N, 2): growth of the squared error without each, and its blend weights."""
+    def add_support(self, photograph: np.ndarray, mask: np.ndarray) -> np.ndarray:
+        """Returns (N, 2): growth of the squared error without each, and its blend weights."""
         sums = np.zeros((len(self.gaussians), 2))
         self._renderer.add_support(photograph, mask.view(np.uint8), sums)
         return sums
 
 
-def grey(gaussians: Gaussians, degree: int) -> Gaussians:
-    """In mid-grey with harmonics of this degree: no colour is clamped, so no gradient is cut."""
+def paint_grey(gaussians: Gaussians, degree: int) -> Gaussians:
+    """Paints mid-grey harmonics of this degree: no colour is clamped, so no gradient is cut."""
     return Gaussians(
         gaussians.means, gaussians.quats, gaussians.log_scales, gaussians.opacity_logits,
         np.zeros((len(gaussians), (degree + 1) ** 2, 3), gaussians.dtype),
     )  # fmt: skip
 
 
-def needed_views(views: Sequence[SeenView]) -> Sequence[SeenView]:
-    """The views; InputError if there is none."""
+def require_views(views: Sequence[SeenView]) -> Sequence[SeenView]:
+    """Returns the views; raises InputError if there is none."""
     if not views:
         raise InputError("scores need at least one view; give the views of the scene")
     return views

@@ -90,7 +90,7 @@ def evaluate(
     with concurrent.futures.ThreadPoolExecutor(threads) as pool:
         for first in range(0, len(indices), threads):
             some = list(indices[first : first + threads])
-            drawn = [_drawn(scene, index, packed, pixels, background) for index in some]
+            drawn = [_render_alone(scene, index, packed, pixels, background) for index in some]
             stems_of = stems[first : first + threads]
             for row in pool.map(compare, some, stems_of, *zip(*drawn, strict=True)):
                 rows.append(row)
@@ -108,14 +108,14 @@ def evaluate(
     }
 
 
-def _drawn(
+def _render_alone(
     scene: Any,
     index: int,
     packed: Any,
     pixels: PixelFilter | StoredPixelFilter | None,
     background: Sequence[float] | None,
 ) -> tuple[Any, float]:
-    """A view's render, made with nothing else under way, and its milliseconds."""
+    """Renders a view while nothing else runs, and measures the milliseconds."""
     view, camera = scene.views[index], scene.camera(index)
     started = time.perf_counter()
     drawn = packed if pixels is None else pixels.widen(camera, view.motion)
@@ -132,7 +132,7 @@ def _compare(
     render_folder: Path | None,
     stem: str,
 ) -> tuple[dict[str, Any], list[Ring]]:
-    """The row of a view and its rings, see `evaluate`."""
+    """Compares a render with its photograph: the view's row and its rings, see `evaluate`."""
     view, camera, mask = scene.views[index], scene.camera(index), scene.mask(index)
     photograph = scene.image(index)
     truth = photograph.astype(np.float32) / np.float32(255)
@@ -141,12 +141,12 @@ def _compare(
         lit = rendered.image * light.on(camera, index, view.camera_index)
         image = np.clip(lit, 0.0, 1.0)
 
-    def counted(picture: np.ndarray) -> np.ndarray:
-        """(1, N, 3) double: the pixels that count, taken out and widened once for all figures."""
+    def select_pixels(picture: np.ndarray) -> np.ndarray:
+        """Selects the pixels (1, N, 3) inside the mask in double, once for all figures."""
         return picture[mask].astype(np.float64)[None]
 
-    seen, bare = counted(truth), counted(plain)
-    shown = bare if light is None else counted(image)
+    seen, bare = select_pixels(truth), select_pixels(plain)
+    shown = bare if light is None else select_pixels(image)
     row = {
         "name": view.name,
         "psnr": psnr(shown, seen),
@@ -164,7 +164,7 @@ def _compare(
 
 
 def _ssim(photograph: np.ndarray, image: np.ndarray, mask: np.ndarray) -> float:
-    """`render.ssim` to 1e-7, by the loss' kernel in float: a fifth of the time."""
+    """Computes SSIM with the loss' kernel, which agrees to 1e-7 in a fifth of the time."""
     target = _core.PhotometricTarget(photograph, mask, "valid", False)
     return 1.0 - target.value(np.ascontiguousarray(image, np.float32), 1.0)[2]
 
@@ -178,7 +178,7 @@ def run_metrics(
     steps: int,
     train_seconds: float,
 ) -> dict[str, Any]:
-    """The content of metrics.json: an evaluation together with what training cost.
+    """Collects the content of metrics.json: an evaluation together with what training cost.
 
     Args:
         evaluation: from `evaluate`.
@@ -236,7 +236,7 @@ def _write_pictures(
 
 
 def _join_rings(of_views: list[list[Ring]]) -> list[dict[str, Any]]:
-    """One row a ring from the rows of all views."""
+    """Joins the rings of all views into one row each."""
     joined = []
     for low, high in itertools.pairwise(RING_EDGES_DEGREES):
         rows = [

@@ -28,7 +28,7 @@ def mean_psnr(
     renderer: Any = None,
     light: Light | None = None,
 ) -> float:
-    """Mean PSNR in dB over views, inside their masks.
+    """Averages PSNR in dB over views, inside their masks.
 
     Args:
         scene: at the resolution to measure at.
@@ -42,7 +42,7 @@ def mean_psnr(
     values: list[concurrent.futures.Future[float]] = []
     with concurrent.futures.ThreadPoolExecutor(1, "gsut-psnr") as thread:
         for index in indices:
-            image = view_image(scene, gaussians, index, background, renderer)
+            image = render_view_image(scene, gaussians, index, background, renderer)
             if values:
                 values[-1].result()  # no more than two images at a time
             values.append(thread.submit(_psnr, scene, index, image, light))
@@ -50,21 +50,21 @@ def mean_psnr(
 
 
 def _psnr(scene: Scene, index: int, image: np.ndarray, light: Light | None) -> float:
-    """Of a view's image against its photograph."""
+    """Computes the PSNR of a view's image against its photograph."""
     if light is not None:
         image *= light.on(scene.camera(index), index, scene.views[index].camera_index)
     truth = scene.image(index).astype(np.float32) / np.float32(255)
     return psnr(np.clip(image, 0.0, 1.0), truth, scene.mask(index))
 
 
-def view_image(
+def render_view_image(
     scene: Scene,
     gaussians: Gaussians,
     index: int,
     background: tuple[float, float, float] | None,
     renderer: Any,
 ) -> np.ndarray:
-    """The image of one view, (H, W, 3) float32; nothing is kept for a backward pass.
+    """Renders the image of one view, (H, W, 3) float32; nothing is kept for a backward pass.
 
     Args:
         scene: at the resolution to render at.

@@ -11,18 +11,18 @@ import numpy as np
 from gsut._core import CameraMotion, InputError
 from gsut.data.scene import MILLIMETRE, read_depth
 from gsut.render import compute_field_angles, render, render_surface, to_uint8
-from gsut.surface.cloud import world_rays
-from gsut.surface.extract import MeshOptions, OnProgress, extract_mesh, silent
+from gsut.surface.cloud import cast_world_rays
+from gsut.surface.extract import MeshOptions, OnProgress, extract_mesh, ignore_progress
 from gsut.surface.mesh import Mesh
 from gsut.surface.mesh_files import load_mesh
 from gsut.surface.report import SurfaceView
-from gsut.surface.worth import depth_figures, mesh_figures, tree_of
+from gsut.surface.worth import build_tree, judge_depth, judge_mesh
 
 OnView = Callable[[SurfaceView], None]
 KINDS = ("expected", "median", "strongest")
 
 
-def geometry_figures(
+def judge_geometry(
     gaussians: Any,
     scene: Any,
     indices: Sequence[int],
@@ -32,11 +32,11 @@ def geometry_figures(
     mesh: Mesh | None = None,
     options: MeshOptions | None = None,
     background: Sequence[float] | None = (0.0, 0.0, 0.0),
-    progress: OnProgress = silent,
+    progress: OnProgress = ignore_progress,
     on_view: OnView | None = None,
     on_mesh: Callable[[Mesh], None] | None = None,
 ) -> dict[str, Any]:
-    """Figures of depth on views, and of the mesh where the truth is one.
+    """Judges depth on views, and the mesh if the truth is one.
 
     Args:
         gaussians: the Gaussians, in the dataset's coordinates.
@@ -53,8 +53,8 @@ def geometry_figures(
         on_mesh: called with the mesh that is judged.
 
     Returns:
-        dict depth: for each kind of depth the figures of `depth_figures` over all pixels of the
-        views; mesh: those of `mesh_figures`. Either is absent where the truth says nothing.
+        dict depth: for each kind of depth the figures of `judge_depth` over all pixels of the
+        views; mesh: those of `judge_mesh`. Either is absent where the truth says nothing.
 
     Raises:
         InputError: the truth is absent, empty or of another size than the images.
@@ -62,7 +62,7 @@ def geometry_figures(
     of_mesh = load_mesh(truth) if truth is not None and truth.is_file() else None
     figures: dict[str, Any] = {}
     if of_mesh is None or len(of_mesh.faces):
-        tree = None if of_mesh is None else tree_of(of_mesh)
+        tree = None if of_mesh is None else build_tree(of_mesh)
         rows = []
         for done, index in enumerate(indices):
             progress("depth", done, len(indices))
@@ -79,18 +79,18 @@ def geometry_figures(
                 f"{truth or scene.path} has no depth of these views (NAME.png in 16 bits, or "
                 "NAME.npy); try --split all"
             )
-        figures["depth"] = _of_views(gaussians, scene, rows, background, on_view)
+        figures["depth"] = _judge_views(gaussians, scene, rows, background, on_view)
         figures["depth"]["views"] = len(rows)
     if of_mesh is not None:
         if mesh is None:
             mesh = extract_mesh(gaussians, scene, options, background=background, progress=progress)
-        figures["mesh"] = mesh_figures(mesh, of_mesh, scene)
+        figures["mesh"] = judge_mesh(mesh, of_mesh, scene)
         if on_mesh is not None:
             on_mesh(mesh)
     return figures
 
 
-def _of_views(
+def _judge_views(
     gaussians: Any,
     scene: Any,
     rows: list[tuple[int, np.ndarray]],
@@ -110,12 +110,12 @@ def _of_views(
         columns["truth"].append(true.ravel())
         columns["angle"].append(np.degrees(compute_field_angles(camera)).ravel())
     joined = {name: np.concatenate(parts)[None] for name, parts in columns.items()}
-    return {kind: depth_figures(joined[kind], joined["truth"], joined["angle"]) for kind in KINDS}
+    return {kind: judge_depth(joined[kind], joined["truth"], joined["angle"]) for kind in KINDS}
 
 
 def cast_depth(tree: Any, camera: Any, motion: np.ndarray | CameraMotion) -> np.ndarray:
-    """(H, W) distance along each pixel's ray to the triangles of a tree; NaN: none met."""
-    origins, world = world_rays(camera, motion)
+    """Casts a view's rays onto the triangles of a tree: distances (H, W), NaN without a hit."""
+    origins, world = cast_world_rays(camera, motion)
     flat = np.ascontiguousarray(origins.reshape(-1, 3)), np.ascontiguousarray(world.reshape(-1, 3))
     return tree.cast(*flat)[0].reshape(world.shape[:2])
 

@@ -8,15 +8,17 @@ from typing import Any
 import numpy as np
 
 from gsut._core import CameraMotion, InputError
-from gsut.surface.extract import DepthMap, pixel_angle
+from gsut.surface.extract import DepthMap, measure_pixel_angle
 from gsut.surface.mesh import Mesh
 
 _MOST_VOXELS = 2**21  # to a side of a cloud: three such numbers fit 64 bits
 _NO_FACES = np.zeros((0, 3), np.uint32)
 
 
-def world_rays(camera: Any, motion: np.ndarray | CameraMotion) -> tuple[np.ndarray, np.ndarray]:
-    """Origins and unit rays (H, W, 3) of the pixels in the world; NaN where a pixel has none.
+def cast_world_rays(
+    camera: Any, motion: np.ndarray | CameraMotion
+) -> tuple[np.ndarray, np.ndarray]:
+    """Returns origins and unit rays (H, W, 3) of the pixels in the world; NaN without a ray.
 
     Args:
         camera: the lens; it may have no one centre.
@@ -57,14 +59,14 @@ class Cloud:
 
     def add(self, view: DepthMap) -> None:
         """Adds the points at a view's depths that are numbers."""
-        origins, rays = world_rays(view.camera, view.motion)
+        origins, rays = cast_world_rays(view.camera, view.motion)
         there = np.isfinite(view.depth) & np.isfinite(rays[..., 0])
         if not there.any():
             return
         depth = view.depth[there].astype(np.float64)
         points = origins[there] + depth[:, None] * rays[there]
         if self.voxel is None:
-            self.voxel = float(np.median(depth)) * pixel_angle(view.camera)
+            self.voxel = float(np.median(depth)) * measure_pixel_angle(view.camera)
         if not self._points:
             self._corner = points[0]
         cells = np.floor((points - self._corner) / self.voxel)
@@ -82,8 +84,8 @@ class Cloud:
     def __len__(self) -> int:
         return len(self._keys)
 
-    def mesh(self) -> Mesh:
-        """The points as a mesh without faces; with colours if all views had images.
+    def to_mesh(self) -> Mesh:
+        """Returns the points as a mesh without faces, with colours if all views had images.
 
         Raises:
             InputError: there are none.
@@ -94,8 +96,8 @@ class Cloud:
         return Mesh(np.concatenate(self._points), _NO_FACES, colors)
 
 
-def depth_points(maps: Iterable[DepthMap], voxel: float | None = None) -> Mesh:
-    """The points that depth maps of any lenses and shutters see, one in each voxel.
+def points_from_depth(maps: Iterable[DepthMap], voxel: float | None = None) -> Mesh:
+    """Collects the points that depth maps of any lenses and shutters see, one in each voxel.
 
     Args:
         maps: distances along the rays, with images for colours.
@@ -110,4 +112,4 @@ def depth_points(maps: Iterable[DepthMap], voxel: float | None = None) -> Mesh:
     cloud = Cloud(voxel)
     for view in maps:
         cloud.add(view)
-    return cloud.mesh()
+    return cloud.to_mesh()

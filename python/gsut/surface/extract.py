@@ -14,21 +14,17 @@ from gsut.render import render, render_surface, to_uint8
 from gsut.run import check_fits, free_memory
 from gsut.surface.mesh import Mesh
 
-# Views against which each depth map is checked: those nearest by place and direction.
-_NEIGHBOURS = 8
-# How far depths of two views of one point may lie apart, relative to the distance (PGSR: 1 %).
-_AGREEMENT = 0.01
-# The voxel: a pixel's width at the median depth, and at most so many to the scene's extent.
-_MOST_VOXELS = 1024
+_NEIGHBOURS = 8  # views, nearest by place and direction, against which a depth map is checked
+_AGREEMENT = 0.01  # largest difference of two views' depths, of the distance (PGSR)
+_MOST_VOXELS = 1024  # along the scene's extent: finer ones need memory and show no more
 _NOTHING = 0.05  # alpha of pixels whose rays meet nothing
-# Depths of an open scene reach this many times farther than half of them.
-_OPEN_RATIO = 5.0
+_OPEN_RATIO = 5.0  # times the median depth, beyond which depths make a scene open
 _EVEN_SHARE = 1.5  # of the median distance: how far voxels are even in an open scene
-# Blocks of 8 x 8 x 8 voxels, and bytes of one with its surface; bytes of a pixel of a depth map,
-# and of one of a lens.
-_MOST_BLOCKS, _BLOCK_BYTES = 1_000_000, 2300
-_MAP_BYTES, _LENS_BYTES = 20, 25
-_SAMPLED = 20_000  # points by which a scene's size is judged
+_MOST_BLOCKS = 1_000_000  # of 8 x 8 x 8 voxels: 2.3 GB
+_BLOCK_BYTES = 2300  # of a block with its surface
+_MAP_BYTES = 20  # of a pixel of a depth map
+_LENS_BYTES = 25  # of a pixel of a lens
+_SAMPLED = 20_000  # points that measure a scene's size
 _BEHIND = 2.0  # voxels that a coloured point may lie behind a view's surface
 
 
@@ -46,8 +42,8 @@ class MeshOptions:
         depth: "median", "expected" or "strongest"; see `gsut.Surface`.
         max_side: of the depth maps, pixels: larger images are rendered at this size.
         photographs: colours from the photographs in place of the renders.
-        parts: keep so many of the largest connected parts; None: all of a thousandth of the faces.
-        faces: reduce to about so many.
+        parts: number of largest connected parts to keep; None: all of a thousandth of the faces.
+        faces: number to reduce to, about.
         crop: (2, 3) corners of a box in the dataset's coordinates, outside of which nothing stays.
     """
 
@@ -84,7 +80,7 @@ class DepthMap:
 OnProgress = Callable[[str, int, int], None]
 
 
-def silent(stage: str, done: int, total: int) -> None: ...
+def ignore_progress(stage: str, done: int, total: int) -> None: ...
 
 
 def extract_mesh(
@@ -93,9 +89,9 @@ def extract_mesh(
     options: MeshOptions | None = None,
     *,
     background: Sequence[float] | None = (0.0, 0.0, 0.0),
-    progress: OnProgress = silent,
+    progress: OnProgress = ignore_progress,
 ) -> Mesh:
-    """The surface of trained Gaussians as a mesh, through the lenses that saw them.
+    """Extracts the surface of trained Gaussians as a mesh, through the lenses that saw them.
 
     Each training view's depth is rendered, kept where neighbouring views agree, and fused into a
     truncated signed distance field whose voxels are projected with the lens itself.
@@ -115,19 +111,19 @@ def extract_mesh(
     Raises:
         InputError: an option out of range, no view, or no surface.
     """
-    maps = depth_maps(gaussians, scene, options, background=background, progress=progress)
+    maps = render_depth_maps(gaussians, scene, options, background=background, progress=progress)
     return fuse_depth(maps, options, progress=progress)
 
 
-def depth_maps(
+def render_depth_maps(
     gaussians: Any,
     scene: Any,
     options: MeshOptions | None = None,
     *,
     background: Sequence[float] | None = (0.0, 0.0, 0.0),
-    progress: OnProgress = silent,
+    progress: OnProgress = ignore_progress,
 ) -> list[DepthMap]:
-    """The training views' depths, through their own lenses.
+    """Renders the training views' depths through their own lenses.
 
     Args:
         gaussians: the Gaussians, in the dataset's coordinates.
@@ -146,7 +142,7 @@ def depth_maps(
     if o.depth not in ("median", "expected", "strongest"):
         raise InputError(f'depth "{o.depth}" is unknown; known: median, expected, strongest')
     rows = list(scene.train_indices) or list(range(len(scene.views)))
-    lenses = {camera: _smaller(camera, o.max_side) for camera in map(scene.camera, rows)}
+    lenses = {camera: _shrink_lens(camera, o.max_side) for camera in map(scene.camera, rows)}
     pixels = sum(c.width * c.height for c in (lenses[scene.camera(i)] for i in rows))
     size = _MAP_BYTES * pixels + _LENS_BYTES * sum(c.width * c.height for c in lenses.values())
     check_fits(f"the depth of {len(rows)} views", size, "make it smaller (--max-side)")
@@ -154,13 +150,16 @@ def depth_maps(
     for done, index in enumerate(rows):
         progress("depth", done, len(rows))
         camera = lenses[scene.camera(index)]
-        maps.append(_rendered(gaussians, scene, (index, camera), o, background))
+        maps.append(_render_map(gaussians, scene, (index, camera), o, background))
     progress("depth", len(rows), len(rows))
     return maps
 
 
 def fuse_depth(
-    maps: Sequence[DepthMap], options: MeshOptions | None = None, *, progress: OnProgress = silent
+    maps: Sequence[DepthMap],
+    options: MeshOptions | None = None,
+    *,
+    progress: OnProgress = ignore_progress,
 ) -> Mesh:
     """Fuses depth maps of any lenses and shutters to a mesh, as `extract_mesh` does.
 
@@ -177,11 +176,11 @@ def fuse_depth(
             holds.
     """
     o = options or MeshOptions()
-    maps = agreeing_maps(maps, o.support, progress)
-    places, centers = _places(maps)
+    maps = keep_agreeing(maps, o.support, progress)
+    places, centers = _place_cameras(maps)
     center = centers.mean(axis=0)
-    voxel, inner = _space(maps, places, centers, center, o)
-    views = _views(maps, center)
+    voxel, inner = _choose_voxel(maps, places, centers, center, o)
+    views = _list_views(maps, center)
     progress("fusing", 0, 1)
     free = free_memory()
     most = _MOST_BLOCKS if free is None else max(1, min(_MOST_BLOCKS, free // _BLOCK_BYTES))
@@ -191,8 +190,8 @@ def fuse_depth(
     progress("fusing", 1, 1)
     mesh = Mesh(vertices, faces)
     if o.crop is not None:
-        mesh = mesh.cropped(*np.sort(np.asarray(o.crop, np.float64).reshape(2, 3), axis=0))
-    mesh = mesh.without_small_parts(1e-3) if o.parts is None else mesh.largest_parts(o.parts)
+        mesh = mesh.crop(*np.sort(np.asarray(o.crop, np.float64).reshape(2, 3), axis=0))
+    mesh = mesh.without_small_parts(1e-3) if o.parts is None else mesh.keep_largest_parts(o.parts)
     if not len(mesh):
         inside = "" if o.crop is None else " inside the box of --crop"
         raise InputError(
@@ -204,24 +203,24 @@ def fuse_depth(
         colors = views.colors(mesh.vertices, reach)
         gray = np.float32(0.5)
         mesh = dataclasses.replace(mesh, colors=np.where(np.isnan(colors), gray, colors))
-    return mesh if o.faces is None else mesh.decimated(o.faces)
+    return mesh if o.faces is None else mesh.reduce(o.faces)
 
 
-def _smaller(camera: Any, most: int) -> Any:
-    """The lens on an image whose longer side has at most so many pixels."""
+def _shrink_lens(camera: Any, most: int) -> Any:
+    """Shrinks the lens to an image whose longer side has at most `most` pixels."""
     share = most / max(camera.width, camera.height)
     sides = (max(1, round(side * share)) for side in (camera.width, camera.height))
     return camera.resize(*sides) if share < 1 else camera
 
 
-def _rendered(
+def _render_map(
     gaussians: Any,
     scene: Any,
     view: tuple[int, Any],
     o: MeshOptions,
     background: Sequence[float] | None,
 ) -> DepthMap:
-    """The map of a view, by its number and the lens of the map's size."""
+    """Renders the map of a view, by its number and the lens of the map's size."""
     import cv2  # here, because gsut --help needs none
 
     index, camera = view
@@ -245,27 +244,27 @@ def _rendered(
     return DepthMap(camera, motion, depth, weight, np.ascontiguousarray(image))
 
 
-def _middle(motion: np.ndarray | CameraMotion) -> np.ndarray:
+def _find_middle(motion: np.ndarray | CameraMotion) -> np.ndarray:
     return motion.at(0.5) if isinstance(motion, CameraMotion) else np.asarray(motion)
 
 
-def _views(maps: Sequence[DepthMap], center: np.ndarray) -> _core.DepthViews:
+def _list_views(maps: Sequence[DepthMap], center: np.ndarray) -> _core.DepthViews:
     views = _core.DepthViews(list(center))
     for m in maps:
         views.add(m.camera, m.motion, m.depth, m.weight, m.image)
     return views
 
 
-def _places(maps: Sequence[DepthMap]) -> tuple[np.ndarray, np.ndarray]:
-    """Poses (N, 4, 4) in the middle of the exposures, and where the cameras are (N, 3)."""
-    places = np.stack([_middle(m.motion) for m in maps])
+def _place_cameras(maps: Sequence[DepthMap]) -> tuple[np.ndarray, np.ndarray]:
+    """Returns poses (N, 4, 4) in the middle of the exposures, and camera centres (N, 3)."""
+    places = np.stack([_find_middle(m.motion) for m in maps])
     return places, -np.einsum("nji,nj->ni", places[:, :3, :3], places[:, :3, 3])
 
 
-def agreeing_maps(
-    maps: Sequence[DepthMap], support: int, progress: OnProgress = silent
+def keep_agreeing(
+    maps: Sequence[DepthMap], support: int, progress: OnProgress = ignore_progress
 ) -> Sequence[DepthMap]:
-    """The maps without pixels that fewer than `support` of their neighbours confirm.
+    """Removes pixels that fewer than `support` of the neighbouring maps confirm.
 
     Raises:
         InputError: no map.
@@ -274,8 +273,8 @@ def agreeing_maps(
         raise InputError("a surface needs at least one view")
     if support <= 0 or len(maps) <= support:
         return maps
-    places, centers = _places(maps)
-    views = _views(maps, centers.mean(axis=0))
+    places, centers = _place_cameras(maps)
+    views = _list_views(maps, centers.mean(axis=0))
     apart = np.linalg.norm(centers[:, None] - centers, axis=2)
     axes = places[:, 2, :3]
     turned = np.arccos(np.clip(axes @ axes.T, -1, 1))
@@ -292,14 +291,14 @@ def agreeing_maps(
     return kept
 
 
-def _space(
+def _choose_voxel(
     maps: Sequence[DepthMap],
     places: np.ndarray,
     centers: np.ndarray,
     center: np.ndarray,
     o: MeshOptions,
 ) -> tuple[float, float]:
-    """Voxel and radius of even voxels, in world units."""
+    """Chooses voxel and radius of even voxels, in world units."""
     each = max(1, _SAMPLED // len(maps))
     away, widths = [], []
     for m, place, at in zip(maps, places, centers, strict=True):
@@ -308,7 +307,7 @@ def _space(
         has = np.flatnonzero(np.isfinite(depth))
         has = has[:: max(1, len(has) // each)]
         away.append(at + depth[has, None] * (rays[has] @ place[:3, :3]) - center)
-        widths.append(depth[has] * pixel_angle(m.camera))
+        widths.append(depth[has] * measure_pixel_angle(m.camera))
     points = np.concatenate(away)
     if not len(points):
         raise InputError("no view has a depth: nothing to make a mesh of; try --support 0")
@@ -325,7 +324,7 @@ def _space(
     return max(float(np.median(np.concatenate(widths))), extent / _MOST_VOXELS), inner
 
 
-def pixel_angle(camera: Any) -> float:
-    """Radians between neighbouring pixels, the median."""
+def measure_pixel_angle(camera: Any) -> float:
+    """Measures the median radians between neighbouring pixels."""
     rays = camera.rays()[0]
     return float(np.nanmedian(np.linalg.norm(np.diff(rays, axis=1), axis=2)))

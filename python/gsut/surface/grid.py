@@ -15,23 +15,25 @@ import numpy as np
 from gsut import _core
 from gsut._core import InputError
 from gsut.files import whole_file, write_file
-from gsut.surface.cloud import world_rays
+from gsut.surface.cloud import cast_world_rays
 from gsut.surface.extract import (
     DepthMap,
     MeshOptions,
     OnProgress,
-    agreeing_maps,
-    depth_maps,
     fuse_depth,
-    silent,
+    ignore_progress,
+    keep_agreeing,
+    render_depth_maps,
 )
 from gsut.surface.mesh import Mesh
 
-OCCUPIED, FREE, UNKNOWN = 100, 0, -1  # as in a ROS OccupancyGrid
-_SIDE = 128  # voxels along the longest side, where none is asked for
+OCCUPIED = 100  # as in a ROS OccupancyGrid
+FREE = 0  # likewise
+UNKNOWN = -1  # likewise
+_SIDE = 128  # voxels along the longest side by default
 _MOST = 2**27  # voxels: 512 MB of distances
 _AROUND = 4  # voxels beyond what is seen, and behind surfaces, that are still known
-_SEEN_PERCENT = (1.0, 99.0)  # of the points that tell where the scene is
+_SEEN_PERCENT = (1.0, 99.0)  # percentiles of seen points that bound the scene
 _SAMPLED = 1000  # points a view of those
 _SLAB = 2**20  # voxels worked on together
 # For a ray that meets nothing: far, and finite.
@@ -56,7 +58,7 @@ class Grid:
 
     @property
     def occupancy(self) -> np.ndarray:
-        """(X, Y, Z) int8: 100 occupied, 0 free, -1 unknown, as in a ROS OccupancyGrid.
+        """Returns (X, Y, Z) int8: 100 occupied, 0 free, -1 unknown, as in a ROS OccupancyGrid.
 
         Occupied: a surface lies within half a voxel's diagonal of its centre, so that none slips
         through; what lies behind it is unknown.
@@ -77,9 +79,9 @@ def extract_grid(
     options: MeshOptions | None = None,
     *,
     background: Sequence[float] | None = (0.0, 0.0, 0.0),
-    progress: OnProgress = silent,
+    progress: OnProgress = ignore_progress,
 ) -> Grid:
-    """The space around trained Gaussians as a dense grid.
+    """Extracts the space around trained Gaussians as a dense grid.
 
     Depths of the training views are rendered and checked as for `extract_mesh`. What lies in front
     of a depth is free; distances are those to the mesh that the depths make.
@@ -98,14 +100,17 @@ def extract_grid(
     Raises:
         InputError: an option out of range, no view, no surface, or more than 134 million voxels.
     """
-    maps = depth_maps(gaussians, scene, options, background=background, progress=progress)
-    return grid_of_depth(maps, options, progress=progress)
+    maps = render_depth_maps(gaussians, scene, options, background=background, progress=progress)
+    return grid_from_depth(maps, options, progress=progress)
 
 
-def grid_of_depth(
-    maps: Sequence[DepthMap], options: MeshOptions | None = None, *, progress: OnProgress = silent
+def grid_from_depth(
+    maps: Sequence[DepthMap],
+    options: MeshOptions | None = None,
+    *,
+    progress: OnProgress = ignore_progress,
 ) -> Grid:
-    """The space that depth maps of any lenses and shutters see, as a dense grid.
+    """Fuses the space that depth maps of any lenses and shutters see into a dense grid.
 
     Args:
         maps: distances along the rays.
@@ -119,8 +124,10 @@ def grid_of_depth(
         InputError: an option out of range, no view, no surface, or more than 134 million voxels.
     """
     o = options or MeshOptions()
-    maps = agreeing_maps(maps, o.support, progress)
-    low, high = _seen_box(maps) if o.crop is None else np.sort(np.reshape(o.crop, (2, 3)), axis=0)
+    maps = keep_agreeing(maps, o.support, progress)
+    low, high = (
+        _bound_views(maps) if o.crop is None else np.sort(np.reshape(o.crop, (2, 3)), axis=0)
+    )
     voxel = float((high - low).max()) / _SIDE if o.voxel is None else float(o.voxel)
     if not 0 < voxel < np.inf:
         raise InputError(f"voxel is {voxel:g}; it must be positive")
@@ -136,7 +143,7 @@ def grid_of_depth(
     alone = dataclasses.replace(o, voxel=voxel, support=0, open=False, crop=None, faces=None)
     mesh = fuse_depth(near, alone, progress=progress)
     shown = shape.astype(int)
-    distances = _distances(maps, mesh, low + voxel / 2, voxel, shown, progress)
+    distances = _compute_distances(maps, mesh, low + voxel / 2, voxel, shown, progress)
     return Grid(distances.reshape(shown), low + voxel / 2, voxel)
 
 
@@ -176,11 +183,11 @@ def check_grid_name(path: Path) -> None:
         raise InputError(f"{path}: grids are written as .npy")
 
 
-def _seen_box(maps: Sequence[DepthMap]) -> tuple[np.ndarray, np.ndarray]:
-    """Two corners of a box around most of what the views see and where they are."""
+def _bound_views(maps: Sequence[DepthMap]) -> tuple[np.ndarray, np.ndarray]:
+    """Bounds most of what the views see, and the views, by a box of two corners."""
     points, places = [], []
     for view in maps:
-        origins, rays = world_rays(view.camera, view.motion)
+        origins, rays = cast_world_rays(view.camera, view.motion)
         rows = np.flatnonzero(np.isfinite(view.depth) & np.isfinite(rays[..., 0]))
         rows = rows[:: max(1, len(rows) // _SAMPLED)]
         depth = view.depth.reshape(-1, 1)[rows].astype(np.float64)
@@ -194,8 +201,8 @@ def _seen_box(maps: Sequence[DepthMap]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _cut(view: DepthMap, low: np.ndarray, high: np.ndarray) -> DepthMap:
-    """The map without depths outside a box: there its rays meet nothing."""
-    origins, rays = world_rays(view.camera, view.motion)
+    """Removes depths outside a box: there the map's rays meet nothing."""
+    origins, rays = cast_world_rays(view.camera, view.motion)
     with np.errstate(invalid="ignore"):
         points = origins + view.depth[..., None] * rays
         outside = np.any((points < low) | (points > high), axis=-1)
@@ -203,7 +210,7 @@ def _cut(view: DepthMap, low: np.ndarray, high: np.ndarray) -> DepthMap:
     return dataclasses.replace(view, depth=depth, image=None)
 
 
-def _distances(
+def _compute_distances(
     maps: Sequence[DepthMap],
     mesh: Mesh,
     origin: np.ndarray,
@@ -211,14 +218,14 @@ def _distances(
     shape: np.ndarray,
     progress: Callable[[str, int, int], None],
 ) -> np.ndarray:
-    """Signed distances (X * Y * Z,) float32, NaN where nothing is known."""
+    """Computes signed distances (X * Y * Z,) float32, NaN where nothing is known."""
     middle = origin + voxel * (shape - 1) / 2
     views = _core.DepthViews(list(middle))
     for view in maps:
         depth = np.where(np.isinf(view.depth), _FAR, view.depth)
         views.add(view.camera, view.motion, depth, None, np.zeros((*depth.shape, 3), np.uint8))
     tree = _core.TriangleTree(mesh.vertices - middle, mesh.faces)
-    normals = mesh.face_vectors()
+    normals = mesh.compute_face_vectors()
     corners = mesh.vertices[mesh.faces[:, 0]]
     total = int(np.prod(shape))
     found = np.empty(total, np.float32)

@@ -31,18 +31,18 @@ class Mesh:
         colored = "" if self.colors is None else ", colours"
         return f"Mesh({len(self.vertices):,} vertices, {len(self.faces):,} faces{colored})"
 
-    def _corners(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _gather_corners(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         a, b, c = (self.vertices[self.faces[:, k]] for k in range(3))
         return a, b, c
 
-    def face_vectors(self) -> np.ndarray:
-        """(F, 3) normals of the faces, as long as twice their areas."""
-        a, b, c = self._corners()
+    def compute_face_vectors(self) -> np.ndarray:
+        """Returns the normals (F, 3) of the faces, as long as twice their areas."""
+        a, b, c = self._gather_corners()
         return np.cross(b - a, c - a)
 
-    def normals(self) -> np.ndarray:
-        """(V, 3) unit normals of the vertices: of their faces by area; 0 where there is no face."""
-        of_faces = self.face_vectors()
+    def compute_normals(self) -> np.ndarray:
+        """Averages unit normals (V, 3) of the vertices from faces by area; 0 without a face."""
+        of_faces = self.compute_face_vectors()
         sums = np.stack(
             [
                 sum(
@@ -56,7 +56,7 @@ class Mesh:
         return sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-300)
 
     def with_faces(self, keep: np.ndarray) -> Mesh:
-        """The mesh of some of its faces, without vertices that they do not use.
+        """Keeps some faces, and the vertices that they use.
 
         Args:
             keep: (F,) bool.
@@ -68,8 +68,8 @@ class Mesh:
         colors = None if self.colors is None else self.colors[used]
         return Mesh(self.vertices[used], renamed[faces].astype(np.uint32), colors)
 
-    def largest_parts(self, count: int) -> Mesh:
-        """The `count` connected parts with the most faces."""
+    def keep_largest_parts(self, count: int) -> Mesh:
+        """Keeps the `count` connected parts with the most faces."""
         if not len(self.faces):
             return self
         labels = _core.mesh_parts(len(self.vertices), self.faces)[self.faces[:, 0]]
@@ -78,21 +78,22 @@ class Mesh:
         return self.with_faces(np.isin(labels, kept))
 
     def without_small_parts(self, share: float) -> Mesh:
-        """Without connected parts of less than this share of all faces."""
+        """Removes connected parts of less than this share of all faces."""
         if not len(self.faces):
             return self
         labels = _core.mesh_parts(len(self.vertices), self.faces)[self.faces[:, 0]]
         _, of_face, sizes = np.unique(labels, return_inverse=True, return_counts=True)
         return self.with_faces(sizes[of_face] >= share * len(self.faces))
 
-    def cropped(self, low: np.ndarray, high: np.ndarray) -> Mesh:
-        """The faces whose middles lie within a box (two corners (3,))."""
-        a, b, c = self._corners()
+    def crop(self, low: np.ndarray, high: np.ndarray) -> Mesh:
+        """Keeps the faces whose middles lie within a box (two corners (3,))."""
+        a, b, c = self._gather_corners()
         middle = (a + b + c) / 3
         return self.with_faces(np.all((middle >= low) & (middle <= high), axis=1))
 
-    def decimated(self, faces: int) -> Mesh:
-        """About this many faces, by quadric error metrics; colours from the nearest old surface.
+    def reduce(self, faces: int) -> Mesh:
+        """Reduces to about `count` faces by quadric error metrics; colours of the nearest old
+        surface.
 
         Raises:
             InputError: fast-simplification is not installed.

@@ -22,8 +22,12 @@ _PLY_TYPES = {
     **dict.fromkeys(("int", "int32"), "i4"), **dict.fromkeys(("uint", "uint32"), "u4"),
     **dict.fromkeys(("float", "float32"), "f4"), **dict.fromkeys(("double", "float64"), "f8"),
 }  # fmt: skip
-_GLB_HEAD, _GLB_CHUNK = struct.Struct("<4sII"), struct.Struct("<I4s")
-_FLOAT, _UNSIGNED, _VERTICES, _INDICES = 5126, 5125, 34962, 34963
+_GLB_HEAD = struct.Struct("<4sII")
+_GLB_CHUNK = struct.Struct("<I4s")
+_FLOAT = 5126  # glTF's code of float32
+_UNSIGNED = 5125  # of uint32
+_VERTICES = 34962  # of a buffer of vertices
+_INDICES = 34963  # of a buffer of indices
 
 
 def save_mesh(path: str | os.PathLike[str], mesh: Mesh) -> None:
@@ -39,27 +43,27 @@ def save_mesh(path: str | os.PathLike[str], mesh: Mesh) -> None:
         InputError, also an OSError: the file cannot be written.
     """
     path = Path(path)
-    content = _writer(path)(mesh)
+    content = _choose_writer(path)(mesh)
     write_file(path, content)
 
 
 def check_mesh_name(path: str | os.PathLike[str]) -> None:
     """Raises InputError unless a mesh can be written by this name."""
-    _writer(Path(path))
+    _choose_writer(Path(path))
 
 
-def _writer(path: Path) -> Callable[[Mesh], bytes]:
-    writers = {".ply": _ply, ".obj": _obj, ".glb": _glb}
+def _choose_writer(path: Path) -> Callable[[Mesh], bytes]:
+    writers = {".ply": _write_ply, ".obj": _write_obj, ".glb": _write_glb}
     if path.suffix.lower() not in writers:
         raise InputError(f"{path}: meshes are written as {', '.join(writers)}")
     return writers[path.suffix.lower()]
 
 
-def _levels(colors: np.ndarray) -> np.ndarray:
+def _to_levels(colors: np.ndarray) -> np.ndarray:
     return np.rint(255 * np.clip(colors, 0, 1)).astype(np.uint8)
 
 
-def _ply(mesh: Mesh) -> bytes:
+def _write_ply(mesh: Mesh) -> bytes:
     extent = float(np.ptp(mesh.vertices, axis=0).max()) if len(mesh.vertices) else 1.0
     moved = np.abs(mesh.vertices - mesh.vertices.astype(np.float32)).max(initial=0.0)
     kind = ("double", "<f8") if moved > _FLOAT_SHARE * extent else ("float", "<f4")
@@ -70,12 +74,12 @@ def _ply(mesh: Mesh) -> bytes:
         fields += [(name, "u1") for name in ("red", "green", "blue")]
         names += [f"property uchar {name}" for name in ("red", "green", "blue")]
     rows = np.zeros(len(mesh.vertices), fields)
-    normals = mesh.normals()
+    normals = mesh.compute_normals()
     for k, axis in enumerate("xyz"):
         rows[axis], rows[f"n{axis}"] = mesh.vertices[:, k], normals[:, k]
     if mesh.colors is not None:
         for k, name in enumerate(("red", "green", "blue")):
-            rows[name] = _levels(mesh.colors[:, k])
+            rows[name] = _to_levels(mesh.colors[:, k])
     faces = np.zeros(len(mesh.faces), [("count", "u1"), ("of", "<i4", 3)])
     faces["count"], faces["of"] = 3, mesh.faces
     header = [
@@ -85,7 +89,7 @@ def _ply(mesh: Mesh) -> bytes:
     return ("\n".join(header) + "\n").encode() + rows.tobytes() + faces.tobytes()
 
 
-def _obj(mesh: Mesh) -> bytes:
+def _write_obj(mesh: Mesh) -> bytes:
     tail = [""] * len(mesh.vertices)
     if mesh.colors is not None:
         tail = [" {:.4f} {:.4f} {:.4f}".format(*color) for color in mesh.colors]
@@ -93,16 +97,16 @@ def _obj(mesh: Mesh) -> bytes:
         "v {:.9g} {:.9g} {:.9g}".format(*vertex) + color
         for vertex, color in zip(mesh.vertices, tail, strict=True)
     ]
-    rows += ["vn {:.4f} {:.4f} {:.4f}".format(*normal) for normal in mesh.normals()]
+    rows += ["vn {:.4f} {:.4f} {:.4f}".format(*normal) for normal in mesh.compute_normals()]
     rows += ["f {0}//{0} {1}//{1} {2}//{2}".format(*face) for face in mesh.faces + np.uint32(1)]
     return ("\n".join(rows) + "\n").encode()
 
 
-def _glb(mesh: Mesh) -> bytes:
+def _write_glb(mesh: Mesh) -> bytes:
     middle = mesh.vertices.mean(axis=0) if len(mesh.vertices) else np.zeros(3)
     places = (mesh.vertices - middle).astype(np.float32)
     arrays: list[tuple[str, np.ndarray]] = [("POSITION", places)]
-    arrays.append(("NORMAL", mesh.normals().astype(np.float32)))
+    arrays.append(("NORMAL", mesh.compute_normals().astype(np.float32)))
     if mesh.colors is not None:
         c = np.clip(mesh.colors, 0, 1).astype(np.float64)
         linear = np.where(c <= 0.04045, c / 12.92, ((c + 0.055) / 1.055) ** 2.4)
@@ -177,7 +181,7 @@ def load_mesh(path: str | os.PathLike[str]) -> Mesh:
     return mesh
 
 
-def _triangles(polygons: list[np.ndarray]) -> np.ndarray:
+def _read_triangles(polygons: list[np.ndarray]) -> np.ndarray:
     rows = [(row[0], row[k], row[k + 1]) for row in polygons for k in range(1, len(row) - 1)]
     return np.array(rows, dtype=np.uint32).reshape(-1, 3)
 
@@ -192,7 +196,7 @@ def _read_obj(content: bytes) -> Mesh:
         elif words[:1] == ["f"]:
             named = np.array([int(word.split("/")[0]) for word in words[1:]])
             polygons.append(np.where(named < 0, len(vertices) + named, named - 1))
-    return Mesh(np.array(vertices, np.float64).reshape(-1, 3), _triangles(polygons))
+    return Mesh(np.array(vertices, np.float64).reshape(-1, 3), _read_triangles(polygons))
 
 
 def _read_ply(content: bytes) -> Mesh:
@@ -209,7 +213,7 @@ def _read_ply(content: bytes) -> Mesh:
         elif words[:1] == ["property"]:
             elements[-1][2].append(words[1:])
     if order == "ascii":
-        return _ply_of_text(content[begin:].split(), elements)
+        return _read_text_ply(content[begin:].split(), elements)
     if order != "binary_little_endian":
         raise ValueError(f"format {order or 'missing'}")
     vertices, faces = np.zeros((0, 3)), np.zeros((0, 3), np.uint32)
@@ -234,7 +238,7 @@ def _read_ply(content: bytes) -> Mesh:
     return Mesh(vertices, faces)
 
 
-def _ply_of_text(words: list[bytes], elements: list[tuple[str, int, list[list[str]]]]) -> Mesh:
+def _read_text_ply(words: list[bytes], elements: list[tuple[str, int, list[list[str]]]]) -> Mesh:
     vertices, polygons, at = np.zeros((0, 3)), [], 0
     for name, count, properties in elements:
         if properties and properties[0][0] == "list":
@@ -250,4 +254,4 @@ def _ply_of_text(words: list[bytes], elements: list[tuple[str, int, list[list[st
                 columns = [words[1] for words in properties]
                 vertices = rows[:, [columns.index(axis) for axis in "xyz"]]
             at += width * count
-    return Mesh(vertices, _triangles(polygons))
+    return Mesh(vertices, _read_triangles(polygons))

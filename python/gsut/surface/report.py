@@ -12,11 +12,12 @@ import numpy as np
 from gsut._core import CameraMotion
 from gsut.page import build_page, build_table, embed_picture, format_number, paint_values
 from gsut.surface.mesh import Mesh
-from gsut.surface.shading import shaded_picture
+from gsut.surface.shading import shade_mesh
 
-_MOST_VIEWS, _MOST_WIDE = 6, 380
+_MOST_VIEWS = 6  # on the page
+_MOST_WIDE = 380  # pixels of a picture
 _FULL_ERROR = 0.05  # of the distance: the brightest colour
-_GREY = 190
+_GREY = 190  # level of pixels without a value
 _OF_DEPTH = "Distances are along the rays, blue near to red far; grey: none."
 _OF_ERROR = (
     f"Errors are black where there is none, bright from {100 * _FULL_ERROR:.0f} % of the distance "
@@ -45,31 +46,31 @@ class SurfaceView:
     truth: np.ndarray | None = None
 
 
-def shown_views(indices: Sequence[int]) -> list[int]:
-    """The few of many views that a page shows, spread evenly."""
+def choose_views(indices: Sequence[int]) -> list[int]:
+    """Chooses a few of many views for a page, spread evenly."""
     count = min(len(indices), _MOST_VIEWS)
     return [indices[(2 * k + 1) * len(indices) // (2 * count)] for k in range(count)]
 
 
-def surface_page(
+def build_surface_page(
     title: str, views: Sequence[SurfaceView], mesh: Mesh | None, parts: Sequence[str] = ()
 ) -> str:
-    """A self-contained HTML page.
+    """Builds a self-contained HTML page.
 
     Args:
         title: of the page.
-        views: that are shown, see `shown_views`.
+        views: that are shown, see `choose_views`.
         mesh: shown as each view sees it, if given.
-        parts: HTML that stands before the pictures, such as `geometry_tables`.
+        parts: HTML that stands before the pictures, such as `build_geometry_tables`.
     """
-    shown = [_view_part(view, mesh) for view in views]
+    shown = [_build_view(view, mesh) for view in views]
     judged = any(view.truth is not None for view in views)
     said = [_OF_DEPTH, _OF_ERROR * judged, _OF_MESH * (mesh is not None)]
     return build_page(title, [], [*parts, f"<h2>Views</h2><p>{' '.join(said)}</p>", *shown])
 
 
-def geometry_tables(figures: dict[str, Any]) -> list[str]:
-    """Tables of what `geometry_figures` found, as parts of a page."""
+def build_geometry_tables(figures: dict[str, Any]) -> list[str]:
+    """Builds tables of what `judge_geometry` found, as parts of a page."""
     parts = []
     depth = {kind: row for kind, row in figures.get("depth", {}).items() if kind != "views"}
     if depth:
@@ -80,10 +81,10 @@ def geometry_tables(figures: dict[str, Any]) -> list[str]:
         ]  # fmt: skip
         rows = [
             [
-                kind, _percent(row["abs_rel"]), _percent(row["abs_rel_median"]),
+                kind, _format_percent(row["abs_rel"]), _format_percent(row["abs_rel_median"]),
                 format_number(row["rmse"], 4), format_number(row["rmse_log"], 4),
-                _percent(row["delta1"]), _percent(row["coverage"]),
-                *(_percent(ring["abs_rel_median"]) for ring in row["rings"]),
+                _format_percent(row["delta1"]), _format_percent(row["coverage"]),
+                *(_format_percent(ring["abs_rel_median"]) for ring in row["rings"]),
             ]
             for kind, row in depth.items()
         ]  # fmt: skip
@@ -104,21 +105,21 @@ def geometry_tables(figures: dict[str, Any]) -> list[str]:
 _SCORES = ("precision", "recall", "fscore")
 
 
-def _percent(value: float | None) -> str:
+def _format_percent(value: float | None) -> str:
     return format_number(None if value is None else 100 * value)
 
 
-def _view_part(view: SurfaceView, mesh: Mesh | None) -> str:
-    pictures = [("render", view.image), ("depth", _depth_colors(view.depth))]
+def _build_view(view: SurfaceView, mesh: Mesh | None) -> str:
+    pictures = [("render", view.image), ("depth", _paint_depth(view.depth))]
     if view.truth is not None:
         with np.errstate(invalid="ignore", divide="ignore"):
             error = np.abs(view.depth - view.truth) / view.truth
         middle = float(np.nanmedian(error)) if np.isfinite(error).any() else float("nan")
-        pictures.append((f"error, median {_percent(middle)} %", _error_colors(error)))
+        pictures.append((f"error, median {_format_percent(middle)} %", _paint_error(error)))
     if mesh is not None and len(mesh):
         width = min(view.camera.width, _MOST_WIDE)
         camera = view.camera.resize(width, round(view.camera.height * width / view.camera.width))
-        pictures.append(("mesh", shaded_picture(mesh, camera, view.motion)))
+        pictures.append(("mesh", shade_mesh(mesh, camera, view.motion)))
     figures = "".join(
         f'<figure style="margin:0"><img src="{embed_picture(image, _MOST_WIDE)}" alt="">'
         f"<figcaption><small>{html.escape(text)}</small></figcaption></figure>"
@@ -128,7 +129,7 @@ def _view_part(view: SurfaceView, mesh: Mesh | None) -> str:
     return f'<h3>{html.escape(view.name)}</h3><div class="plots" style="{columns}">{figures}</div>'
 
 
-def _depth_colors(depth: np.ndarray) -> np.ndarray:
+def _paint_depth(depth: np.ndarray) -> np.ndarray:
     import cv2  # here, because gsut --help needs none
 
     has = np.isfinite(depth) & (depth > 0)
@@ -137,7 +138,7 @@ def _depth_colors(depth: np.ndarray) -> np.ndarray:
     return paint_values((logs - low) / max(high - low, 1e-9), cv2.COLORMAP_TURBO, has, _GREY)
 
 
-def _error_colors(error: np.ndarray) -> np.ndarray:
+def _paint_error(error: np.ndarray) -> np.ndarray:
     import cv2
 
     has = np.isfinite(error)

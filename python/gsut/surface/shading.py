@@ -7,17 +7,18 @@ from typing import Any
 import numpy as np
 
 from gsut._core import CameraMotion, InputError
-from gsut.surface.cloud import world_rays
+from gsut.surface.cloud import cast_world_rays
 from gsut.surface.mesh import Mesh
-from gsut.surface.worth import tree_of
+from gsut.surface.worth import build_tree
 
 _SAMPLES = 2  # along each side of a pixel
-_AMBIENT = 0.2
-_FRONT, _BACK = np.array([0.86, 0.85, 0.83]), np.array([0.30, 0.36, 0.52])
+_AMBIENT = 0.2  # of the light, from everywhere
+_FRONT = np.array([0.86, 0.85, 0.83])  # colour of faces that look at the camera
+_BACK = np.array([0.30, 0.36, 0.52])  # of their backs
 
 
-def shaded_picture(mesh: Mesh, camera: Any, motion: np.ndarray | CameraMotion) -> np.ndarray:
-    """(H, W, 3) uint8 RGB: grey where a face looks at the camera, blue from behind, white: nothing.
+def shade_mesh(mesh: Mesh, camera: Any, motion: np.ndarray | CameraMotion) -> np.ndarray:
+    """Shades a mesh as (H, W, 3) uint8 RGB: grey in front, blue from behind, white: nothing.
 
     Args:
         mesh: with faces, in the coordinates that the camera moves in.
@@ -32,8 +33,8 @@ def shaded_picture(mesh: Mesh, camera: Any, motion: np.ndarray | CameraMotion) -
     if not len(mesh.faces):
         raise InputError("a picture is of a mesh with faces; this one has none")
     fine = camera.resize(_SAMPLES * camera.width, _SAMPLES * camera.height)
-    origins, world = (np.ascontiguousarray(a.reshape(-1, 3)) for a in world_rays(fine, motion))
-    faces = tree_of(mesh).cast(origins, world)[1]
+    origins, world = (np.ascontiguousarray(a.reshape(-1, 3)) for a in cast_world_rays(fine, motion))
+    faces = build_tree(mesh).cast(origins, world)[1]
     met = np.flatnonzero(faces >= 0)
     corners = mesh.vertices[mesh.faces[faces[met]]]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])

@@ -20,10 +20,10 @@ _SEED = 20260821
 _OCCLUDED = 1e-3  # share of the distance by which a nearer surface hides a point
 
 
-def depth_figures(
+def judge_depth(
     depth: np.ndarray, truth: np.ndarray, angles: np.ndarray | None = None
 ) -> dict[str, Any]:
-    """Figures of a depth map against the true one.
+    """Judges a depth map against the true one.
 
     Args:
         depth: (H, W) along the rays; NaN or infinite: none.
@@ -38,7 +38,7 @@ def depth_figures(
     """
     known = np.isfinite(truth) & (truth > 0)
     both = known & np.isfinite(depth) & (depth > 0)
-    figures = _depth_figures(depth[both], truth[both])
+    figures = _judge_pixels(depth[both], truth[both])
     figures["coverage"] = float(both.sum() / known.sum()) if known.any() else None
     figures["pixels"] = int(both.sum())
     if angles is None:
@@ -48,7 +48,7 @@ def depth_figures(
             "from_degrees": low,
             "to_degrees": high,
             **{
-                name: _depth_figures(depth[ring], truth[ring])[name]
+                name: _judge_pixels(depth[ring], truth[ring])[name]
                 for name in ("abs_rel", "abs_rel_median")
             },
             "pixels": int(ring.sum()),
@@ -59,7 +59,7 @@ def depth_figures(
     return figures
 
 
-def _depth_figures(depth: np.ndarray, truth: np.ndarray) -> dict[str, Any]:
+def _judge_pixels(depth: np.ndarray, truth: np.ndarray) -> dict[str, Any]:
     deltas = [f"delta{k + 1}" for k in range(len(_DELTAS))]
     names = ["abs_rel", "abs_rel_median", "sq_rel", "rmse", "rmse_log", *deltas]
     if not len(depth):
@@ -84,7 +84,7 @@ def sample_mesh(mesh: Mesh, count: int, seed: int = _SEED) -> tuple[np.ndarray, 
     if not len(mesh.faces):
         chosen = rng.permutation(len(mesh.vertices))[:count]
         return mesh.vertices[chosen], np.zeros((len(chosen), 3))
-    vectors = mesh.face_vectors()
+    vectors = mesh.compute_face_vectors()
     areas = np.linalg.norm(vectors, axis=1)
     face = np.searchsorted(np.cumsum(areas), rng.uniform(0, areas.sum(), count))
     face = np.minimum(face, len(mesh) - 1)
@@ -95,7 +95,7 @@ def sample_mesh(mesh: Mesh, count: int, seed: int = _SEED) -> tuple[np.ndarray, 
     return a + u * (b - a) + v * (c - a), normals
 
 
-def tree_of(mesh: Mesh) -> _core.TriangleTree:
+def build_tree(mesh: Mesh) -> _core.TriangleTree:
     """Searches a mesh, or the points of a cloud."""
     if len(mesh.faces):
         return _core.TriangleTree(mesh.vertices, mesh.faces)
@@ -105,8 +105,8 @@ def tree_of(mesh: Mesh) -> _core.TriangleTree:
     return _core.TriangleTree(mesh.vertices, np.stack([rows] * 3, axis=1))
 
 
-def seen_points(points: np.ndarray, tree: _core.TriangleTree, scene: Any) -> np.ndarray:
-    """(N,) whether a training view sees a point: inside its image, nothing of the truth before it.
+def find_seen_points(points: np.ndarray, tree: _core.TriangleTree, scene: Any) -> np.ndarray:
+    """Finds points (N,) that a training view sees: inside its image and not hidden by the truth.
 
     A rolling shutter is taken to stand still in its middle.
     """
@@ -127,10 +127,10 @@ def seen_points(points: np.ndarray, tree: _core.TriangleTree, scene: Any) -> np.
     return seen
 
 
-def mesh_figures(
+def judge_mesh(
     mesh: Mesh, truth: Mesh, scene: Any = None, *, at: Sequence[float] = _AT
 ) -> dict[str, Any]:
-    """Figures of a mesh against the true one, from 200,000 points on each.
+    """Judges a mesh against the true one, from 200,000 points on each.
 
     Args:
         mesh: what is judged.
@@ -148,11 +148,11 @@ def mesh_figures(
     """
     if not len(mesh):
         raise InputError("the mesh has no faces")
-    truth_tree, mesh_tree = tree_of(truth), tree_of(mesh)
+    truth_tree, mesh_tree = build_tree(truth), build_tree(mesh)
     points, normals = sample_mesh(mesh, _SAMPLES)
     true_points, true_normals = sample_mesh(truth, _SAMPLES, _SEED + 1)
     if scene is not None and len(truth.faces):
-        seen = seen_points(true_points, truth_tree, scene)
+        seen = find_seen_points(true_points, truth_tree, scene)
         true_points, true_normals = true_points[seen], true_normals[seen]
         if not len(true_points):
             raise InputError("no training view sees the truth: are its coordinates the dataset's?")
@@ -161,7 +161,7 @@ def mesh_figures(
     consistency = None
     if len(truth.faces):
         one, other = (
-            np.abs(np.sum(mine * _face_normals(theirs, faces), axis=1))
+            np.abs(np.sum(mine * _compute_face_normals(theirs, faces), axis=1))
             for mine, theirs, faces in (
                 (normals, truth, of_truth),
                 (true_normals, mesh, of_mesh),
@@ -185,6 +185,6 @@ def mesh_figures(
     }
 
 
-def _face_normals(mesh: Mesh, faces: np.ndarray) -> np.ndarray:
-    vectors = mesh.face_vectors()[faces]
+def _compute_face_normals(mesh: Mesh, faces: np.ndarray) -> np.ndarray:
+    vectors = mesh.compute_face_vectors()[faces]
     return vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-300)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gsut import _core
-from gsut.compact import compact, seen_views
+from gsut.compact import compact, list_seen_views
 from gsut.data import Level, Scene, TrainingViews
 from gsut.gaussians import Gaussians, LowPassFilter
 from gsut.lens import CalibrationWeights
@@ -340,6 +340,6 @@ def _measure_pixel_errors(loop: TrainingLoop, step: _Step, dimage: np.ndarray) -
 
 def _compact(loop: TrainingLoop) -> Any:
     """Compacts the Gaussians to the share `keep` and returns a fresh optimizer of them."""
-    o, views = loop.options, seen_views(loop.scene, loop.scene.train_indices)
+    o, views = loop.options, list_seen_views(loop.scene, loop.scene.train_indices)
     small = compact(loop.gaussians, o.keep, method=o.compact_method, views=views, seed=o.seed)
     return loop.optimizer.restart_with(small.gaussians)

@@ -17,7 +17,7 @@ from gsut.blocks.segment import (
 )
 from gsut.blocks.shares import Shares, choose_context, find_shares
 from gsut.blocks.task import BlockTask, Trained, list_photographs
-from gsut.compact import seen_views
+from gsut.compact import list_seen_views
 from gsut.run import read_checkpoint, write_checkpoint
 from gsut.training import TrainingLoop
 from small_blocks import OPTIONS, small_scene
@@ -163,7 +163,7 @@ def test_shares_of_all_blocks_add_up_to_what_is_covered(scene, rng):
 def test_context_is_what_is_seen_and_merged_to_a_most(scene, rng):
     g = TrainingLoop(scene, OPTIONS.resolve()).gaussians.copy()
     own, others = g[:20], g[20:]
-    views = seen_views(scene, scene.train_indices[:2])
+    views = list_seen_views(scene, scene.train_indices[:2])
     assert len(choose_context(own, others, views, 1000, 0)) == len(others)
     assert len(choose_context(own, others, views, 15, 0)) == 15
     nothing = [dataclasses.replace(view, mask=np.zeros_like(view.mask)) for view in views]

@@ -129,7 +129,7 @@ def test_render_along_a_path_of_the_datasets_poses_shows_these_views(case, tmp_p
     atol = tolerances.DATA_UTM_POSITION
     np.testing.assert_allclose(view.camera_from_world, pose, rtol=0, atol=atol)
     depth = np.load(view.depth_path)
-    seen = gsut.surface.depth_points(
+    seen = gsut.surface.points_from_depth(
         [gsut.surface.DepthMap(camera, view.camera_from_world, depth)]
     ).vertices
     cloud, colors = load_points_ply(tmp_path / "cloud.ply")

@@ -13,11 +13,11 @@ import pytest
 import gsut
 import tolerances
 from gsut import InputError, _core
-from gsut.compact import METHODS, compact, scores_of
+from gsut.compact import METHODS, compact, score_gaussians
 from gsut.compact.harmonics import drop_harmonics
-from gsut.compact.methods.lightgaussian import hit_sums, lightgaussian_scores
-from gsut.compact.methods.pup import fisher_matrices, pup_scores
-from gsut.compact.scores import SeenView, basis_sums, blend_weights, find_strongest
+from gsut.compact.methods.lightgaussian import score_significance, sum_hits
+from gsut.compact.methods.pup import score_sensitivity, sum_fisher_matrices
+from gsut.compact.scores import SeenView, blend_weights, find_strongest, sum_bases
 from gsut.gaussians import SH_C0
 from random_scenes import arrays_of, fisheye, gaussians_in_view, pinhole, random_pose
 
@@ -117,7 +117,7 @@ def test_hit_sums_are_opacity_times_transmittance_of_the_rays_that_hit(scene, vi
     opacity = 1 / (1 + np.exp(-scene.opacity_logits.astype(float)))
     expected = sum(blended_by_hand(scene, view)[1].sum(axis=0) for view in views) * opacity
     assert np.count_nonzero(expected) > COUNT / 2
-    found = hit_sums(scene, views)
+    found = sum_hits(scene, views)
     # A pixel at a Gaussian's cut-off counts in one and not in the other.
     error = np.linalg.norm(found - expected) / np.linalg.norm(expected)
     assert error < tolerances.COMPACT_HITS
@@ -127,9 +127,9 @@ def test_hit_sums_are_opacity_times_transmittance_of_the_rays_that_hit(scene, vi
 def test_lightgaussian_scores_are_hits_times_a_power_of_volume(scene, views):
     volume = np.exp(scene.log_scales.astype(np.float64).sum(axis=1))
     factor = np.minimum(volume / np.percentile(volume, 90), 1.0) ** 0.1
-    expected = hit_sums(scene, views) * factor
+    expected = sum_hits(scene, views) * factor
     np.testing.assert_allclose(
-        lightgaussian_scores(scene, views), expected, rtol=tolerances.COMPACT_SCORE, atol=1e-12
+        score_significance(scene, views), expected, rtol=tolerances.COMPACT_SCORE, atol=1e-12
     )
 
 
@@ -185,11 +185,11 @@ def test_fisher_matrices_agree_with_gradients_pixel_by_pixel(rng):
             gradient = gsut.render_backward(result, dimage).gaussians
             j = np.concatenate([gradient.means, gradient.log_scales / scales], axis=1)
             expected += j[:, :, None] * j[:, None, :]
-    found = fisher_matrices(g, views)
+    found = sum_fisher_matrices(g, views)
     error = np.linalg.norm(found - expected, axis=(1, 2)) / np.linalg.norm(expected, axis=(1, 2))
     assert error.max() < tolerances.COMPACT_FISHER
     scores = np.linalg.slogdet(expected)[1]
-    assert np.abs(pup_scores(g, views) - scores).max() < tolerances.COMPACT_LOG_DET
+    assert np.abs(score_sensitivity(g, views) - scores).max() < tolerances.COMPACT_LOG_DET
 
 
 def test_fisher_matrices_agree_with_central_differences(rng):
@@ -220,7 +220,7 @@ def test_fisher_matrices_agree_with_central_differences(rng):
                 )
             jacobian.append((images[0] - images[1]).ravel() / (2 * step))
         expected[i] += np.array(jacobian) @ np.array(jacobian).T
-    found = fisher_matrices(g, views)
+    found = sum_fisher_matrices(g, views)
     # What lies beyond alpha = 1 / 255 is in one and not in the other.
     error = np.linalg.norm(found - expected, axis=(1, 2)) / np.linalg.norm(expected, axis=(1, 2))
     assert error.max() < tolerances.COMPACT_FISHER_DIFFERENCES
@@ -229,7 +229,7 @@ def test_fisher_matrices_agree_with_central_differences(rng):
 def test_pup_scores_of_what_is_not_seen_are_the_least(scene, views):
     hidden = scene.copy()
     hidden.means[:5] = 1e4
-    scores = pup_scores(hidden, views)
+    scores = score_sensitivity(hidden, views)
     assert np.all(np.isneginf(scores[:5]))
     assert np.isfinite(scores).sum() > COUNT / 2
 
@@ -433,7 +433,7 @@ def test_basis_sums_give_the_mean_colour_seen(scene, views):
     """The images' sum is linear in the coefficients: sums times coefficients, colours unclamped."""
     bright = scene.copy()
     bright.sh[:, 0] += 3.0
-    sums = basis_sums(bright, views)
+    sums = sum_bases(bright, views)
     expected = sum(
         gsut.render(bright, v.camera, v.camera_from_world).image[v.mask].sum(axis=0, dtype=float)
         for v in views
@@ -482,8 +482,8 @@ def test_hit_sums_behind_a_rolling_shutter_that_stands_still_are_the_same(scene,
     still = gsut.CameraMotion(pose, almost, gsut.Shutter("top_to_bottom"))
     moving = dataclasses.replace(views[0], camera_from_world=still)
     for function, bound in (
-        (hit_sums, tolerances.COMPACT_HITS),
-        (fisher_matrices, tolerances.COMPACT_FISHER),
+        (sum_hits, tolerances.COMPACT_HITS),
+        (sum_fisher_matrices, tolerances.COMPACT_FISHER),
     ):
         expected = function(scene, [views[0]])
         error = np.linalg.norm(function(scene, [moving]) - expected) / np.linalg.norm(expected)
@@ -506,7 +506,7 @@ def test_blend_weights_behind_a_rolling_shutter_add_up_to_alpha(scene, views):
 def test_compact_with_scores_found_before_gives_the_same_bits(scene, views, method):
     bad = scene.copy()
     bad.means[3, 1] = np.nan
-    scores = scores_of(bad, method, views)
+    scores = score_gaussians(bad, method, views)
     assert (scores is None) == (method == "ghap-paper")
     for keep in (0.2, 0.5):
         one = compact(bad, keep, method=method, views=views)

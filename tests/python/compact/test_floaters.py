@@ -35,7 +35,7 @@ def test_support_is_the_error_without_each_gaussian(rng):
 
     passes = Passes(g, background)
     passes.render(SeenView(camera, pose, mask))
-    found = passes.support(photograph, mask)
+    found = passes.add_support(photograph, mask)
     whole = error(g)
     truth = [error(g[np.arange(len(g)) != i]) - whole for i in range(len(g))]
     assert np.ptp(truth) > 1

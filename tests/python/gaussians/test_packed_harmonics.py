@@ -8,8 +8,8 @@ import pytest
 import gsut
 from gsut import InputError, TrainOptions
 from gsut.compact.harmonics import drop_harmonics
-from gsut.compact.methods.pup import fisher_matrices
-from gsut.compact.scores import SeenView, basis_sums
+from gsut.compact.methods.pup import sum_fisher_matrices
+from gsut.compact.scores import SeenView, sum_bases
 from gsut.gaussians.packed_harmonics import (
     MixedGaussians,
     find_used_degrees,
@@ -118,7 +118,7 @@ def test_mixed_fisher_matrices_and_jacobians_are_the_same(scene):
     packed = to_mixed(g)
     view = SeenView(camera, pose, np.array(camera.rays()[1], bool))
     np.testing.assert_array_equal(
-        fisher_matrices(packed, [view]), fisher_matrices(packed.to_gaussians(), [view])
+        sum_fisher_matrices(packed, [view]), sum_fisher_matrices(packed.to_gaussians(), [view])
     )
 
 
@@ -189,4 +189,4 @@ def test_dropped_harmonics_give_degrees_that_mixed_finds_again(scene):
     view = SeenView(camera, pose, np.array(camera.rays()[1], bool))
     lowered = drop_harmonics(g, [view], lambda tried: float(-len(np.unique(tried.sh))), 50.0)
     assert np.all(find_used_degrees(lowered.gaussians) <= lowered.degrees)
-    assert basis_sums(lowered.gaussians, [view]).shape[0] == COUNT
+    assert sum_bases(lowered.gaussians, [view]).shape[0] == COUNT

@@ -15,7 +15,7 @@ from gsut.demo.dataset import measure_distances
 from gsut.demo.hall import make_hall
 from gsut.demo.hall_mesh import build_hall_mesh
 from gsut.demo.views import make_camera, plan_walk
-from gsut.surface import Mesh, cast_depth, depth_figures, mesh_figures, save_mesh, tree_of
+from gsut.surface import Mesh, build_tree, cast_depth, judge_depth, judge_mesh, save_mesh
 from random_scenes import pinhole
 from surface_scenes import box_depth, edge_counts, lines_of, plane_run
 
@@ -30,7 +30,7 @@ def sheet(height, half=4.0):
 def test_depth_figures_of_known_errors():
     truth = np.array([[1.0, 2.0, 4.0, 0.0, 5.0]])
     depth = np.array([[1.1, 2.0, 8.0, 3.0, np.nan]])
-    figures = depth_figures(depth, truth, np.array([[0.0, 40.0, 70.0, 0.0, 0.0]]))
+    figures = judge_depth(depth, truth, np.array([[0.0, 40.0, 70.0, 0.0, 0.0]]))
     assert figures["abs_rel"] == pytest.approx((0.1 + 0 + 1) / 3)
     assert figures["abs_rel_median"] == pytest.approx(0.1)
     assert figures["rmse"] == pytest.approx(np.sqrt((0.01 + 16) / 3))
@@ -38,23 +38,23 @@ def test_depth_figures_of_known_errors():
     assert figures["coverage"] == pytest.approx(3 / 4) and figures["pixels"] == 3
     assert [ring["pixels"] for ring in figures["rings"]] == [1, 1, 1, 0]
     assert figures["rings"][2]["abs_rel"] == pytest.approx(1.0)
-    assert depth_figures(truth * np.nan, truth)["abs_rel"] is None
+    assert judge_depth(truth * np.nan, truth)["abs_rel"] is None
 
 
 def test_mesh_figures_of_shifted_sheets():
-    figures = mesh_figures(sheet(0.03), sheet(0.0), at=(0.02, 0.05))
+    figures = judge_mesh(sheet(0.03), sheet(0.0), at=(0.02, 0.05))
     for name in ("accuracy", "completeness", "chamfer"):
         assert figures[name] == pytest.approx(0.03, rel=1e-6)
     assert figures["normal_consistency"] == pytest.approx(1.0)
     assert [row["fscore"] for row in figures["fscores"]] == [0.0, pytest.approx(1.0)]
     half = sheet(0.0, 2.0)  # a quarter of the truth
-    row = mesh_figures(half, sheet(0.0), at=(1e-6,))["fscores"][0]
+    row = judge_mesh(half, sheet(0.0), at=(1e-6,))["fscores"][0]
     assert row["precision"] == 1.0 and row["recall"] == pytest.approx(0.25, abs=0.01)
 
 
 def test_cloud_as_truth_has_no_normals():
     cloud = Mesh(sheet(0.0).vertices, np.zeros((0, 3), np.uint32))
-    figures = mesh_figures(sheet(0.0), cloud)
+    figures = judge_mesh(sheet(0.0), cloud)
     assert figures["completeness"] == pytest.approx(0.0, abs=1e-12)
     assert figures["normal_consistency"] is None and figures["points"] == 4
 
@@ -66,10 +66,10 @@ def test_what_no_view_sees_of_the_truth_does_not_count(tmp_path):
         np.concatenate([top.vertices, below.vertices]),
         np.concatenate([top.faces, below.faces + np.uint32(4)]),
     )
-    assert mesh_figures(top, both)["completeness"] == pytest.approx(0.25, abs=0.01)
-    assert mesh_figures(top, both, scene)["completeness"] < 1e-9
+    assert judge_mesh(top, both)["completeness"] == pytest.approx(0.25, abs=0.01)
+    assert judge_mesh(top, both, scene)["completeness"] < 1e-9
     with pytest.raises(InputError, match="coordinates"):
-        mesh_figures(top, sheet(1000.0), scene)
+        judge_mesh(top, sheet(1000.0), scene)
 
 
 @pytest.mark.parametrize("direction", ["global", "top_to_bottom", "left_to_right"])
@@ -84,7 +84,7 @@ def test_cast_depth_equals_the_exact_one(direction):
     if direction != "global":
         end = gsut.exp_pose(np.array([0.1, 0.2, -0.1, 0.1, 0.2, 0.3]))
         motion = _core.CameraMotion(motion, end, gsut.Shutter(direction))
-    found = cast_depth(tree_of(Mesh(bits * half, faces)), camera, motion)
+    found = cast_depth(build_tree(Mesh(bits * half, faces)), camera, motion)
     if direction == "left_to_right":  # line 12 is a column
         pose = motion.at((12 + 0.5) / 24)
         origins, rays, _ = lines_of(camera, pose)
@@ -100,7 +100,7 @@ def test_hall_as_a_mesh_is_the_hall_that_is_drawn():
     assert np.all(edge_counts(mesh.faces) == 2)
     camera, pose = make_camera(100), plan_walk(35, 0)[3]
     rays, valid = camera.rays()
-    found = cast_depth(tree_of(mesh), camera, np.linalg.inv(pose))[valid]
+    found = cast_depth(build_tree(mesh), camera, np.linalg.inv(pose))[valid]
     error = np.abs(found - measure_distances(hall, pose, rays[valid]))
     assert np.isfinite(found).all()
     # At an edge of a shape one of them may just miss it.
@@ -123,7 +123,7 @@ def test_eval_judges_depth_and_mesh_against_a_mesh_and_files(tmp_path, capsys):
     assert geometry["mesh"]["fscores"][1]["precision"] > 0.95
     scene = gsut.load_dataset(tmp_path / "data")
     (tmp_path / "depth").mkdir()
-    tree = tree_of(sheet(0.0))
+    tree = build_tree(sheet(0.0))
     for index, view in enumerate(scene.views[:4]):
         true = np.nan_to_num(cast_depth(tree, scene.camera(index), view.motion))
         name = view.name.removeprefix("images/")

@@ -47,7 +47,7 @@ def room_maps(offset, count=16):
 @pytest.mark.parametrize("offset", [np.zeros(3), UTM], ids=["near", "utm"])
 def test_grid_of_a_room_is_free_inside_and_exact_at_any_offset(offset, tmp_path):
     voxel = 0.08
-    grid = gsut.surface.grid_of_depth(
+    grid = gsut.surface.grid_from_depth(
         room_maps(offset), gsut.surface.MeshOptions(voxel=voxel, support=0)
     )
     steps = np.stack(np.indices(grid.distances.shape), axis=-1)
@@ -80,7 +80,7 @@ def test_rays_that_meet_nothing_make_free_space():
         depth = sphere_depth(origins, rays, np.zeros(3), 1.0)
         maps.append(DepthMap(camera, pose, np.nan_to_num(depth, nan=np.inf).astype(np.float32)))
     box = np.array([[-1.5, -1.5, -1.5], [1.5, 1.5, 1.5]])
-    grid = gsut.surface.grid_of_depth(
+    grid = gsut.surface.grid_from_depth(
         maps, gsut.surface.MeshOptions(voxel=voxel, support=0, crop=box)
     )
     places = grid.origin + voxel * np.stack(np.indices(grid.distances.shape), axis=-1)
@@ -91,16 +91,18 @@ def test_rays_that_meet_nothing_make_free_space():
     assert np.abs(grid.distances - exact)[known].max() / voxel < tolerances.GRID_VOXELS
     assert not known[exact < -5 * voxel].any()
     with pytest.raises(InputError, match="--voxel"):
-        gsut.surface.grid_of_depth(maps, gsut.surface.MeshOptions(voxel=1e-4, support=0, crop=box))
+        gsut.surface.grid_from_depth(
+            maps, gsut.surface.MeshOptions(voxel=1e-4, support=0, crop=box)
+        )
     with pytest.raises(InputError, match="nothing to make a grid"):
-        gsut.surface.grid_of_depth(
+        gsut.surface.grid_from_depth(
             [DepthMap(camera, poses[0], np.full((80, 80), np.nan, np.float32))]
         )
 
 
 @pytest.mark.parametrize("offset", [np.zeros(3), UTM], ids=["near", "utm"])
 def test_cloud_has_a_point_a_voxel_on_the_walls(offset, tmp_path):
-    cloud = gsut.surface.depth_points(room_maps(offset, 6), 0.05)
+    cloud = gsut.surface.points_from_depth(room_maps(offset, 6), 0.05)
     gsut.save_mesh(tmp_path / "cloud.ply", cloud)
     points, colors = load_points_ply(tmp_path / "cloud.ply")  # as a dataset reads it
     assert len(points) > 3000

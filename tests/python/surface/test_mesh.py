@@ -9,7 +9,7 @@ import pytest
 import gsut
 import tolerances
 from gsut import InputError, _core
-from gsut.surface import Mesh, depth_maps, load_mesh, save_mesh, shaded_picture
+from gsut.surface import Mesh, load_mesh, render_depth_maps, save_mesh, shade_mesh
 from random_scenes import pinhole
 from surface_scenes import (
     directions,
@@ -36,15 +36,15 @@ def ball():
 
 def test_shaded_picture_is_bright_where_a_face_looks_at_the_camera(ball):
     camera, pose = pinhole(80), looking(np.array([0.0, 0.0, 3.0]))
-    front = shaded_picture(ball, camera, pose)
+    front = shade_mesh(ball, camera, pose)
     assert front.shape == (80, 80, 3) and (front[0, 0] == 255).all()
     assert front[40, 40].max() == 219  # 0.86, lit at a right angle
     assert front[40, 66].max() < 140  # near the limb
-    inside = shaded_picture(ball, camera, looking(np.array([0.0, 0.0, 0.1]), (0, 0, -1)))
+    inside = shade_mesh(ball, camera, looking(np.array([0.0, 0.0, 0.1]), (0, 0, -1)))
     red, _, blue = inside[40, 40]
     assert blue > red + 20  # from behind
     with pytest.raises(InputError, match="faces"):
-        shaded_picture(Mesh(ball.vertices, ball.faces[:0]), camera, pose)
+        shade_mesh(Mesh(ball.vertices, ball.faces[:0]), camera, pose)
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".obj", ".glb"])
@@ -94,27 +94,27 @@ def test_bad_mesh_files_are_refused(tmp_path, ball):
 
 
 def test_parts_and_crop_keep_whole_meshes(ball):
-    small = ball.cropped([-2, -2, 0.8], [2, 2, 2])
+    small = ball.crop([-2, -2, 0.8], [2, 2, 2])
     both = Mesh(
         np.concatenate([small.vertices + 5, ball.vertices]),
         np.concatenate([small.faces, ball.faces + np.uint32(len(small.vertices))]),
     )
     assert 0 < len(small) < 0.2 * len(ball)
-    kept = both.largest_parts(1)
+    kept = both.keep_largest_parts(1)
     assert np.array_equal(kept.vertices, ball.vertices)
     assert np.array_equal(kept.faces, ball.faces)
-    assert len(both.largest_parts(2)) == len(both)
+    assert len(both.keep_largest_parts(2)) == len(both)
     assert len(both.without_small_parts(0.5)) == len(ball)
 
 
 def test_normals_of_a_ball_point_outwards(ball):
     outwards = ball.vertices / np.linalg.norm(ball.vertices, axis=1, keepdims=True)
-    assert np.sum(ball.normals() * outwards, axis=1).min() > 0.9
+    assert np.sum(ball.compute_normals() * outwards, axis=1).min() > 0.9
 
 
 def test_fewer_faces_stay_on_the_surface_and_keep_colours(ball):
     pytest.importorskip("fast_simplification")
-    small = ball.decimated(400)
+    small = ball.reduce(400)
     assert 300 <= len(small) <= 420
     assert np.all(edge_counts(small.faces) == 2)
     assert np.abs(np.linalg.norm(small.vertices, axis=1) - 1).max() < 0.05
@@ -170,7 +170,7 @@ def test_mesh_command_writes_the_plane_and_refuses_what_it_cannot(tmp_path, caps
     seen_well = np.all(np.abs(mesh.vertices[:, :2]) < 1, axis=1)
     assert seen_well.sum() > 1000
     assert np.abs(mesh.vertices[seen_well, 2]).max() < tolerances.MESH_VOXELS * 0.05
-    assert mesh.normals()[seen_well, 2].min() > 0.9  # towards the cameras, which are above
+    assert mesh.compute_normals()[seen_well, 2].min() > 0.9  # towards the cameras, which are above
     assert main(["mesh", run, "-o", str(out)]) == 2
     assert "nothing was overwritten" in capsys.readouterr().err
     assert main(["mesh", run, "-o", str(tmp_path / "a.stl")]) == 2
@@ -185,4 +185,4 @@ def test_mesh_command_writes_the_plane_and_refuses_what_it_cannot(tmp_path, caps
     monkeypatch.setattr("gsut.run.memory._SMALL", 0)
     monkeypatch.setattr("gsut.run.memory.free_memory", lambda: 1000)
     with pytest.raises(InputError, match=r"of \d+ views takes about .* \(--max-side\)"):
-        depth_maps(None, gsut.load_dataset(tmp_path / "data"))
+        render_depth_maps(None, gsut.load_dataset(tmp_path / "data"))

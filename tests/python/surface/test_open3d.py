@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import tolerances
-from gsut.surface import Mesh, tree_of
+from gsut.surface import Mesh, build_tree
 from random_scenes import pinhole
 from surface_scenes import box_depth, directions, fused, lines_of, looking, sphere_depth
 
@@ -71,7 +71,7 @@ def test_ball_through_a_pinhole_lies_on_that_of_open3d(tmp_path):
         tmp_path, lambda origins, rays: sphere_depth(origins, rays, np.full(3, 0.02), 1.0)
     )
     for (points, _), other in ((ours, theirs), (theirs, ours)):
-        away = tree_of(Mesh(*other)).nearest(points)[0] / VOXEL
+        away = build_tree(Mesh(*other)).nearest(points)[0] / VOXEL
         print("voxels apart: mean", away.mean(), "worst", away.max())
         assert away.mean() < tolerances.OPEN3D_MEAN_VOXELS
 

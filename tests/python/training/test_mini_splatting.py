@@ -5,7 +5,7 @@ import pytest
 
 import gsut
 from gsut import TrainOptions
-from gsut.compact.scores import blend_weights, seen_views
+from gsut.compact.scores import blend_weights, list_seen_views
 from gsut.gaussians import SH_C0
 from gsut.optimize import GaussianOptimizer, split_and_prune
 from gsut.training.loop import TrainingLoop
@@ -63,7 +63,7 @@ def test_reinitialised_gaussians_lie_where_the_views_see_them_in_their_colours(s
 
 
 def test_sampling_draws_in_proportion_to_blend_weights(scene, trained):
-    weights = blend_weights(trained, seen_views(scene, scene.train_indices))
+    weights = blend_weights(trained, list_seen_views(scene, scene.train_indices))
     drawn = np.zeros(len(trained))
     for seed in range(60):
         kept = sample(trained, scene, 40, [seed])

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from gsut.compact.method import Method, keep_best
-from gsut.compact.scores import Passes, SeenView, grey, needed_views
+from gsut.compact.scores import Passes, SeenView, paint_grey, require_views
 from gsut.gaussians import Gaussians
 
 # Volumes count by (V / V of the 90th percentile) to this power, at most 1 before it.
@@ -15,31 +15,31 @@ _VOLUME_POWER = 0.1
 _VOLUME_PERCENTILE = 90.0
 
 
-def hit_sums(
+def sum_hits(
     gaussians: Gaussians,
     views: Sequence[SeenView],
     on_view: Callable[[], object] = lambda: None,
 ) -> np.ndarray:
-    """Sum of opacity x transmittance in front over all valid pixels that draw a Gaussian.
+    """Sums opacity times transmittance in front over all valid pixels that draw a Gaussian.
 
     Returns:
         (N,) float64, in pixels; 0 for what no valid pixel sees.
     """
     sums = np.zeros(len(gaussians))
-    passes = Passes(grey(gaussians, 0))
-    for view in needed_views(views):
+    passes = Passes(paint_grey(gaussians, 0))
+    for view in require_views(views):
         passes.render(view)
-        passes.significance(view.mask, sums)
+        passes.add_significance(view.mask, sums)
         on_view()
     return sums
 
 
-def lightgaussian_scores(
+def score_significance(
     gaussians: Gaussians,
     views: Sequence[SeenView],
     on_view: Callable[[], object] = lambda: None,
 ) -> np.ndarray:
-    """LightGaussian's global significance: `hit_sums` times (V / V_90%)^0.1.
+    """Scores LightGaussian's global significance: `sum_hits` times (V / V_90%)^0.1.
 
     Returns:
         (N,) float64 >= 0; the lowest are pruned.
@@ -51,7 +51,7 @@ def lightgaussian_scores(
         return log_volume
     volume = np.exp(log_volume - log_volume.max())  # in units of the largest
     relative = np.minimum(volume / np.percentile(volume, _VOLUME_PERCENTILE), 1.0)
-    return hit_sums(gaussians, views, on_view) * relative**_VOLUME_POWER
+    return sum_hits(gaussians, views, on_view) * relative**_VOLUME_POWER
 
 
-METHOD = Method(keep_best, lightgaussian_scores, needs_views=True)
+METHOD = Method(keep_best, score_significance, needs_views=True)

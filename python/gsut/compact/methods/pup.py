@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from gsut.compact.method import Method, keep_best
-from gsut.compact.scores import Passes, SeenView, needed_views
+from gsut.compact.scores import Passes, SeenView, require_views
 from gsut.gaussians import Gaussians
 
 _PARAMETERS = 6  # position and scale
@@ -16,12 +16,12 @@ _UPPER = np.triu_indices(_PARAMETERS)
 _FISHER_RIDGE = 1e-9
 
 
-def fisher_matrices(
+def sum_fisher_matrices(
     gaussians: Gaussians,
     views: Sequence[SeenView],
     on_view: Callable[[], object] = lambda: None,
 ) -> np.ndarray:
-    """Each Gaussian's Fisher matrix over its position and scales: sum of J J^T.
+    """Sums each Gaussian's Fisher matrix J J^T over its position and scales.
 
     Returns:
         (N, 6, 6) float64: the sum over valid pixels of all views and their channels, J being the
@@ -30,9 +30,9 @@ def fisher_matrices(
     """
     sums = np.zeros((len(gaussians), _UPPER[0].size))
     passes = Passes(gaussians)
-    for view in needed_views(views):
+    for view in require_views(views):
         passes.render(view)
-        passes.fisher(view.mask, sums)
+        passes.add_fisher(view.mask, sums)
         on_view()
     fisher = np.zeros((len(gaussians), _PARAMETERS, _PARAMETERS))
     fisher[:, _UPPER[0], _UPPER[1]] = sums
@@ -40,19 +40,19 @@ def fisher_matrices(
     return fisher
 
 
-def pup_scores(
+def score_sensitivity(
     gaussians: Gaussians,
     views: Sequence[SeenView],
     on_view: Callable[[], object] = lambda: None,
 ) -> np.ndarray:
-    """PUP-3DGS' sensitivity: log det of each Gaussian's Fisher matrix over position and scale.
+    """Scores PUP-3DGS' sensitivity: log det of the Fisher matrix over position and scale.
 
     Returns:
         (N,) float64; the lowest are pruned; -inf for what no pixel sees.
 
     Source: Hanson et al., "PUP 3D-GS", CVPR 2025.
     """
-    fisher = fisher_matrices(gaussians, views, on_view)
+    fisher = sum_fisher_matrices(gaussians, views, on_view)
     trace = np.trace(fisher, axis1=1, axis2=2)
     scores = np.full(len(gaussians), -np.inf)
     seen = np.flatnonzero(trace > 0)
@@ -61,4 +61,4 @@ def pup_scores(
     return scores
 
 
-METHOD = Method(keep_best, pup_scores, needs_views=True)
+METHOD = Method(keep_best, score_sensitivity, needs_views=True)

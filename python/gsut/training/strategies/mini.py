@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from gsut.compact import blend_weights, find_strongest, seen_views
+from gsut.compact import blend_weights, find_strongest, list_seen_views
 from gsut.data import Scene
 from gsut.gaussians import Gaussians, seed_from_points
 from gsut.optimize import GaussianOptimizer, densify_adaptive, split_and_prune
@@ -39,7 +39,7 @@ def find_blurred(gaussians: Gaussians, scene: Scene, indices: list[int]) -> np.n
         (N,) bool.
     """
     found = np.zeros(len(gaussians), bool)
-    for view in seen_views(scene, indices):
+    for view in list_seen_views(scene, indices):
         winner, _ = find_strongest(gaussians, view)
         counts = np.bincount(winner[winner >= 0], minlength=len(gaussians))
         found |= counts > max(1.0, BLUR_FRACTION * np.count_nonzero(view.mask))
@@ -63,7 +63,7 @@ def reinitialize(
     points, colors = [], []
     for number, index in enumerate(views):
         share = (number + 1) * count // len(views) - number * count // len(views)
-        winner, point = find_strongest(gaussians, seen_views(scene, [index])[0])
+        winner, point = find_strongest(gaussians, list_seen_views(scene, [index])[0])
         pixels = np.flatnonzero(winner >= 0)
         pixels = np.sort(rng.choice(pixels, min(share, len(pixels)), replace=False))
         points.append(point.reshape(-1, 3)[pixels])
@@ -88,7 +88,7 @@ def sample(gaussians: Gaussians, scene: Scene, count: int, seed: list[int]) -> n
     Returns:
         (N,) bool.
     """
-    views = seen_views(scene, scene.train_indices)
+    views = list_seen_views(scene, scene.train_indices)
     strong = np.zeros(len(gaussians), bool)
     for view in views:
         winner, _ = find_strongest(gaussians, view)

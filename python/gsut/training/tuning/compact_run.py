@@ -20,9 +20,9 @@ from gsut.compact import (
     check_method,
     compact,
     drop_harmonics,
-    looks_at_views,
-    scores_of,
-    seen_views,
+    list_seen_views,
+    needs_views,
+    score_gaussians,
 )
 from gsut.data import Scene
 from gsut.evaluate import mean_psnr
@@ -158,8 +158,8 @@ class RunCompactor:
         self.views: Sequence[SeenView] = ()
         if self.because:
             self.method = FROM_START
-        elif looks_at_views(self.method):
-            self.views = seen_views(self.scene, scene.train_indices)
+        elif needs_views(self.method):
+            self.views = list_seen_views(self.scene, scene.train_indices)
         self._scores: np.ndarray | None = None  # the same for all tries
         self.compact_seconds = 0.0
         self.finetune_seconds = 0.0
@@ -171,7 +171,7 @@ class RunCompactor:
         small, drop = self._reduce(), self.options.harmonics_drop
         if drop is None:
             return small
-        views = self.views or seen_views(self.scene, self.scene.train_indices)
+        views = self.views or list_seen_views(self.scene, self.scene.train_indices)
         lowered = drop_harmonics(small, views, self._psnr, drop, self.on_view)
         self.degrees = np.bincount(lowered.degrees, minlength=small.sh_degree + 1).tolist()
         return lowered.gaussians
@@ -211,7 +211,7 @@ class RunCompactor:
         o = self.options
         started = time.perf_counter()
         if self._scores is None:
-            self._scores = scores_of(self.gaussians, self.method, self.views, self.on_view)
+            self._scores = score_gaussians(self.gaussians, self.method, self.views, self.on_view)
         result: Compaction = compact(
             self.gaussians, keep, count=count, method=self.method, views=self.views, seed=o.seed,
             scores=self._scores, on_view=self.on_view,
