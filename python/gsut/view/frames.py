@@ -182,11 +182,10 @@ class Frames:
         if isinstance(gaussians, StoredGaussians):
             seen = render(gaussians, camera, place, background=self.stage.background)
             return seen.image, seen.alpha, seen.depth
-        fills = self.stage.background is None
+        fills, behind = self.stage.background is None, choose_solid(self.stage.background)
         job = _core.RenderJob(
-            camera, place_about(place, gaussians.origin), rule=self._rule,
-            background=choose_solid(self.stage.background), sh_degree=gaussians.sh_degree,
-            keep=False,
+            camera, place_about(place, gaussians.origin), rule=self._rule, background=behind,
+            sh_degree=gaussians.sh_degree, keep=False,
         )  # fmt: skip
         covered = alpha if with_depth or fills else None
         self._renderer.render(gaussians, job, image, covered, depth if with_depth else None)
