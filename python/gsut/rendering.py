@@ -1,14 +1,21 @@
 """More about rendering: camera paths, 8-bit images, distances and depths, projections."""
 
 from gsut.render import METHODS as PROJECTION_METHODS
-from gsut.render import Projection, auto_path, orbit_path, smooth_path, to_uint8, z_of_distance
+from gsut.render import (
+    Projection,
+    make_orbit_path,
+    make_tour_path,
+    smooth_path,
+    to_uint8,
+    z_from_distance,
+)
 
 __all__ = [
     "PROJECTION_METHODS",
     "Projection",
-    "auto_path",
-    "orbit_path",
+    "make_orbit_path",
+    "make_tour_path",
     "smooth_path",
     "to_uint8",
-    "z_of_distance",
+    "z_from_distance",
 ]

@@ -17,7 +17,7 @@ from gsut.demo.hall import make_hall
 from gsut.demo.texture import to_linear, to_srgb
 from gsut.demo.views import plan_walk
 from gsut.evaluate import evaluate
-from gsut.render import Falloff, Light, field_angles
+from gsut.render import Falloff, Light, compute_field_angles
 from tests.bench.harness import HALL, Benchmark, Column, Option, Row, Settings
 
 _EXPOSURE = 0.07  # standard deviation of log-gains, as of a phone's photographs
@@ -93,9 +93,9 @@ def compare_light(found: Row, truth: Light, scene: gsut.Scene) -> Row:
     light = Light.from_dict(found, [view.name for view in scene.views])
     train = list(scene.train_indices)
     off = np.log(light.gains[train] / truth.gains[train])
-    angles = np.linspace(0, float(np.nanmax(field_angles(scene.cameras[0]))), 50)
+    angles = np.linspace(0, float(np.nanmax(compute_field_angles(scene.cameras[0]))), 50)
     shapes = [
-        np.ones((50, 3)) if each is None else each.at(angles)
+        np.ones((50, 3)) if each is None else each.evaluate(angles)
         for each in (light.falloffs[0], truth.falloffs[0])
     ]
     apart = np.log(shapes[0] / shapes[1])
@@ -113,7 +113,7 @@ def draw_light(scene: gsut.Scene, parts: tuple[str, ...], rng: np.random.Generat
         drift = _draw_drift(rng, len(order), 1, _EXPOSURE)
         drift = drift + _draw_drift(rng, len(order), 3, _BALANCE)
         gains = {view.name: np.exp(row) for view, row in zip(order, drift, strict=True)}
-    angle = float(np.nanmax(field_angles(scene.cameras[0])))
+    angle = float(np.nanmax(compute_field_angles(scene.cameras[0])))
     falloff = Falloff(angle, np.tile(_FALLOFF, (3, 1))) if "falloff" in parts else None
     return Light(np.array([gains[view.name] for view in scene.views]), (falloff,))
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 import gsut
-from gsut.render import solid
+from gsut.render import choose_solid
 from tests.bench.harness import HALL, Benchmark, Column, Option, Row, Settings
 
 _COVERED = 14.16  # of a chi-square law of three degrees of freedom: 99.73 %, as 3 sigma of one
@@ -107,7 +107,7 @@ def _localize(
     try:
         found = gsut.localize(
             pixels, scene, trained.gaussians, camera=lens, mask=mask,
-            background=solid(trained.options.background),
+            background=choose_solid(trained.options.background),
         )  # fmt: skip
     except gsut.SolveError:
         return None

@@ -123,7 +123,7 @@ SHARED = {
         + [lambda r: gsut.render_backward(r, weights(6), with_lens=True)]
         + [lambda r: gsut.render_surface(r)]
         + [lambda r: gsut.loop.render_surface_backward(r, weights(9))]
-        + [lambda r: {k: v for k, v in r.statistics().items() if "time" not in k}]
+        + [lambda r: {k: v for k, v in r.get_statistics().items() if "time" not in k}]
         + [lambda r: gsut.render_backward(dataclasses.replace(r, sh_degree=0), weights(7))],
     ),
     "Shutter": (

@@ -13,9 +13,12 @@ namespace gsut {
 namespace {
 
 // Outside of these a sensor is no longer linear in light, or its noise is all there is.
-constexpr float kBlack = 0.02f, kSaturated = 0.96f;
-// Neighbouring rows tell the same: every fourth, of high images some 40 to 79.
-constexpr std::int64_t kRowStep = 4, kRows = 40;
+constexpr float kBlack = 0.02f;
+constexpr float kSaturated = 0.96f;
+// Rows from one that is summed to the next, at most: neighbours add little.
+constexpr std::int64_t kRowStep = 4;
+// Rows that are summed of a high image, at least (and fewer than twice as many).
+constexpr std::int64_t kRows = 40;
 constexpr std::int64_t kBlockRows = 32;
 
 // The values of bytes.

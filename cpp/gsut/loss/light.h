@@ -1,4 +1,4 @@
-// What a rendered image tells of the light that its photograph was taken in.
+// Compares a rendered image with its photograph: sums from which exposure and falloff follow.
 #pragma once
 
 #include <cstdint>

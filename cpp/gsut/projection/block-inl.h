@@ -37,7 +37,7 @@ struct PointBlock {
   }
 };
 
-// Whether a Gaussian can be seen, as far as its place and size tell.
+// Whether a Gaussian can be seen, judged by its place and size alone.
 struct Visibility {
   Lane g2;                 // squared Mahalanobis distance of the camera
   Lane reach;              // root of the cut-off of D^2

@@ -20,7 +20,7 @@ constexpr std::int64_t kGrain = 4096;
 // Footprints wider than this (pixels) are not trusted to an ellipse.
 constexpr float kWideFootprint = 64.0f;
 // Where the central weight exceeds this (alpha below about 0.4), pixel differences of the sigma
-// points are so much magnified that float pixels do not suffice: they are formed in double.
+// points are magnified beyond the precision of float pixels: they are formed in double.
 constexpr double kLargestFloatWeight = 10.0;
 
 // Calls use(i, footprint) for the Gaussians [begin, end), in double.

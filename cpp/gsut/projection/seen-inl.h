@@ -115,7 +115,7 @@ HWY_INLINE SeenLanes LoadSeen(const GaussiansView<const float>& g, std::int64_t 
                          Lane(view.rotation[3 * k + 2])};
     out.mean[k] = Dot3(row, out.world);
   }
-  // Told component by component: a maximum may hide what is no number.
+  // Checked component by component: a maximum may hide what is no number.
   const LaneMask quat_is_finite = AndMask(AndMask(IsFinite(out.quat[0]), IsFinite(out.quat[1])),
                                           AndMask(IsFinite(out.quat[2]), IsFinite(out.quat[3])));
   // The largest component is divided out, so that no norm over- or underflows.

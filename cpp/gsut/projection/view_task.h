@@ -1,4 +1,4 @@
-// What every float kernel of projection is told: Gaussians, lens, place of the camera, cut-off.
+// The input of every float kernel of projection: Gaussians, lens, the camera's place, cut-offs.
 #pragma once
 
 #include <cmath>

@@ -18,7 +18,7 @@ constexpr std::int64_t kMaxParts = 64;
 constexpr std::int64_t kMinPart = 8192;
 constexpr int kRadixBits = 11;
 constexpr std::uint32_t kRadix = 1u << kRadixBits;
-// In depth order the Gaussians' rectangles lie anywhere: they are fetched so many ahead.
+// In depth order the Gaussians' rectangles lie anywhere: they are fetched this far ahead.
 constexpr std::int64_t kFetchAhead = 16;
 
 struct Parts {

@@ -13,7 +13,7 @@ HWY_BEFORE_NAMESPACE();
 namespace gsut {
 namespace HWY_NAMESPACE {
 
-// Columns are dealt with kLanes at a time: arrays of them have room for so many more.
+// Columns are dealt with kLanes at a time: arrays of them are padded to that.
 constexpr int PaddedColumns(int columns) { return (columns + kLanes - 1) / kLanes * kLanes; }
 
 // Exchanges lane j of v[i] and lane i of v[j]. One or two shuffles a vector and doubling, where

@@ -1,4 +1,4 @@
-// What the kernels of all kinds of rays are told: the frame, the gradients to its pixels, and where
+// The input of the kernels of all kinds of rays: the frame, the gradients to its pixels, and where
 // those of the Gaussians go.
 #pragma once
 

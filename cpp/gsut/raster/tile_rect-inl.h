@@ -234,7 +234,8 @@ struct TileWord {
         bits |= by_bytes << (8 * (y - base_y) + (x - base_x));
       }
     }
-    constexpr std::uint64_t kEveryRow = 0x0101010101010101u, kAll = ~std::uint64_t{0};
+    constexpr std::uint64_t kEveryRow = 0x0101010101010101u;  // one bit a byte: repeats a row
+    constexpr std::uint64_t kAll = ~std::uint64_t{0};
     const std::uint64_t columns =
         (0xFFu << (window.x0 - base_x)) & (0xFFu >> (base_x + 8 - window.x1));
     bits &= columns * kEveryRow;

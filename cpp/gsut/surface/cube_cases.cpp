@@ -1,4 +1,4 @@
-// Made from the rule for faces when first asked for, not from a table.
+// Makes the cases of marching cubes from the rule for faces, on first use, not from a table.
 #include "gsut/surface/cube_cases.h"
 
 #include <limits>

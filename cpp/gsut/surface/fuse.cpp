@@ -24,8 +24,10 @@ constexpr std::size_t kRecent = 4096;
 constexpr double kFarthest = 1e9;
 // A distant pixel covers more voxels than this at most, to each side.
 constexpr double kMostVoxelsOfPixel = 12;
-// Points that stand for a block: its corners and its middle, and what they are filled up to.
-constexpr int kCorners = 9, kCornerBatch = 16;
+// Points that stand for a block: its corners and its middle.
+constexpr int kCorners = 9;
+// What they are filled up to: whole vectors of any instruction set.
+constexpr int kCornerBatch = 16;
 
 // Numbers one by one: array's own operators compare bytes by a call.
 bool Same(const Block& a, const Block& b) { return a[0] == b[0] && a[1] == b[1] && a[2] == b[2]; }

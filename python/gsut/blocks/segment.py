@@ -10,7 +10,7 @@ import numpy as np
 from gsut import _core
 from gsut.blocks.task import BlockTask, Trained, list_arrays
 from gsut.data import Level, Scene
-from gsut.render import Light, field_angles
+from gsut.render import Light, compute_field_angles
 from gsut.training import TrainingLoop
 
 # Side of a tile in pixels, as in the renderer.
@@ -137,7 +137,7 @@ class KnownLight:
         camera, index = level.scene.camera(view), self._scene.views[view].camera_index
         falloff, key = self._light.falloffs[index], (index, camera.width)
         if falloff is not None and key not in self._planes:
-            inverse = 1.0 / falloff.at(field_angles(camera))
+            inverse = 1.0 / falloff.evaluate(compute_field_angles(camera))
             self._planes[key] = _core.FalloffPlane(inverse.astype(np.float32))
         target.set_light(1.0 / self._light.gains[view], self._planes.get(key))
 

@@ -14,7 +14,7 @@ from gsut._core import CameraMotion, InputError
 from gsut.data import Frame, write_transforms
 from gsut.data.poses import invert_pose
 from gsut.files import refuse_existing, whole_file
-from gsut.render import render_surface, write_png, z_of_distance
+from gsut.render import render_surface, write_png, z_from_distance
 from gsut.surface import Cloud, DepthMap, save_mesh
 
 _DEPTH = "depth"
@@ -63,7 +63,7 @@ class DepthOutput:
     def check(self, cameras: Sequence[Any]) -> None:
         """Raises InputError where a lens sees too far from its axis for z."""
         for camera in dict.fromkeys(cameras) if self._kind == "z" else ():
-            z_of_distance(np.zeros((camera.height, camera.width)), camera)
+            z_from_distance(np.zeros((camera.height, camera.width)), camera)
 
     def add(
         self,
@@ -79,7 +79,7 @@ class DepthOutput:
             self._cloud.add(DepthMap(camera, place, distance, None, image))
         if self._kind is None or self.folder is None:
             return
-        depth = z_of_distance(distance, camera) if self._kind == "z" else distance
+        depth = z_from_distance(distance, camera) if self._kind == "z" else distance
         (self.folder / _DEPTH).mkdir(exist_ok=True)
         file = self.folder / _DEPTH / f"{name}.npy"
         with whole_file(file) as temporary:

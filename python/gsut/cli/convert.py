@@ -98,7 +98,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _tune_for_viewers(arguments: argparse.Namespace) -> tuple[Any, dict[str, Any]]:
     """Fine-tunes a run's Gaussians for viewers; returns them and the gain."""
-    from gsut.render import PLAYCANVAS_SHRINK, solid
+    from gsut.render import PLAYCANVAS_SHRINK, choose_solid
     from gsut.run import Progress, RunFolder
     from gsut.training import read_trained, tune_for_viewers
     from gsut.training.tuning import VIEWER_STEPS
@@ -113,7 +113,7 @@ def _tune_for_viewers(arguments: argparse.Namespace) -> tuple[Any, dict[str, Any
     from_playcanvas = arguments.out.lower().endswith(_PLAYCANVAS)
     with Progress(not arguments.quiet) as bars:
         tuned = tune_for_viewers(
-            scene, gaussians, steps, background=solid(options.background),
+            scene, gaussians, steps, background=choose_solid(options.background),
             shrink=PLAYCANVAS_SHRINK if from_playcanvas else 1.0,
             on_step=lambda step, loss: bars.show("for viewers", step, steps, f"loss {loss:.4f}"),
         )  # fmt: skip

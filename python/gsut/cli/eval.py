@@ -124,7 +124,7 @@ def _measure_run(
     from gsut.training import read_light
 
     trained_on, scene = scenes
-    pixels = None if scene is trained_on else PixelFilter.of_run(gaussians, trained_on)
+    pixels = None if scene is trained_on else PixelFilter.from_scene(gaussians, trained_on)
     with Progress(sys.stderr.isatty()) as bars:
         figures = evaluate(
             gaussians,

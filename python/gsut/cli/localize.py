@@ -33,7 +33,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     from gsut.refine import localize
-    from gsut.render import solid
+    from gsut.render import choose_solid
     from gsut.run import Progress, RunFolder
     from gsut.training import read_trained
 
@@ -46,7 +46,7 @@ def run(arguments: argparse.Namespace) -> int:
             gaussians,
             camera=arguments.camera,
             mask=arguments.mask,
-            background=solid(options.background),
+            background=choose_solid(options.background),
             on_progress=bars.show,
         )
     indices = scene.train_indices or range(len(scene.views))

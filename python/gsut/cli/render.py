@@ -148,7 +148,7 @@ def run(arguments: argparse.Namespace) -> int:
             for done, (name, place, camera) in enumerate(
                 zip(names, places, cameras, strict=True), 1
             ):
-                drawn = stage.gaussians if pixels is None else pixels.of(camera, place)
+                drawn = stage.gaussians if pixels is None else pixels.widen(camera, place)
                 result = gsut.render(drawn, camera, place, background=stage.background)
                 image = to_uint8(result.image)
                 if depths is not None:
@@ -196,7 +196,7 @@ def _make_pixel_filter(stage: Any) -> Any:
     scene = stage.scene
     if scene is None or stage.kind != "run":
         return None
-    return PixelFilter.of_run(stage.gaussians, scene)
+    return PixelFilter.from_scene(stage.gaussians, scene)
 
 
 def _list_frames(
@@ -206,7 +206,7 @@ def _list_frames(
 
     A held-out view keeps its rolling shutter; along a path the camera stands still for each image.
     """
-    from gsut.render import picture_stems
+    from gsut.render import name_pictures
 
     scene = stage.scene
     if arguments.path != "test":
@@ -219,13 +219,13 @@ def _list_frames(
     own = [_reshape_lens(arguments, camera) for camera in scene.cameras]
     if arguments.camera:
         own = [_choose_lens(arguments, stage, film)] * len(own)
-    names = picture_stems([view.name for view in views])
+    names = name_pictures([view.name for view in views])
     return [view.motion for view in views], names, [own[view.camera_index] for view in views]
 
 
 def _list_poses(arguments: argparse.Namespace, stage: Any, film: Path | None) -> np.ndarray:
     from gsut.data.poses import read_path
-    from gsut.render import auto_path, orbit_path, smooth_path, turn_path
+    from gsut.render import make_orbit_path, make_tour_path, smooth_path, turn_path
 
     scene, count = stage.scene, arguments.frames or (_FRAMES if film is None else _FILM_FRAMES)
     if arguments.path not in _PATHS:
@@ -235,7 +235,7 @@ def _list_poses(arguments: argparse.Namespace, stage: Any, film: Path | None) ->
         return turn_path(place["pose"], place["center"], place["up"], count)
     rows = scene.train_indices or range(len(scene))
     keys = np.stack([scene.views[index].camera_from_world for index in rows])
-    paths = {"auto": auto_path, "orbit": orbit_path, "train": smooth_path}
+    paths = {"auto": make_tour_path, "orbit": make_orbit_path, "train": smooth_path}
     return paths[arguments.path](keys, count)
 
 

@@ -21,9 +21,9 @@ from gsut.render import (
     Ring,
     StoredPixelFilter,
     color_corrected_psnr,
-    field_angles,
+    compute_field_angles,
     half_image_psnr,
-    picture_stems,
+    name_pictures,
     psnr,
     render,
     ring_psnr,
@@ -80,7 +80,7 @@ def evaluate(
         Renders are clipped to [0, 1] but not rounded to 8 bits before they are compared.
     """
     packed = pack_harmonics(gaussians)
-    stems = picture_stems([scene.views[index].name for index in indices])
+    stems = name_pictures([scene.views[index].name for index in indices])
     threads = _core.num_threads()
     rows: list[tuple[dict[str, Any], list[Ring]]] = []
 
@@ -118,7 +118,7 @@ def _render_alone(
     """Renders a view while nothing else runs, and measures the milliseconds."""
     view, camera = scene.views[index], scene.camera(index)
     started = time.perf_counter()
-    drawn = packed if pixels is None else pixels.of(camera, view.motion)
+    drawn = packed if pixels is None else pixels.widen(camera, view.motion)
     rendered = render(drawn, camera, view.motion, background=background)
     return rendered, 1e3 * (time.perf_counter() - started)
 
@@ -157,7 +157,7 @@ def _compare(
         "render_ms": milliseconds,
         "pixels": seen.shape[1],
     }
-    rings = ring_psnr(shown, seen, field_angles(camera)[mask][None])
+    rings = ring_psnr(shown, seen, compute_field_angles(camera)[mask][None])
     if render_folder is not None:
         row |= _write_pictures(render_folder, stem, photograph, image, mask, rendered)
     return row, rings

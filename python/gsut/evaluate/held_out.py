@@ -13,9 +13,9 @@ from gsut.data import Scene
 from gsut.gaussians import Gaussians
 from gsut.render import (
     Light,
+    choose_solid,
     place_about,
     psnr,
-    solid,
     with_surroundings,
 )
 
@@ -79,7 +79,7 @@ def render_view_image(
     alpha = np.zeros(shape, np.float32) if background is None else None
     job = _core.RenderJob(
         camera, place_about(scene.views[index].motion, gaussians.origin),
-        background=solid(background), sh_degree=gaussians.sh_degree, keep=False,
+        background=choose_solid(background), sh_degree=gaussians.sh_degree, keep=False,
     )  # fmt: skip
     renderer.render(gaussians, job, image, alpha)
     return image if alpha is None else with_surroundings(image, alpha, camera)

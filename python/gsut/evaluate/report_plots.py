@@ -90,7 +90,7 @@ def plot_light(light: dict[str, Any]) -> list[str]:
         )  # fmt: skip
         for falloff in falloffs:
             angles = np.linspace(0.0, falloff.max_angle, 60)
-            for values, color in zip(falloff.at(angles).T, _CHANNELS, strict=True):
+            for values, color in zip(falloff.evaluate(angles).T, _CHANNELS, strict=True):
                 chart.draw_line(np.degrees(angles), values, color, 1.4)
         plots.append(chart.embed())
     return plots

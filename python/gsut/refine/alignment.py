@@ -12,7 +12,7 @@ from gsut.evaluate import evaluate
 from gsut.gaussians import Gaussians
 from gsut.refine.motion import measure_pose_changes
 from gsut.refine.pose import refine_pose
-from gsut.render import Light, solid
+from gsut.render import Light, choose_solid
 
 NOTE = (
     "Poses were refined, so the given poses of the held-out views no longer fit the scene: each "
@@ -51,7 +51,7 @@ def evaluate_aligned(
         try:
             found = refine_pose(
                 gaussians, scene.camera(index), pose, scene.image(index), scene.mask(index),
-                background=solid(background),
+                background=choose_solid(background),
             )  # fmt: skip
             poses.append(found.camera_from_world)
             converged.append(found.converged)

@@ -27,7 +27,7 @@ from gsut.refine.motion import extrapolate, measure_pose_changes, remove_mean_mo
 from gsut.refine.pose import choose_pixels, select_inner_pixels
 from gsut.refine.tracks import TracksResult
 from gsut.refine.trust import Halves, Trust, select_half, weigh_lens, weigh_poses
-from gsut.render import DEFAULT_UNSCENTED, solid
+from gsut.render import DEFAULT_UNSCENTED, choose_solid
 from gsut.run import TrainOptions
 
 # Fractions of the steps after which a sweep follows tracks: an unfinished scene misplaces views by
@@ -253,7 +253,7 @@ class TrainingRefiner:
                 settings["lens_free"] = [flags.astype(int).tolist() for flags in free]
             found = _core.refine_photometric(
                 gaussians, level.scene.cameras, used, _core.BlendRule(),
-                solid(self.options.background), sh_degree, DEFAULT_UNSCENTED, settings,
+                choose_solid(self.options.background), sh_degree, DEFAULT_UNSCENTED, settings,
             )  # fmt: skip
             poses |= {id(v): p for v, p in zip(used, found["camera_from_world"], strict=True)}
             out |= found

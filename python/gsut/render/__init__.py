@@ -1,13 +1,13 @@
 """Rendering and projection, metrics, camera paths, pictures and videos."""
 
-from gsut.render.ewa import PLAYCANVAS_SHRINK, EwaSplats, render_ewa, viewer_rule
+from gsut.render.ewa import PLAYCANVAS_SHRINK, EwaSplats, make_viewer_rule, render_ewa
 from gsut.render.films import FILM_SUFFIXES, is_film, write_video
 from gsut.render.light import (
     Falloff,
     Light,
-    falloff_basis,
-    field_angles,
-    interpolated_gains,
+    compute_falloff_basis,
+    compute_field_angles,
+    interpolate_gains,
 )
 from gsut.render.metrics import (
     RING_EDGES_DEGREES,
@@ -20,8 +20,8 @@ from gsut.render.metrics import (
     weighted_psnr,
 )
 from gsut.render.motion import place_about
-from gsut.render.paths import orbit_path, smooth_path, turn_path
-from gsut.render.pictures import picture_stems, to_uint8, write_png
+from gsut.render.paths import make_orbit_path, smooth_path, turn_path
+from gsut.render.pictures import name_pictures, to_uint8, write_png
 from gsut.render.pixel_filter import PixelFilter, StoredPixelFilter, is_coarser
 from gsut.render.projection import METHODS, Projection, project
 from gsut.render.renderer import DEFAULT_UNSCENTED, Gradients, Render, render, render_backward
@@ -29,10 +29,10 @@ from gsut.render.surface import (
     Surface,
     render_surface,
     render_surface_backward,
-    z_of_distance,
+    z_from_distance,
 )
-from gsut.render.surroundings import random_background, solid, with_surroundings
-from gsut.render.tour import auto_path
+from gsut.render.surroundings import choose_solid, draw_background, with_surroundings
+from gsut.render.tour import make_tour_path
 
 __all__ = [
     "DEFAULT_UNSCENTED",
@@ -50,20 +50,22 @@ __all__ = [
     "Ring",
     "StoredPixelFilter",
     "Surface",
-    "auto_path",
+    "choose_solid",
     "color_corrected_psnr",
-    "falloff_basis",
-    "field_angles",
+    "compute_falloff_basis",
+    "compute_field_angles",
+    "draw_background",
     "half_image_psnr",
-    "interpolated_gains",
+    "interpolate_gains",
     "is_coarser",
     "is_film",
-    "orbit_path",
-    "picture_stems",
+    "make_orbit_path",
+    "make_tour_path",
+    "make_viewer_rule",
+    "name_pictures",
     "place_about",
     "project",
     "psnr",
-    "random_background",
     "render",
     "render_backward",
     "render_ewa",
@@ -71,14 +73,12 @@ __all__ = [
     "render_surface_backward",
     "ring_psnr",
     "smooth_path",
-    "solid",
     "ssim",
     "to_uint8",
     "turn_path",
-    "viewer_rule",
     "weighted_psnr",
     "with_surroundings",
     "write_png",
     "write_video",
-    "z_of_distance",
+    "z_from_distance",
 ]

@@ -35,8 +35,8 @@ _THICKNESS = 1e-3  # of a disc, of its smaller radius
 _LEAST_DIFFERENCE = 1e-4
 
 
-def viewer_rule() -> BlendRule:
-    """How viewers of the web order and blend: by distance, without what is too near."""
+def make_viewer_rule() -> BlendRule:
+    """Returns the blend rule of web viewers: ordered by distance, without what is too near."""
     rule = BlendRule()
     rule.near_z = _NEAR
     return rule
@@ -93,10 +93,10 @@ class EwaSplats:
         self._map = flat * self._scales[:, None]
         plane = self._map @ self._map.transpose(0, 2, 1)
         plane[:, [0, 1], [0, 1]] += (self._widening * self._z**2)[:, None]
-        self._ellipses(plane)
+        self._make_discs(plane)
 
-    def _ellipses(self, plane: np.ndarray) -> None:
-        """Discs of these covariances (N, 2, 2) on the plane across the axis."""
+    def _make_discs(self, plane: np.ndarray) -> None:
+        """Makes discs of these covariances (N, 2, 2) on the plane across the axis."""
         a, b, c = plane[:, 0, 0], plane[:, 0, 1], plane[:, 1, 1]
         middle, half = (a + c) / 2, np.hypot((a - c) / 2, b)
         self._large = middle + half
@@ -116,7 +116,7 @@ class EwaSplats:
             g.opacity_logits, g.sh, g.origin,
         )  # fmt: skip
 
-    def backward(self, gradients: Gaussians) -> None:
+    def backpropagate(self, gradients: Gaussians) -> None:
         """Turns gradients to the discs into those to the Gaussians, in place.
 
         Gradients to opacities, harmonics and, for their own part, means pass through.
@@ -162,9 +162,8 @@ def render_ewa(
     shrink: float = 1.0,
     dtype: str = "float32",
 ) -> Render:
-    """The picture that viewers draw of Gaussians, see `EwaSplats` and `render`."""
+    """Renders the picture that viewers draw of Gaussians, see `EwaSplats` and `render`."""
     g = gaussians.to_dtype(np.dtype(dtype))
     discs = EwaSplats(g, camera, camera_from_world, dilation, shrink).discs
-    return render(
-        discs, camera, camera_from_world, background=background, blend=viewer_rule(), dtype=dtype
-    )
+    rule = make_viewer_rule()
+    return render(discs, camera, camera_from_world, background=background, blend=rule, dtype=dtype)

@@ -23,11 +23,13 @@ _CODECS: dict[str, tuple[str, dict[str, str]]] = {
 _GIF = ".gif"
 FILM_SUFFIXES = (*_CODECS, _GIF)
 _MOST_GIF_RATE = 50.0  # browsers play faster ones slowly
-_BT709, _LIMITED_RANGE = 1, 1  # colours as high-definition players take them
+# Colours as high-definition players take them, by FFmpeg's numbers.
+_BT709 = 1
+_LIMITED_RANGE = 1
 
 
 def is_film(path: Path) -> bool:
-    """Whether this is the name of a film.
+    """Returns whether this is the name of a film.
 
     Raises:
         InputError: its suffix is that of neither a film nor a folder.
@@ -114,7 +116,7 @@ def _encode(path: Path, frames: _Counted, frames_per_second: float) -> None:
 
 
 def _write_gif(path: Path, frames: _Counted, frames_per_second: float) -> None:
-    """Each frame has a palette of its own, dithered."""
+    """Writes a GIF in which each frame has a palette of its own, dithered."""
     import av
 
     with av.open(str(path), "w") as container:

@@ -30,8 +30,8 @@ class Falloff:
     max_angle: float
     coefficients: np.ndarray
 
-    def at(self, angles: np.ndarray) -> np.ndarray:
-        """(..., 3) factors at field angles (...) in radians; 1 where the angle is NaN."""
+    def evaluate(self, angles: np.ndarray) -> np.ndarray:
+        """Returns factors (..., 3) at field angles (...) in radians; 1 where the angle is NaN."""
         square = np.nan_to_num(angles / self.max_angle, nan=0.0) ** 2
         out = np.empty((*square.shape, 3))
         for channel, (a, b, c) in enumerate(self.coefficients):
@@ -39,12 +39,12 @@ class Falloff:
         return out
 
     def as_dict(self) -> dict[str, Any]:
-        """For metrics.json and checkpoints."""
+        """Returns what metrics.json and checkpoints hold."""
         return {"max_angle": self.max_angle, "coefficients": self.coefficients.tolist()}
 
     @staticmethod
     def from_dict(values: dict[str, Any] | None) -> Falloff | None:
-        """What `as_dict` gave; None where there is none."""
+        """Reads what `as_dict` returned; None stays None."""
         if values is None:
             return None
         return Falloff(float(values["max_angle"]), np.array(values["coefficients"], float))
@@ -63,24 +63,28 @@ class Light:
     falloffs: tuple[Falloff | None, ...]
 
     def on(self, camera: Any, view: int, camera_index: int) -> np.ndarray:
-        """What a render of a view is multiplied by to look like its photograph.
+        """Returns the factor that makes a render of a view look like its photograph.
 
         Returns:
             (3,) float32, or (H, W, 3) where the lens has a falloff.
         """
         falloff = self.falloffs[camera_index]
         gain = self.gains[view].astype(np.float32)
-        return gain if falloff is None else gain * falloff.at(field_angles(camera)).astype("f4")
+        return (
+            gain
+            if falloff is None
+            else gain * falloff.evaluate(compute_field_angles(camera)).astype("f4")
+        )
 
     def as_dict(self, names: Sequence[str]) -> dict[str, Any]:
-        """For metrics.json: gains by the views' names."""
+        """Returns what metrics.json holds: gains by the views' names."""
         return {
             "gains": dict(zip(names, self.gains.tolist(), strict=True)),
             "falloffs": [None if each is None else each.as_dict() for each in self.falloffs],
         }
 
     def note(self) -> str:
-        """What was found, in sentences for the report."""
+        """Describes gains and falloff in sentences for the report."""
         logs = np.log(self.gains)
         brightness = logs.mean(axis=1)
         balance = logs - brightness[:, None]
@@ -94,25 +98,25 @@ class Light:
             )
         for falloff in self.falloffs:
             if falloff is not None:
-                rim = float(falloff.at(np.array([falloff.max_angle])).mean())
+                rim = float(falloff.evaluate(np.array([falloff.max_angle])).mean())
                 words += f"The lens passes {100 * rim:.0f} % of the light at its rim. "
         return words + "--exposure off leaves this in the scene."
 
     @staticmethod
     def from_dict(values: dict[str, Any], names: Sequence[str]) -> Light:
-        """What `as_dict` gave, for views of these names; a view that is new has a gain of 1."""
+        """Reads what `as_dict` returned for views of these names; a new view has a gain of 1."""
         gains = [values["gains"].get(name, [1.0, 1.0, 1.0]) for name in names]
         return Light(np.array(gains), tuple(Falloff.from_dict(f) for f in values["falloffs"]))
 
 
-def falloff_basis(t: np.ndarray) -> np.ndarray:
-    """(..., ORDERS) even powers of t (...)."""
+def compute_falloff_basis(t: np.ndarray) -> np.ndarray:
+    """Returns the even powers (..., ORDERS) of t (...)."""
     return np.stack([t ** (2 * k) for k in range(1, ORDERS + 1)], axis=-1)
 
 
 @functools.lru_cache(maxsize=_CAMERAS_KEPT)
-def field_angles(camera: Any) -> np.ndarray:
-    """(H, W) angle of each pixel's ray to the optical axis in radians; NaN without a ray.
+def compute_field_angles(camera: Any) -> np.ndarray:
+    """Computes the angle (H, W) of each pixel's ray to the optical axis in radians; NaN: no ray.
 
     Kept for the last cameras, and not to be written to.
     """
@@ -124,15 +128,15 @@ def field_angles(camera: Any) -> np.ndarray:
     return angles
 
 
-def interpolated_gains(
+def interpolate_gains(
     log_gains: np.ndarray, known: Sequence[int], names: Sequence[str], groups: Sequence[int]
 ) -> np.ndarray:
-    """Log-gains of all views: unknown ones lie between their neighbours in time.
+    """Interpolates the log-gains of unknown views between their neighbours in time.
 
     Args:
         log_gains: (V, 3); rows of `known` count.
         known: views.
-        names: of the V views, whose numbers tell their order in time.
+        names: of the V views, whose numbers give their order in time.
         groups: (V,) the camera of each view: only views of one camera are neighbours. A view
             without any has a gain of 1.
 
@@ -147,15 +151,15 @@ def interpolated_gains(
         if not len(sources):
             continue
         place = np.zeros(len(names))
-        place[rows] = _places([names[int(row)] for row in rows])
+        place[rows] = _rank_in_time([names[int(row)] for row in rows])
         sources = sources[np.argsort(place[sources])]
         for channel in range(log_gains.shape[1]):
             out[rows, channel] = np.interp(place[rows], place[sources], log_gains[sources, channel])
     return out
 
 
-def _places(names: Sequence[str]) -> np.ndarray:
-    """(V,) places in time: by the number at the end of each name's stem, if all have one."""
+def _rank_in_time(names: Sequence[str]) -> np.ndarray:
+    """Ranks views (V,) in time: by the number at the end of each name, if all have one."""
     numbers = [re.search(r"(\d+)\D*$", name.rsplit("/", 1)[-1].rsplit(".", 1)[0]) for name in names]
     keys = [(int(found[1]) if found else 0) if all(numbers) else 0 for found in numbers]
     place = np.zeros(len(names))

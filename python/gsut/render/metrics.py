@@ -30,7 +30,7 @@ class Ring(TypedDict):
     pixels: int
 
 
-def _image(image: ArrayLike, name: str) -> np.ndarray:
+def _check_image(image: ArrayLike, name: str) -> np.ndarray:
     array = np.asarray(image)
     if array.ndim != 3 or array.shape[2] != 3:
         raise InputError(f"{name} must have shape (H, W, 3), found {array.shape}")
@@ -42,10 +42,10 @@ def _image(image: ArrayLike, name: str) -> np.ndarray:
 
 
 def _pair(a: ArrayLike, b: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
-    return _image(a, "a"), _image(b, "b")
+    return _check_image(a, "a"), _check_image(b, "b")
 
 
-def _counts(mask: ArrayLike | None, shape: tuple[int, ...]) -> np.ndarray:
+def _read_mask(mask: ArrayLike | None, shape: tuple[int, ...]) -> np.ndarray:
     if mask is None:
         return np.ones(shape, dtype=bool)
     array = np.asarray(mask)
@@ -55,7 +55,7 @@ def _counts(mask: ArrayLike | None, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def psnr(a: ArrayLike, b: ArrayLike, mask: ArrayLike | None = None) -> float:
-    """Peak signal-to-noise ratio over unmasked pixels and all channels.
+    """Computes the peak signal-to-noise ratio over unmasked pixels and all channels.
 
     Args:
         a, b: (H, W, 3) images.
@@ -73,7 +73,7 @@ def psnr(a: ArrayLike, b: ArrayLike, mask: ArrayLike | None = None) -> float:
 def weighted_psnr(
     a: ArrayLike, b: ArrayLike, weights: ArrayLike, mask: ArrayLike | None = None
 ) -> float:
-    """PSNR with a weight per pixel; with the pixels' solid angles it is that of the view sphere.
+    """Computes PSNR with a weight per pixel; with solid angles it is that of the view sphere.
 
     In a fisheye image the rim fills more pixels than sky, so plain PSNR depends on the lens;
     weighted by solid angle it does not.
@@ -95,7 +95,7 @@ def weighted_psnr(
 def ssim(
     a: ArrayLike, b: ArrayLike, mask: ArrayLike | None = None, window_rule: str = "valid"
 ) -> float:
-    """Mean structural similarity, 11 x 11 Gaussian window of sigma 1.5, averaged over channels.
+    """Computes mean structural similarity: 11 x 11 Gaussian window of sigma 1.5, all channels.
 
     Args:
         a, b: (H, W, 3) images.
@@ -122,7 +122,7 @@ def ring_psnr(
     edges_degrees: Sequence[float] = RING_EDGES_DEGREES,
     mask: ArrayLike | None = None,
 ) -> list[Ring]:
-    """PSNR by ring of field angle: shows whether the rim of a wide lens is as good as its centre.
+    """Computes PSNR by ring of field angle: is the rim of a wide lens as good as its centre?
 
     Args:
         a, b: (H, W, 3) images.
@@ -145,7 +145,7 @@ def ring_psnr(
     edges = [float(edge) for edge in edges_degrees]
     if len(edges) < 2 or any(not low < high for low, high in itertools.pairwise(edges)):
         raise InputError(f"edges_degrees must be at least two increasing angles, found {edges}")
-    counts = _counts(mask, x.shape[:2])
+    counts = _read_mask(mask, x.shape[:2])
     rings: list[Ring] = []
     for low, high in itertools.pairwise(edges):
         below = degrees <= high if high == edges[-1] else degrees < high
@@ -159,7 +159,7 @@ def ring_psnr(
 def fit_color_transform(
     image: ArrayLike, truth: ArrayLike, mask: ArrayLike | None = None
 ) -> np.ndarray:
-    """The affine colour transform that brings an image closest to the truth.
+    """Fits the affine colour transform that brings an image closest to the truth.
 
     Args:
         image, truth: (H, W, 3) images.
@@ -172,18 +172,20 @@ def fit_color_transform(
     Raises:
         InputError: shapes or dtypes are wrong, the mask leaves no pixel, values not finite.
     """
-    return _fitted(*_channels(image, truth, mask))
+    return _fit_transform(*_select_channels(image, truth, mask))
 
 
-def _channels(
+def _select_channels(
     image: ArrayLike, truth: ArrayLike, mask: ArrayLike | None
 ) -> tuple[np.ndarray, np.ndarray]:
-    """(3, N) each: the channels of the pixels that count. BLAS takes pixels of three values badly:
-    fifty times as long as the sums, on all threads."""
-    x, y = _image(image, "image"), _image(truth, "truth")
+    """Returns the channels (3, N) of the pixels that count, of both images.
+
+    By channel, as BLAS takes pixels of three values badly: fifty times as long as the sums.
+    """
+    x, y = _check_image(image, "image"), _check_image(truth, "truth")
     if x.shape != y.shape:
         raise InputError(f"truth must have shape {x.shape}, found {y.shape}")
-    counts = _counts(mask, x.shape[:2])
+    counts = _read_mask(mask, x.shape[:2])
     colors, wanted = (
         np.ascontiguousarray((each.reshape(-1, 3) if mask is None else each[counts]).T)
         for each in (x, y)
@@ -195,8 +197,8 @@ def _channels(
     return colors, wanted
 
 
-def _fitted(colors: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """`fit_color_transform` of `_channels`."""
+def _fit_transform(colors: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Fits as `fit_color_transform` does, to the result of `_select_channels`."""
     # Solved for the change, so that colours which determine nothing (one flat colour) stay.
     design = np.concatenate([colors, np.ones((1, colors.shape[1]))])
     normal, side = (np.einsum("in,jn->ij", design, each) for each in (design, wanted - colors))
@@ -206,10 +208,10 @@ def _fitted(colors: np.ndarray, wanted: np.ndarray) -> np.ndarray:
 def color_corrected_psnr(
     image: ArrayLike, truth: ArrayLike, mask: ArrayLike | None = None
 ) -> float:
-    """PSNR after the best affine colour transform of the image, clamped to [0, 1].
+    """Computes PSNR after the best affine colour transform of the image, clamped to [0, 1].
 
-    For photographs with drifting exposure or white balance: tells errors of structure from errors
-    of tone. Always state it beside the plain PSNR.
+    For photographs with drifting exposure or white balance: separates errors of structure
+    from errors of tone. Always state it beside the plain PSNR.
 
     Args:
         image: (H, W, 3) the image that is corrected.
@@ -222,10 +224,11 @@ def color_corrected_psnr(
     Raises:
         InputError: shapes or dtypes are wrong, the mask leaves no pixel, values not finite.
     """
-    colors, wanted = _channels(image, truth, mask)
+    colors, wanted = _select_channels(image, truth, mask)
     red, green, blue = colors
     rows = [
-        row[0] * red + row[1] * green + row[2] * blue + row[3] for row in _fitted(colors, wanted)
+        row[0] * red + row[1] * green + row[2] * blue + row[3]
+        for row in _fit_transform(colors, wanted)
     ]
     return psnr(np.clip(rows, 0.0, 1.0).T[None], wanted.T[None])
 
@@ -233,7 +236,7 @@ def color_corrected_psnr(
 def half_image_psnr(
     image: ArrayLike, truth: ArrayLike, mask: ArrayLike | None = None
 ) -> float | None:
-    """PSNR of the right half of an image after the gains, one a channel, that fit the left half.
+    """Computes PSNR of an image's right half after the gains per channel that fit its left half.
 
     Args:
         image: (H, W, 3) the image that is multiplied.
@@ -245,8 +248,8 @@ def half_image_psnr(
 
     Source: Martin-Brualla et al., "NeRF in the Wild", 2021, section 5.
     """
-    x, y = _image(image, "image"), _image(truth, "truth")
-    counts, middle = _counts(mask, x.shape[:2]), x.shape[1] // 2
+    x, y = _check_image(image, "image"), _check_image(truth, "truth")
+    counts, middle = _read_mask(mask, x.shape[:2]), x.shape[1] // 2
     left, right = counts[:, :middle], counts[:, middle:]
     if not left.any() or not right.any():
         return None

@@ -11,14 +11,14 @@ from gsut import _core
 from gsut._core import InputError
 
 
-def pose_matrix(camera_from_world: Any) -> np.ndarray:
+def to_matrix(camera_from_world: Any) -> np.ndarray:
     return np.asarray(getattr(camera_from_world, "matrix", camera_from_world), dtype=np.float64)
 
 
-def camera_motion(
+def read_motion(
     camera_from_world: Any, shutter: _core.Shutter | str | None = None
 ) -> np.ndarray | _core.CameraMotion:
-    """What the core takes as a camera's place: one pose, or a moving camera.
+    """Reads a camera's place as the core takes it: one pose, or a moving camera.
 
     Args:
         camera_from_world: (4, 4), an object with such a `matrix`, or a pair of these: the poses at
@@ -42,23 +42,23 @@ def camera_motion(
                 f'shutter is "{shutter.direction}", but camera_from_world is one pose; give the '
                 "pair (start, end)"
             )
-        return pose_matrix(camera_from_world)
+        return to_matrix(camera_from_world)
     if shutter is None:
         raise InputError(
             "camera_from_world is a pair of poses, but there is no rolling shutter; give "
             'shutter="top_to_bottom" or another direction, or one pose'
         )
-    start, end = (pose_matrix(pose) for pose in camera_from_world)
+    start, end = (to_matrix(pose) for pose in camera_from_world)
     return _core.CameraMotion(start, end, shutter)
 
 
 def place_about(
     place: np.ndarray | _core.CameraMotion, origin: np.ndarray
 ) -> np.ndarray | _core.CameraMotion:
-    """A camera's place in coordinates whose zero lies at `origin` (3,), as Gaussians' means are.
+    """Places a camera in coordinates whose zero is `origin` (3,), as Gaussians' means are.
 
     Args:
-        place: from `camera_motion`, in world coordinates.
+        place: from `read_motion`, in world coordinates.
         origin: (3,) float64; with -origin the place comes back.
     """
     if not origin.any():
@@ -76,4 +76,4 @@ def _is_pair(camera_from_world: Any) -> bool:
         return camera_from_world.ndim == 3 and len(camera_from_world) == 2
     if not isinstance(camera_from_world, Sequence) or len(camera_from_world) != 2:
         return False
-    return pose_matrix(camera_from_world[0]).ndim == 2
+    return to_matrix(camera_from_world[0]).ndim == 2

@@ -14,7 +14,7 @@ _TURN_RADIUS = 0.25
 
 
 def smooth_path(camera_from_world: np.ndarray, num_frames: int, closed: bool = False) -> np.ndarray:
-    """Poses that pass smoothly through key poses, at even speed.
+    """Makes poses that pass smoothly through key poses, at even speed.
 
     Cubic Hermite curves through the camera centres and, alike, through the rotation matrices, each
     then replaced by the nearest rotation (between two poses the great arc that slerp takes); knots
@@ -33,7 +33,7 @@ def smooth_path(camera_from_world: np.ndarray, num_frames: int, closed: bool = F
         keys = np.concatenate([keys, keys[:1]])
     if len(keys) == 1:
         keys = np.repeat(keys, 2, axis=0)
-    knots = np.concatenate([[0.0], np.cumsum(_spacing(keys))])
+    knots = np.concatenate([[0.0], np.cumsum(_measure_spacing(keys))])
     time = np.linspace(0.0, knots[-1], num_frames + 1 if closed else num_frames)[:num_frames]
 
     tangents = np.empty_like(keys)
@@ -62,8 +62,8 @@ def smooth_path(camera_from_world: np.ndarray, num_frames: int, closed: bool = F
     return _camera_from_world(np.sum(weights * parts, axis=0))
 
 
-def orbit_path(camera_from_world: np.ndarray, num_frames: int) -> np.ndarray:
-    """One closed orbit of a scene, from the poses it was photographed with.
+def make_orbit_path(camera_from_world: np.ndarray, num_frames: int) -> np.ndarray:
+    """Makes one closed orbit of a scene, from the poses it was photographed with.
 
     Where most cameras look at a common point: a circle around it at their mean distance and
     height. Else (a walk, or cameras that look outward): a full turn of the view near their
@@ -91,7 +91,7 @@ def orbit_path(camera_from_world: np.ndarray, num_frames: int) -> np.ndarray:
     first = first / np.linalg.norm(first)
     outward = np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * np.cross(up, first)
 
-    look_at = _look_at_point(centers, forward)
+    look_at = _find_look_at(centers, forward)
     if look_at is None:
         spread = np.sqrt(np.mean(np.sum((centers - middle) ** 2, axis=1)))
         return _look(middle + _TURN_RADIUS * spread * outward, outward, up)
@@ -104,7 +104,7 @@ def orbit_path(camera_from_world: np.ndarray, num_frames: int) -> np.ndarray:
 def turn_path(
     camera_from_world: np.ndarray, center: np.ndarray, up: np.ndarray, num_frames: int
 ) -> np.ndarray:
-    """Once around a point, from a pose on.
+    """Makes a full turn around a point, starting from a pose.
 
     Args:
         camera_from_world: (4, 4) the first pose.
@@ -123,8 +123,8 @@ def turn_path(
     return np.asarray(camera_from_world, np.float64) @ turned
 
 
-def _spacing(keys: np.ndarray) -> np.ndarray:
-    """(N-1,) positive distances between neighbouring (3, 4) poses: way plus turn, scale-free."""
+def _measure_spacing(keys: np.ndarray) -> np.ndarray:
+    """Measures the distances (N-1,) > 0 of neighbouring poses (3, 4): way plus turn, scale-free."""
     way = np.linalg.norm(np.diff(keys[:, :, 3], axis=0), axis=1)
     relative = np.einsum("nji,njk->nik", keys[:-1, :, :3], keys[1:, :, :3])
     cosine = (np.trace(relative, axis1=1, axis2=2) - 1) / 2
@@ -134,8 +134,8 @@ def _spacing(keys: np.ndarray) -> np.ndarray:
     return np.maximum(length, 1e-3 / len(length))  # keys at one place still take some time
 
 
-def _look_at_point(centers: np.ndarray, forward: np.ndarray) -> np.ndarray | None:
-    """The point nearest to all optical axes in the least-squares sense; None if there is none."""
+def _find_look_at(centers: np.ndarray, forward: np.ndarray) -> np.ndarray | None:
+    """Finds the point nearest to all optical axes in the least-squares sense, if there is one."""
     projectors = np.eye(3) - forward[:, :, None] * forward[:, None, :]
     matrix = projectors.mean(axis=0)
     if np.linalg.eigvalsh(matrix)[0] < _LEAST_CONVERGENCE:
@@ -146,7 +146,7 @@ def _look_at_point(centers: np.ndarray, forward: np.ndarray) -> np.ndarray | Non
 
 
 def _look(positions: np.ndarray, directions: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """(N, 4, 4) camera_from_world of cameras that look along directions with `up` upward."""
+    """Returns camera_from_world (N, 4, 4) of cameras that look along directions, `up` upward."""
     z = directions / np.linalg.norm(directions, axis=1, keepdims=True)
     x = np.cross(z, up)
     x /= np.linalg.norm(x, axis=1, keepdims=True)
@@ -154,7 +154,7 @@ def _look(positions: np.ndarray, directions: np.ndarray, up: np.ndarray) -> np.n
 
 
 def _camera_from_world(world_from_camera: np.ndarray) -> np.ndarray:
-    """(N, 4, 4) inverse of (N, 3, 4) poses whose left part is brought to the nearest rotation."""
+    """Inverts poses (N, 3, 4), whose left part is brought to the nearest rotation."""
     left, _, right = np.linalg.svd(world_from_camera[:, :, :3])
     left[..., -1] *= np.linalg.det(left @ right)[:, None]  # a rotation, never a reflection
     rotation = np.swapaxes(left @ right, 1, 2)

@@ -11,7 +11,7 @@ from gsut.files import write_file
 
 
 def to_uint8(image: np.ndarray) -> np.ndarray:
-    """Colours as bytes, ready to be written.
+    """Converts colours to bytes, ready to be written.
 
     Args:
         image: floating point, in [0, 1]; values outside are clipped, NaN becomes 0.
@@ -42,8 +42,8 @@ def write_png(path: Path, image: np.ndarray) -> None:
     write_file(path, data.tobytes())
 
 
-def picture_stems(names: Sequence[str]) -> list[str]:
-    """File names without extension for views: folders become _, and no two are the same."""
+def name_pictures(names: Sequence[str]) -> list[str]:
+    """Names files for views, without extension: folders become _, and no two are the same."""
     stems: list[str] = []
     taken: set[str] = set()
     for name in names:

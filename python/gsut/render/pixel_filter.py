@@ -50,10 +50,10 @@ class PixelFilter:
         self._finest = finest**2
 
     @staticmethod
-    def of_run(
+    def from_scene(
         gaussians: Any, scene: Any, most_cameras: int = _MOST_CAMERAS
     ) -> PixelFilter | StoredPixelFilter:
-        """For Gaussians that were trained on a scene's training views.
+        """Makes the filter of Gaussians that were trained on a scene's training views.
 
         Args:
             gaussians: see above.
@@ -66,8 +66,8 @@ class PixelFilter:
         cameras = [scene.camera(row) for row in rows]
         return PixelFilter(gaussians, cameras, scene.poses(rows), most_cameras)
 
-    def of(self, camera: Any, camera_from_world: Any) -> Any:
-        """The Gaussians for one image.
+    def widen(self, camera: Any, camera_from_world: Any) -> Any:
+        """Returns the Gaussians as wide as the pixels of one image need them.
 
         Scales s become sqrt(s^2 + v) with the variance v that is missing. The largest response
         along a ray is what is drawn, so opacities are multiplied by the ratio of the areas of the
@@ -91,7 +91,7 @@ class PixelFilter:
         before = np.exp(2.0 * scales[rows])
         after = before + missing[rows, None]
         center = -pose[:3, :3].T @ pose[:3, 3]
-        along = _in_own_axes(g.quats[rows].astype(np.float64), self._means[rows] - center) ** 2
+        along = _to_own_axes(g.quats[rows].astype(np.float64), self._means[rows] - center) ** 2
         # det S^2 times d' S^-2 d: the squared area of the shadow along d.
         areas = [v.prod(axis=1) * (along / v).sum(axis=1) for v in (before, after)]
         opacity = np.sqrt(areas[0] / areas[1]) / (
@@ -108,33 +108,32 @@ class StoredPixelFilter:
 
     Args:
         gaussians: in a file.
-        scene, most_cameras: see `PixelFilter.of_run`.
+        scene, most_cameras: see `PixelFilter.from_scene`.
     """
 
     def __init__(self, gaussians: StoredGaussians, scene: Any, most_cameras: int) -> None:
         self.gaussians = gaussians
         self._scene, self._most_cameras = scene, most_cameras
 
-    def of(self, camera: Any, camera_from_world: Any) -> StoredGaussians:
-        """See `PixelFilter.of`."""
+    def widen(self, camera: Any, camera_from_world: Any) -> StoredGaussians:
+        """Does as `PixelFilter.widen`, when the Gaussians are read."""
 
-        def widened(part: Any) -> Any:
-            return PixelFilter.of_run(part, self._scene, self._most_cameras).of(
-                camera, camera_from_world
-            )
+        def widen_part(part: Any) -> Any:
+            own = PixelFilter.from_scene(part, self._scene, self._most_cameras)
+            return own.widen(camera, camera_from_world)
 
-        return self.gaussians.with_change(widened)
+        return self.gaussians.with_change(widen_part)
 
 
 def is_coarser(camera: Any, photographs: Sequence[Any]) -> bool:
-    """Whether a lens' pixels are larger, at its axis, than those of the finest photograph."""
+    """Returns whether a lens' pixels are larger, at its axis, than the finest photograph's."""
     axis, pose = np.array([[0.0, 0.0, 1.0]]), np.eye(4)
     finest = max(float(compute_pixel_density(axis, each, pose)[0]) for each in photographs)
     return bool(compute_pixel_density(axis, camera, pose)[0] < _ALIKE * finest)
 
 
-def _in_own_axes(quats: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Vectors (N, 3) of the world in the axes of Gaussians of these quaternions (N, 4)."""
+def _to_own_axes(quats: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Rotates world vectors (N, 3) into the axes of Gaussians of these quaternions (N, 4)."""
     unit = quats / np.linalg.norm(quats, axis=1, keepdims=True)
     w, axis = unit[:, :1], -unit[:, 1:]
     turned = 2.0 * np.cross(axis, vectors)

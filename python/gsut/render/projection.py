@@ -11,7 +11,7 @@ import numpy as np
 from gsut import _core
 from gsut._core import InputError
 from gsut.gaussians import Gaussians
-from gsut.render.motion import camera_motion, place_about
+from gsut.render.motion import place_about, read_motion
 
 # In the order of the core's enumeration.
 METHODS = ("ewa", "unscented", "silhouette")
@@ -29,9 +29,9 @@ class Projection:
         extents: (N, 2) half width and height in pixels that hold alpha >= alpha_min.
         depths: (N,) distances from the camera centre.
         valid: (N,) bool, every point of the method has a pixel.
-        boxes: (N, 4) low u, low v, high u, high v in pixels: by the method's word, every pixel with
-            alpha >= alpha_min has its centre inside. Low > high: there is none. On a panorama a box
-            may reach across the seam and then means its copy one period further, too.
+        boxes: (N, 4) low u, low v, high u, high v in pixels: according to the method, every pixel
+            with alpha >= alpha_min has its centre inside. Low > high: there is none. On a panorama
+            a box may reach across the seam and then means its copy one period further, too.
         bounded: (N,) bool, the method says which pixels see the Gaussian (or that none does).
         converged: (N,) bool, with a rolling shutter: every sigma point settled on the line that
             sees it; where it is False the footprint is NaN. Without one always True.
@@ -91,13 +91,13 @@ def project(
     if dtype not in ("float32", "float64"):
         raise InputError(f'dtype "{dtype}" is unknown; known: float32, float64')
     weights = tuple(float(x) for x in unscented)
-    place = place_about(camera_motion(camera_from_world, shutter), gaussians.origin)
+    place = place_about(read_motion(camera_from_world, shutter), gaussians.origin)
     if isinstance(place, _core.CameraMotion):
         if method != "unscented":
             raise InputError(
                 f'method "{method}" knows no rolling shutter; give method="unscented", or one pose'
             )
-        return _moving(gaussians, camera, place, weights, float(alpha_min), dtype)
+        return _project_moving(gaussians, camera, place, weights, float(alpha_min), dtype)
     g = gaussians.to_dtype(np.dtype(dtype))
     found: dict[str, Any]
     footprinter = _core.Footprinter(METHODS.index(method), weights, float(alpha_min))
@@ -107,7 +107,7 @@ def project(
         footprinter.find(g, camera, place)
         found = dict(footprinter.arrays())
     if method == "unscented":  # Gaussians that cannot be seen have centres and extents, too
-        found.update(_unscented(g, camera, place, weights, float(alpha_min)))
+        found.update(_project_unscented(g, camera, place, weights, float(alpha_min)))
     depths = found.get("depths")
     if depths is None:
         with np.errstate(invalid="ignore", over="ignore"):
@@ -124,18 +124,20 @@ def project(
     )  # fmt: skip
 
 
-_BOX, _UNKNOWN = 1, 2  # of the core's FootprintStatus
+# Of the core's FootprintStatus: the box is valid; the method cannot bound the Gaussian.
+_BOX = 1
+_UNKNOWN = 2
 
 
-def _unscented(
+def _project_unscented(
     g: Gaussians, camera: _core.Camera, pose: Any, weights: tuple[float, ...], alpha_min: float
 ) -> dict[str, np.ndarray]:
-    """Centres, covariances and extents of the renderer's own unscented transform."""
+    """Returns centres, covariances and extents of the renderer's own unscented transform."""
     alpha, beta, kappa = weights
     if g.dtype == np.float64:
         exact = _core.project_reference(g, camera, pose, alpha, beta, kappa)
         cov = exact["covariances"]
-        extents = _extents(g, cov, alpha_min)
+        extents = _compute_extents(g, cov, alpha_min)
         return {"centers": exact["centers"], "covariances": cov, "extents": extents}
     out = _core.project(g, camera, pose, alpha, beta, kappa, alpha_min)
     return {
@@ -144,8 +146,8 @@ def _unscented(
     }  # fmt: skip
 
 
-def _extents(g: Gaussians, cov: np.ndarray, alpha_min: float) -> np.ndarray:
-    """(N, 2) half width and height of what holds alpha >= alpha_min; g in float64."""
+def _compute_extents(g: Gaussians, cov: np.ndarray, alpha_min: float) -> np.ndarray:
+    """Computes half widths and heights (N, 2) of what holds alpha >= alpha_min, in float64."""
     variances = np.stack([cov[:, 0, 0], cov[:, 1, 1]], axis=1)
     with np.errstate(over="ignore"):
         opacity = 1.0 / (1.0 + np.exp(-g.opacity_logits))
@@ -153,7 +155,7 @@ def _extents(g: Gaussians, cov: np.ndarray, alpha_min: float) -> np.ndarray:
     return np.sqrt(cutoff[:, None] * variances)
 
 
-def _moving(
+def _project_moving(
     gaussians: Gaussians,
     camera: _core.Camera,
     motion: _core.CameraMotion,
@@ -161,13 +163,13 @@ def _moving(
     alpha_min: float,
     dtype: str,
 ) -> Projection:
-    """The unscented transform through a moving camera, in double."""
+    """Projects by the unscented transform through a moving camera, in double."""
     g = gaussians.to_dtype(np.float64)
     alpha, beta, kappa = weights
     found = _core.project_moving(g, camera, motion, alpha, beta, kappa)
     converged, valid = found["converged"].astype(bool), found["valid"].astype(bool)
     centers, cov, pose = found["centers"], found["covariances"], motion.at(0.5)
-    extents = _extents(g, cov, alpha_min)
+    extents = _compute_extents(g, cov, alpha_min)
     depths = np.linalg.norm(g.means @ pose[:3, :3].T + pose[:3, 3], axis=1)
     boxes = np.concatenate([centers - extents, centers + extents], axis=1)
     arrays = (array.astype(dtype) for array in (centers, cov, extents, depths, boxes))

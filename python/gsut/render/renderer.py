@@ -12,14 +12,16 @@ import numpy as np
 from gsut import _core
 from gsut._core import BlendRule, InputError
 from gsut.gaussians import Gaussians, StoredGaussians
-from gsut.render.motion import camera_motion, place_about
+from gsut.render.motion import place_about, read_motion
 from gsut.render.projection import DEFAULT_UNSCENTED
 from gsut.render.stored import StoredImage
-from gsut.render.surroundings import surroundings
+from gsut.render.surroundings import compute_surroundings
 from gsut.run import check_fits
 
-# Bytes at least: a pixel's ray, colour, alpha, depth, distortion; a Gaussian in the frame's lists.
-_PIXEL_BYTES, _LISTED_BYTES = 40, 60
+# Lower bounds on the bytes of a pixel (ray, colour, alpha, depth, distortion) and of a Gaussian in
+# the lists of the frame.
+_PIXEL_BYTES = 40
+_LISTED_BYTES = 60
 
 
 @dataclasses.dataclass
@@ -59,8 +61,8 @@ class Render:
         height, width = self.alpha.shape
         return f"Render({width} x {height}, {self.camera.model}, of {self.gaussians})"
 
-    def statistics(self) -> dict[str, int]:
-        """Counts of the tiled path: num_visible, num_pairs, num_contributing_pairs ..."""
+    def get_statistics(self) -> dict[str, int]:
+        """Returns counts of the tiled path: num_visible, num_pairs, num_contributing_pairs ..."""
         if self.renderer is None:
             return {}
         with self._turn:
@@ -76,9 +78,9 @@ class Gradients:
         pose: (6,) to (v, w) in camera_from_world <- exp(v, w) camera_from_world; with a rolling
             shutter (2, 6), of the start and of the end pose.
         touched: (N,) bool, some pixel saw the Gaussian; None for the double reference.
-        lens: (K,) to the camera's parameters, in their order; None unless asked for.
+        lens: (K,) to the camera's parameters, in their order; None unless requested.
         rays: (H, W, 3) to the pixels' unit rays, across them, in the axes of the camera in the
-            middle of the exposure; None unless asked for.
+            middle of the exposure; None unless requested.
     """
 
     gaussians: Gaussians
@@ -125,7 +127,7 @@ def render(
             "bottom_to_top", "left_to_right" or "right_to_left". Each line of the image is then
             seen from its own pose; Gaussians are ordered and shaded from the middle one.
         background: colour behind everything; None: where no Gaussian is, the soft colour of what is
-            around in the image (`alpha` tells it apart).
+            around in the image (to be recognized by `alpha`).
         parity: blending rules of "gsplat" or "3dgrut"; None: gsut's own (distance order).
         blend: a `BlendRule` of your own in place of parity.
         sh_degree: harmonics above this degree are ignored.
@@ -152,7 +154,7 @@ def render(
         raise InputError(f"background must be 3 finite numbers, found {color}")
     if sh_degree < 0:
         raise InputError(f"sh_degree must be 0 to 3, found {sh_degree}")
-    pose = camera_motion(camera_from_world, shutter)
+    pose = read_motion(camera_from_world, shutter)
     place = place_about(pose, gaussians.origin)
     degree = min(int(sh_degree), gaussians.sh_degree)
     look = {
@@ -185,8 +187,8 @@ def render(
 
 
 def _fill_with_surroundings(seen: Render) -> Render:
-    """The same render with what is around in place of its black background."""
-    behind = surroundings(seen.image, seen.alpha, seen.camera)
+    """Puts the soft colour of the surroundings in place of a render's black background."""
+    behind = compute_surroundings(seen.image, seen.alpha, seen.camera)
     if behind is None:
         return seen
     behind = behind.astype(seen.image.dtype)
@@ -203,7 +205,7 @@ def render_backward(
     ddistortion: np.ndarray | None = None,
     with_lens: bool = False,
 ) -> Gradients:
-    """Gradients of L = sum(dimage * image) + sum(dalpha * alpha) + sum(ddepth * depth) + ...
+    """Computes gradients of L = sum(dimage * image) + sum(dalpha * alpha) + ...
 
     Args:
         result: what `render` returned; its Gaussians must not have changed since.

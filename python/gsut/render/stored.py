@@ -13,7 +13,7 @@ from gsut.run import format_size
 
 _TILE = 16  # pixels a side
 # Gaussians that are widened to the image's pixels reach out of the balls that hold them, by less
-# than a pixel: what lies so many pixels outside is read, too.
+# than a pixel: what lies up to this many pixels outside is read, too.
 _MARGIN_PIXELS = 3.0
 _LEAST_MARGIN = 1e-5  # radians: of rounding to float32
 
@@ -50,12 +50,12 @@ class StoredImage:
         self._find_rays()
 
     def draw(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Image, alpha, depth and distortion.
+        """Draws image, alpha, depth and distortion.
 
         Raises:
             InputError: not even a tile's Gaussians fit.
         """
-        out = self._new()
+        out = self._make_images()
         self._draw(out, 0, 0, -(-self._shape[0] // _TILE), -(-self._shape[1] // _TILE))
         return out
 
@@ -64,7 +64,7 @@ class StoredImage:
         """The renderer that has drawn `seen`, with all that it keeps of it; None without `seen`."""
         return None if self.seen is None else self._renderer
 
-    def _new(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    def _make_images(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         image, *rest = (np.zeros((*self._shape, *s), np.float32) for s in ((3,), (), (), ()))
         return image, rest[0], rest[1], rest[2]
 
@@ -73,10 +73,10 @@ class StoredImage:
         self._renderer.render(gaussians, job, *out)
 
     def _find_rays(self) -> None:
-        """Of all pixels, as the renderer has them: of any lens, and of one that moves."""
+        """Finds the rays of all pixels as the renderer has them, for any lens and motion."""
         shapes = ((0, 3), (0, 4), (0, 3), (0,), (0, 1, 3))
         nothing = Gaussians(*(np.zeros(shape, np.float32) for shape in shapes))
-        self._render(nothing, self._new(), True, None)
+        self._render(nothing, self._make_images(), True, None)
         self._rays, self._starts = self._renderer.rays()
         place = self._place
         pose = place.at(0.5) if isinstance(place, _core.CameraMotion) else np.asarray(place)
@@ -84,10 +84,10 @@ class StoredImage:
         self._valid = np.asarray(self._rays.any(axis=2))
         self._margin = _LEAST_MARGIN
         if self._gaussians.change is not None:
-            self._margin += _MARGIN_PIXELS * self._largest_pixel()
+            self._margin += _MARGIN_PIXELS * self._measure_largest_pixel()
 
-    def _largest_pixel(self) -> float:
-        """The largest angle between neighbouring pixels."""
+    def _measure_largest_pixel(self) -> float:
+        """Measures the largest angle between neighbouring pixels."""
         largest = 0.0
         for a, b in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
             both = self._valid[a] & self._valid[b]
@@ -99,7 +99,7 @@ class StoredImage:
         """Draws tiles [top, bottom) x [left, right), in parts where it must be."""
         part = np.s_[top * _TILE : bottom * _TILE, left * _TILE : right * _TILE]
         valid = self._valid[part]
-        pieces = self._seen(self._rays[part][valid], self._starts[part][valid])
+        pieces = self._find_seen(self._rays[part][valid], self._starts[part][valid])
         size, limit = self._gaussians.estimate_bytes(pieces), self._gaussians.limit
         rows, columns = bottom - top, right - left
         if size > limit and rows * columns > 1:
@@ -123,7 +123,7 @@ class StoredImage:
         if not whole:
             tiles = np.zeros([-(-side // _TILE) for side in self._shape], np.uint8)
             tiles[top:bottom, left:right] = 1
-        drawn = out if whole else self._new()
+        drawn = out if whole else self._make_images()
         some = self._gaussians.read(pieces)
         self._render(some, drawn, whole, tiles)
         if whole:
@@ -132,8 +132,8 @@ class StoredImage:
             for to, new in zip(out, drawn, strict=True):
                 to[part] = new[part]
 
-    def _seen(self, rays: np.ndarray, starts: np.ndarray) -> np.ndarray:
-        """Pieces that rays (n, 3) from starts (n, 3) about the camera's centre may see."""
+    def _find_seen(self, rays: np.ndarray, starts: np.ndarray) -> np.ndarray:
+        """Finds the pieces that rays (n, 3) from starts (n, 3) about the centre may see."""
         if not len(rays):
             return np.zeros(0, np.int64)
         rays, starts = rays.astype(np.float64), starts.astype(np.float64)

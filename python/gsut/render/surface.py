@@ -36,7 +36,7 @@ class Surface:
 
 
 def render_surface(result: Render) -> Surface:
-    """Depth of several kinds, normals and the spread of a render.
+    """Computes depth of several kinds, normals and the spread of a render.
 
     A Gaussian's distance is that of its strongest response along the ray, which is exact for any
     lens and shutter. Evaluated in double along the rays of the render.
@@ -50,14 +50,14 @@ def render_surface(result: Render) -> Surface:
     Raises:
         InputError: a render of the double reference.
     """
-    median, strongest, normals, spread = _renderer(result).surface()
+    median, strongest, normals, spread = _get_renderer(result).surface()
     with np.errstate(invalid="ignore", divide="ignore"):
         expected = np.where(result.alpha > 0, result.depth / result.alpha, np.float32(np.nan))
     return Surface(expected.astype(np.float32), median, strongest, normals, spread)
 
 
 def render_surface_backward(result: Render, dnormals: np.ndarray) -> Gaussians:
-    """Gradients of L = sum(dnormals * normals), exact but for the cut-offs of the blend rule.
+    """Computes gradients of L = sum(dnormals * normals), exact but for the blend rule's cut-offs.
 
     The expected distance has its gradient through `render_backward`; median and strongest distance
     jump from Gaussian to Gaussian and have none worth the name.
@@ -73,12 +73,12 @@ def render_surface_backward(result: Render, dnormals: np.ndarray) -> Gaussians:
         InputError: shapes differ from the image's.
     """
     gradients = result.gaussians.make_zeros()
-    _renderer(result).surface_backward(np.ascontiguousarray(dnormals, np.float32), gradients)
+    _get_renderer(result).surface_backward(np.ascontiguousarray(dnormals, np.float32), gradients)
     return gradients
 
 
-def z_of_distance(distance: np.ndarray, camera: Camera) -> np.ndarray:
-    """The distance along the camera's axis (z) of points at a distance along each pixel's ray.
+def z_from_distance(distance: np.ndarray, camera: Camera) -> np.ndarray:
+    """Converts distances along each pixel's ray to distances along the camera's axis (z).
 
     Args:
         distance: (H, W) along the rays; NaN stays NaN.
@@ -100,7 +100,7 @@ def z_of_distance(distance: np.ndarray, camera: Camera) -> np.ndarray:
     return distance * np.where(valid, rays[..., 2], np.nan) + camera.origins()[..., 2]
 
 
-def _renderer(result: Render):
+def _get_renderer(result: Render):
     if result.renderer is None and isinstance(result.gaussians, StoredGaussians):
         raise InputError(
             "depths of the surface need all that the lens sees in memory at once: give more "

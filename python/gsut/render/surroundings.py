@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from gsut.render.light import field_angles
+from gsut.render.light import compute_field_angles
 
 # Share of a pixel that may be open before anything is filled in: half a grey level at most.
 _OPEN = 0.002
@@ -19,19 +19,19 @@ _FIRST = 4  # pixels a side that the finest level of the pyramid joins: what is 
 _STREAM = 0xBAC6
 
 
-def solid(background: tuple[float, float, float] | None) -> tuple[float, float, float]:
-    """A colour for code that needs one: black for None, the surroundings."""
+def choose_solid(background: tuple[float, float, float] | None) -> tuple[float, float, float]:
+    """Returns a colour for code that needs one: black for None (the surroundings)."""
     return (0.0, 0.0, 0.0) if background is None else background
 
 
-def random_background(seed: int, step: int) -> tuple[float, float, float]:
-    """The colour behind all Gaussians in one step of training."""
+def draw_background(seed: int, step: int) -> tuple[float, float, float]:
+    """Draws the colour behind all Gaussians in one step of training."""
     red, green, blue = np.random.default_rng([seed, _STREAM, step]).random(3).tolist()
     return red, green, blue
 
 
-def surroundings(image: np.ndarray, alpha: np.ndarray, camera: Any) -> np.ndarray | None:
-    """The mean colour of what is covered around each pixel, near things counting most.
+def compute_surroundings(image: np.ndarray, alpha: np.ndarray, camera: Any) -> np.ndarray | None:
+    """Computes the mean colour of what is covered around each pixel, weighted towards near it.
 
     Args:
         image: (H, W, 3) float32 over a black background.
@@ -43,7 +43,7 @@ def surroundings(image: np.ndarray, alpha: np.ndarray, camera: Any) -> np.ndarra
     """
     import cv2
 
-    no_ray = np.isnan(field_angles(camera))
+    no_ray = np.isnan(compute_field_angles(camera))
     if not (~no_ray & (alpha < 1.0 - _OPEN)).any():
         return None
     height, width = alpha.shape
@@ -67,6 +67,6 @@ def surroundings(image: np.ndarray, alpha: np.ndarray, camera: Any) -> np.ndarra
 
 
 def with_surroundings(image: np.ndarray, alpha: np.ndarray, camera: Any) -> np.ndarray:
-    """An image (H, W, 3) over black whose open share takes the colour of its surroundings."""
-    behind = surroundings(image, alpha, camera)
+    """Fills the open share of an image (H, W, 3) over black with the colour of its surroundings."""
+    behind = compute_surroundings(image, alpha, camera)
     return image if behind is None else image + (1.0 - alpha)[..., None] * behind

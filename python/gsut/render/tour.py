@@ -11,13 +11,13 @@ _MOST_STOPS = 24
 _LEAST_STOPS = 2
 # A turn by this angle counts as far as a way of the cameras' spread.
 _TURN_RADIANS = 1.5
-# The way back to the first stop is part of the path where it is at most so many times as long as
-# the others in the median: cameras around an object.
+# The way back to the first stop is part of the path where it is at most this many times as
+# long as the others in the median: cameras around an object.
 _CLOSING = 2.5
 
 
-def auto_path(camera_from_world: np.ndarray, num_frames: int) -> np.ndarray:
-    """A smooth tour of the photographs' own poses.
+def make_tour_path(camera_from_world: np.ndarray, num_frames: int) -> np.ndarray:
+    """Makes a smooth tour of the photographs' own poses.
 
     Photographs far from each other are chosen as stops and visited on a short way (farthest points,
     then a tour improved by reversals); between stops `smooth_path` leads. Nothing is looked at from
@@ -31,12 +31,12 @@ def auto_path(camera_from_world: np.ndarray, num_frames: int) -> np.ndarray:
         (num_frames, 4, 4) float64 camera_from_world; closed where the tour comes around.
     """
     poses = np.asarray(camera_from_world, np.float64)
-    places = _places(poses)
-    stops = _spread(places, min(_MOST_STOPS, len(poses)))
+    places = _describe_places(poses)
+    stops = _choose_far_places(places, min(_MOST_STOPS, len(poses)))
     if len(stops) <= _LEAST_STOPS:
         return smooth_path(poses[stops], num_frames)
     apart = np.linalg.norm(places[stops][:, None] - places[stops][None], axis=2)
-    tour = _short_way(apart)
+    tour = _find_short_way(apart)
     closed = bool(apart[tour[-1], tour[0]] <= _CLOSING * np.median(apart[tour[1:], tour[:-1]]))
     first = int(np.argmin(stops[tour]))
     if closed:
@@ -46,16 +46,16 @@ def auto_path(camera_from_world: np.ndarray, num_frames: int) -> np.ndarray:
     return smooth_path(poses[stops[tour]], num_frames, closed=closed)
 
 
-def _places(poses: np.ndarray) -> np.ndarray:
-    """(N, 6) where each camera stands and looks, in units in which both count alike."""
+def _describe_places(poses: np.ndarray) -> np.ndarray:
+    """Describes where each camera stands and looks (N, 6), in units in which both count alike."""
     centers = -np.einsum("nji,nj->ni", poses[:, :3, :3], poses[:, :3, 3])
     spread = np.sqrt(np.mean(np.sum((centers - centers.mean(axis=0)) ** 2, axis=1)))
     forward = poses[:, 2, :3]
     return np.concatenate([centers / (spread or 1.0), forward / _TURN_RADIANS], axis=1)
 
 
-def _spread(places: np.ndarray, count: int) -> np.ndarray:
-    """Indices of places far from each other: the first, then each time the farthest."""
+def _choose_far_places(places: np.ndarray, count: int) -> np.ndarray:
+    """Chooses places far from each other, by index: the first, then each time the farthest."""
     chosen = [0]
     nearest = np.linalg.norm(places - places[0], axis=1)
     while len(chosen) < count and nearest.max() > 0:
@@ -64,8 +64,8 @@ def _spread(places: np.ndarray, count: int) -> np.ndarray:
     return np.array(chosen)
 
 
-def _short_way(apart: np.ndarray) -> np.ndarray:
-    """A short way through all places: the nearest next, then reversals while they help (2-opt).
+def _find_short_way(apart: np.ndarray) -> np.ndarray:
+    """Finds a short way through all places: the nearest next, then reversals (2-opt).
 
     A place that is near to all others closes the way to a tour, whose ends it then is between.
     """

@@ -10,7 +10,7 @@ import numpy as np
 
 from gsut._core import CameraMotion, InputError
 from gsut.data.scene import MILLIMETRE, read_depth
-from gsut.render import field_angles, render, render_surface, to_uint8
+from gsut.render import compute_field_angles, render, render_surface, to_uint8
 from gsut.surface.cloud import cast_world_rays
 from gsut.surface.extract import MeshOptions, OnProgress, extract_mesh, ignore_progress
 from gsut.surface.mesh import Mesh
@@ -108,7 +108,7 @@ def _judge_views(
         for kind in KINDS:
             columns[kind].append(getattr(surface, kind).ravel())
         columns["truth"].append(true.ravel())
-        columns["angle"].append(np.degrees(field_angles(camera)).ravel())
+        columns["angle"].append(np.degrees(compute_field_angles(camera)).ravel())
     joined = {name: np.concatenate(parts)[None] for name, parts in columns.items()}
     return {kind: judge_depth(joined[kind], joined["truth"], joined["angle"]) for kind in KINDS}
 

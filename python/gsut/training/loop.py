@@ -23,7 +23,7 @@ from gsut.optimize import (
     make_optimizer,
 )
 from gsut.refine import TracksResult, TrainingRefiner
-from gsut.render import Light, random_background
+from gsut.render import Light, draw_background
 from gsut.run import Stopwatch, TrainOptions
 from gsut.training.context import Context
 from gsut.training.densification import DensificationStep, load_strategy
@@ -186,7 +186,7 @@ class TrainingLoop:
         if len(self._touched) != len(drawn):
             self._gradients = drawn.make_zeros()
             self._touched = np.zeros(len(drawn), np.uint8)
-        behind = self.options.background or random_background(self.options.seed, step.number)
+        behind = self.options.background or draw_background(self.options.seed, step.number)
         camera = step.level.scene.camera(step.view)
         poses = self._exposure.find_poses(self.scene, step.level, step.view)
         look: dict[str, Any] = {

@@ -21,10 +21,10 @@ from gsut.gaussians import (
 from gsut.lens import Camera
 from gsut.render import (
     PixelFilter,
+    choose_solid,
     is_coarser,
     place_about,
     render,
-    solid,
     to_uint8,
     with_surroundings,
 )
@@ -176,16 +176,16 @@ class Frames:
         image, alpha, depth = self._buffers
         gaussians = self._choose_gaussians(request)
         if gaussians is None or not len(gaussians):
-            image[:], alpha[:], depth[:] = solid(self.stage.background), 0, 0
+            image[:], alpha[:], depth[:] = choose_solid(self.stage.background), 0, 0
             return image, alpha, depth
         gaussians = self._widen_for_pixels(gaussians, request, camera, place)
         if isinstance(gaussians, StoredGaussians):
             seen = render(gaussians, camera, place, background=self.stage.background)
             return seen.image, seen.alpha, seen.depth
-        fills = self.stage.background is None
+        fills, behind = self.stage.background is None, choose_solid(self.stage.background)
         job = _core.RenderJob(
-            camera, place_about(place, gaussians.origin), rule=self._rule,
-            background=solid(self.stage.background), sh_degree=gaussians.sh_degree, keep=False,
+            camera, place_about(place, gaussians.origin), rule=self._rule, background=behind,
+            sh_degree=gaussians.sh_degree, keep=False,
         )  # fmt: skip
         covered = alpha if with_depth or fills else None
         self._renderer.render(gaussians, job, image, covered, depth if with_depth else None)
@@ -205,8 +205,8 @@ class Frames:
         if not is_coarser(camera, scene.cameras):
             return gaussians
         if self._pixels is None or self._pixels.gaussians is not gaussians:
-            self._pixels = PixelFilter.of_run(gaussians, scene, _FILTER_CAMERAS)
-        return self._pixels.of(camera, place)
+            self._pixels = PixelFilter.from_scene(gaussians, scene, _FILTER_CAMERAS)
+        return self._pixels.widen(camera, place)
 
     def load_all(self) -> Gaussians:
         """Returns all Gaussians of the stage.

@@ -122,7 +122,7 @@ def test_render_along_a_path_of_the_datasets_poses_shows_these_views(case, tmp_p
         scene.train_indices,
     )
     pixels = PixelFilter(g, [scene.camera(row) for row in train], scene.poses(train))
-    wanted = gsut.render(pixels.of(camera, pose), camera, pose).image
+    wanted = gsut.render(pixels.widen(camera, pose), camera, pose).image
     assert np.abs(found.astype(int) - to_uint8(wanted)).max() <= 2
     # Depths with the pose and lens beside them, and the cloud, lie where the points do.
     (view,) = gsut.load_dataset(tmp_path / "out").views

@@ -119,7 +119,7 @@ def test_render_of_held_out_views_keeps_the_rolling_shutter(video, tmp_path):
         name = view.name.replace("/", "_")
         found = cv2.imread(str(out / name))[..., ::-1]
         rolling, still = (
-            to_uint8(gsut.render(pixels.of(camera, place), camera, place, background=None).image)
+            to_uint8(gsut.render(pixels.widen(camera, place), camera, place, background=None).image)
             for place in (view.motion, view.camera_from_world)
         )
         assert np.array_equal(found, rolling)

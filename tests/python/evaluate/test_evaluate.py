@@ -9,9 +9,9 @@ import pytest
 import gsut
 import small_run
 import tolerances
-from gsut.evaluate.evaluation import evaluate, field_angles, run_metrics
+from gsut.evaluate.evaluation import compute_field_angles, evaluate, run_metrics
 from gsut.render.metrics import RING_EDGES_DEGREES
-from gsut.render.pictures import picture_stems, to_uint8
+from gsut.render.pictures import name_pictures, to_uint8
 from gsut.run import TrainOptions
 
 ERROR = 0.1  # of every colour value that the fake renderer shows
@@ -133,7 +133,7 @@ def test_run_metrics_hold_every_promised_key(scene):
 
 
 def test_field_angles_grow_from_the_axis_to_the_rim():
-    angles = np.degrees(field_angles(small_run.FISHEYE.resize(64, 64)))
+    angles = np.degrees(compute_field_angles(small_run.FISHEYE.resize(64, 64)))
     assert np.nanmin(angles) < 3
     assert 90 < np.nanmax(angles) < small_run.HALF_FIELD_DEGREES
     assert np.isnan(angles[0, 0])
@@ -141,7 +141,7 @@ def test_field_angles_grow_from_the_axis_to_the_rim():
 
 def test_picture_stems_of_any_names_are_unique_file_names():
     names = ["a/0.png", "b/0.png", "a_0.jpg", "../x.png", "c.d.png"]
-    assert picture_stems(names) == ["a_0", "b_0", "a_0-2", "x", "c.d"]
+    assert name_pictures(names) == ["a_0", "b_0", "a_0-2", "x", "c.d"]
 
 
 def test_to_uint8_rounds_clips_and_takes_nan_for_black():

@@ -6,7 +6,7 @@ import pytest
 import gsut
 from gsut import Gaussians, InputError, _core
 from gsut.gaussians import rotations_from_quaternions
-from gsut.render import EwaSplats, render_ewa, viewer_rule
+from gsut.render import EwaSplats, make_viewer_rule, render_ewa
 from random_scenes import central_differences
 from tolerances import EWA_DISCS, EWA_FLOAT, EWA_GRADIENTS
 
@@ -68,9 +68,9 @@ def test_gradients_are_those_of_central_differences(scene, rng):
     g, pose = scene
     weight = rng.normal(size=(HEIGHT, WIDTH, 3))
     splats = EwaSplats(g, CAMERA, pose)
-    drawn = gsut.render(splats.discs, CAMERA, pose, blend=viewer_rule(), dtype="float64")
+    drawn = gsut.render(splats.discs, CAMERA, pose, blend=make_viewer_rule(), dtype="float64")
     found = gsut.render_backward(drawn, weight).gaussians
-    splats.backward(found)
+    splats.backpropagate(found)
 
     def loss():
         return np.sum(render_ewa(g, CAMERA, pose, dtype="float64").image * weight)

@@ -30,14 +30,14 @@ def test_a_small_image_is_the_mean_of_the_large_one(rng, lens):
     radii = gsut.loop.find_filter_radii(g.means, [small], pose[None], 0.3).astype(np.float32)
     plain, passed, filtered = (
         gsut.psnr(gsut.render(drawn, small, pose).image.clip(0, 1), truth.clip(0, 1), whole)
-        for drawn in (g, gsut.loop.apply_low_pass(g, radii), pixels.of(small, pose))
+        for drawn in (g, gsut.loop.apply_low_pass(g, radii), pixels.widen(small, pose))
     )
     print(f"{plain:.2f} dB, low-pass {passed:.2f}, pixel filter {filtered:.2f}")
     assert filtered > plain + tol.PIXEL_FILTER_DB
     assert filtered > passed
     # At the photographs' own pixels, and finer ones, nothing changes.
-    assert pixels.of(large, pose) is g
-    assert pixels.of(large.resize(2 * large.width, 2 * large.height), pose) is g
+    assert pixels.widen(large, pose) is g
+    assert pixels.widen(large.resize(2 * large.width, 2 * large.height), pose) is g
 
 
 def test_coarser_pixels_are_told_by_the_lens():
@@ -51,7 +51,7 @@ def test_scales_grow_by_the_missing_variance_and_shadows_keep_their_light(rng):
     large = pinhole(64)
     g, pose = scene_of(rng, large)
     small = large.resize(large.width // FACTOR, large.height // FACTOR)
-    found = PixelFilter(g, [large], pose[None]).of(small, pose)
+    found = PixelFilter(g, [large], pose[None]).widen(small, pose)
     radii = [
         gsut.loop.find_filter_radii(g.means, [lens], pose[None], 1.0) for lens in (small, large)
     ]

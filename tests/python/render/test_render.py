@@ -198,10 +198,10 @@ def test_render_backward_touched_marks_what_a_pixel_saw(rng):
     assert not found.touched[20:].any()
     for field in FIELDS:
         assert np.all(getattr(found.gaussians, field)[~found.touched] == 0)
-    statistics = result.statistics()
+    statistics = result.get_statistics()
     assert statistics["num_visible"] <= 20
     assert 0 < statistics["num_contributing_pairs"] <= statistics["num_pairs"]
-    assert gsut.render(g, camera, pose, dtype="float64").statistics() == {}
+    assert gsut.render(g, camera, pose, dtype="float64").get_statistics() == {}
 
 
 def test_renderer_reused_for_other_sizes_gives_the_same_bits_as_a_new_one(rng):

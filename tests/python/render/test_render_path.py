@@ -9,7 +9,7 @@ import pytest
 import tolerances
 from gsut import InputError
 from gsut.data.poses import read_path
-from gsut.render.paths import orbit_path, smooth_path
+from gsut.render.paths import make_orbit_path, smooth_path
 from small_run import inward_pose
 
 KEYS = np.stack([inward_pose(angle) for angle in np.linspace(0, 4, 9)])
@@ -75,7 +75,7 @@ def test_smooth_path_of_few_or_equal_keys_is_finite_and_rigid(keys):
 
 def test_orbit_of_cameras_on_a_circle_is_that_circle():
     keys = np.stack([inward_pose(i * math.pi / 6) for i in range(12)])
-    path = orbit_path(keys, 36)
+    path = make_orbit_path(keys, 36)
     assert_rigid(path)
     centers = centers_of(path)
     np.testing.assert_allclose(np.linalg.norm(centers[:, :2], axis=1), 3.0, rtol=1e-9)
@@ -88,7 +88,7 @@ def test_orbit_of_cameras_on_a_circle_is_that_circle():
 def test_orbit_of_cameras_that_look_outward_turns_on_the_spot():
     turned = np.diag([-1.0, 1.0, -1.0, 1.0])
     keys = np.stack([turned @ inward_pose(i * math.pi / 6, height=0.0) for i in range(12)])
-    path = orbit_path(keys, 24)
+    path = make_orbit_path(keys, 24)
     assert_rigid(path)
     assert np.linalg.norm(centers_of(path), axis=1).max() < 1.0
     np.testing.assert_allclose(path[:, 2, :3].mean(axis=0), 0, atol=tolerances.RIGID_POSE)
@@ -97,8 +97,8 @@ def test_orbit_of_cameras_that_look_outward_turns_on_the_spot():
 def test_orbit_of_one_camera_or_of_parallel_ones_is_rigid():
     shifted = np.tile(np.eye(4), (3, 1, 1))
     shifted[:, 0, 3] = [0, 1, 2]
-    assert_rigid(orbit_path(KEYS[:1], 5))
-    assert_rigid(orbit_path(shifted, 5))
+    assert_rigid(make_orbit_path(KEYS[:1], 5))
+    assert_rigid(make_orbit_path(shifted, 5))
 
 
 @pytest.mark.parametrize("form", ["camera_from_world", "camera_path", "frames"])

@@ -104,7 +104,7 @@ def test_pixel_filter_of_a_stored_scene_has_the_same_bits(ply, rng):
     scene = gsut.scene_from_arrays([np.zeros((96, 96, 3), np.uint8)], camera, [pose])
     small = camera.resize(48, 48)
     pictures = [
-        gsut.render(PixelFilter.of_run(g, scene).of(small, pose), small, pose).image
+        gsut.render(PixelFilter.from_scene(g, scene).widen(small, pose), small, pose).image
         for g in (load_ply(ply), open_ply(ply, 2 * LIMIT))
     ]  # fmt: skip
     assert (pictures[0] == pictures[1]).all()

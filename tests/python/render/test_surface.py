@@ -6,7 +6,7 @@ import pytest
 import gsut
 import tolerances
 from gsut import InputError, _core
-from gsut.render import z_of_distance
+from gsut.render import z_from_distance
 from random_scenes import (
     central_differences,
     fisheye,
@@ -178,10 +178,10 @@ def test_normals_of_gaussians_add_up_to_the_same_bits_on_any_threads(rng):
 
 def test_z_is_refused_where_the_lens_sees_beyond_90_degrees():
     camera = pinhole(8)
-    z = z_of_distance(np.full((8, 8), 2.0), camera)
+    z = z_from_distance(np.full((8, 8), 2.0), camera)
     assert np.allclose(z, 2 * camera.rays()[0][..., 2])
     with pytest.raises(InputError, match="--depth ray"):
-        z_of_distance(np.ones((16, 16)), fisheye(16))
+        z_from_distance(np.ones((16, 16)), fisheye(16))
 
 
 def test_surface_of_the_double_reference_is_refused(rng):

@@ -6,7 +6,7 @@ import pytest
 import gsut
 import tolerances as tol
 from gsut.formats import NO_BACKGROUND, read_scene_file, save_ply
-from gsut.render import field_angles, random_background, with_surroundings
+from gsut.render import compute_field_angles, draw_background, with_surroundings
 from gsut.training import find_plain_background
 from gsut.view import open_stage
 from random_scenes import fisheye, gaussians_in_view, pinhole, random_pose
@@ -39,7 +39,7 @@ def test_what_is_covered_and_what_has_no_ray_stays(rng):
     camera = fisheye(64)
     g, pose = seen(rng, camera)
     black, filled = (gsut.render(g, camera, pose, background=b) for b in ((0, 0, 0), None))
-    no_ray = np.isnan(field_angles(camera))
+    no_ray = np.isnan(compute_field_angles(camera))
     assert no_ray.any()
     assert not filled.image[no_ray].any()
     assert np.array_equal(black.alpha, filled.alpha)
@@ -67,9 +67,9 @@ def test_gradients_see_what_is_behind_as_a_constant(rng, dtype):
 
 
 def test_backgrounds_of_steps_differ_and_are_the_same_again():
-    colors = np.array([random_background(3, step) for step in range(1, 200)])
+    colors = np.array([draw_background(3, step) for step in range(1, 200)])
     assert len(np.unique(colors, axis=0)) == len(colors)
-    assert np.array_equal(colors[7], random_background(3, 8))
+    assert np.array_equal(colors[7], draw_background(3, 8))
     assert np.abs(colors.mean(axis=0) - 0.5).max() < tol.BACKGROUND_MEAN
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gsut.render import auto_path, turn_path
+from gsut.render import make_tour_path, turn_path
 from small_run import inward_pose
 from tolerances.evaluate import RIGID_POSE
 from tolerances.view import TOUR_AWAY, TOUR_TURN_DEGREES
@@ -27,7 +27,7 @@ def walk(count):
 
 @pytest.mark.parametrize("keys", [ring(40), walk(30), ring(5)], ids=["ring", "walk", "few"])
 def test_tour_stays_near_photographs_and_looks_where_they_did(keys):
-    path = auto_path(keys, 200)
+    path = make_tour_path(keys, 200)
     assert path.shape == (200, 4, 4)
     gram = path[:, :3, :3] @ path[:, :3, :3].transpose(0, 2, 1)
     np.testing.assert_allclose(gram, np.tile(np.eye(3), (200, 1, 1)), atol=RIGID_POSE)
@@ -42,20 +42,20 @@ def test_tour_stays_near_photographs_and_looks_where_they_did(keys):
 
 
 def test_tour_of_a_ring_comes_around_without_a_jump():
-    centers = centers_of(auto_path(ring(40), 200))
+    centers = centers_of(make_tour_path(ring(40), 200))
     steps = np.linalg.norm(np.diff(np.concatenate([centers, centers[:1]]), axis=0), axis=1)
     assert steps.max() < 2 * np.median(steps)
 
 
 def test_tour_of_a_walk_goes_from_end_to_end():
-    centers = centers_of(auto_path(walk(30), 200))[:, 2]
+    centers = centers_of(make_tour_path(walk(30), 200))[:, 2]
     assert {round(centers[0]), round(centers[-1])} == {0, 29}
     assert np.all(np.diff(centers) * np.sign(centers[-1] - centers[0]) > -0.1)
 
 
 @pytest.mark.parametrize("count", [1, 2])
 def test_tour_of_one_or_two_photographs_is_rigid(count):
-    path = auto_path(ring(5)[:count], 7)
+    path = make_tour_path(ring(5)[:count], 7)
     assert path.shape == (7, 4, 4)
     assert np.isfinite(path).all()
 

@@ -5,13 +5,13 @@ import pytest
 
 import gsut
 import tolerances as tol
-from gsut.render import Falloff, field_angles
+from gsut.render import Falloff, compute_field_angles
 from gsut.training.first.gains import find_first_gains
 from random_scenes import pinhole
 
 VIEWS, HEIGHT = 10, 3.0
 CAMERA = pinhole(64)
-ANGLES = field_angles(CAMERA)
+ANGLES = compute_field_angles(CAMERA)
 FALLOFF = Falloff(float(ANGLES.max()), np.tile([-0.2, -0.1, 0.0], (3, 1)))
 
 
@@ -28,7 +28,7 @@ def photographs(log_gains, bright_side=1.0):
     for view, gain in enumerate(np.exp(log_gains)):
         center = np.array([0.25 * view - 1.2, 0.2 * np.sin(view), 0.0])
         at = center + rays * (HEIGHT / rays[..., 2:])
-        image = wall_colors(at[..., 0], at[..., 1]) * gain * FALLOFF.at(ANGLES)
+        image = wall_colors(at[..., 0], at[..., 1]) * gain * FALLOFF.evaluate(ANGLES)
         image[:, CAMERA.width // 2 :] *= bright_side
         image += rng.normal(0.0, 0.01, image.shape)
         images.append(np.clip(np.rint(255 * image), 0, 255).astype(np.uint8))

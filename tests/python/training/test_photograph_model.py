@@ -11,7 +11,7 @@ import tolerances as tol
 from gsut import _core
 from gsut.cli import main
 from gsut.evaluate import evaluate
-from gsut.render import Falloff, Light, PixelFilter, field_angles, interpolated_gains
+from gsut.render import Falloff, Light, PixelFilter, compute_field_angles, interpolate_gains
 from gsut.run import RunFolder
 from gsut.training import read_light, read_scene, read_trained
 from gsut.training.photograph.photograph_model import PhotographModel
@@ -105,7 +105,7 @@ def test_stopped_and_resumed_same_bits_and_eval_has_the_same_figures(
     light = read_light(RunFolder.open(run), small)
     filtered = evaluate(
         gaussians, small, small.test_indices, background=options.background, light=light,
-        pixels=PixelFilter.of_run(gaussians, read_scene(RunFolder.open(run), None)[1]),
+        pixels=PixelFilter.from_scene(gaussians, read_scene(RunFolder.open(run), None)[1]),
     )["psnr"]  # fmt: skip
     plain = evaluate(
         gaussians, small, small.test_indices, background=options.background, light=light
@@ -119,17 +119,17 @@ def test_falloff_is_found(data):
     scene = gsut.load_dataset(data)
     model = PhotographModel(scene, gsut.TrainOptions(exposure="on").resolve())
     camera, rng = scene.cameras[0], np.random.default_rng(6)
-    angles = field_angles(camera)
+    angles = compute_field_angles(camera)
     truth = Falloff(float(np.nanmax(angles)), np.tile([-0.3, -0.1, 0.05], (3, 1)))
     level = gsut.data.Level(scene)
     for fraction in (0.1, 0.95):
         for view in scene.train_indices:
             image = rng.uniform(0.1, 0.6, (camera.height, camera.width, 3)).astype(np.float32)
-            lit = (image * GAINS[view] * truth.at(angles)).astype(np.float32)
+            lit = (image * GAINS[view] * truth.evaluate(angles)).astype(np.float32)
             target = _core.PhotometricTarget(lit, None, "partial", True)
             model.observe(fraction, level, view, target, image)
     found = model.find_light()
-    shape = found.falloffs[0].at(angles) / truth.at(angles)
+    shape = found.falloffs[0].evaluate(angles) / truth.evaluate(angles)
     shape /= np.median(shape)
     print("worst falloff off by", np.abs(shape - 1).max())
     assert np.abs(shape - 1).max() < tol.LIGHT_FALLOFF
@@ -142,7 +142,7 @@ def test_falloff_is_found(data):
 def test_gains_of_unseen_views_lie_between_their_neighbours_in_time():
     names = ["b/test_3.png", "b/train_1.png", "b/train_5.png", "c/train_2.png"]
     log_gains = np.array([[9.0] * 3, [0.0] * 3, [0.4] * 3, [7.0] * 3])
-    found = interpolated_gains(log_gains, [1, 2], names, [0, 0, 0, 1])
+    found = interpolate_gains(log_gains, [1, 2], names, [0, 0, 0, 1])
     # Places 0 1 2 of three views: halfway; the other camera knows no gain.
     np.testing.assert_allclose(found[:, 0], [0.2, 0.0, 0.4, 0.0])
 

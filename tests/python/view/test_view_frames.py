@@ -68,7 +68,7 @@ def test_a_frame_coarser_than_the_photographs_is_filtered_once_it_rests(session,
     small = {"width": side, "height": side}
     camera, pose = scene.cameras[0].resize(side, side), scene.views[0].camera_from_world
     lenses = [scene.camera(row) for row in scene.train_indices]
-    filtered = PixelFilter(gaussians, lenses, scene.poses(scene.train_indices)).of(camera, pose)
+    filtered = PixelFilter(gaussians, lenses, scene.poses(scene.train_indices)).widen(camera, pose)
     shown = [
         to_uint8(gsut.render(each, camera, pose, background=(0.1, 0.2, 0.3)).image)
         for each in (filtered, gaussians)

@@ -17,7 +17,7 @@ namespace HWY_NAMESPACE {
 
 // Pairs by which records are fetched ahead: some microseconds, as long as memory takes.
 inline constexpr int kPrefetch = 32;
-// The same for the directions of sharp records, which only a fetched record can tell from others.
+// The same for the directions of sharp records: known to be sharp once the record is here.
 inline constexpr int kPrefetchDirection = 8;
 
 // Up to 64 records in the frame of one tile.

@@ -14,14 +14,14 @@ inline constexpr int kLineSlopes = 4;  // by a, b, s, t
 // Derivatives of a Gaussian's three colours by the camera's centre, row by row.
 inline constexpr int kShadingSlopes = 9;
 
-// What the kernel gives: per tile this many arrays of 256 floats, swizzled.
+// The kernel's output: kSize arrays of 256 floats per tile, swizzled.
 struct TileSlopes {
   static constexpr int ByLine(int channel, int k) { return channel * kLineSlopes + k; }
   static constexpr int kShading = 3 * kLineSlopes;  // colours by the centre: what shading adds
   static constexpr int kSize = kShading + kShadingSlopes;
 };
 
-// Derivatives of one tile's colours. wanted: bit b for the blocks whose pixels are asked for, the
+// Derivatives of one tile's colours. wanted: bit b for the blocks whose pixels are wanted; the
 // others' are not complete. shading: 9 floats a Gaussian, or null where colours have no direction.
 void JacobianKernel(const RasterTask& task, const TileGrid& grid, int tile, const Frame& frame,
                     const float* shading, std::uint64_t wanted, float* slopes);

@@ -65,8 +65,11 @@ struct NormalAtHit {
   }
 };
 
-// Sums of a Gaussian's gradient, in doubles: to A (9, column by column), to A m, to the opacity.
-constexpr int kToWhitened = 9, kToOpacity = 12, kSums = 13;
+// Sums of a Gaussian's gradient, in doubles: to A (9, column by column), from here on to A m ...
+constexpr int kToWhitened = 9;
+// ... and to the opacity.
+constexpr int kToOpacity = 12;
+constexpr int kSums = 13;
 
 }  // namespace
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from gsut.data import Scene
 from gsut.data.points import find_seen_points
-from gsut.render import interpolated_gains
+from gsut.render import interpolate_gains
 
 # Photographs that are compared, evenly chosen; more cost time only.
 _MOST_VIEWS = 150
@@ -66,7 +66,7 @@ def find_first_gains(scene: Scene) -> np.ndarray | None:
     out[seen.views] = gains
     names = [each.name for each in scene.views]
     cameras = [each.camera_index for each in scene.views]
-    out = interpolated_gains(out, seen.views.tolist(), names, cameras)
+    out = interpolate_gains(out, seen.views.tolist(), names, cameras)
     return out - out[list(scene.train_indices)].mean(axis=0)
 
 

@@ -19,7 +19,13 @@ import numpy as np
 
 from gsut import _core
 from gsut.data import Level, Scene
-from gsut.render import Falloff, Light, falloff_basis, field_angles, interpolated_gains
+from gsut.render import (
+    Falloff,
+    Light,
+    compute_falloff_basis,
+    compute_field_angles,
+    interpolate_gains,
+)
 from gsut.run import TrainOptions
 from gsut.training.first import find_first_gains
 
@@ -140,7 +146,7 @@ class PhotographModel:
         falloff = self._falloffs[key[0]]
         if falloff is not None and key not in self._planes:
             self._planes = {k: v for k, v in self._planes.items() if k[0] != key[0]}
-            inverse = 1.0 / falloff.at(field_angles(camera))
+            inverse = 1.0 / falloff.evaluate(compute_field_angles(camera))
             self._planes[key] = _core.FalloffPlane(inverse.astype(np.float32))
         target.set_light(self._invert_gain(view), self._planes.get(key))
 
@@ -209,7 +215,7 @@ class PhotographModel:
         logs = np.zeros_like(self._log_gains)
         if self._gains_used:
             logs = self._log_gains - self._log_gains[known].mean(axis=0)
-        logs = interpolated_gains(logs, known.tolist(), self._names, self._camera_of)
+        logs = interpolate_gains(logs, known.tolist(), self._names, self._camera_of)
         return Light(np.exp(logs), tuple(self._falloffs))
 
     def _learn_gain(self, view: int) -> None:
@@ -254,7 +260,7 @@ class PhotographModel:
     def _get_basis(self, camera: int) -> tuple[float, np.ndarray]:
         """Returns widest angle and `_mean_basis` of a camera; computed once."""
         if camera not in self._bases:
-            angles = field_angles(self._scene.cameras[camera])
+            angles = compute_field_angles(self._scene.cameras[camera])
             self._bases[camera] = _find_widest(angles), _mean_basis(angles)
         return self._bases[camera]
 
@@ -269,7 +275,7 @@ class PhotographModel:
             if not (cc.sum(axis=(0, 1)) > 0).all():
                 continue
             found = _fit_falloff(angle, basis, tc.sum(axis=0), cc.sum(axis=0))
-            values = found.at(np.linspace(0.0, angle, _CHECKED))
+            values = found.evaluate(np.linspace(0.0, angle, _CHECKED))
             believed = values.min() > _DARKEST and values.max() < _BRIGHTEST
             self._take_falloff(camera, found if believed and _is_falloff_certain(tc, cc) else None)
 
@@ -278,7 +284,7 @@ class PhotographModel:
         before = self._falloffs[camera]
         if found is not None and before is not None:
             angles = np.linspace(0.0, found.max_angle, _CHECKED)
-            if np.abs(found.at(angles) / before.at(angles) - 1.0).max() < _MOVED:
+            if np.abs(found.evaluate(angles) / before.evaluate(angles) - 1.0).max() < _MOVED:
                 return
         self._falloffs[camera] = found
         self._lights.pop(camera, None)
@@ -338,7 +344,7 @@ def _divide_photograph(camera: _core.Camera) -> np.ndarray:
     """Returns the part of each pixel, (H, W) uint8: ring x quadrants + quadrant."""
     lower = np.arange(camera.height)[:, None] >= camera.height / 2
     right = np.arange(camera.width)[None] >= camera.width / 2
-    angles = field_angles(camera)
+    angles = compute_field_angles(camera)
     return (_number_rings(angles, _find_widest(angles)) * _QUADRANTS + 2 * lower + right).astype(
         np.uint8
     )
@@ -359,7 +365,7 @@ def _mean_basis(angles: np.ndarray) -> np.ndarray:
     few = max(1, min(angles.shape) // _BASIS_ROWS)
     widest, some = _find_widest(angles), angles[::few, ::few]
     known = some[~np.isnan(some)]
-    ring, basis = _number_rings(known, widest), falloff_basis(known / widest)
+    ring, basis = _number_rings(known, widest), compute_falloff_basis(known / widest)
     counts = np.maximum(1, np.bincount(ring, minlength=_RINGS))
     sums = [np.bincount(ring, column, minlength=_RINGS) for column in basis.T]
     return np.stack(sums, axis=1) / counts[:, None]

@@ -14,7 +14,7 @@ from gsut.data import Scene
 from gsut.gaussians import Gaussians
 from gsut.lens import Camera
 from gsut.optimize import GaussianOptimizer, LearningRates, choose_view
-from gsut.render import EwaSplats, psnr, render, render_ewa, viewer_rule
+from gsut.render import EwaSplats, make_viewer_rule, psnr, render, render_ewa
 from gsut.training.first import center_on_cameras
 
 # Steps of the fine-tune by default; more gain little.
@@ -97,7 +97,7 @@ def tune_for_viewers(
     teacher = teacher.to_dtype(np.float32)
     shift, scene = near.world_offset - scene.world_offset, near
     optimizer = GaussianOptimizer(teacher, seed=seed)
-    renderer, rule = _core.Renderer(), viewer_rule()
+    renderer, rule = _core.Renderer(), make_viewer_rule()
     extent = scene.extent
     for step in range(1, steps + 1):
         view = choose_view(scene.train_indices, step, seed)
@@ -117,7 +117,7 @@ def tune_for_viewers(
         gradients = splats.discs.make_zeros()
         touched = np.zeros(len(teacher), np.uint8)
         renderer.backward(dimage, gradients, touched, with_poses=False)
-        splats.backward(gradients)
+        splats.backpropagate(gradients)
         optimizer.step(gradients, _lower_rates(step / steps, extent), touched)
         on_step(step, float(loss))
     tuned = optimizer.gaussians.copy()
