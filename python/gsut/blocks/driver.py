@@ -19,7 +19,7 @@ from gsut.run import BLOCKS, BlockOptions, RunFolder, TrainOptions, describe_env
 from gsut.training import choose_degree, prepare_scene
 
 # Version of the tasks' format; tasks of another version cannot be resumed.
-_TASKS = 3
+_TASKS = 4
 
 
 def train_blocks(

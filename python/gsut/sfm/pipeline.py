@@ -90,7 +90,11 @@ def find_poses(
     options: PosesOptions | None = None,
     mapper: Mapper | None = None,
     log: PosesLog | None = None,
-    **given: Any,
+    camera: str | os.PathLike[str] | None = None,
+    unknown_lens: bool = False,
+    fov_degrees: float | None = None,
+    rig: str | os.PathLike[str] | None = None,
+    refine_rig: bool = False,
 ) -> PosesResult:
     """Estimates camera poses and sparse points of photographs, without COLMAP, through any lens.
 
@@ -126,7 +130,8 @@ def find_poses(
         SolveError: nothing could be reconstructed: no overlap, images all the same, or a camera
             that only turned; says which.
     """
-    mapping = _start_mapping(images, Given(**given), options, mapper, log)
+    given = Given(camera, unknown_lens, fov_degrees, rig, refine_rig)
+    mapping = _start_mapping(images, given, options, mapper, log)
     with claim_folder(out, "poses", images) as claimed:
         stages = Stages(claimed.path, _make_key(mapping))
         with set_threads(mapping.options.threads):
