@@ -296,6 +296,24 @@ def test_same_bits_on_any_number_of_threads_in_every_path(rng):
     assert compared == 2 * (1 + len(gsut.machine.available_isas()))
 
 
+@pytest.mark.parametrize("name", FIELDS)
+def test_value_that_is_no_number_is_refused_by_the_double_reference(rng, name):
+    # Case 11: the float paths drop it (test_hard_values.py); the reference says where it is.
+    g = joined(blob(), blob((0.2, 0.1, 3.0))).to_dtype(np.float64)
+    ran = 0
+    for value in (np.nan, np.inf, -np.inf):
+        spoiled = g.copy()
+        getattr(spoiled, name)[1].flat[0] = value
+        try:
+            image = gsut.render(spoiled, pinhole(16), np.eye(4), dtype="float64").image
+        except gsut.InputError as error:
+            assert "Gaussian 1 " in str(error), error
+        else:
+            assert np.isfinite(image).all(), value
+        ran += 1
+    assert ran == 3
+
+
 def test_pixels_without_a_ray_count_in_no_metric(rng):
     # Case 8: whatever they hold, PSNR and SSIM are those of the others.
     valid = NARROW.rays()[1]
