@@ -223,7 +223,11 @@ class _SceneInProgress:
 
     def _make_training_options(self) -> TrainOptions:
         o = self._options
-        return TrainOptions(preset=o.preset, steps=o.steps, seed=o.seed, threads=o.threads)
+        settings: dict[str, Any] = {
+            "preset": o.preset,
+            "steps": o.steps,
+        }  # None: the preset's steps
+        return TrainOptions(**settings, seed=o.seed, threads=o.threads)
 
     def train(self, bars: StagedProgress) -> dict[str, Any]:
         """Trains on the dataset in poses/, and returns the content of metrics.json."""

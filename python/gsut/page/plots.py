@@ -88,7 +88,8 @@ def plot_map(
     figure, axes = make_image_figure(title, size)
     if np.isfinite(values).any():
         if logarithmic is not None:
-            norm, values = LogNorm(*logarithmic), np.clip(values, *logarithmic)
+            norm: Normalize = LogNorm(*logarithmic)
+            values = np.clip(values, *logarithmic)
         else:
             low, high = np.nanpercentile(values, (0, 99))
             norm = Normalize(low, max(high, low + 1e-12))

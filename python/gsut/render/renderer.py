@@ -157,10 +157,11 @@ def render(
     pose = read_motion(camera_from_world, shutter)
     place = place_about(pose, gaussians.origin)
     degree = min(int(sh_degree), gaussians.sh_degree)
-    look = {
+    look: dict[str, Any] = {
         "rule": rule, "background": color, "sh_degree": degree, "unscented": tuple(unscented)
     }  # fmt: skip
     shown = (camera, pose, rule, color, degree)
+    drawn: Any
     renderer, seen = None, None
     if dtype == "float64":
         if isinstance(gaussians, StoredGaussians):
@@ -251,5 +252,5 @@ def render_backward(
     touched = np.zeros(len(g), np.uint8)
     with result._turn:
         pose = result.renderer.backward(dimage, out, touched, **given, with_lens=with_lens)
-        lens = result.renderer.lens_gradients() or (None, None)
-    return Gradients(out, pose, touched.astype(bool), *lens)
+        lens = result.renderer.lens_gradients()
+    return Gradients(out, pose, touched.astype(bool), *(lens or (None, None)))

@@ -179,7 +179,7 @@ def _start_mapping(
     """Finds the photographs, with their lenses as far as these are known, and the rig."""
     options, rig = options or PosesOptions(), None
     if given.rig is not None:
-        others = {
+        others: dict[str, Any] = {
             "camera": given.camera, "unknown-lens": given.unknown_lens, "photometric": mapper,
         }  # fmt: skip
         reject_beside_rig(options, others)

@@ -159,5 +159,5 @@ def draw_grid(
     places = np.linspace(-1, 1, _GRID_LINES)
     starts = [(x, 0, -1) for x in places] + [(-1, 0, z) for z in places]
     ends = [(x, 0, 1) for x in places] + [(1, 0, z) for z in places]
-    lines = (np.array(side) @ axes + middle for side in (starts, ends))
-    draw_lines(image, camera, pose, *lines, [_GRID] * len(starts))
+    begin, end = (np.array(side) @ axes + middle for side in (starts, ends))
+    draw_lines(image, camera, pose, begin, end, [_GRID] * len(starts))

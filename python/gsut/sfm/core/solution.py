@@ -45,12 +45,14 @@ class Images:
         """Replaces the lens of all images."""
         return dataclasses.replace(self, cameras=[camera] * len(self))
 
-    def select(self, chosen: Sequence[int]) -> Images:
+    def select(self, chosen: Sequence[int] | np.ndarray) -> Images:
         """Returns some of the images."""
-        names, cameras, features = (
-            [values[i] for i in chosen] for values in (self.names, self.cameras, self.features)
+        return Images(
+            [self.names[i] for i in chosen],
+            [self.cameras[i] for i in chosen],
+            [self.features[i] for i in chosen],
+            self.shutter,
         )
-        return Images(names, cameras, features, self.shutter)
 
 
 @dataclasses.dataclass(frozen=True)

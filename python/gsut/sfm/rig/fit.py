@@ -49,7 +49,7 @@ _CENTER = (2, 3)  # the parameters of the principal point
 _FREE = 1  # flag of a parameter that is estimated by itself
 
 
-def reject_beside_rig(options: PosesOptions, others: dict[str, object]) -> None:
+def reject_beside_rig(options: PosesOptions, others: dict[str, Any]) -> None:
     """Rejects flags that contradict a rig.
 
     Args:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 
 import numpy as np
 
 from gsut._core import SolveError
 from gsut.data.poses import find_centers
 from gsut.data.rigs import Rig
-from gsut.sfm.core import Mapping
 
 # Difference from the rig's rotation between two cameras of a frame beyond which one of the images
 # was placed wrongly.

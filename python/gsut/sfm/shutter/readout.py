@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from gsut import _core
 from gsut.data.poses import find_centers
 from gsut.data.scene import order_frames
 from gsut.lens import Camera
-from gsut.sfm.core import FEATURE_VARIANCE, Mapping, Solution, transform_to_cameras
+from gsut.sfm.core import FEATURE_VARIANCE, Solution, transform_to_cameras
 from gsut.sfm.lens import (
     differentiate_by_turn,
     eliminate_points,

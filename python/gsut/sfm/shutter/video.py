@@ -206,14 +206,12 @@ def _choose_images(
     return np.isin(np.arange(len(good)), list(images))
 
 
-def is_probably_rolling(flows: Mapping[str, np.ndarray], width: int, height: int) -> bool:
+def is_probably_rolling(flows: dict[str, np.ndarray], width: int, height: int) -> bool:
     """Returns whether a usual readout would be found in the flow of pictures of this size."""
     return bool(flows) and _has_enough_motion(_USUAL_READOUT, flows, width, height)
 
 
-def _has_enough_motion(
-    time: float, flows: Mapping[str, np.ndarray], width: int, height: int
-) -> bool:
+def _has_enough_motion(time: float, flows: dict[str, np.ndarray], width: int, height: int) -> bool:
     """Returns whether pictures move enough, in the median, during a readout (seconds)."""
     speeds = [np.linalg.norm(flow[:, 2:], axis=1) for flow in flows.values()]
     moved = time * float(np.median(np.concatenate(speeds)))
