@@ -88,6 +88,13 @@ class Pixels {
     return one > 0.0 && other > 0.0 && std::abs(one - other) <= kEdge * std::min(one, other);
   }
 
+  // The terms about a pixel itself, with x = depth / alpha its expected distance:
+  //   distortion / (x^2 + extent^2): relative far away, absolute near by;
+  //   |known / x - 1|, whose gradient to x goes on to depth and alpha by the quotient's rule;
+  //   alpha - sum . n, the blended normals against the normal n of the surface through the points
+  //   of the four neighbours: n = (y x x) / |y x x|, x and y their differences.
+  // The gradients to x and y are left for FromNeighbours: dL/dx = g x y, dL/dy = x x g for the
+  // gradient g to their cross product.
   void OwnTerms(std::int64_t row, std::int64_t column, SurfaceTerms* terms) {
     const std::int64_t p = row * render_.width + column;
     out_.alpha[p] = out_.depth[p] = out_.distortion[p] = T(0);
@@ -128,6 +135,8 @@ class Pixels {
     to_y_[static_cast<std::size_t>(p)] = x.cross(to_across);
   }
 
+  // Gathers what a pixel's distance does to the normals of its neighbours: its point is the end of
+  // one difference and the start of another, so it gets theirs with either sign.
   void FromNeighbours(std::int64_t row, std::int64_t column) {
     const std::int64_t p = row * render_.width + column;
     const double distance = Distance(p);
