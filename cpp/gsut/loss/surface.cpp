@@ -88,13 +88,13 @@ class Pixels {
     return one > 0.0 && other > 0.0 && std::abs(one - other) <= kEdge * std::min(one, other);
   }
 
-  // The terms about a pixel itself, with x = depth / alpha its expected distance:
-  //   distortion / (x^2 + extent^2): relative far away, absolute near by;
-  //   |known / x - 1|, whose gradient to x goes on to depth and alpha by the quotient's rule;
-  //   alpha - sum . n, the blended normals against the normal n of the surface through the points
-  //   of the four neighbours: n = (y x x) / |y x x|, x and y their differences.
-  // The gradients to x and y are left for FromNeighbours: dL/dx = g x y, dL/dy = x x g for the
-  // gradient g to their cross product.
+  // The terms about a pixel itself, at its expected distance t = depth / alpha:
+  //   distortion / (t^2 + extent^2): relative far away, absolute near by;
+  //   |known / t - 1|, whose gradient to t goes on to depth and alpha by the quotient's rule;
+  //   alpha - sum . n: the blended normals against the normal n of the surface through the points
+  //   of the four neighbours, along cross(y, x) of their differences x and y.
+  // The gradients to x and y, cross(g, y) and cross(x, g) for the gradient g to their product, are
+  // left for FromNeighbours.
   void OwnTerms(std::int64_t row, std::int64_t column, SurfaceTerms* terms) {
     const std::int64_t p = row * render_.width + column;
     out_.alpha[p] = out_.depth[p] = out_.distortion[p] = T(0);
