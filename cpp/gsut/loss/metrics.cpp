@@ -17,6 +17,9 @@ constexpr std::int64_t kRowsPerChunk = 32;
 constexpr std::int64_t kChannels = 3;
 constexpr int kMoments = 5;  // a, b, a^2, b^2, ab
 
+// SSIM compares, in a window around each pixel, means, variances and the covariance of two images.
+// All follow from five moments, each blurred by the window: along rows first, then down columns.
+
 // Horizontally blurred moments of one row, each (W, 3); masked pixels count as 0. padded: scratch
 // of kMoments rows with kSsimRadius pixels of zeros on both sides.
 void BlurRow(const double* a, const double* b, const std::uint8_t* mask, std::int64_t width,

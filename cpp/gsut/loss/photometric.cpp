@@ -91,6 +91,7 @@ PhotometricTarget::PhotometricTarget(const std::uint8_t* image, std::int64_t hei
 }
 
 void PhotometricTarget::Prepare(const std::uint8_t* mask, const PhotometricOptions& options) {
+  // All that depends on the photograph alone is made here, once for all steps of a training.
   // A mask that masks nothing is none.
   if (pixels_ == height_ * width_) mask = nullptr;
   if (mask != nullptr) mask_.assign(mask, mask + height_ * width_);
@@ -123,6 +124,8 @@ void PhotometricTarget::SetLight(const std::array<float, 3>& inverse_gain,
   for (const float value : inverse_gain) CheckFactor(value, "inverse_gain");
   const std::unique_lock lock(light_mutex_);
   inverse_gain_ = inverse_gain;
+  // A gain scales mean and variance of a window by g and g^2, so that kept statistics stay valid; a
+  // falloff changes from pixel to pixel, so that they must be computed again.
   if (inverse_falloff == inverse_falloff_) {
     if (keep_statistics_ && mean_.empty()) ComputeStatistics();
     return;
@@ -152,6 +155,8 @@ PhotometricValue PhotometricLoss(const PhotometricTarget& target, const float* i
   }
   const auto reading = target.Reading();
   constexpr double kChannels = 3.0;
+  // loss = (1 - w) mean |x - y| + w mean (1 - SSIM) / 2. The factors of both means go into the
+  // gradient as it is formed: no second pass over the image.
   const double l1_count = kChannels * static_cast<double>(target.pixels());
   const double ssim_count = kChannels * static_cast<double>(target.ssim_pixels());
   const auto l1_factor = static_cast<float>((1.0 - ssim_weight) / l1_count);
@@ -164,6 +169,7 @@ PhotometricValue PhotometricLoss(const PhotometricTarget& target, const float* i
           PhotometricBlock(target, image, grid[i], l1_factor, dssim_factor, gradient);
     }
   });
+  // In the order of the blocks: the same bits on any number of threads.
   PhotometricValue value;
   for (const BlockSums& sum : sums) {
     value.l1 += sum.absolute;

@@ -12,6 +12,10 @@ namespace {
 
 constexpr std::int64_t kRowsPerChunk = 32;
 
+// A window that reaches over the border of image or mask is cut there; its moments are multiplied
+// by scale = 1 / (the weights that are left), so that they are means again. Scale 0 leaves the
+// pixel out. Without a mask the cut window is still a product, and so is the scale: rows x columns.
+
 // Scale along one axis without a mask: the part of the 1D window that lies inside [0, length).
 std::vector<double> AxisScale(std::int64_t length, WindowRule rule) {
   const auto& weights = SsimWeights();
@@ -39,6 +43,7 @@ void FillMaskedScale(const std::uint8_t* mask, std::int64_t height, std::int64_t
     std::vector<double> sums(cells);
     std::vector<int> counts(cells);
     for (std::int64_t y = first; y < last; ++y) {
+      // Along the row: weights and number of unmasked pixels.
       for (std::int64_t x = 0; x < width; ++x) {
         double sum = 0.0;
         int count = 0;
@@ -54,6 +59,7 @@ void FillMaskedScale(const std::uint8_t* mask, std::int64_t height, std::int64_t
       }
     }
     for (std::int64_t y = begin; y < end; ++y) {
+      // Down the columns of these sums: those of the whole window.
       for (std::int64_t x = 0; x < width; ++x) {
         double sum = 0.0;
         int count = 0;
@@ -66,6 +72,7 @@ void FillMaskedScale(const std::uint8_t* mask, std::int64_t height, std::int64_t
         }
         double scale = 0.0;
         if (mask[y * width + x] != 0) {
+          // Whole windows have exactly 1, whatever the rounding of the sum.
           if (count == kSsimWindow * kSsimWindow) {
             scale = 1.0;
           } else if (rule == WindowRule::kPartial) {

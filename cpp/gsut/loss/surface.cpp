@@ -88,6 +88,13 @@ class Pixels {
     return one > 0.0 && other > 0.0 && std::abs(one - other) <= kEdge * std::min(one, other);
   }
 
+  // The terms about a pixel itself, at its expected distance t = depth / alpha:
+  //   distortion / (t^2 + extent^2): relative far away, absolute near by;
+  //   |known / t - 1|, whose gradient to t goes on to depth and alpha by the quotient's rule;
+  //   alpha - sum . n: the blended normals against the normal n of the surface through the points
+  //   of the four neighbours, along cross(y, x) of their differences x and y.
+  // The gradients to x and y, cross(g, y) and cross(x, g) for the gradient g to their product, are
+  // left for FromNeighbours.
   void OwnTerms(std::int64_t row, std::int64_t column, SurfaceTerms* terms) {
     const std::int64_t p = row * render_.width + column;
     out_.alpha[p] = out_.depth[p] = out_.distortion[p] = T(0);
@@ -128,6 +135,8 @@ class Pixels {
     to_y_[static_cast<std::size_t>(p)] = x.cross(to_across);
   }
 
+  // Gathers what a pixel's distance does to the normals of its neighbours: its point is the end of
+  // one difference and the start of another, so it gets theirs with either sign.
   void FromNeighbours(std::int64_t row, std::int64_t column) {
     const std::int64_t p = row * render_.width + column;
     const double distance = Distance(p);

@@ -55,6 +55,7 @@ std::int64_t TrimGradient(const PhotometricTarget& target, const float* image,
       }
     }
   });
+  // The median by counting: the first level that half of the pixels do not exceed.
   std::int64_t below = 0;
   int median = 0;
   for (; median < kLevels; ++median) {
@@ -78,6 +79,7 @@ std::int64_t TrimGradient(const PhotometricTarget& target, const float* image,
     for (std::int64_t row = begin * kRows; row < std::min(height, end * kRows); ++row) {
       const std::int64_t top = std::max<std::int64_t>(0, row - options.radius) * stride;
       const std::int64_t bottom = std::min(height, row + options.radius + 1) * stride;
+      // A pixel is trimmed where enough of its neighbourhood differs: noise alone is spread out.
       for (std::int64_t column = 0; column < width; ++column) {
         const std::int64_t left = std::max<std::int64_t>(0, column - options.radius);
         const std::int64_t right = std::min(width, column + options.radius + 1);

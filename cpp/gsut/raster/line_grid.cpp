@@ -29,7 +29,10 @@ struct Frame3 {
   Vector3d d, e1, e2;
 };
 
-// a, b, s, t and slide of a ray in a frame; false if it runs across the axis.
+// A line is a E1 + b E2 + x (D + s E1 + t E2): from origin o and direction r, s = r.E1 / r.D and
+// t = r.E2 / r.D; the origin is slid along the line to where x = 0: a = o.E1 - (o.D) s, b alike.
+// The slide o.D remains, as nothing before the origin may be drawn. a, b, s, t and slide of a ray
+// in a frame; false if it runs across the axis.
 bool PlaceLine(const Frame3& frame, const Vector3d& origin, const Vector3d& ray, double* line) {
   const double cosine = ray.dot(frame.d);
   if (!(cosine > kMinCosine)) return false;
@@ -201,6 +204,7 @@ void FillTile(const ViewRays& view, int tile, LineGrid* grid) {
   }
 }
 
+// Groups 4 x 4 nodes, a column of 16 floats a value: one vector tests a whole group.
 LineLevel MakeLevel(const std::vector<LineBundle>& nodes, int nodes_x, int nodes_y) {
   LineLevel level;
   level.nodes_x = nodes_x;

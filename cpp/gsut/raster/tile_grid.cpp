@@ -109,6 +109,8 @@ RayBundle MakeBundle(const Vector3d& d, const Vector3d& e1, const Vector3d& e2, 
   return bundle;
 }
 
+// The gnomonic projection about D: s = r.E1 / r.D and t = r.E2 / r.D of each pixel's ray r. Linear
+// forms of rays are then linear in s and t, whatever the lens: a box of (s, t) bounds them.
 // Fills one tile; returns false if its rays spread too wide.
 bool FillTile(const RayTable& rays, int tile, TileGrid* grid) {
   const int x0 = (tile % grid->tiles_x) * kTileSize;

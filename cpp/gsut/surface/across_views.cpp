@@ -43,6 +43,8 @@ void AddColor(const DepthView& view, const std::uint8_t* image, float u, float v
 
 }  // namespace
 
+// A depth is supported by another view that sees a surface at the same place: its point is
+// projected there, and the depths compared. In batches, so that the lens' vector kernels are full.
 void CountSupport(const std::vector<DepthView>& views, std::size_t which,
                   std::span<const std::size_t> others, double tolerance, std::uint8_t* support) {
   const DepthView& view = views[which];
@@ -79,6 +81,8 @@ void CountSupport(const std::vector<DepthView>& views, std::size_t which,
   });
 }
 
+// The mean colour over the views that see a point, not one before it, weighted as the depth fusion
+// weights: by the cosine at which the surface is seen over the squared distance.
 void ColorPoints(const std::vector<DepthView>& views, std::span<const std::uint8_t* const> images,
                  std::int64_t count, const double* points, double tolerance, float* colors) {
   ParallelFor(count, kPointBatch, [&](std::int64_t begin, std::int64_t end) {

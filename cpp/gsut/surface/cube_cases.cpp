@@ -7,8 +7,10 @@ namespace gsut {
 namespace {
 
 constexpr int kEdges = 12;
+// More diagonals than any polygon of a cell can have.
 constexpr int kMostBad = 100;
 
+// Edges are numbered by axis, then by the two other bits of their first corner.
 int EdgeBetween(int one, int other) {
   const int start = one < other ? one : other;
   const int axis = (one ^ other) == 1 ? 0 : (one ^ other) == 2 ? 1 : 2;
@@ -70,6 +72,9 @@ class PolygonCut {
   const std::array<unsigned, kEdges>& faces_of_edge_;
 };
 
+// The surface cuts each face of a cell along segments that part runs of negative corners from the
+// others; a face with two opposite negative corners is cut into two single ones, in both cells that
+// share it, so that no hole opens between them. The segments of all faces close to polygons.
 std::vector<std::uint8_t> CaseOf(unsigned signs, const std::array<std::array<int, 4>, 6>& faces,
                                  const std::array<unsigned, kEdges>& faces_of_edge) {
   // Along each face from the edge where a run of negative corners begins to where it ends.

@@ -104,6 +104,8 @@ float DepthView::CosineAt(const RayTable& rays, int x, int y) const {
   return std::clamp(static_cast<float>(cosine), kLeastCosine, 1.0f);
 }
 
+// Into the camera's frame. A rolling shutter has a pose per line; between two of them rotation and
+// translation are interpolated linearly.
 void DepthView::Transform(int count, const PointBatch& points, const float* times,
                           PointBatch* out) const {
   if (places_.size() == 1) {
@@ -136,6 +138,9 @@ void DepthView::Transform(int count, const PointBatch& points, const float* time
   }
 }
 
+// A point's line decides its time, and its time the pose that places it on a line: a fixed point,
+// found by iteration from the middle of the exposure. It takes few steps, as the image moves slowly
+// against the readout.
 void DepthView::Project(int count, const PointBatch& points, ViewedBatch* out) const {
   PointBatch in_camera;
   alignas(64) float times[kPointBatch];
@@ -180,6 +185,8 @@ bool DepthView::At(int x, int y, DepthSample* sample) const {
   return true;
 }
 
+// The inverse of the depth is interpolated: it is linear in the image where the surface is a plane.
+// Not across an edge: there the nearest pixel counts alone.
 bool DepthView::Sample(float u, float v, DepthSample* sample) const {
   // NaN fails too.
   if (!(u >= 0.0f && v >= 0.0f && u < float(width()) && v < float(height()))) return false;
@@ -204,6 +211,7 @@ bool DepthView::Sample(float u, float v, DepthSample* sample) const {
   return true;
 }
 
+// The other way round, from a pixel: its line is known, and with it the pose.
 Vector3d DepthView::PointOf(int x, int y, double depth) const {
   const RayTable& rays = camera_.Rays();
   const std::size_t i = 3 * (static_cast<std::size_t>(y) * width() + x);

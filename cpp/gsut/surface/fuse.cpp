@@ -29,6 +29,14 @@ constexpr int kCorners = 9;
 // What they are filled up to: whole vectors of any instruction set.
 constexpr int kCornerBatch = 16;
 
+// A truncated signed distance field (Curless and Levoy, 1996): each voxel near a surface keeps the
+// weighted mean, over the views, of its distance to the surface that the view sees, in voxels and
+// cut off at the truncation. Space is hashed into blocks of 8 x 8 x 8 voxels, and only those that a
+// surface passes are made:
+//   1. BlocksOf lists, view by view, the blocks within the truncation of a depth;
+//   2. the lists are merged, so that blocks have one order on any number of threads;
+//   3. BlockFusion adds up all views, block by block.
+
 // Numbers one by one: array's own operators compare bytes by a call.
 bool Same(const Block& a, const Block& b) { return a[0] == b[0] && a[1] == b[1] && a[2] == b[2]; }
 bool Before(const Block& a, const Block& b) {
@@ -93,6 +101,7 @@ std::vector<Block> BlocksOf(const DepthView& view, const VoxelSpace& space, doub
       // A cell that the surface crosses has voxels within 1 of it; pixels lie this far apart there.
       const double apart = depth * view.pixel_angle() / (double{sample.cosine} * voxel);
       const double margin = 1.0 + std::min(apart, kMostVoxelsOfPixel);
+      // At the surface and half a truncation before and behind it: the band has no gap.
       const Vector3d step = 0.5 * truncation * voxel * (point - view.place()).normalized();
       for (const double side : {-1.0, 0.0, 1.0}) {
         const Vector3d at = space.GridOf(space.center + point + side * step);
@@ -117,6 +126,7 @@ class BlockFusion {
     std::fill(std::begin(weight_), std::end(weight_), 0.0f);
   }
 
+  // Adds one view: a cheap test of the whole block first, then all its voxels through the lens.
   void Add(const DepthView& view, ViewedBatch* viewed) {
     if (!MaySee(view, viewed)) return;
     view.Project(kBlockVoxels, voxels_, viewed);
@@ -170,6 +180,7 @@ class BlockFusion {
 
   // False where no voxel lies in the image, or all lie well behind what the view sees there.
   bool MaySee(const DepthView& view, ViewedBatch* viewed) const {
+    // Close by, corners say little about what lies between them.
     if ((view.place() - middle_).norm() < 2.0 * radius_) return true;
     view.Project(kCornerBatch, corners_, viewed);
     const float width = static_cast<float>(view.width());

@@ -89,7 +89,8 @@ HWY_INLINE Samples SampleAt(const DepthPixels& pixels, Vec u, Vec v, Counts&& co
   return out;
 }
 
-// A lane where u or v is no number has no say.
+// Whether all points lie farther than what the view sees at their pixels, by more than `slack`. A
+// lane where u or v is no number has no say.
 bool Behind(const DepthPixels& pixels, int count, const float* u, const float* v,
             const float* distance, float slack) {
   const Vec zero = hn::Zero(d), one = hn::Set(d, 1.0f);
@@ -107,6 +108,10 @@ bool Behind(const DepthPixels& pixels, int count, const float* u, const float* v
   return true;
 }
 
+// Adds (depth - distance) cosine / voxel size, the distance to the plane that is seen, to each
+// voxel, cut off at the truncation. The weight, cosine / distance^2, is what a pixel is worth as a
+// sample of the surface; it fades to 0 behind the surface, and is free_weight of that far before
+// it.
 void Add(const DepthPixels& pixels, float truncation, float free_weight, int count,
          const SeenVoxels& voxels) {
   const Vec zero = hn::Zero(d), one = hn::Set(d, 1.0f), far = hn::Set(d, truncation);

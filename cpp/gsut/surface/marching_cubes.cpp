@@ -21,6 +21,14 @@ constexpr int kGrain = 16;
 constexpr int kWords = 3 * kBlockVoxels / 64;
 constexpr std::uint32_t kUnused = std::numeric_limits<std::uint32_t>::max();
 
+// Marching cubes (Lorensen and Cline, 1987) in three passes, each over all blocks at once:
+//   1. MarkVertices finds the grid edges whose ends have opposite signs; a bit an edge.
+//   2. A running sum over the blocks numbers all vertices, so that the others can name them.
+//   3. WriteVertices places them where the linear distance is 0, and AddTriangles joins them by the
+//      signs of each cell's corners (cube_cases.h).
+// An edge belongs to the block of its first voxel; cells on a block's far side use the vertices of
+// the blocks behind.
+
 // Which of a block's grid edges carry a vertex: bit 512 axis + voxel. Vertices are numbered by
 // block and then by bit.
 struct BlockVertices {
@@ -112,6 +120,7 @@ void WriteVertices(const DistanceField& field, std::int64_t number, const BlockV
     const double here = double{block.At(x, y, z)};
     const double next = double{block.At(x + (axis == 0), y + (axis == 1), z + (axis == 2))};
     Vector3d grid = first + Vector3d(x, y, z);
+    // The zero of the line through (0, here) and (1, next).
     grid[axis] += here / (here - next);
     Eigen::Map<Vector3d>(out + 3 * done) = field.space.center + field.space.AboutCenter(grid);
     ++done;
@@ -125,6 +134,7 @@ void AddTriangles(const BlockValues& block, const std::vector<BlockVertices>& ve
     unsigned signs = 0;
     for (int corner = 0; corner < 8; ++corner) {
       const float value = block.At(x + (corner & 1), y + (corner >> 1 & 1), z + (corner >> 2 & 1));
+      // Where a corner was never seen there is no surface, not a closed one.
       if (!(std::abs(value) < std::numeric_limits<float>::infinity())) return;
       signs |= static_cast<unsigned>(value < 0.0f) << corner;
     }

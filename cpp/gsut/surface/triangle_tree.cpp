@@ -70,6 +70,8 @@ TriangleTree::TriangleTree(std::vector<double> vertices, std::vector<std::uint32
   Build(0, static_cast<std::uint32_t>(order_.size()), &middles);
 }
 
+// Nodes in the order of a walk down to the left: the left child of a node is the next, and only the
+// right one's index is kept. Ties of the median are broken by index: one tree for one mesh.
 void TriangleTree::Build(std::uint32_t first, std::uint32_t count, std::vector<Vector3d>* middles) {
   const std::size_t at = nodes_.size();
   Node node;
@@ -99,6 +101,8 @@ void TriangleTree::Build(std::uint32_t first, std::uint32_t count, std::vector<V
   Build(first + half, count - half, middles);
 }
 
+// Branch and bound: a box farther than the best triangle so far cannot hold a nearer one. The
+// nearer child is taken first, so that the bound falls quickly.
 void TriangleTree::Nearest(std::int64_t count, const double* queries, double* distances,
                            std::int64_t* faces) const {
   ParallelFor(count, kGrain, [&](std::int64_t begin, std::int64_t end) {
@@ -135,6 +139,8 @@ void TriangleTree::Nearest(std::int64_t count, const double* queries, double* di
   });
 }
 
+// The same along a ray: a box is entered where the ray is between all three pairs of its sides
+// (slab test, Kay and Kajiya, 1986).
 void TriangleTree::Cast(std::int64_t count, const double* origins, const double* directions,
                         double* distances, std::int64_t* faces) const {
   ParallelFor(count, kGrain, [&](std::int64_t begin, std::int64_t end) {
@@ -180,6 +186,8 @@ void TriangleTree::Cast(std::int64_t count, const double* origins, const double*
   });
 }
 
+// Union-find with path halving; the smaller label wins, so that labels do not depend on the order
+// of the faces.
 void LabelParts(std::int64_t num_vertices, std::int64_t num_faces, const std::uint32_t* faces,
                 std::uint32_t* labels) {
   std::iota(labels, labels + num_vertices, 0u);

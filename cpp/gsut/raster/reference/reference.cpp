@@ -176,6 +176,11 @@ struct PixelGradient {
   Vector3d ray = Vector3d::Zero(), origin = Vector3d::Zero();
 };
 
+// With w = A d, v = A (m - o), t = v.w / |w|^2 and residual r = v - t w, which is across w:
+//   D^2 = |r|^2:  dD^2/dv = 2 r,  dD^2/dw = -2 t r;
+//   t:            dt/dv = w / |w|^2,  dt/dw = (v - 2 t w) / |w|^2.
+// The blend itself is taken back to front: T_i = T_(i+1) / (1 - alpha_i), see
+// raster/blend_backward-inl.h for v_i and B_i.
 // Adds one pixel's gradients to the sums of what it sees; hits, transmittance: of Blend.
 PixelGradient BackwardPixel(const std::vector<Seen>& seen, const Ray& ray,
                             const std::vector<Hit>& hits, double transmittance,
