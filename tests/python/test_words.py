@@ -4,24 +4,16 @@ import ast
 
 import words
 
-# Findings that remain in each kind; none may be added.
-ALLOWED: dict[str, int] = {
-    "banned word": 30,
-    "docstring": 131,
-    "history": 5,
-    "missing file": 2,
-    "name": 119,
-    "packed constants": 15,
-}
+# Findings that are allowed: nouns that the field uses as methods, such as `Camera.rays()`.
+ALLOWED = {"name": 9}
 LEAST_COMMENTS = 0.07  # share of lines in .cpp and -inl.h that are comments
 
 
 def test_product_follows_the_style_guide():
     found = words.find_all()
-    for kind, most in ALLOWED.items():
+    for kind in {f.kind for f in found}:
         rows = [f"{f.path}:{f.line}: {f.text}" for f in found if f.kind == kind]
-        assert len(rows) <= most, "\n".join(rows)
-    assert {f.kind for f in found} <= set(ALLOWED)
+        assert len(rows) <= ALLOWED.get(kind, 0), "\n".join(rows)
 
 
 def test_kernels_are_commented():
