@@ -64,7 +64,7 @@ def build_page(title: str, notes: Sequence[str], parts: Sequence[str]) -> str:
 
     A part that is any other string is shown as text.
     """
-    return render_template(_SECTIONS, title=title, notes=notes, parts=parts)
+    return str(render_template(_SECTIONS, title=title, notes=notes, parts=parts))
 
 
 def build_table(
