@@ -2,6 +2,7 @@
 
 import ast
 import html.parser
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -57,7 +58,8 @@ def make_training_page(folder, name, monkeypatch):
     metrics |= {"notes": [name], "dataset": name, "camera_model": name, "test_views": [name]}
     metrics["verdict"] = VERDICT | {"what": name}
     run.write_json(METRICS, metrics)
-    run.write_json("environment.json", {"command": name, "processor": name})
+    environment = run.read_json("environment.json") | {"command": name, "processor": name}
+    run.write_json("environment.json", environment)
     write_report(run)
     return (run.path / REPORT).read_text()
 
@@ -65,7 +67,7 @@ def make_training_page(folder, name, monkeypatch):
 def make_scene_page(folder, name, monkeypatch):
     (folder / "run").mkdir()
     (folder / "captured.jpg").write_bytes(b"")
-    monkeypatch.setattr("gsut.evaluate.scene_page.STRIP", "captured.jpg")
+    monkeypatch.setattr(sys.modules[write_scene_page.__module__], "STRIP", "captured.jpg")
     run = RunFolder(folder / "run")
     monkeypatch.setattr(RunFolder, "write_text", lambda _, __, text: texts.append(text))
     texts: list[str] = []
