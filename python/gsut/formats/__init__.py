@@ -34,15 +34,10 @@ from gsut.gaussians import Gaussians, are_surfels
 
 __all__ = [
     "NO_BACKGROUND",
-    "Format",
-    "SceneFile",
     "StartView",
     "WriteSettings",
-    "Written",
     "check_room",
     "choose_format",
-    "find_drawable",
-    "list_formats",
     "load_gaussians",
     "load_ply",
     "measure_errors",

@@ -47,6 +47,7 @@ class Camera(_core.Camera):
         model, params, width, height: the arguments; params is (K,) float64, a copy.
         max_angle: radians from the axis at which the domain ends, pi at most.
         is_central: whether all rays meet in one point; is_parallel: whether all are parallel.
+        is_cone: whether `max_angle` alone bounds the domain, all around the axis.
 
     Raises:
         InputError: unknown model (the known ones are listed), wrong number of parameters, a size

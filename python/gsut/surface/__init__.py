@@ -1,6 +1,6 @@
 """Surfaces: depth maps to meshes, clouds and grids; what depths and meshes are worth."""
 
-from gsut.surface.against_truth import KINDS, cast_depth, judge_geometry
+from gsut.surface.against_truth import judge_geometry
 from gsut.surface.cloud import Cloud, points_from_depth
 from gsut.surface.extract import DepthMap, MeshOptions, extract_mesh, fuse_depth, render_depth_maps
 from gsut.surface.grid import Grid, check_grid_name, extract_grid, grid_from_depth, save_grid
@@ -8,10 +8,8 @@ from gsut.surface.mesh import Mesh
 from gsut.surface.mesh_files import check_mesh_name, load_mesh, save_mesh
 from gsut.surface.report import SurfaceView, build_geometry_tables, build_surface_page, choose_views
 from gsut.surface.shading import shade_mesh
-from gsut.surface.worth import build_tree, judge_depth, judge_mesh
 
 __all__ = [
-    "KINDS",
     "Cloud",
     "DepthMap",
     "Grid",
@@ -20,8 +18,6 @@ __all__ = [
     "SurfaceView",
     "build_geometry_tables",
     "build_surface_page",
-    "build_tree",
-    "cast_depth",
     "check_grid_name",
     "check_mesh_name",
     "choose_views",
@@ -29,9 +25,7 @@ __all__ = [
     "extract_mesh",
     "fuse_depth",
     "grid_from_depth",
-    "judge_depth",
     "judge_geometry",
-    "judge_mesh",
     "load_mesh",
     "points_from_depth",
     "render_depth_maps",

@@ -15,8 +15,8 @@ from gsut.lens.files import (
     camera_from_colmap,
     camera_from_nerfstudio,
     list_binary_cameras,
-    list_formats,
 )
+from gsut.lens.files._format import list_formats
 from lens_cases import all_lenses
 
 # Each way to write a lens: the format and a file's name that chooses it.

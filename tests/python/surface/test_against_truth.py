@@ -15,7 +15,9 @@ from gsut.demo.dataset import measure_distances
 from gsut.demo.hall import make_hall
 from gsut.demo.hall_mesh import build_hall_mesh
 from gsut.demo.views import make_camera, plan_walk
-from gsut.surface import Mesh, build_tree, cast_depth, judge_depth, judge_mesh, save_mesh
+from gsut.surface import Mesh, save_mesh
+from gsut.surface.against_truth import cast_depth
+from gsut.surface.worth import build_tree, judge_depth, judge_mesh
 from random_scenes import pinhole
 from surface_scenes import box_depth, edge_counts, lines_of, plane_run
 

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import tolerances
-from gsut.surface import Mesh, build_tree
+from gsut.surface import Mesh
+from gsut.surface.worth import build_tree
 from random_scenes import pinhole
 from surface_scenes import box_depth, directions, fused, lines_of, looking, sphere_depth
 

@@ -1,6 +1,5 @@
 """Lens files in and out: a module a format, found by its `FORMAT`; those with a "_" are none."""
 
-from gsut.lens.files._format import list_formats
 from gsut.lens.files._load import list_suffixes, load_camera, save_camera
 from gsut.lens.files.colmap import camera_from_colmap, list_text_cameras, to_colmap
 from gsut.lens.files.colmap_binary import list_binary_cameras
@@ -24,7 +23,6 @@ __all__ = [
     "format_nerfstudio",
     "is_camchain",
     "list_binary_cameras",
-    "list_formats",
     "list_suffixes",
     "list_text_cameras",
     "load_camera",
