@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 from pathlib import Path
 from typing import Any
 
@@ -13,16 +12,22 @@ from calib.report.result import Result
 from calib.report.values import collect_values
 from gsut.files import write_file
 from gsut.page import (
-    build_list,
     build_page,
     build_table,
-    build_thumbnails,
     embed_picture,
     format_number,
+    render_template,
 )
 
 REPORT_PAGE = "report.html"
 _THUMBNAIL = 420  # pixels of a board's picture: twice its width on the page, for sharp screens
+_NOTES = "<h3>Notes</h3><ul>{% for note in notes %}<li>{{ note }}</li>{% endfor %}</ul>"
+_PICTURES = """<div class="pictures">
+{%- for address in pictures %}<img alt="" src="{{ address }}">{% endfor %}</div>"""
+_PHOTOGRAPHS = """<h3>Photographs</h3><div class="pictures">
+{%- for address, name in thumbnails %}<figure style="width: {{ width }}px">
+<img src="{{ address }}" alt="{{ name }}"><figcaption>{{ name }}</figcaption></figure>{% endfor %}
+</div>"""
 
 
 def write_report_page(folder: Path, result: Result) -> Path:
@@ -47,9 +52,11 @@ def _describe_all(values: dict[str, Any]) -> list[str]:
     """Describes the calibration as a whole: a sentence, a row for each camera, the rig, notes."""
     board, cameras = values["board"], values["cameras"]
     parts = [
-        f"<p>{values['lens']} lens by {values['solver']}; board of {board['columns']} × "
-        f"{board['rows']} inner corners, {board['spacing']} a square; {values['boards_found']} "
-        f"boards in {values['boards_total']} photographs; {values['seconds']:.1f} s.</p>",
+        _build_paragraph(
+            f"{values['lens']} lens by {values['solver']}; board of {board['columns']} × "
+            f"{board['rows']} inner corners, {board['spacing']} a square; {values['boards_found']} "
+            f"boards in {values['boards_total']} photographs; {values['seconds']:.1f} s."
+        ),
         build_table(
             [
                 (
@@ -76,25 +83,29 @@ def _describe_all(values: dict[str, Any]) -> list[str]:
             for name in others
         ]
         rms = format_number(values["rig_rms_2d_px"], 3)
-        parts.append(
-            f"<p>With one pose of the rig for all boards: RMS {rms} px. "
-            f"{html.escape(' '.join(distances))}</p>"
-        )
+        words = ["With one pose of the rig for all boards: RMS", rms, "px.", *distances]
+        parts.append(_build_paragraph(" ".join(words)))
     if values["notes"]:
-        parts += ["<h3>Notes</h3>", build_list(values["notes"])]
+        parts.append(render_template(_NOTES, notes=values["notes"]))
     return parts
+
+
+def _build_paragraph(text: str) -> str:
+    return render_template("<p>{{ text }}</p>", text=text)
 
 
 def _describe_camera(
     name: str, values: dict[str, Any], pictures: list[str], boards: list[tuple[str, Path]]
 ) -> list[str]:
     """Describes one camera: other lenses of its boards, pictures, residuals, photographs."""
-    parts = [f"<h2>{html.escape(name)}</h2>", f"<p>{values['model']}</p>"]
+    parts = [render_template("<h2>{{ name }}</h2>", name=name), _build_paragraph(values["model"])]
     if values["second_lenses"]:
         parts += [
-            "<p>Other lenses of the same boards, turned onto this one: the angle to which all rays "
-            f"agree within {values['agreement_degrees']}°. The trusted field ends where one does "
-            "not (for distant things).</p>",
+            _build_paragraph(
+                "Other lenses of the same boards, turned onto this one: the angle to which all "
+                f"rays agree within {values['agreement_degrees']}°. The trusted field ends where "
+                "one does not (for distant things)."
+            ),
             build_table(
                 [
                     (
@@ -110,16 +121,16 @@ def _describe_camera(
                  "at the boards' distance to [°]"),
             ),
         ]  # fmt: skip
-    images = "".join(f'<img alt="" src="{picture}">' for picture in pictures)
-    parts.append(f'<div class="pictures">{images}</div>')
+    parts.append(render_template(_PICTURES, pictures=pictures))
     if rows := values["cross_validation"]:
-        parts += ["<h3>Lenses compared on boards they had not seen</h3>", _compare_lenses(rows)]
+        title = render_template("<h3>Lenses compared on boards they had not seen</h3>")
+        parts += [title, _compare_lenses(rows)]
     thumbnails = [
         (embed_picture(cv2.imread(str(path))[..., ::-1], _THUMBNAIL), name) for name, path in boards
     ]
     return [
         *parts,
-        "<h3>Residuals by region of the image</h3>",
+        render_template("<h3>Residuals by region of the image</h3>"),
         build_table(
             [
                 (
@@ -134,8 +145,7 @@ def _describe_camera(
             ("column", "row", "corners", "RMS, 2-D [px]", "mean x, y [px]"),
             texts=(),
         ),
-        "<h3>Photographs</h3>",
-        build_thumbnails(thumbnails, _THUMBNAIL // 2),
+        render_template(_PHOTOGRAPHS, thumbnails=thumbnails, width=_THUMBNAIL // 2),
         _list_photographs(values["images"]),
     ]
 

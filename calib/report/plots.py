@@ -11,7 +11,7 @@ from calib.boards import Board
 from calib.camera import PIXEL_SHIFT, CameraSolution
 from calib.trust import TRUSTED_SIGMA_PX, Halves, Trust, trace_trusted_outline
 from gsut.page import (
-    SERIES,
+    Style,
     embed_figure,
     make_figure,
     make_image_figure,
@@ -22,9 +22,9 @@ from gsut.page import (
 _SIGMA_RANGE = (0.02, 20.0)  # pixels: ends of the colour scale of the uncertainty
 _HALVES_RANGE = (1e-3, 1.0)  # degrees: ends of the colour scale of the difference of two lenses
 _RING_DEGREES = 5.0  # width of the rings of field angle
-_BLUE = SERIES[0]  # of residuals
-_RED = SERIES[1]  # of outliers and means
-_GREEN = SERIES[2]  # of the trusted field
+_BLUE = Style.SERIES[0]  # of residuals
+_RED = Style.SERIES[1]  # of outliers and means
+_GREEN = Style.SERIES[2]  # of the trusted field
 
 
 def draw_camera(

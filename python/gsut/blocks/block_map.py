@@ -9,7 +9,7 @@ import numpy as np
 from gsut.data import Scene
 from gsut.files import whole_file
 from gsut.gaussians import Gaussians
-from gsut.page import INK, MUTED, SERIES, make_figure
+from gsut.page import Style, make_figure
 
 # Name of the picture in the folder of the blocks.
 MAP = "map.png"
@@ -39,22 +39,22 @@ def write_map(folder: Path, gaussians: Gaussians, owners: np.ndarray, scene: Sce
     figure, axes = make_figure("Blocks, and the cameras as rings", 7.0, 5.0)
     blocks, number = np.unique(owners, return_inverse=True)
     middles = np.array([np.median(points[number == each], axis=0) for each in range(len(blocks))])
-    colors = np.array(SERIES)[choose_colors(middles)[number[rows]]]
+    colors = np.array(Style.SERIES)[choose_colors(middles)[number[rows]]]
     axes.scatter(points[rows, across], points[rows, along], s=1.5, c=colors, linewidths=0)
     axes.scatter(
-        centers[:, across], centers[:, along], s=24, facecolors="none", edgecolors=INK,
+        centers[:, across], centers[:, along], s=24, facecolors="none", edgecolors=Style.INK,
         linewidths=1.0,
     )  # fmt: skip
     for block, at in zip(blocks, middles, strict=True) if len(blocks) <= _MOST_NUMBERS else ():
         axes.annotate(
-            str(block), (at[across], at[along]), color=INK, fontweight="bold", ha="center",
+            str(block), (at[across], at[along]), color=Style.INK, fontweight="bold", ha="center",
             bbox={"boxstyle": "round,pad=0.2", "facecolor": "white", "alpha": 0.8, "lw": 0},
         )  # fmt: skip
     axes.set_xlim(low[across], high[across])
     axes.set_ylim(low[along], high[along])
     axes.set_aspect("equal")
     for axis, name in ((axes.xaxis, "xyz"[across]), (axes.yaxis, "xyz"[along])):
-        axis.set_label_text(name, color=MUTED)
+        axis.set_label_text(name, color=Style.MUTED)
     with whole_file(folder / MAP) as temporary:
         figure.savefig(temporary, format="png", dpi=110)
 
@@ -67,7 +67,7 @@ def choose_colors(middles: np.ndarray) -> np.ndarray:
     """
     chosen = np.zeros(len(middles), int)
     for block, middle in enumerate(middles):
-        away = np.full(len(SERIES), np.inf)
+        away = np.full(len(Style.SERIES), np.inf)
         np.minimum.at(away, chosen[:block], np.linalg.norm(middles[:block] - middle, axis=1))
         chosen[block] = int(np.argmax(away))
     return chosen

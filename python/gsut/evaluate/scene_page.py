@@ -2,14 +2,33 @@
 
 from __future__ import annotations
 
-import html
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from gsut.data import STRIP
-from gsut.page import build_page, build_table, embed_bytes, format_duration
+from gsut.page import build_page, embed_bytes, render_template
 from gsut.run import RENDERS, REPORT, RunFolder, Verdict
+
+_PARTS = """<p><b>{{ verdict }}</b></p>
+<p><a href="{{ report }}">Report of the training</a>: held-out views beside photographs.
+<a href="{{ poses | urlencode }}/report.html">Report of the poses</a>: where the camera went, and
+its lens.</p>
+{%- if scene %}
+<h2>Scene</h2>
+<div style="display: flex; gap: 1em">
+{%- for address, caption in scene.pictures.items() %}<figure style="flex: 1; margin: 0">
+<img src="{{ address | urlencode }}" alt="{{ caption }}" style="width: 100%">
+<figcaption>{{ caption }}</figcaption></figure>{% endfor %}</div>
+<p>A photograph that the training did not use, of median quality. {{ scene.said }}Look around:
+<code>gsut view {{ folder }}</code></p>
+{%- endif %}
+<h2>Pictures</h2>
+<img src="{{ strip }}" alt="the pictures chosen" style="width: 100%">
+<h2>Time taken</h2>
+<div class="scroll"><table class="numbers">
+{%- for stage, taken in seconds.items() %}<tr><td class="t">{{ stage }}</td>
+<td>{{ taken | duration }}</td></tr>{% endfor %}</table></div>"""
 
 
 def write_scene_page(
@@ -32,41 +51,29 @@ def write_scene_page(
         poses: folder with the report of the poses, relative to the run's.
         notes: what the choice of pictures had to say.
     """
-    strip = embed_bytes((captured / STRIP).read_bytes(), "image/jpeg")
-    rows = [(stage, format_duration(seconds)) for stage, seconds in figures["seconds"].items()]
-    parts = [
-        f"<p><b>{Verdict.from_dict(figures['verdict'])}</b></p>",
-        f'<p><a href="{REPORT}">Report of the training</a>: held-out views beside photographs. '
-        f'<a href="{poses}/report.html">Report of the poses</a>: where the camera went, and its '
-        "lens.</p>",
-        *_list_result_parts(folder, figures, metrics),
-        "<h2>Pictures</h2>",
-        f'<img src="{strip}" alt="the pictures chosen" style="width: 100%">',
-        "<h2>Time taken</h2>",
-        build_table(rows),
-    ]
-    folder.write_text(name, build_page(folder.path.name, notes, parts))
+    parts = render_template(
+        _PARTS,
+        verdict=Verdict.from_dict(figures["verdict"]),
+        report=REPORT,
+        poses=poses,
+        scene=_choose_view(figures, metrics),
+        folder=folder.path,
+        strip=embed_bytes((captured / STRIP).read_bytes(), "image/jpeg"),
+        seconds=figures["seconds"],
+    )
+    folder.write_text(name, build_page(folder.path.name, notes, [parts]))
 
 
-def _list_result_parts(
-    folder: RunFolder, figures: dict[str, Any], metrics: dict[str, Any]
-) -> list[str]:
-    """Returns the parts that show the held-out view of median quality beside its photograph."""
+def _choose_view(figures: dict[str, Any], metrics: dict[str, Any]) -> dict[str, Any] | None:
+    """Chooses the held-out view of median quality: its pictures and a sentence on them."""
     views = [row for row in metrics.get("views", []) if row.get("render") and row.get("truth")]
     views = [row for row in views if row.get("psnr") is not None]
     words = figures["renders"]
     if not views or not words:
-        return []
-    said = "" if words == figures["verdict"]["what"] else f"{words[:1].upper()}{words[1:]}. "
+        return None
     middle = sorted(views, key=lambda row: row["psnr"])[len(views) // 2]
-    pictures = "".join(
-        f'<figure style="flex: 1; margin: 0"><img src="{RENDERS}/{middle[key]}" alt="{name}" '
-        f'style="width: 100%"><figcaption>{name}</figcaption></figure>'
-        for key, name in (("truth", "photograph"), ("render", "the scene from the same place"))
-    )
-    return [
-        "<h2>Scene</h2>",
-        f'<div style="display: flex; gap: 1em">{pictures}</div>',
-        f"<p>A photograph that the training did not use, of median quality. {said}Look around: "
-        f"<code>gsut view {html.escape(str(folder.path))}</code></p>",
-    ]
+    captions = {"truth": "photograph", "render": "the scene from the same place"}
+    return {
+        "pictures": {f"{RENDERS}/{middle[key]}": text for key, text in captions.items()},
+        "said": "" if words == figures["verdict"]["what"] else f"{words[:1].upper()}{words[1:]}. ",
+    }

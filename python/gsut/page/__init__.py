@@ -1,11 +1,8 @@
 """The one kit for reports: a page, its tables and embedded pictures, and plots in one style."""
 
-from gsut.page.chart import Chart, pad_limits
 from gsut.page.page import (
-    build_list,
     build_page,
     build_table,
-    build_thumbnails,
     embed_bytes,
     embed_picture,
     format_duration,
@@ -14,11 +11,7 @@ from gsut.page.page import (
     render_template,
 )
 from gsut.page.plots import (
-    INK,
-    LINE,
-    MUTED,
-    SERIES,
-    TITLE,
+    Style,
     embed_figure,
     make_figure,
     make_image_figure,
@@ -28,16 +21,9 @@ from gsut.page.plots import (
 )
 
 __all__ = [
-    "INK",
-    "LINE",
-    "MUTED",
-    "SERIES",
-    "TITLE",
-    "Chart",
-    "build_list",
+    "Style",
     "build_page",
     "build_table",
-    "build_thumbnails",
     "embed_bytes",
     "embed_figure",
     "embed_picture",
@@ -45,7 +31,6 @@ __all__ = [
     "format_number",
     "make_figure",
     "make_image_figure",
-    "pad_limits",
     "paint_values",
     "plot_map",
     "plot_residuals",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import base64
-import html
+import functools
 import importlib.resources
 import math
 from collections.abc import Iterable, Sequence
@@ -15,17 +15,36 @@ _JPEG_QUALITY = 88  # of embedded pictures: artefacts stay below what renders la
 _SECTIONS = """{% extends "page.html.j2" %}{% block content %}<h1>{{ title }}</h1>
 {%- for note in notes %}<p class="note">{{ note }}</p>{% endfor %}
 {%- for part in parts %}
-{{ part | safe }}
+{{ part }}
 {%- endfor %}{% endblock %}"""
+_TABLE = """{% macro line(cells, tag) %}<tr>{% for cell in cells %}<{{ tag }}
+{%- if loop.index0 in texts %} class="t"{% endif %}>{{ cell }}</{{ tag }}>{% endfor %}</tr>
+{%- endmacro -%}
+<div class="scroll"><table class="numbers">
+{%- if heading %}{{ line(heading, "th") }}{% endif %}
+{%- for row in rows %}{{ line(row, "th" if loop.index0 == bold else "td") }}{% endfor -%}
+</table></div>"""
 
 
 def render_template(source: str, **values: Any) -> str:
-    """Renders a Jinja template that extends "page.html.j2" (its blocks: content, after).
+    """Renders a Jinja template: a page that extends "page.html.j2" or a part of one.
 
-    Text is escaped. The filters `number` and `duration` are `format_number` and `format_duration`,
-    the function `table` is `build_table`, whose HTML is `safe`; "viewer.html.j2" holds macros to
-    compare and enlarge pictures.
+    Text is escaped, except what this function returned: everything that a page shows goes through
+    here. The filters `number` and `duration` are `format_number` and `format_duration`, the
+    function `table` is `build_table`; "viewer.html.j2" holds macros to compare and enlarge
+    pictures. The blocks of "page.html.j2" are style, content and after.
     """
+    environment = _make_environment()
+    return mark_safe(environment.from_string(source).render(**values))
+
+
+def mark_safe(html: str) -> str:
+    """Marks HTML that escaped its text itself, so that templates leave it as it is."""
+    return _make_environment().call_filter("safe", html)
+
+
+@functools.cache
+def _make_environment() -> Any:
     import jinja2
 
     files = importlib.resources.files("gsut.page")
@@ -37,12 +56,15 @@ def render_template(source: str, **values: Any) -> str:
     )
     environment.filters.update(number=format_number, duration=format_duration)
     environment.globals.update(table=build_table)
-    return environment.from_string(source).render(**values)
+    return environment
 
 
 def build_page(title: str, notes: Sequence[str], parts: Sequence[str]) -> str:
-    """Builds a page from a title, notes, and parts that are HTML: headings, tables, plots."""
-    return render_template(_SECTIONS, title=title, notes=notes, parts=parts)
+    """Builds a page from a title, notes, and parts by `render_template`, tables and plots.
+
+    A part that is any other string is shown as text.
+    """
+    return str(render_template(_SECTIONS, title=title, notes=notes, parts=parts))
 
 
 def build_table(
@@ -54,38 +76,11 @@ def build_table(
     """Builds a table of figures that scrolls sideways on narrow screens.
 
     Args:
-        rows: cells; their text is escaped. heading: of the columns; empty: none.
+        rows: cells. heading: of the columns; empty: none.
         texts: columns that are text and therefore aligned to the left; the others are numbers.
         bold: index of a row to emphasize.
     """
-
-    def build_row(cells: Sequence[object], tag: str) -> str:
-        kinds = [' class="t"' if column in texts else "" for column in range(len(cells))]
-        return "".join(
-            f"<{tag}{kind}>{html.escape(str(cell))}</{tag}>"
-            for cell, kind in zip(cells, kinds, strict=True)
-        )
-
-    lines = [build_row(row, "th" if index == bold else "td") for index, row in enumerate(rows)]
-    if heading:
-        lines.insert(0, build_row(heading, "th"))
-    body = "".join(f"<tr>{line}</tr>" for line in lines)
-    return f'<div class="scroll"><table class="numbers">{body}</table></div>'
-
-
-def build_list(items: Iterable[str]) -> str:
-    """Builds a bullet list of sentences."""
-    return f"<ul>{''.join(f'<li>{html.escape(item)}</li>' for item in items)}</ul>"
-
-
-def build_thumbnails(pictures: Iterable[tuple[str, str]], width: int) -> str:
-    """Builds a row of small pictures, each an address and a caption, `width` pixels wide."""
-    figures = "".join(
-        f'<figure style="width: {width}px"><img src="{address}" alt="{html.escape(caption)}">'
-        f"<figcaption>{html.escape(caption)}</figcaption></figure>"
-        for address, caption in pictures
-    )
-    return f'<div class="pictures">{figures}</div>'
+    return render_template(_TABLE, rows=map(tuple, rows), heading=heading, texts=texts, bold=bold)
 
 
 def format_number(value: float | None, digits: int = 2) -> str:

@@ -3,21 +3,32 @@
 from __future__ import annotations
 
 import io
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
-from gsut.page.page import embed_bytes
+from gsut.page.page import embed_bytes, mark_safe
 
-# Colours of the page (see page.html.j2); plots have a white background in its dark mode, too.
-INK = "#1d2733"  # of titles and values
-MUTED = "#6b7785"  # of labels
-GRID = "#e3e8ee"  # of grid and frame
-LINE = "#1668b8"  # of the first line
-SERIES = (LINE, "#c8442f", "#2a8f5a", "#8a4fb0", "#b07a12", "#3a8fa0")  # of several lines
-TITLE: dict[str, Any] = {"loc": "left", "color": INK, "fontsize": 11, "fontweight": "bold"}
 _PNG_DPI = 110  # sharp at the width that pages give a plot
 _ARROW_SHARE = 0.05  # of the image's width: length of the arrow of a 99-percentile residual
+
+
+class Style:
+    """Colours of the page's plots (see page.html.j2), on white in its dark mode, too.
+
+    Attributes:
+        INK: of titles and values. MUTED: of labels. GRID: of grid and frame.
+        LINE: of the first line. SERIES: of several lines. TITLE: settings of a title.
+    """
+
+    INK = "#1d2733"
+    MUTED = "#6b7785"
+    GRID = "#e3e8ee"
+    LINE = "#1668b8"
+    SERIES = (LINE, "#c8442f", "#2a8f5a", "#8a4fb0", "#b07a12", "#3a8fa0")
+    TITLE: ClassVar[dict[str, Any]] = {
+        "loc": "left", "color": INK, "fontsize": 11, "fontweight": "bold",
+    }  # fmt: skip
 
 
 def make_figure(title: str, width: float, height: float, columns: int = 1) -> tuple[Any, Any]:
@@ -33,13 +44,13 @@ def make_figure(title: str, width: float, height: float, columns: int = 1) -> tu
     figure = Figure(figsize=(width, height), layout="constrained")
     every = list(figure.subplots(1, columns, squeeze=False)[0])
     for axes in every:
-        axes.tick_params(colors=MUTED, labelsize=9, length=0, which="both")
-        axes.grid(axis="both", color=GRID, linewidth=0.8)
+        axes.tick_params(colors=Style.MUTED, labelsize=9, length=0, which="both")
+        axes.grid(axis="both", color=Style.GRID, linewidth=0.8)
         axes.set_axisbelow(True)
         for spine in axes.spines.values():
-            spine.set_color(GRID)
+            spine.set_color(Style.GRID)
     if title:
-        every[0].set_title(title, **TITLE)
+        every[0].set_title(title, **Style.TITLE)
     return figure, every if columns > 1 else every[0]
 
 
@@ -63,7 +74,7 @@ def plot_residuals(
     figure, axes = make_image_figure(f"{title}, enlarged {factor:.0f} times", size)
     axes.quiver(
         *pixels.T, *(residuals * factor).T, angles="xy", scale_units="xy", scale=1, width=0.0016,
-        color=LINE, rasterized=True,
+        color=Style.LINE, rasterized=True,
     )  # fmt: skip
     return figure, axes
 
@@ -109,7 +120,7 @@ def render_svg(figure: Any) -> str:
     with matplotlib.rc_context({"svg.hashsalt": "gsut"}):
         figure.savefig(buffer, format="svg", metadata={"Date": None}, transparent=True)
     text = buffer.getvalue()
-    return text[text.index("<svg") :]
+    return mark_safe(text[text.index("<svg") :])
 
 
 def embed_figure(figure: Any) -> str:

@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import dataclasses
-import html
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from gsut._core import CameraMotion
-from gsut.page import build_page, build_table, embed_picture, format_number, paint_values
+from gsut.page import (
+    build_page,
+    build_table,
+    embed_picture,
+    format_number,
+    paint_values,
+    render_template,
+)
 from gsut.surface.mesh import Mesh
 from gsut.surface.shading import shade_mesh
 
@@ -23,6 +29,13 @@ _OF_ERROR = (
     f"Errors are black where there is none, bright from {100 * _FULL_ERROR:.0f} % of the distance "
     "on; grey: no depth, or no truth."
 )
+_DEPTH = """<h2>Depth</h2><p>{{ views }} views; by field angle: the median of AbsRel.</p>
+{{ table(rows, heading) }}"""
+_VIEW = """<h3>{{ name }}</h3>
+<div class="plots" style="grid-template-columns: repeat({{ pictures | length }},
+ minmax(0, {{ most_wide }}px))">
+{%- for text, address in pictures %}<figure style="margin:0"><img src="{{ address }}" alt="">
+<figcaption><small>{{ text }}</small></figcaption></figure>{% endfor %}</div>"""
 _OF_MESH = "The mesh is lit from the camera: grey in front, blue from behind, white: nothing."
 
 
@@ -61,12 +74,13 @@ def build_surface_page(
         title: of the page.
         views: that are shown, see `choose_views`.
         mesh: shown as each view sees it, if given.
-        parts: HTML that stands before the pictures, such as `build_geometry_tables`.
+        parts: what stands before the pictures, such as `build_geometry_tables`.
     """
     shown = [_build_view(view, mesh) for view in views]
     judged = any(view.truth is not None for view in views)
     said = [_OF_DEPTH, _OF_ERROR * judged, _OF_MESH * (mesh is not None)]
-    return build_page(title, [], [*parts, f"<h2>Views</h2><p>{' '.join(said)}</p>", *shown])
+    words = render_template("<h2>Views</h2><p>{{ said | join(' ') }}</p>", said=said)
+    return build_page(title, [], [*parts, words, *shown])
 
 
 def build_geometry_tables(figures: dict[str, Any]) -> list[str]:
@@ -88,8 +102,8 @@ def build_geometry_tables(figures: dict[str, Any]) -> list[str]:
             ]
             for kind, row in depth.items()
         ]  # fmt: skip
-        note = f"<p>{figures['depth']['views']} views; by field angle: the median of AbsRel.</p>"
-        parts.append(f"<h2>Depth</h2>{note}{build_table(rows, heading)}")
+        views = figures["depth"]["views"]
+        parts.append(render_template(_DEPTH, views=views, rows=rows, heading=heading))
     if mesh := figures.get("mesh"):
         names = ("accuracy", "completeness", "chamfer", "normal_consistency")
         rows = [[name.replace("_", " "), format_number(mesh[name], 4)] for name in names]
@@ -98,7 +112,8 @@ def build_geometry_tables(figures: dict[str, Any]) -> list[str]:
             for row in mesh["fscores"]
         ]
         heading = ["at a distance of", *(name.replace("fscore", "F-score") for name in _SCORES)]
-        parts.append(f"<h2>Mesh</h2>{build_table(rows)}{build_table(scores, heading)}")
+        title = render_template("<h2>Mesh</h2>")
+        parts += [title, build_table(rows), build_table(scores, heading)]
     return parts
 
 
@@ -120,13 +135,8 @@ def _build_view(view: SurfaceView, mesh: Mesh | None) -> str:
         width = min(view.camera.width, _MOST_WIDE)
         camera = view.camera.resize(width, round(view.camera.height * width / view.camera.width))
         pictures.append(("mesh", shade_mesh(mesh, camera, view.motion)))
-    figures = "".join(
-        f'<figure style="margin:0"><img src="{embed_picture(image, _MOST_WIDE)}" alt="">'
-        f"<figcaption><small>{html.escape(text)}</small></figcaption></figure>"
-        for text, image in pictures
-    )
-    columns = f"grid-template-columns: repeat({len(pictures)}, minmax(0, {_MOST_WIDE}px))"
-    return f'<h3>{html.escape(view.name)}</h3><div class="plots" style="{columns}">{figures}</div>'
+    embedded = [(text, embed_picture(image, _MOST_WIDE)) for text, image in pictures]
+    return render_template(_VIEW, name=view.name, pictures=embedded, most_wide=_MOST_WIDE)
 
 
 def _paint_depth(depth: np.ndarray) -> np.ndarray:

@@ -6,9 +6,8 @@ import re
 import numpy as np
 import pytest
 
+from gsut.evaluate.chart import Chart, _list_log_ticks, _list_ticks
 from gsut.evaluate.report_plots import plot_curve, plot_rings
-from gsut.page import Chart
-from gsut.page.chart import _list_log_ticks, _list_ticks
 from gsut.run import TrainOptions
 
 

@@ -10,15 +10,14 @@ import numpy as np
 from gsut.files import write_file
 from gsut.lens import Camera, spread_pixels
 from gsut.page import (
-    LINE,
-    MUTED,
-    SERIES,
+    Style,
     build_page,
     build_table,
     make_figure,
     plot_map,
     plot_residuals,
     render_svg,
+    render_template,
 )
 from gsut.sfm.lens import RefinedLens
 
@@ -27,7 +26,12 @@ _REGIONS = 3  # columns and rows of the image for which residuals are given
 _MOST_ARROWS = 3000  # drawn: more cover each other
 _RING_DEGREES = 5.0  # of the field angle, in the plot of residuals
 _FEWEST_IN_RING = 10  # residuals, for a mean
-_BEFORE = SERIES[1]
+_PICTURES = """<h2>Pictures</h2>
+<div class="pictures">{% for picture in pictures %}{{ picture }}{% endfor %}</div>
+<h2>Residuals by region of the image</h2>
+<p>Before: the same points and refined poses through the dataset's own lens, turned as well as it
+can be; pixels, root mean square lengths. The mean says where a region is off as a whole.</p>"""
+_BEFORE = Style.SERIES[1]
 
 
 def write_page(
@@ -80,17 +84,12 @@ def write_page(
     ]
     parts = [
         build_table(rows.items()),
-        "<h2>Parameters</h2>",
+        render_template("<h2>Parameters</h2>"),
         build_table(
             map(_make_param_row, values["params"]),
             ("parameter", "before", "after", "sigma", "change / sigma"),
         ),
-        "<h2>Pictures</h2>",
-        f'<div class="pictures">{"".join(pictures)}</div>',
-        "<h2>Residuals by region of the image</h2>",
-        "<p>Before: the same points and refined poses through the dataset's own lens, turned as "
-        "well as it can be; pixels, root mean square lengths. The mean says where a region is off "
-        "as a whole.</p>",
+        render_template(_PICTURES, pictures=pictures),
         build_table(
             _make_region_rows(camera, solution.pixels[good], before, after, sigma),
             ("column, row", "observations", "before", "after", "mean x, y after",
@@ -189,10 +188,10 @@ def _plot_rings(degrees: np.ndarray, before: np.ndarray, after: np.ndarray) -> s
     ring = np.floor(degrees / _RING_DEGREES).astype(int)
     full = [i for i in np.unique(ring) if np.sum(ring == i) >= _FEWEST_IN_RING]
     middle = [(i + 0.5) * _RING_DEGREES for i in full]
-    for residuals, color, name in ((before, _BEFORE, "before"), (after, LINE, "after")):
+    for residuals, color, name in ((before, _BEFORE, "before"), (after, Style.LINE, "after")):
         rms = [_measure_rms(residuals[ring == i]) for i in full]
         axes.plot(middle, rms, color=color, marker="o", markersize=4, label=name)
     axes.set_yscale("log")
-    axes.set_xlabel("degrees from the axis", color=MUTED)
+    axes.set_xlabel("degrees from the axis", color=Style.MUTED)
     axes.legend(fontsize=8, frameon=False)
     return render_svg(figure)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import html
 from pathlib import Path
 from typing import Any
 
@@ -12,15 +11,13 @@ from gsut.data import CAPTURE_FOLDER, STRIP
 from gsut.data.poses import find_centers
 from gsut.files import write_file
 from gsut.page import (
-    LINE,
-    MUTED,
-    SERIES,
-    TITLE,
+    Style,
     build_page,
     build_table,
     embed_bytes,
     make_figure,
     render_svg,
+    render_template,
 )
 from gsut.run import Verdict
 from gsut.sfm.core import Solution
@@ -30,6 +27,8 @@ _MOST_POINTS = 20000  # drawn: more only make the page larger
 _SHOWN_PERCENT = 97.0  # of the points, nearest first: far ones would shrink the rest
 _BIN_DEGREES = 5.0  # of the field angle, in the plot of residuals
 _FEWEST_IN_BIN = 10  # residuals, for a median and a percentile
+_STRIP = """<h2>Pictures chosen</h2>
+<img src="{{ address }}" alt="the pictures chosen" style="width: 100%">"""
 
 
 def write_report(out: Path, solution: Solution, values: dict[str, Any]) -> None:
@@ -62,15 +61,15 @@ def write_report(out: Path, solution: Solution, values: dict[str, Any]) -> None:
     parts = []
     if "verdict" in values:  # a calibration judges its lens on its own page
         verdict = Verdict.from_dict(values["verdict"])
-        parts.append(f"<p><b>{html.escape(str(verdict))}</b></p>")
+        parts.append(render_template("<p><b>{{ verdict }}</b></p>", verdict=verdict))
     parts += [
         build_table(summary.items()),
-        "<h2>Cameras and points from above and from the side</h2>",
+        render_template("<h2>Cameras and points from above and from the side</h2>"),
         _plot_scene(solution, values.get("rig")),
-        "<h2>Residuals and tracks</h2>",
+        render_template("<h2>Residuals and tracks</h2>"),
         _plot_residuals(solution),
         _plot_tracks(solution),
-        "<h2>Images</h2>",
+        render_template("<h2>Images</h2>"),
         build_table(
             map(_make_image_row, values["views"]),
             ("image", "points", "median error [px]", "sigma of the turn [degrees]"),
@@ -79,8 +78,7 @@ def write_report(out: Path, solution: Solution, values: dict[str, Any]) -> None:
     strip = out / CAPTURE_FOLDER / STRIP
     if strip.is_file():
         address = embed_bytes(strip.read_bytes(), "image/jpeg")
-        picture = f'<img src="{address}" alt="the pictures chosen" style="width: 100%">'
-        parts += ["<h2>Pictures chosen</h2>", picture]
+        parts.append(render_template(_STRIP, address=address))
     write_file(out / REPORT, build_page(title, values["notes"], parts))
 
 
@@ -138,16 +136,16 @@ def _plot_scene(solution: Solution, rig: dict[str, Any] | None) -> str:
         axis.scatter(points @ x, points @ y, s=0.6, c=colors, linewidths=0, rasterized=True)
         c = centers - middle
         for number, (name, rows) in enumerate(cameras.items()):
-            color = SERIES[number % len(SERIES)]
+            color = Style.SERIES[number % len(Style.SERIES)]
             axis.plot(c[rows] @ x, c[rows] @ y, ".", color=color, markersize=4, label=name)
             for center, ray in zip(c[rows], forward[rows], strict=True):
                 end = center + size * ray
                 axis.plot([center @ x, end @ x], [center @ y, end @ y], color=color, linewidth=0.8)
         for rows in frames:
-            axis.plot(c[rows] @ x, c[rows] @ y, color=MUTED, linewidth=0.8, zorder=1.5)
+            axis.plot(c[rows] @ x, c[rows] @ y, color=Style.MUTED, linewidth=0.8, zorder=1.5)
         axis.set_aspect("equal")
     if rig is not None:
-        axes[0].set_xlabel("in the rig's unit", color=MUTED)
+        axes[0].set_xlabel("in the rig's unit", color=Style.MUTED)
         axes[0].legend(fontsize=8, frameon=False)
     return render_svg(figure)
 
@@ -181,13 +179,13 @@ def _plot_residuals(solution: Solution) -> str:
         middles.append((index + 0.5) * _BIN_DEGREES)
         medians.append(np.median(inside))
         upper.append(np.percentile(inside, 90))
-    axes[0].plot(middles, medians, color=LINE, marker="o", markersize=4, label="median")
-    axes[0].plot(middles, upper, color=MUTED, marker=".", label="90 %")
-    axes[0].set_xlabel("degrees from the axis", color=MUTED)
+    axes[0].plot(middles, medians, color=Style.LINE, marker="o", markersize=4, label="median")
+    axes[0].plot(middles, upper, color=Style.MUTED, marker=".", label="90 %")
+    axes[0].set_xlabel("degrees from the axis", color=Style.MUTED)
     axes[0].set_ylim(bottom=0)
     axes[0].legend(fontsize=8, frameon=False)
-    axes[1].hist(lengths, bins=60, range=(0, float(np.percentile(lengths, 99))), color=LINE)
-    axes[1].set_title("residuals [px]", **TITLE)
+    axes[1].hist(lengths, bins=60, range=(0, float(np.percentile(lengths, 99))), color=Style.LINE)
+    axes[1].set_title("residuals [px]", **Style.TITLE)
     return render_svg(figure)
 
 
@@ -195,6 +193,6 @@ def _plot_tracks(solution: Solution) -> str:
     lengths = np.bincount(solution.observations[:, 0])
     figure, axes = make_figure("points by track length (images)", 5, 3)
     longest = int(max(lengths.max(initial=2), 3))
-    axes.hist(lengths, bins=np.arange(1.5, longest + 1.5), color=LINE)
+    axes.hist(lengths, bins=np.arange(1.5, longest + 1.5), color=Style.LINE)
     axes.set_yscale("log")
     return render_svg(figure)

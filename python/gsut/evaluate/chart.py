@@ -8,8 +8,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from gsut.page.page import embed_bytes
-from gsut.page.plots import GRID, INK, LINE, MUTED
+from gsut.page import Style, embed_bytes
 
 _WIDTH = 520  # of the chart, in its pixels
 _HEIGHT = 300  # of the chart
@@ -49,13 +48,15 @@ class Chart:
         self._parts: list[str] = []
         for value in (_list_log_ticks if log else _list_ticks)(*y_limits):
             y = float(self._place_y(np.array(value)))
-            self._parts.append(f'<path d="M{_LEFT} {y:.1f}H{_RIGHT}" stroke="{GRID}"/>')
-            self.write(_LEFT - 6, y + 4, y_text(value), MUTED, 12, "end")
-        self._parts.append(f'<path d="M{_LEFT} {_BOTTOM}H{_RIGHT}" stroke="{GRID}"/>')
+            self._parts.append(f'<path d="M{_LEFT} {y:.1f}H{_RIGHT}" stroke="{Style.GRID}"/>')
+            self.write(_LEFT - 6, y + 4, y_text(value), Style.MUTED, 12, "end")
+        self._parts.append(f'<path d="M{_LEFT} {_BOTTOM}H{_RIGHT}" stroke="{Style.GRID}"/>')
         for value in _list_ticks(*x_limits) if x_ticks else ():
-            self.write(float(self._place_x(np.array(value))), _BOTTOM + 17, f"{value:g}", MUTED, 12)
-        self.write((_LEFT + _RIGHT) / 2, _HEIGHT - 10, x_label, MUTED, 13)
-        self.write(_LEFT, 20, title, INK, 15, "start", bold=True)
+            self.write(
+                float(self._place_x(np.array(value))), _BOTTOM + 17, f"{value:g}", Style.MUTED, 12
+            )
+        self.write((_LEFT + _RIGHT) / 2, _HEIGHT - 10, x_label, Style.MUTED, 13)
+        self.write(_LEFT, 20, title, Style.INK, 15, "start", bold=True)
 
     def write(
         self, x: float, y: float, words: str, color: str, size: float, anchor: str = "middle",
@@ -69,7 +70,7 @@ class Chart:
         )
 
     def draw_line(
-        self, x: np.ndarray, y: np.ndarray, color: str = LINE, width: float = 2.3,
+        self, x: np.ndarray, y: np.ndarray, color: str = Style.LINE, width: float = 2.3,
         dots: bool = False,
     ) -> None:  # fmt: skip
         """Draws a line through points; `dots` marks each of them."""
@@ -88,13 +89,13 @@ class Chart:
     def label_point(self, x: float, y: float, words: str) -> None:
         """Writes words below a point of a line, to its left."""
         across, down = float(self._place_x(np.array(x))), float(self._place_y(np.array(y)))
-        self.write(across - 2, down + 19, words, INK, 12.5, "end", bold=True)
+        self.write(across - 2, down + 19, words, Style.INK, 12.5, "end", bold=True)
 
     def mark_x(self, x: float, words: str) -> None:
         """Draws a thin vertical line at x behind everything else, with words beside its top."""
         across = float(self._place_x(np.array(x)))
-        self._parts.insert(0, f'<path d="M{across:.1f} {_TOP}V{_BOTTOM}" stroke="{GRID}"/>')
-        self.write(across + 4, _TOP + 9, words, MUTED, 10, "start")
+        self._parts.insert(0, f'<path d="M{across:.1f} {_TOP}V{_BOTTOM}" stroke="{Style.GRID}"/>')
+        self.write(across + 4, _TOP + 9, words, Style.MUTED, 10, "start")
 
     def draw_bars(self, labels: Sequence[str], values: Sequence[float]) -> None:
         """Draws bars at x = 0, 1, 2 ... with the value above and the label below each."""
@@ -102,10 +103,11 @@ class Chart:
             left, middle, right = self._place_x(place + np.array([-0.31, 0.0, 0.31]))
             top = float(self._place_y(np.array(value)))
             self._parts.append(
-                f'<path d="M{left:.1f} {_BOTTOM}V{top:.1f}H{right:.1f}V{_BOTTOM}Z" fill="{LINE}"/>'
+                f'<path d="M{left:.1f} {_BOTTOM}V{top:.1f}H{right:.1f}V{_BOTTOM}Z" '
+                f'fill="{Style.LINE}"/>'
             )
-            self.write(middle, top - 6, f"{value:.2f}", INK, 12.5, bold=True)
-            self.write(middle, _BOTTOM + 17, label, MUTED, 12)
+            self.write(middle, top - 6, f"{value:.2f}", Style.INK, 12.5, bold=True)
+            self.write(middle, _BOTTOM + 17, label, Style.MUTED, 12)
 
     def embed(self) -> str:
         """Returns the chart as the data address of an SVG."""

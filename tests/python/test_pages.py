@@ -1,0 +1,181 @@
+"""Pages show names as text, whatever stands in them: markup, quotes or a template's words."""
+
+import ast
+import html.parser
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import cv2
+import numpy as np
+import pytest
+
+import calib.report.page
+import small_run
+from gsut import Camera
+from gsut.evaluate.report import write_report
+from gsut.evaluate.scene_page import write_scene_page
+from gsut.run.folder import METRICS, REPORT, RunFolder
+from gsut.sfm.report import calibration_page, page
+from gsut.surface import SurfaceView, build_surface_page
+
+ROOT = Path(__file__).parents[2]
+PLAIN = "plain"
+HOSTILE = (
+    "<script>alert(1)</script>",
+    '"><img src=x onerror=alert(1)>',
+    "' onmouseover='alert(1)",
+    "</title></style><svg onload=alert(1)>",
+    "{{ 7 * 7 }}{% raw %}",
+    "&lt;b&gt;",
+)
+VERDICT = {"level": "good", "what": "it is sharp", "reasons": [], "advice": ""}
+
+
+class Structure(html.parser.HTMLParser):
+    """Collects the tags of a page with the names of their attributes, and its text."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.tags: list[object] = []
+        self.text = ""
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append((tag, [name for name, _ in attrs]))
+
+    def handle_data(self, data):
+        self.text += data
+
+
+def make_training_page(folder, name, monkeypatch):
+    scene = small_run.scene_from_arrays(folder / "data")
+    small_run.install(monkeypatch, scene)
+    run = small_run.finished_run(folder / "run", scene)
+    metrics = run.read_json(METRICS)
+    for row in metrics["views"]:
+        row["name"] = name
+    metrics |= {"notes": [name], "dataset": name, "camera_model": name, "test_views": [name]}
+    metrics["verdict"] = VERDICT | {"what": name}
+    run.write_json(METRICS, metrics)
+    environment = run.read_json("environment.json") | {"command": name, "processor": name}
+    run.write_json("environment.json", environment)
+    write_report(run)
+    return (run.path / REPORT).read_text()
+
+
+def make_scene_page(folder, name, monkeypatch):
+    (folder / "run").mkdir()
+    (folder / "captured.jpg").write_bytes(b"")
+    monkeypatch.setattr(sys.modules[write_scene_page.__module__], "STRIP", "captured.jpg")
+    run = RunFolder(folder / "run")
+    monkeypatch.setattr(RunFolder, "write_text", lambda _, __, text: texts.append(text))
+    texts: list[str] = []
+    views = [{"psnr": 20.0, "render": f"{name}.png", "truth": f"{name}.jpg"}]
+    figures = {"verdict": VERDICT | {"what": name}, "renders": name, "seconds": {name: 3.0}}
+    write_scene_page(run, "scene.html", figures, {"views": views}, folder, name, [name])
+    return texts[0]
+
+
+def make_poses_page(folder, name, monkeypatch):
+    for plot in ("_plot_scene", "_plot_residuals", "_plot_tracks"):
+        monkeypatch.setattr(page, plot, lambda *_: "")
+    view = {"registered": False, "name": name}
+    values = {
+        "registered": 1, "images": 2, "points": 3, "observations": 4, "mean_track_length": 2.0,
+        "reprojection_error_px": {"median": 0.1, "rms": 0.2}, "seconds": {name: 1.0},
+        "initial_pair": [name, name], "lenses": [{"model": name, "params": []}], "lens": name,
+        "verdict": VERDICT | {"what": name}, "views": [view], "notes": [name],
+    }  # fmt: skip
+    page.write_report(folder, None, values)
+    return (folder / page.REPORT).read_text()
+
+
+def make_lens_page(folder, name, monkeypatch):
+    for part in ("_plot_arrows", "_plot_rings", "_find_turn", "_measure_change", "render_svg"):
+        monkeypatch.setattr(calibration_page, part, lambda *_: "")
+    monkeypatch.setattr(calibration_page, "plot_map", lambda *_: [None])
+    monkeypatch.setattr(calibration_page, "_make_region_rows", lambda *_: [])
+    monkeypatch.setattr(calibration_page, "_compute_residuals_before", lambda *_: np.zeros((1, 2)))
+    solution = SimpleNamespace(
+        residuals=np.zeros((1, 2)), pixels=np.zeros((1, 2)), field_angles=np.zeros(1)
+    )
+    found = SimpleNamespace(solution=solution, before=None, reach=1.0)
+    numbers = dict.fromkeys(
+        ("images", "images_total", "points", "observations", "rms_2d_px", "rms_axis_px",
+         "median_px", "held_out_before_px", "held_out_after_px", "held_out_observations",
+         "valid_angle_degrees", "lens_domain_degrees", "seconds"), 1.0,
+    )  # fmt: skip
+    row = {"name": name, "before": 1.0, "after": 1.0, "sigma": 1.0}
+    values = {"lens": name, "notes": [name], "params": [row], "uncertainty_px": {name: 1.0}}
+    size = SimpleNamespace(width=4, height=3)
+    made = calibration_page.write_page(folder, found, size, np.ones((2, 2)), numbers | values)
+    return made.read_text()
+
+
+def make_surface_page(folder, name, monkeypatch):
+    camera = Camera("pinhole", [4, 4, 2, 2], 4, 4)
+    image, depth = np.zeros((4, 4, 3), np.uint8), np.ones((4, 4))
+    view = SurfaceView(name, camera, np.eye(4), image, depth, depth)
+    return build_surface_page(name, [view], None, [name])
+
+
+def make_boards_page(folder, name, monkeypatch):
+    picture = folder / "board.png"
+    cv2.imwrite(str(picture), np.zeros((4, 4, 3), np.uint8))
+    board = {"columns": 7, "rows": 5, "spacing": name}
+    image = {"file": name, "found": False, "reason": name}
+    lens = {
+        "model": name, "second_lenses": [], "cross_validation": None, "regions": [],
+        "images": [image], "boards_found": 1, "boards_total": 1, "outliers": 0,
+        "distance_to_reference": 1.0,
+        **dict.fromkeys(("rms_2d_px", "rms_axis_px", "valid_angle_degrees", "halves_worst_degrees",
+                         "boards_reached_degrees", "lens_domain_degrees")),
+    }  # fmt: skip
+    values = {
+        "board": board, "cameras": {name: lens, f"{name} too": lens}, "lens": name, "solver": name,
+        "boards_found": 1, "boards_total": 1, "seconds": 1.0, "rig_rms_2d_px": 1.0,
+        "notes": [name], "refused": [name],
+    }  # fmt: skip
+    monkeypatch.setattr(calib.report.page, "collect_values", lambda _: values)
+    monkeypatch.setattr(calib.report.page, "draw_camera", lambda *_: [name])
+    shot = SimpleNamespace(path=SimpleNamespace(name=name), camera=name)
+    cameras = [SimpleNamespace(name=name)]
+    job = SimpleNamespace(out=SimpleNamespace(name=name))
+    result = SimpleNamespace(
+        cameras=cameras, trusts=[None], halves=[None], board=None, photographs=[shot],
+        pictures=[picture], job=job,
+    )  # fmt: skip
+    return calib.report.page.write_report_page(folder, result).read_text()
+
+
+PAGES = (
+    make_training_page, make_scene_page, make_poses_page, make_lens_page, make_surface_page,
+    make_boards_page,
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("make", PAGES, ids=lambda make: make.__name__)
+def test_page_with_hostile_names_shows_them_as_text(tmp_path, monkeypatch, make):
+    def build(number, name):
+        (tmp_path / str(number)).mkdir()
+        with monkeypatch.context() as patch:
+            return Structure(make(tmp_path / str(number), name, patch))
+
+    plain = build(0, PLAIN)
+    assert PLAIN in plain.text
+    for number, name in enumerate(HOSTILE, 1):
+        shown = build(number, name)
+        assert shown.tags == plain.tags, name
+        assert name in shown.text
+
+
+def test_templates_of_pages_are_constants():
+    """A template made from a name would run it."""
+    checked = 0
+    for path in [p for folder in ("python", "calib") for p in (ROOT / folder).rglob("*.py")]:
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Call) and ast.unparse(node.func) == "render_template":
+                assert isinstance(node.args[0], ast.Constant | ast.Name), path
+                checked += 1
+    assert checked >= 10
