@@ -250,7 +250,7 @@ def _split_words(text: str) -> list[str]:
 
 
 @functools.cache
-def _spell_out(profile: LensProfile) -> tuple[str, str]:
+def _split_name(profile: LensProfile) -> tuple[str, str]:
     """Returns the words of the name as they are, and parted where letters and digits meet."""
     said = " ".join((profile.brand, profile.model, *profile._describe_details())).lower()
     return " ".join(_WORD.findall(said)), " ".join(_PIECE.findall(said))
@@ -261,7 +261,7 @@ def _has(profile: LensProfile, wanted: Sequence[str]) -> bool:
 
     "hero5" is "HERO 5", but "nope" is not in "main, Open".
     """
-    words, pieces = _spell_out(profile)
+    words, pieces = _split_name(profile)
     return all(word in words or _match_pieces(word).search(pieces) for word in wanted)
 
 
