@@ -161,8 +161,7 @@ def add_candidates(
         count: number of frames wanted; None: 20 are enough.
 
     Returns:
-        At least as many as wanted where the video has them; the motion between two candidates is
-        divided among the frames added between them.
+        The candidates and the added frames, which share the motion between two candidates.
     """
     wanted = min(_FEWEST_CANDIDATES if count is None else count, len(frames))
     if len(candidates) >= wanted:
