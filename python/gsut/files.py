@@ -9,6 +9,7 @@ import json
 import math
 import os
 import platform
+import re
 import shutil
 import stat
 import struct
@@ -114,6 +115,15 @@ def _name_unfinished(path: Path) -> Path:
         _tidied.add(path.parent)
         remove_unfinished(path.parent)
     return path.with_name(f"{UNFINISHED}{_HOST}-{os.getpid()}-{next(_numbers)}-{path.name}")
+
+
+def to_file_name(name: str) -> str:
+    """Converts a name of any origin, such as a topic of a bag, to one part of a path.
+
+    Letters, digits, dots, dashes and underscores stay; a leading dot does not.
+    """
+    plain = re.sub(r"[^\w.-]+", "_", name).strip("_")
+    return plain.lstrip("._") or "unnamed"
 
 
 def remove_unfinished(folder: Path, *, of_all: bool = False) -> None:

@@ -28,7 +28,7 @@ def _pose(make, pose: np.ndarray):
 
 def write_bag(path: Path, store: str, *, compressed: bool = False, static: bool = True,
               odometry: tuple[str, ...] = (POSES,), calibrated: bool = True,
-              tf: bool = False) -> Path:  # fmt: skip
+              tf: bool = False, camera: str = "/cam0") -> Path:  # fmt: skip
     """One camera on a body at /cam0, its camera_info, and odometry of the body.
 
     Args:
@@ -39,6 +39,7 @@ def write_bag(path: Path, store: str, *, compressed: bool = False, static: bool 
         odometry: topics of it.
         calibrated: camera_info has a lens.
         tf: with the body's poses in /tf.
+        camera: topic above those of the pictures and camera_info.
     """
     import cv2
     from rosbags.rosbag1 import Writer as Writer1
@@ -90,17 +91,17 @@ def write_bag(path: Path, store: str, *, compressed: bool = False, static: bool 
                 data = cv2.imencode(".png", pixels[..., ::-1])[1]
                 picture = make("sensor_msgs/msg/CompressedImage", format="png", data=data,
                                header=header(time, "cam0_optical"))  # fmt: skip
-                write("/cam0/image_raw/compressed", picture, time)
+                write(f"{camera}/image_raw/compressed", picture, time)
             else:
                 picture = make("sensor_msgs/msg/Image", header=header(time, "cam0_optical"),
                                height=small.HEIGHT, width=small.WIDTH, encoding="rgb8",
                                is_bigendian=0, step=3 * small.WIDTH,
                                data=pixels.ravel())  # fmt: skip
-                write("/cam0/image_raw", picture, time)
+                write(f"{camera}/image_raw", picture, time)
             info = make("sensor_msgs/msg/CameraInfo", header=header(time, "cam0_optical"),
                         height=small.HEIGHT, width=small.WIDTH, distortion_model="plumb_bob",
                         binning_x=0, binning_y=0, roi=roi, **lens)  # fmt: skip
-            write("/cam0/camera_info", info, time)
+            write(f"{camera}/camera_info", info, time)
             body = made.world_from_body(time)
             if tf:
                 moved = [transform(time, "map", "base", body)]

@@ -11,6 +11,7 @@ from gsut.data.export import copy_file
 from gsut.files import (
     WriteError,
     refuse_existing,
+    to_file_name,
     whole_file,
     write_file,
     write_json,
@@ -53,3 +54,13 @@ def test_a_name_that_nothing_can_have_is_refused_before_work_is_done(tmp_path, n
     with pytest.raises(InputError, match=r"a\.ply cannot be written: .* is no folder that is"):
         refuse_existing(tmp_path / name)
     refuse_existing(tmp_path / "a.ply")
+
+
+@pytest.mark.parametrize(
+    ("name", "safe"),
+    [("/..", "unnamed"), ("/cam0/left", "cam0_left"), ("..\\..\\x", "x"), ("a\0b", "a_b"),
+     ("C:con", "C_con"), (".git", "git"), ("Straße 1", "Straße_1"), ("", "unnamed")],
+)  # fmt: skip
+def test_name_of_any_origin_becomes_one_part_of_a_path(name, safe, tmp_path):
+    assert to_file_name(name) == safe
+    assert (tmp_path / to_file_name(name)).resolve().parent == tmp_path.resolve()

@@ -1,6 +1,8 @@
 """Bags of ROS 1 and 2 become datasets; what is missing in them is said."""
 
 import sys
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ import small_datasets as small
 import small_recordings as made
 import tolerances
 from gsut.cli import main
+from gsut.data.layouts import rosbag
 from gsut.files import UNFINISHED
 from raising import raises_saying
 
@@ -45,6 +48,26 @@ def test_bag_becomes_a_dataset_with_exact_times(store, compressed, write_bag, tm
     assert "poses of 'base' in 'map' from /odom" in capsys.readouterr().err
     assert_truth(gsut.load_dataset(tmp_path / "out"))
     assert [p.name for p in tmp_path.iterdir() if p.name.startswith(UNFINISHED)] == []
+
+
+@pytest.mark.parametrize("topic", ["/..", "/../../x", "/.", "/a\0b:c", "/.git"])
+def test_topic_of_a_bag_never_leaves_the_output_folder(topic, write_bag, tmp_path):
+    (tmp_path / "in").mkdir()
+    bag = write_bag(tmp_path / "in" / "walk.bag", "ROS1_NOETIC", camera=topic)
+    gsut.convert_dataset(bag, tmp_path / "out" / "data")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["in", "out"]
+    assert [p.name for p in (tmp_path / "out").iterdir()] == ["data"]
+    assert_truth(gsut.load_dataset(tmp_path / "out" / "data"))
+
+
+def test_topics_that_differ_in_slashes_alone_stay_two_cameras():
+    topics = ("/a/b/image_raw", "/a/b/image_raw/compressed", "/a_b/image_raw", "/a__b/image_raw")
+    kinds = [rosbag._IMAGES["compressed" in topic] for topic in topics]
+    connections = [SimpleNamespace(topic=t, msgtype=k) for t, k in zip(topics, kinds, strict=True)]
+    reader = SimpleNamespace(connections=connections)
+    found = rosbag._find_cameras(reader, Path("walk.bag"), ())
+    assert {camera.topic for camera in found} == {topics[0], *topics[2:]}
+    assert len({camera.name for camera in found}) == 3
 
 
 def test_poses_of_tf_serve_without_odometry(write_bag, tmp_path):

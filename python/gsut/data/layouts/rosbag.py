@@ -31,7 +31,7 @@ from gsut.data.layouts._layout import Layout
 from gsut.data.poses import format_seconds, format_tum, invert_pose
 from gsut.data.recordings import Recording, Stream
 from gsut.data.rigs import BODY, OWN, Mount
-from gsut.files import write_file
+from gsut.files import to_file_name, write_file
 from gsut.lens import Camera
 from gsut.run import Progress
 
@@ -174,6 +174,7 @@ def _read_messages(reader: Any, connections: list, bag: Path) -> Iterator[tuple[
 
 def _find_cameras(reader: Any, bag: Path, wanted: Sequence[str]) -> list[_Camera]:
     types = {c.topic: c.msgtype for c in reader.connections}
+    by_base: dict[str, _Camera] = {}
     found: dict[str, _Camera] = {}
     pictures = [topic for topic, kind in types.items() if kind in _IMAGES]
     for topic in sorted(pictures, key=lambda topic: (_IMAGES.index(types[topic]), topic)):
@@ -182,9 +183,14 @@ def _find_cameras(reader: Any, bag: Path, wanted: Sequence[str]) -> list[_Camera
         base = topic
         while _LEAF.search(base):
             base = _LEAF.sub("", base)
-        name = base.strip("/").replace("/", "_") or "camera"
+        if base in by_base:  # the same pictures, compressed
+            continue
+        plain = name = to_file_name(base) if base.strip("/") else "camera"
+        while name in found:
+            name = f"{plain}_{len(found) + 1}"
         info = f"{base}/camera_info"
-        found.setdefault(name, _Camera(name, topic, info if types.get(info) == _INFO else None))
+        camera = _Camera(name, topic, info if types.get(info) == _INFO else None)
+        by_base[base] = found[name] = camera
     unknown = [name for name in wanted if name not in found]
     if unknown or not found:
         raise DatasetError(
