@@ -12,7 +12,7 @@ import concurrent.futures
 import dataclasses
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -122,7 +122,9 @@ def find_photograph_files(inputs: Sequence[str | os.PathLike[str]]) -> dict[str,
         InputError: an input does not exist, or there is no photograph at all.
     """
     found: dict[str, Path] = {}
+    seen: set[Path] = set()
     for given in map(Path, inputs):
+        home = given if given.is_dir() else given.parent
         if given.is_dir():
             inner = given / "images"
             root = inner if inner.is_dir() else given
@@ -134,14 +136,26 @@ def find_photograph_files(inputs: Sequence[str | os.PathLike[str]]) -> dict[str,
         for path in paths:
             if path.suffix.lower() not in PHOTOGRAPH_SUFFIXES or path == given / "mask.png":
                 continue
-            name = path.relative_to(root).as_posix()
-            found[name if name not in found else f"{given.name}/{name}"] = path
+            if path.resolve() not in seen:
+                seen.add(path.resolve())
+                found[_name_uniquely(path.relative_to(root).as_posix(), home, found)] = path
     if not found:
         raise InputError(
             f"{', '.join(map(str, inputs))}: there are no photographs here ("
             f"{', '.join(PHOTOGRAPH_SUFFIXES)}); give a folder of them, or a video"
         )
     return found
+
+
+def _name_uniquely(name: str, folder: Path, taken: Collection[str]) -> str:
+    """Puts as much of a folder's path before a name as makes it differ from those taken."""
+    above = folder.resolve().parts[1:]
+    depth = 0
+    longer = name
+    while longer in taken and depth < len(above):
+        depth += 1
+        longer = "/".join((*above[-depth:], name))
+    return longer
 
 
 def _require_readers(paths: Sequence[Path]) -> None:

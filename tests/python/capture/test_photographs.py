@@ -11,6 +11,7 @@ from PIL import Image
 import gsut
 from gsut.capture import capture, collect_photographs, needs_capture
 from gsut.capture.exif import read_facts
+from gsut.capture.photographs import find_photograph_files
 from gsut.sfm.core.photographs import find_photographs
 from gsut.sfm.lens.doubt import explain_contradiction
 from small_videos import walk
@@ -195,3 +196,13 @@ def test_unknown_lens_is_not_stopped_by_another_yaml_file(tmp_path):
         photograph(tmp_path / f"{name}.jpg")
     (tmp_path / "config.yaml").write_text("model: no lens\n")
     assert len(find_photographs(tmp_path, None, with_lens=False)) == 2
+
+
+def test_folders_of_equal_names_keep_all_their_photographs(tmp_path):
+    folders = [tmp_path / day / "DCIM" for day in ("mon", "tue", "wed")]
+    for folder in folders:
+        folder.mkdir(parents=True)
+        (folder / "1.jpg").write_bytes(folder.parent.name.encode())
+    found = find_photograph_files([*folders, folders[0], folders[1] / "1.jpg"])
+    assert list(found) == ["1.jpg", "DCIM/1.jpg", "wed/DCIM/1.jpg"]
+    assert list(found.values()) == [folder / "1.jpg" for folder in folders]
