@@ -15,8 +15,8 @@ from typing import Any
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.capture import Capture, capture
-from gsut.data import CAPTURE_FOLDER, Scene, load_dataset
+from gsut.capture import Capture, capture, read_state
+from gsut.data import CAPTURE_FOLDER, Scene, list_some, load_dataset
 from gsut.data.scene import choose_inner_views
 from gsut.evaluate import write_scene_page
 from gsut.output_folder import claim_folder
@@ -125,6 +125,15 @@ def make_scene(
     return SceneResult(making.folder.path, making.figures, making.trained)
 
 
+def _describe_changes(before: list[list[Any]], now: list[list[Any]]) -> str:
+    """Names what was changed, added or removed between two states (see `read_state`)."""
+    old, new = ({row[0]: row[1:] for row in rows} for rows in (before, now))
+    changed = [name for name in old if name in new and old[name] != new[name]]
+    added, removed = [n for n in new if n not in old], [n for n in old if n not in new]
+    kinds = ((changed, "changed"), (added, "added"), (removed, "removed"))
+    return "; ".join(f"{what}: {list_some(names)}" for names, what in kinds if names)
+
+
 def is_scene_finished(out: str | os.PathLike[str]) -> bool:
     """Returns whether a folder holds a scene whose stages are all finished."""
     figures = RunFolder(out).read_json(STATE)
@@ -167,10 +176,11 @@ class _SceneInProgress:
             "inputs": [str(Path(name).resolve()) for name in self._inputs],
             **{name: value for name, value in settings.items() if name not in _NO_SETTING},
         }
+        state = read_state(self._inputs)
         figures = self.folder.read_json(STATE)
         if figures is None:
             self.folder.refuse_run()
-            return {"key": key}
+            return {"key": key, "state": state}
         different = [name for name in key if figures["key"].get(name, key[name]) != key[name]]
         if different:
             name = different[0]
@@ -178,6 +188,12 @@ class _SceneInProgress:
             raise InputError(
                 f"{self.folder.path} holds a scene with other {what} "
                 f"({figures['key'].get(name)}, now {key[name]}); give another output folder "
+                "(nothing was overwritten)"
+            )
+        if state is not None and figures.get("state", state) != state:
+            raise InputError(
+                f"{self.folder.path} holds a scene of other pictures: "
+                f"{_describe_changes(figures['state'], state)}; give another output folder "
                 "(nothing was overwritten)"
             )
         return figures

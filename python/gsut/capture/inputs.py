@@ -10,10 +10,10 @@ from typing import Any
 from gsut._core import InputError
 from gsut.capture.frames import Capture, OnProgress, extract_frames
 from gsut.capture.panorama import find_other_lens, prepare_panoramas
-from gsut.capture.photographs import collect_photographs
+from gsut.capture.photographs import collect_photographs, find_photograph_files
 from gsut.capture.strip import write_strip
 from gsut.capture.video import is_video
-from gsut.data import CAPTURE, find_lens_file
+from gsut.data import CAPTURE, capture_state, find_lens_file
 from gsut.files import write_json
 from gsut.lens import is_lens_name
 
@@ -46,6 +46,21 @@ def capture(
             of several sizes.
     """
     return prepare_panoramas(_take_pictures(inputs, out, count, on_progress), *caps)
+
+
+def read_state(inputs: Sequence[str | os.PathLike[str]]) -> list[list[Any]] | None:
+    """Lists path, size and time of change of each video and photograph in `inputs`.
+
+    Returns:
+        None if an input is missing.
+    """
+    paths = [Path(name) for name in inputs]
+    if not all(path.exists() for path in paths):
+        return None
+    videos = [path for path in paths if is_video(path)]
+    others = [path for path in paths if not is_video(path)]
+    photographs = find_photograph_files(others).values() if others else ()
+    return capture_state([*videos, *photographs])
 
 
 def needs_capture(images: str, camera: str | None, unknown_lens: bool) -> bool:

@@ -84,6 +84,28 @@ def test_other_inputs_and_settings_do_not_overwrite(made, capsys):
     assert "scene with other inputs" in capsys.readouterr().err
 
 
+def test_changed_film_and_photographs_are_not_taken_for_those_of_the_scene(made, tmp_path, capsys):
+    folder, words = made
+    run, video = tmp_path / "run", tmp_path / "walk.mp4"
+    shutil.copytree(folder / "run", run)
+    state = json.loads((run / "scene.json").read_text())
+    shutil.copy(words[1], video)
+    state["key"]["inputs"] = [str(video)]
+    state["state"] = [[str(video), video.stat().st_size, video.stat().st_mtime_ns]]
+    (run / "scene.json").write_text(json.dumps(state))
+    same = ["scene", str(video), *words[2:], "-o", str(run)]
+    assert main(same) == 0
+    walk_past(video, frames=8)
+    for figures in (state, {key: state[key] for key in ("key", "state")}):  # finished, and not
+        (run / "scene.json").write_text(json.dumps(figures))
+        capsys.readouterr()
+        assert main(same) == 2
+        assert f"a scene of other pictures: changed: {video}" in capsys.readouterr().err
+    (run / "scene.json").write_text(json.dumps(state))
+    video.unlink()
+    assert main(same) == 0  # the finished scene is still there
+
+
 def test_killed_at_any_stage_it_ends_with_the_same_bits(made, tmp_path):
     folder, words = made
     run = tmp_path / "run"
