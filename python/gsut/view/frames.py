@@ -47,6 +47,8 @@ _RANGE_PERCENT = (2.0, 98.0)
 _MOST_ERROR = 0.25
 # Photographs that decide how fine a Gaussian was seen, evenly chosen.
 _FILTER_CAMERAS = 8
+# Most pixels of a frame whose buffers the next one uses again: a 4k screen's, and half more.
+_MOST_KEPT = 12_000_000
 # Pixels between samples for the range of distances.
 _SAMPLES = 7
 
@@ -88,6 +90,11 @@ class Frames:
         forward = forward / np.linalg.norm(forward)
         self.axes = np.stack([np.cross(forward, up), up, forward])
 
+    def _release_large(self, camera: Camera) -> None:
+        """Gives back the memory of a frame larger than those that screens request."""
+        if camera.width * camera.height > _MOST_KEPT:
+            self._buffers, self._renderer = (), _core.Renderer()
+
     def encode(self, request: FrameRequest) -> tuple[bytes, str, tuple[float, float] | None]:
         """Returns a frame as a file: bytes, kind and the range of its colours."""
         import cv2
@@ -121,6 +128,7 @@ class Frames:
             draw_box(image, camera, pose, corners @ self.axes + self.center)
         if request.marks is not None and len(request.marks):
             draw_marks(image, camera, pose, request.marks)
+        self._release_large(camera)
         return drawn
 
     def find_point(self, request: FrameRequest, pixel: tuple[float, float]) -> np.ndarray | None:
@@ -134,6 +142,7 @@ class Frames:
         camera = self.lenses.resize(request.lens, request.width, request.height)
         place = self._place(request)
         _, alpha, depth = self._render(request, camera, place)
+        self._release_large(camera)
         return find_point_at(place, camera, np.array(pixel), alpha, depth)
 
     def _place(self, request: FrameRequest) -> Any:
