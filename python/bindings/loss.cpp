@@ -217,8 +217,6 @@ Raises:
       .def_property_readonly("width", &PhotometricTarget::width, "Columns of the image.")
       .def_property_readonly("pixels", &PhotometricTarget::pixels,
                              "Number of unmasked pixels: L1 is averaged over them.")
-      .def_property_readonly("ssim_pixels", &PhotometricTarget::ssim_pixels,
-                             "Number of pixels that SSIM is averaged over.")
       .def_property_readonly(
           "window_rule", [](const PhotometricTarget& t) { return WindowRuleName(t.window_rule()); },
           "The rule in use, after the fallback.")

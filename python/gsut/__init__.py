@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from gsut.formats import load_gaussians, save_gaussians
     from gsut.gaussians import Gaussians, seed_from_points
     from gsut.lens import Camera, load_camera, save_camera
+    from gsut.metrics import psnr, ssim
     from gsut.optimize import GaussianOptimizer
     from gsut.refine import localize
     from gsut.render import (
@@ -51,11 +52,9 @@ if TYPE_CHECKING:
         Render,
         Surface,
         project,
-        psnr,
         render,
         render_backward,
         render_surface,
-        ssim,
         write_png,
         write_video,
     )

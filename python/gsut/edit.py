@@ -1,10 +1,13 @@
 """Edit Gaussians: merge, cut, transform, level, and remove what no photograph supports."""
 
+from __future__ import annotations
+
+import numpy as np
+
 from gsut.compact import SeenView, Support, find_support, list_seen_views
 from gsut.gaussians import (
+    Gaussians,
     find_ground,
-    is_inside_box,
-    is_inside_sphere,
     merge_gaussians,
     rotate_upright,
     transform_gaussians,
@@ -22,3 +25,35 @@ __all__ = [
     "rotate_upright",
     "transform_gaussians",
 ]
+
+
+def is_inside_box(gaussians: Gaussians, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Returns which Gaussians have their centres in a box.
+
+    Args:
+        gaussians: N Gaussians.
+        low: (3,) corner of the box, world coordinates.
+        high: (3,) the opposite corner.
+
+    Returns:
+        (N,) bool.
+    """
+    places = gaussians.means + (gaussians.origin - np.asarray(low, np.float64))
+    size = np.asarray(high, np.float64) - low
+    return np.all((places >= 0) & (places <= size), axis=1)
+
+
+def is_inside_sphere(gaussians: Gaussians, center: np.ndarray, radius: float) -> np.ndarray:
+    """Returns which Gaussians have their centres in a ball.
+
+    Args:
+        gaussians: N Gaussians.
+        center: (3,) world coordinates.
+        radius: world units.
+
+    Returns:
+        (N,) bool.
+    """
+    places = gaussians.means + (gaussians.origin - np.asarray(center, np.float64))
+    with np.errstate(over="ignore"):  # beyond every radius
+        return np.sum(places * places, axis=1) <= radius * radius

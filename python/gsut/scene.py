@@ -17,6 +17,7 @@ from gsut import _core
 from gsut._core import InputError
 from gsut.capture import Capture, capture
 from gsut.data import CAPTURE_FOLDER, Scene, load_dataset
+from gsut.data.scene import choose_inner_views
 from gsut.evaluate import write_scene_page
 from gsut.output_folder import claim_folder
 from gsut.run import (
@@ -235,10 +236,17 @@ class _SceneInProgress:
         if folder.read_json(METRICS) is not None and (folder.path / REPORT).is_file():
             bars.skip("training")
             return folder.read_json(METRICS)
-        dataset = load_dataset(folder.path / POSES, test_every=options.test_every)
-        options = fit_to_views(options, len(dataset.train_indices))
         if (folder.path / OPTIONS).is_file():
             options = folder.read_options()
+            dataset = load_dataset(
+                folder.path / POSES, test_every=options.test_every, test_names=options.test_names
+            )
+        else:
+            names = [view.name for view in load_dataset(folder.path / POSES, test_every=0).views]
+            held_out = choose_inner_views(names, options.test_every)
+            dataset = load_dataset(folder.path / POSES, test_names=held_out)
+            options = dataclasses.replace(options, test_names=tuple(held_out))
+            options = fit_to_views(options, len(dataset.train_indices))
         for note in filter(None, (*dataset.notes, describe_resizing(dataset, options))):
             bars.note(note)
 

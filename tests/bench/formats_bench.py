@@ -14,7 +14,8 @@ import gsut
 from gsut import formats
 from gsut._core import InputError
 from gsut.gaussians import Gaussians, multiply_quaternions, rotations_from_quaternions
-from gsut.render import psnr, render
+from gsut.metrics import psnr
+from gsut.render import render
 from tests.bench.commands import train
 from tests.bench.harness import HALL, Benchmark, Column, Option, Row, Settings
 

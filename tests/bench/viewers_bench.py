@@ -14,7 +14,8 @@ import numpy as np
 import gsut
 from gsut.cli import main
 from gsut.gaussians import rotate_upright
-from gsut.render import psnr, render
+from gsut.metrics import psnr
+from gsut.render import render
 from tests.bench.commands import train
 from tests.bench.harness import HALL, Benchmark, Column, Option, Row, Settings
 

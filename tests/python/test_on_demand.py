@@ -13,7 +13,7 @@ import gsut
 assert not any(name.startswith("gsut.training") for name in sys.modules)
 assert set(gsut.__all__) <= set(dir(gsut))
 import gsut.render
-from gsut.render import psnr
+from gsut.metrics import psnr
 assert gsut.psnr is psnr and callable(gsut.render) and gsut.data.Scene is gsut.Scene
 assert not any(name.startswith("gsut.training") for name in sys.modules)
 assert callable(gsut.train) and gsut.train is sys.modules["gsut.train"].train

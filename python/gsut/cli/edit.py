@@ -176,7 +176,7 @@ def _scale_of(arguments: argparse.Namespace) -> float:
 
 def _select_kept(gaussians: Any, arguments: argparse.Namespace) -> np.ndarray:
     """Selects what --crop-box, --crop-sphere and --min-opacity leave, as (N,) bool."""
-    from gsut.gaussians import is_inside_box, is_inside_sphere
+    from gsut.edit import is_inside_box, is_inside_sphere
 
     kept, least = np.ones(len(gaussians), bool), arguments.min_opacity
     if arguments.crop_box is not None:

@@ -14,19 +14,21 @@ import numpy as np
 
 from gsut import _core
 from gsut.gaussians import pack_harmonics
-from gsut.render import (
+from gsut.metrics import (
     RING_EDGES_DEGREES,
+    Ring,
+    color_corrected_psnr,
+    half_image_psnr,
+    psnr,
+    ring_psnr,
+)
+from gsut.render import (
     Light,
     PixelFilter,
-    Ring,
     StoredPixelFilter,
-    color_corrected_psnr,
     compute_field_angles,
-    half_image_psnr,
     name_pictures,
-    psnr,
     render,
-    ring_psnr,
     to_uint8,
     write_png,
 )

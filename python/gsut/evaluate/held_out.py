@@ -11,11 +11,11 @@ import numpy as np
 from gsut import _core
 from gsut.data import Scene
 from gsut.gaussians import Gaussians
+from gsut.metrics import psnr
 from gsut.render import (
     Light,
     choose_solid,
     place_about,
-    psnr,
     with_surroundings,
 )
 

@@ -3,10 +3,7 @@
 from gsut.gaussians.arrays import SH_C0, Gaussians
 from gsut.gaussians.cut import (
     find_ground,
-    is_inside_box,
-    is_inside_sphere,
     merge_gaussians,
-    select_most_seen,
 )
 from gsut.gaussians.low_pass import (
     LowPassFilter,
@@ -16,9 +13,8 @@ from gsut.gaussians.low_pass import (
     find_filter_radii,
 )
 from gsut.gaussians.morton import order_by_morton_code
-from gsut.gaussians.packed_harmonics import MixedGaussians, pack_harmonics, to_mixed
+from gsut.gaussians.packed_harmonics import MixedGaussians, pack_harmonics
 from gsut.gaussians.quaternions import (
-    backpropagate_rotations,
     multiply_quaternions,
     quaternion_from_rotation,
     rotations_from_quaternions,
@@ -45,14 +41,11 @@ __all__ = [
     "apply_low_pass",
     "apply_low_pass_backward",
     "are_surfels",
-    "backpropagate_rotations",
     "choose_points",
     "compute_pixel_density",
     "count_bytes_per_gaussian",
     "find_filter_radii",
     "find_ground",
-    "is_inside_box",
-    "is_inside_sphere",
     "merge_gaussians",
     "multiply_quaternions",
     "order_by_morton_code",
@@ -64,8 +57,6 @@ __all__ = [
     "rotations_from_quaternions",
     "seed_from_points",
     "seed_in_view",
-    "select_most_seen",
-    "to_mixed",
     "to_surfels",
     "transform_gaussians",
 ]

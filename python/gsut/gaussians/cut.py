@@ -25,52 +25,6 @@ _LAYERS = 64
 _LAYER_SHARE = 0.3
 
 
-def is_inside_box(gaussians: Gaussians, low: np.ndarray, high: np.ndarray) -> np.ndarray:
-    """Returns which Gaussians have their centres in a box.
-
-    Args:
-        gaussians: N Gaussians.
-        low: (3,) corner of the box, world coordinates.
-        high: (3,) the opposite corner.
-
-    Returns:
-        (N,) bool.
-    """
-    places = gaussians.means + (gaussians.origin - np.asarray(low, np.float64))
-    size = np.asarray(high, np.float64) - low
-    return np.all((places >= 0) & (places <= size), axis=1)
-
-
-def is_inside_sphere(gaussians: Gaussians, center: np.ndarray, radius: float) -> np.ndarray:
-    """Returns which Gaussians have their centres in a ball.
-
-    Args:
-        gaussians: N Gaussians.
-        center: (3,) world coordinates.
-        radius: world units.
-
-    Returns:
-        (N,) bool.
-    """
-    places = gaussians.means + (gaussians.origin - np.asarray(center, np.float64))
-    with np.errstate(over="ignore"):  # beyond every radius
-        return np.sum(places * places, axis=1) <= radius * radius
-
-
-def select_most_seen(gaussians: Gaussians, at: np.ndarray, share: float) -> np.ndarray:
-    """Selects (N,) bool a share of the Gaussians, those that look largest from a point.
-
-    Args:
-        gaussians: N Gaussians.
-        at: (N, 3) centres from that point, in units of the scene's extent.
-        share: 0 to 1.
-    """
-    scales = np.sort(gaussians.log_scales, axis=1)[:, 1:].sum(axis=1)
-    opacity = -np.logaddexp(0, -gaussians.opacity_logits)
-    seen = opacity + scales - np.log1p(np.sum(at**2, axis=1))
-    return seen >= np.quantile(seen, 1 - share)
-
-
 def merge_gaussians(scenes: Sequence[Gaussians]) -> Gaussians:
     """Joins scenes of one world, in their order.
 

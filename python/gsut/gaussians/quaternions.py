@@ -38,21 +38,3 @@ def rotations_from_quaternions(q: np.ndarray) -> np.ndarray:
         [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
     ]
     return np.stack([np.stack(row, axis=1) for row in rows], axis=1)
-
-
-def backpropagate_rotations(q: np.ndarray, r: np.ndarray) -> np.ndarray:
-    """Carries gradients (N, 3, 3) to rotations back to their unit quaternions (N, 4).
-
-    The results are tangent to the unit sphere: a quaternion's norm does not change its rotation.
-    """
-    w, x, y, z = q.T
-    skew = [r[:, 2, 1] - r[:, 1, 2], r[:, 0, 2] - r[:, 2, 0], r[:, 1, 0] - r[:, 0, 1]]
-    xy, xz, yz = r[:, 0, 1] + r[:, 1, 0], r[:, 0, 2] + r[:, 2, 0], r[:, 1, 2] + r[:, 2, 1]
-    xx, yy, zz = r[:, 0, 0], r[:, 1, 1], r[:, 2, 2]
-    gradient = 2 * np.stack([
-        x * skew[0] + y * skew[1] + z * skew[2],
-        w * skew[0] + y * xy + z * xz - 2 * x * (yy + zz),
-        w * skew[1] + x * xy + z * yz - 2 * y * (xx + zz),
-        w * skew[2] + x * xz + y * yz - 2 * z * (xx + yy),
-    ], axis=1)  # fmt: skip
-    return gradient - q * np.sum(q * gradient, axis=1, keepdims=True)

@@ -47,6 +47,7 @@ class Camera(_core.Camera):
         model, params, width, height: the arguments; params is (K,) float64, a copy.
         max_angle: radians from the axis at which the domain ends, pi at most.
         is_central: whether all rays meet in one point; is_parallel: whether all are parallel.
+        is_cone: whether `max_angle` alone bounds the domain, all around the axis.
 
     Raises:
         InputError: unknown model (the known ones are listed), wrong number of parameters, a size
@@ -85,7 +86,7 @@ class Camera(_core.Camera):
         valid_region: Sequence[Sequence[float]] | np.ndarray | None = None,
     ) -> Camera:
         """Initializes the camera without asking whether a real lens can have these numbers."""
-        limit = _NO_LIMIT if valid_field_angle is None else float(valid_field_angle)
+        limit = _convert_field_angle(valid_field_angle)
         values = [float(value) for value in np.asarray(params, dtype=np.float64).ravel()]
         super().__init__(str(model), values, *_convert_size(width, height), limit)
         self.extrinsics = _copy_checked(extrinsics, "extrinsics", (6,))
@@ -230,7 +231,7 @@ class Camera(_core.Camera):
 
     def with_valid_field_angle(self, valid_field_angle: float | None) -> Camera:
         """Returns the lens trusted up to this angle from the axis (radians; None: everywhere)."""
-        limit = _NO_LIMIT if valid_field_angle is None else float(valid_field_angle)
+        limit = _convert_field_angle(valid_field_angle)
         return self._with(super().with_valid_field_angle(limit), valid_region=self.valid_region)
 
     def _with(self, core: _core.Camera, valid_region: np.ndarray | None) -> Camera:
@@ -279,6 +280,17 @@ def _convert_size(width: Any, height: Any) -> tuple[int, int]:
             f"x {height}"
         )
     return size
+
+
+def _convert_field_angle(angle: float | None) -> float:
+    """Converts a limit of the field to radians without None; refuses what must be degrees."""
+    limit = _NO_LIMIT if angle is None else float(angle)
+    if limit != _NO_LIMIT and limit > math.pi:
+        raise InputError(
+            f"valid_field_angle is in radians from the axis, at most pi, found {limit:g}; if these "
+            f"are degrees, give math.radians({limit:g})"
+        )
+    return limit
 
 
 def _copy_checked(values: Any, name: str, shape: tuple[int | None, ...]) -> np.ndarray | None:

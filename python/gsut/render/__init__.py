@@ -1,23 +1,13 @@
-"""Rendering and projection, metrics, camera paths, pictures and videos."""
+"""Rendering and projection, camera paths, pictures and videos."""
 
 from gsut.render.ewa import PLAYCANVAS_SHRINK, EwaSplats, make_viewer_rule, render_ewa
-from gsut.render.films import FILM_SUFFIXES, is_film, write_video
+from gsut.render.films import is_film, write_video
 from gsut.render.light import (
     Falloff,
     Light,
     compute_falloff_basis,
     compute_field_angles,
     interpolate_gains,
-)
-from gsut.render.metrics import (
-    RING_EDGES_DEGREES,
-    Ring,
-    color_corrected_psnr,
-    half_image_psnr,
-    psnr,
-    ring_psnr,
-    ssim,
-    weighted_psnr,
 )
 from gsut.render.motion import place_about
 from gsut.render.paths import make_orbit_path, smooth_path, turn_path
@@ -31,15 +21,13 @@ from gsut.render.surface import (
     render_surface_backward,
     z_from_distance,
 )
-from gsut.render.surroundings import choose_solid, draw_background, with_surroundings
+from gsut.render.surroundings import choose_solid, with_surroundings
 from gsut.render.tour import make_tour_path
 
 __all__ = [
     "DEFAULT_UNSCENTED",
-    "FILM_SUFFIXES",
     "METHODS",
     "PLAYCANVAS_SHRINK",
-    "RING_EDGES_DEGREES",
     "EwaSplats",
     "Falloff",
     "Gradients",
@@ -47,15 +35,11 @@ __all__ = [
     "PixelFilter",
     "Projection",
     "Render",
-    "Ring",
     "StoredPixelFilter",
     "Surface",
     "choose_solid",
-    "color_corrected_psnr",
     "compute_falloff_basis",
     "compute_field_angles",
-    "draw_background",
-    "half_image_psnr",
     "interpolate_gains",
     "is_coarser",
     "is_film",
@@ -65,18 +49,14 @@ __all__ = [
     "name_pictures",
     "place_about",
     "project",
-    "psnr",
     "render",
     "render_backward",
     "render_ewa",
     "render_surface",
     "render_surface_backward",
-    "ring_psnr",
     "smooth_path",
-    "ssim",
     "to_uint8",
     "turn_path",
-    "weighted_psnr",
     "with_surroundings",
     "write_png",
     "write_video",

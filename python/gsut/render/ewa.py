@@ -16,7 +16,6 @@ from gsut import _core
 from gsut._core import BlendRule, InputError
 from gsut.gaussians import (
     Gaussians,
-    backpropagate_rotations,
     multiply_quaternions,
     quaternion_from_rotation,
     rotations_from_quaternions,
@@ -143,7 +142,7 @@ class EwaSplats:
         )
         of_axes = self._rotation.T.astype(s.dtype) @ of_turned
         gradients.quats[:] = (
-            backpropagate_rotations(self._g.quats / self._norm, of_axes) / self._norm
+            _backpropagate_rotations(self._g.quats / self._norm, of_axes) / self._norm
         )
         of_depth = 2 * self._widening * self._z * (g[:, 0, 0] + g[:, 1, 1])
         of_depth -= np.sum(of_slope * self._slope, axis=1) / self._z
@@ -167,3 +166,21 @@ def render_ewa(
     discs = EwaSplats(g, camera, camera_from_world, dilation, shrink).discs
     rule = make_viewer_rule()
     return render(discs, camera, camera_from_world, background=background, blend=rule, dtype=dtype)
+
+
+def _backpropagate_rotations(q: np.ndarray, r: np.ndarray) -> np.ndarray:
+    """Carries gradients (N, 3, 3) to rotations back to their unit quaternions (N, 4).
+
+    The results are tangent to the unit sphere: a quaternion's norm does not change its rotation.
+    """
+    w, x, y, z = q.T
+    skew = [r[:, 2, 1] - r[:, 1, 2], r[:, 0, 2] - r[:, 2, 0], r[:, 1, 0] - r[:, 0, 1]]
+    xy, xz, yz = r[:, 0, 1] + r[:, 1, 0], r[:, 0, 2] + r[:, 2, 0], r[:, 1, 2] + r[:, 2, 1]
+    xx, yy, zz = r[:, 0, 0], r[:, 1, 1], r[:, 2, 2]
+    gradient = 2 * np.stack([
+        x * skew[0] + y * skew[1] + z * skew[2],
+        w * skew[0] + y * xy + z * xz - 2 * x * (yy + zz),
+        w * skew[1] + x * xy + z * yz - 2 * y * (xx + zz),
+        w * skew[2] + x * xz + y * yz - 2 * z * (xx + yy),
+    ], axis=1)  # fmt: skip
+    return gradient - q * np.sum(q * gradient, axis=1, keepdims=True)

@@ -15,19 +15,11 @@ from gsut.render.light import compute_field_angles
 # Share of a pixel that may be open before anything is filled in: half a grey level at most.
 _OPEN = 0.002
 _FIRST = 4  # pixels a side that the finest level of the pyramid joins: what is filled in is soft
-# Training without a background of its own draws one a step from this stream of the run's seed.
-_STREAM = 0xBAC6
 
 
 def choose_solid(background: tuple[float, float, float] | None) -> tuple[float, float, float]:
     """Returns a colour for code that needs one: black for None (the surroundings)."""
     return (0.0, 0.0, 0.0) if background is None else background
-
-
-def draw_background(seed: int, step: int) -> tuple[float, float, float]:
-    """Draws the colour behind all Gaussians in one step of training."""
-    red, green, blue = np.random.default_rng([seed, _STREAM, step]).random(3).tolist()
-    return red, green, blue
 
 
 def compute_surroundings(image: np.ndarray, alpha: np.ndarray, camera: Any) -> np.ndarray | None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.render import RING_EDGES_DEGREES
+from gsut.metrics import RING_EDGES_DEGREES
 from gsut.surface.mesh import Mesh
 
 _DELTAS = (1.25, 1.25**2, 1.25**3)

@@ -23,7 +23,7 @@ from gsut.optimize import (
     make_optimizer,
 )
 from gsut.refine import TracksResult, TrainingRefiner
-from gsut.render import Light, draw_background
+from gsut.render import Light
 from gsut.run import Stopwatch, TrainOptions
 from gsut.training.context import Context
 from gsut.training.densification import DensificationStep, load_strategy
@@ -35,6 +35,14 @@ from gsut.training.surface import SurfaceTerms, SurfaceWeights
 _RADII_EVERY = 100
 # Fraction of the steps after which pixels that differ are left out: before, most do.
 _ROBUST_FROM = 0.15
+# Training without a background of its own draws one a step from this stream of the run's seed.
+_BACKGROUND_STREAM = 0xBAC6
+
+
+def draw_background(seed: int, step: int) -> tuple[float, float, float]:
+    """Draws the colour behind all Gaussians in one step of training."""
+    red, green, blue = np.random.default_rng([seed, _BACKGROUND_STREAM, step]).random(3).tolist()
+    return red, green, blue
 
 
 @dataclasses.dataclass(frozen=True)

@@ -16,7 +16,6 @@ from gsut.gaussians import (
     StoredGaussians,
     pack_harmonics,
     rotate_upright,
-    select_most_seen,
 )
 from gsut.lens import Camera
 from gsut.render import (
@@ -262,7 +261,7 @@ class Frames:
             whole = self.load_all()
             kept = self.select_kept(whole, crop, clean)
             if some:
-                kept &= select_most_seen(whole, self._move_to_axes(whole), share)
+                kept &= _select_most_seen(whole, self._move_to_axes(whole), share)
             self._chosen[key] = pack_harmonics(whole[kept])
         return self._chosen[key]
 
@@ -327,3 +326,17 @@ def _apply_colors(level: np.ndarray, known: np.ndarray, colors: str) -> np.ndarr
     levels = to_uint8(np.where(known, level, 0))
     mapped = cv2.applyColorMap(levels, getattr(cv2, f"COLORMAP_{colors}")) * known[..., None]
     return cv2.cvtColor(mapped, cv2.COLOR_BGR2RGB)
+
+
+def _select_most_seen(gaussians: Gaussians, at: np.ndarray, share: float) -> np.ndarray:
+    """Selects (N,) bool a share of the Gaussians, those that look largest from a point.
+
+    Args:
+        gaussians: N Gaussians.
+        at: (N, 3) centres from that point, in units of the scene's extent.
+        share: 0 to 1.
+    """
+    scales = np.sort(gaussians.log_scales, axis=1)[:, 1:].sum(axis=1)
+    opacity = -np.logaddexp(0, -gaussians.opacity_logits)
+    seen = opacity + scales - np.log1p(np.sum(at**2, axis=1))
+    return seen >= np.quantile(seen, 1 - share)

@@ -43,6 +43,8 @@ def test_video_becomes_a_scene_with_a_page(made):
     assert set(state["seconds"]) == {"capture", "poses", "training", "report"}
     assert state["psnr"] == json.loads((run / "metrics.json").read_text())["psnr"]
     page = (run / "scene.html").read_text()
+    held_out = json.loads((run / "options.json").read_text())["test_names"]
+    assert len(held_out) == 1 and "000000" not in held_out[0]
     assert "only 6 pictures" in page and 'href="report.html"' in page and "data:image" in page
     assert main(["eval", str(run), "--json"]) == 0
 

@@ -12,6 +12,7 @@ import small_datasets as small
 import tolerances
 from gsut.data import TrainingViews, load_dataset
 from gsut.data.images import decode_image, decode_mask, read_header, shrink_image, shrink_mask
+from gsut.data.scene import choose_inner_views, split_views
 from gsut.data.scene.lru_cache import LruCache
 from gsut.data.scene.scene import make_lens_mask
 
@@ -265,3 +266,18 @@ def test_training_views_own_poses_and_lenses_at_every_resolution(tmp_path, monke
     views.load_state_dict(state)
     np.testing.assert_array_equal(views.poses, state["poses"])
     assert views.select_level(1.0).scene.camera(0) == lens
+
+
+@pytest.mark.parametrize("total", [*range(12), 17, 100])
+def test_inner_views_have_training_views_on_both_sides(total):
+    names = [f"{i:03d}" for i in range(total)]
+    chosen = [names.index(name) for name in choose_inner_views(names, 8)]
+    assert len(chosen) == (-(-total // 8) if total > 2 else 0)
+    for index in chosen:
+        assert 0 < index < total - 1 and not {index - 1, index + 1} & set(chosen)
+    assert choose_inner_views(names, 0) == []
+
+
+def test_name_in_full_wins_over_the_same_file_name_in_a_folder(tmp_path):
+    names = ["a.png", "left/a.png"]
+    assert split_views(names, tmp_path, test_names=["a.png"])[:2] == ([1], [0])

@@ -10,7 +10,7 @@ import gsut
 import small_run
 import tolerances
 from gsut.evaluate.evaluation import compute_field_angles, evaluate, run_metrics
-from gsut.render.metrics import RING_EDGES_DEGREES
+from gsut.metrics import RING_EDGES_DEGREES
 from gsut.render.pictures import name_pictures, to_uint8
 from gsut.run import TrainOptions
 

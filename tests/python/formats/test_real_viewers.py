@@ -9,7 +9,8 @@ import gsut
 from gsut import formats
 from gsut.formats import StartView, WriteSettings
 from gsut.gaussians import rotate_upright, transform_gaussians
-from gsut.render import psnr, render_ewa
+from gsut.metrics import psnr
+from gsut.render import render_ewa
 from real_viewers import (
     level_pose,
     picture_of,

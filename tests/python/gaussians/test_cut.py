@@ -5,10 +5,9 @@ import pytest
 
 from formats.scene_cases import plain_scene
 from gsut import Gaussians, InputError
+from gsut.edit import is_inside_box, is_inside_sphere
 from gsut.gaussians import (
     find_ground,
-    is_inside_box,
-    is_inside_sphere,
     merge_gaussians,
     rotate_upright,
 )

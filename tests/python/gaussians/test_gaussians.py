@@ -140,6 +140,7 @@ def test_seed_from_points_above_the_limit_chooses_distinct_points_in_order(rng):
         ({"points": np.zeros((3, 2))}, "points must have shape"),
         ({"points": np.zeros((3, 3)), "colors": np.zeros((2, 3))}, "colors must have shape"),
         ({"points": np.zeros((3, 3)), "colors": np.zeros((3, 3), np.int64)}, "uint8 or floating"),
+        ({"points": np.zeros((3, 3)), "colors": np.full((3, 3), 200.0)}, "give those .* as uint8"),
         ({"points": np.full((3, 3), np.nan)}, "points row 0"),
         ({"points": np.zeros((3, 3)), "opacity": 1.0}, "opacity is"),
         ({"points": np.zeros((3, 3)), "scale_factor": 0.0}, "scale_factor is"),

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import tolerances as tol
+from gsut import InputError
 from gsut.lens.camera import Camera, camera_models
 from lens_cases import HARD_LENSES, all_lenses, centre, circle, polar_grid, traits
 
@@ -201,6 +202,8 @@ def test_valid_field_angle_masks_points_and_pixels():
     assert camera.max_angle == 1.0 and camera.valid_field_angle == 1.0
     assert whole.valid_field_angle is None and whole.with_valid_field_angle(1.0) == camera
     assert camera.with_valid_field_angle(None) == whole
+    with pytest.raises(InputError, match=r"give math.radians\(95\)"):
+        camera.with_valid_field_angle(95)
     points = np.concatenate([circle(0.999, 1), circle(1.001, 1)])
     pixels, _ = whole.project(points)
     np.testing.assert_array_equal(camera.project(points)[1], [True, False])

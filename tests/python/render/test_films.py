@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 import gsut
-from gsut.render import FILM_SUFFIXES, is_film
+from gsut.render import is_film
+from gsut.render.films import FILM_SUFFIXES
 from tolerances.view import FILM_PSNR_DB
 
 COUNT, HEIGHT, WIDTH = 6, 49, 65

@@ -5,9 +5,8 @@ import numpy as np
 import pytest
 
 import tolerances
-from gsut import InputError, _core, set_num_threads
+from gsut import InputError, _core, metrics, set_num_threads
 from gsut.machine import available_isas, set_isa
-from gsut.render import metrics
 
 pytestmark = pytest.mark.quick
 

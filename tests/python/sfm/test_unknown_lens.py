@@ -186,8 +186,18 @@ def many(solution):
         ({"median": 2.0}, "usable", "off by 2.00 px"),
         ({"colors": 5, "such": 10}, "usable", "10 of 30 images are too dark"),
         ({"colors": 5}, "poor", "30 of 30 images are too dark"),
-        ({"features": 100, "such": 10}, "usable", "10 of 30 images have few features"),
-        ({"features": 100}, "poor", "30 of 30 images have few features"),
+        # Small pictures have few features; those that have a pose had enough.
+        ({"features": 100}, "good", ""),
+        (
+            {"features": 100, "such": 10, "registered": np.arange(30) >= 10},
+            "usable",
+            "10 of 30 images have few features",
+        ),
+        (
+            {"features": 100, "registered": np.arange(30) < 5},
+            "poor",
+            "25 of 30 images have few features",
+        ),
         # What is wrong with the pictures comes before what it leads to.
         (
             {"colors": 5, "registered": np.arange(30) < 5},

@@ -8,7 +8,7 @@ import tolerances as tol
 from gsut import InputError, _core
 from gsut.data import Level
 from gsut.data.scene import find_time_neighbours, split_exposure
-from gsut.render import psnr
+from gsut.metrics import psnr
 from gsut.training.photograph.motion_blur import BlurRenderer, Exposure
 from random_scenes import pinhole
 from rendered_dataset import truth

@@ -3,13 +3,14 @@
 from gsut.data.scene.maps import MILLIMETRE, read_depth, read_normals
 from gsut.data.scene.scene import Scene, View
 from gsut.data.scene.shutter import find_time_neighbours, order_frames, split_exposure, with_shutter
-from gsut.data.scene.split import TEST_EVERY, split_views
+from gsut.data.scene.split import TEST_EVERY, choose_inner_views, split_views
 
 __all__ = [
     "MILLIMETRE",
     "TEST_EVERY",
     "Scene",
     "View",
+    "choose_inner_views",
     "find_time_neighbours",
     "order_frames",
     "read_depth",

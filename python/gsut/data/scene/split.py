@@ -74,10 +74,30 @@ def split_views(
     return sorted(train), sorted(test), notes
 
 
+def choose_inner_views(names: Sequence[str], test_every: int) -> list[str]:
+    """Chooses views to hold out that have training views on both sides, evenly spread.
+
+    The usual split begins with the first view, which only one side sees: with few views its score
+    says how far the path reaches, not how good the scene is.
+
+    Args:
+        names: of the views, in order.
+        test_every: one view in this number is held out, rounded up; 0 holds none out.
+    Returns:
+        names; none of fewer than three views.
+    """
+    total = len(names)
+    if not test_every or total < 3:
+        return []
+    count = min(-(-total // test_every), total // 3)
+    return [names[(2 * i + 1) * total // (2 * count)] for i in range(count)]
+
+
 def _find_indices(
     wanted: Sequence[str], names: Sequence[str], what: str, source: Path, missing: Sequence[str]
 ) -> set[int]:
     """Finds names given in full, as file name or as stem; missing images are skipped."""
+    in_full = {_clean(name): [index] for index, name in enumerate(names)}
     by_alias: dict[str, list[int]] = {}
     for index, name in enumerate(names):
         for alias in _list_aliases(name):
@@ -85,7 +105,7 @@ def _find_indices(
     absent = {alias for name in missing for alias in _list_aliases(name)}
     found: set[int] = set()
     for name in wanted:
-        rows = by_alias.get(_clean(name), [])
+        rows = in_full.get(_clean(name)) or by_alias.get(_clean(name), [])
         if len(rows) > 1:
             raise DatasetError(
                 source,

@@ -232,10 +232,19 @@ def explain_failure(
     return SolveError("; ".join([str(error), *reasons, f"or {advice}"]))
 
 
-def find_picture_faults(features: Sequence[Features]) -> list[Fault]:
-    """Lists what is wrong with the exposure and sharpness of the images."""
+def find_picture_faults(
+    features: Sequence[Features], posed: np.ndarray | None = None
+) -> list[Fault]:
+    """Lists what is wrong with the exposure and sharpness of the images.
+
+    Args:
+        features: of all images.
+        posed: (images,) bool; an image that has a pose had features enough, however few: small
+            pictures have fewer. None if no image has a pose.
+    """
     total = len(features)
-    few = sum(len(f) < _FEW_FEATURES for f in features)
+    posed = np.zeros(total, bool) if posed is None else posed
+    few = sum(len(f) < _FEW_FEATURES for f, has in zip(features, posed, strict=True) if not has)
     grey = np.array([float(f.colors.mean()) for f in features if len(f)])
     dark, bright = int((grey < _DARK).sum()), int((grey > _BRIGHT).sum())
     return [

@@ -48,7 +48,7 @@ def judge_solution(
             only_turned=motion.startswith(TURNED),
             zooms=len(found.zooms),
             look_alikes=None if alike is None else alike.explain(),
-            pictures=find_picture_faults(features),
+            pictures=find_picture_faults(features, solution.registered),
         )
     )
 

@@ -13,8 +13,9 @@ from gsut._core import InputError
 from gsut.data import Scene
 from gsut.gaussians import Gaussians
 from gsut.lens import Camera
+from gsut.metrics import psnr
 from gsut.optimize import GaussianOptimizer, LearningRates, choose_view
-from gsut.render import EwaSplats, make_viewer_rule, psnr, render, render_ewa
+from gsut.render import EwaSplats, make_viewer_rule, render, render_ewa
 from gsut.training.first import center_on_cameras
 
 # Steps of the fine-tune by default; more gain little.
