@@ -306,3 +306,13 @@ def test_uploaded_lens_file_is_read(tmp_path, name):
     value = lenses.describe(lenses.make({"name": name, "base64": content}))
     assert (value["model"], value["width"]) == ("kannala_brandt", 40)
     np.testing.assert_allclose(value["params"][:4], fisheye(40).params)
+
+
+def test_large_frame_gives_its_memory_back(session, scene, monkeypatch):
+    monkeypatch.setattr("gsut.view.frames._MOST_KEPT", (2 * SIZE) ** 2)
+    monkeypatch.setattr("gsut.view.lenses._MOST_PIXELS", (2 * SIZE) ** 2)
+    session.draw_frame(wanted(scene, width=2 * SIZE, height=2 * SIZE))
+    assert session.frames._buffers and session.lenses._resized
+    session.draw_frame(wanted(scene, width=3 * SIZE, height=3 * SIZE))
+    assert session.frames._buffers == ()
+    assert [size[1] for size in session.lenses._resized] == [2 * SIZE]

@@ -82,7 +82,7 @@ def read_ocam(file: LensFile, camera_id: int | str | None) -> Camera:
         )
     # (row, column) = [[c, d], [e, 1]] (x down, y right): gsut has (column, row) and the 1 first.
     c, d, e = affine
-    away = np.hypot(*(max(at, side - at) for at, side in zip(center, size, strict=True)))
+    away = math.hypot(*(max(at, side - at) for at, side in zip(center, size, strict=True)))
     direct = np.array(poly)
     if camera_id == _INVERSE:
         poly = _invert(file.source, np.array(inverse), away)
