@@ -12,6 +12,7 @@ from attack.harness import Case, Spoil
 from attack.places import FILES, FOLDERS, list_place_cases
 from attack.strange import list_strange_cases
 from attack.world import LENSES, SCENES
+from formats.wrong_fields import WRONG
 
 RUN_FILES = ("options.json", "metrics.json", "scene.ply", "environment.json", "history.jsonl",
              "checkpoint.npz")  # fmt: skip
@@ -111,6 +112,16 @@ def list_file_cases() -> Iterator[Case]:
                 )  # fmt: skip
 
 
+def list_field_cases() -> Iterator[Case]:
+    """Lists scene files with one field that no such file has."""
+    for (suffix, name), (spoil, said) in WRONG.items():
+        file = next(f"scenes/{each}" for each in SCENES if each.endswith(suffix))
+        yield Case(
+            "field", f"{Path(file).name} has {name}", ("convert", file, "out.ply"), (file,),
+            spoil_file(file, spoil), (match_name(file), re.escape(said)),
+        )  # fmt: skip
+
+
 def list_base_cases(spoiled: list[Case]) -> Iterator[Case]:
     """Lists every command before its input is spoiled: it must end well, or the rest means nothing.
 
@@ -141,6 +152,7 @@ def list_cases() -> list[Case]:
     return [
         *list_base_cases(files),
         *files,
+        *list_field_cases(),
         *list_flag_cases(),
         *list_place_cases(),
         *list_strange_cases(),

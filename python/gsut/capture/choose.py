@@ -22,6 +22,9 @@ _LOST_STEP = 0.15
 _CHOSEN_STEP = 0.05
 # Fewest frames that are chosen if there are candidates: fewer make a poor scene.
 _FEWEST = 60
+# Fewest candidates of a video that has as many frames: poses need that many, and corners cannot be
+# followed through a slide show.
+_FEWEST_CANDIDATES = 20
 # Most frames that are chosen: more take long and add little.
 _MOST = 300
 # Corners that are tracked; more do not change their median.
@@ -64,6 +67,7 @@ class CandidateSearch:
 
     def __init__(self) -> None:
         self.candidates: list[Candidate] = []
+        self.frames: list[Candidate] = []  # all of them, without their motion
         self._corners: np.ndarray | None = None  # (N, 2) where those of the last candidate are now
         self._start: np.ndarray = np.zeros((0, 2), np.float32)  # where they were in it
         self._before: np.ndarray | None = None  # the frame before
@@ -72,6 +76,7 @@ class CandidateSearch:
     def add(self, number: int, time: float, grey: np.ndarray) -> None:
         """Adds the next frame, (H, W) uint8 of any size."""
         frame = Candidate(number, time, _measure_sharpness(shrink_grey(grey, _JUDGED_SIDE)), 0.0)
+        self.frames.append(frame)
         small = shrink_grey(grey, _TRACKED_SIDE)
         if self._before is None:
             self._commit(frame, small)
@@ -143,6 +148,33 @@ def choose_frames(candidates: Sequence[Candidate], count: int | None = None) -> 
         near = first + np.flatnonzero(away <= max(_MIDDLE / 2 * step, away.min()))
         chosen.append(int(near[np.argmax(sharp[near])]))
     return chosen
+
+
+def add_candidates(
+    candidates: Sequence[Candidate], frames: Sequence[Candidate], count: int | None = None
+) -> list[Candidate]:
+    """Adds frames, evenly over the video and the sharpest near there, where candidates are few.
+
+    Args:
+        candidates: of one video.
+        frames: all frames of that video.
+        count: number of frames wanted; None: 20 are enough.
+
+    Returns:
+        The candidates and the added frames, which share the motion between two candidates.
+    """
+    wanted = min(_FEWEST_CANDIDATES if count is None else count, len(frames))
+    if len(candidates) >= wanted:
+        return list(candidates)
+    chosen = {c.number for c in candidates}
+    free = [frame for frame in frames if frame.number not in chosen]
+    for part in np.array_split(np.arange(len(free)), wanted - len(chosen)):
+        chosen.add(max((free[i] for i in part), key=lambda frame: frame.sharpness).number)
+    numbers = [c.number for c in candidates]
+    way = np.cumsum([c.moved for c in candidates])
+    rows = [frame for frame in frames if frame.number in chosen]
+    steps = np.diff(np.interp([row.number for row in rows], numbers, way), prepend=0.0)
+    return [dataclasses.replace(r, moved=float(s)) for r, s in zip(rows, steps, strict=True)]
 
 
 def find_blurred(candidates: Sequence[Candidate]) -> np.ndarray:

@@ -11,7 +11,13 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError, __version__
-from gsut.capture.choose import Candidate, CandidateSearch, choose_frames, find_blurred
+from gsut.capture.choose import (
+    Candidate,
+    CandidateSearch,
+    add_candidates,
+    choose_frames,
+    find_blurred,
+)
 from gsut.capture.flow import FRAMES_BESIDE, FlowSearch
 from gsut.capture.strip import write_strip
 from gsut.capture.track import interpolate_places, read_track
@@ -24,6 +30,8 @@ OnProgress = Callable[[str, int, int, str], None]
 IMAGES = "images"
 # Fewest frames of a video from which a scene can be made.
 FEWEST_FRAMES = 8
+# Frames below which a note says that they are few.
+_FEW_FRAMES = 20
 # Motion of the view, x the diagonal, below which the video is one still picture.
 _STILL = 0.01
 # Share of the frames that the file announces below which it was cut off.
@@ -102,9 +110,19 @@ def extract_frames(
     done = read_finished_capture(folder, key)
     if done is not None:
         return done
-    candidates, seen = _find_candidates(files, report)
-    notes = _judge(path, candidates, seen, announced, rate)
+    search, seen = _search_candidates(files, report)
+    notes = _judge(path, search.finish(), seen, announced, rate)
+    candidates = add_candidates(search.candidates, search.frames, count)
     chosen = [candidates[index] for index in choose_frames(candidates, count)]
+    if count is not None and len(chosen) < count:
+        notes.append(
+            f"{path.name} has only {len(chosen)} frames to choose from, not the {count} of --frames"
+        )
+    elif len(chosen) < _FEW_FRAMES:
+        notes.append(
+            f"{len(chosen)} frames of {path.name} are used, which is few: film for ten seconds or "
+            "more, walking around what you want to see"
+        )
     names, name_rate = _name_frames(chosen, rate)
     (folder / IMAGES).mkdir(parents=True, exist_ok=True)
     flows = _write(files, chosen, names, folder / IMAGES, report)
@@ -140,8 +158,8 @@ def read_finished_capture(folder: Path, key: dict[str, Any]) -> Capture | None:
     return Capture(folder, figures) if whole else None
 
 
-def _find_candidates(files: Sequence[Path], report: OnProgress) -> tuple[list[Candidate], int]:
-    """Returns the frames that may be chosen, and the number of all frames."""
+def _search_candidates(files: Sequence[Path], report: OnProgress) -> tuple[CandidateSearch, int]:
+    """Returns a search that has seen the frames looked at, and the number of all frames."""
     import cv2
 
     search = CandidateSearch()
@@ -155,7 +173,7 @@ def _find_candidates(files: Sequence[Path], report: OnProgress) -> tuple[list[Ca
                 search.add(number, time, cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY))
             text = f"{len(search.candidates)} candidates"
             report("looking", seen, max(seen, source.frame_count), text)
-    return search.finish(), seen
+    return search, seen
 
 
 def _judge(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -125,6 +126,12 @@ def _read(path: Path) -> SceneFile:
         data, [4 * len(_BOUNDS) * chunks[0], 4 * len(_BOUNDS) * chunks[0] + 16 * count]
     )
     limits = bounds.view("<f4").reshape(-1, len(_BOUNDS))
+    for name, low, high in _pair_bounds(limits):
+        if not (np.isfinite(low) & np.isfinite(high) & (low <= high)).all():
+            raise InputError(
+                f"{path}: damaged: a chunk's max_{name} is below its min_{name}, or one of them "
+                "is not finite"
+            )
     words = packed.view("<u4").reshape(-1, 4)
     chunk = np.arange(count) // _CHUNK
 
@@ -147,6 +154,15 @@ def _read(path: Path) -> SceneFile:
         ).translate(parse_origin(read_comments(path), path)),
         is_antialiased(path),
     )
+
+
+def _pair_bounds(limits: np.ndarray) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
+    """Yields each quantity's name with its least and its most (C,) in every chunk."""
+    columns = dict(zip(_BOUNDS, limits.T, strict=True))
+    for bound, low in columns.items():
+        if bound.startswith("min_"):
+            name = bound.removeprefix("min_")
+            yield name, low, columns[f"max_{name}"]
 
 
 def _parse_header(path: Path, head: bytes) -> tuple[dict[str, tuple[int, list[str]]], int]:

@@ -12,6 +12,7 @@ import numpy as np
 from gsut._core import InputError
 from gsut.files import whole_file
 from gsut.formats._axes import place_in_world, turn_half
+from gsut.formats._fields import Fields
 from gsut.formats._format import WRONG_JSON, Format, SceneFile, WriteSettings, Written
 from gsut.formats._quantize import (
     logits_from_opacity,
@@ -27,7 +28,16 @@ _CHUNK = struct.Struct("<I4s")
 _FLOAT = 5126  # glTF's code of float32
 _BYTE = 5121  # glTF's code of uint8
 _POINTS = 0  # glTF's mode of primitives that are points
+_KINDS = {"ROTATION": "VEC4", "OPACITY": "SCALAR"}  # of attributes that are no VEC3
 _WIDTHS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}
+# How Gaussians are drawn, as the extension says it.
+_DRAWN_SO = {
+    "kernel": "ellipse",
+    "colorSpace": "srgb_rec709_display",
+    "projection": "perspective",
+}
+_MOST_STRIDE = 252  # bytes, of glTF
+_OPACITY_ROUNDING = 1e-3  # beyond 0 and 1 that a writer's rounding may leave
 _MOST_JSON = 1 << 24  # bytes of a file's description; more is an attack
 
 
@@ -92,14 +102,7 @@ def _build_document(arrays: dict[str, np.ndarray]) -> dict[str, Any]:
     primitive = {
         "mode": _POINTS,
         "attributes": {name: index for index, name in enumerate(arrays)},
-        "extensions": {
-            _EXTENSION: {
-                "kernel": "ellipse",
-                "colorSpace": "srgb_rec709_display",
-                "projection": "perspective",
-                "sortingMethod": "cameraDistance",
-            }
-        },
+        "extensions": {_EXTENSION: {**_DRAWN_SO, "sortingMethod": "cameraDistance"}},
     }
     return {
         "asset": {"version": "2.0", "generator": "gsut"},
@@ -119,12 +122,12 @@ def _read(path: Path) -> SceneFile:
     try:
         attributes = _find_attributes(path, document)
         arrays = {
-            name: _read_array(path, document, index, begin, size)
-            for name, index in attributes.items()
+            name: _read_array(Fields(path, document), attributes, name, begin, size)
+            for name in attributes.values
             if name == "POSITION" or name.startswith(_EXTENSION)
         }
         placed_so = place_in_world(
-            _decode_gaussians(arrays), _place_of(path, document), f"{path}: its mesh"
+            _decode_gaussians(path, arrays), _place_of(path, document), f"{path}: its mesh"
         )
         return SceneFile(turn_half(placed_so))
     except WRONG_JSON as error:
@@ -159,7 +162,7 @@ def _parse(path: Path) -> tuple[dict[str, Any], int, int]:
     return document, begin, there
 
 
-def _find_attributes(path: Path, document: dict[str, Any]) -> dict[str, int]:
+def _find_attributes(path: Path, document: dict[str, Any]) -> Fields:
     """Finds the attributes of the one primitive that has Gaussians."""
     found = [
         primitive
@@ -169,10 +172,14 @@ def _find_attributes(path: Path, document: dict[str, Any]) -> dict[str, int]:
     ]
     if len(found) != 1:
         raise InputError(f"{path}: {len(found)} meshes with {_EXTENSION}; gsut reads one")
-    inner = found[0]["extensions"][_EXTENSION].get("extensions", {})
+    about = Fields(path, found[0]["extensions"][_EXTENSION], _EXTENSION)
+    for field, value in _DRAWN_SO.items():
+        about.require(field, value)
+    inner = about.values.get("extensions", {})
     if inner:
         raise InputError(f"{path}: compressed by {', '.join(inner)}, which gsut does not read")
-    return found[0]["attributes"]
+    Fields(path, found[0], "primitive").require("mode", _POINTS)
+    return Fields(path, found[0].get("attributes"), "attributes")
 
 
 def _place_of(path: Path, document: dict[str, Any]) -> np.ndarray:
@@ -213,41 +220,62 @@ def _compose_matrix(node: dict[str, Any]) -> np.ndarray:
 
 
 def _read_array(
-    path: Path, document: dict[str, Any], index: int, begin: int, size: int
+    document: Fields, attributes: Fields, name: str, begin: int, size: int
 ) -> np.ndarray:
-    accessor = document["accessors"][index]
-    view = document["bufferViews"][accessor["bufferView"]]
-    width, count = _WIDTHS[accessor["type"]], int(accessor["count"])
-    offset = int(view.get("byteOffset", 0)) + int(accessor.get("byteOffset", 0))
-    stride = int(view.get("byteStride", 4 * width))
-    if accessor["componentType"] != _FLOAT:
+    path = document.path
+    index = attributes.read_whole(name, 0, len(document.values["accessors"]) - 1)
+    accessor = document.read_fields("accessors", index)
+    accessor.require("sparse")
+    accessor.require("componentType", _FLOAT)
+    kind = _KINDS.get(name.removeprefix(f"{_EXTENSION}:"), "VEC3")
+    accessor.require("type", kind)
+    width, count = _WIDTHS[kind], accessor.read_whole("count", 1, size)
+    if count != document.read_fields("accessors", attributes.values["POSITION"]).values["count"]:
+        raise InputError(f"{path}: damaged: {name} has {count:,} values, POSITION another number")
+    views = len(document.values["bufferViews"])
+    view = document.read_fields("bufferViews", accessor.read_whole("bufferView", 0, views - 1))
+    view.read_whole("buffer", 0, 0)
+    document.read_fields("buffers", 0).require("uri")
+    place = view.read_whole("byteOffset", 0, size, 0)
+    inside = accessor.read_whole("byteOffset", 0, size, 0)
+    stride = view.read_whole("byteStride", 4 * width, _MOST_STRIDE, 4 * width)
+    needed = (count - 1) * stride + 4 * width
+    if inside + needed > view.read_whole("byteLength", 1, size - place):
         raise InputError(
-            f"{path}: component type {accessor['componentType']}; gsut reads float32 (5126)"
+            f"{path}: truncated or damaged: {name} needs {inside + needed:,} bytes of {view.name}, "
+            f"whose byteLength is {view.values['byteLength']:,}"
         )
-    needed = (count - 1) * stride + 4 * width if count else 0
-    if offset < 0 or count < 0 or stride < 4 * width or offset + needed > size:
-        raise InputError(
-            f"{path}: {count:,} values at byte {offset:,} of the data, which has {size:,} bytes; "
-            "it is truncated"
-        )
-    data = np.memmap(path, np.uint8, "r", begin + offset, (needed,)) if count else b""
+    data = np.memmap(path, np.uint8, "r", begin + place + inside, (needed,))
     rows = np.lib.stride_tricks.as_strided(
         np.frombuffer(data, np.uint8), (count, 4 * width), (stride, 1)
     )
     return np.ascontiguousarray(rows).view("<f4")
 
 
-def _decode_gaussians(arrays: dict[str, np.ndarray]) -> Gaussians:
-    degree = 0
-    while degree < 3 and _name_harmonics(degree + 1)[-1] in arrays:
+def _decode_gaussians(path: Path, arrays: dict[str, np.ndarray]) -> Gaussians:
+    degree, there = 0, {name for name in arrays if ":SH_" in name}
+    while degree < 3 and there != set(_name_harmonics(degree)):
         degree += 1
+    lacking = set(_name_harmonics(degree)) ^ there
+    if lacking:
+        raise InputError(
+            f"{path}: its harmonics are none of degree 0 to 3: {', '.join(sorted(lacking)[:3])} "
+            "should be there, or should not"
+        )
+    opacity = arrays[f"{_EXTENSION}:OPACITY"][:, 0]
+    wrong = (opacity < -_OPACITY_ROUNDING) | (opacity > 1 + _OPACITY_ROUNDING)
+    if wrong.any():
+        raise InputError(
+            f"{path}: {_EXTENSION}:OPACITY has values such as {opacity[wrong][0]:g}; 0 to 1 are "
+            "possible"
+        )
     with np.errstate(divide="ignore", invalid="ignore"):
         log_scales = np.log(arrays[f"{_EXTENSION}:SCALE"])
     return Gaussians(
         arrays["POSITION"],
         arrays[f"{_EXTENSION}:ROTATION"][:, [3, 0, 1, 2]],
         log_scales,
-        logits_from_opacity(arrays[f"{_EXTENSION}:OPACITY"][:, 0]),
+        logits_from_opacity(opacity),
         np.stack([arrays[name] for name in _name_harmonics(degree)], axis=1),
     )
 

@@ -18,6 +18,7 @@ import numpy as np
 from gsut import _core
 from gsut._core import InputError
 from gsut.files import whole_file
+from gsut.formats._fields import Fields
 from gsut.formats._format import (
     WRONG_JSON,
     Format,
@@ -37,9 +38,12 @@ from gsut.formats._quantize import (
 from gsut.gaussians import Gaussians, order_by_morton_code
 
 _META = "meta.json"
+_ENCRYPTED = 1  # a bit of an archive member's flags
+_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _MOST_META = 1 << 20  # bytes; real ones have 16 thousand
 _LOSSLESS = [cv2.IMWRITE_WEBP_QUALITY, 101]  # what OpenCV takes for: lossless
 _MOST_SIDE = 16383  # pixels of a WebP image
+_MOST_LOG = 88.0  # of a position: beyond it exp is no float32
 _LARGEST_BEGIN = 252  # of a rotation's alpha: plus the place of its largest component
 _PALETTE_COLUMNS = 64  # entries in a row of the image of a palette
 _MOST_ENTRIES = 65536  # that a label of 16 bits can name
@@ -152,13 +156,15 @@ def _read(path: Path) -> SceneFile:
     size = path.stat().st_size
     with _archive(path) as archive:
         try:
-            meta = json.loads(_read_member(path, archive, _META, _MOST_META))
-            if meta["version"] != 2:
-                raise InputError(f"{path}: SOG version {meta['version']}; gsut reads 2")
-            count = int(meta["count"])
+            description = json.loads(_read_member(path, archive, _META, _MOST_META))
+            meta = Fields(path, description)
+            if (version := description.get("version")) != 2:
+                raise InputError(f"{path}: SOG version {version}; gsut reads 2")
+            count = meta.read_whole("count", 1)
             check_claim(path, count, size)
             gaussians = _decode_gaussians(_Images(path, archive), meta, count)
-            antialiased = bool(meta.get("antialias")) or meta.get("model") == "antialiased"
+            antialiased = description.get("antialias") is True
+            antialiased |= description.get("model") == "antialiased"
         except WRONG_JSON as error:
             if isinstance(error, InputError):
                 raise
@@ -181,7 +187,13 @@ def _read_member(path: Path, archive: zipfile.ZipFile, name: str, most: int) -> 
     """Reads a file of the archive and stops if it unpacks beyond the size it may have."""
     if name not in archive.namelist():
         raise InputError(f"{path}: no SOG file: {name} is missing")
-    with archive.open(name) as file:
+    entry = archive.getinfo(name)
+    if entry.flag_bits & _ENCRYPTED or entry.compress_type not in _METHODS:
+        raise InputError(
+            f"{path}: {name} is encrypted or packed by a method that SOG does not have (number "
+            f"{entry.compress_type}); pack the archive again, stored or deflated, with no password"
+        )
+    with archive.open(entry) as file:
         data = file.read(most + 1)
     if len(data) > most:
         raise InputError(f"{path}: {name} has more than {most:,} bytes; it is damaged")
@@ -240,51 +252,64 @@ def _read_webp_size(data: bytes) -> tuple[int, int] | None:
     return (sides & 0x3FFF) + 1, (sides >> 14 & 0x3FFF) + 1
 
 
-def _decode_gaussians(images: _Images, meta: dict[str, Any], count: int) -> Gaussians:
-    fine, coarse = (images.read_pixels(name, count, 3) for name in meta["means"]["files"])
-    low, high = (np.array(meta["means"][end], np.float64) for end in ("mins", "maxs"))
+def _decode_gaussians(images: _Images, meta: Fields, count: int) -> Gaussians:
+    means, quats, scales = (meta.read_fields(name) for name in ("means", "quats", "scales"))
+    fine, coarse = (images.read_pixels(name, count, 3) for name in means.read_names("files", 2))
+    low, high = (means.read_numbers(end, 3, 3) for end in ("mins", "maxs"))
+    if (low > high).any() or max(np.abs(low).max(), np.abs(high).max()) > _MOST_LOG:
+        raise InputError(
+            f"{images.path}: damaged: means.mins is {low.tolist()} and means.maxs {high.tolist()}; "
+            f"they have to rise, and to be logarithms within {_MOST_LOG:g}"
+        )
     logs = low + (coarse * 256.0 + fine) / 65535 * (high - low)
-    rotation = images.read_pixels(meta["quats"]["files"][0], count, 4)
-    largest = np.clip(rotation[:, 3].astype(int) - _LARGEST_BEGIN, 0, 3)
-    scales = _read_codebook(meta["scales"])[
-        images.read_pixels(meta["scales"]["files"][0], count, 3)
-    ]
-    color = images.read_pixels(meta["sh0"]["files"][0], count, 4)
-    sh = _read_codebook(meta["sh0"])[color[:, :3]][:, None]
-    if "shN" in meta:
-        sh = np.concatenate([sh, _decode_harmonics(images, meta["shN"], count)], axis=1)
+    rotation = images.read_pixels(quats.read_names("files", 1)[0], count, 4)
+    largest = rotation[:, 3].astype(int) - _LARGEST_BEGIN
+    if largest.min() < 0:
+        raise InputError(
+            f"{images.path}: damaged: quats has an alpha of {rotation[:, 3].min()}; each has to be "
+            f"{_LARGEST_BEGIN} to 255, which names the largest component"
+        )
+    sizes = images.read_pixels(scales.read_names("files", 1)[0], count, 3)
+    base = meta.read_fields("sh0")
+    color = images.read_pixels(base.read_names("files", 1)[0], count, 4)
+    sh = _look_up(base, color[:, :3])[:, None]
+    if meta.values.get("shN") is not None:
+        sh = np.concatenate([sh, _decode_harmonics(images, meta.read_fields("shN"), count)], axis=1)
     return Gaussians(
         (np.sign(logs) * np.expm1(np.abs(logs))).astype(np.float32),
         restore_largest(largest, rotation[:, :3] / 127.5 - 1),
-        scales,
+        _look_up(scales, sizes),
         logits_from_opacity(color[:, 3] / 255),
         sh,
     )
 
 
-def _read_codebook(described: dict[str, Any]) -> np.ndarray:
-    book = np.zeros(256, np.float32)
-    values = np.array(described["codebook"], np.float32)
-    book[: len(values)] = values
-    return book
-
-
-def _decode_harmonics(images: _Images, described: dict[str, Any], count: int) -> np.ndarray:
-    coefficients = (int(described["bands"]) + 1) ** 2 - 1
-    size = int(described["count"])
-    if coefficients not in (3, 8, 15) or not 1 <= size <= _MOST_ENTRIES:
+def _look_up(described: Fields, entries: np.ndarray) -> np.ndarray:
+    """Returns the values of a codebook at these entries."""
+    book = described.read_numbers("codebook", 1, 256).astype(np.float32)
+    if entries.max() >= len(book):
         raise InputError(
-            f"{images.path}: a palette of {size} entries of {coefficients} harmonics; 1 to "
-            f"{_MOST_ENTRIES} of 3, 8 or 15 are possible"
+            f"{described.path}: damaged: {described.name}.codebook has {len(book)} values, and an "
+            f"image names value {entries.max()} (they count from 0)"
         )
+    return book[entries]
+
+
+def _decode_harmonics(images: _Images, described: Fields, count: int) -> np.ndarray:
+    coefficients = (described.read_whole("bands", 1, 3) + 1) ** 2 - 1
+    size = described.read_whole("count", 1, _MOST_ENTRIES)
+    files = described.read_names("files", 2)
     lines = -(-size // _PALETTE_COLUMNS)
     width = _PALETTE_COLUMNS * coefficients
-    entries = images.read_pixels(described["files"][0], lines * width, 3, width)
-    labels = images.read_pixels(described["files"][1], count, 3).astype(np.int64)
+    entries = images.read_pixels(files[0], lines * width, 3, width)
+    labels = images.read_pixels(files[1], count, 3).astype(np.int64)
     numbers = labels[:, 0] + 256 * labels[:, 1]
-    if numbers.max(initial=0) >= lines * _PALETTE_COLUMNS:
-        raise InputError(f"{images.path}: damaged: a label is beyond the palette")
-    return _read_codebook(described)[entries.reshape(-1, coefficients, 3)[numbers]]
+    if numbers.max() >= size:
+        raise InputError(
+            f"{images.path}: damaged: a label names entry {numbers.max():,} of the palette, and "
+            f"shN.count is {size:,} (they count from 0)"
+        )
+    return _look_up(described, entries.reshape(-1, coefficients, 3)[:size])[numbers]
 
 
 FORMAT = Format("SOG", (".sog",), _write, _read, lambda head: head.startswith(b"PK"))

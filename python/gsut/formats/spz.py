@@ -210,6 +210,11 @@ def _check_header(
         raise InputError(f"{path}: SPZ version {layout.version}; gsut reads 2, 3 and 4")
     if layout.degree > 3:
         raise InputError(f"{path}: harmonics of degree {layout.degree}; gsut has 0 to 3")
+    if layout.fractional_bits > _MOST_FRACTIONAL_BITS:
+        raise InputError(
+            f"{path}: damaged: the header's fractional bits are {layout.fractional_bits}, and a "
+            f"position has {_MOST_FRACTIONAL_BITS} bits in all"
+        )
     check_claim(path, layout.count, size)
     return layout
 

@@ -29,6 +29,7 @@ from gsut.lens.plausible import MOST_STRETCH
 _FILE = Path(__file__).with_name("profiles.json.xz")
 _TEXTS = ("brand", "model", "lens", "setting", "note", "digital_lens")
 _WORD = re.compile(r"[^\W_]+")
+_PIECE = re.compile(r"[^\W\d_]+|\d+")  # of a word: letters, or digits
 # Beyond these a calibration is doubted: a tenth of all is.
 _MAX_RMS = 1.5e-3  # of the picture's width
 _MAX_OFF_CENTRE = 0.1  # of the picture's size
@@ -249,14 +250,24 @@ def _split_words(text: str) -> list[str]:
 
 
 @functools.cache
-def _join_words(profile: LensProfile) -> str:
-    return "".join(
-        _split_words(" ".join((profile.brand, profile.model, *profile._describe_details())))
-    )
+def _split_name(profile: LensProfile) -> tuple[str, str]:
+    """Returns the words of the name as they are, and parted where letters and digits meet."""
+    said = " ".join((profile.brand, profile.model, *profile._describe_details())).lower()
+    return " ".join(_WORD.findall(said)), " ".join(_PIECE.findall(said))
 
 
 def _has(profile: LensProfile, wanted: Sequence[str]) -> bool:
-    return all(word in _join_words(profile) for word in wanted)
+    """Returns whether each word is inside one of the name's, or made of whole pieces of it.
+
+    "hero5" is "HERO 5", but "nope" is not in "main, Open".
+    """
+    words, pieces = _split_name(profile)
+    return all(word in words or _match_pieces(word).search(pieces) for word in wanted)
+
+
+@functools.cache
+def _match_pieces(word: str) -> re.Pattern[str]:
+    return re.compile(r"(?<!\S)" + " ?".join(map(re.escape, word)) + r"(?!\S)")
 
 
 def _count_words_beyond(profile: LensProfile, wanted: Sequence[str]) -> int:

@@ -8,7 +8,7 @@ import pytest
 
 import gsut
 from gsut.capture import extract_frames, is_video
-from gsut.capture.choose import CandidateSearch, choose_frames, find_blurred
+from gsut.capture.choose import CandidateSearch, add_candidates, choose_frames, find_blurred
 from gsut.capture.video import Video
 from small_videos import (
     HEIGHT,
@@ -44,6 +44,32 @@ def test_frames_are_chosen_by_how_far_the_view_moved():
     assert len(chosen) == 10 == len(set(chosen))
     gaps = np.diff([found[i].number for i in chosen][1:])
     assert gaps.max() <= 2 * gaps.min() + 1
+
+
+@pytest.mark.parametrize(("total", "count", "few"), [(17, None, 17), (300, None, 20), (30, 25, 25)])
+def test_slide_show_gives_as_many_frames_as_are_needed(total, count, few):
+    ground, search = texture(), CandidateSearch()
+    for number in range(total):
+        picture = view(ground, 50.0 + 10.0 * (number > total // 2))
+        search.add(number, float(number), cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY))
+    found = search.finish()
+    assert len(found) < 4
+    more = add_candidates(found, search.frames, count)
+    assert len(more) == few == len({c.number for c in more})
+    assert {c.number for c in found} <= {c.number for c in more}
+    assert max(np.diff([c.number for c in more])) <= 3 * total / few
+    assert sum(c.moved for c in more) == pytest.approx(sum(c.moved for c in found))
+    assert len(choose_frames(more, count)) == few
+
+
+def test_few_frames_are_used_and_said(tmp_path):
+    ground = texture()
+    pictures = [view(ground, 50.0 + 60.0 * (i > 8)) for i in range(17)]
+    video = write_video(tmp_path / "show.mp4", pictures)
+    assert "which is few" in extract_frames(video, tmp_path / "all").notes[0]
+    asked = extract_frames(video, tmp_path / "asked", count=40)
+    assert len(asked.figures["frames"]) == 17
+    assert "not the 40 of --frames" in asked.notes[0]
 
 
 def test_the_sharpest_frame_about_a_place_is_chosen():

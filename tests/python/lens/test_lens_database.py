@@ -54,6 +54,12 @@ def test_the_pictures_size_decides_between_settings():
     assert find_lens("hero9 wide", (1920, 1080)).height == 2160
 
 
+@pytest.mark.parametrize("word", ["nope", "roblack"])
+def test_words_across_the_gaps_of_a_name_find_nothing(word):
+    with pytest.raises(gsut.InputError, match=f"none has '{word}'"):
+        load_lens(word)
+
+
 def test_unknown_words_are_named():
     with pytest.raises(gsut.InputError, match="none has 'hero99'"):
         find_lens("GoPro HERO99")

@@ -65,6 +65,17 @@ def test_gains_are_found_and_raise_the_psnr(results):
     assert any("differ in exposure" in note for note in results["auto"].metrics["notes"])
 
 
+def test_training_views_are_measured_in_the_light_of_their_photographs(results):
+    scene, gaussians = results["auto"].scene, results["auto"].gaussians
+    metrics = results["auto"].metrics
+    light = Light.from_dict(metrics["light"], [view.name for view in scene.views])
+    views = scene.train_indices
+    lit = evaluate(gaussians, scene, views, background=(0, 0, 0), light=light)["psnr"]
+    unlit = evaluate(gaussians, scene, views, background=(0, 0, 0))["psnr"]
+    print(f"{metrics['psnr_train']:.1f} dB by some views, {lit:.1f} by all, {unlit:.1f} unlit")
+    assert abs(metrics["psnr_train"] - lit) < abs(metrics["psnr_train"] - unlit)
+
+
 def test_photographs_alike_stay_as_they_are_to_the_bit(tmp_path):
     scene = gsut.load_dataset(write_dataset(tmp_path / "data", np.random.default_rng(5)))
     made = [

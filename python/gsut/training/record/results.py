@@ -79,14 +79,16 @@ def measure_training(
     loop: TrainingLoop, gaussians: Gaussians, scene: Scene, run: RunFolder | None
 ) -> tuple[Scene, dict[str, Any]]:
     """Measures a finished training on its test views, or on some training views if it has none."""
+    light = loop.photographs.find_light()
     scene, metrics = measure(
         gaussians, scene, scene.test_indices or scene.train_indices[:_MOST_MEASURED], loop.options,
         run, steps=loop.step, train_seconds=loop.seconds, align=loop.options.refine_poses,
-        light=loop.photographs.find_light(),
+        light=light,
     )  # fmt: skip
     if scene.test_indices:
         some = scene.train_indices[:: -(-len(scene.train_indices) // _BESIDE)]
-        metrics["psnr_train"] = mean_psnr(scene, gaussians, some, loop.options.background)
+        background = loop.options.background
+        metrics["psnr_train"] = mean_psnr(scene, gaussians, some, background, light=light)
     metrics["notes"] += loop.notes
     if loop.refiner is not None:
         metrics["refinement"] = loop.refiner.summarize()

@@ -1,0 +1,157 @@
+"""Ways to make a field of a scene file wrong, and the words that must name it."""
+
+from __future__ import annotations
+
+import functools
+import gzip
+import json
+import re
+import struct
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+EXTENSION = "KHR_gaussian_splatting"
+ATTRIBUTES = ["meshes", 0, "primitives", 0, "attributes"]
+ABOUT = ["meshes", 0, "primitives", 0, "extensions", EXTENSION]
+OPACITY, SCALE = f"{EXTENSION}:OPACITY", f"{EXTENSION}:SCALE"
+
+
+def put(values: Any, place: list[Any], value: Any) -> None:
+    """Sets a value of nested lists and objects; None takes it out."""
+    *way, last = place
+    for key in way:
+        values = values[key]
+    if value is None:
+        del values[last]
+    else:
+        values[last] = value
+
+
+def repack(path: Path, method: int, members: dict[str, bytes]) -> None:
+    with zipfile.ZipFile(path) as source:
+        members = {name: source.read(name) for name in source.namelist()} | members
+    with zipfile.ZipFile(path, "w", method) as target:
+        for name, content in members.items():
+            target.writestr(name, content)
+
+
+def change_sog(path: Path, place: list[Any], value: Any) -> None:
+    with zipfile.ZipFile(path) as source:
+        meta = json.loads(source.read("meta.json"))
+    put(meta, place, value)
+    repack(path, zipfile.ZIP_STORED, {"meta.json": json.dumps(meta).encode()})
+
+
+def pack_otherwise(path: Path, method: int) -> None:
+    repack(path, method, {})
+
+
+def mark_encrypted(path: Path) -> None:
+    """Sets the flag of each member, in both of its headers."""
+    data = bytearray(path.read_bytes())
+    for magic, offset in ((b"PK\3\4", 6), (b"PK\1\2", 8)):
+        for found in re.finditer(re.escape(magic), bytes(data)):
+            data[found.start() + offset] |= 1
+    path.write_bytes(data)
+
+
+def change_glb(path: Path, place: list[Any], value: Any) -> None:
+    data = path.read_bytes()
+    length = struct.unpack_from("<I", data, 12)[0]
+    document = json.loads(data[20 : 20 + length])
+    put(document, place, value)
+    text = json.dumps(document).encode()
+    text += b" " * (-len(text) % 4)
+    head = struct.pack("<4sII", b"glTF", 2, len(data) - length + len(text))
+    path.write_bytes(head + struct.pack("<I4s", len(text), b"JSON") + text + data[20 + length :])
+
+
+def raise_opacity(path: Path) -> None:
+    data = path.read_bytes()
+    length = struct.unpack_from("<I", data, 12)[0]
+    begin = 28 + length + json.loads(data[20 : 20 + length])["bufferViews"][4]["byteOffset"]
+    path.write_bytes(data[:begin] + struct.pack("<f", 7.5) + data[begin + 4 :])
+
+
+def set_fractional_bits(path: Path, bits: int) -> None:
+    data = bytearray(gzip.decompress(path.read_bytes()))
+    data[13] = bits
+    path.write_bytes(gzip.compress(bytes(data)))
+
+
+def set_first_bound(path: Path, value: float) -> None:
+    head, end, data = path.read_bytes().partition(b"end_header\n")
+    path.write_bytes(head + end + struct.pack("<f", value) + data[4:])
+
+
+SOG = {
+    "one mins for three": (["means", "mins"], [0.0], "means.mins"),
+    "a number as mins": (["means", "mins"], 0.5, "means.mins"),
+    "mins above maxs": (["means", "mins"], [9e1, 0, 0], "means.mins"),
+    "infinite maxs": (["means", "maxs"], [float("inf"), 0, 0], "means.maxs"),
+    "maxs that no float has": (["means", "maxs"], [500, 500, 500], "means.maxs"),
+    "one file for both halves": (["means", "files"], 2 * ["means_l.webp"], "means.files"),
+    "a short codebook": (["scales", "codebook"], [0.0, 1.0], "scales.codebook"),
+    "a long codebook": (["sh0", "codebook"], [0.0] * 300, "sh0.codebook"),
+    "words in a codebook": (["sh0", "codebook"], ["x"] * 256, "sh0.codebook"),
+    "no quats": (["quats"], None, "quats is missing"),
+    "colours as rotations": (["quats", "files"], ["sh0.webp"], "quats"),
+    "half a count": (["count"], 150.5, "count"),
+    "a true count": (["count"], True, "count"),
+    "no Gaussians": (["count"], 0, "count is 0"),
+    "version 3": (["version"], 3, "SOG version 3"),
+    "bands of 4": (["shN", "bands"], 4, "shN.bands"),
+    "a palette below its labels": (["shN", "count"], 3, "shN"),
+}
+
+GLTF = {
+    "a negative accessor": ([*ATTRIBUTES, SCALE], -1, "SCALE is -1"),
+    "an accessor beyond all": ([*ATTRIBUTES, SCALE], 999, "SCALE is 999"),
+    "a negative view": (["accessors", 3, "bufferView"], -1, "accessors[3].bufferView is -1"),
+    "a sparse accessor": (["accessors", 3, "sparse"], {"count": 1}, "accessors[3].sparse"),
+    "another buffer": (["bufferViews", 3, "buffer"], 1, "bufferViews[3].buffer"),
+    "a buffer elsewhere": (["buffers", 0, "uri"], "x.bin", "buffers[0].uri"),
+    "fewer opacities": (["accessors", 4, "count"], 1, "OPACITY"),
+    "no Gaussians": (["accessors", 0, "count"], 0, "accessors[0].count is 0"),
+    "a negative offset": (["bufferViews", 3, "byteOffset"], -4, "bufferViews[3].byteOffset"),
+    "beyond its view": (["accessors", 3, "byteOffset"], 4, "bufferViews[3]"),
+    "overlapping rows": (["bufferViews", 3, "byteStride"], 4, "bufferViews[3].byteStride"),
+    "scales of four": (["accessors", 3, "type"], "VEC4", "accessors[3].type"),
+    "scales of bytes": (["accessors", 3, "componentType"], 5121, "accessors[3].componentType"),
+    "opacities of scales": ([*ATTRIBUTES, OPACITY], 3, "accessors[3].type"),
+    "half of a degree": ([*ATTRIBUTES, f"{EXTENSION}:SH_DEGREE_1_COEF_1"], None, "SH_DEGREE_1"),
+    "linear colours": ([*ABOUT, "colorSpace"], "lin_rec709_display", "colorSpace"),
+    "another kernel": ([*ABOUT, "kernel"], "box", "kernel"),
+    "triangles": (["meshes", 0, "primitives", 0, "mode"], 4, "primitive.mode"),
+}
+
+ARCHIVE = "encrypted or packed by a method"
+BOUND = "max_x is below its min_x"
+# (suffix, what is wrong) -> what is done to a file, and what the sentence must say.
+WRONG: dict[tuple[str, str], tuple[Callable[[Path], None], str]] = {
+    **{
+        (".sog", name): (functools.partial(change_sog, place=place, value=value), said)
+        for name, (place, value, said) in SOG.items()
+    },
+    **{
+        (".glb", name): (functools.partial(change_glb, place=place, value=value), said)
+        for name, (place, value, said) in GLTF.items()
+    },
+    (".sog", "LZMA"): (functools.partial(pack_otherwise, method=zipfile.ZIP_LZMA), ARCHIVE),
+    (".sog", "BZIP2"): (functools.partial(pack_otherwise, method=zipfile.ZIP_BZIP2), ARCHIVE),
+    (".sog", "encrypted"): (mark_encrypted, ARCHIVE),
+    (".glb", "an opacity of 7.5"): (raise_opacity, "OPACITY has values"),
+    (".spz", "255 fractional bits"): (
+        functools.partial(set_fractional_bits, bits=255),
+        "fractional bits are 255",
+    ),
+    **{
+        (".compressed.ply", f"a bound of {value:g}"): (
+            functools.partial(set_first_bound, value=value),
+            BOUND,
+        )
+        for value in (1e30, float("nan"), float("inf"))
+    },
+}
