@@ -301,21 +301,15 @@ async function findGround() {
   if (!layer.checked) layer.click();
   turnUp(found.normal, [...found.normal, found.level]);
 }
-let waiting = false; // for the floaters: what is saved or filmed now would still have them
-function greyOut(wait) {
-  waiting = wait;
-  $("clean").disabled = $("save").disabled = wait;
-  $("film-make").disabled = wait || state.keys.length < 2;
-}
 async function leaveFloatersOut() {
   state.clean = $("clean").checked;
   if (state.clean && $("clean-text").hidden) {
     const count = scene.views.filter((view) => !view.held_out).length;
-    greyOut(true);
+    $("clean").disabled = true;
     $("clean-text").hidden = false;
     const look = setInterval(async () => {
       const far = await ask("floaters", { far: true }).catch(() => ({ done: 0 }));
-      if (waiting) $("clean-text").textContent = `Comparing with the photographs: ${far.done} of ${count} …`;
+      if ($("clean").disabled) $("clean-text").textContent = `Comparing with the photographs: ${far.done} of ${count} …`;
     }, 500);
     try {
       const found = await ask("floaters", {});
@@ -326,7 +320,7 @@ async function leaveFloatersOut() {
       throw error;
     } finally {
       clearInterval(look);
-      greyOut(false);
+      $("clean").disabled = false;
     }
   }
   redraw(false);
@@ -343,7 +337,7 @@ async function saveEdited() {
     const saved = await ask("save", { name: $("save-name").value, crop, clean, scale, up: turned ? up : null, level: ground?.[3] ?? null });
     $("save-text").textContent = [`${saved.num_gaussians.toLocaleString()} of ${saved.of.toLocaleString()} Gaussians: ${saved.path}`, ...saved.left_out].join("; ");
     $("save-text").hidden = false;
-  } finally { $("save").disabled = waiting; }
+  } finally { $("save").disabled = false; }
 }
 
 const held = new Set();
@@ -568,7 +562,7 @@ async function screenshot() {
 function keysChanged() {
   const count = state.keys.length;
   $("keys-text").textContent = count ? `${count} keyframe${count > 1 ? "s" : ""}` : "No keyframes yet.";
-  greyOut(waiting);
+  $("film-make").disabled = count < 2;
 }
 let recording;
 function record() { // adds a keyframe if the eye has moved
