@@ -78,9 +78,21 @@ std::unique_ptr<PhotometricTarget> MakeTarget(const py::object& image, const py:
                                              options);
 }
 
+// The render as the loss reads it. Only a double or strided image is copied; whole numbers, which
+// would be taken for colours 255 times too bright, are refused.
+CArray<float> ReadRender(const py::object& image, const PhotometricTarget& target) {
+  const py::array array = AnyArray(image, "image");
+  if (array.dtype().kind() != 'f') {
+    throw InputError("image must be floating point, as it was rendered, found " +
+                     std::string(py::str(array.dtype())));
+  }
+  return ReadArray<float>(array, "image", {target.height(), target.width(), 3});
+}
+
 py::tuple Loss(const PhotometricTarget& target, const py::object& image, const py::object& grad_out,
                double ssim_weight) {
-  const float* pixels = ConstData<float>(image, "image", {target.height(), target.width(), 3});
+  const auto rendered = ReadRender(image, target);
+  const float* pixels = rendered.data();
   py::object gradient = grad_out;
   if (gradient.is_none()) gradient = NewArray<float>({target.height(), target.width(), 3});
   float* gradient_pixels =
@@ -95,7 +107,8 @@ py::tuple Loss(const PhotometricTarget& target, const py::object& image, const p
 }
 
 py::tuple Value(const PhotometricTarget& target, const py::object& image, double ssim_weight) {
-  const float* pixels = ConstData<float>(image, "image", {target.height(), target.width(), 3});
+  const auto rendered = ReadRender(image, target);
+  const float* pixels = rendered.data();
   PhotometricValue value;
   {
     const py::gil_scoped_release release;
@@ -301,7 +314,7 @@ Training loss (1 - w) L1 + w (1 - SSIM) and its gradient to the rendered image.
 
 Args:
     target: the training image.
-    image: (H, W, 3) float32, C-contiguous: the rendered image, not clamped.
+    image: (H, W, 3) floating point: the rendered image, not clamped; compared in float32.
     grad_out: (H, W, 3) float32 to overwrite with the gradient; None: a new array.
     ssim_weight: w in [0, 1].
 

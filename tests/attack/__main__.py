@@ -15,6 +15,7 @@ from attack.datasets import list_dataset_cases
 from attack.forked import import_everything, run_forked
 from attack.harness import attack, find_disagreement
 from attack.kills import kill_commands
+from attack.requests import list_requests, send_requests
 from attack.tables import list_cases
 from attack.world import make_world
 
@@ -67,6 +68,9 @@ def run_all(arguments: argparse.Namespace, folder: Path) -> Iterator[tuple[str, 
         if said is None and seconds > SLOW:
             print(f"slow  {seconds:.1f} s {given[-1].title}", flush=True)
         yield given[-1].kind, given[-1].title, said
+    asked = [row for row in list_requests() if only in row[1]][:: arguments.every]
+    for kind, title in asked:
+        yield kind, title, run_forked(functools.partial(send_requests, title, world))[0]
     if arguments.kills:
         wanted = only.removeprefix("kill ")
         for name, said in kill_commands(world, folder, arguments.kills, arguments.seed, wanted):

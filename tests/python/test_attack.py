@@ -4,6 +4,7 @@ import pytest
 
 from attack.datasets import list_dataset_cases
 from attack.harness import attack, find_disagreement
+from attack.requests import list_requests, send_requests
 from attack.tables import list_cases
 from attack.world import LATER, make_world
 
@@ -32,3 +33,11 @@ def test_doctor_and_train_agree_on_a_sample_of_spoiled_datasets(world, tmp_path)
     for number, (doctor, train) in enumerate(pairs[::EVERY_DATASET]):
         said = find_disagreement(doctor, train, world, tmp_path / str(number))
         assert said is None, f"{train.title}: {said}"
+
+
+def test_sample_of_requests_that_are_wrong_huge_or_foreign_are_refused(world):
+    rows = list(list_requests())
+    assert len(rows) >= 20
+    for _, title in rows[::3]:
+        said = send_requests(title, world)
+        assert said is None, f"{title}: {said}"

@@ -12,6 +12,10 @@
 namespace gsut {
 namespace {
 
+// Most parameters of a lens without a table: several times the coefficients that any calibration
+// gives. The search for a domain takes memory and time by the square of their number.
+constexpr int kMostParams = 100;
+
 void CheckSize(int width, int height) {
   if (width > 0 && height > 0) return;
   throw InputError("the image size must be positive, found " + std::to_string(width) + " x " +
@@ -33,6 +37,10 @@ LensDomain CheckedDomain(LensModel lens, const std::vector<double>& params, int 
     if (!Lens::AcceptsParams(num_params)) {
       throw InputError(std::string(Lens::kName) + " takes the parameters \"" + Lens::kParamNames +
                        "\", found " + std::to_string(num_params) + " values");
+    }
+    if (num_params > kMostParams && !requires { Lens::kHasTable; }) {
+      throw InputError(std::string(Lens::kName) + " takes at most " + std::to_string(kMostParams) +
+                       " parameters, found " + std::to_string(num_params));
     }
     // No direction is farther from the axis than pi.
     const double limit = std::min(angle, kPi);

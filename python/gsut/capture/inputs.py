@@ -13,7 +13,7 @@ from gsut.capture.panorama import find_other_lens, prepare_panoramas
 from gsut.capture.photographs import collect_photographs, find_photograph_files
 from gsut.capture.strip import write_strip
 from gsut.capture.video import is_video
-from gsut.data import CAPTURE, capture_state, find_lens_file
+from gsut.data import CAPTURE, capture_state, find_lens_file, find_lens_files
 from gsut.files import write_json
 from gsut.lens import is_lens_name
 
@@ -78,7 +78,7 @@ def needs_capture(images: str, camera: str | None, unknown_lens: bool) -> bool:
         return False
     if camera is not None:
         return is_lens_name(camera)
-    return unknown_lens or find_lens_file(path) is None
+    return unknown_lens or (find_lens_file(path) is None and not find_lens_files(path))
 
 
 def _take_pictures(

@@ -221,7 +221,8 @@ def _plan_photographs(facts: dict[str, PhotographFacts]) -> tuple[list[_Plan], l
             raise InputError(
                 f"the photographs have different sizes and do not say which camera took them: "
                 f"{name} is {f.width} x {f.height}, most are {size[0]} x {size[1]}; sort them into "
-                "one folder a camera, or give lens files in a dataset"
+                "one folder a camera, images/NAME, with a lens file NAME.lens.json beside each, "
+                "for `gsut poses`; or use those of one camera alone"
             )
         plan = _fit_photograph(f, name, size) if name in most or not f.camera else None
         if plan is None:

@@ -77,7 +77,8 @@ def convert_camera(
         camera: what to imitate.
         model: the lens to fit; see `camera_models()`.
         max_angle: radians; points farther from the axis are left out. None: all of the image.
-        num_params: of a lens with any number of coefficients; None: the usual number.
+        num_params: of a lens with any number of coefficients; None: the usual number, of the same
+            model the camera's own.
         grid: the control points of a splined lens; None: `SplineGrid()`.
         distance: of the points that both lenses are to see alike, in world units, for lenses whose
             rays do not meet. None: far away, which orthographic cannot do.
@@ -89,6 +90,8 @@ def convert_camera(
         InputError: the model is unknown, or cannot see what the other sees, or the image has no
             rays.
     """
+    if model == camera.model and num_params is None and not _core.camera_traits(model).has_table:
+        num_params = len(camera.params)
     check_model(model, num_params)
     target = _make_target(camera, model, max_angle, grid, distance)
     params = fit_lens(target, model, num_params, grid)

@@ -14,6 +14,7 @@ from gsut._core import BlendRule, InputError
 from gsut.gaussians import Gaussians, StoredGaussians
 from gsut.render.motion import place_about, read_motion
 from gsut.render.projection import DEFAULT_UNSCENTED
+from gsut.render.soundness import sum_bits, warn_of_undrawn
 from gsut.render.stored import StoredImage
 from gsut.render.surroundings import compute_surroundings
 from gsut.run import check_fits
@@ -52,6 +53,7 @@ class Render:
     renderer: Any  # _core.Renderer, or None for the double reference
     behind: np.ndarray | None = None
     seen: Any = None  # what was read of Gaussians in a file, which the renderer goes on with
+    _bits: int | None = None  # of the Gaussians as they were drawn
     # Backward passes of one image share its renderer's buffers: one at a time.
     _turn: threading.Lock = dataclasses.field(
         default_factory=threading.Lock, repr=False, compare=False
@@ -108,7 +110,7 @@ def render(
     camera_from_world: Any,
     *,
     shutter: _core.Shutter | str | None = None,
-    background: Sequence[float] | None = (0.0, 0.0, 0.0),
+    background: Sequence[float] | np.ndarray | None = (0.0, 0.0, 0.0),
     parity: str | None = None,
     blend: BlendRule | None = None,
     sh_degree: int = 3,
@@ -126,8 +128,9 @@ def render(
         shutter: the `Shutter` of a pair of poses, or its direction: "top_to_bottom",
             "bottom_to_top", "left_to_right" or "right_to_left". Each line of the image is then
             seen from its own pose; Gaussians are ordered and shaded from the middle one.
-        background: colour behind everything; None: where no Gaussian is, the soft colour of what is
-            around in the image (to be recognized by `alpha`).
+        background: colour behind everything, or an image (H, W, 3) of them in [0, 1]; None: where
+            no Gaussian is, the soft colour of what is around in the image (to be recognized by
+            `alpha`).
         parity: blending rules of "gsplat" or "3dgrut"; None: gsut's own (distance order).
         blend: a `BlendRule` of your own in place of parity.
         sh_degree: harmonics above this degree are ignored.
@@ -137,7 +140,11 @@ def render(
 
     Returns:
         Image, alpha and depth, with what `render_backward` needs. float32 is within 1e-5 rms of the
-        reference.
+        reference for scales of 1e-12 to 1e12 and coordinates up to 1e12.
+
+    Warns:
+        RuntimeWarning: in float32, Gaussians in memory are not finite or outside these bounds; with
+            their number.
 
     Raises:
         InputError: shapes, poses, shutter, parity or dtype are wrong, or memory does not suffice.
@@ -149,9 +156,7 @@ def render(
         "render a smaller one (--size), or fewer Gaussians (gsut compact)",
     )
     rule = _blend_rule(parity, blend)
-    color = tuple(float(c) for c in ((0.0, 0.0, 0.0) if background is None else background))
-    if len(color) != 3 or not np.isfinite(color).all():
-        raise InputError(f"background must be 3 finite numbers, found {color}")
+    color, behind = _read_background(background, camera)
     if sh_degree < 0:
         raise InputError(f"sh_degree must be 0 to 3, found {sh_degree}")
     pose = read_motion(camera_from_world, shutter)
@@ -178,23 +183,49 @@ def render(
         renderer, seen = stored.renderer, stored.seen
     else:
         drawn = gaussians.to_dtype(np.float32)
+        if isinstance(drawn, Gaussians):
+            warn_of_undrawn(drawn)
         image = np.zeros((camera.height, camera.width, 3), np.float32)
         alpha, depth, distortion = (np.zeros(image.shape[:2], np.float32) for _ in range(3))
         renderer = _core.Renderer()
         job = _core.RenderJob(camera, place, **look)
         renderer.render(drawn, job, image, alpha, depth, distortion)
-    out = Render(image, alpha, depth, distortion, drawn, *shown, renderer, seen=seen)
-    return out if background is not None else _fill_with_surroundings(out)
-
-
-def _fill_with_surroundings(seen: Render) -> Render:
-    """Puts the soft colour of the surroundings in place of a render's black background."""
-    behind = compute_surroundings(seen.image, seen.alpha, seen.camera)
+    bits = sum_bits(drawn) if isinstance(drawn, Gaussians) else None
+    out = Render(image, alpha, depth, distortion, drawn, *shown, renderer, seen=seen, _bits=bits)
+    if background is None:
+        behind = compute_surroundings(out.image, out.alpha, camera)
     if behind is None:
-        return seen
-    behind = behind.astype(seen.image.dtype)
-    image = seen.image + (1.0 - seen.alpha)[..., None] * behind
-    return dataclasses.replace(seen, image=image, behind=behind)
+        return out
+    behind = behind.astype(out.image.dtype)
+    image = out.image + (1.0 - out.alpha)[..., None] * behind
+    return dataclasses.replace(out, image=image, behind=behind)
+
+
+def _read_background(
+    background: Sequence[float] | np.ndarray | None, camera: _core.Camera
+) -> tuple[tuple[float, float, float], np.ndarray | None]:
+    """Reads one colour, or black and an image (H, W, 3) to stand behind it where there are rays."""
+    black = (0.0, 0.0, 0.0)
+    if background is None:
+        return black, None
+    found = np.asarray(background)
+    shape = (camera.height, camera.width, 3)
+    if found.shape not in ((3,), shape) or found.dtype.kind not in "fiu":
+        raise InputError(
+            f"background must be 3 finite numbers, found shape {found.shape}; or give an image of "
+            f"shape {shape}"
+        )
+    if not np.isfinite(found).all():
+        raise InputError("background must be 3 finite numbers, found NaN or infinity")
+    if found.ndim == 1:
+        red, green, blue = found.tolist()
+        return (float(red), float(green), float(blue)), None
+    if found.dtype.kind != "f":
+        raise InputError(
+            f"a background image must be floating point in [0, 1], found {found.dtype}; divide by "
+            "255"
+        )
+    return black, np.where(camera.rays()[1][..., None], found, 0.0)
 
 
 def render_backward(
@@ -209,7 +240,7 @@ def render_backward(
     """Computes gradients of L = sum(dimage * image) + sum(dalpha * alpha) + ...
 
     Args:
-        result: what `render` returned; its Gaussians must not have changed since.
+        result: what `render` returned.
         dimage: (H, W, 3) dL_dimage.
         dalpha: (H, W) dL_dalpha; None stands for zeros.
         ddepth: (H, W) dL_ddepth; None stands for zeros.
@@ -225,11 +256,16 @@ def render_backward(
         is within 1e-4 (relative L2 norm of each parameter's gradient) of the double reference.
 
     Raises:
-        InputError: shapes differ from the image's.
+        InputError: shapes differ from the image's, or the Gaussians have changed since the render.
     """
     g = result.gaussians
     if isinstance(g, StoredGaussians):
         raise InputError("gradients are of Gaussians in memory, not of those in a file")
+    if result._bits is not None and sum_bits(g) != result._bits:
+        raise InputError(
+            "the Gaussians have changed since they were rendered; render them again, or change "
+            "them after render_backward"
+        )
     dimage = np.ascontiguousarray(dimage, dtype=g.dtype)
     dalpha = None if dalpha is None else np.ascontiguousarray(dalpha, dtype=g.dtype)
     ddepth = None if ddepth is None else np.ascontiguousarray(ddepth, dtype=g.dtype)

@@ -6,7 +6,6 @@ from gsut.sfm.points import TriangulatedPoints, triangulate
 from gsut.sfm.report import DatasetCalibration, calibrate_from_dataset, is_finished, read_figures
 from gsut.sfm.world import (
     PoseErrors,
-    PositionFit,
     compare_datasets,
     compare_poses,
     fit_positions,
@@ -20,7 +19,6 @@ __all__ = [
     "PosesLog",
     "PosesOptions",
     "PosesResult",
-    "PositionFit",
     "TriangulatedPoints",
     "add_lens_readout",
     "calibrate_from_dataset",

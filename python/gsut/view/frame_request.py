@@ -9,14 +9,15 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data.poses import check_rigid
+from gsut.view.lenses import check_size
 
 # What a frame can show.
 MODES = ("color", "distance", "normal", "alpha", "centers", "error")
 # Shares of the Gaussians that a frame can be drawn from: those of a large scene cost more than
 # its pixels do.
 SHARES = (1.0, 0.5, 0.25)
-# Most pixels of one frame: eight times those of a 4k screen half its width.
-_MOST_PIXELS = 33_000_000
+# Most measured points drawn over a frame.
+_MOST_MARKS = 1000
 # JPEG quality of a frame at rest.
 FULL_QUALITY = 92
 
@@ -79,21 +80,22 @@ class FrameRequest:
             quality = values.get("quality", FULL_QUALITY)
             quality = None if quality is None else min(100, max(5, int(quality)))
             lens, share = int(values["lens"]), float(values.get("share", 1))
-        except (KeyError, TypeError, ValueError) as error:
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
             if isinstance(error, InputError):
                 raise
             raise InputError(f"the frame's request is incomplete: {error}") from None
         mode = values.get("mode", "color")
         if mode not in MODES:
             raise InputError(f"there is no mode {mode!r}; known: {', '.join(MODES)}")
-        if width < 1 or height < 1 or width * height > _MOST_PIXELS:
-            raise InputError(f"a frame of {width} x {height} cannot be drawn; at most 33 million")
+        check_size(width, height)
         if any(row is not None and not 0 <= row < num_views for row in (view, shutter)):
             raise InputError(f"there is no such photograph; there are {num_views}")
         if share not in SHARES:
             raise InputError(f"share must be one of {SHARES}, found {share}")
         if crop is not None and (crop.shape != (2, 3) or not np.isfinite(crop).all()):
             raise InputError("crop must be two corners of three numbers")
+        if len(marks) > _MOST_MARKS:
+            raise InputError(f"at most {_MOST_MARKS} points are marked, found {len(marks)}")
         if not np.isfinite(marks).all() or (ground is not None and not ground[:3].any()):
             raise InputError("marks must be finite, and the ground needs a normal")
         layers = frozenset(values.get("layers") or ())

@@ -46,6 +46,8 @@ _RANGE_PERCENT = (2.0, 98.0)
 _MOST_ERROR = 0.25
 # Photographs that decide how fine a Gaussian was seen, evenly chosen.
 _FILTER_CAMERAS = 8
+# Most pixels of a frame whose buffers the next one uses again: a 4k screen's, and half more.
+_MOST_KEPT = 12_000_000
 # Pixels between samples for the range of distances.
 _SAMPLES = 7
 
@@ -87,6 +89,11 @@ class Frames:
         forward = forward / np.linalg.norm(forward)
         self.axes = np.stack([np.cross(forward, up), up, forward])
 
+    def _release_large(self, camera: Camera) -> None:
+        """Gives back the memory of a frame larger than those that screens request."""
+        if camera.width * camera.height > _MOST_KEPT:
+            self._buffers, self._renderer = (), _core.Renderer()
+
     def encode(self, request: FrameRequest) -> tuple[bytes, str, tuple[float, float] | None]:
         """Returns a frame as a file: bytes, kind and the range of its colours."""
         import cv2
@@ -120,6 +127,7 @@ class Frames:
             draw_box(image, camera, pose, corners @ self.axes + self.center)
         if request.marks is not None and len(request.marks):
             draw_marks(image, camera, pose, request.marks)
+        self._release_large(camera)
         return drawn
 
     def find_point(self, request: FrameRequest, pixel: tuple[float, float]) -> np.ndarray | None:
@@ -133,6 +141,7 @@ class Frames:
         camera = self.lenses.resize(request.lens, request.width, request.height)
         place = self._place(request)
         _, alpha, depth = self._render(request, camera, place)
+        self._release_large(camera)
         return find_point_at(place, camera, np.array(pixel), alpha, depth)
 
     def _place(self, request: FrameRequest) -> Any:
@@ -157,7 +166,7 @@ class Frames:
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = np.where(alpha > SEEN, depth / alpha, np.nan)
         if request.mode == "normal":
-            return Drawn(self._draw_normals(camera, request.pose, distance))
+            return Drawn(_draw_normals(self.axes, camera, request.pose, distance))
         known = distance[::_SAMPLES, ::_SAMPLES]
         known = known[np.isfinite(known)]
         span = tuple(np.percentile(known, _RANGE_PERCENT)) if len(known) else (1.0, 2.0)
@@ -282,25 +291,6 @@ class Frames:
         off = np.abs(np.clip(image, 0, 1) - truth.astype(np.float32) / 255).mean(axis=2)
         return Drawn(_apply_colors(off / _MOST_ERROR, mask, "INFERNO"), (0.0, _MOST_ERROR))
 
-    def _draw_normals(self, camera: Camera, pose: np.ndarray, distance: np.ndarray) -> np.ndarray:
-        """Draws surface normals of the distances in the scene's axes: right, up, forward as RGB."""
-        rays = np.nan_to_num(camera.rays()[0]).astype(np.float32)
-        points = rays * distance[..., None].astype(np.float32)
-        if not camera.is_central:
-            points = points + np.nan_to_num(camera.origins()).astype(np.float32)
-        right = np.zeros_like(points)
-        down = np.zeros_like(points)
-        right[:, 1:-1] = points[:, 2:] - points[:, :-2]
-        down[1:-1] = points[2:] - points[:-2]
-        normal = np.cross(down, right)
-        with np.errstate(invalid="ignore", divide="ignore"):
-            normal /= np.linalg.norm(normal, axis=2, keepdims=True)
-        away = np.sum(normal * rays, axis=2) > 0
-        normal[away] *= -1
-        turned = normal @ (self.axes @ pose[:3, :3].T).T.astype(np.float32)
-        turned[~np.isfinite(turned).all(axis=2)] = -1
-        return to_uint8((turned + 1) / 2)
-
     def _find_ground_axes(self, ground: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """Returns axes (3, 3) and middle (3,) of the ground, or of the scene without one."""
         if ground is None:
@@ -308,6 +298,28 @@ class Frames:
         turn = rotate_upright(self.axes[1]).T @ rotate_upright(ground[:3])
         height = ground[3] - ground[:3] @ self.center
         return self.axes @ turn, self.center + height * ground[:3]
+
+
+def _draw_normals(
+    axes: np.ndarray, camera: Camera, pose: np.ndarray, distance: np.ndarray
+) -> np.ndarray:
+    """Draws surface normals of the distances in the scene's `axes`: right, up, forward as RGB."""
+    rays = np.nan_to_num(camera.rays()[0]).astype(np.float32)
+    points = rays * distance[..., None].astype(np.float32)
+    if not camera.is_central:
+        points = points + np.nan_to_num(camera.origins()).astype(np.float32)
+    right = np.zeros_like(points)
+    down = np.zeros_like(points)
+    right[:, 1:-1] = points[:, 2:] - points[:, :-2]
+    down[1:-1] = points[2:] - points[:-2]
+    normal = np.cross(down, right)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        normal /= np.linalg.norm(normal, axis=2, keepdims=True)
+    away = np.sum(normal * rays, axis=2) > 0
+    normal[away] *= -1
+    turned = normal @ (axes @ pose[:3, :3].T).T.astype(np.float32)
+    turned[~np.isfinite(turned).all(axis=2)] = -1
+    return to_uint8((turned + 1) / 2)
 
 
 def _apply_colors(level: np.ndarray, known: np.ndarray, colors: str) -> np.ndarray:

@@ -26,8 +26,12 @@ from gsut.lens import (
 )
 from gsut.lens.files import values_from_camera
 
+# Most pixels of one frame: eight times those of a 4k screen half its width.
+MOST_DRAWN = 33_000_000
 # Most pixels of resized cameras together; each keeps a ray of 24 bytes a pixel.
 _MOST_PIXELS = 12_000_000
+# Longest side of an image in pixels, of what any sensor or screen has.
+_MOST_SIDE = 65_536
 # Most parameters with a slider: more do not fit the panel.
 _MOST_SLIDERS = 24
 # Parameters without sliders: a table of them.
@@ -70,21 +74,28 @@ class Lenses:
         """Returns a lens scaled to an image of this size.
 
         Raises:
-            InputError: there is no such lens.
+            InputError: there is no such lens, or the image is too large.
         """
-        if not 0 <= number < len(self._lenses):
-            raise InputError(f"there is no lens {number}; reload the page")
-        lens = self._lenses[number]
+        lens = self._get_lens(number)
         if (lens.width, lens.height) == (width, height):
             return lens
+        check_size(width, height)
         key = (number, width, height)
         with self._lock:
             if key not in self._resized:
-                self._resized[key] = lens.resize(width, height)
-                while len(self._resized) > 1 and self._count_pixels() > _MOST_PIXELS:
+                resized = lens.resize(width, height)
+                if width * height > _MOST_PIXELS:
+                    return resized  # kept, it would hold a gigabyte for one frame
+                self._resized[key] = resized
+                while self._count_pixels() > _MOST_PIXELS:
                     self._resized.popitem(last=False)
             self._resized.move_to_end(key)
             return self._resized[key]
+
+    def _get_lens(self, number: int) -> Camera:
+        if not 0 <= number < len(self._lenses):
+            raise InputError(f"there is no lens {number}; reload the page")
+        return self._lenses[number]
 
     def _count_pixels(self) -> int:
         return sum(width * height for _, width, height in self._resized)
@@ -123,15 +134,30 @@ class Lenses:
         elif wanted.get("model"):
             lens = _make_example(str(wanted["model"]))
         else:
-            lens = self._lenses[int(wanted.get("id", 0))]
+            lens = self._get_lens(int(wanted.get("id", 0)))
         if wanted.get("params") is not None:
             given = [float(value) for value in wanted["params"]]
+            if len(given) > len(lens.params):
+                raise InputError(
+                    f"this {lens.model} lens has {len(lens.params)} parameters, found {len(given)}"
+                )
             lens = lens.with_params([*given, *lens.params[len(given) :]])
         if wanted.get("fit"):
-            lens = _reshape(lens, *(int(side) for side in wanted["fit"]))
+            width, height = (int(side) for side in wanted["fit"])
+            check_size(width, height)
+            lens = _reshape(lens, width, height)
         if wanted.get("field_of_view"):
-            lens = with_field_of_view(lens, float(wanted["field_of_view"]))
+            degrees = float(wanted["field_of_view"])
+            if not 0 < degrees <= 360:
+                raise InputError(f"a field of view is above 0 and at most 360, found {degrees:g}")
+            lens = with_field_of_view(lens, degrees)
         return self.add(lens)
+
+
+def check_size(width: int, height: int) -> None:
+    """Raises InputError if an image of this size cannot be drawn."""
+    if min(width, height) < 1 or max(width, height) > _MOST_SIDE or width * height > MOST_DRAWN:
+        raise InputError(f"a frame of {width} x {height} cannot be drawn; at most 33 million")
 
 
 def _read_upload(name: str, content: str) -> Camera:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import http.server
 import importlib.resources
+import ipaddress
 import json
 import secrets
 import socket
@@ -20,6 +22,10 @@ from gsut.files import format_json
 LOOPBACK = "127.0.0.1"
 # Most bytes that the page may send: a lens file with a table of control points.
 _MOST_BYTES = 8 << 20
+# Bytes of a request above which one is parsed at a time: parsed JSON takes up to 30 times its text.
+_LARGE_BYTES = 64 << 10
+# Clients that may wait to be answered, twice what a busy classroom opens at once.
+_MOST_WAITING = 256
 # Media type of each of the page's files.
 _KINDS = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
 # Content security policy: the page may load from this server only.
@@ -77,7 +83,7 @@ class ViewServer:
                 f"cannot listen on {host}:{port} ({reason}); give another --host or --port"
             ) from None
         self.host, self.port = host, self._server.server_address[1]
-        Handler.hosts = None if host != LOOPBACK else _list_loopback_names(self.port)
+        Handler.host, Handler.port = host, self.port
         name = socket.gethostname() if host in ("", "0.0.0.0", "::") else host
         self.address = f"http://{name}:{self.port}/{self.token}/"
         threading.Thread(target=self._server.serve_forever, args=(0.1,), daemon=True).start()
@@ -94,13 +100,10 @@ class ViewServer:
         self.close()
 
 
-def _list_loopback_names(port: int) -> frozenset[str]:
-    return frozenset(f"{name}:{port}" for name in (LOOPBACK, "localhost"))
-
-
 class _Server(http.server.ThreadingHTTPServer):
     daemon_threads = True
     block_on_close = False
+    request_queue_size = _MOST_WAITING
 
     def handle_error(self, *_: object) -> None:
         """Ignores a browser that leaves in the middle of a frame."""
@@ -111,32 +114,45 @@ class _Handler(http.server.BaseHTTPRequestHandler):
     disable_nagle_algorithm = True
     timeout = 60.0  # seconds without a byte, after which a connection is closed
     routes: dict[str, Route] = {}  # noqa: RUF012  # of the server's own subclass
-    token = ""
-    hosts: frozenset[str] | None = None
+    token, host, port = "", LOOPBACK, 0
+    parsing = threading.Lock()
 
     def do_GET(self) -> None:
-        self._answer(dict(parse_qsl(urlsplit(self.path).query)))
+        if self._is_admitted():
+            self._answer(dict(parse_qsl(urlsplit(self.path).query)))
 
     def do_POST(self) -> None:
+        if not self._is_admitted():
+            return
         length = self.headers.get("Content-Length") or "0"
         if not (length.isdecimal() and len(length) < 20 and int(length) <= _MOST_BYTES):
-            self.close_connection = True
             return self._refuse(413, f"more than {_MOST_BYTES >> 20} MiB at once are not taken")
-        try:
-            values = json.loads(self.rfile.read(int(length)) or b"{}")
-            assert isinstance(values, dict)
-        except (ValueError, AssertionError, RecursionError):
-            return self._refuse(400, "the request is not a JSON object")
-        self._answer(values)
+        text = self.rfile.read(int(length)) or b"{}"
+        with self.parsing if len(text) > _LARGE_BYTES else contextlib.nullcontext():
+            try:
+                values = json.loads(text)
+                assert isinstance(values, dict)
+            except (ValueError, AssertionError, RecursionError):
+                return self._refuse(400, "the request is not a JSON object")
+            self._answer(values)
+
+    def _is_admitted(self) -> bool:
+        """Returns whether the request may be read; otherwise refuses it, before its body."""
+        token = [*urlsplit(self.path).path.split("/"), ""][1]
+        host, origin = self.headers.get("Host", ""), self.headers.get("Origin")
+        if not secrets.compare_digest(token.encode(), self.token.encode()):
+            self._refuse(403, "wrong token: open the address that gsut view printed")
+        elif not _is_own_name(host, self.host, self.port):
+            where = "on the loopback only" if self.host == LOOPBACK else "by the machine's name"
+            self._refuse(403, f"gsut view answers {where}, not as {host!r}; see --host")
+        elif origin is not None and origin != f"http://{host}":
+            self._refuse(403, f"gsut view does not answer pages of {origin!r}")
+        else:
+            return True
+        return False
 
     def _answer(self, values: dict[str, Any]) -> None:
-        _, token, *rest = [*urlsplit(self.path).path.split("/"), ""][:3]
-        if not secrets.compare_digest(token.encode(), self.token.encode()):
-            return self._refuse(403, "wrong token: open the address that gsut view printed")
-        # A foreign page whose name was made to lead here does not know the token either.
-        if self.hosts is not None and self.headers.get("Host") not in self.hosts:
-            return self._refuse(403, "gsut view answers on the loopback only; see --host")
-        self._send(*self._reply(rest[0] if rest else "", values))
+        self._send(*self._reply([*urlsplit(self.path).path.split("/"), ""][2], values))
 
     def _reply(self, name: str, values: dict[str, Any]) -> tuple[int, Reply]:
         """Returns the status and the route's answer; every failure becomes a sentence."""
@@ -148,12 +164,14 @@ class _Handler(http.server.BaseHTTPRequestHandler):
             return 404, _make_error(f"there is no {name!r} here")
         except (InputError, CalibrationError, SolveError) as error:
             return 400, _make_error(" ".join(str(error).split()))
-        except (KeyError, TypeError, ValueError) as error:
+        except (LookupError, TypeError, ValueError, OverflowError) as error:
             return 400, _make_error(f"{name}: the request is incomplete: {error!r}")
         except Exception as error:
             return 500, _make_error(f"{name} failed: {error!r}")
 
     def _refuse(self, status: int, sentence: str) -> None:
+        """Sends an error and ends the connection, since the request's body may be unread."""
+        self.close_connection = True
         self._send(status, _make_error(sentence))
 
     def _send(self, status: int, reply: Reply) -> None:
@@ -174,6 +192,26 @@ class _Handler(http.server.BaseHTTPRequestHandler):
 
     def log_message(self, *_: object) -> None:
         """Logs nothing: frames do not deserve a line each."""
+
+
+def _is_own_name(header: str, host: str, port: int) -> bool:
+    """Returns whether a Host header names this server, not a foreign name that leads here.
+
+    Args:
+        header: of the request. host, port: that the server listens on.
+    """
+    name, _, number = header.lower().rpartition(":")
+    if number != str(port):
+        return False
+    if name in (LOOPBACK, "localhost") or host == LOOPBACK:
+        return name in (LOOPBACK, "localhost")
+    machine = socket.gethostname().lower()
+    if name in (host.lower(), machine, f"{machine}.local", socket.getfqdn().lower()):
+        return True
+    try:
+        return bool(ipaddress.ip_address(name.strip("[]")))  # no foreign name resolves to itself
+    except ValueError:
+        return False
 
 
 def _make_error(sentence: str) -> Reply:

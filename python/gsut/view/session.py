@@ -29,6 +29,10 @@ _THUMBNAIL = 160
 _PHOTO_QUALITY = 90
 # Colour that tints what a mask leaves out.
 _MASKED = (200, 40, 60)
+# Photographs that are decoded at once: each takes several times its pixels of memory.
+_MOST_DECODING = 2
+# Most keyframes of a film or a saved path: two hours of walking, recorded.
+_MOST_KEYS = 20_000
 _Result = TypeVar("_Result")
 
 
@@ -68,6 +72,7 @@ class Session:
         self._training = training
         self._film: Film | None = None
         self._lock = threading.Lock()
+        self._decoding = threading.BoundedSemaphore(_MOST_DECODING)
         self._photographs_done = 0  # photographs, for floaters
 
     @property
@@ -112,17 +117,23 @@ class Session:
 
     def send_photograph(self, values: dict[str, Any]) -> Reply:
         """Returns a photograph as JPEG: "view", "side" for its longest side, "mask" to tint it."""
-        import cv2
-
         scene = self._require_scene()
         index = _index(values["view"], scene)
         side = int(values.get("side", _THUMBNAIL))
+        if side < 1:
+            raise InputError(f"a photograph's side must be 1 pixel or more, found {side}")
+        with self._decoding:
+            return self._shrink_photograph(scene, index, side, bool(values.get("mask")))
+
+    def _shrink_photograph(self, scene: Scene, index: int, side: int, tinted: bool) -> Reply:
+        import cv2
+
         pixels = scene.image(index)
         height, width = pixels.shape[:2]
         factor = min(1.0, side / max(width, height))
         size = max(1, round(width * factor)), max(1, round(height * factor))
         pixels = shrink_image(pixels, *size)
-        if values.get("mask"):
+        if tinted:
             left_out = ~shrink_mask(scene.mask(index), *size)
             pixels = pixels.copy()
             pixels[left_out] = (pixels[left_out] * 0.4 + np.array(_MASKED) * 0.6).astype(np.uint8)
@@ -139,6 +150,8 @@ class Session:
         coordinates."""
         request = self._request(values["frame"])
         x, y = (float(value) for value in values["pixel"])
+        if not (np.isfinite(x) and np.isfinite(y)):
+            raise InputError(f"a pixel must be two finite numbers, found {x} and {y}")
         point = self._draw(lambda: self.frames.find_point(request, (x, y)))
         if point is None:
             return Reply({"point": None})
@@ -149,6 +162,7 @@ class Session:
 
     def save_cameras(self, values: dict[str, Any]) -> Reply:
         """Returns the camera of a frame, or keyframes, as a file for `gsut render --path`."""
+        _check_keys(values["poses"])
         poses = [self._move_to_dataset(pose) for pose in values["poses"]]
         camera = self.lenses.resize(
             int(values["lens"]), int(values["width"]), int(values["height"])
@@ -159,6 +173,8 @@ class Session:
     def handle_film(self, values: dict[str, Any]) -> Reply:
         """Starts a film ("keys" and so on) or stops it ("stop"); returns its progress."""
         if "keys" in values:
+            _check_keys(values["keys"])
+            _check_object(values.get("frame"))
             if self._film is not None:
                 self._film.stop()
             requests = [self._request({**values["frame"], "pose": key}) for key in values["keys"]]
@@ -208,6 +224,7 @@ class Session:
         return Reply(save_edited(self.frames, values))
 
     def _request(self, values: dict[str, Any]) -> FrameRequest:
+        _check_object(values)
         count = 0 if self.stage.scene is None else len(self.stage.scene)
         return FrameRequest.parse(values, count)
 
@@ -222,6 +239,16 @@ class Session:
     def _move_to_dataset(self, pose: Any) -> np.ndarray:
         matrix = np.array(pose, np.float64).reshape(4, 4)
         return matrix if self.stage.scene is None else self.stage.scene.to_dataset(matrix)
+
+
+def _check_keys(keys: Any) -> None:
+    if not isinstance(keys, list) or len(keys) > _MOST_KEYS:
+        raise InputError(f"a path is a list of at most {_MOST_KEYS} poses")
+
+
+def _check_object(frame: Any) -> None:
+    if not isinstance(frame, dict):
+        raise InputError(f"a frame's request is an object, found {type(frame).__name__}")
 
 
 def _index(value: Any, scene: Scene) -> int:

@@ -262,3 +262,11 @@ def test_camera_that_was_refused_can_be_printed():
         Camera("pinhole", [-1.0, 1.0, 1.0, 1.0], 10, 10)
     made = [entry.frame.f_locals["self"] for entry in error.traceback if "self" in entry.locals]
     assert {repr(camera) for camera in made} == {"Camera(refused)"}
+
+
+@pytest.mark.parametrize("model", ["kannala_brandt", "ocam"])
+def test_lens_of_many_coefficients_is_refused_at_once(model):
+    camera = next(lens for lens in LENSES if lens.model == model)
+    params = [*camera.params, *[0.0] * 1_000_000]
+    with pytest.raises(InputError, match="at most 100 parameters, found 1000"):
+        Camera(model, params, camera.width, camera.height)

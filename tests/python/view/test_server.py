@@ -1,5 +1,6 @@
 """The server: who is answered, what is refused in a sentence, and its end."""
 
+import concurrent.futures
 import functools
 import http.client
 import json
@@ -13,6 +14,7 @@ import pytest
 
 import gsut
 from gsut.view import LOOPBACK, Session, ViewServer, open_stage
+from gsut.view.server import _is_own_name
 from random_scenes import fisheye, gaussians_in_view, rng_of
 
 END_SECONDS = 1.0  # after Ctrl-C
@@ -123,6 +125,19 @@ def test_other_files_are_not_served(server, name):
         ("film", {"keys": [], "frame": frame()}, "two keyframes"),
         ("film.file", {}, "no film yet"),
         ("pick", {}, "incomplete: KeyError('frame')"),
+        ("pick", {"frame": frame(), "pixel": [float("nan"), 1]}, "two finite numbers"),
+        ("pick", {"frame": [], "pixel": [1, 1]}, "an object, found list"),
+        ("frame", frame(width=float("inf")), "incomplete"),
+        ("frame", frame(width=1, height=33_000_000), "cannot be drawn"),
+        ("frame", frame(marks=[[0, 0, 0]] * 1001), "at most 1000 points"),
+        ("camera", {"poses": [], "lens": 0, "width": 10**9, "height": 1}, "cannot be drawn"),
+        ("camera", {"poses": [0] * 20_001, "lens": 0, "width": 1, "height": 1}, "at most 20000"),
+        ("film", {"keys": [], "frame": None}, "an object, found NoneType"),
+        ("film", {"keys": 7, "frame": frame()}, "a list of at most"),
+        ("lens", {"id": 99}, "no lens 99"),
+        ("lens", {"model": "kannala_brandt", "params": [1.0] * 10**6}, "8 parameters, found"),
+        ("lens", {"model": "pinhole", "fit": [10**12, 1]}, "cannot be drawn"),
+        ("lens", {"model": "pinhole", "field_of_view": 1e999}, "field"),
     ],
 )
 def test_bad_request_is_refused_in_a_sentence(server, name, values, words):
@@ -184,3 +199,46 @@ def test_control_c_ends_the_command_within_a_second(ply):
             seconds.append(time.monotonic() - began)
             assert one.stderr.read() == ""
     assert min(seconds) < END_SECONDS
+
+
+def test_hundred_clients_at_once_are_all_served(server):
+    with concurrent.futures.ThreadPoolExecutor(100) as clients:
+        paths = [f"/{server.token}/frame"] * 100
+        found = list(clients.map(lambda path: ask(server, path, frame()), paths))
+    assert [reply.status for reply, _ in found] == [200] * 100
+
+
+def test_body_is_read_only_after_the_token(server):
+    connection = http.client.HTTPConnection(LOOPBACK, server.port, timeout=5)
+    connection.putrequest("POST", "/wrong/frame")
+    connection.putheader("Content-Length", "1000")
+    connection.endheaders()  # and no body
+    assert connection.getresponse().status == 403
+    connection.close()
+
+
+@pytest.mark.parametrize(
+    ("origin", "status"),
+    [("http://evil.example", 403), ("null", 403), ("http://{host}", 200)],
+)
+def test_pages_of_other_origins_are_refused(server, origin, status):
+    host = f"{LOOPBACK}:{server.port}"
+    headers = {"Origin": origin.format(host=host)}
+    assert ask(server, f"/{server.token}/frame", frame(), headers)[0].status == status
+
+
+@pytest.mark.parametrize(
+    ("listens", "name", "own"),
+    [
+        (LOOPBACK, "localhost:80", True),
+        (LOOPBACK, "192.168.0.2:80", False),
+        ("0.0.0.0", "192.168.0.2:80", True),
+        ("0.0.0.0", "evil.example:80", False),
+        ("0.0.0.0", "127.0.0.1:81", False),
+        ("::", "[fe80::1]:80", True),
+        ("desk.example", "Desk.example:80", True),
+        ("desk.example", "", False),
+    ],
+)
+def test_host_is_checked_for_every_address_listened_on(listens, name, own):
+    assert _is_own_name(name, listens, 80) is own

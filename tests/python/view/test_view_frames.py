@@ -17,6 +17,7 @@ from gsut.lens.files import camera_from_values
 from gsut.render import PixelFilter, to_uint8
 from gsut.view import Session, Stage
 from gsut.view.frame_request import MODES
+from gsut.view.frames import _draw_normals
 from gsut.view.lenses import Lenses
 from gsut.view.overlays import make_frustum
 from random_scenes import every_lens, fisheye, gaussians_in_view, pinhole, rng_of
@@ -147,11 +148,10 @@ def test_distance_tells_the_range_of_its_colours(session, scene):
 @pytest.mark.parametrize(
     "camera", [pinhole(40), fisheye(40, degrees=150)], ids=["pinhole", "fisheye"]
 )
-def test_normals_of_a_plane_point_back_at_the_camera(session, camera):
+def test_normals_of_a_plane_point_back_at_the_camera(camera):
     rays = camera.rays()[0]
     distance = np.where(rays[..., 2] > 0.3, 2 / rays[..., 2], np.nan)  # the plane z = 2
-    session.frames.axes = np.eye(3)
-    colors = session.frames._draw_normals(camera, np.eye(4), distance)[10:-10, 10:-10]
+    colors = _draw_normals(np.eye(3), camera, np.eye(4), distance)[10:-10, 10:-10]
     seen = np.isfinite(distance)[10:-10, 10:-10] & (colors.max(axis=2) > 0)
     assert seen.mean() > 0.8
     assert np.abs(colors[seen].astype(int) - [128, 128, 0]).max() <= 1  # (0, 0, -1)
@@ -306,3 +306,13 @@ def test_uploaded_lens_file_is_read(tmp_path, name):
     value = lenses.describe(lenses.make({"name": name, "base64": content}))
     assert (value["model"], value["width"]) == ("kannala_brandt", 40)
     np.testing.assert_allclose(value["params"][:4], fisheye(40).params)
+
+
+def test_large_frame_gives_its_memory_back(session, scene, monkeypatch):
+    monkeypatch.setattr("gsut.view.frames._MOST_KEPT", (2 * SIZE) ** 2)
+    monkeypatch.setattr("gsut.view.lenses._MOST_PIXELS", (2 * SIZE) ** 2)
+    session.draw_frame(wanted(scene, width=2 * SIZE, height=2 * SIZE))
+    assert session.frames._buffers and session.lenses._resized
+    session.draw_frame(wanted(scene, width=3 * SIZE, height=3 * SIZE))
+    assert session.frames._buffers == ()
+    assert [size[1] for size in session.lenses._resized] == [2 * SIZE]

@@ -2,7 +2,7 @@
 
 from gsut.data.layouts._layout import Layout, find_layout, list_layouts
 from gsut.data.layouts.description import KEYS, describe_recording, replace_parts
-from gsut.data.layouts.folder import find_images, find_lens_file
+from gsut.data.layouts.folder import find_images, find_lens_file, find_lens_files
 
 __all__ = [
     "KEYS",
@@ -11,6 +11,7 @@ __all__ = [
     "find_images",
     "find_layout",
     "find_lens_file",
+    "find_lens_files",
     "list_layouts",
     "replace_parts",
 ]

@@ -24,6 +24,7 @@ from gsut.data.layouts._layout import Layout
 from gsut.data.poses import format_tum
 from gsut.data.recordings import MASK, Recording, Stream, find_stream, list_pictures
 from gsut.data.rigs import is_rig_file, read_mounts
+from gsut.data.text_files import read_yaml
 from gsut.files import write_file
 from gsut.lens import Camera, save_camera
 from gsut.lens.files import OWN_SUFFIX
@@ -49,6 +50,34 @@ def find_lens_file(path: Path) -> Path | None:
             ):
                 return candidate
     return None
+
+
+def find_lens_files(path: Path) -> dict[str, Path]:
+    """Finds the lens file of each camera whose images have a folder; {} if none has its own.
+
+    The file is named as the folder, or stated under `lens` in dataset.yaml.
+
+    Raises:
+        InputError: only some of the cameras have a lens file.
+    """
+    root = path / "images" if (path / "images").is_dir() else path
+    names = {p.relative_to(root).parts[0] for p in find_images(path) if p.parent != root}
+    file = path / DESCRIPTION
+    stated = read_yaml(file).get("lens") if file.is_file() else None
+    beside = {
+        name: path / str(stated[name])
+        if isinstance(stated, dict) and name in stated
+        else _find_lens_of(root, name)
+        for name in sorted(names)
+    }
+    found = {name: file for name, file in beside.items() if file is not None}
+    absent = [name for name in beside if name not in found]
+    if found and absent:
+        raise InputError(
+            f"{next(iter(found.values()))} is the lens of one camera of {root}, and "
+            f"{absent[0]} has none: add {absent[0]}{OWN_SUFFIX} beside it"
+        )
+    return found
 
 
 def find_images(path: Path) -> list[Path]:

@@ -29,7 +29,8 @@ def load_camera(path: _Path, camera_id: int | str | None = None) -> Camera:
     Args:
         path: the file.
         camera_id: which camera, for a file with several: COLMAP's number, Kalibr's "cam0", the
-            label of Aria or Metashape, the name of OpenSfM.
+            label of Aria or Metashape, the name of OpenSfM; of OCamCalib "inverse", the lens of
+            its inverse polynomial.
 
     Returns:
         The camera. The valid field angle is set where the file states one.

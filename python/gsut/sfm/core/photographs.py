@@ -12,7 +12,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError, Shutter
-from gsut.data import find_images, find_lens_file, read_capture, read_dataset
+from gsut.data import find_images, find_lens_file, find_lens_files, read_capture, read_dataset
 from gsut.data.images import find_mask, read_header
 from gsut.lens import Camera, LensProfile, find_lens, find_lenses, is_lens_name, load_camera
 from gsut.lens.files import camera_from_values
@@ -87,8 +87,9 @@ def find_photographs(images: Path, lens: Path | None, *, with_lens: bool = True)
         images: a folder of images (or with a folder `images`), with masks as `gsut train` reads
             them (mask.png, masks/); or a dataset, whose images, masks and lens are used and whose
             poses are not.
-        lens: lens file, or a dataset whose lens is used; None: the one beside the images, or
-            unknown. A name of the database leaves the lens unknown, with a candidate.
+        lens: lens file, or a dataset whose lens is used; None: the one beside the images (of
+            several cameras, images/cam0 ..., a file each: cam0.lens.json ...), or unknown. A name
+            of the database leaves the lens unknown, with a candidate.
         with_lens: read a lens file beside plain images.
 
     Raises:
@@ -142,9 +143,30 @@ def list_photographs(path: Path, *, with_lens: bool = False) -> Photographs:
     names = [p.relative_to(root).as_posix() for p in paths]
     common = path / "mask.png" if (path / "mask.png").is_file() else None
     masks = [find_mask(path / "masks", name) or common for name in names]
-    file = find_lens_file(path) if with_lens else None
-    camera = load_camera(file) if file is not None else None
-    return Photographs(root, names, paths, masks, [camera] * len(paths))
+    cameras: list[Camera | None] = [None] * len(names)
+    if with_lens:
+        cameras = _read_lenses(path, names)
+    return Photographs(root, names, paths, masks, cameras)
+
+
+def _read_lenses(path: Path, names: list[str]) -> list[Camera | None]:
+    """Returns the lens of each image of a plain folder: its camera's own, or the one of all.
+
+    Raises:
+        InputError: only some cameras have a lens file, or images lie beside the cameras' folders.
+    """
+    files = find_lens_files(path)
+    if not files:
+        file = find_lens_file(path)
+        return [None if file is None else load_camera(file)] * len(names)
+    alone = next((name for name in names if "/" not in name), None)
+    if alone is not None:
+        raise InputError(
+            f"{alone} lies beside the folders of {path} that have a lens each ("
+            f"{', '.join(files)}): move it into the folder of its camera"
+        )
+    lenses = {name: load_camera(file) for name, file in files.items()}
+    return [lenses[name.split("/", 1)[0]] for name in names]
 
 
 def _read_captured(path: Path, captured: dict[str, Any]) -> Photographs:

@@ -53,8 +53,9 @@ def guess_lenses(photographs: Photographs, fov_degrees: float | None) -> Photogr
         (first, a), (second, b) = list(sizes.items())[:2]
         raise InputError(
             f"the lens is unknown and the images have different sizes: {a.name} is "
-            f"{first[0]} x {first[1]}, {b.name} {second[0]} x {second[1]}; give lens files or sort "
-            "the images into one folder a camera"
+            f"{first[0]} x {first[1]}, {b.name} {second[0]} x {second[1]}; sort the "
+            "images into one folder a camera, images/NAME, with a lens file NAME.lens.json beside "
+            "each, or use those of one camera alone"
         )
     ((width, height),) = sizes
     guess = guess_lens(width, height, fov_degrees or _DEFAULT_FIELD)

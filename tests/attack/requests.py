@@ -1,0 +1,86 @@
+"""Sends wrong, huge and foreign requests to the viewer's server and judges its answers."""
+
+from __future__ import annotations
+
+import http.client
+import json
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+POSE = [float(k % 5 == 0) for k in range(16)]
+FRAME = {"pose": POSE, "lens": 0, "width": 8, "height": 6}
+HUGE = 10**12
+MANY = 10**6  # numbers, about 5 MB of JSON
+CLIENTS = 100
+WRONG: dict[str, tuple[str, Any]] = {  # of a row: route and values, refused with status 400
+    "a lens of a million coefficients": ("lens", {"model": "ocam", "params": [1.0] * MANY}),
+    "a million points": ("frame", FRAME | {"marks": [[0, 0, 0]] * (MANY // 5)}),
+    "a million keyframes": ("film", {"keys": [0] * MANY, "frame": FRAME}),
+    "a path of a million poses": ("camera", FRAME | {"poses": [0] * MANY}),
+    "a frame too large": ("frame", FRAME | {"width": HUGE}),
+    "a camera too large": ("camera", FRAME | {"poses": [POSE], "width": HUGE}),
+    "a lens too large": ("lens", {"model": "pinhole", "fit": [HUGE, 1]}),
+    "no number": ("frame", FRAME | {"width": float("nan")}),
+    "no field": ("lens", {"model": "pinhole", "field_of_view": float("inf")}),
+    "no frame": ("pick", {"frame": [], "pixel": [0, 0]}),
+    "no pixel": ("pick", {"frame": FRAME, "pixel": [float("inf"), 0]}),
+    "no such lens": ("lens", {"id": -HUGE}),
+    "no such photograph": ("photo", {"view": HUGE}),
+    "a name with a folder": ("save", {"name": "../a.ply"}),
+    "an up that is none": ("ground", {"up": [0, 0, 0]}),
+}
+FOREIGN: dict[str, dict[str, str]] = {  # of a row: headers, refused with status 403
+    "another host": {"Host": "evil.example"},
+    "another port": {"Host": "127.0.0.1:1"},
+    "another origin": {"Origin": "http://evil.example"},
+    "no origin": {"Origin": "null"},
+}
+
+
+def list_requests() -> Iterator[tuple[str, str]]:
+    """Lists the kind and title of each row."""
+    for name in (*WRONG, *FOREIGN, "the wrong token, without its body", "100 clients"):
+        yield "request", f"request: {name}"
+
+
+def send_requests(title: str, world: Path) -> str | None:
+    """Serves a scene of the world, sends the requests of a row and returns the fault, if any."""
+    from gsut.view import Session, ViewServer, open_stage
+
+    name = title.removeprefix("request: ")
+    with ViewServer(Session(open_stage(world / "scenes" / "a.ply")).routes) as server:
+        good = _send(server, "frame", FRAME)
+        if good[0] != 200:
+            return f"a good request is refused: {good}"
+        if name in WRONG:
+            found, wanted = [_send(server, *WRONG[name])], 400
+        elif name in FOREIGN:
+            found, wanted = [_send(server, "frame", FRAME, FOREIGN[name])], 403
+        elif name == "100 clients":
+            with ThreadPoolExecutor(CLIENTS) as clients:
+                found = list(clients.map(lambda _: _send(server, "frame", FRAME), range(CLIENTS)))
+            wanted = 200
+        else:
+            found, wanted = [_send(server, "frame", {}, {"Content-Length": "99"}, "/wrong")], 403
+        for status, content in found:
+            if status != wanted:
+                return f"status {status}, not {wanted}: {content[:100]!r}"
+            if wanted != 200 and "\n" in json.loads(content)["error"]:
+                return f"more than one sentence: {content!r}"
+        again = _send(server, "frame", FRAME)
+        return None if again == good else f"then a good request is answered otherwise: {again[0]}"
+
+
+def _send(
+    server: Any, route: str, values: Any, headers: dict[str, str] | None = None, token: str = ""
+) -> tuple[int, bytes]:
+    """Sends one request and returns status and content."""
+    connection = http.client.HTTPConnection(server.host, server.port, timeout=30)
+    path = f"{token or '/' + server.token}/{route}"
+    connection.request("POST", path, json.dumps(values), headers or {})
+    reply = connection.getresponse()
+    content = reply.read()
+    connection.close()
+    return reply.status, content
