@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import gsut
-from gsut.capture import extract_frames, is_video
 from gsut.capture.choose import CandidateSearch, add_candidates, choose_frames, find_blurred
-from gsut.capture.video import Video
+from gsut.capture.frames import extract_frames
+from gsut.capture.video import Video, is_video
 from small_videos import (
     HEIGHT,
     WIDTH,

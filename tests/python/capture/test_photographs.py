@@ -9,9 +9,9 @@ import pytest
 from PIL import Image
 
 import gsut
-from gsut.capture import capture, collect_photographs, needs_capture
+from gsut.capture import capture, needs_capture
 from gsut.capture.exif import read_facts
-from gsut.capture.photographs import find_photograph_files
+from gsut.capture.photographs import collect_photographs, find_photograph_files
 from gsut.sfm.core.photographs import find_photographs
 from gsut.sfm.lens.doubt import explain_contradiction
 from small_videos import walk
@@ -139,7 +139,7 @@ def test_a_missing_library_is_named(tmp_path, name, library):
     (tmp_path / name).write_bytes(b"0")
     program = (
         "import sys; sys.modules['pillow_heif'] = sys.modules['rawpy'] = None\n"
-        "from gsut.capture import collect_photographs\n"
+        "from gsut.capture.photographs import collect_photographs\n"
         f"collect_photographs([{str(tmp_path)!r}], {str(tmp_path / 'out')!r})"
     )
     ran = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
