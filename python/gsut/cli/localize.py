@@ -77,6 +77,7 @@ def _list_figures(localized: Any, scene: Any, start: str) -> dict[str, Any]:
         "starts_tried": localized.starts,
         "likeness": localized.likeness,
         "focal_scale": localized.focal_scale,
+        "scene_has_rolling_shutter": any(view.shutter is not None for view in scene.views),
     }
 
 
@@ -101,6 +102,13 @@ def _print_pose(figures: dict[str, Any]) -> None:
             "gsut: warning: the photograph fits better a focal length times "
             f"{figures['focal_scale']:.3f}: check --camera; the uncertainty says how far that "
             "moves the pose",
+            file=sys.stderr,
+        )
+    if figures["scene_has_rolling_shutter"]:
+        print(
+            "gsut: warning: the scene's photographs have a rolling shutter, and this one is posed "
+            "as a whole, as with a global shutter: if its camera moved, the pose is off by more "
+            "than the uncertainty says",
             file=sys.stderr,
         )
     if not figures["converged"]:

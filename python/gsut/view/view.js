@@ -415,7 +415,8 @@ function choosePhotograph(index) {
   state.view = index;
   for (const button of $("strip").children) button.setAttribute("aria-pressed", button.dataset.view === String(index));
   const view = index === null ? null : scene.views[index];
-  $("photo-name").textContent = view ? view.name + (view.held_out ? " (held out)" : "") : "none chosen";
+  $("photo-name").title = view ? view.name : "";
+  $("photo-name").textContent = view ? view.name.replace(/^.*[/]/, "") + (view.held_out ? " (held out)" : "") : "none chosen";
   const error = document.querySelector("input[name=modes][value=error]");
   if (error) error.disabled = !view;
   $("photo").hidden = $("wipe").hidden = true;
@@ -774,7 +775,7 @@ async function begin() {
   fillStrip();
   fillLenses();
   fillCrop();
-  $("up").append(new Option(scene.views.length ? "from the cameras" : "from the file", JSON.stringify(scene.up)));
+  $("up").append(new Option(scene.views.length ? "the cameras’" : "the file’s", JSON.stringify(scene.up)));
   ["+x", "−x", "+y", "−y", "+z", "−z"].forEach((name, k) => {
     const axis = [0, 0, 0];
     axis[k >> 1] = k % 2 ? -1 : 1;

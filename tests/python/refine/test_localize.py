@@ -1,5 +1,6 @@
 """`gsut localize`: the pose of a photograph in the scene of a run, from the command line."""
 
+import dataclasses
 import json
 
 import cv2
@@ -7,6 +8,7 @@ import numpy as np
 import pytest
 
 import gsut
+import gsut.training
 import tolerances
 from disturbances import disturb_pose
 from gsut import TrainOptions
@@ -56,6 +58,26 @@ def test_localize_finds_a_pose_between_the_training_views(run, tmp_path, capsys)
     assert np.linalg.eigvalsh(found["covariance"]).min() > 0
     assert main(["localize", str(image), "--run", str(folder)]) == 0
     assert "centre:" in capsys.readouterr().out
+
+
+def test_localize_in_a_scene_of_a_rolling_shutter_says_what_its_uncertainty_omits(
+    run, tmp_path, capsys, monkeypatch
+):
+    folder, g = run
+    image = photograph(tmp_path / "photo.png", g, poses()[4], 48)
+    assert main(["localize", str(image), "--run", str(folder)]) == 0
+    assert "rolling shutter" not in capsys.readouterr().err
+    read = gsut.training.read_trained
+
+    def read_with_shutter(*arguments):
+        options, scene, gaussians = read(*arguments)
+        shutter = gsut.Shutter("top_to_bottom")
+        views = [dataclasses.replace(view, shutter=shutter) for view in scene.views]
+        return options, dataclasses.replace(scene, views=views), gaussians
+
+    monkeypatch.setattr("gsut.training.read_trained", read_with_shutter)
+    assert main(["localize", str(image), "--run", str(folder)]) == 0
+    assert "the pose is off by more than the uncertainty says" in capsys.readouterr().err
 
 
 def test_photograph_far_from_every_view_is_found_by_matches(rng):
