@@ -43,6 +43,12 @@ def find_floaters(frames: Frames, on_view: Callable[[int], object]) -> dict[str,
     return {"count": int(np.count_nonzero(frames.floaters)), "of": len(frames.floaters)}
 
 
+def check_floaters(frames: Frames, clean: bool) -> None:
+    """Raises InputError if floaters are to be left out before the search for them has ended."""
+    if clean and frames.floaters is None:
+        raise InputError("floaters are not found yet: wait until the search ends, or keep them")
+
+
 def save_edited(frames: Frames, values: dict[str, Any]) -> dict[str, Any]:
     """Writes the scene as it is shown to a new file beside the run or file.
 
@@ -67,6 +73,7 @@ def save_edited(frames: Frames, values: dict[str, Any]) -> dict[str, Any]:
     path = folder / name
     choose_format(path)
     refuse_existing(path)
+    check_floaters(frames, bool(values.get("clean")))
     scale = float(values.get("scale") or 1)
     if not 0 < scale < np.inf:
         raise InputError(f"lengths cannot be multiplied by {scale}")

@@ -15,7 +15,7 @@ from gsut.data.images import shrink_image, shrink_mask
 from gsut.files import format_json
 from gsut.lens import camera_models
 from gsut.lens.files import values_from_camera
-from gsut.view.edits import find_floaters, locate_ground, save_edited
+from gsut.view.edits import check_floaters, find_floaters, locate_ground, save_edited
 from gsut.view.film import Film
 from gsut.view.frame_request import MODES, FrameRequest
 from gsut.view.frames import Frames
@@ -177,6 +177,7 @@ class Session:
             _check_object(values.get("frame"))
             if self._film is not None:
                 self._film.stop()
+            check_floaters(self.frames, bool(values["frame"].get("clean")))
             requests = [self._request({**values["frame"], "pose": key}) for key in values["keys"]]
             self._film = Film(self.frames, self._draw, requests, values)
         elif values.get("stop") and self._film is not None:

@@ -301,15 +301,21 @@ async function findGround() {
   if (!layer.checked) layer.click();
   turnUp(found.normal, [...found.normal, found.level]);
 }
+let waiting = false; // for the floaters: what is saved or filmed now would still have them
+function greyOut(wait) {
+  waiting = wait;
+  $("clean").disabled = $("save").disabled = wait;
+  $("film-make").disabled = wait || state.keys.length < 2;
+}
 async function leaveFloatersOut() {
   state.clean = $("clean").checked;
   if (state.clean && $("clean-text").hidden) {
     const count = scene.views.filter((view) => !view.held_out).length;
-    $("clean").disabled = true;
+    greyOut(true);
     $("clean-text").hidden = false;
     const look = setInterval(async () => {
       const far = await ask("floaters", { far: true }).catch(() => ({ done: 0 }));
-      if ($("clean").disabled) $("clean-text").textContent = `Comparing with the photographs: ${far.done} of ${count} …`;
+      if (waiting) $("clean-text").textContent = `Comparing with the photographs: ${far.done} of ${count} …`;
     }, 500);
     try {
       const found = await ask("floaters", {});
@@ -320,7 +326,7 @@ async function leaveFloatersOut() {
       throw error;
     } finally {
       clearInterval(look);
-      $("clean").disabled = false;
+      greyOut(false);
     }
   }
   redraw(false);
@@ -337,7 +343,7 @@ async function saveEdited() {
     const saved = await ask("save", { name: $("save-name").value, crop, clean, scale, up: turned ? up : null, level: ground?.[3] ?? null });
     $("save-text").textContent = [`${saved.num_gaussians.toLocaleString()} of ${saved.of.toLocaleString()} Gaussians: ${saved.path}`, ...saved.left_out].join("; ");
     $("save-text").hidden = false;
-  } finally { $("save").disabled = false; }
+  } finally { $("save").disabled = waiting; }
 }
 
 const held = new Set();
@@ -562,7 +568,7 @@ async function screenshot() {
 function keysChanged() {
   const count = state.keys.length;
   $("keys-text").textContent = count ? `${count} keyframe${count > 1 ? "s" : ""}` : "No keyframes yet.";
-  $("film-make").disabled = count < 2;
+  greyOut(waiting);
 }
 let recording;
 function record() { // adds a keyframe if the eye has moved

@@ -92,6 +92,12 @@ def test_floaters_are_left_out_of_frames_and_files(
     frame = {"pose": pose.ravel().tolist(), "lens": 0, "width": 32, "height": 32, "clean": True}
     request = session._request({**frame, "quality": None})
     before = session.frames.draw(request).image.copy()
+    for wish in (
+        lambda: session.save_scene({"name": "a.spz", "clean": True}),
+        lambda: session.handle_film({"keys": [frame["pose"]] * 2, "frame": frame}),
+    ):
+        with pytest.raises(gsut.InputError, match="floaters are not found yet: wait"):
+            wish()
     assert session.find_floaters({}).content == {"count": 100, "of": 300}
     after = session.frames.draw(request).image
     clean = gsut.render(gaussians[~floats], scene.cameras[0], pose).image
