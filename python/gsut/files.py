@@ -23,6 +23,7 @@ import numpy as np
 from gsut._core import InputError
 
 _MOST_ALIASES = 16  # of a YAML file
+_MOST_LETTERS = 60  # of a name: four bytes each, and a file system takes 255 with an ending
 UNFINISHED = ".writing-"  # start of the names of files that are being written
 
 
@@ -123,7 +124,7 @@ def to_file_name(name: str) -> str:
     Letters, digits, dots, dashes and underscores stay; a leading dot does not.
     """
     plain = re.sub(r"[^\w.-]+", "_", name).strip("_")
-    return plain.lstrip("._") or "unnamed"
+    return plain.lstrip("._")[:_MOST_LETTERS] or "unnamed"
 
 
 def remove_unfinished(folder: Path, *, of_all: bool = False) -> None:

@@ -59,7 +59,8 @@ def test_a_name_that_nothing_can_have_is_refused_before_work_is_done(tmp_path, n
 @pytest.mark.parametrize(
     ("name", "safe"),
     [("/..", "unnamed"), ("/cam0/left", "cam0_left"), ("..\\..\\x", "x"), ("a\0b", "a_b"),
-     ("C:con", "C_con"), (".git", "git"), ("Straße 1", "Straße_1"), ("", "unnamed")],
+     ("C:con", "C_con"), (".git", "git"), ("Straße 1", "Straße_1"), ("", "unnamed"),
+     ("x" * 300, "x" * 60)],
 )  # fmt: skip
 def test_name_of_any_origin_becomes_one_part_of_a_path(name, safe, tmp_path):
     assert to_file_name(name) == safe

@@ -185,9 +185,9 @@ def _find_cameras(reader: Any, bag: Path, wanted: Sequence[str]) -> list[_Camera
             base = _LEAF.sub("", base)
         if base in by_base:  # the same pictures, compressed
             continue
-        plain = name = to_file_name(base) if base.strip("/") else "camera"
+        name = to_file_name(base) if base.strip("/") else "camera"
         while name in found:
-            name = f"{plain}_{len(found) + 1}"
+            name = f"{name}_{len(found) + 1}"
         info = f"{base}/camera_info"
         camera = _Camera(name, topic, info if types.get(info) == _INFO else None)
         by_base[base] = found[name] = camera
