@@ -239,6 +239,7 @@ def rolling_errors(outcomes):
     return image, gradient
 
 
+@pytest.mark.filterwarnings("ignore:of [0-9]+ Gaussians:RuntimeWarning")  # case 11 plants them
 @pytest.mark.parametrize("case", CASES)
 def test_hard_case_in_every_precision_and_instruction_set_both_ways_meets_its_bound(rng, case):
     build, expected_scenes = CASES[case]

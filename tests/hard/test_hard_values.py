@@ -9,6 +9,8 @@ import tolerances
 from random_scenes import fisheye, gaussians_in_view, pinhole, random_pose, random_weights
 
 EPS = float(np.finfo(np.float32).eps)
+# `render` warns of the very values that some of these tests plant.
+WARNED = pytest.mark.filterwarnings("ignore:of [0-9]+ Gaussians:RuntimeWarning")
 BLACK_HARMONIC = 1 / np.sqrt(4 * np.pi)
 
 
@@ -70,6 +72,7 @@ def test_needle_of_a_million_to_one_stays_finite_and_right_where_it_can_be_seen(
     assert ran == 36
 
 
+@WARNED
 def test_scales_of_any_exponent_leave_every_number_finite(rng):
     camera = fisheye(40)
     weights = random_weights(rng, camera)
@@ -164,6 +167,7 @@ def entries_of(g):
             yield name, size + k
 
 
+@WARNED
 def test_value_that_is_no_number_drops_its_gaussian_and_touches_no_other(rng):
     camera = pinhole(40)
     weights = random_weights(rng, camera)
