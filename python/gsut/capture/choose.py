@@ -24,7 +24,7 @@ _CHOSEN_STEP = 0.05
 _FEWEST = 60
 # Fewest candidates of a video that has as many frames: poses need that many, and corners cannot be
 # followed through a slide show.
-_FEWEST_CANDIDATES = 20
+FEWEST_CANDIDATES = 20
 # Most frames that are chosen: more take long and add little.
 _MOST = 300
 # Corners that are tracked; more do not change their median.
@@ -163,7 +163,7 @@ def add_candidates(
     Returns:
         The candidates and the added frames, which share the motion between two candidates.
     """
-    wanted = min(_FEWEST_CANDIDATES if count is None else count, len(frames))
+    wanted = min(FEWEST_CANDIDATES if count is None else count, len(frames))
     if len(candidates) >= wanted:
         return list(candidates)
     chosen = {c.number for c in candidates}

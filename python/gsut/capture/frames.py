@@ -12,6 +12,7 @@ import numpy as np
 
 from gsut._core import InputError, __version__
 from gsut.capture.choose import (
+    FEWEST_CANDIDATES,
     Candidate,
     CandidateSearch,
     add_candidates,
@@ -30,8 +31,6 @@ OnProgress = Callable[[str, int, int, str], None]
 IMAGES = "images"
 # Fewest frames of a video from which a scene can be made.
 FEWEST_FRAMES = 8
-# Frames below which a note says that they are few.
-_FEW_FRAMES = 20
 # Motion of the view, x the diagonal, below which the video is one still picture.
 _STILL = 0.01
 # Share of the frames that the file announces below which it was cut off.
@@ -118,7 +117,7 @@ def extract_frames(
         notes.append(
             f"{path.name} has only {len(chosen)} frames to choose from, not the {count} of --frames"
         )
-    elif len(chosen) < _FEW_FRAMES:
+    elif len(chosen) < FEWEST_CANDIDATES:
         notes.append(
             f"{len(chosen)} frames of {path.name} are used, which is few: film for ten seconds or "
             "more, walking around what you want to see"

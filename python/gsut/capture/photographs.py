@@ -136,8 +136,9 @@ def find_photograph_files(inputs: Sequence[str | os.PathLike[str]]) -> dict[str,
         for path in paths:
             if path.suffix.lower() not in PHOTOGRAPH_SUFFIXES or path == given / "mask.png":
                 continue
-            if path.resolve() not in seen:
-                seen.add(path.resolve())
+            real = path.resolve()
+            if real not in seen:
+                seen.add(real)
                 found[_name_uniquely(path.relative_to(root).as_posix(), home, found)] = path
     if not found:
         raise InputError(
