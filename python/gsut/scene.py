@@ -15,9 +15,9 @@ from typing import Any
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.capture import Capture, capture, read_state
-from gsut.data import CAPTURE_FOLDER, Scene, list_some, load_dataset
-from gsut.data.scene import choose_inner_views
+from gsut.capture import Capture, capture, find_changed_inputs
+from gsut.data import CAPTURE_FOLDER, Scene, load_dataset
+from gsut.data.scene import choose_inner_views, hold_out_views
 from gsut.evaluate import write_scene_page
 from gsut.output_folder import claim_folder
 from gsut.run import (
@@ -40,13 +40,13 @@ from gsut.sfm import (
     check_lens,
     find_poses,
     is_finished,
-    read_figures,
+    read_finished,
 )
 from gsut.train import TrainResult, train
-from gsut.training import describe_resizing, track_training
+from gsut.training import describe_resizing, list_changed_data, track_training
 
 POSES = "poses"  # folder of the pictures and poses, inside the run's folder
-STATE = "scene.json"  # inputs and settings; seconds and verdict once the scene is finished
+STATE = "scene.json"  # paths and settings; seconds and verdict once the scene is finished
 PAGE = "scene.html"
 # Seconds that each stage is expected to take before anything is known about the pictures.
 _EXPECTED_SECONDS = {"capture": 8.0, POSES: 100.0, "training": 60.0, "report": 0.1}
@@ -94,8 +94,9 @@ def make_scene(
 ) -> SceneResult:
     """Makes a scene from videos or photographs of one camera: pictures, poses, training, verdict.
 
-    If interrupted, the same call resumes where it stopped; when everything is finished, it returns
-    the result at once.
+    If interrupted, the same call resumes where it stopped: a stage is repeated only if what it was
+    made from has changed, which a note reports. When everything is finished, it returns the result
+    at once.
 
     Args:
         inputs: videos, photographs and folders of photographs, all of one camera; one or several.
@@ -110,7 +111,8 @@ def make_scene(
         The folder, the figures and the verdict.
 
     Raises:
-        InputError: unusable inputs, or `out` holds a scene with other inputs or settings.
+        InputError: unusable inputs, or `out` holds a scene with other settings, or a trained one of
+            other videos or photographs.
         SolveError: no poses could be found; says why.
     """
     sources = [inputs] if isinstance(inputs, str | os.PathLike) else list(inputs)
@@ -123,15 +125,6 @@ def make_scene(
         metrics = making.train(bars)  # train.py
         making.report(pictures, poses, metrics, bars)  # run/: verdict; evaluate/: page
     return SceneResult(making.folder.path, making.figures, making.trained)
-
-
-def _describe_changes(before: list[list[Any]], now: list[list[Any]]) -> str:
-    """Names what was changed, added or removed between two states (see `read_state`)."""
-    old, new = ({row[0]: row[1:] for row in rows} for rows in (before, now))
-    changed = [name for name in old if name in new and old[name] != new[name]]
-    added, removed = [n for n in new if n not in old], [n for n in old if n not in new]
-    kinds = ((changed, "changed"), (added, "added"), (removed, "removed"))
-    return "; ".join(f"{what}: {list_some(names)}" for names, what in kinds if names)
 
 
 def is_scene_finished(out: str | os.PathLike[str]) -> bool:
@@ -164,6 +157,7 @@ class _SceneInProgress:
         self._on_training = on_training
         self._poses_seconds = 0.0  # taken by the stages of `find_poses` in this process
         self.figures = self._read_figures()
+        self._changes = self._find_changes()
 
     def _read_figures(self) -> dict[str, Any]:
         """Returns the figures that the folder holds, or new ones.
@@ -176,11 +170,10 @@ class _SceneInProgress:
             "inputs": [str(Path(name).resolve()) for name in self._inputs],
             **{name: value for name, value in settings.items() if name not in _NO_SETTING},
         }
-        state = read_state(self._inputs)
         figures = self.folder.read_json(STATE)
         if figures is None:
             self.folder.refuse_run()
-            return {"key": key, "state": state}
+            return {"key": key}
         different = [name for name in key if figures["key"].get(name, key[name]) != key[name]]
         if different:
             name = different[0]
@@ -190,13 +183,24 @@ class _SceneInProgress:
                 f"({figures['key'].get(name)}, now {key[name]}); give another output folder "
                 "(nothing was overwritten)"
             )
-        if state is not None and figures.get("state", state) != state:
-            raise InputError(
-                f"{self.folder.path} holds a scene of other pictures: "
-                f"{_describe_changes(figures['state'], state)}; give another output folder "
-                "(nothing was overwritten)"
-            )
         return figures
+
+    def _find_changes(self) -> str:
+        """Names the inputs that changed since pictures were chosen; "" if none did.
+
+        Raises:
+            InputError: they did, and a scene has been trained.
+        """
+        changes = find_changed_inputs(self._inputs, self.folder.path / POSES / CAPTURE_FOLDER)
+        if changes and self._is_trained():
+            raise InputError(
+                f"{self.folder.path} holds a scene of other pictures: {changes}; give another "
+                "output folder (nothing was overwritten)"
+            )
+        return changes
+
+    def _is_trained(self) -> bool:
+        return all((self.folder.path / name).is_file() for name in (METRICS, REPORT))
 
     def claim_poses(self) -> contextlib.AbstractContextManager:
         """Takes the folder of the poses for the duration of the block; checks the lens first."""
@@ -206,6 +210,8 @@ class _SceneInProgress:
     def choose_pictures(self, bars: StagedProgress) -> Capture:
         """Writes the pictures worth keeping below poses/."""
         o = self._options
+        if self._changes:
+            bars.note(f"pictures are chosen again ({self._changes})")
         with bars.stage("capture"):
             shares = {"looking": 0.7, "frames": 0.3, "photographs": 1.0}
             pictures = capture(
@@ -226,15 +232,20 @@ class _SceneInProgress:
         """Finds poses and lens, and returns the content of poses.json."""
         o, out = self._options, self.folder.path / POSES
         bars.skip(POSES)  # the stages of `find_poses` take its place
-        if is_finished(out):
-            return read_figures(out)
         options = PosesOptions(shutter=o.shutter, seed=o.seed, threads=o.threads)
+        settings: dict[str, Any] = {
+            "camera": o.camera,
+            "fov_degrees": o.fov,
+            "options": add_lens_readout(options, o.camera, pictures.figures),
+        }
+        done = read_finished(pictures.path, out, **settings)
+        if done is not None:
+            return done
+        if is_finished(out):
+            bars.note("poses are found again: those in the folder are of other pictures")
         with contextlib.closing(StageFollower(bars)) as stages:
-            figures = find_poses(
-                pictures.path, out, camera=o.camera, fov_degrees=o.fov,
-                options=add_lens_readout(options, o.camera, pictures.figures),
-                log=PosesLog(stages.show, bars.note, stages.expect),
-            ).figures  # fmt: skip
+            log = PosesLog(stages.show, bars.note, stages.expect)
+            figures = find_poses(pictures.path, out, log=log, **settings).figures
         self._poses_seconds = stages.seconds
         return figures
 
@@ -249,18 +260,19 @@ class _SceneInProgress:
     def train(self, bars: StagedProgress) -> dict[str, Any]:
         """Trains on the dataset in poses/, and returns the content of metrics.json."""
         folder, options = self.folder, self._make_training_options()
-        if folder.read_json(METRICS) is not None and (folder.path / REPORT).is_file():
-            bars.skip("training")
-            return folder.read_json(METRICS)
+        dataset = load_dataset(folder.path / POSES, test_every=0)
         if (folder.path / OPTIONS).is_file():
+            self._drop_other_training(dataset, bars)
+        if (folder.path / OPTIONS).is_file():
+            if self._is_trained():
+                bars.skip("training")
+                return folder.read_json(METRICS)
             options = folder.read_options()
-            dataset = load_dataset(
-                folder.path / POSES, test_every=options.test_every, test_names=options.test_names
-            )
+            dataset = hold_out_views(dataset, options.test_names or ())
         else:
-            names = [view.name for view in load_dataset(folder.path / POSES, test_every=0).views]
+            names = [view.name for view in dataset.views]
             held_out = choose_inner_views(names, options.test_every)
-            dataset = load_dataset(folder.path / POSES, test_names=held_out)
+            dataset = hold_out_views(dataset, held_out)
             options = dataclasses.replace(options, test_names=tuple(held_out))
             options = fit_to_views(options, len(dataset.train_indices))
         for note in filter(None, (*dataset.notes, describe_resizing(dataset, options))):
@@ -276,6 +288,22 @@ class _SceneInProgress:
                 dataset, options, out=folder.path, resume=True, progress=show, watch=watch
             )
         return self.trained.metrics
+
+    def _drop_other_training(self, dataset: Scene, bars: StagedProgress) -> None:
+        """Removes an unfinished training on other pictures or poses.
+
+        Raises:
+            InputError: that training is finished.
+        """
+        changed = " and ".join(list_changed_data(self.folder, dataset))
+        if changed and self._is_trained():
+            raise InputError(
+                f"{self.folder.path} holds a scene that was trained on other {changed}; give "
+                "another output folder"
+            )
+        if changed:
+            bars.note(f"training starts again: the {changed} have changed")
+            self.folder.remove_run()
 
     def report(
         self,

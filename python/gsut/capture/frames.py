@@ -23,7 +23,7 @@ from gsut.capture.flow import FRAMES_BESIDE, FlowSearch
 from gsut.capture.strip import write_strip
 from gsut.capture.track import interpolate_places, read_track
 from gsut.capture.video import Video, read_camera_name
-from gsut.data import CAPTURE, capture_state, read_capture
+from gsut.data import CAPTURE, capture_state, describe_changes, read_capture
 from gsut.files import write_json, write_picture
 
 OnProgress = Callable[[str, int, int, str], None]
@@ -151,7 +151,9 @@ def extract_frames(
 def read_finished_capture(folder: Path, key: dict[str, Any]) -> Capture | None:
     """Reads the capture in a folder if it is complete and of the same inputs and settings."""
     figures = read_capture(folder)
-    if figures is None or figures.get("key") != key:
+    if figures is None or figures["key"] | {"inputs": None} != key | {"inputs": None}:
+        return None
+    if describe_changes(figures["key"]["inputs"], [Path(row[0]) for row in key["inputs"]]):
         return None
     whole = all((folder / row["path"]).is_file() for row in figures["frames"])
     return Capture(folder, figures) if whole else None

@@ -13,7 +13,7 @@ from gsut.capture.panorama import find_other_lens, prepare_panoramas
 from gsut.capture.photographs import collect_photographs, find_photograph_files
 from gsut.capture.strip import write_strip
 from gsut.capture.video import is_video
-from gsut.data import CAPTURE, capture_state, find_lens_file, find_lens_files
+from gsut.data import CAPTURE, describe_changes, find_lens_file, find_lens_files, read_capture
 from gsut.files import write_json
 from gsut.lens import is_lens_name
 
@@ -48,19 +48,25 @@ def capture(
     return prepare_panoramas(_take_pictures(inputs, out, count, on_progress), *caps)
 
 
-def read_state(inputs: Sequence[str | os.PathLike[str]]) -> list[list[Any]] | None:
-    """Lists path, size and time of change of each video and photograph in `inputs`.
+def find_changed_inputs(
+    inputs: Sequence[str | os.PathLike[str]], out: str | os.PathLike[str]
+) -> str:
+    """Names the videos and photographs that changed since `capture` made pictures of `inputs`.
 
     Returns:
-        None if an input is missing.
+        "" if none did, if `out` holds no pictures yet, or if an input is missing.
     """
-    paths = [Path(name) for name in inputs]
-    if not all(path.exists() for path in paths):
-        return None
+    taken, paths = read_capture(Path(out)), [Path(name) for name in inputs]
+    if taken is None or not all(path.exists() for path in paths):
+        return ""
+    # Pictures of several videos are parts in folders of their own.
+    folders = {Path(row["path"]).parts[0] for row in taken["frames"]}
+    parts = [taken, *filter(None, (read_capture(Path(out) / name) for name in sorted(folders)))]
+    before = {row[0]: row for part in parts for row in part["key"]["inputs"]}
     videos = [path for path in paths if is_video(path)]
     others = [path for path in paths if not is_video(path)]
     photographs = find_photograph_files(others).values() if others else ()
-    return capture_state([*videos, *photographs])
+    return describe_changes(list(before.values()), [*videos, *photographs])
 
 
 def needs_capture(images: str, camera: str | None, unknown_lens: bool) -> bool:
@@ -129,6 +135,10 @@ def _join_captures(parts: Sequence[Capture], folder: Path) -> Capture:
     first = parts[0].figures
     figures = {
         **first,
+        "key": {
+            **first["key"],
+            "inputs": [row for part in parts for row in part.figures["key"]["inputs"]],
+        },
         "inputs": [name for part in parts for name in part.figures["inputs"]],
         "notes": [note for part in parts for note in part.figures["notes"]],
         "frames": rows,

@@ -77,10 +77,12 @@ def run(arguments: argparse.Namespace) -> int:
     from gsut.training import open_trained, read_scene
 
     run = RunFolder.open(arguments.folder)
-    options, trained_on, gaussians = open_trained(run, arguments.data, arguments.memory)
+    options, trained_on, gaussians = open_trained(
+        run, arguments.data, arguments.memory, any_data=arguments.force
+    )
     scene = trained_on
     if arguments.scale is not None:
-        scene = read_scene(run, arguments.data, arguments.scale)[1]
+        scene = read_scene(run, arguments.data, arguments.scale, any_data=arguments.force)[1]
     indices = {
         "test": scene.test_indices,
         "train": scene.train_indices,

@@ -5,7 +5,14 @@ Rooms of their own, whose doors anyone may use: `images`, `scene`, `points`, `po
 """
 
 from gsut.data.assemble import assemble
-from gsut.data.capture_file import CAPTURE, CAPTURE_FOLDER, STRIP, capture_state, read_capture
+from gsut.data.capture_file import (
+    CAPTURE,
+    CAPTURE_FOLDER,
+    STRIP,
+    capture_state,
+    describe_changes,
+    read_capture,
+)
 from gsut.data.convert import convert_dataset, list_writable_layouts, save_dataset
 from gsut.data.errors import DatasetError, list_some
 from gsut.data.layouts import KEYS as PARTS
@@ -34,6 +41,7 @@ __all__ = [
     "assemble",
     "capture_state",
     "convert_dataset",
+    "describe_changes",
     "digest_scene",
     "find_images",
     "find_lens_file",

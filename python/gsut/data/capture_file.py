@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from gsut.data.errors import DatasetError, list_some
+from gsut.data.scene.digests import digest_file
 from gsut.data.text_files import read_json
+from gsut.files import reading
 
 CAPTURE = "capture.json"
 CAPTURE_FOLDER = "capture"  # of a video's frames, in the folder of their poses
@@ -23,12 +26,57 @@ def read_capture(folder: Path) -> dict[str, Any] | None:
     user should know.
 
     Raises:
-        DatasetError: the file is not JSON.
+        DatasetError: the file is damaged.
     """
     path = folder / CAPTURE
-    return read_json(path) if path.is_file() else None
+    if not path.is_file():
+        return None
+    figures = read_json(path)
+    advice = f"remove {path}, and the same command chooses the pictures again"
+    with reading(lambda what: DatasetError(path, what, advice)):
+        _check_types(figures["frames"], {"name": str, "path": str})
+        _check_types([figures], {"inputs": list, "notes": list, "size": list, "key": dict})
+        if not figures["frames"] or [type(side) for side in figures["size"]] != [int, int]:
+            raise ValueError("no pictures, or pictures without a size")
+        for row in figures["key"]["inputs"]:
+            _check_types([dict(enumerate(row))], {0: str, 1: int, 2: (int, str)})
+    return figures
+
+
+def _check_types(rows: Any, types: Mapping[Any, type | tuple[type, ...]]) -> None:
+    """Raises TypeError or KeyError where one of `rows` lacks a key or has another type."""
+    for row in rows:
+        for name, kind in types.items():
+            if not isinstance(row[name], kind):
+                raise TypeError(f"{name} is {type(row[name]).__name__}")
 
 
 def capture_state(paths: Sequence[Path]) -> list[list[Any]]:
-    """Lists path, size and time of change of each file, which show whether it is still the same."""
-    return [[str(p.resolve()), p.stat().st_size, p.stat().st_mtime_ns] for p in paths]
+    """Lists path, size and digest of each file, which show whether it is still the same."""
+    return [[str(p.resolve()), p.stat().st_size, digest_file(p)] for p in paths]
+
+
+def describe_changes(before: Sequence[Sequence[Any]], paths: Sequence[Path]) -> str:
+    """Names the files that were changed, added or removed since `capture_state` listed them.
+
+    Args:
+        before: what `capture_state` returned; earlier versions listed the time of change in
+            nanoseconds in place of the digest.
+        paths: the files now.
+
+    Returns:
+        "" if they are the same.
+    """
+    old = {row[0]: row[1:] for row in before}
+    now = {str(path.resolve()): path for path in paths}
+    changed = [name for name in old if name in now and not _is_unchanged(now[name], *old[name])]
+    added, removed = [n for n in now if n not in old], [n for n in old if n not in now]
+    kinds = ((changed, "changed"), (added, "added"), (removed, "removed"))
+    return "; ".join(f"{what}: {list_some(names)}" for names, what in kinds if names)
+
+
+def _is_unchanged(path: Path, size: int, mark: int | str) -> bool:
+    state = path.stat()
+    if state.st_size != size:
+        return False
+    return state.st_mtime_ns == mark if isinstance(mark, int) else digest_file(path) == mark

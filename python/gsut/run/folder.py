@@ -173,6 +173,10 @@ class RunFolder:
         made_of = (self.read_json(MARKER) or {}).get("input")
         if made_of != os.path.realpath(source) or (self.path / REPORT).is_file():
             self.refuse_run()
+        self.remove_run()
+
+    def remove_run(self) -> None:
+        """Deletes the files of a run."""
         for name in _FILES:
             shutil.rmtree(self.path / name, ignore_errors=True)  # of a file: nothing
             (self.path / name).unlink(missing_ok=True)
@@ -352,8 +356,8 @@ def _check_same_options(run: RunFolder, options: TrainOptions) -> None:
 
 
 def _check_same_data(run: RunFolder, environment: dict[str, Any]) -> None:
-    saved = (run.read_json(ENVIRONMENT) or {}).get("digests")
-    now = environment.get("digests")
+    before = run.read_json(ENVIRONMENT) or {}
+    saved, now = before.get("digests"), environment.get("digests")
     if not saved or not now:
         return  # killed before they were written: nothing to disagree with
     changed = [name for name, digest in now.items() if saved.get(name) != digest]

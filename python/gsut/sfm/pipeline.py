@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
 from gsut import _core
 from gsut._core import SolveError
+from gsut.data import capture_state
 from gsut.data.images import read_header
 from gsut.data.rigs import read_rig
 from gsut.output_folder import claim_folder
@@ -133,7 +134,7 @@ def find_poses(
     given = Given(camera, unknown_lens, fov_degrees, rig, refine_rig)
     mapping = _start_mapping(images, given, options, mapper, log)
     with claim_folder(out, "poses", images) as claimed:
-        stages = Stages(claimed.path, _make_key(mapping))
+        stages = Stages(claimed.path, _make_key(mapping, claimed.path))
         with set_threads(mapping.options.threads):
             _find_matches(mapping, stages)
             _map_photographs(mapping, mapper)
@@ -166,7 +167,8 @@ def read_finished(
         return None
     mapping = _start_mapping(images, Given(**given), options, None, None)
     figures = read_figures(Path(out))
-    return figures if figures.get("made_from") == digest_key(_make_key(mapping)) else None
+    keys = (_make_key(mapping, Path(out), by_time=by_time) for by_time in (False, True))
+    return figures if figures.get("made_from") in map(digest_key, keys) else None
 
 
 def _start_mapping(
@@ -199,18 +201,36 @@ def _start_mapping(
     )
 
 
-def _make_key(mapping: Mapping) -> dict[str, Any]:
-    """Lists all that features, matches and poses depend on, as JSON values."""
-    photographs = mapping.photographs
-    files = []
-    for path in photographs.paths:
-        state = path.stat()
-        files.append([str(path.resolve()), state.st_size, state.st_mtime_ns])
+def _make_key(mapping: Mapping, out: Path, *, by_time: bool = False) -> dict[str, Any]:
+    """Lists all that features, matches and poses depend on, as JSON values.
+
+    Args:
+        mapping: with the photographs and options.
+        out: the folder to which the paths of the photographs are relative.
+        by_time: name the files by their absolute paths and the times of their last changes, as
+            earlier versions did.
+    """
+    photographs, folder = mapping.photographs, os.path.realpath(out)
+
+    def describe(paths: Iterable[Path]) -> list[list[Any]]:
+        return [[os.path.relpath(path, folder), *row] for path, *row in capture_state(list(paths))]
+
+    files: list[Any] = []
+    masks: list[Any] = []
+    if by_time:
+        stats = [(path.resolve(), path.stat()) for path in photographs.paths]
+        files += [[str(path), state.st_size, state.st_mtime_ns] for path, state in stats]
+        masks += [str(mask) for mask in photographs.masks]
+    else:
+        files += describe(photographs.paths)
+        different = list(dict.fromkeys(mask for mask in photographs.masks if mask is not None))
+        states = dict(zip(different, describe(different), strict=True))
+        masks += [mask and states[mask] for mask in photographs.masks]
     frames = photographs.frames
     return {
         "version": _core.__version__,
         "files": files,
-        "masks": [str(mask) for mask in photographs.masks],
+        "masks": masks,
         "lenses": [repr(camera) for camera in photographs.cameras],
         "shutter": photographs.shutter.direction if photographs.shutter else None,
         "options": dataclasses.asdict(mapping.options),

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import gsut
+from gsut.capture import capture, find_changed_inputs
 from gsut.capture.choose import CandidateSearch, add_candidates, choose_frames, find_blurred
 from gsut.capture.frames import extract_frames
 from gsut.capture.video import Video, is_video
@@ -189,3 +190,26 @@ def test_video_that_ends_in_the_middle_is_used_and_said(tmp_path):
 
 def test_videos_are_told_by_their_names():
     assert is_video("GH010001.MP4") and is_video("a/b.mov") and not is_video("photos")
+
+
+def test_changed_inputs_are_named_whatever_their_number(tmp_path):
+    films = [walk(tmp_path / name, 40) for name in ("a.mp4", "b.mp4")]
+    shots = tmp_path / "shots"
+    shots.mkdir()
+    for number in range(3):
+        cv2.imwrite(str(shots / f"{number}.png"), view(texture(), 90.0 * number))
+    for number, inputs in enumerate((films[:1], films, [shots], [*films, shots])):
+        out = tmp_path / str(number)
+        assert find_changed_inputs(inputs, out) == ""
+        capture(inputs, out)
+        assert find_changed_inputs(inputs, out) == ""
+    walk(films[1], 41)
+    (shots / "0.png").unlink()
+    cv2.imwrite(str(shots / "3.png"), view(texture(), 300.0))
+    assert find_changed_inputs(films, tmp_path / "1") == f"changed: {films[1]}"
+    added, removed = shots / "3.png", shots / "0.png"
+    of_shots = f"added: {added}; removed: {removed}"
+    assert find_changed_inputs([shots], tmp_path / "2") == of_shots
+    both = f"changed: {films[1]}; {of_shots}"
+    assert find_changed_inputs([*films, shots], tmp_path / "3") == both
+    assert find_changed_inputs([tmp_path / "gone.mp4"], tmp_path / "0") == ""

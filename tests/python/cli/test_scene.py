@@ -84,26 +84,82 @@ def test_other_inputs_and_settings_do_not_overwrite(made, capsys):
     assert "scene with other inputs" in capsys.readouterr().err
 
 
-def test_changed_film_and_photographs_are_not_taken_for_those_of_the_scene(made, tmp_path, capsys):
+@pytest.fixture
+def copied(made, tmp_path):
+    """A copy of the scene and its film, the film's path, and the words that make it."""
     folder, words = made
     run, video = tmp_path / "run", tmp_path / "walk.mp4"
     shutil.copytree(folder / "run", run)
-    state = json.loads((run / "scene.json").read_text())
     shutil.copy(words[1], video)
-    state["key"]["inputs"] = [str(video)]
-    state["state"] = [[str(video), video.stat().st_size, video.stat().st_mtime_ns]]
-    (run / "scene.json").write_text(json.dumps(state))
-    same = ["scene", str(video), *words[2:], "-o", str(run)]
+    for path in (run / "scene.json", run / "poses/capture/capture.json"):
+        path.write_text(path.read_text().replace(words[1], str(video)))
+    return run, video, ["scene", str(video), *words[2:], "-o", str(run)]
+
+
+def mark_by_time(run, video):
+    """Names the film by its time of change, as earlier versions did."""
+    path = run / "poses/capture/capture.json"
+    figures = json.loads(path.read_text())
+    figures["key"]["inputs"][0][2] = video.stat().st_mtime_ns
+    path.write_text(json.dumps(figures))
+
+
+@pytest.mark.parametrize("is_old", [False, True])
+def test_changed_film_of_a_trained_scene_is_refused(copied, capsys, is_old):
+    run, video, same = copied
+    if is_old:
+        mark_by_time(run, video)
+    figures = json.loads((run / "scene.json").read_text())
     assert main(same) == 0
     walk_past(video, frames=8)
-    for figures in (state, {key: state[key] for key in ("key", "state")}):  # finished, and not
-        (run / "scene.json").write_text(json.dumps(figures))
+    for changed in (figures, {"key": figures["key"]}):  # finished, and without its report
+        (run / "scene.json").write_text(json.dumps(changed))
         capsys.readouterr()
         assert main(same) == 2
         assert f"a scene of other pictures: changed: {video}" in capsys.readouterr().err
-    (run / "scene.json").write_text(json.dumps(state))
+    (run / "scene.json").write_text(json.dumps(figures))
     video.unlink()
     assert main(same) == 0  # the finished scene is still there
+
+
+def test_film_that_was_only_touched_is_the_same(copied):
+    run, video, same = copied
+    video.touch()
+    before = (run / "scene.html").stat().st_mtime_ns
+    assert main([*same, "--quiet"]) == 0
+    assert (run / "scene.html").stat().st_mtime_ns == before
+
+
+def test_stages_of_an_unfinished_scene_are_repeated_where_the_film_changed(copied, capsys):
+    run, video, same = copied
+    key = json.loads((run / "scene.json").read_text())["key"]
+    (run / "scene.json").write_text(json.dumps({"key": key}))
+    for name in ("report.html", "metrics.json", "scene.html"):
+        (run / name).unlink()
+    before = (run / "scene.ply").read_bytes()
+    walk_past(video, frames=23)
+    assert main(same) == 0
+    said = capsys.readouterr().err
+    assert f"pictures are chosen again (changed: {video})" in said
+    assert "poses are found again" in said
+    assert "training starts again: the images and poses have changed" in said
+    assert (run / "scene.ply").read_bytes() != before
+    assert main(["eval", str(run), "--json"]) == 0
+
+
+def test_training_on_other_poses_is_not_taken_for_that_of_the_scene(copied, capsys):
+    run, _, same = copied
+    key = json.loads((run / "scene.json").read_text())["key"]
+    (run / "scene.json").write_text(json.dumps({"key": key}))
+    path = run / "poses/transforms.json"
+    values = json.loads(path.read_text())
+    values["frames"][0]["transform_matrix"][0][3] += 1
+    path.write_text(json.dumps(values))
+    assert main(same) == 2
+    assert "was trained on other poses; give another output folder" in capsys.readouterr().err
+    assert main(["eval", str(run), "--data", str(run / "poses")]) == 2
+    assert "has other poses than" in capsys.readouterr().err
+    assert main(["eval", str(run), "--data", str(run / "poses"), "--force"]) == 0
 
 
 def test_killed_at_any_stage_it_ends_with_the_same_bits(made, tmp_path):

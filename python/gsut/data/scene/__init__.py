@@ -3,7 +3,7 @@
 from gsut.data.scene.maps import MILLIMETRE, read_depth, read_normals
 from gsut.data.scene.scene import Scene, View
 from gsut.data.scene.shutter import find_time_neighbours, order_frames, split_exposure, with_shutter
-from gsut.data.scene.split import TEST_EVERY, choose_inner_views, split_views
+from gsut.data.scene.split import TEST_EVERY, choose_inner_views, hold_out_views, split_views
 
 __all__ = [
     "MILLIMETRE",
@@ -12,6 +12,7 @@ __all__ = [
     "View",
     "choose_inner_views",
     "find_time_neighbours",
+    "hold_out_views",
     "order_frames",
     "read_depth",
     "read_normals",

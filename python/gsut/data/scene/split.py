@@ -8,6 +8,7 @@ from pathlib import Path, PurePosixPath
 
 from gsut._core import InputError
 from gsut.data.errors import DatasetError, list_some
+from gsut.data.scene.scene import Scene
 
 TEST_EVERY = 8  # every 8th image by name is held out, as in the 3DGS papers
 
@@ -91,6 +92,16 @@ def choose_inner_views(names: Sequence[str], test_every: int) -> list[str]:
         return []
     count = min(-(-total // test_every), total // 3)
     return [names[(2 * i + 1) * total // (2 * count)] for i in range(count)]
+
+
+def hold_out_views(scene: Scene, names: Sequence[str]) -> Scene:
+    """Returns the scene with the views of these names held out and all others trained on.
+
+    Raises:
+        DatasetError: see `split_views`.
+    """
+    train, test, _ = split_views([v.name for v in scene.views], scene.path, test_names=names)
+    return scene.replace(train_indices=train, test_indices=test)
 
 
 def _find_indices(

@@ -10,6 +10,7 @@ from gsut.training.record.results import (
 )
 from gsut.training.record.trained_run import (
     TrainedRun,
+    list_changed_data,
     load_run,
     open_trained,
     read_light,
@@ -22,6 +23,7 @@ __all__ = [
     "TrainedRun",
     "TrainingRecord",
     "describe_place",
+    "list_changed_data",
     "list_scene_comments",
     "load_run",
     "measure",

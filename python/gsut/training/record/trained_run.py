@@ -8,14 +8,17 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from gsut._core import InputError
-from gsut.data import Scene, load_dataset
+from gsut.data import Scene, digest_scene, load_dataset
 from gsut.formats import load_ply, open_ply
 from gsut.gaussians import Gaussians
 from gsut.refine import read_refined
 from gsut.render import Light
-from gsut.run import ENVIRONMENT, METRICS, SCENE, RunFolder, TrainOptions
+from gsut.run import ENVIRONMENT, METRICS, SCENE, RunFolder, TrainOptions, read_plan
 from gsut.run.options import parse_size
 from gsut.training.first import prepare_scene
+
+# Parts of a dataset (see `digest_scene`) without which a run's figures mean nothing.
+_OF_RESULT = ("images", "poses", "lenses")
 
 
 def read_trained(run: RunFolder, data: str | None) -> tuple[TrainOptions, Scene, Gaussians]:
@@ -32,29 +35,32 @@ def read_trained(run: RunFolder, data: str | None) -> tuple[TrainOptions, Scene,
 
 
 def open_trained(
-    run: RunFolder, data: str | None, memory: str | None
+    run: RunFolder, data: str | None, memory: str | None, *, any_data: bool = False
 ) -> tuple[TrainOptions, Scene, Any]:
     """Reads what `read_trained` does, with `StoredGaussians` if they do not fit into memory.
 
     Args:
         run, data: see `read_trained`.
         memory: that the Gaussians may take, such as 2GB; None: most of what is free.
+        any_data: see `read_scene`.
     """
     limit = None if memory is None else parse_size(memory, "--memory")
-    return *read_scene(run, data), open_ply(run.path / SCENE, limit)
+    scene = read_scene(run, data, any_data=any_data)
+    return *scene, open_ply(run.path / SCENE, limit)
 
 
 def read_scene(
-    run: RunFolder, data: str | None, scale: float | None = None
+    run: RunFolder, data: str | None, scale: float | None = None, *, any_data: bool = False
 ) -> tuple[TrainOptions, Scene]:
     """Reads the options of a finished run, and its scene with the poses that it refined.
 
     Args:
         run, data: see `read_trained`.
         scale: of the images relative to the files; None: as they were trained on.
+        any_data: also take a dataset with other images, poses or lenses than the run's.
 
     Raises:
-        InputError: the run is not finished, or the dataset is not found.
+        InputError: the run is not finished, or the dataset is not found or not that of the run.
     """
     path = run.path / SCENE
     if not path.is_file():
@@ -69,8 +75,29 @@ def read_scene(
     if not os.path.exists(data):
         raise InputError(f"the dataset {data} does not exist any more; give its path with --data")
     scene = load_dataset(data, test_every=options.test_every, test_names=options.test_names)
+    changed = [] if any_data else list_changed_data(run, scene)
+    if changed:
+        raise InputError(
+            f"{scene.path} has other {' and '.join(changed)} than {run.path} was trained on; give "
+            "the dataset of the run by --data, or train again (of `gsut eval`, --force goes on)"
+        )
     size = options if scale is None else dataclasses.replace(options, scale=scale, max_side=0)
     return options, read_refined(run, prepare_scene(scene, size))
+
+
+def list_changed_data(run: RunFolder, scene: Scene) -> list[str]:
+    """Lists which of images, poses and lenses are not those that a run was trained on.
+
+    Args:
+        run: a training, finished or not; one that was killed at its start names nothing.
+        scene: the dataset as it was loaded, in its own coordinates.
+    """
+    saved = (run.read_json(ENVIRONMENT) or {}).get("digests") or {}
+    if not saved:
+        return []
+    is_whole = read_plan(run) is None
+    now = digest_scene(prepare_scene(scene.centred, run.read_options()) if is_whole else scene)
+    return [name for name in _OF_RESULT if saved.get(name, now[name]) != now[name]]
 
 
 class TrainedRun(NamedTuple):

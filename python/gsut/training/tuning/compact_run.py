@@ -28,7 +28,15 @@ from gsut.data import Scene
 from gsut.evaluate import mean_psnr
 from gsut.gaussians import Gaussians, MixedGaussians, pack_harmonics
 from gsut.render import Light
-from gsut.run import METRICS, REFINED, RunFolder, TrainOptions, describe_environment
+from gsut.run import (
+    ENVIRONMENT,
+    METRICS,
+    REFINED,
+    RunFolder,
+    TrainOptions,
+    describe_environment,
+    read_plan,
+)
 from gsut.run.options import AUTO
 from gsut.training.first import center_on_cameras
 from gsut.training.loop import TrainingLoop
@@ -296,6 +304,8 @@ def write_compacted_run(
     elif tuned:
         options = finetune_options(options, tuned, len(gaussians))
     environment = describe_environment(scene.path)
+    if read_plan(source) is None:  # the digests of blocks are of the dataset as it is in the files
+        environment["digests"] = (source.read_json(ENVIRONMENT) or {}).get("digests")
     run = RunFolder.create(out, options.resolve(), environment=environment, command="compact")
     before = source.read_json(METRICS) or {}
     _, metrics = measure(
