@@ -167,8 +167,8 @@ def read_finished(
         return None
     mapping = _start_mapping(images, Given(**given), options, None, None)
     figures = read_figures(Path(out))
-    keys = (_make_key(mapping, Path(out), by_time=by_time) for by_time in (False, True))
-    return figures if figures.get("made_from") in map(digest_key, keys) else None
+    keys = [_make_key(mapping, Path(out), by_time=by_time) for by_time in (False, True)]
+    return figures if figures.get("made_from") in [digest_key(key) for key in keys] else None
 
 
 def _start_mapping(
