@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import itertools
-import os
 from collections.abc import Iterable
-from pathlib import Path
 
 import numpy as np
 
 from gsut.data.scene.scene import Scene
-
-_END_BYTES = 1 << 16  # of both ends of a file: pictures that differ differ there
+from gsut.files import read_ends
 
 
 def digest_scene(scene: Scene) -> dict[str, str]:
@@ -35,13 +32,13 @@ def digest_scene(scene: Scene) -> dict[str, str]:
     split = repr((scene.train_indices, scene.test_indices, [view.name for view in views]))
     parts: dict[str, Iterable[bytes]] = {
         "images": (
-            _read_ends(v.image_path)
+            read_ends(v.image_path)
             if v.pixels is None
             else np.ascontiguousarray(v.pixels).tobytes()
             for v in views
         ),
         "masks": itertools.chain(
-            (_read_ends(path) for path in dict.fromkeys(v.mask_path for v in views) if path),
+            (read_ends(path) for path in dict.fromkeys(v.mask_path for v in views) if path),
             (np.packbits(v.valid).tobytes() for v in views if v.valid is not None),
         ),
         "poses": (np.ascontiguousarray(pose).tobytes() for pose in poses),
@@ -50,22 +47,6 @@ def digest_scene(scene: Scene) -> dict[str, str]:
         "split": (split.encode(errors="surrogateescape"),),
     }
     return {name: _digest(content) for name, content in parts.items()}
-
-
-def digest_file(path: Path) -> str:
-    """Digests the size and both ends of a file, 64 KiB each; one that cannot be read is empty."""
-    return _digest((_read_ends(path),))
-
-
-def _read_ends(path: Path) -> bytes:
-    try:
-        with open(path, "rb") as file:
-            size = os.fstat(file.fileno()).st_size
-            first = file.read(_END_BYTES)
-            file.seek(max(len(first), size - _END_BYTES))
-            return size.to_bytes(8, "little") + first + file.read(_END_BYTES)
-    except OSError:
-        return b""  # whoever needs its pixels says so
 
 
 def _digest(content: Iterable[bytes]) -> str:
