@@ -145,7 +145,7 @@ def list_sources() -> list[Path]:
 
 
 def list_kernels() -> dict[str, list[Path]]:
-    """Returns, by room, the sources whose share of comments counts: .cpp files and -inl.h kernels."""
+    """Returns the sources whose share of comments counts, by room: .cpp files and -inl.h kernels."""
     rooms = collections.defaultdict(list)
     for path in list_sources():
         if path.suffix == ".cpp" or path.name.endswith("-inl.h"):

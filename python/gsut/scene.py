@@ -21,9 +21,7 @@ from gsut.data.scene import choose_inner_views
 from gsut.evaluate import write_scene_page
 from gsut.output_folder import claim_folder
 from gsut.run import (
-    METRICS,
-    OPTIONS,
-    REPORT,
+    RunFile,
     RunFolder,
     SceneOptions,
     StagedProgress,
@@ -249,10 +247,13 @@ class _SceneInProgress:
     def train(self, bars: StagedProgress) -> dict[str, Any]:
         """Trains on the dataset in poses/, and returns the content of metrics.json."""
         folder, options = self.folder, self._make_training_options()
-        if folder.read_json(METRICS) is not None and (folder.path / REPORT).is_file():
+        if (
+            folder.read_json(RunFile.METRICS) is not None
+            and (folder.path / RunFile.REPORT).is_file()
+        ):
             bars.skip("training")
-            return folder.read_json(METRICS)
-        if (folder.path / OPTIONS).is_file():
+            return folder.read_json(RunFile.METRICS)
+        if (folder.path / RunFile.OPTIONS).is_file():
             options = folder.read_options()
             dataset = load_dataset(
                 folder.path / POSES, test_every=options.test_every, test_names=options.test_names

@@ -15,7 +15,7 @@ from gsut.blocks.stages import BlocksResult, Stages
 from gsut.blocks.workers import Workers
 from gsut.data import Scene, digest_scene, keep_at_most
 from gsut.files import UNFINISHED, to_plain
-from gsut.run import BLOCKS, BlockOptions, RunFolder, TrainOptions, describe_environment, read_plan
+from gsut.run import BlockOptions, RunFile, RunFolder, TrainOptions, describe_environment, read_plan
 from gsut.training import choose_degree, prepare_scene
 
 # Version of the tasks' format; tasks of another version cannot be resumed.
@@ -103,6 +103,6 @@ def _open_run(
                 f"{run.path} was started with {name} {plan.get(name)}, not {value}; a resumed run "
                 f"keeps it{hint}, or start a new run"
             )
-    for leftover in (run.path / BLOCKS).rglob(UNFINISHED + "*"):
+    for leftover in (run.path / RunFile.BLOCKS).rglob(UNFINISHED + "*"):
         leftover.unlink()
     return run, dataclasses.replace(run.read_given_options(), threads=options.threads)

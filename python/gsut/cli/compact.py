@@ -145,7 +145,7 @@ def _compact_file(arguments: argparse.Namespace, options: Any) -> dict[str, Any]
 def _compact_run(arguments: argparse.Namespace, options: Any) -> dict[str, Any]:
     from gsut.formats import check_room
     from gsut.gaussians import DRAWN_BYTES
-    from gsut.run import METRICS, SCENE, Progress, RunFolder, read_plan
+    from gsut.run import Progress, RunFile, RunFolder, read_plan
     from gsut.training import RunCompactor, read_light, read_trained, write_compacted_run
 
     source = RunFolder.open(arguments.source)
@@ -164,7 +164,7 @@ def _compact_run(arguments: argparse.Namespace, options: Any) -> dict[str, Any]:
         if not arguments.quiet:
             print(f"gsut: {count:,} Gaussians: {psnr:.2f} dB", file=sys.stderr)
 
-    earlier = (source.read_json(METRICS) or {}).get("compaction") or {}
+    earlier = (source.read_json(RunFile.METRICS) or {}).get("compaction") or {}
     done, views = itertools.count(), len(scene.train_indices)
     with Progress(not arguments.quiet) as bars:
         compactor = RunCompactor(
@@ -180,9 +180,9 @@ def _compact_run(arguments: argparse.Namespace, options: Any) -> dict[str, Any]:
             bars.note(compactor.because)
         made = compactor.make()
     run = write_compacted_run(target.path, source, compactor, made)
-    metrics = run.read_json(METRICS)
+    metrics = run.read_json(RunFile.METRICS)
     if not arguments.quiet and not arguments.json:
-        _print_summary(metrics, (run.path / SCENE).stat().st_size)
+        _print_summary(metrics, (run.path / RunFile.SCENE).stat().st_size)
     return metrics
 
 

@@ -141,19 +141,19 @@ def _find_start_view(arguments: argparse.Namespace, out: Path, gaussians: Any) -
 def _link_in_report(out: Path) -> None:
     """Links a page written into a run's folder from the run's report."""
     from gsut.evaluate import write_report
-    from gsut.run import PAGE, REPORT, RunFolder
+    from gsut.run import RunFile, RunFolder
 
-    if out.name == PAGE and (out.parent / REPORT).is_file():
+    if out.name == RunFile.PAGE and (out.parent / RunFile.REPORT).is_file():
         write_report(RunFolder.open(out.parent))
 
 
 def find_scene_file(source: Path) -> Path:
     """Returns the scene file of a run, or the file itself."""
-    from gsut.run import SCENE, RunFolder
+    from gsut.run import RunFile, RunFolder
 
     if not source.is_dir():
         return source
-    path = RunFolder.open(source).path / SCENE
+    path = RunFolder.open(source).path / RunFile.SCENE
     if not path.is_file():
         raise InputError(f"{path} is absent: the run is not finished; resume it")
     return path

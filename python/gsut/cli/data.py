@@ -126,6 +126,6 @@ def _collect_parts(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def _is_run(source: Path) -> bool:
-    from gsut.run import OPTIONS, SCENE
+    from gsut.run import RunFile
 
-    return (source / OPTIONS).is_file() and (source / SCENE).is_file()
+    return (source / RunFile.OPTIONS).is_file() and (source / RunFile.SCENE).is_file()

@@ -120,7 +120,7 @@ def _measure_run(
     """
     from gsut.evaluate import evaluate
     from gsut.render import PixelFilter
-    from gsut.run import METRICS, Progress, RunFolder
+    from gsut.run import Progress, RunFile, RunFolder
     from gsut.training import read_light
 
     trained_on, scene = scenes
@@ -144,7 +144,7 @@ def _measure_run(
             arguments, gaussians, scene, indices, options.background, out
         )
     if out is not None:
-        RunFolder(out).write_json(METRICS, figures)
+        RunFolder(out).write_json(RunFile.METRICS, figures)
     return figures
 
 

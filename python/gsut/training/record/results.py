@@ -19,7 +19,7 @@ from gsut.formats import NO_BACKGROUND, name_origin, prepare_for_file, save_ply
 from gsut.gaussians import Gaussians
 from gsut.refine import evaluate_aligned, write_refined
 from gsut.render import Light
-from gsut.run import SCENE, RunFolder, TrainOptions
+from gsut.run import RunFile, RunFolder, TrainOptions
 from gsut.run.verdicts import judge_training
 from gsut.training.loop import TrainingLoop
 
@@ -115,7 +115,7 @@ def write_results(
     """
     in_dataset = gaussians.translate(metrics["world_offset"])
     metrics["notes"] += describe_place(prepare_for_file(in_dataset).origin)
-    run.write(SCENE, lambda path: save_ply(path, in_dataset, list_scene_comments(run)))
+    run.write(RunFile.SCENE, lambda path: save_ply(path, in_dataset, list_scene_comments(run)))
     write_findings(run, metrics, data, refined, options)
 
 

@@ -28,7 +28,7 @@ from gsut.data import Scene
 from gsut.evaluate import mean_psnr
 from gsut.gaussians import Gaussians, MixedGaussians, pack_harmonics
 from gsut.render import Light
-from gsut.run import METRICS, REFINED, RunFolder, TrainOptions, describe_environment
+from gsut.run import RunFile, RunFolder, TrainOptions, describe_environment
 from gsut.run.options import AUTO
 from gsut.training.first import center_on_cameras
 from gsut.training.loop import TrainingLoop
@@ -297,7 +297,7 @@ def write_compacted_run(
         options = finetune_options(options, tuned, len(gaussians))
     environment = describe_environment(scene.path)
     run = RunFolder.create(out, options.resolve(), environment=environment, command="compact")
-    before = source.read_json(METRICS) or {}
+    before = source.read_json(RunFile.METRICS) or {}
     _, metrics = measure(
         gaussians, scene, scene.test_indices or scene.train_indices, options, run,
         steps=anew.step if anew else int(before.get("steps") or 0) + tuned,
@@ -318,6 +318,6 @@ def write_compacted_run(
         "compact_seconds": compactor.compact_seconds,
         "finetune_seconds": compactor.finetune_seconds,
     }
-    refined = scene if source.read_json(REFINED) is not None else None
+    refined = scene if source.read_json(RunFile.REFINED) is not None else None
     write_results(run, gaussians, metrics, scene.path, refined, compactor.train_options)
     return run
