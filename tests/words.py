@@ -145,7 +145,7 @@ def list_sources() -> list[Path]:
 
 
 def list_kernels() -> dict[str, list[Path]]:
-    """Returns the sources whose share of comments counts, by room: .cpp files and -inl.h kernels."""
+    """Returns the sources whose share of comments counts, by room: .cpp and -inl.h files."""
     rooms = collections.defaultdict(list)
     for path in list_sources():
         if path.suffix == ".cpp" or path.name.endswith("-inl.h"):

@@ -41,7 +41,8 @@ from gsut.sfm import (
     read_figures,
 )
 from gsut.train import TrainResult, train
-from gsut.training import describe_resizing, track_training
+from gsut.training import track_training
+from gsut.training.first import describe_resizing
 
 POSES = "poses"  # folder of the pictures and poses, inside the run's folder
 STATE = "scene.json"  # inputs and settings; seconds and verdict once the scene is finished

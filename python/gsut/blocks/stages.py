@@ -33,7 +33,8 @@ from gsut.blocks.store import BlockStore
 from gsut.blocks.task import Trained
 from gsut.blocks.tasks import TaskMaker
 from gsut.blocks.workers import FIGURES, Job, Workers, write_state
-from gsut.data import Scene, keep_at_most
+from gsut.data import Scene
+from gsut.data.scene import keep_at_most
 from gsut.evaluate import evaluate
 from gsut.formats import load_ply, open_ply
 from gsut.gaussians import Gaussians
@@ -46,15 +47,8 @@ from gsut.run import (
     read_plan,
     release_memory,
 )
-from gsut.training import (
-    choose_complexity,
-    describe_place,
-    find_plain_background,
-    limit_gaussians,
-    list_scene_comments,
-    measure,
-    write_findings,
-)
+from gsut.training.first import choose_complexity, find_plain_background, limit_gaussians
+from gsut.training.record import describe_place, list_scene_comments, measure, write_findings
 
 # Held-out views that each round is measured on, spread evenly.
 _CURVE_VIEWS = 8

@@ -78,7 +78,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     from gsut.run.options import parse_size
-    from gsut.training import CompactOptions
+    from gsut.training.tuning import CompactOptions
 
     size = arguments.target_size
     options = CompactOptions(
@@ -144,9 +144,10 @@ def _compact_file(arguments: argparse.Namespace, options: Any) -> dict[str, Any]
 
 def _compact_run(arguments: argparse.Namespace, options: Any) -> dict[str, Any]:
     from gsut.formats import check_room
-    from gsut.gaussians import DRAWN_BYTES
+    from gsut.gaussians import StoredGaussians
     from gsut.run import Progress, RunFile, RunFolder, read_plan
-    from gsut.training import RunCompactor, read_light, read_trained, write_compacted_run
+    from gsut.training import read_light, read_trained
+    from gsut.training.tuning import RunCompactor, write_compacted_run
 
     source = RunFolder.open(arguments.source)
     if Path(arguments.out).suffix.lower() in FILE_SUFFIXES:
@@ -156,7 +157,7 @@ def _compact_run(arguments: argparse.Namespace, options: Any) -> dict[str, Any]:
     target = RunFolder.claim(arguments.out, "compact", arguments.source)
     target.refuse_finished(arguments.source)  # before anything that takes long
     train_options, scene, gaussians = read_trained(source, arguments.data)
-    check_room("compacting", [gaussians], _WORKING, DRAWN_BYTES)
+    check_room("compacting", [gaussians], _WORKING, StoredGaussians.DRAWN_BYTES)
     if read_plan(source) is not None:  # too large, perhaps, to be trained as a whole
         options = dataclasses.replace(options, method=options.merging)
 

@@ -98,10 +98,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _tune_for_viewers(arguments: argparse.Namespace) -> tuple[Any, dict[str, Any]]:
     """Fine-tunes a run's Gaussians for viewers; returns them and the gain."""
-    from gsut.render import PLAYCANVAS_SHRINK, choose_solid
+    from gsut.render import choose_solid
     from gsut.run import Progress, RunFolder
-    from gsut.training import read_trained, tune_for_viewers
-    from gsut.training.tuning import VIEWER_STEPS
+    from gsut.training import read_trained
+    from gsut.training.tuning import VIEWER_STEPS, tune_for_viewers
 
     if not Path(arguments.source).is_dir():
         raise InputError(
@@ -110,11 +110,10 @@ def _tune_for_viewers(arguments: argparse.Namespace) -> tuple[Any, dict[str, Any
         )
     options, scene, gaussians = read_trained(RunFolder.open(arguments.source), arguments.data)
     steps = VIEWER_STEPS if arguments.steps is None else arguments.steps
-    from_playcanvas = arguments.out.lower().endswith(_PLAYCANVAS)
     with Progress(not arguments.quiet) as bars:
         tuned = tune_for_viewers(
             scene, gaussians, steps, background=choose_solid(options.background),
-            shrink=PLAYCANVAS_SHRINK if from_playcanvas else 1.0,
+            for_playcanvas=arguments.out.lower().endswith(_PLAYCANVAS),
             on_step=lambda step, loss: bars.show("for viewers", step, steps, f"loss {loss:.4f}"),
         )  # fmt: skip
     figures = {

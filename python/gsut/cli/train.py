@@ -130,7 +130,7 @@ def train_into(
         options = fit_to_views(options, len(scene.train_indices))
     if not quiet:
         from gsut.data.points import UNCOLORED, has_colors
-        from gsut.training import describe_resizing
+        from gsut.training.first import describe_resizing
 
         colors = UNCOLORED if len(scene.points) and not has_colors(scene) else None
         for note in filter(None, (*scene.notes, describe_resizing(scene, options), colors)):

@@ -148,8 +148,8 @@ class RunFolder:
             raise InputError(f"{run.path}: no such folder; give the folder of a run")
         if not (run.path / RunFile.OPTIONS).is_file():
             raise InputError(
-                f"{run.path} holds no run (no {RunFile.OPTIONS}); give a folder that gsut train has "
-                "written"
+                f"{run.path} holds no run (no {RunFile.OPTIONS}); give a folder that gsut train "
+                "has written"
             )
         return run
 
@@ -239,8 +239,8 @@ class RunFolder:
         path = self.path / RunFile.OPTIONS
         if not os.path.lexists(path):
             raise InputError(
-                f"{path} is absent, so nobody knows how the run was made; {RunFile.SCENE}, if it is "
-                "there, can be used by itself, and a new run needs another folder"
+                f"{path} is absent, so nobody knows how the run was made; {RunFile.SCENE}, if it "
+                "is there, can be used by itself, and a new run needs another folder"
             )
         return _parse_options(path, lambda: check_regular(path).read_text(encoding="utf-8"))
 

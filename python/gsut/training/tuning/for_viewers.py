@@ -15,8 +15,9 @@ from gsut.gaussians import Gaussians
 from gsut.lens import Camera
 from gsut.metrics import psnr
 from gsut.optimize import GaussianOptimizer, LearningRates, choose_view
-from gsut.render import EwaSplats, make_viewer_rule, render, render_ewa
+from gsut.render import render
 from gsut.training.first import center_on_cameras
+from gsut.training.tuning.ewa import PLAYCANVAS_SHRINK, EwaSplats, make_viewer_rule, render_ewa
 
 # Steps of the fine-tune by default; more gain little.
 VIEWER_STEPS = 300
@@ -65,7 +66,7 @@ def tune_for_viewers(
     steps: int = VIEWER_STEPS,
     *,
     background: Sequence[float] = (0.0, 0.0, 0.0),
-    shrink: float = 1.0,
+    for_playcanvas: bool = False,
     seed: int = 0,
     on_step: Callable[[int, float], object] = lambda step, loss: None,
 ) -> ForViewers:
@@ -79,7 +80,7 @@ def tune_for_viewers(
         gaussians: trained, of the same world.
         steps: of one picture each.
         background: colour behind everything.
-        shrink: of the viewers' splats, see `EwaSplats`.
+        for_playcanvas: for PlayCanvas' viewers, whose splats are a little smaller.
         seed: of fields of view, windows and turns.
         on_step: called after each step with its number and loss.
 
@@ -99,6 +100,7 @@ def tune_for_viewers(
     shift, scene = near.world_offset - scene.world_offset, near
     optimizer = GaussianOptimizer(teacher, seed=seed)
     renderer, rule = _core.Renderer(), make_viewer_rule()
+    shrink = PLAYCANVAS_SHRINK if for_playcanvas else 1.0
     extent = scene.extent
     for step in range(1, steps + 1):
         view = choose_view(scene.train_indices, step, seed)

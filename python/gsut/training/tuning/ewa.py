@@ -20,7 +20,7 @@ from gsut.gaussians import (
     quaternion_from_rotation,
     rotations_from_quaternions,
 )
-from gsut.render.renderer import Render, render
+from gsut.render import Render, render
 
 DILATION = 0.3  # px^2, of every viewer
 # PlayCanvas draws (exp(-D^2 / 2) - e) / (1 - e), e = exp(-4), up to D^2 = 8: over the screen less
