@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import functools
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -239,11 +240,8 @@ class _SceneInProgress:
 
     def _make_training_options(self) -> TrainOptions:
         o = self._options
-        settings: dict[str, Any] = {
-            "preset": o.preset,
-            "steps": o.steps,
-        }  # None: the preset's steps
-        return TrainOptions(**settings, seed=o.seed, threads=o.threads)
+        make = functools.partial(TrainOptions, preset=o.preset, seed=o.seed, threads=o.threads)
+        return make() if o.steps is None else make(steps=o.steps)
 
     def train(self, bars: StagedProgress) -> dict[str, Any]:
         """Trains on the dataset in poses/, and returns the content of metrics.json."""

@@ -21,6 +21,7 @@ from gsut.cli._flags import (
     whole,
 )
 from gsut.files import refuse_existing
+from gsut.run.options import add_rare_option
 
 HELP = "fewer Gaussians for the same picture"
 DESCRIPTION = (
@@ -69,11 +70,12 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "DB by it [default: leave them]",
     )  # fmt: skip
     add_moved_data(parser)
-    parser.add_argument(
-        "--seed", type=Number(0, whole=True), default=0, metavar="N", help="[default 0]"
-    )
     add_quiet(parser)
     add_json(parser)
+    add_rare_option(
+        parser, "seed", Number(0, whole=True), 0, metavar="N",
+        help="seed of every random number [default 0]",
+    )  # fmt: skip
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -146,7 +148,7 @@ def _compact_run(arguments: argparse.Namespace, options: Any) -> dict[str, Any]:
     from gsut.formats import check_room
     from gsut.gaussians import StoredGaussians
     from gsut.run import Progress, RunFile, RunFolder, read_plan
-    from gsut.training import read_light, read_trained
+    from gsut.training import load_run
     from gsut.training.tuning import RunCompactor, write_compacted_run
 
     source = RunFolder.open(arguments.source)
@@ -156,8 +158,8 @@ def _compact_run(arguments: argparse.Namespace, options: Any) -> dict[str, Any]:
         )
     target = RunFolder.claim(arguments.out, "compact", arguments.source)
     target.refuse_finished(arguments.source)  # before anything that takes long
-    train_options, scene, gaussians = read_trained(source, arguments.data)
-    check_room("compacting", [gaussians], _WORKING, StoredGaussians.DRAWN_BYTES)
+    trained = load_run(arguments.source, arguments.data)
+    check_room("compacting", [trained.gaussians], _WORKING, StoredGaussians.DRAWN_BYTES)
     if read_plan(source) is not None:  # too large, perhaps, to be trained as a whole
         options = dataclasses.replace(options, method=options.merging)
 
@@ -166,10 +168,10 @@ def _compact_run(arguments: argparse.Namespace, options: Any) -> dict[str, Any]:
             print(f"gsut: {count:,} Gaussians: {psnr:.2f} dB", file=sys.stderr)
 
     earlier = (source.read_json(RunFile.METRICS) or {}).get("compaction") or {}
-    done, views = itertools.count(), len(scene.train_indices)
+    done, views = itertools.count(), len(trained.scene.train_indices)
     with Progress(not arguments.quiet) as bars:
         compactor = RunCompactor(
-            scene, gaussians, train_options, options, light=read_light(source, scene),
+            trained, options,
             keep_degrees=earlier.get("harmonics_degrees") is not None,
             on_view=lambda: bars.show("views", next(done) % views + 1, views),
             on_step=lambda loop, loss: bars.show_step(

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from gsut._core import InputError
-from gsut.cli._flags import add_json, add_moved_data, add_quiet, print_json, whole
+from gsut.cli._flags import Number, add_json, add_moved_data, add_quiet, print_json, whole
 from gsut.files import refuse_existing
+from gsut.run.options import add_rare_option
 
 HELP = "a scene in another format: SPZ, SOG, glTF, USD, PLY, a page for any browser"
 DESCRIPTION = (
@@ -33,11 +34,6 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="leave harmonics above this degree out, which makes files smaller [default 3: none]",
     )  # fmt: skip
     parser.add_argument(
-        "--spz-version", type=int, choices=(3, 4), default=3, metavar="{3,4}",
-        help="of a .spz file: 3 is read everywhere; 4 is a little smaller and needs zstandard "
-        "[default 3]",
-    )  # fmt: skip
-    parser.add_argument(
         "--three-scales", action="store_true",
         help="of a .ply of surfels: with a third scale, as programs need it that know no 2DGS "
         "[default: as 2DGS, without]",
@@ -48,10 +44,18 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "and 0.3 pixels wider, show it as gsut does; gsut itself then shows it a little thinner "
         "[default gsut: as it is]",
     )  # fmt: skip
-    parser.add_argument("--steps", type=whole, metavar="N", help="of --for viewers [default 300]")
     add_moved_data(parser)
     add_quiet(parser)
     add_json(parser)
+    add_rare_option(
+        parser, "spz_version", Number(3, 4, whole=True), 3, metavar="{3,4}",
+        help="of a .spz file: 3 is read everywhere; 4 is a little smaller and needs zstandard "
+        "[default 3]",
+    )  # fmt: skip
+    add_rare_option(
+        parser, "steps", whole, None, metavar="N",
+        help="of --for viewers: training steps [default 300]",
+    )  # fmt: skip
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -68,7 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.reader == "viewers":
         gaussians, tuning = _tune_for_viewers(arguments)
     elif arguments.steps is not None:
-        raise InputError("--steps belongs to --for viewers")
+        raise InputError("--set steps belongs to --for viewers")
     gaussians = _lower_degree(gaussians, arguments.sh_degree)
     settings = WriteSettings(
         antialiased=found.antialiased,

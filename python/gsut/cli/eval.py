@@ -21,6 +21,7 @@ from gsut.cli._flags import (
     read_folder_name,
 )
 from gsut.files import whole_folder
+from gsut.run.options import add_rare_option
 
 HELP = "figures on the held-out images"
 DESCRIPTION = (
@@ -63,12 +64,13 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "(.npy, or .png of 16 bits) [alone: the depth files that the dataset names]",
     )
     add_depth_unit(parser)
-    parser.add_argument(
-        "--mesh", metavar="FILE", help="the mesh to judge [default: as `gsut mesh` makes it]"
-    )
     add_memory(parser)
     add_force(parser)
     add_json(parser)
+    add_rare_option(
+        parser, "mesh", str, None, metavar="FILE",
+        help="with --geometry: the mesh to judge [default: as `gsut mesh` makes it]",
+    )  # fmt: skip
 
 
 def run(arguments: argparse.Namespace) -> int:

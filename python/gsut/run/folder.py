@@ -51,6 +51,7 @@ _FILES = (
     *(RunFile.BLOCKS, RunFile.RENDERS),
 )
 _DAMAGED = f"it is damaged; {RunFile.SCENE}, if it is there, can be used by itself"
+_RESULTS = (RunFile.SCENE, RunFile.METRICS, RunFile.REPORT)
 _OF_PLAN = ("blocks", "rounds", "version", "isa", "options")
 # Options that a resumed run may have otherwise than the run that it goes on with: they change
 # neither the result's bits nor the steps at which history is written.
@@ -159,10 +160,7 @@ class RunFolder:
 
     def is_finished(self) -> bool:
         """Returns whether a training has done all its steps and written all its files."""
-        if not all(
-            (self.path / name).is_file()
-            for name in (RunFile.SCENE, RunFile.METRICS, RunFile.REPORT)
-        ):
+        if not all((self.path / name).is_file() for name in _RESULTS):
             return False
         with reading(lambda what: InputError(f"{self.path / RunFile.METRICS}: {what}; {_DAMAGED}")):
             steps = self.read_json(RunFile.METRICS)["steps"]

@@ -12,6 +12,7 @@ from gsut import InputError, TrainOptions
 from gsut.cli import main
 from gsut.run.folder import RunFile
 from gsut.run.options import parse_size
+from gsut.training import TrainedRun
 from gsut.training.tuning.compact_run import CompactOptions, RunCompactor, count_for_bytes
 from gsut.training.tuning.finetuning import finetune, finetune_options
 from random_scenes import arrays_of
@@ -81,7 +82,8 @@ def test_target_psnr_drop_finds_fewer_gaussians_within_it(scene, run):
     whole = gsut.formats.load_ply(run / RunFile.SCENE)
     tried = []
     compactor = RunCompactor(
-        scene, whole, TrainOptions(**SHORT).resolve(), CompactOptions(target_psnr_drop=0.3),
+        TrainedRun(TrainOptions(**SHORT).resolve(), scene, whole, None),
+        CompactOptions(target_psnr_drop=0.3),
         on_try=lambda count, psnr: tried.append((count, psnr)),
     )  # fmt: skip
     small = compactor.make()
