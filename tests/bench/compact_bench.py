@@ -9,7 +9,8 @@ from pathlib import Path
 
 import gsut
 from gsut import _core
-from gsut.compact import METHODS, check_keep, check_method
+from gsut.compact import check_keep, check_method
+from gsut.compact.method import METHODS
 from gsut.evaluate import evaluate
 from gsut.evaluate.held_out import render_view_image
 from gsut.training.tuning.from_start import FromStart

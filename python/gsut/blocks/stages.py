@@ -48,7 +48,13 @@ from gsut.run import (
     release_memory,
 )
 from gsut.training.first import choose_complexity, find_plain_background, limit_gaussians
-from gsut.training.record import describe_place, list_scene_comments, measure, write_findings
+from gsut.training.record import (
+    TrainedRun,
+    describe_place,
+    list_scene_comments,
+    measure,
+    write_findings,
+)
 
 # Held-out views that each round is measured on, spread evenly.
 _CURVE_VIEWS = 8
@@ -294,8 +300,8 @@ class Stages:
         seconds = self.coarse.seconds + sum(row["seconds"] for row in rows)
         chosen = scene.test_indices or scene.train_indices[:_CURVE_VIEWS]
         scene, metrics = measure(
-            self._open_scene(), scene, chosen, resolved, self._run, steps=steps,
-            train_seconds=seconds, align=o.refine_poses, light=self.coarse.light,
+            TrainedRun(resolved, scene, self._open_scene(), self.coarse.light), chosen, self._run,
+            steps=steps, train_seconds=seconds, align=o.refine_poses,
         )  # fmt: skip
         self._complexity.add_to(metrics)
         if self.coarse.figures is not None:

@@ -291,11 +291,11 @@ def write_compacted_run(
     run = RunFolder.create(out, options.resolve(), environment=environment, command="compact")
     before = source.read_json(RunFile.METRICS) or {}
     _, metrics = measure(
-        gaussians, scene, scene.test_indices or scene.train_indices, options, run,
+        TrainedRun(options, scene, gaussians, compactor.light),
+        scene.test_indices or scene.train_indices, run,
         steps=anew.step if anew else int(before.get("steps") or 0) + tuned,
         train_seconds=anew.seconds if anew else float(before.get("train_seconds") or 0.0)
         + compactor.finetune_seconds,
-        light=compactor.light,
     )  # fmt: skip
     metrics["notes"] += filter(None, [compactor.because])
     metrics["compaction"] = {
