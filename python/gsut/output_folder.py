@@ -26,7 +26,9 @@ except ImportError:  # Windows
 
 MARKER = "gsut.json"  # in the folder: which command wrote it, of what, and the lock
 _LITTER = frozenset((MARKER, ".DS_Store", "Thumbs.db", "desktop.ini"))  # no content of anybody's
-_LOCKED_BYTE = 1 << 30  # on Windows, where a locked byte cannot be read: far beyond the marker's end
+_LOCKED_BYTE = (
+    1 << 30
+)  # on Windows, where a locked byte cannot be read: far beyond the marker's end
 _claims: weakref.WeakValueDictionary[Path, OutputFolder] = weakref.WeakValueDictionary()
 _claiming = threading.Lock()
 

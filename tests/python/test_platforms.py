@@ -10,8 +10,8 @@ import gsut
 from gsut import output_folder
 from small_videos import walk_past
 
-# What macOS lacks of Linux, and Windows of both. `os.name` stays: the standard library's own choices
-# depend on it.
+# What macOS lacks of Linux, and Windows of both. `os.name` stays, because the standard library
+# chooses by it.
 MISSING_NAMES = {
     "os": (
         *("sched_getaffinity", "sched_setaffinity", "fork", "getuid", "geteuid", "chown"),

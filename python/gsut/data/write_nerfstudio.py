@@ -89,10 +89,12 @@ def _format_transforms(
         for frame in frames
     ]
     if test is not None:
-        named = [(row["file_path"], frame.name in test) for row, frame in zip(rows, frames, strict=True)]
+        named = [
+            (row["file_path"], frame.name in test) for row, frame in zip(rows, frames, strict=True)
+        ]
         values["train_filenames"] = [name for name, is_test in named if not is_test]
         values["test_filenames"] = [name for name, is_test in named if is_test]
-        # nerfstudio asks for this list while it trains, and refuses a file that has only the others.
+        # nerfstudio reads this list in training and refuses a file that has only the others.
         values["val_filenames"] = values["test_filenames"]
     return json.dumps({**values, "frames": rows}, indent=1) + "\n"
 
