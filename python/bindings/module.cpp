@@ -54,6 +54,7 @@ PYBIND11_MODULE(_core, m) {
   solve_error.attr("__doc__") = "A solver found nothing; the message carries its summary.";
   gsut::ActiveIsa();  // applies GSUT_ISA now, so that an unknown name fails at import
   // A class must be bound before a function takes it as an argument with a default.
+  BindArrays(m);
   BindBase(m);
   BindCameras(m);
   BindGeometry(m);

@@ -6,6 +6,7 @@ import contextlib
 import hashlib
 import logging
 import os
+import platform
 import tempfile
 import time
 from collections.abc import Callable, Sequence
@@ -213,12 +214,12 @@ def train_segment(
     """
     if _core.__version__ != driver.version:
         raise InputError(
-            f"{os.uname().nodename} has gsut {_core.__version__}, the driver {driver.version}; "
+            f"{platform.node()} has gsut {_core.__version__}, the driver {driver.version}; "
             "install the same version on all nodes"
         )
     if driver.isa not in _core.available_isas():
         raise InputError(
-            f"{os.uname().nodename} has no {driver.isa} instructions, which this run started with"
+            f"{platform.node()} has no {driver.isa} instructions, which this run started with"
         )
     _core.set_isa(driver.isa)
     _core.set_num_threads(driver.threads)
@@ -278,7 +279,7 @@ def _from_bytes(content: bytes, folder: Path) -> dict[str, Any]:
 
 def _make_disk_error(error: OSError) -> InputError:
     return InputError(
-        f"{os.uname().nodename} cannot keep photographs in {tempfile.gettempdir()} "
+        f"{platform.node()} cannot keep photographs in {tempfile.gettempdir()} "
         f"({error.strerror or error}); give that node room there, or another TMPDIR"
     )
 
