@@ -262,8 +262,8 @@ py::dict Estimate(const std::vector<const Camera*>& cameras,
   });
 }
 
-// From poses that are nearly right: points anew, then bundle adjustment. registered: which poses are
-// known, empty: all; the other images are placed by what they see. rig: see ReadRig.
+// From poses that are nearly right: points anew, then bundle adjustment. registered: which poses
+// are known, empty: all; the other images are placed by what they see. rig: see ReadRig.
 py::dict RefinedStructure(const std::vector<const Camera*>& cameras,
                           const std::vector<int>& camera_of_image, const py::list& pixels,
                           const py::list& verified, const py::list& camera_from_world,
