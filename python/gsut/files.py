@@ -23,7 +23,6 @@ import numpy as np
 from gsut._core import InputError
 
 _MOST_ALIASES = 16  # of a YAML file
-_END_BYTES = 1 << 16  # of both ends of a file: pictures and films that differ differ there
 _MOST_LETTERS = 60  # of a name: four bytes each, and a file system takes 255 with an ending
 UNFINISHED = ".writing-"  # start of the names of files that are being written
 
@@ -187,18 +186,6 @@ def check_regular(path: str | os.PathLike[str]) -> Path:
     if not stat.S_ISREG(mode):
         raise OSError(errno.EINVAL, "a pipe or a device, not a file", os.fspath(path))
     return Path(path)
-
-
-def read_ends(path: str | os.PathLike[str]) -> bytes:
-    """Reads the size and both ends of a file, 64 KiB each; of one that cannot be read, nothing."""
-    try:
-        with open(path, "rb") as file:
-            size = os.fstat(file.fileno()).st_size
-            first = file.read(_END_BYTES)
-            file.seek(max(len(first), size - _END_BYTES))
-            return size.to_bytes(8, "little") + first + file.read(_END_BYTES)
-    except OSError:
-        return b""  # whoever needs its content says so
 
 
 def write_file(path: str | os.PathLike[str], content: str | bytes) -> None:

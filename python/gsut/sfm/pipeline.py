@@ -10,9 +10,9 @@ from typing import Any
 
 from gsut import _core
 from gsut._core import SolveError
-from gsut.data import capture_state
 from gsut.data.images import read_header
 from gsut.data.rigs import read_rig
+from gsut.data.scene import capture_state
 from gsut.output_folder import claim_folder
 from gsut.sfm.core import (
     Adjustment,
