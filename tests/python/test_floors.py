@@ -38,9 +38,12 @@ ROOMS: dict[str, dict[str, int]] = {
     "python/gsut/lens": {"files": 1},
     "python/gsut/run": {"options": 1, "verdicts": 2},
     "python/gsut/sfm": {
-        "core": 1,
-        **dict.fromkeys(("lens", "points", "rig", "world"), 2),
-        **dict.fromkeys(("shutter", "report"), 3),
+        "photographs": 1,
+        "matches": 2,
+        "solution": 3,
+        "mapping": 4,
+        **dict.fromkeys(("lens", "points", "rig", "world"), 5),
+        **dict.fromkeys(("shutter", "report"), 6),
     },
     "python/gsut/training": {
         **dict.fromkeys(("first", "strategies", "surface"), 1),
