@@ -7,12 +7,12 @@ import concurrent.futures
 import contextlib
 import dataclasses
 import math
-import os
 from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from gsut import _core
 from gsut._core import InputError, Shutter
 from gsut.data.images import decode_image, decode_mask, shrink_image, shrink_mask
 from gsut.lens import Camera
@@ -244,7 +244,7 @@ def _read_all_features(
     """
     import cv2
 
-    workers = options.threads or len(os.sched_getaffinity(0))
+    workers = options.threads or _core.num_threads()
     before = cv2.getNumThreads()
     cv2.setNumThreads(1)  # one image a thread
     try:
