@@ -235,20 +235,18 @@ class _SceneInProgress:
         """Finds poses and lens, and returns the content of poses.json."""
         o, out = self._options, self.folder.path / POSES
         bars.skip(POSES)  # the stages of `find_poses` take its place
-        options = PosesOptions(shutter=o.shutter, seed=o.seed, threads=o.threads)
-        settings: dict[str, Any] = {
-            "camera": o.camera,
-            "fov_degrees": o.fov,
-            "options": add_lens_readout(options, o.camera, pictures.figures),
-        }
-        done = read_finished(pictures.path, out, **settings)
+        options = PosesOptions(fov=o.fov, shutter=o.shutter, seed=o.seed, threads=o.threads)
+        options = add_lens_readout(options, o.camera, pictures.figures)
+        done = read_finished(pictures.path, out, o.camera, options)
         if done is not None:
             return done
         if is_finished(out):
             bars.note("poses are found again: those in the folder are of other pictures")
         with contextlib.closing(StageFollower(bars)) as stages:
             log = PosesLog(stages.show, bars.note, stages.expect)
-            figures = find_poses(pictures.path, out, log=log, **settings).figures
+            figures = find_poses(
+                pictures.path, out, camera=o.camera, options=options, log=log
+            ).figures
         self._poses_seconds = stages.seconds
         return figures
 
