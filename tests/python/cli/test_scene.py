@@ -91,7 +91,7 @@ def copied(made, tmp_path):
     run, video = tmp_path / "run", tmp_path / "walk.mp4"
     shutil.copytree(folder / "run", run)
     shutil.copy(words[1], video)
-    for path in (run / "scene.json", run / "poses/capture/capture.json"):
+    for path in (run / "scene.json", run / "gsut.json", run / "poses/capture/capture.json"):
         path.write_text(path.read_text().replace(words[1], str(video)))
     return run, video, ["scene", str(video), *words[2:], "-o", str(run)]
 
