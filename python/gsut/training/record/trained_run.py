@@ -98,7 +98,9 @@ def list_changed_data(run: RunFolder, scene: Scene) -> list[str]:
         return []
     is_whole = read_plan(run) is None
     now = digest_scene(prepare_scene(scene.centred, run.read_options()) if is_whole else scene)
-    return [name for name in _OF_RESULT if saved.get(name, now[name]) != now[name]]
+    # Refined poses and lenses are the run's own.
+    parts = _OF_RESULT[:1] if (run.path / RunFile.REFINED).is_file() else _OF_RESULT
+    return [name for name in parts if saved.get(name, now[name]) != now[name]]
 
 
 class TrainedRun(NamedTuple):
