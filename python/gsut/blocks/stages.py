@@ -267,7 +267,10 @@ class Stages:
         """Writes the scene after a round, and a row of the history."""
         flat = self._options.primitive == "surfel"
         self._place = self._store.save(
-            self._folder / SCENE, self._turn, list_scene_comments(self._run), flat
+            self._folder / SCENE,
+            self._turn,
+            list_scene_comments(self._run, self.coarse.light is not None),
+            flat,
         )
         jobs = (self._make_job(block, number) for block in range(len(self.layout)))
         step = sum(int(_read_figures(job)["step"]) for job in jobs)

@@ -3,6 +3,7 @@
 from gsut.render.ewa import PLAYCANVAS_SHRINK, EwaSplats, make_viewer_rule, render_ewa
 from gsut.render.films import is_film, write_video
 from gsut.render.light import (
+    SCENE_LIGHT,
     Falloff,
     Light,
     compute_falloff_basis,
@@ -28,6 +29,7 @@ __all__ = [
     "DEFAULT_UNSCENTED",
     "METHODS",
     "PLAYCANVAS_SHRINK",
+    "SCENE_LIGHT",
     "EwaSplats",
     "Falloff",
     "Gradients",

@@ -1,7 +1,8 @@
 """The light that photographs were taken in: exposure and white balance of each, falloff of a lens.
 
 A photograph shows the scene times a gain of its own, one a channel, times the falloff of its lens,
-a function of the field angle. Gaussians hold the scene at the mean gain and without falloff.
+a function of the field angle. Gaussians hold the scene at the mean gain and without falloff, as
+bright as the photographs are on average: gain times falloff has a mean of 1 over their pixels.
 """
 
 from __future__ import annotations
@@ -16,6 +17,11 @@ import numpy as np
 
 _CAMERAS_KEPT = 8  # whose field angles are kept, 8 bytes a pixel
 ORDERS = 3  # coefficients of a channel's falloff: of t^2, t^4, t^6
+# Describes the light of images that show the Gaussians as they are.
+SCENE_LIGHT = (
+    "in the light of the scene: the photographs' mean brightness and colour, without the falloff "
+    "of the lens"
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -89,7 +95,7 @@ class Light:
         brightness = logs.mean(axis=1)
         balance = logs - brightness[:, None]
         words = ""
-        if logs.any():
+        if np.ptp(logs, axis=0).any():
             words = (
                 f"The photographs differ in exposure by {100 * brightness.std():.1f} % and in white"
                 f" balance by {100 * balance.std():.1f} % (standard deviation). Gaussians show the "
@@ -100,6 +106,10 @@ class Light:
             if falloff is not None:
                 rim = float(falloff.evaluate(np.array([falloff.max_angle])).mean())
                 words += f"The lens passes {100 * rim:.0f} % of the light at its rim. "
+        words += (
+            "Films, exported files and the viewer away from the photographs show the Gaussians "
+            f"{SCENE_LIGHT}. "
+        )
         return words + "--exposure off leaves this in the scene."
 
     @staticmethod

@@ -4,8 +4,10 @@ Each step compares its image with its photograph, and least squares give the pho
 a channel (`PhotometricTarget.light_sums`); nothing is optimised by gradients. The photograph is
 divided by its light, not the image multiplied: Gaussians learn the scene at the mean gain and
 without falloff, and the backward pass needs neither. The mean log-gain of the training views is
-held at zero, exactly. If the scene's points show that gains differ, theirs are used from the first
-step until the images are better than they are.
+held at zero, exactly, beside a level common to all: it gives gains and falloffs together a mean of
+1 over the photographs' pixels, so that the scene is as bright as its photographs are. If the
+scene's points show that gains differ, theirs are used from the first step until the images are
+better than they are.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ from __future__ import annotations
 import bisect
 import copy
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -101,6 +104,7 @@ class PhotographModel:
         self._total = [0.0] * 3  # of the known log-gains; those of other views are zero
         self._num_known = 0
         self._falloffs: list[Falloff | None] = [None] * len(scene.cameras)
+        self._level = np.ones(3)  # factor of all gains, one a channel
         self._looked = (0, 0)  # how often for gains, for falloffs
         self._by_points = False
         first = find_first_gains(scene) if light is None and self._mode != "off" else None
@@ -108,7 +112,10 @@ class PhotographModel:
             self._gains_used, self._by_points = True, True
             self._start_from(first)
         if light is not None:
-            self._start_from(np.log(light.gains))
+            log_gains = np.log(light.gains)
+            if any(light.falloffs):
+                self._level = np.exp(log_gains[list(scene.train_indices)].mean(axis=0))
+            self._start_from(log_gains - np.log(self._level))
             self._falloffs = list(light.falloffs)
         self._bases: dict[int, tuple[float, np.ndarray]] = {}
         self._lights: dict[int, np.ndarray] = {}  # see `_find_light_of_parts`
@@ -216,12 +223,12 @@ class PhotographModel:
         if self._gains_used:
             logs = self._log_gains - self._log_gains[known].mean(axis=0)
         logs = interpolate_gains(logs, known.tolist(), self._names, self._camera_of)
-        return Light(np.exp(logs), tuple(self._falloffs))
+        return Light(np.exp(logs) * self._level, tuple(self._falloffs))
 
     def _learn_gain(self, view: int) -> None:
         """Moves a view's gain halfway to what the last image says."""
         sums = self._sums[view]
-        if self._falloffs[self._camera_of[view]] is not None:
+        if any(self._falloffs):
             sums = sums * self._find_light_of_parts(self._camera_of[view])
         tc, cc = np.add.reduce(sums, axis=1).tolist()
         if not all(value > 0 for value in (*tc, *cc)):
@@ -240,20 +247,22 @@ class PhotographModel:
         self._total = [total + now - old for total, now, old in change]
 
     def _invert_gain(self, view: int) -> list[float]:
-        """Returns the factors of a view's photograph, one a channel; 1 if gains are unused."""
+        """Returns the factors of a view's photograph, one a channel."""
+        levels = self._level.tolist()
         if not self._gains_used:
-            return [1.0, 1.0, 1.0]
+            return [1.0 / level for level in levels]
         gains = self._log_gains[view].tolist()
         count = max(1, self._num_known)
-        return [math.exp(total / count - g) for total, g in zip(self._total, gains, strict=True)]
+        values = zip(self._total, gains, levels, strict=True)
+        return [math.exp(total / count - gain) / level for total, gain, level in values]
 
     def _find_light_of_parts(self, camera: int) -> np.ndarray:
         """Returns (2, rings x quadrants, 3), the factors of sums of T C and of C^2."""
-        falloff = self._falloffs[camera]
-        assert falloff is not None
         if camera not in self._lights:
-            light = 1.0 + self._get_basis(camera)[1] @ falloff.coefficients.T
-            light = np.repeat(light, _QUADRANTS, axis=0)
+            falloff, light = self._falloffs[camera], np.ones((_RINGS, 3))
+            if falloff is not None:
+                light += self._get_basis(camera)[1] @ falloff.coefficients.T
+            light = np.repeat(self._level * light, _QUADRANTS, axis=0)
             self._lights[camera] = np.stack([light, light**2])
         return self._lights[camera]
 
@@ -286,14 +295,17 @@ class PhotographModel:
             angles = np.linspace(0.0, found.max_angle, _CHECKED)
             if np.abs(found.evaluate(angles) / before.evaluate(angles) - 1.0).max() < _MOVED:
                 return
+        passed = _measure_passed(self._scene, self._falloffs)
         self._falloffs[camera] = found
-        self._lights.pop(camera, None)
+        self._level *= passed / _measure_passed(self._scene, self._falloffs)
+        self._lights = {}
         self._planes = {key: plane for key, plane in self._planes.items() if key[0] != camera}
 
     def state_dict(self) -> dict[str, Any]:
         """Returns everything that later steps depend on."""
         return {name: copy.copy(getattr(self, name)) for name in _STATE} | {
-            "falloffs": [None if each is None else each.as_dict() for each in self._falloffs]
+            "falloffs": [None if each is None else each.as_dict() for each in self._falloffs],
+            "level": self._level.copy(),
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
@@ -301,6 +313,7 @@ class PhotographModel:
         for name in _STATE:
             setattr(self, name, copy.copy(state[name]))
         self._falloffs = [Falloff.from_dict(each) for each in state["falloffs"]]
+        self._level = np.array(state.get("level", self._level))  # not in older checkpoints
         self._lights, self._planes = {}, {}
 
 
@@ -362,13 +375,29 @@ def _number_rings(angles: np.ndarray, widest: float) -> np.ndarray:
 
 def _mean_basis(angles: np.ndarray) -> np.ndarray:
     """Returns (rings, ORDERS) means of the falloff's even powers over the pixels of each ring."""
-    few = max(1, min(angles.shape) // _BASIS_ROWS)
-    widest, some = _find_widest(angles), angles[::few, ::few]
-    known = some[~np.isnan(some)]
+    widest, known = _find_widest(angles), _select_angles(angles)
     ring, basis = _number_rings(known, widest), compute_falloff_basis(known / widest)
     counts = np.maximum(1, np.bincount(ring, minlength=_RINGS))
     sums = [np.bincount(ring, column, minlength=_RINGS) for column in basis.T]
     return np.stack(sums, axis=1) / counts[:, None]
+
+
+def _select_angles(angles: np.ndarray) -> np.ndarray:
+    """Selects (N,) field angles of a grid of an image's pixels, without those that have no ray."""
+    few = max(1, min(angles.shape) // _BASIS_ROWS)
+    some = angles[::few, ::few]
+    return some[~np.isnan(some)]
+
+
+def _measure_passed(scene: Scene, falloffs: Sequence[Falloff | None]) -> np.ndarray:
+    """Measures the mean (3,) of cameras' falloffs over the pixels of all training photographs."""
+    cameras = [scene.views[view].camera_index for view in scene.train_indices]
+    means, pixels = [], []
+    for index, (camera, falloff) in enumerate(zip(scene.cameras, falloffs, strict=True)):
+        pixels.append(cameras.count(index) * camera.width * camera.height)
+        angles = _select_angles(compute_field_angles(camera))
+        means.append(np.ones(3) if falloff is None else falloff.evaluate(angles).mean(axis=0))
+    return np.average(means, axis=0, weights=pixels)
 
 
 def _fit_falloff(angle: float, basis: np.ndarray, tc: np.ndarray, cc: np.ndarray) -> Falloff:
