@@ -25,6 +25,7 @@ from gsut.cli._flags import (
     whole,
 )
 from gsut.files import refuse_existing, whole_folder
+from gsut.run.options import add_rare_option
 
 HELP = "images, depths or a film through any lens along any path"
 DESCRIPTION = (
@@ -107,21 +108,19 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         metavar="FILE.ply",
         help="also the coloured points that the images see, in the dataset's coordinates",
     )
-    parser.add_argument(
-        "--voxel",
-        type=positive,
-        metavar="SIZE",
-        help="one point of the cloud in each voxel of this size, in the dataset's units [default: "
-        "a pixel's width at the first image's median depth]",
-    )
     add_memory(parser)
     add_json(parser)
+    add_rare_option(
+        parser, "voxel", positive, None, metavar="SIZE",
+        help="one point of the cloud in each voxel of this size, in the dataset's units [default: "
+        "a pixel's width at the first image's median depth]",
+    )  # fmt: skip
 
 
 def run(arguments: argparse.Namespace) -> int:
     import gsut
     from gsut.cli._render_depth import DepthOutput
-    from gsut.render import SCENE_LIGHT, is_film, to_uint8, write_png
+    from gsut.render import Light, is_film, to_uint8, write_png
     from gsut.run import Progress
 
     frames = _FRAMES if arguments.frames is None else arguments.frames
@@ -169,7 +168,7 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         print(f"{len(places)} images: {out}")
         if stage.light is not None:
-            print(SCENE_LIGHT)
+            print(Light.SHOWN)
         if arguments.cloud:
             print(f"{figures['points']:,} points: {arguments.cloud}")
     return 0

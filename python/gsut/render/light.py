@@ -11,17 +11,12 @@ import dataclasses
 import functools
 import re
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 _CAMERAS_KEPT = 8  # whose field angles are kept, 8 bytes a pixel
 ORDERS = 3  # coefficients of a channel's falloff: of t^2, t^4, t^6
-# Describes the light of images that show the Gaussians as they are.
-SCENE_LIGHT = (
-    "in the light of the scene: the photographs' mean brightness and colour, without the falloff "
-    "of the lens"
-)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,6 +39,11 @@ class Falloff:
             out[..., channel] = 1.0 + square * (a + square * (b + square * c))
         return out
 
+    @staticmethod
+    def compute_basis(t: np.ndarray) -> np.ndarray:
+        """Returns the even powers (..., ORDERS) of t (...)."""
+        return np.stack([t ** (2 * k) for k in range(1, ORDERS + 1)], axis=-1)
+
     def as_dict(self) -> dict[str, Any]:
         """Returns what metrics.json and checkpoints hold."""
         return {"max_angle": self.max_angle, "coefficients": self.coefficients.tolist()}
@@ -64,6 +64,12 @@ class Light:
         gains: (V, 3), one row a view of the scene.
         falloffs: one a camera of the scene, or None where the lens has none.
     """
+
+    # Describes the light of images that show the Gaussians as they are.
+    SHOWN: ClassVar[str] = (
+        "in the light of the scene: the photographs' mean brightness and colour, without the "
+        "falloff of the lens"
+    )
 
     gains: np.ndarray
     falloffs: tuple[Falloff | None, ...]
@@ -108,7 +114,7 @@ class Light:
                 words += f"The lens passes {100 * rim:.0f} % of the light at its rim. "
         words += (
             "Films, exported files and the viewer away from the photographs show the Gaussians "
-            f"{SCENE_LIGHT}. "
+            f"{self.SHOWN}. "
         )
         return words + "--exposure off leaves this in the scene."
 
@@ -117,11 +123,6 @@ class Light:
         """Reads what `as_dict` returned for views of these names; a new view has a gain of 1."""
         gains = [values["gains"].get(name, [1.0, 1.0, 1.0]) for name in names]
         return Light(np.array(gains), tuple(Falloff.from_dict(f) for f in values["falloffs"]))
-
-
-def compute_falloff_basis(t: np.ndarray) -> np.ndarray:
-    """Returns the even powers (..., ORDERS) of t (...)."""
-    return np.stack([t ** (2 * k) for k in range(1, ORDERS + 1)], axis=-1)
 
 
 @functools.lru_cache(maxsize=_CAMERAS_KEPT)

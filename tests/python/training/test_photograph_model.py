@@ -10,9 +10,9 @@ import gsut
 import tolerances as tol
 from gsut import _core
 from gsut.cli import main
+from gsut.data.scene import Level
 from gsut.evaluate import evaluate
 from gsut.render import (
-    SCENE_LIGHT,
     Falloff,
     Light,
     PixelFilter,
@@ -140,7 +140,7 @@ def test_falloff_is_found(data):
     camera, rng = scene.cameras[0], np.random.default_rng(6)
     angles = compute_field_angles(camera)
     truth = Falloff(float(np.nanmax(angles)), np.tile([-0.3, -0.1, 0.05], (3, 1)))
-    level = gsut.data.Level(scene)
+    level = Level(scene)
     for fraction in (0.1, 0.95):
         for view in scene.train_indices:
             image = rng.uniform(0.1, 0.6, (camera.height, camera.width, 3)).astype(np.float32)
@@ -184,7 +184,7 @@ def test_strong_falloff_leaves_the_scene_as_bright_as_its_photographs(tmp_path):
     assert abs(brightness - 1) < tol.LIGHT_BRIGHTNESS
     assert plain < scored
     assert "as shown" in (run / "report.html").read_text("utf-8")
-    assert SCENE_LIGHT in (run / "scene.ply").read_bytes()[:4096].decode("latin-1")
+    assert Light.SHOWN in (run / "scene.ply").read_bytes()[:4096].decode("latin-1")
 
 
 def test_gains_of_unseen_views_lie_between_their_neighbours_in_time():
@@ -199,7 +199,7 @@ def test_gains_of_unseen_views_lie_between_their_neighbours_in_time():
 def test_a_scene_that_is_still_dark_tells_nothing_of_the_photographs(data, brightness, differ):
     scene = gsut.load_dataset(data)
     model = PhotographModel(scene, gsut.TrainOptions(exposure="auto").resolve())
-    level, camera = gsut.data.Level(scene), scene.cameras[0]
+    level, camera = Level(scene), scene.cameras[0]
     image = np.random.default_rng(6).uniform(0.1, 0.6, (camera.height, camera.width, 3))
     for view in (*scene.train_indices, *scene.train_indices):
         lit = (image * GAINS[view]).astype(np.float32)

@@ -21,11 +21,11 @@ from typing import Any
 import numpy as np
 
 from gsut import _core
-from gsut.data import Level, Scene
+from gsut.data import Scene
+from gsut.data.scene import Level
 from gsut.render import (
     Falloff,
     Light,
-    compute_falloff_basis,
     compute_field_angles,
     interpolate_gains,
 )
@@ -376,7 +376,7 @@ def _number_rings(angles: np.ndarray, widest: float) -> np.ndarray:
 def _mean_basis(angles: np.ndarray) -> np.ndarray:
     """Returns (rings, ORDERS) means of the falloff's even powers over the pixels of each ring."""
     widest, known = _find_widest(angles), _select_angles(angles)
-    ring, basis = _number_rings(known, widest), compute_falloff_basis(known / widest)
+    ring, basis = _number_rings(known, widest), Falloff.compute_basis(known / widest)
     counts = np.maximum(1, np.bincount(ring, minlength=_RINGS))
     sums = [np.bincount(ring, column, minlength=_RINGS) for column in basis.T]
     return np.stack(sums, axis=1) / counts[:, None]
