@@ -296,7 +296,7 @@ class Frames:
     def _light_photograph(
         self, image: np.ndarray, request: FrameRequest, camera: Camera
     ) -> np.ndarray:
-        """Multiplies an image by the light of its photograph, where it stands in for one."""
+        """Multiplies an image by the light of the photograph that it is compared with."""
         scene, light, view = self.stage.scene, self.stage.light, request.view
         if scene is None or light is None or view is None:
             return image
