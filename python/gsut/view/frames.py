@@ -158,7 +158,7 @@ class Frames:
             return Drawn(self._draw_centers(request, camera))
         image, alpha, depth = self._render(request, camera, place, request.mode != "color")
         if request.mode in ("color", "error"):
-            image = self._light_photograph(image, request, camera)
+            image = self._apply_light(image, request, camera)
         if request.mode == "color":
             return Drawn(to_uint8(image))
         if request.mode == "alpha":
@@ -293,9 +293,7 @@ class Frames:
         off = np.abs(np.clip(image, 0, 1) - truth.astype(np.float32) / 255).mean(axis=2)
         return Drawn(_apply_colors(off / _MOST_ERROR, mask, "INFERNO"), (0.0, _MOST_ERROR))
 
-    def _light_photograph(
-        self, image: np.ndarray, request: FrameRequest, camera: Camera
-    ) -> np.ndarray:
+    def _apply_light(self, image: np.ndarray, request: FrameRequest, camera: Camera) -> np.ndarray:
         """Multiplies an image by the light of the photograph that it is compared with."""
         scene, light, view = self.stage.scene, self.stage.light, request.view
         if scene is None or light is None or view is None:
