@@ -12,8 +12,9 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError, Shutter
-from gsut.data import find_images, find_lens_file, find_lens_files, read_capture, read_dataset
+from gsut.data import find_lens_file, find_lens_files, read_capture, read_dataset
 from gsut.data.images import find_mask, read_header
+from gsut.data.layouts import find_images
 from gsut.lens import Camera, LensProfile, find_lens, find_lenses, is_lens_name, load_camera
 from gsut.lens.files import camera_from_values
 
