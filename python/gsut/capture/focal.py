@@ -12,8 +12,9 @@ _FRAME_DIAGONAL = math.hypot(36.0, 24.0)
 # Diagonals in mm and aspect ratios of sensors: full frame, APS-C, four thirds, one inch, and the
 # smaller ones of phones, drones and compact cameras.
 _SENSORS = ((43.3, 1.5), (27.5, 1.5), (21.6, 4 / 3), (15.9, 1.5), (7.0, 4 / 3))
-# Standard deviation of the logarithm: cameras write nominal focal lengths of distant focus.
-_NOMINAL = 0.03
+# Standard deviation of the logarithm: cameras write nominal focal lengths of distant focus, and
+# equivalents by the diagonal or by the width, which differ by 4 % on a sensor of 4:3.
+_NOMINAL = 0.05
 # Standard deviation in mm of a value rounded to whole millimetres.
 _ROUNDED = 1 / math.sqrt(12)
 # Standard deviation of the logarithm where a picture was cropped by an unknown amount.

@@ -18,8 +18,8 @@ _TYPES = {"b": "b", "B": "B", "s": "h", "S": "H", "l": "i", "L": "I", "f": "f", 
 # Streams of GPMF that are read: positions of HERO11 and later, of HERO5 to 10 and of drones, and
 # acceleration.
 _GPMF_STREAMS = ("GPS9", "GPS5", "GLPI", "ACCL")
-# GPMF's axes (Z up, X right, Y forward) as rows of the camera's (x right, y down, z forward).
-_CAMERA_AXES = {"X": (1, 0, 0), "Y": (0, 0, 1), "Z": (0, -1, 0)}
+# GPMF's axes (Z up, X left, Y backward) as rows of the camera's (x right, y down, z forward).
+_CAMERA_AXES = {"X": (-1, 0, 0), "Y": (0, 0, -1), "Z": (0, -1, 0)}
 # Order of the axes where a file does not name them.
 _AXES = "ZXY"
 # Layout of camm's packets with positions by their number, and where latitude begins.

@@ -41,10 +41,10 @@ def test_film_facts_of_gpmf_are_timed_by_the_track(tmp_path):
 @pytest.mark.parametrize(
     ("axes", "values", "felt"),
     [
-        (None, (9, 2, 3), (2, -9, 3)),  # up, right, forward
-        ("ZXY", (9, 2, 3), (2, -9, 3)),
-        ("YxZ", (3, -2, 9), (2, -9, 3)),
-        ("zxY", (-9, -2, 3), (2, -9, 3)),
+        (None, (9, 2, 3), (-2, -9, -3)),  # up, left, backward
+        ("ZXY", (9, 2, 3), (-2, -9, -3)),
+        ("YxZ", (3, -2, 9), (-2, -9, -3)),
+        ("zxY", (-9, -2, 3), (-2, -9, -3)),
     ],
 )
 def test_axes_of_the_accelerometer_become_the_cameras(axes, values, felt):

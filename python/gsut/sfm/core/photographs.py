@@ -47,6 +47,8 @@ class Photographs:
         flows: (M, 4) by name: pixels of a video's frames, and how far they move in a second.
         orientations: EXIF's by name, 1 for upright; of captures only.
         places: latitude and longitude in degrees, altitude in metres, by name.
+        ups: up in the camera's axes by an accelerometer or gimbal, by name.
+        focal_sigma: standard deviation of the logarithm of `exif_focal_px`.
     """
 
     root: Path
@@ -65,6 +67,8 @@ class Photographs:
     flows: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
     orientations: dict[str, int] = dataclasses.field(default_factory=dict)
     places: dict[str, tuple[float, float, float]] = dataclasses.field(default_factory=dict)
+    ups: dict[str, tuple[float, float, float]] = dataclasses.field(default_factory=dict)
+    focal_sigma: float | None = None
 
     def __len__(self) -> int:
         return len(self.names)
@@ -192,6 +196,8 @@ def _read_captured(path: Path, captured: dict[str, Any]) -> Photographs:
             row["name"]: row.get("orientation") or 1 for row in rows if not captured.get("fisheye")
         },
         places={row["name"]: tuple(row["place"]) for row in rows if row.get("place")},
+        ups={row["name"]: tuple(row["up"]) for row in rows if row.get("up")},
+        focal_sigma=captured.get("focal_sigma"),
     )
 
 

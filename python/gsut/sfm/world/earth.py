@@ -37,6 +37,8 @@ _TURN_UP = math.radians(10.0)  # that GPS may turn up against the cameras'
 _DRIFT = 0.3  # metres of GPS within minutes: places near each other in time err alike
 _STRAIGHT = 0.1  # second over first extent of a path, below which its slope is that of GPS
 _UP_SIGMA = 0.01  # radians: GPS that determines up this well is used for it
+_MOST_SCATTER = math.radians(20.0)  # median angle between sensors' up and their mean
+_SAME_UP = math.radians(15.0)  # between two statements of up that agree
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,12 +62,14 @@ def find_earth(
     solution: Solution,
     orientations: dict[str, int],
     places: dict[str, tuple[float, float, float]],
+    ups: dict[str, tuple[float, float, float]] | None = None,
 ) -> Earth | None:
     """Finds the world from the orientations and places of pictures.
 
     Args:
         orientations: EXIF's, by name, 1 for upright; images without one do not count.
         places: latitude and longitude in degrees, altitude in metres, by name.
+        ups: up in the camera's axes by an accelerometer or a gimbal, by name.
 
     Returns:
         None where nothing is known about it.
@@ -76,7 +80,9 @@ def find_earth(
     index = [
         i for i, name in enumerate(solution.names) if solution.registered[i] and name in places
     ]
-    notes: list[str] = []
+    measured, notes = _find_measured_up(solution, ups or {}, up)
+    if measured is not None:
+        up, figures["up"] = measured, "by an accelerometer or gimbal"
     if len(index) >= _FEWEST:
         given = np.array([places[solution.names[i]] for i in index])
         origin = np.median(given, axis=0)
@@ -100,7 +106,9 @@ def find_earth(
 def place_on_earth(mapping: Mapping) -> None:
     """Moves poses, points and rig to the world of the earth, as far as the photographs show it."""
     photographs, found = mapping.photographs, mapping.found
-    earth = find_earth(mapping.solved, photographs.orientations, photographs.places)
+    earth = find_earth(
+        mapping.solved, photographs.orientations, photographs.places, photographs.ups
+    )
     if earth is None:
         return
     found.figures["earth"] = earth.figures
@@ -186,6 +194,45 @@ def _find_held(solution: Solution, orientations: dict[str, int]) -> _Held | None
     return _Held(mean / length, np.transpose(levels) @ np.array(levels) / len(levels), len(ups))
 
 
+def _find_measured_up(
+    solution: Solution, ups: dict[str, tuple[float, float, float]], held: np.ndarray | None
+) -> tuple[np.ndarray | None, list[str]]:
+    """Finds up in the solution's world by sensors whose statements agree with the poses.
+
+    Args:
+        ups: in the camera's axes, by name.
+        held: up by how the cameras were held, or None.
+
+    Returns:
+        Up, None if it is not known, and notes on what disagrees.
+    """
+    index = [i for i, n in enumerate(solution.names) if solution.registered[i] and n in ups]
+    if len(index) < _FEWEST:
+        return None, []
+    given = np.array([ups[solution.names[i]] for i in index])
+    world = np.einsum("nji,nj->ni", solution.camera_from_world[index, :3, :3], given)
+    mean = np.median(world, axis=0)
+    mean /= max(float(np.linalg.norm(mean)), 1e-9)
+    angles = np.arccos(np.clip(world @ mean, -1, 1))
+    mean = world[angles <= max(2 * float(np.median(angles)), 1e-6)].mean(axis=0)
+    mean /= max(float(np.linalg.norm(mean)), 1e-9)
+    scatter = float(np.median(np.arccos(np.clip(world @ mean, -1, 1))))
+    if scatter > _MOST_SCATTER:
+        return None, [
+            "the accelerometer or gimbal contradicts the poses and is not used: through them, what "
+            f"it took for up scatters by {math.degrees(scatter):.0f} degrees (median); either the "
+            "poses are wrong or it was not fixed to the camera"
+        ]
+    if held is not None and held @ mean < math.cos(_SAME_UP):
+        off = math.degrees(math.acos(float(np.clip(held @ mean, -1, 1))))
+        return mean, [
+            f"the cameras were held {off:.0f} degrees from level, by the accelerometer or gimbal, "
+            f"which agrees with the poses to {math.degrees(scatter):.0f} degrees (median) and "
+            "gives up"
+        ]
+    return mean, []
+
+
 def _find_up(held: _Held) -> np.ndarray | None:
     """Finds up in the solution's world, from cameras that were held level; None: not known.
 
@@ -259,8 +306,11 @@ def _align_with_gps(centers: np.ndarray, target: np.ndarray, up: np.ndarray | No
         return _Aligned(None, False, figures, words)
     turn = np.eye(3) if up is None else rotate_upright(up)
     level = centers @ turn.T
-    fit = _fit_level_similarity(level[:, [0, 2]], ground)
-    scale, yaw, shift, off, good = fit
+    if up is None:
+        off, good = _fit_robust_similarity(centers, target)
+        yaw, scale, shift = np.eye(3), 1.0, np.zeros(2)
+    else:
+        scale, yaw, shift, off, good = _fit_level_similarity(level[:, [0, 2]], ground)
     limit = float(np.median(off))
     figures |= {"off_m": limit, "fitting": float(good.mean())}
     share = limit / max(way, 1e-9)
@@ -268,7 +318,7 @@ def _align_with_gps(centers: np.ndarray, target: np.ndarray, up: np.ndarray | No
     rotation = yaw @ turn
     height = float(np.median(target[good, 1] - scale * level[good, 1])) if good.any() else 0.0
     transform = (scale, rotation, np.array([shift[0], height, shift[1]]))
-    full = _fit_full_similarity(centers, target, good)
+    full = _fit_full_similarity(centers, target, good, _UP_SIGMA if up is not None else _MOST_TILT)
     if full is not None and (up is None or _measure_up_angle(full[1], rotation) < _TURN_UP):
         transform, turned_up = full, True
     elif up is None:
@@ -334,10 +384,28 @@ def _fit_level_similarity(
     return abs(factor), yaw, np.array([middle.real, middle.imag]), off, good
 
 
+def _fit_robust_similarity(source: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Fits a similarity in space to most places; returns the distances left (N,) and who fits.
+
+    The three places with the least median error, then least squares of the places that fit.
+    """
+    rng = np.random.default_rng(0)
+
+    def measure_distances(rows: np.ndarray) -> np.ndarray:
+        scale, rotation, shift = similarity_from_points(source[rows], target[rows])
+        return np.linalg.norm(scale * source @ rotation.T + shift - target, axis=1)
+
+    samples = [rng.choice(len(source), 3, replace=False) for _ in range(_SAMPLES)]
+    off = min(map(measure_distances, samples), key=lambda distances: float(np.median(distances)))
+    for _ in range(5):
+        off = measure_distances(np.flatnonzero(off <= 3 * max(float(np.median(off)), 1e-9)))
+    return off, off <= 3 * max(float(np.median(off)), 1e-9)
+
+
 def _fit_full_similarity(
-    source: np.ndarray, target: np.ndarray, good: np.ndarray
+    source: np.ndarray, target: np.ndarray, good: np.ndarray, most_sigma: float
 ) -> tuple[float, np.ndarray, np.ndarray] | None:
-    """Fits a similarity in space; None where the path does not show which way is up."""
+    """Fits a similarity in space; None where the path shows up to a larger error in radians."""
     if good.sum() < _FEWEST:
         return None
     found = similarity_from_points(source[good], target[good])
@@ -346,7 +414,7 @@ def _fit_full_similarity(
     across = np.linalg.svd(target[good] - target[good].mean(axis=0), compute_uv=False)[1]
     # An error in height tilts the path over its second extent.
     known = float(np.sqrt((off**2).mean())) / max(float(across), 1e-9)
-    return found if known < _UP_SIGMA else None
+    return found if known < most_sigma else None
 
 
 def _measure_up_angle(one: np.ndarray, other: np.ndarray) -> float:
