@@ -14,7 +14,8 @@ import numpy as np
 
 from gsut.data.poses import find_centers
 from gsut.gaussians import rotate_upright
-from gsut.sfm.core import Mapping, Solution, similarity_from_points
+from gsut.sfm.mapping import Mapping
+from gsut.sfm.solution import Solution, similarity_from_points
 from gsut.sfm.world.up import (
     FEWEST,
     MOST_TILT,

@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from gsut.sfm.core import Solution
+from gsut.sfm.solution import Solution
 
 # Directions of up in the stored picture (x, y), by EXIF's orientation.
 _UP_OF = {1: (0, -1), 2: (0, -1), 3: (0, 1), 4: (0, 1), 5: (-1, 0), 6: (-1, 0), 7: (1, 0),
