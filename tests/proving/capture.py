@@ -81,6 +81,16 @@ class Capture:
         """(N,) seconds of the pictures' middle lines, in the middle of their exposure."""
         return np.arange(self.motion.frames) * self.motion.interval
 
+    def _measure_readout(self) -> float:
+        """Measures how far, in the rough, the picture shifts during the readout, pixels."""
+        ends = self.path(np.concatenate([self.times - 0.5 * abs(self.readout),
+                                         self.times + 0.5 * abs(self.readout)]))  # fmt: skip
+        first, last = ends[: len(self.times)], ends[len(self.times) :]
+        moved = np.linalg.norm(last[:, :3, 3] - first[:, :3, 3], axis=1) / self.stage.reach
+        turned = np.linalg.norm(last[:, :3, 2] - first[:, :3, 2], axis=1)
+        width = self.lens.camera.width
+        return float(np.median(moved + turned)) * width / min(self.lens.field, 2.5)
+
     def list_factors(self) -> dict[str, Any]:
         """Lists what was drawn, for the table of results."""
         camera = self.lens.camera
@@ -90,6 +100,7 @@ class Capture:
             "field_degrees": float(np.degrees(self.lens.field)),
             "width": camera.width, "height": camera.height, "frames": self.motion.frames,
             "motion": self.motion.kind, "step": self.motion.step, "readout_ms": 1e3 * self.readout,
+            "readout_px": self._measure_readout(),
             "exposure_ms": 1e3 * self.exposure, "told": self.told.lens,
             "told_wrong": self.told.is_wrong, "points": self.told.points,
             "mistake": None if self.told.mistake is None else MISTAKES[self.told.mistake].name,
@@ -117,8 +128,9 @@ def capture(seed: int, tiny: bool = False) -> Capture:
         grain=rng.uniform(0.1, 0.4),
         repeated=bool(rng.random() < 0.2),
     )
-    lens = draw_lens(rng, 48 * 48 if tiny else rng.uniform(40_000, 77_000))
     kind = str(rng.choice(_KINDS, p=[0.5, 0.35, 0.15]))
+    most = 45_000 if kind == "film" else 77_000
+    lens = draw_lens(rng, 48 * 48 if tiny else rng.uniform(40_000, most))
     stage = FAMILIES[family](np.random.default_rng([seed, 1]), style)
     motion = _draw_motion(rng, stage, kind, seed)
     if tiny:
@@ -140,11 +152,18 @@ def _draw_motion(rng: np.random.Generator, stage: Stage, kind: str, seed: int) -
     frames = int(np.exp(rng.uniform(np.log(6), np.log(41))))
     is_held = motion not in ("photos", "grid", "turn")
     if kind == "film":
-        frames, interval, step = max(frames, 24), 0.1, rng.uniform(0.02, 0.06)
+        frames, interval, step = int(rng.integers(30, 49)), 0.05, rng.uniform(0.02, 0.06)
     else:
         interval, step = 0.5, rng.uniform(0.05, 0.3)
     return Motion(
-        motion, frames, interval, step, float(rng.choice([0.0, 0.3, 0.8])), 0.02 * is_held, seed
+        motion,
+        frames,
+        interval,
+        step,
+        float(rng.choice([0.0, 0.3, 0.8])),
+        0.02 * is_held,
+        seed,
+        kind == "film",
     )
 
 

@@ -55,13 +55,13 @@ class Sensor:
     def develop(self, light: np.ndarray, rng: np.random.Generator | None) -> np.ndarray:
         """Makes display values uint8 RGB of light (H, W, 3).
 
-        Without a generator there is neither noise nor sharpening.
+        Without a generator there is no noise.
         """
         if rng is not None:
             sigma = np.sqrt(self.shot_noise * np.clip(light, 0, 1.5) + self.read_noise**2)
             light = light + sigma * rng.standard_normal(light.shape)
         shown = to_srgb(1 - np.exp(-np.maximum(light, 0)))
-        if rng is not None and self.sharpening:
+        if self.sharpening:
             soft = cv2.GaussianBlur(shown, (0, 0), 1.0)
             shown = shown + self.sharpening * (shown - soft)
         return np.round(255 * np.clip(shown, 0, 1)).astype(np.uint8)

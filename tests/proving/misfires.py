@@ -6,9 +6,14 @@ from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 _SIGMAS = 3.0  # beyond which a stated standard deviation has failed
-_FEWEST_FINDINGS = ("there are no points;", "have no ray", "have the same pose")
-# Smallest readout that matters, of the time of a frame: below it nothing is lost without one.
-_READOUT_MS = 3.0
+_TRUE_OF_EXACT = (
+    "there are no points;",
+    "have no ray",
+    "have the same pose",
+    "rolling-shutter poses",
+)
+# Pixels by which a shutter must shift the picture for its readout to be missed.
+_SHIFT_PX = 1.5
 
 
 class Misfire(NamedTuple):
@@ -38,7 +43,7 @@ def find_misfires(row: dict[str, Any]) -> Iterator[Misfire]:
 def _check_doctor(row: dict[str, Any]) -> Iterator[Misfire]:
     if "planted" not in row:
         return
-    said = [t for t in row["doctor_says"] if not any(words in t for words in _FEWEST_FINDINGS)]
+    said = [t for t in row["doctor_says"] if not any(words in t for words in _TRUE_OF_EXACT)]
     if row["planted"] != "none":
         if not row["doctor_named"]:
             said_any = "said: " + said[0][:160] if said else "nothing was said"
@@ -52,8 +57,9 @@ def _check_doctor(row: dict[str, Any]) -> Iterator[Misfire]:
 def _check_verdict(row: dict[str, Any]) -> Iterator[Misfire]:
     if "verdict" in row and row["verdict"] != row["true_class"]:
         figures = (
-            f"AUC@1 {100 * row['auc_1']:.0f}, @5 {100 * row['auc_5']:.0f}, registered "
-            f"{100 * row['registered']:.0f} %; {'; '.join(row['verdict_reasons'])}"
+            f"{row['shift_degrees']:.2f} degrees, AUC@1 {100 * row['auc_1']:.0f}, @5 "
+            f"{100 * row['auc_5']:.0f}, registered {100 * row['registered']:.0f} %; "
+            + "; ".join(row["verdict_reasons"])
         )
         yield Misfire(f"said {row['verdict']}, is {row['true_class']}", figures)
     few = [reason for reason in row.get("verdict_reasons", ()) if "few features" in reason]
@@ -79,10 +85,12 @@ def _check_shutter(row: dict[str, Any]) -> Iterator[Misfire]:
     is_rolling = row["shutter_found"] not in (None, "global")
     if is_rolling and not true:
         yield Misfire("readout found on a global shutter", f"{1e3 * (found or 0):.1f} ms")
-    elif not is_rolling and abs(true) > _READOUT_MS:
+    elif not is_rolling and row["readout_px"] > _SHIFT_PX:
         sigma = row["readout_sigma"]
         known = f"{1e3 * found:.1f} +- {1e3 * sigma:.1f} ms" if found and sigma else "none"
-        yield Misfire("readout missed", f"true {true:.1f} ms, measured {known}")
+        yield Misfire(
+            "readout missed", f"true {true:.1f} ms, {row['readout_px']:.1f} px, measured {known}"
+        )
     elif is_rolling and found and row["readout_sigma"]:
         off = abs(1e3 * found - true) / (1e3 * row["readout_sigma"])
         if off > _SIGMAS:

@@ -13,6 +13,8 @@ from tests.proving.stage import Stage
 
 # World-from-camera poses (N, 4, 4), camera axes x right, y down, z forward, at times (N,) seconds.
 Path = Callable[[np.ndarray], np.ndarray]
+_FASTEST_WALK = 1.6  # metres a second
+_FASTEST_TURN = 1.2  # radians a second
 _MOST_FIELD = 2.0  # radians, of lenses beyond which pictures need not overlap less
 
 
@@ -25,7 +27,7 @@ class Motion:
         frames: number of pictures. interval: seconds between them.
         step: share of the field of view that each picture shows anew.
         shake_degrees: of a hand, root mean square. bob: metres up and down at each step.
-        seed: of everything that is drawn.
+        seed: of everything that is drawn. is_film: nobody walks faster than people do.
     """
 
     kind: str
@@ -35,6 +37,7 @@ class Motion:
     shake_degrees: float
     bob: float
     seed: int
+    is_film: bool = False
 
     @property
     def seconds(self) -> float:
@@ -48,6 +51,10 @@ def plan_path(stage: Stage, motion: Motion, field: float) -> Path:
     field = min(field, _MOST_FIELD)
     # What a step may turn, and move in metres, so that pictures show `step` anew.
     turn, move = motion.step * field, 2 * motion.step * stage.reach * math.tan(field / 2)
+    if motion.is_film:
+        turn = min(turn, _FASTEST_TURN * motion.interval)
+        if motion.kind not in ("grid", "orbit"):
+            move = min(move, _FASTEST_WALK * motion.interval)
     plan = {"orbit": _plan_orbit, "turn": _plan_turn, "grid": _plan_grid,
             "photos": _plan_photos}.get(motion.kind, _plan_line)  # fmt: skip
     place = plan(rng, stage, motion, turn, move)

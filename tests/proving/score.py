@@ -129,12 +129,14 @@ def _measure_poses(made: Capture, out: Path, figures: Row, numbers: dict[str, in
         for view in figures["views"]
         if view["registered"]
     }
-    areas = measure_areas(measure_pair_errors(found, truth, made.stage.reach))
+    errors, shifts = measure_pair_errors(found, truth, made.stage.reach)
+    areas = measure_areas(errors)
     registered = len(found) / max(1, len(order))
     verdict = figures["verdict"]
     row: Row = areas | {
         "pictures": len(order), "registered": registered,
-        "true_class": classify(areas, registered), "verdict": verdict["level"],
+        "true_class": classify(shifts, registered, made.lens.camera),
+        "shift_degrees": float(np.quantile(shifts, 0.9)), "verdict": verdict["level"],
         "verdict_reasons": verdict["reasons"],
         "residual_px": figures["reprojection_error_px"]["median"],
         "track_length": figures["mean_track_length"], "agreement": figures["matches_in_points"],

@@ -17,36 +17,44 @@ _NO_BASELINE = 0.005  # of what is seen away: below it a pair has no direction t
 _GRID = 25  # places of a lens' pictures, each way, where lenses are compared
 _INNER = math.radians(30.0)
 
-# What a verdict should be, by the area up to 1 degree, up to 5 degrees and the registered share.
-_GOOD = (0.70, 0.90, 0.95)
-_USABLE = (0.0, 0.60, 0.60)
+# What a verdict should be: pixels within which a share of the pairs agrees with the truth, that
+# share, and the share of the pictures with a pose.
+_GOOD = (2.0, 0.90, 0.95)
+_USABLE = (6.0, 0.60, 0.60)
 
 
 def measure_pair_errors(
     found: Mapping[int, np.ndarray], truth: np.ndarray, reach: float
-) -> np.ndarray:
+) -> tuple[np.ndarray, np.ndarray]:
     """Measures each pair's error in degrees: the larger of rotation and direction of translation.
+
+    The second is the same with the direction's error as it turns what is seen: times the baseline
+    over the distance, so that two pictures from nearly one place need no exact direction.
 
     Args:
         found: camera_from_world (4, 4) by number of the picture.
         truth: (N, 4, 4) camera_from_world.
         reach: metres that what is seen is away.
     """
-    errors = []
+    errors, shifts = [], []
     for a, b in itertools.combinations(range(len(truth)), 2):
         if a not in found or b not in found:
             errors.append(_LOST)
+            shifts.append(_LOST)
             continue
         own = found[b] @ np.linalg.inv(found[a])
         true = truth[b] @ np.linalg.inv(truth[a])
-        error = _measure_angle(own[:3, :3] @ true[:3, :3].T)
+        error = shift = _measure_angle(own[:3, :3] @ true[:3, :3].T)
         way, right = own[:3, 3], true[:3, 3]
-        if np.linalg.norm(right) > _NO_BASELINE * reach:
+        baseline = float(np.linalg.norm(right)) / reach
+        if baseline > _NO_BASELINE:
             lengths = np.linalg.norm(way) * np.linalg.norm(right)
             cosine = float(way @ right / lengths) if lengths > 0 else -1.0
-            error = max(error, math.degrees(math.acos(np.clip(cosine, -1, 1))))
+            turned = math.degrees(math.acos(np.clip(cosine, -1, 1)))
+            error, shift = max(error, turned), max(shift, min(baseline, 1.0) * turned)
         errors.append(error)
-    return np.array(errors)
+        shifts.append(shift)
+    return np.array(errors), np.array(shifts)
 
 
 def _measure_angle(rotation: np.ndarray) -> float:
@@ -59,10 +67,15 @@ def measure_areas(errors: np.ndarray) -> dict[str, float]:
     return {f"auc_{t:g}": float(np.maximum(0, 1 - errors / t).mean()) for t in THRESHOLDS}
 
 
-def classify(areas: Mapping[str, float], registered: float) -> str:
-    """Returns what a verdict on poses should say: "good", "usable" or "poor"."""
-    for level, (one, five, share) in (("good", _GOOD), ("usable", _USABLE)):
-        if areas["auc_1"] >= one and areas["auc_5"] >= five and registered >= share:
+def classify(shifts: np.ndarray, registered: float, camera: Camera) -> str:
+    """Returns what a verdict on poses should say: "good", "usable" or "poor".
+
+    Args:
+        shifts: of the pairs, degrees. registered: share of the pictures. camera: the true lens.
+    """
+    pixels = np.radians(shifts) * _measure_focal(camera)
+    for level, (most, agreeing, share) in (("good", _GOOD), ("usable", _USABLE)):
+        if (pixels <= most).mean() >= agreeing and registered >= share:
             return level
     return "poor"
 

@@ -35,7 +35,7 @@ class Picture(NamedTuple):
     """One picture before it is encoded, and its truth."""
 
     image: np.ndarray  # (H, W, 3) uint8, as the camera makes it
-    clean: np.ndarray  # the same without noise, sharpening and compression
+    clean: np.ndarray  # the same without noise and compression
     distance: np.ndarray  # (H, W) metres along the ray, infinite: sky; NaN: outside the circle
     body: np.ndarray  # (H, W): -1 sky, 0 what stands still, MOVER
 
