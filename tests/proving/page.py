@@ -69,7 +69,7 @@ def list_figures(rows: Sequence[Row]) -> list[tuple[str, str, int]]:
     return [
         *(take(f"AUC@{t}, %", scale(f"auc_{t}"), 1) for t in ("0.5", "1", "5", "10")),
         take("registered, %", scale("registered"), 1),
-        take("lens, px rms", lambda row: row.get("lens_px")),
+        take("estimated lens, px rms", lambda row: row.get("lens_px") or None),
         take("focal length within its sigma, %", cover, 0),
         take("held-out PSNR, dB", lambda row: row.get("psnr")),
         take("the same against the truth without noise, dB", lambda row: row.get("psnr_clean")),

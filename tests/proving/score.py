@@ -38,14 +38,20 @@ def score_capture(seed: int, parts: tuple[str, ...] = ("doctor", "poses", "train
     started = time.process_time()
     made = capture(seed)
     folder = make_capture(made)
-    row = made.list_factors() | {"render_seconds": time.process_time() - started}
+    rendered = {"render_seconds": time.process_time() - started}
+    return made.list_factors() | rendered | score_made(made, folder, parts)
+
+
+def score_made(made: Capture, folder: Path, parts: tuple[str, ...]) -> Row:
+    """Scores a capture that was written to a folder."""
+    row: Row = {}
     with tempfile.TemporaryDirectory(prefix="gsut-prove-") as name:
         work = Path(name)
         if "doctor" in parts:
             row |= _score_doctor(made, folder, work)
         if "poses" in parts:
             row |= _score_poses(made, folder, work)
-        if "train" in parts and seed % TRAIN_EVERY == 0:
+        if "train" in parts and made.seed % TRAIN_EVERY == 0:
             row |= _score_training(made, folder, work)
     return row
 
@@ -133,9 +139,11 @@ def _measure_poses(made: Capture, out: Path, figures: Row, numbers: dict[str, in
     areas = measure_areas(errors)
     registered = len(found) / max(1, len(order))
     verdict = figures["verdict"]
-    row: Row = areas | {
+    lens: Row = {"lens_px": 0.0}
+    if figures["lens"] != "known":
+        lens = compare_lenses(gsut.load_dataset(out, test_every=0).cameras[0], made.lens.camera)
+    row: Row = areas | lens | {
         "pictures": len(order), "registered": registered,
-        "true_class": classify(shifts, registered, made.lens.camera),
         "shift_degrees": float(np.quantile(shifts, 0.9)), "verdict": verdict["level"],
         "verdict_reasons": verdict["reasons"],
         "residual_px": figures["reprojection_error_px"]["median"],
@@ -149,10 +157,7 @@ def _measure_poses(made: Capture, out: Path, figures: Row, numbers: dict[str, in
         "readout_found": (figures.get("readout") or {}).get("seconds"),
         "readout_sigma": (figures.get("readout") or {}).get("sigma_seconds"),
     }  # fmt: skip
-    if figures["lens"] != "known":
-        lens = gsut.load_dataset(out, test_every=0).cameras[0]
-        row |= compare_lenses(lens, made.lens.camera)
-    return row
+    return row | {"true_class": classify(shifts, registered, made.lens.camera, lens["lens_px"])}
 
 
 def _score_training(made: Capture, folder: Path, work: Path) -> Row:

@@ -17,7 +17,7 @@ _NO_BASELINE = 0.005  # of what is seen away: below it a pair has no direction t
 _GRID = 25  # places of a lens' pictures, each way, where lenses are compared
 _INNER = math.radians(30.0)
 
-# What a verdict should be: pixels within which a share of the pairs agrees with the truth, that
+# What a verdict should be: pixels within which lens and a share of the pairs are right, that
 # share, and the share of the pictures with a pose.
 _GOOD = (2.0, 0.90, 0.95)
 _USABLE = (6.0, 0.60, 0.60)
@@ -67,15 +67,18 @@ def measure_areas(errors: np.ndarray) -> dict[str, float]:
     return {f"auc_{t:g}": float(np.maximum(0, 1 - errors / t).mean()) for t in THRESHOLDS}
 
 
-def classify(shifts: np.ndarray, registered: float, camera: Camera) -> str:
+def classify(shifts: np.ndarray, registered: float, camera: Camera, lens_px: float = 0.0) -> str:
     """Returns what a verdict on poses should say: "good", "usable" or "poor".
 
     Args:
         shifts: of the pairs, degrees. registered: share of the pictures. camera: the true lens.
+        lens_px: by which an estimated lens is off: a camera that only turned has poses that fit a
+            wrong one.
     """
     pixels = np.radians(shifts) * _measure_focal(camera)
     for level, (most, agreeing, share) in (("good", _GOOD), ("usable", _USABLE)):
-        if (pixels <= most).mean() >= agreeing and registered >= share:
+        agrees = (pixels <= most).mean() >= agreeing and lens_px <= most
+        if agrees and registered >= share:
             return level
     return "poor"
 

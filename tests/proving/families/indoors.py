@@ -32,6 +32,7 @@ def furnish(
         side = int(rng.integers(4))
         deep, wide, tall = rng.uniform([0.3, 0.4, 0.4], [0.6, 1.6, 2.0])
         axis, is_far = side // 2, side % 2
+        wide = min(wide, 0.9 * float(high[1 - axis] - low[1 - axis]))
         along = rng.uniform(low[1 - axis] + wide / 2, high[1 - axis] - wide / 2)
         a, b = np.zeros(3), np.zeros(3)
         a[axis] = high[axis] - deep if is_far else low[axis]
