@@ -82,9 +82,9 @@ def _name_level(detail: float) -> str:
 def _find_fault(metrics: dict[str, Any], repeat: _NextCommand) -> Fault | None:
     """Finds what keeps a training from being good; None if it is.
 
-    Training views separate causes: where they are soft themselves, the training has not shown what it was
-    given, which more steps and Gaussians mend unless poses are wrong. Where they are sharp and
-    held-out ones are not, the photographs did not determine the scene in between.
+    Training views separate the causes. Where they are soft themselves, the training has not shown
+    what it was given; more steps and Gaussians mend that unless poses are wrong. Where they are
+    sharp and held-out ones are not, the photographs did not determine the scene in between.
     """
     detail, train = metrics["detail_median"], metrics.get("detail_train")
     if detail >= GOOD:
@@ -123,7 +123,7 @@ class _NextCommand:
 
     @property
     def is_short(self) -> bool:
-        """Whether the longest preset makes more steps than the training did."""
+        """Reports whether the longest preset makes more steps than the training made."""
         return self.options.preset != "best" and self.options.steps < PRESETS["best"]["steps"]
 
     def make_longer(self) -> str:
