@@ -132,6 +132,21 @@ def test_what_layouts_have_no_place_for_is_said(tmp_path):
     assert len(scene.test_indices) == 2 and scene.views[0].mask_path is not None
 
 
+@pytest.mark.parametrize("to", ["colmap", "colmap-text", "euroc"])
+def test_convert_of_a_lens_with_a_valid_field_says_what_the_layout_drops(to, tmp_path):
+    small.write_nerfstudio(tmp_path / "in", camera_model="OPENCV_FISHEYE", max_theta_rad=1.0)
+    notes = gsut.convert_dataset(tmp_path / "in", tmp_path / "out", to)
+    assert any("pixels beyond 57.3 degrees" in note for note in notes)
+    assert gsut.convert_dataset(tmp_path / "in", tmp_path / "same", "folder") == []
+
+
+@pytest.mark.parametrize(("to", "said"), [("tum", "begin with names"), ("kitti", "n-th picture")])
+def test_trajectory_of_pictures_without_times_says_so(to, said, tmp_path):
+    small.write_nerfstudio(tmp_path / "in")
+    (note,) = gsut.convert_dataset(tmp_path / "in", tmp_path / "poses.txt", to)
+    assert "no times" in note and said in note
+
+
 # --- the command
 
 
