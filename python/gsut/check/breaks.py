@@ -13,7 +13,7 @@ from gsut.check.evidence import Evidence
 from gsut.check.findings import Finding
 from gsut.check.lenses import convert_to_normal
 from gsut.check.matches import order_in_time
-from gsut.sfm.core import measure_angular_errors
+from gsut.sfm.points import measure_angular_errors
 
 _FEWEST_SHARED = 12  # features that three images share, from which their scales are compared
 _LEAST_PARALLAX = 1.0  # times the tolerance: rays less apart give no distance

@@ -13,7 +13,7 @@ import numpy as np
 from gsut.check.epipolar import TOLERANCE
 from gsut.check.evidence import Evidence, fit_relative_poses
 from gsut.check.turns import to_rotation_vector
-from gsut.sfm.core import measure_angular_errors
+from gsut.sfm.points import measure_angular_errors
 
 _SHUFFLES = 4  # of each pair: their mean is what chance explains
 _SIGMAS = 4.0  # standard deviations above the shuffled count from which a count is not chance
