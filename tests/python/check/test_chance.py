@@ -24,7 +24,7 @@ def thin(data, folder, step, phase):
     values = copy_of(data, folder)
     frames = sorted(values["frames"], key=lambda frame: frame["file_path"])
     values["frames"] = frames[phase::step]
-    for key in ("train_filenames", "test_filenames"):
+    for key in ("train_filenames", "test_filenames", "val_filenames"):
         values.pop(key, None)
     return write(values, folder, with_points=False)
 

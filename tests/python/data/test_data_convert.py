@@ -142,7 +142,9 @@ def check_nerfstudio_split(values: dict) -> None:
 
 @pytest.mark.parametrize("to", ["colmap", "colmap-text", "euroc"])
 def test_convert_of_a_lens_with_a_valid_field_says_what_the_layout_drops(to, tmp_path):
-    small.write_nerfstudio(tmp_path / "in", camera_model="OPENCV_FISHEYE", max_theta_rad=1.0)
+    small.write_nerfstudio(
+        tmp_path / "in", camera_model="OPENCV_FISHEYE", k1=0.01, max_theta_rad=1.0
+    )
     notes = gsut.convert_dataset(tmp_path / "in", tmp_path / "out", to)
     assert any("pixels beyond 57.3 degrees" in note for note in notes)
     assert gsut.convert_dataset(tmp_path / "in", tmp_path / "same", "folder") == []
