@@ -109,7 +109,8 @@ def check_scale(evidence: Evidence) -> list[Finding]:
     spread = max(1.0, float(np.sqrt(np.sum(off**2) / (len(rates) - 1))))
     sigma = spread / float(np.sqrt(np.sum(own**-2)))
     groups = order_in_time(evidence.scene)
-    frames = max(len(group) for group in groups)
+    longest = max(groups, key=len)
+    frames = len(longest)
     names = [view.name for view in evidence.scene.views]
     worst = int(np.argmax(off))
     others = np.delete(off, worst)
@@ -134,7 +135,7 @@ def check_scale(evidence: Evidence) -> list[Finding]:
         found.append(evidence.make_finding(
             "warning",
             f"the scale of the poses drifts by a factor of about {np.exp(drift):.2f} from "
-            f"{names[groups[0][0]]} to {names[groups[0][-1]]} (+- {sigma * (frames - 1):.0%}), by "
+            f"{names[longest[0]]} to {names[longest[-1]]} (+- {sigma * (frames - 1):.0%}), by "
             "distances that neighbouring pairs share",
             "adjust all poses at once (`gsut poses`, with loops closed)",
         ))  # fmt: skip
