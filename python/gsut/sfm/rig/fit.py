@@ -249,7 +249,7 @@ def find_lens_pair(mapping: Mapping, folder: Path) -> None:
         folder: where the rig and both lenses will be written.
     """
     photographs, alone = mapping.photographs, mapping.solved
-    frames, flags = photographs.frames, mapping.lens_free
+    frames, flags = photographs.frames, mapping.one_lens_free
     if flags is None or frames is None or alone.shutter is not None:
         return
     start = _find_back_from_front(alone, photographs)
