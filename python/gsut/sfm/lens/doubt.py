@@ -15,7 +15,7 @@ from gsut.run.verdicts import FOCAL_LIMITS
 from gsut.sfm.lens.covariance import estimate_lens_covariances
 from gsut.sfm.mapping import Findings, Mapping
 from gsut.sfm.matches import PairMatches
-from gsut.sfm.photographs import Photographs, PosesOptions
+from gsut.sfm.photographs import PosesOptions
 from gsut.sfm.solution import FEATURE_VARIANCE, Solution, index_lenses, measure_rotation_angles
 
 TURNED = "the camera mostly turned on the spot"  # how that sentence begins
@@ -140,11 +140,10 @@ def compare_lens(mapping: Mapping) -> list[str]:
     """
     photographs, figures = mapping.photographs, mapping.found.figures
     lens, notes = mapping.solved.cameras[0], []
-    if len(photographs.groups) > 1:
-        return [
-            f"each of the {len(photographs.groups)} folders {_list_groups(photographs)} was taken "
-            "for a camera of its own, with a lens of its own"
-        ]
+    groups = photographs.groups
+    if len(groups) > 1 or (groups and len(groups[0].images) < len(photographs)):
+        names = ", ".join(group.name or "images" for group in groups)
+        return [f"folders without a lens file are a camera each, whose lens was found: {names}"]
     if figures["lens"] == "estimated" and photographs.exif_focal_px is not None:
         notes += explain_contradiction(photographs.exif_focal_px, lens)
     if photographs.profile is not None:
@@ -153,10 +152,6 @@ def compare_lens(mapping: Mapping) -> list[str]:
         )
         notes.append(describe_start(figures["lens_start"]))
     return notes
-
-
-def _list_groups(photographs: Photographs) -> str:
-    return ", ".join(group.name or "images" for group in photographs.groups)
 
 
 def compare_with_profile(

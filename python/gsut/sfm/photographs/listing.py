@@ -172,7 +172,8 @@ def _group_by_folder(found: Photographs) -> Photographs:
     for index, (name, camera) in enumerate(zip(found.names, found.cameras, strict=True)):
         if camera is None:
             folders.setdefault(name.rpartition("/")[0].partition("/")[0], []).append(index)
-    if found.profile is not None or len(folders) < 2:
+    one_lens = len(folders) == 1 and None in found.cameras and len(set(found.cameras)) == 1
+    if found.profile is not None or one_lens or not folders:
         return found
     groups = [
         LensGroup(name, np.array(images), found.candidates, found.exif_focal_px)
