@@ -1,0 +1,49 @@
+// Threads of the standard library, started for each loop: for the thread sanitizer, which does not
+// see the order that oneTBB keeps, and for WebAssembly, whose module has the thread that calls it
+// alone.
+#include <algorithm>
+#include <atomic>
+#include <thread>
+#include <vector>
+
+#include "gsut/base/threads.h"
+
+namespace gsut {
+namespace {
+
+#if defined(__EMSCRIPTEN__) && !defined(__EMSCRIPTEN_PTHREADS__)
+constexpr bool kOneThread = true;
+#else
+constexpr bool kOneThread = false;
+#endif
+
+int CountProcessors() { return std::max(1, static_cast<int>(std::thread::hardware_concurrency())); }
+
+std::atomic<int> wanted = 0;  // 0: as many as there are processors
+
+}  // namespace
+
+void SetThreads(int count) { wanted = count; }
+
+int CountThreads() {
+  if (kOneThread) return 1;
+  const int count = wanted;
+  return count == 0 ? CountProcessors() : count;
+}
+
+void RunChunks(std::int64_t chunks, bool /*nested*/,
+               const std::function<void(std::int64_t)>& run_chunk) {
+  std::atomic<std::int64_t> next = 0;
+  const auto work = [&] {
+    for (std::int64_t chunk = next++; chunk < chunks; chunk = next++) run_chunk(chunk);
+  };
+  std::vector<std::thread> workers;
+  const int count = CountThreads();
+  for (int i = 1; i < count; ++i) workers.emplace_back(work);
+  work();
+  for (std::thread& worker : workers) worker.join();
+}
+
+void RunIsolated(const std::function<void()>& work) { work(); }
+
+}  // namespace gsut
