@@ -47,6 +47,7 @@ PYBIND11_MODULE(_core, m) {
       "A lens file cannot be used; the message names file, line where known, and key.";
   solve_error.attr("__doc__") = "A solver found nothing; the message carries its summary.";
   gsut::ActiveIsa();  // applies GSUT_ISA now, so that an unknown name fails at import
+  BindArrays(m);
   BindBase(m);
   BindCameras(m);
   BindGeometry(m);

@@ -6,6 +6,7 @@ import contextlib
 import hashlib
 import logging
 import os
+import platform
 import tempfile
 import time
 from collections.abc import Callable, Sequence
@@ -201,12 +202,12 @@ def train_segment(
     """
     if _core.__version__ != version:
         raise InputError(
-            f"{os.uname().nodename} has gsut {_core.__version__}, the driver {version}; install "
+            f"{platform.node()} has gsut {_core.__version__}, the driver {version}; install "
             "the same version on all nodes"
         )
     if isa not in _core.available_isas():
         raise InputError(
-            f"{os.uname().nodename} has no {isa} instructions, which this run started with"
+            f"{platform.node()} has no {isa} instructions, which this run started with"
         )
     _core.set_isa(isa)
     _core.set_num_threads(threads)
@@ -266,7 +267,7 @@ def _from_bytes(content: bytes, folder: Path) -> dict[str, Any]:
 
 def _make_disk_error(error: OSError) -> InputError:
     return InputError(
-        f"{os.uname().nodename} cannot keep photographs in {tempfile.gettempdir()} "
+        f"{platform.node()} cannot keep photographs in {tempfile.gettempdir()} "
         f"({error.strerror or error}); give that node room there, or another TMPDIR"
     )
 

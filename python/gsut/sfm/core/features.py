@@ -5,12 +5,12 @@ from __future__ import annotations
 import concurrent.futures
 import dataclasses
 import math
-import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 
+from gsut import _core
 from gsut._core import InputError
 from gsut.data.images import decode_image, decode_mask, shrink_image, shrink_mask
 from gsut.lens import Camera
@@ -218,7 +218,7 @@ def _read_all_features(
     """
     import cv2
 
-    workers = options.threads or len(os.sched_getaffinity(0))
+    workers = options.threads or _core.num_threads()
     before = cv2.getNumThreads()
     cv2.setNumThreads(1)  # one image a thread
     try:
