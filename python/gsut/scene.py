@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import functools
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -21,9 +22,7 @@ from gsut.data.scene import choose_inner_views
 from gsut.evaluate import write_scene_page
 from gsut.output_folder import claim_folder
 from gsut.run import (
-    METRICS,
-    OPTIONS,
-    REPORT,
+    RunFile,
     RunFolder,
     SceneOptions,
     StagedProgress,
@@ -43,7 +42,8 @@ from gsut.sfm import (
     read_figures,
 )
 from gsut.train import TrainResult, train
-from gsut.training import describe_resizing, track_training
+from gsut.training import track_training
+from gsut.training.first import describe_resizing
 
 POSES = "poses"  # folder of the pictures and poses, inside the run's folder
 STATE = "scene.json"  # inputs and settings; seconds and verdict once the scene is finished
@@ -240,19 +240,19 @@ class _SceneInProgress:
 
     def _make_training_options(self) -> TrainOptions:
         o = self._options
-        settings: dict[str, Any] = {
-            "preset": o.preset,
-            "steps": o.steps,
-        }  # None: the preset's steps
-        return TrainOptions(**settings, seed=o.seed, threads=o.threads)
+        make = functools.partial(TrainOptions, preset=o.preset, seed=o.seed, threads=o.threads)
+        return make() if o.steps is None else make(steps=o.steps)
 
     def train(self, bars: StagedProgress) -> dict[str, Any]:
         """Trains on the dataset in poses/, and returns the content of metrics.json."""
         folder, options = self.folder, self._make_training_options()
-        if folder.read_json(METRICS) is not None and (folder.path / REPORT).is_file():
+        if (
+            folder.read_json(RunFile.METRICS) is not None
+            and (folder.path / RunFile.REPORT).is_file()
+        ):
             bars.skip("training")
-            return folder.read_json(METRICS)
-        if (folder.path / OPTIONS).is_file():
+            return folder.read_json(RunFile.METRICS)
+        if (folder.path / RunFile.OPTIONS).is_file():
             options = folder.read_options()
             dataset = load_dataset(
                 folder.path / POSES, test_every=options.test_every, test_names=options.test_names

@@ -13,7 +13,7 @@ from gsut.formats import load_ply, open_ply
 from gsut.gaussians import Gaussians
 from gsut.refine import read_refined
 from gsut.render import Light
-from gsut.run import ENVIRONMENT, METRICS, SCENE, RunFolder, TrainOptions
+from gsut.run import RunFile, RunFolder, TrainOptions
 from gsut.run.options import parse_size
 from gsut.training.first import prepare_scene
 
@@ -28,7 +28,7 @@ def read_trained(run: RunFolder, data: str | None) -> tuple[TrainOptions, Scene,
     Returns:
         Options, scene and Gaussians, the latter two in the dataset's coordinates.
     """
-    return *read_scene(run, data), load_ply(run.path / SCENE)
+    return *read_scene(run, data), load_ply(run.path / RunFile.SCENE)
 
 
 def open_trained(
@@ -41,7 +41,7 @@ def open_trained(
         memory: that the Gaussians may take, such as 2GB; None: most of what is free.
     """
     limit = None if memory is None else parse_size(memory, "--memory")
-    return *read_scene(run, data), open_ply(run.path / SCENE, limit)
+    return *read_scene(run, data), open_ply(run.path / RunFile.SCENE, limit)
 
 
 def read_scene(
@@ -56,11 +56,11 @@ def read_scene(
     Raises:
         InputError: the run is not finished, or the dataset is not found.
     """
-    path = run.path / SCENE
+    path = run.path / RunFile.SCENE
     if not path.is_file():
         raise InputError(f"{path} does not exist: the run is not finished; resume it")
     options = run.read_options()
-    data = data or (run.read_json(ENVIRONMENT) or {}).get("dataset")
+    data = data or (run.read_json(RunFile.ENVIRONMENT) or {}).get("dataset")
     if data is None:
         raise InputError(f"{run.path} does not say which dataset it was trained on; give --data")
     inside = run.path / Path(data).name  # where `gsut scene` puts it: the run may have been moved
@@ -111,5 +111,5 @@ def load_run(
 
 def read_light(run: RunFolder, scene: Scene) -> Light | None:
     """Reads the light that the run found in the scene's photographs; None if it found none."""
-    found = (run.read_json(METRICS) or {}).get("light")
+    found = (run.read_json(RunFile.METRICS) or {}).get("light")
     return None if found is None else Light.from_dict(found, [view.name for view in scene.views])

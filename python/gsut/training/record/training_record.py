@@ -10,7 +10,8 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from gsut._core import num_threads
-from gsut.data import Scene, digest_scene
+from gsut.data import Scene
+from gsut.data.scene import digest_scene
 from gsut.evaluate import mean_psnr
 from gsut.run import Progress, RunFolder, TrainOptions, describe_environment
 from gsut.time_left import Pace
