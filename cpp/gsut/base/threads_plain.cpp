@@ -19,7 +19,7 @@ constexpr bool kOneThread = false;
 
 int CountProcessors() { return std::max(1, static_cast<int>(std::thread::hardware_concurrency())); }
 
-std::atomic<int> wanted = 0;  // 0: as many as there are processors
+std::atomic<int> wanted = 0;  // 0: one for each processor
 
 }  // namespace
 
