@@ -199,6 +199,16 @@ EMSCRIPTEN_KEEPALIVE const char* web_describe_camera(int handle) {
   return status < 0 ? nullptr : description.c_str();
 }
 
+// Where (H, W) it is said which pixels have a ray; null on failure.
+EMSCRIPTEN_KEEPALIVE const std::uint8_t* web_valid_pixels(int camera) {
+  const std::uint8_t* valid = nullptr;
+  Guard([&] {
+    valid = cameras.At(camera).Rays().valid.data();
+    return 0;
+  });
+  return valid;
+}
+
 // points (count, 3) -> pixels (count, 2), valid (count).
 EMSCRIPTEN_KEEPALIVE int web_project(int camera, int count, const double* points, double* pixels,
                                      std::uint8_t* valid) {

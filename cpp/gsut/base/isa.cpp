@@ -27,6 +27,7 @@ constexpr IsaName kIsaNames[] = {
 #if HWY_ARCH_WASM
 // Compiled for one target, without Highway's detection and its tables.
 std::int64_t UsableTargets() { return HWY_TARGETS; }
+// There is nothing to choose: SetIsa has refused every other name.
 void Force(std::int64_t) {}
 #else
 // Targets compiled in and supported by the processor, before any forcing.

@@ -11,6 +11,7 @@
 namespace gsut {
 namespace {
 
+// A module without shared memory cannot start threads at all.
 #if defined(__EMSCRIPTEN__) && !defined(__EMSCRIPTEN_PTHREADS__)
 constexpr bool kOneThread = true;
 #else
@@ -33,6 +34,8 @@ int CountThreads() {
 
 void RunChunks(std::int64_t chunks, bool /*nested*/,
                const std::function<void(std::int64_t)>& run_chunk) {
+  // Each thread takes the next chunk when it has finished one, since chunks differ in work. Which
+  // thread runs a chunk changes no bit: chunks do not know of each other.
   std::atomic<std::int64_t> next = 0;
   const auto work = [&] {
     for (std::int64_t chunk = next++; chunk < chunks; chunk = next++) run_chunk(chunk);
@@ -44,6 +47,7 @@ void RunChunks(std::int64_t chunks, bool /*nested*/,
   for (std::thread& worker : workers) worker.join();
 }
 
+// The loops of this file wait for their own threads only, so that work is isolated by itself.
 void RunIsolated(const std::function<void()>& work) { work(); }
 
 }  // namespace gsut

@@ -66,6 +66,7 @@ std::shared_ptr<Threads>& LastThreads() {
   return threads;
 }
 
+// A copy: a loop that runs keeps its threads, also while another thread changes their number.
 std::shared_ptr<Threads> CurrentThreads() {
   const std::lock_guard<std::mutex> lock(threads_mutex);
   std::shared_ptr<Threads>& threads = LastThreads();
@@ -93,10 +94,13 @@ void RunChunks(std::int64_t chunks, bool nested,
     for (std::int64_t chunk = 0; chunk < chunks; ++chunk) run_chunk(chunk);
     return;
   }
+  // A loop inside another one stays in the arena of the outer loop, whose threads are there
+  // already.
   const auto loop = [&] { tbb::parallel_for(std::int64_t{0}, chunks, run_chunk); };
   nested ? loop() : current->Execute(loop);
 }
 
+// While the calling thread waits in here, oneTBB gives it no task from outside.
 void RunIsolated(const std::function<void()>& work) { tbb::this_task_arena::isolate(work); }
 
 }  // namespace gsut

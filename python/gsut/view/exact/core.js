@@ -58,6 +58,9 @@ class Core {
     const at = this.c.web_describe_camera(camera);
     return JSON.parse(this.text(at || this.check(-1)));
   }
+  validPixels(camera, count) { // which have a ray
+    return this.bytes(this.c.web_valid_pixels(camera) || this.check(-1), count).slice();
+  }
   project(camera, points) { // flat (n, 3) -> { pixels: flat (n, 2), valid }
     const count = points.length / 3;
     return this.borrow((put) => {
@@ -84,10 +87,10 @@ class Core {
       at += 4 * part.length;
     }
   }
-  // Returns { image, alpha, depth } as Float32Array; alpha and depth only with `depth`.
-  render(camera, { width, height, start, end = start, shutter = "global", background = [0, 0, 0], tiles = null, depth = false }) {
+  // Returns { image, alpha, depth } as Float32Array; alpha and depth only where wanted.
+  render(camera, { width, height, start, end = start, shutter = "global", background = [0, 0, 0], tiles = null, alpha: covered = false, depth = false }) {
     return this.borrow((put) => {
-      const pixels = width * height, image = put(12 * pixels), alpha = depth ? put(4 * pixels) : 0, far = depth ? put(4 * pixels) : 0;
+      const pixels = width * height, image = put(12 * pixels), alpha = covered || depth ? put(4 * pixels) : 0, far = depth ? put(4 * pixels) : 0;
       const poses = [start, end].map((pose) => put(Float64Array.from(pose)));
       this.check(this.c.web_render(camera, ...poses, put(shutter), put(Float64Array.from(background)), tiles ? put(tiles) : 0, image, alpha, far));
       const copy = (at, count) => (at ? this.floats(at, count).slice() : null);
