@@ -256,7 +256,7 @@ class PageServer {
   }
   async draw(values, depth) { // all rows by all workers, as floats
     const lens = this.resize(values.lens, values.width, values.height), { width, height } = lens, rows = Math.ceil(height / 16);
-    const background = this.content.background ?? [0, 0, 0], alpha = depth || !this.content.background;
+    const background = this.content.background ?? [0, 0, 0], alpha = depth || values.mode === "alpha" || !this.content.background;
     const job = { lens, background, alpha, depth, ...this.place(values) };
     let edge = 0, sum = 0;
     const parts = this.workers.map(({ share }, k) => {
