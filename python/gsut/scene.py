@@ -228,10 +228,10 @@ class _SceneInProgress:
         bars.skip(POSES)  # the stages of `find_poses` take its place
         if is_finished(out):
             return read_figures(out)
-        options = PosesOptions(shutter=o.shutter, seed=o.seed, threads=o.threads)
+        options = PosesOptions(fov=o.fov, shutter=o.shutter, seed=o.seed, threads=o.threads)
         with contextlib.closing(StageFollower(bars)) as stages:
             figures = find_poses(
-                pictures.path, out, camera=o.camera, fov_degrees=o.fov,
+                pictures.path, out, camera=o.camera,
                 options=add_lens_readout(options, o.camera, pictures.figures),
                 log=PosesLog(stages.show, bars.note, stages.expect),
             ).figures  # fmt: skip

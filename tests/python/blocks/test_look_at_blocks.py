@@ -76,7 +76,8 @@ def test_mesh_is_the_same_and_says_what_it_cannot(run, reads, tmp_path, capsys, 
     flags = ["mesh", str(run), "--quiet", "--voxel", "0.1", "-o"]
     assert main([*flags, str(tmp_path / "whole.ply")]) == 0
     assert not reads
-    monkeypatch.setattr(StoredGaussians, "DRAWN_BYTES", 1000)  # all: too many, of a view: not
+    # All are too many, those of a view are not.
+    monkeypatch.setattr("gsut.formats.ply.count_bytes_per_gaussian", lambda degree: 1000)
     assert main([*flags, str(tmp_path / "stored.ply"), "--memory", "3MB"]) == 0
     assert reads
     pictures = [(tmp_path / f"{kind}.ply").read_bytes() for kind in ("whole", "stored")]

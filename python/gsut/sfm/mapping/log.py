@@ -8,8 +8,8 @@ from typing import Any
 
 from gsut import _core
 from gsut.run import Stopwatch
-from gsut.sfm.core.features import OnProgress
-from gsut.sfm.core.solver import OnStep
+from gsut.sfm.photographs import OnProgress
+from gsut.sfm.solution import OnStep
 from gsut.time_left import PosesWork
 
 _PARTS = 1000  # of a stage's progress bar
