@@ -15,4 +15,6 @@ LIGHT_GAIN = 0.08
 FIRST_GAIN = 0.016  # noise of 2.5 grey levels, some 300 points a view; worst 0.0081
 LIGHT_GAUGE = 1e-12  # rounding of exp and log
 LIGHT_FALLOFF = 0.008  # of noise seen once by each of ten views; worst 0.0042
+LIGHT_LEVEL = 1e-4  # rounding to float and of the gain; worst 1e-6
+LIGHT_BRIGHTNESS = 0.066  # the rim shows other things than the centre; worst 0.033
 LIGHT_GAINED_DB = 0.7  # mean of three seeds; observed 0.94

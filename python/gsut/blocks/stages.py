@@ -264,9 +264,8 @@ class Stages:
     def note(self, number: int) -> None:
         """Writes the scene after a round, and a row of the history."""
         flat = self._options.primitive == "surfel"
-        self._place = self._store.save(
-            self._folder / RunFile.SCENE, self._turn, list_scene_comments(self._run), flat
-        )
+        comments = list_scene_comments(self._run, self.coarse.light is not None)
+        self._place = self._store.save(self._folder / RunFile.SCENE, self._turn, comments, flat)
         jobs = (self._make_job(block, number) for block in range(len(self.layout)))
         step = sum(int(_read_figures(job)["step"]) for job in jobs)
         scene = self.coarse.scene

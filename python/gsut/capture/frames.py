@@ -21,8 +21,8 @@ from gsut.capture.choose import (
 )
 from gsut.capture.flow import FRAMES_BESIDE, FlowSearch
 from gsut.capture.strip import write_strip
-from gsut.capture.track import interpolate_places, read_track
-from gsut.capture.video import Video, read_camera_name
+from gsut.capture.track import average_ups, interpolate_places, read_film_facts
+from gsut.capture.video import Video
 from gsut.data import CAPTURE, capture_state, read_capture
 from gsut.files import write_json, write_picture
 
@@ -51,8 +51,8 @@ class Capture:
         path: holds images/, capture.json and strip.jpg.
         figures: the content of capture.json: kind, inputs, notes, size, and "frames", one row a
             picture with its name and, of a video, number, time (seconds), sharpness, flow (see
-            FlowSearch) and place (latitude, longitude, altitude); "name_rate" is how many numbers
-            of the names a second has.
+            FlowSearch), place (latitude, longitude, altitude) and up (in the camera's axes);
+            "name_rate" is how many numbers of the names a second has.
     """
 
     path: Path
@@ -125,7 +125,10 @@ def extract_frames(
     names, name_rate = _name_frames(chosen, rate)
     (folder / IMAGES).mkdir(parents=True, exist_ok=True)
     flows = _write(files, chosen, names, folder / IMAGES, report)
-    places = interpolate_places(read_track(path), np.array([c.time for c in chosen]))
+    facts, times = read_film_facts(path), np.array([c.time for c in chosen])
+    places = interpolate_places(facts.track, times)
+    # The circles of two lenses have axes of their own.
+    ups = average_ups(facts.forces if beside is None else facts.forces[:0], times)
     unsharp = find_blurred(chosen)
     if unsharp.mean() > _MANY_BLURRED:
         notes.append(
@@ -134,13 +137,13 @@ def extract_frames(
         )
     figures: dict[str, Any] = {
         "kind": "video", "key": key, "inputs": [str(file) for file in files], "size": size,
-        "frame_rate": rate, "name_rate": name_rate, "camera": read_camera_name(path),
+        "frame_rate": rate, "name_rate": name_rate, "camera": facts.camera,
         "frames_seen": seen, "seconds": candidates[-1].time, "notes": notes,
         "frames": [
             {"name": name, "path": f"{IMAGES}/{name}", "number": c.number, "time": c.time,
              "sharpness": c.sharpness, "blurred": bool(b), "flow": flows.get(c.number),
-             "place": place}
-            for name, c, b, place in zip(names, chosen, unsharp, places, strict=True)
+             "place": place, "up": up}
+            for name, c, b, place, up in zip(names, chosen, unsharp, places, ups, strict=True)
         ],
     }  # fmt: skip
     write_strip(folder, figures["frames"])

@@ -20,12 +20,14 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError, __version__
-from gsut.capture.exif import RAW_SUFFIXES, PhotographFacts, read_facts
+from gsut.capture.exif import RAW_SUFFIXES, read_facts
+from gsut.capture.facts import PhotographFacts
 from gsut.capture.frames import IMAGES, Capture, OnProgress, read_finished_capture
 from gsut.capture.strip import write_strip
 from gsut.data import CAPTURE, capture_state, list_some
 from gsut.data.images import IMAGE_SUFFIXES, find_mask
 from gsut.files import check_regular, write_json, write_picture
+from gsut.lens import FocalPrior
 
 HEIF_SUFFIXES = (".heic", ".heif")
 PHOTOGRAPH_SUFFIXES = (*IMAGE_SUFFIXES, *HEIF_SUFFIXES, *RAW_SUFFIXES)
@@ -73,8 +75,9 @@ def collect_photographs(
 
     Returns:
         The folder. "frames" has a row for each photograph: name, path, and if the file has them
-        time (seconds since the first), orientation and place; "focal_px" is the focal length in the
-        metadata, "camera" the camera's name.
+        time (seconds since the first), orientation, place, accuracy (metres), heading (degrees) and
+        up (in the camera's axes); "focal_px" is the focal length in the metadata, "focal_sigma" the
+        standard deviation of its logarithm, "camera" the camera's name.
 
     Raises:
         InputError: no photographs, or a format that needs a library which is not installed.
@@ -100,15 +103,20 @@ def collect_photographs(
         f = plan.facts
         row["time"] = None if f.time is None else f.time - first
         row["orientation"] = _TURNED[f.orientation] if plan.turned else f.orientation
-        row["place"] = f.place
+        row["place"] = None if f.place is None else f.place.to_values()
+        row["accuracy"] = None if f.place is None else f.place.accuracy
+        row["heading"] = f.heading
+        row["up"] = None if plan.turned else f.up
         mask = None if plan.is_written else _find_mask(f.path, plan.name)
         row["mask"] = None if mask is None else os.path.relpath(mask, folder.resolve())
-    focal = [_scale_focal(plan) for plan in plans if plan.facts.focal_px is not None]
+    priors = [prior for prior in map(_scale_focal, plans) if prior is not None]
+    middle = sorted(priors, key=lambda prior: prior.px)[len(priors) // 2] if priors else None
     figures: dict[str, Any] = {
         "kind": "photographs", "key": key, "inputs": [str(i) for i in inputs], "notes": notes,
         "size": _find_size(plans[0]),
         "camera": collections.Counter(p.facts.camera for p in plans).most_common(1)[0][0],
-        "focal_px": float(np.median(focal)) if focal else None,
+        "focal_px": None if middle is None else middle.px,
+        "focal_sigma": None if middle is None else middle.sigma,
         "frames": rows,
     }  # fmt: skip
     write_strip(folder, rows)
@@ -190,13 +198,18 @@ def _explain_missing(kind: str, library: str, suffixes: set[str]) -> InputError:
 def _read_all_facts(
     files: dict[str, Path], notes: list[str], report: OnProgress
 ) -> dict[str, PhotographFacts]:
-    facts = {}
+    facts: dict[str, PhotographFacts] = {}
+    doubted: dict[str, list[str]] = {}
     for done, (name, path) in enumerate(files.items(), 1):
         try:
             facts[name] = read_facts(path)
         except InputError as error:
             notes.append(f"left out: {error}")
+        else:
+            for note in facts[name].notes:
+                doubted.setdefault(note, []).append(name)
         report("photographs", done, 2 * len(files), name)
+    notes += [f"{list_some(names)}: {note}" for note, names in doubted.items()]
     return facts
 
 
@@ -208,7 +221,7 @@ def _plan_photographs(facts: dict[str, PhotographFacts]) -> tuple[list[_Plan], l
     """
     groups: dict[tuple[str, float], list[str]] = {}
     for name, f in facts.items():
-        focal = 0.0 if f.focal_px is None else f.focal_px / math.hypot(f.width, f.height)
+        focal = 0.0 if f.focal is None else f.focal.px / math.hypot(f.width, f.height)
         key = next(
             (k for k in groups if k[0] == f.camera and abs(k[1] - focal) <= _SAME_FOCAL * focal),
             (f.camera, focal),
@@ -259,10 +272,10 @@ def _find_size(plan: _Plan) -> tuple[int, int]:
     return plan.size or ((f.height, f.width) if plan.turned else (f.width, f.height))
 
 
-def _scale_focal(plan: _Plan) -> float:
+def _scale_focal(plan: _Plan) -> FocalPrior | None:
     f = plan.facts
-    assert f.focal_px is not None
-    return f.focal_px * math.hypot(*_find_size(plan)) / math.hypot(f.width, f.height)
+    factor = math.hypot(*_find_size(plan)) / math.hypot(f.width, f.height)
+    return None if f.focal is None else f.focal.scale(factor)
 
 
 def _write(plans: Sequence[_Plan], folder: Path, report: OnProgress) -> list[dict[str, Any]]:

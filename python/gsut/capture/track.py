@@ -1,56 +1,79 @@
-"""Reads where a video's camera was: GPS in GoPro's metadata, and in DJI's subtitles."""
+"""Reads where a film's camera was and what it felt: sensors in the file, subtitles beside it."""
 
 from __future__ import annotations
 
 import re
-import struct
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
-# Bytes of a GPMF record's header: key, type, size, repeats.
-_HEADER = 8
-# GPMF's types and the characters of Python's struct.
-_TYPES = {"b": "b", "B": "B", "s": "h", "S": "H", "l": "i", "L": "I", "f": "f", "d": "d", "j": "q",
-          "J": "Q"}  # fmt: skip
+from gsut.capture.boxes import read_tracks
+from gsut.capture.facts import FilmFacts
+from gsut.capture.telemetry import read_streams
+from gsut.capture.video import read_camera_name
+
 # Streams of positions, the best first, and the columns of latitude, longitude and altitude (m):
 # of HERO11 and later, of HERO5 to 10, and of drones.
-_STREAMS = {"GPS9": (0, 1, 2), "GPS5": (0, 1, 2), "GLPI": (1, 2, 3)}
+_STREAMS = {"GPS9": (1, 2, 3), "GPS5": (1, 2, 3), "GLPI": (2, 3, 4)}
 # Fewest positions of a track.
 _FEWEST = 2
+# Altitudes in metres that films are taken at.
+_ALTITUDE = -500.0, 60_000.0
+# Accelerations in m/s^2 beyond which a sensor measured none.
+_MOST_FORCE = 200.0
+# Seconds over which a hand's or a drone's own acceleration averages out.
+_SPAN = 1.0
+# Bytes of subtitles that are read: hours of flight have less.
+_MOST_SUBTITLES = 64 << 20
 # A subtitle with its time.
-_CUE = re.compile(r"(\d+):(\d+):(\d+)[,.](\d+) *-->.*?(?=\n\s*\n|\Z)", re.DOTALL)
+_CUE = re.compile(r"(\d{1,3}):(\d{1,2}):(\d{1,2})[,.](\d{1,9}) *-->.*?(?=\n\s*\n|\Z)", re.DOTALL)
 # Words that precede latitude, longitude and altitude; one is misspelt by DJI.
 _NAMES = ("latitude",), ("longitude", "longtitude"), ("abs_alt", "altitude", "rel_alt")
 # A number after such a word.
-_NUMBER = r"\s*:?\s*(-?\d+\.?\d*)"
+_NUMBER = r"\s*:?\s*(-?\d{1,9}(?:\.\d{0,15})?)"
 
 
-def read_track(video: Path) -> np.ndarray:
-    """Reads places along a video.
+def read_film_facts(video: Path) -> FilmFacts:
+    """Reads what a camera wrote about a film.
 
     Args:
-        video: a GoPro's MP4, or one of a drone with NAME.SRT beside it.
-
-    Returns:
-        (N, 4) seconds since the beginning, latitude and longitude in degrees, altitude in metres;
-        (0, 4) if the file has no places.
+        video: an MP4 or MOV; of a drone, with NAME.SRT beside it. Of other films only the
+            subtitles are read.
     """
+    streams = read_streams(video)
+    rotation = next((t.rotation for t in read_tracks(video) if t.kind == "vide"), 0)
+    forces = streams.get("ACCL", np.zeros((0, 4)))
+    good = np.isfinite(forces).all(axis=1) & (np.abs(forces[:, 1:]) < _MOST_FORCE).all(axis=1)
+    return FilmFacts(
+        read_camera_name(video), rotation, _find_track(video, streams),
+        _turn_forces(forces[good], rotation),
+    )  # fmt: skip
+
+
+def _find_track(video: Path, streams: dict[str, np.ndarray]) -> np.ndarray:
+    """Returns (N, 4) seconds, latitude, longitude and altitude, (0, 4) if there are no places."""
     for suffix in (".SRT", ".srt"):
         subtitles = video.with_suffix(suffix)
         if subtitles.is_file():
-            return _drop_implausible(_parse_subtitles(subtitles.read_text("utf-8", "replace")))
-    found: dict[str, list[np.ndarray]] = {}
-    for start, length, payload in _read_payloads(video):
-        for name, rows in _read_positions(payload):
-            times = start + length * np.arange(len(rows)) / len(rows)
-            found.setdefault(name, []).append(np.column_stack([times, rows]))
-    for name in _STREAMS:
-        rows = _drop_implausible(np.concatenate(found.get(name, [np.zeros((0, 4))])))
+            with open(subtitles, "rb") as file:
+                text = file.read(_MOST_SUBTITLES).decode("utf-8", "replace")
+            return _drop_implausible(_parse_subtitles(text))
+    for name, columns in _STREAMS.items():
+        rows = streams.get(name, np.zeros((0, 5)))
+        if rows.shape[1] <= max(columns):
+            continue
+        rows = _drop_implausible(rows[:, [0, *columns]])
         if len(rows) >= _FEWEST:
             return rows
     return np.zeros((0, 4))
+
+
+def _turn_forces(forces: np.ndarray, rotation: int) -> np.ndarray:
+    """Turns what the camera felt into the axes of frames that are shown turned clockwise."""
+    turned = forces.copy()
+    for _ in range(rotation // 90):
+        turned[:, 1], turned[:, 2] = -turned[:, 2], turned[:, 1].copy()
+    return turned
 
 
 def interpolate_places(
@@ -68,82 +91,35 @@ def interpolate_places(
     ]
 
 
+def average_ups(
+    forces: np.ndarray, times: np.ndarray, span: float = _SPAN
+) -> list[tuple[float, float, float] | None]:
+    """Returns the direction that was up in the camera's axes, on average around each time.
+
+    Over seconds the camera's own acceleration averages out, and what is felt points up.
+
+    Args:
+        forces: (M, 4) of `FilmFacts`.
+        times: (N,) seconds.
+        span: seconds that are averaged.
+    """
+    ups: list[tuple[float, float, float] | None] = []
+    for time in times:
+        first, last = np.searchsorted(forces[:, 0], (time - span / 2, time + span / 2))
+        mean = forces[first:last, 1:].mean(axis=0) if last > first else np.zeros(3)
+        length = float(np.linalg.norm(mean))
+        x, y, z = mean / length if length > 0 else mean
+        ups.append((float(x), float(y), float(z)) if length > 0 else None)
+    return ups
+
+
 def _drop_implausible(rows: np.ndarray) -> np.ndarray:
     """Sorts rows by time and drops impossible ones and 0, 0, which means that there was no fix."""
     good = np.isfinite(rows).all(axis=1) & (np.abs(rows[:, 1]) <= 90) & (np.abs(rows[:, 2]) <= 180)
     good &= (rows[:, 1] != 0) | (rows[:, 2] != 0)
+    good &= (rows[:, 3] >= _ALTITUDE[0]) & (rows[:, 3] <= _ALTITUDE[1])
     rows = rows[good]
     return rows[np.argsort(rows[:, 0], kind="stable")]
-
-
-def _read_payloads(video: Path) -> Iterator[tuple[float, float, bytes]]:
-    """Yields GoPro's metadata: seconds, length in seconds, bytes."""
-    import av
-
-    try:
-        with av.open(str(video)) as container:
-            streams = [
-                s
-                for s in container.streams.data
-                if "GoPro MET" in s.metadata.get("handler_name", "")
-            ]
-            if not streams:
-                return
-            for packet in container.demux(streams[0]):
-                if packet.size and packet.pts is not None:
-                    base = float(packet.time_base)
-                    yield packet.pts * base, (packet.duration or 0) * base, bytes(packet)
-    except (av.FFmpegError, OSError):
-        return  # reading the frames reports what is wrong with the file
-
-
-def _split_records(data: bytes) -> Iterator[tuple[str, str, int, int, bytes]]:
-    """Yields key, type, bytes of a row, number of rows and content of each GPMF record.
-
-    A damaged record ends the iteration.
-    """
-    at = 0
-    while at + _HEADER <= len(data):
-        key, kind, size, count = struct.unpack_from(">4scBH", data, at)
-        at += _HEADER
-        if at + size * count > len(data):
-            return
-        yield key.decode("latin1"), kind.decode("latin1"), size, count, data[at : at + size * count]
-        at += -(-size * count // 4) * 4
-
-
-def _read_positions(payload: bytes) -> Iterator[tuple[str, np.ndarray]]:
-    """Yields the streams of positions in a payload: name, (N, 3)."""
-    for _, _, _, _, device in _split_records(payload):
-        for name, _, _, _, stream in _split_records(device):
-            if name != "STRM":
-                continue
-            held = {key: rest for key, *rest in _split_records(stream)}
-            for wanted, columns in _STREAMS.items():
-                rows = _read_rows(held, wanted) if wanted in held else None
-                fixed = _read_rows(held, "GPSF") if "GPSF" in held else None
-                lost = fixed is not None and fixed[0, 0] < 2  # GPSF: 2 two, 3 three dimensions
-                if rows is not None and not lost and rows.shape[1] > max(columns):
-                    yield wanted, rows[:, columns]
-
-
-def _read_rows(held: dict[str, list], key: str) -> np.ndarray | None:
-    """Returns the numbers (N, M) of a record, scaled; None if its layout is unknown."""
-    kind, size, count, data = held[key]
-    if kind == "?":
-        kind = held["TYPE"][3].decode("latin1").strip("\0") if "TYPE" in held else ""
-    elif kind in _TYPES:
-        kind *= size // struct.calcsize(_TYPES[kind])
-    layout = ">" + "".join(_TYPES.get(each, "?") for each in kind)
-    if not kind or "?" in layout or struct.calcsize(layout) != size or not count:
-        return None
-    rows = np.array(list(struct.iter_unpack(layout, data)), np.float64)
-    if key in ("GPSF", "SCAL") or "SCAL" not in held:
-        return rows
-    scale = _read_rows(held, "SCAL")
-    if scale is None or scale.size not in (1, rows.shape[1]) or not scale.all():
-        return None
-    return rows / scale.ravel()
 
 
 def _parse_subtitles(text: str) -> np.ndarray:

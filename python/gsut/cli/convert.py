@@ -100,6 +100,7 @@ def run(arguments: argparse.Namespace) -> int:
         "surfels": are_surfels(gaussians),
         "sh_degree": gaussians.sh_degree,
         "antialiased": found.antialiased,
+        "light": _describe_light(Path(arguments.source)),
         "for_viewers": tuning,
         **_write(out, gaussians, settings),
     }
@@ -182,6 +183,15 @@ def _find_start_view(arguments: argparse.Namespace, out: Path, gaussians: Any) -
     return start_view(scene, gaussians, prepare_for_file(gaussians).origin)
 
 
+def _describe_light(source: Path) -> str | None:
+    """Describes the light that a run's Gaussians show; None if its photographs do not differ."""
+    from gsut.render import Light
+    from gsut.run import RunFile, RunFolder
+
+    found = source.is_dir() and "light" in (RunFolder(source).read_json(RunFile.METRICS) or {})
+    return Light.SHOWN if found else None
+
+
 def _link_in_report(out: Path) -> None:
     """Links a page written into a run's folder from the run's report."""
     from gsut.evaluate import write_report
@@ -244,6 +254,8 @@ def _print_summary(figures: dict[str, Any]) -> None:
         f"{figures['num_gaussians']:,} {kind}, {before:.1f} -> {after:.1f} MB in "
         f"{figures['write_seconds']:.1f} s: {figures['out']} ({figures['format']})"
     )
+    if figures["light"] is not None:
+        print(figures["light"])
     tuning = figures["for_viewers"]
     if tuning is not None:
         print(

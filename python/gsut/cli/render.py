@@ -120,7 +120,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     import gsut
     from gsut.cli._render_depth import DepthOutput
-    from gsut.render import is_film, to_uint8, write_png
+    from gsut.render import Light, is_film, to_uint8, write_png
     from gsut.run import Progress
 
     frames = _FRAMES if arguments.frames is None else arguments.frames
@@ -167,6 +167,8 @@ def run(arguments: argparse.Namespace) -> int:
         print_json(figures)
     else:
         print(f"{len(places)} images: {out}")
+        if stage.light is not None:
+            print(Light.SHOWN)
         if arguments.cloud:
             print(f"{figures['points']:,} points: {arguments.cloud}")
     return 0

@@ -8,7 +8,7 @@ from gsut.data.assemble import assemble
 from gsut.data.capture_file import CAPTURE, CAPTURE_FOLDER, STRIP, capture_state, read_capture
 from gsut.data.convert import convert_dataset, list_writable_layouts, save_dataset
 from gsut.data.errors import DatasetError, list_some
-from gsut.data.layouts import find_images, find_lens_file, find_lens_files
+from gsut.data.layouts import find_lens_file, find_lens_files
 from gsut.data.listing import Frame
 from gsut.data.load import load_dataset, read_dataset
 from gsut.data.memory import scene_from_arrays
@@ -26,7 +26,6 @@ __all__ = [
     "assemble",
     "capture_state",
     "convert_dataset",
-    "find_images",
     "find_lens_file",
     "find_lens_files",
     "list_some",

@@ -67,8 +67,9 @@ def evaluate(
 
     Returns:
         dict, ready for JSON:
-            psnr, ssim: means over the views (PSNR in dB); None if no view.
-            psnr_unit_gain: PSNR of the renders as they are, without `light`.
+            psnr, ssim: means over the views (PSNR in dB); None if no view. In the photographs'
+                light: this is what is scored.
+            psnr_unit_gain: PSNR of the renders as they are shown, without `light`.
             psnr_color_corrected: PSNR after the affine map of colours that fits best.
             psnr_half_image: PSNR of the right half after gains that fit the left half best.
             psnr_min, worst_view: the least PSNR and its view's name.

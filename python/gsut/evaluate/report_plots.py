@@ -73,7 +73,7 @@ def plot_light(light: dict[str, Any]) -> list[str]:
     gains = np.array(list(light["gains"].values()))
     falloffs = [falloff for each in light["falloffs"] if (falloff := Falloff.from_dict(each))]
     plots = []
-    if (gains != 1.0).any():
+    if np.ptp(gains, axis=0).any():
         number = np.arange(len(gains), dtype=float)
         chart = Chart(
             "Gain of each photograph", "photographs, by name", (0.0, max(1.0, number[-1])),

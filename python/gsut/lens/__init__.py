@@ -20,6 +20,7 @@ from gsut.lens.field import (
 from gsut.lens.files import load_camera, save_camera
 from gsut.lens.fit_rays import fit_camera
 from gsut.lens.fit_spline import SplineGrid, fit_control_points
+from gsut.lens.focal_prior import FocalPrior
 from gsut.lens.refinable import find_refinable_params
 from gsut.lens.uncertainty import save_uncertainty, spread_pixels
 
@@ -27,6 +28,7 @@ __all__ = [
     "CalibrationWeights",
     "Camera",
     "Conversion",
+    "FocalPrior",
     "LensProfile",
     "SplineGrid",
     "camera_models",

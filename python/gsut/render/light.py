@@ -1,7 +1,8 @@
 """The light that photographs were taken in: exposure and white balance of each, falloff of a lens.
 
 A photograph shows the scene times a gain of its own, one a channel, times the falloff of its lens,
-a function of the field angle. Gaussians hold the scene at the mean gain and without falloff.
+a function of the field angle. Gaussians hold the scene at the mean gain and without falloff, as
+bright as the photographs are on average: gain times falloff has a mean of 1 over their pixels.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ import dataclasses
 import functools
 import re
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -64,6 +65,12 @@ class Light:
         falloffs: one a camera of the scene, or None where the lens has none.
     """
 
+    # Describes the light of images that show the Gaussians as they are.
+    SHOWN: ClassVar[str] = (
+        "in the light of the scene: the photographs' mean brightness and colour, without the "
+        "falloff of the lens"
+    )
+
     gains: np.ndarray
     falloffs: tuple[Falloff | None, ...]
 
@@ -94,7 +101,7 @@ class Light:
         brightness = logs.mean(axis=1)
         balance = logs - brightness[:, None]
         words = ""
-        if logs.any():
+        if np.ptp(logs, axis=0).any():
             words = (
                 f"The photographs differ in exposure by {100 * brightness.std():.1f} % and in white"
                 f" balance by {100 * balance.std():.1f} % (standard deviation). Gaussians show the "
@@ -105,6 +112,10 @@ class Light:
             if falloff is not None:
                 rim = float(falloff.evaluate(np.array([falloff.max_angle])).mean())
                 words += f"The lens passes {100 * rim:.0f} % of the light at its rim. "
+        words += (
+            "Films, exported files and the viewer away from the photographs show the Gaussians "
+            f"{self.SHOWN}. "
+        )
         return words + "--exposure off leaves this in the scene."
 
     @staticmethod

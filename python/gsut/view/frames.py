@@ -157,6 +157,8 @@ class Frames:
         if request.mode == "centers":
             return Drawn(self._draw_centers(request, camera))
         image, alpha, depth = self._render(request, camera, place, request.mode != "color")
+        if request.mode in ("color", "error"):
+            image = self._apply_light(image, request, camera)
         if request.mode == "color":
             return Drawn(to_uint8(image))
         if request.mode == "alpha":
@@ -290,6 +292,14 @@ class Frames:
             mask = cv2.resize(mask.view(np.uint8), (width, height)) > 0
         off = np.abs(np.clip(image, 0, 1) - truth.astype(np.float32) / 255).mean(axis=2)
         return Drawn(_apply_colors(off / _MOST_ERROR, mask, "INFERNO"), (0.0, _MOST_ERROR))
+
+    def _apply_light(self, image: np.ndarray, request: FrameRequest, camera: Camera) -> np.ndarray:
+        """Multiplies an image by the light of the photograph that it is compared with."""
+        scene, light, view = self.stage.scene, self.stage.light, request.view
+        if scene is None or light is None or view is None:
+            return image
+        index = scene.views[view].camera_index
+        return image * light.on(camera, view, index) if request.lens == index else image
 
     def _find_ground_axes(self, ground: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """Returns axes (3, 3) and middle (3,) of the ground, or of the scene without one."""

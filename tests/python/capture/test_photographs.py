@@ -40,10 +40,10 @@ def test_facts_of_a_photograph(tmp_path):
     path = photograph(tmp_path / "a.jpg", (400, 300), orientation=6, second=7)
     facts = read_facts(path)
     assert (facts.width, facts.height, facts.camera) == (400, 300, "ACME One")
-    assert facts.focal_px == pytest.approx(26 / np.hypot(36, 24) * 500)
+    assert facts.focal.px == pytest.approx(26 / np.hypot(36, 24) * 500)
     assert facts.orientation == 6
     assert facts.time % 60 == 7
-    assert facts.place == pytest.approx((-33.5, 10.01, 120.0))
+    assert facts.place.to_values() == pytest.approx((-33.5, 10.01, 120.0))
 
 
 @pytest.mark.parametrize("size", [(1, 1), (5000, 1), (1, 5000)])

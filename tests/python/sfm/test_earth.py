@@ -1,5 +1,6 @@
 """Up, north and metres of poses, from how cameras were held and from GPS; or not."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -153,3 +154,55 @@ def test_photographs_on_their_side_tell_up_by_exif():
     solution.camera_from_world[:] = poses
     second = find_earth(solution, dict.fromkeys(solution.names, 6), {}).rotation
     assert np.abs(first - second).max() < 1e-9
+
+
+def look_down(solution, rng):
+    """The same places with all cameras straight down, as from a drone, turned about the view."""
+    poses = solution.camera_from_world.copy()
+    turn = _core.exp_pose([0, 0, 0, 0.7, -1.1, 0.4])[:3, :3]
+    for pose, center in zip(poses, centers(solution), strict=True):
+        down = _core.exp_pose([0, 0, 0, -math.pi / 2, 0, 0])[:3, :3]
+        spin = _core.exp_pose([0, 0, 0, 0, 0, rng.uniform(-3, 3)])[:3, :3]
+        pose[:3, :3] = spin @ down @ turn.T
+        pose[:3, 3] = -pose[:3, :3] @ center
+    return dataclasses.replace(solution, camera_from_world=poses)
+
+
+@pytest.mark.parametrize("wrong", [0, 4])
+def test_flight_straight_down_takes_up_from_gps(wrong):
+    rng = np.random.default_rng(5)
+    solution, truth = made(rng)
+    places = gps(truth, rng, 0.1)
+    for name in list(places)[:wrong]:
+        latitude, longitude, height = places[name]
+        places[name] = (latitude + 0.001, longitude, height)
+    earth = find_earth(look_down(solution, rng), upright(solution), places)
+    assert earth.figures["gps"]["applied"] and earth.figures["up"] == "by GPS"
+    assert earth.scale == pytest.approx(SCALE, rel=tolerances.SFM_EARTH_SCALE)
+
+
+def measure_ups(solution, rng, noise, turn):
+    """Up in each camera's axes, with errors of so many radians, turned in the camera."""
+    up = _core.exp_pose([0, 0, 0, 0.7, -1.1, 0.4])[:3, :3] @ [0, -1, 0]
+    seen = solution.camera_from_world[:, :3, :3] @ up + noise * rng.standard_normal((COUNT, 3))
+    seen = seen @ turn.T
+    return dict(zip(solution.names, map(tuple, seen), strict=True)), up
+
+
+def test_accelerometer_gives_up_where_cameras_were_not_level():
+    rng = np.random.default_rng(6)
+    solution, _ = made(rng)
+    solution = look_down(solution, rng)
+    ups, up = measure_ups(solution, rng, 0.1, np.eye(3))
+    earth = find_earth(solution, upright(solution), {}, ups)
+    assert earth.figures["up"] == "by an accelerometer or gimbal" and earth.notes == ()
+    assert np.degrees(np.arccos(-earth.rotation[1] @ up)) < tolerances.SFM_MEASURED_UP_DEGREES
+
+
+def test_accelerometer_that_contradicts_the_poses_is_named_and_not_used():
+    rng = np.random.default_rng(7)
+    solution, _ = made(rng)
+    turn = _core.exp_pose([0, 0, 0, 0, 0, math.pi / 2])[:3, :3]
+    ups, _ = measure_ups(solution, rng, 0.05, turn)
+    earth = find_earth(solution, upright(solution), {}, ups)
+    assert earth.figures["up"] == "by the cameras" and "contradicts the poses" in earth.notes[0]

@@ -12,11 +12,18 @@ from gsut import _core
 from gsut.cli import main
 from gsut.data.scene import Level
 from gsut.evaluate import evaluate
-from gsut.render import Falloff, Light, PixelFilter, compute_field_angles, interpolate_gains
+from gsut.render import (
+    Falloff,
+    Light,
+    PixelFilter,
+    compute_field_angles,
+    interpolate_gains,
+)
 from gsut.run import RunFolder
 from gsut.training import read_light, read_scene, read_trained
 from gsut.training.photograph.photograph_model import PhotographModel
 from rendered_dataset import VIEWS, write_dataset
+from room_dataset import write_room
 
 GAINS = np.exp(0.15 * np.sin(0.5 * np.arange(VIEWS)[:, None] + [0.0, 0.2, 0.4]))
 OPTIONS = {"steps": 300, "max_gaussians": 300, "sh_degree": 0, "eval_every": 300}
@@ -149,6 +156,35 @@ def test_falloff_is_found(data):
         found.as_dict([v.name for v in scene.views]), [v.name for v in scene.views]
     )
     assert np.array_equal(again.on(camera, 1, 0), found.on(camera, 1, 0))
+
+
+def test_strong_falloff_leaves_the_scene_as_bright_as_its_photographs(tmp_path):
+    path = write_room(tmp_path / "data", np.random.default_rng(5))
+    angles = compute_field_angles(gsut.load_dataset(path).cameras[0])
+    dark = Falloff(float(np.nanmax(angles)), np.tile([-0.8, 0.1, 0.0], (3, 1))).evaluate(angles)
+    for file in sorted((path / "images").iterdir()):
+        cv2.imwrite(str(file), np.rint(dark * cv2.imread(str(file))).astype(np.uint8))
+    run = tmp_path / "run"
+    scene = gsut.load_dataset(path)
+    options = gsut.TrainOptions(exposure="auto", **{**OPTIONS, "steps": 500})
+    gsut.train(scene, options, out=run, progress=False)
+    trained = gsut.load_run(run)
+    train = list(scene.train_indices)
+    sees = ~np.isnan(angles)
+    factor = np.mean([trained.light.on(scene.cameras[0], view, 0)[sees] for view in train])
+    images = [
+        gsut.render(trained.gaussians, scene.cameras[0], scene.views[v].motion) for v in train
+    ]
+    shown = np.mean([image.image[sees] for image in images])
+    brightness = shown / np.mean([scene.image(view)[sees] / 255 for view in train])
+    metrics = RunFolder.open(run).read_json("metrics.json")
+    scored, plain = metrics["psnr"], metrics["psnr_unit_gain"]
+    print(f"light {factor:.4f}, brightness {brightness:.4f}; {scored:.1f} dB, {plain:.1f} as shown")
+    assert abs(factor - 1) < tol.LIGHT_LEVEL
+    assert abs(brightness - 1) < tol.LIGHT_BRIGHTNESS
+    assert plain < scored
+    assert "as shown" in (run / "report.html").read_text("utf-8")
+    assert Light.SHOWN in (run / "scene.ply").read_bytes()[:4096].decode("latin-1")
 
 
 def test_gains_of_unseen_views_lie_between_their_neighbours_in_time():

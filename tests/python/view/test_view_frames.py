@@ -14,7 +14,7 @@ import small_run
 from gsut.data.poses import read_path
 from gsut.lens import measure_field_of_view, with_field_of_view
 from gsut.lens.files import camera_from_values
-from gsut.render import PixelFilter, to_uint8
+from gsut.render import Falloff, Light, PixelFilter, to_uint8
 from gsut.view import Session, Stage
 from gsut.view.frame_request import MODES
 from gsut.view.frames import _draw_normals
@@ -62,6 +62,21 @@ def wanted(scene, index=0, **changes):
 
 def pixels(reply):
     return cv2.cvtColor(cv2.imdecode(np.frombuffer(reply.content, np.uint8), 1), cv2.COLOR_BGR2RGB)
+
+
+def test_a_frame_in_a_photograph_has_its_light_and_none_elsewhere(scene, gaussians):
+    falloff = Falloff(1.5, np.tile([-0.5, 0.0, 0.0], (3, 1)))
+    light = Light(np.linspace(0.5, 1.5, 3 * len(scene.views)).reshape(-1, 3), (falloff,))
+    stage = Stage("small", "run", gaussians, scene, (0.1, 0.2, 0.3), light=light)
+    session = Session(stage)
+    plain = gsut.render(
+        gaussians, scene.cameras[0], scene.views[1].motion, background=(0.1, 0.2, 0.3)
+    ).image
+    lit = to_uint8(plain * light.on(scene.cameras[0], 1, 0))
+    assert np.array_equal(pixels(session.draw_frame(wanted(scene, 1))), lit)
+    elsewhere = pixels(session.draw_frame(wanted(scene, 1, view=None)))
+    assert np.array_equal(elsewhere, to_uint8(plain))
+    assert not np.array_equal(lit, elsewhere)
 
 
 def test_a_frame_coarser_than_the_photographs_is_filtered_once_it_rests(session, scene, gaussians):

@@ -12,8 +12,9 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError, Shutter
-from gsut.data import find_images, find_lens_file, find_lens_files, read_capture, read_dataset
+from gsut.data import find_lens_file, find_lens_files, read_capture, read_dataset
 from gsut.data.images import find_mask, read_header
+from gsut.data.layouts import find_images
 from gsut.lens import Camera, LensProfile, find_lens, find_lenses, is_lens_name, load_camera
 from gsut.lens.files import camera_from_values
 
@@ -46,6 +47,8 @@ class Photographs:
         flows: (M, 4) by name: pixels of a video's frames, and how far they move in a second.
         orientations: EXIF's by name, 1 for upright; of captures only.
         places: latitude and longitude in degrees, altitude in metres, by name.
+        ups: up in the camera's axes by an accelerometer or gimbal, by name.
+        focal_sigma: standard deviation of the logarithm of `exif_focal_px`.
     """
 
     root: Path
@@ -64,6 +67,8 @@ class Photographs:
     flows: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
     orientations: dict[str, int] = dataclasses.field(default_factory=dict)
     places: dict[str, tuple[float, float, float]] = dataclasses.field(default_factory=dict)
+    ups: dict[str, tuple[float, float, float]] = dataclasses.field(default_factory=dict)
+    focal_sigma: float | None = None
 
     def __len__(self) -> int:
         return len(self.names)
@@ -191,6 +196,8 @@ def _read_captured(path: Path, captured: dict[str, Any]) -> Photographs:
             row["name"]: row.get("orientation") or 1 for row in rows if not captured.get("fisheye")
         },
         places={row["name"]: tuple(row["place"]) for row in rows if row.get("place")},
+        ups={row["name"]: tuple(row["up"]) for row in rows if row.get("up")},
+        focal_sigma=captured.get("focal_sigma"),
     )
 
 

@@ -16,17 +16,17 @@ from gsut.data.poses import find_centers
 from gsut.gaussians import rotate_upright
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.solution import Solution, similarity_from_points
+from gsut.sfm.world.up import (
+    FEWEST,
+    MOST_TILT,
+    find_held,
+    find_measured_up,
+    find_up,
+    find_up_by_path,
+)
 
 _EARTH_RADIUS = 6378137.0  # metres, semi-major axis of WGS 84
 _ECCENTRICITY_2 = 6.69437999014e-3  # squared, of WGS 84
-# Directions of up in the stored picture (x, y), by EXIF's orientation.
-_UP_OF = {1: (0, -1), 2: (0, -1), 3: (0, 1), 4: (0, 1), 5: (-1, 0), 6: (-1, 0), 7: (1, 0),
-          8: (1, 0)}  # fmt: skip
-_ROLL = math.radians(5.0)  # standard deviation: people and drones hold cameras level
-_PITCH = math.radians(25.0)  # standard deviation: they look up and down
-_MOST_ROLL = math.radians(12.0)  # mean roll beyond which cameras were not held level
-_MOST_TILT = 0.15  # radians: two standard deviations of up beyond which it is not known
-_FEWEST = 6  # images with a place, or an orientation
 _FEWEST_PLACES = 5  # different places
 _SAMPLES = 300  # pairs of places that an alignment is fitted to
 _SAME_PLACE = 0.3  # metres within which places are the same
@@ -36,7 +36,6 @@ _CLEAR_WAY = 20.0  # metres that the path must be in size for such a contradicti
 _FITTING = 0.6  # share of the places that must fit
 _TURN_UP = math.radians(10.0)  # that GPS may turn up against the cameras'
 _DRIFT = 0.3  # metres of GPS within minutes: places near each other in time err alike
-_STRAIGHT = 0.1  # second over first extent of a path, below which its slope is that of GPS
 _UP_SIGMA = 0.01  # radians: GPS that determines up this well is used for it
 
 
@@ -61,30 +60,34 @@ def find_earth(
     solution: Solution,
     orientations: dict[str, int],
     places: dict[str, tuple[float, float, float]],
+    ups: dict[str, tuple[float, float, float]] | None = None,
 ) -> Earth | None:
     """Finds the world from the orientations and places of pictures.
 
     Args:
         orientations: EXIF's, by name, 1 for upright; images without one do not count.
         places: latitude and longitude in degrees, altitude in metres, by name.
+        ups: up in the camera's axes by an accelerometer or a gimbal, by name.
 
     Returns:
         None where nothing is known about it.
     """
-    held = _find_held(solution, orientations)
-    up = None if held is None else _find_up(held)
+    held = find_held(solution, orientations)
+    up = None if held is None else find_up(held)
     figures: dict[str, Any] = {"up": "not known" if up is None else "by the cameras"}
     index = [
         i for i, name in enumerate(solution.names) if solution.registered[i] and name in places
     ]
-    notes: list[str] = []
-    if len(index) >= _FEWEST:
+    measured, notes = find_measured_up(solution, ups or {}, up)
+    if measured is not None:
+        up, figures["up"] = measured, "by an accelerometer or gimbal"
+    if len(index) >= FEWEST:
         given = np.array([places[solution.names[i]] for i in index])
         origin = np.median(given, axis=0)
         target = _convert_to_metres(given, origin)
         centers = find_centers(solution.camera_from_world[index])
         if up is None and held is not None:
-            up = _find_up_by_path(held, centers, target)
+            up = find_up_by_path(held, centers, target)
             figures["up"] = "not known" if up is None else "by the cameras and the path of GPS"
         found = _align_with_gps(centers, target, up)
         figures |= {"gps": found.figures, "origin": None}
@@ -101,7 +104,9 @@ def find_earth(
 def place_on_earth(mapping: Mapping) -> None:
     """Moves poses, points and rig to the world of the earth, as far as the photographs show it."""
     photographs, found = mapping.photographs, mapping.found
-    earth = find_earth(mapping.solved, photographs.orientations, photographs.places)
+    earth = find_earth(
+        mapping.solved, photographs.orientations, photographs.places, photographs.ups
+    )
     if earth is None:
         return
     found.figures["earth"] = earth.figures
@@ -150,93 +155,6 @@ def _convert_to_metres(places: np.ndarray, origin: np.ndarray) -> np.ndarray:
 
 
 @dataclasses.dataclass(frozen=True)
-class _Held:
-    """How the cameras were held: mean of their own up, (3, 3) mean square of their level axes."""
-
-    mean: np.ndarray
-    spread: np.ndarray
-    count: int
-
-    @property
-    def information(self) -> np.ndarray:
-        """A matrix (3, 3) whose quadratic form is least for up."""
-        return self.count * self.spread / _ROLL**2 - np.outer(self.mean, self.mean) / _PITCH**2
-
-    def is_level(self, up: np.ndarray, sigma: float) -> bool:
-        """Returns whether cameras were held level against `up`, and it is known."""
-        roll = math.sqrt(max(0.0, float(up @ self.spread @ up)))
-        return roll <= math.sin(_MOST_ROLL) and 2 * sigma <= _MOST_TILT
-
-
-def _find_held(solution: Solution, orientations: dict[str, int]) -> _Held | None:
-    """Measures how the cameras were held; None: too few are known, or each differently."""
-    ups, levels = [], []
-    for i in np.flatnonzero(solution.registered):
-        if solution.names[i] not in orientations:
-            continue
-        x, y = _UP_OF.get(orientations[solution.names[i]], (0, -1))
-        rotation = solution.camera_from_world[i, :3, :3]
-        ups.append(x * rotation[0] + y * rotation[1])
-        levels.append(rotation[1] if x else rotation[0])
-    if len(ups) < _FEWEST:
-        return None
-    mean = np.mean(ups, axis=0)
-    length = float(np.linalg.norm(mean))
-    if length < 0.5:
-        return None
-    return _Held(mean / length, np.transpose(levels) @ np.array(levels) / len(levels), len(ups))
-
-
-def _find_up(held: _Held) -> np.ndarray | None:
-    """Finds up in the solution's world, from cameras that were held level; None: not known.
-
-    It is perpendicular to the pictures' level axes, and near the mean of their own up.
-    """
-    values, axes = np.linalg.eigh(held.information)
-    up = axes[:, 0] * np.sign(axes[:, 0] @ held.mean)
-    sigma = 1 / math.sqrt(max(1e-12, float(values[1] - values[0])))
-    return up if held.is_level(up, sigma) else None
-
-
-def _find_up_by_path(held: _Held, centers: np.ndarray, target: np.ndarray) -> np.ndarray | None:
-    """Finds up where all cameras looked alike along a straight path, whose slope GPS shows.
-
-    Level axes of one direction leave open how far up leans along the view; the path shows it.
-
-    Args:
-        held: how the cameras were held.
-        centers: (N, 3) of the cameras.
-        target: (N, 3) of GPS: east, down, north.
-    """
-    middle = centers - centers.mean(axis=0)
-    _, extents, axes = np.linalg.svd(middle, full_matrices=False)
-    if extents[1] > _STRAIGHT * extents[0]:
-        return None
-    direction, along = axes[0], middle @ axes[0]
-    fit = np.polyfit(along, target, 1)
-    off = target[:, 1] - np.polyval(fit[:, 1], along)
-    length = float(np.linalg.norm(fit[0]))
-    # Heights of GPS drift, so more places do not make them better.
-    slope_sigma = 2 * float(off.std()) / max(length * float(np.ptp(along)), 1e-9)
-    if slope_sigma > _MOST_TILT / 2:
-        return None
-    slope = -float(fit[0, 1]) / length
-    aside = np.cross(direction, held.mean)
-    aside /= max(float(np.linalg.norm(aside)), 1e-9)
-    over = np.cross(aside, direction)
-    angles = np.radians(np.arange(-60.0, 60.01, 0.1))
-    flat = math.sqrt(max(0.0, 1 - slope**2))
-    ups = slope * direction + flat * (
-        np.cos(angles)[:, None] * over + np.sin(angles)[:, None] * aside
-    )
-    costs = np.einsum("ni,ij,nj->n", ups, held.information, ups)
-    best = int(np.clip(np.argmin(costs), 1, len(costs) - 2))
-    bend = (costs[best - 1] - 2 * costs[best] + costs[best + 1]) / (angles[1] - angles[0]) ** 2
-    sigma = math.hypot(math.sqrt(2 / max(float(bend), 1e-12)), slope_sigma)
-    return ups[best] if held.is_level(ups[best], sigma) else None
-
-
-@dataclasses.dataclass(frozen=True)
 class _Aligned:
     """An alignment with GPS, or None, and its figures and sentence."""
 
@@ -260,8 +178,11 @@ def _align_with_gps(centers: np.ndarray, target: np.ndarray, up: np.ndarray | No
         return _Aligned(None, False, figures, words)
     turn = np.eye(3) if up is None else rotate_upright(up)
     level = centers @ turn.T
-    fit = _fit_level_similarity(level[:, [0, 2]], ground)
-    scale, yaw, shift, off, good = fit
+    if up is None:
+        off, good = _fit_robust_similarity(centers, target)
+        yaw, scale, shift = np.eye(3), 1.0, np.zeros(2)
+    else:
+        scale, yaw, shift, off, good = _fit_level_similarity(level[:, [0, 2]], ground)
     limit = float(np.median(off))
     figures |= {"off_m": limit, "fitting": float(good.mean())}
     share = limit / max(way, 1e-9)
@@ -269,7 +190,7 @@ def _align_with_gps(centers: np.ndarray, target: np.ndarray, up: np.ndarray | No
     rotation = yaw @ turn
     height = float(np.median(target[good, 1] - scale * level[good, 1])) if good.any() else 0.0
     transform = (scale, rotation, np.array([shift[0], height, shift[1]]))
-    full = _fit_full_similarity(centers, target, good)
+    full = _fit_full_similarity(centers, target, good, _UP_SIGMA if up is not None else MOST_TILT)
     if full is not None and (up is None or _measure_up_angle(full[1], rotation) < _TURN_UP):
         transform, turned_up = full, True
     elif up is None:
@@ -335,11 +256,29 @@ def _fit_level_similarity(
     return abs(factor), yaw, np.array([middle.real, middle.imag]), off, good
 
 
+def _fit_robust_similarity(source: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Fits a similarity in space to most places; returns the distances left (N,) and who fits.
+
+    The three places with the least median error, then least squares of the places that fit.
+    """
+    rng = np.random.default_rng(0)
+
+    def measure_distances(rows: np.ndarray) -> np.ndarray:
+        scale, rotation, shift = similarity_from_points(source[rows], target[rows])
+        return np.linalg.norm(scale * source @ rotation.T + shift - target, axis=1)
+
+    samples = [rng.choice(len(source), 3, replace=False) for _ in range(_SAMPLES)]
+    off = min(map(measure_distances, samples), key=lambda distances: float(np.median(distances)))
+    for _ in range(5):
+        off = measure_distances(np.flatnonzero(off <= 3 * max(float(np.median(off)), 1e-9)))
+    return off, off <= 3 * max(float(np.median(off)), 1e-9)
+
+
 def _fit_full_similarity(
-    source: np.ndarray, target: np.ndarray, good: np.ndarray
+    source: np.ndarray, target: np.ndarray, good: np.ndarray, most_sigma: float
 ) -> tuple[float, np.ndarray, np.ndarray] | None:
-    """Fits a similarity in space; None where the path does not show which way is up."""
-    if good.sum() < _FEWEST:
+    """Fits a similarity in space; None where the path shows up to a larger error in radians."""
+    if good.sum() < FEWEST:
         return None
     found = similarity_from_points(source[good], target[good])
     scale, rotation, shift = found
@@ -347,7 +286,7 @@ def _fit_full_similarity(
     across = np.linalg.svd(target[good] - target[good].mean(axis=0), compute_uv=False)[1]
     # An error in height tilts the path over its second extent.
     known = float(np.sqrt((off**2).mean())) / max(float(across), 1e-9)
-    return found if known < _UP_SIGMA else None
+    return found if known < most_sigma else None
 
 
 def _measure_up_angle(one: np.ndarray, other: np.ndarray) -> float:

@@ -4,8 +4,10 @@ Each step compares its image with its photograph, and least squares give the pho
 a channel (`PhotometricTarget.light_sums`); nothing is optimised by gradients. The photograph is
 divided by its light, not the image multiplied: Gaussians learn the scene at the mean gain and
 without falloff, and the backward pass needs neither. The mean log-gain of the training views is
-held at zero, exactly. If the scene's points show that gains differ, theirs are used from the first
-step until the images are better than they are.
+held at zero, exactly, beside a level common to all: it gives gains and falloffs together a mean of
+1 over the photographs' pixels, so that the scene is as bright as its photographs are. If the
+scene's points show that gains differ, theirs are used from the first step until the images are
+better than they are.
 """
 
 from __future__ import annotations
@@ -28,6 +30,17 @@ from gsut.render import (
 )
 from gsut.run import TrainOptions
 from gsut.training.first import find_first_gains
+from gsut.training.photograph.falloff_fit import (
+    DISAGREE,
+    QUADRANTS,
+    RINGS,
+    average_basis,
+    divide_photograph,
+    find_widest_angle,
+    fit_falloff,
+    is_falloff_certain,
+    measure_passed_light,
+)
 
 # Fraction of the steps before which images show too little of the scene to judge a photograph by.
 _FROM = 0.05
@@ -54,26 +67,12 @@ _FEWEST_TWICE = 5
 # Log-gain of all photographs together above which the scene has not reached their brightness and
 # says nothing about one of them.
 _UNSETTLED = 0.25
-# Standard errors that errors of the scene may explain.
-_DISAGREE = 3.0
-# Relative difference of rings from their mean below which a lens has no falloff.
-_FALLOFF_DIFFERS = 0.05
-# Share of all visible pixels below which a ring is not judged.
-_FEWEST_SHOWN = 0.01
-# Rings of equal field angle that a photograph is divided into: enough for two even powers.
-_RINGS = 8
-# Quarters of the picture that each ring is divided into, to measure disagreement.
-_QUADRANTS = 4
 # Largest plausible logarithm of a gain, a factor of two.
 _STRONGEST = 0.7
-# Weight of a ring's prior; the weights of the visible rings add up to 1.
-_PRIOR = 1e-4
 # Smallest plausible falloff: lenses darken towards the rim by at most ten.
 _DARKEST = 0.1
 # Largest plausible falloff: lenses do not brighten towards the rim, save for errors of the fit.
 _BRIGHTEST = 1.05
-# Fewest rows and columns of pixels over which a ring's mean is taken; more change nothing.
-_BASIS_ROWS = 100
 # Number of angles at which a falloff is checked.
 _CHECKED = 65
 
@@ -96,11 +95,12 @@ class PhotographModel:
         count = len(scene.views)
         self._log_gains, self._known = np.zeros((count, 3)), np.zeros(count, bool)
         # The last sums of each view: (V, 2, rings x quadrants, 3) of T C and of C^2.
-        self._sums = np.zeros((count, 2, _RINGS * _QUADRANTS, 3))
+        self._sums = np.zeros((count, 2, RINGS * QUADRANTS, 3))
         self._before = np.zeros_like(self._sums)  # those of the visit before
         self._total = [0.0] * 3  # of the known log-gains; those of other views are zero
         self._num_known = 0
         self._falloffs: list[Falloff | None] = [None] * len(scene.cameras)
+        self._level = np.ones(3)  # factor of all gains, one a channel
         self._looked = (0, 0)  # how often for gains, for falloffs
         self._by_points = False
         first = find_first_gains(scene) if light is None and self._mode != "off" else None
@@ -108,7 +108,10 @@ class PhotographModel:
             self._gains_used, self._by_points = True, True
             self._start_from(first)
         if light is not None:
-            self._start_from(np.log(light.gains))
+            log_gains = np.log(light.gains)
+            if any(light.falloffs):
+                self._level = np.exp(log_gains[list(scene.train_indices)].mean(axis=0))
+            self._start_from(log_gains - np.log(self._level))
             self._falloffs = list(light.falloffs)
         self._bases: dict[int, tuple[float, np.ndarray]] = {}
         self._lights: dict[int, np.ndarray] = {}  # see `_find_light_of_parts`
@@ -169,10 +172,10 @@ class PhotographModel:
         """
         if key not in self._parts:
             self._parts = {k: v for k, v in self._parts.items() if k[0] != key[0]}
-            self._parts[key] = _divide_photograph(camera)
+            self._parts[key] = divide_photograph(camera)
         if not self._gains_used:
             self._before[view] = self._sums[view]
-        self._sums[view] = target.light_sums(image, self._parts[key], _RINGS * _QUADRANTS)
+        self._sums[view] = target.light_sums(image, self._parts[key], RINGS * QUADRANTS)
         if not self._by_points or fraction >= _POINTS_UNTIL:
             self._learn_gain(view)
         looked = bisect.bisect(_DECIDED_AT, fraction), bisect.bisect(_FALLOFF_AT, fraction)
@@ -191,7 +194,7 @@ class PhotographModel:
         if len(twice) < _FEWEST_TWICE:
             return 0.0
         visits = [
-            sums[twice].reshape(-1, 2, _RINGS, _QUADRANTS, 3) for sums in (self._before, self._sums)
+            sums[twice].reshape(-1, 2, RINGS, QUADRANTS, 3) for sums in (self._before, self._sums)
         ]
         if abs(np.log(visits[1][:, 0].sum() / visits[1][:, 1].sum())) > _UNSETTLED:
             return 0.0
@@ -203,7 +206,7 @@ class PhotographModel:
             alone = np.sqrt(np.mean(np.sum(a**2, axis=1)) * np.mean(np.sum(b**2, axis=1)))
             chance = np.arctanh(min(both / alone, 1 - 1e-12)) * np.sqrt(len(twice) - 3)
             noise = np.mean(np.sum(part(errors) ** 2, axis=(1, 2)))
-            if chance > _CHANCE and both > _DISAGREE**2 * noise:
+            if chance > _CHANCE and both > DISAGREE**2 * noise:
                 found.append(float(np.sqrt(both - noise)))
         return max(found)
 
@@ -216,12 +219,12 @@ class PhotographModel:
         if self._gains_used:
             logs = self._log_gains - self._log_gains[known].mean(axis=0)
         logs = interpolate_gains(logs, known.tolist(), self._names, self._camera_of)
-        return Light(np.exp(logs), tuple(self._falloffs))
+        return Light(np.exp(logs) * self._level, tuple(self._falloffs))
 
     def _learn_gain(self, view: int) -> None:
         """Moves a view's gain halfway to what the last image says."""
         sums = self._sums[view]
-        if self._falloffs[self._camera_of[view]] is not None:
+        if any(self._falloffs):
             sums = sums * self._find_light_of_parts(self._camera_of[view])
         tc, cc = np.add.reduce(sums, axis=1).tolist()
         if not all(value > 0 for value in (*tc, *cc)):
@@ -240,28 +243,30 @@ class PhotographModel:
         self._total = [total + now - old for total, now, old in change]
 
     def _invert_gain(self, view: int) -> list[float]:
-        """Returns the factors of a view's photograph, one a channel; 1 if gains are unused."""
+        """Returns the factors of a view's photograph, one a channel."""
+        levels = self._level.tolist()
         if not self._gains_used:
-            return [1.0, 1.0, 1.0]
+            return [1.0 / level for level in levels]
         gains = self._log_gains[view].tolist()
         count = max(1, self._num_known)
-        return [math.exp(total / count - g) for total, g in zip(self._total, gains, strict=True)]
+        values = zip(self._total, gains, levels, strict=True)
+        return [math.exp(total / count - gain) / level for total, gain, level in values]
 
     def _find_light_of_parts(self, camera: int) -> np.ndarray:
         """Returns (2, rings x quadrants, 3), the factors of sums of T C and of C^2."""
-        falloff = self._falloffs[camera]
-        assert falloff is not None
         if camera not in self._lights:
-            light = 1.0 + self._get_basis(camera)[1] @ falloff.coefficients.T
-            light = np.repeat(light, _QUADRANTS, axis=0)
+            falloff, light = self._falloffs[camera], np.ones((RINGS, 3))
+            if falloff is not None:
+                light += self._get_basis(camera)[1] @ falloff.coefficients.T
+            light = np.repeat(self._level * light, QUADRANTS, axis=0)
             self._lights[camera] = np.stack([light, light**2])
         return self._lights[camera]
 
     def _get_basis(self, camera: int) -> tuple[float, np.ndarray]:
-        """Returns widest angle and `_mean_basis` of a camera; computed once."""
+        """Returns widest angle and `average_basis` of a camera; computed once."""
         if camera not in self._bases:
             angles = compute_field_angles(self._scene.cameras[camera])
-            self._bases[camera] = _find_widest(angles), _mean_basis(angles)
+            self._bases[camera] = find_widest_angle(angles), average_basis(angles)
         return self._bases[camera]
 
     def _find_falloffs(self) -> None:
@@ -269,15 +274,15 @@ class PhotographModel:
         for camera in range(len(self._scene.cameras)):
             angle, basis = self._get_basis(camera)
             views = [v for v in np.flatnonzero(self._known) if self._camera_of[v] == camera]
-            rings = self._sums[views].reshape(-1, 2, _RINGS, _QUADRANTS, 3).sum(axis=3)
+            rings = self._sums[views].reshape(-1, 2, RINGS, QUADRANTS, 3).sum(axis=3)
             gains = np.exp(self._log_gains[views])[:, None]
             tc, cc = gains * rings[:, 0], gains**2 * rings[:, 1]  # (views, rings, 3)
             if not (cc.sum(axis=(0, 1)) > 0).all():
                 continue
-            found = _fit_falloff(angle, basis, tc.sum(axis=0), cc.sum(axis=0))
+            found = fit_falloff(angle, basis, tc.sum(axis=0), cc.sum(axis=0))
             values = found.evaluate(np.linspace(0.0, angle, _CHECKED))
             believed = values.min() > _DARKEST and values.max() < _BRIGHTEST
-            self._take_falloff(camera, found if believed and _is_falloff_certain(tc, cc) else None)
+            self._take_falloff(camera, found if believed and is_falloff_certain(tc, cc) else None)
 
     def _take_falloff(self, camera: int, found: Falloff | None) -> None:
         """Replaces a camera's falloff unless the new one hardly differs."""
@@ -286,14 +291,17 @@ class PhotographModel:
             angles = np.linspace(0.0, found.max_angle, _CHECKED)
             if np.abs(found.evaluate(angles) / before.evaluate(angles) - 1.0).max() < _MOVED:
                 return
+        passed = measure_passed_light(self._scene, self._falloffs)
         self._falloffs[camera] = found
-        self._lights.pop(camera, None)
+        self._level *= passed / measure_passed_light(self._scene, self._falloffs)
+        self._lights = {}
         self._planes = {key: plane for key, plane in self._planes.items() if key[0] != camera}
 
     def state_dict(self) -> dict[str, Any]:
         """Returns everything that later steps depend on."""
         return {name: copy.copy(getattr(self, name)) for name in _STATE} | {
-            "falloffs": [None if each is None else each.as_dict() for each in self._falloffs]
+            "falloffs": [None if each is None else each.as_dict() for each in self._falloffs],
+            "level": self._level.copy(),
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
@@ -301,6 +309,7 @@ class PhotographModel:
         for name in _STATE:
             setattr(self, name, copy.copy(state[name]))
         self._falloffs = [Falloff.from_dict(each) for each in state["falloffs"]]
+        self._level = np.array(state.get("level", self._level))  # not in older checkpoints
         self._lights, self._planes = {}, {}
 
 
@@ -327,7 +336,7 @@ def _estimate_gains(sums: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     gain = tc.sum(axis=1) / np.maximum(cc.sum(axis=1), np.finfo(float).tiny)
     apart = np.where(cc > 0, tc / np.where(cc > 0, cc, 1.0), 0.0) / gain[:, None] - 1.0
     apart -= np.mean(apart, axis=0)  # what the quarters of all have in common is no disagreement
-    return np.log(gain), share * apart * np.sqrt(_QUADRANTS / (_QUADRANTS - 1))
+    return np.log(gain), share * apart * np.sqrt(QUADRANTS / (QUADRANTS - 1))
 
 
 def _average_channels(logs: np.ndarray) -> np.ndarray:
@@ -338,61 +347,3 @@ def _average_channels(logs: np.ndarray) -> np.ndarray:
 def _subtract_brightness(logs: np.ndarray) -> np.ndarray:
     """Returns the white balance (..., 3) of log-gains (..., 3)."""
     return logs - _average_channels(logs)
-
-
-def _divide_photograph(camera: _core.Camera) -> np.ndarray:
-    """Returns the part of each pixel, (H, W) uint8: ring x quadrants + quadrant."""
-    lower = np.arange(camera.height)[:, None] >= camera.height / 2
-    right = np.arange(camera.width)[None] >= camera.width / 2
-    angles = compute_field_angles(camera)
-    return (_number_rings(angles, _find_widest(angles)) * _QUADRANTS + 2 * lower + right).astype(
-        np.uint8
-    )
-
-
-def _find_widest(angles: np.ndarray) -> float:
-    """Returns the largest of field angles (...) in radians, above zero even for a single pixel."""
-    return float(np.nanmax(angles, initial=np.finfo(float).tiny))
-
-
-def _number_rings(angles: np.ndarray, widest: float) -> np.ndarray:
-    """Returns the ring of each field angle (...) of a camera; NaN counts as the last ring."""
-    return np.minimum(_RINGS * np.nan_to_num(angles, nan=widest) / widest, _RINGS - 1).astype(int)
-
-
-def _mean_basis(angles: np.ndarray) -> np.ndarray:
-    """Returns (rings, ORDERS) means of the falloff's even powers over the pixels of each ring."""
-    few = max(1, min(angles.shape) // _BASIS_ROWS)
-    widest, some = _find_widest(angles), angles[::few, ::few]
-    known = some[~np.isnan(some)]
-    ring, basis = _number_rings(known, widest), Falloff.compute_basis(known / widest)
-    counts = np.maximum(1, np.bincount(ring, minlength=_RINGS))
-    sums = [np.bincount(ring, column, minlength=_RINGS) for column in basis.T]
-    return np.stack(sums, axis=1) / counts[:, None]
-
-
-def _fit_falloff(angle: float, basis: np.ndarray, tc: np.ndarray, cc: np.ndarray) -> Falloff:
-    """Fits the falloff of mean `basis` to sums of T C and C^2 of rings (rings, 3)."""
-    basis = np.concatenate([np.ones((_RINGS, 1)), basis], axis=1)
-    coefficients = np.zeros((3, basis.shape[1]))
-    for channel in range(3):
-        of_all = cc[:, channel].sum()
-        mean = tc[:, channel].sum() / of_all
-        # Rings that show nothing stay at the mean.
-        weight = cc[:, channel] / of_all + _PRIOR
-        right = basis.T @ (tc[:, channel] / of_all + _PRIOR * mean)
-        normal = basis.T @ (weight[:, None] * basis)  # singular where all is on the axis
-        coefficients[channel] = np.linalg.lstsq(normal, right, rcond=None)[0]
-    return Falloff(angle, coefficients[:, 1:] / coefficients[:, :1])
-
-
-def _is_falloff_certain(tc: np.ndarray, cc: np.ndarray) -> bool:
-    """Returns whether rings differ by more than photographs (views, rings, 3) disagree."""
-    tc, cc = tc.sum(axis=2), cc.sum(axis=2)
-    of_ring = np.maximum(cc.sum(axis=0), np.finfo(float).tiny)
-    level = tc.sum(axis=0) / of_ring
-    errors = np.sqrt(np.sum((tc - level * cc) ** 2, axis=0)) / of_ring
-    mean = tc.sum() / cc.sum()
-    seen = of_ring > _FEWEST_SHOWN * of_ring.sum()
-    apart = np.abs(level / mean - 1.0)
-    return bool((seen & (apart > np.maximum(_FALLOFF_DIFFERS, _DISAGREE * errors / mean))).any())

@@ -18,6 +18,7 @@ from gsut.evaluate import (
 from gsut.formats import NO_BACKGROUND, name_origin, prepare_for_file, save_ply
 from gsut.gaussians import Gaussians
 from gsut.refine import evaluate_aligned, write_refined
+from gsut.render import Light
 from gsut.run import RunFile, RunFolder, TrainOptions
 from gsut.run.verdicts import judge_training
 from gsut.training.loop import TrainingLoop
@@ -111,13 +112,20 @@ def write_results(
     """
     in_dataset = gaussians.translate(metrics["world_offset"])
     metrics["notes"] += describe_place(prepare_for_file(in_dataset).origin)
-    run.write(RunFile.SCENE, lambda path: save_ply(path, in_dataset, list_scene_comments(run)))
+    comments = list_scene_comments(run, "light" in metrics)
+    run.write(RunFile.SCENE, lambda path: save_ply(path, in_dataset, comments))
     write_findings(run, metrics, data, refined, options)
 
 
-def list_scene_comments(run: RunFolder) -> list[str]:
-    """Returns the comments for the header of a run's scene.ply."""
-    return [NO_BACKGROUND] if run.read_options().background is None else []
+def list_scene_comments(run: RunFolder, with_light: bool) -> list[str]:
+    """Returns the comments for the header of a run's scene.ply.
+
+    Args:
+        run: the folder.
+        with_light: whether exposure or falloff of the photographs was found.
+    """
+    without = [NO_BACKGROUND] if run.read_options().background is None else []
+    return without + ([f"gsut: {Light.SHOWN}"] if with_light else [])
 
 
 def describe_place(origin: np.ndarray) -> list[str]:

@@ -1,0 +1,148 @@
+"""Finds which way is up: by how cameras were held, by GPS along a path, and by sensors."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+
+from gsut.sfm.solution import Solution
+
+# Directions of up in the stored picture (x, y), by EXIF's orientation.
+_UP_OF = {1: (0, -1), 2: (0, -1), 3: (0, 1), 4: (0, 1), 5: (-1, 0), 6: (-1, 0), 7: (1, 0),
+          8: (1, 0)}  # fmt: skip
+_ROLL = math.radians(5.0)  # standard deviation: people and drones hold cameras level
+_PITCH = math.radians(25.0)  # standard deviation: they look up and down
+_MOST_ROLL = math.radians(12.0)  # mean roll beyond which cameras were not held level
+_STRAIGHT = 0.1  # second over first extent of a path, below which its slope is that of GPS
+_MOST_SCATTER = math.radians(20.0)  # median angle between sensors' up and their mean
+_SAME_UP = math.radians(15.0)  # between two statements of up that agree
+MOST_TILT = 0.15  # radians: two standard deviations of up beyond which it is not known
+FEWEST = 6  # images with a place, or an orientation
+
+
+@dataclasses.dataclass(frozen=True)
+class Held:
+    """How the cameras were held: mean of their own up, (3, 3) mean square of their level axes."""
+
+    mean: np.ndarray
+    spread: np.ndarray
+    count: int
+
+    @property
+    def information(self) -> np.ndarray:
+        """A matrix (3, 3) whose quadratic form is least for up."""
+        return self.count * self.spread / _ROLL**2 - np.outer(self.mean, self.mean) / _PITCH**2
+
+    def is_level(self, up: np.ndarray, sigma: float) -> bool:
+        """Returns whether cameras were held level against `up`, and it is known."""
+        roll = math.sqrt(max(0.0, float(up @ self.spread @ up)))
+        return roll <= math.sin(_MOST_ROLL) and 2 * sigma <= MOST_TILT
+
+
+def find_held(solution: Solution, orientations: dict[str, int]) -> Held | None:
+    """Measures how the cameras were held; None: too few are known, or each differently."""
+    ups, levels = [], []
+    for i in np.flatnonzero(solution.registered):
+        if solution.names[i] not in orientations:
+            continue
+        x, y = _UP_OF.get(orientations[solution.names[i]], (0, -1))
+        rotation = solution.camera_from_world[i, :3, :3]
+        ups.append(x * rotation[0] + y * rotation[1])
+        levels.append(rotation[1] if x else rotation[0])
+    if len(ups) < FEWEST:
+        return None
+    mean = np.mean(ups, axis=0)
+    length = float(np.linalg.norm(mean))
+    if length < 0.5:
+        return None
+    return Held(mean / length, np.transpose(levels) @ np.array(levels) / len(levels), len(ups))
+
+
+def find_measured_up(
+    solution: Solution, ups: dict[str, tuple[float, float, float]], held: np.ndarray | None
+) -> tuple[np.ndarray | None, list[str]]:
+    """Finds up in the solution's world by sensors whose statements agree with the poses.
+
+    Args:
+        ups: in the camera's axes, by name.
+        held: up by how the cameras were held, or None.
+
+    Returns:
+        Up, None if it is not known, and notes on what disagrees.
+    """
+    index = [i for i, n in enumerate(solution.names) if solution.registered[i] and n in ups]
+    if len(index) < FEWEST:
+        return None, []
+    given = np.array([ups[solution.names[i]] for i in index])
+    world = np.einsum("nji,nj->ni", solution.camera_from_world[index, :3, :3], given)
+    mean = np.median(world, axis=0)
+    mean /= max(float(np.linalg.norm(mean)), 1e-9)
+    angles = np.arccos(np.clip(world @ mean, -1, 1))
+    mean = world[angles <= max(2 * float(np.median(angles)), 1e-6)].mean(axis=0)
+    mean /= max(float(np.linalg.norm(mean)), 1e-9)
+    scatter = float(np.median(np.arccos(np.clip(world @ mean, -1, 1))))
+    if scatter > _MOST_SCATTER:
+        return None, [
+            "the accelerometer or gimbal contradicts the poses and is not used: through them, what "
+            f"it took for up scatters by {math.degrees(scatter):.0f} degrees (median); either the "
+            "poses are wrong or it was not fixed to the camera"
+        ]
+    if held is not None and held @ mean < math.cos(_SAME_UP):
+        off = math.degrees(math.acos(float(np.clip(held @ mean, -1, 1))))
+        return mean, [
+            f"the cameras were held {off:.0f} degrees from level, by the accelerometer or gimbal, "
+            f"which agrees with the poses to {math.degrees(scatter):.0f} degrees (median) and "
+            "gives up"
+        ]
+    return mean, []
+
+
+def find_up(held: Held) -> np.ndarray | None:
+    """Finds up in the solution's world, from cameras that were held level; None: not known.
+
+    It is perpendicular to the pictures' level axes, and near the mean of their own up.
+    """
+    values, axes = np.linalg.eigh(held.information)
+    up = axes[:, 0] * np.sign(axes[:, 0] @ held.mean)
+    sigma = 1 / math.sqrt(max(1e-12, float(values[1] - values[0])))
+    return up if held.is_level(up, sigma) else None
+
+
+def find_up_by_path(held: Held, centers: np.ndarray, target: np.ndarray) -> np.ndarray | None:
+    """Finds up where all cameras looked alike along a straight path, whose slope GPS shows.
+
+    Level axes of one direction leave open how far up leans along the view; the path shows it.
+
+    Args:
+        held: how the cameras were held.
+        centers: (N, 3) of the cameras.
+        target: (N, 3) of GPS: east, down, north.
+    """
+    middle = centers - centers.mean(axis=0)
+    _, extents, axes = np.linalg.svd(middle, full_matrices=False)
+    if extents[1] > _STRAIGHT * extents[0]:
+        return None
+    direction, along = axes[0], middle @ axes[0]
+    fit = np.polyfit(along, target, 1)
+    off = target[:, 1] - np.polyval(fit[:, 1], along)
+    length = float(np.linalg.norm(fit[0]))
+    # Heights of GPS drift, so more places do not make them better.
+    slope_sigma = 2 * float(off.std()) / max(length * float(np.ptp(along)), 1e-9)
+    if slope_sigma > MOST_TILT / 2:
+        return None
+    slope = -float(fit[0, 1]) / length
+    aside = np.cross(direction, held.mean)
+    aside /= max(float(np.linalg.norm(aside)), 1e-9)
+    over = np.cross(aside, direction)
+    angles = np.radians(np.arange(-60.0, 60.01, 0.1))
+    flat = math.sqrt(max(0.0, 1 - slope**2))
+    ups = slope * direction + flat * (
+        np.cos(angles)[:, None] * over + np.sin(angles)[:, None] * aside
+    )
+    costs = np.einsum("ni,ij,nj->n", ups, held.information, ups)
+    best = int(np.clip(np.argmin(costs), 1, len(costs) - 2))
+    bend = (costs[best - 1] - 2 * costs[best] + costs[best + 1]) / (angles[1] - angles[0]) ** 2
+    sigma = math.hypot(math.sqrt(2 / max(float(bend), 1e-12)), slope_sigma)
+    return ups[best] if held.is_level(ups[best], sigma) else None
