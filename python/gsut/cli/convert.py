@@ -114,7 +114,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _write_exact_page(arguments: argparse.Namespace, out: Path) -> int:
     """Writes the viewer's own page with the scene in it."""
-    from gsut.view import open_stage, write_page
+    from gsut.view import Session, open_stage
 
     if out.suffix.lower() != _PAGE:
         raise InputError(f"--lens makes a page: name OUT with {_PAGE}, found {out}")
@@ -123,7 +123,7 @@ def _write_exact_page(arguments: argparse.Namespace, out: Path) -> int:
     stage = open_stage(arguments.source, arguments.data)
     if stage.gaussians is None or stage.kind == "data":
         raise InputError(f"{arguments.source}: no Gaussians to show; give a run or a scene file")
-    written = write_page(out, stage, arguments.photographs, arguments.sh_degree)
+    written = Session(stage).write_page(out, arguments.photographs, arguments.sh_degree)
     figures = {
         "source": str(arguments.source), "out": str(out), "format": "HTML, exact",
         "bytes": out.stat().st_size, "num_gaussians": len(stage.gaussians),
@@ -134,7 +134,7 @@ def _write_exact_page(arguments: argparse.Namespace, out: Path) -> int:
         print_json(figures)
     elif not arguments.quiet:
         print(
-            f"{figures['num_gaussians']:,} Gaussians, {figures['bytes'] / 1e6:.1f} MB: {out} "
+            f"{figures['num_gaussians']:,} Gaussians, {out.stat().st_size / 1e6:.1f} MB: {out} "
             "(a page of one file; a double click opens it)"
         )
         for sentence in written.left_out:

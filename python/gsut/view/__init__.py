@@ -2,7 +2,6 @@
 
 from gsut.view.live import LiveTraining
 from gsut.view.measure import find_point_in_photograph
-from gsut.view.page_file import write_page
 from gsut.view.server import LOOPBACK, ViewServer
 from gsut.view.session import Session
 from gsut.view.stage import Stage, open_stage
@@ -15,5 +14,4 @@ __all__ = [
     "ViewServer",
     "find_point_in_photograph",
     "open_stage",
-    "write_page",
 ]

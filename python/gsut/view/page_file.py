@@ -14,8 +14,7 @@ import numpy as np
 
 from gsut._core import CameraMotion
 from gsut.files import format_json, write_file
-from gsut.formats import WriteSettings, Written, prepare_for_file, save_gaussians
-from gsut.view.session import Session
+from gsut.formats import WriteSettings, prepare_for_file, save_gaussians
 from gsut.view.stage import Stage
 
 # Longer side in pixels of the photographs in the page.
@@ -35,19 +34,19 @@ _NOTICE = (
 )
 
 
-def write_page(path: Path, stage: Stage, photographs: int, sh_degree: int = 3) -> Written:
+def write_page(path: Path, session: Any, photographs: int, sh_degree: int = 3) -> Any:
     """Writes a page that shows a stage by gsut's own renderer, without a server.
 
     Args:
         path: of the page, .html.
-        stage: with Gaussians.
+        session: a `Session` of a stage with Gaussians.
         photographs: how many held-out photographs it carries at most; the others are left out.
         sh_degree: harmonics above it are left out.
 
     Returns:
         What became of the Gaussians, which the page holds as SPZ.
     """
-    session = Session(stage)
+    stage = session.stage
     whole = session.frames.load_all()
     if whole.sh_degree > sh_degree:
         whole = dataclasses.replace(whole, sh=whole.sh[:, : (sh_degree + 1) ** 2])
@@ -57,23 +56,23 @@ def write_page(path: Path, stage: Stage, photographs: int, sh_degree: int = 3) -
         packed = scene.read_bytes()
     content = _describe(session, _choose_photographs(stage, photographs))
     content["origin"] = prepare_for_file(whole).origin
-    folder = importlib.resources.files("gsut.view")
+    files = importlib.resources.files("gsut.view")
     parts = {
         "content": ("application/json", format_json(content).replace("</", "<\\/")),
-        "core": ("application/octet-stream", _encode((folder / "exact/core.wasm.gz").read_bytes())),
+        "core": ("application/octet-stream", _encode((files / "exact/core.wasm.gz").read_bytes())),
         "scene": ("application/octet-stream", _encode(packed)),
-        "core-code": ("text/plain", (folder / "exact/core.js").read_text(encoding="utf-8")),
-        "worker-code": ("text/plain", (folder / "exact/worker.js").read_text(encoding="utf-8")),
+        "core-code": ("text/plain", (files / "exact/core.js").read_text(encoding="utf-8")),
+        "worker-code": ("text/plain", (files / "exact/worker.js").read_text(encoding="utf-8")),
     }
     stored = "\n".join(
         f'<script id="{name}" type="{kind}">{text}</script>' for name, (kind, text) in parts.items()
     )
     scripts = "\n".join(
-        f"<script>{(folder / name).read_text(encoding='utf-8')}</script>"
+        f"<script>{(files / name).read_text(encoding='utf-8')}</script>"
         for name in ("exact/core.js", "exact/page_server.js", "view.js")
     )
-    page = (folder / "view.html").read_text(encoding="utf-8")
-    style = (folder / "view.css").read_text(encoding="utf-8")
+    page = (files / "view.html").read_text(encoding="utf-8")
+    style = (files / "view.css").read_text(encoding="utf-8")
     head = f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">\n{_NOTICE}'
     page = page.replace('<meta charset="utf-8">', f'<meta charset="utf-8">\n{head}')
     page = page.replace('<link rel="stylesheet" href="view.css">', f"<style>{style}</style>")
@@ -95,7 +94,7 @@ def _choose_photographs(stage: Stage, most: int) -> list[int]:
     return [rows[place] for place in places]
 
 
-def _describe(session: Session, rows: list[int]) -> dict[str, Any]:
+def _describe(session: Any, rows: list[int]) -> dict[str, Any]:
     """Describes the scene as the viewer's server does, with these photographs alone."""
     stage = session.stage
     scene = dict(session.describe_scene({}).content)

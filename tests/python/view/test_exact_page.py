@@ -11,7 +11,7 @@ import small_run
 from browser import browser
 from gsut.cli import main
 from gsut.formats import load_gaussians, save_gaussians
-from gsut.view import Stage, write_page
+from gsut.view import Session, Stage
 from random_scenes import fisheye, gaussians_in_view, rng_of
 
 _PIXELS = """
@@ -38,7 +38,7 @@ def window():
 
 def write_and_open(window, folder, stage):
     page = folder / "page.html"
-    write_page(page, stage, 3)
+    Session(stage).write_page(page, 3)
     window.open(f"file://{page}")
     window.wait("document.body.dataset.frames > 0")
     return page
@@ -94,7 +94,7 @@ def test_page_loads_nothing_and_logs_no_error(window, tmp_path, scene, gaussians
 @pytest.mark.parametrize(("part", "word"), [("core", "core"), ("scene", "scene"), ("content", "")])
 def test_damaged_page_says_what_is_wrong(window, tmp_path, scene, gaussians, part, word):
     page = tmp_path / "page.html"
-    write_page(page, Stage("small", "run", gaussians, scene), 1)
+    Session(Stage("small", "run", gaussians, scene)).write_page(page, 1)
     text = page.read_text(encoding="utf-8")
     begin = text.index(">", text.index(f'<script id="{part}"')) + 1
     end = text.index("</script>", begin)
@@ -107,7 +107,7 @@ def test_damaged_page_says_what_is_wrong(window, tmp_path, scene, gaussians, par
 
 def test_page_of_another_scene_is_refused(window, tmp_path, scene, gaussians):
     page = tmp_path / "page.html"
-    write_page(page, Stage("small", "run", gaussians, scene), 1)
+    Session(Stage("small", "run", gaussians, scene)).write_page(page, 1)
     text = page.read_text(encoding="utf-8")
     core = re.search(r'<script id="core"[^>]*>([^<]*)', text).group(1)
     stored = re.search(r'<script id="scene"[^>]*>([^<]*)', text).group(1)
