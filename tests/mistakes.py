@@ -36,6 +36,7 @@ class Mistake:
         make: changes the values of a transforms.json, and what else is in the folder; returns
             False where the dataset cannot hold the mistake.
         images: it changes the photographs.
+        path: it changes the path, by whose longest steps images are chosen.
         needs_points: without points it is none.
     """
 
@@ -43,6 +44,7 @@ class Mistake:
     says: tuple[str, ...]
     make: Callable[[Values, Path], bool | None]
     images: bool = False
+    path: bool = False
     needs_points: bool = False
 
 
@@ -247,6 +249,62 @@ def _scaled_positions(factor: float) -> Callable[[np.ndarray], np.ndarray]:
     return lambda m: _parts(m, t=factor * m[:3, 3])
 
 
+def _along_path(
+    change: Callable[[np.ndarray, float, np.ndarray, float], np.ndarray],
+) -> Callable[[Values, Path], None]:
+    """`change` gets a pose, its share of the way along the path, the path's centre and size."""
+
+    def make(values: Values, _: Path) -> None:
+        groups: dict[str, list[dict]] = {}
+        for frame in sorted(values["frames"], key=lambda frame: frame["file_path"]):
+            groups.setdefault(frame["file_path"].rstrip("0123456789.jpgn"), []).append(frame)
+        at = np.array([np.array(f["transform_matrix"])[:3, 3] for f in values["frames"]])
+        center, size = at.mean(axis=0), float(np.linalg.norm(np.ptp(at, axis=0)))
+        for group in groups.values():
+            for place, frame in enumerate(group):
+                share = place / max(len(group) - 1, 1)
+                for key in _KEYS:
+                    if key in frame:
+                        old = np.array(frame[key], np.float64)
+                        frame[key] = change(old, share, center, size).tolist()
+
+    return make
+
+
+def _in_another_world(m: np.ndarray, share: float, _: np.ndarray, size: float) -> np.ndarray:
+    world = np.eye(4)
+    world[:3, :3] = cv2.Rodrigues(np.array([0.1, 0.5, 0.7]))[0]
+    world[:3, 3] = np.array([0.3, -0.5, 0.2]) * size
+    return world @ m if share > 0.5 else m
+
+
+def _scale_steps(values: Values, _: Path) -> None:
+    """Positions are summed from steps that grow to 1.5 times their length."""
+    frames = sorted(values["frames"], key=lambda frame: Path(frame["file_path"]).name)
+    old = {key: [np.array(f[key], np.float64) for f in frames if key in f] for key in _KEYS}
+    at = np.array([m[:3, 3] for m in old["transform_matrix"]])
+    factors = np.linspace(1.0, 1.5, len(at))
+    new = at[0] + np.concatenate([np.zeros((1, 3)), np.cumsum(
+        factors[1:, None] * np.diff(at, axis=0), axis=0)])  # fmt: skip
+    for place, frame in enumerate(frames):
+        for key in _KEYS:
+            if key in frame:
+                m = old[key][place]
+                moved = new[place] + factors[place] * (m[:3, 3] - at[place])
+                frame[key] = _parts(m, t=moved).tolist()
+
+
+def _one_far_away(values: Values, folder: Path) -> None:
+    frames = sorted(values["frames"], key=lambda frame: frame["file_path"])
+    m = np.array(frames[len(frames) // 2]["transform_matrix"])
+    at = np.array([np.array(f["transform_matrix"])[:3, 3] for f in frames])
+    for key in _KEYS:
+        if key in frames[len(frames) // 2]:
+            m = np.array(frames[len(frames) // 2][key], np.float64)
+            m[:3, 3] += 3 * np.ptp(at, axis=0).max()
+            frames[len(frames) // 2][key] = m.tolist()
+
+
 _SWAP = np.eye(3)[[0, 2, 1]]
 _TILT = np.eye(4)
 _TILT[:3, :3] = _ROS[:3, :3] @ cv2.Rodrigues(np.radians([0.0, 15.0, 0.0]))[0]
@@ -279,6 +337,10 @@ MISTAKES: tuple[Mistake, ...] = (
     Mistake("clock a frame late", ("frame",), _by_frames(1.0)),
     Mistake("clock half a frame late", ("frame",), _by_frames(0.5)),
     Mistake("a third of the poses under other names", ("names",), _shuffled),
+    Mistake("half of the poses in another world", ("break between",),
+            _along_path(_in_another_world), path=True),
+    Mistake("scale of the poses drifts to 1.5", ("drifts by a factor",), _scale_steps, path=True),
+    Mistake("one pose far away", ("stands farther from", "the pose of"), _one_far_away, path=True),
     Mistake("positions in millimetres", ("millimetres",),
             _each_pose(_scaled_positions(1e3)),
             needs_points=True),
@@ -351,9 +413,11 @@ def judge(
             said = _findings(mistake, write(values, folder, with_points), matches)
             doctor = not said and not mistake.images
             if doctor:
-                close = match_neighbours(good, closely=True) if close is None else close
+                if close is None and not mistake.path:
+                    close = match_neighbours(good, closely=True)
                 scene = gsut.load_dataset(folder)
-                said = [str(finding) for finding in look_closer(scene, close)]
+                seen = look_closer(scene, None if mistake.path else close)
+                said = [str(finding) for finding in seen]
             rows.append({
                 "data": data.name, "mistake": mistake.name, "with_points": with_points,
                 "said": said, "verdict": _verdict(mistake, said), "by_doctor": doctor,
@@ -366,7 +430,7 @@ def _findings(mistake: Mistake, folder: Path, matches: list) -> list[str]:
         scene = gsut.load_dataset(folder)
     except gsut.InputError as error:
         return [f"error: {error}"]
-    findings = check_scene(scene, None if mistake.images else matches)
+    findings = check_scene(scene, None if mistake.images or mistake.path else matches)
     texts = [str(finding) for finding in findings if finding.severity != "info"]
     return [text for text in texts if not any(words in text for words in _SAID_OF_GOOD_DATA)]
 

@@ -7,10 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
+import gsut
 from calib.boards import Board, Photograph
 from calib.camera import CameraSolution
 from calib.job import Job
 from calib.trust import Halves, HeldOut, SecondLens, Trust
+
+_COVERED = 0.005  # share of the image without a ray that is worth no photograph
+_ONE_SIDE = 0.65  # share of the pixels without a ray in one half of the image that names the half
 
 
 @dataclass
@@ -53,5 +57,29 @@ class Result:
             f"trusted to {np.degrees(trust.valid_angle):.1f} degrees"
             for camera, trust in zip(self.cameras, self.trusts, strict=True)
         ]
-        lines += [f"lens: {path}" for path in self.lens_files]
+        for path in self.lens_files:
+            lines += [f"lens: {path}", _judge_field(path)]
         return [*lines, f"report: {self.job.out.parent / 'report.html'}"]
+
+
+def _judge_field(lens: Path) -> str:
+    """Says how much of the image a lens gives rays to, and where boards are missing."""
+    camera = gsut.load_camera(lens)
+    rows, columns = np.nonzero(~np.asarray(camera.rays()[1], bool))
+    blind = len(rows) / (camera.width * camera.height)
+    if blind < _COVERED:
+        return "verdict: the lens covers the whole image; next: gsut poses IMAGES --camera " + str(
+            lens
+        )
+    sides = {
+        "left": np.count_nonzero(columns < camera.width / 2),
+        "right": np.count_nonzero(columns >= camera.width / 2),
+        "top": np.count_nonzero(rows < camera.height / 2),
+        "bottom": np.count_nonzero(rows >= camera.height / 2),
+    }
+    worst = max(sides, key=lambda side: sides[side])
+    where = f"mostly on the {worst}" if sides[worst] > _ONE_SIDE * len(rows) else "all around"
+    return (
+        f"verdict: {blind:.0%} of the image, {where}, has no ray and does not count in training; "
+        "where it shows the scene, photograph the board there, up to the edge, and calibrate again"
+    )

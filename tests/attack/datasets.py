@@ -191,6 +191,7 @@ ROWS: dict[str, tuple[Spoil, str]] = {
     "a pose is scaled": (edit_pose(lambda m: m @ np.diag([3, 3, 3, 1])), "images/003|rotation"),
     "a pose is sheared": (edit_pose(lambda m: m + np.eye(4)[::-1] * 0.5), "images/003|rotation"),
     "a pose is far": (edit_pose(lambda m: m + 1e300 * np.eye(4, k=3)), "1e|pose|far"),
+    "a pose is apart": (edit_pose(lambda m: m + 1e3 * np.eye(4, k=3)), ""),
     "a pose has three columns": (edit_pose(lambda m: m[:, :3]), "shape"),
     "a pose is of words": (edit_pose(lambda m: [["a"] * 4] * 4), "numbers"),
     "a pose is ragged": (edit_pose(lambda m: [[1, 2], [3]]), "matrix|numbers|shape"),
@@ -283,6 +284,7 @@ ROWS: dict[str, tuple[Spoil, str]] = {
         lambda folder: (folder / "ds/transforms.json").write_text("[" * 100_000),
         "transforms.json"),
 }  # fmt: skip
+NOTED = {"a pose is apart": "stands farther from all other cameras"}  # what doctor says of a row
 # What is there can be read, and nothing says that there was more.
 SHORTER = {("data.csv", "cut in half"), ("points3D.txt", "empty"), ("points3D.txt", "cut in half")}
 FAILS = "(?!)"  # no sentence has it: this must pass
@@ -302,7 +304,7 @@ LAYOUTS = ("plane", "colmap_text", "colmap_binary", "folder", "euroc", "tumvi")
 def list_dataset_rows(world: Path) -> Iterator[tuple[str, str, Spoil, str, str | None]]:
     """(name, dataset, what is done, what both say, what doctor notes where both may go on)."""
     for name, (spoil, said) in ROWS.items():
-        goes_on = "" if said == "" or said.endswith("|") else None
+        goes_on = NOTED.get(name, "") if said == "" or said.endswith("|") else None
         yield name, "ds", spoil, said.removesuffix("|") or FAILS, goes_on
     for layout in LAYOUTS:
         listed = sorted(p.relative_to(world) for p in (world / layout).rglob("*") if p.is_file())

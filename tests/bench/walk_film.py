@@ -128,12 +128,12 @@ def plan_walk(
         pitch = -0.1 + 0.25 * looking * np.sin(2 * math.pi * 0.09 * times + phase[6])
         pitch = pitch + shake(times, 7)
         roll = 0.5 * shake(times, 8)
-        return _look_along(np.stack([x, y, z], axis=1), yaw, pitch, roll)
+        return look_along(np.stack([x, y, z], axis=1), yaw, pitch, roll)
 
     return place_camera
 
 
-def _look_along(
+def look_along(
     centers: np.ndarray, yaw: np.ndarray, pitch: np.ndarray, roll: np.ndarray
 ) -> np.ndarray:
     """Returns (N, 4, 4) poses: yaw about z from +x, pitch upwards, roll about the view."""
@@ -172,7 +172,7 @@ def trace_frames(film: Film) -> Iterator[np.ndarray]:
     """Yields each frame before compression: (H, W, 3) uint8 RGB."""
     rng = np.random.default_rng([film.seed, 6])
     tracer = Tracer(make_hall(film.seed), film.samples)
-    lenses = [(_spread_rays(camera, film.samples), pose) for camera, pose in film.lenses]
+    lenses = [(spread_rays(camera, film.samples), pose) for camera, pose in film.lenses]
     with ThreadPoolExecutor(num_threads()) as pool:
         for time in film.times:
             parts = [_expose(film, tracer, rays, pose, time, pool) for rays, pose in lenses]
@@ -183,7 +183,7 @@ def trace_frames(film: Film) -> Iterator[np.ndarray]:
             yield np.round(np.clip(noisy, 0, 255)).astype(np.uint8)
 
 
-def _spread_rays(camera: Camera, samples: int) -> np.ndarray:
+def spread_rays(camera: Camera, samples: int) -> np.ndarray:
     """Returns (S, H, W, 3) float32 unit rays, spread over each pixel, their mean in its middle."""
     spread = (np.arange(samples)[:, None] + 0.5) * _SPREAD % 1.0
     rays = []

@@ -21,7 +21,7 @@ from gsut.run import Progress
 EXPECTED_R = 0.5  # correlation; good real data reach 0.7 to 0.95
 _LEAST_VIEW_R = 0.25  # correlation below which a single view is suspect if the others are good
 _READING_GAIN = 0.2  # correlation gained by another reading of the poses that is worth naming
-_LENS_GAIN = 0.03  # correlation gained by another lens that is worth a warning
+_LENS_GAIN = 0.03  # correlation gained by another lens, or order of colours, worth a warning
 _CELLS = 48  # cells along the image's longer side: fine enough that few points are thinned out
 _VIEWS_TESTED = 16  # views: enough for a stable median
 _FEWEST_POINTS = 30  # in a view; the correlation of fewer means little
@@ -50,6 +50,10 @@ def check_colors(
     where = str(scene.path)
     agreed = _take_median(per_view.values())
     if agreed is None or agreed < EXPECTED_R:
+        swapped = list(_check_channels(scene, chosen, agreed or 0.0))
+        if swapped:
+            yield swapped[0]
+            return
         found = (
             "too few points fall into the images to compare colours"
             if agreed is None
@@ -64,7 +68,23 @@ def check_colors(
     if bad:
         what = f"{len(bad)} views disagree with the points' colours: {list_some(bad)}"
         yield Finding("warning", where, what, "their poses may be wrong")
+    yield from _check_channels(scene, chosen, agreed)
     yield from _check_lens(scene, chosen, agreed)
+
+
+def _check_channels(scene: Scene, views: list[int], agreed: float) -> Iterator[Finding]:
+    """Checks whether the colours agree better with red and blue swapped (OpenCV's BGR)."""
+    swapped = scene.replace(points=scene.points, point_colors=scene.point_colors[:, ::-1])
+    value = _take_median(correlate_colors(swapped, index) for index in views)
+    if value is not None and value > agreed + _LENS_GAIN:
+        yield Finding(
+            "warning",
+            str(scene.path),
+            f"colours of points and photographs agree at r = {value:.2f} with red and blue swapped "
+            f"in one of them, as they are at {agreed:.2f}",
+            "one of both was written as BGR (OpenCV's order): convert it with "
+            "cv2.cvtColor(image, cv2.COLOR_BGR2RGB)",
+        )
 
 
 def _check_lens(scene: Scene, views: list[int], agreed: float) -> Iterator[Finding]:

@@ -13,7 +13,7 @@ from gsut.check.geometry import check_lenses, check_points, check_poses
 from gsut.check.images import check_bits, check_images
 from gsut.check.matches import ImagePair, match_neighbours
 from gsut.check.memory import check_memory
-from gsut.check.photographs import check_half_pixel, check_photographs
+from gsut.check.photographs import check_closely, check_photographs
 from gsut.check.points import check_points_frame
 from gsut.data import Scene, assemble, load_dataset, read_dataset
 from gsut.data.scene import TEST_EVERY
@@ -137,7 +137,7 @@ def doctor(
 
 
 def look_closer(scene: Scene, matches: list[ImagePair] | None = None) -> list[Finding]:
-    """Looks for a principal point that is half a pixel off, in several times `check_scene`'s time.
+    """Looks for half a pixel and for a drift of scale, in several times `check_scene`'s time.
 
     Args:
         scene: in the dataset's coordinates, in which the quick checks found nothing wrong.
@@ -145,4 +145,4 @@ def look_closer(scene: Scene, matches: list[ImagePair] | None = None) -> list[Fi
     """
     matches = match_neighbours(scene, closely=True) if matches is None else matches
     evidence = gather_evidence(scene.move_origin((0.0, 0.0, 0.0)), matches)
-    return [] if evidence is None else check_half_pixel(evidence)
+    return [] if evidence is None else check_closely(evidence)

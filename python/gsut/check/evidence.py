@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -67,8 +68,17 @@ class Evidence:
 
     @functools.cached_property
     def free_turns(self) -> list[tuple[int, np.ndarray, float]]:
-        """The relative poses of `estimate_turns`."""
-        return estimate_turns(self)
+        """The relative poses of the pairs through the given lenses, without the given poses.
+
+        Of each pair that has one: its number, the rotation second_from_first, and the share of its
+        matches that the relative pose explains.
+        """
+        fits = [(number, fit_relative_poses(self, number)) for number in range(len(self.pairs))]
+        return [
+            (number, fit[0][0], fit[0][1] / self.pairs[number].pixels.shape[1])
+            for number, fit in fits
+            if fit
+        ]
 
     def rate_poses(self, poses: np.ndarray) -> float:
         """Returns the cost of the matches with these poses (V, B, 4, 4), from 0 to 1."""
@@ -104,28 +114,34 @@ def gather_evidence(scene: Scene, pairs: list[ImagePair] | None = None) -> Evide
     return Evidence(scene, pairs, matches, make_pose_table(scene, matches), rays)
 
 
-def estimate_turns(evidence: Evidence) -> list[tuple[int, np.ndarray, float]]:
-    """Estimates the relative pose of each pair through the given lenses, without the given poses.
+def fit_relative_poses(
+    evidence: Evidence, number: int, orders: Sequence[np.ndarray] = ()
+) -> list[tuple[np.ndarray, int]]:
+    """Fits relative poses to the matches of a pair and to shuffles of them, without given poses.
+
+    Args:
+        evidence: of the photographs.
+        number: of the pair.
+        orders: permutations (n,) of the second image's pixels.
 
     Returns:
-        Of each pair that has one: its number, the rotation second_from_first, and the share of its
-        matches that the relative pose explains.
+        The rotation (3, 3) second_from_first and the number of matches that the pose explains: as
+        matched, and for each permutation. Empty for lenses without one centre.
     """
-    scene, result = evidence.scene, []
-    for number, pair in enumerate(evidence.pairs):
-        cameras = [
-            scene.cameras[scene.views[index].camera_index] for index in (pair.first, pair.second)
-        ]
-        if not all(camera.is_central for camera in cameras):
-            continue
-        images = [
-            _core.ImageBearings(camera, np.ascontiguousarray(pixels))
-            for camera, pixels in zip(cameras, pair.pixels, strict=True)
-        ]
-        count = pair.pixels.shape[1]
-        rows = np.repeat(np.arange(count, dtype=np.int32)[:, None], 2, axis=1)
-        rows = rows[images[0].valid & images[1].valid]
-        max_error = TOLERANCE * evidence.matches.diagonal / 1000
-        ((kept, found, *_),) = _core.verify_pairs(images, np.array([[0, 1]]), [rows], max_error, 0)
-        result.append((number, found[:3, :3], np.count_nonzero(kept) / count))
-    return result
+    scene, pair = evidence.scene, evidence.pairs[number]
+    cameras = [scene.cameras[scene.views[i].camera_index] for i in (pair.first, pair.second)]
+    if not all(camera.is_central for camera in cameras):
+        return []
+    images = [
+        _core.ImageBearings(camera, np.ascontiguousarray(pixels))
+        for camera, pixels in zip(cameras, pair.pixels, strict=True)
+    ]
+    first = np.arange(pair.pixels.shape[1], dtype=np.int32)
+    seen = [np.array(image.valid, bool) for image in images]
+    rows = [
+        np.stack([first, second], axis=1)[seen[0] & seen[1][second]]
+        for second in (first, *(order.astype(np.int32) for order in orders))
+    ]
+    max_error = TOLERANCE * evidence.matches.diagonal / 1000
+    found = _core.verify_pairs(images, np.tile([[0, 1]], (len(rows), 1)), rows, max_error, 0)
+    return [(pose[:3, :3], int(np.count_nonzero(kept))) for kept, pose, *_ in found]

@@ -20,6 +20,8 @@ _FOCALS = range(-68, 69, 4)
 _NEAR = (-3, -2, -1, 1, 2, 3)  # likewise, around the best of _FOCALS
 _FISHEYE_K1 = (0.0, 0.02, 0.05, -0.02, -0.05)  # of fisheyes in use, about an equidistant one
 _BARREL_K1 = (-0.4, -0.3, -0.2, -0.1, -0.05, 0.05, 0.1)  # of lenses in use, mostly barrels
+# Other orders of radial-tangential coefficients, and where OpenCV's k1 k2 p1 p2 k3 stand in them.
+_COEFFICIENT_ORDERS = {"k1 k2 k3 p1 p2": (0, 1, 3, 4, 2), "p1 p2 k1 k2 k3": (2, 3, 0, 1, 4)}
 _ITERATIONS = 8  # of the reweighted fit, which settles within half of them
 _SETTLED = 0.05  # of the differences' steps: a fit that moves less has settled
 _NORMAL = 1.4826  # standard deviation of a normal law over the median of its absolute values
@@ -53,11 +55,13 @@ class LensFit:
             factor minus 1 on the distance from the centre, at half the image's diagonal.
         covariance: (4, 4) of them, pairs of images taken as independent.
         diagonal: of the image, pixels.
+        freedom: pairs of images less the four values: degrees of freedom of the covariance.
     """
 
     values: np.ndarray
     covariance: np.ndarray
     diagonal: float
+    freedom: int
 
     @property
     def sigmas(self) -> np.ndarray:
@@ -65,9 +69,13 @@ class LensFit:
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
     def shift_distance(self, shift: np.ndarray) -> float:
-        """Returns the Mahalanobis distance of the correction of cx and cy from a shift (2,)."""
+        """Returns the Mahalanobis distance of the correction of cx and cy from a shift (2,).
+
+        As of a normal law, like `significance`.
+        """
         off = self.values[1:3] - shift
-        return float(np.sqrt(off @ np.linalg.pinv(self.covariance[1:3, 1:3]) @ off))
+        ratio = np.sqrt(off @ np.linalg.pinv(self.covariance[1:3, 1:3]) @ off)
+        return float(convert_to_normal(ratio, self.freedom))
 
     def apply(self, cameras: Sequence[Camera], matches: Matches) -> np.ndarray:
         """Returns the rays (2, M, 3) of the matches through the corrected lenses."""
@@ -85,9 +93,24 @@ class LensFit:
 
     @property
     def significance(self) -> np.ndarray:
-        """The same corrections (3,), in standard deviations."""
+        """The same corrections (3,), in standard deviations of a normal law that are as rare."""
         ratio = np.abs(self.values) / np.maximum(self.sigmas, 1e-12)
-        return np.array([ratio[0], max(ratio[1], ratio[2]), ratio[3]])
+        ratio = np.array([ratio[0], max(ratio[1], ratio[2]), ratio[3]])
+        return convert_to_normal(ratio, self.freedom)
+
+
+def convert_to_normal(ratio: np.ndarray, freedom: int) -> np.ndarray:
+    """Converts Student's t to standard deviations of a normal law that are as rare.
+
+    Few pairs underestimate a spread by chance, so that a large ratio is less rare (Wallace, "Bounds
+    on normal approximations to Student's and the chi-square distributions", 1959).
+
+    Args:
+        ratio: values over estimated standard deviations.
+        freedom: degrees of freedom of the estimate.
+    """
+    bend = (8 * freedom + 1) / (8 * freedom + 3)
+    return bend * np.sqrt(freedom * np.log1p(np.square(ratio) / freedom))
 
 
 def fit_lens(cameras: Sequence[Camera], matches: Matches, poses: np.ndarray) -> LensFit:
@@ -111,6 +134,8 @@ def fit_lens(cameras: Sequence[Camera], matches: Matches, poses: np.ndarray) -> 
             * focal
         )
 
+    pairs = len(matches.pairs)
+    freedom = max(1, pairs - len(steps))
     x, covariance = np.zeros(4), np.full((4, 4), np.inf)
     for _ in range(_ITERATIONS):
         now = find_errors(x)
@@ -125,15 +150,13 @@ def fit_lens(cameras: Sequence[Camera], matches: Matches, poses: np.ndarray) -> 
         slope = slopes[good]
         pull = weight[:, None] * slope * now[good, None]
         bread = np.linalg.pinv(slope.T @ (weight[:, None] * slope), hermitian=True)
-        of_pairs = np.stack(
-            [np.bincount(matches.pair[good], column, len(matches.pairs)) for column in pull.T]
-        )
-        covariance = bread @ (of_pairs @ of_pairs.T) @ bread
+        of_pairs = np.stack([np.bincount(matches.pair[good], column, pairs) for column in pull.T])
+        covariance = bread @ (of_pairs @ of_pairs.T) @ bread * (pairs / freedom)
         step = np.clip(bread @ pull.sum(axis=0), [-0.2, -50, -50, -0.1], [0.2, 50, 50, 0.1])
         x = x - step
         if np.all(np.abs(step) < _SETTLED * steps.max(axis=1)):
             break
-    return LensFit(x, covariance, matches.diagonal)
+    return LensFit(x, covariance, matches.diagonal, freedom)
 
 
 def _find_moved_rays(cameras: Sequence[Camera], matches: Matches, x: np.ndarray) -> np.ndarray:
@@ -207,6 +230,12 @@ def _list_changes() -> Iterator[tuple[str, str, Change | None]]:
         'name the model: camera_model "OPENCV"',
         _as_opencv,
     )
+    for name, order in _COEFFICIENT_ORDERS.items():
+        yield (
+            f"coefficients in the order {name}, not k1 k2 p1 p2 k3",
+            "write the coefficients in OpenCV's order, k1 k2 p1 p2 k3, or by their names",
+            functools.partial(_reorder_coefficients, order=order),
+        )
     yield (
         "a principal point with cx and cy swapped",
         "swap cx and cy (and width and height, where they are swapped, too)",
@@ -289,6 +318,14 @@ def _with_distortion(camera: Camera, values: np.ndarray) -> Camera | None:
     if not _has_four(camera) or not np.any(values):
         return None
     params = np.concatenate([camera.params[:4], values])
+    return _drop_limit(camera).with_params(params)
+
+
+def _reorder_coefficients(camera: Camera, order: tuple[int, ...]) -> Camera | None:
+    if not camera.model.startswith("opencv") or len(camera.params) < 4 + len(order):
+        return None
+    params = np.array(camera.params)
+    params[4 : 4 + len(order)] = params[4 : 4 + len(order)][list(order)]
     return _drop_limit(camera).with_params(params)
 
 

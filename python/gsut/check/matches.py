@@ -23,25 +23,24 @@ class _Look:
 
     Args:
         anchors: number of places along the dataset at which neighbours are compared.
-        steps: how many places further the images lie that each anchor is compared with.
-        among: whether these are compared with each other, too: more pairs of the same images.
+        steps: of each pair, how many places after an anchor both images lie.
         most: matches kept of a pair.
         options: of the features.
     """
 
     anchors: int
-    steps: tuple[int, ...]
-    among: bool
+    steps: tuple[tuple[int, int], ...]
     most: int
     options: PosesOptions
 
 
-_QUICK = _Look(9, (1, 2), True, 250, PosesOptions(
+_QUICK = _Look(9, ((0, 1), (0, 2), (1, 2)), 250, PosesOptions(
     max_features=700, max_megapixels=0.14, contrast=0.01, max_ratio=0.75, threads=0
 ))  # fmt: skip
-_CLOSE = _Look(24, (1, 3, 6), False, 600, PosesOptions(
+_CLOSE = _Look(24, ((0, 1), (1, 2), (0, 3), (3, 6), (0, 6)), 600, PosesOptions(
     max_features=1500, max_megapixels=0.8, contrast=0.01, max_ratio=0.75, threads=0
 ))  # fmt: skip
+_JUMPS = 2  # longest steps of a path that are examined: one pose far away makes two
 _FEWEST = 16  # matches of a pair: fewer may be chance
 _STILL = 0.004  # of the image's diagonal: what moves less, in a pair that moves, is on the lens
 _BEFORE_NUMBER = re.compile(r"\d+\D*$")
@@ -117,15 +116,23 @@ def order_in_time(scene: Scene) -> list[list[int]]:
 def _choose_pairs(scene: Scene, look: _Look) -> list[tuple[int, int]]:
     groups = order_in_time(scene)
     total = sum(len(group) for group in groups)
+    centers = np.array([view.camera_center for view in scene.views])
     pairs = []
     for group in groups:
         anchors = max(1, round(look.anchors * len(group) / total))
-        for place in np.unique(np.linspace(0, len(group) - 2, anchors).astype(int)):
-            steps = [step for step in look.steps if place >= 0 and place + step < len(group)]
-            near = [group[place], *(group[place + step] for step in steps)]
-            firsts = near if look.among else near[:1]
-            pairs += [(a, b) for number, a in enumerate(firsts) for b in near[number + 1 :]]
+        even = np.linspace(0, len(group) - 2, anchors).astype(int)
+        for place in np.unique([*even, *_find_jumps(centers[group])]):
+            for one, two in look.steps:
+                if place >= 0 and place + two < len(group):
+                    pairs.append((group[place + one], group[place + two]))
     return list(dict.fromkeys(pairs))
+
+
+def _find_jumps(centers: np.ndarray) -> list[int]:
+    """Lists the places before and at the longest steps of a path: where poses may not fit."""
+    steps = np.linalg.norm(np.diff(centers, axis=0), axis=1)
+    longest = np.argsort(-steps, kind="stable")[:_JUMPS]
+    return [int(place) for step in longest for place in (step - 1, step) if place >= 0]
 
 
 def _find_features(scene: Scene, index: int, options: PosesOptions) -> Features:

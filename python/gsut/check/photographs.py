@@ -7,6 +7,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from gsut.check.breaks import check_scale, name_break
+from gsut.check.chance import Judgement, PairVerdict, judge_pairs
 from gsut.check.epipolar import rate_matches, rate_pairs
 from gsut.check.evidence import Evidence
 from gsut.check.findings import Finding
@@ -19,7 +21,6 @@ from gsut.check.lenses import (
 )
 from gsut.check.readings import list_readings
 from gsut.check.turns import (
-    MATCHED,
     find_body_turn,
     find_clock_shift,
     rate_as_degrees,
@@ -38,7 +39,7 @@ _LEAST_ALIKE = 0.03  # readings whose costs differ by less are alike: the likeli
 # A lens is wrong from this correction of focal length, principal point and distortion on, in
 # thousandths of the diagonal: about a pixel of a small image.
 _MOVES = np.array([2.0, 0.8, 2.0])
-_SIGMAS = 5.0  # standard deviations from which a correction of the lens is not chance
+_SIGMAS = 4.0  # standard deviations from which a correction of the lens is not chance
 _FEWEST_FOR_LENS = 6  # pairs of photographs: fewer do not separate lens and poses
 _SURE = 4.0  # standard deviations of a principal point that is surely wrong
 _NEAR_HALF = 2.5  # standard deviations within which it may be half a pixel off
@@ -78,7 +79,7 @@ def check_photographs(scene: Scene, evidence: Evidence | None) -> list[Finding]:
             )
         ]
     if given > _POOR:
-        return [_explain_nothing(evidence, given)]
+        return [_weigh_poor_matches(evidence, given)]
     return _find_small_errors(evidence, given)
 
 
@@ -138,17 +139,8 @@ def _fit_others(evidence: Evidence, most: float) -> list[tuple[float, str, str, 
     return found
 
 
-def _explain_nothing(evidence: Evidence, given: float) -> Finding:
-    """Judges whether poses are wrong, or photographs say nothing, where no known reading fits."""
-    share, turn = _fit_freely(evidence)
-    if share < MATCHED:
-        return evidence.make_finding(
-            "warning",
-            f"only {_share(given)} of the matched features fit the poses and the lens, and they "
-            f"hardly fit any ({share:.0%} with free poses; {evidence.describe()})",
-            "check lens model and focal length (gsut calibrate); blurred, repeated or moving "
-            "things can be a reason, too",
-        )
+def _explain_contradiction(evidence: Evidence, given: float, judgement: Judgement) -> Finding:
+    """Names what turns between photographs show of poses that no known reading explains."""
     contradiction = (
         f"the photographs contradict the poses ({evidence.describe()}: {_share(given)} fit)"
     )
@@ -168,34 +160,57 @@ def _explain_nothing(evidence: Evidence, given: float) -> Finding:
             f"of a frame {'late' if late > 0 else 'early'}",
             "shift the poses' clock against the images' by as much, and interpolate anew",
         )
+    off = [_measure_turn_error(evidence, each) for each in judgement.contradicts]
     return evidence.make_finding(
         "error",
-        f"the photographs contradict the poses: {_share(given)} of the matches fit them, "
-        f"{share:.0%} fit free poses through the same lens, whose turns between neighbours differ "
-        f"by {turn:.1f} degrees (median; {evidence.describe()})",
-        "no other reading fits: check rotations (degrees for radians, Euler angles, body instead "
-        "of camera poses) and the pairing of names; or find poses with `gsut poses`",
+        f"the photographs contradict the poses: {_share(given)} of the matches fit them; in "
+        f"{len(judgement.contradicts)} pairs other poses through the same lens fit better than "
+        f"chance, whose turns differ by {np.median(off):.1f} degrees (median; "
+        f"{evidence.describe()})",
+        "no other reading fits: they may be photographs of another scene; or check rotations "
+        "(degrees for radians, Euler angles, body instead of camera poses) and the pairing of "
+        "names; or find poses with `gsut poses`",
     )
 
 
-def _fit_freely(evidence: Evidence) -> tuple[float, float]:
-    """Compares free relative poses with the given ones.
+def _measure_turn_error(evidence: Evidence, verdict: PairVerdict) -> float:
+    """Returns the degrees between a pair's turn by its matches and by the given poses."""
+    pair = evidence.pairs[verdict.number]
+    one, two = (evidence.scene.views[i].camera_from_world for i in (pair.first, pair.second))
+    turn = verdict.turn @ one[:3, :3] @ two[:3, :3].T
+    return float(np.degrees(np.linalg.norm(to_rotation_vector(turn))))
 
-    Returns:
-        The share of the matches that free poses explain, and the median angle, in degrees, between
-        their turns and the given ones.
-    """
-    turns = []
-    free = evidence.free_turns
-    for number, turn, _ in free:
-        pair = evidence.pairs[number]
-        given = [
-            evidence.scene.views[i].camera_from_world[:3, :3] for i in (pair.first, pair.second)
-        ]
-        turns.append(np.degrees(np.linalg.norm(to_rotation_vector(turn @ given[0] @ given[1].T))))
-    if not free:
-        return 0.0, float("nan")
-    return float(np.mean([share for *_, share in free])), float(np.median(turns))
+
+def _weigh_poor_matches(evidence: Evidence, given: float) -> Finding:
+    """Judges whether poses are wrong, or photographs say little, where few matches fit."""
+    judgement = judge_pairs(evidence)
+    if judgement.is_contradiction:
+        return _explain_contradiction(evidence, given, judgement)
+    pairs = len(evidence.pairs)
+    if judgement.confirmed:
+        return _name_bad_pairs(evidence, judgement)
+    if judgement.supports:
+        return evidence.make_finding(
+            "info",
+            f"the photographs agree with poses and lens in {len(judgement.supports)} of {pairs} "
+            f"pairs of neighbouring images, and show too little in the others "
+            f"({evidence.describe()})",
+        )
+    if not judgement.contradicts:
+        return evidence.make_finding(
+            "warning",
+            f"only {_share(given)} of the matched features fit the poses and the lens, and no "
+            f"poses fit more of them than chance ({evidence.describe()})",
+            "check lens model and focal length (gsut calibrate); blurred, repeated or moving "
+            "things can be a reason, too",
+        )
+    return evidence.make_finding(
+        "warning",
+        f"the photographs may contradict the poses: {len(judgement.contradicts)} of {pairs} pairs "
+        f"of neighbouring images do, no pair supports them ({evidence.describe()})",
+        "repeated things in few photographs can be the reason; look at the poses, or find others "
+        "with `gsut poses`",
+    )
 
 
 def _find_small_errors(evidence: Evidence, given: float) -> list[Finding]:
@@ -205,22 +220,12 @@ def _find_small_errors(evidence: Evidence, given: float) -> list[Finding]:
     costs = rate_pairs(
         measure_angular_errors(evidence.rays, poses), evidence.matches, evidence.focal
     )
-    findings = []
-    free = {number: share for number, _, share in evidence.free_turns if share > MATCHED}
-    bad = [i for i in np.flatnonzero(costs > _BAD_PAIR) if i in free]
-    if bad:
-        names = [scene.views[evidence.pairs[i].second].name for i in bad]
-        findings.append(
-            evidence.make_finding(
-                "error" if len(bad) > max(1, _MANY_BAD * len(costs)) else "warning",
-                f"{len(bad)} of {len(costs)} pairs of neighbouring images contradict their poses: "
-                f"{list_some(names)}",
-                "they may have the poses of other images: check names, order and time stamps",
-            )
-        )
+    findings = _find_bad_pairs(evidence, costs)
     if len(costs) >= _FEWEST_FOR_LENS:
         fit = fit_lens(scene.cameras, evidence.matches, poses)
         findings += _find_lens_errors(evidence, fit)
+    if not findings:
+        findings += check_scale(evidence)
     if not findings:
         findings.append(
             evidence.make_finding(
@@ -230,6 +235,35 @@ def _find_small_errors(evidence: Evidence, given: float) -> list[Finding]:
             )
         )
     return findings
+
+
+def _find_bad_pairs(evidence: Evidence, costs: np.ndarray) -> list[Finding]:
+    if not np.any(costs > _BAD_PAIR):
+        return []
+    judgement = judge_pairs(evidence)
+    return [_name_bad_pairs(evidence, judgement)] if judgement.confirmed else []
+
+
+def _name_bad_pairs(evidence: Evidence, judgement: Judgement) -> Finding:
+    """Names the images whose pairs contradict their poses while others do not."""
+    against = [evidence.pairs[each.number] for each in judgement.confirmed]
+    count = len(evidence.pairs)
+    at_one_place = name_break(evidence, judgement)
+    if at_one_place is not None:
+        return at_one_place
+    supported = {
+        view
+        for each in judgement.supports
+        for view in (evidence.pairs[each.number].first, evidence.pairs[each.number].second)
+    }
+    accused = sorted({view for p in against for view in (p.first, p.second)} - supported)
+    names = [evidence.scene.views[i].name for i in accused or sorted({p.second for p in against})]
+    return evidence.make_finding(
+        "error" if len(against) > max(1, _MANY_BAD * count) else "warning",
+        f"{len(against)} of {count} pairs of neighbouring images contradict their poses: "
+        f"{list_some(names)}",
+        "they may have the poses of other images: check names, order and time stamps",
+    )
 
 
 def _name_distortion(evidence: Evidence) -> Finding | None:
@@ -255,12 +289,20 @@ def _name_distortion(evidence: Evidence) -> Finding | None:
     )
 
 
-def check_half_pixel(evidence: Evidence) -> list[Finding]:
-    """Checks whether the principal point is half a pixel off, as where two conventions meet.
+def check_closely(evidence: Evidence) -> list[Finding]:
+    """Checks for single wrong pairs, half a pixel and a drift of scale.
 
     Args:
         evidence: of a close look.
     """
+    errors = measure_angular_errors(evidence.rays, evidence.table.select_poses())
+    costs = rate_pairs(errors, evidence.matches, evidence.focal)
+    bad = _find_bad_pairs(evidence, costs)
+    return bad or [*_check_half_pixel(evidence), *check_scale(evidence)]
+
+
+def _check_half_pixel(evidence: Evidence) -> list[Finding]:
+    """Checks whether the principal point is half a pixel off, as where two conventions meet."""
     fit = fit_lens(evidence.scene.cameras, evidence.matches, evidence.table.select_poses())
     for half in (0.5, -0.5):
         if (

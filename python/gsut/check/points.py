@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from gsut.check.breaks import triangulate_distances
 from gsut.check.colors import EXPECTED_R, correlate_colors
 from gsut.check.epipolar import TOLERANCE
 from gsut.check.evidence import Evidence
@@ -72,15 +73,12 @@ def _compare_spread(scene: Scene, evidence: Evidence) -> float | None:
     matches, poses = evidence.matches, evidence.table.select_poses()
     errors = measure_angular_errors(evidence.rays, poses)
     tolerance = TOLERANCE * matches.diagonal / 1000 / evidence.focal
-    one, two = np.einsum("smij,smj->smi", poses[..., :3, :3], evidence.rays)
-    base = poses[1, :, :3, 3] - poses[0, :, :3, 3]
-    sine = np.linalg.norm(np.cross(one, two), axis=1)
-    with np.errstate(divide="ignore", invalid="ignore"):  # the law of sines
-        distance = np.linalg.norm(np.cross(base, two), axis=1) / sine
+    (distance, _), sine = triangulate_distances(evidence.rays, poses)
     good = (errors < tolerance) & (sine > 5 * tolerance) & np.isfinite(distance)
     if np.count_nonzero(good) < _FEWEST:
         return None
-    seen = poses[0, good, :3, 3] + distance[good, None] * one[good]
+    away = np.einsum("mij,mj->mi", poses[0, good, :3, :3], evidence.rays[0, good])
+    seen = poses[0, good, :3, 3] + distance[good, None] * away
     return _spread(scene.points) / max(_spread(seen), 1e-300)
 
 

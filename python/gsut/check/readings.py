@@ -19,6 +19,7 @@ _IN_USE = 3  # camera axes in use: OpenCV's, OpenGL's, a robot's body
 _OPENGL_AXES = OPENGL_FROM_OPENCV[:3, :3]
 # A robot's body axes (x forward, y left, z up) from OpenCV's camera axes.
 _ROS_AXES = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+_UPSIDE_DOWN = np.diag([-1.0, -1.0, 1.0])  # camera axes of a photograph turned by 180 degrees
 # Frames by which poses may be late or early against the images.
 _CLOCK_SHIFTS = (-3.0, -2.0, -1.5, -1.0, -0.75, -0.5, -0.25, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0)
 
@@ -147,6 +148,8 @@ def _read_whole_matrices(
         if not name and number == 0:
             continue
         with_axes = f"with {axes_name} camera axes" if number else ""
+        if not name and np.array_equal(axes @ file_axes.T, _UPSIDE_DOWN):
+            with_axes += " (or the photographs are upside down: turn them by 180 degrees)"
         product = f"{text} @ {_format_axes(axes @ file_axes.T)}" if number else text
         yield Reading(
             " ".join(["read", *filter(None, (name, with_axes))]),

@@ -12,7 +12,6 @@ import json
 import os
 import sys
 from collections.abc import Sequence
-from contextlib import nullcontext
 from pathlib import Path
 from types import ModuleType
 
@@ -110,9 +109,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     out, make = Path(arguments.out), _from_dataset if arguments.from_dataset else _from_boards
     writes = (out.name, _REPORT, "report.html", "corners", "corners.vnl", f"{out.stem}-dataset")
-    known = out.parent.is_dir()  # else it is refused below
-    held = claim_folder(out.parent, "calibrate", writes=writes) if known else nullcontext()
-    with held:
+    with claim_folder(out.parent, "calibrate", writes=writes):
         status = make(arguments)
     if arguments.json and status == 0:
         print_json(json.loads((Path(arguments.out).parent / _REPORT).read_text(encoding="utf-8")))

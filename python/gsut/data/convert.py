@@ -115,8 +115,7 @@ def _write(
     frames = [dataclasses.replace(found[name], camera=lenses[name]) for name in sorted(found)]
     notes = list(checked.notes)
     if out.suffix.lower() == ".txt":
-        _write_trajectory(out, frames, to)
-        return notes
+        return notes + _write_trajectory(out, frames, to)
     has_lists = listing.listed_test is not None or listing.listed_train is not None
     test = [checked.views[i].name for i in checked.test_indices] if has_lists else None
     export = Export(
@@ -186,7 +185,8 @@ def _find_held_out(frames: Sequence[Frame], wanted: Sequence[str] | None) -> lis
     return sorted({aliases[name] for name in wanted})
 
 
-def _write_trajectory(out: Path, frames: Sequence[Frame], to: str) -> None:
+def _write_trajectory(out: Path, frames: Sequence[Frame], to: str) -> list[str]:
+    """Writes poses alone; returns what other readers of the file need and do not find."""
     if to not in _TRAJECTORIES:
         raise InputError(
             f"{out}: a .txt is a trajectory, which --to tum or --to kitti writes, not {to}"
@@ -197,6 +197,14 @@ def _write_trajectory(out: Path, frames: Sequence[Frame], to: str) -> None:
         [format_seconds(t) for t in times] if known else [strip_images_folder(f) for f in frames]
     )
     write_file(out, format_tum(labels, poses) if to == "tum" else format_kitti(poses))
+    if known:
+        return []
+    if to == "kitti":
+        return [f"the pictures have no times: line n of {out.name} is the n-th picture by name"]
+    return [
+        f"the pictures have no times: lines of {out.name} begin with names, which gsut reads; "
+        "other programs expect seconds there"
+    ]
 
 
 def write_layout(out: Path, export: Export, to: str) -> list[str]:

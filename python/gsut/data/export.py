@@ -118,7 +118,12 @@ def require_one_lens(export: Export, layout: str) -> Camera:
 
 
 def list_losses(
-    export: Export, layout: str, *, masks: bool = False, times: bool = False
+    export: Export,
+    layout: str,
+    *,
+    masks: bool = False,
+    times: bool = False,
+    lens_limits: bool = True,
 ) -> list[str]:
     """Lists what a layout with one pose an image cannot hold, one sentence each.
 
@@ -127,8 +132,11 @@ def list_losses(
         layout: its name, for the sentences.
         masks: whether it holds masks.
         times: whether it names images by time, which then may have been made up.
+        lens_limits: whether its lenses keep the field in which they are valid.
     """
     found = []
+    if not lens_limits:
+        found += _list_lens_losses(export, layout)
     if any(frame.shutter is not None for frame in export.frames):
         found.append(f"{layout} has the pose in the middle of each readout: it knows no other")
     masked = sum(frame.mask_path is not None for frame in export.frames)
@@ -138,6 +146,23 @@ def list_losses(
         found.append(f"{layout} has no place for lists of held-out images: give --set test_names")
     if times and not find_frame_times(export.frames)[1]:
         found.append("the images have no times: they are named as if taken ten a second")
+    return found
+
+
+def _list_lens_losses(export: Export, layout: str) -> list[str]:
+    """Lists what pixels get rays, or lose their calibrated ones, without the lens' limits."""
+    lenses = {frame.camera for frame in export.frames}
+    angles = [c.valid_field_angle for c in lenses if c.valid_field_angle is not None]
+    found = []
+    if angles:
+        found.append(
+            f"{layout} has no place for the field angle to which a lens is valid: pixels beyond "
+            f"{np.degrees(min(angles)):.1f} degrees, which had no ray, have one there; mask them"
+        )
+    if any(c.valid_region is not None and len(c.valid_region) for c in lenses):
+        found.append(
+            f"{layout} has no place for the region in which a lens is valid: mask the rest"
+        )
     return found
 
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from gsut import _core
+from gsut.evaluate.detail import measure_detail
 from gsut.gaussians import pack_harmonics
 from gsut.metrics import (
     RING_EDGES_DEGREES,
@@ -34,7 +35,7 @@ from gsut.render import (
 from gsut.run import TrainOptions, measure_peak_rss
 
 # Of a view, and their means over the views.
-FIGURES = ("psnr", "ssim", "psnr_unit_gain", "psnr_color_corrected", "psnr_half_image")
+FIGURES = ("psnr", "ssim", "detail", "psnr_unit_gain", "psnr_color_corrected", "psnr_half_image")
 _DEPTH_LEVELS = 65535  # of a 16-bit picture
 _OPAQUE = 0.5  # pixels with less alpha have no depth in the picture
 
@@ -69,6 +70,9 @@ def evaluate(
         dict, ready for JSON:
             psnr, ssim: means over the views (PSNR in dB); None if no view. In the photographs'
                 light: this is what is scored.
+            detail: share of the photographs' detail that renders show in the right place.
+            detail_median, detail_min, least_detailed: of the views: median and least, and the
+                name of the view that has the least; absent if no view.
             psnr_unit_gain: PSNR of the renders as they are shown, without `light`.
             psnr_color_corrected: PSNR after the affine map of colours that fits best.
             psnr_half_image: PSNR of the right half after gains that fit the left half best.
@@ -104,9 +108,22 @@ def evaluate(
         **{name: _mean(row[name] for row in views) for name in FIGURES},
         "psnr_min": worst["psnr"] if worst else None,
         "worst_view": worst["name"] if worst else None,
+        **_summarize_detail(views),
         "render_ms": statistics.median(row["render_ms"] for row in views) if views else None,
         "rings": _join_rings([rings for _, rings in rows]),
         "views": views,
+    }
+
+
+def _summarize_detail(views: list[dict[str, Any]]) -> dict[str, Any]:
+    """Summarizes the detail of views by their median and the view that shows the least."""
+    if not views:
+        return {}
+    least = min(views, key=lambda row: row["detail"])
+    return {
+        "detail_median": statistics.median(row["detail"] for row in views),
+        "detail_min": least["detail"],
+        "least_detailed": least["name"],
     }
 
 
@@ -153,6 +170,7 @@ def _compare(
         "name": view.name,
         "psnr": psnr(shown, seen),
         "ssim": _ssim(photograph, image, mask),
+        "detail": measure_detail(photograph, image, mask),
         "psnr_unit_gain": psnr(bare, seen),
         "psnr_color_corrected": color_corrected_psnr(bare, seen),
         "psnr_half_image": half_image_psnr(plain, truth, mask),

@@ -99,12 +99,18 @@ def _choose_title(run: RunFolder, metrics: dict[str, Any]) -> str:
 def _list_headline(metrics: dict[str, Any]) -> list[tuple[str, str, str]]:
     """Lists (value, unit, label) of the figures at the top."""
     render_ms, shown = metrics.get("render_ms"), metrics.get("psnr_unit_gain")
+    detail = metrics.get("detail")
     return [
         (format_number(metrics.get("psnr")), "dB", "PSNR, held-out mean"),
         *(
             [(format_number(shown), "dB", "PSNR as shown, without the photographs' light")]
             if "light" in metrics
             else []
+        ),
+        (
+            format_number(None if detail is None else 100 * detail, 0),
+            "%",
+            "of the detail is right, held-out mean",
         ),
         (format_number(metrics.get("ssim"), 4), "", "SSIM, held-out mean"),
         (format_number(metrics.get("num_gaussians"), 0), "", "Gaussians"),

@@ -44,7 +44,7 @@ def project_points(
 def interpolate_poses(motion: CameraMotion, times: np.ndarray) -> np.ndarray:
     """Returns camera_from_world (n, 4, 4) at times (n,) of the exposure, from 0 to 1."""
     steps, which = np.unique(np.round(times * _TIMES) / _TIMES, return_inverse=True)
-    return np.stack([motion.at(time) for time in steps])[which]
+    return np.array([motion.at(time) for time in steps]).reshape(-1, 4, 4)[which]
 
 
 def find_line_times(camera: Any, motion: CameraMotion, pixels: np.ndarray) -> np.ndarray:

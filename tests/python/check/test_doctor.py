@@ -97,6 +97,11 @@ def place_at(matrix, position):
     return matrix
 
 
+def place_at_frame(values, position):
+    frame = values["frames"][3]
+    frame["transform_matrix"] = place_at(np.array(frame["transform_matrix"]), position).tolist()
+
+
 def add_equal_shutter_poses(values):
     for frame in values["frames"]:
         for key in ("start", "end"):
@@ -137,6 +142,10 @@ NOTICED = {
     ),
     "rolling shutter": (
         add_equal_shutter_poses, "warning", ["10 views have rolling-shutter poses"],
+    ),
+    "a pose far away": (
+        lambda v: place_at_frame(v, [99, 0, 3]),
+        "warning", ["stands farther from all other cameras", "003.png"],
     ),
     "no points": (lambda v: v.pop("ply_file_path"), "warning", ["there are no points"]),
 }  # fmt: skip
@@ -224,3 +233,11 @@ def test_diagnose_video_frames_without_poses_says_what_to_do(shared):
     found = findings(shared / "data" / "gopro_max_walk")
     assert [f.severity for f in found] == ["error"]
     assert "no lens file" in found[0].what and "calibrate" in found[0].advice
+
+
+def test_diagnose_photographs_in_bgr_are_named(tmp_path):
+    folder = write(tmp_path)
+    assert "red and blue" not in texts(folder)
+    for path in sorted((folder / "images").glob("*.png")):
+        cv2.imwrite(str(path), cv2.imread(str(path))[..., ::-1])
+    assert "with red and blue swapped" in texts(folder, "warning")

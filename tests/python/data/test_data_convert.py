@@ -140,6 +140,23 @@ def check_nerfstudio_split(values: dict) -> None:
     assert all(lists) and known.issuperset(name for names in lists for name in names)
 
 
+@pytest.mark.parametrize("to", ["colmap", "colmap-text", "euroc"])
+def test_convert_of_a_lens_with_a_valid_field_says_what_the_layout_drops(to, tmp_path):
+    small.write_nerfstudio(
+        tmp_path / "in", camera_model="OPENCV_FISHEYE", k1=0.01, max_theta_rad=1.0
+    )
+    notes = gsut.convert_dataset(tmp_path / "in", tmp_path / "out", to)
+    assert any("pixels beyond 57.3 degrees" in note for note in notes)
+    assert gsut.convert_dataset(tmp_path / "in", tmp_path / "same", "folder") == []
+
+
+@pytest.mark.parametrize(("to", "said"), [("tum", "begin with names"), ("kitti", "n-th picture")])
+def test_trajectory_of_pictures_without_times_says_so(to, said, tmp_path):
+    small.write_nerfstudio(tmp_path / "in")
+    (note,) = gsut.convert_dataset(tmp_path / "in", tmp_path / "poses.txt", to)
+    assert "no times" in note and said in note
+
+
 # --- the command
 
 

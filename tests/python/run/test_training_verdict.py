@@ -10,24 +10,22 @@ from gsut.run.options import add_option_flags, collect_given
 from gsut.run.verdicts import judge_training
 
 GOOD = {
-    "psnr": 30.1, "psnr_train": 31.0, "psnr_color_corrected": 30.3, "psnr_min": 28.0,
-    "worst_view": "a.png", "steps": 2000, "evaluated_on": "test views",
+    "psnr": 30.1, "psnr_color_corrected": 30.3, "detail_median": 0.9, "detail_min": 0.85,
+    "least_detailed": "a.png", "detail_train": 0.95, "evaluated_on": "test views",
 }  # fmt: skip
+SOFT = {"psnr": 25.0, "detail_median": 0.6, "detail_min": 0.5, "detail_train": 0.65}
 
 
 @pytest.mark.parametrize(
     ("changes", "level", "reason", "advice"),
     [
         ({}, "good", "", "gsut view run"),
-        ({"psnr": 25.0}, "usable", "", "gsut train data -o run-2 --preset best"),
-        ({"psnr": 15.0, "psnr_train": 16.0, "psnr_min": 12.0}, "poor", "wrong poses or a wrong",
-         "gsut doctor data, then gsut train data -o run-2 --refine-poses"),
-        ({"psnr": 15.0, "psnr_train": 16.0, "steps": 100, "psnr_min": 12.0}, "poor", "100 steps",
-         "--preset best"),
-        ({"psnr": 21.0, "psnr_train": 30.0, "psnr_min": 18.0}, "poor", "too few photographs",
-         "photograph more"),
-        ({"psnr": 25.0, "psnr_color_corrected": 29.0}, "usable", "exposure or white balance", ""),
-        ({"psnr_min": 12.0}, "good", "a.png is far worse", ""),
+        (SOFT, "usable", "steps and Gaussians are few", "gsut train data -o run-2 --preset best"),
+        ({**SOFT, "detail_median": 0.2}, "poor", "or poses are wrong", "--preset best"),
+        ({**SOFT, "detail_train": 0.9}, "usable", "too few photographs", "photograph more"),
+        ({"psnr": 18.0}, "good", "", "gsut view run"),
+        ({"psnr": 25.0, "psnr_color_corrected": 29.0}, "good", "brightness or colours", ""),
+        ({"detail_min": 0.3}, "good", "a.png is worst, with 30 %", ""),
         ({"psnr": None}, "usable", "", ""),
     ],
 )  # fmt: skip
@@ -39,7 +37,7 @@ def test_verdict_of_a_training(changes, level, reason, advice):
     assert advice in verdict.advice
     assert Verdict.from_dict(verdict.as_dict()) == verdict
     if changes.get("psnr", 30.0) is not None:
-        assert "30 dB sharp" in verdict.what
+        assert "% of the detail is right" in verdict.what
 
 
 def options_of(command, kind):
@@ -56,21 +54,26 @@ def options_of(command, kind):
         ({"steps": 500, "lr_means": 1e-3, "max_gaussians": 20_000, "sh_degree": 0, "robust": True,
           "noise": True, "background": (0.0, 0.5, 1.0), "test_names": ("a b.png", "c.png")},
          {"preset": "best", "steps": None}),
-        ({"preset": "best", "refine_lens": True, "test_every": 5}, {"steps": 14_000}),
+        ({"preset": "best", "refine_lens": True, "test_every": 5}, {"refine_poses": True}),
     ],
 )  # fmt: skip
 @pytest.mark.parametrize("known", [lambda options: options, TrainOptions.resolve])
 def test_next_command_keeps_the_options_of_the_run_but_makes_more_steps(made, again, known):
     options = known(TrainOptions(**made))
-    advice = judge_training(GOOD | {"psnr": 25.0}, "data", "run", options).advice
+    advice = judge_training(GOOD | SOFT, "data", "run", options).advice
+    if options.preset == "best":
+        assert "wrong poses" in "; ".join(
+            judge_training(GOOD | SOFT, "data", "run", options).reasons
+        )
+        advice = advice.partition(", then ")[2]
     assert options_of(advice, TrainOptions) == TrainOptions(**made | again)
 
 
 def test_next_command_divides_as_the_run_was_divided():
     division = BlockOptions("4", memory="2GB", workers=2)
-    bad = GOOD | {"psnr": 15.0, "psnr_train": 16.0, "psnr_min": 12.0}
-    for metrics in (GOOD | {"psnr": 25.0}, bad):
-        advice = judge_training(metrics, "data", "run", None, division.list_words()).advice
+    for options in (None, TrainOptions(preset="best")):
+        words = division.list_words()
+        advice = judge_training(GOOD | SOFT, "data", "run", options, words).advice
         assert options_of(advice.partition(", then ")[2] or advice, BlockOptions) == division
     assert "--refine-poses" in advice
     assert BlockOptions("auto").list_words() == ["--blocks", "auto"]

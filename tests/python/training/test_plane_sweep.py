@@ -14,6 +14,7 @@ from gsut.data import Scene, scene_from_arrays
 from gsut.lens import Camera
 from gsut.training.first.plane_sweep import find_points_by_sweep
 from gsut.training.first.seeding import choose_first_gaussians
+from gsut.training.lines import interpolate_poses
 
 LENSES = {
     "pinhole": Camera("pinhole", [70.0, 70.0, 48.0, 32.0], 96, 64),
@@ -138,3 +139,9 @@ def test_first_gaussians_add_swept_ones_where_points_are_few_and_nothing_else_is
         options = gsut.TrainOptions(**{"max_gaussians": 2000, **given}).resolve()
         gaussians, notes = choose_first_gaussians(of, options)
         assert (len(gaussians), len(notes)) == (count, said), given
+
+
+def test_poses_of_no_lines_are_an_empty_array():
+    """A rolling view of which nothing is sure has no pixels to trace."""
+    motion = gsut.CameraMotion(np.eye(4), np.eye(4), gsut.Shutter("top_to_bottom"))
+    assert interpolate_poses(motion, np.zeros(0)).shape == (0, 4, 4)

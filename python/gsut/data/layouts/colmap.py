@@ -194,7 +194,7 @@ def _write(folder: Path, export: Export, files: Mapping[str, str | bytes]) -> li
     (folder / MODEL).mkdir(parents=True)
     for name, content in files.items():
         write_file(folder / MODEL / name, content)
-    return list_losses(export, "COLMAP", masks=True)
+    return list_losses(export, "COLMAP", masks=True, lens_limits=False)
 
 
 LAYOUT = Layout(

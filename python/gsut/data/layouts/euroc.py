@@ -188,7 +188,7 @@ def write_euroc(folder: Path, export: Export) -> list[str]:
         rows.append(f"{time}," + ",".join(repr(float(v)) for v in values))
     write_file(root / _POSES / "data.csv", "\n".join(rows) + "\n")
     export.write_points(root / "pointcloud0" / "data.ply")
-    return list_losses(export, "EuRoC", times=True)
+    return list_losses(export, "EuRoC", times=True, lens_limits=False)
 
 
 LAYOUT = Layout(

@@ -155,7 +155,7 @@ def write_kitti(folder: Path, export: Export) -> list[str]:
     poses = np.array([export.frames[i].world_from_camera for i in order])
     write_file(folder / "poses" / "00.txt", format_kitti(poses))
     export.write_points(sequence / POINTS)
-    return list_losses(export, "KITTI", times=True)
+    return list_losses(export, "KITTI", times=True, lens_limits=False)
 
 
 def _place_png(export: Export, source: Path, target: Path) -> None:

@@ -131,7 +131,8 @@ def refuse_lens(program: str, camera: Camera) -> InputError:
     """Makes the error of a format that has no camera model for this lens."""
     return InputError(
         f"{program} has no camera model for '{camera.model}' with {len(camera.params)} parameters;"
-        " save a *.lens.json file instead"
+        " a *.lens.json file holds every lens (a dataset: --to nerfstudio), or convert the lens to"
+        " a model that it has (gsut camera convert)"
     )
 
 

@@ -8,31 +8,22 @@ from collections.abc import Sequence
 from typing import Any
 
 from gsut.run.options import PRESETS, TrainOptions
-from gsut.run.verdicts.verdict import Verdict
+from gsut.run.verdicts.verdict import Fault, Verdict
 
-# PSNR in dB of held-out views from which a scene is good, and below which it is poor.
-_GOOD_DB = 27.0
-_POOR_DB = 22.0
-# PSNR in dB -> what renders look like beside photographs from there on.
+# Share of the detail from which a view is good: what a shift or a blur of 1 of 800 pixels leaves.
+GOOD = 0.8
+# Share below which a view is poor: what a shift of 4 pixels or a blur of 5 leaves.
+POOR = 0.4
+# Share of the detail -> what renders look like beside photographs from there on.
 _LOOKS = (
-    (32.0, "almost like the photographs"),
-    (28.0, "sharp, with small differences"),
-    (24.0, "recognisable, fine detail is soft"),
-    (20.0, "blurred or doubled in places"),
+    (0.95, "almost like the photographs"),
+    (GOOD, "sharp, with small differences"),
+    (0.6, "sharp in most places, blurred or doubled in others"),
+    (POOR, "recognisable, sharp in some places only"),
     (0.0, "smeared, only coarse shapes are right"),
 )
-# Landmarks of the same scale, for the reader of a verdict.
-_SCALE = ((20, "is smeared"), (25, "soft"), (30, "sharp"), (35, "nearly the photograph"))
-# Below this number of steps a poor result is not yet the data's fault.
-_FEW_STEPS = 400
-# Training views that fit no better than this above held-out ones mean wrong poses or a wrong lens.
-_NO_BETTER_DB = 3.0
-# Training views that fit better than this above held-out ones mean too few photographs.
-_OVERFITTED_DB = 6.0
 # Gain by corrected colours from which differing exposure deserves a note.
 _COLORS_DB = 2.0
-# Distance of the worst view below the mean from which it deserves a note.
-_WORST_DB = 8.0
 
 
 def judge_training(
@@ -42,11 +33,11 @@ def judge_training(
     options: TrainOptions | None = None,
     division: Sequence[str] = (),
 ) -> Verdict:
-    """Judges a training by its held-out views.
+    """Judges a training by how much of the detail of its held-out views is right.
 
     Args:
-        metrics: of metrics.json: psnr, psnr_train, psnr_color_corrected, psnr_min, worst_view,
-            ssim, steps, evaluated_on.
+        metrics: of metrics.json: psnr, psnr_color_corrected, detail_median, detail_min,
+            least_detailed, detail_train, steps, evaluated_on.
         data, run: the dataset's and the run's path, for the next command.
         options: that the run was made with, which the next command keeps; None: the defaults.
         division: words of the command line that divided it into blocks.
@@ -54,40 +45,68 @@ def judge_training(
     psnr = metrics.get("psnr")
     if psnr is None:
         return Verdict("usable", "no view was held out, so nothing was measured")
-    looks = next(text for least, text in _LOOKS if psnr >= least or least == 0.0)
-    what = f"renders of {metrics['evaluated_on']} are {looks} (PSNR {psnr:.1f} dB"
-    what += f"; {', '.join(f'{least} dB {words}' for least, words in _SCALE)})"
-    level = "good" if psnr >= _GOOD_DB else "usable" if psnr >= _POOR_DB else "poor"
-    reasons = _list_reasons(metrics, psnr)
     repeat = _NextCommand(data, f"{run}-2", options or TrainOptions(), division)
-    return Verdict(level, what, tuple(reasons), _give_advice(level, reasons, repeat, run))
-
-
-_POSES = "that looks like wrong poses or a wrong lens"
-_STEPS = "steps are few"
-
-
-def _list_reasons(metrics: dict[str, Any], psnr: float) -> list[str]:
-    found = []
-    train, corrected = metrics.get("psnr_train"), metrics.get("psnr_color_corrected")
-    if psnr < _GOOD_DB and metrics["steps"] < _FEW_STEPS:
-        found.append(f"{metrics['steps']} {_STEPS}")
-    elif psnr < _POOR_DB and train is not None and train < psnr + _NO_BETTER_DB:
-        found.append(f"training views fit no better, at {train:.1f} dB: {_POSES}")
-    if train is not None and psnr < _GOOD_DB and train > psnr + _OVERFITTED_DB:
-        found.append(
-            f"training views fit at {train:.1f} dB: there are too few photographs around the "
-            "held-out ones, or the poses of these are wrong"
+    fault = _find_fault(metrics, repeat)
+    reasons = [] if fault is None else [fault.what]
+    least = metrics["detail_min"]
+    if _name_level(least) != _name_level(metrics["detail_median"]):
+        reasons.append(
+            f"{metrics['least_detailed']} is worst, with {100 * least:.0f} % of its detail"
         )
+    corrected = metrics.get("psnr_color_corrected")
     if corrected is not None and corrected > psnr + _COLORS_DB:
-        found.append(
-            f"exposure or white balance differ between the photographs ({corrected:.1f} dB with "
-            "colours corrected)"
+        reasons.append(
+            f"brightness or colours differ from the photographs ({corrected:.1f} dB with colours "
+            "corrected): exposure, white balance, or fog in a sky"
         )
-    worst = metrics.get("psnr_min")
-    if worst is not None and worst < psnr - _WORST_DB:
-        found.append(f"{metrics['worst_view']} is far worse than the others, {worst:.1f} dB")
-    return found
+    advice = shlex.join(["gsut", "view", run]) if fault is None else fault.advice
+    level = _name_level(metrics["detail_median"])
+    return Verdict(level, _describe(metrics, psnr), tuple(reasons), advice)
+
+
+def _describe(metrics: dict[str, Any], psnr: float) -> str:
+    """Describes what renders look like, with the figures that say so."""
+    detail = metrics["detail_median"]
+    looks = next(text for least, text in _LOOKS if detail >= least)
+    return (
+        f"renders of {metrics['evaluated_on']} are {looks}: {100 * detail:.0f} % of the detail is "
+        f"right in the median view (PSNR {psnr:.1f} dB)"
+    )
+
+
+def _name_level(detail: float) -> str:
+    """Names the level of a share of the detail."""
+    return "good" if detail >= GOOD else "usable" if detail >= POOR else "poor"
+
+
+def _find_fault(metrics: dict[str, Any], repeat: _NextCommand) -> Fault | None:
+    """Finds what keeps a training from being good; None if it is.
+
+    Training views separate the causes. Where they are soft themselves, the training has not shown
+    what it was given; more steps and Gaussians mend that unless poses are wrong. Where they are
+    sharp and held-out ones are not, the photographs did not determine the scene in between.
+    """
+    detail, train = metrics["detail_median"], metrics.get("detail_train")
+    if detail >= GOOD:
+        return None
+    if train is None:
+        return Fault(1, "steps and Gaussians are few, or poses are wrong", repeat.make_longer())
+    if train >= GOOD:
+        return Fault(
+            1,
+            f"training views are sharp ({100 * train:.0f} % of their detail): between them are too "
+            "few photographs, or something moved",
+            "photograph more from between the places there are, while nothing moves",
+        )
+    soft = f"training views are soft, too ({100 * train:.0f} % of their detail)"
+    if repeat.is_short:
+        return Fault(
+            1, f"{soft}: steps and Gaussians are few, or poses are wrong", repeat.make_longer()
+        )
+    return Fault(
+        1, f"{soft}, after many steps: that looks like wrong poses or a wrong lens",
+        f"{shlex.join(['gsut', 'doctor', repeat.data])}, then {repeat.with_poses()}",
+    )  # fmt: skip
 
 
 @dataclasses.dataclass(frozen=True)
@@ -102,22 +121,16 @@ class _NextCommand:
     def with_poses(self) -> str:
         return self._write(["--refine-poses"], "refine_poses")
 
+    @property
+    def is_short(self) -> bool:
+        """Reports whether the longest preset makes more steps than the training made."""
+        return self.options.preset != "best" and self.options.steps < PRESETS["best"]["steps"]
+
     def make_longer(self) -> str:
-        best, steps = PRESETS["best"]["steps"], self.options.steps
-        if steps < best:
+        if self.is_short:
             return self._write(["--preset", "best"], "preset", "steps")
-        return self._write(["--steps", str(2 * steps)], "steps")
+        return self._write(["--steps", str(2 * self.options.steps)], "steps")
 
     def _write(self, words: Sequence[str], *but: str) -> str:
         kept = [*self.division, *self.options.list_words(*but)]
         return shlex.join(["gsut", "train", self.data, "-o", self.out, *kept, *words])
-
-
-def _give_advice(level: str, reasons: list[str], repeat: _NextCommand, run: str) -> str:
-    if any(_POSES in reason for reason in reasons):
-        return f"{shlex.join(['gsut', 'doctor', repeat.data])}, then {repeat.with_poses()}"
-    if level == "good":
-        return shlex.join(["gsut", "view", run])
-    if any("held-out ones" in reason for reason in reasons):
-        return "photograph more from between the places there are"
-    return repeat.make_longer()

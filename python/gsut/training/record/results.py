@@ -11,7 +11,6 @@ import numpy as np
 from gsut.data import Scene
 from gsut.evaluate import (
     evaluate,
-    mean_psnr,
     run_metrics,
     write_report,
 )
@@ -85,7 +84,8 @@ def measure_training(
     if scene.test_indices:
         some = scene.train_indices[:: -(-len(scene.train_indices) // _BESIDE)]
         background = loop.options.background
-        metrics["psnr_train"] = mean_psnr(scene, gaussians, some, background, light=light)
+        trained = evaluate(gaussians, scene, some, background=background, light=light)
+        metrics |= {f"{key}_train": trained[key] for key in ("psnr", "detail")}
     metrics["notes"] += loop.notes
     if loop.refiner is not None:
         metrics["refinement"] = loop.refiner.summarize()

@@ -1,0 +1,147 @@
+"""Proves gsut on made captures: `python -m tests.proving --seeds A:B | night | compare A B`."""
+
+from __future__ import annotations
+
+import argparse
+import collections
+import datetime
+import json
+import math
+import subprocess
+import sys
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+from gsut.page import build_page, build_table
+from tests.proving.misfires import find_misfires
+from tests.proving.page import write_page
+
+_NIGHT = 300  # captures: no failure among them bounds a rate at 1 %
+_FIRST_NIGHT = 1_000_000  # seeds from here on are used once, on their day
+_LIMIT = 900.0  # seconds of one capture
+_PARTS = ("doctor", "poses", "train")
+Row = dict[str, Any]
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """Builds the parser."""
+    parser = argparse.ArgumentParser(prog="./run prove", description=__doc__)
+    parser.add_argument(
+        "what",
+        nargs="*",
+        metavar="night | compare A B",
+        help="300 captures of today's seeds; or two files of rows, paired by seed",
+    )
+    parser.add_argument("--seeds", metavar="A:B", default="0:24", help="[default: 0:24]")
+    parser.add_argument("--jobs", type=int, default=1, help="captures at a time [default: 1]")
+    parser.add_argument("--parts", default=",".join(_PARTS), help="[default: %(default)s]")
+    parser.add_argument(
+        "-o",
+        "--out",
+        type=Path,
+        default=Path("runs/prove"),
+        metavar="NAME",
+        help="NAME.jsonl, which is resumed, and NAME.html [default: runs/prove]",
+    )
+    parser.add_argument("--one", type=int, help=argparse.SUPPRESS)
+    return parser
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs the captures that are missing, and writes the page."""
+    options = build_parser().parse_args(arguments)
+    if options.one is not None:
+        from tests.proving.score import score_capture
+
+        print(json.dumps(score_capture(options.one, tuple(options.parts.split(",")))))
+        return 0
+    if options.what[:1] == ["compare"]:
+        first, second = (read_rows(Path(name)) for name in options.what[1:3])
+        options.out.parent.mkdir(parents=True, exist_ok=True)
+        page = options.out.with_suffix(".html")
+        table = compare_rows(first, second)
+        heading = ("misfire", "only before", "only after", "both", "p (sign test)")
+        page.write_text(build_page("Before and after", [], [build_table(table, heading)]), "utf-8")
+        for line in table:
+            print(*line, sep="  ")
+        print(page)
+        return 0
+    seeds = _list_seeds(options)
+    rows = prove(seeds, options)
+    write_page(rows, options.out.with_suffix(".html"), "Proving ground")
+    counts = collections.Counter(m.kind for row in rows for m in find_misfires(row))
+    for kind, count in counts.most_common():
+        print(f"{count:4} {kind}")
+    print(options.out.with_suffix(".html"))
+    return 0
+
+
+def _list_seeds(options: argparse.Namespace) -> range:
+    if options.what[:1] == ["night"]:
+        day = (datetime.date.today() - datetime.date(2026, 1, 1)).days
+        first = _FIRST_NIGHT + _NIGHT * day
+        return range(first, first + _NIGHT)
+    first, last = (int(number) for number in options.seeds.split(":"))
+    return range(first, last)
+
+
+def prove(seeds: Sequence[int], options: argparse.Namespace) -> list[Row]:
+    """Scores the captures whose rows are not in the file yet; returns all rows."""
+    file = options.out.with_suffix(".jsonl")
+    file.parent.mkdir(parents=True, exist_ok=True)
+    done = {row["seed"]: row for row in read_rows(file)} if file.is_file() else {}
+    missing = [seed for seed in seeds if seed not in done]
+    with ThreadPoolExecutor(options.jobs) as pool, file.open("a", encoding="utf-8") as out:
+        for row in pool.map(lambda seed: _score_apart(seed, options.parts), missing):
+            out.write(json.dumps(row) + "\n")
+            out.flush()
+            done[row["seed"]] = row
+            kinds = [misfire.kind for misfire in find_misfires(row)]
+            print(row["seed"], row.get("family"), *kinds, sep="; ", flush=True)
+    return [done[seed] for seed in seeds]
+
+
+def _score_apart(seed: int, parts: str) -> Row:
+    """Scores a capture in a process of its own, so that nothing of it stops the others."""
+    command = [sys.executable, "-m", "tests.proving", "--one", str(seed), "--parts", parts]
+    try:
+        run = subprocess.run(command, capture_output=True, text=True, timeout=_LIMIT, check=False)
+    except subprocess.TimeoutExpired:
+        return {"seed": seed, "failed": f"not done in {_LIMIT:.0f} s"}
+    if run.returncode != 0:
+        return {"seed": seed, "failed": run.stderr[-2000:]}
+    return json.loads(run.stdout.strip().splitlines()[-1])
+
+
+def read_rows(file: Path) -> list[Row]:
+    """Reads the rows of a run."""
+    return [json.loads(line) for line in file.read_text("utf-8").splitlines() if line]
+
+
+def compare_rows(first: Sequence[Row], second: Sequence[Row]) -> list[tuple[object, ...]]:
+    """Compares two runs by the captures that both have: each kind of misfire, paired by seed."""
+    before = {row["seed"]: {m.kind for m in find_misfires(row)} for row in first}
+    after = {row["seed"]: {m.kind for m in find_misfires(row)} for row in second}
+    shared = sorted(before.keys() & after.keys())
+    kinds = sorted({kind for seed in shared for kind in before[seed] | after[seed]})
+    return [_pair(kind, shared, before, after) for kind in kinds]
+
+
+def _pair(kind: str, seeds: Sequence[int], before: dict, after: dict) -> tuple[object, ...]:
+    gone = sum(kind in before[seed] and kind not in after[seed] for seed in seeds)
+    new = sum(kind not in before[seed] and kind in after[seed] for seed in seeds)
+    both = sum(kind in before[seed] and kind in after[seed] for seed in seeds)
+    return kind, gone, new, both, f"{_test_signs(gone, new):.3f}"
+
+
+def _test_signs(gone: int, new: int) -> float:
+    """Returns the two-sided p of McNemar's exact test."""
+    n = gone + new
+    tail = sum(math.comb(n, k) for k in range(min(gone, new) + 1)) / 2.0**n
+    return min(1.0, 2 * tail)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,237 @@
+"""Renders a capture and writes it: exact truth, and beside it what gsut is given."""
+
+from __future__ import annotations
+
+import dataclasses
+import fractions
+import json
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from gsut._core import Shutter
+from gsut.data import Frame, write_transforms
+from gsut.data.points import format_points_ply
+from gsut.files import whole_folder, write_picture
+from gsut.lens import save_camera
+from tests.bench.walk_film import spread_rays
+from tests.mistakes import MISTAKES, copy_of, write
+from tests.proving.capture import VERSION, Capture
+from tests.proving.exposure import encode_picture, measure_exposure
+from tests.proving.world import MOVER
+
+TRUTH = "truth"  # an ordinary dataset: exact poses, lens, points, masks of the circle
+GIVEN = "given"  # what gsut is given: a dataset, a folder of photographs, or film.mp4
+FACTS = "capture.json"
+_POINTS = 1500
+_POINT_NOISE = 3e-3  # of the distance, as of structure from motion in small pictures
+_DEPTH_LEVELS = 60_000  # of the 16-bit depth pictures: level 0 is the sky
+
+
+class Picture(NamedTuple):
+    """One picture before it is encoded, and its truth."""
+
+    image: np.ndarray  # (H, W, 3) uint8, as the camera makes it
+    clean: np.ndarray  # the same without noise and compression
+    distance: np.ndarray  # (H, W) metres along the ray, infinite: sky; NaN: outside the circle
+    body: np.ndarray  # (H, W): -1 sky, 0 what stands still, MOVER
+
+
+def find_cache() -> Path:
+    """Returns the folder of made captures, outside the repository."""
+    default = Path.home() / ".cache" / "gsut-proving"
+    return Path(os.environ.get("GSUT_PROVING_CACHE", default)) / f"version-{VERSION}"
+
+
+def find_line_poses(capture: Capture, time: float, share: np.ndarray) -> np.ndarray:
+    """Returns world-from-camera of lines: `share` from 0, the first, to 1, the last."""
+    return capture.path(time + (np.asarray(share) - 0.5) * capture.readout)
+
+
+def trace_pictures(capture: Capture) -> Iterator[Picture]:
+    """Yields the pictures of a capture."""
+    camera, sensor, samples = capture.lens.camera, capture.sensor, capture.samples
+    height, width = camera.height, camera.width
+    rays = spread_rays(camera, samples)
+    centre = rays[0, height // 2, width // 2 : width // 2 + 2].astype(np.float64)
+    spread = float(np.linalg.norm(centre[1] - centre[0]))
+    middle = np.nan_to_num(camera.rays()[0]).astype(np.float32).reshape(height, width, 3)
+    inside = middle.any(axis=2) & rays.any(axis=3).all(axis=0)
+    gains = sensor.find_gains(capture.motion.frames, capture.seed)
+    falloff = sensor.spread_falloff(height, width)
+    lines = (np.arange(height) + 0.5) / height
+    order = np.argsort(np.arange(samples) * 0.618 % 1.0)  # neighbouring samples far apart in time
+    moments = ((order + 0.5) / samples - 0.5) * capture.exposure
+    still = None if capture.stage.movers else capture.stage.mesh.make_tracer(capture.stage.sky)
+    exposure = 0.0
+    for number, time in enumerate(capture.times):
+        tracer = still or capture.stage.mesh.combine(capture.stage.movers(time)).make_tracer(
+            capture.stage.sky
+        )
+        seed = capture.seed * 1000 + number
+
+        def trace(
+            rays: np.ndarray, moments: np.ndarray, seed: int = seed, tracer=tracer, time=time
+        ):
+            poses = np.stack([find_line_poses(capture, time + m, lines) for m in moments])
+            poses = poses.astype(np.float32)[:, :, None]
+            directions = np.einsum("slcij,slcj->slci", np.broadcast_to(
+                poses[..., :3, :3], (*rays.shape[:3], 3, 3)), rays)[:, inside]  # fmt: skip
+            origins = np.broadcast_to(poses[..., :3, 3], rays.shape)[:, inside]
+            found = tracer.trace(
+                origins.reshape(-1, 3), directions.reshape(-1, 3), spread, seed, len(moments)
+            )
+            return [part.reshape(len(moments), -1, *part.shape[1:]) for part in found]
+
+        light = np.zeros((height, width, 3))
+        light[inside] = trace(rays, moments)[0].mean(axis=0)
+        _, away, of = trace(middle[None], np.zeros(1))
+        distance, body = np.full((height, width), np.nan), np.full((height, width), -1, np.int32)
+        distance[inside], body[inside] = away[0], of[0]
+        exposure = exposure or measure_exposure(light[inside])
+        light *= exposure * gains[number] * falloff
+        noise = np.random.default_rng([capture.seed, 31, number])
+        image, clean = (sensor.develop(light, rng) * inside[..., None] for rng in (noise, None))
+        yield Picture(image.astype(np.uint8), clean.astype(np.uint8), distance, body)
+
+
+def write_capture(capture: Capture, folder: Path) -> Path:
+    """Renders a capture into a folder that appears only when it is complete."""
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with whole_folder(folder) as partial:
+        frames = _write_truth(capture, partial / TRUTH)
+        _write_given(capture, partial, frames)
+        facts = capture.list_factors() | {"told": dataclasses.asdict(capture.told)}
+        (partial / FACTS).write_text(json.dumps(facts, indent=1) + "\n", encoding="utf-8")
+    return folder
+
+
+def make_capture(capture: Capture, cache: Path | None = None) -> Path:
+    """Returns the folder of a capture in the cache, rendered if it is not there."""
+    folder = (cache or find_cache()) / f"{capture.seed:07d}"
+    return folder if folder.is_dir() else write_capture(capture, folder)
+
+
+def _write_truth(capture: Capture, folder: Path) -> list[Frame]:
+    is_film = capture.kind == "film"
+    for name in ("images", "clean", "depth", "bodies"):
+        (folder / name).mkdir(parents=True)
+    shutter = _describe_shutter(capture)
+    exif = None
+    if capture.told.focal_35mm is not None:
+        exif = {"make": "Maker", "model": "Model", "focal_35mm": capture.told.focal_35mm}
+    suffix = "png" if is_film or capture.sensor.quality == 0 else "jpg"
+    frames, seen, colors, exposed = [], [], [], []
+    for number, picture in enumerate(trace_pictures(capture)):
+        path = folder / "images" / f"{number:03d}.{suffix}"
+        quality = 0 if is_film else capture.sensor.quality
+        path.write_bytes(encode_picture(picture.image, quality, exif))
+        exposed.append(picture.image)
+        write_picture(folder / "clean" / f"{number:03d}.png", picture.clean[..., ::-1])
+        _write_truth_maps(folder, number, picture)
+        time = float(capture.times[number])
+        # First and last in time, which is upwards where the readout is negative.
+        ends = np.array([0.0, 0.5, 1.0]) if capture.readout >= 0 else np.array([1.0, 0.5, 0.0])
+        start, middle, end = find_line_poses(capture, time, ends)
+        frames.append(
+            Frame(
+                f"{number:03d}", path, capture.lens.camera, middle,
+                start if shutter else None, end if shutter else None, shutter=shutter, time=time,
+            )
+        )  # fmt: skip
+        points, paint = _pick_points(capture, number, time, picture)
+        seen.append(points)
+        colors.append(paint)
+    if np.isnan(picture.distance).any():
+        mask = np.isfinite(picture.distance) | np.isinf(picture.distance)
+        write_picture(folder / "mask.png", mask.astype(np.uint8) * 255)
+        frames = [dataclasses.replace(frame, mask_path=folder / "mask.png") for frame in frames]
+    xyz, rgb = np.concatenate(seen), np.concatenate(colors)
+    (folder / "points3D.ply").write_bytes(format_points_ply(xyz, rgb))
+    write_transforms(folder / "transforms.json", frames, points_file="points3D.ply")
+    if is_film:
+        _write_film(folder.parent / "film.mp4", exposed, capture)
+    return frames
+
+
+def _describe_shutter(capture: Capture) -> Shutter | None:
+    if capture.readout == 0:
+        return None
+    return Shutter("top_to_bottom" if capture.readout > 0 else "bottom_to_top")
+
+
+def _write_truth_maps(folder: Path, number: int, picture: Picture) -> None:
+    finite = np.isfinite(picture.distance)
+    farthest = float(picture.distance[finite].max()) if finite.any() else 1.0
+    depth = np.zeros(finite.shape, np.uint16)
+    depth[finite] = np.maximum(1, np.round(picture.distance[finite] / farthest * _DEPTH_LEVELS))
+    write_picture(folder / "depth" / f"{number:03d}.png", depth)
+    (folder / "depth" / f"{number:03d}.txt").write_text(f"{farthest!r}\n", encoding="utf-8")
+    write_picture(folder / "bodies" / f"{number:03d}.png", (picture.body + 1).astype(np.uint8) * 60)
+
+
+def _pick_points(
+    capture: Capture, number: int, time: float, picture: Picture
+) -> tuple[np.ndarray, np.ndarray]:
+    """Picks points on surfaces that stand still, off by noise, with their colours."""
+    rng = np.random.default_rng([capture.seed, 41, number])
+    good = np.isfinite(picture.distance) & (picture.body >= 0) & (picture.body != MOVER)
+    rows, columns = np.nonzero(good)
+    if len(rows) == 0:
+        return np.zeros((0, 3)), np.zeros((0, 3), np.uint8)
+    chosen = rng.choice(len(rows), min(len(rows), _POINTS // capture.motion.frames), replace=False)
+    rows, columns = rows[chosen], columns[chosen]
+    rays, _ = capture.lens.camera.unproject(np.stack([columns, rows], axis=1) + 0.5)
+    away = picture.distance[rows, columns] * (1 + _POINT_NOISE * rng.standard_normal(len(rows)))
+    poses = find_line_poses(capture, time, (rows + 0.5) / capture.lens.camera.height)
+    xyz = np.einsum("nij,nj->ni", poses[:, :3, :3], rays * away[:, None]) + poses[:, :3, 3]
+    return xyz, picture.image[rows, columns]
+
+
+def _write_film(target: Path, pictures: list[np.ndarray], capture: Capture) -> None:
+    import av
+
+    height, width = pictures[0].shape[:2]
+    with av.open(str(target), "w") as out:
+        rate = fractions.Fraction(1 / capture.motion.interval).limit_denominator(1001)
+        stream = out.add_stream("libx264", rate=rate, options={"crf": str(capture.sensor.crf)})
+        stream.width, stream.height, stream.pix_fmt = width // 2 * 2, height // 2 * 2, "yuv420p"
+        for picture in pictures:
+            cut = np.ascontiguousarray(picture[: height // 2 * 2, : width // 2 * 2])
+            out.mux(stream.encode(av.VideoFrame.from_ndarray(cut, format="rgb24")))
+        out.mux(stream.encode(None))
+
+
+def _write_given(capture: Capture, folder: Path, frames: list[Frame]) -> None:
+    truth, given = folder / TRUTH, folder / GIVEN
+    if capture.told.lens == "file":
+        save_camera(capture.lens.camera, folder / "given.lens.json")
+    if capture.kind == "dataset":
+        values: dict[str, Any] = copy_of(truth, given)
+        mistake = None if capture.told.mistake is None else MISTAKES[capture.told.mistake]
+        possible = mistake is None or mistake.make(values, given) is not False
+        write(values, given, capture.told.points or (mistake is not None and mistake.needs_points))
+        (given / "mistake.txt").write_text(
+            (mistake.name if mistake and possible else "none") + "\n", encoding="utf-8"
+        )
+        _relink(given, truth)
+        return
+    if capture.kind == "film":
+        return
+    given.mkdir()
+    for frame in frames:
+        os.link(frame.image_path, given / frame.image_path.name)
+    if (truth / "mask.png").is_file():
+        os.link(truth / "mask.png", given / "mask.png")
+
+
+def _relink(given: Path, truth: Path) -> None:
+    """Makes links relative, so that the folder may be moved into its place."""
+    for each in given.iterdir():
+        if each.is_symlink():
+            name = each.name
+            each.unlink()
+            each.symlink_to(Path("..") / truth.name / name)

@@ -1,0 +1,54 @@
+"""How much of a photograph's detail a render shows: degradations of known kind."""
+
+import cv2
+import numpy as np
+import pytest
+
+from gsut.evaluate.detail import measure_detail
+from gsut.metrics import psnr
+from gsut.run.verdicts.training import GOOD, POOR
+
+
+@pytest.fixture(scope="module")
+def photograph():
+    """Lines and patches of all sizes below a plain sky."""
+    rng = np.random.default_rng(3)
+    image = np.full((600, 800, 3), 150, np.uint8)
+    for _ in range(1500):
+        x, y, w, h = (*rng.integers((0, 200), (780, 580)), *rng.integers(4, 40, 2))
+        shade = tuple(int(value) for value in rng.integers(0, 255, 3))
+        cv2.rectangle(image, (int(x), int(y)), (int(x + w), int(y + h)), shade, -1)
+    return image
+
+
+ALL = np.ones((600, 800), bool)
+
+
+def measure(photograph, image):
+    return measure_detail(photograph, np.clip(image, 0, 1).astype(np.float32), ALL)
+
+
+def test_detail_falls_with_blur_and_shift_not_with_brightness_or_fog(photograph):
+    true = photograph / np.float32(255)
+    blurred = [measure(photograph, cv2.GaussianBlur(true, (0, 0), s)) for s in (0.7, 1.5, 3, 6)]
+    shifted = [measure(photograph, np.roll(true, d, axis=1)) for d in (1, 2, 4)]
+    fog = cv2.resize(np.random.default_rng(4).normal(0, 0.15, (4, 5)).astype("f4"), (800, 600))
+    print("blur", blurred, "shift", shifted)
+    assert measure(photograph, true) == 1.0
+    assert blurred == sorted(blurred, reverse=True) and shifted == sorted(shifted, reverse=True)
+    assert blurred[0] > GOOD and blurred[-1] < POOR and shifted[-1] < POOR
+    soft = psnr(cv2.GaussianBlur(true, (0, 0), 1.5), true)
+    for changed in (1.2 * true, 0.2 + 0.7 * (true + fog[..., None])):
+        assert psnr(np.clip(changed, 0, 1), true) < soft
+        assert measure(photograph, changed) > GOOD
+
+
+def test_detail_counts_what_the_mask_keeps_and_pictures_without_any(photograph):
+    half = photograph / np.float32(255)
+    half[:, 400:] = 0.5
+    left = np.broadcast_to(np.arange(800) < 400, ALL.shape)
+    assert measure_detail(photograph, half, left) == 1.0
+    assert measure_detail(photograph, half, ALL) < GOOD
+    plain = np.full_like(photograph, 90)
+    assert measure_detail(plain, plain / np.float32(255), ALL) == 1.0
+    assert measure_detail(plain[:3, :3], plain[:3, :3] / np.float32(255), ALL[:3, :3]) == 1.0

@@ -1,0 +1,114 @@
+"""Made captures: the same bits from a seed, truth that fits the pictures, rows of commands."""
+
+import dataclasses
+
+import cv2
+import numpy as np
+import pytest
+
+import gsut
+import tolerances as tol
+from tests.proving.capture import capture
+from tests.proving.families import FAMILIES
+from tests.proving.misfires import find_misfires
+from tests.proving.score import score_made
+from tests.proving.truth import classify, measure_areas, measure_pair_errors
+from tests.proving.writing import TRUTH, find_line_poses, make_capture, trace_pictures
+
+SEEDS = range(24)
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_capture_of_a_seed_made_twice_has_the_same_bits(seed):
+    first, second = capture(seed, tiny=True), capture(seed, tiny=True)
+    assert first.list_factors() == second.list_factors()
+    pairs = list(zip(trace_pictures(first), trace_pictures(second), strict=True))
+    assert len(pairs) >= 2
+    for one, other in pairs:
+        for name in ("image", "clean", "distance", "body"):
+            assert np.array_equal(getattr(one, name), getattr(other, name), equal_nan=True)
+
+
+def test_captures_of_a_block_of_seeds_have_every_family_once():
+    drawn = [capture(seed, tiny=True) for seed in range(len(FAMILIES))]
+    assert sorted(made.family for made in drawn) == sorted(FAMILIES)
+
+
+def test_truth_of_rolling_captures_fits_their_pictures():
+    """A point found by the depth of one picture has the depth that another one states."""
+    checked = 0
+    for seed in SEEDS:
+        made = capture(seed, tiny=True)
+        if made.stage.movers is not None or not made.readout:
+            continue
+        pictures = list(trace_pictures(made))
+        camera, shapes = made.lens.camera, pictures[0].distance.shape
+        rows, columns = (axis.ravel() for axis in np.indices(shapes))
+        rays, _ = camera.unproject(np.stack([columns, rows], axis=1) + 0.5)
+        away = pictures[0].distance.ravel()
+        seen = np.isfinite(away)
+        poses = find_line_poses(made, made.times[0], (rows + 0.5) / camera.height)
+        points = np.einsum("nij,nj->ni", poses[:, :3, :3], rays * away[:, None]) + poses[:, :3, 3]
+        points = points[seen]
+        share = np.full(len(points), 0.5)
+        for _ in range(4):  # the line that sees a point
+            lines = np.linalg.inv(find_line_poses(made, made.times[1], share))
+            there = np.einsum("nij,nj->ni", lines[:, :3, :3], points) + lines[:, :3, 3]
+            pixels, valid = camera.project(there)
+            share = np.clip(np.nan_to_num(pixels[:, 1]) / camera.height, 0, 1)
+        valid &= np.all((pixels > 1) & (pixels < np.array(shapes[::-1]) - 1), axis=1)
+        if valid.sum() < 200:
+            continue
+        at = (pixels[valid] - 0.5).astype(np.float32)[None]
+        stated = cv2.remap(pictures[1].distance, at[..., 0], at[..., 1], cv2.INTER_LINEAR)[0]
+        off = np.abs(stated / np.linalg.norm(there[valid], axis=1) - 1)
+        assert np.nanmedian(off) < tol.PROVING_DEPTH, seed
+        checked += 1
+    assert checked >= 4
+
+
+def test_wrong_poses_are_poor_and_true_ones_good():
+    made = capture(5, tiny=True)
+    truth = np.linalg.inv(np.array([made.path(made.times[[k]])[0] for k in range(6)]))
+    errors, shifts = measure_pair_errors(dict(enumerate(truth)), truth, made.stage.reach)
+    assert measure_areas(errors)["auc_0.5"] == pytest.approx(1, abs=tol.PROVING_AREA)
+    assert classify(shifts, 1.0, made.lens.camera) == "good"
+    moved = {k: np.roll(truth, 1, axis=0)[k] for k in range(6)}
+    errors, shifts = measure_pair_errors(moved, truth, made.stage.reach)
+    assert classify(shifts, 1.0, made.lens.camera) == "poor"
+    errors, _ = measure_pair_errors({0: truth[0]}, truth, made.stage.reach)
+    assert measure_areas(errors)["auc_10"] == 0
+
+
+def test_a_dataset_and_photographs_are_scored_end_to_end(tmp_path):
+    kinds = set()
+    for seed in SEEDS:
+        made = capture(seed, tiny=True)
+        if made.kind in kinds or made.kind == "film":
+            continue
+        kinds.add(made.kind)
+        folder = make_capture(made, tmp_path)
+        assert len(gsut.load_dataset(folder / TRUTH, test_every=0).views) == made.motion.frames
+        row = score_made(made, folder, ("doctor", "poses"))
+        assert not [m for m in find_misfires(row) if m.kind == "traceback"]
+        assert row["doctor_status"] in (0, 2)
+        assert {"planted", "poses_status"} <= row.keys()
+    assert kinds == {"dataset", "photographs"}
+
+
+def test_misfires_of_a_row_are_named():
+    row = {
+        "seed": 0, "kind": "film", "verdict": "good", "true_class": "poor", "verdict_reasons": [],
+        "shift_degrees": 9.0, "auc_1": 0.0, "auc_5": 0.1, "registered": 1.0, "readout_ms": 0.0,
+        "readout_px": 0.0, "shutter_found": "top_to_bottom", "readout_found": 0.01,
+        "readout_sigma": 1e-3, "planted": "none", "doctor_says": ["error x"], "doctor_errors": 1,
+    }  # fmt: skip
+    assert [misfire.kind for misfire in find_misfires(row)] == [
+        "doctor refuses exact data", "said good, is poor", "readout found on a global shutter"
+    ]  # fmt: skip
+
+
+def test_film_of_a_capture_has_its_frames(tmp_path):
+    made = next(made for s in SEEDS if (made := capture(s, tiny=True)).kind == "film")
+    made = dataclasses.replace(made, motion=dataclasses.replace(made.motion, frames=3))
+    assert (make_capture(made, tmp_path) / "film.mp4").stat().st_size > 0
