@@ -1,8 +1,10 @@
 """Small videos with known motion, and files whose boxes are changed by hand."""
 
 import struct
+from collections.abc import Callable
 from pathlib import Path
 
+import av
 import cv2
 import numpy as np
 
@@ -79,6 +81,18 @@ def stretch_second_half(path: Path) -> None:
         size = struct.unpack(">I", data[start : start + 4])[0]
         data[start : start + 4] = struct.pack(">I", size + len(new) - len(old))
     path.write_bytes(data)
+
+
+def write_stamps(path: Path, source: Path, stamp: Callable[[int], int]) -> Path:
+    """Copies a video with other time stamps, a function of the frame's number; `path` is .mkv."""
+    with av.open(str(source)) as old, av.open(str(path), "w") as new:
+        stream = new.add_stream_from_template(old.streams.video[0])
+        for number, packet in enumerate(old.demux(old.streams.video[0])):
+            if packet.dts is not None:
+                packet.pts = packet.dts = stamp(number)
+                packet.stream = stream
+                new.mux(packet)
+    return path
 
 
 def coded_otherwise(path: Path) -> Path:

@@ -110,8 +110,13 @@ def extract_frames(
     done = read_finished_capture(folder, key)
     if done is not None:
         return done
-    search, seen = _search_candidates(files, report)
+    search, seen, untimed = _search_candidates(files, report)
     notes = _judge(path, search.finish(), seen, announced, rate)
+    if untimed:
+        notes.append(
+            f"the time stamps of {untimed} frames of {path.name} do not rise: they are taken to be "
+            f"{1 / rate:.3g} s apart, as the frame rate says"
+        )
     candidates = add_candidates(search.candidates, search.frames, count)
     chosen = [candidates[index] for index in choose_frames(candidates, count)]
     if count is not None and len(chosen) < count:
@@ -163,8 +168,10 @@ def read_finished_capture(folder: Path, key: dict[str, Any]) -> Capture | None:
     return Capture(folder, figures) if whole else None
 
 
-def _search_candidates(files: Sequence[Path], report: OnProgress) -> tuple[CandidateSearch, int]:
-    """Returns a search that has seen the frames looked at, and the number of all frames."""
+def _search_candidates(
+    files: Sequence[Path], report: OnProgress
+) -> tuple[CandidateSearch, int, int]:
+    """Returns a search that has seen the frames looked at; counts all frames, and those untimed."""
     import cv2
 
     search = CandidateSearch()
@@ -178,7 +185,7 @@ def _search_candidates(files: Sequence[Path], report: OnProgress) -> tuple[Candi
                 search.add(number, time, cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY))
             text = f"{len(search.candidates)} candidates"
             report("looking", seen, max(seen, source.frame_count), text)
-    return search, seen
+        return search, seen, source.untimed
 
 
 def _judge(
@@ -206,9 +213,15 @@ def _judge(
             f"{100 * way:.1f} % of its diagonal; walk with the camera, so that things are seen "
             "from several sides"
         )
+    end = candidates[-1].time
+    if seen < _CUT_OFF * announced and end > _CUT_OFF * announced / rate:
+        return [
+            f"the time stamps of {path.name} jump: {seen} frames in {end:.1f} s at {rate:.3g} a "
+            "second; it may be pasted from several recordings"
+        ]
     if seen < _CUT_OFF * announced:
         return [
-            f"{path.name} ends after {seen} of {announced} frames ({candidates[-1].time:.1f} s): "
+            f"{path.name} ends after {seen} of {announced} frames ({end:.1f} s): "
             "it was cut off or is damaged; the frames before are used"
         ]
     return []

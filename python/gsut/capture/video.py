@@ -50,6 +50,7 @@ class Video:
         width, height: of the upright frames in pixels; frames of two lenses are side by side.
         frame_rate: mean number of frames per second.
         frame_count: according to the file; 0 if it does not say.
+        untimed: frames read so far whose time stamps do not rise; the frame rate times them.
 
     Raises:
         InputError: no video, a missing index, or a codec that cannot be decoded.
@@ -71,21 +72,26 @@ class Video:
             self._capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)  # the other one is not turned
         self.frame_rate = float(self._capture.get(cv2.CAP_PROP_FPS)) or 30.0
         self.frame_count = max(0, int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT)))
+        self.untimed = 0
         self.width = int(self._capture.get(cv2.CAP_PROP_FRAME_WIDTH))
         self.height = int(self._capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
         if self._other is not None:
             self.width *= 2
 
     def read_frames(self) -> Iterator[tuple[int, float, Any]]:
-        """Yields (number, seconds, decode) of every frame, once.
+        """Yields (number, seconds, decode) of every frame, once; seconds rise.
 
         `decode()` returns the frame just yielded as (H, W, 3) uint8 BGR, or None if it is damaged.
         """
         import cv2
 
-        number = 0
+        number, last = 0, -1 / self.frame_rate
         while self._capture.grab():
             seconds = self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
+            if not seconds > last:
+                seconds = last + 1 / self.frame_rate
+                self.untimed += 1
+            last = seconds
             if self._other is not None:
                 self._beside = next(self._other, None)
                 if self._beside is None:

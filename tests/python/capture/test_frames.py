@@ -21,6 +21,8 @@ from small_videos import (
     turn_by_quarter,
     view,
     walk,
+    walk_past,
+    write_stamps,
     write_video,
 )
 
@@ -148,6 +150,23 @@ def test_variable_frame_rate_keeps_the_times_and_names_count_time(tmp_path):
     times = np.array([r["time"] for r in rows])
     scale = numbers[-1] / times[-1]
     assert np.abs(numbers - scale * times).max() <= 1
+
+
+def test_frames_of_one_time_stamp_are_timed_by_the_frame_rate_and_said(tmp_path):
+    film = walk_past(tmp_path / "walk.mp4")
+    video = write_stamps(tmp_path / "walk.mkv", film, lambda number: 0)
+    capture = extract_frames(video, tmp_path / "frames")
+    times = [row["time"] for row in capture.figures["frames"]]
+    assert len(times) > 5 and (np.diff(times) > 0).all()
+    assert any("time stamps of 23 frames of walk.mkv do not rise" in n for n in capture.notes)
+
+
+def test_time_stamps_that_jump_are_said(tmp_path):
+    film = walk_past(tmp_path / "walk.mp4")
+    video = write_stamps(tmp_path / "walk.mkv", film, lambda i: 512 * (i + 90_000 * (i >= 12)))
+    capture = extract_frames(video, tmp_path / "frames")
+    assert any("the time stamps of walk.mkv jump: 24 frames" in note for note in capture.notes)
+    assert not any("cut off" in note for note in capture.notes)
 
 
 def test_bad_videos_say_what_to_do(tmp_path):
