@@ -7,13 +7,16 @@ import dataclasses
 import json
 import os
 import shutil
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from gsut import _core
 from gsut._core import InputError
 from gsut.files import (
     check_regular,
+    check_shape,
     format_json,
     reading,
     to_plain,
@@ -25,6 +28,7 @@ from gsut.files import (
 from gsut.output_folder import MARKER, OutputFolder, claim_folder
 from gsut.run.checkpoint import read_checkpoint, write_checkpoint
 from gsut.run.options import TrainOptions
+from gsut.run.shapes import ENVIRONMENT_SHAPE, METRICS_SHAPE, SCENE_SHAPE
 
 OPTIONS = "options.json"  # the TrainOptions, resolved
 ENVIRONMENT = "environment.json"  # dataset, command line, versions and machine
@@ -45,7 +49,9 @@ _FILES = (
     *(BLOCKS, RENDERS),
 )
 _DAMAGED = f"it is damaged; {SCENE}, if it is there, can be used by itself"
+_OTHER_CHECKPOINT = "it is not of this training; remove this file and begin a new run"
 _OF_PLAN = ("blocks", "rounds", "version", "isa", "options")
+_SHAPES = {ENVIRONMENT: ENVIRONMENT_SHAPE, METRICS: METRICS_SHAPE, "scene.json": SCENE_SHAPE}
 # Options that a resumed run may have otherwise than the run that it goes on with: they change
 # neither the result's bits nor the steps at which history is written.
 _FREE_ON_RESUME = ("threads", "checkpoint_every")
@@ -103,6 +109,8 @@ class RunFolder:
                 _check_same_options(run, options)
                 _check_same_data(run, environment or {})
                 run._stays = run.is_finished()
+                if not run._stays:
+                    _check_same_kernels(run, environment or {})
             else:
                 run.refuse_run()
         elif blocks is not None:
@@ -216,13 +224,15 @@ class RunFolder:
         """Reads a JSON file of the run; None if the file is absent.
 
         Raises:
-            InputError: the file is not JSON.
+            InputError: the file is not JSON, or lacks what commands read of it.
         """
         path = self.path / name
         if not path.is_file():
             return None
         with reading(lambda what: InputError(f"{path}: {what}; {_DAMAGED}")):
-            return json.loads(path.read_text(encoding="utf-8"))
+            values = json.loads(path.read_text(encoding="utf-8"))
+            check_shape(values, _SHAPES.get(name, dict))
+            return values
 
     def read_options(self) -> TrainOptions:
         """Reads the options of the run.
@@ -271,6 +281,8 @@ class RunFolder:
             self.roll_back_history(0)
             return None
         content = read_checkpoint(path)
+        with reading(lambda what: InputError(f"{path}: {what}; {_OTHER_CHECKPOINT}")):
+            check_shape(content, {"step": int, "state": dict})
         self.roll_back_history(content["step"])
         return content["step"], content["state"]
 
@@ -353,6 +365,29 @@ def _check_same_options(run: RunFolder, options: TrainOptions) -> None:
                 f"{run.path} was started with {name} = {saved[name]}, not {value}; a resumed "
                 "run keeps its options, so leave this one out or start a new run"
             )
+
+
+def _check_same_kernels(run: RunFolder, environment: dict[str, Any]) -> None:
+    """Raises InputError where the instruction set is not the one that the run started with.
+
+    Where this machine lacks that one the run goes on, with a warning: its result then has the bits
+    of neither.
+    """
+    saved, now = ((each or {}).get("isa") for each in (run.read_json(ENVIRONMENT), environment))
+    if not saved or not now or saved == now:
+        return
+    what = f"{run.path} was started with the instruction set {saved}, not {now}"
+    if saved in _core.available_isas():
+        raise InputError(
+            f"{what}; a resumed run keeps it for the same bits: set GSUT_ISA={saved}, or start a "
+            "new run"
+        )
+    warnings.warn(
+        f"{what}, and this machine lacks it: the result will have other bits than an "
+        "uninterrupted run, within the error of either",
+        RuntimeWarning,
+        stacklevel=4,
+    )
 
 
 def _check_same_data(run: RunFolder, environment: dict[str, Any]) -> None:

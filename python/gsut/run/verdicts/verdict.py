@@ -51,7 +51,8 @@ class Verdict:
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> Verdict:
         """Makes a verdict from the values of `as_dict`, also after a way through JSON."""
-        return cls(**{**values, "reasons": tuple(values["reasons"])})
+        of_class = {field.name: values[field.name] for field in dataclasses.fields(cls)}
+        return cls(**{**of_class, "reasons": tuple(values["reasons"])})
 
     @classmethod
     def from_faults(cls, what: str, faults: Iterable[Fault], advice: str) -> Verdict:

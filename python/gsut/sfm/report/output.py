@@ -16,7 +16,8 @@ from gsut.data import Frame, list_some, write_transforms
 from gsut.data.colmap import ColmapImage, ColmapModel, format_model_texts
 from gsut.data.points import format_points_ply
 from gsut.data.poses import invert_pose
-from gsut.files import write_file
+from gsut.files import check_shape, reading, write_file
+from gsut.run.shapes import POSES_SHAPE
 from gsut.sfm.core import FEATURE_VARIANCE, Photographs, Solution
 
 TRANSFORMS = "transforms.json"
@@ -172,8 +173,17 @@ def write_models(models: Sequence[Solution], photographs: Photographs, out: Path
 
 
 def read_figures(out: Path) -> dict[str, Any]:
-    """Reads poses.json of a finished run."""
-    return json.loads((out / FIGURES).read_text(encoding="utf-8"))
+    """Reads poses.json of a finished run.
+
+    Raises:
+        InputError: the file is damaged.
+    """
+    path = out / FIGURES
+    advice = "it is damaged: remove it, and the same command finds the poses again"
+    with reading(lambda what: InputError(f"{path}: {what}; {advice}")):
+        values = json.loads(path.read_text(encoding="utf-8"))
+        check_shape(values, POSES_SHAPE)
+        return values
 
 
 def is_finished(out: Path) -> bool:
