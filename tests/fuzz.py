@@ -31,7 +31,7 @@ from formats.scene_cases import plain_scene
 from gsut import formats
 from gsut.data.poses.camera_path import read_path
 from gsut.run.checkpoint import read_checkpoint, write_checkpoint
-from gsut.run.folder import HISTORY, RunFolder
+from gsut.run.folder import RunFile, RunFolder
 
 NUMBERS = (b"0", b"-1", b"1e308", b"nan", b"inf", b"-inf", b"9223372036854775807", b"1e-320",
            b"4294967296", b"true", b"null", b'""', b"[]", b"{}", b"9" * 400)  # fmt: skip
@@ -91,7 +91,7 @@ def list_run_targets(folder: Path) -> Iterator[Target]:
     write_checkpoint(folder / "state.npz", {"step": 1, "state": {"a": np.arange(30.0), "b": [1]}})
     yield Target("checkpoint", folder / "state.npz", lambda: read_checkpoint(folder / "state.npz"))
     yield Target("options.json", run.path / "options.json", run.read_options)
-    yield Target(HISTORY, run.path / HISTORY, run.read_history)
+    yield Target(RunFile.HISTORY, run.path / RunFile.HISTORY, run.read_history)
     path = folder / "path.json"
     path.write_text(str([np.eye(4).tolist()] * 3).replace("'", '"'))
     yield Target("camera path", path, lambda: read_path(path, None))

@@ -11,7 +11,7 @@ import numpy as np
 import gsut
 from gsut.gaussians import SH_C0
 from gsut.refine.pose_files import write_refined
-from gsut.run.folder import TRANSFORMS, RunFolder
+from gsut.run.folder import RunFile, RunFolder
 from random_scenes import fisheye
 from rendered_dataset import _write_points
 
@@ -60,8 +60,8 @@ def write_room(path: Path, rng: np.random.Generator, width: int = 64) -> Path:
         path, [camera], views, np.zeros((0, 3)), np.zeros((0, 3)), train, list(TEST), np.zeros(3)
     )
     write_refined(RunFolder(path), scene)
-    content = json.loads((path / TRANSFORMS).read_text())
+    content = json.loads((path / RunFile.TRANSFORMS).read_text())
     points = g.means + 0.02 * rng.normal(size=g.means.shape)
     _write_points(path / "points3D.ply", points, 255 * np.clip(0.5 + g.sh[:, 0] * SH_C0, 0, 1))
-    (path / TRANSFORMS).write_text(json.dumps({**content, "ply_file_path": "points3D.ply"}))
+    (path / RunFile.TRANSFORMS).write_text(json.dumps({**content, "ply_file_path": "points3D.ply"}))
     return path

@@ -144,9 +144,13 @@ def list_sources() -> list[Path]:
     return sorted(p for f in FOLDERS for p in (ROOT / f).rglob("*") if p.suffix in endings)
 
 
-def list_kernels() -> list[Path]:
-    """Returns the sources whose share of comments counts: .cpp files and -inl.h kernels."""
-    return [p for p in list_sources() if p.suffix == ".cpp" or p.name.endswith("-inl.h")]
+def list_kernels() -> dict[str, list[Path]]:
+    """Returns the sources whose share of comments counts, by room: .cpp and -inl.h files."""
+    rooms = collections.defaultdict(list)
+    for path in list_sources():
+        if path.suffix == ".cpp" or path.name.endswith("-inl.h"):
+            rooms[room_of(str(path.relative_to(ROOT)))].append(path)
+    return rooms
 
 
 def find_all() -> list[Finding]:
@@ -186,10 +190,8 @@ def print_counts(found: list[Finding]) -> None:
     for room in sorted({room for room, _ in counts}):
         print(f"{room:28}", *(f"{k}: {counts[room, k]:4}" for k in kinds), sep="  ")
     print(f"{'all':28}", *(f"{k}: {sum(f.kind == k for f in found):4}" for k in kinds), sep="  ")
-    kernels = list_kernels()
-    rooms = collections.defaultdict(list)
-    for path in kernels:
-        rooms[room_of(str(path.relative_to(ROOT)))].append(path)
+    rooms = list_kernels()
+    kernels = [path for paths in rooms.values() for path in paths]
     print("comment lines of .cpp and -inl.h:", f"{comment_share(kernels):.1%}")
     print("  ".join(f"{room} {comment_share(paths):.1%}" for room, paths in sorted(rooms.items())))
 

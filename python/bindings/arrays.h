@@ -44,12 +44,18 @@ inline void CheckShape(const py::array& array, const char* name,
   }
 }
 
+// The object as a numpy array of numbers: itself if it is one; without a copy what lies in main
+// memory behind __array__, a buffer or __dlpack__; else, as a list does, by a copy.
+// Throws InputError, which names the cure, where it lies on a device, records gradients or holds
+// what numpy does not compute with.
+py::array ToNumpy(const py::handle& object, const char* name);
+
 // The array as C-contiguous T of the expected shape, converted if needed (reading only).
 template <class T>
 py::array_t<T, py::array::c_style | py::array::forcecast> ReadArray(
     const py::handle& object, const char* name, std::initializer_list<std::int64_t> expected) {
   using Array = py::array_t<T, py::array::c_style | py::array::forcecast>;
-  Array array = Array::ensure(object);
+  Array array = Array::ensure(ToNumpy(object, name));
   if (!array) {
     PyErr_Clear();
     throw InputError(std::string(name) + " is not an array of numbers");

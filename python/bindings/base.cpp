@@ -1,4 +1,6 @@
 // Binds gsut/base: threads and instruction sets.
+//
+// Threads and instruction set may be changed at any time between two calls.
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
@@ -8,6 +10,8 @@
 
 namespace gsut::bindings {
 
+// Settings of the whole process, read by the core at its next parallel loop or kernel. Forcing an
+// instruction set is for tests and timings: each gives the same image within rounding.
 void BindBase(pybind11::module_& m) {
   m.def("set_num_threads", &SetNumThreads, pybind11::arg("num_threads"),
         R"doc(
@@ -25,6 +29,7 @@ The number of threads of all parallel loops.
 Returns:
     int, at least 1.
 )doc");
+  // Names are Highway's targets; what a build has depends on the compiler and the processor.
   m.def("active_isa", &ActiveIsa, R"doc(
 Name of the vector instruction set in use.
 

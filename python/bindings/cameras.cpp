@@ -1,4 +1,8 @@
 // Binds gsut/cameras.
+//
+// The package's Camera wraps this one and adds checks, file formats and fits; here are the lens'
+// functions on arrays. Points and rays are in camera axes (x right, y down, z forward), pixel (0.5,
+// 0.5) is the centre of the top-left one, and all numbers are double.
 #include <pybind11/operators.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
@@ -19,10 +23,13 @@
 namespace gsut::bindings {
 namespace {
 
+// numpy's bool is a byte of 0 or 1, which is what the core writes.
 std::uint8_t* MaskData(py::array_t<bool>& mask) {
   return reinterpret_cast<std::uint8_t*>(mask.mutable_data());
 }
 
+// (pixels (N, 2), valid (N,)) of points (N, 3), all float64. A point without an image is data, not
+// an error: its pixel is NaN and `valid` false. Pointers are taken before the GIL goes.
 py::tuple Project(const Camera& camera, const py::object& points_in_camera) {
   const auto points = ReadArray<double>(points_in_camera, "points_in_camera", {kAny, 3});
   const py::ssize_t count = points.shape(0);
@@ -38,6 +45,7 @@ py::tuple Project(const Camera& camera, const py::object& points_in_camera) {
   return py::make_tuple(pixels, valid);
 }
 
+// (unit rays (N, 3), valid (N,)) of pixels (N, 2), which may lie outside the image.
 py::tuple Unproject(const Camera& camera, const py::object& pixels_object) {
   const auto pixels = ReadArray<double>(pixels_object, "pixels", {kAny, 2});
   const py::ssize_t count = pixels.shape(0);
@@ -53,6 +61,8 @@ py::tuple Unproject(const Camera& camera, const py::object& pixels_object) {
   return py::make_tuple(rays, valid);
 }
 
+// (dpixel_dpoint (N, 2, 3), dpixel_dparams (N, 2, K)), NaN where a point has no image. The pixels,
+// which come with them, are not returned: `project` has them.
 py::tuple ProjectJacobian(const Camera& camera, const py::object& points_in_camera) {
   const auto points = ReadArray<double>(points_in_camera, "points_in_camera", {kAny, 3});
   const py::ssize_t count = points.shape(0);
@@ -83,6 +93,8 @@ py::tuple Rays(const Camera& camera) {
       py::capsule(new Camera(camera), [](void* copy) { delete static_cast<Camera*>(copy); });
   const py::ssize_t height = camera.height();
   const py::ssize_t width = camera.width();
+  // The arrays own no memory: they point into the table, and the capsule's copy of the camera keeps
+  // that alive. Hence they must not be written to.
   const py::array rays(py::dtype::of<double>(), {height, width, py::ssize_t{3}}, {},
                        table->rays.data(), owner);
   const py::array valid(py::dtype::of<bool>(), {height, width}, {}, table->valid.data(), owner);
@@ -91,6 +103,7 @@ py::tuple Rays(const Camera& camera) {
   return py::make_tuple(rays, valid);
 }
 
+// Origins in camera axes, of which a central lens stores none.
 // Views of the table, as Rays(); zeros for a central lens.
 py::array Origins(const Camera& camera) {
   const py::ssize_t height = camera.height();
@@ -113,6 +126,7 @@ py::array Origins(const Camera& camera) {
   return origins;
 }
 
+// (origins (N, 3), valid (N,)) of the pixels' rays; of a central lens all zero.
 py::tuple RayOrigins(const Camera& camera, const py::object& pixels_object) {
   const auto pixels = ReadArray<double>(pixels_object, "pixels", {kAny, 2});
   const py::ssize_t count = pixels.shape(0);
@@ -130,6 +144,7 @@ py::tuple RayOrigins(const Camera& camera, const py::object& pixels_object) {
   return py::make_tuple(origins, valid);
 }
 
+// The real lenses that a model's file gives as examples: (where from, parameters, width, height).
 py::list Examples(const std::string& model) {
   py::list examples;
   for (const LensExample& example : LensExamples(LensFromName(model))) {
@@ -139,6 +154,7 @@ py::list Examples(const std::string& model) {
   return examples;
 }
 
+// mrcal's valid_region: the corners of a polygon of pixels; None: the whole image.
 using Region = std::optional<std::vector<std::array<double, 2>>>;
 
 // (camera, extrinsics, valid_region or None) of a .cameramodel file's text.
@@ -147,6 +163,7 @@ py::tuple ParseModel(const std::string& text, const std::string& source) {
   return py::make_tuple(file.camera, file.extrinsics, file.valid_region);
 }
 
+// The inverse: the text of a file that reads back as the same camera.
 std::string FormatModel(const Camera& camera, const std::array<double, 6>& extrinsics,
                         const Region& valid_region) {
   return FormatCameraModel({camera, extrinsics, valid_region});
@@ -177,6 +194,7 @@ void BindCameras(py::module_& m) {
       .def("ray_origins", &RayOrigins, py::arg("pixels"))
       .def_property_readonly("is_central", &Camera::IsCentral)
       .def_property_readonly("is_parallel", &Camera::IsParallel)
+      // A domain without an edge function is a cone about the axis, bounded by max_angle alone.
       .def_property_readonly("is_cone",
                              [](const Camera& camera) { return camera.domain().edge == nullptr; })
       .def_property_readonly("is_panorama",
@@ -186,9 +204,11 @@ void BindCameras(py::module_& m) {
           [](const Camera& camera) {
             return std::array<double, 2>{camera.domain().period_u, camera.domain().period_v};
           })
+      // Cameras are values: these return new ones, and equal ones compare equal.
       .def("resize", &Camera::Resized, py::arg("width"), py::arg("height"))
       .def("with_valid_field_angle", &Camera::WithValidFieldAngle, py::arg("valid_field_angle"))
       .def(py::self == py::self);
+  // By the name of a model, without a camera: what Python lists, checks and fits with.
   m.def("camera_models", &LensNames);
   m.def(
       "camera_param_names",
@@ -198,6 +218,9 @@ void BindCameras(py::module_& m) {
   m.def("format_camera_model", &FormatModel, py::arg("camera"), py::arg("extrinsics"),
         py::arg("valid_region"));
   m.def("camera_examples", &Examples, py::arg("model"));
+  // What a model can do, as flags: Python asks these and never a model's name. choices: of
+  // parameters that are chosen, not fitted; fit_held, fit_near: held, or kept near their start, in
+  // a fit.
   py::class_<LensTraits>(m, "LensTraits")
       .def_readonly("choices", &LensTraits::choices)
       .def_readonly("fit_held", &LensTraits::fit_held)
@@ -214,6 +237,8 @@ void BindCameras(py::module_& m) {
         return LensAcceptsParams(LensFromName(model), num_params);
       },
       py::arg("model"), py::arg("num_params"));
+  // Parameter vectors from which a fit may start, given focal lengths and centre in pixels and the
+  // largest field angle in radians.
   m.def(
       "camera_fit_starts",
       [](const std::string& model, const std::array<double, 2>& focal,

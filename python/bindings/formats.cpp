@@ -1,4 +1,6 @@
 // Binds gsut/formats: PLY files.
+//
+// Only PLY is read and written in C++, where the time goes; the other formats are Python's.
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
@@ -11,6 +13,9 @@
 namespace gsut::bindings {
 namespace {
 
+// The header first, which says how many rows and harmonics there are; then arrays of just that
+// size, read into without a copy and without the GIL. Returns the public fields, how many rows are
+// not finite, and the origin that was subtracted (0 where the file has none).
 // path: bytes, for a name need not be UTF-8.
 py::tuple ReadPly(const py::bytes& path) {
   PlyGaussianReader reader{std::string(path)};
@@ -30,11 +35,13 @@ py::tuple ReadPly(const py::bytes& path) {
     const py::gil_scoped_release release;
     not_finite = reader.Read(view);
   }
+  // Coordinates far from zero keep their digits: floats about an origin in double.
   const auto& [x, y, z] = reader.origin();
   return py::make_tuple(means, quats, log_scales, opacity_logits, sh, not_finite,
                         py::make_tuple(x, y, z));
 }
 
+// Written to a temporary file beside it and moved, so that an interrupted call leaves the old one.
 void WritePlyFile(const py::bytes& path_bytes, const py::object& gaussians,
                   const std::vector<std::string>& comments, bool surfels) {
   const std::string path = path_bytes;
@@ -43,6 +50,8 @@ void WritePlyFile(const py::bytes& path_bytes, const py::object& gaussians,
   WritePly(path, view, comments, surfels);
 }
 
+// Colours come as bytes: files with 16-bit or float colours are scaled by their own full value,
+// which is returned where it is not one of the usual.
 py::tuple ReadPoints(const py::bytes& path_bytes) {
   const std::string path = path_bytes;
   PlyPoints points;
@@ -53,6 +62,7 @@ py::tuple ReadPoints(const py::bytes& path_bytes) {
   const auto n = static_cast<py::ssize_t>(points.positions.size() / 3);
   auto positions = NewArray<double>({n, 3});
   auto colors = NewArray<std::uint8_t>({n, 3});
+  // Positions stay double: clouds may lie at coordinates of a map.
   std::copy(points.positions.begin(), points.positions.end(), positions.mutable_data());
   std::copy(points.colors.begin(), points.colors.end(), colors.mutable_data());
   return py::make_tuple(positions, colors, points.unusual_white);

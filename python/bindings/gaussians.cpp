@@ -1,4 +1,7 @@
 // Binds gsut/gaussians: harmonics and seeding.
+//
+// Gaussians are any object with the five arrays (arrays.h); the core sees views of them and never
+// owns one. Functions that make new values take the array to write into.
 #include <pybind11/pybind11.h>
 
 #include "bindings/arrays.h"
@@ -14,8 +17,10 @@
 namespace gsut::bindings {
 namespace {
 
+// Rows a task: colours take little time each.
 constexpr std::int64_t kChunkRows = 1024;
 
+// In one thread: for tests and tools. Directions are taken as unit vectors, unchecked.
 py::array_t<double> Basis(int degree, const py::object& directions_object) {
   if (degree < 0 || degree > kMaxShDegree) {
     throw InputError("degree is " + std::to_string(degree) + "; give 0 to 3");
@@ -31,6 +36,8 @@ py::array_t<double> Basis(int degree, const py::object& directions_object) {
   return basis;
 }
 
+// The colour as renderers have it, with the degree from the shape of sh; rows are independent, so
+// that chunks may run on any thread.
 py::array_t<double> Colors(const py::object& directions_object, const py::object& sh_object) {
   const auto directions = ReadArray<double>(directions_object, "directions", {kAny, 3});
   const auto sh = ReadArray<double>(sh_object, "sh", {directions.shape(0), kAny, 3});
@@ -52,11 +59,14 @@ py::array_t<double> Colors(const py::object& directions_object, const py::object
   return colors;
 }
 
+// Fills arrays that the caller made, one Gaussian a point: sizes from the nearest neighbours, grey
+// where no colour is known is the caller's choice. In place, so without an interrupt half-way.
 void Seed(const py::object& points_object, const py::object& colors_object,
           const py::object& gaussians, double scale_factor, double opacity) {
   const GaussiansView<float> out = MutableGaussians<float>(gaussians);
   const auto points = ReadArray<double>(points_object, "points", {out.size, 3});
   const auto colors = ReadArray<double>(colors_object, "colors", {out.size, 3});
+  // The other options keep their defaults, which seed.h gives a reason for.
   SeedOptions options;
   options.scale_factor = scale_factor;
   options.opacity = opacity;
@@ -66,6 +76,8 @@ void Seed(const py::object& points_object, const py::object& colors_object,
   SeedFromPoints(point_data, color_data, options, out);
 }
 
+// Pairs of a float and a double version: the scene's own dtype decides, nothing is converted. Both
+// write only log_scales and opacity_logits; means, quats and sh are the caller's to share.
 template <class T>
 void LowPassAs(const py::object& gaussians, const py::object& radii, const py::object& out) {
   const auto view = ConstGaussians<T>(gaussians);
@@ -77,6 +89,7 @@ void LowPassAs(const py::object& gaussians, const py::object& radii, const py::o
                filtered.opacity_logits);
 }
 
+// In place: on entry the gradients to the filtered values, on return those to the stored ones.
 template <class T>
 void LowPassBackwardAs(const py::object& gaussians, const py::object& radii,
                        const py::object& gradients) {
@@ -89,6 +102,7 @@ void LowPassBackwardAs(const py::object& gaussians, const py::object& radii,
                   slopes.opacity_logits);
 }
 
+// Judged by the means; the checks of the view refuse arrays of mixed dtypes.
 bool IsDouble(const py::object& gaussians) {
   return py::isinstance<py::array_t<double>>(gaussians.attr("means"));
 }
@@ -104,6 +118,8 @@ void LowPassGradients(const py::object& gaussians, const py::object& radii,
                       : LowPassBackwardAs<float>(gaussians, radii, gradients);
 }
 
+// sh (N, 1, 3) is written, as a colour of degree 0 that any renderer draws: normals are blended by
+// the same kernels as colours, and their gradients come back through FacingAxesBackwardAs.
 template <class T>
 void FacingAxesAs(const py::object& gaussians, const std::array<double, 3>& center,
                   const py::object& sh) {
@@ -113,6 +129,7 @@ void FacingAxesAs(const py::object& gaussians, const std::array<double, 3>& cent
   FacingAxes(view, center.data(), out);
 }
 
+// Adds to what the gradients hold: the image's own come first.
 template <class T>
 void FacingAxesBackwardAs(const py::object& gaussians, const std::array<double, 3>& center,
                           const py::object& dsh, const py::object& gradients, double flatten) {
@@ -128,6 +145,7 @@ void FacingAxesBackwardAs(const py::object& gaussians, const std::array<double, 
 }  // namespace
 
 void BindGaussians(pybind11::module_& m) {
+  // Of the third scale of a surfel, as a logarithm: files of surfels leave it out.
   m.attr("SURFEL_LOG_THICKNESS") = kSurfelLogThickness;
   m.def("harmonics_basis", &Basis, py::arg("degree"), py::arg("directions"),
         "Basis values (N,K) of unit directions (N,3), in double.");
@@ -137,6 +155,7 @@ void BindGaussians(pybind11::module_& m) {
   m.def("seed_from_points", &Seed, py::arg("points"), py::arg("colors"), py::arg("gaussians"),
         py::arg("scale_factor"), py::arg("opacity"),
         "Fills float32 Gaussians from points (N,3) and colours (N,3) in [0, 1].");
+  // Three names, each for both dtypes: lambdas choose by the arrays that arrive.
   m.def(
       "facing_axes",
       [](const py::object& gaussians, const std::array<double, 3>& center, const py::object& sh) {

@@ -1,4 +1,7 @@
 // Binds gsut/geometry: 4x4 matrices in and out.
+//
+// A pose is camera_from_world, rigid. Pose is not a class of the Python module: matrices go in and
+// come out, so that numpy composes and inverts them.
 #include "bindings/geometry.h"
 
 #include <pybind11/pybind11.h>
@@ -9,6 +12,8 @@
 
 namespace gsut::bindings {
 
+// A camera_from_world: (4, 4) numbers, or any object with such a `matrix`. Pose::FromMatrix makes
+// the rotation orthonormal to the last digit, and throws InputError for what is no rigid transform.
 Pose ReadPose(const py::handle& object) {
   py::object matrix = py::reinterpret_borrow<py::object>(object);
   if (py::hasattr(matrix, "matrix")) matrix = matrix.attr("matrix");
@@ -17,11 +22,13 @@ Pose ReadPose(const py::handle& object) {
       Eigen::Map<const Eigen::Matrix<double, 4, 4, Eigen::RowMajor>>(array.data()));
 }
 
+// A motion as it is, or a pose, which stands still: where one is taken, so is the other.
 CameraMotion ReadMotion(const py::handle& object) {
   if (py::isinstance<CameraMotion>(object)) return object.cast<CameraMotion>();
   return CameraMotion(ReadPose(object));
 }
 
+// A new (4, 4) float64 array; the last row is 0 0 0 1.
 py::array_t<double> WritePose(const Pose& pose) {
   py::array_t<double> array({4, 4});
   Eigen::Map<Eigen::Matrix<double, 4, 4, Eigen::RowMajor>>(array.mutable_data()) = pose.Matrix();
@@ -30,6 +37,8 @@ py::array_t<double> WritePose(const Pose& pose) {
 
 namespace {
 
+// Values: neither class can be changed once made, so that a renderer may keep what it derived from
+// one.
 void BindShutter(py::module_& m) {
   py::class_<Shutter>(m, "Shutter", R"doc(
 How an image is read out: all at once, or line by line while the camera moves.
@@ -77,7 +86,7 @@ Args:
     width, height: of the image, pixels.
 
 Returns:
-    (n,) float64, one a row, or a column where the shutter runs sideways; empty if it is global.
+    (n,) float64, one a row, or a column where the shutter runs sideways; a single 0 if it is global.
 )doc");
   py::class_<CameraMotion>(m, "CameraMotion", R"doc(
 A camera that moves from one pose to another while its image is read out.
@@ -101,6 +110,7 @@ Raises:
           "end", [](const CameraMotion& motion) { return WritePose(motion.end); },
           "(4, 4) camera_from_world at time 1.")
       .def_readonly("shutter", &CameraMotion::shutter, "When each line is read.")
+      // Also beyond the readout: exposures before and after it go on at the same speed.
       .def(
           "at", [](const CameraMotion& motion, double t) { return WritePose(motion.At(t)); },
           py::arg("t"), R"doc(
@@ -136,6 +146,7 @@ Returns:
 Raises:
     InputError: not 6 numbers.
 )doc");
+  // In camera_from_world itself, as gsplat's shutters have it; CameraMotion moves the centre.
   m.def(
       "interpolate_pose",
       [](const py::handle& start, const py::handle& end, double t) {
@@ -146,6 +157,8 @@ Raises:
   m.def(
       "checked_pose", [](const py::handle& matrix) { return WritePose(ReadPose(matrix)); },
       py::arg("matrix"), "The pose with its rotation made orthonormal; InputError if it is none.");
+  // Velocities are six numbers in Python, too: three of the centre's shift in world axes, three of
+  // the turn in camera axes, over the whole readout.
   m.def(
       "velocity_between",
       [](const py::handle& start, const py::handle& end) {

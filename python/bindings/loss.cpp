@@ -1,4 +1,7 @@
 // Binds gsut/loss.
+//
+// The part of the loss that depends on the photograph alone is an object, made once a photograph;
+// calls then take the rendered image without a copy. Gradients go into arrays of the caller.
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
@@ -54,6 +57,7 @@ class MaskArray {
   std::optional<CArray<std::uint8_t>> bytes_;
 };
 
+// 8-bit and floating point only: other whole numbers could be levels of 255 or of 65535.
 std::unique_ptr<PhotometricTarget> MakeTarget(const py::object& image, const py::object& mask,
                                               const std::string& window_rule,
                                               bool keep_statistics) {
@@ -62,6 +66,7 @@ std::unique_ptr<PhotometricTarget> MakeTarget(const py::object& image, const py:
   CheckShape(array, "image", {kAny, kAny, 3});
   const std::int64_t height = array.shape(0), width = array.shape(1);
   const MaskArray mask_array(mask, height, width);
+  // The image is copied: a view's array may be a slice of a file that is closed later.
   const std::string dtype = py::str(array.dtype());
   if (dtype == "uint8") {
     const auto bytes = ReadArray<std::uint8_t>(array, "image", {height, width, 3});
@@ -89,6 +94,7 @@ CArray<float> ReadRender(const py::object& image, const PhotometricTarget& targe
   return ReadArray<float>(array, "image", {target.height(), target.width(), 3});
 }
 
+// Into the caller's array where one is given: a training reuses it for every step.
 py::tuple Loss(const PhotometricTarget& target, const py::object& image, const py::object& grad_out,
                double ssim_weight) {
   const auto rendered = ReadRender(image, target);
@@ -106,6 +112,7 @@ py::tuple Loss(const PhotometricTarget& target, const py::object& image, const p
   return py::make_tuple(value.loss, gradient);
 }
 
+// Loss, L1 and 1 - SSIM apart, for reports; no gradient is formed.
 py::tuple Value(const PhotometricTarget& target, const py::object& image, double ssim_weight) {
   const auto rendered = ReadRender(image, target);
   const float* pixels = rendered.data();
@@ -135,6 +142,7 @@ py::tuple LossReference(const py::object& target, const py::object& image, const
   return py::make_tuple(value.loss, gradient);
 }
 
+// Metrics are of any numbers, converted to double; masked pixels may hold NaN.
 double PsnrOfArrays(const py::object& a, const py::object& b, const py::object& mask,
                     const py::object& weights) {
   const auto x = ReadArray<double>(a, "a", {kAny, kAny, 3});
@@ -161,6 +169,7 @@ double SsimOfArrays(const py::object& a, const py::object& b, const py::object& 
   return Ssim(x.data(), y.data(), mask_array.data(), height, width, rule);
 }
 
+// May recompute statistics, so that other Python threads go on.
 void SetLight(PhotometricTarget& target, const std::array<float, 3>& inverse_gain,
               const std::shared_ptr<FalloffPlane>& inverse_falloff) {
   const py::gil_scoped_release release;
@@ -181,6 +190,7 @@ py::array_t<double> LightSumsOf(const PhotometricTarget& target, const py::objec
     SumLight(target, pixels, of_pixels, num_bins, sums.data());
   }
   py::array_t<double> out = NewArray<double>({2, num_bins, 3});
+  // One array of two planes: sums of T C, then of C^2.
   double* const tc = out.mutable_data();
   double* const cc = tc + 3 * sums.size();
   for (std::size_t b = 0; b < sums.size(); ++b) {
@@ -272,6 +282,7 @@ Returns:
 )doc");
 }
 
+// maps: the render by name, as an object would need nine arguments; all of T, none copied.
 template <class T>
 std::array<double, 3> SurfaceLossAs(const py::dict& maps, const std::array<double, 4>& weights,
                                     const py::object& dalpha, const py::object& ddepth,

@@ -1,5 +1,8 @@
 // Binds what gsut/loss says of the pixels of an image one by one: its errors, and which are left
 // out.
+//
+// A training may use either after the loss of a step: trim_gradient against what moved in one
+// photograph, pixel_errors where errors decide on growth.
 #include <pybind11/pybind11.h>
 
 #include <cstdint>
@@ -12,6 +15,8 @@
 
 namespace gsut::bindings {
 
+// Both take the image as it was rendered, without a copy, and the gradient array of the loss: a
+// zero in it is how a pixel that does not count is known here.
 void BindLossPixels(py::module_& m) {
   m.def(
       "trim_gradient",
@@ -39,6 +44,7 @@ Returns:
 Source: Sabour et al., "RobustNeRF", 2023, section 3.3, with the median for its quantile.
 )doc");
 
+  // A map of errors, into the caller's array.
   m.def(
       "pixel_errors",
       [](const PhotometricTarget& target, const py::object& image, const py::object& gradient,

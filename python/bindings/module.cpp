@@ -19,6 +19,9 @@ void Raise(const pybind11::handle& type, const char* message) {
 
 }  // namespace
 
+// One module for all of the core: exceptions first, as everything else may raise them, then a
+// function a C++ folder. Bindings check shapes and dtypes, release the GIL and convert; they hold
+// no maths, and the names here are private: the package wraps them in ones with docstrings.
 PYBIND11_MODULE(_core, m) {
   using namespace gsut::bindings;  // NOLINT: the list below reads better without prefixes
   m.doc() = "C++ core of gsut; use the names of the gsut package.";
@@ -29,6 +32,8 @@ PYBIND11_MODULE(_core, m) {
       m, "CalibrationError", input_error.ptr());
   static const auto solve_error =
       pybind11::register_exception<gsut::SolveError>(m, "SolveError", PyExc_RuntimeError);
+  // Messages may hold a file's name, whose bytes need not be UTF-8: pybind11's own translation
+  // would fail on them. The most derived class is caught first.
   pybind11::register_exception_translator([](std::exception_ptr error) {  // asked before these
     try {
       if (error) std::rethrow_exception(error);
@@ -40,6 +45,7 @@ PYBIND11_MODULE(_core, m) {
       Raise(solve_error, raised.what());
     }
   });
+  // pybind11 makes exception classes without docstrings; users read these in help().
   input_error.attr("__doc__") =
       "An argument, option or dataset is wrong; the message says which, what was found, what to "
       "do.";
@@ -47,6 +53,8 @@ PYBIND11_MODULE(_core, m) {
       "A lens file cannot be used; the message names file, line where known, and key.";
   solve_error.attr("__doc__") = "A solver found nothing; the message carries its summary.";
   gsut::ActiveIsa();  // applies GSUT_ISA now, so that an unknown name fails at import
+  // A class must be bound before a function takes it as an argument with a default.
+  BindArrays(m);
   BindBase(m);
   BindCameras(m);
   BindGeometry(m);

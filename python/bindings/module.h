@@ -5,6 +5,7 @@
 
 namespace gsut::bindings {
 
+void BindArrays(pybind11::module_& m);
 void BindBase(pybind11::module_& m);
 void BindGeometry(pybind11::module_& m);
 void BindCameras(pybind11::module_& m);

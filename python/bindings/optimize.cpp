@@ -1,4 +1,7 @@
 // Binds gsut/optimize: Adam, MCMC and adaptive densification, on float32 arrays in place.
+//
+// All of it changes arrays of the caller in place, rows 0 to size of a capacity. Such calls cannot
+// be interrupted: half a step would leave parameters and moments that do not belong together.
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
@@ -25,6 +28,8 @@ std::int64_t Columns(const py::array& array) {
   return columns;
 }
 
+// Parameter arrays have one to three axes: only the first, rows, and the product of the others
+// count. Capacity may exceed the rows in use, so that growing a scene copies nothing.
 float* AnyShape(const py::handle& object, const std::string& name, const py::array& like) {
   using Array = py::array_t<float, py::array::c_style>;
   if (!py::isinstance<Array>(object)) {
@@ -38,6 +43,8 @@ float* AnyShape(const py::handle& object, const std::string& name, const py::arr
   return const_cast<float*>(static_cast<const float*>(array.data()));
 }
 
+// All arrays of a scene in one call. active_columns: the harmonics' columns in use so far; the rest
+// stays 0. visible (rows,): rows with 0 keep parameters and moments. In place: no interrupt.
 void Step(const py::list& params, const py::list& grads, const py::list& moment1,
           const py::list& moment2, const std::vector<std::vector<double>>& learning_rates,
           std::int64_t step, std::int64_t rows, const py::object& visible,
@@ -49,6 +56,8 @@ void Step(const py::list& params, const py::list& grads, const py::list& moment1
     throw InputError("adam_step needs lists of the same length: params, grads, moment1, moment2, " +
                      std::string("learning_rates and, if given, active_columns"));
   }
+  // Each group's four arrays must agree in columns and have `rows` rows; gradients alone may be
+  // read-only. All checks come before anything is written.
   std::vector<AdamGroup> groups(count);
   for (std::size_t i = 0; i < count; ++i) {
     const auto like = py::reinterpret_borrow<py::array>(py::object(params[i]));
@@ -67,6 +76,7 @@ void Step(const py::list& params, const py::list& grads, const py::list& moment1
                          " rows, found shape " + ShapeText(array));
       }
     }
+    // Views of the caller's memory, used within this call only.
     group.params = data[0];
     group.gradients = data[1];
     group.moment1 = data[2];
@@ -80,6 +90,7 @@ void Step(const py::list& params, const py::list& grads, const py::list& moment1
   AdamStep(groups, rows, step, mask, {beta1, beta2, epsilon});
 }
 
+// The step is constants and pointers; the arrays travel with it, so that they live as long.
 BoundHarmonicsStep StepOfHarmonics(const py::object& params, const py::object& moment1,
                                    const py::object& moment2,
                                    const std::vector<double>& learning_rates, std::int64_t step,
@@ -87,6 +98,7 @@ BoundHarmonicsStep StepOfHarmonics(const py::object& params, const py::object& m
   const std::array<py::object, 3> arrays = {params, moment1, moment2};
   const char* names[] = {"params", "moment1", "moment2"};
   float* data[3];
+  // The first array sets the shape that the other two must have.
   std::int64_t rows = kAny, coefficients = kAny;
   for (std::size_t i = 0; i < arrays.size(); ++i) {
     data[i] = MutableData<float>(arrays[i], names[i], {rows, coefficients, 3});
@@ -94,6 +106,7 @@ BoundHarmonicsStep StepOfHarmonics(const py::object& params, const py::object& m
     rows = array.shape(0);
     coefficients = array.shape(1);
   }
+  // No gradient: the backward pass makes it row by row and steps at once.
   const AdamGroup group = {data[0],
                            nullptr,
                            data[1],
@@ -104,6 +117,8 @@ BoundHarmonicsStep StepOfHarmonics(const py::object& params, const py::object& m
   return {MakeHarmonicsStep(group, step, {beta1, beta2, epsilon}), arrays};
 }
 
+// Views of parameters and both moments, `size` rows of the capacity in use. Gaussians, not lists:
+// densification moves a row of all five arrays together with its moments.
 TrainingState State(const py::object& params, const py::object& moment1, const py::object& moment2,
                     std::int64_t size) {
   TrainingState state;
@@ -130,6 +145,8 @@ GaussiansView<float> Rows(const py::object& params, std::int64_t size) {
   return state.params;
 }
 
+// MCMC (Kheradmand et al., 2024): dead rows are moved to where `weights` say, then rows are added
+// up to target_size. The random numbers are those of (seed, step, row), on any threads.
 py::tuple Densify(const py::object& params, const py::object& moment1, const py::object& moment2,
                   std::int64_t size, std::int64_t target_size, const py::object& weights,
                   double dead_opacity, std::uint64_t seed, std::int64_t step) {
@@ -147,6 +164,7 @@ py::tuple Densify(const py::object& params, const py::object& moment1, const py:
   return py::make_tuple(counts.size, counts.relocated, counts.added);
 }
 
+// Moves the means alone, by a step that falls with opacity; random numbers as above.
 void Noise(const py::object& params, std::int64_t size, double learning_rate, double noise_scale,
            std::uint64_t seed, std::int64_t step) {
   const GaussiansView<float> view = Rows(params, size);
@@ -154,6 +172,7 @@ void Noise(const py::object& params, std::int64_t size, double learning_rate, do
   McmcNoise(view, size, learning_rate, noise_scale, seed, step);
 }
 
+// Adds to gradients of the loss that are there already.
 void Regularize(const py::object& params, std::int64_t size, const py::object& grad_logits,
                 const py::object& grad_log_scales, double opacity_weight, double scale_weight) {
   const GaussiansView<float> view = Rows(params, size);
@@ -163,6 +182,8 @@ void Regularize(const py::object& params, std::int64_t size, const py::object& g
   AddMcmcRegularizer(view.AsConst(), size, opacity_weight, scale_weight, logits, log_scales);
 }
 
+// Plan and action are two calls: the counts are known, and may be reported or refused, before
+// anything changes. sums and counts: what Accumulate gathered since the last plan.
 AdaptivePlan Plan(const py::object& params, std::int64_t size, const py::object& sums,
                   const py::object& counts, double gradient_threshold, double clone_scale,
                   double prune_opacity, double max_scale, std::int64_t max_gaussians) {
@@ -193,6 +214,7 @@ AdaptivePlan PlanOf(const py::object& actions) {
   return plan;
 }
 
+// Returns the new size; clones and halves of splits follow the kept rows, with moments of 0.
 std::int64_t Apply(const py::object& params, const py::object& moment1, const py::object& moment2,
                    std::int64_t size, const AdaptivePlan& plan, std::uint64_t seed,
                    std::int64_t step) {
@@ -201,11 +223,13 @@ std::int64_t Apply(const py::object& params, const py::object& moment1, const py
   return ApplyAdaptive(state, plan, seed, step);
 }
 
+// Also zeroes the opacities' moments, which were gathered at other values.
 void Reset(const py::object& params, const py::object& moment1, const py::object& moment2,
            std::int64_t size, double max_opacity) {
   ResetOpacities(State(params, moment1, moment2, size), max_opacity);
 }
 
+// |dL/dmean| x distance is the gradient to the mean's place in the image, for any lens.
 void Accumulate(const py::object& dl_dmeans, const py::object& distances, const py::object& visible,
                 const py::object& max, const py::object& sum, const py::object& count) {
   const auto size = static_cast<std::int64_t>(py::len(dl_dmeans));
@@ -245,6 +269,7 @@ void BindOptimize(pybind11::module_& m) {
   m.def("mcmc_regularize", &Regularize, py::arg("params"), py::arg("size"), py::arg("grad_logits"),
         py::arg("grad_log_scales"), py::arg("opacity_weight"), py::arg("scale_weight"),
         "Adds the gradient of the mean opacity and mean scale to the gradients.");
+  // Also made from actions, a number a row: strategies that decide in Python use the same moves.
   py::class_<AdaptivePlan>(m, "AdaptivePlan", "What adaptive densification is going to do.")
       .def(py::init(&PlanOf), py::arg("actions"))
       .def_readonly("pruned", &AdaptivePlan::pruned)

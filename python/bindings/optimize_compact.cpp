@@ -1,4 +1,6 @@
 // Binds gsut/optimize's compaction: reduced copies of float32 Gaussians, palettes.
+//
+// Methods that need C++ for speed; those on scores of renders alone are written in Python.
 #include <pybind11/pybind11.h>
 
 #include "bindings/arrays.h"
@@ -10,12 +12,14 @@
 namespace gsut::bindings {
 namespace {
 
+// The core can reduce some rows and keep others; from here it is always all of them.
 std::vector<std::uint32_t> AllRows(std::int64_t size) {
   std::vector<std::uint32_t> rows(static_cast<std::size_t>(size));
   for (std::size_t i = 0; i < rows.size(); ++i) rows[i] = static_cast<std::uint32_t>(i);
   return rows;
 }
 
+// A vector of the core becomes an array by a copy: its memory is not numpy's.
 py::array_t<float> CopyOf(const std::vector<float>& values,
                           std::initializer_list<py::ssize_t> shape) {
   auto array = NewArray<float>(shape);
@@ -31,6 +35,8 @@ py::tuple Arrays(const GaussianArrays& g) {
                         CopyOf(g.sh, {n, k, 3}));
 }
 
+// All of these make new Gaussians of the same degree and leave the old ones; the caller chooses
+// rows by giving fewer. Long calls: Ctrl-C ends them, nothing half-done stays.
 py::tuple Paper(const py::object& gaussians, double keep, int depth, int max_rounds,
                 double tolerance, double least_variance, std::uint64_t seed) {
   const auto view = ConstGaussians<float>(gaussians);
@@ -43,6 +49,7 @@ py::tuple Paper(const py::object& gaussians, double keep, int depth, int max_rou
   return Arrays(reduced);
 }
 
+// weights (N,): what a Gaussian counts where two become one; None: opacity times shadow area.
 py::tuple Merge(const py::object& gaussians, std::int64_t target, const py::object& weights,
                 double divergence_weight, double field_weight, int neighbors, int block_rows) {
   const auto view = ConstGaussians<float>(gaussians);
@@ -61,8 +68,10 @@ py::tuple Merge(const py::object& gaussians, std::int64_t target, const py::obje
   return Arrays(reduced);
 }
 
+// Vector quantisation: (entries (M, columns), index of each row's (N,) uint32).
 py::tuple PaletteOf(const py::array& rows, std::int64_t entries, int rounds) {
   if (rows.ndim() != 2) throw InputError("rows must have shape (N, columns)");
+  // columns may be any number: a palette is of harmonics, or of anything else.
   const std::int64_t count = rows.shape(0);
   const int columns = static_cast<int>(rows.shape(1));
   const float* data = ConstData<float>(rows, "rows", {count, columns});

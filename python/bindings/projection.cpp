@@ -1,4 +1,7 @@
 // Binds gsut/projection.
+//
+// These are for gsut.project and tests: the renderer projects by itself. Gaussians float32 for the
+// kernels, float64 for the references; outputs are new arrays in a dictionary, a row a Gaussian.
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
@@ -17,8 +20,12 @@
 namespace gsut::bindings {
 namespace {
 
+// As three numbers: Julier and Uhlmann's alpha, beta and kappa.
 UnscentedOptions Options(double alpha, double beta, double kappa) { return {alpha, beta, kappa}; }
 
+// The kernel's own splats as arrays, for tests: centers and extents (N, 2), covariances (N, 2, 2),
+// depths and status (N,), float32. extents: half sides of the box around the cut-off ellipse;
+// status: SplatStatus as a number, which says how far the ellipse may be trusted.
 py::dict ProjectFloat(const py::object& gaussians, const Camera& camera, const py::object& pose,
                       double alpha, double beta, double kappa, double alpha_min) {
   const auto view = ConstGaussians<float>(gaussians);
@@ -30,6 +37,7 @@ py::dict ProjectFloat(const py::object& gaussians, const Camera& camera, const p
             &splats);
   }
   const py::ssize_t n = static_cast<py::ssize_t>(view.size);
+  // Columns of the kernel become rows of arrays, without its padding.
   py::array_t<float> centers({n, py::ssize_t{2}}), extents({n, py::ssize_t{2}}), depths(n);
   py::array_t<float> covariances({n, py::ssize_t{2}, py::ssize_t{2}});
   py::array_t<std::uint8_t> status(n);
@@ -54,6 +62,7 @@ py::dict ProjectFloat(const py::object& gaussians, const Camera& camera, const p
   return out;
 }
 
+// The unscented transform in double: centers, covariances, and whether there is a footprint.
 py::dict ProjectDouble(const py::object& gaussians, const Camera& camera, const py::object& pose,
                        double alpha, double beta, double kappa) {
   const auto view = ConstGaussians<double>(gaussians);
@@ -62,6 +71,7 @@ py::dict ProjectDouble(const py::object& gaussians, const Camera& camera, const 
   py::array_t<double> centers({n, py::ssize_t{2}});
   py::array_t<double> covariances({n, py::ssize_t{2}, py::ssize_t{2}});
   py::array_t<std::uint8_t> valid(n);
+  // Pointers first: arrays may not be touched once the GIL is released.
   double* centers_data = centers.mutable_data();
   double* covariances_data = covariances.mutable_data();
   std::uint8_t* valid_data = valid.mutable_data();
@@ -78,6 +88,8 @@ py::dict ProjectDouble(const py::object& gaussians, const Camera& camera, const 
 }
 
 // Columns of N footprints as arrays of T.
+// centers (N, 2), covariances (N, 2, 2), boxes (N, 4) as low u, low v, high u, high v, and status
+// (N,), a FootprintStatus as a number; NaN where there is none.
 template <class T>
 py::dict FootprintArrays(const Footprints<T>& found) {
   const py::ssize_t n = static_cast<py::ssize_t>(found.size);
@@ -112,6 +124,7 @@ py::dict FootprintArrays(const Footprints<T>& found) {
 class Footprinter {
  public:
   Footprinter(int method, const std::array<double, 3>& unscented, double alpha_min) {
+    // By number: the package has the names.
     if (method < 0 || method > static_cast<int>(ProjectionMethod::kSilhouette)) {
       throw InputError("projection method " + std::to_string(method) + " is unknown");
     }
@@ -120,6 +133,7 @@ class Footprinter {
     options_.rule.alpha_min = alpha_min;
   }
 
+  // Only FindFootprints is timed: neither the checks of the arrays nor the copies out of them.
   // Finds them and returns (wall, processor) seconds.
   py::tuple Find(const py::object& gaussians, const Camera& camera, const py::object& pose) {
     const auto view = ConstGaussians<float>(gaussians);
@@ -128,12 +142,15 @@ class Footprinter {
     Stopwatch watch;
     FindFootprints(view, camera, camera_from_world, options_, &found_);
     const StageTime time = watch.Lap("project");
+    // The tuple needs the GIL again, while `released` still holds it off.
     const py::gil_scoped_acquire acquire;
     return py::make_tuple(time.wall_seconds, time.cpu_seconds);
   }
 
+  // Copies, so that the next find leaves them as they are.
   py::dict Arrays() const { return FootprintArrays(found_); }
 
+  // The same in double, by the scalar code; nothing is kept.
   py::dict Reference(const py::object& gaussians, const Camera& camera,
                      const py::object& pose) const {
     const auto view = ConstGaussians<double>(gaussians);
@@ -151,6 +168,8 @@ class Footprinter {
   Footprints<float> found_;
 };
 
+// Each sigma point through the pose of the line that it falls on, in double: as ProjectDouble, and
+// `converged` (N,), false where a point did not settle on a line.
 py::dict ProjectMotion(const py::object& gaussians, const Camera& camera,
                        const CameraMotion& motion, double alpha, double beta, double kappa) {
   const auto view = ConstGaussians<double>(gaussians);

@@ -1,4 +1,6 @@
 // Binds gsut/raster: blend rule, tiled renderer, double reference.
+//
+// Python owns all arrays; the renderer keeps buffers only.
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
@@ -74,6 +76,8 @@ std::optional<HarmonicsRows> MixedRows(const py::handle& gaussians) {
   return rows;
 }
 
+// Not thread-safe: one a Python thread. The Gaussians are kept alive, as the backward pass reads
+// them.
 // A renderer and what its last image was made from.
 class BoundRenderer {
  public:
@@ -268,6 +272,7 @@ class BoundRenderer {
   std::int64_t height_ = 0, width_ = 0;
 };
 
+// The scalar renderer in double, slow: what tests compare with.
 py::tuple RenderDouble(const py::object& gaussians, const BoundJob& job, const py::object& pixels) {
   const auto view = ConstGaussians<double>(gaussians);
   const py::ssize_t h = job.camera.height(), w = job.camera.width();

@@ -1,4 +1,6 @@
 // Binds the double reference along rays that are given one by one.
+//
+// Lines need no camera, so that a test may aim each of them. Everything is double.
 #include <pybind11/pybind11.h>
 
 #include "bindings/geometry.h"
@@ -20,6 +22,7 @@ ViewRays RaysOfLines(const py::object& lines, const py::object& reference) {
   view.rays.resize(3 * pixels);
   view.origins.resize(3 * pixels);
   view.valid.assign(pixels, 1);
+  // A pixel a line; directions are taken as given, their length scales the distance.
   using Eigen::Vector3d;
   for (std::size_t i = 0; i < pixels; ++i) {
     const Eigen::Map<const Vector3d> origin(array.data() + 6 * i), ray(array.data() + 6 * i + 3);
@@ -30,6 +33,8 @@ ViewRays RaysOfLines(const py::object& lines, const py::object& reference) {
   return view;
 }
 
+// (image, alpha, depth, distortion, samples), (H, W, ...) each: the reference along any lines at
+// all, with which lenses of every kind are compared. Background 0, harmonics of all degrees.
 py::tuple RenderLines(const py::object& gaussians, const py::object& lines,
                       const py::object& reference, const BlendRule& rule) {
   const ViewRays rays = RaysOfLines(lines, reference);
@@ -43,6 +48,7 @@ py::tuple RenderLines(const py::object& gaussians, const py::object& lines,
   return ReferenceArrays(result, rays.height, rays.width);
 }
 
+// `gradients` is overwritten by those to the Gaussians.
 // The gradients to the lines (H, W, 6), in the world.
 py::array_t<double> BackwardLines(const py::object& gaussians, const py::object& lines,
                                   const py::object& reference, const BlendRule& rule,
@@ -55,6 +61,7 @@ py::array_t<double> BackwardLines(const py::object& gaussians, const py::object&
   const double* alpha = OptionalData<double>(dalpha, "dalpha", {h, w});
   const double* depth = OptionalData<double>(ddepth, "ddepth", {h, w});
   const auto sums = MutableGaussians<double>(gradients);
+  // Gradients to lines come out beside those to the Gaussians; none to a pose, as there is none.
   const RenderSettings settings = Settings(rule, {0, 0, 0}, 3);
   RayGradients rays;
   ShadingGradient shading;
@@ -62,6 +69,7 @@ py::array_t<double> BackwardLines(const py::object& gaussians, const py::object&
     const LongCall released;
     RenderReferenceBackward(scene, view, settings, {image, alpha, depth}, sums, &rays, &shading);
   }
+  // The reference's frame is the renderer's own affair: back into world axes.
   auto out = NewArray<double>({view.height, view.width, 6});
   using Eigen::Vector3d;
   const Eigen::Matrix3d to_world = view.reference.rotation.transpose();

@@ -1,4 +1,7 @@
 // Binds matching and verification of pairs, and poses from points, of gsut/sfm.
+//
+// Features become bearings, unit vectors with the pixels' derivatives, once an image: from here on
+// no function knows a lens, and every lens is matched and posed alike.
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
@@ -29,6 +32,7 @@ struct ImageBearings {
 };
 
 // Pairs (P, 2) of indices below `count`.
+// Checked here once, so that the core may index without a look.
 ReadOnly<std::int64_t> ReadPairs(const py::handle& object, const char* name, std::int64_t count) {
   auto pairs = ReadArray<std::int64_t>(object, name, {kAny, 2});
   for (py::ssize_t i = 0; i < pairs.size(); ++i) {
@@ -39,10 +43,14 @@ ReadOnly<std::int64_t> ReadPairs(const py::handle& object, const char* name, std
   return pairs;
 }
 
+// For each pair of images an array (M, 2) int32 of feature indices, one a match. descriptors: an
+// (F, 128) uint8 array an image. Pairs run in parallel, each in one thread: the same matches on any
+// number of threads.
 py::list MatchPairs(const py::list& descriptors, const py::object& pairs_object, double max_ratio,
                     double max_distance) {
   std::vector<ReadOnly<std::uint8_t>> sets;
   for (const py::handle& item : descriptors) {
+    // The one place where a conversion would not fail but change the meaning.
     if (!py::isinstance<py::array_t<std::uint8_t>>(item)) {  // floats would all become 0
       throw InputError("descriptors must be arrays of uint8");
     }
@@ -52,6 +60,7 @@ py::list MatchPairs(const py::list& descriptors, const py::object& pairs_object,
   const py::ssize_t count = pairs.shape(0);
   const std::int64_t* index = pairs.data();
   std::vector<std::vector<FeatureMatch>> found(count);
+  // Plain pointers, as no array may be touched without the GIL; `sets` keeps what they point to.
   std::vector<const std::uint8_t*> data;
   std::vector<int> lengths;
   for (const auto& set : sets) {
@@ -80,6 +89,9 @@ py::list MatchPairs(const py::list& descriptors, const py::object& pairs_object,
   return result;
 }
 
+// For each pair (inliers (M,), second_from_first (4, 4), number of matches that a rotation alone
+// explains, parallax in radians, whether a pose was found). Every pair draws from the same seed, so
+// that a pair's result depends on no other.
 py::list VerifyPairs(const std::vector<const ImageBearings*>& images,
                      const py::object& pairs_object, const py::list& matches, double max_error,
                      std::uint64_t seed) {
@@ -96,6 +108,8 @@ py::list VerifyPairs(const std::vector<const ImageBearings*>& images,
     const ImageBearings& a = *images[index[2 * i]];
     const ImageBearings& b = *images[index[2 * i + 1]];
     for (py::ssize_t m = 0; m < array.shape(0); ++m) {
+      // A match names a feature of each image. One outside the lens' domain has no bearing, and a
+      // match that names it would be a fault of the caller, not data.
       const std::int32_t fa = array.data()[2 * m], fb = array.data()[2 * m + 1];
       const bool known = fa >= 0 && fb >= 0 && fa < static_cast<int>(a.bearings.size()) &&
                          fb < static_cast<int>(b.bearings.size());
@@ -107,6 +121,7 @@ py::list VerifyPairs(const std::vector<const ImageBearings*>& images,
       second[i].push_back(b.bearings[fb]);
     }
   }
+  // A pair a task: RANSAC's time differs widely from pair to pair. Results stay in the order given.
   std::vector<RelativePose> found(count);
   {
     const LongCall released;
@@ -119,6 +134,7 @@ py::list VerifyPairs(const std::vector<const ImageBearings*>& images,
       }
     });
   }
+  // Tuples, not objects: Python unpacks them at once into arrays of its own.
   py::list result;
   for (const RelativePose& pose : found) {
     auto inliers = NewArray<bool>({static_cast<py::ssize_t>(pose.inliers.size())});
@@ -129,10 +145,13 @@ py::list VerifyPairs(const std::vector<const ImageBearings*>& images,
   return result;
 }
 
+// (camera_from_world (4, 4), inliers (M,)) of an image from features and the points (M, 3) that
+// they show. Bearings, so that any lens will do; a feature without one is refused.
 py::tuple AbsolutePoseOf(const ImageBearings& image, const py::object& features_object,
                          const py::object& points_object, double max_error, std::uint64_t seed) {
   const auto features = ReadArray<std::int64_t>(features_object, "features", {kAny});
   const auto points = ReadArray<double>(points_object, "points", {features.shape(0), 3});
+  // Feature i of the list shows point i.
   std::vector<Bearing> bearings;
   std::vector<Eigen::Vector3d> positions;
   for (py::ssize_t i = 0; i < features.shape(0); ++i) {
@@ -162,8 +181,11 @@ py::tuple AbsolutePoseOf(const ImageBearings& image, const py::object& features_
 }  // namespace
 
 void BindSfmMatching(py::module_& m) {
+  // Opaque to Python but for `valid`: which features have a ray, and may be matched.
   py::class_<ImageBearings>(m, "ImageBearings")
       .def(py::init([](const Camera& camera, const py::object& pixels_object) {
+             // Python objects are read before the GIL goes; unprojecting may take a lens'
+             // iterations.
              const std::vector<Eigen::Vector2d> pixels = ReadPixels(pixels_object);
              ImageBearings image;
              const LongCall released;

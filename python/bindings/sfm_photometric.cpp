@@ -1,4 +1,7 @@
 // Binds photometric refinement: derivatives of colours, and poses and lenses from photographs.
+//
+// The solver sees the scene through an interface, SceneColors, so that structure from motion does
+// not depend on the renderer; here the two meet.
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
@@ -26,6 +29,8 @@ class GaussianColors : public SceneColors {
                  const UnscentedOptions& unscented)
       : gaussians_(gaussians), settings_(settings), unscented_(unscented) {}
 
+  // Colours of chosen pixels, float32 rendered and widened; by_center null: no derivatives wanted,
+  // which saves keeping what the backward pass would read.
   void Evaluate(const Camera& camera, const Pose& camera_from_world,
                 std::span<const std::uint32_t> pixels, double* colors, double* by_center,
                 double* by_ray) override {
@@ -50,6 +55,7 @@ class GaussianColors : public SceneColors {
   std::vector<float> image_;
 };
 
+// Row-major indices of pixels; the core checks that they lie in the image.
 std::vector<std::uint32_t> ReadChosen(const py::handle& object) {
   const auto array = ReadArray<std::uint32_t>(object, "pixels", {kAny});
   return {array.data(), array.data() + array.size()};
@@ -58,6 +64,7 @@ std::vector<std::uint32_t> ReadChosen(const py::handle& object) {
 // Colours (count, 3) of pixels and their derivatives by centre and ray, each (count, 3, 3).
 py::tuple ColorJacobian(const py::object& gaussians, const BoundJob& job,
                         const py::object& pixels) {
+  // A scene for this one call: tests compare the derivatives with central differences.
   GaussianColors scene(ConstGaussians<float>(gaussians), job.settings, job.unscented);
   const std::vector<std::uint32_t> chosen = ReadChosen(pixels);
   const Pose camera_from_world = job.motion.Middle();
@@ -73,6 +80,7 @@ py::tuple ColorJacobian(const py::object& gaussians, const BoundJob& job,
   return py::make_tuple(colors, by_center, by_ray);
 }
 
+// Unknown settings are refused, so that a misspelt one is not silently its default.
 PhotometricOptions ReadOptions(const py::dict& values) {
   PhotometricOptions options;  // one thread of Ceres: its sums differ with their number
   SettingsReader settings(values, "refine_photometric");
@@ -86,6 +94,9 @@ PhotometricOptions ReadOptions(const py::dict& values) {
   return options;
 }
 
+// Poses, gains and lenses that make the renders like the photographs, by Ceres. Everything is
+// copied in: the caller's objects stay as they are, and the result is a dictionary of new ones, in
+// the order of `views` and `cameras`. Covariances (6, 6) are of translation and turn, if wanted.
 // views: tuples (camera index, camera_from_world, pixels (n,), colours (n, 3)).
 py::dict Refine(const py::object& gaussians, const std::vector<const Camera*>& cameras,
                 const py::list& views, const BlendRule& rule,
@@ -97,6 +108,7 @@ py::dict Refine(const py::object& gaussians, const std::vector<const Camera*>& c
   lenses.reserve(cameras.size());
   for (const Camera* camera : cameras) lenses.push_back(*camera);
   std::vector<PhotometricImage> images;
+  // Pixels as row-major indices and their colours, float32: a photograph is compared where chosen.
   for (const py::handle& item : views) {
     const auto view = py::cast<py::tuple>(item);
     PhotometricImage image;
@@ -108,12 +120,15 @@ py::dict Refine(const py::object& gaussians, const std::vector<const Camera*>& c
     image.colors.assign(colors.data(), colors.data() + colors.size());
     images.push_back(std::move(image));
   }
+  // Read last: a fault of the views is the likelier one, and is named first.
   const PhotometricOptions options = ReadOptions(settings);
   PhotometricSummary summary;
   {
     const LongCall released;
     summary = RefinePhotometric(&scene, &lenses, &images, options);
   }
+  // Back to Python: poses and gains an image, parameters a lens, and what the solver says of its
+  // way.
   py::list poses, gains, lens_params, covariances;
   for (const PhotometricImage& image : images) {
     poses.append(WritePose(image.camera_from_world));

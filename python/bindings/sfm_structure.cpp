@@ -1,4 +1,7 @@
 // Binds structure from motion of gsut/sfm: poses and points from verified matches.
+//
+// Lists and dictionaries of Python become the core's structs before the GIL goes, and the result
+// one dictionary after it is back: in between no Python object is touched, but for progress.
 #include <pybind11/functional.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
@@ -20,6 +23,8 @@
 namespace gsut::bindings {
 namespace {
 
+// Tuples (first image, second image, matches (M, 2), second_from_first, rotation inliers,
+// parallax), as verify_pairs gives them with the inliers taken out.
 std::vector<VerifiedPair> ReadVerified(const py::list& verified) {
   std::vector<VerifiedPair> pairs;
   for (const py::handle& item : verified) {
@@ -39,6 +44,7 @@ std::vector<VerifiedPair> ReadVerified(const py::list& verified) {
   return pairs;
 }
 
+// Cameras that are fixed to each other; core terms: a body carries mounts, a mount one camera.
 // A dictionary body_of_image, mount_of_image, camera_from_body, refine; None: no rig.
 Rig ReadRig(const py::object& object) {
   Rig rig;
@@ -54,6 +60,7 @@ Rig ReadRig(const py::object& object) {
 }
 
 // (S, 3) int32: point, image, feature.
+// elements: which list of a point's, those that agree with it or those held out.
 py::array WriteObservations(const Structure& structure,
                             std::vector<TrackElement> StructurePoint::*elements) {
   std::vector<std::int32_t> observations;
@@ -68,6 +75,9 @@ py::array WriteObservations(const Structure& structure,
   return array;
 }
 
+// Structure of arrays: images I, points P and observations S, each with its own rows. Tables of
+// observations name point, image and feature by index, so that no Python object is made for one. A
+// global shutter has no velocities: (0, 6).
 py::dict WriteStructure(const Structure& structure) {
   const auto images = static_cast<py::ssize_t>(structure.registered.size());
   const auto points = static_cast<py::ssize_t>(structure.points.size());
@@ -93,6 +103,8 @@ py::dict WriteStructure(const Structure& structure) {
     Eigen::Map<Eigen::Vector3d>(positions.mutable_data() + 3 * i) = point.position;
     errors.mutable_data()[i] = point.error;
   }
+  // Where each observation's point lies in the camera that saw it, at the time of its line: what a
+  // lens is fitted to.
   std::vector<double> in_camera;
   for (const StructurePoint& point : structure.points) {
     for (const Eigen::Vector3d& p : point.in_camera) {
@@ -128,6 +140,7 @@ py::dict WriteStructure(const Structure& structure) {
   return result;
 }
 
+// What the three calls below share, in the core's types.
 struct Inputs {
   std::vector<Camera> lenses;
   std::vector<ImageFeatures> images;
@@ -137,10 +150,14 @@ struct Inputs {
   std::vector<py::array_t<std::uint8_t, py::array::c_style | py::array::forcecast>> descriptors;
 };
 
+// cameras: lenses; camera_of_image: which of them took each image; pixels: (F, 2) an image;
+// settings: StructureOptions by name. descriptors, if given, let tracks grow into images that no
+// match reaches; they are not copied.
 Inputs ReadInputs(const std::vector<const Camera*>& cameras,
                   const std::vector<int>& camera_of_image, const py::list& pixels,
                   const py::list& verified, const py::dict& values) {
   Inputs inputs;
+  // Copies: the solver may adjust lenses, the caller's cameras are values.
   for (const Camera* camera : cameras) inputs.lenses.push_back(*camera);
   if (pixels.size() != camera_of_image.size()) {
     throw InputError("pixels must have one array an image, found " + std::to_string(pixels.size()) +
@@ -172,7 +189,6 @@ Inputs ReadInputs(const std::vector<const Camera*>& cameras,
   settings.Read("loss_scale", &options.loss_scale);
   settings.Read("hold_out_every", &options.hold_out_every);
   settings.Read("covariances", &options.covariances);
-  settings.Read("covariances", &options.covariances);
   settings.Read("seed", &options.seed);
   settings.Read("extend_radius", &options.extend_radius);
   settings.Read("extend_distance", &options.extend_distance);
@@ -186,6 +202,7 @@ Inputs ReadInputs(const std::vector<const Camera*>& cameras,
   settings.Read("image_rates", &rates);
   settings.Read("rate_sigma", &options.rate_sigma);
   settings.CheckAllRead({"descriptors"});
+  // Names and arrays that are no plain fields of the options are converted here.
   options.shutter = Shutter::Named(shutter);
   if (!rates.empty() && rates.size() != inputs.images.size()) {
     throw InputError("image_rates must have one row an image");
@@ -206,6 +223,7 @@ py::dict Solve(const py::object& on_progress,
   bool raised = false;
   py::error_already_set* kept = nullptr;
   if (!on_progress.is_none()) {
+    // Called from the solver's thread between steps; false asks the solver to stop.
     progress = [&](const StructureProgress& state) {
       const py::gil_scoped_acquire acquired;
       try {
@@ -217,6 +235,7 @@ py::dict Solve(const py::object& on_progress,
       return !raised;
     };
   }
+  // A solver that was stopped throws SolveError; the caller's own exception is the one to see.
   Structure structure;
   try {
     const LongCall released;
@@ -232,6 +251,7 @@ py::dict Solve(const py::object& on_progress,
   return WriteStructure(structure);
 }
 
+// From nothing but verified pairs: a first pair, and one image after the other.
 py::dict Estimate(const std::vector<const Camera*>& cameras,
                   const std::vector<int>& camera_of_image, const py::list& pixels,
                   const py::list& verified, const py::dict& settings,
@@ -242,6 +262,8 @@ py::dict Estimate(const std::vector<const Camera*>& cameras,
   });
 }
 
+// From poses that are nearly right: points anew, then bundle adjustment. registered: which poses
+// are known, empty: all; the other images are placed by what they see. rig: see ReadRig.
 py::dict RefinedStructure(const std::vector<const Camera*>& cameras,
                           const std::vector<int>& camera_of_image, const py::list& pixels,
                           const py::list& verified, const py::list& camera_from_world,
@@ -257,6 +279,7 @@ py::dict RefinedStructure(const std::vector<const Camera*>& cameras,
   });
 }
 
+// Points from poses that are right: nothing but the points is adjusted.
 // shutter_poses: (start, end) of each image's readout, or empty.
 py::dict TriangulatePoints(const std::vector<const Camera*>& cameras,
                            const std::vector<int>& camera_of_image, const py::list& pixels,

@@ -1,4 +1,7 @@
 // Binds gsut/surface: depth maps of views, their fusion, marching cubes.
+//
+// Coordinates are world units about a centre that the caller chooses, so that float voxels keep
+// their digits; meshes come back in world coordinates, double.
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
@@ -19,10 +22,12 @@
 namespace gsut::bindings {
 namespace {
 
+// Three numbers from Python come as an array, as pybind11 converts no Eigen types here.
 Eigen::Vector3d Vector(const std::array<double, 3>& values) {
   return {values[0], values[1], values[2]};
 }
 
+// inner in world units here, in voxels in the core; infinite: an even grid.
 VoxelSpace Space(const std::array<double, 3>& center, double voxel, double inner) {
   if (!(voxel > 0.0) || !(inner > 0.0)) throw InputError("voxel and inner must be positive");
   return {Vector(center), voxel, inner / voxel};
@@ -33,6 +38,8 @@ class DepthViews {
  public:
   explicit DepthViews(const std::array<double, 3>& center) : center_(center) {}
 
+  // One view: depth (H, W) along the rays, NaN or 0 where there is none; weight (H, W) or None for
+  // 1; image (H, W, 3) uint8 or None. Depths are copied into the view's own form; images are not.
   void Add(const Camera& camera, const py::object& pose, const py::object& depth,
            const py::object& weight, const py::object& image) {
     const std::int64_t h = camera.height(), w = camera.width();
@@ -45,6 +52,7 @@ class DepthViews {
     views_.emplace_back(camera, motion, depths, weights, Vector(center_));
   }
 
+  // (H, W): the number of `others` that see a surface where this view does, within tolerance.
   py::array_t<std::uint8_t> Support(std::size_t which, const std::vector<std::size_t>& others,
                                     double tolerance) const {
     Check(which);
@@ -56,6 +64,8 @@ class DepthViews {
     return out;
   }
 
+  // voxel: side in world units, inside `inner` of the centre; beyond it voxels grow with distance.
+  // truncation: in voxels. max_blocks 0: no limit. Throws InputError where there would be more.
   DistanceField Fuse(double voxel, double inner, double truncation, double free_weight,
                      std::int64_t max_blocks) const {
     const VoxelSpace space = Space(center_, voxel, inner);
@@ -64,6 +74,7 @@ class DepthViews {
     return FuseDepth(views_, space, {truncation, free_weight, max_blocks});
   }
 
+  // (N, 3) in [0, 1], NaN where no view sees the point. Points are about the centre, as views are.
   py::array_t<float> Colors(const py::object& points, double tolerance) const {
     const auto array = ReadArray<double>(points, "points", {kAny, 3});
     auto out = NewArray<float>({array.shape(0), 3});
@@ -78,6 +89,7 @@ class DepthViews {
   std::size_t size() const { return views_.size(); }
 
  private:
+  // Indices of views come from Python unchecked.
   void Check(std::size_t which) const {
     if (which >= views_.size()) throw InputError("no such view");
   }
@@ -88,6 +100,7 @@ class DepthViews {
   py::list kept_;  // the images
 };
 
+// A field from arrays, for tests of marching cubes; Find needs sorted blocks.
 DistanceField FieldOf(const py::object& blocks, const py::object& values,
                       const std::array<double, 3>& center, double voxel, double inner) {
   const auto places = ReadArray<std::int32_t>(blocks, "blocks", {kAny, 3});
@@ -97,6 +110,7 @@ DistanceField FieldOf(const py::object& blocks, const py::object& values,
   for (py::ssize_t i = 0; i < places.shape(0); ++i) {
     field.blocks.push_back({places.at(i, 0), places.at(i, 1), places.at(i, 2)});
   }
+  // DistanceField::Find searches by halves.
   for (std::size_t i = 1; i < field.blocks.size(); ++i) {
     if (!(field.blocks[i - 1] < field.blocks[i])) {
       throw InputError("blocks must be in increasing order, none twice");
@@ -106,6 +120,7 @@ DistanceField FieldOf(const py::object& blocks, const py::object& values,
   return field;
 }
 
+// The mesh as new arrays: its size is known only afterwards.
 py::tuple MeshOf(const DistanceField& field) {
   Mesh mesh;
   {
@@ -119,6 +134,7 @@ py::tuple MeshOf(const DistanceField& field) {
   return py::make_tuple(vertices, faces);
 }
 
+// vertices (V, 3) float64 and faces (F, 3) uint32, both copied: the tree outlives the arrays.
 TriangleTree TreeOf(const py::object& vertices, const py::object& faces) {
   const auto places = ReadArray<double>(vertices, "vertices", {kAny, 3});
   const auto corners = ReadArray<std::uint32_t>(faces, "faces", {kAny, 3});
@@ -126,7 +142,10 @@ TriangleTree TreeOf(const py::object& vertices, const py::object& faces) {
           {corners.data(), corners.data() + corners.size()}};
 }
 
+// distances are NaN and faces -1 where nothing is met. queries, origins and directions (N, 3)
+// float64.
 // (distances (N,), faces (N,)).
+// What both searches of a tree share: outputs made before the GIL goes.
 template <class Search>
 py::tuple Searched(py::ssize_t count, const Search& search) {
   auto distances = NewArray<double>({count});
@@ -140,6 +159,7 @@ py::tuple Searched(py::ssize_t count, const Search& search) {
   return py::make_tuple(distances, faces);
 }
 
+// Distances (N,) of points from the mesh, and the face that is nearest to each.
 py::tuple NearestOf(const TriangleTree& tree, const py::object& queries) {
   const auto points = ReadArray<double>(queries, "queries", {kAny, 3});
   return Searched(points.shape(0), [&](double* distances, std::int64_t* faces) {
@@ -147,6 +167,7 @@ py::tuple NearestOf(const TriangleTree& tree, const py::object& queries) {
   });
 }
 
+// Where rays first meet the mesh, in lengths of their directions, and on which face.
 py::tuple CastOf(const TriangleTree& tree, const py::object& origins,
                  const py::object& directions) {
   const auto from = ReadArray<double>(origins, "origins", {kAny, 3});
@@ -156,6 +177,7 @@ py::tuple CastOf(const TriangleTree& tree, const py::object& origins,
   });
 }
 
+// A label a vertex: the lowest index of a vertex that faces connect it with.
 py::array_t<std::uint32_t> Parts(std::int64_t num_vertices, const py::object& faces) {
   const auto corners = ReadArray<std::uint32_t>(faces, "faces", {kAny, 3});
   for (py::ssize_t i = 0; i < corners.size(); ++i) {
@@ -199,6 +221,7 @@ void BindSurface(py::module_& m) {
       .def(py::init(&TreeOf), py::arg("vertices"), py::arg("faces"))
       .def("nearest", &NearestOf, py::arg("queries"))
       .def("cast", &CastOf, py::arg("origins"), py::arg("directions"));
+  // Connected parts, by which small pieces of a mesh are found and dropped.
   m.def("mesh_parts", &Parts, py::arg("num_vertices"), py::arg("faces"));
   py::class_<DepthViews>(m, "DepthViews", "Depth maps of views, to be fused.")
       .def(py::init<const std::array<double, 3>&>(), py::arg("center"))

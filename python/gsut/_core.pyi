@@ -34,6 +34,10 @@ _PoseLike: TypeAlias = Any
 # The same, or a CameraMotion.
 _MotionLike: TypeAlias = Any
 
+# --- arrays ---------------------------------------------------------------------------------------
+
+def read_array(object: ArrayLike, name: str) -> NDArray[Any]: ...
+
 # --- base -----------------------------------------------------------------------------------------
 
 def set_num_threads(num_threads: int) -> None: ...

@@ -244,9 +244,10 @@ def check_shape(value: Any, shape: Any, name: str = "the content") -> None:
 
     Args:
         value: as JSON gives it.
-        shape: a type; {key: shape} of an object, whose other keys are free, where a key ending in
-            "?" may be absent and "*" stands for every key; [shape] of a list of any length; or a
-            tuple of shapes, of which one fits.
+        shape: a type; a frozenset of strings, of which the value is one; {key: shape} of an
+            object, whose other keys are free, where a key ending in "?" may be absent and "*"
+            stands for every key; [shape] of a list of any length; or a tuple of shapes, of which
+            one fits.
         name: of the value, for the error.
 
     Raises:
@@ -255,6 +256,8 @@ def check_shape(value: Any, shape: Any, name: str = "the content") -> None:
     fits = True
     if isinstance(shape, tuple):
         fits = any(_has_shape(value, each) for each in shape)
+    elif isinstance(shape, frozenset):
+        fits = isinstance(value, str) and value in shape
     elif isinstance(shape, type):
         fits = isinstance(value, shape) and (shape is bool or not isinstance(value, bool))
     elif not isinstance(value, type(shape)):

@@ -33,7 +33,7 @@ class Ring(TypedDict):
 
 
 def _check_image(image: ArrayLike, name: str) -> np.ndarray:
-    array = np.asarray(image)
+    array = _core.read_array(image, name)
     if array.ndim != 3 or array.shape[2] != 3:
         raise InputError(f"{name} must have shape (H, W, 3), found {array.shape}")
     if array.dtype == np.uint8:
@@ -50,7 +50,7 @@ def _pair(a: ArrayLike, b: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
 def _read_mask(mask: ArrayLike | None, shape: tuple[int, ...]) -> np.ndarray:
     if mask is None:
         return np.ones(shape, dtype=bool)
-    array = np.asarray(mask)
+    array = _core.read_array(mask, "mask")
     if array.shape != shape:
         raise InputError(f"mask must have shape {shape}, found {array.shape}")
     return array != 0

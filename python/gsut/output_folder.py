@@ -20,11 +20,15 @@ from gsut.files import UNFINISHED, remove_unfinished
 
 try:
     import fcntl
-except ImportError:  # Windows: no lock; the rule holds all the same
+except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
+    import msvcrt
 
 MARKER = "gsut.json"  # in the folder: which command wrote it, of what, and the lock
 _LITTER = frozenset((MARKER, ".DS_Store", "Thumbs.db", "desktop.ini"))  # no content of anybody's
+_LOCKED_BYTE = (
+    1 << 30
+)  # on Windows, where a locked byte cannot be read: far beyond the marker's end
 _claims: weakref.WeakValueDictionary[Path, OutputFolder] = weakref.WeakValueDictionary()
 _claiming = threading.Lock()
 
@@ -184,11 +188,14 @@ def _read_owner(marker: Path) -> str | None:
 
 def _lock(folder: Path, descriptor: int) -> None:
     """Raises InputError if another process has the folder."""
-    if fcntl is None:
-        return
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
+        if fcntl is not None:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        else:
+            os.lseek(descriptor, _LOCKED_BYTE, os.SEEK_SET)
+            msvcrt.locking(descriptor, msvcrt.LK_NBLCK, 1)  # type: ignore[attr-defined,unused-ignore]
+            os.lseek(descriptor, 0, os.SEEK_SET)
+    except (BlockingIOError, PermissionError):  # PermissionError: Windows
         raise InputError(
             f"another gsut is writing {folder}; wait until it ends, or give another folder"
         ) from None

@@ -2,6 +2,7 @@
 
 from gsut.capture import Capture
 from gsut.data.points import color_points
+from gsut.data.rigs import read_rig
 from gsut.refine import Localized, RefinedPose, localize_image, refine_pose
 from gsut.sfm import (
     DatasetCalibration,
@@ -23,6 +24,7 @@ __all__ = [
     "color_points",
     "compare_poses",
     "localize_image",
+    "read_rig",
     "refine_pose",
     "triangulate",
 ]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import functools
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -21,9 +22,7 @@ from gsut.data.scene import choose_inner_views, hold_out_views
 from gsut.evaluate import write_scene_page
 from gsut.output_folder import claim_folder
 from gsut.run import (
-    METRICS,
-    OPTIONS,
-    REPORT,
+    RunFile,
     RunFolder,
     SceneOptions,
     StagedProgress,
@@ -43,7 +42,9 @@ from gsut.sfm import (
     read_finished,
 )
 from gsut.train import TrainResult, train
-from gsut.training import describe_resizing, list_changed_data, track_training
+from gsut.training import track_training
+from gsut.training.first import describe_resizing
+from gsut.training.record import list_changed_data
 
 POSES = "poses"  # folder of the pictures and poses, inside the run's folder
 STATE = "scene.json"  # paths and settings; seconds and verdict once the scene is finished
@@ -200,7 +201,9 @@ class _SceneInProgress:
         return changes
 
     def _is_trained(self) -> bool:
-        return all((self.folder.path / name).is_file() for name in (METRICS, REPORT))
+        return all(
+            (self.folder.path / name).is_file() for name in (RunFile.METRICS, RunFile.REPORT)
+        )
 
     def claim_poses(self) -> contextlib.AbstractContextManager:
         """Takes the folder of the poses for the duration of the block; checks the lens first."""
@@ -232,41 +235,36 @@ class _SceneInProgress:
         """Finds poses and lens, and returns the content of poses.json."""
         o, out = self._options, self.folder.path / POSES
         bars.skip(POSES)  # the stages of `find_poses` take its place
-        options = PosesOptions(shutter=o.shutter, seed=o.seed, threads=o.threads)
-        settings: dict[str, Any] = {
-            "camera": o.camera,
-            "fov_degrees": o.fov,
-            "options": add_lens_readout(options, o.camera, pictures.figures),
-        }
-        done = read_finished(pictures.path, out, **settings)
+        options = PosesOptions(fov=o.fov, shutter=o.shutter, seed=o.seed, threads=o.threads)
+        options = add_lens_readout(options, o.camera, pictures.figures)
+        done = read_finished(pictures.path, out, o.camera, options)
         if done is not None:
             return done
         if is_finished(out):
             bars.note("poses are found again: those in the folder are of other pictures")
         with contextlib.closing(StageFollower(bars)) as stages:
             log = PosesLog(stages.show, bars.note, stages.expect)
-            figures = find_poses(pictures.path, out, log=log, **settings).figures
+            figures = find_poses(
+                pictures.path, out, camera=o.camera, options=options, log=log
+            ).figures
         self._poses_seconds = stages.seconds
         return figures
 
     def _make_training_options(self) -> TrainOptions:
         o = self._options
-        settings: dict[str, Any] = {
-            "preset": o.preset,
-            "steps": o.steps,
-        }  # None: the preset's steps
-        return TrainOptions(**settings, seed=o.seed, threads=o.threads)
+        make = functools.partial(TrainOptions, preset=o.preset, seed=o.seed, threads=o.threads)
+        return make() if o.steps is None else make(steps=o.steps)
 
     def train(self, bars: StagedProgress) -> dict[str, Any]:
         """Trains on the dataset in poses/, and returns the content of metrics.json."""
         folder, options = self.folder, self._make_training_options()
         dataset = load_dataset(folder.path / POSES, test_every=0)
-        if (folder.path / OPTIONS).is_file():
+        if (folder.path / RunFile.OPTIONS).is_file():
             self._drop_other_training(dataset, bars)
-        if (folder.path / OPTIONS).is_file():
+        if (folder.path / RunFile.OPTIONS).is_file():
             if self._is_trained():
                 bars.skip("training")
-                return folder.read_json(METRICS)
+                return folder.read_json(RunFile.METRICS)
             options = folder.read_options()
             dataset = hold_out_views(dataset, options.test_names or ())
         else:
@@ -303,7 +301,7 @@ class _SceneInProgress:
             )
         if changed:
             bars.note(f"training starts again: the {changed} have changed")
-            self.folder.remove_run()
+            self.folder.refuse_finished(self._inputs[0])
 
     def report(
         self,

@@ -17,19 +17,17 @@ from gsut.data import Scene
 from gsut.gaussians import Gaussians
 from gsut.run import TrainOptions
 from gsut.run.options import fit_to_views
-from gsut.training import (
-    TrainingLoop,
-    TrainingRecord,
+from gsut.training import TrainingLoop
+from gsut.training.first import (
     choose_complexity,
     choose_degree,
     find_plain_background,
     leave_out_blurred,
     limit_gaussians,
-    measure_training,
     prepare_scene,
     refine_first_poses,
-    write_results,
 )
+from gsut.training.record import TrainingRecord, measure_training, write_results
 
 
 @dataclasses.dataclass

@@ -52,10 +52,10 @@ GOOD: dict[tuple[str, str], tuple[str, ...]] = {
     **{
         (command, flag): ("0",)
         for command, flags in {
-            "compact": ("--finetune", "--seed"),
+            "compact": ("--finetune",),
             "convert": ("--sh-degree",),
             "edit": ("--min-opacity",),
-            "mesh": ("--support", "--threads"),
+            "mesh": ("--threads",),
             "points": ("--dense",),
             "poses": ("--nadir-cap", "--zenith-cap", "--threads", "--seed"),
             "scene": ("--nadir-cap", "--zenith-cap", "--threads", "--seed"),

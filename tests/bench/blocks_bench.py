@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 import gsut
-from gsut.blocks import Layout
+from gsut.blocks.layout import Layout
 from gsut.demo import make_demo_scene
 from gsut.gaussians import SH_C0
 from tests.bench.commands import train

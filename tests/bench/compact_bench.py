@@ -9,8 +9,10 @@ from pathlib import Path
 
 import gsut
 from gsut import _core
-from gsut.compact import METHODS, check_keep, check_method
-from gsut.evaluate import evaluate, render_view_image
+from gsut.compact import check_keep, check_method
+from gsut.compact.method import METHODS
+from gsut.evaluate import evaluate
+from gsut.evaluate.held_out import render_view_image
 from gsut.training.tuning.from_start import FromStart
 from tests.bench.commands import run_gsut, train
 from tests.bench.harness import HALL, Benchmark, Column, Option, Row, Settings

@@ -17,7 +17,7 @@ from gsut.data import read_dataset
 from gsut.lens import convert_camera, save_camera
 from gsut.lens.files import to_colmap
 from gsut.sfm import PoseErrors, PosesOptions, compare_datasets, compare_poses, find_poses
-from gsut.sfm.core import find_photographs
+from gsut.sfm.photographs import find_photographs
 from gsut.sfm.world import read_poses_by_path
 from tests.bench import pycolmap_poses
 from tests.bench.harness import HALL, WRONG, Benchmark, Column, Option, Row, Settings
@@ -50,9 +50,8 @@ def measure(case: Row, settings: Settings) -> Row:
         fitted = None if lens in (KNOWN, UNKNOWN) else fit_lens(data, lens, Path(folder))
         options = _choose_options(data, settings)
         try:
-            result = find_poses(
-                data, folder, unknown_lens=lens == UNKNOWN, options=options, camera=fitted
-            )
+            options = dataclasses.replace(options, unknown_lens=lens == UNKNOWN)
+            result = find_poses(data, folder, camera=fitted, options=options)
         except SolveError as error:
             return {"registered": 0, WRONG: str(error)}
         figures = result.figures

@@ -17,7 +17,8 @@ from disturbances import (
 )
 from gsut._core import InputError
 from gsut.data import Scene
-from gsut.refine import evaluate_aligned, measure_lens_distance
+from gsut.refine import evaluate_aligned
+from gsut.refine.trust import measure_lens_distance
 from gsut.sfm import PoseErrors, compare_poses
 from tests.bench.harness import HALL, Benchmark, Column, Option, Row, Settings
 

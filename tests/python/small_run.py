@@ -13,7 +13,7 @@ import gsut
 from gsut.evaluate.evaluation import evaluate, run_metrics
 from gsut.evaluate.report import write_report
 from gsut.render import write_png
-from gsut.run import METRICS, REPORT, SCENE, RunFolder, describe_environment
+from gsut.run import RunFile, RunFolder, describe_environment
 
 SIZE = 32  # pixels, width and height
 HALF_FIELD_DEGREES = 95.0  # at the rim of the fisheye's circle, which touches the image's border
@@ -95,10 +95,10 @@ def finished_run(path: Path, scene: gsut.Scene, options=None, report: bool = Tru
         run.append_history(row | ({"psnr": 20 + step / 50} if step % 50 == 0 else {}))
     evaluation = evaluate(GAUSSIANS, scene, scene.test_indices, render_folder=run.renders)
     metrics = run_metrics(evaluation, GAUSSIANS, scene, options, steps=100, train_seconds=2.0)
-    run.write_json(METRICS, metrics)
-    run.write(SCENE, lambda file: gsut.formats.save_ply(file, GAUSSIANS))
+    run.write_json(RunFile.METRICS, metrics)
+    run.write(RunFile.SCENE, lambda file: gsut.formats.save_ply(file, GAUSSIANS))
     if report:
         write_report(run)
     else:
-        run.write_text(REPORT, "")
+        run.write_text(RunFile.REPORT, "")
     return run

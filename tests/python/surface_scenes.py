@@ -9,7 +9,7 @@ import numpy as np
 import gsut
 import small_datasets
 from gsut import _core
-from gsut.run import SCENE, RunFolder, describe_environment
+from gsut.run import RunFile, RunFolder, describe_environment
 
 
 def lines_of(camera, motion):
@@ -119,5 +119,5 @@ def plane_run(folder):
         np.full(count, 5, np.float32),
         np.zeros((count, 1, 3), np.float32),
     )
-    gsut.formats.save_ply(run.path / SCENE, discs)
+    gsut.formats.save_ply(run.path / RunFile.SCENE, discs)
     return run.path

@@ -8,9 +8,10 @@ import numpy as np
 import gsut
 from gsut.data.poses import invert_pose
 from gsut.data.rigs import Rig
-from gsut.sfm.core import Mapping, PosesLog, PosesOptions
-from gsut.sfm.core.matching import PairMatches
-from gsut.sfm.core.photographs import Photographs
+from gsut.sfm.mapping import Mapping, PosesLog
+from gsut.sfm.matches.matching import PairMatches
+from gsut.sfm.photographs import PosesOptions
+from gsut.sfm.photographs.listing import Photographs
 from synthetic_walk import observe
 
 _FEWEST_SHARED = 25  # points of a pair of images worth a match
@@ -129,9 +130,9 @@ class SyntheticRig:
             turned.append(np.degrees(np.linalg.norm(cv2.Rodrigues(step[:3, :3])[0])))
         return max(apart), max(turned)
 
-    def mapping(self, **known):
+    def mapping(self, refine_rig=False, **known):
         """The state of a run that has verified the matches of the rig's images."""
         return Mapping(
-            self.photographs, PosesOptions(), PosesLog(), features=self.features, pairs=self.pairs,
-            **known,
+            self.photographs, PosesOptions(refine_rig=refine_rig), PosesLog(),
+            features=self.features, pairs=self.pairs, **known,
         )  # fmt: skip

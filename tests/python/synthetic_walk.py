@@ -7,11 +7,12 @@ import numpy as np
 import gsut
 from gsut import _core
 from gsut.lens import with_scaled_focal
-from gsut.sfm.core import Images, Mapping, Photographs, PosesLog
-from gsut.sfm.core.features import Features
-from gsut.sfm.core.matching import match_images
-from gsut.sfm.core.options import PosesOptions
-from gsut.sfm.core.verification import verify_matches
+from gsut.sfm.mapping import Mapping, PosesLog
+from gsut.sfm.matches.matching import match_images
+from gsut.sfm.matches.verification import verify_matches
+from gsut.sfm.photographs import Images, Photographs
+from gsut.sfm.photographs.features import Features
+from gsut.sfm.photographs.options import PosesOptions
 
 
 def quiet(*_: object) -> None:

@@ -22,8 +22,9 @@ import tolerances as tol
 from gsut import _core
 from gsut.check import diagnose
 from gsut.cli import main
-from gsut.data import Frame, TrainingViews, write_transforms
+from gsut.data import Frame, write_transforms
 from gsut.data.points import format_points_ply
+from gsut.data.scene import TrainingViews
 from gsut.evaluate import evaluate
 from gsut.gaussians import SH_C0
 from gsut.lens import Camera, load_camera

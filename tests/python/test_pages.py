@@ -15,7 +15,7 @@ import small_run
 from gsut import Camera
 from gsut.evaluate.report import write_report
 from gsut.evaluate.scene_page import write_scene_page
-from gsut.run.folder import METRICS, REPORT, RunFolder
+from gsut.run.folder import RunFile, RunFolder
 from gsut.sfm.report import calibration_page, page
 from gsut.surface import SurfaceView, build_surface_page
 
@@ -52,16 +52,16 @@ def make_training_page(folder, name, monkeypatch):
     scene = small_run.scene_from_arrays(folder / "data")
     small_run.install(monkeypatch, scene)
     run = small_run.finished_run(folder / "run", scene)
-    metrics = run.read_json(METRICS)
+    metrics = run.read_json(RunFile.METRICS)
     for row in metrics["views"]:
         row["name"] = name
     metrics |= {"notes": [name], "dataset": name, "camera_model": name, "test_views": [name]}
     metrics["verdict"] = VERDICT | {"what": name}
-    run.write_json(METRICS, metrics)
+    run.write_json(RunFile.METRICS, metrics)
     environment = run.read_json("environment.json") | {"command": name, "processor": name}
     run.write_json("environment.json", environment)
     write_report(run)
-    return (run.path / REPORT).read_text()
+    return (run.path / RunFile.REPORT).read_text()
 
 
 def make_scene_page(folder, name, monkeypatch):

@@ -6,7 +6,7 @@ import words
 
 # Findings that are allowed: nouns that the field uses as methods, such as `Camera.rays()`.
 ALLOWED = {"name": 9}
-LEAST_COMMENTS = 0.07  # share of lines in .cpp and -inl.h that are comments
+LEAST_COMMENTS = 0.09  # share of lines in .cpp and -inl.h that are comments, in each room
 
 
 def test_product_follows_the_style_guide():
@@ -17,9 +17,11 @@ def test_product_follows_the_style_guide():
 
 
 def test_kernels_are_commented():
-    kernels = words.list_kernels()
-    assert len(kernels) >= 100
-    assert words.comment_share(kernels) >= LEAST_COMMENTS
+    rooms = words.list_kernels()
+    assert len(rooms) >= 12
+    assert sum(len(paths) for paths in rooms.values()) >= 100
+    shares = {room: round(words.comment_share(paths), 4) for room, paths in rooms.items()}
+    assert {room: share for room, share in shares.items() if share < LEAST_COMMENTS} == {}
 
 
 def test_each_rule_finds_its_fault():

@@ -71,6 +71,7 @@ void AddRow(const PhotometricTarget& target, const Levels& levels, const T* phot
 }
 
 // Of the rows that are looked at.
+// A bin out of range would write beyond the sums: looked for in the same rows, before.
 void CheckBins(const std::uint8_t* bins, std::int64_t width, std::int64_t height, std::int64_t step,
                int num_bins) {
   if (bins == nullptr) return;
@@ -84,6 +85,8 @@ void CheckBins(const std::uint8_t* bins, std::int64_t width, std::int64_t height
 
 }  // namespace
 
+// The gain g that minimises the sum of (T - g C)^2 is (sum of T C) / (sum of C^2): two sums a bin
+// and channel, in double, over some forty rows, which is plenty for a handful of gains.
 void SumLight(const PhotometricTarget& target, const float* image, const std::uint8_t* bins,
               int num_bins, LightSums* sums) {
   const auto reading = target.Reading();
@@ -92,6 +95,7 @@ void SumLight(const PhotometricTarget& target, const float* image, const std::ui
   CheckBins(bins, width, height, step, num_bins);
   const std::int64_t blocks = (height + kBlockRows - 1) / kBlockRows;
   std::vector<LightSums> parts(static_cast<std::size_t>(blocks * num_bins));
+  // Blocks of 32 rows have sums of their own, added in their order afterwards.
   static const Levels levels;
   ParallelFor(blocks, 1, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t block = begin; block < end; ++block) {

@@ -46,6 +46,9 @@ void BlurRow(const double* a, const double* b, const std::uint8_t* mask, std::in
   }
 }
 
+// SSIM = (2 ma mb + C1) (2 cov + C2) / ((ma^2 + mb^2 + C1) (va + vb + C2)), Wang et al. (2004),
+// equation 13, with variances as E[x^2] - E[x]^2: in double what cancels there is harmless. stride:
+// from one moment to the next; scale: of the window, see ssim_window.cpp.
 double SsimFromMoments(const double* moments, std::int64_t stride, double scale) {
   const double ma = scale * moments[0], mb = scale * moments[stride];
   const double va = scale * moments[2 * stride] - ma * ma;
@@ -57,6 +60,8 @@ double SsimFromMoments(const double* moments, std::int64_t stride, double scale)
 
 }  // namespace
 
+// PSNR = -10 log10(MSE) for values in [0, 1], with MSE the weighted mean over pixels and channels.
+// Images may leave [0, 1]: nothing is clamped.
 double Psnr(const double* a, const double* b, const std::uint8_t* mask, const double* weights,
             std::int64_t height, std::int64_t width) {
   CountPixels(mask, height, width);
@@ -64,6 +69,7 @@ double Psnr(const double* a, const double* b, const std::uint8_t* mask, const do
     if (mask != nullptr && mask[pixel] == 0) return 0.0;
     return weights == nullptr ? 1.0 : weights[pixel];
   };
+  // The weights first: their sum is what the squares are divided by, and checks them all.
   const double total =
       ParallelSum(height, kRowsPerChunk, [&](std::int64_t begin, std::int64_t end) {
         double sum = 0.0;
@@ -103,6 +109,8 @@ double Ssim(const double* a, const double* b, const std::uint8_t* mask, std::int
   const std::int64_t length = width * kChannels;
   const std::int64_t row_size = kMoments * length;
   const double sum = ParallelSum(height, kRowsPerChunk, [&](std::int64_t begin, std::int64_t end) {
+    // A chunk blurs the rows of its windows along themselves, 5 beyond it on each side, and then
+    // each of its own rows down the columns: 11 + 11 taps in place of 121.
     const std::int64_t first = std::max<std::int64_t>(0, begin - kSsimRadius);
     const std::int64_t last = std::min(height, end + kSsimRadius);
     std::vector<double> padded(

@@ -22,6 +22,7 @@ constexpr std::int64_t kBlockColumns = 512;
 constexpr float kRangeSlack = 1.0f;
 
 // The image cut into equal blocks, independent of the number of threads.
+// As near to kBlockRows x kBlockColumns as equal parts can be.
 class BlockGrid {
  public:
   BlockGrid(std::int64_t height, std::int64_t width)
@@ -44,6 +45,7 @@ class BlockGrid {
   std::int64_t height_, width_, rows_, columns_, across_, count_;
 };
 
+// Once a photograph, so that no step has to look for what is not finite.
 void CheckValues(const std::vector<float>& image, const std::uint8_t* mask, std::int64_t width) {
   for (std::size_t i = 0; i < image.size(); ++i) {
     const float value = image[i];
@@ -105,6 +107,7 @@ void PhotometricTarget::Prepare(const std::uint8_t* mask, const PhotometricOptio
   if (keep_statistics_) ComputeStatistics();
 }
 
+// Mean and variance of the photograph in each window: half of SSIM's blurs, the same at each step.
 void PhotometricTarget::ComputeStatistics() {
   std::vector<float> mean(static_cast<std::size_t>(height_ * width_ * 3) + 2 * kStatisticsPadding);
   std::vector<float> variance(mean.size());
@@ -161,6 +164,8 @@ PhotometricValue PhotometricLoss(const PhotometricTarget& target, const float* i
   const double ssim_count = kChannels * static_cast<double>(target.ssim_pixels());
   const auto l1_factor = static_cast<float>((1.0 - ssim_weight) / l1_count);
   const auto dssim_factor = static_cast<float>(ssim_weight / ssim_count);
+  // Blocks follow from the image's size alone, and each writes its own part of the gradient: SSIM's
+  // windows reach over the edge, so that a block reads a margin of 10 pixels around it.
   const BlockGrid grid(target.height(), target.width());
   std::vector<BlockSums> sums(static_cast<std::size_t>(grid.count()));
   ParallelFor(grid.count(), 1, [&](std::int64_t begin, std::int64_t end) {

@@ -97,6 +97,7 @@ class BlockLoss {
     float* const difference = lines_.Difference(row - first_);
     LoadTargetRow(target_, lines_, row, target);
     float* const plain = kComputeTarget ? lines_.Line(Lines::kPlain) : nullptr;
+    // Statistics are those of the photograph without its gain, as kept ones are: the same bits.
     if (kComputeTarget) std::copy_n(target, lines_.length, plain);
     if (target_.has_gain()) MultiplyLine(lines_, lines_.Line(Lines::kGain), target);
     LoadMaskRow(target_, lines_, row, mask);
@@ -141,6 +142,7 @@ class BlockLoss {
     float* const coefficients[Lines::kCoefficients] = {lines_.Line(Lines::kCoefficient0),
                                                        lines_.Line(Lines::kCoefficient0 + 1),
                                                        lines_.Line(Lines::kCoefficient0 + 2)};
+    // The 11 rows around this one, top to bottom, wherever the ring holds them.
     const float* rows[kRing];
     for (std::int64_t t = 0; t < kRing; ++t) {
       rows[t] = lines_.BlurredSignals(row - first_ - kSsimRadius + t);
@@ -174,6 +176,7 @@ class BlockLoss {
       const VF q = hn::Add(hn::Add(variance_x, variance_y), c2);
       const VF inverse_p = hn::Div(one, p);
       const VF inverse_q = hn::Div(one, q);
+      // m_d^2 / P and v_d / Q: what luminance and structure lack of agreement.
       const VF a = hn::Mul(hn::Mul(mean_d, mean_d), inverse_p);
       const VF b = hn::Mul(variance_d, inverse_q);
       const auto averaged = hn::Gt(scale, zero);
@@ -190,6 +193,7 @@ class BlockLoss {
       hn::Store(hn::IfThenElseZero(averaged, to_square_d), d, coefficients[1] + i);
       hn::Store(hn::IfThenElseZero(averaged, to_square_x), d, coefficients[2] + i);
     }
+    // Rows of the margin serve the gradient alone: the block that owns them counts their loss.
     if (InBlock(row)) sums_.dssim += SumLine<false>(dssims, lines_.core, lines_.core_end);
     if (gradient_ == nullptr) return;
     for (std::int64_t i = 0; i < lines_.length; i += n) {
@@ -200,6 +204,8 @@ class BlockLoss {
     }
   }
 
+  // The last formula above, a row at a time: coefficients blurred down the columns, times the
+  // image's and the difference's own values. L1's gradient is the sign of d, 0 where they agree.
   void WriteGradientRow(std::int64_t row) {
     const DF d;
     const Weights weights;
@@ -252,6 +258,8 @@ BlockSums PhotometricBlockKernel(const PhotometricTarget& target, const float* i
   return BlockLoss<false>(target, image, block, l1_factor, dssim_factor, gradient, memory).Run();
 }
 
+// The same two blurs for the photograph alone; the ring of 11 rows moves down, and each row written
+// is 5 above the one read.
 void TargetStatisticsKernel(const PhotometricTarget& target, const ImageBlock& block, float* mean,
                             float* variance, AlignedVector<float>& memory) {
   const DF d;

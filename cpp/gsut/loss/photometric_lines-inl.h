@@ -48,6 +48,8 @@ struct Weights {
   }
 };
 
+// Memory of a block: rings of the 11 lines that a vertical blur reads, for what is needed again
+// further down (image, difference, mask, blurred signals and coefficients), and single lines.
 // Geometry and line buffers of one block.
 class Lines {
  public:
@@ -264,6 +266,7 @@ void CentreImage(const Lines& lines, const float* HWY_RESTRICT row, const float*
   };
   std::int64_t i = 0;
   for (; i + Lanes() <= count; i += Lanes()) vector(i);
+  // The rest of a line by one more vector that overlaps the last: it writes the same values twice.
   if (i == count) return;
   if (count >= Lanes()) {
     vector(count - Lanes());

@@ -31,6 +31,8 @@ struct Photograph {
 };
 
 // Makes each channel as bright as the image, in one thread.
+// The factor is sum of C^2 over sum of C T, with C the image and T the photograph in its light: the
+// inverse of the gain that fits the photograph by the image (light.h).
 template <class T>
 void FitBrightness(const float* image, const float* gradient, std::int64_t pixels,
                    Photograph<T>* photograph) {
@@ -48,6 +50,7 @@ void FitBrightness(const float* image, const float* gradient, std::int64_t pixel
   }
 }
 
+// |C - g T| averaged over channels; 0 where the loss has no gradient.
 template <class T>
 void Errors(Photograph<T> photograph, const float* image, const float* gradient,
             std::int64_t pixels, float* errors) {

@@ -9,6 +9,7 @@ namespace {
 
 constexpr std::int64_t kChannels = 3;
 
+// The 11 x 11 pixels around one, as far as they lie in image and mask; no separable blur here.
 struct Window {
   const std::uint8_t* mask;
   std::int64_t height, width, row, column;
@@ -46,10 +47,14 @@ double WindowSsim(const Window& window, double scale, const double* target, cons
   const double s_bottom = (xx - mx * mx) + (yy - my * my) + kSsimC2;
   const double ssim = (l_top / l_bottom) * (s_top / s_bottom);
   if (gradient == nullptr) return ssim;
+  // SSIM = l s, l = (2 mx my + C1) / (mx^2 + my^2 + C1), s = (2 sxy + C2) / (sxx + syy + C2), where
+  // sxx = xx - mx^2 and sxy = xy - mx my: the means act through both factors. By the quotient's
+  // rule:
   const double to_mx = 2 * my * (s_top - l_top) / (l_bottom * s_bottom) +
                        2 * mx * ssim * (1 / s_bottom - 1 / l_bottom);
   const double to_xx = -ssim / s_bottom;
   const double to_xy = 2 * l_top / (l_bottom * s_bottom);
+  // Each pixel x of the window moves mx by its weight, xx by 2 x and xy by y times as much.
   window.ForEach([&](std::int64_t pixel, double weight) {
     const std::int64_t at = pixel * kChannels + channel;
     gradient[at] += factor * scale * weight * (to_mx + 2 * image[at] * to_xx + target[at] * to_xy);
@@ -59,6 +64,8 @@ double WindowSsim(const Window& window, double scale, const double* target, cons
 
 }  // namespace
 
+// Window by window: 121 pixels for each pixel and channel, in one thread and one order. What the
+// kernels are compared with; it shares only the window's weights and scale with them.
 PhotometricValue PhotometricLossReference(const double* target, const double* image,
                                           const std::uint8_t* mask, std::int64_t height,
                                           std::int64_t width, WindowRule rule, double ssim_weight,

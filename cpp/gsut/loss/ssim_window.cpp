@@ -108,6 +108,8 @@ WindowScale TryWindowScale(const std::uint8_t* mask, std::int64_t height, std::i
 
 }  // namespace
 
+// A Gaussian of sigma 1.5 pixels over 11, of sum 1 (Wang et al., 2004, section III-B); the window
+// is its product with itself.
 const std::array<double, kSsimWindow>& SsimWeights() {
   static const std::array<double, kSsimWindow> weights = [] {
     std::array<double, kSsimWindow> w{};
@@ -132,6 +134,7 @@ const char* WindowRuleName(WindowRule rule) {
   return rule == WindowRule::kPartial ? "partial" : "valid";
 }
 
+// "valid" may leave no window at all, as in a narrow ring of a fisheye: then partial ones count.
 WindowScale MakeWindowScale(const std::uint8_t* mask, std::int64_t height, std::int64_t width,
                             WindowRule rule) {
   WindowScale scale = TryWindowScale(mask, height, width, rule);

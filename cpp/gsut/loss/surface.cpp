@@ -36,6 +36,9 @@ class Pixels {
         to_x_(distance_.size(), Vector3d::Zero()),
         to_y_(distance_.size(), Vector3d::Zero()) {}
 
+  // Three passes with a barrier between: distances; each pixel's own terms, which leave gradients
+  // to the differences of its neighbours' points; and what each pixel gets from its neighbours. A
+  // pixel writes to itself only, so that no sum depends on threads.
   SurfaceTerms Run() {
     const std::int64_t pixels = render_.height * render_.width;
     std::vector<std::int64_t> known(static_cast<std::size_t>(render_.height), 0);
@@ -47,6 +50,8 @@ class Pixels {
         known[static_cast<std::size_t>(row)] += HasKnown(p);
       }
     });
+    // Means over the image, and over the pixels with a known distance: steps of views of any size
+    // agree.
     each_ = 1.0 / static_cast<double>(pixels);
     const std::int64_t all_known = std::accumulate(known.begin(), known.end(), std::int64_t{0});
     each_known_ = all_known == 0 ? 0.0 : 1.0 / static_cast<double>(all_known);
@@ -124,12 +129,15 @@ class Pixels {
     if (!(length > 0.0)) return;
     // Towards the camera: a mirrored image turns the other way round.
     const double sign = across.dot(Row(render_.directions, p)) > 0.0 ? -1.0 : 1.0;
+    // Normals are blended as colours 0.5 + 0.5 n over 0.5, see facing_axes: 2 value - 1 is their
+    // sum.
     const Vector3d normal = sign / length * across;
     const Vector3d sum = 2.0 * Row(render_.normals, p) - Vector3d::Ones();
     const double weight = weights_.normal * each_;
     terms->normal += weight * (alpha - sum.dot(normal));
     out_.alpha[p] += static_cast<T>(weight);
     to_normals = (-2.0 * weight * normal).cast<T>();
+    // n = sign across / |across|, so that dn/dacross = sign (I - n n^T) / |across|.
     const Vector3d to_across = -weight * sign / length * (sum - normal * normal.dot(sum));
     to_x_[static_cast<std::size_t>(p)] = to_across.cross(y);
     to_y_[static_cast<std::size_t>(p)] = x.cross(to_across);
@@ -147,6 +155,7 @@ class Pixels {
     if (column + 1 < render_.width) to_point -= to_x_[at(p + 1)];
     if (row > 0) to_point += to_y_[at(p - render_.width)];
     if (row + 1 < render_.height) to_point -= to_y_[at(p + render_.width)];
+    // p = o + t d and t = depth / alpha: dt/ddepth = 1 / alpha, dt/dalpha = -t / alpha.
     const double alpha = static_cast<double>(render_.alpha[p]);
     const double to_distance = to_point.dot(Row(render_.directions, p));
     out_.depth[p] += static_cast<T>(to_distance / alpha);

@@ -14,6 +14,7 @@ namespace {
 constexpr int kLevels = 2048;  // of the histogram of errors in [0, 1]
 constexpr std::int64_t kRows = 16;
 
+// Whether the mask lets a pixel count.
 bool Counts(const PhotometricTarget& target, std::int64_t pixel) {
   return target.mask() == nullptr || target.mask()[pixel] != 0;
 }
@@ -35,10 +36,15 @@ int ErrorLevel(const PhotometricTarget& target, const float* image, std::int64_t
 
 }  // namespace
 
+// Three passes: 1. each pixel's error as one of 2048 levels, with a histogram a block of rows; 2.
+// the median from the histograms, and an integral image of the pixels far above it; 3. each pixel's
+// neighbourhood, four look-ups whatever its radius.
+// What is not done: the median is of one view, so that a view in which most is new trims nothing.
 std::int64_t TrimGradient(const PhotometricTarget& target, const float* image,
                           const TrimOptions& options, float* gradient) {
   const auto reading = target.Reading();
   const std::int64_t width = target.width(), height = target.height();
+  // Blocks of rows have a histogram each: counts are whole numbers, so that their order is free.
   const std::int64_t blocks = (height + kRows - 1) / kRows;
   std::vector<std::uint16_t> levels(static_cast<std::size_t>(width * height), 0);
   std::vector<std::array<std::int64_t, kLevels>> counts(static_cast<std::size_t>(blocks));
@@ -63,6 +69,8 @@ std::int64_t TrimGradient(const PhotometricTarget& target, const float* image,
     if (2 * below >= target.pixels()) break;
   }
   const double limit = options.over_median * (median + 1);
+  // Summed-area table (Crow, 1984): the count in a rectangle is bottom right - bottom left - top
+  // right + top left, with
   // differing[r][c]: pixels that differ above row r and left of column c.
   const std::int64_t stride = width + 1;
   std::vector<std::int32_t> differing(static_cast<std::size_t>(stride * (height + 1)), 0);

@@ -47,6 +47,9 @@ struct Visibility {
   LaneMask beyond_domain;  // the cone lies outside the lens' domain: no pixel can see it
 };
 
+// In whitened coordinates the camera lies at distance g from the mean, g^2 = sum of (q_k . m /
+// s_k)^2. The cut-off ellipsoid lies in the sphere of radius reach x largest scale, seen within
+// asin(radius / distance) of the mean's direction.
 HWY_INLINE Visibility VisibilityOf(const SeenLanes& g, double max_angle) {
   Visibility out;
   out.g2 = Lane(0.0);

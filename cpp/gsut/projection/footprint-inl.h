@@ -47,6 +47,8 @@ HWY_INLINE BoundedFootprint<T> BoundUnscented(const LensDomain& domain,
 }
 
 // Linear: the covariance through the lens' derivatives du, dv at the mean, whose pixel is (u, v).
+// EWA (Zwicker et al., 2001): with J = dpixel_dpoint, cov = J R S S^T R^T J^T, summed axis by axis
+// as the outer products of J (s_k q_k). Exact for a linear lens only.
 template <class T>
 HWY_INLINE BoundedFootprint<T> EwaFootprint(const PlacedGaussian<T>& g, T reach, T u, T v,
                                             const T* du, const T* dv) {

@@ -28,6 +28,7 @@ void Footprints<T>::Resize(std::int64_t n) {
 template struct Footprints<float>;
 template struct Footprints<double>;
 
+// The same methods in double, one Gaussian at a time: what the kernels are compared with.
 void FindFootprintsReference(const GaussiansView<const double>& gaussians, const Camera& camera,
                              const Pose& camera_from_world, const FootprintOptions& options,
                              Footprints<double>* footprints) {
@@ -40,6 +41,8 @@ void FindFootprintsReference(const GaussiansView<const double>& gaussians, const
   });
 }
 
+// In float, a vector of Gaussians at a time. What the kernel leaves open (kUnknown) and lenses
+// without one centre go to the scalar code, whose box is widened by the rounding of floats.
 void FindFootprints(const GaussiansView<const float>& gaussians, const Camera& camera,
                     const Pose& camera_from_world, const FootprintOptions& options,
                     Footprints<float>* footprints) {

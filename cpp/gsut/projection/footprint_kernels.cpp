@@ -17,6 +17,8 @@ namespace gsut {
 namespace HWY_NAMESPACE {
 
 // Stores footprints and states of the lanes from i on.
+// An empty box (low above high) stands for no box, NaN for no centre; boxes grow by kBoxRounding,
+// so that rounding never makes them too small.
 HWY_INLINE void StoreFootprints(const BoundedFootprint<Lane>& f, LaneMask possible, std::int64_t i,
                                 int count, Footprints<float>* out) {
   const FloatTag d;
@@ -53,6 +55,7 @@ struct WaitingFootprint {
   LaneMask possible, has_outline;
 };
 
+// A block's points, and what is kept of its Gaussians until their pixels are there.
 struct FootprintBlock : PointBlock {
   static constexpr int kGaussians = 128;
   static constexpr int kVectors = kGaussians / kLanes;
@@ -118,6 +121,9 @@ HWY_INLINE BoundedFootprint<Lane> GetFootprints(const FootprintTask& task, int v
   return BoundUnscented(domain, task.weights, waiting.reach, get);
 }
 
+// Blocks of as many Gaussians as their points fit into the first-level cache: put all points,
+// project them in one call of the lens' kernel, read all footprints. The lens is chosen once a
+// call, so that no method is compiled once a lens.
 void FootprintRange(const FootprintTask& task, std::int64_t begin, std::int64_t end,
                     Footprints<float>* out) {
   const bool by_ewa = task.method == ProjectionMethod::kEwa;

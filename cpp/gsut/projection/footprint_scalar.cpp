@@ -59,12 +59,16 @@ bool ScalarFootprints::MayBeSeen(const PlacedGaussian<double>& g, double reach) 
   const double largest = *std::max_element(g.scale, g.scale + 3);
   if (!std::isfinite(g2) || !std::isfinite(largest)) return false;
   if (!camera_.IsCentral()) return true;
+  // The cone around the sphere that holds the cut-off ellipsoid: all of it beyond the lens' domain?
   const double distance = mean.norm();
   const double sine = reach * largest / distance;
   const double angle = std::atan2(std::hypot(g.mean[0], g.mean[1]), g.mean[2]);
   return distance > 0.0 && !(sine < 1.0 && angle - std::asin(sine) > camera_.MaxAngle());
 }
 
+// Each method puts points into `points`, sends them through the lens, and reads its footprint off
+// their pixels: EWA the mean and its derivative, the silhouette 64 or so points of the outline, the
+// unscented transform seven. A footprint that is NaN has no simple outline: the search decides.
 OneFootprint ScalarFootprints::FindPlaced(const PlacedGaussian<double>& g, double reach) const {
   using HWY_NAMESPACE::BoundedFootprint;
   double points[kOutlinePointsReference][3], pixels[kOutlinePointsReference][2];
@@ -115,6 +119,7 @@ OneFootprint ScalarFootprints::FindPlaced(const PlacedGaussian<double>& g, doubl
 // The exact box by the pixels' own rays, where there is no simple outline.
 void ScalarFootprints::Search(const PlacedGaussian<double>& g, double reach,
                               OneFootprint* out) const {
+  // The cone of rays that meet the ellipsoid, in whitened coordinates a cone around a ball.
   RayCone cone;
   for (int k = 0; k < 3; ++k) {
     cone.center[k] = 0.0;

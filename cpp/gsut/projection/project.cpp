@@ -59,6 +59,8 @@ void RefineInDouble(const GaussiansView<const float>& gaussians, const Camera& c
 
 }  // namespace
 
+// Julier and Uhlmann (1997) with n = 3 dimensions: points at the mean and at sqrt(n + lambda)
+// deviations along each axis, n + lambda = alpha^2 (n + kappa).
 UnscentedWeights MakeUnscentedWeights(const UnscentedOptions& options) {
   // 3 + lambda, formed without lambda: nearly -3 for a small alpha, it would lose digits.
   const double reach = options.alpha * options.alpha * (3.0 + options.kappa);
@@ -76,6 +78,7 @@ UnscentedWeights MakeUnscentedWeights(const UnscentedOptions& options) {
   return weights;
 }
 
+// opacity exp(-D^2 / 2) >= alpha_min where D^2 <= 2 ln(opacity / alpha_min); below 0: never drawn.
 double CutoffOf(double opacity, const FootprintRule& rule) {
   const double by_alpha = 2.0 * std::log(opacity / rule.alpha_min);
   if (!(rule.response_min > 0.0)) return by_alpha;
@@ -99,6 +102,7 @@ void Project(const GaussiansView<const float>& gaussians, const Camera& camera,
                             camera.width(), camera.height(), MakeUnscentedWeights(options),
                             kWideFootprint};
   splats->Resize(gaussians.size);
+  // The kernel in float; once more in double where float would not do for these weights.
   ParallelFor(gaussians.size, kGrain, [&](std::int64_t begin, std::int64_t end) {
     ProjectKernel(task, begin, end, splats);
     if (std::abs(task.weights.mean_0) > kLargestFloatWeight) {

@@ -74,6 +74,10 @@ HWY_INLINE WaitingSplat PutSplat(const ProjectTask& task, std::int64_t i, int fi
 }
 
 // count: how many lanes hold a Gaussian.
+// What the ellipse is worth: kSmall, it bounds the footprint; kEllipse, it is a guess where to
+// look; kUncertain, it says nothing (near the camera, wide, bent over a seam or a pole); kUnseen.
+// Only what lies well outside by its ellipse is dropped here; all others are tested exactly by the
+// raster.
 HWY_INLINE void StoreSplat(const ProjectTask& task, const WaitingSplat& g,
                            const Footprint<Lane>& footprint, std::int64_t i, int count,
                            Splats* splats) {
@@ -106,6 +110,7 @@ HWY_INLINE void StoreSplat(const ProjectTask& task, const WaitingSplat& g,
     ellipse = AndMask(ellipse, NotMask(bent));
     uncertain = OrMask(uncertain, AndMask(g.candidate, bent));
   }
+  // How much the lens bends over the footprint: its half angle over how far the lens stays smooth.
   constexpr double kLeastSmooth = 1e-6;
   const Lane sine = Min(g.sine / Max(Min(g.smooth, Lane(1.0)), Lane(kLeastSmooth)), Lane(1.0));
   LaneMask small = AndMask(ellipse, sine < Lane(kSmallSine));
@@ -137,6 +142,8 @@ HWY_INLINE void StoreSplat(const ProjectTask& task, const WaitingSplat& g,
   }
 }
 
+// Seven points a Gaussian, in blocks that stay in the first-level cache: placed, through the lens,
+// and back to ellipses.
 void ProjectRange(const ProjectTask& task, std::int64_t begin, std::int64_t end, Splats* splats) {
   constexpr int kVectors = PointBlock::kPoints / (kUnscentedPoints * kLanes);
   PointBlock block;

@@ -26,6 +26,9 @@ void PlaceOnLines(const Camera& camera, const CameraMotion& motion, std::int64_t
   std::vector<std::size_t> moving(n);  // points that have not settled yet
   std::iota(moving.begin(), moving.end(), std::size_t{0});
   std::fill_n(pixels, 2 * n, std::numeric_limits<double>::quiet_NaN());
+  // A fixed point, t = time of the line that the point falls on with the pose of time t. It
+  // converges as the image moves by less than a line while a line is read; what does not is
+  // reported.
   for (int step = 0; step < kMaxSteps && !moving.empty(); ++step) {
     for (std::size_t k = 0; k < moving.size(); ++k) {
       const Pose pose = motion.At(times[moving[k]]);

@@ -29,6 +29,9 @@ Vector3d OriginOf(const RayTable& rays, std::size_t p) {
 
 }  // namespace
 
+// A node stands for a block's rays: their mean direction, the largest chord to it, and, where rays
+// have origins of their own, the mean origin and the spread about it. Blocks double from level to
+// level, each made from all its rays, until one holds the image.
 RayPyramid::RayPyramid(const Camera& camera) : width_(camera.width()), height_(camera.height()) {
   const RayTable& rays = camera.Rays();
   const auto blocks = [](int pixels) { return (pixels + kLeaf - 1) / kLeaf; };
@@ -115,6 +118,8 @@ bool RayPyramid::MayHoldLine(const Node& node, const RayCone& cone) {
   return p.cross(axis).norm() - stray < cone.radius && p.dot(axis) + stray > -cone.radius;
 }
 
+// Down into the four children of every node that may hold a ray that sees the Gaussian; pixels of a
+// leaf are tested exactly. Nodes inside the box found so far are skipped: only its edges matter.
 void RayPyramid::Search(const RayTable& rays, const RayCone& cone, std::size_t level, int x, int y,
                         int box[4]) const {
   const Level& here = levels_[level];
@@ -160,6 +165,7 @@ bool RayPyramid::Box(const RayTable& rays, const RayCone& cone, double box[4]) c
   return pixels[1] >= 0;
 }
 
+// Those of the last cameras, found by their ray tables; an entry whose table is gone matches none.
 std::shared_ptr<const RayPyramid> PyramidOf(const Camera& camera) {
   struct Kept {
     std::weak_ptr<const RayTable> rays;

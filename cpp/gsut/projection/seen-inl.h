@@ -105,6 +105,7 @@ HWY_INLINE SeenLanes LoadSeen(const GaussiansView<const float>& g, std::int64_t 
   const Lane limit(kLargestExponent);
   const LaneMask in_float =
       AndMask(AndMask(out.scale[0] <= limit, out.scale[1] <= limit), out.scale[2] <= limit);
+  // The camera's centre as two floats: far from zero the difference keeps its digits.
   for (int k = 0; k < 3; ++k) {
     out.world[k] = (out.world[k] - Lane(view.center_high[k])) - Lane(view.center_low[k]);
     out.scale[k] = SafeExp(out.scale[k]);
@@ -138,6 +139,7 @@ HWY_INLINE SeenLanes LoadSeen(const GaussiansView<const float>& g, std::int64_t 
       out.axes[k][row] = MulAdd(v0, r[k], MulAdd(v1, r[3 + k], v2 * r[6 + k]));
     }
   }
+  // opacity = 1 / (1 + e^-logit), and its logarithm from the same sum: no digits lost near 0.
   const Lane one_plus = Lane(1.0) + SafeExp(-logit);
   out.opacity = Lane(1.0) / one_plus;
   out.log2_opacity = -Log2(one_plus);

@@ -56,6 +56,7 @@ void RadixSort(AlignedVector<Keyed>* items, AlignedVector<Keyed>* scratch) {
         ++count[((*items)[static_cast<std::size_t>(i)].key >> shift) & (kRadix - 1)];
       }
     });
+    // Digit by digit, and part by part within a digit: equal keys keep their order.
     std::uint32_t sum = 0;
     for (std::uint32_t digit = 0; digit < kRadix; ++digit) {
       for (std::int64_t part = 0; part < parts.count; ++part) {
@@ -120,7 +121,11 @@ void NumberSlots(Frame* frame, AlignedVector<Keyed>* seen) {
 
 }  // namespace
 
+// A counting sort three times over: slots by Gaussian, Gaussians by depth, pairs by tile. Each
+// counts by part, sums up where every part's entries begin, and lets all parts write at once. Parts
+// are cut by size alone and keep their order, so that the lists are those of one thread.
 void BinTiles(const TileGrid& grid, Frame* frame) {
+  // Kept by the calling thread, so that a frame allocates nothing after the first.
   thread_local AlignedVector<Keyed> seen, scratch;
   NumberSlots(frame, &seen);
   RadixSort(&seen, &scratch);
@@ -128,6 +133,7 @@ void BinTiles(const TileGrid& grid, Frame* frame) {
   frame->order.resize(seen.size());
   for (std::size_t i = 0; i < seen.size(); ++i) frame->order[i] = seen[i].index;
 
+  // The Gaussians are walked in depth order, so each tile's list comes out sorted by depth.
   // Stable distribution: count by (part, tile), then every part fills its own places.
   const std::size_t tiles = static_cast<std::size_t>(grid.num_tiles());
   const Parts parts(visible);

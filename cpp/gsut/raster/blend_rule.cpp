@@ -20,6 +20,8 @@ void Require(bool holds, const char* field, double value, const char* wanted) {
 
 }  // namespace
 
+// The rules of other rasterizers, for comparison with their images: both order by camera z; gsplat
+// leaves the Gaussian out that would cross the limit, 3DGRUT cuts responses off instead of alphas.
 BlendRule BlendRule::Named(const std::string& name) {
   BlendRule rule;
   if (name.empty()) return rule;
@@ -37,6 +39,7 @@ BlendRule BlendRule::Named(const std::string& name) {
   return rule;
 }
 
+// Bounds that the kernels rely on: logarithms of alpha_min, and 1 - alpha never 0.
 void BlendRule::Check() const {
   Require(alpha_min >= kLeastAlphaMin && alpha_min < 1.0, "alpha_min", alpha_min, "in [1e-37, 1)");
   Require(alpha_max > 0.0 && alpha_max < 1.0, "alpha_max", alpha_max, "in (0, 1)");

@@ -10,6 +10,9 @@
 
 namespace gsut {
 
+// dL/dp = sum over pixels of dL/dd . dd/dp + dL/do . do/dp for the lens parameters p, d and o a
+// pixel's ray and origin as the camera has them. A pixel keeps its place: the ray moves, by the
+// inverse of the projection's derivative (RayJacobian). Rows are summed apart, then in order.
 std::vector<double> ChainToLens(const ViewRays& view, const Camera& camera,
                                 const CameraMotion& motion, const RayGradients& gradients) {
   using Eigen::Map;

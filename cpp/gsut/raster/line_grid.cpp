@@ -46,6 +46,7 @@ bool PlaceLine(const Frame3& frame, const Vector3d& origin, const Vector3d& ray,
 }
 
 struct Ranges {
+  // Of a, b, s, t and slide.
   double low[5], high[5];
   Ranges() {
     std::fill_n(low, 5, 1e300);
@@ -156,6 +157,9 @@ LineBundle BundleOf(const ViewRays& view, int x0, int y0, int size) {
   return MakeBundle(frame, ranges, wide);
 }
 
+// The numbers of each line of a tile, and their ranges over the tile and over each of its blocks. A
+// pixel without a ray starts with no transmittance: the kernels blend nothing there and need no
+// mask.
 void FillTile(const ViewRays& view, int tile, LineGrid* grid) {
   TileGrid& tiles = grid->tiles;
   const int x0 = (tile % tiles.tiles_x) * kTileSize;
@@ -268,6 +272,9 @@ std::int64_t LineGrid::bytes() const {
   return static_cast<std::int64_t>(floats * sizeof(float));
 }
 
+// Level 0 of the pyramid is the tiles' own bundles; a node of each further level bundles 4 x 4
+// nodes of the one before. It is made from the rays, not from the bounds below it, in a frame of
+// its own, so that its bounds are as tight as such bounds can be. Levels end at one group of 4 x 4.
 std::shared_ptr<const LineGrid> MakeLineGrid(const ViewRays& view, int lanes) {
   auto grid = std::make_shared<LineGrid>();
   grid->is_parallel = view.is_parallel;
@@ -312,6 +319,7 @@ std::shared_ptr<const LineGrid> MakeLineGrid(const ViewRays& view, int lanes) {
   return grid;
 }
 
+// The grids used last, most recent first; the oldest leave where all together exceed kCacheBytes.
 std::shared_ptr<const LineGrid> LinesOf(const Camera& camera, const CameraMotion& motion,
                                         int lanes) {
   const std::shared_ptr<const RayTable> rays = camera.SharedRays();

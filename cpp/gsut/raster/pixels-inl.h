@@ -32,6 +32,9 @@ HWY_INLINE void ForEachRun(const TileGrid& grid, int tile, Visit&& visit) {
   }
 }
 
+// C = sum of w_i c_i + T background and alpha = T_0 - T, where T_0 is 0 for a pixel without a ray.
+// The sign of a stored T marks a pixel that stopped early. Distances are blended in units of the
+// ray D + s E1 + t E2, whose length turns them into those along a unit ray.
 HWY_INLINE void WritePixels(const TileGrid& grid, int tile, const Frame& frame,
                             const float* background, bool with_depth, float* image, float* alpha,
                             float* depth, float* distortion) {
@@ -121,6 +124,8 @@ HWY_INLINE PixelGradients ReadPixelGradients(const TileGrid& grid, int tile,
     }
     hn::Vec<Float4> red, green, blue;
     hn::LoadInterleaved3(d, color, red, green, blue);
+    // T_end adds background to the colour and takes as much from alpha: dL/dT_end = dL/dC .
+    // background - dL/dalpha.
     auto final_t = hn::MulAdd(
         red, hn::Set(d, background[0]),
         hn::MulAdd(green, hn::Set(d, background[1]), hn::Mul(blue, hn::Set(d, background[2]))));

@@ -26,6 +26,9 @@ constexpr const char* kTooWide =
 
 }  // namespace
 
+// A frame in four stages, each parallel: project bounds every Gaussian's footprint, records makes
+// 16 floats of each and lists the tiles it may touch, bin sorts by depth and deals the pairs out to
+// the tiles, forward blends tile by tile. No stage adds in an order that depends on threads.
 void Renderer::Render(const GaussiansView<const float>& gaussians, const RenderJob& job) {
   rendered_ = stepped_ = false;
   const BlendRule& rule = job.settings.rule;
@@ -36,6 +39,9 @@ void Renderer::Render(const GaussiansView<const float>& gaussians, const RenderJ
   motion_ = job.motion;
   lines_ = nullptr;
   Stopwatch watch;
+  // Rays that meet in one point are linear forms of a pixel's place in its tile; rays with origins
+  // of their own are lines. Tiles and bounds follow from camera and motion alone and are kept from
+  // frame to frame.
   if (HasOneCenter(job.camera, job.motion)) {
     grid_ = TilesOf(job.camera, ActiveLanes());
   } else {
@@ -43,6 +49,8 @@ void Renderer::Render(const GaussiansView<const float>& gaussians, const RenderJ
   }
   if (tiles().too_wide) throw InputError(kTooWide);
   FillTask(gaussians, job);
+  // The ellipse of the unscented transform is where the search for tiles begins, never its result.
+  // Lines have no such guess: they search a pyramid of bounds instead.
   if (lines_ == nullptr) {
     const FootprintRule footprint = {rule.alpha_min, rule.response_min};
     Project(gaussians, job.camera, job.motion.start, job.unscented, footprint, &splats_);
@@ -51,6 +59,7 @@ void Renderer::Render(const GaussiansView<const float>& gaussians, const RenderJ
   }
   timings_.push_back(watch.Lap("project"));
   ResizeFrame(job.tiles);
+  // Parts of a fixed size own the row spans of their Gaussians, so that no part waits for another.
   ParallelFor(gaussians.size, kRecordsPart, [&](std::int64_t begin, std::int64_t end) {
     frame_.row_spans[static_cast<std::size_t>(begin / kRecordsPart)].clear();
     if (lines_ == nullptr) {
@@ -65,6 +74,7 @@ void Renderer::Render(const GaussiansView<const float>& gaussians, const RenderJ
   });
   timings_.push_back(watch.Lap("records"));
   BinTiles(tiles(), &frame_);
+  // What a tile blended is kept at the places of its pairs, for the backward pass and the scores.
   if (task_.keep) {
     frame_.entries.resize(frame_.pairs.size());
     frame_.entry_count.resize(static_cast<std::size_t>(tiles().num_tiles()));
@@ -83,6 +93,8 @@ void Renderer::Render(const GaussiansView<const float>& gaussians, const RenderJ
   rendered_ = task_.keep;
 }
 
+// What all kernels read of a job, rounded to float once. response_min bounds D^2 like the opacity
+// does: exp(-D^2 / 2) > response_min where D^2 < -2 ln(response_min).
 void Renderer::FillTask(const GaussiansView<const float>& gaussians, const RenderJob& job) {
   const RenderSettings& settings = job.settings;
   task_.gaussians = gaussians;
@@ -114,6 +126,8 @@ void Renderer::FillTask(const GaussiansView<const float>& gaussians, const Rende
   task_.sh_degree = settings.sh_degree < stored_degree ? settings.sh_degree : stored_degree;
 }
 
+// Makes room for whole vectors beyond the last Gaussian, and takes the tiles that are not chosen
+// out of the search.
 void Renderer::ResizeFrame(const std::uint8_t* chosen) {
   frame_.size = task_.gaussians.size;
   const std::size_t n = static_cast<std::size_t>(frame_.size);

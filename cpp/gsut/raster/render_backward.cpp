@@ -44,6 +44,8 @@ void Renderer::Backward(const ImageGradients& to_image, const GradientRows& to, 
     CheckStep(to);
     stepped_ = true;  // what was rendered changes
   }
+  // Stage 1, tiles to slots: each (tile, Gaussian) pair has a slot of its own, so that tiles need
+  // neither locks nor atomic sums, whose order would change with the threads.
   const std::size_t slots = frame_.pairs.size();
   frame_.slot_gradients.resize(slots * 16);
   frame_.slot_touched.resize(slots);
@@ -68,6 +70,8 @@ void Renderer::Backward(const ImageGradients& to_image, const GradientRows& to, 
     if (with_rays) ToRays(tile, to_lines, to_image, rays);
   });
   timings_.push_back(watch.Lap("backward"));
+  // Stage 2, slots to Gaussians: the slots of a Gaussian are added in the order of its tiles; its
+  // parameters' gradients follow from the sums alone. What the pose gets is added up by chunk.
   const std::int64_t chunks = (to.rows.size + kGaussianGrain - 1) / kGaussianGrain;
   std::vector<Vector6d> parts(static_cast<std::size_t>(chunks), Vector6d::Zero());
   ParallelFor(to.rows.size, kGaussianGrain, [&](std::int64_t begin, std::int64_t end) {
@@ -79,6 +83,9 @@ void Renderer::Backward(const ImageGradients& to_image, const GradientRows& to, 
     }
   });
   timings_.push_back(watch.Lap("gradients"));
+  // Stage 3, to the poses: seen from one centre, moving the camera is moving all Gaussians the
+  // other way, and the sum is complete. Lines have poses of their own, reached through their rays;
+  // here the sum holds only how the colours change with the direction of view.
   if (dpose == nullptr) return;
   Vector6d total = Vector6d::Zero();
   for (const Vector6d& part : parts) total += part;
@@ -102,6 +109,9 @@ void Renderer::CheckStep(const GradientRows& to) const {
   }
 }
 
+// From the gradients to a pixel's numbers in its tile's frame, s and t (of lines also a, b and
+// slide), to those of its unit direction and its origin. Depth and distortion also depend on the
+// direction's length in that frame, sqrt(1 + s^2 + t^2).
 void Renderer::ToRays(int tile, const float* to_lines, const ImageGradients& to_image,
                       RayGradients* rays) const {
   const TileGrid& grid = tiles();

@@ -149,6 +149,7 @@ HWY_INLINE void StepHarmonics(const HarmonicsStep& step, const HarmonicsRows& ro
   const std::int64_t stride = 3 * NumShCoefficients(rows.Degree(first));
   const NextHarmonics next(rows, first);
   const std::uint64_t bits = MaskBits(seen.m);
+  // Adam's step is sparse: a row that no pixel saw keeps its parameters and its moments.
   for (int i = 0; i < kLanes; ++i) {
     if (i < next.count && MayBeSeen(frame, first + kLanes + i, 1)) {
       next.Fetch<true>(step.moment1, i, step.active);
@@ -161,6 +162,9 @@ HWY_INLINE void StepHarmonics(const HarmonicsStep& step, const HarmonicsRows& ro
   }
 }
 
+// c = max(0, 0.5 + sum over k of Y_k(n) h_k), n the direction of view. With g = dL/dc where c > 0,
+// else 0:
+//   dL/dh_k = Y_k(n) g,  dL/dn = sum over k of (h_k . g) dY_k/dn.
 // From dL/dcolor to the harmonics, written or stepped, and to the direction they were evaluated in.
 HWY_INLINE void ColorGradients(const GaussiansView<const float>& g, const HarmonicsRows& sh_rows,
                                std::int64_t first, int sh_degree, const Frame& frame, LaneMask seen,
@@ -204,6 +208,8 @@ HWY_INLINE void ColorGradients(const GaussiansView<const float>& g, const Harmon
 
 // A turn by w (world or camera axes, the same on both sides) of a unit quaternion q: q + (0, w) q
 // / 2. From the gradient to w to that to the quaternion as stored.
+// The four numbers (0, w) q / 2 have half the length of w, in directions across q: dL/dq = 2 (0, g)
+// q for the gradient g to w. A stored quaternion that is k q gets 1 / k of it.
 HWY_INLINE void TurnFromLeft(const SeenLanes& s, const Lane* turn, Lane* to_quat) {
   const Lane two = Lane(2.0) * s.quat_scale;
   const Lane w = s.quat[0], x = s.quat[1], y = s.quat[2], z = s.quat[3];

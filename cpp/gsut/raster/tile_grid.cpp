@@ -128,6 +128,8 @@ bool FillTile(const RayTable& rays, int tile, TileGrid* grid) {
   bool narrow = true;
   std::uint64_t alive = 0;
   pixels.ForEach([&](int x, int y, const Vector3d& ray) {
+    // About the axis of the tile s and t are small: float keeps more digits of a ray than its unit
+    // vector would. A pixel without a ray keeps start 0 and blends nothing.
     const double cosine = ray.dot(d);
     if (!(cosine > kMinCosine)) {
       narrow = false;
@@ -199,6 +201,9 @@ void FillCell(const RayTable& rays, int cell, TileGrid* grid) {
   grid->cell_wide[static_cast<std::size_t>(cell)] = wide ? 1.0f : 0.0f;
 }
 
+// Three sizes of boxes around rays, each for one search: blocks of lanes inside a tile, tiles in
+// groups of 4 x 4 beside each other for one vector test, and cells of 4 x 4 tiles for Gaussians
+// whose footprint no ellipse bounds.
 std::shared_ptr<const TileGrid> BuildTiles(const Camera& camera, int lanes) {
   auto grid = std::make_shared<TileGrid>();
   grid->width = camera.width();
@@ -255,6 +260,8 @@ struct CachedGrid {
 
 }  // namespace
 
+// A box of directions as centre and two half widths, d = centre + x half_s + y half_t with |x|, |y|
+// <= 1: a linear form f has values within f.centre +- (|f.half_s| + |f.half_t|).
 RayBox::RayBox(const RayBundle& bundle) {
   const auto axis = [&](int k) -> Vector3d {
     return Eigen::Map<const Eigen::Vector3f>(&bundle.values[RayBundle::kFrame + 3 * k])
@@ -274,6 +281,7 @@ RayBox::RayBox(const RayBundle& bundle) {
   }
 }
 
+// Grids of the last cameras, most recent first, found by ray table and number of lanes.
 std::shared_ptr<const TileGrid> TilesOf(const Camera& camera, int lanes) {
   static std::mutex mutex;
   static std::list<CachedGrid> cache;

@@ -70,6 +70,8 @@ struct FormLanes {
 // Which boxes of rays may hold one with N < z^2, z > 0, a box a lane: conservative interval bounds
 // of the forms. load(k): value k of RayBox.
 template <class Load>
+// The least of |p| and |q| and the greatest z, each over the whole box, may belong to different
+// rays: the test keeps a box too many, never one too few.
 HWY_INLINE FloatMask TouchedBoxes(const FormLanes& forms, Load&& load) {
   const auto zero = hn::Zero(FloatTag());
   FloatVec box[RayBox::kSize];
@@ -159,6 +161,8 @@ HWY_INLINE TileWindow TouchedTiles(const TileGrid& grid, const FormLanes& forms,
   return hits;
 }
 
+// Up to 64 tiles keep a bit each. More keep one span a row, which also fills gaps within the row:
+// tiles where the blend then finds no pixel.
 HWY_INLINE TileRect RectOf(const TileWindow& hits, const TouchedRows& rows,
                            std::vector<RowSpan>* spans) {
   TileRect rect;
@@ -306,6 +310,8 @@ HWY_INLINE TileRect GrownTileRect(const TileGrid& grid, const FormLanes& forms,
     if (!(left || right || up || down)) {
       return in_word ? word.Rect(hits) : RectOf(hits, *rows, spans);
     }
+    // Twice as far at each turn: the cost of a wrong guess stays a small multiple of the
+    // footprint's.
     if (left) window.x0 -= step;
     if (right) window.x1 += step;
     if (up) window.y0 -= step;
@@ -314,6 +320,7 @@ HWY_INLINE TileRect GrownTileRect(const TileGrid& grid, const FormLanes& forms,
 }
 
 // The tiles that hold a pixel centre within the boxes centre +- extent (pixels), a box a lane.
+// Truncation towards zero is a floor here, as pixels are clamped into the image first.
 struct EllipseTiles {
   static constexpr int kTileBits = 4;
   HWY_ALIGN std::int32_t x0[kLanes], x1[kLanes], y0[kLanes], y1[kLanes];

@@ -43,6 +43,8 @@ ViewRays MakeViewRays(const Camera& camera, const CameraMotion& motion) {
     view.rays = table.rays;
     return view;
   }
+  // The table's rays are in the frame of the camera as it reads their line. All lines are placed
+  // into one frame, the reference's: d' = R d and o' = R o + t, with (R, t) = reference_from_line.
   // reference_from_line: what the camera at a line's time looks like from the reference.
   std::vector<Pose> placed = LinePoses(camera, motion);
   for (Pose& pose : placed) pose = view.reference * pose.Inverse();
@@ -65,6 +67,12 @@ ViewRays MakeViewRays(const Camera& camera, const CameraMotion& motion) {
   return view;
 }
 
+// From the gradients to rays, in the reference's frame, to those of the poses at both ends of the
+// readout, in three steps:
+//   1. to a twist xi = (v, w) of each line's pose, camera_from_world' = exp(xi) camera_from_world,
+//   which moves all rays of the line together;
+//   2. through the interpolation at the line's time to the twists of the start and the end;
+//   3. the colours, shaded from the reference alone, do the same at the time of the middle.
 void ChainToPoses(const ViewRays& view, const Camera& camera, const CameraMotion& motion,
                   const RayGradients& gradients, const ShadingGradient& shading, double* dpose) {
   const RayTable& table = camera.Rays();

@@ -23,6 +23,7 @@ void ProjectSome(const DepthView& view, int count, PointBatch* points, ViewedBat
 }
 
 // Bilinear between pixel centres, levels of 0 to 1.
+// Adds weight times the image at (u, v); beyond the outermost centres their values hold.
 void AddColor(const DepthView& view, const std::uint8_t* image, float u, float v, float weight,
               float* sum) {
   const float left = std::clamp(u - 0.5f, 0.0f, static_cast<float>(view.width() - 1));
@@ -53,6 +54,7 @@ void CountSupport(const std::vector<DepthView>& views, std::size_t which,
     PointBatch points;
     ViewedBatch seen;
     std::vector<std::size_t> pixels;
+    // The points gathered so far, through every other view; then room for the next.
     const auto flush = [&] {
       if (pixels.empty()) return;
       for (const std::size_t other : others) {
@@ -60,6 +62,7 @@ void CountSupport(const std::vector<DepthView>& views, std::size_t which,
         for (std::size_t i = 0; i < pixels.size(); ++i) {
           DepthSample sample;
           if (!views[other].Sample(seen.u[i], seen.v[i], &sample)) continue;
+          // Relative to the distance: depth errors grow with it.
           const float apart = std::abs(sample.depth - seen.distance[i]);
           support[pixels[i]] += apart <= static_cast<float>(tolerance) * seen.distance[i];
         }
@@ -83,6 +86,7 @@ void CountSupport(const std::vector<DepthView>& views, std::size_t which,
 
 // The mean colour over the views that see a point, not one before it, weighted as the depth fusion
 // weights: by the cosine at which the surface is seen over the squared distance.
+// Hidden is what lies farther than the view's depth there by more than the tolerance.
 void ColorPoints(const std::vector<DepthView>& views, std::span<const std::uint8_t* const> images,
                  std::int64_t count, const double* points, double tolerance, float* colors) {
   ParallelFor(count, kPointBatch, [&](std::int64_t begin, std::int64_t end) {

@@ -91,6 +91,7 @@ std::vector<std::uint8_t> CaseOf(unsigned signs, const std::array<std::array<int
           EdgeBetween(corner(last), corner(last + 1));
     }
   }
+  // The segments are links from edge to edge: following them until they come back is one polygon.
   std::vector<std::uint8_t> triangles;
   for (int start = 0; start < kEdges; ++start) {
     std::vector<int> polygon;
@@ -124,6 +125,8 @@ const std::array<std::vector<std::uint8_t>, 256>& CubeCases() {
         faces_of_edge[static_cast<std::size_t>(edge)] |= 1u << face;
       }
     }
+    // Which faces an edge lies in, for PolygonCut; then a list of triangles for each choice of
+    // signs.
     std::array<std::vector<std::uint8_t>, 256> made;
     for (unsigned signs = 0; signs < 256; ++signs) {
       made[signs] = CaseOf(signs, faces, faces_of_edge);

@@ -21,6 +21,8 @@ constexpr int kMaxSteps = 20;
 
 }  // namespace
 
+// Poses are tabulated once, for each line of a rolling readout, about the scene's centre: float
+// coordinates then keep their digits however far the scene lies from the world's origin.
 DepthView::DepthView(const Camera& camera, const CameraMotion& motion, const float* depth,
                      const float* weight, const Vector3d& center)
     : camera_(camera), motion_(motion), center_(center), lens_(camera) {
@@ -47,6 +49,8 @@ DepthView::DepthView(const Camera& camera, const CameraMotion& motion, const flo
   FillPixels(depth, weight);
 }
 
+// The inverse depth is kept, 0 where there is none, and beside it the cosine at which the surface
+// is seen. The mean angle between neighbouring pixels says how far apart their points lie.
 void DepthView::FillPixels(const float* depth, const float* weight) {
   const RayTable& rays = camera_.Rays();
   pixels_.resize(static_cast<std::size_t>(width()) * height());
@@ -97,6 +101,8 @@ float DepthView::CosineAt(const RayTable& rays, int x, int y) const {
     }
     return point(ends[1]) - point(ends[0]);
   };
+  // The surface through the neighbours' points; a neighbour across an edge is replaced by the
+  // pixel.
   const Vector3d normal = along_axis(1, 0).cross(along_axis(0, 1));
   const double length = normal.norm();
   if (!(length > 0.0)) return kLeastCosine;
@@ -161,6 +167,7 @@ void DepthView::Project(int count, const PointBatch& points, ViewedBatch* out) c
     }
     if (change <= kSettled) break;
   }
+  // Distances are from the ray's own origin, which a lens without one centre has by pixel.
   const std::vector<double>& origins = camera_.Rays().origins;
   for (int i = 0; i < count && !origins.empty(); ++i) {
     if (std::isfinite(out->u[i]) && std::isfinite(out->v[i])) {

@@ -85,6 +85,8 @@ struct BlockCollector {
 };
 
 // In order, none twice; of more than `most`, some more than that.
+// Which blocks a view's surface passes: three points a pixel, at its depth and half a truncation
+// before and behind, each with the voxels around it that the pixel covers.
 std::vector<Block> BlocksOf(const DepthView& view, const VoxelSpace& space, double truncation,
                             std::size_t most) {
   BlockCollector collector;
@@ -142,6 +144,7 @@ class BlockFusion {
   }
 
  private:
+  // Voxels outside the space keep size 0, which no view adds to.
   void Place(const Block& block) {
     const Vector3d first(block[0], block[1], block[2]);
     int i = 0;
@@ -215,6 +218,8 @@ std::int64_t DistanceField::Find(const Block& block) const {
   return at != blocks.end() && *at == block ? at - blocks.begin() : -1;
 }
 
+// With `max_blocks` the memory is known before it is taken: views stop early where one alone has
+// more, and merging stops at the first excess.
 DistanceField FuseDepth(const std::vector<DepthView>& views, const VoxelSpace& space,
                         const FuseOptions& options) {
   DistanceField field;
@@ -235,6 +240,7 @@ DistanceField FuseDepth(const std::vector<DepthView>& views, const VoxelSpace& s
                      " blocks of 8 x 8 x 8 voxels that memory is allowed for; take larger voxels");
   };
   check();
+  // Sorted lists merge into one sorted list; each is freed as it is taken in.
   for (std::vector<Block>& of_view : of_views) {
     const auto before = static_cast<std::ptrdiff_t>(field.blocks.size());
     field.blocks.insert(field.blocks.end(), of_view.begin(), of_view.end());

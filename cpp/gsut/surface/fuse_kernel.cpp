@@ -59,12 +59,14 @@ HWY_INLINE Samples SampleAt(const DepthPixels& pixels, Vec u, Vec v, Counts&& co
     four[2] = hn::GatherIndex(d, base, hn::Add(corner, beneath));
     four[3] = hn::GatherIndex(d, base, hn::Add(corner, hn::Add(beside, beneath)));
   };
+  // Bilinear, along the row above and the one below, then between them.
   const auto mixed = [&]() HWY_ATTR {
     const Vec above = hn::MulAdd(a, hn::Sub(four[1], four[0]), four[0]);
     const Vec under = hn::MulAdd(a, hn::Sub(four[3], four[2]), four[2]);
     return hn::MulAdd(b, hn::Sub(under, above), above);
   };
   gather(0);
+  // One surface: the four inverse depths differ by less than kSameSurface. Else the nearest pixel.
   const Vec least = hn::Min(hn::Min(four[0], four[1]), hn::Min(four[2], four[3]));
   const Vec most = hn::Max(hn::Max(four[0], four[1]), hn::Max(four[2], four[3]));
   const Mask smooth = hn::And(between, hn::Lt(most, hn::Mul(hn::Set(d, kSameSurface), least)));

@@ -98,6 +98,7 @@ void ForEachVoxel(Visit&& visit) {
   }
 }
 
+// Only the three edges that start at a voxel, so that each edge of the grid is seen once.
 void MarkVertices(const BlockValues& block, BlockVertices* vertices) {
   ForEachVoxel([&](int x, int y, int z) {
     const float here = block.At(x, y, z);
@@ -108,6 +109,7 @@ void MarkVertices(const BlockValues& block, BlockVertices* vertices) {
   });
 }
 
+// In double, and from grid to world through the space, which may be contracted far out.
 void WriteVertices(const DistanceField& field, std::int64_t number, const BlockValues& block,
                    const BlockVertices& vertices, double* out) {
   const auto& at = field.blocks[static_cast<std::size_t>(number)];
@@ -127,6 +129,8 @@ void WriteVertices(const DistanceField& field, std::int64_t number, const BlockV
   }
 }
 
+// The signs of a cell's corners choose one of 256 cases; a case lists edges of the cell, three a
+// triangle, and an edge's vertex is named by the block that owns the edge.
 void AddTriangles(const BlockValues& block, const std::vector<BlockVertices>& vertices,
                   std::vector<std::uint32_t>* faces) {
   const auto& cases = CubeCases();

@@ -42,6 +42,7 @@ Vector3d NearestOnTriangle(const Vector3d& p, const Vector3d& a, const Vector3d&
 
 // How many directions away the ray meets the triangle, from either side (Moeller and Trumbore
 // 1997).
+// Solves o + t d = a + u ab + v ac by Cramer's rule, the determinants as triple products.
 double MeetTriangle(const Vector3d& origin, const Vector3d& direction, const Vector3d& a,
                     const Vector3d& b, const Vector3d& c) {
   const Vector3d ab = b - a, ac = c - a, across = direction.cross(ac), from = origin - a;
@@ -70,6 +71,8 @@ TriangleTree::TriangleTree(std::vector<double> vertices, std::vector<std::uint32
   Build(0, static_cast<std::uint32_t>(order_.size()), &middles);
 }
 
+// A bounding volume hierarchy: each node's box holds its triangles, split in two halves of equal
+// count across the box's longest side, down to leaves of four.
 // Nodes in the order of a walk down to the left: the left child of a node is the next, and only the
 // right one's index is kept. Ties of the median are broken by index: one tree for one mesh.
 void TriangleTree::Build(std::uint32_t first, std::uint32_t count, std::vector<Vector3d>* middles) {
@@ -147,6 +150,7 @@ void TriangleTree::Cast(std::int64_t count, const double* origins, const double*
     for (std::int64_t i = begin; i < end; ++i) {
       const Vector3d origin = Eigen::Map<const Vector3d>(origins + 3 * i);
       const Vector3d direction = Eigen::Map<const Vector3d>(directions + 3 * i);
+      // Infinite along an axis that the ray does not move on: the slab test then still holds.
       const Vector3d inverse = direction.cwiseInverse();
       const auto to_box = [&](std::uint32_t n) {
         const Vector3d one = (nodes_[n].low - origin).cwiseProduct(inverse);

@@ -1,7 +1,6 @@
 """Trains one scene in blocks: layout, tasks that are pure functions, workers, merge."""
 
 from gsut.blocks.driver import train_blocks
-from gsut.blocks.layout import Layout
 from gsut.blocks.stages import BlocksResult
 
-__all__ = ["BlocksResult", "Layout", "train_blocks"]
+__all__ = ["BlocksResult", "train_blocks"]

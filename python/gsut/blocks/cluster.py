@@ -6,11 +6,12 @@ import contextlib
 import hashlib
 import logging
 import os
+import platform
 import tempfile
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from gsut import _core
 from gsut._core import InputError
@@ -150,9 +151,8 @@ class Cluster:
 
         def submit(state: bytes | None) -> Any:
             before = None if state is None else self._ray.put(state)
-            return segment.remote(
-                task, paths, files, before, self.isa, _core.__version__, self.threads
-            )
+            driver = Driver(self.isa, _core.__version__, self.threads)
+            return segment.remote(task, paths, files, before, driver)
 
         return submit
 
@@ -183,10 +183,23 @@ def describe_node() -> dict[str, Any]:
     return {"version": _core.__version__, "isas": _core.available_isas()}
 
 
+class Driver(NamedTuple):
+    """What the workers must have of the process that drives them.
+
+    Attributes:
+        isa: instruction set of all.
+        version: of gsut.
+        threads: of a worker.
+    """
+
+    isa: str
+    version: str
+    threads: int
+
+
 def train_segment(
-    task: bytes, paths: list[str], photographs: list[Any], state: bytes | None, isa: str,
-    version: str, threads: int,
-) -> tuple[bytes, dict[str, Any]]:  # fmt: skip
+    task: bytes, paths: list[str], photographs: list[Any], state: bytes | None, driver: Driver
+) -> tuple[bytes, dict[str, Any]]:
     """Trains a segment on a worker; returns the next state's file and its summary.
 
     Args:
@@ -194,22 +207,22 @@ def train_segment(
         paths: of its photographs, on the driver's machine.
         photographs: their content, or where Ray has it.
         state: content of the last state's file; None: the first segment.
-        isa, version, threads: of gsut.
+        driver: of gsut.
 
     Raises:
         InputError: version or instruction set do not match, or the disk is full.
     """
-    if _core.__version__ != version:
+    if _core.__version__ != driver.version:
         raise InputError(
-            f"{os.uname().nodename} has gsut {_core.__version__}, the driver {version}; install "
-            "the same version on all nodes"
+            f"{platform.node()} has gsut {_core.__version__}, the driver {driver.version}; "
+            "install the same version on all nodes"
         )
-    if isa not in _core.available_isas():
+    if driver.isa not in _core.available_isas():
         raise InputError(
-            f"{os.uname().nodename} has no {isa} instructions, which this run started with"
+            f"{platform.node()} has no {driver.isa} instructions, which this run started with"
         )
-    _core.set_isa(isa)
-    _core.set_num_threads(threads)
+    _core.set_isa(driver.isa)
+    _core.set_num_threads(driver.threads)
     folder = _make_folder()
     name = hashlib.sha256(task).hexdigest()
     if name not in _last:
@@ -266,7 +279,7 @@ def _from_bytes(content: bytes, folder: Path) -> dict[str, Any]:
 
 def _make_disk_error(error: OSError) -> InputError:
     return InputError(
-        f"{os.uname().nodename} cannot keep photographs in {tempfile.gettempdir()} "
+        f"{platform.node()} cannot keep photographs in {tempfile.gettempdir()} "
         f"({error.strerror or error}); give that node room there, or another TMPDIR"
     )
 

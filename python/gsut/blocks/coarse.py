@@ -11,11 +11,13 @@ import numpy as np
 from gsut.blocks.plan import choose_coarse_scale
 from gsut.blocks.task import list_arrays, pack_light, unpack_light
 from gsut.blocks.workers import write_state
-from gsut.data import Scene, TrainingViews
+from gsut.data import Scene
+from gsut.data.scene import TrainingViews
 from gsut.gaussians import Gaussians
 from gsut.render import Light
 from gsut.run import Progress, TrainOptions, read_checkpoint
-from gsut.training import TrainingLoop, refine_first_poses
+from gsut.training import TrainingLoop
+from gsut.training.first import refine_first_poses
 
 # Steps between checkpoints.
 _EVERY = 250

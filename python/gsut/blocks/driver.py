@@ -13,10 +13,11 @@ from gsut.blocks.layout import Layout
 from gsut.blocks.plan import check_trainable, limit_cache_bytes
 from gsut.blocks.stages import BlocksResult, Stages
 from gsut.blocks.workers import Workers
-from gsut.data import Scene, digest_scene, keep_at_most
+from gsut.data import Scene
+from gsut.data.scene import digest_scene, keep_at_most
 from gsut.files import UNFINISHED, to_plain
-from gsut.run import BLOCKS, BlockOptions, RunFolder, TrainOptions, describe_environment, read_plan
-from gsut.training import choose_degree, prepare_scene
+from gsut.run import BlockOptions, RunFile, RunFolder, TrainOptions, describe_environment, read_plan
+from gsut.training.first import choose_degree, prepare_scene
 
 # Version of the tasks' format; tasks of another version cannot be resumed.
 _TASKS = 4
@@ -103,6 +104,6 @@ def _open_run(
                 f"{run.path} was started with {name} {plan.get(name)}, not {value}; a resumed run "
                 f"keeps it{hint}, or start a new run"
             )
-    for leftover in (run.path / BLOCKS).rglob(UNFINISHED + "*"):
+    for leftover in (run.path / RunFile.BLOCKS).rglob(UNFINISHED + "*"):
         leftover.unlink()
     return run, dataclasses.replace(run.read_given_options(), threads=options.threads)

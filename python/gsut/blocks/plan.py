@@ -10,7 +10,7 @@ from gsut._core import InputError
 from gsut.data import Scene
 from gsut.gaussians import count_bytes_per_gaussian
 from gsut.run import BlockOptions, TrainOptions, format_size, free_memory
-from gsut.training import limit_gaussians
+from gsut.training.first import limit_gaussians
 
 # Share of all Gaussians that the coarse model of few blocks has: blocks need room to grow.
 _COARSE_GAUSSIANS = 0.8

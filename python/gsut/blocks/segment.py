@@ -9,7 +9,8 @@ import numpy as np
 
 from gsut import _core
 from gsut.blocks.task import BlockTask, Trained, list_arrays
-from gsut.data import Level, Scene
+from gsut.data import Scene
+from gsut.data.scene import Level
 from gsut.render import Light, compute_field_angles
 from gsut.training import TrainingLoop
 

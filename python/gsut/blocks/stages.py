@@ -33,26 +33,24 @@ from gsut.blocks.store import BlockStore
 from gsut.blocks.task import Trained
 from gsut.blocks.tasks import TaskMaker
 from gsut.blocks.workers import FIGURES, Job, Workers, write_state
-from gsut.data import Scene, keep_at_most
+from gsut.data import Scene
+from gsut.data.scene import keep_at_most
 from gsut.evaluate import evaluate
 from gsut.formats import load_ply, open_ply
 from gsut.gaussians import Gaussians
 from gsut.run import (
-    BLOCKS,
-    PLAN,
-    SCENE,
     BlockOptions,
     Progress,
+    RunFile,
     RunFolder,
     TrainOptions,
     read_plan,
     release_memory,
 )
-from gsut.training import (
-    choose_complexity,
+from gsut.training.first import choose_complexity, find_plain_background, limit_gaussians
+from gsut.training.record import (
+    TrainedRun,
     describe_place,
-    find_plain_background,
-    limit_gaussians,
     list_scene_comments,
     measure,
     write_findings,
@@ -61,9 +59,9 @@ from gsut.training import (
 # Held-out views that each round is measured on, spread evenly.
 _CURVE_VIEWS = 8
 # Path of the layout in the run's folder.
-_LAYOUT = f"{BLOCKS}/layout.json"
+_LAYOUT = f"{RunFile.BLOCKS}/layout.json"
 # Path of the stages' times and sizes in the run's folder.
-_STAGES = f"{BLOCKS}/stages.json"
+_STAGES = f"{RunFile.BLOCKS}/stages.json"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -124,7 +122,7 @@ class Stages:
         self._complexity = choose_complexity(scene, options.resolve())
         self._options = limit_gaussians(options, self._complexity.max_gaussians)
         self._scene = scene
-        self._folder = run.path / BLOCKS
+        self._folder = run.path / RunFile.BLOCKS
         self._stages: dict[str, dict[str, float]] = run.read_json(_STAGES) or {}
         self._peak: dict[int, float] = {}
         self._count = self._choose_count()
@@ -140,7 +138,7 @@ class Stages:
                 plan["count"] = len(Layout.read(str(layout)))
             else:
                 plan["count"] = choose_count(self._scene, self._options, self._blocks)
-            self._run.write_json(PLAN, plan)
+            self._run.write_json(RunFile.PLAN, plan)
         return int(plan["count"])
 
     @contextlib.contextmanager
@@ -267,7 +265,7 @@ class Stages:
         """Writes the scene after a round, and a row of the history."""
         flat = self._options.primitive == "surfel"
         self._place = self._store.save(
-            self._folder / SCENE, self._turn, list_scene_comments(self._run), flat
+            self._folder / RunFile.SCENE, self._turn, list_scene_comments(self._run), flat
         )
         jobs = (self._make_job(block, number) for block in range(len(self.layout)))
         step = sum(int(_read_figures(job)["step"]) for job in jobs)
@@ -291,7 +289,7 @@ class Stages:
         """Opens all Gaussians in the scene's coordinates; they stay in their file if memory is
         short."""
         limit = limit_drawn_bytes(self._blocks)
-        return open_ply(self._folder / SCENE, limit).translate(-self._scene.world_offset)
+        return open_ply(self._folder / RunFile.SCENE, limit).translate(-self._scene.world_offset)
 
     def finish(self) -> BlocksResult:
         """Measures the scene and writes what `train` writes, with figures of the blocks."""
@@ -302,8 +300,8 @@ class Stages:
         seconds = self.coarse.seconds + sum(row["seconds"] for row in rows)
         chosen = scene.test_indices or scene.train_indices[:_CURVE_VIEWS]
         scene, metrics = measure(
-            self._open_scene(), scene, chosen, resolved, self._run, steps=steps,
-            train_seconds=seconds, align=o.refine_poses, light=self.coarse.light,
+            TrainedRun(resolved, scene, self._open_scene(), self.coarse.light), chosen, self._run,
+            steps=steps, train_seconds=seconds, align=o.refine_poses,
         )  # fmt: skip
         self._complexity.add_to(metrics)
         if self.coarse.figures is not None:
@@ -318,13 +316,13 @@ class Stages:
             "pixels": self.coarse.pixels + sum(row["pixels"] for row in rows),
         }  # fmt: skip
         metrics["notes"] += describe_place(self._place)
-        os.replace(self._folder / SCENE, self._run.path / SCENE)
+        os.replace(self._folder / RunFile.SCENE, self._run.path / RunFile.SCENE)
         write_findings(
             self._run, metrics, scene.path, scene if o.refine_poses else None,
             self._run.read_given_options(), self._blocks.list_words(),
         )  # fmt: skip
         scene = scene.move_origin((0.0, 0.0, 0.0))
-        return BlocksResult(self._run.path / SCENE, metrics, scene, self.layout)
+        return BlocksResult(self._run.path / RunFile.SCENE, metrics, scene, self.layout)
 
     def _make_rows(self) -> list[dict[str, Any]]:
         """Returns the figures of each block over all rounds."""

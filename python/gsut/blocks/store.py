@@ -13,7 +13,7 @@ from gsut.blocks.layout import Layout
 from gsut.blocks.task import Trained
 from gsut.blocks.workers import write_state
 from gsut.formats import save_ply_parts
-from gsut.gaussians import Gaussians, merge_gaussians, order_for_reading
+from gsut.gaussians import Gaussians, StoredGaussians, merge_gaussians
 from gsut.run import read_checkpoint
 
 # Gaussians of a sample: enough for a map and for the place of a file.
@@ -101,7 +101,7 @@ class BlockStore:
         def read_in_order() -> Iterator[Gaussians]:
             for block in range(len(self._layout)):
                 part = self.read_gaussians(block, turn)
-                yield part[order_for_reading(part)].translate(self._offset)
+                yield part[StoredGaussians.order_rows(part)].translate(self._offset)
 
         return save_ply_parts(
             path, read_in_order(), sum(self.count_gaussians(turn)), place, comments, surfels

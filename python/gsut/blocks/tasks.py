@@ -26,7 +26,7 @@ from gsut.data.points import has_colors
 from gsut.gaussians import Gaussians, merge_gaussians
 from gsut.render import Light
 from gsut.run import BlockOptions, TrainOptions
-from gsut.training import seed_first
+from gsut.training.first import seed_first
 
 # Most views that a block is trained on; the memory of more is not used better.
 _MOST_VIEWS = 1500

@@ -100,7 +100,7 @@ class Workers:
 
     def __init__(self, count: int, threads: int) -> None:
         self._count = count
-        self._threads = max(1, (threads or os.cpu_count() or 1) // count)
+        self._threads = max(1, (threads or _core.num_threads()) // count)
         self._workers: list[_Worker] = []
 
     def run(self, jobs: Sequence[Job], report: Report) -> None:

@@ -23,7 +23,8 @@ from gsut.capture.flow import FRAMES_BESIDE, FlowSearch
 from gsut.capture.strip import write_strip
 from gsut.capture.track import interpolate_places, read_track
 from gsut.capture.video import Video, read_camera_name
-from gsut.data import CAPTURE, capture_state, describe_changes, read_capture
+from gsut.data import CAPTURE, read_capture
+from gsut.data.scene import capture_state, describe_changes
 from gsut.files import write_json, write_picture
 
 OnProgress = Callable[[str, int, int, str], None]

@@ -13,7 +13,8 @@ from gsut.capture.panorama import find_other_lens, prepare_panoramas
 from gsut.capture.photographs import collect_photographs, find_photograph_files
 from gsut.capture.strip import write_strip
 from gsut.capture.video import is_video
-from gsut.data import CAPTURE, describe_changes, find_lens_file, find_lens_files, read_capture
+from gsut.data import CAPTURE, find_lens_file, find_lens_files, read_capture
+from gsut.data.scene import describe_changes
 from gsut.files import write_json
 from gsut.lens import is_lens_name
 

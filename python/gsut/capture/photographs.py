@@ -18,12 +18,14 @@ from typing import Any
 
 import numpy as np
 
+from gsut import _core
 from gsut._core import InputError, __version__
 from gsut.capture.exif import RAW_SUFFIXES, PhotographFacts, read_facts
 from gsut.capture.frames import IMAGES, Capture, OnProgress, read_finished_capture
 from gsut.capture.strip import write_strip
-from gsut.data import CAPTURE, capture_state, list_some
+from gsut.data import CAPTURE, list_some
 from gsut.data.images import IMAGE_SUFFIXES, find_mask
+from gsut.data.scene import capture_state
 from gsut.files import check_regular, write_json, write_picture
 
 HEIF_SUFFIXES = (".heic", ".heif")
@@ -267,7 +269,7 @@ def _scale_focal(plan: _Plan) -> float:
 def _write(plans: Sequence[_Plan], folder: Path, report: OnProgress) -> list[dict[str, Any]]:
     """Writes copies of photographs that need conversion; returns the rows of all."""
     rows: list[dict[str, Any]] = []
-    with concurrent.futures.ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
+    with concurrent.futures.ThreadPoolExecutor(_core.num_threads()) as pool:
         written = pool.map(lambda plan: _copy(plan, folder) if plan.is_written else None, plans)
         for done, (plan, copy) in enumerate(zip(plans, written, strict=True), 1):
             target = plan.facts.path.resolve() if copy is None else copy

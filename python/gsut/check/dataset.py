@@ -15,7 +15,8 @@ from gsut.check.matches import ImagePair, match_neighbours
 from gsut.check.memory import check_memory
 from gsut.check.photographs import check_half_pixel, check_photographs
 from gsut.check.points import check_points_frame
-from gsut.data import TEST_EVERY, Scene, assemble, load_dataset, read_dataset
+from gsut.data import Scene, assemble, load_dataset, read_dataset
+from gsut.data.scene import TEST_EVERY
 
 _COLOR_VIEWS = 5  # views whose colours the quick check compares: enough for a median
 

@@ -10,7 +10,7 @@ import numpy as np
 from gsut.check.matches import ImagePair
 from gsut.data import Scene
 from gsut.lens import Camera
-from gsut.sfm.core import compute_readout_poses, find_readout_moments
+from gsut.sfm.points import compute_readout_poses, find_readout_moments
 
 # Error of a match beyond which it counts as plainly wrong, in thousandths of the image's diagonal:
 # one and a half pixels of the small images that features are sought in.

@@ -21,7 +21,7 @@ from gsut.check.findings import Finding
 from gsut.check.matches import ImagePair, match_neighbours
 from gsut.data import Scene
 from gsut.lens import Camera
-from gsut.sfm.core import measure_angular_errors, measure_pixels_per_radian
+from gsut.sfm.points import measure_angular_errors, measure_pixels_per_radian
 
 _FEWEST_PAIRS = 2  # pairs of photographs: one alone may be an exception
 _FEWEST_MATCHES = 60  # of all pairs: fewer say nothing about poses and lens

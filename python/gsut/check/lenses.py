@@ -11,7 +11,7 @@ import numpy as np
 from gsut._core import InputError
 from gsut.check.epipolar import Matches, find_rays
 from gsut.lens import Camera
-from gsut.sfm.core import measure_angular_errors, measure_pixels_per_radian
+from gsut.sfm.points import measure_angular_errors, measure_pixels_per_radian
 
 # Factors on the image's size that programs resize by, and that a lens may not have followed.
 _SIZES = (0.25, 1 / 3, 0.5, 2 / 3, 0.75, 4 / 3, 1.5, 2.0, 3.0, 4.0)

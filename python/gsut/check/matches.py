@@ -14,7 +14,7 @@ from gsut.data import Scene
 from gsut.data.images import decode_mask
 from gsut.data.scene import order_frames
 from gsut.sfm import PosesOptions
-from gsut.sfm.core import Features, detect_features
+from gsut.sfm.photographs import Features, detect_features
 
 
 @dataclasses.dataclass(frozen=True)

@@ -26,7 +26,7 @@ from gsut.check.turns import (
     to_rotation_vector,
 )
 from gsut.data import Scene, list_some
-from gsut.sfm.core import measure_angular_errors, measure_pixels_per_radian
+from gsut.sfm.points import measure_angular_errors, measure_pixels_per_radian
 
 # Costs are between 0 and 1; good data lie at 0.1 to 0.5, wrong data at 0.7 to 1.
 _POOR = 0.62  # cost from which something is wrong, whether or not another reading fits

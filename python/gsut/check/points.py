@@ -11,7 +11,7 @@ from gsut.check.findings import Finding
 from gsut.check.readings import list_signed_permutations
 from gsut.data import Scene
 from gsut.data.points import has_colors
-from gsut.sfm.core import measure_angular_errors
+from gsut.sfm.points import measure_angular_errors
 
 _FEWEST = 30  # points, or triangulated matches, of which a median is trusted
 _UNITS = {  # points' unit over the poses' -> names of both

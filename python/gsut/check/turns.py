@@ -16,7 +16,7 @@ from gsut.check.evidence import Evidence
 from gsut.check.readings import list_signed_permutations
 from gsut.data.poses import OPENGL_FROM_OPENCV
 from gsut.gaussians import rotations_from_quaternions
-from gsut.sfm.core import measure_angular_errors
+from gsut.sfm.points import measure_angular_errors
 
 MATCHED = 0.5  # of a pair's matches must fit one relative pose for it to count
 _FEWEST = 4  # turns: fewer show nothing

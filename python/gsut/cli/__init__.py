@@ -21,7 +21,6 @@ from typing import Any, NoReturn
 
 from gsut import _core, _starting
 
-EXIT_OK = 0
 EXIT_INPUT = 2  # wrong arguments or data: one sentence says which
 EXIT_INTERRUPTED = 130  # as shells report Ctrl-C
 EXIT_PIPE = 141  # as shells report a reader of the output that has gone

@@ -16,7 +16,7 @@ from typing import Any
 
 from gsut._core import InputError
 from gsut.cli._flags import add_json, finite, print_json
-from gsut.run import METRICS, RunFolder
+from gsut.run import RunFile, RunFolder
 from gsut.run.options import PRESETS
 
 HELP = "held-out PSNR against the seconds of whole commands, beside other versions of gsut"
@@ -92,7 +92,7 @@ def _time_command(command: Sequence[str], data: str, flags: Sequence[str]) -> di
             reason = said[0].removeprefix("gsut: error: ")
             raise InputError(f"{shlex.join(words)} failed: {reason}")
         run = RunFolder(out)
-        metrics, rows = run.read_json(METRICS), run.read_history()
+        metrics, rows = run.read_json(RunFile.METRICS), run.read_history()
     if metrics["psnr"] is None or not metrics["test_views"]:
         raise InputError(f"{data} has no held-out views to measure PSNR on")
     curve = [row for row in rows if row.get("psnr") is not None]

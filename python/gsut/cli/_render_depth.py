@@ -46,13 +46,11 @@ class DepthOutput:
             InputError: depths of a film, a unit out of range, or a file that exists.
         """
         if arguments.voxel is not None and not arguments.cloud:
-            raise InputError("--voxel is of a cloud of points; add --cloud FILE.ply")
+            raise InputError("--set voxel is of a cloud of points; add --cloud FILE.ply")
         if arguments.depth is None and not arguments.cloud:
             return None
         if arguments.depth and folder is None:
             raise InputError("a film has no depths: give a folder by -o, not a film's name")
-        if not 0 < arguments.depth_unit < np.inf:
-            raise InputError(f"--depth-unit must be above 0, found {arguments.depth_unit:g}")
         if arguments.cloud:
             file = Path(arguments.cloud)
             if file.suffix.lower() != ".ply":
@@ -116,7 +114,7 @@ class DepthOutput:
             share = self._too_far / self._known
             print(
                 f"gsut: note: {share:.1%} of the depths are beyond {_LEVELS * self._unit:g} and 0 "
-                f"in the 16-bit files; a larger --depth-unit holds them, the .npy files do",
+                f"in the 16-bit files; a larger --set depth_unit=X holds them, the .npy files do",
                 file=sys.stderr,
             )
         if self._file is not None:

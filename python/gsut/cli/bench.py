@@ -55,7 +55,8 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 def _render(arguments: argparse.Namespace) -> int:
     from gsut.run import RunFolder
-    from gsut.training import center_on_cameras, read_trained
+    from gsut.training import read_trained
+    from gsut.training.first import center_on_cameras
 
     if arguments.repeats < 1:
         raise InputError(f"--repeats must be at least 1, found {arguments.repeats}")

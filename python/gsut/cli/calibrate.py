@@ -22,6 +22,7 @@ from gsut.files import check_regular
 from gsut.lens.files import OWN_SUFFIX
 from gsut.output_folder import claim_folder
 from gsut.run import Progress
+from gsut.run.options import add_rare_option
 
 HELP = "photographs of a chessboard to a lens file"
 DESCRIPTION = (
@@ -88,13 +89,6 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "one of them, and images whose paths are otherwise the same were taken together",
     )
     parser.add_argument(
-        "--knot-degrees",
-        metavar="X",
-        type=finite,
-        help="angle between the knots of a splined lens, in degrees [default: 16, more where "
-        "corners are few]",
-    )
-    parser.add_argument(
         "-o",
         "--out",
         metavar="LENS",
@@ -106,6 +100,11 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     add_quiet(parser)
     add_json(parser)
+    add_rare_option(
+        parser, "knot_degrees", finite, None,
+        help="angle between the knots of a splined lens, in degrees [default: 16, more where "
+        "corners are few]",
+    )  # fmt: skip
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -116,7 +116,7 @@ def _add_convert(actions: Any) -> None:
 
 
 def _convert(arguments: argparse.Namespace) -> int:
-    from gsut.lens import SplineGrid, convert_camera, format_conversion, load_camera, save_camera
+    from gsut.lens import SplineGrid, convert_camera, load_camera, save_camera
 
     if arguments.out is not None:
         refuse_existing(Path(arguments.out), " with -o")
@@ -151,7 +151,7 @@ def _convert(arguments: argparse.Namespace) -> int:
         })  # fmt: skip
         return 0
     print(f"{camera.model} -> {conversion.camera.model}, {camera.width} x {camera.height}")
-    print(format_conversion(conversion))
+    print(conversion.format_rings())
     if arguments.out is not None:
         print(f"wrote {arguments.out}")
     return 0

@@ -21,6 +21,7 @@ from gsut.cli._flags import (
     whole,
 )
 from gsut.files import refuse_existing
+from gsut.run.options import add_rare_option
 
 HELP = "fewer Gaussians for the same picture"
 DESCRIPTION = (
@@ -69,16 +70,17 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "DB by it [default: leave them]",
     )  # fmt: skip
     add_moved_data(parser)
-    parser.add_argument(
-        "--seed", type=Number(0, whole=True), default=0, metavar="N", help="[default 0]"
-    )
     add_quiet(parser)
     add_json(parser)
+    add_rare_option(
+        parser, "seed", Number(0, whole=True), 0, metavar="N",
+        help="seed of every random number [default 0]",
+    )  # fmt: skip
 
 
 def run(arguments: argparse.Namespace) -> int:
     from gsut.run.options import parse_size
-    from gsut.training import CompactOptions
+    from gsut.training.tuning import CompactOptions
 
     size = arguments.target_size
     options = CompactOptions(
@@ -144,9 +146,10 @@ def _compact_file(arguments: argparse.Namespace, options: Any) -> dict[str, Any]
 
 def _compact_run(arguments: argparse.Namespace, options: Any) -> dict[str, Any]:
     from gsut.formats import check_room
-    from gsut.gaussians import DRAWN_BYTES
-    from gsut.run import METRICS, SCENE, Progress, RunFolder, read_plan
-    from gsut.training import RunCompactor, read_light, read_trained, write_compacted_run
+    from gsut.gaussians import StoredGaussians
+    from gsut.run import Progress, RunFile, RunFolder, read_plan
+    from gsut.training import load_run
+    from gsut.training.tuning import RunCompactor, write_compacted_run
 
     source = RunFolder.open(arguments.source)
     if Path(arguments.out).suffix.lower() in FILE_SUFFIXES:
@@ -155,8 +158,8 @@ def _compact_run(arguments: argparse.Namespace, options: Any) -> dict[str, Any]:
         )
     target = RunFolder.claim(arguments.out, "compact", arguments.source)
     target.refuse_finished(arguments.source)  # before anything that takes long
-    train_options, scene, gaussians = read_trained(source, arguments.data)
-    check_room("compacting", [gaussians], _WORKING, DRAWN_BYTES)
+    trained = load_run(arguments.source, arguments.data)
+    check_room("compacting", [trained.gaussians], _WORKING, StoredGaussians.DRAWN_BYTES)
     if read_plan(source) is not None:  # too large, perhaps, to be trained as a whole
         options = dataclasses.replace(options, method=options.merging)
 
@@ -164,11 +167,11 @@ def _compact_run(arguments: argparse.Namespace, options: Any) -> dict[str, Any]:
         if not arguments.quiet:
             print(f"gsut: {count:,} Gaussians: {psnr:.2f} dB", file=sys.stderr)
 
-    earlier = (source.read_json(METRICS) or {}).get("compaction") or {}
-    done, views = itertools.count(), len(scene.train_indices)
+    earlier = (source.read_json(RunFile.METRICS) or {}).get("compaction") or {}
+    done, views = itertools.count(), len(trained.scene.train_indices)
     with Progress(not arguments.quiet) as bars:
         compactor = RunCompactor(
-            scene, gaussians, train_options, options, light=read_light(source, scene),
+            trained, options,
             keep_degrees=earlier.get("harmonics_degrees") is not None,
             on_view=lambda: bars.show("views", next(done) % views + 1, views),
             on_step=lambda loop, loss: bars.show_step(
@@ -180,9 +183,9 @@ def _compact_run(arguments: argparse.Namespace, options: Any) -> dict[str, Any]:
             bars.note(compactor.because)
         made = compactor.make()
     run = write_compacted_run(target.path, source, compactor, made)
-    metrics = run.read_json(METRICS)
+    metrics = run.read_json(RunFile.METRICS)
     if not arguments.quiet and not arguments.json:
-        _print_summary(metrics, (run.path / SCENE).stat().st_size)
+        _print_summary(metrics, (run.path / RunFile.SCENE).stat().st_size)
     return metrics
 
 

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from gsut._core import InputError
-from gsut.cli._flags import add_json, add_moved_data, add_quiet, print_json, whole
+from gsut.cli._flags import Number, add_json, add_moved_data, add_quiet, print_json, whole
 from gsut.files import refuse_existing
+from gsut.run.options import add_rare_option
 
 HELP = "a scene in another format: SPZ, SOG, glTF, USD, PLY, a page for any browser"
 DESCRIPTION = (
@@ -33,11 +34,6 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="leave harmonics above this degree out, which makes files smaller [default 3: none]",
     )  # fmt: skip
     parser.add_argument(
-        "--spz-version", type=int, choices=(3, 4), default=3, metavar="{3,4}",
-        help="of a .spz file: 3 is read everywhere; 4 is a little smaller and needs zstandard "
-        "[default 3]",
-    )  # fmt: skip
-    parser.add_argument(
         "--three-scales", action="store_true",
         help="of a .ply of surfels: with a third scale, as programs need it that know no 2DGS "
         "[default: as 2DGS, without]",
@@ -48,10 +44,18 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "and 0.3 pixels wider, show it as gsut does; gsut itself then shows it a little thinner "
         "[default gsut: as it is]",
     )  # fmt: skip
-    parser.add_argument("--steps", type=whole, metavar="N", help="of --for viewers [default 300]")
     add_moved_data(parser)
     add_quiet(parser)
     add_json(parser)
+    add_rare_option(
+        parser, "spz_version", Number(3, 4, whole=True), 3, metavar="{3,4}",
+        help="of a .spz file: 3 is read everywhere; 4 is a little smaller and needs zstandard "
+        "[default 3]",
+    )  # fmt: skip
+    add_rare_option(
+        parser, "steps", whole, None, metavar="N",
+        help="of --for viewers: training steps [default 300]",
+    )  # fmt: skip
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -68,7 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.reader == "viewers":
         gaussians, tuning = _tune_for_viewers(arguments)
     elif arguments.steps is not None:
-        raise InputError("--steps belongs to --for viewers")
+        raise InputError("--set steps belongs to --for viewers")
     gaussians = _lower_degree(gaussians, arguments.sh_degree)
     settings = WriteSettings(
         antialiased=found.antialiased,
@@ -98,10 +102,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _tune_for_viewers(arguments: argparse.Namespace) -> tuple[Any, dict[str, Any]]:
     """Fine-tunes a run's Gaussians for viewers; returns them and the gain."""
-    from gsut.render import PLAYCANVAS_SHRINK, choose_solid
+    from gsut.render import choose_solid
     from gsut.run import Progress, RunFolder
-    from gsut.training import read_trained, tune_for_viewers
-    from gsut.training.tuning import VIEWER_STEPS
+    from gsut.training import read_trained
+    from gsut.training.tuning import VIEWER_STEPS, tune_for_viewers
 
     if not Path(arguments.source).is_dir():
         raise InputError(
@@ -110,11 +114,10 @@ def _tune_for_viewers(arguments: argparse.Namespace) -> tuple[Any, dict[str, Any
         )
     options, scene, gaussians = read_trained(RunFolder.open(arguments.source), arguments.data)
     steps = VIEWER_STEPS if arguments.steps is None else arguments.steps
-    from_playcanvas = arguments.out.lower().endswith(_PLAYCANVAS)
     with Progress(not arguments.quiet) as bars:
         tuned = tune_for_viewers(
             scene, gaussians, steps, background=choose_solid(options.background),
-            shrink=PLAYCANVAS_SHRINK if from_playcanvas else 1.0,
+            for_playcanvas=arguments.out.lower().endswith(_PLAYCANVAS),
             on_step=lambda step, loss: bars.show("for viewers", step, steps, f"loss {loss:.4f}"),
         )  # fmt: skip
     figures = {
@@ -141,19 +144,19 @@ def _find_start_view(arguments: argparse.Namespace, out: Path, gaussians: Any) -
 def _link_in_report(out: Path) -> None:
     """Links a page written into a run's folder from the run's report."""
     from gsut.evaluate import write_report
-    from gsut.run import PAGE, REPORT, RunFolder
+    from gsut.run import RunFile, RunFolder
 
-    if out.name == PAGE and (out.parent / REPORT).is_file():
+    if out.name == RunFile.PAGE and (out.parent / RunFile.REPORT).is_file():
         write_report(RunFolder.open(out.parent))
 
 
 def find_scene_file(source: Path) -> Path:
     """Returns the scene file of a run, or the file itself."""
-    from gsut.run import SCENE, RunFolder
+    from gsut.run import RunFile, RunFolder
 
     if not source.is_dir():
         return source
-    path = RunFolder.open(source).path / SCENE
+    path = RunFolder.open(source).path / RunFile.SCENE
     if not path.is_file():
         raise InputError(f"{path} is absent: the run is not finished; resume it")
     return path

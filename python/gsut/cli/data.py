@@ -117,15 +117,15 @@ def _convert(arguments: argparse.Namespace) -> int:
 
 
 def _collect_parts(arguments: argparse.Namespace) -> dict[str, Any]:
-    from gsut.data import PARTS
+    from gsut.data.layouts import KEYS
 
-    given = {key: getattr(arguments, key, None) for key in PARTS}
+    given = {key: getattr(arguments, key, None) for key in KEYS}
     if given["cameras"] is not None:
         given["cameras"] = [name.strip() for name in given["cameras"].split(",")]
     return {key: value for key, value in given.items() if value is not None}
 
 
 def _is_run(source: Path) -> bool:
-    from gsut.run import OPTIONS, SCENE
+    from gsut.run import RunFile
 
-    return (source / OPTIONS).is_file() and (source / SCENE).is_file()
+    return (source / RunFile.OPTIONS).is_file() and (source / RunFile.SCENE).is_file()

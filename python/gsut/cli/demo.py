@@ -13,7 +13,7 @@ import numpy as np
 from gsut.cli._flags import add_json, print_json, read_folder_name, whole
 from gsut.cli.train import print_figures, train_into
 from gsut.cli.view import has_display
-from gsut.run import OPTIONS, REPORT, RunFolder, TrainOptions, Verdict
+from gsut.run import RunFile, RunFolder, TrainOptions, Verdict
 
 HELP = "make a small fisheye scene, train on it, show the report"
 DESCRIPTION = (
@@ -71,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
     metrics = train_into(run, str(data), options, resume, quiet=False)
     if arguments.rig:
         poses["depth"] = _measure_depth_errors(run, truth / "depth")
-    report = run.path / REPORT
+    report = run.path / RunFile.REPORT
     if arguments.json:
         print_json(metrics | poses)
     else:
@@ -134,7 +134,7 @@ def _describe_poses(errors: dict[str, Any], found: Path) -> str:
         f"poses of {errors['images']} images against the truth: lengths off by "
         f"{errors['scale_error_percent']:+.2f} %, centres by {errors['metric_ate']:.4f} m of "
         f"{errors['extent']:.1f} m (rms), turns by {errors['rotation_median_degrees']:.3f} degrees "
-        f"(median); report: {found / REPORT}"
+        f"(median); report: {found / RunFile.REPORT}"
     )
 
 
@@ -145,7 +145,9 @@ def _free_run(folder: Path, options: TrainOptions, name: str = "run") -> tuple[R
         run = RunFolder(folder / (name if number == 1 else f"{name}-{number}"))
         if not run.has_run():
             return run, False
-        unfinished = not (run.path / REPORT).is_file() and (run.path / OPTIONS).is_file()
+        unfinished = (
+            not (run.path / RunFile.REPORT).is_file() and (run.path / RunFile.OPTIONS).is_file()
+        )
         if unfinished and run.read_options() == options.resolve():
             return run, True
         number += 1

@@ -21,6 +21,7 @@ from gsut.cli._flags import (
     read_folder_name,
 )
 from gsut.files import whole_folder
+from gsut.run.options import add_rare_option
 
 HELP = "figures on the held-out images"
 DESCRIPTION = (
@@ -63,12 +64,13 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "(.npy, or .png of 16 bits) [alone: the depth files that the dataset names]",
     )
     add_depth_unit(parser)
-    parser.add_argument(
-        "--mesh", metavar="FILE", help="the mesh to judge [default: as `gsut mesh` makes it]"
-    )
     add_memory(parser)
     add_force(parser)
     add_json(parser)
+    add_rare_option(
+        parser, "mesh", str, None, metavar="FILE",
+        help="with --geometry: the mesh to judge [default: as `gsut mesh` makes it]",
+    )  # fmt: skip
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -122,7 +124,7 @@ def _measure_run(
     """
     from gsut.evaluate import evaluate
     from gsut.render import PixelFilter
-    from gsut.run import METRICS, Progress, RunFolder
+    from gsut.run import Progress, RunFile, RunFolder
     from gsut.training import read_light
 
     trained_on, scene = scenes
@@ -146,7 +148,7 @@ def _measure_run(
             arguments, gaussians, scene, indices, options.background, out
         )
     if out is not None:
-        RunFolder(out).write_json(METRICS, figures)
+        RunFolder(out).write_json(RunFile.METRICS, figures)
     return figures
 
 

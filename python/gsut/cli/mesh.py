@@ -17,12 +17,13 @@ from gsut.cli._flags import (
     add_memory,
     add_quiet,
     add_run,
+    count,
     finite,
     positive,
     print_json,
-    whole,
 )
 from gsut.files import refuse_existing, write_file
+from gsut.run.options import add_rare_option
 
 HELP = "the surface as a mesh, or a grid of distances or of what is occupied"
 DESCRIPTION = (
@@ -54,40 +55,6 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="in the dataset's units [default: a pixel's width at the median depth, at least a "
         "1024th of the scene; of a grid a 128th of its longest side]",
     )
-    scale = parser.add_mutually_exclusive_group()
-    scale.add_argument(
-        "--open",
-        action="store_const",
-        const=True,
-        dest="open",
-        help="let voxels grow with the distance beyond the middle of the scene [default: where "
-        "depths reach farther than 5 times their median]",
-    )
-    scale.add_argument(
-        "--bounded", action="store_const", const=False, dest="open",
-        help="voxels of one size everywhere",
-    )  # fmt: skip
-    parser.add_argument(
-        "--kind",
-        choices=("median", "expected", "strongest"),
-        default="median",
-        help="of the depth that is fused [default median: where half of the light is gone]",
-    )
-    parser.add_argument(
-        "--support",
-        type=Number(high=8, whole=True),
-        default=2,
-        metavar="N",
-        help="other views, of the 8 nearest, that must agree with a depth to 1 %% [default 2; 0: "
-        "no check]",
-    )
-    parser.add_argument(
-        "--max-side",
-        type=whole,
-        default=1024,
-        metavar="PIXELS",
-        help="of the depth maps [default 1024]",
-    )
     parser.add_argument(
         "--photographs",
         action="store_true",
@@ -101,17 +68,41 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="box in the dataset's coordinates outside of which nothing stays",
     )
     parser.add_argument(
-        "--parts", type=whole, metavar="N",
-        help="keep the N largest connected parts [default: all of a thousandth of the faces]",
-    )  # fmt: skip
-    parser.add_argument(
-        "--faces", type=whole, metavar="N", help="reduce to about N faces (needs gsut[mesh])"
+        "--faces", type=count, metavar="N", help="reduce to about N faces (needs gsut[mesh])"
     )
     _add_pages(parser)
     add_memory(parser)
-    parser.add_argument("--threads", type=whole, default=0, metavar="N", help="[default 0: all]")
+    parser.add_argument(
+        "--threads", type=Number(0, whole=True), default=0, metavar="N", help="[default 0: all]"
+    )
     add_quiet(parser)
     add_json(parser)
+    _add_rare(parser)
+
+
+def _add_rare(parser: argparse.ArgumentParser) -> None:
+    add_rare_option(
+        parser, "depth", ("median", "expected", "strongest"), "median",
+        help="which depth is fused [default median: where half of the light is gone]",
+    )  # fmt: skip
+    add_rare_option(
+        parser, "support", Number(0, 8, whole=True), 2, metavar="N",
+        help="other views, of the 8 nearest, that must agree with a depth to 1 %% [default 2; 0: "
+        "no check]",
+    )  # fmt: skip
+    add_rare_option(
+        parser, "open", bool, None,
+        help="true: voxels grow with the distance beyond the middle of the scene; false: one size "
+        "everywhere [default: true where depths reach farther than 5 times their median]",
+    )  # fmt: skip
+    add_rare_option(
+        parser, "max_side", count, 1024, metavar="PIXELS",
+        help="longer side of the depth maps [default 1024]",
+    )  # fmt: skip
+    add_rare_option(
+        parser, "parts", count, None, metavar="N",
+        help="keep the N largest connected parts [default: all of a thousandth of the faces]",
+    )  # fmt: skip
 
 
 def _add_pages(parser: argparse.ArgumentParser) -> None:
@@ -155,12 +146,6 @@ def run(arguments: argparse.Namespace) -> int:
     for file in (out, out.with_suffix(".json") if to_grid else picture, report):
         if file:
             refuse_existing(file)
-    for name in ("support", "threads"):
-        if getattr(arguments, name) < 0:
-            raise InputError(f"--{name} must be >= 0")
-    for name in ("max_side", "parts", "faces"):
-        if (value := getattr(arguments, name)) is not None and value < 1:
-            raise InputError(f"--{name.replace('_', '-')} must be >= 1")
     _core.set_num_threads(arguments.threads)
     began = time.perf_counter()
     options, scene, gaussians = open_trained(
@@ -170,7 +155,7 @@ def run(arguments: argparse.Namespace) -> int:
         voxel=arguments.voxel,
         support=arguments.support,
         open=arguments.open,
-        depth=arguments.kind,
+        depth=arguments.depth,
         max_side=arguments.max_side,
         photographs=arguments.photographs,
         parts=arguments.parts,

@@ -12,8 +12,9 @@ from typing import Any
 
 from gsut._core import InputError
 from gsut.capture import capture, needs_capture
-from gsut.cli._flags import add_capture, add_json, add_quiet, degrees, print_json, read_folder_name
+from gsut.cli._flags import add_capture, add_json, add_quiet, print_json, read_folder_name
 from gsut.data import CAPTURE_FOLDER
+from gsut.data.rigs import read_rig
 from gsut.output_folder import claim_folder
 from gsut.run import Progress, StagedProgress, StageFollower, Verdict
 from gsut.run.options import add_option_flags, collect_given
@@ -49,17 +50,6 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "[default: the one beside the images; if there is none the lens is estimated]",
     )
     parser.add_argument(
-        "--unknown-lens",
-        action="store_true",
-        help="estimate the lens even where one lies beside the images",
-    )
-    parser.add_argument(
-        "--fov",
-        type=degrees,
-        metavar="DEGREES",
-        help="rough horizontal field of view of an unknown lens [default: several are tried]",
-    )
-    parser.add_argument(
         "-o",
         "--out",
         type=read_folder_name,
@@ -83,26 +73,22 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "images of one frame (of one name, or else in order) share one pose, and poses and points "
         "are in the rig's unit",
     )
-    parser.add_argument(
-        "--refine-rig",
-        action="store_true",
-        help="adjust the cameras' poses on the rig too; its size is kept: it sets the scale",
-    )
     add_quiet(parser)
     add_json(parser)
     add_option_flags(parser, PosesOptions)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    if arguments.camera and arguments.unknown_lens:
-        raise InputError("--unknown-lens contradicts --camera; give one of them")
-    if arguments.refine_rig and not arguments.rig:
-        raise InputError("--refine-rig needs a rig; give its file by --rig")
-    if arguments.photometric and arguments.unknown_lens:
-        raise InputError("--photometric needs a known lens; give it by --camera")
-    if arguments.rig is None:
-        check_lens(arguments.camera)
     options = PosesOptions(**collect_given(PosesOptions, arguments))
+    if arguments.camera and arguments.rig:
+        raise InputError("--camera contradicts --rig, whose file names the lenses; drop one")
+    if arguments.camera and options.unknown_lens:
+        raise InputError("--unknown-lens contradicts --camera; give one of them")
+    if options.refine_rig and not arguments.rig:
+        raise InputError("--refine-rig needs a rig; give its file by --rig")
+    if arguments.photometric and options.unknown_lens:
+        raise InputError("--photometric needs a known lens; give it by --camera")
+    check_lens(arguments.camera)
     with claim_folder(arguments.out, "poses", arguments.images):
         images, options = capture_first(arguments, options)
         figures, is_new = find_once(images, arguments, options)
@@ -118,7 +104,7 @@ def capture_first(
 ) -> tuple[str | os.PathLike[str], PosesOptions]:
     """Chooses pictures of a video or of photographs without a lens; other inputs stay as given."""
     images, camera = arguments.images, arguments.camera
-    if arguments.rig is not None or not needs_capture(images, camera, arguments.unknown_lens):
+    if arguments.rig is not None or not needs_capture(images, camera, options.unknown_lens):
         return images, options
     with Progress(not arguments.quiet) as bars:
         taken = capture(
@@ -134,12 +120,7 @@ def find_once(
     images: str | os.PathLike[str], arguments: argparse.Namespace, options: PosesOptions
 ) -> tuple[dict[str, Any], bool]:
     """Returns the content of poses.json, and whether it was found now rather than earlier."""
-    settings: dict[str, Any] = {
-        "camera": arguments.camera,
-        "unknown_lens": arguments.unknown_lens,
-        "fov_degrees": arguments.fov,
-        "options": options,
-    }
+    settings: dict[str, Any] = {"camera": arguments.camera, "options": options}
     if arguments.photometric:
         from gsut.sfm import FOLDER
         from gsut.training import grow_poses
@@ -148,11 +129,12 @@ def find_once(
             settings["options"] = dataclasses.replace(options, pairs="sequential")
         keep = Path(arguments.out) / FOLDER / "growth.npz"
         settings["mapper"] = functools.partial(grow_poses, keep=keep)
-    elif arguments.rig is None:
+    if arguments.rig is not None:
+        settings["camera"] = read_rig(arguments.rig)
+    elif not arguments.photometric:
         figures = read_finished(images, arguments.out, **settings)
         if figures is not None:
             return figures, False
-    settings |= {"rig": arguments.rig, "refine_rig": arguments.refine_rig}
     try:
         return find_with_bar(images, arguments.out, not arguments.quiet, **settings).figures, True
     except KeyboardInterrupt:

@@ -25,6 +25,7 @@ from gsut.cli._flags import (
     whole,
 )
 from gsut.files import refuse_existing, whole_folder
+from gsut.run.options import add_rare_option
 
 HELP = "images, depths or a film through any lens along any path"
 DESCRIPTION = (
@@ -107,15 +108,13 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         metavar="FILE.ply",
         help="also the coloured points that the images see, in the dataset's coordinates",
     )
-    parser.add_argument(
-        "--voxel",
-        type=positive,
-        metavar="SIZE",
-        help="one point of the cloud in each voxel of this size, in the dataset's units [default: "
-        "a pixel's width at the first image's median depth]",
-    )
     add_memory(parser)
     add_json(parser)
+    add_rare_option(
+        parser, "voxel", positive, None, metavar="SIZE",
+        help="one point of the cloud in each voxel of this size, in the dataset's units [default: "
+        "a pixel's width at the first image's median depth]",
+    )  # fmt: skip
 
 
 def run(arguments: argparse.Namespace) -> int:

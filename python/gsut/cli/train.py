@@ -20,17 +20,8 @@ from gsut.cli._flags import (
     read_folder_name,
 )
 from gsut.cli.view import LivePage, add_live_flags
-from gsut.run import (
-    BLOCKS,
-    METRICS,
-    REPORT,
-    BlockOptions,
-    RunFolder,
-    TrainOptions,
-    Verdict,
-    read_plan,
-)
 from gsut.output_folder import is_claimed
+from gsut.run import BlockOptions, RunFile, RunFolder, TrainOptions, Verdict, read_plan
 from gsut.run.options import add_option_flags, collect_given, fit_to_views
 
 HELP = "train a scene on photographs"
@@ -88,7 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
             print_figures(metrics)
             if metrics.get("verdict"):
                 print(Verdict.from_dict(metrics["verdict"]))
-            print(f"report: {run.path / REPORT}")
+            print(f"report: {run.path / RunFile.REPORT}")
         page.stay()
     return 0
 
@@ -103,7 +94,7 @@ def _read_block_options(run: RunFolder, arguments: argparse.Namespace) -> BlockO
     plan = read_plan(run) if arguments.resume else None
     if plan is not None:
         before = plan["blocks"]
-        layout = str(run.path / BLOCKS / "layout.json")
+        layout = str(run.path / RunFile.BLOCKS / "layout.json")
         kept = {"blocks": before if isinstance(before, str) else layout, "rounds": plan["rounds"]}
         given = kept | given
     elif arguments.resume and given and run.has_run():
@@ -145,7 +136,7 @@ def train_into(
         options = fit_to_views(options, len(scene.train_indices))
     if not quiet:
         from gsut.data.points import UNCOLORED, has_colors
-        from gsut.training import describe_resizing
+        from gsut.training.first import describe_resizing
 
         colors = UNCOLORED if len(scene.points) and not has_colors(scene) else None
         for note in filter(None, (*scene.notes, describe_resizing(scene, options), colors)):
@@ -159,7 +150,7 @@ def train_into(
             gsut.train_blocks(
                 scene, options, blocks, out=run.path, resume=resume, progress=not quiet
             )
-            return run.read_json(METRICS)
+            return run.read_json(RunFile.METRICS)
         watch = None if page is None else page.begin(scene, options)
         result = gsut.train(
             scene, options, out=run.path, resume=resume, progress=not quiet, watch=watch
@@ -172,7 +163,7 @@ def train_into(
         again = shlex.join(["gsut", "train", data, "-o", str(run.path), *resumed, *kept])
         how = "resume from the last checkpoint" if resumed else "start again"
         raise KeyboardInterrupt(f"interrupted; to {how}, run: {again}") from None
-    return run.read_json(METRICS)
+    return run.read_json(RunFile.METRICS)
 
 
 def _match_neighbours(scene: Any) -> Any:

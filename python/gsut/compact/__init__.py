@@ -5,13 +5,11 @@ from gsut.compact.compaction import (
     check_keep,
     check_method,
     compact,
-    list_settings,
     needs_views,
     score_gaussians,
 )
 from gsut.compact.floaters import Support, find_support
 from gsut.compact.harmonics import drop_harmonics
-from gsut.compact.method import METHODS
 from gsut.compact.scores import (
     SeenView,
     blend_by_view,
@@ -21,7 +19,6 @@ from gsut.compact.scores import (
 )
 
 __all__ = [
-    "METHODS",
     "Compaction",
     "SeenView",
     "Support",
@@ -34,7 +31,6 @@ __all__ = [
     "find_strongest",
     "find_support",
     "list_seen_views",
-    "list_settings",
     "needs_views",
     "score_gaussians",
 ]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -126,11 +125,6 @@ def _keep_finite(gaussians: Gaussians) -> Gaussians:
 def needs_views(method: str) -> bool:
     """Returns whether a method uses views."""
     return find_method(method).score is not None
-
-
-def list_settings(method: str) -> dict[str, Any]:
-    """Lists the constants that a method uses here, which identify its results."""
-    return {"method": method, **find_method(method).settings}
 
 
 def check_method(method: str, has_views: bool) -> None:

@@ -27,13 +27,11 @@ class Method:
             one view and `on_view`, which is called after each view; returns (N,) float64. None: the
             method does not look.
         needs_views: it cannot do without.
-        settings: the constants that it uses, which identify its results.
     """
 
     reduce: Callable[..., Gaussians]
     score: Callable[..., np.ndarray] | None = None
     needs_views: bool = False
-    settings: dict[str, Any] = dataclasses.field(default_factory=dict)
 
 
 def find_method(name: str) -> Method:

@@ -12,7 +12,7 @@ from gsut.gaussians import SH_C0, Gaussians
 # Pixels of blend weight that favour the present colour. Without them, what is hardly seen, behind
 # others or in a hole, would take any colour for a small gain; views between the training views are
 # nearly the same from 0.3 to 10.
-DAMPING = 1.0
+_DAMPING = 1.0
 
 
 def refit_colors(
@@ -55,5 +55,5 @@ def refit_colors(
                 weights = np.repeat(alpha[..., None] * mask, 3, axis=2)
                 seen += passes.backpropagate(weights).sh[:, 0]
             on_view()
-        made.sh[:, 0] += (change / (SH_C0 * (seen + SH_C0 * DAMPING))).astype(np.float32)
+        made.sh[:, 0] += (change / (SH_C0 * (seen + SH_C0 * _DAMPING))).astype(np.float32)
     return made

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from gsut.data.errors import DatasetError, list_some
-from gsut.data.scene.digests import digest_file
+from gsut.data.errors import DatasetError
 from gsut.data.text_files import read_json
 from gsut.files import check_shape, reading
 
@@ -51,34 +49,3 @@ def read_capture(folder: Path) -> dict[str, Any] | None:
         for _, _, _ in figures["key"]["inputs"]:
             pass
     return figures
-
-
-def capture_state(paths: Sequence[Path]) -> list[list[Any]]:
-    """Lists path, size and digest of each file, which show whether it is still the same."""
-    return [[str(p.resolve()), p.stat().st_size, digest_file(p)] for p in paths]
-
-
-def describe_changes(before: Sequence[Sequence[Any]], paths: Sequence[Path]) -> str:
-    """Names the files that were changed, added or removed since `capture_state` listed them.
-
-    Args:
-        before: what `capture_state` returned; earlier versions listed the time of change in
-            nanoseconds in place of the digest.
-        paths: the files now.
-
-    Returns:
-        "" if they are the same.
-    """
-    old = {row[0]: row[1:] for row in before}
-    now = {str(path.resolve()): path for path in paths}
-    changed = [name for name in old if name in now and not _is_unchanged(now[name], *old[name])]
-    added, removed = [n for n in now if n not in old], [n for n in old if n not in now]
-    kinds = ((changed, "changed"), (added, "added"), (removed, "removed"))
-    return "; ".join(f"{what}: {list_some(names)}" for names, what in kinds if names)
-
-
-def _is_unchanged(path: Path, size: int, mark: int | str) -> bool:
-    state = path.stat()
-    if state.st_size != size:
-        return False
-    return state.st_mtime_ns == mark if isinstance(mark, int) else digest_file(path) == mark

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
+from gsut import _core
 from gsut._core import InputError
 from gsut.data.points import NO_COLOR
 from gsut.data.poses import check_rigid
@@ -59,7 +60,7 @@ def scene_from_arrays(
         pixels = check_image(images[i], names[i], lenses[i])
         valid = None if masks is None else masks[i]
         if valid is not None:
-            valid = np.asarray(valid, bool)
+            valid = _core.read_array(valid, f"mask of {names[i]}") != 0
             if valid.shape != pixels.shape[:2]:
                 raise InputError(
                     f"the mask of {names[i]} has shape {valid.shape}, its image {pixels.shape[:2]}"
@@ -96,7 +97,7 @@ def check_counts(
         InputError: another number of entries, named.
     """
     lenses = [cameras] * count if isinstance(cameras, Camera) else list(cameras)
-    poses = np.asarray(camera_from_world, np.float64)
+    poses = _core.read_array(camera_from_world, "camera_from_world").astype(np.float64)
     names = [f"{i:06d}" for i in range(count)] if names is None else list(names)
     for what, values in {"cameras": lenses, "names": names, **others}.items():
         if values is not None and len(values) != count:
@@ -112,7 +113,7 @@ def check_image(image: np.ndarray, name: str, camera: Camera) -> np.ndarray:
     Raises:
         InputError: another shape or type.
     """
-    pixels = np.asarray(image)
+    pixels = _core.read_array(image, f"image {name}")
     if pixels.shape != (camera.height, camera.width, 3) or pixels.dtype != np.uint8:
         raise InputError(
             f"image {name} is {pixels.dtype} of shape {pixels.shape}, expected uint8 of "
@@ -129,10 +130,12 @@ def check_points(
     Raises:
         InputError: other shapes, or points that are not finite.
     """
-    xyz = np.zeros((0, 3)) if points is None else np.asarray(points, np.float64)
-    rgb = (
-        np.full(xyz.shape, NO_COLOR, np.uint8) if point_colors is None else np.asarray(point_colors)
-    )
+    xyz = np.zeros((0, 3))
+    if points is not None:
+        xyz = _core.read_array(points, "points").astype(np.float64)
+    rgb = np.full(xyz.shape, NO_COLOR, np.uint8)
+    if point_colors is not None:
+        rgb = _core.read_array(point_colors, "point_colors")
     if xyz.ndim != 2 or xyz.shape[1] != 3 or not np.isfinite(xyz).all():
         raise InputError(f"points has shape {xyz.shape}; give (P, 3) finite numbers")
     if rgb.shape != xyz.shape or rgb.dtype != np.uint8:

@@ -89,12 +89,13 @@ def _format_transforms(
         for frame in frames
     ]
     if test is not None:
-        for key, is_test in (("train_filenames", False), ("test_filenames", True)):
-            values[key] = [
-                row["file_path"]
-                for row, frame in zip(rows, frames, strict=True)
-                if (frame.name in test) == is_test
-            ]
+        named = [
+            (row["file_path"], frame.name in test) for row, frame in zip(rows, frames, strict=True)
+        ]
+        values["train_filenames"] = [name for name, is_test in named if not is_test]
+        values["test_filenames"] = [name for name, is_test in named if is_test]
+        # nerfstudio reads this list in training and refuses a file that has only the others.
+        values["val_filenames"] = values["test_filenames"]
     return json.dumps({**values, "frames": rows}, indent=1) + "\n"
 
 

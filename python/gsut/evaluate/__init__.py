@@ -1,7 +1,7 @@
 """Held-out figures and the report of a run."""
 
 from gsut.evaluate.evaluation import evaluate, run_metrics
-from gsut.evaluate.held_out import mean_psnr, render_view_image
+from gsut.evaluate.held_out import mean_psnr
 from gsut.evaluate.report import write_report
 from gsut.evaluate.report_plots import name_ring
 from gsut.evaluate.scene_page import write_scene_page
@@ -10,7 +10,6 @@ __all__ = [
     "evaluate",
     "mean_psnr",
     "name_ring",
-    "render_view_image",
     "run_metrics",
     "write_report",
     "write_scene_page",

@@ -25,7 +25,6 @@ from gsut.metrics import (
 from gsut.render import (
     Light,
     PixelFilter,
-    StoredPixelFilter,
     compute_field_angles,
     name_pictures,
     render,
@@ -47,7 +46,7 @@ def evaluate(
     *,
     background: Sequence[float] | None = (0.0, 0.0, 0.0),
     light: Light | None = None,
-    pixels: PixelFilter | StoredPixelFilter | None = None,
+    pixels: PixelFilter | None = None,
     render_folder: Path | None = None,
     on_view: Callable[[int, int], None] | None = None,
 ) -> dict[str, Any]:
@@ -114,7 +113,7 @@ def _render_alone(
     scene: Any,
     index: int,
     packed: Any,
-    pixels: PixelFilter | StoredPixelFilter | None,
+    pixels: PixelFilter | None,
     background: Sequence[float] | None,
 ) -> tuple[Any, float]:
     """Renders a view while nothing else runs, and measures the milliseconds."""

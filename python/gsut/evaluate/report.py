@@ -22,17 +22,7 @@ from gsut.page import (
     paint_values,
     render_template,
 )
-from gsut.run import (
-    BLOCKS,
-    ENVIRONMENT,
-    METRICS,
-    PAGE,
-    RENDERS,
-    REPORT,
-    RunFolder,
-    TrainOptions,
-    Verdict,
-)
+from gsut.run import RunFile, RunFolder, TrainOptions, Verdict
 from gsut.run.options import format_default, get_info, label_option
 
 _MOST_VIEWS = 12  # with pictures, to keep the page small; the table lists all
@@ -71,10 +61,12 @@ def write_report(run: RunFolder) -> Path:
         InputError: metrics.json is absent, a picture that it names cannot be read, or the report
             cannot be written.
     """
-    metrics = run.read_json(METRICS)
+    metrics = run.read_json(RunFile.METRICS)
     if metrics is None:
-        raise InputError(f"{run.path / METRICS} is absent: the run is not finished; resume it")
-    environment = run.read_json(ENVIRONMENT) or {}
+        raise InputError(
+            f"{run.path / RunFile.METRICS} is absent: the run is not finished; resume it"
+        )
+    environment = run.read_json(RunFile.ENVIRONMENT) or {}
     options = run.read_options()
     source = (
         importlib.resources.files("gsut.evaluate").joinpath("report.html.j2").read_text("utf-8")
@@ -85,17 +77,17 @@ def write_report(run: RunFolder) -> Path:
         environment=environment,
         headline=_list_headline(metrics),
         verdict=Verdict.from_dict(metrics["verdict"]) if metrics.get("verdict") else None,
-        **_embed_views(metrics.get("views", []), run.path / RENDERS),
+        **_embed_views(metrics.get("views", []), run.path / RunFile.RENDERS),
         **_list_rows(metrics, environment),
         curves=_plot_curves(run.read_history(), options.resolve()),
         ring_plot=plot_rings(metrics["rings"]) if metrics.get("rings") else None,
         light_plots=plot_light(metrics["light"]) if "light" in metrics else [],
         settings=_list_settings(options),
-        block_map=_embed_block_map(run.path / BLOCKS / "map.png"),
+        block_map=_embed_block_map(run.path / RunFile.BLOCKS / "map.png"),
         title=_choose_title(run, metrics),
-        page=PAGE if (run.path / PAGE).is_file() else None,
+        page=RunFile.PAGE if (run.path / RunFile.PAGE).is_file() else None,
     )
-    return run.write_text(REPORT, page)
+    return run.write_text(RunFile.REPORT, page)
 
 
 def _choose_title(run: RunFolder, metrics: dict[str, Any]) -> str:

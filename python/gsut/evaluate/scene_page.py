@@ -8,7 +8,7 @@ from typing import Any
 
 from gsut.data import STRIP
 from gsut.page import build_page, embed_bytes, render_template
-from gsut.run import RENDERS, REPORT, RunFolder, Verdict
+from gsut.run import RunFile, RunFolder, Verdict
 
 _PARTS = """<p><b>{{ verdict }}</b></p>
 <p><a href="{{ report }}">Report of the training</a>: held-out views beside photographs.
@@ -54,7 +54,7 @@ def write_scene_page(
     parts = render_template(
         _PARTS,
         verdict=Verdict.from_dict(figures["verdict"]),
-        report=REPORT,
+        report=RunFile.REPORT,
         poses=poses,
         scene=_choose_view(figures, metrics),
         folder=folder.path,
@@ -74,6 +74,6 @@ def _choose_view(figures: dict[str, Any], metrics: dict[str, Any]) -> dict[str, 
     middle = sorted(views, key=lambda row: row["psnr"])[len(views) // 2]
     captions = {"truth": "photograph", "render": "the scene from the same place"}
     return {
-        "pictures": {f"{RENDERS}/{middle[key]}": text for key, text in captions.items()},
+        "pictures": {f"{RunFile.RENDERS}/{middle[key]}": text for key, text in captions.items()},
         "said": "" if words == figures["verdict"]["what"] else f"{words[:1].upper()}{words[1:]}. ",
     }

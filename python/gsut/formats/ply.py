@@ -21,7 +21,6 @@ from gsut.formats._format import (
 )
 from gsut.formats._origin import format_origin, parse_origin, prepare_for_file
 from gsut.gaussians import (
-    DRAWN_BYTES,
     Gaussians,
     StoredGaussians,
     are_surfels,
@@ -96,7 +95,7 @@ def open_ply(
     if limit is None or found is None:
         return load_ply(path)
     rows, count, sh_degree = found
-    if count * (count_bytes_per_gaussian(sh_degree) + DRAWN_BYTES) <= limit:
+    if count * (count_bytes_per_gaussian(sh_degree) + StoredGaussians.DRAWN_BYTES) <= limit:
         return load_ply(path)
     stored = StoredGaussians.from_rows(rows, count, limit)
     return load_ply(path) if stored is None else stored

@@ -22,17 +22,12 @@ from gsut.gaussians.quaternions import (
 from gsut.gaussians.seeding import choose_points, seed_from_points, seed_in_view
 from gsut.gaussians.similarity import rotate_upright, transform_gaussians
 from gsut.gaussians.stored import (
-    DRAWN_BYTES,
-    LEAST_ALPHA,
     StoredGaussians,
     count_bytes_per_gaussian,
-    order_for_reading,
 )
 from gsut.gaussians.surfels import are_surfels, press_surfels, to_surfels
 
 __all__ = [
-    "DRAWN_BYTES",
-    "LEAST_ALPHA",
     "SH_C0",
     "Gaussians",
     "LowPassFilter",
@@ -49,7 +44,6 @@ __all__ = [
     "merge_gaussians",
     "multiply_quaternions",
     "order_by_morton_code",
-    "order_for_reading",
     "pack_harmonics",
     "press_surfels",
     "quaternion_from_rotation",

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from gsut import _core
 from gsut._core import InputError
 
 NO_ORIGIN = np.zeros(3)
@@ -48,10 +49,10 @@ class Gaussians:
 
     def __post_init__(self, origin: np.ndarray = NO_ORIGIN) -> None:  # noqa: RUF033
         self.origin = np.array(origin, np.float64)
-        means = np.asarray(self.means)
-        dtype = np.float64 if means.dtype == np.float64 else np.float32
-        for name in _FIELDS:
-            setattr(self, name, np.ascontiguousarray(getattr(self, name), dtype=dtype))
+        arrays = {name: _core.read_array(getattr(self, name), name) for name in _FIELDS}
+        dtype = np.float64 if arrays["means"].dtype == np.float64 else np.float32
+        for name, array in arrays.items():
+            setattr(self, name, np.ascontiguousarray(array, dtype=dtype))
         n = len(self.means)
         k = self.sh.shape[1] if self.sh.ndim == 3 else 0
         if k not in (1, 4, 9, 16):

@@ -47,14 +47,14 @@ def seed_from_points(
     Raises:
         InputError: shapes disagree, a value is not finite, or an option is out of range.
     """
-    points = np.asarray(points, dtype=np.float64)
+    points = _core.read_array(points, "points").astype(np.float64, copy=False)
     if points.ndim != 2 or points.shape[1] != 3:
         raise InputError(f"points must have shape (N, 3), found {points.shape}")
     if not 0 <= sh_degree <= _MAX_SH_DEGREE:
         raise InputError(f"sh_degree is {sh_degree}; give 0 to {_MAX_SH_DEGREE}")
     if colors is None:
         colors = np.full_like(points, 0.5)
-    colors = np.asarray(colors)
+    colors = _core.read_array(colors, "colors")
     if colors.shape != points.shape:
         raise InputError(f"colors must have shape {points.shape} as points, found {colors.shape}")
     if colors.dtype == np.uint8:

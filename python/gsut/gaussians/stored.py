@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -19,10 +19,6 @@ _READ_PIECES = 64
 # Borders between classes of reach, in medians of it. Each class has pieces of its own, since a few
 # large Gaussians would make the ball of every piece as large.
 _SIZES = (4.0, 16.0, 64.0)
-# Alpha below which nothing is drawn, as in the blend rule of 3DGS.
-LEAST_ALPHA = 1.0 / 255.0
-# Bytes that drawing takes for a Gaussian beside its own numbers.
-DRAWN_BYTES = 300
 # Bytes that changing its size takes beside these.
 _CHANGE_BYTES = 250
 
@@ -30,17 +26,8 @@ _CHANGE_BYTES = 250
 def compute_reach(gaussians: Gaussians) -> np.ndarray:
     """Computes (N,) the distance from its centre beyond which no ray sees a Gaussian."""
     opacity = 1.0 / (1.0 + np.exp(-gaussians.opacity_logits.astype(np.float64)))
-    squared = 2.0 * np.log(np.maximum(opacity / LEAST_ALPHA, 1.0))
+    squared = 2.0 * np.log(np.maximum(opacity / StoredGaussians.LEAST_ALPHA, 1.0))
     return np.sqrt(squared) * np.exp(gaussians.log_scales.max(axis=1).astype(np.float64))
-
-
-def order_for_reading(gaussians: Gaussians) -> np.ndarray:
-    """Returns (N,) rows in an order that keeps neighbours of similar size together."""
-    reach = compute_reach(gaussians)
-    sizes = np.searchsorted(np.array(_SIZES) * np.median(reach), reach) if len(reach) else reach
-    groups = [np.flatnonzero(sizes == size) for size in range(len(_SIZES) + 1)]
-    ordered = [rows[order_by_morton_code(gaussians.means[rows])] for rows in groups if len(rows)]
-    return np.concatenate([np.zeros(0, np.int64), *ordered])
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -67,6 +54,22 @@ class StoredGaussians:
     balls: np.ndarray
     change: Callable[[Gaussians], Any] | None = None
     _last: dict[bytes, Any] = dataclasses.field(default_factory=dict, repr=False)
+
+    # Alpha below which nothing is drawn, as in the blend rule of 3DGS.
+    LEAST_ALPHA: ClassVar[float] = 1.0 / 255.0
+    # Bytes that drawing takes for a Gaussian beside its own numbers.
+    DRAWN_BYTES: ClassVar[int] = 300
+
+    @staticmethod
+    def order_rows(gaussians: Gaussians) -> np.ndarray:
+        """Returns (N,) rows in an order that keeps neighbours of similar size together."""
+        reach = compute_reach(gaussians)
+        sizes = np.searchsorted(np.array(_SIZES) * np.median(reach), reach) if len(reach) else reach
+        groups = [np.flatnonzero(sizes == size) for size in range(len(_SIZES) + 1)]
+        ordered = [
+            rows[order_by_morton_code(gaussians.means[rows])] for rows in groups if len(rows)
+        ]
+        return np.concatenate([np.zeros(0, np.int64), *ordered])
 
     @classmethod
     def from_rows(
@@ -116,7 +119,7 @@ class StoredGaussians:
 
     def estimate_bytes(self, pieces: np.ndarray) -> int:
         """Estimates the memory that drawing these pieces takes."""
-        extra = DRAWN_BYTES + (0 if self.change is None else _CHANGE_BYTES)
+        extra = self.DRAWN_BYTES + (0 if self.change is None else _CHANGE_BYTES)
         return len(pieces) * _ROWS * (count_bytes_per_gaussian(self.sh_degree) + extra)
 
     def find_seen_pieces(

@@ -2,7 +2,7 @@
 
 from gsut.lens.calibration_weights import CalibrationWeights
 from gsut.lens.camera import Camera, camera_models
-from gsut.lens.convert import Conversion, convert_camera, format_conversion
+from gsut.lens.convert import Conversion, convert_camera
 from gsut.lens.database import (
     LensProfile,
     find_lens,
@@ -37,7 +37,6 @@ __all__ = [
     "find_refinable_params",
     "fit_camera",
     "fit_control_points",
-    "format_conversion",
     "has_focal_length",
     "is_lens_name",
     "load_camera",

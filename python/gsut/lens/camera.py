@@ -87,7 +87,7 @@ class Camera(_core.Camera):
     ) -> Camera:
         """Initializes the camera without asking whether a real lens can have these numbers."""
         limit = _convert_field_angle(valid_field_angle)
-        values = [float(value) for value in np.asarray(params, dtype=np.float64).ravel()]
+        values = [float(value) for value in _core.read_array(params, "params").ravel()]
         super().__init__(str(model), values, *_convert_size(width, height), limit)
         self.extrinsics = _copy_checked(extrinsics, "extrinsics", (6,))
         self.valid_region = _copy_checked(valid_region, "valid_region", (None, 2))

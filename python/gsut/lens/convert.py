@@ -57,6 +57,18 @@ class Conversion:
     rms: float
     worst: float
 
+    def format_rings(self) -> str:
+        """Formats the error by field angle as a table."""
+        lines = ["field angle (degrees)   rays   rms (px)   worst (px)"]
+        for ring in self.rings:
+            lines.append(
+                f"{ring.from_degrees:8.2f} to {ring.to_degrees:6.2f} {ring.points:9d}"
+                f" {ring.rms:10.3g} {ring.worst:12.3g}"
+            )
+        total = sum(ring.points for ring in self.rings)
+        lines.append(f"{'all':>18} {total:9d} {self.rms:10.3g} {self.worst:12.3g}")
+        return "\n".join(lines)
+
 
 def convert_camera(
     camera: Camera,
@@ -119,19 +131,6 @@ def convert_camera(
             )
         )
     return Conversion(fitted, rings, _find_rms(distances), _find_worst(distances))
-
-
-def format_conversion(conversion: Conversion) -> str:
-    """Formats the error by field angle as a table."""
-    lines = ["field angle (degrees)   rays   rms (px)   worst (px)"]
-    for ring in conversion.rings:
-        lines.append(
-            f"{ring.from_degrees:8.2f} to {ring.to_degrees:6.2f} {ring.points:9d}"
-            f" {ring.rms:10.3g} {ring.worst:12.3g}"
-        )
-    total = sum(ring.points for ring in conversion.rings)
-    lines.append(f"{'all':>18} {total:9d} {conversion.rms:10.3g} {conversion.worst:12.3g}")
-    return "\n".join(lines)
 
 
 def _make_target(

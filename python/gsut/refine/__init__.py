@@ -2,13 +2,11 @@
 
 from gsut.refine.alignment import evaluate_aligned
 from gsut.refine.localization import Localized, localize_image
-from gsut.refine.motion import measure_pose_changes
 from gsut.refine.photograph import localize
 from gsut.refine.pose import RefinedPose, refine_pose
 from gsut.refine.pose_files import read_refined, write_refined
 from gsut.refine.refiner import TrainingRefiner, check_refinable
 from gsut.refine.tracks import TracksResult, refine_by_tracks
-from gsut.refine.trust import measure_lens_distance
 
 __all__ = [
     "Localized",
@@ -19,8 +17,6 @@ __all__ = [
     "evaluate_aligned",
     "localize",
     "localize_image",
-    "measure_lens_distance",
-    "measure_pose_changes",
     "read_refined",
     "refine_by_tracks",
     "refine_pose",

@@ -21,7 +21,7 @@ from gsut.gaussians import Gaussians, apply_low_pass, find_filter_radii
 from gsut.refine.pose import RefinedPose, refine_pose
 from gsut.render import place_about, render, to_uint8
 from gsut.sfm import PosesOptions
-from gsut.sfm.core import Features, detect_features, require_central
+from gsut.sfm.photographs import Features, detect_features, require_central
 
 # Size of the images that views are ranked by, pixels along the shorter side: layout is enough.
 _THUMBNAIL = 48

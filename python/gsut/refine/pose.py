@@ -148,7 +148,7 @@ def _require_one_pose(camera_from_world: Any) -> np.ndarray:
             "camera_from_world must be one pose (4, 4): refine_pose is for a global shutter; a "
             "rolling shutter's motion is not refined"
         )
-    return _core.checked_pose(np.asarray(matrix, np.float64))
+    return _core.checked_pose(matrix)
 
 
 def _check_photograph(
@@ -156,12 +156,12 @@ def _check_photograph(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Returns colours (H, W, 3) float32 in 0 ... 1 and a mask (H, W) of the pixels that count."""
     size = (camera.height, camera.width)
-    image = np.asarray(image)
+    image = _core.read_array(image, "image")
     if image.shape != (*size, 3):
         raise InputError(f"image must have shape {(*size, 3)}, the camera's, found {image.shape}")
     scale = 255.0 if image.dtype == np.uint8 else 1.0
     pixels = (image / np.float32(scale)).astype(np.float32)
-    valid = np.ones(size, bool) if mask is None else np.asarray(mask, bool)
+    valid = np.ones(size, bool) if mask is None else _core.read_array(mask, "mask") != 0
     if valid.shape != size:
         raise InputError(f"mask must have shape {size}, the camera's, found {valid.shape}")
     valid = valid & camera.rays()[1]

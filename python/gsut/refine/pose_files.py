@@ -10,7 +10,7 @@ from gsut._core import InputError
 from gsut.data import Frame, Scene, write_transforms
 from gsut.data.poses import invert_pose
 from gsut.lens.files import camera_from_values, values_from_camera
-from gsut.run import REFINED, TRANSFORMS, RunFolder
+from gsut.run import RunFile, RunFolder
 
 
 def write_refined(run: RunFolder, scene: Scene) -> None:
@@ -35,7 +35,7 @@ def write_refined(run: RunFolder, scene: Scene) -> None:
             for index, view in enumerate(scene.views)
         ],
     }
-    run.write_json(REFINED, values)
+    run.write_json(RunFile.REFINED, values)
     cameras = scene.file_cameras
     frames = [
         Frame(
@@ -46,9 +46,11 @@ def write_refined(run: RunFolder, scene: Scene) -> None:
     ]  # fmt: skip
     test = [scene.views[index].name for index in scene.test_indices]
     try:
-        write_transforms(run.path / TRANSFORMS, frames, test=test)
+        write_transforms(run.path / RunFile.TRANSFORMS, frames, test=test)
     except OSError as error:
-        raise InputError(f"cannot write {run.path / TRANSFORMS}: {error.strerror}") from None
+        raise InputError(
+            f"cannot write {run.path / RunFile.TRANSFORMS}: {error.strerror}"
+        ) from None
 
 
 def read_refined(run: RunFolder, scene: Scene) -> Scene:
@@ -57,10 +59,10 @@ def read_refined(run: RunFolder, scene: Scene) -> Scene:
     Raises:
         InputError: refined.json is damaged, or belongs to other images.
     """
-    values = run.read_json(REFINED)
+    values = run.read_json(RunFile.REFINED)
     if values is None:
         return scene
-    path = run.path / REFINED
+    path = run.path / RunFile.REFINED
     try:
         cameras = [camera_from_values(lens) for lens in values["lenses"]]
         rows = {row["name"]: np.array(row["camera_from_world"]) for row in values["views"]}

@@ -20,7 +20,8 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.data import Level, Scene, TrainingViews
+from gsut.data import Scene
+from gsut.data.scene import Level, TrainingViews
 from gsut.gaussians import Gaussians
 from gsut.lens import find_refinable_params
 from gsut.refine.motion import extrapolate, measure_pose_changes, remove_mean_motion

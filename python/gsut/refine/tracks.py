@@ -19,16 +19,9 @@ from gsut.lens import Camera, find_refinable_params
 from gsut.refine.motion import measure_pose_changes, turn_onto
 from gsut.run import TrainOptions
 from gsut.sfm import PosesOptions, compare_poses
-from gsut.sfm.core import (
-    Adjustment,
-    Images,
-    Photographs,
-    Solution,
-    adjust_poses,
-    collect_features,
-    match_images,
-    verify_matches,
-)
+from gsut.sfm.matches import match_images, verify_matches
+from gsut.sfm.photographs import Images, Photographs, collect_features
+from gsut.sfm.solution import Adjustment, Solution, adjust_poses
 
 # Factor on the largest error of a match before the lens is refined, which moves all matches.
 _LOOSER = 4.0

@@ -1,18 +1,16 @@
 """Rendering and projection, camera paths, pictures and videos."""
 
-from gsut.render.ewa import PLAYCANVAS_SHRINK, EwaSplats, make_viewer_rule, render_ewa
 from gsut.render.films import is_film, write_video
 from gsut.render.light import (
     Falloff,
     Light,
-    compute_falloff_basis,
     compute_field_angles,
     interpolate_gains,
 )
 from gsut.render.motion import place_about
 from gsut.render.paths import make_orbit_path, smooth_path, turn_path
 from gsut.render.pictures import name_pictures, to_uint8, write_png
-from gsut.render.pixel_filter import PixelFilter, StoredPixelFilter, is_coarser
+from gsut.render.pixel_filter import PixelFilter, is_coarser
 from gsut.render.projection import METHODS, Projection, project
 from gsut.render.renderer import DEFAULT_UNSCENTED, Gradients, Render, render, render_backward
 from gsut.render.surface import (
@@ -27,31 +25,25 @@ from gsut.render.tour import make_tour_path
 __all__ = [
     "DEFAULT_UNSCENTED",
     "METHODS",
-    "PLAYCANVAS_SHRINK",
-    "EwaSplats",
     "Falloff",
     "Gradients",
     "Light",
     "PixelFilter",
     "Projection",
     "Render",
-    "StoredPixelFilter",
     "Surface",
     "choose_solid",
-    "compute_falloff_basis",
     "compute_field_angles",
     "interpolate_gains",
     "is_coarser",
     "is_film",
     "make_orbit_path",
     "make_tour_path",
-    "make_viewer_rule",
     "name_pictures",
     "place_about",
     "project",
     "render",
     "render_backward",
-    "render_ewa",
     "render_surface",
     "render_surface_backward",
     "smooth_path",

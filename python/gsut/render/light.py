@@ -38,6 +38,11 @@ class Falloff:
             out[..., channel] = 1.0 + square * (a + square * (b + square * c))
         return out
 
+    @staticmethod
+    def compute_basis(t: np.ndarray) -> np.ndarray:
+        """Returns the even powers (..., ORDERS) of t (...)."""
+        return np.stack([t ** (2 * k) for k in range(1, ORDERS + 1)], axis=-1)
+
     def as_dict(self) -> dict[str, Any]:
         """Returns what metrics.json and checkpoints hold."""
         return {"max_angle": self.max_angle, "coefficients": self.coefficients.tolist()}
@@ -107,11 +112,6 @@ class Light:
         """Reads what `as_dict` returned for views of these names; a new view has a gain of 1."""
         gains = [values["gains"].get(name, [1.0, 1.0, 1.0]) for name in names]
         return Light(np.array(gains), tuple(Falloff.from_dict(f) for f in values["falloffs"]))
-
-
-def compute_falloff_basis(t: np.ndarray) -> np.ndarray:
-    """Returns the even powers (..., ORDERS) of t (...)."""
-    return np.stack([t ** (2 * k) for k in range(1, ORDERS + 1)], axis=-1)
 
 
 @functools.lru_cache(maxsize=_CAMERAS_KEPT)

@@ -12,7 +12,8 @@ from gsut._core import InputError
 
 
 def to_matrix(camera_from_world: Any) -> np.ndarray:
-    return np.asarray(getattr(camera_from_world, "matrix", camera_from_world), dtype=np.float64)
+    matrix = getattr(camera_from_world, "matrix", camera_from_world)
+    return _core.read_array(matrix, "camera_from_world").astype(np.float64, copy=False)
 
 
 def read_motion(

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gsut import _core
 from gsut.files import write_file
 
 
@@ -35,8 +36,8 @@ def write_png(path: Path, image: np.ndarray) -> None:
     """
     import cv2
 
-    pixels = np.ascontiguousarray(image)
-    if image.ndim == 3:
+    pixels = np.ascontiguousarray(_core.read_array(image, "image"))
+    if pixels.ndim == 3:
         pixels = cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR)
     _, data = cv2.imencode(".png", pixels)
     write_file(path, data.tobytes())

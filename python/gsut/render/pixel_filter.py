@@ -50,9 +50,7 @@ class PixelFilter:
         self._finest = finest**2
 
     @staticmethod
-    def from_scene(
-        gaussians: Any, scene: Any, most_cameras: int = _MOST_CAMERAS
-    ) -> PixelFilter | StoredPixelFilter:
+    def from_scene(gaussians: Any, scene: Any, most_cameras: int = _MOST_CAMERAS) -> PixelFilter:
         """Makes the filter of Gaussians that were trained on a scene's training views.
 
         Args:
@@ -61,7 +59,7 @@ class PixelFilter:
             most_cameras: see above.
         """
         if isinstance(gaussians, StoredGaussians):
-            return StoredPixelFilter(gaussians, scene, most_cameras)
+            return _StoredPixelFilter(gaussians, scene, most_cameras)
         rows = scene.train_indices or range(len(scene))
         cameras = [scene.camera(row) for row in rows]
         return PixelFilter(gaussians, cameras, scene.poses(rows), most_cameras)
@@ -103,7 +101,7 @@ class PixelFilter:
         return dataclasses.replace(g, log_scales=log_scales, opacity_logits=logits)
 
 
-class StoredPixelFilter:
+class _StoredPixelFilter(PixelFilter):
     """`PixelFilter` of Gaussians in a file: each image's are widened when they are read.
 
     Args:

@@ -208,7 +208,7 @@ def _read_background(
     black = (0.0, 0.0, 0.0)
     if background is None:
         return black, None
-    found = np.asarray(background)
+    found = _core.read_array(background, "background")
     shape = (camera.height, camera.width, 3)
     if found.shape not in ((3,), shape) or found.dtype.kind not in "fiu":
         raise InputError(
@@ -226,6 +226,10 @@ def _read_background(
             "255"
         )
     return black, np.where(camera.rays()[1][..., None], found, 0.0)
+
+
+def _read_gradient(values: np.ndarray, name: str, dtype: np.dtype) -> np.ndarray:
+    return np.ascontiguousarray(_core.read_array(values, name), dtype=dtype)
 
 
 def render_backward(
@@ -266,11 +270,11 @@ def render_backward(
             "the Gaussians have changed since they were rendered; render them again, or change "
             "them after render_backward"
         )
-    dimage = np.ascontiguousarray(dimage, dtype=g.dtype)
-    dalpha = None if dalpha is None else np.ascontiguousarray(dalpha, dtype=g.dtype)
-    ddepth = None if ddepth is None else np.ascontiguousarray(ddepth, dtype=g.dtype)
+    dimage = _read_gradient(dimage, "dimage", g.dtype)
+    dalpha = None if dalpha is None else _read_gradient(dalpha, "dalpha", g.dtype)
+    ddepth = None if ddepth is None else _read_gradient(ddepth, "ddepth", g.dtype)
     if ddistortion is not None:
-        ddistortion = np.ascontiguousarray(ddistortion, dtype=g.dtype)
+        ddistortion = _read_gradient(ddistortion, "ddistortion", g.dtype)
     if result.behind is not None:
         through = np.sum(dimage * result.behind, axis=2)
         dalpha = -through if dalpha is None else dalpha - through

@@ -8,7 +8,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.gaussians import LEAST_ALPHA, Gaussians, StoredGaussians
+from gsut.gaussians import Gaussians, StoredGaussians
 from gsut.run import format_size
 
 _TILE = 16  # pixels a side
@@ -40,7 +40,7 @@ class StoredImage:
         place: Any,
         look: dict[str, Any],
     ) -> None:
-        if look["rule"].alpha_min < LEAST_ALPHA:
+        if look["rule"].alpha_min < StoredGaussians.LEAST_ALPHA:
             raise InputError("a blend rule with alpha_min below 1/255 needs Gaussians in memory")
         self._gaussians, self._camera, self._place = gaussians, camera, place
         self._look = look

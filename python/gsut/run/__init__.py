@@ -2,21 +2,7 @@
 
 from gsut.run.checkpoint import read_checkpoint, write_checkpoint
 from gsut.run.environment import describe_environment, measure_peak_rss
-from gsut.run.folder import (
-    BLOCKS,
-    ENVIRONMENT,
-    METRICS,
-    OPTIONS,
-    PAGE,
-    PLAN,
-    REFINED,
-    RENDERS,
-    REPORT,
-    SCENE,
-    TRANSFORMS,
-    RunFolder,
-    read_plan,
-)
+from gsut.run.folder import RunFile, RunFolder, read_plan
 from gsut.run.memory import check_fits, format_size, free_memory, release_memory
 from gsut.run.options import BlockOptions, SceneOptions, TrainOptions
 from gsut.run.progress import Progress
@@ -25,19 +11,9 @@ from gsut.run.stopwatch import Stopwatch
 from gsut.run.verdicts import Verdict
 
 __all__ = [
-    "BLOCKS",
-    "ENVIRONMENT",
-    "METRICS",
-    "OPTIONS",
-    "PAGE",
-    "PLAN",
-    "REFINED",
-    "RENDERS",
-    "REPORT",
-    "SCENE",
-    "TRANSFORMS",
     "BlockOptions",
     "Progress",
+    "RunFile",
     "RunFolder",
     "SceneOptions",
     "StageFollower",

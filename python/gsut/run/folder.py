@@ -7,12 +7,10 @@ import dataclasses
 import json
 import os
 import shutil
-import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from gsut import _core
 from gsut._core import InputError
 from gsut.files import (
     check_regular,
@@ -28,33 +26,42 @@ from gsut.files import (
 from gsut.output_folder import MARKER, OutputFolder, claim_folder
 from gsut.run.checkpoint import read_checkpoint, write_checkpoint
 from gsut.run.options import TrainOptions
+from gsut.run.resume import check_same_options, check_same_start
 from gsut.run.shapes import ENVIRONMENT_SHAPE, METRICS_SHAPE, SCENE_SHAPE
 
-OPTIONS = "options.json"  # the TrainOptions, resolved
-ENVIRONMENT = "environment.json"  # dataset, command line, versions and machine
-HISTORY = "history.jsonl"  # one JSON object a line: see TrainingRecord
-CHECKPOINT = "checkpoint.npz"  # the whole state of training
-SCENE = "scene.ply"  # the trained Gaussians
-METRICS = "metrics.json"  # the figures on the held-out images
-REPORT = "report.html"  # all of it to look at
-REFINED = "refined.json"  # poses and lenses, where they were refined (see gsut.refined_poses)
-TRANSFORMS = "transforms.json"  # the same as a dataset, where the format has the lens
-PAGE = "scene.html"  # the scene for any browser, if gsut convert wrote it
-BLOCKS = "blocks"  # states of a training in blocks, its plan and layout
-PLAN = f"{BLOCKS}/plan.json"  # how it is divided, with its TrainOptions as they were given
-RENDERS = "renders"  # pictures of the held-out views
+
+class RunFile:
+    """Names of the files and folders of a run, relative to it."""
+
+    OPTIONS = "options.json"  # the TrainOptions, resolved
+    ENVIRONMENT = "environment.json"  # dataset, command line, versions and machine
+    HISTORY = "history.jsonl"  # one JSON object a line: see TrainingRecord
+    CHECKPOINT = "checkpoint.npz"  # the whole state of training
+    SCENE = "scene.ply"  # the trained Gaussians
+    METRICS = "metrics.json"  # the figures on the held-out images
+    REPORT = "report.html"  # all of it to look at
+    REFINED = "refined.json"  # poses and lenses, where they were refined (see gsut.refined_poses)
+    TRANSFORMS = "transforms.json"  # the same as a dataset, where the format has the lens
+    PAGE = "scene.html"  # the scene for any browser, if gsut convert wrote it
+    BLOCKS = "blocks"  # states of a training in blocks, its plan and layout
+    PLAN = f"{BLOCKS}/plan.json"  # how it is divided, with its TrainOptions as they were given
+    RENDERS = "renders"  # pictures of the held-out views
+
 
 _FILES = (
-    *(OPTIONS, ENVIRONMENT, HISTORY, CHECKPOINT, SCENE, METRICS, REPORT, REFINED, TRANSFORMS),
-    *(BLOCKS, RENDERS),
+    *(RunFile.OPTIONS, RunFile.ENVIRONMENT, RunFile.HISTORY, RunFile.CHECKPOINT, RunFile.SCENE),
+    *(RunFile.METRICS, RunFile.REPORT, RunFile.REFINED, RunFile.TRANSFORMS),
+    *(RunFile.BLOCKS, RunFile.RENDERS),
 )
-_DAMAGED = f"it is damaged; {SCENE}, if it is there, can be used by itself"
+_DAMAGED = f"it is damaged; {RunFile.SCENE}, if it is there, can be used by itself"
 _OTHER_CHECKPOINT = "it is not of this training; remove this file and begin a new run"
+_RESULTS = (RunFile.SCENE, RunFile.METRICS, RunFile.REPORT)
 _OF_PLAN = ("blocks", "rounds", "version", "isa", "options")
-_SHAPES = {ENVIRONMENT: ENVIRONMENT_SHAPE, METRICS: METRICS_SHAPE, "scene.json": SCENE_SHAPE}
-# Options that a resumed run may have otherwise than the run that it goes on with: they change
-# neither the result's bits nor the steps at which history is written.
-_FREE_ON_RESUME = ("threads", "checkpoint_every")
+_SHAPES = {
+    RunFile.ENVIRONMENT: ENVIRONMENT_SHAPE,
+    RunFile.METRICS: METRICS_SHAPE,
+    "scene.json": SCENE_SHAPE,
+}
 
 
 class RunFolder:
@@ -106,22 +113,21 @@ class RunFolder:
         if run.has_run():
             if resume:
                 _check_same_way(run, blocks is not None)
-                _check_same_options(run, options)
-                _check_same_data(run, environment or {})
+                before = run.read_json(RunFile.ENVIRONMENT) or {}
+                check_same_options(run.path, run.read_given_options(), options)
                 run._stays = run.is_finished()
-                if not run._stays:
-                    _check_same_kernels(run, environment or {})
+                check_same_start(run.path, before, environment or {}, run._stays)
             else:
                 run.refuse_run()
         elif blocks is not None:
-            plan = Path(PLAN).name
+            plan = Path(RunFile.PLAN).name
             given = {"options": dataclasses.asdict(options)}
-            with whole_folder(run.path / BLOCKS) as folder:
+            with whole_folder(run.path / RunFile.BLOCKS) as folder:
                 for name, content in blocks.items():
                     write_json(folder / name, content | (given if name == plan else {}))
-        run.write_text(OPTIONS, options.resolve().to_json() + "\n")
-        if environment is not None and not (resume and (run.path / ENVIRONMENT).is_file()):
-            run.write_json(ENVIRONMENT, environment)
+        run.write_text(RunFile.OPTIONS, options.resolve().to_json() + "\n")
+        if environment is not None and not (resume and (run.path / RunFile.ENVIRONMENT).is_file()):
+            run.write_json(RunFile.ENVIRONMENT, environment)
         return run
 
     @classmethod
@@ -148,9 +154,10 @@ class RunFolder:
             if os.path.lexists(run.path):
                 check_regular(run.path)  # a pipe, a link to nowhere: said so
             raise InputError(f"{run.path}: no such folder; give the folder of a run")
-        if not (run.path / OPTIONS).is_file():
+        if not (run.path / RunFile.OPTIONS).is_file():
             raise InputError(
-                f"{run.path} holds no run (no {OPTIONS}); give a folder that gsut train has written"
+                f"{run.path} holds no run (no {RunFile.OPTIONS}); give a folder that gsut train "
+                "has written"
             )
         return run
 
@@ -160,10 +167,10 @@ class RunFolder:
 
     def is_finished(self) -> bool:
         """Returns whether a training has done all its steps and written all its files."""
-        if not all((self.path / name).is_file() for name in (SCENE, METRICS, REPORT)):
+        if not all((self.path / name).is_file() for name in _RESULTS):
             return False
-        with reading(lambda what: InputError(f"{self.path / METRICS}: {what}; {_DAMAGED}")):
-            steps = self.read_json(METRICS)["steps"]
+        with reading(lambda what: InputError(f"{self.path / RunFile.METRICS}: {what}; {_DAMAGED}")):
+            steps = self.read_json(RunFile.METRICS)["steps"]
         return read_plan(self) is not None or steps == self.read_options().steps
 
     def refuse_run(self) -> None:
@@ -179,12 +186,8 @@ class RunFolder:
     def refuse_finished(self, source: str | os.PathLike[str]) -> None:
         """Removes what a killed process left of a run made of `source`; else as `refuse_run`."""
         made_of = (self.read_json(MARKER) or {}).get("input")
-        if made_of != os.path.realpath(source) or (self.path / REPORT).is_file():
+        if made_of != os.path.realpath(source) or (self.path / RunFile.REPORT).is_file():
             self.refuse_run()
-        self.remove_run()
-
-    def remove_run(self) -> None:
-        """Deletes the files of a run."""
         for name in _FILES:
             shutil.rmtree(self.path / name, ignore_errors=True)  # of a file: nothing
             (self.path / name).unlink(missing_ok=True)
@@ -192,7 +195,7 @@ class RunFolder:
     @property
     def renders(self) -> Path:
         """The folder of the pictures, made on first use."""
-        folder = self.path / RENDERS
+        folder = self.path / RunFile.RENDERS
         folder.mkdir(exist_ok=True)
         return folder
 
@@ -227,12 +230,7 @@ class RunFolder:
             InputError: the file is not JSON, or lacks what commands read of it.
         """
         path = self.path / name
-        if not path.is_file():
-            return None
-        with reading(lambda what: InputError(f"{path}: {what}; {_DAMAGED}")):
-            values = json.loads(path.read_text(encoding="utf-8"))
-            check_shape(values, _SHAPES.get(name, dict))
-            return values
+        return _read_values(path, _SHAPES.get(name, dict)) if path.is_file() else None
 
     def read_options(self) -> TrainOptions:
         """Reads the options of the run.
@@ -240,11 +238,11 @@ class RunFolder:
         Raises:
             InputError: the file is absent or damaged.
         """
-        path = self.path / OPTIONS
+        path = self.path / RunFile.OPTIONS
         if not os.path.lexists(path):
             raise InputError(
-                f"{path} is absent, so nobody knows how the run was made; {SCENE}, if it is there, "
-                "can be used by itself, and a new run needs another folder"
+                f"{path} is absent, so nobody knows how the run was made; {RunFile.SCENE}, if it "
+                "is there, can be used by itself, and a new run needs another folder"
             )
         return _parse_options(path, lambda: check_regular(path).read_text(encoding="utf-8"))
 
@@ -253,7 +251,7 @@ class RunFolder:
         plan = read_plan(self)
         if plan is None:
             return self.read_options()
-        return _parse_options(self.path / PLAN, lambda: json.dumps(plan["options"]))
+        return _parse_options(self.path / RunFile.PLAN, lambda: json.dumps(plan["options"]))
 
     # Checkpoints.
 
@@ -265,7 +263,7 @@ class RunFolder:
             state: numpy arrays and JSON-able values, in nested dicts and lists; read back exactly.
         """
         return self.write(
-            CHECKPOINT, lambda path: write_checkpoint(path, {"step": step, "state": state})
+            RunFile.CHECKPOINT, lambda path: write_checkpoint(path, {"step": step, "state": state})
         )
 
     def load_checkpoint(self) -> tuple[int, dict[str, Any]] | None:
@@ -276,7 +274,7 @@ class RunFolder:
         Raises:
             InputError: the file is damaged.
         """
-        path = self.path / CHECKPOINT
+        path = self.path / RunFile.CHECKPOINT
         if not path.is_file():
             self.roll_back_history(0)
             return None
@@ -293,15 +291,15 @@ class RunFolder:
         if self._stays:
             return
         try:
-            with open(self.path / HISTORY, "a", encoding="utf-8") as file:
+            with open(self.path / RunFile.HISTORY, "a", encoding="utf-8") as file:
                 file.write(json.dumps(to_plain(row)) + "\n")
         except OSError as error:
             reason = error.strerror or error
-            raise InputError(f"cannot write {self.path / HISTORY}: {reason}") from None
+            raise InputError(f"cannot write {self.path / RunFile.HISTORY}: {reason}") from None
 
     def read_history(self) -> list[dict[str, Any]]:
         """Reads all complete rows of history.jsonl; a line torn by a crash is left out."""
-        path = self.path / HISTORY
+        path = self.path / RunFile.HISTORY
         rows = []
         lines = path.read_bytes().splitlines() if path.is_file() else ()
         for line in lines:
@@ -313,9 +311,16 @@ class RunFolder:
 
     def roll_back_history(self, step: int) -> None:
         """Drops the rows of history.jsonl that come after `step`."""
-        if (self.path / HISTORY).is_file():
+        if (self.path / RunFile.HISTORY).is_file():
             rows = (json.dumps(row) for row in self.read_history() if row["step"] <= step)
-            self.write_text(HISTORY, "".join(row + "\n" for row in rows))
+            self.write_text(RunFile.HISTORY, "".join(row + "\n" for row in rows))
+
+
+def _read_values(path: Path, shape: Any) -> Any:
+    with reading(lambda what: InputError(f"{path}: {what}; {_DAMAGED}")):
+        values = json.loads(path.read_text(encoding="utf-8"))
+        check_shape(values, shape)
+        return values
 
 
 def _parse_options(path: Path, read: Callable[[], str]) -> TrainOptions:
@@ -335,11 +340,11 @@ def read_plan(run: RunFolder) -> dict[str, Any] | None:
     Raises:
         InputError: the file is absent or damaged.
     """
-    if not (run.path / BLOCKS).is_dir():
+    if not (run.path / RunFile.BLOCKS).is_dir():
         return None
-    path = run.path / PLAN
+    path = run.path / RunFile.PLAN
     with reading(lambda what: InputError(f"{path}: {what}; {_DAMAGED}")):
-        plan = run.read_json(PLAN)
+        plan = run.read_json(RunFile.PLAN)
         if plan is None:
             raise InputError(f"{path} is absent or is not a file, so the run cannot go on")
         if "count" in plan:
@@ -353,52 +358,4 @@ def _check_same_way(run: RunFolder, in_blocks: bool) -> None:
         raise InputError(
             f"{run.path} was started {ways[not in_blocks]}, not {ways[in_blocks]}; a resumed "
             "run cannot change that"
-        )
-
-
-def _check_same_options(run: RunFolder, options: TrainOptions) -> None:
-    saved = dataclasses.asdict(run.read_given_options().resolve())
-    wanted = dataclasses.asdict(options.resolve())
-    for name, value in wanted.items():
-        if name not in _FREE_ON_RESUME and saved[name] != value:
-            raise InputError(
-                f"{run.path} was started with {name} = {saved[name]}, not {value}; a resumed "
-                "run keeps its options, so leave this one out or start a new run"
-            )
-
-
-def _check_same_kernels(run: RunFolder, environment: dict[str, Any]) -> None:
-    """Raises InputError where the instruction set is not the one that the run started with.
-
-    Where this machine lacks that one the run goes on, with a warning: its result then has the bits
-    of neither.
-    """
-    saved, now = ((each or {}).get("isa") for each in (run.read_json(ENVIRONMENT), environment))
-    if not saved or not now or saved == now:
-        return
-    what = f"{run.path} was started with the instruction set {saved}, not {now}"
-    if saved in _core.available_isas():
-        raise InputError(
-            f"{what}; a resumed run keeps it for the same bits: set GSUT_ISA={saved}, or start a "
-            "new run"
-        )
-    warnings.warn(
-        f"{what}, and this machine lacks it: the result will have other bits than an "
-        "uninterrupted run, within the error of either",
-        RuntimeWarning,
-        stacklevel=4,
-    )
-
-
-def _check_same_data(run: RunFolder, environment: dict[str, Any]) -> None:
-    before = run.read_json(ENVIRONMENT) or {}
-    saved, now = before.get("digests"), environment.get("digests")
-    if not saved or not now:
-        return  # killed before they were written: nothing to disagree with
-    changed = [name for name, digest in now.items() if saved.get(name) != digest]
-    if changed:
-        raise InputError(
-            f"{run.path} was started with other {' and '.join(changed)} than "
-            f"{environment['dataset']} has now; a resumed run needs the same data: give those, "
-            "or start a new run"
         )

@@ -7,24 +7,25 @@ from __future__ import annotations
 
 from typing import Any
 
+from gsut.run.verdicts import Verdict
+
 _NOTHING = type(None)
-NUMBER = (int, float, _NOTHING)
-VERDICT = {"level": str, "what": str, "reasons": [str], "advice": str}
+_NUMBER = (int, float, _NOTHING)
 _LIGHT = {
-    "gains": {"*": [NUMBER]},
-    "falloffs": [(_NOTHING, {"max_angle": NUMBER, "coefficients": [NUMBER]})],
+    "gains": {"*": [_NUMBER]},
+    "falloffs": [(_NOTHING, {"max_angle": _NUMBER, "coefficients": [_NUMBER]})],
 }
 _VIEW = {
-    "name": str, "psnr?": NUMBER, "ssim?": NUMBER, "render_ms?": NUMBER,
+    "name": str, "psnr?": _NUMBER, "ssim?": _NUMBER, "render_ms?": _NUMBER,
     "render?": (str, _NOTHING), "truth?": (str, _NOTHING),
 }  # fmt: skip
 METRICS_SHAPE: dict[str, Any] = {
     "steps?": int, "num_gaussians?": int, "worst_view?": (str, _NOTHING),
-    **{f"{name}?": NUMBER for name in (
+    **{f"{name}?": _NUMBER for name in (
         "psnr", "psnr_min", "psnr_color_corrected", "ssim", "train_seconds", "render_ms",
     )},
-    "rings?": [{"from_degrees": NUMBER, "to_degrees": NUMBER, "psnr": NUMBER}],
-    "views?": [_VIEW], "notes?": [str], "verdict?": (_NOTHING, VERDICT),
+    "rings?": [{"from_degrees": _NUMBER, "to_degrees": _NUMBER, "psnr": _NUMBER}],
+    "views?": [_VIEW], "notes?": [str], "verdict?": (_NOTHING, Verdict.SHAPE),
     "light?": (_NOTHING, _LIGHT),
     "compaction?": (_NOTHING, {"harmonics_degrees?": (_NOTHING, [int])}),
 }  # fmt: skip
@@ -32,10 +33,5 @@ ENVIRONMENT_SHAPE: dict[str, Any] = {
     "dataset?": (str, _NOTHING), "isa?": str, "digests?": (_NOTHING, {"*": str}),
 }  # fmt: skip
 SCENE_SHAPE: dict[str, Any] = {
-    "key": {"inputs": [str]}, "verdict?": VERDICT, "renders?": (str, _NOTHING),
-}  # fmt: skip
-POSES_SHAPE: dict[str, Any] = {
-    "registered": int, "images": int, "points": int, "lens": str, "seconds": {"*": NUMBER},
-    "reprojection_error_px": {"rms": NUMBER, "median": NUMBER}, "verdict": VERDICT,
-    "lenses": [{"model": str, "params": [NUMBER]}], "made_from?": str, "rig?": dict,
+    "key": {"inputs": [str]}, "verdict?": Verdict.SHAPE, "renders?": (str, _NOTHING),
 }  # fmt: skip

@@ -1,6 +1,7 @@
 """Structure from motion: photographs and a lens in, camera poses and points out."""
 
-from gsut.sfm.core import FOLDER, PosesLog, PosesOptions, add_lens_readout, check_lens
+from gsut.sfm.mapping import PosesLog
+from gsut.sfm.photographs import FOLDER, PosesOptions, add_lens_readout, check_lens
 from gsut.sfm.pipeline import PosesResult, find_poses, read_finished
 from gsut.sfm.points import TriangulatedPoints, triangulate
 from gsut.sfm.report import DatasetCalibration, calibrate_from_dataset, is_finished, read_figures

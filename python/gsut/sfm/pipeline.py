@@ -2,67 +2,57 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
 from gsut import _core
-from gsut._core import SolveError
-from gsut.data import capture_state
+from gsut._core import InputError, Shutter, SolveError
 from gsut.data.images import read_header
-from gsut.data.rigs import read_rig
+from gsut.data.rigs import Rig
+from gsut.data.scene import capture_state
 from gsut.output_folder import claim_folder
-from gsut.sfm.core import (
-    Adjustment,
-    Features,
-    Mapping,
-    OnStep,
+from gsut.sfm.lens import find_zooms, guess_lenses, judge_lens, search_zooms
+from gsut.sfm.mapping import Mapping, PosesLog
+from gsut.sfm.matches import (
     PairMatches,
-    Photographs,
-    PosesLog,
-    PosesOptions,
-    Solution,
-    Stages,
-    choose_shutter,
-    collect_features,
-    digest_key,
     explain_failure,
     find_frame_numbers,
-    find_further_models,
-    find_look_alikes,
-    find_photographs,
     match_images,
-    measure_agreement,
-    require_central,
-    require_global_shutter,
     require_overlap,
-    separate_look_alikes,
-    set_threads,
-    solve_poses,
     verify_matches,
 )
-from gsut.sfm.lens import find_zooms, guess_lenses, judge_lens, search_zooms
+from gsut.sfm.photographs import (
+    Features,
+    Photographs,
+    PosesOptions,
+    Stages,
+    collect_features,
+    digest_key,
+    find_photographs,
+    require_central,
+)
 from gsut.sfm.report import is_finished, read_figures, write_poses
-from gsut.sfm.rig import find_lens_pair, find_rig_photographs, reject_beside_rig, solve_rig
+from gsut.sfm.rig import find_lens_pair, find_rig_photographs, solve_rig
 from gsut.sfm.shutter import find_shutter, is_probably_rolling
+from gsut.sfm.solution import (
+    Adjustment,
+    OnStep,
+    Solution,
+    find_further_models,
+    find_look_alikes,
+    measure_agreement,
+    separate_look_alikes,
+    solve_poses,
+)
 from gsut.sfm.world import place_on_earth
 from gsut.time_left import PosesWork
 
 # (photographs, features, pairs, options, on_step) -> poses and points; lenses are known.
 Mapper = Callable[[Photographs, list[Features], list[PairMatches], PosesOptions, OnStep], Solution]
-
-
-@dataclasses.dataclass(frozen=True)
-class Given:
-    """What a user knows of photographs before their poses are estimated; see `find_poses`."""
-
-    camera: str | os.PathLike[str] | None = None
-    unknown_lens: bool = False
-    fov_degrees: float | None = None
-    rig: str | os.PathLike[str] | None = None
-    refine_rig: bool = False
 
 
 @dataclasses.dataclass(frozen=True)
@@ -88,14 +78,10 @@ def find_poses(
     images: str | os.PathLike[str],
     out: str | os.PathLike[str],
     *,
+    camera: str | os.PathLike[str] | Rig | None = None,
     options: PosesOptions | None = None,
     mapper: Mapper | None = None,
     log: PosesLog | None = None,
-    camera: str | os.PathLike[str] | None = None,
-    unknown_lens: bool = False,
-    fov_degrees: float | None = None,
-    rig: str | os.PathLike[str] | None = None,
-    refine_rig: bool = False,
 ) -> PosesResult:
     """Estimates camera poses and sparse points of photographs, without COLMAP, through any lens.
 
@@ -107,20 +93,17 @@ def find_poses(
         out: output folder: transforms.json, points3D.ply, sparse/0 (COLMAP text), poses.json and
             report.html. Images stay where they are. Images that do not connect with these are
             models of their own in model_2, model_3 ...
+        camera: lens file, or a dataset whose lens is used; None: the lens file beside the images,
+            or the dataset's own; if there is none the lens is estimated. A known lens is held. The
+            name of a lens of the database (see `find_lenses`) is where the estimation starts; the
+            difference is in the notes and in poses.json ("lens_start"). Of a rig (see
+            `gsut.poses.read_rig`) images holds one folder a camera, the images of one frame share
+            one pose of the rig, and all lengths are in its unit; the rig as it was used is written
+            to rig.json.
         options: every setting of the search; None: the defaults.
         mapper: makes poses of verified pairs where the lens is known; None: incremental, with
             bundle adjustment.
         log: receives progress, notes and expected times.
-        camera: lens file, or a dataset whose lens is used; None: the lens file beside the images,
-            or the dataset's own; if there is none the lens is estimated. A known lens is held. The
-            name of a lens of the database (see `find_lenses`) is where the estimation starts; the
-            difference is in the notes and in poses.json ("lens_start").
-        unknown_lens: estimate the lens even where a lens file lies beside the images.
-        fov_degrees: rough horizontal field of view of an unknown lens; None: several are tried.
-        rig: file of a rig (see `gsut.data.read_rig`): images then holds one folder a camera, the
-            images of one frame share one pose of the rig, and all lengths are in its unit. The rig
-            as it was used is written to rig.json.
-        refine_rig: adjust the cameras' poses on the rig; its size stays.
 
     Returns:
         The output folder, poses with points, and figures.
@@ -131,11 +114,17 @@ def find_poses(
         SolveError: nothing could be reconstructed: no overlap, images all the same, or a camera
             that only turned; says which.
     """
-    given = Given(camera, unknown_lens, fov_degrees, rig, refine_rig)
-    mapping = _start_mapping(images, given, options, mapper, log)
+    mapping = _start_mapping(images, camera, options, log)
+    if mapper is not None and mapping.rig is not None:
+        raise InputError("--photometric contradicts --rig: leave one out")
+    if mapper is not None and mapping.shutter is not None:
+        raise InputError(
+            "--photometric takes every image for one pose, and these have a rolling shutter: "
+            "leave it out, or give --shutter global"
+        )
     with claim_folder(out, "poses", images) as claimed:
         stages = Stages(claimed.path, _make_key(mapping, claimed.path))
-        with set_threads(mapping.options.threads):
+        with _set_threads(mapping.options.threads):
             _find_matches(mapping, stages)
             _map_photographs(mapping, mapper)
             _separate_places(mapping, is_final=bool(mapping.rig or mapper))
@@ -155,8 +144,8 @@ def find_poses(
 def read_finished(
     images: str | os.PathLike[str],
     out: str | os.PathLike[str],
+    camera: str | os.PathLike[str] | None = None,
     options: PosesOptions | None = None,
-    **given: Any,
 ) -> dict[str, Any] | None:
     """Reads poses.json if `find_poses` has finished in `out` with the same arguments, else None.
 
@@ -165,76 +154,74 @@ def read_finished(
     """
     if not is_finished(Path(out)):
         return None
-    mapping = _start_mapping(images, Given(**given), options, None, None)
+    key = _make_key(_start_mapping(images, camera, options, None), Path(out))
     figures = read_figures(Path(out))
-    keys = [_make_key(mapping, Path(out), by_time=by_time) for by_time in (False, True)]
-    return figures if figures.get("made_from") in [digest_key(key) for key in keys] else None
+    return figures if figures.get("made_from") == digest_key(key) else None
 
 
 def _start_mapping(
     images: str | os.PathLike[str],
-    given: Given,
+    camera: str | os.PathLike[str] | Rig | None,
     options: PosesOptions | None,
-    mapper: Mapper | None,
     log: PosesLog | None,
 ) -> Mapping:
-    """Finds the photographs, with their lenses as far as these are known, and the rig."""
-    options, rig = options or PosesOptions(), None
-    if given.rig is not None:
-        others: dict[str, Any] = {
-            "camera": given.camera, "unknown-lens": given.unknown_lens, "photometric": mapper,
-        }  # fmt: skip
-        reject_beside_rig(options, others)
-        rig = read_rig(given.rig)
-        photographs = find_rig_photographs(Path(images), rig)
+    """Finds the photographs, with their lenses as far as these are known, rig and shutter."""
+    options = options or PosesOptions()
+    is_rolling = options.shutter == "rolling" or options.readout_time is not None
+    if isinstance(camera, Rig):
+        if options.unknown_lens:
+            raise InputError("--unknown-lens contradicts --rig, whose file names the lenses")
+        if is_rolling:
+            raise InputError(
+                "--rig takes its cameras for still while an image is read; leave --shutter rolling "
+                "and --readout-time out"
+            )
+        photographs = find_rig_photographs(Path(images), camera)
     else:
-        lens = None if given.camera is None else Path(given.camera)
-        photographs = find_photographs(Path(images), lens, with_lens=not given.unknown_lens)
-        if given.unknown_lens:
-            photographs = dataclasses.replace(photographs, cameras=[None] * len(photographs))
-    require_central(camera for camera in photographs.cameras if camera is not None)
-    shutter = choose_shutter(photographs, options)
-    if mapper is not None:
-        require_global_shutter(shutter)
-    return Mapping(
-        photographs, options, log or PosesLog(), given.fov_degrees, rig, given.refine_rig, shutter
-    )
+        lens = None if camera is None else Path(camera)
+        photographs = find_photographs(Path(images), lens, with_lens=not options.unknown_lens)
+    require_central(lens for lens in photographs.cameras if lens is not None)
+    shutter = None if options.shutter == "global" else photographs.shutter
+    if is_rolling:
+        shutter = shutter or Shutter(options.readout_direction)
+    rig = camera if isinstance(camera, Rig) else None
+    return Mapping(photographs, options, log or PosesLog(), rig, shutter)
 
 
-def _make_key(mapping: Mapping, out: Path, *, by_time: bool = False) -> dict[str, Any]:
+@contextlib.contextmanager
+def _set_threads(count: int) -> Iterator[None]:
+    """Sets the number of threads for the duration of the block; 0 uses all cores."""
+    before = _core.num_threads()
+    if count:
+        _core.set_num_threads(count)
+    try:
+        yield
+    finally:
+        _core.set_num_threads(before if count else 0)
+
+
+def _make_key(mapping: Mapping, out: Path) -> dict[str, Any]:
     """Lists all that features, matches and poses depend on, as JSON values.
 
     Args:
         mapping: with the photographs and options.
         out: the folder to which the paths of the photographs are relative.
-        by_time: name the files by their absolute paths and the times of their last changes, as
-            earlier versions did.
     """
     photographs, folder = mapping.photographs, os.path.realpath(out)
 
     def describe(paths: Iterable[Path]) -> list[list[Any]]:
         return [[os.path.relpath(path, folder), *row] for path, *row in capture_state(list(paths))]
 
-    files: list[Any] = []
-    masks: list[Any] = []
-    if by_time:
-        stats = [(path.resolve(), path.stat()) for path in photographs.paths]
-        files += [[str(path), state.st_size, state.st_mtime_ns] for path, state in stats]
-        masks += [str(mask) for mask in photographs.masks]
-    else:
-        files += describe(photographs.paths)
-        different = list(dict.fromkeys(mask for mask in photographs.masks if mask is not None))
-        states = dict(zip(different, describe(different), strict=True))
-        masks += [mask and states[mask] for mask in photographs.masks]
+    different = list(dict.fromkeys(mask for mask in photographs.masks if mask is not None))
+    states = dict(zip(different, describe(different), strict=True))
     frames = photographs.frames
     return {
         "version": _core.__version__,
-        "files": files,
-        "masks": masks,
+        "files": describe(photographs.paths),
+        "masks": [mask and states[mask] for mask in photographs.masks],
         "lenses": [repr(camera) for camera in photographs.cameras],
         "shutter": photographs.shutter.direction if photographs.shutter else None,
         "options": dataclasses.asdict(mapping.options),
-        "fov": mapping.fov_degrees,
         "profile": photographs.profile.name if photographs.profile else None,
         **({} if frames is None else {"frames": frames.tolist()}),
     }
@@ -249,7 +236,7 @@ def _find_matches(mapping: Mapping, stages: Stages) -> None:
     is_lens_known = photographs.are_lenses_known
     mapping.found.figures["lens"] = "known" if is_lens_known else "estimated"
     if not is_lens_known:
-        mapping.photographs = guess_lenses(photographs, mapping.fov_degrees)
+        mapping.photographs = guess_lenses(photographs, options.fov)
     mapping.raw = match_images(
         photographs.names, mapping.features, options, log.show, photographs.frames, stages
     )

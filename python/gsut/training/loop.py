@@ -10,7 +10,8 @@ import numpy as np
 
 from gsut import _core
 from gsut.compact import compact, list_seen_views
-from gsut.data import Level, Scene, TrainingViews
+from gsut.data import Scene
+from gsut.data.scene import Level, TrainingViews
 from gsut.gaussians import Gaussians, LowPassFilter
 from gsut.lens import CalibrationWeights
 from gsut.optimize import (

@@ -16,7 +16,9 @@ from typing import Any
 from gsut._core import InputError, SolveError
 from gsut.run import RunFolder, read_checkpoint, write_checkpoint
 from gsut.sfm import PosesOptions
-from gsut.sfm.core import Features, Images, PairMatches, Photographs, Solution, solve_poses
+from gsut.sfm.matches import PairMatches
+from gsut.sfm.photographs import Features, Images, Photographs
+from gsut.sfm.solution import Solution, solve_poses
 from gsut.training.video_scene import Video, VideoScene
 
 # Numbers of first images to solve by features, tried in turn: the fewest that give a structure.

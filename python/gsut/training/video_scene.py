@@ -17,16 +17,15 @@ from gsut.refine import RefinedPose, refine_pose
 from gsut.render import render
 from gsut.run import TrainOptions
 from gsut.sfm import PosesOptions
-from gsut.sfm.core import (
-    Features,
-    PairMatches,
-    Photographs,
+from gsut.sfm.matches import PairMatches
+from gsut.sfm.photographs import Features, Photographs
+from gsut.sfm.points import BearingPoints
+from gsut.sfm.solution import (
     Solution,
     evaluate_observations,
     measure_diagonal,
     transform_to_cameras,
 )
-from gsut.sfm.points import BearingPoints
 from gsut.training.loop import TrainingLoop
 
 # Pixels of the images that are compared; more take longer at the same accuracy.

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 from gsut._core import InputError
 from gsut.data import Scene
 from gsut.run import TrainOptions
-from gsut.training import prepare_scene
+from gsut.training.first import prepare_scene
 from gsut.view.server import Reply
 from gsut.view.session import AtOnce, Session
 from gsut.view.stage import Stage

@@ -18,7 +18,7 @@ from gsut.formats import read_scene_file
 from gsut.gaussians import pack_harmonics, seed_from_points
 from gsut.lens import Camera
 from gsut.render import Light
-from gsut.run import METRICS, OPTIONS, RunFolder
+from gsut.run import RunFile, RunFolder
 from gsut.training import open_trained, read_light
 
 # Size of the Gaussians that stand for a dataset's points, x the distance to their neighbours.
@@ -119,10 +119,10 @@ def open_stage(
         raise InputError(
             f"{place}: no such file or folder; give a run, a file of Gaussians or a dataset"
         )
-    if (place / OPTIONS).is_file():
+    if (place / RunFile.OPTIONS).is_file():
         run = RunFolder.open(place)
         options, scene, gaussians = open_trained(run, data, memory)
-        figures = run.read_json(METRICS) or {}
+        figures = run.read_json(RunFile.METRICS) or {}
         name = "/".join(place.resolve().parts[-2:])
         packed = pack_harmonics(gaussians)
         return Stage(

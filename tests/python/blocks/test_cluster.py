@@ -87,7 +87,8 @@ def arguments(finished):
 
 
 def segment(arguments, state=None, isa=None, version=gsut.__version__):
-    return cluster.train_segment(*arguments, state, isa or gsut.machine.active_isa(), version, 1)
+    driver = cluster.Driver(isa or gsut.machine.active_isa(), version, 1)
+    return cluster.train_segment(*arguments, state, driver)
 
 
 def test_worker_gives_the_states_of_the_pure_function(arguments, finished, tmp_path):

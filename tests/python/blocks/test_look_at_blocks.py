@@ -8,7 +8,7 @@ import pytest
 
 import gsut
 from gsut.cli import main
-from gsut.gaussians import order_for_reading, stored
+from gsut.gaussians import StoredGaussians, stored
 from gsut.run import RunFolder
 from gsut.training import open_trained
 from gsut.view import Session, open_stage
@@ -29,7 +29,7 @@ def grown(finished, tmp_path_factory):
         rng.uniform(-5.0, -4.0, (COUNT, 3)), rng.uniform(-1.0, 3.0, COUNT),
         0.5 * rng.standard_normal((COUNT, 4, 3)),
     ).to_dtype(np.float32)  # fmt: skip
-    gsut.formats.save_ply(run / "scene.ply", g[order_for_reading(g)])
+    gsut.formats.save_ply(run / "scene.ply", g[StoredGaussians.order_rows(g)])
     return run
 
 
@@ -76,7 +76,7 @@ def test_mesh_is_the_same_and_says_what_it_cannot(run, reads, tmp_path, capsys, 
     flags = ["mesh", str(run), "--quiet", "--voxel", "0.1", "-o"]
     assert main([*flags, str(tmp_path / "whole.ply")]) == 0
     assert not reads
-    monkeypatch.setattr("gsut.formats.ply.DRAWN_BYTES", 1000)  # all: too many, of a view: not
+    monkeypatch.setattr(StoredGaussians, "DRAWN_BYTES", 1000)  # all: too many, of a view: not
     assert main([*flags, str(tmp_path / "stored.ply"), "--memory", "3MB"]) == 0
     assert reads
     pictures = [(tmp_path / f"{kind}.ply").read_bytes() for kind in ("whole", "stored")]

@@ -9,7 +9,7 @@ import gsut
 from gsut.blocks.layout import Layout
 from gsut.blocks.store import BlockStore
 from gsut.blocks.task import Trained
-from gsut.gaussians import merge_gaussians, order_for_reading
+from gsut.gaussians import StoredGaussians, merge_gaussians
 
 OFFSET = np.array([10.0, 0.0, 0.0])
 LAYOUT = Layout(
@@ -83,7 +83,9 @@ def test_scene_is_written_block_by_block_as_one(store, gaussians, tmp_path):
     store.sort(1, [lambda b=b: Trained(gaussians[owners == b]) for b in range(3)])
     origin = store.save(tmp_path / "parts.ply", 1, ["said"], False)
     parts = [gaussians[owners == block] for block in range(3)]
-    whole = merge_gaussians([part[order_for_reading(part)] for part in parts]).translate(OFFSET)
+    whole = merge_gaussians([part[StoredGaussians.order_rows(part)] for part in parts]).translate(
+        OFFSET
+    )
     gsut.formats.save_ply(tmp_path / "whole.ply", whole, ["said"])
     assert (tmp_path / "parts.ply").read_bytes() == (tmp_path / "whole.ply").read_bytes()
     assert not origin.any()

@@ -9,7 +9,7 @@ import gsut
 from gsut.capture import capture
 from gsut.capture.panorama import LENSES
 from gsut.data.images import decode_mask
-from gsut.sfm.core.photographs import find_photographs
+from gsut.sfm.photographs.listing import find_photographs
 from small_videos import texture, write_video
 
 CIRCLE = 118  # radius, in halves of 256 x 256

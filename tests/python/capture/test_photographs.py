@@ -12,8 +12,8 @@ import gsut
 from gsut.capture import capture, needs_capture
 from gsut.capture.exif import read_facts
 from gsut.capture.photographs import collect_photographs, find_photograph_files
-from gsut.sfm.core.photographs import find_photographs
 from gsut.sfm.lens.doubt import explain_contradiction
+from gsut.sfm.photographs.listing import find_photographs
 from small_videos import walk
 
 FOCAL_35 = 26

@@ -7,7 +7,7 @@ import pytest
 import gsut
 from gsut.cli import main
 from gsut.sfm import PosesOptions, add_lens_readout
-from gsut.sfm.core.photographs import find_photographs
+from gsut.sfm.photographs.listing import find_photographs
 from small_videos import walk_past
 
 

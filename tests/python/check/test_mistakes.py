@@ -13,7 +13,7 @@ from gsut.check.turns import to_rotation_vector
 from gsut.cli import main
 from gsut.data.poses import invert_pose
 from gsut.demo import make_demo_scene
-from gsut.sfm.core import measure_angular_errors
+from gsut.sfm.points import measure_angular_errors
 from mistakes import MISTAKES, NAMED, SAID, copy_of, judge, write
 
 # Not to be told apart from other mistakes: said to be wrong without a name.

@@ -21,7 +21,7 @@ from gsut.cli import build_parser, list_commands, main
 from gsut.cli.demo import _free_run
 from gsut.output_folder import MARKER
 from gsut.run import TrainOptions
-from gsut.run.folder import CHECKPOINT, METRICS, REPORT, SCENE, RunFolder
+from gsut.run.folder import RunFile, RunFolder
 from gsut.run.progress import Progress
 
 PACKAGE = str(Path(gsut.__file__).parent.parent)
@@ -187,7 +187,7 @@ def test_train_hands_the_given_options_on(tmp_path, training, capsys):
     assert call.options == TrainOptions(steps=7, seed=3, noise=False)
     assert (call.out, call.resume, call.progress) == (out, False, True)
     captured = capsys.readouterr()
-    assert f"report: {out / REPORT}" in captured.out
+    assert f"report: {out / RunFile.REPORT}" in captured.out
     assert "PSNR" in captured.out
     assert "images/9.png" in captured.err  # the scene's note
 
@@ -203,7 +203,7 @@ def test_train_json_prints_the_metrics(tmp_path, training, capsys):
     out = tmp_path / "new"
     assert main(["train", "data", "-o", str(out), "--json"]) == 0
     printed = json.loads(capsys.readouterr().out)
-    assert printed == json.loads((out / METRICS).read_text())
+    assert printed == json.loads((out / RunFile.METRICS).read_text())
 
 
 def test_train_into_a_run_is_refused_before_the_data_is_read(run, monkeypatch, capsys):
@@ -242,7 +242,8 @@ def test_train_interrupted_says_how_to_go_on(tmp_path, monkeypatch, scene, capsy
 
     monkeypatch.setattr(gsut, "train", interrupted, raising=False)
     out = tmp_path / "new"
-    for begins, resumed in ((False, "\n"), (True, " --resume\n")):
+    for does_begin, resumed in ((False, "\n"), (True, " --resume\n")):
+        begins = does_begin
         assert main(["train", "my data", "-o", str(out)]) == 130
         assert capsys.readouterr().err.endswith(f"gsut train 'my data' -o {out}{resumed}")
 
@@ -271,13 +272,13 @@ def test_eval_with_out_writes_pictures_and_metrics_once(run, tmp_path, capsys):
     out = tmp_path / "pictures"
     assert main(["eval", str(run.path), "-o", str(out)]) == 0
     assert len(list(out.glob("*.png"))) == 6
-    assert json.loads((out / METRICS).read_text())["num_gaussians"] == 1234
+    assert json.loads((out / RunFile.METRICS).read_text())["num_gaussians"] == 1234
     capsys.readouterr()
     assert "is not empty" in refused(capsys, "eval", str(run.path), "-o", str(out))
 
 
 def test_eval_of_an_unfinished_run_says_so(run, capsys):
-    (run.path / SCENE).unlink()
+    (run.path / RunFile.SCENE).unlink()
     assert "the run is not finished" in refused(capsys, "eval", str(run.path))
 
 
@@ -385,7 +386,7 @@ def test_demo_run_of_a_finished_demo_takes_the_next_folder(tmp_path, scene):
     finished = small_run.finished_run(run.path, scene, options, report=False)
     run, resume = _free_run(tmp_path, options)
     assert (run.path.name, resume) == ("run-2", False)
-    (finished.path / REPORT).unlink()
+    (finished.path / RunFile.REPORT).unlink()
     run, resume = _free_run(tmp_path, options)
     assert (run.path.name, resume) == ("run", True)
 
@@ -444,9 +445,9 @@ def test_demo_for_real_ends_with_a_report(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(gsut.demo, "make_demo_scene", small)
     assert main(["demo", "-o", str(tmp_path / "demo"), "--steps", "20", "--no-open"]) == 0
     run = RunFolder.open(tmp_path / "demo" / "run")
-    assert (run.path / REPORT).stat().st_size > 10_000
-    assert (run.path / CHECKPOINT).is_file()
-    first = json.loads((run.path / METRICS).read_text())["psnr"]
+    assert (run.path / RunFile.REPORT).stat().st_size > 10_000
+    assert (run.path / RunFile.CHECKPOINT).is_file()
+    first = json.loads((run.path / RunFile.METRICS).read_text())["psnr"]
     capsys.readouterr()
     assert main(["eval", str(run.path), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["psnr"] == pytest.approx(first)

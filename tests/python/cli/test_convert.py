@@ -68,7 +68,7 @@ def test_convert_takes_the_folder_of_a_run(tmp_path, monkeypatch, capsys):
         (["nowhere.ply", "out.spz"], "nowhere.ply: cannot be opened"),
         ([".", "out.spz"], "holds no run"),
         (["in.ply", "out.spz", "--for", "viewers"], "in.ply is a file, give the folder of a run"),
-        (["in.ply", "out.spz", "--steps", "9"], "--steps belongs to --for viewers"),
+        (["in.ply", "out.spz", "--set", "steps=9"], "--set steps belongs to --for viewers"),
     ],
 )
 def test_convert_refuses_in_one_sentence(words, said, ply, tmp_path, monkeypatch, capsys):

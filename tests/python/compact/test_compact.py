@@ -13,8 +13,9 @@ import pytest
 import gsut
 import tolerances
 from gsut import InputError, _core
-from gsut.compact import METHODS, compact, score_gaussians
+from gsut.compact import compact, score_gaussians
 from gsut.compact.harmonics import drop_harmonics
+from gsut.compact.method import METHODS
 from gsut.compact.methods.lightgaussian import score_significance, sum_hits
 from gsut.compact.methods.pup import score_sensitivity, sum_fisher_matrices
 from gsut.compact.scores import SeenView, blend_weights, find_strongest, sum_bases

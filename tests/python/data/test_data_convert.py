@@ -130,6 +130,14 @@ def test_what_layouts_have_no_place_for_is_said(tmp_path):
     assert gsut.convert_dataset(tmp_path / "in", tmp_path / "same", "nerfstudio") == []
     scene = gsut.load_dataset(tmp_path / "same")
     assert len(scene.test_indices) == 2 and scene.views[0].mask_path is not None
+    check_nerfstudio_split(json.loads((tmp_path / "same/transforms.json").read_text()))
+
+
+def check_nerfstudio_split(values: dict) -> None:
+    """Fails where nerfstudio's reader would: with one list of images, it requires all three."""
+    known = {frame["file_path"] for frame in values["frames"]}
+    lists = [values.get(f"{split}_filenames") for split in ("train", "val", "test")]
+    assert all(lists) and known.issuperset(name for names in lists for name in names)
 
 
 # --- the command

@@ -10,9 +10,9 @@ import pytest
 import gsut
 import small_datasets as small
 import tolerances
-from gsut.data import TrainingViews, load_dataset
+from gsut.data import load_dataset
 from gsut.data.images import decode_image, decode_mask, read_header, shrink_image, shrink_mask
-from gsut.data.scene import choose_inner_views, split_views
+from gsut.data.scene import TrainingViews, choose_inner_views, split_views
 from gsut.data.scene.lru_cache import LruCache
 from gsut.data.scene.scene import make_lens_mask
 

@@ -10,7 +10,7 @@ from PIL import Image
 import gsut
 import tolerances as tol
 from gsut.data.images import decode_image
-from gsut.training import describe_resizing, prepare_scene
+from gsut.training.first import describe_resizing, prepare_scene
 
 SIZE = 80, 60
 

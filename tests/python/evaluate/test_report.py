@@ -13,7 +13,7 @@ from gsut import InputError
 from gsut.evaluate.report import _choose_views, write_report
 from gsut.page import format_duration, format_number
 from gsut.run import TrainOptions
-from gsut.run.folder import METRICS, REPORT, RunFolder
+from gsut.run.folder import RunFile, RunFolder
 
 
 @pytest.fixture
@@ -47,7 +47,7 @@ class Page(html.parser.HTMLParser):
 
 
 def test_report_is_one_file_that_asks_for_nothing_outside(run):
-    text = (run.path / REPORT).read_text()
+    text = (run.path / RunFile.REPORT).read_text()
     page = Page(text)
     assert len(page.sources) >= 2 * 4 + 6 + 1  # two views, curves twice, rings
     assert all(source.startswith("data:image/") for source in page.sources)
@@ -57,8 +57,8 @@ def test_report_is_one_file_that_asks_for_nothing_outside(run):
 
 
 def test_report_shows_figures_views_options_notes_and_command(run):
-    text = html.unescape((run.path / REPORT).read_text())
-    metrics = run.read_json(METRICS)
+    text = html.unescape((run.path / RunFile.REPORT).read_text())
+    metrics = run.read_json(RunFile.METRICS)
     environment = run.read_json("environment.json")
     expected = [
         f"{metrics['psnr']:.2f}", f"{metrics['ssim']:.4f}", "images/0.png", "images/3.png",
@@ -69,23 +69,23 @@ def test_report_shows_figures_views_options_notes_and_command(run):
 
 
 def test_report_with_names_that_look_like_html_shows_them_as_text(run):
-    metrics = run.read_json(METRICS)
+    metrics = run.read_json(RunFile.METRICS)
     metrics["notes"] = ["<script>alert(1)</script>"]
-    run.write_json(METRICS, metrics)
+    run.write_json(RunFile.METRICS, metrics)
     write_report(run)
-    text = (run.path / REPORT).read_text()
+    text = (run.path / RunFile.REPORT).read_text()
     assert "<script>alert" not in text
     assert "&lt;script&gt;alert(1)" in text
 
 
 def test_report_without_held_out_views_is_still_made(run):
-    metrics = run.read_json(METRICS)
+    metrics = run.read_json(RunFile.METRICS)
     metrics |= {"views": [], "rings": [], "test_views": [], "psnr": None, "ssim": None}
     metrics["psnr_color_corrected"] = metrics["render_ms"] = None
-    run.write_json(METRICS, metrics)
+    run.write_json(RunFile.METRICS, metrics)
     (run.path / "history.jsonl").unlink()
     write_report(run)
-    assert Page((run.path / REPORT).read_text()).open == []
+    assert Page((run.path / RunFile.REPORT).read_text()).open == []
 
 
 def test_report_of_an_unfinished_run_says_so(tmp_path):
@@ -128,11 +128,11 @@ def test_numbers_and_durations_read_well():
 
 
 def test_report_of_the_same_run_is_the_same_bytes(run):
-    first = (run.path / REPORT).read_bytes()
+    first = (run.path / RunFile.REPORT).read_bytes()
     write_report(run)
-    assert (run.path / REPORT).read_bytes() == first
+    assert (run.path / RunFile.REPORT).read_bytes() == first
 
 
 def test_metrics_json_is_plain_json(run):
-    metrics = json.loads((run.path / METRICS).read_text(), parse_constant=pytest.fail)
+    metrics = json.loads((run.path / RunFile.METRICS).read_text(), parse_constant=pytest.fail)
     assert np.isfinite(metrics["psnr"])

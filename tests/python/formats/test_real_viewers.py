@@ -10,7 +10,7 @@ from gsut import formats
 from gsut.formats import StartView, WriteSettings
 from gsut.gaussians import rotate_upright, transform_gaussians
 from gsut.metrics import psnr
-from gsut.render import render_ewa
+from gsut.training.tuning.ewa import render_ewa
 from real_viewers import (
     level_pose,
     picture_of,

@@ -7,7 +7,7 @@ import tolerances as tol
 from gsut import InputError
 from gsut.cli import main
 from gsut.lens import Camera, camera_models, load_camera, save_camera
-from gsut.lens.convert import convert_camera, format_conversion
+from gsut.lens.convert import convert_camera
 from gsut.lens.fit_spline import SplineGrid
 from lens_cases import examples, traits
 
@@ -62,7 +62,7 @@ def test_convert_real_fisheye_prints_errors_that_project_confirms():
     rays, _ = camera.unproject(np.array([[0.5, 0.5], [256.0, 256.0]]))
     pixels, _ = conversion.camera.project(rays)
     assert np.linalg.norm(pixels[0] - 0.5) <= conversion.rings[-1].worst * 1.001
-    text = format_conversion(conversion)
+    text = conversion.format_rings()
     assert len(text.splitlines()) == 2 + len(conversion.rings)
     assert f"{conversion.worst:.3g}" in text
 

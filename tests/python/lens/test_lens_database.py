@@ -15,7 +15,7 @@ from gsut.cli import main
 from gsut.lens import find_lens, find_lenses, is_lens_name, load_lens, measure_field_of_view
 from gsut.lens.database import LensProfile, load_profiles
 from gsut.lens.plausible import MOST_STRETCH
-from gsut.sfm.core.photographs import find_photographs
+from gsut.sfm.photographs.listing import find_photographs
 
 ROOT = Path(__file__).resolve().parents[3]
 PROFILES = ROOT.parent / "shared/data/lens_database/profiles.jsonl.gz"

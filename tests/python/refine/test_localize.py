@@ -16,7 +16,7 @@ from gsut.cli import main
 from gsut.refine.localization import localize_image
 from gsut.refine.motion import measure_pose_changes
 from gsut.render.pictures import to_uint8, write_png
-from gsut.run.folder import SCENE
+from gsut.run.folder import RunFile
 from random_scenes import fisheye, gaussians_in_view, pinhole
 from rendered_dataset import poses, truth, write_dataset
 
@@ -34,8 +34,8 @@ def run(tmp_path_factory):
         (g.means - scene.world_offset).astype(np.float32),
         *(getattr(g, name) for name in ("quats", "log_scales", "opacity_logits", "sh")),
     )
-    (folder / "run" / SCENE).unlink()
-    gsut.formats.save_ply(folder / "run" / SCENE, moved)
+    (folder / "run" / RunFile.SCENE).unlink()
+    gsut.formats.save_ply(folder / "run" / RunFile.SCENE, moved)
     return folder / "run", g
 
 

@@ -12,12 +12,12 @@ import tolerances
 from gsut import _core
 from gsut.cli import main
 from gsut.lens import find_refinable_params
-from gsut.sfm.core import Adjustment
-from gsut.sfm.core import features as core_features
-from gsut.sfm.core.options import PosesOptions
-from gsut.sfm.core.solver import adjust_poses
 from gsut.sfm.lens.covariance import estimate_lens_covariance
 from gsut.sfm.lens.refinement import _describe_held
+from gsut.sfm.photographs import features as core_features
+from gsut.sfm.photographs.options import PosesOptions
+from gsut.sfm.solution import Adjustment
+from gsut.sfm.solution.solver import adjust_poses
 from gsut.sfm.world.comparison import compare_poses
 from small_datasets import OPENGL_FROM_OPENCV, transforms, write_nerfstudio
 from synthetic_walk import Synthetic
@@ -66,9 +66,8 @@ def refined(tmp_path_factory):
     folder = tmp_path_factory.mktemp("refined")
     lens, poses = write_disturbed(folder / "data", scene, rng)
 
-    def found(photographs, chosen, options, on_image):
-        for i in chosen:
-            on_image(i, scene.features[i], None)
+    def found(photographs, chosen, options):
+        return ((i, scene.features[i]) for i in chosen)
 
     words = ["calibrate", "--from-dataset", str(folder / "data"), "--quiet"]
     with pytest.MonkeyPatch.context() as patch:

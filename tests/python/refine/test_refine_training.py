@@ -16,7 +16,7 @@ from gsut.refine.motion import measure_pose_changes, remove_mean_motion, turn_on
 from gsut.refine.refiner import check_refinable
 from gsut.refine.tracks import refine_by_tracks
 from gsut.render.projection import DEFAULT_UNSCENTED
-from gsut.run.folder import REFINED, TRANSFORMS, RunFolder
+from gsut.run.folder import RunFile, RunFolder
 from gsut.sfm.world.comparison import compare_poses
 from gsut.training.record.trained_run import read_trained
 from random_scenes import fisheye, gaussians_in_view, pinhole, random_pose
@@ -174,7 +174,7 @@ def test_resumed_run_has_the_same_bits_and_writes_its_poses(scene, tmp_path):
     resumed = gsut.train(start, options, out=tmp_path / "part", resume=True, progress=False)
     np.testing.assert_array_equal(whole.gaussians.means, resumed.gaussians.means)
     np.testing.assert_array_equal(poses_of(whole.scene), poses_of(resumed.scene))
-    for name in (REFINED, TRANSFORMS):
+    for name in (RunFile.REFINED, RunFile.TRANSFORMS):
         assert (tmp_path / "whole" / name).read_bytes() == (tmp_path / "part" / name).read_bytes()
 
     # What reads the run sees these poses and this lens, and the file is a dataset of its own.
@@ -182,7 +182,7 @@ def test_resumed_run_has_the_same_bits_and_writes_its_poses(scene, tmp_path):
     _, seen, _ = read_trained(run, str(scene.path))
     np.testing.assert_allclose(poses_of(seen), poses_of(whole.scene), atol=1e-12)
     assert seen.file_cameras == whole.scene.file_cameras
-    data = gsut.load_dataset(run.path / TRANSFORMS)
+    data = gsut.load_dataset(run.path / RunFile.TRANSFORMS)
     assert (len(data.train_indices), len(data.test_indices)) == (12, 2)
     shift = data.world_offset - whole.scene.world_offset
     for view, expected in zip(data.views, whole.scene.views, strict=True):

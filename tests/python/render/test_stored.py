@@ -9,7 +9,7 @@ import pytest
 import gsut
 import tolerances as tol
 from gsut.formats import load_ply, open_ply
-from gsut.gaussians import StoredGaussians, order_for_reading, to_surfels
+from gsut.gaussians import StoredGaussians, to_surfels
 from gsut.render import PixelFilter
 from random_scenes import fisheye, open_rule, pinhole, random_pose
 from stored_reads import count_reads
@@ -28,7 +28,7 @@ def shell(rng, count):
         sizes[:, None] + rng.uniform(-0.5, 0.5, (count, 3)), rng.uniform(-3.0, 3.0, count),
         0.3 * rng.standard_normal((count, 4, 3)),
     )  # fmt: skip
-    return g[order_for_reading(g)]
+    return g[StoredGaussians.order_rows(g)]
 
 
 @pytest.fixture(scope="module")

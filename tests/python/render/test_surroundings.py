@@ -7,7 +7,7 @@ import gsut
 import tolerances as tol
 from gsut.formats import NO_BACKGROUND, read_scene_file, save_ply
 from gsut.render import compute_field_angles, with_surroundings
-from gsut.training import find_plain_background
+from gsut.training.first import find_plain_background
 from gsut.training.loop import draw_background
 from gsut.view import open_stage
 from random_scenes import fisheye, gaussians_in_view, pinhole, random_pose

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from gsut import InputError
+from gsut.cli import mesh
 from gsut.run import TrainOptions
 from gsut.run.options import (
     AUTO,
@@ -19,6 +20,7 @@ from gsut.run.options import (
     get_info,
     is_from_preset,
     raise_degree,
+    show_every_option,
 )
 
 FIELDS = dataclasses.fields(TrainOptions)
@@ -238,6 +240,37 @@ def test_set_with_a_wrong_name_or_value_is_refused(words, said, capsys):
 
     assert main(["train", "DATA", "-o", "RUN", "--set", *words]) == 2
     assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["mesh", "RUN", "-o", "a.ply", "--set", "parts=0"],
+         "--set parts takes a whole number from 1 to 2147483647, found '0'"),
+        (["mesh", "RUN", "-o", "a.ply", "--set", "open=maybe"], "--set open takes true or false"),
+        (["mesh", "RUN", "-o", "a.ply", "--set", "depth=first"],
+         "--set depth takes median, expected, strongest, found 'first'"),
+        (["compact", "RUN", "-o", "b", "--set", "sed=1"], "--set sed: no such option; gsut"),
+    ],
+)  # fmt: skip
+def test_set_of_rare_options_refuses_what_it_cannot_read(words, said, capsys):
+    from gsut.cli import main
+
+    assert main(words) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_rare_options_have_defaults_and_take_what_is_set():
+    parser = argparse.ArgumentParser(prog="gsut mesh")
+    mesh.add_flags(parser)
+    plain = parser.parse_args(["RUN", "-o", "a.ply"])
+    assert (plain.depth, plain.support, plain.open, plain.max_side) == ("median", 2, None, 1024)
+    words = [w for each in ("depth=expected", "support=0", "open=false") for w in ("--set", each)]
+    given = parser.parse_args(["RUN", "-o", "a.ply", *words])
+    assert (given.depth, given.support, given.open) == ("expected", 0, False)
+    assert "support" not in parser.format_help()
+    show_every_option(parser)
+    assert "support=N" in parser.format_help()
 
 
 def test_words_of_options_make_the_same_options():

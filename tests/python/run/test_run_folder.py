@@ -17,7 +17,7 @@ from gsut import InputError
 from gsut.output_folder import MARKER
 from gsut.run import TrainOptions
 from gsut.run.checkpoint import read_checkpoint, write_checkpoint
-from gsut.run.folder import CHECKPOINT, ENVIRONMENT, HISTORY, METRICS, OPTIONS, SCENE, RunFolder
+from gsut.run.folder import RunFile, RunFolder
 
 OPTIONS_OF_RUN = TrainOptions(steps=100)
 
@@ -126,7 +126,11 @@ def test_checkpoint_when_writing_fails_keeps_the_one_before(tmp_path, rng, monke
         run.save_checkpoint(2, {"a": np.arange(4)})
     monkeypatch.undo()
     assert run.load_checkpoint()[0] == 1
-    assert sorted(p.name for p in run.path.iterdir()) == [CHECKPOINT, MARKER, OPTIONS]
+    assert sorted(p.name for p in run.path.iterdir()) == [
+        RunFile.CHECKPOINT,
+        MARKER,
+        RunFile.OPTIONS,
+    ]
 
 
 def test_checkpoint_of_a_killed_process_is_always_complete(tmp_path):
@@ -166,7 +170,7 @@ def test_checkpoint_of_a_killed_process_is_always_complete(tmp_path):
 
 def test_create_in_a_folder_with_a_run_refuses_and_changes_nothing(tmp_path):
     count = 0
-    for name in (SCENE, OPTIONS, METRICS, CHECKPOINT):
+    for name in (RunFile.SCENE, RunFile.OPTIONS, RunFile.METRICS, RunFile.CHECKPOINT):
         path = tmp_path / name.replace(".", "_")
         path.mkdir()
         (path / name).write_text("precious")
@@ -180,10 +184,10 @@ def test_create_in_a_folder_with_a_run_refuses_and_changes_nothing(tmp_path):
 
 def test_create_where_a_run_is_refuses_and_changes_nothing(tmp_path):
     run = RunFolder.create(tmp_path / "run", OPTIONS_OF_RUN)
-    run.write_text(METRICS, "precious")
+    run.write_text(RunFile.METRICS, "precious")
     with pytest.raises(InputError, match="already holds a run; add --resume"):
         RunFolder.create(run.path, OPTIONS_OF_RUN)
-    assert (run.path / METRICS).read_text() == "precious"
+    assert (run.path / RunFile.METRICS).read_text() == "precious"
 
 
 def test_create_where_a_file_stands_says_so(tmp_path):
@@ -216,14 +220,14 @@ def test_resume_keeps_the_environment_of_the_first_start(tmp_path):
     path = tmp_path / "run"
     RunFolder.create(path, OPTIONS_OF_RUN, environment={"command": "first"})
     RunFolder.create(path, OPTIONS_OF_RUN, resume=True, environment={"command": "second"})
-    assert RunFolder.open(path).read_json(ENVIRONMENT) == {"command": "first"}
+    assert RunFolder.open(path).read_json(RunFile.ENVIRONMENT) == {"command": "first"}
 
 
 def test_resume_removes_unfinished_files(tmp_path):
     path = RunFolder.create(tmp_path / "run", OPTIONS_OF_RUN).path
-    (path / f".writing-1-{CHECKPOINT}").write_bytes(b"half")
+    (path / f".writing-1-{RunFile.CHECKPOINT}").write_bytes(b"half")
     RunFolder.create(path, OPTIONS_OF_RUN, resume=True)
-    assert sorted(p.name for p in path.iterdir()) == [MARKER, OPTIONS]
+    assert sorted(p.name for p in path.iterdir()) == [MARKER, RunFile.OPTIONS]
 
 
 def test_resume_without_a_run_begins_one(tmp_path):
@@ -234,10 +238,10 @@ def test_resume_without_a_run_begins_one(tmp_path):
 def test_resume_where_the_options_are_gone_is_refused_and_changes_nothing(tmp_path):
     run = RunFolder.create(tmp_path / "run", OPTIONS_OF_RUN)
     run.save_checkpoint(3, {})
-    (run.path / OPTIONS).unlink()
+    (run.path / RunFile.OPTIONS).unlink()
     with pytest.raises(InputError, match=r"options\.json is absent, so nobody knows how"):
         RunFolder.create(run.path, OPTIONS_OF_RUN, resume=True)
-    assert sorted(p.name for p in run.path.iterdir()) == [CHECKPOINT, MARKER]
+    assert sorted(p.name for p in run.path.iterdir()) == [RunFile.CHECKPOINT, MARKER]
 
 
 def test_history_after_a_crash_is_rolled_back_to_the_checkpoint(tmp_path):
@@ -245,7 +249,7 @@ def test_history_after_a_crash_is_rolled_back_to_the_checkpoint(tmp_path):
     for step in range(1, 6):
         run.append_history({"step": step, "loss": np.float32(0.5)})
     run.save_checkpoint(3, {})
-    with open(run.path / HISTORY, "a") as file:
+    with open(run.path / RunFile.HISTORY, "a") as file:
         file.write('{"step": 6, "lo')  # torn by the crash
     run.load_checkpoint()
     run.append_history({"step": 4})
@@ -262,12 +266,12 @@ def test_history_without_a_checkpoint_begins_again(tmp_path):
 def test_json_of_numpy_values_and_non_finite_numbers_is_valid(tmp_path):
     run = RunFolder.create(tmp_path / "run", OPTIONS_OF_RUN, environment={"isa": "AVX2"})
     value = {"a": np.float32(0.5), "b": math.nan, "c": [np.int64(3), math.inf], "d": np.arange(2)}
-    run.write_json(METRICS, value)
-    text = (run.path / METRICS).read_text()
+    run.write_json(RunFile.METRICS, value)
+    text = (run.path / RunFile.METRICS).read_text()
     assert json.loads(text, parse_constant=pytest.fail) == {
         "a": 0.5, "b": None, "c": [3, None], "d": [0, 1],
     }  # fmt: skip
-    assert run.read_json(ENVIRONMENT) == {"isa": "AVX2"}
+    assert run.read_json(RunFile.ENVIRONMENT) == {"isa": "AVX2"}
     assert run.read_json("absent.json") is None
 
 
@@ -291,6 +295,6 @@ def test_resumed_run_with_another_instruction_set_is_refused_or_warned_of(tmp_pa
         with pytest.raises(InputError, match=f"set GSUT_ISA={here[0]}, or start a new run"):
             create(tmp_path / "run", OPTIONS_OF_RUN, resume=True, environment={"isa": other})
         run = create(tmp_path / "run", OPTIONS_OF_RUN, resume=True, environment={"isa": here[0]})
-    run.write_json(ENVIRONMENT, {"isa": "future"})
+    run.write_json(RunFile.ENVIRONMENT, {"isa": "future"})
     with pytest.warns(RuntimeWarning, match="instruction set future, not .* machine lacks it"):
         create(tmp_path / "run", OPTIONS_OF_RUN, resume=True, environment={"isa": here[0]})

@@ -7,10 +7,10 @@ import pytest
 
 import tolerances
 from gsut import _core
-from gsut.sfm.core.matching import PairMatches
-from gsut.sfm.core.options import PosesOptions
-from gsut.sfm.core.solver import solve_poses
-from gsut.sfm.core.verification import drop_contradicted
+from gsut.sfm.matches.matching import PairMatches
+from gsut.sfm.matches.verification import drop_contradicted
+from gsut.sfm.photographs.options import PosesOptions
+from gsut.sfm.solution.solver import solve_poses
 from gsut.sfm.world.comparison import compare_poses
 from synthetic_walk import Synthetic
 

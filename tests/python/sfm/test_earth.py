@@ -7,7 +7,7 @@ import pytest
 
 import tolerances
 from gsut import _core
-from gsut.sfm.core.solution import Solution
+from gsut.sfm.solution.result import Solution
 from gsut.sfm.world.earth import find_earth, move_to_earth
 
 COUNT = 24

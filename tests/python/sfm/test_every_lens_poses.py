@@ -14,8 +14,8 @@ from gsut.refine.localization import localize_image
 from gsut.refine.motion import measure_pose_changes
 from gsut.render.pictures import to_uint8
 from gsut.sfm import compare_poses
-from gsut.sfm.core import features as core_features
-from gsut.sfm.report import writing
+from gsut.sfm.photographs import features as core_features
+from gsut.sfm.report import output
 from random_scenes import every_lens, gaussians_in_view, pinhole
 from synthetic_rig import pose_of
 from synthetic_walk import observe, shuffled
@@ -57,13 +57,12 @@ def find_poses(rng, tmp_path, monkeypatch):
                 _, seen = observe(rng, camera, *projected, NOISE_PX, identity)
                 features.append(shuffled(rng, seen))
 
-        def found(photographs, chosen, options, on_image):
+        def found(photographs, chosen, options):
             assert [photographs.paths[i].resolve() for i in chosen] == list(truth)
-            for index, each in enumerate(features):
-                on_image(index, each, None)
+            yield from enumerate(features)
 
         monkeypatch.setattr(core_features, "_read_all_features", found)
-        monkeypatch.setattr(writing, "write_report", lambda *_: None)  # half of the time
+        monkeypatch.setattr(output, "write_report", lambda *_: None)  # half of the time
         out = tmp_path / "out"
         assert main(["poses", str(tmp_path / "images"), "-o", str(out), "--quiet", *words]) == 0
         scene = gsut.load_dataset(out, test_every=0)

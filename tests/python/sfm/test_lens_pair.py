@@ -8,10 +8,10 @@ import pytest
 import gsut
 import tolerances
 from gsut.data.rigs import measure_changes, read_rig, write_rig
-from gsut.sfm.core import Adjustment
-from gsut.sfm.core.options import PosesOptions
-from gsut.sfm.core.solver import solve_poses
+from gsut.sfm.photographs.options import PosesOptions
 from gsut.sfm.rig.fit import find_lens_pair, write_lens_pair
+from gsut.sfm.solution import Adjustment
+from gsut.sfm.solution.solver import solve_poses
 from gsut.sfm.world.comparison import compare_poses
 from synthetic_rig import BACKWARD, SyntheticRig
 

@@ -9,13 +9,14 @@ import pytest
 import gsut
 import tolerances
 from gsut import _core
-from gsut.sfm.core import Findings, Images
-from gsut.sfm.core.look_alikes import find_look_alikes, separate_look_alikes
-from gsut.sfm.core.matching import match_images
-from gsut.sfm.core.options import PosesOptions
-from gsut.sfm.core.solver import solve_poses
-from gsut.sfm.core.verification import verify_matches
+from gsut.sfm.mapping import Findings
+from gsut.sfm.matches.matching import match_images
+from gsut.sfm.matches.verification import verify_matches
+from gsut.sfm.photographs import Images
+from gsut.sfm.photographs.options import PosesOptions
 from gsut.sfm.report.verdict import judge_solution
+from gsut.sfm.solution.look_alikes import find_look_alikes, separate_look_alikes
+from gsut.sfm.solution.solver import solve_poses
 from gsut.sfm.world.comparison import compare_poses
 from synthetic_walk import Synthetic, observe, quiet, shuffled
 
@@ -128,7 +129,7 @@ def test_two_rooms_stay_as_they_are_where_nothing_is_left(folded):
 def test_verdict_of_two_rooms_as_one_is_poor_and_names_images(folded):
     scene, solution = folded
     found = find_look_alikes(solution)
-    verdict = judge_solution(solution, scene.features, 0.9, Findings(look_alikes=found))
+    verdict = judge_solution(solution, scene.features, Findings(look_alikes=found, agreement=0.9))
     assert verdict.level == "poor" and "look alike" in verdict.reasons[0]
     assert all(name in verdict.reasons[0] for name in found.pairs[0])
     assert "folder" in verdict.advice

@@ -8,11 +8,11 @@ import pytest
 
 import tolerances
 from gsut.data import load_dataset
-from gsut.sfm.core.models import find_further_models, merge_models
-from gsut.sfm.core.options import PosesOptions
-from gsut.sfm.core.photographs import Photographs
-from gsut.sfm.core.solver import solve_poses
+from gsut.sfm.photographs.listing import Photographs
+from gsut.sfm.photographs.options import PosesOptions
 from gsut.sfm.report.output import write_models
+from gsut.sfm.solution.models import find_further_models, merge_models
+from gsut.sfm.solution.solver import solve_poses
 from gsut.sfm.world.comparison import compare_poses
 from synthetic_walk import Synthetic
 

@@ -15,15 +15,15 @@ from disturbances import disturb_rig
 from gsut import _core
 from gsut.data.poses import find_centers, invert_pose
 from gsut.data.rigs import measure_changes, read_rig, write_rig
-from gsut.sfm.core import Adjustment
-from gsut.sfm.core.features import make_no_features
-from gsut.sfm.core.matching import choose_pairs
-from gsut.sfm.core.options import PosesOptions
-from gsut.sfm.core.solution import FEATURE_VARIANCE
-from gsut.sfm.core.solver import RigConstraint, adjust_poses
+from gsut.sfm.matches.matching import choose_pairs
+from gsut.sfm.photographs.features import make_no_features
+from gsut.sfm.photographs.options import PosesOptions
 from gsut.sfm.rig.fit import solve_rig
 from gsut.sfm.rig.images import find_rig_photographs
 from gsut.sfm.rig.start import place_rig
+from gsut.sfm.solution import Adjustment
+from gsut.sfm.solution.result import FEATURE_VARIANCE
+from gsut.sfm.solution.solver import RigConstraint, adjust_poses
 from gsut.sfm.world.comparison import compare_poses
 from synthetic_rig import BACKWARD, STEREO, SyntheticRig, pose_of
 

@@ -14,7 +14,7 @@ from gsut.data.poses import invert_pose
 from gsut.data.rigs.rig import measure_changes, read_rig, write_rig
 from gsut.demo import make_demo_rig
 from gsut.demo.rig import place_right
-from gsut.sfm import compare_datasets, compare_poses, find_poses
+from gsut.sfm import PosesOptions, compare_datasets, compare_poses, find_poses
 
 FRAMES, SIZE = 6, 200
 PATH_SHARE = 0.15  # of the demo's path: neighbours see the same
@@ -112,7 +112,8 @@ def test_poses_with_a_disturbed_rig_refine_it(demo, tmp_path):
     truth = read_rig(demo / "rig_hall" / "rig.json")
     write_rig(disturb_rig(truth, degrees=0.5), tmp_path / "rig.json")
     out = tmp_path / "out"
-    found = find_poses(demo / "rig_hall", out, rig=tmp_path / "rig.json", refine_rig=True).figures
+    rig, options = read_rig(tmp_path / "rig.json"), PosesOptions(refine_rig=True)
+    found = find_poses(demo / "rig_hall", out, camera=rig, options=options).figures
     errors = compare_datasets(demo / "rig_hall", out)
     assert found["registered"] == 2 * FRAMES
     assert abs(errors.scale_error_percent) < tolerances.RIG_DEMO_REFINED_PERCENT

@@ -16,18 +16,20 @@ from gsut.cli import main
 from gsut.gaussians import quaternion_from_rotation
 from gsut.lens import convert_camera
 from gsut.sfm import pipeline
-from gsut.sfm.core import Images, matching, solver
-from gsut.sfm.core import features as core_features
-from gsut.sfm.core.features import _PIXELS_EACH, detect_features, read_features
-from gsut.sfm.core.log import PosesLog
-from gsut.sfm.core.matching import choose_pairs, has_growing_numbers
-from gsut.sfm.core.options import PosesOptions
-from gsut.sfm.core.selection import choose_connected_pairs, keep_most_distinct
-from gsut.sfm.core.solution import measure_rotation_angles, similarity_from_points
-from gsut.sfm.core.solver import solve_poses
 from gsut.sfm.lens.candidates import guess_lens
 from gsut.sfm.lens.search import search_lens
+from gsut.sfm.mapping.log import PosesLog
+from gsut.sfm.matches import matching
+from gsut.sfm.matches.matching import choose_pairs, has_growing_numbers
+from gsut.sfm.matches.selection import choose_connected_pairs, keep_most_distinct
+from gsut.sfm.photographs import Images
+from gsut.sfm.photographs import features as core_features
+from gsut.sfm.photographs.features import _PIXELS_EACH, detect_features, read_features
+from gsut.sfm.photographs.options import PosesOptions
 from gsut.sfm.pipeline import find_poses
+from gsut.sfm.solution import solver
+from gsut.sfm.solution.result import measure_rotation_angles, similarity_from_points
+from gsut.sfm.solution.solver import solve_poses
 from gsut.sfm.world.comparison import compare_poses, find_centers
 from synthetic_walk import Synthetic
 
@@ -289,7 +291,7 @@ def test_guess_lens_has_the_field_of_view():
         edge = camera.unproject(np.array([[640.0, 240.0]]))[0][0]
         assert abs(np.degrees(np.arctan2(edge[0], edge[2])) - fov / 2) < 1e-6
     with pytest.raises(gsut.InputError, match="--fov"):
-        guess_lens(640, 480, 1.0)
+        PosesOptions(fov=1.0)
 
 
 # --- real images ----------------------------------------------------------------------------------
@@ -365,7 +367,7 @@ def test_poses_command_killed_goes_on_from_its_last_stage(some_sponza, tmp_path,
 
     def counted(photographs, chosen, *rest):
         calls["features"] += len(chosen)
-        original(photographs, chosen, *rest)
+        return original(photographs, chosen, *rest)
 
     def killed(*_, **__):
         raise KeyboardInterrupt
@@ -377,7 +379,7 @@ def test_poses_command_killed_goes_on_from_its_last_stage(some_sponza, tmp_path,
             find_poses(some_sponza[0], out)
     assert calls["features"] == IMAGES
     with monkeypatch.context() as patch:  # features and matches are not made again
-        patch.setattr(matching, "_match_in_full", killed)
+        patch.setattr(matching, "choose_pairs", killed)
         result = find_poses(some_sponza[0], out)
     assert calls["features"] == IMAGES
     assert result.solution.num_registered == IMAGES
@@ -556,8 +558,8 @@ def test_poses_options_are_checked():
 
 def test_search_lens_finds_the_fisheye_of_a_synthetic_walk(rng):
     scene = Synthetic(rng, images=8, points=700, noise=0.1)
-    options = PosesOptions(max_two_view_error=4.0, max_error=5.0)
-    found = scene.mapping(options, camera=guess_lens(1000, 1010, 180.0), fov_degrees=180.0)
+    options = PosesOptions(max_two_view_error=4.0, max_error=5.0, fov=180.0)
+    found = scene.mapping(options, camera=guess_lens(1000, 1010, 180.0))
     search_lens(found)
     assert found.solved.registered.all()
     lens = found.solved.cameras[0]

@@ -12,16 +12,16 @@ import tolerances
 from gsut import _core
 from gsut.cli import main
 from gsut.sfm import compare_datasets
-from gsut.sfm.core.log import PosesLog
-from gsut.sfm.core.matching import match_images
-from gsut.sfm.core.options import PosesOptions
-from gsut.sfm.core.solution import measure_agreement
-from gsut.sfm.core.solver import solve_poses
-from gsut.sfm.core.verification import verify_matches
 from gsut.sfm.lens.candidates import guess_lens
 from gsut.sfm.lens.search import search_lens
+from gsut.sfm.mapping.log import PosesLog
+from gsut.sfm.matches.matching import match_images
+from gsut.sfm.matches.verification import verify_matches
+from gsut.sfm.photographs.options import PosesOptions
 from gsut.sfm.pipeline import find_poses
 from gsut.sfm.shutter.readout import estimate_readout_time
+from gsut.sfm.solution.result import measure_agreement
+from gsut.sfm.solution.solver import solve_poses
 from gsut.sfm.world.comparison import compare_poses
 from synthetic_walk import Synthetic, quiet
 
@@ -88,7 +88,7 @@ def test_solve_with_the_readout_time_given_agrees(walk):
 
 def test_search_lens_finds_a_rolling_fisheye_with_the_poses(walk):
     guess = guess_lens(walk.camera.width, walk.camera.height, 180.0)
-    mapping = walk.mapping(PosesOptions(), camera=guess, fov_degrees=180.0, shutter=SHUTTER)
+    mapping = walk.mapping(PosesOptions(fov=180.0), camera=guess, shutter=SHUTTER)
     search_lens(mapping)
     found = mapping.solved
     assert found.registered.all() and found.velocities is not None

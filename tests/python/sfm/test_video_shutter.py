@@ -7,10 +7,10 @@ import pytest
 
 import tolerances
 from gsut import _core
-from gsut.sfm.core.options import PosesOptions
-from gsut.sfm.core.solver import solve_poses
+from gsut.sfm.photographs.options import PosesOptions
 from gsut.sfm.shutter.readout import estimate_rates, estimate_readout_by_flow
 from gsut.sfm.shutter.video import find_video_shutter
+from gsut.sfm.solution.solver import solve_poses
 from gsut.sfm.world.comparison import compare_poses
 from synthetic_walk import Synthetic
 

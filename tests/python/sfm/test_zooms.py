@@ -7,13 +7,13 @@ import pytest
 
 import gsut
 from gsut.lens import with_scaled_focal
-from gsut.sfm.core import Findings
-from gsut.sfm.core.matching import match_images
-from gsut.sfm.core.options import PosesOptions
-from gsut.sfm.core.solver import solve_poses
 from gsut.sfm.lens import zooms
 from gsut.sfm.lens.zooms import describe_zooms, find_zooms, search_zooms
+from gsut.sfm.mapping import Findings
+from gsut.sfm.matches.matching import match_images
+from gsut.sfm.photographs.options import PosesOptions
 from gsut.sfm.report.verdict import judge_solution
+from gsut.sfm.solution.solver import solve_poses
 from synthetic_walk import Synthetic, quiet
 
 IMAGES, FACTOR = 9, 1.5
@@ -52,7 +52,7 @@ def test_zooms_are_found_with_their_focal_lengths_and_names(mixed, of_one):
     (note,) = describe_zooms([first, second])
     assert "2 zooms: 6 at a focal length of 500 px, 3 at" in note
     assert "put 002.png, 005.png, 008.png into a folder of their own" in note
-    verdict = judge_solution(of_one, scene.features, None, Findings(zooms=[first, second]))
+    verdict = judge_solution(of_one, scene.features, Findings(zooms=[first, second]))
     assert verdict.level != "good" and "the images were taken at 2 zooms" in verdict.reasons
 
 

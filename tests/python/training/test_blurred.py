@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import gsut
-from gsut.training import leave_out_blurred
+from gsut.training.first import leave_out_blurred
 from random_scenes import pinhole
 
 VIEWS, BLURRED = 12, (3, 8)

@@ -10,8 +10,9 @@ import pytest
 import gsut
 from gsut import InputError, TrainOptions
 from gsut.cli import main
-from gsut.run.folder import METRICS, OPTIONS, SCENE
+from gsut.run.folder import RunFile
 from gsut.run.options import parse_size
+from gsut.training import TrainedRun
 from gsut.training.tuning.compact_run import CompactOptions, RunCompactor, count_for_bytes
 from gsut.training.tuning.finetuning import finetune, finetune_options
 from random_scenes import arrays_of
@@ -33,14 +34,14 @@ def refused(capsys, *words):
 
 
 def metrics_of(folder):
-    return json.loads((folder / METRICS).read_text())
+    return json.loads((folder / RunFile.METRICS).read_text())
 
 
 def test_compact_of_a_run_is_a_run_that_can_be_evaluated(run, tmp_path, capsys):
     out = tmp_path / "small"
     assert main(["compact", str(run), "--keep", "0.5", "-o", str(out), "--quiet"]) == 0
     found = metrics_of(out)
-    assert found["num_gaussians"] == 150 == len(gsut.formats.load_ply(out / SCENE))
+    assert found["num_gaussians"] == 150 == len(gsut.formats.load_ply(out / RunFile.SCENE))
     assert found["compaction"]["method"] == "ghap"
     assert found["compaction"]["source_num_gaussians"] == 300
     assert found["compaction"]["source_psnr"] == metrics_of(run)["psnr"]
@@ -48,11 +49,11 @@ def test_compact_of_a_run_is_a_run_that_can_be_evaluated(run, tmp_path, capsys):
     assert json.loads(capsys.readouterr().out)["psnr"] == pytest.approx(found["psnr"], abs=1e-9)
     # Killed before its last file it is begun again, by the command that made it only.
     (out / "report.html").unlink()
-    before = (out / SCENE).read_bytes()
+    before = (out / RunFile.SCENE).read_bytes()
     assert main(["compact", str(out), "--keep", "0.5", "-o", str(out), "--quiet"]) == 2
-    assert (out / SCENE).read_bytes() == before
+    assert (out / RunFile.SCENE).read_bytes() == before
     assert main(["compact", str(run), "--keep", "0.5", "-o", str(out), "--quiet"]) == 0
-    assert (out / "report.html").is_file() and (out / SCENE).read_bytes() == before
+    assert (out / "report.html").is_file() and (out / RunFile.SCENE).read_bytes() == before
     assert main(["compact", str(run), "--keep", "0.5", "-o", str(out), "--quiet"]) == 2
     assert "already holds a run" in capsys.readouterr().err
 
@@ -69,7 +70,7 @@ def test_finetuning_gains_and_keeps_the_number(run, tmp_path):
 
 
 def test_finetuning_has_the_same_bits_on_any_number_of_threads(scene, run):
-    start = gsut.compact(gsut.formats.load_ply(run / SCENE), 0.3).gaussians
+    start = gsut.compact(gsut.formats.load_ply(run / RunFile.SCENE), 0.3).gaussians
     results = []
     for threads in (1, 3):
         options = finetune_options(TrainOptions(**SHORT, threads=threads), 10, len(start))
@@ -78,10 +79,11 @@ def test_finetuning_has_the_same_bits_on_any_number_of_threads(scene, run):
 
 
 def test_target_psnr_drop_finds_fewer_gaussians_within_it(scene, run):
-    whole = gsut.formats.load_ply(run / SCENE)
+    whole = gsut.formats.load_ply(run / RunFile.SCENE)
     tried = []
     compactor = RunCompactor(
-        scene, whole, TrainOptions(**SHORT).resolve(), CompactOptions(target_psnr_drop=0.3),
+        TrainedRun(TrainOptions(**SHORT).resolve(), scene, whole, None),
+        CompactOptions(target_psnr_drop=0.3),
         on_try=lambda count, psnr: tried.append((count, psnr)),
     )  # fmt: skip
     small = compactor.make()
@@ -99,7 +101,7 @@ def test_target_psnr_drop_finds_fewer_gaussians_within_it(scene, run):
 def test_target_size_is_held_by_the_file(run, tmp_path):
     out = tmp_path / "small"
     assert main(["compact", str(run), "--target-size", "15kB", "-o", str(out), "--quiet"]) == 0
-    size = (out / SCENE).stat().st_size
+    size = (out / RunFile.SCENE).stat().st_size
     assert 12_000 < size <= 15_000
 
 
@@ -118,23 +120,23 @@ def test_sizes_that_are_none_are_refused(text):
 
 def test_target_size_too_small_for_one_is_refused(run):
     with pytest.raises(InputError, match="too small"):
-        count_for_bytes(gsut.formats.load_ply(run / SCENE), 100)
+        count_for_bytes(gsut.formats.load_ply(run / RunFile.SCENE), 100)
 
 
 def test_compact_of_a_ply_file_needs_no_photograph(run, tmp_path, capsys):
     out = tmp_path / "small.ply"
-    words = ["compact", str(run / SCENE), "--keep", "0.25", "-o", str(out), "--json"]
+    words = ["compact", str(run / RunFile.SCENE), "--keep", "0.25", "-o", str(out), "--json"]
     assert main(words) == 0
     assert (
         json.loads(capsys.readouterr().out)["num_gaussians"]
         == 75
         == len(gsut.formats.load_ply(out))
     )
-    assert "exists" in refused(capsys, run / SCENE, "--keep", "0.25", "-o", out)
+    assert "exists" in refused(capsys, run / RunFile.SCENE, "--keep", "0.25", "-o", out)
     other = tmp_path / "other.ply"
-    tuned = refused(capsys, run / SCENE, "--keep", "0.25", "--finetune", "5", "-o", other)
+    tuned = refused(capsys, run / RunFile.SCENE, "--keep", "0.25", "--finetune", "5", "-o", other)
     assert "need photographs" in tuned
-    pup = refused(capsys, run / SCENE, "--keep", "0.25", "--method", "pup", "-o", other)
+    pup = refused(capsys, run / RunFile.SCENE, "--keep", "0.25", "--method", "pup", "-o", other)
     assert "what views see" in pup
     assert not other.exists()
 
@@ -160,9 +162,9 @@ def test_wrong_arguments_are_refused_before_anything_is_written(
 
 
 def test_compact_into_a_run_is_refused(run, capsys):
-    before = (run / OPTIONS).read_bytes()
+    before = (run / RunFile.OPTIONS).read_bytes()
     assert "files that gsut train wrote" in refused(capsys, run, "--keep", "0.5", "-o", run)
-    assert (run / OPTIONS).read_bytes() == before
+    assert (run / RunFile.OPTIONS).read_bytes() == before
 
 
 def test_training_with_compact_at_keeps_the_number_from_there_on(scene):

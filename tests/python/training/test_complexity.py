@@ -3,8 +3,7 @@
 import gsut
 from gsut import TrainOptions
 from gsut.run.options import PRESETS, presets
-from gsut.training import choose_complexity
-from gsut.training.first import complexity
+from gsut.training.first import choose_complexity, complexity
 from random_scenes import arrays_of
 
 

@@ -5,7 +5,7 @@ import pytest
 
 import gsut
 from gsut import InputError
-from gsut.training import tune_for_viewers
+from gsut.training.tuning import tune_for_viewers
 from random_scenes import assert_same
 from rendered_dataset import truth, write_dataset
 from tolerances import VIEWERS_GAIN_DB

@@ -13,7 +13,7 @@ import gsut
 from gsut import TrainOptions
 from gsut.cli import main
 from gsut.render import Light
-from gsut.run.folder import METRICS, OPTIONS, PLAN, SCENE, RunFolder
+from gsut.run.folder import RunFile, RunFolder
 from gsut.training.time_left import predict_training_steps
 from gsut.training.tuning import finetune_options
 from gsut.training.tuning.from_start import FromStart
@@ -39,7 +39,7 @@ def run(tmp_path_factory):
 
 def compacted(run, out, *words):
     assert main(["compact", str(run), *words, "-o", str(out)]) == 0
-    return json.loads((out / METRICS).read_text())
+    return json.loads((out / RunFile.METRICS).read_text())
 
 
 def files_of(folder):
@@ -52,7 +52,7 @@ def test_auto_trains_from_the_start_and_says_why(run, tmp_path, capsys):
     told = capsys.readouterr()
     assert files_of(run) == before
     assert found["compaction"]["method"] == "from_start"
-    assert found["num_gaussians"] == 150 == len(gsut.formats.load_ply(out / SCENE))
+    assert found["num_gaussians"] == 150 == len(gsut.formats.load_ply(out / RunFile.SCENE))
     options = RunFolder.open(out).read_options()
     assert (options.max_gaussians, options.steps) == (150, found["steps"])
     assert options.steps > 100
@@ -69,10 +69,10 @@ def test_training_from_the_start_has_the_same_bits_on_any_number_of_threads(run,
     for threads in (1, 3):
         source = shutil.copytree(run, tmp_path / f"run{threads}")
         options = dataclasses.replace(RunFolder.open(run).read_options(), threads=threads)
-        (source / OPTIONS).write_text(options.to_json())
+        (source / RunFile.OPTIONS).write_text(options.to_json())
         out = tmp_path / f"small{threads}"
         assert compacted(source, out, *HALF, "--quiet")["compaction"]["method"] == "from_start"
-        made.append((out / SCENE).read_bytes())
+        made.append((out / RunFile.SCENE).read_bytes())
     assert made[0] == made[1]
 
 
@@ -105,8 +105,8 @@ def test_auto_of_a_run_in_blocks_merges(run, tmp_path):
     """As a whole it may be too large to be trained."""
     source = shutil.copytree(run, tmp_path / "run")
     plan = dict.fromkeys(("blocks", "rounds", "version", "isa", "options"))
-    (source / PLAN).parent.mkdir()
-    (source / PLAN).write_text(json.dumps(plan))
+    (source / RunFile.PLAN).parent.mkdir()
+    (source / RunFile.PLAN).write_text(json.dumps(plan))
     found = compacted(source, tmp_path / "small", *HALF, "--quiet")
     assert found["compaction"]["method"] == "ghap" and found["num_gaussians"] == 150
 

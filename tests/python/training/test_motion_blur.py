@@ -6,8 +6,7 @@ import pytest
 import gsut
 import tolerances as tol
 from gsut import InputError, _core
-from gsut.data import Level
-from gsut.data.scene import find_time_neighbours, split_exposure
+from gsut.data.scene import Level, find_time_neighbours, split_exposure
 from gsut.metrics import psnr
 from gsut.training.photograph.motion_blur import BlurRenderer, Exposure
 from random_scenes import pinhole

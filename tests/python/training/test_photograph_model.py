@@ -10,6 +10,7 @@ import gsut
 import tolerances as tol
 from gsut import _core
 from gsut.cli import main
+from gsut.data.scene import Level
 from gsut.evaluate import evaluate
 from gsut.render import Falloff, Light, PixelFilter, compute_field_angles, interpolate_gains
 from gsut.run import RunFolder
@@ -132,7 +133,7 @@ def test_falloff_is_found(data):
     camera, rng = scene.cameras[0], np.random.default_rng(6)
     angles = compute_field_angles(camera)
     truth = Falloff(float(np.nanmax(angles)), np.tile([-0.3, -0.1, 0.05], (3, 1)))
-    level = gsut.data.Level(scene)
+    level = Level(scene)
     for fraction in (0.1, 0.95):
         for view in scene.train_indices:
             image = rng.uniform(0.1, 0.6, (camera.height, camera.width, 3)).astype(np.float32)
@@ -162,7 +163,7 @@ def test_gains_of_unseen_views_lie_between_their_neighbours_in_time():
 def test_a_scene_that_is_still_dark_tells_nothing_of_the_photographs(data, brightness, differ):
     scene = gsut.load_dataset(data)
     model = PhotographModel(scene, gsut.TrainOptions(exposure="auto").resolve())
-    level, camera = gsut.data.Level(scene), scene.cameras[0]
+    level, camera = Level(scene), scene.cameras[0]
     image = np.random.default_rng(6).uniform(0.1, 0.6, (camera.height, camera.width, 3))
     for view in (*scene.train_indices, *scene.train_indices):
         lit = (image * GAINS[view]).astype(np.float32)

@@ -9,11 +9,11 @@ import pytest
 import gsut
 import gsut.demo.dataset
 from gsut.cli import main
-from gsut.sfm.core.features import Features
-from gsut.sfm.core.matching import PairMatches
-from gsut.sfm.core.solution import measure_rotation_angles
-from gsut.sfm.core.stages import FOLDER
+from gsut.sfm.matches.matching import PairMatches
+from gsut.sfm.photographs.features import Features
+from gsut.sfm.photographs.stages import FOLDER
 from gsut.sfm.points.bearing_points import BearingPoints
+from gsut.sfm.solution.result import measure_rotation_angles
 from gsut.sfm.world.comparison import compare_poses
 
 pytestmark = pytest.mark.quick
@@ -116,8 +116,8 @@ def test_a_video_is_registered_by_its_colours(video, tmp_path):
 
 
 def test_a_killed_run_goes_on_from_its_last_images_to_the_same_bits(video, tmp_path, monkeypatch):
-    from gsut.sfm.core import PosesLog
-    from gsut.sfm.core.options import PosesOptions
+    from gsut.sfm.mapping import PosesLog
+    from gsut.sfm.photographs.options import PosesOptions
     from gsut.sfm.pipeline import find_poses
     from gsut.training import photometric_poses
 

@@ -15,7 +15,7 @@ import gsut
 import tolerances
 from attack.harness import take_snapshot
 from gsut import InputError, TrainOptions
-from gsut.run.folder import HISTORY, SCENE
+from gsut.run.folder import RunFile
 from gsut.training.first.seeding import seed_first
 from gsut.training.loop import TrainingLoop
 from random_scenes import arrays_of, pinhole
@@ -39,7 +39,7 @@ def train(scene, options, **arguments):
 
 def history_of(run):
     """Rows of a run's history without what the clock says."""
-    rows = [json.loads(line) for line in (run / HISTORY).read_text().splitlines()]
+    rows = [json.loads(line) for line in (run / RunFile.HISTORY).read_text().splitlines()]
     return [{key: value for key, value in row.items() if "seconds" not in key} for row in rows]
 
 
@@ -101,14 +101,14 @@ def test_train_any_threads_same_bits(scene, tmp_path, strategy):
 
 def test_train_with_another_seed_has_other_bits(scene, unbroken):
     other = train(scene, TrainOptions(**SHORT, seed=1)).gaussians
-    assert arrays_of(other) != arrays_of(gsut.formats.load_ply(unbroken / SCENE))
+    assert arrays_of(other) != arrays_of(gsut.formats.load_ply(unbroken / RunFile.SCENE))
 
 
 def test_train_reading_images_again_same_bits(dataset, scene, unbroken):
     # Caches of decoded images, ray tables and tiles hold nothing that later runs depend on.
     fresh = gsut.load_dataset(dataset)
     assert arrays_of(train(fresh, TrainOptions(**SHORT)).gaussians) == arrays_of(
-        gsut.formats.load_ply(unbroken / SCENE)
+        gsut.formats.load_ply(unbroken / RunFile.SCENE)
     )
 
 
@@ -128,9 +128,9 @@ def test_train_stopped_anywhere_and_resumed_same_bits(scene, unbroken, tmp_path,
 
         with pytest.raises(Stop):
             gsut.train(scene, options, out=out, resume=number > 0, progress=callback)
-        assert not (out / SCENE).exists()
+        assert not (out / RunFile.SCENE).exists()
     train(scene, options, out=out, resume=True)
-    assert (out / SCENE).read_bytes() == (unbroken / SCENE).read_bytes()
+    assert (out / RunFile.SCENE).read_bytes() == (unbroken / RunFile.SCENE).read_bytes()
     assert history_of(out) == history_of(unbroken)
     assert len(history_of(out)) == STEPS
 
@@ -162,10 +162,10 @@ def test_train_killed_by_sigkill_and_resumed_same_bits(dataset, unbroken, tmp_pa
     for kill in range(KILLS + 1):
         arguments = [sys.executable, "-c", CHILD, str(dataset), str(out), str(1 + kill % 3)]
         child = subprocess.Popen(arguments, env=environment, stderr=subprocess.PIPE)
-        before, wanted = lines_of(out / HISTORY), int(rng.integers(4, 10))
+        before, wanted = lines_of(out / RunFile.HISTORY), int(rng.integers(4, 10))
         deadline = time.monotonic() + 60
         while kill < KILLS and child.poll() is None and time.monotonic() < deadline:
-            if before + wanted <= lines_of(out / HISTORY) < STEPS:
+            if before + wanted <= lines_of(out / RunFile.HISTORY) < STEPS:
                 time.sleep(rng.uniform(0, 0.02))
                 child.send_signal(signal.SIGKILL)
                 break
@@ -175,7 +175,7 @@ def test_train_killed_by_sigkill_and_resumed_same_bits(dataset, unbroken, tmp_pa
         assert child.returncode in (0, -signal.SIGKILL), error.decode()
     assert killed == KILLS
     assert child.returncode == 0
-    assert (out / SCENE).read_bytes() == (unbroken / SCENE).read_bytes()
+    assert (out / RunFile.SCENE).read_bytes() == (unbroken / RunFile.SCENE).read_bytes()
     assert history_of(out) == history_of(unbroken)
     assert not list(out.glob(".writing-*"))
 

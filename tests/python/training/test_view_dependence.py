@@ -5,8 +5,7 @@ import pytest
 
 import gsut
 from gsut import TrainOptions
-from gsut.training import choose_degree
-from gsut.training.first import complexity, view_dependence
+from gsut.training.first import choose_degree, complexity, view_dependence
 
 POINTS, VIEWS = 150, 12
 

@@ -15,6 +15,7 @@ HWY_BEFORE_NAMESPACE();
 namespace gsut {
 namespace HWY_NAMESPACE {
 
+// Flags become constants of the build, so that each combination has a loop without branches.
 void Jacobian(const RasterTask& task, const TileGrid& grid, int tile, const Frame& frame,
               const float* shading, std::uint64_t wanted, float* slopes) {
   WithFlag(task.stop_before, [&](auto stop_before) HWY_ATTR {

@@ -29,6 +29,8 @@ namespace gsut {
 namespace HWY_NAMESPACE {
 
 // The direction n of a mean, see sharp_records.h.
+// In double, and split into two floats: rounding the direction to one float would move a sharp
+// Gaussian by more than its width.
 void ExactDirection(const ViewFloats& view, const float* mean, float* out) {
   double world[3], n[3];
   for (int k = 0; k < 3; ++k) {
@@ -67,6 +69,8 @@ EllipseTiles TilesOfEllipses(const TileGrid& grid, const Splats& splats, std::si
   return {grid, load(splats.u), load(splats.v), extent_u + widen, extent_v + widen};
 }
 
+// Three degrees of trust in the ellipse: it bounds a small Gaussian; it is a guess, to be grown,
+// for others; and where it says nothing all cells of the image are tested.
 TileRect TilesOfSplat(const TileGrid& grid, SplatStatus status, const TileWindow& window,
                       const float* row, const FormSlack& slacks, int lane, TouchedRows* rows,
                       std::vector<RowSpan>* spans) {
@@ -76,6 +80,9 @@ TileRect TilesOfSplat(const TileGrid& grid, SplatStatus status, const TileWindow
   return GrownTileRect(grid, forms, window, rows, spans);
 }
 
+// Records of rays from one point, a Gaussian a lane: 1. vectors of which none is seen are skipped;
+// 2. placed into the camera's frame, the three linear forms (records-inl.h); 3. colour in the
+// direction from the camera; 4. one Gaussian at a time, its tiles.
 void Records(const RasterTask& task, const TileGrid& grid, const Splats& splats, std::int64_t begin,
              std::int64_t end, Frame* frame) {
   const FloatTag d;
@@ -101,6 +108,8 @@ void Records(const RasterTask& task, const TileGrid& grid, const Splats& splats,
         AndMask(g.mean[2] >= Lane(task.near_z), g.mean[2] <= Lane(task.far_z));
     const LaneMask finite_color = IsFinite(color[0] + color[1] + color[2]);
     const std::uint64_t visible = MaskBits(AndMask(AndMask(r.visible, in_range), finite_color).m);
+    // Forms that are steep across the view lose digits to float directions: the sharp path has
+    // more.
     const Lane steepest = Max(Dot3(r.a, r.a), Dot3(r.b, r.b));
     const LaneMask is_sharp = steepest > Lane(double{kSharpForm} * kSharpForm);
     const std::uint64_t sharp = MaskBits(is_sharp.m);

@@ -19,6 +19,7 @@ using RowMatrix3d = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
 
 constexpr std::int64_t kGaussianGrain = 1024;
 
+// A colour depends on the centre o through n = (m - o) / |m - o|: dn/do = -(I - n n^T) / |m - o|.
 // Derivatives of the colours of the Gaussians that the frame sees by the camera's centre (world).
 void ShadingSlopes(const RasterTask& task, const Vector3d& center, const Frame& frame,
                    AlignedVector<float>* slopes) {
@@ -78,6 +79,8 @@ void Renderer::Jacobian(std::span<const std::uint32_t> pixels, double* by_center
   for (std::size_t i = 0; i < pixels.size(); ++i) {
     places[next[tile_of(pixels[i])]++] = static_cast<std::uint32_t>(i);
   }
+  // Tile by tile: only the blocks that hold a chosen pixel are walked, then each pixel's slopes by
+  // its line's numbers are turned into those by the camera's centre and by its unit ray.
   const Matrix3d rotation = reference_.rotation;
   const bool shaded = task_.sh_degree > 0;
   if (shaded) ShadingSlopes(task_, reference_.CenterInSource(), frame_, &shading_slopes_);

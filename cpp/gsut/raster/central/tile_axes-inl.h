@@ -52,6 +52,9 @@ class TileAxes {
 #endif
   }
 
+  // With 16 lanes the three forms are one vector: three permutations and three products turn all of
+  // them. Without, a form is a vector of four lanes; out is written front to back, as each store's
+  // last lane is overwritten by the next.
   // out[3 f + k] = sum over j of axes[k][j] in[3 f + j] for the three forms f.
   HWY_INLINE void Turn(const float* HWY_RESTRICT in, float* HWY_RESTRICT out) const {
 #if HWY_MAX_BYTES == 64
@@ -78,6 +81,8 @@ class TileAxes {
 #endif
   }
 
+  // f.D = f.(D - n) + f.n, where n is the mean's direction: f.n is known exactly (0, 0 and 1 for a,
+  // b and c), and D - n is a difference of two pairs of floats.
   // Turn for a sharp record, see kSharpForm; center, direction: D and n of kDirectionSize floats.
   HWY_INLINE void TurnSharp(const float* HWY_RESTRICT in, const float* HWY_RESTRICT center,
                             const float* HWY_RESTRICT direction, float* HWY_RESTRICT out) const {

@@ -28,6 +28,9 @@ namespace HWY_NAMESPACE {
 // of it and of its inverse stay in float's range.
 inline constexpr double kLargestScale = 1e15;
 
+// Records of lines, a Gaussian a lane: 1. into the reference's frame; 2. colour in the direction
+// from the reference; 3. mean and whitening, 16 floats; 4. one Gaussian at a time down the pyramid
+// for its tiles. What is not finite is left out here, so that the later stages need no test.
 void LineRecords(const RasterTask& task, const LineGrid& grid, std::int64_t begin, std::int64_t end,
                  Frame* frame, Splats* splats) {
   const FloatTag d;
@@ -80,6 +83,7 @@ void LineRecords(const RasterTask& task, const LineGrid& grid, std::int64_t begi
   }
 }
 
+// The tile's kernel evaluates responses, BlendTile blends them, whatever the kind of rays.
 void LineForward(const RasterTask& task, const LineGrid& grid, int tile, Frame* frame, float* image,
                  float* alpha, float* depth, float* distortion) {
   WithForwardFlags(task, [&](auto with_depth, auto stop_before) HWY_ATTR {
@@ -92,6 +96,7 @@ void LineForward(const RasterTask& task, const LineGrid& grid, int tile, Frame* 
 
 void LineBackward(const RasterTask& task, const LineGrid& grid, int tile,
                   const ImageGradients& gradients, Frame* frame, float* to_lines) {
+  // Seven gradients a pixel: three colours, T_end, depth, distortion, and the error.
   HWY_ALIGN float buffer[7 * kTilePixels];
   const PixelGradients pixels =
       ReadPixelGradients(grid.tiles, tile, gradients, task.background, buffer);

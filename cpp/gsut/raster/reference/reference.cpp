@@ -119,6 +119,8 @@ Ray RayOf(const ViewRays& view, std::size_t pixel) {
 }
 
 // Blends all Gaussians along one ray; fills hits and returns the final transmittance.
+// Along o + t d the exponent |A (m - o) - t A d|^2 is least at t = v.w / |w|^2, v = A (m - o) and w
+// = A d. A Gaussian whose nearest point lies behind the origin is not drawn.
 double Blend(const std::vector<Seen>& seen, const Ray& ray, const BlendRule& rule,
              std::vector<Hit>* hits) {
   hits->clear();
@@ -228,6 +230,7 @@ void WriteGradients(const Seen& s, GradientSums total, const GaussiansView<const
                     int used, bool is_parallel, const GaussiansView<double>& gradients,
                     ShadingGradient* shading) {
   const std::int64_t i = s.index;
+  // v = A m: what the sum holds of v goes on to m by A^T, and to A by the outer product with m.
   total.whiten += total.whitened * s.relative.transpose();
   Vector3d g_relative = s.whiten.transpose() * total.whitened;
 

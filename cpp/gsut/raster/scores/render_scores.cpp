@@ -79,6 +79,8 @@ WalkScene Renderer::LastScene() const {
   return {task_.gaussians, &frame_, tiles, lines_.get(), reference_, rule_};
 }
 
+// Tiles run in parallel, but their sums are added to the Gaussians in the order of the tiles, see
+// AddOverTiles; a pixel belongs to one tile, so that winners need no such care.
 void Renderer::AddSignificance(const std::uint8_t* chosen, double* significance,
                                std::int32_t* winner, float* point) const {
   const WalkScene scene = LastScene();
@@ -102,6 +104,10 @@ void Renderer::AddSignificance(const std::uint8_t* chosen, double* significance,
   AddOverTiles<1>(frame_, scene.tiles->num_tiles(), tile, significance);
 }
 
+// One Gaussian at a time, as if the others were known. With T the light left in front of it and
+// `behind` the colour from behind it, C = ... + T alpha c + behind, and as `behind` is proportional
+// to 1 - alpha, dC/dalpha = T c - behind / (1 - alpha). The walk takes what it passes off the whole
+// colour, so that what lies behind needs no second list.
 void Renderer::AddFisher(const std::uint8_t* chosen, double* fisher) const {
   const WalkScene scene = LastScene();
   const bool is_parallel = lines_ != nullptr && lines_->is_parallel;
@@ -135,6 +141,9 @@ void Renderer::AddFisher(const std::uint8_t* chosen, double* fisher) const {
   AddOverTiles<kFisherSums>(frame_, scene.tiles->num_tiles(), tile, fisher);
 }
 
+// Without the Gaussian, what is behind shines through it by 1 / (1 - alpha), and its own colour is
+// missing: the pixel changes by d = behind alpha / (1 - alpha) - w c. Its squared error r^2 becomes
+// (r + d)^2, which is more by d (2 r + d).
 void Renderer::AddSupport(const float* photograph, const std::uint8_t* chosen,
                           double* support) const {
   const WalkScene scene = LastScene();

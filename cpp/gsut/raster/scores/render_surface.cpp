@@ -91,6 +91,8 @@ void Renderer::Rays(float* directions, float* origins) const {
   });
 }
 
+// The median is where the light falls below half, the strongest where the weight is largest; both
+// are distances of single Gaussians. The spread is the weighted deviation of all of them.
 void Renderer::Surface(const SurfaceMaps& maps) const {
   const WalkScene scene = LastScene();
   const std::int64_t pixels = std::int64_t{scene.tiles->width} * scene.tiles->height;
@@ -119,6 +121,10 @@ void Renderer::Surface(const SurfaceMaps& maps) const {
   });
 }
 
+// N = sum of w_i n_i over a pixel's Gaussians, w_i = alpha_i T_i. With g = dL/dN:
+//   dL/dalpha_i = T_i g.n_i - (sum over j > i of w_j g.n_j) / (1 - alpha_i),  dL/dn_i = w_i g.
+// Both lead on to A and to A m, which are summed over pixels, and from these to the parameters.
+// First walk: the whole sums; second walk: the gradients, front to back.
 void Renderer::SurfaceBackward(const float* dnormals, const GaussiansView<float>& gradients) const {
   const WalkScene scene = LastScene();
   const auto tile = [&](int number, double* sums) {

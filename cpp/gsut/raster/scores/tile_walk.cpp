@@ -12,6 +12,7 @@ using Eigen::Map;
 using Eigen::Matrix3d;
 using Eigen::Vector3d;
 
+// A Gaussian about the camera's centre, in double: A = S^-1 R^T, and A m for its mean m.
 WalkGaussian WalkGaussianOf(const WalkScene& scene, std::int64_t index) {
   const GaussiansView<const float>& g = scene.gaussians;
   WalkGaussian out;
@@ -47,6 +48,7 @@ TileWalk::TileWalk(const WalkScene& scene, int tile, const std::uint8_t* chosen)
   directions_.fill(d);
   origins_.fill(Vector3d::Zero());
   const int x0 = (tile % tiles.tiles_x) * kTileSize, y0 = (tile / tiles.tiles_x) * kTileSize;
+  // A ray is D + s E1 + t E2, and a line's origin a E1 + b E2 plus what it was slid along the ray.
   for (int y = y0; y < std::min(y0 + kTileSize, tiles.height); ++y) {
     for (int x = x0; x < std::min(x0 + kTileSize, tiles.width); ++x) {
       const auto offset = static_cast<std::size_t>(tiles.PixelOffset(x - x0, y - y0));
@@ -66,6 +68,8 @@ TileWalk::TileWalk(const WalkScene& scene, int tile, const std::uint8_t* chosen)
   }
 }
 
+// Response at the point of the ray that is nearest in whitened coordinates, as in the reference.
+// The rays are the tile's own floats: scores judge what was drawn.
 bool TileWalk::Evaluate(const WalkGaussian& g, int offset, WalkHit* hit) const {
   const auto at = static_cast<std::size_t>(offset);
   const BlendRule& rule = scene_.rule;

@@ -13,13 +13,13 @@ from gsut.gaussians import Gaussians
 
 # Weights beside the difference of colours: of the divergence, and of the drawn fields. Without
 # divergence, held-out views are at least as good.
-COSTS = (0.0, 0.1)
+_COSTS = (0.0, 0.1)
 
 
 def merge(gaussians: Gaussians, target: int, scores: np.ndarray | None, *_: Any) -> Gaussians:
     """Merges Gaussians to `target`, weighted by scores, or by opacity times size without them."""
     weights = None if scores is None else scores.astype(np.float32)
-    return Gaussians(*_core.merge_pairs(gaussians, target, weights, *COSTS))
+    return Gaussians(*_core.merge_pairs(gaussians, target, weights, *_COSTS))
 
 
-METHOD = Method(merge, blend_weights, settings={"costs": list(COSTS), "refit": []})
+METHOD = Method(merge, blend_weights)

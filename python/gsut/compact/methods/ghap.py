@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from gsut.compact.method import Method
-from gsut.compact.methods.field import COSTS, merge
-from gsut.compact.refit import DAMPING, refit_colors
+from gsut.compact.methods.field import merge
+from gsut.compact.refit import refit_colors
 from gsut.compact.scores import SeenView, blend_weights
 from gsut.gaussians import Gaussians
 
@@ -27,6 +27,4 @@ def _reduce(
     return refit_colors(merged, gaussians, views, _REFIT_ROUNDS, on_view) if views else merged
 
 
-METHOD = Method(
-    _reduce, blend_weights, settings={"costs": list(COSTS), "refit": [_REFIT_ROUNDS, DAMPING]}
-)
+METHOD = Method(_reduce, blend_weights)

@@ -65,6 +65,12 @@ def read_rig(path: str | os.PathLike[str]) -> Rig:
     cam0, cam1 ... Instead of a splined .cameramodel the exact lens that `gsut calibrate` wrote
     beside it, of the same name, is taken if it is the same within 0.01 px.
 
+    Args:
+        path: the file.
+
+    Returns:
+        The cameras by name, with their lenses and poses.
+
     Raises:
         InputError: no such file, not a rig, one camera only, or all cameras in one place: then
             nothing sets the scale.

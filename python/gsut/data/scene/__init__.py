@@ -1,18 +1,26 @@
 """A dataset in memory: `Scene` and its views, their split, shutter, depths and normals."""
 
+from gsut.data.scene.digests import capture_state, describe_changes, digest_scene
 from gsut.data.scene.maps import MILLIMETRE, read_depth, read_normals
-from gsut.data.scene.scene import Scene, View
+from gsut.data.scene.scene import Scene, View, keep_at_most
 from gsut.data.scene.shutter import find_time_neighbours, order_frames, split_exposure, with_shutter
 from gsut.data.scene.split import TEST_EVERY, choose_inner_views, hold_out_views, split_views
+from gsut.data.scene.training_views import Level, TrainingViews
 
 __all__ = [
     "MILLIMETRE",
     "TEST_EVERY",
+    "Level",
     "Scene",
+    "TrainingViews",
     "View",
+    "capture_state",
     "choose_inner_views",
+    "describe_changes",
+    "digest_scene",
     "find_time_neighbours",
     "hold_out_views",
+    "keep_at_most",
     "order_frames",
     "read_depth",
     "read_normals",

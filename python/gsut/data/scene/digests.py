@@ -5,11 +5,13 @@ from __future__ import annotations
 import hashlib
 import itertools
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from gsut.data.errors import list_some
 from gsut.data.scene.scene import Scene
 
 _END_BYTES = 1 << 16  # of both ends of a file: pictures that differ differ there
@@ -52,9 +54,37 @@ def digest_scene(scene: Scene) -> dict[str, str]:
     return {name: _digest(content) for name, content in parts.items()}
 
 
-def digest_file(path: Path) -> str:
-    """Digests the size and both ends of a file, 64 KiB each; one that cannot be read is empty."""
-    return _digest((_read_ends(path),))
+def capture_state(paths: Sequence[Path]) -> list[list[Any]]:
+    """Lists path, size and digest of each file, which show whether it is still the same."""
+    return [[str(p.resolve()), p.stat().st_size, _digest((_read_ends(p),))] for p in paths]
+
+
+def describe_changes(before: Sequence[Sequence[Any]], paths: Sequence[Path]) -> str:
+    """Names the files that were changed, added or removed since `capture_state` listed them.
+
+    Args:
+        before: what `capture_state` returned; earlier versions listed the time of change in
+            nanoseconds in place of the digest.
+        paths: the files now.
+
+    Returns:
+        "" if they are the same.
+    """
+    old = {row[0]: row[1:] for row in before}
+    now = {str(path.resolve()): path for path in paths}
+    changed = [name for name in old if name in now and not _is_unchanged(now[name], *old[name])]
+    added, removed = [n for n in now if n not in old], [n for n in old if n not in now]
+    kinds = ((changed, "changed"), (added, "added"), (removed, "removed"))
+    return "; ".join(f"{what}: {list_some(names)}" for names, what in kinds if names)
+
+
+def _is_unchanged(path: Path, size: int, mark: int | str) -> bool:
+    state = path.stat()
+    if state.st_size != size:
+        return False
+    return (
+        state.st_mtime_ns == mark if isinstance(mark, int) else _digest((_read_ends(path),)) == mark
+    )
 
 
 def _read_ends(path: Path) -> bytes:

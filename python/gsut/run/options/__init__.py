@@ -13,7 +13,12 @@ from gsut.run.options.fields import (
     list_choices,
     parse_size,
 )
-from gsut.run.options.flags import add_option_flags, collect_given, show_every_option
+from gsut.run.options.flags import (
+    add_option_flags,
+    add_rare_option,
+    collect_given,
+    show_every_option,
+)
 from gsut.run.options.presets import (
     fit_to_views,
     get_preset_value,
@@ -33,6 +38,7 @@ __all__ = [
     "SceneOptions",
     "TrainOptions",
     "add_option_flags",
+    "add_rare_option",
     "check_options",
     "collect_given",
     "compute_recipe",

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import functools
 import typing
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from gsut._core import InputError
@@ -44,20 +46,63 @@ def add_option_flags(parser: argparse.ArgumentParser, *classes: type) -> None:
             settings |= {"type": _make_reader(kind, info), "metavar": _write_metavar(kind, info)}
         groups[info.group].add_argument(format_flag(field.name), dest=field.name, **settings)
     if others:
-        parser.set_defaults(**{_OTHERS: others})
+        action = _find_set(parser)
+        for options in classes:
+            for field in list_fields(options):
+                kind, info = _find_kind(options, field), get_info(field)
+                action.readers[field.name] = _make_reader(kind, info)
+                if (options, field) in others:
+                    action.listed.append(
+                        (info.group, field.name, _write_metavar(kind, info), _write_help(field))
+                    )
+
+
+def add_rare_option(
+    parser: argparse.ArgumentParser,
+    name: str,
+    read: Callable[[str], Any] | Sequence[str],
+    default: Any,
+    *,
+    metavar: str = "X",
+    help: str,
+) -> None:
+    """Adds an option that few people set: `--set NAME=VALUE` sets it, `--help-all` lists it.
+
+    Args:
+        parser: of a command, with all its flags.
+        name: in the namespace, too.
+        read: makes the value of its text, and raises ArgumentTypeError; or the words to choose
+            from; `bool` takes true and false.
+        default: where it is not given.
+        metavar: of the value. help: a sentence with the default.
+    """
+    if isinstance(read, Sequence):
+        metavar, read = "{" + ",".join(read) + "}", functools.partial(_read_word, words=read)
+    elif read is bool:
+        metavar, read = "{true,false}", _read_truth
+    action = _find_set(parser)
+    action.readers[name] = read
+    action.listed.append(("Other options", name, metavar, help))
+    parser.set_defaults(**{name: default})
+
+
+_SET = "_set_option"  # of a parser: its --set
+
+
+def _find_set(parser: argparse.ArgumentParser) -> _SetOption:
+    """Returns the --set of a parser, which gets it with --help-all where it has none."""
+    if (action := parser.get_default(_SET)) is None:
         group = parser.add_argument_group("Other options")
-        group.add_argument(
-            "--set", action=_SetOption, classes=classes, metavar="NAME=VALUE",
-            default=argparse.SUPPRESS,
+        action = group.add_argument(
+            "--set", action=_SetOption, metavar="NAME=VALUE", default=argparse.SUPPRESS,
             help="set any other option; --help-all lists them; may be given several times",
         )  # fmt: skip
         group.add_argument(
             "--help-all", action=_HelpAll, nargs=0, default=argparse.SUPPRESS,
             help="show every option, also those of --set, and exit",
         )  # fmt: skip
-
-
-_OTHERS = "_options_without_flag"  # of a parser: [(class, field)], for show_every_option
+        parser.set_defaults(**{_SET: action})
+    return action
 
 
 def show_every_option(parser: argparse.ArgumentParser) -> None:
@@ -67,12 +112,11 @@ def show_every_option(parser: argparse.ArgumentParser) -> None:
     """
     parser.usage = parser.format_usage().removeprefix("usage: ").rstrip().replace("%", "%%")
     groups: dict[str, Any] = {}
-    for options, field in parser.get_default(_OTHERS) or ():
-        info = get_info(field)
-        if info.group not in groups:
-            groups[info.group] = parser.add_argument_group(f"{info.group}, by --set NAME=VALUE")
-        metavar = f"{field.name}={_write_metavar(_find_kind(options, field), info)}"
-        groups[info.group].add_argument(field.name, metavar=metavar, help=_write_help(field))
+    action = parser.get_default(_SET)
+    for group, name, metavar, words in () if action is None else action.listed:
+        if group not in groups:
+            groups[group] = parser.add_argument_group(f"{group}, by --set NAME=VALUE")
+        groups[group].add_argument(name, metavar=f"{name}={metavar}", help=words)
 
 
 def collect_given(options: type, namespace: argparse.Namespace) -> dict[str, Any]:
@@ -91,11 +135,17 @@ class _HelpAll(argparse.Action):
 
 
 class _SetOption(argparse.Action):
-    """`--set NAME=VALUE`: puts the value where the option's own flag would put it."""
+    """`--set NAME=VALUE`: puts the value where the option's own flag would put it.
 
-    def __init__(self, classes: tuple[type, ...], **settings: Any) -> None:
+    Attributes:
+        readers: of each option that it takes, what makes a value of a text.
+        listed: (group, name, metavar, help) of the options that have no flag.
+    """
+
+    def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
-        self._fields = {f.name: (each, f) for each in classes for f in list_fields(each)}
+        self.readers: dict[str, Callable[[str], Any]] = {}
+        self.listed: list[tuple[str, str, str, str]] = []
 
     def __call__(
         self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, *_: Any
@@ -103,13 +153,14 @@ class _SetOption(argparse.Action):
         name, equals, text = values.partition("=")
         name = name.strip().replace("-", "_")
         if not equals:
-            raise InputError(f"--set takes NAME=VALUE, such as {next(iter(self._fields))}=..., "
+            raise InputError(f"--set takes NAME=VALUE, such as {next(iter(self.readers))}=..., "
                              f"found {values!r}")  # fmt: skip
-        if name not in self._fields:
+        if name not in self.readers:
             raise InputError(f"--set {name}: no such option; {parser.prog} --help-all lists them")
-        options, field = self._fields[name]
-        read = _make_reader(_find_kind(options, field), get_info(field))
-        setattr(namespace, name, read(text.strip()))
+        try:
+            setattr(namespace, name, self.readers[name](text.strip()))
+        except argparse.ArgumentTypeError as error:
+            raise InputError(f"--set {name} {error}") from None
 
 
 def _find_kind(options: type, field: dataclasses.Field) -> Any:
@@ -145,6 +196,18 @@ def _make_reader(kind: Any, info: OptionInfo) -> Any:
         return _parse_text(text, kind)
 
     return read
+
+
+def _read_word(text: str, words: Sequence[str]) -> str:
+    if text not in words:
+        raise argparse.ArgumentTypeError(f"takes {', '.join(words)}, found {text[:80]!r}")
+    return text
+
+
+def _read_truth(text: str) -> bool:
+    if text.lower() not in _TRUTH:
+        raise argparse.ArgumentTypeError(f"takes true or false, found {text[:80]!r}")
+    return _TRUTH[text.lower()]
 
 
 def _parse_text(text: str, kind: Any) -> Any:

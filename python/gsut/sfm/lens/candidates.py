@@ -12,7 +12,7 @@ import numpy as np
 from gsut._core import InputError
 from gsut.data.images import read_header
 from gsut.lens import Camera
-from gsut.sfm.core import TANGENT, Features, Photographs
+from gsut.sfm.photographs import TANGENT, Features, Photographs
 
 _FISHEYE_FROM = 110.0  # degrees across: wider guesses are fisheyes from the start
 _WIDEST_PERSPECTIVE = 130.0  # degrees across: beyond it tan() stretches the image's edge too much
@@ -39,8 +39,7 @@ def guess_lenses(photographs: Photographs, fov_degrees: float | None) -> Photogr
     """Gives the photographs a lens to start from.
 
     Raises:
-        InputError: images of different sizes (one unknown lens cannot serve both), or an impossible
-            field of view.
+        InputError: images of different sizes (one unknown lens cannot serve both).
     """
     sizes: dict[tuple[int, int], Path] = {}
     for path in photographs.paths:
@@ -65,8 +64,6 @@ def guess_lenses(photographs: Photographs, fov_degrees: float | None) -> Photogr
 
 def guess_lens(width: int, height: int, fov_degrees: float) -> Camera:
     """Returns an undistorted lens of this horizontal field of view, equidistant if it is wide."""
-    if not 5 <= fov_degrees <= 300:
-        raise InputError(f"--fov takes 5 to 300 degrees, found {fov_degrees:g}")
     half = math.radians(fov_degrees / 2)
     if fov_degrees >= _FISHEYE_FROM:
         return _make_kannala_brandt(width, height, width / 2 / half, 0.0)
@@ -82,7 +79,6 @@ def list_lens_ladder(width: int, height: int, fov_degrees: float | None) -> list
         fov_degrees: horizontal, if roughly known; None: the whole ladder.
     """
     if fov_degrees is not None:
-        guess_lens(width, height, fov_degrees)  # rejects an impossible field of view
         return [
             _make_kannala_brandt(
                 width, height, width / 2 / _measure_radius(fov_degrees, bend), bend

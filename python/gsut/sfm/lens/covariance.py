@@ -10,7 +10,7 @@ import numpy as np
 from gsut._core import SolveError
 from gsut.data.poses import find_centers
 from gsut.lens import Camera
-from gsut.sfm.core import Solution
+from gsut.sfm.solution import Solution
 
 # Standard deviations of an image's shift, over the extent of the cameras, and of its turn in
 # radians during a readout: as in the adjustment.

@@ -12,16 +12,11 @@ from gsut._core import SolveError
 from gsut.data.poses import find_centers
 from gsut.lens import Camera, LensProfile, measure_field_of_view
 from gsut.run.verdicts import FOCAL_LIMITS
-from gsut.sfm.core import (
-    FEATURE_VARIANCE,
-    Findings,
-    Mapping,
-    PairMatches,
-    PosesOptions,
-    Solution,
-    measure_rotation_angles,
-)
 from gsut.sfm.lens.covariance import estimate_lens_covariance
+from gsut.sfm.mapping import Findings, Mapping
+from gsut.sfm.matches import PairMatches
+from gsut.sfm.photographs import PosesOptions
+from gsut.sfm.solution import FEATURE_VARIANCE, Solution, measure_rotation_angles
 
 TURNED = "the camera mostly turned on the spot"  # how that sentence begins
 _STRAIGHT = 0.03  # second over first extent of the camera centres, below which they lie on a line

@@ -9,8 +9,9 @@ import numpy as np
 
 from gsut import _core
 from gsut.lens import Camera, with_scaled_focal
-from gsut.sfm.core import Features, PosesOptions, RawMatches
 from gsut.sfm.lens.candidates import adjust_bend
+from gsut.sfm.matches import RawMatches
+from gsut.sfm.photographs import Features, PosesOptions
 
 _PAIRS = 24  # of images that lenses are compared by: more hardly change the order
 _PAIRS_OF_AN_IMAGE = 2  # at most, so that the pairs spread over the images

@@ -13,24 +13,25 @@ from gsut.data import Frame, list_some, read_dataset
 from gsut.data.poses import invert_pose
 from gsut.least_squares import minimize_least_squares
 from gsut.lens import Camera, find_refinable_params
-from gsut.sfm.core import (
-    FEATURE_VARIANCE,
-    Adjustment,
+from gsut.sfm.lens.covariance import LensCovariance, estimate_lens_covariance
+from gsut.sfm.matches import match_images, verify_matches
+from gsut.sfm.photographs import (
     Features,
     Images,
     OnProgress,
     Photographs,
     PosesOptions,
+    collect_features,
+    require_central,
+)
+from gsut.sfm.solution import (
+    FEATURE_VARIANCE,
+    Adjustment,
     Solution,
     adjust_poses,
-    collect_features,
     gather_pixels,
-    match_images,
-    require_central,
     transform_to_cameras,
-    verify_matches,
 )
-from gsut.sfm.lens.covariance import LensCovariance, estimate_lens_covariance
 
 _FEWEST_IMAGES = 3  # with a pose: two leave the lens open
 _HOLD_OUT_EVERY = 5  # tracks, of those long enough to spare an observation

@@ -10,23 +10,20 @@ import numpy as np
 
 from gsut._core import SolveError
 from gsut.lens import Camera, convert_camera
-from gsut.sfm.core import (
-    Adjustment,
-    Mapping,
+from gsut.sfm.lens.candidates import explain_implausible, list_lens_ladder
+from gsut.sfm.lens.ranking import LensRanking, RankedLens
+from gsut.sfm.mapping import Mapping
+from gsut.sfm.matches import (
     PairMatches,
-    Solution,
-    adjust_poses,
     choose_connected_pairs,
     explain_failure,
     keep_most_distinct,
     require_overlap,
     select_pairs,
     select_verified_pairs,
-    solve_poses,
     verify_matches,
 )
-from gsut.sfm.lens.candidates import explain_implausible, list_lens_ladder
-from gsut.sfm.lens.ranking import LensRanking, RankedLens
+from gsut.sfm.solution import Adjustment, Solution, adjust_poses, solve_poses
 
 _HOLD_OUT_EVERY = 5  # tracks, of those long enough to spare an observation
 _FREE = 1  # flag of a parameter that is estimated by itself
@@ -73,7 +70,7 @@ def search_lens(mapping: Mapping) -> None:
     trials = _Trials(mapping)
     factor = 1.0 if mapping.shutter is None else _ROLLING_PAIRS
     ranking = LensRanking(mapping.features, raw, mapping.options, factor)
-    ladder = list_lens_ladder(first.width, first.height, mapping.fov_degrees)
+    ladder = list_lens_ladder(first.width, first.height, mapping.options.fov)
     ranked = ranking.rank_lenses(
         mapping.photographs.candidates, ladder,
         lambda done, total: log.show_share("lens", 0.25 * done / total, "first lenses"),

@@ -13,19 +13,13 @@ from gsut import _core
 from gsut._core import SolveError
 from gsut.data import list_some
 from gsut.lens import Camera, find_focal_params, has_focal_length, with_scaled_focal
-from gsut.sfm.core import (
-    Features,
-    Findings,
-    Mapping,
-    PosesOptions,
-    RawMatches,
-    Solution,
-    Zoom,
-    select_pairs,
-)
 from gsut.sfm.lens.candidates import make_lens
 from gsut.sfm.lens.covariance import differentiate_by_turn
 from gsut.sfm.lens.search import search_lens
+from gsut.sfm.mapping import Findings, Mapping, Zoom
+from gsut.sfm.matches import RawMatches, select_pairs
+from gsut.sfm.photographs import Features, PosesOptions
+from gsut.sfm.solution import Solution
 
 # Factors on the focal length that an image without a pose is tried with.
 _FACTORS = np.geomspace(0.25, 4.0, 33)

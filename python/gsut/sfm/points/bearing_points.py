@@ -8,7 +8,8 @@ import numpy as np
 
 from gsut.data.poses import find_centers
 from gsut.lens import Camera
-from gsut.sfm.core import Features, PairMatches
+from gsut.sfm.matches import PairMatches
+from gsut.sfm.photographs import Features
 
 
 class BearingPoints:

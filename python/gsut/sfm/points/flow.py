@@ -17,7 +17,7 @@ import numpy as np
 from gsut import _core
 from gsut.data import Scene
 from gsut.data.images import shrink_image, shrink_mask
-from gsut.sfm.core import OnProgress
+from gsut.sfm.photographs import OnProgress
 
 _MEGAPIXELS = 0.5  # of the images that flow is computed on: more costs time and gains little
 _NEIGHBORS = 4  # of each photograph

@@ -17,22 +17,22 @@ from gsut import _core
 from gsut._core import InputError
 from gsut.data import Scene, View
 from gsut.lens import Camera
-from gsut.sfm.core import (
+from gsut.sfm.matches import match_images
+from gsut.sfm.photographs import (
     OnProgress,
     Photographs,
     PosesOptions,
-    average_colors,
     collect_features,
-    compute_readout_poses,
-    find_readout_moments,
-    list_extension_settings,
-    match_images,
-    measure_angular_errors,
-    measure_diagonal,
-    measure_pixels_per_radian,
     require_central,
 )
+from gsut.sfm.points.epipolar import (
+    compute_readout_poses,
+    find_readout_moments,
+    measure_angular_errors,
+    measure_pixels_per_radian,
+)
 from gsut.sfm.points.flow import follow_pixels
+from gsut.sfm.solution import average_colors, list_extension_settings, measure_diagonal
 
 _FEWEST_POINTS = 30  # fewer mean that poses and photographs do not belong together
 _FEWEST_MATCHES = 8  # of a pair that is used

@@ -17,11 +17,11 @@ from gsut.data import read_dataset
 from gsut.files import write_file
 from gsut.lens import Camera, save_camera, save_uncertainty, spread_pixels
 from gsut.lens.files import OWN_SUFFIX
-from gsut.sfm.core import PosesOptions
 from gsut.sfm.lens import RefinedLens, refine_lens
+from gsut.sfm.photographs import PosesOptions
 from gsut.sfm.report.calibration_page import write_page
-from gsut.sfm.report.output import REPORT, TRANSFORMS, list_figures, write_dataset
-from gsut.sfm.report.page import write_report
+from gsut.sfm.report.output import TRANSFORMS, keep_finite, list_figures, write_dataset
+from gsut.sfm.report.page import REPORT, write_report
 
 _REPORT_JSON = "report.json"
 _UNCERTAIN_PX = 1.0  # standard deviation at the rim above which a note is made
@@ -185,14 +185,14 @@ def _list_results(found: RefinedLens, camera: Camera, sigma: np.ndarray) -> dict
         "median_px": solution.median,
         "noise_px": found.covariance.noise,
         "held_out_observations": found.held_out,
-        "held_out_before_px": _keep_finite(found.held_out_before_px),
-        "held_out_after_px": _keep_finite(found.held_out_after_px),
+        "held_out_before_px": keep_finite(found.held_out_before_px),
+        "held_out_after_px": keep_finite(found.held_out_after_px),
         "valid_angle_degrees": float(np.degrees(found.reach)),
         "lens_domain_degrees": float(np.degrees(found.camera.max_angle)),
         "uncertainty_px": {
-            "best": _keep_finite(np.nanmin(sigma)),
-            "median": _keep_finite(np.nanmedian(sigma)),
-            "worst": _keep_finite(np.nanmax(sigma)),
+            "best": keep_finite(np.nanmin(sigma)),
+            "median": keep_finite(np.nanmedian(sigma)),
+            "worst": keep_finite(np.nanmax(sigma)),
         },
         "params": [
             {
@@ -204,7 +204,3 @@ def _list_results(found: RefinedLens, camera: Camera, sigma: np.ndarray) -> dict
             for i in range(len(after))
         ],
     }
-
-
-def _keep_finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None

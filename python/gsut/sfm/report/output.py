@@ -1,4 +1,4 @@
-"""Writes poses as a dataset, COLMAP text, points and poses.json, and reads the latter."""
+"""Writes everything that a run found: dataset, COLMAP text, points, rig, poses.json, report."""
 
 from __future__ import annotations
 
@@ -16,16 +16,64 @@ from gsut.data import Frame, list_some, write_transforms
 from gsut.data.colmap import ColmapImage, ColmapModel, format_model_texts
 from gsut.data.points import format_points_ply
 from gsut.data.poses import invert_pose
+from gsut.data.rigs import write_rig
 from gsut.files import check_shape, reading, write_file
-from gsut.run.shapes import POSES_SHAPE
-from gsut.sfm.core import FEATURE_VARIANCE, Photographs, Solution
+from gsut.run import Verdict
+from gsut.sfm.mapping import Mapping
+from gsut.sfm.photographs import Photographs
+from gsut.sfm.report.page import REPORT, write_report
+from gsut.sfm.report.verdict import judge_solution, list_notes
+from gsut.sfm.rig import COVARIANCE_OF, write_lens_pair
+from gsut.sfm.solution import FEATURE_VARIANCE, Solution
 
 TRANSFORMS = "transforms.json"
 POINTS = "points3D.ply"
-REPORT = "report.html"
 FIGURES = "poses.json"
+_NUMBER = (int, float, type(None))
+# What is read of poses.json, see `check_shape`.
+_SHAPE: dict[str, Any] = {
+    "registered": int, "images": int, "points": int, "lens": str, "seconds": {"*": _NUMBER},
+    "reprojection_error_px": {"rms": _NUMBER, "median": _NUMBER}, "verdict": Verdict.SHAPE,
+    "lenses": [{"model": str, "params": [_NUMBER]}], "made_from?": str, "rig?": dict,
+}  # fmt: skip
+RIG = "rig.json"
 COLMAP = "sparse/0"
 MODEL = "model_{}"  # folder of a further model; the first is in the output folder itself
+
+
+def write_poses(mapping: Mapping, folder: Path, made_from: str) -> dict[str, Any]:
+    """Writes dataset, rig, poses.json and report.html; returns the content of poses.json.
+
+    Args:
+        made_from: digest of all that the poses depend on.
+    """
+    solution, found, log = mapping.solved, mapping.found, mapping.log
+    log.note(*list_notes(mapping), *write_models(found.models, mapping.photographs, folder))
+    verdict = judge_solution(solution, mapping.features, found)
+    look_alikes = found.look_alikes
+    found.figures |= {
+        "matches_in_points": found.agreement,
+        "models": [int(model.num_registered) for model in found.models],
+        "verdict": verdict.as_dict(),
+        "made_from": made_from,
+        "look_alikes": None if look_alikes is None else look_alikes.to_figures(),
+    }
+    log.note(*write_dataset(solution, mapping.photographs, folder))
+    if found.rig is not None:
+        found.figures |= {"rig": found.rig.figures, "covariance_of": COVARIANCE_OF}
+        if found.rig.figures.get("found"):
+            write_lens_pair(found.rig)
+        write_rig(found.rig.rig, folder / RIG)
+    log.watch.record_lap("writing")
+    seconds, cpu_seconds = (
+        {stage: times[clock] for stage, times in log.watch.seconds.items()} for clock in (0, 1)
+    )
+    cpu_seconds["total"] = sum(cpu_seconds.values())
+    found.figures["cpu_seconds"] = cpu_seconds
+    values = list_figures(solution, seconds, log.notes, found.figures)
+    write_report(folder, solution, values)
+    write_file(folder / FIGURES, json.dumps(values, indent=1) + "\n")
+    return values
 
 
 def write_dataset(solution: Solution, photographs: Photographs, out: Path) -> list[str]:
@@ -110,19 +158,17 @@ def list_figures(
                 row["readout_shift"] = solution.velocities[i, :3].tolist()
                 row["readout_turn_degrees"] = np.degrees(solution.velocities[i, 3:]).tolist()
             row["points"] = int(mine.sum())
-            row["error_px"] = _keep_finite(np.nanmedian(lengths)) if len(lengths) else None
-            row["sigma_center"] = [_keep_finite(v) for v in sigmas[i, :3]]
-            row["sigma_turn_degrees"] = [_keep_finite(math.degrees(v)) for v in sigmas[i, 3:]]
-            row["covariance"] = [
-                [_keep_finite(v) for v in line] for line in solution.covariances[i]
-            ]
+            row["error_px"] = keep_finite(np.nanmedian(lengths)) if len(lengths) else None
+            row["sigma_center"] = [keep_finite(v) for v in sigmas[i, :3]]
+            row["sigma_turn_degrees"] = [keep_finite(math.degrees(v)) for v in sigmas[i, 3:]]
+            row["covariance"] = [[keep_finite(v) for v in line] for line in solution.covariances[i]]
         rows.append(row)
     return {
         "registered": solution.num_registered,
         "images": len(solution.names),
         "points": len(solution.points),
         "observations": len(solution.observations),
-        "mean_track_length": _keep_finite(
+        "mean_track_length": keep_finite(
             len(solution.observations) / max(1, len(solution.points))
         ),
         "reprojection_error_px": {"rms": solution.rms, "median": solution.median},
@@ -143,7 +189,8 @@ def list_figures(
     }  # fmt: skip
 
 
-def _keep_finite(value: float) -> float | None:
+def keep_finite(value: float) -> float | None:
+    """Returns the value, or None where it is not finite, which JSON does not know."""
     return float(value) if math.isfinite(value) else None
 
 
@@ -182,7 +229,7 @@ def read_figures(out: Path) -> dict[str, Any]:
     advice = "it is damaged: remove it, and the same command finds the poses again"
     with reading(lambda what: InputError(f"{path}: {what}; {advice}")):
         values = json.loads(path.read_text(encoding="utf-8"))
-        check_shape(values, POSES_SHAPE)
+        check_shape(values, _SHAPE)
         return values
 
 

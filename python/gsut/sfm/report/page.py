@@ -20,9 +20,9 @@ from gsut.page import (
     render_template,
 )
 from gsut.run import Verdict
-from gsut.sfm.core import Solution
-from gsut.sfm.report.output import REPORT
+from gsut.sfm.solution import Solution
 
+REPORT = "report.html"
 _MOST_POINTS = 20000  # drawn: more only make the page larger
 _SHOWN_PERCENT = 97.0  # of the points, nearest first: far ones would shrink the rest
 _BIN_DEGREES = 5.0  # of the field angle, in the plot of residuals

@@ -10,8 +10,11 @@ import numpy as np
 from gsut.data import list_some
 from gsut.run import Verdict
 from gsut.run.verdicts import PosesQuality, judge_poses
-from gsut.sfm.core import Features, Findings, Mapping, Solution, find_picture_faults
-from gsut.sfm.lens import TURNED, describe_doubt
+from gsut.sfm.lens import TURNED, compare_lens, describe_doubt, describe_zooms
+from gsut.sfm.mapping import Findings, Mapping
+from gsut.sfm.matches import find_picture_faults
+from gsut.sfm.photographs import Features
+from gsut.sfm.solution import Solution
 
 # Share of the verified matches that must observe one point, or the lens is doubted.
 _FEW_AGREE = 0.6
@@ -20,14 +23,11 @@ _FEW_AGREE = 0.6
 _FEW_AGREE_ROLLING = 0.8
 
 
-def judge_solution(
-    solution: Solution, features: Sequence[Features], agreement: float | None, found: Findings
-) -> Verdict:
+def judge_solution(solution: Solution, features: Sequence[Features], found: Findings) -> Verdict:
     """Measures how good poses are, and judges that.
 
     Args:
         features: of all images.
-        agreement: share of the matches that observe one point, or None.
         found: beside the poses.
     """
     total, camera = len(solution.names), solution.cameras[0]
@@ -42,7 +42,7 @@ def judge_solution(
             diagonal_px=math.hypot(camera.width, camera.height),
             # Without points, images were placed by colours.
             weakest=float(np.percentile(counts, 10)) if counts.any() else math.inf,
-            agreement=agreement,
+            agreement=found.agreement,
             focal_sigma=found.focal_sigma,
             motion=motion,
             only_turned=motion.startswith(TURNED),
@@ -53,14 +53,12 @@ def judge_solution(
     )
 
 
-def list_notes(mapping: Mapping, agreement: float | None, *, is_lens_known: bool) -> list[str]:
-    """Lists what a user should know of the poses, one sentence each.
-
-    Args:
-        agreement: share of the matches that observe one point, or None.
-    """
+def list_notes(mapping: Mapping) -> list[str]:
+    """Lists what a user should know of the poses, one sentence each."""
     solution, found = mapping.solved, mapping.found
-    notes = list(found.rig.notes) if found.rig is not None else []
+    agreement, is_lens_known = found.agreement, found.figures["lens"] == "known"
+    notes = [*compare_lens(mapping), *describe_zooms(found.zooms)]
+    notes += found.rig.notes if found.rig is not None else []
     if solution.num_registered < len(solution.names):
         notes.append(
             f"{solution.num_registered} of {len(solution.names)} images were registered; without a "

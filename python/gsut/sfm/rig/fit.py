@@ -9,23 +9,21 @@ from typing import Any
 
 import numpy as np
 
-from gsut._core import InputError, SolveError
+from gsut._core import SolveError
 from gsut.data.poses import find_centers, invert_pose
 from gsut.data.rigs import Rig, measure_changes
 from gsut.lens import Camera, save_camera
-from gsut.sfm.core import (
+from gsut.sfm.mapping import Mapping, RigFit
+from gsut.sfm.photographs import Photographs
+from gsut.sfm.rig.start import RigStart, place_rig
+from gsut.sfm.solution import (
     Adjustment,
-    Mapping,
-    Photographs,
-    PosesOptions,
     RigConstraint,
-    RigFit,
     Solution,
     adjust_poses,
     measure_rotation_angles,
     solve_poses,
 )
-from gsut.sfm.rig.start import RigStart, place_rig
 
 # Growth of the median residual with one pose a frame that is reported: as in `gsut calibrate`,
 # where boards show that images were not taken together.
@@ -49,25 +47,6 @@ _CENTER = (2, 3)  # the parameters of the principal point
 _FREE = 1  # flag of a parameter that is estimated by itself
 
 
-def reject_beside_rig(options: PosesOptions, others: dict[str, Any]) -> None:
-    """Rejects flags that contradict a rig.
-
-    Args:
-        others: values of further flags by name; None or False: not given.
-
-    Raises:
-        InputError: names the flag to leave out.
-    """
-    for flag, value in others.items():
-        if value is not None and value is not False:
-            raise InputError(f"--{flag} contradicts --rig, whose file names the lenses; drop one")
-    if options.shutter == "rolling" or options.readout_time is not None:
-        raise InputError(
-            "--rig takes its cameras for still while an image is read; leave --shutter rolling and "
-            "--readout-time out"
-        )
-
-
 def solve_rig(mapping: Mapping) -> None:
     """Estimates poses and points in the rig's unit, with one pose of the rig a frame.
 
@@ -82,12 +61,13 @@ def solve_rig(mapping: Mapping) -> None:
         SolveError: nothing could be reconstructed; no frame has two placed images, so nothing
             sets the scale; or images contradict the rig.
     """
-    assert mapping.rig is not None
+    rig, options = mapping.rig, mapping.options
+    assert rig is not None
     # With tracks extended as at the end: short tracks fit any poses, and residuals show little.
     mapping.solution = solve_poses(
-        mapping.images, mapping.pairs, mapping.options, mapping.log.follow_steps("mapping")
+        mapping.images, mapping.pairs, options, mapping.log.follow_steps("mapping")
     )
-    mapping.solution, mapping.found.rig = put_on_rig(mapping, mapping.rig, mapping.refine_rig)
+    mapping.solution, mapping.found.rig = put_on_rig(mapping, rig, options.refine_rig)
 
 
 def put_on_rig(mapping: Mapping, rig: Rig, adjust: bool) -> tuple[Solution, RigFit]:

@@ -10,7 +10,7 @@ import numpy as np
 from gsut._core import InputError
 from gsut.data import list_some
 from gsut.data.rigs import Rig
-from gsut.sfm.core import FEWEST_IMAGES, Photographs, list_photographs
+from gsut.sfm.photographs import FEWEST_IMAGES, Photographs, list_photographs
 
 _NOT_CAMERAS = {"masks"}  # folders that may lie beside those of the cameras
 

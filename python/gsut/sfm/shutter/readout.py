@@ -23,13 +23,13 @@ from gsut import _core
 from gsut.data.poses import find_centers
 from gsut.data.scene import order_frames
 from gsut.lens import Camera
-from gsut.sfm.core import FEATURE_VARIANCE, Solution, transform_to_cameras
 from gsut.sfm.lens import (
     differentiate_by_turn,
     eliminate_points,
     estimate_residual_spread,
     spread_free_parameters,
 )
+from gsut.sfm.solution import FEATURE_VARIANCE, Solution, transform_to_cameras
 
 _FEWEST_FRAMES = 6  # with neighbours: fewer do not show how well the time explains them
 _LEAST_EXPLAINED = 0.5  # of the velocities' squares, below which the frames are no video

@@ -14,22 +14,15 @@ import numpy as np
 
 from gsut._core import Shutter, SolveError
 from gsut.lens import Camera
-from gsut.sfm.core import (
-    Adjustment,
-    Mapping,
-    PairMatches,
-    ReadoutMotion,
-    Solution,
-    adjust_registered,
-    choose_connected_pairs,
-    keep_most_distinct,
-)
+from gsut.sfm.mapping import Mapping
+from gsut.sfm.matches import PairMatches, choose_connected_pairs, keep_most_distinct
 from gsut.sfm.shutter.readout import (
     FlowReadout,
     estimate_rates,
     estimate_readout_by_flow,
     estimate_readout_time,
 )
+from gsut.sfm.solution import Adjustment, ReadoutMotion, Solution, adjust_registered
 
 _FEWEST = 8  # images whose motion is known
 _LONGEST = 0.05  # seconds that a readout takes at most: slower sensors are not used for video

@@ -14,7 +14,8 @@ import numpy as np
 
 from gsut.data.poses import find_centers
 from gsut.gaussians import rotate_upright
-from gsut.sfm.core import Mapping, Solution, similarity_from_points
+from gsut.sfm.mapping import Mapping
+from gsut.sfm.solution import Solution, similarity_from_points
 
 _EARTH_RADIUS = 6378137.0  # metres, semi-major axis of WGS 84
 _ECCENTRICITY_2 = 6.69437999014e-3  # squared, of WGS 84

@@ -13,7 +13,7 @@ import numpy as np
 from gsut._core import InputError
 from gsut.data.poses import find_centers
 from gsut.files import check_regular
-from gsut.sfm.core import similarity_from_points
+from gsut.sfm.solution import similarity_from_points
 
 _GEODETIC = ("latitude", "longitude", "altitude")  # columns in degrees and metres
 _METRIC = ("x", "y", "z")  # columns in metres

@@ -14,8 +14,8 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.data import Level, Scene, View
-from gsut.data.scene import find_time_neighbours, split_exposure
+from gsut.data import Scene, View
+from gsut.data.scene import Level, find_time_neighbours, split_exposure
 from gsut.gaussians import Gaussians
 
 # Pixels between renders within an exposure; wider gaps would show as ghosts.

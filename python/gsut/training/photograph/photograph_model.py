@@ -18,11 +18,11 @@ from typing import Any
 import numpy as np
 
 from gsut import _core
-from gsut.data import Level, Scene
+from gsut.data import Scene
+from gsut.data.scene import Level
 from gsut.render import (
     Falloff,
     Light,
-    compute_falloff_basis,
     compute_field_angles,
     interpolate_gains,
 )
@@ -365,7 +365,7 @@ def _mean_basis(angles: np.ndarray) -> np.ndarray:
     few = max(1, min(angles.shape) // _BASIS_ROWS)
     widest, some = _find_widest(angles), angles[::few, ::few]
     known = some[~np.isnan(some)]
-    ring, basis = _number_rings(known, widest), compute_falloff_basis(known / widest)
+    ring, basis = _number_rings(known, widest), Falloff.compute_basis(known / widest)
     counts = np.maximum(1, np.bincount(ring, minlength=_RINGS))
     sums = [np.bincount(ring, column, minlength=_RINGS) for column in basis.T]
     return np.stack(sums, axis=1) / counts[:, None]

@@ -18,10 +18,10 @@ from gsut.evaluate import (
 from gsut.formats import NO_BACKGROUND, name_origin, prepare_for_file, save_ply
 from gsut.gaussians import Gaussians
 from gsut.refine import evaluate_aligned, write_refined
-from gsut.render import Light
-from gsut.run import SCENE, RunFolder, TrainOptions
+from gsut.run import RunFile, RunFolder, TrainOptions
 from gsut.run.verdicts import judge_training
 from gsut.training.loop import TrainingLoop
+from gsut.training.record.trained_run import TrainedRun
 
 # Training views that are measured if none is held out: each takes a render.
 _MOST_MEASURED = 8
@@ -30,32 +30,28 @@ _BESIDE = 4
 
 
 def measure(
-    gaussians: Gaussians,
-    scene: Scene,
+    trained: TrainedRun,
     indices: Sequence[int],
-    options: TrainOptions,
     run: RunFolder | None,
     *,
     steps: int,
     train_seconds: float,
     align: bool = False,
-    light: Light | None = None,
 ) -> tuple[Scene, dict[str, Any]]:
     """Computes the content of metrics.json.
 
     Args:
-        gaussians, scene: the result of a training.
+        trained: the result of a training, with the light of its photographs, if it was found.
         indices: of the views to measure.
-        options: of the run.
         run: receives pictures of these views.
         steps, train_seconds: see `run_metrics`.
         align: align test views with the Gaussians first, since the training views' poses have
             moved.
-        light: exposure of the views and falloff of the cameras, if they were found.
 
     Returns:
         The scene, with the aligned poses, and the figures.
     """
+    options, scene, gaussians, light = trained
     settings: dict[str, Any] = {
         "background": options.background,
         "light": light,
@@ -81,9 +77,9 @@ def measure_training(
     """Measures a finished training on its test views, or on some training views if it has none."""
     light = loop.photographs.find_light()
     scene, metrics = measure(
-        gaussians, scene, scene.test_indices or scene.train_indices[:_MOST_MEASURED], loop.options,
-        run, steps=loop.step, train_seconds=loop.seconds, align=loop.options.refine_poses,
-        light=light,
+        TrainedRun(loop.options, scene, gaussians, light),
+        scene.test_indices or scene.train_indices[:_MOST_MEASURED], run, steps=loop.step,
+        train_seconds=loop.seconds, align=loop.options.refine_poses,
     )  # fmt: skip
     if scene.test_indices:
         some = scene.train_indices[:: -(-len(scene.train_indices) // _BESIDE)]
@@ -115,7 +111,7 @@ def write_results(
     """
     in_dataset = gaussians.translate(metrics["world_offset"])
     metrics["notes"] += describe_place(prepare_for_file(in_dataset).origin)
-    run.write(SCENE, lambda path: save_ply(path, in_dataset, list_scene_comments(run)))
+    run.write(RunFile.SCENE, lambda path: save_ply(path, in_dataset, list_scene_comments(run)))
     write_findings(run, metrics, data, refined, options)
 
 

@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from gsut._core import InputError
-from gsut.data import Scene, digest_scene, load_dataset
+from gsut.data import Scene, load_dataset
+from gsut.data.scene import digest_scene
 from gsut.formats import load_ply, open_ply
 from gsut.gaussians import Gaussians
 from gsut.refine import read_refined
 from gsut.render import Light
-from gsut.run import ENVIRONMENT, METRICS, SCENE, RunFolder, TrainOptions, read_plan
+from gsut.run import RunFile, RunFolder, TrainOptions, read_plan
 from gsut.run.options import parse_size
 from gsut.training.first import prepare_scene
 
@@ -31,7 +32,7 @@ def read_trained(run: RunFolder, data: str | None) -> tuple[TrainOptions, Scene,
     Returns:
         Options, scene and Gaussians, the latter two in the dataset's coordinates.
     """
-    return *read_scene(run, data), load_ply(run.path / SCENE)
+    return *read_scene(run, data), load_ply(run.path / RunFile.SCENE)
 
 
 def open_trained(
@@ -46,7 +47,7 @@ def open_trained(
     """
     limit = None if memory is None else parse_size(memory, "--memory")
     scene = read_scene(run, data, any_data=any_data)
-    return *scene, open_ply(run.path / SCENE, limit)
+    return *scene, open_ply(run.path / RunFile.SCENE, limit)
 
 
 def read_scene(
@@ -62,11 +63,11 @@ def read_scene(
     Raises:
         InputError: the run is not finished, or the dataset is not found or not that of the run.
     """
-    path = run.path / SCENE
+    path = run.path / RunFile.SCENE
     if not path.is_file():
         raise InputError(f"{path} does not exist: the run is not finished; resume it")
     options = run.read_options()
-    data = data or (run.read_json(ENVIRONMENT) or {}).get("dataset")
+    data = data or (run.read_json(RunFile.ENVIRONMENT) or {}).get("dataset")
     if data is None:
         raise InputError(f"{run.path} does not say which dataset it was trained on; give --data")
     inside = run.path / Path(data).name  # where `gsut scene` puts it: the run may have been moved
@@ -92,7 +93,7 @@ def list_changed_data(run: RunFolder, scene: Scene) -> list[str]:
         run: a training, finished or not; one that was killed at its start names nothing.
         scene: the dataset as it was loaded, in its own coordinates.
     """
-    saved = (run.read_json(ENVIRONMENT) or {}).get("digests") or {}
+    saved = (run.read_json(RunFile.ENVIRONMENT) or {}).get("digests") or {}
     if not saved:
         return []
     is_whole = read_plan(run) is None
@@ -138,5 +139,5 @@ def load_run(
 
 def read_light(run: RunFolder, scene: Scene) -> Light | None:
     """Reads the light that the run found in the scene's photographs; None if it found none."""
-    found = (run.read_json(METRICS) or {}).get("light")
+    found = (run.read_json(RunFile.METRICS) or {}).get("light")
     return None if found is None else Light.from_dict(found, [view.name for view in scene.views])

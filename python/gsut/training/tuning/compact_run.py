@@ -24,23 +24,13 @@ from gsut.compact import (
     needs_views,
     score_gaussians,
 )
-from gsut.data import Scene
 from gsut.evaluate import mean_psnr
 from gsut.gaussians import Gaussians, MixedGaussians, pack_harmonics
-from gsut.render import Light
-from gsut.run import (
-    ENVIRONMENT,
-    METRICS,
-    REFINED,
-    RunFolder,
-    TrainOptions,
-    describe_environment,
-    read_plan,
-)
+from gsut.run import RunFile, RunFolder, describe_environment, read_plan
 from gsut.run.options import AUTO
 from gsut.training.first import center_on_cameras
 from gsut.training.loop import TrainingLoop
-from gsut.training.record import measure, write_results
+from gsut.training.record import TrainedRun, measure, write_results
 from gsut.training.tuning.finetuning import finetune, finetune_options
 from gsut.training.tuning.from_start import FROM_START, FromStart
 
@@ -128,11 +118,8 @@ class RunCompactor:
     """Compacts one run's Gaussians, several times if a search requires it.
 
     Args:
-        scene: the run's dataset at the resolution of its training.
-        gaussians: the run's, in the scene's world.
-        train_options: the run's.
+        trained: the run, whose scene has the resolution of its training.
         options: what to make.
-        light: of the photographs, if the run has found it.
         keep_degrees: fine-tuning keeps each Gaussian's degree of harmonics, which was chosen.
         on_view: called after each view that is rendered for scores.
         on_step: called after each step of fine-tuning with the loop and the loss.
@@ -146,20 +133,17 @@ class RunCompactor:
 
     def __init__(
         self,
-        scene: Scene,
-        gaussians: Gaussians,
-        train_options: TrainOptions,
+        trained: TrainedRun,
         options: CompactOptions,
         *,
         keep_degrees: bool = False,
-        light: Light | None = None,
         on_view: Callable[[], object] = lambda: None,
         on_step: Callable[[Any, float], object] = lambda loop, loss: None,
         on_try: Callable[[int, float], object] = lambda count, psnr: None,
     ) -> None:
-        self.scene, self.gaussians = center_on_cameras(scene, gaussians)
-        self.train_options, self.options = train_options, options
-        self.keep_degrees, self.light = keep_degrees, light
+        self.scene, self.gaussians = center_on_cameras(trained.scene, trained.gaussians)
+        self.train_options, self.options = trained.options, options
+        self.keep_degrees, self.light = keep_degrees, trained.light
         self.on_view, self.on_step, self.on_try = on_view, on_step, on_try
         self.method, self.because = options.merging, self._explain_from_start()
         self.anew: TrainingLoop | None = None
@@ -167,7 +151,7 @@ class RunCompactor:
         if self.because:
             self.method = FROM_START
         elif needs_views(self.method):
-            self.views = list_seen_views(self.scene, scene.train_indices)
+            self.views = list_seen_views(self.scene, trained.scene.train_indices)
         self._scores: np.ndarray | None = None  # the same for all tries
         self.compact_seconds = 0.0
         self.finetune_seconds = 0.0
@@ -305,15 +289,15 @@ def write_compacted_run(
         options = finetune_options(options, tuned, len(gaussians))
     environment = describe_environment(scene.path)
     if read_plan(source) is None:  # the digests of blocks are of the dataset as it is in the files
-        environment["digests"] = (source.read_json(ENVIRONMENT) or {}).get("digests")
+        environment["digests"] = (source.read_json(RunFile.ENVIRONMENT) or {}).get("digests")
     run = RunFolder.create(out, options.resolve(), environment=environment, command="compact")
-    before = source.read_json(METRICS) or {}
+    before = source.read_json(RunFile.METRICS) or {}
     _, metrics = measure(
-        gaussians, scene, scene.test_indices or scene.train_indices, options, run,
+        TrainedRun(options, scene, gaussians, compactor.light),
+        scene.test_indices or scene.train_indices, run,
         steps=anew.step if anew else int(before.get("steps") or 0) + tuned,
         train_seconds=anew.seconds if anew else float(before.get("train_seconds") or 0.0)
         + compactor.finetune_seconds,
-        light=compactor.light,
     )  # fmt: skip
     metrics["notes"] += filter(None, [compactor.because])
     metrics["compaction"] = {
@@ -328,6 +312,6 @@ def write_compacted_run(
         "compact_seconds": compactor.compact_seconds,
         "finetune_seconds": compactor.finetune_seconds,
     }
-    refined = scene if source.read_json(REFINED) is not None else None
+    refined = scene if source.read_json(RunFile.REFINED) is not None else None
     write_results(run, gaussians, metrics, scene.path, refined, compactor.train_options)
     return run

@@ -15,8 +15,9 @@ from gsut.gaussians import Gaussians
 from gsut.lens import Camera
 from gsut.metrics import psnr
 from gsut.optimize import GaussianOptimizer, LearningRates, choose_view
-from gsut.render import EwaSplats, make_viewer_rule, render, render_ewa
+from gsut.render import render
 from gsut.training.first import center_on_cameras
+from gsut.training.tuning.ewa import PLAYCANVAS_SHRINK, EwaSplats, make_viewer_rule, render_ewa
 
 # Steps of the fine-tune by default; more gain little.
 VIEWER_STEPS = 300
@@ -39,6 +40,8 @@ _RATES = {
 }
 # Ratio of the last learning rates to the first: the result then settles.
 _FINAL_FACTOR = 0.1
+# Of fields of view, windows and turns.
+_SEED = 0
 # Weight of 1 - SSIM in the loss, as published for 3DGS.
 _SSIM_WEIGHT = 0.2
 
@@ -65,8 +68,7 @@ def tune_for_viewers(
     steps: int = VIEWER_STEPS,
     *,
     background: Sequence[float] = (0.0, 0.0, 0.0),
-    shrink: float = 1.0,
-    seed: int = 0,
+    for_playcanvas: bool = False,
     on_step: Callable[[int, float], object] = lambda step, loss: None,
 ) -> ForViewers:
     """Fine-tunes Gaussians for EWA splatting with the screen's widening of 0.3 pixels squared.
@@ -79,8 +81,7 @@ def tune_for_viewers(
         gaussians: trained, of the same world.
         steps: of one picture each.
         background: colour behind everything.
-        shrink: of the viewers' splats, see `EwaSplats`.
-        seed: of fields of view, windows and turns.
+        for_playcanvas: for PlayCanvas' viewers, whose splats are a little smaller.
         on_step: called after each step with its number and loss.
 
     Returns:
@@ -97,12 +98,13 @@ def tune_for_viewers(
     near, teacher = center_on_cameras(scene, gaussians)
     teacher = teacher.to_dtype(np.float32)
     shift, scene = near.world_offset - scene.world_offset, near
-    optimizer = GaussianOptimizer(teacher, seed=seed)
+    optimizer = GaussianOptimizer(teacher, seed=_SEED)
     renderer, rule = _core.Renderer(), make_viewer_rule()
+    shrink = PLAYCANVAS_SHRINK if for_playcanvas else 1.0
     extent = scene.extent
     for step in range(1, steps + 1):
-        view = choose_view(scene.train_indices, step, seed)
-        rng = np.random.default_rng([seed, step])
+        view = choose_view(scene.train_indices, step, _SEED)
+        rng = np.random.default_rng([_SEED, step])
         camera = _draw_window(rng)
         pose = _turn_pose(rng, scene, view)
         truth = render(teacher, camera, pose, background=background).image

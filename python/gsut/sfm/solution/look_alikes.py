@@ -15,8 +15,8 @@ import numpy as np
 from gsut._core import SolveError
 from gsut.data import list_some
 from gsut.data.poses import find_centers
-from gsut.sfm.core.matching import PairMatches
-from gsut.sfm.core.solution import Solution
+from gsut.sfm.matches import PairMatches
+from gsut.sfm.solution.result import Solution
 
 # Points are compared where both images see them from nearly the same side and distance, where
 # features are found again and little is hidden.

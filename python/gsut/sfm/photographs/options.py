@@ -21,9 +21,22 @@ class PosesOptions:
         InputError: a value of the wrong kind or out of range (names option, value and range).
     """
 
-    FLAGS: ClassVar[tuple[str, ...]] = ("shutter", "readout_time", "seed", "threads")
+    FLAGS: ClassVar[tuple[str, ...]] = (
+        *("unknown_lens", "fov", "refine_rig", "shutter", "readout_time", "seed", "threads"),
+    )
 
     # fmt: off
+    unknown_lens: bool = define_option(
+        False, "Lens", "estimate the lens even where one lies beside the images",
+    )
+    fov: float | None = define_option(
+        None, "Lens", "rough horizontal field of view of an unknown lens", unit="degrees",
+        low=5, high=300, none="several are tried",
+    )
+    refine_rig: bool = define_option(
+        False, "Rig", "adjust the cameras' poses on the rig too; its size is kept, as it sets the "
+        "scale",
+    )
     max_features: int = define_option(
         4000, "Features", "features of an image: those of most contrast", low=50, high=100_000,
     )

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
 from gsut import _core
-from gsut.sfm.core.features import Features, OnProgress
-from gsut.sfm.core.options import PosesOptions
-from gsut.sfm.core.stages import Stages
+from gsut.sfm.photographs import Features, OnProgress, PosesOptions, Stages
 
 BATCH = 64  # pairs between two refreshes of the progress bar
 _STAGE = "matches"  # name of the stage file
@@ -81,16 +79,27 @@ def match_images(
         frames: of a rig's images, see Photographs.
         stages: where matches are kept; None: nowhere.
     """
-    kept = _load_matches(stages) if stages is not None else None
+    kept = None if stages is None else stages.load(_STAGE)
     if kept is not None:
-        return kept
-
-    def show(stage: str) -> OnPairs:
-        return lambda done, total: on_progress(stage, done, total, f"{total} pairs")
-
+        ends = np.cumsum(kept["lengths"])
+        matches = [kept["matches"][a:b] for a, b in zip(ends - kept["lengths"], ends, strict=True)]
+        return RawMatches(kept["pairs"], matches)
     pairs = choose_pairs(names, features, options, frames)
-    pairs = _preview_pairs(features, pairs, options, show("preview"))
-    raw = _match_in_full(features, pairs, options, show("matching"))
+
+    def match(stage: str, most: int | None) -> Iterator[np.ndarray]:
+        descriptors = [f.descriptors[:most] for f in features]  # largest features first
+        for begin in range(0, len(pairs), BATCH):
+            batch = pairs[begin : begin + BATCH]
+            yield from _core.match_pairs(
+                descriptors, batch, options.max_ratio, options.max_distance
+            )
+            done, total = begin + len(batch), len(pairs)
+            on_progress(stage, done, total, f"{total} pairs")
+
+    # The largest features show which pairs match: most pairs of a walk see different things.
+    counts = np.array([len(m) for m in match("preview", options.preview_features)], np.int64)
+    pairs = _keep_partners(pairs, counts, options)
+    raw = RawMatches(pairs, list(match("matching", None)))
     if stages is not None:
         arrays = {
             "pairs": np.asarray(raw.pairs, np.int64).reshape(-1, 2),
@@ -101,42 +110,12 @@ def match_images(
     return raw
 
 
-def _load_matches(stages: Stages) -> RawMatches | None:
-    arrays = stages.load(_STAGE)
-    if arrays is None:
-        return None
-    ends = np.cumsum(arrays["lengths"])
-    matches = [arrays["matches"][a:b] for a, b in zip(ends - arrays["lengths"], ends, strict=True)]
-    return RawMatches(arrays["pairs"], matches)
-
-
-def _preview_pairs(
-    features: Sequence[Features],
-    pairs: np.ndarray,
-    options: PosesOptions,
-    on_pairs: OnPairs,
-) -> np.ndarray:
-    """Keeps the pairs whose largest features match: most pairs of a walk see different things.
-
-    Args:
-        features: of all images, largest first.
-        pairs: (P, 2).
-        options: preview_features, preview_matches and partners.
-
-    Returns:
-        (Q, 2), a subset of pairs.
-    """
-    largest = [f.descriptors[: options.preview_features] for f in features]
-    counts = np.zeros(len(pairs), np.int64)
-    for begin in range(0, len(pairs), BATCH):
-        batch = pairs[begin : begin + BATCH]
-        found = _core.match_pairs(largest, batch, options.max_ratio, options.max_distance)
-        counts[begin : begin + len(batch)] = [len(m) for m in found]
-        on_pairs(begin + len(batch), len(pairs))
+def _keep_partners(pairs: np.ndarray, counts: np.ndarray, options: PosesOptions) -> np.ndarray:
+    """Keeps (Q, 2) of pairs (P, 2), each image's best by counts (P,) of matches."""
     good = np.flatnonzero(counts >= options.preview_matches)
-    # Each image keeps its best partners; a pair stays if either of its images keeps it.
+    # A pair stays if either of its images keeps it.
     order = good[np.argsort(-counts[good], kind="stable")]
-    used = np.zeros(len(features), np.int64)
+    used = np.zeros(pairs.max(initial=-1) + 1, np.int64)
     kept = []
     for index in order:
         first, second = pairs[index]
@@ -145,19 +124,6 @@ def _preview_pairs(
             used[second] += 1
             kept.append(index)
     return pairs[sorted(kept)]
-
-
-def _match_in_full(
-    features: Sequence[Features], pairs: np.ndarray, options: PosesOptions, on_pairs: OnPairs
-) -> RawMatches:
-    """Compares all features of pairs (P, 2) of images."""
-    descriptors = [f.descriptors for f in features]
-    matches: list[np.ndarray] = []
-    for begin in range(0, len(pairs), BATCH):
-        batch = pairs[begin : begin + BATCH]
-        matches += _core.match_pairs(descriptors, batch, options.max_ratio, options.max_distance)
-        on_pairs(begin + len(batch), len(pairs))
-    return RawMatches(pairs, matches)
 
 
 def choose_pairs(

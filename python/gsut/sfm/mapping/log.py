@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 from collections.abc import Callable
 from typing import Any
 
+from gsut import _core
 from gsut.run import Stopwatch
-from gsut.sfm.core.features import OnProgress
-from gsut.sfm.core.solver import OnStep
+from gsut.sfm.photographs import OnProgress
+from gsut.sfm.solution import OnStep
 from gsut.time_left import PosesWork
 
 _PARTS = 1000  # of a stage's progress bar
@@ -55,7 +55,7 @@ class PosesLog:
 
     def expect(self, work: PosesWork, threads: int) -> None:
         """Reports the seconds that the stages will take on this number of threads; 0: all."""
-        self._work, self._threads = work, threads or len(os.sched_getaffinity(0))
+        self._work, self._threads = work, threads or _core.num_threads()
         self.update_work()
 
     def update_work(self, **known: Any) -> None:

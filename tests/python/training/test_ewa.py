@@ -6,7 +6,7 @@ import pytest
 import gsut
 from gsut import Gaussians, InputError, _core
 from gsut.gaussians import rotations_from_quaternions
-from gsut.render import EwaSplats, make_viewer_rule, render_ewa
+from gsut.training.tuning.ewa import EwaSplats, make_viewer_rule, render_ewa
 from random_scenes import central_differences
 from tolerances import EWA_DISCS, EWA_FLOAT, EWA_GRADIENTS
 

@@ -11,8 +11,8 @@ import numpy as np
 from gsut import _core
 from gsut._core import Shutter
 from gsut.lens import Camera
-from gsut.sfm.core.features import Features
-from gsut.sfm.core.matching import PairMatches
+from gsut.sfm.matches import PairMatches
+from gsut.sfm.photographs import Features
 
 # Variance of what is estimated from the features of photographs, over that which independent normal
 # errors of the same size would give: the position of a feature drifts slowly along a walk, and
@@ -20,39 +20,6 @@ from gsut.sfm.core.matching import PairMatches
 # normalised error of poses against exact truth (33.8 for 6 degrees of freedom without the factor).
 # Errors that all features share, of the lens, the shutter or the reference, are not included.
 FEATURE_VARIANCE = 5.6
-
-
-@dataclasses.dataclass(frozen=True)
-class Images:
-    """The images whose poses are estimated.
-
-    Args:
-        names: one an image.
-        cameras: the lens of each image; equal lenses are the same object.
-        features: of each image.
-        shutter: of a rolling shutter; None: all lines of an image are read at once.
-    """
-
-    names: Sequence[str]
-    cameras: Sequence[Camera]
-    features: Sequence[Features]
-    shutter: Shutter | None = None
-
-    def __len__(self) -> int:
-        return len(self.names)
-
-    def with_lens(self, camera: Camera) -> Images:
-        """Replaces the lens of all images."""
-        return dataclasses.replace(self, cameras=[camera] * len(self))
-
-    def select(self, chosen: Sequence[int] | np.ndarray) -> Images:
-        """Returns some of the images."""
-        return Images(
-            [self.names[i] for i in chosen],
-            [self.cameras[i] for i in chosen],
-            [self.features[i] for i in chosen],
-            self.shutter,
-        )
 
 
 @dataclasses.dataclass(frozen=True)

@@ -13,12 +13,10 @@ from gsut import _core
 from gsut._core import Shutter, SolveError
 from gsut.data.scene import order_frames
 from gsut.lens import Camera
-from gsut.sfm.core.features import Features
-from gsut.sfm.core.matching import PairMatches
-from gsut.sfm.core.options import PosesOptions
-from gsut.sfm.core.solution import (
+from gsut.sfm.matches import PairMatches, select_verified_pairs
+from gsut.sfm.photographs import Features, Images, PosesOptions
+from gsut.sfm.solution.result import (
     FEATURE_VARIANCE,
-    Images,
     Solution,
     average_colors,
     evaluate_observations,
@@ -134,7 +132,8 @@ def solve_poses(
             settings["readout_time"] = options.readout_time
             settings["frame_times"] = order_frames(images.names).tolist()
     if not adjustment.hold_out_every:
-        settings.update(_list_extension(options, images))
+        descriptors = [f.descriptors for f in images.features]
+        settings |= list_extension_settings(options, descriptors, images.cameras)
     lenses = list(dict.fromkeys(images.cameras))
     found = _core.estimate_poses(
         lenses, [lenses.index(c) for c in images.cameras], [f.pixels for f in images.features],
@@ -168,7 +167,8 @@ def adjust_poses(
     if motion is not None:
         settings.update(motion.to_settings())
     if rig is not None or (motion is not None and motion.extend):
-        settings.update(_list_extension(options, images))
+        descriptors = [f.descriptors for f in images.features]
+        settings |= list_extension_settings(options, descriptors, images.cameras)
     lenses = list(dict.fromkeys(images.cameras))
     found = _core.refine_structure(
         lenses, [lenses.index(c) for c in images.cameras], [f.pixels for f in images.features],
@@ -215,16 +215,6 @@ def adjust_registered(
     )
 
 
-def select_verified_pairs(pairs: Sequence[PairMatches], chosen: np.ndarray) -> list[PairMatches]:
-    """Keeps the pairs of the chosen images, which are then counted from 0."""
-    place = {int(image): index for index, image in enumerate(chosen)}
-    return [
-        dataclasses.replace(pair, first=place[pair.first], second=place[pair.second])
-        for pair in pairs
-        if pair.first in place and pair.second in place
-    ]
-
-
 def list_extension_settings(
     options: PosesOptions, descriptors: Sequence[np.ndarray], cameras: Sequence[Camera]
 ) -> dict[str, Any]:
@@ -237,12 +227,6 @@ def list_extension_settings(
         "extend_radius": options.extend_radius * measure_diagonal(cameras) / 1000,
         "extend_distance": options.extend_distance,
     }
-
-
-def _list_extension(options: PosesOptions, images: Images) -> dict[str, Any]:
-    return list_extension_settings(
-        options, [f.descriptors for f in images.features], images.cameras
-    )
 
 
 def _make_settings(images: Images, options: PosesOptions, adjustment: Adjustment) -> dict[str, Any]:

@@ -90,7 +90,7 @@ def find_photographs(images: Path, lens: Path | None, *, with_lens: bool = True)
         lens: lens file, or a dataset whose lens is used; None: the one beside the images (of
             several cameras, images/cam0 ..., a file each: cam0.lens.json ...), or unknown. A name
             of the database leaves the lens unknown, with a candidate.
-        with_lens: read a lens file beside plain images.
+        with_lens: False: the lens is unknown even if files or the dataset state it.
 
     Raises:
         InputError: no such folder, fewer than two images, or the lens cannot be read.
@@ -103,8 +103,8 @@ def find_photographs(images: Path, lens: Path | None, *, with_lens: bool = True)
         found = list_photographs(images, with_lens=with_lens and lens is None)
     if lens is not None and is_lens_name(lens):
         found = _add_profile(found, str(lens))
-    elif lens is not None:
-        camera = _read_lens(lens)
+    elif lens is not None or not with_lens:
+        camera = None if lens is None else _read_lens(lens)
         found = dataclasses.replace(found, cameras=[camera] * len(found))
     if len(found) < FEWEST_IMAGES:
         kinds = {path.suffix.lower() for path in images.rglob("*") if path.is_file()} - {""}

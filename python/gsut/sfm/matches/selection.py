@@ -5,7 +5,9 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 
-from gsut.sfm.core.matching import PairMatches, RawMatches
+import numpy as np
+
+from gsut.sfm.matches.matching import PairMatches, RawMatches
 
 _ENOUGH_MATCHES = 200  # of a pair, beyond which more do not count
 _ENOUGH_PARALLAX = 0.2  # radians, beyond which more does not count
@@ -54,3 +56,13 @@ def select_pairs(raw: RawMatches, wanted: set[tuple[int, int]]) -> RawMatches:
     """Keeps the matches of these pairs of images."""
     kept = [i for i, (a, b) in enumerate(raw.pairs) if (int(a), int(b)) in wanted]
     return RawMatches(raw.pairs[kept], [raw.matches[i] for i in kept])
+
+
+def select_verified_pairs(pairs: Sequence[PairMatches], chosen: np.ndarray) -> list[PairMatches]:
+    """Keeps the pairs of the chosen images, which are then counted from 0."""
+    place = {int(image): index for index, image in enumerate(chosen)}
+    return [
+        dataclasses.replace(pair, first=place[pair.first], second=place[pair.second])
+        for pair in pairs
+        if pair.first in place and pair.second in place
+    ]

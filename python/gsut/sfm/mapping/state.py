@@ -1,12 +1,18 @@
-"""What the stages of a run find beside poses and points."""
+"""The state of one run that turns photographs into poses, and what its stages find."""
 
 from __future__ import annotations
 
 import dataclasses
 from typing import Any
 
+import numpy as np
+
+from gsut._core import Shutter
 from gsut.data.rigs import Rig
-from gsut.sfm.core.look_alikes import LookAlikes
+from gsut.sfm.mapping.log import PosesLog
+from gsut.sfm.matches import PairMatches, RawMatches
+from gsut.sfm.photographs import Features, Images, Photographs, PosesOptions
+from gsut.sfm.solution import LookAlikes, Solution
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,3 +73,48 @@ class Findings:
     focal_sigma: float | None = None
     motion: str | None = None
     figures: dict[str, Any] = dataclasses.field(default_factory=dict)
+
+
+@dataclasses.dataclass
+class Mapping:
+    """What a run knows so far; each stage adds to it.
+
+    Args:
+        photographs: with their lenses; a first guess where the lens is unknown.
+        options: of the run.
+        log: receives progress and notes.
+        rig: that the photographs were taken with, or None.
+        shutter: rolling, or None.
+        features: of each photograph.
+        raw: matches of pairs of photographs.
+        pairs: verified matches.
+        solution: poses and points.
+        lens_free: (K,) flags of an estimated lens' parameters, see `Adjustment`; None: known.
+        found: beside poses and points.
+    """
+
+    photographs: Photographs
+    options: PosesOptions
+    log: PosesLog
+    rig: Rig | None = None
+    shutter: Shutter | None = None
+    features: list[Features] = dataclasses.field(default_factory=list)
+    raw: RawMatches = dataclasses.field(
+        default_factory=lambda: RawMatches(np.zeros((0, 2), np.int64), [])
+    )
+    pairs: list[PairMatches] = dataclasses.field(default_factory=list)
+    solution: Solution | None = None
+    lens_free: np.ndarray | None = None
+    found: Findings = dataclasses.field(default_factory=Findings)
+
+    @property
+    def images(self) -> Images:
+        """The photographs as the solver takes them; all lenses must be known or guessed."""
+        photographs = self.photographs
+        return Images(photographs.names, photographs.lenses, self.features, self.shutter)
+
+    @property
+    def solved(self) -> Solution:
+        """Poses and points, after they were found."""
+        assert self.solution is not None
+        return self.solution

@@ -20,9 +20,9 @@ from gsut.gaussians import (
     quaternion_from_rotation,
     rotations_from_quaternions,
 )
-from gsut.render.renderer import Render, render
+from gsut.render import Render, render
 
-DILATION = 0.3  # px^2, of every viewer
+_DILATION = 0.3  # px^2: what the screen of every viewer adds
 # PlayCanvas draws (exp(-D^2 / 2) - e) / (1 - e), e = exp(-4), up to D^2 = 8: over the screen less
 # by 4 e / (1 - e) than the whole Gaussian, as is one that is smaller by this factor.
 PLAYCANVAS_SHRINK = float(np.sqrt(1 - 4 * np.exp(-4) / (1 - np.exp(-4))))  # 0.962
@@ -48,7 +48,6 @@ class EwaSplats:
         gaussians: N Gaussians.
         camera: of the model "pinhole".
         camera_from_world: (4, 4).
-        dilation: variance that the screen adds, px^2.
         shrink: factor of what is drawn; PlayCanvas' viewers end a Gaussian by taking off what is
             left of it at the border, which looks like `PLAYCANVAS_SHRINK`.
 
@@ -64,7 +63,6 @@ class EwaSplats:
         gaussians: Gaussians,
         camera: _core.Camera,
         camera_from_world: np.ndarray,
-        dilation: float = DILATION,
         shrink: float = 1.0,
     ) -> None:
         self._log_shrink = np.log(shrink)
@@ -74,7 +72,7 @@ class EwaSplats:
         g, dtype, pose = gaussians, gaussians.dtype, np.asarray(camera_from_world, np.float64)
         self._g, self._rotation = g, pose[:3, :3]
         zero = pose[:3, 3] + self._rotation @ g.origin  # of the means, in the camera's frame
-        self._widening = dilation / focal**2
+        self._widening = _DILATION / focal**2
         at = g.means @ self._rotation.T.astype(dtype) + zero.astype(dtype)
         # What lies behind is not drawn; it only must not divide by zero.
         self._z = np.maximum(at[:, 2], _NEAR)
@@ -157,13 +155,12 @@ def render_ewa(
     camera_from_world: np.ndarray,
     *,
     background: Sequence[float] = (0.0, 0.0, 0.0),
-    dilation: float = DILATION,
     shrink: float = 1.0,
     dtype: str = "float32",
 ) -> Render:
     """Renders the picture that viewers draw of Gaussians, see `EwaSplats` and `render`."""
     g = gaussians.to_dtype(np.dtype(dtype))
-    discs = EwaSplats(g, camera, camera_from_world, dilation, shrink).discs
+    discs = EwaSplats(g, camera, camera_from_world, shrink).discs
     rule = make_viewer_rule()
     return render(discs, camera, camera_from_world, background=background, blend=rule, dtype=dtype)
 

@@ -8,11 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from gsut._core import SolveError
-from gsut.sfm.core.features import Features
-from gsut.sfm.core.matching import PairMatches
-from gsut.sfm.core.options import PosesOptions
-from gsut.sfm.core.solution import Images, Solution, similarity_from_points
-from gsut.sfm.core.solver import adjust_registered, solve_poses
+from gsut.sfm.matches import PairMatches
+from gsut.sfm.photographs import Features, Images, PosesOptions
+from gsut.sfm.solution.result import Solution, similarity_from_points
+from gsut.sfm.solution.solver import adjust_registered, solve_poses
 
 _FEWEST_IMAGES = 4  # of a model: fewer are hardly worth a training
 _MOST_MODELS = 20  # beyond the first: more are fragments

@@ -10,10 +10,8 @@ from gsut import _core
 from gsut._core import SolveError
 from gsut.data import list_some
 from gsut.run.verdicts import Fault, count_exceeded
-from gsut.sfm.core.features import Features
-from gsut.sfm.core.matching import BATCH, OnPairs, PairMatches, RawMatches
-from gsut.sfm.core.options import PosesOptions
-from gsut.sfm.core.solution import Images
+from gsut.sfm.matches.matching import BATCH, OnPairs, PairMatches, RawMatches
+from gsut.sfm.photographs import Features, Images, PosesOptions
 
 # Largest angle in radians between a pair's rotation and that of all images. Rotations of pairs are
 # often off by 20 degrees where both see a plane; a pair of places that look alike is off by any

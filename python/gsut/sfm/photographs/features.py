@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
+import collections
 import concurrent.futures
+import contextlib
 import dataclasses
 import math
-import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from gsut._core import InputError
+from gsut import _core
+from gsut._core import InputError, Shutter
 from gsut.data.images import decode_image, decode_mask, shrink_image, shrink_mask
 from gsut.lens import Camera
-from gsut.sfm.core.options import PosesOptions
-from gsut.sfm.core.photographs import FEWEST_IMAGES, Photographs
-from gsut.sfm.core.stages import Stages
+from gsut.sfm.photographs.listing import FEWEST_IMAGES, Photographs
+from gsut.sfm.photographs.options import PosesOptions
+from gsut.sfm.photographs.stages import Stages
 
 DESCRIPTOR_LENGTH = 128  # of SIFT: 4 x 4 cells of 8 directions
 DESCRIPTOR_SCALE = 512  # length of a descriptor stored in bytes: SIFT's own convention
@@ -26,6 +28,7 @@ _EDGE_SIZES = 1.0
 # Pixels for each wanted feature up to which describing all keypoints is cheaper than building the
 # image pyramid a second time.
 _PIXELS_EACH = 300
+_STAGE = "features-{:06d}"  # name of an image's stage file
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,6 +57,39 @@ class Features:
         return values / np.maximum(np.linalg.norm(values, axis=1, keepdims=True), 1e-12)
 
 
+@dataclasses.dataclass(frozen=True)
+class Images:
+    """The images whose poses are estimated.
+
+    Args:
+        names: one an image.
+        cameras: the lens of each image; equal lenses are the same object.
+        features: of each image.
+        shutter: of a rolling shutter; None: all lines of an image are read at once.
+    """
+
+    names: Sequence[str]
+    cameras: Sequence[Camera]
+    features: Sequence[Features]
+    shutter: Shutter | None = None
+
+    def __len__(self) -> int:
+        return len(self.names)
+
+    def with_lens(self, camera: Camera) -> Images:
+        """Replaces the lens of all images."""
+        return dataclasses.replace(self, cameras=[camera] * len(self))
+
+    def select(self, chosen: Sequence[int] | np.ndarray) -> Images:
+        """Returns some of the images."""
+        return Images(
+            [self.names[i] for i in chosen],
+            [self.cameras[i] for i in chosen],
+            [self.features[i] for i in chosen],
+            self.shutter,
+        )
+
+
 # Called with (stage, done, total, text) as the work goes on.
 OnProgress = Callable[[str, int, int, str], None]
 
@@ -80,20 +116,17 @@ def collect_features(
     absent = [i for i, features in enumerate(found) if features is None]
     on_progress("features", total - len(absent), total, "")
     broken: list[str] = []
-
-    def on_image(place: int, features: Features | None, error: Exception | None) -> None:
-        index = absent[place]
-        if features is None:
-            broken.append(str(error))
-            note(f"left out: {error}")
-            features = make_no_features()
-        elif stages is not None:
-            stages.save(_name_stage(index), vars(features))
-        found[index] = features
-        done = total - len(absent) + place + 1
-        on_progress("features", done, total, f"{len(features):,} in {photographs.names[index]}")
-
-    _read_all_features(photographs, absent, options, on_image)
+    # Closed where the loop ends early, so that images that wait are not read.
+    with contextlib.closing(_read_all_features(photographs, absent, options)) as results:
+        for done, (index, result) in enumerate(results, total - len(absent) + 1):
+            if isinstance(result, InputError):
+                broken.append(str(result))
+                note(f"left out: {result}")
+                result = make_no_features()
+            elif stages is not None:
+                stages.save(_STAGE.format(index), vars(result))
+            found[index] = result
+            on_progress("features", done, total, f"{len(result):,} in {photographs.names[index]}")
     if total - len(broken) < FEWEST_IMAGES:
         raise InputError(
             f"{total - len(broken)} of {total} images can be used, and poses need at least "
@@ -102,12 +135,8 @@ def collect_features(
     return [features for features in found if features is not None]
 
 
-def _name_stage(index: int) -> str:
-    return f"features-{index:06d}"
-
-
 def _load_features(stages: Stages, index: int) -> Features | None:
-    arrays = stages.load(_name_stage(index))
+    arrays = stages.load(_STAGE.format(index))
     names = {field.name for field in dataclasses.fields(Features)}
     return None if arrays is None or set(arrays) != names else Features(**arrays)
 
@@ -205,43 +234,37 @@ def detect_features(
 
 
 def _read_all_features(
-    photographs: Photographs,
-    chosen: Sequence[int],
-    options: PosesOptions,
-    on_image: Callable[[int, Features | None, Exception | None], None],
-) -> None:
+    photographs: Photographs, chosen: Sequence[int], options: PosesOptions
+) -> Generator[tuple[int, Features | InputError]]:
     """Reads the features of the chosen images in parallel.
 
-    Args:
-        on_image: called in the order of `chosen` with the place there and the features, or the
-            error of an image that cannot be read.
+    Yields:
+        In the order of `chosen`, each with its features, or the error of an image that cannot be
+        read.
     """
     import cv2
 
-    workers = options.threads or len(os.sched_getaffinity(0))
+    workers = options.threads or _core.num_threads()
     before = cv2.getNumThreads()
     cv2.setNumThreads(1)  # one image a thread
     try:
         with concurrent.futures.ThreadPoolExecutor(workers) as pool:
-            jobs = [
+            jobs = collections.deque(
                 pool.submit(
                     read_features, photographs.paths[i], photographs.cameras[i], options,
                     photographs.masks[i],
                 )
                 for i in chosen
-            ]  # fmt: skip
+            )  # fmt: skip
             try:
-                for index, job in enumerate(jobs):
+                for index in chosen:
                     try:
-                        on_image(index, job.result(), None)
+                        yield index, jobs.popleft().result()  # frees the features
                     except InputError as error:
-                        on_image(index, None, error)
-                    jobs[index] = None  # type: ignore[call-overload]  # frees the features
-            except BaseException:
+                        yield index, error
+            finally:
                 for job in jobs:
-                    if job is not None:
-                        job.cancel()
-                raise
+                    job.cancel()
     finally:
         cv2.setNumThreads(before)
 

@@ -1,0 +1,30 @@
+"""Pairs of photographs: features that look alike, and those of them that agree with a pose."""
+
+from gsut.sfm.matches.matching import PairMatches, RawMatches, find_frame_numbers, match_images
+from gsut.sfm.matches.selection import (
+    choose_connected_pairs,
+    keep_most_distinct,
+    select_pairs,
+    select_verified_pairs,
+)
+from gsut.sfm.matches.verification import (
+    explain_failure,
+    find_picture_faults,
+    require_overlap,
+    verify_matches,
+)
+
+__all__ = [
+    "PairMatches",
+    "RawMatches",
+    "choose_connected_pairs",
+    "explain_failure",
+    "find_frame_numbers",
+    "find_picture_faults",
+    "keep_most_distinct",
+    "match_images",
+    "require_overlap",
+    "select_pairs",
+    "select_verified_pairs",
+    "verify_matches",
+]

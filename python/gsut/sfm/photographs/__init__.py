@@ -1,0 +1,40 @@
+"""Photographs with what is known of their lenses, their features, and the options of a run."""
+
+from gsut.sfm.photographs.features import (
+    Features,
+    Images,
+    OnProgress,
+    collect_features,
+    detect_features,
+)
+from gsut.sfm.photographs.listing import (
+    FEWEST_IMAGES,
+    TANGENT,
+    Photographs,
+    check_lens,
+    find_photographs,
+    list_photographs,
+    require_central,
+)
+from gsut.sfm.photographs.options import PosesOptions, add_lens_readout
+from gsut.sfm.photographs.stages import FOLDER, Stages, digest_key
+
+__all__ = [
+    "FEWEST_IMAGES",
+    "FOLDER",
+    "TANGENT",
+    "Features",
+    "Images",
+    "OnProgress",
+    "Photographs",
+    "PosesOptions",
+    "Stages",
+    "add_lens_readout",
+    "check_lens",
+    "collect_features",
+    "detect_features",
+    "digest_key",
+    "find_photographs",
+    "list_photographs",
+    "require_central",
+]

@@ -1,0 +1,51 @@
+"""Poses and points: the solver that makes them of matches, and what its result shows."""
+
+from gsut.sfm.solution.look_alikes import LookAlikes, find_look_alikes, separate_look_alikes
+from gsut.sfm.solution.models import find_further_models
+from gsut.sfm.solution.result import (
+    FEATURE_VARIANCE,
+    Solution,
+    average_colors,
+    evaluate_observations,
+    gather_pixels,
+    measure_agreement,
+    measure_diagonal,
+    measure_rotation_angles,
+    similarity_from_points,
+    transform_to_cameras,
+)
+from gsut.sfm.solution.solver import (
+    Adjustment,
+    OnStep,
+    ReadoutMotion,
+    RigConstraint,
+    adjust_poses,
+    adjust_registered,
+    list_extension_settings,
+    solve_poses,
+)
+
+__all__ = [
+    "FEATURE_VARIANCE",
+    "Adjustment",
+    "LookAlikes",
+    "OnStep",
+    "ReadoutMotion",
+    "RigConstraint",
+    "Solution",
+    "adjust_poses",
+    "adjust_registered",
+    "average_colors",
+    "evaluate_observations",
+    "find_further_models",
+    "find_look_alikes",
+    "gather_pixels",
+    "list_extension_settings",
+    "measure_agreement",
+    "measure_diagonal",
+    "measure_rotation_angles",
+    "separate_look_alikes",
+    "similarity_from_points",
+    "solve_poses",
+    "transform_to_cameras",
+]

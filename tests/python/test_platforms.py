@@ -1,0 +1,98 @@
+"""Commands run where names of one platform do not exist, as on macOS and Windows."""
+
+import subprocess
+import sys
+import types
+
+import pytest
+
+import gsut
+from gsut import output_folder
+from small_videos import walk_past
+
+# What macOS lacks of Linux, and Windows of both. `os.name` stays, because the standard library
+# chooses by it.
+MISSING_NAMES = {
+    "os": (
+        *("sched_getaffinity", "sched_setaffinity", "fork", "getuid", "geteuid", "chown"),
+        *("mkfifo", "killpg", "setsid", "getloadavg", "sysconf", "statvfs", "posix_fallocate"),
+    ),
+    "signal": ("SIGKILL", "SIGHUP", "SIGUSR1", "SIGALRM", "alarm", "pthread_sigmask"),
+}
+MISSING_MODULES = ("resource", "pwd", "grp", "termios")
+STRANGER = f"""
+import builtins, os, signal, sys
+for module, names in {MISSING_NAMES!r}.items():
+    for name in names:
+        if hasattr(sys.modules[module], name):
+            delattr(sys.modules[module], name)
+for name in {MISSING_MODULES!r}:
+    sys.modules[name] = None
+true_open = builtins.open
+def open_without_proc(file, *args, **kwargs):
+    if isinstance(file, (str, os.PathLike)) and os.fspath(file).startswith(("/proc", "/sys")):
+        raise FileNotFoundError(2, "no such file", os.fspath(file))
+    return true_open(file, *args, **kwargs)
+builtins.open = open_without_proc
+import io
+io.open = open_without_proc
+from gsut.cli import main
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A film and its lens."""
+    folder = tmp_path_factory.mktemp("platform")
+    walk_past(folder / "walk.mp4")
+    camera = gsut.Camera("pinhole", [300.0, 300.0, 160.0, 120.0], 320, 240)
+    gsut.save_camera(camera, folder / "lens.yaml")
+    return folder
+
+
+COMMANDS = (  # each uses what those before it made
+    "poses walk.mp4 -o posed --camera lens.yaml --frames 6",
+    "scene walk.mp4 -o scene --camera lens.yaml --frames 6 --preset fast --steps 20",
+    "train posed -o run --steps 10 --max-gaussians 500",
+    "eval run",
+    "render run -o renders",
+    "doctor posed",
+    "compact run -o small --keep 0.5",
+    "convert run run.splat",
+)
+
+
+def test_commands_run_without_names_of_one_platform(folder):
+    ran = 0
+    for command in COMMANDS:
+        done = subprocess.run(
+            [sys.executable, "-c", STRANGER, *command.split()],
+            capture_output=True, text=True, cwd=folder, check=False,
+        )  # fmt: skip
+        assert done.returncode == 0, (command, done.stderr)
+        assert "Traceback" not in done.stderr, (command, done.stderr)
+        ran += 1
+    assert ran == len(COMMANDS)
+
+
+def test_output_folder_is_locked_where_there_is_no_fcntl(monkeypatch, tmp_path):
+    held: set[int] = set()
+
+    def locking(descriptor: int, mode: int, count: int) -> None:
+        assert (mode, count) == (2, 1)
+        if held:
+            raise PermissionError(13, "Permission denied")
+        held.add(descriptor)
+
+    monkeypatch.setattr(output_folder, "fcntl", None)
+    monkeypatch.setattr(
+        output_folder, "msvcrt", types.SimpleNamespace(locking=locking, LK_NBLCK=2), raising=False
+    )
+    with output_folder.claim_folder(tmp_path / "run", "train", None) as claim:
+        assert len(held) == 1
+        marker = claim.path / output_folder.MARKER
+        assert marker.read_text(encoding="utf-8").startswith("{")
+        monkeypatch.setattr(output_folder, "_claims", {})  # as another process has it
+        with pytest.raises(gsut.InputError, match="another gsut is writing"):
+            output_folder.claim_folder(tmp_path / "run", "train", None)
