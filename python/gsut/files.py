@@ -239,6 +239,51 @@ def reading(fails: Callable[[str], Exception]) -> Iterator[None]:
         raise fails(f"cannot be understood ({type(error).__name__}: {what})") from error
 
 
+def check_shape(value: Any, shape: Any, name: str = "the content") -> None:
+    """Checks that JSON values have a shape.
+
+    Args:
+        value: as JSON gives it.
+        shape: a type; a frozenset of strings, of which the value is one; {key: shape} of an
+            object, whose other keys are free, where a key ending in "?" may be absent and "*"
+            stands for every key; [shape] of a list of any length; or a tuple of shapes, of which
+            one fits.
+        name: of the value, for the error.
+
+    Raises:
+        TypeError: says what is not as it should be.
+    """
+    fits = True
+    if isinstance(shape, tuple):
+        fits = any(_has_shape(value, each) for each in shape)
+    elif isinstance(shape, frozenset):
+        fits = isinstance(value, str) and value in shape
+    elif isinstance(shape, type):
+        fits = isinstance(value, shape) and (shape is bool or not isinstance(value, bool))
+    elif not isinstance(value, type(shape)):
+        fits = False
+    elif isinstance(shape, list):
+        for number, entry in enumerate(value):
+            check_shape(entry, shape[0], f"{name}[{number}]")
+    else:
+        for key, inner in shape.items():
+            found = value if key == "*" else {key.rstrip("?")} & value.keys()
+            if not found and not key.endswith(("?", "*")):
+                raise TypeError(f"{name} lacks {key!r}")
+            for each in found:
+                check_shape(value[each], inner, f"{name}[{each!r}]")
+    if not fits:
+        raise TypeError(f"{name} is {value!r:.40}")
+
+
+def _has_shape(value: Any, shape: Any) -> bool:
+    try:
+        check_shape(value, shape)
+    except TypeError:
+        return False
+    return True
+
+
 def parse_yaml(text: str, fails: Callable[[str, str], Exception]) -> Any:
     """Reads YAML, also as OpenCV writes it: with a directive of its own and tagged matrices.
 

@@ -106,6 +106,11 @@ def claim_folder(
     return held
 
 
+def is_claimed(path: str | os.PathLike[str]) -> bool:
+    """Returns whether a command of gsut writes to the folder, or has written there."""
+    return (Path(path) / MARKER).is_file()
+
+
 def _claim(
     marker: Path,
     command: str,

@@ -10,6 +10,7 @@ from gsut import InputError
 from gsut.data.export import copy_file
 from gsut.files import (
     WriteError,
+    check_shape,
     refuse_existing,
     to_file_name,
     whole_file,
@@ -65,3 +66,25 @@ def test_a_name_that_nothing_can_have_is_refused_before_work_is_done(tmp_path, n
 def test_name_of_any_origin_becomes_one_part_of_a_path(name, safe, tmp_path):
     assert to_file_name(name) == safe
     assert (tmp_path / to_file_name(name)).resolve().parent == tmp_path.resolve()
+
+
+@pytest.mark.parametrize(
+    ("value", "shape", "said"),
+    [
+        ([], dict, r"the content is \[\]"),
+        ({"a": 1}, {"a": str}, r"the content\['a'\] is 1"),
+        ({}, {"a": str}, "the content lacks 'a'"),
+        ({"a": True}, {"a": int}, r"\['a'\] is True"),
+        ({"a": [1, "x"]}, {"a?": [int]}, r"\['a'\]\[1\] is 'x'"),
+        ({"a": {"b": None}}, {"*": {"b": (int, str)}}, r"\['b'\] is None"),
+        ({"level": []}, {"level": frozenset(("good",))}, r"\['level'\] is \[\]"),
+    ],
+)
+def test_check_shape_of_another_value_says_where(value, shape, said):
+    with pytest.raises(TypeError, match=said):
+        check_shape(value, shape)
+
+
+def test_check_shape_of_what_fits_says_nothing():
+    shape = {"a?": int, "b": [(str, type(None))], "c": {"*": [float]}, "d": frozenset("xy")}
+    check_shape({"b": ["x", None], "c": {"k": [0.5]}, "d": "x", "more": []}, shape)

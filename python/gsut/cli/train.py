@@ -20,6 +20,7 @@ from gsut.cli._flags import (
     read_folder_name,
 )
 from gsut.cli.view import LivePage, add_live_flags
+from gsut.output_folder import is_claimed
 from gsut.run import BlockOptions, RunFile, RunFolder, TrainOptions, Verdict, read_plan
 from gsut.run.options import add_option_flags, collect_given, fit_to_views
 
@@ -53,6 +54,11 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
+    if arguments.resume and not is_claimed(arguments.out):
+        raise InputError(
+            f"{arguments.out} holds no run to resume; check the name, or leave --resume out to "
+            "start a run there"
+        )
     run = RunFolder.claim(arguments.out, "train", arguments.data)
     given = collect_given(TrainOptions, arguments)
     if arguments.resume and run.has_run():
@@ -153,10 +159,10 @@ def train_into(
             page.finish(result)
     except KeyboardInterrupt:
         kept = [] if blocks is None else blocks.list_words("blocks", "rounds")
-        again = shlex.join(["gsut", "train", data, "-o", str(run.path), "--resume", *kept])
-        raise KeyboardInterrupt(
-            f"interrupted; to resume from the last checkpoint, run: {again}"
-        ) from None
+        resumed = ["--resume"] if run.has_run() else []
+        again = shlex.join(["gsut", "train", data, "-o", str(run.path), *resumed, *kept])
+        how = "resume from the last checkpoint" if resumed else "start again"
+        raise KeyboardInterrupt(f"interrupted; to {how}, run: {again}") from None
     return run.read_json(RunFile.METRICS)
 
 

@@ -2,16 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from gsut.data.errors import DatasetError
 from gsut.data.text_files import read_json
-from gsut.files import reading
+from gsut.files import check_shape, reading
 
 CAPTURE = "capture.json"
 CAPTURE_FOLDER = "capture"  # of a video's frames, in the folder of their poses
+_NOTHING = type(None)
+_NUMBER = (int, float, _NOTHING)
+_SHAPE: dict[str, Any] = {  # what is read of capture.json, see `check_shape`
+    "key": {"inputs": [[(str, int)]]}, "inputs": [str], "notes": [str], "size": [int],
+    "camera?": (str, _NOTHING), "focal_px?": _NUMBER, "name_rate?": _NUMBER,
+    "lenses?": (_NOTHING, [str]), "lens?": (_NOTHING, dict), "fisheye?": (_NOTHING, dict),
+    "frames": [{
+        "name": str, "path": str, "mask?": (str, _NOTHING), "time?": _NUMBER,
+        "place?": (_NOTHING, [_NUMBER]), "flow?": (_NOTHING, [[_NUMBER]]),
+        "orientation?": (int, _NOTHING), "blurred?": (bool, _NOTHING),
+    }],
+}  # fmt: skip
 STRIP = "strip.jpg"  # the pictures side by side, beside capture.json
 
 
@@ -33,18 +44,8 @@ def read_capture(folder: Path) -> dict[str, Any] | None:
     figures = read_json(path)
     advice = f"remove {path}, and the same command chooses the pictures again"
     with reading(lambda what: DatasetError(path, what, advice)):
-        _check_types(figures["frames"], {"name": str, "path": str})
-        _check_types([figures], {"inputs": list, "notes": list, "size": list, "key": dict})
-        if not figures["frames"] or [type(side) for side in figures["size"]] != [int, int]:
-            raise ValueError("no pictures, or pictures without a size")
-        for row in figures["key"]["inputs"]:
-            _check_types([dict(enumerate(row))], {0: str, 1: int, 2: (int, str)})
+        check_shape(figures, _SHAPE)
+        _, _ = figures["size"]
+        for _, _, _ in figures["key"]["inputs"]:
+            pass
     return figures
-
-
-def _check_types(rows: Any, types: Mapping[Any, type | tuple[type, ...]]) -> None:
-    """Raises TypeError or KeyError where one of `rows` lacks a key or has another type."""
-    for row in rows:
-        for name, kind in types.items():
-            if not isinstance(row[name], kind):
-                raise TypeError(f"{name} is {type(row[name]).__name__}")

@@ -14,6 +14,7 @@ from typing import Any
 from gsut._core import InputError
 from gsut.files import (
     check_regular,
+    check_shape,
     format_json,
     reading,
     to_plain,
@@ -25,6 +26,8 @@ from gsut.files import (
 from gsut.output_folder import MARKER, OutputFolder, claim_folder
 from gsut.run.checkpoint import read_checkpoint, write_checkpoint
 from gsut.run.options import TrainOptions
+from gsut.run.resume import check_same_options, check_same_start
+from gsut.run.shapes import ENVIRONMENT_SHAPE, METRICS_SHAPE, SCENE_SHAPE
 
 
 class RunFile:
@@ -51,11 +54,14 @@ _FILES = (
     *(RunFile.BLOCKS, RunFile.RENDERS),
 )
 _DAMAGED = f"it is damaged; {RunFile.SCENE}, if it is there, can be used by itself"
+_OTHER_CHECKPOINT = "it is not of this training; remove this file and begin a new run"
 _RESULTS = (RunFile.SCENE, RunFile.METRICS, RunFile.REPORT)
 _OF_PLAN = ("blocks", "rounds", "version", "isa", "options")
-# Options that a resumed run may have otherwise than the run that it goes on with: they change
-# neither the result's bits nor the steps at which history is written.
-_FREE_ON_RESUME = ("threads", "checkpoint_every")
+_SHAPES = {
+    RunFile.ENVIRONMENT: ENVIRONMENT_SHAPE,
+    RunFile.METRICS: METRICS_SHAPE,
+    "scene.json": SCENE_SHAPE,
+}
 
 
 class RunFolder:
@@ -107,9 +113,10 @@ class RunFolder:
         if run.has_run():
             if resume:
                 _check_same_way(run, blocks is not None)
-                _check_same_options(run, options)
-                _check_same_data(run, environment or {})
+                before = run.read_json(RunFile.ENVIRONMENT) or {}
+                check_same_options(run.path, run.read_given_options(), options)
                 run._stays = run.is_finished()
+                check_same_start(run.path, before, environment or {}, run._stays)
             else:
                 run.refuse_run()
         elif blocks is not None:
@@ -220,13 +227,10 @@ class RunFolder:
         """Reads a JSON file of the run; None if the file is absent.
 
         Raises:
-            InputError: the file is not JSON.
+            InputError: the file is not JSON, or lacks what commands read of it.
         """
         path = self.path / name
-        if not path.is_file():
-            return None
-        with reading(lambda what: InputError(f"{path}: {what}; {_DAMAGED}")):
-            return json.loads(path.read_text(encoding="utf-8"))
+        return _read_values(path, _SHAPES.get(name, dict)) if path.is_file() else None
 
     def read_options(self) -> TrainOptions:
         """Reads the options of the run.
@@ -275,6 +279,8 @@ class RunFolder:
             self.roll_back_history(0)
             return None
         content = read_checkpoint(path)
+        with reading(lambda what: InputError(f"{path}: {what}; {_OTHER_CHECKPOINT}")):
+            check_shape(content, {"step": int, "state": dict})
         self.roll_back_history(content["step"])
         return content["step"], content["state"]
 
@@ -308,6 +314,13 @@ class RunFolder:
         if (self.path / RunFile.HISTORY).is_file():
             rows = (json.dumps(row) for row in self.read_history() if row["step"] <= step)
             self.write_text(RunFile.HISTORY, "".join(row + "\n" for row in rows))
+
+
+def _read_values(path: Path, shape: Any) -> Any:
+    with reading(lambda what: InputError(f"{path}: {what}; {_DAMAGED}")):
+        values = json.loads(path.read_text(encoding="utf-8"))
+        check_shape(values, shape)
+        return values
 
 
 def _parse_options(path: Path, read: Callable[[], str]) -> TrainOptions:
@@ -345,29 +358,4 @@ def _check_same_way(run: RunFolder, in_blocks: bool) -> None:
         raise InputError(
             f"{run.path} was started {ways[not in_blocks]}, not {ways[in_blocks]}; a resumed "
             "run cannot change that"
-        )
-
-
-def _check_same_options(run: RunFolder, options: TrainOptions) -> None:
-    saved = dataclasses.asdict(run.read_given_options().resolve())
-    wanted = dataclasses.asdict(options.resolve())
-    for name, value in wanted.items():
-        if name not in _FREE_ON_RESUME and saved[name] != value:
-            raise InputError(
-                f"{run.path} was started with {name} = {saved[name]}, not {value}; a resumed "
-                "run keeps its options, so leave this one out or start a new run"
-            )
-
-
-def _check_same_data(run: RunFolder, environment: dict[str, Any]) -> None:
-    saved = (run.read_json(RunFile.ENVIRONMENT) or {}).get("digests")
-    now = environment.get("digests")
-    if not saved or not now:
-        return  # killed before they were written: nothing to disagree with
-    changed = [name for name, digest in now.items() if saved.get(name) != digest]
-    if changed:
-        raise InputError(
-            f"{run.path} was started with other {' and '.join(changed)} than "
-            f"{environment['dataset']} has now; a resumed run needs the same data: give those, "
-            "or start a new run"
         )

@@ -19,6 +19,7 @@ import gsut.demo
 import small_run
 from gsut.cli import build_parser, list_commands, main
 from gsut.cli.demo import _free_run
+from gsut.output_folder import MARKER
 from gsut.run import TrainOptions
 from gsut.run.folder import RunFile, RunFolder
 from gsut.run.progress import Progress
@@ -220,19 +221,31 @@ def test_train_resume_takes_the_runs_own_options(run, training):
     assert call.options == TrainOptions(steps=100, threads=2).resolve()
 
 
-def test_train_resume_of_nothing_begins_a_run(tmp_path, training):
+def test_train_resume_of_a_run_killed_at_its_start_begins_it(tmp_path, training):
+    (tmp_path / "new").mkdir()
+    (tmp_path / "new" / MARKER).write_text('{"command": "gsut train"}')
     assert main(["train", "data", "-o", str(tmp_path / "new"), "--resume", "--steps", "5"]) == 0
     assert training[0].options == TrainOptions(steps=5)
 
 
+def test_train_resume_of_nothing_is_refused(tmp_path, training, capsys):
+    said = refused(capsys, "train", "data", "-o", str(tmp_path / "new"), "--resume")
+    assert "new holds no run to resume; check the name, or leave --resume out" in said
+    assert not (tmp_path / "new").exists() and not training
+
+
 def test_train_interrupted_says_how_to_go_on(tmp_path, monkeypatch, scene, capsys):
-    def interrupted(*_, **__):
+    def interrupted(*_, out, **__):
+        if begins:
+            (out / "options.json").write_text("{}")
         raise KeyboardInterrupt
 
     monkeypatch.setattr(gsut, "train", interrupted, raising=False)
     out = tmp_path / "new"
-    assert main(["train", "my data", "-o", str(out)]) == 130
-    assert f"gsut train 'my data' -o {out} --resume" in capsys.readouterr().err
+    for does_begin, resumed in ((False, "\n"), (True, " --resume\n")):
+        begins = does_begin
+        assert main(["train", "my data", "-o", str(out)]) == 130
+        assert capsys.readouterr().err.endswith(f"gsut train 'my data' -o {out}{resumed}")
 
 
 # gsut eval.

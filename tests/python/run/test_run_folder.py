@@ -283,3 +283,18 @@ def test_open_without_a_run_says_so(tmp_path, make, said):
     make(tmp_path / "run")
     with pytest.raises(InputError, match=said):
         RunFolder.open(tmp_path / "run")
+
+
+def test_resumed_run_with_another_instruction_set_is_refused_or_warned_of(tmp_path):
+    here = gsut.machine.available_isas()
+    assert len(here) > 1
+    create = RunFolder.create
+    run = create(tmp_path / "run", OPTIONS_OF_RUN, environment={"isa": here[0]})
+    for other in here[1:]:
+        del run
+        with pytest.raises(InputError, match=f"set GSUT_ISA={here[0]}, or start a new run"):
+            create(tmp_path / "run", OPTIONS_OF_RUN, resume=True, environment={"isa": other})
+        run = create(tmp_path / "run", OPTIONS_OF_RUN, resume=True, environment={"isa": here[0]})
+    run.write_json(RunFile.ENVIRONMENT, {"isa": "future"})
+    with pytest.warns(RuntimeWarning, match="instruction set future, not .* machine lacks it"):
+        create(tmp_path / "run", OPTIONS_OF_RUN, resume=True, environment={"isa": here[0]})

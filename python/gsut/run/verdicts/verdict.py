@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable, Sequence
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 LEVELS = ("good", "usable", "poor")
 
@@ -34,6 +34,10 @@ class Verdict:
         advice: what to do next: a command, or what to photograph; may be empty.
     """
 
+    # Of `as_dict` in JSON, see `gsut.files.check_shape`.
+    SHAPE: ClassVar[dict[str, Any]] = {
+        "level": frozenset(LEVELS), "what": str, "reasons": [str], "advice": str,
+    }  # fmt: skip
     level: str
     what: str
     reasons: tuple[str, ...] = ()
@@ -51,7 +55,8 @@ class Verdict:
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> Verdict:
         """Makes a verdict from the values of `as_dict`, also after a way through JSON."""
-        return cls(**{**values, "reasons": tuple(values["reasons"])})
+        of_class = {field.name: values[field.name] for field in dataclasses.fields(cls)}
+        return cls(**{**of_class, "reasons": tuple(values["reasons"])})
 
     @classmethod
     def from_faults(cls, what: str, faults: Iterable[Fault], advice: str) -> Verdict:

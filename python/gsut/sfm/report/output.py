@@ -17,7 +17,8 @@ from gsut.data.colmap import ColmapImage, ColmapModel, format_model_texts
 from gsut.data.points import format_points_ply
 from gsut.data.poses import invert_pose
 from gsut.data.rigs import write_rig
-from gsut.files import write_file
+from gsut.files import check_shape, reading, write_file
+from gsut.run import Verdict
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.photographs import Photographs
 from gsut.sfm.report.page import REPORT, write_report
@@ -28,6 +29,13 @@ from gsut.sfm.solution import FEATURE_VARIANCE, Solution
 TRANSFORMS = "transforms.json"
 POINTS = "points3D.ply"
 FIGURES = "poses.json"
+_NUMBER = (int, float, type(None))
+# What is read of poses.json, see `check_shape`.
+_SHAPE: dict[str, Any] = {
+    "registered": int, "images": int, "points": int, "lens": str, "seconds": {"*": _NUMBER},
+    "reprojection_error_px": {"rms": _NUMBER, "median": _NUMBER}, "verdict": Verdict.SHAPE,
+    "lenses": [{"model": str, "params": [_NUMBER]}], "made_from?": str, "rig?": dict,
+}  # fmt: skip
 RIG = "rig.json"
 COLMAP = "sparse/0"
 MODEL = "model_{}"  # folder of a further model; the first is in the output folder itself
@@ -212,8 +220,17 @@ def write_models(models: Sequence[Solution], photographs: Photographs, out: Path
 
 
 def read_figures(out: Path) -> dict[str, Any]:
-    """Reads poses.json of a finished run."""
-    return json.loads((out / FIGURES).read_text(encoding="utf-8"))
+    """Reads poses.json of a finished run.
+
+    Raises:
+        InputError: the file is damaged.
+    """
+    path = out / FIGURES
+    advice = "it is damaged: remove it, and the same command finds the poses again"
+    with reading(lambda what: InputError(f"{path}: {what}; {advice}")):
+        values = json.loads(path.read_text(encoding="utf-8"))
+        check_shape(values, _SHAPE)
+        return values
 
 
 def is_finished(out: Path) -> bool:

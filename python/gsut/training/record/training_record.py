@@ -9,11 +9,12 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from gsut._core import num_threads
+from gsut._core import InputError, num_threads
 from gsut.data import Scene
 from gsut.data.scene import digest_scene
 from gsut.evaluate import mean_psnr
-from gsut.run import Progress, RunFolder, TrainOptions, describe_environment
+from gsut.files import reading
+from gsut.run import Progress, RunFile, RunFolder, TrainOptions, describe_environment
 from gsut.time_left import Pace
 from gsut.training.loop import TrainingLoop
 from gsut.training.time_left import CURVE_VIEWS, measure_megapixels, track_training
@@ -80,7 +81,8 @@ class TrainingRecord:
         """Restores the loop from the checkpoint, shows a bar during the block, and saves at its
         end."""
         if self.checkpoint is not None:
-            loop.load_state_dict(self.checkpoint)
+            with reading(self._explain_checkpoint):
+                loop.load_state_dict(self.checkpoint)
         self._time = track_training(
             loop.options, len(loop.gaussians), measure_megapixels(loop.scene),
             len(loop.scene.test_indices), loop.step, num_threads(),
@@ -88,6 +90,13 @@ class TrainingRecord:
         with self._bar:
             yield
         self._save(loop)
+
+    def _explain_checkpoint(self, what: str) -> InputError:
+        path = self.run and self.run.path / RunFile.CHECKPOINT
+        return InputError(
+            f"{path}: {what}; it is of another training or version: remove it, and --resume begins "
+            "at the first step"
+        )
 
     def add(self, loop: TrainingLoop, loss: float) -> None:
         """Records a step: bar, history, checkpoint, `watch`."""
