@@ -23,7 +23,9 @@ METRICS_SHAPE: dict[str, Any] = {
     "steps?": int, "num_gaussians?": int, "worst_view?": (str, _NOTHING),
     **{f"{name}?": _NUMBER for name in (
         "psnr", "psnr_min", "psnr_color_corrected", "ssim", "train_seconds", "render_ms",
+        "seconds_per_step", "peak_rss_mb",
     )},
+    "dataset?": (str, _NOTHING), "image_size?": [[int]], "test_views?": [str],
     "rings?": [{"from_degrees": _NUMBER, "to_degrees": _NUMBER, "psnr": _NUMBER}],
     "views?": [_VIEW], "notes?": [str], "verdict?": (_NOTHING, Verdict.SHAPE),
     "light?": (_NOTHING, _LIGHT),
