@@ -151,7 +151,8 @@ def _kill_once(
         return f"killed at {when}: {changed} changed"
     if command.name == "view":
         return None
-    ended = zygote.run(command.again or command.words, scratch)
+    began = (scratch / "out" / MARKER).exists()  # a folder that is not there cannot be resumed
+    ended = zygote.run((command.again if began else None) or command.words, scratch)
     done = early == set(wanted) and ended["status"] == 2 and DONE.search(ended["errors"])
     if ended["status"] != 0 and not done:
         return f"killed at {when}, again: {ended['errors']}"
