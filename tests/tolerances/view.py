@@ -12,3 +12,6 @@ TOUR_AWAY = 1.0
 # between the view and that of the nearest photograph, of a ring with one every 9 degrees; worst 3.6
 TOUR_TURN_DEGREES = 7.0
 MEASURED = 2e-6  # scene units of a few, float32 means turned in double; worst 6e-7
+# the WebAssembly core against native code without vectors where lines are drawn: another C library
+# rounds sines and cosines; images and distances of a few scene units
+CORE_LINES = 1e-5

@@ -20,13 +20,16 @@ struct IsaName {
 
 // Best first.
 constexpr IsaName kIsaNames[] = {
-    {"avx512", HWY_AVX3},
-    {"avx2", HWY_AVX2},
-    {"sse4", HWY_SSE4},
-    {"neon", HWY_NEON},
-    {"scalar", HWY_EMU128 | HWY_SCALAR},
+    {"avx512", HWY_AVX3}, {"avx2", HWY_AVX2}, {"sse4", HWY_SSE4},
+    {"neon", HWY_NEON},   {"wasm", HWY_WASM}, {"scalar", HWY_EMU128 | HWY_SCALAR},
 };
 
+#if HWY_ARCH_WASM
+// Compiled for one target, without Highway's detection and its tables.
+std::int64_t UsableTargets() { return HWY_TARGETS; }
+// There is nothing to choose: SetIsa has refused every other name.
+void Force(std::int64_t) {}
+#else
 // Targets compiled in and supported by the processor, before any forcing.
 std::int64_t UsableTargets() {
   // The fallback needs no support; Highway's library may know it under its other name.
@@ -40,6 +43,7 @@ void Force(std::int64_t targets) {
   hwy::SetSupportedTargetsForTest(targets);
   hwy::GetChosenTarget().Update(hwy::SupportedTargets());
 }
+#endif
 
 // Applies GSUT_ISA the first time anybody asks.
 void ApplyEnvironmentOnce() {

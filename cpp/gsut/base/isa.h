@@ -8,7 +8,7 @@
 namespace gsut {
 
 // Names of the instruction sets this build has kernels for and this processor can run, best first:
-// among "avx512", "avx2", "sse4", "neon", "scalar".
+// among "avx512", "avx2", "sse4", "neon", "wasm", "scalar".
 std::vector<std::string> AvailableIsas();
 
 // The one in use: the best available, or the one named by GSUT_ISA or SetIsa.

@@ -1,74 +1,21 @@
-// Parallel loops over oneTBB.
+// Parallel loops over the threads of threads.h.
 #include "gsut/base/parallel.h"
 
-#include <tbb/global_control.h>
-#include <tbb/info.h>
-#include <tbb/parallel_for.h>
-#include <tbb/task_arena.h>
-
 #include <atomic>
-#include <memory>
-#include <mutex>
+#include <functional>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include "gsut/base/errors.h"
 #include "gsut/base/interrupt.h"
+#include "gsut/base/threads.h"
 
 #if defined(__SSE2__)
 #include <xmmintrin.h>
 #endif
-#if defined(__SANITIZE_THREAD__)
-#include <thread>
-#endif
 
 namespace gsut {
 namespace {
-
-// The number of threads, which may exceed the number of processors (tests use that), and oneTBB
-// arenas of that size. Each outermost loop has an arena of its own: in one that other loops fill,
-// its thread would only wait, and could not poll its InterruptCheck.
-class Threads {
- public:
-  explicit Threads(int count)
-      : count_(count),
-        control_(tbb::global_control::max_allowed_parallelism, static_cast<std::size_t>(count)) {}
-
-  int count() const { return count_; }
-
-  // Takes a free arena or makes one, and gives it back: there is one for each loop that runs at the
-  // same time.
-  template <class Work>
-  void Execute(const Work& work) {
-    std::unique_ptr<tbb::task_arena> arena;
-    {
-      const std::lock_guard<std::mutex> lock(mutex_);
-      if (!free_.empty()) {
-        arena = std::move(free_.back());
-        free_.pop_back();
-      }
-    }
-    if (arena == nullptr) arena = std::make_unique<tbb::task_arena>(count_);
-    const auto give_back = [&] {
-      const std::lock_guard<std::mutex> lock(mutex_);
-      free_.push_back(std::move(arena));
-    };
-    try {
-      arena->execute(work);
-    } catch (...) {
-      give_back();
-      throw;
-    }
-    give_back();
-  }
-
- private:
-  int count_;
-  tbb::global_control control_;
-  std::mutex mutex_;
-  std::vector<std::unique_ptr<tbb::task_arena>> free_;
-};
 
 // Whether this thread runs a chunk of a loop: what it starts is run by the same arena.
 thread_local bool within_loop = false;
@@ -84,41 +31,6 @@ class WithinLoop {
   bool before_;
 };
 
-std::mutex threads_mutex;
-// To be read under the lock. Never destroyed: at the end of the process a statically linked oneTBB
-// is gone before.
-std::shared_ptr<Threads>& LastThreads() {
-  static auto& threads = *new std::shared_ptr<Threads>;
-  return threads;
-}
-
-std::shared_ptr<Threads> CurrentThreads() {
-  const std::lock_guard<std::mutex> lock(threads_mutex);
-  std::shared_ptr<Threads>& threads = LastThreads();
-  if (threads == nullptr) threads = std::make_shared<Threads>(tbb::info::default_concurrency());
-  return threads;
-}
-
-#if defined(__SANITIZE_THREAD__)
-// The thread sanitizer does not see the order that oneTBB's library keeps: here are plain threads.
-template <class RunChunk>
-void RunChunks(Threads* threads, std::int64_t chunks, const RunChunk& run_chunk) {
-  std::atomic<std::int64_t> next = 0;
-  const auto work = [&] {
-    for (std::int64_t chunk = next++; chunk < chunks; chunk = next++) run_chunk(chunk);
-  };
-  std::vector<std::jthread> workers;
-  for (int i = 1; i < threads->count(); ++i) workers.emplace_back(work);
-  work();
-}
-#else
-template <class RunChunk>
-void RunChunks(Threads* threads, std::int64_t chunks, const RunChunk& run_chunk) {
-  const auto loop = [&] { tbb::parallel_for(std::int64_t{0}, chunks, run_chunk); };
-  within_loop ? loop() : threads->Execute(loop);
-}
-#endif
-
 }  // namespace
 
 void SetNumThreads(int num_threads) {
@@ -126,15 +38,10 @@ void SetNumThreads(int num_threads) {
     throw InputError("number of threads is " + std::to_string(num_threads) +
                      "; give 0 (all processors) or a positive number");
   }
-  const int count = num_threads == 0 ? tbb::info::default_concurrency() : num_threads;
-  const std::lock_guard<std::mutex> lock(threads_mutex);
-  std::shared_ptr<Threads>& threads = LastThreads();
-  // global_control takes the least of all limits alive.
-  threads = nullptr;  // the old limit goes before the new one comes
-  threads = std::make_shared<Threads>(count);
+  SetThreads(num_threads);
 }
 
-int NumThreads() { return CurrentThreads()->count(); }
+int NumThreads() { return CountThreads(); }
 
 void ParallelFor(std::int64_t count, std::int64_t grain,
                  const std::function<void(std::int64_t, std::int64_t)>& body) {
@@ -155,7 +62,7 @@ void ParallelFor(std::int64_t count, std::int64_t grain,
         return;
       }
     }
-    // oneTBB may run this chunk on any thread: the mode is set and restored around it.
+    // This chunk may run on any thread: the mode is set and restored around it.
     const WithinLoop within;
     const FlushDenormals flush;
     const std::int64_t begin = chunk * grain;
@@ -165,13 +72,7 @@ void ParallelFor(std::int64_t count, std::int64_t grain,
     run_chunk(0);
     return;
   }
-  const std::shared_ptr<Threads> current = CurrentThreads();
-  // One thread needs no arena, and runs chunks in order.
-  if (current->count() == 1) {
-    for (std::int64_t chunk = 0; chunk < chunks; ++chunk) run_chunk(chunk);
-  } else {
-    RunChunks(current.get(), chunks, run_chunk);
-  }
+  RunChunks(chunks, within_loop, std::ref(run_chunk));
   if (ended) check->Throw();
 }
 

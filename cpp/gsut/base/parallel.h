@@ -1,4 +1,4 @@
-// Parallel loops over oneTBB with work split into chunks that do not depend on the thread count.
+// Parallel loops with work split into chunks that do not depend on the thread count.
 #pragma once
 
 #include <cstdint>

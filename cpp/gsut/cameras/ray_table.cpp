@@ -1,11 +1,10 @@
 // The rays of all pixel centres of a camera, built once and shared.
-#include <tbb/task_arena.h>
-
 #include <algorithm>
 #include <cmath>
 #include <limits>
 
 #include "gsut/base/parallel.h"
+#include "gsut/base/threads.h"
 #include "gsut/cameras/camera.h"
 #include "gsut/cameras/camera_state.h"
 
@@ -57,7 +56,7 @@ const RayTable& Camera::Rays() const {
   std::call_once(state_->rays_built, [this] {
     // Isolated: while this thread waits for the loop it must not take up other work that could ask
     // for the same table and wait for itself.
-    tbb::this_task_arena::isolate([this] { BuildRays(*this, &state_->rays); });
+    RunIsolated([this] { BuildRays(*this, &state_->rays); });
   });
   return state_->rays;
 }

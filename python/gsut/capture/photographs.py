@@ -13,7 +13,7 @@ import dataclasses
 import math
 import os
 from collections.abc import Collection, Sequence
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
@@ -94,7 +94,7 @@ def collect_photographs(
     facts = _read_all_facts(files, notes, report)
     if not facts:
         raise InputError(f"none of the {len(files)} photographs can be read: {notes[0]}")
-    plans, left_out = _plan_photographs(facts)
+    plans, left_out = _plan_folders(facts)
     notes += left_out
     (folder / IMAGES).mkdir(parents=True, exist_ok=True)
     rows = _write(plans, folder, report)
@@ -213,6 +213,19 @@ def _read_all_facts(
     return facts
 
 
+def _plan_folders(facts: dict[str, PhotographFacts]) -> tuple[list[_Plan], list[str]]:
+    """Plans the photographs of each folder, which is of one camera, by themselves."""
+    folders: dict[str, dict[str, PhotographFacts]] = {}
+    for name, f in facts.items():
+        folders.setdefault(name.rpartition("/")[0].partition("/")[0], {})[name] = f
+    plans, notes = [], []
+    for own in folders.values():
+        of_folder, left_out = _plan_photographs(own)
+        plans += of_folder
+        notes += left_out
+    return plans, notes
+
+
 def _plan_photographs(facts: dict[str, PhotographFacts]) -> tuple[list[_Plan], list[str]]:
     """Decides what to do with each photograph of the most frequent camera; notes what is left out.
 
@@ -236,8 +249,7 @@ def _plan_photographs(facts: dict[str, PhotographFacts]) -> tuple[list[_Plan], l
             raise InputError(
                 f"the photographs have different sizes and do not say which camera took them: "
                 f"{name} is {f.width} x {f.height}, most are {size[0]} x {size[1]}; sort them into "
-                "one folder a camera, images/NAME, with a lens file NAME.lens.json beside each, "
-                "for `gsut poses`; or use those of one camera alone"
+                "one folder a camera, images/NAME, or use those of one camera alone"
             )
         plan = _fit_photograph(f, name, size) if name in most or not f.camera else None
         if plan is None:
@@ -286,7 +298,9 @@ def _write(plans: Sequence[_Plan], folder: Path, report: OnProgress) -> list[dic
         for done, (plan, copy) in enumerate(zip(plans, written, strict=True), 1):
             target = plan.facts.path.resolve() if copy is None else copy
             path = os.path.relpath(target, folder.resolve())
-            rows.append({"name": plan.name if copy is None else target.name, "path": path})
+            # A copy stays in its folder by name: folders are cameras.
+            name = plan.name if copy is None else str(PurePosixPath(plan.name).with_name(copy.name))
+            rows.append({"name": name, "path": path})
             report("photographs", len(plans) + done, 2 * len(plans), plan.name)
     return rows
 

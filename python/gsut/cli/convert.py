@@ -47,6 +47,15 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     add_moved_data(parser)
     add_quiet(parser)
     add_json(parser)
+    parser.add_argument(
+        "--lens", action="store_true",
+        help="of a .html page: draw by gsut's own renderer, exact through the run's lenses and any "
+        "other, beside some held-out photographs [default: SuperSplat's viewer, a pinhole]",
+    )  # fmt: skip
+    add_rare_option(
+        parser, "photographs", whole, 6, metavar="N",
+        help="of --lens: most photographs in the page [default 6]",
+    )  # fmt: skip
     add_rare_option(
         parser, "spz_version", Number(3, 4, whole=True), 3, metavar="{3,4}",
         help="of a .spz file: 3 is read everywhere; 4 is a little smaller and needs zstandard "
@@ -65,6 +74,8 @@ def run(arguments: argparse.Namespace) -> int:
     out = Path(arguments.out)
     chosen = choose_format(out)
     refuse_existing(out)
+    if arguments.lens:
+        return _write_exact_page(arguments, out)
     path = find_scene_file(Path(arguments.source))
     found = read_scene_file(path)
     gaussians, tuning = found.gaussians, None
@@ -98,6 +109,36 @@ def run(arguments: argparse.Namespace) -> int:
         print_json(figures)
     elif not arguments.quiet:
         _print_summary(figures)
+    return 0
+
+
+def _write_exact_page(arguments: argparse.Namespace, out: Path) -> int:
+    """Writes the viewer's own page with the scene in it."""
+    from gsut.view import Session, open_stage
+
+    if out.suffix.lower() != _PAGE:
+        raise InputError(f"--lens makes a page: name OUT with {_PAGE}, found {out}")
+    if arguments.reader == "viewers":
+        raise InputError("--lens draws exactly; leave --for viewers out")
+    stage = open_stage(arguments.source, arguments.data)
+    if stage.gaussians is None or stage.kind == "data":
+        raise InputError(f"{arguments.source}: no Gaussians to show; give a run or a scene file")
+    written = Session(stage).write_page(out, arguments.photographs, arguments.sh_degree)
+    figures = {
+        "source": str(arguments.source), "out": str(out), "format": "HTML, exact",
+        "bytes": out.stat().st_size, "num_gaussians": len(stage.gaussians),
+        "clipped": written.clipped, "left_out": list(written.left_out),
+    }  # fmt: skip
+    _link_in_report(out)
+    if arguments.json:
+        print_json(figures)
+    elif not arguments.quiet:
+        print(
+            f"{figures['num_gaussians']:,} Gaussians, {out.stat().st_size / 1e6:.1f} MB: {out} "
+            "(a page of one file; a double click opens it)"
+        )
+        for sentence in written.left_out:
+            print(sentence)
     return 0
 
 

@@ -158,7 +158,8 @@ def print_poses(figures: dict[str, Any], out: Path, is_new: bool) -> None:
     error = figures["reprojection_error_px"]
     print(
         f"{figures['registered']} of {figures['images']} images registered, "
-        f"{figures['points']:,} points, median error {error['median']:.3f} px, "
+        f"{figures['points']:,} points, error {error['median']:.3f} px (median), "
+        f"{error['rms']:.3f} px (rms), "
         + (f"{figures['seconds']['total']:.1f} s" if is_new else "already finished")
     )
     if "rig" in figures:

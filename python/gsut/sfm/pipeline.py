@@ -14,7 +14,7 @@ from gsut._core import InputError, Shutter, SolveError
 from gsut.data.images import read_header
 from gsut.data.rigs import Rig
 from gsut.output_folder import claim_folder
-from gsut.sfm.lens import find_zooms, guess_lenses, judge_lens, search_zooms
+from gsut.sfm.lens import find_zooms, guess_lenses, judge_lens, search_lenses
 from gsut.sfm.mapping import Mapping, PosesLog
 from gsut.sfm.matches import (
     PairMatches,
@@ -265,7 +265,7 @@ def _map_photographs(mapping: Mapping, mapper: Mapper | None) -> None:
     if mapping.rig is not None:
         solve_rig(mapping)
     elif mapping.found.figures["lens"] == "estimated":
-        search_zooms(mapping)
+        search_lenses(mapping)
     elif mapper is not None:
         mapping.solution = mapper(
             mapping.photographs, mapping.features, mapping.pairs, mapping.options,

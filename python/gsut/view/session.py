@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -20,6 +21,7 @@ from gsut.view.film import Film
 from gsut.view.frame_request import MODES, FrameRequest
 from gsut.view.frames import Frames
 from gsut.view.lenses import Lenses
+from gsut.view.page_file import write_page
 from gsut.view.server import Reply, Route
 from gsut.view.stage import Stage
 
@@ -88,6 +90,10 @@ class Session:
         if self._training is not None:
             routes["training"] = self._training
         return routes
+
+    def write_page(self, path: Path, photographs: int, sh_degree: int = 3) -> Any:
+        """Writes the page with the scene in it as one file; see `page_file.write_page`."""
+        return write_page(path, self, photographs, sh_degree)
 
     def describe_scene(self, _: dict[str, Any]) -> Reply:
         """Returns everything that the page needs at its start."""

@@ -75,7 +75,19 @@ async function call(name, values) {
   if (!reply.ok) throw new Error((await reply.json()).error);
   return reply;
 }
-const ask = async (name, values) => (await call(name, values)).json();
+const http = {
+  ask: async (name, values) => (await call(name, values)).json(),
+  file: async (name, values) => (await call(name, values)).blob(),
+  photo: (view, side, mask) => `${base}photo?view=${view}&side=${side}${mask ? "&mask=1" : ""}`,
+  async frame(values) {
+    const reply = await call("frame", values);
+    const picture = await createImageBitmap(await reply.blob(), { colorSpaceConversion: "none", premultiplyAlpha: "none" });
+    return { picture, span: reply.headers.get("X-Span") };
+  },
+};
+// Who answers: gsut view or, in a page of one file, the code beside this one.
+const server = window.pageServer ?? http;
+const ask = (name, values) => server.ask(name, values);
 
 let toastTimer;
 function toast(text, seconds = 4) {
@@ -124,9 +136,8 @@ async function frame() {
     wanted = false;
     const moving = performance.now() - lastMove < REST_MS, values = request(moving), began = performance.now();
     try {
-      const reply = await call("frame", values);
-      const bitmap = await createImageBitmap(await reply.blob(), { colorSpaceConversion: "none", premultiplyAlpha: "none" });
-      show(bitmap, values, reply.headers.get("X-Span"));
+      const { picture, span, way } = await server.frame(values);
+      show(picture, values, span, way);
     } catch (error) {
       toast(error.message, 8);
       await new Promise((done) => setTimeout(done, 500));
@@ -142,14 +153,14 @@ async function frame() {
   }
   busy = false;
 }
-function show(bitmap, values, span) {
+function show(picture, values, span, way) {
   const canvas = $("canvas");
-  if (canvas.width !== bitmap.width || canvas.height !== bitmap.height) [canvas.width, canvas.height] = [bitmap.width, bitmap.height];
-  canvas.getContext("2d").drawImage(bitmap, 0, 0);
-  bitmap.close();
+  if (canvas.width !== picture.width || canvas.height !== picture.height) [canvas.width, canvas.height] = [picture.width, picture.height];
+  canvas.getContext("2d").drawImage(picture, 0, 0);
+  picture.close?.();
   const now = performance.now();
   drawnTimes = [...drawnTimes.filter((time) => now - time < 1000), now];
-  $("pace").textContent = `${drawnTimes.length > 1 ? drawnTimes.length + " frames/s · " : ""}${values.width} × ${values.height}${values.quality === null ? " exact" : ""}`;
+  $("pace").textContent = `${drawnTimes.length > 1 ? drawnTimes.length + " frames/s · " : ""}${values.width} × ${values.height}${values.quality === null ? " exact" : ""}${way ? " · " + way : ""}`;
   $("legend").hidden = !span;
   if (span) {
     const [low, high] = span.split(" ").map(Number), error = values.mode === "error";
@@ -423,7 +434,7 @@ function choosePhotograph(index) {
   if (!view) return clearInterval(flicker);
   const photo = $("photo"), width = Math.round(size()[0] * devicePixelRatio);
   photo.onload = compare;
-  photo.src = `${base}photo?view=${index}&side=${Math.max(width, Math.round(width * view.height / view.width))}${$("mask").checked ? "&mask=1" : ""}`;
+  photo.src = server.photo(index, Math.max(width, Math.round(width * view.height / view.width)), $("mask").checked);
 }
 function compare() {
   const { compare: how } = state, photo = $("photo"), there = state.view !== null;
@@ -458,7 +469,7 @@ function fillStrip() {
   $("strip").hidden = $("photo-section").hidden = !scene.views.length;
   scene.views.forEach((view, index) => {
     const button = document.createElement("button"), picture = document.createElement("img");
-    Object.assign(picture, { loading: "lazy", alt: "", width: Math.round(68 * view.width / view.height), height: 68, src: `${base}photo?view=${index}&side=160` });
+    Object.assign(picture, { loading: "lazy", alt: "", width: Math.round(68 * view.width / view.height), height: 68, src: server.photo(index, 160) });
     Object.assign(button, { title: view.name, ariaLabel: view.name });
     button.dataset.view = index;
     button.setAttribute("aria-pressed", "false");
@@ -561,8 +572,8 @@ const stamp = () => new Date().toISOString().slice(0, 19).replace(/[:T]/g, "-");
 async function screenshot() {
   const values = { ...request(false), quality: null }, name = `${fileName()}-${stamp()}`;
   values.layers = values.layers.filter((layer) => layer !== "box");
-  save(await (await call("frame", values)).blob(), name + ".png");
-  save(await (await call("camera", { poses: [values.pose], lens: values.lens, width: values.width, height: values.height })).blob(), name + ".json");
+  save(await server.file("frame", values), name + ".png");
+  save(await server.file("camera", { poses: [values.pose], lens: values.lens, width: values.width, height: values.height }), name + ".json");
   toast(`${name}.png and its camera, ${name}.json`);
 }
 function keysChanged() {
@@ -739,7 +750,7 @@ function connect() {
   on("key-remove", "click", () => { state.keys.pop(); keysChanged(); });
   on("key-save", "click", async () => {
     const [width, height] = [lens.width, lens.height];
-    save(await (await call("camera", { poses: state.keys, lens: lens.id, width, height })).blob(), `${fileName()}-path.json`);
+    save(await server.file("camera", { poses: state.keys, lens: lens.id, width, height }), `${fileName()}-path.json`);
   });
   on("film-make", "click", makeFilm);
   on("train-pause", "click", () => ask("training", { action: $("train-pause").textContent === "Pause" ? "pause" : "resume" }));
@@ -748,7 +759,7 @@ function connect() {
 
 async function begin() {
   scene = await ask("scene");
-  document.title = `${scene.name} · gsut view`;
+  document.title = scene.alone ? scene.name : `${scene.name} · gsut view`;
   $("name").textContent = scene.name;
   facts();
   state.up = scene.up;
@@ -768,7 +779,8 @@ async function begin() {
     label.append(input, text);
     $("layers").append(label);
   }
-  $("mask-row").hidden = !scene.views.length;
+  $("mask-row").hidden = !scene.views.length || scene.alone;
+  $("film").hidden = $("layers-section").hidden = $("lens-form").hidden = scene.alone ?? false;
   $("edit").hidden = $("ground").hidden = !scene.folder;
   $("clean-row").hidden = scene.kind !== "run";
   $("edit-folder").textContent = `Folder: ${scene.folder}`;

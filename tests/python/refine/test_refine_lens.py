@@ -12,7 +12,7 @@ import tolerances
 from gsut import _core
 from gsut.cli import main
 from gsut.lens import find_refinable_params
-from gsut.sfm.lens.covariance import estimate_lens_covariance
+from gsut.sfm.lens.covariance import estimate_lens_covariances
 from gsut.sfm.lens.refinement import _describe_held
 from gsut.sfm.photographs import features as core_features
 from gsut.sfm.photographs.options import PosesOptions
@@ -103,7 +103,7 @@ def test_refine_of_a_splined_lens_holds_its_surface(rng):
     )  # fmt: skip
     after = found.cameras[0].params
     assert np.array_equal(after[~free], lens.params[~free])
-    sigmas = estimate_lens_covariance(found, free, PosesOptions().loss_scale).sigmas
+    sigmas = estimate_lens_covariances(found, free, PosesOptions().loss_scale)[0].sigmas
     errors = (after - lens.params)[free] / sigmas[free]
     assert np.abs(errors).max() < tolerances.REFINED_LENS_SIGMAS
     assert _describe_held(lens, free).startswith(
@@ -130,7 +130,9 @@ def test_lens_covariance_is_that_of_many_draws():
             scene.images(disturbed_lens(scene.camera)), scene.verified(),
             disturbed_poses(scene, rng), PosesOptions(), adjustment=Adjustment(np.ones(8, bool)),
         )  # fmt: skip
-        covariance = estimate_lens_covariance(found, np.ones(8, bool), PosesOptions().loss_scale)
+        (covariance,) = estimate_lens_covariances(
+            found, np.ones(8, bool), PosesOptions().loss_scale
+        )
         z.append((found.cameras[0].params - scene.camera.params) / covariance.sigmas)
         seen = np.concatenate([features.pixels for features in scene.features])
         grid = seen[:: len(seen) // 50]

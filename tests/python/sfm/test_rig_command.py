@@ -177,10 +177,13 @@ def test_poses_command_of_two_cameras_uses_the_lens_file_of_each(demo, two_camer
     assert errors.ate < 0.01 * errors.extent  # observed 0.0012
 
 
-def test_poses_command_of_two_cameras_with_one_lens_file_names_the_other(
-    two_cameras, tmp_path, capsys
-):
+def test_poses_command_of_two_cameras_with_one_lens_file_estimates_the_other(two_cameras, tmp_path):
+    truth = gsut.load_camera(two_cameras / "right.lens.json")
     (two_cameras / "right.lens.json").unlink()
-    assert main(["poses", str(two_cameras), "-o", str(tmp_path / "out"), "--quiet"]) == 2
-    message = capsys.readouterr().err
-    assert "left.lens.json" in message and "add right.lens.json" in message
+    assert main(["poses", str(two_cameras), "-o", str(tmp_path / "out"), "--quiet"]) == 0
+    figures = json.loads((tmp_path / "out/poses.json").read_text())
+    held, found = figures["lenses"]
+    left = gsut.load_camera(two_cameras / "left.lens.json")
+    assert held["params"] == left.params.tolist()
+    assert found["params"][0] == pytest.approx(truth.params[0], rel=tolerances.RIG_OTHER_LENS_FOCAL)
+    assert any("whose lens was found: right" in note for note in figures["notes"])

@@ -56,9 +56,6 @@ def find_lens_files(path: Path) -> dict[str, Path]:
     """Finds the lens file of each camera whose images have a folder; {} if none has its own.
 
     The file is named as the folder, or stated under `lens` in dataset.yaml.
-
-    Raises:
-        InputError: only some of the cameras have a lens file.
     """
     root = path / "images" if (path / "images").is_dir() else path
     names = {p.relative_to(root).parts[0] for p in find_images(path) if p.parent != root}
@@ -70,14 +67,7 @@ def find_lens_files(path: Path) -> dict[str, Path]:
         else _find_lens_of(root, name)
         for name in sorted(names)
     }
-    found = {name: file for name, file in beside.items() if file is not None}
-    absent = [name for name in beside if name not in found]
-    if found and absent:
-        raise InputError(
-            f"{next(iter(found.values()))} is the lens of one camera of {root}, and "
-            f"{absent[0]} has none: add {absent[0]}{OWN_SUFFIX} beside it"
-        )
-    return found
+    return {name: file for name, file in beside.items() if file is not None}
 
 
 def find_images(path: Path) -> list[Path]:

@@ -1,5 +1,6 @@
 """Lenses estimated from photographs: candidates, search, refinement and what remains in doubt."""
 
+from gsut.sfm.lens.cameras import search_lenses
 from gsut.sfm.lens.candidates import guess_lenses
 from gsut.sfm.lens.covariance import (
     differentiate_by_turn,
@@ -9,7 +10,7 @@ from gsut.sfm.lens.covariance import (
 )
 from gsut.sfm.lens.doubt import TURNED, compare_lens, describe_doubt, judge_lens
 from gsut.sfm.lens.refinement import RefinedLens, refine_lens
-from gsut.sfm.lens.zooms import describe_zooms, find_zooms, search_zooms
+from gsut.sfm.lens.zooms import describe_zooms, find_zooms
 
 __all__ = [
     "TURNED",
@@ -24,6 +25,6 @@ __all__ = [
     "guess_lenses",
     "judge_lens",
     "refine_lens",
-    "search_zooms",
+    "search_lenses",
     "spread_free_parameters",
 ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 from collections.abc import Sequence
@@ -16,6 +17,7 @@ from gsut.sfm.photographs import TANGENT, Features, Photographs
 
 _FISHEYE_FROM = 110.0  # degrees across: wider guesses are fisheyes from the start
 _WIDEST_PERSPECTIVE = 130.0  # degrees across: beyond it tan() stretches the image's edge too much
+_UNREADABLE_SIZE = (640, 480)  # pixels, of a camera whose images cannot be read and get no pose
 _DEFAULT_FIELD = 60.0  # degrees across: between a phone's main and wide camera
 _LONGEST_SAMPLE = 200  # features of an image that are tested for a ray
 _MOST_SAMPLED = 50  # images whose features are tested for a ray
@@ -36,30 +38,38 @@ _LEAST_SEEN = 0.95  # share of the features that the lens must have rays for
 
 
 def guess_lenses(photographs: Photographs, fov_degrees: float | None) -> Photographs:
-    """Gives the photographs a lens to start from.
+    """Gives the photographs of each unknown lens one to start from.
 
     Raises:
-        InputError: images of different sizes (one unknown lens cannot serve both).
+        InputError: photographs of one lens have different sizes.
     """
+    cameras, groups = list(photographs.cameras), []
+    for group in photographs.unknown_groups:
+        width, height = _find_size([photographs.paths[i] for i in group.images])
+        size = (width, height)
+        likely = tuple(c for c in group.candidates if (c.width, c.height) == size)
+        guess = next(iter(likely), guess_lens(width, height, fov_degrees or _DEFAULT_FIELD))
+        for image in group.images:
+            cameras[image] = guess
+        groups.append(dataclasses.replace(group, candidates=likely))
+    return dataclasses.replace(photographs, cameras=cameras, groups=tuple(groups))
+
+
+def _find_size(paths: Sequence[Path]) -> tuple[int, int]:
+    """Finds the size that all readable images share."""
     sizes: dict[tuple[int, int], Path] = {}
-    for path in photographs.paths:
-        try:
+    for path in paths:
+        with contextlib.suppress(InputError):  # unreadable: reported already
             header = read_header(path)
-        except InputError:
-            continue  # unreadable: reported already
-        sizes.setdefault((header.width, header.height), path)
+            sizes.setdefault((header.width, header.height), path)
     if len(sizes) > 1:
         (first, a), (second, b) = list(sizes.items())[:2]
         raise InputError(
             f"the lens is unknown and the images have different sizes: {a.name} is "
             f"{first[0]} x {first[1]}, {b.name} {second[0]} x {second[1]}; sort the "
-            "images into one folder a camera, images/NAME, with a lens file NAME.lens.json beside "
-            "each, or use those of one camera alone"
+            "images into one folder a camera, images/NAME, or use those of one camera alone"
         )
-    ((width, height),) = sizes
-    guess = guess_lens(width, height, fov_degrees or _DEFAULT_FIELD)
-    camera = next(iter(photographs.candidates), guess)
-    return dataclasses.replace(photographs, cameras=[camera] * len(photographs))
+    return next(iter(sizes), _UNREADABLE_SIZE)
 
 
 def guess_lens(width: int, height: int, fov_degrees: float) -> Camera:

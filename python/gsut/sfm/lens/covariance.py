@@ -10,7 +10,7 @@ import numpy as np
 from gsut._core import SolveError
 from gsut.data.poses import find_centers
 from gsut.lens import Camera
-from gsut.sfm.solution import Solution
+from gsut.sfm.solution import LensFlags, Solution, index_lenses
 
 # Standard deviations of an image's shift, over the extent of the cameras, and of its turn in
 # radians during a readout: as in the adjustment.
@@ -71,39 +71,47 @@ class LensCovariance:
         return sigma
 
 
-def estimate_lens_covariance(
-    solution: Solution, free: np.ndarray, loss_scale: float, feature_variance: float = 1.0
-) -> LensCovariance:
-    """Estimates the covariance of the lens that all images share; poses and points are free too.
+def estimate_lens_covariances(
+    solution: Solution, free: LensFlags, loss_scale: float, feature_variance: float = 1.0
+) -> list[LensCovariance]:
+    """Estimates the covariance of each estimated lens; poses and points are free too.
 
     The inverse of the normal equations with the points eliminated, times a variance that takes in
     what Cauchy's loss costs (Huber 1964: E[psi^2] / E[psi']^2). The first image and one component
     of the farthest centre are held; the result does not depend on that choice.
 
     Args:
-        solution: with one lens.
-        free: (K,) flags of the adjusted parameters; equal ones above 1 are tied.
+        solution: poses and points.
+        free: flags of the adjusted parameters, see `Adjustment`.
         loss_scale: of Cauchy's loss, in medians of the residuals' lengths, as in the adjustment.
         feature_variance: FEATURE_VARIANCE for features of photographs, 1 for independent errors.
 
     Raises:
         SolveError: the observations do not determine the lens.
     """
-    camera = solution.cameras[0]
-    basis = spread_free_parameters(free)
+    lenses = index_lenses(solution.cameras, free)
+    bases = [None if flags is None else spread_free_parameters(flags) for flags in lenses.free]
+    ends = np.cumsum([0 if basis is None else basis.shape[1] for basis in bases])
     image, point = solution.observations[:, 1], solution.observations[:, 0]
     poses = solution.camera_from_world
     rotation = poses[image, :3, :3]
     p = np.einsum("nij,nj->ni", rotation, solution.points[point]) + poses[image, :3, 3]
-    by_p, by_params = camera.project_jacobian(p)
+    lens_of = np.array(lenses.of_image)[image]
+    by_p, change = np.zeros((len(p), 2, 3)), np.zeros((len(p), 2, ends[-1]))
+    for number, (camera, basis, end) in enumerate(zip(lenses.cameras, bases, ends, strict=True)):
+        own = lens_of == number
+        by_p[own], by_params = camera.project_jacobian(p[own])
+        if basis is not None:
+            change[own, :, end - basis.shape[1] : end] = by_params @ basis
     good = np.isfinite(by_p).all(axis=(1, 2)) & np.isfinite(solution.residuals).all(axis=1)
     image, point, rotation, p = image[good], point[good], rotation[good], p[good]
-    by_p, by_params, residual = by_p[good], by_params[good], solution.residuals[good]
+    by_p, change, lens_of = by_p[good], change[good], lens_of[good]
+    residual = solution.residuals[good]
     squared = np.sum(residual**2, axis=1)
     scale = loss_scale * max(math.sqrt(float(np.median(squared))), 1e-12)
     weight = np.sqrt(1 / (1 + squared / scale**2))[:, None, None]
     by_centre = -by_p @ rotation
-    change = weight * (by_params @ basis)
+    change = weight * change
     rows = weight * np.concatenate([by_centre, differentiate_by_turn(by_p, p)], axis=2)
     if solution.shutter is not None:  # a body that moves during the readout: as much by its time
         rows = np.concatenate(
@@ -112,7 +120,7 @@ def estimate_lens_covariance(
     normal, freedom = eliminate_points(image, point, rows, change, -weight * by_centre, len(poses))
     _add_velocity_priors(normal, solution, math.sqrt(float(np.median(squared)) / 2), rows.shape[2])
     freedom += 2 * len(image)
-    unknown = _find_unknowns(solution, basis.shape[1], rows.shape[2])
+    unknown = _find_unknowns(solution, change.shape[2], rows.shape[2])
     freedom -= len(unknown)
     small = normal[np.ix_(unknown, unknown)]
     size = 1 / np.sqrt(np.maximum(np.diag(small), 1e-300))
@@ -120,7 +128,7 @@ def estimate_lens_covariance(
         inverse = np.linalg.inv(small * np.outer(size, size)) * np.outer(size, size)
     except np.linalg.LinAlgError:
         inverse = np.full_like(small, np.nan)
-    lens = np.arange(len(small) - basis.shape[1], len(small))
+    lens = np.arange(len(small) - change.shape[2], len(small))
     if freedom <= 0 or not np.all(np.diag(inverse)[lens] > 0):
         raise SolveError(
             "these images do not determine the lens: give more of them, from different places and "
@@ -129,10 +137,19 @@ def estimate_lens_covariance(
     noise, variance = estimate_residual_spread(squared, weight[:, 0, 0] ** 2, freedom)
     variance *= feature_variance
     turn = weight * differentiate_by_turn(by_p, p)
-    undone = -np.linalg.lstsq(turn.reshape(-1, 3), change.reshape(-1, change.shape[2]))[0]
-    both = np.concatenate([np.eye(change.shape[2]), undone])
-    params = variance * inverse[np.ix_(lens, lens)]
-    return LensCovariance(params, np.asarray(free) > 0, basis, both @ params @ both.T, noise)
+    found = []
+    for number, (flags, basis, end) in enumerate(zip(lenses.free, bases, ends, strict=True)):
+        if flags is None or basis is None:
+            continue
+        size, rows_of = basis.shape[1], lens_of == number
+        own_change = change[rows_of][:, :, end - size : end].reshape(-1, size)
+        undone = -np.linalg.lstsq(turn[rows_of].reshape(-1, 3), own_change)[0]
+        both = np.concatenate([np.eye(size), undone])
+        place = lens[end - size : end]
+        params = variance * inverse[np.ix_(place, place)]
+        turned = both @ params @ both.T
+        found.append(LensCovariance(params, np.asarray(flags) > 0, basis, turned, noise))
+    return found
 
 
 def spread_free_parameters(flags: np.ndarray) -> np.ndarray:
@@ -146,9 +163,9 @@ def spread_free_parameters(flags: np.ndarray) -> np.ndarray:
 def _compute_readout_times(solution: Solution) -> np.ndarray:
     """Returns (S,) the times of the observations' lines, -0.5 to 0.5, but for the direction."""
     assert solution.shutter is not None
-    camera, along_y = solution.cameras[0], "top" in solution.shutter.direction
-    size = camera.height if along_y else camera.width
-    return solution.pixels[:, int(along_y)] / size - 0.5
+    along_y = "top" in solution.shutter.direction
+    sizes = np.array([c.height if along_y else c.width for c in solution.cameras])
+    return solution.pixels[:, int(along_y)] / sizes[solution.observations[:, 1]] - 0.5
 
 
 def _add_velocity_priors(

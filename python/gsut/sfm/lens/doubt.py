@@ -12,11 +12,11 @@ from gsut._core import SolveError
 from gsut.data.poses import find_centers
 from gsut.lens import Camera, LensProfile, measure_field_of_view
 from gsut.run.verdicts import FOCAL_LIMITS
-from gsut.sfm.lens.covariance import estimate_lens_covariance
+from gsut.sfm.lens.covariance import estimate_lens_covariances
 from gsut.sfm.mapping import Findings, Mapping
 from gsut.sfm.matches import PairMatches
 from gsut.sfm.photographs import PosesOptions
-from gsut.sfm.solution import FEATURE_VARIANCE, Solution, measure_rotation_angles
+from gsut.sfm.solution import FEATURE_VARIANCE, Solution, index_lenses, measure_rotation_angles
 
 TURNED = "the camera mostly turned on the spot"  # how that sentence begins
 _STRAIGHT = 0.03  # second over first extent of the camera centres, below which they lie on a line
@@ -30,7 +30,10 @@ _CONTRADICTS = 0.1  # relative difference of focal lengths that needs an explana
 
 
 def judge_lens(mapping: Mapping) -> None:
-    """Adds to the findings how well the focal length is known; does nothing for a known lens."""
+    """Adds to the findings how well the focal length of the least known lens is known.
+
+    Does nothing where all lenses are known.
+    """
     solution, flags = mapping.solved, mapping.lens_free
     if flags is None:
         return
@@ -38,10 +41,15 @@ def judge_lens(mapping: Mapping) -> None:
     found.motion = find_critical_motion(solution, mapping.pairs)
     found.focal_sigma = math.inf
     try:
-        covariance = estimate_lens_covariance(
+        covariances = estimate_lens_covariances(
             solution, flags, mapping.options.loss_scale, FEATURE_VARIANCE
         )
-        found.focal_sigma = float(covariance.sigmas[0] / solution.cameras[0].params[0])
+        lenses = index_lenses(solution.cameras, flags)
+        estimated = [c for c, f in zip(lenses.cameras, lenses.free, strict=True) if f is not None]
+        found.focal_sigma = max(
+            float(covariance.sigmas[0] / lens.params[0])
+            for covariance, lens in zip(covariances, estimated, strict=True)
+        )
     except SolveError:  # the images do not determine the lens
         pass
     is_finite = math.isfinite(found.focal_sigma)
@@ -132,6 +140,10 @@ def compare_lens(mapping: Mapping) -> list[str]:
     """
     photographs, figures = mapping.photographs, mapping.found.figures
     lens, notes = mapping.solved.cameras[0], []
+    groups = photographs.groups
+    if len(groups) > 1 or (groups and len(groups[0].images) < len(photographs)):
+        names = ", ".join(group.name or "images" for group in groups)
+        return [f"folders without a lens file are a camera each, whose lens was found: {names}"]
     if figures["lens"] == "estimated" and photographs.exif_focal_px is not None:
         notes += explain_contradiction(photographs.exif_focal_px, lens)
     if photographs.profile is not None:

@@ -13,7 +13,7 @@ from gsut.data import Frame, list_some, read_dataset
 from gsut.data.poses import invert_pose
 from gsut.least_squares import minimize_least_squares
 from gsut.lens import Camera, find_refinable_params
-from gsut.sfm.lens.covariance import LensCovariance, estimate_lens_covariance
+from gsut.sfm.lens.covariance import LensCovariance, estimate_lens_covariances
 from gsut.sfm.matches import match_images, verify_matches
 from gsut.sfm.photographs import (
     Features,
@@ -132,7 +132,7 @@ def refine_lens(
         before,
         solution,
         photographs,
-        estimate_lens_covariance(solution, free, options.loss_scale, FEATURE_VARIANCE),
+        estimate_lens_covariances(solution, free, options.loss_scale, FEATURE_VARIANCE)[0],
         free,
         _measure_held_out(solution, features, before, given),
         _measure_held_out(solution, features, camera, list(solution.camera_from_world)),

@@ -29,7 +29,7 @@ _HOLD_OUT_EVERY = 5  # tracks, of those long enough to spare an observation
 _FREE = 1  # flag of a parameter that is estimated by itself
 _TIED = 2  # flag of the focal lengths that stay equal: square pixels
 # Estimated first of a Kannala-Brandt lens: the focal length and k1.
-_START = np.array([_TIED, _TIED, 0, 0, _FREE, 0, 0, 0], np.uint8)
+START = np.array([_TIED, _TIED, 0, 0, _FREE, 0, 0, 0], np.uint8)
 # Share by which a lens with more parameters must predict held-out observations better.
 _BETTER = 0.005  # for more radial coefficients
 _BETTER_CENTER = 0.03  # for a free principal point, which is near the centre in most cameras
@@ -44,19 +44,13 @@ _SAME_FOCAL = 0.12  # difference of the logarithms of focal lengths that are not
 _CONFIRMED = 0.5e-3
 _VERIFY_AGAIN = 0.03  # relative change of the focal length after which matches are verified again
 _PERSPECTIVE_UP_TO = math.radians(50.0)  # from the axis: perspective lenses are tried too
+_ADVICE = "give a rough field of view by --fov, or a lens by --camera"
 # Factor on the largest error of pairs where a global shutter stands in for a rolling one.
 _ROLLING_PAIRS = 3.0
 
 
 def search_lens(mapping: Mapping) -> None:
-    """Estimates poses and lens together.
-
-    First lenses (the photographs' candidates of the database or EXIF, and a ladder of fields of
-    view and kinds) are ranked by the matches of some pairs that agree through them. With the best
-    of them the focal length and the first coefficient are estimated on a few images; then models,
-    and which of their parameters, on more images, each from the poses of the first; at last
-    everything with the chosen lens. Pixels are square and the principal point is the image's centre
-    unless held-out observations speak clearly against it; impossible lenses are rejected.
+    """Estimates poses and the one lens of all photographs together.
 
     Sets the mapping's solution, verified pairs and `lens_free`.
 
@@ -65,6 +59,34 @@ def search_lens(mapping: Mapping) -> None:
 
     Raises:
         SolveError: nothing could be reconstructed with any lens.
+    """
+    lens, flags, pairs = choose_lens(mapping)
+    try:
+        mapping.solution = solve_poses(
+            mapping.images.with_lens(lens), pairs, mapping.options,
+            mapping.log.follow_steps("mapping"), Adjustment(flags, lens_settled=True),
+        )  # fmt: skip
+    except SolveError as error:
+        raise explain_failure(error, mapping.features, pairs, _ADVICE) from None
+    mapping.pairs, mapping.lens_free = pairs, flags
+
+
+def choose_lens(mapping: Mapping) -> tuple[Camera, np.ndarray, list[PairMatches]]:
+    """Estimates the one lens of all photographs from some of them.
+
+    First lenses (the photographs' candidates of the database or EXIF, and a ladder of fields of
+    view and kinds) are ranked by the matches of some pairs that agree through them. With the best
+    of them the focal length and the first coefficient are estimated on a few images; then models,
+    and which of their parameters, on more images, each from the poses of the first. Pixels are
+    square and the principal point is the image's centre unless held-out observations speak clearly
+    against it; impossible lenses are rejected.
+
+    Returns:
+        The lens, flags of its estimated parameters (see `Adjustment`), and the pairs of all
+        photographs verified through a lens near it.
+
+    Raises:
+        SolveError: see `search_lens`.
     """
     first, raw, log = mapping.photographs.lenses[0], mapping.raw, mapping.log
     trials = _Trials(mapping)
@@ -83,18 +105,13 @@ def search_lens(mapping: Mapping) -> None:
             pairs = trials.verify(best.cameras[0])
         log.show_share("lens", 0.5, "models")
         chosen, flags = _choose_model(trials, pairs, best)
-        mapping.solution = solve_poses(
-            mapping.images.with_lens(chosen.cameras[0]), pairs, mapping.options,
-            log.follow_steps("mapping"), Adjustment(flags, lens_settled=True),
-        )  # fmt: skip
     except SolveError as error:
-        advice = "give a rough field of view by --fov, or a lens by --camera"
         turned = ranking.has_only_turned(ladder)
         raise explain_failure(
-            error, mapping.features, pairs, advice, has_only_turned=turned
+            error, mapping.features, pairs, _ADVICE, has_only_turned=turned
         ) from None
-    mapping.pairs, mapping.lens_free = pairs, flags
     mapping.found.figures["lens_search"] = trials.rows
+    return chosen.cameras[0], flags, pairs
 
 
 def _solve_first_images(
@@ -115,7 +132,7 @@ def _solve_first_images(
         if number:
             few = trials.verify(lens.camera, wanted)
         solution = trials.solve(
-            lens.camera, _START, keep_most_distinct(few, _TRIAL_MATCHES), share=lens.share
+            lens.camera, START, keep_most_distinct(few, _TRIAL_MATCHES), share=lens.share
         )
         tried.append(focal)
         if solution is None:
@@ -141,8 +158,8 @@ def _choose_model(
     """Chooses the model that predicts held-out observations of more images best, with its flags."""
     images = _FIRST_IMAGES if trials.is_rolling else _MODEL_IMAGES
     more = keep_most_distinct(choose_connected_pairs(pairs, images), _TRIAL_MATCHES)
-    start = best if trials.is_rolling else trials.solve(best.cameras[0], _START, more) or best
-    chosen: tuple[Solution, np.ndarray] = (start, _START)
+    start = best if trials.is_rolling else trials.solve(best.cameras[0], START, more) or best
+    chosen: tuple[Solution, np.ndarray] = (start, START)
     models = _list_models(start)
     if trials.is_rolling:  # each trial starts from nothing: only the last model, the most general
         models = models[-1:]

@@ -43,6 +43,9 @@ _FOCALS = np.geomspace(0.45, 2.2, 15)  # factors on the focal length that pairs 
 _FIELD = 60.0  # degrees across of the lens whose focal length is scaled where none was found
 
 
+Sightings = tuple[np.ndarray, np.ndarray]  # pixels (M, 2) and the points (M, 3) seen there
+
+
 def search_zooms(mapping: Mapping) -> None:
     """Searches the lens, and the zooms of the images where they are several.
 
@@ -140,7 +143,7 @@ def find_zooms(
     if len(set(solution.cameras)) > 1 or solution.shutter is not None or not has_focal_length(lens):
         return []
     logs = np.full(len(features), np.nan)
-    sightings = _gather_sightings(solution, features, raw)
+    sightings = gather_sightings(solution, features, raw)
     shares = _measure_fitting_shares(solution, sightings, options)
     if np.isnan(shares).all():
         return []
@@ -154,7 +157,7 @@ def find_zooms(
         logs[image] = _fit_focal(lens, pose, solution.pixels[rows], points)
     tried = [n for n in sorted(sightings) if doubted[n] or not solution.registered[n]]
     for number in tried[:: max(1, -(-len(tried) // _MOST_TRIED))]:
-        logs[number] = _try_focals(lens, *sightings[number], options, _FITS * usual)
+        logs[number] = try_focals(lens, *sightings[number], options, _FITS * usual)
     return [
         Zoom(
             float(lens.params[find_focal_params(lens)[0]] * math.exp(np.median(logs[group]))),
@@ -176,9 +179,9 @@ def describe_zooms(zooms: Sequence[Zoom]) -> list[str]:
     ]
 
 
-def _gather_sightings(
+def gather_sightings(
     solution: Solution, features: Sequence[Features], raw: RawMatches
-) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+) -> dict[int, Sightings]:
     """Returns, by image, the pixels and the points (M, 3) of others that its matches join."""
     point_of = [np.full(len(f), -1) for f in features]
     for point, image, feature in solution.observations:
@@ -201,7 +204,7 @@ def _gather_sightings(
 
 
 def _measure_fitting_shares(
-    solution: Solution, sightings: dict[int, tuple[np.ndarray, np.ndarray]], options: PosesOptions
+    solution: Solution, sightings: dict[int, Sightings], options: PosesOptions
 ) -> np.ndarray:
     """Returns (N,) the share of the matches with points that an image's pose fits, or NaN."""
     lens = solution.cameras[0]
@@ -215,7 +218,7 @@ def _measure_fitting_shares(
     return shares
 
 
-def _try_focals(
+def try_focals(
     lens: Camera, pixels: np.ndarray, points: np.ndarray, options: PosesOptions, least: float
 ) -> float:
     """Finds the logarithm of the factor on the focal length by which an image fits its matches.

@@ -11,8 +11,8 @@ from gsut._core import Shutter
 from gsut.data.rigs import Rig
 from gsut.sfm.mapping.log import PosesLog
 from gsut.sfm.matches import PairMatches, RawMatches
-from gsut.sfm.photographs import Features, Images, Photographs, PosesOptions
-from gsut.sfm.solution import LookAlikes, Solution
+from gsut.sfm.photographs import Features, Images, LensGroup, Photographs, PosesOptions
+from gsut.sfm.solution import LensFlags, LookAlikes, Solution
 
 
 @dataclasses.dataclass(frozen=True)
@@ -89,7 +89,7 @@ class Mapping:
         raw: matches of pairs of photographs.
         pairs: verified matches.
         solution: poses and points.
-        lens_free: (K,) flags of an estimated lens' parameters, see `Adjustment`; None: known.
+        lens_free: flags of estimated lenses' parameters, see `Adjustment`; None: known.
         found: beside poses and points.
     """
 
@@ -104,8 +104,28 @@ class Mapping:
     )
     pairs: list[PairMatches] = dataclasses.field(default_factory=list)
     solution: Solution | None = None
-    lens_free: np.ndarray | None = None
+    lens_free: LensFlags = None
     found: Findings = dataclasses.field(default_factory=Findings)
+
+    def select(self, group: LensGroup) -> Mapping:
+        """Returns a run of the photographs of one lens, with the matches among them."""
+        place = np.full(len(self.photographs), -1)
+        place[group.images] = np.arange(len(group.images))
+        inside = np.flatnonzero((place[self.raw.pairs] >= 0).all(axis=1))
+        return dataclasses.replace(
+            self,
+            photographs=self.photographs.select(group),
+            features=[self.features[i] for i in group.images],
+            raw=RawMatches(place[self.raw.pairs[inside]], [self.raw.matches[i] for i in inside]),
+            pairs=[],
+            solution=None,
+            found=Findings(),
+        )
+
+    @property
+    def one_lens_free(self) -> np.ndarray | None:
+        """Flags of the one lens of all photographs; None if it is known or there are several."""
+        return self.lens_free if isinstance(self.lens_free, np.ndarray) else None
 
     @property
     def images(self) -> Images:

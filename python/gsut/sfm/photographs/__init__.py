@@ -10,6 +10,7 @@ from gsut.sfm.photographs.features import (
 from gsut.sfm.photographs.listing import (
     FEWEST_IMAGES,
     TANGENT,
+    LensGroup,
     Photographs,
     check_lens,
     find_photographs,
@@ -25,6 +26,7 @@ __all__ = [
     "TANGENT",
     "Features",
     "Images",
+    "LensGroup",
     "OnProgress",
     "Photographs",
     "PosesOptions",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +27,25 @@ _SAME_LENS = 0.05  # relative difference of focal lengths below which lenses are
 
 
 @dataclasses.dataclass(frozen=True)
+class LensGroup:
+    """Photographs that were taken through one lens, which is unknown.
+
+    Args:
+        name: of their camera, such as its folder; "" if there is one camera.
+        images: (M,) numbers of the photographs, ascending.
+        candidates: lenses that it may be near.
+        focal_px: focal length that EXIF states, in pixels.
+        focal_sigma: standard deviation of its natural logarithm; None: not known.
+    """
+
+    name: str
+    images: np.ndarray
+    candidates: tuple[Camera, ...] = ()
+    focal_px: float | None = None
+    focal_sigma: float | None = None
+
+
+@dataclasses.dataclass(frozen=True)
 class Photographs:
     """The photographs that poses are estimated for.
 
@@ -35,13 +54,13 @@ class Photographs:
         names: of the images, sorted.
         paths: of the images.
         masks: one an image, white where pixels are valid, or None.
-        cameras: the lens of each image, equal lenses the same object; None: unknown.
+        cameras: the lens of each image, one object for each lens; None: unknown.
         shutter: rolling, in the dataset's direction; None: the dataset does not say.
         frames: (N,) of a rig: the frame of each image, counted from 0 in order of time.
         rig_cameras: (N,) of a rig: the camera of each image, counted from 0.
         paired_by: of a rig: "name" or "order" of the images.
         profile: the lens of the database that was named: a start, not a known lens.
-        candidates: lenses that an unknown one may be near.
+        candidates: lenses that an unknown one may be near, where there is one.
         times: seconds by name, of a video's frames.
         exif_focal_px: focal length that EXIF states, in pixels.
         flows: (M, 4) by name: pixels of a video's frames, and how far they move in a second.
@@ -49,6 +68,7 @@ class Photographs:
         places: latitude and longitude in degrees, altitude in metres, by name.
         ups: up in the camera's axes by an accelerometer or gimbal, by name.
         focal_sigma: standard deviation of the logarithm of `exif_focal_px`.
+        groups: the images of each unknown lens, where there are several.
     """
 
     root: Path
@@ -69,6 +89,7 @@ class Photographs:
     places: dict[str, tuple[float, float, float]] = dataclasses.field(default_factory=dict)
     ups: dict[str, tuple[float, float, float]] = dataclasses.field(default_factory=dict)
     focal_sigma: float | None = None
+    groups: tuple[LensGroup, ...] = ()
 
     def __len__(self) -> int:
         return len(self.names)
@@ -77,6 +98,34 @@ class Photographs:
     def are_lenses_known(self) -> bool:
         """Whether every image has a lens."""
         return None not in self.cameras
+
+    def select(self, group: LensGroup) -> Photographs:
+        """Returns the photographs of one group alone."""
+        return dataclasses.replace(
+            self,
+            names=[self.names[i] for i in group.images],
+            paths=[self.paths[i] for i in group.images],
+            masks=[self.masks[i] for i in group.images],
+            cameras=[self.cameras[i] for i in group.images],
+            frames=None,
+            rig_cameras=None,
+            candidates=group.candidates,
+            exif_focal_px=group.focal_px,
+            focal_sigma=group.focal_sigma,
+            groups=(),
+        )
+
+    def with_cameras(self, cameras: Sequence[Camera | None]) -> Photographs:
+        """Replaces the lens of each image."""
+        return dataclasses.replace(self, cameras=list(cameras))
+
+    @property
+    def unknown_groups(self) -> tuple[LensGroup, ...]:
+        """The images of each unknown lens."""
+        unknown = np.array([i for i, camera in enumerate(self.cameras) if camera is None], int)
+        if self.groups or not len(unknown):
+            return self.groups
+        return (LensGroup("", unknown, self.candidates, self.exif_focal_px, self.focal_sigma),)
 
     @property
     def lenses(self) -> list[Camera]:
@@ -117,7 +166,26 @@ def find_photographs(images: Path, lens: Path | None, *, with_lens: bool = True)
             f"{images} holds {len(found)} image(s){_describe_kinds(kinds)}; poses need at least "
             f"{FEWEST_IMAGES} that overlap, better 20 or more"
         )
-    return found
+    return found if found.groups or found.frames is not None else _group_by_folder(found)
+
+
+def _group_by_folder(found: Photographs) -> Photographs:
+    """Takes each folder of images without a lens for a camera of its own.
+
+    A lens that was named is that of all folders.
+    """
+    folders: dict[str, list[int]] = {}
+    for index, (name, camera) in enumerate(zip(found.names, found.cameras, strict=True)):
+        if camera is None:
+            folders.setdefault(name.rpartition("/")[0].partition("/")[0], []).append(index)
+    one_lens = len(folders) == 1 and None in found.cameras and len(set(found.cameras)) == 1
+    if found.profile is not None or one_lens or not folders:
+        return found
+    groups = [
+        LensGroup(name, np.array(images), found.candidates, found.exif_focal_px, found.focal_sigma)
+        for name, images in folders.items()
+    ]
+    return dataclasses.replace(found, groups=tuple(groups))
 
 
 def _describe_kinds(kinds: set[str]) -> str:
@@ -158,7 +226,7 @@ def _read_lenses(path: Path, names: list[str]) -> list[Camera | None]:
     """Returns the lens of each image of a plain folder: its camera's own, or the one of all.
 
     Raises:
-        InputError: only some cameras have a lens file, or images lie beside the cameras' folders.
+        InputError: images lie beside the folders of cameras that have a lens file each.
     """
     files = find_lens_files(path)
     if not files:
@@ -171,7 +239,7 @@ def _read_lenses(path: Path, names: list[str]) -> list[Camera | None]:
             f"{', '.join(files)}): move it into the folder of its camera"
         )
     lenses = {name: load_camera(file) for name, file in files.items()}
-    return [lenses[name.split("/", 1)[0]] for name in names]
+    return [lenses.get(name.split("/", 1)[0]) for name in names]
 
 
 def _read_captured(path: Path, captured: dict[str, Any]) -> Photographs:

@@ -95,11 +95,11 @@ def put_on_rig(mapping: Mapping, rig: Rig, adjust: bool) -> tuple[Solution, RigF
         mapping.images, mapping.pairs, list(start.camera_from_world), mapping.options,
         mapping.log.follow_steps("rig"), Adjustment(mapping.lens_free, rig=constraint),
     )  # fmt: skip
-    # An image that could not be read has no features: its frame's pose must not register it.
-    readable = np.array([len(f) > 0 for f in mapping.features])
+    # An image that observes no point may be of another place: no pose by its frame alone.
+    observed = np.bincount(solution.observations[:, 1], minlength=len(photographs)) > 0
     solution = dataclasses.replace(
         solution, initial_pair=alone.initial_pair, restarts=alone.restarts,
-        registered=solution.registered & readable,
+        registered=solution.registered & observed,
     )  # fmt: skip
     mounts = solution.camera_from_body
     assert mounts is not None
@@ -249,7 +249,7 @@ def find_lens_pair(mapping: Mapping, folder: Path) -> None:
         folder: where the rig and both lenses will be written.
     """
     photographs, alone = mapping.photographs, mapping.solved
-    frames, flags = photographs.frames, mapping.lens_free
+    frames, flags = photographs.frames, mapping.one_lens_free
     if flags is None or frames is None or alone.shutter is not None:
         return
     start = _find_back_from_front(alone, photographs)

@@ -120,7 +120,7 @@ def find_video_shutter(mapping: Mapping) -> VideoShutter:
     for direction in _list_directions(camera):
         along_y = direction == "top_to_bottom"
         other = estimate_readout_by_flow(
-            solution, rates, spread, along_y, mapping.lens_free, options.loss_scale
+            solution, rates, spread, along_y, mapping.one_lens_free, options.loss_scale
         )
         if other and (found is None or other.clearness > found.clearness):
             found, forward = other, direction
@@ -157,7 +157,7 @@ def _correct_readout(
     Poses without a rolling shutter have lost the observations that speak most for one: each
     correction is too small, by a share that the last two show (the secant method).
     """
-    flags, loss_scale = mapping.lens_free, mapping.options.loss_scale
+    flags, loss_scale = mapping.one_lens_free, mapping.options.loss_scale
     some = _choose_images(mapping.solved, mapping.pairs, rates)
     trial = dataclasses.replace(mapping.solved, registered=some)
     few = keep_most_distinct(mapping.pairs, _TRIAL_MATCHES)

@@ -16,11 +16,13 @@ from gsut.sfm.solution.result import (
 )
 from gsut.sfm.solution.solver import (
     Adjustment,
+    LensFlags,
     OnStep,
     ReadoutMotion,
     RigConstraint,
     adjust_poses,
     adjust_registered,
+    index_lenses,
     list_extension_settings,
     solve_poses,
 )
@@ -28,6 +30,7 @@ from gsut.sfm.solution.solver import (
 __all__ = [
     "FEATURE_VARIANCE",
     "Adjustment",
+    "LensFlags",
     "LookAlikes",
     "OnStep",
     "ReadoutMotion",
@@ -40,6 +43,7 @@ __all__ = [
     "find_further_models",
     "find_look_alikes",
     "gather_pixels",
+    "index_lenses",
     "list_extension_settings",
     "measure_agreement",
     "measure_diagonal",

@@ -81,13 +81,18 @@ class ReadoutMotion:
         }  # fmt: skip
 
 
+# See `Adjustment`.
+LensFlags = np.ndarray | Sequence[np.ndarray | None] | None
+
+
 @dataclasses.dataclass(frozen=True)
 class Adjustment:
     """What is adjusted beside poses and points, and how.
 
     Args:
         lens_free: (K,) flags of the parameters of the one lens: 0 held, 1 estimated, equal flags
-            above 1 tied; None: the lenses are known.
+            above 1 tied; or such flags of each image's lens, one array a lens, None for one that is
+            known; None: all lenses are known.
         lens_settled: the lens is nearly right, so that estimating it at the end is enough.
         hold_out_every: every n-th longer track keeps one observation out of all adjustments; 0:
             none.
@@ -96,7 +101,7 @@ class Adjustment:
         motion: of `adjust_poses`: images are read line by line.
     """
 
-    lens_free: np.ndarray | None = None
+    lens_free: LensFlags = None
     lens_settled: bool = False
     hold_out_every: int = 0
     covariances: bool = True
@@ -105,6 +110,33 @@ class Adjustment:
 
 
 PLAIN = Adjustment()
+
+
+@dataclasses.dataclass(frozen=True)
+class IndexedLenses:
+    """The different lenses of images.
+
+    Args:
+        cameras: each lens once, in order of its first image.
+        free: flags of each lens, see `Adjustment`; None: known.
+        of_image: number of each image's lens.
+    """
+
+    cameras: list[Camera]
+    free: list[np.ndarray | None]
+    of_image: list[int]
+
+
+def index_lenses(cameras: Sequence[Camera], free: LensFlags) -> IndexedLenses:
+    """Lists the different lenses of images; those with flags of their own differ even if equal."""
+    flags = [free] * len(cameras) if free is None or isinstance(free, np.ndarray) else list(free)
+    by_id = {id(each): each for each in flags}
+    keys = [(camera, id(each)) for camera, each in zip(cameras, flags, strict=True)]
+    place = {key: number for number, key in enumerate(dict.fromkeys(keys))}
+    return IndexedLenses(
+        [camera for camera, _ in place], [by_id[each] for _, each in place],
+        [place[key] for key in keys],
+    )  # fmt: skip
 
 
 def ignore_step(done: int, total: int, points: int, step: str) -> None:
@@ -134,12 +166,12 @@ def solve_poses(
     if not adjustment.hold_out_every:
         descriptors = [f.descriptors for f in images.features]
         settings |= list_extension_settings(options, descriptors, images.cameras)
-    lenses = list(dict.fromkeys(images.cameras))
+    lenses = index_lenses(images.cameras, adjustment.lens_free)
     found = _core.estimate_poses(
-        lenses, [lenses.index(c) for c in images.cameras], [f.pixels for f in images.features],
+        lenses.cameras, lenses.of_image, [f.pixels for f in images.features],
         [p.as_tuple() for p in pairs], settings, on_step,
     )  # fmt: skip
-    solution = _make_solution(images, found, adjustment.lens_free is not None)
+    solution = _make_solution(images, found, lenses)
     if images.shutter is None:
         return solution
     return dataclasses.replace(solution, shutter=images.shutter, velocities=found["velocities"])
@@ -169,14 +201,14 @@ def adjust_poses(
     if rig is not None or (motion is not None and motion.extend):
         descriptors = [f.descriptors for f in images.features]
         settings |= list_extension_settings(options, descriptors, images.cameras)
-    lenses = list(dict.fromkeys(images.cameras))
+    lenses = index_lenses(images.cameras, adjustment.lens_free)
     found = _core.refine_structure(
-        lenses, [lenses.index(c) for c in images.cameras], [f.pixels for f in images.features],
+        lenses.cameras, lenses.of_image, [f.pixels for f in images.features],
         [p.as_tuple() for p in pairs], list(camera_from_world), settings, on_step,
         [] if rig is None else rig.registered.astype(int).tolist(),
         None if rig is None else rig.to_settings(),
     )  # fmt: skip
-    solution = _make_solution(images, found, adjustment.lens_free is not None)
+    solution = _make_solution(images, found, lenses)
     if rig is not None:
         mounts = np.array(found["camera_from_body"])
         solution = dataclasses.replace(solution, camera_from_body=mounts)
@@ -209,6 +241,10 @@ def adjust_registered(
         motion = dataclasses.replace(adjustment.motion, rates=adjustment.motion.rates[chosen])
         adjustment = dataclasses.replace(adjustment, motion=motion)
     poses = [solution.camera_from_world[i] for i in chosen]
+    if isinstance(adjustment.lens_free, list):
+        adjustment = dataclasses.replace(
+            adjustment, lens_free=[adjustment.lens_free[i] for i in chosen]
+        )
     own = select_verified_pairs(pairs, chosen)
     return _spread_solution(
         adjust_poses(images, own, poses, options, on_step, adjustment), chosen, solution
@@ -240,23 +276,24 @@ def _make_settings(images: Images, options: PosesOptions, adjustment: Adjustment
         "seed": options.seed,
     }
     if adjustment.lens_free is not None:
-        flags = [int(flag) for flag in adjustment.lens_free]
-        settings["lens_free"] = [flags for _ in dict.fromkeys(images.cameras)]
+        free = index_lenses(images.cameras, adjustment.lens_free).free
+        settings["lens_free"] = [[] if f is None else [int(flag) for flag in f] for f in free]
     return settings
 
 
-def _make_solution(images: Images, found: dict[str, Any], is_lens_free: bool) -> Solution:
+def _make_solution(images: Images, found: dict[str, Any], lenses: IndexedLenses) -> Solution:
     """Builds a solution from the solver's answer."""
     if found["failure"]:
         raise SolveError(found["failure"])
     if not np.any(found["registered"]):
         raise SolveError("no image keeps its points once poses are adjusted")
-    lenses = list(dict.fromkeys(images.cameras))
     solved = [
-        c.with_params(p) if is_lens_free else c
-        for c, p in zip(lenses, found["lens_params"], strict=True)
+        camera if free is None else camera.with_params(params)
+        for camera, free, params in zip(
+            lenses.cameras, lenses.free, found["lens_params"], strict=True
+        )
     ]
-    own = [solved[lenses.index(c)] for c in images.cameras]
+    own = [solved[lens] for lens in lenses.of_image]
     observations = found["observations"]
     pixels, residuals, angles = evaluate_observations(
         observations, found["observations_in_camera"], own, images.features

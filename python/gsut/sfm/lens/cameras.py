@@ -1,0 +1,160 @@
+"""Estimates the lenses of several cameras in one run, beside lenses that are known."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from gsut import _core
+from gsut._core import SolveError
+from gsut.data import list_some
+from gsut.lens import Camera, with_scaled_focal
+from gsut.sfm.lens.candidates import make_lens
+from gsut.sfm.lens.search import START, choose_lens
+from gsut.sfm.lens.zooms import Sightings, gather_sightings, search_zooms, try_focals
+from gsut.sfm.mapping import Mapping
+from gsut.sfm.matches import require_overlap, select_pairs, verify_matches
+from gsut.sfm.photographs import LensGroup
+from gsut.sfm.solution import Adjustment, index_lenses, solve_poses
+
+_FEWEST_IMAGES = 3  # of a camera whose lens is estimated from its own images: two leave it open
+_MOST_TRIED = 10  # images that show which lens their camera has
+_FITS = 0.5  # share of an image's matches that must agree with points for a trial to count
+_FIELD = 60.0  # degrees across of lenses whose focal length is scaled
+_BENDS = (1.0, 0.0)  # perspective and equidistant: kinds of lenses that are tried
+
+
+def search_lenses(mapping: Mapping) -> None:
+    """Estimates poses, points and every unknown lens.
+
+    One lens of all photographs is searched with its zooms. Of several cameras each lens is chosen
+    from the camera's own photographs; then all matches are verified through these lenses and those
+    known, and poses, points and unknown lenses are estimated together. A camera with too few
+    photographs, or too few matches among them, gets the lens through which its photographs fit
+    points that the other cameras see, and all is estimated once more.
+
+    Sets the mapping's solution, verified pairs and `lens_free`.
+
+    Raises:
+        SolveError: nothing could be reconstructed.
+    """
+    groups, log = mapping.photographs.unknown_groups, mapping.log
+    if len(groups) == 1 and len(groups[0].images) == len(mapping.photographs):
+        search_zooms(mapping)
+        return
+    lenses = _Lenses(mapping, groups)
+    open_groups, failure = [], None
+    for group in groups:
+        try:
+            if len(group.images) < _FEWEST_IMAGES:
+                raise SolveError(f"{len(group.images)} images are too few")
+            own = mapping.select(group)
+            lens, flags, _ = choose_lens(own)
+        except SolveError as error:
+            open_groups.append(group)
+            failure = error
+            continue
+        lenses.set(group, lens, flags)
+        rows = own.found.figures["lens_search"]
+        mapping.found.figures.setdefault("lens_search", []).extend(
+            {"camera": group.name, **row} for row in rows
+        )
+    if failure is not None and not lenses.known.any():
+        raise failure
+    lenses.solve()
+    found = [group for group in open_groups if _fit_to_points(lenses, group)]
+    if found:
+        lenses.solve()
+    for group in open_groups:
+        if group not in found:
+            names = [mapping.photographs.names[i] for i in group.images]
+            log.note(
+                f"no lens was found for the {len(names)} images of the camera {group.name}, which "
+                f"have no pose: {list_some(names)}; give their lens file, or more images that "
+                "overlap with each other or with those of the other cameras"
+            )
+
+
+class _Lenses:
+    """The lenses of a run's photographs, as far as they are known.
+
+    Attributes:
+        mapping: the run.
+        known: (N,) bool, whether an image's lens is known or estimated.
+    """
+
+    def __init__(self, mapping: Mapping, groups: Sequence[LensGroup]) -> None:
+        self.mapping = mapping
+        self.known = np.ones(len(mapping.photographs), bool)
+        self._cameras = mapping.photographs.lenses
+        self._free: list[np.ndarray | None] = [None] * len(self._cameras)
+        for group in groups:
+            self.known[group.images] = False
+
+    def set(self, group: LensGroup, lens: Camera, flags: np.ndarray) -> None:
+        """Sets the lens of a group, and which of its parameters are estimated."""
+        own = flags.copy()  # an array a lens: equal lenses of two cameras stay two
+        for image in group.images:
+            self._cameras[image], self._free[image] = lens, own
+        self.known[group.images] = True
+
+    def solve(self) -> None:
+        """Estimates poses, points and lenses from the images whose lens is known by now."""
+        mapping, options = self.mapping, self.mapping.options
+        if mapping.solution is not None:  # what the first solution found of its lenses
+            for image in np.flatnonzero(self.known):
+                if self._free[image] is not None and mapping.solution.registered[image]:
+                    self._cameras[image] = mapping.solution.cameras[image]
+        mapping.photographs = mapping.photographs.with_cameras(self._cameras)
+        pairs = {(int(a), int(b)) for a, b in mapping.raw.pairs if self.known[a] and self.known[b]}
+        mapping.pairs = verify_matches(mapping.images, select_pairs(mapping.raw, pairs), options)
+        require_overlap(mapping.images, mapping.pairs, is_lens_known=False)
+        mapping.lens_free = list(self._free)
+        mapping.solution = solve_poses(
+            mapping.images, mapping.pairs, options, mapping.log.follow_steps("mapping"),
+            Adjustment(mapping.lens_free, lens_settled=True),
+        )  # fmt: skip
+
+
+def _fit_to_points(lenses: _Lenses, group: LensGroup) -> bool:
+    """Sets the lens through which a camera's images fit points that others see; False if none."""
+    mapping = lenses.mapping
+    seen = gather_sightings(mapping.solved, mapping.features, mapping.raw)
+    own = [seen[image] for image in group.images if image in seen][:_MOST_TRIED]
+    if not own:
+        return False
+    size = mapping.photographs.lenses[group.images[0]]
+    width, height = size.width, size.height
+    settled = index_lenses(mapping.solved.cameras, None).cameras
+    candidates = [
+        *group.candidates,
+        *(c for c in settled if (c.width, c.height) == (width, height)),
+        *(make_lens(width, height, _FIELD, bend) for bend in _BENDS),
+    ]
+    best, most = None, 0
+    for start in candidates:
+        logs = np.array([try_focals(start, *each, mapping.options, _FITS) for each in own])
+        if np.isnan(logs).all():
+            continue
+        lens = with_scaled_focal(start, math.exp(float(np.nanmedian(logs))))
+        fitting = sum(_count_fitting(mapping, lens, each) for each in own)
+        if fitting > most:
+            best, most = lens, fitting
+    if best is None:
+        return False
+    flags = np.zeros(len(best.params), np.uint8)
+    flags[: len(START)] = START[: len(flags)]
+    lenses.set(group, best, flags)
+    return True
+
+
+def _count_fitting(mapping: Mapping, lens: Camera, seen: Sightings) -> int:
+    """Counts the points that an image sees where a pose through this lens puts them."""
+    pixels, points = seen
+    bearings = _core.ImageBearings(lens, pixels)
+    rows = np.flatnonzero(bearings.valid)
+    options = mapping.options
+    max_error = options.max_error * math.hypot(lens.width, lens.height) / 1000
+    return int(_core.absolute_pose(bearings, rows, points[rows], max_error, options.seed)[1].sum())

@@ -1,0 +1,351 @@
+// Answers the viewer's page inside the page itself: the scene, lenses and photographs of this file, drawn
+// by the C++ core as WebAssembly in workers. What gsut view answers over HTTP, with the same names.
+"use strict";
+// Threads beyond which copies of the scene cost more than they gain.
+const MOST_WORKERS = 4;
+// Share of a pixel that may be open before its surroundings fill it, as in gsut.render.
+const OPEN = 0.002;
+// Pixels a side that the finest level of the surroundings joins, as in gsut.render.
+const FIRST = 4;
+// Alpha above which a pixel shows something.
+const SEEN = 0.5;
+// Error, of full scale, that is shown in the last colour.
+const MOST_ERROR = 0.25;
+// Percentiles of the distances that the colours span.
+const RANGE = [0.02, 0.98];
+// Most parameters with a slider.
+const MOST_SLIDERS = 24;
+// Columns at which the field of view is measured, and bisections of a focal length.
+const FIELD_SAMPLES = 129, SEARCH_STEPS = 60;
+
+const part = (id) => document.getElementById(id);
+async function unpack(id, format) { // base64 of compressed bytes in a script element
+  try {
+    const packed = Uint8Array.from(atob(part(id).textContent.trim()), (letter) => letter.charCodeAt(0));
+    const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream(format));
+    return new Uint8Array(await new Response(stream).arrayBuffer());
+  } catch (error) {
+    throw new Error(`this file is damaged: its part "${id}" cannot be read (${error.message}); copy it again`);
+  }
+}
+
+// --- the scene: SPZ of version 3 ------------------------------------------------------------------
+function readScene(bytes) {
+  const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
+  const [magic, version, size] = [0, 4, 8].map((at) => (bytes.length < 16 ? 0 : view.getUint32(at, true)));
+  const degree = bytes[12], step = 2 ** -bytes[13], coefficients = (degree + 1) ** 2;
+  if (magic !== 0x5053474e || version !== 3 || degree > 3 || bytes.length !== 16 + size * (20 + 3 * (coefficients - 1))) {
+    throw new Error("this file is damaged: its Gaussians are not those that gsut wrote; copy it again");
+  }
+  let at = 16;
+  const take = (each) => bytes.subarray(at, (at += each * size));
+  const positions = take(9), alphas = take(1), colors = take(3), scales = take(3), packed = take(4), rest = take(3 * (coefficients - 1));
+  const means = new Float32Array(3 * size), quats = new Float32Array(4 * size), logits = new Float32Array(size), sh = new Float32Array(3 * coefficients * size);
+  for (let i = 0; i < 3 * size; i++) means[i] = (((positions[3 * i] << 8) | (positions[3 * i + 1] << 16) | (positions[3 * i + 2] << 24)) >> 8) * step;
+  for (let i = 0; i < size; i++) {
+    const opacity = alphas[i] / 255, logit = Math.log(opacity) - Math.log1p(-opacity);
+    logits[i] = Math.max(-20, Math.min(20, logit));
+    const word = (packed[4 * i] | (packed[4 * i + 1] << 8) | (packed[4 * i + 2] << 16) | (packed[4 * i + 3] << 24)) >>> 0;
+    const largest = word >>> 30, xyzw = [0, 0, 0, 0];
+    let sum = 0, shift = 20;
+    for (let k = 0; k < 4; k++) {
+      if (k === largest) continue;
+      const value = word >>> shift, others = ((value & 511) / 511) * (value & 512 ? -1 : 1) / Math.SQRT2;
+      xyzw[k] = others;
+      sum += others * others;
+      shift -= 10;
+    }
+    xyzw[largest] = Math.sqrt(Math.max(0, 1 - sum));
+    quats.set([xyzw[3], xyzw[0], xyzw[1], xyzw[2]], 4 * i);
+    for (let k = 0; k < 3; k++) sh[3 * coefficients * i + k] = (colors[3 * i + k] / 255 - 0.5) / 0.15;
+    const from = 3 * (coefficients - 1);
+    for (let k = 0; k < from; k++) sh[3 * coefficients * i + 3 + k] = (rest[from * i + k] - 128) / 128;
+  }
+  return { size, coefficients, parts: [means, quats, Float32Array.from(scales, (byte) => byte / 16 - 10), logits, sh] };
+}
+
+// --- what stands where nothing is: gsut.render's surroundings -------------------------------------
+function shrink(from, width, height, toWidth, toHeight) { // (height, width, 4), each pixel the mean of its area
+  const weigh = (side, to) => Array.from({ length: to }, (_, k) => {
+    const begin = k * side / to, end = (k + 1) * side / to, list = [];
+    for (let i = Math.floor(begin); i < Math.min(side, Math.ceil(end - 1e-9)); i++) list.push([i, (Math.min(end, i + 1) - Math.max(begin, i)) / (end - begin)]);
+    return list;
+  });
+  const out = new Float32Array(4 * toWidth * toHeight), across = weigh(width, toWidth), down = weigh(height, toHeight);
+  down.forEach((rows, y) => across.forEach((columns, x) => {
+    for (const [row, a] of rows) for (const [column, b] of columns) for (let k = 0; k < 4; k++) out[4 * (y * toWidth + x) + k] += a * b * from[4 * (row * width + column) + k];
+  }));
+  return out;
+}
+function sampler(from, width, height, toWidth, toHeight) { // (x, y, channel) -> linear between the centres of pixels
+  const place = (side, to) => Array.from({ length: to }, (_, k) => {
+    const at = Math.max(0, Math.min(side - 1, (k + 0.5) * side / to - 0.5)), low = Math.floor(at);
+    return [low, Math.min(side - 1, low + 1), at - low];
+  });
+  const across = place(width, toWidth), down = place(height, toHeight);
+  return (x, y, k) => {
+    const [a, b, s] = across[x], [c, d, t] = down[y], pick = (row, column) => from[3 * (row * width + column) + k];
+    return (1 - t) * ((1 - s) * pick(c, a) + s * pick(c, b)) + t * ((1 - s) * pick(d, a) + s * pick(d, b));
+  };
+}
+function fillSurroundings({ width, height, image, alpha, valid }) {
+  if (!alpha.some((value, i) => valid[i] && value < 1 - OPEN)) return;
+  const known = new Float32Array(4 * width * height);
+  for (let i = 0; i < width * height; i++) if (valid[i]) known.set([image[3 * i], image[3 * i + 1], image[3 * i + 2], alpha[i]], 4 * i);
+  const levels = [[known, width, height]];
+  for (let factor = FIRST; Math.max(...levels.at(-1).slice(1)) > 1; factor = 2) {
+    const [last, w, h] = levels.at(-1), to = [Math.ceil(w / factor), Math.ceil(h / factor)];
+    levels.push([shrink(last, w, h, ...to), ...to]);
+  }
+  const [top] = levels.pop();
+  let out = top.slice(0, 3).map((value) => value / Math.max(top[3], 1.2e-38)), size = [1, 1];
+  for (const [level, w, h] of levels.slice(1).reverse()) {
+    const sample = sampler(out, ...size, w, h), next = new Float32Array(3 * w * h);
+    for (let y = 0; y < h; y++) for (let x = 0; x < w; x++) for (let k = 0; k < 3; k++) next[3 * (y * w + x) + k] = level[4 * (y * w + x) + k] + (1 - level[4 * (y * w + x) + 3]) * sample(x, y, k);
+    [out, size] = [next, [w, h]];
+  }
+  const sample = sampler(out, ...size, width, height);
+  for (let i = 0; i < width * height; i++) {
+    if (!valid[i] || alpha[i] >= 1) continue;
+    for (let k = 0; k < 3; k++) image[3 * i + k] += (1 - alpha[i]) * sample(i % width, Math.floor(i / width), k);
+  }
+}
+
+// --- poses: 4 x 4 in rows -------------------------------------------------------------------------
+const multiply = (a, b) => Array.from({ length: 16 }, (_, i) => [0, 1, 2, 3].reduce((sum, k) => sum + a[4 * (i >> 2) + k] * b[4 * k + (i & 3)], 0));
+const invert = (m) => {
+  const t = [m[3], m[7], m[11]], out = [m[0], m[4], m[8], 0, m[1], m[5], m[9], 0, m[2], m[6], m[10], 0, 0, 0, 0, 1];
+  for (let k = 0; k < 3; k++) out[4 * k + 3] = -(out[4 * k] * t[0] + out[4 * k + 1] * t[1] + out[4 * k + 2] * t[2]);
+  return out;
+};
+const placeAbout = (m, origin) => m.map((value, i) => (i % 4 === 3 && i < 12 ? value + m[i - 3] * origin[0] + m[i - 2] * origin[1] + m[i - 1] * origin[2] : value));
+
+class PageServer {
+  constructor() {
+    this.lenses = []; // by number: model, params, width, height, valid_field_angle
+    this.ready = this.start();
+  }
+
+  async start() {
+    if (typeof WebAssembly !== "object" || typeof DecompressionStream !== "function") {
+      throw new Error("this browser is too old for this page; open it in Chrome 95, Firefox 113, Safari 16.4 or later");
+    }
+    try { this.content = JSON.parse(part("content").textContent); } catch { throw new Error('this file is damaged: its part "content" cannot be read; copy it again'); }
+    const [bytes, packed] = await Promise.all([unpack("core", "gzip"), unpack("scene", "gzip")]);
+    this.gaussians = readScene(packed);
+    this.core = await Core.load(bytes);
+    this.models = this.core.models();
+    this.lenses = [...this.content.lenses];
+    const code = URL.createObjectURL(new Blob([part("core-code").textContent, part("worker-code").textContent], { type: "text/javascript" }));
+    const count = Math.max(1, Math.min(MOST_WORKERS, navigator.hardwareConcurrency || 1));
+    this.workers = Array.from({ length: count }, () => {
+      const worker = new Worker(code), waiting = new Map();
+      let number = 0;
+      worker.onmessage = ({ data: { id, value, error } }) => {
+        const [resolve, reject] = waiting.get(id);
+        waiting.delete(id);
+        error === undefined ? resolve(value) : reject(new Error(error));
+      };
+      worker.onerror = (event) => waiting.forEach(([, reject]) => reject(new Error(`a thread of this page stopped: ${event.message}`)));
+      const send = (task, values) => new Promise((resolve, reject) => { waiting.set(++number, [resolve, reject]); worker.postMessage({ id: number, task, values }); });
+      return { send, share: 1 / count };
+    });
+    await Promise.all(this.workers.map(({ send }) => send("start", { bytes, ...this.gaussians })));
+  }
+
+  async ask(name, values) {
+    await this.ready;
+    if (name === "scene") return { ...this.content.scene, lenses: this.lenses.map((_, number) => this.describe(number)), models: Object.fromEntries(Object.entries(this.models).map(([model, { names }]) => [model, names])), num_gaussians: this.gaussians.size };
+    if (name === "lens") return this.describe(this.lenses.push(await this.makeLens(values)) - 1);
+    if (name === "pick") return this.pick(values);
+    throw new Error(`${name} needs gsut view`);
+  }
+  photo(view) { return this.content.photographs[view]; }
+  async file(name, values) {
+    if (name === "camera") {
+      const { width, height } = values, lens = this.resize(values.lens, width, height), rows = (m) => [0, 4, 8, 12].map((k) => m.slice(k, k + 4));
+      return new Blob([JSON.stringify({ camera_from_world: values.poses.map(rows), lens }) + "\n"], { type: "application/json" });
+    }
+    const { picture } = await this.frame(values);
+    return new Promise((done) => picture.toBlob(done, "image/png"));
+  }
+
+  // --- lenses ---
+  borrow(lens, work) { // work(handle) with a camera of the core
+    const camera = this.core.makeCamera(lens);
+    try { return work(camera); } finally { this.core.releaseCamera(camera); }
+  }
+  resize(number, width, height) {
+    const lens = this.lenses[number];
+    if (lens.width === width && lens.height === height) return lens;
+    return this.borrow(lens, (camera) => {
+      const resized = this.core.resizeCamera(camera, width, height);
+      try { return { ...lens, width, height, params: this.core.describeCamera(resized).params }; } finally { this.core.releaseCamera(resized); }
+    });
+  }
+  fieldOf(lens) { // degrees across the middle row, or null
+    return this.borrow(lens, (camera) => {
+      const pixels = Array.from({ length: FIELD_SAMPLES }, (_, k) => [lens.width * k / (FIELD_SAMPLES - 1), lens.height / 2]).flat();
+      const { rays, valid } = this.core.unproject(camera, pixels), seen = [];
+      valid.forEach((ok, k) => ok && seen.push(rays.subarray(3 * k, 3 * k + 3)));
+      if (seen.length < 2) return null;
+      return seen.slice(1).reduce((sum, ray, k) => sum + Math.acos(Math.max(-1, Math.min(1, ray[0] * seen[k][0] + ray[1] * seen[k][1] + ray[2] * seen[k][2]))), 0) * 180 / Math.PI;
+    });
+  }
+  describe(number) {
+    const lens = this.lenses[number], names = this.models[lens.model].names.split(" "), sliders = [];
+    const described = this.borrow(lens, (camera) => {
+      const { rays, valid } = this.core.unproject(camera, [lens.width / 2 - 0.5, lens.height / 2, lens.width / 2 + 0.5, lens.height / 2]);
+      const apart = Math.hypot(rays[1] * rays[5] - rays[2] * rays[4], rays[2] * rays[3] - rays[0] * rays[5], rays[0] * rays[4] - rays[1] * rays[3]);
+      return { max_angle: this.core.describeCamera(camera).max_angle * 180 / Math.PI, radians_per_pixel: (valid[0] && valid[1] && apart) || 1 / lens.width };
+    });
+    for (const [k, value] of lens.params.slice(0, MOST_SLIDERS).entries()) {
+      const name = names[k] ?? "...";
+      if (name === "control_points") break;
+      const most = Math.max(3 * Math.abs(value), 0.05);
+      const [low, high] = name === "fx" || name === "fy" ? [value / 4, value * 4] : name === "cx" ? [0, lens.width] : name === "cy" ? [0, lens.height] : [-most, most];
+      sliders.push({ name: name === "..." ? `coefficient ${k + 1}` : name, value, low, high });
+    }
+    return { id: number, ...lens, params: lens.params.slice(0, MOST_SLIDERS), sliders, field_of_view: this.fieldOf(lens), can_zoom: names.includes("fx") && names.includes("fy"), ...described };
+  }
+  async makeLens(values) {
+    let lens = this.lenses[values.id ?? 0];
+    if (values.model) lens = (({ params, width, height }) => ({ model: values.model, params, width, height, valid_field_angle: null }))(this.models[values.model]);
+    if (values.name) lens = this.readLens(values.name, atob(values.base64));
+    if (values.params) lens = { ...lens, params: [...values.params, ...lens.params.slice(values.params.length)] };
+    const names = this.models[lens.model].names.split(" "), at = names.indexOf("cx");
+    if (values.fit && at >= 0 && !this.models[lens.model].has_table) {
+      const wide = Math.max(1, Math.round(lens.height * values.fit[0] / values.fit[1]));
+      lens = { ...lens, width: wide, params: lens.params.map((value, k) => (k === at ? value + (wide - lens.width) / 2 : value)) };
+    }
+    if (values.field_of_view) lens = this.widen(lens, values.field_of_view);
+    this.borrow(lens, () => {}); // an impossible lens is refused here
+    return lens;
+  }
+  readLens(name, text) {
+    if (name.endsWith(".cameramodel")) {
+      const camera = this.core.readCamera(text, name);
+      try { return (({ model, params, width, height }) => ({ model, params, width, height, valid_field_angle: null }))(this.core.describeCamera(camera)); } finally { this.core.releaseCamera(camera); }
+    }
+    let lens;
+    try { lens = JSON.parse(text); } catch { throw new Error(`${name}: this page reads .cameramodel files and gsut's lens files (.json); gsut camera convert writes them`); }
+    if (!(lens?.model in this.models) || !Array.isArray(lens.params)) throw new Error(`${name}: no lens file of gsut: it has no known "model"`);
+    return { model: lens.model, params: lens.params.map(Number), width: lens.width, height: lens.height, valid_field_angle: lens.valid_field_angle ?? null };
+  }
+  widen(lens, degrees) { // scales the focal lengths so that the image spans this field
+    const names = this.models[lens.model].names.split(" ");
+    const scaled = (log) => ({ ...lens, params: lens.params.map((value, k) => (names[k] === "fx" || names[k] === "fy" ? value * Math.exp(log) : value)) });
+    let low = Math.log(1e-3), high = Math.log(1e3);
+    for (let k = 0; k < SEARCH_STEPS; k++) {
+      const middle = (low + high) / 2, across = this.fieldOf(scaled(middle));
+      if (across === null || across < degrees) high = middle;
+      else low = middle;
+    }
+    const found = scaled((low + high) / 2), across = this.fieldOf(found);
+    if (across === null || Math.abs(across - degrees) > 0.01 * degrees + 0.1) throw new Error(`a ${lens.model} lens cannot span ${degrees} degrees`);
+    return found;
+  }
+
+  // --- frames ---
+  place({ pose, shutter }) { // where the camera is while the image is read
+    const origin = this.content.origin, motion = shutter === null || shutter === undefined ? null : this.content.motions[shutter];
+    if (!motion) return { start: placeAbout(pose, origin) };
+    const same = motion.pose.every((value, k) => value === pose[k]), moved = multiply(invert(motion.pose), pose);
+    const [start, end] = [motion.start, motion.end].map((edge) => placeAbout(same ? edge : multiply(edge, moved), origin));
+    return { start, end, shutter: motion.direction };
+  }
+  async draw(values, depth) { // all rows by all workers, as floats
+    const lens = this.resize(values.lens, values.width, values.height), { width, height } = lens, rows = Math.ceil(height / 16);
+    const background = this.content.background ?? [0, 0, 0], alpha = depth || values.mode === "alpha" || !this.content.background;
+    const job = { lens, background, alpha, depth, ...this.place(values) };
+    let edge = 0, sum = 0;
+    const parts = this.workers.map(({ share }, k) => {
+      const begin = edge;
+      sum += share;
+      edge = k === this.workers.length - 1 ? rows : Math.round(rows * sum);
+      return [begin, edge];
+    });
+    const drawn = await Promise.all(parts.map((range, k) => (range[0] < range[1] ? this.workers[k].send("draw", { ...job, rows: range }) : null)));
+    const join = (name, channels, Kind = Float32Array) => {
+      const out = new Kind(channels * width * height);
+      for (const piece of drawn) if (piece) out.set(piece[name], channels * width * Math.min(height, 16 * piece.rows[0]));
+      return out;
+    };
+    this.balance(drawn);
+    const whole = { width, height, lens, image: join("image", 3), valid: join("valid", 1, Uint8Array), alpha: alpha ? join("alpha", 1) : null, depth: depth ? join("depth", 1) : null };
+    if (!this.content.background) fillSurroundings(whole);
+    return whole;
+  }
+  balance(drawn) { // shares of the rows by how fast each worker was, halfway at a time
+    const speeds = drawn.map((piece, k) => (piece ? this.workers[k].share / Math.max(1, piece.ms) : 0)), sum = speeds.reduce((a, b) => a + b);
+    this.workers.forEach((worker, k) => (worker.share = 0.5 * worker.share + 0.5 * Math.max(0.05, speeds[k] / sum)));
+    const all = this.workers.reduce((total, { share }) => total + share, 0);
+    this.workers.forEach((worker) => (worker.share /= all));
+  }
+  async frame(values) {
+    await this.ready;
+    const began = performance.now(), drawn = await this.draw(values, values.mode === "distance"), { width, height } = drawn;
+    const data = new ImageData(width, height), out = data.data;
+    const span = values.mode === "distance" ? this.colorDistances(drawn, out) : values.mode === "error" ? await this.colorErrors(drawn, values.view, out) : null;
+    if (!span) {
+      const source = values.mode === "alpha" ? (i) => drawn.alpha[i] : (i, k) => drawn.image[3 * i + k];
+      for (let i = 0; i < width * height; i++) for (let k = 0; k < 3; k++) out[4 * i + k] = 255 * source(i, k);
+    }
+    for (let i = 3; i < out.length; i += 4) out[i] = 255;
+    const picture = Object.assign(document.createElement("canvas"), { width, height }), brush = picture.getContext("2d");
+    brush.putImageData(data, 0, 0);
+    if (values.marks?.length) this.drawMarks(brush, drawn.lens, values);
+    const way = `${Math.round(performance.now() - began)} ms, WebAssembly on ${this.workers.length} thread${this.workers.length > 1 ? "s" : ""}`;
+    return { picture, span, way };
+  }
+  paint(out, i, level, map) {
+    const at = 3 * Math.max(0, Math.min(255, Math.round(255 * level))), colors = this.content.colors[map];
+    for (let k = 0; k < 3; k++) out[4 * i + k] = colors[at + k];
+  }
+  colorDistances({ alpha, depth }, out) {
+    const distance = depth.map((value, i) => (alpha[i] > SEEN ? value / alpha[i] : NaN)), known = distance.filter(Number.isFinite).sort();
+    const pick = (share) => known[Math.round(share * (known.length - 1))];
+    const near = known.length ? pick(RANGE[0]) : 1, far = Math.max(known.length ? pick(RANGE[1]) : 2, near * 1.001 + 1e-9);
+    distance.forEach((value, i) => value === value && this.paint(out, i, (1 / value - 1 / far) / (1 / near - 1 / far), "turbo"));
+    return `${near} ${far}`;
+  }
+  async colorErrors({ width, height, image, valid }, view, out) {
+    const picture = await createImageBitmap(await (await fetch(this.photo(view))).blob(), { colorSpaceConversion: "none" });
+    const brush = Object.assign(document.createElement("canvas"), { width, height }).getContext("2d");
+    brush.imageSmoothingQuality = "high";
+    brush.drawImage(picture, 0, 0, width, height);
+    const truth = brush.getImageData(0, 0, width, height).data;
+    for (let i = 0; i < width * height; i++) {
+      if (!valid[i]) continue;
+      const off = [0, 1, 2].reduce((sum, k) => sum + Math.abs(Math.max(0, Math.min(1, image[3 * i + k])) - truth[4 * i + k] / 255), 0) / 3;
+      this.paint(out, i, off / MOST_ERROR, "inferno");
+    }
+    return `0 ${MOST_ERROR}`;
+  }
+  drawMarks(brush, lens, { pose, marks }) {
+    const inCamera = (p) => [0, 1, 2].map((k) => pose[4 * k] * p[0] + pose[4 * k + 1] * p[1] + pose[4 * k + 2] * p[2] + pose[4 * k + 3]);
+    const points = marks.length === 2 ? Array.from({ length: 41 }, (_, k) => marks[0].map((a, i) => a + (marks[1][i] - a) * k / 40)) : marks;
+    const { pixels, valid } = this.borrow(lens, (camera) => this.core.project(camera, points.flatMap(inCamera)));
+    brush.strokeStyle = "#34d399";
+    brush.lineWidth = 2;
+    brush.beginPath();
+    points.forEach((_, k) => valid[k] && brush[k && valid[k - 1] ? "lineTo" : "moveTo"](pixels[2 * k], pixels[2 * k + 1]));
+    brush.stroke();
+    for (const k of marks.length === 2 ? [0, 40] : marks.keys()) {
+      if (!valid[k]) continue;
+      brush.beginPath();
+      brush.arc(pixels[2 * k], pixels[2 * k + 1], 5, 0, 7);
+      brush.stroke();
+    }
+  }
+  async pick({ frame, pixel }) {
+    const { width, height, lens, alpha, depth } = await this.draw(frame, true);
+    const at = Math.min(height - 1, Math.max(0, Math.floor(pixel[1]))) * width + Math.min(width - 1, Math.max(0, Math.floor(pixel[0])));
+    const { origins, rays, valid } = this.borrow(lens, (camera) => this.core.unproject(camera, pixel));
+    if (!valid[0] || alpha[at] < SEEN) return { point: null };
+    const back = invert(frame.pose), p = [0, 1, 2].map((k) => origins[k] + rays[k] * depth[at] / alpha[at]);
+    const point = [0, 1, 2].map((k) => back[4 * k] * p[0] + back[4 * k + 1] * p[1] + back[4 * k + 2] * p[2] + back[4 * k + 3]);
+    return { point, in_dataset: point.map((value, k) => value + this.content.offset[k]), distance: Math.hypot(...p) };
+  }
+}
+window.pageServer = new PageServer();

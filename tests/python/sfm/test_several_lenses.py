@@ -1,0 +1,125 @@
+"""Several cameras in one run: each unknown lens is estimated, beside those that are known."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import gsut
+import tolerances
+from gsut.sfm import PosesOptions, compare_poses
+from gsut.sfm.lens.cameras import search_lenses
+from gsut.sfm.lens.candidates import guess_lenses
+from gsut.sfm.lens.doubt import judge_lens
+from gsut.sfm.matches.matching import match_images
+from gsut.sfm.photographs.listing import LensGroup, _group_by_folder
+from synthetic_rig import STEREO, SyntheticRig
+from synthetic_walk import quiet
+
+LENSES = (
+    gsut.Camera("opencv4", [940, 940, 640, 480, 0, 0, 0, 0], 1280, 960),
+    gsut.Camera("kannala_brandt", [393, 393, 640, 480, 0.02, -0.01, 0.002, 0], 1280, 960),
+)
+FRAMES = 14
+OPTIONS = PosesOptions(extend_rounds=0)
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """Two cameras of one size and different lenses, which nothing is known of."""
+    rng = np.random.default_rng(20261124)
+    return SyntheticRig(rng, STEREO, frames=FRAMES, points=2500, noise=0.1, lenses=LENSES)
+
+
+def start(scene, known=(), monkeypatch=None):
+    """A run whose lenses are unknown but for those of the known cameras."""
+    given = scene.photographs
+    cameras = [
+        camera if number in known else None
+        for camera, number in zip(given.cameras, given.rig_cameras, strict=True)
+    ]
+    photographs = dataclasses.replace(given, cameras=cameras, frames=None, rig_cameras=None)
+    return _group_by_folder(photographs)
+
+
+def run(scene, photographs, monkeypatch):
+    sizes = {str(p): c for p, c in zip(photographs.paths, scene.photographs.cameras, strict=True)}
+    monkeypatch.setattr("gsut.sfm.lens.candidates.read_header", lambda path: sizes[str(path)])
+    raw = match_images(photographs.names, scene.features, OPTIONS, quiet)
+    mapping = dataclasses.replace(
+        scene.mapping(), photographs=guess_lenses(photographs, None), options=OPTIONS, raw=raw,
+        pairs=[],
+    )  # fmt: skip
+    search_lenses(mapping)
+    return mapping
+
+
+def check(scene, mapping, registered, focal_error=tolerances.SEVERAL_LENSES_FOCAL):
+    solution = mapping.solved
+    assert solution.num_registered == registered
+    focal = [solution.cameras[i].params[0] for i in range(len(solution.names))]
+    for found, number in zip(focal, scene.photographs.rig_cameras, strict=True):
+        assert found == pytest.approx(LENSES[number].params[0], rel=focal_error)
+    errors = compare_poses(solution.camera_from_world, scene.poses)
+    assert errors.ate_percent < tolerances.SEVERAL_LENSES_ATE_PERCENT
+
+
+def test_two_unknown_lenses_of_one_size_are_both_found(scene, monkeypatch):
+    photographs = start(scene)
+    assert [group.name for group in photographs.groups] == ["left", "right"]
+    mapping = run(scene, photographs, monkeypatch)
+    check(scene, mapping, 2 * FRAMES)
+    judge_lens(mapping)
+    assert mapping.found.focal_sigma < tolerances.SEVERAL_LENSES_FOCAL
+    assert len({row["camera"] for row in mapping.found.figures["lens_search"]}) == 2
+
+
+def test_an_unknown_lens_beside_a_known_one_is_found_and_the_known_one_held(scene, monkeypatch):
+    mapping = run(scene, start(scene, known=(0,)), monkeypatch)
+    check(scene, mapping, 2 * FRAMES)
+    assert mapping.solved.cameras[0] is scene.photographs.cameras[0]
+
+
+def test_a_camera_of_two_photographs_gets_its_lens_from_points_of_the_others(scene, monkeypatch):
+    photographs = start(scene)
+    left, right = photographs.groups
+    kept = [*left.images, *right.images[:2]]
+    few = dataclasses.replace(scene.photographs)
+    scene_few = object.__new__(SyntheticRig)
+    vars(scene_few).update(vars(scene))
+    pick = lambda values: [values[i] for i in sorted(kept)]  # noqa: E731
+    scene_few.features, scene_few.poses = pick(scene.features), scene.poses[sorted(kept)]
+    scene_few.photographs = dataclasses.replace(
+        few, names=pick(few.names), paths=pick(few.paths), masks=pick(few.masks),
+        cameras=pick(few.cameras), rig_cameras=few.rig_cameras[sorted(kept)],
+        frames=few.frames[sorted(kept)],
+    )  # fmt: skip
+    mapping = run(scene_few, start(scene_few), monkeypatch)
+    check(scene_few, mapping, FRAMES + 2, tolerances.SEVERAL_LENSES_FEW_FOCAL)
+
+
+def test_a_camera_that_sees_nothing_of_the_others_gets_no_pose_and_a_note(scene, monkeypatch):
+    photographs = start(scene)
+    blind = dataclasses.replace(photographs)
+    mapping = run_without_matches(scene, blind, monkeypatch)
+    assert not mapping.solved.registered[photographs.groups[1].images].any()
+    (note,) = [n for n in mapping.log.notes if "no lens was found" in n]
+    assert "the camera right" in note
+
+
+def run_without_matches(scene, photographs, monkeypatch):
+    right = photographs.groups[1].images
+    alone = object.__new__(SyntheticRig)
+    vars(alone).update(vars(scene))
+    alone.features = [
+        dataclasses.replace(f, pixels=f.pixels[:0], sizes=f.sizes[:0],
+                            descriptors=f.descriptors[:0], colors=f.colors[:0])
+        if i in right else f for i, f in enumerate(scene.features)
+    ]  # fmt: skip
+    return run(alone, photographs, monkeypatch)
+
+
+def test_folders_of_images_without_a_lens_are_cameras_of_their_own(scene):
+    groups = start(scene).groups
+    assert all(isinstance(group, LensGroup) for group in groups)
+    assert sorted(i for group in groups for i in group.images) == list(range(2 * FRAMES))

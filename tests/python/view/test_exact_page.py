@@ -1,0 +1,126 @@
+"""The page of one file in a headless browser: the renderer's picture, nothing from elsewhere."""
+
+import base64
+import re
+
+import numpy as np
+import pytest
+
+import gsut
+import small_run
+from browser import browser
+from gsut.cli import main
+from gsut.formats import load_gaussians, save_gaussians
+from gsut.view import Session, Stage
+from random_scenes import fisheye, gaussians_in_view, rng_of
+
+_PIXELS = """
+  const canvas = document.getElementById("canvas");
+  const data = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
+  return [canvas.width, canvas.height, Array.from(data)];"""
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    return small_run.scene_from_arrays(tmp_path_factory.mktemp("exact"))
+
+
+@pytest.fixture(scope="module")
+def gaussians(scene):
+    return gaussians_in_view(rng_of("exact"), fisheye(), scene.views[0].camera_from_world, 300)
+
+
+@pytest.fixture(scope="module")
+def window():
+    with browser() as window:
+        yield window
+
+
+def write_and_open(window, folder, stage):
+    page = folder / "page.html"
+    Session(stage).write_page(page, 3)
+    window.open(f"file://{page}")
+    window.wait("document.body.dataset.frames > 0")
+    return page
+
+
+@pytest.mark.parametrize("background", [(0.2, 0.5, 0.1), None])
+def test_page_at_rest_is_within_one_level_of_render(window, tmp_path, scene, gaussians, background):
+    write_and_open(window, tmp_path, Stage("small", "run", gaussians, scene, background))
+    window.run("goTo(0); state.lossless = true;")
+    window.wait("JSON.parse(document.body.dataset.frame).lossless && !busy && !wanted")
+    width, height, data = window.run(_PIXELS)
+    found = np.array(data, np.int64).reshape(height, width, 4)[..., :3]
+    save_gaussians(tmp_path / "same.spz", gaussians)
+    stored = load_gaussians(tmp_path / "same.spz")
+    row = window.run("return scene.views[0].name;")
+    view = next(view for view in scene.views if view.name == row)
+    camera = scene.cameras[view.camera_index]
+    truth = gsut.render(stored, camera, view.camera_from_world, background=background)
+    assert (height, width) == truth.alpha.shape
+    assert np.abs(found - gsut.rendering.to_uint8(truth.image)).max() <= 1
+    assert found.std() > 10
+
+
+def test_page_draws_every_lens_and_measures(window, tmp_path, scene, gaussians):
+    write_and_open(window, tmp_path, Stage("small", "run", gaussians, scene))
+    for model in gsut.lens.camera_models():
+        window.run(f"await makeLens({{ model: {model!r}, fit: windowShape() }});")
+        assert window.run("return [lens.model, $('lens-error').hidden];") == [model, True]
+        window.wait("!busy && !wanted")
+    window.run("goTo(0); state.lossless = false;")
+    window.wait("JSON.parse(document.body.dataset.frame).view === 0 && !busy && !wanted")
+    for mode in ("distance", "alpha", "error", "color"):
+        window.run(f"choose('modes', '{mode}');")
+        window.wait(f"JSON.parse(document.body.dataset.frame).mode === '{mode}'")
+    found = window.run("""
+      const values = request(false), at = [values.width / 2, values.height / 2];
+      return await ask("pick", { frame: values, pixel: at });""")
+    assert found["point"] is None or found["distance"] > 0
+    assert "WebAssembly" in window.run("return $('pace').textContent;")
+
+
+def test_page_loads_nothing_and_logs_no_error(window, tmp_path, scene, gaussians):
+    page = write_and_open(window, tmp_path, Stage("small", "run", gaussians, scene))
+    asked = window.run(
+        "return performance.getEntriesByType('resource').map((entry) => entry.name)"
+        ".filter((name) => !/^(blob|data):/.test(name));"
+    )
+    assert asked == []
+    assert window.errors() == []
+    assert not re.search(r'(src|href)="http', page.read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize(("part", "word"), [("core", "core"), ("scene", "scene"), ("content", "")])
+def test_damaged_page_says_what_is_wrong(window, tmp_path, scene, gaussians, part, word):
+    page = tmp_path / "page.html"
+    Session(Stage("small", "run", gaussians, scene)).write_page(page, 1)
+    text = page.read_text(encoding="utf-8")
+    begin = text.index(">", text.index(f'<script id="{part}"')) + 1
+    end = text.index("</script>", begin)
+    page.write_text(text[:begin] + text[begin : (begin + end) // 8 * 4] + text[end:])
+    window.open(f"file://{page}")
+    window.wait("!$('toast').hidden")
+    words = window.run("return $('toast').textContent;")
+    assert "damaged" in words and word in words and "copy it again" in words
+
+
+def test_page_of_another_scene_is_refused(window, tmp_path, scene, gaussians):
+    page = tmp_path / "page.html"
+    Session(Stage("small", "run", gaussians, scene)).write_page(page, 1)
+    text = page.read_text(encoding="utf-8")
+    core = re.search(r'<script id="core"[^>]*>([^<]*)', text).group(1)
+    stored = re.search(r'<script id="scene"[^>]*>([^<]*)', text).group(1)
+    assert len(base64.b64decode(stored)) > 0
+    page.write_text(text.replace(stored, core), encoding="utf-8")
+    window.open(f"file://{page}")
+    window.wait("!$('toast').hidden")
+    assert "Gaussians" in window.run("return $('toast').textContent;")
+
+
+def test_convert_lens_to_another_format_is_refused(tmp_path, gaussians, capsys):
+    save_gaussians(tmp_path / "a.ply", gaussians)
+    assert main(["convert", str(tmp_path / "a.ply"), str(tmp_path / "b.spz"), "--lens"]) != 0
+    assert ".html" in capsys.readouterr().err
+    assert main(["convert", str(tmp_path / "a.ply"), str(tmp_path / "b.html"), "--lens"]) == 0
+    assert "core.cpp" in (tmp_path / "b.html").read_text(encoding="utf-8")
