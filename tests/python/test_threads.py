@@ -98,6 +98,10 @@ SHARED = {
         [lambda lens: lens.fov_degrees, lambda lens: lens.doubts,
          lambda lens: lens.make_camera(640, 480), lambda lens: lens.rate_size(640, 480)],
     ),
+    "Conversion": (
+        lambda _: gsut.lens.convert_camera(fisheye(), "opencv8", max_angle=0.5),
+        [lambda found: found.format_rings()] * 6,
+    ),
     "TrainOptions": (
         lambda _: gsut.TrainOptions(), [lambda o: o.resolve().to_json(), lambda o: o.to_json()]),
     "BlockOptions": (

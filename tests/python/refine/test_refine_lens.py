@@ -230,17 +230,20 @@ def two_lenses() -> dict:
         (two_lenses, [], "has 2 lenses; --from-dataset refines one"),
         (transforms, ["--board", "9x6"], "--from-dataset needs no board; leave out --board"),
         (transforms, ["-o", "lens.dat"], "lens.dat: the lens' file name must end in"),
-        (transforms, ["-o", "absent/lens.yaml"], "absent: this folder does not exist; make it"),
+        (transforms, ["-o", "absent/lens.dat"], "lens.dat: the lens' file name must end in"),
     ],
 )
-def test_from_dataset_bad_input_gets_one_clear_sentence(values, words, sentence, tmp_path, capsys):
+def test_from_dataset_bad_input_gets_one_clear_sentence(
+    values, words, sentence, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
     data = write_nerfstudio(tmp_path / "data", values())
     out = ["-o", str(tmp_path / "lens.yaml")]
     assert main(["calibrate", "--from-dataset", str(data), *out, "--quiet", *words]) == 2
     message = capsys.readouterr().err
     assert message.startswith("gsut: error: ") and message.count("\n") == 1
     assert sentence in message
-    assert not (tmp_path / "lens.yaml").exists()
+    assert [path.name for path in tmp_path.iterdir()] == ["data"]
 
 
 def test_calibrate_without_board_or_dataset_says_what_to_give(capsys):
