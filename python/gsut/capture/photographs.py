@@ -144,8 +144,10 @@ def find_photograph_files(inputs: Sequence[str | os.PathLike[str]]) -> dict[str,
         else:
             raise InputError(f"{given}: no such file or folder; give a video or photographs")
         for path in paths:
-            if path.suffix.lower() not in PHOTOGRAPH_SUFFIXES or path == given / "mask.png":
+            if path.suffix.lower() not in PHOTOGRAPH_SUFFIXES:
                 continue
+            if path.name == "mask.png" and path != given:
+                continue  # of the folder's photographs, or of one camera's
             real = path.resolve()
             if real not in seen:
                 seen.add(real)

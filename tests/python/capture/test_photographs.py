@@ -206,3 +206,18 @@ def test_folders_of_equal_names_keep_all_their_photographs(tmp_path):
     found = find_photograph_files([*folders, folders[0], folders[1] / "1.jpg"])
     assert list(found) == ["1.jpg", "DCIM/1.jpg", "wed/DCIM/1.jpg"]
     assert list(found.values()) == [folder / "1.jpg" for folder in folders]
+
+
+def test_mask_of_one_camera_is_no_photograph_but_its_mask(tmp_path):
+    images = tmp_path / "images"
+    for camera in ("left", "right"):
+        (images / camera).mkdir(parents=True)
+        for i in range(2):
+            photograph(images / camera / f"{i}.jpg")
+    cv2.imwrite(str(images / "left/mask.png"), np.full((48, 64), 255, np.uint8))
+    cv2.imwrite(str(tmp_path / "mask.png"), np.full((48, 64), 255, np.uint8))
+    names = ["left/0.jpg", "left/1.jpg", "right/0.jpg", "right/1.jpg"]
+    assert list(find_photograph_files([tmp_path])) == names
+    listed = find_photographs(tmp_path, None, with_lens=False)
+    assert listed.names == names
+    assert listed.masks == [images / "left/mask.png"] * 2 + [tmp_path / "mask.png"] * 2

@@ -73,8 +73,7 @@ def find_lens_files(path: Path) -> dict[str, Path]:
 def find_images(path: Path) -> list[Path]:
     """Finds all images below DATA/images, or in DATA itself if that does not exist, sorted."""
     folder = path / "images"
-    found = list_pictures(folder, below=True) if folder.is_dir() else list_pictures(path)
-    return [p for p in found if p != path / MASK]
+    return list_pictures(folder, below=True) if folder.is_dir() else list_pictures(path)
 
 
 def record(path: Path) -> Recording:

@@ -214,12 +214,20 @@ def list_photographs(path: Path, *, with_lens: bool = False) -> Photographs:
     paths = find_images(path)
     root = path / "images" if (path / "images").is_dir() else path
     names = [p.relative_to(root).as_posix() for p in paths]
-    common = path / "mask.png" if (path / "mask.png").is_file() else None
-    masks = [find_mask(path / "masks", name) or common for name in names]
+    masks = [
+        find_mask(path / "masks", name) or _find_common_mask(image.parent, path)
+        for name, image in zip(names, paths, strict=True)
+    ]
     cameras: list[Camera | None] = [None] * len(names)
     if with_lens:
         cameras = _read_lenses(path, names)
     return Photographs(root, names, paths, masks, cameras)
+
+
+def _find_common_mask(*folders: Path) -> Path | None:
+    """Finds the mask of all images of a folder, in the first of these that has one."""
+    masks = (folder / "mask.png" for folder in folders)
+    return next((mask for mask in masks if mask.is_file()), None)
 
 
 def _read_lenses(path: Path, names: list[str]) -> list[Camera | None]:
