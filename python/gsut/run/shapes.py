@@ -13,7 +13,7 @@ _NOTHING = type(None)
 _NUMBER = (int, float, _NOTHING)
 _LIGHT = {
     "gains": {"*": [_NUMBER]},
-    "falloffs": [(_NOTHING, {"max_angle": _NUMBER, "coefficients": [_NUMBER]})],
+    "falloffs": [(_NOTHING, {"max_angle": _NUMBER, "coefficients": [[_NUMBER]]})],
 }
 _VIEW = {
     "name": str, "psnr?": _NUMBER, "ssim?": _NUMBER, "render_ms?": _NUMBER,

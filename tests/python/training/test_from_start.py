@@ -12,6 +12,7 @@ import pytest
 import gsut
 from gsut import TrainOptions
 from gsut.cli import main
+from gsut.data.scene import digest_scene
 from gsut.render import Light
 from gsut.run.folder import RunFile, RunFolder
 from gsut.training.time_left import predict_training_steps
@@ -107,6 +108,10 @@ def test_auto_of_a_run_in_blocks_merges(run, tmp_path):
     plan = dict.fromkeys(("blocks", "rounds", "version", "isa", "options"))
     (source / RunFile.PLAN).parent.mkdir()
     (source / RunFile.PLAN).write_text(json.dumps(plan))
+    values = json.loads((source / RunFile.ENVIRONMENT).read_text())
+    # A run in blocks digests the dataset as it is in the files.
+    values["digests"] = digest_scene(gsut.load_dataset(values["dataset"]))
+    (source / RunFile.ENVIRONMENT).write_text(json.dumps(values))
     found = compacted(source, tmp_path / "small", *HALF, "--quiet")
     assert found["compaction"]["method"] == "ghap" and found["num_gaussians"] == 150
 
