@@ -25,7 +25,7 @@ from gsut.capture.facts import PhotographFacts
 from gsut.capture.frames import IMAGES, Capture, OnProgress, read_finished_capture
 from gsut.capture.strip import write_strip
 from gsut.data import CAPTURE, list_some
-from gsut.data.images import IMAGE_SUFFIXES, find_mask
+from gsut.data.images import IMAGE_SUFFIXES, find_common_mask, find_mask
 from gsut.data.scene import capture_state
 from gsut.files import check_regular, write_json, write_picture
 from gsut.lens import FocalPrior
@@ -310,11 +310,10 @@ def _write(plans: Sequence[_Plan], folder: Path, report: OnProgress) -> list[dic
 
 def _find_mask(path: Path, name: str) -> Path | None:
     """Finds the mask of a photograph, as `gsut train` does: masks/NAME.png or mask.png."""
-    roots = dict.fromkeys((path.parent, path.parent.parent))
-    common = (root / "mask.png" for root in roots)
+    roots = tuple(dict.fromkeys((path.parent, path.parent.parent)))
     found = (find_mask(root / "masks", each) for root in roots for each in (name, path.name))
-    masks = (mask for mask in (*found, *common) if mask is not None and mask.is_file())
-    return next((mask.resolve() for mask in masks), None)
+    mask = next((each for each in found if each is not None), None) or find_common_mask(*roots)
+    return None if mask is None else mask.resolve()
 
 
 def _copy(plan: _Plan, folder: Path) -> Path:

@@ -70,6 +70,12 @@ def read_mask(path: Path, full: Camera, width: int, height: int) -> np.ndarray:
     return shrink_mask(valid, width, height)
 
 
+def find_common_mask(*folders: Path) -> Path | None:
+    """Finds the mask of all images of a folder, mask.png, in the first of these that has one."""
+    masks = (folder / "mask.png" for folder in folders)
+    return next((mask for mask in masks if mask.is_file()), None)
+
+
 def find_mask(folder: Path, name: str) -> Path | None:
     """Finds an image's mask: folder/name.png, or folder/name with .png added (COLMAP's rule)."""
     for candidate in (folder / f"{name}.png", folder / PurePosixPath(name).with_suffix(".png")):

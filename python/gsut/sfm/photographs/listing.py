@@ -13,7 +13,7 @@ import numpy as np
 from gsut import _core
 from gsut._core import InputError, Shutter
 from gsut.data import find_lens_file, find_lens_files, read_capture, read_dataset
-from gsut.data.images import find_mask, read_header
+from gsut.data.images import find_common_mask, find_mask, read_header
 from gsut.data.layouts import find_images
 from gsut.lens import Camera, LensProfile, find_lens, find_lenses, is_lens_name, load_camera
 from gsut.lens.files import camera_from_values
@@ -215,19 +215,13 @@ def list_photographs(path: Path, *, with_lens: bool = False) -> Photographs:
     root = path / "images" if (path / "images").is_dir() else path
     names = [p.relative_to(root).as_posix() for p in paths]
     masks = [
-        find_mask(path / "masks", name) or _find_common_mask(image.parent, path)
+        find_mask(path / "masks", name) or find_common_mask(image.parent, path)
         for name, image in zip(names, paths, strict=True)
     ]
     cameras: list[Camera | None] = [None] * len(names)
     if with_lens:
         cameras = _read_lenses(path, names)
     return Photographs(root, names, paths, masks, cameras)
-
-
-def _find_common_mask(*folders: Path) -> Path | None:
-    """Finds the mask of all images of a folder, in the first of these that has one."""
-    masks = (folder / "mask.png" for folder in folders)
-    return next((mask for mask in masks if mask.is_file()), None)
 
 
 def _read_lenses(path: Path, names: list[str]) -> list[Camera | None]:
