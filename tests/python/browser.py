@@ -13,6 +13,7 @@ import urllib.request
 from collections.abc import Iterator
 from typing import Any
 
+import numpy as np
 import pytest
 
 _FLAGS = (
@@ -20,6 +21,10 @@ _FLAGS = (
     "--disable-sync", "--hide-scrollbars", "--force-color-profile=srgb",
 )  # fmt: skip
 WAIT_SECONDS = 60.0
+_CANVAS_PIXELS = """
+  const canvas = document.getElementById("canvas");
+  const data = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
+  return [canvas.width, canvas.height, Array.from(data)];"""
 
 
 class Browser:
@@ -67,6 +72,11 @@ class Browser:
     def picture(self) -> bytes:
         """A PNG of the window."""
         return base64.b64decode(self._ask("/screenshot"))
+
+    def read_canvas(self) -> np.ndarray:
+        """The pixels of the page's canvas, (H, W, 4) uint8."""
+        width, height, data = self.run(_CANVAS_PIXELS)
+        return np.array(data, np.uint8).reshape(height, width, 4)
 
     def devtools(self, command: str, **values: Any) -> Any:
         return self._ask("/goog/cdp/execute", {"cmd": command, "params": values})

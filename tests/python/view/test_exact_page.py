@@ -14,11 +14,6 @@ from gsut.formats import load_gaussians, save_gaussians
 from gsut.view import Session, Stage
 from random_scenes import fisheye, gaussians_in_view, rng_of
 
-_PIXELS = """
-  const canvas = document.getElementById("canvas");
-  const data = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
-  return [canvas.width, canvas.height, Array.from(data)];"""
-
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):
@@ -49,15 +44,14 @@ def test_page_at_rest_is_within_one_level_of_render(window, tmp_path, scene, gau
     write_and_open(window, tmp_path, Stage("small", "run", gaussians, scene, background))
     window.run("goTo(0); state.lossless = true;")
     window.wait("JSON.parse(document.body.dataset.frame).lossless && !busy && !wanted")
-    width, height, data = window.run(_PIXELS)
-    found = np.array(data, np.int64).reshape(height, width, 4)[..., :3]
+    found = window.read_canvas()[..., :3].astype(np.int64)
     save_gaussians(tmp_path / "same.spz", gaussians)
     stored = load_gaussians(tmp_path / "same.spz")
     row = window.run("return scene.views[0].name;")
     view = next(view for view in scene.views if view.name == row)
     camera = scene.cameras[view.camera_index]
     truth = gsut.render(stored, camera, view.camera_from_world, background=background)
-    assert (height, width) == truth.alpha.shape
+    assert found.shape[:2] == truth.alpha.shape
     assert np.abs(found - gsut.rendering.to_uint8(truth.image)).max() <= 1
     assert found.std() > 10
 

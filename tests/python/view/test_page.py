@@ -10,11 +10,6 @@ from gsut.view import Session, Stage, ViewServer
 from random_scenes import fisheye, gaussians_in_view, rng_of
 from tolerances.view import MEASURED
 
-_PIXELS = """
-  const canvas = document.getElementById("canvas");
-  const data = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
-  return [canvas.width, canvas.height, Array.from(data)];"""
-
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):
@@ -44,8 +39,7 @@ def test_lossless_canvas_has_the_bits_of_render(window, scene, gaussians):
     window.run("goTo(1); state.lossless = true;")
     window.wait("JSON.parse(document.body.dataset.frame).view === 1")
     window.wait("JSON.parse(document.body.dataset.frame).lossless")
-    width, height, data = window.run(_PIXELS)
-    found = np.array(data, np.uint8).reshape(height, width, 4)
+    found = window.read_canvas()
     truth = gsut.render(gaussians, scene.cameras[0], scene.views[1].camera_from_world)
     np.testing.assert_array_equal(found[..., :3], gsut.rendering.to_uint8(truth.image))
     assert np.all(found[..., 3] == 255)
