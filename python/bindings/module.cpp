@@ -63,6 +63,7 @@ PYBIND11_MODULE(_core, m) {
   BindOptimize(m);  // before what takes its steps
   BindRaster(m);
   BindRasterLines(m);
+  BindSurroundings(m);
   BindLoss(m);
   BindLossPixels(m);
   BindOptimizeCompact(m);

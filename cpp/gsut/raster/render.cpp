@@ -20,9 +20,35 @@ namespace gsut {
 namespace {
 
 constexpr std::size_t kPadding = 16;
+// Pixels by which float coordinates may be off, with plenty to spare.
+constexpr float kRowMargin = 1.0f;
 constexpr const char* kTooWide =
     "the image is too small for its field of view: a tile of 16 x 16 pixels spans more than 168 "
     "degrees; render a larger image or use dtype=\"float64\"";
+
+// Takes out the small Gaussians above the first row of tiles that is drawn and below the last: what
+// draws a strip of the image makes no records of the rest.
+void LeaveOutRows(const std::uint8_t* chosen, const TileGrid& grid, Splats* splats) {
+  const auto is_drawn = [&](std::int64_t row) {
+    const std::uint8_t* const tiles = chosen + row * grid.tiles_x;
+    return std::any_of(tiles, tiles + grid.tiles_x, [](std::uint8_t tile) { return tile != 0; });
+  };
+  std::int64_t first = 0, beyond = grid.tiles_y;
+  while (first < beyond && !is_drawn(first)) ++first;
+  while (first < beyond && !is_drawn(beyond - 1)) --beyond;
+  const float top = static_cast<float>(first * kTileSize);
+  const float bottom = static_cast<float>(beyond * kTileSize);
+  ParallelFor(splats->size, kRecordsPart, [&](std::int64_t from, std::int64_t to) {
+    for (std::size_t i = static_cast<std::size_t>(from); i < static_cast<std::size_t>(to); ++i) {
+      if (splats->status[i] != SplatStatus::kSmall) continue;
+      const float bend = BendMargin(splats->sine[i], splats->extent_u[i], splats->extent_v[i]);
+      const float reach = splats->extent_v[i] + bend + kRowMargin;
+      if (splats->v[i] + reach < top || splats->v[i] - reach > bottom) {
+        splats->status[i] = SplatStatus::kUnseen;
+      }
+    }
+  });
+}
 
 }  // namespace
 
@@ -54,6 +80,7 @@ void Renderer::Render(const GaussiansView<const float>& gaussians, const RenderJ
   if (lines_ == nullptr) {
     const FootprintRule footprint = {rule.alpha_min, rule.response_min};
     Project(gaussians, job.camera, job.motion.start, job.unscented, footprint, &splats_);
+    if (job.tiles != nullptr) LeaveOutRows(job.tiles, *grid_, &splats_);
   } else {
     splats_.Resize(gaussians.size);
   }
