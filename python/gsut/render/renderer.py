@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import threading
+import warnings
 from collections.abc import Sequence
 from typing import Any
 
@@ -12,6 +13,7 @@ import numpy as np
 from gsut import _core
 from gsut._core import BlendRule, InputError
 from gsut.gaussians import Gaussians, StoredGaussians
+from gsut.render.card import CardRefusal, draw_on_card
 from gsut.render.motion import place_about, read_motion
 from gsut.render.projection import DEFAULT_UNSCENTED
 from gsut.render.soundness import sum_bits, warn_of_undrawn
@@ -23,6 +25,8 @@ from gsut.run import check_fits
 # the lists of the frame.
 _PIXEL_BYTES = 40
 _LISTED_BYTES = 60
+_DEVICES = ("cpu", "gpu")
+_ON_CARD = "card"  # stands for the renderer of an image that a graphics card drew
 
 
 @dataclasses.dataclass
@@ -50,7 +54,7 @@ class Render:
     rule: BlendRule
     background: tuple[float, float, float]
     sh_degree: int
-    renderer: Any  # _core.Renderer, or None for the double reference
+    renderer: Any  # _core.Renderer, None for the double reference, or _ON_CARD
     behind: np.ndarray | None = None
     seen: Any = None  # what was read of Gaussians in a file, which the renderer goes on with
     _bits: int | None = None  # of the Gaussians as they were drawn
@@ -65,7 +69,7 @@ class Render:
 
     def get_statistics(self) -> dict[str, int]:
         """Returns counts of the tiled path: num_visible, num_pairs, num_contributing_pairs ..."""
-        if self.renderer is None:
+        if self.renderer is None or self.renderer == _ON_CARD:
             return {}
         with self._turn:
             return self.renderer.statistics()
@@ -116,6 +120,7 @@ def render(
     sh_degree: int = 3,
     unscented: Sequence[float] = DEFAULT_UNSCENTED,
     dtype: str = "float32",
+    device: str = "cpu",
 ) -> Render:
     """Renders Gaussians: each pixel's ray is evaluated against the Gaussians in 3D.
 
@@ -137,6 +142,8 @@ def render(
         unscented: alpha, beta, kappa of the transform that bounds each Gaussian's tiles.
         dtype: "float32": tiled and vectorised. "float64": the scalar reference, every Gaussian at
             every pixel; slow.
+        device: "gpu": the graphics card, by WebGPU (pip install 'gsut[gpu]'), in float32; on the
+            CPU where it cannot, with a warning that gives the reason. Gradients are of the CPU.
 
     Returns:
         Image, alpha and depth, with what `render_backward` needs. float32 is within 1e-5 rms of the
@@ -144,11 +151,16 @@ def render(
 
     Warns:
         RuntimeWarning: in float32, Gaussians in memory are not finite or outside these bounds; with
-            their number.
+            their number. The graphics card cannot draw this image.
 
     Raises:
-        InputError: shapes, poses, shutter, parity or dtype are wrong, or memory does not suffice.
+        InputError: shapes, poses, shutter, parity, dtype or device are wrong, or memory does not
+            suffice.
     """
+    if device not in _DEVICES:
+        raise InputError(f'device "{device}" is unknown; known: {", ".join(_DEVICES)}')
+    if device == "gpu" and dtype != "float32":
+        raise InputError(f'device "gpu" draws in float32; leave dtype="{dtype}" out, or device')
     check_fits(
         f"an image of {camera.width} x {camera.height} of {len(gaussians):,} Gaussians",
         _PIXEL_BYTES * camera.width * camera.height
@@ -178,6 +190,8 @@ def render(
         raise InputError(f'dtype "{dtype}" is unknown; known: float32, float64')
     elif isinstance(gaussians, StoredGaussians):
         drawn = gaussians
+        if device == "gpu":
+            _warn_of_cpu("Gaussians that stay in their file are read for each image")
         stored = StoredImage(gaussians, camera, place, look)
         image, alpha, depth, distortion = stored.draw()
         renderer, seen = stored.renderer, stored.seen
@@ -185,11 +199,12 @@ def render(
         drawn = gaussians.to_dtype(np.float32)
         if isinstance(drawn, Gaussians):
             warn_of_undrawn(drawn)
-        image = np.zeros((camera.height, camera.width, 3), np.float32)
-        alpha, depth, distortion = (np.zeros(image.shape[:2], np.float32) for _ in range(3))
-        renderer = _core.Renderer()
-        job = _core.RenderJob(camera, place, **look)
-        renderer.render(drawn, job, image, alpha, depth, distortion)
+        on_card = _draw_on_card(drawn, camera, place, look) if device == "gpu" else None
+        renderer = _ON_CARD
+        if on_card is None:
+            renderer = _core.Renderer()
+            on_card = _draw_on_cpu(renderer, drawn, camera, place, look)
+        image, alpha, depth, distortion = on_card
     bits = sum_bits(drawn) if isinstance(drawn, Gaussians) else None
     out = Render(image, alpha, depth, distortion, drawn, *shown, renderer, seen=seen, _bits=bits)
     if background is None:
@@ -199,6 +214,36 @@ def render(
     behind = behind.astype(out.image.dtype)
     image = out.image + (1.0 - out.alpha)[..., None] * behind
     return dataclasses.replace(out, image=image, behind=behind)
+
+
+def _warn_of_cpu(reason: str) -> None:
+    warnings.warn(f"drawn on the CPU: {reason}", RuntimeWarning, stacklevel=4)
+
+
+def _draw_on_cpu(
+    renderer: Any, drawn: Any, camera: _core.Camera, place: Any, look: dict[str, Any]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    image = np.zeros((camera.height, camera.width, 3), np.float32)
+    alpha, depth, distortion = (np.zeros(image.shape[:2], np.float32) for _ in range(3))
+    job = _core.RenderJob(camera, place, **look)
+    renderer.render(drawn, job, image, alpha, depth, distortion)
+    return image, alpha, depth, distortion
+
+
+def _draw_on_card(
+    drawn: Any, camera: _core.Camera, place: Any, look: dict[str, Any]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None:
+    """Draws on the graphics card; None, with a warning, where it cannot."""
+    try:
+        color, left, depth, distortion = draw_on_card(
+            drawn, sum_bits(drawn), camera, place, look["rule"], look["sh_degree"]
+        )
+    except CardRefusal as refusal:
+        _warn_of_cpu(str(refusal))
+        return None
+    has_ray = camera.rays()[1]
+    image = color + left[..., None] * np.float32(look["background"])
+    return image, np.where(has_ray, np.float32(1.0) - left, np.float32(0.0)), depth, distortion
 
 
 def _read_background(
@@ -265,6 +310,8 @@ def render_backward(
     g = result.gaussians
     if isinstance(g, StoredGaussians):
         raise InputError("gradients are of Gaussians in memory, not of those in a file")
+    if result.renderer == _ON_CARD:
+        raise InputError('the graphics card has no gradients; render with device="cpu"')
     if result._bits is not None and sum_bits(g) != result._bits:
         raise InputError(
             "the Gaussians have changed since they were rendered; render them again, or change "
