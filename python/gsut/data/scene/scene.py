@@ -17,9 +17,11 @@ from gsut.data.errors import DatasetError
 from gsut.data.images import decode_scaled, make_lens_mask, read_mask, shrink_both
 from gsut.data.scene.lru_cache import LruCache
 from gsut.lens import Camera
+from gsut.orientation import turn_camera
 
 IMAGE_CACHE_BYTES = 1 << 30  # decoded pixels kept by one scene
 _IN_WORLD = {"views", "points", "world_offset"}  # what a scene has in world coordinates
+_LEAST_UP = 1e-3  # length of the cameras' mean up, below which they face in all directions
 EXTENT_MARGIN = 1.1  # of 3DGS: the scene's extent over the cameras' radius
 
 
@@ -38,6 +40,8 @@ class View:
         mask_path: image that is white where pixels are valid, or None.
         depth_path: as the dataset names it, not read here, or None.
         normal_path: likewise, a map of normals.
+        turns: quarter turns clockwise that show the image upright, by EXIF; its pixels, lens and
+            pose are as stored.
         shutter: how the image was read out between the start and the end pose, or None.
         pixels: (H, W, 3) uint8 RGB of an image that is in memory, not in a file, else None.
         valid: (H, W) bool of it, True where pixels count, or None: all.
@@ -55,6 +59,7 @@ class View:
     pixels: np.ndarray | None = None
     valid: np.ndarray | None = None
     normal_path: Path | None = None
+    turns: int = 0
 
     def __post_init__(self) -> None:
         for name in ("camera_from_world", "camera_from_world_start", "camera_from_world_end"):
@@ -107,6 +112,7 @@ class Scene:
         file_cameras: the cameras at the size of the image files, if `cameras` are smaller.
         larger: the same scene at a larger size, whose images are shrunk in place of the files'.
         decodes_small: JPEG files are decoded at a part of their size: see `decode_scaled`.
+        known_up: (3,) up in the world, as the dataset states it, or None.
 
     Any sequences are taken and kept as tuples, arrays are read-only; `replace` makes another scene.
     """
@@ -123,6 +129,7 @@ class Scene:
     file_cameras: tuple[Camera, ...] = ()
     larger: Scene | None = None
     decodes_small: bool = False
+    known_up: np.ndarray | None = None
     _images: LruCache = dataclasses.field(init=False)
     _masks: LruCache = dataclasses.field(init=False)
 
@@ -249,6 +256,25 @@ class Scene:
     def poses(self, indices: Sequence[int]) -> np.ndarray:
         """Returns camera_from_world (n, 4, 4) of views."""
         return np.array([self.views[i].camera_from_world for i in indices]).reshape(-1, 4, 4)
+
+    def upright_poses(self, indices: Sequence[int]) -> np.ndarray:
+        """Returns camera_from_world (n, 4, 4) of views as their images are shown: upright."""
+        poses = [turn_camera(self.views[i].camera_from_world, self.views[i].turns) for i in indices]
+        return np.array(poses).reshape(-1, 4, 4)
+
+    def count_turns(self, camera_index: int) -> int:
+        """Counts the quarter turns clockwise that show most of a camera's images upright."""
+        turns = [view.turns for view in self.views if view.camera_index == camera_index]
+        return max(sorted(set(turns)), key=turns.count, default=0)
+
+    @functools.cached_property
+    def up(self) -> np.ndarray:
+        """(3,) Up in the world, of length 1: as the dataset states it, or the cameras' mean."""
+        rows = self.train_indices or range(len(self))
+        known, ups = self.known_up, -self.upright_poses(rows)[:, 1, :3]
+        up = ups.mean(axis=0) if known is None else np.asarray(known, np.float64)
+        length = np.linalg.norm(up)
+        return up / length if length > _LEAST_UP else ups[0]
 
     def to_dataset(self, camera_from_world: np.ndarray) -> np.ndarray:
         """Returns a pose (4, 4) of the scene in the dataset's coordinates."""
