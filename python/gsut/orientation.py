@@ -49,7 +49,7 @@ def read_orientation(tiff: bytes) -> int:
     return 1
 
 
-def tag_turns(data: bytes, turns: int) -> bytes:
+def add_orientation(data: bytes, turns: int) -> bytes:
     """Adds to a JPEG or PNG the EXIF orientation that these quarter turns make upright.
 
     Args:

@@ -61,12 +61,12 @@ class _Plan:
 
     @property
     def is_mirrored(self) -> bool:
-        """Whether the stored pixels are a mirror image of what the camera saw, by EXIF."""
+        """Returns whether EXIF says that the pixels are a mirror image of what the camera saw."""
         return self.facts.orientation in UNMIRRORED
 
     @property
     def turns(self) -> int:
-        """Quarter turns clockwise that show the photograph upright, once it is written."""
+        """Counts the quarter turns clockwise that show the photograph upright, once written."""
         orientation = UNMIRRORED.get(self.facts.orientation, self.facts.orientation)
         return (count_turns(orientation) + self.turned) % 4
 

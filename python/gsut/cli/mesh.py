@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -165,7 +164,7 @@ def run(arguments: argparse.Namespace) -> int:
         crop=None if arguments.crop is None else np.array(arguments.crop),
     )
     figures: dict[str, Any]
-    with Progress(sys.stderr.isatty() and not arguments.quiet) as bars:
+    with Progress(not arguments.quiet) as bars:
         behind: dict[str, Any] = {"background": options.background, "progress": bars.show}
         if to_grid:
             made: Any = extract_grid(gaussians, scene, settings, **behind)

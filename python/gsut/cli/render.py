@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import dataclasses
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -141,7 +140,7 @@ def run(arguments: argparse.Namespace) -> int:
     if depths is not None:
         depths.check([shot.camera for shot in shots])
     pictures = contextlib.nullcontext() if film else whole_folder(out)
-    with Progress(sys.stderr.isatty()) as bars, pictures as folder:
+    with Progress() as bars, pictures as folder:
         if depths is not None:
             depths.folder = folder
 
@@ -192,6 +191,10 @@ def _stage(arguments: argparse.Namespace) -> Any:
         if stage.kind == "data":
             raise InputError(f"{place} is of a dataset, which has no Gaussians; `gsut train` it")
         return stage
+    if not place.exists():
+        raise InputError(
+            f"{place}: no such file or folder; give the folder of a run or a file of Gaussians"
+        )
     return open_stage(RunFolder.open(place).path, arguments.data, arguments.memory)
 
 
@@ -246,16 +249,18 @@ def _list_shots(arguments: argparse.Namespace, stage: Any, film: Path | None) ->
 def _count_turns(arguments: argparse.Namespace, stage: Any, film: Path | None) -> int:
     """Counts the quarter turns that show images along a path upright, as most of their lens."""
     from gsut.data.poses import read_path_turns
+    from gsut.data.scene import count_lens_turns
 
     if arguments.path not in _PATHS:
         return read_path_turns(arguments.path)
     if arguments.camera or film is not None or stage.scene is None:
         return 0
-    return stage.scene.count_turns(0)
+    return count_lens_turns(stage.scene, 0)
 
 
 def _list_poses(arguments: argparse.Namespace, stage: Any, film: Path | None) -> np.ndarray:
     from gsut.data.poses import read_path
+    from gsut.data.scene import find_up, find_upright_poses
     from gsut.render import make_orbit_path, make_tour_path, smooth_path, turn_path
 
     scene, count = stage.scene, arguments.frames or (_FRAMES if film is None else _FILM_FRAMES)
@@ -265,11 +270,11 @@ def _list_poses(arguments: argparse.Namespace, stage: Any, film: Path | None) ->
         place = stage.place()
         return turn_path(place["pose"], place["center"], place["up"], count)
     rows = scene.train_indices or range(len(scene))
-    keys = scene.upright_poses(rows)
+    keys = find_upright_poses(scene, rows)
     if arguments.path == "train":
         return smooth_path(keys, count)
     make_path = make_tour_path if arguments.path == "auto" else make_orbit_path
-    return make_path(keys, count, scene.up)
+    return make_path(keys, count, find_up(scene))
 
 
 def _choose_lens(arguments: argparse.Namespace, stage: Any, film: Path | None) -> Any:

@@ -72,10 +72,10 @@ def smooth_path(
     )[..., None, None]
     parts = np.stack([keys[left], tangents[left], keys[left + 1], tangents[left + 1]])
     path = _camera_from_world(np.sum(weights * parts, axis=0))
-    return path if up is None else _level_path(path, up)
+    return path if up is None else _rotate_to_level(path, up)
 
 
-def _level_path(camera_from_world: np.ndarray, up: np.ndarray) -> np.ndarray:
+def _rotate_to_level(camera_from_world: np.ndarray, up: np.ndarray) -> np.ndarray:
     """Turns cameras about their views so that the horizon is level.
 
     Views straight up or down see no horizon and keep their roll.

@@ -9,7 +9,7 @@ import numpy as np
 
 from gsut import _core
 from gsut.files import write_file
-from gsut.orientation import tag_turns
+from gsut.orientation import add_orientation
 
 
 def to_uint8(image: np.ndarray) -> np.ndarray:
@@ -42,7 +42,7 @@ def write_png(path: Path, image: np.ndarray, turns: int = 0) -> None:
     if pixels.ndim == 3:
         pixels = cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR)
     _, data = cv2.imencode(".png", pixels)
-    write_file(path, tag_turns(data.tobytes(), turns))
+    write_file(path, add_orientation(data.tobytes(), turns))
 
 
 def name_pictures(names: Sequence[str]) -> list[str]:

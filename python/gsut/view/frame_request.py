@@ -9,7 +9,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data.poses import check_rigid
-from gsut.orientation import turn_camera, turn_size
+from gsut.orientation import turn_camera, turn_pixel, turn_size
 from gsut.view.lenses import check_size
 
 # What a frame can show.
@@ -61,6 +61,11 @@ class FrameRequest:
     clean: bool = False
     ground: np.ndarray | None = None
     turns: int = 0
+
+    def turn_back(self, pixel: tuple[float, float]) -> np.ndarray:
+        """Returns (2,) where a pixel of the page's picture is in the image."""
+        size = turn_size(self.width, self.height, self.turns)
+        return np.array(turn_pixel(*pixel, *size, -self.turns))
 
     @classmethod
     def parse(cls, values: dict[str, Any], num_views: int) -> FrameRequest:

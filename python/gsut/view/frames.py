@@ -18,7 +18,7 @@ from gsut.gaussians import (
     rotate_upright,
 )
 from gsut.lens import Camera
-from gsut.orientation import turn_picture, turn_pixel, turn_size
+from gsut.orientation import turn_picture
 from gsut.render import (
     PixelFilter,
     choose_solid,
@@ -144,9 +144,7 @@ class Frames:
         place = self._place(request)
         _, alpha, depth = self._render(request, camera, place)
         self._release_large(camera)
-        size = turn_size(camera.width, camera.height, request.turns)
-        own = turn_pixel(*pixel, *size, -request.turns)
-        return find_point_at(place, camera, np.array(own), alpha, depth)
+        return find_point_at(place, camera, request.turn_back(pixel), alpha, depth)
 
     def _place(self, request: FrameRequest) -> Any:
         scene = self.stage.scene

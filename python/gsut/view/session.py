@@ -13,6 +13,7 @@ from gsut import _core
 from gsut._core import InputError
 from gsut.data import Scene
 from gsut.data.images import shrink_image, shrink_mask
+from gsut.data.scene import count_lens_turns, find_upright_poses
 from gsut.files import format_json
 from gsut.lens import camera_models
 from gsut.lens.files import values_from_camera
@@ -108,7 +109,7 @@ class Session:
             "extent": place["extent"], "pose": place["pose"].ravel(),
             "lenses": [
                 {**self.lenses.describe(row),
-                 "turns": 0 if stage.scene is None else stage.scene.count_turns(row)}
+                 "turns": 0 if stage.scene is None else count_lens_turns(stage.scene, row)}
                 for row in range(len(stage.cameras))
             ],
             "models": {name: _core.camera_param_names(name) for name in camera_models()},
@@ -278,7 +279,7 @@ def _describe_views(scene: Scene) -> list[dict[str, Any]]:
     held_out = set(scene.test_indices)
     rows = []
     for index, view in enumerate(scene.views):
-        camera, pose = scene.camera(index), scene.upright_poses([index])
+        camera, pose = scene.camera(index), find_upright_poses(scene, [index])
         width, height = turn_size(camera.width, camera.height, view.turns)
         rows.append({
             "name": view.name, "pose": pose.ravel(), "lens": view.camera_index,

@@ -14,6 +14,7 @@ from gsut._core import CameraMotion, InputError
 from gsut.check import Finding
 from gsut.data import Scene, load_dataset
 from gsut.data.poses import invert_pose
+from gsut.data.scene import find_up, find_upright_poses
 from gsut.formats import read_scene_file
 from gsut.gaussians import pack_harmonics, seed_from_points
 from gsut.lens import Camera
@@ -94,8 +95,8 @@ def _place_views(scene: Scene) -> dict[str, Any]:
     if not len(points):
         points = np.array([scene.views[row].camera_center for row in rows])
     center = np.median(points, axis=0)
-    first = scene.upright_poses(rows[:1])[0]
-    return {"up": scene.up, "center": center, "extent": scene.extent, "pose": first}
+    first = find_upright_poses(scene, rows[:1])[0]
+    return {"up": find_up(scene), "center": center, "extent": scene.extent, "pose": first}
 
 
 def open_stage(

@@ -17,11 +17,9 @@ from gsut.data.errors import DatasetError
 from gsut.data.images import decode_scaled, make_lens_mask, read_mask, shrink_both
 from gsut.data.scene.lru_cache import LruCache
 from gsut.lens import Camera
-from gsut.orientation import turn_camera
 
 IMAGE_CACHE_BYTES = 1 << 30  # decoded pixels kept by one scene
 _IN_WORLD = {"views", "points", "world_offset"}  # what a scene has in world coordinates
-_LEAST_UP = 1e-3  # length of the cameras' mean up, below which they face in all directions
 EXTENT_MARGIN = 1.1  # of 3DGS: the scene's extent over the cameras' radius
 
 
@@ -256,25 +254,6 @@ class Scene:
     def poses(self, indices: Sequence[int]) -> np.ndarray:
         """Returns camera_from_world (n, 4, 4) of views."""
         return np.array([self.views[i].camera_from_world for i in indices]).reshape(-1, 4, 4)
-
-    def upright_poses(self, indices: Sequence[int]) -> np.ndarray:
-        """Returns camera_from_world (n, 4, 4) of views as their images are shown: upright."""
-        poses = [turn_camera(self.views[i].camera_from_world, self.views[i].turns) for i in indices]
-        return np.array(poses).reshape(-1, 4, 4)
-
-    def count_turns(self, camera_index: int) -> int:
-        """Counts the quarter turns clockwise that show most of a camera's images upright."""
-        turns = [view.turns for view in self.views if view.camera_index == camera_index]
-        return max(sorted(set(turns)), key=turns.count, default=0)
-
-    @functools.cached_property
-    def up(self) -> np.ndarray:
-        """(3,) Up in the world, of length 1: as the dataset states it, or the cameras' mean."""
-        rows = self.train_indices or range(len(self))
-        known, ups = self.known_up, -self.upright_poses(rows)[:, 1, :3]
-        up = ups.mean(axis=0) if known is None else np.asarray(known, np.float64)
-        length = np.linalg.norm(up)
-        return up / length if length > _LEAST_UP else ups[0]
 
     def to_dataset(self, camera_from_world: np.ndarray) -> np.ndarray:
         """Returns a pose (4, 4) of the scene in the dataset's coordinates."""
