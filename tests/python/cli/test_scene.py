@@ -39,13 +39,15 @@ def test_video_becomes_a_scene_with_a_page(made):
     run = folder / "run"
     state = json.loads((run / "scene.json").read_text())
     assert state["pictures"] == state["registered"] == 6
-    assert state["verdict"]["level"] in ("usable", "poor")  # six pictures
+    assert state["verdict"]["level"] in ("usable", "poor")  # forty steps
     assert set(state["seconds"]) == {"capture", "poses", "training", "report"}
     assert state["psnr"] == json.loads((run / "metrics.json").read_text())["psnr"]
     page = (run / "scene.html").read_text()
     held_out = json.loads((run / "options.json").read_text())["test_names"]
     assert len(held_out) == 1 and "000000" not in held_out[0]
-    assert "only 6 pictures" in page and 'href="report.html"' in page and "data:image" in page
+    assert (
+        "of the detail is right" in page and 'href="report.html"' in page and "data:image" in page
+    )
     assert main(["eval", str(run), "--json"]) == 0
 
 
