@@ -86,7 +86,8 @@ def measure_shifted_detail(photograph: np.ndarray, image: np.ndarray, mask: np.n
     size = mask.shape[1], mask.shape[0]
     pictures = (shown, photograph.astype(np.float32) / np.float32(255))
     window = cv2.createHanningWindow(size, cv2.CV_32F)
-    (right, down), _ = cv2.phaseCorrelate(*map(flatten, pictures), window)
+    rendered, photographed = map(flatten, pictures)
+    (right, down), _ = cv2.phaseCorrelate(rendered, photographed, window)
     move = np.array([[1, 0, right], [0, 1, down]], np.float32)
     shifted = cv2.warpAffine(shown, move, size, borderMode=cv2.BORDER_REPLICATE)
     return max(measure_detail(photograph, each, mask) for each in (shown, shifted))
