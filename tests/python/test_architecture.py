@@ -88,7 +88,7 @@ def include_is_allowed(root: Path, arrow: Arrow) -> bool:
     if target == LENS_LIST:
         return arrow.path == "cpp/gsut/cameras/lens_registry.h"
     if target == BUILD_FACTS:
-        return path == "python/bindings/module.cpp"
+        return arrow.path == "python/bindings/module.cpp"
     if target == LENS_FILES:
         return arrow.path in LENS_TEXT_READERS
     if parts[0] == "gsut":
