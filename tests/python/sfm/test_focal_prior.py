@@ -11,11 +11,12 @@ import tolerances
 from gsut import _core
 from gsut.lens import with_scaled_focal
 from gsut.sfm import PosesOptions
+from gsut.sfm.lens.covariance import estimate_lens_covariances
 from gsut.sfm.lens.doubt import judge_lens
 from gsut.sfm.mapping import Mapping, PosesLog
 from gsut.sfm.matches import PairMatches
 from gsut.sfm.photographs import Images, Photographs
-from gsut.sfm.solution import Adjustment, adjust_poses
+from gsut.sfm.solution import FEATURE_VARIANCE, Adjustment, adjust_poses
 from synthetic_walk import observe
 
 LENS = gsut.Camera("kannala_brandt", [520, 520, 320, 240, 1 / 3, 0.13, 0, 0], 640, 480)
@@ -114,12 +115,16 @@ def test_focal_prior_that_images_know_better_changes_nothing(walk):
 
 
 def test_focal_sigma_with_errors_that_features_share_covers_the_error():
-    errors = []
+    errors, wider = [], 0
     for seed in range(5):
         flight = fly(np.random.default_rng(seed), relief=0.1, stretch=0.004)
         run, error = judge(flight)
         errors.append(error / run.found.focal_sigma)
-    assert len(errors) == 5
+        (known,) = estimate_lens_covariances(
+            flight.solution, FREE, OPTIONS.loss_scale, FEATURE_VARIANCE
+        )
+        wider += run.found.focal_sigma > known.sigmas[0] / flight.solution.cameras[0].params[0]
+    assert len(errors) == 5 and wider > 0
     assert max(map(abs, errors)) < tolerances.FOCAL_SIGMAS
 
 
