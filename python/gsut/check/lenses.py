@@ -11,7 +11,6 @@ import numpy as np
 from gsut._core import InputError
 from gsut.check.epipolar import Matches, find_rays
 from gsut.lens import Camera
-from gsut.sfm.points import measure_angular_errors, measure_pixels_per_radian
 
 # Factors on the image's size that programs resize by, and that a lens may not have followed.
 _SIZES = (0.25, 1 / 3, 0.5, 2 / 3, 0.75, 4 / 3, 1.5, 2.0, 3.0, 4.0)
@@ -25,6 +24,11 @@ _COEFFICIENT_ORDERS = {"k1 k2 k3 p1 p2": (0, 1, 3, 4, 2), "p1 p2 k1 k2 k3": (2, 
 _ITERATIONS = 8  # of the reweighted fit, which settles within half of them
 _SETTLED = 0.05  # of the differences' steps: a fit that moves less has settled
 _NORMAL = 1.4826  # standard deviation of a normal law over the median of its absolute values
+# Standard deviation with which a lens is known beforehand, of its focal length, diagonal and
+# distortion: what a straight path does not determine stays as it is given.
+_KNOWN = 0.25
+_TINY = 1e-12  # keeps quotients finite
+_STEP_PX = 0.01  # of differences between rays: small beside a pixel, large beside rounding
 _FEWEST = 40  # matches to which the four numbers are fitted
 
 
@@ -53,9 +57,9 @@ class LensFit:
     Args:
         values: (4,) logarithm of the factor on the focal lengths; pixels to add to cx and cy;
             factor minus 1 on the distance from the centre, at half the image's diagonal.
-        covariance: (4, 4) of them, pairs of images taken as independent.
+        covariance: (4, 4) of them, by what each view changes when it is left out.
         diagonal: of the image, pixels.
-        freedom: pairs of images less the four values: degrees of freedom of the covariance.
+        freedom: views less the four values: degrees of freedom of the covariance.
     """
 
     values: np.ndarray
@@ -125,17 +129,13 @@ def fit_lens(cameras: Sequence[Camera], matches: Matches, poses: np.ndarray) -> 
         matches: their pixels.
         poses: (2, M, 4, 4) world_from_camera.
     """
-    focal = measure_pixels_per_radian(cameras[0])
     steps = np.diag([1e-3, 0.1, 0.1, 1e-3])
+    known = np.array([1.0, matches.diagonal, matches.diagonal, 1.0]) * _KNOWN
 
     def find_errors(x: np.ndarray) -> np.ndarray:
-        return (
-            measure_angular_errors(_find_moved_rays(cameras, matches, x), poses, signed=True)
-            * focal
-        )
+        return _find_moved_errors(cameras, matches, poses, x)
 
-    pairs = len(matches.pairs)
-    freedom = max(1, pairs - len(steps))
+    freedom = max(1, len(np.unique(matches.pairs[matches.pair])) - len(steps))
     x, covariance = np.zeros(4), np.full((4, 4), np.inf)
     for _ in range(_ITERATIONS):
         now = find_errors(x)
@@ -148,24 +148,99 @@ def fit_lens(cameras: Sequence[Camera], matches: Matches, poses: np.ndarray) -> 
         sigma = max(_NORMAL * float(np.median(np.abs(now[good]))), 0.05)
         weight = 1 / (1 + (now[good] / (2 * sigma)) ** 2)
         slope = slopes[good]
-        pull = weight[:, None] * slope * now[good, None]
-        bread = np.linalg.pinv(slope.T @ (weight[:, None] * slope), hermitian=True)
-        of_pairs = np.stack([np.bincount(matches.pair[good], column, pairs) for column in pull.T])
-        covariance = bread @ (of_pairs @ of_pairs.T) @ bread * (pairs / freedom)
-        step = np.clip(bread @ pull.sum(axis=0), [-0.2, -50, -50, -0.1], [0.2, 50, 50, 0.1])
+        weighted = weight[:, None] * slope
+        prior = np.diag((sigma / known) ** 2)
+        whole = slope.T @ weighted + prior
+        step = np.linalg.solve(whole, weighted.T @ now[good] + prior @ x)
+        covariance = _leave_views_out(
+            matches.pairs[matches.pair[good]], whole, slope, weighted, now[good] - slope @ step
+        )
+        step = np.clip(step, [-0.2, -50, -50, -0.1], [0.2, 50, 50, 0.1])
         x = x - step
         if np.all(np.abs(step) < _SETTLED * steps.max(axis=1)):
             break
     return LensFit(x, covariance, matches.diagonal, freedom)
 
 
-def _find_moved_rays(cameras: Sequence[Camera], matches: Matches, x: np.ndarray) -> np.ndarray:
-    """Returns the rays (2, M, 3) of the matches through lenses changed by `LensFit.values`."""
-    centers = np.array([_find_principal_point(camera) for camera in cameras])[matches.lens]
-    away = (matches.pixels - x[1:3] - centers) / np.exp(x[0])
+def _leave_views_out(
+    views: np.ndarray,
+    whole: np.ndarray,
+    slope: np.ndarray,
+    weighted: np.ndarray,
+    errors: np.ndarray,
+) -> np.ndarray:
+    """Returns the covariance of a linear fit by the jackknife over views.
+
+    Where a few views determine a value, their own errors are small because the fit follows them,
+    and only its change without them shows how little is known. Each pair is left out with either of
+    its views, hence the half (Snijders and Borgatti, "Non-parametric standard errors and tests for
+    network statistics", 1999).
+
+    Args:
+        views: (M, 2) of each match.
+        whole: (4, 4) normal matrix of all matches.
+        slope, weighted: (M, 4) derivatives of the errors, and the same times the weights.
+        errors: (M,) that the fit leaves.
+    """
+    used, moves = np.unique(views), []
+    for view in used:
+        rows = (views == view).any(axis=1)
+        rest = whole - slope[rows].T @ weighted[rows]
+        moves.append(np.linalg.solve(rest, weighted[rows].T @ errors[rows]))
+    return (len(used) - 2) / (2 * len(used)) * np.array(moves).T @ np.array(moves)
+
+
+def _find_moved_errors(
+    cameras: Sequence[Camera], matches: Matches, poses: np.ndarray, x: np.ndarray
+) -> np.ndarray:
+    """Returns how far matches (M,) lie from each other's epipolar lines, pixels, signed.
+
+    In pixels of the given images, whatever the lens makes of them (Sampson's distance; Hartley and
+    Zisserman, "Multiple view geometry", 2003, equation 11.9). Angles would not do: a longer focal
+    length makes all of them smaller, and fits no better for it.
+
+    Args:
+        cameras: the lenses.
+        matches: their pixels.
+        poses: (2, M, 4, 4) world_from_camera.
+        x: (4,) change of the lenses, as `LensFit.values`.
+    """
+    one, two = poses[..., :3, :3]
+    base = poses[1, :, :3, 3] - poses[0, :, :3, 3]
+    base = base / np.maximum(np.linalg.norm(base, axis=1, keepdims=True), _TINY)
+    right, down = np.array([_STEP_PX, 0.0]), np.array([0.0, _STEP_PX])
+    rays = [_find_moved_rays(cameras, matches, x, step) for step in (0.0, right, down)]
+    seen = [np.einsum("mij,smj->smi", turn, [each[side] for each in rays])
+            for side, turn in enumerate((one, two))]  # fmt: skip
+    normal = [np.cross(seen[1][0], base), np.cross(base, seen[0][0])]
+    missed = np.einsum("mi,mi->m", seen[1][0], normal[1])
+    slopes = [np.einsum("smi,mi->sm", seen[side][1:] - seen[side][0], normal[side]) / _STEP_PX
+              for side in (0, 1)]  # fmt: skip
+    size = np.linalg.norm(np.concatenate(slopes), axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return missed / size
+
+
+def _find_moved_rays(
+    cameras: Sequence[Camera], matches: Matches, x: np.ndarray, step: np.ndarray | float = 0.0
+) -> np.ndarray:
+    """Returns the rays (2, M, 3) of pixels a step (2,) beside the matches through changed lenses.
+
+    Args:
+        cameras: the lenses.
+        matches: their pixels.
+        x: (4,) change of the lenses, as `LensFit.values`.
+        step: (2,) pixels.
+    """
+    centers = _find_principal_points(cameras)[matches.lens]
+    away = (matches.pixels + step - x[1:3] - centers) / np.exp(x[0])
     radius = np.linalg.norm(away, axis=-1, keepdims=True) / (matches.diagonal / 2)
     moved = centers + away / (1 + x[3] * radius**2)
     return find_rays(cameras, dataclasses.replace(matches, pixels=moved))
+
+
+def _find_principal_points(cameras: Sequence[Camera]) -> np.ndarray:
+    return np.array([_find_principal_point(camera) for camera in cameras])
 
 
 def list_other_lenses(
