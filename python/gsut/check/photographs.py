@@ -12,10 +12,9 @@ from gsut.check.chance import Judgement, judge_pairs, measure_turn_error
 from gsut.check.epipolar import rate_matches, rate_pairs
 from gsut.check.evidence import Evidence
 from gsut.check.findings import Finding
+from gsut.check.lens_fit import LensFit, fit_lens
 from gsut.check.lenses import (
-    LensFit,
     OtherLens,
-    fit_lens,
     is_free_of_distortion,
     list_other_lenses,
     without_distortion,

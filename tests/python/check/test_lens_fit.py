@@ -5,7 +5,7 @@ import pytest
 
 import gsut
 from gsut.check.epipolar import Matches
-from gsut.check.lenses import fit_lens
+from gsut.check.lens_fit import fit_lens
 from gsut.check.photographs import _is_off
 
 LENSES = {
