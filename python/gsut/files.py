@@ -43,6 +43,7 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
         WriteError: the file cannot be written (no such folder, permissions, disk full), or `path`
             is a folder, a device or a pipe.
     """
+    check_name(path)
     path = Path(os.path.realpath(path))
     if path.exists() and not path.is_file():
         raise WriteError(f"cannot write {path}: it is not a file; give another name")
@@ -90,6 +91,7 @@ def staging_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
         WriteError: it cannot be created.
     """
     path = Path(path)
+    check_name(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         staging = _name_unfinished(path)
@@ -125,6 +127,29 @@ def to_file_name(name: str) -> str:
     """
     plain = re.sub(r"[^\w.-]+", "_", name).strip("_")
     return plain.lstrip("._")[:_MOST_LETTERS] or "unnamed"
+
+
+def claim_name(name: str, taken: set[str]) -> str:
+    """Adds a file's name to those taken, with -2, -3 ... before its suffix where it is taken.
+
+    Returns:
+        The name as it was added.
+    """
+    stem, dot, suffix = name.rpartition(".") if "." in name.rpartition("/")[2] else (name, "", "")
+    unique, number = name, 2
+    while unique in taken:
+        unique, number = f"{stem}-{number}{dot}{suffix}", number + 1
+    taken.add(unique)
+    return unique
+
+
+def check_name(path: str | os.PathLike[str]) -> None:
+    """Raises WriteError for a name with a zero byte, where the system would cut it off: what has
+    the shorter name would be overwritten."""
+    if b"\0" in os.fsencode(path):
+        raise WriteError(
+            f"cannot write {os.fspath(path)!r}: the name holds a zero byte; give another name"
+        )
 
 
 def remove_unfinished(folder: Path, *, of_all: bool = False) -> None:
@@ -166,6 +191,7 @@ def refuse_existing(path: Path, by: str = "") -> None:
         path: to be written.
         by: how another name is given, such as " with -o".
     """
+    check_name(path)
     if path.exists():
         raise InputError(f"{path} exists; give another name{by} (nothing was overwritten)")
     folder = path.parent
@@ -180,6 +206,8 @@ def check_regular(path: str | os.PathLike[str]) -> Path:
     Raises:
         OSError: it does, or it leads to a folder or to nothing.
     """
+    if b"\0" in os.fsencode(path):  # a name that no file has
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), os.fspath(path))
     mode = os.stat(path).st_mode
     if stat.S_ISDIR(mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), os.fspath(path))

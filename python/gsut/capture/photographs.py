@@ -27,7 +27,14 @@ from gsut.capture.strip import write_strip
 from gsut.data import CAPTURE, list_some
 from gsut.data.images import IMAGE_SUFFIXES, find_common_mask, find_mask
 from gsut.data.scene import capture_state
-from gsut.files import check_regular, write_json, write_picture
+from gsut.files import (
+    check_regular,
+    claim_name,
+    reading,
+    to_file_name,
+    write_json,
+    write_picture,
+)
 from gsut.lens import FocalPrior
 
 HEIF_SUFFIXES = (".heic", ".heif")
@@ -98,7 +105,7 @@ def collect_photographs(
     plans, left_out = _plan_folders(facts)
     notes += left_out
     (folder / IMAGES).mkdir(parents=True, exist_ok=True)
-    rows = _write(plans, folder, report)
+    plans, rows = _write(plans, folder, notes, report)
     first = min((p.facts.time for p in plans if p.facts.time is not None), default=0.0)
     for row, plan in zip(rows, plans, strict=True):
         f = plan.facts
@@ -293,19 +300,37 @@ def _scale_focal(plan: _Plan) -> FocalPrior | None:
     return None if f.focal is None else f.focal.scale(factor)
 
 
-def _write(plans: Sequence[_Plan], folder: Path, report: OnProgress) -> list[dict[str, Any]]:
-    """Writes copies of photographs that need conversion; returns the rows of all."""
-    rows: list[dict[str, Any]] = []
+def _write(
+    plans: Sequence[_Plan], folder: Path, notes: list[str], report: OnProgress
+) -> tuple[list[_Plan], list[dict[str, Any]]]:
+    """Writes copies of photographs that need conversion; returns the plans and rows of all but
+    those that cannot be decoded, which it notes.
+
+    Raises:
+        InputError: none can.
+    """
+    kept, rows = [], list[dict[str, Any]]()
+    taken: set[str] = set()
+    targets = [
+        folder / IMAGES / claim_name(_name_copy(plan), taken) if plan.is_written else None
+        for plan in plans
+    ]
     with concurrent.futures.ThreadPoolExecutor(_core.num_threads()) as pool:
-        written = pool.map(lambda plan: _copy(plan, folder) if plan.is_written else None, plans)
+        written = pool.map(_copy, plans, targets)
         for done, (plan, copy) in enumerate(zip(plans, written, strict=True), 1):
+            report("photographs", len(plans) + done, 2 * len(plans), plan.name)
+            if isinstance(copy, InputError):
+                notes.append(f"left out: {copy}")
+                continue
+            kept.append(plan)
             target = plan.facts.path.resolve() if copy is None else copy
             path = os.path.relpath(target, folder.resolve())
             # A copy stays in its folder by name: folders are cameras.
             name = plan.name if copy is None else str(PurePosixPath(plan.name).with_name(copy.name))
             rows.append({"name": name, "path": path})
-            report("photographs", len(plans) + done, 2 * len(plans), plan.name)
-    return rows
+    if not rows:
+        raise InputError(f"none of the {len(plans)} photographs can be decoded: {notes[-1]}")
+    return kept, rows
 
 
 def _find_mask(path: Path, name: str) -> Path | None:
@@ -316,17 +341,28 @@ def _find_mask(path: Path, name: str) -> Path | None:
     return None if mask is None else mask.resolve()
 
 
-def _copy(plan: _Plan, folder: Path) -> Path:
-    """Writes a photograph again as JPEG; returns the file."""
+def _name_copy(plan: _Plan) -> str:
+    """Names the JPEG of a photograph that is written again."""
+    stem, _, suffix = plan.name.rpartition(".")
+    return f"{to_file_name(stem.replace('/', '-'))}-{suffix.lower()}.jpg"
+
+
+def _copy(plan: _Plan, target: Path | None) -> Path | InputError | None:
+    """Writes a photograph again as JPEG, unless there is no target; returns the file, or why it
+    cannot be decoded."""
     import cv2
 
-    pixels = _decode(plan.facts.path)
+    if target is None:
+        return None
+    try:
+        with reading(InputError):
+            pixels = _decode(plan.facts.path)
+    except (InputError, OSError) as error:
+        return InputError(f"{plan.facts.path}: the photograph is damaged ({error}); copy it again")
     if plan.turned:
         pixels = np.rot90(pixels)
     if plan.size is not None:
         pixels = cv2.resize(pixels, plan.size, interpolation=cv2.INTER_AREA)
-    stem = plan.name.replace("/", "-").rsplit(".", 1)[0]
-    target = folder / IMAGES / f"{stem}-{plan.facts.path.suffix[1:].lower()}.jpg"
     write_picture(target, np.ascontiguousarray(pixels[:, :, ::-1]), _JPEG_QUALITY)
     return target
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -47,7 +48,7 @@ def _draw_tile(path: Path, row: dict[str, Any]) -> np.ndarray:
     import cv2
 
     try:
-        pixels = cv2.imread(str(path), cv2.IMREAD_REDUCED_COLOR_2)
+        pixels = cv2.imread(os.fsencode(path), cv2.IMREAD_REDUCED_COLOR_2)
     except cv2.error:  # one pixel has no half
         pixels = None
     if pixels is None:

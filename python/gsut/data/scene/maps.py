@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -99,7 +100,7 @@ def _load_numbers(path: Path, what: str) -> np.ndarray:
 def _load_picture(path: Path) -> np.ndarray | None:
     import cv2  # here, because gsut --help needs none
 
-    return cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    return cv2.imread(os.fsencode(path), cv2.IMREAD_UNCHANGED)
 
 
 def _list_image_sizes(scene: Scene, view: int) -> list[tuple[int, int]]:
