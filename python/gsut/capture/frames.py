@@ -126,8 +126,8 @@ def extract_frames(
         )
     if damaged:
         notes.append(
-            f"{len(damaged)} frames of {path.name} from {damaged[0]:.1f} to {damaged[-1]:.1f} s "
-            "are damaged and left out; copy the film from the camera again"
+            f"frames of {path.name} between {damaged[0]:.1f} and {damaged[-1]:.1f} s are damaged "
+            f"and left out ({len(damaged)} of {seen}); copy the film from the camera again"
         )
     if search.cuts:
         notes.append(

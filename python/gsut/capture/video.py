@@ -215,7 +215,8 @@ def _open_video(path: Path) -> Any:
 
     with contextlib.suppress(av.FFmpegError, OSError):
         container = av.open(_name_file(check_regular(path)))
-        if any(stream.width > 0 for stream in container.streams.video[:1]):
+        # A stream whose codec is not known has no width.
+        if any(getattr(stream, "width", 0) > 0 for stream in container.streams.video[:1]):
             return container
         container.close()
     if _is_without_index(path):
