@@ -116,25 +116,8 @@ def extract_frames(
     done = read_finished_capture(folder, key)
     if done is not None:
         return done
-    search, seen, untimed, damaged = _search_candidates(files, report)
-    notes = _judge(path, search.finish(), seen, announced, rate)
-    notes += source.notes
-    if untimed:
-        notes.append(
-            f"the time stamps of {untimed} frames of {path.name} do not rise: they are taken to be "
-            f"{1 / rate:.3g} s apart, as the frame rate says"
-        )
-    if damaged:
-        notes.append(
-            f"frames of {path.name} between {damaged[0]:.1f} and {damaged[-1]:.1f} s are damaged "
-            f"and left out ({len(damaged)} of {seen}); copy the film from the camera again"
-        )
-    if search.cuts:
-        notes.append(
-            f"{path.name} is cut at {', '.join(f'{t:.1f} s' for t in search.cuts[:_MOST_CUTS])}"
-            f"{' ...' if len(search.cuts) > _MOST_CUTS else ''}: it may show several places, of "
-            "which the largest that connects becomes the scene; to choose one, give a film of it"
-        )
+    search, seen, found = _search_candidates(files, report)
+    notes = _judge(path, search.finish(), seen, announced, rate) + found
     candidates = add_candidates(search.candidates, search.frames, count)
     chosen = [candidates[index] for index in choose_frames(candidates, count)]
     if count is not None and len(chosen) < count:
@@ -188,9 +171,8 @@ def read_finished_capture(folder: Path, key: dict[str, Any]) -> Capture | None:
 
 def _search_candidates(
     files: Sequence[Path], report: OnProgress
-) -> tuple[CandidateSearch, int, int, list[float]]:
-    """Returns a search that has seen the frames looked at; counts all frames, and those untimed;
-    and the seconds of damaged ones."""
+) -> tuple[CandidateSearch, int, list[str]]:
+    """Returns a search that has seen the frames looked at, their number, and notes on the film."""
     import cv2
 
     search = CandidateSearch()
@@ -205,7 +187,18 @@ def _search_candidates(
                 search.add(number, time, cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY))
             text = f"{len(search.candidates)} candidates"
             report("looking", seen, max(seen, source.frame_count), text)
-        return search, seen, source.untimed, source.damaged
+        return search, seen, [*source.list_notes(seen), *_note_cuts(source.path, search.cuts)]
+
+
+def _note_cuts(path: Path, cuts: Sequence[float]) -> list[str]:
+    if not cuts:
+        return []
+    places = ", ".join(f"{time:.1f} s" for time in cuts[:_MOST_CUTS])
+    return [
+        f"{path.name} is cut at {places}{' ...' if len(cuts) > _MOST_CUTS else ''}: it may show "
+        "several places, of which the largest that connects becomes the scene; to choose one, give "
+        "a film of it alone"
+    ]
 
 
 def _judge(

@@ -28,6 +28,8 @@ _GOPRO = {
     "HD9": "HERO9", "H19": "Max", "H21": "HERO10", "H22": "HERO11", "H23": "HERO12",
     "H24": "HERO13",
 }  # fmt: skip
+# Of FFmpeg's durations, a second.
+_DURATION_UNITS = 1e6
 # Frames per second of a file that does not say.
 _USUAL_RATE = 30.0
 # Bytes at either end of a file that are searched for the camera's name.
@@ -57,7 +59,6 @@ class Video:
         frame_rate: mean number of frames per second.
         frame_count: according to the file; 0 if it does not say.
         untimed: frames read so far whose time stamps do not rise; the frame rate times them.
-        notes: what is wrong with the file, one sentence each.
         damaged: seconds of the frames read so far that are damaged, or refer to damaged ones.
 
     Raises:
@@ -79,13 +80,8 @@ class Video:
             streams = self._beside.streams.video
             self._other = _decode_stream(self._beside, streams[int(Path(beside) == self.path)])
         self.frame_rate = float(stream.guessed_rate or 0) or _USUAL_RATE
-        seconds = (self._container.duration or 0) / 1e6  # FFmpeg's unit
+        seconds = (self._container.duration or 0) / _DURATION_UNITS
         self.frame_count = stream.frames or round(seconds * self.frame_rate)
-        films = _list_kinds(self.path).count(b"moov")
-        self.notes = [] if films < 2 else [
-            f"{self.path.name} is {films} films pasted together, of which the first is read: give "
-            "the films themselves, each by its name"
-        ]  # fmt: skip
         self.untimed = 0
         self.damaged: list[float] = []
         self.width, self.height = stream.width, stream.height
@@ -128,6 +124,28 @@ class Video:
         if len(pictures) == 1:
             return np.ascontiguousarray(np.rot90(pictures[0], frames[0].rotation // 90))
         return np.hstack(pictures) if pictures[0].shape == pictures[1].shape else None
+
+    def list_notes(self, count: int) -> list[str]:
+        """Lists what is wrong with the file and its `count` frames read, one sentence each."""
+        name, notes = self.path.name, []
+        films = _list_kinds(self.path).count(b"moov")
+        if films > 1:
+            notes.append(
+                f"{name} is {films} films pasted together, of which the first is read: give the "
+                "films themselves, each by its name"
+            )
+        if self.untimed:
+            notes.append(
+                f"the time stamps of {self.untimed} frames of {name} do not rise: they are taken "
+                f"to be {1 / self.frame_rate:.3g} s apart, as the frame rate says"
+            )
+        if self.damaged:
+            notes.append(
+                f"frames of {name} between {self.damaged[0]:.1f} and {self.damaged[-1]:.1f} s are "
+                f"damaged and left out ({len(self.damaged)} of {count}); copy the film from the "
+                "camera again"
+            )
+        return notes
 
     def close(self) -> None:
         self._container.close()
