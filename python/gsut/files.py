@@ -239,6 +239,13 @@ def write_picture(path: str | os.PathLike[str], pixels: Any, quality: int | None
     write_file(path, data.tobytes())
 
 
+def read_picture(path: str | os.PathLike[str], flags: int) -> Any:
+    """Reads a picture of any name by OpenCV's `flags`; None if it is none."""
+    import cv2  # whose own reader of files crashes at a str that is no UTF-8
+
+    return cv2.imread(os.fsencode(path), flags)  # type: ignore[call-overload]
+
+
 def write_json(path: str | os.PathLike[str], value: Any) -> None:
     """Writes `format_json`, see `whole_file`."""
     write_file(path, format_json(value) + "\n")

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -18,7 +17,7 @@ from gsut._core import InputError
 from gsut.capture.frames import IMAGES, Capture
 from gsut.capture.video import read_stream_start
 from gsut.data import CAPTURE, read_capture
-from gsut.files import claim_name, to_file_name, write_json, write_picture
+from gsut.files import claim_name, read_picture, to_file_name, write_json, write_picture
 from gsut.lens import Camera
 from gsut.lens.files import values_from_camera
 
@@ -132,7 +131,7 @@ def _examine_pictures(paths: Sequence[Path]) -> tuple[np.ndarray, bool]:
     brightest: np.ndarray = np.zeros(0, np.uint8)
     ratios = []
     for path in paths:
-        grey = cv2.imread(os.fsencode(path), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
+        grey = read_picture(path, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
         if grey is None:
             continue
         brightest = grey if not len(brightest) else np.maximum(brightest, grey)
@@ -182,7 +181,7 @@ def _split(taken: Capture, circles: Sequence[_Circle], nadir: float, zenith: flo
         circle, taken_names = circles[number], set[str]()
         corner = round(circle.x - side / 2), round(circle.y - side / 2)
         for row in taken.figures["frames"]:
-            pixels = np.asarray(cv2.imread(os.fsencode(taken.path / row["path"])))
+            pixels = np.asarray(read_picture(taken.path / row["path"], cv2.IMREAD_COLOR))
             part = _cut(pixels[:, number * half : (number + 1) * half], *corner, side)
             stem = to_file_name(row["name"].replace("/", "-").rpartition(".")[0])
             target = folder / IMAGES / name / claim_name(f"{stem}.jpg", taken_names)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gsut.data import STRIP
-from gsut.files import write_picture
+from gsut.files import read_picture, write_picture
 
 # Height of a picture in pixels.
 _HEIGHT = 96
@@ -48,7 +47,7 @@ def _draw_tile(path: Path, row: dict[str, Any]) -> np.ndarray:
     import cv2
 
     try:
-        pixels = cv2.imread(os.fsencode(path), cv2.IMREAD_REDUCED_COLOR_2)
+        pixels = read_picture(path, cv2.IMREAD_REDUCED_COLOR_2)
     except cv2.error:  # one pixel has no half
         pixels = None
     if pixels is None:

@@ -81,7 +81,7 @@ def run_command(
     for stream in (sys.stdout, given):  # a name that the terminal cannot show is shown escaped
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
-    sys.stderr = lenient = _LenientStream(given)  # type: ignore[assignment]
+    sys.stderr = lenient = _LenientStream(given)
     try:
         try:
             _refuse_empty(words)
