@@ -2,7 +2,8 @@
 
 Ordinary photographs stay where they are, with their pixels as stored: a phone held upright stores
 what its sensor saw, so that all of its photographs share one lens. Only what cannot be used so is
-written again: other formats, and photographs of the same camera that were turned or shrunk.
+written again: other formats, mirrored ones, and photographs of the same camera that were turned
+or shrunk. What shows a photograph turns it upright by EXIF's orientation, which copies keep.
 """
 
 from __future__ import annotations
@@ -36,6 +37,7 @@ from gsut.files import (
     write_picture,
 )
 from gsut.lens import FocalPrior
+from gsut.orientation import ORIENTATIONS, UNMIRRORED, count_turns
 
 HEIF_SUFFIXES = (".heic", ".heif")
 PHOTOGRAPH_SUFFIXES = (*IMAGE_SUFFIXES, *HEIF_SUFFIXES, *RAW_SUFFIXES)
@@ -47,13 +49,11 @@ _SAME_FOCAL = 0.03
 _SAME_SHAPE = 0.01
 # Quality of written JPEG files: compression then changes features less than noise does.
 _JPEG_QUALITY = 97
-# EXIF's orientation of pixels that were turned by a quarter counterclockwise.
-_TURNED = {1: 6, 2: 5, 3: 8, 4: 7, 5: 4, 6: 3, 7: 2, 8: 1}
 
 
 @dataclasses.dataclass(frozen=True)
 class _Plan:
-    """What is done to one photograph: a quarter turn, resizing, or nothing."""
+    """What is done to one photograph: mirroring, a quarter turn, resizing, or nothing."""
 
     facts: PhotographFacts
     name: str  # as in the dataset
@@ -64,7 +64,18 @@ class _Plan:
     def is_written(self) -> bool:
         suffix = self.facts.path.suffix.lower()
         strange = suffix not in IMAGE_SUFFIXES or self.facts.mode not in _AS_STORED
-        return strange or self.turned or self.size is not None
+        return strange or self.is_mirrored or self.turned or self.size is not None
+
+    @property
+    def is_mirrored(self) -> bool:
+        """Returns whether EXIF says that the pixels are a mirror image of what the camera saw."""
+        return self.facts.orientation in UNMIRRORED
+
+    @property
+    def turns(self) -> int:
+        """Counts the quarter turns clockwise that show the photograph upright, once written."""
+        orientation = UNMIRRORED.get(self.facts.orientation, self.facts.orientation)
+        return (count_turns(orientation) + self.turned) % 4
 
 
 def collect_photographs(
@@ -110,7 +121,7 @@ def collect_photographs(
     for row, plan in zip(rows, plans, strict=True):
         f = plan.facts
         row["time"] = None if f.time is None else f.time - first
-        row["orientation"] = _TURNED[f.orientation] if plan.turned else f.orientation
+        row["orientation"] = ORIENTATIONS[plan.turns]
         row["place"] = None if f.place is None else f.place.to_values()
         row["accuracy"] = None if f.place is None else f.place.accuracy
         row["heading"] = f.heading
@@ -359,11 +370,13 @@ def _copy(plan: _Plan, target: Path | None) -> Path | InputError | None:
             pixels = _decode(plan.facts.path)
     except (InputError, OSError) as error:
         return InputError(f"{plan.facts.path}: the photograph is damaged ({error}); copy it again")
+    if plan.is_mirrored:
+        pixels = pixels[:, ::-1]
     if plan.turned:
         pixels = np.rot90(pixels)
     if plan.size is not None:
         pixels = cv2.resize(pixels, plan.size, interpolation=cv2.INTER_AREA)
-    write_picture(target, np.ascontiguousarray(pixels[:, :, ::-1]), _JPEG_QUALITY)
+    write_picture(target, np.ascontiguousarray(pixels[:, :, ::-1]), _JPEG_QUALITY, plan.turns)
     return target
 
 

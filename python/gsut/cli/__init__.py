@@ -46,6 +46,22 @@ class Parser(argparse.ArgumentParser):
 
     error = raise_error  # the name that argparse calls
 
+    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parses all words; what none of the command's flags takes points to the command's help."""
+        parsed, unknown = self.parse_known_args(args, namespace)
+        if unknown:
+            raise _core.InputError(
+                f"unrecognized arguments: {' '.join(unknown)} (see {parsed.command} --help)"
+            )
+        return parsed
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parses words; `command` of the result is the innermost command that was named."""
+        parsed, unknown = super().parse_known_args(args, namespace)
+        if not hasattr(parsed, "command"):
+            parsed.command = self.prog
+        return parsed, unknown
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command; returns its exit status (see `run_command`)."""

@@ -23,6 +23,7 @@ from gsut.metrics import (
     psnr,
     ring_psnr,
 )
+from gsut.orientation import turn_picture
 from gsut.render import (
     Light,
     PixelFilter,
@@ -179,7 +180,7 @@ def _compare(
     }
     rings = ring_psnr(shown, seen, compute_field_angles(camera)[mask][None])
     if render_folder is not None:
-        row |= _write_pictures(render_folder, stem, photograph, image, mask, rendered)
+        row |= _write_pictures(render_folder, stem, photograph, image, mask, rendered, view.turns)
     return row, rings
 
 
@@ -239,8 +240,9 @@ def _write_pictures(
     image: np.ndarray,
     mask: np.ndarray,
     rendered: Any,
+    turns: int,
 ) -> dict[str, Any]:
-    """Writes truth, render and depth; returns their file names and the depth's unit."""
+    """Writes truth, render and depth, upright; returns their names and the depth's unit."""
     alpha = np.asarray(rendered.alpha, np.float64)
     shown = mask & (alpha >= _OPAQUE)
     distance = np.where(shown, rendered.depth / np.where(shown, alpha, 1.0), 0.0)
@@ -251,7 +253,7 @@ def _write_pictures(
         "depth": np.rint(distance / unit).astype(np.uint16),
     }
     for kind, picture in pictures.items():
-        write_png(folder / f"{stem}_{kind}.png", picture)
+        write_png(folder / f"{stem}_{kind}.png", turn_picture(picture, turns))
     return {kind: f"{stem}_{kind}.png" for kind in pictures} | {"depth_unit": unit}
 
 
