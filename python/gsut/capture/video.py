@@ -160,7 +160,7 @@ class Video:
 
 
 def _skip() -> None:
-    """Stands for the picture of a damaged frame."""
+    """Returns no picture, in place of a damaged one."""
 
 
 def read_stream_start(
