@@ -24,12 +24,12 @@ from gsut._core import InputError, __version__
 from gsut.capture.exif import RAW_SUFFIXES, read_facts
 from gsut.capture.facts import PhotographFacts
 from gsut.capture.frames import IMAGES, Capture, OnProgress, read_finished_capture
+from gsut.capture.photograph_formats import HEIF_SUFFIXES, decode_stored, require_readers
 from gsut.capture.strip import write_strip
 from gsut.data import CAPTURE, list_some
 from gsut.data.images import IMAGE_SUFFIXES, find_common_mask, find_mask
 from gsut.data.scene import capture_state
 from gsut.files import (
-    check_regular,
     claim_name,
     reading,
     to_file_name,
@@ -39,7 +39,6 @@ from gsut.files import (
 from gsut.lens import FocalPrior
 from gsut.orientation import ORIENTATIONS, UNMIRRORED, count_turns
 
-HEIF_SUFFIXES = (".heic", ".heif")
 PHOTOGRAPH_SUFFIXES = (*IMAGE_SUFFIXES, *HEIF_SUFFIXES, *RAW_SUFFIXES)
 # Pillow's pixel formats that are used without conversion.
 _AS_STORED = ("RGB", "RGBA", "L", "LA", "P", "I;16", "I;16B", "1", "I")
@@ -110,7 +109,7 @@ def collect_photographs(
     done = read_finished_capture(folder, key)
     if done is not None:
         return done
-    _require_readers(list(files.values()))
+    require_readers(list(files.values()))
     notes: list[str] = []
     facts = _read_all_facts(files, notes, report)
     if not facts:
@@ -190,33 +189,6 @@ def _name_uniquely(name: str, folder: Path, taken: Collection[str]) -> str:
         depth += 1
         longer = "/".join((*above[-depth:], name))
     return longer
-
-
-def _require_readers(paths: Sequence[Path]) -> None:
-    """Imports the libraries that some formats need.
-
-    Raises:
-        InputError: one is not installed; the message says how to install it.
-    """
-    suffixes = {path.suffix.lower() for path in paths}
-    if suffixes & set(HEIF_SUFFIXES):
-        try:
-            import pillow_heif
-        except ImportError:
-            raise _explain_missing("HEIC", "pillow-heif", suffixes & set(HEIF_SUFFIXES)) from None
-        pillow_heif.register_heif_opener()
-    if suffixes & set(RAW_SUFFIXES):
-        try:
-            import rawpy  # noqa: F401
-        except ImportError:
-            raise _explain_missing("raw", "rawpy", suffixes & set(RAW_SUFFIXES)) from None
-
-
-def _explain_missing(kind: str, library: str, suffixes: set[str]) -> InputError:
-    return InputError(
-        f"{kind} photographs ({', '.join(sorted(suffixes))}) need the library {library}: pip "
-        f"install {library}; or export the photographs as JPEG"
-    )
 
 
 def _read_all_facts(
@@ -387,7 +359,7 @@ def _copy(plan: _Plan, target: Path | None) -> Path | InputError | None:
         return None
     try:
         with reading(InputError):
-            pixels = _decode(plan.facts.path)
+            pixels = decode_stored(plan.facts.path)
     except (InputError, OSError) as error:
         return InputError(f"{plan.facts.path}: the photograph is damaged ({error}); copy it again")
     if plan.is_mirrored:
@@ -398,19 +370,3 @@ def _copy(plan: _Plan, target: Path | None) -> Path | InputError | None:
         pixels = cv2.resize(pixels, plan.size, interpolation=cv2.INTER_AREA)
     write_picture(target, np.ascontiguousarray(pixels[:, :, ::-1]), _JPEG_QUALITY, plan.turns)
     return target
-
-
-def _decode(path: Path) -> np.ndarray:
-    """Decodes the stored pixels to (H, W, 3) uint8 RGB."""
-    if path.suffix.lower() in RAW_SUFFIXES:
-        import rawpy
-
-        with rawpy.imread(str(path)) as raw:
-            return raw.postprocess(use_camera_wb=True, user_flip=0)
-    from PIL import Image
-
-    with Image.open(check_regular(path)) as image:
-        if image.mode.startswith("I"):
-            grey = np.asarray(image).astype(np.float64) / 257
-            return np.repeat(grey.round().clip(0, 255).astype(np.uint8)[:, :, None], 3, axis=2)
-        return np.asarray(image.convert("RGB"))
