@@ -124,11 +124,15 @@ def test_every_command_has_json(command):
     assert "--json" in leaves[-1].format_help()
 
 
-def test_version_is_the_cores(capsys):
-    with pytest.raises(SystemExit) as caught:
+def test_version_names_compiler_libraries_and_instruction_set(capsys):
+    with pytest.raises(SystemExit) as ended:
         main(["--version"])
-    assert caught.value.code == 0
-    assert capsys.readouterr().out == f"gsut {gsut.__version__}\n"
+    assert ended.value.code == 0
+    said = capsys.readouterr().out
+    build = gsut.machine.describe_build()
+    assert said.startswith(f"gsut {gsut.__version__}\n")
+    assert all(f"{name}: {build[name]}" in said for name in ("compiler", "eigen", "highway"))
+    assert gsut.machine.active_isa() in said
 
 
 # Refusals.
