@@ -149,7 +149,7 @@ class Card:
         })  # fmt: skip
         keys, pairs = self._sort(work, keys, pairs, num_pairs, num_tiles.bit_length())
         self._call(work, "find_tiles", -(-num_pairs // _GROUP), {
-            (0, 0): view, (1, 0): self._make_uniform(np.uint32([num_pairs, 0, 0, 0])),
+            (0, 0): view, (1, 0): self._make_uniform(np.array([num_pairs, 0, 0, 0], np.uint32)),
             (1, 1): keys, (1, 8): tile_begin,
         })  # fmt: skip
         return pairs
@@ -160,7 +160,7 @@ class Card:
         spare = (self._make_room(count), self._make_room(count))
         counts = self._make_room((1 << _RADIX_BITS) * blocks + 1)
         for shift in range(0, bits, _RADIX_BITS):
-            what = self._make_uniform(np.uint32([count, shift, blocks, 0]))
+            what = self._make_uniform(np.array([count, shift, blocks, 0], np.uint32))
             self._call(work, "count_digits", blocks, {
                 (1, 0): what, (1, 1): keys, (1, 5): counts,
             })  # fmt: skip
@@ -173,7 +173,7 @@ class Card:
         return keys, values
 
     def _scan(self, work: Any, sums: Any, count: int) -> None:
-        what = self._make_uniform(np.uint32([count, 0, 0, 0]))
+        what = self._make_uniform(np.array([count, 0, 0, 0], np.uint32))
         self._call(work, "scan", 1, {(2, 0): what, (2, 1): sums})
 
     # --- what goes to the card and comes back ---
@@ -206,7 +206,7 @@ class Card:
         ]  # fmt: skip
         stored = gaussians.sh.shape[1]
         whole = [len(gaussians), *tiles.tiles, sh_degree, *tiles.cells, stored, 0]
-        return self._make_uniform(np.float32(rows), np.uint32(whole))
+        return self._make_uniform(np.array(rows, np.float32), np.array(whole, np.uint32))
 
     def _check_groups(self, count: int, what: str) -> None:
         if count > _MOST_GROUPS * _GROUP:

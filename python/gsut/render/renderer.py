@@ -179,7 +179,8 @@ def render(
     }  # fmt: skip
     shown = (camera, pose, rule, color, degree)
     drawn: Any
-    renderer, seen = None, None
+    renderer: Any = None
+    seen = None
     if dtype == "float64":
         if isinstance(gaussians, StoredGaussians):
             raise InputError("the double reference takes Gaussians in memory, not in a file")
