@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
+from gsut.data import Scene
 from gsut.gaussians import Gaussians
 from gsut.render import render, to_uint8
 from gsut.run import RunFolder
@@ -48,16 +49,16 @@ def to_rerun(
     except ImportError as error:
         raise InputError(_INSTALL) from error
     stage = open_stage(run)
-    if stage.kind != "run":
+    scene = stage.scene
+    if stage.kind != "run" or scene is None:
         raise InputError(f"{run}: is no finished run; give the folder that `gsut train` wrote")
     recording = rr.RecordingStream("gsut") if file is not None else None
     if recording is not None:
         recording.save(os.fspath(file))
-    _log_scene(rr, recording, stage)
-    scene = stage.scene
+    _log_scene(rr, recording, stage, scene)
     chosen = scene.test_indices or range(len(scene)) if views is None else views
     for index in chosen:
-        _log_view(rr, recording, stage, index)
+        _log_view(rr, recording, stage, scene, index)
     for row in RunFolder.open(run).read_history():
         if "psnr" in row:
             rr.set_time("step", sequence=row["step"], recording=recording)
@@ -88,7 +89,7 @@ def describe_splats(gaussians: Gaussians) -> dict[str, np.ndarray]:
     }
 
 
-def _log_scene(rr: Any, recording: Any, stage: Stage) -> None:
+def _log_scene(rr: Any, recording: Any, stage: Stage, scene: Scene) -> None:
     """Logs what does not change from view to view, and which way is up."""
     up = stage.place()["up"]
     axis = int(np.argmax(np.abs(up)))
@@ -96,15 +97,14 @@ def _log_scene(rr: Any, recording: Any, stage: Stage) -> None:
     rr.log("world", getattr(rr.ViewCoordinates, name), static=True, recording=recording)
     splats = rr.GaussianSplats3D(**describe_splats(stage.gaussians))
     rr.log("world/gaussians", splats, static=True, recording=recording)
-    scene = stage.scene
     if len(scene.points):
         points = rr.Points3D(scene.points, colors=scene.point_colors)
         rr.log("world/points", points, static=True, recording=recording)
 
 
-def _log_view(rr: Any, recording: Any, stage: Stage, index: int) -> None:
+def _log_view(rr: Any, recording: Any, stage: Stage, scene: Scene, index: int) -> None:
     """Logs pose, rays, photograph and render of one view."""
-    scene, view, camera = stage.scene, stage.scene.views[index], stage.scene.camera(index)
+    view, camera = scene.views[index], scene.camera(index)
     rr.set_time("view", sequence=index, recording=recording)
     world_from_camera = np.linalg.inv(view.camera_from_world)
     pose = rr.Transform3D(translation=world_from_camera[:3, 3], mat3x3=world_from_camera[:3, :3])
