@@ -52,8 +52,9 @@ def to_rerun(
     scene = stage.scene
     if stage.kind != "run" or scene is None:
         raise InputError(f"{run}: is no finished run; give the folder that `gsut train` wrote")
-    recording = rr.RecordingStream("gsut") if file is not None else None
-    if recording is not None:
+    recording = None
+    if file is not None:
+        recording = rr.RecordingStream("gsut")
         recording.save(os.fspath(file))
     _log_scene(rr, recording, stage, scene)
     chosen = scene.test_indices or range(len(scene)) if views is None else views
