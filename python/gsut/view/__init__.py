@@ -3,6 +3,7 @@
 from gsut.view.lens_page import write_lens_page
 from gsut.view.live import LiveTraining
 from gsut.view.measure import find_point_in_photograph
+from gsut.view.rerun_log import to_rerun
 from gsut.view.server import LOOPBACK, ViewServer
 from gsut.view.session import Session
 from gsut.view.stage import Stage, open_stage
@@ -15,5 +16,6 @@ __all__ = [
     "ViewServer",
     "find_point_in_photograph",
     "open_stage",
+    "to_rerun",
     "write_lens_page",
 ]
