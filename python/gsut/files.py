@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
+from gsut.orientation import add_orientation
 
 _MOST_ALIASES = 16  # of a YAML file
 _MOST_LETTERS = 60  # of a name: four bytes each, and a file system takes 255 with an ending
@@ -196,19 +197,22 @@ def write_file(path: str | os.PathLike[str], content: str | bytes) -> None:
         temporary.write_bytes(content)
 
 
-def write_picture(path: str | os.PathLike[str], pixels: Any, quality: int | None = None) -> None:
+def write_picture(
+    path: str | os.PathLike[str], pixels: Any, quality: int | None = None, turns: int = 0
+) -> None:
     """Writes a picture in the format of its name, see `whole_file`.
 
     Args:
         path: the file.
         pixels: (H, W, 3) uint8 blue, green, red, or (H, W) uint8 or uint16, as OpenCV takes them.
         quality: of JPEG, up to 100.
+        turns: quarter turns clockwise that show it upright, see `add_orientation`.
     """
     import cv2  # whose own writer of files does not say why it fails, and leaves what it began
 
     flags = [] if quality is None else [cv2.IMWRITE_JPEG_QUALITY, quality]
     _, data = cv2.imencode(Path(path).suffix, pixels, flags)
-    write_file(path, data.tobytes())
+    write_file(path, add_orientation(data.tobytes(), turns))
 
 
 def write_json(path: str | os.PathLike[str], value: Any) -> None:

@@ -55,12 +55,13 @@ def walk(path: Path, frames: int = 60, step: float = 3.0) -> Path:
     return write_video(path, (view(ground, 50 + step * i) for i in range(frames)))
 
 
-def turn_by_quarter(path: Path, height: int = HEIGHT) -> None:
+def turn_by_quarter(path: Path, height: int = HEIGHT, turns: int = 1) -> None:
     """Sets the rotation flag of the video track, as a phone held upright does: clockwise."""
     data = bytearray(path.read_bytes())
     at = data.find(b"tkhd") + 4 + 40  # version and flags, 36 bytes of times and layers, the matrix
+    cos, sin = ((1, 0), (0, 1), (-1, 0), (0, -1))[turns]
     data[at : at + 36] = struct.pack(
-        ">9i", 0, 1 << 16, 0, -(1 << 16), 0, 0, height << 16, 0, 1 << 30
+        ">9i", cos << 16, sin << 16, 0, -sin << 16, cos << 16, 0, height << 16, 0, 1 << 30
     )
     path.write_bytes(data)
 

@@ -17,6 +17,7 @@ from gsut._core import InputError
 from gsut.capture.frames import IMAGES, Capture
 from gsut.capture.video import read_stream_start
 from gsut.data import CAPTURE, read_capture
+from gsut.data.images import decode_image
 from gsut.files import write_json, write_picture
 from gsut.lens import Camera
 from gsut.lens.files import values_from_camera
@@ -166,8 +167,6 @@ def _find_circle(half: np.ndarray) -> _Circle | None:
 
 def _split(taken: Capture, circles: Sequence[_Circle], nadir: float, zenith: float) -> Capture:
     """Writes the pictures of both lenses as a capture in a folder of its own."""
-    import cv2
-
     folder = taken.path / _SPLIT
     key = {**taken.figures["key"], "caps": [nadir, zenith]}
     before = read_capture(folder)
@@ -181,7 +180,7 @@ def _split(taken: Capture, circles: Sequence[_Circle], nadir: float, zenith: flo
         circle = circles[number]
         corner = round(circle.x - side / 2), round(circle.y - side / 2)
         for row in taken.figures["frames"]:
-            pixels = np.asarray(cv2.imread(str(taken.path / row["path"])))
+            pixels = decode_image(taken.path / row["path"])[0][..., ::-1]
             part = _cut(pixels[:, number * half : (number + 1) * half], *corner, side)
             stem = row["name"].replace("/", "-").rsplit(".", 1)[0]
             target = folder / IMAGES / name / f"{stem}.jpg"

@@ -2,7 +2,8 @@
 
 Ordinary photographs stay where they are, with their pixels as stored: a phone held upright stores
 what its sensor saw, so that all of its photographs share one lens. Only what cannot be used so is
-written again: other formats, and photographs of the same camera that were turned or shrunk.
+written again: other formats, mirrored ones, and photographs of the same camera that were turned
+or shrunk. What shows a photograph turns it upright by EXIF's orientation, which copies keep.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from gsut.data.images import IMAGE_SUFFIXES, find_common_mask, find_mask
 from gsut.data.scene import capture_state
 from gsut.files import check_regular, write_json, write_picture
 from gsut.lens import FocalPrior
+from gsut.orientation import ORIENTATIONS, UNMIRRORED, count_turns
 
 HEIF_SUFFIXES = (".heic", ".heif")
 PHOTOGRAPH_SUFFIXES = (*IMAGE_SUFFIXES, *HEIF_SUFFIXES, *RAW_SUFFIXES)
@@ -40,13 +42,11 @@ _SAME_FOCAL = 0.03
 _SAME_SHAPE = 0.01
 # Quality of written JPEG files: compression then changes features less than noise does.
 _JPEG_QUALITY = 97
-# EXIF's orientation of pixels that were turned by a quarter counterclockwise.
-_TURNED = {1: 6, 2: 5, 3: 8, 4: 7, 5: 4, 6: 3, 7: 2, 8: 1}
 
 
 @dataclasses.dataclass(frozen=True)
 class _Plan:
-    """What is done to one photograph: a quarter turn, resizing, or nothing."""
+    """What is done to one photograph: mirroring, a quarter turn, resizing, or nothing."""
 
     facts: PhotographFacts
     name: str  # as in the dataset
@@ -57,7 +57,18 @@ class _Plan:
     def is_written(self) -> bool:
         suffix = self.facts.path.suffix.lower()
         strange = suffix not in IMAGE_SUFFIXES or self.facts.mode not in _AS_STORED
-        return strange or self.turned or self.size is not None
+        return strange or self.is_mirrored or self.turned or self.size is not None
+
+    @property
+    def is_mirrored(self) -> bool:
+        """Returns whether EXIF says that the pixels are a mirror image of what the camera saw."""
+        return self.facts.orientation in UNMIRRORED
+
+    @property
+    def turns(self) -> int:
+        """Counts the quarter turns clockwise that show the photograph upright, once written."""
+        orientation = UNMIRRORED.get(self.facts.orientation, self.facts.orientation)
+        return (count_turns(orientation) + self.turned) % 4
 
 
 def collect_photographs(
@@ -103,7 +114,7 @@ def collect_photographs(
     for row, plan in zip(rows, plans, strict=True):
         f = plan.facts
         row["time"] = None if f.time is None else f.time - first
-        row["orientation"] = _TURNED[f.orientation] if plan.turned else f.orientation
+        row["orientation"] = ORIENTATIONS[plan.turns]
         row["place"] = None if f.place is None else f.place.to_values()
         row["accuracy"] = None if f.place is None else f.place.accuracy
         row["heading"] = f.heading
@@ -321,13 +332,15 @@ def _copy(plan: _Plan, folder: Path) -> Path:
     import cv2
 
     pixels = _decode(plan.facts.path)
+    if plan.is_mirrored:
+        pixels = pixels[:, ::-1]
     if plan.turned:
         pixels = np.rot90(pixels)
     if plan.size is not None:
         pixels = cv2.resize(pixels, plan.size, interpolation=cv2.INTER_AREA)
     stem = plan.name.replace("/", "-").rsplit(".", 1)[0]
     target = folder / IMAGES / f"{stem}-{plan.facts.path.suffix[1:].lower()}.jpg"
-    write_picture(target, np.ascontiguousarray(pixels[:, :, ::-1]), _JPEG_QUALITY)
+    write_picture(target, np.ascontiguousarray(pixels[:, :, ::-1]), _JPEG_QUALITY, plan.turns)
     return target
 
 

@@ -42,6 +42,22 @@ class Parser(argparse.ArgumentParser):
 
     error = raise_error  # the name that argparse calls
 
+    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parses all words; what none of the command's flags takes points to the command's help."""
+        parsed, unknown = self.parse_known_args(args, namespace)
+        if unknown:
+            raise _core.InputError(
+                f"unrecognized arguments: {' '.join(unknown)} (see {parsed.command} --help)"
+            )
+        return parsed
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parses words; `command` of the result is the innermost command that was named."""
+        parsed, unknown = super().parse_known_args(args, namespace)
+        if not hasattr(parsed, "command"):
+            parsed.command = self.prog
+        return parsed, unknown
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs one command; returns its exit status (see `run_command`)."""
@@ -162,6 +178,22 @@ def list_commands() -> list[str]:
     return sorted(name for name in found if not name.startswith("_"))
 
 
+class _Version(argparse.Action):
+    """Prints what a report of a fault should name: versions, compiler, instruction set."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        build = dict(_core.describe_build())
+        print(f"gsut {build.pop('version')}")
+        for name, value in build.items():
+            print(f"{name}: {value.strip() or 'none'}")
+        print(f"isa: {_core.active_isa()} (of {', '.join(_core.available_isas())})")
+        import cv2
+        import numpy as np
+
+        print(f"python: {sys.version.split()[0]}, numpy {np.__version__}, OpenCV {cv2.__version__}")
+        parser.exit()
+
+
 def build_parser(names: Iterable[str] | None = None) -> argparse.ArgumentParser:
     """Returns the parser of these commands, or of all; each sets `run`, its function."""
     parser = Parser(
@@ -169,7 +201,9 @@ def build_parser(names: Iterable[str] | None = None) -> argparse.ArgumentParser:
         description="3D Gaussian splatting for any real lens, on any machine, without a GPU.",
         epilog="`gsut COMMAND --help` lists a command's options.",
     )
-    parser.add_argument("--version", action="version", version=f"gsut {_core.__version__}")
+    parser.add_argument(
+        "--version", action=_Version, nargs=0, help="print versions and build, and exit"
+    )
     wanted = list_commands() if names is None else names
     add_commands(parser, {name: f"gsut.cli.{name}" for name in wanted}, "commands", "COMMAND")
     return parser

@@ -32,6 +32,7 @@ class Export:
         points, point_colors: (P, 3) float64 and uint8.
         test: names of the frames held out by the dataset's own lists, or None.
         place: puts a file to its new place.
+        up: (3,) in the world, or None where it is not known.
     """
 
     frames: list[Frame]
@@ -39,6 +40,7 @@ class Export:
     point_colors: np.ndarray
     test: list[str] | None
     place: Callable[[Path, Path], None]
+    up: np.ndarray | None = None
 
     def write_points(self, path: Path) -> None:
         """Writes the points' PLY; nothing where there are none."""

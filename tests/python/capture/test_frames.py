@@ -128,14 +128,15 @@ def test_finished_folder_is_kept_and_a_missing_frame_made_again(tmp_path):
     assert len(list((fewer.path / "images").iterdir())) == 5
 
 
-def test_rotation_flag_is_honoured(tmp_path):
+@pytest.mark.parametrize("turns", [1, 2, 3])
+def test_rotation_flag_is_honoured(tmp_path, turns):
     video = walk(tmp_path / "walk.mp4", frames=20)
-    turn_by_quarter(video)
+    turn_by_quarter(video, turns=turns)
+    upright = np.rot90(view(texture(), 50.0), k=-turns)
     with Video(video) as source:
-        assert (source.width, source.height) == (HEIGHT, WIDTH)
+        assert (source.height, source.width) == upright.shape[:2]
     capture = extract_frames(video, tmp_path / "out")
     picture = cv2.imread(str(capture.path / "images" / capture.figures["frames"][0]["name"]))
-    upright = np.rot90(view(texture(), 50.0), k=-1)
     assert picture.shape == upright.shape
     assert np.abs(picture.astype(int) - upright).mean() < 12  # lossy
 

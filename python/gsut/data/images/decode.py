@@ -13,6 +13,7 @@ import numpy as np
 
 from gsut.data.errors import DatasetError
 from gsut.files import check_regular
+from gsut.orientation import EXIF_HEADER, read_orientation
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp")
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -20,6 +21,7 @@ _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 _JPEG_BARE = frozenset({0x01, *range(0xD0, 0xD9)})  # markers without a length
 _JPEG_START = b"\xff\xd8"
+_JPEG_EXIF = 0xE1  # marker of EXIF and of XMP
 # What the decoder says of data that no encoder writes, and of which it made the picture up.
 _JPEG_DAMAGE = ("premature end", "bad Huffman code", "extraneous bytes")
 _PNG_CHANNELS = {2: 3, 4: 2, 6: 4}  # of other types one
@@ -28,16 +30,17 @@ _COPY_AGAIN = "copy or export the file again"
 
 
 class ImageHeader(NamedTuple):
-    """Size of an image in pixels."""
+    """Size of an image in pixels, and EXIF's orientation, 1 for upright."""
 
     width: int
     height: int
+    orientation: int = 1
 
 
 def read_header(path: Path) -> ImageHeader:
     """Reads an image's size from the first bytes of PNG and JPEG files, else by decoding it.
 
-    The size is that of the stored pixels: EXIF orientation is not applied.
+    The size is that of the stored pixels: EXIF's orientation is returned, not applied.
 
     Raises:
         DatasetError: the file is not an image, or ends within the header.
@@ -53,10 +56,10 @@ def read_header(path: Path) -> ImageHeader:
                     path, f"says {width} x {height} pixels, more than its {size} bytes can hold",
                     _COPY_AGAIN,
                 )  # fmt: skip
-            return ImageHeader(width, height)
+            return ImageHeader(width, height, _read_png_orientation(file))
         if head.startswith(_JPEG_START):
             file.seek(2)
-            return ImageHeader(*_read_jpeg_size(file, path))
+            return _read_jpeg_header(file, path)
     pixels, _ = decode_image(path)
     return ImageHeader(pixels.shape[1], pixels.shape[0])
 
@@ -70,7 +73,21 @@ def _open(path: Path):
         ) from error
 
 
-def _read_jpeg_size(file, path: Path) -> tuple[int, int]:
+def _read_png_orientation(file) -> int:
+    """Reads the orientation of a PNG whose EXIF stands before its pixels, as it should."""
+    file.seek(len(_PNG_SIGNATURE))
+    while len(start := file.read(8)) == 8:
+        length, kind = struct.unpack(">I4s", start)
+        if kind == b"eXIf":
+            return read_orientation(file.read(length))
+        if kind == b"IDAT":
+            break
+        file.seek(length + 4, 1)
+    return 1
+
+
+def _read_jpeg_header(file, path: Path) -> ImageHeader:
+    orientation = 1
     while True:
         start = file.read(4)
         if len(start) < 4 or start[0] != 0xFF:
@@ -83,7 +100,11 @@ def _read_jpeg_size(file, path: Path) -> tuple[int, int]:
             if len(frame) < 5:
                 raise DatasetError(path, "the JPEG file is truncated in its header", _COPY_AGAIN)
             height, width = struct.unpack(">HH", frame[1:])
-            return width, height
+            return ImageHeader(width, height, orientation)
+        elif marker == _JPEG_EXIF:
+            block = file.read(max(0, length - 2))
+            if block.startswith(EXIF_HEADER):
+                orientation = read_orientation(block[len(EXIF_HEADER) :])
         else:
             file.seek(length - 2, 1)
 
