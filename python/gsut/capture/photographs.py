@@ -1,4 +1,4 @@
-"""Collects photographs of one camera at one size, and notes why others are left out.
+"""Collects photographs, and sorts them by camera, zoom and shape: a lens each.
 
 Ordinary photographs stay where they are, with their pixels as stored: a phone held upright stores
 what its sensor saw, so that all of its photographs share one lens. Only what cannot be used so is
@@ -42,6 +42,7 @@ _SAME_FOCAL = 0.03
 _SAME_SHAPE = 0.01
 # Quality of written JPEG files: compression then changes features less than noise does.
 _JPEG_QUALITY = 97
+_MOST_LISTED = 5  # lenses in a message
 
 
 @dataclasses.dataclass(frozen=True)
@@ -77,10 +78,10 @@ def collect_photographs(
     *,
     on_progress: OnProgress | None = None,
 ) -> Capture:
-    """Finds photographs, reads their metadata, and fits them to one lens.
+    """Finds photographs, reads their metadata, and fits those of one lens to one size.
 
     Args:
-        inputs: folders, or photographs, of one camera.
+        inputs: folders, or photographs.
         out: folder that gets capture.json, strip.jpg and, in images/, copies of photographs that
             need conversion.
         on_progress: called with (stage, done, total, text).
@@ -89,7 +90,8 @@ def collect_photographs(
         The folder. "frames" has a row for each photograph: name, path, and if the file has them
         time (seconds since the first), orientation, place, accuracy (metres), heading (degrees) and
         up (in the camera's axes); "focal_px" is the focal length in the metadata, "focal_sigma" the
-        standard deviation of its logarithm, "camera" the camera's name.
+        standard deviation of its logarithm, "camera" the camera's name; of several lenses these are
+        of the most frequent one, "cameras" has them of all, and a row's "camera" is its number.
 
     Raises:
         InputError: no photographs, or a format that needs a library which is not installed.
@@ -106,8 +108,9 @@ def collect_photographs(
     facts = _read_all_facts(files, notes, report)
     if not facts:
         raise InputError(f"none of the {len(files)} photographs can be read: {notes[0]}")
-    plans, left_out = _plan_folders(facts)
-    notes += left_out
+    lenses = _plan_folders(facts)
+    order = list(facts)
+    plans = sorted((p for own in lenses for p in own), key=lambda plan: order.index(plan.name))
     (folder / IMAGES).mkdir(parents=True, exist_ok=True)
     rows = _write(plans, folder, report)
     first = min((p.facts.time for p in plans if p.facts.time is not None), default=0.0)
@@ -121,16 +124,16 @@ def collect_photographs(
         row["up"] = None if plan.turned else f.up
         mask = None if plan.is_written else _find_mask(f.path, plan.name)
         row["mask"] = None if mask is None else os.path.relpath(mask, folder.resolve())
-    priors = [prior for prior in map(_scale_focal, plans) if prior is not None]
-    middle = sorted(priors, key=lambda prior: prior.px)[len(priors) // 2] if priors else None
     figures: dict[str, Any] = {
         "kind": "photographs", "key": key, "inputs": [str(i) for i in inputs], "notes": notes,
-        "size": _find_size(plans[0]),
-        "camera": collections.Counter(p.facts.camera for p in plans).most_common(1)[0][0],
-        "focal_px": None if middle is None else middle.px,
-        "focal_sigma": None if middle is None else middle.sigma,
-        "frames": rows,
+        **_describe_lens(max(lenses, key=len)), "frames": rows,
     }  # fmt: skip
+    if len(lenses) > 1:
+        figures["cameras"] = [_describe_lens(own) for own in lenses]
+        number_of = {plan.name: number for number, own in enumerate(lenses) for plan in own}
+        for row, plan in zip(rows, plans, strict=True):
+            row["camera"] = number_of[plan.name]
+        notes += _describe_lenses(lenses)
     write_strip(folder, rows)
     write_json(folder / CAPTURE, figures)
     return Capture(folder, figures)
@@ -227,24 +230,18 @@ def _read_all_facts(
     return facts
 
 
-def _plan_folders(facts: dict[str, PhotographFacts]) -> tuple[list[_Plan], list[str]]:
-    """Plans the photographs of each folder, which is of one camera, by themselves."""
+def _plan_folders(facts: dict[str, PhotographFacts]) -> list[list[_Plan]]:
+    """Plans the photographs of each lens; those of different folders are of different cameras."""
     folders: dict[str, dict[str, PhotographFacts]] = {}
     for name, f in facts.items():
         folders.setdefault(name.rpartition("/")[0].partition("/")[0], {})[name] = f
-    plans, notes = [], []
-    for own in folders.values():
-        of_folder, left_out = _plan_photographs(own)
-        plans += of_folder
-        notes += left_out
-    return plans, notes
+    return [plans for own in folders.values() for plans in _plan_lenses(own)]
 
 
-def _plan_photographs(facts: dict[str, PhotographFacts]) -> tuple[list[_Plan], list[str]]:
-    """Decides what to do with each photograph of the most frequent camera; notes what is left out.
+def _plan_lenses(facts: dict[str, PhotographFacts]) -> list[list[_Plan]]:
+    """Plans the photographs of each camera, zoom and shape; those of the most frequent come first.
 
-    Raises:
-        InputError: a photograph that does not name its camera has another size.
+    Photographs that do not name their camera are of the most frequent one, if their size fits.
     """
     groups: dict[tuple[str, float], list[str]] = {}
     for name, f in facts.items():
@@ -254,32 +251,25 @@ def _plan_photographs(facts: dict[str, PhotographFacts]) -> tuple[list[_Plan], l
             (f.camera, focal),
         )
         groups.setdefault(key, []).append(name)
-    most = max(groups.values(), key=len)
-    sizes = collections.Counter((facts[n].width, facts[n].height) for n in most)
-    size = sizes.most_common(1)[0][0]
-    plans, others = [], []
-    for name, f in facts.items():
-        if not f.camera and sorted((f.width, f.height)) != sorted(size):
-            raise InputError(
-                f"the photographs have different sizes and do not say which camera took them: "
-                f"{name} is {f.width} x {f.height}, most are {size[0]} x {size[1]}; sort them into "
-                "one folder a camera, images/NAME, or use those of one camera alone"
-            )
-        plan = _fit_photograph(f, name, size) if name in most or not f.camera else None
-        if plan is None:
-            others.append(name)
-        else:
-            plans.append(plan)
-    if not others:
-        return plans, []
-    kinds = {f"{facts[n].camera or 'unknown camera'}, {facts[n].width} x {facts[n].height}"
-             for n in others}  # fmt: skip
-    return plans, [
-        f"{len(others)} of {len(facts)} photographs are of another camera, zoom or shape than the "
-        f"{len(plans)} of {facts[most[0]].camera or 'one camera'} at {size[0]} x {size[1]} and are "
-        f"left out ({'; '.join(sorted(kinds))}): {list_some(others)}. To use them too, find "
-        "their poses in a folder of their own, or give lens files in a dataset"
-    ]
+    left = sorted(groups.values(), key=len, reverse=True)
+    found = []
+    while left:
+        sizes = collections.Counter((facts[n].width, facts[n].height) for n in left[0])
+        size = sizes.most_common(1)[0][0]
+        plans = []
+        for number, names in enumerate(left):
+            for name in names.copy():
+                f = facts[name]
+                is_nameless = not f.camera and sorted((f.width, f.height)) == sorted(size)
+                is_nameless = is_nameless and (not number or f.focal is None)
+                plan = _fit_photograph(f, name, size) if not number or is_nameless else None
+                # A crop has a lens of its own, and so has what was resized nobody knows how.
+                if plan is not None and (f.camera or is_nameless):
+                    plans.append(plan)
+                    names.remove(name)
+        found.append(plans)
+        left = [names for names in left if names]
+    return found
 
 
 def _fit_photograph(f: PhotographFacts, name: str, size: tuple[int, int]) -> _Plan | None:
@@ -296,6 +286,36 @@ def _fit_photograph(f: PhotographFacts, name: str, size: tuple[int, int]) -> _Pl
 def _find_size(plan: _Plan) -> tuple[int, int]:
     f = plan.facts
     return plan.size or ((f.height, f.width) if plan.turned else (f.width, f.height))
+
+
+def _describe_lens(plans: Sequence[_Plan]) -> dict[str, Any]:
+    """Returns size, name and focal length of the photographs of one lens."""
+    priors = [prior for prior in map(_scale_focal, plans) if prior is not None]
+    middle = sorted(priors, key=lambda prior: prior.px)[len(priors) // 2] if priors else None
+    return {
+        "size": _find_size(plans[0]),
+        "camera": collections.Counter(p.facts.camera for p in plans).most_common(1)[0][0],
+        "focal_px": None if middle is None else middle.px,
+        "focal_sigma": None if middle is None else middle.sigma,
+    }
+
+
+def _describe_lenses(lenses: Sequence[Sequence[_Plan]]) -> list[str]:
+    """Describes in a sentence why photographs of one folder have several lenses, if so."""
+    if len(lenses) == len({own[0].name.rpartition("/")[0].partition("/")[0] for own in lenses}):
+        return []  # folders are cameras
+    parts = [
+        f"{len(own)} of {values['camera'] or 'unknown camera'}, {width} x {height}"
+        + (f", {values['focal_px']:.0f} px" if values["focal_px"] else "")
+        for own in lenses
+        for values in [_describe_lens(own)]
+        for width, height in [values["size"]]
+    ]
+    more = f"; and {len(parts) - _MOST_LISTED} more" if len(parts) > _MOST_LISTED else ""
+    return [
+        f"the photographs are of {len(lenses)} cameras, zooms or shapes, each with a lens of its "
+        f"own: {'; '.join(parts[:_MOST_LISTED])}{more}"
+    ]
 
 
 def _scale_focal(plan: _Plan) -> FocalPrior | None:
