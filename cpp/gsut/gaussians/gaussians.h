@@ -44,9 +44,7 @@ struct GaussiansView {
   // Derivative of the stored value to the logarithm of the scale, and that of the opacity to the
   // stored value: chain rules of gradients.
   double LogScaleSlope(double scale) const { return is_linear ? 1.0 / scale : 1.0; }
-  double OpacitySlope(double opacity) const {
-    return is_linear ? 1.0 : SigmoidDerivative(opacity);
-  }
+  double OpacitySlope(double opacity) const { return is_linear ? 1.0 : SigmoidDerivative(opacity); }
 };
 
 }  // namespace gsut
