@@ -10,7 +10,7 @@ _TRUE_OF_EXACT = (
     "there are no points;",
     "have no ray",
     "have the same pose",
-    "rolling-shutter poses",
+    "all cameras stand at one place",
 )
 # Pixels by which a shutter must shift the picture for its readout to be missed.
 _SHIFT_PX = 1.5
