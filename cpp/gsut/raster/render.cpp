@@ -20,35 +20,9 @@ namespace gsut {
 namespace {
 
 constexpr std::size_t kPadding = 16;
-// Pixels by which float coordinates may be off, with plenty to spare.
-constexpr float kRowMargin = 1.0f;
 constexpr const char* kTooWide =
     "the image is too small for its field of view: a tile of 16 x 16 pixels spans more than 168 "
     "degrees; render a larger image or use dtype=\"float64\"";
-
-// Takes out the small Gaussians above the first row of tiles that is drawn and below the last: what
-// draws a strip of the image makes no records of the rest.
-void LeaveOutRows(const std::uint8_t* chosen, const TileGrid& grid, Splats* splats) {
-  const auto is_drawn = [&](std::int64_t row) {
-    const std::uint8_t* const tiles = chosen + row * grid.tiles_x;
-    return std::any_of(tiles, tiles + grid.tiles_x, [](std::uint8_t tile) { return tile != 0; });
-  };
-  std::int64_t first = 0, beyond = grid.tiles_y;
-  while (first < beyond && !is_drawn(first)) ++first;
-  while (first < beyond && !is_drawn(beyond - 1)) --beyond;
-  const float top = static_cast<float>(first * kTileSize);
-  const float bottom = static_cast<float>(beyond * kTileSize);
-  ParallelFor(splats->size, kRecordsPart, [&](std::int64_t from, std::int64_t to) {
-    for (std::size_t i = static_cast<std::size_t>(from); i < static_cast<std::size_t>(to); ++i) {
-      if (splats->status[i] != SplatStatus::kSmall) continue;
-      const float bend = BendMargin(splats->sine[i], splats->extent_u[i], splats->extent_v[i]);
-      const float reach = splats->extent_v[i] + bend + kRowMargin;
-      if (splats->v[i] + reach < top || splats->v[i] - reach > bottom) {
-        splats->status[i] = SplatStatus::kUnseen;
-      }
-    }
-  });
-}
 
 }  // namespace
 
@@ -80,7 +54,6 @@ void Renderer::Render(const GaussiansView<const float>& gaussians, const RenderJ
   if (lines_ == nullptr) {
     const FootprintRule footprint = {rule.alpha_min, rule.response_min};
     Project(gaussians, job.camera, job.motion.start, job.unscented, footprint, &splats_);
-    if (job.tiles != nullptr) LeaveOutRows(job.tiles, *grid_, &splats_);
   } else {
     splats_.Resize(gaussians.size);
   }
@@ -102,6 +75,10 @@ void Renderer::Render(const GaussiansView<const float>& gaussians, const RenderJ
   timings_.push_back(watch.Lap("records"));
   BinTiles(tiles(), &frame_);
   // What a tile blended is kept at the places of its pairs, for the backward pass and the scores.
+  if (task_.channels.count > 0) {
+    frame_.channels.resize(static_cast<std::size_t>(tiles().num_tiles()) * kTilePixels *
+                           PaddedChannels(task_.channels.count));
+  }
   if (task_.keep) {
     frame_.entries.resize(frame_.pairs.size());
     frame_.entry_count.resize(static_cast<std::size_t>(tiles().num_tiles()));
@@ -114,6 +91,12 @@ void Renderer::Render(const GaussiansView<const float>& gaussians, const RenderJ
     } else {
       LineForwardKernel(task_, *lines_, tile, &frame_, job.image, job.alpha, job.depth,
                         job.distortion);
+    }
+    if (task_.channels.count == 0) return;
+    if (lines_ == nullptr) {
+      ChannelsForwardKernel(task_, *grid_, tile, &frame_, job.channel_image);
+    } else {
+      LineChannelsForwardKernel(task_, *lines_, tile, &frame_, job.channel_image);
     }
   });
   timings_.push_back(watch.Lap("forward"));
@@ -141,7 +124,8 @@ void Renderer::FillTask(const GaussiansView<const float>& gaussians, const Rende
   task_.order_by_z = settings.rule.order == OrderKey::kDepthZ;
   task_.stop_before = settings.rule.stop_before;
   task_.with_depth = job.WithDepth();
-  task_.keep = job.keep_for_backward;
+  task_.channels = job.channels;
+  task_.keep = job.keep_for_backward || job.channels.count > 0;
   task_.sh_rows =
       job.sh_rows.value_or(HarmonicsRows::Uniform(gaussians.size, gaussians.sh_coefficients));
   if (!task_.sh_rows.IsValid() || task_.sh_rows.end[0] != gaussians.size) {
@@ -194,7 +178,7 @@ std::int64_t Renderer::buffer_bytes() const {
   const Frame& f = frame_;
   add(f.records, f.mean_direction, f.order_key, f.rects, f.slot_begin, f.order, f.pairs,
       f.tile_begin, f.transmittance, f.color[0], f.color[1], f.color[2], f.depth, f.first_depth,
-      f.depth_moment, f.entries, f.entry_count, f.slot_gradients, f.slot_touched);
+      f.depth_moment, f.channels, f.entries, f.entry_count, f.slot_gradients, f.slot_touched);
   for (const std::vector<RowSpan>& spans : f.row_spans) add(spans);
   return static_cast<std::int64_t>(sum);
 }
