@@ -111,7 +111,7 @@ def judge_pairs(evidence: Evidence) -> Judgement:
         turned = measure_turn_error(evidence, each) > _CLOSED
         return (
             each.number in closed and (turned or not alone.isdisjoint(views[each.number]))
-        ) or _is_another_view(evidence, each)
+        ) or is_another_view(evidence, each)
 
     return Judgement(supports, against, [each for each in against if is_confirmed(each)])
 
@@ -151,7 +151,7 @@ def _judge_pair(evidence: Evidence, number: int) -> PairVerdict | None:
     )  # fmt: skip
 
 
-def _is_another_view(evidence: Evidence, verdict: PairVerdict) -> bool:
+def is_another_view(evidence: Evidence, verdict: PairVerdict) -> bool:
     """Returns whether a pair's matches fit if one image has the pose of another view.
 
     As where names and poses were paired wrongly. Chance is the most that any view explains of
