@@ -92,13 +92,13 @@ def measure(case: Row, settings: Settings) -> Row:
         for name in ("scene.json", "poses/poses.json", "metrics.json")
     )
     lens = poses["lenses"][0]
-    detail = metrics.get("detail")
+    detail, said = metrics.get("detail"), state["verdict"]
     return row | {
         "frames": f"{state['registered']} of {state['pictures']}",
         "lens": f"{lens['model']} {lens['params'][0]:.0f} px at {lens['width']}",
         "psnr": state["psnr"], "shown": metrics.get("psnr_unit_gain"),
         "detail": None if detail is None else 100 * detail,
-        "verdict": f"{state['verdict']['level']}: {state['verdict']['what']}",
+        "verdict": "; ".join([f"{said['level']}: {said['what']}", *said["reasons"]]),
     }  # fmt: skip
 
 
