@@ -24,15 +24,21 @@ from gsut._core import InputError, __version__
 from gsut.capture.exif import RAW_SUFFIXES, read_facts
 from gsut.capture.facts import PhotographFacts
 from gsut.capture.frames import IMAGES, Capture, OnProgress, read_finished_capture
+from gsut.capture.photograph_formats import HEIF_SUFFIXES, decode_stored, require_readers
 from gsut.capture.strip import write_strip
 from gsut.data import CAPTURE, list_some
 from gsut.data.images import IMAGE_SUFFIXES, find_common_mask, find_mask
 from gsut.data.scene import capture_state
-from gsut.files import check_regular, write_json, write_picture
+from gsut.files import (
+    claim_name,
+    reading,
+    to_file_name,
+    write_json,
+    write_picture,
+)
 from gsut.lens import FocalPrior
 from gsut.orientation import ORIENTATIONS, UNMIRRORED, count_turns
 
-HEIF_SUFFIXES = (".heic", ".heif")
 PHOTOGRAPH_SUFFIXES = (*IMAGE_SUFFIXES, *HEIF_SUFFIXES, *RAW_SUFFIXES)
 # Pillow's pixel formats that are used without conversion.
 _AS_STORED = ("RGB", "RGBA", "L", "LA", "P", "I;16", "I;16B", "1", "I")
@@ -103,7 +109,7 @@ def collect_photographs(
     done = read_finished_capture(folder, key)
     if done is not None:
         return done
-    _require_readers(list(files.values()))
+    require_readers(list(files.values()))
     notes: list[str] = []
     facts = _read_all_facts(files, notes, report)
     if not facts:
@@ -112,7 +118,7 @@ def collect_photographs(
     order = list(facts)
     plans = sorted((p for own in lenses for p in own), key=lambda plan: order.index(plan.name))
     (folder / IMAGES).mkdir(parents=True, exist_ok=True)
-    rows = _write(plans, folder, report)
+    plans, rows = _write(plans, folder, notes, report)
     first = min((p.facts.time for p in plans if p.facts.time is not None), default=0.0)
     for row, plan in zip(rows, plans, strict=True):
         f = plan.facts
@@ -183,33 +189,6 @@ def _name_uniquely(name: str, folder: Path, taken: Collection[str]) -> str:
         depth += 1
         longer = "/".join((*above[-depth:], name))
     return longer
-
-
-def _require_readers(paths: Sequence[Path]) -> None:
-    """Imports the libraries that some formats need.
-
-    Raises:
-        InputError: one is not installed; the message says how to install it.
-    """
-    suffixes = {path.suffix.lower() for path in paths}
-    if suffixes & set(HEIF_SUFFIXES):
-        try:
-            import pillow_heif
-        except ImportError:
-            raise _explain_missing("HEIC", "pillow-heif", suffixes & set(HEIF_SUFFIXES)) from None
-        pillow_heif.register_heif_opener()
-    if suffixes & set(RAW_SUFFIXES):
-        try:
-            import rawpy  # noqa: F401
-        except ImportError:
-            raise _explain_missing("raw", "rawpy", suffixes & set(RAW_SUFFIXES)) from None
-
-
-def _explain_missing(kind: str, library: str, suffixes: set[str]) -> InputError:
-    return InputError(
-        f"{kind} photographs ({', '.join(sorted(suffixes))}) need the library {library}: pip "
-        f"install {library}; or export the photographs as JPEG"
-    )
 
 
 def _read_all_facts(
@@ -324,19 +303,37 @@ def _scale_focal(plan: _Plan) -> FocalPrior | None:
     return None if f.focal is None else f.focal.scale(factor)
 
 
-def _write(plans: Sequence[_Plan], folder: Path, report: OnProgress) -> list[dict[str, Any]]:
-    """Writes copies of photographs that need conversion; returns the rows of all."""
-    rows: list[dict[str, Any]] = []
+def _write(
+    plans: Sequence[_Plan], folder: Path, notes: list[str], report: OnProgress
+) -> tuple[list[_Plan], list[dict[str, Any]]]:
+    """Writes copies of photographs that need conversion; returns the plans and rows of all but
+    those that cannot be decoded, which it notes.
+
+    Raises:
+        InputError: none can.
+    """
+    kept, rows = [], list[dict[str, Any]]()
+    taken: set[str] = set()
+    targets = [
+        folder / IMAGES / claim_name(_name_copy(plan), taken) if plan.is_written else None
+        for plan in plans
+    ]
     with concurrent.futures.ThreadPoolExecutor(_core.num_threads()) as pool:
-        written = pool.map(lambda plan: _copy(plan, folder) if plan.is_written else None, plans)
+        written = pool.map(_copy, plans, targets)
         for done, (plan, copy) in enumerate(zip(plans, written, strict=True), 1):
+            report("photographs", len(plans) + done, 2 * len(plans), plan.name)
+            if isinstance(copy, InputError):
+                notes.append(f"left out: {copy}")
+                continue
+            kept.append(plan)
             target = plan.facts.path.resolve() if copy is None else copy
             path = os.path.relpath(target, folder.resolve())
             # A copy stays in its folder by name: folders are cameras.
             name = plan.name if copy is None else str(PurePosixPath(plan.name).with_name(copy.name))
             rows.append({"name": name, "path": path})
-            report("photographs", len(plans) + done, 2 * len(plans), plan.name)
-    return rows
+    if not rows:
+        raise InputError(f"none of the {len(plans)} photographs can be decoded: {notes[-1]}")
+    return kept, rows
 
 
 def _find_mask(path: Path, name: str) -> Path | None:
@@ -347,34 +344,29 @@ def _find_mask(path: Path, name: str) -> Path | None:
     return None if mask is None else mask.resolve()
 
 
-def _copy(plan: _Plan, folder: Path) -> Path:
-    """Writes a photograph again as JPEG; returns the file."""
+def _name_copy(plan: _Plan) -> str:
+    """Names the JPEG of a photograph that is written again."""
+    stem, _, suffix = plan.name.rpartition(".")
+    return f"{to_file_name(stem.replace('/', '-'))}-{suffix.lower()}.jpg"
+
+
+def _copy(plan: _Plan, target: Path | None) -> Path | InputError | None:
+    """Writes a photograph again as JPEG, unless there is no target; returns the file, or why it
+    cannot be decoded."""
     import cv2
 
-    pixels = _decode(plan.facts.path)
+    if target is None:
+        return None
+    try:
+        with reading(InputError):
+            pixels = decode_stored(plan.facts.path)
+    except (InputError, OSError) as error:
+        return InputError(f"{plan.facts.path}: the photograph is damaged ({error}); copy it again")
     if plan.is_mirrored:
         pixels = pixels[:, ::-1]
     if plan.turned:
         pixels = np.rot90(pixels)
     if plan.size is not None:
         pixels = cv2.resize(pixels, plan.size, interpolation=cv2.INTER_AREA)
-    stem = plan.name.replace("/", "-").rsplit(".", 1)[0]
-    target = folder / IMAGES / f"{stem}-{plan.facts.path.suffix[1:].lower()}.jpg"
     write_picture(target, np.ascontiguousarray(pixels[:, :, ::-1]), _JPEG_QUALITY, plan.turns)
     return target
-
-
-def _decode(path: Path) -> np.ndarray:
-    """Decodes the stored pixels to (H, W, 3) uint8 RGB."""
-    if path.suffix.lower() in RAW_SUFFIXES:
-        import rawpy
-
-        with rawpy.imread(str(path)) as raw:
-            return raw.postprocess(use_camera_wb=True, user_flip=0)
-    from PIL import Image
-
-    with Image.open(check_regular(path)) as image:
-        if image.mode.startswith("I"):
-            grey = np.asarray(image).astype(np.float64) / 257
-            return np.repeat(grey.round().clip(0, 255).astype(np.uint8)[:, :, None], 3, axis=2)
-        return np.asarray(image.convert("RGB"))

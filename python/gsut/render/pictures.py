@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from gsut import _core
-from gsut.files import write_file
+from gsut.files import claim_name, write_file
 from gsut.orientation import add_orientation
 
 
@@ -51,9 +51,5 @@ def name_pictures(names: Sequence[str]) -> list[str]:
     taken: set[str] = set()
     for name in names:
         stem = Path(name).with_suffix("").as_posix().strip("/.").replace("/", "_") or "view"
-        unique, number = stem, 2
-        while unique in taken:
-            unique, number = f"{stem}-{number}", number + 1
-        taken.add(unique)
-        stems.append(unique)
+        stems.append(claim_name(stem, taken))
     return stems

@@ -137,6 +137,29 @@ def test_sixteen_bits_grey_and_cmyk_are_read(tmp_path):
     assert np.abs(cmyk.mean(axis=2) - straight).mean() < 3
 
 
+def test_copies_of_photographs_whose_names_meet_are_each_written(tmp_path):
+    names = ("p/a/b.heic", "p/a-b.heic", "p/a-b.HEIC")
+    pytest.importorskip("pillow_heif").register_heif_opener()
+    (tmp_path / "p").mkdir()
+    for name in names:
+        photograph(tmp_path / name, (128, 96))
+    found = collect_photographs([tmp_path / "p/a", tmp_path / "p"], tmp_path / "out")
+    written = {(tmp_path / "out" / row["path"]).resolve() for row in found.figures["frames"]}
+    assert len(written) == len(names) == len(list((tmp_path / "out/images").iterdir()))
+
+
+@pytest.mark.parametrize("suffix", ["heic", "tif"])
+def test_a_photograph_cut_in_half_is_left_out_and_said(tmp_path, suffix):
+    pytest.importorskip("pillow_heif").register_heif_opener()
+    mode = "CMYK" if suffix == "tif" else "RGB"  # which is written again
+    for i in range(3):
+        path = photograph(tmp_path / f"p/{i}.{suffix}", (128, 96), mode)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    found = collect_photographs([tmp_path / "p"], tmp_path / "out")
+    assert len(found.figures["frames"]) == 2
+    assert any(f"left out: {path}" in note for note in found.notes)
+
+
 def test_heic_is_read_upright(tmp_path):
     pillow_heif = pytest.importorskip("pillow_heif")
     pillow_heif.register_heif_opener()

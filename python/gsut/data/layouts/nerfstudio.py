@@ -15,7 +15,7 @@ import numpy as np
 
 from gsut._core import InputError, Shutter
 from gsut.data.errors import DatasetError, OnError, raise_error
-from gsut.data.export import POINTS, Export, place_images, strip_images_folder
+from gsut.data.export import POINTS, Export, place_images
 from gsut.data.images import read_header
 from gsut.data.layouts._layout import Layout
 from gsut.data.layouts.colmap import find_model, read_points
@@ -245,13 +245,9 @@ def write_nerfstudio(folder: Path, export: Export) -> list[str]:
     """Writes the dataset; returns what the layout cannot hold."""
     frames = place_images(export, folder)
     export.write_points(folder / POINTS)
-    test = None
-    if export.test is not None:
-        wanted = set(export.test)
-        test = [strip_images_folder(frame) for frame in export.frames if frame.name in wanted]
     write_transforms(
         folder / "transforms.json", frames, points_file=POINTS if len(export.points) else None,
-        test=test, up=export.up,
+        test=export.test, up=export.up,
     )  # fmt: skip
     if any(frame.depth_path is not None for frame in frames):
         return ["depth files are named where they were, not copied"]
