@@ -41,7 +41,7 @@ def find_lens_errors(evidence: Evidence, fit: LensFit) -> list[Finding]:
     elif off[2] and not off[1]:
         advice = "check the lens model and its coefficients, or calibrate: gsut calibrate"
     elif off[1] and not off[0]:
-        advice = advise_on_crop(evidence, fit)
+        advice = describe_crop(evidence, fit)
     else:
         advice = (
             "check that the lens is for images of this size and crop, or refine it: "
@@ -97,7 +97,7 @@ def _name_other_model(evidence: Evidence) -> Finding | None:
     )
 
 
-def advise_on_crop(evidence: Evidence, fit: LensFit) -> str:
+def describe_crop(evidence: Evidence, fit: LensFit) -> str:
     """Says which centre the lens has if the photographs were cropped after calibration."""
     x, y = find_principal_point(evidence.scene.cameras[0]) + fit.values[1:3]
     return (

@@ -12,7 +12,7 @@ from gsut.check.chance import Judgement, is_another_view, judge_pairs, measure_t
 from gsut.check.epipolar import rate_matches, rate_pairs
 from gsut.check.evidence import Evidence
 from gsut.check.findings import Finding
-from gsut.check.lens_errors import advise_on_crop, check_half_pixel, find_lens_errors, is_off
+from gsut.check.lens_errors import check_half_pixel, describe_crop, find_lens_errors, is_off
 from gsut.check.lens_fit import LensFit, fit_lens
 from gsut.check.lenses import OtherLens, list_other_lenses
 from gsut.check.readings import list_readings
@@ -142,7 +142,7 @@ def _fit_crop(evidence: Evidence, most: float) -> list[tuple[float, str, str, st
         return []
     dx, dy = fit.values[1:3]
     name = f"cx {dx:+.1f} and cy {dy:+.1f} pixels: the photographs are a crop"
-    return [(value, name, advise_on_crop(evidence, fit), "lens")]
+    return [(value, name, describe_crop(evidence, fit), "lens")]
 
 
 def _rate_fit(evidence: Evidence, fit: LensFit, lens: OtherLens) -> float:
