@@ -116,7 +116,12 @@ def _hold_focal(mapping: Mapping, flags: np.ndarray, factor: float) -> Solution 
     on_step = mapping.log.follow_steps("mapping")
     try:
         held = adjust_registered(
-            start, mapping.features, mapping.pairs, mapping.options, on_step, Adjustment(free)
+            start,
+            mapping.features,
+            mapping.pairs,
+            mapping.options,
+            on_step,
+            Adjustment(free, extend=True),
         )
     except SolveError:
         return None
