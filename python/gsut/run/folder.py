@@ -174,19 +174,12 @@ class RunFolder:
         return read_plan(self) is not None or steps == self.read_options().steps
 
     def refuse_run(self, *, resumes: bool = False) -> None:
-        """Raises InputError if the folder has any file of a run, or is not a folder.
-
-        Args:
-            resumes: the command has --resume.
-        """
+        """Raises InputError, which names --resume if the command `resumes`, on a run or a file."""
         if self.path.exists() and not self.path.is_dir():
             raise InputError(f"{self.path} is a file; give a folder for the run")
         if self.has_run():
-            go_on = "add --resume to resume it, or " if resumes else ""
-            raise InputError(
-                f"{self.path} already holds a run; {go_on}give another folder (nothing was "
-                "overwritten)"
-            )
+            way = f"{'add --resume to resume it, or ' if resumes else ''}give another folder"
+            raise InputError(f"{self.path} already holds a run; {way} (nothing was overwritten)")
 
     def refuse_finished(self, source: str | os.PathLike[str]) -> None:
         """Removes what a killed process left of a run made of `source`; else as `refuse_run`."""
