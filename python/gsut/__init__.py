@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     )
     from gsut.evaluate import evaluate
     from gsut.formats import load_gaussians, save_gaussians
-    from gsut.gaussians import Gaussians, seed_from_points
+    from gsut.gaussians import Gaussians, LinearGaussians, seed_from_points
     from gsut.lens import Camera, load_camera, save_camera
     from gsut.metrics import psnr, ssim
     from gsut.optimize import GaussianOptimizer
@@ -65,6 +65,7 @@ if TYPE_CHECKING:
     from gsut.surface import Mesh, extract_mesh, load_mesh, save_mesh
     from gsut.train import TrainResult, train
     from gsut.training import TrainedRun, load_run
+    from gsut.view import to_rerun
 
 # By task: docs/api.md is made from this list and its comments, in this order.
 __all__ = [  # noqa: RUF022
@@ -102,6 +103,7 @@ __all__ = [  # noqa: RUF022
     "TrainedRun",
     # Write a training loop
     "Gaussians",
+    "LinearGaussians",
     "seed_from_points",
     "PhotometricTarget",
     "photometric_loss",
@@ -135,6 +137,7 @@ __all__ = [  # noqa: RUF022
     # Save
     "save_gaussians",
     "load_gaussians",
+    "to_rerun",
     # Machine
     "num_threads",
     "set_num_threads",
