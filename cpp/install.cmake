@@ -15,7 +15,8 @@ foreach(folder ${GSUT_FOLDERS})
     COMPONENT ${folder} ${if_asked} FILES_MATCHING PATTERN "*.h" PATTERN "*.inc")
 endforeach()
 install(DIRECTORY ${PROJECT_BINARY_DIR}/generated/ DESTINATION include COMPONENT cameras ${if_asked})
-configure_file(${CMAKE_CURRENT_LIST_DIR}/gsutConfig.cmake.in gsutConfig.cmake @ONLY)
+configure_package_config_file(${CMAKE_CURRENT_LIST_DIR}/gsutConfig.cmake.in gsutConfig.cmake
+  INSTALL_DESTINATION ${package_dir})
 write_basic_package_version_file(gsutConfigVersion.cmake COMPATIBILITY SameMinorVersion)
 install(FILES ${CMAKE_CURRENT_BINARY_DIR}/gsutConfig.cmake
   ${CMAKE_CURRENT_BINARY_DIR}/gsutConfigVersion.cmake DESTINATION ${package_dir} COMPONENT base

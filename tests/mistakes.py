@@ -14,7 +14,8 @@ import cv2
 import numpy as np
 
 import gsut
-from gsut.check import check_scene, look_closer
+from gsut.check import check_scene
+from gsut.check.dataset import look_closer
 from gsut.check.matches import match_neighbours
 from gsut.data.poses import OPENGL_FROM_OPENCV
 

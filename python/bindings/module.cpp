@@ -3,6 +3,7 @@
 
 #include <cstring>
 #include <exception>
+#include <utility>
 
 #include "bindings/module.h"
 #include "gsut/base/errors.h"
@@ -17,6 +18,16 @@ void Raise(const pybind11::handle& type, const char* message) {
   if (text) PyErr_SetObject(type.ptr(), text.ptr());
 }
 
+pybind11::dict DescribeBuild() {
+  pybind11::dict facts;
+  facts["version"] = GSUT_VERSION;
+  const std::pair<const char*, const char*> found[] = {
+#include "build_facts.inc"
+  };
+  for (const auto& [name, value] : found) facts[name] = value;
+  return facts;
+}
+
 }  // namespace
 
 // One module for all of the core: exceptions first, as everything else may raise them, then a
@@ -26,6 +37,13 @@ PYBIND11_MODULE(_core, m) {
   using namespace gsut::bindings;  // NOLINT: the list below reads better without prefixes
   m.doc() = "C++ core of gsut; use the names of the gsut package.";
   m.attr("__version__") = GSUT_VERSION;
+  m.def("describe_build", &DescribeBuild, R"doc(
+Returns how the compiled core was built.
+
+Returns:
+    dict of str: version, compiler, build_type, system, and the versions of the libraries that it
+    was compiled with: eigen, highway, threads (tbb or plain), ceres, pybind11.
+)doc");
   static const auto input_error =
       pybind11::register_exception<gsut::InputError>(m, "InputError", PyExc_ValueError);
   static const auto calibration_error = pybind11::register_exception<gsut::CalibrationError>(

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
+from gsut.orientation import add_orientation
 
 _MOST_ALIASES = 16  # of a YAML file
 _MOST_LETTERS = 60  # of a name: four bytes each, and a file system takes 255 with an ending
@@ -43,6 +44,7 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
         WriteError: the file cannot be written (no such folder, permissions, disk full), or `path`
             is a folder, a device or a pipe.
     """
+    check_name(path)
     path = Path(os.path.realpath(path))
     if path.exists() and not path.is_file():
         raise WriteError(f"cannot write {path}: it is not a file; give another name")
@@ -90,6 +92,7 @@ def staging_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
         WriteError: it cannot be created.
     """
     path = Path(path)
+    check_name(path)
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         staging = _name_unfinished(path)
@@ -125,6 +128,29 @@ def to_file_name(name: str) -> str:
     """
     plain = re.sub(r"[^\w.-]+", "_", name).strip("_")
     return plain.lstrip("._")[:_MOST_LETTERS] or "unnamed"
+
+
+def claim_name(name: str, taken: set[str]) -> str:
+    """Adds a file's name to those taken, with -2, -3 ... before its suffix where it is taken.
+
+    Returns:
+        The name as it was added.
+    """
+    stem, dot, suffix = name.rpartition(".") if "." in name.rpartition("/")[2] else (name, "", "")
+    unique, number = name, 2
+    while unique in taken:
+        unique, number = f"{stem}-{number}{dot}{suffix}", number + 1
+    taken.add(unique)
+    return unique
+
+
+def check_name(path: str | os.PathLike[str]) -> None:
+    """Raises WriteError for a name with a zero byte, where the system would cut it off: what has
+    the shorter name would be overwritten."""
+    if b"\0" in os.fsencode(path):
+        raise WriteError(
+            f"cannot write {os.fspath(path)!r}: the name holds a zero byte; give another name"
+        )
 
 
 def remove_unfinished(folder: Path, *, of_all: bool = False) -> None:
@@ -166,6 +192,7 @@ def refuse_existing(path: Path, by: str = "") -> None:
         path: to be written.
         by: how another name is given, such as " with -o".
     """
+    check_name(path)
     if path.exists():
         raise InputError(f"{path} exists; give another name{by} (nothing was overwritten)")
     folder = path.parent
@@ -180,6 +207,8 @@ def check_regular(path: str | os.PathLike[str]) -> Path:
     Raises:
         OSError: it does, or it leads to a folder or to nothing.
     """
+    if b"\0" in os.fsencode(path):  # a name that no file has
+        raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT), os.fspath(path))
     mode = os.stat(path).st_mode
     if stat.S_ISDIR(mode):
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), os.fspath(path))
@@ -196,19 +225,29 @@ def write_file(path: str | os.PathLike[str], content: str | bytes) -> None:
         temporary.write_bytes(content)
 
 
-def write_picture(path: str | os.PathLike[str], pixels: Any, quality: int | None = None) -> None:
+def write_picture(
+    path: str | os.PathLike[str], pixels: Any, quality: int | None = None, turns: int = 0
+) -> None:
     """Writes a picture in the format of its name, see `whole_file`.
 
     Args:
         path: the file.
         pixels: (H, W, 3) uint8 blue, green, red, or (H, W) uint8 or uint16, as OpenCV takes them.
         quality: of JPEG, up to 100.
+        turns: quarter turns clockwise that show it upright, see `add_orientation`.
     """
     import cv2  # whose own writer of files does not say why it fails, and leaves what it began
 
     flags = [] if quality is None else [cv2.IMWRITE_JPEG_QUALITY, quality]
     _, data = cv2.imencode(Path(path).suffix, pixels, flags)
-    write_file(path, data.tobytes())
+    write_file(path, add_orientation(data.tobytes(), turns))
+
+
+def read_picture(path: str | os.PathLike[str], flags: int) -> Any:
+    """Reads a picture of any name by OpenCV's `flags`; None if it is none."""
+    import cv2  # whose own reader of files crashes at a str that is no UTF-8
+
+    return cv2.imread(os.fsencode(path), flags)  # type: ignore[call-overload]
 
 
 def write_json(path: str | os.PathLike[str], value: Any) -> None:

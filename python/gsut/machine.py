@@ -1,5 +1,5 @@
-"""The instruction set that the compiled core uses on this machine."""
+"""How the compiled core was built, and the instruction set that it uses on this machine."""
 
-from gsut._core import active_isa, available_isas, set_isa
+from gsut._core import active_isa, available_isas, describe_build, set_isa
 
-__all__ = ["active_isa", "available_isas", "set_isa"]
+__all__ = ["active_isa", "available_isas", "describe_build", "set_isa"]

@@ -16,7 +16,7 @@ from typing import Any
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.files import UNFINISHED, remove_unfinished
+from gsut.files import UNFINISHED, check_name, remove_unfinished
 
 try:
     import fcntl
@@ -96,6 +96,7 @@ def claim_folder(
     """
     if not os.fspath(path):
         raise InputError("the folder to write to has no name; give one, such as run")
+    check_name(path)
     folder = Path(path)
     with _claiming:
         marker = folder / (MARKER if writes is None else f"gsut-{command}.json")

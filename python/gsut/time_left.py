@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bisect
 import dataclasses
 import itertools
 import time
@@ -13,9 +14,9 @@ import numpy as np
 FEATURES = 0.3  # of finding the features of an image of one megapixel: SIFT
 PAIR = 0.015  # of matching and verifying two images of some thousand features
 MAPPING = 0.25  # of registering an image and adjusting it with the others
-STEP = 0.0003  # of a training step of any size
-PIXELS = 0.085  # of a training step for each megapixel drawn
-GAUSSIANS = 1.4e-7  # of a training step for each Gaussian
+STEP = 0.00057  # of a training step of any size
+PIXELS = 0.1615  # of a training step for each megapixel drawn
+GAUSSIANS = 2.66e-7  # of a training step for each Gaussian
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,7 +62,10 @@ def predict_steps(megapixels: np.ndarray, counts: np.ndarray) -> np.ndarray:
 
 
 class Pace:
-    """The time left of steps whose durations were predicted, by how fast they went so far.
+    """The time left of steps whose durations were predicted, by how fast the latest went.
+
+    The pace is that of the later half of the work done: how far a prediction is off changes with
+    the resolution and the number of Gaussians.
 
     Args:
         seconds: predicted for each step, in order.
@@ -80,11 +84,16 @@ class Pace:
         self._done = [0.0, *itertools.accumulate(seconds)]
         self._all = self._done[-1] + after
         self._clock = clock
-        self._first, self._began = self._done[step], clock()
+        self._work, self._seconds = [self._done[step]], [clock()]  # at each report
 
     def predict_left(self, step: int) -> float:
         """Returns the seconds left after a step, counted from 1."""
         done = self._done[min(step, len(self._done) - 1)]
+        now = self._clock()
+        half = bisect.bisect_left(self._work, (self._work[0] + done) / 2, hi=len(self._work) - 1)
         # One second at the predicted pace keeps the first steps from deciding it.
-        pace = (self._clock() - self._began + 1.0) / (done - self._first + 1.0)
+        pace = (now - self._seconds[half] + 1.0) / (done - self._work[half] + 1.0)
+        if done > self._work[-1]:
+            self._work.append(done)
+            self._seconds.append(now)
         return pace * (self._all - done)

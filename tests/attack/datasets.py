@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import io
 import json
 import os
@@ -325,7 +326,8 @@ def list_dataset_rows(world: Path) -> Iterator[tuple[str, str, Spoil, str, str |
 def list_dataset_cases(world: Path) -> Iterator[tuple[Case, Case]]:
     """Lists pairs of cases, of `doctor` and of `train`."""
     for name, dataset, spoil, said, noted in list_dataset_rows(world):
-        yield tuple(
+        doctor, train = (
             Case("dataset", name, words, (dataset,), spoil, (said,), noted is not None, noted or "")
             for words in (("doctor", dataset, "--json"), ("train", dataset, "-o", "out", *TRAIN))
-        )  # type: ignore[misc]
+        )
+        yield doctor, dataclasses.replace(train, noted="")

@@ -46,7 +46,7 @@ class Case:
         spoil: changes the copies.
         said: what the sentence must name: a pattern each.
         may_pass: the command may also succeed: what was given can be read in a good sense.
-        noted: what `doctor` must say where both go on: a pattern.
+        noted: what must be said, by `doctor` of a dataset, where the command goes on: a pattern.
         keeps: names that the command may leave though it fails: stages for the next time; and may
             change where it ends well.
     """
@@ -193,6 +193,8 @@ def find_fault(
     if half:
         return f"left {half}"
     if done.status == 0:
+        if case.noted and not re.search(case.noted, done.errors + done.output):
+            return f"goes on without a word of {case.noted}: {done.errors[-300:]}"
         return None if case.may_pass else f"accepted: {done.errors[-300:]}"
     if done.status != 2:
         return f"status {done.status}: {done.errors[-300:]}"

@@ -90,6 +90,16 @@ ODD_NAMES = (
     "a/b/c",
 )
 
+ADDRESSES = ("http:a", "concat:a|b", "pipe:", "file:a")  # which FFmpeg takes for no file's names
+
+
+def rename_film(name: str) -> Prepare:
+    def prepare(folder: Path) -> None:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / "film.mp4").rename(folder / name)
+
+    return prepare
+
 
 def list_place_cases() -> Iterator[Case]:
     """Lists every command that writes, with every place."""
@@ -115,3 +125,11 @@ def list_place_cases() -> Iterator[Case]:
                     "name", f"{name!r}", tuple(w for w in given if w), needs, make("a/b/x"),
                     may_pass=True,
                 )  # fmt: skip
+    for name in (*(each for each in ODD_NAMES if each != "~"), *ADDRESSES):
+        words = ("poses", f"./{name}.mp4", "-o", "out", "--camera", "lens320.json", "--quiet")
+        if ":" in name:
+            words = (words[0], f"{name}.mp4", *words[2:])
+        yield Case(
+            "name", f"a film called {name!r}", words, ("film.mp4", "lens320.json"),
+            rename_film(f"{name}.mp4"), ("nothing fails",), True,
+        )  # fmt: skip

@@ -6,6 +6,8 @@ import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
+
 from attack.damage import CAUSES, TO_ANY_FILE, TO_TEXT
 from attack.flags import BASES, list_flag_cases
 from attack.harness import Case, Spoil
@@ -13,6 +15,7 @@ from attack.places import FILES, FOLDERS, list_place_cases
 from attack.strange import list_strange_cases
 from attack.world import LENSES, SCENES
 from formats.wrong_fields import WRONG
+from small_videos import damage_packets, stretch_second_half, texture, view, write_video
 
 RUN_FILES = ("options.json", "metrics.json", "scene.ply", "environment.json", "history.jsonl",
              "checkpoint.npz")  # fmt: skip
@@ -112,6 +115,35 @@ def list_file_cases() -> Iterator[Case]:
                 )  # fmt: skip
 
 
+def list_film_cases() -> Iterator[Case]:
+    """Lists films that can be used in part, or that do not say of themselves what they are."""
+    walk = "walk.mp4"  # of 40 frames
+    rows: dict[str, tuple[Spoil, str]] = {
+        "damaged inside": (
+            lambda folder: damage_packets(folder / walk, folder / walk, (14, 15)),
+            "frames of walk.mp4 .* damaged",
+        ),
+        "pasted from two": (
+            lambda folder: (folder / walk).write_bytes(2 * (folder / walk).read_bytes()),
+            "walk.mp4 is 2 films pasted together",
+        ),
+        "cut to another place": (
+            lambda folder: write_video(folder / walk, draw_places()), "walk.mp4 is cut at"
+        ),
+        "of a variable rate": (lambda folder: stretch_second_half(folder / walk), ""),
+    }  # fmt: skip
+    for name, (spoil, noted) in rows.items():
+        words = ("poses", walk, "-o", "out", "--camera", "lens320.json")
+        yield Case("film", f"{walk} is {name}", words, (walk, "lens320.json"), spoil,
+                   ("nothing fails",), True, noted)  # fmt: skip
+
+
+def draw_places() -> Iterator[np.ndarray]:
+    """Draws a walk past one place, and on past another."""
+    for ground in (texture(), texture()[::-1, ::-1].copy()):
+        yield from (view(ground, 50 + 6.0 * i) for i in range(30))
+
+
 def list_field_cases() -> Iterator[Case]:
     """Lists scene files with one field that no such file has."""
     for (suffix, name), (spoil, said) in WRONG.items():
@@ -152,6 +184,7 @@ def list_cases() -> list[Case]:
     return [
         *list_base_cases(files),
         *files,
+        *list_film_cases(),
         *list_field_cases(),
         *list_flag_cases(),
         *list_place_cases(),

@@ -13,6 +13,7 @@ from gsut.gaussians import Gaussians
 # Nodes an axis of the product rule, doubled until the centre moves by less than this (pixels).
 _ORDERS = (8, 16, 32)
 _SETTLED_PX = 1e-5
+_FULL = np.array([[0, 1], [1, 2]])  # where a symmetric (2, 2) has the entries xx, xy, yy
 # Share of the Gaussian that may have no pixel; with more the moments are not defined.
 _LOST = 1e-6
 
@@ -113,14 +114,14 @@ def sample_moments(
         off = _unwrap(pixels[valid] - middle, camera)
         root = np.sqrt(len(off))
         shift = off.mean(axis=0)
-        off = off - shift
-        products = off[:, :, None] * off[:, None, :]
+        x, y = (off - shift).T.copy()  # contiguous: several times faster than rows of two
+        products = (x * x, x * y, y * y)
+        covariance, error = np.array([(p.mean(), p.std() / root) for p in products]).T
+        center_error = np.sqrt(covariance[[0, 2]]) / root
+        lost = 1 - len(off) / samples
         found.append(
-            SampledMoments(
-                middle[0] + shift, off.std(axis=0) / root, products.mean(axis=0),
-                products.std(axis=0) / root, 1 - len(off) / samples,
-            )
-        )  # fmt: skip
+            SampledMoments(middle[0] + shift, center_error, covariance[_FULL], error[_FULL], lost)
+        )
     return found
 
 

@@ -177,7 +177,7 @@ def test_every_command_has_its_call_or_is_said_to_have_none():
 
 def test_blocks_were_found():
     assert len(of("python", runs=True)) >= 8 and len(of("bash")) >= 8
-    assert {b.language for b in blocks()} <= {"python", "bash", "text"}
+    assert {b.language for b in blocks()} <= {"bash", "cmake", "python", "text"}
 
 
 @pytest.mark.parametrize("name", PAGES)

@@ -36,7 +36,12 @@ def build_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--seeds", metavar="A:B", default="0:24", help="[default: 0:24]")
     parser.add_argument("--jobs", type=int, default=1, help="captures at a time [default: 1]")
-    parser.add_argument("--parts", default=",".join(_PARTS), help="[default: %(default)s]")
+    parser.add_argument(
+        "--parts",
+        default=",".join(_PARTS),
+        help="of doctor, poses, train, causes (five trainings, each with one thing wrong) "
+        "[default: %(default)s]",
+    )
     parser.add_argument(
         "-o",
         "--out",

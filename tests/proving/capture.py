@@ -17,7 +17,7 @@ from tests.proving.paths import Motion, Path, plan_path
 from tests.proving.stage import Stage
 
 # Of everything that decides the pictures: another number makes another folder of the cache.
-VERSION = 1
+VERSION = 2
 _KINDS = ("dataset", "photographs", "film")
 
 
@@ -32,6 +32,9 @@ class Told:
         focal_35mm: of EXIF; None: no EXIF.
         mistake: index in `MISTAKES` made in the dataset; None: it is exact.
         points: whether the dataset has points.
+        place_error: metres that the places in EXIF are off; None: EXIF has none.
+        turned: photographs lie on their side, with EXIF's flag.
+        dropped: share of a film's frames that are missing.
     """
 
     lens: str
@@ -40,6 +43,9 @@ class Told:
     focal_35mm: float | None = None
     mistake: int | None = None
     points: bool = True
+    place_error: float | None = None
+    turned: bool = False
+    dropped: float = 0.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -103,6 +109,8 @@ class Capture:
             "readout_px": self._measure_readout(),
             "exposure_ms": 1e3 * self.exposure, "told": self.told.lens,
             "told_wrong": self.told.is_wrong, "points": self.told.points,
+            "place_error": self.told.place_error, "turned": self.told.turned,
+            "dropped": self.told.dropped,
             "mistake": None if self.told.mistake is None else MISTAKES[self.told.mistake].name,
             "movers": self.stage.movers is not None,
             **{f"style_{key}": value for key, value in dataclasses.asdict(self.style).items()},
@@ -139,8 +147,9 @@ def capture(seed: int, tiny: bool = False) -> Capture:
     readout = rng.uniform(0.005, 0.033) * rng.choice([1, 1, 1, -1]) if is_rolling else 0.0
     exposure = 0.0 if rng.random() < 0.3 else float(10.0 ** rng.uniform(-3.5, -1.9))
     return Capture(
-        seed, family, style, lens, motion, kind, float(readout), exposure, draw_sensor(rng),
-        2 if tiny else 3, _draw_told(rng, kind, lens, is_rolling),
+        seed, family, style, lens, motion, kind, float(readout), exposure, draw_sensor(rng, seed),
+        2 if tiny else 3,
+        _add_metadata(_draw_told(rng, kind, lens, is_rolling), kind, lens.kind == "phone", seed),
     )  # fmt: skip
 
 
@@ -164,6 +173,21 @@ def _draw_motion(rng: np.random.Generator, stage: Stage, kind: str, seed: int) -
         0.02 * is_held,
         seed,
         kind == "film",
+    )
+
+
+def _add_metadata(told: Told, kind: str, is_phone: bool, seed: int) -> Told:
+    """Adds what the camera writes beside the lens, drawn from the seed alone."""
+    rng = np.random.default_rng([seed, 62])
+    has_place, is_turned, is_cut = rng.random(3) < (0.4, 0.25, 0.3)
+    return dataclasses.replace(
+        told,
+        place_error=float(rng.choice([0.3, 3.0, 10.0])) if has_place and kind != "film" else None,
+        turned=bool(is_turned)
+        and is_phone
+        and kind == "photographs"
+        and told.lens in ("nothing", "exif"),
+        dropped=0.1 if is_cut and kind == "film" else 0.0,
     )
 
 

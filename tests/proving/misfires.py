@@ -10,7 +10,7 @@ _TRUE_OF_EXACT = (
     "there are no points;",
     "have no ray",
     "have the same pose",
-    "rolling-shutter poses",
+    "all cameras stand at one place",
 )
 # Pixels by which a shutter must shift the picture for its readout to be missed.
 _SHIFT_PX = 1.5
@@ -36,6 +36,9 @@ def find_misfires(row: dict[str, Any]) -> Iterator[Misfire]:
     yield from _check_verdict(row)
     yield from _check_lens(row)
     yield from _check_shutter(row)
+    for key, said in row.items():
+        if key.startswith("cause_") and isinstance(said, str):
+            yield Misfire("cause not named", f"{key.removeprefix('cause_')}; said: {said[:160]}")
     if row.get("train_refused"):
         yield Misfire("training refused", row["train_refused"])
 

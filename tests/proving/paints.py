@@ -57,19 +57,19 @@ def draw_surface(rng: np.random.Generator, style: Style, scale: float = 1.0) -> 
     if rng.random() < style.glossy:
         gloss, rough = (_POLISHED, 0.03) if rng.random() < 0.25 else (_GLOSS, 0.01)
     if rng.random() < style.bare:
-        faint = 0.1 * style.grain
+        faint = 0.4 * style.grain  # stains
         return Material(draw_color(rng), gloss=gloss, roughness=rough, grain=faint,
                         grain_size=scale)  # fmt: skip
     if rng.random() < 0.4 and not style.repeated:
         return Material(
-            draw_color(rng), gloss=gloss, roughness=rough, grain=0.05 + 1.6 * style.grain,
+            draw_color(rng), gloss=gloss, roughness=rough, grain=0.1 + 2.2 * style.grain,
             grain_size=scale * rng.uniform(0.3, 1.5),
         )  # fmt: skip
     texture, width = _paint_wall(rng)
     height = width * texture.shape[0] / texture.shape[1]
     return Material(
         texture=texture, size=(scale * width, scale * height), gloss=gloss, roughness=rough,
-        grain=0.0 if style.repeated else style.grain, grain_size=scale,
+        grain=0.0 if style.repeated else 1.8 * style.grain, grain_size=scale,
     )  # fmt: skip
 
 

@@ -15,6 +15,7 @@ import gsut
 from gsut.data import CAPTURE_FOLDER
 from tests.mistakes import MISTAKES
 from tests.proving.capture import Capture, capture
+from tests.proving.causes import score_causes
 from tests.proving.commands import Outcome, run_gsut
 from tests.proving.truth import (
     classify,
@@ -53,6 +54,8 @@ def score_made(made: Capture, folder: Path, parts: tuple[str, ...]) -> Row:
             row |= _score_poses(made, folder, work)
         if "train" in parts and made.seed % TRAIN_EVERY == 0:
             row |= _score_training(made, folder, work)
+        if "causes" in parts:
+            row |= score_causes(folder / TRUTH, work, made.seed)
     return row
 
 

@@ -26,6 +26,7 @@ from tests.proving.world import MOVER
 TRUTH = "truth"  # an ordinary dataset: exact poses, lens, points, masks of the circle
 GIVEN = "given"  # what gsut is given: a dataset, a folder of photographs, or film.mp4
 FACTS = "capture.json"
+_TURNED = "turned"  # photographs on their side, as a camera that is held upright writes them
 _POINTS = 1500
 _POINT_NOISE = 3e-3  # of the distance, as of structure from motion in small pictures
 _DEPTH_LEVELS = 60_000  # of the 16-bit depth pictures: level 0 is the sky
@@ -125,10 +126,15 @@ def _write_truth(capture: Capture, folder: Path) -> list[Frame]:
         exif = {"make": "Maker", "model": "Model", "focal_35mm": capture.told.focal_35mm}
     suffix = "png" if is_film or capture.sensor.quality == 0 else "jpg"
     frames, seen, colors, exposed = [], [], [], []
+    stated = _state_places(capture)
     for number, picture in enumerate(trace_pictures(capture)):
         path = folder / "images" / f"{number:03d}.{suffix}"
         quality = 0 if is_film else capture.sensor.quality
-        path.write_bytes(encode_picture(picture.image, quality, exif))
+        path.write_bytes(encode_picture(picture.image, quality, exif, stated[number]))
+        if capture.told.turned and quality:
+            aside = folder.parent / _TURNED / path.name
+            aside.parent.mkdir(exist_ok=True)
+            aside.write_bytes(encode_picture(picture.image, quality, exif, stated[number], True))
         exposed.append(picture.image)
         write_picture(folder / "clean" / f"{number:03d}.png", picture.clean[..., ::-1])
         _write_truth_maps(folder, number, picture)
@@ -155,6 +161,15 @@ def _write_truth(capture: Capture, folder: Path) -> list[Frame]:
     if is_film:
         _write_film(folder.parent / "film.mp4", exposed, capture)
     return frames
+
+
+def _state_places(capture: Capture) -> list[np.ndarray | None]:
+    """States the place of each picture with noise, or None."""
+    error, count = capture.told.place_error, capture.motion.frames
+    if error is None:
+        return [None] * count
+    off = error * np.random.default_rng([capture.seed, 63]).standard_normal((count, 3))
+    return list(capture.path(capture.times)[:, :3, 3] + off)
 
 
 def _describe_shutter(capture: Capture) -> Shutter | None:
@@ -199,9 +214,15 @@ def _write_film(target: Path, pictures: list[np.ndarray], capture: Capture) -> N
         rate = fractions.Fraction(1 / capture.motion.interval).limit_denominator(1001)
         stream = out.add_stream("libx264", rate=rate, options={"crf": str(capture.sensor.crf)})
         stream.width, stream.height, stream.pix_fmt = width // 2 * 2, height // 2 * 2, "yuv420p"
-        for picture in pictures:
+        lost = np.random.default_rng([capture.seed, 64]).random(len(pictures))
+        lost[[0, -1]] = 1.0  # the film keeps its length
+        for number, picture in enumerate(pictures):
+            if lost[number] < capture.told.dropped:
+                continue
             cut = np.ascontiguousarray(picture[: height // 2 * 2, : width // 2 * 2])
-            out.mux(stream.encode(av.VideoFrame.from_ndarray(cut, format="rgb24")))
+            frame = av.VideoFrame.from_ndarray(cut, format="rgb24")
+            frame.pts, frame.time_base = number, 1 / rate
+            out.mux(stream.encode(frame))
         out.mux(stream.encode(None))
 
 
@@ -222,8 +243,10 @@ def _write_given(capture: Capture, folder: Path, frames: list[Frame]) -> None:
     if capture.kind == "film":
         return
     given.mkdir()
+    turned = folder / _TURNED
     for frame in frames:
-        os.link(frame.image_path, given / frame.image_path.name)
+        aside = turned / frame.image_path.name
+        os.link(aside if aside.is_file() else frame.image_path, given / frame.image_path.name)
     if (truth / "mask.png").is_file():
         os.link(truth / "mask.png", given / "mask.png")
 

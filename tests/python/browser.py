@@ -23,7 +23,10 @@ _FLAGS = (
 WAIT_SECONDS = 60.0
 _CANVAS_PIXELS = """
   const canvas = document.getElementById("canvas");
-  const data = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data;
+  const copy = new OffscreenCanvas(canvas.width, canvas.height);
+  const brush = copy.getContext("2d", { willReadFrequently: true });
+  brush.drawImage(canvas, 0, 0);
+  const data = brush.getImageData(0, 0, canvas.width, canvas.height).data;
   return [canvas.width, canvas.height, Array.from(data)];"""
 
 

@@ -1,7 +1,7 @@
 """Small videos with known motion, and files whose boxes are changed by hand."""
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 import av
@@ -55,12 +55,13 @@ def walk(path: Path, frames: int = 60, step: float = 3.0) -> Path:
     return write_video(path, (view(ground, 50 + step * i) for i in range(frames)))
 
 
-def turn_by_quarter(path: Path, height: int = HEIGHT) -> None:
+def turn_by_quarter(path: Path, height: int = HEIGHT, turns: int = 1) -> None:
     """Sets the rotation flag of the video track, as a phone held upright does: clockwise."""
     data = bytearray(path.read_bytes())
     at = data.find(b"tkhd") + 4 + 40  # version and flags, 36 bytes of times and layers, the matrix
+    cos, sin = ((1, 0), (0, 1), (-1, 0), (0, -1))[turns]
     data[at : at + 36] = struct.pack(
-        ">9i", 0, 1 << 16, 0, -(1 << 16), 0, 0, height << 16, 0, 1 << 30
+        ">9i", cos << 16, sin << 16, 0, -sin << 16, cos << 16, 0, height << 16, 0, 1 << 30
     )
     path.write_bytes(data)
 
@@ -107,4 +108,29 @@ def frames_of_noise(path: Path) -> Path:
     start, end = data.find(b"mdat") + 4, data.find(b"moov") - 4
     data[start:end] = np.random.default_rng(0).integers(0, 256, end - start, np.uint8).tobytes()
     path.write_bytes(data)
+    return path
+
+
+def damage_packets(path: Path, source: Path, numbers: Sequence[int]) -> Path:
+    """Copies a video with noise in the middle of some packets."""
+    with av.open(str(source)) as film:
+        packets = [p for p in film.demux(film.streams.video[0]) if p.size]
+        places = [(packets[n].pos, packets[n].size // 3) for n in numbers]
+    data, rng = bytearray(source.read_bytes()), np.random.default_rng(0)
+    for start, third in places:
+        data[start + third : start + 2 * third] = rng.bytes(third)
+    path.write_bytes(data)
+    return path
+
+
+def encode_film(path: Path, codec: str, pictures: Iterable[np.ndarray], keys: int = 12) -> Path:
+    """A film of these pictures, with a key frame at each `keys`-th."""
+    with av.open(str(path), "w") as film:
+        options = {"x265-params": "log-level=none"} if codec == "libx265" else {}
+        stream = film.add_stream(codec, rate=30, options=options)
+        stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
+        stream.gop_size = keys
+        frames = (av.VideoFrame.from_ndarray(picture, "bgr24") for picture in pictures)
+        for frame in (*frames, None):
+            film.mux(stream.encode(frame))
     return path

@@ -1,13 +1,24 @@
 """The C++ core in somebody else's CMake project: by FetchContent and from an installed prefix."""
 
+import re
 import shutil
 import subprocess
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
+
+import gsut
+from gsut import formats
+from random_scenes import gaussians_in_view, rng_of
+from tolerances.cmake_package import GREY_LEVEL, PRINTED_PIXEL
 
 ROOT = Path(__file__).resolve().parents[2]
 BUILD = ROOT / "build"  # of ./run setup
+INSTALLED = ("base", "geometry", "cameras", "gaussians", "projection", "raster", "loss", "optimize",
+             "surface", "formats")  # fmt: skip
 BASE = """
 #include <gsut/base/parallel.h>
 
@@ -54,8 +65,9 @@ FetchContent_MakeAvailable(gsut)
 pytestmark = pytest.mark.skipif(not shutil.which("cmake"), reason="needs cmake")
 
 
-def call(*command: object) -> str:
-    done = subprocess.run([str(c) for c in command], capture_output=True, text=True)
+def call(*command: object, stdin: str = "") -> str:
+    words = [str(word) for word in command]
+    done = subprocess.run(words, input=stdin, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 
@@ -75,14 +87,96 @@ def test_core_is_built_by_fetch_content(tmp_path):
     assert build_and_run(tmp_path / "fetched", FETCH, "base", BASE) == "100"
 
 
-@pytest.mark.skipif(not (BUILD / "gsutConfig.cmake").exists(), reason="needs a build with tests")
-def test_core_is_found_where_it_is_installed(tmp_path):
-    prefix = tmp_path / "prefix"
-    for component in ("base", "cameras"):
+def install(prefix: Path, *components: str) -> Path:
+    if not (BUILD / "gsutConfig.cmake").exists():
+        pytest.skip("needs a build with tests")
+    for component in components:
         call("cmake", "--install", BUILD, "--component", component, "--prefix", prefix)
-    found = "find_package(gsut REQUIRED COMPONENTS {})"
-    there = f"-DCMAKE_PREFIX_PATH={prefix}"
-    app = build_and_run(tmp_path / "found", found.format("cameras"), "cameras", CAMERAS, there)
-    assert app == "1 42 44"
-    with pytest.raises(AssertionError, match="installed without the component sfm"):
-        build_and_run(tmp_path / "missing", found.format("sfm"), "sfm", CAMERAS, there)
+    return prefix
+
+
+@pytest.fixture(scope="module")
+def prefix(tmp_path_factory):
+    """Every library installed, but for sfm."""
+    return install(tmp_path_factory.mktemp("prefix"), *INSTALLED)
+
+
+def find_components(prefix: Path, *names: str) -> tuple[str, str]:
+    """Returns the call of find_package and the argument that says where to look."""
+    found = f"find_package(gsut 0.1 REQUIRED COMPONENTS {' '.join(names)})"
+    return found, f"-DCMAKE_PREFIX_PATH={prefix}"
+
+
+def test_core_is_found_where_it_is_installed(tmp_path, prefix):
+    found, there = find_components(prefix, "cameras")
+    assert build_and_run(tmp_path / "found", found, "cameras", CAMERAS, there) == "1 42 44"
+
+
+@pytest.mark.parametrize(
+    ("component", "message"),
+    [
+        ("sfm", "installed without the component sfm"),
+        ("render", r"no component render;[\s\S]*raster"),
+    ],
+)
+def test_component_that_is_not_there_is_named(tmp_path, prefix, component, message):
+    found, there = find_components(prefix, component)
+    with pytest.raises(AssertionError, match=message):
+        build_and_run(tmp_path / "missing", found, component, CAMERAS, there)
+
+
+@pytest.fixture(scope="module")
+def examples(tmp_path_factory):
+    """The folder of the built programs of docs/examples/cpp."""
+    if not (BUILD / "libgsut_sfm.a").exists():
+        pytest.skip("needs a build with structure from motion")
+    prefix = install(tmp_path_factory.mktemp("whole"), *INSTALLED, "sfm")
+    folder = tmp_path_factory.mktemp("examples")
+    call("cmake", "-S", ROOT / "docs/examples/cpp", "-B", folder, f"-DCMAKE_PREFIX_PATH={prefix}",
+         "-DCMAKE_CXX_FLAGS=-O0 -Wall -Wextra -Werror")  # fmt: skip
+    call("cmake", "--build", folder, "--parallel", 2)
+    return folder
+
+
+def test_example_projects_points_as_the_module_does(tmp_path, examples):
+    camera = gsut.Camera("opencv5", [300, 310, 320, 240, 0.1, -0.05, 1e-3, 2e-3, 0.01], 640, 480)
+    lens = tmp_path / "lens.cameramodel"
+    gsut.save_camera(camera, lens)
+    points = np.array([[0.1, -0.2, 1.0], [0.5, 0.3, 2.0]])
+    said = call(examples / "project_points", lens, stdin=" ".join(map(str, points.ravel())))
+    pixels = [[float(x) for x in row.split()[:2]] for row in said.splitlines()[1:]]
+    np.testing.assert_allclose(pixels, camera.project(points)[0], atol=PRINTED_PIXEL)
+
+
+def test_example_renders_a_file_as_the_module_does(tmp_path, examples):
+    camera = gsut.Camera("stereographic", [40, 40, 32, 24], 64, 48)
+    gaussians = gaussians_in_view(rng_of("example"), camera, np.eye(4), 60)
+    lens, scene, picture = (tmp_path / name for name in ("lens.cameramodel", "a.ply", "a.png"))
+    gsut.save_camera(camera, lens)
+    formats.save_ply(scene, gaussians)
+    call(examples / "render_ply", scene, lens, picture)
+    expected = gsut.render(formats.load_ply(scene), camera, np.eye(4)).image
+    seen = cv2.imread(str(picture))[..., ::-1] / 255.0
+    np.testing.assert_allclose(seen, np.clip(expected, 0, 1), atol=GREY_LEVEL)
+
+
+def test_example_finds_a_pose_by_its_gradient(examples):
+    first, last = re.findall(r"by ([0-9.]+)", call(examples / "pose_gradient"))
+    assert float(last) < float(first) / 100
+
+
+def test_example_adjusts_a_rolling_shutter(examples):
+    words = re.search(r"off by ([0-9.]+) -> ([0-9.]+)", call(examples / "rolling_bundle"))
+    assert float(words[2]) < float(words[1]) / 5
+
+
+def test_promised_headers_compile_alone(prefix, tmp_path):
+    headers = re.findall(r"^\| `(gsut/.*?\.h)`", (ROOT / "docs/cpp.md").read_text(), re.MULTILINE)
+    assert len(headers) == 20
+    sources = [tmp_path / f"{i}.cpp" for i in range(len(headers))]
+    for source, header in zip(sources, headers, strict=True):
+        source.write_text(f"#include <{header}>\n")
+    folders = [f"-I{prefix}/include", f"-I{ROOT}/cpp", "-isystem", "/usr/include/eigen3"]
+    flags = ["-std=c++20", "-fsyntax-only", "-Wall", "-Wextra", "-Werror", *folders]
+    with ThreadPoolExecutor(2) as pool:
+        list(pool.map(lambda source: call("c++", *flags, source), sources))

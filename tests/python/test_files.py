@@ -2,15 +2,18 @@
 
 import errno
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from gsut import InputError
+from formats.scene_cases import plain_scene
+from gsut import InputError, formats
 from gsut.data.export import copy_file
 from gsut.files import (
     WriteError,
     check_shape,
+    claim_name,
     refuse_existing,
     to_file_name,
     whole_file,
@@ -18,6 +21,7 @@ from gsut.files import (
     write_json,
     write_picture,
 )
+from gsut.output_folder import claim_folder
 
 
 def test_file_whose_writing_fails_leaves_the_old_one(tmp_path):
@@ -66,6 +70,32 @@ def test_a_name_that_nothing_can_have_is_refused_before_work_is_done(tmp_path, n
 def test_name_of_any_origin_becomes_one_part_of_a_path(name, safe, tmp_path):
     assert to_file_name(name) == safe
     assert (tmp_path / to_file_name(name)).resolve().parent == tmp_path.resolve()
+
+
+def test_claimed_names_that_are_taken_get_numbers_before_their_suffix():
+    taken = set()
+    names = ["a/b.png", "a/b.png", "a/b-2.png", "a/b", "a.d/b", "a.d/b"]
+    claimed = [claim_name(name, taken) for name in names]
+    assert claimed == ["a/b.png", "a/b-2.png", "a/b-2-2.png", "a/b", "a.d/b", "a.d/b-2"]
+    assert taken == set(claimed)
+
+
+@pytest.mark.parametrize(
+    "write",
+    [
+        lambda path: write_file(path, "text"),
+        lambda path: write_json(path, []),
+        lambda path: refuse_existing(Path(path)),
+        lambda path: formats.save_ply(path, plain_scene(np.random.default_rng(1), 3)),
+        lambda path: claim_folder(path, "train"),
+    ],
+)
+def test_a_name_with_a_zero_byte_is_refused_and_overwrites_nothing(write, tmp_path):
+    (tmp_path / "mine").write_text("mine")
+    with pytest.raises(InputError, match="zero byte"):
+        write(f"{tmp_path}/mine\0.json")
+    assert [p.name for p in tmp_path.iterdir()] == ["mine"]
+    assert (tmp_path / "mine").read_text() == "mine"
 
 
 @pytest.mark.parametrize(

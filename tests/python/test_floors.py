@@ -11,7 +11,7 @@ ROOT = Path(__file__).resolve().parents[2]
 # Folder (or module) of python/gsut -> floor; below 1 is what the folders of floor 1 share.
 FLOORS = {
     "_core": -3,
-    "_starting": -2,
+    **dict.fromkeys(("_starting", "orientation"), -2),
     **dict.fromkeys(("files", "least_squares", "metrics", "time_left"), -1),
     "output_folder": 0,
     **dict.fromkeys(("gaussians", "lens", "run", "page"), 1),
@@ -61,6 +61,7 @@ LIBRARIES = {
 LIBRARIES |= {"pxr", "zstandard"}  # optional: one format of scene files each
 LIBRARIES |= {"ray"}  # optional: many machines
 LIBRARIES |= {"rosbags"}  # optional: ROS bags
+LIBRARIES |= {"rerun"}  # optional: gsut.to_rerun
 # calib/ is a program beside gsut that `gsut calibrate` loads: it uses gsut's public names and the
 # doors that all commands share. One file imports mrcal; it runs under the system's Python and
 # imports nothing else of ours.

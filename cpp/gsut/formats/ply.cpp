@@ -33,8 +33,16 @@ constexpr float kLargestLogit = 20.0f;
 // Farther from zero, neighbouring floats lie 0.5 mm apart, or more, of coordinates in metres.
 constexpr double kFarFromZero = 4096.0;
 
+// The system would cut the name off at a zero byte and open another file.
+void RequireWholeName(const std::string& path) {
+  if (path.find('\0') != std::string::npos) {
+    throw InputError(std::string(path.c_str()) + "...: the name holds a zero byte; give another");
+  }
+}
+
 // A folder opens without an error and then reads nothing; a pipe would wait for ever.
 std::ifstream Open(const std::string& path) {
+  RequireWholeName(path);
   std::error_code unknown;
   const std::filesystem::file_status status = std::filesystem::status(path, unknown);
   if (std::filesystem::exists(status) && !std::filesystem::is_regular_file(status)) {
@@ -231,6 +239,7 @@ namespace {
 
 // What is to be written: where a link leads to. Throws InputError if that is not a file.
 std::string WritablePath(const std::string& path) {
+  RequireWholeName(path);
   std::error_code error;
   const std::filesystem::path real = std::filesystem::weakly_canonical(path, error);
   const std::filesystem::file_status status = std::filesystem::status(path, error);

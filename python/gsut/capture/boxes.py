@@ -66,8 +66,11 @@ def read_samples(path: Path, track: Track) -> Iterator[tuple[float, float, bytes
         return
 
 
-def _read_index(file: BinaryIO, end: int) -> bytes:
-    """Returns the content of the index, b"" if there is none."""
+def list_boxes(file: BinaryIO, end: int) -> Iterator[tuple[bytes, int, int]]:
+    """Yields kind, first byte of the content and length of the content of the outermost boxes.
+
+    It ends before a box of an impossible length, and after one that the file's end cuts off.
+    """
     at = 0
     while at + 8 <= end:
         file.seek(at)
@@ -79,13 +82,17 @@ def _read_index(file: BinaryIO, end: int) -> bytes:
         elif length == 0:
             length = end - at
         if length < start:
-            return b""
-        if kind == b"moov":
-            if length > _MOST_INDEX:
-                return b""
-            file.seek(at + start)
-            return file.read(length - start)
+            return
+        yield kind, at + start, length - start
         at += length
+
+
+def _read_index(file: BinaryIO, end: int) -> bytes:
+    """Returns the content of the index, b"" if there is none."""
+    for kind, start, length in list_boxes(file, end):
+        if kind == b"moov":
+            file.seek(start)
+            return file.read(length) if length <= _MOST_INDEX else b""
     return b""
 
 

@@ -31,6 +31,12 @@ _MOST = 300
 _CORNERS = 200
 # Corners below which motion cannot be measured: a blank wall, darkness.
 _FEWEST_CORNERS = 12
+# Share of corners followed to the next frame below which it shows another scene.
+_CUT = 0.1
+# Share of corners followed to the next frame above which it shows the same scene.
+_FOLLOWED = 0.5
+# Pixels within which a corner that is followed to a frame and back comes back.
+_COMES_BACK = 1.0
 # Seconds between candidates if motion cannot be measured.
 _BLANK_SECONDS = 0.5
 # Longer side in pixels of the frames that corners are tracked in.
@@ -72,6 +78,9 @@ class CandidateSearch:
         self._start: np.ndarray = np.zeros((0, 2), np.float32)  # where they were in it
         self._before: np.ndarray | None = None  # the frame before
         self._best: tuple[Candidate, np.ndarray] | None = None  # since the last candidate
+        self.cuts: list[float] = []  # seconds at which another scene begins
+        self._was_followed = False  # whether the frame before shows what that before it did
+        self._doubt: float | None = None  # seconds of a cut unless the next frame is one as well
 
     def add(self, number: int, time: float, grey: np.ndarray) -> None:
         """Adds the next frame, (H, W) uint8 of any size."""
@@ -82,7 +91,9 @@ class CandidateSearch:
             self._commit(frame, small)
             self._before = small
             return
-        self._corners = track_corners(self._before, small, self._corners)
+        corners = self._corners
+        self._corners = track_corners(self._before, small, corners)
+        self._find_cut(frame.time, self._before, small, corners)
         self._before = small
         moved = self._measure_motion(time, small)
         if moved < _LEAST_STEP:
@@ -115,6 +126,18 @@ class CandidateSearch:
         self._start = np.zeros((0, 2), np.float32) if found is None else found.reshape(-1, 2)
         self._corners = self._start
         self._best, self._best_picture = None, small
+
+    def _find_cut(
+        self, time: float, before: np.ndarray, small: np.ndarray, corners: np.ndarray | None
+    ) -> None:
+        """Finds a cut: no corner is followed from one frame to the next, as they were to that
+        frame and are from it. A turn or a flash loses them for several frames."""
+        share = _measure_followed(before, small, corners, self._corners)
+        share = 0.5 * (_CUT + _FOLLOWED) if share is None else share  # nothing is known
+        if self._doubt is not None and share > _FOLLOWED:
+            self.cuts.append(self._doubt)
+        self._doubt = time if self._was_followed and share < _CUT else None
+        self._was_followed = share > _FOLLOWED
 
     def _measure_motion(self, time: float, small: np.ndarray) -> float:
         """Returns the median corner's motion since the last candidate; lost corners went far."""
@@ -195,6 +218,18 @@ def shrink_grey(grey: np.ndarray, longer: int) -> np.ndarray:
         return grey
     size = max(1, round(grey.shape[1] * scale)), max(1, round(grey.shape[0] * scale))
     return cv2.resize(grey, size, interpolation=cv2.INTER_AREA)
+
+
+def _measure_followed(
+    before: np.ndarray, after: np.ndarray, start: np.ndarray | None, end: np.ndarray | None
+) -> float | None:
+    """Returns the share of corners that come back where they were; None where there are few."""
+    alive = np.isfinite(np.zeros((0, 2)) if start is None else start).all(axis=1)
+    if alive.sum() < _FEWEST_CORNERS:
+        return None
+    assert start is not None
+    away = np.linalg.norm(track_corners(after, before, end) - start, axis=1)[alive]
+    return float(np.mean(away < _COMES_BACK))
 
 
 def _measure_sharpness(grey: np.ndarray) -> float:

@@ -19,6 +19,8 @@ from gsut.files import check_regular
 
 _MILLIMETRES = {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}  # of FocalPlaneResolutionUnit
 RAW_SUFFIXES = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2", ".orf")
+# EXIF tag of the orientation.
+_ORIENTATION = 0x0112
 # EXIF tag of the directory with exposure and lens.
 _DETAILS = 0x8769
 # EXIF tag of the directory with the place.
@@ -62,7 +64,10 @@ def read_facts(path: Path) -> PhotographFacts:
                 if size is None:
                     size, mode = image.size, image.mode
                 exif = image.getexif()
-                return _Reading(dict(exif), exif, image.info.get("xmp")).to_facts(path, size, mode)
+                tags = dict(exif)
+                if image.format == "TIFF" and not is_raw:  # decoders turn its pixels upright
+                    tags.pop(_ORIENTATION, None)
+                return _Reading(tags, exif, image.info.get("xmp")).to_facts(path, size, mode)
         except _DAMAGED as error:
             if is_raw and size is not None:
                 return PhotographFacts(path, *size, mode)  # only DNG and its like are TIFF
@@ -115,7 +120,7 @@ class _Reading:
 
     def to_facts(self, path: Path, size: tuple[int, int], mode: str) -> PhotographFacts:
         """Returns the record of a photograph whose stored pixels have this size."""
-        orientation = self._tags.get(0x0112, 1)
+        orientation = self._tags.get(_ORIENTATION, 1)
         if orientation not in range(1, 9):
             orientation = 1
         stated = self._read_focal()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -36,12 +37,17 @@ FEWEST_FRAMES = 8
 _STILL = 0.01
 # Share of the frames that the file announces below which it was cut off.
 _CUT_OFF = 0.98
+# Digits of the numbers in names.
+_FEWEST_DIGITS = 5
 # Share of blurred frames from which a note warns.
 _MANY_BLURRED = 0.25
 # Quality of written JPEG files: compression then changes features less than noise does.
 _JPEG_QUALITY = 97
-# Most frames per second that are looked at: faster videos show nothing new.
-_MOST_PER_SECOND = 35.0
+# Seconds between frames that are looked at: faster videos show nothing new. By their time stamps,
+# since the frame rate that a file names need not be that of its frames.
+_LEAST_APART = 0.0199
+# Cuts that a note lists.
+_MOST_CUTS = 3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -110,13 +116,8 @@ def extract_frames(
     done = read_finished_capture(folder, key)
     if done is not None:
         return done
-    search, seen, untimed = _search_candidates(files, report)
-    notes = _judge(path, search.finish(), seen, announced, rate)
-    if untimed:
-        notes.append(
-            f"the time stamps of {untimed} frames of {path.name} do not rise: they are taken to be "
-            f"{1 / rate:.3g} s apart, as the frame rate says"
-        )
+    search, seen, found = _search_candidates(files, report)
+    notes = _judge(path, search.finish(), seen, announced, rate) + found
     candidates = add_candidates(search.candidates, search.frames, count)
     chosen = [candidates[index] for index in choose_frames(candidates, count)]
     if count is not None and len(chosen) < count:
@@ -170,22 +171,34 @@ def read_finished_capture(folder: Path, key: dict[str, Any]) -> Capture | None:
 
 def _search_candidates(
     files: Sequence[Path], report: OnProgress
-) -> tuple[CandidateSearch, int, int]:
-    """Returns a search that has seen the frames looked at; counts all frames, and those untimed."""
+) -> tuple[CandidateSearch, int, list[str]]:
+    """Returns a search that has seen the frames looked at, their number, and notes on the film."""
     import cv2
 
     search = CandidateSearch()
     seen = 0
     with Video(*files) as source:
-        every = max(1, round(source.frame_rate / _MOST_PER_SECOND))
+        last = -math.inf
         for number, time, picture in source.read_frames():
             seen = number + 1
-            pixels = picture() if number % every == 0 else None
+            pixels = picture() if time - last >= _LEAST_APART else None
             if pixels is not None:
+                last = time
                 search.add(number, time, cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY))
             text = f"{len(search.candidates)} candidates"
             report("looking", seen, max(seen, source.frame_count), text)
-        return search, seen, source.untimed
+        return search, seen, [*source.list_notes(seen), *_note_cuts(source.path, search.cuts)]
+
+
+def _note_cuts(path: Path, cuts: Sequence[float]) -> list[str]:
+    if not cuts:
+        return []
+    places = ", ".join(f"{time:.1f} s" for time in cuts[:_MOST_CUTS])
+    return [
+        f"{path.name} is cut at {places}{' ...' if len(cuts) > _MOST_CUTS else ''}: it may show "
+        "several places, of which the largest that connects becomes the scene; to choose one, give "
+        "a film of it alone"
+    ]
 
 
 def _judge(
@@ -196,7 +209,7 @@ def _judge(
     Raises:
         InputError: no scene can be made of it.
     """
-    if seen == 0:
+    if not candidates:
         raise InputError(
             f"{path}: no frame of the video can be decoded: it is damaged, or its codec is not "
             "known here; convert it: ffmpeg -i IN -c:v libx264 -crf 16 OUT.mp4"
@@ -239,7 +252,8 @@ def _name_frames(chosen: Sequence[Candidate], rate: float) -> tuple[list[str], f
     while len(set(numbers)) < len(numbers):  # frames nearer than the mean: count in finer steps
         rate *= 2
         numbers = [round(t) for t in times * rate]
-    return [f"f{number:05d}.jpg" for number in numbers], rate
+    digits = max(_FEWEST_DIGITS, len(str(max(numbers))))  # names are sorted as text
+    return [f"f{number:0{digits}d}.jpg" for number in numbers], rate
 
 
 def _write(

@@ -17,7 +17,8 @@ from gsut._core import InputError
 from gsut.capture.frames import IMAGES, Capture
 from gsut.capture.video import read_stream_start
 from gsut.data import CAPTURE, read_capture
-from gsut.files import write_json, write_picture
+from gsut.data.images import decode_image
+from gsut.files import claim_name, read_picture, to_file_name, write_json, write_picture
 from gsut.lens import Camera
 from gsut.lens.files import values_from_camera
 
@@ -131,7 +132,7 @@ def _examine_pictures(paths: Sequence[Path]) -> tuple[np.ndarray, bool]:
     brightest: np.ndarray = np.zeros(0, np.uint8)
     ratios = []
     for path in paths:
-        grey = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
+        grey = read_picture(path, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
         if grey is None:
             continue
         brightest = grey if not len(brightest) else np.maximum(brightest, grey)
@@ -166,8 +167,6 @@ def _find_circle(half: np.ndarray) -> _Circle | None:
 
 def _split(taken: Capture, circles: Sequence[_Circle], nadir: float, zenith: float) -> Capture:
     """Writes the pictures of both lenses as a capture in a folder of its own."""
-    import cv2
-
     folder = taken.path / _SPLIT
     key = {**taken.figures["key"], "caps": [nadir, zenith]}
     before = read_capture(folder)
@@ -178,13 +177,13 @@ def _split(taken: Capture, circles: Sequence[_Circle], nadir: float, zenith: flo
     rows = []
     for number, name in enumerate(LENSES):
         (folder / IMAGES / name).mkdir(parents=True, exist_ok=True)
-        circle = circles[number]
+        circle, taken_names = circles[number], set[str]()
         corner = round(circle.x - side / 2), round(circle.y - side / 2)
         for row in taken.figures["frames"]:
-            pixels = np.asarray(cv2.imread(str(taken.path / row["path"])))
+            pixels = decode_image(taken.path / row["path"])[0][..., ::-1]
             part = _cut(pixels[:, number * half : (number + 1) * half], *corner, side)
-            stem = row["name"].replace("/", "-").rsplit(".", 1)[0]
-            target = folder / IMAGES / name / f"{stem}.jpg"
+            stem = to_file_name(row["name"].replace("/", "-").rpartition(".")[0])
+            target = folder / IMAGES / name / claim_name(f"{stem}.jpg", taken_names)
             write_picture(target, part, _JPEG_QUALITY)
             own = f"{name}/{target.name}"
             flow = _crop_flow(row.get("flow"), number * half + corner[0], corner[1], side)

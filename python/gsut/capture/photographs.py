@@ -1,8 +1,9 @@
-"""Collects photographs of one camera at one size, and notes why others are left out.
+"""Collects photographs, and sorts them by camera, zoom and shape: a lens each.
 
 Ordinary photographs stay where they are, with their pixels as stored: a phone held upright stores
 what its sensor saw, so that all of its photographs share one lens. Only what cannot be used so is
-written again: other formats, and photographs of the same camera that were turned or shrunk.
+written again: other formats, mirrored ones, and photographs of the same camera that were turned
+or shrunk. What shows a photograph turns it upright by EXIF's orientation, which copies keep.
 """
 
 from __future__ import annotations
@@ -23,14 +24,21 @@ from gsut._core import InputError, __version__
 from gsut.capture.exif import RAW_SUFFIXES, read_facts
 from gsut.capture.facts import PhotographFacts
 from gsut.capture.frames import IMAGES, Capture, OnProgress, read_finished_capture
+from gsut.capture.photograph_formats import HEIF_SUFFIXES, decode_stored, require_readers
 from gsut.capture.strip import write_strip
 from gsut.data import CAPTURE, list_some
 from gsut.data.images import IMAGE_SUFFIXES, find_common_mask, find_mask
 from gsut.data.scene import capture_state
-from gsut.files import check_regular, write_json, write_picture
+from gsut.files import (
+    claim_name,
+    reading,
+    to_file_name,
+    write_json,
+    write_picture,
+)
 from gsut.lens import FocalPrior
+from gsut.orientation import ORIENTATIONS, UNMIRRORED, count_turns
 
-HEIF_SUFFIXES = (".heic", ".heif")
 PHOTOGRAPH_SUFFIXES = (*IMAGE_SUFFIXES, *HEIF_SUFFIXES, *RAW_SUFFIXES)
 # Pillow's pixel formats that are used without conversion.
 _AS_STORED = ("RGB", "RGBA", "L", "LA", "P", "I;16", "I;16B", "1", "I")
@@ -40,13 +48,12 @@ _SAME_FOCAL = 0.03
 _SAME_SHAPE = 0.01
 # Quality of written JPEG files: compression then changes features less than noise does.
 _JPEG_QUALITY = 97
-# EXIF's orientation of pixels that were turned by a quarter counterclockwise.
-_TURNED = {1: 6, 2: 5, 3: 8, 4: 7, 5: 4, 6: 3, 7: 2, 8: 1}
+_MOST_LISTED = 5  # lenses in a message
 
 
 @dataclasses.dataclass(frozen=True)
 class _Plan:
-    """What is done to one photograph: a quarter turn, resizing, or nothing."""
+    """What is done to one photograph: mirroring, a quarter turn, resizing, or nothing."""
 
     facts: PhotographFacts
     name: str  # as in the dataset
@@ -57,7 +64,18 @@ class _Plan:
     def is_written(self) -> bool:
         suffix = self.facts.path.suffix.lower()
         strange = suffix not in IMAGE_SUFFIXES or self.facts.mode not in _AS_STORED
-        return strange or self.turned or self.size is not None
+        return strange or self.is_mirrored or self.turned or self.size is not None
+
+    @property
+    def is_mirrored(self) -> bool:
+        """Returns whether EXIF says that the pixels are a mirror image of what the camera saw."""
+        return self.facts.orientation in UNMIRRORED
+
+    @property
+    def turns(self) -> int:
+        """Counts the quarter turns clockwise that show the photograph upright, once written."""
+        orientation = UNMIRRORED.get(self.facts.orientation, self.facts.orientation)
+        return (count_turns(orientation) + self.turned) % 4
 
 
 def collect_photographs(
@@ -66,10 +84,10 @@ def collect_photographs(
     *,
     on_progress: OnProgress | None = None,
 ) -> Capture:
-    """Finds photographs, reads their metadata, and fits them to one lens.
+    """Finds photographs, reads their metadata, and fits those of one lens to one size.
 
     Args:
-        inputs: folders, or photographs, of one camera.
+        inputs: folders, or photographs.
         out: folder that gets capture.json, strip.jpg and, in images/, copies of photographs that
             need conversion.
         on_progress: called with (stage, done, total, text).
@@ -78,7 +96,8 @@ def collect_photographs(
         The folder. "frames" has a row for each photograph: name, path, and if the file has them
         time (seconds since the first), orientation, place, accuracy (metres), heading (degrees) and
         up (in the camera's axes); "focal_px" is the focal length in the metadata, "focal_sigma" the
-        standard deviation of its logarithm, "camera" the camera's name.
+        standard deviation of its logarithm, "camera" the camera's name; of several lenses these are
+        of the most frequent one, "cameras" has them of all, and a row's "camera" is its number.
 
     Raises:
         InputError: no photographs, or a format that needs a library which is not installed.
@@ -90,36 +109,37 @@ def collect_photographs(
     done = read_finished_capture(folder, key)
     if done is not None:
         return done
-    _require_readers(list(files.values()))
+    require_readers(list(files.values()))
     notes: list[str] = []
     facts = _read_all_facts(files, notes, report)
     if not facts:
         raise InputError(f"none of the {len(files)} photographs can be read: {notes[0]}")
-    plans, left_out = _plan_folders(facts)
-    notes += left_out
+    lenses = _plan_folders(facts)
+    order = list(facts)
+    plans = sorted((p for own in lenses for p in own), key=lambda plan: order.index(plan.name))
     (folder / IMAGES).mkdir(parents=True, exist_ok=True)
-    rows = _write(plans, folder, report)
+    plans, rows = _write(plans, folder, notes, report)
     first = min((p.facts.time for p in plans if p.facts.time is not None), default=0.0)
     for row, plan in zip(rows, plans, strict=True):
         f = plan.facts
         row["time"] = None if f.time is None else f.time - first
-        row["orientation"] = _TURNED[f.orientation] if plan.turned else f.orientation
+        row["orientation"] = ORIENTATIONS[plan.turns]
         row["place"] = None if f.place is None else f.place.to_values()
         row["accuracy"] = None if f.place is None else f.place.accuracy
         row["heading"] = f.heading
         row["up"] = None if plan.turned else f.up
         mask = None if plan.is_written else _find_mask(f.path, plan.name)
         row["mask"] = None if mask is None else os.path.relpath(mask, folder.resolve())
-    priors = [prior for prior in map(_scale_focal, plans) if prior is not None]
-    middle = sorted(priors, key=lambda prior: prior.px)[len(priors) // 2] if priors else None
     figures: dict[str, Any] = {
         "kind": "photographs", "key": key, "inputs": [str(i) for i in inputs], "notes": notes,
-        "size": _find_size(plans[0]),
-        "camera": collections.Counter(p.facts.camera for p in plans).most_common(1)[0][0],
-        "focal_px": None if middle is None else middle.px,
-        "focal_sigma": None if middle is None else middle.sigma,
-        "frames": rows,
+        **_describe_lens(max(lenses, key=len)), "frames": rows,
     }  # fmt: skip
+    if len(lenses) > 1:
+        figures["cameras"] = [_describe_lens(own) for own in lenses]
+        number_of = {plan.name: number for number, own in enumerate(lenses) for plan in own}
+        for row, plan in zip(rows, plans, strict=True):
+            row["camera"] = number_of[plan.name]
+        notes += _describe_lenses(lenses)
     write_strip(folder, rows)
     write_json(folder / CAPTURE, figures)
     return Capture(folder, figures)
@@ -171,33 +191,6 @@ def _name_uniquely(name: str, folder: Path, taken: Collection[str]) -> str:
     return longer
 
 
-def _require_readers(paths: Sequence[Path]) -> None:
-    """Imports the libraries that some formats need.
-
-    Raises:
-        InputError: one is not installed; the message says how to install it.
-    """
-    suffixes = {path.suffix.lower() for path in paths}
-    if suffixes & set(HEIF_SUFFIXES):
-        try:
-            import pillow_heif
-        except ImportError:
-            raise _explain_missing("HEIC", "pillow-heif", suffixes & set(HEIF_SUFFIXES)) from None
-        pillow_heif.register_heif_opener()
-    if suffixes & set(RAW_SUFFIXES):
-        try:
-            import rawpy  # noqa: F401
-        except ImportError:
-            raise _explain_missing("raw", "rawpy", suffixes & set(RAW_SUFFIXES)) from None
-
-
-def _explain_missing(kind: str, library: str, suffixes: set[str]) -> InputError:
-    return InputError(
-        f"{kind} photographs ({', '.join(sorted(suffixes))}) need the library {library}: pip "
-        f"install {library}; or export the photographs as JPEG"
-    )
-
-
 def _read_all_facts(
     files: dict[str, Path], notes: list[str], report: OnProgress
 ) -> dict[str, PhotographFacts]:
@@ -216,24 +209,18 @@ def _read_all_facts(
     return facts
 
 
-def _plan_folders(facts: dict[str, PhotographFacts]) -> tuple[list[_Plan], list[str]]:
-    """Plans the photographs of each folder, which is of one camera, by themselves."""
+def _plan_folders(facts: dict[str, PhotographFacts]) -> list[list[_Plan]]:
+    """Plans the photographs of each lens; those of different folders are of different cameras."""
     folders: dict[str, dict[str, PhotographFacts]] = {}
     for name, f in facts.items():
         folders.setdefault(name.rpartition("/")[0].partition("/")[0], {})[name] = f
-    plans, notes = [], []
-    for own in folders.values():
-        of_folder, left_out = _plan_photographs(own)
-        plans += of_folder
-        notes += left_out
-    return plans, notes
+    return [plans for own in folders.values() for plans in _plan_lenses(own)]
 
 
-def _plan_photographs(facts: dict[str, PhotographFacts]) -> tuple[list[_Plan], list[str]]:
-    """Decides what to do with each photograph of the most frequent camera; notes what is left out.
+def _plan_lenses(facts: dict[str, PhotographFacts]) -> list[list[_Plan]]:
+    """Plans the photographs of each camera, zoom and shape; those of the most frequent come first.
 
-    Raises:
-        InputError: a photograph that does not name its camera has another size.
+    Photographs that do not name their camera are of the most frequent one, if their size fits.
     """
     groups: dict[tuple[str, float], list[str]] = {}
     for name, f in facts.items():
@@ -243,32 +230,25 @@ def _plan_photographs(facts: dict[str, PhotographFacts]) -> tuple[list[_Plan], l
             (f.camera, focal),
         )
         groups.setdefault(key, []).append(name)
-    most = max(groups.values(), key=len)
-    sizes = collections.Counter((facts[n].width, facts[n].height) for n in most)
-    size = sizes.most_common(1)[0][0]
-    plans, others = [], []
-    for name, f in facts.items():
-        if not f.camera and sorted((f.width, f.height)) != sorted(size):
-            raise InputError(
-                f"the photographs have different sizes and do not say which camera took them: "
-                f"{name} is {f.width} x {f.height}, most are {size[0]} x {size[1]}; sort them into "
-                "one folder a camera, images/NAME, or use those of one camera alone"
-            )
-        plan = _fit_photograph(f, name, size) if name in most or not f.camera else None
-        if plan is None:
-            others.append(name)
-        else:
-            plans.append(plan)
-    if not others:
-        return plans, []
-    kinds = {f"{facts[n].camera or 'unknown camera'}, {facts[n].width} x {facts[n].height}"
-             for n in others}  # fmt: skip
-    return plans, [
-        f"{len(others)} of {len(facts)} photographs are of another camera, zoom or shape than the "
-        f"{len(plans)} of {facts[most[0]].camera or 'one camera'} at {size[0]} x {size[1]} and are "
-        f"left out ({'; '.join(sorted(kinds))}): {list_some(others)}. To use them too, find "
-        "their poses in a folder of their own, or give lens files in a dataset"
-    ]
+    left = sorted(groups.values(), key=len, reverse=True)
+    found = []
+    while left:
+        sizes = collections.Counter((facts[n].width, facts[n].height) for n in left[0])
+        size = sizes.most_common(1)[0][0]
+        plans = []
+        for number, names in enumerate(left):
+            for name in names.copy():
+                f = facts[name]
+                is_nameless = not f.camera and sorted((f.width, f.height)) == sorted(size)
+                is_nameless = is_nameless and (not number or f.focal is None)
+                plan = _fit_photograph(f, name, size) if not number or is_nameless else None
+                # A crop has a lens of its own, and so has what was resized nobody knows how.
+                if plan is not None and (f.camera or is_nameless):
+                    plans.append(plan)
+                    names.remove(name)
+        found.append(plans)
+        left = [names for names in left if names]
+    return found
 
 
 def _fit_photograph(f: PhotographFacts, name: str, size: tuple[int, int]) -> _Plan | None:
@@ -287,25 +267,73 @@ def _find_size(plan: _Plan) -> tuple[int, int]:
     return plan.size or ((f.height, f.width) if plan.turned else (f.width, f.height))
 
 
+def _describe_lens(plans: Sequence[_Plan]) -> dict[str, Any]:
+    """Returns size, name and focal length of the photographs of one lens."""
+    priors = [prior for prior in map(_scale_focal, plans) if prior is not None]
+    middle = sorted(priors, key=lambda prior: prior.px)[len(priors) // 2] if priors else None
+    return {
+        "size": _find_size(plans[0]),
+        "camera": collections.Counter(p.facts.camera for p in plans).most_common(1)[0][0],
+        "focal_px": None if middle is None else middle.px,
+        "focal_sigma": None if middle is None else middle.sigma,
+    }
+
+
+def _describe_lenses(lenses: Sequence[Sequence[_Plan]]) -> list[str]:
+    """Describes in a sentence why photographs of one folder have several lenses, if so."""
+    if len(lenses) == len({own[0].name.rpartition("/")[0].partition("/")[0] for own in lenses}):
+        return []  # folders are cameras
+    parts = [
+        f"{len(own)} of {values['camera'] or 'unknown camera'}, {width} x {height}"
+        + (f", {values['focal_px']:.0f} px" if values["focal_px"] else "")
+        for own in lenses
+        for values in [_describe_lens(own)]
+        for width, height in [values["size"]]
+    ]
+    more = f"; and {len(parts) - _MOST_LISTED} more" if len(parts) > _MOST_LISTED else ""
+    return [
+        f"the photographs are of {len(lenses)} cameras, zooms or shapes, each with a lens of its "
+        f"own: {'; '.join(parts[:_MOST_LISTED])}{more}"
+    ]
+
+
 def _scale_focal(plan: _Plan) -> FocalPrior | None:
     f = plan.facts
     factor = math.hypot(*_find_size(plan)) / math.hypot(f.width, f.height)
     return None if f.focal is None else f.focal.scale(factor)
 
 
-def _write(plans: Sequence[_Plan], folder: Path, report: OnProgress) -> list[dict[str, Any]]:
-    """Writes copies of photographs that need conversion; returns the rows of all."""
-    rows: list[dict[str, Any]] = []
+def _write(
+    plans: Sequence[_Plan], folder: Path, notes: list[str], report: OnProgress
+) -> tuple[list[_Plan], list[dict[str, Any]]]:
+    """Writes copies of photographs that need conversion; returns the plans and rows of all but
+    those that cannot be decoded, which it notes.
+
+    Raises:
+        InputError: none can.
+    """
+    kept, rows = [], list[dict[str, Any]]()
+    taken: set[str] = set()
+    targets = [
+        folder / IMAGES / claim_name(_name_copy(plan), taken) if plan.is_written else None
+        for plan in plans
+    ]
     with concurrent.futures.ThreadPoolExecutor(_core.num_threads()) as pool:
-        written = pool.map(lambda plan: _copy(plan, folder) if plan.is_written else None, plans)
+        written = pool.map(_copy, plans, targets)
         for done, (plan, copy) in enumerate(zip(plans, written, strict=True), 1):
+            report("photographs", len(plans) + done, 2 * len(plans), plan.name)
+            if isinstance(copy, InputError):
+                notes.append(f"left out: {copy}")
+                continue
+            kept.append(plan)
             target = plan.facts.path.resolve() if copy is None else copy
             path = os.path.relpath(target, folder.resolve())
             # A copy stays in its folder by name: folders are cameras.
             name = plan.name if copy is None else str(PurePosixPath(plan.name).with_name(copy.name))
             rows.append({"name": name, "path": path})
-            report("photographs", len(plans) + done, 2 * len(plans), plan.name)
-    return rows
+    if not rows:
+        raise InputError(f"none of the {len(plans)} photographs can be decoded: {notes[-1]}")
+    return kept, rows
 
 
 def _find_mask(path: Path, name: str) -> Path | None:
@@ -316,32 +344,29 @@ def _find_mask(path: Path, name: str) -> Path | None:
     return None if mask is None else mask.resolve()
 
 
-def _copy(plan: _Plan, folder: Path) -> Path:
-    """Writes a photograph again as JPEG; returns the file."""
+def _name_copy(plan: _Plan) -> str:
+    """Names the JPEG of a photograph that is written again."""
+    stem, _, suffix = plan.name.rpartition(".")
+    return f"{to_file_name(stem.replace('/', '-'))}-{suffix.lower()}.jpg"
+
+
+def _copy(plan: _Plan, target: Path | None) -> Path | InputError | None:
+    """Writes a photograph again as JPEG, unless there is no target; returns the file, or why it
+    cannot be decoded."""
     import cv2
 
-    pixels = _decode(plan.facts.path)
+    if target is None:
+        return None
+    try:
+        with reading(InputError):
+            pixels = decode_stored(plan.facts.path)
+    except (InputError, OSError) as error:
+        return InputError(f"{plan.facts.path}: the photograph is damaged ({error}); copy it again")
+    if plan.is_mirrored:
+        pixels = pixels[:, ::-1]
     if plan.turned:
         pixels = np.rot90(pixels)
     if plan.size is not None:
         pixels = cv2.resize(pixels, plan.size, interpolation=cv2.INTER_AREA)
-    stem = plan.name.replace("/", "-").rsplit(".", 1)[0]
-    target = folder / IMAGES / f"{stem}-{plan.facts.path.suffix[1:].lower()}.jpg"
-    write_picture(target, np.ascontiguousarray(pixels[:, :, ::-1]), _JPEG_QUALITY)
+    write_picture(target, np.ascontiguousarray(pixels[:, :, ::-1]), _JPEG_QUALITY, plan.turns)
     return target
-
-
-def _decode(path: Path) -> np.ndarray:
-    """Decodes the stored pixels to (H, W, 3) uint8 RGB."""
-    if path.suffix.lower() in RAW_SUFFIXES:
-        import rawpy
-
-        with rawpy.imread(str(path)) as raw:
-            return raw.postprocess(use_camera_wb=True, user_flip=0)
-    from PIL import Image
-
-    with Image.open(check_regular(path)) as image:
-        if image.mode.startswith("I"):
-            grey = np.asarray(image).astype(np.float64) / 257
-            return np.repeat(grey.round().clip(0, 255).astype(np.uint8)[:, :, None], 3, axis=2)
-        return np.asarray(image.convert("RGB"))

@@ -8,8 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from gsut._core import InputError
 from gsut.data import STRIP
+from gsut.data.images import decode_image
 from gsut.files import write_picture
+from gsut.orientation import count_turns, turn_picture
 
 # Height of a picture in pixels.
 _HEIGHT = 96
@@ -47,11 +50,11 @@ def _draw_tile(path: Path, row: dict[str, Any]) -> np.ndarray:
     import cv2
 
     try:
-        pixels = cv2.imread(str(path), cv2.IMREAD_REDUCED_COLOR_2)
-    except cv2.error:  # one pixel has no half
-        pixels = None
-    if pixels is None:
+        pixels = decode_image(path, 2)[0]
+    except InputError:
         return np.full((_HEIGHT, _HEIGHT, 3), 200, np.uint8)
+    turns = count_turns(row.get("orientation") or 1)
+    pixels = turn_picture(cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR), turns)
     width = round(pixels.shape[1] * _HEIGHT / pixels.shape[0])
     width = min(max(1, width), _WIDEST * _HEIGHT)
     tile = cv2.resize(pixels, (width, _HEIGHT), interpolation=cv2.INTER_AREA)

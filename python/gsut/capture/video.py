@@ -1,17 +1,17 @@
 """Reads videos: upright frames with their time stamps, and sentences on what is wrong with a file.
 
-OpenCV, whose decoder is FFmpeg, rotates frames according to the file and gives the file's time
-stamps, so that a variable frame rate does not matter. The second of two lenses, in a stream or file
-of its own, is read by PyAV, since OpenCV reads the first stream only.
+The decoder is FFmpeg, through PyAV, which says whether a packet can be decoded. Frames have the
+time stamps of the file, so that a variable frame rate does not matter.
 """
 
 from __future__ import annotations
 
 import contextlib
+import functools
 import itertools
+import math
 import os
 import re
-import struct
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
+from gsut.capture.boxes import list_boxes
 from gsut.files import check_regular
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".mts", ".m2ts", ".360", ".insv")
@@ -27,8 +28,15 @@ _GOPRO = {
     "HD9": "HERO9", "H19": "Max", "H21": "HERO10", "H22": "HERO11", "H23": "HERO12",
     "H24": "HERO13",
 }  # fmt: skip
+# Of FFmpeg's durations, a second.
+_DURATION_UNITS = 1e6
+# Frames per second of a file that does not say.
+_USUAL_RATE = 30.0
 # Bytes at either end of a file that are searched for the camera's name.
 _METADATA_BYTES = 4_000_000
+# Decoders that drop damaged pictures in silence unless they are to report them. Others then drop
+# more than is damaged.
+_SILENT = ("hevc",)
 # Advice for a codec that cannot be decoded.
 _CONVERT = "convert it: ffmpeg -i IN -c:v libx264 -crf 16 OUT.mp4"
 
@@ -51,6 +59,7 @@ class Video:
         frame_rate: mean number of frames per second.
         frame_count: according to the file; 0 if it does not say.
         untimed: frames read so far whose time stamps do not rise; the frame rate times them.
+        damaged: seconds of the frames read so far that are damaged, or refer to damaged ones.
 
     Raises:
         InputError: no video, a missing index, or a codec that cannot be decoded.
@@ -62,58 +71,96 @@ class Video:
         self.path = Path(path)
         if not self.path.is_file():
             raise InputError(f"{path}: no such file; give a video or a folder of photographs")
-        self._capture = _open_video(self.path)
-        import cv2
-
-        self._other: Iterator[Any] | None = None
-        self._beside: Any = None  # the frame of the other lens
+        self._container = _open_video(self.path)
+        stream = self._container.streams.video[0]
+        self._frames = _decode_stream(self._container, stream)
+        self._other: Iterator[tuple[Any, bool]] | None = None
         if beside is not None:
-            self._other = _decode_stream(Path(beside), int(Path(beside) == self.path))
-            self._capture.set(cv2.CAP_PROP_ORIENTATION_AUTO, 0)  # the other one is not turned
-        self.frame_rate = float(self._capture.get(cv2.CAP_PROP_FPS)) or 30.0
-        self.frame_count = max(0, int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT)))
+            self._beside = _open_video(Path(beside))
+            streams = self._beside.streams.video
+            self._other = _decode_stream(self._beside, streams[int(Path(beside) == self.path)])
+        self.frame_rate = float(stream.guessed_rate or 0) or _USUAL_RATE
+        seconds = (self._container.duration or 0) / _DURATION_UNITS
+        self.frame_count = stream.frames or round(seconds * self.frame_rate)
         self.untimed = 0
-        self.width = int(self._capture.get(cv2.CAP_PROP_FRAME_WIDTH))
-        self.height = int(self._capture.get(cv2.CAP_PROP_FRAME_HEIGHT))
+        self.damaged: list[float] = []
+        self.width, self.height = stream.width, stream.height
+        first = next(self._frames, None)
+        if first is not None:
+            self._frames = itertools.chain([first], self._frames)
         if self._other is not None:
-            self.width *= 2
+            self.width *= 2  # whose frames are not turned
+        elif first is not None and first[0].rotation % 180:
+            self.width, self.height = self.height, self.width
 
     def read_frames(self) -> Iterator[tuple[int, float, Any]]:
         """Yields (number, seconds, decode) of every frame, once; seconds rise.
 
         `decode()` returns the frame just yielded as (H, W, 3) uint8 BGR, or None if it is damaged.
         """
-        import cv2
-
-        number, last = 0, -1 / self.frame_rate
-        while self._capture.grab():
-            seconds = self._capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
+        stream = self._container.streams.video[0]
+        begin, last = stream.start_time or 0, -1 / self.frame_rate
+        for number, (frame, is_sound) in enumerate(self._frames):
+            seconds = float((_find_stamp(frame, -math.inf) - begin) * frame.time_base)
             if not seconds > last:
                 seconds = last + 1 / self.frame_rate
                 self.untimed += 1
             last = seconds
+            pair = [frame]
             if self._other is not None:
-                self._beside = next(self._other, None)
-                if self._beside is None:
+                beside = next(self._other, None)
+                if beside is None:
                     return
-            yield number, seconds, self._decode_picture
-            number += 1
+                pair.append(beside[0])
+                is_sound &= beside[1]
+            if not is_sound:
+                self.damaged.append(seconds)
+            yield number, seconds, functools.partial(self._convert, pair) if is_sound else _skip
 
-    def _decode_picture(self) -> np.ndarray | None:
-        read, picture = self._capture.retrieve()
-        if not read or self._other is None:
-            return picture if read else None
-        beside = self._beside.to_ndarray(format="bgr24")
-        return np.hstack([picture, beside]) if beside.shape == picture.shape else None
+    def _convert(self, frames: list[Any]) -> np.ndarray | None:
+        pictures = [
+            f.reformat(format="bgr24", interpolation="BICUBIC").to_ndarray() for f in frames
+        ]
+        if len(pictures) == 1:
+            return np.ascontiguousarray(np.rot90(pictures[0], frames[0].rotation // 90))
+        return np.hstack(pictures) if pictures[0].shape == pictures[1].shape else None
+
+    def list_notes(self, count: int) -> list[str]:
+        """Lists what is wrong with the file and its `count` frames read, one sentence each."""
+        name, notes = self.path.name, []
+        films = _list_kinds(self.path).count(b"moov")
+        if films > 1:
+            notes.append(
+                f"{name} is {films} films pasted together, of which the first is read: give the "
+                "films themselves, each by its name"
+            )
+        if self.untimed:
+            notes.append(
+                f"the time stamps of {self.untimed} frames of {name} do not rise: they are taken "
+                f"to be {1 / self.frame_rate:.3g} s apart, as the frame rate says"
+            )
+        if self.damaged:
+            notes.append(
+                f"frames of {name} between {self.damaged[0]:.1f} and {self.damaged[-1]:.1f} s are "
+                f"damaged and left out ({len(self.damaged)} of {count}); copy the film from the "
+                "camera again"
+            )
+        return notes
 
     def close(self) -> None:
-        self._capture.release()
+        self._container.close()
+        if self._other is not None:
+            self._beside.close()
 
     def __enter__(self) -> Video:
         return self
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def _skip() -> None:
+    """Returns no picture, in place of a damaged one."""
 
 
 def read_stream_start(
@@ -128,7 +175,7 @@ def read_stream_start(
     import av
 
     try:
-        with av.open(str(check_regular(path))) as container:
+        with av.open(_name_file(check_regular(path))) as container:
             streams = container.streams.video
             if stream >= len(streams):
                 return None
@@ -142,21 +189,54 @@ def read_stream_start(
     return (np.array(pictures), about) if pictures else None
 
 
-def _decode_stream(path: Path, stream: int) -> Iterator[Any]:
+def _decode_stream(container: Any, stream: Any) -> Iterator[tuple[Any, bool]]:
+    """Yields the frames of a stream, and of each whether it is sound.
+
+    After damage none is, up to the next frame that refers to no other: a key frame whose packet
+    comes after the damage is known, which the decoder's threads delay.
+    """
     import av
 
-    with contextlib.suppress(av.FFmpegError), av.open(str(path)) as container:  # ends where damaged
-        yield from container.decode(video=stream)
+    stream.thread_type = "AUTO"
+    if stream.codec_context.name in _SILENT:
+        stream.codec_context.options = {"err_detect": "explode"}
+    is_sound, sound_from = True, math.inf  # the time stamp of that key frame, once known
+    with contextlib.suppress(av.FFmpegError, OSError):  # a file that ends within a packet
+        for packet in container.demux(stream):
+            if packet.is_keyframe and not is_sound:
+                sound_from = min(sound_from, _find_stamp(packet, math.inf))
+            try:
+                frames = packet.decode()
+            except av.FFmpegError:
+                is_sound, sound_from = False, math.inf
+                continue
+            for frame in frames:
+                if frame.is_corrupt:
+                    is_sound, sound_from = False, math.inf
+                is_sound = is_sound or _find_stamp(frame, 0) >= sound_from
+                yield frame, is_sound
+
+
+def _find_stamp(given: Any, absent: float) -> float:
+    """Returns when a packet or a frame is shown, in the stream's unit of time."""
+    stamp = given.dts if given.pts is None else given.pts
+    return absent if stamp is None else stamp
+
+
+def _name_file(path: Path) -> str:
+    """Returns the name that FFmpeg takes for a file's: one with a colon may be an address."""
+    return str(path.absolute())
 
 
 def _open_video(path: Path) -> Any:
-    import cv2
+    import av
 
-    with _silence():
-        capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG)
-        opened = capture.isOpened()
-    if opened and int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)) > 0:
-        return capture
+    with contextlib.suppress(av.FFmpegError, OSError):
+        container = av.open(_name_file(check_regular(path)))
+        # A stream whose codec is not known has no width.
+        if any(getattr(stream, "width", 0) > 0 for stream in container.streams.video[:1]):
+            return container
+        container.close()
     if _is_without_index(path):
         raise InputError(
             f"{path}: the video was cut off before its index (no 'moov') was written, so no "
@@ -184,32 +264,13 @@ def read_camera_name(path: Path) -> str:
     return f"Apple {apple[0].decode().strip()}" if apple else ""
 
 
-@contextlib.contextmanager
-def _silence() -> Iterator[None]:
-    """Hides the messages of OpenCV and FFmpeg: gsut itself reports what is wrong, once."""
-    import cv2
-
-    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
-    before = cv2.utils.logging.getLogLevel()
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-    try:
-        yield
-    finally:
-        cv2.utils.logging.setLogLevel(before)
+def _list_kinds(path: Path) -> list[bytes]:
+    """Lists the kinds of the outermost boxes of an MP4 or MOV; of another file what looks so."""
+    with open(path, "rb") as file:
+        return [kind for kind, _, _ in list_boxes(file, path.stat().st_size)]
 
 
 def _is_without_index(path: Path) -> bool:
     """Returns whether an MP4 or MOV has no 'moov' box, which cameras write when recording ends."""
-    kinds = []
-    with open(path, "rb") as file:
-        size = path.stat().st_size
-        while file.tell() + 8 <= size:
-            start = file.tell()
-            length, kind = struct.unpack(">I4s", file.read(8))
-            if length == 1:
-                length = struct.unpack(">Q", file.read(8).ljust(8, b"\0"))[0]
-            kinds.append(kind)
-            if length < 8:
-                break
-            file.seek(start + length)
+    kinds = _list_kinds(path)
     return bool(kinds) and kinds[0] in (b"ftyp", b"mdat", b"wide") and b"moov" not in kinds

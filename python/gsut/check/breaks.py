@@ -11,7 +11,7 @@ from gsut.check.chance import Judgement, PairVerdict
 from gsut.check.epipolar import TOLERANCE
 from gsut.check.evidence import Evidence
 from gsut.check.findings import Finding
-from gsut.check.lenses import convert_to_normal
+from gsut.check.lens_fit import convert_to_normal
 from gsut.check.matches import order_in_time
 from gsut.sfm.points import measure_angular_errors
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import collections
 import dataclasses
 import functools
 import itertools
@@ -71,8 +72,8 @@ class Judgement:
     Args:
         supports: pairs whose given pose explains what any pose explains.
         contradicts: pairs of which another pose explains more.
-        confirmed: those of them whose turns two other pairs confirm, or that another view's pose
-            explains.
+        confirmed: those of them whose turns two other pairs confirm (where the given turn is the
+            same: all pairs of one of the views contradict), or that another view's pose explains.
     """
 
     supports: list[PairVerdict]
@@ -98,12 +99,29 @@ def judge_pairs(evidence: Evidence) -> Judgement:
     verdicts = [v for v in map(functools.partial(_judge_pair, evidence), range(len(evidence.pairs)))
                 if v is not None]  # fmt: skip
     against = [each for each in verdicts if each.contradicts]
-    closed = _list_closed_pairs(verdicts, [(p.first, p.second) for p in evidence.pairs])
-    return Judgement(
-        [each for each in verdicts if each.supports],
-        against,
-        [e for e in against if e.number in closed or _is_another_view(evidence, e)],
-    )
+    supports = [each for each in verdicts if each.supports]
+    views = [(p.first, p.second) for p in evidence.pairs]
+    closed = _list_closed_pairs(verdicts, views)
+    supported = {view for each in supports for view in views[each.number]}
+    count = collections.Counter(view for each in against for view in views[each.number])
+    alone = {view for view in count if count[view] > 1 and view not in supported}
+
+    def is_confirmed(each: PairVerdict) -> bool:
+        # Turns of right poses close, too, so a closed triple says something only of another turn.
+        turned = measure_turn_error(evidence, each) > _CLOSED
+        return (
+            each.number in closed and (turned or not alone.isdisjoint(views[each.number]))
+        ) or _is_another_view(evidence, each)
+
+    return Judgement(supports, against, [each for each in against if is_confirmed(each)])
+
+
+def measure_turn_error(evidence: Evidence, verdict: PairVerdict) -> float:
+    """Returns the degrees between a pair's turn by its matches and by the given poses."""
+    pair = evidence.pairs[verdict.number]
+    one, two = (evidence.scene.views[i].camera_from_world for i in (pair.first, pair.second))
+    turn = verdict.turn @ one[:3, :3] @ two[:3, :3].T
+    return float(np.degrees(np.linalg.norm(to_rotation_vector(turn))))
 
 
 def _judge_pair(evidence: Evidence, number: int) -> PairVerdict | None:

@@ -54,6 +54,11 @@ def check_colors(
         if swapped:
             yield swapped[0]
             return
+        better = _name_better_reading(scene, chosen, agreed)
+        if agreed is None and better is None:  # the cameras may look elsewhere
+            what = "too few points fall into the images to compare colours"
+            yield Finding("info", where, what)
+            return
         found = (
             "too few points fall into the images to compare colours"
             if agreed is None
@@ -61,7 +66,8 @@ def check_colors(
             f" {EXPECTED_R}"
         )
         what = f"poses or lens may use another convention: {found}"
-        yield Finding("warning", where, what, _name_better_reading(scene, chosen, agreed))
+        none = "no other reading of the poses agrees better: check the lens and its distortion"
+        yield Finding("warning", where, what, better or none)
         return
     yield Finding("info", where, f"colours of the points agree with the pixels at r = {agreed:.2f}")
     bad = [f"{scene.views[i].name} ({r:.2f})" for i, r in per_view.items() if r < _LEAST_VIEW_R]
@@ -115,8 +121,8 @@ def _take_median(values: Iterable[float | None]) -> float | None:
     return float(np.median(known)) if known else None
 
 
-def _name_better_reading(scene: Scene, views: Sequence[int], agreed: float | None) -> str:
-    """Names the reading of the poses with which colours agree best, if it is clearly better."""
+def _name_better_reading(scene: Scene, views: Sequence[int], agreed: float | None) -> str | None:
+    """Names the reading of the poses with which colours agree best; None if none is far better."""
     scene = scene.move_origin((0.0, 0.0, 0.0))
     table = np.array([invert_pose(view.camera_from_world) for view in scene.views])[:, None]
     best, best_r = "", max((agreed or 0) + _READING_GAIN, EXPECTED_R)
@@ -125,9 +131,7 @@ def _name_better_reading(scene: Scene, views: Sequence[int], agreed: float | Non
         value = _take_median(correlate_colors(scene, index, poses[index]) for index in views)
         if value is not None and value > best_r:
             best, best_r = reading.name, value
-    if best:
-        return f"they agree at r = {best_r:.2f} if the poses are {best}"
-    return "no other reading of the poses agrees better: check the lens and its distortion"
+    return f"they agree at r = {best_r:.2f} if the poses are {best}" if best else None
 
 
 def correlate_colors(

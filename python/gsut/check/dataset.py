@@ -126,9 +126,10 @@ def doctor(
         findings = sort_findings(_diagnose_scene(data, progress))
     else:
         findings = diagnose(data, test_every=test_every, progress=progress)
-    if has_errors(findings):
-        return findings
-    scene = data if isinstance(data, Scene) else load_dataset(data, test_every=0)
+    try:
+        scene = data if isinstance(data, Scene) else load_dataset(data, test_every=0)
+    except InputError:
+        return findings  # which say why
     findings += check_memory(scene)
     found = check_against_photographs(scene)
     if all(finding.severity == "info" for finding in found):

@@ -38,6 +38,12 @@ class Matches:
     def __len__(self) -> int:
         return len(self.pair)
 
+    def select(self, rows: np.ndarray | slice) -> Matches:
+        """Returns some of the matches, of the same pairs."""
+        return dataclasses.replace(
+            self, pair=self.pair[rows], pixels=self.pixels[:, rows], lens=self.lens[:, rows]
+        )
+
 
 def gather_matches(scene: Scene, pairs: Sequence[ImagePair]) -> Matches:
     """Gathers the matches of pairs of a scene's views into arrays."""

@@ -26,6 +26,7 @@ from gsut.sfm.points import measure_angular_errors, measure_pixels_per_radian
 
 _FEWEST_PAIRS = 2  # pairs of photographs: one alone may be an exception
 _FEWEST_MATCHES = 60  # of all pairs: fewer say nothing about poses and lens
+_SEED = 0  # of the shuffles
 _SAMPLE = 800  # matches by which readings and lenses are first tried: enough to see gross errors
 
 
@@ -60,11 +61,33 @@ class Evidence:
             return self
         m, t = self.matches, self.table
         rows = slice(None, None, step)
-        matches = dataclasses.replace(
-            m, pair=m.pair[rows], pixels=m.pixels[:, rows], lens=m.lens[:, rows]
-        )
         table = dataclasses.replace(t, rows=t.rows[:, rows])
-        return dataclasses.replace(self, matches=matches, table=table, rays=self.rays[:, rows])
+        return dataclasses.replace(
+            self, matches=m.select(rows), table=table, rays=self.rays[:, rows]
+        )
+
+    @functools.cached_property
+    def shuffled(self) -> Evidence:
+        """The second image's pixels permuted within each pair: what fits of these, fits by chance.
+
+        As evidence for poses or a lens that squeeze all rays together, or move them all along one
+        line: these fit anything.
+        """
+        m, t = self.matches, self.table
+        order = np.arange(len(m))
+        for number in range(len(self.pairs)):
+            rows = np.flatnonzero(m.pair == number)
+            order[rows] = np.random.default_rng([_SEED, number]).permutation(rows)
+
+        def shuffle(values: np.ndarray) -> np.ndarray:
+            return np.stack([values[0], values[1, order]])
+
+        return dataclasses.replace(
+            self,
+            matches=dataclasses.replace(m, pixels=shuffle(m.pixels)),
+            table=dataclasses.replace(t, rows=shuffle(t.rows)),
+            rays=shuffle(self.rays),
+        )
 
     @functools.cached_property
     def free_turns(self) -> list[tuple[int, np.ndarray, float]]:

@@ -17,8 +17,6 @@ _FEWEST_OTHERS = 5  # cameras, from which one can stand out
 _COLLINEAR = 1e-3  # second over first singular value of the centres, for cameras on one line
 _FEW_POINTS = 100  # from which a scene can start well
 _FEW_POINTS_IN_VIEW = 20  # with fewer a view's pose is suspect
-_SEEN_SHARE = 0.05  # of the points in the median view, below which poses are suspect
-_UNSEEN_SHARE = 0.5  # of the points in no view, above which they may be another scene's
 _POINTS_TESTED = 5000  # evenly chosen: enough for shares of a percent
 _FAR_FROM_ORIGIN = 1e3  # distance over extent at which float32 coordinates lose about 0.1 mm in 1 m
 _EXTENT_RANGE = (1e-2, 1e3)  # usual extents; others work but deserve a note
@@ -108,7 +106,7 @@ def check_poses(scene: Scene) -> Iterator[Finding]:
     rolling = [view for view in views if view.camera_from_world_start is not None]
     if rolling:
         moved = np.median([_measure_readout_motion(view) for view in rolling], axis=0)
-        yield warn(
+        yield inform(
             f"{len(rolling)} views have rolling-shutter poses (median motion in one frame"
             f" {moved[0]:.3g} units, {moved[1]:.2g} degrees)",
             "training sees each line from its own pose; --shutter global would blur the scene",
@@ -179,31 +177,28 @@ def check_points(scene: Scene) -> Iterator[Finding]:
         f"{count} points; a view sees {np.median(per_view):.0%} of them in the median,"
         f" {per_view.min():.0%} at least; {unseen:.1%} are in no view"
     )
-    if np.median(per_view) < _SEEN_SHARE:
+    if not seen.any():
+        # A single view may look elsewhere than the others of its capture did.
         yield Finding(
-            "warning" if seen.any() else "error",  # no view sees any: not one scene's
+            "error" if len(scene) > 1 else "warning",
             where,
-            f"the median view sees only {np.median(per_view):.2%} of the points",
+            "no view sees any of the points",
             "the poses may be world-to-camera or use other axes: compare with the format's"
-            " description",
-        )
-    elif unseen > _UNSEEN_SHARE:
-        yield warn(
-            f"{unseen:.0%} of the points are in no view",
-            "points and poses may be of different models or scales",
+            " description; or points and poses are of different models or scales",
         )
     few = [scene.views[i].name for i in np.flatnonzero(per_view * count < _FEW_POINTS_IN_VIEW)]
-    if few and np.median(per_view) >= _SEEN_SHARE:
-        yield warn(
+    if few and seen.any():
+        yield inform(
             f"{len(few)} views see fewer than {_FEW_POINTS_IN_VIEW} points: {list_some(few)}",
-            "their poses may be wrong, or they look away from the scene",
+            "they look away from the points, or their poses are wrong",
         )
     center = np.mean([view.camera_center for view in scene.views], axis=0)
     spread = float(np.median(np.linalg.norm(scene.points - center, axis=1))) / scene.extent
     if not _POINT_SPREAD_RANGE[0] < spread < _POINT_SPREAD_RANGE[1]:
-        yield warn(
+        yield inform(
             f"the points' median distance is {spread:.3g} x the cameras' extent",
-            "points and poses may have different units",
+            "usual for cameras that turn on the spot; otherwise points and poses may have "
+            "different units",
         )
 
 

@@ -9,9 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from gsut._core import InputError
-from gsut.check.epipolar import Matches, find_rays
 from gsut.lens import Camera
-from gsut.sfm.points import measure_angular_errors, measure_pixels_per_radian
 
 # Factors on the image's size that programs resize by, and that a lens may not have followed.
 _SIZES = (0.25, 1 / 3, 0.5, 2 / 3, 0.75, 4 / 3, 1.5, 2.0, 3.0, 4.0)
@@ -22,10 +20,6 @@ _FISHEYE_K1 = (0.0, 0.02, 0.05, -0.02, -0.05)  # of fisheyes in use, about an eq
 _BARREL_K1 = (-0.4, -0.3, -0.2, -0.1, -0.05, 0.05, 0.1)  # of lenses in use, mostly barrels
 # Other orders of radial-tangential coefficients, and where OpenCV's k1 k2 p1 p2 k3 stand in them.
 _COEFFICIENT_ORDERS = {"k1 k2 k3 p1 p2": (0, 1, 3, 4, 2), "p1 p2 k1 k2 k3": (2, 3, 0, 1, 4)}
-_ITERATIONS = 8  # of the reweighted fit, which settles within half of them
-_SETTLED = 0.05  # of the differences' steps: a fit that moves less has settled
-_NORMAL = 1.4826  # standard deviation of a normal law over the median of its absolute values
-_FEWEST = 40  # matches to which the four numbers are fitted
 
 
 Change = Callable[[Camera], "Camera | None"]
@@ -44,128 +38,6 @@ class OtherLens:
     name: str
     advice: str
     cameras: list[Camera]
-
-
-@dataclasses.dataclass(frozen=True)
-class LensFit:
-    """A correction of the lens, fitted to the matches with the poses held.
-
-    Args:
-        values: (4,) logarithm of the factor on the focal lengths; pixels to add to cx and cy;
-            factor minus 1 on the distance from the centre, at half the image's diagonal.
-        covariance: (4, 4) of them, pairs of images taken as independent.
-        diagonal: of the image, pixels.
-        freedom: pairs of images less the four values: degrees of freedom of the covariance.
-    """
-
-    values: np.ndarray
-    covariance: np.ndarray
-    diagonal: float
-    freedom: int
-
-    @property
-    def sigmas(self) -> np.ndarray:
-        """Standard deviations (4,) of the values."""
-        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
-
-    def shift_distance(self, shift: np.ndarray) -> float:
-        """Returns the Mahalanobis distance of the correction of cx and cy from a shift (2,).
-
-        As of a normal law, like `significance`.
-        """
-        off = self.values[1:3] - shift
-        ratio = np.sqrt(off @ np.linalg.pinv(self.covariance[1:3, 1:3]) @ off)
-        return float(convert_to_normal(ratio, self.freedom))
-
-    def apply(self, cameras: Sequence[Camera], matches: Matches) -> np.ndarray:
-        """Returns the rays (2, M, 3) of the matches through the corrected lenses."""
-        return _find_moved_rays(cameras, matches, self.values)
-
-    @property
-    def moves(self) -> np.ndarray:
-        """The motion of pixels by focal length, principal point and distortion.
-
-        (3,) in thousandths of the diagonal; the focal length a quarter of the diagonal from the
-        centre, the distortion half of it.
-        """
-        scale, dx, dy, radial = np.abs(self.values)
-        return 1000 * np.array([scale / 4, np.hypot(dx, dy) / self.diagonal, radial / 2])
-
-    @property
-    def significance(self) -> np.ndarray:
-        """The same corrections (3,), in standard deviations of a normal law that are as rare."""
-        ratio = np.abs(self.values) / np.maximum(self.sigmas, 1e-12)
-        ratio = np.array([ratio[0], max(ratio[1], ratio[2]), ratio[3]])
-        return convert_to_normal(ratio, self.freedom)
-
-
-def convert_to_normal(ratio: np.ndarray, freedom: int) -> np.ndarray:
-    """Converts Student's t to standard deviations of a normal law that are as rare.
-
-    Few pairs underestimate a spread by chance, so that a large ratio is less rare (Wallace, "Bounds
-    on normal approximations to Student's and the chi-square distributions", 1959).
-
-    Args:
-        ratio: values over estimated standard deviations.
-        freedom: degrees of freedom of the estimate.
-    """
-    bend = (8 * freedom + 1) / (8 * freedom + 3)
-    return bend * np.sqrt(freedom * np.log1p(np.square(ratio) / freedom))
-
-
-def fit_lens(cameras: Sequence[Camera], matches: Matches, poses: np.ndarray) -> LensFit:
-    """Fits one scale, shift and radial term for all lenses to the epipolar errors.
-
-    Least squares, iteratively reweighted (Cauchy), with derivatives by differences. A lens scaled
-    about its principal point sees a pixel where it saw one nearer or farther, so pixels are moved
-    instead of making lenses.
-
-    Args:
-        cameras: the lenses.
-        matches: their pixels.
-        poses: (2, M, 4, 4) world_from_camera.
-    """
-    focal = measure_pixels_per_radian(cameras[0])
-    steps = np.diag([1e-3, 0.1, 0.1, 1e-3])
-
-    def find_errors(x: np.ndarray) -> np.ndarray:
-        return (
-            measure_angular_errors(_find_moved_rays(cameras, matches, x), poses, signed=True)
-            * focal
-        )
-
-    pairs = len(matches.pairs)
-    freedom = max(1, pairs - len(steps))
-    x, covariance = np.zeros(4), np.full((4, 4), np.inf)
-    for _ in range(_ITERATIONS):
-        now = find_errors(x)
-        slopes = np.stack(
-            [(find_errors(x + d) - find_errors(x - d)) / (2 * d.max()) for d in steps], axis=1
-        )
-        good = np.isfinite(now) & np.isfinite(slopes).all(axis=1)
-        if np.count_nonzero(good) < _FEWEST:
-            break
-        sigma = max(_NORMAL * float(np.median(np.abs(now[good]))), 0.05)
-        weight = 1 / (1 + (now[good] / (2 * sigma)) ** 2)
-        slope = slopes[good]
-        pull = weight[:, None] * slope * now[good, None]
-        bread = np.linalg.pinv(slope.T @ (weight[:, None] * slope), hermitian=True)
-        of_pairs = np.stack([np.bincount(matches.pair[good], column, pairs) for column in pull.T])
-        covariance = bread @ (of_pairs @ of_pairs.T) @ bread * (pairs / freedom)
-        step = np.clip(bread @ pull.sum(axis=0), [-0.2, -50, -50, -0.1], [0.2, 50, 50, 0.1])
-        x = x - step
-        if np.all(np.abs(step) < _SETTLED * steps.max(axis=1)):
-            break
-    return LensFit(x, covariance, matches.diagonal, freedom)
-
-
-def _find_moved_rays(cameras: Sequence[Camera], matches: Matches, x: np.ndarray) -> np.ndarray:
-    """Returns the rays (2, M, 3) of the matches through lenses changed by `LensFit.values`."""
-    centers = np.array([_find_principal_point(camera) for camera in cameras])[matches.lens]
-    away = (matches.pixels - x[1:3] - centers) / np.exp(x[0])
-    radius = np.linalg.norm(away, axis=-1, keepdims=True) / (matches.diagonal / 2)
-    moved = centers + away / (1 + x[3] * radius**2)
-    return find_rays(cameras, dataclasses.replace(matches, pixels=moved))
 
 
 def list_other_lenses(
@@ -283,11 +155,6 @@ def _list_changes() -> Iterator[tuple[str, str, Change | None]]:
         "from the calibration as it was written",
         lambda c: _with_distortion(c, -np.array(c.params[4:])),
     )
-
-
-def _find_principal_point(camera: Camera) -> np.ndarray:
-    place, valid = camera.project(np.array([[0.0, 0.0, 1.0]]))
-    return place[0] if valid[0] else np.array([camera.width, camera.height]) / 2
 
 
 def _has_four(camera: Camera) -> bool:

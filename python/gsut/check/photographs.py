@@ -8,13 +8,13 @@ from collections.abc import Callable
 import numpy as np
 
 from gsut.check.breaks import check_scale, name_break
-from gsut.check.chance import Judgement, PairVerdict, judge_pairs
+from gsut.check.chance import Judgement, judge_pairs, measure_turn_error
 from gsut.check.epipolar import rate_matches, rate_pairs
 from gsut.check.evidence import Evidence
 from gsut.check.findings import Finding
+from gsut.check.lens_fit import LensFit, fit_lens
 from gsut.check.lenses import (
-    LensFit,
-    fit_lens,
+    OtherLens,
     is_free_of_distortion,
     list_other_lenses,
     without_distortion,
@@ -24,7 +24,6 @@ from gsut.check.turns import (
     find_body_turn,
     find_clock_shift,
     rate_as_degrees,
-    to_rotation_vector,
 )
 from gsut.data import Scene, list_some
 from gsut.sfm.points import measure_angular_errors, measure_pixels_per_radian
@@ -90,13 +89,14 @@ def _share(value: float) -> str:
 def _find_best_other(evidence: Evidence, given: float) -> tuple[float, str, str, str] | None:
     """Returns cost, name, advice and subject of the reading or lens that fits far better."""
     noise = 1 / np.sqrt(len(evidence.matches))
+    given_by_chance = evidence.shuffled.rate_poses(evidence.table.poses)
     most = min(given - _GAIN - noise, _RATIO * given)
     found: list[tuple[float, str, str, str]] = []
 
     def judge(cost_of: Callable[[Evidence], float], name: str, advice: str, subject: str) -> None:
         if cost_of(evidence.sample) < most + _SAMPLE_NOISE:
             value = cost_of(evidence)
-            if value < most:
+            if value < most and given - value > given_by_chance - cost_of(evidence.shuffled):
                 found.append((value, name, advice, subject))
 
     for reading in list_readings(evidence.scene, evidence.table.poses):
@@ -116,9 +116,13 @@ def _find_best_other(evidence: Evidence, given: float) -> tuple[float, str, str,
 def _fit_others(evidence: Evidence, most: float) -> list[tuple[float, str, str, str]]:
     """Estimates a turn of the camera on its body, and lenses near others; returns what fits."""
     found = []
+    by_chance = evidence.shuffled.rate_poses(evidence.table.poses)
+    given, shuffled = evidence.rate_poses(evidence.table.poses), evidence.shuffled
     turn = find_body_turn(evidence)
     value = evidence.rate_poses(evidence.table.poses @ turn)
-    if value < most:
+    if value < most and given - value > by_chance - shuffled.rate_poses(
+        evidence.table.poses @ turn
+    ):
         rows = "; ".join(" ".join(f"{v:.4f}" for v in row) for row in turn[:3, :3])
         found.append((
             value, "these poses as a body's on which the camera is turned", "multiply each "
@@ -128,15 +132,21 @@ def _fit_others(evidence: Evidence, most: float) -> list[tuple[float, str, str, 
     cameras, sample = evidence.scene.cameras, evidence.sample
     tried = list_other_lenses(cameras, sample.rate_lenses)
     lenses = sorted(tried, key=lambda lens: sample.rate_lenses(lens.cameras))
-    matches, poses = evidence.matches, evidence.table.select_poses()
+    poses = evidence.table.select_poses()
     for lens in lenses[:_FITTED_LENSES]:
-        rays = fit_lens(lens.cameras, matches, poses).apply(lens.cameras, matches)
-        value = rate_matches(
-            measure_angular_errors(rays, poses), matches, measure_pixels_per_radian(lens.cameras[0])
-        )
-        if value < most:
+        fit = fit_lens(lens.cameras, evidence.matches, poses)
+        value = _rate_fit(evidence, fit, lens)
+        if value < most and given - value > by_chance - _rate_fit(shuffled, fit, lens):
             found.append((value, f"nearly {lens.name}", lens.advice, "lens"))
     return found
+
+
+def _rate_fit(evidence: Evidence, fit: LensFit, lens: OtherLens) -> float:
+    errors = measure_angular_errors(
+        fit.apply(lens.cameras, evidence.matches), evidence.table.select_poses()
+    )
+    focal = measure_pixels_per_radian(lens.cameras[0])
+    return rate_matches(errors, evidence.matches, focal)
 
 
 def _explain_contradiction(evidence: Evidence, given: float, judgement: Judgement) -> Finding:
@@ -160,7 +170,7 @@ def _explain_contradiction(evidence: Evidence, given: float, judgement: Judgemen
             f"of a frame {'late' if late > 0 else 'early'}",
             "shift the poses' clock against the images' by as much, and interpolate anew",
         )
-    off = [_measure_turn_error(evidence, each) for each in judgement.contradicts]
+    off = [measure_turn_error(evidence, each) for each in judgement.contradicts]
     return evidence.make_finding(
         "error",
         f"the photographs contradict the poses: {_share(given)} of the matches fit them; in "
@@ -171,14 +181,6 @@ def _explain_contradiction(evidence: Evidence, given: float, judgement: Judgemen
         "(degrees for radians, Euler angles, body instead of camera poses) and the pairing of "
         "names; or find poses with `gsut poses`",
     )
-
-
-def _measure_turn_error(evidence: Evidence, verdict: PairVerdict) -> float:
-    """Returns the degrees between a pair's turn by its matches and by the given poses."""
-    pair = evidence.pairs[verdict.number]
-    one, two = (evidence.scene.views[i].camera_from_world for i in (pair.first, pair.second))
-    turn = verdict.turn @ one[:3, :3] @ two[:3, :3].T
-    return float(np.degrees(np.linalg.norm(to_rotation_vector(turn))))
 
 
 def _weigh_poor_matches(evidence: Evidence, given: float) -> Finding:
@@ -205,7 +207,7 @@ def _weigh_poor_matches(evidence: Evidence, given: float) -> Finding:
             "things can be a reason, too",
         )
     return evidence.make_finding(
-        "warning",
+        "info",
         f"the photographs may contradict the poses: {len(judgement.contradicts)} of {pairs} pairs "
         f"of neighbouring images do, no pair supports them ({evidence.describe()})",
         "repeated things in few photographs can be the reason; look at the poses, or find others "
@@ -334,8 +336,24 @@ def _is_off(fit: LensFit) -> np.ndarray:
     return (fit.moves > _MOVES) & (fit.significance > _SIGMAS)
 
 
+def _is_off_throughout(evidence: Evidence, fit: LensFit) -> np.ndarray:
+    """Returns the same (3,), where both halves of the photographs show it.
+
+    Neighbouring views see the same surfaces, whose features have errors in common that no spread
+    shows; another part of the scene has others.
+    """
+    off, m, poses = _is_off(fit), evidence.matches, evidence.table.select_poses()
+    for late in (False, True) if off.any() else ():
+        rows = np.flatnonzero((2 * m.pair >= len(m.pairs)) == late)
+        half = fit_lens(evidence.scene.cameras, m.select(rows), poses[:, rows])
+        along = half.values * fit.values
+        same = np.array([along[0], along[1:3].sum(), along[3]]) > 0
+        off &= same & (half.significance > _SIGMAS / np.sqrt(2))
+    return off
+
+
 def _find_lens_errors(evidence: Evidence, fit: LensFit) -> list[Finding]:
-    off = _is_off(fit)
+    off = _is_off_throughout(evidence, fit)
     if not off.any():
         return []
     if off[2] and not off[1]:

@@ -8,6 +8,8 @@ to import is imported by `run`, so that `--help` and a wrong argument answer at 
 from __future__ import annotations
 
 import argparse
+import contextlib
+import errno
 import importlib
 import io
 import itertools
@@ -25,6 +27,8 @@ EXIT_INPUT = 2  # wrong arguments or data: one sentence says which
 EXIT_INTERRUPTED = 130  # as shells report Ctrl-C
 EXIT_PIPE = 141  # as shells report a reader of the output that has gone
 DEBUG_VARIABLE = "GSUT_DEBUG"
+# What libraries say, each by an error of its own, where memory is short.
+_NO_MEMORY = ("Insufficient memory", "bad_alloc", "can't start new thread", "out of memory")
 _STOPPED = "interrupted; no file was left half-written, and the same command starts again"
 
 
@@ -41,6 +45,22 @@ class Parser(argparse.ArgumentParser):
         raise _core.InputError(f"{message} (see {self.prog} --help)")
 
     error = raise_error  # the name that argparse calls
+
+    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parses all words; what none of the command's flags takes points to the command's help."""
+        parsed, unknown = self.parse_known_args(args, namespace)
+        if unknown:
+            raise _core.InputError(
+                f"unrecognized arguments: {' '.join(unknown)} (see {parsed.command} --help)"
+            )
+        return parsed
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parses words; `command` of the result is the innermost command that was named."""
+        parsed, unknown = super().parse_known_args(args, namespace)
+        if not hasattr(parsed, "command"):
+            parsed.command = self.prog
+        return parsed, unknown
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -73,9 +93,11 @@ def run_command(
     for name in ("stdout", "stderr"):  # closed before the command began
         if getattr(sys, name) is None:
             setattr(sys, name, io.StringIO())
-    for stream in (sys.stdout, sys.stderr):  # a name that the terminal cannot show is shown escaped
+    given = sys.stderr
+    for stream in (sys.stdout, given):  # a name that the terminal cannot show is shown escaped
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
+    sys.stderr = lenient = _LenientStream(given)
     try:
         try:
             _refuse_empty(words)
@@ -95,6 +117,36 @@ def run_command(
         if sentence is None:  # a bug of ours is shown as one
             raise
         return _report(sentence)
+    finally:
+        sys.stderr = io.StringIO() if lenient.failed else given  # flushed at the end of the process
+
+
+class _LenientStream:
+    """Standard error, whose full disk ends no command: what cannot be written there is dropped."""
+
+    def __init__(self, stream: Any) -> None:
+        self._stream = stream
+        self.failed = False
+
+    def write(self, text: str) -> int:
+        self._try(lambda: self._stream.write(text))
+        return len(text)
+
+    def flush(self) -> None:
+        self._try(self._stream.flush)
+
+    def _try(self, write: Callable[[], object]) -> None:
+        if self.failed:
+            return
+        try:
+            write()
+        except OSError as error:
+            self.failed = True
+            if isinstance(error, BrokenPipeError):
+                raise
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
 
 
 def _refuse_empty(words: Sequence[str]) -> None:
@@ -111,7 +163,7 @@ def _describe_error(error: Exception) -> str | None:
     """Returns the sentence for an error that is not a bug; None for a bug."""
     if isinstance(error, (_core.InputError, _core.CalibrationError, _core.SolveError)):
         return str(error)
-    if isinstance(error, MemoryError):
+    if _is_memory_short(error):
         return (
             "the memory does not suffice: use smaller images (--max-side, --scale), fewer "
             "Gaussians or fewer images"
@@ -131,16 +183,21 @@ def _describe_error(error: Exception) -> str | None:
     return None
 
 
+def _is_memory_short(error: Exception) -> bool:
+    """Returns whether memory is short, in the words of Python, of the system or of a library."""
+    if isinstance(error, MemoryError) or getattr(error, "errno", None) == errno.ENOMEM:
+        return True
+    return any(words in str(error) for words in _NO_MEMORY)
+
+
 def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
     _say(f"gsut: note: {message}")
 
 
 def _say(line: str) -> None:
-    """Prints to standard error, which may be closed or a file on a full disk."""
-    try:
+    """Prints to standard error, which nobody may read any more."""
+    with contextlib.suppress(OSError):
         print(line, file=sys.stderr, flush=True)
-    except OSError:
-        sys.stderr = io.StringIO()  # what it still holds cannot fail again
 
 
 def _drop_output() -> None:
@@ -162,6 +219,22 @@ def list_commands() -> list[str]:
     return sorted(name for name in found if not name.startswith("_"))
 
 
+class _Version(argparse.Action):
+    """Prints what a report of a fault should name: versions, compiler, instruction set."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        build = dict(_core.describe_build())
+        print(f"gsut {build.pop('version')}")
+        for name, value in build.items():
+            print(f"{name}: {value.strip() or 'none'}")
+        print(f"isa: {_core.active_isa()} (of {', '.join(_core.available_isas())})")
+        import cv2
+        import numpy as np
+
+        print(f"python: {sys.version.split()[0]}, numpy {np.__version__}, OpenCV {cv2.__version__}")
+        parser.exit()
+
+
 def build_parser(names: Iterable[str] | None = None) -> argparse.ArgumentParser:
     """Returns the parser of these commands, or of all; each sets `run`, its function."""
     parser = Parser(
@@ -169,7 +242,9 @@ def build_parser(names: Iterable[str] | None = None) -> argparse.ArgumentParser:
         description="3D Gaussian splatting for any real lens, on any machine, without a GPU.",
         epilog="`gsut COMMAND --help` lists a command's options.",
     )
-    parser.add_argument("--version", action="version", version=f"gsut {_core.__version__}")
+    parser.add_argument(
+        "--version", action=_Version, nargs=0, help="print versions and build, and exit"
+    )
     wanted = list_commands() if names is None else names
     add_commands(parser, {name: f"gsut.cli.{name}" for name in wanted}, "commands", "COMMAND")
     return parser

@@ -11,7 +11,7 @@ _SMALL = 64  # pixels a side of the picture that says how far the scene is
 
 
 def start_view(scene: Any, gaussians: Any, origin: np.ndarray) -> Any:
-    """Returns the first training view, upright by the cameras' mean, turning about its subject.
+    """Returns the first training view, upright, turning about its subject.
 
     Args:
         scene: the dataset.
@@ -19,14 +19,11 @@ def start_view(scene: Any, gaussians: Any, origin: np.ndarray) -> Any:
         origin: (3,) where the zero of the file's coordinates lies in the world.
     """
     import gsut
+    from gsut.data.scene import find_up
     from gsut.formats import StartView
 
     rows = list(scene.train_indices or range(len(scene)))
-    poses = np.stack([scene.views[row].camera_from_world for row in rows])
-    camera, pose = scene.camera(rows[0]), poses[0]
-    up = -poses[:, 1, :3].mean(axis=0)
-    if np.linalg.norm(up) < 1e-3:  # cameras of all directions
-        up = -pose[1, :3]
+    camera, pose = scene.camera(rows[0]), scene.views[rows[0]].camera_from_world
     scale = _SMALL / max(camera.width, camera.height)
     sides = [max(1, round(scale * side)) for side in (camera.width, camera.height)]
     seen = gsut.render(gaussians, camera.resize(*sides), pose)
@@ -38,4 +35,4 @@ def start_view(scene: Any, gaussians: Any, origin: np.ndarray) -> Any:
     rays, valid = camera.unproject(np.stack([size / 2 - half, size / 2 + half]))
     fov = np.degrees(np.arccos(np.clip(rays[0] @ rays[1], -1, 1))) if valid.all() else np.inf
     target = position + float(distance) * pose[2, :3]
-    return StartView(position, target, up, float(np.clip(fov, *_FOV_DEGREES)))
+    return StartView(position, target, find_up(scene), float(np.clip(fov, *_FOV_DEGREES)))

@@ -1,4 +1,4 @@
-"""`gsut compact`: fewer Gaussians for the same picture, of a run or a PLY file."""
+"""`gsut compact`: fewer Gaussians, of a run or a PLY file, and what the picture loses."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from gsut.cli._flags import (
 from gsut.files import refuse_existing
 from gsut.run.options import add_rare_option
 
-HELP = "fewer Gaussians for the same picture"
+HELP = "fewer Gaussians, for a picture as near as they allow"
 DESCRIPTION = (
     "Merges or prunes the Gaussians of a finished run, or of a PLY file, and writes a new run or "
     "file. Nothing in RUN changes."
@@ -207,7 +207,10 @@ def _print_summary(metrics: dict[str, Any], size: int) -> None:
         print("harmonics: " + ", ".join(f"{count:,} of degree {d}" for d, count in counts))
     if metrics["psnr"] is not None:
         before = done["source_psnr"]
-        was = "" if before is None else f" (before {before:.2f} dB)"
+        was = ""
+        if before is not None:
+            change = metrics["psnr"] - before
+            was = f" ({'gains' if change > 0 else 'loses'} {abs(change):.2f} dB)"
         print(
             f"PSNR {metrics['psnr']:.2f} dB{was}, SSIM {metrics['ssim']:.4f}, "
             f"{metrics['render_ms']:.1f} ms a view"

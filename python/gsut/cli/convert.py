@@ -68,7 +68,15 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from gsut.formats import WriteSettings, check_room, choose_format, read_scene_file
+    from gsut.cli._compare_pictures import compare_pictures
+    from gsut.formats import (
+        WriteSettings,
+        check_room,
+        choose_format,
+        load_gaussians,
+        prepare_for_file,
+        read_scene_file,
+    )
     from gsut.gaussians import are_surfels
 
     out = Path(arguments.out)
@@ -84,7 +92,7 @@ def run(arguments: argparse.Namespace) -> int:
         gaussians, tuning = _tune_for_viewers(arguments)
     elif arguments.steps is not None:
         raise InputError("--set steps belongs to --for viewers")
-    gaussians = _lower_degree(gaussians, arguments.sh_degree)
+    whole, gaussians = gaussians, _lower_degree(gaussians, arguments.sh_degree)
     settings = WriteSettings(
         antialiased=found.antialiased,
         spz_version=arguments.spz_version,
@@ -104,6 +112,9 @@ def run(arguments: argparse.Namespace) -> int:
         "for_viewers": tuning,
         **_write(out, gaussians, settings),
     }
+    if figures["errors"] is not None and not arguments.quiet and len(whole):
+        stored = prepare_for_file(whole), load_gaussians(out)
+        figures["pictures"] = compare_pictures(Path(arguments.source), arguments.data, *stored)
     _link_in_report(out)
     if arguments.json:
         print_json(figures)
@@ -205,6 +216,10 @@ def find_scene_file(source: Path) -> Path:
     """Returns the scene file of a run, or the file itself."""
     from gsut.run import RunFile, RunFolder
 
+    if not source.exists():
+        raise InputError(
+            f"{source}: no such file or folder; give a finished run or a file of Gaussians"
+        )
     if not source.is_dir():
         return source
     path = RunFolder.open(source).path / RunFile.SCENE
@@ -248,6 +263,8 @@ def _write(out: Path, gaussians: Any, settings: Any) -> dict[str, Any]:
 
 
 def _print_summary(figures: dict[str, Any]) -> None:
+    from gsut.cli._compare_pictures import describe_comparison
+
     before, after = figures["source_bytes"] / 1e6, figures["bytes"] / 1e6
     kind = "surfels" if figures["surfels"] else "Gaussians"
     print(
@@ -262,14 +279,8 @@ def _print_summary(figures: dict[str, Any]) -> None:
             f"viewers' pictures against gsut's, {tuning['steps']} steps: PSNR "
             f"{tuning['psnr_before']:.2f} dB before, {tuning['psnr_after']:.2f} dB after"
         )
-    errors = figures["errors"]
-    if errors is not None:
-        print(
-            f"read back: positions within {errors['position']:.2g}, scales "
-            f"{errors['log_scale']:.1%}, rotations {errors['rotation_degrees']:.2g} degrees, "
-            f"opacities {errors['opacity']:.2g}, colours {errors['color']:.2g}, harmonics "
-            f"{errors['harmonics']:.2g}"
-        )
+    if "pictures" in figures:
+        print(describe_comparison(figures["pictures"]))
     for name, count in figures["clipped"].items():
         print(
             f"{count:,} values of {name} lay beyond what {figures['format']} holds and were "

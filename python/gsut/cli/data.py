@@ -105,7 +105,7 @@ def _convert(arguments: argparse.Namespace) -> int:
         link=arguments.link,
         scene=scene,
         poses_topic=arguments.poses_topic,
-        progress=sys.stderr.isatty(),
+        progress=True,
     )
     if arguments.json:
         print_json({"out": arguments.out, "layout": arguments.to, "notes": notes})

@@ -129,7 +129,7 @@ def _measure_run(
 
     trained_on, scene = scenes
     pixels = None if scene is trained_on else PixelFilter.from_scene(gaussians, trained_on)
-    with Progress(sys.stderr.isatty()) as bars:
+    with Progress() as bars:
         figures = evaluate(
             gaussians,
             scene,
@@ -181,7 +181,7 @@ def _measure_geometry(
         if view.name in names:
             views.append(view)
 
-    with Progress(sys.stderr.isatty()) as bars:
+    with Progress() as bars:
         figures = judge_geometry(
             gaussians,
             scene,

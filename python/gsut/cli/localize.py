@@ -47,7 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     options, scene, gaussians = read_trained(RunFolder.open(arguments.folder), arguments.data)
     check_first(scene, arguments.force, quiet=True)
-    with Progress(sys.stderr.isatty()) as bars:
+    with Progress() as bars:
         found = localize(
             arguments.image,
             scene,

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import argparse
-import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ from gsut.cli._flags import (
     print_json,
 )
 from gsut.files import refuse_existing, write_file
+from gsut.orientation import turn_picture
 from gsut.run.options import add_rare_option
 
 HELP = "the surface as a mesh, or a grid of distances or of what is occupied"
@@ -163,7 +164,7 @@ def run(arguments: argparse.Namespace) -> int:
         crop=None if arguments.crop is None else np.array(arguments.crop),
     )
     figures: dict[str, Any]
-    with Progress(sys.stderr.isatty() and not arguments.quiet) as bars:
+    with Progress(not arguments.quiet) as bars:
         behind: dict[str, Any] = {"background": options.background, "progress": bars.show}
         if to_grid:
             made: Any = extract_grid(gaussians, scene, settings, **behind)
@@ -179,11 +180,12 @@ def run(arguments: argparse.Namespace) -> int:
         if picture:
             middle = len(scene.views) // 2
             camera, motion = scene.camera(middle), scene.views[middle].motion
-            write_png(picture, shade_mesh(made, camera, motion))
+            shaded = shade_mesh(made, camera, motion)
+            write_png(picture, turn_picture(shaded, scene.views[middle].turns))
         if report:
-            names = [scene.views[i].name for i in scene.train_indices or range(len(scene.views))]
+            seen = [scene.views[i] for i in scene.train_indices or range(len(scene.views))]
             write_file(
-                report, _write_page(arguments.folder, made, dict(zip(names, maps, strict=True)))
+                report, _write_page(arguments.folder, made, list(zip(seen, maps, strict=True)))
             )
     figures |= {"seconds": time.perf_counter() - began, "out": str(out)}
     if arguments.json:
@@ -193,17 +195,15 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _write_page(run: str, mesh: Any, maps: dict[str, Any]) -> str:
-    """Writes a page of some depth maps, by name, and of the mesh as their views see it."""
+def _write_page(run: str, mesh: Any, maps: Sequence[tuple[Any, Any]]) -> str:
+    """Writes a page of some views with their depth maps, and of the mesh as they see it."""
     from gsut.page import build_table, format_number
     from gsut.surface import SurfaceView, build_surface_page, choose_views
 
-    names = list(maps)
     views = [
-        SurfaceView(names[k], maps[names[k]].camera, maps[names[k]].motion, maps[names[k]].image,
-                    maps[names[k]].depth)
-        for k in choose_views(range(len(names)))
-    ]  # fmt: skip
+        SurfaceView(seen.name, m.camera, m.motion, m.image, m.depth, turns=seen.turns)
+        for seen, m in (maps[k] for k in choose_views(range(len(maps))))
+    ]
     size = mesh.vertices.max(axis=0) - mesh.vertices.min(axis=0)
     rows = [
         ["vertices", format_number(len(mesh.vertices), 0)],

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -99,7 +98,7 @@ def _triangulate(
     from gsut.run import Progress
     from gsut.sfm import triangulate
 
-    with Progress(not arguments.quiet and sys.stderr.isatty()) as bars:
+    with Progress(not arguments.quiet) as bars:
         found = triangulate(scene, dense=arguments.dense, on_progress=bars.show)
     figures = {
         "points": len(found),
@@ -125,7 +124,7 @@ def _color_points(
     near = scene.centred
     colors, views = color_points(
         near, positions - near.world_offset + scene.world_offset,
-        progress=not arguments.quiet and sys.stderr.isatty(),
+        progress=not arguments.quiet,
     )  # fmt: skip
     seen = int(np.count_nonzero(views))
     if not seen:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import sys
+import dataclasses
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -120,6 +120,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     import gsut
     from gsut.cli._render_depth import DepthOutput
+    from gsut.orientation import turn_picture
     from gsut.render import Light, is_film, to_uint8, write_png
     from gsut.run import Progress
 
@@ -134,39 +135,42 @@ def run(arguments: argparse.Namespace) -> int:
     film = is_film(out)
     depths = DepthOutput.from_flags(arguments, None if film else out)
     stage = _stage(arguments)
-    places, names, cameras = _list_frames(arguments, stage, out if film else None)
+    shots = _list_shots(arguments, stage, out if film else None)
     pixels = _make_pixel_filter(stage)
     if depths is not None:
-        depths.check(cameras)
+        depths.check([shot.camera for shot in shots])
     pictures = contextlib.nullcontext() if film else whole_folder(out)
-    with Progress(sys.stderr.isatty()) as bars, pictures as folder:
+    with Progress() as bars, pictures as folder:
         if depths is not None:
             depths.folder = folder
 
         def render_images() -> Iterator[np.ndarray]:
-            for done, (name, place, camera) in enumerate(
-                zip(names, places, cameras, strict=True), 1
-            ):
+            for done, shot in enumerate(shots, 1):
+                camera, place = shot.camera, shot.place
                 drawn = stage.gaussians if pixels is None else pixels.widen(camera, place)
                 result = gsut.render(drawn, camera, place, background=stage.background)
                 image = to_uint8(result.image)
                 if depths is not None:
-                    depths.add(name, result, image, camera, place)
+                    depths.add(shot.name, result, image, camera, place)
                 yield image
-                bars.show("images", done, len(places))
+                bars.show("images", done, len(shots))
 
         if folder is None:
-            _write_video(out, render_images(), cameras, arguments.fps)
-        else:
-            for name, image in zip(names, render_images(), strict=True):
-                write_png(folder / f"{name}.png", image)
-        figures = {"images": len(places), "out": str(out)}
+            upright = (
+                turn_picture(image, shot.turns)
+                for shot, image in zip(shots, render_images(), strict=True)
+            )
+            _write_video(out, upright, shots, arguments.fps)
+        else:  # the pixels are the lens'
+            for shot, image in zip(shots, render_images(), strict=True):
+                write_png(folder / f"{shot.name}.png", image, shot.turns)
+        figures = {"images": len(shots), "out": str(out)}
         if depths is not None:
             figures |= depths.finish()
     if arguments.json:
         print_json(figures)
     else:
-        print(f"{len(places)} images: {out}")
+        print(f"{len(shots)} images: {out}")
         if stage.light is not None:
             print(Light.SHOWN)
         if arguments.cloud:
@@ -187,6 +191,10 @@ def _stage(arguments: argparse.Namespace) -> Any:
         if stage.kind == "data":
             raise InputError(f"{place} is of a dataset, which has no Gaussians; `gsut train` it")
         return stage
+    if not place.exists():
+        raise InputError(
+            f"{place}: no such file or folder; give the folder of a run or a file of Gaussians"
+        )
     return open_stage(RunFolder.open(place).path, arguments.data, arguments.memory)
 
 
@@ -200,20 +208,31 @@ def _make_pixel_filter(stage: Any) -> Any:
     return PixelFilter.from_scene(stage.gaussians, scene)
 
 
-def _list_frames(
-    arguments: argparse.Namespace, stage: Any, film: Path | None
-) -> tuple[list[np.ndarray | CameraMotion], list[str], list[Any]]:
-    """Places, names and cameras of the images to render.
+@dataclasses.dataclass(frozen=True)
+class _Shot:
+    """One image to render, and the quarter turns clockwise that show it upright."""
+
+    name: str
+    place: np.ndarray | CameraMotion
+    camera: Any
+    turns: int = 0
+
+
+def _list_shots(arguments: argparse.Namespace, stage: Any, film: Path | None) -> list[_Shot]:
+    """Lists the images to render.
 
     A held-out view keeps its rolling shutter; along a path the camera stands still for each image.
     """
+    from gsut.orientation import turn_camera
     from gsut.render import name_pictures
 
     scene = stage.scene
     if arguments.path != "test":
+        lens, turns = _choose_lens(arguments, stage, film), _count_turns(arguments, stage, film)
         poses = _list_poses(arguments, stage, film)
-        numbers = [f"{number:05d}" for number in range(len(poses))]
-        return list(poses), numbers, [_choose_lens(arguments, stage, film)] * len(poses)
+        if arguments.path in _PATHS:
+            poses = turn_camera(poses, -turns)
+        return [_Shot(f"{number:05d}", pose, lens, turns) for number, pose in enumerate(poses)]
     if scene is None or not scene.test_indices:
         raise InputError(f"{stage.name} has no held-out views; choose another --path")
     views = [scene.views[index] for index in scene.test_indices]
@@ -221,11 +240,27 @@ def _list_frames(
     if arguments.camera:
         own = [_choose_lens(arguments, stage, film)] * len(own)
     names = name_pictures([view.name for view in views])
-    return [view.motion for view in views], names, [own[view.camera_index] for view in views]
+    return [
+        _Shot(name, view.motion, own[view.camera_index], view.turns)
+        for name, view in zip(names, views, strict=True)
+    ]
+
+
+def _count_turns(arguments: argparse.Namespace, stage: Any, film: Path | None) -> int:
+    """Counts the quarter turns that show images along a path upright, as most of their lens."""
+    from gsut.data.poses import read_path_turns
+    from gsut.data.scene import count_lens_turns
+
+    if arguments.path not in _PATHS:
+        return read_path_turns(arguments.path)
+    if arguments.camera or film is not None or stage.scene is None:
+        return 0
+    return count_lens_turns(stage.scene, 0)
 
 
 def _list_poses(arguments: argparse.Namespace, stage: Any, film: Path | None) -> np.ndarray:
     from gsut.data.poses import read_path
+    from gsut.data.scene import find_up, find_upright_poses
     from gsut.render import make_orbit_path, make_tour_path, smooth_path, turn_path
 
     scene, count = stage.scene, arguments.frames or (_FRAMES if film is None else _FILM_FRAMES)
@@ -235,9 +270,11 @@ def _list_poses(arguments: argparse.Namespace, stage: Any, film: Path | None) ->
         place = stage.place()
         return turn_path(place["pose"], place["center"], place["up"], count)
     rows = scene.train_indices or range(len(scene))
-    keys = np.stack([scene.views[index].camera_from_world for index in rows])
-    paths = {"auto": make_tour_path, "orbit": make_orbit_path, "train": smooth_path}
-    return paths[arguments.path](keys, count)
+    keys = find_upright_poses(scene, rows)
+    if arguments.path == "train":
+        return smooth_path(keys, count)
+    make_path = make_tour_path if arguments.path == "auto" else make_orbit_path
+    return make_path(keys, count, find_up(scene))
 
 
 def _choose_lens(arguments: argparse.Namespace, stage: Any, film: Path | None) -> Any:
@@ -271,11 +308,12 @@ def _reshape_lens(arguments: argparse.Namespace, lens: Any) -> Any:
 
 
 def _write_video(
-    path: Path, render_images: Iterator[np.ndarray], cameras: list[Any], frames_per_second: float
+    path: Path, images: Iterator[np.ndarray], shots: list[_Shot], frames_per_second: float
 ) -> None:
     from gsut.render import write_video
 
     refuse_existing(path)
-    if len({(camera.width, camera.height) for camera in cameras}) > 1:
-        raise InputError("the images of a film must have one size; give --size")
-    write_video(path, render_images, frames_per_second)
+    sizes = {(shot.camera.width, shot.camera.height, shot.turns % 2) for shot in shots}
+    if len(sizes) > 1:
+        raise InputError("the images of a film must have one size; give --size or --camera")
+    write_video(path, images, frames_per_second)

@@ -1,4 +1,4 @@
-"""Compaction: the same picture from fewer Gaussians, by merging or by pruning."""
+"""Compaction: a near picture from fewer Gaussians, by merging or by pruning."""
 
 from __future__ import annotations
 

@@ -16,6 +16,7 @@ from gsut.data.points import TRIANGULATED, find_usable_points
 from gsut.data.poses import invert_pose
 from gsut.data.scene import TEST_EVERY, Scene, View, split_views
 from gsut.lens import Camera
+from gsut.orientation import count_turns
 
 MASKS = "masks"  # the folder of a mask an image
 HALF_PIXEL = 0.5  # a down-scaled copy's size may be rounded by this much
@@ -75,7 +76,7 @@ def assemble(
     centred = Scene(
         listing.path, tuple(cameras), tuple(views), listing.points[finite] - offset,
         listing.point_colors[finite], tuple(train), tuple(test),
-        offset, (*notes, *split_notes),
+        offset, (*notes, *split_notes), known_up=listing.up,
     )  # fmt: skip
     centred.__dict__["centred"] = centred
     return centred.move_origin((0.0, 0.0, 0.0))
@@ -188,7 +189,7 @@ def _fit_cameras(frames: list[Frame], notes: list[str], on_error: OnError) -> li
                 f"{frame.camera.width} x {frame.camera.height} to {camera.width} x {camera.height}"
             )
             frame = dataclasses.replace(frame, camera=camera)
-        fitted.append(frame)
+        fitted.append(dataclasses.replace(frame, turns=count_turns(header.orientation)))
     if resized:
         notes.append(
             f"{len(resized)} images are scaled copies: their camera was resized from {size}:"
@@ -255,6 +256,7 @@ def _make_views(frames: list[Frame], offset: np.ndarray) -> tuple[list[Camera], 
                 frame.depth_path,
                 frame.shutter,
                 normal_path=frame.normal_path,
+                turns=frame.turns,
             )
         )
     return cameras, views

@@ -120,7 +120,7 @@ def _write(
     test = [checked.views[i].name for i in checked.test_indices] if has_lists else None
     export = Export(
         frames, listing.points, listing.point_colors, test,
-        _with_bar(place, len(frames), progress),
+        _with_bar(place, len(frames), progress), listing.up,
     )  # fmt: skip
     return notes + write_layout(out, export, to)
 

@@ -15,7 +15,7 @@ from gsut._core import InputError
 from gsut.data.listing import Frame
 from gsut.data.points import format_points_ply
 from gsut.data.poses import invert_pose
-from gsut.files import WriteError, write_file
+from gsut.files import WriteError, claim_name, write_file
 from gsut.lens import Camera
 
 POINTS = "points3D.ply"
@@ -28,10 +28,12 @@ class Export:
     """What is written.
 
     Args:
-        frames: sorted by name; `image_path` is where a picture is now.
+        frames: sorted by name; `image_path` is where a picture is now. Their names become those of
+            the new pictures: paths below a folder, without "images", no two the same.
         points, point_colors: (P, 3) float64 and uint8.
         test: names of the frames held out by the dataset's own lists, or None.
         place: puts a file to its new place.
+        up: (3,) in the world, or None where it is not known.
     """
 
     frames: list[Frame]
@@ -39,6 +41,20 @@ class Export:
     point_colors: np.ndarray
     test: list[str] | None
     place: Callable[[Path, Path], None]
+    up: np.ndarray | None = None
+
+    def __post_init__(self) -> None:
+        taken: set[str] = set()
+        held_out = None if self.test is None else set(self.test)
+        before = [frame.name for frame in self.frames]
+        self.frames = [
+            dataclasses.replace(frame, name=claim_name(strip_images_folder(frame), taken))
+            for frame in self.frames
+        ]
+        if held_out is not None:
+            self.test = [
+                f.name for f, name in zip(self.frames, before, strict=True) if name in held_out
+            ]
 
     def write_points(self, path: Path) -> None:
         """Writes the points' PLY; nothing where there are none."""
@@ -85,7 +101,7 @@ def place_images(export: Export, folder: Path) -> list[Frame]:
     placed: dict[Path, Path] = {}
     frames = []
     for frame in export.frames:
-        name = strip_images_folder(frame)
+        name = frame.name
         picture = folder / "images" / name
         export.place(frame.image_path, picture)
         mask = frame.mask_path
@@ -97,7 +113,7 @@ def place_images(export: Export, folder: Path) -> list[Frame]:
                 copy_file(placed[mask], target)
             placed.setdefault(mask, target)
             mask = target
-        frames.append(dataclasses.replace(frame, name=name, image_path=picture, mask_path=mask))
+        frames.append(dataclasses.replace(frame, image_path=picture, mask_path=mask))
     return frames
 
 
@@ -206,7 +222,7 @@ def group_seats(frames: Sequence[Frame], layout: str) -> tuple[list[Seat], dict[
     times, _ = find_frame_times(frames)
     groups: dict[tuple, Seat] = {}
     for frame, time in zip(frames, times, strict=True):
-        key = (PurePosixPath(strip_images_folder(frame)).parent, frame.camera)
+        key = (PurePosixPath(frame.name).parent, frame.camera)
         seat = groups.setdefault(key, Seat(frame.camera, np.eye(4), [], []))
         seat.frames.append(frame)
         seat.times.append(time)

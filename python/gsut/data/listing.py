@@ -29,6 +29,7 @@ class Frame:
     time: float | None = None  # seconds, of a video's frame
     time_ns: int | None = None  # of a recording's: nanoseconds on its own clock
     normal_path: Path | None = None
+    turns: int = 0  # clockwise, by a quarter each, that show the image upright
 
 
 @dataclasses.dataclass
@@ -37,7 +38,7 @@ class Listing:
 
     `missing_depth` names depth and normal files that the dataset lists and that do not exist.
     `source` is the file that lists the images, `points_source` that of the points where it is
-    another; `path` the dataset's folder.
+    another; `path` the dataset's folder; `up` (3,) the direction that it states, or None.
     """
 
     path: Path
@@ -51,6 +52,7 @@ class Listing:
     listed_test: Sequence[str] | None = None
     notes: list[str] = dataclasses.field(default_factory=list)
     points_source: Path | None = None
+    up: np.ndarray | None = None
 
     def take_points(self, path: Path) -> None:
         """Takes the points of a PLY file; errors: see `load_points_ply`."""

@@ -8,6 +8,8 @@ from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from gsut._core import InputError
 from gsut.data.listing import Frame
 from gsut.data.poses import OPENGL_FROM_OPENCV
@@ -24,6 +26,7 @@ def write_transforms(
     *,
     points_file: str | None = None,
     test: Collection[str] | None = None,
+    up: np.typing.ArrayLike | None = None,
 ) -> None:
     """Writes a transforms.json, and beside it a lens file for each lens nerfstudio has no name for.
 
@@ -36,6 +39,7 @@ def write_transforms(
         frames: one for each image, all with a rolling shutter of one direction or none.
         points_file: name of the points' PLY in the folder.
         test: names of the frames that are for testing; None: the reader chooses.
+        up: (3,) in the world; None: not known.
 
     Raises:
         InputError: the form has room for one shutter only.
@@ -43,7 +47,7 @@ def write_transforms(
     """
     lenses = list(dict.fromkeys(frame.camera for frame in frames))
     texts = _describe_lenses(lenses, path)
-    text = _format_transforms(frames, path.parent, texts, points_file, test)
+    text = _format_transforms(frames, path.parent, texts, points_file, test, up)
     for lens, values in texts.items():
         if LENS_FILE in values:
             save_camera(lens, path.parent / values[LENS_FILE])
@@ -73,10 +77,13 @@ def _format_transforms(
     texts: dict[Camera, dict[str, Any]],
     points_file: str | None,
     test: Collection[str] | None,
+    up: np.typing.ArrayLike | None,
 ) -> str:
     lenses = list(texts)
     values: dict[str, Any] = dict(texts[lenses[0]]) if len(lenses) == 1 else {}
     values["pixel_center"] = _PIXEL_CENTER
+    if up is not None:
+        values["up"] = np.asarray(up, np.float64).tolist()
     if points_file is not None:
         values["ply_file_path"] = points_file
     directions = {frame.shutter.direction if frame.shutter else "global" for frame in frames}

@@ -18,6 +18,12 @@ _CONTRAST = 0.03
 _RIGHT = 0.5
 
 
+# Standard deviation in pixels of what is taken away before pictures are registered: their level.
+_LEVEL = 5.0
+# Side in pixels below which pictures are not registered.
+_SMALLEST = 16
+
+
 def measure_detail(photograph: np.ndarray, image: np.ndarray, mask: np.ndarray) -> float:
     """Measures the share of a photograph's detail that a render shows in the right place.
 
@@ -51,3 +57,37 @@ def measure_detail(photograph: np.ndarray, image: np.ndarray, mask: np.ndarray) 
     detail = counts & (variances[0] > least)
     chosen = next((each for each in (detail, counts) if each.any()), np.ones_like(counts))
     return float(right[chosen].mean())
+
+
+def measure_shifted_detail(photograph: np.ndarray, image: np.ndarray, mask: np.ndarray) -> float:
+    """Measures the detail that is right after the render is shifted as a whole.
+
+    Where a pose or a lens is wrong, a shift brings detail back; blur, holes and what moved it does
+    not mend.
+
+    Args:
+        photograph, image, mask: see `measure_detail`.
+
+    Returns:
+        The detail of the render shifted by what phase correlation finds, or of the render as it is
+        if that is more.
+    """
+    import cv2
+
+    if min(mask.shape) < _SMALLEST:
+        return measure_detail(photograph, image, mask)
+    weight = mask.astype(np.float32)
+    shown = np.ascontiguousarray(image, np.float32)
+
+    def flatten(picture: np.ndarray) -> np.ndarray:
+        grey = picture.mean(axis=2, dtype=np.float32) * weight
+        return grey - cv2.GaussianBlur(grey, (0, 0), _LEVEL)
+
+    size = mask.shape[1], mask.shape[0]
+    pictures = (shown, photograph.astype(np.float32) / np.float32(255))
+    window = cv2.createHanningWindow(size, cv2.CV_32F)
+    rendered, photographed = map(flatten, pictures)
+    (right, down), _ = cv2.phaseCorrelate(rendered, photographed, window)
+    move = np.array([[1, 0, right], [0, 1, down]], np.float32)
+    shifted = cv2.warpAffine(shown, move, size, borderMode=cv2.BORDER_REPLICATE)
+    return max(measure_detail(photograph, each, mask) for each in (shown, shifted))

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from gsut import _core
-from gsut.evaluate.detail import measure_detail
+from gsut.evaluate.detail import measure_detail, measure_shifted_detail
+from gsut.evaluate.unseen import find_unseen
 from gsut.gaussians import pack_harmonics
 from gsut.metrics import (
     RING_EDGES_DEGREES,
@@ -23,6 +24,7 @@ from gsut.metrics import (
     psnr,
     ring_psnr,
 )
+from gsut.orientation import turn_picture
 from gsut.render import (
     Light,
     PixelFilter,
@@ -35,7 +37,9 @@ from gsut.render import (
 from gsut.run import TrainOptions, measure_peak_rss
 
 # Of a view, and their means over the views.
-FIGURES = ("psnr", "ssim", "detail", "psnr_unit_gain", "psnr_color_corrected", "psnr_half_image")
+FIGURES = (
+    "psnr", "ssim", "detail", "unseen", "psnr_unit_gain", "psnr_color_corrected", "psnr_half_image",
+)  # fmt: skip
 _DEPTH_LEVELS = 65535  # of a 16-bit picture
 _OPAQUE = 0.5  # pixels with less alpha have no depth in the picture
 
@@ -70,9 +74,13 @@ def evaluate(
         dict, ready for JSON:
             psnr, ssim: means over the views (PSNR in dB); None if no view. In the photographs'
                 light: this is what is scored.
-            detail: share of the photographs' detail that renders show in the right place.
+            detail: share of the photographs' detail that renders show in the right place, where
+                some training view could see what is there.
+            unseen: share of the pixels that show what no training view could see.
             detail_median, detail_min, least_detailed: of the views: median and least, and the
                 name of the view that has the least; absent if no view.
+            detail_shifted_median: median of the detail that is right after each render is shifted
+                as a whole, as wrong poses and lenses need; absent if no view.
             psnr_unit_gain: PSNR of the renders as they are shown, without `light`.
             psnr_color_corrected: PSNR after the affine map of colours that fits best.
             psnr_half_image: PSNR of the right half after gains that fit the left half best.
@@ -122,6 +130,7 @@ def _summarize_detail(views: list[dict[str, Any]]) -> dict[str, Any]:
     least = min(views, key=lambda row: row["detail"])
     return {
         "detail_median": statistics.median(row["detail"] for row in views),
+        "detail_shifted_median": statistics.median(row["detail_shifted"] for row in views),
         "detail_min": least["detail"],
         "least_detailed": least["name"],
     }
@@ -166,11 +175,14 @@ def _compare(
 
     seen, bare = select_pixels(truth), select_pixels(plain)
     shown = bare if light is None else select_pixels(image)
+    unseen = find_unseen(scene, index, rendered) & mask
     row = {
         "name": view.name,
         "psnr": psnr(shown, seen),
         "ssim": _ssim(photograph, image, mask),
-        "detail": measure_detail(photograph, image, mask),
+        "detail": measure_detail(photograph, image, mask & ~unseen),
+        "detail_shifted": measure_shifted_detail(photograph, image, mask & ~unseen),
+        "unseen": float(unseen.sum() / max(1, mask.sum())),
         "psnr_unit_gain": psnr(bare, seen),
         "psnr_color_corrected": color_corrected_psnr(bare, seen),
         "psnr_half_image": half_image_psnr(plain, truth, mask),
@@ -179,7 +191,7 @@ def _compare(
     }
     rings = ring_psnr(shown, seen, compute_field_angles(camera)[mask][None])
     if render_folder is not None:
-        row |= _write_pictures(render_folder, stem, photograph, image, mask, rendered)
+        row |= _write_pictures(render_folder, stem, photograph, image, mask, rendered, view.turns)
     return row, rings
 
 
@@ -239,8 +251,9 @@ def _write_pictures(
     image: np.ndarray,
     mask: np.ndarray,
     rendered: Any,
+    turns: int,
 ) -> dict[str, Any]:
-    """Writes truth, render and depth; returns their file names and the depth's unit."""
+    """Writes truth, render and depth, upright; returns their names and the depth's unit."""
     alpha = np.asarray(rendered.alpha, np.float64)
     shown = mask & (alpha >= _OPAQUE)
     distance = np.where(shown, rendered.depth / np.where(shown, alpha, 1.0), 0.0)
@@ -251,7 +264,7 @@ def _write_pictures(
         "depth": np.rint(distance / unit).astype(np.uint16),
     }
     for kind, picture in pictures.items():
-        write_png(folder / f"{stem}_{kind}.png", picture)
+        write_png(folder / f"{stem}_{kind}.png", turn_picture(picture, turns))
     return {kind: f"{stem}_{kind}.png" for kind in pictures} | {"depth_unit": unit}
 
 

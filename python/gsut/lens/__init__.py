@@ -17,7 +17,7 @@ from gsut.lens.field import (
     with_field_of_view,
     with_scaled_focal,
 )
-from gsut.lens.files import load_camera, save_camera
+from gsut.lens.files import camera_from_info, info_from_camera, load_camera, save_camera
 from gsut.lens.fit_rays import fit_camera
 from gsut.lens.fit_spline import SplineGrid, fit_control_points
 from gsut.lens.focal_prior import FocalPrior
@@ -31,6 +31,7 @@ __all__ = [
     "FocalPrior",
     "LensProfile",
     "SplineGrid",
+    "camera_from_info",
     "camera_models",
     "convert_camera",
     "find_focal_params",
@@ -40,6 +41,7 @@ __all__ = [
     "fit_camera",
     "fit_control_points",
     "has_focal_length",
+    "info_from_camera",
     "is_lens_name",
     "load_camera",
     "load_lens",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 # The optical axes have a common point to look at where the least eigenvalue of their mean
@@ -11,9 +13,18 @@ _LEAST_CONVERGENCE = 1e-3
 _LEAST_FACING = 0.75
 # Radius of a turn on the spot over the cameras' spread: some parallax, still where they stood.
 _TURN_RADIUS = 0.25
+# Radians between a view and straight up or down, below which it keeps the roll of its photographs,
+# since it sees no horizon, and above which it stands level; between them the roll fades.
+_STEEP = math.radians(10.0)
+_LEVEL = math.radians(25.0)
 
 
-def smooth_path(camera_from_world: np.ndarray, num_frames: int, closed: bool = False) -> np.ndarray:
+def smooth_path(
+    camera_from_world: np.ndarray,
+    num_frames: int,
+    closed: bool = False,
+    up: np.ndarray | None = None,
+) -> np.ndarray:
     """Makes poses that pass smoothly through key poses, at even speed.
 
     Cubic Hermite curves through the camera centres and, alike, through the rotation matrices, each
@@ -24,6 +35,7 @@ def smooth_path(camera_from_world: np.ndarray, num_frames: int, closed: bool = F
         camera_from_world: (N, 4, 4) rigid key poses in order, N >= 1.
         num_frames: number of poses wanted, >= 1; the first and last keys are among them.
         closed: come back to the first key (which is then not repeated).
+        up: (3,) of the world, along which the horizon is level; None: the roll of the keys.
 
     Returns:
         (num_frames, 4, 4) float64 camera_from_world.
@@ -59,19 +71,59 @@ def smooth_path(camera_from_world: np.ndarray, num_frames: int, closed: bool = F
         ]
     )[..., None, None]
     parts = np.stack([keys[left], tangents[left], keys[left + 1], tangents[left + 1]])
-    return _camera_from_world(np.sum(weights * parts, axis=0))
+    path = _camera_from_world(np.sum(weights * parts, axis=0))
+    return path if up is None else _rotate_to_level(path, up)
 
 
-def make_orbit_path(camera_from_world: np.ndarray, num_frames: int) -> np.ndarray:
+def _rotate_to_level(camera_from_world: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """Turns cameras about their views so that the horizon is level.
+
+    Views straight up or down see no horizon and keep their roll.
+
+    Args:
+        camera_from_world: (N, 4, 4) poses.
+        up: (3,) of the world, any length but 0.
+
+    Returns:
+        (N, 4, 4) float64 camera_from_world with the same centres and views.
+    """
+    poses = np.array(camera_from_world, np.float64)
+    axis = np.asarray(up, np.float64) / np.linalg.norm(up)
+    own, view = -poses[:, 1, :3], poses[:, 2, :3]
+    aside = np.cross(view, own)
+    roll = np.arctan2(aside @ axis, own @ axis)
+    steep = np.arcsin(np.clip(np.linalg.norm(np.cross(view, axis), axis=1), 0, 1))
+    share = np.clip((steep - _STEEP) / (_LEVEL - _STEEP), 0, 1)
+    angle = (roll * share**2 * (3 - 2 * share))[:, None]
+    down = -(np.cos(angle) * own + np.sin(angle) * aside)
+    levelled = np.stack([np.cross(down, view), down, view], axis=1)
+    centers = -np.einsum("nji,nj->ni", poses[:, :3, :3], poses[:, :3, 3])
+    poses[:, :3, :3] = levelled
+    poses[:, :3, 3] = -np.einsum("nij,nj->ni", levelled, centers)
+    return poses
+
+
+def find_mean_up(camera_from_world: np.ndarray) -> np.ndarray:
+    """Finds (3,) the cameras' mean up, of length 1; the first's where they face all ways."""
+    ups = -np.asarray(camera_from_world, np.float64)[:, 1, :3]
+    up = ups.mean(axis=0)
+    length = np.linalg.norm(up)
+    return up / length if length > _LEAST_CONVERGENCE else ups[0]
+
+
+def make_orbit_path(
+    camera_from_world: np.ndarray, num_frames: int, up: np.ndarray | None = None
+) -> np.ndarray:
     """Makes one closed orbit of a scene, from the poses it was photographed with.
 
     Where most cameras look at a common point: a circle around it at their mean distance and
     height. Else (a walk, or cameras that look outward): a full turn of the view near their
-    centre. Up is the cameras' mean up.
+    centre.
 
     Args:
         camera_from_world: (N, 4, 4) poses of the photographs, N >= 1.
         num_frames: number of poses wanted, >= 1.
+        up: (3,) of the world, of length 1; None: the cameras' mean up.
 
     Returns:
         (num_frames, 4, 4) float64 camera_from_world.
@@ -79,9 +131,7 @@ def make_orbit_path(camera_from_world: np.ndarray, num_frames: int) -> np.ndarra
     world_from_camera = np.linalg.inv(np.asarray(camera_from_world, np.float64))
     centers = world_from_camera[:, :3, 3]
     forward = world_from_camera[:, :3, 2]
-    up = -world_from_camera[:, :3, 1].mean(axis=0)
-    length = np.linalg.norm(up)
-    up = up / length if length > _LEAST_CONVERGENCE else -world_from_camera[0, :3, 1]
+    up = find_mean_up(camera_from_world) if up is None else np.asarray(up, np.float64)
     middle = centers.mean(axis=0)
 
     angle = 2 * np.pi * np.arange(num_frames) / num_frames

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from gsut import _core
-from gsut.files import write_file
+from gsut.files import claim_name, write_file
+from gsut.orientation import add_orientation
 
 
 def to_uint8(image: np.ndarray) -> np.ndarray:
@@ -24,12 +25,13 @@ def to_uint8(image: np.ndarray) -> np.ndarray:
     return np.rint(inside * 255.0).astype(np.uint8)
 
 
-def write_png(path: Path, image: np.ndarray) -> None:
+def write_png(path: Path, image: np.ndarray, turns: int = 0) -> None:
     """Writes a picture as PNG.
 
     Args:
         path: the file; replaced where it exists.
         image: (H, W, 3) uint8 red, green, blue; or (H, W) uint8 or uint16.
+        turns: quarter turns clockwise that show it upright, which EXIF in the file then says.
 
     Raises:
         InputError: the file cannot be written.
@@ -40,7 +42,7 @@ def write_png(path: Path, image: np.ndarray) -> None:
     if pixels.ndim == 3:
         pixels = cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR)
     _, data = cv2.imencode(".png", pixels)
-    write_file(path, data.tobytes())
+    write_file(path, add_orientation(data.tobytes(), turns))
 
 
 def name_pictures(names: Sequence[str]) -> list[str]:
@@ -49,9 +51,5 @@ def name_pictures(names: Sequence[str]) -> list[str]:
     taken: set[str] = set()
     for name in names:
         stem = Path(name).with_suffix("").as_posix().strip("/.").replace("/", "_") or "view"
-        unique, number = stem, 2
-        while unique in taken:
-            unique, number = f"{stem}-{number}", number + 1
-        taken.add(unique)
-        stems.append(unique)
+        stems.append(claim_name(stem, taken))
     return stems

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from gsut.render.paths import smooth_path
+from gsut.render.paths import find_mean_up, smooth_path
 
 # Photographs on the way: enough to follow a walk, few enough for a calm eye.
 _MOST_STOPS = 24
@@ -16,25 +16,29 @@ _TURN_RADIANS = 1.5
 _CLOSING = 2.5
 
 
-def make_tour_path(camera_from_world: np.ndarray, num_frames: int) -> np.ndarray:
+def make_tour_path(
+    camera_from_world: np.ndarray, num_frames: int, up: np.ndarray | None = None
+) -> np.ndarray:
     """Makes a smooth tour of the photographs' own poses.
 
     Photographs far from each other are chosen as stops and visited on a short way (farthest points,
     then a tour improved by reversals); between stops `smooth_path` leads. Nothing is looked at from
-    where, or in a direction that, no photograph near by had.
+    where, or in a direction that, no photograph near by had. The horizon is level throughout.
 
     Args:
         camera_from_world: (N, 4, 4) poses of the photographs, N >= 1.
         num_frames: number of poses wanted, >= 1.
+        up: (3,) of the world; None: the cameras' mean up.
 
     Returns:
         (num_frames, 4, 4) float64 camera_from_world; closed where the tour comes around.
     """
     poses = np.asarray(camera_from_world, np.float64)
+    up = find_mean_up(poses) if up is None else up
     places = _describe_places(poses)
     stops = _choose_far_places(places, min(_MOST_STOPS, len(poses)))
     if len(stops) <= _LEAST_STOPS:
-        return smooth_path(poses[stops], num_frames)
+        return smooth_path(poses[stops], num_frames, up=up)
     apart = np.linalg.norm(places[stops][:, None] - places[stops][None], axis=2)
     tour = _find_short_way(apart)
     closed = bool(apart[tour[-1], tour[0]] <= _CLOSING * np.median(apart[tour[1:], tour[:-1]]))
@@ -43,7 +47,7 @@ def make_tour_path(camera_from_world: np.ndarray, num_frames: int) -> np.ndarray
         tour = np.roll(tour, -first)
     elif first > len(tour) // 2:
         tour = tour[::-1]
-    return smooth_path(poses[stops[tour]], num_frames, closed=closed)
+    return smooth_path(poses[stops[tour]], num_frames, closed=closed, up=up)
 
 
 def _describe_places(poses: np.ndarray) -> np.ndarray:

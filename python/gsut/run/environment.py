@@ -25,7 +25,7 @@ def describe_environment(dataset: str | os.PathLike[str] | None = None) -> dict[
         dataset: the data set's path; kept in full, so that `gsut eval` finds it from anywhere.
 
     Returns:
-        dict of str and int, ready for JSON.
+        dict of str, int and dict, ready for JSON.
     """
     import cv2
 
@@ -34,6 +34,7 @@ def describe_environment(dataset: str | os.PathLike[str] | None = None) -> dict[
         "command": format_command_line(),
         "started": time.strftime("%Y-%m-%d %H:%M:%S %z"),
         "version": _core.__version__,
+        "build": _core.describe_build(),
         "isa": _core.active_isa(),
         "threads": _core.num_threads(),
         "python": platform.python_version(),

@@ -9,6 +9,8 @@ from typing import Any, TextIO, TypeVar
 # Seconds between refreshes: often on a terminal, seldom in a log file.
 _TERMINAL_INTERVAL = 0.1
 _LOG_INTERVAL = 15.0
+# Seconds after which a stage is reported in a log: what ends before needs no report.
+_LOG_DELAY = 10.0
 # The time left comes from the pace of the last steps, which grow slower as Gaussians are added.
 _SMOOTHING = 0.1
 _COUNTS = "{n_fmt}/{total_fmt}, {remaining} left, {rate_fmt}"
@@ -19,8 +21,22 @@ _SHARE_FORMAT = "{percentage:3.0f}% {bar:20} {elapsed}{postfix}"
 _Item = TypeVar("_Item")
 
 
+class _Log:
+    """A file that is no terminal: a bar's states become lines of their own."""
+
+    def __init__(self, file: TextIO) -> None:
+        self._file = file
+
+    def write(self, text: str) -> None:
+        if words := text.strip("\r\n "):
+            self._file.write(words + "\n")
+
+    def flush(self) -> None:
+        self._file.flush()
+
+
 class Progress:
-    """Bars, one after the other.
+    """Bars, one after the other; lines in a log, where the file is no terminal.
 
     Args:
         enabled: False shows nothing and costs nothing.
@@ -53,19 +69,26 @@ class Progress:
         if stage != self._stage or self._bar is None or done < self._bar.n:
             self.close()
             self._stage = stage
-            file = self._file or sys.stderr
-            interval = _TERMINAL_INTERVAL if file.isatty() else _LOG_INTERVAL
-            self._bar = tqdm(
-                total=total, initial=max(done - 1, 0), desc=stage, file=file,
-                bar_format=_FORMAT if left is None else _TIMED_FORMAT,
-                dynamic_ncols=True, mininterval=interval, maxinterval=interval,
-                smoothing=_SMOOTHING,
+            self._bar = self._start_bar(
+                total=total, initial=max(done - 1, 0), desc=stage, smoothing=_SMOOTHING,
+                bar_format=_FORMAT if left is None else _TIMED_FORMAT, log_delay=_LOG_DELAY,
             )  # fmt: skip
         if left is not None:
             text = f"about {tqdm.format_interval(left)} left, {text}"
         self._bar.set_postfix_str(text, refresh=False)
         self._bar.total = total
         self._bar.update(done - self._bar.n)
+
+    def _start_bar(self, log_delay: float = 0.0, **settings: Any) -> Any:
+        from tqdm import tqdm
+
+        file = self._file or sys.stderr
+        terminal = file.isatty()
+        interval = _TERMINAL_INTERVAL if terminal else _LOG_INTERVAL
+        return tqdm(
+            file=file if terminal else _Log(file), dynamic_ncols=terminal, mininterval=interval,
+            maxinterval=interval, delay=0.0 if terminal else log_delay, **settings,
+        )  # fmt: skip
 
     def show_share(self, share: float, seconds_left: float, text: str) -> None:
         """Moves the one bar of a command whose time left is known otherwise than by its pace.
@@ -79,13 +102,8 @@ class Progress:
             return
         from tqdm import tqdm
 
-        file = self._file or sys.stderr
         if self._bar is None:
-            interval = _TERMINAL_INTERVAL if file.isatty() else _LOG_INTERVAL
-            self._bar = tqdm(
-                total=_SHARES, bar_format=_SHARE_FORMAT, file=file, dynamic_ncols=True,
-                mininterval=interval, maxinterval=interval, miniters=0,
-            )  # fmt: skip
+            self._bar = self._start_bar(total=_SHARES, bar_format=_SHARE_FORMAT, miniters=0)
         left = tqdm.format_interval(seconds_left)
         self._bar.set_postfix_str(f"about {left} left, {text}", refresh=False)
         self._bar.update(int(share * _SHARES) - self._bar.n)

@@ -4,7 +4,7 @@ from gsut.sfm.mapping import PosesLog
 from gsut.sfm.photographs import FOLDER, PosesOptions, add_lens_readout, check_lens
 from gsut.sfm.pipeline import PosesResult, find_poses, read_finished
 from gsut.sfm.points import TriangulatedPoints, triangulate
-from gsut.sfm.report import DatasetCalibration, calibrate_from_dataset, is_finished, read_figures
+from gsut.sfm.report import DatasetCalibration, calibrate_from_dataset, is_finished
 from gsut.sfm.world import (
     PoseErrors,
     compare_datasets,
@@ -29,7 +29,6 @@ __all__ = [
     "find_poses",
     "fit_positions",
     "is_finished",
-    "read_figures",
     "read_finished",
     "read_positions",
     "triangulate",

@@ -15,7 +15,7 @@ from gsut.data.images import read_header
 from gsut.data.rigs import Rig
 from gsut.data.scene import capture_state
 from gsut.output_folder import claim_folder
-from gsut.sfm.lens import find_zooms, guess_lenses, judge_lens, search_lenses
+from gsut.sfm.lens import find_zooms, guess_lenses, judge_lens, register_left_out, search_lenses
 from gsut.sfm.mapping import Mapping, PosesLog
 from gsut.sfm.matches import (
     PairMatches,
@@ -127,6 +127,8 @@ def find_poses(
         with _set_threads(mapping.options.threads):
             _find_matches(mapping, stages)
             _map_photographs(mapping, mapper)
+            if mapping.rig is None and mapper is None:
+                register_left_out(mapping)
             _separate_places(mapping, is_final=bool(mapping.rig or mapper))
             find_shutter(mapping)
             judge_lens(mapping)

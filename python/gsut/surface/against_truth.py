@@ -104,7 +104,8 @@ def _judge_views(
         surface = render_surface(result)
         if on_view is not None:
             image = to_uint8(result.image)
-            on_view(SurfaceView(view.name, camera, view.motion, image, surface.median, true))
+            about = view.name, camera, view.motion, image, surface.median, true
+            on_view(SurfaceView(*about, turns=view.turns))
         for kind in KINDS:
             columns[kind].append(getattr(surface, kind).ravel())
         columns["truth"].append(true.ravel())

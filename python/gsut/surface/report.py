@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import CameraMotion
+from gsut.orientation import turn_picture
 from gsut.page import (
     build_page,
     build_table,
@@ -49,6 +50,7 @@ class SurfaceView:
         image: (H, W, 3) uint8.
         depth: (H, W) along the rays; not finite: none.
         truth: (H, W) likewise, or None.
+        turns: quarter turns clockwise that show it upright.
     """
 
     name: str
@@ -57,6 +59,7 @@ class SurfaceView:
     image: np.ndarray
     depth: np.ndarray
     truth: np.ndarray | None = None
+    turns: int = 0
 
 
 def choose_views(indices: Sequence[int]) -> list[int]:
@@ -135,7 +138,10 @@ def _build_view(view: SurfaceView, mesh: Mesh | None) -> str:
         width = min(view.camera.width, _MOST_WIDE)
         camera = view.camera.resize(width, round(view.camera.height * width / view.camera.width))
         pictures.append(("mesh", shade_mesh(mesh, camera, view.motion)))
-    embedded = [(text, embed_picture(image, _MOST_WIDE)) for text, image in pictures]
+    embedded = [
+        (text, embed_picture(turn_picture(image, view.turns), _MOST_WIDE))
+        for text, image in pictures
+    ]
     return render_template(_VIEW, name=view.name, pictures=embedded, most_wide=_MOST_WIDE)
 
 

@@ -2,6 +2,7 @@
 
 from gsut.view.live import LiveTraining
 from gsut.view.measure import find_point_in_photograph
+from gsut.view.rerun_log import to_rerun
 from gsut.view.server import LOOPBACK, ViewServer
 from gsut.view.session import Session
 from gsut.view.stage import Stage, open_stage
@@ -14,4 +15,5 @@ __all__ = [
     "ViewServer",
     "find_point_in_photograph",
     "open_stage",
+    "to_rerun",
 ]

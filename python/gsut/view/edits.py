@@ -21,7 +21,7 @@ _DEFAULT_NAME = "edited.ply"
 
 def locate_ground(frames: Frames, up: Any) -> dict[str, Any]:
     """Finds the plane that the scene stands on, roughly across `up`: "normal" (3,) and "level"."""
-    normal, level = find_ground(frames.load_all(), _parse_direction(up))
+    normal, level = find_ground(frames.load_all(), parse_direction(up))
     return {"normal": normal, "level": level}
 
 
@@ -84,7 +84,7 @@ def save_edited(frames: Frames, values: dict[str, Any]) -> dict[str, Any]:
         raise InputError("nothing is left; crop less")
     turn, height = np.eye(3), 0.0
     if values.get("up") is not None:
-        turn = rotate_upright(_parse_direction(values["up"]))
+        turn = rotate_upright(parse_direction(values["up"]))
         height = float(values.get("level") or 0)
     moved = transform_gaussians(kept, turn, scale, scale * np.array([0.0, height, 0.0]))
     written = save_gaussians(path, moved, WriteSettings(antialiased=frames.stage.antialiased))
@@ -94,7 +94,8 @@ def save_edited(frames: Frames, values: dict[str, Any]) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _parse_direction(up: Any) -> np.ndarray:
+def parse_direction(up: Any) -> np.ndarray:
+    """Parses a direction of the page: (3,) of length 1."""
     value = np.array(up, np.float64).reshape(3)
     if not np.isfinite(value).all() or not value.any():
         raise InputError(f"up must be a direction, found {up}")

@@ -13,7 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gsut._core import InputError
+from gsut.orientation import turn_camera
 from gsut.render import smooth_path, write_video
+from gsut.view.edits import parse_direction
 
 if TYPE_CHECKING:
     from gsut.view.frame_request import FrameRequest
@@ -38,8 +40,8 @@ class Film:
         frames: draws the frames.
         drawing: decides when.
         keys: the keyframes, equal but for their poses.
-        settings: "seconds", "rate" in frames a second, "ending" mp4, webm or gif, and "closed" to
-            return to the first keyframe.
+        settings: "seconds", "rate" in frames a second, "ending" mp4, webm or gif, "up" (3,) in
+            place of the scene's, and "closed" to return to the first keyframe.
 
     Attributes:
         content: of the file, once it is complete.
@@ -67,9 +69,16 @@ class Film:
         self.kind = _KINDS[self.ending]
         self.content = b""
         self._frames, self._drawing, self._key, self._rate = frames, drawing, keys[0], rate
-        poses = np.stack([key.pose for key in keys])
+        turns = keys[0].turns
+        shown = turn_camera(np.stack([key.pose for key in keys]), turns)
         count = max(2, round(seconds * rate))
-        self._poses = smooth_path(poses, count, closed=bool(settings.get("closed")))
+        path = smooth_path(
+            shown,
+            count,
+            closed=bool(settings.get("closed")),
+            up=parse_direction(settings.get("up") or frames.axes[1]),
+        )
+        self._poses = turn_camera(path, -turns)
         self._done, self._failure, self._stop = 0, "", threading.Event()
         threading.Thread(target=self._make, daemon=True).start()
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data.poses import check_rigid
+from gsut.orientation import turn_camera, turn_pixel, turn_size
 from gsut.view.lenses import check_size
 
 # What a frame can show.
@@ -39,6 +40,8 @@ class FrameRequest:
         quality: of the JPEG; None: a lossless PNG.
         share: of the Gaussians, the most visible ones; below 1 while the eye moves.
         clean: leave floaters out, once `Frames.floaters` is known.
+        turns: quarter turns clockwise from the image, whose pose, lens and size these are, to the
+            picture on the page.
         ground: (4,) a plane's normal n and d, with n . x = d on it, that the layer "axes" draws;
             None: across `Frames.axes` through the scene's middle.
     """
@@ -57,10 +60,16 @@ class FrameRequest:
     share: float = 1.0
     clean: bool = False
     ground: np.ndarray | None = None
+    turns: int = 0
+
+    def turn_back(self, pixel: tuple[float, float]) -> np.ndarray:
+        """Returns (2,) where a pixel of the page's picture is in the image."""
+        size = turn_size(self.width, self.height, self.turns)
+        return np.array(turn_pixel(*pixel, *size, -self.turns))
 
     @classmethod
     def parse(cls, values: dict[str, Any], num_views: int) -> FrameRequest:
-        """Parses the request of a JSON object.
+        """Parses the request of a JSON object, whose pose and size are those of the page's picture.
 
         Raises:
             InputError: a value is missing or out of range; the message says which.
@@ -68,8 +77,9 @@ class FrameRequest:
         try:
             pose = check_rigid(np.reshape(values["pose"], (4, 4)), "the frame's pose")
             # A photograph's pose keeps its bits on the way through the page.
-            pose = np.array(values["pose"], np.float64).reshape(4, 4)
-            width, height = int(values["width"]), int(values["height"])
+            turns = parse_turns(values)
+            pose = turn_camera(np.array(values["pose"], np.float64).reshape(4, 4), -turns)
+            width, height = turn_size(int(values["width"]), int(values["height"]), turns)
             view, shutter = (
                 None if values.get(key) is None else int(values[key]) for key in ("view", "shutter")
             )
@@ -101,5 +111,13 @@ class FrameRequest:
         layers = frozenset(values.get("layers") or ())
         return cls(
             pose, lens, width, height, mode, view, shutter, layers, crop, marks, quality, share,
-            bool(values.get("clean")), ground,
+            bool(values.get("clean")), ground, turns,
         )  # fmt: skip
+
+
+def parse_turns(values: dict[str, Any]) -> int:
+    """Parses the quarter turns clockwise that show an image on the page."""
+    turns = int(values.get("turns") or 0)
+    if not 0 <= turns < 4:
+        raise InputError(f"a picture is turned by 0 to 3 quarters, found {turns}")
+    return turns

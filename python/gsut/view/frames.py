@@ -18,6 +18,7 @@ from gsut.gaussians import (
     rotate_upright,
 )
 from gsut.lens import Camera
+from gsut.orientation import turn_picture
 from gsut.render import (
     PixelFilter,
     choose_solid,
@@ -107,7 +108,7 @@ class Frames:
         return data.tobytes(), "image/jpeg", drawn.span
 
     def draw(self, request: FrameRequest) -> Drawn:
-        """Draws a frame with everything that lies over it."""
+        """Draws a frame with everything that lies over it, as the page shows it."""
         camera = self.lenses.resize(request.lens, request.width, request.height)
         place, pose = self._place(request), request.pose
         drawn = self._draw_picture(request, camera, place)
@@ -128,6 +129,7 @@ class Frames:
         if request.marks is not None and len(request.marks):
             draw_marks(image, camera, pose, request.marks)
         self._release_large(camera)
+        drawn.image = turn_picture(image, request.turns)
         return drawn
 
     def find_point(self, request: FrameRequest, pixel: tuple[float, float]) -> np.ndarray | None:
@@ -136,13 +138,13 @@ class Frames:
 
         Args:
             request: whose frame was clicked.
-            pixel: x and y.
+            pixel: x and y on the page's picture.
         """
         camera = self.lenses.resize(request.lens, request.width, request.height)
         place = self._place(request)
         _, alpha, depth = self._render(request, camera, place)
         self._release_large(camera)
-        return find_point_at(place, camera, np.array(pixel), alpha, depth)
+        return find_point_at(place, camera, request.turn_back(pixel), alpha, depth)
 
     def _place(self, request: FrameRequest) -> Any:
         scene = self.stage.scene

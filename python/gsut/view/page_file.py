@@ -102,15 +102,19 @@ def _describe(session: Any, rows: list[int]) -> dict[str, Any]:
         "alone": True, "modes": _MODES, "folder": None, "num_points": 0, "live": False,
         "kind": "file", "views": [scene["views"][row] for row in rows],
     }  # fmt: skip
-    del scene["lenses"], scene["models"]
+    lenses = [
+        {**_describe_lens(camera), "turns": shown["turns"]}
+        for camera, shown in zip(stage.cameras, scene.pop("lenses"), strict=True)
+    ]
+    del scene["models"]
     photographs, motions = [], []
     for row in rows:
         sent = session.send_photograph({"view": row, "side": _PHOTO_SIDE})
         photographs.append("data:image/jpeg;base64," + _encode(sent.content))
         motions.append(None if stage.scene is None else _describe_motion(stage.scene.views[row]))
     return {
-        "scene": scene, "lenses": [_describe_lens(camera) for camera in stage.cameras],
-        "photographs": photographs, "motions": motions, "background": stage.background,
+        "scene": scene, "lenses": lenses, "photographs": photographs, "motions": motions,
+        "background": stage.background,
         "offset": np.zeros(3) if stage.scene is None else stage.scene.world_offset,
         "colors": {name: _sample_colors(name) for name in _COLOR_MAPS},
     }  # fmt: skip

@@ -13,12 +13,14 @@ from gsut import _core
 from gsut._core import InputError
 from gsut.data import Scene
 from gsut.data.images import shrink_image, shrink_mask
+from gsut.data.scene import count_lens_turns, find_upright_poses
 from gsut.files import format_json
 from gsut.lens import camera_models
 from gsut.lens.files import values_from_camera
+from gsut.orientation import turn_camera, turn_picture, turn_size
 from gsut.view.edits import check_floaters, find_floaters, locate_ground, save_edited
 from gsut.view.film import Film
-from gsut.view.frame_request import MODES, FrameRequest
+from gsut.view.frame_request import MODES, FrameRequest, parse_turns
 from gsut.view.frames import Frames
 from gsut.view.lenses import Lenses
 from gsut.view.page_file import write_page
@@ -105,7 +107,11 @@ class Session:
             "num_points": 0 if stage.scene is None else len(stage.scene.points),
             "up": self.frames.axes[1], "axes": self.frames.axes, "center": place["center"],
             "extent": place["extent"], "pose": place["pose"].ravel(),
-            "lenses": [self.lenses.describe(row) for row in range(len(stage.cameras))],
+            "lenses": [
+                {**self.lenses.describe(row),
+                 "turns": 0 if stage.scene is None else count_lens_turns(stage.scene, row)}
+                for row in range(len(stage.cameras))
+            ],
             "models": {name: _core.camera_param_names(name) for name in camera_models()},
             "views": [] if stage.scene is None else _describe_views(stage.scene),
             "figures": {key: stage.figures.get(key) for key in ("psnr", "ssim", "steps")},
@@ -139,11 +145,12 @@ class Session:
         factor = min(1.0, side / max(width, height))
         size = max(1, round(width * factor)), max(1, round(height * factor))
         pixels = shrink_image(pixels, *size)
+        turns = scene.views[index].turns
         if tinted:
             left_out = ~shrink_mask(scene.mask(index), *size)
             pixels = pixels.copy()
             pixels[left_out] = (pixels[left_out] * 0.4 + np.array(_MASKED) * 0.6).astype(np.uint8)
-        bgr = cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR)
+        bgr = cv2.cvtColor(turn_picture(pixels, turns), cv2.COLOR_RGB2BGR)
         _, data = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, _PHOTO_QUALITY])
         return Reply(data.tobytes(), "image/jpeg", keep=True)
 
@@ -169,11 +176,13 @@ class Session:
     def save_cameras(self, values: dict[str, Any]) -> Reply:
         """Returns the camera of a frame, or keyframes, as a file for `gsut render --path`."""
         _check_keys(values["poses"])
-        poses = [self._move_to_dataset(pose) for pose in values["poses"]]
-        camera = self.lenses.resize(
-            int(values["lens"]), int(values["width"]), int(values["height"])
-        )
-        content = {"camera_from_world": poses, "lens": values_from_camera(camera)}
+        turns = parse_turns(values)
+        poses = [self._move_to_dataset(pose, turns) for pose in values["poses"]]
+        size = turn_size(int(values["width"]), int(values["height"]), turns)
+        camera = self.lenses.resize(int(values["lens"]), *size)
+        content: dict[str, Any] = {"camera_from_world": poses, "lens": values_from_camera(camera)}
+        if turns:
+            content["turns"] = turns
         return Reply(format_json(content).encode() + b"\n", "application/json")
 
     def handle_film(self, values: dict[str, Any]) -> Reply:
@@ -243,8 +252,8 @@ class Session:
     def _get_offset(self) -> np.ndarray:
         return np.zeros(3) if self.stage.scene is None else self.stage.scene.world_offset
 
-    def _move_to_dataset(self, pose: Any) -> np.ndarray:
-        matrix = np.array(pose, np.float64).reshape(4, 4)
+    def _move_to_dataset(self, pose: Any, turns: int) -> np.ndarray:
+        matrix = turn_camera(np.array(pose, np.float64).reshape(4, 4), -turns)
         return matrix if self.stage.scene is None else self.stage.scene.to_dataset(matrix)
 
 
@@ -266,14 +275,15 @@ def _index(value: Any, scene: Scene) -> int:
 
 
 def _describe_views(scene: Scene) -> list[dict[str, Any]]:
-    """Describes each photograph for the page."""
+    """Describes each photograph for the page, as it is shown: upright."""
     held_out = set(scene.test_indices)
     rows = []
     for index, view in enumerate(scene.views):
-        camera = scene.camera(index)
+        camera, pose = scene.camera(index), find_upright_poses(scene, [index])
+        width, height = turn_size(camera.width, camera.height, view.turns)
         rows.append({
-            "name": view.name, "pose": view.camera_from_world.ravel(), "lens": view.camera_index,
-            "width": camera.width, "height": camera.height, "held_out": index in held_out,
+            "name": view.name, "pose": pose.ravel(), "lens": view.camera_index,
+            "width": width, "height": height, "turns": view.turns, "held_out": index in held_out,
             "rolling": view.shutter is not None, "masked": view.mask_path is not None,
         })  # fmt: skip
     return rows

@@ -14,6 +14,7 @@ from gsut._core import CameraMotion, InputError
 from gsut.check import Finding
 from gsut.data import Scene, load_dataset
 from gsut.data.poses import invert_pose
+from gsut.data.scene import find_up, find_upright_poses
 from gsut.formats import read_scene_file
 from gsut.gaussians import pack_harmonics, seed_from_points
 from gsut.lens import Camera
@@ -75,7 +76,7 @@ class Stage:
         return (Camera("pinhole", params, width, height),)
 
     def place(self) -> dict[str, Any]:
-        """Places the scene: returns up (3,), center (3,), extent, and the first pose (4, 4)."""
+        """Places the scene: up (3,), center (3,), extent, and the first pose (4, 4), upright."""
         if self.scene is not None and len(self.scene):
             return _place_views(self.scene)
         means = np.zeros((1, 3))
@@ -90,15 +91,12 @@ class Stage:
 
 def _place_views(scene: Scene) -> dict[str, Any]:
     rows = list(scene.train_indices or range(len(scene)))
-    poses = scene.poses(rows)
-    up = -poses[:, 1, :3].mean(axis=0)
-    length = np.linalg.norm(up)
-    up = up / length if length > 1e-3 else -poses[0, 1, :3]
     points = scene.points
     if not len(points):
         points = np.array([scene.views[row].camera_center for row in rows])
     center = np.median(points, axis=0)
-    return {"up": up, "center": center, "extent": scene.extent, "pose": poses[0]}
+    first = find_upright_poses(scene, rows[:1])[0]
+    return {"up": find_up(scene), "center": center, "extent": scene.extent, "pose": first}
 
 
 def open_stage(

@@ -54,6 +54,9 @@ const rigid = (R) => { // the rotation next to R
 };
 const turn = (R, axis, angle) => rigid(columns(...[0, 1, 2].map((k) => turned(column(R, k), axis, angle))));
 
+// A lens as its pictures are shown: upright, after quarter turns clockwise.
+const shownAs = (described, turns = 0) => ({ ...described, turns, ...(turns % 2 ? { width: described.height, height: described.width } : {}) });
+
 function eyeOf(pose) { // of camera_from_world, 16 numbers
   const R = [pose[0], pose[4], pose[8], pose[1], pose[5], pose[9], pose[2], pose[6], pose[10]];
   const t = [pose[3], pose[7], pose[11]];
@@ -118,7 +121,7 @@ function request(moving) {
   const mode = state.mode === "error" && state.view === null ? "color" : state.mode;
   const rolling = state.shutter !== null && $("rolling").checked ? state.shutter : null;
   return {
-    pose: state.exact ?? poseOf(state.eye), lens: lens.id, width, height, mode, view: state.view, shutter: rolling,
+    pose: state.exact ?? poseOf(state.eye), lens: lens.id, turns: lens.turns, width, height, mode, view: state.view, shutter: rolling,
     layers: [...state.layers, ...($("crop-box").open ? ["box"] : [])], crop: state.crop,
     marks: state.marks, quality: moving ? 75 : state.lossless ? null : 92,
     clean: state.clean, ground: state.ground, share: moving ? SHARES[kind()][level] : 1,
@@ -462,7 +465,7 @@ function goTo(index) {
     thumbnail?.scrollIntoView({ block: "nearest", inline: "nearest" });
     redraw();
   };
-  useLens(scene.lenses[view.lens]);
+  useLens(shownAs(scene.lenses[view.lens], view.turns));
   fly(eyeOf(view.pose), arrive);
 }
 function fillStrip() {
@@ -483,7 +486,7 @@ function fillStrip() {
 // --- lenses --------------------------------------------------------------------------------------
 let reshape; // fits a lens that is not the dataset's to the window
 function useLens(described, keepSliders = false) {
-  const changed = !lens || lens.id !== described.id;
+  const changed = !lens || lens.id !== described.id || lens.turns !== described.turns;
   lens = described;
   layout();
   if (!changed) return;
@@ -523,7 +526,7 @@ async function makeLens(values, keepSliders = false) { // only the newest reques
     const [wish, keep] = lensNext;
     lensNext = null;
     try {
-      useLens(await ask("lens", wish), keep);
+      useLens(shownAs(await ask("lens", wish), wish.turns), keep);
       leavePhotograph();
     } catch (error) {
       $("lens-error").textContent = error.message;
@@ -540,8 +543,9 @@ function paramsChanged(index, value) {
   const params = [...lens.params];
   params[index] = value;
   reshape = null;
-  makeLens({ id: lens.id, params }, true);
+  makeLens({ id: lens.id, turns: lens.turns, params }, true);
 }
+const ownLens = (number) => shownAs(scene.lenses[number], scene.lenses[number].turns);
 function fillLenses() {
   const group = (label, entries) => {
     const box = document.createElement("optgroup");
@@ -549,7 +553,7 @@ function fillLenses() {
     for (const [value, text] of entries) box.append(new Option(text, value));
     $("lens").append(box);
   };
-  group(scene.views.length ? "Lenses of the dataset" : "Pinhole", scene.lenses.map((each) => [`id:${each.id}`, `${each.model}, ${each.width} × ${each.height}`]));
+  group(scene.views.length ? "Lenses of the dataset" : "Pinhole", scene.lenses.map((_, k) => ownLens(k)).map((each) => [`id:${each.id}`, `${each.model}, ${each.width} × ${each.height}`]));
   group("Other", [["fill", "pinhole that fills the window"]]);
   group("Examples of models", Object.keys(scene.models).map((name) => [`model:${name}`, name]));
 }
@@ -573,7 +577,7 @@ async function screenshot() {
   const values = { ...request(false), quality: null }, name = `${fileName()}-${stamp()}`;
   values.layers = values.layers.filter((layer) => layer !== "box");
   save(await server.file("frame", values), name + ".png");
-  save(await server.file("camera", { poses: [values.pose], lens: values.lens, width: values.width, height: values.height }), name + ".json");
+  save(await server.file("camera", { poses: [values.pose], lens: values.lens, turns: values.turns, width: values.width, height: values.height }), name + ".json");
   toast(`${name}.png and its camera, ${name}.json`);
 }
 function keysChanged() {
@@ -591,7 +595,7 @@ function record() { // adds a keyframe if the eye has moved
 async function makeFilm() {
   const tall = Number($("film-height").value), even = (x) => 2 * Math.round(x / 2);
   const values = { ...request(false), width: even(tall * lens.width / lens.height), height: tall, view: null, shutter: null };
-  await ask("film", { keys: state.keys, frame: values, seconds: Number($("film-seconds").value), ending: $("film-ending").value, closed: $("film-closed").checked });
+  await ask("film", { keys: state.keys, frame: values, seconds: Number($("film-seconds").value), ending: $("film-ending").value, closed: $("film-closed").checked, up: state.up });
   $("film-bar").hidden = false;
   $("film-get").hidden = true;
   for (;;) {
@@ -723,14 +727,14 @@ function connect() {
       reshape = { model: "pinhole", field_of_view: PLAIN_FIELD };
       return makeLens({ ...reshape, fit: windowShape() });
     }
-    if (kind === "id") { leavePhotograph(); return useLens(scene.lenses[Number(name)]); }
+    if (kind === "id") { leavePhotograph(); return useLens(ownLens(Number(name))); }
     reshape = { model: name };
     makeLens({ model: name, fit: windowShape() });
   });
   on("fov", "input", () => {
     $("fov-text").textContent = $("fov").value + "°";
     if (reshape) reshape.field_of_view = Number($("fov").value);
-    makeLens({ id: lens.id, field_of_view: Number($("fov").value) });
+    makeLens({ id: lens.id, turns: lens.turns, field_of_view: Number($("fov").value) });
   });
   on("lens-form", "submit", (event) => { event.preventDefault(); return makeLens({ path: $("lens-path").value }); });
   on("lens-file", "change", async () => {
@@ -749,8 +753,8 @@ function connect() {
   });
   on("key-remove", "click", () => { state.keys.pop(); keysChanged(); });
   on("key-save", "click", async () => {
-    const [width, height] = [lens.width, lens.height];
-    save(await server.file("camera", { poses: state.keys, lens: lens.id, width, height }), `${fileName()}-path.json`);
+    const { width, height, turns } = lens;
+    save(await server.file("camera", { poses: state.keys, lens: lens.id, turns, width, height }), `${fileName()}-path.json`);
   });
   on("film-make", "click", makeFilm);
   on("train-pause", "click", () => ask("training", { action: $("train-pause").textContent === "Pause" ? "pause" : "resume" }));

@@ -16,6 +16,7 @@ from tests.proving.paints import (
 from tests.proving.stage import Stage
 from tests.proving.world import Material, Mesh, Sky
 
+_GLAZED = 3  # every such picture hangs behind glass
 _INDOORS = Sky(ambient=(0.5, 0.48, 0.45), reach=1.6)
 
 
@@ -50,7 +51,7 @@ def hang_pictures(
     rng: np.random.Generator, mesh: Mesh, low: np.ndarray, high: np.ndarray, count: int
 ) -> None:
     """Hangs pictures on the walls of a room."""
-    for _ in range(count):
+    for number in range(count):
         side = int(rng.integers(4))
         wide, tall = rng.uniform(0.4, 1.4), rng.uniform(0.4, 1.1)
         axis, is_far = side // 2, side % 2
@@ -62,6 +63,10 @@ def hang_pictures(
         edge = np.zeros(3)
         edge[1 - axis] = wide
         mesh.add_quad(corner, edge, (0, 0, tall), draw_picture(rng))
+        if number % _GLAZED == 0:
+            before = corner.copy()
+            before[axis] += -0.02 if is_far else 0.02
+            mesh.add_quad(before, edge, (0, 0, tall), Material((0.95, 0.95, 0.95), glass=True))
 
 
 def build_hall(rng: np.random.Generator, style: Style) -> Stage:

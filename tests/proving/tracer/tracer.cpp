@@ -16,7 +16,7 @@ constexpr int kMostBounces = 3;        // reflections and panes along one ray
 constexpr float kLift = 2e-4f;         // start of secondary rays above a surface, of its distance
 constexpr float kLeastLift = 1e-4f;    // metres
 constexpr float kLampSoftness = 0.1f;  // m^2, keeps the light finite beside a lamp
-constexpr float kIndirect = 0.3f;      // light of surroundings that are themselves shaded
+constexpr float kIndirect = 0.08f;     // light of surroundings that are themselves shaded
 constexpr Vec3 kBounced{0.3f, 0.3f, 0.3f};  // light of the ground
 constexpr int kDirections = 2;              // to the surroundings, of each ray of a pixel
 constexpr float kFaint = 0.003f;            // share of a lamp's light at 1 m that is left out

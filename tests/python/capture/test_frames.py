@@ -1,6 +1,8 @@
 """Videos in: frames by sharpness and motion, time stamps, rotation, files that are broken."""
 
 import json
+import os
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -10,11 +12,13 @@ import gsut
 from gsut.capture import capture, find_changed_inputs
 from gsut.capture.choose import CandidateSearch, add_candidates, choose_frames, find_blurred
 from gsut.capture.frames import extract_frames
-from gsut.capture.video import Video, is_video
+from gsut.capture.video import Video, is_video, read_stream_start
 from small_videos import (
     HEIGHT,
     WIDTH,
     coded_otherwise,
+    damage_packets,
+    encode_film,
     frames_of_noise,
     stretch_second_half,
     texture,
@@ -128,14 +132,15 @@ def test_finished_folder_is_kept_and_a_missing_frame_made_again(tmp_path):
     assert len(list((fewer.path / "images").iterdir())) == 5
 
 
-def test_rotation_flag_is_honoured(tmp_path):
+@pytest.mark.parametrize("turns", [1, 2, 3])
+def test_rotation_flag_is_honoured(tmp_path, turns):
     video = walk(tmp_path / "walk.mp4", frames=20)
-    turn_by_quarter(video)
+    turn_by_quarter(video, turns=turns)
+    upright = np.rot90(view(texture(), 50.0), k=-turns)
     with Video(video) as source:
-        assert (source.width, source.height) == (HEIGHT, WIDTH)
+        assert (source.height, source.width) == upright.shape[:2]
     capture = extract_frames(video, tmp_path / "out")
     picture = cv2.imread(str(capture.path / "images" / capture.figures["frames"][0]["name"]))
-    upright = np.rot90(view(texture(), 50.0), k=-1)
     assert picture.shape == upright.shape
     assert np.abs(picture.astype(int) - upright).mean() < 12  # lossy
 
@@ -201,10 +206,84 @@ def test_video_that_ends_in_the_middle_is_used_and_said(tmp_path):
     data = video.read_bytes()
     video.write_bytes(data[: len(data) // 2])
     capture = extract_frames(video, tmp_path / "out")
-    (note,) = capture.notes
+    note, of_last = capture.notes
+    assert "are damaged and left out (1 of" in of_last
     assert "of 60 frames" in note and "cut off" in note
     assert capture.figures["frames_seen"] < 40
-    assert json.loads((capture.path / "capture.json").read_text())["notes"] == [note]
+    assert json.loads((capture.path / "capture.json").read_text())["notes"] == [note, of_last]
+
+
+@pytest.mark.parametrize(
+    ("codec", "name"),
+    [("mpeg4", "a.mp4"), ("libx264", "a.mp4"), ("libvpx-vp9", "a.webm"), ("libx265", "a.mp4")],
+)
+def test_frames_of_a_film_damaged_inside_are_left_out_and_said(codec, name, tmp_path):
+    ground = texture()
+    whole = encode_film(tmp_path / name, codec, (view(ground, 50 + 3 * i) for i in range(60)))
+    film = damage_packets(tmp_path / f"bad-{name}", whole, (29, 31))
+    with Video(whole) as source:
+        true = {round(30 * t): decode() for _, t, decode in source.read_frames()}
+        assert len(true) == 60 and not source.damaged
+    with Video(film) as source:
+        read = {round(30 * t): decode() for _, t, decode in source.read_frames()}
+        assert min(source.damaged) > 0.8 and max(source.damaged) < 1.7
+    sound = {number: picture for number, picture in read.items() if picture is not None}
+    assert len(sound) >= 24 and {0, 59} <= set(sound)
+    assert all((picture == true[number]).all() for number, picture in sound.items())
+    if codec == "mpeg4":
+        notes = "\n".join(extract_frames(film, tmp_path / "out").notes)
+        assert (
+            "frames of bad-a.mp4 between 1.0 and 1.2 s are damaged and left out (7 of 60)" in notes
+        )
+
+
+def test_films_pasted_into_one_file_are_said(tmp_path):
+    parts = [walk(tmp_path / f"{n}.mp4", frames=20 + n).read_bytes() for n in range(2)]
+    (tmp_path / "both.mp4").write_bytes(b"".join(parts))
+    notes = "\n".join(extract_frames(tmp_path / "both.mp4", tmp_path / "out").notes)
+    assert "both.mp4 is 2 films pasted together, of which the first is read" in notes
+
+
+def test_a_cut_is_said_and_a_fast_walk_or_a_flash_is_none(tmp_path):
+    ground = texture()
+    walked = [view(ground, 50 + 12.0 * i) for i in range(40)]
+    flash = [np.full_like(p, 255) if i == 20 else p for i, p in enumerate(walked)]
+    turned = np.ascontiguousarray(np.rot90(ground, 2))
+    cut = walked[:20] + [view(turned, 90 + 12.0 * i) for i in range(20)]
+    for name, pictures, is_cut in (("walk", walked, 0), ("flash", flash, 0), ("cut", cut, 1)):
+        film = write_video(tmp_path / f"{name}.mp4", pictures)
+        notes = extract_frames(film, tmp_path / name).notes
+        assert (
+            sum(f"{name}.mp4 is cut at 0.7 s" in n for n in notes)
+            == is_cut
+            == sum("is cut" in n for n in notes)
+        )
+
+
+def test_frame_rate_that_the_file_names_wrongly_does_not_choose_its_frames(tmp_path):
+    film = walk(tmp_path / "walk.mp4", frames=40)
+    video = write_stamps(tmp_path / "walk.mkv", film, lambda i: 512 * i)  # 30 a second
+    seen = extract_frames(video, tmp_path / "a").figures
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Video, "frame_rate", property(lambda _: 1000.0, _skip), raising=False)
+        told = extract_frames(video, tmp_path / "b").figures
+    assert [row["time"] for row in told["frames"]] == [row["time"] for row in seen["frames"]]
+    assert told["name_rate"] == told["frame_rate"] == 1000.0
+
+
+def _skip(*_):
+    """Takes a value that is not kept."""
+
+
+@pytest.mark.parametrize(
+    "name", [os.fsdecode(b"caf\xe9.mp4"), "http:a.mp4", "concat:a|b.mp4", "pipe:.mp4", "-a%03d.mp4"]
+)
+def test_video_of_any_name_is_a_file(name, tmp_path, monkeypatch):
+    walk_past(tmp_path / "a.mp4", 8)
+    (tmp_path / "a.mp4").rename(tmp_path / name)
+    monkeypatch.chdir(tmp_path)
+    assert len(extract_frames(name, "out").figures["frames"]) == 8
+    assert read_stream_start(Path(name), 0, 2)[0].shape[0] == 2
 
 
 def test_videos_are_told_by_their_names():

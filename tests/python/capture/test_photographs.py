@@ -12,6 +12,7 @@ import gsut
 from gsut.capture import capture, needs_capture
 from gsut.capture.exif import read_facts
 from gsut.capture.photographs import collect_photographs, find_photograph_files
+from gsut.sfm.lens.candidates import guess_lenses
 from gsut.sfm.lens.doubt import explain_contradiction
 from gsut.sfm.photographs.listing import find_photographs
 from small_videos import walk
@@ -82,32 +83,45 @@ def test_upright_and_smaller_photographs_of_one_camera_are_fitted(tmp_path):
     written = sorted(path.name for path in (tmp_path / "out/images").iterdir())
     assert written == ["small-jpg.jpg", "upright-jpg.jpg"]
     for row in found.figures["frames"]:
-        assert cv2.imread(str(found.path / row["path"])).shape[:2] == (48, 64)
+        stored = cv2.imread(str(found.path / row["path"]), cv2.IMREAD_IGNORE_ORIENTATION)
+        assert stored.shape[:2] == (48, 64)
 
 
-def test_other_cameras_and_shapes_are_left_out_by_name(tmp_path):
+def test_other_cameras_zooms_and_shapes_get_a_lens_each(tmp_path):
     for i in range(3):
         photograph(tmp_path / f"p/{i}.jpg")
     photograph(tmp_path / "p/other.jpg", model="Other")
     photograph(tmp_path / "p/square.jpg", (64, 64))
     photograph(tmp_path / "p/zoomed.jpg", focal=70)
+    photograph(tmp_path / "p/zoomed_small.jpg", (32, 24), focal=70)
     (tmp_path / "p/broken.jpg").write_bytes(b"\xff\xd8 no photograph")
     found = collect_photographs([tmp_path / "p"], tmp_path / "out")
-    assert len(found.figures["frames"]) == 3
-    broken, left_out = found.notes
+    broken, several = found.notes
     assert "broken.jpg" in broken and "copy it again" in broken
-    assert left_out.startswith("3 of 6 photographs are of another camera, zoom or shape")
-    assert "ACME Other, 64 x 48" in left_out and "other.jpg, square.jpg, zoomed.jpg" in left_out
+    assert several.startswith("the photographs are of 4 cameras, zooms or shapes")
+    assert "1 of ACME Other, 64 x 48" in several
+    groups = find_photographs(tmp_path / "out", None).groups
+    names = [row["name"] for row in found.figures["frames"]]
+    sorted_names = [{names[i] for i in group.images} for group in groups]
+    assert {"0.jpg", "1.jpg", "2.jpg"} in sorted_names and {"other.jpg"} in sorted_names
+    zoomed = groups[sorted_names.index({"zoomed.jpg", "zoomed_small-jpg.jpg"})]
+    assert zoomed.focal_px == pytest.approx(70 / np.hypot(36, 24) * 80)
+    assert {(c.width, c.height) for group in groups for c in group.candidates} == {
+        (64, 48), (64, 64)
+    }  # fmt: skip
 
 
-def test_other_size_without_exif_is_no_guess(tmp_path):
+def test_other_size_without_exif_is_a_lens_of_its_own(tmp_path):
     for i in range(3):
         photograph(tmp_path / f"p/{i}.jpg")
     cv2.imwrite(str(tmp_path / "p/edited.png"), np.zeros((64, 48, 3), np.uint8))
-    assert len(collect_photographs([tmp_path / "p"], tmp_path / "out").figures["frames"]) == 4
+    assert "cameras" not in collect_photographs([tmp_path / "p"], tmp_path / "out").figures
     cv2.imwrite(str(tmp_path / "p/edited.png"), np.zeros((72, 96, 3), np.uint8))
-    with pytest.raises(gsut.InputError, match=r"different sizes.*edited\.png is 96 x 72"):
-        collect_photographs([tmp_path / "p"], tmp_path / "out")
+    collect_photographs([tmp_path / "p"], tmp_path / "out")
+    groups = guess_lenses(find_photographs(tmp_path / "out", None), None).groups
+    assert sorted(len(group.images) for group in groups) == [1, 3]
+    (alone,) = [group for group in groups if len(group.images) == 1]
+    assert alone.focal_px is None and not alone.candidates
 
 
 def test_sixteen_bits_grey_and_cmyk_are_read(tmp_path):
@@ -121,6 +135,29 @@ def test_sixteen_bits_grey_and_cmyk_are_read(tmp_path):
     cmyk = cv2.imread(str(tmp_path / "out/images/cmyk-jpg.jpg")).astype(int)
     straight = np.linspace(0, 255, 48 * 64).reshape(48, 64)
     assert np.abs(cmyk.mean(axis=2) - straight).mean() < 3
+
+
+def test_copies_of_photographs_whose_names_meet_are_each_written(tmp_path):
+    names = ("p/a/b.heic", "p/a-b.heic", "p/a-b.HEIC")
+    pytest.importorskip("pillow_heif").register_heif_opener()
+    (tmp_path / "p").mkdir()
+    for name in names:
+        photograph(tmp_path / name, (128, 96))
+    found = collect_photographs([tmp_path / "p/a", tmp_path / "p"], tmp_path / "out")
+    written = {(tmp_path / "out" / row["path"]).resolve() for row in found.figures["frames"]}
+    assert len(written) == len(names) == len(list((tmp_path / "out/images").iterdir()))
+
+
+@pytest.mark.parametrize("suffix", ["heic", "tif"])
+def test_a_photograph_cut_in_half_is_left_out_and_said(tmp_path, suffix):
+    pytest.importorskip("pillow_heif").register_heif_opener()
+    mode = "CMYK" if suffix == "tif" else "RGB"  # which is written again
+    for i in range(3):
+        path = photograph(tmp_path / f"p/{i}.{suffix}", (128, 96), mode)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    found = collect_photographs([tmp_path / "p"], tmp_path / "out")
+    assert len(found.figures["frames"]) == 2
+    assert any(f"left out: {path}" in note for note in found.notes)
 
 
 def test_heic_is_read_upright(tmp_path):

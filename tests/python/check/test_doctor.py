@@ -138,10 +138,10 @@ NOTICED = {
     "upside down": (change_poses(lambda m: D @ m), "info", ["upside down"]),
     "points that no view sees": (
         change_poses(lambda m: m @ D),
-        "error", ["the median view sees only 0.00% of the points"],
+        "error", ["no view sees any of the points"],
     ),
     "rolling shutter": (
-        add_equal_shutter_poses, "warning", ["10 views have rolling-shutter poses"],
+        add_equal_shutter_poses, "info", ["10 views have rolling-shutter poses"],
     ),
     "a pose far away": (
         lambda v: place_at_frame(v, [99, 0, 3]),
@@ -209,7 +209,8 @@ def test_diagnose_points_of_other_units_are_noticed(tmp_path):
     write(tmp_path)
     xyz, rgb = small.points()
     small.write_ply(tmp_path / "points3D.ply", 1000 * (xyz + np.array([0.3, 0, 0])), rgb)
-    assert "may have different units" in texts(tmp_path, "warning")
+    # A note only: cameras that turn on the spot see points as far away beside their own extent.
+    assert "may have different units" in texts(tmp_path, "info")
 
 
 @pytest.mark.parametrize(
@@ -218,7 +219,7 @@ def test_diagnose_points_of_other_units_are_noticed(tmp_path):
         ("fox", ["17 of 67 images do not exist"]),
         ("sponza_fisheye_tiny", []),
         ("sponza_fisheye", []),
-        ("helmet_distorted_rs", ["rolling-shutter poses"]),
+        ("helmet_distorted_rs", []),
     ],
 )
 def test_diagnose_shared_dataset_warns_of_its_known_faults_only(shared, name, warnings):

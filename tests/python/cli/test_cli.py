@@ -3,6 +3,7 @@
 import argparse
 import functools
 import importlib
+import io
 import json
 import os
 import subprocess
@@ -123,11 +124,15 @@ def test_every_command_has_json(command):
     assert "--json" in leaves[-1].format_help()
 
 
-def test_version_is_the_cores(capsys):
-    with pytest.raises(SystemExit) as caught:
+def test_version_names_compiler_libraries_and_instruction_set(capsys):
+    with pytest.raises(SystemExit) as ended:
         main(["--version"])
-    assert caught.value.code == 0
-    assert capsys.readouterr().out == f"gsut {gsut.__version__}\n"
+    assert ended.value.code == 0
+    said = capsys.readouterr().out
+    build = gsut.machine.describe_build()
+    assert said.startswith(f"gsut {gsut.__version__}\n")
+    assert all(f"{name}: {build[name]}" in said for name in ("compiler", "eigen", "highway"))
+    assert gsut.machine.active_isa() in said
 
 
 # Refusals.
@@ -428,6 +433,28 @@ def test_progress_shows_step_loss_gaussians_and_the_last_psnr():
     assert [
         w for w in ("100%", "100/100", "loss 0.0625", "20,000", "21.23 dB") if w not in last
     ] == []
+
+
+def test_progress_in_a_log_has_a_line_a_report_after_some_seconds(monkeypatch):
+    log, now = io.StringIO(), [1000.0]
+    monkeypatch.setattr("tqdm.std.time", lambda: now[0])
+    for seconds, lines in ((1.0, 0), (60.0, 4)):
+        with Progress(file=log) as progress:
+            for done in range(1, 5):
+                progress.show("views", done, 4)
+                now[0] += seconds
+        assert len(log.getvalue().splitlines()) == lines
+    assert "\r" not in log.getvalue()
+    assert "100%" in log.getvalue().splitlines()[-1]
+
+
+@pytest.mark.parametrize(
+    ("words", "command"),
+    [("render RUN --foo", "render"), ("data convert A B --foo", "data convert"), ("mesh", "mesh")],
+)
+def test_wrong_flag_points_to_the_help_of_its_command(words, command, capsys):
+    assert main(words.split()) == 2
+    assert f"(see gsut {command} --help)" in capsys.readouterr().err
 
 
 def test_progress_disabled_writes_nothing(capsys):

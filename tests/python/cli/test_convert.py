@@ -1,5 +1,6 @@
 """Tests `gsut convert`: what it writes, prints and refuses."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -23,7 +24,16 @@ def test_convert_writes_the_format_of_the_suffix_and_prints_what_it_cost(ply, tm
     assert main(["convert", str(ply), str(tmp_path / "out.spz")]) == 0
     assert len(gsut.load_gaussians(tmp_path / "out.spz")) == 200
     said = capsys.readouterr().out
-    assert "200 Gaussians" in said and "(SPZ)" in said and "positions within" in said
+    assert "200 Gaussians" in said and "(SPZ)" in said
+    assert "no difference from the scene can be seen" in said
+
+
+def test_convert_says_how_far_the_picture_is_from_the_scene(tmp_path, rng, capsys):
+    scene = plain_scene(rng, 200, 16)
+    gsut.formats.save_ply(tmp_path / "in.ply", dataclasses.replace(scene, sh=3 * scene.sh))
+    assert main(["convert", str(tmp_path / "in.ply"), str(tmp_path / "out.splat")]) == 0
+    said = capsys.readouterr().out
+    assert "of 255 levels on average" in said and "before you delete the original" in said
 
 
 def test_convert_json_has_the_errors_of_the_file(ply, tmp_path, capsys):
@@ -65,7 +75,7 @@ def test_convert_takes_the_folder_of_a_run(tmp_path, monkeypatch, capsys):
     [
         (["in.ply", "out.obj"], "no format to write has this suffix; known: "),
         (["in.ply", "in.ply"], "exists; give another name (nothing was overwritten)"),
-        (["nowhere.ply", "out.spz"], "nowhere.ply: cannot be opened"),
+        (["nowhere.ply", "out.spz"], "nowhere.ply: no such file or folder"),
         ([".", "out.spz"], "holds no run"),
         (["in.ply", "out.spz", "--for", "viewers"], "in.ply is a file, give the folder of a run"),
         (["in.ply", "out.spz", "--set", "steps=9"], "--set steps belongs to --for viewers"),

@@ -2,6 +2,7 @@
 
 import argparse
 import contextlib
+import errno
 import json
 import os
 import re
@@ -9,6 +10,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -102,6 +104,38 @@ def test_an_error_that_cannot_be_told_keeps_its_status(monkeypatch):
         assert main(["doctor", "nowhere"]) == EXIT_INPUT
         with contextlib.suppress(OSError):
             full.close()
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+def test_standard_error_on_a_full_disk_ends_no_command(monkeypatch, tmp_path, capsys):
+    with open("/dev/full", "w", buffering=1) as full:
+        monkeypatch.setattr("sys.stderr", full)
+        (tmp_path / "lens.json").write_text(
+            '{"model": "pinhole", "width": 8, "height": 8, "params": [9, 9, 4, 4]}'
+        )
+        with monkeypatch.context() as patch:
+            patch.setattr("gsut.cli._refuse_empty", lambda _: print("a", file=sys.stderr))
+            status = main(["camera", "convert", str(tmp_path / "lens.json"), "opencv5"])
+        assert (status, sys.stderr is full) == (0, False)  # which flushes nothing at the end
+        with contextlib.suppress(OSError):
+            full.close()
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        MemoryError(), OSError(errno.ENOMEM, "Cannot allocate memory"),
+        cv2.error("(-4:Insufficient memory) Failed to allocate 9 bytes in OutOfMemoryError"),
+        RuntimeError("can't start new thread"), RuntimeError("std::bad_alloc"),
+    ],
+)  # fmt: skip
+def test_memory_that_is_short_is_said_alike_whoever_finds_it(error, monkeypatch, capsys):
+    def fail(_):
+        raise error
+
+    monkeypatch.setattr("gsut.cli._refuse_empty", fail)
+    assert main(["doctor", "data"]) == EXIT_INPUT
+    assert capsys.readouterr().err.startswith("gsut: error: the memory does not suffice: use")
 
 
 @pytest.mark.parametrize(

@@ -53,6 +53,22 @@ def test_jpeg_padded_by_its_camera_is_read(tmp_path, jpeg):
     np.testing.assert_array_equal(padded, whole)
 
 
+@pytest.mark.parametrize("flag", [cv2.IMWRITE_JPEG_OPTIMIZE, cv2.IMWRITE_JPEG_QUALITY])
+@pytest.mark.parametrize("blank", [b"\0", b"\xff"])
+@pytest.mark.parametrize("share", [0.3, 0.97])
+def test_jpeg_of_blanks_up_to_an_intact_end_is_named(tmp_path, jpeg, share, blank, flag):
+    pixels = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
+    data = cv2.imencode(".jpg", pixels, [flag, 30 if flag == cv2.IMWRITE_JPEG_QUALITY else 1])[
+        1
+    ].tobytes()
+    kept = int(share * len(data))
+    blanked = data[:kept] + blank * (len(data) - kept - 2) + data[-2:]
+    with pytest.raises(DatasetError, match=r"a.jpg: the JPEG file is damaged: .*; copy or export"):
+        decode_from(tmp_path / "a.jpg", blanked)
+    padded = decode_from(tmp_path / "a.jpg", data[:-2] + blank * 5000 + data[-2:])
+    np.testing.assert_array_equal(padded, decode_from(tmp_path / "a.jpg", data))
+
+
 def decode_from(path, data):
     path.write_bytes(data)
     return decode_image(path)[0]

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -40,6 +41,24 @@ def test_a_dataset_is_the_same_in_every_layout(to, tmp_path):
     gsut.convert_dataset(tmp_path / "in", tmp_path / "out", to)
     assert_same(gsut.load_dataset(tmp_path / "out", test_every=0), scene)
     assert [p.name for p in tmp_path.iterdir() if p.name.startswith(UNFINISHED)] == []
+
+
+@pytest.mark.parametrize("to", ["colmap", "folder", "nerfstudio"])
+@pytest.mark.parametrize("place", ["", "../images/"])
+def test_images_whose_names_meet_below_images_all_keep_their_pixels(place, to, tmp_path):
+    data = small.write_nerfstudio(tmp_path / "in")
+    values = json.loads((data / "transforms.json").read_text())
+    first, second = (values["frames"][i]["file_path"] for i in (0, 1))
+    values["frames"][1]["file_path"] = place + Path(first).name
+    (data / place).mkdir(exist_ok=True)
+    (data / second).rename(data / values["frames"][1]["file_path"])
+    (data / "transforms.json").write_text(json.dumps(values))
+    scene = gsut.load_dataset(data, test_every=0)
+    gsut.convert_dataset(data, tmp_path / "out", to)
+    found = gsut.load_dataset(tmp_path / "out", test_every=0)
+    assert len(found) == len(scene) == small.VIEWS
+    pixels = {scene.image(i).tobytes() for i in range(len(scene))}
+    assert {found.image(i).tobytes() for i in range(len(found))} == pixels
 
 
 @pytest.mark.parametrize("to", ["colmap", "colmap-text", "euroc", "folder", "nerfstudio"])

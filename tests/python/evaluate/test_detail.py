@@ -4,9 +4,9 @@ import cv2
 import numpy as np
 import pytest
 
-from gsut.evaluate.detail import measure_detail
+from gsut.evaluate.detail import measure_detail, measure_shifted_detail
 from gsut.metrics import psnr
-from gsut.run.verdicts.training import GOOD, POOR
+from gsut.run.verdicts.training import _SHIFT_GAIN, GOOD, POOR
 
 
 @pytest.fixture(scope="module")
@@ -52,3 +52,22 @@ def test_detail_counts_what_the_mask_keeps_and_pictures_without_any(photograph):
     plain = np.full_like(photograph, 90)
     assert measure_detail(plain, plain / np.float32(255), ALL) == 1.0
     assert measure_detail(plain[:3, :3], plain[:3, :3] / np.float32(255), ALL[:3, :3]) == 1.0
+
+
+def test_shift_brings_back_detail_of_a_turned_camera_and_none_of_a_blurred_or_spoilt_picture(
+    photograph,
+):
+    true = photograph / np.float32(255)
+    found = {}
+    for name, image in {
+        "shifted": np.roll(true, (3, -5), axis=(0, 1)),
+        "blurred": cv2.GaussianBlur(true, (0, 0), 3),
+        "half of it gone": np.where(ALL[..., None] & (np.arange(800)[:, None] < 400), true, 0.5),
+        "right": true,
+    }.items():
+        image = image.astype(np.float32)
+        found[name] = measure_shifted_detail(photograph, image, ALL) - measure(photograph, image)
+    print(found)
+    assert found.pop("shifted") > GOOD - POOR
+    assert max(found.values()) < _SHIFT_GAIN
+    assert measure_shifted_detail(photograph[:3, :3], true[:3, :3], ALL[:3, :3]) == 1.0

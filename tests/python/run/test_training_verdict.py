@@ -21,7 +21,9 @@ SOFT = {"psnr": 25.0, "detail_median": 0.6, "detail_min": 0.5, "detail_train": 0
     [
         ({}, "good", "", "gsut view run"),
         (SOFT, "usable", "steps and Gaussians are few", "gsut train data -o run-2 --preset best"),
-        ({**SOFT, "detail_median": 0.2}, "poor", "or poses are wrong", "--preset best"),
+        ({**SOFT, "detail_median": 0.2}, "poor", "steps and Gaussians are few", "--preset best"),
+        ({**SOFT, "detail_shifted_median": 0.7}, "usable", "poses or the lens are wrong", "doctor"),
+        ({**SOFT, "detail_train": 0.9, "detail_shifted_median": 0.61}, "usable", "too few", ""),
         ({**SOFT, "detail_train": 0.9}, "usable", "too few photographs", "photograph more"),
         ({"psnr": 18.0}, "good", "", "gsut view run"),
         ({"psnr": 25.0, "psnr_color_corrected": 29.0}, "good", "brightness or colours", ""),
@@ -38,6 +40,12 @@ def test_verdict_of_a_training(changes, level, reason, advice):
     assert Verdict.from_dict(verdict.as_dict()) == verdict
     if changes.get("psnr", 30.0) is not None:
         assert "% of the detail is right" in verdict.what
+
+
+def test_verdict_states_the_share_that_no_training_view_saw_where_there_is_one():
+    said = [judge_training(GOOD | {"unseen": u}, "data", "run").what for u in (0.0, 0.004, 0.07)]
+    assert ["no training view" in what for what in said] == [False, False, True]
+    assert "7 % of the pixels show what no training view saw" in said[-1]
 
 
 def options_of(command, kind):

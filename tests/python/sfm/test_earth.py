@@ -9,7 +9,7 @@ import pytest
 import tolerances
 from gsut import _core
 from gsut.sfm.solution.result import Solution
-from gsut.sfm.world.earth import find_earth, move_to_earth
+from gsut.sfm.world.earth import find_earth, find_stated_up, move_to_earth
 
 COUNT = 24
 SCALE = 7.0  # metres in a unit of the world
@@ -136,12 +136,19 @@ def test_one_place_for_all_images_says_nothing():
     assert "1 place(s)" in earth.notes[0] and earth.figures["up"] == "by the cameras"
 
 
-@pytest.mark.parametrize(("roll", "heading", "known"), [(3, 300, True), (40, 300, False)])
-def test_up_is_known_where_cameras_were_held_level(roll, heading, known):
+@pytest.mark.parametrize(
+    ("roll", "heading", "how"),
+    [(3, 300, "by the cameras"), (40, 300, "roughly, by the cameras' mean")],
+)
+def test_scene_stands_by_how_cameras_were_held(roll, heading, how):
     solution, _ = made(np.random.default_rng(6), roll=roll, heading=heading)
     earth = find_earth(solution, upright(solution), {})
-    assert (earth is not None) == known
+    assert earth.figures["up"] == how
+    ups = -solution.camera_from_world[:, 1, :3]
+    assert (earth.rotation @ ups.mean(axis=0))[1] < 0
+    assert find_stated_up({"earth": earth.figures}) == (0, -1, 0)
     assert find_earth(solution, {}, {}) is None
+    assert find_stated_up({}) is None
 
 
 def test_photographs_on_their_side_tell_up_by_exif():

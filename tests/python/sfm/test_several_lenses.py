@@ -14,7 +14,7 @@ from gsut.sfm.lens.doubt import judge_lens
 from gsut.sfm.matches.matching import match_images
 from gsut.sfm.photographs.listing import LensGroup, _group_by_folder
 from synthetic_rig import STEREO, SyntheticRig
-from synthetic_walk import quiet
+from synthetic_walk import Synthetic, quiet
 
 LENSES = (
     gsut.Camera("opencv4", [940, 940, 640, 480, 0, 0, 0, 0], 1280, 960),
@@ -123,3 +123,18 @@ def test_folders_of_images_without_a_lens_are_cameras_of_their_own(scene):
     groups = start(scene).groups
     assert all(isinstance(group, LensGroup) for group in groups)
     assert sorted(i for group in groups for i in group.images) == list(range(2 * FRAMES))
+
+
+def test_photographs_of_a_camera_each_all_get_a_pose_and_their_focal_length(monkeypatch):
+    lens = gsut.Camera("opencv4", [600, 600, 500, 505, 0, 0, 0, 0], 1000, 1010)
+    zooms = [1.0, 0.9, 1.2, 1.1, 0.85, 1.0, 1.15, 0.95]
+    walk = Synthetic(np.random.default_rng(11), camera=lens, zooms=zooms)
+    mapping = walk.mapping(OPTIONS)
+    each = tuple(LensGroup(f"{i}", np.array([i])) for i in range(len(zooms)))
+    unknown = dataclasses.replace(mapping.photographs, cameras=[None] * len(zooms), groups=each)
+    monkeypatch.setattr("gsut.sfm.lens.candidates.read_header", lambda path: lens)
+    mapping = dataclasses.replace(mapping, photographs=guess_lenses(unknown, None))
+    search_lenses(mapping)
+    assert mapping.solved.num_registered == len(zooms)
+    for found, zoom in zip(mapping.solved.cameras, zooms, strict=True):
+        assert found.params[0] == pytest.approx(600 * zoom, rel=tolerances.LENS_EACH_FOCAL)

@@ -177,6 +177,9 @@ def many(solution):
         # Little for a lens that was given; one that was estimated may have had fast motion.
         ({"agreeing": 0.35}, "poor", "of the matches agree"),
         ({"agreeing": 0.35, "doubt": doubt(0.001)}, "usable", "of the matches agree"),
+        ({"agreeing": 0.55}, "usable", "of the matches agree"),
+        ({"agreeing": 0.7}, "good", ""),
+        ({"agreeing": 0.7, "shutter": "top_to_bottom"}, "usable", "turned by 90 degrees"),
         ({"doubt": doubt(0.02)}, "usable", "known only to 4.0 %"),
         ({"doubt": doubt(math.inf)}, "poor", "not determined"),
         ({"doubt": doubt(0.0, "the camera turned, so: walk")}, "usable", "turned"),

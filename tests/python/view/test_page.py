@@ -1,5 +1,7 @@
 """The page in a headless browser: its pixels are the renderer's, its parts work, nothing fails."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -13,7 +15,10 @@ from tolerances.view import MEASURED
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):
-    return small_run.scene_from_arrays(tmp_path_factory.mktemp("page"))
+    scene = small_run.scene_from_arrays(tmp_path_factory.mktemp("page"))
+    views = list(scene.views)
+    views[2] = dataclasses.replace(views[2], turns=1)
+    return scene.replace(views=views)
 
 
 @pytest.fixture(scope="module")
@@ -43,6 +48,17 @@ def test_lossless_canvas_has_the_bits_of_render(window, scene, gaussians):
     truth = gsut.render(gaussians, scene.cameras[0], scene.views[1].camera_from_world)
     np.testing.assert_array_equal(found[..., :3], gsut.rendering.to_uint8(truth.image))
     assert np.all(found[..., 3] == 255)
+    window.run("state.lossless = false; redraw();")
+
+
+def test_photograph_of_a_phone_held_upright_stands_upright(window, scene, gaussians):
+    window.run("goTo(2); state.lossless = true;")
+    window.wait("JSON.parse(document.body.dataset.frame).view === 2")
+    window.wait("JSON.parse(document.body.dataset.frame).lossless && !busy && !wanted")
+    found = window.read_canvas()
+    truth = gsut.render(gaussians, scene.cameras[0], scene.views[2].camera_from_world)
+    expected = np.rot90(gsut.rendering.to_uint8(truth.image), -1)
+    np.testing.assert_array_equal(found[..., :3], expected)
     window.run("state.lossless = false; redraw();")
 
 

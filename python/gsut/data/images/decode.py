@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 import struct
 import zlib
@@ -13,6 +12,7 @@ import numpy as np
 
 from gsut.data.errors import DatasetError
 from gsut.files import check_regular
+from gsut.orientation import EXIF_HEADER, read_orientation
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp")
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -20,24 +20,30 @@ _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 _JPEG_BARE = frozenset({0x01, *range(0xD0, 0xD9)})  # markers without a length
 _JPEG_START = b"\xff\xd8"
+_JPEG_EXIF = 0xE1  # marker of EXIF and of XMP
 # What the decoder says of data that no encoder writes, and of which it made the picture up.
-_JPEG_DAMAGE = ("premature end", "bad Huffman code", "extraneous bytes")
+_JPEG_EXTRA = "extraneous bytes"
+_JPEG_DAMAGE = ("premature end", "bad Huffman code", _JPEG_EXTRA)
+_JPEG_END = b"\xff\xd9"
+_LEAST_PADDING = 4  # bytes: the data of a picture may end in a few zeros
+_KEPT_PADDING = 64  # bytes that may be data of the picture: less than one row of blocks
 _PNG_CHANNELS = {2: 3, 4: 2, 6: 4}  # of other types one
 _DEFLATES = 1040  # bytes that one of zlib can stand for, at most (1032)
 _COPY_AGAIN = "copy or export the file again"
 
 
 class ImageHeader(NamedTuple):
-    """Size of an image in pixels."""
+    """Size of an image in pixels, and EXIF's orientation, 1 for upright."""
 
     width: int
     height: int
+    orientation: int = 1
 
 
 def read_header(path: Path) -> ImageHeader:
     """Reads an image's size from the first bytes of PNG and JPEG files, else by decoding it.
 
-    The size is that of the stored pixels: EXIF orientation is not applied.
+    The size is that of the stored pixels: EXIF's orientation is returned, not applied.
 
     Raises:
         DatasetError: the file is not an image, or ends within the header.
@@ -53,10 +59,10 @@ def read_header(path: Path) -> ImageHeader:
                     path, f"says {width} x {height} pixels, more than its {size} bytes can hold",
                     _COPY_AGAIN,
                 )  # fmt: skip
-            return ImageHeader(width, height)
+            return ImageHeader(width, height, _read_png_orientation(file))
         if head.startswith(_JPEG_START):
             file.seek(2)
-            return ImageHeader(*_read_jpeg_size(file, path))
+            return _read_jpeg_header(file, path)
     pixels, _ = decode_image(path)
     return ImageHeader(pixels.shape[1], pixels.shape[0])
 
@@ -70,7 +76,21 @@ def _open(path: Path):
         ) from error
 
 
-def _read_jpeg_size(file, path: Path) -> tuple[int, int]:
+def _read_png_orientation(file) -> int:
+    """Reads the orientation of a PNG whose EXIF stands before its pixels, as it should."""
+    file.seek(len(_PNG_SIGNATURE))
+    while len(start := file.read(8)) == 8:
+        length, kind = struct.unpack(">I4s", start)
+        if kind == b"eXIf":
+            return read_orientation(file.read(length))
+        if kind == b"IDAT":
+            break
+        file.seek(length + 4, 1)
+    return 1
+
+
+def _read_jpeg_header(file, path: Path) -> ImageHeader:
+    orientation = 1
     while True:
         start = file.read(4)
         if len(start) < 4 or start[0] != 0xFF:
@@ -83,7 +103,11 @@ def _read_jpeg_size(file, path: Path) -> tuple[int, int]:
             if len(frame) < 5:
                 raise DatasetError(path, "the JPEG file is truncated in its header", _COPY_AGAIN)
             height, width = struct.unpack(">HH", frame[1:])
-            return width, height
+            return ImageHeader(width, height, orientation)
+        elif marker == _JPEG_EXIF:
+            block = file.read(max(0, length - 2))
+            if block.startswith(EXIF_HEADER):
+                orientation = read_orientation(block[len(EXIF_HEADER) :])
         else:
             file.seek(length - 2, 1)
 
@@ -179,8 +203,11 @@ def _decode(path: Path, reduction: int = 1) -> np.ndarray:
     _require_complete(data, path)
     pixels = _decode_jpeg(data, path, reduction) if data.startswith(_JPEG_START) else None
     if pixels is None:
-        with contextlib.suppress(cv2.error):
+        try:
             pixels = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
+        except cv2.error as error:
+            if error.code == cv2.Error.StsNoMem:
+                raise MemoryError(str(error)) from error
     if pixels is None:
         raise DatasetError(path, "cannot be decoded as an image", f"{_COPY_AGAIN} as PNG or JPEG")
     return pixels
@@ -202,16 +229,27 @@ def _decode_jpeg(data: bytes, path: Path, reduction: int) -> np.ndarray | None:
         least = {"min_height": -(-height // reduction), "min_width": -(-width // reduction)}
         pixels = simplejpeg.decode_jpeg(data, color, **least)
     except ValueError as error:
-        if any(words in str(error) for words in _JPEG_DAMAGE) and not _is_padded(data):
+        extra = _JPEG_EXTRA in str(error) and _is_padded(data)
+        if any(words in str(error) for words in _JPEG_DAMAGE) and not extra:
             raise DatasetError(path, f"the JPEG file is damaged: {error}", _COPY_AGAIN) from None
         return None  # OpenCV reads past it
     return pixels[:, :, 0] if color == "GRAY" else pixels
 
 
 def _is_padded(data: bytes) -> bool:
-    """Returns whether blanks fill the space before a JPEG's end, as some cameras write them."""
-    end = data.rfind(b"\xff\xd9")
-    return end > 0 and data[end - 4 : end] in (bytes(4), b"\xff" * 4)
+    """Returns whether blanks fill the space between a JPEG's data and its end, as some cameras
+    write them. Without them the picture is whole: else they stand in place of its data."""
+    import simplejpeg
+
+    end = data.find(_JPEG_END, _find_scan_start(data) or 0)
+    last = len(data[:end].rstrip(b"\0\xff"))
+    if end - last < _LEAST_PADDING:
+        return False
+    try:
+        simplejpeg.decode_jpeg(data[: min(end, last + _KEPT_PADDING)] + _JPEG_END, min_height=1)
+    except ValueError as error:
+        return _JPEG_EXTRA in str(error)
+    return True
 
 
 def _require_complete(data: bytes, path: Path) -> None:
@@ -244,7 +282,7 @@ def _require_complete(data: bytes, path: Path) -> None:
         # In the compressed data FF is always followed by 00 or a marker: FF D9 is the end.
         # Previews in the header have an end of their own, so search after the start of scan.
         scan = _find_scan_start(data)
-        if scan is None or data.find(b"\xff\xd9", scan) < 0:
+        if scan is None or data.find(_JPEG_END, scan) < 0:
             raise DatasetError(
                 path, f"the JPEG file is truncated: it ends after {len(data)} bytes", _COPY_AGAIN
             )

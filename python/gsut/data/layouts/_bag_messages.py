@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ import numpy as np
 from gsut._core import InputError
 from gsut.data.poses import NANOSECONDS, invert_pose, pose_from_quaternion
 from gsut.files import write_file
-from gsut.lens import Camera, load_camera
+from gsut.lens import Camera, camera_from_info, save_camera
 
 _SUFFIXES = {b"\xff\xd8": ".jpg", b"\x89P": ".png"}  # of compressed pictures, by their first bytes
 # Bayer patterns by the colours of the first two pixels of the first row: OpenCV names the second
@@ -102,49 +101,16 @@ def _decode_pixels(message: Any, where: str) -> np.ndarray:
 
 
 def read_lens(message: Any, folder: Path, where: str, rectified: bool) -> Camera:
-    """Reads the lens of a sensor_msgs CameraInfo.
+    """Reads the lens of a sensor_msgs CameraInfo, see `gsut.lens.camera_from_info`.
 
     Args:
-        message: the message.
-        folder: to write the lens file to that is read, which stays there.
+        message, rectified: see there.
+        folder: for the lens file.
         where: topic, for messages.
-        rectified: the pictures are rectified: then P, without distortion, is their lens.
-
-    Raises:
-        InputError: the camera is not calibrated, or the pictures are a part of its.
-        CalibrationError: a distortion that gsut does not have.
     """
-    k, d, p = (np.ravel(_get_either(message, name)) for name in ("k", "d", "p"))
-    matrix = np.reshape(p, (3, 4))[:, :3] if rectified else np.reshape(k, (3, 3))
-    if not matrix.any():
-        raise InputError(
-            f"{where}: the camera is not calibrated ({'P' if rectified else 'K'} is all zero); "
-            "give its lens with --lens"
-        )
-    roi = message.roi
-    parts = {"binning_x": message.binning_x > 1, "binning_y": message.binning_y > 1,
-             "roi": bool(roi.x_offset or roi.y_offset)}  # fmt: skip
-    for name, is_part in parts.items():
-        if is_part:
-            raise InputError(
-                f"{where}: '{name}' says that the pictures are a part of the camera's, or smaller; "
-                "give the lens of these pictures with --lens"
-            )
-    values = {
-        "image_width": int(message.width),
-        "image_height": int(message.height),
-        "distortion_model": "plumb_bob" if rectified else str(message.distortion_model),
-        "camera_matrix": matrix.ravel().tolist(),
-        "distortion_coefficients": [] if rectified else d.tolist(),
-    }
-    file = folder / "camera_info.json"
-    write_file(file, json.dumps(values))
-    return load_camera(file)
-
-
-def _get_either(message: Any, name: str) -> Any:
-    """Returns a field whose name ROS 1 writes with a capital letter and ROS 2 with a small one."""
-    return getattr(message, name) if hasattr(message, name) else getattr(message, name.upper())
+    camera = camera_from_info(message, rectified=rectified, topic=where)
+    save_camera(camera, folder / "camera_info.json")
+    return camera
 
 
 def read_pose(message: Any, where: str) -> np.ndarray | None:

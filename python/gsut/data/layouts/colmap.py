@@ -23,7 +23,7 @@ from gsut.data.colmap import (
     read_points_txt,
 )
 from gsut.data.errors import DatasetError, OnError, list_some, raise_error
-from gsut.data.export import Export, list_losses, place_images, strip_images_folder
+from gsut.data.export import Export, list_losses, place_images
 from gsut.data.images import find_mask
 from gsut.data.layouts._layout import Layout
 from gsut.data.listing import Frame, Listing
@@ -181,9 +181,7 @@ def write_colmap_text(folder: Path, export: Export) -> list[str]:
 
 def _model(export: Export) -> ColmapModel:
     images = [
-        ColmapImage(
-            number, strip_images_folder(frame), frame.camera, invert_pose(frame.world_from_camera)
-        )
+        ColmapImage(number, frame.name, frame.camera, invert_pose(frame.world_from_camera))
         for number, frame in enumerate(export.frames, 1)
     ]
     return ColmapModel(images, export.points, export.point_colors)

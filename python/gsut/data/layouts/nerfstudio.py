@@ -15,7 +15,7 @@ import numpy as np
 
 from gsut._core import InputError, Shutter
 from gsut.data.errors import DatasetError, OnError, raise_error
-from gsut.data.export import POINTS, Export, place_images, strip_images_folder
+from gsut.data.export import POINTS, Export, place_images
 from gsut.data.images import read_header
 from gsut.data.layouts._layout import Layout
 from gsut.data.layouts.colmap import find_model, read_points
@@ -57,6 +57,7 @@ def read_nerfstudio(path: Path, *, on_error: OnError = raise_error) -> Listing:
             _read_frame(frame, values, listing, cameras)
         except InputError as error:
             on_error(error)
+    listing.up = _read_up(values, source)
     listing.listed_train = _read_names(values, "train_filenames", source)
     listing.listed_test = _read_names(values, "test_filenames", source)
     validation = _read_names(values, "val_filenames", source)
@@ -192,6 +193,19 @@ def _make_frame_camera(
     return cameras[key]
 
 
+def _read_up(values: dict, source: Path) -> np.ndarray | None:
+    """Reads the direction 'up' in the world, which gsut writes where it is known."""
+    if values.get("up") is None:
+        return None
+    try:
+        up = np.array(values["up"], np.float64).reshape(3)
+    except (TypeError, ValueError, OverflowError):
+        up = np.zeros(3)
+    if not np.isfinite(up).all() or not up.any():
+        raise DatasetError(source, "'up' is not a direction", "write three numbers, or drop it")
+    return up
+
+
 def _read_names(values: dict, key: str, source: Path) -> list[str] | None:
     names = values.get(key)
     if names is None:
@@ -231,13 +245,9 @@ def write_nerfstudio(folder: Path, export: Export) -> list[str]:
     """Writes the dataset; returns what the layout cannot hold."""
     frames = place_images(export, folder)
     export.write_points(folder / POINTS)
-    test = None
-    if export.test is not None:
-        wanted = set(export.test)
-        test = [strip_images_folder(frame) for frame in export.frames if frame.name in wanted]
     write_transforms(
         folder / "transforms.json", frames, points_file=POINTS if len(export.points) else None,
-        test=test,
+        test=export.test, up=export.up,
     )  # fmt: skip
     if any(frame.depth_path is not None for frame in frames):
         return ["depth files are named where they were, not copied"]

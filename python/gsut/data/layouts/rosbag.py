@@ -31,7 +31,7 @@ from gsut.data.layouts._layout import Layout
 from gsut.data.poses import format_seconds, format_tum, invert_pose
 from gsut.data.recordings import Recording, Stream
 from gsut.data.rigs import BODY, OWN, Mount
-from gsut.files import to_file_name, write_file
+from gsut.files import claim_name, to_file_name, write_file
 from gsut.lens import Camera
 from gsut.run import Progress
 
@@ -185,9 +185,7 @@ def _find_cameras(reader: Any, bag: Path, wanted: Sequence[str]) -> list[_Camera
             base = _LEAF.sub("", base)
         if base in by_base:  # the same pictures, compressed
             continue
-        name = to_file_name(base) if base.strip("/") else "camera"
-        while name in found:
-            name = f"{name}_{len(found) + 1}"
+        name = claim_name(to_file_name(base) if base.strip("/") else "camera", set(found))
         info = f"{base}/camera_info"
         camera = _Camera(name, topic, info if types.get(info) == _INFO else None)
         by_base[base] = found[name] = camera

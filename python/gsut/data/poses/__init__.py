@@ -1,6 +1,6 @@
 """Poses, trajectories, camera paths and the times of both."""
 
-from gsut.data.poses.camera_path import read_path, read_path_lens
+from gsut.data.poses.camera_path import read_path, read_path_lens, read_path_turns
 from gsut.data.poses.times import (
     NANOSECONDS,
     UNITS,
@@ -40,6 +40,7 @@ __all__ = [
     "pose_from_quaternion",
     "read_path",
     "read_path_lens",
+    "read_path_turns",
     "read_trajectory",
     "to_nanoseconds",
 ]

@@ -64,6 +64,14 @@ def read_path_lens(path: str | os.PathLike[str]) -> Any:
     return _read_content(path).get("lens")
 
 
+def read_path_turns(path: str | os.PathLike[str]) -> int:
+    """Reads the quarter turns clockwise that show a camera path's images upright; 0 if unsaid."""
+    turns = _read_content(path).get("turns", 0)
+    if turns not in range(4):
+        raise InputError(f'{path}: "turns" must be 0 to 3 quarter turns, found {turns!r}')
+    return int(turns)
+
+
 def _read_content(path: str | os.PathLike[str]) -> dict[str, Any]:
     try:
         content = json.loads(check_regular(path).read_text(encoding="utf-8"))

@@ -6,6 +6,7 @@ from gsut.data.scene.scene import Scene, View, keep_at_most
 from gsut.data.scene.shutter import find_time_neighbours, order_frames, split_exposure, with_shutter
 from gsut.data.scene.split import TEST_EVERY, choose_inner_views, hold_out_views, split_views
 from gsut.data.scene.training_views import Level, TrainingViews
+from gsut.data.scene.upright import count_lens_turns, find_up, find_upright_poses
 
 __all__ = [
     "MILLIMETRE",
@@ -16,9 +17,12 @@ __all__ = [
     "View",
     "capture_state",
     "choose_inner_views",
+    "count_lens_turns",
     "describe_changes",
     "digest_scene",
     "find_time_neighbours",
+    "find_up",
+    "find_upright_poses",
     "hold_out_views",
     "keep_at_most",
     "order_frames",

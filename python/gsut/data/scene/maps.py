@@ -8,6 +8,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data.scene.scene import Scene
+from gsut.files import read_picture
 
 MILLIMETRE = 1e-3  # metres of a level of a 16-bit depth picture, as RGB-D cameras write it
 _SHORTEST = 0.5  # length from which three numbers are a normal; shorter ones mean unknown
@@ -99,7 +100,7 @@ def _load_numbers(path: Path, what: str) -> np.ndarray:
 def _load_picture(path: Path) -> np.ndarray | None:
     import cv2  # here, because gsut --help needs none
 
-    return cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    return read_picture(path, cv2.IMREAD_UNCHANGED)
 
 
 def _list_image_sizes(scene: Scene, view: int) -> list[tuple[int, int]]:

@@ -38,6 +38,8 @@ class View:
         mask_path: image that is white where pixels are valid, or None.
         depth_path: as the dataset names it, not read here, or None.
         normal_path: likewise, a map of normals.
+        turns: quarter turns clockwise that show the image upright, by EXIF; its pixels, lens and
+            pose are as stored.
         shutter: how the image was read out between the start and the end pose, or None.
         pixels: (H, W, 3) uint8 RGB of an image that is in memory, not in a file, else None.
         valid: (H, W) bool of it, True where pixels count, or None: all.
@@ -55,6 +57,7 @@ class View:
     pixels: np.ndarray | None = None
     valid: np.ndarray | None = None
     normal_path: Path | None = None
+    turns: int = 0
 
     def __post_init__(self) -> None:
         for name in ("camera_from_world", "camera_from_world_start", "camera_from_world_end"):
@@ -107,6 +110,7 @@ class Scene:
         file_cameras: the cameras at the size of the image files, if `cameras` are smaller.
         larger: the same scene at a larger size, whose images are shrunk in place of the files'.
         decodes_small: JPEG files are decoded at a part of their size: see `decode_scaled`.
+        known_up: (3,) up in the world, as the dataset states it, or None.
 
     Any sequences are taken and kept as tuples, arrays are read-only; `replace` makes another scene.
     """
@@ -123,6 +127,7 @@ class Scene:
     file_cameras: tuple[Camera, ...] = ()
     larger: Scene | None = None
     decodes_small: bool = False
+    known_up: np.ndarray | None = None
     _images: LruCache = dataclasses.field(init=False)
     _masks: LruCache = dataclasses.field(init=False)
 

@@ -1,5 +1,6 @@
 """Lens files in and out: a module a format, found by its `FORMAT`; those with a "_" are none."""
 
+from gsut.lens.files._camera_info import camera_from_info, info_from_camera
 from gsut.lens.files._load import list_suffixes, load_camera, save_camera
 from gsut.lens.files.colmap import camera_from_colmap, list_text_cameras, to_colmap
 from gsut.lens.files.colmap_binary import list_binary_cameras
@@ -17,10 +18,12 @@ __all__ = [
     "LENS_FILE",
     "OWN_SUFFIX",
     "camera_from_colmap",
+    "camera_from_info",
     "camera_from_nerfstudio",
     "camera_from_values",
     "format_euroc",
     "format_nerfstudio",
+    "info_from_camera",
     "is_camchain",
     "list_binary_cameras",
     "list_suffixes",

@@ -111,7 +111,7 @@ def _is_fisheye(reader: LensValues) -> bool | None:
     return True if name in _FISHEYE_NAMES else False if name in _RADIAL_NAMES else None
 
 
-def _to_opencv(camera: Camera) -> tuple[dict[str, int | float], list[float], list[float]]:
+def to_opencv(camera: Camera) -> tuple[dict[str, int | float], list[float], list[float]]:
     """Returns plain keys, camera matrix and distortion coefficients of a camera."""
     if camera.model == "equirectangular":
         raise refuse_lens("OpenCV", camera)
@@ -139,7 +139,7 @@ def _to_opencv(camera: Camera) -> tuple[dict[str, int | float], list[float], lis
 
 def format_opencv(camera: Camera, suffix: str) -> str:
     """Formats a FileStorage file, as JSON for the suffix .json, else as YAML."""
-    plain, matrix, coefficients = _to_opencv(camera)
+    plain, matrix, coefficients = to_opencv(camera)
     matrices = [("camera_matrix", 3, 3, matrix)]
     if coefficients:
         matrices.append(("distortion_coefficients", 1, len(coefficients), coefficients))

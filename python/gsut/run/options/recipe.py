@@ -6,11 +6,13 @@ import itertools
 import math
 from typing import Any
 
-# Values a preset gives to options that are not given; max_gaussians is the limit of "auto".
+# Values a preset gives to options that are not given; max_gaussians is the limit of "auto". Size
+# and Gaussians fit together: "fast" has as many pixels for each Gaussian as "balanced", since
+# detail finer than the Gaussians can hold costs time and gains nothing.
 PRESETS: dict[str, dict[str, Any]] = {
-    "fast": {"steps": 500, "max_gaussians": 50_000, "sh_degree": 1},
-    "balanced": {"steps": 2000, "max_gaussians": 200_000, "sh_degree": 1},
-    "best": {"steps": 7000, "max_gaussians": 300_000, "sh_degree": 2},
+    "fast": {"steps": 500, "max_gaussians": 50_000, "sh_degree": 1, "max_side": 800},
+    "balanced": {"steps": 2000, "max_gaussians": 200_000, "sh_degree": 1, "max_side": 1600},
+    "best": {"steps": 7000, "max_gaussians": 300_000, "sh_degree": 2, "max_side": 1600},
 }
 
 # Learning rate of the centres x steps, as (steps, product): what counts is how far centres can

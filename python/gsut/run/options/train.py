@@ -49,7 +49,7 @@ class TrainOptions:
     # A table: a few lines an option, not one an argument.
     # fmt: off
     preset: str | None = define_option(
-        None, "Run", "sets --steps, --max-gaussians and --sh-degree unless they are given; fast "
+        None, "Run", "sets --steps, --max-gaussians, --max-side and --sh-degree unless given; fast "
         "takes 15 s, balanced 1 to 2 minutes, best 10 to 15 (60 images of 480 x 480, 2 cores)",
         choices=tuple(PRESETS), none="balanced",
     )
@@ -76,9 +76,9 @@ class TrainOptions:
         1.0, "Data", "image scale factor (area filter)", low=0.0, high=1.0, low_open=True,
     )
     max_side: int = define_option(
-        1600, "Data", "longest side of the images if --scale is 1; larger photographs are "
+        None, "Data", "longest side of the images if --scale is 1; larger photographs are "
         "decoded and kept smaller; 0 = full size", unit="pixels", low=0,
-        reason="what published results use",
+        none="fast 800; balanced and best 1600, what published results use",
     )
     test_every: int = define_option(
         8, "Data", "hold out every N-th image by name if the dataset has no split of its own; "
@@ -332,9 +332,10 @@ class TrainOptions:
 
         Values that follow from other options or from the scene are left out.
         """
-        basis = {name: getattr(self, name) for name in ("preset", "steps", "sh_degree")}
+        basis = {name: getattr(self, name) for name in ("preset", "steps", "max_side", "sh_degree")}
         start = get_preset(self.preset)
-        unsaid = {"preset": None, "steps": start["steps"], "sh_degree": start["sh_degree"]}
+        of_preset = {name: start[name] for name in ("steps", "max_side", "sh_degree")}
+        unsaid = {"preset": None, **of_preset}
         default = TrainOptions(**basis)
         if self == self.resolve():  # which values were given is no longer known
             default = default.resolve()

@@ -9,12 +9,17 @@ from gsut.run.verdicts.verdict import Fault, Verdict
 
 # Limits below which a result is usable at most, and below which it is poor.
 _REGISTERED = (0.95, 0.6)  # share of the images with a pose
-_IMAGES = (20, 6)  # images with a pose
+_FEWEST = 6  # images with a pose: with fewer, hardly anything would show that poses are wrong
 _OBSERVATIONS = (100, 30)  # of an image, in the tenth of the images that see fewest points
-# Share of the matches that observe one point, with an estimated lens and with a given one: a
-# rolling shutter alone leaves about half, a wrong lens a third.
-_AGREEING = (0.5, 0.25)
-_AGREEING_GIVEN = (0.5, 0.45)
+# Share of the verified matches that observe one point, below which lens and poses are doubted.
+FEW_AGREE = 0.6
+# The same if each image has a velocity of its own, below which the scene has bent (Albl et al.,
+# "Degeneracies in rolling shutter SfM", ECCV 2016).
+FEW_AGREE_ROLLING = 0.8
+# Share below which poses are poor: a wrong lens leaves a third. An estimated lens gives way to the
+# motion of a rolling shutter, of which less is left.
+_AGREEING_GIVEN = 0.45
+_AGREEING = 0.25
 # Median residual over the diagonal above which a result is usable at most, and above which poor.
 _RESIDUAL = (1.0e-3, 2.5e-3)
 # The same for two standard deviations of the focal length over it.
@@ -35,6 +40,7 @@ class PosesQuality:
         weakest: points that the weakest tenth of the images observe.
         agreement: share of the matches that observe one point, or None.
         focal_sigma: standard deviation of the focal length over it; None: the lens was given.
+        is_rolling: whether each image has a velocity of its own.
         motion: a sentence on a motion that determines too little; empty: none.
         only_turned: whether that motion is a turn on the spot.
         zooms: at which the images were taken.
@@ -50,6 +56,7 @@ class PosesQuality:
     weakest: float
     agreement: float | None
     focal_sigma: float | None
+    is_rolling: bool = False
     motion: str = ""
     only_turned: bool = False
     zooms: int = 1
@@ -64,6 +71,7 @@ def judge_poses(quality: PosesQuality) -> Verdict:
     lost = _count_missed(q.registered / max(1, q.images), _REGISTERED)
     agreement = 1.0 if q.agreement is None else q.agreement
     is_given = q.focal_sigma is None
+    few_agree = FEW_AGREE_ROLLING if q.is_rolling else FEW_AGREE
     faults = [  # causes before what they lead to
         Fault(
             0 if not q.motion else 2 if q.only_turned else 1,
@@ -85,7 +93,7 @@ def judge_poses(quality: PosesQuality) -> Verdict:
             "or zoom need a run of their own",
         ),
         Fault(
-            _count_missed(q.registered, _IMAGES),
+            2 * (q.registered < _FEWEST),
             f"only {q.registered} views",
             "take 60 pictures or more, walking around what you want to see",
         ),
@@ -95,9 +103,11 @@ def judge_poses(quality: PosesQuality) -> Verdict:
             "take more pictures between them, each showing two thirds of the one before",
         ),
         Fault(
-            _count_missed(agreement, _AGREEING_GIVEN if is_given else _AGREEING),
+            _count_missed(agreement, (few_agree, _AGREEING_GIVEN if is_given else _AGREEING)),
             f"only {100 * (q.agreement or 0):.0f} % of the matches agree in all images together",
-            "let the lens be estimated: --unknown-lens"
+            "add images, some turned by 90 degrees about the axis of the lens"
+            if q.is_rolling
+            else "let the lens be estimated: --unknown-lens"
             if is_given
             else "give --shutter rolling if the camera moved fast",
         ),

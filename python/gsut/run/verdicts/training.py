@@ -22,6 +22,9 @@ _LOOKS = (
     (POOR, "recognisable, sharp in some places only"),
     (0.0, "smeared, only coarse shapes are right"),
 )
+# Share of the detail that shifting held-out renders brings back from which poses or the lens are
+# wrong: where they are right, a shift brings back nothing.
+_SHIFT_GAIN = 0.03
 # Gain by corrected colours from which differing exposure deserves a note.
 _COLORS_DB = 2.0
 
@@ -37,7 +40,7 @@ def judge_training(
 
     Args:
         metrics: of metrics.json: psnr, psnr_color_corrected, detail_median, detail_min,
-            least_detailed, detail_train, steps, evaluated_on.
+            least_detailed, detail_shifted_median, detail_train, unseen, steps, evaluated_on.
         data, run: the dataset's and the run's path, for the next command.
         options: that the run was made with, which the next command keeps; None: the defaults.
         division: words of the command line that divided it into blocks.
@@ -68,9 +71,11 @@ def _describe(metrics: dict[str, Any], psnr: float) -> str:
     """Describes what renders look like, with the figures that say so."""
     detail = metrics["detail_median"]
     looks = next(text for least, text in _LOOKS if detail >= least)
+    unseen = round(100 * metrics.get("unseen", 0.0))
+    apart = f"; {unseen} % of the pixels show what no training view saw, and are left out"
     return (
         f"renders of {metrics['evaluated_on']} are {looks}: {100 * detail:.0f} % of the detail is "
-        f"right in the median view (PSNR {psnr:.1f} dB)"
+        f"right in the median view (PSNR {psnr:.1f} dB{apart if unseen else ''})"
     )
 
 
@@ -82,15 +87,24 @@ def _name_level(detail: float) -> str:
 def _find_fault(metrics: dict[str, Any], repeat: _NextCommand) -> Fault | None:
     """Finds what keeps a training from being good; None if it is.
 
-    Training views separate the causes. Where they are soft themselves, the training has not shown
-    what it was given; more steps and Gaussians mend that unless poses are wrong. Where they are
+    Where a shift of the whole picture brings detail back, poses or the lens are wrong. Where
+    training views are soft themselves, the training has not shown what it was given. Where they are
     sharp and held-out ones are not, the photographs did not determine the scene in between.
     """
     detail, train = metrics["detail_median"], metrics.get("detail_train")
     if detail >= GOOD:
         return None
+    mend_poses = f"{shlex.join(['gsut', 'doctor', repeat.data])}, then {repeat.with_poses()}"
+    shifted = metrics.get("detail_shifted_median", detail)
+    if shifted > detail + _SHIFT_GAIN:
+        return Fault(
+            1,
+            f"renders stand beside their photographs (shifted, {100 * shifted:.0f} % of the detail "
+            "is right): poses or the lens are wrong",
+            mend_poses,
+        )
     if train is None:
-        return Fault(1, "steps and Gaussians are few, or poses are wrong", repeat.make_longer())
+        return Fault(1, "steps and Gaussians are few", repeat.make_longer())
     if train >= GOOD:
         return Fault(
             1,
@@ -100,13 +114,10 @@ def _find_fault(metrics: dict[str, Any], repeat: _NextCommand) -> Fault | None:
         )
     soft = f"training views are soft, too ({100 * train:.0f} % of their detail)"
     if repeat.is_short:
-        return Fault(
-            1, f"{soft}: steps and Gaussians are few, or poses are wrong", repeat.make_longer()
-        )
+        return Fault(1, f"{soft}: steps and Gaussians are few", repeat.make_longer())
     return Fault(
-        1, f"{soft}, after many steps: that looks like wrong poses or a wrong lens",
-        f"{shlex.join(['gsut', 'doctor', repeat.data])}, then {repeat.with_poses()}",
-    )  # fmt: skip
+        1, f"{soft}, after many steps: that looks like wrong poses or a wrong lens", mend_poses
+    )
 
 
 @dataclasses.dataclass(frozen=True)

@@ -9,6 +9,7 @@ from gsut.sfm.lens.covariance import (
     spread_free_parameters,
 )
 from gsut.sfm.lens.doubt import TURNED, compare_lens, describe_doubt, judge_lens
+from gsut.sfm.lens.left_out import register_left_out
 from gsut.sfm.lens.refinement import RefinedLens, refine_lens
 from gsut.sfm.lens.zooms import describe_zooms, find_zooms
 
@@ -25,6 +26,7 @@ __all__ = [
     "guess_lenses",
     "judge_lens",
     "refine_lens",
+    "register_left_out",
     "search_lenses",
     "spread_free_parameters",
 ]

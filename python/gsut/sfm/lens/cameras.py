@@ -12,10 +12,10 @@ from gsut._core import SolveError
 from gsut.data import list_some
 from gsut.lens import Camera, with_scaled_focal
 from gsut.sfm.lens.candidates import make_lens
-from gsut.sfm.lens.search import START, choose_lens
+from gsut.sfm.lens.search import ADVICE, START, choose_lens
 from gsut.sfm.lens.zooms import Sightings, gather_sightings, search_zooms, try_focals
 from gsut.sfm.mapping import Mapping
-from gsut.sfm.matches import require_overlap, select_pairs, verify_matches
+from gsut.sfm.matches import explain_failure, require_overlap, select_pairs, verify_matches
 from gsut.sfm.photographs import LensGroup
 from gsut.sfm.solution import Adjustment, index_lenses, solve_poses
 
@@ -23,6 +23,8 @@ _FEWEST_IMAGES = 3  # of a camera whose lens is estimated from its own images: t
 _MOST_TRIED = 10  # images that show which lens their camera has
 _FITS = 0.5  # share of an image's matches that must agree with points for a trial to count
 _FIELD = 60.0  # degrees across of lenses whose focal length is scaled
+# Degrees across of cameras that state no focal length: short zooms, phones, wide angles.
+_GUESSED_FIELDS = (45.0, 60.0, 75.0)
 _BENDS = (1.0, 0.0)  # perspective and equidistant: kinds of lenses that are tried
 
 
@@ -33,7 +35,8 @@ def search_lenses(mapping: Mapping) -> None:
     from the camera's own photographs; then all matches are verified through these lenses and those
     known, and poses, points and unknown lenses are estimated together. A camera with too few
     photographs, or too few matches among them, gets the lens through which its photographs fit
-    points that the other cameras see, and all is estimated once more.
+    points that the other cameras see, and all is estimated once more. If no camera has enough of
+    its own, all start from what they state, or from usual fields of view.
 
     Sets the mapping's solution, verified pairs and `lens_free`.
 
@@ -62,7 +65,8 @@ def search_lenses(mapping: Mapping) -> None:
             {"camera": group.name, **row} for row in rows
         )
     if failure is not None and not lenses.known.any():
-        raise failure
+        _start_from_guesses(lenses, groups)
+        open_groups = [g for g in groups if not mapping.solved.registered[g.images].any()]
     lenses.solve()
     found = [group for group in open_groups if _fit_to_points(lenses, group)]
     if found:
@@ -100,8 +104,12 @@ class _Lenses:
             self._cameras[image], self._free[image] = lens, own
         self.known[group.images] = True
 
-    def solve(self) -> None:
-        """Estimates poses, points and lenses from the images whose lens is known by now."""
+    def solve(self, *, settled: bool = True) -> None:
+        """Estimates poses, points and lenses from the images whose lens is known by now.
+
+        Args:
+            settled: the lenses are nearly right.
+        """
         mapping, options = self.mapping, self.mapping.options
         if mapping.solution is not None:  # what the first solution found of its lenses
             for image in np.flatnonzero(self.known):
@@ -114,8 +122,40 @@ class _Lenses:
         mapping.lens_free = list(self._free)
         mapping.solution = solve_poses(
             mapping.images, mapping.pairs, options, mapping.log.follow_steps("mapping"),
-            Adjustment(mapping.lens_free, lens_settled=True),
+            Adjustment(mapping.lens_free, lens_settled=settled),
         )  # fmt: skip
+
+
+def _start_from_guesses(lenses: _Lenses, groups: Sequence[LensGroup]) -> None:
+    """Solves from the focal length that each camera states, or from usual fields of view.
+
+    For cameras none of which has photographs enough to choose its lens by them alone. Sets the
+    mapping's solution of the field of view that registers most images, and points with them.
+
+    Raises:
+        SolveError: nothing could be reconstructed with any of them.
+    """
+    mapping = lenses.mapping
+    best, most, failure = None, (0, 0), None
+    for field in _GUESSED_FIELDS:
+        mapping.solution = None
+        for group in groups:
+            size = mapping.photographs.lenses[group.images[0]]
+            guess = make_lens(size.width, size.height, field, 1.0)
+            lenses.set(group, next(iter(group.candidates), guess), START)
+        try:
+            lenses.solve(settled=False)
+        except SolveError as error:
+            failure = error
+            continue
+        rank = mapping.solved.num_registered, len(mapping.solved.points)
+        if rank > most:
+            best, most = mapping.solution, rank
+        if all(group.candidates for group in groups):
+            break
+    mapping.solution = best
+    if best is None and failure is not None:
+        raise explain_failure(failure, mapping.features, mapping.pairs, ADVICE)
 
 
 def _fit_to_points(lenses: _Lenses, group: LensGroup) -> bool:

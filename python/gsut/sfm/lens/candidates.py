@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import math
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
 from gsut._core import InputError
 from gsut.data.images import read_header
 from gsut.lens import Camera
-from gsut.sfm.photographs import TANGENT, Features, Photographs
+from gsut.sfm.photographs import TANGENT, Features, LensGroup, Photographs
 
 _FISHEYE_FROM = 110.0  # degrees across: wider guesses are fisheyes from the start
 _WIDEST_PERSPECTIVE = 130.0  # degrees across: beyond it tan() stretches the image's edge too much
@@ -40,36 +38,38 @@ _LEAST_SEEN = 0.95  # share of the features that the lens must have rays for
 def guess_lenses(photographs: Photographs, fov_degrees: float | None) -> Photographs:
     """Gives the photographs of each unknown lens one to start from.
 
-    Raises:
-        InputError: photographs of one lens have different sizes.
+    Photographs of different sizes are of different lenses.
     """
     cameras, groups = list(photographs.cameras), []
     for group in photographs.unknown_groups:
-        width, height = _find_size([photographs.paths[i] for i in group.images])
-        size = (width, height)
-        likely = tuple(c for c in group.candidates if (c.width, c.height) == size)
-        guess = next(iter(likely), guess_lens(width, height, fov_degrees or _DEFAULT_FIELD))
-        for image in group.images:
-            cameras[image] = guess
-        groups.append(dataclasses.replace(group, candidates=likely))
+        sizes = _sort_by_size(photographs, group)
+        for (width, height), images in sizes.items():
+            own = f"{width} x {height}"
+            name = group.name if len(sizes) == 1 else f"{group.name} {own}".strip()
+            likely = tuple(c for c in group.candidates if (c.width, c.height) == (width, height))
+            guess = next(iter(likely), guess_lens(width, height, fov_degrees or _DEFAULT_FIELD))
+            for image in images:
+                cameras[image] = guess
+            groups.append(
+                dataclasses.replace(group, name=name, images=np.array(images), candidates=likely)
+            )
     return dataclasses.replace(photographs, cameras=cameras, groups=tuple(groups))
 
 
-def _find_size(paths: Sequence[Path]) -> tuple[int, int]:
-    """Finds the size that all readable images share."""
-    sizes: dict[tuple[int, int], Path] = {}
-    for path in paths:
-        with contextlib.suppress(InputError):  # unreadable: reported already
-            header = read_header(path)
-            sizes.setdefault((header.width, header.height), path)
-    if len(sizes) > 1:
-        (first, a), (second, b) = list(sizes.items())[:2]
-        raise InputError(
-            f"the lens is unknown and the images have different sizes: {a.name} is "
-            f"{first[0]} x {first[1]}, {b.name} {second[0]} x {second[1]}; sort the "
-            "images into one folder a camera, images/NAME, or use those of one camera alone"
-        )
-    return next(iter(sizes), _UNREADABLE_SIZE)
+def _sort_by_size(photographs: Photographs, group: LensGroup) -> dict[tuple[int, int], list[int]]:
+    """Sorts the images of a group by size; unreadable ones, reported already, join the first."""
+    sizes: dict[tuple[int, int], list[int]] = {}
+    unreadable = []
+    for image in group.images.tolist():
+        try:
+            header = read_header(photographs.paths[image])
+        except InputError:
+            unreadable.append(image)
+        else:
+            sizes.setdefault((header.width, header.height), []).append(image)
+    first = next(iter(sizes), _UNREADABLE_SIZE)
+    sizes[first] = sorted([*sizes.get(first, []), *unreadable])
+    return sizes
 
 
 def guess_lens(width: int, height: int, fov_degrees: float) -> Camera:

@@ -13,6 +13,7 @@ from gsut.data.poses import find_centers
 from gsut.lens import Camera, LensProfile, measure_field_of_view
 from gsut.run.verdicts import FOCAL_LIMITS
 from gsut.sfm.lens.covariance import estimate_lens_covariances
+from gsut.sfm.lens.prior import weigh_focal_prior
 from gsut.sfm.mapping import Findings, Mapping
 from gsut.sfm.matches import PairMatches
 from gsut.sfm.photographs import PosesOptions
@@ -52,6 +53,7 @@ def judge_lens(mapping: Mapping) -> None:
         )
     except SolveError:  # the images do not determine the lens
         pass
+    found.focal_sigma = weigh_focal_prior(mapping, found.focal_sigma)
     is_finite = math.isfinite(found.focal_sigma)
     found.figures["focal_sigma_percent"] = 100 * found.focal_sigma if is_finite else None
 
@@ -143,7 +145,7 @@ def compare_lens(mapping: Mapping) -> list[str]:
     groups = photographs.groups
     if len(groups) > 1 or (groups and len(groups[0].images) < len(photographs)):
         names = ", ".join(group.name or "images" for group in groups)
-        return [f"folders without a lens file are a camera each, whose lens was found: {names}"]
+        return [f"the lens of each of these cameras was found: {names}"]
     if figures["lens"] == "estimated" and photographs.exif_focal_px is not None:
         notes += explain_contradiction(photographs.exif_focal_px, lens)
     if photographs.profile is not None:

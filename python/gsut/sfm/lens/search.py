@@ -44,7 +44,7 @@ _SAME_FOCAL = 0.12  # difference of the logarithms of focal lengths that are not
 _CONFIRMED = 0.5e-3
 _VERIFY_AGAIN = 0.03  # relative change of the focal length after which matches are verified again
 _PERSPECTIVE_UP_TO = math.radians(50.0)  # from the axis: perspective lenses are tried too
-_ADVICE = "give a rough field of view by --fov, or a lens by --camera"
+ADVICE = "give a rough field of view by --fov, or a lens by --camera"
 # Factor on the largest error of pairs where a global shutter stands in for a rolling one.
 _ROLLING_PAIRS = 3.0
 
@@ -67,7 +67,7 @@ def search_lens(mapping: Mapping) -> None:
             mapping.log.follow_steps("mapping"), Adjustment(flags, lens_settled=True),
         )  # fmt: skip
     except SolveError as error:
-        raise explain_failure(error, mapping.features, pairs, _ADVICE) from None
+        raise explain_failure(error, mapping.features, pairs, ADVICE) from None
     mapping.pairs, mapping.lens_free = pairs, flags
 
 
@@ -108,7 +108,7 @@ def choose_lens(mapping: Mapping) -> tuple[Camera, np.ndarray, list[PairMatches]
     except SolveError as error:
         turned = ranking.has_only_turned(ladder)
         raise explain_failure(
-            error, mapping.features, pairs, _ADVICE, has_only_turned=turned
+            error, mapping.features, pairs, ADVICE, has_only_turned=turned
         ) from None
     mapping.found.figures["lens_search"] = trials.rows
     return chosen.cameras[0], flags, pairs

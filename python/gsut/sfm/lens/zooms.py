@@ -183,9 +183,17 @@ def gather_sightings(
     solution: Solution, features: Sequence[Features], raw: RawMatches
 ) -> dict[int, Sightings]:
     """Returns, by image, the pixels and the points (M, 3) of others that its matches join."""
-    point_of = [np.full(len(f), -1) for f in features]
-    for point, image, feature in solution.observations:
-        point_of[image][feature] = point
+    return {
+        image: (features[image].pixels[rows[:, 0]], solution.points[rows[:, 1]])
+        for image, rows in join_points(solution, features, raw).items()
+    }
+
+
+def join_points(
+    solution: Solution, features: Sequence[Features], raw: RawMatches
+) -> dict[int, np.ndarray]:
+    """Returns, by image, (M, 2) its features and the points of others that its matches join."""
+    point_of = index_points(solution, features)
     found: dict[int, list[np.ndarray]] = {}
     for pair, matches in zip(raw.pairs, raw.matches, strict=True):
         for own in (0, 1):
@@ -195,12 +203,16 @@ def gather_sightings(
             point = point_of[other][matches[:, 1 - own]]
             rows = np.stack([matches[:, own], point], axis=1)[point >= 0]
             found.setdefault(image, []).append(rows[:_TRIED_MATCHES])
-    sightings = {}
-    for image, parts in found.items():
-        rows = np.unique(np.concatenate(parts), axis=0)
-        if len(rows) >= _FEWEST_POINTS:
-            sightings[image] = features[image].pixels[rows[:, 0]], solution.points[rows[:, 1]]
-    return sightings
+    joined = {image: np.unique(np.concatenate(parts), axis=0) for image, parts in found.items()}
+    return {image: rows for image, rows in joined.items() if len(rows) >= _FEWEST_POINTS}
+
+
+def index_points(solution: Solution, features: Sequence[Features]) -> list[np.ndarray]:
+    """Returns the point that each feature of each image observes, -1: none."""
+    point_of = [np.full(len(f), -1) for f in features]
+    for point, image, feature in solution.observations:
+        point_of[image][feature] = point
+    return point_of
 
 
 def _measure_fitting_shares(

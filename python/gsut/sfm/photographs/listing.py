@@ -159,7 +159,8 @@ def find_photographs(images: Path, lens: Path | None, *, with_lens: bool = True)
         found = _add_profile(found, str(lens))
     elif lens is not None or not with_lens:
         camera = None if lens is None else _read_lens(lens)
-        found = dataclasses.replace(found, cameras=[camera] * len(found))
+        groups = () if camera is not None else found.groups
+        found = dataclasses.replace(found, cameras=[camera] * len(found), groups=groups)
     if len(found) < FEWEST_IMAGES:
         kinds = {path.suffix.lower() for path in images.rglob("*") if path.is_file()} - {""}
         raise InputError(
@@ -177,7 +178,7 @@ def _group_by_folder(found: Photographs) -> Photographs:
     folders: dict[str, list[int]] = {}
     for index, (name, camera) in enumerate(zip(found.names, found.cameras, strict=True)):
         if camera is None:
-            folders.setdefault(name.rpartition("/")[0].partition("/")[0], []).append(index)
+            folders.setdefault(_find_folder(name), []).append(index)
     one_lens = len(folders) == 1 and None in found.cameras and len(set(found.cameras)) == 1
     if found.profile is not None or one_lens or not folders:
         return found
@@ -268,7 +269,29 @@ def _read_captured(path: Path, captured: dict[str, Any]) -> Photographs:
         places={row["name"]: tuple(row["place"]) for row in rows if row.get("place")},
         ups={row["name"]: tuple(row["up"]) for row in rows if row.get("up")},
         focal_sigma=captured.get("focal_sigma"),
+        groups=_read_groups(captured, rows),
     )
+
+
+def _read_groups(captured: dict[str, Any], rows: list[dict[str, Any]]) -> tuple[LensGroup, ...]:
+    """Returns the pictures of each camera, zoom and shape, where they are several."""
+    of_row = np.array([row.get("camera", 0) for row in rows])
+    groups = []
+    for number, values in enumerate(captured.get("cameras", ())):
+        images = np.flatnonzero(of_row == number)
+        folder = _find_folder(rows[images[0]]["name"])
+        name = folder or f"{number + 1} {values['camera']}".strip()
+        groups.append(
+            LensGroup(
+                name, images, _find_candidates(values), values["focal_px"], values["focal_sigma"]
+            )
+        )
+    return tuple(groups)
+
+
+def _find_folder(name: str) -> str:
+    """Finds the folder of a photograph's camera by its name; "" if it lies in none."""
+    return name.rpartition("/")[0].partition("/")[0]
 
 
 def _order_rows(
@@ -319,7 +342,7 @@ def _add_profile(found: Photographs, name: str) -> Photographs:
     profile = find_lens(name, *sizes)
     candidates = tuple(profile.make_camera(*size) for size in sizes)
     return dataclasses.replace(
-        found, cameras=[None] * len(found), profile=profile, candidates=candidates
+        found, cameras=[None] * len(found), profile=profile, candidates=candidates, groups=()
     )
 
 

@@ -25,6 +25,7 @@ from gsut.sfm.report.page import REPORT, write_report
 from gsut.sfm.report.verdict import judge_solution, list_notes
 from gsut.sfm.rig import COVARIANCE_OF, write_lens_pair
 from gsut.sfm.solution import FEATURE_VARIANCE, Solution
+from gsut.sfm.world import find_stated_up
 
 TRANSFORMS = "transforms.json"
 POINTS = "points3D.ply"
@@ -58,7 +59,8 @@ def write_poses(mapping: Mapping, folder: Path, made_from: str) -> dict[str, Any
         "made_from": made_from,
         "look_alikes": None if look_alikes is None else look_alikes.to_figures(),
     }
-    log.note(*write_dataset(solution, mapping.photographs, folder))
+    up = find_stated_up(found.figures)
+    log.note(*write_dataset(solution, mapping.photographs, folder, up))
     if found.rig is not None:
         found.figures |= {"rig": found.rig.figures, "covariance_of": COVARIANCE_OF}
         if found.rig.figures.get("found"):
@@ -76,12 +78,15 @@ def write_poses(mapping: Mapping, folder: Path, made_from: str) -> dict[str, Any
     return values
 
 
-def write_dataset(solution: Solution, photographs: Photographs, out: Path) -> list[str]:
+def write_dataset(
+    solution: Solution, photographs: Photographs, out: Path, up: Sequence[float] | None = None
+) -> list[str]:
     """Writes the poses as a dataset and COLMAP text; every file as a whole or not at all.
 
     Args:
         photographs: the images, which are named by paths relative to `out` and not copied.
         out: the folder.
+        up: (3,) in the world; None: not known.
 
     Returns:
         A sentence on each thing that could not be written (COLMAP lacks some lenses).
@@ -90,7 +95,8 @@ def write_dataset(solution: Solution, photographs: Photographs, out: Path) -> li
         InputError: a file cannot be written.
     """
     write_file(out / POINTS, format_points_ply(solution.points, solution.colors))
-    write_transforms(out / TRANSFORMS, _list_frames(solution, photographs), points_file=POINTS)
+    frames = _list_frames(solution, photographs)
+    write_transforms(out / TRANSFORMS, frames, points_file=POINTS, up=up)
     try:
         texts = _format_colmap(solution)
     except InputError as error:

@@ -9,18 +9,12 @@ import numpy as np
 
 from gsut.data import list_some
 from gsut.run import Verdict
-from gsut.run.verdicts import PosesQuality, judge_poses
+from gsut.run.verdicts import FEW_AGREE, FEW_AGREE_ROLLING, PosesQuality, judge_poses
 from gsut.sfm.lens import TURNED, compare_lens, describe_doubt, describe_zooms
 from gsut.sfm.mapping import Findings, Mapping
 from gsut.sfm.matches import find_picture_faults
 from gsut.sfm.photographs import Features
 from gsut.sfm.solution import Solution
-
-# Share of the verified matches that must observe one point, or the lens is doubted.
-_FEW_AGREE = 0.6
-# The same with a rolling shutter, below which the scene has bent (Albl et al., "Degeneracies in
-# rolling shutter SfM", ECCV 2016): 0.34 to 0.75 in bent scenes, 0.86 and more in others.
-_FEW_AGREE_ROLLING = 0.8
 
 
 def judge_solution(solution: Solution, features: Sequence[Features], found: Findings) -> Verdict:
@@ -44,6 +38,7 @@ def judge_solution(solution: Solution, features: Sequence[Features], found: Find
             weakest=float(np.percentile(counts, 10)) if counts.any() else math.inf,
             agreement=found.agreement,
             focal_sigma=found.focal_sigma,
+            is_rolling=solution.shutter is not None,
             motion=motion,
             only_turned=motion.startswith(TURNED),
             zooms=len(found.zooms),
@@ -73,14 +68,14 @@ def list_notes(mapping: Mapping) -> list[str]:
         f"only {100 * agreement:.0f} % of the matches that agree pair by pair agree in all images "
         "together; "
     )
-    if solution.shutter is not None and agreement < _FEW_AGREE_ROLLING:
+    if solution.shutter is not None and agreement < FEW_AGREE_ROLLING:
         lens = "the lens is not that of the images, or " if is_lens_known else ""
         notes.append(
             share + lens + "the scene has bent with the motion during the readout, which few "
             "images held alike do not reveal: add images, some turned by 90 degrees about the "
             "axis of the lens, or give --readout-time for a video"
         )
-    elif solution.shutter is None and is_lens_known and agreement < _FEW_AGREE:
+    elif solution.shutter is None and is_lens_known and agreement < FEW_AGREE:
         notes.append(
             share + "the lens is probably not that of the images: check it, or let it be "
             "estimated with --unknown-lens"

@@ -99,6 +99,7 @@ class Adjustment:
         covariances: False for a trial: they are 0, and the solver ends at a rougher tolerance.
         rig: of `adjust_poses`: the images' cameras are fixed to each other.
         motion: of `adjust_poses`: images are read line by line.
+        extend: of `adjust_poses`: look at the end for points in images that do not see them yet.
     """
 
     lens_free: LensFlags = None
@@ -107,6 +108,7 @@ class Adjustment:
     covariances: bool = True
     rig: RigConstraint | None = None
     motion: ReadoutMotion | None = None
+    extend: bool = False
 
 
 PLAIN = Adjustment()
@@ -198,7 +200,8 @@ def adjust_poses(
     settings["covariances"] = adjustment.covariances
     if motion is not None:
         settings.update(motion.to_settings())
-    if rig is not None or (motion is not None and motion.extend):
+    is_extended = adjustment.extend or (motion is not None and motion.extend)
+    if rig is not None or is_extended:
         descriptors = [f.descriptors for f in images.features]
         settings |= list_extension_settings(options, descriptors, images.cameras)
     lenses = index_lenses(images.cameras, adjustment.lens_free)

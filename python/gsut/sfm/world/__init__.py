@@ -6,7 +6,7 @@ from gsut.sfm.world.comparison import (
     compare_poses,
     read_poses_by_path,
 )
-from gsut.sfm.world.earth import place_on_earth
+from gsut.sfm.world.earth import find_stated_up, place_on_earth
 from gsut.sfm.world.positions import PositionFit, fit_positions, read_positions
 
 __all__ = [
@@ -14,6 +14,7 @@ __all__ = [
     "PositionFit",
     "compare_datasets",
     "compare_poses",
+    "find_stated_up",
     "fit_positions",
     "place_on_earth",
     "read_poses_by_path",

@@ -25,6 +25,8 @@ from gsut.sfm.world.up import (
     find_up_by_path,
 )
 
+_UP = (0.0, -1.0, 0.0)  # in the world, once it is known
+_UP_UNKNOWN = "not known"  # of the figure "up"
 _EARTH_RADIUS = 6378137.0  # metres, semi-major axis of WGS 84
 _ECCENTRICITY_2 = 6.69437999014e-3  # squared, of WGS 84
 _FEWEST_PLACES = 5  # different places
@@ -74,7 +76,7 @@ def find_earth(
     """
     held = find_held(solution, orientations)
     up = None if held is None else find_up(held)
-    figures: dict[str, Any] = {"up": "not known" if up is None else "by the cameras"}
+    figures: dict[str, Any] = {"up": _UP_UNKNOWN if up is None else "by the cameras"}
     index = [
         i for i, name in enumerate(solution.names) if solution.registered[i] and name in places
     ]
@@ -88,7 +90,7 @@ def find_earth(
         centers = find_centers(solution.camera_from_world[index])
         if up is None and held is not None:
             up = find_up_by_path(held, centers, target)
-            figures["up"] = "not known" if up is None else "by the cameras and the path of GPS"
+            figures["up"] = _UP_UNKNOWN if up is None else "by the cameras and the path of GPS"
         found = _align_with_gps(centers, target, up)
         figures |= {"gps": found.figures, "origin": None}
         notes.append(found.words)
@@ -96,6 +98,8 @@ def find_earth(
             figures |= {"origin": origin.tolist(), "up": "by GPS" if found.turned_up else
                         figures["up"]}  # fmt: skip
             return Earth(*found.transform, figures, tuple(notes))
+    if up is None and held is not None:
+        up, figures["up"] = held.mean, "roughly, by the cameras' mean"
     if up is None:
         return Earth(1.0, np.eye(3), np.zeros(3), figures, tuple(notes)) if notes else None
     return Earth(1.0, rotate_upright(up), np.zeros(3), figures, tuple(notes))
@@ -114,6 +118,11 @@ def place_on_earth(mapping: Mapping) -> None:
     if found.rig is not None:
         found.rig = found.rig.rescale(earth.scale)
     mapping.solution = move_to_earth(mapping.solved, earth)
+
+
+def find_stated_up(figures: dict[str, Any]) -> tuple[float, float, float] | None:
+    """Finds up in the world after `place_on_earth` by its figures; None: not known."""
+    return _UP if figures.get("earth", {}).get("up", _UP_UNKNOWN) != _UP_UNKNOWN else None
 
 
 def move_to_earth(solution: Solution, earth: Earth) -> Solution:

@@ -7,11 +7,9 @@ import math
 
 import numpy as np
 
+from gsut.orientation import count_turns, turn_camera
 from gsut.sfm.solution import Solution
 
-# Directions of up in the stored picture (x, y), by EXIF's orientation.
-_UP_OF = {1: (0, -1), 2: (0, -1), 3: (0, 1), 4: (0, 1), 5: (-1, 0), 6: (-1, 0), 7: (1, 0),
-          8: (1, 0)}  # fmt: skip
 _ROLL = math.radians(5.0)  # standard deviation: people and drones hold cameras level
 _PITCH = math.radians(25.0)  # standard deviation: they look up and down
 _MOST_ROLL = math.radians(12.0)  # mean roll beyond which cameras were not held level
@@ -47,10 +45,10 @@ def find_held(solution: Solution, orientations: dict[str, int]) -> Held | None:
     for i in np.flatnonzero(solution.registered):
         if solution.names[i] not in orientations:
             continue
-        x, y = _UP_OF.get(orientations[solution.names[i]], (0, -1))
-        rotation = solution.camera_from_world[i, :3, :3]
-        ups.append(x * rotation[0] + y * rotation[1])
-        levels.append(rotation[1] if x else rotation[0])
+        turns = count_turns(orientations[solution.names[i]])
+        shown = turn_camera(solution.camera_from_world[i], turns)
+        ups.append(-shown[1, :3])
+        levels.append(shown[0, :3])
     if len(ups) < FEWEST:
         return None
     mean = np.mean(ups, axis=0)

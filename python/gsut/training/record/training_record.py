@@ -14,6 +14,7 @@ from gsut.data import Scene
 from gsut.data.scene import digest_scene
 from gsut.evaluate import mean_psnr
 from gsut.files import reading
+from gsut.page import format_duration
 from gsut.run import Progress, RunFile, RunFolder, TrainOptions, describe_environment
 from gsut.time_left import Pace
 from gsut.training.loop import TrainingLoop
@@ -87,9 +88,21 @@ class TrainingRecord:
             loop.options, len(loop.gaussians), measure_megapixels(loop.scene),
             len(loop.scene.test_indices), loop.step, num_threads(),
         )  # fmt: skip
+        self._announce(loop, self._time.predict_left(loop.step))
         with self._bar:
             yield
         self._save(loop)
+
+    def _announce(self, loop: TrainingLoop, seconds: float) -> None:
+        """Says how much a training has to do, and about how long it will take."""
+        o, threads = self._options, num_threads()
+        sizes = {(camera.width, camera.height) for camera in loop.scene.cameras}
+        size = " x ".join(map(str, max(sizes))) if sizes else "no size"
+        self.note(
+            f"{o.steps - loop.step:,} steps of {size} pixels with up to "
+            f"{loop.options.max_gaussians:,} Gaussians: about {format_duration(seconds)} on "
+            f"{threads} processor{'s' if threads > 1 else ''}"
+        )
 
     def _explain_checkpoint(self, what: str) -> InputError:
         path = self.run and self.run.path / RunFile.CHECKPOINT

@@ -120,6 +120,21 @@ const invert = (m) => {
 };
 const placeAbout = (m, origin) => m.map((value, i) => (i % 4 === 3 && i < 12 ? value + m[i - 3] * origin[0] + m[i - 2] * origin[1] + m[i - 1] * origin[2] : value));
 
+function asStored({ turns = 0, ...values }) { // a request in the pose and size of the lens' own pixels
+  const [x, y, rest] = [values.pose.slice(0, 4), values.pose.slice(4, 8), values.pose.slice(8)], minus = (row) => row.map((value) => -value);
+  const [first, second] = [[x, y], [y, minus(x)], [minus(x), minus(y)], [minus(y), x]][turns];
+  const size = turns % 2 ? { width: values.height, height: values.width } : {};
+  return { ...values, pose: [...first, ...second, ...rest], ...size };
+}
+function turnedPicture(picture, turns) { // clockwise, by quarter turns
+  const { width, height } = picture, size = turns % 2 ? { width: height, height: width } : { width, height };
+  const canvas = Object.assign(document.createElement("canvas"), size), brush = canvas.getContext("2d");
+  brush.translate(size.width / 2, size.height / 2);
+  brush.rotate(turns * Math.PI / 2);
+  brush.drawImage(picture, -width / 2, -height / 2);
+  return canvas;
+}
+
 class PageServer {
   constructor() {
     this.lenses = []; // by number: model, params, width, height, valid_field_angle
@@ -163,8 +178,9 @@ class PageServer {
   photo(view) { return this.content.photographs[view]; }
   async file(name, values) {
     if (name === "camera") {
-      const { width, height } = values, lens = this.resize(values.lens, width, height), rows = (m) => [0, 4, 8, 12].map((k) => m.slice(k, k + 4));
-      return new Blob([JSON.stringify({ camera_from_world: values.poses.map(rows), lens }) + "\n"], { type: "application/json" });
+      const { turns } = values, poses = values.poses.map((pose) => asStored({ ...values, pose })), rows = (m) => [0, 4, 8, 12].map((k) => m.slice(k, k + 4));
+      const { turns: _, ...lens } = this.resize(values.lens, poses[0].width, poses[0].height);
+      return new Blob([JSON.stringify({ camera_from_world: poses.map(({ pose }) => rows(pose)), lens, ...(turns ? { turns } : {}) }) + "\n"], { type: "application/json" });
     }
     const { picture } = await this.frame(values);
     return new Promise((done) => picture.toBlob(done, "image/png"));
@@ -282,11 +298,12 @@ class PageServer {
     const all = this.workers.reduce((total, { share }) => total + share, 0);
     this.workers.forEach((worker) => (worker.share /= all));
   }
-  async frame(values) {
+  async frame(wish) {
     await this.ready;
+    const values = asStored(wish), turns = wish.turns ?? 0;
     const began = performance.now(), drawn = await this.draw(values, values.mode === "distance"), { width, height } = drawn;
     const data = new ImageData(width, height), out = data.data;
-    const span = values.mode === "distance" ? this.colorDistances(drawn, out) : values.mode === "error" ? await this.colorErrors(drawn, values.view, out) : null;
+    const span = values.mode === "distance" ? this.colorDistances(drawn, out) : values.mode === "error" ? await this.colorErrors(drawn, values.view, turns, out) : null;
     if (!span) {
       const source = values.mode === "alpha" ? (i) => drawn.alpha[i] : (i, k) => drawn.image[3 * i + k];
       for (let i = 0; i < width * height; i++) for (let k = 0; k < 3; k++) out[4 * i + k] = 255 * source(i, k);
@@ -296,7 +313,7 @@ class PageServer {
     brush.putImageData(data, 0, 0);
     if (values.marks?.length) this.drawMarks(brush, drawn.lens, values);
     const way = `${Math.round(performance.now() - began)} ms, WebAssembly on ${this.workers.length} thread${this.workers.length > 1 ? "s" : ""}`;
-    return { picture, span, way };
+    return { picture: turns ? turnedPicture(picture, turns) : picture, span, way };
   }
   paint(out, i, level, map) {
     const at = 3 * Math.max(0, Math.min(255, Math.round(255 * level))), colors = this.content.colors[map];
@@ -309,8 +326,9 @@ class PageServer {
     distance.forEach((value, i) => value === value && this.paint(out, i, (1 / value - 1 / far) / (1 / near - 1 / far), "turbo"));
     return `${near} ${far}`;
   }
-  async colorErrors({ width, height, image, valid }, view, out) {
-    const picture = await createImageBitmap(await (await fetch(this.photo(view))).blob(), { colorSpaceConversion: "none" });
+  async colorErrors({ width, height, image, valid }, view, turns, out) {
+    const shown = await createImageBitmap(await (await fetch(this.photo(view))).blob(), { colorSpaceConversion: "none" });
+    const picture = turns ? turnedPicture(shown, 4 - turns) : shown;
     const brush = Object.assign(document.createElement("canvas"), { width, height }).getContext("2d");
     brush.imageSmoothingQuality = "high";
     brush.drawImage(picture, 0, 0, width, height);
@@ -338,7 +356,9 @@ class PageServer {
       brush.stroke();
     }
   }
-  async pick({ frame, pixel }) {
+  async pick({ frame: wish, pixel: [x, y] }) {
+    const frame = asStored(wish);
+    const pixel = [[x, y], [y, frame.height - x], [frame.width - x, frame.height - y], [frame.width - y, x]][wish.turns ?? 0];
     const { width, height, lens, alpha, depth } = await this.draw(frame, true);
     const at = Math.min(height - 1, Math.max(0, Math.floor(pixel[1]))) * width + Math.min(width - 1, Math.max(0, Math.floor(pixel[0])));
     const { origins, rays, valid } = this.borrow(lens, (camera) => this.core.unproject(camera, pixel));

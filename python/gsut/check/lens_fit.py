@@ -1,0 +1,219 @@
+"""Fits a correction of the lens to matches, and says how well they determine it."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from gsut.check.epipolar import Matches, find_rays
+from gsut.lens import Camera
+
+_ITERATIONS = 8  # of the reweighted fit, which settles within half of them
+_SETTLED = 0.05  # of the differences' steps: a fit that moves less has settled
+_NORMAL = 1.4826  # standard deviation of a normal law over the median of its absolute values
+# Standard deviation with which a lens is known beforehand, of its focal length, diagonal and
+# distortion: what a straight path does not determine stays as it is given.
+_KNOWN = 0.25
+_TINY = 1e-12  # keeps quotients finite
+_STEP_PX = 0.01  # of differences between rays: small beside a pixel, large beside rounding
+_FEWEST = 40  # matches to which the four numbers are fitted
+
+
+@dataclasses.dataclass(frozen=True)
+class LensFit:
+    """A correction of the lens, fitted to the matches with the poses held.
+
+    Args:
+        values: (4,) logarithm of the factor on the focal lengths; pixels to add to cx and cy;
+            factor minus 1 on the distance from the centre, at half the image's diagonal.
+        covariance: (4, 4) of them, by what each view changes when it is left out.
+        diagonal: of the image, pixels.
+        freedom: views less the four values: degrees of freedom of the covariance.
+    """
+
+    values: np.ndarray
+    covariance: np.ndarray
+    diagonal: float
+    freedom: int
+
+    @property
+    def sigmas(self) -> np.ndarray:
+        """Standard deviations (4,) of the values."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    def shift_distance(self, shift: np.ndarray) -> float:
+        """Returns the Mahalanobis distance of the correction of cx and cy from a shift (2,).
+
+        As of a normal law, like `significance`.
+        """
+        off = self.values[1:3] - shift
+        ratio = np.sqrt(off @ np.linalg.pinv(self.covariance[1:3, 1:3]) @ off)
+        return float(convert_to_normal(ratio, self.freedom))
+
+    def apply(self, cameras: Sequence[Camera], matches: Matches) -> np.ndarray:
+        """Returns the rays (2, M, 3) of the matches through the corrected lenses."""
+        return _find_moved_rays(cameras, matches, self.values)
+
+    @property
+    def moves(self) -> np.ndarray:
+        """The motion of pixels by focal length, principal point and distortion.
+
+        (3,) in thousandths of the diagonal; the focal length a quarter of the diagonal from the
+        centre, the distortion half of it.
+        """
+        scale, dx, dy, radial = np.abs(self.values)
+        return 1000 * np.array([scale / 4, np.hypot(dx, dy) / self.diagonal, radial / 2])
+
+    @property
+    def significance(self) -> np.ndarray:
+        """The same corrections (3,), in standard deviations of a normal law that are as rare."""
+        ratio = np.abs(self.values) / np.maximum(self.sigmas, 1e-12)
+        ratio = np.array([ratio[0], max(ratio[1], ratio[2]), ratio[3]])
+        return convert_to_normal(ratio, self.freedom)
+
+
+def convert_to_normal(ratio: np.ndarray, freedom: int) -> np.ndarray:
+    """Converts Student's t to standard deviations of a normal law that are as rare.
+
+    Few pairs underestimate a spread by chance, so that a large ratio is less rare (Wallace, "Bounds
+    on normal approximations to Student's and the chi-square distributions", 1959).
+
+    Args:
+        ratio: values over estimated standard deviations.
+        freedom: degrees of freedom of the estimate.
+    """
+    bend = (8 * freedom + 1) / (8 * freedom + 3)
+    return bend * np.sqrt(freedom * np.log1p(np.square(ratio) / freedom))
+
+
+def fit_lens(cameras: Sequence[Camera], matches: Matches, poses: np.ndarray) -> LensFit:
+    """Fits one scale, shift and radial term for all lenses to the epipolar errors.
+
+    Least squares, iteratively reweighted (Cauchy), with derivatives by differences. A lens scaled
+    about its principal point sees a pixel where it saw one nearer or farther, so pixels are moved
+    instead of making lenses.
+
+    Args:
+        cameras: the lenses.
+        matches: their pixels.
+        poses: (2, M, 4, 4) world_from_camera.
+    """
+    steps = np.diag([1e-3, 0.1, 0.1, 1e-3])
+    known = np.array([1.0, matches.diagonal, matches.diagonal, 1.0]) * _KNOWN
+
+    def find_errors(x: np.ndarray) -> np.ndarray:
+        return _find_moved_errors(cameras, matches, poses, x)
+
+    freedom = max(1, len(np.unique(matches.pairs[matches.pair])) - len(steps))
+    x, covariance = np.zeros(4), np.full((4, 4), np.inf)
+    for _ in range(_ITERATIONS):
+        now = find_errors(x)
+        slopes = np.stack(
+            [(find_errors(x + d) - find_errors(x - d)) / (2 * d.max()) for d in steps], axis=1
+        )
+        good = np.isfinite(now) & np.isfinite(slopes).all(axis=1)
+        if np.count_nonzero(good) < _FEWEST:
+            break
+        sigma = max(_NORMAL * float(np.median(np.abs(now[good]))), 0.05)
+        weight = 1 / (1 + (now[good] / (2 * sigma)) ** 2)
+        slope = slopes[good]
+        weighted = weight[:, None] * slope
+        prior = np.diag((sigma / known) ** 2)
+        whole = slope.T @ weighted + prior
+        step = np.linalg.solve(whole, weighted.T @ now[good] + prior @ x)
+        covariance = _leave_views_out(
+            matches.pairs[matches.pair[good]], whole, slope, weighted, now[good] - slope @ step
+        )
+        step = np.clip(step, [-0.2, -50, -50, -0.1], [0.2, 50, 50, 0.1])
+        x = x - step
+        if np.all(np.abs(step) < _SETTLED * steps.max(axis=1)):
+            break
+    return LensFit(x, covariance, matches.diagonal, freedom)
+
+
+def _leave_views_out(
+    views: np.ndarray,
+    whole: np.ndarray,
+    slope: np.ndarray,
+    weighted: np.ndarray,
+    errors: np.ndarray,
+) -> np.ndarray:
+    """Returns the covariance of a linear fit by the jackknife over views.
+
+    Where a few views determine a value, their own errors are small because the fit follows them,
+    and only its change without them shows how little is known. Each pair is left out with either of
+    its views, hence the half (Snijders and Borgatti, "Non-parametric standard errors and tests for
+    network statistics", 1999).
+
+    Args:
+        views: (M, 2) of each match.
+        whole: (4, 4) normal matrix of all matches.
+        slope, weighted: (M, 4) derivatives of the errors, and the same times the weights.
+        errors: (M,) that the fit leaves.
+    """
+    used, moves = np.unique(views), []
+    for view in used:
+        rows = (views == view).any(axis=1)
+        rest = whole - slope[rows].T @ weighted[rows]
+        moves.append(np.linalg.solve(rest, weighted[rows].T @ errors[rows]))
+    return (len(used) - 2) / (2 * len(used)) * np.array(moves).T @ np.array(moves)
+
+
+def _find_moved_errors(
+    cameras: Sequence[Camera], matches: Matches, poses: np.ndarray, x: np.ndarray
+) -> np.ndarray:
+    """Returns how far matches (M,) lie from each other's epipolar lines, pixels, signed.
+
+    In pixels of the given images, whatever the lens makes of them (Sampson's distance; Hartley and
+    Zisserman, "Multiple view geometry", 2003, equation 11.9). Angles would not do: a longer focal
+    length makes all of them smaller, and fits no better for it.
+
+    Args:
+        cameras: the lenses.
+        matches: their pixels.
+        poses: (2, M, 4, 4) world_from_camera.
+        x: (4,) change of the lenses, as `LensFit.values`.
+    """
+    one, two = poses[..., :3, :3]
+    base = poses[1, :, :3, 3] - poses[0, :, :3, 3]
+    base = base / np.maximum(np.linalg.norm(base, axis=1, keepdims=True), _TINY)
+    right, down = np.array([_STEP_PX, 0.0]), np.array([0.0, _STEP_PX])
+    rays = [_find_moved_rays(cameras, matches, x, step) for step in (0.0, right, down)]
+    seen = [np.einsum("mij,smj->smi", turn, [each[side] for each in rays])
+            for side, turn in enumerate((one, two))]  # fmt: skip
+    normal = [np.cross(seen[1][0], base), np.cross(base, seen[0][0])]
+    missed = np.einsum("mi,mi->m", seen[1][0], normal[1])
+    slopes = [np.einsum("smi,mi->sm", seen[side][1:] - seen[side][0], normal[side]) / _STEP_PX
+              for side in (0, 1)]  # fmt: skip
+    size = np.linalg.norm(np.concatenate(slopes), axis=0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return missed / size
+
+
+def _find_moved_rays(
+    cameras: Sequence[Camera], matches: Matches, x: np.ndarray, step: np.ndarray | float = 0.0
+) -> np.ndarray:
+    """Returns the rays (2, M, 3) of pixels a step (2,) beside the matches through changed lenses.
+
+    Args:
+        cameras: the lenses.
+        matches: their pixels.
+        x: (4,) change of the lenses, as `LensFit.values`.
+        step: (2,) pixels.
+    """
+    centers = _find_principal_points(cameras)[matches.lens]
+    away = (matches.pixels + step - x[1:3] - centers) / np.exp(x[0])
+    radius = np.linalg.norm(away, axis=-1, keepdims=True) / (matches.diagonal / 2)
+    moved = centers + away / (1 + x[3] * radius**2)
+    return find_rays(cameras, dataclasses.replace(matches, pixels=moved))
+
+
+def _find_principal_points(cameras: Sequence[Camera]) -> np.ndarray:
+    return np.array([_find_principal_point(camera) for camera in cameras])
+
+
+def _find_principal_point(camera: Camera) -> np.ndarray:
+    place, valid = camera.project(np.array([[0.0, 0.0, 1.0]]))
+    return place[0] if valid[0] else np.array([camera.width, camera.height]) / 2

@@ -1,0 +1,160 @@
+"""Weighs the focal length that images determine against the one that a camera or a user states."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+
+from gsut._core import SolveError
+from gsut.lens import FocalPrior, find_focal_params, with_scaled_focal
+from gsut.sfm.lens.candidates import guess_lens
+from gsut.sfm.mapping import Mapping
+from gsut.sfm.matches import keep_most_distinct
+from gsut.sfm.solution import FEATURE_VARIANCE, Adjustment, Solution, adjust_registered
+
+# Standard deviation of the logarithm of a focal length by --fov, which is a rough field of view,
+# and by a lens of the database, of which cameras have several modes.
+_STATED = 0.05
+# Relative change of the focal length that doubles the squared residuals, from which on the focal
+# length hangs on small errors that features share, which their residuals do not show.
+_WEAK = 0.05
+# Groups of consecutive images, each of which is left out once.
+_GROUPS = 8
+# Fewest images of which some can be left out and the others still determine a lens.
+_FEWEST_IMAGES = 4
+# Most matches of a pair in adjustments without a group.
+_GROUP_MATCHES = 150
+# Share of the prior's standard deviation below which the images alone know better.
+_NEGLIGIBLE = 0.1
+_EXIF = "EXIF"  # source of the focal length that photographs state
+# Standard deviations within which a prior and the images agree: Student's t with one degree of
+# freedom less than there are groups stays within them in 99.7 of 100 cases.
+_AGREE = 4.5
+
+
+def weigh_focal_prior(mapping: Mapping, features_sigma: float) -> float:
+    """Moves the focal length to the weighted mean of images and prior, where the two agree.
+
+    Everything else is adjusted again with that focal length held. Sets the mapping's solution, and
+    "focal_prior" of the figures, where there is a prior.
+
+    Args:
+        features_sigma: standard deviation of the logarithm of the focal length by the errors of
+            the features alone.
+
+    Returns:
+        The standard deviation of the logarithm of the focal length.
+    """
+    solution, flags = mapping.solved, mapping.one_lens_free
+    if flags is None:
+        return features_sigma
+    sigma = _estimate_sigma(mapping, flags, features_sigma)
+    prior = _find_prior(mapping)
+    if prior is None:
+        return sigma
+    focal = _find_focal(solution)
+    gap = math.log(focal / prior.px)
+    agrees = abs(gap) <= _AGREE * math.hypot(sigma, prior.sigma)
+    share = 1 / (1 + (sigma / prior.sigma) ** 2) if math.isfinite(sigma) else 0.0  # of the images
+    both = prior.sigma * math.sqrt(1 - share)
+    held = None
+    if agrees and sigma > _NEGLIGIBLE * prior.sigma and solution.shutter is None:
+        held = _hold_focal(mapping, flags, math.exp((share - 1) * gap))
+    known = f"{focal:.0f} px, known to {200 * sigma:.1f} % (two standard deviations)"
+    mapping.found.figures["focal_prior"] = {
+        "source": prior.source, "px": prior.px, "sigma_percent": 100 * prior.sigma,
+        "images_px": focal,
+        "images_sigma_percent": 100 * sigma if math.isfinite(sigma) else None,
+        "agrees": agrees, "used": held is not None,
+    }  # fmt: skip
+    if not agrees and prior.source != _EXIF:  # `explain_contradiction` speaks of EXIF
+        mapping.log.note(
+            f"the images give a focal length of {known}, which contradicts the {prior.px:.0f} px "
+            f"of {prior.source}, likelier wrong and not used; check it"
+        )
+    if held is None:
+        return sigma
+    mapping.solution = held
+    if share < 0.5:
+        alone = f"a focal length of {known}" if sigma < 1 else "no focal length"
+        mapping.log.note(
+            f"the images alone give {alone}; with the {prior.px:.0f} px of {prior.source} it is "
+            f"{_find_focal(held):.0f} px, known to {200 * both:.1f} %"
+        )
+    return both
+
+
+def _find_prior(mapping: Mapping) -> FocalPrior | None:
+    """Finds what is stated of the focal length: by the user, else by the photographs."""
+    photographs, camera = mapping.photographs, mapping.solved.cameras[0]
+    if mapping.options.fov is not None:
+        start = guess_lens(camera.width, camera.height, mapping.options.fov)
+        return FocalPrior(float(start.params[0]), _STATED, "--fov")
+    if photographs.profile is not None:
+        start = photographs.profile.make_camera(camera.width, camera.height)
+        return FocalPrior(float(start.params[0]), _STATED, photographs.profile.name)
+    if photographs.exif_focal_px is None or photographs.focal_sigma is None:
+        return None
+    return FocalPrior(photographs.exif_focal_px, photographs.focal_sigma, _EXIF)
+
+
+def _find_focal(solution: Solution) -> float:
+    """Returns the focal length in pixels that the one lens of a solution has."""
+    first = int(np.flatnonzero(solution.registered)[0])
+    return float(solution.cameras[first].params[0])
+
+
+def _hold_focal(mapping: Mapping, flags: np.ndarray, factor: float) -> Solution | None:
+    """Adjusts everything but the focal length, changed by a factor; None if images are lost."""
+    solution = mapping.solved
+    lens = with_scaled_focal(solution.cameras[0], factor)
+    start = dataclasses.replace(solution, cameras=[lens] * len(solution.cameras))
+    free = flags.copy()
+    free[find_focal_params(lens)] = 0
+    on_step = mapping.log.follow_steps("mapping")
+    try:
+        held = adjust_registered(
+            start,
+            mapping.features,
+            mapping.pairs,
+            mapping.options,
+            on_step,
+            Adjustment(free, extend=True),
+        )
+    except SolveError:
+        return None
+    return held if held.num_registered == solution.num_registered else None
+
+
+def _estimate_sigma(mapping: Mapping, flags: np.ndarray, features_sigma: float) -> float:
+    """Estimates the standard deviation of the logarithm of the focal length by the images alone.
+
+    That of the features' errors; where these determine it weakly, at least how much it varies when
+    one group of images after the other is left out (the jackknife).
+    """
+    solution = mapping.solved
+    coordinates = 2 * len(solution.observations)
+    doubling = features_sigma / math.sqrt(FEATURE_VARIANCE) * math.sqrt(coordinates)
+    if doubling < _WEAK or solution.num_registered < _FEWEST_IMAGES:
+        return features_sigma
+    pairs = keep_most_distinct(mapping.pairs, _GROUP_MATCHES)
+    adjustment = Adjustment(flags, covariances=False)
+    images = np.flatnonzero(solution.registered)
+    # Only how the focal length varies is asked: a readout needs no adjustment here.
+    still = dataclasses.replace(solution, shutter=None, velocities=None)
+    logs = []
+    for group in np.array_split(images, min(_GROUPS, len(images))):
+        kept = solution.registered.copy()
+        kept[group] = False
+        try:
+            found = adjust_registered(
+                dataclasses.replace(still, registered=kept), mapping.features, pairs,
+                mapping.options, adjustment=adjustment,
+            )  # fmt: skip
+        except SolveError:  # too few images are left
+            continue
+        logs.append(math.log(_find_focal(found)))
+    spread = math.sqrt((len(logs) - 1) * float(np.var(logs))) if len(logs) > 1 else math.inf
+    return max(features_sigma, spread)

@@ -1,0 +1,135 @@
+"""The focal length that a camera or a user states, weighed against that of the images."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+import gsut
+import tolerances
+from gsut import _core
+from gsut.lens import with_scaled_focal
+from gsut.sfm import PosesOptions
+from gsut.sfm.lens.covariance import estimate_lens_covariances
+from gsut.sfm.lens.doubt import judge_lens
+from gsut.sfm.mapping import Mapping, PosesLog
+from gsut.sfm.matches import PairMatches
+from gsut.sfm.photographs import Images, Photographs
+from gsut.sfm.solution import FEATURE_VARIANCE, Adjustment, adjust_poses
+from synthetic_walk import observe
+
+LENS = gsut.Camera("kannala_brandt", [520, 520, 320, 240, 1 / 3, 0.13, 0, 0], 640, 480)
+FREE = np.array([2, 2, 0, 0, 1, 0, 0, 0], np.uint8)
+OPTIONS = PosesOptions(extend_rounds=0)
+HEIGHT = 10.0
+
+
+def fly(rng, relief, stretch=0.0, turn=0.0):
+    """A flight over the ground, adjusted with its lens: a finished run.
+
+    relief: of the ground in heights. stretch: standard deviation of an error of scale that all
+    features of an image share. turn: about the vertical, radians from one image to the next.
+    """
+    span = np.array([9.0, 7.0, relief * HEIGHT])
+    points = np.array([0, 0, HEIGHT]) + rng.uniform(-span, span, (400, 3))
+    poses, features, seen = [], [], []
+    for i in range(12):
+        pose = _core.exp_pose([0, 0, 0, 0, turn * (i % 3), turn * i])
+        pose[:3, 3] = -pose[:3, :3] @ [1.6 * (i % 4) - 2.4, 1.6 * (i // 4) - 1.6, 0.0]
+        pixels, valid = LENS.project(points @ pose[:3, :3].T + pose[:3, 3])
+        pixels = (pixels - [320, 240]) * (1 + stretch * rng.standard_normal()) + [320, 240]
+        rows, found = observe(rng, LENS, pixels, valid, 0.3, np.ones((len(points), 128)))
+        poses.append(pose), features.append(found), seen.append(rows)
+    pairs = []
+    for i in range(12):
+        for j in range(i + 1, 12):
+            _, a, b = np.intersect1d(seen[i], seen[j], return_indices=True)
+            second_from_first = poses[j] @ np.linalg.inv(poses[i])
+            matches = np.stack([a, b], axis=1).astype(np.int32)
+            pairs.append(PairMatches(i, j, matches, second_from_first, 0, 0.2))
+    names = [f"{i:02d}.jpg" for i in range(12)]
+    solution = adjust_poses(
+        Images(names, [LENS] * 12, features), pairs, poses, OPTIONS, adjustment=Adjustment(FREE)
+    )
+    photographs = Photographs(None, names, [], [None] * 12, solution.cameras)
+    return Mapping(
+        photographs, OPTIONS, PosesLog(), features=features, pairs=pairs, solution=solution,
+        lens_free=FREE,
+    )  # fmt: skip
+
+
+def judge(flight, px=None, sigma=0.06, fov=None):
+    """Judges the lens of a flight with the focal length that EXIF states."""
+    photographs = dataclasses.replace(
+        flight.photographs, exif_focal_px=px, focal_sigma=None if px is None else sigma
+    )
+    options = dataclasses.replace(OPTIONS, fov=fov)
+    run = dataclasses.replace(
+        flight, photographs=photographs, options=options, log=PosesLog(),
+        found=type(flight.found)(),
+    )  # fmt: skip
+    judge_lens(run)
+    return run, math.log(run.solved.cameras[0].params[0] / LENS.params[0])
+
+
+@pytest.fixture(scope="module")
+def flight():
+    """Straight down over nearly flat ground: hardly anything tells the focal length."""
+    return fly(np.random.default_rng(35), relief=0.02)
+
+
+@pytest.fixture(scope="module")
+def walk():
+    """The same camera among deep relief, turned: the images tell the focal length."""
+    return fly(np.random.default_rng(36), relief=0.3, turn=0.3)
+
+
+@pytest.mark.parametrize("given", [{"px": 530.0}, {"fov": 63.0}])
+def test_focal_prior_where_images_hardly_tell_is_weighed_in(flight, given):
+    alone, _ = judge(flight)
+    run, error = judge(flight, **given)
+    row = run.found.figures["focal_prior"]
+    assert row["used"] and row["source"] == ("EXIF" if "px" in given else "--fov")
+    ends = sorted(math.log(row[key] / LENS.params[0]) for key in ("px", "images_px"))
+    assert ends[0] <= error <= ends[1]
+    assert run.found.focal_sigma < min(alone.found.focal_sigma, row["sigma_percent"] / 100)
+    assert abs(error) < tolerances.FOCAL_SIGMAS * run.found.focal_sigma
+    assert "the images alone give" in run.log.notes[-1]
+
+
+def test_focal_prior_far_from_the_images_is_not_used(walk):
+    run, _ = judge(walk, px=1.5 * LENS.params[0])
+    row = run.found.figures["focal_prior"]
+    assert not row["agrees"] and not row["used"] and run.solution is walk.solution
+    named, _ = judge(walk, fov=25.0)
+    assert "contradicts" in named.log.notes[-1] and "--fov" in named.log.notes[-1]
+
+
+def test_focal_prior_that_images_know_better_changes_nothing(walk):
+    alone, error = judge(walk)
+    run, _ = judge(walk, px=1.03 * LENS.params[0])
+    assert run.found.figures["focal_prior"]["agrees"] and run.solution is walk.solution
+    assert run.found.focal_sigma == alone.found.focal_sigma
+    assert abs(error) < tolerances.FOCAL_SIGMAS * alone.found.focal_sigma
+
+
+def test_focal_sigma_with_errors_that_features_share_covers_the_error():
+    errors, wider = [], 0
+    for seed in range(5):
+        flight = fly(np.random.default_rng(seed), relief=0.1, stretch=0.004)
+        run, error = judge(flight)
+        errors.append(error / run.found.focal_sigma)
+        (known,) = estimate_lens_covariances(
+            flight.solution, FREE, OPTIONS.loss_scale, FEATURE_VARIANCE
+        )
+        wider += run.found.focal_sigma > known.sigmas[0] / flight.solution.cameras[0].params[0]
+    assert len(errors) == 5 and wider > 0
+    assert max(map(abs, errors)) < tolerances.FOCAL_SIGMAS
+
+
+def test_focal_prior_of_images_that_lose_their_pose_is_not_used(flight, monkeypatch):
+    fewer = dataclasses.replace(flight.solution, registered=np.arange(12) < 11)
+    monkeypatch.setattr("gsut.sfm.lens.prior.adjust_registered", lambda *_, **__: fewer)
+    run, _ = judge(flight, px=with_scaled_focal(LENS, 1.05).params[0])
+    assert not run.found.figures["focal_prior"]["used"] and run.solution is flight.solution

@@ -1,0 +1,68 @@
+"""Images that no pair of verified matches connects, registered by the points their matches join."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import tolerances
+from gsut.sfm import PosesOptions, compare_poses
+from gsut.sfm.lens.left_out import register_left_out
+from gsut.sfm.matches import RawMatches, verify_matches
+from gsut.sfm.solution import solve_poses
+from synthetic_walk import Synthetic
+
+OPTIONS = PosesOptions(extend_rounds=0)
+LEFT_OUT = 7
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return Synthetic(np.random.default_rng(20261124))
+
+
+def solve_without_one(scene):
+    """A run in which no pair of the last image was verified."""
+    mapping = scene.mapping(OPTIONS)
+    pairs = verify_matches(mapping.images, mapping.raw, OPTIONS)
+    mapping.pairs = [pair for pair in pairs if LEFT_OUT not in (pair.first, pair.second)]
+    mapping.solution = solve_poses(mapping.images, mapping.pairs, OPTIONS)
+    assert mapping.solved.unregistered_names == [mapping.photographs.names[LEFT_OUT]]
+    return mapping
+
+
+def test_image_without_verified_pairs_gets_a_pose_by_points_of_all_others(scene):
+    mapping = solve_without_one(scene)
+    # Few features with each of the others, as from far away.
+    few = [
+        matches[:: 12 if LEFT_OUT in pair else 1]
+        for pair, matches in zip(mapping.raw.pairs, mapping.raw.matches, strict=True)
+    ]
+    mapping.raw = RawMatches(mapping.raw.pairs, few)
+    register_left_out(mapping)
+    assert mapping.solved.registered.all()
+    errors = compare_poses(mapping.solved.camera_from_world, np.array(scene.poses))
+    assert errors.ate_percent < tolerances.LEFT_OUT_ATE_PERCENT
+    added = [pair for pair in mapping.pairs if LEFT_OUT in (pair.first, pair.second)]
+    assert added and all(0 < pair.parallax < 1.5 for pair in added)
+
+
+def test_image_whose_matches_are_wrong_stays_without_a_pose(scene):
+    mapping = solve_without_one(scene)
+    rng = np.random.default_rng(1)
+    wrong = [
+        np.stack([m[:, 0], rng.permutation(m[:, 1])], axis=1) if LEFT_OUT in pair else m
+        for pair, m in zip(mapping.raw.pairs, mapping.raw.matches, strict=True)
+    ]
+    mapping.raw = RawMatches(mapping.raw.pairs, wrong)
+    before = mapping.solution
+    register_left_out(mapping)
+    assert mapping.solution is before
+
+
+def test_images_that_all_have_a_pose_are_left_as_they_are(scene):
+    mapping = solve_without_one(scene)
+    mapping.solution = dataclasses.replace(mapping.solved, registered=np.ones(8, bool))
+    before = mapping.solution
+    register_left_out(mapping)
+    assert mapping.solution is before
