@@ -85,7 +85,7 @@ class Query:
 
     @property
     def _widening(self) -> float:
-        """Factor on the jackknife's standard deviations where only a part of the image counts."""
+        """Returns the factor on standard deviations where only a part of the image counts."""
         return float(np.mean(self.valid)) ** _BY_SHARE
 
     def refine_smaller(self, camera: Any, pose: np.ndarray) -> CoarsePose:

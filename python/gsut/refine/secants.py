@@ -10,7 +10,7 @@ move together with the pose in the middle of the readout.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -164,11 +164,7 @@ def refine_by_secants(
         pose, moved = moved_pose(start, at[:POSE], 1.0), at[POSE : 2 * POSE]
         if len(slopes) < len(_SHIFTS) and not is_last:
             steps = _SHIFTS[len(slopes)] * unit
-            columns = []
-            for change in np.diag(steps):
-                sides = [draw(moved_pose(pose, sign * change, 1.0), moved) for sign in (1.0, -1.0)]
-                columns.append(sides[0] - sides[1])
-            slopes.append(np.stack(columns, axis=2) / (2 * steps))
+            slopes.append(_difference(lambda near: draw(near, moved), pose, steps))
         seen, residuals = compare(at)
         length = np.linalg.norm(residuals, axis=1)
         weights = _LOSS_SCALE / np.maximum(length, _LOSS_SCALE)
@@ -199,6 +195,17 @@ def refine_by_secants(
         moved_pose(start, at[:POSE], 1.0), at[POSE : 2 * POSE], (float(at[-2]), float(at[-1])),
         float(np.sqrt(np.mean(rows.residuals**2))), steps < _STEPS, rows,
     )  # fmt: skip
+
+
+def _difference(
+    draw: Callable[[np.ndarray], np.ndarray], pose: np.ndarray, steps: np.ndarray
+) -> np.ndarray:
+    """Returns (N, 3, 6) slopes of the colours that `draw` gives, over steps (6,) either way."""
+    columns = []
+    for change in np.diag(steps):
+        sides = [draw(moved_pose(pose, sign * change, 1.0)) for sign in (1.0, -1.0)]
+        columns.append(sides[0] - sides[1])
+    return np.stack(columns, axis=2) / (2 * steps)
 
 
 def place_lines(
