@@ -13,3 +13,4 @@ LOW_PASS_RADIUS = 4e-5  # differences over 0.002 px against derivatives; worst 2
 LOW_PASS_GAIN_DB = 3.0  # dB at 1/16 of the size; observed 5.4
 GROUND_DEGREES = 0.1  # 1500 Gaussians 0.01 about a floor of 8 x 8; worst 0.03
 GROUND_LEVEL = 0.01  # of the same; worst 0.004
+EDIT_UNDONE = 1e-5  # float32 of means to 20 units, twice rounded; worst observed 2e-6

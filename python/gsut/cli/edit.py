@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 from pathlib import Path
 from typing import Any
 
@@ -78,6 +79,11 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "line each under a heading name,latitude,longitude,altitude or name,x,y,z (metres, z up). "
         "Afterwards x is east, -y up and z north, and lengths are metres",
     )  # fmt: skip
+    parser.add_argument(
+        "--undo", metavar="FILE.json",
+        help="instead of up and scale: nerfstudio's dataparser_transforms.json, whose rotation, "
+        "shift and scale are taken back, into the coordinates of transforms.json",
+    )  # fmt: skip
     add_moved_data(parser)
     add_quiet(parser)
     add_json(parser)
@@ -117,6 +123,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.positions:
         fit = _fit_of_positions(arguments)
         scale, rotation, translation = fit.scale, fit.rotation, fit.translation
+    elif arguments.undo:
+        scale, rotation, translation = _read_undo(Path(arguments.undo))
     else:
         rotation, height = _find_level(arguments, kept)
         translation = scale * np.array([0.0, height, 0.0])
@@ -158,8 +166,9 @@ def _scale_of(arguments: argparse.Namespace) -> float:
         raise InputError("give --scale or --length, not both")
     others = (arguments.scale, arguments.length, arguments.up)
     by_hand = arguments.upright or arguments.ground or any(each is not None for each in others)
-    if arguments.positions and by_hand:
-        raise InputError("--positions says scale and up; give no other of them")
+    whole = [f"--{name}" for name in ("positions", "undo") if getattr(arguments, name)]
+    if len(whole) + by_hand > 1:
+        raise InputError(f"{whole[0]} says scale and up; give no other of them")
     scale = 1.0 if arguments.scale is None else arguments.scale
     if arguments.length is not None:
         known = np.array(arguments.length)
@@ -254,3 +263,20 @@ def _fit_of_positions(arguments: argparse.Namespace) -> Any:
     _, _, scene, _ = _load_trained(arguments, arguments.sources[0], "give a run for --positions")
     poses = {view.name: scene.to_dataset(view.camera_from_world) for view in scene.views}
     return fit_positions(poses, positions, arguments.positions)
+
+
+def _read_undo(path: Path) -> tuple[float, np.ndarray, np.ndarray]:
+    """Reads scale, rotation (3, 3) and translation (3,) that take nerfstudio's coordinates back.
+
+    nerfstudio trains in x' = s (R x + t), with R and t in "transform" and s in "scale".
+    """
+    where = f"{path}: is no dataparser_transforms.json"
+    try:
+        values = json.loads(path.read_text(encoding="utf-8"))
+        transform, scale = np.array(values["transform"], np.float64), float(values["scale"])
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(f"{where} ({error!r})") from error
+    if transform.shape != (3, 4) or not np.isfinite(transform).all() or not 0 < scale < np.inf:
+        raise InputError(f"{where}: expected a 3 x 4 transform and a scale above 0")
+    back = transform[:, :3].T
+    return 1 / scale, back, -back @ transform[:, 3]

@@ -10,6 +10,7 @@ import pytest
 
 import gsut
 import small_run
+import tolerances
 from formats.scene_cases import plain_scene
 from gsut.cli import main
 
@@ -118,6 +119,33 @@ def test_edit_takes_positions_alone(run, capsys, flag):
     assert "--positions says scale and up" in capsys.readouterr().err
 
 
+def test_edit_takes_one_of_positions_and_undo(run, capsys):
+    words = ["edit", "run", "-o", "a.ply", "--positions", "p.csv", "--undo", "x.json"]
+    assert main(words) == 2
+    assert "--positions says scale and up" in capsys.readouterr().err
+
+
 def test_edit_asks_for_a_run_where_photographs_are_needed(ply, capsys):
     assert main(["edit", "in.ply", "-o", "out.ply", "--floaters"]) == 2
     assert "which has no cameras: give a run for --floaters" in capsys.readouterr().err
+
+
+def test_edit_takes_nerfstudio_normalisation_back(ply, capsys):
+    turn = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+    shift, scale = np.array([1.0, -2.0, 3.0]), 0.25
+    values = {"transform": np.column_stack([turn, shift]).tolist(), "scale": scale}
+    Path("dataparser_transforms.json").write_text(json.dumps(values))
+    there = gsut.edit.transform_gaussians(ply, turn, scale, scale * shift)
+    gsut.formats.save_ply("there.ply", there)
+    back, figures = edited(capsys, "there.ply", "--undo", "dataparser_transforms.json")
+    assert figures["scale"] == 4.0
+    expected = ply.means + ply.origin
+    np.testing.assert_allclose(back.means + back.origin, expected, atol=tolerances.EDIT_UNDONE)
+    np.testing.assert_allclose(back.log_scales, ply.log_scales, atol=tolerances.EDIT_UNDONE)
+
+
+@pytest.mark.parametrize("text", ["{}", "[1]", '{"transform": [[1, 0]], "scale": 1}', "x"])
+def test_edit_refuses_what_is_no_normalisation(ply, capsys, text):
+    Path("wrong.json").write_text(text)
+    assert main(["edit", "in.ply", "-o", "a.ply", "--undo", "wrong.json"]) == 2
+    assert "wrong.json: is no dataparser_transforms.json" in capsys.readouterr().err
