@@ -117,7 +117,7 @@ def _choose_lens(
 
 
 def _choose_shutter(word: str, scene: Scene, lens: Camera, is_own: bool) -> Shutter | None:
-    """Chooses the shutter that a word asks for; None: to be found from the photograph."""
+    """Chooses the photograph's shutter; None: it is found from the photograph."""
     if word not in ("auto", "global", "rolling"):
         raise InputError(f"shutter must be auto, global or rolling, found {word!r}")
     if word == "global":
