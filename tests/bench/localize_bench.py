@@ -10,7 +10,7 @@ import numpy as np
 
 import gsut
 from gsut.refine.query import subtract_poses
-from gsut.refine.secants import square_by_covariance
+from gsut.refine.secants import compute_square
 from gsut.render import choose_solid
 from tests.bench.harness import HALL, Benchmark, Column, Option, Row, Settings
 
@@ -119,7 +119,7 @@ def _localize(
     spread = found.pose.covariance[:3, :3]
     square = float(off @ np.linalg.solve(spread, off))
     error = subtract_poses(found.pose.camera_from_world, scene.views[index].camera_from_world)
-    freedom = square_by_covariance(error, found.pose.covariance)
+    freedom = compute_square(error, found.pose.covariance)
     return float(np.linalg.norm(off)), float(np.sqrt(np.trace(spread))), square, freedom
 
 

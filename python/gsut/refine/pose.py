@@ -249,7 +249,7 @@ def make_refined_pose(
     sizes: Sequence[int] = NOISE_BLOCKS,
 ) -> RefinedPose:
     """Makes a pose in the world, with its covariance, of one about the Gaussians' origin."""
-    covariance = estimate_covariance(found.rows, found.rows.slopes_with_motion(shutter), sizes)
+    covariance = estimate_covariance(found.rows, found.rows.stack_slopes(shutter), sizes)
     moved: dict[str, Any] = {}
     if shutter is not None:
         moved = {

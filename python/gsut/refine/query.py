@@ -22,11 +22,11 @@ from gsut.refine.pose import (
 from gsut.refine.secants import (
     SCENE_BLOCKS,
     SecantPose,
+    compute_square,
     estimate_covariance,
     estimate_step,
     measure_unmodelled_motion,
     place_lines,
-    square_by_covariance,
 )
 from gsut.render import render
 
@@ -113,7 +113,7 @@ class Query:
             return still, None, "picture"
         moved = self._refine(pose, _ROLLING_LEVELS, likely)
         refined = make_refined_pose(moved, likely, np.zeros(3))
-        square = square_by_covariance(moved.motion, np.asarray(refined.motion_covariance))
+        square = compute_square(moved.motion, np.asarray(refined.motion_covariance))
         if moved.rms < still.rms and square > _MOTION_CLEAR * self._widening**2:
             return moved, likely, "picture"
         return still, None, "undetermined"
@@ -139,7 +139,7 @@ class Query:
             moved = max(
                 (self._measure_shift_by_motion(fine, each) for each in
                  list_likely_shutters(self.camera)),
-                key=lambda shift: square_by_covariance(shift, covariance),
+                key=lambda shift: compute_square(shift, covariance),
             )  # fmt: skip
             covariance = covariance + np.outer(moved, moved)
         best = 0.0
@@ -154,7 +154,7 @@ class Query:
 
     def _measure_shift_by_motion(self, fine: SecantPose, shutter: Shutter) -> np.ndarray:
         """Measures (6,) how far the pose would move if the shutter were rolling."""
-        return estimate_step(fine.rows, fine.rows.slopes_with_motion(shutter))[:6]
+        return estimate_step(fine.rows, fine.rows.stack_slopes(shutter))[:6]
 
     def _measure_focal_error(
         self, fine: SecantPose, shutter: Shutter | None
@@ -167,9 +167,7 @@ class Query:
             for step in (_FOCAL_DIFFERENCE, -_FOCAL_DIFFERENCE)
         ]  # fmt: skip
         by_focal = fine.gain[0] * (sides[0] - sides[1]).astype(np.float64) / (2 * _FOCAL_DIFFERENCE)
-        slopes = np.concatenate(
-            [fine.rows.slopes_with_motion(shutter), by_focal[:, :, None]], axis=2
-        )
+        slopes = np.concatenate([fine.rows.stack_slopes(shutter), by_focal[:, :, None]], axis=2)
         covariance = estimate_covariance(fine.rows, slopes)
         return float(estimate_step(fine.rows, slopes)[-1]), float(np.sqrt(covariance[-1, -1]))
 

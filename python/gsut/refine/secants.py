@@ -92,7 +92,7 @@ class PixelRows:
     by_pose: np.ndarray
     by_gain: np.ndarray
 
-    def slopes_with_motion(self, shutter: Shutter | None) -> np.ndarray:
+    def stack_slopes(self, shutter: Shutter | None) -> np.ndarray:
         """Returns (N, 3, K) slopes by pose, by motion unless the shutter is global, and by gain."""
         parts = [self.by_pose]
         if shutter is not None and not shutter.is_global:
@@ -149,7 +149,7 @@ def refine_by_secants(
             )
         return seen, at[-2] * seen + at[-1] - colors
 
-    def cost_of(unknowns: np.ndarray) -> float:
+    def compute_cost(unknowns: np.ndarray) -> float:
         at = first.copy()
         at[free] = unknowns
         length = np.linalg.norm(compare(at)[1], axis=1)
@@ -164,7 +164,7 @@ def refine_by_secants(
         pose, moved = moved_pose(start, at[:POSE], 1.0), at[POSE : 2 * POSE]
         if len(slopes) < len(_SHIFTS) and not is_last:
             steps = _SHIFTS[len(slopes)] * unit
-            slopes.append(_difference(lambda near: draw(near, moved), pose, steps))
+            slopes.append(_measure_slopes(lambda near: draw(near, moved), pose, steps))
         seen, residuals = compare(at)
         length = np.linalg.norm(residuals, axis=1)
         weights = _LOSS_SCALE / np.maximum(length, _LOSS_SCALE)
@@ -175,17 +175,17 @@ def refine_by_secants(
 
     steps = 0
 
-    def normal_equations(unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def make_normal_equations(unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         nonlocal steps
         steps += 1
         rows = list_rows(unknowns)
-        weighted = np.sqrt(rows.weights)[:, None, None] * rows.slopes_with_motion(shutter)
+        weighted = np.sqrt(rows.weights)[:, None, None] * rows.stack_slopes(shutter)
         matrix = weighted.reshape(-1, len(free))
         right = (np.sqrt(rows.weights)[:, None] * rows.residuals).ravel()
         return matrix.T @ right, matrix.T @ matrix
 
     unknowns, _ = minimize_least_squares(
-        first[free], cost_of, normal_equations,
+        first[free], compute_cost, make_normal_equations,
         max_steps=_STEPS, least_gain=_LEAST_GAIN, rise=_RISE, most_damping=_MOST_DAMPING,
     )  # fmt: skip
     rows = list_rows(unknowns, is_last=True)
@@ -197,7 +197,7 @@ def refine_by_secants(
     )  # fmt: skip
 
 
-def _difference(
+def _measure_slopes(
     draw: Callable[[np.ndarray], np.ndarray], pose: np.ndarray, steps: np.ndarray
 ) -> np.ndarray:
     """Returns (N, 3, 6) slopes of the colours that `draw` gives, over steps (6,) either way."""
@@ -303,13 +303,13 @@ def measure_unmodelled_motion(rows: PixelRows, shutter: Shutter) -> float:
     Returns:
         Its square by its covariance, per unknown: about 1 where there is none.
     """
-    slopes = rows.slopes_with_motion(shutter)
+    slopes = rows.stack_slopes(shutter)
     motion = slice(POSE, 2 * POSE)
     step = estimate_step(rows, slopes)[motion]
-    return square_by_covariance(step, estimate_covariance(rows, slopes)[motion, motion])
+    return compute_square(step, estimate_covariance(rows, slopes)[motion, motion])
 
 
-def square_by_covariance(vector: np.ndarray, covariance: np.ndarray) -> float:
+def compute_square(vector: np.ndarray, covariance: np.ndarray) -> float:
     """Returns the square of a vector by its covariance, per component."""
     return float(vector @ np.linalg.solve(covariance, vector)) / len(vector)
 
