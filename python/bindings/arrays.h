@@ -97,9 +97,10 @@ T* MutableData(const py::handle& object, const char* name,
 }
 
 // View of a gsut.Gaussians (any object with means, quats, log_scales, opacity_logits, sh as
-// C-contiguous arrays). View is GaussiansView<T>, or GaussiansView<const T> to read only, and
-// get(object, name, shape) the checked pointer. rows: of harmonics of several degrees, which are
-// one array of floats; null: sh (N, K, 3). The caller keeps the object alive as long as the view.
+// C-contiguous arrays) or of a gsut.LinearGaussians, which has scales and opacities instead. View
+// is GaussiansView<T>, or GaussiansView<const T> to read only, and get(object, name, shape) the
+// checked pointer. rows: of harmonics of several degrees, which are one array of floats; null: sh
+// (N, K, 3). The caller keeps the object alive as long as the view.
 template <class View, class Get>
 View GaussiansOf(const py::handle& gaussians, const HarmonicsRows* rows, Get&& get) {
   View view;
@@ -108,8 +109,11 @@ View GaussiansOf(const py::handle& gaussians, const HarmonicsRows* rows, Get&& g
   view.size = static_cast<std::int64_t>(py::len(means));
   view.means = get(means, "means", {view.size, 3});
   view.quats = get(gaussians.attr("quats"), "quats", {view.size, 4});
-  view.log_scales = get(gaussians.attr("log_scales"), "log_scales", {view.size, 3});
-  view.opacity_logits = get(gaussians.attr("opacity_logits"), "opacity_logits", {view.size});
+  view.is_linear = py::hasattr(gaussians, "opacities");
+  const char* scales = view.is_linear ? "scales" : "log_scales";
+  const char* opacities = view.is_linear ? "opacities" : "opacity_logits";
+  view.log_scales = get(gaussians.attr(scales), scales, {view.size, 3});
+  view.opacity_logits = get(gaussians.attr(opacities), opacities, {view.size});
   if (rows != nullptr) {
     view.sh_coefficients = NumShCoefficients(rows->MaxDegree());
     view.sh = get(sh, "sh", {rows->Offset(view.size)});

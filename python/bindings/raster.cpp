@@ -1,4 +1,4 @@
-// Binds gsut/raster: blend rule, tiled renderer, double reference.
+// Binds gsut/raster: blend rule, tiled renderer.
 //
 // Python owns all arrays; the renderer keeps buffers only.
 #include <pybind11/pybind11.h>
@@ -17,52 +17,10 @@
 #include "bindings/module.h"
 #include "bindings/raster.h"
 #include "bindings/harmonics_step.h"
-#include "gsut/raster/lens_gradients.h"
-#include "gsut/raster/reference/reference.h"
 #include "gsut/raster/render.h"
 
 namespace gsut::bindings {
 namespace {
-
-// dpose (6,) of one pose, or (2, 6) of the start and the end of a rolling shutter.
-py::array_t<double> PoseGradient(const double* dpose, const CameraMotion& motion) {
-  if (motion.shutter.IsGlobal()) {
-    py::array_t<double> out(6);
-    std::copy_n(dpose, 6, out.mutable_data());
-    return out;
-  }
-  py::array_t<double> out({2, 6});
-  std::copy_n(dpose, 12, out.mutable_data());
-  return out;
-}
-
-// The gradients to an image's rays and to the lens behind them.
-struct LensGradient {
-  RayGradients to_rays;
-  std::vector<double> to_params;
-
-  // Also leaves only the part of the gradients that is across the ray: the rest has no meaning.
-  void Chain(const Camera& camera, const CameraMotion& motion) {
-    const ViewRays view = MakeViewRays(camera, motion);
-    to_params = ChainToLens(view, camera, motion, to_rays);
-    for (std::size_t i = 0; i < view.valid.size(); ++i) {
-      if (!view.valid[i]) continue;
-      const Eigen::Map<const Eigen::Vector3d> ray(&view.rays[3 * i]);
-      Eigen::Map<Eigen::Vector3d> gradient(&to_rays.rays[3 * i]);
-      gradient -= ray * ray.dot(gradient);
-    }
-  }
-
-  // (params (K,), rays (H, W, 3)), or None if not wanted.
-  py::object Arrays(const Camera& camera, bool wanted) const {
-    if (!wanted) return py::none();
-    py::array_t<double> params(static_cast<py::ssize_t>(to_params.size()));
-    std::copy(to_params.begin(), to_params.end(), params.mutable_data());
-    auto rays = NewArray<double>({camera.height(), camera.width(), 3});
-    std::copy(to_rays.rays.begin(), to_rays.rays.end(), rays.mutable_data());
-    return py::make_tuple(params, rays);
-  }
-};
 
 // The rows of each degree of a gsut.MixedGaussians; none for any other object.
 std::optional<HarmonicsRows> MixedRows(const py::handle& gaussians) {
@@ -82,7 +40,8 @@ std::optional<HarmonicsRows> MixedRows(const py::handle& gaussians) {
 class BoundRenderer {
  public:
   void Render(const py::object& gaussians, const BoundJob& bound, const py::object& image,
-              const py::object& alpha, const py::object& depth, const py::object& distortion) {
+              const py::object& alpha, const py::object& depth, const py::object& distortion,
+              const py::object& features) {
     const std::optional<HarmonicsRows> sh_rows = MixedRows(gaussians);
     const auto view = ConstGaussians<float>(gaussians, sh_rows ? &*sh_rows : nullptr);
     motion_ = bound.motion;
@@ -102,6 +61,12 @@ class BoundRenderer {
     job.alpha = output(alpha, "alpha");
     job.depth = output(depth, "depth");
     job.distortion = output(distortion, "distortion");
+    job.channels = ChannelsOf<float>(bound, view.size);
+    channels_ = job.channels.count;
+    if (channels_ > 0) {
+      job.channel_image = MutableData<float>(features, "features", {height_, width_, channels_});
+    }
+    kept_ = {bound.features, bound.features_background};
     sh_rows_ = sh_rows;
     gaussians_ = gaussians;
     const LongCall released;
@@ -113,13 +78,15 @@ class BoundRenderer {
                       const py::object& touched, const py::object& dalpha, const py::object& ddepth,
                       const py::object& ddistortion, const py::object& errors,
                       const py::object& error_sums, bool write_untouched, bool with_poses,
-                      bool with_lens, const BoundHarmonicsStep* step) {
+                      bool with_lens, const BoundHarmonicsStep* step, const py::object& dfeatures,
+                      const py::object& to_features) {
     const ImageGradients to_image = {
         ConstData<float>(dimage, "dimage", {height_, width_, 3}),
         OptionalData<float>(dalpha, "dalpha", {height_, width_}),
         OptionalData<float>(ddepth, "ddepth", {height_, width_}),
         OptionalData<float>(ddistortion, "ddistortion", {height_, width_}),
-        OptionalData<float>(errors, "errors", {height_, width_})};
+        OptionalData<float>(errors, "errors", {height_, width_}),
+        OptionalData<float>(dfeatures, "dfeatures", {height_, width_, channels_})};
     const std::optional<HarmonicsRows> sh_rows = MixedRows(gradients);
     if (sh_rows.has_value() != sh_rows_.has_value() ||
         (sh_rows.has_value() && sh_rows->end != sh_rows_->end)) {
@@ -130,8 +97,14 @@ class BoundRenderer {
     double dpose[12] = {};
     has_lens_ = false;
     const GradientRows to = {
-        view, touched_data, write_untouched, step == nullptr ? nullptr : &step->step,
-        error_sums.is_none() ? nullptr : MutableData<float>(error_sums, "error_sums", {view.size})};
+        view,
+        touched_data,
+        write_untouched,
+        step == nullptr ? nullptr : &step->step,
+        error_sums.is_none() ? nullptr : MutableData<float>(error_sums, "error_sums", {view.size}),
+        to_features.is_none()
+            ? nullptr
+            : MutableData<float>(to_features, "to_features", {view.size, channels_})};
     const auto run = [&] {
       renderer_.Backward(to_image, to, with_poses ? dpose : nullptr,
                          with_lens ? &lens_.to_rays : nullptr);
@@ -264,51 +237,14 @@ class BoundRenderer {
  private:
   Renderer renderer_;
   py::object gaussians_;
+  std::array<py::object, 2> kept_;  // what the renderer reads beside the Gaussians
   std::optional<HarmonicsRows> sh_rows_;
   CameraMotion motion_;
   std::unique_ptr<Camera> camera_;
   LensGradient lens_;
   bool has_lens_ = false;
-  std::int64_t height_ = 0, width_ = 0;
+  std::int64_t height_ = 0, width_ = 0, channels_ = 0;
 };
-
-// The scalar renderer in double, slow: what tests compare with.
-py::tuple RenderDouble(const py::object& gaussians, const BoundJob& job, const py::object& pixels) {
-  const auto view = ConstGaussians<double>(gaussians);
-  const py::ssize_t h = job.camera.height(), w = job.camera.width();
-  const std::uint8_t* chosen = OptionalData<std::uint8_t>(pixels, "pixels", {h, w});
-  ReferenceImage result;
-  {
-    const LongCall released;
-    result = RenderReference(view, job.camera, job.motion, job.settings, chosen);
-  }
-  return ReferenceArrays(result, h, w);
-}
-
-py::tuple BackwardDouble(const py::object& gaussians, const BoundJob& job, const py::object& dimage,
-                         const py::object& gradients, const py::object& dalpha,
-                         const py::object& ddepth, const py::object& ddistortion,
-                         const py::object& pixels, bool with_lens) {
-  const auto view = ConstGaussians<double>(gaussians);
-  const auto out = MutableGaussians<double>(gradients);
-  const Camera& camera = job.camera;
-  const CameraMotion& motion = job.motion;
-  const std::int64_t h = camera.height(), w = camera.width();
-  const ReferenceGradients to_image = {ConstData<double>(dimage, "dimage", {h, w, 3}),
-                                       OptionalData<double>(dalpha, "dalpha", {h, w}),
-                                       OptionalData<double>(ddepth, "ddepth", {h, w}),
-                                       OptionalData<double>(ddistortion, "ddistortion", {h, w})};
-  const std::uint8_t* chosen = OptionalData<std::uint8_t>(pixels, "pixels", {h, w});
-  double dpose[12] = {};
-  LensGradient lens;
-  {
-    const LongCall released;
-    RenderReferenceBackward(view, camera, motion, job.settings, to_image, out, dpose, &lens.to_rays,
-                            chosen);
-    if (with_lens) lens.Chain(camera, motion);
-  }
-  return py::make_tuple(PoseGradient(dpose, motion), lens.Arrays(camera, with_lens));
-}
 
 }  // namespace
 
@@ -349,29 +285,34 @@ Raises:
   py::class_<BoundJob>(m, "RenderJob", "One image to be rendered: its camera, pose and rules.")
       .def(py::init([](const Camera& camera, const py::object& pose, const BlendRule& rule,
                        const std::array<double, 3>& background, int sh_degree,
-                       const std::array<double, 3>& unscented, const py::object& tiles, bool keep) {
+                       const std::array<double, 3>& unscented, const py::object& tiles, bool keep,
+                       const py::object& features, const py::object& features_background) {
              return BoundJob{camera,
                              ReadMotion(pose),
                              Settings(rule, background, sh_degree),
                              {unscented[0], unscented[1], unscented[2]},
                              tiles,
-                             keep};
+                             keep,
+                             features,
+                             features_background};
            }),
            py::arg("camera"), py::arg("camera_from_world"), py::kw_only(),
            py::arg("rule") = BlendRule(), py::arg("background") = std::array<double, 3>{},
            py::arg("sh_degree") = 3, py::arg("unscented") = std::array<double, 3>{1.0, 2.0, 0.0},
-           py::arg("tiles") = py::none(), py::arg("keep") = true);
+           py::arg("tiles") = py::none(), py::arg("keep") = true, py::arg("features") = py::none(),
+           py::arg("features_background") = py::none());
   py::class_<BoundRenderer>(m, "Renderer", "The tiled float renderer with its buffers.")
       .def(py::init<>())
       .def("render", &BoundRenderer::Render, py::arg("gaussians"), py::arg("job"), py::arg("image"),
            py::arg("alpha") = py::none(), py::arg("depth") = py::none(),
-           py::arg("distortion") = py::none())
+           py::arg("distortion") = py::none(), py::arg("features") = py::none())
       .def("backward", &BoundRenderer::Backward, py::arg("dimage"), py::arg("gradients"),
            py::arg("touched"), py::kw_only(), py::arg("dalpha") = py::none(),
            py::arg("ddepth") = py::none(), py::arg("ddistortion") = py::none(),
            py::arg("errors") = py::none(), py::arg("error_sums") = py::none(),
            py::arg("write_untouched") = true, py::arg("with_poses") = true,
-           py::arg("with_lens") = false, py::arg("harmonics_step") = nullptr)
+           py::arg("with_lens") = false, py::arg("harmonics_step") = nullptr,
+           py::arg("dfeatures") = py::none(), py::arg("to_features") = py::none())
       .def("add_significance", &BoundRenderer::AddSignificance, py::arg("chosen"),
            py::arg("significance"))
       .def("add_fisher", &BoundRenderer::AddFisher, py::arg("chosen"), py::arg("fisher"))
@@ -385,12 +326,6 @@ Raises:
       .def("distances", &BoundRenderer::Distances)
       .def("timings", &BoundRenderer::Timings)
       .def("statistics", &BoundRenderer::Statistics);
-  m.def("render_reference", &RenderDouble, py::arg("gaussians"), py::arg("job"),
-        py::arg("pixels") = py::none());
-  m.def("render_reference_backward", &BackwardDouble, py::arg("gaussians"), py::arg("job"),
-        py::arg("dimage"), py::arg("gradients"), py::kw_only(), py::arg("dalpha") = py::none(),
-        py::arg("ddepth") = py::none(), py::arg("ddistortion") = py::none(),
-        py::arg("pixels") = py::none(), py::arg("with_lens") = false);
 }
 
 }  // namespace gsut::bindings

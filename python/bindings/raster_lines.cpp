@@ -1,4 +1,4 @@
-// Binds the double reference along rays that are given one by one.
+// Binds the double reference: through a lens, and along rays that are given one by one.
 //
 // Lines need no camera, so that a test may aim each of them. Everything is double.
 #include <pybind11/pybind11.h>
@@ -83,9 +83,62 @@ py::array_t<double> BackwardLines(const py::object& gaussians, const py::object&
   return out;
 }
 
+// The scalar renderer in double, slow: what tests compare with.
+py::tuple RenderDouble(const py::object& gaussians, const BoundJob& job, const py::object& pixels) {
+  const auto view = ConstGaussians<double>(gaussians);
+  const py::ssize_t h = job.camera.height(), w = job.camera.width();
+  const std::uint8_t* chosen = OptionalData<std::uint8_t>(pixels, "pixels", {h, w});
+  const auto channels = ChannelsOf<double>(job, view.size);
+  ReferenceImage result;
+  {
+    const LongCall released;
+    result = RenderReference(view, job.camera, job.motion, job.settings, chosen, channels);
+  }
+  return ReferenceArrays(result, h, w);
+}
+
+py::tuple BackwardDouble(const py::object& gaussians, const BoundJob& job, const py::object& dimage,
+                         const py::object& gradients, const py::object& dalpha,
+                         const py::object& ddepth, const py::object& ddistortion,
+                         const py::object& pixels, bool with_lens, const py::object& dfeatures,
+                         const py::object& to_features) {
+  const auto view = ConstGaussians<double>(gaussians);
+  const auto out = MutableGaussians<double>(gradients);
+  const Camera& camera = job.camera;
+  const CameraMotion& motion = job.motion;
+  const std::int64_t h = camera.height(), w = camera.width();
+  ReferenceGradients to_image = {ConstData<double>(dimage, "dimage", {h, w, 3}),
+                                 OptionalData<double>(dalpha, "dalpha", {h, w}),
+                                 OptionalData<double>(ddepth, "ddepth", {h, w}),
+                                 OptionalData<double>(ddistortion, "ddistortion", {h, w})};
+  if (!dfeatures.is_none()) {
+    to_image.channels = ChannelsOf<double>(job, view.size);
+    const std::int64_t count = to_image.channels.count;
+    to_image.channel_image = ConstData<double>(dfeatures, "dfeatures", {h, w, count});
+    to_image.to_channels = MutableData<double>(to_features, "to_features", {view.size, count});
+  }
+  const std::uint8_t* chosen = OptionalData<std::uint8_t>(pixels, "pixels", {h, w});
+  double dpose[12] = {};
+  LensGradient lens;
+  {
+    const LongCall released;
+    RenderReferenceBackward(view, camera, motion, job.settings, to_image, out, dpose, &lens.to_rays,
+                            chosen);
+    if (with_lens) lens.Chain(camera, motion);
+  }
+  return py::make_tuple(PoseGradient(dpose, motion), lens.Arrays(camera, with_lens));
+}
+
 }  // namespace
 
 void BindRasterLines(py::module_& m) {
+  m.def("render_reference", &RenderDouble, py::arg("gaussians"), py::arg("job"),
+        py::arg("pixels") = py::none());
+  m.def("render_reference_backward", &BackwardDouble, py::arg("gaussians"), py::arg("job"),
+        py::arg("dimage"), py::arg("gradients"), py::kw_only(), py::arg("dalpha") = py::none(),
+        py::arg("ddepth") = py::none(), py::arg("ddistortion") = py::none(),
+        py::arg("pixels") = py::none(), py::arg("with_lens") = false,
+        py::arg("dfeatures") = py::none(), py::arg("to_features") = py::none());
   m.def("render_lines_reference", &RenderLines, py::arg("gaussians"), py::arg("lines"),
         py::arg("reference"), py::arg("rule"));
   m.def("render_lines_reference_backward", &BackwardLines, py::arg("gaussians"), py::arg("lines"),

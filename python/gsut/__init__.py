@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     )
     from gsut.evaluate import evaluate
     from gsut.formats import load_gaussians, save_gaussians
-    from gsut.gaussians import Gaussians, seed_from_points
+    from gsut.gaussians import Gaussians, LinearGaussians, seed_from_points
     from gsut.lens import Camera, load_camera, save_camera
     from gsut.metrics import psnr, ssim
     from gsut.optimize import GaussianOptimizer
@@ -103,6 +103,7 @@ __all__ = [  # noqa: RUF022
     "TrainedRun",
     # Write a training loop
     "Gaussians",
+    "LinearGaussians",
     "seed_from_points",
     "PhotometricTarget",
     "photometric_loss",

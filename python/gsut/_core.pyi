@@ -14,13 +14,23 @@ class InputError(ValueError): ...
 class CalibrationError(InputError): ...
 class SolveError(RuntimeError): ...
 
-# What a binding reads as Gaussians: any object with these five arrays (gsut.Gaussians is one).
-class _Gaussians(Protocol):
+# What a binding reads as Gaussians: any object with these five arrays (gsut.Gaussians is one), or
+# with scales and opacities in place of logarithms and logits (gsut.LinearGaussians).
+class _LogGaussians(Protocol):
     means: NDArray[Any]  # (N, 3)
     quats: NDArray[Any]  # (N, 4) w, x, y, z
     log_scales: NDArray[Any]  # (N, 3)
     opacity_logits: NDArray[Any]  # (N,)
     sh: NDArray[Any]  # (N, K, 3)
+
+class _LinearGaussians(Protocol):
+    means: NDArray[Any]
+    quats: NDArray[Any]
+    scales: NDArray[Any]  # (N, 3)
+    opacities: NDArray[Any]  # (N,)
+    sh: NDArray[Any]
+
+_Gaussians: TypeAlias = _LogGaussians | _LinearGaussians
 
 # means, quats, log_scales, opacity_logits, sh of new Gaussians.
 _Arrays: TypeAlias = tuple[
@@ -366,6 +376,8 @@ class RenderJob:
         unscented: Sequence[float] = (1.0, 2.0, 0.0),
         tiles: NDArray[np.uint8] | None = None,  # 16 x 16 pixels each; 0: left out
         keep: bool = True,  # what a backward pass needs
+        features: NDArray[Any] | None = None,
+        features_background: NDArray[Any] | None = None,
     ) -> None: ...
 
 class Renderer:
@@ -378,6 +390,7 @@ class Renderer:
         alpha: NDArray[np.float32] | None = None,
         depth: NDArray[np.float32] | None = None,
         distortion: NDArray[np.float32] | None = None,
+        features: NDArray[np.float32] | None = None,
     ) -> None: ...
     def backward(
         self,
@@ -394,6 +407,8 @@ class Renderer:
         with_poses: bool = True,
         with_lens: bool = False,
         harmonics_step: HarmonicsStep | None = None,
+        dfeatures: NDArray[np.float32] | None = None,
+        to_features: NDArray[np.float32] | None = None,
     ) -> Any: ...  # NDArray[np.float64], or None without with_poses
     def add_significance(
         self, chosen: NDArray[np.uint8] | None, significance: NDArray[np.float64]
@@ -418,7 +433,9 @@ class Renderer:
 
 def render_reference(
     gaussians: _Gaussians, job: RenderJob, pixels: NDArray[np.uint8] | None = None
-) -> tuple[NDArray[Any], ...]: ...  # image, alpha, depth, samples, distortion
+) -> tuple[
+    NDArray[Any], ...
+]: ...  # image, alpha, depth, samples, distortion, and features where the job has some
 def render_reference_backward(
     gaussians: _Gaussians,
     job: RenderJob,
@@ -430,6 +447,8 @@ def render_reference_backward(
     ddistortion: NDArray[np.float64] | None = None,
     pixels: NDArray[np.uint8] | None = None,
     with_lens: bool = False,
+    dfeatures: NDArray[np.float64] | None = None,
+    to_features: NDArray[np.float64] | None = None,
 ) -> tuple[NDArray[np.float64], tuple[NDArray[np.float64], NDArray[np.float64]] | None]: ...
 
 # Colours (n, 3) of pixels, and by_center and by_ray (n, 3, 3) of them.

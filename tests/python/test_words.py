@@ -4,8 +4,9 @@ import ast
 
 import words
 
-# Findings that are allowed: nouns that the field uses as methods, such as `Camera.rays()`.
-ALLOWED = {"name": 9}
+# Findings that are allowed: nouns that the field uses as methods, such as `Camera.rays()`, and
+# names that torch and gsplat prescribe (`backward`, `rasterization`).
+ALLOWED = {"name": 11}
 LEAST_COMMENTS = 0.09  # share of lines in .cpp and -inl.h that are comments, in each room
 
 

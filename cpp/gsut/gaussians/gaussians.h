@@ -3,6 +3,8 @@
 
 #include <cstdint>
 
+#include "gsut/gaussians/activations.h"
+
 namespace gsut {
 
 inline constexpr int kMaxShDegree = 3;
@@ -23,10 +25,26 @@ struct GaussiansView {
   T* log_scales = nullptr;
   T* opacity_logits = nullptr;
   T* sh = nullptr;
+  // Scales and opacities as they are: log_scales holds standard deviations and opacity_logits
+  // opacities in [0, 1]. Gradients are to these.
+  bool is_linear = false;
 
   GaussiansView<const T> AsConst() const {
-    return {size, sh_coefficients, means, quats, log_scales, opacity_logits, sh};
+    return {size, sh_coefficients, means, quats, log_scales, opacity_logits, sh, is_linear};
   }
+  // Of Gaussian i in double: its standard deviation along axis k, and its opacity.
+  double Scale(std::int64_t i, int k) const {
+    const double stored = static_cast<double>(log_scales[3 * i + k]);
+    return is_linear ? stored : ScaleFromLog(stored);
+  }
+  double Opacity(std::int64_t i) const {
+    const double stored = static_cast<double>(opacity_logits[i]);
+    return is_linear ? stored : Sigmoid(stored);
+  }
+  // Derivative of the stored value to the logarithm of the scale, and that of the opacity to the
+  // stored value: chain rules of gradients.
+  double LogScaleSlope(double scale) const { return is_linear ? 1.0 / scale : 1.0; }
+  double OpacitySlope(double opacity) const { return is_linear ? 1.0 : SigmoidDerivative(opacity); }
 };
 
 }  // namespace gsut

@@ -31,7 +31,7 @@ PlacedGaussian<double> PlaceInDouble(const GaussiansView<const T>& gaussians, st
   PlacedGaussian<double> out;
   for (int k = 0; k < 3; ++k) {
     out.mean[k] = mean[k];
-    out.scale[k] = ScaleFromLog(static_cast<double>(gaussians.log_scales[3 * i + k]));
+    out.scale[k] = gaussians.Scale(i, k);
     for (int row = 0; row < 3; ++row) out.axes[k][row] = q(row, k);
   }
   return out;

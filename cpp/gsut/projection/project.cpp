@@ -44,7 +44,7 @@ void RefineInDouble(const GaussiansView<const float>& gaussians, const Camera& c
   const auto replace = [&](std::int64_t i, const ScalarFootprint& footprint) {
     const std::size_t j = static_cast<std::size_t>(i);
     if (std::isnan(footprint.u)) return;
-    const double cutoff = CutoffOf(Sigmoid(static_cast<double>(gaussians.opacity_logits[i])), rule);
+    const double cutoff = CutoffOf(gaussians.Opacity(i), rule);
     const double reach = std::sqrt(std::max(cutoff, 0.0));
     splats->u[j] = static_cast<float>(footprint.u);
     splats->v[j] = static_cast<float>(footprint.v);

@@ -31,6 +31,8 @@ struct SeenLanes {
 
 // Highway's Exp is garbage beyond 104: a larger exponent is taken as this one, the end of float.
 inline constexpr double kLargestExponent = 88.5;
+// The scale that it leads to, beyond which float ends.
+inline constexpr double kLargestLinearScale = 2.7e38;
 
 HWY_INLINE Lane SafeExp(Lane x) {
   return Exp(Select(x > Lane(kLargestExponent), Lane(kLargestExponent), x));
@@ -101,14 +103,14 @@ HWY_INLINE SeenLanes LoadSeen(const GaussiansView<const float>& g, std::int64_t 
   LoadRows3(g.means + 3 * first, available, out.world);
   LoadRows4(g.quats + 4 * first, available, out.quat);
   LoadRows3(g.log_scales + 3 * first, available, out.scale);
-  const Lane logit = LoadRows1(g.opacity_logits + first, available);
-  const Lane limit(kLargestExponent);
+  const Lane stored_opacity = LoadRows1(g.opacity_logits + first, available);
+  const Lane limit(g.is_linear ? kLargestLinearScale : kLargestExponent);
   const LaneMask in_float =
       AndMask(AndMask(out.scale[0] <= limit, out.scale[1] <= limit), out.scale[2] <= limit);
   // The camera's centre as two floats: far from zero the difference keeps its digits.
   for (int k = 0; k < 3; ++k) {
     out.world[k] = (out.world[k] - Lane(view.center_high[k])) - Lane(view.center_low[k]);
-    out.scale[k] = SafeExp(out.scale[k]);
+    if (!g.is_linear) out.scale[k] = SafeExp(out.scale[k]);
   }
   out.distance = Sqrt(Dot3(out.world, out.world));
   for (int k = 0; k < 3; ++k) {
@@ -139,15 +141,24 @@ HWY_INLINE SeenLanes LoadSeen(const GaussiansView<const float>& g, std::int64_t 
       out.axes[k][row] = MulAdd(v0, r[k], MulAdd(v1, r[3 + k], v2 * r[6 + k]));
     }
   }
-  // opacity = 1 / (1 + e^-logit), and its logarithm from the same sum: no digits lost near 0.
-  const Lane one_plus = Lane(1.0) + SafeExp(-logit);
-  out.opacity = Lane(1.0) / one_plus;
-  out.log2_opacity = -Log2(one_plus);
+  LaneMask usable = AndMask(in_float, quat_is_finite);
+  if (g.is_linear) {
+    out.opacity = stored_opacity;
+    const LaneMask draws = stored_opacity > Lane(0.0);
+    out.log2_opacity = Log2(Select(draws, stored_opacity, Lane(1.0)));
+    const LaneMask has_width = AndMask(out.scale[0] > Lane(0.0),
+                                       AndMask(out.scale[1] > Lane(0.0), out.scale[2] > Lane(0.0)));
+    usable = AndMask(usable, AndMask(draws, has_width));
+  } else {
+    // opacity = 1 / (1 + e^-logit), and its logarithm from the same sum: no digits lost near 0.
+    const Lane one_plus = Lane(1.0) + SafeExp(-stored_opacity);
+    out.opacity = Lane(1.0) / one_plus;
+    out.log2_opacity = -Log2(one_plus);
+  }
   constexpr double kTwoLn2 = 1.38629436111989061883;
   const Lane cutoff = Lane(kTwoLn2) * (out.log2_opacity - Lane(log2_alpha_min));
   out.cutoff = Min(cutoff, Lane(max_cutoff));
-  out.usable =
-      AndMask(AndMask(cutoff > Lane(0.0), IsFinite(logit)), AndMask(in_float, quat_is_finite));
+  out.usable = AndMask(AndMask(cutoff > Lane(0.0), IsFinite(stored_opacity)), usable);
   return out;
 }
 

@@ -29,10 +29,11 @@ namespace HWY_NAMESPACE {
 
 // What a backward pass has to do; constants of the build, see WithBackwardFlags.
 struct BackwardFlags {
-  bool with_depth;   // gradients to depth or distortion arrive
-  bool stop_before;  // BlendRule::stop_before
-  bool with_rays;    // gradients to the rays are wanted
-  bool with_error;   // ImageGradients::error arrives
+  bool with_depth;             // gradients to depth or distortion arrive
+  bool stop_before;            // BlendRule::stop_before
+  bool with_rays;              // gradients to the rays are wanted
+  bool with_error;             // ImageGradients::error arrives
+  bool with_channels = false;  // ImageGradients::channels arrives
 };
 
 // What a block of pixels carries along from Gaussian to Gaussian: fields of kLanes floats. Kernels
@@ -115,6 +116,7 @@ HWY_INLINE void StartBlock(BackwardFlags flags, const TileGrid& grid, const Fram
     behind = hn::MulAdd(square, depth.distortion, behind);
   }
   if (flags.with_error) fields.Set(kFieldError, hn::Load(d, gradients.error + at));
+  if (flags.with_channels) behind = hn::Add(behind, hn::Load(d, gradients.channels + at));
   fields.Set(kFieldTransmittance, hn::Load(d, &grid.start[o]));
   fields.Set(kFieldBehind, behind);
 }
@@ -133,27 +135,41 @@ struct BlendLimits {
         stop(hn::Set(FloatTag(), task.transmittance_min)) {}
 };
 
-// Steps over one Gaussian at one block: adds to the sums of its colour and error, updates T and B,
-// and returns the gradients to its alpha and distance. alpha: at most limits.alpha_max, where it
-// counts as clamped; 0 without a hit. distance: finite, also without a hit.
-HWY_INLINE ResponseGradient StepOver(BackwardFlags flags, const BlendLimits& limits,
-                                     const FloatVec* color, FloatVec alpha, FloatVec distance,
-                                     BlockFields fields, FloatVec* sums) {
+// One Gaussian's share of a block's pixels, and the light that it leaves.
+struct BlendStep {
+  FloatVec alpha, weight;  // 0 where it is not blended
+  FloatVec left;           // negative: stopped before it, see Frame::transmittance
+};
+
+HWY_INLINE BlendStep StepBlend(bool stop_before, FloatVec stop, FloatVec alpha,
+                               FloatVec transmittance) {
   const FloatTag d;
-  const FloatVec zero = hn::Zero(d);
-  // T and the weight.
-  const FloatVec transmittance = fields.Get(kFieldTransmittance);
-  const FloatMask is_free = hn::Lt(alpha, limits.alpha_max);
-  alpha = hn::IfThenElseZero(hn::Ge(transmittance, limits.stop), alpha);
+  alpha = hn::IfThenElseZero(hn::Ge(transmittance, stop), alpha);
   FloatVec weight = hn::Mul(alpha, transmittance);
   FloatVec left = hn::Sub(transmittance, weight);
-  if (flags.stop_before) {
-    const FloatMask ends = hn::And(hn::Gt(alpha, zero), hn::Le(left, limits.stop));
+  if (stop_before) {
+    const FloatMask ends = hn::And(hn::Gt(alpha, hn::Zero(d)), hn::Le(left, stop));
     left = hn::IfThenElse(ends, hn::Neg(transmittance), left);
     weight = hn::IfThenZeroElse(ends, weight);
     alpha = hn::IfThenZeroElse(ends, alpha);
   }
-  fields.Set(kFieldTransmittance, left);
+  return {alpha, weight, left};
+}
+
+// Steps over one Gaussian at one block: adds to the sums of its colour and error, updates T and B,
+// and returns the gradients to its alpha and distance. alpha: at most limits.alpha_max, where it
+// counts as clamped; 0 without a hit. distance: finite, also without a hit. pair: with
+// flags.with_channels kLanes floats, what the Gaussian's channels are worth to L, which become its
+// blend weights.
+HWY_INLINE ResponseGradient StepOver(BackwardFlags flags, const BlendLimits& limits,
+                                     const FloatVec* color, FloatVec alpha, FloatVec distance,
+                                     BlockFields fields, FloatVec* sums, float* pair) {
+  const FloatTag d;
+  const FloatMask is_free = hn::Lt(alpha, limits.alpha_max);
+  const BlendStep step =
+      StepBlend(flags.stop_before, limits.stop, alpha, fields.Get(kFieldTransmittance));
+  const FloatVec weight = step.weight;
+  fields.Set(kFieldTransmittance, step.left);
   // Gradients to the colour, and v.
   const FloatVec red = fields.Get(kFieldRed);
   const FloatVec green = fields.Get(kFieldGreen);
@@ -165,7 +181,11 @@ HWY_INLINE ResponseGradient StepOver(BackwardFlags flags, const BlendLimits& lim
     sums[slot::kError] = hn::MulAdd(weight, fields.Get(kFieldError), sums[slot::kError]);
   }
   FloatVec value = hn::MulAdd(color[0], red, hn::MulAdd(color[1], green, hn::Mul(color[2], blue)));
-  FloatVec to_distance = zero;
+  if (flags.with_channels) {
+    value = hn::Add(value, hn::Load(d, pair));
+    hn::Store(weight, d, pair);
+  }
+  FloatVec to_distance = hn::Zero(d);
   if (flags.with_depth) {
     const FloatVec along = fields.Get(kFieldAlong);
     const FloatVec apart = hn::Sub(distance, fields.Get(kFieldMean));
@@ -177,8 +197,9 @@ HWY_INLINE ResponseGradient StepOver(BackwardFlags flags, const BlendLimits& lim
   const FloatVec here = hn::Mul(weight, value);
   const FloatVec behind = hn::Sub(fields.Get(kFieldBehind), here);
   fields.Set(kFieldBehind, behind);
-  const FloatVec past = FastReciprocal(hn::Sub(hn::Set(d, 1.0f), alpha));
-  const FloatVec h = hn::IfThenElseZero(is_free, hn::NegMulAdd(hn::Mul(alpha, past), behind, here));
+  const FloatVec past = FastReciprocal(hn::Sub(hn::Set(d, 1.0f), step.alpha));
+  const FloatVec h =
+      hn::IfThenElseZero(is_free, hn::NegMulAdd(hn::Mul(step.alpha, past), behind, here));
   return {h, to_distance};
 }
 

@@ -107,6 +107,12 @@ struct TileRect {
 // Gaussians whose records are made together by one call; their spans share one array.
 inline constexpr std::int64_t kRecordsPart = 2048;
 
+// Channels are blended by four: the rest of the last four is 0.
+inline constexpr int kChannelStep = 4;
+constexpr std::size_t PaddedChannels(int count) {
+  return static_cast<std::size_t>((count + kChannelStep - 1) / kChannelStep * kChannelStep);
+}
+
 // Buffers are kept from frame to frame and only grow.
 struct Frame {
   std::int64_t size = 0;                        // Gaussians
@@ -127,6 +133,7 @@ struct Frame {
   AlignedVector<float> depth;
   AlignedVector<float> first_depth;          // of the first Gaussian that was blended; 0: none
   AlignedVector<float> depth_moment;         // sum of weight x (distance - first_depth)^2
+  AlignedVector<float> channels;             // (D, rounded up, 256) a tile, without background
   AlignedVector<TileEntry> entries;          // at the offsets of `pairs`
   AlignedVector<std::uint32_t> entry_count;  // (tiles)
 

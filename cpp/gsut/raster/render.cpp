@@ -75,6 +75,10 @@ void Renderer::Render(const GaussiansView<const float>& gaussians, const RenderJ
   timings_.push_back(watch.Lap("records"));
   BinTiles(tiles(), &frame_);
   // What a tile blended is kept at the places of its pairs, for the backward pass and the scores.
+  if (task_.channels.count > 0) {
+    frame_.channels.resize(static_cast<std::size_t>(tiles().num_tiles()) * kTilePixels *
+                           PaddedChannels(task_.channels.count));
+  }
   if (task_.keep) {
     frame_.entries.resize(frame_.pairs.size());
     frame_.entry_count.resize(static_cast<std::size_t>(tiles().num_tiles()));
@@ -87,6 +91,12 @@ void Renderer::Render(const GaussiansView<const float>& gaussians, const RenderJ
     } else {
       LineForwardKernel(task_, *lines_, tile, &frame_, job.image, job.alpha, job.depth,
                         job.distortion);
+    }
+    if (task_.channels.count == 0) return;
+    if (lines_ == nullptr) {
+      ChannelsForwardKernel(task_, *grid_, tile, &frame_, job.channel_image);
+    } else {
+      LineChannelsForwardKernel(task_, *lines_, tile, &frame_, job.channel_image);
     }
   });
   timings_.push_back(watch.Lap("forward"));
@@ -114,7 +124,8 @@ void Renderer::FillTask(const GaussiansView<const float>& gaussians, const Rende
   task_.order_by_z = settings.rule.order == OrderKey::kDepthZ;
   task_.stop_before = settings.rule.stop_before;
   task_.with_depth = job.WithDepth();
-  task_.keep = job.keep_for_backward;
+  task_.channels = job.channels;
+  task_.keep = job.keep_for_backward || job.channels.count > 0;
   task_.sh_rows =
       job.sh_rows.value_or(HarmonicsRows::Uniform(gaussians.size, gaussians.sh_coefficients));
   if (!task_.sh_rows.IsValid() || task_.sh_rows.end[0] != gaussians.size) {
@@ -167,7 +178,7 @@ std::int64_t Renderer::buffer_bytes() const {
   const Frame& f = frame_;
   add(f.records, f.mean_direction, f.order_key, f.rects, f.slot_begin, f.order, f.pairs,
       f.tile_begin, f.transmittance, f.color[0], f.color[1], f.color[2], f.depth, f.first_depth,
-      f.depth_moment, f.entries, f.entry_count, f.slot_gradients, f.slot_touched);
+      f.depth_moment, f.channels, f.entries, f.entry_count, f.slot_gradients, f.slot_touched);
   for (const std::vector<RowSpan>& spans : f.row_spans) add(spans);
   return static_cast<std::int64_t>(sum);
 }

@@ -40,14 +40,17 @@ struct RenderJob {
   // background and add nothing to any gradient; null: all are drawn. A byte a tile, not a bit a
   // block of pixels, so that what is left out is the same for every instruction set.
   const std::uint8_t* tiles = nullptr;
+  // Values beside the colours; they force keep_for_backward.
+  Channels<float> channels = {};
   // Outputs, row-major; all but the image may be null.
-  float* image = nullptr;       // (H, W, 3)
-  float* alpha = nullptr;       // (H, W)
-  float* depth = nullptr;       // (H, W)
-  float* distortion = nullptr;  // (H, W)
+  float* image = nullptr;          // (H, W, 3)
+  float* alpha = nullptr;          // (H, W)
+  float* depth = nullptr;          // (H, W)
+  float* distortion = nullptr;     // (H, W)
+  float* channel_image = nullptr;  // (H, W, D), of `channels`
 
   // Whether distances are blended at all: what a later gradient to them needs.
-  bool WithDepth() const { return depth != nullptr || distortion != nullptr; }
+  bool WithDepth() const { return depth != nullptr || distortion != nullptr || channels.count > 0; }
 };
 
 // Renders one camera after another with buffers that only grow. Not thread-safe; inside, all loops
@@ -64,7 +67,8 @@ class Renderer {
   void Render(const GaussiansView<const float>& gaussians, const RenderJob& job);
 
   // Gradients of L = sum(dimage * image) + sum(dalpha * alpha) + sum(ddepth * depth) +
-  // sum(ddistortion * distortion) for the last Render; the last two need RenderJob::WithDepth.
+  // sum(ddistortion * distortion) + sum(dchannels * channel_image) for the last Render; depth and
+  // distortion need RenderJob::WithDepth.
   // to.rows is shaped like the Gaussians and overwritten. With to.step, which must be of the
   // rendered harmonics and excludes write_untouched, the next Backward needs another Render.
   // dpose[12]: gradient to xi = (v, w) in camera_from_world <- ExpPose(xi)
@@ -137,7 +141,12 @@ class Renderer {
     return within / width * grid.tiles_x + x0 + within % width;
   }
   WalkScene LastScene() const;
+  void CheckBackward(const ImageGradients& to_image, const GradientRows& to, bool is_plain) const;
   void CheckStep(const GradientRows& to) const;
+  // Stage 1 of Backward: gradients of one tile's pairs into their slots, of its rays into `rays`
+  // unless null, and of its pairs' channels into to_channels unless null.
+  void BackwardOfTile(int tile, const ImageGradients& to_image, RayGradients* rays,
+                      float* to_channels);
   // From the kernels' gradients to a tile's lines (or rays) to those of its pixels' rays.
   void ToRays(int tile, const float* to_lines, const ImageGradients& to_image,
               RayGradients* rays) const;

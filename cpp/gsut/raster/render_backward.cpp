@@ -8,6 +8,7 @@
 #include "gsut/raster/central/kernels.h"
 #include "gsut/raster/lines/kernels.h"
 #include "gsut/raster/render.h"
+#include "gsut/raster/scores/add_over_tiles.h"
 
 namespace gsut {
 namespace {
@@ -23,27 +24,8 @@ constexpr std::size_t kLineGradients = 5;
 
 void Renderer::Backward(const ImageGradients& to_image, const GradientRows& to, double* dpose,
                         RayGradients* rays) {
-  if (!rendered_ || stepped_) {
-    throw InputError("backward needs a render before it, made with keep_for_backward");
-  }
-  if (to_image.HasDepth() && !task_.with_depth) {
-    throw InputError("a gradient to depth or distortion needs a render with_depth");
-  }
-  if (to.rows.size != task_.gaussians.size ||
-      to.rows.sh_coefficients != task_.gaussians.sh_coefficients) {
-    throw InputError("gradients must be shaped like the rendered Gaussians");
-  }
-  const bool is_plain = !to_image.HasDepth() && dpose == nullptr && rays == nullptr;
-  if ((to_image.error != nullptr) != (to.error_sums != nullptr) ||
-      (to_image.error != nullptr && !is_plain)) {
-    throw InputError(
-        "sums of errors need the pixels' errors, and a backward pass without depth, poses and "
-        "lens");
-  }
-  if (to.step != nullptr) {
-    CheckStep(to);
-    stepped_ = true;  // what was rendered changes
-  }
+  CheckBackward(to_image, to, !to_image.HasDepth() && dpose == nullptr && rays == nullptr);
+  if (to.step != nullptr) stepped_ = true;  // what was rendered changes
   // Stage 1, tiles to slots: each (tile, Gaussian) pair has a slot of its own, so that tiles need
   // neither locks nor atomic sums, whose order would change with the threads.
   const std::size_t slots = frame_.pairs.size();
@@ -58,17 +40,19 @@ void Renderer::Backward(const ImageGradients& to_image, const GradientRows& to, 
   const std::size_t pixels = static_cast<std::size_t>(tiles().width) * tiles().height;
   rays->origins.assign(with_rays && lines_ != nullptr ? 3 * pixels : 0, 0.0);
   rays->rays.assign(with_rays ? 3 * pixels : 0, 0.0);
-  ParallelFor(tiles().num_tiles(), 1, [&](std::int64_t index, std::int64_t) {
-    const int tile = TileInOrder(index);
-    alignas(64) float buffer[kLineGradients * kTilePixels];
-    float* to_lines = with_rays ? buffer : nullptr;
-    if (lines_ == nullptr) {
-      BackwardKernel(task_, *grid_, tile, to_image, &frame_, to_lines);
-    } else {
-      LineBackwardKernel(task_, *lines_, tile, to_image, &frame_, to_lines);
-    }
-    if (with_rays) ToRays(tile, to_lines, to_image, rays);
-  });
+  RayGradients* const to_rays = with_rays ? rays : nullptr;
+  if (to_image.channels == nullptr) {
+    ParallelFor(tiles().num_tiles(), 1, [&](std::int64_t index, std::int64_t) {
+      BackwardOfTile(TileInOrder(index), to_image, to_rays, nullptr);
+    });
+  } else {
+    // The gradients to channels have no slots, which would be D floats a pair: tiles take turns.
+    const auto values = static_cast<std::size_t>(task_.channels.count * task_.gaussians.size);
+    std::fill_n(to.channels, values, 0.0f);
+    AddOverTiles(
+        frame_, tiles().num_tiles(), task_.channels.count,
+        [&](int tile, float* sums) { BackwardOfTile(tile, to_image, to_rays, sums); }, to.channels);
+  }
   timings_.push_back(watch.Lap("backward"));
   // Stage 2, slots to Gaussians: the slots of a Gaussian are added in the order of its tiles; its
   // parameters' gradients follow from the sums alone. What the pose gets is added up by chunk.
@@ -96,6 +80,50 @@ void Renderer::Backward(const ImageGradients& to_image, const GradientRows& to, 
   ChainToPoses(MakeViewRays(*camera_, motion_), *camera_, motion_, *rays,
                {total.head<3>(), total.tail<3>()}, dpose);
   timings_.push_back(watch.Lap("poses"));
+}
+
+void Renderer::BackwardOfTile(int tile, const ImageGradients& to_image, RayGradients* rays,
+                              float* to_channels) {
+  alignas(64) float buffer[kLineGradients * kTilePixels];
+  if (to_channels != nullptr) {
+    if (lines_ == nullptr) {
+      ChannelsBackwardKernel(task_, *grid_, tile, to_image, &frame_, buffer, to_channels);
+    } else {
+      LineChannelsBackwardKernel(task_, *lines_, tile, to_image, &frame_, buffer, to_channels);
+    }
+  } else if (lines_ == nullptr) {
+    BackwardKernel(task_, *grid_, tile, to_image, &frame_, rays == nullptr ? nullptr : buffer);
+  } else {
+    LineBackwardKernel(task_, *lines_, tile, to_image, &frame_, rays == nullptr ? nullptr : buffer);
+  }
+  if (rays != nullptr) ToRays(tile, buffer, to_image, rays);
+}
+
+// is_plain: gradients neither of depth nor to poses nor to a lens.
+void Renderer::CheckBackward(const ImageGradients& to_image, const GradientRows& to,
+                             bool is_plain) const {
+  if (!rendered_ || stepped_) {
+    throw InputError("backward needs a render before it, made with keep_for_backward");
+  }
+  if (to_image.HasDepth() && !task_.with_depth) {
+    throw InputError("a gradient to depth or distortion needs a render with_depth");
+  }
+  if (to.rows.size != task_.gaussians.size ||
+      to.rows.sh_coefficients != task_.gaussians.sh_coefficients ||
+      to.rows.is_linear != task_.gaussians.is_linear) {
+    throw InputError("gradients must be shaped like the rendered Gaussians");
+  }
+  if ((to_image.error != nullptr) != (to.error_sums != nullptr) ||
+      (to_image.error != nullptr && (!is_plain || to_image.channels != nullptr))) {
+    throw InputError(
+        "sums of errors need the pixels' errors, and a backward pass without depth, channels, "
+        "poses and lens");
+  }
+  if ((to_image.channels != nullptr) != (to.channels != nullptr) ||
+      (to_image.channels != nullptr && task_.channels.count == 0)) {
+    throw InputError("gradients of channels need a render with channels, and where to put them");
+  }
+  if (to.step != nullptr) CheckStep(to);
 }
 
 void Renderer::CheckStep(const GradientRows& to) const {

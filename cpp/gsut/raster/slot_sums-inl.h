@@ -234,9 +234,15 @@ struct ParameterGradients {
   Lane mean[3], quat[4], log_scale[3], logit;
 };
 
+// From h, the sum of opacity x dL/dopacity, to the gradient of the opacity as stored.
+HWY_INLINE Lane OpacityGradient(const SeenLanes& s, bool is_linear, Lane h) {
+  return is_linear ? h / s.opacity : h * (Lane(1.0) - s.opacity);
+}
+
 // Writes the rows [first, first + kLanes) that exist; those that no pixel saw become 0.
-HWY_INLINE void StoreGradients(const ParameterGradients& of, LaneMask seen, std::int64_t first,
-                               const GaussiansView<float>& rows) {
+HWY_INLINE void StoreGradients(ParameterGradients of, const SeenLanes& s, LaneMask seen,
+                               std::int64_t first, const GaussiansView<float>& rows) {
+  for (int k = 0; rows.is_linear && k < 3; ++k) of.log_scale[k] = of.log_scale[k] / s.scale[k];
   const std::int64_t available = HWY_MIN(rows.size - first, static_cast<std::int64_t>(kLanes));
   Lane quat[4], log_scale[3];
   for (int k = 0; k < 4; ++k) quat[k] = Select(seen, of.quat[k], Lane(0.0));

@@ -11,6 +11,15 @@
 
 namespace gsut {
 
+// Values that Gaussians carry beside their colour: blended by the same weights, with neither
+// harmonics nor a clamp.
+template <class T>
+struct Channels {
+  int count = 0;                  // D; 0: none
+  const T* values = nullptr;      // (N, D)
+  const T* background = nullptr;  // (D): what shows where nothing is
+};
+
 // What the kernels need to know of one frame.
 struct RasterTask {
   GaussiansView<const float> gaussians;
@@ -27,6 +36,7 @@ struct RasterTask {
   bool with_depth = false;
   bool keep = false;  // leave what the backward pass needs
   int sh_degree = 0;
+  Channels<float> channels;
 };
 
 // Where the Gaussians' gradients go.
@@ -38,6 +48,7 @@ struct GradientRows {
   const HarmonicsStep* step = nullptr;
   // (N) grows by the sum over pixels of blend weight x ImageGradients::error; null without it.
   float* error_sums = nullptr;
+  float* channels = nullptr;  // (N, D), overwritten; null without ImageGradients::channels
 };
 
 // Pixel gradients as the user gives them, row-major; all but the first may be null.
@@ -48,6 +59,7 @@ struct ImageGradients {
   const float* distortion = nullptr;  // (H, W)
   // (H, W): no gradient, but what a pixel charges the Gaussians that it sees with.
   const float* error = nullptr;
+  const float* channels = nullptr;  // (H, W, D)
 
   bool HasDepth() const { return depth != nullptr || distortion != nullptr; }
 };

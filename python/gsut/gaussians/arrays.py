@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import numpy as np
 
@@ -14,11 +14,88 @@ NO_ORIGIN = np.zeros(3)
 NO_ORIGIN.setflags(write=False)
 # First coefficient of the harmonics' basis: a colour is 0.5 + SH_C0 x sh + ...
 SH_C0 = 0.28209479177387814
-_FIELDS = ("means", "quats", "log_scales", "opacity_logits", "sh")
+_Arrays = TypeVar("_Arrays", bound="ParameterArrays")
 
 
-@dataclasses.dataclass
-class Gaussians:
+class ParameterArrays:
+    """Methods of dataclasses of arrays, a row a Gaussian, `means` and `sh` (N, K, 3) among them."""
+
+    means: np.ndarray
+    sh: np.ndarray
+    origin: np.ndarray
+
+    @classmethod
+    def list_arrays(cls) -> list[str]:
+        """Lists the names of the arrays."""
+        return [field.name for field in dataclasses.fields(cast(Any, cls))]
+
+    def read_arrays(self, origin: np.ndarray, widths: dict[str, tuple[int, ...]]) -> None:
+        """Reads the arrays, C-contiguous and of one dtype, and checks their shapes (N, *width).
+
+        Raises:
+            InputError: shapes disagree.
+        """
+        self.origin = np.array(origin, np.float64)
+        arrays = {name: _core.read_array(getattr(self, name), name) for name in self.list_arrays()}
+        dtype = np.float64 if arrays["means"].dtype == np.float64 else np.float32
+        for name, array in arrays.items():
+            setattr(self, name, np.ascontiguousarray(array, dtype=dtype))
+        n = len(self.means)
+        k = self.sh.shape[1] if self.sh.ndim == 3 else 0
+        if k not in (1, 4, 9, 16):
+            raise InputError(
+                f"sh must have shape (N, K, 3) with K 1, 4, 9 or 16, found {self.sh.shape}"
+            )
+        expected = {name: (n, *width) for name, width in widths.items()}
+        for name, shape in {**expected, "sh": (n, k, 3), "origin": (3,)}.items():
+            found = getattr(self, name).shape
+            if found != shape:
+                raise InputError(f"{name} must have shape {shape}, found {found}")
+
+    def __len__(self) -> int:
+        return len(self.means)
+
+    def __repr__(self) -> str:
+        size = sum(getattr(self, name).nbytes for name in self.list_arrays()) / 1e6
+        kind = f"{type(self).__name__}({len(self)}, sh_degree={self.sh_degree}"
+        return f"{kind}, {self.dtype}, {size:.1f} MB)"
+
+    @property
+    def dtype(self) -> np.dtype:
+        """float32 or float64, the same for all arrays."""
+        return self.means.dtype
+
+    @property
+    def sh_degree(self) -> int:
+        """Degree of the spherical harmonics, 0 to 3."""
+        return {1: 0, 4: 1, 9: 2, 16: 3}[self.sh.shape[1]]
+
+    def to_dtype(self: _Arrays, dtype: np.typing.DTypeLike) -> _Arrays:
+        """Converts to float32 or float64; returns itself if that is its dtype."""
+        if np.dtype(dtype) == self.dtype:
+            return self
+        return self._with({name: getattr(self, name).astype(dtype) for name in self.list_arrays()})
+
+    def __getitem__(self: _Arrays, rows: slice | np.ndarray) -> _Arrays:
+        """Selects rows by a slice (views, no copy) or by an index or boolean array."""
+        return self._with({name: getattr(self, name)[rows] for name in self.list_arrays()})
+
+    def make_zeros(self: _Arrays) -> _Arrays:
+        """Makes arrays of the same shapes with all values 0, for gradients."""
+        # np.zeros instead of np.zeros_like, which writes its zeros: unwritten pages take no memory.
+        arrays = (getattr(self, name) for name in self.list_arrays())
+        return type(self)(*(np.zeros(array.shape, array.dtype) for array in arrays))
+
+    def copy(self: _Arrays) -> _Arrays:
+        """Returns a deep copy."""
+        return self._with({name: getattr(self, name).copy() for name in self.list_arrays()})
+
+    def _with(self: _Arrays, arrays: dict[str, Any]) -> _Arrays:
+        return dataclasses.replace(cast(Any, self), **arrays)
+
+
+@dataclasses.dataclass(repr=False)
+class Gaussians(ParameterArrays):
     """N anisotropic 3D Gaussians as a structure of arrays.
 
     Args:
@@ -48,62 +125,8 @@ class Gaussians:
         origin: dataclasses.InitVar[np.ndarray] = NO_ORIGIN
 
     def __post_init__(self, origin: np.ndarray = NO_ORIGIN) -> None:  # noqa: RUF033
-        self.origin = np.array(origin, np.float64)
-        arrays = {name: _core.read_array(getattr(self, name), name) for name in _FIELDS}
-        dtype = np.float64 if arrays["means"].dtype == np.float64 else np.float32
-        for name, array in arrays.items():
-            setattr(self, name, np.ascontiguousarray(array, dtype=dtype))
-        n = len(self.means)
-        k = self.sh.shape[1] if self.sh.ndim == 3 else 0
-        if k not in (1, 4, 9, 16):
-            raise InputError(
-                f"sh must have shape (N, K, 3) with K 1, 4, 9 or 16, found {self.sh.shape}"
-            )
-        expected = {
-            "means": (n, 3),
-            "quats": (n, 4),
-            "log_scales": (n, 3),
-            "opacity_logits": (n,),
-            "sh": (n, k, 3),
-            "origin": (3,),
-        }
-        for name, shape in expected.items():
-            found = getattr(self, name).shape
-            if found != shape:
-                raise InputError(f"{name} must have shape {shape}, found {found}")
-
-    def __len__(self) -> int:
-        return len(self.means)
-
-    def __repr__(self) -> str:
-        size = sum(getattr(self, name).nbytes for name in _FIELDS) / 1e6
-        return f"Gaussians({len(self)}, sh_degree={self.sh_degree}, {self.dtype}, {size:.1f} MB)"
-
-    @property
-    def dtype(self) -> np.dtype:
-        """float32 or float64, the same for all arrays."""
-        return self.means.dtype
-
-    @property
-    def sh_degree(self) -> int:
-        """Degree of the spherical harmonics, 0 to 3."""
-        return {1: 0, 4: 1, 9: 2, 16: 3}[self.sh.shape[1]]
-
-    def to_dtype(self, dtype: np.typing.DTypeLike) -> Gaussians:
-        """Converts to float32 or float64; returns itself if that is its dtype."""
-        if np.dtype(dtype) == self.dtype:
-            return self
-        return self._with({name: getattr(self, name).astype(dtype) for name in _FIELDS})
-
-    def __getitem__(self, rows: slice | np.ndarray) -> Gaussians:
-        """Selects rows by a slice (views, no copy) or by an index or boolean array."""
-        return self._with({name: getattr(self, name)[rows] for name in _FIELDS})
-
-    def make_zeros(self) -> Gaussians:
-        """Makes arrays of the same shapes with all values 0, for gradients."""
-        # np.zeros instead of np.zeros_like, which writes its zeros: unwritten pages take no memory.
-        arrays = (getattr(self, name) for name in _FIELDS)
-        return Gaussians(*(np.zeros(array.shape, array.dtype) for array in arrays))
+        widths = {"means": (3,), "quats": (4,), "log_scales": (3,), "opacity_logits": ()}
+        self.read_arrays(origin, widths)
 
     def translate(self, by: np.typing.ArrayLike) -> Gaussians:
         """Moves the Gaussians by a vector (3,) in world units: exact, only the origin changes."""
@@ -120,9 +143,50 @@ class Gaussians:
         means = (self.means + (self.origin - origin)).astype(self.dtype)
         return dataclasses.replace(self, means=means, origin=origin)
 
-    def copy(self) -> Gaussians:
-        """Returns a deep copy."""
-        return self._with({name: getattr(self, name).copy() for name in _FIELDS})
 
-    def _with(self, arrays: dict[str, Any]) -> Gaussians:
-        return dataclasses.replace(self, **arrays)
+@dataclasses.dataclass(repr=False)
+class LinearGaussians(ParameterArrays):
+    """Gaussians whose scales and opacities are as they are, for programs that keep them so.
+
+    They are rendered as `Gaussians` are, gradients are to these arrays; an opacity of exactly 0 or
+    1 has one, too. Training, files and compaction take `Gaussians`.
+
+    Args:
+        means: (N, 3) centres: world coordinates = origin + means.
+        quats: (N, 4) rotations w, x, y, z of any norm > 0; normalised where used.
+        scales: (N, 3) standard deviations along the rotated axes, 0 or more; 0: not drawn.
+        opacities: (N,) from 0 to 1.
+        sh: (N, K, 3) spherical harmonics of the colour, see `Gaussians`; None: grey, for renders
+            of `features` only.
+        origin: (3,) float64, world coordinates of the means' zero.
+
+    Arrays are stored as `Gaussians` stores them.
+
+    Raises:
+        InputError: shapes disagree, or a scale or an opacity is out of range.
+    """
+
+    means: np.ndarray
+    quats: np.ndarray
+    scales: np.ndarray
+    opacities: np.ndarray
+    sh: np.ndarray = None  # type: ignore[assignment]  # an array once it is made
+    if TYPE_CHECKING:
+        origin: np.ndarray = NO_ORIGIN
+    else:
+        origin: dataclasses.InitVar[np.ndarray] = NO_ORIGIN
+
+    def __post_init__(self, origin: np.ndarray = NO_ORIGIN) -> None:  # noqa: RUF033
+        if self.sh is None:
+            self.sh = np.zeros((len(self.means), 1, 3), np.float32)
+        widths = {"means": (3,), "quats": (4,), "scales": (3,), "opacities": ()}
+        self.read_arrays(origin, widths)
+        for name in ("scales", "opacities"):
+            values = getattr(self, name)
+            low, high = values.min(initial=0.0), values.max(initial=0.0)
+            most = 1.0 if name == "opacities" else np.finfo(self.dtype).max
+            if not (low >= 0.0 and high <= most):
+                raise InputError(
+                    f"{name} must lie from 0 to {most:.3g}, found {low:.6g} to {high:.6g}; "
+                    "logarithms and logits belong into gsut.Gaussians"
+                )

@@ -10,7 +10,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.gaussians import Gaussians
+from gsut.gaussians import Gaussians, LinearGaussians
 from gsut.render.motion import place_about, read_motion
 
 # In the order of the core's enumeration.
@@ -52,7 +52,7 @@ class Projection:
 
 
 def project(
-    gaussians: Gaussians,
+    gaussians: Gaussians | LinearGaussians,
     camera: _core.Camera,
     camera_from_world: Any,
     *,
@@ -130,7 +130,11 @@ _UNKNOWN = 2
 
 
 def _project_unscented(
-    g: Gaussians, camera: _core.Camera, pose: Any, weights: tuple[float, ...], alpha_min: float
+    g: Gaussians | LinearGaussians,
+    camera: _core.Camera,
+    pose: Any,
+    weights: tuple[float, ...],
+    alpha_min: float,
 ) -> dict[str, np.ndarray]:
     """Returns centres, covariances and extents of the renderer's own unscented transform."""
     alpha, beta, kappa = weights
@@ -146,17 +150,18 @@ def _project_unscented(
     }  # fmt: skip
 
 
-def _compute_extents(g: Gaussians, cov: np.ndarray, alpha_min: float) -> np.ndarray:
+def _compute_extents(g: Any, cov: np.ndarray, alpha_min: float) -> np.ndarray:
     """Computes half widths and heights (N, 2) of what holds alpha >= alpha_min, in float64."""
     variances = np.stack([cov[:, 0, 0], cov[:, 1, 1]], axis=1)
     with np.errstate(over="ignore"):
-        opacity = 1.0 / (1.0 + np.exp(-g.opacity_logits))
+        is_linear = isinstance(g, LinearGaussians)
+        opacity = g.opacities if is_linear else 1.0 / (1.0 + np.exp(-g.opacity_logits))
     cutoff = 2.0 * np.log(np.maximum(opacity / alpha_min, 1.0))
     return np.sqrt(cutoff[:, None] * variances)
 
 
 def _project_moving(
-    gaussians: Gaussians,
+    gaussians: Gaussians | LinearGaussians,
     camera: _core.Camera,
     motion: _core.CameraMotion,
     weights: tuple[float, ...],

@@ -11,7 +11,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import BlendRule, InputError
-from gsut.gaussians import Gaussians, StoredGaussians
+from gsut.gaussians import Gaussians, LinearGaussians, StoredGaussians
 from gsut.render.motion import place_about, read_motion
 from gsut.render.projection import DEFAULT_UNSCENTED
 from gsut.render.soundness import sum_bits, warn_of_undrawn
@@ -38,6 +38,8 @@ class Render:
             apart the Gaussians of a pixel lie; 0 where less than 0.001 is covered.
         gaussians, camera, camera_from_world, rule, background, sh_degree: what was rendered.
         behind: (H, W, 3) what shows where the image is not covered, if not `background`.
+        features: (H, W, D) sum of weight times feature, their background blended in; None without
+            features.
     """
 
     image: np.ndarray
@@ -52,8 +54,10 @@ class Render:
     sh_degree: int
     renderer: Any  # _core.Renderer, or None for the double reference
     behind: np.ndarray | None = None
+    features: np.ndarray | None = None
     seen: Any = None  # what was read of Gaussians in a file, which the renderer goes on with
     _bits: int | None = None  # of the Gaussians as they were drawn
+    _channels: dict[str, Any] = dataclasses.field(default_factory=dict, repr=False)
     # Backward passes of one image share its renderer's buffers: one at a time.
     _turn: threading.Lock = dataclasses.field(
         default_factory=threading.Lock, repr=False, compare=False
@@ -76,20 +80,23 @@ class Gradients:
     """Gradients of a scalar loss.
 
     Attributes:
-        gaussians: shaped like the Gaussians; to means, quats, log_scales, opacity_logits, sh.
+        gaussians: shaped like the Gaussians; to means, quats, log_scales, opacity_logits, sh, or of
+            `LinearGaussians` to scales and opacities.
         pose: (6,) to (v, w) in camera_from_world <- exp(v, w) camera_from_world; with a rolling
             shutter (2, 6), of the start and of the end pose.
         touched: (N,) bool, some pixel saw the Gaussian; None for the double reference.
         lens: (K,) to the camera's parameters, in their order; None unless requested.
         rays: (H, W, 3) to the pixels' unit rays, across them, in the axes of the camera in the
             middle of the exposure; None unless requested.
+        features: (N, D) to the features; None without `dfeatures`.
     """
 
-    gaussians: Gaussians
+    gaussians: Any  # Gaussians or LinearGaussians
     pose: np.ndarray
     touched: np.ndarray | None
     lens: np.ndarray | None = None
     rays: np.ndarray | None = None
+    features: np.ndarray | None = None
 
     def __repr__(self) -> str:
         touched = "" if self.touched is None else f", {np.count_nonzero(self.touched)} touched"
@@ -105,10 +112,12 @@ def _blend_rule(parity: str | None, blend: BlendRule | None) -> BlendRule:
 
 
 def render(
-    gaussians: Gaussians | StoredGaussians,
+    gaussians: Gaussians | LinearGaussians | StoredGaussians,
     camera: _core.Camera,
     camera_from_world: Any,
     *,
+    features: np.ndarray | None = None,
+    features_background: Sequence[float] | np.ndarray | None = None,
     shutter: _core.Shutter | str | None = None,
     background: Sequence[float] | np.ndarray | None = (0.0, 0.0, 0.0),
     parity: str | None = None,
@@ -125,6 +134,10 @@ def render(
         camera_from_world: (4, 4) rigid transform, or an object with such a `matrix`; of the
             Gaussians' world, which is the dataset's. With a rolling shutter the pair of them at
             the start and at the end of the exposure.
+        features: (N, D) values that the Gaussians carry beside their colour, any number of them:
+            blended by the same weights, without harmonics and without a clamp. Colours of your own,
+            labels, descriptors, depths along any axis.
+        features_background: (D,) what shows behind the features; None stands for zeros.
         shutter: the `Shutter` of a pair of poses, or its direction: "top_to_bottom",
             "bottom_to_top", "left_to_right" or "right_to_left". Each line of the image is then
             seen from its own pose; Gaussians are ordered and shaded from the middle one.
@@ -165,6 +178,10 @@ def render(
     look: dict[str, Any] = {
         "rule": rule, "background": color, "sh_degree": degree, "unscented": tuple(unscented)
     }  # fmt: skip
+    channels = _read_features(features, features_background, len(gaussians), dtype)
+    if channels and isinstance(gaussians, StoredGaussians):
+        raise InputError("features belong to Gaussians in memory, not to those in a file")
+    pixels: np.ndarray | None = None
     shown = (camera, pose, rule, color, degree)
     drawn: Any
     renderer, seen = None, None
@@ -172,8 +189,9 @@ def render(
         if isinstance(gaussians, StoredGaussians):
             raise InputError("the double reference takes Gaussians in memory, not in a file")
         drawn = gaussians.to_dtype(np.float64)
-        exact = _core.render_reference(drawn, _core.RenderJob(camera, place, **look))
-        image, alpha, depth, _, distortion = exact
+        job = _core.RenderJob(camera, place, **look, **channels)
+        image, alpha, depth, _, distortion, *of_features = _core.render_reference(drawn, job)
+        pixels = of_features[0] if channels else None
     elif dtype != "float32":
         raise InputError(f'dtype "{dtype}" is unknown; known: float32, float64')
     elif isinstance(gaussians, StoredGaussians):
@@ -188,10 +206,18 @@ def render(
         image = np.zeros((camera.height, camera.width, 3), np.float32)
         alpha, depth, distortion = (np.zeros(image.shape[:2], np.float32) for _ in range(3))
         renderer = _core.Renderer()
-        job = _core.RenderJob(camera, place, **look)
-        renderer.render(drawn, job, image, alpha, depth, distortion)
-    bits = sum_bits(drawn) if isinstance(drawn, Gaussians) else None
-    out = Render(image, alpha, depth, distortion, drawn, *shown, renderer, seen=seen, _bits=bits)
+        job = _core.RenderJob(camera, place, **look, **channels)
+        if channels:
+            width = channels["features"].shape[1]
+            pixels = np.zeros((camera.height, camera.width, width), np.float32)
+        renderer.render(drawn, job, image, alpha, depth, distortion, pixels)
+    bits = None
+    if isinstance(drawn, Gaussians | LinearGaussians):
+        bits = sum_bits(drawn, channels.get("features"))
+    out = Render(
+        image, alpha, depth, distortion, drawn, *shown, renderer, features=pixels, seen=seen,
+        _bits=bits, _channels=channels,
+    )  # fmt: skip
     if background is None:
         behind = compute_surroundings(out.image, out.alpha, camera)
     if behind is None:
@@ -228,6 +254,31 @@ def _read_background(
     return black, np.where(camera.rays()[1][..., None], found, 0.0)
 
 
+def _read_features(
+    features: np.ndarray | None, background: Any, num_gaussians: int, dtype: str
+) -> dict[str, Any]:
+    """Reads features and what is behind them as arguments of the core's job; {} without any."""
+    if features is None:
+        if background is not None:
+            raise InputError("features_background is given without features")
+        return {}
+    found = _core.read_array(features, "features")
+    if found.ndim != 2 or len(found) != num_gaussians or found.shape[1] == 0:
+        raise InputError(
+            f"features must have shape ({num_gaussians}, D), a row a Gaussian, found {found.shape}"
+        )
+    values = np.ascontiguousarray(found, dtype)
+    width = values.shape[1]
+    behind = np.zeros(width) if background is None else np.asarray(background)
+    if behind.shape != (width,):
+        raise InputError(f"features_background must have shape ({width},), found {behind.shape}")
+    behind = np.ascontiguousarray(behind, dtype)
+    for name, array in (("features", values), ("features_background", behind)):
+        if not np.isfinite(array).all():
+            raise InputError(f"{name} must be finite in {dtype}, found NaN or infinity")
+    return {"features": values, "features_background": behind}
+
+
 def _read_gradient(values: np.ndarray, name: str, dtype: np.dtype) -> np.ndarray:
     return np.ascontiguousarray(_core.read_array(values, name), dtype=dtype)
 
@@ -239,6 +290,7 @@ def render_backward(
     ddepth: np.ndarray | None = None,
     *,
     ddistortion: np.ndarray | None = None,
+    dfeatures: np.ndarray | None = None,
     with_lens: bool = False,
 ) -> Gradients:
     """Computes gradients of L = sum(dimage * image) + sum(dalpha * alpha) + ...
@@ -249,6 +301,7 @@ def render_backward(
         dalpha: (H, W) dL_dalpha; None stands for zeros.
         ddepth: (H, W) dL_ddepth; None stands for zeros.
         ddistortion: (H, W) dL_ddistortion; None stands for zeros.
+        dfeatures: (H, W, D) dL_dfeatures; None stands for zeros.
         with_lens: also the gradients to the lens and to each pixel's ray, which takes longer.
 
     Returns:
@@ -265,7 +318,8 @@ def render_backward(
     g = result.gaussians
     if isinstance(g, StoredGaussians):
         raise InputError("gradients are of Gaussians in memory, not of those in a file")
-    if result._bits is not None and sum_bits(g) != result._bits:
+    channels = result._channels
+    if result._bits is not None and sum_bits(g, channels.get("features")) != result._bits:
         raise InputError(
             "the Gaussians have changed since they were rendered; render them again, or change "
             "them after render_backward"
@@ -280,17 +334,26 @@ def render_backward(
         dalpha = -through if dalpha is None else dalpha - through
     out = g.make_zeros()
     given = {"dalpha": dalpha, "ddepth": ddepth, "ddistortion": ddistortion}
+    to_features: np.ndarray | None = None
+    if dfeatures is not None:
+        if not channels:
+            raise InputError("dfeatures needs a render with features")
+        to_features = np.zeros_like(channels["features"])
+        dfeatures = _read_gradient(dfeatures, "dfeatures", g.dtype)
+        given = {**given, "dfeatures": dfeatures, "to_features": to_features}
     if result.renderer is None:
         job = _core.RenderJob(
             result.camera, place_about(result.camera_from_world, g.origin), rule=result.rule,
-            background=result.background, sh_degree=result.sh_degree,
+            background=result.background, sh_degree=result.sh_degree, **channels,
         )  # fmt: skip
         pose, lens = _core.render_reference_backward(
             g, job, dimage, out, **given, with_lens=with_lens
         )
-        return Gradients(out, pose, None, *(lens or (None, None)))
+        of_lens, of_rays = lens or (None, None)
+        return Gradients(out, pose, None, of_lens, of_rays, to_features)
     touched = np.zeros(len(g), np.uint8)
     with result._turn:
         pose = result.renderer.backward(dimage, out, touched, **given, with_lens=with_lens)
         lens = result.renderer.lens_gradients()
-    return Gradients(out, pose, touched.astype(bool), *(lens or (None, None)))
+    of_lens, of_rays = lens or (None, None)
+    return Gradients(out, pose, touched.astype(bool), of_lens, of_rays, to_features)

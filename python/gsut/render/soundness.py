@@ -7,7 +7,7 @@ import zlib
 
 import numpy as np
 
-from gsut.gaussians import Gaussians
+from gsut.gaussians import Gaussians, LinearGaussians
 
 # Least and largest scale, and largest coordinate, in world units, up to which float32 follows the
 # double reference: squares of products of these overflow, or vanish, beyond.
@@ -15,10 +15,11 @@ _LEAST_LENGTH = 1e-12
 _LARGEST_LENGTH = 1e12
 
 
-def sum_bits(gaussians: Gaussians) -> int:
+def sum_bits(gaussians: Gaussians | LinearGaussians, features: np.ndarray | None = None) -> int:
     """Computes a number that changes if Gaussians are changed, moved or put into another order."""
     mark = zlib.crc32(gaussians.means.tobytes())
-    for array in (gaussians.quats, gaussians.log_scales, gaussians.opacity_logits, gaussians.sh):
+    others = [getattr(gaussians, name) for name in gaussians.list_arrays()[1:]]
+    for array in others if features is None else [*others, features]:
         words = array.reshape(-1).view(np.uint32)
         mark = zlib.crc32(np.add.reduce(words, dtype=np.uint32).tobytes(), mark)
     return mark

@@ -20,6 +20,7 @@
 #include "gsut/raster/blend_backward-inl.h"
 #include "gsut/raster/central/response-inl.h"
 #include "gsut/raster/central/tile_axes-inl.h"
+#include "gsut/raster/channels-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace gsut {
@@ -86,13 +87,13 @@ HWY_INLINE void AddToForm(FloatVec to_form, FloatVec s, FloatVec t, FloatVec* su
 
 // Phase 2: walks the blend on, and from alpha and distance back to the forms and the rays.
 HWY_INLINE void BackwardRays(BackwardFlags flags, const BlendLimits& limits, const RecordVectors& g,
-                             BlockFields fields, FloatVec* sums) {
+                             BlockFields fields, FloatVec* sums, float* pair) {
   const FloatTag d;
   const FloatVec reciprocal = fields.Get(kFieldReciprocal);
   const FloatVec z = fields.Get(kFieldZ);
   const FloatVec unit_distance = flags.with_depth ? hn::Mul(z, reciprocal) : hn::Zero(d);
   const auto [h, to_distance] = StepOver(flags, limits, g.color, fields.Get(kFieldAlpha),
-                                         hn::Mul(g.depth, unit_distance), fields, sums);
+                                         hn::Mul(g.depth, unit_distance), fields, sums, pair);
   const FloatVec u = fields.Get(kFieldU);
   const FloatVec hr = hn::Mul(h, reciprocal);
   const FloatVec hru = hn::Mul(hr, u);
@@ -138,10 +139,10 @@ HWY_INLINE void FetchAhead(const Frame& frame, const TileEntry* entry, std::uint
 }
 
 // Fills the slots of a tile's pairs. to_rays: with flags.with_rays 2 x 256 floats for the gradients
-// to s and t of the tile's pixels, swizzled.
+// to s and t of the tile's pixels, swizzled. channels: with flags.with_channels.
 HWY_INLINE void BackwardTile(BackwardFlags flags, const RasterTask& task, const TileGrid& grid,
                              int tile, const PixelGradients& gradients, Frame* frame,
-                             float* to_rays) {
+                             float* to_rays, TileChannels* channels = nullptr) {
   const FloatTag d;
   const std::uint32_t count = frame->entry_count[tile];
   if (count == 0) {
@@ -165,6 +166,7 @@ HWY_INLINE void BackwardTile(BackwardFlags flags, const RasterTask& task, const 
     FetchAhead(*frame, entries + e, count - e);
     HWY_ALIGN float r[record::kSize];
     TurnRecord(to_tile, center, *frame, entries[e].gaussian, r);
+    if (flags.with_channels) channels->Prepare(e);
     const RecordVectors g(r);
     FloatVec sums[16];
     GSUT_UNROLL for (int i = 0; i < 16; ++i) sums[i] = hn::Zero(d);
@@ -174,8 +176,11 @@ HWY_INLINE void BackwardTile(BackwardFlags flags, const RasterTask& task, const 
       RespondAgain(g, limits.alpha_max, fields.Block(__builtin_ctzll(todo)));
     }
     for (std::uint64_t todo = entries[e].blocks; todo != 0; todo &= todo - 1) {
-      BackwardRays(flags, limits, g, fields.Block(__builtin_ctzll(todo)), sums);
+      const int block = __builtin_ctzll(todo);
+      float* pair = flags.with_channels ? channels->Pair(e, block) : nullptr;
+      BackwardRays(flags, limits, g, fields.Block(block), sums, pair);
     }
+    if (flags.with_channels) channels->Collect(e);
     HWY_ALIGN float totals[16];
     SumLanes16(sums, totals);
     from_tile.Turn(totals, &frame->slot_gradients[std::size_t{16} * entries[e].slot]);

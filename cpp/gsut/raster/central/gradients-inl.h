@@ -126,8 +126,8 @@ HWY_INLINE void GaussianGradients(const RasterTask& task, std::int64_t first, co
     out.mean[k] += (to_direction[k] - direction[k] * along) * inverse_distance;
     out.mean[k] = Select(seen, out.mean[k], Lane(0.0));
   }
-  out.logit = sums[slot::kH] * (Lane(1.0) - s.opacity);
-  StoreGradients(out, seen, first, to.rows);
+  out.logit = OpacityGradient(s, g.is_linear, sums[slot::kH]);
+  StoreGradients(out, s, seen, first, to.rows);
   if (dpose == nullptr) return;
   const std::int64_t available = HWY_MIN(g.size - first, static_cast<std::int64_t>(kLanes));
   AddPoseGradient(r, forms, out.mean, view, seen, available, dpose);

@@ -19,6 +19,7 @@
 #endif
 
 #include "gsut/raster/blend_backward-inl.h"
+#include "gsut/raster/channels-inl.h"
 #include "gsut/raster/lines/forward-inl.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -103,7 +104,7 @@ struct ResidualGradient {
 // Phase 1: evaluates the response again, walks the blend on, and forms the residual's gradient.
 HWY_INLINE ResidualGradient BackwardResidual(BackwardFlags flags, const BlendLimits& limits,
                                              const LineChunk& chunk, int j, BlockFields fields,
-                                             FloatVec* sums) {
+                                             FloatVec* sums, float* pair) {
   using C = LineChunk;
   const FloatTag d;
   const LinePixels line = {fields.Get(kLineA), fields.Get(kLineB), fields.Get(kFieldS),
@@ -118,7 +119,7 @@ HWY_INLINE ResidualGradient BackwardResidual(BackwardFlags flags, const BlendLim
                              chunk.Get(C::kBlue, j)};
   const auto [h, to_distance] =
       StepOver(flags, limits, color, of_hit(hn::Min(alpha, limits.alpha_max)),
-               of_hit(hn::Sub(hit.x, line.slide)), fields, sums);
+               of_hit(hn::Sub(hit.x, line.slide)), fields, sums, pair);
   sums[slot::kH] = hn::Add(sums[slot::kH], h);
   ResidualGradient out;
   out.x = of_hit(hit.x);
@@ -198,10 +199,11 @@ HWY_INLINE void AddToLines(BackwardFlags flags, const LineChunk& chunk, int j,
 }
 
 // Fills the slots of a tile's pairs. to_lines: with flags.with_rays 5 x 256 floats for the
-// gradients to a, b, s, t and slide of the tile's lines, swizzled.
+// gradients to a, b, s, t and slide of the tile's lines, swizzled. channels: with
+// flags.with_channels.
 HWY_INLINE void BackwardLines(BackwardFlags flags, const RasterTask& task, const LineGrid& grid,
                               int tile, const PixelGradients& gradients, Frame* frame,
-                              float* to_lines) {
+                              float* to_lines, TileChannels* channels = nullptr) {
   const FloatTag d;
   const std::uint32_t count = frame->entry_count[tile];
   const std::size_t pixel0 = static_cast<std::size_t>(tile) * kTilePixels;
@@ -225,15 +227,19 @@ HWY_INLINE void BackwardLines(BackwardFlags flags, const RasterTask& task, const
     chunk.Fill(frame->records.data(), bundle, task.log2_alpha_min, task.max_cutoff, here,
                [&](int j) { return entries[first + static_cast<std::uint32_t>(j)].gaussian; });
     for (int j = 0; j < here; ++j) {
+      const std::uint32_t e = first + static_cast<std::uint32_t>(j);
+      if (flags.with_channels) channels->Prepare(e);
       FloatVec sums[16];
       GSUT_UNROLL for (int i = 0; i < 16; ++i) sums[i] = hn::Zero(d);
-      for (std::uint64_t todo = entries[first + static_cast<std::uint32_t>(j)].blocks; todo != 0;
-           todo &= todo - 1) {
-        const BlockFields at = fields.Block(__builtin_ctzll(todo));
-        const ResidualGradient of = BackwardResidual(flags, limits, chunk, j, at, sums);
+      for (std::uint64_t todo = entries[e].blocks; todo != 0; todo &= todo - 1) {
+        const int block = __builtin_ctzll(todo);
+        const BlockFields at = fields.Block(block);
+        float* pair = flags.with_channels ? channels->Pair(e, block) : nullptr;
+        const ResidualGradient of = BackwardResidual(flags, limits, chunk, j, at, sums, pair);
         AddToSums(flags, of, sums);
         if (flags.with_rays) AddToLines(flags, chunk, j, of, at);
       }
+      if (flags.with_channels) channels->Collect(e);
       HWY_ALIGN float totals[16];
       SumLanes16(sums, totals);
       for (int k = 0; k < 16; ++k) columns[k][j] = totals[k];

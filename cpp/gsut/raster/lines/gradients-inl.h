@@ -78,8 +78,8 @@ HWY_INLINE void LineGradients(const RasterTask& task, bool is_parallel, std::int
       dshading[(is_parallel ? 3 : 0) + j] += static_cast<double>(v[i]);
     }
   }
-  out.logit = sums[slot::kH] * (Lane(1.0) - s.opacity);
-  StoreGradients(out, seen, first, to.rows);
+  out.logit = OpacityGradient(s, g.is_linear, sums[slot::kH]);
+  StoreGradients(out, s, seen, first, to.rows);
 }
 
 }  // namespace HWY_NAMESPACE

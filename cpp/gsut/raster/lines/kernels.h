@@ -30,4 +30,14 @@ void LineGradientsKernel(const RasterTask& task, bool is_parallel, const Frame& 
                          std::int64_t begin, std::int64_t end, const GradientRows& to,
                          double* dshading);
 
+// Blends the channels of one tile, after its forward pass, into image (H, W, D).
+void LineChannelsForwardKernel(const RasterTask& task, const LineGrid& grid, int tile, Frame* frame,
+                               float* image);
+
+// As LineBackwardKernel with gradients to the channels' pixels; to_rays: not null. to_channels:
+// those of the values of the tile's pairs, an entry a row of D.
+void LineChannelsBackwardKernel(const RasterTask& task, const LineGrid& grid, int tile,
+                                const ImageGradients& gradients, Frame* frame, float* to_rays,
+                                float* to_channels);
+
 }  // namespace gsut

@@ -9,6 +9,7 @@
 #include "gsut/gaussians/gaussians.h"
 #include "gsut/geometry/shutter.h"
 #include "gsut/raster/blend_rule.h"
+#include "gsut/raster/task.h"
 #include "gsut/raster/view_rays.h"
 
 namespace gsut {
@@ -20,19 +21,21 @@ struct ReferenceImage {
   std::vector<double> depth;  // (H, W): sum of weight times distance along the ray
   // (H, W): sum of weight times the squared distance from the mean, see kDistortionAlpha
   std::vector<double> distortion;
-  std::vector<int> samples;  // (H, W): Gaussians blended
+  std::vector<int> samples;      // (H, W): Gaussians blended
+  std::vector<double> channels;  // (H, W, D), of the channels
 };
 
 // chosen (H, W): only pixels that are not 0 are rendered, the others stay 0; null: all. Throws
 // InputError if a parameter is not finite.
 ReferenceImage RenderReference(const GaussiansView<const double>& gaussians, const ViewRays& view,
-                               const RenderSettings& settings,
-                               const std::uint8_t* chosen = nullptr);
+                               const RenderSettings& settings, const std::uint8_t* chosen = nullptr,
+                               const Channels<double>& channels = {});
 
 // The same through a lens, each line of the image from its own pose.
 ReferenceImage RenderReference(const GaussiansView<const double>& gaussians, const Camera& camera,
                                const CameraMotion& motion, const RenderSettings& settings,
-                               const std::uint8_t* chosen = nullptr);
+                               const std::uint8_t* chosen = nullptr,
+                               const Channels<double>& channels = {});
 
 // Pixel gradients, row-major; all but the first may be null.
 struct ReferenceGradients {
@@ -40,6 +43,11 @@ struct ReferenceGradients {
   const double* alpha = nullptr;       // (H, W)
   const double* depth = nullptr;       // (H, W)
   const double* distortion = nullptr;  // (H, W)
+  // Of channels: what was rendered, the gradient to its image (H, W, D), and where the gradient to
+  // its values (N, D) goes.
+  Channels<double> channels = {};
+  const double* channel_image = nullptr;
+  double* to_channels = nullptr;
 };
 
 // Gradients of L = sum(dimage * image) + sum(dalpha * alpha) + sum(ddepth * depth) +

@@ -101,7 +101,7 @@ void Renderer::AddSignificance(const std::uint8_t* chosen, double* significance,
           (center + walk.PointAt(offset, hit.along)).cast<float>();
     });
   };
-  AddOverTiles<1>(frame_, scene.tiles->num_tiles(), tile, significance);
+  AddOverTiles(frame_, scene.tiles->num_tiles(), 1, tile, significance);
 }
 
 // One Gaussian at a time, as if the others were known. With T the light left in front of it and
@@ -138,7 +138,7 @@ void Renderer::AddFisher(const std::uint8_t* chosen, double* fisher) const {
       }
     });
   };
-  AddOverTiles<kFisherSums>(frame_, scene.tiles->num_tiles(), tile, fisher);
+  AddOverTiles(frame_, scene.tiles->num_tiles(), kFisherSums, tile, fisher);
 }
 
 // Without the Gaussian, what is behind shines through it by 1 / (1 - alpha), and its own colour is
@@ -168,7 +168,7 @@ void Renderer::AddSupport(const float* photograph, const std::uint8_t* chosen,
       sum[1] += hit.weight;
     });
   };
-  AddOverTiles<kSupportSums>(frame_, scene.tiles->num_tiles(), tile, support);
+  AddOverTiles(frame_, scene.tiles->num_tiles(), kSupportSums, tile, support);
 }
 
 }  // namespace gsut

@@ -164,7 +164,7 @@ void Renderer::SurfaceBackward(const float* dnormals, const GaussiansView<float>
     });
   };
   std::vector<double> sums(static_cast<std::size_t>(gradients.size) * kSums, 0.0);
-  AddOverTiles<kSums>(frame_, scene.tiles->num_tiles(), tile, sums.data());
+  AddOverTiles(frame_, scene.tiles->num_tiles(), kSums, tile, sums.data());
   const Vector3d center = scene.camera_from_world.CenterInSource();
   ParallelFor(gradients.size, kRecordsPart, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t i = begin; i < end; ++i) {
@@ -179,12 +179,12 @@ void Renderer::SurfaceBackward(const float* dnormals, const GaussiansView<float>
       Map<Eigen::Vector3f>(gradients.means + 3 * i) +=
           (g.whiten.transpose() * to_whitened).cast<float>();
       gradients.opacity_logits[i] +=
-          static_cast<float>(sum[kToOpacity] * g.opacity * (1.0 - g.opacity));
+          static_cast<float>(sum[kToOpacity] * scene.gaussians.OpacitySlope(g.opacity));
       // A = S^-1 R^T: row k of A is column k of R divided by the scale k.
       Eigen::Matrix<double, 3, 3, Eigen::RowMajor> to_rotation;
       for (int k = 0; k < 3; ++k) {
-        gradients.log_scales[3 * i + k] -=
-            static_cast<float>(to_whiten.row(k).dot(g.whiten.row(k)));
+        gradients.log_scales[3 * i + k] -= static_cast<float>(
+            to_whiten.row(k).dot(g.whiten.row(k)) * scene.gaussians.LogScaleSlope(g.scale[k]));
         to_rotation.col(k) = to_whiten.row(k).transpose() / g.scale[k];
       }
       double quat[4], to_quat[4];

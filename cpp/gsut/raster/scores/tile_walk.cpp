@@ -20,14 +20,12 @@ WalkGaussian WalkGaussianOf(const WalkScene& scene, std::int64_t index) {
   double quat[4], rotation[9];
   for (int k = 0; k < 4; ++k) quat[k] = static_cast<double>(g.quats[4 * index + k]);
   RotationFromQuaternion(quat, rotation);
-  for (int k = 0; k < 3; ++k) {
-    out.scale[k] = ScaleFromLog(static_cast<double>(g.log_scales[3 * index + k]));
-  }
+  for (int k = 0; k < 3; ++k) out.scale[k] = g.Scale(index, k);
   out.whiten = out.scale.cwiseInverse().asDiagonal() *
                Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(rotation).transpose();
   out.whitened = out.whiten * (Map<const Eigen::Vector3f>(g.means + 3 * index).cast<double>() -
                                scene.camera_from_world.CenterInSource());
-  out.opacity = Sigmoid(static_cast<double>(g.opacity_logits[index]));
+  out.opacity = g.Opacity(index);
   return out;
 }
 

@@ -1,0 +1,64 @@
+// The kernels of channels beside the colour for lines, compiled once per instruction set.
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "gsut/raster/lines/channels.cpp"
+#include "gsut/base/hwy_targets.h"
+
+#include <hwy/cache_control.h>
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
+
+#include "gsut/raster/lines/kernels.h"
+
+#include "gsut/raster/lines/forward-inl.h"
+#include "gsut/raster/lines/backward-inl.h"
+#include "gsut/raster/channels-inl.h"
+#include "gsut/raster/pixels-inl.h"
+
+HWY_BEFORE_NAMESPACE();
+namespace gsut {
+namespace HWY_NAMESPACE {
+
+// After the tile's forward pass, whose list of contributing pairs it reads: their weights come out
+// once more, with the same bits, and blend all channels.
+void LineChannelsForward(const RasterTask& task, const LineGrid& grid, int tile, Frame* frame,
+                         float* image) {
+  LineKernel kernel(task, grid, tile, *frame);
+  BlendChannels(task, grid.tiles, tile, kernel, frame);
+  WriteChannels(task.channels, grid.tiles, tile, *frame, image);
+}
+
+// The tile's whole backward pass, colours included: what channels are worth joins what colours are
+// worth before the gradient goes on to the response.
+void LineChannelsBackward(const RasterTask& task, const LineGrid& grid, int tile,
+                          const ImageGradients& gradients, Frame* frame, float* to_rays,
+                          float* to_channels) {
+  BackwardWithChannels(task, grid.tiles, tile, gradients, *frame, to_channels,
+                       [&](BackwardFlags flags, const PixelGradients& pixels,
+                           TileChannels* channels) GSUT_INLINED_LAMBDA {
+                         BackwardLines(flags, task, grid, tile, pixels, frame, to_rays, channels);
+                       });
+}
+
+}  // namespace HWY_NAMESPACE
+}  // namespace gsut
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace gsut {
+HWY_EXPORT(LineChannelsForward);
+HWY_EXPORT(LineChannelsBackward);
+
+void LineChannelsForwardKernel(const RasterTask& task, const LineGrid& grid, int tile, Frame* frame,
+                               float* image) {
+  HWY_DYNAMIC_DISPATCH(LineChannelsForward)(task, grid, tile, frame, image);
+}
+
+void LineChannelsBackwardKernel(const RasterTask& task, const LineGrid& grid, int tile,
+                                const ImageGradients& gradients, Frame* frame, float* to_rays,
+                                float* to_channels) {
+  HWY_DYNAMIC_DISPATCH(LineChannelsBackward)
+  (task, grid, tile, gradients, frame, to_rays, to_channels);
+}
+
+}  // namespace gsut
+#endif

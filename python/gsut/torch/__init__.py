@@ -1,0 +1,10 @@
+"""gsut for PyTorch, optional: gsplat's `rasterization` on a CPU, through any lens.
+
+Needs torch, any build of it (`pip install gsut[torch]` brings one). Nothing else in gsut imports
+this folder.
+"""
+
+from gsut.torch.rasterization import rasterization
+from gsut.torch.views import View, render_view
+
+__all__ = ["View", "rasterization", "render_view"]
