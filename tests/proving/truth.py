@@ -71,13 +71,14 @@ def classify(shifts: np.ndarray, registered: float, camera: Camera, lens_px: flo
     """Returns what a verdict on poses should say: "good", "usable" or "poor".
 
     Args:
-        shifts: of the pairs, degrees. registered: share of the pictures. camera: the true lens.
+        shifts: of the pairs, degrees; those without both poses do not count here.
+        registered: share of the pictures. camera: the true lens.
         lens_px: by which an estimated lens is off: a camera that only turned has poses that fit a
             wrong one.
     """
-    pixels = np.radians(shifts) * _measure_focal(camera)
+    pixels = np.radians(shifts[shifts < _LOST]) * _measure_focal(camera)
     for level, (most, agreeing, share) in (("good", _GOOD), ("usable", _USABLE)):
-        agrees = (pixels <= most).mean() >= agreeing and lens_px <= most
+        agrees = np.sum(pixels <= most) >= max(1, agreeing * len(pixels)) and lens_px <= most
         if agrees and registered >= share:
             return level
     return "poor"

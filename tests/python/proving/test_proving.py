@@ -76,8 +76,11 @@ def test_wrong_poses_are_poor_and_true_ones_good():
     moved = {k: np.roll(truth, 1, axis=0)[k] for k in range(6)}
     errors, shifts = measure_pair_errors(moved, truth, made.stage.reach)
     assert classify(shifts, 1.0, made.lens.camera) == "poor"
-    errors, _ = measure_pair_errors({0: truth[0]}, truth, made.stage.reach)
+    errors, shifts = measure_pair_errors({0: truth[0]}, truth, made.stage.reach)
     assert measure_areas(errors)["auc_10"] == 0
+    assert classify(shifts, 1 / 6, made.lens.camera) == "poor"
+    _, shifts = measure_pair_errors(dict(enumerate(truth[:4])), truth, made.stage.reach)
+    assert classify(shifts, 4 / 6, made.lens.camera) == "usable"  # what is there is right
 
 
 def test_a_dataset_and_photographs_are_scored_end_to_end(tmp_path):
