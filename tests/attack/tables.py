@@ -40,7 +40,7 @@ OF_RUN: dict[tuple[str, ...], tuple[str, ...]] = {
     ("data", "convert", "run", "out"): ("options.json", "environment.json"),
 }  # fmt: skip
 # What is no file of a run is none of its.
-ABSENT = "absent|holds no run|does not say which dataset|no dataset found"
+ABSENT = "absent|does not exist|holds no run|does not say which dataset|no dataset found"
 # Files that do not say how long they are or what they hold.
 HEADLESS = {
     ("positions.csv", "cut in half"),
