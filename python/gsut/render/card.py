@@ -8,13 +8,19 @@ from __future__ import annotations
 
 import functools
 import importlib.resources
+import warnings
 from typing import Any
 
 import numpy as np
 
 from gsut._core import InputError
+from gsut.gaussians import LinearGaussians, StoredGaussians
 from gsut.render.card_tiles import TILE_PIXELS, CardTiles, find_tiles
+from gsut.render.soundness import sum_bits
 
+ON_CARD = "card"  # stands for the renderer of an image that a graphics card drew
+
+_DEVICES = ("cpu", "gpu")
 _GROUP = 256  # threads of a workgroup, in all shaders
 _MOST_GROUPS = 65535  # of one dispatch, by WebGPU's limits
 _RADIX_BITS = 4  # of the keys that one pass of the sort looks at
@@ -305,3 +311,37 @@ def draw_on_card(
     except Exception as error:  # out of memory, a lost device: drivers raise what they like
         find_card.cache_clear()
         raise CardRefusal(f"{card.name} failed ({error})") from error
+
+
+def check_device(device: str, dtype: str, gaussians: Any, has_features: bool) -> None:
+    """Rejects what a graphics card does not draw, and warns where the CPU does in its place."""
+    if device not in _DEVICES:
+        raise InputError(f'device "{device}" is unknown; known: {", ".join(_DEVICES)}')
+    if device == "cpu":
+        return
+    if dtype != "float32":
+        raise InputError(f'device "gpu" draws in float32; leave dtype="{dtype}" out, or device')
+    if has_features or isinstance(gaussians, LinearGaussians):
+        raise InputError('device "gpu" draws no features and no LinearGaussians; leave it out')
+    if isinstance(gaussians, StoredGaussians):
+        _warn_of_cpu("Gaussians that stay in their file are read for each image")
+
+
+def draw_or_warn(
+    drawn: Any, camera: Any, place: Any, look: dict[str, Any]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None:
+    """Draws image, alpha, depth and distortion; None, with a warning, where no card can."""
+    try:
+        color, left, depth, distortion = draw_on_card(
+            drawn, sum_bits(drawn), camera, place, look["rule"], look["sh_degree"]
+        )
+    except CardRefusal as refusal:
+        _warn_of_cpu(str(refusal))
+        return None
+    has_ray = camera.rays()[1]
+    image = color + left[..., None] * np.float32(look["background"])
+    return image, np.where(has_ray, np.float32(1.0) - left, np.float32(0.0)), depth, distortion
+
+
+def _warn_of_cpu(reason: str) -> None:
+    warnings.warn(f"drawn on the CPU: {reason}", RuntimeWarning, stacklevel=4)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import threading
-import warnings
 from collections.abc import Sequence
 from typing import Any
 
@@ -13,7 +12,7 @@ import numpy as np
 from gsut import _core
 from gsut._core import BlendRule, InputError
 from gsut.gaussians import Gaussians, LinearGaussians, StoredGaussians
-from gsut.render.card import CardRefusal, draw_on_card
+from gsut.render.card import ON_CARD, check_device, draw_or_warn
 from gsut.render.motion import place_about, read_motion
 from gsut.render.projection import DEFAULT_UNSCENTED
 from gsut.render.soundness import sum_bits, warn_of_undrawn
@@ -25,8 +24,6 @@ from gsut.run import check_fits
 # the lists of the frame.
 _PIXEL_BYTES = 40
 _LISTED_BYTES = 60
-_DEVICES = ("cpu", "gpu")
-_ON_CARD = "card"  # stands for the renderer of an image that a graphics card drew
 
 
 @dataclasses.dataclass
@@ -56,7 +53,7 @@ class Render:
     rule: BlendRule
     background: tuple[float, float, float]
     sh_degree: int
-    renderer: Any  # _core.Renderer, None for the double reference, or _ON_CARD
+    renderer: Any  # _core.Renderer, None for the double reference, or ON_CARD
     behind: np.ndarray | None = None
     features: np.ndarray | None = None
     seen: Any = None  # what was read of Gaussians in a file, which the renderer goes on with
@@ -73,7 +70,7 @@ class Render:
 
     def get_statistics(self) -> dict[str, int]:
         """Returns counts of the tiled path: num_visible, num_pairs, num_contributing_pairs ..."""
-        if self.renderer is None or self.renderer == _ON_CARD:
+        if self.renderer is None or self.renderer == ON_CARD:
             return {}
         with self._turn:
             return self.renderer.statistics()
@@ -170,10 +167,6 @@ def render(
         InputError: shapes, poses, shutter, parity, dtype or device are wrong, or memory does not
             suffice.
     """
-    if device not in _DEVICES:
-        raise InputError(f'device "{device}" is unknown; known: {", ".join(_DEVICES)}')
-    if device == "gpu" and dtype != "float32":
-        raise InputError(f'device "gpu" draws in float32; leave dtype="{dtype}" out, or device')
     check_fits(
         f"an image of {camera.width} x {camera.height} of {len(gaussians):,} Gaussians",
         _PIXEL_BYTES * camera.width * camera.height
@@ -193,10 +186,7 @@ def render(
     channels = _read_features(features, features_background, len(gaussians), dtype)
     if channels and isinstance(gaussians, StoredGaussians):
         raise InputError("features belong to Gaussians in memory, not to those in a file")
-    if device == "gpu" and (channels or isinstance(gaussians, LinearGaussians)):
-        raise InputError(
-            "the graphics card draws no features and no LinearGaussians; leave device out"
-        )
+    check_device(device, dtype, gaussians, bool(channels))
     pixels: np.ndarray | None = None
     shown = (camera, pose, rule, color, degree)
     drawn: Any
@@ -213,8 +203,6 @@ def render(
         raise InputError(f'dtype "{dtype}" is unknown; known: float32, float64')
     elif isinstance(gaussians, StoredGaussians):
         drawn = gaussians
-        if device == "gpu":
-            _warn_of_cpu("Gaussians that stay in their file are read for each image")
         stored = StoredImage(gaussians, camera, place, look)
         image, alpha, depth, distortion = stored.draw()
         renderer, seen = stored.renderer, stored.seen
@@ -222,12 +210,12 @@ def render(
         drawn = gaussians.to_dtype(np.float32)
         if isinstance(drawn, Gaussians):
             warn_of_undrawn(drawn)
-        on_card = _draw_on_card(drawn, camera, place, look) if device == "gpu" else None
+        on_card = draw_or_warn(drawn, camera, place, look) if device == "gpu" else None
         if on_card is None:
             renderer = _core.Renderer()
             on_card, pixels = _draw_on_cpu(renderer, drawn, camera, place, look, channels)
         else:
-            renderer = _ON_CARD
+            renderer = ON_CARD
         image, alpha, depth, distortion = on_card
     bits = None
     if isinstance(drawn, Gaussians | LinearGaussians):
@@ -245,10 +233,6 @@ def render(
     return dataclasses.replace(out, image=image, behind=behind)
 
 
-def _warn_of_cpu(reason: str) -> None:
-    warnings.warn(f"drawn on the CPU: {reason}", RuntimeWarning, stacklevel=4)
-
-
 def _draw_on_cpu(
     renderer: Any, drawn: Any, camera: _core.Camera, place: Any, look: dict[str, Any],
     channels: dict[str, Any],
@@ -262,22 +246,6 @@ def _draw_on_cpu(
     job = _core.RenderJob(camera, place, **look, **channels)
     renderer.render(drawn, job, image, alpha, depth, distortion, pixels)
     return (image, alpha, depth, distortion), pixels
-
-
-def _draw_on_card(
-    drawn: Any, camera: _core.Camera, place: Any, look: dict[str, Any]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None:
-    """Draws on the graphics card; None, with a warning, where it cannot."""
-    try:
-        color, left, depth, distortion = draw_on_card(
-            drawn, sum_bits(drawn), camera, place, look["rule"], look["sh_degree"]
-        )
-    except CardRefusal as refusal:
-        _warn_of_cpu(str(refusal))
-        return None
-    has_ray = camera.rays()[1]
-    image = color + left[..., None] * np.float32(look["background"])
-    return image, np.where(has_ray, np.float32(1.0) - left, np.float32(0.0)), depth, distortion
 
 
 def _read_background(
@@ -371,7 +339,7 @@ def render_backward(
     g = result.gaussians
     if isinstance(g, StoredGaussians):
         raise InputError("gradients are of Gaussians in memory, not of those in a file")
-    if result.renderer == _ON_CARD:
+    if result.renderer == ON_CARD:
         raise InputError('the graphics card has no gradients; render with device="cpu"')
     channels = result._channels
     if result._bits is not None and sum_bits(g, channels.get("features")) != result._bits:
