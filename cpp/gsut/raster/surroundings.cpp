@@ -41,6 +41,8 @@ struct Cover {
   std::vector<float> shares;
 };
 
+// Coarser pixel k covers [k, k + 1) x from / to of the finer ones: sides need not divide each
+// other, so pixels at its ends count in part. The shares of a coarser pixel add up to 1.
 std::vector<Cover> CoversOf(int from, int to) {
   std::vector<Cover> covers(static_cast<std::size_t>(to));
   for (int k = 0; k < to; ++k) {
@@ -61,6 +63,7 @@ Level Shrink(const Level& from, int width, int height) {
   const std::vector<Cover> across = CoversOf(from.width, width);
   const std::vector<Cover> down = CoversOf(from.height, height);
   Level out(width, height);
+  // Each row of the result is summed by one thread, in one order.
   ParallelFor(height, kRowGrain, [&](std::int64_t begin, std::int64_t end) {
     for (int y = static_cast<int>(begin); y < static_cast<int>(end); ++y) {
       const Cover& rows = down[static_cast<std::size_t>(y)];
@@ -86,6 +89,7 @@ struct Place {
   float share;  // of the higher one
 };
 
+// Centres of pixels lie at k + 0.5; beyond the outermost ones the edge goes on as it is.
 std::vector<Place> PlacesOf(int from, int to) {
   std::vector<Place> places(static_cast<std::size_t>(to));
   for (int k = 0; k < to; ++k) {
@@ -140,6 +144,7 @@ Level KnownPixels(int width, int height, const float* image, const float* alpha,
 bool ComputeSurroundings(int width, int height, const float* image, const float* alpha,
                          const std::uint8_t* valid, float* behind) {
   const std::size_t count = static_cast<std::size_t>(width) * height;
+  // Nothing is open in most photographs: the pyramid is built only where it shows.
   bool open = false;
   for (std::size_t i = 0; i < count && !open; ++i) open = valid[i] != 0 && alpha[i] < 1.0f - kOpen;
   if (!open) return false;
@@ -151,14 +156,18 @@ bool ComputeSurroundings(int width, int height, const float* image, const float*
   } else {
     levels.push_back(KnownPixels(width, height, image, alpha, valid));
   }
+  // Pull: what is known, and how much of it there is, becomes coarser down to one pixel.
   while (std::max(levels.back().width, levels.back().height) > 1) {
     const Level& last = levels.back();
     levels.push_back(Shrink(last, divide(last.width, 2), divide(last.height, 2)));
   }
   Level out = std::move(levels.back());
   levels.pop_back();
+  // The last pixel is divided by its share: the mean colour of all that is covered. Where nothing
+  // is, black stays black.
   const float covered = std::max(out.pixels[3], std::numeric_limits<float>::min());
   for (float& value : out.pixels) value /= covered;
+  // Push: what a level knows lies over the coarser one, by the share that it covers.
   for (; !levels.empty(); levels.pop_back()) {
     Level& level = levels.back();
     Enlarge(out, level.width, level.height, [&](int x, int y, const float* color) {
@@ -167,6 +176,7 @@ bool ComputeSurroundings(int width, int height, const float* image, const float*
     });
     out = std::move(level);
   }
+  // To the image itself, whose own pixels are blended over it by the caller.
   Enlarge(out, width, height, [&](int x, int y, const float* color) {
     const std::size_t i = static_cast<std::size_t>(y) * width + x;
     for (std::size_t c = 0; c < 3; ++c) behind[3 * i + c] = valid[i] == 0 ? 0.0f : color[c];
