@@ -134,5 +134,7 @@ def test_interrupt_of_a_command_says_what_is_kept(tmp_path, monkeypatch, capsys)
         raise KeyboardInterrupt
 
     monkeypatch.setattr("gsut.formats.read_scene_file", interrupt)
-    assert main(["convert", "a.ply", str(tmp_path / "b.ply")]) == EXIT_INTERRUPTED
+    (tmp_path / "a.ply").touch()
+    words = ["convert", str(tmp_path / "a.ply"), str(tmp_path / "b.ply")]
+    assert main(words) == EXIT_INTERRUPTED
     assert "no file was left half-written" in capsys.readouterr().err

@@ -26,7 +26,7 @@ _SHIFTS = (0.5, 0.25, 0.15)
 # Colour difference beyond which a pixel counts less (Huber).
 _LOSS_SCALE = 0.1
 # Steps of the solver at most.
-_STEPS = 12
+_STEPS = 20
 # Share of the cost by which a step must lower it to be followed by another.
 _LEAST_GAIN = 1e-6
 # Factor by which the damping rises after a worse step, which costs a render.

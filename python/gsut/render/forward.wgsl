@@ -290,20 +290,23 @@ fn find_tiles(@builtin(global_invocation_id) id: vec3u) {
 const BATCH = 64u;
 var<workgroup> batch: array<vec4f, 320>;  // (64, 5)
 var<workgroup> open_pixels: atomic<u32>;
+var<workgroup> pairs_of_tile: vec2u;  // first and end: the same for all threads, which browsers want to know
 
 @compute @workgroup_size(256)
 fn blend(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) local: u32) {
   let tile = group.x;
   let center = cones[view.cells.x * view.cells.y + tile].xyz;
   let ray = rays[256u * tile + local];
-  let end = tile_begin[tile + 1u];
+  if (local == 0u) { pairs_of_tile = vec2u(tile_begin[tile], tile_begin[tile + 1u]); }
+  let range_of_tile = workgroupUniformLoad(&pairs_of_tile);
+  let end = range_of_tile.y;
   let stop = view.row1.w;
   let stop_before = view.range.z > 0.5;
   var color = vec3f(0.0);
   var t = ray.w;
   var open = ray.w > 0.0;
   var along = vec4f(0.0);
-  for (var begin = tile_begin[tile]; begin < end; begin += BATCH) {
+  for (var begin = range_of_tile.x; begin < end; begin += BATCH) {
     workgroupBarrier();
     if (local == 0u) { atomicStore(&open_pixels, 0u); }
     let count = min(BATCH, end - begin);

@@ -186,4 +186,4 @@ def test_poses_command_of_two_cameras_with_one_lens_file_estimates_the_other(two
     left = gsut.load_camera(two_cameras / "left.lens.json")
     assert held["params"] == left.params.tolist()
     assert found["params"][0] == pytest.approx(truth.params[0], rel=tolerances.RIG_OTHER_LENS_FOCAL)
-    assert any("whose lens was found: right" in note for note in figures["notes"])
+    assert any("of these cameras was found: right" in note for note in figures["notes"])

@@ -437,7 +437,7 @@ def texture(path: Path, seed: int, size: int = 160) -> None:
         ("same", "all images are the same"),
         ("apart", "matches that agree"),
         ("flat", "almost no features"),
-        ("sizes", "different sizes"),
+        ("sizes", "matches that agree"),
     ],
 )
 def test_poses_command_bad_images_get_one_clear_sentence(case, words, tmp_path, capsys):

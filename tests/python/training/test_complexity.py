@@ -71,7 +71,7 @@ def test_training_takes_the_number_says_so_and_has_the_bits_of_one_that_is_given
 
 
 def test_training_on_few_photographs_takes_fewer_steps_and_says_so(scene, monkeypatch, capsys):
-    preset = {"steps": 50, "max_gaussians": 100, "sh_degree": 0}
+    preset = {"steps": 50, "max_gaussians": 100, "sh_degree": 0, "max_side": 1600}
     monkeypatch.setitem(PRESETS, "fast", preset)
     monkeypatch.setattr(presets, "_LEAST_STEPS", 5)
     views = len(scene.train_indices)

@@ -43,8 +43,33 @@ def write_and_open(window, folder, stage):
     return page
 
 
+@pytest.fixture(scope="module")
+def card_window():
+    """A browser whose graphics card is computed by SwiftShader."""
+    flags = ("--enable-unsafe-webgpu", "--use-webgpu-adapter=swiftshader")
+    with browser(more_flags=flags) as window:
+        yield window
+
+
 @pytest.mark.parametrize("background", [(0.2, 0.5, 0.1), None])
 def test_page_at_rest_is_within_one_level_of_render(window, tmp_path, scene, gaussians, background):
+    check_page_at_rest(window, tmp_path, scene, gaussians, background)
+    assert "WebAssembly" in window.run("return $('pace').textContent;")
+
+
+@pytest.mark.parametrize("background", [(0.2, 0.5, 0.1), None])
+def test_page_on_a_card_at_rest_is_within_one_level_of_render(
+    card_window, tmp_path, scene, gaussians, background
+):
+    (tmp_path / "empty.html").write_text("<p>", encoding="utf-8")
+    card_window.open(f"file://{tmp_path}/empty.html")
+    if not card_window.run("return Boolean(await navigator.gpu?.requestAdapter());"):
+        pytest.skip("this browser has no WebGPU")
+    check_page_at_rest(card_window, tmp_path, scene, gaussians, background)
+    assert "graphics card" in card_window.run("return $('pace').textContent;")
+
+
+def check_page_at_rest(window, tmp_path, scene, gaussians, background):
     write_and_open(window, tmp_path, Stage("small", "run", gaussians, scene, background))
     save_gaussians(tmp_path / "same.spz", gaussians)
     stored = load_gaussians(tmp_path / "same.spz")
