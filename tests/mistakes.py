@@ -217,6 +217,33 @@ def _flipped(values: Values, folder: Path) -> None:
     _new_images(values, folder, lambda image: image[:, ::-1])
 
 
+def _turned_around(values: Values, folder: Path) -> None:
+    _new_images(values, folder, lambda image: image[::-1, ::-1])
+
+
+def _in_bgr(values: Values, folder: Path) -> None:
+    _new_images(values, folder, lambda image: image[..., ::-1])
+
+
+def _cropped(values: Values, folder: Path) -> bool:
+    """A tenth is cut off at the left and the top; the size follows, cx and cy do not."""
+    if "mask_path" in values or any("mask_path" in frame for frame in values["frames"]):
+        return False
+    left, top = values["w"] // 10, values["h"] // 10
+    _new_images(values, folder, lambda image: image[top:, left:])
+    values["w"], values["h"] = values["w"] - left, values["h"] - top
+    return True
+
+
+def _k3_first(values: Values, _: Path) -> bool:
+    """OpenCV's k1 k2 p1 p2 k3 read from a file that has k3 before p1."""
+    if values.get("camera_model") != "OPENCV":
+        return False
+    p1, p2, k3 = (values.get(key, 0.0) for key in ("p1", "p2", "k3"))
+    values["p1"], values["p2"], values["k3"] = k3, p1, p2
+    return max(abs(p1), abs(p2), abs(k3)) > _DISTORTED
+
+
 def _global(values: Values, _: Path) -> bool:
     rolling = False
     for frame in values["frames"]:
@@ -307,6 +334,7 @@ def _one_far_away(values: Values, folder: Path) -> None:
 
 
 _SWAP = np.eye(3)[[0, 2, 1]]
+_DISTORTED = 1e-3  # coefficient from which its place matters
 _TILT = np.eye(4)
 _TILT[:3, :3] = _ROS[:3, :3] @ cv2.Rodrigues(np.radians([0.0, 15.0, 0.0]))[0]
 
@@ -363,6 +391,11 @@ MISTAKES: tuple[Mistake, ...] = (
     Mistake("distortion of the other sign", ("other sign", "distortion of"), _negated),
     Mistake("photographs undistorted, lens not", ("undistorted",), _undistorted, images=True),
     Mistake("photographs mirrored", ("mirrored",), _flipped, images=True),
+    Mistake("photographs upside down", ("upside down",), _turned_around, images=True),
+    Mistake("photographs cropped, lens not", ("crop",), _cropped, images=True),
+    Mistake("coefficients k1 k2 k3 p1 p2", ("in the order k1 k2 k3 p1 p2",), _k3_first),
+    Mistake("photographs in BGR", ("red and blue swapped",), _in_bgr, images=True,
+            needs_points=True),
     Mistake("rolling shutter taken for a global one", ("shutter",), _global),
     Mistake("rolling shutter read out the other way", ("shutter",), _reversed_readout),
     Mistake("points in millimetres", ("millimetres",), _points(lambda p: 1e3 * p),

@@ -81,6 +81,7 @@ Returns:
   BindOptimize(m);  // before what takes its steps
   BindRaster(m);
   BindRasterLines(m);
+  BindSurroundings(m);
   BindLoss(m);
   BindLossPixels(m);
   BindOptimizeCompact(m);

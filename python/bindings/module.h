@@ -13,6 +13,7 @@ void BindGaussians(pybind11::module_& m);
 void BindProjection(pybind11::module_& m);
 void BindRaster(pybind11::module_& m);
 void BindRasterLines(pybind11::module_& m);
+void BindSurroundings(pybind11::module_& m);
 void BindLoss(pybind11::module_& m);
 void BindLossPixels(pybind11::module_& m);
 void BindOptimize(pybind11::module_& m);

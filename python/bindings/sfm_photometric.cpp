@@ -89,14 +89,13 @@ PhotometricOptions ReadOptions(const py::dict& values) {
   settings.Read("function_tolerance", &options.function_tolerance);
   settings.Read("with_gain", &options.with_gain);
   settings.Read("lens_free", &options.lens_free);
-  settings.Read("covariances", &options.covariances);
   settings.CheckAllRead();
   return options;
 }
 
 // Poses, gains and lenses that make the renders like the photographs, by Ceres. Everything is
 // copied in: the caller's objects stay as they are, and the result is a dictionary of new ones, in
-// the order of `views` and `cameras`. Covariances (6, 6) are of translation and turn, if wanted.
+// the order of `views` and `cameras`.
 // views: tuples (camera index, camera_from_world, pixels (n,), colours (n, 3)).
 py::dict Refine(const py::object& gaussians, const std::vector<const Camera*>& cameras,
                 const py::list& views, const BlendRule& rule,
@@ -129,23 +128,16 @@ py::dict Refine(const py::object& gaussians, const std::vector<const Camera*>& c
   }
   // Back to Python: poses and gains an image, parameters a lens, and what the solver says of its
   // way.
-  py::list poses, gains, lens_params, covariances;
+  py::list poses, gains, lens_params;
   for (const PhotometricImage& image : images) {
     poses.append(WritePose(image.camera_from_world));
     gains.append(py::make_tuple(image.gain, image.bias));
   }
   for (const Camera& lens : lenses) lens_params.append(lens.params());
-  using Row6 = Eigen::Matrix<double, 6, 6, Eigen::RowMajor>;
-  for (const auto& covariance : summary.covariances) {
-    auto array = NewArray<double>({6, 6});
-    Eigen::Map<Row6>(array.mutable_data()) = covariance;
-    covariances.append(array);
-  }
   py::dict out;
   out["camera_from_world"] = poses;
   out["gains"] = gains;
   out["lens_params"] = lens_params;
-  out["covariances"] = covariances;
   out["rms_before"] = summary.rms_before;
   out["rms_after"] = summary.rms_after;
   out["iterations"] = summary.iterations;

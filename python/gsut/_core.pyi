@@ -467,6 +467,9 @@ def refine_photometric(
     unscented: Sequence[float],
     settings: dict[str, Any],
 ) -> dict[str, Any]: ...
+def compute_surroundings(
+    image: NDArray[Any], alpha: NDArray[Any], valid: NDArray[Any]
+) -> NDArray[np.float32] | None: ...
 def render_lines_reference(
     gaussians: _Gaussians, lines: ArrayLike, reference: _PoseLike, rule: BlendRule
 ) -> tuple[NDArray[Any], ...]: ...  # as render_reference

@@ -27,6 +27,8 @@ def minimize_least_squares(
     max_steps: int,
     least_gain: float = 0.0,
     enough: float = 0.0,
+    rise: float = _RISE,
+    most_damping: float = _MOST,
     apply: Callable[[np.ndarray, np.ndarray], np.ndarray] = np.add,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Minimizes a sum of squares by damped Gauss-Newton steps, each of which lowers the cost.
@@ -40,6 +42,8 @@ def minimize_least_squares(
         max_steps: how often the normal equations are formed, at most.
         least_gain: ends where a step lowers the cost by no more than this share of it.
         enough: ends where no cost is above this.
+        rise: factor by which the damping rises after a worse step: more where costs are dear.
+        most_damping: ends where no step of this damping lowers a cost.
         apply: unknowns and a step to the unknowns after it, where these are not their sum: poses.
 
     Returns:
@@ -61,8 +65,8 @@ def minimize_least_squares(
             trial_cost = np.asarray(cost_of(trial))
             better = trial_cost < cost
             eased = np.maximum(damping / _FALL, _LEAST)
-            damping = np.where(better, eased, damping * _RISE)
-            if better.any() or (damping > _MOST).all():
+            damping = np.where(better, eased, damping * rise)
+            if better.any() or (damping > most_damping).all():
                 break
         if not better.any():
             break

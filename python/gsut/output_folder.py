@@ -182,7 +182,8 @@ def _read_owner(marker: Path) -> str | None:
     """Returns the command that the marker names; None if a crash tore it."""
     try:
         content: Any = json.loads(marker.read_text(encoding="utf-8"))
-        return str(content["command"])
+        command = content["command"]
+        return command if isinstance(command, str) else None
     except (OSError, ValueError, TypeError, KeyError):
         return None
 

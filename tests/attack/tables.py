@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 
-from attack.damage import CAUSES, TO_ANY_FILE, TO_TEXT
+from attack.damage import CAUSES, TO_ANY_FILE, TO_TEXT, Damage
 from attack.flags import BASES, list_flag_cases
 from attack.harness import Case, Spoil
 from attack.places import FILES, FOLDERS, list_place_cases
 from attack.strange import list_strange_cases
 from attack.world import LENSES, SCENES
 from formats.wrong_fields import WRONG
+from gsut.cli import main
 from small_videos import damage_packets, stretch_second_half, texture, view, write_video
 
 RUN_FILES = ("options.json", "metrics.json", "scene.ply", "environment.json", "history.jsonl",
@@ -37,7 +40,7 @@ OF_RUN: dict[tuple[str, ...], tuple[str, ...]] = {
     ("data", "convert", "run", "out"): ("options.json", "environment.json"),
 }  # fmt: skip
 # What is no file of a run is none of its.
-ABSENT = "absent|holds no run|does not say which dataset|no dataset found"
+ABSENT = "absent|does not exist|holds no run|does not say which dataset|no dataset found"
 # Files that do not say how long they are or what they hold.
 HEADLESS = {
     ("positions.csv", "cut in half"),
@@ -144,6 +147,26 @@ def draw_places() -> Iterator[np.ndarray]:
         yield from (view(ground, 50 + 6.0 * i) for i in range(30))
 
 
+def list_stage_cases() -> Iterator[Case]:
+    """Lists damage to what a command wrote to go on from."""
+    words = ("poses", "film.mp4", "-o", "out", "--camera", "lens320.json", "--quiet")
+
+    def make(file: str, damage: Damage) -> Spoil:
+        def spoil(folder: Path) -> None:
+            with contextlib.redirect_stdout(io.StringIO()):
+                assert main(list(words)) == 0, "the attack's own poses cannot be found"
+            damage(folder / "out" / file)
+
+        return spoil
+
+    for file in ("capture/capture.json", "poses.json"):
+        for name in ("empty", "cut in half", "noise", "one line of text"):
+            yield Case(
+                "stage", f"{file} is {name}", words, ("film.mp4", "lens320.json"),
+                make(file, TO_ANY_FILE[name]), (match_name(file), "remove"),
+            )  # fmt: skip
+
+
 def list_field_cases() -> Iterator[Case]:
     """Lists scene files with one field that no such file has."""
     for (suffix, name), (spoil, said) in WRONG.items():
@@ -185,6 +208,7 @@ def list_cases() -> list[Case]:
         *list_base_cases(files),
         *files,
         *list_film_cases(),
+        *list_stage_cases(),
         *list_field_cases(),
         *list_flag_cases(),
         *list_place_cases(),

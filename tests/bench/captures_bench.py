@@ -61,7 +61,10 @@ def read_judgements(folder: Path) -> dict[str, dict[str, str]]:
     """Reads the tables of FOLDER/README.md: rows by the first word of their first cell."""
     readme = folder / "README.md"
     lines = readme.read_text("utf-8").splitlines() if readme.is_file() else []
-    cells = [[cell.strip(" `*") for cell in line.strip("| ").split("|")] for line in lines]
+    cells = [
+        [cell.replace("**", "").strip(" `") for cell in line.strip("| ").split("|")]
+        for line in lines
+    ]
     heading = next((row for row in cells if row[0] == "Capture"), None)
     if heading is None:
         return {}
@@ -92,13 +95,13 @@ def measure(case: Row, settings: Settings) -> Row:
         for name in ("scene.json", "poses/poses.json", "metrics.json")
     )
     lens = poses["lenses"][0]
-    detail = metrics.get("detail")
+    detail, said = metrics.get("detail"), state["verdict"]
     return row | {
         "frames": f"{state['registered']} of {state['pictures']}",
         "lens": f"{lens['model']} {lens['params'][0]:.0f} px at {lens['width']}",
         "psnr": state["psnr"], "shown": metrics.get("psnr_unit_gain"),
         "detail": None if detail is None else 100 * detail,
-        "verdict": f"{state['verdict']['level']}: {state['verdict']['what']}",
+        "verdict": "; ".join([f"{said['level']}: {said['what']}", *said["reasons"]]),
     }  # fmt: skip
 
 
@@ -123,7 +126,9 @@ def write_sheet(path: Path, rows: list[Row]) -> None:
     columns = _TABLE.columns
     table = [[column.show(row) for column in columns] for row in rows]
     parts: list[Any] = [
-        build_table(table, [c.heading for c in columns], [0, 1, 2, 3, len(columns) - 2])
+        build_table(
+            table, [c.heading for c in columns], [0, 1, 2, 3, len(columns) - 2, len(columns) - 1]
+        )
     ]
     for row in rows:
         pairs = _embed_pairs(Path(row["folder"])) if row.get("seconds") is not None else []
@@ -139,7 +144,7 @@ def _embed_pairs(run: Path) -> list[tuple[str, str, str]]:
     chosen = np.unique(np.linspace(0, len(views) - 1, min(_PAIRS, len(views))).round().astype(int))
     return [
         (*(embed_picture(decode_image(run / "renders" / view[kind])[0], _MOST_WIDE)
-           for kind in ("truth", "render")), f"{view['name']}, {view['psnr']:.1f} dB")
+           for kind in ("truth", "render")), f"{Path(view['name']).name}, {view['psnr']:.1f} dB")
         for view in (views[k] for k in chosen)
     ]  # fmt: skip
 

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 
 import gsut
+from gsut.refine.query import subtract_poses
+from gsut.refine.secants import compute_square
 from gsut.render import choose_solid
 from tests.bench.harness import HALL, Benchmark, Column, Option, Row, Settings
 
@@ -73,13 +75,14 @@ def measure(case: Row, settings: Settings) -> Row:
     found = [each for each in tries if each is not None]
     row: Row = {"found": f"{len(found)} of {len(tries)}"}
     if found:
-        errors, stated, squares = map(np.array, zip(*found, strict=True))
+        errors, stated, squares, freedoms = map(np.array, zip(*found, strict=True))
         row |= {
             "error": float(np.median(errors)),
             "largest": float(errors.max()),
             "stated": float(np.median(stated)),
             "sigmas": float(np.sqrt(squares / 3).max()),
             "covered": int((squares <= _COVERED).sum()),
+            "freedom": float(np.median(freedoms)),
         }
     return row
 
@@ -95,10 +98,11 @@ def _train(data: str, settings: Settings) -> Any:
 
 def _localize(
     change: Change, number: int, index: int, trained: Any
-) -> tuple[float, float, float] | None:
+) -> tuple[float, float, float, float] | None:
     """Returns the centre's error, its standard deviation, and the error's square by the covariance.
 
-    None if the photograph was refused.
+    The last is the square of the whole pose's error, per degree of freedom. None if the photograph
+    was refused.
     """
     scene = trained.scene
     lens, pixels, mask = change(
@@ -114,7 +118,9 @@ def _localize(
     off = found.pose.center - scene.views[index].camera_center
     spread = found.pose.covariance[:3, :3]
     square = float(off @ np.linalg.solve(spread, off))
-    return float(np.linalg.norm(off)), float(np.sqrt(np.trace(spread))), square
+    error = subtract_poses(found.pose.camera_from_world, scene.views[index].camera_from_world)
+    freedom = compute_square(error, found.pose.covariance)
+    return float(np.linalg.norm(off)), float(np.sqrt(np.trace(spread))), square, freedom
 
 
 BENCHMARK = Benchmark(
@@ -128,6 +134,7 @@ BENCHMARK = Benchmark(
         Column("stated", "stated sigma", "units", ".4f"),
         Column("sigmas", "largest", "sigmas", ".1f"),
         Column("covered", "within 3 sigmas", form="d"),
+        Column("freedom", "square per freedom, median", form=".2f"),
     ),
     cases=list_cases,
     measure=measure,

@@ -20,7 +20,6 @@
 #include "gsut/sfm/bundle.h"
 #include "gsut/sfm/five_point.h"
 #include "gsut/sfm/match.h"
-#include "gsut/sfm/photometric_covariance.h"
 #include "gsut/sfm/relative_pose.h"
 #include "gsut/sfm/sampler.h"
 #include "gsut/sfm/solver_log.h"
@@ -426,48 +425,6 @@ TEST(PoseCovariances, UndeterminedScaleIsAnError) {
   lonely.camera_from_world.emplace_back();
   lonely.camera_of_image.push_back(0);
   EXPECT_THROW(PoseCovariances(lonely, options), SolveError);
-}
-
-// Errors that all pixels of a block share, some blocks telling more than others: errors over the
-// predicted covariance are a chi-square of 6 if it is right. Residuals by blocks, taken as they are
-// (CR1), would give 10.5.
-TEST(PhotometricCovariance, CoversWhereFewBlocksTellThePose) {
-  constexpr int kSide = 96, kBlock = 6, kAcross = 6, kParams = 8, kRuns = 400;
-  Numbers numbers(61);
-  double score = 0.0;
-  for (int run = 0; run < kRuns; ++run) {
-    std::vector<std::uint32_t> pixels;
-    std::vector<ColorRows> rows;
-    Eigen::MatrixXd normal = Eigen::MatrixXd::Zero(kParams, kParams);
-    Eigen::VectorXd right = Eigen::VectorXd::Zero(kParams);
-    for (int block = 0; block < kAcross * kAcross; ++block) {
-      const double strength = std::exp(0.5 * numbers.Normal());
-      const Eigen::Vector3d shared = numbers.Vector();
-      Eigen::Matrix<double, 3, kParams> slopes;
-      for (int p = 0; p < kParams; ++p) slopes.col(p) = numbers.Vector();
-      const int x = 30 + kBlock * (block % kAcross), y = 30 + kBlock * (block / kAcross);
-      for (int k = 0; k < 4; ++k) {
-        ColorRows row;
-        row.slopes.resize(3, kParams);
-        for (int p = 0; p < kParams; ++p) {
-          row.slopes.col(p) = strength * (slopes.col(p) + 0.3 * numbers.Vector());
-        }
-        row.residual = -(shared + 0.1 * numbers.Vector());
-        normal += row.slopes.transpose() * row.slopes;
-        right += row.slopes.transpose() * row.residual;
-        rows.push_back(row);
-        pixels.push_back(static_cast<std::uint32_t>((y + k) * kSide + x + k));
-      }
-    }
-    const Eigen::VectorXd found = -normal.ldlt().solve(right);  // the truth is zero
-    for (ColorRows& row : rows) row.residual += row.slopes * found;
-    const auto covariance = PhotometricCovariance(
-        pixels, kSide, kSide, kParams, [&](std::size_t i, ColorRows* out) { *out = rows[i]; });
-    const Eigen::Matrix<double, 6, 1> error = found.head<6>();
-    score += error.dot(covariance.ldlt().solve(error)) / kRuns;
-  }
-  EXPECT_GT(score, 5.0);  // 7.6 by another generator of numbers
-  EXPECT_LT(score, 9.0);
 }
 
 TEST(BuildTracks, NeverHoldTwoFeaturesOfOneImage) {

@@ -1,11 +1,14 @@
 """Writes the pages of docs/ that come from the code, and the pictures of lenses that have none.
 
+demo.html keeps its scene, made by `gsut convert demo/run docs/demo.html --lens --photographs 1`.
+
 ./run docs
 """
 
 from __future__ import annotations
 
 import argparse
+import base64
 import itertools
 import json
 import re
@@ -19,6 +22,8 @@ import gsut
 from api_pages import API_PAGES, NOTE
 from gsut.cli import build_parser
 from gsut.run.options import show_every_option
+from gsut.view.lens_page import assemble_lens_page
+from gsut.view.page_file import assemble_scene_page
 from lens_pictures import FOLDER, draw, seen_angle, widest_example
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -149,11 +154,29 @@ def cli_page() -> str:
     )
 
 
-PAGES = {"lenses.md": lenses_page, "cli.md": cli_page, **API_PAGES}
+# --- pages for a browser --------------------------------------------------------------------------
+
+
+def demo_page() -> str:
+    """docs/demo.html with its scene, and all else as the code is now."""
+    text = (ROOT / "docs" / "demo.html").read_text(encoding="utf-8")
+    content, scene = (
+        re.search(rf'<script id="{name}"[^>]*>(.*?)</script>', text, re.DOTALL)[1]
+        for name in ("content", "scene")
+    )
+    return assemble_scene_page(json.loads(content), base64.b64decode(scene))
+
+
+PAGES = {
+    "lenses.md": lenses_page, "cli.md": cli_page, "demo.html": demo_page,
+    "lens.html": assemble_lens_page, **API_PAGES,
+}  # fmt: skip
 
 
 def page(name: str) -> str:
     """The text of a generated page."""
+    if name.endswith(".html"):
+        return PAGES[name]()
     return re.sub(r"\n{3,}", "\n\n", PAGES[name]()).rstrip() + "\n"
 
 
@@ -162,7 +185,7 @@ def main() -> None:
     for name in PAGES:
         path = ROOT / "docs" / name
         path.parent.mkdir(exist_ok=True)
-        path.write_text(page(name))
+        path.write_text(page(name), encoding="utf-8")
 
 
 if __name__ == "__main__":

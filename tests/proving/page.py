@@ -32,6 +32,7 @@ def build_parts(rows: Sequence[Row]) -> list[str]:
         build_table(list_figures(rows), ("figure", "value", "captures")),
         _build_confusion(rows),
         _build_doctor(rows),
+        *_build_mistakes(rows),
         *(_build_factor(rows, factor) for factor in _FACTORS),
         build_table(
             [(row["seed"], row.get("family", ""), row.get("motion", ""), *misfire)
@@ -96,6 +97,16 @@ def _build_doctor(rows: Sequence[Row]) -> str:
             counts[row["planted"]][1] += bool(right)
     table = [(name, *counts[name]) for name in sorted(counts)]
     return build_table(table, ("planted mistake", "captures", "named, or nothing said of none"))
+
+
+def _build_mistakes(rows: Sequence[Row]) -> list[str]:
+    """Builds the table of planted mistakes, a column a capture."""
+    judged = [row for row in rows if row.get("mistakes")]
+    names = dict.fromkeys(name for row in judged for name in row["mistakes"])
+    table = [(name, *(row["mistakes"].get(name, "") for row in judged)) for name in names]
+    columns = [f"{row['seed']}: {row['family']}, {row['motion']}" for row in judged]
+    texts = tuple(range(len(judged) + 1))
+    return [build_table(table, ("planted mistake", *columns), texts=texts)] if judged else []
 
 
 def _build_factor(rows: Sequence[Row], factor: str) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 
 import gsut
 from gsut.data import CAPTURE_FOLDER
-from tests.mistakes import MISTAKES
+from tests.mistakes import MISTAKES, judge
 from tests.proving.capture import Capture, capture
 from tests.proving.causes import score_causes
 from tests.proving.commands import Outcome, run_gsut
@@ -50,6 +50,8 @@ def score_made(made: Capture, folder: Path, parts: tuple[str, ...]) -> Row:
         work = Path(name)
         if "doctor" in parts:
             row |= _score_doctor(made, folder, work)
+        if "mistakes" in parts:
+            row["mistakes"] = judge_mistakes(folder / TRUTH, work / "mistakes")
         if "poses" in parts:
             row |= _score_poses(made, folder, work)
         if "train" in parts and made.seed % TRAIN_EVERY == 0:
@@ -88,6 +90,13 @@ def _score_doctor(made: Capture, folder: Path, work: Path) -> Row:
         "doctor_says": [text[:300] for text in texts], "doctor_named": named if mistake else None,
         "doctor_errors": sum(finding["severity"] == "error" for finding in said),
     }  # fmt: skip
+
+
+def judge_mistakes(data: Path, work: Path) -> dict[str, str]:
+    """Makes every mistake on copies of exact data: its name -> named, said, missed or false."""
+    rows = judge(data, work, points=(True,))
+    verdicts = {row["mistake"]: row["verdict"] for row in rows[1:]}
+    return {"none": rows[0]["verdict"]} | verdicts
 
 
 def _thin(data: Path, folder: Path, every: int) -> Path:

@@ -11,7 +11,6 @@
 
 #include "gsut/base/errors.h"
 #include "gsut/sfm/lens_parameters.h"
-#include "gsut/sfm/photometric_covariance.h"
 #include "gsut/sfm/photometric_scene.h"
 #include "gsut/sfm/pose_manifold.h"
 #include "gsut/sfm/solver_log.h"
@@ -170,24 +169,6 @@ double Rms(const SceneEvaluation& evaluation, const std::vector<PhotometricImage
   return std::sqrt(sum / static_cast<double>(std::max<std::size_t>(1, count)));
 }
 
-// The jackknife's rows: weighted as in the last normal equations.
-Eigen::Matrix<double, 6, 6> Covariance(const ImageState& state, const PhotometricImage& image,
-                                       const Camera& camera, const PhotometricOptions& options) {
-  const auto rows_of = [&](std::size_t i, ColorRows* rows) {
-    rows->residual = ColorResidual(state, image, i, state.gain.data());
-    const double length = rows->residual.norm();
-    rows->weight =
-        options.loss_scale > 0 && length > options.loss_scale ? options.loss_scale / length : 1.0;
-    rows->slopes.leftCols<6>() = state.gain[0] * ByPoseTangent(state, i);
-    if (options.with_gain) {
-      rows->slopes.col(6) = Map<const Vector3d>(&state.colors[3 * i]);
-      rows->slopes.col(7).setOnes();
-    }
-  };
-  return PhotometricCovariance(image.pixels, camera.width(), camera.height(),
-                               options.with_gain ? 8 : 6, rows_of);
-}
-
 // The problem as Ceres takes it, and what it must find alive until it is solved.
 class ColorProblem {
  public:
@@ -281,7 +262,7 @@ PhotometricSummary RefinePhotometric(SceneColors* scene, std::vector<Camera>* ca
   const ceres::Solver::Summary solved =
       ColorProblem(&evaluation, *cameras, *images, options).Solve(options);
   // Ceres may have evaluated a rejected step last: states go back to the solution.
-  evaluation.PrepareForEvaluation(options.covariances, true);
+  evaluation.PrepareForEvaluation(false, true);
   summary.rms_after = Rms(evaluation, *images);
   summary.iterations = static_cast<int>(solved.iterations.size()) - 1;
   summary.evaluations = evaluation.num_evaluations;
@@ -292,9 +273,6 @@ PhotometricSummary RefinePhotometric(SceneColors* scene, std::vector<Camera>* ca
     image.camera_from_world = FromBlock(state.pose);
     image.gain = state.gain[0];
     image.bias = state.gain[1];
-    if (!options.covariances) continue;
-    const Camera& camera = (*cameras)[static_cast<std::size_t>(image.camera)];
-    summary.covariances.push_back(Covariance(state, image, camera, options));
   }
   std::vector<Camera> refined;
   refined.reserve(cameras->size());

@@ -39,18 +39,12 @@ struct PhotometricOptions {
   bool with_gain = true;             // estimate gain and bias of each image
   // lens_free[c]: which parameters of camera c are estimated, one flag each; empty: none.
   std::vector<std::vector<std::uint8_t>> lens_free;
-  bool covariances = false;
 };
 
 struct PhotometricSummary {
   double rms_before = 0.0, rms_after = 0.0;  // colour differences of a channel, no loss
   int iterations = 0, evaluations = 0;
   bool converged = false;
-  // With covariances and no free lens: of each image (centre in the world, rotation vector in the
-  // camera frame, as PoseCovariances), by leaving out one part of the image after the other: blocks
-  // of a sixteenth of its longer side, or less where they would be fewer than 32. What the whole
-  // scene errs by is not in it.
-  std::vector<Eigen::Matrix<double, 6, 6>> covariances;
 };
 
 // Levenberg-Marquardt by Ceres over all images at once, the scene fixed; changes cameras and images

@@ -72,8 +72,8 @@ class Judgement:
     Args:
         supports: pairs whose given pose explains what any pose explains.
         contradicts: pairs of which another pose explains more.
-        confirmed: those of them whose turns two other pairs confirm (where the given turn is the
-            same: all pairs of one of the views contradict), or that another view's pose explains.
+        confirmed: those of them whose turns, other than the given ones, two other pairs confirm;
+            and those of a view that no pair supports, if closed or if another view's pose fits.
     """
 
     supports: list[PairVerdict]
@@ -108,12 +108,18 @@ def judge_pairs(evidence: Evidence) -> Judgement:
 
     def is_confirmed(each: PairVerdict) -> bool:
         # Turns of right poses close, too, so a closed triple says something only of another turn.
-        turned = measure_turn_error(evidence, each) > _CLOSED
-        return (
-            each.number in closed and (turned or not alone.isdisjoint(views[each.number]))
-        ) or _is_another_view(evidence, each)
+        is_closed = each.number in closed
+        if is_closed and measure_turn_error(evidence, each) > _CLOSED:
+            return True
+        # A wrong pose is wrong in all pairs of its view.
+        if is_closed and not alone.isdisjoint(views[each.number]):
+            return True
+        return not supported.issuperset(views[each.number]) and is_another_view(evidence, each)
 
-    return Judgement(supports, against, [each for each in against if is_confirmed(each)])
+    confirmed = [each for each in against if is_confirmed(each)]
+    if all(alone.isdisjoint(views[each.number]) for each in confirmed) and len(confirmed) == 1:
+        confirmed = []  # one pair alone may be an exception
+    return Judgement(supports, against, confirmed)
 
 
 def measure_turn_error(evidence: Evidence, verdict: PairVerdict) -> float:
@@ -151,7 +157,7 @@ def _judge_pair(evidence: Evidence, number: int) -> PairVerdict | None:
     )  # fmt: skip
 
 
-def _is_another_view(evidence: Evidence, verdict: PairVerdict) -> bool:
+def is_another_view(evidence: Evidence, verdict: PairVerdict) -> bool:
     """Returns whether a pair's matches fit if one image has the pose of another view.
 
     As where names and poses were paired wrongly. Chance is the most that any view explains of

@@ -211,9 +211,10 @@ def _find_moved_rays(
 
 
 def _find_principal_points(cameras: Sequence[Camera]) -> np.ndarray:
-    return np.array([_find_principal_point(camera) for camera in cameras])
+    return np.array([find_principal_point(camera) for camera in cameras])
 
 
-def _find_principal_point(camera: Camera) -> np.ndarray:
+def find_principal_point(camera: Camera) -> np.ndarray:
+    """Returns the pixel (2,) of the optical axis, or the image's middle if it has none."""
     place, valid = camera.project(np.array([[0.0, 0.0, 1.0]]))
     return place[0] if valid[0] else np.array([camera.width, camera.height]) / 2

@@ -63,6 +63,14 @@ def list_other_lenses(
             yield made
 
 
+def list_other_models(cameras: Sequence[Camera]) -> Iterator[OtherLens]:
+    """Yields the lenses that a mistake of reading gives: another model, order, sign or centre."""
+    for name, advice, change in _list_misreadings():
+        made = _make_lens(cameras, name, advice, change)
+        if made is not None:
+            yield made
+
+
 def _make_lens(
     cameras: Sequence[Camera], name: str, advice: str, change: Change
 ) -> OtherLens | None:
@@ -85,8 +93,8 @@ def _scale_focal(hundredths: int) -> tuple[str, str, Change]:
     )
 
 
-def _list_changes() -> Iterator[tuple[str, str, Change | None]]:
-    """Yields name, advice and change; None as the change marks the place of the focal lengths."""
+def _list_misreadings() -> Iterator[tuple[str, str, Change]]:
+    """Yields name, advice and change of lenses whose numbers were read as something else."""
     yield (
         "a lens without distortion: they have been undistorted",
         "give the lens that the undistorted photographs have (pinhole, no k), or the originals",
@@ -123,6 +131,17 @@ def _list_changes() -> Iterator[tuple[str, str, Change | None]]:
         "set cx, cy to half of width and height",
         lambda c: _with(c, cx=c.width / 2, cy=c.height / 2),
     )
+    yield (
+        "distortion of the other sign",
+        "the coefficients undistort where they should distort: change their signs, or take them "
+        "from the calibration as it was written",
+        lambda c: _with_distortion(c, -np.array(c.params[4:])),
+    )
+
+
+def _list_changes() -> Iterator[tuple[str, str, Change | None]]:
+    """Yields name, advice and change; None as the change marks the place of the focal lengths."""
+    yield from _list_misreadings()
     for s in _SIZES:
         yield (
             f"focal length and principal point times {s:.3g}: the lens is for images of another "
@@ -149,12 +168,6 @@ def _list_changes() -> Iterator[tuple[str, str, Change | None]]:
             "give the lens file of the original photographs, or calibrate (gsut calibrate)",
             functools.partial(_add_distortion, model="opencv4", k1=k),
         )
-    yield (
-        "distortion of the other sign",
-        "the coefficients undistort where they should distort: change their signs, or take them "
-        "from the calibration as it was written",
-        lambda c: _with_distortion(c, -np.array(c.params[4:])),
-    )
 
 
 def _has_four(camera: Camera) -> bool:

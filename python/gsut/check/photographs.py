@@ -8,17 +8,13 @@ from collections.abc import Callable
 import numpy as np
 
 from gsut.check.breaks import check_scale, name_break
-from gsut.check.chance import Judgement, judge_pairs, measure_turn_error
+from gsut.check.chance import Judgement, is_another_view, judge_pairs, measure_turn_error
 from gsut.check.epipolar import rate_matches, rate_pairs
 from gsut.check.evidence import Evidence
 from gsut.check.findings import Finding
+from gsut.check.lens_errors import check_half_pixel, describe_crop, find_lens_errors, is_off
 from gsut.check.lens_fit import LensFit, fit_lens
-from gsut.check.lenses import (
-    OtherLens,
-    is_free_of_distortion,
-    list_other_lenses,
-    without_distortion,
-)
+from gsut.check.lenses import OtherLens, list_other_lenses
 from gsut.check.readings import list_readings
 from gsut.check.turns import (
     find_body_turn,
@@ -35,13 +31,7 @@ _RATIO = 0.8  # of the given cost, that another reading may have at most
 _SAMPLE_NOISE = 0.06  # of a cost, when it is measured on the sample of the matches
 _WELL = 0.5  # cost of a reading that fits well enough to need no estimate beside it
 _LEAST_ALIKE = 0.03  # readings whose costs differ by less are alike: the likelier one is named
-# A lens is wrong from this correction of focal length, principal point and distortion on, in
-# thousandths of the diagonal: about a pixel of a small image.
-_MOVES = np.array([2.0, 0.8, 2.0])
-_SIGMAS = 4.0  # standard deviations from which a correction of the lens is not chance
 _FEWEST_FOR_LENS = 6  # pairs of photographs: fewer do not separate lens and poses
-_SURE = 4.0  # standard deviations of a principal point that is surely wrong
-_NEAR_HALF = 2.5  # standard deviations within which it may be half a pixel off
 _BAD_PAIR = 0.85  # cost of a pair that contradicts its poses while others do not
 _MANY_BAD = 0.2  # of the pairs: more than a few bad poses
 _FITTED_LENSES = 4  # other lenses from which a fit is tried: a fit takes a second
@@ -105,6 +95,8 @@ def _find_best_other(evidence: Evidence, given: float) -> tuple[float, str, str,
     for lens in list_other_lenses(evidence.scene.cameras, evidence.sample.rate_lenses):
         cost_of = functools.partial(Evidence.rate_lenses, cameras=lens.cameras)
         judge(cost_of, lens.name, lens.advice, "lens")
+    if given > _POOR or found:
+        found += _fit_crop(evidence, most)
     if given > _POOR and min([row[0] for row in found], default=1.0) > _WELL:
         found += _fit_others(evidence, most)
     if not found:
@@ -141,6 +133,18 @@ def _fit_others(evidence: Evidence, most: float) -> list[tuple[float, str, str, 
     return found
 
 
+def _fit_crop(evidence: Evidence, most: float) -> list[tuple[float, str, str, str]]:
+    """Estimates the principal point of cropped photographs; returns it if it fits."""
+    given = OtherLens("", "", list(evidence.scene.cameras))
+    fit = fit_lens(given.cameras, evidence.matches, evidence.table.select_poses())
+    off, value = is_off(fit), _rate_fit(evidence, fit, given)
+    if value >= most or not off[1] or off[0]:
+        return []
+    dx, dy = fit.values[1:3]
+    name = f"cx {dx:+.1f} and cy {dy:+.1f} pixels: the photographs are a crop"
+    return [(value, name, describe_crop(evidence, fit), "lens")]
+
+
 def _rate_fit(evidence: Evidence, fit: LensFit, lens: OtherLens) -> float:
     errors = measure_angular_errors(
         fit.apply(lens.cameras, evidence.matches), evidence.table.select_poses()
@@ -171,15 +175,27 @@ def _explain_contradiction(evidence: Evidence, given: float, judgement: Judgemen
             "shift the poses' clock against the images' by as much, and interpolate anew",
         )
     off = [measure_turn_error(evidence, each) for each in judgement.contradicts]
+    paired = sum(is_another_view(evidence, each) for each in judgement.contradicts)
+    if 2 * paired > len(judgement.contradicts):
+        cause = "in most of them another image's pose fits: check names, order and time stamps"
+    elif 2 * len(judgement.confirmed) > len(judgement.contradicts):
+        cause = (
+            "no other reading fits, nor any other image's pose, though the photographs agree with "
+            "each other: they are photographs of another scene, or the poses are another run's"
+        )
+    else:
+        cause = (
+            "no other reading fits: they may be photographs of another scene; or check rotations "
+            "(degrees for radians, Euler angles, body instead of camera poses) and the pairing of "
+            "names"
+        )
     return evidence.make_finding(
         "error",
         f"the photographs contradict the poses: {_share(given)} of the matches fit them; in "
         f"{len(judgement.contradicts)} pairs other poses through the same lens fit better than "
         f"chance, whose turns differ by {np.median(off):.1f} degrees (median; "
         f"{evidence.describe()})",
-        "no other reading fits: they may be photographs of another scene; or check rotations "
-        "(degrees for radians, Euler angles, body instead of camera poses) and the pairing of "
-        "names; or find poses with `gsut poses`",
+        f"{cause}; or find poses with `gsut poses`",
     )
 
 
@@ -225,7 +241,7 @@ def _find_small_errors(evidence: Evidence, given: float) -> list[Finding]:
     findings = _find_bad_pairs(evidence, costs)
     if len(costs) >= _FEWEST_FOR_LENS:
         fit = fit_lens(scene.cameras, evidence.matches, poses)
-        findings += _find_lens_errors(evidence, fit)
+        findings += find_lens_errors(evidence, fit)
     if not findings:
         findings += check_scale(evidence)
     if not findings:
@@ -268,29 +284,6 @@ def _name_bad_pairs(evidence: Evidence, judgement: Judgement) -> Finding:
     )
 
 
-def _name_distortion(evidence: Evidence) -> Finding | None:
-    """Names undistorted photographs, or a lens without distortion, if the distortion is wrong."""
-    cameras = evidence.scene.cameras
-    plain = [without_distortion(camera) for camera in cameras]
-    known = [camera for camera in plain if camera is not None]
-    if len(known) == len(cameras):
-        if _is_off(fit_lens(known, evidence.matches, evidence.table.select_poses())).any():
-            return None
-        return evidence.make_finding(
-            "warning",
-            "the photographs fit better a lens without distortion: they have been undistorted",
-            "give the lens that the undistorted photographs have (pinhole, no k), or the originals",
-        )
-    if not all(is_free_of_distortion(camera) for camera in cameras):
-        return None
-    return evidence.make_finding(
-        "warning",
-        "the photographs fit better a lens with distortion: they are not undistorted, as the lens "
-        "says",
-        "give the lens file of the original photographs, or calibrate (gsut calibrate)",
-    )
-
-
 def check_closely(evidence: Evidence) -> list[Finding]:
     """Checks for single wrong pairs, half a pixel and a drift of scale.
 
@@ -300,88 +293,4 @@ def check_closely(evidence: Evidence) -> list[Finding]:
     errors = measure_angular_errors(evidence.rays, evidence.table.select_poses())
     costs = rate_pairs(errors, evidence.matches, evidence.focal)
     bad = _find_bad_pairs(evidence, costs)
-    return bad or [*_check_half_pixel(evidence), *check_scale(evidence)]
-
-
-def _check_half_pixel(evidence: Evidence) -> list[Finding]:
-    """Checks whether the principal point is half a pixel off, as where two conventions meet."""
-    fit = fit_lens(evidence.scene.cameras, evidence.matches, evidence.table.select_poses())
-    for half in (0.5, -0.5):
-        if (
-            fit.shift_distance(np.zeros(2)) > _SURE
-            and fit.shift_distance(np.full(2, half)) < _NEAR_HALF
-        ):
-            dx, dy = fit.values[1:3]
-            return [
-                evidence.make_finding(
-                    "warning",
-                    f"the photographs fit better cx {dx:+.2f} +- {fit.sigmas[1]:.2f} and cy "
-                    f"{dy:+.2f} +- {fit.sigmas[2]:.2f} pixels",
-                    _correct_half_pixel(half),
-                )
-            ]
-    return []
-
-
-def _correct_half_pixel(half: float) -> str:
-    sign = "add 0.5 to" if half > 0 else "subtract 0.5 from"
-    return (
-        f"{sign} cx and cy: here the centre of the top-left pixel is (0.5, 0.5), in OpenCV, "
-        "Kalibr and mrcal files (0, 0)"
-    )
-
-
-def _is_off(fit: LensFit) -> np.ndarray:
-    """Returns whether focal length, principal point and distortion (3,) are wrong."""
-    return (fit.moves > _MOVES) & (fit.significance > _SIGMAS)
-
-
-def _is_off_throughout(evidence: Evidence, fit: LensFit) -> np.ndarray:
-    """Returns the same (3,), where both halves of the photographs show it.
-
-    Neighbouring views see the same surfaces, whose features have errors in common that no spread
-    shows; another part of the scene has others.
-    """
-    off, m, poses = _is_off(fit), evidence.matches, evidence.table.select_poses()
-    for late in (False, True) if off.any() else ():
-        rows = np.flatnonzero((2 * m.pair >= len(m.pairs)) == late)
-        half = fit_lens(evidence.scene.cameras, m.select(rows), poses[:, rows])
-        along = half.values * fit.values
-        same = np.array([along[0], along[1:3].sum(), along[3]]) > 0
-        off &= same & (half.significance > _SIGMAS / np.sqrt(2))
-    return off
-
-
-def _find_lens_errors(evidence: Evidence, fit: LensFit) -> list[Finding]:
-    off = _is_off_throughout(evidence, fit)
-    if not off.any():
-        return []
-    if off[2] and not off[1]:
-        named = _name_distortion(evidence)
-        if named is not None:
-            return [named]
-    log_scale, dx, dy, radial = fit.values
-    words = []
-    if off[0]:
-        words.append(f"a focal length times {np.exp(log_scale):.3f} +- {fit.sigmas[0]:.3f}")
-    if off[1]:
-        words.append(
-            f"cx {dx:+.2f} +- {fit.sigmas[1]:.2f} and cy {dy:+.2f} +- {fit.sigmas[2]:.2f} pixels"
-        )
-    if off[2]:
-        words.append(f"a distortion of {1000 * radial / 2:+.1f} thousandths of the diagonal more")
-    half = off[1] and np.abs(np.abs([dx, dy]) - 0.5).max() < max(0.2, 3 * fit.sigmas[1:3].max())
-    if half and dx * dy > 0 and not off[0]:
-        advice = _correct_half_pixel(dx)
-    elif off[2] and not off[1]:
-        advice = "check the lens model and its coefficients, or calibrate: gsut calibrate"
-    else:
-        advice = (
-            "check that the lens is for images of this size and crop, or refine it: "
-            "gsut train --refine-poses --refine-lens"
-        )
-    return [
-        evidence.make_finding(
-            "warning", f"the photographs fit better {' and '.join(words)}", advice
-        )
-    ]
+    return bad or [*check_half_pixel(evidence), *check_scale(evidence)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 from typing import Any
 
@@ -26,6 +27,13 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="lens file of IMAGE, or name (`gsut camera find`) [default: the run's only camera]",
     )
     parser.add_argument("--mask", metavar="FILE", help="image: black where IMAGE does not count")
+    parser.add_argument(
+        "--shutter",
+        choices=("auto", "global", "rolling"),
+        default="auto",
+        help="rolling: each line of IMAGE has its own pose, and the camera's motion is estimated; "
+        "auto: as the run's photographs without --camera, otherwise as IMAGE shows [default auto]",
+    )
     add_moved_data(parser)
     add_force(parser)
     add_json(parser)
@@ -47,6 +55,7 @@ def run(arguments: argparse.Namespace) -> int:
             camera=arguments.camera,
             mask=arguments.mask,
             background=choose_solid(options.background),
+            shutter=arguments.shutter,
             on_progress=bars.show,
         )
     indices = scene.train_indices or range(len(scene.views))
@@ -77,7 +86,12 @@ def _list_figures(localized: Any, scene: Any, start: str) -> dict[str, Any]:
         "starts_tried": localized.starts,
         "likeness": localized.likeness,
         "focal_scale": localized.focal_scale,
-        "scene_has_rolling_shutter": any(view.shutter is not None for view in scene.views),
+        "shutter": found.shutter.direction if found.shutter else "global",
+        "shutter_source": localized.shutter_source,
+        "motion": None if found.motion is None else found.motion.tolist(),
+        "motion_std": None
+        if found.motion_covariance is None
+        else [float(value) ** 0.5 for value in found.motion_covariance.diagonal()],
     }
 
 
@@ -104,12 +118,25 @@ def _print_pose(figures: dict[str, Any]) -> None:
             "moves the pose",
             file=sys.stderr,
         )
-    if figures["scene_has_rolling_shutter"]:
-        print(
-            "gsut: warning: the scene's photographs have a rolling shutter, and this one is posed "
-            "as a whole, as with a global shutter: if its camera moved, the pose is off by more "
-            "than the uncertainty says",
-            file=sys.stderr,
-        )
+    _print_shutter(figures)
     if not figures["converged"]:
         print("gsut: note: the refinement stopped before it converged", file=sys.stderr)
+
+
+def _print_shutter(figures: dict[str, Any]) -> None:
+    if figures["motion"] is not None:
+        pairs = list(zip(figures["motion"], figures["motion_std"], strict=True))
+        moved = ", ".join(f"{value:.5f} +- {std:.5f}" for value, std in pairs[:3])
+        turned = ", ".join(
+            f"{math.degrees(value):.4f} +- {math.degrees(std):.4f}" for value, std in pairs[3:]
+        )
+        print(f"rolling shutter ({figures['shutter']}): the pose is that of the middle line")
+        print(f"from first to last line the centre moves by {moved}")
+        print(f"and the camera turns by {turned} degrees about its axes")
+    elif figures["shutter_source"] == "undetermined":
+        print(
+            "gsut: warning: the photograph does not determine whether its lines were read one "
+            "after the other; it is posed as read at once, and the uncertainty says how far motion "
+            "would move the pose: say --shutter rolling or global if you know",
+            file=sys.stderr,
+        )

@@ -66,7 +66,7 @@ def run(arguments: argparse.Namespace) -> int:
     else:
         options = TrainOptions(**given)
         if not arguments.resume:
-            run.refuse_run()  # before the data is read: that may take a while
+            run.refuse_run(resumes=True)  # before the data is read: that may take a while
     blocks = _read_block_options(run, arguments)
     with LivePage(arguments) as page:
         metrics = train_into(

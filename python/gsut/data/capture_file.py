@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
 from gsut.data.errors import DatasetError
-from gsut.data.text_files import read_json
 from gsut.files import check_shape, reading
 
 CAPTURE = "capture.json"
@@ -41,9 +41,9 @@ def read_capture(folder: Path) -> dict[str, Any] | None:
     path = folder / CAPTURE
     if not path.is_file():
         return None
-    figures = read_json(path)
     advice = f"remove {path}, and the same command chooses the pictures again"
     with reading(lambda what: DatasetError(path, what, advice)):
+        figures = json.loads(path.read_text(encoding="utf-8"))
         check_shape(figures, _SHAPE)
         _, _ = figures["size"]
         for _, _, _ in figures["key"]["inputs"]:

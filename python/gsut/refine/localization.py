@@ -7,7 +7,6 @@ Training poses themselves are starts, too. The start that explains the photograp
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -15,10 +14,13 @@ from typing import Any
 import numpy as np
 
 from gsut import _core
-from gsut._core import InputError, SolveError
+from gsut._core import Shutter, SolveError
 from gsut.data.images import shrink_image, shrink_mask
-from gsut.gaussians import Gaussians, apply_low_pass, find_filter_radii
-from gsut.refine.pose import RefinedPose, refine_pose
+from gsut.data.poses import find_centers
+from gsut.gaussians import Gaussians, apply_low_pass
+from gsut.refine.pose import RefinedPose
+from gsut.refine.query import Query
+from gsut.refine.secants import measure_pixel_angle, place_lines
 from gsut.render import place_about, render, to_uint8
 from gsut.sfm import PosesOptions
 from gsut.sfm.photographs import Features, detect_features, require_central
@@ -50,13 +52,6 @@ _LIKENESS_WITH_MATCHES = 0.25
 _DETAIL_SIDE = 120
 # Side of the square of that mean, in such pixels: exposure and shading vary over more than this.
 _DETAIL_AROUND = 15
-# A pose's covariance does not contain the errors of the scene itself. Actual errors are this many
-# times the predicted ones if all of a photograph counts ...
-_SCENE_ERRORS = 1.7
-# ... and grow by this power of the share that counts, as fewer parts of the scene are averaged.
-_BY_SHARE = -1 / 3
-# Logarithms of the factors on the focal length that are tried.
-_FOCAL_STEPS = (-0.12, -0.06, -0.025, 0.025, 0.06, 0.12)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,6 +66,9 @@ class Localized:
         likeness: correlation of the photograph's details with the render's, -1 to 1.
         focal_scale: factor on the focal length with which the colours fit best; what the pose moves
             with it is in its covariance.
+        shutter_source: "given"; "picture": lines that move with the camera are beyond doubt, or the
+            picture shows no such motion; "undetermined": it may, and the covariance says how far
+            the pose moves with it.
     """
 
     pose: RefinedPose
@@ -79,6 +77,7 @@ class Localized:
     starts: int
     likeness: float = 1.0
     focal_scale: float = 1.0
+    shutter_source: str = "given"
 
 
 def localize_image(
@@ -89,6 +88,7 @@ def localize_image(
     mask: np.ndarray,
     *,
     background: Sequence[float] = (0.0, 0.0, 0.0),
+    shutter: Shutter | None = None,
     on_progress: Callable[[str, int, int], None] | None = None,
 ) -> Localized:
     """Finds the pose of a photograph that may be far from every training view.
@@ -100,6 +100,7 @@ def localize_image(
         pixels: (H, W, 3) uint8, the photograph.
         mask: (H, W) bool, False where the photograph does not count.
         background: colour behind everything.
+        shutter: how the photograph's lines were read; None: found from the photograph.
         on_progress: called with (stage, done, total).
 
     Returns:
@@ -114,48 +115,53 @@ def localize_image(
     require_central([camera])
     if gaussians.origin.any():
         return _localize_about_origin(
-            gaussians, views, camera, pixels, mask, background=background, on_progress=on_progress
-        )
+            gaussians, views, camera, pixels, mask, background=background, shutter=shutter,
+            on_progress=on_progress,
+        )  # fmt: skip
     show = on_progress or (lambda what, done, total: None)
     order = _rank_views(gaussians, views, camera, pixels, mask, background, show)
     found = _pose_from_matches(gaussians, views, order, camera, pixels, mask, background, show)
     starts: list[tuple[str | int, np.ndarray, int]] = [] if found is None else [found]
     starts += [(index, views[index][1], 0) for index in order[:_POSES_TRIED]]
-    best: Localized | None = None
+    query = Query.prepare(gaussians, camera, pixels, mask, background)
+    best: tuple[float, str | int, np.ndarray, int, int] | None = None
     for number, (name, pose, matches) in enumerate(starts, start=1):
-        show("refining", number, len(starts))
+        show("refining", number, len(starts) + 1)
         try:
-            refined = refine_pose(gaussians, camera, pose, pixels, mask, background=background)
+            coarse = query.refine_smaller(camera, pose)
         except SolveError:
             continue
-        if best is None or refined.rms < best.pose.rms:
-            best = Localized(refined, name, matches, number)
-        if matches >= _SURE_MATCHES and refined.converged:
+        if best is None or coarse.rms < best[0]:
+            best = coarse.rms, name, coarse.camera_from_world, matches, number
+        if matches >= _SURE_MATCHES and coarse.converged:
             break
     if best is None:
         raise SolveError(
             f"none of {len(starts)} starts led to a pose: the photograph shows too little of the "
             "scene"
         )
+    show("refining", len(starts) + 1, len(starts) + 1)
+    _, name, pose, matches, number = best
+    fine, shutter, source = query.refine_lines(pose, shutter)
     likeness = _correlate_details(
-        gaussians, camera, best.pose.camera_from_world, pixels, mask, background
-    )
-    best = dataclasses.replace(best, likeness=likeness)
-    with_matches = best.matches >= _FEWEST_MATCHES
-    if not likeness >= (_LIKENESS_WITH_MATCHES if with_matches else _LIKENESS):
+        gaussians, camera, place_lines(fine.camera_from_world, fine.motion, shutter), pixels, mask,
+        background,
+    )  # fmt: skip
+    if not likeness >= (_LIKENESS_WITH_MATCHES if matches >= _FEWEST_MATCHES else _LIKENESS):
         raise SolveError(
             "the photograph was not found in the scene: its details correlate with those seen from "
             f"the best of {len(starts)} poses at {likeness:.2f} ({_LIKENESS} is needed, or "
-            f"{_LIKENESS_WITH_MATCHES} and {_FEWEST_MATCHES} matches), and {best.matches} features "
+            f"{_LIKENESS_WITH_MATCHES} and {_FEWEST_MATCHES} matches), and {matches} features "
             "agree with that pose; it shows another place, or another lens took it"
         )
-    return _with_systematic_errors(gaussians, camera, pixels, mask, background, best)
+    refined, focal_scale = query.add_systematic_errors(fine, shutter, source)
+    return Localized(refined, name, matches, number, likeness, focal_scale, source)
 
 
 def _correlate_details(
     gaussians: Gaussians,
     camera: _core.Camera,
-    pose: np.ndarray,
+    pose: Any,
     pixels: np.ndarray,
     mask: np.ndarray,
     background: Sequence[float],
@@ -176,69 +182,6 @@ def _correlate_details(
     if min(len(details[0]), *(float(np.ptp(each)) for each in details)) == 0:
         return 0.0
     return float(np.corrcoef(*details)[0, 1])
-
-
-def _with_systematic_errors(
-    gaussians: Gaussians,
-    camera: Any,
-    pixels: np.ndarray,
-    mask: np.ndarray,
-    background: Sequence[float],
-    found: Localized,
-) -> Localized:
-    """Adds the scene's errors, and the effect of a wrong focal length, to the covariance."""
-    pose = found.pose
-    share = float(np.mean(mask & camera.rays()[1]))
-    covariance = (_SCENE_ERRORS * share**_BY_SHARE) ** 2 * pose.covariance
-    best = 0.0
-    if camera.param_names.split()[:2] == ["fx", "fy"]:
-        tried = {0.0: pose}
-        for step in _FOCAL_STEPS:
-            params = np.array(camera.params)
-            params[:2] *= np.exp(step)
-            with contextlib.suppress(InputError, SolveError):
-                tried[step] = refine_pose(
-                    gaussians, camera.with_params(params), pose.camera_from_world, pixels, mask,
-                    background=background, levels=2,
-                )  # fmt: skip
-        best, moved = _fit_focal_length(tried, pose)
-        covariance = covariance + np.outer(moved, moved)
-    return dataclasses.replace(
-        found,
-        pose=dataclasses.replace(pose, covariance=covariance),
-        focal_scale=float(np.exp(best)),
-    )
-
-
-def _fit_focal_length(
-    tried: dict[float, RefinedPose], pose: RefinedPose
-) -> tuple[float, np.ndarray]:
-    """Finds the focal length with which colours differ least, and how far the pose moves with it.
-
-    Fits a parabola through the best attempt and its neighbours.
-
-    Returns:
-        The logarithm of the factor on the focal length, and (6,) the change of the pose.
-    """
-    steps = sorted(tried)
-    squares = np.array([tried[step].rms ** 2 for step in steps])
-    least = int(np.argmin(squares))
-    best = steps[least]
-    if 0 < least < len(steps) - 1:
-        near = slice(least - 1, least + 2)
-        bend, slope, _ = np.polyfit(steps[near], squares[near], 2)
-        best = float(np.clip(-slope / (2 * bend), steps[least - 1], steps[least + 1]))
-    if len(steps) < 2:
-        return 0.0, np.zeros(6)
-    poses = np.array([_subtract_poses(tried[step], pose) for step in steps])
-    return best, np.array([np.interp(best, steps, column) for column in poses.T])
-
-
-def _subtract_poses(one: RefinedPose, other: RefinedPose) -> np.ndarray:
-    """Returns (6,) the change of centre (world axes) and small rotation vector (camera axes)."""
-    turn = one.camera_from_world[:3, :3] @ other.camera_from_world[:3, :3].T
-    vector = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
-    return np.concatenate([one.center - other.center, vector / 2])
 
 
 def _localize_about_origin(
@@ -270,9 +213,11 @@ def _rank_views(
     small = camera.resize(*size)
     valid = shrink_mask(mask, *size) & small.rays()[1]
     seen = _normalize_colors(shrink_image(pixels, *size)[valid])
+    angle = measure_pixel_angle(small)
     likeness = []
     for _, pose in views:
-        radii = find_filter_radii(gaussians.means, [small], pose[None], _PIXEL_BLUR)
+        away = np.linalg.norm(gaussians.means - find_centers(pose[None])[0], axis=1)
+        radii = (_PIXEL_BLUR * angle * away).astype(np.float32)
         image = render(apply_low_pass(gaussians, radii), small, pose, background=background).image
         likeness.append(float(np.sum(seen * _normalize_colors(image[valid]))))
         show("looking", len(likeness), len(views))

@@ -8,12 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from gsut._core import InputError
+from gsut._core import InputError, Shutter
 from gsut.data import Scene
 from gsut.data.images import decode_image, decode_mask, shrink_image, shrink_mask
 from gsut.gaussians import Gaussians
 from gsut.lens import Camera, load_lens
 from gsut.refine.localization import Localized, localize_image
+from gsut.refine.query import list_likely_shutters
 
 _Photograph = str | os.PathLike[str] | np.ndarray
 
@@ -26,6 +27,7 @@ def localize(
     camera: Camera | str | os.PathLike[str] | None = None,
     mask: _Photograph | None = None,
     background: Sequence[float] = (0.0, 0.0, 0.0),
+    shutter: str = "auto",
     on_progress: Callable[[str, int, int], None] | None = None,
 ) -> Localized:
     """Finds where a photograph of a trained scene was taken, as `gsut localize` does.
@@ -38,6 +40,9 @@ def localize(
             scene's only camera.
         mask: a file, black where the photograph does not count, or (H, W) bool.
         background: colour behind everything, as in training.
+        shutter: "global"; "rolling": each line has its own pose, in the order of the scene's
+            photographs, or along the longer side; "auto": as the scene's photographs if its only
+            camera took this one too, otherwise as the photograph shows.
         on_progress: called with (stage, done, total).
 
     Returns:
@@ -68,6 +73,7 @@ def localize(
         shrink_image(pixels, *size),
         shrink_mask(valid, *size),
         background=background,
+        shutter=_choose_shutter(shutter, scene, lens, camera is None),
         on_progress=on_progress,
     )
 
@@ -108,3 +114,15 @@ def _choose_lens(
     trained = max(c.width for c in scene.cameras)
     width = min(width, trained)
     return camera.resize(width, round(camera.height * width / camera.width))
+
+
+def _choose_shutter(word: str, scene: Scene, lens: Camera, is_own: bool) -> Shutter | None:
+    """Chooses the photograph's shutter; None: it is found from the photograph."""
+    if word not in ("auto", "global", "rolling"):
+        raise InputError(f"shutter must be auto, global or rolling, found {word!r}")
+    if word == "global":
+        return Shutter("global")
+    of_scene = next((view.shutter for view in scene.views if view.shutter is not None), None)
+    if word == "rolling":
+        return of_scene or list_likely_shutters(lens)[0]
+    return of_scene if is_own else None

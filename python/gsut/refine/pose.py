@@ -4,14 +4,21 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from gsut import _core
-from gsut._core import BlendRule, InputError
+from gsut._core import BlendRule, InputError, Shutter
 from gsut.data.images import shrink_image, shrink_mask
 from gsut.gaussians import Gaussians, apply_low_pass, find_filter_radii
+from gsut.refine.secants import (
+    NOISE_BLOCKS,
+    POSE,
+    SecantPose,
+    estimate_covariance,
+    refine_by_secants,
+)
 from gsut.render import DEFAULT_UNSCENTED, place_about
 
 # Pixels along the shorter side of the coarsest image, at least: fewer show no shapes.
@@ -20,6 +27,9 @@ _SMALLEST_SIDE = 24
 _INNER = 0.96
 # Standard deviation of the filter that models the area of a coarse pixel, in such pixels.
 _PIXEL_BLUR = 0.3
+# Sizes, the full one included, at which the motion during a readout is estimated: coarser images
+# hardly show it.
+_LEVELS_WITH_MOTION = 3
 
 
 @dataclasses.dataclass
@@ -36,6 +46,10 @@ class RefinedPose:
         bias: added to the render after the gain; colours are in 0 ... 1.
         rms: root mean square of the remaining colour differences, per channel.
         converged: whether the finest level stopped because it no longer improved.
+        shutter: how the lines were read, or None for all at once. The pose is that in the middle.
+        motion: (6,) from the start of the readout to its end, how far the centre moves and the
+            camera turns, axes as of the covariance; None without a shutter.
+        motion_covariance: (6, 6) of the motion, or None.
     """
 
     camera_from_world: np.ndarray
@@ -44,6 +58,9 @@ class RefinedPose:
     bias: float
     rms: float
     converged: bool
+    shutter: Shutter | None = None
+    motion: np.ndarray | None = None
+    motion_covariance: np.ndarray | None = None
 
     def __repr__(self) -> str:
         at = ", ".join(f"{value:.4g}" for value in self.center)
@@ -77,12 +94,14 @@ def refine_pose(
     with_gain: bool = True,
     levels: int = 4,
     max_pixels: int = 20_000,
+    shutter: Shutter | None = None,
 ) -> RefinedPose:
     """Moves a camera until the render looks like the photograph.
 
     Runs Levenberg-Marquardt on the colours (Huber loss) from a coarse image to the full one. Each
-    level halves the size, and the scene is low-pass filtered to match. The start may be wrong by a
-    few pixels of the coarsest image.
+    level halves the size, and the scene is low-pass filtered to match. The full image is refined by
+    differences of renders, and under a rolling shutter so are the motion during the readout and the
+    levels that show it. The start may be wrong by a few pixels of the coarsest image.
 
     Args:
         gaussians: the scene; not changed.
@@ -94,50 +113,153 @@ def refine_pose(
         with_gain: also estimate a gain and a bias of the photograph's brightness.
         levels: number of sizes at most, including the full one; sides keep 24 pixels or more.
         max_pixels: most pixels compared at each size, sampled uniformly with a fixed seed.
+        shutter: rolling: each line has its own pose, and the camera's motion is estimated too;
+            None or global: all lines are read at once.
 
     Returns:
         The pose, its covariance and how well the render then fits the photograph.
 
     Raises:
-        InputError: shapes differ, no pixel counts, a rolling shutter, or a lens without one centre.
+        InputError: shapes differ, no pixel counts, several poses, or a lens without one centre.
         SolveError: the photograph does not determine its pose.
     """
+    if shutter is not None and shutter.is_global:
+        shutter = None
     pose: Any = place_about(_require_one_pose(camera_from_world), gaussians.origin)
-    pixels, valid = _check_photograph(camera, image, mask)
+    pixels, valid = check_photograph(camera, image, mask)
     if levels < 1 or max_pixels < 3:
         raise InputError("levels must be at least 1 and max_pixels at least 3")
     if not camera.is_central:
         raise InputError(f"refine_pose needs a lens with one centre, found {camera.model}")
-    color = tuple(float(c) for c in background)
-    scene = gaussians.to_dtype(np.float32)
-    gain = (1.0, 0.0)
-    found: dict[str, Any] = {}
-    for level in reversed(range(levels)):
+    found = refine_levels(
+        gaussians, camera, pose, pixels, valid, background, with_gain, levels, max_pixels, shutter
+    )
+    return make_refined_pose(found, shutter, gaussians.origin)
+
+
+def refine_levels(
+    gaussians: Gaussians,
+    camera: _core.Camera,
+    pose: np.ndarray,
+    pixels: np.ndarray,
+    valid: np.ndarray,
+    background: Sequence[float],
+    with_gain: bool,
+    levels: int,
+    max_pixels: int,
+    shutter: Shutter | None,
+) -> SecantPose:
+    """Refines a pose about the Gaussians' origin from a coarse image to the full one."""
+    scene = gaussians.to_dtype(np.float32).translate(-gaussians.origin)
+    photograph = Photograph(scene, camera, pixels, valid, tuple(background), max_pixels)
+    first = 0 if shutter is None else min(levels, _LEVELS_WITH_MOTION) - 1
+    coarse = photograph.refine_coarsely(pose, range(first, levels), with_gain)
+    pose, gain, motion = coarse.camera_from_world, coarse.gain, None
+    for level in reversed(range(first + 1)):
+        part = photograph.shrink(level, pose)
+        if part is None:
+            continue
+        fine = refine_by_secants(
+            part.drawn, part.lens, pose, part.chosen, part.colors.astype(np.float64),
+            shutter=shutter, motion=motion, gain=gain, background=photograph.background,
+            with_gain=with_gain,
+        )  # fmt: skip
+        pose, gain, motion = fine.camera_from_world, fine.gain, fine.motion
+    return fine
+
+
+@dataclasses.dataclass(frozen=True)
+class CoarsePose:
+    """A pose from derivatives of colours; see `RefinedPose`."""
+
+    camera_from_world: np.ndarray
+    gain: tuple[float, float] = (1.0, 0.0)
+    rms: float = float("inf")
+    converged: bool = False
+
+
+class _Level(NamedTuple):
+    """A photograph at one of its sizes: the scene filtered for it, lens, pixels and colours."""
+
+    drawn: Gaussians
+    lens: _core.Camera
+    chosen: np.ndarray
+    colors: np.ndarray
+
+
+@dataclasses.dataclass(frozen=True)
+class Photograph:
+    """A photograph, see `check_photograph`, before a scene whose origin is zero."""
+
+    scene: Gaussians
+    camera: _core.Camera
+    pixels: np.ndarray
+    valid: np.ndarray
+    background: tuple[float, ...]
+    max_pixels: int
+
+    def shrink(self, level: int, pose: np.ndarray) -> _Level | None:
+        """Halves the photograph `level` times; None where that is too small or shows nothing.
+
+        Raises:
+            InputError: the full photograph has no pixel that counts.
+        """
+        camera = self.camera
         size = [max(1, round(side / 2**level)) for side in (camera.width, camera.height)]
         if level > 0 and min(size) < _SMALLEST_SIDE:
-            continue
+            return None
         lens = camera if level == 0 else camera.resize(*size)
-        seen = shrink_mask(valid, *size) & lens.rays()[1]
-        chosen = choose_pixels(seen, max_pixels)
+        chosen = choose_pixels(shrink_mask(self.valid, *size) & lens.rays()[1], self.max_pixels)
         if len(chosen) == 0:
             if level > 0:
-                continue
+                return None
             raise InputError("the mask leaves no pixel that has a ray")
-        drawn = scene
+        drawn = self.scene
         if level > 0:
-            drawn = apply_low_pass(
-                scene, find_filter_radii(scene.means, [lens], pose[None], _PIXEL_BLUR)
-            )
-        colors = shrink_image(pixels, *size).reshape(-1, 3)[chosen]
-        found = _core.refine_photometric(
-            drawn, [lens], [(0, pose, chosen, np.ascontiguousarray(colors))], BlendRule(), color,
-            gaussians.sh_degree, DEFAULT_UNSCENTED,
-            {"with_gain": with_gain, "covariances": level == 0},
-        )  # fmt: skip
-        pose, gain = found["camera_from_world"][0], found["gains"][0]
-    pose = place_about(pose, -gaussians.origin)
+            radii = find_filter_radii(drawn.means, [lens], pose[None], _PIXEL_BLUR)
+            drawn = apply_low_pass(drawn, radii)
+        colors = shrink_image(self.pixels, *size).reshape(-1, 3)[chosen]
+        return _Level(drawn, lens, chosen, np.ascontiguousarray(colors))
+
+    def refine_coarsely(self, pose: np.ndarray, levels: range, with_gain: bool) -> CoarsePose:
+        """Refines a pose by derivatives of colours at these levels, or finer ones if none is."""
+        found = CoarsePose(pose)
+        for level in reversed(range(levels.stop)):
+            if level < levels.start and np.isfinite(found.rms):
+                break
+            part = self.shrink(level, found.camera_from_world)
+            if part is None:
+                continue
+            solved = _core.refine_photometric(
+                part.drawn, [part.lens],
+                [(0, found.camera_from_world, part.chosen, part.colors)], BlendRule(),
+                self.background, self.scene.sh_degree, DEFAULT_UNSCENTED, {"with_gain": with_gain},
+            )  # fmt: skip
+            found = CoarsePose(
+                solved["camera_from_world"][0], solved["gains"][0], solved["rms_after"],
+                bool(solved["converged"]),
+            )  # fmt: skip
+        return found
+
+
+def make_refined_pose(
+    found: SecantPose,
+    shutter: Shutter | None,
+    origin: np.ndarray,
+    sizes: Sequence[int] = NOISE_BLOCKS,
+) -> RefinedPose:
+    """Makes a pose in the world, with its covariance, of one about the Gaussians' origin."""
+    covariance = estimate_covariance(found.rows, found.rows.stack_slopes(shutter), sizes)
+    moved: dict[str, Any] = {}
+    if shutter is not None:
+        moved = {
+            "shutter": shutter,
+            "motion": found.motion,
+            "motion_covariance": covariance[POSE : 2 * POSE, POSE : 2 * POSE],
+        }
+    pose: Any = place_about(found.camera_from_world, -origin)
     return RefinedPose(
-        pose, found["covariances"][0], *gain, found["rms_after"], bool(found["converged"])
+        pose, covariance[:POSE, :POSE], *found.gain, found.rms, found.converged, **moved
     )
 
 
@@ -145,13 +267,13 @@ def _require_one_pose(camera_from_world: Any) -> np.ndarray:
     matrix = getattr(camera_from_world, "matrix", camera_from_world)
     if isinstance(matrix, _core.CameraMotion) or np.shape(matrix) != (4, 4):
         raise InputError(
-            "camera_from_world must be one pose (4, 4): refine_pose is for a global shutter; a "
-            "rolling shutter's motion is not refined"
+            "camera_from_world must be one pose (4, 4), with a rolling shutter that in the middle "
+            "of the readout: give the shutter as shutter=, its motion is estimated"
         )
     return _core.checked_pose(matrix)
 
 
-def _check_photograph(
+def check_photograph(
     camera: _core.Camera, image: np.ndarray, mask: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Returns colours (H, W, 3) float32 in 0 ... 1 and a mask (H, W) of the pixels that count."""

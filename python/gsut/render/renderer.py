@@ -12,6 +12,7 @@ import numpy as np
 from gsut import _core
 from gsut._core import BlendRule, InputError
 from gsut.gaussians import Gaussians, LinearGaussians, StoredGaussians
+from gsut.render.card import ON_CARD, check_device, draw_or_warn
 from gsut.render.motion import place_about, read_motion
 from gsut.render.projection import DEFAULT_UNSCENTED
 from gsut.render.soundness import sum_bits, warn_of_undrawn
@@ -52,7 +53,7 @@ class Render:
     rule: BlendRule
     background: tuple[float, float, float]
     sh_degree: int
-    renderer: Any  # _core.Renderer, or None for the double reference
+    renderer: Any  # _core.Renderer, None for the double reference, or ON_CARD
     behind: np.ndarray | None = None
     features: np.ndarray | None = None
     seen: Any = None  # what was read of Gaussians in a file, which the renderer goes on with
@@ -69,7 +70,7 @@ class Render:
 
     def get_statistics(self) -> dict[str, int]:
         """Returns counts of the tiled path: num_visible, num_pairs, num_contributing_pairs ..."""
-        if self.renderer is None:
+        if self.renderer is None or self.renderer == ON_CARD:
             return {}
         with self._turn:
             return self.renderer.statistics()
@@ -125,6 +126,7 @@ def render(
     sh_degree: int = 3,
     unscented: Sequence[float] = DEFAULT_UNSCENTED,
     dtype: str = "float32",
+    device: str = "cpu",
 ) -> Render:
     """Renders Gaussians: each pixel's ray is evaluated against the Gaussians in 3D.
 
@@ -150,6 +152,8 @@ def render(
         unscented: alpha, beta, kappa of the transform that bounds each Gaussian's tiles.
         dtype: "float32": tiled and vectorised. "float64": the scalar reference, every Gaussian at
             every pixel; slow.
+        device: "gpu": the graphics card, by WebGPU (pip install 'gsut[gpu]'), in float32; on the
+            CPU where it cannot, with a warning that gives the reason. Gradients are of the CPU.
 
     Returns:
         Image, alpha and depth, with what `render_backward` needs. float32 is within 1e-5 rms of the
@@ -157,10 +161,11 @@ def render(
 
     Warns:
         RuntimeWarning: in float32, Gaussians in memory are not finite or outside these bounds; with
-            their number.
+            their number. The graphics card cannot draw this image.
 
     Raises:
-        InputError: shapes, poses, shutter, parity or dtype are wrong, or memory does not suffice.
+        InputError: shapes, poses, shutter, parity, dtype or device are wrong, or memory does not
+            suffice.
     """
     check_fits(
         f"an image of {camera.width} x {camera.height} of {len(gaussians):,} Gaussians",
@@ -181,10 +186,12 @@ def render(
     channels = _read_features(features, features_background, len(gaussians), dtype)
     if channels and isinstance(gaussians, StoredGaussians):
         raise InputError("features belong to Gaussians in memory, not to those in a file")
+    check_device(device, dtype, gaussians, bool(channels))
     pixels: np.ndarray | None = None
     shown = (camera, pose, rule, color, degree)
     drawn: Any
-    renderer, seen = None, None
+    renderer: Any = None
+    seen = None
     if dtype == "float64":
         if isinstance(gaussians, StoredGaussians):
             raise InputError("the double reference takes Gaussians in memory, not in a file")
@@ -203,14 +210,13 @@ def render(
         drawn = gaussians.to_dtype(np.float32)
         if isinstance(drawn, Gaussians):
             warn_of_undrawn(drawn)
-        image = np.zeros((camera.height, camera.width, 3), np.float32)
-        alpha, depth, distortion = (np.zeros(image.shape[:2], np.float32) for _ in range(3))
-        renderer = _core.Renderer()
-        job = _core.RenderJob(camera, place, **look, **channels)
-        if channels:
-            width = channels["features"].shape[1]
-            pixels = np.zeros((camera.height, camera.width, width), np.float32)
-        renderer.render(drawn, job, image, alpha, depth, distortion, pixels)
+        on_card = draw_or_warn(drawn, camera, place, look) if device == "gpu" else None
+        if on_card is None:
+            renderer = _core.Renderer()
+            on_card, pixels = _draw_on_cpu(renderer, drawn, camera, place, look, channels)
+        else:
+            renderer = ON_CARD
+        image, alpha, depth, distortion = on_card
     bits = None
     if isinstance(drawn, Gaussians | LinearGaussians):
         bits = sum_bits(drawn, channels.get("features"))
@@ -225,6 +231,21 @@ def render(
     behind = behind.astype(out.image.dtype)
     image = out.image + (1.0 - out.alpha)[..., None] * behind
     return dataclasses.replace(out, image=image, behind=behind)
+
+
+def _draw_on_cpu(
+    renderer: Any, drawn: Any, camera: _core.Camera, place: Any, look: dict[str, Any],
+    channels: dict[str, Any],
+) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray | None]:  # fmt: skip
+    image = np.zeros((camera.height, camera.width, 3), np.float32)
+    alpha, depth, distortion = (np.zeros(image.shape[:2], np.float32) for _ in range(3))
+    pixels = None
+    if channels:
+        width = channels["features"].shape[1]
+        pixels = np.zeros((camera.height, camera.width, width), np.float32)
+    job = _core.RenderJob(camera, place, **look, **channels)
+    renderer.render(drawn, job, image, alpha, depth, distortion, pixels)
+    return (image, alpha, depth, distortion), pixels
 
 
 def _read_background(
@@ -318,6 +339,8 @@ def render_backward(
     g = result.gaussians
     if isinstance(g, StoredGaussians):
         raise InputError("gradients are of Gaussians in memory, not of those in a file")
+    if result.renderer == ON_CARD:
+        raise InputError('the graphics card has no gradients; render with device="cpu"')
     channels = result._channels
     if result._bits is not None and sum_bits(g, channels.get("features")) != result._bits:
         raise InputError(

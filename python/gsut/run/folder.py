@@ -118,7 +118,7 @@ class RunFolder:
                 run._stays = run.is_finished()
                 check_same_start(run.path, before, environment or {}, run._stays)
             else:
-                run.refuse_run()
+                run.refuse_run(resumes=True)
         elif blocks is not None:
             plan = Path(RunFile.PLAN).name
             given = {"options": dataclasses.asdict(options)}
@@ -173,15 +173,13 @@ class RunFolder:
             steps = self.read_json(RunFile.METRICS)["steps"]
         return read_plan(self) is not None or steps == self.read_options().steps
 
-    def refuse_run(self) -> None:
-        """Raises InputError if the folder has any file of a run, or is not a folder."""
+    def refuse_run(self, *, resumes: bool = False) -> None:
+        """Raises InputError, which names --resume if the command `resumes`, on a run or a file."""
         if self.path.exists() and not self.path.is_dir():
             raise InputError(f"{self.path} is a file; give a folder for the run")
         if self.has_run():
-            raise InputError(
-                f"{self.path} already holds a run; add --resume to resume it, or give another "
-                "folder (nothing was overwritten)"
-            )
+            way = f"{'add --resume to resume it, or ' if resumes else ''}give another folder"
+            raise InputError(f"{self.path} already holds a run; {way} (nothing was overwritten)")
 
     def refuse_finished(self, source: str | os.PathLike[str]) -> None:
         """Removes what a killed process left of a run made of `source`; else as `refuse_run`."""

@@ -1,5 +1,6 @@
 """Serves a page that shows a scene in the browser, drawn by gsut's own renderer."""
 
+from gsut.view.lens_page import write_lens_page
 from gsut.view.live import LiveTraining
 from gsut.view.measure import find_point_in_photograph
 from gsut.view.rerun_log import to_rerun
@@ -16,4 +17,5 @@ __all__ = [
     "find_point_in_photograph",
     "open_stage",
     "to_rerun",
+    "write_lens_page",
 ]

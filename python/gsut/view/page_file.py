@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import base64
 import dataclasses
-import importlib.resources
-import math
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -13,8 +10,9 @@ from typing import Any
 import numpy as np
 
 from gsut._core import CameraMotion
-from gsut.files import format_json, write_file
+from gsut.files import write_file
 from gsut.formats import WriteSettings, prepare_for_file, save_gaussians
+from gsut.view.page_parts import assemble_page, describe_lens, encode_part, read_page_file
 from gsut.view.stage import Stage
 
 # Longer side in pixels of the photographs in the page.
@@ -23,15 +21,6 @@ _PHOTO_SIDE = 800
 _MODES = ("color", "distance", "alpha", "error")
 # Colours that the page maps distances and errors to, as the viewer does.
 _COLOR_MAPS = ("turbo", "inferno")
-# The page may load nothing: scripts, styles, pictures and workers are its own.
-_POLICY = (
-    "default-src 'none'; script-src 'unsafe-inline' 'wasm-unsafe-eval' blob:; worker-src blob:; "
-    "style-src 'unsafe-inline'; img-src data: blob:; connect-src data: blob:; base-uri 'none'"
-)
-_NOTICE = (
-    "<!-- Made by gsut (Apache-2.0). The module core holds code of Google Highway (Apache-2.0), "
-    "Eigen (MPL-2.0), musl (MIT) and LLVM's libc++ (Apache-2.0 with LLVM exception). -->"
-)
 
 
 def write_page(path: Path, session: Any, photographs: int, sh_degree: int = 3) -> Any:
@@ -56,33 +45,24 @@ def write_page(path: Path, session: Any, photographs: int, sh_degree: int = 3) -
         packed = scene.read_bytes()
     content = _describe(session, _choose_photographs(stage, photographs))
     content["origin"] = prepare_for_file(whole).origin
-    files = importlib.resources.files("gsut.view")
-    parts = {
-        "content": ("application/json", format_json(content).replace("</", "<\\/")),
-        "core": ("application/octet-stream", _encode((files / "exact/core.wasm.gz").read_bytes())),
-        "scene": ("application/octet-stream", _encode(packed)),
-        "core-code": ("text/plain", (files / "exact/core.js").read_text(encoding="utf-8")),
-        "worker-code": ("text/plain", (files / "exact/worker.js").read_text(encoding="utf-8")),
-    }
-    stored = "\n".join(
-        f'<script id="{name}" type="{kind}">{text}</script>' for name, (kind, text) in parts.items()
-    )
-    scripts = "\n".join(
-        f"<script>{(files / name).read_text(encoding='utf-8')}</script>"
-        for name in ("exact/core.js", "exact/page_server.js", "view.js")
-    )
-    page = (files / "view.html").read_text(encoding="utf-8")
-    style = (files / "view.css").read_text(encoding="utf-8")
-    head = f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">\n{_NOTICE}'
-    page = page.replace('<meta charset="utf-8">', f'<meta charset="utf-8">\n{head}')
-    page = page.replace('<link rel="stylesheet" href="view.css">', f"<style>{style}</style>")
-    page = page.replace('<script src="view.js" defer></script>\n', "")
-    write_file(path, page.replace("</body>", f"{stored}\n{scripts}\n</body>"))
+    write_file(path, assemble_scene_page(content, packed))
     return written
 
 
-def _encode(data: bytes) -> str:
-    return base64.b64encode(data).decode()
+def assemble_scene_page(content: dict[str, Any], packed: bytes) -> str:
+    """Puts the viewer's page together around a scene.
+
+    Args:
+        content: what the page's server answers from.
+        packed: the Gaussians as SPZ.
+    """
+    # Workers run a script of the page again, and one of their own.
+    parts = {
+        "content": content, "scene": packed, "core-code": read_page_file("exact/core.js"),
+        "worker-code": read_page_file("exact/worker.js"),
+        "shaders": read_page_file("forward.wgsl", "gsut.render"),
+    }  # fmt: skip
+    return assemble_page("view.html", parts, ("exact/card.js", "exact/page_server.js", "view.js"))
 
 
 def _choose_photographs(stage: Stage, most: int) -> list[int]:
@@ -103,29 +83,20 @@ def _describe(session: Any, rows: list[int]) -> dict[str, Any]:
         "kind": "file", "views": [scene["views"][row] for row in rows],
     }  # fmt: skip
     lenses = [
-        {**_describe_lens(camera), "turns": shown["turns"]}
+        {**describe_lens(camera), "turns": shown["turns"]}
         for camera, shown in zip(stage.cameras, scene.pop("lenses"), strict=True)
     ]
     del scene["models"]
     photographs, motions = [], []
     for row in rows:
         sent = session.send_photograph({"view": row, "side": _PHOTO_SIDE})
-        photographs.append("data:image/jpeg;base64," + _encode(sent.content))
+        photographs.append("data:image/jpeg;base64," + encode_part(sent.content))
         motions.append(None if stage.scene is None else _describe_motion(stage.scene.views[row]))
     return {
         "scene": scene, "lenses": lenses, "photographs": photographs, "motions": motions,
         "background": stage.background,
         "offset": np.zeros(3) if stage.scene is None else stage.scene.world_offset,
         "colors": {name: _sample_colors(name) for name in _COLOR_MAPS},
-    }  # fmt: skip
-
-
-def _describe_lens(camera: Any) -> dict[str, Any]:
-    angle = camera.valid_field_angle
-    return {
-        "model": camera.model, "params": list(camera.params), "width": camera.width,
-        "height": camera.height,
-        "valid_field_angle": angle if angle is not None and math.isfinite(angle) else None,
     }  # fmt: skip
 
 

@@ -5,8 +5,8 @@ import pytest
 
 import gsut
 from gsut.check.epipolar import Matches
+from gsut.check.lens_errors import is_off
 from gsut.check.lens_fit import fit_lens
-from gsut.check.photographs import _is_off
 
 LENSES = {
     "pinhole": gsut.Camera("pinhole", [120.0, 120.0, 100.0, 75.0], 200, 150),
@@ -46,7 +46,7 @@ def test_correction_of_an_exact_lens_on_a_straight_path_is_not_claimed(name):
     claimed = []
     for seed in range(4):
         matches, poses = make_matches(LENSES[name], [0, 0, 0.4], np.random.default_rng(seed))
-        claimed.append(bool(_is_off(fit_lens([LENSES[name]], matches, poses)).any()))
+        claimed.append(bool(is_off(fit_lens([LENSES[name]], matches, poses)).any()))
     assert len(claimed) == 4
     assert not any(claimed)
 
@@ -58,5 +58,5 @@ def test_correction_of_a_lens_three_percent_too_long_is_found(name, rng):
     params[:2] *= 1.03
     matches, poses = make_matches(lens, [0.3, 0.2, 0.2], rng, turn=0.1)
     fit = fit_lens([lens.with_params(params)], matches, poses)
-    assert _is_off(fit)[0]
+    assert is_off(fit)[0]
     assert abs(fit.values[0] + np.log(1.03)) < 4 * fit.sigmas[0]

@@ -15,6 +15,7 @@ from gsut import TrainOptions
 from gsut.cli import main
 from gsut.refine.localization import localize_image
 from gsut.refine.motion import measure_pose_changes
+from gsut.refine.secants import place_lines
 from gsut.render.pictures import to_uint8, write_png
 from gsut.run.folder import RunFile
 from random_scenes import fisheye, gaussians_in_view, pinhole
@@ -60,24 +61,40 @@ def test_localize_finds_a_pose_between_the_training_views(run, tmp_path, capsys)
     assert "centre:" in capsys.readouterr().out
 
 
-def test_localize_in_a_scene_of_a_rolling_shutter_says_what_its_uncertainty_omits(
-    run, tmp_path, capsys, monkeypatch
+@pytest.mark.parametrize("known_by", ["flag", "dataset", "picture"])
+def test_localize_poses_the_lines_of_a_rolling_shutter(
+    run, tmp_path, capsys, monkeypatch, known_by
 ):
     folder, g = run
-    image = photograph(tmp_path / "photo.png", g, poses()[4], 48)
-    assert main(["localize", str(image), "--run", str(folder)]) == 0
-    assert "rolling shutter" not in capsys.readouterr().err
+    pose = poses()[4]
+    motion = np.array([0.1, -0.05, 0.05, 0.02, -0.06, 0.03])
+    shutter = gsut.Shutter("top_to_bottom")
+    image = tmp_path / "photo.png"
+    write_png(
+        image, to_uint8(gsut.render(g, pinhole(48), place_lines(pose, motion, shutter)).image)
+    )
     read = gsut.training.read_trained
 
     def read_with_shutter(*arguments):
         options, scene, gaussians = read(*arguments)
-        shutter = gsut.Shutter("top_to_bottom")
         views = [dataclasses.replace(view, shutter=shutter) for view in scene.views]
         return options, dataclasses.replace(scene, views=views), gaussians
 
-    monkeypatch.setattr("gsut.training.read_trained", read_with_shutter)
-    assert main(["localize", str(image), "--run", str(folder)]) == 0
-    assert "the pose is off by more than the uncertainty says" in capsys.readouterr().err
+    if known_by == "dataset":
+        monkeypatch.setattr("gsut.training.read_trained", read_with_shutter)
+    flags = ["--shutter", "rolling"] if known_by == "flag" else []
+    words = ["localize", str(image), "--run", str(folder), "--json", *flags]
+    assert main(words) == 0
+    found = json.loads(capsys.readouterr().out)
+    error = np.array(found["center"]) + pose[:3, :3].T @ pose[:3, 3]
+    print(known_by, error, found["center_std"], found["motion"])
+    assert found["shutter"] == "top_to_bottom"
+    assert found["shutter_source"] == ("picture" if known_by == "picture" else "given")
+    assert np.linalg.norm(error) < tolerances.LOCALIZED_UNITS
+    assert (np.abs(error) < 3 * np.array(found["center_std"])).all()
+    assert np.abs(np.array(found["motion"]) - motion).max() < tolerances.LOCALIZED_MOTION
+    assert main(words[:4] + flags) == 0
+    assert "from first to last line the centre moves by" in capsys.readouterr().out
 
 
 def test_photograph_far_from_every_view_is_found_by_matches(rng):

@@ -89,7 +89,8 @@ def test_page_loads_nothing_and_logs_no_error(window, tmp_path, scene, gaussians
         ".filter((name) => !/^(blob|data):/.test(name));"
     )
     assert asked == []
-    assert window.errors() == []
+    # Chromium's own words where there is no graphics card.
+    assert [line for line in window.errors() if "No available adapters" not in line] == []
     assert not re.search(r'(src|href)="http', page.read_text(encoding="utf-8"))
 
 

@@ -89,8 +89,7 @@ def judge_poses(quality: PosesQuality) -> Verdict:
             lost,
             f"{q.images - q.registered} of {q.images} images could not be connected with the "
             "others",
-            "add pictures between those that are connected and the others; those of another camera "
-            "or zoom need a run of their own",
+            "add pictures between those that are connected and the others",
         ),
         Fault(
             2 * (q.registered < _FEWEST),

@@ -7,6 +7,8 @@ const MOST_WORKERS = 4;
 const OPEN = 0.002;
 // Pixels a side that the finest level of the surroundings joins, as in gsut.render.
 const FIRST = 4;
+// Resized lenses that are kept: the sizes of moving frames of a few lenses.
+const KEPT_LENSES = 64;
 // Alpha above which a pixel shows something.
 const SEEN = 0.5;
 // Error, of full scale, that is shown in the last colour.
@@ -17,17 +19,6 @@ const RANGE = [0.02, 0.98];
 const MOST_SLIDERS = 24;
 // Columns at which the field of view is measured, and bisections of a focal length.
 const FIELD_SAMPLES = 129, SEARCH_STEPS = 60;
-
-const part = (id) => document.getElementById(id);
-async function unpack(id, format) { // base64 of compressed bytes in a script element
-  try {
-    const packed = Uint8Array.from(atob(part(id).textContent.trim()), (letter) => letter.charCodeAt(0));
-    const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream(format));
-    return new Uint8Array(await new Response(stream).arrayBuffer());
-  } catch (error) {
-    throw new Error(`this file is damaged: its part "${id}" cannot be read (${error.message}); copy it again`);
-  }
-}
 
 // --- the scene: SPZ of version 3 ------------------------------------------------------------------
 function readScene(bytes) {
@@ -138,13 +129,12 @@ function turnedPicture(picture, turns) { // clockwise, by quarter turns
 class PageServer {
   constructor() {
     this.lenses = []; // by number: model, params, width, height, valid_field_angle
+    this.resized = new Map(); // text of a lens' number and a size -> the lens at that size
+    this.central = new Map(); // model -> whether its rays meet in one point
     this.ready = this.start();
   }
 
   async start() {
-    if (typeof WebAssembly !== "object" || typeof DecompressionStream !== "function") {
-      throw new Error("this browser is too old for this page; open it in Chrome 95, Firefox 113, Safari 16.4 or later");
-    }
     try { this.content = JSON.parse(part("content").textContent); } catch { throw new Error('this file is damaged: its part "content" cannot be read; copy it again'); }
     const [bytes, packed] = await Promise.all([unpack("core", "gzip"), unpack("scene", "gzip")]);
     this.gaussians = readScene(packed);
@@ -166,6 +156,31 @@ class PageServer {
       return { send, share: 1 / count };
     });
     await Promise.all(this.workers.map(({ send }) => send("start", { bytes, ...this.gaussians })));
+    this.card = await this.findCard();
+  }
+
+  async findCard() { // null where there is none, or it has no room: the workers draw
+    try {
+      const card = await Card.find(part("shaders").textContent);
+      card?.setScene(this.gaussians);
+      return card;
+    } catch (error) {
+      console.info(`no graphics card: ${error.message}`);
+      return null;
+    }
+  }
+  async drawOnCard(lens, job) { // null where the card cannot draw this frame
+    if (!this.card || this.card.lost || job.shutter || !this.isCentral(lens)) return null;
+    try { return { onCard: true, ...(await this.card.draw(this.core, lens, job.start, job.background)) }; } catch (error) {
+      console.info(`the graphics card stopped: ${error.message}`);
+      this.card = null;
+      return null;
+    }
+  }
+  isCentral(lens) {
+    const known = this.central.get(lens.model) ?? this.borrow(lens, (camera) => this.core.describeCamera(camera).central);
+    this.central.set(lens.model, known);
+    return known;
   }
 
   async ask(name, values) {
@@ -194,10 +209,15 @@ class PageServer {
   resize(number, width, height) {
     const lens = this.lenses[number];
     if (lens.width === width && lens.height === height) return lens;
-    return this.borrow(lens, (camera) => {
+    const key = `${number} ${width} ${height}`;
+    if (this.resized.has(key)) return this.resized.get(key);
+    if (this.resized.size >= KEPT_LENSES) this.resized.clear();
+    const found = this.borrow(lens, (camera) => {
       const resized = this.core.resizeCamera(camera, width, height);
       try { return { ...lens, width, height, params: this.core.describeCamera(resized).params }; } finally { this.core.releaseCamera(resized); }
     });
+    this.resized.set(key, found);
+    return found;
   }
   fieldOf(lens) { // degrees across the middle row, or null
     return this.borrow(lens, (camera) => {
@@ -227,7 +247,12 @@ class PageServer {
   async makeLens(values) {
     let lens = this.lenses[values.id ?? 0];
     if (values.model) lens = (({ params, width, height }) => ({ model: values.model, params, width, height, valid_field_angle: null }))(this.models[values.model]);
-    if (values.name) lens = this.readLens(values.name, atob(values.base64));
+    if (values.name) {
+      const found = LensFile.read(this.core, values.name, new TextDecoder().decode(Uint8Array.from(atob(values.base64), (letter) => letter.charCodeAt(0))));
+      if (found.length > 1) throw new Error(`${values.name}: holds ${found.length} cameras; keep one of them in the file`);
+      const { name, ...only } = found[0];
+      lens = only;
+    }
     if (values.params) lens = { ...lens, params: [...values.params, ...lens.params.slice(values.params.length)] };
     const names = this.models[lens.model].names.split(" "), at = names.indexOf("cx");
     if (values.fit && at >= 0 && !this.models[lens.model].has_table) {
@@ -237,16 +262,6 @@ class PageServer {
     if (values.field_of_view) lens = this.widen(lens, values.field_of_view);
     this.borrow(lens, () => {}); // an impossible lens is refused here
     return lens;
-  }
-  readLens(name, text) {
-    if (name.endsWith(".cameramodel")) {
-      const camera = this.core.readCamera(text, name);
-      try { return (({ model, params, width, height }) => ({ model, params, width, height, valid_field_angle: null }))(this.core.describeCamera(camera)); } finally { this.core.releaseCamera(camera); }
-    }
-    let lens;
-    try { lens = JSON.parse(text); } catch { throw new Error(`${name}: this page reads .cameramodel files and gsut's lens files (.json); gsut camera convert writes them`); }
-    if (!(lens?.model in this.models) || !Array.isArray(lens.params)) throw new Error(`${name}: no lens file of gsut: it has no known "model"`);
-    return { model: lens.model, params: lens.params.map(Number), width: lens.width, height: lens.height, valid_field_angle: lens.valid_field_angle ?? null };
   }
   widen(lens, degrees) { // scales the focal lengths so that the image spans this field
     const names = this.models[lens.model].names.split(" ");
@@ -274,6 +289,13 @@ class PageServer {
     const lens = this.resize(values.lens, values.width, values.height), { width, height } = lens, rows = Math.ceil(height / 16);
     const background = this.content.background ?? [0, 0, 0], alpha = depth || values.mode === "alpha" || !this.content.background;
     const job = { lens, background, alpha, depth, ...this.place(values) };
+    const whole = (await this.drawOnCard(lens, job)) ?? (await this.drawOnWorkers(lens, job, rows));
+    Object.assign(whole, { width, height, lens });
+    if (!this.content.background) fillSurroundings(whole);
+    return whole;
+  }
+  async drawOnWorkers(lens, job, rows) {
+    const { width, height } = lens, { alpha, depth } = job;
     let edge = 0, sum = 0;
     const parts = this.workers.map(({ share }, k) => {
       const begin = edge;
@@ -288,9 +310,7 @@ class PageServer {
       return out;
     };
     this.balance(drawn);
-    const whole = { width, height, lens, image: join("image", 3), valid: join("valid", 1, Uint8Array), alpha: alpha ? join("alpha", 1) : null, depth: depth ? join("depth", 1) : null };
-    if (!this.content.background) fillSurroundings(whole);
-    return whole;
+    return { image: join("image", 3), valid: join("valid", 1, Uint8Array), alpha: alpha ? join("alpha", 1) : null, depth: depth ? join("depth", 1) : null };
   }
   balance(drawn) { // shares of the rows by how fast each worker was, halfway at a time
     const speeds = drawn.map((piece, k) => (piece ? this.workers[k].share / Math.max(1, piece.ms) : 0)), sum = speeds.reduce((a, b) => a + b);
@@ -305,15 +325,19 @@ class PageServer {
     const data = new ImageData(width, height), out = data.data;
     const span = values.mode === "distance" ? this.colorDistances(drawn, out) : values.mode === "error" ? await this.colorErrors(drawn, values.view, turns, out) : null;
     if (!span) {
-      const source = values.mode === "alpha" ? (i) => drawn.alpha[i] : (i, k) => drawn.image[3 * i + k];
-      for (let i = 0; i < width * height; i++) for (let k = 0; k < 3; k++) out[4 * i + k] = 255 * source(i, k);
+      const gray = values.mode === "alpha", from = gray ? drawn.alpha : drawn.image, step = gray ? 1 : 3, next = gray ? 0 : 1;
+      for (let i = 0, at = 0; i < width * height; i++, at += step) {
+        out[4 * i] = 255 * from[at];
+        out[4 * i + 1] = 255 * from[at + next];
+        out[4 * i + 2] = 255 * from[at + 2 * next];
+      }
     }
     for (let i = 3; i < out.length; i += 4) out[i] = 255;
     const picture = Object.assign(document.createElement("canvas"), { width, height }), brush = picture.getContext("2d");
     brush.putImageData(data, 0, 0);
     if (values.marks?.length) this.drawMarks(brush, drawn.lens, values);
-    const way = `${Math.round(performance.now() - began)} ms, WebAssembly on ${this.workers.length} thread${this.workers.length > 1 ? "s" : ""}`;
-    return { picture: turns ? turnedPicture(picture, turns) : picture, span, way };
+    const by = drawn.onCard ? "graphics card" : `WebAssembly on ${this.workers.length} thread${this.workers.length > 1 ? "s" : ""}`;
+    return { picture: turns ? turnedPicture(picture, turns) : picture, span, way: `${Math.round(performance.now() - began)} ms, ${by}` };
   }
   paint(out, i, level, map) {
     const at = 3 * Math.max(0, Math.min(255, Math.round(255 * level))), colors = this.content.colors[map];

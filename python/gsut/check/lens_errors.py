@@ -1,0 +1,134 @@
+"""Finds small errors of a lens in matches that fit their poses, and names what was meant."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gsut.check.evidence import Evidence
+from gsut.check.findings import Finding
+from gsut.check.lens_fit import LensFit, find_principal_point, fit_lens
+from gsut.check.lenses import is_free_of_distortion, list_other_models
+
+# A lens is wrong from this correction of focal length, principal point and distortion on, in
+# thousandths of the diagonal: about a pixel of a small image.
+_MOVES = np.array([2.0, 0.8, 2.0])
+_SIGMAS = 4.0  # standard deviations from which a correction of the lens is not chance
+_SURE = 4.0  # standard deviations of a principal point that is surely wrong
+_NEAR_HALF = 2.5  # standard deviations within which it may be half a pixel off
+
+
+def find_lens_errors(evidence: Evidence, fit: LensFit) -> list[Finding]:
+    """Names the errors of the lens that a fitted correction shows."""
+    off = _is_off_throughout(evidence, fit)
+    if not off.any():
+        return []
+    named = _name_other_model(evidence) if off[1:].any() else None
+    if named is not None:
+        return [named]
+    log_scale, dx, dy, radial = fit.values
+    words = []
+    if off[0]:
+        words.append(f"a focal length times {np.exp(log_scale):.3f} +- {fit.sigmas[0]:.3f}")
+    if off[1]:
+        words.append(
+            f"cx {dx:+.2f} +- {fit.sigmas[1]:.2f} and cy {dy:+.2f} +- {fit.sigmas[2]:.2f} pixels"
+        )
+    if off[2]:
+        words.append(f"a distortion of {1000 * radial / 2:+.1f} thousandths of the diagonal more")
+    half = off[1] and np.abs(np.abs([dx, dy]) - 0.5).max() < max(0.2, 3 * fit.sigmas[1:3].max())
+    if half and dx * dy > 0 and not off[0]:
+        advice = _correct_half_pixel(dx)
+    elif off[2] and not off[1]:
+        advice = "check the lens model and its coefficients, or calibrate: gsut calibrate"
+    elif off[1] and not off[0]:
+        advice = describe_crop(evidence, fit)
+    else:
+        advice = (
+            "check that the lens is for images of this size and crop, or refine it: "
+            "gsut train --refine-poses --refine-lens"
+        )
+    return [
+        evidence.make_finding(
+            "warning", f"the photographs fit better {' and '.join(words)}", advice
+        )
+    ]
+
+
+def is_off(fit: LensFit) -> np.ndarray:
+    """Returns whether focal length, principal point and distortion (3,) are wrong."""
+    return (fit.moves > _MOVES) & (fit.significance > _SIGMAS)
+
+
+def _is_off_throughout(evidence: Evidence, fit: LensFit) -> np.ndarray:
+    """Returns the same (3,), where both halves of the photographs show it.
+
+    Neighbouring views see the same surfaces, whose features have errors in common that no spread
+    shows; another part of the scene has others.
+    """
+    off, m, poses = is_off(fit), evidence.matches, evidence.table.select_poses()
+    for late in (False, True) if off.any() else ():
+        rows = np.flatnonzero((2 * m.pair >= len(m.pairs)) == late)
+        half = fit_lens(evidence.scene.cameras, m.select(rows), poses[:, rows])
+        along = half.values * fit.values
+        same = np.array([along[0], along[1:3].sum(), along[3]]) > 0
+        off &= same & (half.significance > _SIGMAS / np.sqrt(2))
+    return off
+
+
+def _name_other_model(evidence: Evidence) -> Finding | None:
+    """Names the lens that may have been meant, if it fits better and needs no correction."""
+    poses, best = evidence.table.select_poses(), None
+    most = evidence.rate_lenses(list(evidence.scene.cameras))
+    for lens in list_other_models(evidence.scene.cameras):
+        cost = evidence.rate_lenses(lens.cameras)
+        if cost < most and not is_off(fit_lens(lens.cameras, evidence.matches, poses)).any():
+            best, most = lens, cost
+    if best is not None:
+        return evidence.make_finding(
+            "warning", f"the photographs fit better {best.name}", best.advice
+        )
+    if not all(is_free_of_distortion(camera) for camera in evidence.scene.cameras):
+        return None
+    return evidence.make_finding(
+        "warning",
+        "the photographs fit better a lens with distortion: they are not undistorted, as the lens "
+        "says",
+        "give the lens file of the original photographs, or calibrate (gsut calibrate)",
+    )
+
+
+def describe_crop(evidence: Evidence, fit: LensFit) -> str:
+    """Says which centre the lens has if the photographs were cropped after calibration."""
+    x, y = find_principal_point(evidence.scene.cameras[0]) + fit.values[1:3]
+    return (
+        "if the photographs were cropped after calibration, keep fx and fy and subtract from cx "
+        f"and cy what was cut off at the left and the top: cx = {x:.1f}, cy = {y:.1f}"
+    )
+
+
+def check_half_pixel(evidence: Evidence) -> list[Finding]:
+    """Checks whether the principal point is half a pixel off, as where two conventions meet."""
+    fit = fit_lens(evidence.scene.cameras, evidence.matches, evidence.table.select_poses())
+    for half in (0.5, -0.5):
+        if (
+            fit.shift_distance(np.zeros(2)) > _SURE
+            and fit.shift_distance(np.full(2, half)) < _NEAR_HALF
+        ):
+            dx, dy = fit.values[1:3]
+            return [
+                evidence.make_finding(
+                    "warning",
+                    f"the photographs fit better cx {dx:+.2f} +- {fit.sigmas[1]:.2f} and cy "
+                    f"{dy:+.2f} +- {fit.sigmas[2]:.2f} pixels",
+                    _correct_half_pixel(half),
+                )
+            ]
+    return []
+
+
+def _correct_half_pixel(half: float) -> str:
+    sign = "add 0.5 to" if half > 0 else "subtract 0.5 from"
+    return (
+        f"{sign} cx and cy: here the centre of the top-left pixel is (0.5, 0.5), in OpenCV, "
+        "Kalibr and mrcal files (0, 0)"
+    )
