@@ -12,6 +12,7 @@ from gsut.page.page import (
 )
 from gsut.page.plots import (
     Style,
+    embed_figure,
     make_figure,
     make_image_figure,
     plot_map,
@@ -24,6 +25,7 @@ __all__ = [
     "build_page",
     "build_table",
     "embed_bytes",
+    "embed_figure",
     "embed_picture",
     "format_duration",
     "format_number",
