@@ -1,7 +1,6 @@
 """Finds the usual mistakes in a dataset before time is spent on it."""
 
 from gsut.check.dataset import check_scene, diagnose, doctor
-from gsut.check.evidence import gather_evidence
 from gsut.check.findings import Finding, format_findings, stop_at_errors
 from gsut.check.matches import match_neighbours
 from gsut.check.memory import check_memory, refuse_too_large
@@ -13,7 +12,6 @@ __all__ = [
     "diagnose",
     "doctor",
     "format_findings",
-    "gather_evidence",
     "match_neighbours",
     "refuse_too_large",
     "stop_at_errors",

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 import gsut
-from gsut.check import check_scene, gather_evidence
+from gsut.check import check_scene
 from gsut.check.chance import Judgement, PairVerdict, judge_pairs
+from gsut.check.evidence import gather_evidence
 from gsut.check.lens_fit import convert_to_normal
 from gsut.demo import make_demo_scene
 from mistakes import MISTAKES, NAMED, copy_of, judge, write

@@ -8,7 +8,8 @@ import pytest
 
 import gsut
 import tolerances
-from gsut.check import check_scene, doctor, gather_evidence, turns
+from gsut.check import check_scene, doctor, turns
+from gsut.check.evidence import gather_evidence
 from gsut.check.turns import to_rotation_vector
 from gsut.cli import main
 from gsut.data.poses import invert_pose
