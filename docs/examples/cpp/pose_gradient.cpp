@@ -21,8 +21,8 @@ int main() {
     for (int k = 0; k < 4; ++k) quats.push_back(between(random));
     for (int k = 0; k < 3; ++k) sh.push_back(2.0f * between(random));
   }
-  const gsut::GaussiansView<const float> scene = {kCount, 1, means.data(), quats.data(),
-      log_scales.data(), opacity_logits.data(), sh.data()};
+  const gsut::GaussiansView<const float> scene = {
+      kCount, 1, means.data(), quats.data(), log_scales.data(), opacity_logits.data(), sh.data()};
   // Where the gradients go: arrays like the Gaussians'.
   std::vector<float> dmeans(3 * kCount), dquats(4 * kCount), dscales(3 * kCount), dlogits(kCount),
       dsh(3 * kCount);
@@ -32,7 +32,8 @@ int main() {
   rows.touched = touched.data();
 
   const gsut::Camera camera("kannala_brandt", {45, 45, 48, 48, 0.05, -0.01, 0, 0}, kWidth, kHeight);
-  std::vector<float> photograph(3 * kWidth * kHeight), image(photograph.size()), dimage(image.size());
+  std::vector<float> photograph(3 * kWidth * kHeight), image(photograph.size()),
+      dimage(image.size());
   gsut::Renderer renderer;
   const auto render = [&](const gsut::Pose& camera_from_world, std::vector<float>* out) {
     gsut::RenderJob job{camera, camera_from_world};

@@ -39,8 +39,8 @@ int main() {
       seen.image = image, seen.point = point;
       std::uint8_t valid = 0;
       for (int i = 0; i < 20; ++i) {
-        const gsut::Pose pose = gsut::MovedPose(truth.camera_from_world[image],
-                                                truth.velocities[image], seen.time);
+        const gsut::Pose pose =
+            gsut::MovedPose(truth.camera_from_world[image], truth.velocities[image], seen.time);
         const Eigen::Vector3d in_camera = pose.rotation * truth.points[point] + pose.translation;
         camera.Project(1, in_camera.data(), seen.pixel.data(), &valid);
         seen.time = seen.pixel.y() / kHeight - 0.5;

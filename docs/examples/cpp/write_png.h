@@ -47,7 +47,8 @@ inline std::string Store(const std::string& bytes) {
 
 }  // namespace png
 
-// rgb: (height, width, 3) in [0, 1]; values outside are clamped. Throws if `path` cannot be written.
+// rgb: (height, width, 3) in [0, 1]; values outside are clamped. Throws if `path` cannot be
+// written.
 inline void WritePng(const std::string& path, const std::vector<float>& rgb, int width,
                      int height) {
   std::string rows;
@@ -66,7 +67,8 @@ inline void WritePng(const std::string& path, const std::vector<float>& rgb, int
   stream.exceptions(std::ios::failbit | std::ios::badbit);
   stream << "\x89PNG\r\n\x1a\n";
   for (const auto& [name, data] : {std::pair<std::string, std::string>{"IHDR", header},
-                                   {"IDAT", png::Store(rows)}, {"IEND", ""}}) {
+                                   {"IDAT", png::Store(rows)},
+                                   {"IEND", ""}}) {
     std::string length, crc;
     png::AppendBigEndian(&length, static_cast<std::uint32_t>(data.size()));
     png::AppendBigEndian(&crc, png::Crc32(name + data));
