@@ -35,10 +35,10 @@ def window():
         yield window
 
 
-def write_and_open(window, folder, stage):
+def write_and_open(window, folder, stage, part=""):
     page = folder / "page.html"
     Session(stage).write_page(page, 3)
-    window.open(f"file://{page}")
+    window.open(f"file://{page}{part}")
     window.wait("document.body.dataset.frames > 0")
     return page
 
@@ -65,12 +65,12 @@ def test_page_on_a_card_at_rest_is_within_one_level_of_render(
     card_window.open(f"file://{tmp_path}/empty.html")
     if not card_window.run("return Boolean(await navigator.gpu?.requestAdapter());"):
         pytest.skip("this browser has no WebGPU")
-    check_page_at_rest(card_window, tmp_path, scene, gaussians, background)
+    check_page_at_rest(card_window, tmp_path, scene, gaussians, background, "#card")
     assert "graphics card" in card_window.run("return $('pace').textContent;")
 
 
-def check_page_at_rest(window, tmp_path, scene, gaussians, background):
-    write_and_open(window, tmp_path, Stage("small", "run", gaussians, scene, background))
+def check_page_at_rest(window, tmp_path, scene, gaussians, background, part=""):
+    write_and_open(window, tmp_path, Stage("small", "run", gaussians, scene, background), part)
     save_gaussians(tmp_path / "same.spz", gaussians)
     stored = load_gaussians(tmp_path / "same.spz")
     for index in (0, 1):
