@@ -28,7 +28,7 @@ OPTIONS = PosesOptions(extend_rounds=0)
 def scene():
     """Two cameras of one size and different lenses, which nothing is known of."""
     rng = np.random.default_rng(20261124)
-    return SyntheticRig(rng, STEREO, frames=FRAMES, points=2500, noise=0.1, lenses=LENSES)
+    return SyntheticRig(rng, STEREO, frames=FRAMES, points=1500, noise=0.1, lenses=LENSES)
 
 
 def start(scene, known=(), monkeypatch=None):
