@@ -10,12 +10,12 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data import Scene
-from gsut.gaussians import Gaussians
+from gsut.data.poses import invert_pose
+from gsut.gaussians import SH_C0, Gaussians
 from gsut.render import render, to_uint8
 from gsut.run import RunFolder
 from gsut.view.stage import Stage, open_stage
 
-_SH_C0 = 0.28209479177387814  # of the constant harmonic; colour = 0.5 + C0 x coefficient
 _HIGHER = 15  # harmonics above degree 0 that rerun stores for each Gaussian
 _RAYS = (12, 9)  # rays that are drawn of a camera, across and down
 # Length of these rays, x the extent of the scene.
@@ -58,8 +58,9 @@ def to_rerun(
         recording.save(os.fspath(file))
     _log_scene(rr, recording, stage, scene)
     chosen = scene.test_indices or range(len(scene)) if views is None else views
+    length = _RAY_LENGTH * stage.place()["extent"]
     for index in chosen:
-        _log_view(rr, recording, stage, scene, index)
+        _log_view(rr, recording, stage, scene, index, length)
     for row in RunFolder.open(run).read_history():
         if "psnr" in row:
             rr.set_time("step", sequence=row["step"], recording=recording)
@@ -80,9 +81,9 @@ def describe_splats(gaussians: Gaussians) -> dict[str, np.ndarray]:
     higher = np.zeros((len(gaussians), _HIGHER, 3), np.float32)
     higher[:, : gaussians.sh.shape[1] - 1] = gaussians.sh[:, 1:]
     opacity = 1 / (1 + np.exp(-gaussians.opacity_logits))
-    shown = np.column_stack([0.5 + _SH_C0 * gaussians.sh[:, 0], opacity])
+    shown = np.column_stack([0.5 + SH_C0 * gaussians.sh[:, 0], opacity])
     return {
-        "centers": np.asarray(gaussians.means, np.float32),
+        "centers": (gaussians.means + gaussians.origin).astype(np.float32),
         "scales": np.exp(gaussians.log_scales).astype(np.float32),
         "quaternions": np.roll(quats, -1, axis=1).astype(np.float32),
         "colors": to_uint8(shown),
@@ -103,11 +104,13 @@ def _log_scene(rr: Any, recording: Any, stage: Stage, scene: Scene) -> None:
         rr.log("world/points", points, static=True, recording=recording)
 
 
-def _log_view(rr: Any, recording: Any, stage: Stage, scene: Scene, index: int) -> None:
-    """Logs pose, rays, photograph and render of one view."""
+def _log_view(
+    rr: Any, recording: Any, stage: Stage, scene: Scene, index: int, length: float
+) -> None:
+    """Logs pose, rays of this length, photograph and render of one view."""
     view, camera = scene.views[index], scene.camera(index)
     rr.set_time("view", sequence=index, recording=recording)
-    world_from_camera = np.linalg.inv(view.camera_from_world)
+    world_from_camera = invert_pose(view.camera_from_world)
     pose = rr.Transform3D(translation=world_from_camera[:3, 3], mat3x3=world_from_camera[:3, :3])
     rr.log("world/camera", pose, recording=recording)
     rays, valid = camera.rays()
@@ -116,7 +119,6 @@ def _log_view(rr: Any, recording: Any, stage: Stage, scene: Scene, index: int) -
         for size, count in zip((camera.width, camera.height), _RAYS, strict=True)
     )
     chosen = rays[np.ix_(rows, columns)][valid[np.ix_(rows, columns)]]
-    length = _RAY_LENGTH * stage.place()["extent"]
     strips = np.stack([np.zeros_like(chosen), length * chosen], axis=1)
     rr.log("world/camera/rays", rr.LineStrips3D(strips), recording=recording)
     image = render(stage.gaussians, camera, view.motion, background=stage.background).image

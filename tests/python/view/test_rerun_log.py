@@ -8,6 +8,7 @@ import pytest
 
 import gsut
 import small_run
+from gsut.data.poses import invert_pose
 from gsut.view.rerun_log import describe_splats
 from random_scenes import gaussians_in_view, pinhole, rng_of
 
@@ -63,7 +64,7 @@ def test_run_is_logged_with_poses_rays_and_pictures(run, monkeypatch):
     scene = gsut.load_run(run).scene
     poses = [named for path, _, _, named in rerun.logged if path == "world/camera"]
     for pose, index in zip(poses, views, strict=True):
-        expected = np.linalg.inv(scene.views[index].camera_from_world)
+        expected = invert_pose(scene.views[index].camera_from_world)
         np.testing.assert_array_equal(pose["translation"], expected[:3, 3])
     for name in ("photograph", "render"):
         pictures = [args[0] for path, _, args, _ in rerun.logged if path == name]
@@ -80,6 +81,12 @@ def test_values_of_splats_are_linear():
     np.testing.assert_allclose(np.linalg.norm(found["quaternions"], axis=1), 1, rtol=1e-6)
     turned = gaussians.quats[:, 0] / np.linalg.norm(gaussians.quats, axis=1)
     np.testing.assert_allclose(found["quaternions"][:, 3], turned, rtol=1e-6)
+    np.testing.assert_array_equal(found["centers"], gaussians.means)
+    far = gaussians.translate([1000.0, 2000.0, 0.0])
+    np.testing.assert_array_equal(
+        describe_splats(far)["centers"], (far.means + far.origin).astype(np.float32)
+    )
+    assert far.origin[0] == 1000
     assert found["sh_coefficients"].shape == (20, 15, 3)
     assert not found["sh_coefficients"][:, 3:].any()
 
