@@ -1,9 +1,10 @@
-"""Writes what a wheel links in: licenses/README.txt for a reader, sboms/gsut.cdx.json (CycloneDX) for tools.
+"""Writes what a wheel links in: a page of licences, and a bill of materials (CycloneDX).
 
     python .ci/write_inventory.py build/sources PREFIX
 
-The libraries are those whose licence stands in PREFIX/licenses; names, versions, homepages and checksums
-are those of Debian's source packages (*.dsc) in build/sources.
+The files are PREFIX/licenses/README.txt and PREFIX/sboms/gsut.cdx.json. The libraries are those
+whose licence stands in PREFIX/licenses; names, versions, homepages and checksums are those of
+Debian's source packages (*.dsc) in build/sources.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ def read_source_package(path: Path) -> Library:
 
 
 def list_libraries(sources: Path, prefix: Path) -> list[Library]:
-    """Lists the libraries that were built into `prefix`, then pybind11, whose headers are compiled in."""
+    """Lists the libraries built into `prefix`, then pybind11, whose headers are compiled in."""
     packages = [read_source_package(path) for path in sorted(sources.glob("*.dsc"))]
     built = [library for library in packages if (prefix / "licenses" / library.name).is_dir()]
     if not built:
@@ -57,14 +58,16 @@ def describe(libraries: list[Library]) -> str:
     """Describes each library, its licence and where its source is."""
     lines = [
         "The module of gsut is linked with these libraries, whose licences lie beside this file.",
-        "They are unchanged but for Debian's patches; the sources of each are free at its homepage and,",
-        "with the sums below, as Debian's source package of that version.",
+        "They are unchanged but for Debian's patches; the sources of each are free at its homepage",
+        "and, with the sums below, as Debian's source package of that version.",
     ]
     for library in libraries:
         license = LICENSES[library.name]
         lines += ["", f"{library.name} {library.version}", f"  licence   {license}"]
         lines.append(f"  homepage  {library.homepage}")
-        lines += [f"  source    {name}  sha256 {digest}" for name, digest in library.sources.items()]
+        lines += [
+            f"  source    {name}  sha256 {digest}" for name, digest in library.sources.items()
+        ]
     return "\n".join(lines) + "\n"
 
 
