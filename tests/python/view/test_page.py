@@ -149,6 +149,31 @@ def test_recording_keeps_the_way_of_the_eye(window):
     window.wait("!busy && !wanted")
 
 
+@pytest.mark.parametrize(
+    ("least_ms", "whole_ms", "levels"),
+    [(5, 20, [5]), (10, 100, [4]), (10, 150, [3, 4]), (30, 900, [0]), (200, 400, [0])],
+)
+def test_moving_frames_are_as_large_as_the_machine_keeps_up(window, least_ms, whole_ms, levels):
+    found, slow = window.run(f"""
+      const began = level, seen = new Set(), made = new Set();
+      let slow = 0;
+      took.length = 0;
+      level = 3;
+      for (let k = 0; k < 600; k++) {{
+        const extra = made.has(level) ? 0 : 400; // the camera of a new size
+        made.add(level);
+        const ms = {least_ms} + {whole_ms} * SCALES.small[level] ** 2 + extra;
+        if (k >= 300) seen.add(level);
+        if (k >= 300 && level > 0) slow += ms > SLOW_MS;
+        chooseLevel(ms);
+      }}
+      took.length = 0;
+      level = began;
+      return [[...seen].sort(), slow];""")
+    assert found == levels
+    assert slow < 30
+
+
 def test_plain_lens_fills_the_window(window):
     window.run("$('lens').value = 'fill'; $('lens').dispatchEvent(new Event('change'));")
     window.wait("lens.model === 'pinhole'")
