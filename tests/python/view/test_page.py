@@ -51,6 +51,20 @@ def test_lossless_canvas_has_the_bits_of_render(window, scene, gaussians):
     window.run("state.lossless = false; redraw();")
 
 
+def test_frame_of_a_moved_eye_is_ordered_from_there(window, scene, gaussians):
+    window.run("goTo(1); state.lossless = true;")
+    window.wait("JSON.parse(document.body.dataset.frame).view === 1")
+    window.run("move(1.5, 0.2, 1); look(0.7, 0.1);")
+    window.wait("JSON.parse(document.body.dataset.frame).view === null && !busy && !wanted")
+    window.wait("JSON.parse(document.body.dataset.frame).lossless")
+    pose = np.reshape(window.run("return poseOf(state.eye);"), (4, 4))
+    truth = gsut.render(gaussians, scene.cameras[0], pose)
+    np.testing.assert_array_equal(
+        window.read_canvas()[..., :3], gsut.rendering.to_uint8(truth.image)
+    )
+    window.run("state.lossless = false; redraw();")
+
+
 def test_photograph_of_a_phone_held_upright_stands_upright(window, scene, gaussians):
     window.run("goTo(2); state.lossless = true;")
     window.wait("JSON.parse(document.body.dataset.frame).view === 2")
