@@ -191,8 +191,11 @@ class Frames:
             image[:], alpha[:], depth[:] = choose_solid(self.stage.background), 0, 0
             return image, alpha, depth
         gaussians = self._widen_for_pixels(gaussians, request, camera, place)
-        if isinstance(gaussians, StoredGaussians):
-            seen = render(gaussians, camera, place, background=self.stage.background)
+        if isinstance(gaussians, StoredGaussians) or self.stage.device == "gpu":
+            seen = render(
+                gaussians, camera, place, background=self.stage.background,
+                device=self.stage.device,
+            )  # fmt: skip
             return seen.image, seen.alpha, seen.depth
         fills, behind = self.stage.background is None, choose_solid(self.stage.background)
         job = _core.RenderJob(
