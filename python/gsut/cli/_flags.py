@@ -114,8 +114,8 @@ def add_device(parser: argparse.ArgumentParser) -> None:
         "--device",
         choices=("cpu", "gpu"),
         default="cpu",
-        help="gpu: images by the graphics card (pip install 'gsut[gpu]'); where it cannot draw one, "
-        "a note gives the reason and the CPU draws it [default cpu]",
+        help="gpu: images by the graphics card (pip install 'gsut[gpu]'); those that it cannot draw "
+        "are drawn by the CPU, and a note gives the reason [default cpu]",
     )
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.gaussians import Gaussians, LinearGaussians, StoredGaussians
-from gsut.render.card_tiles import TILE_PIXELS, CardTiles, find_tiles
+from gsut.render.card_tiles import TILE_PIXELS, find_tiles
 from gsut.render.soundness import sum_bits
 
 ON_CARD = "card"  # stands for the renderer of an image that a graphics card drew
