@@ -114,8 +114,8 @@ def add_device(parser: argparse.ArgumentParser) -> None:
         "--device",
         choices=("cpu", "gpu"),
         default="cpu",
-        help="gpu: images by the graphics card (pip install 'gsut[gpu]'); those that it cannot draw "
-        "are drawn by the CPU, and a note gives the reason [default cpu]",
+        help="gpu: images by the graphics card (pip install 'gsut[gpu]'); what it cannot draw is "
+        "drawn by the CPU, and a note gives the reason [default cpu]",
     )
 
 
