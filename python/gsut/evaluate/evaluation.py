@@ -70,7 +70,7 @@ def evaluate(
             masked pixels black) and NAME_depth.png (16 bit; distance = value x `depth_unit` of the
             view's row, 0 = less than half opaque); None writes nothing.
         on_view: called with (views done, views in all) after each.
-        device: see `render`.
+        device: "cpu", or "gpu": the graphics card draws where it can.
 
     Returns:
         dict, ready for JSON:
