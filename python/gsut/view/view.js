@@ -15,8 +15,8 @@ const SCALES = { small: [0.2, 0.25, 0.35, 0.5, 0.7, 1], large: [0.35, 0.5, 0.5, 
 const SHARES = { small: [1, 1, 1, 1, 1, 1], large: [0.25, 0.25, 0.5, 1, 1, 1] };
 // Milliseconds of a frame above which the level falls.
 const SLOW_MS = 60;
-// Milliseconds of a frame below which the level rises.
-const FAST_MS = 25;
+// Milliseconds of a frame below which the level rises, unless the next one is known to be slow.
+const FAST_MS = 50;
 // Milliseconds of a frame above which Gaussians are left out: ten frames a second.
 const SLOWEST_MS = 100;
 // Milliseconds after the last movement until a frame of full quality is requested.
@@ -102,7 +102,11 @@ function toast(text, seconds = 4) {
 const guarded = (action) => async (...event) => { try { await action(...event); } catch (error) { toast(error.message, 8); } };
 
 // --- frames --------------------------------------------------------------------------------------
-let wanted = false, busy = false, lastMove = -1e9, level = 3, latency = 40, restTimer, shown = 0, drawnTimes = [];
+// Weight of the newest frame in what a level takes, and what is left a frame of what another level took:
+// a level that was slow is tried again some seconds later.
+const NEWEST = 0.3, FADE = 0.995;
+let wanted = false, busy = false, lastMove = -1e9, level = 3, restTimer, shown = 0, drawnTimes = [];
+const took = []; // milliseconds of a frame by level; 0: its first one, which also makes the camera, is to come
 
 const kind = () => (scene.num_gaussians > LARGE ? "large" : "small");
 function size() { // of the picture on the page, CSS pixels
@@ -146,15 +150,19 @@ async function frame() {
       await new Promise((done) => setTimeout(done, 500));
     }
     if (moving) {
-      latency += 0.3 * (performance.now() - began - latency);
-      const shares = SHARES[kind()];
-      if (level > 0 && latency > (shares[level - 1] < shares[level] ? SLOWEST_MS : SLOW_MS)) { level--; latency *= 0.6; }
-      if (latency < FAST_MS && level < SCALES.length - 1) { level++; latency *= 1.5; }
+      chooseLevel(performance.now() - began);
       clearTimeout(restTimer);
       restTimer = setTimeout(() => redraw(false), REST_MS + 20);
     }
   }
   busy = false;
+}
+function chooseLevel(ms) { // of the next moving frame, by the milliseconds of the last one
+  if (!took[level]) { took[level] = took[level] === 0 ? ms : 0; return; }
+  took.forEach((before, k) => (took[k] = k === level ? before + NEWEST * (Math.min(ms, 2 * SLOW_MS) - before) : FADE * before));
+  const shares = SHARES[kind()], slowest = (k) => (shares[k - 1] < shares[k] ? SLOWEST_MS : SLOW_MS);
+  if (level > 0 && took[level] > slowest(level)) level--;
+  else if (level < shares.length - 1 && took[level] < FAST_MS && !(took[level + 1] > FAST_MS)) level++;
 }
 function show(picture, values, span, way) {
   const canvas = $("canvas");

@@ -101,6 +101,14 @@ class Core {
       at += 4 * part.length;
     }
   }
+  // Fills what is open of an image over black, in place; valid: which pixels have a ray.
+  fillSurroundings({ width, height, image, alpha, valid }) {
+    this.borrow((put) => {
+      const at = put(image);
+      this.check(this.c.web_fill_surroundings(width, height, at, put(alpha), put(valid)));
+      image.set(this.floats(at, image.length));
+    });
+  }
   // Returns { image, alpha, depth } as Float32Array; alpha and depth only where wanted.
   render(camera, { width, height, start, end = start, shutter = "global", background = [0, 0, 0], tiles = null, alpha: covered = false, depth = false }) {
     return this.borrow((put) => {
