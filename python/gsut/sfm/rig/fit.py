@@ -64,7 +64,7 @@ def solve_rig(mapping: Mapping) -> None:
 def _free_centers(lens_free: LensFlags) -> LensFlags:
     """Frees the principal points of estimated lenses, which the rig's turns determine.
 
-    By themselves images hardly tell a principal point from a turn of the camera.
+    By itself a principal point and a turn of the camera change images nearly alike.
     """
     if lens_free is None or isinstance(lens_free, np.ndarray):
         return lens_free
