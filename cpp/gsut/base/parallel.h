@@ -33,7 +33,7 @@ class FlushDenormals {
   FlushDenormals& operator=(const FlushDenormals&) = delete;
 
  private:
-  unsigned saved_;
+  [[maybe_unused]] unsigned saved_;  // on x86
 };
 
 }  // namespace gsut
