@@ -132,7 +132,7 @@ def doctor(
         return findings  # which say why
     findings += check_memory(scene)
     found = check_against_photographs(scene)
-    if all(finding.severity == "info" for finding in found):
+    if not has_errors(found):
         found += look_closer(scene)
     return sort_findings([*findings, *found])
 
