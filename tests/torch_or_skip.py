@@ -11,8 +11,12 @@ import pytest
 _DEBIAN = Path("/usr/lib/python3/dist-packages")
 
 
-def import_torch() -> ModuleType:
-    """Imports torch, or skips the module that calls it."""
+def find_torch() -> ModuleType:
+    """Imports torch.
+
+    Raises:
+        ImportError: there is none.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # Debian's torch says that it was built with another NumPy
         added = not sysconfig.get_path("purelib").startswith("/usr/lib")
@@ -22,10 +26,16 @@ def import_torch() -> ModuleType:
             import torch
 
             torch.zeros(1)
-        except ImportError as error:
-            message = f"gsut.torch needs torch, which ./run test --torch installs ({error})"
-            pytest.skip(message, allow_module_level=True)
         finally:
             if added:
                 sys.path.remove(str(_DEBIAN))
     return torch
+
+
+def import_torch() -> ModuleType:
+    """Imports torch, or skips the module that calls it."""
+    try:
+        return find_torch()
+    except ImportError as error:
+        message = f"gsut.torch needs torch, which ./run test --torch installs ({error})"
+        pytest.skip(message, allow_module_level=True)
