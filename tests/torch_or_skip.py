@@ -1,5 +1,7 @@
 """torch for tests: that of the environment, else Debian's python3-torch, else the test skips."""
 
+import contextlib
+import io
 import sys
 import sysconfig
 import warnings
@@ -17,8 +19,9 @@ def find_torch() -> ModuleType:
     Raises:
         ImportError: there is none.
     """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # Debian's torch says that it was built with another NumPy
+    # Debian's torch says at length that it was built with another NumPy.
+    with warnings.catch_warnings(), contextlib.redirect_stderr(io.StringIO()):
+        warnings.simplefilter("ignore")
         added = not sysconfig.get_path("purelib").startswith("/usr/lib")
         try:
             if added:
