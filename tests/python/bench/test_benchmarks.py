@@ -134,9 +134,9 @@ def test_surfaces_measure_balls_and_fusion(tmp_path):
     assert all(row["blocks"] > 0 and row["cpu_seconds"] >= 0 for row in rows)
 
 
-def test_light_is_compared_with_the_truth(tmp_path):
+def test_light_is_compared_with_the_truth(hall):
     options = {"steps": 20, "max_gaussians": 200, "views": 8, "size": 48}
-    rows = run_bench("light", tmp_path, only="falloff + noise", **options)
+    rows = run_bench("light", hall, only="falloff + noise", **options)
     assert [row["flags"] for row in rows.values()] == ["--exposure off", "--exposure auto"]
     assert all(row["psnr_truth"] > 3 for row in rows.values())
 
