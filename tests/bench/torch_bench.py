@@ -24,11 +24,11 @@ _GSPLAT = "needs gsplat 1.5: pip install --no-deps gsplat==1.5.3"
 def list_cases(settings: Settings) -> Iterator[Row]:
     """Lists steps of several sizes, gsplat's reference, and trainings by three programs."""
     for size in settings.sizes:
-        yield {"what": "step", "scene": size}
-    yield {"what": "gsplat's reference", "scene": settings.reference}
+        yield {"what": "step", "size": size}
+    yield {"what": "gsplat's reference", "size": settings.reference}
     for data in settings.sets or (HALL,):
         for program in ("gsut train", "gsplat MCMC", "gsplat Default"):
-            yield {"what": program, "scene": data, "data": data}
+            yield {"what": program, "data": data}
 
 
 def measure(case: Row, settings: Settings) -> Row:
@@ -38,7 +38,7 @@ def measure(case: Row, settings: Settings) -> Row:
     except ImportError as error:
         return {WRONG: f"needs torch, which ./run test --torch installs ({error})"}
     if case["what"] == "step":
-        return _measure_step(case["scene"], settings.steps)
+        return _measure_step(case["size"], settings.steps)
     if case["what"] == "gsut train":
         return _train(settings, settings.path(case["data"]))
     try:
@@ -46,7 +46,7 @@ def measure(case: Row, settings: Settings) -> Row:
     except ImportError:
         return {WRONG: _GSPLAT}
     if "reference" in case["what"]:
-        return _measure_reference(gsplat, case["scene"])
+        return _measure_reference(gsplat, case["size"])
     from gsut.torch import patch_gsplat
     from tests.bench.torch_training import train_with_gsplat
 
@@ -201,7 +201,8 @@ BENCHMARK = Benchmark(
     help="gsut.torch beside its engine and gsplat's PyTorch reference; gsplat's strategies by it",
     columns=(
         Column("what"),
-        Column("scene"),
+        Column("size"),
+        Column("data"),
         Column("ms", "rasterization", "CPU-ms", ".1f"),
         Column("engine_ms", "without torch", "CPU-ms", ".1f"),
         Column("step_ms", "step", "CPU-ms", ".1f"),
