@@ -12,7 +12,7 @@ import numpy as np
 
 import gsut
 from tests.bench.harness import HALL, WRONG, Benchmark, Column, Option, Row, Settings
-from tests.torch_or_skip import find_torch
+from tests.find_torch import find_torch
 
 _FOCAL = 0.4  # of the image's width: a wide fisheye
 _REFERENCE_FOCAL = 1.0  # of the width, a pinhole
