@@ -86,15 +86,16 @@ def _format_transforms(
         values["up"] = np.asarray(up, np.float64).tolist()
     if points_file is not None:
         values["ply_file_path"] = points_file
-    directions = {frame.shutter.direction if frame.shutter else "global" for frame in frames}
-    if len(directions) > 1:
-        raise InputError(f"transforms.json has room for one shutter, found {sorted(directions)}")
-    for direction in directions - {"global"}:
-        values["rolling_shutter"] = {"direction": direction}
+    directions = {frame.shutter.direction for frame in frames if frame.shutter is not None}
+    if len(directions) == 1:
+        values["rolling_shutter"] = {"direction": directions.pop()}
     rows = [
         (texts[frame.camera] if len(lenses) > 1 else {}) | _describe_frame(frame, folder)
         for frame in frames
     ]
+    for frame, row in zip(frames, rows, strict=True):
+        if directions and frame.shutter is not None:  # cameras of a rig that differ
+            row["rolling_shutter"] = {"direction": frame.shutter.direction}
     if test is not None:
         named = [
             (row["file_path"], frame.name in test) for row, frame in zip(rows, frames, strict=True)
