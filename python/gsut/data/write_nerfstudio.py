@@ -36,13 +36,12 @@ def write_transforms(
     Args:
         path: DATA/transforms.json; lens files become DATA/transforms.lens.json, or
             transforms.0.lens.json ... where there are several.
-        frames: one for each image, all with a rolling shutter of one direction or none.
+        frames: one for each image; shutters of several directions are written frame by frame.
         points_file: name of the points' PLY in the folder.
         test: names of the frames that are for testing; None: the reader chooses.
         up: (3,) in the world; None: not known.
 
     Raises:
-        InputError: the form has room for one shutter only.
         OSError: a file cannot be written.
     """
     lenses = list(dict.fromkeys(frame.camera for frame in frames))
