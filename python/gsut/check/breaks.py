@@ -88,8 +88,8 @@ def _find_break(wrong: Spans, good: Spans, confirmed: Spans, near: Spans) -> int
         near: those that contradict and are no loops: these alone contradict where poses drift.
 
     Returns:
-        The place before the break. All confirmed pairs lie across it; or so many pairs do that the
-        rate at which others contradict does not explain it, at any of the places.
+        The place before the break. All confirmed pairs lie across it, or more pairs do than the
+        rate at which others contradict explains at any of the places.
     """
     places = sorted({place for pair in (*wrong, *good) for place in pair})
     found = []

@@ -5,7 +5,7 @@ import pytest
 
 import gsut
 import tolerances
-from gsut.check.breaks import _find_break
+from gsut.check.breaks import _find_break, check_scale
 from gsut.check.evidence import gather_evidence
 from gsut.check.matches import _CLOSE, ImagePair, _choose_pairs
 from gsut.check.photographs import check_closely
@@ -95,11 +95,10 @@ def test_path_that_does_not_close_is_named(rng):
     assert any("path of the poses does not close" in text for text in said), said
 
 
-@pytest.mark.parametrize("turn", [0.0, 0.4])
-def test_half_of_the_path_in_another_world_is_named(turn, rng):
+def test_half_of_the_path_in_another_world_is_named(rng):
     poses = make_laps()
     wrong = poses.copy()
-    world = gsut.exp_pose([0.8, -0.6, 0.5, 0.0, 0.0, turn])
+    world = gsut.exp_pose([0.8, -0.6, 0.5, 0.0, 0.0, 0.4])
     wrong[24:] = world @ poses[24:]
     said = list_texts(gather(wrong, observe(poses, rng)))
     assert any("break between 000023 and 000024" in text for text in said), said
@@ -109,8 +108,8 @@ def test_scale_of_half_of_the_path_is_named(rng):
     poses = make_laps()
     wrong = poses.copy()
     wrong[24:, :3, 3] = poses[24, :3, 3] + 1.5 * (poses[24:, :3, 3] - poses[24, :3, 3])
-    said = list_texts(gather(wrong, observe(poses, rng)))
-    assert any("break between" in text or "changes by a factor of" in text for text in said), said
+    said = [str(each) for each in check_scale(gather(wrong, observe(poses, rng)))]
+    assert any("changes by a factor of" in text for text in said), said
 
 
 def test_break_needs_more_contradictions_than_repeated_things_make():
