@@ -7,6 +7,7 @@ import gsut
 import tolerances
 from gsut.check.breaks import _find_break, check_scale
 from gsut.check.evidence import gather_evidence
+from gsut.check.far_poses import check_far_pose
 from gsut.check.matches import _CLOSE, ImagePair, _choose_pairs
 from gsut.check.photographs import check_closely
 from gsut.check.shutter import _measure_speeds, _move_poses, check_shutter, fit_readout
@@ -110,6 +111,18 @@ def test_scale_of_half_of_the_path_is_named(rng):
     wrong[24:, :3, 3] = poses[24, :3, 3] + 1.5 * (poses[24:, :3, 3] - poses[24, :3, 3])
     said = [str(each) for each in check_scale(gather(wrong, observe(poses, rng)))]
     assert any("changes by a factor of" in text for text in said), said
+
+
+def test_far_camera_is_accused_unless_photographs_support_it(rng):
+    poses = np.tile(np.eye(4), (6, 1, 1))
+    poses[:, 0, 3] = [0.0, 0.1, 0.2, 0.3, 0.4, 1.5]
+    pixels = observe(poses, rng)
+    assert check_far_pose(make_scene(poses), gather(poses, pixels)) == []
+    wrong = poses.copy()
+    wrong[5, 1, 3] = 9.0
+    (said,) = check_far_pose(make_scene(wrong), gather(wrong, pixels))
+    assert "000005 stands farther from all other cameras" in said.what
+    assert len(check_far_pose(make_scene(poses), None)) == 1
 
 
 def test_break_needs_more_contradictions_than_repeated_things_make():
