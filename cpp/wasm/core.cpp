@@ -23,6 +23,7 @@
 #include "gsut/gaussians/gaussians.h"
 #include "gsut/geometry/shutter.h"
 #include "gsut/raster/render.h"
+#include "gsut/raster/surroundings.h"
 
 namespace gsut {
 namespace {
@@ -259,6 +260,19 @@ EMSCRIPTEN_KEEPALIVE int web_render(int camera, const double* start, const doubl
     job.alpha = alpha;
     job.depth = depth;
     renderer.Render(scene->View(), job);
+    return 0;
+  });
+}
+
+// Fills the open share of an image (H, W, 3) over black with the colour of its surroundings; alpha
+// (H, W), valid (H, W).
+EMSCRIPTEN_KEEPALIVE int web_fill_surroundings(int width, int height, float* image,
+                                               const float* alpha, const std::uint8_t* valid) {
+  return Guard([&] {
+    const std::size_t count = static_cast<std::size_t>(width) * static_cast<std::size_t>(height);
+    std::vector<float> behind(3 * count);
+    if (!ComputeSurroundings(width, height, image, alpha, valid, behind.data())) return 0;
+    for (std::size_t i = 0; i < 3 * count; ++i) image[i] += (1.0f - alpha[i / 3]) * behind[i];
     return 0;
   });
 }

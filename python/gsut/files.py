@@ -22,6 +22,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.orientation import add_orientation
+from gsut.system import flush_folder, is_alive, rename_over
 
 _MOST_ALIASES = 16  # of a YAML file
 _MOST_LETTERS = 60  # of a name: four bytes each, and a file system takes 255 with an ending
@@ -53,8 +54,8 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
         yield temporary
         with open(temporary, "r+b") as file:
             os.fsync(file.fileno())
-        os.replace(temporary, path)
-        _flush_folder(path.parent)
+        rename_over(temporary, path)
+        flush_folder(path.parent)
     except OSError as error:
         raise WriteError(
             f"cannot write {path}: {error.strerror or error}; is the folder writable and the disk "
@@ -80,7 +81,7 @@ def whole_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
         raise InputError(f"{path} {what}; give another folder (nothing was overwritten)")
     with staging_folder(path) as partial:
         yield partial
-        partial.rename(path)
+        rename_over(partial, path)
 
 
 @contextlib.contextmanager
@@ -163,25 +164,13 @@ def remove_unfinished(folder: Path, *, of_all: bool = False) -> None:
     for leftover in folder.glob(UNFINISHED + "*"):
         host, _, rest = leftover.name.removeprefix(UNFINISHED).partition("-")
         number = rest.partition("-")[0]
-        if not (of_all or (host == _HOST and number.isdecimal() and not _is_alive(int(number)))):
+        if not (of_all or (host == _HOST and number.isdecimal() and not is_alive(int(number)))):
             continue
         if leftover.is_dir() and not leftover.is_symlink():
             shutil.rmtree(leftover, ignore_errors=True)
         else:
             with contextlib.suppress(OSError):
                 leftover.unlink()
-
-
-def _is_alive(process: int) -> bool:
-    if os.name != "posix":
-        return True  # asking would end it
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except (OSError, OverflowError):
-        return True
-    return True
 
 
 def refuse_existing(path: Path, by: str = "") -> None:
@@ -383,14 +372,3 @@ def to_plain(value: Any) -> Any:
     if isinstance(value, Path):
         return str(value)
     return value
-
-
-def _flush_folder(folder: Path) -> None:
-    """Makes a rename last through a power cut, where the system can (not on Windows)."""
-    if os.name != "posix":
-        return
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

@@ -4,6 +4,7 @@
 #include <Eigen/LU>
 #include <cmath>
 #include <limits>
+#include <numbers>
 #include <string>
 
 #include "gsut/base/errors.h"
@@ -46,7 +47,8 @@ Eigen::Matrix4d SeriesExp(const Vector6d& xi) {
 
 TEST(PoseTest, ExpMatchesThePowerSeriesAtAnyAngle) {
   int ran = 0;
-  for (const double angle : {1e-300, 1e-12, 1e-6, 0.9e-4, 1.1e-4, 0.01, 1.0, 3.0, M_PI, 5.0}) {
+  for (const double angle :
+       {1e-300, 1e-12, 1e-6, 0.9e-4, 1.1e-4, 0.01, 1.0, 3.0, std::numbers::pi, 5.0}) {
     for (std::uint64_t stream = 0; stream < 10; ++stream) {
       const Vector6d xi = RandomTwist(stream, angle);
       const Eigen::Matrix4d found = ExpPose(xi).Matrix();

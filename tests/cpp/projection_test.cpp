@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <numbers>
 #include <string>
 #include <vector>
 
@@ -132,7 +133,7 @@ std::vector<Eigen::Vector3d> Silhouette(const OwnedGaussians<double>& g, std::si
   const double radius = std::sqrt(cutoff * (1.0 - sine2));
   std::vector<Eigen::Vector3d> points;
   for (int k = 0; k < kPoints; ++k) {
-    const double angle = 2.0 * M_PI * k / kPoints;
+    const double angle = 2.0 * std::numbers::pi * k / kPoints;
     const Eigen::Vector3d whitened =
         center - sine2 * center + radius * (std::cos(angle) * e1 + std::sin(angle) * e2);
     points.push_back(axes * scale.cwiseProduct(whitened));

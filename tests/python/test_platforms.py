@@ -1,5 +1,6 @@
 """Commands run where names of one platform do not exist, as on macOS and Windows."""
 
+import os
 import subprocess
 import sys
 import types
@@ -7,7 +8,8 @@ import types
 import pytest
 
 import gsut
-from gsut import output_folder
+from gsut import files, output_folder, system
+from gsut.data.export import link_file
 from small_videos import walk_past
 
 # What macOS lacks of Linux, and Windows of both. `os.name` stays, because the standard library
@@ -96,3 +98,39 @@ def test_output_folder_is_locked_where_there_is_no_fcntl(monkeypatch, tmp_path):
         monkeypatch.setattr(output_folder, "_claims", {})  # as another process has it
         with pytest.raises(gsut.InputError, match="another gsut is writing"):
             output_folder.claim_folder(tmp_path / "run", "train", None)
+
+
+def test_files_appear_on_windows_once_the_scanner_has_let_go(monkeypatch, tmp_path):
+    refusals = iter([PermissionError(13, "in use")] * 2)
+    replace = os.replace
+
+    def refuse_twice(source, target):
+        for refusal in refusals:
+            raise refusal
+        replace(source, target)
+
+    monkeypatch.setattr(system, "_IS_WINDOWS", True)
+    monkeypatch.setattr(os, "replace", refuse_twice)
+    files.write_file(tmp_path / "a.txt", b"new")
+    assert (tmp_path / "a.txt").read_bytes() == b"new"
+    (tmp_path / "out").mkdir()  # empty, which Windows renames nothing over
+    monkeypatch.setattr(os, "replace", lambda a, b: (os.rename(a, b), b.exists())[1])
+    with files.whole_folder(tmp_path / "out") as folder:
+        (folder / "b.txt").write_text("b")
+    assert (tmp_path / "out/b.txt").read_text() == "b"
+
+
+def test_links_that_the_system_refuses_are_told_with_what_to_do(monkeypatch, tmp_path):
+    def refuse(source, target):
+        raise OSError(1314, "A required privilege is not held by the client")
+
+    monkeypatch.setattr(os, "symlink", refuse)
+    with pytest.raises(gsut.InputError, match=r"privilege is not held.*without --link"):
+        link_file(tmp_path / "a", tmp_path / "b")
+
+
+def test_commands_to_type_are_quoted_for_the_shell_of_the_system(monkeypatch):
+    words = ["gsut", "view", "my run"]
+    assert system.format_command(words) == "gsut view 'my run'"
+    monkeypatch.setattr(system, "_IS_WINDOWS", True)
+    assert system.format_command(words) == 'gsut view "my run"'

@@ -40,17 +40,26 @@ void RequireWholeName(const std::string& path) {
   }
 }
 
+// Names are UTF-8 everywhere; Windows would take plain bytes for its own code page.
+std::filesystem::path ToPath(const std::string& name) {
+#ifdef _WIN32
+  return std::filesystem::path(std::u8string(name.begin(), name.end()));
+#else
+  return name;  // whatever bytes it has
+#endif
+}
+
 // A folder opens without an error and then reads nothing; a pipe would wait for ever.
 std::ifstream Open(const std::string& path) {
   RequireWholeName(path);
   std::error_code unknown;
-  const std::filesystem::file_status status = std::filesystem::status(path, unknown);
+  const std::filesystem::file_status status = std::filesystem::status(ToPath(path), unknown);
   if (std::filesystem::exists(status) && !std::filesystem::is_regular_file(status)) {
     const bool is_folder = std::filesystem::is_directory(status);
     throw InputError(path + ": " + (is_folder ? "a folder" : "a pipe or a device") +
                      ", not a file");
   }
-  std::ifstream stream(path, std::ios::binary);
+  std::ifstream stream(ToPath(path), std::ios::binary);
   if (!stream) throw InputError(path + ": cannot be opened: " + std::strerror(errno));
   return stream;
 }
@@ -238,22 +247,22 @@ std::int64_t PlyGaussianReader::Read(const GaussiansView<float>& out) {
 namespace {
 
 // What is to be written: where a link leads to. Throws InputError if that is not a file.
-std::string WritablePath(const std::string& path) {
+std::filesystem::path FindWritablePath(const std::string& path) {
   RequireWholeName(path);
   std::error_code error;
-  const std::filesystem::path real = std::filesystem::weakly_canonical(path, error);
-  const std::filesystem::file_status status = std::filesystem::status(path, error);
+  const std::filesystem::path real = std::filesystem::weakly_canonical(ToPath(path), error);
+  const std::filesystem::file_status status = std::filesystem::status(ToPath(path), error);
   if (std::filesystem::exists(status) && !std::filesystem::is_regular_file(status)) {
     throw InputError(path + ": cannot be written: it is not a file; give another name");
   }
-  return real.empty() ? path : real.string();
+  return real.empty() ? ToPath(path) : real;
 }
 
 }  // namespace
 
-void WritePly(const std::string& name, const GaussiansView<const float>& gaussians,
+void WritePly(const std::string& path, const GaussiansView<const float>& gaussians,
               const std::vector<std::string>& comments, bool surfels) {
-  const std::string path = WritablePath(name);
+  const std::filesystem::path target = FindWritablePath(path);
   // A line break would end the comment and begin a line of the header.
   for (const std::string& comment : comments) {
     if (comment.find_first_of("\r\n") != std::string::npos) {
@@ -264,7 +273,8 @@ void WritePly(const std::string& name, const GaussiansView<const float>& gaussia
   const int scales = surfels ? 2 : 3;
   const std::string header = GaussianHeader(gaussians, comments, scales, &properties);
   // Written beside, then renamed: a crash or a full disk leaves the old file as it was.
-  const std::string partial = path + ".partial";
+  std::filesystem::path partial = target;
+  partial += ".partial";
   std::ofstream stream(partial, std::ios::binary | std::ios::trunc);
   if (!stream) throw InputError(path + ": cannot be written: " + std::strerror(errno));
   stream.write(header.data(), static_cast<std::streamsize>(header.size()));
@@ -283,10 +293,12 @@ void WritePly(const std::string& name, const GaussiansView<const float>& gaussia
                  static_cast<std::streamsize>(static_cast<std::size_t>(end - begin) * row_bytes));
   }
   stream.close();
-  if (!stream || std::rename(partial.c_str(), path.c_str()) != 0) {
-    const std::string reason = std::strerror(errno);
-    std::remove(partial.c_str());
-    throw InputError(path + ": cannot be written: " + reason);
+  std::error_code error(errno, std::generic_category());
+  if (stream) std::filesystem::rename(partial, target, error);
+  if (!stream || error) {
+    std::error_code ignored;
+    std::filesystem::remove(partial, ignored);
+    throw InputError(path + ": cannot be written: " + error.message());
   }
 }
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import functools
-import os
 import time
 from collections.abc import Collection, Iterator
 from pathlib import Path
@@ -47,6 +46,7 @@ from gsut.run import (
     read_plan,
     release_memory,
 )
+from gsut.system import rename_over
 from gsut.training.first import choose_complexity, find_plain_background, limit_gaussians
 from gsut.training.record import (
     TrainedRun,
@@ -315,7 +315,7 @@ class Stages:
             "pixels": self.coarse.pixels + sum(row["pixels"] for row in rows),
         }  # fmt: skip
         metrics["notes"] += describe_place(self._place)
-        os.replace(self._folder / RunFile.SCENE, self._run.path / RunFile.SCENE)
+        rename_over(self._folder / RunFile.SCENE, self._run.path / RunFile.SCENE)
         write_findings(
             self._run, metrics, scene.path, scene if o.refine_poses else None,
             self._run.read_given_options(), self._blocks.list_words(),

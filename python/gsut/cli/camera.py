@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import math
-import shlex
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ from gsut import _core
 from gsut._core import InputError
 from gsut.cli._flags import Number, add_json, count, parse_image_size, positive, print_json, whole
 from gsut.files import refuse_existing
+from gsut.system import format_command
 
 HELP = "convert a lens into another model, find one by the camera's name"
 DESCRIPTION = "Works on lens files and on a database of calibrated lenses."
@@ -66,7 +66,7 @@ def _find(arguments: argparse.Namespace) -> int:
         note = f" (doubtful: {', '.join(p.doubts)})" if p.doubts else ""
         size_text = f"{p.width} x {p.height}"
         print(f"{field:>6}° {size_text:>11} {readout:>8} {p.rms:6.2f} px  {p.name}{note}")
-    name = shlex.quote(" ".join(arguments.words))
+    name = format_command([" ".join(arguments.words)])
     print(f"{len(shown)} of {len(found)} lenses; the first one serves as --camera {name}")
     return 0
 

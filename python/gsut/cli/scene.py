@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import shlex
 
 from gsut.cli._flags import add_json, add_quiet, print_json, read_folder_name
 from gsut.cli.view import LivePage, add_live_flags
 from gsut.run import SceneOptions
 from gsut.run.options import add_option_flags, collect_given
+from gsut.system import format_command
 
 HELP = "a scene from a video or photographs, in one command"
 DESCRIPTION = (
@@ -52,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
                 on_training=page.begin,
             )  # fmt: skip
         except KeyboardInterrupt:
-            words = shlex.join(["gsut", "scene", *arguments.inputs, "-o", arguments.out])
+            words = format_command(["gsut", "scene", *arguments.inputs, "-o", arguments.out])
             raise KeyboardInterrupt(
                 f"interrupted; finished stages are kept in {arguments.out}. Run the same command "
                 f"again to resume: {words} ..."

@@ -6,7 +6,6 @@ import argparse
 import concurrent.futures
 import dataclasses
 import importlib
-import shlex
 import sys
 from typing import Any
 
@@ -23,6 +22,7 @@ from gsut.cli.view import LivePage, add_live_flags
 from gsut.output_folder import is_claimed
 from gsut.run import BlockOptions, RunFile, RunFolder, TrainOptions, Verdict, read_plan
 from gsut.run.options import add_option_flags, collect_given, fit_to_views
+from gsut.system import format_command
 
 HELP = "train a scene on photographs"
 DESCRIPTION = (
@@ -160,7 +160,7 @@ def train_into(
     except KeyboardInterrupt:
         kept = [] if blocks is None else blocks.list_words("blocks", "rounds")
         resumed = ["--resume"] if run.has_run() else []
-        again = shlex.join(["gsut", "train", data, "-o", str(run.path), *resumed, *kept])
+        again = format_command(["gsut", "train", data, "-o", str(run.path), *resumed, *kept])
         how = "resume from the last checkpoint" if resumed else "start again"
         raise KeyboardInterrupt(f"interrupted; to {how}, run: {again}") from None
     return run.read_json(RunFile.METRICS)

@@ -17,6 +17,7 @@ from gsut.data.points import format_points_ply
 from gsut.data.poses import invert_pose
 from gsut.files import WriteError, claim_name, write_file
 from gsut.lens import Camera
+from gsut.system import rename_over
 
 POINTS = "points3D.ply"
 _SAME_PLACE = 1e-6  # of a rig's poses against each other, relative to its distances
@@ -75,15 +76,24 @@ def copy_file(source: Path, target: Path) -> None:
 
 
 def link_file(source: Path, target: Path) -> None:
-    """Makes a symbolic link to a file, and the folders above it."""
+    """Makes a symbolic link to a file, and the folders above it.
+
+    Raises:
+        WriteError: the file system or the system knows none (Windows wants a privilege).
+    """
     target.parent.mkdir(parents=True, exist_ok=True)
-    os.symlink(source.resolve(), target)
+    try:
+        os.symlink(source.resolve(), target)
+    except OSError as error:
+        raise WriteError(
+            f"cannot link {target}: {error.strerror}; give it without --link, which copies"
+        ) from None
 
 
 def move_file(source: Path, target: Path) -> None:
     """Moves a file within a file system, making the folders above it."""
     target.parent.mkdir(parents=True, exist_ok=True)
-    os.replace(source, target)
+    rename_over(source, target)
 
 
 def strip_images_folder(frame: Frame) -> str:

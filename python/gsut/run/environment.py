@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import os
 import platform
-import shlex
 import sys
 import time
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from gsut import _core
+from gsut.system import format_command
 
 _MEGABYTE = 2**20
 
@@ -49,7 +49,7 @@ def describe_environment(dataset: str | os.PathLike[str] | None = None) -> dict[
 def format_command_line() -> str:
     """Returns the command line of this process, without the program's path."""
     program = Path(sys.argv[0]).name if sys.argv and sys.argv[0] else "python"
-    return shlex.join(["gsut" if program == "__main__.py" else program, *sys.argv[1:]])
+    return format_command(["gsut" if program == "__main__.py" else program, *sys.argv[1:]])
 
 
 def measure_peak_rss() -> float | None:

@@ -4,7 +4,8 @@ Needs torch, any build of it (`pip install gsut[torch]` brings one). Nothing els
 this folder.
 """
 
+from gsut.torch.patch import patch_gsplat
 from gsut.torch.rasterization import rasterization
 from gsut.torch.views import View, render_view
 
-__all__ = ["View", "rasterization", "render_view"]
+__all__ = ["View", "patch_gsplat", "rasterization", "render_view"]

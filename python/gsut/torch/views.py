@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -85,6 +86,7 @@ def render_view(
     features: torch.Tensor | None = None,
     pose_end: torch.Tensor | None = None,
     means2d: torch.Tensor | None = None,
+    wants_means2d: Callable[[], bool] | None = None,
 ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
     """Renders one view before black; gradients reach every tensor.
 
@@ -100,6 +102,8 @@ def render_view(
         pose_end: (4, 4) at the end of a rolling shutter.
         means2d: (N, 2) whose values are not read; its gradient becomes that to the centres in
             pixels, which strategies of densification read.
+        wants_means2d: called in the backward pass, returns whether that gradient is wanted; None:
+            it is.
 
     Returns:
         image (H, W, 3), alpha (H, W), depth (H, W), features (H, W, D); see `gsut.Render`.
@@ -108,8 +112,9 @@ def render_view(
         InputError: as of `gsut.render`, and for tensors on a device.
     """
     return _RenderView.apply(
-        view, means, quats, scales, opacities, pose, lens, sh, features, pose_end, means2d
-    )
+        view, means, quats, scales, opacities, pose, lens, sh, features, pose_end, means2d,
+        wants_means2d,
+    )  # fmt: skip
 
 
 class _RenderView(torch.autograd.Function):
@@ -120,7 +125,7 @@ class _RenderView(torch.autograd.Function):
         ctx: Any, view: View, means: torch.Tensor, quats: torch.Tensor, scales: torch.Tensor,
         opacities: torch.Tensor, pose: torch.Tensor, lens: torch.Tensor,
         sh: torch.Tensor | None, features: torch.Tensor | None, pose_end: torch.Tensor | None,
-        means2d: torch.Tensor | None,
+        means2d: torch.Tensor | None, wants_means2d: Callable[[], bool] | None,
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:  # fmt: skip
         named = {"means": means, "quats": quats, "scales": scales, "opacities": opacities}
         arrays: dict[str, Any] = {name: to_array(tensor, name) for name, tensor in named.items()}
@@ -139,18 +144,18 @@ class _RenderView(torch.autograd.Function):
         ctx.poses = [
             to_array(p.to(torch.float64), "pose") for p in (pose, pose_end) if p is not None
         ]
-        ctx.inputs = (pose, lens, sh, features, pose_end, means2d)
+        ctx.inputs = (pose, lens, sh, features, pose_end, means2d, wants_means2d)
         of_features = result.features
         if of_features is None:
             of_features = np.zeros((view.height, view.width, 0), gaussians.dtype)
         ctx.set_materialize_grads(False)
         pictures = (result.image, result.alpha, result.depth, of_features)
-        return tuple(to_tensor(picture.copy()) for picture in pictures)
+        return tuple(to_tensor(picture) for picture in pictures)  # backward reads none of them
 
     @staticmethod
     def backward(ctx: Any, *outer: torch.Tensor | None) -> Any:
         result = ctx.result
-        pose, lens, sh, features, pose_end, means2d = ctx.inputs
+        pose, lens, sh, features, pose_end, means2d, wants_means2d = ctx.inputs
         dimage, dalpha, ddepth, dfeatures = (
             None if gradient is None else to_array(gradient, "a gradient") for gradient in outer
         )
@@ -163,10 +168,11 @@ class _RenderView(torch.autograd.Function):
             result, dimage, dalpha, ddepth, dfeatures=dfeatures, with_lens=wants_lens
         )
         g = found.gaussians
-        to_poses = found.pose.reshape(-1, 6)
-        of_poses = [
-            to_tensor(differentiate_matrix(twist, matrix)).to(pose.dtype)
-            for twist, matrix in zip(to_poses, ctx.poses, strict=True)
+        of_poses: list[torch.Tensor | None] = [
+            to_tensor(differentiate_matrix(twist, matrix)).to(pose.dtype) if is_wanted else None
+            for twist, matrix, is_wanted in zip(
+                found.pose.reshape(-1, 6), ctx.poses, _list_wanted(pose, pose_end), strict=True
+            )
         ]
         of_lens = None if found.lens is None else to_tensor(found.lens).to(lens.dtype)
         of_features = None
@@ -175,13 +181,18 @@ class _RenderView(torch.autograd.Function):
             if found.features is not None:
                 of_features = to_tensor(found.features)
         of_means2d = None
-        if means2d is not None:
+        if means2d is not None and (wants_means2d is None or wants_means2d()):
             of_means2d = to_tensor(find_pixel_slopes(result, g.means)).to(means2d.dtype)
         return (
             None, *(to_tensor(array) for array in (g.means, g.quats, g.scales, g.opacities)),
             of_poses[0], of_lens, None if sh is None else to_tensor(g.sh), of_features,
             of_poses[1] if pose_end is not None and len(of_poses) > 1 else None, of_means2d,
+            None,
         )  # fmt: skip
+
+
+def _list_wanted(*poses: torch.Tensor | None) -> list[bool]:
+    return [pose.requires_grad for pose in poses if pose is not None]
 
 
 def differentiate_matrix(twist: np.ndarray, matrix: np.ndarray) -> np.ndarray:
@@ -208,11 +219,17 @@ def find_pixel_slopes(result: Any, to_means: np.ndarray) -> np.ndarray:
     pose = motion.at(0.5) if isinstance(motion, CameraMotion) else motion
     in_camera = to_means.astype(np.float64) @ pose[:3, :3].T
     points = result.gaussians.means.astype(np.float64) @ pose[:3, :3].T + pose[:3, 3]
-    jacobian, _ = result.camera.project_jacobian(points)
     out = np.zeros((len(points), 2))
-    valid = np.isfinite(jacobian).all(axis=(1, 2))
-    j = jacobian[valid]
-    squares = j @ j.transpose(0, 2, 1)
-    right = np.einsum("nij,nj->ni", j, in_camera[valid])
-    out[valid] = np.linalg.solve(squares, right[..., None])[..., 0]
+    moved = np.flatnonzero(in_camera.any(axis=1))  # few of a large scene
+    j, _ = result.camera.project_jacobian(points[moved])
+    # The 2 x 2 system j j^T x = j g, solved in closed form.
+    right = np.einsum("nij,nj->ni", j, in_camera[moved])
+    squares = np.einsum("nik,njk->nij", j, j)
+    xx, xy, yy = squares[:, 0, 0], squares[:, 0, 1], squares[:, 1, 1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        inverse = 1.0 / (xx * yy - xy * xy)
+        u = (yy * right[:, 0] - xy * right[:, 1]) * inverse
+        v = (xx * right[:, 1] - xy * right[:, 0]) * inverse
+    valid = np.isfinite(u) & np.isfinite(v)
+    out[moved[valid]] = np.stack([u, v], 1)[valid]
     return out

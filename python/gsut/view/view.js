@@ -15,12 +15,16 @@ const SCALES = { small: [0.2, 0.25, 0.35, 0.5, 0.7, 1], large: [0.35, 0.5, 0.5, 
 const SHARES = { small: [1, 1, 1, 1, 1, 1], large: [0.25, 0.25, 0.5, 1, 1, 1] };
 // Milliseconds of a frame above which the level falls.
 const SLOW_MS = 60;
-// Milliseconds of a frame below which the level rises.
-const FAST_MS = 25;
+// Milliseconds of a frame below which the level rises, unless the next one is known to be slow.
+const FAST_MS = 50;
 // Milliseconds of a frame above which Gaussians are left out: ten frames a second.
 const SLOWEST_MS = 100;
 // Milliseconds after the last movement until a frame of full quality is requested.
 const REST_MS = 140;
+// Longer side in pixels below which a frame while moving is not drawn: the Gaussians take the time there.
+const LEAST_SIDE = 160;
+// Quality of the JPEG of a frame while moving.
+const MOVING_QUALITY = 75;
 // Most pixels of a frame, unless it is lossless.
 const MOST_PIXELS = 3e6;
 // Field of view in degrees of the pinhole that fills the window.
@@ -102,7 +106,11 @@ function toast(text, seconds = 4) {
 const guarded = (action) => async (...event) => { try { await action(...event); } catch (error) { toast(error.message, 8); } };
 
 // --- frames --------------------------------------------------------------------------------------
-let wanted = false, busy = false, lastMove = -1e9, level = 3, latency = 40, restTimer, shown = 0, drawnTimes = [];
+// Weight of the newest frame in what a level takes, and what is left a frame of what another level took:
+// a level that was slow is tried again some seconds later.
+const NEWEST = 0.3, FADE = 0.995;
+let wanted = false, busy = false, lastMove = -1e9, level = 3, restTimer, shown = 0, drawnTimes = [];
+const took = []; // milliseconds of a frame by level; 0: its first one, which also makes the camera, is to come
 
 const kind = () => (scene.num_gaussians > LARGE ? "large" : "small");
 function size() { // of the picture on the page, CSS pixels
@@ -115,7 +123,8 @@ function request(moving) {
   if (state.lossless && !moving) [width, height] = [lens.width, lens.height];
   else {
     const room = Math.sqrt(Math.min(1, MOST_PIXELS / (width * height * devicePixelRatio ** 2)));
-    const factor = moving ? SCALES[kind()][level] : devicePixelRatio * room;
+    const least = Math.min(1, LEAST_SIDE / Math.max(width, height));
+    const factor = moving ? Math.max(least, SCALES[kind()][level]) : devicePixelRatio * room;
     [width, height] = [width, height].map((side) => Math.max(8, Math.round(side * factor)));
   }
   const mode = state.mode === "error" && state.view === null ? "color" : state.mode;
@@ -123,7 +132,7 @@ function request(moving) {
   return {
     pose: state.exact ?? poseOf(state.eye), lens: lens.id, turns: lens.turns, width, height, mode, view: state.view, shutter: rolling,
     layers: [...state.layers, ...($("crop-box").open ? ["box"] : [])], crop: state.crop,
-    marks: state.marks, quality: moving ? 75 : state.lossless ? null : 92,
+    marks: state.marks, quality: moving ? MOVING_QUALITY : state.lossless ? null : 92,
     clean: state.clean, ground: state.ground, share: moving ? SHARES[kind()][level] : 1,
   };
 }
@@ -146,15 +155,19 @@ async function frame() {
       await new Promise((done) => setTimeout(done, 500));
     }
     if (moving) {
-      latency += 0.3 * (performance.now() - began - latency);
-      const shares = SHARES[kind()];
-      if (level > 0 && latency > (shares[level - 1] < shares[level] ? SLOWEST_MS : SLOW_MS)) { level--; latency *= 0.6; }
-      if (latency < FAST_MS && level < SCALES.length - 1) { level++; latency *= 1.5; }
+      chooseLevel(performance.now() - began);
       clearTimeout(restTimer);
       restTimer = setTimeout(() => redraw(false), REST_MS + 20);
     }
   }
   busy = false;
+}
+function chooseLevel(ms) { // of the next moving frame, by the milliseconds of the last one
+  if (!took[level]) { took[level] = took[level] === 0 ? ms : 0; return; }
+  took.forEach((before, k) => (took[k] = k === level ? before + NEWEST * (Math.min(ms, 2 * SLOW_MS) - before) : FADE * before));
+  const shares = SHARES[kind()], slowest = (k) => (shares[k - 1] < shares[k] ? SLOWEST_MS : SLOW_MS);
+  if (level > 0 && took[level] > slowest(level)) level--;
+  else if (level < shares.length - 1 && took[level] < FAST_MS && !(took[level + 1] > FAST_MS)) level++;
 }
 function show(picture, values, span, way) {
   const canvas = $("canvas");
@@ -163,7 +176,7 @@ function show(picture, values, span, way) {
   picture.close?.();
   const now = performance.now();
   drawnTimes = [...drawnTimes.filter((time) => now - time < 1000), now];
-  $("pace").textContent = `${drawnTimes.length > 1 ? drawnTimes.length + " frames/s · " : ""}${values.width} × ${values.height}${values.quality === null ? " exact" : ""}${way ? " · " + way : ""}`;
+  $("pace").textContent = `${values.quality === MOVING_QUALITY && drawnTimes.length > 1 ? drawnTimes.length + " frames/s · " : ""}${values.width} × ${values.height}${values.quality === null ? " exact" : ""}${way ? " · " + way : ""}`;
   $("legend").hidden = !span;
   if (span) {
     const [low, high] = span.split(" ").map(Number), error = values.mode === "error";
@@ -671,7 +684,7 @@ async function followTraining() {
 function facts() {
   const parts = [];
   if (scene.kind !== "data" && scene.num_gaussians) parts.push(`${scene.num_gaussians.toLocaleString()} Gaussians`);
-  if (scene.views.length) parts.push(`${scene.views.length} photographs`);
+  if (scene.views.length) parts.push(`${scene.views.length} photograph${scene.views.length > 1 ? "s" : ""}`);
   if (scene.kind === "data") parts.push(`${scene.num_points.toLocaleString()} points`);
   if (scene.figures.psnr) parts.push(`${scene.figures.psnr.toFixed(2)} dB held out`);
   $("facts").textContent = parts.join(" · ");
@@ -805,4 +818,7 @@ async function begin() {
   if (scene.kind === "data") await fillFindings();
   if (scene.live) await followTraining();
 }
-guarded(begin)();
+begin().catch((error) => { // nothing here works then: the reason stays
+  document.body.classList.add("narrow");
+  toast(error.message, 1e6);
+});

@@ -40,7 +40,7 @@ VIEWS = 20
 @pytest.fixture(scope="module")
 def hall(tmp_path_factory):
     folder = tmp_path_factory.mktemp("poses") / "hall"
-    return make_demo_scene(folder, VIEWS, test_views=0, size=200, progress=False)
+    return make_demo_scene(folder, VIEWS, test_views=0, size=168, progress=False)
 
 
 def find_hall_poses(hall, tmp_path, lens):
@@ -58,7 +58,7 @@ def test_poses_with_the_lens_have_errors_beside_seconds(hall, tmp_path):
 
 
 def test_poses_without_the_lens_state_its_uncertainty(tmp_path):
-    hall = make_demo_scene(tmp_path / "few", views=10, test_views=0, size=176, progress=False)
+    hall = make_demo_scene(tmp_path / "few", views=8, test_views=0, size=112, progress=False)
     row = find_hall_poses(hall, tmp_path, UNKNOWN)
     # Few views of a few pixels: the lens is found, or the reason why not.
     assert WRONG in row or row["focal_sigma_percent"] > 0

@@ -1,6 +1,9 @@
 """gsut.torch: bits of `gsut.render_backward`, gradcheck in float64, gsplat's vectors and shapes."""
 
 import dataclasses
+import importlib
+import inspect
+import types
 from pathlib import Path
 
 import numpy as np
@@ -252,30 +255,177 @@ def test_any_lens_renders_and_its_parameters_get_gradients(rng):
     assert ran == 3
 
 
-def test_what_is_not_supported_is_refused_by_name(rng):
-    (means, quats, scales, opacities, sh), camera, pose = make_scene(rng)
+# gsplat 1.6's signature, an argument a line: how a value that is not the default is taken.
+CHANGES_THE_IMAGE, CHANGES_NO_PIXEL = "changes the image", "changes no pixel"
+SIGNATURE = {
+    "means": CHANGES_THE_IMAGE,
+    "quats": CHANGES_THE_IMAGE,
+    "scales": CHANGES_THE_IMAGE,
+    "opacities": CHANGES_THE_IMAGE,
+    "colors": CHANGES_THE_IMAGE,
+    "viewmats": CHANGES_THE_IMAGE,
+    "Ks": CHANGES_THE_IMAGE,
+    "width": CHANGES_THE_IMAGE,
+    "height": CHANGES_THE_IMAGE,
+    "near_plane": CHANGES_THE_IMAGE,
+    "far_plane": CHANGES_THE_IMAGE,
+    "radius_clip": CHANGES_THE_IMAGE,
+    "eps2d": CHANGES_NO_PIXEL,
+    "sh_degree": CHANGES_THE_IMAGE,
+    "packed": CHANGES_NO_PIXEL,
+    "tile_size": CHANGES_NO_PIXEL,
+    "backgrounds": CHANGES_THE_IMAGE,
+    "render_mode": CHANGES_THE_IMAGE,
+    "sparse_grad": "gradients are dense",
+    "absgrad": "means2d has no absolute gradient",
+    "rasterize_mode": "antialiased belongs to the 2D kernels",
+    "channel_chunk": CHANGES_NO_PIXEL,
+    "distributed": "one process renders",
+    "camera_model": CHANGES_THE_IMAGE,
+    "segmented": CHANGES_NO_PIXEL,
+    "covars": "rays meet Gaussians of quats and scales",
+    "with_ut": CHANGES_NO_PIXEL,
+    "with_eval3d": CHANGES_NO_PIXEL,
+    "return_normals": CHANGES_NO_PIXEL,
+    "global_z_order": CHANGES_THE_IMAGE,
+    "rays": "rays are the lens'",
+    "radial_coeffs": CHANGES_THE_IMAGE,
+    "tangential_coeffs": CHANGES_THE_IMAGE,
+    "thin_prism_coeffs": CHANGES_THE_IMAGE,
+    "ftheta_coeffs": CHANGES_THE_IMAGE,
+    "lidar_coeffs": "there is no spinning lidar",
+    "external_distortion_coeffs": "there is no windshield",
+    "rolling_shutter": CHANGES_THE_IMAGE,
+    "viewmats_rs": CHANGES_THE_IMAGE,
+    "ut_params": CHANGES_NO_PIXEL,
+    "extra_signals": CHANGES_NO_PIXEL,
+    "extra_signals_sh_degree": CHANGES_NO_PIXEL,
+    "renderer_config": CHANGES_NO_PIXEL,
+}
+OURS = {"masks", "camera", "camera_params", "api"}
+
+
+def make_values(rng):
+    """A call of `rasterization`, and a second value of each argument with what it needs."""
+    (means, quats, scales, opacities, sh), _, pose = make_scene(rng)
+    matrix = tensor([[30, 0, 20], [0, 30, 20], [0, 0, 1]])[None]
+    base = {
+        "means": means, "quats": quats, "scales": scales, "opacities": opacities, "colors": sh,
+        "viewmats": pose[None], "Ks": matrix, "width": SIZE, "height": SIZE, "sh_degree": 1,
+    }  # fmt: skip
+    end = turn(torch.full((6,), 0.05), pose)[None]
+    polynomial = {
+        "reference_poly": 1, "pixeldist_to_angle_poly": [0, 1 / 30, 0, 0, 0, 0],
+        "angle_to_pixeldist_poly": [0, 30.0, 0, 0, 0, 0], "max_angle": 1.2,
+        "linear_cde": [1, 0, 0],
+    }  # fmt: skip
+    second = {
+        "means": means + 0.1, "quats": quats.flip(1), "scales": 0.7 * scales,
+        "opacities": 0.5 * opacities, "colors": sh + 0.1, "viewmats": end, "Ks": 1.1 * matrix,
+        "width": SIZE - 8, "height": SIZE - 8, "near_plane": 3.0, "far_plane": 2.0,
+        "radius_clip": 4.0, "eps2d": 1.0, "sh_degree": 0, "packed": False, "tile_size": 8,
+        "backgrounds": torch.ones(1, 3), "render_mode": "ED", "sparse_grad": True,
+        "absgrad": True, "rasterize_mode": "antialiased", "channel_chunk": 2, "distributed": True,
+        "camera_model": "ortho", "segmented": True, "covars": torch.ones(80, 6), "with_ut": True,
+        "with_eval3d": True, "return_normals": True, "global_z_order": False,
+        "rays": torch.ones(1, SIZE, SIZE, 6), "radial_coeffs": torch.full((1, 4), 0.1),
+        "tangential_coeffs": torch.full((1, 2), 0.05), "thin_prism_coeffs": torch.full((1, 4), 0.1),
+        "ftheta_coeffs": types.SimpleNamespace(**polynomial), "lidar_coeffs": object(),
+        "external_distortion_coeffs": object(), "rolling_shutter": 1, "viewmats_rs": end,
+        "ut_params": object(), "extra_signals": torch.rand(80, 2),
+        "extra_signals_sh_degree": 1, "renderer_config": object(),
+    }  # fmt: skip
+    needs = {
+        "ftheta_coeffs": {"camera_model": "ftheta"}, "rolling_shutter": {"viewmats_rs": end},
+        "viewmats_rs": {"rolling_shutter": 0},
+        "extra_signals_sh_degree": {"extra_signals": torch.rand(80, 4, 5)},
+    }  # fmt: skip
+    return base, second, needs
+
+
+def test_every_argument_of_gsplat_is_supported_or_refused_by_name_and_reason(rng):
+    assert set(inspect.signature(rasterization).parameters) == set(SIGNATURE) | OURS
+    base, second, needs = make_values(rng)
+    plain, _, _ = rasterization(**base)
+    walked = 0
+    for name, effect in SIGNATURE.items():
+        call = {**base, **needs.get(name, {}), name: second[name]}
+        if effect not in (CHANGES_THE_IMAGE, CHANGES_NO_PIXEL):
+            with pytest.raises(gsut.InputError, match=f"{name} is not supported .*: {effect}"):
+                rasterization(**call)
+        else:
+            image, _, info = rasterization(**call)
+            is_same = image.shape == plain.shape and torch.equal(image, plain)
+            assert is_same == (effect == CHANGES_NO_PIXEL), name
+            if name.startswith("extra_signals"):
+                assert info["render_extra_signals"].shape[:3] == image.shape[:3], name
+        walked += 1
+    assert walked == len(second) == 43
+
+
+def test_words_that_are_not_known_are_refused(rng):
+    base, _, _ = make_values(rng)
     cases = {
-        "rasterize_mode": ("antialiased", "rasterize_mode is not supported"),
-        "sparse_grad": (True, "sparse_grad is not supported"),
-        "covars": (means, "covars is not supported"),
-        "distributed": (True, "distributed is not supported"),
         "render_mode": ("median", 'render_mode "median" is not supported; known: RGB'),
         "camera_model": ("lidar", 'camera_model "lidar" is not supported; known: pinhole'),
-        "rays": (means, "rays is not supported"),
         "api": ("2.0", 'api "2.0" is unknown'),
+        "rolling_shutter": (7, "rolling_shutter 7 is unknown; known: 0 to 4"),
+        "colors": (torch.ones(3, 80, 4, 3), r"colors has shape \(3, 80, 4, 3\), which fits no"),
+        "extra_signals": (torch.ones(5), r"extra_signals has shape \(5,\), which fits no batch"),
     }
     for name, (value, message) in cases.items():
         with pytest.raises(gsut.InputError, match=message):
-            rasterization(
-                means, quats, scales, opacities, sh, pose[None], make_matrix(camera)[None], SIZE,
-                SIZE, sh_degree=1, **{"camera_model": "fisheye", name: value},
-            )  # fmt: skip
-    assert len(cases) == 8
+            rasterization(**{**base, name: value})
+    assert len(cases) == 6
     with pytest.raises(gsut.InputError, match=r"colors is torch.int64: convert"):
-        rasterization(
-            means, quats, scales, opacities, torch.ones(80, 3, dtype=torch.int64), pose[None],
-            make_matrix(camera)[None], SIZE, SIZE,
-        )  # fmt: skip
+        numbers = torch.ones(80, 3, dtype=torch.int64)
+        rasterization(**{**base, "colors": numbers, "sh_degree": None})
+
+
+def test_signals_normals_and_harmonics_of_other_widths_are_channels(rng):
+    base, _, _ = make_values(rng)
+    plain, alphas, _ = rasterization(**base)
+    doubled = torch.cat([base["colors"], base["colors"]], -1)
+    signals = torch.rand(80, 5)
+    image, _, info = rasterization(
+        **{**base, "colors": doubled}, extra_signals=signals, return_normals=True
+    )
+    assert image.shape[-1] == 6
+    for half in (image[..., :3], image[..., 3:]):
+        assert torch.allclose(half, plain, atol=tolerances.TORCH_SHADING)
+    expected, _, _ = rasterization(**{**base, "colors": signals, "sh_degree": None})
+    assert torch.equal(info["render_extra_signals"], expected)
+    # Harmonics of signals stand about a half and are not clamped.
+    low = torch.full((80, 4, 1), -10.0)
+    _, _, info = rasterization(**base, extra_signals=low, extra_signals_sh_degree=0)
+    level = -10 * 0.28209479177 + 0.5
+    assert torch.allclose(info["render_extra_signals"], level * alphas, atol=1e-5)
+    # Normals are unit vectors that face the camera.
+    _, _, info = rasterization(**base, return_normals=True)
+    normals, rays = info["normals"][0], tensor(gsut.Camera(
+        "pinhole", [30, 30, 20, 20], SIZE, SIZE).rays()[0])  # fmt: skip
+    towards = (normals * (rays @ base["viewmats"][0, :3, :3])).sum(-1)
+    assert (normals.norm(dim=-1) <= alphas[0, ..., 0] + 1e-5).all()
+    assert (towards[alphas[0, ..., 0] > 0.3] < 0).float().mean() > 0.9
+
+
+def test_info_that_nobody_reads_costs_no_projection_and_no_gradient(rng, monkeypatch):
+    base, _, _ = make_values(rng)
+    calls = []
+    module = importlib.import_module("gsut.torch.info")
+    project = module.project_view
+    monkeypatch.setattr(module, "project_view", lambda *a: calls.append(1) or project(*a))
+    image, _, info = rasterization(**base, packed=False)
+    image.sum().backward()
+    assert calls == [] and info["means2d"].grad is None and calls == [1]
+    assert "radii" in info and info["width"] == SIZE and len(dict(info)) == len(info)
+    # What is read after an optimizer's step is what was rendered.
+    image, _, info = rasterization(**base, packed=False)
+    _, _, other = rasterization(**base, packed=False)
+    expected = other["depths"].clone()
+    with torch.no_grad():
+        base["means"] += 1.0
+    assert torch.equal(info["depths"], expected)
 
 
 def test_code_of_the_page_runs(capsys):

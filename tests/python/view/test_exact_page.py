@@ -67,6 +67,22 @@ def test_page_on_a_card_at_rest_is_within_one_level_of_render(
         pytest.skip("this browser has no WebGPU")
     check_page_at_rest(card_window, tmp_path, scene, gaussians, background, "#card")
     assert "graphics card" in card_window.run("return $('pace').textContent;")
+    if background is None:
+        return
+    before = card_window.read_canvas()
+    parts = card_window.run("""
+      const { card } = server, { most } = card;
+      card.most = 64 * 4 * 12; // as if bindings held 64 Gaussians
+      card.setScene(server.gaussians);
+      card.most = most;
+      const shown = Number(document.body.dataset.frames);
+      redraw(false);
+      while (Number(document.body.dataset.frames) === shown) {
+        await new Promise((done) => setTimeout(done, 20));
+      }
+      return [card.scene.parted.length, $('pace').textContent];""")
+    assert parts[0] == 5 and "graphics card" in parts[1]
+    np.testing.assert_array_equal(card_window.read_canvas(), before)
 
 
 def check_page_at_rest(window, tmp_path, scene, gaussians, background, part=""):
@@ -87,6 +103,45 @@ def check_page_at_rest(window, tmp_path, scene, gaussians, background, part=""):
         assert found.shape == shown.shape
         assert np.abs(found - shown).max() <= 1
         assert found.std() > 10
+
+
+def test_every_moving_frame_is_ordered_from_its_own_pose(window, tmp_path, scene):
+    # Two Gaussians, green before red as photographed; the eye walks around them.
+    one = gaussians_in_view(rng_of("walk"), fisheye(), scene.views[0].camera_from_world, 2)
+    pose = scene.views[0].camera_from_world
+    ahead = np.linalg.inv(pose)[:3] @ [[0.0, 0.0], [0.0, 0.0], [2.0, 2.4], [1.0, 1.0]]
+    one.means[:] = ahead.T - one.origin
+    one.log_scales[:] = np.log(0.4)
+    one.opacity_logits[:] = 4.0
+    one.sh[:] = 0.0
+    one.sh[:, 0] = [[-1.5, 1.5, -1.5], [1.5, -1.5, -1.5]]
+    write_and_open(window, tmp_path, Stage("two", "run", one, scene))
+    window.run("goTo(0);")
+    window.wait("JSON.parse(document.body.dataset.frame).view === 0 && !busy && !wanted")
+    found = window.run(f"""
+      const colors = [], draw = server.draw.bind(server);
+      server.draw = async (...values) => {{
+        const drawn = await draw(...values);
+        const at = 3 * (Math.floor(drawn.height / 2) * drawn.width + Math.floor(drawn.width / 2));
+        colors.push([values[0].pose, drawn.image[at], drawn.image[at + 1]]);
+        return drawn;
+      }};
+      state.pivot = {(ahead.mean(axis=1)).tolist()};
+      for (let k = 0; k < 24; k++) {{
+        orbit(Math.PI / 24, 0);
+        await new Promise((done) => setTimeout(done, 30));
+      }}
+      server.draw = draw;
+      return colors;""")
+    greens = 0
+    for pose, red, green in found:
+        distances = np.linalg.norm(
+            np.reshape(pose, (4, 4))[:3] @ np.vstack([ahead, [1, 1]]), axis=0
+        )
+        if abs(distances[0] - distances[1]) > 0.02:
+            assert (green > red) == (distances[0] < distances[1])
+            greens += green > red
+    assert 3 <= greens <= len(found) - 3
 
 
 def test_page_draws_every_lens_and_measures(window, tmp_path, scene, gaussians):
@@ -131,6 +186,7 @@ def test_damaged_page_says_what_is_wrong(window, tmp_path, scene, gaussians, par
     window.wait("!$('toast').hidden")
     words = window.run("return $('toast').textContent;")
     assert "damaged" in words and word in words and "copy it again" in words
+    assert window.run("return document.body.classList.contains('narrow');")  # no dead controls
 
 
 def test_page_of_another_scene_is_refused(window, tmp_path, scene, gaussians):

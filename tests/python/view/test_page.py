@@ -51,6 +51,20 @@ def test_lossless_canvas_has_the_bits_of_render(window, scene, gaussians):
     window.run("state.lossless = false; redraw();")
 
 
+def test_frame_of_a_moved_eye_is_ordered_from_there(window, scene, gaussians):
+    window.run("goTo(1); state.lossless = true;")
+    window.wait("state.view === 1 && !busy && !wanted")
+    window.run("move(1.5, 0.2, 1); look(0.7, 0.1);")
+    window.wait("JSON.parse(document.body.dataset.frame).view === null && !busy && !wanted")
+    window.wait("JSON.parse(document.body.dataset.frame).lossless")
+    pose = np.reshape(window.run("return poseOf(state.eye);"), (4, 4))
+    truth = gsut.render(gaussians, scene.cameras[0], pose)
+    np.testing.assert_array_equal(
+        window.read_canvas()[..., :3], gsut.rendering.to_uint8(truth.image)
+    )
+    window.run("state.lossless = false; redraw();")
+
+
 def test_photograph_of_a_phone_held_upright_stands_upright(window, scene, gaussians):
     window.run("goTo(2); state.lossless = true;")
     window.wait("JSON.parse(document.body.dataset.frame).view === 2")
@@ -147,6 +161,31 @@ def test_recording_keeps_the_way_of_the_eye(window):
       return [state.keys.length, $("film-make").disabled];""")
     assert keys[0] >= 3 and keys[1] is False
     window.wait("!busy && !wanted")
+
+
+@pytest.mark.parametrize(
+    ("least_ms", "whole_ms", "levels"),
+    [(5, 20, [5]), (10, 100, [4]), (10, 150, [3, 4]), (30, 900, [0]), (200, 400, [0])],
+)
+def test_moving_frames_are_as_large_as_the_machine_keeps_up(window, least_ms, whole_ms, levels):
+    found, slow = window.run(f"""
+      const began = level, seen = new Set(), made = new Set();
+      let slow = 0;
+      took.length = 0;
+      level = 3;
+      for (let k = 0; k < 600; k++) {{
+        const extra = made.has(level) ? 0 : 400; // the camera of a new size
+        made.add(level);
+        const ms = {least_ms} + {whole_ms} * SCALES.small[level] ** 2 + extra;
+        if (k >= 300) seen.add(level);
+        if (k >= 300 && level > 0) slow += ms > SLOW_MS;
+        chooseLevel(ms);
+      }}
+      took.length = 0;
+      level = began;
+      return [[...seen].sort(), slow];""")
+    assert found == levels
+    assert slow < 30
 
 
 def test_plain_lens_fills_the_window(window):

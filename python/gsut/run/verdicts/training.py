@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import shlex
 from collections.abc import Sequence
 from typing import Any
 
 from gsut.run.options import PRESETS, TrainOptions
 from gsut.run.verdicts.verdict import Fault, Verdict
+from gsut.system import format_command
 
 # Share of the detail from which a view is good: what a shift or a blur of 1 of 800 pixels leaves.
 GOOD = 0.8
@@ -62,7 +62,7 @@ def judge_training(
             f"brightness or colours differ from the photographs ({corrected:.1f} dB with colours "
             "corrected): exposure, white balance, or fog in a sky"
         )
-    advice = shlex.join(["gsut", "view", run]) if fault is None else fault.advice
+    advice = format_command(["gsut", "view", run]) if fault is None else fault.advice
     level = _name_level(metrics["detail_median"])
     return Verdict(level, _describe(metrics, psnr), tuple(reasons), advice)
 
@@ -94,7 +94,7 @@ def _find_fault(metrics: dict[str, Any], repeat: _NextCommand) -> Fault | None:
     detail, train = metrics["detail_median"], metrics.get("detail_train")
     if detail >= GOOD:
         return None
-    mend_poses = f"{shlex.join(['gsut', 'doctor', repeat.data])}, then {repeat.with_poses()}"
+    mend_poses = f"{format_command(['gsut', 'doctor', repeat.data])}, then {repeat.with_poses()}"
     shifted = metrics.get("detail_shifted_median", detail)
     if shifted > detail + _SHIFT_GAIN:
         return Fault(
@@ -144,4 +144,4 @@ class _NextCommand:
 
     def _write(self, words: Sequence[str], *but: str) -> str:
         kept = [*self.division, *self.options.list_words(*but)]
-        return shlex.join(["gsut", "train", self.data, "-o", self.out, *kept, *words])
+        return format_command(["gsut", "train", self.data, "-o", self.out, *kept, *words])

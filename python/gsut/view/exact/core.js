@@ -10,8 +10,8 @@ async function unpack(id, format) { // base64 of compressed bytes in a script el
     const packed = Uint8Array.from(atob(part(id).textContent.trim()), (letter) => letter.charCodeAt(0));
     const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream(format));
     return new Uint8Array(await new Response(stream).arrayBuffer());
-  } catch (error) {
-    throw new Error(`this file is damaged: its part "${id}" cannot be read (${error.message}); copy it again`);
+  } catch {
+    throw new Error(`this file is damaged: its part "${id}" cannot be read; copy it again`);
   }
 }
 
@@ -100,6 +100,14 @@ class Core {
       this.floats(at, part.length).set(part);
       at += 4 * part.length;
     }
+  }
+  // Fills what is open of an image over black, in place; valid: which pixels have a ray.
+  fillSurroundings({ width, height, image, alpha, valid }) {
+    this.borrow((put) => {
+      const at = put(image);
+      this.check(this.c.web_fill_surroundings(width, height, at, put(alpha), put(valid)));
+      image.set(this.floats(at, image.length));
+    });
   }
   // Returns { image, alpha, depth } as Float32Array; alpha and depth only where wanted.
   render(camera, { width, height, start, end = start, shutter = "global", background = [0, 0, 0], tiles = null, alpha: covered = false, depth = false }) {

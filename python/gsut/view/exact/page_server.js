@@ -3,10 +3,6 @@
 "use strict";
 // Threads beyond which copies of the scene cost more than they gain.
 const MOST_WORKERS = 4;
-// Share of a pixel that may be open before its surroundings fill it, as in gsut.render.
-const OPEN = 0.002;
-// Pixels a side that the finest level of the surroundings joins, as in gsut.render.
-const FIRST = 4;
 // Resized lenses that are kept: the sizes of moving frames of a few lenses.
 const KEPT_LENSES = 64;
 // Alpha above which a pixel shows something.
@@ -53,53 +49,6 @@ function readScene(bytes) {
     for (let k = 0; k < from; k++) sh[3 * coefficients * i + 3 + k] = (rest[from * i + k] - 128) / 128;
   }
   return { size, coefficients, parts: [means, quats, Float32Array.from(scales, (byte) => byte / 16 - 10), logits, sh] };
-}
-
-// --- what stands where nothing is: gsut.render's surroundings -------------------------------------
-function shrink(from, width, height, toWidth, toHeight) { // (height, width, 4), each pixel the mean of its area
-  const weigh = (side, to) => Array.from({ length: to }, (_, k) => {
-    const begin = k * side / to, end = (k + 1) * side / to, list = [];
-    for (let i = Math.floor(begin); i < Math.min(side, Math.ceil(end - 1e-9)); i++) list.push([i, (Math.min(end, i + 1) - Math.max(begin, i)) / (end - begin)]);
-    return list;
-  });
-  const out = new Float32Array(4 * toWidth * toHeight), across = weigh(width, toWidth), down = weigh(height, toHeight);
-  down.forEach((rows, y) => across.forEach((columns, x) => {
-    for (const [row, a] of rows) for (const [column, b] of columns) for (let k = 0; k < 4; k++) out[4 * (y * toWidth + x) + k] += a * b * from[4 * (row * width + column) + k];
-  }));
-  return out;
-}
-function sampler(from, width, height, toWidth, toHeight) { // (x, y, channel) -> linear between the centres of pixels
-  const place = (side, to) => Array.from({ length: to }, (_, k) => {
-    const at = Math.max(0, Math.min(side - 1, (k + 0.5) * side / to - 0.5)), low = Math.floor(at);
-    return [low, Math.min(side - 1, low + 1), at - low];
-  });
-  const across = place(width, toWidth), down = place(height, toHeight);
-  return (x, y, k) => {
-    const [a, b, s] = across[x], [c, d, t] = down[y], pick = (row, column) => from[3 * (row * width + column) + k];
-    return (1 - t) * ((1 - s) * pick(c, a) + s * pick(c, b)) + t * ((1 - s) * pick(d, a) + s * pick(d, b));
-  };
-}
-function fillSurroundings({ width, height, image, alpha, valid }) {
-  if (!alpha.some((value, i) => valid[i] && value < 1 - OPEN)) return;
-  const known = new Float32Array(4 * width * height);
-  for (let i = 0; i < width * height; i++) if (valid[i]) known.set([image[3 * i], image[3 * i + 1], image[3 * i + 2], alpha[i]], 4 * i);
-  const levels = [[known, width, height]];
-  for (let factor = FIRST; Math.max(...levels.at(-1).slice(1)) > 1; factor = 2) {
-    const [last, w, h] = levels.at(-1), to = [Math.ceil(w / factor), Math.ceil(h / factor)];
-    levels.push([shrink(last, w, h, ...to), ...to]);
-  }
-  const [top] = levels.pop();
-  let out = top.slice(0, 3).map((value) => value / Math.max(top[3], 1.2e-38)), size = [1, 1];
-  for (const [level, w, h] of levels.slice(1).reverse()) {
-    const sample = sampler(out, ...size, w, h), next = new Float32Array(3 * w * h);
-    for (let y = 0; y < h; y++) for (let x = 0; x < w; x++) for (let k = 0; k < 3; k++) next[3 * (y * w + x) + k] = level[4 * (y * w + x) + k] + (1 - level[4 * (y * w + x) + 3]) * sample(x, y, k);
-    [out, size] = [next, [w, h]];
-  }
-  const sample = sampler(out, ...size, width, height);
-  for (let i = 0; i < width * height; i++) {
-    if (!valid[i] || alpha[i] >= 1) continue;
-    for (let k = 0; k < 3; k++) image[3 * i + k] += (1 - alpha[i]) * sample(i % width, Math.floor(i / width), k);
-  }
 }
 
 // --- poses: 4 x 4 in rows -------------------------------------------------------------------------
@@ -291,7 +240,7 @@ class PageServer {
     const job = { lens, background, alpha, depth, ...this.place(values) };
     const whole = (await this.drawOnCard(lens, job)) ?? (await this.drawOnWorkers(lens, job, rows));
     Object.assign(whole, { width, height, lens });
-    if (!this.content.background) fillSurroundings(whole);
+    if (!this.content.background) this.core.fillSurroundings(whole);
     return whole;
   }
   async drawOnWorkers(lens, job, rows) {
