@@ -103,6 +103,8 @@ def estimate_covariance(
         rights = np.stack([np.bincount(block, r, count) for r in right.T], axis=1)
         moved = scale * np.linalg.solve(others, (scale * rights)[:, :, None])[:, :, 0]
         covariance += (count - 1) / count * moved.T @ moved
+    if not np.linalg.eigvalsh(covariance / units)[0] > 0:
+        raise _report_undetermined()
     return covariance
 
 

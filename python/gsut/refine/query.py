@@ -111,7 +111,7 @@ class Query:
         ]
         if not suspected:
             return still, None, "picture"
-        # Differences over the error of a pose do not tell the two directions apart; colours do.
+        # Two directions look alike in differences of a fraction of a pixel; the colours decide.
         tried = [(self._refine(pose, _ROLLING_LEVELS, each), each) for each in suspected]
         moved, likely = min(tried, key=lambda each: each[0].rms)
         refined = make_refined_pose(moved, likely, np.zeros(3))
