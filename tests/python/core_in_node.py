@@ -16,7 +16,7 @@ CORE = ROOT / "python/gsut/view/exact"
 HERE = Path(__file__).parent
 BACKGROUND = (0.3, 0.1, 0.6)
 PARTS = ("means", "quats", "log_scales", "opacity_logits", "sh")
-NODE_SECONDS = 120
+NODE_SECONDS = 300
 
 
 def require_node():
@@ -33,8 +33,9 @@ def run_node(*arguments):
     )  # fmt: skip
 
 
-def describe_job(gaussians, camera, start, end, shutter):
+def describe_job(gaussians, camera, start, end, shutter, runs=0):
     return {
+        "runs": runs,
         "size": len(gaussians), "coefficients": gaussians.sh.shape[1], "shutter": shutter,
         "start": np.ravel(place_about(start, gaussians.origin)).tolist(),
         "end": np.ravel(place_about(end, gaussians.origin)).tolist(),

@@ -1,4 +1,5 @@
-// Draws scenes by the WebAssembly core in node: jobs.json and numbers.bin in, images.bin out.
+// Draws scenes by the WebAssembly core in node: jobs.json and numbers.bin in, images.bin out; of jobs with
+// runs, times.json holds the least milliseconds of so many more frames, by the clock and of the processor.
 const fs = require("fs");
 const path = require("path");
 const zlib = require("zlib");
@@ -12,6 +13,7 @@ const { Core } = require(path.join(coreFolder, "core.js"));
   const file = fs.readFileSync(path.join(folder, "numbers.bin"));
   const numbers = new Float32Array(file.buffer, file.byteOffset, file.byteLength / 4);
   const out = fs.openSync(path.join(folder, "images.bin"), "w");
+  const times = [];
   let at = 0;
   for (const job of jobs) {
     const parts = [3, 4, 3, 1, 3 * job.coefficients].map((each) => numbers.subarray(at, (at += each * job.size)));
@@ -30,7 +32,17 @@ const { Core } = require(path.join(coreFolder, "core.js"));
       else joined.set(part.subarray(0, cut));
     }
     fs.writeSync(out, new Uint8Array(joined.buffer));
+    if (job.runs) {
+      const frames = Array.from({ length: job.runs }, () => {
+        const began = performance.now(), used = process.cpuUsage();
+        core.render(camera, { ...job.camera, ...job, alpha: true });
+        const { user, system } = process.cpuUsage(used);
+        return [performance.now() - began, (user + system) / 1e3];
+      });
+      times.push([0, 1].map((k) => Math.min(...frames.map((frame) => frame[k]))));
+    }
     core.releaseCamera(camera);
   }
+  fs.writeFileSync(path.join(folder, "times.json"), JSON.stringify(times));
   fs.closeSync(out);
 })().catch((error) => { console.error(error.message); process.exit(1); });

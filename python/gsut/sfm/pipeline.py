@@ -132,7 +132,7 @@ def find_poses(
             _separate_places(mapping, is_final=bool(mapping.rig or mapper))
             find_shutter(mapping)
             judge_lens(mapping)
-            find_lens_pair(mapping, claimed.path)
+            find_lens_pair(mapping)
             mapping.log.show("writing", 0, 1, "")
             place_on_earth(mapping)
             mapping.log.watch.record_lap("mapping")
@@ -171,8 +171,7 @@ def _start_mapping(
     options = options or PosesOptions()
     is_rolling = options.shutter == "rolling" or options.readout_time is not None
     if isinstance(camera, Rig):
-        if options.unknown_lens:
-            raise InputError("--unknown-lens contradicts --rig, whose file names the lenses")
+        camera = camera.forget_lenses() if options.unknown_lens else camera
         if is_rolling:
             raise InputError(
                 "--rig takes its cameras for still while an image is read; leave --shutter rolling "
@@ -272,10 +271,12 @@ def _expect_times(mapping: Mapping) -> None:
 
 def _map_photographs(mapping: Mapping, mapper: Mapper | None) -> None:
     """Estimates poses and points: on a rig, through known lenses, or together with the lens."""
+    if mapping.found.figures["lens"] == "estimated":
+        search_lenses(mapping)
     if mapping.rig is not None:
         solve_rig(mapping)
-    elif mapping.found.figures["lens"] == "estimated":
-        search_lenses(mapping)
+    elif mapping.solution is not None:
+        return
     elif mapper is not None:
         mapping.solution = mapper(
             mapping.photographs, mapping.features, mapping.pairs, mapping.options,

@@ -166,3 +166,10 @@ def test_two_shutters_have_no_room(tmp_path, rng):
     frames[0].shutter = Shutter("left_to_right")
     with pytest.raises(gsut.InputError, match="room for one shutter"):
         write_transforms(tmp_path / "transforms.json", frames)
+
+
+def test_a_panorama_has_what_nerfstudio_divides_by(tmp_path, rng):
+    frames = frames_in(tmp_path, rng, [gsut.Camera("equirectangular", [], 64, 32)])
+    write_transforms(tmp_path / "transforms.json", frames)
+    values = json.loads((tmp_path / "transforms.json").read_text())
+    assert [values[key] for key in ("fl_x", "fl_y", "cx", "cy")] == [32, 32, 32, 16]

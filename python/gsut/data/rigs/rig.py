@@ -34,17 +34,18 @@ class Rig:
     Args:
         source: the file it was read from.
         names: of the cameras; the first is the reference where the file says no other.
-        cameras: their lenses.
+        cameras: their lenses; None: to be estimated.
         camera_from_reference: (K, 4, 4) in the unit of the file, metres where it was calibrated
             in metres.
-        lens_files: where the lenses stand, and the camera's name there if there are several.
+        lens_files: where the lenses stand, and the camera's name there if there are several; None
+            for a lens to be estimated.
     """
 
     source: Path
     names: tuple[str, ...]
-    cameras: tuple[Camera, ...]
+    cameras: tuple[Camera | None, ...]
     camera_from_reference: np.ndarray
-    lens_files: tuple[tuple[Path, str | None], ...]
+    lens_files: tuple[tuple[Path, str | None] | None, ...]
 
     def __len__(self) -> int:
         return len(self.names)
@@ -55,15 +56,26 @@ class Rig:
         centers = find_centers(self.camera_from_reference)
         return float(np.linalg.norm(centers[:, None] - centers[None], axis=2).max())
 
+    @property
+    def unknown_lenses(self) -> list[int]:
+        """Numbers of the cameras whose lens is to be estimated."""
+        return [number for number, file in enumerate(self.lens_files) if file is None]
+
+    def forget_lenses(self) -> Rig:
+        """Returns the same rig with every lens to be estimated."""
+        nothing = (None,) * len(self)
+        return dataclasses.replace(self, cameras=nothing, lens_files=nothing)
+
 
 def read_rig(path: str | os.PathLike[str]) -> Rig:
     """Reads a rig.
 
     Either JSON as `gsut calibrate --rig` writes it (report.json): {"cameras": {NAME: {"file": lens
-    file, relative to this one, "camera_from_reference": six numbers (Rodrigues rotation,
-    translation) or a 4x4 matrix}}}; or a camchain YAML of Kalibr (T_cn_cnm1), whose cameras are
-    cam0, cam1 ... Instead of a splined .cameramodel the exact lens that `gsut calibrate` wrote
-    beside it, of the same name, is taken if it is the same within 0.01 px.
+    file, relative to this one, or null to have the lens estimated, "camera_from_reference": six
+    numbers (Rodrigues rotation, translation) or a 4x4 matrix}}}; or a camchain YAML of Kalibr
+    (T_cn_cnm1), whose cameras are cam0, cam1 ... Instead of a splined .cameramodel the exact lens
+    that `gsut calibrate` wrote beside it, of the same name, is taken if it is the same within
+    0.01 px.
 
     Args:
         path: the file.
@@ -106,9 +118,11 @@ def write_rig(rig: Rig, path: Path) -> None:
         InputError: the file cannot be written.
     """
     cameras: dict[str, Any] = {}
-    for name, pose, (lens, entry) in zip(
-        rig.names, rig.camera_from_reference, rig.lens_files, strict=True
-    ):
+    for name, pose, file in zip(rig.names, rig.camera_from_reference, rig.lens_files, strict=True):
+        if file is None:
+            cameras[name] = {_LENS: None, _POSE: pose.tolist()}
+            continue
+        lens, entry = file
         relative = os.path.relpath(lens.resolve(), path.parent.resolve())
         cameras[name] = {_LENS: Path(relative).as_posix(), _POSE: pose.tolist()}
         if entry is not None:
@@ -131,14 +145,23 @@ def _parse_rig(file: Path, text: str) -> Rig:
             f'{file}: there is no object "cameras" of names with "{_LENS}" and "{_POSE}"; give the '
             "report.json that `gsut calibrate --rig` wrote"
         )
-    lenses, poses, files = [], [], []
+    lenses: list[Camera | None] = []
+    poses: list[np.ndarray] = []
+    files: list[tuple[Path, str | None] | None] = []
     for name, entry in cameras.items():
         where = f"{file}, camera {name}"
-        if not isinstance(entry, dict) or not isinstance(entry.get(_LENS), str):
-            raise InputError(f'{where}: "{_LENS}" does not name its lens file; write it there')
+        if not isinstance(entry, dict) or not isinstance(entry.get(_LENS, 0), str | None):
+            raise InputError(
+                f'{where}: "{_LENS}" does not name its lens file; write it there, or null to have '
+                "the lens estimated"
+            )
         if _POSE not in entry:
             raise InputError(f'{where}: "{_POSE}" is missing; calibrate the cameras together')
         poses.append(_parse_pose(entry[_POSE], where))
+        if entry[_LENS] is None:
+            lenses.append(None)
+            files.append(None)
+            continue
         camera_id = entry.get("camera_id")
         lens, camera = _load_lens(file.parent / entry[_LENS], camera_id, where)
         lenses.append(camera)

@@ -6,6 +6,7 @@ from gsut.sfm.photographs.features import (
     OnProgress,
     collect_features,
     detect_features,
+    make_no_features,
 )
 from gsut.sfm.photographs.listing import (
     FEWEST_IMAGES,
@@ -38,5 +39,6 @@ __all__ = [
     "digest_key",
     "find_photographs",
     "list_photographs",
+    "make_no_features",
     "require_central",
 ]

@@ -1,7 +1,7 @@
 """Poses and points: the solver that makes them of matches, and what its result shows."""
 
 from gsut.sfm.solution.look_alikes import LookAlikes, find_look_alikes, separate_look_alikes
-from gsut.sfm.solution.models import find_further_models
+from gsut.sfm.solution.models import find_further_models, solve_left_out
 from gsut.sfm.solution.result import (
     FEATURE_VARIANCE,
     Solution,
@@ -50,6 +50,7 @@ __all__ = [
     "measure_rotation_angles",
     "separate_look_alikes",
     "similarity_from_points",
+    "solve_left_out",
     "solve_poses",
     "transform_to_cameras",
 ]
