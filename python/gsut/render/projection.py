@@ -11,7 +11,7 @@ import numpy as np
 from gsut import _core
 from gsut._core import InputError
 from gsut.gaussians import Gaussians, LinearGaussians
-from gsut.render.motion import place_about, read_motion, round_about_camera
+from gsut.render.motion import convert_about_camera, place_about, read_motion
 
 # In the order of the core's enumeration.
 METHODS = ("ewa", "unscented", "silhouette")
@@ -92,8 +92,7 @@ def project(
         raise InputError(f'dtype "{dtype}" is unknown; known: float32, float64')
     weights = tuple(float(x) for x in unscented)
     motion = read_motion(camera_from_world, shutter)
-    if dtype == "float32":
-        gaussians = round_about_camera(gaussians, motion)
+    gaussians = convert_about_camera(gaussians, motion, dtype)
     place = place_about(motion, gaussians.origin)
     if isinstance(place, _core.CameraMotion):
         if method != "unscented":

@@ -13,7 +13,7 @@ from gsut import _core
 from gsut._core import BlendRule, InputError
 from gsut.gaussians import Gaussians, LinearGaussians, StoredGaussians
 from gsut.render.card import ON_CARD, check_device, draw_or_warn
-from gsut.render.motion import place_about, read_motion, round_about_camera
+from gsut.render.motion import convert_about_camera, place_about, read_motion
 from gsut.render.projection import DEFAULT_UNSCENTED
 from gsut.render.soundness import sum_bits, warn_of_undrawn
 from gsut.render.stored import StoredImage
@@ -180,8 +180,7 @@ def render(
     if sh_degree < 0:
         raise InputError(f"sh_degree must be 0 to 3, found {sh_degree}")
     pose = read_motion(camera_from_world, shutter)
-    if dtype == "float32":
-        gaussians = round_about_camera(gaussians, pose)
+    gaussians = convert_about_camera(gaussians, pose, dtype)
     place = place_about(pose, gaussians.origin)
     degree = min(int(sh_degree), gaussians.sh_degree)
     look: dict[str, Any] = {
@@ -193,7 +192,7 @@ def render(
     check_device(device, dtype, gaussians, bool(channels))
     pixels: np.ndarray | None = None
     shown = (camera, pose, rule, color, degree)
-    drawn: Any
+    drawn: Any = gaussians
     renderer: Any = None
     seen = None
     if dtype == "float64":
@@ -206,12 +205,10 @@ def render(
     elif dtype != "float32":
         raise InputError(f'dtype "{dtype}" is unknown; known: float32, float64')
     elif isinstance(gaussians, StoredGaussians):
-        drawn = gaussians
         stored = StoredImage(gaussians, camera, place, look)
         image, alpha, depth, distortion = stored.draw()
         renderer, seen = stored.renderer, stored.seen
     else:
-        drawn = gaussians
         if isinstance(drawn, Gaussians):
             warn_of_undrawn(drawn)
         on_card = draw_or_warn(drawn, camera, place, look) if device == "gpu" else None
