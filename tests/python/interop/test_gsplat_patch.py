@@ -124,6 +124,16 @@ def test_patch_without_gsplat_names_what_to_install(monkeypatch):
         patch_gsplat()
 
 
+def test_patch_of_a_folder_named_gsplat_says_where_it_is(monkeypatch, tmp_path):
+    for name in [n for n in sys.modules if n.split(".")[0] == "gsplat"]:
+        monkeypatch.delitem(sys.modules, name)
+    (tmp_path / "gsplat").mkdir()
+    monkeypatch.setattr(sys, "path", [str(tmp_path)])
+    with pytest.raises(gsut.InputError, match="has no rasterization: a folder of that name"):
+        patch_gsplat()
+    del sys.modules["gsplat"]
+
+
 def test_a_script_runs_with_gsplat_patched(stand_in, tmp_path, monkeypatch, capsys):
     script = tmp_path / "train.py"
     script.write_text(
