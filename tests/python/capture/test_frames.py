@@ -324,7 +324,7 @@ def test_videos_are_told_by_their_names():
 
 
 def test_changed_inputs_are_named_whatever_their_number(tmp_path):
-    films = [walk(tmp_path / name, 40) for name in ("a.mp4", "b.mp4")]
+    films = [walk(tmp_path / name, 16, 9.0) for name in ("a.mp4", "b.mp4")]
     shots = tmp_path / "shots"
     shots.mkdir()
     for number in range(3):
@@ -334,7 +334,7 @@ def test_changed_inputs_are_named_whatever_their_number(tmp_path):
         assert find_changed_inputs(inputs, out) == ""
         capture(inputs, out)
         assert find_changed_inputs(inputs, out) == ""
-    walk(films[1], 41)
+    walk(films[1], 17, 9.0)
     (shots / "0.png").unlink()
     cv2.imwrite(str(shots / "3.png"), view(texture(), 300.0))
     assert find_changed_inputs(films, tmp_path / "1") == f"changed: {films[1]}"
