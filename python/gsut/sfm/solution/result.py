@@ -91,6 +91,14 @@ class Solution:
         """Images without a pose."""
         return [n for n, r in zip(self.names, self.registered, strict=True) if not r]
 
+    @property
+    def readout_turn(self) -> float | None:
+        """Root mean square turn during the readout, in radians; None for a global shutter."""
+        if self.velocities is None:
+            return None
+        turns = self.velocities[self.registered, 3:]
+        return math.sqrt(float((turns**2).sum(axis=1).mean()))
+
     def interpolate_poses(self, time: float) -> np.ndarray:
         """Returns (N, 4, 4) camera_from_world at a time of the readout, 0 its start, 1 its end."""
         if self.velocities is None:
