@@ -42,6 +42,8 @@ class BundleProblem {
   bool Moves(int block) const { return sizes_[block] > kPoseTangent; }
   void MakeBlocks();
   void MakeSystem();
+  // Residuals of what is known of velocities and mounts beforehand; returns their cost.
+  double EvaluatePriors();
   // Of one observation; returns its cost.
   double Linearize(int i);
 

@@ -49,6 +49,8 @@ class DepthOutput:
             raise InputError("--set voxel is of a cloud of points; add --cloud FILE.ply")
         if arguments.depth is None and not arguments.cloud:
             return None
+        if arguments.device == "gpu":
+            raise InputError("--depth and --cloud are drawn by the CPU; leave --device gpu out")
         if arguments.depth and folder is None:
             raise InputError("a film has no depths: give a folder by -o, not a film's name")
         if arguments.cloud:

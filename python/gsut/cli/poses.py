@@ -69,9 +69,9 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "--rig",
         metavar="RIG",
         help="file of several cameras that are fixed to each other: the report.json of "
-        "`gsut calibrate --rig`, or a camchain of Kalibr. IMAGES then holds one folder a camera; "
-        "images of one frame (of one name, or else in order) share one pose, and poses and points "
-        "are in the rig's unit",
+        "`gsut calibrate --rig` (null for a lens file: it is estimated), or a camchain of Kalibr. "
+        "IMAGES then holds one folder a camera; images of one frame (of one name, or else in "
+        "order) share one pose, and poses and points are in the rig's unit",
     )
     add_quiet(parser)
     add_json(parser)

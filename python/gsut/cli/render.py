@@ -14,6 +14,7 @@ import numpy as np
 from gsut._core import CameraMotion, InputError
 from gsut.cli._flags import (
     add_depth_unit,
+    add_device,
     add_json,
     add_memory,
     add_moved_data,
@@ -109,6 +110,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="also the coloured points that the images see, in the dataset's coordinates",
     )
     add_memory(parser)
+    add_device(parser)
     add_json(parser)
     add_rare_option(
         parser, "voxel", positive, None, metavar="SIZE",
@@ -148,7 +150,9 @@ def run(arguments: argparse.Namespace) -> int:
             for done, shot in enumerate(shots, 1):
                 camera, place = shot.camera, shot.place
                 drawn = stage.gaussians if pixels is None else pixels.widen(camera, place)
-                result = gsut.render(drawn, camera, place, background=stage.background)
+                result = gsut.render(
+                    drawn, camera, place, background=stage.background, device=arguments.device
+                )
                 image = to_uint8(result.image)
                 if depths is not None:
                     depths.add(shot.name, result, image, camera, place)

@@ -59,6 +59,11 @@ class MixedGaussians:
         if self.sh.shape != (floats,):
             raise InputError(f"sh must have shape ({floats},), found {self.sh.shape}")
 
+    @classmethod
+    def list_arrays(cls) -> list[str]:
+        """Returns the names of the arrays."""
+        return [*_GEOMETRY, "sh"]
+
     def __len__(self) -> int:
         return len(self.means)
 
@@ -75,10 +80,7 @@ class MixedGaussians:
     @property
     def nbytes(self) -> int:
         """Bytes of all arrays."""
-        return sum(
-            array.nbytes
-            for array in (self.means, self.quats, self.log_scales, self.opacity_logits, self.sh)
-        )
+        return sum(getattr(self, name).nbytes for name in self.list_arrays())
 
     def to_dtype(self, dtype: np.typing.DTypeLike) -> Any:
         """Returns itself for float32, and `Gaussians` for float64, which the reference takes."""
@@ -88,12 +90,14 @@ class MixedGaussians:
 
     def copy(self) -> MixedGaussians:
         """Returns a deep copy."""
-        return dataclasses.replace(self, **{f: getattr(self, f).copy() for f in (*_GEOMETRY, "sh")})
+        return dataclasses.replace(
+            self, **{name: getattr(self, name).copy() for name in self.list_arrays()}
+        )
 
     def make_zeros(self) -> MixedGaussians:
         """Makes arrays of the same shapes with all values 0, for gradients and moments."""
         return dataclasses.replace(
-            self, **{f: np.zeros_like(getattr(self, f)) for f in (*_GEOMETRY, "sh")}
+            self, **{name: np.zeros_like(getattr(self, name)) for name in self.list_arrays()}
         )
 
     def split_bands(self) -> list[tuple[slice, np.ndarray]]:

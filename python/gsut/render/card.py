@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.gaussians import LinearGaussians, StoredGaussians
-from gsut.render.card_tiles import TILE_PIXELS, CardTiles, find_tiles
+from gsut.gaussians import Gaussians, LinearGaussians, StoredGaussians
+from gsut.render.card_tiles import TILE_PIXELS, find_tiles
 from gsut.render.soundness import sum_bits
 
 ON_CARD = "card"  # stands for the renderer of an image that a graphics card drew
@@ -26,6 +26,9 @@ _MOST_GROUPS = 65535  # of one dispatch, by WebGPU's limits
 _RADIX_BITS = 4  # of the keys that one pass of the sort looks at
 _RECORD_FLOATS = 20  # of a Gaussian, in forward.wgsl
 _SPLAT_FLOATS = 11  # mean, quaternion, scales, opacity
+_PART_ROWS = (
+    64  # a part of the Gaussians is a multiple of it: bindings begin at multiples of 256 bytes
+)
 _KEY_BITS = 32  # of a distance
 _LEAST_COVERED = 1e-3  # share of a pixel below which its distortion counts as 0, as on the CPU
 _LARGEST = float(np.finfo(np.float32).max)
@@ -67,7 +70,8 @@ class Card:
             )
             for name in _SHADERS
         }
-        self._scene: tuple[Any, Any, Any] = (None, None, None)  # mark, splats, harmonics
+        # Mark of the Gaussians, and parts that fit one binding each: first row, splats, harmonics.
+        self._scene: tuple[Any, list[tuple[int, Any, Any]]] = (None, [])
 
     def draw(
         self, gaussians: Any, mark: Any, camera: Any, place: np.ndarray, rule: Any, sh_degree: int
@@ -93,9 +97,17 @@ class Card:
         self._check_groups(size, "Gaussians")
         if across_down > _MOST_GROUPS:
             raise CardRefusal(f"{self.name} draws at most {_MOST_GROUPS} tiles of 16 x 16 pixels")
-        view = self._describe_view(gaussians, tiles, place, rule, sh_degree)
+        stored = (gaussians.sh_degree + 1) ** 2
+        look = _describe_view(place, rule)
+
+        def make_view(first: int, count: int) -> Any:
+            whole = [count, *tiles.tiles, sh_degree, *tiles.cells, stored, first]
+            return self._make_uniform(look, np.array(whole, np.uint32))
+
+        view = make_view(0, size)
         cones, rays = self._upload(tiles.cones), self._upload(tiles.rays)
-        records, order, begin, num_pairs = self._order(gaussians, mark, view, cones)
+        parts = self._keep_scene(gaussians, mark)
+        records, order, begin, num_pairs = self._order(size, parts, view, make_view, cones)
         work = self._device.create_command_encoder()
         tile_begin, pairs = self._make_room(across_down + 1), self._make_room(1)
         if num_pairs:
@@ -118,19 +130,25 @@ class Card:
         covered = tiles.join(tiles.rays[..., 3])[..., 0] - left
         return color[..., :3], left, along[..., 0], _find_distortion(along, covered)
 
-    def _order(self, gaussians: Any, mark: Any, view: Any, cones: Any) -> tuple[Any, Any, Any, int]:
+    def _order(
+        self, size: int, parts: list[tuple[int, Any, Any]], view: Any, make_view: Any, cones: Any
+    ) -> tuple[Any, Any, Any, int]:
         """Makes records, and sorts them by distance: records, order, first pairs, their number."""
-        size = len(gaussians)
-        splats, harmonics = self._keep_scene(gaussians, mark)
         records = self._make_room(_RECORD_FLOATS * size)
         keys, values, counts = (self._make_room(size) for _ in range(3))
         begin = self._make_room(size + 1)
         work = self._device.create_command_encoder()
         groups = -(-size // _GROUP)
-        self._call(work, "make_records", groups, {
-            (0, 0): view, (0, 1): splats, (0, 2): harmonics, (0, 3): cones, (0, 4): records,
-            (0, 5): keys, (0, 6): values, (0, 7): counts,
-        })  # fmt: skip
+        ends = [*(first for first, _, _ in parts[1:]), size]
+        for (first, splats, harmonics), end in zip(parts, ends, strict=True):
+            rows = end - first
+            single = {"offset": 4 * first, "size": 4 * rows}
+            whole = {name: _RECORD_FLOATS * value for name, value in single.items()}
+            self._call(work, "make_records", -(-rows // _GROUP), {
+                (0, 0): make_view(first, rows), (0, 1): splats, (0, 2): harmonics, (0, 3): cones,
+                (0, 4): {"buffer": records, **whole}, (0, 5): {"buffer": keys, **single},
+                (0, 6): {"buffer": values, **single}, (0, 7): {"buffer": counts, **single},
+            })  # fmt: skip
         _, order = self._sort(work, keys, values, size, _KEY_BITS)
         self._call(work, "order_counts", groups, {
             (0, 0): view, (0, 7): counts, (1, 6): order, (1, 7): begin,
@@ -184,35 +202,24 @@ class Card:
 
     # --- what goes to the card and comes back ---
 
-    def _keep_scene(self, gaussians: Any, mark: Any) -> tuple[Any, Any]:
-        if self._scene[0] != mark or mark is None:
-            columns = (
-                gaussians.means, gaussians.quats, gaussians.log_scales,
-                gaussians.opacity_logits.reshape(-1, 1),
-            )  # fmt: skip
-            splats = np.concatenate(columns, axis=1, dtype=np.float32)
-            assert splats.shape[1] == _SPLAT_FLOATS
-            harmonics = self._upload(gaussians.sh.astype(np.float32))
-            self._scene = (mark, self._upload(splats), harmonics)
-        return self._scene[1], self._scene[2]
-
-    def _describe_view(
-        self, gaussians: Any, tiles: CardTiles, place: np.ndarray, rule: Any, sh_degree: int
-    ) -> Any:
-        """Makes the shaders' View; the camera's centre keeps the digits that a float takes."""
-        rotation = place[:3, :3]
-        center = -rotation.T @ place[:3, 3]
-        high = center.astype(np.float32)
-        cutoff = -2.0 * np.log(rule.response_min) if rule.response_min > 0.0 else _LARGEST
-        rows = [
-            [*high, np.log2(rule.alpha_min)], [*(center - high), cutoff],
-            [*rotation[0], rule.alpha_max], [*rotation[1], rule.transmittance_min],
-            [*rotation[2], float(rule.order_by_z)],
-            [*np.clip([rule.near_z, rule.far_z], -_LARGEST, _LARGEST), float(rule.stop_before), 0],
+    def _keep_scene(self, gaussians: Any, mark: Any) -> list[tuple[int, Any, Any]]:
+        """Uploads Gaussians, unless they are there, in parts that fit one binding each."""
+        if self._scene[0] == mark and mark is not None:
+            return self._scene[1]
+        self._scene = (None, [])  # its memory is free before the next is uploaded
+        g = gaussians if isinstance(gaussians, Gaussians) else gaussians.to_gaussians()
+        columns = (g.means, g.quats, g.log_scales, g.opacity_logits.reshape(-1, 1))
+        splats = np.concatenate(columns, axis=1, dtype=np.float32)
+        assert splats.shape[1] == _SPLAT_FLOATS
+        row_bytes = 4 * max(_SPLAT_FLOATS, 3 * g.sh.shape[1])
+        rows = max(1, self._most // row_bytes // _PART_ROWS) * _PART_ROWS
+        parts = [
+            (first, self._upload(splats[first : first + rows]),
+             self._upload(g.sh[first : first + rows]))
+            for first in range(0, len(g), rows)
         ]  # fmt: skip
-        stored = gaussians.sh.shape[1]
-        whole = [len(gaussians), *tiles.tiles, sh_degree, *tiles.cells, stored, 0]
-        return self._make_uniform(np.array(rows, np.float32), np.array(whole, np.uint32))
+        self._scene = (mark, parts)
+        return parts
 
     def _check_groups(self, count: int, what: str) -> None:
         if count > _MOST_GROUPS * _GROUP:
@@ -248,22 +255,38 @@ class Card:
     def _call(
         self, work: Any, shader: str, groups: int, bindings: dict[tuple[int, int], Any]
     ) -> None:
-        """Runs a shader; bindings: buffers by (group, binding)."""
+        """Runs a shader; bindings: buffers, or parts of buffers, by (group, binding)."""
         pipeline = self._pipelines[shader]
         call = work.begin_compute_pass()
         call.set_pipeline(pipeline)
         for group in sorted({group for group, _ in bindings}):
             entries = [
-                {"binding": binding, "resource": {"buffer": buffer}}
-                for (where, binding), buffer in bindings.items()
+                {"binding": binding,
+                 "resource": what if isinstance(what, dict) else {"buffer": what}}
+                for (where, binding), what in bindings.items()
                 if where == group
-            ]
+            ]  # fmt: skip
             layout = pipeline.get_bind_group_layout(group)
             call.set_bind_group(
                 group, self._device.create_bind_group(layout=layout, entries=entries)
             )
         call.dispatch_workgroups(groups)
         call.end()
+
+
+def _describe_view(place: np.ndarray, rule: Any) -> np.ndarray:
+    """Makes the floats of the shaders' View; the camera's centre keeps the digits a float takes."""
+    rotation = place[:3, :3]
+    center = -rotation.T @ place[:3, 3]
+    high = center.astype(np.float32)
+    cutoff = -2.0 * np.log(rule.response_min) if rule.response_min > 0.0 else _LARGEST
+    rows = [
+        [*high, np.log2(rule.alpha_min)], [*(center - high), cutoff],
+        [*rotation[0], rule.alpha_max], [*rotation[1], rule.transmittance_min],
+        [*rotation[2], float(rule.order_by_z)],
+        [*np.clip([rule.near_z, rule.far_z], -_LARGEST, _LARGEST), float(rule.stop_before), 0],
+    ]  # fmt: skip
+    return np.array(rows, np.float32)
 
 
 def _find_distortion(along: np.ndarray, covered: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ struct View {
   row2: vec4f,        // w: 1 to order by z, else by distance
   range: vec4f,       // near z, far z; z: 1 to stop before the Gaussian that would cross
   size: vec4u,        // Gaussians, tiles across, tiles down, degree of harmonics
-  cells: vec4u,       // cells across, cells down, harmonics stored a Gaussian, pairs
+  cells: vec4u,       // cells across, cells down, harmonics stored a Gaussian, first Gaussian of this part
 };
 struct Sort { count: u32, shift: u32, blocks: u32, unused: u32 };
 
@@ -146,7 +146,7 @@ fn make_records(@builtin(global_invocation_id) id: vec3u) {
   let i = id.x;
   if (i >= view.size.x) { return; }
   let r = make_record(i);
-  depth_values[i] = i;
+  depth_values[i] = view.cells.w + i;
   var count = 0u;
   if (r.seen) {
     records[5u * i] = r.a; records[5u * i + 1u] = r.b; records[5u * i + 2u] = r.c;

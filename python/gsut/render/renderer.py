@@ -218,7 +218,7 @@ def render(
             renderer = ON_CARD
         image, alpha, depth, distortion = on_card
     bits = None
-    if isinstance(drawn, Gaussians | LinearGaussians):
+    if renderer != ON_CARD and isinstance(drawn, Gaussians | LinearGaussians):
         bits = sum_bits(drawn, channels.get("features"))
     out = Render(
         image, alpha, depth, distortion, drawn, *shown, renderer, features=pixels, seen=seen,

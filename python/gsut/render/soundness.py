@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import warnings
 import zlib
+from typing import Any
 
 import numpy as np
 
-from gsut.gaussians import Gaussians, LinearGaussians
+from gsut.gaussians import Gaussians
 
 # Least and largest scale, and largest coordinate, in world units, up to which float32 follows the
 # double reference: squares of products of these overflow, or vanish, beyond.
@@ -15,7 +16,7 @@ _LEAST_LENGTH = 1e-12
 _LARGEST_LENGTH = 1e12
 
 
-def sum_bits(gaussians: Gaussians | LinearGaussians, features: np.ndarray | None = None) -> int:
+def sum_bits(gaussians: Any, features: np.ndarray | None = None) -> int:
     """Computes a number that changes if Gaussians are changed, moved or put into another order."""
     mark = zlib.crc32(gaussians.means.tobytes())
     others = [getattr(gaussians, name) for name in gaussians.list_arrays()[1:]]

@@ -10,6 +10,7 @@ import numpy as np
 from gsut._core import InputError
 from gsut.gaussians import Gaussians, StoredGaussians
 from gsut.lens import Camera
+from gsut.render.card import ON_CARD
 from gsut.render.renderer import Render
 
 
@@ -108,4 +109,6 @@ def _get_renderer(result: Render):
         )
     if result.renderer is None:
         raise InputError('depth kinds and normals are of float32 renders; use dtype="float32"')
+    if result.renderer == ON_CARD:
+        raise InputError('the graphics card finds no surface; render with device="cpu"')
     return result.renderer

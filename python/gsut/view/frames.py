@@ -186,21 +186,21 @@ class Frames:
         if not self._buffers or self._buffers[1].shape != shape:
             self._buffers = tuple(np.zeros((*shape, *rest), np.float32) for rest in ((3,), (), ()))
         image, alpha, depth = self._buffers
-        gaussians = self._choose_gaussians(request)
-        if gaussians is None or not len(gaussians):
-            image[:], alpha[:], depth[:] = choose_solid(self.stage.background), 0, 0
+        stage, g = self.stage, self._choose_gaussians(request)
+        fills, behind = stage.background is None, choose_solid(stage.background)
+        if g is None or not len(g):
+            image[:], alpha[:], depth[:] = behind, 0, 0
             return image, alpha, depth
-        gaussians = self._widen_for_pixels(gaussians, request, camera, place)
-        if isinstance(gaussians, StoredGaussians):
-            seen = render(gaussians, camera, place, background=self.stage.background)
+        g = self._widen_for_pixels(g, request, camera, place)
+        if isinstance(g, StoredGaussians) or stage.device == "gpu":
+            seen = render(g, camera, place, background=stage.background, device=stage.device)
             return seen.image, seen.alpha, seen.depth
-        fills, behind = self.stage.background is None, choose_solid(self.stage.background)
         job = _core.RenderJob(
-            camera, place_about(place, gaussians.origin), rule=self._rule, background=behind,
-            sh_degree=gaussians.sh_degree, keep=False,
+            camera, place_about(place, g.origin), rule=self._rule, background=behind,
+            sh_degree=g.sh_degree, keep=False,
         )  # fmt: skip
         covered = alpha if with_depth or fills else None
-        self._renderer.render(gaussians, job, image, covered, depth if with_depth else None)
+        self._renderer.render(g, job, image, covered, depth if with_depth else None)
         return with_surroundings(image, alpha, camera) if fills else image, alpha, depth
 
     def _widen_for_pixels(

@@ -6,10 +6,17 @@ import numpy as np
 import pytest
 
 import gsut
+import small_run
 import tolerances as tol
 from gsut._core import InputError
+from gsut.cli import main
+from gsut.evaluate import evaluate
+from gsut.formats import save_gaussians
+from gsut.gaussians import pack_harmonics
 from gsut.render import card as card_module
+from gsut.render import render_surface
 from gsut.render.card_tiles import CardTiles
+from gsut.view import Session, Stage
 from random_scenes import fisheye, gaussians_in_view, pinhole, random_pose, rng_of, small_camera
 
 BACKGROUND = (0.3, 0.1, 0.6)
@@ -94,6 +101,83 @@ def test_card_more_gaussians_than_a_workgroup_keep_their_order(card, rng):
     gaussians.means[:] = center + away
     # Pixels stop where little light is left, at another Gaussian in double than in float.
     assert_as_reference(gaussians, camera, pose, dtype="float32")
+
+
+def test_card_with_small_bindings_draws_the_same_bits_in_parts(card, rng, monkeypatch):
+    camera, pose = fisheye(64), random_pose(rng)
+    gaussians = gaussians_in_view(rng, camera, pose, 2000, sh_degree=3, opacity=0.1)
+    whole = gsut.render(gaussians, camera, pose, device="gpu")
+    assert len(card._scene[1]) == 1
+    other = gaussians_in_view(rng, camera, pose, 100)  # takes the place of the first
+    changed = gsut.render(other, camera, pose, device="gpu")
+    monkeypatch.setattr(card, "_most", 170_000)
+    parted = gsut.render(gaussians, camera, pose, device="gpu")
+    assert [first for first, _, _ in card._scene[1]] == [0, 832, 1664]
+    assert not np.array_equal(whole.image, changed.image)
+    for name in ("image", "alpha", "depth"):
+        np.testing.assert_array_equal(getattr(parted, name), getattr(whole, name))
+    monkeypatch.setattr(card, "_most", 100_000)
+    with pytest.warns(RuntimeWarning, match=r"arrays of 0 MB.* one of 0 MB"):
+        assert gsut.render(gaussians, camera, pose, device="gpu").renderer != "card"
+
+
+def test_card_draws_gaussians_of_several_degrees(card, rng):
+    camera, pose = fisheye(64), random_pose(rng)
+    gaussians = gaussians_in_view(rng, camera, pose, 300, sh_degree=3)
+    gaussians.sh[50:, 4:] = 0.0
+    packed = pack_harmonics(gaussians)
+    assert type(packed) is not type(gaussians)
+    found = gsut.render(packed, camera, pose, device="gpu")
+    assert found.renderer == "card"
+    truth = gsut.render(packed, camera, pose)
+    assert np.sqrt(np.mean((found.image - truth.image) ** 2)) < tol.CARD_IMAGE_RMS
+
+
+@pytest.fixture
+def scene(tmp_path):
+    return small_run.scene_from_arrays(tmp_path / "data")
+
+
+def test_eval_view_and_surface_on_a_card(card, scene, rng):
+    pose = scene.views[0].camera_from_world
+    gaussians = gaussians_in_view(rng, scene.cameras[0], pose, 100)
+    found, truth = (evaluate(gaussians, scene, [0, 3], device=name) for name in ("gpu", "cpu"))
+    assert found["psnr"] == pytest.approx(truth["psnr"], abs=tol.CARD_PSNR)
+    values = {"pose": pose.ravel().tolist(), "lens": 0, "width": 32, "height": 32, "mode": "color"}
+    shown = []
+    for device in ("gpu", "cpu"):
+        session = Session(Stage("small", "run", gaussians, scene, device=device))
+        shown.append(session.frames.draw(session._request(values)).image.astype(int))
+    assert np.abs(shown[0] - shown[1]).max() <= 1 and shown[1].std() > 5
+    drawn = gsut.render(gaussians, scene.cameras[0], pose, device="gpu")
+    with pytest.raises(InputError, match="finds no surface"):
+        render_surface(drawn)
+
+
+@pytest.mark.filterwarnings("default:drawn on the CPU:RuntimeWarning")
+def test_commands_on_a_card_draw_as_on_the_cpu_and_say_where_they_cannot(
+    tmp_path, rng, monkeypatch, capsys
+):
+    import cv2
+
+    gaussians = gaussians_in_view(rng, fisheye(48), random_pose(rng), 60)
+    save_gaussians(tmp_path / "a.ply", gaussians)
+    plain = ["render", str(tmp_path / "a.ply"), "--size", "64x48", "--frames", "2", "-o"]
+    assert main([*plain, str(tmp_path / "cpu")]) == 0
+    assert main([*plain, str(tmp_path / "gpu"), "--device", "gpu"]) == 0
+    monkeypatch.setattr(card_module, "find_card", lambda: "there is no card")
+    capsys.readouterr()
+    assert main([*plain, str(tmp_path / "none"), "--device", "gpu"]) == 0
+    assert capsys.readouterr().err.count("drawn on the CPU: there is no card") == 1
+    for name in ("00000.png", "00001.png"):
+        cpu, gpu, none = (
+            cv2.imread(str(tmp_path / each / name)).astype(int) for each in ("cpu", "gpu", "none")
+        )
+        assert np.abs(cpu - gpu).max() <= 1 and cpu.std() > 5
+        np.testing.assert_array_equal(cpu, none)
+    cloud = ["--cloud", str(tmp_path / "b.ply"), "--device", "gpu"]
+    assert main([*plain, str(tmp_path / "depth"), *cloud]) == 2
+    assert "leave --device gpu out" in capsys.readouterr().err
 
 
 def test_cones_of_tiles_hold_their_rays():

@@ -7,9 +7,9 @@ import pytest
 
 import gsut
 import tolerances
-from gsut.data.rigs import measure_changes, read_rig, write_rig
+from gsut.data.rigs import measure_changes, read_rig
 from gsut.sfm.photographs.options import PosesOptions
-from gsut.sfm.rig.fit import find_lens_pair, write_lens_pair
+from gsut.sfm.rig import find_lens_pair, write_rig_fit
 from gsut.sfm.solution import Adjustment
 from gsut.sfm.solution.solver import solve_poses
 from gsut.sfm.world.comparison import compare_poses
@@ -44,15 +44,15 @@ class Pair:
         )  # fmt: skip
         self.mapping.solution = self.alone
 
-    def find(self, folder, **changes):
+    def find(self, **changes):
         mapping = dataclasses.replace(self.mapping, **changes)
-        find_lens_pair(mapping, folder)
+        find_lens_pair(mapping)
         return mapping.solved, mapping.found.rig, mapping.log.notes[-1]
 
 
 def test_rig_and_both_lenses_are_found_from_the_images(rng, tmp_path):
     pair = Pair(rng, absent=((3, 1),))
-    solution, fit, words = pair.find(tmp_path)
+    solution, fit, words = pair.find()
     assert "the two lenses are a rig: 8 frames" in words
     assert solution.registered.all()
     errors = compare_poses(solution.camera_from_world, pair.scene.poses)
@@ -62,15 +62,14 @@ def test_rig_and_both_lenses_are_found_from_the_images(rng, tmp_path):
     for found, params in zip(fit.rig.cameras, (FRONT, BACK), strict=True):
         off = np.abs(found.params[:4] - params[:4])
         assert off.max() < tolerances.RIG_FOUND_LENS_PX
-    write_lens_pair(fit)
-    write_rig(fit.rig, tmp_path / "rig.json")
+    write_rig_fit(fit, tmp_path)
     again = read_rig(tmp_path / "rig.json")
     assert again.names == ("front", "back") and again.cameras[1] == fit.rig.cameras[1]
     larger = fit.rescale(10.0)
     assert larger.rig.baseline == pytest.approx(10 * fit.rig.baseline)
 
 
-def test_images_that_were_not_taken_together_stay_single(rng, tmp_path):
+def test_images_that_were_not_taken_together_stay_single(rng):
     pair = Pair(rng)
     photographs = pair.scene.photographs
     # The back lens' images belong to other frames than their names say.
@@ -78,6 +77,6 @@ def test_images_that_were_not_taken_together_stay_single(rng, tmp_path):
     back = photographs.rig_cameras == 1
     frames[back] = (frames[back] + 3) % 8
     wrong = dataclasses.replace(photographs, frames=frames)
-    solution, fit, words = pair.find(tmp_path, photographs=wrong)
+    solution, fit, words = pair.find(photographs=wrong)
     assert solution is pair.alone and fit is None
     assert "placed one by one" in words

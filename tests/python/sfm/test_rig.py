@@ -16,8 +16,9 @@ from gsut import _core
 from gsut.data.poses import find_centers, invert_pose
 from gsut.data.rigs import measure_changes, read_rig, write_rig
 from gsut.sfm.matches.matching import choose_pairs
-from gsut.sfm.photographs.features import make_no_features
+from gsut.sfm.photographs.features import Features, make_no_features
 from gsut.sfm.photographs.options import PosesOptions
+from gsut.sfm.report.verdict import list_notes
 from gsut.sfm.rig.fit import solve_rig
 from gsut.sfm.rig.images import find_rig_photographs
 from gsut.sfm.rig.start import place_rig
@@ -99,6 +100,44 @@ def test_solve_rig_image_without_features_is_no_frame(rng):
     solution, _ = solved(scene)
     (place,) = np.flatnonzero(~solution.registered)
     assert solution.names[place] == "right/005.png"
+
+
+def test_solve_rig_image_of_another_place_gets_no_pose_from_its_frame(rng):
+    scene = SyntheticRig(rng, noise=0.2)
+    (stranger,) = [i for i, n in enumerate(scene.photographs.names) if n == "right/005.png"]
+    features = scene.features[stranger]
+    lens = scene.photographs.cameras[stranger]
+    # Descriptors of the scene, everywhere: what is near a projection is chance.
+    dense = rng.integers(0, len(features), 40 * len(features))
+    scene.features[stranger] = Features(
+        rng.uniform(0, [lens.width, lens.height], (len(dense), 2)), features.sizes[dense],
+        features.descriptors[dense], features.colors[dense],
+    )  # fmt: skip
+    scene.pairs = [p for p in scene.pairs if stranger not in (p.first, p.second)]
+    solution, fit = solved(scene)
+    assert np.flatnonzero(~solution.registered).tolist() == [stranger]
+    assert not (solution.observations[:, 1] == stranger).any()
+    assert fit.figures["unmatched"] == ["right/005.png"]
+    assert "1 of them share no point with other images and have no pose" in fit.notes[1]
+
+
+@pytest.mark.parametrize("mount", [STEREO, BACKWARD], ids=["stereo", "back to back"])
+def test_solve_rig_frames_that_do_not_connect_become_a_model_in_the_rigs_unit(rng, mount):
+    scene = SyntheticRig(rng, mount, noise=0.2)
+    early = scene.photographs.frames < 4
+    scene.pairs = [p for p in scene.pairs if early[p.first] == early[p.second]]
+    mapping = scene.mapping(rig=scene.rig)
+    solve_rig(mapping)
+    (other,) = mapping.found.models
+    assert mapping.solved.registered.tolist() == (~early).tolist()  # the larger one first
+    assert other.registered.tolist() == early.tolist()
+    for model in (mapping.solved, other):
+        apart, turned = scene.worst(model)
+        assert apart < tolerances.RIG_UNITS
+        assert turned < tolerances.RIG_DEGREES
+    assert mapping.found.rig.figures["frames_registered"] == 6
+    mapping.found.figures["lens"] = "known"
+    assert not [note for note in list_notes(mapping) if "without a pose" in note]
 
 
 def test_solve_rig_standard_error_of_lengths_is_that_of_many_runs():
@@ -352,6 +391,13 @@ def edited(folder, edit):
         (lambda v: v["cameras"]["right"].update(camera_from_reference=[1, 2]), "six numbers"),
         (lambda v: v["cameras"]["right"].update(file="none.yaml"), "no lens file"),
         (lambda v: v["cameras"]["right"].pop("file") and None, "does not name its lens file"),
+        (lambda v: v["cameras"]["right"].update(file=3), "does not name its lens file"),
+        (lambda v: v["cameras"]["right"].update(shutter="down"), "down.* top_to_bottom"),
+        (lambda v: v["cameras"]["right"].update(readout_seconds=0.02), 'needs "shutter"'),
+        (lambda v: v["cameras"]["right"].update(shutter="top_to_bottom", readout_seconds=-1),
+         "give seconds above 0"),
+        (lambda v: [c.update(shutter="top_to_bottom") for c in v["cameras"].values()]
+         and v["cameras"]["left"].update(readout_seconds=0.02), "all of them, or for none"),
         (lambda v: {"a": 1}, 'no object "cameras"'),
         (lambda v: v["cameras"]["left"].update(camera_from_reference=STRETCHED), "not a rotation"),
     ],
@@ -379,6 +425,19 @@ def test_write_rig_is_read_again(rig_folder):
     assert again.cameras == rig.cameras
     change = np.abs(again.camera_from_reference - rig.camera_from_reference).max()
     assert change < tolerances.RIG_HELD  # rotations are made orthonormal once more
+
+
+def test_read_rig_lens_null_is_to_be_estimated(rig_folder):
+    folder, make = rig_folder
+    rig = read_rig(edited(folder, lambda v: v["cameras"]["right"].update(file=None)))
+    assert rig.unknown_lenses == [1] and rig.cameras[0] is not None
+    found = find_rig_photographs(make("left/1.png", "left/2.png", "right/1.png"), rig)
+    assert [camera is None for camera in found.cameras] == [False, True, False]
+    ((name, images),) = [(group.name, group.images.tolist()) for group in found.groups]
+    assert (name, images) == ("right", [1])
+    write_rig(rig, folder / "again.json")
+    assert read_rig(folder / "again.json").unknown_lenses == [1]
+    assert read_rig(folder / "again.json").forget_lenses().unknown_lenses == [0, 1]
 
 
 def test_read_rig_reads_what_calibrate_wrote_with_the_exact_lenses():

@@ -122,13 +122,30 @@ def test_poses_with_a_disturbed_rig_refine_it(demo, tmp_path):
     assert np.degrees(max(turns)) < 0.2 * 0.5
 
 
+def test_poses_with_a_rig_estimates_the_lens_that_it_does_not_name(demo, tmp_path):
+    values = json.loads((demo / "rig_hall" / "rig.json").read_text())
+    left, right = values["cameras"].values()
+    left["file"], right["file"] = str(demo / "rig_hall" / left["file"]), None
+    (tmp_path / "rig.json").write_text(json.dumps(values))
+    out, images = tmp_path / "out", str(demo / "rig_hall" / "images")
+    words = ["poses", images, "--rig", str(tmp_path / "rig.json"), "-o", str(out), "--quiet"]
+    assert main(words) == 0
+    truth, found = read_rig(demo / "rig_hall" / "rig.json"), read_rig(out / "rig.json")
+    assert found.cameras[0] == truth.cameras[0]
+    focal = [rig.cameras[1].params[0] for rig in (found, truth)]
+    assert focal[0] == pytest.approx(focal[1], rel=tolerances.RIG_ESTIMATED_FOCAL)
+    errors = compare_datasets(demo / "rig_hall", out)
+    assert errors.images == 2 * FRAMES
+    assert abs(errors.scale_error_percent) < tolerances.RIG_ESTIMATED_SCALE_PERCENT
+    figures = json.loads((out / "poses.json").read_text())
+    assert figures["lens"] == "estimated" and figures["rig"]["lenses_estimated"] == ["right"]
+
+
 @pytest.mark.parametrize(
     ("flags", "message"),
     [
         (["--rig", "RIG", "--camera", "left.yaml"], "--camera contradicts --rig"),
-        (["--rig", "RIG", "--unknown-lens"], "--unknown-lens contradicts --rig"),
         (["--rig", "RIG", "--photometric"], "--photometric contradicts --rig"),
-        (["--rig", "RIG", "--shutter", "rolling"], "leave --shutter rolling"),
         (["--refine-rig"], "--refine-rig needs a rig"),
         (["--rig", "none.json"], "none.json cannot be read"),
     ],

@@ -7,12 +7,15 @@ import pytest
 
 import gsut
 import tolerances
+from disturbances import disturb_rig
+from gsut.data.rigs import measure_changes
 from gsut.sfm import PosesOptions, compare_poses
 from gsut.sfm.lens.cameras import search_lenses
 from gsut.sfm.lens.candidates import guess_lenses
 from gsut.sfm.lens.doubt import judge_lens
 from gsut.sfm.matches.matching import match_images
 from gsut.sfm.photographs.listing import LensGroup, _group_by_folder
+from gsut.sfm.rig import solve_rig
 from synthetic_rig import STEREO, SyntheticRig
 from synthetic_walk import Synthetic, quiet
 
@@ -54,6 +57,13 @@ def run(scene, photographs, monkeypatch):
     return mapping
 
 
+@pytest.fixture(scope="module")
+def found(scene):
+    """A run that has estimated both lenses."""
+    with pytest.MonkeyPatch.context() as monkeypatch:
+        return run(scene, start(scene), monkeypatch)
+
+
 def check(scene, mapping, registered, focal_error=tolerances.SEVERAL_LENSES_FOCAL):
     solution = mapping.solved
     assert solution.num_registered == registered
@@ -64,14 +74,34 @@ def check(scene, mapping, registered, focal_error=tolerances.SEVERAL_LENSES_FOCA
     assert errors.ate_percent < tolerances.SEVERAL_LENSES_ATE_PERCENT
 
 
-def test_two_unknown_lenses_of_one_size_are_both_found(scene, monkeypatch):
-    photographs = start(scene)
-    assert [group.name for group in photographs.groups] == ["left", "right"]
-    mapping = run(scene, photographs, monkeypatch)
+def test_two_unknown_lenses_of_one_size_are_both_found(scene, found):
+    mapping = found
+    assert [group.name for group in start(scene).groups] == ["left", "right"]
     check(scene, mapping, 2 * FRAMES)
     judge_lens(mapping)
     assert mapping.found.focal_sigma < tolerances.SEVERAL_LENSES_FOCAL
     assert len({row["camera"] for row in mapping.found.figures["lens_search"]}) == 2
+
+
+def test_two_unknown_lenses_on_a_rig_are_found_with_the_rigs_turns(scene, found):
+    rig = disturb_rig(scene.rig).forget_lenses()
+    given = scene.photographs
+    mapping = dataclasses.replace(
+        found, rig=rig, options=dataclasses.replace(OPTIONS, refine_rig=True),
+        photographs=dataclasses.replace(
+            found.photographs, frames=given.frames, rig_cameras=given.rig_cameras
+        ),
+    )  # fmt: skip
+    solve_rig(mapping)
+    check(scene, mapping, 2 * FRAMES)
+    fit = mapping.found.rig
+    off = [
+        np.abs(lens.params[2:4] - truth.params[2:4]).max()
+        for lens, truth in zip(fit.rig.cameras, LENSES, strict=True)
+    ]
+    assert max(off) < tolerances.RIG_CENTER_PX
+    ((turn, _),) = measure_changes(scene.rig, fit.rig.camera_from_reference)[1:]
+    assert np.degrees(turn) < tolerances.RIG_FOUND_DEGREES  # was 0.5
 
 
 def test_an_unknown_lens_beside_a_known_one_is_found_and_the_known_one_held(scene, monkeypatch):

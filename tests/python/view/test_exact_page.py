@@ -67,6 +67,22 @@ def test_page_on_a_card_at_rest_is_within_one_level_of_render(
         pytest.skip("this browser has no WebGPU")
     check_page_at_rest(card_window, tmp_path, scene, gaussians, background, "#card")
     assert "graphics card" in card_window.run("return $('pace').textContent;")
+    if background is None:
+        return
+    before = card_window.read_canvas()
+    parts = card_window.run("""
+      const { card } = server, { most } = card;
+      card.most = 64 * 4 * 12; // as if bindings held 64 Gaussians
+      card.setScene(server.gaussians);
+      card.most = most;
+      const shown = Number(document.body.dataset.frames);
+      redraw(false);
+      while (Number(document.body.dataset.frames) === shown) {
+        await new Promise((done) => setTimeout(done, 20));
+      }
+      return [card.scene.parted.length, $('pace').textContent];""")
+    assert parts[0] == 5 and "graphics card" in parts[1]
+    np.testing.assert_array_equal(card_window.read_canvas(), before)
 
 
 def check_page_at_rest(window, tmp_path, scene, gaussians, background, part=""):
@@ -170,6 +186,7 @@ def test_damaged_page_says_what_is_wrong(window, tmp_path, scene, gaussians, par
     window.wait("!$('toast').hidden")
     words = window.run("return $('toast').textContent;")
     assert "damaged" in words and word in words and "copy it again" in words
+    assert window.run("return document.body.classList.contains('narrow');")  # no dead controls
 
 
 def test_page_of_another_scene_is_refused(window, tmp_path, scene, gaussians):
@@ -185,6 +202,7 @@ def test_page_of_another_scene_is_refused(window, tmp_path, scene, gaussians):
     assert "Gaussians" in window.run("return $('toast').textContent;")
 
 
+@pytest.mark.quick
 def test_convert_lens_to_another_format_is_refused(tmp_path, gaussians, capsys):
     save_gaussians(tmp_path / "a.ply", gaussians)
     assert main(["convert", str(tmp_path / "a.ply"), str(tmp_path / "b.spz"), "--lens"]) != 0

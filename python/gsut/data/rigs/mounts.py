@@ -74,6 +74,7 @@ def read_mounts(lens: Path | dict[str, Path], names: Sequence[str]) -> dict[str,
         mounts = {
             name: Mount(camera, f"{lens}, camera {name}", from_reference=pose)
             for name, camera, pose in rows
+            if camera is not None
         }
         return _select_mounts(mounts, names, lens)
     mount = _read_mount(lens, "")

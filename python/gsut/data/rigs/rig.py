@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import os
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from gsut._core import CalibrationError, InputError
+from gsut._core import CalibrationError, InputError, Shutter
 from gsut.data.errors import DatasetError
 from gsut.data.poses import check_rigid, find_centers, invert_pose
 from gsut.data.text_files import read_yaml
@@ -20,11 +21,27 @@ from gsut.lens.files import is_camchain
 
 _POSE = "camera_from_reference"
 _LENS = "file"
+_SHUTTER = "shutter"
+_READOUT = "readout_seconds"
+_GLOBAL = "global"
 _FEWEST_CAMERAS = 2
 _EXACT_SUFFIXES = (".yaml", ".yml", ".json")  # of the exact lens beside a .cameramodel
 _STAND_IN = "splined_stereographic"  # the model that stands in for it there
 _STAND_IN_PX = 0.01  # pixels between the two; those of `gsut calibrate` differ by 0.0002
 _NO_BASELINE = 1e-9  # of the distance to the reference, in units in the last place of a file
+
+
+@dataclasses.dataclass(frozen=True)
+class LineReading:
+    """How a camera with a rolling shutter reads its lines.
+
+    Args:
+        shutter: their order.
+        seconds: from the first line to the last; None: not known.
+    """
+
+    shutter: Shutter
+    seconds: float | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,17 +51,20 @@ class Rig:
     Args:
         source: the file it was read from.
         names: of the cameras; the first is the reference where the file says no other.
-        cameras: their lenses.
+        cameras: their lenses; None: to be estimated.
         camera_from_reference: (K, 4, 4) in the unit of the file, metres where it was calibrated
             in metres.
-        lens_files: where the lenses stand, and the camera's name there if there are several.
+        lens_files: where the lenses stand, and the camera's name there if there are several; None
+            for a lens to be estimated.
+        readings: how each camera reads its lines, None for all at once; empty: nothing is said.
     """
 
     source: Path
     names: tuple[str, ...]
-    cameras: tuple[Camera, ...]
+    cameras: tuple[Camera | None, ...]
     camera_from_reference: np.ndarray
-    lens_files: tuple[tuple[Path, str | None], ...]
+    lens_files: tuple[tuple[Path, str | None] | None, ...]
+    readings: tuple[LineReading | None, ...] = ()
 
     def __len__(self) -> int:
         return len(self.names)
@@ -55,15 +75,27 @@ class Rig:
         centers = find_centers(self.camera_from_reference)
         return float(np.linalg.norm(centers[:, None] - centers[None], axis=2).max())
 
+    @property
+    def unknown_lenses(self) -> list[int]:
+        """Numbers of the cameras whose lens is to be estimated."""
+        return [number for number, file in enumerate(self.lens_files) if file is None]
+
+    def forget_lenses(self) -> Rig:
+        """Returns the same rig with every lens to be estimated."""
+        nothing = (None,) * len(self)
+        return dataclasses.replace(self, cameras=nothing, lens_files=nothing)
+
 
 def read_rig(path: str | os.PathLike[str]) -> Rig:
     """Reads a rig.
 
     Either JSON as `gsut calibrate --rig` writes it (report.json): {"cameras": {NAME: {"file": lens
-    file, relative to this one, "camera_from_reference": six numbers (Rodrigues rotation,
-    translation) or a 4x4 matrix}}}; or a camchain YAML of Kalibr (T_cn_cnm1), whose cameras are
-    cam0, cam1 ... Instead of a splined .cameramodel the exact lens that `gsut calibrate` wrote
-    beside it, of the same name, is taken if it is the same within 0.01 px.
+    file, relative to this one, or null to have the lens estimated, "camera_from_reference": six
+    numbers (Rodrigues rotation, translation) or a 4x4 matrix}}}; or a camchain YAML of Kalibr
+    (T_cn_cnm1), whose cameras are cam0, cam1 ... Instead of a splined .cameramodel the exact lens
+    that `gsut calibrate` wrote beside it, of the same name, is taken if it is the same within
+    0.01 px. A camera of a JSON file may have a rolling shutter: "shutter", the order of its lines
+    (see `Shutter`), and "readout_seconds" from the first to the last.
 
     Args:
         path: the file.
@@ -106,13 +138,20 @@ def write_rig(rig: Rig, path: Path) -> None:
         InputError: the file cannot be written.
     """
     cameras: dict[str, Any] = {}
-    for name, pose, (lens, entry) in zip(
-        rig.names, rig.camera_from_reference, rig.lens_files, strict=True
+    readings = rig.readings or (None,) * len(rig)
+    for name, pose, file, reading in zip(
+        rig.names, rig.camera_from_reference, rig.lens_files, readings, strict=True
     ):
-        relative = os.path.relpath(lens.resolve(), path.parent.resolve())
-        cameras[name] = {_LENS: Path(relative).as_posix(), _POSE: pose.tolist()}
-        if entry is not None:
-            cameras[name]["camera_id"] = entry
+        own = cameras[name] = {_LENS: None, _POSE: pose.tolist()}
+        if file is not None:
+            lens, entry = file
+            relative = os.path.relpath(lens.resolve(), path.parent.resolve())
+            own |= {_LENS: Path(relative).as_posix()}
+            own |= {} if entry is None else {"camera_id": entry}
+        if rig.readings:
+            own[_SHUTTER] = reading.shutter.direction if reading else _GLOBAL
+        if reading is not None and reading.seconds is not None:
+            own[_READOUT] = reading.seconds
     text = json.dumps({"cameras": cameras}, indent=1) + "\n"
     write_file(path, text)
 
@@ -131,19 +170,60 @@ def _parse_rig(file: Path, text: str) -> Rig:
             f'{file}: there is no object "cameras" of names with "{_LENS}" and "{_POSE}"; give the '
             "report.json that `gsut calibrate --rig` wrote"
         )
-    lenses, poses, files = [], [], []
+    lenses: list[Camera | None] = []
+    poses: list[np.ndarray] = []
+    files: list[tuple[Path, str | None] | None] = []
     for name, entry in cameras.items():
         where = f"{file}, camera {name}"
-        if not isinstance(entry, dict) or not isinstance(entry.get(_LENS), str):
-            raise InputError(f'{where}: "{_LENS}" does not name its lens file; write it there')
+        if not isinstance(entry, dict) or not isinstance(entry.get(_LENS, 0), str | None):
+            raise InputError(
+                f'{where}: "{_LENS}" does not name its lens file; write it there, or null to have '
+                "the lens estimated"
+            )
         if _POSE not in entry:
             raise InputError(f'{where}: "{_POSE}" is missing; calibrate the cameras together')
         poses.append(_parse_pose(entry[_POSE], where))
+        if entry[_LENS] is None:
+            lenses.append(None)
+            files.append(None)
+            continue
         camera_id = entry.get("camera_id")
         lens, camera = _load_lens(file.parent / entry[_LENS], camera_id, where)
         lenses.append(camera)
         files.append((lens, camera_id))
-    return Rig(file, tuple(cameras), tuple(lenses), np.array(poses), tuple(files))
+    readings = tuple(
+        _parse_reading(entry, f"{file}, camera {name}") for name, entry in cameras.items()
+    )
+    if any(readings) and len({r.seconds is None for r in readings if r is not None}) > 1:
+        raise InputError(
+            f'{file}: "{_READOUT}" is given for some cameras with a rolling shutter only; give it '
+            "for all of them, or for none"
+        )
+    is_said = any(_SHUTTER in entry for entry in cameras.values())
+    return Rig(
+        file, tuple(cameras), tuple(lenses), np.array(poses), tuple(files),
+        readings if is_said else (),
+    )  # fmt: skip
+
+
+def _parse_reading(entry: dict[str, Any], where: str) -> LineReading | None:
+    """Parses how a camera reads its lines; None: all at once, or nothing is said."""
+    seconds = entry.get(_READOUT)
+    direction = entry.get(_SHUTTER, _GLOBAL)
+    is_number = isinstance(seconds, (int, float)) and not isinstance(seconds, bool)
+    if seconds is not None and not (is_number and 0 < seconds < math.inf):
+        raise InputError(f'{where}: "{_READOUT}" is {seconds!r}; give seconds above 0')
+    if direction == _GLOBAL:
+        if seconds is not None:
+            raise InputError(
+                f'{where}: "{_READOUT}" needs "{_SHUTTER}", the order of the lines, such as '
+                '"top_to_bottom"'
+            )
+        return None
+    try:
+        return LineReading(Shutter(str(direction)), None if seconds is None else float(seconds))
+    except InputError as error:
+        raise InputError(f'{where}: "{_SHUTTER}": {error}') from error
 
 
 def _read_camchain_rig(file: Path) -> Rig:

@@ -2,10 +2,12 @@
 
 from gsut.sfm.photographs.features import (
     Features,
+    ImageLines,
     Images,
     OnProgress,
     collect_features,
     detect_features,
+    make_no_features,
 )
 from gsut.sfm.photographs.listing import (
     FEWEST_IMAGES,
@@ -25,6 +27,7 @@ __all__ = [
     "FOLDER",
     "TANGENT",
     "Features",
+    "ImageLines",
     "Images",
     "LensGroup",
     "OnProgress",
@@ -38,5 +41,6 @@ __all__ = [
     "digest_key",
     "find_photographs",
     "list_photographs",
+    "make_no_features",
     "require_central",
 ]

@@ -16,14 +16,13 @@ from gsut.data import Frame, list_some, write_transforms
 from gsut.data.colmap import ColmapImage, ColmapModel, format_model_texts
 from gsut.data.points import format_points_ply
 from gsut.data.poses import invert_pose
-from gsut.data.rigs import write_rig
 from gsut.files import check_shape, reading, write_file
 from gsut.run import Verdict
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.photographs import Photographs
 from gsut.sfm.report.page import REPORT, write_report
 from gsut.sfm.report.verdict import judge_solution, list_notes
-from gsut.sfm.rig import COVARIANCE_OF, write_lens_pair
+from gsut.sfm.rig import COVARIANCE_OF, write_rig_fit
 from gsut.sfm.solution import FEATURE_VARIANCE, Solution
 from gsut.sfm.world import find_stated_up
 
@@ -37,7 +36,6 @@ _SHAPE: dict[str, Any] = {
     "reprojection_error_px": {"rms": _NUMBER, "median": _NUMBER}, "verdict": Verdict.SHAPE,
     "lenses": [{"model": str, "params": [_NUMBER]}], "made_from?": str, "rig?": dict,
 }  # fmt: skip
-RIG = "rig.json"
 COLMAP = "sparse/0"
 MODEL = "model_{}"  # folder of a further model; the first is in the output folder itself
 
@@ -63,9 +61,7 @@ def write_poses(mapping: Mapping, folder: Path, made_from: str) -> dict[str, Any
     log.note(*write_dataset(solution, mapping.photographs, folder, up))
     if found.rig is not None:
         found.figures |= {"rig": found.rig.figures, "covariance_of": COVARIANCE_OF}
-        if found.rig.figures.get("found"):
-            write_lens_pair(found.rig)
-        write_rig(found.rig.rig, folder / RIG)
+        write_rig_fit(found.rig, folder)
     log.watch.record_lap("writing")
     seconds, cpu_seconds = (
         {stage: times[clock] for stage, times in log.watch.seconds.items()} for clock in (0, 1)
@@ -112,17 +108,19 @@ def write_dataset(
 def _list_frames(solution: Solution, photographs: Photographs) -> list[Frame]:
     frames = [
         Frame(
-            name, path, camera, invert_pose(pose), mask_path=mask, shutter=solution.shutter,
+            name, path, camera, invert_pose(pose), mask_path=mask, shutter=shutter,
             time=photographs.times.get(name),
         )
-        for name, path, camera, pose, mask in zip(
+        for name, path, camera, pose, mask, shutter in zip(
             solution.names, photographs.paths, solution.cameras, solution.camera_from_world,
-            photographs.masks, strict=True,
+            photographs.masks, solution.shutters, strict=True,
         )
     ]  # fmt: skip
     if solution.shutter is not None:
         ends = solution.interpolate_poses(0.0), solution.interpolate_poses(1.0)
         for frame, start, end in zip(frames, *ends, strict=True):
+            if frame.shutter is None:  # of a camera that reads all lines at once
+                continue
             frame.world_from_camera_start, frame.world_from_camera_end = (
                 invert_pose(start),
                 invert_pose(end),

@@ -54,10 +54,12 @@ def list_notes(mapping: Mapping) -> list[str]:
     agreement, is_lens_known = found.agreement, found.figures["lens"] == "known"
     notes = [*compare_lens(mapping), *describe_zooms(found.zooms)]
     notes += found.rig.notes if found.rig is not None else []
-    if solution.num_registered < len(solution.names):
+    elsewhere = {name for model in found.models for name in model.registered_names}
+    without = [name for name in solution.unregistered_names if name not in elsewhere]
+    if without:
         notes.append(
-            f"{solution.num_registered} of {len(solution.names)} images were registered; without a "
-            f"pose: {list_some(solution.unregistered_names)}"
+            f"{len(solution.names) - len(without)} of {len(solution.names)} images were "
+            f"registered; without a pose: {list_some(without)}"
         )
     doubt = describe_doubt(found)
     if doubt is not None:

@@ -10,7 +10,7 @@ import numpy as np
 from gsut._core import InputError
 from gsut.data import list_some
 from gsut.data.rigs import Rig
-from gsut.sfm.photographs import FEWEST_IMAGES, Photographs, list_photographs
+from gsut.sfm.photographs import FEWEST_IMAGES, LensGroup, Photographs, list_photographs
 
 _NOT_CAMERAS = {"masks"}  # folders that may lie beside those of the cameras
 
@@ -28,7 +28,8 @@ def find_rig_photographs(images: Path, rig: Rig) -> Photographs:
         rig: see `read_rig`.
 
     Returns:
-        The photographs, with their frames, cameras on the rig, and how they were paired.
+        The photographs, with their frames, cameras on the rig, and how they were paired; those of
+        each unknown lens are a group.
 
     Raises:
         InputError: a camera has no folder or no images, a folder is of no camera, or images cannot
@@ -66,6 +67,7 @@ def find_rig_photographs(images: Path, rig: Rig) -> Photographs:
     rows = sorted(
         (order[key], camera, i) for camera, own in enumerate(keys) for i, key in enumerate(own)
     )
+    cameras = np.array([camera for _, camera, _ in rows])
     return Photographs(
         root,
         [f"{rig.names[c]}/{found[c].names[i]}" for _, c, i in rows],
@@ -73,8 +75,11 @@ def find_rig_photographs(images: Path, rig: Rig) -> Photographs:
         [found[c].masks[i] for _, c, i in rows],
         [rig.cameras[c] for _, c, _ in rows],
         frames=np.array([frame for frame, _, _ in rows]),
-        rig_cameras=np.array([camera for _, camera, _ in rows]),
+        rig_cameras=cameras,
         paired_by=paired_by,
+        groups=tuple(
+            LensGroup(rig.names[c], np.flatnonzero(cameras == c)) for c in rig.unknown_lenses
+        ),
     )
 
 

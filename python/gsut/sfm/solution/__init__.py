@@ -1,7 +1,7 @@
 """Poses and points: the solver that makes them of matches, and what its result shows."""
 
 from gsut.sfm.solution.look_alikes import LookAlikes, find_look_alikes, separate_look_alikes
-from gsut.sfm.solution.models import find_further_models
+from gsut.sfm.solution.models import find_further_models, solve_left_out
 from gsut.sfm.solution.result import (
     FEATURE_VARIANCE,
     Solution,
@@ -10,6 +10,7 @@ from gsut.sfm.solution.result import (
     gather_pixels,
     measure_agreement,
     measure_diagonal,
+    measure_line_times,
     measure_rotation_angles,
     similarity_from_points,
     transform_to_cameras,
@@ -24,6 +25,7 @@ from gsut.sfm.solution.solver import (
     adjust_registered,
     index_lenses,
     list_extension_settings,
+    order_by_folder,
     solve_poses,
 )
 
@@ -47,9 +49,12 @@ __all__ = [
     "list_extension_settings",
     "measure_agreement",
     "measure_diagonal",
+    "measure_line_times",
     "measure_rotation_angles",
+    "order_by_folder",
     "separate_look_alikes",
     "similarity_from_points",
+    "solve_left_out",
     "solve_poses",
     "transform_to_cameras",
 ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -40,18 +40,8 @@ def find_further_models(
     """
     found: list[Solution] = []
     left = ~solution.registered
-    images = Images(solution.names, solution.cameras, features, solution.shutter)
-    while len(found) < _MOST_MODELS and left.sum() >= _FEWEST_IMAGES:
-        own = [pair for pair in pairs if left[pair.first] and left[pair.second]]
-        if not own:
-            break
-        try:
-            model = solve_poses(images, own, options)
-        except SolveError:
-            break
-        if model.num_registered < _FEWEST_IMAGES:
-            break
-        left &= ~model.registered
+    images = Images(solution.names, solution.cameras, features, solution.shutter, solution.lines)
+    for model, _ in solve_left_out(images, left, pairs, options):
         merged = merge_models(solution, model, features, pairs, options)
         if merged is not None:
             solution = merged
@@ -59,6 +49,32 @@ def find_further_models(
             found.append(model)
     largest, *others = sorted([solution, *found], key=lambda model: -model.num_registered)
     return largest, others
+
+
+def solve_left_out(
+    images: Images, left: np.ndarray, pairs: Sequence[PairMatches], options: PosesOptions
+) -> Iterator[tuple[Solution, list[PairMatches]]]:
+    """Reconstructs the images that are left, one model after the other.
+
+    Args:
+        left: (N,) bool, the images without a pose; those of each model are taken out of it.
+        pairs: verified matches.
+
+    Yields:
+        A model with an entry for every image, and the pairs that it was made from.
+    """
+    for _ in range(_MOST_MODELS):
+        own = [pair for pair in pairs if left[pair.first] and left[pair.second]]
+        if left.sum() < _FEWEST_IMAGES or not own:
+            return
+        try:
+            model = solve_poses(images, own, options)
+        except SolveError:
+            return
+        if model.num_registered < _FEWEST_IMAGES:
+            return
+        left &= ~model.registered
+        yield model, own
 
 
 def merge_models(

@@ -7,6 +7,8 @@ const RADIUS_MARGIN = 1e-6;
 // Of the rule that gsut draws by: least alpha, largest alpha, transmittance at which a pixel is closed.
 const RULE = { least: 1 / 255, most: 0.99, stop: 1e-4 };
 const LARGEST = 3.4e38;
+// A part of the Gaussians is a multiple of it: bindings begin at multiples of 256 bytes.
+const PART_ROWS = 64;
 // Lenses and sizes whose tiles stay on the card.
 const KEPT_TILES = 8;
 const SHADERS = ["make_records", "count_digits", "scatter", "scan", "order_counts", "list_pairs", "find_tiles", "blend"];
@@ -69,23 +71,34 @@ class Card {
   }
   // size, coefficients, parts: as Core.setScene takes them.
   setScene({ size, coefficients, parts: [means, quats, scales, logits, sh] }) {
-    const splats = new Float32Array(11 * size);
+    const splats = new Float32Array(11 * size), parted = []; // parts that fit one binding each
     for (let i = 0; i < size; i++) {
       splats.set(means.subarray(3 * i, 3 * i + 3), 11 * i);
       splats.set(quats.subarray(4 * i, 4 * i + 4), 11 * i + 3);
       splats.set(scales.subarray(3 * i, 3 * i + 3), 11 * i + 7);
       splats[11 * i + 10] = logits[i];
     }
-    this.scene = { size, coefficients, splats: this.upload(splats), sh: this.upload(sh) };
+    const width = 3 * coefficients, most = PART_ROWS * Math.max(1, Math.floor(this.most / (4 * Math.max(11, width)) / PART_ROWS));
+    for (let first = 0; first < size; first += most) {
+      const end = Math.min(size, first + most), cut = (array, each) => this.upload(array.subarray(each * first, each * end));
+      parted.push({ first, rows: end - first, splats: cut(splats, 11), sh: cut(sh, width) });
+    }
+    this.scene = { size, coefficients, parted };
     this.passing = [];
   }
   // Returns { image over black, alpha, depth, valid }; start: camera_from_world, 4 x 4 in rows.
   async draw(core, lens, start, background) {
-    const { size, coefficients, splats, sh } = this.scene, tiles = this.findTiles(core, lens), [across, down] = tiles.tiles, count = across * down;
+    const { size, parted } = this.scene, tiles = this.findTiles(core, lens), [across, down] = tiles.tiles, count = across * down;
     if (Math.max(Math.ceil(size / GROUP), count) > MOST_GROUPS) throw new Error("this frame is too large for the card");
     const view = this.describeView(start, tiles), records = this.room(RECORD_FLOATS * size), [keys, values, counts, begin] = [size, size, size, size + 1].map((n) => this.room(n));
     const groups = Math.ceil(size / GROUP), first = this.device.createCommandEncoder(), sum = this.room(4, GPUBufferUsage.MAP_READ | GPUBufferUsage.COPY_DST);
-    this.call(first, "make_records", groups, [[0, 0, view], [0, 1, splats], [0, 2, sh], [0, 3, tiles.cones], [0, 4, records], [0, 5, keys], [0, 6, values], [0, 7, counts]]);
+    for (const { first: from, rows, splats, sh } of parted) {
+      const rest = (each) => [4 * each * from, 4 * each * rows];
+      this.call(first, "make_records", Math.ceil(rows / GROUP), [
+        [0, 0, this.describeView(start, tiles, from, rows)], [0, 1, splats], [0, 2, sh], [0, 3, tiles.cones],
+        [0, 4, records, ...rest(RECORD_FLOATS)], [0, 5, keys, ...rest(1)], [0, 6, values, ...rest(1)], [0, 7, counts, ...rest(1)],
+      ]);
+    }
     const [, order] = this.sort(first, keys, values, size, KEY_BITS);
     this.call(first, "order_counts", groups, [[0, 0, view], [0, 7, counts], [1, 6, order], [1, 7, begin]]);
     this.scan(first, begin, size);
@@ -135,11 +148,11 @@ class Card {
     this.kept.set(key, tiles);
     return tiles;
   }
-  describeView(m, tiles) { // the shaders' View; the camera's centre keeps the digits that a float takes
-    const center = [0, 1, 2].map((k) => -(m[k] * m[3] + m[4 + k] * m[7] + m[8 + k] * m[11])), high = center.map(Math.fround), { size, coefficients } = this.scene;
+  describeView(m, tiles, first = 0, rows = this.scene.size) { // the shaders' View; the camera's centre keeps the digits that a float takes
+    const center = [0, 1, 2].map((k) => -(m[k] * m[3] + m[4 + k] * m[7] + m[8 + k] * m[11])), high = center.map(Math.fround), { coefficients } = this.scene;
     const data = new ArrayBuffer(128);
     new Float32Array(data, 0, 24).set([...high, Math.log2(RULE.least), ...center.map((value, k) => value - high[k]), LARGEST, m[0], m[1], m[2], RULE.most, m[4], m[5], m[6], RULE.stop, m[8], m[9], m[10], 0, -LARGEST, LARGEST, 0, 0]);
-    new Uint32Array(data, 96).set([size, ...tiles.tiles, Math.round(Math.sqrt(coefficients)) - 1, ...tiles.cells, coefficients, 0]);
+    new Uint32Array(data, 96).set([rows, ...tiles.tiles, Math.round(Math.sqrt(coefficients)) - 1, ...tiles.cells, coefficients, first]);
     return this.uniform(data);
   }
   sort(work, keys, values, count, bits) { // stably by the lowest bits of the keys
@@ -155,11 +168,11 @@ class Card {
     return now;
   }
   scan(work, sums, count) { this.call(work, "scan", 1, [[2, 0, this.uniform([count, 0, 0, 0])], [2, 1, sums]]); }
-  call(work, shader, groups, bindings) { // bindings: [group, binding, buffer]
+  call(work, shader, groups, bindings) { // bindings: [group, binding, buffer], of a part also its offset and size
     const pipeline = this.pipelines[shader], pass = work.beginComputePass();
     pass.setPipeline(pipeline);
     for (const group of new Set(bindings.map(([where]) => where))) {
-      const entries = bindings.filter(([where]) => where === group).map(([, binding, buffer]) => ({ binding, resource: { buffer } }));
+      const entries = bindings.filter(([where]) => where === group).map(([, binding, buffer, offset = 0, size]) => ({ binding, resource: { buffer, offset, size } }));
       pass.setBindGroup(group, this.device.createBindGroup({ layout: pipeline.getBindGroupLayout(group), entries }));
     }
     pass.dispatchWorkgroups(groups);
