@@ -42,6 +42,8 @@ class BundleProblem {
   bool Moves(int block) const { return sizes_[block] > kPoseTangent; }
   void MakeBlocks();
   void MakeSystem();
+  // Evaluates the priors' residuals; returns the cost with theirs.
+  double AddPriors(double cost);
   // Of one observation; returns its cost.
   double Linearize(int i);
 
