@@ -31,7 +31,8 @@ def find_sources(dependencies: Iterable[str], log: str) -> set[str]:
         dependencies: lines of `ninja -t deps`: an object, then its sources, indented.
         log: of the build, in which the linker names the objects.
     """
-    linked = set(re.findall(r"[\w.]+\.cpp\.o", log))
+    traced = "\n".join(line for line in log.splitlines() if "Building CXX object" not in line)
+    linked = set(re.findall(r"[\w.]+\.cpp\.o", traced))
     found, wanted = set(), False
     for line in dependencies:
         if line[:1].strip():

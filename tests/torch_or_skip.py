@@ -1,31 +1,16 @@
-"""torch for tests: that of the environment, else Debian's python3-torch, else the test skips."""
+"""torch for tests: where there is none, the test skips."""
 
-import sys
-import sysconfig
-import warnings
-from pathlib import Path
 from types import ModuleType
 
 import pytest
 
-_DEBIAN = Path("/usr/lib/python3/dist-packages")
+from find_torch import find_torch
 
 
 def import_torch() -> ModuleType:
     """Imports torch, or skips the module that calls it."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # Debian's torch says that it was built with another NumPy
-        added = not sysconfig.get_path("purelib").startswith("/usr/lib")
-        try:
-            if added:
-                sys.path.append(str(_DEBIAN))  # last: only what is nowhere else
-            import torch
-
-            torch.zeros(1)
-        except ImportError as error:
-            message = f"gsut.torch needs torch, which ./run test --torch installs ({error})"
-            pytest.skip(message, allow_module_level=True)
-        finally:
-            if added:
-                sys.path.remove(str(_DEBIAN))
-    return torch
+    try:
+        return find_torch()
+    except ImportError as error:
+        message = f"gsut.torch needs torch, which ./run test --torch installs ({error})"
+        pytest.skip(message, allow_module_level=True)

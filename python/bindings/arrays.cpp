@@ -43,6 +43,11 @@ py::object Convert(const py::handle& object, const char* name) {
     return numpy.attr(only_dlpack ? "from_dlpack" : "asarray")(object);
   } catch (const py::error_already_set& error) {
     if (error.matches(PyExc_MemoryError)) throw;
+    const std::string type = py::cast<std::string>(error.type().attr("__name__"));
+    if (type.rfind("Tracer", 0) == 0) {
+      throw InputError(std::string(name) + " is traced by JAX and has no values yet: call gsut " +
+                       "through jax.pure_callback, as docs/jax.md shows");
+    }
     throw InputError(std::string(name) + " cannot be read as an array of numbers (" +
                      Describe(error) + "); give a numpy array, or what numpy.asarray takes");
   }

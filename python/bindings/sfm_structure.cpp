@@ -181,6 +181,7 @@ Inputs ReadInputs(const std::vector<const Camera*>& cameras,
   }
   StructureOptions& options = inputs.options;
   std::string shutter = "global";
+  std::vector<std::string> shutters;
   std::vector<std::array<double, 6>> rates;
   std::vector<std::array<double, 3>> places;
   std::array<double, 3> place_sigma = {1.0, 1.0, 1.0};
@@ -199,7 +200,10 @@ Inputs ReadInputs(const std::vector<const Camera*>& cameras,
   settings.Read("lens_free", &options.lens_free);
   settings.Read("shutter", &shutter);
   settings.Read("rolling_error", &options.rolling_error);
+  settings.Read("image_shutters", &shutters);
+  settings.Read("image_readouts", &options.image_readouts);
   settings.Read("frame_times", &options.frame_times);
+  settings.Read("frame_cameras", &options.frame_cameras);
   settings.Read("readout_time", &options.readout_time);
   settings.Read("image_rates", &rates);
   settings.Read("rate_sigma", &options.rate_sigma);
@@ -208,6 +212,12 @@ Inputs ReadInputs(const std::vector<const Camera*>& cameras,
   settings.CheckAllRead({"descriptors"});
   // Names and arrays that are no plain fields of the options are converted here.
   options.shutter = Shutter::Named(shutter);
+  for (const std::string& name : shutters) options.image_shutters.push_back(Shutter::Named(name));
+  const auto fits = [&](std::size_t rows) { return rows == 0 || rows == inputs.images.size(); };
+  if (!fits(shutters.size()) || !fits(options.image_readouts.size()) ||
+      !fits(options.frame_cameras.size())) {
+    throw InputError("image_shutters, image_readouts and frame_cameras have one entry an image");
+  }
   if (!rates.empty() && rates.size() != inputs.images.size()) {
     throw InputError("image_rates must have one row an image");
   }

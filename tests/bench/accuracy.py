@@ -36,6 +36,7 @@ class Truth:
     Attributes:
         pixels: (H, W) uint8, 1 where sampled.
         image: (P, 3) colours of the sampled pixels, row by row.
+        alpha: (P,) of these pixels.
         smooth: (P,) bool, False where the blend rule jumps.
         dimage: (H, W, 3) float32, the random gradient of the loss; 0 where not sampled or not
             smooth.
@@ -47,6 +48,7 @@ class Truth:
 
     pixels: np.ndarray
     image: np.ndarray
+    alpha: np.ndarray
     smooth: np.ndarray
     dimage: np.ndarray
     rows: np.ndarray
@@ -102,14 +104,14 @@ def make_truth(
     background, degree = (0.0, 0.0, 0.0), scene.gaussians.sh_degree
     inside = pixels != 0
 
-    def render(factor: float) -> tuple[np.ndarray, np.ndarray]:
+    def render(factor: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         moved = _moved(rule, factor)
         job = _core.RenderJob(camera, pose, rule=moved, background=background, sh_degree=degree)
-        image, _, _, blended, _ = _core.render_reference(g, job, pixels)
-        return image[inside], blended[inside]
+        image, alpha, _, blended, _ = _core.render_reference(g, job, pixels)
+        return image[inside], alpha[inside], blended[inside]
 
-    image, blended = render(1.0)
-    smooth = (render(1.0 - _JUMP)[1] == blended) & (render(1.0 + _JUMP)[1] == blended)
+    image, alpha, blended = render(1.0)
+    smooth = (render(1.0 - _JUMP)[2] == blended) & (render(1.0 + _JUMP)[2] == blended)
     dimage = np.zeros((*pixels.shape, 3), np.float32)
     dimage[inside] = rng.normal(size=image.shape) * smooth[:, None]
     gradients = None
@@ -118,10 +120,21 @@ def make_truth(
         job = _core.RenderJob(camera, pose, rule=rule, background=background, sh_degree=degree)
         _core.render_reference_backward(g, job, dimage.astype(np.float64), gradients, pixels=pixels)
     return Truth(
-        pixels, image, smooth, dimage, rows, gradients, float(blended.mean()),
+        pixels, image, alpha, smooth, dimage, rows, gradients, float(blended.mean()),
         f"{len(chosen)} tiles, {len(image)} of {pixels.size} pixels, "
         f"at a jump of the rule {np.count_nonzero(~smooth)}",
     )  # fmt: skip
+
+
+def count_missed(truth: Truth, alpha: np.ndarray, alpha_min: float) -> int:
+    """Counts smooth sampled pixels whose light is off by half a Gaussian at the cut-off or more.
+
+    A Gaussian that a pixel misses leaves a share of at least `alpha_min` too much of the light.
+    """
+    found, exact = (np.log1p(-each) for each in (alpha[truth.pixels != 0], truth.alpha))
+    with np.errstate(invalid="ignore"):  # of two pixels that are covered whole
+        off = np.abs(found.astype(np.float64) - exact) > 0.5 * alpha_min
+    return int(np.count_nonzero(off & truth.smooth))
 
 
 def errors_of(truth: Truth, image: np.ndarray, gradients: Gaussians | None) -> Errors:

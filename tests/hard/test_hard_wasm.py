@@ -4,22 +4,36 @@ import numpy as np
 import pytest
 from test_hard_matrix import CASES
 
-from core_in_node import draw_in_node, draw_natively, hold_scalar
+from core_in_node import digest, draw_in_browser, draw_in_node, draw_natively, hold_scalar
+from random_scenes import rng_of
 
 
-@pytest.fixture
-def scalar():
-    yield from hold_scalar()
-
-
-@pytest.mark.filterwarnings("ignore:of [0-9]+ Gaussians:RuntimeWarning")  # case 11 plants them
-def test_core_hard_cases_have_the_bits_of_native_scalar(tmp_path, scalar, rng):
-    jobs = []
+@pytest.fixture(scope="module")
+def cases():
+    """Jobs, and their images by native code without vectors."""
+    jobs, rng = [], rng_of("hard")
     for build, _ in CASES.values():
         for scene in build(rng):
             if scene.options or not len(scene.gaussians):
                 continue
             jobs.append((scene.gaussians, scene.camera, scene.pose, scene.pose, "global"))
     assert len(jobs) >= 50
-    for number, (job, image) in enumerate(zip(jobs, draw_in_node(tmp_path, jobs), strict=True)):
-        np.testing.assert_array_equal(image, draw_natively(*job), err_msg=str(number))
+    scalar = hold_scalar()
+    next(scalar)
+    images = [draw_natively(*job) for job in jobs]
+    next(scalar, None)
+    return jobs, images
+
+
+@pytest.mark.filterwarnings("ignore:of [0-9]+ Gaussians:RuntimeWarning")  # case 11 plants them
+def test_core_hard_cases_have_the_bits_of_native_scalar(tmp_path, cases):
+    jobs, images = cases
+    drawn = draw_in_node(tmp_path, jobs)
+    for number, (image, native) in enumerate(zip(drawn, images, strict=True)):
+        np.testing.assert_array_equal(image, native, err_msg=str(number))
+
+
+@pytest.mark.filterwarnings("ignore:of [0-9]+ Gaussians:RuntimeWarning")
+def test_core_hard_cases_in_chromium_have_the_bits_of_native_scalar(tmp_path, cases):
+    jobs, images = cases
+    assert draw_in_browser(tmp_path, jobs) == [digest(native) for native in images]

@@ -1,5 +1,7 @@
-"""The WebAssembly core in node, beside native code without vectors."""
+"""The WebAssembly core in node and in Chromium, beside native code without vectors."""
 
+import base64
+import hashlib
 import json
 import shutil
 import subprocess
@@ -9,6 +11,7 @@ import numpy as np
 import pytest
 
 import gsut
+from browser import browser
 from gsut.render import place_about
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -16,7 +19,7 @@ CORE = ROOT / "python/gsut/view/exact"
 HERE = Path(__file__).parent
 BACKGROUND = (0.3, 0.1, 0.6)
 PARTS = ("means", "quats", "log_scales", "opacity_logits", "sh")
-NODE_SECONDS = 120
+NODE_SECONDS = 300
 
 
 def require_node():
@@ -33,8 +36,9 @@ def run_node(*arguments):
     )  # fmt: skip
 
 
-def describe_job(gaussians, camera, start, end, shutter):
+def describe_job(gaussians, camera, start, end, shutter, runs=0):
     return {
+        "runs": runs,
         "size": len(gaussians), "coefficients": gaussians.sh.shape[1], "shutter": shutter,
         "start": np.ravel(place_about(start, gaussians.origin)).tolist(),
         "end": np.ravel(place_about(end, gaussians.origin)).tolist(),
@@ -50,9 +54,8 @@ def describe_job(gaussians, camera, start, end, shutter):
 def draw_in_node(folder, jobs):
     """Images, alphas, depths and images of two halves of each job, as (H, W, 8) float32."""
     with open(folder / "numbers.bin", "wb") as file:
-        for gaussians, *_ in jobs:
-            for name in PARTS:
-                file.write(np.ascontiguousarray(getattr(gaussians, name), np.float32).tobytes())
+        for part in list_parts(jobs):
+            file.write(part)
     (folder / "jobs.json").write_text(json.dumps([describe_job(*job) for job in jobs]))
     done = run_node(HERE / "draw_jobs.js", folder, CORE)
     assert done.returncode == 0, done.stderr
@@ -66,6 +69,48 @@ def draw_in_node(folder, jobs):
         images.append(np.concatenate(planes, axis=2))
     assert at == len(numbers)
     return images
+
+
+def draw_in_browser(folder, jobs):
+    """Digests of what `draw_in_node` gives, see `digest`, by a page in headless Chromium."""
+    page = folder / "draw.html"
+    scripts = [(CORE / "core.js").read_text(), (HERE / "draw_jobs.js").read_text()]
+    data = {"core": (CORE / "core.wasm.gz").read_bytes(), "numbers": b"".join(list_parts(jobs))}
+    page.write_text(
+        "<!doctype html><meta charset=utf-8>"
+        + "".join(
+            f'<script id="{name}" type="x">{base64.b64encode(value).decode()}</script>'
+            for name, value in data.items()
+        )
+        + f'<script id="jobs" type="x">{json.dumps([describe_job(*job) for job in jobs])}</script>'
+        + "".join(f"<script>{text}</script>" for text in scripts),
+        encoding="utf-8",
+    )
+    with browser() as window:
+        window.open(f"file://{page}")
+        drawn = window.run("""
+          const core = await Core.load(await unpack("core", "gzip")), out = [];
+          const bytes = Uint8Array.from(atob(part("numbers").textContent), (c) => c.charCodeAt(0));
+          drawJobs(core, JSON.parse(part("jobs").textContent), new Float32Array(bytes.buffer),
+            (array) => out.push(crypto.subtle.digest("SHA-256", array)));
+          const hex = (byte) => byte.toString(16).padStart(2, "0");
+          const text = (all) => Array.from(new Uint8Array(all), hex).join("");
+          return (await Promise.all(out)).map(text);""")
+    assert isinstance(drawn, list), drawn
+    return [drawn[at : at + 4] for at in range(0, len(drawn), 4)]
+
+
+def digest(image):
+    """SHA-256 of image, alpha, depth and joined image of (H, W, 8) as `draw_in_node` gives them."""
+    planes = np.split(image, (3, 4, 5), axis=2)
+    return [hashlib.sha256(np.ascontiguousarray(plane)).hexdigest() for plane in planes]
+
+
+def list_parts(jobs):
+    """The arrays of all jobs' Gaussians as bytes, one after the other."""
+    for gaussians, *_ in jobs:
+        for name in PARTS:
+            yield np.ascontiguousarray(getattr(gaussians, name), np.float32).tobytes()
 
 
 def draw_natively(gaussians, camera, start, end, shutter):

@@ -6,12 +6,14 @@ import cv2
 import numpy as np
 
 import gsut
+from gsut import _core
 from gsut.data.poses import invert_pose
 from gsut.data.rigs import Rig
 from gsut.sfm.mapping import Mapping, PosesLog
 from gsut.sfm.matches.matching import PairMatches
 from gsut.sfm.photographs import PosesOptions
 from gsut.sfm.photographs.listing import Photographs
+from gsut.sfm.rig import find_image_lines
 from synthetic_walk import observe
 
 _FEWEST_SHARED = 25  # points of a pair of images worth a match
@@ -38,6 +40,8 @@ class SyntheticRig:
         mounts: (4, 4) second, third camera from the first [STEREO].
         elsewhere: (4, 4) first camera from the reference [the same].
         lenses: of the cameras [a fisheye, a distorted lens, a pinhole].
+        readings: of cameras with a rolling shutter.
+        readout: the longest, over the time between frames.
         frames, points: how many. noise: of the features, pixels.
         absent: (frame, camera) without an image.
         blind: (frame, camera) that sees few points; few: how many.
@@ -45,7 +49,7 @@ class SyntheticRig:
 
     def __init__(
         self, rng, *mounts, frames=10, points=700, noise=0.0, absent=(), blind=(), few=6,
-        elsewhere=None, lenses=None,
+        elsewhere=None, lenses=None, readings=(), readout=0.06,
     ):  # fmt: skip
         first = np.eye(4) if elsewhere is None else elsewhere
         poses = np.stack([np.eye(4), *(mounts or [STEREO])]) @ first
@@ -60,7 +64,8 @@ class SyntheticRig:
         )  # fmt: skip
         names = ("left", "right", "third")[:count]
         files = tuple((Path(f"{name}.yaml"), None) for name in names)
-        self.rig = Rig(Path("rig.json"), names, lenses[:count], poses, files)
+        self.rig = Rig(Path("rig.json"), names, lenses[:count], poses, files, readings)
+        self._readout, self.velocities = readout, []
         directions = rng.standard_normal((points, 3))
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
         self.points = directions * rng.uniform(3, 7, (points, 1))
@@ -68,19 +73,19 @@ class SyntheticRig:
         self.poses, names, frames_of, cameras_of = [], [], [], []
         self.features, self._seen = [], []
         for frame in range(frames):
-            angle = 2 * np.pi * frame / frames
-            center = [np.cos(angle), 0.2 * np.sin(2 * angle), np.sin(angle)]
-            body = pose_of([0.1 * np.sin(angle), angle, 0.1 * np.cos(angle)], center)
+            body, velocity = self._move_body(frame, frames)
+            self.velocities.append(velocity)
             for camera, name in enumerate(self.rig.names):
                 if (frame, camera) in absent:
                     continue
                 names.append(f"{name}/{frame:03d}.png")
                 frames_of.append(frame)
                 cameras_of.append(camera)
-                pose = self.rig.camera_from_reference[camera] @ body
-                self.poses.append(pose)
+                self.poses.append(self.rig.camera_from_reference[camera] @ body)
                 most = few if (frame, camera) in blind else points
-                self._add_features(rng, pose, self.rig.cameras[camera], noise, identity, most)
+                pixels, valid = self._project(camera, body, velocity)
+                self._add_features(rng, self.rig.cameras[camera], pixels, valid, noise, identity,
+                                   most)  # fmt: skip
         self.poses = np.array(self.poses)
         self.photographs = Photographs(
             Path("."), names, [Path(n) for n in names], [None] * len(names),
@@ -89,8 +94,36 @@ class SyntheticRig:
         )  # fmt: skip
         self.pairs = self._pairs()
 
-    def _add_features(self, rng, pose, lens, noise, identity, most):
-        pixels, valid = lens.project(self.points @ pose[:3, :3].T + pose[:3, 3])
+    def _move_body(self, frame, frames):
+        """The body in the middle of a frame's readout, and how far it moves during the longest."""
+
+        def place(time):
+            angle = 2 * np.pi * time / frames
+            center = [np.cos(angle), 0.2 * np.sin(2 * angle), np.sin(angle)]
+            return pose_of([0.1 * np.sin(angle), angle, 0.1 * np.cos(angle)], center)
+
+        ends = [place(frame + share * self._readout) for share in (-0.5, 0.5)]
+        return place(frame), _core.velocity_between(*ends)
+
+    def _project(self, camera, body, velocity):
+        """Pixels of all points in a camera, each at the time of its line, and which have one."""
+        lens, times = self.rig.cameras[camera], np.zeros(len(self.points))
+        mount = self.rig.camera_from_reference[camera]
+        reading = self.rig.readings[camera] if self.rig.readings else None
+        longest = max((r.seconds for r in self.rig.readings if r), default=1.0)
+        for _ in range(12 if reading else 1):  # the line that sees a point: a fixed point
+            moved = np.array([mount @ _core.moved_pose(body, velocity, time) for time in times])
+            p = np.einsum("nij,nj->ni", moved[:, :3, :3], self.points) + moved[:, :3, 3]
+            pixels, valid = lens.project(p)
+            if reading:
+                direction = reading.shutter.direction
+                axis = int("top" in direction)
+                share = pixels[:, axis] / (lens.width, lens.height)[axis] - 0.5
+                sign = 1 if direction in ("top_to_bottom", "left_to_right") else -1
+                times = np.where(valid, sign * share * reading.seconds / longest, 0.0)
+        return pixels, valid
+
+    def _add_features(self, rng, lens, pixels, valid, noise, identity, most):
         seen, features = observe(rng, lens, pixels, valid, noise, identity, most)
         self._seen.append(seen)
         self.features.append(features)
@@ -132,6 +165,9 @@ class SyntheticRig:
 
     def mapping(self, refine_rig=False, **known):
         """The state of a run that has verified the matches of the rig's images."""
+        if "shutter" not in known:
+            lines = find_image_lines(self.rig, self.photographs.rig_cameras)
+            known |= dict(zip(("shutter", "lines"), lines, strict=True))
         return Mapping(
             self.photographs, PosesOptions(refine_rig=refine_rig), PosesLog(),
             features=self.features, pairs=self.pairs, **known,

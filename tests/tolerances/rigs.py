@@ -29,3 +29,12 @@ RIG_ESTIMATED_FOCAL = 0.027
 RIG_ESTIMATED_SCALE_PERCENT = 2.0  # the same; worst 1.02
 RIG_OTHER_LENS_FOCAL = 0.0022  # of six small pictures beside those of a known lens; worst 0.0011
 RIG_CENTER_PX = 0.042  # principal points of two estimated lenses on a refined rig; worst 0.0207
+RIG_ROLLING_EXACT = (
+    4e-10  # centres of rigs with rolling shutters from exact tracks, 4 kinds; worst 1.6e-10
+)
+RIG_ROLLING_ENDS = (
+    1.5e-4  # their centres at both ends of a readout, whose arc is a line; worst 7.3e-5
+)
+RIG_READOUT = 0.036  # of a video of two fisheyes, found with its rig, 3 orders; worst 0.018
+RIG_OPEN_SHIFT = 0.06  # of the baseline: a refined place, its height open, no overlap; worst 0.030
+RIG_TURN_CHI_SQUARE = 3.0  # squared error of a mount's turn a degree of freedom, 6 runs; found 1.02

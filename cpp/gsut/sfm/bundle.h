@@ -81,6 +81,11 @@ struct BundleOptions {
   // Which mounts are adjusted, one flag each; empty: none. Where the scale is held by an image, it
   // is the mounts' length that follows.
   std::vector<std::uint8_t> mount_free;
+  // What is known of the mounts beforehand: a pose each (empty: nothing), and the standard
+  // deviation of a centre and of a turn in radians, against the noise above.
+  std::vector<Pose> mount_priors;
+  double mount_center_sigma = std::numeric_limits<double>::infinity();
+  double mount_turn_sigma = std::numeric_limits<double>::infinity();
 };
 
 struct BundleSummary {

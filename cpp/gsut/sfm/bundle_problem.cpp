@@ -6,6 +6,7 @@
 #include <limits>
 
 #include "gsut/base/parallel.h"
+#include "gsut/geometry/rotation_vector.h"
 #include "gsut/sfm/bundle_residual.h"
 #include "gsut/sfm/lens_parameters.h"
 
@@ -113,6 +114,12 @@ void BundleProblem::MakeSystem() {
     const VelocityPrior& prior = options_.velocity_priors[state_.image_of_body[body]];
     system_->PriorWeights(block).tail<6>() = options_.noise * prior.sigma.cwiseInverse();
   }
+  for (std::size_t m = 0; m < state_.mounts.size() && !options_.mount_priors.empty(); ++m) {
+    if (mount_block_[m] < 0) continue;
+    auto& weights = system_->PriorWeights(mount_block_[m]);
+    weights.head<3>().setConstant(options_.noise / options_.mount_center_sigma);
+    weights.tail<3>().setConstant(options_.noise / options_.mount_turn_sigma);
+  }
 }
 
 // Partial sums of chunks are added in order: the cost has the same bits on any number of threads.
@@ -124,10 +131,11 @@ double BundleProblem::Evaluate() {
     for (std::int64_t i = begin; i < end; ++i) sum += Linearize(static_cast<int>(i));
     return sum;
   });
-  return AddPriors(cost);
+  return cost + EvaluatePriors();
 }
 
-double BundleProblem::AddPriors(double cost) {
+double BundleProblem::EvaluatePriors() {
+  double cost = 0.0;
   for (int body = 0; body < state_.num_bodies() && !options_.place_priors.empty(); ++body) {
     const int block = body_block_[body];
     if (block < 0) continue;
@@ -145,6 +153,18 @@ double BundleProblem::AddPriors(double cost) {
     residuals =
         system_->PriorWeights(block).tail<6>().cwiseProduct(state_.velocities[body] - prior.mean);
     cost += 0.5 * residuals.squaredNorm();
+  }
+  for (std::size_t m = 0; m < state_.mounts.size() && !options_.mount_priors.empty(); ++m) {
+    const int block = mount_block_[m];
+    if (block < 0) continue;
+    const Pose& prior = options_.mount_priors[m];
+    const double* mount = state_.mounts[m].data();
+    // The turn between both changes as the mount's own: their difference is small.
+    Velocity change;
+    change << CenterOf(mount) - prior.CenterInSource(),
+        VectorOfRotation(RotationOf(mount) * prior.rotation.transpose());
+    system_->PriorResiduals(block) = system_->PriorWeights(block).cwiseProduct(change);
+    cost += 0.5 * system_->PriorResiduals(block).squaredNorm();
   }
   return cost;
 }

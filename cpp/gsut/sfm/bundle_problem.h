@@ -42,8 +42,8 @@ class BundleProblem {
   bool Moves(int block) const { return sizes_[block] > kPoseTangent; }
   void MakeBlocks();
   void MakeSystem();
-  // Evaluates the priors' residuals; returns the cost with theirs.
-  double AddPriors(double cost);
+  // Residuals of what is known of places, velocities and mounts beforehand; returns their cost.
+  double EvaluatePriors();
   // Of one observation; returns its cost.
   double Linearize(int i);
 

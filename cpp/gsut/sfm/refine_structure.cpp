@@ -117,10 +117,7 @@ Structure RefineStructure(const std::vector<Camera>& cameras,
   map.SetGauge(0, farthest);
   for (int image = 0; image < map.num_images(); ++image) {
     if (!registered.empty() && !registered[image]) continue;
-    map.Register(image, camera_from_world[image],
-                 options.KnowsVelocity(image)
-                     ? Velocity(options.readout_time * options.image_rates[image])
-                     : Velocity::Zero());
+    map.Register(image, camera_from_world[image], options.KnownVelocity(image));
   }
   const auto report = [&](const char* step) { ReportProgress(map, step, on_progress); };
   const bool lens_free = !options.lens_free.empty();

@@ -31,11 +31,10 @@ SceneMap::SceneMap(std::vector<Camera> cameras, const std::vector<ImageFeatures>
   // Times follow from pixels and never change; poses of lines do, with every adjustment.
   UpdateBearings();
   if (rolling()) {
-    for (const ImageFeatures& image : images_) {
-      const Camera& camera = cameras_[image.camera];
+    for (int image = 0; image < num_images(); ++image) {
       std::vector<double>& times = times_.emplace_back();
-      for (const Eigen::Vector2d& pixel : image.pixels) {
-        times.push_back(TimeAt(pixel, camera));
+      for (const Eigen::Vector2d& pixel : images_[image].pixels) {
+        times.push_back(TimeAt(pixel, image));
       }
       moved_.emplace_back(times.size());
     }
@@ -47,10 +46,25 @@ SceneMap::SceneMap(std::vector<Camera> cameras, const std::vector<ImageFeatures>
   SetTracks(BuildTracks(num_features_, pairs));
 }
 
-double SceneMap::TimeAt(const Eigen::Vector2d& pixel, const Camera& camera) const {
-  if (!rolling()) return 0.0;
-  return options_.shutter.PixelTime(pixel.x(), pixel.y(), camera.width(), camera.height()) -
-         kMiddle;
+double SceneMap::TimeAt(const Eigen::Vector2d& pixel, int image) const {
+  const Shutter& shutter =
+      options_.image_shutters.empty() ? options_.shutter : options_.image_shutters[image];
+  if (shutter.IsGlobal()) return 0.0;
+  const Camera& camera = cameras_[images_[image].camera];
+  const double time = shutter.PixelTime(pixel.x(), pixel.y(), camera.width(), camera.height());
+  return options_.ReadoutOf(image) * (time - kMiddle);
+}
+
+Pose SceneMap::LinePose(int image, double time) const {
+  if (!on_rig()) return MovedPose(poses_[image], velocities_[image], time);
+  const Pose mount = CameraFromBody(image);
+  return mount * MovedPose(mount.Inverse() * poses_[image], velocities_[image], time);
+}
+
+Velocity SceneMap::VelocityOf(int image) const {
+  const double readout = options_.ReadoutOf(image);
+  if (!on_rig()) return readout * velocities_[image];
+  return VelocityBetween(LinePose(image, -kMiddle * readout), LinePose(image, kMiddle * readout));
 }
 
 // Every n-th longer track keeps one of its observations out of everything: errors there are those
@@ -97,7 +111,7 @@ void SceneMap::Place(int image, const Pose& camera_from_world, const Velocity& v
   if (!rolling()) return;
   velocities_[image] = velocity;
   for (std::size_t i = 0; i < times_[image].size(); ++i) {
-    moved_[image][i] = MovedPose(camera_from_world, velocity, times_[image][i]);
+    moved_[image][i] = LinePose(image, times_[image][i]);
   }
 }
 

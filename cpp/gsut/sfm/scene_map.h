@@ -46,7 +46,7 @@ class SceneMap {
   const std::vector<Camera>& cameras() const { return cameras_; }
   const Bearing& bearing(int image, int feature) const { return bearings_[image][feature]; }
 
-  // velocity: of a rolling shutter, see camera_chain.h.
+  // velocity: of a rolling shutter, see camera_chain.h; on a rig the body's.
   void Register(int image, const Pose& camera_from_world,
                 const Velocity& velocity = Velocity::Zero());
   // The image and all others of its body, by the mounts.
@@ -111,8 +111,13 @@ class SceneMap {
   double TimeOf(const Observation& observation) const {
     return rolling() ? times_[observation.image][observation.feature] : 0.0;
   }
-  // Time of the line that holds a pixel, -0.5 to 0.5; 0 for a global shutter.
-  double TimeAt(const Eigen::Vector2d& pixel, const Camera& camera) const;
+  // Time of the line of an image that holds a pixel, -0.5 to 0.5 in units of the readout that
+  // velocities are for; 0 for a global shutter.
+  double TimeAt(const Eigen::Vector2d& pixel, int image) const;
+  // camera_from_world of an image at such a time.
+  Pose LinePose(int image, double time) const;
+  // Of an image's own camera, for its own readout.
+  Velocity VelocityOf(int image) const;
   void SetTracks(const std::vector<std::vector<TrackElement>>& tracks);
   struct Candidate {
     int track = 0, feature = 0;
@@ -152,8 +157,8 @@ class SceneMap {
   std::vector<std::uint8_t> registered_;
   std::vector<Pose> poses_;  // in the middle of the readout
   std::vector<Pose> camera_from_body_;
-  // Of rolling shutters, else empty: per image the velocity; per feature the time of its line (-0.5
-  // to 0.5) and camera_from_world then.
+  // Of rolling shutters, else empty: per image the velocity, on a rig the body's; per feature the
+  // time of its line (-0.5 to 0.5) and camera_from_world then.
   std::vector<Velocity> velocities_;
   std::vector<std::vector<double>> times_;
   std::vector<std::vector<Pose>> moved_;

@@ -111,6 +111,7 @@ Bundle SceneMap::MakeBundle(const std::vector<std::uint8_t>* images_free, Bundle
 
 void SceneMap::StoreBundle(const Bundle& bundle, const std::vector<int>& image_of,
                            const std::vector<int>& track_of) {
+  if (on_rig()) camera_from_body_ = bundle.camera_from_body;  // which poses of lines follow
   for (std::size_t i = 0; i < image_of.size(); ++i) {
     Place(image_of[i], bundle.camera_from_world[i],
           rolling() ? bundle.velocities[i] : Velocity::Zero());
@@ -118,9 +119,7 @@ void SceneMap::StoreBundle(const Bundle& bundle, const std::vector<int>& image_o
   for (std::size_t i = 0; i < track_of.size(); ++i) {
     tracks_[track_of[i]].position = bundle.points[i];
   }
-  if (!on_rig()) return;
-  camera_from_body_ = bundle.camera_from_body;
-  if (options_.rig.refine) RestoreRigSize(bundle);
+  if (on_rig() && options_.rig.refine) RestoreRigSize(bundle);
 }
 
 // A new image changes what is near it: itself and the images that share most points with it move,
@@ -171,12 +170,15 @@ BundleSummary SceneMap::AdjustGlobally(int max_iterations, double tolerance, boo
   return summary;
 }
 
-// The nearest registered image on either side in time; at an end, the image itself is one of them.
+// The nearest registered image of the camera on either side in time; at an end, the image itself is
+// one of them.
 Velocity SceneMap::NeighborVelocity(int image) const {
   int before = image, after = image;
   const std::vector<double>& times = options_.frame_times;
   for (int other = 0; other < num_images(); ++other) {
-    if (!registered_[other]) continue;
+    const std::vector<int>& cameras = options_.frame_cameras;
+    const bool of_another = !cameras.empty() && cameras[other] != cameras[image];
+    if (!registered_[other] || of_another) continue;
     const bool earlier = times[other] < times[image];
     const bool later = times[other] > times[image];
     if (earlier && (before == image || times[other] > times[before])) before = other;
@@ -278,7 +280,7 @@ Structure SceneMap::Result(bool covariances) const {
   for (int image = 0; image < num_images(); ++image) {
     if (!registered_[image]) continue;
     result.camera_from_world[image] = poses_[image];
-    if (rolling()) result.velocities[image] = velocities_[image];
+    if (rolling()) result.velocities[image] = VelocityOf(image);
   }
   std::vector<double> lengths, held_out;
   for (const Track& track : tracks_) {

@@ -85,12 +85,11 @@ std::vector<SceneMap::Candidate> SceneMap::CandidatesIn(int image,
     std::uint8_t valid = 0;
     double time = 0.0;
     for (int round = 0; round < (rolling() ? kRollingRounds : 1); ++round) {
-      const Pose pose =
-          rolling() ? MovedPose(poses_[image], velocities_[image], time) : poses_[image];
+      const Pose pose = rolling() ? LinePose(image, time) : poses_[image];
       const Eigen::Vector3d p = pose.rotation * tracks_[t].position + pose.translation;
       camera.Project(1, p.data(), pixel.data(), &valid);
       if (!valid) break;
-      time = TimeAt(pixel, camera);
+      time = TimeAt(pixel, image);
     }
     if (!valid) continue;
     Candidate best = {static_cast<int>(t), -1, most};

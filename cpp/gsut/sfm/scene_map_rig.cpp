@@ -7,6 +7,12 @@
 namespace gsut {
 namespace {
 
+// How well a rig that is adjusted is known beforehand: places by a ruler, over the rig's size, and
+// turns by eye, radians. Images mostly know them a hundred times better; where they say nothing,
+// the rig keeps the values of its file.
+constexpr double kPlaceSigma = 0.2;
+constexpr double kTurnSigma = 0.1;
+
 // Root mean square distance of cameras from their middle, in the body's frame.
 double RigSize(const std::vector<Eigen::Vector3d>& centers) {
   Eigen::Vector3d middle = Eigen::Vector3d::Zero();
@@ -28,7 +34,8 @@ void SceneMap::RegisterBody(int image, const Pose& camera_from_world) {
   const Pose body_from_world = CameraFromBody(image).Inverse() * camera_from_world;
   for (int other = 0; other < num_images(); ++other) {
     if (options_.rig.body_of_image[other] != options_.rig.body_of_image[image]) continue;
-    Register(other, other == image ? camera_from_world : CameraFromBody(other) * body_from_world);
+    Register(other, other == image ? camera_from_world : CameraFromBody(other) * body_from_world,
+             options_.KnownVelocity(other));
   }
 }
 
@@ -57,6 +64,12 @@ void SceneMap::AddRig(Bundle* bundle, BundleOptions* options, std::vector<int>* 
   options->scale_image = -1;
   if (!rig.refine) return;
   options->mount_free.assign(camera_from_body_.size(), 1);
+  options->mount_priors = rig.camera_from_body;
+  std::vector<Eigen::Vector3d> centers = {Eigen::Vector3d::Zero()};
+  for (const Pose& pose : rig.camera_from_body) centers.push_back(pose.CenterInSource());
+  options->mount_center_sigma = kPlaceSigma * RigSize(centers);
+  options->mount_turn_sigma = kTurnSigma;
+  options->noise = loss_pixels_;
   // The scale is held by a pose while mounts are free, and put right afterwards.
   double farthest = 0.0;
   for (std::size_t i = 0; i < image_of->size(); ++i) {

@@ -57,17 +57,28 @@ struct StructureOptions {
   // the largest error, in units of max_error, until velocities are known.
   Shutter shutter;
   double rolling_error = 12.0;
+  // Where cameras differ: how each image is read (global: at once), and how long, over the readout
+  // that velocities are for; middles coincide. Empty: as `shutter` says, and as long.
+  std::vector<Shutter> image_shutters;
+  std::vector<double> image_readouts;
+  double ReadoutOf(int image) const { return image_readouts.empty() ? 1.0 : image_readouts[image]; }
   // When each image was taken, and the readout in units of that time: velocities are then held near
-  // those between an image's neighbours. Empty or 0: unknown.
+  // those between an image's neighbours, of the same camera where `frame_cameras` names it. Empty
+  // or 0: unknown.
   std::vector<double> frame_times;
+  std::vector<int> frame_cameras;
   double readout_time = 0.0;
   // Where it is known otherwise: the velocity of each image for a unit of that time
-  // (camera_chain.h; not finite: not known), instead of that between its neighbours; to this share
-  // of itself, 0: exactly.
+  // (camera_chain.h; of a rig the body's, the same for all images of one; not finite: not known),
+  // instead of that between its neighbours; to this share of itself, 0: exactly.
   std::vector<Velocity> image_rates;
   double rate_sigma = 0.1;
   bool KnowsVelocity(int image) const {
     return readout_time > 0 && !image_rates.empty() && image_rates[image].allFinite();
+  }
+  // That velocity for a readout; none where it is not known.
+  Velocity KnownVelocity(int image) const {
+    return KnowsVelocity(image) ? Velocity(readout_time * image_rates[image]) : Velocity::Zero();
   }
   // Where cameras stood, in the world of the given poses (not finite: not known), to this standard
   // deviation a coordinate; for RefineStructure without a rig. Empty: not known.
@@ -107,8 +118,10 @@ struct Structure {
   std::vector<Camera> cameras;
   std::vector<std::uint8_t> registered;  // one an image
   std::vector<Pose> camera_from_world;   // identity where not registered
-  std::vector<Velocity> velocities;      // of rolling shutters, see camera_chain.h; else empty
-  std::vector<Pose> camera_from_body;    // of a rig's mounts, see Rig::refine
+  // Of rolling shutters, else empty: of each image's own camera for its own readout, see
+  // camera_chain.h.
+  std::vector<Velocity> velocities;
+  std::vector<Pose> camera_from_body;  // of a rig's mounts, see Rig::refine
   std::vector<StructurePoint> points;
   int initial_first = -1, initial_second = -1;
   int restarts = 0;

@@ -36,13 +36,12 @@ def write_transforms(
     Args:
         path: DATA/transforms.json; lens files become DATA/transforms.lens.json, or
             transforms.0.lens.json ... where there are several.
-        frames: one for each image, all with a rolling shutter of one direction or none.
+        frames: one for each image; shutters of several directions are written frame by frame.
         points_file: name of the points' PLY in the folder.
         test: names of the frames that are for testing; None: the reader chooses.
         up: (3,) in the world; None: not known.
 
     Raises:
-        InputError: the form has room for one shutter only.
         OSError: a file cannot be written.
     """
     lenses = list(dict.fromkeys(frame.camera for frame in frames))
@@ -86,15 +85,16 @@ def _format_transforms(
         values["up"] = np.asarray(up, np.float64).tolist()
     if points_file is not None:
         values["ply_file_path"] = points_file
-    directions = {frame.shutter.direction if frame.shutter else "global" for frame in frames}
-    if len(directions) > 1:
-        raise InputError(f"transforms.json has room for one shutter, found {sorted(directions)}")
-    for direction in directions - {"global"}:
-        values["rolling_shutter"] = {"direction": direction}
+    directions = {frame.shutter.direction for frame in frames if frame.shutter is not None}
+    if len(directions) == 1:
+        values["rolling_shutter"] = {"direction": directions.pop()}
     rows = [
         (texts[frame.camera] if len(lenses) > 1 else {}) | _describe_frame(frame, folder)
         for frame in frames
     ]
+    for frame, row in zip(frames, rows, strict=True):
+        if directions and frame.shutter is not None:  # cameras of a rig that differ
+            row["rolling_shutter"] = {"direction": frame.shutter.direction}
     if test is not None:
         named = [
             (row["file_path"], frame.name in test) for row, frame in zip(rows, frames, strict=True)

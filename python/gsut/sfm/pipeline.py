@@ -36,7 +36,13 @@ from gsut.sfm.photographs import (
     require_central,
 )
 from gsut.sfm.report import is_finished, read_figures, write_poses
-from gsut.sfm.rig import find_lens_pair, find_rig_photographs, solve_rig
+from gsut.sfm.rig import (
+    find_image_lines,
+    find_lens_pair,
+    find_rig_photographs,
+    find_rig_shutter,
+    solve_rig,
+)
 from gsut.sfm.shutter import find_shutter, is_probably_rolling
 from gsut.sfm.solution import (
     Adjustment,
@@ -133,6 +139,7 @@ def find_poses(
             find_shutter(mapping)
             judge_lens(mapping)
             find_lens_pair(mapping)
+            find_rig_shutter(mapping)
             mapping.log.show("writing", 0, 1, "")
             place_on_earth(mapping)
             mapping.log.watch.record_lap("mapping")
@@ -172,21 +179,20 @@ def _start_mapping(
     is_rolling = options.shutter == "rolling" or options.readout_time is not None
     if isinstance(camera, Rig):
         camera = camera.forget_lenses() if options.unknown_lens else camera
-        if is_rolling:
-            raise InputError(
-                "--rig takes its cameras for still while an image is read; leave --shutter rolling "
-                "and --readout-time out"
-            )
         photographs = find_rig_photographs(Path(images), camera)
     else:
         lens = None if camera is None else Path(camera)
         photographs = find_photographs(Path(images), lens, with_lens=not options.unknown_lens)
     require_central(lens for lens in photographs.cameras if lens is not None)
-    shutter = None if options.shutter == "global" else photographs.shutter
+    rig = camera if isinstance(camera, Rig) else None
+    shutter, lines = photographs.shutter, None
+    if rig is not None and photographs.rig_cameras is not None:
+        shutter, lines = find_image_lines(rig, photographs.rig_cameras)
+    if options.shutter == "global":
+        shutter, lines = None, None
     if is_rolling:
         shutter = shutter or Shutter(options.readout_direction)
-    rig = camera if isinstance(camera, Rig) else None
-    return Mapping(photographs, options, log or PosesLog(), rig, shutter)
+    return Mapping(photographs, options, log or PosesLog(), rig, shutter, lines)
 
 
 @contextlib.contextmanager

@@ -15,7 +15,7 @@ from gsut.torch.views import View
 
 _LEAST_VARIANCE = 1e-6  # pixels squared, beside a covariance that is inverted
 # What is computed when it is read: a training that reads none of it does not pay for it.
-_PROJECTED = ("radii", "means2d", "depths", "conics")
+_PROJECTED = ("radii", "means2d", "depths")
 _INDICES = ("batch_ids", "camera_ids", "gaussian_ids")
 
 
@@ -98,7 +98,9 @@ class BatchInfo(MutableMapping[str, Any]):
         self._radius_clip, self._eps2d = radius_clip, eps2d
         lead, opacities = cameras.lead, cameras.scene[3]
         self._lead, self._num = lead, opacities.shape[-1]
-        self._values: dict[str, Any] = dict.fromkeys((*_PROJECTED, "opacities", *_INDICES))
+        self._values: dict[str, Any] = dict.fromkeys(
+            (*_PROJECTED, "conics", "opacities", *_INDICES)
+        )
         self._values.update(n_cameras=lead[-1], n_batches=int(np.prod(lead[:-1], dtype=int)))
         self._values.update(values)
         self._projections: list[dict[str, np.ndarray]] = []
@@ -112,9 +114,11 @@ class BatchInfo(MutableMapping[str, Any]):
         self._values["means2d"].requires_grad_(cameras.scene[0].requires_grad)
 
     def __getitem__(self, name: str) -> Any:
-        if name in _PROJECTED or name == "opacities":
+        if name in _PROJECTED or name in ("conics", "opacities"):
             self._project()
             self._is_read |= name == "means2d"
+        if name == "conics" and self._values[name] is None:
+            self._values[name] = self._invert_covariances()
         return self._values[name]
 
     def __setitem__(self, name: str, value: Any) -> None:
@@ -148,13 +152,24 @@ class BatchInfo(MutableMapping[str, Any]):
         hidden = (projection["small"] for projection in self._projections)
         return dict(zip(np.ndindex(*self._lead), hidden, strict=True))
 
+    def _invert_covariances(self) -> torch.Tensor:
+        """Returns the conics, arranged as the other values are."""
+        found = [
+            invert_covariances(p["covariances"], p["radii"], self._eps2d)["conics"]
+            for p in self._projections
+        ]
+        if self._packed:
+            found = [conics[(p["radii"] > 0).all(axis=1)] for conics, p in
+                     zip(found, self._projections, strict=True)]  # fmt: skip
+            return to_tensor(np.concatenate(found))
+        return to_tensor(np.stack(found).reshape(*self._lead, self._num, 3))
+
     def _project(self) -> None:
         if self._projections:
             return
         for place in self._cameras:
             arrays = project_view(self._cameras.view, place, self._radius_clip)
-            thinned = invert_covariances(arrays["covariances"], arrays["radii"], self._eps2d)
-            self._projections.append({**arrays, **thinned})
+            self._projections.append(arrays)
         arrays = {name: np.stack([p[name] for p in self._projections]) for name in _PROJECTED}
         cameras, gaussians = np.nonzero((arrays["radii"] > 0).all(axis=2))
         if self._api == "1.4":

@@ -38,7 +38,7 @@ def patch_gsplat(*, api: str | None = None) -> GsplatPatch:
         The patch, which `undo()` or the end of a `with` takes back.
 
     Raises:
-        InputError: gsplat is not installed, or `api` is unknown.
+        InputError: gsplat is not installed or is another thing, or `api` is unknown.
     """
     try:
         gsplat = importlib.import_module("gsplat")
@@ -46,6 +46,12 @@ def patch_gsplat(*, api: str | None = None) -> GsplatPatch:
         raise InputError(
             f"patch_gsplat needs gsplat ({error}): pip install gsplat, or call gsut.torch directly"
         ) from error
+    if not hasattr(gsplat, "rasterization"):
+        place = getattr(gsplat, "__file__", None) or list(gsplat.__path__)
+        raise InputError(
+            f"gsplat at {place} has no rasterization: a folder of that name stands before the "
+            "installed package in sys.path; rename it, or run the program from another folder"
+        )
     version = read_api(api or _read_version(gsplat))
     patch = GsplatPatch()
     for name in _MODULES:

@@ -24,6 +24,8 @@ from gsut.torch.arrays import to_array, to_tensor
 
 # Cameras whose table of rays is kept: a lens that stands still is computed once.
 _CAMERAS_KEPT = 64
+# Gaussians whose Jacobians are made at a time: their arrays stay in the processor's cache.
+_ROWS = 4096
 
 
 @dataclasses.dataclass(frozen=True)
@@ -217,19 +219,30 @@ def find_pixel_slopes(result: Any, to_means: np.ndarray) -> np.ndarray:
     """
     motion = result.camera_from_world
     pose = motion.at(0.5) if isinstance(motion, CameraMotion) else motion
-    in_camera = to_means.astype(np.float64) @ pose[:3, :3].T
-    points = result.gaussians.means.astype(np.float64) @ pose[:3, :3].T + pose[:3, 3]
-    out = np.zeros((len(points), 2))
-    moved = np.flatnonzero(in_camera.any(axis=1))  # few of a large scene
-    j, _ = result.camera.project_jacobian(points[moved])
-    # The 2 x 2 system j j^T x = j g, solved in closed form.
-    right = np.einsum("nij,nj->ni", j, in_camera[moved])
-    squares = np.einsum("nik,njk->nij", j, j)
-    xx, xy, yy = squares[:, 0, 0], squares[:, 0, 1], squares[:, 1, 1]
+    out = np.zeros((len(to_means), 2))
+    moved = np.flatnonzero(to_means.any(axis=1))  # few of a large scene
+    means = result.gaussians.means
+    for first in range(0, len(moved), _ROWS):
+        rows = moved[first : first + _ROWS]
+        points = means[rows].astype(np.float64) @ pose[:3, :3].T + pose[:3, 3]
+        jacobian, _ = result.camera.project_jacobian(points)
+        in_camera = pose[:3, :3] @ to_means[rows].T.astype(np.float64)
+        out[rows] = _divide_by_jacobians(in_camera, np.ascontiguousarray(jacobian.reshape(-1, 6).T))
+    return out
+
+
+def _divide_by_jacobians(g: np.ndarray, j: np.ndarray) -> np.ndarray:
+    """Solves the 2 x 2 systems j j^T x = j g of gradients (3, M) and Jacobians (6, M), row by row.
+
+    Returns:
+        x (M, 2); 0 where it is not finite.
+    """
+    first = j[0] * g[0] + j[1] * g[1] + j[2] * g[2]
+    second = j[3] * g[0] + j[4] * g[1] + j[5] * g[2]
+    xx = j[0] * j[0] + j[1] * j[1] + j[2] * j[2]
+    xy = j[0] * j[3] + j[1] * j[4] + j[2] * j[5]
+    yy = j[3] * j[3] + j[4] * j[4] + j[5] * j[5]
     with np.errstate(divide="ignore", invalid="ignore"):
         inverse = 1.0 / (xx * yy - xy * xy)
-        u = (yy * right[:, 0] - xy * right[:, 1]) * inverse
-        v = (xx * right[:, 1] - xy * right[:, 0]) * inverse
-    valid = np.isfinite(u) & np.isfinite(v)
-    out[moved[valid]] = np.stack([u, v], 1)[valid]
-    return out
+        x = np.stack([(yy * first - xy * second) * inverse, (xx * second - xy * first) * inverse])
+    return np.where(np.isfinite(x).all(axis=0), x, 0.0).T

@@ -21,6 +21,10 @@ const FAST_MS = 50;
 const SLOWEST_MS = 100;
 // Milliseconds after the last movement until a frame of full quality is requested.
 const REST_MS = 140;
+// Longer side in pixels below which a frame while moving is not drawn: the Gaussians take the time there.
+const LEAST_SIDE = 160;
+// Quality of the JPEG of a frame while moving.
+const MOVING_QUALITY = 75;
 // Most pixels of a frame, unless it is lossless.
 const MOST_PIXELS = 3e6;
 // Field of view in degrees of the pinhole that fills the window.
@@ -119,7 +123,8 @@ function request(moving) {
   if (state.lossless && !moving) [width, height] = [lens.width, lens.height];
   else {
     const room = Math.sqrt(Math.min(1, MOST_PIXELS / (width * height * devicePixelRatio ** 2)));
-    const factor = moving ? SCALES[kind()][level] : devicePixelRatio * room;
+    const least = Math.min(1, LEAST_SIDE / Math.max(width, height));
+    const factor = moving ? Math.max(least, SCALES[kind()][level]) : devicePixelRatio * room;
     [width, height] = [width, height].map((side) => Math.max(8, Math.round(side * factor)));
   }
   const mode = state.mode === "error" && state.view === null ? "color" : state.mode;
@@ -127,7 +132,7 @@ function request(moving) {
   return {
     pose: state.exact ?? poseOf(state.eye), lens: lens.id, turns: lens.turns, width, height, mode, view: state.view, shutter: rolling,
     layers: [...state.layers, ...($("crop-box").open ? ["box"] : [])], crop: state.crop,
-    marks: state.marks, quality: moving ? 75 : state.lossless ? null : 92,
+    marks: state.marks, quality: moving ? MOVING_QUALITY : state.lossless ? null : 92,
     clean: state.clean, ground: state.ground, share: moving ? SHARES[kind()][level] : 1,
   };
 }
@@ -171,7 +176,7 @@ function show(picture, values, span, way) {
   picture.close?.();
   const now = performance.now();
   drawnTimes = [...drawnTimes.filter((time) => now - time < 1000), now];
-  $("pace").textContent = `${drawnTimes.length > 1 ? drawnTimes.length + " frames/s · " : ""}${values.width} × ${values.height}${values.quality === null ? " exact" : ""}${way ? " · " + way : ""}`;
+  $("pace").textContent = `${values.quality === MOVING_QUALITY && drawnTimes.length > 1 ? drawnTimes.length + " frames/s · " : ""}${values.width} × ${values.height}${values.quality === null ? " exact" : ""}${way ? " · " + way : ""}`;
   $("legend").hidden = !span;
   if (span) {
     const [low, high] = span.split(" ").map(Number), error = values.mode === "error";
@@ -679,7 +684,7 @@ async function followTraining() {
 function facts() {
   const parts = [];
   if (scene.kind !== "data" && scene.num_gaussians) parts.push(`${scene.num_gaussians.toLocaleString()} Gaussians`);
-  if (scene.views.length) parts.push(`${scene.views.length} photographs`);
+  if (scene.views.length) parts.push(`${scene.views.length} photograph${scene.views.length > 1 ? "s" : ""}`);
   if (scene.kind === "data") parts.push(`${scene.num_points.toLocaleString()} points`);
   if (scene.figures.psnr) parts.push(`${scene.figures.psnr.toFixed(2)} dB held out`);
   $("facts").textContent = parts.join(" · ");
@@ -813,4 +818,7 @@ async function begin() {
   if (scene.kind === "data") await fillFindings();
   if (scene.live) await followTraining();
 }
-guarded(begin)();
+begin().catch((error) => { // nothing here works then: the reason stays
+  document.body.classList.add("narrow");
+  toast(error.message, 1e6);
+});

@@ -1,6 +1,7 @@
 """Each benchmark on small data: its rows hold time with error, quality or truth."""
 
 import json
+import shutil
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ import tolerances
 from gsut import _core
 from gsut.demo import make_demo_scene
 from rendered_dataset import truth
-from tests.bench import render_bench
+from tests.bench import accuracy, render_bench, scenes
 from tests.bench.__main__ import load_benchmark, main
 from tests.bench.formats_bench import split_gaussians
 from tests.bench.harness import HALL, measure_rows
@@ -52,6 +53,25 @@ def test_render_of_a_wrong_result_prints_no_time(tmp_path, monkeypatch, capsys):
     assert row["gradient_error"] > 1e-12
     assert [key for key in row if key.endswith("_ms") and row[key] is not None] == []
     assert "out of bounds" in capsys.readouterr().err
+
+
+def test_ways_miss_nothing_and_state_error_beside_time(tmp_path):
+    options = {"counts": ("2k",), "runs": 1, "tiles": 2, "pixels": 48 * 48}
+    rows = run_bench("ways", tmp_path, only="demo's fisheye, 2k, native", **options)
+    rows |= run_bench("ways", tmp_path, only="splined, 2k, WebAssembly", **options)
+    assert len(rows) == 1 + bool(shutil.which("node"))
+    for row in rows.values():
+        assert row["ms"] > 0 and row["cpu_ms"] > 0 and row["missed"] == 0
+        assert row["image_rms_error"] <= render_bench.IMAGE_RMS_BOUND
+
+
+def test_a_gaussian_that_is_left_out_is_counted_as_missed():
+    scene = scenes.scene_from_arrays("synthetic_2k_64x48")
+    truth = accuracy.make_truth(scene, _core.BlendRule(), tiles=4, with_gradients=False)
+    whole = gsut.render(scene.gaussians, scene.camera, scene.camera_from_world)
+    assert accuracy.count_missed(truth, whole.alpha, 1 / 255) == 0
+    some = gsut.render(scene.gaussians[::2], scene.camera, scene.camera_from_world)
+    assert accuracy.count_missed(truth, some.alpha, 1 / 255) > 100
 
 
 def test_stages_of_a_step_add_up(tmp_path):

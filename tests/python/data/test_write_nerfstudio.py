@@ -161,8 +161,18 @@ def test_missing_depth_file_is_a_note(tmp_path):
     assert any("depth/3.png" in note and "1 depth file" in note for note in scene.notes)
 
 
-def test_two_shutters_have_no_room(tmp_path, rng):
+def test_two_shutters_are_written_frame_by_frame(tmp_path, rng):
     frames = frames_in(tmp_path, rng, [FISHEYE], Shutter("top_to_bottom"))
     frames[0].shutter = Shutter("left_to_right")
-    with pytest.raises(gsut.InputError, match="room for one shutter"):
-        write_transforms(tmp_path / "transforms.json", frames)
+    write_transforms(tmp_path / "transforms.json", frames)
+    views = gsut.load_dataset(tmp_path, test_every=0).views
+    found = {view.name.split("/")[-1]: view.shutter.direction for view in views}
+    assert len(found) == len(frames)
+    assert found == {frame.name.split("/")[-1]: frame.shutter.direction for frame in frames}
+
+
+def test_a_panorama_has_what_nerfstudio_divides_by(tmp_path, rng):
+    frames = frames_in(tmp_path, rng, [gsut.Camera("equirectangular", [], 64, 32)])
+    write_transforms(tmp_path / "transforms.json", frames)
+    values = json.loads((tmp_path / "transforms.json").read_text())
+    assert [values[key] for key in ("fl_x", "fl_y", "cx", "cy")] == [32, 32, 32, 16]

@@ -210,6 +210,7 @@ def test_info_has_what_strategies_read_and_means2d_gets_the_gradient_in_pixels(r
     if packed:
         slopes = torch.zeros(80, 2).index_add(0, info["gaussian_ids"], slopes)
         assert (info["radii"] > 0).all() and len(info["radii"]) == len(info["gaussian_ids"])
+        assert info["conics"].shape == (len(info["radii"]), 3)
     else:
         slopes = slopes[0]
     seen = info["gaussian_ids"] if packed else torch.where((info["radii"][0] > 0).all(-1))[0]

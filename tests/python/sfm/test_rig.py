@@ -392,6 +392,12 @@ def edited(folder, edit):
         (lambda v: v["cameras"]["right"].update(file="none.yaml"), "no lens file"),
         (lambda v: v["cameras"]["right"].pop("file") and None, "does not name its lens file"),
         (lambda v: v["cameras"]["right"].update(file=3), "does not name its lens file"),
+        (lambda v: v["cameras"]["right"].update(shutter="down"), "down.* top_to_bottom"),
+        (lambda v: v["cameras"]["right"].update(readout_seconds=0.02), 'needs "shutter"'),
+        (lambda v: v["cameras"]["right"].update(shutter="top_to_bottom", readout_seconds=-1),
+         "give seconds above 0"),
+        (lambda v: [c.update(shutter="top_to_bottom") for c in v["cameras"].values()]
+         and v["cameras"]["left"].update(readout_seconds=0.02), "all of them, or for none"),
         (lambda v: {"a": 1}, 'no object "cameras"'),
         (lambda v: v["cameras"]["left"].update(camera_from_reference=STRETCHED), "not a rotation"),
     ],

@@ -146,7 +146,6 @@ def test_poses_with_a_rig_estimates_the_lens_that_it_does_not_name(demo, tmp_pat
     [
         (["--rig", "RIG", "--camera", "left.yaml"], "--camera contradicts --rig"),
         (["--rig", "RIG", "--photometric"], "--photometric contradicts --rig"),
-        (["--rig", "RIG", "--shutter", "rolling"], "leave --shutter rolling"),
         (["--refine-rig"], "--refine-rig needs a rig"),
         (["--rig", "none.json"], "none.json cannot be read"),
     ],

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 import tolerances
-from gsut import _core
+from gsut import Shutter, _core
 from gsut.sfm.photographs.options import PosesOptions
 from gsut.sfm.shutter.readout import estimate_rates, estimate_readout_by_flow
 from gsut.sfm.shutter.video import find_video_shutter
+from gsut.sfm.solution import measure_line_times
 from gsut.sfm.solution.solver import solve_poses
 from gsut.sfm.world.comparison import compare_poses
 from synthetic_walk import Synthetic
@@ -69,13 +70,15 @@ def test_rates_of_frames_are_those_of_the_walk(rolling):
 def test_errors_of_the_flow_shorten_the_time_by_the_reliability(rolling):
     rng = np.random.default_rng(1)
     times = []
+    shutters = [Shutter("top_to_bottom")] * IMAGES
+    lines = measure_line_times(rolling.still, shutters)
     for noise in (0.0, 6.0):
         flows = {
             name: rows + noise * rng.standard_normal(rows.shape) * [0, 0, 1, 1]
             for name, rows in rolling.flows.items()
         }
         rates, spread = estimate_rates(rolling.still, flows)
-        times.append(estimate_readout_by_flow(rolling.still, rates, spread, True, None, 1.5))
+        times.append(estimate_readout_by_flow(rolling.still, rates, spread, lines, None, 1.5))
     exact, noisy = times
     assert exact.reliability > 0.99 > 0.97 > noisy.reliability
     short, right = noisy.time / exact.time, noisy.time / noisy.reliability / exact.time

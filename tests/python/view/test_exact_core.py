@@ -8,7 +8,16 @@ import numpy as np
 import pytest
 
 import gsut
-from core_in_node import CORE, ROOT, draw_in_node, draw_natively, hold_scalar, run_node
+from core_in_node import (
+    CORE,
+    ROOT,
+    digest,
+    draw_in_browser,
+    draw_in_node,
+    draw_natively,
+    hold_scalar,
+    run_node,
+)
 from gsut import _core
 from random_scenes import fisheye, gaussians_in_view, random_pose, rng_of, small_camera
 from tolerances.view import CORE_LINES
@@ -34,8 +43,12 @@ def test_core_every_central_lens_has_the_bits_of_native_scalar(tmp_path, scalar)
     assert len({camera.model for _, camera, *_ in jobs}) == sum(
         small_camera(model).is_central for model in gsut.lens.camera_models()
     )
-    for job, image in zip(jobs, draw_in_node(tmp_path, jobs), strict=True):
-        np.testing.assert_array_equal(image, draw_natively(*job), err_msg=job[1].model)
+    images = [draw_natively(*job) for job in jobs]
+    for job, image, native in zip(jobs, draw_in_node(tmp_path, jobs), images, strict=True):
+        np.testing.assert_array_equal(image, native, err_msg=job[1].model)
+    firsts = [[job[1].model for job in jobs].index(name) for name in {j[1].model for j in jobs}]
+    digests = draw_in_browser(tmp_path, [jobs[row] for row in firsts])
+    assert digests == [digest(images[row]) for row in firsts]
 
 
 def test_core_lines_are_those_of_native_scalar_but_for_the_c_library(tmp_path, scalar):

@@ -186,6 +186,7 @@ def test_damaged_page_says_what_is_wrong(window, tmp_path, scene, gaussians, par
     window.wait("!$('toast').hidden")
     words = window.run("return $('toast').textContent;")
     assert "damaged" in words and word in words and "copy it again" in words
+    assert window.run("return document.body.classList.contains('narrow');")  # no dead controls
 
 
 def test_page_of_another_scene_is_refused(window, tmp_path, scene, gaussians):
@@ -201,6 +202,7 @@ def test_page_of_another_scene_is_refused(window, tmp_path, scene, gaussians):
     assert "Gaussians" in window.run("return $('toast').textContent;")
 
 
+@pytest.mark.quick
 def test_convert_lens_to_another_format_is_refused(tmp_path, gaussians, capsys):
     save_gaussians(tmp_path / "a.ply", gaussians)
     assert main(["convert", str(tmp_path / "a.ply"), str(tmp_path / "b.spz"), "--lens"]) != 0

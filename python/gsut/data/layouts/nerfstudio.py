@@ -111,7 +111,7 @@ def _read_frame(
             end,
             _find_mask(frame, values, listing.path, where),
             _find_geometry(frame, "depth_file_path", listing),
-            None if start is None else _read_shutter(values, listing.source),
+            None if start is None else _read_shutter(values | frame, listing.source),
             _read_time(frame, "timestamp"),
             None if _read_time(frame, "timestamp_ns") is None else int(frame["timestamp_ns"]),
             _find_geometry(frame, "normal_file_path", listing),
@@ -125,7 +125,7 @@ def _read_time(frame: dict, key: str) -> float | None:
 
 
 def _read_shutter(values: dict, source: Path) -> Shutter:
-    """Reads the direction in 'rolling_shutter' of the file; top to bottom by default."""
+    """Reads the direction in 'rolling_shutter' of frame or file; top to bottom by default."""
     entry = values.get("rolling_shutter") or {}
     name = entry.get("direction", "top_to_bottom") if isinstance(entry, dict) else entry
     try:

@@ -9,11 +9,12 @@ from gsut.data.rigs.mounts import (
     parse_matrix,
     read_mounts,
 )
-from gsut.data.rigs.rig import Rig, measure_changes, read_rig, write_rig
+from gsut.data.rigs.rig import LineReading, Rig, measure_changes, read_rig, write_rig
 
 __all__ = [
     "BODY",
     "OWN",
+    "LineReading",
     "Mount",
     "Rig",
     "find_body_from_camera",

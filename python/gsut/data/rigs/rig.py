@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import os
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from gsut._core import CalibrationError, InputError
+from gsut._core import CalibrationError, InputError, Shutter
 from gsut.data.errors import DatasetError
 from gsut.data.poses import check_rigid, find_centers, invert_pose
 from gsut.data.text_files import read_yaml
@@ -20,11 +21,27 @@ from gsut.lens.files import is_camchain
 
 _POSE = "camera_from_reference"
 _LENS = "file"
+_SHUTTER = "shutter"
+_READOUT = "readout_seconds"
+_GLOBAL = "global"
 _FEWEST_CAMERAS = 2
 _EXACT_SUFFIXES = (".yaml", ".yml", ".json")  # of the exact lens beside a .cameramodel
 _STAND_IN = "splined_stereographic"  # the model that stands in for it there
 _STAND_IN_PX = 0.01  # pixels between the two; those of `gsut calibrate` differ by 0.0002
 _NO_BASELINE = 1e-9  # of the distance to the reference, in units in the last place of a file
+
+
+@dataclasses.dataclass(frozen=True)
+class LineReading:
+    """How a camera with a rolling shutter reads its lines.
+
+    Args:
+        shutter: their order.
+        seconds: from the first line to the last; None: not known.
+    """
+
+    shutter: Shutter
+    seconds: float | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,6 +56,7 @@ class Rig:
             in metres.
         lens_files: where the lenses stand, and the camera's name there if there are several; None
             for a lens to be estimated.
+        readings: how each camera reads its lines, None for all at once; empty: nothing is said.
     """
 
     source: Path
@@ -46,6 +64,7 @@ class Rig:
     cameras: tuple[Camera | None, ...]
     camera_from_reference: np.ndarray
     lens_files: tuple[tuple[Path, str | None] | None, ...]
+    readings: tuple[LineReading | None, ...] = ()
 
     def __len__(self) -> int:
         return len(self.names)
@@ -75,7 +94,8 @@ def read_rig(path: str | os.PathLike[str]) -> Rig:
     numbers (Rodrigues rotation, translation) or a 4x4 matrix}}}; or a camchain YAML of Kalibr
     (T_cn_cnm1), whose cameras are cam0, cam1 ... Instead of a splined .cameramodel the exact lens
     that `gsut calibrate` wrote beside it, of the same name, is taken if it is the same within
-    0.01 px.
+    0.01 px. A camera of a JSON file may have a rolling shutter: "shutter", the order of its lines
+    (see `Shutter`), and "readout_seconds" from the first to the last.
 
     Args:
         path: the file.
@@ -118,15 +138,20 @@ def write_rig(rig: Rig, path: Path) -> None:
         InputError: the file cannot be written.
     """
     cameras: dict[str, Any] = {}
-    for name, pose, file in zip(rig.names, rig.camera_from_reference, rig.lens_files, strict=True):
-        if file is None:
-            cameras[name] = {_LENS: None, _POSE: pose.tolist()}
-            continue
-        lens, entry = file
-        relative = os.path.relpath(lens.resolve(), path.parent.resolve())
-        cameras[name] = {_LENS: Path(relative).as_posix(), _POSE: pose.tolist()}
-        if entry is not None:
-            cameras[name]["camera_id"] = entry
+    readings = rig.readings or (None,) * len(rig)
+    for name, pose, file, reading in zip(
+        rig.names, rig.camera_from_reference, rig.lens_files, readings, strict=True
+    ):
+        own = cameras[name] = {_LENS: None, _POSE: pose.tolist()}
+        if file is not None:
+            lens, entry = file
+            relative = os.path.relpath(lens.resolve(), path.parent.resolve())
+            own |= {_LENS: Path(relative).as_posix()}
+            own |= {} if entry is None else {"camera_id": entry}
+        if rig.readings:
+            own[_SHUTTER] = reading.shutter.direction if reading else _GLOBAL
+        if reading is not None and reading.seconds is not None:
+            own[_READOUT] = reading.seconds
     text = json.dumps({"cameras": cameras}, indent=1) + "\n"
     write_file(path, text)
 
@@ -166,7 +191,39 @@ def _parse_rig(file: Path, text: str) -> Rig:
         lens, camera = _load_lens(file.parent / entry[_LENS], camera_id, where)
         lenses.append(camera)
         files.append((lens, camera_id))
-    return Rig(file, tuple(cameras), tuple(lenses), np.array(poses), tuple(files))
+    readings = tuple(
+        _parse_reading(entry, f"{file}, camera {name}") for name, entry in cameras.items()
+    )
+    if any(readings) and len({r.seconds is None for r in readings if r is not None}) > 1:
+        raise InputError(
+            f'{file}: "{_READOUT}" is given for some cameras with a rolling shutter only; give it '
+            "for all of them, or for none"
+        )
+    is_said = any(_SHUTTER in entry for entry in cameras.values())
+    return Rig(
+        file, tuple(cameras), tuple(lenses), np.array(poses), tuple(files),
+        readings if is_said else (),
+    )  # fmt: skip
+
+
+def _parse_reading(entry: dict[str, Any], where: str) -> LineReading | None:
+    """Parses how a camera reads its lines; None: all at once, or nothing is said."""
+    seconds = entry.get(_READOUT)
+    direction = entry.get(_SHUTTER, _GLOBAL)
+    is_number = isinstance(seconds, (int, float)) and not isinstance(seconds, bool)
+    if seconds is not None and not (is_number and 0 < seconds < math.inf):
+        raise InputError(f'{where}: "{_READOUT}" is {seconds!r}; give seconds above 0')
+    if direction == _GLOBAL:
+        if seconds is not None:
+            raise InputError(
+                f'{where}: "{_READOUT}" needs "{_SHUTTER}", the order of the lines, such as '
+                '"top_to_bottom"'
+            )
+        return None
+    try:
+        return LineReading(Shutter(str(direction)), None if seconds is None else float(seconds))
+    except InputError as error:
+        raise InputError(f'{where}: "{_SHUTTER}": {error}') from error
 
 
 def _read_camchain_rig(file: Path) -> Rig:

@@ -242,6 +242,9 @@ def format_nerfstudio(camera: Camera) -> str:
         values["max_theta_rad"] = camera.valid_field_angle
     if camera.model == "equirectangular":
         values["camera_model"] = "EQUIRECTANGULAR"
+        # Without meaning for a panorama, but nerfstudio divides by them.
+        w, h = camera.width, camera.height
+        values |= {"fl_x": w / 2, "fl_y": float(h), "cx": w / 2, "cy": h / 2}
         return json.dumps(values, indent=2) + "\n"
     if camera.model == "fisheye624":
         values["camera_model"] = name = "FISHEYE624"

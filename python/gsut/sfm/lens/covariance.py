@@ -115,7 +115,7 @@ def estimate_lens_covariances(
     rows = weight * np.concatenate([by_centre, differentiate_by_turn(by_p, p)], axis=2)
     if solution.shutter is not None:  # a body that moves during the readout: as much by its time
         rows = np.concatenate(
-            [rows, _compute_readout_times(solution)[good, None, None] * rows], axis=2
+            [rows, solution.measure_line_times()[good, None, None] * rows], axis=2
         )
     normal, freedom = eliminate_points(image, point, rows, change, -weight * by_centre, len(poses))
     _add_velocity_priors(normal, solution, math.sqrt(float(np.median(squared)) / 2), rows.shape[2])
@@ -158,14 +158,6 @@ def spread_free_parameters(flags: np.ndarray) -> np.ndarray:
     groups = np.where(flags == 1, -1 - np.arange(len(flags)), flags)
     wanted = list(dict.fromkeys(groups[flags > 0].tolist()))
     return np.stack([groups == group for group in wanted], axis=1).astype(np.float64)
-
-
-def _compute_readout_times(solution: Solution) -> np.ndarray:
-    """Returns (S,) the times of the observations' lines, -0.5 to 0.5, but for the direction."""
-    assert solution.shutter is not None
-    along_y = "top" in solution.shutter.direction
-    sizes = np.array([c.height if along_y else c.width for c in solution.cameras])
-    return solution.pixels[:, int(along_y)] / sizes[solution.observations[:, 1]] - 0.5
 
 
 def _add_velocity_priors(

@@ -11,7 +11,14 @@ from gsut._core import Shutter
 from gsut.data.rigs import Rig
 from gsut.sfm.mapping.log import PosesLog
 from gsut.sfm.matches import PairMatches, RawMatches
-from gsut.sfm.photographs import Features, Images, LensGroup, Photographs, PosesOptions
+from gsut.sfm.photographs import (
+    Features,
+    ImageLines,
+    Images,
+    LensGroup,
+    Photographs,
+    PosesOptions,
+)
 from gsut.sfm.solution import LensFlags, LookAlikes, Solution
 
 
@@ -85,6 +92,7 @@ class Mapping:
         log: receives progress and notes.
         rig: that the photographs were taken with, or None.
         shutter: rolling, or None.
+        lines: how each image is read, where they differ.
         features: of each photograph.
         raw: matches of pairs of photographs.
         pairs: verified matches.
@@ -98,6 +106,7 @@ class Mapping:
     log: PosesLog
     rig: Rig | None = None
     shutter: Shutter | None = None
+    lines: ImageLines | None = None
     features: list[Features] = dataclasses.field(default_factory=list)
     raw: RawMatches = dataclasses.field(
         default_factory=lambda: RawMatches(np.zeros((0, 2), np.int64), [])
@@ -116,6 +125,7 @@ class Mapping:
             self,
             photographs=self.photographs.select(group),
             features=[self.features[i] for i in group.images],
+            lines=None if self.lines is None else self.lines.select(group.images),
             raw=RawMatches(place[self.raw.pairs[inside]], [self.raw.matches[i] for i in inside]),
             pairs=[],
             solution=None,
@@ -131,7 +141,9 @@ class Mapping:
     def images(self) -> Images:
         """The photographs as the solver takes them; all lenses must be known or guessed."""
         photographs = self.photographs
-        return Images(photographs.names, photographs.lenses, self.features, self.shutter)
+        return Images(
+            photographs.names, photographs.lenses, self.features, self.shutter, self.lines
+        )
 
     @property
     def solved(self) -> Solution:

@@ -2,6 +2,7 @@
 
 from gsut.sfm.photographs.features import (
     Features,
+    ImageLines,
     Images,
     OnProgress,
     collect_features,
@@ -26,6 +27,7 @@ __all__ = [
     "FOLDER",
     "TANGENT",
     "Features",
+    "ImageLines",
     "Images",
     "LensGroup",
     "OnProgress",

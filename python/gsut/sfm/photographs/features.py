@@ -9,6 +9,7 @@ import dataclasses
 import math
 from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -58,6 +59,29 @@ class Features:
 
 
 @dataclasses.dataclass(frozen=True)
+class ImageLines:
+    """How the lines of each image are read, where the cameras of a rig differ.
+
+    Args:
+        shutters: of each image; None: all lines at once.
+        readouts: (N,) from the first line to the last, over the readout that velocities are for;
+            the middles of one frame coincide.
+    """
+
+    shutters: Sequence[Shutter | None]
+    readouts: np.ndarray
+
+    def select(self, chosen: Sequence[int] | np.ndarray) -> ImageLines:
+        """Returns those of some of the images."""
+        return ImageLines([self.shutters[i] for i in chosen], self.readouts[chosen])
+
+    def to_settings(self) -> dict[str, Any]:
+        """Returns the settings that the solver takes."""
+        names = [shutter.direction if shutter else "global" for shutter in self.shutters]
+        return {"image_shutters": names, "image_readouts": self.readouts.tolist()}
+
+
+@dataclasses.dataclass(frozen=True)
 class Images:
     """The images whose poses are estimated.
 
@@ -66,12 +90,14 @@ class Images:
         cameras: the lens of each image; equal lenses are the same object.
         features: of each image.
         shutter: of a rolling shutter; None: all lines of an image are read at once.
+        lines: of each image, where they differ.
     """
 
     names: Sequence[str]
     cameras: Sequence[Camera]
     features: Sequence[Features]
     shutter: Shutter | None = None
+    lines: ImageLines | None = None
 
     def __len__(self) -> int:
         return len(self.names)
@@ -87,6 +113,7 @@ class Images:
             [self.cameras[i] for i in chosen],
             [self.features[i] for i in chosen],
             self.shutter,
+            None if self.lines is None else self.lines.select(chosen),
         )
 
 

@@ -160,10 +160,11 @@ class _Posed:
         }
         if descriptors is not None:
             settings |= list_extension_settings(options, descriptors, self._lenses)
-        shutters = [view.shutter for view in self._views if view.shutter is not None]
+        directions = [view.shutter.direction if view.shutter else "global" for view in self._views]
         ends = []
-        if shutters:
-            settings["shutter"] = shutters[0].direction
+        if set(directions) != {"global"}:
+            settings["shutter"] = next(each for each in directions if each != "global")
+            settings["image_shutters"] = directions
             for view in self._views:
                 own = view.camera_from_world
                 start, end = view.camera_from_world_start, view.camera_from_world_end

@@ -108,17 +108,19 @@ def write_dataset(
 def _list_frames(solution: Solution, photographs: Photographs) -> list[Frame]:
     frames = [
         Frame(
-            name, path, camera, invert_pose(pose), mask_path=mask, shutter=solution.shutter,
+            name, path, camera, invert_pose(pose), mask_path=mask, shutter=shutter,
             time=photographs.times.get(name),
         )
-        for name, path, camera, pose, mask in zip(
+        for name, path, camera, pose, mask, shutter in zip(
             solution.names, photographs.paths, solution.cameras, solution.camera_from_world,
-            photographs.masks, strict=True,
+            photographs.masks, solution.shutters, strict=True,
         )
     ]  # fmt: skip
     if solution.shutter is not None:
         ends = solution.interpolate_poses(0.0), solution.interpolate_poses(1.0)
         for frame, start, end in zip(frames, *ends, strict=True):
+            if frame.shutter is None:  # of a camera that reads all lines at once
+                continue
             frame.world_from_camera_start, frame.world_from_camera_end = (
                 invert_pose(start),
                 invert_pose(end),

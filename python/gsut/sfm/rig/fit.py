@@ -14,7 +14,9 @@ from gsut.files import to_file_name
 from gsut.lens import save_camera
 from gsut.sfm.mapping import Mapping, RigFit
 from gsut.sfm.photographs import make_no_features
-from gsut.sfm.rig.description import describe_rig, list_rig_notes
+from gsut.sfm.rig.description import add_uncertainty, describe_rig, list_rig_notes
+from gsut.sfm.rig.motion import find_body_motion, list_readings
+from gsut.sfm.rig.observability import estimate_mount_uncertainty
 from gsut.sfm.rig.start import place_rig
 from gsut.sfm.solution import (
     Adjustment,
@@ -103,12 +105,16 @@ def _place_further_frames(
     return found
 
 
-def put_on_rig(mapping: Mapping, rig: Rig, adjust: bool) -> tuple[Solution, RigFit]:
+def put_on_rig(
+    mapping: Mapping, rig: Rig, adjust: bool, *, rate_sigma: float = 1.0
+) -> tuple[Solution, RigFit]:
     """Estimates one pose of the rig a frame, from images placed one by one.
 
     Args:
         mapping: with the solution of the images one by one.
         adjust: adjust the cameras' poses on the rig too.
+        rate_sigma: share of itself that the motion of the rig during a readout may differ by from
+            that of the images one by one; 0: exact.
 
     Raises:
         SolveError: see `solve_rig`.
@@ -128,10 +134,14 @@ def put_on_rig(mapping: Mapping, rig: Rig, adjust: bool) -> tuple[Solution, RigF
         own if is_usable else make_no_features()
         for own, is_usable in zip(mapping.features, _find_usable_images(mapping), strict=True)
     ]
-    images = dataclasses.replace(mapping.images, cameras=alone.cameras, features=features)
+    images = dataclasses.replace(
+        mapping.images, cameras=alone.cameras, features=features, lines=alone.lines
+    )
+    motion = find_body_motion(alone, start, constraint, rate_sigma)
     solution = adjust_poses(
         images, mapping.pairs, list(start.camera_from_world), mapping.options,
-        mapping.log.follow_steps("rig"), Adjustment(mapping.lens_free, rig=constraint),
+        mapping.log.follow_steps("rig"),
+        Adjustment(mapping.lens_free, rig=constraint, motion=motion),
     )  # fmt: skip
     # An image that observes no point may be of another place: it gets no pose from its frame.
     observed = np.bincount(solution.observations[:, 1], minlength=len(photographs)) > 0
@@ -149,7 +159,15 @@ def put_on_rig(mapping: Mapping, rig: Rig, adjust: bool) -> tuple[Solution, RigF
         of_camera = [int(np.argmax(photographs.rig_cameras == k)) for k in range(len(rig))]
         lenses = tuple(solution.cameras[image] for image in of_camera)
         now = dataclasses.replace(now, cameras=lenses)
+    seconds = mapping.found.figures.get("readout", {}).get("seconds")
+    if rig.readings:
+        seconds = max((r.seconds for r in rig.readings if r and r.seconds), default=None)
+    readings = list_readings(solution, photographs.rig_cameras, seconds)
+    now = dataclasses.replace(now, readings=readings)
     figures = describe_rig(photographs, (rig, now), start, alone, solution)
+    if adjust:
+        uncertainty = estimate_mount_uncertainty(solution, constraint, mapping.options.loss_scale)
+        add_uncertainty(figures, uncertainty)
     return solution, RigFit(now, figures, list_rig_notes(rig, figures))
 
 

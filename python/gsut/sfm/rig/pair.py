@@ -27,15 +27,15 @@ _DIFFERENCE = 1e-9
 def find_lens_pair(mapping: Mapping) -> None:
     """Finds the rig of two lenses, and the poses of all images on it.
 
-    Does nothing where the lens was known, images have no frames, or a rolling shutter was found: a
-    rig takes its cameras for still while an image is read.
+    Does nothing where the lens was known or images have no frames. With a rolling shutter the rig
+    moves while its images are read.
 
     Args:
         mapping: poses image by image, through one lens for both.
     """
     photographs, alone = mapping.photographs, mapping.solved
     frames, flags = photographs.frames, mapping.one_lens_free
-    if flags is None or frames is None or alone.shutter is not None:
+    if flags is None or frames is None:
         return
     start = _find_back_from_front(alone, photographs)
     if start is None:
@@ -76,7 +76,7 @@ def find_lens_pair(mapping: Mapping) -> None:
         f"the two lenses are a rig: {fit.figures['frames_registered']} frames, the back one turned "
         f"by {turn:.2f} degrees against the front one (rig.json)"
     )
-    mapping.solution, mapping.found.rig = solution, fit
+    mapping.solution, mapping.found.rig, mapping.lens_free = solution, fit, flags
 
 
 def _find_back_from_front(alone: Solution, photographs: Photographs) -> np.ndarray | None:

@@ -1,5 +1,19 @@
 """Rolling shutters: how long a readout takes, from the frames of a video."""
 
-from gsut.sfm.shutter.video import find_shutter, is_probably_rolling
+from gsut.sfm.shutter.readout import estimate_rates
+from gsut.sfm.shutter.video import (
+    VideoShutter,
+    correct_readout,
+    find_line_order,
+    find_shutter,
+    is_probably_rolling,
+)
 
-__all__ = ["find_shutter", "is_probably_rolling"]
+__all__ = [
+    "VideoShutter",
+    "correct_readout",
+    "estimate_rates",
+    "find_line_order",
+    "find_shutter",
+    "is_probably_rolling",
+]

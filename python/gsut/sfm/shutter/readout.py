@@ -21,7 +21,6 @@ import numpy as np
 
 from gsut import _core
 from gsut.data.poses import find_centers
-from gsut.data.scene import order_frames
 from gsut.lens import Camera
 from gsut.sfm.lens import (
     differentiate_by_turn,
@@ -29,7 +28,13 @@ from gsut.sfm.lens import (
     estimate_residual_spread,
     spread_free_parameters,
 )
-from gsut.sfm.solution import FEATURE_VARIANCE, Solution, transform_to_cameras
+from gsut.sfm.solution import (
+    FEATURE_VARIANCE,
+    Solution,
+    index_lenses,
+    order_by_folder,
+    transform_to_cameras,
+)
 
 _FEWEST_FRAMES = 6  # with neighbours: fewer do not show how well the time explains them
 _LEAST_EXPLAINED = 0.5  # of the velocities' squares, below which the frames are no video
@@ -73,13 +78,16 @@ def estimate_readout_time(names: Sequence[str], solution: Solution) -> ReadoutTi
     """
     if solution.velocities is None:
         return None
-    times = order_frames(names)
-    order = [int(i) for i in np.argsort(times, kind="stable") if solution.registered[i]]
+    times, folders = order_by_folder(names)
+    readouts = np.ones(len(times)) if solution.lines is None else solution.lines.readouts
     own, between = [], []
-    for before, image, after in zip(order, order[1:], order[2:], strict=False):
-        middle = solution.camera_from_world[[before, after]]
-        between.append(_core.velocity_between(*middle) / (times[after] - times[before]))
-        own.append(solution.velocities[image])
+    for folder in range(int(folders.max(initial=-1)) + 1):
+        wanted = solution.registered & (folders == folder) & (readouts > 0)
+        order = [int(i) for i in np.argsort(times, kind="stable") if wanted[i]]
+        for before, image, after in zip(order, order[1:], order[2:], strict=False):
+            middle = solution.camera_from_world[[before, after]]
+            between.append(_core.velocity_between(*middle) / (times[after] - times[before]))
+            own.append(solution.velocities[image] / readouts[image])
     if len(own) < _FEWEST_FRAMES:
         return None
     x, y = np.array(between).reshape(-1, 2, 3), np.array(own).reshape(-1, 2, 3)
@@ -124,28 +132,28 @@ def estimate_readout_by_flow(
     solution: Solution,
     rates: np.ndarray,
     spread: np.ndarray,
-    along_y: bool,
+    times: np.ndarray,
     lens_free: np.ndarray | None,
     loss_scale: float,
 ) -> FlowReadout | None:
     """Estimates the readout time that explains the residuals of a solution best.
 
     Args:
-        solution: with one lens, all lines of an image read at once.
+        solution: lines as far as they are taken into account.
         rates, spread: (N, 6) velocities per second, (N, 6, 6) their covariances, see
             `estimate_rates`; NaN: image not used.
-        along_y: lines are read from top to bottom, else from left to right.
-        lens_free: see `Adjustment`.
+        times: (S,) when the lines of the observations are read, see `measure_line_times`.
+        lens_free: flags of the one lens, see `Adjustment`; None: lenses are known.
         loss_scale: of Cauchy's loss, as in the adjustment.
 
     Returns:
-        The time, below 0 for lines read in the other order; None where it is not determined.
+        The time of the longest readout, below 0 for lines read in the other order; None where it is
+        not determined.
     """
-    camera = solution.cameras[0]
     image, point = solution.observations[:, 1], solution.observations[:, 0]
     known = solution.registered & np.isfinite(rates).all(axis=1)
     p = transform_to_cameras(solution.points, solution.observations, solution.camera_from_world)
-    by_p, by_params = camera.project_jacobian(p)
+    by_p, by_params = _differentiate_projection(solution, p)
     good = np.isfinite(by_p).all(axis=(1, 2)) & np.isfinite(solution.residuals).all(axis=1)
     good &= known[image]
     good &= np.bincount(point, weights=good, minlength=len(solution.points))[point] > 1
@@ -156,8 +164,7 @@ def estimate_readout_by_flow(
         return None
     scale = loss_scale * max(math.sqrt(float(np.median(squared))), 1e-12)
     weight = np.sqrt(1 / (1 + squared / scale**2))[:, None, None]
-    size = camera.height if along_y else camera.width
-    line = solution.pixels[good, int(along_y)] / size - 0.5
+    line = times[good]
     # dp / d(time): the centre moves in the world, and the camera turns. A column for each group of
     # images, whose sum is that of the time, and some of what errors of the velocities look like.
     group = _assign_groups(known)
@@ -167,7 +174,7 @@ def estimate_readout_by_flow(
         columns.append(by_p @ (line[:, None] * moves)[:, :, None])
     grouped = columns[0] * (group[image][:, None] == np.arange(_GROUPS))[:, None, :]
     columns = [grouped, *columns[1:], residual[:, :, None]]
-    times = _GROUPS + _DRAWS + 1
+    last = _GROUPS + _DRAWS + 1
     if lens_free is not None:
         columns.insert(0, by_params[good] @ spread_free_parameters(lens_free))
     by_centre = -by_p @ rotation
@@ -176,16 +183,16 @@ def estimate_readout_by_flow(
         image, point, rows, weight * np.concatenate(columns, axis=2), -weight * by_centre,
         len(known),
     )  # fmt: skip
-    unknown = _find_unknowns(solution, known, len(normal) - times)
+    unknown = _find_unknowns(solution, known, len(normal) - last)
     freedom += 2 * len(image) - len(unknown) - 1
     small = normal[np.ix_(unknown, unknown)]
     length = 1 / np.sqrt(np.maximum(np.diag(small), _TINY))
-    cross = normal[unknown, -times:] * length[:, None]
+    cross = normal[unknown, -last:] * length[:, None]
     try:
         taken_up = cross.T @ np.linalg.solve(small * np.outer(length, length), cross)
     except np.linalg.LinAlgError:
         return None
-    left = normal[-times:, -times:] - taken_up
+    left = normal[-last:, -last:] - taken_up
     information = float(left[:_GROUPS, :_GROUPS].sum())
     if freedom <= 0 or not information > 0:
         return None
@@ -198,6 +205,21 @@ def estimate_readout_by_flow(
         time, math.sqrt(max(factor / information, apart)),
         max(1 - noise / information, _LEAST_RELIABLE),
     )  # fmt: skip
+
+
+def _differentiate_projection(solution: Solution, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns (S, 2, 3) and (S, 2, K) derivatives of the observations by points and lens.
+
+    Those by the lens are of one lens only; of several they are empty.
+    """
+    lenses = index_lenses(solution.cameras, None)
+    if len(lenses.cameras) == 1:
+        return lenses.cameras[0].project_jacobian(p)
+    by_p = np.zeros((len(p), 2, 3))
+    of_lens = np.array(lenses.of_image)[solution.observations[:, 1]]
+    for number, camera in enumerate(lenses.cameras):
+        by_p[of_lens == number] = camera.project_jacobian(p[of_lens == number])[0]
+    return by_p, np.zeros((len(p), 2, 0))
 
 
 def _assign_groups(known: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -16,13 +16,20 @@ from gsut._core import Shutter, SolveError
 from gsut.lens import Camera
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import PairMatches, choose_connected_pairs, keep_most_distinct
+from gsut.sfm.photographs import ImageLines
 from gsut.sfm.shutter.readout import (
     FlowReadout,
     estimate_rates,
     estimate_readout_by_flow,
     estimate_readout_time,
 )
-from gsut.sfm.solution import Adjustment, ReadoutMotion, Solution, adjust_registered
+from gsut.sfm.solution import (
+    Adjustment,
+    ReadoutMotion,
+    Solution,
+    adjust_registered,
+    measure_line_times,
+)
 
 _FEWEST = 8  # images whose motion is known
 _LONGEST = 0.05  # seconds that a readout takes at most: slower sensors are not used for video
@@ -68,7 +75,8 @@ class VideoShutter:
                 "counts as taken in one moment: the camera moved too little for it to matter, its "
                 "shutter is global, or the video was stabilised in the camera"
             )
-        order = self.solution.shutter.direction.replace("_", " ")
+        orders = dict.fromkeys(shutter.direction for shutter in self.solution.shutters if shutter)
+        order = " and ".join(orders).replace("_", " ")
         doubt = "" if self.is_known else ", which is not known to 10 %"
         return (
             f"rolling shutter: lines are read {order} in {1000 * found.time:.1f} ms (standard "
@@ -108,36 +116,39 @@ def find_shutter(mapping: Mapping) -> None:
 def find_video_shutter(mapping: Mapping) -> VideoShutter:
     """Looks for a rolling shutter in a solution without one.
 
-    Lines are taken to run along the longer side of the picture, as those of a sensor do.
+    Lines are taken to run along the longer side of the picture, as those of a sensor do; of two
+    lenses along the same side.
     """
     solution, options = mapping.solved, mapping.options
-    flows, camera = mapping.photographs.flows, solution.cameras[0]
     nothing = VideoShutter(solution, None)
-    rates, spread = estimate_rates(solution, flows)
-    if np.isfinite(rates).all(axis=1).sum() < _FEWEST or len(set(solution.cameras)) > 1:
+    rates, spread = estimate_rates(solution, mapping.photographs.flows)
+    if len(set(solution.cameras)) > 1:
         return nothing
-    found, forward = None, ""
-    for direction in _list_directions(camera):
-        along_y = direction == "top_to_bottom"
-        other = estimate_readout_by_flow(
-            solution, rates, spread, along_y, mapping.one_lens_free, options.loss_scale
-        )
-        if other and (found is None or other.clearness > found.clearness):
-            found, forward = other, direction
-    if found is None or found.clearness < _CLEAR or abs(found.time) > _LONGEST:
+    order = find_line_order(mapping, (rates, spread), mapping.one_lens_free)
+    if order is None:
         return nothing
-    if not _has_enough_motion(_SHORT * abs(found.time), flows, camera.width, camera.height):
-        return nothing
-    shutter = Shutter(forward if found.time > 0 else _BACKWARDS[forward])
+    some = _choose_images(solution, mapping.pairs, rates)
+    trial = dataclasses.replace(solution, registered=some, lines=order.lines)
+    few = keep_most_distinct(mapping.pairs, _TRIAL_MATCHES)
+
+    def adjust_trial(time: float) -> Solution:
+        motion = ReadoutMotion(order.shutter, time, rates, sigma=0.0, extend=False)
+        return adjust_registered(
+            trial, mapping.features, few, options,
+            adjustment=Adjustment(mapping.one_lens_free, motion=motion),
+        )  # fmt: skip
+
     try:
-        start = FlowReadout(abs(found.time), found.sigma)
-        readout = _correct_readout(mapping, rates, spread, shutter, start)
-        if not 0 < readout.time < _LONGEST:
+        readout = correct_readout(
+            mapping, (rates, spread), order.first, adjust_trial, mapping.one_lens_free
+        )
+        if readout is None:
             return nothing
+        motion = ReadoutMotion(order.shutter, readout.time, rates)
         moved = adjust_registered(
-            solution, mapping.features, mapping.pairs, options,
-            mapping.log.follow_steps("shutter"),
-            Adjustment(mapping.lens_free, motion=ReadoutMotion(shutter, readout.time, rates)),
+            dataclasses.replace(solution, lines=order.lines), mapping.features, mapping.pairs,
+            options, mapping.log.follow_steps("shutter"),
+            Adjustment(mapping.lens_free, motion=motion),
         )  # fmt: skip
     except SolveError:
         return nothing
@@ -145,37 +156,155 @@ def find_video_shutter(mapping: Mapping) -> VideoShutter:
     return VideoShutter(moved, readout) if kept else nothing
 
 
-def _correct_readout(
+@dataclasses.dataclass(frozen=True)
+class LineOrder:
+    """The order in which lines are read, and a first readout time, which is too short.
+
+    Args:
+        first: of the longest readout.
+        shutter: of the first lens.
+        lines: of each image, where two lenses differ.
+    """
+
+    first: FlowReadout
+    shutter: Shutter
+    lines: ImageLines | None
+
+
+def find_line_order(
+    mapping: Mapping, velocities: tuple[np.ndarray, np.ndarray], lens_free: np.ndarray | None
+) -> LineOrder | None:
+    """Finds the order of the lines, of each lens where there are two.
+
+    Args:
+        velocities: rates and their covariances, see `estimate_rates`.
+        lens_free: see `estimate_readout_by_flow`.
+
+    Returns:
+        None where nothing speaks for a rolling shutter, or it matters too little.
+    """
+    solution, (rates, spread) = mapping.solved, velocities
+    of_image = mapping.photographs.rig_cameras
+    if of_image is None:
+        of_image = np.zeros(len(solution.names), np.int64)
+    if np.isfinite(rates).all(axis=1).sum() < _FEWEST:
+        return None
+
+    def estimate(ways: Sequence[Shutter], lengths: Sequence[float], lens: int = -1) -> _Trial:
+        shutters = [ways[each] for each in of_image]
+        is_same = len({way.direction for way in ways}) == 1 and set(lengths) == {1.0}
+        lines = None if is_same else ImageLines(shutters, np.array(lengths)[of_image])
+        own = np.where(((of_image == lens) | (lens < 0))[:, None], rates, np.nan)
+        found = estimate_readout_by_flow(
+            solution, own, spread, measure_line_times(solution, shutters, lines), lens_free,
+            mapping.options.loss_scale,
+        )  # fmt: skip
+        return _Trial(found or FlowReadout(0.0, math.inf), list(ways), lines)
+
+    number = int(of_image.max()) + 1
+    trials = [
+        estimate(ways, [1.0] * number)
+        for direction in _list_directions(solution.cameras[0])
+        for ways in _list_ways(direction, number)
+    ]
+    best = max(trials, key=lambda each: each.found.clearness)
+    if number > 1:
+        lengths = _compare_lengths(
+            [estimate(best.ways, [1.0] * number, lens).found for lens in range(number)]
+        )
+        best = estimate(best.ways, lengths)
+    found, camera = best.found, solution.cameras[0]
+    if found.clearness < _CLEAR or abs(found.time) > _LONGEST:
+        return None
+    flows = mapping.photographs.flows
+    if not _has_enough_motion(_SHORT * abs(found.time), flows, camera.width, camera.height):
+        return None
+    return best.turn_forward()
+
+
+@dataclasses.dataclass(frozen=True)
+class _Trial:
+    """A readout time for an order of the lines of each lens; below 0 they are read backwards."""
+
+    found: FlowReadout
+    ways: list[Shutter]
+    lines: ImageLines | None
+
+    def turn_forward(self) -> LineOrder:
+        """Returns the order in which the time is above 0."""
+        first = FlowReadout(abs(self.found.time), self.found.sigma)
+        if self.found.time > 0:
+            return LineOrder(first, self.ways[0], self.lines)
+        turned = [_reverse(way) for way in self.ways]
+        lines = self.lines
+        if lines is not None:
+            shutters = [None if way is None else _reverse(way) for way in lines.shutters]
+            lines = ImageLines(shutters, lines.readouts)
+        return LineOrder(first, turned[0], lines)
+
+
+def _reverse(shutter: Shutter) -> Shutter:
+    """Returns the shutter that reads the same lines backwards."""
+    backwards = _BACKWARDS | {there: here for here, there in _BACKWARDS.items()}
+    return Shutter(backwards[shutter.direction])
+
+
+def _list_ways(direction: str, lenses: int) -> list[list[Shutter]]:
+    """Lists how the lenses may read their lines: all alike, or every other one backwards."""
+    forward = Shutter(direction)
+    alike = [forward] * lenses
+    if lenses == 1:
+        return [alike]
+    return [alike, [_reverse(forward) if lens % 2 else forward for lens in range(lenses)]]
+
+
+def _compare_lengths(single: Sequence[FlowReadout]) -> list[float]:
+    """Returns the length of each lens' readout over the longest one.
+
+    They differ only where they clearly do: two sensors of one camera are mostly alike.
+    """
+    clearest = max(single, key=lambda each: each.clearness)
+    lengths = []
+    for each in single:
+        gap = abs(abs(each.time) - abs(clearest.time))
+        differs = gap > _CLEAR * math.hypot(each.sigma, clearest.sigma)
+        lengths.append(max(abs((each if differs else clearest).time), 1e-12))
+    return [length / max(lengths) for length in lengths]
+
+
+def correct_readout(
     mapping: Mapping,
-    rates: np.ndarray,
-    spread: np.ndarray,
-    shutter: Shutter,
+    velocities: tuple[np.ndarray, np.ndarray],
     found: FlowReadout,
-) -> FlowReadout:
+    adjust: Callable[[float], Solution],
+    lens_free: np.ndarray | None,
+) -> FlowReadout | None:
     """Corrects the readout time until the residuals favour no other one.
 
     Poses without a rolling shutter have lost the observations that speak most for one: each
     correction is too small, by a share that the last two show (the secant method).
+
+    Args:
+        velocities: rates and their covariances, see `estimate_rates`.
+        found: a first time.
+        adjust: returns the solution with a readout time, whose velocities are the rates' exactly.
+        lens_free: see `estimate_readout_by_flow`.
+
+    Returns:
+        None where there is no such time.
     """
-    flags, loss_scale = mapping.one_lens_free, mapping.options.loss_scale
-    some = _choose_images(mapping.solved, mapping.pairs, rates)
-    trial = dataclasses.replace(mapping.solved, registered=some)
-    few = keep_most_distinct(mapping.pairs, _TRIAL_MATCHES)
-    sign = 1 if shutter.direction in _BACKWARDS else -1
-    along_y = "top" in shutter.direction
+    rates, spread = velocities
     time, slope, before = found.time, 1 / _SHORT, None
     for number in range(_CORRECTIONS):
         text = f"lines read in {1000 * time:.1f} ms?"
         mapping.log.show_share("shutter", 0.5 * number / _CORRECTIONS, text)
-        motion = ReadoutMotion(shutter, time, rates, sigma=0.0, extend=False)
-        moved = adjust_registered(
-            trial, mapping.features, few, mapping.options,
-            adjustment=Adjustment(flags, motion=motion),
-        )  # fmt: skip
-        more = estimate_readout_by_flow(moved, rates, spread, along_y, flags, loss_scale)
+        moved = adjust(time)
+        more = estimate_readout_by_flow(
+            moved, rates, spread, moved.measure_line_times(), lens_free, mapping.options.loss_scale
+        )
         if more is None:
             break
-        own, found = sign * more.time, more
+        own, found = more.time, more
         if before is not None and abs(time - before[0]) > _SETTLED * time:
             slope = float(np.clip((before[1] - own) / (time - before[0]), _LEAST_SLOPE, 1.0))
         before = time, own
@@ -183,9 +312,10 @@ def _correct_readout(
         if abs(own / slope) < _SETTLED * time or not 0 < time < _LONGEST:
             break
     # The standard deviation is too small by the same share as a correction.
-    return FlowReadout(
-        time / found.reliability, found.sigma / (slope * found.reliability), found.reliability
-    )
+    time /= found.reliability
+    if not 0 < time < _LONGEST:
+        return None
+    return FlowReadout(time, found.sigma / (slope * found.reliability), found.reliability)
 
 
 def _choose_images(

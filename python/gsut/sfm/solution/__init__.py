@@ -10,6 +10,7 @@ from gsut.sfm.solution.result import (
     gather_pixels,
     measure_agreement,
     measure_diagonal,
+    measure_line_times,
     measure_rotation_angles,
     similarity_from_points,
     transform_to_cameras,
@@ -25,6 +26,7 @@ from gsut.sfm.solution.solver import (
     adjust_registered,
     index_lenses,
     list_extension_settings,
+    order_by_folder,
     solve_poses,
 )
 
@@ -49,7 +51,9 @@ __all__ = [
     "list_extension_settings",
     "measure_agreement",
     "measure_diagonal",
+    "measure_line_times",
     "measure_rotation_angles",
+    "order_by_folder",
     "separate_look_alikes",
     "similarity_from_points",
     "solve_left_out",

@@ -40,7 +40,7 @@ def find_further_models(
     """
     found: list[Solution] = []
     left = ~solution.registered
-    images = Images(solution.names, solution.cameras, features, solution.shutter)
+    images = Images(solution.names, solution.cameras, features, solution.shutter, solution.lines)
     for model, _ in solve_left_out(images, left, pairs, options):
         merged = merge_models(solution, model, features, pairs, options)
         if merged is not None:

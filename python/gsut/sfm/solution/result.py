@@ -12,7 +12,7 @@ from gsut import _core
 from gsut._core import Shutter
 from gsut.lens import Camera
 from gsut.sfm.matches import PairMatches
-from gsut.sfm.photographs import Features
+from gsut.sfm.photographs import Features, ImageLines
 
 # Variance of what is estimated from the features of photographs, over that which independent normal
 # errors of the same size would give: the position of a feature drifts slowly along a walk, and
@@ -50,7 +50,8 @@ class Solution:
         held_out_observations: (H, 3) int32, the same rows as `observations`.
         shutter: rolling, or None; camera_from_world is then that of the middle of the readout.
         velocities: (N, 6) of rolling shutters, else None: how far the centre moves in the world and
-            the camera turns (radians, camera frame) during a readout.
+            the camera turns (radians, camera frame) during the image's readout.
+        lines: how each image is read, where they differ.
         camera_from_body: (M, 4, 4) of a rig's mounts, else None.
     """
 
@@ -74,6 +75,7 @@ class Solution:
     held_out_observations: np.ndarray
     shutter: Shutter | None = None
     velocities: np.ndarray | None = None
+    lines: ImageLines | None = None
     camera_from_body: np.ndarray | None = None
 
     @property
@@ -90,6 +92,17 @@ class Solution:
     def unregistered_names(self) -> list[str]:
         """Images without a pose."""
         return [n for n, r in zip(self.names, self.registered, strict=True) if not r]
+
+    @property
+    def shutters(self) -> list[Shutter | None]:
+        """The shutter of each image."""
+        if self.lines is None or self.shutter is None:
+            return [self.shutter] * len(self.names)
+        return list(self.lines.shutters)
+
+    def measure_line_times(self) -> np.ndarray:
+        """Returns (S,) when the lines of the observations are read: see `measure_line_times`."""
+        return measure_line_times(self, self.shutters, self.lines)
 
     def interpolate_poses(self, time: float) -> np.ndarray:
         """Returns (N, 4, 4) camera_from_world at a time of the readout, 0 its start, 1 its end."""
@@ -139,6 +152,30 @@ def measure_agreement(solution: Solution, pairs: Sequence[PairMatches]) -> float
 def measure_diagonal(cameras: Sequence[Camera]) -> float:
     """Returns the diagonal of the largest image in pixels."""
     return max(math.hypot(c.width, c.height) for c in cameras)
+
+
+def measure_line_times(
+    solution: Solution, shutters: Sequence[Shutter | None], lines: ImageLines | None = None
+) -> np.ndarray:
+    """Returns (S,) when the lines of the observations are read.
+
+    Args:
+        shutters: of each image; None: all lines at once, in the middle.
+        lines: their readouts, where these differ.
+
+    Returns:
+        Times from the middle of a readout, -0.5 to 0.5 in units of the longest one.
+    """
+    axis, sign = np.zeros(len(shutters), np.int64), np.zeros(len(shutters))
+    for image, shutter in enumerate(shutters):
+        if shutter is not None:
+            axis[image] = shutter.direction in ("top_to_bottom", "bottom_to_top")
+            sign[image] = 1 if shutter.direction in ("top_to_bottom", "left_to_right") else -1
+    sizes = np.array([(camera.width, camera.height) for camera in solution.cameras])
+    rows = solution.observations[:, 1]
+    along = axis[rows]
+    share = solution.pixels[np.arange(len(rows)), along] / sizes[rows, along] - 0.5
+    return sign[rows] * share * (1.0 if lines is None else lines.readouts[rows])
 
 
 def transform_to_cameras(

@@ -181,9 +181,12 @@ def solve_poses(
     if images.shutter is not None:
         settings["shutter"] = images.shutter.direction
         settings["rolling_error"] = options.rolling_error
+        if images.lines is not None:
+            settings |= images.lines.to_settings()
         if options.readout_time is not None:
             settings["readout_time"] = options.readout_time
-            settings["frame_times"] = order_frames(images.names).tolist()
+            times, folders = order_by_folder(images.names)
+            settings |= {"frame_times": times.tolist(), "frame_cameras": folders.tolist()}
     if not adjustment.hold_out_every:
         descriptors = [f.descriptors for f in images.features]
         settings |= list_extension_settings(options, descriptors, images.cameras)
@@ -195,7 +198,9 @@ def solve_poses(
     solution = _make_solution(images, found, lenses)
     if images.shutter is None:
         return solution
-    return dataclasses.replace(solution, shutter=images.shutter, velocities=found["velocities"])
+    return dataclasses.replace(
+        solution, shutter=images.shutter, lines=images.lines, velocities=found["velocities"]
+    )
 
 
 def adjust_poses(
@@ -219,6 +224,8 @@ def adjust_poses(
     settings["covariances"] = adjustment.covariances
     if motion is not None:
         settings.update(motion.to_settings())
+        if images.lines is not None:
+            settings |= images.lines.to_settings()
     if adjustment.places is not None:
         settings.update(adjustment.places.to_settings())
     is_extended = adjustment.extend or (motion is not None and motion.extend)
@@ -238,7 +245,9 @@ def adjust_poses(
         solution = dataclasses.replace(solution, camera_from_body=mounts)
     if motion is None:
         return solution
-    return dataclasses.replace(solution, shutter=motion.shutter, velocities=found["velocities"])
+    return dataclasses.replace(
+        solution, shutter=motion.shutter, lines=images.lines, velocities=found["velocities"]
+    )
 
 
 def adjust_registered(
@@ -260,7 +269,8 @@ def adjust_registered(
         SolveError: too few points agree with the poses.
     """
     chosen = np.flatnonzero(solution.registered)
-    images = Images(solution.names, solution.cameras, features).select(chosen)
+    images = Images(solution.names, solution.cameras, features, lines=solution.lines)
+    images = images.select(chosen)
     if adjustment.motion is not None:
         motion = dataclasses.replace(adjustment.motion, rates=adjustment.motion.rates[chosen])
         adjustment = dataclasses.replace(adjustment, motion=motion)
@@ -276,6 +286,20 @@ def adjust_registered(
     return _spread_solution(
         adjust_poses(images, own, poses, options, on_step, adjustment), chosen, solution
     )
+
+
+def order_by_folder(names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+    """Returns (N,) when images were taken, in frames, and (N,) the folder that each is in.
+
+    Each folder holds the images of one camera, whose frames are ordered by themselves.
+    """
+    folders = [name.rpartition("/")[0] for name in names]
+    of_image = np.array([list(dict.fromkeys(folders)).index(folder) for folder in folders])
+    times = np.zeros(len(names))
+    for folder in range(int(of_image.max(initial=-1)) + 1):
+        own = np.flatnonzero(of_image == folder)
+        times[own] = order_frames([names[int(i)] for i in own])
+    return times, of_image
 
 
 def list_extension_settings(
@@ -359,6 +383,7 @@ def _spread_solution(model: Solution, chosen: np.ndarray, whole: Solution) -> So
         camera_from_world=spread(model.camera_from_world, np.eye(4)),
         covariances=spread(model.covariances, np.zeros((6, 6))),
         velocities=None if moving is None else spread(moving, np.zeros(6)),
+        lines=None if moving is None else whole.lines,
         observations=observations,
         initial_pair=(first, second),
         held_out_observations=held,

@@ -10,8 +10,8 @@ async function unpack(id, format) { // base64 of compressed bytes in a script el
     const packed = Uint8Array.from(atob(part(id).textContent.trim()), (letter) => letter.charCodeAt(0));
     const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream(format));
     return new Uint8Array(await new Response(stream).arrayBuffer());
-  } catch (error) {
-    throw new Error(`this file is damaged: its part "${id}" cannot be read (${error.message}); copy it again`);
+  } catch {
+    throw new Error(`this file is damaged: its part "${id}" cannot be read; copy it again`);
   }
 }
 

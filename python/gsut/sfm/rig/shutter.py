@@ -1,0 +1,74 @@
+"""Finds the rolling shutters of a video's two lenses, once their images are on a rig."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from gsut._core import SolveError
+from gsut.sfm.mapping import Mapping, RigFit
+from gsut.sfm.rig.fit import put_on_rig
+from gsut.sfm.rig.motion import list_readings
+from gsut.sfm.shutter import VideoShutter, correct_readout, estimate_rates, find_line_order
+from gsut.sfm.solution import Solution
+
+_EXACT = 0.0  # uncertainty of the flow while readout times are compared
+_FLOW = 0.1  # and of the result: share of itself
+
+
+def find_rig_shutter(mapping: Mapping) -> None:
+    """Finds how the lenses of a rig that was found read their lines, from the flow of the video.
+
+    One pose a frame leaves the images less freedom to bend with the motion than poses of their own,
+    so that shutters show here which do not show image by image. Does nothing where the shutter is
+    said, or was found already.
+    """
+    solution, fit = mapping.solved, mapping.found.rig
+    flows, options = mapping.photographs.flows, mapping.options
+    cameras = mapping.photographs.rig_cameras
+    if (
+        fit is None
+        or cameras is None
+        or solution.shutter is not None
+        or options.shutter != "auto"
+        or not flows
+    ):
+        return
+    velocities = estimate_rates(solution, flows)
+    order = find_line_order(mapping, velocities, None)
+    if order is None:
+        return
+    readouts = np.ones(len(solution.names)) if order.lines is None else order.lines.readouts
+
+    def place(time: float, sigma: float = _EXACT) -> tuple[Solution, RigFit]:
+        moving = dataclasses.replace(
+            solution, shutter=order.shutter, lines=order.lines,
+            velocities=time * readouts[:, None] * velocities[0],
+        )  # fmt: skip
+        return put_on_rig(
+            dataclasses.replace(mapping, solution=moving), fit.rig, True, rate_sigma=sigma
+        )
+
+    try:
+        readout = correct_readout(
+            mapping, velocities, order.first, lambda time: place(time)[0], None
+        )
+        if readout is None:
+            return
+        moved, found = place(readout.time, _FLOW)
+    except SolveError:
+        return
+    if moved.num_registered < solution.num_registered:
+        return
+    readings = list_readings(moved, cameras, readout.time)
+    found = dataclasses.replace(found, rig=dataclasses.replace(found.rig, readings=readings))
+    before = fit.figures
+    kept = ("file", "found", "scale_from_frames", "scale_spread_percent", "residual_alone_px")
+    found.figures.update({key: before[key] for key in kept})
+    mapping.solution, mapping.found.rig = moved, found
+    mapping.found.figures |= {
+        "shutter": order.shutter.direction,
+        "readout": {"seconds": readout.time, "sigma_seconds": readout.sigma},
+    }
+    mapping.log.note(VideoShutter(moved, readout).describe())

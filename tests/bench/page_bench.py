@@ -1,0 +1,141 @@
+"""`./run bench page`: a page of one file in Chromium: size, start, moving frames, error at rest."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from gsut.formats import load_gaussians
+from gsut.lens import Camera
+from gsut.render import render, to_uint8
+from tests.bench.harness import WRONG, Benchmark, Column, Option, Row, Settings
+
+_ROOT = Path(__file__).resolve().parents[2]
+_MOST_LEVELS = 1  # of 255, of a right picture at rest
+# Flags of Chromium and what follows the page's address, by what draws.
+_WAYS: dict[str, tuple[tuple[str, ...], str]] = {
+    "WebAssembly": ((), ""),
+    "WGSL on SwiftShader": (
+        ("--enable-unsafe-webgpu", "--use-webgpu-adapter=swiftshader"), "#card",
+    ),
+}  # fmt: skip
+# Turns the eye for some seconds; returns frames a second and their mean width, in the second half
+# unless a frame takes longer.
+_WALK = """
+  const log = [], frame = server.frame.bind(server), end = performance.now() + 1000 * {seconds};
+  server.frame = async (values) => {{
+    const shown = await frame(values);
+    log.push([performance.now(), values.width]);
+    return shown;
+  }};
+  await new Promise((done) => {{
+    const tick = () => {{
+      if (performance.now() > end) return done();
+      look(0.02, 0.004 * Math.sin(log.length / 20));
+      setTimeout(tick, 12);
+    }};
+    tick();
+  }});
+  server.frame = frame;
+  const half = log.filter(([when]) => when > end - 500 * {seconds});
+  const [late, seconds] = half.length > 1 ? [half, 0.5 * {seconds}] : [log, {seconds}];
+  const width = late.reduce((sum, [, each]) => sum + each, 0) / late.length;
+  return [late.length / seconds, width || 0];"""
+
+
+def list_cases(settings: Settings) -> Iterator[Row]:
+    """Lists what can draw a page."""
+    for way in _WAYS:
+        yield {"page": Path(settings.page).name, "way": way}
+
+
+def measure(case: Row, settings: Settings) -> Row:
+    """Opens the page from the disk, compares it at rest, and walks."""
+    sys.path.append(str(Path(__file__).parents[1] / "python"))
+    from browser import browser
+
+    path = _ROOT / settings.page
+    text = path.read_text(encoding="utf-8")
+    flags, part = _WAYS[case["way"]]
+    with browser(more_flags=flags) as window:
+        began = time.perf_counter()
+        window.open(f"file://{path}{part}")
+        window.wait("document.body.dataset.frames > 0")
+        first = time.perf_counter() - began
+        window.run("state.lossless = true; redraw(false);")
+        window.wait("JSON.parse(document.body.dataset.frame).lossless && !busy && !wanted")
+        found = window.read_canvas()[..., :3].astype(np.int64)
+        pace = window.run("return $('pace').textContent;")
+        window.run("state.lossless = false;")
+        moving, width = window.run(_WALK.format(seconds=settings.seconds))
+        height = width * window.run("return lens.height / lens.width;")
+    off = int(np.abs(found - _draw_again(text)).max())
+    row = {
+        "first_seconds": first, "moving": moving, "size": f"{width:.0f} x {height:.0f}",
+        "levels": off, "megabytes": len(text.encode()) / 1e6, "module_kb": _read_size(text) / 1e3,
+        "drawn_by": pace.rpartition(", ")[2],
+    }  # fmt: skip
+    if off > _MOST_LEVELS:
+        row[WRONG] = "the picture at rest is not the renderer's"
+    return row
+
+
+def _read_part(text: str, name: str) -> str:
+    found = re.search(rf'<script id="{name}"[^>]*>([^<]*)', text)
+    assert found is not None
+    return found[1]
+
+
+def _read_size(text: str) -> int:
+    """Reads the size of the compressed module, bytes."""
+    return len(base64.b64decode(_read_part(text, "core")))
+
+
+def _draw_again(text: str) -> np.ndarray:
+    """Draws what the page shows first by gsut.render."""
+    content: dict[str, Any] = json.loads(_read_part(text, "content"))
+    with tempfile.TemporaryDirectory(prefix="gsut-page-") as folder:
+        scene = Path(folder) / "scene.spz"
+        scene.write_bytes(base64.b64decode(_read_part(text, "scene")))
+        gaussians = load_gaussians(scene)
+    gaussians.origin = gaussians.origin + np.array(content["origin"])
+    view = content["scene"]["views"][0]
+    lens = content["lenses"][view["lens"]]
+    camera = Camera(
+        lens["model"], lens["params"], lens["width"], lens["height"],
+        **({"valid_field_angle": lens["valid_field_angle"]} if lens["valid_field_angle"] else {}),
+    )  # fmt: skip
+    pose = np.reshape(view["pose"], (4, 4))
+    image = render(gaussians, camera, pose, background=content["background"]).image
+    return np.rot90(to_uint8(image).astype(np.int64), -view.get("turns", 0))
+
+
+BENCHMARK = Benchmark(
+    help="a page of one file in headless Chromium: size, start, moving frames, error at rest",
+    columns=(
+        Column("page"),
+        Column("way"),
+        Column("drawn_by", "it says", form="s"),
+        Column("module_kb", "module, compressed", "kB", ".0f"),
+        Column("megabytes", "page", "MB", ".1f"),
+        Column("first_seconds", "first picture", "s", ".1f"),
+        Column("moving", "moving frames per second", form=".1f"),
+        Column("size", "their size", "px", "s"),
+        Column("levels", "off at rest", "levels of 255", "d"),
+    ),
+    cases=list_cases,
+    measure=measure,
+    options=(
+        Option("page", "docs/demo.html", "the page"),
+        Option("seconds", 6.0, "of the walk"),
+    ),
+)
