@@ -322,6 +322,49 @@ def _scale_steps(values: Values, _: Path) -> None:
                 frame[key] = _parts(m, t=moved).tolist()
 
 
+def _scale_half(values: Values, _: Path) -> None:
+    """Positions of the second half of the path are scaled about its first one."""
+    frames = sorted(values["frames"], key=lambda frame: Path(frame["file_path"]).name)
+    half = len(frames) // 2
+    at = np.array(frames[half]["transform_matrix"])[:3, 3]
+    for frame in frames[half:]:
+        for key in _KEYS:
+            if key in frame:
+                m = np.array(frame[key], np.float64)
+                frame[key] = _parts(m, t=at + 1.5 * (m[:3, 3] - at)).tolist()
+
+
+def _turn_steps(values: Values, _: Path) -> None:
+    """Poses are summed from steps that each turn a little too far, as odometry's do."""
+    frames = sorted(values["frames"], key=lambda frame: Path(frame["file_path"]).name)
+    turn, change = np.eye(4), np.eye(4)
+    turn[:3, :3] = cv2.Rodrigues(np.radians([0.0, 15.0 / max(1, len(frames) - 1), 0.0]))[0]
+    before = None
+    for frame in frames:
+        m = np.array(frame["transform_matrix"], np.float64)
+        if before is not None:  # what was added so far goes on from the last pose
+            change = change @ before @ turn @ np.linalg.inv(before)
+        before = m
+        for key in _KEYS:
+            if key in frame:
+                frame[key] = (change @ np.array(frame[key], np.float64)).tolist()
+
+
+def _another_run(values: Values, _: Path) -> None:
+    """Poses of a path through another scene: they fit each other, not the photographs."""
+    frames = sorted(values["frames"], key=lambda frame: Path(frame["file_path"]).name)
+    at = np.array([np.array(f["transform_matrix"])[:3, 3] for f in frames])
+    size = float(np.linalg.norm(np.ptp(at, axis=0)))
+    for place, frame in enumerate(frames):
+        angle = 2 * np.pi * place / len(frames)
+        m, old = np.eye(4), np.array(frame["transform_matrix"], np.float64)
+        m[:3, :3] = cv2.Rodrigues(np.array([0.3 * np.sin(2 * angle), -angle, 0.2]))[0]
+        m[:3, 3] = size * np.array([np.cos(angle), 0.2 * np.sin(3 * angle), np.sin(angle)])
+        for key in _KEYS:
+            if key in frame:
+                frame[key] = (m @ np.linalg.inv(old) @ np.array(frame[key])).tolist()
+
+
 def _one_far_away(values: Values, folder: Path) -> None:
     frames = sorted(values["frames"], key=lambda frame: frame["file_path"])
     m = np.array(frames[len(frames) // 2]["transform_matrix"])
@@ -366,9 +409,16 @@ MISTAKES: tuple[Mistake, ...] = (
     Mistake("clock a frame late", ("frame",), _by_frames(1.0)),
     Mistake("clock half a frame late", ("frame",), _by_frames(0.5)),
     Mistake("a third of the poses under other names", ("names",), _shuffled),
+    Mistake("photographs of another scene", ("photographs of another scene",), _another_run,
+            path=True),
     Mistake("half of the poses in another world", ("break between",),
             _along_path(_in_another_world), path=True),
-    Mistake("scale of the poses drifts to 1.5", ("drifts by a factor",), _scale_steps, path=True),
+    Mistake("scale of the poses drifts to 1.5", ("drifts by a factor", "does not close"),
+            _scale_steps, path=True),
+    Mistake("scale of half of the poses times 1.5", ("changes by a factor", "break between"),
+            _scale_half, path=True),
+    Mistake("heading of the poses drifts by 15 degrees", ("does not close", "break between"),
+            _turn_steps, path=True),
     Mistake("one pose far away", ("stands farther from", "the pose of"), _one_far_away, path=True),
     Mistake("positions in millimetres", ("millimetres",),
             _each_pose(_scaled_positions(1e3)),
@@ -445,13 +495,13 @@ def judge(
             if mistake.make(values, folder) is False:
                 continue
             said = _findings(mistake, write(values, folder, with_points), matches)
-            doctor = not said and not mistake.images
+            doctor = not mistake.images and not any(text.startswith("error") for text in said)
             if doctor:
                 if close is None and not mistake.path:
                     close = match_neighbours(good, closely=True)
                 scene = gsut.load_dataset(folder)
                 seen = look_closer(scene, None if mistake.path else close)
-                said = [str(finding) for finding in seen]
+                said += [str(finding) for finding in seen]
             rows.append({
                 "data": data.name, "mistake": mistake.name, "with_points": with_points,
                 "said": said, "verdict": _verdict(mistake, said), "by_doctor": doctor,

@@ -14,6 +14,7 @@ from attack.damage import CAUSES, TO_ANY_FILE, TO_TEXT, Damage
 from attack.flags import BASES, list_flag_cases
 from attack.harness import Case, Spoil
 from attack.places import FILES, FOLDERS, list_place_cases
+from attack.rigs import list_rig_cases
 from attack.strange import list_strange_cases
 from attack.world import LENSES, SCENES
 from formats.wrong_fields import WRONG
@@ -210,6 +211,7 @@ def list_cases() -> list[Case]:
         *list_film_cases(),
         *list_stage_cases(),
         *list_field_cases(),
+        *list_rig_cases(),
         *list_flag_cases(),
         *list_place_cases(),
         *list_strange_cases(),

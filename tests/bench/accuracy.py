@@ -86,6 +86,7 @@ def make_truth(
     tiles: int,
     seed: int = 0,
     with_gradients: bool = True,
+    jump: float = _JUMP,
 ) -> Truth:
     """Renders a sample of the scene in double.
 
@@ -95,11 +96,12 @@ def make_truth(
         tiles: number of 16 x 16 tiles, drawn at random; all pixels if there are no more.
         seed: of the sample and of the loss' gradient.
         with_gradients: False leaves them out.
+        jump: relative move of the cut-offs that finds the pixels where the rule jumps.
     """
     camera, pose = scene.camera, scene.camera_from_world
     rng = np.random.default_rng(seed)
     pixels, chosen = _sampled_pixels(camera, tiles, rng)
-    rows = _reaching_rows(scene, rule.alpha_min * (1.0 - _JUMP), chosen)
+    rows = _reaching_rows(scene, rule.alpha_min * (1.0 - jump), chosen)
     g = scene.gaussians[rows].to_dtype(np.float64)
     background, degree = (0.0, 0.0, 0.0), scene.gaussians.sh_degree
     inside = pixels != 0
@@ -111,7 +113,7 @@ def make_truth(
         return image[inside], alpha[inside], blended[inside]
 
     image, alpha, blended = render(1.0)
-    smooth = (render(1.0 - _JUMP)[2] == blended) & (render(1.0 + _JUMP)[2] == blended)
+    smooth = (render(1.0 - jump)[2] == blended) & (render(1.0 + jump)[2] == blended)
     dimage = np.zeros((*pixels.shape, 3), np.float32)
     dimage[inside] = rng.normal(size=image.shape) * smooth[:, None]
     gradients = None

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 import gsut
+from gsut.refine.pixel_rows import compute_square
 from gsut.refine.query import subtract_poses
-from gsut.refine.secants import compute_square
 from gsut.render import choose_solid
 from tests.bench.harness import HALL, Benchmark, Column, Option, Row, Settings
 

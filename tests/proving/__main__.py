@@ -34,12 +34,15 @@ def build_parser() -> argparse.ArgumentParser:
         metavar="night | compare A B",
         help="300 captures of today's seeds; or two files of rows, paired by seed",
     )
-    parser.add_argument("--seeds", metavar="A:B", default="0:24", help="[default: 0:24]")
+    parser.add_argument(
+        "--seeds", metavar="A:B", default="0:24", help="or a list, A,B,C [default: 0:24]"
+    )
     parser.add_argument("--jobs", type=int, default=1, help="captures at a time [default: 1]")
     parser.add_argument(
         "--parts",
         default=",".join(_PARTS),
-        help="of doctor, poses, train, causes (five trainings, each with one thing wrong) "
+        help="of doctor, poses, train, causes (five trainings, each with one thing wrong), "
+        "mistakes (the usual ones planted), exact (doctor on right data, whole and thinned) "
         "[default: %(default)s]",
     )
     parser.add_argument(
@@ -83,11 +86,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0
 
 
-def _list_seeds(options: argparse.Namespace) -> range:
+def _list_seeds(options: argparse.Namespace) -> Sequence[int]:
     if options.what[:1] == ["night"]:
         day = (datetime.date.today() - datetime.date(2026, 1, 1)).days
         first = _FIRST_NIGHT + _NIGHT * day
         return range(first, first + _NIGHT)
+    if ":" not in options.seeds:
+        return [int(number) for number in options.seeds.split(",")]
     first, last = (int(number) for number in options.seeds.split(":"))
     return range(first, last)
 

@@ -33,6 +33,10 @@ def find_misfires(row: dict[str, Any]) -> Iterator[Misfire]:
     if row.get("failed"):
         yield Misfire("traceback", f"the proving ground itself: {row['failed'][-200:]}")
     yield from _check_doctor(row)
+    for step, texts in row.get("exact", {}).items():
+        for text in texts:
+            kind = "refuses" if text.startswith("error") else "warns of"
+            yield Misfire(f"doctor {kind} exact data", f"every {step}: {text[:160]}")
     yield from _check_verdict(row)
     yield from _check_lens(row)
     yield from _check_shutter(row)
@@ -43,10 +47,15 @@ def find_misfires(row: dict[str, Any]) -> Iterator[Misfire]:
         yield Misfire("training refused", row["train_refused"])
 
 
+def is_true_of_exact(text: str) -> bool:
+    """Returns whether the doctor may say this of exact data: it is so."""
+    return any(words in text for words in _TRUE_OF_EXACT)
+
+
 def _check_doctor(row: dict[str, Any]) -> Iterator[Misfire]:
     if "planted" not in row:
         return
-    said = [t for t in row["doctor_says"] if not any(words in t for words in _TRUE_OF_EXACT)]
+    said = [text for text in row["doctor_says"] if not is_true_of_exact(text)]
     if row["planted"] != "none":
         if not row["doctor_named"]:
             said_any = "said: " + said[0][:160] if said else "nothing was said"

@@ -17,6 +17,7 @@ from tests.mistakes import MISTAKES, judge
 from tests.proving.capture import Capture, capture
 from tests.proving.causes import score_causes
 from tests.proving.commands import Outcome, run_gsut
+from tests.proving.misfires import is_true_of_exact
 from tests.proving.truth import (
     classify,
     compare_lenses,
@@ -52,6 +53,8 @@ def score_made(made: Capture, folder: Path, parts: tuple[str, ...]) -> Row:
             row |= _score_doctor(made, folder, work)
         if "mistakes" in parts:
             row["mistakes"] = judge_mistakes(folder / TRUTH, work / "mistakes")
+        if "exact" in parts:
+            row["exact"] = check_exact(folder / TRUTH, work, 2 + made.seed % 7)
         if "poses" in parts:
             row |= _score_poses(made, folder, work)
         if "train" in parts and made.seed % TRAIN_EVERY == 0:
@@ -97,6 +100,16 @@ def judge_mistakes(data: Path, work: Path) -> dict[str, str]:
     rows = judge(data, work, points=(True,))
     verdicts = {row["mistake"]: row["verdict"] for row in rows[1:]}
     return {"none": rows[0]["verdict"]} | verdicts
+
+
+def check_exact(data: Path, work: Path, every: int) -> dict[str, list[str]]:
+    """Returns what the doctor says against exact data, whole and every n-th view of them."""
+    said = {}
+    for step in (1, every):
+        thinned = data if step == 1 else _thin(data, work / "exact", step)
+        found = [f for f in gsut.doctor(thinned, progress=False) if f.severity != "info"]
+        said[str(step)] = [f"{f.severity}: {f.what}" for f in found if not is_true_of_exact(f.what)]
+    return said
 
 
 def _thin(data: Path, folder: Path, every: int) -> Path:

@@ -7,15 +7,16 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from gsut.check.chance import Judgement, PairVerdict
+from gsut.check.chance import Judgement, PairVerdict, measure_turn_error
 from gsut.check.epipolar import TOLERANCE
 from gsut.check.evidence import Evidence
 from gsut.check.findings import Finding
 from gsut.check.lens_fit import convert_to_normal
-from gsut.check.matches import order_in_time
+from gsut.check.matches import is_loop, order_in_time
 from gsut.sfm.points import measure_angular_errors
 
-_FEWEST_SHARED = 12  # features that three images share, from which their scales are compared
+_RARE = 0.01  # chance of as many contradictions at one place, below which the poses break there
+_FEWEST_SHARED = 6  # features that three images share, from which their scales are compared
 _LEAST_PARALLAX = 1.0  # times the tolerance: rays less apart give no distance
 _FEWEST_TRIPLES = 4  # places along the path: fewer show no drift
 _SIGMAS = 4.0  # standard deviations from which a change of scale is not chance
@@ -23,6 +24,8 @@ _LEAST_DRIFT = 0.05  # logarithm of the change of scale along the path that dese
 _LEAST_SIGMA = 0.3  # of the median sigma: a change by few features may have a small one by chance
 _NORMAL = 1.4826  # standard deviation of a normal law over the median of its absolute values
 _MEDIAN_NOISE = 1.2533  # standard deviation of a median over that of a mean
+
+Spans = list[tuple[int, int]]  # first and last place of pairs on a path
 
 
 def name_break(evidence: Evidence, judgement: Judgement) -> Finding | None:
@@ -49,23 +52,97 @@ def name_break(evidence: Evidence, judgement: Judgement) -> Finding | None:
             f"that it was compared with, which agree with each other",
             "leave the image out, or give it its own pose",
         )
-    before = max((place[a] for a, _ in against), default=0)
-    after = min((place[b] for _, b in against), default=0)
-    sides = [
-        any(place[b] <= before for _, b in good), any(place[a] >= after for a, _ in good)
-    ]  # fmt: skip
-    across = any(place[a] <= before and place[b] >= after for a, b in good)
-    if not (after == before + 1 and all(sides)) or across:
+    wrong = [_order_pair(evidence, each, place) for each in judgement.contradicts]
+    spans = [(place[a], place[b]) for a, b in wrong]
+    loops = _list_loops(evidence)
+    at = _find_break(
+        spans,
+        [(place[a], place[b]) for a, b in good],
+        [(place[a], place[b]) for a, b in against],
+        [
+            pair
+            for pair, each in zip(spans, judgement.contradicts, strict=True)
+            if each.number not in loops
+        ],
+    )
+    if at is None:
         return None
-    a = next(a for a, _ in against if place[a] == before)
-    b = next(b for _, b in against if place[b] == after)
+    across = [pair for pair, (a, b) in zip(wrong, spans, strict=True) if a <= at < b]
+    a = max((a for a, _ in across), key=lambda view: place[view])
+    b = min((b for _, b in across), key=lambda view: place[view])
     return evidence.make_finding(
         "error",
         f"the poses break between {names[a]} and {names[b]}: on either side they fit the "
-        f"photographs, and no pair of images across fits ({len(against)} pairs)",
+        f"photographs, and no pair of images across fits ({len(across)} pairs)",
         "both parts are in different world frames or scales: find poses of all images at once "
         "(`gsut poses`), or keep one part",
     )
+
+
+def _find_break(wrong: Spans, good: Spans, confirmed: Spans, near: Spans) -> int | None:
+    """Finds the place of the path across which all pairs contradict, too many for chance.
+
+    Args:
+        wrong, good, confirmed: first and last place of the pairs that contradict their poses, that
+            support them, and that surely contradict them.
+        near: those that contradict and are no loops: these alone contradict where poses drift.
+
+    Returns:
+        The place before the break. All confirmed pairs lie across it, or more pairs do than the
+        rate at which others contradict explains at any of the places.
+    """
+    places = sorted({place for pair in (*wrong, *good) for place in pair})
+    found = []
+    for at in places[:-1]:
+        across = [(a, b) for a, b in wrong if a <= at < b]
+        sides = any(b <= at for _, b in good), any(a > at for a, _ in good)
+        if len(across) < 2 or not all(sides) or any(a <= at < b for a, b in good):
+            continue
+        if not any(a <= at < b for a, b in near):
+            continue
+        others = len(wrong) + len(good) - len(across)
+        rate = (len(wrong) - len(across) + 1) / (others + 2)  # Laplace's rule of succession
+        is_sure = bool(confirmed) and all(a <= at < b for a, b in confirmed)
+        if is_sure or rate ** len(across) * len(places) < _RARE:
+            found.append((len(across), at))
+    return max(found)[1] if found else None
+
+
+def _list_loops(evidence: Evidence) -> set[int]:
+    """Lists the numbers of the pairs of images that are far apart on the path."""
+    places = {
+        v: (i, len(group)) for group in order_in_time(evidence.scene) for i, v in enumerate(group)
+    }
+    return {
+        number
+        for number, pair in enumerate(evidence.pairs)
+        if is_loop(places[pair.first][0], *places[pair.second])
+    }
+
+
+def check_loops(evidence: Evidence, judgement: Judgement) -> list[Finding]:
+    """Checks whether images far apart on the path, near each other in space, fit their poses."""
+    numbers = _list_loops(evidence)
+    supports, against = (
+        [each for each in verdicts if each.number in numbers]
+        for verdicts in (judgement.supports, judgement.contradicts)
+    )
+    loops = Judgement(supports, against, confirmed=[])
+    if not loops.is_contradiction:
+        return []
+    off = [measure_turn_error(evidence, each) for each in against]
+    pair = evidence.pairs[against[int(np.argmax(off))].number]
+    names = [evidence.scene.views[view].name for view in (pair.first, pair.second)]
+    return [
+        evidence.make_finding(
+            "warning",
+            f"the path of the poses does not close: {len(against)} of "
+            f"{len(against) + len(supports)} pairs of images that are far apart on "
+            f"it and see the same contradict their poses, such as {names[0]} and {names[1]} (turns "
+            f"differ by {np.median(off):.1f} degrees, median)",
+            "the poses drift, as odometry does: adjust all of them at once (`gsut poses`)",
+        )
+    ]
 
 
 def _order_pair(evidence: Evidence, verdict: PairVerdict, place: dict[int, int]) -> tuple[int, int]:

@@ -8,6 +8,7 @@ from pathlib import Path
 from gsut._core import InputError
 from gsut.check.colors import check_colors
 from gsut.check.evidence import gather_evidence
+from gsut.check.far_poses import check_far_pose
 from gsut.check.findings import Finding, finding_from_error, has_errors, sort_findings
 from gsut.check.geometry import check_lenses, check_points, check_poses
 from gsut.check.images import check_bits, check_images
@@ -47,7 +48,7 @@ def check_against_photographs(
         matches: from `match_neighbours`, if already computed.
     """
     evidence = gather_evidence(scene.move_origin((0.0, 0.0, 0.0)), matches)
-    findings = check_photographs(scene, evidence)
+    findings = [*check_far_pose(scene, evidence), *check_photographs(scene, evidence)]
     if has_errors(findings):
         return findings  # whatever else is wrong follows from it
     points = check_points_frame(scene, evidence)
@@ -71,6 +72,12 @@ def diagnose(
     Returns:
         Findings, errors first. Training can start if none has severity "error".
     """
+    return _diagnose_files(path, test_every, progress, with_far_pose=True)
+
+
+def _diagnose_files(
+    path: str | os.PathLike, test_every: int, progress: bool, with_far_pose: bool
+) -> list[Finding]:
     findings: list[Finding] = []
 
     def collect_error(error: InputError) -> None:
@@ -84,7 +91,8 @@ def diagnose(
     except InputError as error:
         collect_error(error)
         return sort_findings(findings)
-    return sort_findings([*findings, *_diagnose_scene(scene, progress)])
+    far = check_far_pose(scene, None) if with_far_pose else []
+    return sort_findings([*findings, *far, *_diagnose_scene(scene, progress)])
 
 
 def _diagnose_scene(scene: Scene, progress: bool) -> list[Finding]:
@@ -125,14 +133,14 @@ def doctor(
     if isinstance(data, Scene):
         findings = sort_findings(_diagnose_scene(data, progress))
     else:
-        findings = diagnose(data, test_every=test_every, progress=progress)
+        findings = _diagnose_files(data, test_every, progress, with_far_pose=False)
     try:
         scene = data if isinstance(data, Scene) else load_dataset(data, test_every=0)
     except InputError:
         return findings  # which say why
     findings += check_memory(scene)
     found = check_against_photographs(scene)
-    if all(finding.severity == "info" for finding in found):
+    if not has_errors(found):
         found += look_closer(scene)
     return sort_findings([*findings, *found])
 

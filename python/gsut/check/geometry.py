@@ -13,7 +13,6 @@ from gsut.data.points import UNCOLORED, has_colors
 _LENS_SIDE = 800  # pixels: lenses are checked on images of at most this longer side
 _NO_RAY_MUCH = 0.4  # share of pixels; a 180-degree circle in a square image leaves 0.21
 _SAME_PLACE = 1e-6  # of the extent: cameras this near are at one place
-_FEWEST_OTHERS = 5  # cameras, from which one can stand out
 _COLLINEAR = 1e-3  # second over first singular value of the centres, for cameras on one line
 _FEW_POINTS = 100  # from which a scene can start well
 _FEW_POINTS_IN_VIEW = 20  # with fewer a view's pose is suspect
@@ -84,7 +83,6 @@ def check_poses(scene: Scene) -> Iterator[Finding]:
         )
     else:
         yield from _find_repeated_poses(scene, centers, tiny)
-        yield from _find_far_poses(scene, centers)
         if len(views) > 2 and spread[1] < _COLLINEAR * spread[0]:
             yield inform("all cameras stand on one line", "expect weak geometry beside the path")
     distance = float(np.linalg.norm(scene.world_offset))
@@ -119,24 +117,6 @@ def _measure_readout_motion(view) -> tuple[float, float]:
     angle = np.degrees(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1)))
     move = start[:3, :3].T @ start[:3, 3] - end[:3, :3].T @ end[:3, 3]
     return float(np.linalg.norm(move)), float(angle)
-
-
-def _find_far_poses(scene: Scene, centers: np.ndarray) -> Iterator[Finding]:
-    """Names a camera that stands farther from every other than any two of these are apart."""
-    if len(centers) < _FEWEST_OTHERS:
-        return
-    away = int(np.argmax(np.linalg.norm(centers - np.median(centers, axis=0), axis=1)))
-    others = np.delete(centers, away, axis=0)
-    size = float(np.linalg.norm(np.ptp(others, axis=0)))
-    distance = float(np.linalg.norm(others - centers[away], axis=1).min())
-    if distance > size:
-        yield Finding(
-            "warning",
-            str(scene.path),
-            f"{scene.views[away].name} stands farther from all other cameras ({distance:.3g} "
-            f"units) than these are apart ({size:.3g})",
-            "check its pose, or leave it out: it makes the scene's extent and its steps too large",
-        )
 
 
 def _find_repeated_poses(scene: Scene, centers: np.ndarray, tiny: float) -> Iterator[Finding]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -18,7 +18,10 @@ _NORMAL = 1.4826  # standard deviation of a normal law over the median of its ab
 _KNOWN = 0.25
 _TINY = 1e-12  # keeps quotients finite
 _STEP_PX = 0.01  # of differences between rays: small beside a pixel, large beside rounding
-_FEWEST = 40  # matches to which the four numbers are fitted
+_FEWEST = 40  # matches to which numbers are fitted
+# Of the four numbers of a lens, see `LensFit.values`.
+_STEPS = np.array([1e-3, 0.1, 0.1, 1e-3])  # of the differences that give derivatives
+_MOST = np.array([0.2, 50.0, 50.0, 0.1])  # change in one iteration
 
 
 @dataclasses.dataclass(frozen=True)
@@ -91,27 +94,52 @@ def convert_to_normal(ratio: np.ndarray, freedom: int) -> np.ndarray:
 def fit_lens(cameras: Sequence[Camera], matches: Matches, poses: np.ndarray) -> LensFit:
     """Fits one scale, shift and radial term for all lenses to the epipolar errors.
 
-    Least squares, iteratively reweighted (Cauchy), with derivatives by differences. A lens scaled
-    about its principal point sees a pixel where it saw one nearer or farther, so pixels are moved
-    instead of making lenses.
+    A lens scaled about its principal point sees a pixel where it saw one nearer or farther, so
+    pixels are moved instead of making lenses.
 
     Args:
         cameras: the lenses.
         matches: their pixels.
         poses: (2, M, 4, 4) world_from_camera.
     """
-    steps = np.diag([1e-3, 0.1, 0.1, 1e-3])
     known = np.array([1.0, matches.diagonal, matches.diagonal, 1.0]) * _KNOWN
+    views = matches.pairs[matches.pair]
+    x, covariance = fit_numbers(
+        lambda x: measure_line_errors(cameras, matches, poses, x), views, _STEPS, known, _MOST
+    )
+    freedom = max(1, len(np.unique(views)) - len(_STEPS))
+    return LensFit(x, covariance, matches.diagonal, freedom)
 
-    def find_errors(x: np.ndarray) -> np.ndarray:
-        return _find_moved_errors(cameras, matches, poses, x)
 
-    freedom = max(1, len(np.unique(matches.pairs[matches.pair])) - len(steps))
-    x, covariance = np.zeros(4), np.full((4, 4), np.inf)
+def fit_numbers(
+    find_errors: Callable[[np.ndarray], np.ndarray],
+    views: np.ndarray,
+    steps: np.ndarray,
+    known: np.ndarray,
+    most: np.ndarray,
+    start: np.ndarray | float = 0.0,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Fits numbers to signed errors of matches.
+
+    Least squares, iteratively reweighted (Cauchy), with derivatives by differences.
+
+    Args:
+        find_errors: returns the errors (M,) of numbers (N,), NaN where there is none.
+        views: (M, 2) of the matches.
+        steps: (N,) of the differences.
+        known: (N,) standard deviations with which the numbers are known to be zero.
+        most: (N,) by which an iteration may change the numbers.
+        start: (N,) first numbers.
+
+    Returns:
+        The numbers (N,), and their covariance (N, N) by the jackknife over views.
+    """
+    x, covariance = np.zeros(len(steps)) + start, np.full((len(steps), len(steps)), np.inf)
     for _ in range(_ITERATIONS):
         now = find_errors(x)
         slopes = np.stack(
-            [(find_errors(x + d) - find_errors(x - d)) / (2 * d.max()) for d in steps], axis=1
+            [(find_errors(x + d) - find_errors(x - d)) / (2 * d.max()) for d in np.diag(steps)],
+            axis=1,
         )
         good = np.isfinite(now) & np.isfinite(slopes).all(axis=1)
         if np.count_nonzero(good) < _FEWEST:
@@ -123,14 +151,12 @@ def fit_lens(cameras: Sequence[Camera], matches: Matches, poses: np.ndarray) -> 
         prior = np.diag((sigma / known) ** 2)
         whole = slope.T @ weighted + prior
         step = np.linalg.solve(whole, weighted.T @ now[good] + prior @ x)
-        covariance = _leave_views_out(
-            matches.pairs[matches.pair[good]], whole, slope, weighted, now[good] - slope @ step
-        )
-        step = np.clip(step, [-0.2, -50, -50, -0.1], [0.2, 50, 50, 0.1])
+        covariance = _leave_views_out(views[good], whole, slope, weighted, now[good] - slope @ step)
+        step = np.clip(step, -most, most)
         x = x - step
-        if np.all(np.abs(step) < _SETTLED * steps.max(axis=1)):
+        if np.all(np.abs(step) < _SETTLED * steps):
             break
-    return LensFit(x, covariance, matches.diagonal, freedom)
+    return x, covariance
 
 
 def _leave_views_out(
@@ -149,8 +175,8 @@ def _leave_views_out(
 
     Args:
         views: (M, 2) of each match.
-        whole: (4, 4) normal matrix of all matches.
-        slope, weighted: (M, 4) derivatives of the errors, and the same times the weights.
+        whole: (N, N) normal matrix of all matches.
+        slope, weighted: (M, N) derivatives of the errors, and the same times the weights.
         errors: (M,) that the fit leaves.
     """
     used, moves = np.unique(views), []
@@ -161,7 +187,7 @@ def _leave_views_out(
     return (len(used) - 2) / (2 * len(used)) * np.array(moves).T @ np.array(moves)
 
 
-def _find_moved_errors(
+def measure_line_errors(
     cameras: Sequence[Camera], matches: Matches, poses: np.ndarray, x: np.ndarray
 ) -> np.ndarray:
     """Returns how far matches (M,) lie from each other's epipolar lines, pixels, signed.

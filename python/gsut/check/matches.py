@@ -25,22 +25,27 @@ class _Look:
         anchors: number of places along the dataset at which neighbours are compared.
         steps: of each pair, how many places after an anchor both images lie.
         most: matches kept of a pair.
+        loops: most pairs of images that are far apart on the path and see the same.
         options: of the features.
     """
 
     anchors: int
     steps: tuple[tuple[int, int], ...]
     most: int
+    loops: int
     options: PosesOptions
 
 
-_QUICK = _Look(9, ((0, 1), (0, 2), (1, 2)), 250, PosesOptions(
+_QUICK = _Look(9, ((0, 1), (0, 2), (1, 2)), 250, 0, PosesOptions(
     max_features=700, max_megapixels=0.14, contrast=0.01, max_ratio=0.75, threads=0
 ))  # fmt: skip
-_CLOSE = _Look(24, ((0, 1), (1, 2), (0, 3), (3, 6), (0, 6)), 600, PosesOptions(
+_CLOSE = _Look(24, ((0, 1), (1, 2), (0, 3), (3, 6), (0, 6)), 600, 12, PosesOptions(
     max_features=1500, max_megapixels=0.8, contrast=0.01, max_ratio=0.75, threads=0
 ))  # fmt: skip
 _JUMPS = 2  # longest steps of a path that are examined: one pose far away makes two
+_LOOP = 0.25  # of a path's length in frames, from which a pair that sees the same closes a loop
+_SAME_DIRECTION = np.cos(np.radians(40.0))  # between optical axes of images that see the same
+_LOOPS_A_VIEW = 2  # so that loops are spread over the path
 _FEWEST = 16  # matches of a pair: fewer may be chance
 _STILL = 0.004  # of the image's diagonal: what moves less, in a pair that moves, is on the lens
 _BEFORE_NUMBER = re.compile(r"\d+\D*$")
@@ -125,7 +130,44 @@ def _choose_pairs(scene: Scene, look: _Look) -> list[tuple[int, int]]:
             for one, two in look.steps:
                 if place >= 0 and place + two < len(group):
                     pairs.append((group[place + one], group[place + two]))
+        pairs += _find_loops(scene, group, {view for pair in pairs for view in pair}, look)
     return list(dict.fromkeys(pairs))
+
+
+def is_loop(first: int, second: int, count: int) -> bool:
+    """Returns whether two places of a path of `count` images are far apart on it."""
+    return abs(second - first) >= max(2, _LOOP * count)
+
+
+def _find_loops(
+    scene: Scene, group: list[int], used: set[int], look: _Look
+) -> list[tuple[int, int]]:
+    """Finds images far apart on the path that stand near each other and look the same way.
+
+    Near is what neighbours on the path are that the look compares: so far they see the same. Errors
+    that grow along a path, too small between neighbours, are large between these.
+    """
+    longest = max(two for _, two in look.steps)
+    places = [place for place, view in enumerate(group) if view in used]
+    if not look.loops or len(group) <= longest:
+        return []
+    centers = np.array([scene.views[view].camera_center for view in group])
+    axes = np.array([scene.views[view].camera_from_world[2, :3] for view in group])
+    reach = float(np.median(np.linalg.norm(centers[longest:] - centers[:-longest], axis=1)))
+    near = []
+    for number, a in enumerate(places):
+        for b in places[number + 1 :]:
+            distance = float(np.linalg.norm(centers[b] - centers[a]))
+            same = axes[a] @ axes[b] > _SAME_DIRECTION
+            if is_loop(a, b, len(group)) and same and distance <= reach:
+                near.append((distance, a, b))
+    count = dict.fromkeys(places, 0)
+    found: list[tuple[int, int]] = []
+    for _, a, b in sorted(near):
+        if len(found) < look.loops and max(count[a], count[b]) < _LOOPS_A_VIEW:
+            found.append((group[a], group[b]))
+            count[a], count[b] = count[a] + 1, count[b] + 1
+    return found
 
 
 def _find_jumps(centers: np.ndarray) -> list[int]:

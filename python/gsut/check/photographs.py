@@ -7,7 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from gsut.check.breaks import check_scale, name_break
+from gsut.check.breaks import check_loops, check_scale, name_break
 from gsut.check.chance import Judgement, is_another_view, judge_pairs, measure_turn_error
 from gsut.check.epipolar import rate_matches, rate_pairs
 from gsut.check.evidence import Evidence
@@ -16,6 +16,7 @@ from gsut.check.lens_errors import check_half_pixel, describe_crop, find_lens_er
 from gsut.check.lens_fit import LensFit, fit_lens
 from gsut.check.lenses import OtherLens, list_other_lenses
 from gsut.check.readings import list_readings
+from gsut.check.shutter import check_shutter
 from gsut.check.turns import (
     find_body_turn,
     find_clock_shift,
@@ -56,6 +57,9 @@ def check_photographs(scene: Scene, evidence: Evidence | None) -> list[Finding]:
         what = "neighbouring images share too few features to check poses and lens by them"
         return [Finding("info", str(scene.path), what)]
     given = evidence.rate_poses(evidence.table.poses)
+    rolling = check_shutter(evidence, _POOR) if given > _POOR else []
+    if rolling:
+        return rolling
     other = _find_best_other(evidence, given)
     if other is not None:
         value, name, advice, subject = other
@@ -202,6 +206,9 @@ def _explain_contradiction(evidence: Evidence, given: float, judgement: Judgemen
 def _weigh_poor_matches(evidence: Evidence, given: float) -> Finding:
     """Judges whether poses are wrong, or photographs say little, where few matches fit."""
     judgement = judge_pairs(evidence)
+    at_one_place = name_break(evidence, judgement)
+    if at_one_place is not None:
+        return at_one_place
     if judgement.is_contradiction:
         return _explain_contradiction(evidence, given, judgement)
     pairs = len(evidence.pairs)
@@ -238,8 +245,8 @@ def _find_small_errors(evidence: Evidence, given: float) -> list[Finding]:
     costs = rate_pairs(
         measure_angular_errors(evidence.rays, poses), evidence.matches, evidence.focal
     )
-    findings = _find_bad_pairs(evidence, costs)
-    if len(costs) >= _FEWEST_FOR_LENS:
+    findings = _find_bad_pairs(evidence, costs) or check_shutter(evidence, given)
+    if not findings and len(costs) >= _FEWEST_FOR_LENS:
         fit = fit_lens(scene.cameras, evidence.matches, poses)
         findings += find_lens_errors(evidence, fit)
     if not findings:
@@ -256,9 +263,16 @@ def _find_small_errors(evidence: Evidence, given: float) -> list[Finding]:
 
 
 def _find_bad_pairs(evidence: Evidence, costs: np.ndarray) -> list[Finding]:
+    """Finds a break of the path, loops that do not close, and single pairs that do not fit."""
     if not np.any(costs > _BAD_PAIR):
         return []
     judgement = judge_pairs(evidence)
+    at_one_place = name_break(evidence, judgement)
+    if at_one_place is not None:
+        return [at_one_place]
+    loops = check_loops(evidence, judgement)
+    if loops:
+        return [*loops, *check_scale(evidence)]
     return [_name_bad_pairs(evidence, judgement)] if judgement.confirmed else []
 
 
@@ -266,9 +280,6 @@ def _name_bad_pairs(evidence: Evidence, judgement: Judgement) -> Finding:
     """Names the images whose pairs contradict their poses while others do not."""
     against = [evidence.pairs[each.number] for each in judgement.confirmed]
     count = len(evidence.pairs)
-    at_one_place = name_break(evidence, judgement)
-    if at_one_place is not None:
-        return at_one_place
     supported = {
         view
         for each in judgement.supports

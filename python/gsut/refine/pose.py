@@ -12,13 +12,8 @@ from gsut import _core
 from gsut._core import BlendRule, InputError, Shutter
 from gsut.data.images import shrink_image, shrink_mask
 from gsut.gaussians import Gaussians, apply_low_pass, find_filter_radii
-from gsut.refine.secants import (
-    NOISE_BLOCKS,
-    POSE,
-    SecantPose,
-    estimate_covariance,
-    refine_by_secants,
-)
+from gsut.refine.pixel_rows import NOISE_BLOCKS, POSE, estimate_covariance
+from gsut.refine.secants import MOST_ROUNDS, SecantPose, refine_by_secants
 from gsut.render import DEFAULT_UNSCENTED, place_about
 
 # Pixels along the shorter side of the coarsest image, at least: fewer show no shapes.
@@ -30,6 +25,8 @@ _PIXEL_BLUR = 0.3
 # Sizes, the full one included, at which the motion during a readout is estimated: coarser images
 # hardly show it.
 _LEVELS_WITH_MOTION = 3
+# Measurements of slopes at the smaller sizes: the next size does the rest.
+_COARSE_ROUNDS = 2
 
 
 @dataclasses.dataclass
@@ -162,7 +159,7 @@ def refine_levels(
         fine = refine_by_secants(
             part.drawn, part.lens, pose, part.chosen, part.colors.astype(np.float64),
             shutter=shutter, motion=motion, gain=gain, background=photograph.background,
-            with_gain=with_gain,
+            with_gain=with_gain, rounds=_COARSE_ROUNDS if level else MOST_ROUNDS,
         )  # fmt: skip
         pose, gain, motion = fine.camera_from_world, fine.gain, fine.motion
     return fine

@@ -11,6 +11,13 @@ import numpy as np
 
 from gsut._core import InputError, Shutter, SolveError
 from gsut.gaussians import Gaussians
+from gsut.refine.pixel_rows import (
+    SCENE_BLOCKS,
+    compute_square,
+    estimate_covariance,
+    estimate_step,
+    measure_unmodelled_motion,
+)
 from gsut.refine.pose import (
     CoarsePose,
     Photograph,
@@ -19,15 +26,7 @@ from gsut.refine.pose import (
     make_refined_pose,
     refine_levels,
 )
-from gsut.refine.secants import (
-    SCENE_BLOCKS,
-    SecantPose,
-    compute_square,
-    estimate_covariance,
-    estimate_step,
-    measure_unmodelled_motion,
-    place_lines,
-)
+from gsut.refine.secants import SecantPose, place_lines
 from gsut.render import render
 
 # Standard deviations grow by this power of the share of the photograph that counts, as fewer parts
@@ -105,13 +104,16 @@ class Query:
         still = self._refine(pose, 1)
         if shutter is not None:
             return still, None, "given"
-        suspected, likely = max(
-            (measure_unmodelled_motion(still.rows, each), number, each)
-            for number, each in enumerate(list_likely_shutters(self.camera))
-        )[::2]
-        if suspected < _MOTION_SUSPECTED * self._widening**2:
+        suspected = [
+            each
+            for each in list_likely_shutters(self.camera)
+            if measure_unmodelled_motion(still.rows, each) > _MOTION_SUSPECTED * self._widening**2
+        ]
+        if not suspected:
             return still, None, "picture"
-        moved = self._refine(pose, _ROLLING_LEVELS, likely)
+        # Two directions look alike in differences of a fraction of a pixel; the colours decide.
+        tried = [(self._refine(pose, _ROLLING_LEVELS, each), each) for each in suspected]
+        moved, likely = min(tried, key=lambda each: each[0].rms)
         refined = make_refined_pose(moved, likely, np.zeros(3))
         square = compute_square(moved.motion, np.asarray(refined.motion_covariance))
         if moved.rms < still.rms and square > _MOTION_CLEAR * self._widening**2:

@@ -4,51 +4,56 @@ A trained scene holds Gaussians narrower than a pixel. They dominate the derivat
 which then say how a picture changes over a hundredth of a pixel, not over the error of a pose: a
 solver that uses them stops early, and its normal equations are far too sure. Differences of renders
 a fraction of a pixel apart show the change that counts, also under a rolling shutter, whose lines
-move together with the pose in the middle of the readout.
+move together with the pose in the middle of the readout. The renders come closer together as the
+pose does to its solution: differences over more than its error miss the bottom of the valley.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from gsut._core import Camera, CameraMotion, Shutter, SolveError, moved_pose
+from gsut._core import Camera, CameraMotion, Shutter, moved_pose
 from gsut.gaussians import Gaussians
 from gsut.least_squares import minimize_least_squares
+from gsut.refine.pixel_rows import (
+    POSE,
+    PixelRows,
+    compute_square,
+    estimate_covariance,
+    find_line_times,
+)
 from gsut.render import render
 
-# Pixels that a picture shifts by on either side of a difference, in the solver's first steps: about
-# what a pose is still off by, so that the slopes are those of the way that is left. Each takes a
-# pair of renders in six directions; further steps keep the last slopes.
-_SHIFTS = (0.5, 0.25, 0.15)
+# Pixels that a picture shifts by on either side of a difference, at first: about what a pose is
+# still off by. Six directions take a pair of renders each.
+_FIRST_SHIFT = 0.5
+# Shift of the slopes by which errors are stated: over less, a pose seems surer than it is.
+_STATED_SHIFT = 0.25
+# The least shift: pictures of good scenes determine a pose to this.
+_FINEST_SHIFT = 0.02
+# Shifts of one round over that of the round before, at most.
+_SHRINK = 0.5
+# Shift over what the pose moved by in the round before: about the error that is left.
+_SHIFT_BY_MOVE = 0.5
+# Square of a round's move by the covariance of noise, per unknown, below which a pose has settled.
+_SETTLED = 0.1
+# Measurements of the slopes at most; a few suffice.
+MOST_ROUNDS = 8
 # Colour difference beyond which a pixel counts less (Huber).
 _LOSS_SCALE = 0.1
-# Steps of the solver at most.
-_STEPS = 20
-# Share of the cost by which a step must lower it to be followed by another.
-_LEAST_GAIN = 1e-6
+# Steps between two measurements of slopes at most; each corrects the slopes by what it changed.
+_STEPS = 4
+# Share of the cost by which a step must lower it to be followed by another with these slopes.
+_LEAST_GAIN = 0.01
 # Factor by which the damping rises after a worse step, which costs a render.
 _RISE = 10.0
 # Damping whose step is far shorter than what the slopes are taken over.
 _MOST_DAMPING = 1.0
-# Blocks of the jackknife along the image's longer side: noise is shared by no larger ones.
-NOISE_BLOCKS = (16,)
-# The same for errors of a scene, which are small where many photographs agree and as large as an
-# object where few do: the sum over these sizes.
-SCENE_BLOCKS = (16, 8, 4)
-# Blocks with pixels for each along the longer side, at least: else they are halved.
-_FEWEST_BLOCKS = 2
-# Share of a block that the jackknife leaves out: not all, so that a direction that only this block
-# determines is not divided by zero.
-_LEFT_OUT = 0.99
-# Reciprocal condition of the normal equations, scaled to a diagonal of ones, below which a
-# direction counts as undetermined.
-_SINGULAR = 1e-12
 # Alpha from which a rendered distance is that of a surface.
 _OPAQUE = 0.5
-POSE = 6  # unknowns of a pose: centre (world axes), rotation vector (camera axes)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,7 +66,7 @@ class SecantPose:
             and the camera turns (rotation vector, camera axes); zeros for a global shutter.
         gain: gain and bias of the photograph's brightness.
         rms: root mean square of the remaining colour differences, per channel.
-        converged: whether the last step no longer improved.
+        converged: whether the last round of steps moved the pose by less than noise does.
         rows: what the pixels say there.
     """
 
@@ -71,34 +76,6 @@ class SecantPose:
     rms: float
     converged: bool
     rows: PixelRows
-
-
-@dataclasses.dataclass(frozen=True)
-class PixelRows:
-    """Residuals and slopes of N pixels at a solution.
-
-    Attributes:
-        pixels: (N,) row-major indices in an image of `width` columns and `height` rows.
-        residuals: (N, 3) gain x render + bias - photograph.
-        weights: (N,) of a robust loss.
-        by_pose: (N, 3, 6). by_gain: (N, 3, 2); of no columns where gain and bias are held.
-    """
-
-    pixels: np.ndarray
-    width: int
-    height: int
-    residuals: np.ndarray
-    weights: np.ndarray
-    by_pose: np.ndarray
-    by_gain: np.ndarray
-
-    def stack_slopes(self, shutter: Shutter | None) -> np.ndarray:
-        """Returns (N, 3, K) slopes by pose, by motion unless the shutter is global, and by gain."""
-        parts = [self.by_pose]
-        if shutter is not None and not shutter.is_global:
-            times = find_line_times(shutter, self.pixels, self.width, self.height)
-            parts.append(times[:, None, None] * self.by_pose)
-        return np.concatenate([*parts, self.by_gain], axis=2)
 
 
 def refine_by_secants(
@@ -113,8 +90,12 @@ def refine_by_secants(
     gain: tuple[float, float] = (1.0, 0.0),
     background: Sequence[float] = (0.0, 0.0, 0.0),
     with_gain: bool = True,
+    rounds: int = MOST_ROUNDS,
 ) -> SecantPose:
     """Refines a pose that is off by less than a pixel or so, and with a shutter the motion.
+
+    Between two measurements, the slopes of each pixel follow the change that a step has brought
+    (Broyden, "A class of methods for solving nonlinear simultaneous equations", 1965).
 
     Args:
         gaussians: the scene. camera: the photograph's lens.
@@ -124,88 +105,148 @@ def refine_by_secants(
         shutter: how the lines are read; None or global: all at once.
         motion: (6,) start, see `SecantPose`; None: zeros.
         gain: gain and bias to start from. with_gain: estimate both.
+        rounds: measurements of the slopes at most.
 
     Raises:
         SolveError: the photograph does not determine the pose.
     """
-    moves = shutter is not None and not shutter.is_global
-    unit = _measure_units(gaussians, camera, start)
-    first = np.concatenate([np.zeros(POSE), np.zeros(POSE) if motion is None else motion, gain])
-    num_gain = 2 if with_gain else 0
-    free = np.r_[: 2 * POSE if moves else POSE, 2 * POSE : 2 * POSE + num_gain]
-
-    def draw(pose: np.ndarray, moved: np.ndarray) -> np.ndarray:
-        where = place_lines(pose, moved, shutter)
-        image = render(gaussians, camera, where, background=background).image
-        return image.reshape(-1, 3)[pixels].astype(np.float64)
-
-    drawn: dict[bytes, np.ndarray] = {}  # by the unknowns: the solver comes back to the best
-
-    def compare(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        seen = drawn.get(at.tobytes())
-        if seen is None:
-            seen = drawn[at.tobytes()] = draw(
-                moved_pose(start, at[:POSE], 1.0), at[POSE : 2 * POSE]
-            )
-        return seen, at[-2] * seen + at[-1] - colors
-
-    def compute_cost(unknowns: np.ndarray) -> float:
-        at = first.copy()
-        at[free] = unknowns
-        length = np.linalg.norm(compare(at)[1], axis=1)
-        inner = np.minimum(length, _LOSS_SCALE)
-        return float(np.sum(inner * (2 * length - inner)))
-
-    slopes: list[np.ndarray] = []  # (N, 3, 6) by the pose, of one step after the other
-
-    def list_rows(unknowns: np.ndarray, is_last: bool = False) -> PixelRows:
-        at = first.copy()
-        at[free] = unknowns
-        pose, moved = moved_pose(start, at[:POSE], 1.0), at[POSE : 2 * POSE]
-        if len(slopes) < len(_SHIFTS) and not is_last:
-            steps = _SHIFTS[len(slopes)] * unit
-            slopes.append(_measure_slopes(lambda near: draw(near, moved), pose, steps))
-        seen, residuals = compare(at)
-        length = np.linalg.norm(residuals, axis=1)
-        weights = _LOSS_SCALE / np.maximum(length, _LOSS_SCALE)
-        by_gain = np.stack([seen, np.ones_like(seen)], axis=2)[:, :, :num_gain]
-        return PixelRows(
-            pixels, camera.width, camera.height, residuals, weights, at[-2] * slopes[-1], by_gain
-        )
-
-    steps = 0
-
-    def make_normal_equations(unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        nonlocal steps
-        steps += 1
-        rows = list_rows(unknowns)
-        weighted = np.sqrt(rows.weights)[:, None, None] * rows.stack_slopes(shutter)
-        matrix = weighted.reshape(-1, len(free))
-        right = (np.sqrt(rows.weights)[:, None] * rows.residuals).ravel()
-        return matrix.T @ right, matrix.T @ matrix
-
-    unknowns, _ = minimize_least_squares(
-        first[free], compute_cost, make_normal_equations,
-        max_steps=_STEPS, least_gain=_LEAST_GAIN, rise=_RISE, most_damping=_MOST_DAMPING,
+    problem = _Problem(
+        gaussians, camera, start, pixels, colors, shutter, background, with_gain,
+        _measure_units(gaussians, camera, start),
     )  # fmt: skip
-    rows = list_rows(unknowns, is_last=True)
-    at = first.copy()
-    at[free] = unknowns
+    at = np.concatenate([np.zeros(POSE), np.zeros(POSE) if motion is None else motion, gain])
+    shift, settled = _FIRST_SHIFT, False
+    for _ in range(rounds):
+        found, rows = problem.run_round(at, shift)
+        slopes = rows.stack_slopes(shutter)
+        moved = (found - at)[problem.free]
+        noise = estimate_covariance(rows, slopes)
+        settled = compute_square(moved, noise) < _SETTLED
+        at = found
+        sigma = float(np.sqrt(np.mean(np.diag(noise)[:POSE] / problem.unit**2)))
+        if settled and shift <= max(_FINEST_SHIFT, sigma):
+            break
+        pixels_moved = float(np.max(np.abs(moved[:POSE] / problem.unit)))
+        shift = max(_FINEST_SHIFT, min(_SHRINK * shift, _SHIFT_BY_MOVE * pixels_moved))
+    if shift < _STATED_SHIFT:
+        rows = problem.list_rows(at, problem.measure_slopes(at, _STATED_SHIFT))
     return SecantPose(
-        moved_pose(start, at[:POSE], 1.0), at[POSE : 2 * POSE], (float(at[-2]), float(at[-1])),
-        float(np.sqrt(np.mean(rows.residuals**2))), steps < _STEPS, rows,
+        problem.place_pose(at), at[POSE : 2 * POSE], (float(at[-2]), float(at[-1])),
+        float(np.sqrt(np.mean(rows.residuals**2))), settled, rows,
     )  # fmt: skip
 
 
-def _measure_slopes(
-    draw: Callable[[np.ndarray], np.ndarray], pose: np.ndarray, steps: np.ndarray
-) -> np.ndarray:
-    """Returns (N, 3, 6) slopes of the colours that `draw` gives, over steps (6,) either way."""
-    columns = []
-    for change in np.diag(steps):
-        sides = [draw(moved_pose(pose, sign * change, 1.0)) for sign in (1.0, -1.0)]
-        columns.append(sides[0] - sides[1])
-    return np.stack(columns, axis=2) / (2 * steps)
+@dataclasses.dataclass
+class _Problem:
+    """The pixels of a photograph as functions of pose, motion, gain and bias (14 unknowns).
+
+    Attributes:
+        unit: (6,) steps of the pose that move the picture by about a pixel.
+        slopes: (N, 3, 6) of the render by the pose, where it was drawn last.
+    """
+
+    gaussians: Gaussians
+    camera: Camera
+    start: np.ndarray
+    pixels: np.ndarray
+    colors: np.ndarray
+    shutter: Shutter | None
+    background: Sequence[float]
+    with_gain: bool
+    unit: np.ndarray
+
+    def __post_init__(self) -> None:
+        moves = self.shutter is not None and not self.shutter.is_global
+        self.free = np.r_[: 2 * POSE if moves else POSE, 2 * POSE : 2 * POSE + 2 * self.with_gain]
+        self.times = np.zeros(len(self.pixels))
+        if moves:
+            assert self.shutter is not None
+            camera = self.camera
+            self.times = find_line_times(self.shutter, self.pixels, camera.width, camera.height)
+        self._drawn: dict[bytes, np.ndarray] = {}  # by the pose: the solver comes back to the best
+
+    def place_pose(self, at: np.ndarray) -> np.ndarray:
+        """Returns (4, 4) the pose in the middle of the readout."""
+        return moved_pose(self.start, at[:POSE], 1.0)
+
+    def _draw(self, pose: np.ndarray, moved: np.ndarray) -> np.ndarray:
+        where = place_lines(pose, moved, self.shutter)
+        image = render(self.gaussians, self.camera, where, background=self.background).image
+        return image.reshape(-1, 3)[self.pixels].astype(np.float64)
+
+    def _draw_at(self, at: np.ndarray) -> np.ndarray:
+        key = at[: 2 * POSE].tobytes()
+        if key not in self._drawn:
+            self._drawn[key] = self._draw(self.place_pose(at), at[POSE : 2 * POSE])
+        return self._drawn[key]
+
+    def _compare(self, at: np.ndarray) -> np.ndarray:
+        return at[-2] * self._draw_at(at) + at[-1] - self.colors
+
+    def _follow_step(self, slopes: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
+        """Corrects slopes (N, 3, 6) so that they give the change of colours of a step."""
+        step = (after - before)[: 2 * POSE].reshape(2, POSE) / self.unit
+        by_pixel = step[0] + self.times[:, None] * step[1]
+        change = self._draw_at(after) - self._draw_at(before)
+        missing = change - np.einsum("nck,nk->nc", slopes, by_pixel * self.unit)
+        square = np.maximum(np.sum(by_pixel**2, axis=1), np.finfo(float).tiny)
+        return slopes + missing[:, :, None] * (by_pixel / square[:, None] / self.unit)[:, None, :]
+
+    def measure_slopes(self, at: np.ndarray, shift: float) -> np.ndarray:
+        """Measures (N, 3, 6) slopes of the render by the pose over this many pixels either way."""
+        pose, columns = self.place_pose(at), []
+        for change in np.diag(shift * self.unit):
+            sides = [
+                self._draw(moved_pose(pose, sign * change, 1.0), at[POSE : 2 * POSE])
+                for sign in (1.0, -1.0)
+            ]
+            columns.append(sides[0] - sides[1])
+        return np.stack(columns, axis=2) / (2 * shift * self.unit)
+
+    def list_rows(self, at: np.ndarray, slopes: np.ndarray) -> PixelRows:
+        """Returns residuals at these unknowns with these slopes of the render."""
+        seen, residuals = self._draw_at(at), self._compare(at)
+        weights = _LOSS_SCALE / np.maximum(np.linalg.norm(residuals, axis=1), _LOSS_SCALE)
+        by_gain = np.stack([seen, np.ones_like(seen)], axis=2)[:, :, : 2 * self.with_gain]
+        return PixelRows(
+            self.pixels, self.camera.width, self.camera.height, residuals, weights,
+            at[-2] * slopes, by_gain,
+        )  # fmt: skip
+
+    def run_round(self, first: np.ndarray, shift: float) -> tuple[np.ndarray, PixelRows]:
+        """Takes some steps with slopes over this many pixels; returns the best unknowns (14,)."""
+        slopes = measured = self.measure_slopes(first, shift)
+        last = first
+
+        def fill(unknowns: np.ndarray) -> np.ndarray:
+            at = first.copy()
+            at[self.free] = unknowns
+            return at
+
+        def compute_cost(unknowns: np.ndarray) -> float:
+            length = np.linalg.norm(self._compare(fill(unknowns)), axis=1)
+            inner = np.minimum(length, _LOSS_SCALE)
+            return float(np.sum(inner * (2 * length - inner)))
+
+        def make_normal_equations(unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            nonlocal slopes, last
+            at = fill(unknowns)
+            if not np.array_equal(at, last):
+                slopes = self._follow_step(slopes, last, at)
+            last = at
+            rows = self.list_rows(at, slopes)
+            weighted = np.sqrt(rows.weights)[:, None, None] * rows.stack_slopes(self.shutter)
+            matrix = weighted.reshape(-1, len(self.free))
+            right = (np.sqrt(rows.weights)[:, None] * rows.residuals).ravel()
+            return matrix.T @ right, matrix.T @ matrix
+
+        unknowns, _ = minimize_least_squares(
+            first[self.free], compute_cost, make_normal_equations,
+            max_steps=_STEPS, least_gain=_LEAST_GAIN, rise=_RISE, most_damping=_MOST_DAMPING,
+        )  # fmt: skip
+        best = fill(unknowns)
+        self._drawn = {best[: 2 * POSE].tobytes(): self._draw_at(best)}
+        return best, self.list_rows(best, measured)
 
 
 def place_lines(
@@ -216,15 +257,6 @@ def place_lines(
         return pose
     start, end = (moved_pose(pose, motion, share) for share in (-0.5, 0.5))
     return CameraMotion(start, end, shutter)
-
-
-def find_line_times(shutter: Shutter, pixels: np.ndarray, width: int, height: int) -> np.ndarray:
-    """Returns (N,) times at which the lines of pixels are read, -0.5 to 0.5 of the readout."""
-    rows, columns = np.divmod(pixels.astype(np.int64), width)
-    is_row = shutter.direction in ("top_to_bottom", "bottom_to_top")
-    share = (rows + 0.5) / height if is_row else (columns + 0.5) / width
-    sign = 1.0 if shutter.direction in ("top_to_bottom", "left_to_right") else -1.0
-    return sign * (share - 0.5)
 
 
 def _measure_units(gaussians: Gaussians, camera: Camera, pose: np.ndarray) -> np.ndarray:
@@ -244,87 +276,3 @@ def measure_pixel_angle(camera: Camera) -> float:
     both = valid[:, 1:] & valid[:, :-1]
     apart = np.linalg.norm((rays[:, 1:] - rays[:, :-1])[both], axis=1)
     return float(np.median(apart)) if len(apart) else 1.0
-
-
-def estimate_covariance(
-    rows: PixelRows, slopes: np.ndarray, sizes: Sequence[int] = NOISE_BLOCKS
-) -> np.ndarray:
-    """Estimates the covariance of unknowns by leaving out one block of the image after the other.
-
-    Pixels of a block may err together, and where few blocks determine a pose, residuals are
-    smaller than errors, since each block has bent the pose towards itself (the jackknife, CR3 of
-    Bell and McCaffrey, "Bias reduction in standard errors for linear regression with multi-stage
-    samples", 2002).
-
-    Args:
-        rows: of the pixels. slopes: (N, 3, K) by the unknowns.
-        sizes: how many blocks fit along the image's longer side. With several, the sum of the
-            covariances that each size of blocks gives.
-
-    Returns:
-        (K, K).
-
-    Raises:
-        SolveError: the pixels do not determine the unknowns.
-    """
-    size = slopes.shape[2]
-    weighted = rows.weights[:, None, None] * slopes
-    products = np.einsum("nck,ncl->nkl", weighted, slopes).reshape(len(slopes), -1)
-    right = np.einsum("nck,nc->nk", weighted, rows.residuals)
-    normal = products.sum(axis=0).reshape(size, size)
-    diagonal = np.diag(normal)
-    if not (diagonal > 0).all():
-        raise _report_undetermined()
-    scale = 1 / np.sqrt(diagonal)
-    units = np.outer(scale, scale)
-    if not np.linalg.eigvalsh(normal * units)[0] > _SINGULAR:
-        raise _report_undetermined()
-    covariance = np.zeros((size, size))
-    for blocks in sizes:
-        block, count = _number_blocks(rows, blocks)
-        normals = np.stack([np.bincount(block, p, count) for p in products.T], axis=1)
-        others = (normal - _LEFT_OUT * normals.reshape(count, size, size)) * units
-        rights = np.stack([np.bincount(block, r, count) for r in right.T], axis=1)
-        moved = scale * np.linalg.solve(others, (scale * rights)[:, :, None])[:, :, 0]
-        covariance += (count - 1) / count * moved.T @ moved
-    return covariance
-
-
-def estimate_step(rows: PixelRows, slopes: np.ndarray) -> np.ndarray:
-    """Returns (K,) the step of Gauss-Newton by these slopes (N, 3, K)."""
-    weighted = rows.weights[:, None, None] * slopes
-    normal = np.einsum("nck,ncl->kl", weighted, slopes)
-    return -np.linalg.solve(normal, np.einsum("nck,nc->k", weighted, rows.residuals))
-
-
-def measure_unmodelled_motion(rows: PixelRows, shutter: Shutter) -> float:
-    """Measures what motion during a readout the residuals of a global shutter still show.
-
-    Returns:
-        Its square by its covariance, per unknown: about 1 where there is none.
-    """
-    slopes = rows.stack_slopes(shutter)
-    motion = slice(POSE, 2 * POSE)
-    step = estimate_step(rows, slopes)[motion]
-    return compute_square(step, estimate_covariance(rows, slopes)[motion, motion])
-
-
-def compute_square(vector: np.ndarray, covariance: np.ndarray) -> float:
-    """Returns the square of a vector by its covariance, per component."""
-    return float(vector @ np.linalg.solve(covariance, vector)) / len(vector)
-
-
-def _report_undetermined() -> SolveError:
-    return SolveError("the photograph does not determine its pose: too little of it shows texture")
-
-
-def _number_blocks(rows: PixelRows, blocks: int) -> tuple[np.ndarray, int]:
-    """Returns the number of each pixel's block, (N,), and how many blocks there are."""
-    y, x = np.divmod(rows.pixels.astype(np.int64), rows.width)
-    side = -(-max(rows.width, rows.height) // blocks)
-    while True:
-        _, number = np.unique(y // side * rows.width + x // side, return_inverse=True)
-        count = int(number.max()) + 1
-        if count >= _FEWEST_BLOCKS * blocks or side == 1:
-            return number, count
-        side = (side + 1) // 2

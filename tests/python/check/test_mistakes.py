@@ -22,7 +22,7 @@ NOT_NAMED = {"clock half a frame late"}
 # Need more, or larger, images than these.
 ELSEWHERE = {
     "photographs undistorted, lens not", "distortion left out", "principal point half a pixel off",
-    "half of the poses in another world", "scale of the poses drifts to 1.5",
+    "half of the poses in another world", "scale of half of the poses times 1.5",
 }  # fmt: skip
 
 

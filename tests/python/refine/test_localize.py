@@ -156,6 +156,14 @@ def test_photograph_of_another_place_is_refused_with_the_evidence(run, tmp_path,
     )
 
 
+def test_localize_white_photograph_is_refused_in_one_sentence(run, tmp_path, capsys):
+    """Fits a gain of zero exactly, so that no pixel says anything about the pose."""
+    image = tmp_path / "white.png"
+    write_png(image, np.full((48, 48, 3), 255, np.uint8))
+    assert main(["localize", str(image), "--run", str(run[0])]) == 2
+    assert "does not determine its pose" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("factor", [1.0, 0.95, 1.08])
 def test_stated_uncertainty_covers_the_error_also_of_a_wrong_focal_length(
     run, tmp_path, capsys, factor

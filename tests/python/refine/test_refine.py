@@ -7,8 +7,9 @@ import pytest
 import gsut
 import tolerances
 from gsut import _core
+from gsut.refine.pixel_rows import PixelRows, estimate_covariance
 from gsut.refine.query import subtract_poses
-from gsut.refine.secants import PixelRows, estimate_covariance, place_lines
+from gsut.refine.secants import place_lines
 from random_scenes import (
     fisheye,
     gaussians_in_view,
