@@ -224,6 +224,7 @@ Inputs ReadInputs(const std::vector<const Camera*>& cameras,
   if (!places.empty() && places.size() != inputs.images.size()) {
     throw InputError("places must have one row an image");
   }
+  // Rows with NaN are images whose place is not known.
   for (const std::array<double, 3>& place : places) {
     options.places.emplace_back(Eigen::Map<const Eigen::Vector3d>(place.data()));
   }
