@@ -15,6 +15,7 @@ from attack.flags import BASES, list_flag_cases
 from attack.harness import Case, Spoil
 from attack.places import FILES, FOLDERS, list_place_cases
 from attack.queries import list_query_cases
+from attack.rigs import list_rig_cases
 from attack.strange import list_strange_cases
 from attack.world import LENSES, SCENES
 from formats.wrong_fields import WRONG
@@ -211,6 +212,7 @@ def list_cases() -> list[Case]:
         *list_film_cases(),
         *list_stage_cases(),
         *list_field_cases(),
+        *list_rig_cases(),
         *list_flag_cases(),
         *list_place_cases(),
         *list_query_cases(),

@@ -22,10 +22,12 @@ import synthetic_boards
 from formats.scene_cases import plain_scene
 from gsut import formats
 from gsut.cli import main
+from gsut.demo import make_demo_rig
 from gsut.lens import convert_camera
 from random_scenes import pinhole
 
 STEPS = "20"
+RIG_SIZE = 160  # of the square images of two cameras on a body
 RIG = "".join(
     f"cam{i}:\n  camera_model: pinhole\n  intrinsics: [90, 90, 24, 18]\n  resolution: [48, 36]\n"
     f"  distortion_model: none\n  distortion_coeffs: []\n{pose}"
@@ -131,11 +133,17 @@ def write_blocks(place: Path) -> None:
         state.unlink()
 
 
+def write_rig_images(place: Path) -> None:
+    """Two cameras on a body, with their lenses and rig.json."""
+    make_demo_rig(place, 6, RIG_SIZE, progress=False, path_share=0.1)
+
+
 # What takes a while to make, and few cases need.
 LATER: dict[str, Callable[[Path], object]] = {
     "walked": write_walked,
     "blocks": write_blocks,
     "boards": write_boards,
+    "rig": write_rig_images,
     "walk.mp4": lambda place: small_videos.walk(place, 40),
 }
 

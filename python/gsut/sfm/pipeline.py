@@ -41,6 +41,7 @@ from gsut.sfm.rig import (
     find_lens_pair,
     find_rig_photographs,
     find_rig_shutter,
+    require_features,
     solve_rig,
 )
 from gsut.sfm.shutter import find_shutter, is_probably_rolling
@@ -239,6 +240,8 @@ def _find_matches(mapping: Mapping, stages: Stages) -> None:
     photographs, options, log = mapping.photographs, mapping.options, mapping.log
     _expect_times(mapping)
     mapping.features = collect_features(photographs, options, log.show, log.note, stages)
+    if mapping.rig is not None:
+        require_features(photographs, mapping.features)
     log.watch.record_lap("features")
     is_lens_known = photographs.are_lenses_known
     mapping.found.figures["lens"] = "known" if is_lens_known else "estimated"

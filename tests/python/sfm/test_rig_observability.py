@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
+import gsut
 import tolerances
 from gsut.data.rigs import measure_changes
 from gsut.sfm.photographs.options import PosesOptions
 from gsut.sfm.rig.description import add_uncertainty, describe_open
+from gsut.sfm.rig.fit import solve_rig
 from gsut.sfm.rig.observability import estimate_mount_uncertainty
 from gsut.sfm.solution import Adjustment, RigConstraint, adjust_poses
 from gsut.sfm.solution.result import FEATURE_VARIANCE
@@ -115,3 +117,22 @@ def test_notes_name_the_directions_that_are_open(rng):
     words = describe_open(figures["cameras"][1])
     assert "hardly determine where right is on the rig: its place along y (down)" in words
     assert "leave --refine-rig out" in words
+
+
+# --- cameras that see nothing in common -----------------------------------------------------------
+
+
+@pytest.mark.parametrize("move", [None, move_in_a_plane], ids=["every way", "in a plane"])
+def test_solve_rig_joins_cameras_without_common_views_by_the_turns_of_the_rig(move):
+    scene = MovingRig(np.random.default_rng(4), move, overlap=False)
+    mapping = scene.mapping(rig=scene.rig)
+    solve_rig(mapping)
+    assert mapping.solved.registered.all() and mapping.found.models == []
+    apart, turned = scene.worst(mapping.solved)  # no scale taken out
+    assert apart < tolerances.RIG_UNITS and turned < tolerances.RIG_DEGREES
+
+
+def test_solve_rig_on_a_straight_path_without_common_views_says_that_it_must_turn():
+    scene = MovingRig(np.random.default_rng(4), move_straight, overlap=False)
+    with pytest.raises(gsut.SolveError, match=r"sets no scale.* or else the rig must turn"):
+        solve_rig(scene.mapping(rig=scene.rig))

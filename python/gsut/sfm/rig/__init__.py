@@ -2,7 +2,7 @@
 
 from gsut.sfm.rig.description import COVARIANCE_OF
 from gsut.sfm.rig.fit import RIG, solve_rig, write_rig_fit
-from gsut.sfm.rig.images import find_rig_photographs
+from gsut.sfm.rig.images import find_rig_photographs, require_features
 from gsut.sfm.rig.motion import find_image_lines
 from gsut.sfm.rig.pair import find_lens_pair
 from gsut.sfm.rig.shutter import find_rig_shutter
@@ -14,6 +14,7 @@ __all__ = [
     "find_lens_pair",
     "find_rig_photographs",
     "find_rig_shutter",
+    "require_features",
     "solve_rig",
     "write_rig_fit",
 ]

@@ -15,6 +15,7 @@ from gsut.lens import save_camera
 from gsut.sfm.mapping import Mapping, RigFit
 from gsut.sfm.photographs import make_no_features
 from gsut.sfm.rig.description import add_uncertainty, describe_rig, list_rig_notes
+from gsut.sfm.rig.join import join_models_of_cameras
 from gsut.sfm.rig.motion import find_body_motion, list_readings
 from gsut.sfm.rig.observability import estimate_mount_uncertainty
 from gsut.sfm.rig.start import place_rig
@@ -37,10 +38,11 @@ def solve_rig(mapping: Mapping) -> None:
     """Estimates poses and points in the rig's unit, with one pose of the rig a frame.
 
     First each image by itself, through its own lens, unless the search of an unknown lens placed
-    them; then the rig's pose at each frame from the images placed, the scale from its baselines,
-    and all images' poses from the rig's; then bundle adjustment of all observations with one pose
-    a frame, and of unknown lenses. Frames without a placed image are placed by the points found;
-    those that do not connect become models of their own.
+    them; models of cameras that see nothing in common are joined by the rig. Then the rig's pose
+    at each frame from the images placed, the scale from its baselines, and all images' poses from
+    the rig's; then bundle adjustment of all observations with one pose a frame, and of unknown
+    lenses. Frames without a placed image are placed by the points found; those that do not connect
+    become models of their own.
 
     Sets the mapping's solution, and in its findings the fit of the rig and further models.
 
@@ -55,6 +57,7 @@ def solve_rig(mapping: Mapping) -> None:
         mapping.solution = solve_poses(
             mapping.images, mapping.pairs, options, mapping.log.follow_steps("mapping")
         )
+    join_models_of_cameras(mapping, rig)
     mapping.lens_free = _free_centers(mapping.lens_free)
     placed = [put_on_rig(mapping, rig, options.refine_rig)]
     placed += _place_further_frames(mapping, rig, placed[0][0])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,13 @@ import numpy as np
 from gsut._core import InputError
 from gsut.data import list_some
 from gsut.data.rigs import Rig
-from gsut.sfm.photographs import FEWEST_IMAGES, LensGroup, Photographs, list_photographs
+from gsut.sfm.photographs import (
+    FEWEST_IMAGES,
+    Features,
+    LensGroup,
+    Photographs,
+    list_photographs,
+)
 
 _NOT_CAMERAS = {"masks"}  # folders that may lie beside those of the cameras
 
@@ -81,6 +88,28 @@ def find_rig_photographs(images: Path, rig: Rig) -> Photographs:
             LensGroup(rig.names[c], np.flatnonzero(cameras == c)) for c in rig.unknown_lenses
         ),
     )
+
+
+def require_features(photographs: Photographs, features: Sequence[Features]) -> None:
+    """Rejects a rig one of whose cameras has no image with features.
+
+    Raises:
+        InputError: there is such a camera; names it.
+    """
+    cameras = photographs.rig_cameras
+    assert cameras is not None
+    for camera in range(int(cameras.max()) + 1):
+        own = np.flatnonzero(cameras == camera).tolist()
+        if any(len(features[image]) for image in own):
+            continue
+        lens = photographs.cameras[own[0]]
+        name = photographs.names[own[0]].split("/")[0]
+        size = "" if lens is None else f" ({lens.width} x {lens.height})"
+        raise InputError(
+            f"none of the {len(own)} images of the camera {name} has features: they are dark, "
+            f"without texture, masked, or not of the size of its lens{size}; check them, or leave "
+            "the camera out of the rig"
+        )
 
 
 def _pair_images(names: list[list[str]], rig: Rig) -> tuple[list[list[str]], str]:
