@@ -156,11 +156,14 @@ class Camera(_core.Camera):
         """
         return super().origins()
 
-    def project_jacobian(self, points_in_camera: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def project_jacobian(
+        self, points_in_camera: np.ndarray, with_params: bool = True
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Computes exact derivatives of `project`, by forward-mode differentiation.
 
         Args:
             points_in_camera: (N, 3).
+            with_params: False: dpixel_dparams has no rows, which takes a fraction of the time.
 
         Returns:
             dpixel_dpoint (N, 2, 3) in pixels per unit of the points; dpixel_dparams (N, 2, K).
@@ -169,7 +172,7 @@ class Camera(_core.Camera):
         Raises:
             InputError: wrong shape.
         """
-        return super().project_jacobian(points_in_camera)
+        return super().project_jacobian(points_in_camera, with_params)
 
     def subtract_pixels(self, pixels: np.ndarray, others: np.ndarray) -> np.ndarray:
         """Returns `pixels - others`, through a panorama the short way round its seam.

@@ -225,7 +225,7 @@ def find_pixel_slopes(result: Any, to_means: np.ndarray) -> np.ndarray:
     for first in range(0, len(moved), _ROWS):
         rows = moved[first : first + _ROWS]
         points = means[rows].astype(np.float64) @ pose[:3, :3].T + pose[:3, 3]
-        jacobian, _ = result.camera.project_jacobian(points)
+        jacobian, _ = result.camera.project_jacobian(points, with_params=False)
         in_camera = pose[:3, :3] @ to_means[rows].T.astype(np.float64)
         out[rows] = _divide_by_jacobians(in_camera, np.ascontiguousarray(jacobian.reshape(-1, 6).T))
     return out

@@ -77,6 +77,8 @@ def test_project_jacobian_matches_central_differences(camera, rng):
     dpixel_dpoint, dpixel_dparams = camera.project_jacobian(points)
     assert dpixel_dpoint.shape == (len(points), 2, 3)
     assert dpixel_dparams.shape == (len(points), 2, len(camera.params))
+    alone, none = camera.project_jacobian(points, with_params=False)
+    assert np.array_equal(alone, dpixel_dpoint) and none.shape == (0, 2, len(camera.params))
 
     def difference(plus: np.ndarray, minus: np.ndarray, step: float) -> np.ndarray:
         return (plus - minus) / (2 * step)
