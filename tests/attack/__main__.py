@@ -1,4 +1,4 @@
-"""Runs the attack: `./run attack [--only WORD] [--every N] [--kills N] [--seed N]`."""
+"""Runs the attack: `./run attack [--only WORD] [--every N] [--start N] [--kills N] [--seed N]`."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from attack.datasets import list_dataset_cases
 from attack.forked import import_everything, run_forked
 from attack.harness import attack, find_disagreement
 from attack.kills import kill_commands
+from attack.numbers import list_numbers, render_numbers
 from attack.requests import list_requests, send_requests
 from attack.tables import list_cases
 from attack.world import make_world
@@ -30,6 +31,9 @@ def main() -> int:
     parser.add_argument("--kills", type=int, default=0, metavar="N", help="of each command")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="of their moments")
     parser.add_argument("--every", type=int, default=1, metavar="N", help="each n-th case only")
+    parser.add_argument(
+        "--start", type=int, default=0, metavar="N", help="cases to leave out before"
+    )
     arguments = parser.parse_args()
     if importlib.util.find_spec("resource"):
         import resource
@@ -59,18 +63,21 @@ def main() -> int:
 def run_all(arguments: argparse.Namespace, folder: Path) -> Iterator[tuple[str, str, str | None]]:
     """Runs the chosen cases, each in a process of its own, and the kills: kind, title and fault."""
     world, only = folder / "world", arguments.only
-    rows = [((case,), attack) for case in list_cases() if only in case.title][:: arguments.every]
+    chosen = slice(arguments.start, None, arguments.every)
+    rows = [((case,), attack) for case in list_cases() if only in case.title][chosen]
     pairs = [pair for pair in list_dataset_cases(world) if only in pair[1].title]
-    rows += [(pair, find_disagreement) for pair in pairs[:: arguments.every]]  # type: ignore[misc]
+    rows += [(pair, find_disagreement) for pair in pairs[chosen]]  # type: ignore[misc]
     for number, (given, run) in enumerate(rows):
         scratch = folder / f"case-{number}"
         said, seconds = run_forked(functools.partial(run, *given, world, scratch))
         if said is None and seconds > SLOW:
             print(f"slow  {seconds:.1f} s {given[-1].title}", flush=True)
         yield given[-1].kind, given[-1].title, said
-    asked = [row for row in list_requests() if only in row[1]][:: arguments.every]
+    asked = [row for row in list_requests() if only in row[1]][chosen]
     for kind, title in asked:
         yield kind, title, run_forked(functools.partial(send_requests, title, world))[0]
+    for kind, title in [row for row in list_numbers() if only in row[1]][chosen]:
+        yield kind, title, run_forked(functools.partial(render_numbers, title))[0]
     if arguments.kills:
         wanted = only.removeprefix("kill ")
         for name, said in kill_commands(world, folder, arguments.kills, arguments.seed, wanted):

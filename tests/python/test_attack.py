@@ -4,9 +4,12 @@ import pytest
 
 from attack.datasets import list_dataset_cases
 from attack.harness import attack, find_disagreement
+from attack.kills import COMMANDS
+from attack.numbers import list_numbers, render_numbers
 from attack.requests import list_requests, send_requests
 from attack.tables import list_cases
 from attack.world import LATER, make_world
+from gsut.cli import build_parser
 
 EVERY = 127  # of the table; another part of it for each kind
 EVERY_DATASET = 97  # these train: slower
@@ -41,3 +44,18 @@ def test_sample_of_requests_that_are_wrong_huge_or_foreign_are_refused(world):
     for _, title in rows[::3]:
         said = send_requests(title, world)
         assert said is None, f"{title}: {said}"
+
+
+def test_sample_of_extreme_numbers_is_drawn_exactly_or_named():
+    rows = list(list_numbers())
+    assert len(rows) >= 40
+    for _, title in rows[::7]:
+        assert render_numbers(title) is None, title
+
+
+def test_commands_to_kill_are_understood():
+    parser = build_parser()
+    assert len(COMMANDS) >= 12
+    for command in COMMANDS:
+        for words in (command.words, command.again or command.words):
+            assert parser.parse_args(words)

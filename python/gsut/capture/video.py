@@ -12,6 +12,7 @@ import itertools
 import math
 import os
 import re
+import types
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -61,6 +62,8 @@ class Video:
         untimed: frames read so far whose time stamps do not rise; the frame rate times them.
         damaged: seconds of the frames read so far that are damaged, or refer to damaged ones.
 
+    Films pasted into one file (MP4, MOV) are read one after another.
+
     Raises:
         InputError: no video, a missing index, or a codec that cannot be decoded.
     """
@@ -73,12 +76,13 @@ class Video:
             raise InputError(f"{path}: no such file; give a video or a folder of photographs")
         self._container = _open_video(self.path)
         stream = self._container.streams.video[0]
-        self._frames = _decode_stream(self._container, stream)
-        self._other: Iterator[tuple[Any, bool]] | None = None
+        self._unread: list[int] = []
+        self._frames = _decode_films(self.path, self._container, 0, self._unread)
+        self._other: Iterator[_Timed] | None = None
         if beside is not None:
             self._beside = _open_video(Path(beside))
-            streams = self._beside.streams.video
-            self._other = _decode_stream(self._beside, streams[int(Path(beside) == self.path)])
+            number = int(Path(beside) == self.path)
+            self._other = _decode_films(Path(beside), self._beside, number, [])
         self.frame_rate = float(stream.guessed_rate or 0) or _USUAL_RATE
         seconds = (self._container.duration or 0) / _DURATION_UNITS
         self.frame_count = stream.frames or round(seconds * self.frame_rate)
@@ -90,7 +94,7 @@ class Video:
             self._frames = itertools.chain([first], self._frames)
         if self._other is not None:
             self.width *= 2  # whose frames are not turned
-        elif first is not None and first[0].rotation % 180:
+        elif first is not None and first[1].rotation % 180:
             self.width, self.height = self.height, self.width
 
     def read_frames(self) -> Iterator[tuple[int, float, Any]]:
@@ -98,10 +102,8 @@ class Video:
 
         `decode()` returns the frame just yielded as (H, W, 3) uint8 BGR, or None if it is damaged.
         """
-        stream = self._container.streams.video[0]
-        begin, last = stream.start_time or 0, -1 / self.frame_rate
-        for number, (frame, is_sound) in enumerate(self._frames):
-            seconds = float((_find_stamp(frame, -math.inf) - begin) * frame.time_base)
+        last = -1 / self.frame_rate
+        for number, (seconds, frame, is_sound) in enumerate(self._frames):
             if not seconds > last:
                 seconds = last + 1 / self.frame_rate
                 self.untimed += 1
@@ -111,8 +113,8 @@ class Video:
                 beside = next(self._other, None)
                 if beside is None:
                     return
-                pair.append(beside[0])
-                is_sound &= beside[1]
+                pair.append(beside[1])
+                is_sound &= beside[2]
             if not is_sound:
                 self.damaged.append(seconds)
             yield number, seconds, functools.partial(self._convert, pair) if is_sound else _skip
@@ -128,11 +130,13 @@ class Video:
     def list_notes(self, count: int) -> list[str]:
         """Lists what is wrong with the file and its `count` frames read, one sentence each."""
         name, notes = self.path.name, []
-        films = _list_kinds(self.path).count(b"moov")
+        films = len(_split_films(self.path))
         if films > 1:
+            numbers = ", ".join(map(str, self._unread))
+            unread = f"; of another size or damaged, and left out: film {numbers}"
             notes.append(
-                f"{name} is {films} films pasted together, of which the first is read: give the "
-                "films themselves, each by its name"
+                f"{name} is {films} films pasted together, read one after another"
+                + (unread if numbers else "")
             )
         if self.untimed:
             notes.append(
@@ -189,6 +193,59 @@ def read_stream_start(
     return (np.array(pictures), about) if pictures else None
 
 
+def _open_slice(path: Path, begin: int, end: int) -> Any:
+    """Opens bytes [begin, end) of a file as FFmpeg takes a file of its own: an object."""
+    file = open(path, "rb")  # noqa: SIM115  # closed with the object
+
+    def read(size: int) -> bytes:
+        return file.read(max(0, min(size, end - file.tell())))
+
+    def seek(offset: int, whence: int = os.SEEK_SET) -> int:
+        starts = {os.SEEK_SET: begin, os.SEEK_CUR: file.tell(), os.SEEK_END: end}
+        return file.seek(max(begin, starts[whence] + offset)) - begin
+
+    seek(0)
+    return types.SimpleNamespace(
+        read=read, seek=seek, tell=lambda: file.tell() - begin, close=file.close
+    )
+
+
+# Of a film that may be one of several in a file: seconds, frame, and whether it is sound.
+_Timed = tuple[float, Any, bool]
+
+
+def _decode_films(path: Path, container: Any, number: int, unread: list[int]) -> Iterator[_Timed]:
+    """Yields the frames of a stream of a file, and of films pasted behind it, one after another.
+
+    Args:
+        path: the file.
+        container: the file as FFmpeg opens it, which is its first film.
+        number: of the stream among those of video.
+        unread: gets the numbers, from 1, of films that cannot be decoded or have another size.
+    """
+    shape, begin = None, 0.0
+    for film, (start, end) in enumerate(_split_films(path) or [(0, 0)]):
+        with contextlib.ExitStack() as opened:
+            if film:
+                part = opened.enter_context(contextlib.closing(_open_slice(path, start, end)))
+                container = _open_container(part)
+                if container is None or len(container.streams.video) <= number:
+                    unread.append(film + 1)
+                    continue
+                opened.enter_context(container)
+            stream = container.streams.video[number]
+            zero, last = stream.start_time or 0, begin
+            for frame, is_sound in _decode_stream(container, stream):
+                shown = (frame.width, frame.height, frame.rotation)
+                shape = shape or shown
+                if film and shown != shape:
+                    unread.append(film + 1)
+                    break
+                last = begin + float((_find_stamp(frame, -math.inf) - zero) * frame.time_base)
+                yield last, frame, is_sound
+            begin = max(begin, last) + 1 / (float(stream.guessed_rate or 0) or _USUAL_RATE)
+
+
 def _decode_stream(container: Any, stream: Any) -> Iterator[tuple[Any, bool]]:
     """Yields the frames of a stream, and of each whether it is sound.
 
@@ -229,14 +286,9 @@ def _name_file(path: Path) -> str:
 
 
 def _open_video(path: Path) -> Any:
-    import av
-
-    with contextlib.suppress(av.FFmpegError, OSError):
-        container = av.open(_name_file(check_regular(path)))
-        # A stream whose codec is not known has no width.
-        if any(getattr(stream, "width", 0) > 0 for stream in container.streams.video[:1]):
-            return container
-        container.close()
+    container = _open_container(_name_file(check_regular(path)))
+    if container is not None:
+        return container
     if _is_without_index(path):
         raise InputError(
             f"{path}: the video was cut off before its index (no 'moov') was written, so no "
@@ -246,6 +298,19 @@ def _open_video(path: Path) -> Any:
         f"{path}: cannot be decoded as a video: it is damaged, or its codec is not known here; "
         + _CONVERT
     )
+
+
+def _open_container(source: Any) -> Any:
+    """Opens a file, by name or as an object; None if FFmpeg decodes no stream of video in it."""
+    import av
+
+    with contextlib.suppress(av.FFmpegError, OSError):
+        container = av.open(source)
+        # A stream whose codec is not known has no width.
+        if any(getattr(stream, "width", 0) > 0 for stream in container.streams.video[:1]):
+            return container
+        container.close()
+    return None
 
 
 def read_camera_name(path: Path) -> str:
@@ -264,13 +329,22 @@ def read_camera_name(path: Path) -> str:
     return f"Apple {apple[0].decode().strip()}" if apple else ""
 
 
-def _list_kinds(path: Path) -> list[bytes]:
-    """Lists the kinds of the outermost boxes of an MP4 or MOV; of another file what looks so."""
+def _split_films(path: Path) -> list[tuple[int, int]]:
+    """Returns the bytes [begin, end) of each film in an MP4 or MOV: of several if pasted together.
+
+    A film begins with its type and has an index; of a file of another kind there is none.
+    """
+    size = path.stat().st_size
     with open(path, "rb") as file:
-        return [kind for kind, _, _ in list_boxes(file, path.stat().st_size)]
+        boxes = list(list_boxes(file, size))
+    starts = [start - 8 for kind, start, _ in boxes if kind == b"ftyp"]
+    films = itertools.pairwise([*starts, size])
+    indices = [start for kind, start, _ in boxes if kind == b"moov"]
+    return [(a, b) for a, b in films if any(a < index < b for index in indices)]
 
 
 def _is_without_index(path: Path) -> bool:
     """Returns whether an MP4 or MOV has no 'moov' box, which cameras write when recording ends."""
-    kinds = _list_kinds(path)
+    with open(path, "rb") as file:
+        kinds = [kind for kind, _, _ in list_boxes(file, path.stat().st_size)]
     return bool(kinds) and kinds[0] in (b"ftyp", b"mdat", b"wide") and b"moov" not in kinds

@@ -76,6 +76,17 @@ class ParameterArrays:
             return self
         return self._with({name: getattr(self, name).astype(dtype) for name in self.list_arrays()})
 
+    def with_origin(self: _Arrays, origin: np.typing.ArrayLike) -> _Arrays:
+        """Returns the same Gaussians with their means relative to `origin` (3,), world coordinates.
+
+        `with_origin((0, 0, 0)).means` are world coordinates, rounded to the arrays' dtype.
+        """
+        origin = np.asarray(origin, np.float64)
+        if np.array_equal(origin, self.origin):
+            return self
+        means = (self.means + (self.origin - origin)).astype(self.dtype)
+        return dataclasses.replace(cast(Any, self), means=means, origin=origin)
+
     def __getitem__(self: _Arrays, rows: slice | np.ndarray) -> _Arrays:
         """Selects rows by a slice (views, no copy) or by an index or boolean array."""
         return self._with({name: getattr(self, name)[rows] for name in self.list_arrays()})
@@ -131,17 +142,6 @@ class Gaussians(ParameterArrays):
     def translate(self, by: np.typing.ArrayLike) -> Gaussians:
         """Moves the Gaussians by a vector (3,) in world units: exact, only the origin changes."""
         return dataclasses.replace(self, origin=self.origin + np.asarray(by, np.float64))
-
-    def with_origin(self, origin: np.typing.ArrayLike) -> Gaussians:
-        """Returns the same Gaussians with their means relative to `origin` (3,), world coordinates.
-
-        `with_origin((0, 0, 0)).means` are world coordinates, rounded to the arrays' dtype.
-        """
-        origin = np.asarray(origin, np.float64)
-        if np.array_equal(origin, self.origin):
-            return self
-        means = (self.means + (self.origin - origin)).astype(self.dtype)
-        return dataclasses.replace(self, means=means, origin=origin)
 
 
 @dataclasses.dataclass(repr=False)

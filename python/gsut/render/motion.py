@@ -72,6 +72,23 @@ def place_about(
     return moved
 
 
+def convert_about_camera(
+    gaussians: Any, place: np.ndarray | _core.CameraMotion, dtype: str = "float32"
+) -> Any:
+    """Converts Gaussians in float64 to float32, their means relative to the camera's centre.
+
+    Args:
+        gaussians: returned as they are if they are float32 or in a file.
+        place: from `read_motion`, in world coordinates.
+        dtype: "float64": the Gaussians are returned as they are.
+    """
+    if dtype != "float32" or getattr(gaussians, "dtype", None) != np.float64:
+        return gaussians
+    pose = np.asarray(place.start if isinstance(place, _core.CameraMotion) else place)
+    center = -pose[:3, :3].T @ pose[:3, 3]
+    return gaussians.with_origin(center).to_dtype(np.float32)
+
+
 def _is_pair(camera_from_world: Any) -> bool:
     if isinstance(camera_from_world, np.ndarray):
         return camera_from_world.ndim == 3 and len(camera_from_world) == 2

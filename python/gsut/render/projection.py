@@ -11,7 +11,7 @@ import numpy as np
 from gsut import _core
 from gsut._core import InputError
 from gsut.gaussians import Gaussians, LinearGaussians
-from gsut.render.motion import place_about, read_motion
+from gsut.render.motion import convert_about_camera, place_about, read_motion
 
 # In the order of the core's enumeration.
 METHODS = ("ewa", "unscented", "silhouette")
@@ -91,7 +91,9 @@ def project(
     if dtype not in ("float32", "float64"):
         raise InputError(f'dtype "{dtype}" is unknown; known: float32, float64')
     weights = tuple(float(x) for x in unscented)
-    place = place_about(read_motion(camera_from_world, shutter), gaussians.origin)
+    motion = read_motion(camera_from_world, shutter)
+    gaussians = convert_about_camera(gaussians, motion, dtype)
+    place = place_about(motion, gaussians.origin)
     if isinstance(place, _core.CameraMotion):
         if method != "unscented":
             raise InputError(

@@ -13,7 +13,7 @@ from gsut import _core
 from gsut._core import BlendRule, InputError
 from gsut.gaussians import Gaussians, LinearGaussians, StoredGaussians
 from gsut.render.card import ON_CARD, check_device, draw_or_warn
-from gsut.render.motion import place_about, read_motion
+from gsut.render.motion import convert_about_camera, place_about, read_motion
 from gsut.render.projection import DEFAULT_UNSCENTED
 from gsut.render.soundness import sum_bits, warn_of_undrawn
 from gsut.render.stored import StoredImage
@@ -157,7 +157,9 @@ def render(
 
     Returns:
         Image, alpha and depth, with what `render_backward` needs. float32 is within 1e-5 rms of the
-        reference for scales of 1e-12 to 1e12 and coordinates up to 1e12.
+        reference for scales of 1e-12 to 1e12, coordinates up to 1e12, lengths up to 1e5 times the
+        width and norms of quaternions of 1e-35 to 3e37. Gaussians in float64 are rounded about
+        the camera's centre, so they may lie far from the world's zero.
 
     Warns:
         RuntimeWarning: in float32, Gaussians in memory are not finite or outside these bounds; with
@@ -178,6 +180,7 @@ def render(
     if sh_degree < 0:
         raise InputError(f"sh_degree must be 0 to 3, found {sh_degree}")
     pose = read_motion(camera_from_world, shutter)
+    gaussians = convert_about_camera(gaussians, pose, dtype)
     place = place_about(pose, gaussians.origin)
     degree = min(int(sh_degree), gaussians.sh_degree)
     look: dict[str, Any] = {
@@ -189,7 +192,7 @@ def render(
     check_device(device, dtype, gaussians, bool(channels))
     pixels: np.ndarray | None = None
     shown = (camera, pose, rule, color, degree)
-    drawn: Any
+    drawn: Any = gaussians
     renderer: Any = None
     seen = None
     if dtype == "float64":
@@ -202,12 +205,10 @@ def render(
     elif dtype != "float32":
         raise InputError(f'dtype "{dtype}" is unknown; known: float32, float64')
     elif isinstance(gaussians, StoredGaussians):
-        drawn = gaussians
         stored = StoredImage(gaussians, camera, place, look)
         image, alpha, depth, distortion = stored.draw()
         renderer, seen = stored.renderer, stored.seen
     else:
-        drawn = gaussians.to_dtype(np.float32)
         if isinstance(drawn, Gaussians):
             warn_of_undrawn(drawn)
         on_card = draw_or_warn(drawn, camera, place, look) if device == "gpu" else None
@@ -264,14 +265,14 @@ def _read_background(
         )
     if not np.isfinite(found).all():
         raise InputError("background must be 3 finite numbers, found NaN or infinity")
+    if found.dtype.kind != "f" and (found.ndim == 3 or found.min() < 0 or found.max() > 1):
+        raise InputError(
+            f"background must be in [0, 1], found {found.dtype} of {found.min()} to {found.max()}; "
+            "divide by 255"
+        )
     if found.ndim == 1:
         red, green, blue = found.tolist()
         return (float(red), float(green), float(blue)), None
-    if found.dtype.kind != "f":
-        raise InputError(
-            f"a background image must be floating point in [0, 1], found {found.dtype}; divide by "
-            "255"
-        )
     return black, np.where(camera.rays()[1][..., None], found, 0.0)
 
 

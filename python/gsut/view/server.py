@@ -124,6 +124,8 @@ class _Handler(http.server.BaseHTTPRequestHandler):
     def do_POST(self) -> None:
         if not self._is_admitted():
             return
+        if self.headers.get("Transfer-Encoding"):
+            return self._refuse(411, "send the request whole, with its Content-Length")
         length = self.headers.get("Content-Length") or "0"
         if not (length.isdecimal() and len(length) < 20 and int(length) <= _MOST_BYTES):
             return self._refuse(413, f"more than {_MOST_BYTES >> 20} MiB at once are not taken")

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import gsut
+import tolerances as tol
 from gsut.capture import capture, find_changed_inputs
 from gsut.capture.choose import CandidateSearch, add_candidates, choose_frames, find_blurred
 from gsut.capture.frames import extract_frames
@@ -237,11 +238,43 @@ def test_frames_of_a_film_damaged_inside_are_left_out_and_said(codec, name, tmp_
         )
 
 
-def test_films_pasted_into_one_file_are_said(tmp_path):
-    parts = [walk(tmp_path / f"{n}.mp4", frames=20 + n).read_bytes() for n in range(2)]
-    (tmp_path / "both.mp4").write_bytes(b"".join(parts))
-    notes = "\n".join(extract_frames(tmp_path / "both.mp4", tmp_path / "out").notes)
-    assert "both.mp4 is 2 films pasted together, of which the first is read" in notes
+def paste_films(folder, *parts):
+    """One MP4 of films, a way of `walk` each or pictures."""
+    made = [write_video(folder / f"part{n}.mp4", pictures) for n, pictures in enumerate(parts)]
+    (folder / "both.mp4").write_bytes(b"".join(path.read_bytes() for path in made))
+    return folder / "both.mp4"
+
+
+def test_films_pasted_into_one_file_are_read_one_after_another(tmp_path):
+    ground = texture()
+    walked = [view(ground, 50 + 12.0 * i) for i in range(40)]
+    whole = write_video(tmp_path / "whole.mp4", walked)
+    pasted = paste_films(tmp_path, walked[:22], walked[22:])
+    with Video(whole) as one, Video(pasted) as other:
+        times = [[seconds for _, seconds, _ in film.read_frames()] for film in (one, other)]
+    np.testing.assert_allclose(times[1], times[0], rtol=0, atol=tol.FRAME_SECONDS)
+    captures = [extract_frames(film, tmp_path / film.stem) for film in (whole, pasted)]
+    assert [row["number"] for row in captures[1].figures["frames"]] == [
+        row["number"] for row in captures[0].figures["frames"]
+    ]
+    assert "both.mp4 is 2 films pasted together, read one after another" in captures[1].notes
+    assert not any("is cut" in note or "do not rise" in note for note in captures[1].notes)
+
+
+def test_pasted_films_of_another_size_or_damaged_are_left_out_and_said(tmp_path):
+    ground = texture()
+    walked = [view(ground, 50 + 12.0 * i) for i in range(40)]
+    small = [np.ascontiguousarray(picture[:-16]) for picture in walked[:10]]
+    pasted = paste_films(tmp_path, walked[:20], small, walked[20:])
+    content = pasted.read_bytes() + (tmp_path / "part0.mp4").read_bytes().replace(b"stsd", b"xxxx")
+    pasted.write_bytes(content)
+    with Video(pasted) as film:
+        assert sum(1 for _ in film.read_frames()) == 40
+        notes = film.list_notes(40)
+    assert notes == [
+        "both.mp4 is 4 films pasted together, read one after another; of another size or damaged, "
+        "and left out: film 2, 4"
+    ]
 
 
 def test_a_cut_is_said_and_a_fast_walk_or_a_flash_is_none(tmp_path):
@@ -291,7 +324,7 @@ def test_videos_are_told_by_their_names():
 
 
 def test_changed_inputs_are_named_whatever_their_number(tmp_path):
-    films = [walk(tmp_path / name, 40) for name in ("a.mp4", "b.mp4")]
+    films = [walk(tmp_path / name, 16, 9.0) for name in ("a.mp4", "b.mp4")]
     shots = tmp_path / "shots"
     shots.mkdir()
     for number in range(3):
@@ -301,7 +334,7 @@ def test_changed_inputs_are_named_whatever_their_number(tmp_path):
         assert find_changed_inputs(inputs, out) == ""
         capture(inputs, out)
         assert find_changed_inputs(inputs, out) == ""
-    walk(films[1], 41)
+    walk(films[1], 17, 9.0)
     (shots / "0.png").unlink()
     cv2.imwrite(str(shots / "3.png"), view(texture(), 300.0))
     assert find_changed_inputs(films, tmp_path / "1") == f"changed: {films[1]}"

@@ -125,6 +125,7 @@ MISS_PAIRS = 100_000
 GAUSSIANS_A_CAMERA = -(-MISS_PAIRS // (sum(MISS_ROUNDS.values()) * len(LENSES)))
 
 
+@pytest.mark.filterwarnings("ignore:.* as long as wide:RuntimeWarning")
 @pytest.mark.parametrize("kind", KINDS)
 def test_render_float_misses_no_gaussian_that_double_sees(rng, kind):
     # Nothing hides anything (transmittance_min 0): whatever has a pixel with alpha >= alpha_min in

@@ -46,6 +46,46 @@ def test_render_scene_in_large_or_small_units_follows_the_reference():
         assert np.sqrt(np.mean((image - exact) ** 2)) < tol.RENDER_IMAGE_RMS
 
 
+@pytest.mark.parametrize("norm", [1e-40, 1e38])
+def test_render_quaternions_beyond_float_warns_with_their_number(rng, norm):
+    g, camera, pose = make_scene(rng)
+    g.quats[5] = (norm, 0.0, 0.0, 0.0)
+    with pytest.warns(RuntimeWarning, match=r"of 20 Gaussians 1 have a quaternion of a norm"):
+        gsut.render(g, camera, pose)
+
+
+def test_render_needles_longer_than_float_follows_warns_with_their_number(rng):
+    g, camera, pose = make_scene(rng)
+    g.log_scales[5:8] = np.log((0.1, 1e-7, 1e-8))
+    with pytest.warns(RuntimeWarning, match=r"of 20 Gaussians 3 are more than .* long as wide"):
+        gsut.render(g, camera, pose)
+
+
+def test_render_thin_discs_and_needles_within_the_bound_says_nothing(rng):
+    g, camera, pose = make_scene(rng)
+    g.log_scales[5:8] = np.log((0.1, 0.1, 1e-8))
+    g.log_scales[8:10] = np.log((0.1, 2e-6, 2e-6))
+    image = gsut.render(g, camera, pose).image
+    exact = gsut.render(g, camera, pose, dtype="float64").image
+    assert np.sqrt(np.mean((image - exact) ** 2)) < tol.RENDER_IMAGE_RMS
+
+
+def test_double_gaussians_far_from_zero_are_drawn_as_near(rng):
+    g, camera, pose = make_scene(rng)
+    g, far = g.to_dtype(np.float64), np.array([5e5, -6e6, 300.0])
+    moved = pose.copy()
+    moved[:3, 3] -= pose[:3, :3] @ far
+    near = gsut.render(g, camera, pose)
+    away = gsut.render(dataclasses.replace(g, means=g.means + far), camera, moved)
+    assert near.image.max() > 0.1
+    assert np.sqrt(np.mean((away.image - near.image) ** 2)) < tol.RENDER_IMAGE_RMS
+    centers = [
+        gsut.project(each, camera, place).centers
+        for each, place in ((g, pose), (dataclasses.replace(g, means=g.means + far), moved))
+    ]
+    assert np.nanmax(np.abs(centers[0] - centers[1])) < tol.PROJECTION_FLOAT_PIXELS
+
+
 def test_render_warns_once_at_a_line(rng):
     g, camera, pose = make_scene(rng)
     g.means[0] = np.nan
@@ -63,9 +103,24 @@ def test_backward_of_gaussians_changed_since_is_refused(rng, name, dtype):
     g = g.to_dtype(dtype)
     result = gsut.render(g, camera, pose, dtype=dtype)
     gsut.render_backward(result, np.ones((30, 40, 3)))
+    before = getattr(g, name).copy()
+
+    def add_little(values):
+        values.flat[5] += 0.01
+
+    def exchange_rows(values):
+        values[[3, 9]] = values[[9, 3]]
+
+    def turn_signs(values):
+        values *= -1
+
+    for change in (add_little, exchange_rows, turn_signs):
+        change(getattr(g, name))
+        with pytest.raises(gsut.InputError, match=r"have changed since .* render them again"):
+            gsut.render_backward(result, np.ones((30, 40, 3)))
+        getattr(g, name)[:] = before
+    gsut.render_backward(result, np.ones((30, 40, 3)))
     getattr(g, name).flat[5] += 0.01
-    with pytest.raises(gsut.InputError, match=r"have changed since .* render them again"):
-        gsut.render_backward(result, np.ones((30, 40, 3)))
     gsut.render_backward(gsut.render(g, camera, pose, dtype=dtype), np.ones((30, 40, 3)))
 
 
@@ -90,6 +145,7 @@ def test_background_of_one_colour_as_an_image_gives_the_same(rng, dtype):
     [
         (np.zeros((30, 41, 3)), r"an image of shape \(30, 40, 3\)"),
         (np.full((30, 40, 3), 255, np.uint8), r"divide by 255"),
+        ((255, 0, 0), r"found int64 of 0 to 255; divide by 255"),
         ((0.0, np.nan, 0.0), r"found NaN"),
         (0.5, r"3 finite numbers"),
     ],

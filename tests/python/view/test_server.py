@@ -75,6 +75,12 @@ def test_a_request_of_no_length_or_no_sense_is_answered(server, length, body, st
     assert reply.status == status and sentence(data)
 
 
+def test_a_request_in_chunks_is_refused_in_a_sentence(server):
+    headers = {"Transfer-Encoding": "chunked"}
+    reply, data = ask(server, f"/{server.token}/frame", "2\r\n{}\r\n0\r\n\r\n", headers)
+    assert reply.status == 411 and "Content-Length" in sentence(data)
+
+
 def test_foreign_host_name_is_refused(server):
     reply, data = ask(server, f"/{server.token}/scene", headers={"Host": "evil.example"})
     assert reply.status == 403
