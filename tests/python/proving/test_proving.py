@@ -8,6 +8,7 @@ import pytest
 
 import gsut
 import tolerances as tol
+from tests.proving.__main__ import _list_seeds, build_parser
 from tests.proving.capture import capture
 from tests.proving.families import FAMILIES
 from tests.proving.misfires import find_misfires
@@ -92,10 +93,11 @@ def test_a_dataset_and_photographs_are_scored_end_to_end(tmp_path):
         kinds.add(made.kind)
         folder = make_capture(made, tmp_path)
         assert len(gsut.load_dataset(folder / TRUTH, test_every=0).views) == made.motion.frames
-        row = score_made(made, folder, ("doctor", "poses"))
+        row = score_made(made, folder, ("doctor", "poses", "exact"))
         assert not [m for m in find_misfires(row) if m.kind == "traceback"]
         assert row["doctor_status"] in (0, 2)
         assert {"planted", "poses_status"} <= row.keys()
+        assert list(row["exact"]) == ["1", str(2 + seed % 7)]
     assert kinds == {"dataset", "photographs"}
 
 
@@ -109,6 +111,19 @@ def test_misfires_of_a_row_are_named():
     assert [misfire.kind for misfire in find_misfires(row)] == [
         "doctor refuses exact data", "said good, is poor", "readout found on a global shutter"
     ]  # fmt: skip
+
+
+def test_what_the_doctor_says_of_exact_data_is_a_misfire():
+    row = {"exact": {"1": [], "3": ["error: the photographs contradict", "warning: blurred"]}}
+    assert [misfire.kind for misfire in find_misfires(row)] == [
+        "doctor refuses exact data", "doctor warns of exact data"
+    ]  # fmt: skip
+
+
+def test_seeds_are_a_range_or_a_list():
+    parser = build_parser()
+    assert list(_list_seeds(parser.parse_args(["--seeds", "3:6"]))) == [3, 4, 5]
+    assert _list_seeds(parser.parse_args(["--seeds", "27,73"])) == [27, 73]
 
 
 def test_film_of_a_capture_has_its_frames(tmp_path):
