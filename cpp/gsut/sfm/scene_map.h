@@ -133,6 +133,7 @@ class SceneMap {
   }
   // From the registered images before and after, for a unit of time; NaN if there are none.
   Velocity NeighborVelocity(int image) const;
+  void SetPlacePriors(const std::vector<int>& image_of, BundleOptions* options) const;
   void SetPriors(const Bundle& bundle, const std::vector<int>& image_of,
                  BundleOptions* options) const;
   // How much images move during their readout, by their velocities; of an adjustment of everything.
