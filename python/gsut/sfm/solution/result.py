@@ -95,7 +95,7 @@ class Solution:
 
     @property
     def readout_turn(self) -> float | None:
-        """Root mean square turn during the readout, in radians; None for a global shutter."""
+        """Returns the root mean square turn in a readout, radians; None for a global shutter."""
         if self.velocities is None:
             return None
         turns = self.velocities[self.registered, 3:]
