@@ -129,6 +129,7 @@ class SceneMap {
   bool HasRates() const { return !options_.frame_times.empty() || !options_.image_rates.empty(); }
   // From the registered images before and after, for a unit of time; NaN if there are none.
   Velocity NeighborVelocity(int image) const;
+  void SetPlacePriors(const std::vector<int>& image_of, BundleOptions* options) const;
   void SetPriors(const Bundle& bundle, const std::vector<int>& image_of,
                  BundleOptions* options) const;
   int CompleteTrack(Track* track);

@@ -25,6 +25,9 @@ constexpr double kNeighborFloor = 0.1;
 // Where it is known otherwise: of its uncertainty, as a share of the above.
 constexpr double kRateFloor = 0.1;
 
+// Median length of a normal vector in the plane, in standard deviations of a coordinate.
+constexpr double kMedianLength = 1.1774;
+
 double Median(std::vector<double>* values) {
   if (values->empty()) return 0.0;
   const auto middle = values->begin() + static_cast<std::ptrdiff_t>(values->size() / 2);
@@ -98,6 +101,7 @@ Bundle SceneMap::MakeBundle(const std::vector<std::uint8_t>* images_free, Bundle
   if (on_rig()) AddRig(&bundle, options, image_of);
   options->loss_scale = loss_pixels_;
   if (rolling()) SetPriors(bundle, *image_of, options);
+  if (images_free == nullptr && !options_.places.empty()) SetPlacePriors(*image_of, options);
   if (images_free != nullptr) {
     const auto fixed = std::count(options->image_fixed.begin(), options->image_fixed.end(), 1);
     if (fixed >= 2) options->gauge_image = options->scale_image = -1;
@@ -217,6 +221,17 @@ void SceneMap::SetPriors(const Bundle& bundle, const std::vector<int>& image_of,
   }
 }
 
+// Places fix the gauge.
+void SceneMap::SetPlacePriors(const std::vector<int>& image_of, BundleOptions* options) const {
+  options->gauge_image = options->scale_image = -1;
+  options->noise = loss_pixels_ / (options_.loss_scale * kMedianLength);
+  for (const int image : image_of) {
+    PlacePrior& prior = options->place_priors.emplace_back();
+    if (!options_.places[image].allFinite()) continue;
+    prior = {options_.places[image], options_.place_sigma};
+  }
+}
+
 void SceneMap::AdjustImage(int image, double max_error) {
   // More than once: observations that looked wrong for a still camera may be right after all.
   constexpr int kRounds = 3;       // the choice of observations settles in two
@@ -301,6 +316,16 @@ Structure SceneMap::Result(bool covariances) const {
     BundleOptions options;
     std::vector<int> image_of, track_of;
     const Bundle bundle = MakeBundle(nullptr, &options, &image_of, &track_of);
+    // Relative to the first image, as without places.
+    const auto placed = [&](int image) {
+      const auto found = std::find(image_of.begin(), image_of.end(), image);
+      return found == image_of.end() ? -1 : static_cast<int>(found - image_of.begin());
+    };
+    if (!options.place_priors.empty()) {
+      options.place_priors.clear();
+      options.gauge_image = placed(gauge_first_);
+      options.scale_image = placed(gauge_second_);
+    }
     try {
       const auto found = PoseCovariances(bundle, options);
       for (std::size_t i = 0; i < image_of.size(); ++i) result.covariances[image_of[i]] = found[i];
