@@ -57,14 +57,17 @@ class Result:
             f"trusted to {np.degrees(trust.valid_angle):.1f} degrees"
             for camera, trust in zip(self.cameras, self.trusts, strict=True)
         ]
-        for path in self.lens_files:
-            lines += [f"lens: {path}", _judge_field(path)]
+        for path, trust in zip(self.lens_files, self.trusts, strict=True):
+            lines += [f"lens: {path}", _judge_field(path, trust.valid_angle)]
         return [*lines, f"report: {self.job.out.parent / 'report.html'}"]
 
 
-def _judge_field(lens: Path) -> str:
-    """Says how much of the image a lens gives rays to, and where boards are missing."""
-    camera = gsut.load_camera(lens)
+def _judge_field(lens: Path, valid_angle: float) -> str:
+    """Says how much of the image a lens gives rays to, and where boards are missing.
+
+    Some formats hold no field angle, so it is given.
+    """
+    camera = gsut.load_camera(lens).with_valid_field_angle(valid_angle)
     rows, columns = np.nonzero(~np.asarray(camera.rays()[1], bool))
     blind = len(rows) / (camera.width * camera.height)
     if blind < _COVERED:

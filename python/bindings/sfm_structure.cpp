@@ -183,6 +183,8 @@ Inputs ReadInputs(const std::vector<const Camera*>& cameras,
   std::string shutter = "global";
   std::vector<std::string> shutters;
   std::vector<std::array<double, 6>> rates;
+  std::vector<std::array<double, 3>> places;
+  std::array<double, 3> place_sigma = {1.0, 1.0, 1.0};
   SettingsReader settings(values, "estimate_poses");
   settings.Read("max_error", &options.max_error);
   settings.Read("min_angle", &options.min_angle);
@@ -205,6 +207,8 @@ Inputs ReadInputs(const std::vector<const Camera*>& cameras,
   settings.Read("readout_time", &options.readout_time);
   settings.Read("image_rates", &rates);
   settings.Read("rate_sigma", &options.rate_sigma);
+  settings.Read("places", &places);
+  settings.Read("place_sigma", &place_sigma);
   settings.CheckAllRead({"descriptors"});
   // Names and arrays that are no plain fields of the options are converted here.
   options.shutter = Shutter::Named(shutter);
@@ -217,6 +221,14 @@ Inputs ReadInputs(const std::vector<const Camera*>& cameras,
   if (!rates.empty() && rates.size() != inputs.images.size()) {
     throw InputError("image_rates must have one row an image");
   }
+  if (!places.empty() && places.size() != inputs.images.size()) {
+    throw InputError("places must have one row an image");
+  }
+  // Rows with NaN are images whose place is not known.
+  for (const std::array<double, 3>& place : places) {
+    options.places.emplace_back(Eigen::Map<const Eigen::Vector3d>(place.data()));
+  }
+  options.place_sigma = Eigen::Map<const Eigen::Vector3d>(place_sigma.data());
   for (const std::array<double, 6>& rate : rates) {
     options.image_rates.emplace_back(Eigen::Map<const Velocity>(rate.data()));
   }

@@ -321,7 +321,7 @@ class _SceneInProgress:
             }
             found = filter(None, (row.get("verdict") for row in (metrics, poses)))
             verdicts = [Verdict.from_dict(values) for values in found]
-            verdict = combine_verdicts([*verdicts, judge_pictures(pictures.figures)])
+            verdict = combine_verdicts(*verdicts, judge_pictures(pictures.figures))
             self.figures |= {
                 "seconds": seconds,
                 "pictures": len(pictures.figures["frames"]),

@@ -49,6 +49,7 @@ class Case:
         noted: what must be said, by `doctor` of a dataset, where the command goes on: a pattern.
         keeps: names that the command may leave though it fails: stages for the next time; and may
             change where it ends well.
+        judge: returns what is wrong with what a command that ends well printed, or None.
     """
 
     kind: str
@@ -60,6 +61,7 @@ class Case:
     may_pass: bool = False
     noted: str = ""
     keeps: tuple[str, ...] = ()
+    judge: Callable[[Outcome], str | None] | None = None
 
     @property
     def title(self) -> str:
@@ -195,7 +197,9 @@ def find_fault(
     if done.status == 0:
         if case.noted and not re.search(case.noted, done.errors + done.output):
             return f"goes on without a word of {case.noted}: {done.errors[-300:]}"
-        return None if case.may_pass else f"accepted: {done.errors[-300:]}"
+        if not case.may_pass:
+            return f"accepted: {done.errors[-300:]}"
+        return case.judge(done) if case.judge is not None else None
     if done.status != 2:
         return f"status {done.status}: {done.errors[-300:]}"
     new = [name for name in after if name not in before and not kept.match(name)]

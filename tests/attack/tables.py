@@ -14,6 +14,7 @@ from attack.damage import CAUSES, TO_ANY_FILE, TO_TEXT, Damage
 from attack.flags import BASES, list_flag_cases
 from attack.harness import Case, Spoil
 from attack.places import FILES, FOLDERS, list_place_cases
+from attack.queries import list_query_cases
 from attack.rigs import list_rig_cases
 from attack.strange import list_strange_cases
 from attack.world import LENSES, SCENES
@@ -214,5 +215,6 @@ def list_cases() -> list[Case]:
         *list_rig_cases(),
         *list_flag_cases(),
         *list_place_cases(),
+        *list_query_cases(),
         *list_strange_cases(),
     ]

@@ -30,7 +30,8 @@ RIG_ESTIMATED_SCALE_PERCENT = 2.0  # the same; worst 1.02
 RIG_OTHER_LENS_FOCAL = 0.0022  # of six small pictures beside those of a known lens; worst 0.0011
 RIG_CENTER_PX = 0.042  # principal points of two estimated lenses on a refined rig; worst 0.0207
 RIG_ROLLING_EXACT = (
-    4e-10  # centres of rigs with rolling shutters from exact tracks, 4 kinds; worst 1.6e-10
+    1e-9  # centres of rigs with rolling shutters from exact tracks, 4 kinds; worst 5e-10, since
+    # the start takes features for 0.15 px off
 )
 RIG_ROLLING_ENDS = (
     1.5e-4  # their centres at both ends of a readout, whose arc is a line; worst 7.3e-5

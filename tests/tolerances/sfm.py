@@ -56,3 +56,5 @@ SEVERAL_LENSES_ATE_PERCENT = 0.11  # of the path, in the same scenes; worst 0.05
 FOCAL_SIGMAS = 3.0  # standard deviations of a focal length that its error stays within; worst 0.84
 LENS_EACH_FOCAL = 0.004  # relative, of images with a lens each, 0.1 px; worst 0.002
 LEFT_OUT_ATE_PERCENT = 0.011  # of the path, one of eight images by few points; worst 0.0057
+GPS_DOME_SHARE = 0.5  # of the dome that images leave, by places to 0.1 m; worst 0.29
+GPS_NOISY_DOME = 1.1  # the same, by places to 0.5 and 2 m; worst 0.98

@@ -45,6 +45,12 @@ struct VelocityPrior {
   Velocity sigma = Velocity::Constant(std::numeric_limits<double>::infinity());
 };
 
+// Where a camera stood as something other than images states it: infinite: nothing is known.
+struct PlacePrior {
+  Eigen::Vector3d mean = Eigen::Vector3d::Zero();  // its centre, in the world
+  Eigen::Vector3d sigma = Eigen::Vector3d::Constant(std::numeric_limits<double>::infinity());
+};
+
 struct BundleOptions {
   // False: the residual of Bearing (valid to 180 degrees, no lens in the loop). True: the pixel of
   // the point through the lens minus the pixel seen; where a point has left the lens' domain, the
@@ -65,10 +71,13 @@ struct BundleOptions {
   // through_lens.
   std::vector<std::vector<std::uint8_t>> lens_free;
   // Velocities are adjusted, if the bundle has them, where their image is not fixed; held by priors
-  // (one an image; empty: none) against observations with this much noise a coordinate in pixels.
+  // (one an image; empty: none).
   std::vector<VelocityPrior> velocity_priors;
   std::vector<std::uint8_t> velocity_fixed;  // images whose velocity stays; empty: none
-  double noise = 1.0;
+  // Centres are held near stated places (one an image; empty: none; a rig's first image stands for
+  // its body). They fix the gauge, which no image then needs to hold.
+  std::vector<PlacePrior> place_priors;
+  double noise = 1.0;  // of observations in pixels a coordinate, against which priors are weighed
   // Which mounts are adjusted, one flag each; empty: none. Where the scale is held by an image, it
   // is the mounts' length that follows.
   std::vector<std::uint8_t> mount_free;

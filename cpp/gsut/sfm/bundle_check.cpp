@@ -17,9 +17,8 @@ void CheckMotions(const Bundle& bundle, const BundleOptions& options) {
   const auto fits = [&](std::size_t size) { return size == 0 || size == images; };
   if (!fits(bundle.velocities.size()) || !fits(bundle.body_of_image.size()) ||
       !fits(bundle.mount_of_image.size()) || !fits(options.velocity_priors.size()) ||
-      !fits(options.velocity_fixed.size())) {
-    throw InputError(
-        "velocities, their priors and flags, bodies and mounts must have one entry an image");
+      !fits(options.place_priors.size()) || !fits(options.velocity_fixed.size())) {
+    throw InputError("velocities, priors, flags, bodies and mounts must have one entry an image");
   }
   // -1: the camera is the body itself.
   const int mounts = static_cast<int>(bundle.camera_from_body.size());

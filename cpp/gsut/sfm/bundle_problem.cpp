@@ -106,6 +106,10 @@ void BundleProblem::MakeSystem() {
     } else if (body == scale_body_) {
       system_->Held(block)[ScaleAxis(state_.poses[gauge_body_], state_.poses[body])] = 1;
     }
+    if (!options_.place_priors.empty()) {
+      const PlacePrior& place = options_.place_priors[state_.image_of_body[body]];
+      system_->PriorWeights(block).head<3>() = options_.noise * place.sigma.cwiseInverse();
+    }
     if (!Moves(block) || options_.velocity_priors.empty()) continue;
     const VelocityPrior& prior = options_.velocity_priors[state_.image_of_body[body]];
     system_->PriorWeights(block).tail<6>() = options_.noise * prior.sigma.cwiseInverse();
@@ -132,6 +136,15 @@ double BundleProblem::Evaluate() {
 
 double BundleProblem::EvaluatePriors() {
   double cost = 0.0;
+  for (int body = 0; body < state_.num_bodies() && !options_.place_priors.empty(); ++body) {
+    const int block = body_block_[body];
+    if (block < 0) continue;
+    const PlacePrior& prior = options_.place_priors[state_.image_of_body[body]];
+    auto residuals = system_->PriorResiduals(block).head<3>();
+    residuals = system_->PriorWeights(block).head<3>().cwiseProduct(
+        CenterOf(state_.poses[body].data()) - prior.mean);
+    cost += 0.5 * residuals.squaredNorm();
+  }
   for (int body = 0; body < state_.num_bodies() && !options_.velocity_priors.empty(); ++body) {
     const int block = body_block_[body];
     if (block < 0 || !Moves(block)) continue;

@@ -42,7 +42,7 @@ class BundleProblem {
   bool Moves(int block) const { return sizes_[block] > kPoseTangent; }
   void MakeBlocks();
   void MakeSystem();
-  // Residuals of what is known of velocities and mounts beforehand; returns their cost.
+  // Residuals of what is known of places, velocities and mounts beforehand; returns their cost.
   double EvaluatePriors();
   // Of one observation; returns its cost.
   double Linearize(int i);

@@ -126,11 +126,18 @@ class SceneMap {
   // Features of an image that may be points it does not see yet.
   std::vector<Candidate> CandidatesIn(int image, const Eigen::MatrixXf& descriptors) const;
   void Place(int image, const Pose& camera_from_world, const Velocity& velocity);
-  bool HasRates() const { return !options_.frame_times.empty() || !options_.image_rates.empty(); }
+  // Whether flow, or neighbours in time, say how each image moves.
+  bool HasRates() const {
+    return options_.readout_time > 0 &&
+           !(options_.frame_times.empty() && options_.image_rates.empty());
+  }
   // From the registered images before and after, for a unit of time; NaN if there are none.
   Velocity NeighborVelocity(int image) const;
+  void SetPlacePriors(const std::vector<int>& image_of, BundleOptions* options) const;
   void SetPriors(const Bundle& bundle, const std::vector<int>& image_of,
                  BundleOptions* options) const;
+  // How much images move during their readout, by their velocities; of an adjustment of everything.
+  void UpdateVelocitySigmas(const Bundle& bundle);
   int CompleteTrack(Track* track);
   void UpdateBearings();
   void UpdateLoss();
@@ -162,6 +169,9 @@ class SceneMap {
   std::vector<std::vector<double>> times_;
   std::vector<std::vector<Pose>> moved_;
   bool hold_velocities_ = false;
+  // Standard deviations, a component, of what images turn (radians) and move (of the distance to
+  // their points) during their readout, where nothing is known of each; first a hand in haste.
+  double turn_sigma_ = 0.05, shift_sigma_ = 0.05;
   int num_registered_ = 0;
   double loss_pixels_;  // where Cauchy's loss bends now
   int gauge_first_ = -1, gauge_second_ = -1;

@@ -14,22 +14,44 @@ namespace {
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 // Cauchy's loss never bends below this many pixels.
 constexpr double kLeastLoss = 0.02;
-// Standard deviation of what an image may turn (radians) and move (of the distance to its points)
-// during its readout, where nothing else is known: a handheld camera turned in haste.
-constexpr double kTurnSigma = 0.2;
-constexpr double kShiftSigma = 0.1;
-// A velocity taken from neighbours in time: its uncertainty, as a share of itself and at least of
-// the above.
+// Fewest images whose velocities show how much all of them move.
+constexpr std::size_t kFewestVelocities = 6;
+// What they show at least and at most: cameras that stand still, and none that a hand holds
+// (radians, and share of the distance to the points).
+constexpr double kLeastSigma = 1e-4;
+constexpr double kMostTurnSigma = 0.2;
+constexpr double kMostShiftSigma = 0.1;
+// Median of the squared length of three normal numbers of variance 1.
+constexpr double kMedianSquare = 2.366;
+// Pixels: features are not found more exactly, though few images with a velocity each may fit them.
+constexpr double kFeatureNoise = 0.15;
+// Uncertainty of a velocity taken from neighbours in time, as a share of itself.
 constexpr double kNeighborSigma = 0.3;
-constexpr double kNeighborFloor = 0.1;
-// Where it is known otherwise: of its uncertainty, as a share of the above.
-constexpr double kRateFloor = 0.1;
+// The same at least: radians, and share of the distance to the points. Of a velocity by flow, times
+// its relative uncertainty.
+constexpr double kLeastTurnSigma = 0.02;
+constexpr double kLeastShiftSigma = 0.01;
+
+// Median length of a normal vector in the plane, in standard deviations of a coordinate.
+constexpr double kMedianLength = 1.1774;
 
 double Median(std::vector<double>* values) {
   if (values->empty()) return 0.0;
   const auto middle = values->begin() + static_cast<std::ptrdiff_t>(values->size() / 2);
   std::nth_element(values->begin(), middle, values->end());
   return *middle;
+}
+
+// Of each image the median distance to the points that it sees.
+std::vector<double> MedianDistances(const Bundle& bundle) {
+  std::vector<std::vector<double>> distances(bundle.camera_from_world.size());
+  for (const BundleObservation& o : bundle.observations) {
+    distances[o.image].push_back(
+        (bundle.points[o.point] - bundle.camera_from_world[o.image].CenterInSource()).norm());
+  }
+  std::vector<double> medians;
+  for (std::vector<double>& own : distances) medians.push_back(Median(&own));
+  return medians;
 }
 
 }  // namespace
@@ -98,6 +120,7 @@ Bundle SceneMap::MakeBundle(const std::vector<std::uint8_t>* images_free, Bundle
   if (on_rig()) AddRig(&bundle, options, image_of);
   options->loss_scale = loss_pixels_;
   if (rolling()) SetPriors(bundle, *image_of, options);
+  if (images_free == nullptr && !options_.places.empty()) SetPlacePriors(*image_of, options);
   if (images_free != nullptr) {
     const auto fixed = std::count(options->image_fixed.begin(), options->image_fixed.end(), 1);
     if (fixed >= 2) options->gauge_image = options->scale_image = -1;
@@ -158,6 +181,7 @@ BundleSummary SceneMap::AdjustGlobally(int max_iterations, double tolerance, boo
   Bundle bundle = MakeBundle(nullptr, &options, &image_of, &track_of);
   const BundleSummary summary = AdjustBundle(&bundle, options);
   StoreBundle(bundle, image_of, track_of);
+  if (rolling() && !HasRates()) UpdateVelocitySigmas(bundle);
   if (lens_free) {
     cameras_ = bundle.cameras;
     UpdateBearings();
@@ -184,36 +208,64 @@ Velocity SceneMap::NeighborVelocity(int image) const {
   return VelocityBetween(poses_[before], poses_[after]) / (times[after] - times[before]);
 }
 
+// Empirical Bayes: velocities that all err alike bend the scene at little cost, and a prior that is
+// wider than images move lets them. It narrows to what their velocities show.
+void SceneMap::UpdateVelocitySigmas(const Bundle& bundle) {
+  if (bundle.velocities.size() < kFewestVelocities) return;
+  const std::vector<double> distances = MedianDistances(bundle);
+  std::vector<double> shifts, turns;
+  for (std::size_t i = 0; i < distances.size(); ++i) {
+    const Velocity& velocity = bundle.velocities[i];
+    turns.push_back(velocity.tail<3>().squaredNorm());
+    if (distances[i] > 0) {
+      shifts.push_back(velocity.head<3>().squaredNorm() / (distances[i] * distances[i]));
+    }
+  }
+  const auto sigma = [](std::vector<double>* squares, double most) {
+    return std::clamp(std::sqrt(Median(squares) / kMedianSquare), kLeastSigma, most);
+  };
+  turn_sigma_ = sigma(&turns, kMostTurnSigma);
+  shift_sigma_ = sigma(&shifts, kMostShiftSigma);
+}
+
 // A rolling shutter's velocity and the pose explain much of the same, so velocities need priors:
-// near what flow, or neighbours in time, say of them; else near standing still, as far as hands
-// move.
+// near what flow, or neighbours in time, say of them; else near standing still, as far as all
+// images move.
 void SceneMap::SetPriors(const Bundle& bundle, const std::vector<int>& image_of,
                          BundleOptions* options) const {
-  std::vector<std::vector<double>> distances(image_of.size());
-  for (const BundleObservation& o : bundle.observations) {
-    distances[o.image].push_back(
-        (bundle.points[o.point] - bundle.camera_from_world[o.image].CenterInSource()).norm());
-  }
-  options->noise = loss_pixels_;
+  const std::vector<double> distances = MedianDistances(bundle);
+  options->noise = HasRates() ? loss_pixels_ : std::max(loss_pixels_, kFeatureNoise);
   for (std::size_t i = 0; i < image_of.size(); ++i) {
     VelocityPrior prior;
-    prior.sigma.head<3>().setConstant(kShiftSigma * Median(&distances[i]));
-    prior.sigma.tail<3>().setConstant(kTurnSigma);
+    prior.sigma.head<3>().setConstant(shift_sigma_ * distances[i]);
+    prior.sigma.tail<3>().setConstant(turn_sigma_);
     const int image = image_of[i];
-    if (options_.readout_time > 0 && HasRates()) {
+    if (HasRates()) {
       const bool flow = !options_.image_rates.empty();
       const Velocity mean =
           options_.readout_time * (flow ? options_.image_rates[image] : NeighborVelocity(image));
       if (mean.allFinite()) {
         const double share = flow ? options_.rate_sigma : kNeighborSigma;
+        const double least = flow ? options_.rate_sigma : 1.0;
         prior.mean = mean;
-        prior.sigma *= flow ? kRateFloor * options_.rate_sigma : kNeighborFloor;
-        prior.sigma.head<3>().array() += share * mean.head<3>().norm();
-        prior.sigma.tail<3>().array() += share * mean.tail<3>().norm();
+        prior.sigma.head<3>().setConstant(least * kLeastShiftSigma * distances[i] +
+                                          share * mean.head<3>().norm());
+        prior.sigma.tail<3>().setConstant(least * kLeastTurnSigma + share * mean.tail<3>().norm());
       }
     }
     options->velocity_priors.push_back(prior);
     options->velocity_fixed.push_back(hold_velocities_ && options_.KnowsVelocity(image));
+  }
+}
+
+// Places fix the gauge.
+void SceneMap::SetPlacePriors(const std::vector<int>& image_of, BundleOptions* options) const {
+  options->gauge_image = options->scale_image = -1;
+  options->noise = loss_pixels_ / (options_.loss_scale * kMedianLength);
+  for (const int image : image_of) {
+    PlacePrior& prior = options->place_priors.emplace_back();
+    if (!options_.places[image].allFinite()) continue;
+    prior = {options_.places[image], options_.place_sigma};
   }
 }
 
@@ -301,6 +353,16 @@ Structure SceneMap::Result(bool covariances) const {
     BundleOptions options;
     std::vector<int> image_of, track_of;
     const Bundle bundle = MakeBundle(nullptr, &options, &image_of, &track_of);
+    // Relative to the first image, as without places.
+    const auto placed = [&](int image) {
+      const auto found = std::find(image_of.begin(), image_of.end(), image);
+      return found == image_of.end() ? -1 : static_cast<int>(found - image_of.begin());
+    };
+    if (!options.place_priors.empty()) {
+      options.place_priors.clear();
+      options.gauge_image = placed(gauge_first_);
+      options.scale_image = placed(gauge_second_);
+    }
     try {
       const auto found = PoseCovariances(bundle, options);
       for (std::size_t i = 0; i < image_of.size(); ++i) result.covariances[image_of[i]] = found[i];

@@ -80,6 +80,10 @@ struct StructureOptions {
   Velocity KnownVelocity(int image) const {
     return KnowsVelocity(image) ? Velocity(readout_time * image_rates[image]) : Velocity::Zero();
   }
+  // Where cameras stood, in the world of the given poses (not finite: not known), to this standard
+  // deviation a coordinate; for RefineStructure without a rig. Empty: not known.
+  std::vector<Eigen::Vector3d> places;
+  Eigen::Vector3d place_sigma = Eigen::Vector3d::Ones();
   // At the end points are looked for in images that do not see them yet: features within this many
   // pixels of their projection whose descriptor, of unit length, is no farther than that from the
   // points' own. Rounds of it; 0: none.

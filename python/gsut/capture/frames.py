@@ -110,14 +110,14 @@ def extract_frames(
     files = [path] if beside is None else [path, Path(beside)]
     report = on_progress or (lambda *_: None)
     with Video(*files) as source:
-        announced, rate = source.frame_count, source.frame_rate
+        announced, rate, lasts = source.frame_count, source.frame_rate, source.duration
         size = source.width, source.height
     key = {"version": __version__, "inputs": capture_state(files), "count": count}
     done = read_finished_capture(folder, key)
     if done is not None:
         return done
     search, seen, found = _search_candidates(files, report)
-    notes = _judge(path, search.finish(), seen, announced, rate) + found
+    notes = _judge(path, search.finish(), seen, (announced, lasts), rate) + found
     candidates = add_candidates(search.candidates, search.frames, count)
     chosen = [candidates[index] for index in choose_frames(candidates, count)]
     if count is not None and len(chosen) < count:
@@ -202,9 +202,16 @@ def _note_cuts(path: Path, cuts: Sequence[float]) -> list[str]:
 
 
 def _judge(
-    path: Path, candidates: Sequence[Candidate], seen: int, announced: int, rate: float
+    path: Path,
+    candidates: Sequence[Candidate],
+    seen: int,
+    stated: tuple[int, float],
+    rate: float,
 ) -> list[str]:
     """Returns notes on the video.
+
+    Args:
+        stated: number of frames and seconds according to the file.
 
     Raises:
         InputError: no scene can be made of it.
@@ -226,13 +233,15 @@ def _judge(
             f"{100 * way:.1f} % of its diagonal; walk with the camera, so that things are seen "
             "from several sides"
         )
+    announced, seconds = stated
     end = candidates[-1].time
     if seen < _CUT_OFF * announced and end > _CUT_OFF * announced / rate:
         return [
             f"the time stamps of {path.name} jump: {seen} frames in {end:.1f} s at {rate:.3g} a "
             "second; it may be pasted from several recordings"
         ]
-    if seen < _CUT_OFF * announced:
+    # An index may list frames that are not shown: they are missing if their time is, too.
+    if seen < _CUT_OFF * announced and seen < _CUT_OFF * seconds * rate:
         return [
             f"{path.name} ends after {seen} of {announced} frames ({end:.1f} s): "
             "it was cut off or is damaged; the frames before are used"

@@ -58,7 +58,7 @@ class Video:
     Attributes:
         width, height: of the upright frames in pixels; frames of two lenses are side by side.
         frame_rate: mean number of frames per second.
-        frame_count: according to the file; 0 if it does not say.
+        frame_count, duration: according to the file, in frames and seconds; 0 if it does not say.
         untimed: frames read so far whose time stamps do not rise; the frame rate times them.
         damaged: seconds of the frames read so far that are damaged, or refer to damaged ones.
 
@@ -84,8 +84,8 @@ class Video:
             number = int(Path(beside) == self.path)
             self._other = _decode_films(Path(beside), self._beside, number, [])
         self.frame_rate = float(stream.guessed_rate or 0) or _USUAL_RATE
-        seconds = (self._container.duration or 0) / _DURATION_UNITS
-        self.frame_count = stream.frames or round(seconds * self.frame_rate)
+        self.duration = (self._container.duration or 0) / _DURATION_UNITS
+        self.frame_count = stream.frames or round(self.duration * self.frame_rate)
         self.untimed = 0
         self.damaged: list[float] = []
         self.width, self.height = stream.width, stream.height

@@ -92,7 +92,8 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "--out",
         metavar="LENS",
         required=True,
-        help="lens file, .cameramodel (mrcal) or .yaml (OpenCV); a rig's cameras get "
+        help="lens file, .cameramodel (mrcal), .yaml (OpenCV), .txt (OCamCalib) or *matlab*.json "
+        "(MATLAB); a rig's cameras get "
         "LENS-NAME; report.html, report.json, corners.vnl and the folder corners are written "
         "beside it, and replace older ones; with --from-dataset report.json and the folder "
         "LENS-dataset",

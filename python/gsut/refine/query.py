@@ -32,12 +32,14 @@ from gsut.render import render
 # Standard deviations grow by this power of the share of the photograph that counts, as fewer parts
 # of the scene are averaged.
 _BY_SHARE = -1 / 3
-# Logarithms of the factors on the focal length that are tried, upwards or downwards.
-_FOCAL_STEPS = (0.025, 0.06, 0.12)
+# Logarithms of the factors on the focal length that are tried, upwards or downwards, until two fit
+# worse than the best.
+_FOCAL_STEPS = (0.025, 0.06, 0.12, 0.25, 0.5, 0.75)
 # Step of the logarithm of the focal length on either side of a difference of renders.
 _FOCAL_DIFFERENCE = 1e-3
-# Standard deviations, those of noise, from which an error of the focal length counts.
-_FOCAL_CLEAR = 4.0
+# Standard deviations, those of noise, from which an error of the focal length counts: a large one
+# turns into distance, and little of it shows.
+_FOCAL_CLEAR = 2.5
 # Sizes of the photograph, the full one included, by which starts and focal lengths are compared.
 _LEVELS = 4
 # Largest number of pixels compared.
@@ -133,6 +135,9 @@ class Query:
 
         Returns:
             The pose, and the factor on the focal length with which the colours fit best.
+
+        Raises:
+            SolveError: no focal length that is at all near fits.
         """
         pose = make_refined_pose(fine, shutter, np.zeros(3), SCENE_BLOCKS)
         wide = self._widening**2
@@ -149,6 +154,12 @@ class Query:
             off, sigma = self._measure_focal_error(fine, shutter)
             if abs(off) > _FOCAL_CLEAR * self._widening * sigma:
                 best, moved = self._try_focal_lengths(fine.camera_from_world, np.sign(off))
+                if abs(best) >= _FOCAL_STEPS[-1]:
+                    raise SolveError(
+                        "the photograph was not found in the scene: its colours would fit a focal "
+                        f"length times {np.exp(best):.1f} or beyond; another lens took it: give "
+                        "its own with --camera"
+                    )
                 covariance = covariance + np.outer(moved, moved)
         if pose.motion_covariance is not None:
             pose = dataclasses.replace(pose, motion_covariance=wide * pose.motion_covariance)
@@ -175,10 +186,13 @@ class Query:
 
     def _try_focal_lengths(self, start: np.ndarray, sign: float) -> tuple[float, np.ndarray]:
         """Finds the best factor on the focal length (logarithm), and how far the pose moves."""
-        tried = {}
+        tried: dict[float, CoarsePose] = {}
         for step in (0.0, *(sign * size for size in _FOCAL_STEPS)):
             with contextlib.suppress(InputError, SolveError):
                 tried[step] = self.refine_smaller(_scale_focal_length(self.camera, step), start)
+            left = [each.rms for each in tried.values()]
+            if left and np.argmin(left) < len(left) - 2:
+                break
         return _fit_focal_length(tried)
 
 

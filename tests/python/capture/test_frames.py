@@ -202,6 +202,14 @@ def test_bad_videos_say_what_to_do(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+def test_film_whose_index_lists_a_frame_that_is_not_shown_is_whole(shared, tmp_path):
+    film = shared / "data" / "captures" / "teddybear_film" / "teddybear.mp4"
+    if not film.is_file():
+        pytest.skip(f"{film} is absent")
+    assert Video(film).frame_count == 10
+    assert not any("cut off" in n for n in extract_frames(film, tmp_path / "out").notes)
+
+
 def test_video_that_ends_in_the_middle_is_used_and_said(tmp_path):
     video = walk(tmp_path / "walk.avi")  # its index is at the end, and not needed
     data = video.read_bytes()

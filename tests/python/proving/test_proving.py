@@ -101,6 +101,14 @@ def test_a_dataset_and_photographs_are_scored_end_to_end(tmp_path):
     assert kinds == {"dataset", "photographs"}
 
 
+def test_poses_of_a_slow_rolling_shutter_do_not_bend(tmp_path):
+    # Seven pictures held alike, whose readout shifts them by two pixels.
+    made = capture(1)
+    row = score_made(made, make_capture(made, tmp_path), ("poses",))
+    assert row["auc_5"] > tol.PROVING_SLOW_ROLLING
+    assert row["verdict"] == "good"
+
+
 def test_misfires_of_a_row_are_named():
     row = {
         "seed": 0, "kind": "film", "verdict": "good", "true_class": "poor", "verdict_reasons": [],

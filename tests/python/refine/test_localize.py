@@ -164,6 +164,24 @@ def test_localize_white_photograph_is_refused_in_one_sentence(run, tmp_path, cap
     assert "does not determine its pose" in capsys.readouterr().err
 
 
+def test_localize_photograph_through_half_the_focal_length_is_refused(run, tmp_path, capsys):
+    folder, g = run
+    image = photograph(tmp_path / "photo.png", g, poses()[4], 48)
+    params = np.array(pinhole(48).params)
+    params[:2] *= 0.4
+    gsut.save_camera(pinhole(48).with_params(params), tmp_path / "lens.json")
+    words = ["localize", str(image), "--run", str(folder), "--camera", str(tmp_path / "lens.json")]
+    assert main(words) == 2
+    assert "was not found in the scene" in capsys.readouterr().err
+
+
+def test_localize_tiny_photograph_is_refused(run, tmp_path, capsys):
+    image = tmp_path / "tiny.png"
+    write_png(image, np.full((5, 5, 3), 80, np.uint8))
+    assert main(["localize", str(image), "--run", str(run[0])]) == 2
+    assert "5 x 5 pixels" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("factor", [1.0, 0.95, 1.08])
 def test_stated_uncertainty_covers_the_error_also_of_a_wrong_focal_length(
     run, tmp_path, capsys, factor

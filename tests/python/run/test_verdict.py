@@ -1,5 +1,7 @@
 """The verdict: its words, and which of several counts."""
 
+import dataclasses
+
 import pytest
 
 from gsut.run.verdicts import Verdict, combine_verdicts, judge_pictures
@@ -14,7 +16,15 @@ def test_the_words_say_level_finding_reasons_and_what_to_do():
 
 
 def test_the_poorest_of_several_counts():
-    assert combine_verdicts([GOOD, POOR, GOOD]) == POOR
+    usable = dataclasses.replace(POOR, level="usable")
+    assert combine_verdicts(GOOD, usable, GOOD) == usable
+    assert combine_verdicts(POOR, GOOD) == POOR
+    assert combine_verdicts(usable, POOR) == POOR
+
+
+def test_what_is_inferred_lowers_what_was_measured_by_one_level_at_most():
+    found = combine_verdicts(GOOD, POOR)
+    assert found == dataclasses.replace(POOR, level="usable")
 
 
 def test_an_unknown_level_is_refused():

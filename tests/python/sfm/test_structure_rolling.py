@@ -145,7 +145,7 @@ def test_poses_command_upright_rolling_images_that_bend_are_doubted(tmp_path):
         some_helmet(tmp_path, nearest), tmp_path / "out", log=PosesLog(on_note=notes.append)
     )
     assert compare_datasets(tmp_path, tmp_path / "out").ate_percent > 1  # it does bend
-    assert result.figures["matches_in_points"] < 0.8  # observed 0.73
+    assert result.figures["verdict"]["level"] != "good"
     assert sum("the scene has bent with the motion" in note for note in notes) == 1
 
 

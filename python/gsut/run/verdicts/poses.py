@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 
 from gsut.run.verdicts.verdict import Fault, Verdict
@@ -13,9 +14,12 @@ _FEWEST = 6  # images with a pose: with fewer, hardly anything would show that p
 _OBSERVATIONS = (100, 30)  # of an image, in the tenth of the images that see fewest points
 # Share of the verified matches that observe one point, below which lens and poses are doubted.
 FEW_AGREE = 0.6
-# The same if each image has a velocity of its own, below which the scene has bent (Albl et al.,
-# "Degeneracies in rolling shutter SfM", ECCV 2016).
-FEW_AGREE_ROLLING = 0.8
+# Root mean square turn of images during their readout, in radians: more than hands turn a camera,
+# and more than any motion; the scene has then bent (Albl et al., "Degeneracies in rolling shutter
+# SfM", ECCV 2016).
+_READOUT_TURN = (0.087, 0.2)
+# Share of the matches that agree below which a scene with such turns has bent.
+_AGREEING_FAST = 0.87
 # Share below which poses are poor: a wrong lens leaves a third. An estimated lens gives way to the
 # motion of a rolling shutter, of which less is left.
 _AGREEING_GIVEN = 0.45
@@ -40,7 +44,8 @@ class PosesQuality:
         weakest: points that the weakest tenth of the images observe.
         agreement: share of the matches that observe one point, or None.
         focal_sigma: standard deviation of the focal length over it; None: the lens was given.
-        is_rolling: whether each image has a velocity of its own.
+        readout_turn: root mean square turn of the images during their readout, in radians; None:
+            a global shutter.
         motion: a sentence on a motion that determines too little; empty: none.
         only_turned: whether that motion is a turn on the spot.
         zooms: at which the images were taken.
@@ -56,7 +61,7 @@ class PosesQuality:
     weakest: float
     agreement: float | None
     focal_sigma: float | None
-    is_rolling: bool = False
+    readout_turn: float | None = None
     motion: str = ""
     only_turned: bool = False
     zooms: int = 1
@@ -71,7 +76,8 @@ def judge_poses(quality: PosesQuality) -> Verdict:
     lost = _count_missed(q.registered / max(1, q.images), _REGISTERED)
     agreement = 1.0 if q.agreement is None else q.agreement
     is_given = q.focal_sigma is None
-    few_agree = FEW_AGREE_ROLLING if q.is_rolling else FEW_AGREE
+    turn = q.readout_turn or 0.0
+    add_turned = "add images, some turned by 90 degrees about the axis of the lens"
     faults = [  # causes before what they lead to
         Fault(
             0 if not q.motion else 2 if q.only_turned else 1,
@@ -102,10 +108,15 @@ def judge_poses(quality: PosesQuality) -> Verdict:
             "take more pictures between them, each showing two thirds of the one before",
         ),
         Fault(
-            _count_missed(agreement, (few_agree, _AGREEING_GIVEN if is_given else _AGREEING)),
+            count_exceeded(turn, _READOUT_TURN),
+            f"images seem to turn by {math.degrees(turn):.0f} degrees while they are read",
+            add_turned,
+        ),
+        Fault(
+            _count_missed(agreement, (FEW_AGREE, _AGREEING_GIVEN if is_given else _AGREEING)),
             f"only {100 * (q.agreement or 0):.0f} % of the matches agree in all images together",
-            "add images, some turned by 90 degrees about the axis of the lens"
-            if q.is_rolling
+            add_turned
+            if q.readout_turn is not None
             else "let the lens be estimated: --unknown-lens"
             if is_given
             else "give --shutter rolling if the camera moved fast",
@@ -127,6 +138,14 @@ def judge_poses(quality: PosesQuality) -> Verdict:
         f"{q.median_px:.2f} px in the median"
     )
     return Verdict.from_faults(what, faults, "gsut train")
+
+
+def has_bent(readout_turn: float | None, agreement: float | None) -> bool:
+    """Returns whether motion during the readout has probably bent the scene; see `PosesQuality`."""
+    most, impossible = _READOUT_TURN
+    if readout_turn is None or agreement is None:
+        return False
+    return readout_turn > impossible or (readout_turn > most and agreement < _AGREEING_FAST)
 
 
 def _count_missed(value: float, limits: tuple[float, float]) -> int:

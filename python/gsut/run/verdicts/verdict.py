@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from typing import Any, ClassVar, NamedTuple
 
 LEVELS = ("good", "usable", "poor")
@@ -76,12 +76,19 @@ class Verdict:
         return dataclasses.asdict(self) | {"reasons": list(self.reasons)}
 
 
-def combine_verdicts(verdicts: Sequence[Verdict]) -> Verdict:
+def combine_verdicts(measured: Verdict, *inferred: Verdict) -> Verdict:
     """Returns the poorest verdict (the first of equals), with the reasons of all that are not good.
 
+    What earlier stages infer about the result lowers what was measured of it by one level at most:
+    where held-out views are good, a poor guess of their causes cannot make the result poor.
+
     Args:
-        verdicts: of the stages of one command; at least one.
+        measured: of the result itself.
+        inferred: of the stages before.
     """
-    poorest = max(verdicts, key=lambda verdict: LEVELS.index(verdict.level))
+    verdicts = measured, *inferred
+    levels = [LEVELS.index(verdict.level) for verdict in verdicts]
+    level = min(max(levels), levels[0] + 1)
+    poorest = verdicts[levels.index(max(levels))]
     reasons = (r for v in (poorest, *verdicts) if v.level != "good" for r in v.reasons)
-    return dataclasses.replace(poorest, reasons=tuple(dict.fromkeys(reasons)))
+    return dataclasses.replace(poorest, level=LEVELS[level], reasons=tuple(dict.fromkeys(reasons)))

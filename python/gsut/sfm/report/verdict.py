@@ -9,7 +9,7 @@ import numpy as np
 
 from gsut.data import list_some
 from gsut.run import Verdict
-from gsut.run.verdicts import FEW_AGREE, FEW_AGREE_ROLLING, PosesQuality, judge_poses
+from gsut.run.verdicts import FEW_AGREE, PosesQuality, has_bent, judge_poses
 from gsut.sfm.lens import TURNED, compare_lens, describe_doubt, describe_zooms
 from gsut.sfm.mapping import Findings, Mapping
 from gsut.sfm.matches import find_picture_faults
@@ -38,7 +38,7 @@ def judge_solution(solution: Solution, features: Sequence[Features], found: Find
             weakest=float(np.percentile(counts, 10)) if counts.any() else math.inf,
             agreement=found.agreement,
             focal_sigma=found.focal_sigma,
-            is_rolling=solution.shutter is not None,
+            readout_turn=solution.readout_turn,
             motion=motion,
             only_turned=motion.startswith(TURNED),
             zooms=len(found.zooms),
@@ -66,20 +66,18 @@ def list_notes(mapping: Mapping) -> list[str]:
         notes.append(doubt)
     if agreement is None:
         return notes
-    share = (
-        f"only {100 * agreement:.0f} % of the matches that agree pair by pair agree in all images "
-        "together; "
-    )
-    if solution.shutter is not None and agreement < FEW_AGREE_ROLLING:
-        lens = "the lens is not that of the images, or " if is_lens_known else ""
+    if has_bent(solution.readout_turn, agreement):
         notes.append(
-            share + lens + "the scene has bent with the motion during the readout, which few "
-            "images held alike do not reveal: add images, some turned by 90 degrees about the "
-            "axis of the lens, or give --readout-time for a video"
+            f"images seem to turn by {math.degrees(solution.readout_turn or 0):.0f} degrees while "
+            f"they are read, and {100 * agreement:.0f} % of the matches agree in all images "
+            "together; the scene has bent with the motion during the readout, which few images "
+            "held alike do not reveal: add images, some turned by 90 degrees about the axis of the "
+            "lens, or give --readout-time for a video"
         )
-    elif solution.shutter is None and is_lens_known and agreement < FEW_AGREE:
+    elif is_lens_known and agreement < FEW_AGREE:
         notes.append(
-            share + "the lens is probably not that of the images: check it, or let it be "
+            f"only {100 * agreement:.0f} % of the matches that agree pair by pair agree in all "
+            "images together; the lens is probably not that of the images: check it, or let it be "
             "estimated with --unknown-lens"
         )
     return notes

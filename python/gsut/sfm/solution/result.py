@@ -94,6 +94,14 @@ class Solution:
         return [n for n, r in zip(self.names, self.registered, strict=True) if not r]
 
     @property
+    def readout_turn(self) -> float | None:
+        """Returns the root mean square turn in a readout, radians; None for a global shutter."""
+        if self.velocities is None:
+            return None
+        turns = self.velocities[self.registered, 3:]
+        return math.sqrt(float((turns**2).sum(axis=1).mean()))
+
+    @property
     def shutters(self) -> list[Shutter | None]:
         """The shutter of each image."""
         if self.lines is None or self.shutter is None:

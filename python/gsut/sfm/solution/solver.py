@@ -81,6 +81,23 @@ class ReadoutMotion:
         }  # fmt: skip
 
 
+@dataclasses.dataclass(frozen=True)
+class StatedPlaces:
+    """Where cameras stood, as something other than images states it.
+
+    Args:
+        centers: (N, 3) in the world of the poses, one an image; NaN: not known.
+        sigma: (3,) standard deviation of a coordinate.
+    """
+
+    centers: np.ndarray
+    sigma: np.ndarray
+
+    def to_settings(self) -> dict[str, Any]:
+        """Returns the settings that the solver takes."""
+        return {"places": self.centers.tolist(), "place_sigma": self.sigma.tolist()}
+
+
 # See `Adjustment`.
 LensFlags = np.ndarray | Sequence[np.ndarray | None] | None
 
@@ -100,6 +117,7 @@ class Adjustment:
         rig: of `adjust_poses`: the images' cameras are fixed to each other.
         motion: of `adjust_poses`: images are read line by line.
         extend: of `adjust_poses`: look at the end for points in images that do not see them yet.
+        places: of `adjust_poses`: where cameras stood, in the world of the poses, or None.
     """
 
     lens_free: LensFlags = None
@@ -109,6 +127,7 @@ class Adjustment:
     rig: RigConstraint | None = None
     motion: ReadoutMotion | None = None
     extend: bool = False
+    places: StatedPlaces | None = None
 
 
 PLAIN = Adjustment()
@@ -207,6 +226,8 @@ def adjust_poses(
         settings.update(motion.to_settings())
         if images.lines is not None:
             settings |= images.lines.to_settings()
+    if adjustment.places is not None:
+        settings.update(adjustment.places.to_settings())
     is_extended = adjustment.extend or (motion is not None and motion.extend)
     if rig is not None or is_extended:
         descriptors = [f.descriptors for f in images.features]
@@ -253,6 +274,9 @@ def adjust_registered(
     if adjustment.motion is not None:
         motion = dataclasses.replace(adjustment.motion, rates=adjustment.motion.rates[chosen])
         adjustment = dataclasses.replace(adjustment, motion=motion)
+    if adjustment.places is not None:
+        places = dataclasses.replace(adjustment.places, centers=adjustment.places.centers[chosen])
+        adjustment = dataclasses.replace(adjustment, places=places)
     poses = [solution.camera_from_world[i] for i in chosen]
     if isinstance(adjustment.lens_free, list):
         adjustment = dataclasses.replace(

@@ -16,6 +16,7 @@ from gsut.data.poses import find_centers
 from gsut.gaussians import rotate_upright
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.solution import Solution, similarity_from_points
+from gsut.sfm.world.place_priors import adjust_near_places
 from gsut.sfm.world.up import (
     FEWEST,
     MOST_TILT,
@@ -49,6 +50,8 @@ class Earth:
         scale, rotation, translation: of the similarity.
         figures: for poses.json: "up", and of GPS "origin" and its errors.
         notes: what a user should know, one sentence each.
+        places: (N, 3) of the solution's images by GPS, in the new world; NaN: not known, or far
+            off; None: GPS is not used.
     """
 
     scale: float
@@ -56,6 +59,7 @@ class Earth:
     translation: np.ndarray
     figures: dict[str, Any]
     notes: tuple[str, ...]
+    places: np.ndarray | None = None
 
 
 def find_earth(
@@ -97,7 +101,9 @@ def find_earth(
         if found.transform is not None:
             figures |= {"origin": origin.tolist(), "up": "by GPS" if found.turned_up else
                         figures["up"]}  # fmt: skip
-            return Earth(*found.transform, figures, tuple(notes))
+            stated = np.full((len(solution.names), 3), np.nan)
+            stated[np.array(index)[found.fitting]] = target[found.fitting]
+            return Earth(*found.transform, figures, tuple(notes), stated)
     if up is None and held is not None:
         up, figures["up"] = held.mean, "roughly, by the cameras' mean"
     if up is None:
@@ -118,6 +124,8 @@ def place_on_earth(mapping: Mapping) -> None:
     if found.rig is not None:
         found.rig = found.rig.rescale(earth.scale)
     mapping.solution = move_to_earth(mapping.solved, earth)
+    if earth.places is not None:
+        mapping.solution = adjust_near_places(mapping, mapping.solution, earth.places)
 
 
 def find_stated_up(figures: dict[str, Any]) -> tuple[float, float, float] | None:
@@ -165,12 +173,13 @@ def _convert_to_metres(places: np.ndarray, origin: np.ndarray) -> np.ndarray:
 
 @dataclasses.dataclass(frozen=True)
 class _Aligned:
-    """An alignment with GPS, or None, and its figures and sentence."""
+    """An alignment with GPS, or None, its figures and sentence, and who fits, (N,) bool."""
 
     transform: tuple[float, np.ndarray, np.ndarray] | None
     turned_up: bool
     figures: dict[str, Any]
     words: str
+    fitting: np.ndarray | None = None
 
 
 def _align_with_gps(centers: np.ndarray, target: np.ndarray, up: np.ndarray | None) -> _Aligned:
@@ -229,7 +238,7 @@ def _align_with_gps(centers: np.ndarray, target: np.ndarray, up: np.ndarray | No
         f"places fit to {limit:.2f} m (median) on a path of {way:.0f} m about its middle; lengths "
         f"are good to about {200 * sigma:.0f} %"
     )
-    return _Aligned(transform, turned_up, figures, words)
+    return _Aligned(transform, turned_up, figures, words, good)
 
 
 def _fit_level_similarity(

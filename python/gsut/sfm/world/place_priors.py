@@ -1,0 +1,95 @@
+"""Adjusts poses, points and lens once more near the places that GPS states, where images allow it.
+
+Straight flights leave long waves open: a plain becomes a dome, and no picture shows it. Places of
+the cameras show it, so they enter the adjustment with their own errors as weights.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from gsut._core import SolveError
+from gsut.data.poses import find_centers
+from gsut.lens import find_focal_params
+from gsut.sfm.mapping import Mapping
+from gsut.sfm.solution import Adjustment, Solution, StatedPlaces, adjust_registered
+
+# Vertical over horizontal error of GPS: satellites are above the receiver only.
+_VERTICAL = 2.0
+# Metres below which EXIF's degrees are not written.
+_RESOLUTION = 0.1
+# Unknowns of the similarity along the ground: scale, turn and shift.
+_FITTED = 4
+# Growth of the median residual above which images contradict the places.
+_MOST_WORSE = 1.1
+# Share of the points that the adjustment must keep.
+_KEPT = 0.9
+# Standard deviations within which half of the places must lie after the adjustment.
+_AGREE = 2.0
+
+
+def adjust_near_places(mapping: Mapping, solution: Solution, places: np.ndarray) -> Solution:
+    """Adjusts a solution near stated places; returns it as it was where images contradict them.
+
+    Notes what was done, and adds to the figures of GPS "in_adjustment" and "sigma_m".
+
+    Args:
+        solution: in the world of the places.
+        places: (N, 3) east, down, north in metres; NaN: not known, or far off.
+    """
+    if mapping.rig is not None or solution.shutter is not None:
+        return solution
+    figures = mapping.found.figures["earth"]["gps"]
+    off = find_centers(solution.camera_from_world) - places
+    known = solution.registered & np.isfinite(off).all(axis=1)
+    ground = float((off[known][:, [0, 2]] ** 2).sum())
+    freedom = 2 * np.count_nonzero(known) - _FITTED
+    sigma = max(math.sqrt(ground / freedom), _RESOLUTION)
+    stated = StatedPlaces(
+        np.where(known[:, None], places, np.nan), sigma * np.array([1.0, _VERTICAL, 1.0])
+    )
+    before = np.abs(off[known] / stated.sigma)
+    held = _adjust(mapping, solution, stated)
+    figures |= {"sigma_m": sigma, "in_adjustment": held is not None}
+    if held is None:
+        mapping.log.note(
+            "GPS stays out of the adjustment: the images contradict its places, whose heights are "
+            f"{float(np.median(np.abs(off[known][:, 1]))):.1f} m off the cameras' (median); either "
+            "its altitudes are wrong, or the lens is"
+        )
+        return solution
+    after = np.abs((find_centers(held.camera_from_world) - places)[known][:, 1])
+    mapping.log.note(
+        f"the places of GPS took part in the adjustment (to {sigma:.1f} m along the ground, "
+        f"{_VERTICAL * sigma:.1f} m in height): heights are off by {float(np.median(after)):.2f} m "
+        f"(median), before by {float(np.median(before[:, 1]) * stated.sigma[1]):.2f} m"
+    )
+    return held
+
+
+def _adjust(mapping: Mapping, solution: Solution, stated: StatedPlaces) -> Solution | None:
+    """Adjusts near places; None where that fails or the images contradict it."""
+    flags = mapping.lens_free
+    prior = mapping.found.figures.get("focal_prior")
+    if isinstance(flags, np.ndarray) and prior is not None and prior["used"]:
+        flags = flags.copy()
+        flags[find_focal_params(solution.cameras[0])] = 0
+    adjustment = Adjustment(flags, extend=True, places=stated)
+    try:
+        held = adjust_registered(
+            solution, mapping.features, mapping.pairs, mapping.options,
+            mapping.log.follow_steps("mapping"), adjustment,
+        )  # fmt: skip
+    except SolveError:
+        return None
+    known = held.registered & np.isfinite(stated.centers).all(axis=1)
+    off = (find_centers(held.camera_from_world) - stated.centers)[known] / stated.sigma
+    agrees = (
+        held.num_registered == solution.num_registered
+        and len(held.points) >= _KEPT * len(solution.points)
+        and held.median <= _MOST_WORSE * solution.median
+        and float(np.median(np.abs(off).max(axis=1))) <= _AGREE
+    )
+    return held if agrees else None
