@@ -169,6 +169,11 @@ def many(solution):
     )
 
 
+def turning(radians):
+    """Velocities of 30 images that turn that far during their readout."""
+    return np.tile([0, 0, 0, 0, radians, 0], (30, 1))
+
+
 @pytest.mark.parametrize(
     "change, level, words",
     [
@@ -179,7 +184,10 @@ def many(solution):
         ({"agreeing": 0.35, "doubt": doubt(0.001)}, "usable", "of the matches agree"),
         ({"agreeing": 0.55}, "usable", "of the matches agree"),
         ({"agreeing": 0.7}, "good", ""),
-        ({"agreeing": 0.7, "shutter": "top_to_bottom"}, "usable", "turned by 90 degrees"),
+        # A rolling shutter: turns that hands make, too fast ones, and impossible ones.
+        ({"agreeing": 0.7, "velocities": turning(0.05)}, "good", ""),
+        ({"velocities": turning(0.12)}, "usable", "turn by 7 degrees while they are read"),
+        ({"velocities": turning(0.3)}, "poor", "turn by 17 degrees while they are read"),
         ({"doubt": doubt(0.02)}, "usable", "known only to 4.0 %"),
         ({"doubt": doubt(math.inf)}, "poor", "not determined"),
         ({"doubt": doubt(0.0, "the camera turned, so: walk")}, "usable", "turned"),
