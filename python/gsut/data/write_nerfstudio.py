@@ -86,14 +86,15 @@ def _format_transforms(
     if points_file is not None:
         values["ply_file_path"] = points_file
     directions = {frame.shutter.direction for frame in frames if frame.shutter is not None}
-    if len(directions) == 1:
-        values["rolling_shutter"] = {"direction": directions.pop()}
+    is_shared = len(directions) == 1
+    if is_shared:
+        values["rolling_shutter"] = {"direction": min(directions)}
     rows = [
         (texts[frame.camera] if len(lenses) > 1 else {}) | _describe_frame(frame, folder)
         for frame in frames
     ]
     for frame, row in zip(frames, rows, strict=True):
-        if directions and frame.shutter is not None:  # cameras of a rig that differ
+        if frame.shutter is not None and not is_shared:  # cameras of a rig that differ
             row["rolling_shutter"] = {"direction": frame.shutter.direction}
     if test is not None:
         named = [

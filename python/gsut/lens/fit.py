@@ -109,7 +109,7 @@ def _find_axis(target: FitTarget, is_parallel: bool) -> tuple[np.ndarray, np.nda
     (centre,), valid = target.camera.project(axis)
     if not valid[0]:
         raise InputError("the lens does not see its own axis: nothing to start a fit from")
-    jacobian, _ = target.camera.project_jacobian(axis)
+    jacobian, _ = target.camera.project_jacobian(axis, with_params=False)
     focal = np.abs([jacobian[0, 0, 0], jacobian[0, 1, 1]])
     return (focal if is_parallel else focal * target.distance), centre
 

@@ -221,7 +221,8 @@ def fit_points(
     def build_normal_equations(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         p, residual = measure_residuals(points)
         residual = np.where(np.isfinite(residual).all(axis=1)[:, None], residual, 0.0)
-        by_point = np.nan_to_num(camera.project_jacobian(p)[0]) @ poses[observations[:, 1], :3, :3]
+        by_p, _ = camera.project_jacobian(p, with_params=False)
+        by_point = np.nan_to_num(by_p) @ poses[observations[:, 1], :3, :3]
         gradient, normal = np.zeros((len(points), 3)), np.zeros((len(points), 3, 3))
         np.add.at(gradient, which, np.einsum("nij,ni->nj", by_point, residual))
         np.add.at(normal, which, by_point.transpose(0, 2, 1) @ by_point)

@@ -113,7 +113,8 @@ class _Linearization:
         lenses = index_lenses(solution.cameras, None)
         of_lens = np.array(lenses.of_image)[image]
         for number, camera in enumerate(lenses.cameras):
-            by_p[of_lens == number] = camera.project_jacobian(p[of_lens == number])[0]
+            own = of_lens == number
+            by_p[own], _ = camera.project_jacobian(p[own], with_params=False)
         good = used & np.isfinite(by_p).all(axis=(1, 2))
         good &= np.isfinite(solution.residuals).all(axis=1)
         image, p, by_p, rotation = image[good], p[good], by_p[good], rotation[good]
