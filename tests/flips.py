@@ -28,21 +28,20 @@ def reason(expected: gsut.Render, row: int, column: int, off: float) -> str:
     pose, pixels = expected.camera_from_world, np.array([[row, column]])
     traced = ray_model.trace(g, expected.camera, pose, rule, pixels=pixels)
     distance2, along, alpha = traced.distance2[0], traced.along[0], traced.alpha[0]
-    response = np.exp(-0.5 * distance2)
-    opacity = 1 / (1 + np.exp(-g.opacity_logits))
+    response, line = np.exp(-0.5 * distance2), traced.line_alpha[0]
     # In float, D has the error of the camera-relative mean over the smallest scale.
     distances = np.linalg.norm(g.means @ pose[:3, :3].T + pose[:3, 3], axis=1)
     rounding = tolerances.RENDER_KEY_MARGIN * distances / np.exp(g.log_scales).min(axis=1)
-    wobble = opacity * response * np.sqrt(distance2) * rounding
+    wobble = line * np.sqrt(distance2) * rounding
     margin = wobble + tolerances.RENDER_CUT_MARGIN
-    cut = np.abs(opacity * response - rule.alpha_min) < margin
+    cut = np.abs(line - rule.alpha_min) < margin
     cut |= (rule.response_min > 0) & (np.abs(response - rule.response_min) < margin)
     if np.any(cut & (along > 0)):
         return "cut"
     at_origin = np.abs(along) < tolerances.RENDER_ORIGIN_MARGIN * (
         distances + np.exp(g.log_scales).max(axis=1)
     )
-    if np.any(at_origin & (opacity * response >= rule.alpha_min)):
+    if np.any(at_origin & (line >= rule.alpha_min)):
         return "origin"
     seen = np.flatnonzero(alpha >= rule.alpha_min)
     seen = seen[np.argsort(traced.keys[seen])]

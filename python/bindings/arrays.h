@@ -122,6 +122,10 @@ View GaussiansOf(const py::handle& gaussians, const HarmonicsRows* rows, Get&& g
     view.sh_coefficients = sh_array.ndim() == 3 ? static_cast<int>(sh_array.shape(1)) : 0;
     view.sh = get(sh, "sh", {view.size, view.sh_coefficients, 3});
   }
+  // What a model carries of its rule; arrays without it are drawn by the maximum.
+  if (py::hasattr(gaussians, "response")) {
+    view.response = ResponseNamed(py::cast<std::string>(gaussians.attr("response")));
+  }
   const int k = view.sh_coefficients;
   if (k != 1 && k != 4 && k != 9 && k != 16) {
     throw InputError("sh must have 1, 4, 9 or 16 coefficients (degree 0 to 3), found " +

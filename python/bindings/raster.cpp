@@ -253,7 +253,8 @@ void BindRaster(py::module_& m) {
 How the Gaussians along a ray become a pixel; its fields can be set.
 
 In the rule's order, alpha = min(alpha_max, opacity x response) and weight = alpha x T, where T, the
-transmittance, starts at 1 and is multiplied by 1 - alpha.
+transmittance, starts at 1 and is multiplied by 1 - alpha. Of models with another response (see
+`gsut.Gaussians`) alpha is that response's.
 
 Args:
     parity: "": gsut's own rule. "gsplat", "3dgrut": the rules of these, which order by camera z.
@@ -277,11 +278,10 @@ Raises:
       .def_readwrite("near_z", &BlendRule::near_z, "Centres with a smaller camera z are not drawn.")
       .def_readwrite("far_z", &BlendRule::far_z, "Centres with a larger camera z are not drawn.")
       .def_property(
-          "order_by_z", [](const BlendRule& rule) { return rule.order == OrderKey::kDepthZ; },
-          [](BlendRule& rule, bool by_z) {
-            rule.order = by_z ? OrderKey::kDepthZ : OrderKey::kDistance;
-          },
-          "Whether Gaussians are ordered by camera z in place of distance.");
+          "order", [](const BlendRule& rule) { return NameOf(rule.order); },
+          [](BlendRule& rule, const std::string& name) { rule.order = OrderNamed(name); },
+          "What orders Gaussians: the means' \"distance\" or camera \"z\", \"ray\": where each pixel's "
+          "ray is nearest to each of them, or \"integral\": no order, they overlap as densities.");
   py::class_<BoundJob>(m, "RenderJob", "One image to be rendered: its camera, pose and rules.")
       .def(py::init([](const Camera& camera, const py::object& pose, const BlendRule& rule,
                        const std::array<double, 3>& background, int sh_degree,

@@ -316,7 +316,7 @@ class BlendRule:
     stop_before: bool
     near_z: float
     far_z: float
-    order_by_z: bool
+    order: str
     def __init__(self, parity: str = "") -> None: ...
 
 class DistanceField:

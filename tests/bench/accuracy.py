@@ -177,7 +177,7 @@ def _moved(rule: _core.BlendRule, factor: float) -> _core.BlendRule:
     moved = _core.BlendRule()
     for name in (
         "alpha_min", "alpha_max", "response_min", "transmittance_min", "stop_before", "near_z",
-        "far_z", "order_by_z",
+        "far_z", "order",
     ):  # fmt: skip
         setattr(moved, name, getattr(rule, name))
     moved.alpha_min *= factor

@@ -99,7 +99,7 @@ class _Job:
         fx, fy, cx, cy = params
         self.matrix = torch.tensor([[[fx, 0, cx], [0, fy, cy], [0, 0, 1]]])
         self.rule = gsut.BlendRule("gsplat")
-        self.rule.near_z, self.rule.far_z, self.rule.order_by_z = 0.01, 1e10, True
+        self.rule.near_z, self.rule.far_z, self.rule.order = 0.01, 1e10, "z"
 
     def call_engine(self) -> Any:
         """Renders and differentiates without torch."""

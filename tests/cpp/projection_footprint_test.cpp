@@ -350,7 +350,7 @@ TEST(FootprintTest, SilhouetteOfABallOnTheAxisHasItsClosedForm) {
     g.means = {0.0, 0.0, 2.0};
     g.quats = {1.0, 0.0, 0.0, 0.0};
     g.log_scales.assign(3, std::log(scale));
-    const double sine = std::sqrt(CutoffOf(0.5, options.rule)) * scale / 2.0;
+    const double sine = std::sqrt(CutoffOf(0.5, Response::kMaximum, options.rule)) * scale / 2.0;
     const double radius = 100.0 * sine / std::sqrt(1.0 - sine * sine);
     Footprints<double> found;
     FindFootprintsReference(g.View(), camera, Pose(), options, &found);

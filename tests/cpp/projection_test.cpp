@@ -54,12 +54,15 @@ TEST(UnscentedTest, WeightsFollowTheirDefinitionAndSumToOne) {
 
 TEST(CutoffTest, TakesTheNearerOfAlphaAndResponse) {
   const FootprintRule own;
-  EXPECT_NEAR(CutoffOf(1.0, own), 2.0 * std::log(255.0), 1e-12);
-  EXPECT_NEAR(CutoffOf(1.0 / 255.0, own), 0.0, 1e-12);
-  EXPECT_LT(CutoffOf(1e-3, own), 0.0);
+  EXPECT_NEAR(CutoffOf(1.0, Response::kMaximum, own), 2.0 * std::log(255.0), 1e-12);
+  EXPECT_NEAR(CutoffOf(1.0 / 255.0, Response::kMaximum, own), 0.0, 1e-12);
+  EXPECT_LT(CutoffOf(1e-3, Response::kMaximum, own), 0.0);
   const FootprintRule with_response = {1.0 / 255.0, 0.0113};
-  EXPECT_NEAR(CutoffOf(1.0, with_response), -2.0 * std::log(0.0113), 1e-12);
-  EXPECT_NEAR(CutoffOf(0.1, with_response), 2.0 * std::log(25.5), 1e-12);
+  EXPECT_NEAR(CutoffOf(1.0, Response::kMaximum, with_response), -2.0 * std::log(0.0113), 1e-12);
+  EXPECT_NEAR(CutoffOf(0.1, Response::kMaximum, with_response), 2.0 * std::log(25.5), 1e-12);
+  // Optical depth 2: 1 - exp(-2 G) is 1/255 at this D.
+  const double cutoff = CutoffOf(2.0, Response::kExtinction, own);
+  EXPECT_NEAR(-std::expm1(-2.0 * std::exp(-0.5 * cutoff)), 1.0 / 255.0, 1e-12);
 }
 
 TEST(ProjectTest, FloatMatchesDoubleOnEveryLensAndInstructionSet) {
@@ -164,7 +167,7 @@ TEST(ProjectTest, SmallSplatsHoldTheirSilhouetteOnEveryLens) {
       Project(g.View(), lens.camera, pose, {}, rule, &splats);
       for (std::size_t i = 0; i < static_cast<std::size_t>(g.size()); ++i) {
         if (splats.status[i] != SplatStatus::kSmall) continue;
-        const double cutoff = CutoffOf(Sigmoid(exact.opacity_logits[i]), rule);
+        const double cutoff = CutoffOf(Sigmoid(exact.opacity_logits[i]), Response::kMaximum, rule);
         const auto points = Silhouette(exact, i, pose, cutoff);
         ASSERT_FALSE(points.empty());
         for (const Eigen::Vector3d& point : points) {

@@ -86,3 +86,11 @@ CARD_DEPTH = 1e-4
 CARD_RAYS = 1.2e-7
 # dB of a view's PSNR on a card against the CPU: images differ by the rms above; worst observed 1e-6
 CARD_PSNR = 1e-3
+INTEGRAL_TRAPEZOID = 1e-12  # what the quadrature promises; worst of 12 scenes 1.4e-14
+INTEGRAL_SUM = 1e-12  # what the quadrature promises in sum; worst 6e-13
+# of a mean 1e-9 before the camera: 2e-9 deviations of a density; worst 5.8e-10
+INTEGRAL_INSIDE = 2e-9
+# a move by 2e-9 of 0.2, times the slope of colours by place; worst 2.5e-9
+INTEGRAL_CONTINUITY = 5e-9
+EXTINCTION_FLIPS = 1e-3  # share of pixels on a cut-off: at most 2 of 2304; worst 0
+EXTINCTION_JACOBIAN = 1e-5  # relative L2, float against differences in double; worst 3.8e-6

@@ -26,6 +26,12 @@ inline T Logit(T opacity) {
   return std::log(opacity) - std::log1p(-opacity);
 }
 
+// -ln(1 - Sigmoid(logit)): the optical depth of that opacity. Its derivative is Sigmoid(logit).
+template <class T>
+inline T Softplus(T logit) {
+  return (logit > T(0) ? logit : T(0)) + std::log1p(std::exp(-std::abs(logit)));
+}
+
 // Standard deviation along one axis. Its derivative is the scale itself.
 template <class T>
 inline T ScaleFromLog(T log_scale) {

@@ -4,6 +4,7 @@
 #include <cstdint>
 
 #include "gsut/gaussians/activations.h"
+#include "gsut/gaussians/response.h"
 
 namespace gsut {
 
@@ -28,9 +29,12 @@ struct GaussiansView {
   // Scales and opacities as they are: log_scales holds standard deviations and opacity_logits
   // opacities in [0, 1]. Gradients are to these.
   bool is_linear = false;
+  // The rule by which they are drawn; of linear ones the maximum only.
+  Response response = Response::kMaximum;
 
   GaussiansView<const T> AsConst() const {
-    return {size, sh_coefficients, means, quats, log_scales, opacity_logits, sh, is_linear};
+    return {size,           sh_coefficients, means,     quats,   log_scales,
+            opacity_logits, sh,              is_linear, response};
   }
   // Of Gaussian i in double: its standard deviation along axis k, and its opacity.
   double Scale(std::int64_t i, int k) const {
@@ -41,10 +45,18 @@ struct GaussiansView {
     const double stored = static_cast<double>(opacity_logits[i]);
     return is_linear ? stored : Sigmoid(stored);
   }
-  // Derivative of the stored value to the logarithm of the scale, and that of the opacity to the
-  // stored value: chain rules of gradients.
+  // Of Gaussian i in double, what its response is multiplied by: see Response.
+  double Strength(std::int64_t i) const {
+    if (response == Response::kMaximum) return Opacity(i);
+    return Softplus(static_cast<double>(opacity_logits[i]));
+  }
+  // Derivative of the stored value to the logarithm of the scale, and that of the strength to the
+  // stored opacity: chain rules of gradients.
   double LogScaleSlope(double scale) const { return is_linear ? 1.0 / scale : 1.0; }
-  double OpacitySlope(double opacity) const { return is_linear ? 1.0 : SigmoidDerivative(opacity); }
+  double StrengthSlope(double strength) const {
+    if (response != Response::kMaximum) return -std::expm1(-strength);
+    return is_linear ? 1.0 : SigmoidDerivative(strength);
+  }
 };
 
 }  // namespace gsut

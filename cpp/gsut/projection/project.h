@@ -85,7 +85,7 @@ void ProjectReference(const GaussiansView<const double>& gaussians, const Camera
                       const Pose& camera_from_world, const UnscentedOptions& options, double* means,
                       double* covariances, std::uint8_t* valid);
 
-// D^2 at which a Gaussian of this opacity is cut off; <= 0 if it is never drawn.
-double CutoffOf(double opacity, const FootprintRule& rule);
+// D^2 at which a Gaussian of this strength is cut off; <= 0 if it is never drawn.
+double CutoffOf(double strength, Response response, const FootprintRule& rule);
 
 }  // namespace gsut

@@ -53,7 +53,7 @@ struct WaitingSplat {
 HWY_INLINE WaitingSplat PutSplat(const ProjectTask& task, std::int64_t i, int first_vector,
                                  PointBlock* block, Splats* splats) {
   const LensDomain& domain = task.lens.domain;
-  const SeenLanes g = LoadSeen(task.gaussians, i, task.view, task.log2_alpha_min, task.max_cutoff);
+  const SeenLanes g = LoadSeen(task.gaussians, i, task.view, task.log2_raw_min, task.max_cutoff);
   PutUnscentedPoints(task.weights, g.mean, g.axes, g.scale,
                      [&](int k, Lane x, Lane y, Lane z)
                          HWY_ATTR { block->Put(first_vector + k, x, y, z); });

@@ -24,7 +24,8 @@ struct SeenLanes {
   Lane quat_scale;  // 1 / norm of the quaternion as stored, 0 if zero
   Lane axes[3][3];  // axes[k]: the Gaussian's axis k in camera axes (columns of Q)
   Lane scale[3];
-  Lane opacity, log2_opacity;
+  Lane opacity;
+  Lane log2_strength;  // log2 of the opacity or, under extinction, of -log2(1 - opacity)
   Lane cutoff;      // D^2 beyond which the Gaussian is not drawn
   LaneMask usable;  // can be drawn at all: opacity above the cut-off
 };
@@ -36,6 +37,19 @@ inline constexpr double kLargestLinearScale = 2.7e38;
 
 HWY_INLINE Lane SafeExp(Lane x) {
   return Exp(Select(x > Lane(kLargestExponent), Lane(kLargestExponent), x));
+}
+
+// -log2(1 - opacity) = log2(1 + e^logit), from which kernels make alpha = 1 - 2^-raw.
+HWY_INLINE Lane DepthInHalvings(Lane logit) {
+  constexpr double kLog2E = 1.44269504088896340736;
+  constexpr double kMost = 126.0;  // what FastExp2 takes; an alpha of 1 in float long before
+  const Lane odds = SafeExp(logit);
+  const Lane sum = Lane(1.0) + odds;
+  // log(1 + x) = log(sum) x / (sum - 1): the quotient corrects what rounding the sum took.
+  const Lane rest = sum - Lane(1.0);
+  const LaneMask is_tiny = rest <= Lane(0.0);
+  const Lane exact = Log2(sum) * (odds / Select(is_tiny, Lane(1.0), rest));
+  return Min(Select(is_tiny, odds * Lane(kLog2E), exact), Lane(kMost));
 }
 
 HWY_INLINE Lane Dot3(const Lane* a, const Lane* b) {
@@ -95,9 +109,9 @@ HWY_INLINE void RotationOf(const Lane* q, Lane* r) {
   r[8] = one - two * (x * x + y * y);
 }
 
-// alpha_min, response_min: see BlendRule; cut-offs of opacity * response and of response.
+// log2_raw_min: of BlendRule::alpha_min, see Log2RawOf; max_cutoff: of D^2, by response_min.
 HWY_INLINE SeenLanes LoadSeen(const GaussiansView<const float>& g, std::int64_t first,
-                              const ViewFloats& view, float log2_alpha_min, float max_cutoff) {
+                              const ViewFloats& view, float log2_raw_min, float max_cutoff) {
   SeenLanes out;
   const std::int64_t available = g.size - first;
   LoadRows3(g.means + 3 * first, available, out.world);
@@ -145,7 +159,7 @@ HWY_INLINE SeenLanes LoadSeen(const GaussiansView<const float>& g, std::int64_t 
   if (g.is_linear) {
     out.opacity = stored_opacity;
     const LaneMask draws = stored_opacity > Lane(0.0);
-    out.log2_opacity = Log2(Select(draws, stored_opacity, Lane(1.0)));
+    out.log2_strength = Log2(Select(draws, stored_opacity, Lane(1.0)));
     const LaneMask has_width = AndMask(out.scale[0] > Lane(0.0),
                                        AndMask(out.scale[1] > Lane(0.0), out.scale[2] > Lane(0.0)));
     usable = AndMask(usable, AndMask(draws, has_width));
@@ -153,10 +167,13 @@ HWY_INLINE SeenLanes LoadSeen(const GaussiansView<const float>& g, std::int64_t 
     // opacity = 1 / (1 + e^-logit), and its logarithm from the same sum: no digits lost near 0.
     const Lane one_plus = Lane(1.0) + SafeExp(-stored_opacity);
     out.opacity = Lane(1.0) / one_plus;
-    out.log2_opacity = -Log2(one_plus);
+    out.log2_strength = -Log2(one_plus);
+    if (g.response == Response::kExtinction) {
+      out.log2_strength = Log2(DepthInHalvings(stored_opacity));
+    }
   }
   constexpr double kTwoLn2 = 1.38629436111989061883;
-  const Lane cutoff = Lane(kTwoLn2) * (out.log2_opacity - Lane(log2_alpha_min));
+  const Lane cutoff = Lane(kTwoLn2) * (out.log2_strength - Lane(log2_raw_min));
   out.cutoff = Min(cutoff, Lane(max_cutoff));
   out.usable = AndMask(AndMask(cutoff > Lane(0.0), IsFinite(stored_opacity)), usable);
   return out;

@@ -15,7 +15,7 @@ struct ViewTask {
   GaussiansView<const float> gaussians;  // sh is not read
   FloatLens lens;
   ViewFloats view;
-  float log2_alpha_min;
+  float log2_raw_min;  // see Log2RawOf
   float max_cutoff;
 };
 
@@ -23,7 +23,7 @@ struct ViewTask {
 inline ViewTask MakeViewTask(const GaussiansView<const float>& gaussians, const Camera& camera,
                              const Pose& camera_from_world, const FootprintRule& rule) {
   return {gaussians, FloatLens(camera), MakeViewFloats(camera_from_world),
-          static_cast<float>(std::log2(rule.alpha_min)),
+          static_cast<float>(Log2RawOf(gaussians.response, rule.alpha_min)),
           rule.response_min > 0.0 ? static_cast<float>(-2.0 * std::log(rule.response_min))
                                   : std::numeric_limits<float>::max()};
 }

@@ -35,6 +35,11 @@ HWY_INLINE void WithFlag(bool flag, const Run& run) {
 #endif
 }
 
+// The alpha of raw under extinction; raw counts halvings of the light.
+HWY_INLINE FloatVec ExtinctionAlpha(FloatVec raw) {
+  return hn::Sub(hn::Set(FloatTag(), 1.0f), FastExp2(hn::Neg(raw)));
+}
+
 // Blends kJam alphas, nearest first; pixels below `stop` are closed. Returns whether all are.
 // hit: lanes that have an alpha above the cut-off; those left are what was blended.
 template <int kJam>

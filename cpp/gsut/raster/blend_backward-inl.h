@@ -9,6 +9,7 @@
 //   B_i = sum over j > i of w_j v_j + T_end dL/dT_end,
 // is proportional to 1 - alpha_i, hence
 //   h_i = alpha_i dL/dalpha_i = w_i v_i - alpha_i / (1 - alpha_i) B_i,
+// or under extinction, where alpha = 1 - 2^-raw, h_i = raw dL/draw = ln 2 raw (T_(i+1) v_i - B_i),
 //   dL/dc_i = w_i dL/dC,  dL/dx_i = w_i (dL/ddepth + 2 dL/ddistortion (x_i - mean)).
 // The pass runs front to back, as the forward pass did: T_i comes out with the same bits, and B_i
 // is the whole, B_0, known from the image, less what was passed. Nothing is divided by a vanishing
@@ -123,16 +124,20 @@ HWY_INLINE void StartBlock(BackwardFlags flags, const TileGrid& grid, const Fram
 
 // What the blend passes on to one Gaussian's response.
 struct ResponseGradient {
-  FloatVec h;            // alpha dL/dalpha; 0 where alpha is clamped or nothing is drawn
+  // raw dL/draw, which is alpha dL/dalpha, or under extinction the factor of ln 2 raw in it; 0
+  // where alpha is clamped or nothing is drawn.
+  FloatVec h;
   FloatVec to_distance;  // dL/dx; 0 without flags.with_depth
 };
 
-// The rule's alpha_max and transmittance_min.
+// The rule's alpha_max and transmittance_min, and the response.
 struct BlendLimits {
   FloatVec alpha_max, stop;
+  bool is_extinction;
   HWY_INLINE explicit BlendLimits(const RasterTask& task)
       : alpha_max(hn::Set(FloatTag(), task.alpha_max)),
-        stop(hn::Set(FloatTag(), task.transmittance_min)) {}
+        stop(hn::Set(FloatTag(), task.transmittance_min)),
+        is_extinction(task.is_extinction) {}
 };
 
 // One Gaussian's share of a block's pixels, and the light that it leaves.
@@ -197,6 +202,10 @@ HWY_INLINE ResponseGradient StepOver(BackwardFlags flags, const BlendLimits& lim
   const FloatVec here = hn::Mul(weight, value);
   const FloatVec behind = hn::Sub(fields.Get(kFieldBehind), here);
   fields.Set(kFieldBehind, behind);
+  if (HWY_UNLIKELY(limits.is_extinction)) {
+    const FloatMask is_drawn = hn::And(is_free, hn::Gt(step.alpha, hn::Zero(d)));
+    return {hn::IfThenElseZero(is_drawn, hn::MulSub(step.left, value, behind)), to_distance};
+  }
   const FloatVec past = FastReciprocal(hn::Sub(hn::Set(d, 1.0f), step.alpha));
   const FloatVec h =
       hn::IfThenElseZero(is_free, hn::NegMulAdd(hn::Mul(step.alpha, past), behind, here));

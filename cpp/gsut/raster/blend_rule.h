@@ -7,12 +7,21 @@
 namespace gsut {
 
 // What orders the Gaussians of a camera, nearest first; equal keys by index.
-enum class OrderKey { kDistance, kDepthZ };
+//   kDistance  the mean's distance from the camera's centre, one order for all pixels;
+//   kDepthZ    the mean's camera z, likewise;
+//   kRay       where each pixel's own ray is nearest to the Gaussian, from the ray's own origin;
+//   kIntegral  none: Gaussians are densities that overlap, see reference/integral.h.
+enum class OrderKey { kDistance, kDepthZ, kRay, kIntegral };
+
+// Throws InputError, with the known names, for any but "distance", "z", "ray" and "integral".
+OrderKey OrderNamed(const std::string& name);
+const char* NameOf(OrderKey order);
 
 // Front-to-back blending. For each Gaussian in order:
 //   response = exp(-D^2 / 2), D the smallest Mahalanobis distance along the ray; 0 where that point
 //   lies behind the ray's origin (never drawn), or below response_min;
-//   alpha = min(alpha_max, opacity * response), skipped below alpha_min;
+//   alpha = min(alpha_max, opacity * response), skipped below alpha_min; or of another rule of the
+//   model's, see gaussians/response.h;
 //   weight = alpha * T; T <- T (1 - alpha), T starting at 1; stop by transmittance_min.
 struct BlendRule {
   double alpha_min = 1.0 / 255.0;

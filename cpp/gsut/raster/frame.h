@@ -16,7 +16,8 @@ namespace gsut {
 // A Gaussian of a frame is one cache line of 16 floats. With d the direction of a ray (any length)
 // in the camera frame,
 //   p = a.d, q = b.d, z = c.d, N = p^2 + q^2, u = N / (z^2 + k N), and
-//   D^2 = u / s with kappa = -log2(e) / (2 s), so alpha = opacity 2^(kappa u),
+//   D^2 = u / s with kappa = -log2(e) / (2 s), so raw = strength 2^(kappa u) and alpha = raw or,
+// under extinction, 1 - 2^-raw (gaussians/response.h),
 // where D is the smallest Mahalanobis distance along the ray. The forms are scaled so that
 // alpha >= alpha_min (and response >= response_min) exactly where N < z^2 and z > 0: no exponential
 // and no division for a miss. The distance along a unit ray to that point is depth z / (z^2 + k N).
@@ -29,7 +30,7 @@ inline constexpr int kB = 3;             // b
 inline constexpr int kC = 6;             // c, scaled to c.(mean direction) = 1
 inline constexpr int kK = 9;             // k
 inline constexpr int kKappa = 10;        // kappa
-inline constexpr int kLog2Opacity = 11;  // log2(opacity)
+inline constexpr int kLog2Strength = 11;  // see SeenLanes
 inline constexpr int kColor = 12;        // 3 floats
 inline constexpr int kDepth = 15;  // distance of the mean; negative: sharp, see sharp_records.h
 inline constexpr int kSize = 16;

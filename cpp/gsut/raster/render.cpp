@@ -24,6 +24,18 @@ constexpr const char* kTooWide =
     "the image is too small for its field of view: a tile of 16 x 16 pixels spans more than 168 "
     "degrees; render a larger image or use dtype=\"float64\"";
 
+// Throws InputError for what only the double reference draws.
+void CheckRule(const GaussiansView<const float>& gaussians, const BlendRule& rule) {
+  if (rule.order != OrderKey::kDistance && rule.order != OrderKey::kDepthZ) {
+    throw InputError(std::string("order \"") + NameOf(rule.order) +
+                     "\" is drawn with dtype=\"float64\" only; in float32: distance, z");
+  }
+  if (gaussians.response == Response::kDensity) {
+    throw InputError(
+        "response \"density\" is drawn with dtype=\"float64\" only; in float32: maximum, extinction");
+  }
+}
+
 }  // namespace
 
 // A frame in four stages, each parallel: project bounds every Gaussian's footprint, records makes
@@ -33,6 +45,7 @@ void Renderer::Render(const GaussiansView<const float>& gaussians, const RenderJ
   rendered_ = stepped_ = false;
   const BlendRule& rule = job.settings.rule;
   rule.Check();
+  CheckRule(gaussians, rule);
   ActiveIsa();  // applies GSUT_ISA before the first kernel runs
   timings_.clear();
   camera_ = std::make_unique<Camera>(job.camera);
@@ -112,7 +125,7 @@ void Renderer::FillTask(const GaussiansView<const float>& gaussians, const Rende
   rule_ = settings.rule;
   std::copy_n(settings.background, 3, background_);
   task_.view = MakeViewFloats(reference_);
-  task_.log2_alpha_min = static_cast<float>(std::log2(settings.rule.alpha_min));
+  task_.log2_raw_min = static_cast<float>(Log2RawOf(gaussians.response, settings.rule.alpha_min));
   task_.max_cutoff = settings.rule.response_min > 0.0
                          ? static_cast<float>(-2.0 * std::log(settings.rule.response_min))
                          : std::numeric_limits<float>::max();
@@ -121,6 +134,7 @@ void Renderer::FillTask(const GaussiansView<const float>& gaussians, const Rende
   for (int c = 0; c < 3; ++c) task_.background[c] = static_cast<float>(settings.background[c]);
   task_.near_z = static_cast<float>(settings.rule.near_z);
   task_.far_z = static_cast<float>(settings.rule.far_z);
+  task_.is_extinction = gaussians.response == Response::kExtinction;
   task_.order_by_z = settings.rule.order == OrderKey::kDepthZ;
   task_.stop_before = settings.rule.stop_before;
   task_.with_depth = job.WithDepth();

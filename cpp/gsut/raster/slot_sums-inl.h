@@ -234,8 +234,13 @@ struct ParameterGradients {
   Lane mean[3], quat[4], log_scale[3], logit;
 };
 
-// From h, the sum of opacity x dL/dopacity, to the gradient of the opacity as stored.
-HWY_INLINE Lane OpacityGradient(const SeenLanes& s, bool is_linear, Lane h) {
+// From h, the sum of strength x dL/dstrength, to the gradient of the opacity as stored.
+HWY_INLINE Lane OpacityGradient(const SeenLanes& s, Response response, bool is_linear, Lane h) {
+  if (response == Response::kExtinction) {
+    // The logit changes ln(1 + e^logit) by the opacity.
+    constexpr double kLn2 = 0.69314718055994530942;
+    return h * s.opacity / (Lane(kLn2) * Exp(Lane(kLn2) * s.log2_strength));
+  }
   return is_linear ? h / s.opacity : h * (Lane(1.0) - s.opacity);
 }
 

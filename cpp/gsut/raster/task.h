@@ -25,13 +25,14 @@ struct RasterTask {
   GaussiansView<const float> gaussians;
   HarmonicsRows sh_rows;  // of gaussians.sh
   ViewFloats view;
-  float log2_alpha_min = 0;
+  float log2_raw_min = 0;  // see Log2RawOf
   float max_cutoff = 0;
   float alpha_max = 0;
   float transmittance_min = 0;
   float background[3] = {0, 0, 0};
   float near_z = 0, far_z = 0;
   bool order_by_z = false;
+  bool is_extinction = false;  // gaussians.response
   bool stop_before = false;
   bool with_depth = false;
   bool keep = false;  // leave what the backward pass needs

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from gsut import _core
+from gsut._core import InputError
 from gsut.files import check_regular, whole_file
 from gsut.formats._format import (
     ELSEWHERE,
@@ -21,6 +22,7 @@ from gsut.formats._format import (
 )
 from gsut.formats._origin import format_origin, parse_origin, prepare_for_file
 from gsut.gaussians import (
+    RESPONSES,
     Gaussians,
     StoredGaussians,
     are_surfels,
@@ -33,6 +35,8 @@ from gsut.run import check_fits, free_memory
 _ANTIALIASED = ("SplatRenderMode: mip", "antialiased 1")
 # How gsut says that nothing stands behind the scene: what is open shows what is around it.
 NO_BACKGROUND = "gsut: no background"
+# The comment that names the response by which the Gaussians are drawn; without it the maximum.
+_RESPONSE_KEY = "gsut: response "
 _HEADER_BYTES = 65536  # read for comments
 _TEXT_BYTES = 4  # of a text file for one in memory, at most
 _OF_FREE = 0.8  # share of the free memory that Gaussians may take by default
@@ -51,7 +55,7 @@ def load_ply(path: str | os.PathLike[str]) -> Gaussians:
             y, z, any norm) in any order and numeric type. Others are ignored. Without scale_2 they
             are surfels (2DGS): Gaussians a ten-thousandth as thick as they are wide. A comment
             "gsut: dataset coordinates = these + X Y Z" is where the file's zero lies in the
-            world.
+            world; "gsut: response NAME" is the rule that they are drawn by, see `Gaussians`.
 
     Returns:
         float32 Gaussians in world coordinates, with the comment's `origin`, or one near the first
@@ -68,9 +72,9 @@ def load_ply(path: str | os.PathLike[str]) -> Gaussians:
     """
     _check_size(path)
     *arrays, not_finite, origin = _core.read_ply(os.fsencode(path))
-    gaussians = (
-        Gaussians(*arrays).translate(parse_origin(read_comments(path), path)).translate(origin)
-    )
+    comments = read_comments(path)
+    gaussians = Gaussians(*arrays, response=_parse_response(comments, path))
+    gaussians = gaussians.translate(parse_origin(comments, path)).translate(origin)
     if not_finite or not gaussians.quats.any(axis=1).all():
         return keep_drawable(path, gaussians)
     _warn_of_rounding(path, gaussians)
@@ -109,6 +113,9 @@ def _find_plain_rows(path: Path) -> tuple[Callable[[int, int], Gaussians], int, 
     text, end, _ = head.partition(_PLAIN_END)
     words = [line.split() for line in text.decode("utf-8", "replace").splitlines()]
     words = [line for line in words if line[:1] not in ([], ["comment"])]
+    comments = read_comments(path)
+    if any(comment.startswith(_RESPONSE_KEY) for comment in comments):
+        return None  # the bounds of pieces are those of the maximum
     is_plain = end and words[:2] == [["ply"], _PLAIN_FORMAT] and words[2][:2] == _PLAIN_ELEMENT
     if not is_plain or any(line[:2] != ["property", "float"] for line in words[3:]):
         return None
@@ -124,7 +131,7 @@ def _find_plain_rows(path: Path) -> tuple[Callable[[int, int], Gaussians], int, 
     if not whole or any(name not in columns for group in names for name in group):
         return None  # `load_ply` says what is wrong
     means, quats, scales, opacity, base, others = ([columns[n] for n in group] for group in names)
-    origin = parse_origin(read_comments(path), path)
+    origin = parse_origin(comments, path)
 
     def read_rows(begin: int, end: int) -> Gaussians:
         table = np.fromfile(
@@ -188,7 +195,8 @@ def save_ply(
     """
     stored = prepare_for_file(gaussians)
     flat = are_surfels(stored) if surfels is None else surfels
-    _core.write_ply(os.fsencode(path), stored, [*comments, *format_origin(stored)], flat)
+    named = [*comments, *format_origin(stored), *_format_response(stored)]
+    _core.write_ply(os.fsencode(path), stored, named, flat)
 
 
 def save_ply_parts(
@@ -211,7 +219,7 @@ def save_ply_parts(
         (3,) the origin that a comment names.
     """
     place = prepare_for_file(sample)
-    named = [*comments, *format_origin(place)]
+    named = [*comments, *format_origin(place), *_format_response(place)]
     with whole_file(path) as temporary, open(temporary, "wb") as out:
         piece = temporary.with_name(temporary.name + ".piece")
         for part in parts:
@@ -236,6 +244,31 @@ def read_comments(path: str | os.PathLike[str]) -> list[str]:
         head = file.read(_HEADER_BYTES).split(b"end_header", 1)[0]
     lines = head.decode("utf-8", "replace").splitlines()
     return [line.removeprefix("comment").strip() for line in lines if line.startswith("comment ")]
+
+
+def _format_response(gaussians: Gaussians) -> list[str]:
+    """Returns the comment that names the response; none for the maximum."""
+    is_common = gaussians.response == RESPONSES[0]
+    return [] if is_common else [_RESPONSE_KEY + gaussians.response]
+
+
+def _parse_response(comments: Sequence[str], path: str | os.PathLike[str]) -> str:
+    """Parses the response from a PLY file's comments.
+
+    Raises:
+        InputError: it is unknown.
+    """
+    for comment in comments:
+        if not comment.startswith(_RESPONSE_KEY):
+            continue
+        name = comment.removeprefix(_RESPONSE_KEY)
+        if name not in RESPONSES:
+            raise InputError(
+                f'{os.fspath(path)}: the comment "{comment}" names an unknown response; known: '
+                f"{', '.join(RESPONSES)}; a newer gsut may have written it"
+            )
+        return name
+    return RESPONSES[0]
 
 
 def format_antialiased(antialiased: bool) -> str:
@@ -265,5 +298,6 @@ FORMAT = Format(
     _read,
     lambda head: head.startswith(b"ply") and PACKED not in head,
     keeps_origin=True,
+    keeps_response=True,
     keeps_surfels=True,
 )

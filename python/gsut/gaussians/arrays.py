@@ -14,6 +14,8 @@ NO_ORIGIN = np.zeros(3)
 NO_ORIGIN.setflags(write=False)
 # First coefficient of the harmonics' basis: a colour is 0.5 + SH_C0 x sh + ...
 SH_C0 = 0.28209479177387814
+# How alpha follows from opacity and response, see `Gaussians`; the first is everyone's.
+RESPONSES = ("maximum", "extinction", "density")
 _Arrays = TypeVar("_Arrays", bound="ParameterArrays")
 
 
@@ -118,11 +120,16 @@ class Gaussians(ParameterArrays):
             colour = 0.5 + sum of basis times sh, clamped at 0 from below.
         origin: (3,) float64, world coordinates of the means' zero, for scenes too far from the
             world's zero for float32; nothing else depends on it.
+        response: the rule that the Gaussians are drawn by, with G = exp(-D^2 / 2), D the smallest
+            Mahalanobis distance along a ray. "maximum": alpha = opacity x G, as 3DGS and its
+            viewers do. "extinction": alpha = 1 - (1 - opacity)^G, as matter that absorbs light.
+            "density": the optical depth also follows the Gaussian's length along the ray, relative
+            to the harmonic mean of its scales; drawn in float64 only.
 
     Arrays are stored C-contiguous, as float64 if `means` is float64 and as float32 otherwise.
 
     Raises:
-        InputError: shapes disagree.
+        InputError: shapes disagree, or the response is unknown.
     """
 
     means: np.ndarray
@@ -132,10 +139,17 @@ class Gaussians(ParameterArrays):
     sh: np.ndarray
     if TYPE_CHECKING:
         origin: np.ndarray = NO_ORIGIN
-    else:  # not one of the fields, which are arrays of N rows; `dataclasses.replace` keeps it
+        response: str = RESPONSES[0]
+    else:  # not of the fields, which are arrays of N rows; `dataclasses.replace` keeps them
         origin: dataclasses.InitVar[np.ndarray] = NO_ORIGIN
+        response: dataclasses.InitVar[str] = RESPONSES[0]
 
-    def __post_init__(self, origin: np.ndarray = NO_ORIGIN) -> None:  # noqa: RUF033
+    def __post_init__(
+        self, origin: np.ndarray = NO_ORIGIN, response: str = RESPONSES[0]  # noqa: RUF033
+    ) -> None:
+        if response not in RESPONSES:
+            raise InputError(f'response "{response}" is unknown; known: {", ".join(RESPONSES)}')
+        self.response = response
         widths = {"means": (3,), "quats": (4,), "log_scales": (3,), "opacity_logits": ()}
         self.read_arrays(origin, widths)
 

@@ -35,10 +35,13 @@ def merge_gaussians(scenes: Sequence[Gaussians]) -> Gaussians:
         All Gaussians, relative to the first scene's origin; harmonics that a scene lacks are 0.
 
     Raises:
-        InputError: there is no scene.
+        InputError: there is no scene, or their responses differ.
     """
     if not scenes:
         raise InputError("there are no scenes to merge; give at least one")
+    if len({g.response for g in scenes}) > 1:
+        found = ", ".join(g.response for g in scenes)
+        raise InputError(f"scenes can be merged if they have one response, found {found}")
     origin = scenes[0].origin
     most = max(g.sh.shape[1] for g in scenes)
     parts = []

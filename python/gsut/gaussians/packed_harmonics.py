@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.gaussians.arrays import NO_ORIGIN, Gaussians
+from gsut.gaussians.arrays import NO_ORIGIN, RESPONSES, Gaussians
 
 # Degrees change at multiples of this number of rows, so that each vector of the core has one.
 _ROWS_TOGETHER = 16
@@ -29,7 +29,7 @@ class MixedGaussians:
         sh: (S,) float32: the (degree + 1)^2 coefficients of three channels of each Gaussian, one
             Gaussian after the other.
         degree_ends: entry d: the number of Gaussians of degree d or more; entry 0 is N.
-        origin: as in `Gaussians`.
+        origin, response: as in `Gaussians`.
 
     Raises:
         InputError: shapes disagree.
@@ -43,10 +43,15 @@ class MixedGaussians:
     degree_ends: tuple[int, ...]
     if TYPE_CHECKING:
         origin: np.ndarray = NO_ORIGIN
+        response: str = RESPONSES[0]
     else:
         origin: dataclasses.InitVar[np.ndarray] = NO_ORIGIN
+        response: dataclasses.InitVar[str] = RESPONSES[0]
 
-    def __post_init__(self, origin: np.ndarray = NO_ORIGIN) -> None:  # noqa: RUF033
+    def __post_init__(
+        self, origin: np.ndarray = NO_ORIGIN, response: str = RESPONSES[0]  # noqa: RUF033
+    ) -> None:
+        self.response = response
         self.origin = np.array(origin, np.float64)
         ends = self.degree_ends
         if (
@@ -119,7 +124,7 @@ class MixedGaussians:
         for rows, band in self.split_bands():
             sh[rows, : band.shape[1]] = band
         arrays = (self.means, self.quats, self.log_scales, self.opacity_logits, sh)
-        return Gaussians(*arrays, self.origin)
+        return Gaussians(*arrays, self.origin, self.response)
 
 
 _GEOMETRY = ("means", "quats", "log_scales", "opacity_logits")
@@ -159,7 +164,7 @@ def to_mixed(gaussians: Gaussians, degrees: np.ndarray | None = None) -> MixedGa
         begin = max(begin, ends[degree])
     return MixedGaussians(
         g.means[order], g.quats[order], g.log_scales[order], g.opacity_logits[order],
-        np.concatenate(pieces), tuple(ends), g.origin,
+        np.concatenate(pieces), tuple(ends), g.origin, g.response,
     )  # fmt: skip
 
 

@@ -17,7 +17,7 @@ def copy_rows(arrays: Gaussians, size: int, capacity: int) -> Gaussians:
         new = np.zeros((capacity, *old.shape[1:]), np.float32)
         new[:size] = old[:size]
         rows.append(new)
-    return Gaussians(*rows)
+    return Gaussians(*rows, response=arrays.response)
 
 
 def to_mask_bytes(visible: np.ndarray | None) -> np.ndarray | None:

@@ -236,7 +236,11 @@ class GaussianOptimizer:
 
     @allow_one_thread
     def restart_with(self, gaussians: Gaussians) -> GaussianOptimizer:
-        """Returns an optimizer of other Gaussians, with zero moments, that keeps counting steps."""
+        """Returns an optimizer of other Gaussians, with zero moments, that keeps counting steps.
+
+        The response stays: it belongs to the run.
+        """
+        gaussians = dataclasses.replace(gaussians, response=self.arrays[0].response)
         new = GaussianOptimizer(gaussians, seed=self.seed, surfels=self.surfels)
         new.steps = self.steps
         return new
@@ -272,7 +276,10 @@ class GaussianOptimizer:
             if name not in state:
                 raise InputError(f"the optimizer state has no {name}")
         params, moment1, moment2 = (
-            Gaussians(*(state[f"{prefix}.{name}"] for name in FIELDS)) for prefix in _SETS
+            Gaussians(
+                *(state[f"{prefix}.{name}"] for name in FIELDS), response=self.arrays[0].response
+            )
+            for prefix in _SETS
         )
         sizes = {len(rows) for rows in (params, moment1, moment2)}
         sizes |= {len(state[name]) for name in _STATISTICS}

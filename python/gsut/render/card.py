@@ -21,6 +21,9 @@ from gsut.render.soundness import sum_bits
 ON_CARD = "card"  # stands for the renderer of an image that a graphics card drew
 
 _DEVICES = ("cpu", "gpu")
+# What forward.wgsl draws.
+_RESPONSE = "maximum"
+_ORDERS = ("distance", "z")
 _GROUP = 256  # threads of a workgroup, in all shaders
 _MOST_GROUPS = 65535  # of one dispatch, by WebGPU's limits
 _RADIX_BITS = 4  # of the keys that one pass of the sort looks at
@@ -283,7 +286,7 @@ def _describe_view(place: np.ndarray, rule: Any) -> np.ndarray:
     rows = [
         [*high, np.log2(rule.alpha_min)], [*(center - high), cutoff],
         [*rotation[0], rule.alpha_max], [*rotation[1], rule.transmittance_min],
-        [*rotation[2], float(rule.order_by_z)],
+        [*rotation[2], float(rule.order == "z")],
         [*np.clip([rule.near_z, rule.far_z], -_LARGEST, _LARGEST), float(rule.stop_before), 0],
     ]  # fmt: skip
     return np.array(rows, np.float32)
@@ -327,6 +330,10 @@ def draw_on_card(
         )
     if len(gaussians) == 0:
         raise CardRefusal("there are no Gaussians")
+    if gaussians.response != _RESPONSE or rule.order not in _ORDERS:
+        raise CardRefusal(
+            f"it knows the response {_RESPONSE} and the orders {' and '.join(_ORDERS)} only"
+        )
     try:
         return card.draw(gaussians, mark, camera, place, rule, sh_degree)
     except (CardRefusal, InputError):

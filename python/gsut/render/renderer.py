@@ -104,12 +104,25 @@ class Gradients:
         return f"Gradients(to {self.gaussians}{touched}{', lens' if self.lens is not None else ''})"
 
 
-def _blend_rule(parity: str | None, blend: BlendRule | None) -> BlendRule:
+def _blend_rule(parity: str | None, blend: BlendRule | None, order: str | None) -> BlendRule:
+    if blend is not None and parity is not None:
+        raise InputError("give parity or blend, not both")
+    if order is None:
+        return BlendRule(parity or "") if blend is None else blend
     if blend is not None:
-        if parity is not None:
-            raise InputError("give parity or blend, not both")
-        return blend
-    return BlendRule(parity or "")
+        raise InputError("give order or blend, which has an order, not both")
+    rule = BlendRule(parity or "")
+    rule.order = order
+    return rule
+
+
+def _set_response(gaussians: Any, response: str | None) -> Any:
+    """Returns the Gaussians with another response; None: as they are."""
+    if response is None:
+        return gaussians
+    if not isinstance(gaussians, Gaussians):
+        raise InputError("a response belongs to Gaussians in memory with logits; leave it out")
+    return dataclasses.replace(gaussians, response=response)
 
 
 def render(
@@ -123,6 +136,8 @@ def render(
     background: Sequence[float] | np.ndarray | None = (0.0, 0.0, 0.0),
     parity: str | None = None,
     blend: BlendRule | None = None,
+    order: str | None = None,
+    response: str | None = None,
     sh_degree: int = 3,
     unscented: Sequence[float] = DEFAULT_UNSCENTED,
     dtype: str = "float32",
@@ -148,6 +163,12 @@ def render(
             `alpha`).
         parity: blending rules of "gsplat" or "3dgrut"; None: gsut's own (distance order).
         blend: a `BlendRule` of your own in place of parity.
+        order: "distance": Gaussians are blended in the order of their means' distance from the
+            camera; "z": of their camera z; "ray": in the order in which each pixel's own ray, under
+            a rolling shutter from its own place, passes them; "integral": not in an order, they
+            overlap as densities, and the light along the ray is integrated to 1e-12. The last two
+            in float64 only, and the integral without a gradient. None: as parity or blend say.
+        response: see `Gaussians`; None: the Gaussians' own.
         sh_degree: harmonics above this degree are ignored.
         unscented: alpha, beta, kappa of the transform that bounds each Gaussian's tiles.
         dtype: "float32": tiled and vectorised. "float64": the scalar reference, every Gaussian at
@@ -166,8 +187,8 @@ def render(
             their number. The graphics card cannot draw this image.
 
     Raises:
-        InputError: shapes, poses, shutter, parity, dtype or device are wrong, or memory does not
-            suffice.
+        InputError: shapes, poses, shutter, parity, order, response, dtype or device are wrong or
+            do not go together, or memory does not suffice.
     """
     check_fits(
         f"an image of {camera.width} x {camera.height} of {len(gaussians):,} Gaussians",
@@ -175,7 +196,7 @@ def render(
         + (0 if isinstance(gaussians, StoredGaussians) else _LISTED_BYTES * len(gaussians)),
         "render a smaller one (--size), or fewer Gaussians (gsut compact)",
     )
-    rule = _blend_rule(parity, blend)
+    rule, gaussians = _blend_rule(parity, blend, order), _set_response(gaussians, response)
     color, behind = _read_background(background, camera)
     if sh_degree < 0:
         raise InputError(f"sh_degree must be 0 to 3, found {sh_degree}")

@@ -111,7 +111,8 @@ def make_view(
 ) -> View:  # fmt: skip
     """Makes what all cameras of a batch share: lens model, size, rules and shutter."""
     rule = BlendRule("gsplat")
-    rule.near_z, rule.far_z, rule.order_by_z = near_plane, far_plane, global_z_order
+    rule.near_z, rule.far_z = near_plane, far_plane
+    rule.order = "z" if global_z_order else "distance"
     direction = _SHUTTERS[_read_shutter(rolling_shutter)]
     return View(
         lenses.model, width, height, rule,

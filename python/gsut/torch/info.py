@@ -45,7 +45,7 @@ def project_view(view: View, place: Place, radius_clip: float = 0.0) -> dict[str
     seen = inside.all(axis=1) & (depths >= view.rule.near_z) & (depths <= view.rule.far_z)
     small = (reach <= radius_clip).all(axis=1) & (reach > 0).all(axis=1)
     seen &= ~small
-    if not view.rule.order_by_z:
+    if view.rule.order != "z":
         depths = found.depths
     return {
         "radii": np.where(seen[:, None], reach, 0).astype(np.int32),

@@ -35,7 +35,7 @@ void ScalarRenderer::BackwardTile(int tile, const float* dimage) {
     }
     for (std::uint32_t j = evaluated_[p]; j-- > 0;) {
       const Splat& s = splats_[list[j]];
-      Response hit;
+      RayResponse hit;
       if (!EvaluateResponse(s.whiten, s.whitened, s.opacity, ray, cutoffs, &hit)) {
         continue;
       }

@@ -211,7 +211,7 @@ void ScalarRenderer::RenderTile(int tile, float* image, float* alpha) {
     std::uint32_t evaluated = 0, blended = 0;
     for (std::uint32_t j = 0; j < count; ++j) {
       const Splat& s = splats_[list[j]];
-      Response hit;
+      RayResponse hit;
       if (!EvaluateResponse(s.whiten, s.whitened, s.opacity, ray, cutoffs, &hit)) {
         continue;
       }

@@ -18,7 +18,7 @@ inline void Cross3(const float* a, const float* b, float* out) {
 }
 
 // A ray and a Gaussian: what forward and backward both need.
-struct Response {
+struct RayResponse {
   float unit[3];   // u = A d / |A d|
   float cross[3];  // A m x u, of squared length D^2
   float inverse_length;
@@ -38,7 +38,7 @@ struct Cutoffs {
 // Whether the rule draws the Gaussian on the ray d. whiten: A = S^-1 R^T, row-major; whitened: A m,
 // m the mean, both about the camera centre.
 inline bool EvaluateResponse(const float* whiten, const float* whitened, float opacity,
-                             const float* ray, const Cutoffs& cutoffs, Response* out) {
+                             const float* ray, const Cutoffs& cutoffs, RayResponse* out) {
   const float w[3] = {Dot3(whiten, ray), Dot3(whiten + 3, ray), Dot3(whiten + 6, ray)};
   out->inverse_length = 1.0f / std::sqrt(Dot3(w, w));
   for (int k = 0; k < 3; ++k) out->unit[k] = w[k] * out->inverse_length;

@@ -1,8 +1,8 @@
 // The backward pass of one tile of rays from one point: gradients of each pair's linear forms,
 // opacity, colour and distance.
 //
-// blend_backward-inl.h gives h = alpha dL/dalpha and dL/dx for each pixel. With R = 1 / (z^2 + k N)
-// and u = N R (frame.h), alpha = opacity 2^(kappa u) and x = depth z R lead on to the forms:
+// blend_backward-inl.h gives h = raw dL/draw and dL/dx for each pixel. With R = 1 / (z^2 + k N)
+// and u = N R (frame.h), raw = strength 2^(kappa u) and x = depth z R lead on to the forms:
 //   du/dp = 2 p R (1 - k u),         du/dz = -2 u R z,
 //   dx/dp = -2 depth k z R^2 p,      dx/dz = depth (R - 2 z^2 R^2),   q as p.
 // dL/dp = ln 2 kappa h du/dp + dL/dx dx/dp, and so on. The factor 2 ln 2 kappa, and for z the sign,
@@ -34,7 +34,7 @@ enum RayField {
   kFieldZ,
   kFieldReciprocal,  // R, 0 where there is no hit
   kFieldU,
-  kFieldAlpha,  // 0 where there is no hit, negative where it is clamped
+  kFieldAlpha,  // clamped; under extinction raw, and not clamped. 0 where there is no hit
   // Gradients to the ray, with rays only:
   kFieldToS,
   kFieldToT,
@@ -45,7 +45,7 @@ enum RayField {
 struct RecordVectors {
   static constexpr double kLn2 = 0.69314718055994530942;
   const float* r;
-  FloatVec k, kappa, log2_opacity, color[3];
+  FloatVec k, kappa, log2_strength, color[3];
   FloatVec depth;
   FloatVec depth_factor;  // depth / (ln 2 kappa): of dL/dx beside h
   FloatVec ray_scale;     // 2 ln 2 kappa
@@ -54,7 +54,7 @@ struct RecordVectors {
     const FloatTag d;
     k = hn::Set(d, r[record::kK]);
     kappa = hn::Set(d, r[record::kKappa]);
-    log2_opacity = hn::Set(d, r[record::kLog2Opacity]);
+    log2_strength = hn::Set(d, r[record::kLog2Strength]);
     GSUT_UNROLL for (int c = 0; c < 3; ++c) color[c] = hn::Set(d, r[record::kColor + c]);
     depth = hn::Set(d, r[record::kDepth]);
     depth_factor = hn::Set(d, r[record::kDepth] / (static_cast<float>(kLn2) * r[record::kKappa]));
@@ -62,8 +62,8 @@ struct RecordVectors {
   }
 };
 
-// Phase 1: evaluates the response again and leaves it in the block's fields.
-HWY_INLINE void RespondAgain(const RecordVectors& g, FloatVec alpha_max, BlockFields fields) {
+// Phase 1: evaluates the response again and leaves it in the block's fields; most: of kFieldAlpha.
+HWY_INLINE void RespondAgain(const RecordVectors& g, FloatVec most, BlockFields fields) {
   const RayForms forms = FormsAlong(g.r, fields.Get(kFieldS), fields.Get(kFieldT));
   const FloatMask hit = forms.IsHit();
   // A miss may hold infinities: they are taken out here.
@@ -74,8 +74,8 @@ HWY_INLINE void RespondAgain(const RecordVectors& g, FloatVec alpha_max, BlockFi
   fields.Set(kFieldZ, forms.z);
   fields.Set(kFieldReciprocal, reciprocal);
   fields.Set(kFieldU, u);
-  const FloatVec alpha = FastExp2(hn::MulAdd(g.kappa, u, g.log2_opacity));
-  fields.Set(kFieldAlpha, hn::IfThenElseZero(hit, hn::Min(alpha, alpha_max)));
+  const FloatVec raw = FastExp2(hn::MulAdd(g.kappa, u, g.log2_strength));
+  fields.Set(kFieldAlpha, hn::IfThenElseZero(hit, hn::Min(raw, most)));
 }
 
 // Adds (to_form, s to_form, t to_form), the gradient to a linear form of (1, s, t), to three sums.
@@ -92,8 +92,17 @@ HWY_INLINE void BackwardRays(BackwardFlags flags, const BlendLimits& limits, con
   const FloatVec reciprocal = fields.Get(kFieldReciprocal);
   const FloatVec z = fields.Get(kFieldZ);
   const FloatVec unit_distance = flags.with_depth ? hn::Mul(z, reciprocal) : hn::Zero(d);
-  const auto [h, to_distance] = StepOver(flags, limits, g.color, fields.Get(kFieldAlpha),
-                                         hn::Mul(g.depth, unit_distance), fields, sums, pair);
+  FloatVec alpha = fields.Get(kFieldAlpha);
+  if (HWY_UNLIKELY(limits.is_extinction)) {
+    alpha = hn::Min(ExtinctionAlpha(alpha), limits.alpha_max);
+  }
+  const auto [to_raw, to_distance] =
+      StepOver(flags, limits, g.color, alpha, hn::Mul(g.depth, unit_distance), fields, sums, pair);
+  FloatVec h = to_raw;
+  if (HWY_UNLIKELY(limits.is_extinction)) {
+    const FloatVec ln2 = hn::Set(d, static_cast<float>(RecordVectors::kLn2));
+    h = hn::Mul(h, hn::Mul(ln2, fields.Get(kFieldAlpha)));
+  }
   const FloatVec u = fields.Get(kFieldU);
   const FloatVec hr = hn::Mul(h, reciprocal);
   const FloatVec hru = hn::Mul(hr, u);
@@ -161,6 +170,8 @@ HWY_INLINE void BackwardTile(BackwardFlags flags, const RasterTask& task, const 
   const TileAxes from_tile = FromTileAxes(grid, tile);
   const float* center = &grid.center[static_cast<std::size_t>(tile) * kDirectionSize];
   const BlendLimits limits(task);
+  const FloatVec most =
+      hn::Set(d, task.is_extinction ? hwy::HighestValue<float>() : task.alpha_max);
   const TileEntry* entries = &frame->entries[frame->tile_begin[tile]];
   for (std::uint32_t e = 0; e < count; ++e) {
     FetchAhead(*frame, entries + e, count - e);
@@ -173,7 +184,7 @@ HWY_INLINE void BackwardTile(BackwardFlags flags, const RasterTask& task, const 
     // First all alphas, then the blend: the first is wide and without order, the second needs the
     // registers for its sums. In one loop both take a fifth longer.
     for (std::uint64_t todo = entries[e].blocks; todo != 0; todo &= todo - 1) {
-      RespondAgain(g, limits.alpha_max, fields.Block(__builtin_ctzll(todo)));
+      RespondAgain(g, most, fields.Block(__builtin_ctzll(todo)));
     }
     for (std::uint64_t todo = entries[e].blocks; todo != 0; todo &= todo - 1) {
       const int block = __builtin_ctzll(todo);

@@ -23,7 +23,7 @@ namespace HWY_NAMESPACE {
 // once more, with the same bits, and blend all channels.
 void ChannelsForward(const RasterTask& task, const TileGrid& grid, int tile, Frame* frame,
                      float* image) {
-  CentralChunk kernel(grid, tile, *frame);
+  CentralChunk kernel(task, grid, tile, *frame);
   BlendChannels(task, grid, tile, kernel, frame);
   WriteChannels(task.channels, grid, tile, *frame, image);
 }

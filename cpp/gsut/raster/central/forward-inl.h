@@ -29,8 +29,10 @@ class CentralChunk {
     FloatVec s, t;
   };
 
-  HWY_INLINE CentralChunk(const TileGrid& grid, int tile, const Frame& frame)
-      : grid_(grid),
+  HWY_INLINE CentralChunk(const RasterTask& task, const TileGrid& grid, int tile,
+                          const Frame& frame)
+      : is_extinction_(task.is_extinction),
+        grid_(grid),
         frame_(frame),
         axes_(ToTileAxes(grid, tile)),
         center_(&grid.center[static_cast<std::size_t>(tile) * kDirectionSize]),
@@ -59,7 +61,7 @@ class CentralChunk {
     return {hn::Load(d, &grid_.s[o]), hn::Load(d, &grid_.t[o])};
   }
 
-  // alpha = min(limit, opacity 2^(kappa u)), 0 where there is no hit, and the distance, depth z /
+  // alpha = min(limit, alpha of raw = strength 2^(kappa u)), 0 where there is no hit, and the distance, depth z /
   // (z^2 + k N), in units of the ray. Step by step for all kJam at once, so that they overlap.
   HWY_INLINE void Respond(const Pixels& pixels, const int* index, FloatMask open, FloatVec limit,
                           FloatVec* alpha, FloatVec* distance, FloatMask* hit) const {
@@ -74,9 +76,12 @@ class CentralChunk {
     GSUT_UNROLL for (int i = 0; i < kJam; ++i) reciprocal[i] = FastReciprocal(reciprocal[i]);
     GSUT_UNROLL for (int i = 0; i < kJam; ++i) {
       alpha[i] = hn::MulAdd(Value(record::kKappa, index[i]), hn::Mul(n[i], reciprocal[i]),
-                            Value(record::kLog2Opacity, index[i]));
+                            Value(record::kLog2Strength, index[i]));
     }
     GSUT_UNROLL for (int i = 0; i < kJam; ++i) alpha[i] = FastExp2(alpha[i]);
+    if (HWY_UNLIKELY(is_extinction_)) {
+      GSUT_UNROLL for (int i = 0; i < kJam; ++i) alpha[i] = ExtinctionAlpha(alpha[i]);
+    }
     GSUT_UNROLL for (int i = 0; i < kJam; ++i) {
       alpha[i] = hn::IfThenElseZero(hit[i], hn::Min(alpha[i], limit));
       distance[i] = hn::Mul(Value(record::kDepth, index[i]), hn::Mul(z[i], reciprocal[i]));
@@ -88,6 +93,7 @@ class CentralChunk {
  private:
   HWY_INLINE FloatVec Value(int k, int j) const { return hn::Set(FloatTag(), rows_[j][k]); }
 
+  const bool is_extinction_;
   const TileGrid& grid_;
   const Frame& frame_;
   const TileAxes axes_;

@@ -88,7 +88,7 @@ HWY_INLINE void GaussianGradients(const RasterTask& task, std::int64_t first, co
   LaneMask seen;
   Lane sums[16];
   if (!LoadSlotSums(g, task.sh_rows, first, frame, to, &seen, sums)) return;
-  const SeenLanes s = LoadSeen(g, first, view, task.log2_alpha_min, task.max_cutoff);
+  const SeenLanes s = LoadSeen(g, first, view, task.log2_raw_min, task.max_cutoff);
   const RecordLanes r = MakeRecord(s);
   const FormGradients forms(r.kappa, sums);
   const Lane inverse_distance = Lane(1.0) / s.distance;
@@ -126,7 +126,7 @@ HWY_INLINE void GaussianGradients(const RasterTask& task, std::int64_t first, co
     out.mean[k] += (to_direction[k] - direction[k] * along) * inverse_distance;
     out.mean[k] = Select(seen, out.mean[k], Lane(0.0));
   }
-  out.logit = OpacityGradient(s, g.is_linear, sums[slot::kH]);
+  out.logit = OpacityGradient(s, g.response, g.is_linear, sums[slot::kH]);
   StoreGradients(out, s, seen, first, to.rows);
   if (dpose == nullptr) return;
   const std::int64_t available = HWY_MIN(g.size - first, static_cast<std::int64_t>(kLanes));

@@ -46,8 +46,9 @@ HWY_INLINE AlphaSlopes EvaluateSlopes(bool stop_before, const BlendLimits& limit
   const FloatVec reciprocal = hn::IfThenElseZero(hit, FastReciprocal(sum));
   const FloatVec kappa = hn::Set(d, r[record::kKappa]);
   const FloatVec raw = FastExp2(
-      hn::MulAdd(kappa, hn::Mul(forms.n, reciprocal), hn::Set(d, r[record::kLog2Opacity])));
-  out.alpha = hn::IfThenElseZero(hit, hn::Min(raw, limits.alpha_max));
+      hn::MulAdd(kappa, hn::Mul(forms.n, reciprocal), hn::Set(d, r[record::kLog2Strength])));
+  const FloatVec alpha = limits.is_extinction ? ExtinctionAlpha(raw) : raw;
+  out.alpha = hn::IfThenElseZero(hit, hn::Min(alpha, limits.alpha_max));
   FloatVec left = hn::NegMulAdd(out.alpha, out.transmittance, out.transmittance);
   if (stop_before) {
     const FloatMask ends = hn::And(hit, hn::Le(left, limits.stop));
@@ -57,7 +58,12 @@ HWY_INLINE AlphaSlopes EvaluateSlopes(bool stop_before, const BlendLimits& limit
   }
   fields.Set(kSlopeT, left);
   // dalpha/ds = factor (z (p p_s + q q_s) - N z_s); 0 where alpha is clamped.
-  const FloatVec moving = hn::IfThenElseZero(hn::Lt(raw, limits.alpha_max), out.alpha);
+  FloatVec moving = hn::IfThenElseZero(hn::Lt(alpha, limits.alpha_max), out.alpha);
+  if (limits.is_extinction) {  // raw dalpha/draw
+    const FloatVec left = hn::Sub(hn::Set(d, 1.0f), out.alpha);
+    const FloatVec slope = hn::Mul(hn::Mul(hn::Set(d, kTwoLn2 / 2.0f), raw), left);
+    moving = hn::IfThenElseZero(hn::Gt(moving, hn::Zero(d)), slope);
+  }
   const FloatVec factor = hn::Mul(hn::Mul(hn::Set(d, kTwoLn2), hn::Mul(kappa, moving)),
                                   hn::Mul(forms.z, hn::Mul(reciprocal, reciprocal)));
   const auto by_direction = [&](int j) HWY_ATTR {

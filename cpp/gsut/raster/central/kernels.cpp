@@ -98,7 +98,7 @@ void Records(const RasterTask& task, const TileGrid& grid, const Splats& splats,
     if (!any) continue;
     const NextHarmonics next(task.sh_rows, i);
     const SeenLanes g =
-        LoadSeen(task.gaussians, i, task.view, task.log2_alpha_min, task.max_cutoff);
+        LoadSeen(task.gaussians, i, task.view, task.log2_raw_min, task.max_cutoff);
     const RecordLanes r = MakeRecord(g);
     Lane direction[3], color[3];
     const Lane inverse_distance = Lane(1.0) / g.distance;
@@ -116,7 +116,7 @@ void Records(const RasterTask& task, const TileGrid& grid, const Splats& splats,
     const Lane red = Max(color[0], Lane(0.0)), green = Max(color[1], Lane(0.0)),
                blue = Max(color[2], Lane(0.0)), depth = Select(is_sharp, -g.distance, g.distance);
     const Lane columns[record::kSize] = {r.a[0], r.a[1], r.a[2], r.b[0], r.b[1],  r.b[2],
-                                         r.c[0], r.c[1], r.c[2], r.k,    r.kappa, g.log2_opacity,
+                                         r.c[0], r.c[1], r.c[2], r.k,    r.kappa, g.log2_strength,
                                          red,    green,  blue,   depth};
     const std::size_t first = static_cast<std::size_t>(i);
     StoreColumns(columns, record::kSize, count, &frame->records[first * record::kSize]);
@@ -141,7 +141,7 @@ void Records(const RasterTask& task, const TileGrid& grid, const Splats& splats,
 void Forward(const RasterTask& task, const TileGrid& grid, int tile, Frame* frame, float* image,
              float* alpha, float* depth, float* distortion) {
   WithForwardFlags(task, [&](auto with_depth, auto stop_before) HWY_ATTR {
-    CentralChunk chunk(grid, tile, *frame);
+    CentralChunk chunk(task, grid, tile, *frame);
     BlendTile(with_depth, stop_before, task, grid, tile, chunk, frame);
   });
   WritePixels(grid, tile, *frame, task.background, task.with_depth, image, alpha, depth,

@@ -1,7 +1,7 @@
 // The backward pass of one tile of lines: sums over each pair's pixels, and gradients to the lines.
 //
-// blend_backward-inl.h gives h = alpha dL/dalpha and dL/dx for each pixel. With r the residual over
-// k and u = |r|^2 (pair-inl.h), alpha = opacity exp(-k^2 u / 2) gives -k^2 h r as gradient to r.
+// blend_backward-inl.h gives h = raw dL/draw and dL/dx for each pixel. With r the residual over
+// k and u = |r|^2 (pair-inl.h), raw = strength exp(-k^2 u / 2) gives -k^2 h r as gradient to r.
 // r = M (mean - nearest point) / k, and moving along the line changes no |r|, so that
 //   dL/d(M mean) = -k q,  q = h r + g w,  w = (w_x, w_y, 1),
 //   g = -sd / k dL/dx / (1 + w_x^2 + w_y^2),
@@ -113,13 +113,19 @@ HWY_INLINE ResidualGradient BackwardResidual(BackwardFlags flags, const BlendLim
   const FloatMask is_hit = IsHit(hit, line);
   // A miss may be anywhere: its weight 0 must not meet infinity.
   const auto of_hit = [&](FloatVec v) HWY_ATTR { return hn::IfThenElseZero(is_hit, v); };
-  const FloatVec alpha =
-      FastExp2(hn::MulAdd(chunk.Get(C::kKappa, j), hit.u, chunk.Get(C::kLog2Opacity, j)));
+  const FloatVec raw =
+      FastExp2(hn::MulAdd(chunk.Get(C::kKappa, j), hit.u, chunk.Get(C::kLog2Strength, j)));
+  const FloatVec alpha = HWY_UNLIKELY(limits.is_extinction) ? ExtinctionAlpha(raw) : raw;
   const FloatVec color[3] = {chunk.Get(C::kRed, j), chunk.Get(C::kGreen, j),
                              chunk.Get(C::kBlue, j)};
-  const auto [h, to_distance] =
+  const auto [to_raw, to_distance] =
       StepOver(flags, limits, color, of_hit(hn::Min(alpha, limits.alpha_max)),
                of_hit(hn::Sub(hit.x, line.slide)), fields, sums, pair);
+  FloatVec h = to_raw;
+  if (HWY_UNLIKELY(limits.is_extinction)) {
+    constexpr float kLn2 = 0.69314718055994530942f;
+    h = hn::Mul(h, of_hit(hn::Mul(hn::Set(d, kLn2), raw)));
+  }
   sums[slot::kH] = hn::Add(sums[slot::kH], h);
   ResidualGradient out;
   out.x = of_hit(hit.x);
@@ -224,7 +230,7 @@ HWY_INLINE void BackwardLines(BackwardFlags flags, const RasterTask& task, const
   HWY_ALIGN float columns[16][kBackwardPairs];  // sums, a pair a column
   for (std::uint32_t first = 0; first < count; first += kBackwardPairs) {
     const int here = static_cast<int>(HWY_MIN(count - first, std::uint32_t{kBackwardPairs}));
-    chunk.Fill(frame->records.data(), bundle, task.log2_alpha_min, task.max_cutoff, here,
+    chunk.Fill(frame->records.data(), bundle, task.log2_raw_min, task.max_cutoff, here,
                [&](int j) { return entries[first + static_cast<std::uint32_t>(j)].gaussian; });
     for (int j = 0; j < here; ++j) {
       const std::uint32_t e = first + static_cast<std::uint32_t>(j);

@@ -37,7 +37,7 @@ class LineKernel {
 
   HWY_INLINE void Fill(const TilePair* pairs, int count, int /*available*/,
                        std::uint64_t* blocks_of) {
-    chunk_.Fill(frame_.records.data(), bundle_, task_.log2_alpha_min, task_.max_cutoff, count,
+    chunk_.Fill(frame_.records.data(), bundle_, task_.log2_raw_min, task_.max_cutoff, count,
                 [&](int j) { return pairs[j].gaussian; });
     for (int j = 0; j < count; ++j) {
       blocks_of[j] = chunk_.TouchedBlocks(j, boxes_, kBlockStride, bundle_[LineBundle::kSlide]);
@@ -46,7 +46,7 @@ class LineKernel {
 
   HWY_INLINE LinePixels LoadPixels(std::size_t o) const { return LoadLines(grid_, o); }
 
-  // alpha = min(limit, opacity 2^(kappa u)), 0 where there is no hit, and the distance from the
+  // alpha = min(limit, alpha of raw = strength 2^(kappa u)), 0 where there is no hit, and the distance from the
   // line's own origin.
   HWY_INLINE void Respond(const LinePixels& lines, const int* index, FloatMask open, FloatVec limit,
                           FloatVec* alpha, FloatVec* distance, FloatMask* hit) const {
@@ -55,7 +55,8 @@ class LineKernel {
       hit[i] = hn::And(open, IsHit(response, lines));
       distance[i] = hn::Sub(response.x, lines.slide);
       alpha[i] = FastExp2(hn::MulAdd(chunk_.Get(LineChunk::kKappa, index[i]), response.u,
-                                     chunk_.Get(LineChunk::kLog2Opacity, index[i])));
+                                     chunk_.Get(LineChunk::kLog2Strength, index[i])));
+      if (HWY_UNLIKELY(task_.is_extinction)) alpha[i] = ExtinctionAlpha(alpha[i]);
       alpha[i] = hn::IfThenElseZero(hit[i], hn::Min(alpha[i], limit));
     }
   }

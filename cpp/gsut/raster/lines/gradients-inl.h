@@ -38,7 +38,7 @@ HWY_INLINE void LineGradients(const RasterTask& task, bool is_parallel, std::int
   LaneMask seen;
   Lane sums[16];
   if (!LoadSlotSums(g, task.sh_rows, first, frame, to, &seen, sums)) return;
-  const SeenLanes s = LoadSeen(g, first, view, task.log2_alpha_min, task.max_cutoff);
+  const SeenLanes s = LoadSeen(g, first, view, task.log2_raw_min, task.max_cutoff);
   ParameterGradients out;
   const Lane k = Sqrt(s.cutoff);
   Lane to_mean[3];  // camera frame
@@ -78,7 +78,7 @@ HWY_INLINE void LineGradients(const RasterTask& task, bool is_parallel, std::int
       dshading[(is_parallel ? 3 : 0) + j] += static_cast<double>(v[i]);
     }
   }
-  out.logit = OpacityGradient(s, g.is_linear, sums[slot::kH]);
+  out.logit = OpacityGradient(s, g.response, g.is_linear, sums[slot::kH]);
   StoreGradients(out, s, seen, first, to.rows);
 }
 

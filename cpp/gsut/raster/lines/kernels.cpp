@@ -40,7 +40,7 @@ void LineRecords(const RasterTask& task, const LineGrid& grid, std::int64_t begi
     const int count = static_cast<int>(HWY_MIN(end - i, static_cast<std::int64_t>(kLanes)));
     const NextHarmonics next(task.sh_rows, i);
     const SeenLanes g =
-        LoadSeen(task.gaussians, i, task.view, task.log2_alpha_min, task.max_cutoff);
+        LoadSeen(task.gaussians, i, task.view, task.log2_raw_min, task.max_cutoff);
     Lane direction[3], color[3];
     ShadingDirection(g, task.view, grid.is_parallel, direction);
     ColorOf(task.gaussians.sh, task.sh_rows, task.sh_degree, i, direction, color);
@@ -58,7 +58,7 @@ void LineRecords(const RasterTask& task, const LineGrid& grid, std::int64_t begi
       }
       columns[line_record::kColor + k] = Max(color[k], Lane(0.0));
     }
-    columns[line_record::kLog2Opacity] = g.log2_opacity;
+    columns[line_record::kLog2Strength] = g.log2_strength;
     StoreColumns(columns, record::kSize, count,
                  &frame->records[static_cast<std::size_t>(i) * record::kSize]);
     const bool by_z = task.order_by_z || grid.is_parallel;
@@ -77,7 +77,7 @@ void LineRecords(const RasterTask& task, const LineGrid& grid, std::int64_t begi
       if (!((bits >> k) & 1)) continue;
       const float* row = &frame->records[j * record::kSize];
       frame->rects[j] =
-          LineTileRect(grid, row, task.log2_alpha_min, task.max_cutoff, rows.get(), spans);
+          LineTileRect(grid, row, task.log2_raw_min, task.max_cutoff, rows.get(), spans);
       if (frame->rects[j].x0 < frame->rects[j].x1) splats->status[j] = SplatStatus::kUncertain;
     }
   }

@@ -36,7 +36,7 @@ namespace HWY_NAMESPACE {
 namespace line_record {
 inline constexpr int kMean = 0;    // 3 floats, reference frame
 inline constexpr int kWhiten = 3;  // M by rows: 9 floats
-inline constexpr int kLog2Opacity = 12;
+inline constexpr int kLog2Strength = 12;
 inline constexpr int kColor = 13;  // 3 floats
 }  // namespace line_record
 
@@ -55,12 +55,12 @@ struct GaussianLanes {
   Lane mean[3], whiten[3][3];
   Lane variance[3];     // along its axes
   Lane inverse_volume;  // 1 / (s1 s2 s3), as the norms of M's rows
-  Lane log2_opacity, cutoff, k, inverse_k;
+  Lane log2_strength, cutoff, k, inverse_k;
 };
 
 // load(k): float k of the records.
 template <class Load>
-HWY_INLINE GaussianLanes LoadGaussians(float log2_alpha_min, float max_cutoff, Load&& load) {
+HWY_INLINE GaussianLanes LoadGaussians(float log2_raw_min, float max_cutoff, Load&& load) {
   GaussianLanes g;
   g.inverse_volume = Lane(1.0);
   for (int k = 0; k < 3; ++k) {
@@ -70,9 +70,9 @@ HWY_INLINE GaussianLanes LoadGaussians(float log2_alpha_min, float max_cutoff, L
     g.variance[k] = Lane(1.0) / square;
     g.inverse_volume *= Sqrt(square);
   }
-  g.log2_opacity = load(line_record::kLog2Opacity);
+  g.log2_strength = load(line_record::kLog2Strength);
   constexpr double kTwoLn2 = 1.38629436111989061883;
-  g.cutoff = Min(Lane(kTwoLn2) * (g.log2_opacity - Lane(log2_alpha_min)), Lane(max_cutoff));
+  g.cutoff = Min(Lane(kTwoLn2) * (g.log2_strength - Lane(log2_raw_min)), Lane(max_cutoff));
   g.k = Sqrt(g.cutoff);
   g.inverse_k = Lane(1.0) / g.k;
   return g;
@@ -206,7 +206,7 @@ struct LineChunk {
     kWyt,
     kReach,
     kKappa,
-    kLog2Opacity,
+    kLog2Strength,
     kRed,
     kGreen,
     kBlue,
@@ -227,7 +227,7 @@ struct LineChunk {
 
   // Sets up the Gaussians ids[0 .. count) for a tile.
   template <class Ids>
-  HWY_INLINE void Fill(const float* records, const float* bundle, float log2_alpha_min,
+  HWY_INLINE void Fill(const float* records, const float* bundle, float log2_raw_min,
                        float max_cutoff, int count, Ids&& ids) {
     const FloatTag d;
     Lane axes[9];
@@ -240,7 +240,7 @@ struct LineChunk {
         for (int k = 0; k < record::kSize; ++k) rows[k][i] = row[k];
       }
       const auto load = [&](int k) HWY_ATTR { return Lane(hn::Load(d, rows[k])); };
-      const GaussianLanes g = LoadGaussians(log2_alpha_min, max_cutoff, load);
+      const GaussianLanes g = LoadGaussians(log2_raw_min, max_cutoff, load);
       const LinePair p = PlaceInFrame(g, axes);
       const auto store = [&](int column, Lane value)
                              HWY_ATTR { hn::Store(value.v, d, values[column] + first); };
@@ -260,7 +260,7 @@ struct LineChunk {
       store(kReach, p.reach);
       constexpr double kHalfLog2E = 0.72134752044448170368;
       store(kKappa, Lane(-kHalfLog2E) * g.cutoff);
-      store(kLog2Opacity, g.log2_opacity);
+      store(kLog2Strength, g.log2_strength);
       for (int c = 0; c < 3; ++c) store(kRed + c, load(line_record::kColor + c));
       for (int k = 0; k < 3; ++k) {
         store(kQ1 + k, p.q1[k]);

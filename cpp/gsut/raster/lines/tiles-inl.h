@@ -102,10 +102,10 @@ HWY_INLINE void TouchGroup(const LineGrid& grid, const GaussianLanes& g, const T
 }
 
 // The tiles of the Gaussian with this record; all of them that it may touch.
-HWY_INLINE TileRect LineTileRect(const LineGrid& grid, const float* row, float log2_alpha_min,
+HWY_INLINE TileRect LineTileRect(const LineGrid& grid, const float* row, float log2_raw_min,
                                  float max_cutoff, TouchedRows* rows, std::vector<RowSpan>* spans) {
   const auto load = [&](int k) HWY_ATTR { return Lane(row[k]); };
-  const GaussianLanes g = LoadGaussians(log2_alpha_min, max_cutoff, load);
+  const GaussianLanes g = LoadGaussians(log2_raw_min, max_cutoff, load);
   const TileWindow window = {0, grid.tiles.tiles_x, 0, grid.tiles.tiles_y};
   TileWindow hits = {window.x1, window.x0, window.y1, window.y0};
   rows->Clear(window);

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cmath>
 #include <cstddef>
 #include <cstdint>
 #include <vector>
@@ -21,7 +22,8 @@ struct Seen {
   Eigen::Vector3d relative;   // m = mean - reference's centre
   Eigen::Vector3d whitened;   // A m
   Eigen::Vector3d direction;  // shaded by: from the reference to the mean, or its axis
-  double opacity = 0;
+  double strength = 0;
+  double mean_scale = 0;  // harmonic mean of the scales
   Eigen::Vector3d color;
   bool clamped[3] = {false, false, false};
 };
@@ -29,9 +31,37 @@ struct Seen {
 // One blended Gaussian of a pixel.
 struct Hit {
   std::size_t seen;
-  double alpha, response, weight, t;
+  double alpha;
+  double response;  // what the strength is multiplied by
+  double weight, t;
   bool clamped;
 };
+
+// A pixel's ray in world axes, its origin relative to the reference's centre.
+struct Ray {
+  Eigen::Vector3d origin, direction;
+};
+
+// Where a ray passes a Gaussian. With w = A d and v = A (m - o), |v - t w|^2 is least at t =
+// v.w / |w|^2.
+struct Passing {
+  Eigen::Vector3d w, v, residual;  // residual = v - t w, across w
+  double t, w2;                    // w2 = |w|^2
+  double peak;                     // exp(-|residual|^2 / 2)
+
+  Passing(const Seen& s, const Ray& ray)
+      : w(s.whiten * ray.direction), v(s.whitened - s.whiten * ray.origin) {
+    w2 = w.squaredNorm();
+    t = v.dot(w) / w2;
+    residual = v - t * w;
+    peak = std::exp(-0.5 * residual.squaredNorm());
+  }
+  // The standard deviation along the ray, in units of t.
+  double Width() const { return 1.0 / std::sqrt(w2); }
+};
+
+// What the strength of a Gaussian is multiplied by along a ray that is infinite in both directions.
+double ResponseOfLine(const Seen& s, const Ray& ray, const Passing& at, Response response);
 
 // Coefficients of the harmonics that are used, of those that are stored.
 int UsedCoefficients(int sh_coefficients, int sh_degree);
@@ -40,16 +70,11 @@ int UsedCoefficients(int sh_coefficients, int sh_degree);
 std::vector<Seen> SortedGaussians(const GaussiansView<const double>& g, const ViewRays& view,
                                   const RenderSettings& settings);
 
-// A pixel's ray in world axes, its origin relative to the reference's centre.
-struct Ray {
-  Eigen::Vector3d origin, direction;
-};
-
 Ray RayOf(const ViewRays& view, std::size_t pixel);
 
 // Blends all Gaussians along one ray; fills hits and returns the final transmittance.
 double Blend(const std::vector<Seen>& seen, const Ray& ray, const BlendRule& rule,
-             std::vector<Hit>* hits);
+             Response response, std::vector<Hit>* hits);
 
 // Coverage and mean distance of a pixel, which its distortion is about.
 struct MeanDistance {

@@ -14,6 +14,7 @@
 #include "gsut/gaussians/activations.h"
 #include "gsut/gaussians/harmonics.h"
 #include "gsut/raster/reference/blend_ray.h"
+#include "gsut/raster/reference/integral.h"
 
 namespace gsut {
 namespace {
@@ -36,6 +37,9 @@ int UsedCoefficients(int sh_coefficients, int sh_degree) {
 std::vector<Seen> SortedGaussians(const GaussiansView<const double>& g, const ViewRays& view,
                                   const RenderSettings& settings) {
   settings.rule.Check();
+  if (g.is_linear && g.response != Response::kMaximum) {
+    throw InputError("linear opacities are drawn by the maximum only");
+  }
   const Pose& pose = view.reference;
   const Vector3d center = pose.CenterInSource();
   std::vector<Seen> seen;
@@ -56,16 +60,17 @@ std::vector<Seen> SortedGaussians(const GaussiansView<const double>& g, const Vi
     if (s.relative.isZero(0.0) && !view.is_parallel) continue;
     const double z = pose.rotation.row(2) * s.relative;
     if (!(z >= settings.rule.near_z && z <= settings.rule.far_z)) continue;
-    const bool by_distance = settings.rule.order == OrderKey::kDistance && !view.is_parallel;
+    const bool by_distance = settings.rule.order != OrderKey::kDepthZ && !view.is_parallel;
     s.key = static_cast<float>(by_distance ? s.relative.norm() : z);
     Vector3d scale(g.log_scales + 3 * i);
     if (!g.is_linear) scale = scale.array().exp().matrix();
     if (g.is_linear && scale.minCoeff() == 0.0) continue;  // without extent: not drawn
     s.whiten = scale.cwiseInverse().asDiagonal() * Rotation(g.quats + 4 * i).transpose();
     s.whitened = s.whiten * s.relative;
-    s.opacity = g.Opacity(i);
+    s.mean_scale = 3.0 / scale.cwiseInverse().sum();
+    s.strength = g.Strength(i);
     if (!(scale.allFinite() && s.whiten.allFinite() && s.whitened.allFinite() &&
-          std::isfinite(s.opacity))) {
+          std::isfinite(s.strength))) {
       throw InputError("Gaussian " + std::to_string(i) +
                        " has a quaternion, scale or opacity that is not finite");
     }
@@ -95,30 +100,55 @@ Ray RayOf(const ViewRays& view, std::size_t pixel) {
   return ray;
 }
 
-// Along o + t d the exponent |A (m - o) - t A d|^2 is least at t = v.w / |w|^2, v = A (m - o) and w
-// = A d. A Gaussian whose nearest point lies behind the origin is not drawn.
+double ResponseOfLine(const Seen& s, const Ray& ray, const Passing& at, Response response) {
+  if (response != Response::kDensity) return at.peak;
+  return at.peak * at.Width() * ray.direction.norm() / s.mean_scale;
+}
+
+namespace {
+
+// Whether a Gaussian is drawn, and what it takes of the ray's light. One whose nearest point lies
+// behind the origin is not drawn.
+bool Meet(const Seen& s, const Ray& ray, const BlendRule& rule, Response response, Hit* hit) {
+  const Passing at(s, ray);
+  hit->t = at.t;
+  if (!(at.t > 0.0 && at.peak > rule.response_min)) return false;
+  hit->response = ResponseOfLine(s, ray, at, response);
+  if (response == Response::kDensity) hit->response *= NormalCdf(at.t / at.Width());
+  const double alpha = AlphaOf(response, s.strength * hit->response);
+  hit->clamped = alpha > rule.alpha_max;
+  hit->alpha = hit->clamped ? rule.alpha_max : alpha;
+  return hit->alpha >= rule.alpha_min;
+}
+
+}  // namespace
+
 double Blend(const std::vector<Seen>& seen, const Ray& ray, const BlendRule& rule,
-             std::vector<Hit>* hits) {
+             Response response, std::vector<Hit>* hits) {
   hits->clear();
+  if (rule.order == OrderKey::kIntegral) return Integrate(seen, ray, rule, response, hits);
   double transmittance = 1.0;
-  for (std::size_t j = 0; j < seen.size(); ++j) {
-    const Seen& s = seen[j];
-    const Vector3d w = s.whiten * ray.direction;
-    const Vector3d whitened = s.whitened - s.whiten * ray.origin;
-    const double t = whitened.dot(w) / w.squaredNorm();
-    if (!(t > 0.0)) continue;
-    const Vector3d residual = whitened - t * w;
-    const double response = std::exp(-0.5 * residual.squaredNorm());
-    if (!(response > rule.response_min)) continue;
-    const double raw = s.opacity * response;
-    const bool clamped = raw > rule.alpha_max;
-    const double alpha = clamped ? rule.alpha_max : raw;
-    if (!(alpha >= rule.alpha_min)) continue;
-    const double next = transmittance * (1.0 - alpha);
-    if (rule.stop_before && next <= rule.transmittance_min) break;
-    hits->push_back({j, alpha, response, alpha * transmittance, t, clamped});
+  const auto blend = [&](Hit hit) {  // whether the next one is blended
+    const double next = transmittance * (1.0 - hit.alpha);
+    if (rule.stop_before && next <= rule.transmittance_min) return false;
+    hit.weight = hit.alpha * transmittance;
+    hits->push_back(hit);
     transmittance = next;
-    if (!rule.stop_before && next < rule.transmittance_min) break;
+    return rule.stop_before || !(next < rule.transmittance_min);
+  };
+  std::vector<Hit> met;
+  Hit hit = {};
+  for (hit.seen = 0; hit.seen < seen.size(); ++hit.seen) {
+    if (!Meet(seen[hit.seen], ray, rule, response, &hit)) continue;
+    if (rule.order == OrderKey::kRay) {
+      met.push_back(hit);
+    } else if (!blend(hit)) {
+      break;
+    }
+  }
+  std::stable_sort(met.begin(), met.end(), [](const Hit& a, const Hit& b) { return a.t < b.t; });
+  for (const Hit& next : met) {
+    if (!blend(next)) break;
   }
   return transmittance;
 }
@@ -141,7 +171,8 @@ ReferenceImage RenderReference(const GaussiansView<const double>& gaussians, con
     for (std::int64_t pixel = begin; pixel < end; ++pixel) {
       const std::size_t p = static_cast<std::size_t>(pixel);
       if (!view.valid[p] || (chosen != nullptr && !chosen[p])) continue;
-      const double transmittance = Blend(seen, RayOf(view, p), settings.rule, &hits);
+      const double transmittance =
+          Blend(seen, RayOf(view, p), settings.rule, gaussians.response, &hits);
       Vector3d color = Vector3d::Zero();
       for (const Hit& hit : hits) {
         color += hit.weight * seen[hit.seen].color;

@@ -5,10 +5,12 @@
 #include <cstdint>
 #include <vector>
 
+#include "gsut/base/errors.h"
 #include "gsut/base/parallel.h"
 #include "gsut/gaussians/activations.h"
 #include "gsut/gaussians/harmonics.h"
 #include "gsut/raster/reference/blend_ray.h"
+#include "gsut/raster/reference/integral.h"
 #include "gsut/raster/reference/reference.h"
 
 namespace gsut {
@@ -24,7 +26,8 @@ constexpr int kBackwardBands = 8;
 struct GradientSums {
   Matrix3d whiten = Matrix3d::Zero();
   Vector3d whitened = Vector3d::Zero();  // to A m, chained to mean and whiten at the end
-  double opacity = 0;
+  double strength = 0;
+  double log_mean_scale = 0;  // to the logarithm of Seen::mean_scale
   Vector3d color = Vector3d::Zero();
   Eigen::VectorXd channels;
 };
@@ -39,14 +42,14 @@ struct PixelGradient {
   Vector3d ray = Vector3d::Zero(), origin = Vector3d::Zero();
 };
 
-// With w = A d, v = A (m - o), t = v.w / |w|^2 and residual r = v - t w, which is across w:
+// With w = A d, v = A (m - o), t = v.w / |w|^2 and residual r = v - t w (Passing):
 //   D^2 = |r|^2:  dD^2/dv = 2 r,  dD^2/dw = -2 t r;
 //   t:            dt/dv = w / |w|^2,  dt/dw = (v - 2 t w) / |w|^2.
 // The blend itself is taken back to front: T_i = T_(i+1) / (1 - alpha_i), see
 // raster/blend_backward-inl.h for v_i and B_i.
 // Adds one pixel's gradients to the sums of what it sees; hits, transmittance: of Blend.
 PixelGradient BackwardPixel(const std::vector<Seen>& seen, const Ray& ray,
-                            const std::vector<Hit>& hits, double transmittance,
+                            const std::vector<Hit>& hits, double transmittance, Response response,
                             const Vector3d& background, const Channels<double>& channels,
                             const ShownGradient& from, std::vector<GradientSums>* sums) {
   using Eigen::Map;
@@ -78,16 +81,23 @@ PixelGradient BackwardPixel(const std::vector<Seen>& seen, const Ray& ray,
     behind += hit.weight * value;
     after = before;
     gs.color += hit.weight * from.color;
-    const double g_raw = hit.clamped ? 0.0 : g_this_alpha;
-    gs.opacity += g_raw * hit.response;
-    const double v = -0.5 * g_raw * s.opacity * hit.response;                 // dL/dD^2
-    const double e = hit.weight * (from.depth + 2.0 * g_distortion * apart);  // dL/dt
-    const Vector3d w = s.whiten * ray.direction;
-    const Vector3d whitened = s.whitened - s.whiten * ray.origin;
-    const double w2 = w.squaredNorm();
-    const Vector3d residual = whitened - hit.t * w;
-    const Vector3d g_whitened = 2.0 * v * residual + (e / w2) * w;
-    const Vector3d g_w = -2.0 * v * hit.t * residual + (e / w2) * (whitened - 2.0 * hit.t * w);
+    const double g_raw = hit.clamped ? 0.0 : g_this_alpha * AlphaSlope(response, hit.alpha);
+    gs.strength += g_raw * hit.response;
+    const Passing at(s, ray);
+    const double g_log = g_raw * s.strength * hit.response;             // dL/dln raw
+    double e = hit.weight * (from.depth + 2.0 * g_distortion * apart);  // dL/dt
+    Vector3d g_w = Vector3d::Zero();
+    if (response == Response::kDensity) {
+      // raw holds |d| / (|w| mean_scale) P(u), u = t |w|, P the normal distribution.
+      const double u = hit.t / at.Width();
+      const double hazard = NormalDensity(u) / NormalCdf(u);
+      e += g_log * hazard / at.Width();
+      g_w = g_log * (hazard * u - 1.0) / at.w2 * at.w;
+      out.ray += g_log / ray.direction.squaredNorm() * ray.direction;
+      gs.log_mean_scale -= g_log;
+    }
+    const Vector3d g_whitened = -g_log * at.residual + (e / at.w2) * at.w;
+    g_w += g_log * hit.t * at.residual + (e / at.w2) * (at.v - 2.0 * hit.t * at.w);
     gs.whitened += g_whitened;
     gs.whiten += g_w * ray.direction.transpose() - g_whitened * ray.origin.transpose();
     out.ray += s.whiten.transpose() * g_w;
@@ -130,13 +140,14 @@ void WriteGradients(const Seen& s, GradientSums total, const GaussiansView<const
   }
 
   Eigen::Map<Vector3d>(gradients.means + 3 * i) = g_relative;
-  gradients.opacity_logits[i] = total.opacity * gaussians.OpacitySlope(s.opacity);
+  gradients.opacity_logits[i] = total.strength * gaussians.StrengthSlope(s.strength);
   // A = S^-1 R^T: row k of A is column k of R divided by the scale k.
   Matrix3d g_rotation;
   for (int k = 0; k < 3; ++k) {
     const double scale = gaussians.Scale(i, k);
-    gradients.log_scales[3 * i + k] =
-        -total.whiten.row(k).dot(s.whiten.row(k)) * gaussians.LogScaleSlope(scale);
+    const double to_log_scale = total.log_mean_scale * s.mean_scale / (3.0 * scale) -
+                                total.whiten.row(k).dot(s.whiten.row(k));
+    gradients.log_scales[3 * i + k] = to_log_scale * gaussians.LogScaleSlope(scale);
     g_rotation.col(k) = total.whiten.row(k).transpose() / scale;
   }
   const Eigen::Matrix<double, 3, 3, Eigen::RowMajor> g_rotation_rows = g_rotation;
@@ -150,6 +161,9 @@ void RenderReferenceBackward(const GaussiansView<const double>& gaussians, const
                              const RenderSettings& settings, const ReferenceGradients& to_image,
                              const GaussiansView<double>& gradients, RayGradients* ray_gradients,
                              ShadingGradient* shading, const std::uint8_t* chosen) {
+  if (settings.rule.order == OrderKey::kIntegral) {
+    throw InputError("order \"integral\" has no gradient; with one: distance, z, ray");
+  }
   const std::vector<Seen> seen = SortedGaussians(gaussians, view, settings);
   const int height = view.height;
   const int width = view.width;
@@ -172,7 +186,8 @@ void RenderReferenceBackward(const GaussiansView<const double>& gaussians, const
         const std::size_t p = static_cast<std::size_t>(row) * width + column;
         if (!view.valid[p] || (chosen != nullptr && !chosen[p])) continue;
         const Ray ray = RayOf(view, p);
-        const double transmittance = Blend(seen, ray, settings.rule, &hits);
+        const double transmittance =
+            Blend(seen, ray, settings.rule, gaussians.response, &hits);
         const auto to = [p](const double* gradient) { return gradient ? gradient[p] : 0.0; };
         ShownGradient shown = {Eigen::Map<const Vector3d>(to_image.image + 3 * p),
                                to(to_image.alpha),
@@ -185,7 +200,8 @@ void RenderReferenceBackward(const GaussiansView<const double>& gaussians, const
               channels.count);
         }
         const PixelGradient g =
-            BackwardPixel(seen, ray, hits, transmittance, background, channels, shown, &sum);
+            BackwardPixel(seen, ray, hits, transmittance, gaussians.response, background, channels,
+                          shown, &sum);
         Eigen::Map<Vector3d>(&ray_gradients->rays[3 * p]) = rotation * g.ray;
         Eigen::Map<Vector3d>(&ray_gradients->origins[3 * p]) = rotation * g.origin;
       }
@@ -210,7 +226,8 @@ void RenderReferenceBackward(const GaussiansView<const double>& gaussians, const
     for (const std::vector<GradientSums>& sum : sums) {
       total.whiten += sum[j].whiten;
       total.whitened += sum[j].whitened;
-      total.opacity += sum[j].opacity;
+      total.strength += sum[j].strength;
+      total.log_mean_scale += sum[j].log_mean_scale;
       total.color += sum[j].color;
       to_channels += sum[j].channels;
     }

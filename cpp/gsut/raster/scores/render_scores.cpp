@@ -92,7 +92,7 @@ void Renderer::AddSignificance(const std::uint8_t* chosen, double* significance,
     TileWalk walk(scene, number, chosen);
     std::array<double, kTilePixels> most{};
     walk.Run([&](std::uint32_t e, const WalkGaussian& g, int offset, const WalkHit& hit) {
-      sums[e] += g.opacity * hit.transmittance;
+      sums[e] += scene.gaussians.Opacity(g.index) * hit.transmittance;
       double& best = most[static_cast<std::size_t>(offset)];
       if (!(hit.weight > best)) return;
       best = hit.weight;
@@ -122,9 +122,9 @@ void Renderer::AddFisher(const std::uint8_t* chosen, double* fisher) const {
       const Vector3d& color = colors[e].color;
       behind -= hit.weight * color;
       const Vector3d dcolor_dalpha = hit.transmittance * color - behind / (1.0 - hit.alpha);
-      // alpha = opacity exp(-D^2 / 2); D^2 changes with the mean by 2 A^T r, with scale k by
+      // raw = strength exp(-D^2 / 2); D^2 changes with the mean by 2 A^T r, with scale k by
       // -2 r_k^2 / s_k (the nearest point is stationary).
-      const double factor = hit.clamped ? 0.0 : -hit.alpha;
+      const double factor = -hit.slope;
       const Vector3d by_mean = factor * (g.whiten.transpose() * hit.residual);
       const Vector3d by_scale = -factor * hit.residual.cwiseAbs2().cwiseQuotient(g.scale);
       for (int c = 0; c < 3; ++c) {

@@ -144,14 +144,13 @@ void Renderer::SurfaceBackward(const float* dnormals, const GaussiansView<float>
       const double value = to.dot(at.normal);
       double& behind = rest[static_cast<std::size_t>(offset)];
       behind -= hit.weight * value;
-      const double to_alpha =
-          hit.clamped ? 0.0 : hit.transmittance * value - behind / (1.0 - hit.alpha);
+      const double to_alpha = hit.transmittance * value - behind / (1.0 - hit.alpha);
       // Through the unit vector to A^T y, y = A m - 2 t w, with t = (A m . w) / w^2 and w = A d.
       const Vector3d to_sum = hit.weight / at.length * (to - value * at.normal);
       const Vector3d to_y = g.whiten * to_sum;
       const double w2 = at.w.squaredNorm();
       const double to_along = -2.0 * at.w.dot(to_y);
-      const double to_distance = -to_alpha * hit.alpha;  // twice the gradient to D^2
+      const double to_distance = -to_alpha * hit.slope;  // twice the gradient to D^2
       const Vector3d to_whitened = to_y + to_along / w2 * at.w + to_distance * hit.residual;
       const Vector3d to_w = -2.0 * hit.along * to_y + to_along / w2 * at.in_whitened -
                             to_distance * hit.along * hit.residual;
@@ -160,7 +159,7 @@ void Renderer::SurfaceBackward(const float* dnormals, const GaussiansView<float>
                             at.in_whitened * to_sum.transpose() -
                             to_whitened * walk.PointAt(offset, 0.0).transpose();
       Map<Vector3d>(sum + kToWhitened) += to_whitened;
-      sum[kToOpacity] += to_alpha * hit.alpha / g.opacity;
+      sum[kToOpacity] += to_alpha * hit.slope / g.strength;
     });
   };
   std::vector<double> sums(static_cast<std::size_t>(gradients.size) * kSums, 0.0);
@@ -179,7 +178,7 @@ void Renderer::SurfaceBackward(const float* dnormals, const GaussiansView<float>
       Map<Eigen::Vector3f>(gradients.means + 3 * i) +=
           (g.whiten.transpose() * to_whitened).cast<float>();
       gradients.opacity_logits[i] +=
-          static_cast<float>(sum[kToOpacity] * scene.gaussians.OpacitySlope(g.opacity));
+          static_cast<float>(sum[kToOpacity] * scene.gaussians.StrengthSlope(g.strength));
       // A = S^-1 R^T: row k of A is column k of R divided by the scale k.
       Eigen::Matrix<double, 3, 3, Eigen::RowMajor> to_rotation;
       for (int k = 0; k < 3; ++k) {

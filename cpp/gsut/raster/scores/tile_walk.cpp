@@ -25,7 +25,7 @@ WalkGaussian WalkGaussianOf(const WalkScene& scene, std::int64_t index) {
                Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(rotation).transpose();
   out.whitened = out.whiten * (Map<const Eigen::Vector3f>(g.means + 3 * index).cast<double>() -
                                scene.camera_from_world.CenterInSource());
-  out.opacity = g.Opacity(index);
+  out.strength = g.Strength(index);
   return out;
 }
 
@@ -79,9 +79,11 @@ bool TileWalk::Evaluate(const WalkGaussian& g, int offset, WalkHit* hit) const {
   hit->residual = whitened - hit->along * w;
   const double response = std::exp(-0.5 * hit->residual.squaredNorm());
   if (!(response > rule.response_min)) return false;
-  const double raw = g.opacity * response;
-  hit->clamped = raw > rule.alpha_max;
-  hit->alpha = hit->clamped ? rule.alpha_max : raw;
+  const double raw = g.strength * response;
+  const Response kind = scene_.gaussians.response;
+  const double alpha = AlphaOf(kind, raw);
+  hit->alpha = std::min(alpha, rule.alpha_max);
+  hit->slope = alpha > rule.alpha_max ? 0.0 : raw * AlphaSlope(kind, alpha);
   return hit->alpha >= rule.alpha_min;
 }
 

@@ -32,7 +32,7 @@ struct WalkGaussian {
   Eigen::Matrix3d whiten;    // A = S^-1 R^T
   Eigen::Vector3d whitened;  // A m
   Eigen::Vector3d scale;
-  double opacity = 0;
+  double strength = 0;
 };
 
 WalkGaussian WalkGaussianOf(const WalkScene& scene, std::int64_t index);
@@ -40,9 +40,9 @@ WalkGaussian WalkGaussianOf(const WalkScene& scene, std::int64_t index);
 // One blended Gaussian of one pixel.
 struct WalkHit {
   double alpha, transmittance, weight;  // transmittance in front of it; weight = their product
+  double slope;                         // raw dalpha / draw, raw = strength x response; 0: clamped
   double along;                         // of the nearest point, in lengths of the direction
   Eigen::Vector3d residual;             // from the mean to the ray in whitened space, reversed
-  bool clamped;                         // alpha is the rule's alpha_max
 };
 
 // The pixels of one tile.

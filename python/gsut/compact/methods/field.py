@@ -19,7 +19,8 @@ _COSTS = (0.0, 0.1)
 def merge(gaussians: Gaussians, target: int, scores: np.ndarray | None, *_: Any) -> Gaussians:
     """Merges Gaussians to `target`, weighted by scores, or by opacity times size without them."""
     weights = None if scores is None else scores.astype(np.float32)
-    return Gaussians(*_core.merge_pairs(gaussians, target, weights, *_COSTS))
+    arrays = _core.merge_pairs(gaussians, target, weights, *_COSTS)
+    return Gaussians(*arrays, response=gaussians.response)
 
 
 METHOD = Method(merge, blend_weights)

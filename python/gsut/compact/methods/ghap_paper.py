@@ -20,7 +20,8 @@ def _reduce(
     seed: int,
     on_view: Callable[[], object],
 ) -> Gaussians:
-    return Gaussians(*_core.herd_paper(gaussians, target / len(gaussians), seed=seed))
+    arrays = _core.herd_paper(gaussians, target / len(gaussians), seed=seed)
+    return Gaussians(*arrays, response=gaussians.response)
 
 
 METHOD = Method(_reduce)

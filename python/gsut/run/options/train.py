@@ -42,7 +42,7 @@ class TrainOptions:
     FLAGS: ClassVar[tuple[str, ...]] = (
         *("preset", "steps", "seed", "threads", "scale", "max_side", "test_every", "shutter"),
         *("readout_time", "refine_poses", "refine_lens", "max_gaussians", "sh_degree"),
-        *("background", "exposure", "surface", "robust", "drop_blurred", "motion_blur"),
+        *("background", "response", "exposure", "surface", "robust", "drop_blurred", "motion_blur"),
     )
     _open: ClassVar[set[str]] = set()  # of each instance: what the preset gave; see presets.py
 
@@ -127,6 +127,11 @@ class TrainOptions:
     primitive: str = define_option(
         "gaussian", "Gaussians", "surfel: flat discs without a third scale, written as in 2DGS",
         choices=("gaussian", "surfel"),
+    )
+    response: str = define_option(
+        "maximum", "Gaussians", "how alpha follows from a Gaussian's opacity o and its response G; "
+        "maximum: o G, as in 3DGS and its viewers; extinction: 1 - (1 - o)^G, which other viewers "
+        "do not draw", choices=("maximum", "extinction"),
     )
     init: str = define_option(
         "auto", "Gaussians", "first Gaussians; points: the dataset's; random: inside the cameras' "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
@@ -118,6 +119,7 @@ def seed_first(scene: Scene, options: TrainOptions, more: Sequence[Colored] = ()
             min(o.init_count or _RANDOM_COUNT, o.max_gaussians), near=_RANDOM_NEAR * scene.extent,
             far=_RANDOM_FAR * scene.extent, **shape,
         )  # fmt: skip
+    first = dataclasses.replace(first, response=o.response)
     return to_surfels(first) if o.primitive == "surfel" else first
 
 
