@@ -7,6 +7,7 @@ form of the inverse covariance along each ray, harmonics from Legendre polynomia
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 
 import numpy as np
@@ -191,7 +192,6 @@ def integrate(
         levels.append(out)
     for power in (4, 16, 64):
         levels = [
-            (power * fine - coarse) / (power - 1)
-            for coarse, fine in zip(levels[:-1], levels[1:], strict=True)
+            (power * fine - coarse) / (power - 1) for coarse, fine in itertools.pairwise(levels)
         ]
     return levels[0][:, :3], levels[0][:, 4], levels[0][:, 3]

@@ -89,7 +89,7 @@ def _take_plain_colors(model: Gaussians) -> Gaussians:
     """Takes the colours without harmonics: what changes with the pose is the order alone."""
     plain = Gaussians(
         model.means, model.quats, model.log_scales, model.opacity_logits, model.sh[:, :1],
-        model.origin, model.response,
+        model.origin, response=model.response,
     )  # fmt: skip
     return plain.with_origin((0.0, 0.0, 0.0)).to_dtype(np.float64)
 

@@ -30,7 +30,7 @@ from gsut.formats._format import (
 )
 from gsut.formats._origin import name_origin, prepare_for_file
 from gsut.formats.ply import NO_BACKGROUND, load_ply, open_ply, save_ply, save_ply_parts
-from gsut.gaussians import RESPONSES, Gaussians, are_surfels
+from gsut.gaussians import Gaussians, are_surfels
 
 __all__ = [
     "NO_BACKGROUND",
@@ -163,7 +163,7 @@ def save_gaussians(
         left_out += ("surfels: the file holds Gaussians a ten-thousandth as thick as wide",)
     if g.origin.any() and not chosen.keeps_origin:
         left_out += (f"where the scene lies: the file holds {name_origin(g.origin)}",)
-    if g.response != RESPONSES[0] and not chosen.keeps_response:
+    if g.response != Gaussians.RESPONSES[0] and not chosen.keeps_response:
         left_out += (
             f"the response {g.response}: the file is drawn by the maximum, which is another "
             "picture (gsut convert --for viewers brings it closer)",

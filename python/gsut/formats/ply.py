@@ -22,7 +22,6 @@ from gsut.formats._format import (
 )
 from gsut.formats._origin import format_origin, parse_origin, prepare_for_file
 from gsut.gaussians import (
-    RESPONSES,
     Gaussians,
     StoredGaussians,
     are_surfels,
@@ -248,7 +247,7 @@ def read_comments(path: str | os.PathLike[str]) -> list[str]:
 
 def _format_response(gaussians: Gaussians) -> list[str]:
     """Returns the comment that names the response; none for the maximum."""
-    is_common = gaussians.response == RESPONSES[0]
+    is_common = gaussians.response == Gaussians.RESPONSES[0]
     return [] if is_common else [_RESPONSE_KEY + gaussians.response]
 
 
@@ -262,13 +261,13 @@ def _parse_response(comments: Sequence[str], path: str | os.PathLike[str]) -> st
         if not comment.startswith(_RESPONSE_KEY):
             continue
         name = comment.removeprefix(_RESPONSE_KEY)
-        if name not in RESPONSES:
+        if name not in Gaussians.RESPONSES:
             raise InputError(
                 f'{os.fspath(path)}: the comment "{comment}" names an unknown response; known: '
-                f"{', '.join(RESPONSES)}; a newer gsut may have written it"
+                f"{', '.join(Gaussians.RESPONSES)}; a newer gsut may have written it"
             )
         return name
-    return RESPONSES[0]
+    return Gaussians.RESPONSES[0]
 
 
 def format_antialiased(antialiased: bool) -> str:

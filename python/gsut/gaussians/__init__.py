@@ -1,6 +1,6 @@
 """A scene's Gaussians: arrays, packed harmonics, seeding, editing, the low-pass filter."""
 
-from gsut.gaussians.arrays import RESPONSES, SH_C0, Gaussians, LinearGaussians
+from gsut.gaussians.arrays import SH_C0, Gaussians, LinearGaussians
 from gsut.gaussians.cut import (
     find_ground,
     merge_gaussians,
@@ -28,7 +28,6 @@ from gsut.gaussians.stored import (
 from gsut.gaussians.surfels import are_surfels, press_surfels, to_surfels
 
 __all__ = [
-    "RESPONSES",
     "SH_C0",
     "Gaussians",
     "LinearGaussians",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, cast
 
 import numpy as np
 
@@ -14,8 +14,7 @@ NO_ORIGIN = np.zeros(3)
 NO_ORIGIN.setflags(write=False)
 # First coefficient of the harmonics' basis: a colour is 0.5 + SH_C0 x sh + ...
 SH_C0 = 0.28209479177387814
-# How alpha follows from opacity and response, see `Gaussians`; the first is everyone's.
-RESPONSES = ("maximum", "extinction", "density")
+_MAXIMUM = "maximum"  # everyone's response
 _Arrays = TypeVar("_Arrays", bound="ParameterArrays")
 
 
@@ -132,6 +131,7 @@ class Gaussians(ParameterArrays):
         InputError: shapes disagree, or the response is unknown.
     """
 
+    RESPONSES: ClassVar[tuple[str, ...]] = (_MAXIMUM, "extinction", "density")
     means: np.ndarray
     quats: np.ndarray
     log_scales: np.ndarray
@@ -139,16 +139,19 @@ class Gaussians(ParameterArrays):
     sh: np.ndarray
     if TYPE_CHECKING:
         origin: np.ndarray = NO_ORIGIN
-        response: str = RESPONSES[0]
+        response: str = dataclasses.field(default=_MAXIMUM, kw_only=True)
     else:  # not of the fields, which are arrays of N rows; `dataclasses.replace` keeps them
         origin: dataclasses.InitVar[np.ndarray] = NO_ORIGIN
-        response: dataclasses.InitVar[str] = RESPONSES[0]
+        response: dataclasses.InitVar[str] = dataclasses.field(default=_MAXIMUM, kw_only=True)
 
     def __post_init__(
-        self, origin: np.ndarray = NO_ORIGIN, response: str = RESPONSES[0]  # noqa: RUF033
+        self,
+        origin: np.ndarray = NO_ORIGIN,  # noqa: RUF033
+        response: str = _MAXIMUM,  # noqa: RUF033
     ) -> None:
-        if response not in RESPONSES:
-            raise InputError(f'response "{response}" is unknown; known: {", ".join(RESPONSES)}')
+        if response not in self.RESPONSES:
+            known = ", ".join(self.RESPONSES)
+            raise InputError(f'response "{response}" is unknown; known: {known}')
         self.response = response
         widths = {"means": (3,), "quats": (4,), "log_scales": (3,), "opacity_logits": ()}
         self.read_arrays(origin, widths)

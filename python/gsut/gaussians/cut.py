@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -50,7 +51,9 @@ def merge_gaussians(scenes: Sequence[Gaussians]) -> Gaussians:
         sh[:, : g.sh.shape[1]] = g.sh
         parts.append(dataclasses.replace(g.with_origin(origin), sh=sh))
     fields = ("means", "quats", "log_scales", "opacity_logits", "sh")
-    joined = {name: np.concatenate([getattr(g, name) for g in parts]) for name in fields}
+    joined: dict[str, Any] = {
+        name: np.concatenate([getattr(g, name) for g in parts]) for name in fields
+    }
     return dataclasses.replace(parts[0], **joined)
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.gaussians.arrays import NO_ORIGIN, RESPONSES, Gaussians
+from gsut.gaussians.arrays import NO_ORIGIN, Gaussians
 
 # Degrees change at multiples of this number of rows, so that each vector of the core has one.
 _ROWS_TOGETHER = 16
@@ -43,13 +43,17 @@ class MixedGaussians:
     degree_ends: tuple[int, ...]
     if TYPE_CHECKING:
         origin: np.ndarray = NO_ORIGIN
-        response: str = RESPONSES[0]
+        response: str = dataclasses.field(default=Gaussians.RESPONSES[0], kw_only=True)
     else:
         origin: dataclasses.InitVar[np.ndarray] = NO_ORIGIN
-        response: dataclasses.InitVar[str] = RESPONSES[0]
+        response: dataclasses.InitVar[str] = dataclasses.field(
+            default=Gaussians.RESPONSES[0], kw_only=True
+        )
 
     def __post_init__(
-        self, origin: np.ndarray = NO_ORIGIN, response: str = RESPONSES[0]  # noqa: RUF033
+        self,
+        origin: np.ndarray = NO_ORIGIN,  # noqa: RUF033
+        response: str = Gaussians.RESPONSES[0],  # noqa: RUF033
     ) -> None:
         self.response = response
         self.origin = np.array(origin, np.float64)
@@ -124,7 +128,7 @@ class MixedGaussians:
         for rows, band in self.split_bands():
             sh[rows, : band.shape[1]] = band
         arrays = (self.means, self.quats, self.log_scales, self.opacity_logits, sh)
-        return Gaussians(*arrays, self.origin, self.response)
+        return Gaussians(*arrays, self.origin, response=self.response)
 
 
 _GEOMETRY = ("means", "quats", "log_scales", "opacity_logits")
@@ -164,7 +168,7 @@ def to_mixed(gaussians: Gaussians, degrees: np.ndarray | None = None) -> MixedGa
         begin = max(begin, ends[degree])
     return MixedGaussians(
         g.means[order], g.quats[order], g.log_scales[order], g.opacity_logits[order],
-        np.concatenate(pieces), tuple(ends), g.origin, g.response,
+        np.concatenate(pieces), tuple(ends), g.origin, response=g.response,
     )  # fmt: skip
 
 

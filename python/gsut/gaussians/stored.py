@@ -155,7 +155,9 @@ class StoredGaussians:
         k = (self.sh_degree + 1) ** 2
         shapes = {"means": (3,), "quats": (4,), "log_scales": (3,), "opacity_logits": (),
                   "sh": (k, 3)}  # fmt: skip
-        arrays = {name: np.empty((total, *shape), np.float32) for name, shape in shapes.items()}
+        arrays: dict[str, Any] = {
+            name: np.empty((total, *shape), np.float32) for name, shape in shapes.items()
+        }
         place, at = 0, 0
         while at < len(pieces):
             last = at + 1  # a run of pieces that stand together is one read

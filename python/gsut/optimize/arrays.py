@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
+from typing import Any
+
 import numpy as np
 
 from gsut.gaussians import Gaussians
@@ -18,6 +21,11 @@ def copy_rows(arrays: Gaussians, size: int, capacity: int) -> Gaussians:
         new[:size] = old[:size]
         rows.append(new)
     return Gaussians(*rows, response=arrays.response)
+
+
+def read_rows(like: Gaussians, state: dict[str, Any]) -> Gaussians:
+    """Returns Gaussians with the arrays of a state, drawn as `like`."""
+    return dataclasses.replace(like, **state)
 
 
 def to_mask_bytes(visible: np.ndarray | None) -> np.ndarray | None:

@@ -13,7 +13,7 @@ import numpy as np
 from gsut import _core
 from gsut._core import InputError
 from gsut.gaussians import Gaussians, are_surfels, order_by_morton_code, press_surfels, to_surfels
-from gsut.optimize.arrays import FIELDS, copy_rows, to_mask_bytes
+from gsut.optimize.arrays import FIELDS, copy_rows, read_rows, to_mask_bytes
 
 # Adam's beta 1, beta 2 and epsilon, as in 3DGS.
 ADAM = (0.9, 0.999, 1e-15)
@@ -236,10 +236,7 @@ class GaussianOptimizer:
 
     @allow_one_thread
     def restart_with(self, gaussians: Gaussians) -> GaussianOptimizer:
-        """Returns an optimizer of other Gaussians, with zero moments, that keeps counting steps.
-
-        The response stays: it belongs to the run.
-        """
+        """Returns an optimizer of other Gaussians, drawn as these, that keeps counting steps."""
         gaussians = dataclasses.replace(gaussians, response=self.arrays[0].response)
         new = GaussianOptimizer(gaussians, seed=self.seed, surfels=self.surfels)
         new.steps = self.steps
@@ -276,17 +273,13 @@ class GaussianOptimizer:
             if name not in state:
                 raise InputError(f"the optimizer state has no {name}")
         params, moment1, moment2 = (
-            Gaussians(
-                *(state[f"{prefix}.{name}"] for name in FIELDS), response=self.arrays[0].response
-            )
-            for prefix in _SETS
+            read_rows(rows, {name: state[f"{prefix}.{name}"] for name in FIELDS})
+            for prefix, rows in zip(_SETS, self.arrays, strict=True)
         )
         sizes = {len(rows) for rows in (params, moment1, moment2)}
         sizes |= {len(state[name]) for name in _STATISTICS}
         if len(sizes) != 1:
-            raise InputError(
-                f"the optimizer state has arrays of different lengths: {sorted(sizes)}"
-            )
+            raise InputError(f"the optimizer state has different lengths: {sorted(sizes)}")
         (size,) = sizes
         capacity = max(self.capacity, size)
         self.arrays, self.size = (params, moment1, moment2), size

@@ -107,22 +107,19 @@ class Gradients:
 def _blend_rule(parity: str | None, blend: BlendRule | None, order: str | None) -> BlendRule:
     if blend is not None and parity is not None:
         raise InputError("give parity or blend, not both")
-    if order is None:
-        return BlendRule(parity or "") if blend is None else blend
-    if blend is not None:
+    if blend is not None and order is not None:
         raise InputError("give order or blend, which has an order, not both")
-    rule = BlendRule(parity or "")
-    rule.order = order
+    rule = BlendRule(parity or "") if blend is None else blend
+    if order is not None:
+        rule.order = order
     return rule
 
 
 def _set_response(gaussians: Any, response: str | None) -> Any:
     """Returns the Gaussians with another response; None: as they are."""
-    if response is None:
-        return gaussians
-    if not isinstance(gaussians, Gaussians):
+    if response is not None and not isinstance(gaussians, Gaussians):
         raise InputError("a response belongs to Gaussians in memory with logits; leave it out")
-    return dataclasses.replace(gaussians, response=response)
+    return gaussians if response is None else dataclasses.replace(gaussians, response=response)
 
 
 def render(
@@ -163,12 +160,11 @@ def render(
             `alpha`).
         parity: blending rules of "gsplat" or "3dgrut"; None: gsut's own (distance order).
         blend: a `BlendRule` of your own in place of parity.
-        order: "distance": Gaussians are blended in the order of their means' distance from the
-            camera; "z": of their camera z; "ray": in the order in which each pixel's own ray, under
-            a rolling shutter from its own place, passes them; "integral": not in an order, they
-            overlap as densities, and the light along the ray is integrated to 1e-12. The last two
-            in float64 only, and the integral without a gradient. None: as parity or blend say.
-        response: see `Gaussians`; None: the Gaussians' own.
+        order: "distance" or "z": Gaussians are blended by their means' distance from the camera or
+            camera z; "ray": as each pixel's own ray passes them; "integral": they overlap as
+            densities, and the light along the ray is integrated to 1e-12. The last two in float64
+            only, the integral without a gradient. None: as parity or blend say.
+        response: in place of the Gaussians' own, which None leaves.
         sh_degree: harmonics above this degree are ignored.
         unscented: alpha, beta, kappa of the transform that bounds each Gaussian's tiles.
         dtype: "float32": tiled and vectorised. "float64": the scalar reference, every Gaussian at
@@ -187,8 +183,7 @@ def render(
             their number. The graphics card cannot draw this image.
 
     Raises:
-        InputError: shapes, poses, shutter, parity, order, response, dtype or device are wrong or
-            do not go together, or memory does not suffice.
+        InputError: an argument is wrong, some do not go together, or memory does not suffice.
     """
     check_fits(
         f"an image of {camera.width} x {camera.height} of {len(gaussians):,} Gaussians",

@@ -1,4 +1,4 @@
-"""Orders and responses of the double reference: second implementations, closed forms, hard cases."""
+"""Orders and responses of the double reference, by second implementations and closed forms."""
 
 import dataclasses
 
@@ -266,7 +266,7 @@ def test_render_rules_that_do_not_go_together_are_refused(rng, options, named):
 def test_render_backward_of_the_integral_names_orders_with_a_gradient(rng):
     g, pose = overlapping(rng, pinhole(8), "maximum", count=3)
     result = render(g, pinhole(8), pose, order="integral")
-    with pytest.raises(InputError, match="no gradient.*distance, z, ray"):
+    with pytest.raises(InputError, match=r"no gradient.*distance, z, ray"):
         gsut.render_backward(result, result.image)
 
 

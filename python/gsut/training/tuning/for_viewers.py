@@ -11,7 +11,7 @@ import numpy as np
 from gsut import _core
 from gsut._core import InputError
 from gsut.data import Scene
-from gsut.gaussians import RESPONSES, Gaussians
+from gsut.gaussians import Gaussians
 from gsut.lens import Camera
 from gsut.metrics import psnr
 from gsut.optimize import GaussianOptimizer, LearningRates, choose_view
@@ -100,7 +100,7 @@ def tune_for_viewers(
     shift, scene = near.world_offset - scene.world_offset, near
     # What viewers draw by; the teacher's pictures are of its own response.
     optimizer = GaussianOptimizer(
-        dataclasses.replace(teacher, response=RESPONSES[0]), seed=_SEED
+        dataclasses.replace(teacher, response=Gaussians.RESPONSES[0]), seed=_SEED
     )
     renderer, rule = _core.Renderer(), make_viewer_rule()
     shrink = PLAYCANVAS_SHRINK if for_playcanvas else 1.0
