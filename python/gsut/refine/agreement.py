@@ -34,7 +34,8 @@ def measure_agreement(photograph: np.ndarray, seen: np.ndarray, mask: np.ndarray
     Returns:
         0 to 1, of the parts that show texture; 0 if none does.
     """
-    factor = min(1.0, float(np.sqrt(_PIXELS / max(1, np.count_nonzero(mask)))))
+    counted = max(1, int(np.count_nonzero(mask)))
+    factor = min(1.0, float(np.sqrt(_PIXELS / counted)))
     height, width = mask.shape
     size = [max(1, round(side * factor)) for side in (width, height)]
     grey, drawn = (
