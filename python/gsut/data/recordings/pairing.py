@@ -62,7 +62,8 @@ def pair_recording(recording: Recording, on_error: OnError) -> Listing:
     listing = Listing(recording.path, trajectory.source, notes=list(recording.notes))
     named: set[int] = set()
     poses_of = recording.poses_of
-    is_named = not trajectory.is_timed and trajectory.labels is not None
+    labels = None if trajectory.is_timed else trajectory.labels
+    is_named = labels is not None
     if poses_of is None and is_named and all(m.from_body is None for m in mounts.values()):
         poses_of = OWN  # a pose of a picture is that of the camera that took it
     if is_named and poses_of == OWN:
@@ -84,8 +85,8 @@ def pair_recording(recording: Recording, on_error: OnError) -> Listing:
             poses = [pose for pose, keep in zip(poses, inside, strict=True) if keep]
             times = [time for time, keep in zip(times, inside, strict=True) if keep]
         _add_frames(listing, stream, mounts[stream.name], place, poses, times, recording)
-    if is_named:
-        rows = [label for i, label in enumerate(trajectory.labels) if i not in named]
+    if labels is not None:
+        rows = [label for i, label in enumerate(labels) if i not in named]
         listing.missing += rows
     if recording.points is not None:
         try:
