@@ -33,8 +33,8 @@ struct GaussiansView {
   Response response = Response::kMaximum;
 
   GaussiansView<const T> AsConst() const {
-    return {size,           sh_coefficients, means,     quats,   log_scales,
-            opacity_logits, sh,              is_linear, response};
+    return {size, sh_coefficients, means,   quats, log_scales, opacity_logits,
+            sh,   is_linear,       response};
   }
   // Of Gaussian i in double: its standard deviation along axis k, and its opacity.
   double Scale(std::int64_t i, int k) const {

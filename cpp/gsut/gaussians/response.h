@@ -11,8 +11,9 @@ namespace gsut {
 //   kExtinction  alpha = 1 - (1 - o)^G: the optical depth -ln(1 - o) is spread as G is. The alpha
 //                of the centre is the same, and coincident Gaussians add up as one.
 //   kDensity     alpha = 1 - exp(ln(1 - o) G P(t / s) s / s0), a density's line integral from the
-//                ray's origin: s the standard deviation along the ray, t the distance of the nearest
-//                point, P the normal distribution, s0 the harmonic mean of the three scales.
+//                ray's origin: s the standard deviation along the ray, t the distance of the
+//                nearest point, P the normal distribution, s0 the harmonic mean of the three
+//                scales.
 // All are alpha(strength x G): strength is o, or the optical depth -ln(1 - o).
 // Sources: Kerbl et al. 2023 (maximum); Celarek et al. 2025, "Does 3D Gaussian splatting need
 // accurate volumetric rendering?" (extinction as self-attenuation); Talegaonkar et al. 2025,

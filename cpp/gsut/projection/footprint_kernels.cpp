@@ -68,8 +68,7 @@ struct FootprintBlock : PointBlock {
 HWY_INLINE void PutGaussians(const FootprintTask& task, std::int64_t i, int v, int points,
                              FootprintBlock* block) {
   const LensDomain& domain = task.lens.domain;
-  const SeenLanes seen =
-      LoadSeen(task.gaussians, i, task.view, task.log2_raw_min, task.max_cutoff);
+  const SeenLanes seen = LoadSeen(task.gaussians, i, task.view, task.log2_raw_min, task.max_cutoff);
   const Visibility visibility = VisibilityOf(seen, domain.max_angle);
   WaitingFootprint& waiting = block->waiting[v];
   PlacedGaussian<Lane>& g = waiting.g;

@@ -26,8 +26,8 @@ struct SeenLanes {
   Lane scale[3];
   Lane opacity;
   Lane log2_strength;  // log2 of the opacity or, under extinction, of -log2(1 - opacity)
-  Lane cutoff;      // D^2 beyond which the Gaussian is not drawn
-  LaneMask usable;  // can be drawn at all: opacity above the cut-off
+  Lane cutoff;         // D^2 beyond which the Gaussian is not drawn
+  LaneMask usable;     // can be drawn at all: opacity above the cut-off
 };
 
 // Highway's Exp is garbage beyond 104: a larger exponent is taken as this one, the end of float.

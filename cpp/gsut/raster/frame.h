@@ -25,13 +25,13 @@ namespace gsut {
 //   D^2 = g^2 (x^2 + y^2) / (x^2 + y^2 + z^2); s = 1 / tau - 1 / g^2, tau the cut-off of D^2;
 //   k = 1 / (s g^2); p, q are x, y times sqrt(s) g, rotated so that a and b are orthogonal.
 namespace record {
-inline constexpr int kA = 0;             // a: 3 floats
-inline constexpr int kB = 3;             // b
-inline constexpr int kC = 6;             // c, scaled to c.(mean direction) = 1
-inline constexpr int kK = 9;             // k
-inline constexpr int kKappa = 10;        // kappa
+inline constexpr int kA = 0;              // a: 3 floats
+inline constexpr int kB = 3;              // b
+inline constexpr int kC = 6;              // c, scaled to c.(mean direction) = 1
+inline constexpr int kK = 9;              // k
+inline constexpr int kKappa = 10;         // kappa
 inline constexpr int kLog2Strength = 11;  // see SeenLanes
-inline constexpr int kColor = 12;        // 3 floats
+inline constexpr int kColor = 12;         // 3 floats
 inline constexpr int kDepth = 15;  // distance of the mean; negative: sharp, see sharp_records.h
 inline constexpr int kSize = 16;
 }  // namespace record

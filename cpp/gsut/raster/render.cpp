@@ -32,7 +32,8 @@ void CheckRule(const GaussiansView<const float>& gaussians, const BlendRule& rul
   }
   if (gaussians.response == Response::kDensity) {
     throw InputError(
-        "response \"density\" is drawn with dtype=\"float64\" only; in float32: maximum, extinction");
+        "response \"density\" is drawn with dtype=\"float64\" only; in float32: maximum, "
+        "extinction");
   }
 }
 

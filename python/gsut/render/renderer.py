@@ -13,8 +13,10 @@ from gsut import _core
 from gsut._core import BlendRule, InputError
 from gsut.gaussians import Gaussians, LinearGaussians, StoredGaussians
 from gsut.render.card import ON_CARD, check_device, draw_or_warn
+from gsut.render.confidence import Confidence
 from gsut.render.motion import convert_about_camera, place_about, read_motion
 from gsut.render.projection import DEFAULT_UNSCENTED
+from gsut.render.rules import make_rule, set_response
 from gsut.render.soundness import sum_bits, warn_of_undrawn
 from gsut.render.stored import StoredImage
 from gsut.render.surroundings import compute_surroundings
@@ -41,6 +43,10 @@ class Render:
         behind: (H, W, 3) what shows where the image is not covered, if not `background`.
         features: (H, W, D) sum of weight times feature, their background blended in; None without
             features.
+        color_sigma, depth_sigma: (H, W) bounds that 68 % of pixels keep, on the mean absolute
+            difference of their colours to a photograph, and of their depth / alpha; NaN: never seen
+        seen_views: (H, W) effective number of training views that show the same; 0: never seen.
+            These three are None without confidence.
     """
 
     image: np.ndarray
@@ -56,6 +62,9 @@ class Render:
     renderer: Any  # _core.Renderer, None for the double reference, or ON_CARD
     behind: np.ndarray | None = None
     features: np.ndarray | None = None
+    color_sigma: np.ndarray | None = None
+    depth_sigma: np.ndarray | None = None
+    seen_views: np.ndarray | None = None
     seen: Any = None  # what was read of Gaussians in a file, which the renderer goes on with
     _bits: int | None = None  # of the Gaussians as they were drawn
     _channels: dict[str, Any] = dataclasses.field(default_factory=dict, repr=False)
@@ -104,24 +113,6 @@ class Gradients:
         return f"Gradients(to {self.gaussians}{touched}{', lens' if self.lens is not None else ''})"
 
 
-def _blend_rule(parity: str | None, blend: BlendRule | None, order: str | None) -> BlendRule:
-    if blend is not None and parity is not None:
-        raise InputError("give parity or blend, not both")
-    if blend is not None and order is not None:
-        raise InputError("give order or blend, which has an order, not both")
-    rule = BlendRule(parity or "") if blend is None else blend
-    if order is not None:
-        rule.order = order
-    return rule
-
-
-def _set_response(gaussians: Any, response: str | None) -> Any:
-    """Returns the Gaussians with another response; None: as they are."""
-    if response is not None and not isinstance(gaussians, Gaussians):
-        raise InputError("a response belongs to Gaussians in memory with logits; leave it out")
-    return gaussians if response is None else dataclasses.replace(gaussians, response=response)
-
-
 def render(
     gaussians: Gaussians | LinearGaussians | StoredGaussians,
     camera: _core.Camera,
@@ -129,6 +120,7 @@ def render(
     *,
     features: np.ndarray | None = None,
     features_background: Sequence[float] | np.ndarray | None = None,
+    confidence: Confidence | None = None,
     shutter: _core.Shutter | str | None = None,
     background: Sequence[float] | np.ndarray | None = (0.0, 0.0, 0.0),
     parity: str | None = None,
@@ -152,6 +144,7 @@ def render(
             blended by the same weights, without harmonics and without a clamp. Colours of your own,
             labels, descriptors, depths along any axis.
         features_background: (D,) what shows behind the features; None stands for zeros.
+        confidence: from `gsut.rendering.measure_confidence`, for sigmas; in place of features.
         shutter: the `Shutter` of a pair of poses, or its direction: "top_to_bottom",
             "bottom_to_top", "left_to_right" or "right_to_left". Each line of the image is then
             seen from its own pose; Gaussians are ordered and shaded from the middle one.
@@ -191,10 +184,12 @@ def render(
         + (0 if isinstance(gaussians, StoredGaussians) else _LISTED_BYTES * len(gaussians)),
         "render a smaller one (--size), or fewer Gaussians (gsut compact)",
     )
-    rule, gaussians = _blend_rule(parity, blend, order), _set_response(gaussians, response)
+    rule, gaussians = make_rule(parity, blend, order), set_response(gaussians, response)
     color, behind = _read_background(background, camera)
     if sh_degree < 0:
         raise InputError(f"sh_degree must be 0 to 3, found {sh_degree}")
+    if confidence is not None:
+        features = confidence.list_channels(gaussians, features)
     pose = read_motion(camera_from_world, shutter)
     gaussians = convert_about_camera(gaussians, pose, dtype)
     place = place_about(pose, gaussians.origin)
@@ -241,10 +236,15 @@ def render(
         image, alpha, depth, distortion, drawn, *shown, renderer, features=pixels, seen=seen,
         _bits=bits, _channels=channels,
     )  # fmt: skip
+    if confidence is not None:
+        out = confidence.add_sigmas(out)
     if background is None:
         behind = compute_surroundings(out.image, out.alpha, camera)
-    if behind is None:
-        return out
+    return out if behind is None else _put_behind(out, behind)
+
+
+def _put_behind(out: Render, behind: np.ndarray) -> Render:
+    """Blends an image (H, W, 3) in where the Gaussians do not cover a render."""
     behind = behind.astype(out.image.dtype)
     image = out.image + (1.0 - out.alpha)[..., None] * behind
     return dataclasses.replace(out, image=image, behind=behind)

@@ -61,8 +61,9 @@ class CentralChunk {
     return {hn::Load(d, &grid_.s[o]), hn::Load(d, &grid_.t[o])};
   }
 
-  // alpha = min(limit, alpha of raw = strength 2^(kappa u)), 0 where there is no hit, and the distance, depth z /
-  // (z^2 + k N), in units of the ray. Step by step for all kJam at once, so that they overlap.
+  // alpha = min(limit, alpha of raw = strength 2^(kappa u)), 0 where there is no hit, and the
+  // distance, depth z / (z^2 + k N), in units of the ray. Step by step for all kJam at once, so
+  // that they overlap.
   HWY_INLINE void Respond(const Pixels& pixels, const int* index, FloatMask open, FloatVec limit,
                           FloatVec* alpha, FloatVec* distance, FloatMask* hit) const {
     FloatVec n[kJam], z[kJam], reciprocal[kJam];

@@ -97,8 +97,7 @@ void Records(const RasterTask& task, const TileGrid& grid, const Splats& splats,
     for (int k = 0; k < count; ++k) frame->rects[static_cast<std::size_t>(i + k)] = {};
     if (!any) continue;
     const NextHarmonics next(task.sh_rows, i);
-    const SeenLanes g =
-        LoadSeen(task.gaussians, i, task.view, task.log2_raw_min, task.max_cutoff);
+    const SeenLanes g = LoadSeen(task.gaussians, i, task.view, task.log2_raw_min, task.max_cutoff);
     const RecordLanes r = MakeRecord(g);
     Lane direction[3], color[3];
     const Lane inverse_distance = Lane(1.0) / g.distance;

@@ -46,8 +46,8 @@ class LineKernel {
 
   HWY_INLINE LinePixels LoadPixels(std::size_t o) const { return LoadLines(grid_, o); }
 
-  // alpha = min(limit, alpha of raw = strength 2^(kappa u)), 0 where there is no hit, and the distance from the
-  // line's own origin.
+  // alpha = min(limit, alpha of raw = strength 2^(kappa u)), 0 where there is no hit, and the
+  // distance from the line's own origin.
   HWY_INLINE void Respond(const LinePixels& lines, const int* index, FloatMask open, FloatVec limit,
                           FloatVec* alpha, FloatVec* distance, FloatMask* hit) const {
     GSUT_UNROLL for (int i = 0; i < kJam; ++i) {

@@ -39,8 +39,7 @@ void LineRecords(const RasterTask& task, const LineGrid& grid, std::int64_t begi
   for (std::int64_t i = begin; i < end; i += kLanes) {
     const int count = static_cast<int>(HWY_MIN(end - i, static_cast<std::int64_t>(kLanes)));
     const NextHarmonics next(task.sh_rows, i);
-    const SeenLanes g =
-        LoadSeen(task.gaussians, i, task.view, task.log2_raw_min, task.max_cutoff);
+    const SeenLanes g = LoadSeen(task.gaussians, i, task.view, task.log2_raw_min, task.max_cutoff);
     Lane direction[3], color[3];
     ShadingDirection(g, task.view, grid.is_parallel, direction);
     ColorOf(task.gaussians.sh, task.sh_rows, task.sh_degree, i, direction, color);

@@ -47,9 +47,7 @@ struct Lobe {
   double begin, end;            // beyond these it is 0
 
   double CdfAt(double t) const { return NormalCdf((t - center) / width); }
-  double DensityAt(double t) const {
-    return depth / width * NormalDensity((t - center) / width);
-  }
+  double DensityAt(double t) const { return depth / width * NormalDensity((t - center) / width); }
 };
 
 // The integrals over one piece of the ray, a Gaussian that is not 0 there a place.
@@ -119,7 +117,8 @@ std::vector<Lobe> FindLobes(const std::vector<Seen>& seen, const Ray& ray, const
     lobes.push_back({0, depth, at.t, width, before, std::max(at.t - kReach * width, 0.0),
                      at.t + kReach * width});
   }
-  std::stable_sort(hits->begin(), hits->end(), [](const Hit& a, const Hit& b) { return a.t < b.t; });
+  std::stable_sort(hits->begin(), hits->end(),
+                   [](const Hit& a, const Hit& b) { return a.t < b.t; });
   const auto by_center = [](const Lobe& a, const Lobe& b) { return a.center < b.center; };
   std::stable_sort(lobes.begin(), lobes.end(), by_center);
   for (std::size_t i = 0; i < lobes.size(); ++i) lobes[i].hit = i;

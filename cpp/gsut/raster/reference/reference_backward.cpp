@@ -186,8 +186,7 @@ void RenderReferenceBackward(const GaussiansView<const double>& gaussians, const
         const std::size_t p = static_cast<std::size_t>(row) * width + column;
         if (!view.valid[p] || (chosen != nullptr && !chosen[p])) continue;
         const Ray ray = RayOf(view, p);
-        const double transmittance =
-            Blend(seen, ray, settings.rule, gaussians.response, &hits);
+        const double transmittance = Blend(seen, ray, settings.rule, gaussians.response, &hits);
         const auto to = [p](const double* gradient) { return gradient ? gradient[p] : 0.0; };
         ShownGradient shown = {Eigen::Map<const Vector3d>(to_image.image + 3 * p),
                                to(to_image.alpha),
@@ -199,9 +198,8 @@ void RenderReferenceBackward(const GaussiansView<const double>& gaussians, const
               to_image.channel_image + p * static_cast<std::size_t>(channels.count),
               channels.count);
         }
-        const PixelGradient g =
-            BackwardPixel(seen, ray, hits, transmittance, gaussians.response, background, channels,
-                          shown, &sum);
+        const PixelGradient g = BackwardPixel(seen, ray, hits, transmittance, gaussians.response,
+                                              background, channels, shown, &sum);
         Eigen::Map<Vector3d>(&ray_gradients->rays[3 * p]) = rotation * g.ray;
         Eigen::Map<Vector3d>(&ray_gradients->origins[3 * p]) = rotation * g.origin;
       }
