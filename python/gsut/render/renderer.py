@@ -148,14 +148,12 @@ def render(
         shutter: the `Shutter` of a pair of poses, or its direction: "top_to_bottom",
             "bottom_to_top", "left_to_right" or "right_to_left". Each line of the image is then
             seen from its own pose; Gaussians are ordered and shaded from the middle one.
-        background: colour behind everything, or an image (H, W, 3) of them in [0, 1]; None: where
-            no Gaussian is, the soft colour of what is around in the image (to be recognized by
-            `alpha`).
+        background: colour behind everything, or an image (H, W, 3) of them in [0, 1]; None: the
+            soft colour of what is around where no Gaussian is, which `alpha` tells.
         parity: blending rules of "gsplat" or "3dgrut"; None: gsut's own (distance order).
         blend: a `BlendRule` of your own in place of parity.
-        order: "distance" or "z": Gaussians are blended by their means' distance from the camera or
-            camera z; "ray": as each pixel's own ray passes them; "integral": they overlap as
-            densities, and the light along the ray is integrated to 1e-12. The last two in float64
+        order: "distance" or camera "z" of the means; "ray": as each pixel's own ray passes the
+            Gaussians; "integral": no order, they overlap as densities. The last two in float64
             only, the integral without a gradient. None: as parity or blend say.
         response: in place of the Gaussians' own, which None leaves.
         sh_degree: harmonics above this degree are ignored.
