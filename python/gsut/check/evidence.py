@@ -57,13 +57,13 @@ class Evidence:
     def sample(self) -> Evidence:
         """A sample of each pair's matches, by which gross errors are found faster."""
         step = -(-len(self.matches) // _SAMPLE)
-        if step < 2:
-            return self
-        m, t = self.matches, self.table
-        rows = slice(None, None, step)
-        table = dataclasses.replace(t, rows=t.rows[:, rows])
+        return self if step < 2 else self.select(slice(None, None, step))
+
+    def select(self, rows: np.ndarray | slice) -> Evidence:
+        """Returns the evidence of some of the matches, of the same pairs."""
+        table = dataclasses.replace(self.table, rows=self.table.rows[:, rows])
         return dataclasses.replace(
-            self, matches=m.select(rows), table=table, rays=self.rays[:, rows]
+            self, matches=self.matches.select(rows), table=table, rays=self.rays[:, rows]
         )
 
     @functools.cached_property

@@ -29,11 +29,12 @@ class LensFit:
     """A correction of the lens, fitted to the matches with the poses held.
 
     Args:
-        values: (4,) logarithm of the factor on the focal lengths; pixels to add to cx and cy;
-            factor minus 1 on the distance from the centre, at half the image's diagonal.
-        covariance: (4, 4) of them, by what each view changes when it is left out.
+        values: (4 + N,) logarithm of the factor on the focal lengths; pixels to add to cx and cy;
+            factor minus 1 on the distance from the centre, at half the image's diagonal; and what
+            was fitted beside the lens.
+        covariance: of the values, by what each view changes when it is left out.
         diagonal: of the image, pixels.
-        freedom: views less the four values: degrees of freedom of the covariance.
+        freedom: views less the values: degrees of freedom of the covariance.
     """
 
     values: np.ndarray
@@ -43,7 +44,7 @@ class LensFit:
 
     @property
     def sigmas(self) -> np.ndarray:
-        """Standard deviations (4,) of the values."""
+        """Standard deviations (4 + N,) of the values."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
     def shift_distance(self, shift: np.ndarray) -> float:
@@ -66,7 +67,7 @@ class LensFit:
         (3,) in thousandths of the diagonal; the focal length a quarter of the diagonal from the
         centre, the distortion half of it.
         """
-        scale, dx, dy, radial = np.abs(self.values)
+        scale, dx, dy, radial = np.abs(self.values[:4])
         return 1000 * np.array([scale / 4, np.hypot(dx, dy) / self.diagonal, radial / 2])
 
     @property
@@ -92,7 +93,7 @@ def convert_to_normal(ratio: np.ndarray, freedom: int) -> np.ndarray:
 
 
 def fit_lens(cameras: Sequence[Camera], matches: Matches, poses: np.ndarray) -> LensFit:
-    """Fits one scale, shift and radial term for all lenses to the epipolar errors.
+    """Fits one scale, shift and radial term for all lenses to the epipolar errors, poses held.
 
     A lens scaled about its principal point sees a pixel where it saw one nearer or farther, so
     pixels are moved instead of making lenses.
@@ -102,13 +103,30 @@ def fit_lens(cameras: Sequence[Camera], matches: Matches, poses: np.ndarray) -> 
         matches: their pixels.
         poses: (2, M, 4, 4) world_from_camera.
     """
+    return fit_lens_beside(cameras, matches, lambda _: poses, np.zeros((3, 0)))
+
+
+def fit_lens_beside(
+    cameras: Sequence[Camera],
+    matches: Matches,
+    find_poses: Callable[[np.ndarray], np.ndarray],
+    others: np.ndarray,
+) -> LensFit:
+    """Fits the lens as `fit_lens` does, and beside it other numbers, on which the poses depend.
+
+    Args:
+        cameras: the lenses.
+        matches: their pixels.
+        find_poses: returns poses (2, M, 4, 4) world_from_camera by the other numbers (N,).
+        others: (3, N) of these, as `fit_numbers` takes them: steps, known and most.
+    """
     known = np.array([1.0, matches.diagonal, matches.diagonal, 1.0]) * _KNOWN
+    all_numbers = np.concatenate([[_STEPS, known, _MOST], others], axis=1)
     views = matches.pairs[matches.pair]
     x, covariance = fit_numbers(
-        lambda x: measure_line_errors(cameras, matches, poses, x), views, _STEPS, known, _MOST
+        lambda x: measure_line_errors(cameras, matches, find_poses(x[4:]), x), views, *all_numbers
     )
-    freedom = max(1, len(np.unique(views)) - len(_STEPS))
-    return LensFit(x, covariance, matches.diagonal, freedom)
+    return LensFit(x, covariance, matches.diagonal, max(1, len(np.unique(views)) - len(x)))
 
 
 def fit_numbers(

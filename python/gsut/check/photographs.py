@@ -9,6 +9,7 @@ import numpy as np
 
 from gsut.check.breaks import check_loops, check_scale, name_break
 from gsut.check.chance import Judgement, is_another_view, judge_pairs, measure_turn_error
+from gsut.check.drift import DRIFT_ADVICE, check_drift, fit_drift, name_drift, rate_drift
 from gsut.check.epipolar import rate_matches, rate_pairs
 from gsut.check.evidence import Evidence
 from gsut.check.findings import Finding
@@ -100,7 +101,7 @@ def _find_best_other(evidence: Evidence, given: float) -> tuple[float, str, str,
         cost_of = functools.partial(Evidence.rate_lenses, cameras=lens.cameras)
         judge(cost_of, lens.name, lens.advice, "lens")
     if given > _POOR or found:
-        found += _fit_crop(evidence, most)
+        found += _fit_crop(evidence, most) + _fit_drift(evidence, given, most)
     if given > _POOR and min([row[0] for row in found], default=1.0) > _WELL:
         found += _fit_others(evidence, most)
     if not found:
@@ -128,10 +129,10 @@ def _fit_others(evidence: Evidence, most: float) -> list[tuple[float, str, str, 
     cameras, sample = evidence.scene.cameras, evidence.sample
     tried = list_other_lenses(cameras, sample.rate_lenses)
     lenses = sorted(tried, key=lambda lens: sample.rate_lenses(lens.cameras))
-    poses = evidence.table.select_poses()
     for lens in lenses[:_FITTED_LENSES]:
-        fit = fit_lens(lens.cameras, evidence.matches, poses)
-        value = _rate_fit(evidence, fit, lens)
+        if _fit_near(sample, lens)[1] >= most + _SAMPLE_NOISE:
+            continue
+        fit, value = _fit_near(evidence, lens)
         if value < most and given - value > by_chance - _rate_fit(shuffled, fit, lens):
             found.append((value, f"nearly {lens.name}", lens.advice, "lens"))
     return found
@@ -140,13 +141,36 @@ def _fit_others(evidence: Evidence, most: float) -> list[tuple[float, str, str, 
 def _fit_crop(evidence: Evidence, most: float) -> list[tuple[float, str, str, str]]:
     """Estimates the principal point of cropped photographs; returns it if it fits."""
     given = OtherLens("", "", list(evidence.scene.cameras))
-    fit = fit_lens(given.cameras, evidence.matches, evidence.table.select_poses())
-    off, value = is_off(fit), _rate_fit(evidence, fit, given)
-    if value >= most or not off[1] or off[0]:
+    for used, noise in ((evidence.sample, _SAMPLE_NOISE), (evidence, 0.0)):
+        fit, value = _fit_near(used, given)
+        if value >= most + noise:
+            return []
+    off = is_off(fit)
+    if not off[1] or off[0]:
         return []
     dx, dy = fit.values[1:3]
     name = f"cx {dx:+.1f} and cy {dy:+.1f} pixels: the photographs are a crop"
     return [(value, name, describe_crop(evidence, fit), "lens")]
+
+
+def _fit_drift(evidence: Evidence, given: float, most: float) -> list[tuple[float, str, str, str]]:
+    """Estimates a turn that grows along the path; returns it if poses without it fit."""
+    for used, noise in ((evidence.sample, _SAMPLE_NOISE), (evidence, 0.0)):
+        drift = fit_drift(used)
+        value = rate_drift(used, drift)
+        if value >= most + noise:
+            return []
+    shuffled = evidence.shuffled
+    by_chance = shuffled.rate_poses(evidence.table.poses) - rate_drift(shuffled, drift)
+    if not drift.is_sure or given - value <= by_chance:
+        return []
+    return [(value, name_drift(evidence, drift), DRIFT_ADVICE, "poses")]
+
+
+def _fit_near(evidence: Evidence, lens: OtherLens) -> tuple[LensFit, float]:
+    """Fits a correction of another lens; returns it with its cost."""
+    fit = fit_lens(lens.cameras, evidence.matches, evidence.table.select_poses())
+    return fit, _rate_fit(evidence, fit, lens)
 
 
 def _rate_fit(evidence: Evidence, fit: LensFit, lens: OtherLens) -> float:
@@ -248,7 +272,8 @@ def _find_small_errors(evidence: Evidence, given: float) -> list[Finding]:
     findings = _find_bad_pairs(evidence, costs) or check_shutter(evidence, given)
     if not findings and len(costs) >= _FEWEST_FOR_LENS:
         fit = fit_lens(scene.cameras, evidence.matches, poses)
-        findings += find_lens_errors(evidence, fit)
+        lens = find_lens_errors(evidence, fit)
+        findings += (lens and check_drift(evidence)) or lens
     if not findings:
         findings += check_scale(evidence)
     if not findings:
@@ -272,7 +297,7 @@ def _find_bad_pairs(evidence: Evidence, costs: np.ndarray) -> list[Finding]:
         return [at_one_place]
     loops = check_loops(evidence, judgement)
     if loops:
-        return [*loops, *check_scale(evidence)]
+        return [*loops, *check_drift(evidence), *check_scale(evidence)]
     return [_name_bad_pairs(evidence, judgement)] if judgement.confirmed else []
 
 
@@ -296,12 +321,12 @@ def _name_bad_pairs(evidence: Evidence, judgement: Judgement) -> Finding:
 
 
 def check_closely(evidence: Evidence) -> list[Finding]:
-    """Checks for single wrong pairs, half a pixel and a drift of scale.
+    """Checks for single wrong pairs, half a pixel and a drift of turns or of scale.
 
     Args:
         evidence: of a close look.
     """
     errors = measure_angular_errors(evidence.rays, evidence.table.select_poses())
     costs = rate_pairs(errors, evidence.matches, evidence.focal)
-    bad = _find_bad_pairs(evidence, costs)
-    return bad or [*check_half_pixel(evidence), *check_scale(evidence)]
+    found = _find_bad_pairs(evidence, costs) or check_drift(evidence)
+    return found or [*check_half_pixel(evidence), *check_scale(evidence)]

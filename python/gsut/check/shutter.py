@@ -83,11 +83,11 @@ def fit_readout(evidence: Evidence) -> Readout | None:
     poses = evidence.table.select_poses()
 
     def find_errors(x: np.ndarray) -> np.ndarray:
-        moved = _move_poses(poses, speeds[views], x[0] * line)
+        moved = move_poses(poses, speeds[views], x[0] * line)
         return measure_line_errors(scene.cameras, m, moved, np.zeros(4))
 
     def rate(frames: float) -> float:
-        lines = _move_poses(poses, speeds[views], frames * line)
+        lines = move_poses(poses, speeds[views], frames * line)
         return rate_matches(measure_angular_errors(evidence.rays, lines), m, evidence.focal)
 
     x, covariance = fit_numbers(
@@ -97,7 +97,7 @@ def fit_readout(evidence: Evidence) -> Readout | None:
     sigma = float(np.sqrt(covariance[0, 0]))
     if not np.isfinite(sigma):
         return None
-    moved = np.linalg.norm(m.pixels[1] - m.pixels[0], axis=1) / _count_frames(evidence)
+    moved = np.linalg.norm(m.pixels[1] - m.pixels[0], axis=1) / count_frames(evidence)
     freedom = max(1, len(np.unique(m.pairs)) - 1)
     return Readout(
         float(x[0]), sigma, 1000 * abs(float(x[0])) * float(np.median(moved)) / m.diagonal,
@@ -106,7 +106,7 @@ def fit_readout(evidence: Evidence) -> Readout | None:
     )  # fmt: skip
 
 
-def _count_frames(evidence: Evidence) -> np.ndarray:
+def count_frames(evidence: Evidence) -> np.ndarray:
     """Returns the number of steps of the path (M,) between the two images of each match."""
     place = {v: i for group in order_in_time(evidence.scene) for i, v in enumerate(group)}
     gaps = [abs(place[b] - place[a]) for a, b in evidence.matches.pairs]
@@ -132,7 +132,7 @@ def _measure_speeds(scene: Scene) -> np.ndarray:
     return speeds
 
 
-def _move_poses(poses: np.ndarray, speeds: np.ndarray, time: np.ndarray) -> np.ndarray:
+def move_poses(poses: np.ndarray, speeds: np.ndarray, time: np.ndarray) -> np.ndarray:
     """Moves poses (..., 4, 4) world_from_camera by their speeds (..., 6) for a time (...)."""
     vector = (speeds[..., 3:] * time[..., None]).reshape(-1, 3)
     half = np.linalg.norm(vector, axis=1, keepdims=True) / 2

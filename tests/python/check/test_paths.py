@@ -6,11 +6,12 @@ import pytest
 import gsut
 import tolerances
 from gsut.check.breaks import _find_break, check_scale
+from gsut.check.drift import check_drift
 from gsut.check.evidence import gather_evidence
 from gsut.check.far_poses import check_far_pose
-from gsut.check.matches import _CLOSE, ImagePair, _choose_pairs
-from gsut.check.photographs import check_closely
-from gsut.check.shutter import _measure_speeds, _move_poses, check_shutter, fit_readout
+from gsut.check.matches import _CLOSE, _QUICK, ImagePair, _choose_pairs
+from gsut.check.photographs import check_closely, check_photographs
+from gsut.check.shutter import _measure_speeds, check_shutter, fit_readout, move_poses
 
 LENS = gsut.Camera("pinhole", [150.0, 150.0, 120.0, 90.0], 240, 180)
 VIEWS = 48  # two laps of a circle, looking outwards: images of the second lap close loops
@@ -40,7 +41,7 @@ def observe(poses, rng, readout=0.0):
     for view, pose in enumerate(poses):
         line = np.zeros(len(points))
         for _ in range(6 if readout else 1):
-            moved = _move_poses(
+            moved = move_poses(
                 np.tile(pose, (len(points), 1, 1)),
                 np.tile(speeds[view], (len(points), 1)), readout * line,
             )  # fmt: skip
@@ -57,10 +58,10 @@ def make_scene(poses):
     return gsut.scene_from_arrays(images, LENS, np.linalg.inv(poses), test_every=0)
 
 
-def gather(poses, pixels):
-    """Evidence of exact matches beside given poses, in the pairs of a close look."""
+def gather(poses, pixels, look=_CLOSE):
+    """Evidence of exact matches beside given poses, in the pairs of a look."""
     scene, pairs = make_scene(poses), []
-    for a, b in _choose_pairs(scene, _CLOSE):
+    for a, b in _choose_pairs(scene, look):
         both = np.isfinite(pixels[[a, b]]).all(axis=(0, 2))
         if both.sum() >= 16:
             pairs.append(ImagePair(a, b, pixels[[a, b]][:, both]))
@@ -94,6 +95,23 @@ def test_path_that_does_not_close_is_named(rng):
     turn = gsut.exp_pose([0, 0, 0, 0, np.radians(12.0 / VIEWS), 0])
     said = list_texts(gather(add_steps(poses, lambda step, _: step @ turn), observe(poses, rng)))
     assert any("path of the poses does not close" in text for text in said), said
+
+
+def test_turn_that_grows_along_an_open_path_is_named(rng):
+    poses = np.tile(np.eye(4), (24, 1, 1))
+    for k in range(1, len(poses)):
+        bend = [0.02 * np.sin(k), 0.08 * np.cos(k / 4), 0.02 * np.cos(k)]
+        step = gsut.exp_pose([0.02 * np.sin(k), 0.02 * np.cos(2 * k), 0.15, *bend])
+        poses[k] = poses[k - 1] @ step
+    pixels = observe(poses, rng)
+    assert check_drift(gather(poses, pixels)) == []
+    for degrees, look in ((4.0, _CLOSE), (15.0, _QUICK)):
+        turn = gsut.exp_pose([0, 0, 0, 0, np.radians(degrees / 23), 0])
+        wrong = gather(add_steps(poses, lambda step, _, turn=turn: turn @ step), pixels, look)
+        said = [str(each) for each in check_drift(wrong)]
+        assert any("accumulate from 000000 to 000023" in text for text in said), said
+    (said,) = check_photographs(wrong.scene, wrong)
+    assert "contradict the poses" in said.what and "accumulate" in said.what, said
 
 
 def test_half_of_the_path_in_another_world_is_named(rng):
