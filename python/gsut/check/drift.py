@@ -10,7 +10,7 @@ from gsut.check.breaks import list_loops
 from gsut.check.epipolar import rate_matches
 from gsut.check.evidence import Evidence
 from gsut.check.findings import Finding
-from gsut.check.lens_fit import LensFit, convert_to_normal, fit_lens_beside
+from gsut.check.lens_fit import LEAST_EFFECT, LensFit, convert_to_normal, fit_lens_beside
 from gsut.check.matches import order_in_time
 from gsut.check.shutter import count_frames, move_poses
 from gsut.sfm.points import measure_angular_errors
@@ -51,7 +51,8 @@ class Drift:
     def is_sure(self) -> bool:
         """Returns whether it is large, not chance, and surer than an error of the lens."""
         sure = max(_SIGMAS, float(self.fit.significance.max()))
-        return self.shift > _LEAST_SHIFT and self.significance > sure
+        large = self.shift > _LEAST_SHIFT and self.fit.effect > LEAST_EFFECT
+        return large and self.significance > sure
 
 
 def check_drift(evidence: Evidence) -> list[Finding]:

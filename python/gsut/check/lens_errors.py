@@ -6,7 +6,7 @@ import numpy as np
 
 from gsut.check.evidence import Evidence
 from gsut.check.findings import Finding
-from gsut.check.lens_fit import LensFit, find_principal_point, fit_lens
+from gsut.check.lens_fit import LEAST_EFFECT, LensFit, find_principal_point, fit_lens
 from gsut.check.lenses import is_free_of_distortion, list_other_models
 
 # A lens is wrong from this correction of focal length, principal point and distortion on, in
@@ -56,7 +56,8 @@ def find_lens_errors(evidence: Evidence, fit: LensFit) -> list[Finding]:
 
 def is_off(fit: LensFit) -> np.ndarray:
     """Returns whether focal length, principal point and distortion (3,) are wrong."""
-    return (fit.moves > _MOVES) & (fit.significance > _SIGMAS)
+    sure = (fit.moves > _MOVES) & (fit.significance > _SIGMAS)
+    return sure & (fit.effect > LEAST_EFFECT)
 
 
 def _is_off_throughout(evidence: Evidence, fit: LensFit) -> np.ndarray:

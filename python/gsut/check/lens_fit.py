@@ -19,6 +19,9 @@ _KNOWN = 0.25
 _TINY = 1e-12  # keeps quotients finite
 _STEP_PX = 0.01  # of differences between rays: small beside a pixel, large beside rounding
 _FEWEST = 40  # matches to which numbers are fitted
+# Root mean square change of the errors by what is fitted, in units of their spread, below which
+# errors that neighbouring features have in common may explain it.
+LEAST_EFFECT = 0.3
 # Of the four numbers of a lens, see `LensFit.values`.
 _STEPS = np.array([1e-3, 0.1, 0.1, 1e-3])  # of the differences that give derivatives
 _MOST = np.array([0.2, 50.0, 50.0, 0.1])  # change in one iteration
@@ -33,12 +36,14 @@ class LensFit:
             factor minus 1 on the distance from the centre, at half the image's diagonal; and what
             was fitted beside the lens.
         covariance: of the values, by what each view changes when it is left out.
+        effect: of the values on the errors, see `fit_numbers`.
         diagonal: of the image, pixels.
         freedom: views less the values: degrees of freedom of the covariance.
     """
 
     values: np.ndarray
     covariance: np.ndarray
+    effect: float
     diagonal: float
     freedom: int
 
@@ -123,10 +128,10 @@ def fit_lens_beside(
     known = np.array([1.0, matches.diagonal, matches.diagonal, 1.0]) * _KNOWN
     all_numbers = np.concatenate([[_STEPS, known, _MOST], others], axis=1)
     views = matches.pairs[matches.pair]
-    x, covariance = fit_numbers(
+    x, *found = fit_numbers(
         lambda x: measure_line_errors(cameras, matches, find_poses(x[4:]), x), views, *all_numbers
     )
-    return LensFit(x, covariance, matches.diagonal, max(1, len(np.unique(views)) - len(x)))
+    return LensFit(x, *found, matches.diagonal, max(1, len(np.unique(views)) - len(x)))
 
 
 def fit_numbers(
@@ -136,7 +141,7 @@ def fit_numbers(
     known: np.ndarray,
     most: np.ndarray,
     start: np.ndarray | float = 0.0,
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, float]:
     """Fits numbers to signed errors of matches.
 
     Least squares, iteratively reweighted (Cauchy), with derivatives by differences.
@@ -150,7 +155,8 @@ def fit_numbers(
         start: (N,) first numbers.
 
     Returns:
-        The numbers (N,), and their covariance (N, N) by the jackknife over views.
+        The numbers (N,), their covariance (N, N) by the jackknife over views, and their effect: by
+        how much they change the errors (root mean square), in units of the errors' spread.
     """
     x, covariance = np.zeros(len(steps)) + start, np.full((len(steps), len(steps)), np.inf)
     for _ in range(_ITERATIONS):
@@ -174,7 +180,18 @@ def fit_numbers(
         x = x - step
         if np.all(np.abs(step) < _SETTLED * steps):
             break
-    return x, covariance
+    return x, covariance, _measure_effect(find_errors(np.zeros(len(x))), find_errors(x))
+
+
+def _measure_effect(before: np.ndarray, after: np.ndarray) -> float:
+    """Returns the root mean square change of errors in units of their robust spread."""
+    good = np.isfinite(before) & np.isfinite(after)
+    if not good.any():
+        return 0.0
+    spread = max(_NORMAL * float(np.median(np.abs(after[good]))), _TINY)
+    weight = 1 / (1 + (after[good] / (2 * spread)) ** 2)
+    change = np.average((after[good] - before[good]) ** 2, weights=weight)
+    return float(np.sqrt(change)) / spread
 
 
 def _leave_views_out(

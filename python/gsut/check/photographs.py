@@ -17,7 +17,7 @@ from gsut.check.lens_errors import check_half_pixel, describe_crop, find_lens_er
 from gsut.check.lens_fit import LensFit, fit_lens
 from gsut.check.lenses import OtherLens, list_other_lenses
 from gsut.check.readings import list_readings
-from gsut.check.shutter import check_shutter
+from gsut.check.shutter import check_timing
 from gsut.check.turns import (
     find_body_turn,
     find_clock_shift,
@@ -36,6 +36,7 @@ _LEAST_ALIKE = 0.03  # readings whose costs differ by less are alike: the likeli
 _FEWEST_FOR_LENS = 6  # pairs of photographs: fewer do not separate lens and poses
 _BAD_PAIR = 0.85  # cost of a pair that contradicts its poses while others do not
 _MANY_BAD = 0.2  # of the pairs: more than a few bad poses
+_OF_PHOTOGRAPHS = "photographs are"  # in the names of readings that photographs explain as well
 _FITTED_LENSES = 4  # other lenses from which a fit is tried: a fit takes a second
 
 
@@ -58,7 +59,7 @@ def check_photographs(scene: Scene, evidence: Evidence | None) -> list[Finding]:
         what = "neighbouring images share too few features to check poses and lens by them"
         return [Finding("info", str(scene.path), what)]
     given = evidence.rate_poses(evidence.table.poses)
-    rolling = check_shutter(evidence, _POOR) if given > _POOR else []
+    rolling = check_timing(evidence, _POOR) if given > _POOR else []
     if rolling:
         return rolling
     other = _find_best_other(evidence, given)
@@ -107,7 +108,20 @@ def _find_best_other(evidence: Evidence, given: float) -> tuple[float, str, str,
     if not found:
         return None
     best = min(row[0] for row in found)
-    return next(row for row in found if row[0] <= best + _LEAST_ALIKE)
+    alike = [row for row in found if row[0] <= best + _LEAST_ALIKE]
+    return _add_photographs(alike)
+
+
+def _add_photographs(alike: list[tuple[float, str, str, str]]) -> tuple[float, str, str, str]:
+    """Returns the first of several that fit alike, and beside it what the photographs may be.
+
+    Along a straight path, pictures that are mirrored or upside down look like other camera axes.
+    """
+    value, name, advice, subject = alike[0]
+    for _, other, edit, _ in alike[1:] if _OF_PHOTOGRAPHS not in name else ():
+        if _OF_PHOTOGRAPHS in other:
+            return value, f"{name}, and as well {other}", f"{advice}; or {edit}", subject
+    return alike[0]
 
 
 def _fit_others(evidence: Evidence, most: float) -> list[tuple[float, str, str, str]]:
@@ -269,7 +283,7 @@ def _find_small_errors(evidence: Evidence, given: float) -> list[Finding]:
     costs = rate_pairs(
         measure_angular_errors(evidence.rays, poses), evidence.matches, evidence.focal
     )
-    findings = _find_bad_pairs(evidence, costs) or check_shutter(evidence, given)
+    findings = _find_bad_pairs(evidence, costs) or check_timing(evidence, given)
     if not findings and len(costs) >= _FEWEST_FOR_LENS:
         fit = fit_lens(scene.cameras, evidence.matches, poses)
         lens = find_lens_errors(evidence, fit)

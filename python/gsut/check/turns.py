@@ -105,25 +105,45 @@ def rate_as_degrees(evidence: Evidence) -> float | None:
     """Returns the share of turns that fit if degrees were read as radians, or None if few do.
 
     A rotation read so has its axis, and an angle that is 180 / pi times the right one, less full
-    turns: 58 angles may have been meant, some of which fit the neighbour's.
+    turns: 58 angles may have been meant. Some of them nearly fit any turn about the same axis, so
+    turns must fit far better than those of other pairs do.
     """
     found = list(_list_turns(evidence))
     if len(found) < _FEWEST:
         return None
+    views, turns = [views for views, _ in found], [turn for _, turn in found]
     shares = []
     for file_axes in (np.eye(3), OPENGL_FROM_OPENCV[:3, :3]):
-        good = 0
-        for (a, b), turn in found:
-            one, two = (
-                _read_as_degrees(evidence.scene.views[i].camera_from_world[:3, :3].T @ file_axes)
-                for i in (a, b)
-            )
-            # turn = W_b^T W_a of camera-to-world rotations W; files have W @ file_axes.
-            reached = one @ (file_axes.T @ turn.T @ file_axes)
-            traces = np.einsum("iab,jab->ij", reached, two)
-            good += np.degrees(np.arccos(np.clip((traces.max() - 1) / 2, -1, 1))) < _AGREE
-        shares.append(good / len(found))
-    return max(shares) if max(shares) >= _SHARE else None
+        pairs = [
+            [_read_as_degrees(evidence.scene.views[i].camera_from_world[:3, :3].T @ file_axes)
+             for i in pair]
+            for pair in views
+        ]  # fmt: skip
+        off = _measure_from_nearest(pairs, turns, file_axes)
+        by_chance = _measure_from_nearest(pairs, np.roll(turns, 1, axis=0), file_axes)
+        if np.median(off) < _BETTER * np.median(by_chance):
+            shares.append(float(np.mean(off < _AGREE)))
+    best = max(shares, default=0.0)
+    return best if best >= _SHARE else None
+
+
+def _measure_from_nearest(
+    pairs: Sequence[Sequence[np.ndarray]], turns: Sequence[np.ndarray], file_axes: np.ndarray
+) -> np.ndarray:
+    """Returns the degrees between turns and the nearest of the turns that rotations may mean.
+
+    Args:
+        pairs: of each pair the rotations (K, 3, 3) that either view may have.
+        turns: (3, 3) second_from_first of each pair.
+        file_axes: (3, 3) camera axes of the rotations.
+    """
+    off = []
+    for (one, two), turn in zip(pairs, turns, strict=True):
+        # turn = W_b^T W_a of camera-to-world rotations W; files have W @ file_axes.
+        reached = one @ (file_axes.T @ turn.T @ file_axes)
+        trace = np.einsum("iab,jab->ij", reached, two).max()
+        off.append(np.degrees(np.arccos(np.clip((trace - 1) / 2, -1, 1))))
+    return np.array(off)
 
 
 def _read_as_degrees(rotation: np.ndarray) -> np.ndarray:

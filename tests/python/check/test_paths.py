@@ -1,17 +1,20 @@
 """Errors along a path are named: breaks, scales that change, open loops, lines taken for one."""
 
+import cv2
 import numpy as np
 import pytest
 
 import gsut
 import tolerances
+from gsut._core import interpolate_pose
 from gsut.check.breaks import _find_break, check_scale
 from gsut.check.drift import check_drift
 from gsut.check.evidence import gather_evidence
 from gsut.check.far_poses import check_far_pose
 from gsut.check.matches import _CLOSE, _QUICK, ImagePair, _choose_pairs
 from gsut.check.photographs import check_closely, check_photographs
-from gsut.check.shutter import _measure_speeds, check_shutter, fit_readout, move_poses
+from gsut.check.shutter import _measure_speeds, check_timing, fit_timing, move_poses
+from gsut.check.turns import rate_as_degrees, to_rotation_vector
 
 LENS = gsut.Camera("pinhole", [150.0, 150.0, 120.0, 90.0], 240, 180)
 VIEWS = 48  # two laps of a circle, looking outwards: images of the second lap close loops
@@ -28,6 +31,16 @@ def make_laps(count=VIEWS):
         pose[:3, :3] = np.stack([np.cross(down, out), down, out], axis=1)
         pose[:3, 3] = 1.5 * out + [0.0, 0.0, 0.2 * np.sin(3 * angle)]
         pose[:] = pose @ gsut.exp_pose([0, 0, 0, 0.1 * np.sin(5 * angle), 0, 0.1 * np.cos(angle)])
+    return poses
+
+
+def make_walk(bend=0.08):
+    """Poses (24, 4, 4) world_from_camera of a walk forwards, which turns by some radians a step."""
+    poses = np.tile(np.eye(4), (24, 1, 1))
+    for k in range(1, len(poses)):
+        turn = bend * np.array([0.25 * np.sin(k), np.cos(k / 4), 0.25 * np.cos(k)])
+        step = gsut.exp_pose([0.02 * np.sin(k), 0.02 * np.cos(2 * k), 0.15, *turn])
+        poses[k] = poses[k - 1] @ step
     return poses
 
 
@@ -87,7 +100,7 @@ def test_exact_path_is_not_accused(rng):
     loops = sum(pair.second - pair.first >= VIEWS / 4 for pair in evidence.pairs)
     assert loops == 12
     assert list_texts(evidence) == []
-    assert check_shutter(evidence, most=1.0) == []
+    assert check_timing(evidence, most=1.0) == []
 
 
 def test_path_that_does_not_close_is_named(rng):
@@ -98,11 +111,7 @@ def test_path_that_does_not_close_is_named(rng):
 
 
 def test_turn_that_grows_along_an_open_path_is_named(rng):
-    poses = np.tile(np.eye(4), (24, 1, 1))
-    for k in range(1, len(poses)):
-        bend = [0.02 * np.sin(k), 0.08 * np.cos(k / 4), 0.02 * np.cos(k)]
-        step = gsut.exp_pose([0.02 * np.sin(k), 0.02 * np.cos(2 * k), 0.15, *bend])
-        poses[k] = poses[k - 1] @ step
+    poses = make_walk()
     pixels = observe(poses, rng)
     assert check_drift(gather(poses, pixels)) == []
     for degrees, look in ((4.0, _CLOSE), (15.0, _QUICK)):
@@ -112,6 +121,21 @@ def test_turn_that_grows_along_an_open_path_is_named(rng):
         assert any("accumulate from 000000 to 000023" in text for text in said), said
     (said,) = check_photographs(wrong.scene, wrong)
     assert "contradict the poses" in said.what and "accumulate" in said.what, said
+
+
+def test_rotations_in_degrees_are_told_from_those_of_another_run(rng):
+    poses = make_walk()
+    pixels = observe(poses, rng)
+    wrong = poses.copy()
+    for pose, right in zip(wrong, poses, strict=True):
+        pose[:3, :3] = cv2.Rodrigues(np.degrees(to_rotation_vector(right[:3, :3])))[0]
+    assert rate_as_degrees(gather(wrong, pixels, _QUICK)) > 0.9
+    straight = make_walk(bend=0.0)
+    pixels = observe(straight, rng)
+    other = straight.copy()
+    for k, pose in enumerate(other):
+        pose[:3, :3] = cv2.Rodrigues(np.array([0.0, 0.26 * k, 0.0]))[0]
+    assert rate_as_degrees(gather(other, pixels, _QUICK)) is None
 
 
 def test_half_of_the_path_in_another_world_is_named(rng):
@@ -160,9 +184,27 @@ def test_break_needs_more_contradictions_than_repeated_things_make():
 def test_rolling_shutter_taken_for_a_global_one_is_named(readout, rng):
     poses = make_laps()
     evidence = gather(poses, observe(poses, rng, readout))
-    found = fit_readout(evidence)
+    found = fit_timing(evidence)
     print(found)
-    assert abs(found.frames - readout) < tolerances.READOUT_FRAMES
-    said = [str(each) for each in check_shutter(evidence, most=0.5)]
+    assert abs(found.frames[0] - readout) < tolerances.READOUT_FRAMES
+    said = [str(each) for each in check_timing(evidence, most=0.5)]
     way = "first to the last" if readout > 0 else "last to the first"
     assert any("rolling shutter" in text and way in text for text in said), said
+
+
+def test_poses_of_a_late_clock_are_named(rng):
+    angle = 2 * np.pi * np.arange(VIEWS) / VIEWS
+    times = 12 * (angle + 0.25 * np.sin(3 * angle)) / np.pi  # of the views, on a smooth path
+    path = [make_smooth(time) for time in (times, times + 0.4 * np.gradient(times))]
+    evidence = gather(path[1], observe(path[0], rng))
+    print(fit_timing(evidence))
+    (said,) = check_timing(evidence, most=0.5)
+    assert "frames earlier" in said.what, said
+
+
+def make_smooth(times):
+    poses = np.tile(np.eye(4), (len(times), 1, 1))
+    for pose, time in zip(poses, times, strict=True):
+        pose[:] = gsut.exp_pose([0, 0, 0, 0, 0.2 * time, 0])
+        pose[:3, 3] = [0.3 * time, 0.2 * np.sin(time / 2), 0.1 * time]
+    return poses
