@@ -128,10 +128,11 @@ def fit_lens_beside(
     known = np.array([1.0, matches.diagonal, matches.diagonal, 1.0]) * _KNOWN
     all_numbers = np.concatenate([[_STEPS, known, _MOST], others], axis=1)
     views = matches.pairs[matches.pair]
-    x, *found = fit_numbers(
+    x, covariance, effect = fit_numbers(
         lambda x: measure_line_errors(cameras, matches, find_poses(x[4:]), x), views, *all_numbers
     )
-    return LensFit(x, *found, matches.diagonal, max(1, len(np.unique(views)) - len(x)))
+    freedom = max(1, len(np.unique(views)) - len(x))
+    return LensFit(x, covariance, effect, matches.diagonal, freedom)
 
 
 def fit_numbers(

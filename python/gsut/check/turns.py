@@ -42,7 +42,7 @@ def find_body_turn(evidence: Evidence) -> np.ndarray:
     sample, found = evidence.sample, list(_list_turns(evidence))
     tried = []
     if len(found) >= _FEWEST:
-        tried.append(_refine_turn(sample, _align_turns(evidence, found), Evidence.rate_poses))
+        tried.append(refine_turn(sample, _align_turns(evidence, found), Evidence.rate_poses))
     if not tried or sample.rate_poses(evidence.table.poses @ tried[0]) > _EXPLAINED:
         tried.append(_search_turn(sample))
     return min(tried, key=lambda turn: sample.rate_poses(evidence.table.poses @ turn))
@@ -70,8 +70,8 @@ def _search_turn(evidence: Evidence) -> np.ndarray:
             start[:3, :3] = axes @ exp_pose([0.0, 0.0, 0.0, *tilt])[:3, :3]
             starts.append((_find_median_error(evidence, evidence.table.poses @ start), start))
     starts.sort(key=lambda each: each[0])
-    near = [_refine_turn(evidence, start, _find_median_error) for _, start in starts[:_STARTS]]
-    turns = [_refine_turn(evidence, turn, Evidence.rate_poses) for turn in near]
+    near = [refine_turn(evidence, start, _find_median_error) for _, start in starts[:_STARTS]]
+    turns = [refine_turn(evidence, turn, Evidence.rate_poses) for turn in near]
     return min(turns, key=lambda turn: evidence.rate_poses(evidence.table.poses @ turn))
 
 
@@ -81,7 +81,7 @@ def _find_median_error(evidence: Evidence, poses: np.ndarray) -> float:
     return float(np.median(np.where(np.isfinite(errors), errors, np.inf)))
 
 
-def _refine_turn(
+def refine_turn(
     evidence: Evidence, turn: np.ndarray, cost_of: Callable[[Evidence, np.ndarray], float]
 ) -> np.ndarray:
     """Searches the turn near this one at which poses cost least, by ever smaller steps."""
@@ -111,7 +111,7 @@ def rate_as_degrees(evidence: Evidence) -> float | None:
     found = list(_list_turns(evidence))
     if len(found) < _FEWEST:
         return None
-    views, turns = [views for views, _ in found], [turn for _, turn in found]
+    views, turns = [views for views, _ in found], np.array([turn for _, turn in found])
     shares = []
     for file_axes in (np.eye(3), OPENGL_FROM_OPENCV[:3, :3]):
         pairs = [
@@ -128,13 +128,13 @@ def rate_as_degrees(evidence: Evidence) -> float | None:
 
 
 def _measure_from_nearest(
-    pairs: Sequence[Sequence[np.ndarray]], turns: Sequence[np.ndarray], file_axes: np.ndarray
+    pairs: Sequence[Sequence[np.ndarray]], turns: np.ndarray, file_axes: np.ndarray
 ) -> np.ndarray:
     """Returns the degrees between turns and the nearest of the turns that rotations may mean.
 
     Args:
         pairs: of each pair the rotations (K, 3, 3) that either view may have.
-        turns: (3, 3) second_from_first of each pair.
+        turns: (P, 3, 3) second_from_first of each pair.
         file_axes: (3, 3) camera axes of the rotations.
     """
     off = []
