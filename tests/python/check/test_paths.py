@@ -6,7 +6,6 @@ import pytest
 
 import gsut
 import tolerances
-from gsut._core import interpolate_pose
 from gsut.check.breaks import _find_break, check_scale
 from gsut.check.drift import check_drift
 from gsut.check.evidence import gather_evidence
