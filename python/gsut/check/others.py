@@ -78,12 +78,12 @@ def find_best_other(evidence: Evidence, given: float) -> Other | None:
     best = min(found, key=lambda other: other.value, default=None)
     if given > POOR or found:
         found += _fit_crop(evidence, most) + _fit_drift(evidence, given, most)
-    if given > POOR and (best is None or not _fits_well(evidence.sample, best)):
+    if given > POOR and (best is None or not _is_enough(evidence.sample, best)):
         found += _fit_others(evidence, most if best is None else best.value - _GAIN)
     return _choose_likeliest(evidence, found) if found else None
 
 
-def _fits_well(sample: Evidence, other: Other) -> bool:
+def _is_enough(sample: Evidence, other: Other) -> bool:
     """Returns whether a reading needs no estimate beside it: a small turn does not mend it."""
     if other.value > _WELL:
         return False
