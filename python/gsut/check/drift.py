@@ -18,8 +18,9 @@ from gsut.sfm.points import measure_angular_errors
 _SIGMAS = 4.0  # standard deviations from which a drift is not chance
 _LEAST_SHIFT = 1.0  # thousandths of the diagonal, by which a drift shifts the pixels of a pair
 _MOST_MATCHES = 6000  # they determine a drift to a hundredth of a pixel
-# Radians a frame: of differences, with which a drift is known to be none, in one iteration.
-_STEP, _KNOWN, _MOST = 1e-4, 0.1, 0.05
+_STEP = 1e-4  # radians a frame: of the differences that give derivatives
+_KNOWN = 0.1  # radians a frame: standard deviation with which a drift is known to be none
+_MOST = 0.05  # radians a frame by which one iteration may change the drift
 _OTHERS = np.tile([[_STEP], [_KNOWN], [_MOST]], (1, 3))
 DRIFT_ADVICE = "the poses drift, as odometry does: adjust all of them at once (`gsut poses`)"
 

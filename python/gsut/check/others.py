@@ -25,8 +25,8 @@ _GAIN = 0.12  # of the cost, that another reading must save; and an estimate bes
 _RATIO = 0.8  # of the given cost, that another reading may have at most
 _SAMPLE_NOISE = 0.06  # of a cost, when it is measured on the sample of the matches
 _WELL = 0.5  # cost of a reading that fits well enough to need no estimate beside it
-_LEAST_ALIKE = 0.03  # readings whose costs differ by less are alike, unless pairs tell them apart
-_SIGMAS = 4.0  # standard deviations from which pairs tell two readings apart
+_LEAST_ALIKE = 0.03  # readings whose costs differ by less are alike, unless pairs prefer one
+_SIGMAS = 4.0  # standard deviations from which pairs prefer a reading
 _OF_PHOTOGRAPHS = "photographs are"  # in the names of readings that photographs explain as well
 _FITTED_LENSES = 4  # other lenses from which a fit is tried: a fit takes a second
 
