@@ -97,6 +97,13 @@ def convert_to_normal(ratio: np.ndarray, freedom: int) -> np.ndarray:
     return bend * np.sqrt(freedom * np.log1p(np.square(ratio) / freedom))
 
 
+def count_sigmas(differences: np.ndarray) -> float:
+    """Returns how far the mean of paired differences lies from zero, as of a normal law."""
+    sigma = float(np.std(differences, ddof=1)) / np.sqrt(len(differences))
+    ratio = float(np.mean(differences)) / max(sigma, _TINY)
+    return float(np.sign(ratio) * convert_to_normal(np.abs(ratio), len(differences) - 1))
+
+
 def fit_lens(cameras: Sequence[Camera], matches: Matches, poses: np.ndarray) -> LensFit:
     """Fits one scale, shift and radial term for all lenses to the epipolar errors, poses held.
 

@@ -12,7 +12,7 @@ from gsut.check.drift import DRIFT_ADVICE, fit_drift, name_drift, rate_drift
 from gsut.check.epipolar import rate_matches
 from gsut.check.evidence import Evidence
 from gsut.check.lens_errors import describe_crop, is_off
-from gsut.check.lens_fit import LensFit, convert_to_normal, fit_lens
+from gsut.check.lens_fit import LensFit, count_sigmas, fit_lens
 from gsut.check.lenses import OtherLens, list_other_lenses
 from gsut.check.readings import list_readings
 from gsut.check.turns import find_body_turn, refine_turn
@@ -106,7 +106,8 @@ def _choose_likeliest(evidence: Evidence, found: Sequence[Other]) -> Other:
         fewest = _rate_pairs(evidence, min(listed, key=lambda other: other.value))
         alike = [
             other for other in alike
-            if not (other.is_listed and _is_larger(_rate_pairs(evidence, other), fewest))
+            if not other.is_listed
+            or count_sigmas(_rate_pairs(evidence, other) - fewest) <= _SIGMAS
         ]  # fmt: skip
     first = alike[0]
     for other in alike[1:] if _OF_PHOTOGRAPHS not in first.name else ():
@@ -120,14 +121,6 @@ def _choose_likeliest(evidence: Evidence, found: Sequence[Other]) -> Other:
 
 def _rate_pairs(evidence: Evidence, other: Other) -> np.ndarray:
     return evidence.rate_pairs(other.poses, other.cameras)
-
-
-def _is_larger(costs: np.ndarray, others: np.ndarray) -> bool:
-    """Returns whether costs of pairs are surely larger than others of the same pairs."""
-    off = costs - others
-    sigma = float(np.std(off, ddof=1)) / np.sqrt(len(off))
-    ratio = max(0.0, float(np.mean(off))) / max(sigma, 1e-12)
-    return bool(convert_to_normal(ratio, len(off) - 1) > _SIGMAS)
 
 
 def _fit_others(evidence: Evidence, most: float) -> list[Other]:

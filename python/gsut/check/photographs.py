@@ -9,7 +9,7 @@ from gsut.check.chance import Judgement, is_another_view, judge_pairs, measure_t
 from gsut.check.drift import check_drift
 from gsut.check.evidence import Evidence
 from gsut.check.findings import Finding
-from gsut.check.lens_errors import check_half_pixel, find_lens_errors
+from gsut.check.lens_errors import check_half_pixel, find_lens_errors, name_other_model
 from gsut.check.lens_fit import fit_lens
 from gsut.check.others import POOR, find_best_other
 from gsut.check.shutter import check_timing
@@ -153,6 +153,8 @@ def _find_small_errors(evidence: Evidence, given: float) -> list[Finding]:
     costs = evidence.rate_pairs()
     findings = _find_bad_pairs(evidence, costs) or check_timing(evidence, given)
     if not findings and len(costs) >= _FEWEST_FOR_LENS:
+        findings += name_other_model(evidence)
+    if not findings and len(costs) >= _FEWEST_FOR_LENS:
         fit = fit_lens(scene.cameras, evidence.matches, poses)
         lens = find_lens_errors(evidence, fit)
         findings += (lens and check_drift(evidence)) or lens
@@ -208,5 +210,8 @@ def check_closely(evidence: Evidence) -> list[Finding]:
     Args:
         evidence: of a close look.
     """
-    found = _find_bad_pairs(evidence, evidence.rate_pairs()) or check_drift(evidence)
+    found = _find_bad_pairs(evidence, evidence.rate_pairs())
+    if not found and len(evidence.pairs) >= _FEWEST_FOR_LENS:
+        found = name_other_model(evidence)
+    found = found or check_drift(evidence)
     return found or [*check_half_pixel(evidence), *check_scale(evidence)]

@@ -39,7 +39,7 @@ class Timing:
         frames: (2,) readout from the first line to the last, below 0 upwards, and time from the
             given poses to the images; of the time between two views.
         sigmas: (2,) standard deviations, by the jackknife over views.
-        shifts: (2,) thousandths of the diagonal by which what is seen moves meanwhile, median.
+        shifts: (2,) thousandths of the diagonal by which the image moves during each, median.
         significance: (2,) in standard deviations of a normal law that are as rare.
         effect: of both on the errors, see `fit_numbers`.
         cost: of the matches with the poses of the lines, from 0 to 1.

@@ -10,6 +10,7 @@ from gsut.check.breaks import _find_break, check_scale
 from gsut.check.drift import check_drift
 from gsut.check.evidence import gather_evidence
 from gsut.check.far_poses import check_far_pose
+from gsut.check.lens_errors import name_other_model
 from gsut.check.matches import _CLOSE, _QUICK, ImagePair, _choose_pairs
 from gsut.check.photographs import check_closely, check_photographs
 from gsut.check.shutter import _measure_speeds, check_timing, fit_timing, move_poses
@@ -43,7 +44,7 @@ def make_walk(bend=0.08):
     return poses
 
 
-def observe(poses, rng, readout=0.0):
+def observe(poses, rng, readout=0.0, lens=LENS):
     """Pixels (V, P, 2) of points through poses, a line each where read out; NaN: not seen."""
     points = rng.normal(size=(POINTS, 3))
     points *= rng.uniform(4.0, 8.0, (POINTS, 1)) / np.linalg.norm(points, axis=1, keepdims=True)
@@ -58,21 +59,21 @@ def observe(poses, rng, readout=0.0):
                 np.tile(speeds[view], (len(points), 1)), readout * line,
             )  # fmt: skip
             seen = np.einsum("pji,pj->pi", moved[:, :3, :3], points - moved[:, :3, 3])
-            found, valid = LENS.project(seen)
+            found, valid = lens.project(seen)
             line = np.clip(np.nan_to_num(found[:, 1]) / LENS.height - 0.5, -0.5, 0.5)
         inside = np.asarray(valid) & ((found > 0) & (found < [240, 180])).all(axis=1)
         pixels[view, inside] = found[inside] + NOISE * rng.normal(size=(inside.sum(), 2))
     return pixels
 
 
-def make_scene(poses):
-    images = [np.zeros((LENS.height, LENS.width, 3), np.uint8)] * len(poses)
-    return gsut.scene_from_arrays(images, LENS, np.linalg.inv(poses), test_every=0)
+def make_scene(poses, lens=LENS):
+    images = [np.zeros((lens.height, lens.width, 3), np.uint8)] * len(poses)
+    return gsut.scene_from_arrays(images, lens, np.linalg.inv(poses), test_every=0)
 
 
-def gather(poses, pixels, look=_CLOSE):
+def gather(poses, pixels, look=_CLOSE, lens=LENS):
     """Evidence of exact matches beside given poses, in the pairs of a look."""
-    scene, pairs = make_scene(poses), []
+    scene, pairs = make_scene(poses, lens), []
     for a, b in _choose_pairs(scene, look):
         both = np.isfinite(pixels[[a, b]]).all(axis=(0, 2))
         if both.sum() >= 16:
@@ -135,6 +136,21 @@ def test_rotations_in_degrees_are_told_from_those_of_another_run(rng):
     for k, pose in enumerate(other):
         pose[:3, :3] = cv2.Rodrigues(np.array([0.0, 0.26 * k, 0.0]))[0]
     assert rate_as_degrees(gather(other, pixels, _QUICK)) is None
+
+
+def test_coefficients_that_move_few_pixels_are_named(rng):
+    focal, k1, k2, p1, p2, k3 = [165.0, 165.0, 121.5, 92.0], -0.3, 0.11, 1e-3, -1e-3, -0.02
+    right = gsut.Camera("opencv5", [*focal, k1, k2, p1, p2, k3], 240, 180)
+    wrong = gsut.Camera("opencv5", [*focal, k1, k2, k3, p1, p2], 240, 180)
+    poses = make_walk()
+    pixels = observe(poses, rng, lens=right)
+    exact = gather(poses, pixels, _QUICK, right)
+    assert name_other_model(exact) == []
+    (said,) = check_photographs(exact.scene, exact)
+    assert "agree with poses and lens" in said.what, said
+    misread = gather(poses, pixels, _QUICK, wrong)
+    (said,) = check_photographs(misread.scene, misread)
+    assert "in the order k1 k2 k3 p1 p2" in said.what, said
 
 
 def test_half_of_the_path_in_another_world_is_named(rng):
