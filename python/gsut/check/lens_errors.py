@@ -17,6 +17,7 @@ _SIGMAS = 4.0  # standard deviations from which a correction of the lens is not 
 _SURE = 4.0  # standard deviations of a principal point that is surely wrong
 _MOST_MATCHES = 6000  # they determine a lens to a hundredth of a pixel
 _NEAR_HALF = 2.5  # standard deviations within which it may be half a pixel off
+_NEARER = 0.25  # of its distance from the given one, likewise: many matches have small deviations
 
 
 def find_lens_errors(evidence: Evidence, fit: LensFit) -> list[Finding]:
@@ -128,11 +129,10 @@ def describe_crop(evidence: Evidence, fit: LensFit) -> str:
 def check_half_pixel(evidence: Evidence) -> list[Finding]:
     """Checks whether the principal point is half a pixel off, as where two conventions meet."""
     fit = fit_lens(evidence.scene.cameras, evidence.matches, evidence.table.select_poses())
+    far = fit.shift_distance(np.zeros(2))
     for half in (0.5, -0.5):
-        if (
-            fit.shift_distance(np.zeros(2)) > _SURE
-            and fit.shift_distance(np.full(2, half)) < _NEAR_HALF
-        ):
+        near = fit.shift_distance(np.full(2, half))
+        if far > _SURE and near < max(_NEAR_HALF, _NEARER * far):
             dx, dy = fit.values[1:3]
             return [
                 evidence.make_finding(
