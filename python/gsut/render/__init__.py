@@ -10,11 +10,12 @@ from gsut.render.light import (
 from gsut.render.motion import place_about
 from gsut.render.paths import make_orbit_path, smooth_path, turn_path
 from gsut.render.pictures import name_pictures, to_uint8, write_png
-from gsut.render.pixel_filter import PixelFilter, is_coarser
+from gsut.render.pixel_filter import PixelFilter
 from gsut.render.projection import METHODS, Projection, project
 from gsut.render.renderer import DEFAULT_UNSCENTED, Gradients, Render, render, render_backward
 from gsut.render.surface import (
     Surface,
+    measure_depth,
     render_surface,
     render_surface_backward,
     z_from_distance,
@@ -35,10 +36,10 @@ __all__ = [
     "choose_solid",
     "compute_field_angles",
     "interpolate_gains",
-    "is_coarser",
     "is_film",
     "make_orbit_path",
     "make_tour_path",
+    "measure_depth",
     "name_pictures",
     "place_about",
     "project",
