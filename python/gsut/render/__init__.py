@@ -1,11 +1,11 @@
 """Rendering and projection, camera paths, pictures and videos."""
 
+from gsut.render.confidence import Confidence
 from gsut.render.films import is_film, write_video
 from gsut.render.light import (
     Falloff,
     Light,
     compute_field_angles,
-    interpolate_gains,
 )
 from gsut.render.motion import place_about
 from gsut.render.paths import make_orbit_path, smooth_path, turn_path
@@ -26,6 +26,7 @@ from gsut.render.tour import make_tour_path
 __all__ = [
     "DEFAULT_UNSCENTED",
     "METHODS",
+    "Confidence",
     "Falloff",
     "Gradients",
     "Light",
@@ -35,7 +36,6 @@ __all__ = [
     "Surface",
     "choose_solid",
     "compute_field_angles",
-    "interpolate_gains",
     "is_film",
     "make_orbit_path",
     "make_tour_path",

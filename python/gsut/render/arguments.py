@@ -9,6 +9,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import BlendRule, InputError
+from gsut.gaussians import StoredGaussians
 
 
 def read_blend_rule(parity: str | None, blend: BlendRule | None) -> BlendRule:
@@ -48,13 +49,16 @@ def read_background(
 
 
 def read_features(
-    features: np.ndarray | None, background: Any, num_gaussians: int, dtype: str
+    features: np.ndarray | None, background: Any, gaussians: Any, dtype: str
 ) -> dict[str, Any]:
     """Reads features and what is behind them as arguments of the core's job; {} without any."""
     if features is None:
         if background is not None:
             raise InputError("features_background is given without features")
         return {}
+    if isinstance(gaussians, StoredGaussians):
+        raise InputError("features belong to Gaussians in memory, not to those in a file")
+    num_gaussians = len(gaussians)
     found = _core.read_array(features, "features")
     if found.ndim != 2 or len(found) != num_gaussians or found.shape[1] == 0:
         raise InputError(

@@ -65,7 +65,7 @@ class PixelFilter:
         return PixelFilter(gaussians, cameras, scene.poses(rows), most_cameras)
 
     @staticmethod
-    def is_needed(camera: Any, photographs: Sequence[Any]) -> bool:
+    def is_coarser(camera: Any, photographs: Sequence[Any]) -> bool:
         """Returns whether a lens' pixels are larger, at its axis, than the finest photograph's."""
         axis, pose = np.array([[0.0, 0.0, 1.0]]), np.eye(4)
         finest = max(float(compute_pixel_density(axis, each, pose)[0]) for each in photographs)
