@@ -127,7 +127,7 @@ class Tracer:
         rays = _make_rays(origins, directions)
         distance, number = self._find_first_hit(rays, np.arange(len(self._hall.shapes)))
         room = self._hall.room
-        side = room.find_side(np.stack(room.compute_normals(rays.locate(distance))))
+        side = room.find_side(room.compute_normals(rays.locate(distance)))
         return np.where(number < 0, side, len(room.sides) + number)
 
     def _find_first_hit(self, rays: Rays, candidates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

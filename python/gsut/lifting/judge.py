@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from gsut.lifting.lift import choose_camera, resize_mask
+from gsut.lifting.back_projection import choose_camera, resize_mask
 from gsut.lifting.lifted import UNKNOWN, Lifted
 
 

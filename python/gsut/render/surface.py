@@ -7,9 +7,9 @@ import math
 
 import numpy as np
 
+from gsut import _core
 from gsut._core import InputError
 from gsut.gaussians import Gaussians, StoredGaussians
-from gsut.lens import Camera
 from gsut.render.card import ON_CARD
 from gsut.render.renderer import Render
 
@@ -126,7 +126,7 @@ def render_surface_backward(result: Render, dnormals: np.ndarray) -> Gaussians:
 
 
 def z_from_distance(
-    distance: np.ndarray, camera: Camera, share: np.ndarray | float = 1.0
+    distance: np.ndarray, camera: _core.Camera, share: np.ndarray | float = 1.0
 ) -> np.ndarray:
     """Converts distances along each pixel's ray to distances along the camera's axis (z).
 
