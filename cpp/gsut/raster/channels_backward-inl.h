@@ -96,7 +96,7 @@ class TileChannels {
   }
 
  private:
-  // Pairs whose sums stay in registers: as many as hide the latency of a sum.
+  // Pairs whose sums stay in registers: enough to hide the latency of a sum.
   static constexpr int kWide = 8;
   // The same for the few that are left.
   static constexpr int kNarrow = 4;

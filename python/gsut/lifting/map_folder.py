@@ -1,4 +1,4 @@
-"""A folder of maps, one a view, read when they are asked for."""
+"""A folder of maps, one a view, read one by one."""
 
 from __future__ import annotations
 
