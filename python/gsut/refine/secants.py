@@ -105,9 +105,9 @@ def refine_by_secants(
         shutter: how the lines are read; None or global: all at once.
         motion: (6,) start, see `SecantPose`; None: zeros.
         gain: gain and bias to start from. with_gain: estimate both.
-        rounds: measurements of the slopes at most. With fewer than `MOST_ROUNDS` the pose is a start
-            for a larger image: `rows` then has the slopes of the last round, not those by which
-            errors are stated.
+        rounds: measurements of the slopes at most. With fewer than `MOST_ROUNDS` the pose is only a
+            start for a larger image, and `rows` has the slopes of the last round, not those by
+            which errors are stated.
 
     Raises:
         SolveError: the photograph does not determine the pose.
