@@ -185,6 +185,7 @@ Inputs ReadInputs(const std::vector<const Camera*>& cameras,
   std::vector<std::array<double, 6>> rates;
   std::vector<std::array<double, 3>> places;
   std::array<double, 3> place_sigma = {1.0, 1.0, 1.0};
+  std::vector<std::vector<double>> lens_mean, lens_sigma;
   SettingsReader settings(values, "estimate_poses");
   settings.Read("max_error", &options.max_error);
   settings.Read("min_angle", &options.min_angle);
@@ -198,6 +199,8 @@ Inputs ReadInputs(const std::vector<const Camera*>& cameras,
   settings.Read("extend_rounds", &options.extend_rounds);
   settings.Read("lens_settled", &options.lens_settled);
   settings.Read("lens_free", &options.lens_free);
+  settings.Read("lens_mean", &lens_mean);
+  settings.Read("lens_sigma", &lens_sigma);
   settings.Read("shutter", &shutter);
   settings.Read("rolling_error", &options.rolling_error);
   settings.Read("image_shutters", &shutters);
@@ -223,6 +226,12 @@ Inputs ReadInputs(const std::vector<const Camera*>& cameras,
   }
   if (!places.empty() && places.size() != inputs.images.size()) {
     throw InputError("places must have one row an image");
+  }
+  if (lens_mean.size() != lens_sigma.size()) {
+    throw InputError("lens_mean and lens_sigma must have one row a camera");
+  }
+  for (std::size_t c = 0; c < lens_mean.size(); ++c) {
+    options.lens_priors.push_back({lens_mean[c], lens_sigma[c]});
   }
   // Rows with NaN are images whose place is not known.
   for (const std::array<double, 3>& place : places) {
