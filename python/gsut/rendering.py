@@ -1,7 +1,9 @@
-"""More about rendering: camera paths, 8-bit images, distances and depths, projections."""
+"""More about rendering: camera paths, 8-bit images, depths, projections, confidence."""
 
+from gsut.compact import measure_confidence
 from gsut.render import METHODS as PROJECTION_METHODS
 from gsut.render import (
+    Confidence,
     Projection,
     make_orbit_path,
     make_tour_path,
@@ -12,9 +14,11 @@ from gsut.render import (
 
 __all__ = [
     "PROJECTION_METHODS",
+    "Confidence",
     "Projection",
     "make_orbit_path",
     "make_tour_path",
+    "measure_confidence",
     "smooth_path",
     "to_uint8",
     "z_from_distance",

@@ -272,6 +272,11 @@ ROWS: dict[str, tuple[Spoil, str]] = {
     "the last picture is cut": (
         edit_image(lambda path: path.write_bytes(path.read_bytes()[:-40]), "images/011.png"),
         "011.png"),
+    **{
+        f"{key} is {value!r:.12}": (set_key("frames", 3, key, value=value), "")
+        for key in ("timestamp", "timestamp_ns") for value in NUMBERS
+    },
+    "a rolling shutter stands still": (set_key("rolling_shutter", value="top_to_bottom"), ""),
     "the dataset is a list": (edit_json(lambda _: [1, 2]), "transforms.json"),
     "the dataset is a number": (edit_json(lambda _: 7), "transforms.json"),
     "the dataset is null": (
@@ -285,7 +290,13 @@ ROWS: dict[str, tuple[Spoil, str]] = {
         lambda folder: (folder / "ds/transforms.json").write_text("[" * 100_000),
         "transforms.json"),
 }  # fmt: skip
-NOTED = {"a pose is apart": "stands farther from all other cameras"}  # what doctor says of a row
+# What doctor says of a row.
+NOTED = {
+    "a pose is apart": "stands farther from all other cameras",
+    "a rolling shutter stands still": "count as taken in one moment",
+    "timestamp is nan": "no number of seconds",
+    "timestamp_ns is 1e+300": "no number of nanoseconds",
+}
 # What is there can be read, and nothing says that there was more.
 SHORTER = {("data.csv", "cut in half"), ("points3D.txt", "empty"), ("points3D.txt", "cut in half")}
 FAILS = "(?!)"  # no sentence has it: this must pass

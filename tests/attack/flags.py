@@ -66,9 +66,6 @@ GOOD: dict[tuple[str, str], tuple[str, ...]] = {
 }  # fmt: skip
 # What is wrong before the number is looked at.
 SOONER = {
-    ("data convert", "--time-range"): "there is no lens file",  # of pictures with a trajectory
-    ("data convert", "--time-offset"): "there is no lens file",
-    ("data convert", "--time-tolerance"): "there is no lens file",
     ("demo", "--rig"): "unrecognized arguments: -inf",  # its number may be left out
     ("points", "--dense"): "unrecognized arguments: -inf",
 }

@@ -35,6 +35,18 @@ def install_truth(folder: Path) -> None:
     gsut.formats.save_ply(folder / "run" / RunFile.SCENE, moved)
 
 
+def draw_others(_: np.ndarray) -> np.ndarray:
+    """Draws other Gaussians from the same pose."""
+    others = rendered_dataset.truth(np.random.default_rng(SEED + 1))
+    image = gsut.render(others, pinhole(SIDE), rendered_dataset.poses()[VIEW]).image
+    return np.round(255 * np.clip(image, 0, 1)).astype(np.uint8)
+
+
+def light_from_left(pixels: np.ndarray) -> np.ndarray:
+    side = np.linspace(1.0, 0.7, pixels.shape[1])[None, :, None]
+    return np.round(pixels * side).astype(np.uint8)
+
+
 def resize_picture(side: int) -> Picture:
     return lambda pixels: cv2.resize(pixels, (side, side), interpolation=cv2.INTER_AREA)
 
@@ -65,12 +77,16 @@ PICTURES: dict[str, tuple[Picture, str]] = {
     "itself": (lambda pixels: pixels, ""),
     "at 8000 pixels": (resize_picture(8000), ""),
     "darker": (lambda pixels: pixels // 3, ""),
+    "lit from the left": (light_from_left, ""),
     "blurred": (lambda pixels: cv2.GaussianBlur(pixels, (5, 5), 1.0), ""),
     "hidden by a third": (hide_left(0.33), ""),
     "black": (fill_picture(0), FEW),
     "white": (fill_picture(255), FEW),
     "noise": (draw_noise, REFUSED),
     "of another place": (draw_texture, REFUSED),
+    "of other Gaussians": (draw_others, REFUSED),
+    "mirrored": (lambda pixels: pixels[:, ::-1], REFUSED),
+    "upside down": (lambda pixels: pixels[::-1], REFUSED),
     "a negative": (lambda pixels: 255 - pixels, REFUSED),
     "hidden but for a strip": (hide_left(0.95), REFUSED),
     "at 1 pixel": (resize_picture(1), SMALL),

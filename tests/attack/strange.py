@@ -228,7 +228,8 @@ THINGS: dict[str, Strange] = {
     "twins": Strange(make_shots(lambda _: draw_view(0)), "shots"),
     "black pictures": Strange(make_shots(lambda _: draw_view(0) * 0), "shots"),
     "pictures of two sizes": Strange(
-        make_shots(lambda i: draw_view(i)[: 240 - 60 * (i % 2)]), "shots"),
+        make_shots(lambda i: draw_view(i)[: 240 - 60 * (i % 2)]), "shots", "",
+        frozenset(("poses", "scene"))),  # as of two cameras
     "pictures of one pixel": Strange(
         make_shots(lambda _: np.zeros((1, 1, 3), np.uint8)), "shots"),
     "pictures of a line": Strange(

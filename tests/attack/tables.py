@@ -20,7 +20,14 @@ from attack.strange import list_strange_cases
 from attack.world import LENSES, SCENES
 from formats.wrong_fields import WRONG
 from gsut.cli import main
-from small_videos import damage_packets, stretch_second_half, texture, view, write_video
+from small_videos import (
+    damage_packets,
+    encode_film,
+    stretch_second_half,
+    texture,
+    view,
+    write_video,
+)
 
 RUN_FILES = ("options.json", "metrics.json", "scene.ply", "environment.json", "history.jsonl",
              "checkpoint.npz")  # fmt: skip
@@ -136,11 +143,19 @@ def list_film_cases() -> Iterator[Case]:
             lambda folder: write_video(folder / walk, draw_places()), "walk.mp4 is cut at"
         ),
         "of a variable rate": (lambda folder: stretch_second_half(folder / walk), ""),
+        "interlaced": (
+            lambda folder: encode_film(folder / walk, "libx264", draw_walk(), flags="+ilme+ildct"),
+            "frames of walk.mp4 are interlaced",
+        ),
     }  # fmt: skip
     for name, (spoil, noted) in rows.items():
         words = ("poses", walk, "-o", "out", "--camera", "lens320.json")
         yield Case("film", f"{walk} is {name}", words, (walk, "lens320.json"), spoil,
                    ("nothing fails",), True, noted)  # fmt: skip
+
+
+def draw_walk() -> Iterator[np.ndarray]:
+    return (view(texture(), 50 + 6.0 * i) for i in range(30))
 
 
 def draw_places() -> Iterator[np.ndarray]:

@@ -28,7 +28,7 @@ def _pose(make, pose: np.ndarray):
 
 def write_bag(path: Path, store: str, *, compressed: bool = False, static: bool = True,
               odometry: tuple[str, ...] = (POSES,), calibrated: bool = True,
-              tf: bool = False, camera: str = "/cam0") -> Path:  # fmt: skip
+              tf: bool = False, camera: str = "/cam0", zooms: bool = False) -> Path:  # fmt: skip
     """One camera on a body at /cam0, its camera_info, and odometry of the body.
 
     Args:
@@ -40,6 +40,7 @@ def write_bag(path: Path, store: str, *, compressed: bool = False, static: bool 
         calibrated: camera_info has a lens.
         tf: with the body's poses in /tf.
         camera: topic above those of the pictures and camera_info.
+        zooms: the focal length of the last camera_info is another.
     """
     import cv2
     from rosbags.rosbag1 import Writer as Writer1
@@ -98,6 +99,8 @@ def write_bag(path: Path, store: str, *, compressed: bool = False, static: bool 
                                is_bigendian=0, step=3 * small.WIDTH,
                                data=pixels.ravel())  # fmt: skip
                 write(f"{camera}/image_raw", picture, time)
+            if zooms and time == made.times()[-1]:
+                k[0] = k[4] = 2 * k[0]
             info = make("sensor_msgs/msg/CameraInfo", header=header(time, "cam0_optical"),
                         height=small.HEIGHT, width=small.WIDTH, distortion_model="plumb_bob",
                         binning_x=0, binning_y=0, roi=roi, **lens)  # fmt: skip

@@ -2,6 +2,7 @@
 
 import struct
 from collections.abc import Callable, Iterable, Sequence
+from fractions import Fraction
 from pathlib import Path
 
 import av
@@ -123,13 +124,21 @@ def damage_packets(path: Path, source: Path, numbers: Sequence[int]) -> Path:
     return path
 
 
-def encode_film(path: Path, codec: str, pictures: Iterable[np.ndarray], keys: int = 12) -> Path:
-    """A film of these pictures, with a key frame at each `keys`-th."""
+def encode_film(
+    path: Path, codec: str, pictures: Iterable[np.ndarray], keys: int = 12, flags: str = "",
+    ratio: Fraction = Fraction(1),
+) -> Path:  # fmt: skip
+    """A film of these pictures, with a key frame at each `keys`-th.
+
+    `flags` are the encoder's; `ratio` is the width of a pixel to its height.
+    """
     with av.open(str(path), "w") as film:
         options = {"x265-params": "log-level=none"} if codec == "libx265" else {}
+        options |= {"flags": flags} if flags else {}
         stream = film.add_stream(codec, rate=30, options=options)
         stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
         stream.gop_size = keys
+        stream.codec_context.sample_aspect_ratio = ratio
         frames = (av.VideoFrame.from_ndarray(picture, "bgr24") for picture in pictures)
         for frame in (*frames, None):
             film.mux(stream.encode(frame))

@@ -21,3 +21,6 @@ COMPACT_SECONDS = 12.0  # processor seconds of 100 000: a million in 60 s on two
 SUPPORT = 1e-6  # of the largest, and of the sum: float32 against double; worst 9e-8
 FLOATERS_LEFT = 0.068  # share of the squared error of planted ones; worst 0.034
 FLOATERS_WRONG = 0.005  # share of what is there; worst 0
+CONFIDENCE_SUMS = 1e-5  # relative: float sums of some thousand pixels; worst 3e-7
+CONFIDENCE_QUANTILES = 0.03  # of 15 000 draws, at most five standard deviations
+CONFIDENCE_MOVED = 1e-5  # of colours: means rounded about another origin

@@ -13,6 +13,7 @@ from gsut.blocks.segment import TILE
 from gsut.compact import SeenView, blend_by_view, blend_weights, compact, list_seen_views
 from gsut.data import Scene
 from gsut.gaussians import SH_C0, Gaussians, merge_gaussians
+from gsut.render import place_about
 
 # Share of a pixel that counts: a grey level.
 _LEAST = 1 / 255
@@ -98,9 +99,8 @@ def find_shares(
         for first in range(0, len(chosen), _CHANNELS):
             some = chosen[first : first + _CHANNELS]
             _mark(marked.sh, owners, some)
-            job = _core.RenderJob(
-                view.camera, view.camera_from_world, rule=rule, sh_degree=0, keep=False
-            )
+            place = place_about(view.camera_from_world, marked.origin)
+            job = _core.RenderJob(view.camera, place, rule=rule, sh_degree=0, keep=False)
             renderer.render(marked, job, image)
             for channel, block in enumerate(some):
                 shown = view.mask & (image[..., channel] > _LEAST)

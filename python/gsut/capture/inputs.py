@@ -85,7 +85,7 @@ def needs_capture(images: str, camera: str | None, unknown_lens: bool) -> bool:
         return False
     if camera is not None:
         return is_lens_name(camera)
-    return unknown_lens or (find_lens_file(path) is None and not find_lens_files(path))
+    return unknown_lens or (not find_lens_files(path) and find_lens_file(path) is None)
 
 
 def _take_pictures(

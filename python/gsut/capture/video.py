@@ -33,6 +33,8 @@ _GOPRO = {
 _DURATION_UNITS = 1e6
 # Frames per second of a file that does not say.
 _USUAL_RATE = 30.0
+# Widths of a pixel to its height that no camera has, nor the other way round: a damaged header.
+_MOST_STRETCH = 4.0
 # Bytes at either end of a file that are searched for the camera's name.
 _METADATA_BYTES = 4_000_000
 # Decoders that drop damaged pictures in silence unless they are to report them. Others then drop
@@ -56,7 +58,10 @@ class Video:
             stream.
 
     Attributes:
-        width, height: of the upright frames in pixels; frames of two lenses are side by side.
+        width, height: of the upright frames in square pixels; frames of two lenses are side by
+            side.
+        stretch: width of the file's pixels to their height.
+        interlaced: frames read so far whose even and odd lines were taken at two moments.
         frame_rate: mean number of frames per second.
         frame_count, duration: according to the file, in frames and seconds; 0 if it does not say.
         untimed: frames read so far whose time stamps do not rise; the frame rate times them.
@@ -88,7 +93,9 @@ class Video:
         self.frame_count = stream.frames or round(self.duration * self.frame_rate)
         self.untimed = 0
         self.damaged: list[float] = []
-        self.width, self.height = stream.width, stream.height
+        self.interlaced = 0
+        self.stretch = _find_stretch(stream)
+        self.width, self.height = _stretch_size(stream, self.stretch)
         first = next(self._frames, None)
         if first is not None:
             self._frames = itertools.chain([first], self._frames)
@@ -115,13 +122,17 @@ class Video:
                     return
                 pair.append(beside[1])
                 is_sound &= beside[2]
+            self.interlaced += frame.interlaced_frame
             if not is_sound:
                 self.damaged.append(seconds)
             yield number, seconds, functools.partial(self._convert, pair) if is_sound else _skip
 
     def _convert(self, frames: list[Any]) -> np.ndarray | None:
         pictures = [
-            f.reformat(format="bgr24", interpolation="BICUBIC").to_ndarray() for f in frames
+            f.reformat(
+                *_stretch_size(f, self.stretch), format="bgr24", interpolation="BICUBIC"
+            ).to_ndarray()
+            for f in frames
         ]
         if len(pictures) == 1:
             return np.ascontiguousarray(np.rot90(pictures[0], frames[0].rotation // 90))
@@ -137,6 +148,17 @@ class Video:
             notes.append(
                 f"{name} is {films} films pasted together, read one after another"
                 + (unread if numbers else "")
+            )
+        if self.stretch != 1:
+            notes.append(
+                f"the pixels of {name} are {self.stretch:.4g} times as wide as high: its frames are"
+                f" stretched to square ones ({self.width} x {self.height})"
+            )
+        if self.interlaced:
+            notes.append(
+                f"{self.interlaced} of {count} frames of {name} are interlaced: every other line "
+                "was taken at another moment, which blurs what moves; make whole frames of it: "
+                "ffmpeg -i IN -vf bwdif -c:v libx264 -crf 16 OUT.mp4"
             )
         if self.untimed:
             notes.append(
@@ -161,6 +183,17 @@ class Video:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def _find_stretch(stream: Any) -> float:
+    """Finds how many times as wide as high a stream's pixels are; 1 where it says nothing usual."""
+    ratio = float(stream.sample_aspect_ratio or 1)
+    return ratio if 1 / _MOST_STRETCH < ratio < _MOST_STRETCH else 1.0
+
+
+def _stretch_size(stored: Any, stretch: float) -> tuple[int, int]:
+    """Returns width and height of a frame in square pixels; neither loses any."""
+    return round(stored.width * max(stretch, 1)), round(stored.height / min(stretch, 1))
 
 
 def _skip() -> None:

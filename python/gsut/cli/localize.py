@@ -84,7 +84,7 @@ def _list_figures(localized: Any, scene: Any, start: str) -> dict[str, Any]:
         "start": start,
         "matches": localized.matches,
         "starts_tried": localized.starts,
-        "likeness": localized.likeness,
+        "agreement": localized.agreement,
         "focal_scale": localized.focal_scale,
         "shutter": found.shutter.direction if found.shutter else "global",
         "shutter_source": localized.shutter_source,
@@ -109,8 +109,9 @@ def _print_pose(figures: dict[str, Any]) -> None:
     print(f"rotation: +- {turns} degrees about the camera's axes")
     print(
         f"colours: rms difference {figures['rms']:.4f} with gain {figures['gain']:.3f} and bias "
-        f"{figures['bias']:+.3f}; details correlate at {figures['likeness']:.2f}"
+        f"{figures['bias']:+.3f}"
     )
+    print(f"{figures['agreement']:.0%} of the photograph's parts lie where the scene shows them")
     if abs(figures["focal_scale"] - 1) > _FOCAL_OFF:
         print(
             "gsut: warning: the photograph fits better a focal length times "

@@ -109,6 +109,13 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         metavar="FILE.ply",
         help="also the coloured points that the images see, in the dataset's coordinates",
     )
+    parser.add_argument(
+        "--confidence",
+        action="store_true",
+        help="also how sure each pixel is: confidence/NAME.npz (color_sigma, depth_sigma, "
+        "seen_views; NaN and 0: never seen) and .png; the first time, the run is compared with its "
+        "photographs, and RUN/confidence.npz keeps that",
+    )
     add_memory(parser)
     add_device(parser)
     add_json(parser)
@@ -121,6 +128,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     import gsut
+    from gsut.cli._render_confidence import ConfidenceOutput
     from gsut.cli._render_depth import DepthOutput
     from gsut.orientation import turn_picture
     from gsut.render import Light, is_film, to_uint8, write_png
@@ -136,7 +144,11 @@ def run(arguments: argparse.Namespace) -> int:
     out = Path(arguments.out or Path(arguments.folder) / label)
     film = is_film(out)
     depths = DepthOutput.from_flags(arguments, None if film else out)
+    sure = ConfidenceOutput.from_flags(arguments, film)
     stage = _stage(arguments)
+    more: dict[str, Any] = {}
+    if sure is not None:
+        stage.gaussians, more = sure.gaussians, {"confidence": sure.confidence}
     shots = _list_shots(arguments, stage, out if film else None)
     pixels = _make_pixel_filter(stage)
     if depths is not None:
@@ -151,11 +163,14 @@ def run(arguments: argparse.Namespace) -> int:
                 camera, place = shot.camera, shot.place
                 drawn = stage.gaussians if pixels is None else pixels.widen(camera, place)
                 result = gsut.render(
-                    drawn, camera, place, background=stage.background, device=arguments.device
-                )
+                    drawn, camera, place, background=stage.background, device=arguments.device,
+                    **more,
+                )  # fmt: skip
                 image = to_uint8(result.image)
                 if depths is not None:
                     depths.add(shot.name, result, image, camera, place)
+                if sure is not None and folder is not None:
+                    sure.add(folder, shot.name, result, shot.turns)
                 yield image
                 bars.show("images", done, len(shots))
 
@@ -168,15 +183,20 @@ def run(arguments: argparse.Namespace) -> int:
         else:  # the pixels are the lens'
             for shot, image in zip(shots, render_images(), strict=True):
                 write_png(folder / f"{shot.name}.png", image, shot.turns)
-        figures = {"images": len(shots), "out": str(out)}
+        figures: dict[str, Any] = {"images": len(shots), "out": str(out)}
         if depths is not None:
             figures |= depths.finish()
+        if sure is not None:
+            figures |= sure.finish()
     if arguments.json:
         print_json(figures)
     else:
         print(f"{len(shots)} images: {out}")
         if stage.light is not None:
             print(Light.SHOWN)
+        if sure is not None:
+            print(figures["confidence"])
+            print(f"never seen: {100 * figures['never_seen']:.1f} % of the pixels")
         if arguments.cloud:
             print(f"{figures['points']:,} points: {arguments.cloud}")
     return 0

@@ -8,6 +8,7 @@ from gsut.compact.compaction import (
     needs_views,
     score_gaussians,
 )
+from gsut.compact.confidence import measure_confidence
 from gsut.compact.floaters import Support, find_support
 from gsut.compact.harmonics import drop_harmonics
 from gsut.compact.scores import (
@@ -31,6 +32,7 @@ __all__ = [
     "find_strongest",
     "find_support",
     "list_seen_views",
+    "measure_confidence",
     "needs_views",
     "score_gaussians",
 ]

@@ -11,7 +11,7 @@ import numpy as np
 from gsut._core import InputError
 from gsut.compact.scores import Passes, SeenView
 from gsut.gaussians import Gaussians
-from gsut.render import Light, place_about
+from gsut.render import Light
 
 _LONGER_SIDE = 480  # pixels of the photographs that are compared
 _UNSEEN = 0.05  # pixels of weight in all photographs together, below which nothing shows a Gaussian
@@ -89,7 +89,7 @@ def find_support(
         if light is not None:
             photograph = photograph / light.on(camera, index, view.camera_index)
         mask = small.mask(index)
-        passes.render(SeenView(camera, place_about(view.motion, gaussians.origin), mask))
+        passes.render(SeenView(camera, view.motion, mask))
         here = passes.add_support(np.ascontiguousarray(photograph, np.float32), mask)
         more = here[:, 0] > most
         most_weight = np.where(more, here[:, 1], most_weight)

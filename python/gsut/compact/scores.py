@@ -11,6 +11,7 @@ import numpy as np
 from gsut import _core
 from gsut._core import InputError
 from gsut.gaussians import SH_C0, Gaussians
+from gsut.render import place_about
 
 
 @dataclasses.dataclass(frozen=True)
@@ -111,7 +112,8 @@ def find_strongest(gaussians: Gaussians, view: SeenView) -> tuple[np.ndarray, np
 
     Returns:
         (H, W) int32, the Gaussian's number, -1 where there is none, and (H, W, 3) float32, the
-        point of the pixel's ray that is nearest to the Gaussian's centre, in the world.
+        point of the pixel's ray that is nearest to the Gaussian's centre, about the Gaussians'
+        origin as their means are.
     """
     passes = Passes(paint_grey(gaussians, 0))
     passes.render(view)
@@ -119,7 +121,10 @@ def find_strongest(gaussians: Gaussians, view: SeenView) -> tuple[np.ndarray, np
 
 
 class Passes:
-    """Forward and backward passes of one set of Gaussians with shared buffers."""
+    """Forward and backward passes of one set of Gaussians with shared buffers.
+
+    Views are given in world coordinates, wherever the Gaussians' `origin` lies.
+    """
 
     def __init__(self, gaussians: Gaussians, background: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
         self.gaussians = gaussians.to_dtype(np.float32)
@@ -133,8 +138,9 @@ class Passes:
         """Renders image (H, W, 3) and alpha (H, W); keep: for the passes below."""
         image = np.zeros((view.camera.height, view.camera.width, 3), np.float32)
         alpha = np.zeros(image.shape[:2], np.float32)
+        place = place_about(view.camera_from_world, self.gaussians.origin)
         job = _core.RenderJob(
-            view.camera, view.camera_from_world, rule=self._rule, background=self._background,
+            view.camera, place, rule=self._rule, background=self._background,
             sh_degree=self.gaussians.sh_degree, keep=keep,
         )  # fmt: skip
         self._renderer.render(self.gaussians, job, image, alpha)
@@ -164,7 +170,7 @@ def paint_grey(gaussians: Gaussians, degree: int) -> Gaussians:
     """Paints mid-grey harmonics of this degree: no colour is clamped, so no gradient is cut."""
     return Gaussians(
         gaussians.means, gaussians.quats, gaussians.log_scales, gaussians.opacity_logits,
-        np.zeros((len(gaussians), (degree + 1) ** 2, 3), gaussians.dtype),
+        np.zeros((len(gaussians), (degree + 1) ** 2, 3), gaussians.dtype), gaussians.origin,
     )  # fmt: skip
 
 

@@ -6,7 +6,7 @@ import dataclasses
 import itertools
 import os
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
@@ -37,6 +37,7 @@ from gsut.run import Progress
 
 _DEFAULT = "nerfstudio"
 _TRAJECTORIES = ("tum", "kitti")
+_PLACES = {"lens", "poses"}  # what replaces those of a dataset
 _PNG = ".png"
 
 
@@ -86,7 +87,11 @@ def convert_dataset(
     layout = find_layout(source) if source.exists() else None
     if layout is None or layout.unpack is None:
         place = link_file if link else copy_file
-        return _write(_read(source, given), out, to, place, scene, progress)
+        cameras = ()
+        if layout is not None and layout.read is not None and not given.keys() >= _PLACES:
+            cameras = given.pop("cameras", ())
+            _require_no_parts(source, given)
+        return _write(_read(source, given), out, to, place, scene, progress, cameras)
     with staging_folder(out) as staging:
         recording = layout.unpack(
             source, staging, poses_topic="" if given.get("poses") else poses_topic,
@@ -106,6 +111,7 @@ def _write(
     place: Callable[[Path, Path], None],
     scene: Scene | None,
     progress: bool,
+    cameras: Sequence[str] = (),
 ) -> list[str]:
     if scene is not None:
         _take_poses(listing, scene)
@@ -113,16 +119,51 @@ def _write(
     lenses = {view.name: checked.file_cameras[view.camera_index] for view in checked.views}
     found = {frame.name: frame for frame in reversed(listing.frames) if frame.name in lenses}
     frames = [dataclasses.replace(found[name], camera=lenses[name]) for name in sorted(found)]
+    if cameras:
+        frames = _choose_cameras(frames, cameras, listing.path)
     notes = list(checked.notes)
     if out.suffix.lower() == ".txt":
         return notes + _write_trajectory(out, frames, to)
     has_lists = listing.listed_test is not None or listing.listed_train is not None
-    test = [checked.views[i].name for i in checked.test_indices] if has_lists else None
+    held_out = {checked.views[i].name for i in checked.test_indices}
+    test = [frame.name for frame in frames if frame.name in held_out] if has_lists else None
     export = Export(
         frames, listing.points, listing.point_colors, test,
         _with_bar(place, len(frames), progress), listing.up,
     )  # fmt: skip
     return notes + write_layout(out, export, to)
+
+
+def _require_no_parts(source: Path, given: Mapping[str, Any]) -> None:
+    """Requires that nothing is given for a dataset that has it.
+
+    Raises:
+        DatasetError: names the first that is.
+    """
+    for key in given:
+        flag = "--" + key.replace("_", "-")
+        raise DatasetError(
+            source, f"{flag} is given, but its files say which lens and pose each picture has",
+            f"leave out {flag}; or give both --lens and --poses, which replace them",
+        )  # fmt: skip
+
+
+def _choose_cameras(frames: list[Frame], cameras: Sequence[str], where: Path) -> list[Frame]:
+    """Chooses the frames whose images lie in folders of these names, below a folder "images".
+
+    Raises:
+        DatasetError: there is no such folder.
+    """
+    folders = {f.name: PurePosixPath(strip_images_folder(f)).parent.as_posix() for f in frames}
+    known = sorted(set(folders.values()) - {"."})
+    unknown = [name for name in cameras if name not in known]
+    if unknown:
+        raise DatasetError(
+            where, f"there is no camera {unknown[0]}: cameras are called as the folders of their "
+            f"images, {', '.join(known) or 'and all lie in one'}",
+            "name one of them" if known else "leave out --cameras",
+        )  # fmt: skip
+    return [frame for frame in frames if folders[frame.name] in cameras]
 
 
 def _with_bar(

@@ -170,8 +170,16 @@ def list_losses(
         found.append(f"{layout} has no place for masks: those of {masked} images are left out")
     if export.test is not None:
         found.append(f"{layout} has no place for lists of held-out images: give --set test_names")
-    if times and not find_frame_times(export.frames)[1]:
+    has_times = find_frame_times(export.frames)[1]
+    if times and not has_times:
         found.append("the images have no times: they are named as if taken ten a second")
+    if has_times and not times:
+        found.append(f"{layout} has no place for the times of images: they are left out")
+    deep = sum(f.depth_path is not None or f.normal_path is not None for f in export.frames)
+    if deep:
+        found.append(
+            f"{layout} has no place for depths and normals: those of {deep} images are left out"
+        )
     return found
 
 
@@ -239,6 +247,12 @@ def group_seats(frames: Sequence[Frame], layout: str) -> tuple[list[Seat], dict[
     bodies: dict[int, np.ndarray] = {}
     for seat in groups.values():
         met = [i for i, time in enumerate(seat.times) if time in bodies]
+        if bodies and not met:
+            raise InputError(
+                f"{layout} holds one body's poses, and {seat.frames[0].name} and others of its "
+                "camera were taken at no time of another camera, so that nothing says where on the "
+                "body it is; write one camera at a time with --cameras, or as nerfstudio"
+            )
         if met:
             first = invert_pose(bodies[seat.times[met[0]]]) @ seat.frames[met[0]].world_from_camera
             seat.body_from_camera = first

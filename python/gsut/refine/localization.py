@@ -18,6 +18,7 @@ from gsut._core import Shutter, SolveError
 from gsut.data.images import shrink_image, shrink_mask
 from gsut.data.poses import find_centers
 from gsut.gaussians import Gaussians, apply_low_pass
+from gsut.refine.agreement import measure_agreement
 from gsut.refine.pose import RefinedPose
 from gsut.refine.query import Query
 from gsut.refine.secants import measure_pixel_angle, place_lines
@@ -42,16 +43,9 @@ _FEWEST_MATCHES = 12
 _SURE_MATCHES = 40
 # Number of training poses tried as starts, best ranked first.
 _POSES_TRIED = 3
-# Correlation of a photograph's details with the render's from which it counts as found; renders of
-# another place reach 0.2.
-_LIKENESS = 0.4
-# The same if _FEWEST_MATCHES features agree with the pose, which is evidence of its own.
-_LIKENESS_WITH_MATCHES = 0.25
-# Details are an image of this size (pixels along the shorter side) minus its local mean: coarse
-# enough for a pose that is a pixel off.
-_DETAIL_SIDE = 120
-# Side of the square of that mean, in such pixels: exposure and shading vary over more than this.
-_DETAIL_AROUND = 15
+# Share of a photograph's parts that must lie where the scene shows them: most, since in a small
+# picture many fit by chance.
+_LEAST_AGREEMENT = 0.5
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,7 +57,7 @@ class Localized:
         start: "matches", or the index of the training view whose pose was the start.
         matches: features of rendered views that agree with the start; 0 for a training pose.
         starts: how many starts were tried.
-        likeness: correlation of the photograph's details with the render's, -1 to 1.
+        agreement: share of the photograph's parts that lie where the scene shows them, 0 to 1.
         focal_scale: factor on the focal length with which the colours fit best; what the pose moves
             with it is in its covariance.
         shutter_source: "given"; "picture": lines that move with the camera are beyond doubt, or the
@@ -75,7 +69,7 @@ class Localized:
     start: str | int
     matches: int
     starts: int
-    likeness: float = 1.0
+    agreement: float = 1.0
     focal_scale: float = 1.0
     shutter_source: str = "given"
 
@@ -109,8 +103,8 @@ def localize_image(
 
     Raises:
         InputError: a lens of the photograph whose rays do not meet in one point.
-        SolveError: no start led to a pose, or the best render shows other details than the
-            photograph, which then shows another place or was taken through another lens.
+        SolveError: no start led to a pose, or most parts of the photograph lie elsewhere in the
+            best render: it shows another place or was taken through another lens.
     """
     require_central([camera])
     if gaussians.origin.any():
@@ -143,45 +137,20 @@ def localize_image(
     show("refining", len(starts) + 1, len(starts) + 1)
     _, name, pose, matches, number = best
     fine, shutter, source = query.refine_lines(pose, shutter)
-    likeness = _correlate_details(
-        gaussians, camera, place_lines(fine.camera_from_world, fine.motion, shutter), pixels, mask,
-        background,
+    seen = render(
+        gaussians, camera, place_lines(fine.camera_from_world, fine.motion, shutter),
+        background=background,
     )  # fmt: skip
-    if not likeness >= (_LIKENESS_WITH_MATCHES if matches >= _FEWEST_MATCHES else _LIKENESS):
+    agreement = measure_agreement(pixels, to_uint8(seen.image), query.valid)
+    if not agreement >= _LEAST_AGREEMENT:
         raise SolveError(
-            "the photograph was not found in the scene: its details correlate with those seen from "
-            f"the best of {len(starts)} poses at {likeness:.2f} ({_LIKENESS} is needed, or "
-            f"{_LIKENESS_WITH_MATCHES} and {_FEWEST_MATCHES} matches), and {matches} features "
-            "agree with that pose; it shows another place, or another lens took it"
+            f"the photograph was not found in the scene: from the best of {len(starts)} poses, "
+            f"{agreement:.0%} of its parts lie where the scene shows them ({_LEAST_AGREEMENT:.0%} "
+            f"are needed), and {matches} features agree with that pose; it shows another place, or "
+            "another lens took it"
         )
     refined, focal_scale = query.add_systematic_errors(fine, shutter, source)
-    return Localized(refined, name, matches, number, likeness, focal_scale, source)
-
-
-def _correlate_details(
-    gaussians: Gaussians,
-    camera: _core.Camera,
-    pose: Any,
-    pixels: np.ndarray,
-    mask: np.ndarray,
-    background: Sequence[float],
-) -> float:
-    """Correlates the details of a photograph with those of the scene rendered from a pose."""
-    import cv2
-
-    seen = to_uint8(render(gaussians, camera, pose, background=background).image)
-    factor = min(1.0, _DETAIL_SIDE / min(camera.width, camera.height))
-    size = [max(1, round(side * factor)) for side in (camera.width, camera.height)]
-    valid = shrink_mask(mask & camera.rays()[1], *size).astype(np.float64)
-    weight = np.maximum(cv2.blur(valid, (_DETAIL_AROUND, _DETAIL_AROUND)), 1e-9)
-    details = []
-    for image in (pixels, seen):
-        grey = shrink_image(image, *size).astype(np.float64).mean(axis=2) * valid
-        around = cv2.blur(grey, (_DETAIL_AROUND, _DETAIL_AROUND)) / weight
-        details.append((grey - around)[valid > 0])
-    if min(len(details[0]), *(float(np.ptp(each)) for each in details)) == 0:
-        return 0.0
-    return float(np.corrcoef(*details)[0, 1])
+    return Localized(refined, name, matches, number, agreement, focal_scale, source)
 
 
 def _localize_about_origin(

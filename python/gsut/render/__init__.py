@@ -1,5 +1,6 @@
 """Rendering and projection, camera paths, pictures and videos."""
 
+from gsut.render.confidence import Confidence
 from gsut.render.films import is_film, write_video
 from gsut.render.light import (
     Falloff,
@@ -10,7 +11,7 @@ from gsut.render.light import (
 from gsut.render.motion import place_about
 from gsut.render.paths import make_orbit_path, smooth_path, turn_path
 from gsut.render.pictures import name_pictures, to_uint8, write_png
-from gsut.render.pixel_filter import PixelFilter, is_coarser
+from gsut.render.pixel_filter import PixelFilter
 from gsut.render.projection import METHODS, Projection, project
 from gsut.render.renderer import DEFAULT_UNSCENTED, Gradients, Render, render, render_backward
 from gsut.render.surface import (
@@ -25,6 +26,7 @@ from gsut.render.tour import make_tour_path
 __all__ = [
     "DEFAULT_UNSCENTED",
     "METHODS",
+    "Confidence",
     "Falloff",
     "Gradients",
     "Light",
@@ -35,7 +37,6 @@ __all__ = [
     "choose_solid",
     "compute_field_angles",
     "interpolate_gains",
-    "is_coarser",
     "is_film",
     "make_orbit_path",
     "make_tour_path",

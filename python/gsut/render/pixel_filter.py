@@ -64,6 +64,13 @@ class PixelFilter:
         cameras = [scene.camera(row) for row in rows]
         return PixelFilter(gaussians, cameras, scene.poses(rows), most_cameras)
 
+    @staticmethod
+    def is_coarser(camera: Any, photographs: Sequence[Any]) -> bool:
+        """Returns whether a lens' pixels are larger, at its axis, than the finest photograph's."""
+        axis, pose = np.array([[0.0, 0.0, 1.0]]), np.eye(4)
+        finest = max(float(compute_pixel_density(axis, each, pose)[0]) for each in photographs)
+        return bool(compute_pixel_density(axis, camera, pose)[0] < _ALIKE * finest)
+
     def widen(self, camera: Any, camera_from_world: Any) -> Any:
         """Returns the Gaussians as wide as the pixels of one image need them.
 
@@ -121,13 +128,6 @@ class _StoredPixelFilter(PixelFilter):
             return own.widen(camera, camera_from_world)
 
         return self.gaussians.with_change(widen_part)
-
-
-def is_coarser(camera: Any, photographs: Sequence[Any]) -> bool:
-    """Returns whether a lens' pixels are larger, at its axis, than the finest photograph's."""
-    axis, pose = np.array([[0.0, 0.0, 1.0]]), np.eye(4)
-    finest = max(float(compute_pixel_density(axis, each, pose)[0]) for each in photographs)
-    return bool(compute_pixel_density(axis, camera, pose)[0] < _ALIKE * finest)
 
 
 def _to_own_axes(quats: np.ndarray, vectors: np.ndarray) -> np.ndarray:

@@ -13,6 +13,7 @@ from gsut import _core
 from gsut._core import BlendRule, InputError
 from gsut.gaussians import Gaussians, LinearGaussians, StoredGaussians
 from gsut.render.card import ON_CARD, check_device, draw_or_warn
+from gsut.render.confidence import Confidence
 from gsut.render.motion import convert_about_camera, place_about, read_motion
 from gsut.render.projection import DEFAULT_UNSCENTED
 from gsut.render.soundness import sum_bits, warn_of_undrawn
@@ -41,6 +42,10 @@ class Render:
         behind: (H, W, 3) what shows where the image is not covered, if not `background`.
         features: (H, W, D) sum of weight times feature, their background blended in; None without
             features.
+        color_sigma, depth_sigma: (H, W) bounds that 68 % of pixels keep, on the mean absolute
+            difference of their colours to a photograph, and of their depth / alpha; NaN: never seen
+        seen_views: (H, W) effective number of training views that show the same; 0: never seen.
+            These three are None without confidence.
     """
 
     image: np.ndarray
@@ -56,6 +61,9 @@ class Render:
     renderer: Any  # _core.Renderer, None for the double reference, or ON_CARD
     behind: np.ndarray | None = None
     features: np.ndarray | None = None
+    color_sigma: np.ndarray | None = None
+    depth_sigma: np.ndarray | None = None
+    seen_views: np.ndarray | None = None
     seen: Any = None  # what was read of Gaussians in a file, which the renderer goes on with
     _bits: int | None = None  # of the Gaussians as they were drawn
     _channels: dict[str, Any] = dataclasses.field(default_factory=dict, repr=False)
@@ -119,6 +127,7 @@ def render(
     *,
     features: np.ndarray | None = None,
     features_background: Sequence[float] | np.ndarray | None = None,
+    confidence: Confidence | None = None,
     shutter: _core.Shutter | str | None = None,
     background: Sequence[float] | np.ndarray | None = (0.0, 0.0, 0.0),
     parity: str | None = None,
@@ -140,6 +149,7 @@ def render(
             blended by the same weights, without harmonics and without a clamp. Colours of your own,
             labels, descriptors, depths along any axis.
         features_background: (D,) what shows behind the features; None stands for zeros.
+        confidence: from `gsut.rendering.measure_confidence`, for sigmas; in place of features.
         shutter: the `Shutter` of a pair of poses, or its direction: "top_to_bottom",
             "bottom_to_top", "left_to_right" or "right_to_left". Each line of the image is then
             seen from its own pose; Gaussians are ordered and shaded from the middle one.
@@ -179,6 +189,8 @@ def render(
     color, behind = _read_background(background, camera)
     if sh_degree < 0:
         raise InputError(f"sh_degree must be 0 to 3, found {sh_degree}")
+    if confidence is not None:
+        features = confidence.list_channels(gaussians, features)
     pose = read_motion(camera_from_world, shutter)
     gaussians = convert_about_camera(gaussians, pose, dtype)
     place = place_about(pose, gaussians.origin)
@@ -225,10 +237,15 @@ def render(
         image, alpha, depth, distortion, drawn, *shown, renderer, features=pixels, seen=seen,
         _bits=bits, _channels=channels,
     )  # fmt: skip
+    if confidence is not None:
+        out = confidence.add_sigmas(out)
     if background is None:
         behind = compute_surroundings(out.image, out.alpha, camera)
-    if behind is None:
-        return out
+    return out if behind is None else _put_behind(out, behind)
+
+
+def _put_behind(out: Render, behind: np.ndarray) -> Render:
+    """Blends an image (H, W, 3) in where the Gaussians do not cover a render."""
     behind = behind.astype(out.image.dtype)
     image = out.image + (1.0 - out.alpha)[..., None] * behind
     return dataclasses.replace(out, image=image, behind=behind)

@@ -46,12 +46,13 @@ class RunFile:
     BLOCKS = "blocks"  # states of a training in blocks, its plan and layout
     PLAN = f"{BLOCKS}/plan.json"  # how it is divided, with its TrainOptions as they were given
     RENDERS = "renders"  # pictures of the held-out views
+    CONFIDENCE = "confidence.npz"  # how sure renders are, if gsut render --confidence measured it
 
 
 _FILES = (
     *(RunFile.OPTIONS, RunFile.ENVIRONMENT, RunFile.HISTORY, RunFile.CHECKPOINT, RunFile.SCENE),
     *(RunFile.METRICS, RunFile.REPORT, RunFile.REFINED, RunFile.TRANSFORMS),
-    *(RunFile.BLOCKS, RunFile.RENDERS),
+    *(RunFile.BLOCKS, RunFile.RENDERS, RunFile.CONFIDENCE),
 )
 _DAMAGED = f"it is damaged; {RunFile.SCENE}, if it is there, can be used by itself"
 _OTHER_CHECKPOINT = "it is not of this training; remove this file and begin a new run"

@@ -22,7 +22,6 @@ from gsut.orientation import turn_picture
 from gsut.render import (
     PixelFilter,
     choose_solid,
-    is_coarser,
     place_about,
     render,
     to_uint8,
@@ -214,7 +213,7 @@ class Frames:
         at_rest = request.quality is not None and request.quality >= FULL_QUALITY
         if not at_rest or scene is None or self.stage.kind != "run":
             return gaussians
-        if not is_coarser(camera, scene.cameras):
+        if not PixelFilter.is_coarser(camera, scene.cameras):
             return gaussians
         if self._pixels is None or self._pixels.gaussians is not gaussians:
             self._pixels = PixelFilter.from_scene(gaussians, scene, _FILTER_CAMERAS)

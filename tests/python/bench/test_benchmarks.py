@@ -55,6 +55,15 @@ def test_render_of_a_wrong_result_prints_no_time(tmp_path, monkeypatch, capsys):
     assert "out of bounds" in capsys.readouterr().err
 
 
+def test_sure_rows_hold_errors_of_the_scores_and_what_the_pass_takes(hall):
+    rows = run_bench("sure", hall, steps=20, cap=800, side=64)
+    (row,) = rows.values()
+    assert abs(row["color_random"] - 1) < 0.2 and 0 < row["color_sigma"] < 1
+    assert 0 < row["depth_sigma"] < 1.5 and 0 < row["depth_held"] <= 100
+    assert row["least"] <= row["held"] <= row["most"] and row["held_95"] > row["held"]
+    assert row["pass_seconds"] > 0 and row["cpu_seconds"] > 0
+
+
 def test_ways_miss_nothing_and_state_error_beside_time(tmp_path):
     options = {"counts": ("2k",), "runs": 1, "tiles": 2, "pixels": 48 * 48}
     rows = run_bench("ways", tmp_path, only="demo's fisheye, 2k, native", **options)

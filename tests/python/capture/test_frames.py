@@ -2,6 +2,7 @@
 
 import json
 import os
+from fractions import Fraction
 from pathlib import Path
 
 import cv2
@@ -283,6 +284,29 @@ def test_pasted_films_of_another_size_or_damaged_are_left_out_and_said(tmp_path)
         "both.mp4 is 4 films pasted together, read one after another; of another size or damaged, "
         "and left out: film 2, 4"
     ]
+
+
+def draw_walk(count):
+    return [view(texture(), 50 + 12.0 * i) for i in range(count)]
+
+
+@pytest.mark.parametrize(("ratio", "size"), [((4, 3), (427, 240)), ((8, 9), (320, 270))])
+def test_film_of_pixels_that_are_not_square_is_stretched_with_a_note(ratio, size, tmp_path):
+    film = encode_film(tmp_path / "film.mp4", "libx264", draw_walk(3), ratio=Fraction(*ratio))
+    with Video(film) as video:
+        pictures = [decode() for _, _, decode in video.read_frames()]
+        assert (video.width, video.height) == size
+        assert [picture.shape for picture in pictures] == 3 * [(size[1], size[0], 3)]
+        (note,) = video.list_notes(3)
+    assert f"stretched to square ones ({size[0]} x {size[1]})" in note
+
+
+def test_interlaced_film_is_noted(tmp_path):
+    film = encode_film(tmp_path / "film.mp4", "libx264", draw_walk(3), flags="+ilme+ildct")
+    with Video(film) as video:
+        assert len(list(video.read_frames())) == 3
+        (note,) = video.list_notes(3)
+    assert "3 of 3 frames of film.mp4 are interlaced" in note and "bwdif" in note
 
 
 def test_a_cut_is_said_and_a_fast_walk_or_a_flash_is_none(tmp_path):

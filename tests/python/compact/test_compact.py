@@ -20,6 +20,7 @@ from gsut.compact.methods.lightgaussian import score_significance, sum_hits
 from gsut.compact.methods.pup import score_sensitivity, sum_fisher_matrices
 from gsut.compact.scores import SeenView, blend_weights, find_strongest, sum_bases
 from gsut.gaussians import SH_C0
+from gsut.render import place_about
 from random_scenes import arrays_of, fisheye, gaussians_in_view, pinhole, random_pose
 
 COUNT = 300
@@ -79,6 +80,19 @@ def test_blend_weights_of_masked_pixels_do_not_count(scene, views):
     parts = blend_weights(scene, [left]) + blend_weights(scene, [right])
     whole = blend_weights(scene, [views[0]])
     assert np.linalg.norm(parts - whole) < tolerances.COMPACT_WEIGHTS * np.linalg.norm(whole)
+
+
+@pytest.mark.parametrize("score", [blend_weights, sum_bases, sum_hits, sum_fisher_matrices])
+def test_scores_of_gaussians_about_an_origin_equal_those_about_zero(scene, views, score):
+    origin = np.array([40.0, -7.0, 12.0])
+    moved = [
+        dataclasses.replace(v, camera_from_world=place_about(v.camera_from_world, -origin))
+        for v in views
+    ]
+    expected, found = score(scene, views), score(scene.translate(origin), moved)
+    assert np.abs(expected).max() > 0
+    error = np.linalg.norm(found - expected) / np.linalg.norm(expected)
+    assert error < tolerances.COMPACT_WEIGHTS
 
 
 def blended_by_hand(g, view):

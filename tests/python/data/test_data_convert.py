@@ -159,6 +159,67 @@ def check_nerfstudio_split(values: dict) -> None:
     assert all(lists) and known.issuperset(name for names in lists for name in names)
 
 
+def write_two_cameras(path, offset=0):
+    """A nerfstudio dataset of two cameras with a lens each; the second's times are shifted."""
+    gsut.convert_dataset(made.write_euroc(path.with_name("recording")), path)
+    values = json.loads((path / "transforms.json").read_text())
+    for folder in ("cam0", "cam1"):
+        (path / "images/mav0" / folder / "data").rename(path / "images" / folder)
+    for frame in values["frames"]:
+        frame["file_path"] = frame["file_path"].replace("mav0/", "").replace("data/", "")
+        is_second = "cam1" in frame["file_path"]
+        frame["fl_x"] = values["fl_x"] + is_second
+        frame["timestamp_ns"] += is_second * offset
+    (path / "transforms.json").write_text(json.dumps(values))
+
+
+@pytest.mark.parametrize("to", ["folder", "colmap", "nerfstudio"])
+def test_cameras_with_a_lens_each_come_back_from_the_layout(to, tmp_path):
+    write_two_cameras(tmp_path / "in")
+    gsut.convert_dataset(tmp_path / "in", tmp_path / "out", to)
+    scene, found = (gsut.load_dataset(tmp_path / name, test_every=0) for name in ("in", "out"))
+    assert len({camera for camera in found.cameras}) == 2
+    assert_same(found, scene)
+
+
+def test_cameras_that_never_share_a_time_are_no_euroc_dataset(tmp_path):
+    write_two_cameras(tmp_path / "in", offset=1000)
+    with raises_saying(["cam1/", "at no time of another camera", "--cameras"]):
+        gsut.convert_dataset(tmp_path / "in", tmp_path / "out", "euroc")
+
+
+def test_cameras_of_a_dataset_with_poses_are_chosen_by_their_folders(tmp_path, capsys):
+    write_two_cameras(tmp_path / "in", offset=1000)
+    words = ["data", "convert", str(tmp_path / "in"), str(tmp_path / "out"), "--to", "tum"]
+    assert main([*words, "--cameras", "left"]) == 2
+    assert "no camera left: cameras are called as the folders of their images, cam0, cam1" in (
+        capsys.readouterr().err
+    )
+    assert main([*words, "--cameras", "cam1"]) == 0
+    scene = gsut.load_dataset(tmp_path / "out")
+    assert len(scene) == small.VIEWS
+    for view, time in zip(scene.views, made.times(), strict=True):
+        made.assert_pose(view, 1, time)
+
+
+def test_what_a_dataset_has_is_not_given_again(tmp_path):
+    small.write_nerfstudio(tmp_path / "in")
+    with raises_saying(["--time-offset", "give both --lens and --poses"]):
+        gsut.convert_dataset(tmp_path / "in", tmp_path / "out", parts={"time_offset": 1.0})
+
+
+@pytest.mark.parametrize("to", ["colmap", "folder", "tum", "kitti", "euroc"])
+def test_convert_says_that_times_or_depths_have_no_place(to, tmp_path):
+    values = small.transforms()
+    for number, frame in enumerate(values["frames"]):
+        frame |= {"timestamp": number / 2, "depth_file_path": "depth.png"}
+    small.write_png(tmp_path / "in/depth.png", np.ones((small.HEIGHT, small.WIDTH), np.uint16))
+    small.write_nerfstudio(tmp_path / "in", values)
+    notes = " ".join(gsut.convert_dataset(tmp_path / "in", tmp_path / "out", to))
+    assert "those of 10 images are left out" in notes
+    assert ("no place for the times" in notes) == (to in ("colmap", "folder"))
+
+
 @pytest.mark.parametrize("to", ["colmap", "colmap-text", "euroc"])
 def test_convert_of_a_lens_with_a_valid_field_says_what_the_layout_drops(to, tmp_path):
     small.write_nerfstudio(

@@ -9,6 +9,7 @@ import pytest
 import gsut
 import small_datasets as small
 from gsut.check import check_scene
+from gsut.data.poses import OPENGL_FROM_OPENCV
 
 OPENCV = """%YAML:1.0
 ---
@@ -43,6 +44,15 @@ def edited(path, **keys):
     (path / "transforms.json").write_text(json.dumps(values))
 
 
+def edit_frames(path, **columns):
+    """Writes values under these keys of the first frames."""
+    values = small.transforms()
+    for key, column in columns.items():
+        for frame, value in zip(values["frames"], column, strict=False):
+            frame[key] = value
+    small.write_nerfstudio(path, values)
+
+
 def write_sixteen_bits(path, factor):
     """Pixels of 8 bits times a factor, in files of 16."""
     small.write_nerfstudio(path)
@@ -67,6 +77,25 @@ def float_colours(path):
     (path / values["ply_file_path"]).write_text(header + "end_header\n" + rows)
 
 
+def write_cameras(path, labels="{folder}/{file}", lenses=("cam0.json", "cam1.json")):
+    """Pictures of two cameras in folders, lens files beside them, and a pose for each picture."""
+    values = small.transforms()
+    rows = []
+    for i, frame in enumerate(values["frames"]):
+        folder, file = f"cam{i % 2}", f"{i // 2:03d}.png"
+        small.write_png(
+            path / "images" / folder / file, small.render(small.world_from_cameras()[i])
+        )
+        pose = np.array(frame["transform_matrix"]) @ OPENGL_FROM_OPENCV
+        label = labels.format(folder=folder, file=file)
+        w, *turn = small.quaternion(pose[:3, :3])
+        rows.append(" ".join([label, *(f"{v:.17g}" for v in [*pose[:3, 3], *turn, w])]))
+    (path / "poses.txt").write_text("\n".join(rows) + "\n")
+    for number, name in enumerate(lenses):
+        params = [small.FX + number, small.FY, small.CX, small.CY]
+        gsut.save_camera(gsut.Camera("pinhole", params, small.WIDTH, small.HEIGHT), path / name)
+
+
 HALF = [f"{i:03d}.png" for i in range(0, small.VIEWS, 2)]
 # What is open, how it is made, and the words of the refusal.
 REFUSED = [
@@ -79,6 +108,12 @@ REFUSED = [
      "degrees\\? write 1.658"),
     ("masks under other names", lambda p: masks(p, ["mask_0.png", "mask_1.png"]),
      "none of 2 masks belongs to an image: mask_0.png, mask_1.png; a mask is called as its image"),
+    ("names that pictures of two cameras have", lambda p: write_cameras(p, "{file}"),
+     "'000.png' fits 2 pictures: cam0/000.png, cam1/000.png; begin each line with the picture's"),
+    ("a lens for one of two cameras", lambda p: write_cameras(p, lenses=["cam0.json"]),
+     "of cam0 have a lens file, cam0.json, and those of cam1 have none"),
+    ("lenses of other names", lambda p: write_cameras(p, lenses=["left.yaml", "right.yaml"]),
+     "several lenses: left.yaml, right.yaml; call the one of these pictures lens.yaml"),
 ]  # fmt: skip
 # ... and the words of the note.
 NOTED = [
@@ -90,6 +125,13 @@ NOTED = [
     ("all k of a fisheye zero",
      lambda p: plain(p, 4, "0.0, 0.0, 0.0, 0.0", "distortion_model: equidistant\n"),
      "taken to be an equidistant fisheye"),
+    ("times that are none", lambda p: edit_frames(p, timestamp=[0, 1, float("nan"), "3", 1e300]),
+     "'timestamp' of 3 frames is no number of seconds and is left out: images/002.png"),
+    ("nanoseconds that are none", lambda p: edit_frames(p, timestamp_ns=[0, float("nan"), True]),
+     "'timestamp_ns' of 2 frames is no number of nanoseconds"),
+    ("a rolling shutter without its poses",
+     lambda p: edited(p, rolling_shutter={"direction": "top_to_bottom"}),
+     "10 of 10 frames have no transform_matrix_start"),
 ]  # fmt: skip
 
 

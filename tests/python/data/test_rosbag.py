@@ -85,6 +85,14 @@ def test_a_camchain_places_the_camera_where_tf_does_not(write_bag, tmp_path):
     made.assert_pose(gsut.load_dataset(tmp_path / "out").views[0], 0, made.START)
 
 
+@pytest.mark.parametrize("state", [{"calibrated": False}, {"zooms": True}])
+def test_a_lens_file_serves_a_bag_without_one_lens(state, write_bag, tmp_path):
+    bag = write_bag(tmp_path / "walk", "ROS2_HUMBLE", **state)
+    (tmp_path / "chain.yaml").write_text(made.camchain())
+    gsut.convert_dataset(bag, tmp_path / "out", parts={"lens": str(tmp_path / "chain.yaml")})
+    made.assert_pose(gsut.load_dataset(tmp_path / "out").views[0], 0, made.START)
+
+
 def test_a_trajectory_in_a_file_serves_a_bag_without_poses(write_bag, tmp_path):
     bag = write_bag(tmp_path / "walk", "ROS2_HUMBLE", odometry=())
     (tmp_path / "slam.txt").write_text(made.trajectory(made.times()))
@@ -99,6 +107,7 @@ REFUSED = {
                                                         "--poses-topic")),
     "no_poses": ({"odometry": ()}, {}, ("no topic of poses", "--poses FILE")),
     "not_calibrated": ({"calibrated": False}, {}, ("not calibrated (K is all zero)", "--lens")),
+    "a_zoom": ({"zooms": True}, {}, ("camera_info: the lens changes at 1403636580.", "--lens")),
     "wrong_topic": ({}, {"poses_topic": "/gps"}, ("/gps is no topic of poses", "/odom")),
     "wrong_camera": ({}, {"parts": {"cameras": ["left"]}}, ("no camera left, only cam0",)),
 }  # fmt: skip

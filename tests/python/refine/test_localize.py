@@ -151,9 +151,23 @@ def test_photograph_of_another_place_is_refused_with_the_evidence(run, tmp_path,
     said = capsys.readouterr().err
     assert (
         "was not found in the scene" in said
-        and "details correlate" in said
+        and "of its parts lie where the scene shows them" in said
         and "features agree" in said
     )
+
+
+@pytest.mark.parametrize("change", ["mirrored", "upside down", "other Gaussians"])
+def test_photograph_that_only_looks_alike_is_refused(run, tmp_path, capsys, change):
+    """Its colours correlate with those of the best pose: a ball before a dark wall."""
+    folder, g = run
+    if change == "other Gaussians":
+        g = truth(np.random.default_rng(7)).to_dtype(np.float32)
+    image = photograph(tmp_path / "photo.png", g, poses()[4], 48)
+    pixels = cv2.imread(str(image))
+    turned = {"mirrored": pixels[:, ::-1], "upside down": pixels[::-1]}
+    cv2.imwrite(str(image), turned.get(change, pixels))
+    assert main(["localize", str(image), "--run", str(folder)]) == 2
+    assert "was not found in the scene" in capsys.readouterr().err
 
 
 def test_localize_white_photograph_is_refused_in_one_sentence(run, tmp_path, capsys):

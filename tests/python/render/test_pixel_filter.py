@@ -5,7 +5,7 @@ import pytest
 
 import gsut
 import tolerances as tol
-from gsut.render import PixelFilter, is_coarser
+from gsut.render import PixelFilter
 from random_scenes import fisheye, gaussians_in_view, pinhole, random_pose
 
 FACTOR = 4
@@ -42,9 +42,9 @@ def test_a_small_image_is_the_mean_of_the_large_one(rng, lens):
 
 def test_coarser_pixels_are_told_by_the_lens():
     large = pinhole(128)
-    assert is_coarser(large.resize(96, 96), [large, large.resize(64, 64)])
-    assert not is_coarser(large, [large, large.resize(64, 64)])
-    assert not is_coarser(large.resize(256, 256), [large])
+    assert PixelFilter.is_coarser(large.resize(96, 96), [large, large.resize(64, 64)])
+    assert not PixelFilter.is_coarser(large, [large, large.resize(64, 64)])
+    assert not PixelFilter.is_coarser(large.resize(256, 256), [large])
 
 
 def test_scales_grow_by_the_missing_variance_and_shadows_keep_their_light(rng):

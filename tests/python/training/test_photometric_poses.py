@@ -9,12 +9,16 @@ import pytest
 import gsut
 import gsut.demo.dataset
 from gsut.cli import main
+from gsut.sfm.mapping import PosesLog
 from gsut.sfm.matches.matching import PairMatches
 from gsut.sfm.photographs.features import Features
+from gsut.sfm.photographs.options import PosesOptions
 from gsut.sfm.photographs.stages import FOLDER
+from gsut.sfm.pipeline import find_poses
 from gsut.sfm.points.bearing_points import BearingPoints
 from gsut.sfm.solution.result import measure_rotation_angles
 from gsut.sfm.world.comparison import compare_poses
+from gsut.training import photometric_poses
 
 pytestmark = pytest.mark.quick
 
@@ -98,9 +102,39 @@ def video(tmp_path_factory):
     return folder
 
 
-def test_a_video_is_registered_by_its_colours(video, tmp_path):
-    out = tmp_path / "poses"
-    assert main(["poses", str(video), "--photometric", "-o", str(out), "--quiet"]) == 0
+@pytest.fixture(scope="module")
+def count_images():
+    """The images that `gsut poses --photometric` has posed one by one, appended as it goes."""
+    posed: list[int] = []
+    add_next = photometric_poses.VideoScene.add_next
+
+    def counted(growth):
+        posed.append(growth.next)
+        add_next(growth)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(photometric_poses.VideoScene, "add_next", counted)
+        yield posed
+
+
+@pytest.fixture(scope="module")
+def registered(video, count_images, tmp_path_factory):
+    """Folder of `gsut poses --photometric`, its solution, and the images posed one by one."""
+    out, results = tmp_path_factory.mktemp("registered") / "poses", []
+
+    def find(*args, **kwargs):
+        results.append(find_poses(*args, **kwargs))
+        return results[-1]
+
+    count_images.clear()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("gsut.cli.poses.find_poses", find)
+        assert main(["poses", str(video), "--photometric", "-o", str(out), "--quiet"]) == 0
+    return out, results[0].solution, list(count_images)
+
+
+def test_a_video_is_registered_by_its_colours(video, registered):
+    out = registered[0]
     figures = json.loads((out / "poses.json").read_text())
     assert figures["registered"] == FRAMES
     poses = [
@@ -115,46 +149,34 @@ def test_a_video_is_registered_by_its_colours(video, tmp_path):
     assert (out / "report.html").is_file()
 
 
-def test_a_killed_run_goes_on_from_its_last_images_to_the_same_bits(video, tmp_path, monkeypatch):
-    from gsut.sfm.mapping import PosesLog
-    from gsut.sfm.photographs.options import PosesOptions
-    from gsut.sfm.pipeline import find_poses
-    from gsut.training import photometric_poses
+def test_a_killed_run_goes_on_from_its_last_images_to_the_same_bits(
+    video, registered, count_images, tmp_path
+):
+    _, whole, posed_by_whole = registered
+    assert posed_by_whole == [8, 9, 10, 11]
+    options = PosesOptions(pairs="sequential", threads=1)  # the whole run had all
 
-    posed: list[int] = []
-    add_next = photometric_poses.VideoScene.add_next
-
-    def counted(growth):
-        posed.append(growth.next)
-        add_next(growth)
-
-    monkeypatch.setattr(photometric_poses.VideoScene, "add_next", counted)
-    options = PosesOptions(pairs="sequential", threads=1)
-
-    def run(name, on_progress=None):
-        keep = tmp_path / name / FOLDER / "growth.npz"
+    def run(on_progress=None):
+        count_images.clear()
+        keep = tmp_path / "part" / FOLDER / "growth.npz"
         mapper = functools.partial(photometric_poses.grow_poses, keep=keep)
         return find_poses(
-            video, tmp_path / name, options=options, mapper=mapper, log=PosesLog(on_progress)
+            video, tmp_path / "part", options=options, mapper=mapper, log=PosesLog(on_progress)
         ).solution
 
     class Killed(Exception):
         pass
 
     def kill(stage, done, total, text):
-        if len(posed) == 3:
+        if len(count_images) == 3:
             raise Killed
 
     with pytest.raises(Killed):
-        run("part", kill)
-    assert posed == [8, 9, 10]  # kept after image 9
-    posed.clear()
-    resumed = run("part")
-    assert posed == [10, 11]
+        run(kill)
+    assert count_images == [8, 9, 10]  # kept after image 9
+    resumed = run()
+    assert count_images == [10, 11]
     assert not (tmp_path / "part" / FOLDER).exists()
-    posed.clear()
-    whole = run("whole")
-    assert posed == [8, 9, 10, 11]
     np.testing.assert_array_equal(resumed.camera_from_world, whole.camera_from_world)
     np.testing.assert_array_equal(resumed.points, whole.points)
     np.testing.assert_array_equal(resumed.covariances, whole.covariances)

@@ -1,4 +1,4 @@
-"""ROS messages as values: pictures, lenses, poses and the tree of frames."""
+"""ROS messages as values: pictures, poses and the tree of frames."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import numpy as np
 from gsut._core import InputError
 from gsut.data.poses import NANOSECONDS, invert_pose, pose_from_quaternion
 from gsut.files import write_file
-from gsut.lens import Camera, camera_from_info, save_camera
 
 _SUFFIXES = {b"\xff\xd8": ".jpg", b"\x89P": ".png"}  # of compressed pictures, by their first bytes
 # Bayer patterns by the colours of the first two pixels of the first row: OpenCV names the second
@@ -98,19 +97,6 @@ def _decode_pixels(message: Any, where: str) -> np.ndarray:
         return pixels[:, :, 0]
     pixels = pixels[:, :, :3]
     return pixels[:, :, ::-1] if base.startswith("rgb") else pixels
-
-
-def read_lens(message: Any, folder: Path, where: str, rectified: bool) -> Camera:
-    """Reads the lens of a sensor_msgs CameraInfo, see `gsut.lens.camera_from_info`.
-
-    Args:
-        message, rectified: see there.
-        folder: for the lens file.
-        where: topic, for messages.
-    """
-    camera = camera_from_info(message, rectified=rectified, topic=where)
-    save_camera(camera, folder / "camera_info.json")
-    return camera
 
 
 def read_pose(message: Any, where: str) -> np.ndarray | None:

@@ -11,13 +11,15 @@ DATA/points3D.ply, DATA/mask.png, DATA/masks/*.png      may be there
 
 from __future__ import annotations
 
+import dataclasses
 import functools
+from collections.abc import Collection
 from pathlib import Path, PurePosixPath
 
 import numpy as np
 
 from gsut._core import InputError
-from gsut.data.errors import DatasetError
+from gsut.data.errors import DatasetError, list_some
 from gsut.data.export import POINTS, Export, list_losses, place_images
 from gsut.data.images import IMAGE_SUFFIXES
 from gsut.data.layouts._layout import Layout
@@ -26,7 +28,7 @@ from gsut.data.recordings import MASK, Recording, Stream, find_stream, list_pict
 from gsut.data.rigs import is_rig_file, read_mounts
 from gsut.data.text_files import read_yaml
 from gsut.files import write_file
-from gsut.lens import Camera, save_camera
+from gsut.lens import Camera, load_camera, save_camera
 from gsut.lens.files import OWN_SUFFIX
 
 DESCRIPTION = "dataset.yaml"
@@ -39,17 +41,38 @@ POINT_FILES = ("points3D.ply", "points.ply")
 _LENS_ENDINGS = (".lens.json", ".cameramodel", ".yaml", ".yml", ".json")
 
 
-def find_lens_file(path: Path) -> Path | None:
-    """Finds the lens file of a plain folder; None without one."""
+def find_lens_file(path: Path, without: Collection[Path] = ()) -> Path | None:
+    """Finds the lens file of a plain folder, but none of those `without`; None without one.
+
+    Raises:
+        DatasetError: several files under any names hold a lens each.
+    """
     for pattern in LENS_PATTERNS:
-        for candidate in sorted(path.glob(pattern)):
-            if (
-                candidate.is_file()
-                and candidate.suffix.lower() not in IMAGE_SUFFIXES
-                and candidate.name != DESCRIPTION
-            ):
-                return candidate
+        files = [
+            file for file in sorted(path.glob(pattern))
+            if file.is_file() and file.suffix.lower() not in IMAGE_SUFFIXES
+            and file.name != DESCRIPTION and file not in without
+        ]  # fmt: skip
+        if len(files) > 1 and pattern.startswith("*"):
+            lenses = {file: camera for file in files if (camera := _try_camera(file)) is not None}
+            if len(set(lenses.values())) > 1:
+                raise DatasetError(
+                    path, f"it holds several lenses: {list_some([file.name for file in lenses])}",
+                    f"call the one of these pictures lens{files[0].suffix}; pictures of several "
+                    "cameras lie in folders that are called as their lens files",
+                )  # fmt: skip
+            files = [*lenses, *files]
+        if files:
+            return files[0]
     return None
+
+
+def _try_camera(file: Path) -> Camera | None:
+    """Loads the lens of a file; None where it holds none, or several."""
+    try:
+        return load_camera(file)
+    except InputError:
+        return None
 
 
 def find_lens_files(path: Path) -> dict[str, Path]:
@@ -86,8 +109,9 @@ def record(path: Path) -> Recording:
     if not images:
         raise DatasetError(path, "there are no images", "put PNG or JPEG files into 'images'")
     root = path / "images" if (path / "images").is_dir() else path
-    lens_path = find_lens_file(path)
-    if lens_path is None:
+    own = find_lens_files(path)
+    lens_path = find_lens_file(path, without=own.values())
+    if lens_path is None and not own:
         raise DatasetError(
             path,
             f"there is no lens file ({', '.join(LENS_PATTERNS)})",
@@ -103,7 +127,7 @@ def record(path: Path) -> Recording:
             "give a TUM trajectory: poses.txt (or trajectory.txt) with lines 'name tx ty tz "
             "qx qy qz qw' (camera-to-world, OpenCV axes)",
         )
-    streams, lens = _list_streams(root, images, lens_path)
+    streams, lens = _list_streams(root, images, lens_path, own)
     mask = path / MASK
     if mask.is_file():
         for stream in streams:
@@ -116,19 +140,34 @@ def record(path: Path) -> Recording:
 
 
 def _list_streams(
-    root: Path, images: list[Path], lens_path: Path
+    root: Path, images: list[Path], lens_path: Path | None, own: dict[str, Path]
 ) -> tuple[list[Stream], Path | dict[str, Path]]:
-    """Lists one stream, or one a folder if lens files name the folders of the images."""
-    folders = sorted({p.relative_to(root).parts[0] for p in images if p.parent != root})
-    if folders and len(images) == sum(len(list_pictures(root / name)) for name in folders):
-        streams = [find_stream(name, root / name) for name in folders]
-        if _is_rig(lens_path):
-            return streams, lens_path
-        beside = {name: _find_lens_of(root, name) for name in folders}
-        lenses = {name: found for name, found in beside.items() if found is not None}
-        if len(lenses) == len(folders):
-            return streams, lenses
-    return [Stream("", images)], lens_path
+    """Lists one stream, or one a folder if lens files name the folders of the images.
+
+    Raises:
+        DatasetError: some of the pictures have a lens file of their own, and others none.
+    """
+    below: dict[str, list[Path]] = {}
+    for path in images:
+        below.setdefault(path.relative_to(root).parts[0] if path.parent != root else "", []).append(
+            path
+        )
+    is_rig = "" not in below and lens_path is not None and _is_rig(lens_path)
+    if lens_path is not None and not own and not is_rig:
+        return [Stream("", images)], lens_path
+    without = [name for name in below if name not in own]
+    if without and not is_rig:
+        name, file = next(iter(own.items()))
+        raise DatasetError(
+            root, f"the pictures of {name} have a lens file, {file.name}, and those of "
+            f"{without[0] or 'the folder itself'} have none",
+            "give each folder of pictures its own, or remove it and keep one for all",
+        )  # fmt: skip
+    streams = [
+        dataclasses.replace(find_stream(name, root / name), images=found)
+        for name, found in below.items()
+    ]
+    return streams, lens_path if is_rig and lens_path is not None else own
 
 
 def _is_rig(lens_path: Path) -> bool:

@@ -9,24 +9,26 @@ nerfstudio's names or, for a lens that it does not know, as `lens_file`: a path 
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from gsut._core import InputError, Shutter
-from gsut.data.errors import DatasetError, OnError, raise_error
+from gsut.data.errors import DatasetError, OnError, list_some, raise_error
 from gsut.data.export import POINTS, Export, place_images
 from gsut.data.images import read_header
 from gsut.data.layouts._layout import Layout
 from gsut.data.layouts.colmap import find_model, read_points
 from gsut.data.listing import Frame, Listing
-from gsut.data.poses import OPENGL_FROM_OPENCV, average_poses, check_rigid
+from gsut.data.poses import NANOSECONDS, OPENGL_FROM_OPENCV, average_poses, check_rigid
 from gsut.data.text_files import read_json
 from gsut.data.write_nerfstudio import write_transforms
 from gsut.lens import Camera
 from gsut.lens.files import camera_from_nerfstudio, merge_frame_lens
 
 FILE_NAME = "transforms.json"
+_LATEST = 1 << 33  # seconds since 1970 or before: whole nanoseconds of them fit 64 bits
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG")  # for file_path without one
 
 
@@ -57,6 +59,7 @@ def read_nerfstudio(path: Path, *, on_error: OnError = raise_error) -> Listing:
             _read_frame(frame, values, listing, cameras)
         except InputError as error:
             on_error(error)
+    listing.notes += _note_what_is_no_use(values, source)
     listing.up = _read_up(values, source)
     listing.listed_train = _read_names(values, "train_filenames", source)
     listing.listed_test = _read_names(values, "test_filenames", source)
@@ -99,6 +102,7 @@ def _read_frame(
         middle = average_poses(start, end)
     if middle is None:
         raise DatasetError(where, "there is no 'transform_matrix'", "give its camera-to-world pose")
+    nanoseconds = _read_time(frame, "timestamp_ns", NANOSECONDS)
     listing.frames.append(
         Frame(
             image_path.relative_to(listing.path).as_posix()
@@ -113,15 +117,45 @@ def _read_frame(
             _find_geometry(frame, "depth_file_path", listing),
             None if start is None else _read_shutter(values | frame, listing.source),
             _read_time(frame, "timestamp"),
-            None if _read_time(frame, "timestamp_ns") is None else int(frame["timestamp_ns"]),
+            None if nanoseconds is None else int(nanoseconds),
             _find_geometry(frame, "normal_file_path", listing),
         )
     )
 
 
-def _read_time(frame: dict, key: str) -> float | None:
+def _read_time(frame: dict, key: str, unit: int = 1) -> float | None:
+    """Reads a time, counted in parts of a second; None where there is none, or no such number."""
     value = frame.get(key)
-    return float(value) if isinstance(value, (int, float)) else None
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        return None
+    return value if abs(value) <= _LATEST * unit else None  # NaN is not
+
+
+def _note_what_is_no_use(values: dict, source: Path) -> Iterator[str]:
+    """Notes times that are none, and a rolling shutter of images whose motion is not given."""
+    frames = [frame for frame in values["frames"] if isinstance(frame, dict)]
+    for key, unit in (("timestamp", 1), ("timestamp_ns", NANOSECONDS)):
+        wrong = [
+            str(frame.get("file_path")) for frame in frames
+            if frame.get(key) is not None and _read_time(frame, key, unit) is None
+        ]  # fmt: skip
+        if wrong:
+            what = "seconds" if unit == 1 else "nanoseconds"
+            yield (
+                f"{source}: '{key}' of {len(wrong)} frames is no number of {what} and is left out: "
+                f"{list_some(wrong)}"
+            )
+    still = [
+        str(frame.get("file_path")) for frame in frames
+        if frame.get("rolling_shutter", values.get("rolling_shutter")) is not None
+        and "transform_matrix_start" not in frame
+    ]  # fmt: skip
+    if still:
+        yield (
+            f"{source}: 'rolling_shutter' is given, but {len(still)} of {len(frames)} frames have "
+            "no transform_matrix_start and transform_matrix_end and count as taken in one moment: "
+            f"{list_some(still)}; of a video, --readout-time finds their motion"
+        )
 
 
 def _read_shutter(values: dict, source: Path) -> Shutter:

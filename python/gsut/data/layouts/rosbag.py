@@ -21,7 +21,6 @@ from gsut._core import InputError
 from gsut.data.errors import DatasetError
 from gsut.data.layouts._bag_messages import (
     FrameTree,
-    read_lens,
     read_pose,
     stamp_message,
     strip_slash,
@@ -32,7 +31,7 @@ from gsut.data.poses import format_seconds, format_tum, invert_pose
 from gsut.data.recordings import Recording, Stream
 from gsut.data.rigs import BODY, OWN, Mount
 from gsut.files import claim_name, to_file_name, write_file
-from gsut.lens import Camera
+from gsut.lens import Camera, camera_from_info
 from gsut.run import Progress
 
 _IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
@@ -58,6 +57,7 @@ class _Camera:
     times: list[str] = dataclasses.field(default_factory=list)
     frame: str = ""
     lens: Camera | None = None
+    problem: InputError | None = None  # why camera_info states no lens
 
 
 @dataclasses.dataclass
@@ -120,11 +120,7 @@ def unpack(
             if name in wanted:
                 _add_picture(wanted[name], message, stamp_message(message, received), folder)
             elif name in infos:
-                camera = infos[name]
-                if camera.lens is None:
-                    rectified = "rect" in camera.topic.rsplit("/", 1)[-1]
-                    camera.lens = read_lens(message, folder, f"{bag}, {name}", rectified)
-                    camera.frame = camera.frame or strip_slash(message.header.frame_id)
+                _add_lens(infos[name], message, stamp_message(message, received), f"{bag}, {name}")
             elif hasattr(message, "transforms"):
                 _add_transforms(name, message, received, tree, moving, f"{bag}, {name}")
             else:
@@ -236,6 +232,22 @@ def _add_picture(camera: _Camera, message: Any, time: int, folder: Path) -> None
     camera.frame = strip_slash(message.header.frame_id) or camera.frame
 
 
+def _add_lens(camera: _Camera, message: Any, time: int, where: str) -> None:
+    """Adds the lens of a CameraInfo, or why it is none: --lens may make up for it."""
+    camera.frame = camera.frame or strip_slash(message.header.frame_id)
+    rectified = "rect" in camera.topic.rsplit("/", 1)[-1]
+    try:
+        lens = camera_from_info(message, rectified=rectified, topic=where)
+    except InputError as error:
+        camera.problem = camera.problem or error
+        return
+    camera.lens = camera.lens or lens
+    if lens != camera.lens and camera.problem is None:
+        camera.problem = DatasetError(
+            where, f"the lens changes at {format_seconds(time)} s", "give one with --lens"
+        )
+
+
 def _add_pose(track: _Track, message: Any, received: int, where: str) -> None:
     pose = read_pose(message, where)
     if pose is not None:
@@ -299,6 +311,8 @@ def _make_recording(
     def make_mounts(names: Sequence[str]) -> dict[str, Mount]:
         found = {}
         for camera in cameras:
+            if camera.problem is not None:
+                raise camera.problem
             if camera.lens is None:
                 raise DatasetError(
                     f"{bag}, {camera.topic}", "there is no camera_info of it",

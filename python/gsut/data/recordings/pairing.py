@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -23,7 +24,7 @@ from gsut.data.poses import (
     to_nanoseconds,
 )
 from gsut.data.recordings.recording import Recording, Stream
-from gsut.data.rigs import Mount, find_body_from_camera
+from gsut.data.rigs import OWN, Mount, find_body_from_camera
 
 _ABSOLUTE = 1e8  # seconds: beyond it a time is one since 1970, not since the first picture
 
@@ -60,8 +61,15 @@ def pair_recording(recording: Recording, on_error: OnError) -> Listing:
         trajectory = dataclasses.replace(trajectory, poses=moved)
     listing = Listing(recording.path, trajectory.source, notes=list(recording.notes))
     named: set[int] = set()
+    poses_of = recording.poses_of
+    labels = None if trajectory.is_timed else trajectory.labels
+    is_named = labels is not None
+    if poses_of is None and is_named and all(m.from_body is None for m in mounts.values()):
+        poses_of = OWN  # a pose of a picture is that of the camera that took it
+    if is_named and poses_of == OWN:
+        _require_own_names(streams, trajectory, recording)
     for stream in streams if len(trajectory) else ():
-        place = find_body_from_camera(stream.name, mounts, recording.poses_of)
+        place = find_body_from_camera(stream.name, mounts, poses_of)
         if trajectory.is_timed:
             poses, times = _pair_by_time(stream, mounts[stream.name], trajectory, recording)
         elif trajectory.labels is None:
@@ -77,8 +85,8 @@ def pair_recording(recording: Recording, on_error: OnError) -> Listing:
             poses = [pose for pose, keep in zip(poses, inside, strict=True) if keep]
             times = [time for time, keep in zip(times, inside, strict=True) if keep]
         _add_frames(listing, stream, mounts[stream.name], place, poses, times, recording)
-    if trajectory.labels is not None and not trajectory.is_timed:
-        rows = [label for i, label in enumerate(trajectory.labels) if i not in named]
+    if labels is not None:
+        rows = [label for i, label in enumerate(labels) if i not in named]
         listing.missing += rows
     if recording.points is not None:
         try:
@@ -144,18 +152,10 @@ def _pair_by_name(
     stream: Stream, trajectory: Trajectory, recording: Recording, named: set[int]
 ) -> tuple[list[np.ndarray | None], list[int | None]]:
     """Pairs poses by the paths, file names or stems of pictures; `named` collects those in use."""
-    root = recording.names_from or recording.path
     found: dict[str, int] = {}
-    for make in (
-        lambda p: p.relative_to(root).as_posix() if p.is_relative_to(root) else p.name,
-        lambda p: (
-            p.relative_to(recording.path).as_posix() if p.is_relative_to(recording.path) else p.name
-        ),
-        lambda p: p.name,
-        lambda p: p.stem,
-    ):
-        for index, image in enumerate(stream.images):
-            found.setdefault(make(image), index)
+    for index, image in enumerate(stream.images):
+        for name in _list_names(image, recording):
+            found.setdefault(name, index)
     poses: list[np.ndarray | None] = [None] * len(stream.images)
     for row, label in enumerate(trajectory.labels or ()):
         picture = found.get(label)
@@ -164,6 +164,35 @@ def _pair_by_name(
             if poses[picture] is None:
                 poses[picture] = trajectory.poses[row]
     return poses, [None] * len(stream.images)
+
+
+def _list_names(image: Path, recording: Recording) -> list[str]:
+    """Lists what a trajectory may call a picture: its path from either root, file name or stem."""
+    roots = (recording.names_from or recording.path, recording.path)
+    inside = [root for root in roots if image.is_relative_to(root)]
+    return [*(image.relative_to(r).as_posix() for r in inside), image.name, image.stem]
+
+
+def _require_own_names(
+    streams: Sequence[Stream], trajectory: Trajectory, recording: Recording
+) -> None:
+    """Requires that no name of a pose fits several pictures.
+
+    Raises:
+        DatasetError: one does: which of them has the pose is open.
+    """
+    fits: dict[str, set[Path]] = {}
+    for image in (image for stream in streams for image in stream.images):
+        for name in _list_names(image, recording):
+            fits.setdefault(name, set()).add(image)
+    for label in trajectory.labels or ():
+        images = sorted(fits.get(label, ()))
+        if len(images) > 1:
+            names = [_list_names(image, recording)[0] for image in images]
+            raise DatasetError(
+                trajectory.source, f"'{label}' fits {len(images)} pictures: {list_some(names)}",
+                "begin each line with the picture's folder and name",
+            )  # fmt: skip
 
 
 def _pair_by_order(
