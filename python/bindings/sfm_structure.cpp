@@ -227,6 +227,8 @@ Inputs ReadInputs(const std::vector<const Camera*>& cameras,
   if (!places.empty() && places.size() != inputs.images.size()) {
     throw InputError("places must have one row an image");
   }
+  // Rows of a camera of whose lens nothing is known are empty; the solver checks their lengths, so
+  // that only the numbers of rows need to agree here.
   if (lens_mean.size() != lens_sigma.size()) {
     throw InputError("lens_mean and lens_sigma must have one row a camera");
   }
