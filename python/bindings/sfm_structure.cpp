@@ -150,6 +150,20 @@ struct Inputs {
   std::vector<py::array_t<std::uint8_t, py::array::c_style | py::array::forcecast>> descriptors;
 };
 
+// Rows of a camera of whose lens nothing is known are empty; the solver checks their lengths, so
+// that only the numbers of rows need to agree here.
+std::vector<LensPrior> ReadLensPriors(SettingsReader* settings) {
+  std::vector<std::vector<double>> means, sigmas;
+  settings->Read("lens_mean", &means);
+  settings->Read("lens_sigma", &sigmas);
+  if (means.size() != sigmas.size()) {
+    throw InputError("lens_mean and lens_sigma must have one row a camera");
+  }
+  std::vector<LensPrior> priors;
+  for (std::size_t c = 0; c < means.size(); ++c) priors.push_back({means[c], sigmas[c]});
+  return priors;
+}
+
 // cameras: lenses; camera_of_image: which of them took each image; pixels: (F, 2) an image;
 // settings: StructureOptions by name. descriptors, if given, let tracks grow into images that no
 // match reaches; they are not copied.
@@ -185,7 +199,6 @@ Inputs ReadInputs(const std::vector<const Camera*>& cameras,
   std::vector<std::array<double, 6>> rates;
   std::vector<std::array<double, 3>> places;
   std::array<double, 3> place_sigma = {1.0, 1.0, 1.0};
-  std::vector<std::vector<double>> lens_mean, lens_sigma;
   SettingsReader settings(values, "estimate_poses");
   settings.Read("max_error", &options.max_error);
   settings.Read("min_angle", &options.min_angle);
@@ -199,8 +212,7 @@ Inputs ReadInputs(const std::vector<const Camera*>& cameras,
   settings.Read("extend_rounds", &options.extend_rounds);
   settings.Read("lens_settled", &options.lens_settled);
   settings.Read("lens_free", &options.lens_free);
-  settings.Read("lens_mean", &lens_mean);
-  settings.Read("lens_sigma", &lens_sigma);
+  options.lens_priors = ReadLensPriors(&settings);
   settings.Read("shutter", &shutter);
   settings.Read("rolling_error", &options.rolling_error);
   settings.Read("image_shutters", &shutters);
@@ -226,14 +238,6 @@ Inputs ReadInputs(const std::vector<const Camera*>& cameras,
   }
   if (!places.empty() && places.size() != inputs.images.size()) {
     throw InputError("places must have one row an image");
-  }
-  // Rows of a camera of whose lens nothing is known are empty; the solver checks their lengths, so
-  // that only the numbers of rows need to agree here.
-  if (lens_mean.size() != lens_sigma.size()) {
-    throw InputError("lens_mean and lens_sigma must have one row a camera");
-  }
-  for (std::size_t c = 0; c < lens_mean.size(); ++c) {
-    options.lens_priors.push_back({lens_mean[c], lens_sigma[c]});
   }
   // Rows with NaN are images whose place is not known.
   for (const std::array<double, 3>& place : places) {
