@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import dataclasses
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -327,7 +328,15 @@ def _reshape_lens(arguments: argparse.Namespace, lens: Any) -> Any:
     from gsut.lens import with_field_of_view
 
     if arguments.size:
-        lens = lens.resize(*parse_image_size(arguments.size))
+        width, height = parse_image_size(arguments.size)
+        stretch = width / lens.width / (height / lens.height)
+        if abs(stretch - 1) > 1 / min(width, height):
+            print(
+                f"gsut: note: {width} x {height} is of another shape than the lens' {lens.width} x "
+                f"{lens.height}: pixels are drawn {1 / stretch:.3g} times as wide as high",
+                file=sys.stderr,
+            )
+        lens = lens.resize(width, height)
     return lens if arguments.fov is None else with_field_of_view(lens, arguments.fov)
 
 
