@@ -176,9 +176,8 @@ def render(
             soft colour of what is around where no Gaussian is, which `alpha` tells.
         parity: blending rules of "gsplat" or "3dgrut"; None: gsut's own (distance order).
         blend: a `BlendRule` of your own in place of parity.
-        order: "distance" or camera "z" of the means; "ray": as each pixel's own ray passes the
-            Gaussians; "integral": no order, they overlap as densities. The last two in float64
-            only, the integral without a gradient. None: as parity or blend say.
+        order: by the means' "distance" or camera "z"; "ray": as each pixel's ray passes them;
+            "integral": none, they overlap. The last two in float64, that without a gradient.
         response: in place of the Gaussians' own, which None leaves.
         sh_degree: harmonics above this degree are ignored.
         unscented: alpha, beta, kappa of the transform that bounds each Gaussian's tiles.
