@@ -176,8 +176,7 @@ def render(
             soft colour of what is around where no Gaussian is, which `alpha` tells.
         parity: blending rules of "gsplat" or "3dgrut"; None: gsut's own (distance order).
         blend: a `BlendRule` of your own in place of parity.
-        order: by the means' "distance" or camera "z"; "ray": as each pixel's ray passes them;
-            "integral": none, they overlap. The last two in float64, that without a gradient.
+        order: "distance", "z", "ray" or "integral" (docs/approximations.md); None: as parity says.
         response: in place of the Gaussians' own, which None leaves.
         sh_degree: harmonics above this degree are ignored.
         unscented: alpha, beta, kappa of the transform that bounds each Gaussian's tiles.
