@@ -176,7 +176,10 @@ def render(
             soft colour of what is around where no Gaussian is, which `alpha` tells.
         parity: blending rules of "gsplat" or "3dgrut"; None: gsut's own (distance order).
         blend: a `BlendRule` of your own in place of parity.
-        order: "distance", "z", "ray" or "integral" (docs/approximations.md); None: as parity says.
+        order: "distance" or "z": Gaussians are blended by their means' distance from the camera or
+            camera z; "ray": as each pixel's own ray passes them; "integral": they overlap as
+            densities, and the light along the ray is integrated to 1e-12. The last two in float64
+            only, the integral without a gradient. None: as parity or blend say.
         response: in place of the Gaussians' own, which None leaves.
         sh_degree: harmonics above this degree are ignored.
         unscented: alpha, beta, kappa of the transform that bounds each Gaussian's tiles.
@@ -249,9 +252,8 @@ def render(
         else:
             renderer = ON_CARD
         image, alpha, depth, distortion = on_card
-    bits = None
-    if watch and renderer != ON_CARD and isinstance(drawn, Gaussians | LinearGaussians):
-        bits = sum_bits(drawn, channels.get("features"))
+    watch &= renderer != ON_CARD and isinstance(drawn, Gaussians | LinearGaussians)
+    bits = sum_bits(drawn, channels.get("features")) if watch else None
     out = Render(
         image, alpha, depth, distortion, drawn, *shown, renderer, features=pixels, seen=seen,
         _bits=bits, _channels=channels,
