@@ -133,9 +133,8 @@ def describe_crop(evidence: Evidence, fit: LensFit) -> str:
     )
 
 
-def check_half_pixel(evidence: Evidence) -> list[Finding]:
+def check_half_pixel(evidence: Evidence, fit: LensFit) -> list[Finding]:
     """Checks whether the principal point is half a pixel off, as where two conventions meet."""
-    fit = fit_lens(evidence.scene.cameras, evidence.matches, evidence.table.select_poses())
     far = fit.shift_distance(np.zeros(2))
     for half in (0.5, -0.5):
         near = fit.shift_distance(np.full(2, half))

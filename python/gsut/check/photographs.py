@@ -205,7 +205,7 @@ def _name_bad_pairs(evidence: Evidence, judgement: Judgement) -> Finding:
 
 
 def check_closely(evidence: Evidence) -> list[Finding]:
-    """Checks for single wrong pairs, half a pixel and a drift of turns or of scale.
+    """Checks for single wrong pairs, small errors of the lens and a drift of turns or of scale.
 
     Args:
         evidence: of a close look.
@@ -214,4 +214,8 @@ def check_closely(evidence: Evidence) -> list[Finding]:
     if not found and len(evidence.pairs) >= _FEWEST_FOR_LENS:
         found = name_other_model(evidence)
     found = found or check_drift(evidence)
-    return found or [*check_half_pixel(evidence), *check_scale(evidence)]
+    if found:
+        return found
+    fit = fit_lens(evidence.scene.cameras, evidence.matches, evidence.table.select_poses())
+    lens = check_half_pixel(evidence, fit) or find_lens_errors(evidence, fit)
+    return lens or check_scale(evidence)
