@@ -205,7 +205,7 @@ def _name_bad_pairs(evidence: Evidence, judgement: Judgement) -> Finding:
 
 
 def check_closely(evidence: Evidence) -> list[Finding]:
-    """Checks for single wrong pairs, small errors of the lens and a drift of turns or of scale.
+    """Checks for single wrong pairs, misread coefficients, half a pixel and drifts.
 
     Args:
         evidence: of a close look.
@@ -217,5 +217,4 @@ def check_closely(evidence: Evidence) -> list[Finding]:
     if found:
         return found
     fit = fit_lens(evidence.scene.cameras, evidence.matches, evidence.table.select_poses())
-    lens = check_half_pixel(evidence, fit) or find_lens_errors(evidence, fit)
-    return lens or check_scale(evidence)
+    return [*check_half_pixel(evidence, fit), *check_scale(evidence)]
