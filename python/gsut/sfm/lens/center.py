@@ -12,6 +12,7 @@ from gsut.lens import Camera
 from gsut.sfm.lens.candidates import explain_implausible
 from gsut.sfm.lens.covariance import LensCovariance
 from gsut.sfm.mapping import Mapping
+from gsut.sfm.matches import keep_most_distinct
 from gsut.sfm.solution import CENTER, CENTER_SIGMA, Adjustment, adjust_registered
 
 # Standard deviations from nothing of a video's readout time above which a rolling shutter is
@@ -21,6 +22,7 @@ _SUSPECTED = 2.0
 _DETERMINED = 0.5
 # Standard deviations from the middle of the picture that deserve a note.
 _CLEARLY_OFF = 3.0
+_TRIAL_MATCHES = 150  # of a pair, the most distinct, in a first adjustment
 _FREE = 1  # flag of a parameter that is estimated by itself
 
 
@@ -39,10 +41,12 @@ def free_center(mapping: Mapping) -> None:
     freed = flags.copy()
     freed[list(CENTER)] = _FREE
     found = solution
+    few = keep_most_distinct(mapping.pairs, _TRIAL_MATCHES)
     try:
-        for is_last in (False, True):  # a picture's middle that is far off bends poses at first
+        # Poses that a wrong centre bent straighten up in the first adjustment.
+        for pairs, is_last in ((few, False), (mapping.pairs, True)):
             found = adjust_registered(
-                found, mapping.features, mapping.pairs, mapping.options,
+                found, mapping.features, pairs, mapping.options,
                 mapping.log.follow_steps("mapping"),
                 Adjustment(freed, covariances=is_last, extend=is_last),
             )  # fmt: skip
