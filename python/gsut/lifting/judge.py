@@ -56,5 +56,5 @@ def judge_lifted(
     if pixels == 0:
         return {}
     if lifted.ids is not None:
-        return {"right": good / pixels, "pixels": int(pixels)}
+        return {"right": float(good / pixels), "pixels": int(pixels)}
     return {"rms": float(np.sqrt(square / pixels)), "pixels": int(pixels)}
