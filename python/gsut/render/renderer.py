@@ -172,8 +172,9 @@ def render(
         shutter: the `Shutter` of a pair of poses, or its direction: "top_to_bottom",
             "bottom_to_top", "left_to_right" or "right_to_left". Each line of the image is then
             seen from its own pose; Gaussians are ordered and shaded from the middle one.
-        background: colour behind everything, or an image (H, W, 3) of them in [0, 1]; None: the
-            soft colour of what is around where no Gaussian is, which `alpha` tells.
+        background: colour behind everything, or an image (H, W, 3) of them in [0, 1]; None: where
+            no Gaussian is, the soft colour of what is around in the image (to be recognized by
+            `alpha`).
         parity: blending rules of "gsplat" or "3dgrut"; None: gsut's own (distance order).
         blend: a `BlendRule` of your own in place of parity.
         order: "distance" or "z": Gaussians are blended by their means' distance from the camera or
