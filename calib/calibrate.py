@@ -34,6 +34,7 @@ from calib.trust import (
     find_agreement_angle,
     judge,
     map_uncertainty_if_possible,
+    refuse_narrow_field,
     solve_camera,
     solve_halves,
     solve_others,
@@ -95,6 +96,7 @@ def calibrate(job: Job) -> Result:
         agree_to = find_agreement_angle(*pair, trust.valid_angle) if pair else None
         second_lenses.append([] if trust.refusal else solve_others(camera, trust, board))
         cut_where_lenses_differ(trust, agree_to, second_lenses[-1], camera.name)
+        refuse_narrow_field(trust, camera)
         halves.append(compare_lenses(*pair, trust.valid_angle) if pair else None)
         notes += trust.notes
     pictures = _draw_boards(folder / CORNERS_FOLDER, photographs, cameras, board)

@@ -9,7 +9,12 @@ from calib.trust.halves import (
     find_agreement_angle,
     solve_halves,
 )
-from calib.trust.second_lens import SecondLens, cut_where_lenses_differ, solve_others
+from calib.trust.second_lens import (
+    SecondLens,
+    cut_where_lenses_differ,
+    refuse_narrow_field,
+    solve_others,
+)
 from calib.trust.trust import TRUSTED_SIGMA_PX, Trust, judge, trace_trusted_outline
 from calib.trust.uncertainty import UNKNOWN, map_uncertainty_if_possible, spread_pixels
 
@@ -27,6 +32,7 @@ __all__ = [
     "find_agreement_angle",
     "judge",
     "map_uncertainty_if_possible",
+    "refuse_narrow_field",
     "solve_camera",
     "solve_halves",
     "solve_others",

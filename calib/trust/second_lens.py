@@ -8,14 +8,15 @@ import numpy as np
 
 import gsut
 from calib.boards import Board
-from calib.camera import CameraSolution
+from calib.camera import CameraSolution, to_gsut_camera
 from calib.errors import SolveError
 from calib.solve import has_mrcal, solve_by_mrcal, solve_by_opencv
 from calib.trust.halves import AGREEMENT_DEGREES, find_agreement_angle
 from calib.trust.trust import Trust, judge
-from calib.trust.uncertainty import map_uncertainty_if_possible
+from calib.trust.uncertainty import map_uncertainty_if_possible, spread_pixels
 
 OTHERS = ("fisheye", "opencv8", "splined")
+_LEAST_SHARE = 0.02  # of the image's pixels that must be trusted: readers call less no lens
 _HOPELESS = 3.0  # times the lens' residuals, above which another lens does not fit the camera
 
 
@@ -123,8 +124,27 @@ def cut_where_lenses_differ(
         trust.notes.append(text)
         trust.valid_angle = min(trust.valid_angle, other.agrees_to)
     if before > 0 and trust.valid_angle <= 0:
-        trust.refusal = (
-            f"these boards do not determine the lens of {name}: others fit them too, and differ "
-            f"by more than {AGREEMENT_DEGREES} degree even near the axis: take more photographs, "
-            "with the board tilted and near every edge"
-        )
+        trust.refusal = _refuse_lens(name)
+
+
+def refuse_narrow_field(trust: Trust, camera: CameraSolution) -> None:
+    """Refuses a lens of whose image so little can be trusted that its file would hold none.
+
+    Args:
+        trust: is changed.
+        camera: its lens.
+    """
+    if trust.refusal:
+        return
+    lens = to_gsut_camera(camera).with_valid_field_angle(trust.valid_angle)
+    pixels = spread_pixels(camera.width, camera.height).reshape(-1, 2)
+    if lens.unproject(pixels)[1].mean() < _LEAST_SHARE:
+        trust.refusal = _refuse_lens(camera.name)
+
+
+def _refuse_lens(name: str) -> str:
+    return (
+        f"these boards do not determine the lens of {name}: others fit them too, and differ by "
+        f"more than {AGREEMENT_DEGREES} degree even near the axis: take more photographs, all with "
+        "one camera at one zoom and focus, with the board tilted and near every edge"
+    )

@@ -137,6 +137,15 @@ class BoundRenderer {
     return py::make_tuple(winner, point);
   }
 
+  // sums (N, D) grows by blend weight x features (H, W, D).
+  void AddFeatures(const py::object& features, const py::array& sums) {
+    const auto count = sums.ndim() == 2 ? sums.shape(1) : py::ssize_t{0};
+    const float* map = ConstData<float>(features, "features", {height_, width_, count});
+    float* out = MutableData<float>(sums, "sums", {renderer_.frame().size, count});
+    const LongCall released;
+    renderer_.AddFeatures(map, static_cast<int>(count), out);
+  }
+
   // fisher (N, 21) grows.
   void AddFisher(const py::object& chosen, const py::object& fisher) {
     const auto* mask = OptionalData<std::uint8_t>(chosen, "chosen", {height_, width_});
@@ -316,6 +325,7 @@ Raises:
       .def("add_significance", &BoundRenderer::AddSignificance, py::arg("chosen"),
            py::arg("significance"))
       .def("add_fisher", &BoundRenderer::AddFisher, py::arg("chosen"), py::arg("fisher"))
+      .def("add_features", &BoundRenderer::AddFeatures, py::arg("features"), py::arg("sums"))
       .def("add_support", &BoundRenderer::AddSupport, py::arg("photograph"), py::arg("chosen"),
            py::arg("support"))
       .def("surface", &BoundRenderer::Surface)

@@ -150,6 +150,20 @@ struct Inputs {
   std::vector<py::array_t<std::uint8_t, py::array::c_style | py::array::forcecast>> descriptors;
 };
 
+// Rows of a camera of whose lens nothing is known are empty; the solver checks their lengths, so
+// that only the numbers of rows need to agree here.
+std::vector<LensPrior> ReadLensPriors(SettingsReader* settings) {
+  std::vector<std::vector<double>> means, sigmas;
+  settings->Read("lens_mean", &means);
+  settings->Read("lens_sigma", &sigmas);
+  if (means.size() != sigmas.size()) {
+    throw InputError("lens_mean and lens_sigma must have one row a camera");
+  }
+  std::vector<LensPrior> priors;
+  for (std::size_t c = 0; c < means.size(); ++c) priors.push_back({means[c], sigmas[c]});
+  return priors;
+}
+
 // cameras: lenses; camera_of_image: which of them took each image; pixels: (F, 2) an image;
 // settings: StructureOptions by name. descriptors, if given, let tracks grow into images that no
 // match reaches; they are not copied.
@@ -198,6 +212,7 @@ Inputs ReadInputs(const std::vector<const Camera*>& cameras,
   settings.Read("extend_rounds", &options.extend_rounds);
   settings.Read("lens_settled", &options.lens_settled);
   settings.Read("lens_free", &options.lens_free);
+  options.lens_priors = ReadLensPriors(&settings);
   settings.Read("shutter", &shutter);
   settings.Read("rolling_error", &options.rolling_error);
   settings.Read("image_shutters", &shutters);

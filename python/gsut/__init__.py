@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from gsut.formats import load_gaussians, save_gaussians
     from gsut.gaussians import Gaussians, LinearGaussians, seed_from_points
     from gsut.lens import Camera, load_camera, save_camera
+    from gsut.lifting import lift
     from gsut.metrics import psnr, ssim
     from gsut.optimize import GaussianOptimizer
     from gsut.refine import localize
@@ -122,6 +123,7 @@ __all__ = [  # noqa: RUF022
     "project",
     "write_png",
     "write_video",
+    "lift",
     # Make a mesh
     "extract_mesh",
     "Mesh",

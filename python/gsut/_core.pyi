@@ -414,6 +414,7 @@ class Renderer:
         self, chosen: NDArray[np.uint8] | None, significance: NDArray[np.float64]
     ) -> tuple[NDArray[np.int32], NDArray[np.float32]]: ...  # winner, point
     def add_fisher(self, chosen: NDArray[np.uint8] | None, fisher: NDArray[np.float64]) -> None: ...
+    def add_features(self, features: NDArray[np.float32], sums: NDArray[np.float32]) -> None: ...
     def add_support(
         self,
         photograph: NDArray[np.float32],

@@ -221,6 +221,8 @@ THINGS: dict[str, Strange] = {
     "a home": Strange(None, "~nobody/scan", "~nobody"),
     "the world": Strange(None, "/", "/"),
     "a lens": Strange(None, "lens48.json", "", frozenset(("camera",)), ("lens48.json",)),
+    "an empty bag": Strange(
+        lambda f: (f / "walk.bag").write_bytes(b"#ROSBAG V2.0\n"), "walk.bag", r"walk\.bag"),
     "a text": Strange(lambda f: (f / "read.me").write_text("hello\n"), "read.me"),
     "empty pictures": Strange(make_shots(lambda _: b""), "shots"),
     "texts called pictures": Strange(make_shots(lambda _: b"no"), "shots"),

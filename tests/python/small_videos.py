@@ -126,11 +126,12 @@ def damage_packets(path: Path, source: Path, numbers: Sequence[int]) -> Path:
 
 def encode_film(
     path: Path, codec: str, pictures: Iterable[np.ndarray], keys: int = 12, flags: str = "",
-    ratio: Fraction = Fraction(1),
+    ratio: Fraction = Fraction(1), curve: int = 2,
 ) -> Path:  # fmt: skip
     """A film of these pictures, with a key frame at each `keys`-th.
 
-    `flags` are the encoder's; `ratio` is the width of a pixel to its height.
+    `flags` are the encoder's; `ratio` is the width of a pixel to its height; `curve` is the number
+    of its transfer characteristics.
     """
     with av.open(str(path), "w") as film:
         options = {"x265-params": "log-level=none"} if codec == "libx265" else {}
@@ -139,6 +140,7 @@ def encode_film(
         stream.width, stream.height, stream.pix_fmt = WIDTH, HEIGHT, "yuv420p"
         stream.gop_size = keys
         stream.codec_context.sample_aspect_ratio = ratio
+        stream.codec_context.color_trc = curve
         frames = (av.VideoFrame.from_ndarray(picture, "bgr24") for picture in pictures)
         for frame in (*frames, None):
             film.mux(stream.encode(frame))

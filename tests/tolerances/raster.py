@@ -32,6 +32,7 @@ RENDER_DOUBLE = 1e-12
 RENDER_DIFFERENCES = 1e-6
 RENDER_SAME_SUMS = 1e-12  # relative; the same terms in another order, in double; worst 3.4e-14
 RENDER_IDENTITY = 1e-12  # a scene turned or scaled in double: 100 eps x distance 8; worst 5.7e-14
+Z_ROUNDING = 5e-7  # of depths up to 6.2, one ulp; worst 2.4e-7
 RENDER_FLOAT_ROUNDING = 3e-7  # alpha and colour in [0, 1], 2-3 ulp of float; worst 1.4e-7
 RENDER_CLOSED_FORM = 1e-6  # one Gaussian on one ray in float: a dozen roundings of 6e-8
 # A discontinuity explains a difference: alpha or response this close to its cut-off (float errs by

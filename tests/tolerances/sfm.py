@@ -14,6 +14,7 @@ SFM_SPONZA_ATE_PERCENT = 0.04  # of their extent; worst 0.021
 # A rolling walk of 10 images of 500 points, 0.1 px of noise, 3 seeds; worst 0.060 degrees, 0.0062 %
 SFM_ROLLING_DEGREES = 0.12
 SFM_ROLLING_ATE_PERCENT = 0.012
+SCHUR_DENSE = 5e-12  # of sums of some hundred; least squares in another order; worst 2.8e-12
 SFM_READOUT_TIME = 0.0015  # of the time between frames; worst 7.6e-4
 SFM_RATE_DEGREES = 1.0  # a second, of 9: rates of frames from the flow
 SFM_EARTH_METRES = 0.2  # beside 1.2 of the noise of GPS; worst 0.15
@@ -57,4 +58,13 @@ FOCAL_SIGMAS = 3.0  # standard deviations of a focal length that its error stays
 LENS_EACH_FOCAL = 0.004  # relative, of images with a lens each, 0.1 px; worst 0.002
 LEFT_OUT_ATE_PERCENT = 0.011  # of the path, one of eight images by few points; worst 0.0057
 GPS_DOME_SHARE = 0.5  # of the dome that images leave, by places to 0.1 m; worst 0.29
+GPS_ROLLING_DOME = 0.95  # the same as GPS_DOME_SHARE under a rolling shutter; worst 0.84
+GPS_RATE = 0.15  # relative, of speeds during a readout that start 5 % off; worst 0.075
+GPS_RIG_RIGID = 1e-9  # metres and parts of a turn, rounding at 200 m; worst 2e-13
+GPS_RIG_SIZE = 0.01  # relative, by places to 0.1 m on a path of 100 m; worst 0.005
 GPS_NOISY_DOME = 1.1  # the same, by places to 0.5 and 2 m; worst 0.98
+CENTER_SIGMAS = 3.0  # a principal point's error in its standard deviations; worst 2.3
+CENTER_OPEN = (
+    0.25  # relative, of the prior's standard deviation where images say nothing; worst 0.18
+)
+CENTER_HELD_PX = 1e-4  # a principal point by a prior of 1e-8 px; worst 2e-7

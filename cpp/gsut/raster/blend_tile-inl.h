@@ -9,6 +9,7 @@
 //   2. BlendBlock takes a block's pixels into registers and blends those Gaussians, Kernel::kJam at
 //      a time: weight = alpha T, colour += weight c, T -= weight.
 //   3. KeepEntries lists the pairs that contributed, so that the backward pass visits no others.
+// A sink (channels-inl.h) also gets the blend weights of every pair at every block.
 
 #if defined(GSUT_RASTER_BLEND_TILE_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef GSUT_RASTER_BLEND_TILE_INL_H_
@@ -30,6 +31,11 @@ inline constexpr int kChunk = 64;
 // Index in a chunk of a Gaussian that hits nothing. It fills up the last group of kJam.
 inline constexpr int kMissing = kChunk;
 
+// The sink of a pass that wants no weights.
+struct NoSink {
+  static constexpr bool kKeepsWeights = false;
+};
+
 // Sets the tile's pixels to nothing blended yet. T starts at 0 where a pixel has no ray.
 HWY_INLINE void ClearTile(bool with_depth, const TileGrid& grid, std::size_t pixel0, Frame* frame) {
   const FloatTag d;
@@ -43,10 +49,10 @@ HWY_INLINE void ClearTile(bool with_depth, const TileGrid& grid, std::size_t pix
 // Blends the Gaussians of a chunk whose bits are set in `todo` into the block at pixel o, and sets
 // bit `block` of contributed[j] for each Gaussian j that added to a pixel. Returns whether all of
 // the block's pixels have stopped.
-template <class Kernel>
+template <class Kernel, class Sink>
 HWY_INLINE bool BlendBlock(bool with_depth, bool stop_before, const RasterTask& task,
                            const Kernel& kernel, std::uint64_t todo, int block, std::size_t o,
-                           std::uint64_t* contributed, Frame* frame) {
+                           std::uint64_t* contributed, Frame* frame, Sink* sink) {
   constexpr int kJam = Kernel::kJam;
   const FloatTag d;
   const FloatVec alpha_limit = hn::Set(d, task.alpha_max);
@@ -70,7 +76,9 @@ HWY_INLINE bool BlendBlock(bool with_depth, bool stop_before, const RasterTask& 
     kernel.Respond(pixels, index, open, alpha_limit, alpha, distance, hit);
     if (BlendGroup<kJam>(stop_before, alpha, stop, hit, weight, &transmittance, &open)) todo = 0;
     GSUT_UNROLL for (int i = 0; i < kJam; ++i) {
-      contributed[index[i]] |= static_cast<std::uint64_t>(!hn::AllFalse(d, hit[i])) << block;
+      const bool contributes = !hn::AllFalse(d, hit[i]);
+      contributed[index[i]] |= static_cast<std::uint64_t>(contributes) << block;
+      if constexpr (Sink::kKeepsWeights) sink->Add(block, index[i], weight[i], contributes);
       red = hn::MulAdd(weight[i], kernel.Color(0, index[i]), red);
       green = hn::MulAdd(weight[i], kernel.Color(1, index[i]), green);
       blue = hn::MulAdd(weight[i], kernel.Color(2, index[i]), blue);
@@ -97,9 +105,10 @@ HWY_INLINE TileEntry* KeepEntries(const TilePair* pairs, int count,
 
 // Blends all Gaussians of a tile into its 256 pixels; with task.keep, leaves the list of
 // contributing pairs for the backward pass.
-template <class Kernel>
+template <class Kernel, class Sink = NoSink>
 HWY_INLINE void BlendTile(bool with_depth, bool stop_before, const RasterTask& task,
-                          const TileGrid& grid, int tile, Kernel& kernel, Frame* frame) {
+                          const TileGrid& grid, int tile, Kernel& kernel, Frame* frame,
+                          Sink* sink = nullptr) {
   const std::size_t pixel0 = static_cast<std::size_t>(tile) * kTilePixels;
   ClearTile(with_depth, grid, pixel0, frame);
   const std::uint32_t begin = frame->tile_begin[tile];
@@ -124,11 +133,12 @@ HWY_INLINE void BlendTile(bool with_depth, bool stop_before, const RasterTask& t
       if (gaussians_of[block] == 0) continue;
       const std::size_t o = pixel0 + static_cast<std::size_t>(block) * kLanes;
       if (BlendBlock(with_depth, stop_before, task, kernel, gaussians_of[block], block, o,
-                     contributed, frame)) {
+                     contributed, frame, sink)) {
         alive &= ~(std::uint64_t{1} << block);
       }
     }
     if (task.keep) last_entry = KeepEntries(pairs, count, contributed, last_entry);
+    if constexpr (Sink::kKeepsWeights) sink->EndChunk(pairs, count, contributed);
   }
   if (task.keep) frame->entry_count[tile] = static_cast<std::uint32_t>(last_entry - first_entry);
 }

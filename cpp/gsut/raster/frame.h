@@ -131,10 +131,10 @@ struct Frame {
   AlignedVector<float> transmittance;  // negative: stopped before the Gaussian that would cross
   AlignedVector<float> color[3];
   AlignedVector<float> depth;
-  AlignedVector<float> first_depth;          // of the first Gaussian that was blended; 0: none
-  AlignedVector<float> depth_moment;         // sum of weight x (distance - first_depth)^2
-  AlignedVector<float> channels;             // (D, rounded up, 256) a tile, without background
-  AlignedVector<TileEntry> entries;          // at the offsets of `pairs`
+  AlignedVector<float> first_depth;   // of the first Gaussian that was blended; 0: none
+  AlignedVector<float> depth_moment;  // sum of weight x (distance - first_depth)^2
+  AlignedVector<float> channels;      // without background, see TileMap in channel_slices-inl.h
+  AlignedVector<TileEntry> entries;   // at the offsets of `pairs`
   AlignedVector<std::uint32_t> entry_count;  // (tiles)
 
   // Results of the backward pass.

@@ -86,17 +86,18 @@ void Renderer::Render(const GaussiansView<const float>& gaussians, const RenderJ
   timings_.push_back(watch.Lap("bin"));
   ParallelFor(tiles().num_tiles(), 1, [&](std::int64_t index, std::int64_t) {
     const int tile = TileInOrder(index);
-    if (lines_ == nullptr) {
+    const bool with_channels = task_.channels.count > 0;
+    if (lines_ == nullptr && with_channels) {
+      ChannelsForwardKernel(task_, *grid_, tile, &frame_, job.image, job.alpha, job.depth,
+                            job.distortion, job.channel_image);
+    } else if (lines_ == nullptr) {
       ForwardKernel(task_, *grid_, tile, &frame_, job.image, job.alpha, job.depth, job.distortion);
+    } else if (with_channels) {
+      LineChannelsForwardKernel(task_, *lines_, tile, &frame_, job.image, job.alpha, job.depth,
+                                job.distortion, job.channel_image);
     } else {
       LineForwardKernel(task_, *lines_, tile, &frame_, job.image, job.alpha, job.depth,
                         job.distortion);
-    }
-    if (task_.channels.count == 0) return;
-    if (lines_ == nullptr) {
-      ChannelsForwardKernel(task_, *grid_, tile, &frame_, job.channel_image);
-    } else {
-      LineChannelsForwardKernel(task_, *lines_, tile, &frame_, job.channel_image);
     }
   });
   timings_.push_back(watch.Lap("forward"));

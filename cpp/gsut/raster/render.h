@@ -107,6 +107,11 @@ class Renderer {
   static constexpr int kSupportSums = 2;
   void AddSupport(const float* photograph, const std::uint8_t* chosen, double* support) const;
 
+  // map (H, W, count): values of the pixels of the last kept render. sums (N, count) grows by the
+  // sum over pixels of blend weight x value: divided by that of a map of ones, the values that the
+  // Gaussians would show. The same bits on any threads.
+  void AddFeatures(const float* map, int count, float* sums);
+
   // Where the surface lies along the rays of the last kept render, see SurfaceMaps; as the scores,
   // in double along the same rays.
   void Surface(const SurfaceMaps& maps) const;

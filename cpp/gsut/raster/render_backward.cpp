@@ -85,18 +85,35 @@ void Renderer::Backward(const ImageGradients& to_image, const GradientRows& to, 
 void Renderer::BackwardOfTile(int tile, const ImageGradients& to_image, RayGradients* rays,
                               float* to_channels) {
   alignas(64) float buffer[kLineGradients * kTilePixels];
+  float* const to_rays = rays == nullptr ? nullptr : buffer;
   if (to_channels != nullptr) {
     if (lines_ == nullptr) {
-      ChannelsBackwardKernel(task_, *grid_, tile, to_image, &frame_, buffer, to_channels);
+      ChannelsBackwardKernel(task_, *grid_, tile, to_image, &frame_, to_rays, to_channels);
     } else {
-      LineChannelsBackwardKernel(task_, *lines_, tile, to_image, &frame_, buffer, to_channels);
+      LineChannelsBackwardKernel(task_, *lines_, tile, to_image, &frame_, to_rays, to_channels);
     }
   } else if (lines_ == nullptr) {
-    BackwardKernel(task_, *grid_, tile, to_image, &frame_, rays == nullptr ? nullptr : buffer);
+    BackwardKernel(task_, *grid_, tile, to_image, &frame_, to_rays);
   } else {
-    LineBackwardKernel(task_, *lines_, tile, to_image, &frame_, rays == nullptr ? nullptr : buffer);
+    LineBackwardKernel(task_, *lines_, tile, to_image, &frame_, to_rays);
   }
   if (rays != nullptr) ToRays(tile, buffer, to_image, rays);
+}
+
+void Renderer::AddFeatures(const float* map, int count, float* sums) {
+  if (!rendered_ || stepped_) {
+    throw InputError("features are lifted after a render, made with keep_for_backward");
+  }
+  AddOverTiles(
+      frame_, tiles().num_tiles(), count,
+      [&](int tile, float* out) {
+        if (lines_ == nullptr) {
+          LiftKernel(task_, *grid_, tile, map, count, &frame_, out);
+        } else {
+          LineLiftKernel(task_, *lines_, tile, map, count, &frame_, out);
+        }
+      },
+      sums);
 }
 
 // is_plain: gradients neither of depth nor to poses nor to a lens.

@@ -102,10 +102,11 @@ HWY_INLINE FloatVec AddPairs4(FloatVec x, FloatVec y) {
   return hn::Add(hn::OddEvenBlocks(y, x), hn::SwapAdjacentBlocks(hn::OddEvenBlocks(x, y)));
 }
 
-// The sums of 16 vectors, in order, into out[16]. One shuffle a pair.
-HWY_INLINE void SumLanes16(const FloatVec* v, float* out) {
+// The sums of kCount vectors, a multiple of kLanes, in order, into out[kCount]. One shuffle a pair.
+template <int kCount>
+HWY_INLINE void SumLanes(const FloatVec* v, float* out) {
   const FloatTag d;
-  for (int group = 0; group < 16; group += kLanes) {
+  for (int group = 0; group < kCount; group += kLanes) {
     FloatVec w[kLanes];
     GSUT_UNROLL for (int i = 0; i < kLanes; ++i) w[i] = v[group + i];
 #if HWY_MAX_BYTES == 64

@@ -45,6 +45,12 @@ struct VelocityPrior {
   Velocity sigma = Velocity::Constant(std::numeric_limits<double>::infinity());
 };
 
+// What is known of a lens beforehand: mean and standard deviation of each parameter (infinite:
+// nothing); none of either: nothing is known. Of tied parameters the first one's holds.
+struct LensPrior {
+  std::vector<double> mean, sigma;
+};
+
 // Where a camera stood as something other than images states it: infinite: nothing is known.
 struct PlacePrior {
   Eigen::Vector3d mean = Eigen::Vector3d::Zero();  // its centre, in the world
@@ -70,6 +76,8 @@ struct BundleOptions {
   // lens_parameters.h: equal flags above 1 are tied); empty: none. Needs
   // through_lens.
   std::vector<std::vector<std::uint8_t>> lens_free;
+  // What is known of free parameters beforehand, one prior a camera; empty: nothing.
+  std::vector<LensPrior> lens_priors;
   // Velocities are adjusted, if the bundle has them, where their image is not fixed; held by priors
   // (one an image; empty: none).
   std::vector<VelocityPrior> velocity_priors;

@@ -85,6 +85,14 @@ void CheckBundle(const Bundle& bundle, const BundleOptions& options) {
     throw InputError("lens_free needs through_lens");
   }
   CheckLensFlags(bundle.cameras, options.lens_free);
+  bool known = options.lens_priors.empty() || options.lens_priors.size() == bundle.cameras.size();
+  for (std::size_t c = 0; known && c < options.lens_priors.size(); ++c) {
+    const LensPrior& prior = options.lens_priors[c];
+    const auto own = static_cast<std::size_t>(bundle.cameras[c].num_params());
+    known = prior.mean.size() == prior.sigma.size() &&
+            (prior.sigma.empty() || prior.sigma.size() == own);
+  }
+  if (!known) throw InputError("lens_priors must have a mean and a sigma of each parameter");
 }
 
 }  // namespace gsut

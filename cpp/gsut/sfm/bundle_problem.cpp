@@ -73,10 +73,16 @@ void BundleProblem::MakeBlocks() {
   }
   lens_block_.assign(state_.lenses.size(), -1);
   lens_columns_.resize(state_.lenses.size());
+  lens_params_.resize(state_.lenses.size());
   for (std::size_t c = 0; c < options_.lens_free.size(); ++c) {
     lens_columns_[c] = FreeLensColumns(options_.lens_free[c]);
     if (used_lens_[c] && lens_columns_[c].cols() > 0) {
       lens_block_[c] = add(static_cast<int>(lens_columns_[c].cols()));
+    }
+    for (int k = 0; k < lens_columns_[c].cols(); ++k) {
+      Eigen::Index first = 0;
+      lens_columns_[c].col(k).maxCoeff(&first);
+      lens_params_[c].push_back(static_cast<int>(first));
     }
   }
 }
@@ -119,6 +125,13 @@ void BundleProblem::MakeSystem() {
     auto& weights = system_->PriorWeights(mount_block_[m]);
     weights.head<3>().setConstant(options_.noise / options_.mount_center_sigma);
     weights.tail<3>().setConstant(options_.noise / options_.mount_turn_sigma);
+  }
+  for (std::size_t c = 0; c < state_.lenses.size(); ++c) {
+    if (!HasPrior(c)) continue;
+    for (std::size_t k = 0; k < lens_params_[c].size(); ++k) {
+      system_->PriorWeights(lens_block_[c])[static_cast<Eigen::Index>(k)] =
+          options_.noise / options_.lens_priors[c].sigma[lens_params_[c][k]];
+    }
   }
 }
 
@@ -165,6 +178,22 @@ double BundleProblem::EvaluatePriors() {
         VectorOfRotation(RotationOf(mount) * prior.rotation.transpose());
     system_->PriorResiduals(block) = system_->PriorWeights(block).cwiseProduct(change);
     cost += 0.5 * system_->PriorResiduals(block).squaredNorm();
+  }
+  return cost + EvaluateLensPriors();
+}
+
+double BundleProblem::EvaluateLensPriors() {
+  double cost = 0.0;
+  for (std::size_t c = 0; c < state_.lenses.size(); ++c) {
+    if (!HasPrior(c)) continue;
+    Eigen::VectorXd& residuals = system_->PriorResiduals(lens_block_[c]);
+    for (std::size_t k = 0; k < lens_params_[c].size(); ++k) {
+      const int param = lens_params_[c][k];
+      residuals[static_cast<Eigen::Index>(k)] =
+          state_.lenses[c][param] - options_.lens_priors[c].mean[param];
+    }
+    residuals.array() *= system_->PriorWeights(lens_block_[c]).array();
+    cost += 0.5 * residuals.squaredNorm();
   }
   return cost;
 }

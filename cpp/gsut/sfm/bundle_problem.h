@@ -42,8 +42,15 @@ class BundleProblem {
   bool Moves(int block) const { return sizes_[block] > kPoseTangent; }
   void MakeBlocks();
   void MakeSystem();
-  // Residuals of what is known of places, velocities and mounts beforehand; returns their cost.
+  // Residuals of what is known of places, velocities, mounts and lenses beforehand; returns their
+  // cost.
   double EvaluatePriors();
+  double EvaluateLensPriors();
+  // Whether something is known of a camera's lens that is estimated.
+  bool HasPrior(std::size_t camera) const {
+    return lens_block_[camera] >= 0 && !options_.lens_priors.empty() &&
+           !options_.lens_priors[camera].sigma.empty();
+  }
   // Of one observation; returns its cost.
   double Linearize(int i);
 
@@ -57,6 +64,7 @@ class BundleProblem {
   std::vector<int> sizes_, body_block_, mount_block_, lens_block_;
   int num_bodies_ = 0;  // among the blocks
   std::vector<Eigen::MatrixXd> lens_columns_;
+  std::vector<std::vector<int>> lens_params_;  // of each column the first parameter it moves
   std::unique_ptr<ReducedSystem> system_;
 };
 

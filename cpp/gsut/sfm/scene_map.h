@@ -133,6 +133,8 @@ class SceneMap {
   }
   // From the registered images before and after, for a unit of time; NaN if there are none.
   Velocity NeighborVelocity(int image) const;
+  double ScaleOfSigmas(BundleOptions* options) const;
+  void SetLensPriors(BundleOptions* options) const;
   void SetPlacePriors(const std::vector<int>& image_of, BundleOptions* options) const;
   void SetPriors(const Bundle& bundle, const std::vector<int>& image_of,
                  BundleOptions* options) const;

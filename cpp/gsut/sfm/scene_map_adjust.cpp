@@ -121,6 +121,7 @@ Bundle SceneMap::MakeBundle(const std::vector<std::uint8_t>* images_free, Bundle
   options->loss_scale = loss_pixels_;
   if (rolling()) SetPriors(bundle, *image_of, options);
   if (images_free == nullptr && !options_.places.empty()) SetPlacePriors(*image_of, options);
+  if (!options_.lens_priors.empty()) SetLensPriors(options);
   if (images_free != nullptr) {
     const auto fixed = std::count(options->image_fixed.begin(), options->image_fixed.end(), 1);
     if (fixed >= 2) options->gauge_image = options->scale_image = -1;
@@ -258,14 +259,31 @@ void SceneMap::SetPriors(const Bundle& bundle, const std::vector<int>& image_of,
   }
 }
 
+// Priors that are known by measurement are weighed against the features' own noise. Velocities
+// and mounts have set a larger one, with which their standard deviations go.
+double SceneMap::ScaleOfSigmas(BundleOptions* options) const {
+  const double noise = loss_pixels_ / (options_.loss_scale * kMedianLength);
+  const bool is_set = !options->velocity_priors.empty() || !options->mount_priors.empty();
+  if (!is_set) options->noise = noise;
+  return options->noise / noise;
+}
+
 // Places fix the gauge.
 void SceneMap::SetPlacePriors(const std::vector<int>& image_of, BundleOptions* options) const {
   options->gauge_image = options->scale_image = -1;
-  options->noise = loss_pixels_ / (options_.loss_scale * kMedianLength);
+  const double scale = ScaleOfSigmas(options);
   for (const int image : image_of) {
     PlacePrior& prior = options->place_priors.emplace_back();
     if (!options_.places[image].allFinite()) continue;
-    prior = {options_.places[image], options_.place_sigma};
+    prior = {options_.places[image], scale * options_.place_sigma};
+  }
+}
+
+void SceneMap::SetLensPriors(BundleOptions* options) const {
+  const double scale = ScaleOfSigmas(options);
+  options->lens_priors = options_.lens_priors;
+  for (LensPrior& prior : options->lens_priors) {
+    for (double& sigma : prior.sigma) sigma *= scale;
   }
 }
 

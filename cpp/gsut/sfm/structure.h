@@ -12,6 +12,7 @@
 #include "gsut/geometry/camera_chain.h"
 #include "gsut/geometry/pose.h"
 #include "gsut/geometry/shutter.h"
+#include "gsut/sfm/bundle.h"
 #include "gsut/sfm/tracks.h"
 
 namespace gsut {
@@ -52,6 +53,8 @@ struct StructureOptions {
   // Parameters of each camera that are estimated too, one flag each (empty: none), see
   // lens_parameters.h.
   std::vector<std::vector<std::uint8_t>> lens_free;
+  // What is known of them beforehand, one prior a camera; empty: nothing.
+  std::vector<LensPrior> lens_priors;
   bool lens_settled = false;  // they are nearly right: it is enough to estimate them at the end
   // Rolling shutters: how lines are read; each image then has a velocity of its own. rolling_error:
   // the largest error, in units of max_error, until velocities are known.
@@ -81,7 +84,8 @@ struct StructureOptions {
     return KnowsVelocity(image) ? Velocity(readout_time * image_rates[image]) : Velocity::Zero();
   }
   // Where cameras stood, in the world of the given poses (not finite: not known), to this standard
-  // deviation a coordinate; for RefineStructure without a rig. Empty: not known.
+  // deviation a coordinate; for RefineStructure, of a rig with mounts that stay; the first image of
+  // a body stands for it. Empty: not known.
   std::vector<Eigen::Vector3d> places;
   Eigen::Vector3d place_sigma = Eigen::Vector3d::Ones();
   // At the end points are looked for in images that do not see them yet: features within this many

@@ -28,6 +28,7 @@ from gsut.capture.photograph_formats import HEIF_SUFFIXES, decode_stored, requir
 from gsut.capture.strip import write_strip
 from gsut.data import CAPTURE, list_some
 from gsut.data.images import IMAGE_SUFFIXES, find_common_mask, find_mask
+from gsut.data.layouts import require_pictures
 from gsut.data.scene import capture_state
 from gsut.files import (
     claim_name,
@@ -173,6 +174,8 @@ def find_photograph_files(inputs: Sequence[str | os.PathLike[str]]) -> dict[str,
                 seen.add(real)
                 found[_name_uniquely(path.relative_to(root).as_posix(), home, found)] = path
     if not found:
+        for path in map(Path, inputs):
+            require_pictures(path)
         raise InputError(
             f"{', '.join(map(str, inputs))}: there are no photographs here ("
             f"{', '.join(PHOTOGRAPH_SUFFIXES)}); give a folder of them, or a video"

@@ -35,6 +35,8 @@ _DURATION_UNITS = 1e6
 _USUAL_RATE = 30.0
 # Widths of a pixel to its height that no camera has, nor the other way round: a damaged header.
 _MOST_STRETCH = 4.0
+# Curves of films for bright screens, by their numbers in ITU-T H.273.
+_BRIGHT_CURVES = {16: "PQ", 18: "HLG"}
 # Bytes at either end of a file that are searched for the camera's name.
 _METADATA_BYTES = 4_000_000
 # Decoders that drop damaged pictures in silence unless they are to report them. Others then drop
@@ -95,6 +97,7 @@ class Video:
         self.damaged: list[float] = []
         self.interlaced = 0
         self.stretch = _find_stretch(stream)
+        self._curve = _BRIGHT_CURVES.get(stream.codec_context.color_trc, "")
         self.width, self.height = _stretch_size(stream, self.stretch)
         first = next(self._frames, None)
         if first is not None:
@@ -148,6 +151,11 @@ class Video:
             notes.append(
                 f"{name} is {films} films pasted together, read one after another"
                 + (unread if numbers else "")
+            )
+        if self._curve:
+            notes.append(
+                f"{name} is an HDR film ({self._curve}), whose colours are kept as they are stored "
+                "and look pale on a plain screen: film without HDR, or convert it with tone mapping"
             )
         if self.stretch != 1:
             notes.append(

@@ -14,7 +14,7 @@ from gsut._core import CameraMotion, InputError
 from gsut.data import Frame, write_transforms
 from gsut.data.poses import invert_pose
 from gsut.files import refuse_existing, whole_file
-from gsut.render import render_surface, write_png, z_from_distance
+from gsut.render import measure_depth, write_png, z_from_distance
 from gsut.surface import Cloud, DepthMap, save_mesh
 
 _DEPTH = "depth"
@@ -31,7 +31,7 @@ class DepthOutput:
     """
 
     def __init__(self, arguments: argparse.Namespace, folder: Path | None) -> None:
-        self.folder, self._kind = folder, arguments.depth
+        self.folder, self._along, self._kind = folder, arguments.depth, arguments.depth_kind
         self._unit = arguments.depth_unit
         self._file = Path(arguments.cloud) if arguments.cloud else None
         self._cloud = Cloud(arguments.voxel)
@@ -47,6 +47,8 @@ class DepthOutput:
         """
         if arguments.voxel is not None and not arguments.cloud:
             raise InputError("--set voxel is of a cloud of points; add --cloud FILE.ply")
+        if arguments.depth_kind != "median" and arguments.depth is None:
+            raise InputError("--depth-kind is of depths; add --depth ray or --depth z")
         if arguments.depth is None and not arguments.cloud:
             return None
         if arguments.device == "gpu":
@@ -62,7 +64,7 @@ class DepthOutput:
 
     def check(self, cameras: Sequence[Any]) -> None:
         """Raises InputError where a lens sees too far from its axis for z."""
-        for camera in dict.fromkeys(cameras) if self._kind == "z" else ():
+        for camera in dict.fromkeys(cameras) if self._along == "z" else ():
             z_from_distance(np.zeros((camera.height, camera.width)), camera)
 
     def add(
@@ -74,12 +76,12 @@ class DepthOutput:
         place: np.ndarray | CameraMotion,
     ) -> None:
         """Writes one image's depth; `image` is the render as bytes."""
-        distance = render_surface(result).median
         if self._file is not None:
+            distance = measure_depth(result)
             self._cloud.add(DepthMap(camera, place, distance, None, image))
-        if self._kind is None or self.folder is None:
+        if self._along is None or self.folder is None:
             return
-        depth = z_from_distance(distance, camera) if self._kind == "z" else distance
+        depth = measure_depth(result, self._kind, self._along)
         (self.folder / _DEPTH).mkdir(exist_ok=True)
         file = self.folder / _DEPTH / f"{name}.npy"
         with whole_file(file) as temporary:
@@ -101,7 +103,7 @@ class DepthOutput:
         else:
             poses = {"world_from_camera": invert_pose(np.asarray(place, np.float64))}
         # By that name a dataset's depths are along the rays.
-        along_rays = file if self._kind == "ray" else None
+        along_rays = file if self._along == "ray" and self._kind != "sum" else None
         self._frames.append(
             Frame(name, self.folder / f"{name}.png", camera, depth_path=along_rays, **poses)
         )
@@ -111,7 +113,7 @@ class DepthOutput:
         figures: dict[str, Any] = {}
         if self.folder is not None and self._frames:
             write_transforms(self.folder / "transforms.json", self._frames, test=())
-            figures[_DEPTH] = self._kind
+            figures |= {_DEPTH: self._along, "depth_kind": self._kind}
         if self._too_far:
             share = self._too_far / self._known
             print(

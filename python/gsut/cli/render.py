@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import dataclasses
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -96,14 +97,40 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="new folder of PNG images, or film: .mp4 (H.264), .webm (VP9) or .gif [default: "
         "RUN/auto and so on]",
     )
+    _add_more_than_images(parser)
+    add_memory(parser)
+    add_device(parser)
+    add_json(parser)
+    add_rare_option(
+        parser, "voxel", positive, None, metavar="SIZE",
+        help="one point of the cloud in each voxel of this size, in the dataset's units [default: "
+        "a pixel's width at the first image's median depth]",
+    )  # fmt: skip
+
+
+def _add_more_than_images(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--depth",
         choices=("ray", "z"),
-        help="also where half of the light is gone: depth/NAME.npy (float32, the dataset's units, "
-        "NaN: nothing) and depth/NAME.png (16 bits, 0: nothing); ray: along each pixel's ray; z: "
-        "along the camera's axis, for lenses below 90 degrees from it",
+        help="also depths: depth/NAME.npy (float32, the dataset's units, NaN: nothing) and "
+        "depth/NAME.png (16 bits, 0: nothing); ray: along each pixel's ray; z: along the camera's "
+        "axis, for lenses below 90 degrees from it",
     )
     add_depth_unit(parser)
+    parser.add_argument(
+        "--depth-kind",
+        choices=("mean", "median", "strongest", "sum"),
+        default="median",
+        help="of --depth: weighted mean of the Gaussians' distances, where half of the light is "
+        "gone, that of the Gaussian with the largest weight, or the sum of weight times distance, "
+        "not divided (0: nothing) [default: median]",
+    )
+    parser.add_argument(
+        "--lifted",
+        metavar="FILE.npz",
+        help="also what `gsut lift` put onto the Gaussians: lifted/NAME.npy, or of labels "
+        "lifted/NAME.png (16 bits, 65535: none)",
+    )
     parser.add_argument(
         "--cloud",
         metavar="FILE.ply",
@@ -116,20 +143,13 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "seen_views; NaN and 0: never seen) and .png; the first time, the run is compared with its "
         "photographs, and RUN/confidence.npz keeps that",
     )
-    add_memory(parser)
-    add_device(parser)
-    add_json(parser)
-    add_rare_option(
-        parser, "voxel", positive, None, metavar="SIZE",
-        help="one point of the cloud in each voxel of this size, in the dataset's units [default: "
-        "a pixel's width at the first image's median depth]",
-    )  # fmt: skip
 
 
 def run(arguments: argparse.Namespace) -> int:
     import gsut
     from gsut.cli._render_confidence import ConfidenceOutput
     from gsut.cli._render_depth import DepthOutput
+    from gsut.cli._render_lifted import LiftedOutput
     from gsut.orientation import turn_picture
     from gsut.render import Light, is_film, to_uint8, write_png
     from gsut.run import Progress
@@ -144,6 +164,7 @@ def run(arguments: argparse.Namespace) -> int:
     out = Path(arguments.out or Path(arguments.folder) / label)
     film = is_film(out)
     depths = DepthOutput.from_flags(arguments, None if film else out)
+    lifted = LiftedOutput.from_flags(arguments, film)
     sure = ConfidenceOutput.from_flags(arguments, film)
     stage = _stage(arguments)
     more: dict[str, Any] = {}
@@ -169,6 +190,8 @@ def run(arguments: argparse.Namespace) -> int:
                 image = to_uint8(result.image)
                 if depths is not None:
                     depths.add(shot.name, result, image, camera, place)
+                if lifted is not None and folder is not None:
+                    lifted.add(folder, shot.name, camera, place)
                 if sure is not None and folder is not None:
                     sure.add(folder, shot.name, result, shot.turns)
                 yield image
@@ -327,7 +350,15 @@ def _reshape_lens(arguments: argparse.Namespace, lens: Any) -> Any:
     from gsut.lens import with_field_of_view
 
     if arguments.size:
-        lens = lens.resize(*parse_image_size(arguments.size))
+        width, height = parse_image_size(arguments.size)
+        stretch = width / lens.width / (height / lens.height)
+        if abs(stretch - 1) > 1 / min(width, height):
+            print(
+                f"gsut: note: {width} x {height} is of another shape than the lens' {lens.width} x "
+                f"{lens.height}: pixels are drawn {1 / stretch:.3g} times as wide as high",
+                file=sys.stderr,
+            )
+        lens = lens.resize(width, height)
     return lens if arguments.fov is None else with_field_of_view(lens, arguments.fov)
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from gsut.data.assemble import assemble
 from gsut.data.errors import DatasetError, OnError, raise_error
-from gsut.data.layouts import Layout, find_layout, list_layouts
+from gsut.data.layouts import Layout, find_layout, list_layouts, require_pictures
 from gsut.data.listing import Listing
 from gsut.data.recordings import pair_recording
 from gsut.data.scene import TEST_EVERY, Scene
@@ -76,9 +76,6 @@ def read_dataset(path: Path, *, on_error: OnError = raise_error) -> Listing:
 def _read(layout: Layout, path: Path, on_error: OnError) -> Listing:
     if layout.read is not None:
         return layout.read(path, on_error)
-    if layout.record is None:
-        raise DatasetError(
-            path, f"{layout.files}, whose pictures are inside",
-            f"`gsut data convert {path} FOLDER` makes a dataset of it",
-        )  # fmt: skip
+    require_pictures(path)
+    assert layout.record is not None
     return pair_recording(layout.record(path), on_error)

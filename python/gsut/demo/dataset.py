@@ -1,4 +1,4 @@
-"""Writes the demo's data set: fisheye images, lens, poses, points, and the truth of test views."""
+"""Writes the demo's data set: fisheye images, lens, poses, points, labels, and truth."""
 
 from __future__ import annotations
 
@@ -29,6 +29,7 @@ _POINTS_FILE = "points3D.ply"
 _TRUTH_FILE = "truth.ply"  # the exact mesh
 _POINT_NOISE = 0.01  # metres, standard deviation: as good as structure from motion gets
 MILLIMETRES = 1000.0  # to a metre
+NO_LABEL = 255  # of pixels outside the image circle
 
 
 def make_demo_scene(
@@ -45,8 +46,9 @@ def make_demo_scene(
     Writes a nerfstudio data set: transforms.json (OPENCV_FISHEYE, camera-to-world with OpenGL
     axes, metres, pixel centre 0.5), images/*.png, mask.png (255 where a pixel lies wholly inside
     the image circle), points3D.ply (4000 surface points that cameras see, off by 1 cm), depth/*.png
-    of the test views (distance along the ray in mm, 16 bit, 0 outside the circle), truth.ply (the
-    hall's surfaces as a mesh, for `gsut eval --geometry`).
+    of the test views (distance along the ray in mm, 16 bit, 0 outside the circle), labels/*.png of
+    all views (8 bit: the number of the surface, 255 outside the circle; for `gsut lift`), truth.ply
+    (the hall's surfaces as a mesh, for `gsut eval --geometry`).
 
     Args:
         folder: is created; appears only when it is complete.
@@ -76,7 +78,7 @@ def make_demo_scene(
 def _write_dataset(
     folder: Path, views: int, test_views: int, camera: Camera, seed: int, progress: bool
 ) -> None:
-    for name in ("images", "depth"):
+    for name in ("images", "depth", "labels"):
         (folder / name).mkdir()
     hall = make_hall(seed)
     poses = plan_walk(views + test_views, seed)
@@ -88,6 +90,9 @@ def _write_dataset(
     for number, image in enumerate(render_views(hall, camera, poses, progress)):
         images.append(image)
         write_picture(folder / "images" / names[number], image[..., ::-1])
+        labels = np.full(inside.shape, NO_LABEL, np.uint8)
+        labels[inside] = find_labels(hall, poses[number], rays[inside], origins[inside])
+        write_picture(folder / "labels" / names[number], labels)
         if is_test[number]:
             depth = np.zeros(inside.shape)
             depth[inside] = measure_distances(hall, poses[number], rays[inside], origins[inside])
@@ -119,8 +124,21 @@ def measure_distances(
     Args:
         rays, origins: (N, 3) in the camera frame; origins 0 where all rays meet.
     """
+    return Tracer(hall, 1).trace_depths(*_to_world(pose, rays, origins)).astype(np.float64)
+
+
+def find_labels(
+    hall: Hall, pose: np.ndarray, rays: np.ndarray, origins: np.ndarray | float = 0.0
+) -> np.ndarray:
+    """Finds the number (N,) of the surface that rays meet; arguments as of `measure_distances`."""
+    return Tracer(hall, 1).trace_labels(*_to_world(pose, rays, origins))
+
+
+def _to_world(
+    pose: np.ndarray, rays: np.ndarray, origins: np.ndarray | float
+) -> tuple[np.ndarray, np.ndarray]:
     starts = np.broadcast_to(origins, rays.shape) @ pose[:3, :3].T + pose[:3, 3]
-    return Tracer(hall, 1).trace_depths(starts, rays @ pose[:3, :3].T).astype(np.float64)
+    return starts, rays @ pose[:3, :3].T
 
 
 def _mark_test_views(views: int, test_views: int) -> list[bool]:

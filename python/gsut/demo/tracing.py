@@ -118,6 +118,18 @@ class Tracer:
             _make_rays(origins, directions), np.arange(len(self._hall.shapes))
         )[0]
 
+    def trace_labels(self, origins: np.ndarray, directions: np.ndarray) -> np.ndarray:
+        """Traces which surface unit directions (N, 3) from origins (N, 3) meet.
+
+        Returns:
+            (N,) the room's sides as `Room.sides`, then the shapes.
+        """
+        rays = _make_rays(origins, directions)
+        distance, number = self._find_first_hit(rays, np.arange(len(self._hall.shapes)))
+        room = self._hall.room
+        side = room.find_side(room.compute_normals(rays.locate(distance)))
+        return np.where(number < 0, side, len(room.sides) + number)
+
     def _find_first_hit(self, rays: Rays, candidates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Finds the distance (N,) to the first surface and its number (N,): -1 the room, else a
         shape."""

@@ -30,6 +30,8 @@ from gsut.sfm.photographs import Features, detect_features, require_central
 _THUMBNAIL = 48
 # Standard deviation of the filter that models a thumbnail's pixel, in such pixels.
 _PIXEL_BLUR = 0.3
+# Gaussians that thumbnails are drawn with, about, at most: layout needs no more.
+_THUMBNAIL_GAUSSIANS = 50_000
 # Number of rendered views that are matched, best ranked first.
 _MATCHED_VIEWS = 12
 # Alpha from which a rendered distance is that of a surface.
@@ -183,14 +185,26 @@ def _rank_views(
     valid = shrink_mask(mask, *size) & small.rays()[1]
     seen = _normalize_colors(shrink_image(pixels, *size)[valid])
     angle = measure_pixel_angle(small)
+    thin = _thin_out(gaussians)
     likeness = []
     for _, pose in views:
-        away = np.linalg.norm(gaussians.means - find_centers(pose[None])[0], axis=1)
+        away = np.linalg.norm(thin.means - find_centers(pose[None])[0], axis=1)
         radii = (_PIXEL_BLUR * angle * away).astype(np.float32)
-        image = render(apply_low_pass(gaussians, radii), small, pose, background=background).image
+        image = render(apply_low_pass(thin, radii), small, pose, background=background).image
         likeness.append(float(np.sum(seen * _normalize_colors(image[valid]))))
         show("looking", len(likeness), len(views))
     return [int(index) for index in np.argsort(-np.array(likeness), kind="stable")]
+
+
+def _thin_out(gaussians: Gaussians) -> Gaussians:
+    """Keeps one Gaussian of several, with the area of all of them.
+
+    Cook, Halstead, Planck, Ryu, "Stochastic simplification of aggregate detail", 2007.
+    """
+    several = max(1, len(gaussians) // _THUMBNAIL_GAUSSIANS)
+    kept = gaussians[::several]
+    wider = kept.log_scales + kept.log_scales.dtype.type(np.log(several) / 2)
+    return dataclasses.replace(kept, log_scales=wider)
 
 
 def _normalize_colors(colors: np.ndarray) -> np.ndarray:

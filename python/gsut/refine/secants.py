@@ -105,7 +105,9 @@ def refine_by_secants(
         shutter: how the lines are read; None or global: all at once.
         motion: (6,) start, see `SecantPose`; None: zeros.
         gain: gain and bias to start from. with_gain: estimate both.
-        rounds: measurements of the slopes at most.
+        rounds: measurements of the slopes at most. With fewer than `MOST_ROUNDS` the pose is only a
+            start for a larger image, and `rows` has the slopes of the last round, not those by
+            which errors are stated.
 
     Raises:
         SolveError: the photograph does not determine the pose.
@@ -128,7 +130,7 @@ def refine_by_secants(
             break
         pixels_moved = float(np.max(np.abs(moved[:POSE] / problem.unit)))
         shift = max(_FINEST_SHIFT, min(_SHRINK * shift, _SHIFT_BY_MOVE * pixels_moved))
-    if shift < _STATED_SHIFT:
+    if shift < _STATED_SHIFT and rounds >= MOST_ROUNDS:
         rows = problem.list_rows(at, problem.measure_slopes(at, _STATED_SHIFT))
     return SecantPose(
         problem.place_pose(at), at[POSE : 2 * POSE], (float(at[-2]), float(at[-1])),

@@ -8,6 +8,7 @@ ones best, so that the scene's points keep their places. Given poses that are as
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -146,7 +147,7 @@ def _adjust_tracks(scene: Scene, options: TrainOptions, show: OnProgress) -> Sol
         solution = adjust_poses(
             images, verified, poses, settings,
             lambda done, total, points, step: show("poses", int(done), int(total)),
-            Adjustment(free),
+            Adjustment(free, center_sigma=math.inf),
         )  # fmt: skip
         poses = solution.fill_poses(poses)
         cameras = list(solution.cameras)

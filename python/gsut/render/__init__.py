@@ -6,7 +6,6 @@ from gsut.render.light import (
     Falloff,
     Light,
     compute_field_angles,
-    interpolate_gains,
 )
 from gsut.render.motion import place_about
 from gsut.render.paths import make_orbit_path, smooth_path, turn_path
@@ -16,6 +15,7 @@ from gsut.render.projection import METHODS, Projection, project
 from gsut.render.renderer import DEFAULT_UNSCENTED, Gradients, Render, render, render_backward
 from gsut.render.surface import (
     Surface,
+    measure_depth,
     render_surface,
     render_surface_backward,
     z_from_distance,
@@ -36,10 +36,10 @@ __all__ = [
     "Surface",
     "choose_solid",
     "compute_field_angles",
-    "interpolate_gains",
     "is_film",
     "make_orbit_path",
     "make_tour_path",
+    "measure_depth",
     "name_pictures",
     "place_about",
     "project",

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import re
 from collections.abc import Sequence
 from typing import Any, ClassVar
 
@@ -137,43 +136,3 @@ def compute_field_angles(camera: Any) -> np.ndarray:
     angles[~valid] = np.nan
     angles.setflags(write=False)
     return angles
-
-
-def interpolate_gains(
-    log_gains: np.ndarray, known: Sequence[int], names: Sequence[str], groups: Sequence[int]
-) -> np.ndarray:
-    """Interpolates the log-gains of unknown views between their neighbours in time.
-
-    Args:
-        log_gains: (V, 3); rows of `known` count.
-        known: views.
-        names: of the V views, whose numbers give their order in time.
-        groups: (V,) the camera of each view: only views of one camera are neighbours. A view
-            without any has a gain of 1.
-
-    Returns:
-        (V, 3).
-    """
-    out = np.zeros_like(log_gains)
-    cameras = np.asarray(groups)
-    for camera in np.unique(cameras):
-        rows = np.flatnonzero(cameras == camera)
-        sources = np.array([view for view in known if cameras[view] == camera], int)
-        if not len(sources):
-            continue
-        place = np.zeros(len(names))
-        place[rows] = _rank_in_time([names[int(row)] for row in rows])
-        sources = sources[np.argsort(place[sources])]
-        for channel in range(log_gains.shape[1]):
-            out[rows, channel] = np.interp(place[rows], place[sources], log_gains[sources, channel])
-    return out
-
-
-def _rank_in_time(names: Sequence[str]) -> np.ndarray:
-    """Ranks views (V,) in time: by the number at the end of each name, if all have one."""
-    numbers = [re.search(r"(\d+)\D*$", name.rsplit("/", 1)[-1].rsplit(".", 1)[0]) for name in names]
-    keys = [(int(found[1]) if found else 0) if all(numbers) else 0 for found in numbers]
-    place = np.zeros(len(names))
-    for rank, view in enumerate(sorted(range(len(names)), key=lambda v: (keys[v], names[v]))):
-        place[view] = rank
-    return place

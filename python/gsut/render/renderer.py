@@ -12,6 +12,7 @@ import numpy as np
 from gsut import _core
 from gsut._core import BlendRule, InputError
 from gsut.gaussians import Gaussians, LinearGaussians, StoredGaussians
+from gsut.render.arguments import read_background, read_blend_rule, read_features
 from gsut.render.card import ON_CARD, check_device, draw_or_warn
 from gsut.render.confidence import Confidence
 from gsut.render.motion import convert_about_camera, place_about, read_motion
@@ -76,6 +77,24 @@ class Render:
         height, width = self.alpha.shape
         return f"Render({width} x {height}, {self.camera.model}, of {self.gaussians})"
 
+    def add_map(self, values: np.ndarray, sums: np.ndarray) -> None:
+        """Adds the sums over pixels of blend weight x value to each Gaussian's.
+
+        Args:
+            values: (H, W, D) of the pixels, finite.
+            sums: (N, D) float32, C order; grows.
+
+        Raises:
+            InputError: a render of the double reference, of Gaussians in a file or of the graphics
+                card; a wrong shape.
+        """
+        if not isinstance(self.renderer, _core.Renderer) or self.seen is not None:
+            raise InputError(
+                'maps are lifted by renders in float32 of Gaussians in memory, with device="cpu"'
+            )
+        with self._turn:
+            self.renderer.add_features(np.ascontiguousarray(values, np.float32), sums)
+
     def get_statistics(self) -> dict[str, int]:
         """Returns counts of the tiled path: num_visible, num_pairs, num_contributing_pairs ..."""
         if self.renderer is None or self.renderer == ON_CARD:
@@ -112,14 +131,6 @@ class Gradients:
         return f"Gradients(to {self.gaussians}{touched}{', lens' if self.lens is not None else ''})"
 
 
-def _blend_rule(parity: str | None, blend: BlendRule | None) -> BlendRule:
-    if blend is not None:
-        if parity is not None:
-            raise InputError("give parity or blend, not both")
-        return blend
-    return BlendRule(parity or "")
-
-
 def render(
     gaussians: Gaussians | LinearGaussians | StoredGaussians,
     camera: _core.Camera,
@@ -136,6 +147,7 @@ def render(
     unscented: Sequence[float] = DEFAULT_UNSCENTED,
     dtype: str = "float32",
     device: str = "cpu",
+    watch: bool = True,
 ) -> Render:
     """Renders Gaussians: each pixel's ray is evaluated against the Gaussians in 3D.
 
@@ -164,6 +176,8 @@ def render(
             every pixel; slow.
         device: "gpu": the graphics card, by WebGPU (pip install 'gsut[gpu]'), in float32; on the
             CPU where it cannot, with a warning that gives the reason. Gradients are of the CPU.
+        watch: False: `render_backward` does not notice whether the Gaussians have changed since,
+            which saves a look at all of them in either call.
 
     Returns:
         Image, alpha and depth, with what `render_backward` needs. float32 is within 1e-5 rms of the
@@ -185,8 +199,8 @@ def render(
         + (0 if isinstance(gaussians, StoredGaussians) else _LISTED_BYTES * len(gaussians)),
         "render a smaller one (--size), or fewer Gaussians (gsut compact)",
     )
-    rule = _blend_rule(parity, blend)
-    color, behind = _read_background(background, camera)
+    rule = read_blend_rule(parity, blend)
+    color, behind = read_background(background, camera)
     if sh_degree < 0:
         raise InputError(f"sh_degree must be 0 to 3, found {sh_degree}")
     if confidence is not None:
@@ -198,9 +212,7 @@ def render(
     look: dict[str, Any] = {
         "rule": rule, "background": color, "sh_degree": degree, "unscented": tuple(unscented)
     }  # fmt: skip
-    channels = _read_features(features, features_background, len(gaussians), dtype)
-    if channels and isinstance(gaussians, StoredGaussians):
-        raise InputError("features belong to Gaussians in memory, not to those in a file")
+    channels = read_features(features, features_background, gaussians, dtype)
     check_device(device, dtype, gaussians, bool(channels))
     pixels: np.ndarray | None = None
     shown = (camera, pose, rule, color, degree)
@@ -231,7 +243,7 @@ def render(
             renderer = ON_CARD
         image, alpha, depth, distortion = on_card
     bits = None
-    if renderer != ON_CARD and isinstance(drawn, Gaussians | LinearGaussians):
+    if watch and renderer != ON_CARD and isinstance(drawn, Gaussians | LinearGaussians):
         bits = sum_bits(drawn, channels.get("features"))
     out = Render(
         image, alpha, depth, distortion, drawn, *shown, renderer, features=pixels, seen=seen,
@@ -264,58 +276,6 @@ def _draw_on_cpu(
     job = _core.RenderJob(camera, place, **look, **channels)
     renderer.render(drawn, job, image, alpha, depth, distortion, pixels)
     return (image, alpha, depth, distortion), pixels
-
-
-def _read_background(
-    background: Sequence[float] | np.ndarray | None, camera: _core.Camera
-) -> tuple[tuple[float, float, float], np.ndarray | None]:
-    """Reads one colour, or black and an image (H, W, 3) to stand behind it where there are rays."""
-    black = (0.0, 0.0, 0.0)
-    if background is None:
-        return black, None
-    found = _core.read_array(background, "background")
-    shape = (camera.height, camera.width, 3)
-    if found.shape not in ((3,), shape) or found.dtype.kind not in "fiu":
-        raise InputError(
-            f"background must be 3 finite numbers, found shape {found.shape}; or give an image of "
-            f"shape {shape}"
-        )
-    if not np.isfinite(found).all():
-        raise InputError("background must be 3 finite numbers, found NaN or infinity")
-    if found.dtype.kind != "f" and (found.ndim == 3 or found.min() < 0 or found.max() > 1):
-        raise InputError(
-            f"background must be in [0, 1], found {found.dtype} of {found.min()} to {found.max()}; "
-            "divide by 255"
-        )
-    if found.ndim == 1:
-        red, green, blue = found.tolist()
-        return (float(red), float(green), float(blue)), None
-    return black, np.where(camera.rays()[1][..., None], found, 0.0)
-
-
-def _read_features(
-    features: np.ndarray | None, background: Any, num_gaussians: int, dtype: str
-) -> dict[str, Any]:
-    """Reads features and what is behind them as arguments of the core's job; {} without any."""
-    if features is None:
-        if background is not None:
-            raise InputError("features_background is given without features")
-        return {}
-    found = _core.read_array(features, "features")
-    if found.ndim != 2 or len(found) != num_gaussians or found.shape[1] == 0:
-        raise InputError(
-            f"features must have shape ({num_gaussians}, D), a row a Gaussian, found {found.shape}"
-        )
-    values = np.ascontiguousarray(found, dtype)
-    width = values.shape[1]
-    behind = np.zeros(width) if background is None else np.asarray(background)
-    if behind.shape != (width,):
-        raise InputError(f"features_background must have shape ({width},), found {behind.shape}")
-    behind = np.ascontiguousarray(behind, dtype)
-    for name, array in (("features", values), ("features_background", behind)):
-        if not np.isfinite(array).all():
-            raise InputError(f"{name} must be finite in {dtype}, found NaN or infinity")
-    return {"features": values, "features_background": behind}
 
 
 def _read_gradient(values: np.ndarray, name: str, dtype: np.dtype) -> np.ndarray:

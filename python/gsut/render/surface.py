@@ -7,9 +7,9 @@ import math
 
 import numpy as np
 
+from gsut import _core
 from gsut._core import InputError
 from gsut.gaussians import Gaussians, StoredGaussians
-from gsut.lens import Camera
 from gsut.render.card import ON_CARD
 from gsut.render.renderer import Render
 
@@ -52,9 +52,56 @@ def render_surface(result: Render) -> Surface:
         InputError: a render of the double reference.
     """
     median, strongest, normals, spread = _get_renderer(result).surface()
-    with np.errstate(invalid="ignore", divide="ignore"):
-        expected = np.where(result.alpha > 0, result.depth / result.alpha, np.float32(np.nan))
+    expected = _divide(result.depth, result.alpha)
     return Surface(expected.astype(np.float32), median, strongest, normals, spread)
+
+
+DEPTHS = ("mean", "median", "strongest", "sum")
+ALONG = ("ray", "z")
+
+
+def measure_depth(result: Render, kind: str = "median", along: str = "ray") -> np.ndarray:
+    """Measures the depth of each pixel of a render, by its name.
+
+    Args:
+        result: what `render` returned in float32; its Gaussians must not have changed since.
+        kind: "mean": weighted mean of the Gaussians' distances; "median": where half of the light
+            is gone; "strongest": of the Gaussian with the largest weight; "sum": weight times
+            distance, summed and not divided, as `Render.depth`.
+        along: "ray": distance from the lens; "z": along the camera's axis.
+
+    Returns:
+        (H, W) float32, world units; NaN where there is none, but 0 of a sum. Mean and sum have
+        gradients by `render_backward`: of the mean m, dL_dm / alpha to depth and -dL_dm m / alpha
+        to alpha; of a z the same times the z of `camera.rays()`.
+
+    Raises:
+        InputError: an unknown kind or direction; z through a lens that sees 90 degrees from its
+            axis; of median and strongest, a render that `render_surface` refuses.
+    """
+    if kind not in DEPTHS:
+        raise InputError(f'depth "{kind}" is unknown; known: {", ".join(DEPTHS)}')
+    if along not in ALONG:
+        raise InputError(f'depth along "{along}" is unknown; known: {", ".join(ALONG)}')
+    if kind in ("median", "strongest"):
+        median, strongest, _, _ = _get_renderer(result).surface()
+        distance = median if kind == "median" else strongest
+    else:
+        distance = result.depth
+    if kind == "mean":
+        distance = _divide(distance, result.alpha)
+    if along == "z":
+        share = result.alpha if kind == "sum" else 1.0
+        distance = z_from_distance(distance, result.camera, share)
+        if kind == "sum":
+            distance = np.nan_to_num(distance)
+    return distance.astype(np.float32)
+
+
+def _divide(depth: np.ndarray, alpha: np.ndarray) -> np.ndarray:
+    """Divides sums of weight times distance by those of the weights; NaN where these are 0."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.where(alpha > 0, depth / alpha, np.float32(np.nan))
 
 
 def render_surface_backward(result: Render, dnormals: np.ndarray) -> Gaussians:
@@ -78,12 +125,15 @@ def render_surface_backward(result: Render, dnormals: np.ndarray) -> Gaussians:
     return gradients
 
 
-def z_from_distance(distance: np.ndarray, camera: Camera) -> np.ndarray:
+def z_from_distance(
+    distance: np.ndarray, camera: _core.Camera, share: np.ndarray | float = 1.0
+) -> np.ndarray:
     """Converts distances along each pixel's ray to distances along the camera's axis (z).
 
     Args:
         distance: (H, W) along the rays; NaN stays NaN.
         camera: the lens.
+        share: (H, W) sums of the weights by which distances were added up and not divided.
 
     Returns:
         (H, W) z, NaN where the pixel has no ray.
@@ -98,7 +148,7 @@ def z_from_distance(distance: np.ndarray, camera: Camera) -> np.ndarray:
             f"the lens sees {math.degrees(math.acos(widest)):.0f} degrees from its axis, where z "
             "is not positive; use the distance along the ray (--depth ray)"
         )
-    return distance * np.where(valid, rays[..., 2], np.nan) + camera.origins()[..., 2]
+    return distance * np.where(valid, rays[..., 2], np.nan) + share * camera.origins()[..., 2]
 
 
 def _get_renderer(result: Render):

@@ -37,6 +37,7 @@ from gsut.sfm.photographs import (
 )
 from gsut.sfm.report import is_finished, read_figures, write_poses
 from gsut.sfm.rig import (
+    adjust_rig_near_places,
     find_image_lines,
     find_lens_pair,
     find_rig_photographs,
@@ -142,7 +143,7 @@ def find_poses(
             find_lens_pair(mapping)
             find_rig_shutter(mapping)
             mapping.log.show("writing", 0, 1, "")
-            place_on_earth(mapping)
+            place_on_earth(mapping, adjust_rig_near_places)
             mapping.log.watch.record_lap("mapping")
             if mapper is None:
                 mapping.found.agreement = measure_agreement(mapping.solved, mapping.pairs)

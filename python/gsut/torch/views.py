@@ -140,12 +140,13 @@ class _RenderView(torch.autograd.Function):
             values = to_array(features, "colors")
         result = render(
             gaussians, camera, view.make_motion(pose, pose_end), blend=view.rule,
-            sh_degree=view.sh_degree, features=values, dtype=str(gaussians.dtype),
+            sh_degree=view.sh_degree, features=values, dtype=str(gaussians.dtype), watch=False,
         )  # fmt: skip
         ctx.result = result
-        ctx.poses = [
-            to_array(p.to(torch.float64), "pose") for p in (pose, pose_end) if p is not None
-        ]
+        # torch itself knows whether one of them was changed in place: cheaper than to compare.
+        ctx.save_for_backward(*(
+            t for t in (means, quats, scales, opacities, sh, features) if t is not None
+        ))  # fmt: skip
         ctx.inputs = (pose, lens, sh, features, pose_end, means2d, wants_means2d)
         of_features = result.features
         if of_features is None:
@@ -156,6 +157,7 @@ class _RenderView(torch.autograd.Function):
 
     @staticmethod
     def backward(ctx: Any, *outer: torch.Tensor | None) -> Any:
+        _ = ctx.saved_tensors  # raises if one of them was changed in place
         result = ctx.result
         pose, lens, sh, features, pose_end, means2d, wants_means2d = ctx.inputs
         dimage, dalpha, ddepth, dfeatures = (
@@ -170,11 +172,10 @@ class _RenderView(torch.autograd.Function):
             result, dimage, dalpha, ddepth, dfeatures=dfeatures, with_lens=wants_lens
         )
         g = found.gaussians
-        of_poses: list[torch.Tensor | None] = [
-            to_tensor(differentiate_matrix(twist, matrix)).to(pose.dtype) if is_wanted else None
-            for twist, matrix, is_wanted in zip(
-                found.pose.reshape(-1, 6), ctx.poses, _list_wanted(pose, pose_end), strict=True
-            )
+        ends = [end for end in (pose, pose_end) if end is not None]
+        of_poses = [
+            _differentiate_pose(twist, end) if end.requires_grad else None
+            for twist, end in zip(found.pose.reshape(-1, 6), ends, strict=True)
         ]
         of_lens = None if found.lens is None else to_tensor(found.lens).to(lens.dtype)
         of_features = None
@@ -193,8 +194,9 @@ class _RenderView(torch.autograd.Function):
         )  # fmt: skip
 
 
-def _list_wanted(*poses: torch.Tensor | None) -> list[bool]:
-    return [pose.requires_grad for pose in poses if pose is not None]
+def _differentiate_pose(twist: np.ndarray, pose: torch.Tensor) -> torch.Tensor:
+    matrix = to_array(pose.to(torch.float64), "pose")
+    return to_tensor(differentiate_matrix(twist, matrix)).to(pose.dtype)
 
 
 def differentiate_matrix(twist: np.ndarray, matrix: np.ndarray) -> np.ndarray:

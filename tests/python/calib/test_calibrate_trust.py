@@ -11,7 +11,12 @@ from calib.camera.projection import unproject_pixels
 from calib.report.lens_files import solution_from_fisheye
 from calib.solve import opencv_solver, solve_by_opencv
 from calib.trust.halves import AGREEMENT_DEGREES, compare_lenses, find_agreement_angle
-from calib.trust.second_lens import SecondLens, compare_with, cut_where_lenses_differ
+from calib.trust.second_lens import (
+    SecondLens,
+    compare_with,
+    cut_where_lenses_differ,
+    refuse_narrow_field,
+)
 from calib.trust.trust import Trust, judge, measure_field_angle
 from calib.trust.uncertainty import map_uncertainty, spread_pixels
 from calib_fakes import BOARD, FISHEYE, corner_photographs
@@ -137,3 +142,10 @@ def test_trusted_field_of_nothing_is_a_refusal():
     trust = _trust(70.0)
     cut_where_lenses_differ(trust, None, [_second(60.0, 0.0, 0.0)], "left")
     assert "do not determine the lens of left" in trust.refusal
+
+
+@pytest.mark.parametrize(("degrees", "is_refused"), [(5.0, True), (40.0, False)])
+def test_trusted_field_of_one_pixel_in_a_hundred_is_a_refusal(degrees, is_refused, truth):
+    trust = _trust(degrees)
+    refuse_narrow_field(trust, truth)
+    assert ("one camera at one zoom" in trust.refusal) == is_refused

@@ -301,6 +301,15 @@ def test_film_of_pixels_that_are_not_square_is_stretched_with_a_note(ratio, size
     assert f"stretched to square ones ({size[0]} x {size[1]})" in note
 
 
+@pytest.mark.parametrize(("curve", "name"), [(16, "PQ"), (18, "HLG")])
+def test_film_for_bright_screens_is_noted(curve, name, tmp_path):
+    film = encode_film(tmp_path / "film.mp4", "libx264", draw_walk(3), curve=curve)
+    with Video(film) as video:
+        assert len(list(video.read_frames())) == 3
+        (note,) = video.list_notes(3)
+    assert f"film.mp4 is an HDR film ({name})" in note
+
+
 def test_interlaced_film_is_noted(tmp_path):
     film = encode_film(tmp_path / "film.mp4", "libx264", draw_walk(3), flags="+ilme+ildct")
     with Video(film) as video:

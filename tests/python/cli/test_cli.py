@@ -309,12 +309,15 @@ def test_render_along_each_path_writes_its_images(run, tmp_path, monkeypatch):
     assert count == 5
 
 
-def test_render_with_lens_and_size_uses_both(run, tmp_path):
+def test_render_with_lens_and_size_uses_both_and_says_where_shapes_differ(run, tmp_path, capsys):
     lens, out = tmp_path / "lens.json", tmp_path / "out"
     gsut.save_camera(gsut.Camera("pinhole", [20, 20, 10, 5], 20, 10), lens)
     words = ["--frames", "1", "--camera", str(lens), "--size", "40x24", "-o", str(out)]
     assert main(["render", str(run.path), *words]) == 0
     assert cv2.imread(str(out / "00000.png")).shape == (24, 40, 3)
+    assert "another shape than the lens' 20 x 10: pixels are drawn 1.2 times as wide" in (
+        capsys.readouterr().err
+    )
 
 
 def test_render_without_out_goes_into_the_run(run):

@@ -128,6 +128,19 @@ def test_a_bag_is_no_dataset_until_it_is_converted(tmp_path):
         gsut.load_dataset(tmp_path / "walk.bag")
 
 
+@pytest.mark.parametrize("command", ["poses", "scene"])
+@pytest.mark.parametrize("store", STORES)
+def test_poses_and_scene_of_a_bag_name_the_command_that_unpacks_it(
+    command, store, write_bag, tmp_path, capsys
+):
+    bag = write_bag(tmp_path / STORES[store], store)
+    assert main([command, str(bag), "-o", str(tmp_path / "out"), "--quiet"]) == 2
+    assert f"a ROS bag, whose pictures are inside; `gsut data convert {bag} FOLDER`" in (
+        capsys.readouterr().err
+    )
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_damaged_bag_is_said_to_be_one(write_bag, tmp_path):
     (tmp_path / "walk.bag").write_bytes(b"#ROSBAG V2.0\nnothing")
     with pytest.raises(gsut.InputError, match="cannot be read as a ROS bag"):

@@ -60,7 +60,7 @@ def test_demo_scene_same_seed_same_bytes(made, tmp_path):
     make_demo_scene(again, VIEWS, TEST_VIEWS, SIZE, SEED, progress=False)
     make_demo_scene(other, VIEWS, TEST_VIEWS, SIZE, SEED + 1, progress=False)
     files = sorted(path.relative_to(made) for path in made.rglob("*") if path.is_file())
-    assert len(files) == VIEWS + 2 * TEST_VIEWS + 4
+    assert len(files) == 2 * VIEWS + 3 * TEST_VIEWS + 4
     assert files == sorted(path.relative_to(again) for path in again.rglob("*") if path.is_file())
     for file in files:
         assert (made / file).read_bytes() == (again / file).read_bytes(), file
@@ -155,6 +155,27 @@ def test_demo_scene_depth_never_exceeds_the_room_and_mostly_meets_it(made, trans
         assert 0.4 < np.mean(np.abs(excess) < tolerances.DEMO_DEPTH) < 0.95  # room; furniture
         checked += 1
     assert checked == TEST_VIEWS
+
+
+def test_demo_scene_labels_name_the_surface_at_the_depth_of_each_pixel(made, transforms):
+    rays, valid = demo_views.make_camera(SIZE).rays()
+    hall = make_hall(SEED)
+    checked, found = 0, set()
+    for name, pose in poses_of(transforms).items():
+        labels = cv2.imread(str(made / name.replace("images", "labels")), cv2.IMREAD_UNCHANGED)
+        assert labels.dtype == np.uint8
+        assert np.all((labels == dataset.NO_LABEL) == ~valid)
+        found |= set(labels[valid].tolist())
+        away = dataset.measure_distances(hall, pose, rays[valid])
+        points = away[:, None] * (rays[valid] @ pose[:3, :3].T) + pose[:3, 3]
+        sides = np.stack([points[:, 0] + HALF_X, HALF_X - points[:, 0], points[:, 1] + HALF_Y,
+                          HALF_Y - points[:, 1], points[:, 2], HEIGHT - points[:, 2]])  # fmt: skip
+        on_side = labels[valid] < len(sides)
+        to_its_side = sides[labels[valid][on_side], np.flatnonzero(on_side)]
+        assert np.abs(to_its_side).max() < tolerances.DEMO_DEPTH
+        checked += 1
+    assert checked == VIEWS + TEST_VIEWS
+    assert 20 < len(found) <= len(hall.room.sides) + len(hall.shapes)
 
 
 @pytest.mark.parametrize("central", [True, False])

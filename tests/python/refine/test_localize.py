@@ -13,6 +13,7 @@ import tolerances
 from disturbances import disturb_pose
 from gsut import TrainOptions
 from gsut.cli import main
+from gsut.refine import localization
 from gsut.refine.localization import localize_image
 from gsut.refine.motion import measure_pose_changes
 from gsut.refine.secants import place_lines
@@ -119,6 +120,24 @@ def test_photograph_far_from_every_view_is_found_by_matches(rng):
     assert change.degrees[0] < tolerances.MATCHED_DEGREES
     assert change.distances[0] < tolerances.MATCHED_UNITS
     assert set(told) == {"looking", "matching", "refining"}
+
+
+def test_nearest_view_of_a_thinned_scene_ranks_first(rng, monkeypatch):
+    camera = fisheye(160)
+    g = gaussians_in_view(rng, camera, np.eye(4), 3000, sizes=(0.01, 0.06), opacity=3.0)
+    views = [(camera, disturb_pose(rng, np.eye(4), angle, 0.05)) for angle in (60, 3, 40, 20)]
+    pixels = to_uint8(gsut.render(g, camera, np.eye(4)).image)
+    ranked = []
+    for most in (3000, 1000):
+        monkeypatch.setattr(localization, "_THUMBNAIL_GAUSSIANS", most)
+        seen = np.ones((160, 160), bool)
+        ranked.append(
+            localization._rank_views(
+                g, views, camera, pixels, seen, (0.0, 0.0, 0.0), lambda *shown: None
+            )
+        )
+    assert len(localization._thin_out(g)) == 1000
+    assert ranked[0][0] == ranked[1][0] == 1
 
 
 def test_localize_shrinks_a_larger_photograph(run, tmp_path, capsys):

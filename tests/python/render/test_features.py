@@ -76,12 +76,15 @@ def test_features_equal_to_the_colours_are_the_image_bit_by_bit(rng, rolling):
     assert len(isas) > 0
 
 
-@pytest.mark.parametrize("width", [1, 6, 32, 65])
+# Widths of every rest of a slice; one scene has more pairs a tile than a segment holds.
+@pytest.mark.parametrize(("width", "count"), [(1, 60), (6, 60), (28, 60), (65, 60), (2, 700)])
 @pytest.mark.parametrize("rolling", [False, True], ids=["still", "rolling"])
-def test_features_through_forward_and_backward_match_the_double_reference(rng, rolling, width):
+def test_features_through_forward_and_backward_match_the_double_reference(
+    rng, rolling, width, count
+):
     camera = fisheye(40)
     pose, place = place_of(rng, rolling)
-    g = make_scene(rng, camera, pose, 60)
+    g = make_scene(rng, camera, pose, count)
     features = rng.normal(size=(len(g), width)).astype(np.float32)
     behind = rng.normal(size=width)
     weights = random_weights(rng, camera)

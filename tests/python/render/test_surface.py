@@ -6,7 +6,7 @@ import pytest
 import gsut
 import tolerances
 from gsut import InputError, _core
-from gsut.render import z_from_distance
+from gsut.render import measure_depth, z_from_distance
 from random_scenes import (
     central_differences,
     fisheye,
@@ -174,6 +174,34 @@ def test_normals_of_gaussians_add_up_to_the_same_bits_on_any_threads(rng):
         )  # fmt: skip
     gsut.set_num_threads(0)
     assert found[0] == found[1] == found[2]
+
+
+@pytest.mark.parametrize("model", ["pinhole", "orthographic"])
+def test_depth_by_name_is_that_of_the_gaussians_along_the_ray_or_the_axis(rng, model):
+    camera = pinhole(32)
+    if model == "orthographic":  # where z is not the distance times a cosine: origins differ
+        camera = gsut.Camera(model, [8, 8, 16, 16], 32, 32)
+    pose = random_pose(rng)
+    g = gaussians_in_view(rng, pinhole(32), pose, 200)
+    result = gsut.render(g, camera, pose)
+    surface = gsut.render_surface(result)
+    rays, origins = camera.rays()[0][..., 2], camera.origins()[..., 2]
+    same = {"mean": surface.expected, "median": surface.median, "strongest": surface.strongest}
+    for kind, distance in same.items():
+        assert np.array_equal(measure_depth(result, kind), distance, equal_nan=True), kind
+        error = measure_depth(result, kind, "z") - (distance * rays + origins)
+        known = np.isfinite(distance)
+        assert known.any()
+        assert np.array_equal(np.isfinite(error), known)
+        assert np.abs(error[known]).max() < tolerances.Z_ROUNDING
+    assert np.array_equal(measure_depth(result, "sum"), result.depth)
+    mean, total = (measure_depth(result, kind, "z") for kind in ("mean", "sum"))
+    error = np.nan_to_num(mean) * result.alpha - total
+    assert np.abs(error).max() < tolerances.Z_ROUNDING
+    with pytest.raises(InputError, match="known: mean, median, strongest, sum"):
+        measure_depth(result, "expected")
+    with pytest.raises(InputError, match="known: ray, z"):
+        measure_depth(result, "mean", "x")
 
 
 def test_z_is_refused_where_the_lens_sees_beyond_90_degrees():

@@ -17,10 +17,10 @@ from gsut.render import (
     Light,
     PixelFilter,
     compute_field_angles,
-    interpolate_gains,
 )
 from gsut.run import RunFolder
 from gsut.training import read_light, read_scene, read_trained
+from gsut.training.first import interpolate_gains
 from gsut.training.photograph.photograph_model import PhotographModel
 from rendered_dataset import VIEWS, write_dataset
 from room_dataset import write_room

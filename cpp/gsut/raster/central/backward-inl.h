@@ -20,7 +20,7 @@
 #include "gsut/raster/blend_backward-inl.h"
 #include "gsut/raster/central/response-inl.h"
 #include "gsut/raster/central/tile_axes-inl.h"
-#include "gsut/raster/channels-inl.h"
+#include "gsut/raster/channels_backward-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace gsut {
@@ -177,12 +177,12 @@ HWY_INLINE void BackwardTile(BackwardFlags flags, const RasterTask& task, const 
     }
     for (std::uint64_t todo = entries[e].blocks; todo != 0; todo &= todo - 1) {
       const int block = __builtin_ctzll(todo);
-      float* pair = flags.with_channels ? channels->Pair(e, block) : nullptr;
+      float* pair = flags.with_channels ? channels->NextPair() : nullptr;
       BackwardRays(flags, limits, g, fields.Block(block), sums, pair);
     }
-    if (flags.with_channels) channels->Collect(e);
+    if (flags.with_channels) channels->Finish(e);
     HWY_ALIGN float totals[16];
-    SumLanes16(sums, totals);
+    SumLanes<16>(sums, totals);
     from_tile.Turn(totals, &frame->slot_gradients[std::size_t{16} * entries[e].slot]);
     frame->slot_touched[entries[e].slot] = 1;
   }

@@ -13,19 +13,20 @@
 #include "gsut/raster/central/forward-inl.h"
 #include "gsut/raster/central/backward-inl.h"
 #include "gsut/raster/channels-inl.h"
+#include "gsut/raster/channels_backward-inl.h"
 #include "gsut/raster/pixels-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace gsut {
 namespace HWY_NAMESPACE {
 
-// After the tile's forward pass, whose list of contributing pairs it reads: their weights come out
-// once more, with the same bits, and blend all channels.
+// The tile's whole forward pass, colours included, whose weights blend all channels.
 void ChannelsForward(const RasterTask& task, const TileGrid& grid, int tile, Frame* frame,
-                     float* image) {
+                     float* image, float* alpha, float* depth, float* distortion, float* channels) {
   CentralChunk kernel(grid, tile, *frame);
-  BlendChannels(task, grid, tile, kernel, frame);
-  WriteChannels(task.channels, grid, tile, *frame, image);
+  ForwardWithChannels(task, grid, tile, kernel, frame, channels);
+  WritePixels(grid, tile, *frame, task.background, task.with_depth, image, alpha, depth,
+              distortion);
 }
 
 // The tile's whole backward pass, colours included: what channels are worth joins what colours are
@@ -33,11 +34,17 @@ void ChannelsForward(const RasterTask& task, const TileGrid& grid, int tile, Fra
 void ChannelsBackward(const RasterTask& task, const TileGrid& grid, int tile,
                       const ImageGradients& gradients, Frame* frame, float* to_rays,
                       float* to_channels) {
-  BackwardWithChannels(task, grid, tile, gradients, *frame, to_channels,
+  BackwardWithChannels(task, grid, tile, gradients, to_rays != nullptr, *frame, to_channels,
                        [&](BackwardFlags flags, const PixelGradients& pixels,
                            TileChannels* channels) GSUT_INLINED_LAMBDA {
                          BackwardTile(flags, task, grid, tile, pixels, frame, to_rays, channels);
                        });
+}
+
+void Lift(const RasterTask& task, const TileGrid& grid, int tile, const float* map, int count,
+          Frame* frame, float* out) {
+  CentralChunk kernel(grid, tile, *frame);
+  LiftTile(task, grid, tile, kernel, map, count, frame, out);
 }
 
 }  // namespace HWY_NAMESPACE
@@ -48,10 +55,13 @@ HWY_AFTER_NAMESPACE();
 namespace gsut {
 HWY_EXPORT(ChannelsForward);
 HWY_EXPORT(ChannelsBackward);
+HWY_EXPORT(Lift);
 
 void ChannelsForwardKernel(const RasterTask& task, const TileGrid& grid, int tile, Frame* frame,
-                           float* image) {
-  HWY_DYNAMIC_DISPATCH(ChannelsForward)(task, grid, tile, frame, image);
+                           float* image, float* alpha, float* depth, float* distortion,
+                           float* channels) {
+  HWY_DYNAMIC_DISPATCH(ChannelsForward)
+  (task, grid, tile, frame, image, alpha, depth, distortion, channels);
 }
 
 void ChannelsBackwardKernel(const RasterTask& task, const TileGrid& grid, int tile,
@@ -59,6 +69,11 @@ void ChannelsBackwardKernel(const RasterTask& task, const TileGrid& grid, int ti
                             float* to_channels) {
   HWY_DYNAMIC_DISPATCH(ChannelsBackward)
   (task, grid, tile, gradients, frame, to_rays, to_channels);
+}
+
+void LiftKernel(const RasterTask& task, const TileGrid& grid, int tile, const float* map, int count,
+                Frame* frame, float* out) {
+  HWY_DYNAMIC_DISPATCH(Lift)(task, grid, tile, map, count, frame, out);
 }
 
 }  // namespace gsut

@@ -29,14 +29,20 @@ void BackwardKernel(const RasterTask& task, const TileGrid& grid, int tile,
 void GradientsKernel(const RasterTask& task, const Frame& frame, std::int64_t begin,
                      std::int64_t end, const GradientRows& to, double* dpose);
 
-// Blends the channels of one tile, after its forward pass, into image (H, W, D).
+// As ForwardKernel, and blends task.channels into channels (H, W, D).
 void ChannelsForwardKernel(const RasterTask& task, const TileGrid& grid, int tile, Frame* frame,
-                           float* image);
+                           float* image, float* alpha, float* depth, float* distortion,
+                           float* channels);
 
-// As BackwardKernel with gradients to the channels' pixels; to_rays: not null. to_channels: those
-// of the values of the tile's pairs, an entry a row of D.
+// As BackwardKernel with gradients to the channels' pixels. to_channels: those of the values of the
+// tile's pairs, an entry a row of D.
 void ChannelsBackwardKernel(const RasterTask& task, const TileGrid& grid, int tile,
                             const ImageGradients& gradients, Frame* frame, float* to_rays,
                             float* to_channels);
+
+// Sums of blend weight x map (H, W, count) over the pixels of a kept tile: a row of `count` an
+// entry.
+void LiftKernel(const RasterTask& task, const TileGrid& grid, int tile, const float* map, int count,
+                Frame* frame, float* out);
 
 }  // namespace gsut

@@ -19,7 +19,7 @@
 #endif
 
 #include "gsut/raster/blend_backward-inl.h"
-#include "gsut/raster/channels-inl.h"
+#include "gsut/raster/channels_backward-inl.h"
 #include "gsut/raster/lines/forward-inl.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -234,14 +234,14 @@ HWY_INLINE void BackwardLines(BackwardFlags flags, const RasterTask& task, const
       for (std::uint64_t todo = entries[e].blocks; todo != 0; todo &= todo - 1) {
         const int block = __builtin_ctzll(todo);
         const BlockFields at = fields.Block(block);
-        float* pair = flags.with_channels ? channels->Pair(e, block) : nullptr;
+        float* pair = flags.with_channels ? channels->NextPair() : nullptr;
         const ResidualGradient of = BackwardResidual(flags, limits, chunk, j, at, sums, pair);
         AddToSums(flags, of, sums);
         if (flags.with_rays) AddToLines(flags, chunk, j, of, at);
       }
-      if (flags.with_channels) channels->Collect(e);
+      if (flags.with_channels) channels->Finish(e);
       HWY_ALIGN float totals[16];
-      SumLanes16(sums, totals);
+      SumLanes<16>(sums, totals);
       for (int k = 0; k < 16; ++k) columns[k][j] = totals[k];
     }
     StoreSlots(chunk, columns, entries + first, here, frame);

@@ -12,19 +12,21 @@
 #include "gsut/raster/lines/forward-inl.h"
 #include "gsut/raster/lines/backward-inl.h"
 #include "gsut/raster/channels-inl.h"
+#include "gsut/raster/channels_backward-inl.h"
 #include "gsut/raster/pixels-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace gsut {
 namespace HWY_NAMESPACE {
 
-// After the tile's forward pass, whose list of contributing pairs it reads: their weights come out
-// once more, with the same bits, and blend all channels.
+// The tile's whole forward pass, colours included, whose weights blend all channels.
 void LineChannelsForward(const RasterTask& task, const LineGrid& grid, int tile, Frame* frame,
-                         float* image) {
+                         float* image, float* alpha, float* depth, float* distortion,
+                         float* channels) {
   LineKernel kernel(task, grid, tile, *frame);
-  BlendChannels(task, grid.tiles, tile, kernel, frame);
-  WriteChannels(task.channels, grid.tiles, tile, *frame, image);
+  ForwardWithChannels(task, grid.tiles, tile, kernel, frame, channels);
+  WritePixels(grid.tiles, tile, *frame, task.background, task.with_depth, image, alpha, depth,
+              distortion);
 }
 
 // The tile's whole backward pass, colours included: what channels are worth joins what colours are
@@ -32,11 +34,17 @@ void LineChannelsForward(const RasterTask& task, const LineGrid& grid, int tile,
 void LineChannelsBackward(const RasterTask& task, const LineGrid& grid, int tile,
                           const ImageGradients& gradients, Frame* frame, float* to_rays,
                           float* to_channels) {
-  BackwardWithChannels(task, grid.tiles, tile, gradients, *frame, to_channels,
+  BackwardWithChannels(task, grid.tiles, tile, gradients, to_rays != nullptr, *frame, to_channels,
                        [&](BackwardFlags flags, const PixelGradients& pixels,
                            TileChannels* channels) GSUT_INLINED_LAMBDA {
                          BackwardLines(flags, task, grid, tile, pixels, frame, to_rays, channels);
                        });
+}
+
+void LineLift(const RasterTask& task, const LineGrid& grid, int tile, const float* map, int count,
+              Frame* frame, float* out) {
+  LineKernel kernel(task, grid, tile, *frame);
+  LiftTile(task, grid.tiles, tile, kernel, map, count, frame, out);
 }
 
 }  // namespace HWY_NAMESPACE
@@ -47,10 +55,13 @@ HWY_AFTER_NAMESPACE();
 namespace gsut {
 HWY_EXPORT(LineChannelsForward);
 HWY_EXPORT(LineChannelsBackward);
+HWY_EXPORT(LineLift);
 
 void LineChannelsForwardKernel(const RasterTask& task, const LineGrid& grid, int tile, Frame* frame,
-                               float* image) {
-  HWY_DYNAMIC_DISPATCH(LineChannelsForward)(task, grid, tile, frame, image);
+                               float* image, float* alpha, float* depth, float* distortion,
+                               float* channels) {
+  HWY_DYNAMIC_DISPATCH(LineChannelsForward)
+  (task, grid, tile, frame, image, alpha, depth, distortion, channels);
 }
 
 void LineChannelsBackwardKernel(const RasterTask& task, const LineGrid& grid, int tile,
@@ -58,6 +69,11 @@ void LineChannelsBackwardKernel(const RasterTask& task, const LineGrid& grid, in
                                 float* to_channels) {
   HWY_DYNAMIC_DISPATCH(LineChannelsBackward)
   (task, grid, tile, gradients, frame, to_rays, to_channels);
+}
+
+void LineLiftKernel(const RasterTask& task, const LineGrid& grid, int tile, const float* map,
+                    int count, Frame* frame, float* out) {
+  HWY_DYNAMIC_DISPATCH(LineLift)(task, grid, tile, map, count, frame, out);
 }
 
 }  // namespace gsut

@@ -30,14 +30,20 @@ void LineGradientsKernel(const RasterTask& task, bool is_parallel, const Frame& 
                          std::int64_t begin, std::int64_t end, const GradientRows& to,
                          double* dshading);
 
-// Blends the channels of one tile, after its forward pass, into image (H, W, D).
+// As LineForwardKernel, and blends task.channels into channels (H, W, D).
 void LineChannelsForwardKernel(const RasterTask& task, const LineGrid& grid, int tile, Frame* frame,
-                               float* image);
+                               float* image, float* alpha, float* depth, float* distortion,
+                               float* channels);
 
-// As LineBackwardKernel with gradients to the channels' pixels; to_rays: not null. to_channels:
-// those of the values of the tile's pairs, an entry a row of D.
+// As LineBackwardKernel with gradients to the channels' pixels. to_channels: those of the values of
+// the tile's pairs, an entry a row of D.
 void LineChannelsBackwardKernel(const RasterTask& task, const LineGrid& grid, int tile,
                                 const ImageGradients& gradients, Frame* frame, float* to_rays,
                                 float* to_channels);
+
+// Sums of blend weight x map (H, W, count) over the pixels of a kept tile: a row of `count` an
+// entry.
+void LineLiftKernel(const RasterTask& task, const LineGrid& grid, int tile, const float* map,
+                    int count, Frame* frame, float* out);
 
 }  // namespace gsut

@@ -41,7 +41,7 @@ class ImageHeader(NamedTuple):
 
 
 def read_header(path: Path) -> ImageHeader:
-    """Reads an image's size from the first bytes of PNG and JPEG files, else by decoding it.
+    """Reads an image's size from the first bytes of PNG, JPEG and WebP, else by decoding it.
 
     The size is that of the stored pixels: EXIF's orientation is returned, not applied.
 
@@ -63,6 +63,10 @@ def read_header(path: Path) -> ImageHeader:
         if head.startswith(_JPEG_START):
             file.seek(2)
             return _read_jpeg_header(file, path)
+        if head.startswith(b"RIFF") and head[8:12] == b"WEBP":
+            found = _read_webp_header(file)
+            if found is not None:
+                return found
     pixels, _ = decode_image(path)
     return ImageHeader(pixels.shape[1], pixels.shape[0])
 
@@ -87,6 +91,29 @@ def _read_png_orientation(file) -> int:
             break
         file.seek(length + 4, 1)
     return 1
+
+
+def _read_webp_header(file) -> ImageHeader | None:
+    """Reads size and orientation of a WebP picture, whose EXIF follows its pixels; None: neither
+    kind of pixels was found.
+
+    Source: RFC 9649 (VP8L's header in section 3.4), RFC 6386 (VP8's in section 9.1).
+    """
+    size, orientation = None, 1
+    file.seek(12)
+    while len(start := file.read(8)) == 8:
+        kind, length = struct.unpack("<4sI", start)
+        after = file.tell() + length + length % 2
+        if kind == b"VP8L" and len(head := file.read(5)) == 5:
+            sides = int.from_bytes(head[1:], "little")
+            size = (sides & 0x3FFF) + 1, (sides >> 14 & 0x3FFF) + 1
+        elif kind == b"VP8 " and len(head := file.read(10)) == 10:
+            width, height = struct.unpack("<HH", head[6:])
+            size = width & 0x3FFF, height & 0x3FFF
+        elif kind == b"EXIF":
+            orientation = read_orientation(file.read(length).removeprefix(EXIF_HEADER))
+        file.seek(after)
+    return None if size is None else ImageHeader(*size, orientation)
 
 
 def _read_jpeg_header(file, path: Path) -> ImageHeader:

@@ -1,6 +1,6 @@
 """Layouts of datasets, a file each: a module with a `LAYOUT`; those with a "_" are none."""
 
-from gsut.data.layouts._layout import Layout, find_layout, list_layouts
+from gsut.data.layouts._layout import Layout, find_layout, list_layouts, require_pictures
 from gsut.data.layouts.description import KEYS, describe_recording, replace_parts
 from gsut.data.layouts.folder import find_images, find_lens_file, find_lens_files
 
@@ -14,4 +14,5 @@ __all__ = [
     "find_lens_files",
     "list_layouts",
     "replace_parts",
+    "require_pictures",
 ]

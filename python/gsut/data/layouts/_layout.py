@@ -9,7 +9,7 @@ import pkgutil
 from collections.abc import Callable, Collection
 from pathlib import Path
 
-from gsut.data.errors import OnError
+from gsut.data.errors import DatasetError, OnError
 from gsut.data.export import Export
 from gsut.data.listing import Listing
 from gsut.data.recordings import Recording
@@ -55,3 +55,17 @@ def find_layout(path: Path, without: Collection[str] = ()) -> Layout | None:
     """Returns the first layout that finds its files here, except those of these names."""
     known = (each for each in list_layouts() if each.name not in without)
     return next((each for each in known if each.holds(path)), None)
+
+
+def require_pictures(path: Path) -> None:
+    """Requires that pictures do not lie inside a file, as in a ROS bag.
+
+    Raises:
+        DatasetError: they do; says which command takes them out.
+    """
+    layout = find_layout(path) if path.exists() else None
+    if layout is not None and layout.unpack is not None:
+        raise DatasetError(
+            path, f"{layout.files}, whose pictures are inside",
+            f"`gsut data convert {path} FOLDER` makes a dataset of it",
+        )  # fmt: skip

@@ -286,7 +286,8 @@ def _find_moving_track(
             bag,
             "no topic of poses, and /tf holds no single moving transform above the cameras' "
             f"frames ({', '.join(sorted(roots))}): {edges}",
-            "record odometry, or give a trajectory with --poses FILE",
+            "record odometry, or give a trajectory with --poses FILE; `gsut scene` finds poses of "
+            "pictures that a ROS tool has taken out of the bag",
         )
     return above[0]
 

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
 from gsut._core import SolveError
 from gsut.data.poses import find_centers
 from gsut.lens import Camera
-from gsut.sfm.solution import LensFlags, Solution, index_lenses
+from gsut.sfm.solution import CENTER, CENTER_SIGMA, LensFlags, Solution, index_lenses
 
 # Standard deviations of an image's shift, over the extent of the cameras, and of its turn in
 # radians during a readout: as in the adjustment.
 _VELOCITY_SIGMA = (0.1, 0.2)
+_MEDIAN_SQUARE = 2 * math.log(2)  # of a normal vector's length in the plane, in variances
+# A direction of a point whose square counts less than this share is open: parallax below 1e-6 rad.
+_OPEN = 1e-12
 _CHUNK = 2000  # points whose pairs of observations are summed at once, to bound memory
 
 
@@ -72,7 +76,11 @@ class LensCovariance:
 
 
 def estimate_lens_covariances(
-    solution: Solution, free: LensFlags, loss_scale: float, feature_variance: float = 1.0
+    solution: Solution,
+    free: LensFlags,
+    loss_scale: float,
+    feature_variance: float = 1.0,
+    center_sigma: float = CENTER_SIGMA,
 ) -> list[LensCovariance]:
     """Estimates the covariance of each estimated lens; poses and points are free too.
 
@@ -85,6 +93,7 @@ def estimate_lens_covariances(
         free: flags of the adjusted parameters, see `Adjustment`.
         loss_scale: of Cauchy's loss, in medians of the residuals' lengths, as in the adjustment.
         feature_variance: FEATURE_VARIANCE for features of photographs, 1 for independent errors.
+        center_sigma: see `Adjustment`.
 
     Raises:
         SolveError: the observations do not determine the lens.
@@ -119,6 +128,8 @@ def estimate_lens_covariances(
         )
     normal, freedom = eliminate_points(image, point, rows, change, -weight * by_centre, len(poses))
     _add_velocity_priors(normal, solution, math.sqrt(float(np.median(squared)) / 2), rows.shape[2])
+    weight_of_center = math.sqrt(feature_variance * float(np.median(squared)) / _MEDIAN_SQUARE)
+    _add_center_priors(normal, lenses.cameras, bases, weight_of_center / center_sigma)
     freedom += 2 * len(image)
     unknown = _find_unknowns(solution, change.shape[2], rows.shape[2])
     freedom -= len(unknown)
@@ -174,6 +185,24 @@ def _add_velocity_priors(
             normal[place, place] += (noise / sigma) ** 2
 
 
+def _add_center_priors(
+    normal: np.ndarray, cameras: Sequence[Camera], bases: Sequence[np.ndarray | None], weight: float
+) -> None:
+    """Adds the priors of free principal points to the normal equations, whose last rows are lenses.
+
+    Args:
+        weight: of a distance from the middle of the picture over the diagonal.
+    """
+    place = len(normal) - sum(basis.shape[1] for basis in bases if basis is not None)
+    for camera, basis in zip(cameras, bases, strict=True):
+        if basis is None:
+            continue
+        for param in CENTER if weight > 0 else ():
+            own = place + np.flatnonzero(basis[param])
+            normal[own, own] += (weight / math.hypot(camera.width, camera.height)) ** 2
+        place += basis.shape[1]
+
+
 def estimate_residual_spread(
     squared: np.ndarray, weight: np.ndarray, freedom: int
 ) -> tuple[float, float]:
@@ -185,7 +214,7 @@ def estimate_residual_spread(
         freedom: number of coordinates minus unknowns.
     """
     lost = 2 * len(squared) / freedom
-    noise = math.sqrt(float(np.median(squared)) / (2 * math.log(2)) * lost)  # of a normal's length
+    noise = math.sqrt(float(np.median(squared)) / _MEDIAN_SQUARE * lost)
     # psi = w r; over all directions of a residual r in the plane its mean derivative is w^2.
     psi = float(np.mean(weight**2 * squared)) / 2
     return noise, lost * psi * float(np.mean(weight)) / float(np.mean(weight**2)) ** 2
@@ -217,7 +246,8 @@ def eliminate_points(
         images: number of images.
 
     Returns:
-        The matrix, and minus three for each point eliminated: what it adds to the freedom.
+        The matrix, and minus one for each direction in which a point is determined: what the points
+        add to the freedom. Images of one place leave the distance of a point open.
     """
     order = np.argsort(point, kind="stable")
     image, point = image[order], point[order]
@@ -231,6 +261,7 @@ def eliminate_points(
     np.add.at(with_lens, image, by_pose.transpose(0, 2, 1) @ by_lens)
     starts = np.flatnonzero(np.r_[True, point[1:] != point[:-1]])
     lengths = np.diff(np.r_[starts, len(point)])
+    determined = 0
     for length in np.unique(lengths):
         chosen = starts[lengths == length]
         for begin in range(0, len(chosen), _CHUNK):
@@ -238,7 +269,8 @@ def eliminate_points(
             c = by_point[rows]  # (points, observations, 2, 3)
             pose_c = by_pose[rows].transpose(0, 1, 3, 2) @ c  # (points, observations, D, 3)
             lens_c = (by_lens[rows].transpose(0, 1, 3, 2) @ c).sum(axis=1)  # (points, F, 3)
-            inverse = np.linalg.inv((c.transpose(0, 1, 3, 2) @ c).sum(axis=1))
+            inverse, ranks = _invert_normals((c.transpose(0, 1, 3, 2) @ c).sum(axis=1))
+            determined += ranks
             pose_i = pose_c @ inverse[:, None]
             at = image[rows]
             np.subtract.at(
@@ -251,7 +283,24 @@ def eliminate_points(
     size = unknowns * images
     cross = with_lens.reshape(size, count)
     poses = own.transpose(0, 2, 1, 3).reshape(size, size)
-    return np.block([[poses, cross], [cross.T, lens]]), -3 * len(starts)
+    return np.block([[poses, cross], [cross.T, lens]]), -determined
+
+
+def _invert_normals(normals: np.ndarray) -> tuple[np.ndarray, int]:
+    """Inverts symmetric matrices (N, 3, 3) where they are determined; elsewhere the inverse is 0.
+
+    Returns:
+        The inverses, and the sum of their ranks.
+    """
+    scale = np.trace(normals, axis1=1, axis2=2) / 3
+    is_open = ~(np.linalg.det(normals) > _OPEN * scale**3)
+    inverse = np.empty_like(normals)
+    inverse[~is_open] = np.linalg.inv(normals[~is_open])
+    values, axes = np.linalg.eigh(normals[is_open])
+    known = values > _OPEN * values[:, -1:]
+    values = np.where(known, 1 / np.where(known, values, 1), 0)
+    inverse[is_open] = (axes * values[:, None, :]) @ axes.transpose(0, 2, 1)
+    return inverse, int(3 * np.count_nonzero(~is_open) + np.count_nonzero(known))
 
 
 def _find_unknowns(solution: Solution, lens: int, of_image: int) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -118,7 +119,8 @@ def refine_lens(
                 "no two images have matches that agree through this lens: do images and lens "
                 "belong together?"
             )
-        adjustment = Adjustment(free, hold_out_every=_HOLD_OUT_EVERY if last else 0)
+        hold_out = _HOLD_OUT_EVERY if last else 0
+        adjustment = Adjustment(free, hold_out_every=hold_out, center_sigma=math.inf)
         solution = adjust_poses(images, verified, poses, options, show_images, adjustment)
         poses = solution.fill_poses(poses)
         camera = solution.cameras[0]
@@ -132,7 +134,9 @@ def refine_lens(
         before,
         solution,
         photographs,
-        estimate_lens_covariances(solution, free, options.loss_scale, FEATURE_VARIANCE)[0],
+        estimate_lens_covariances(
+            solution, free, options.loss_scale, FEATURE_VARIANCE, center_sigma=math.inf
+        )[0],
         free,
         _measure_held_out(solution, features, before, given),
         _measure_held_out(solution, features, camera, list(solution.camera_from_world)),

@@ -14,7 +14,7 @@ from gsut import _core
 from gsut._core import InputError, Shutter
 from gsut.data import find_lens_file, find_lens_files, read_capture, read_dataset
 from gsut.data.images import find_common_mask, find_mask, read_header
-from gsut.data.layouts import find_images
+from gsut.data.layouts import find_images, require_pictures
 from gsut.lens import Camera, LensProfile, find_lens, find_lenses, is_lens_name, load_camera
 from gsut.lens.files import camera_from_values
 
@@ -149,6 +149,7 @@ def find_photographs(images: Path, lens: Path | None, *, with_lens: bool = True)
     Raises:
         InputError: no such folder, fewer than two images, or the lens cannot be read.
     """
+    require_pictures(images)
     if not images.is_dir():
         raise InputError(f"{images} is not a folder; give the folder of the photographs")
     if (images / "transforms.json").is_file():

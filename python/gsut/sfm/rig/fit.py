@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import SolveError
-from gsut.data.poses import invert_pose
+from gsut.data.poses import find_centers, invert_pose
 from gsut.data.rigs import Rig, write_rig
 from gsut.files import to_file_name
 from gsut.lens import save_camera
@@ -20,18 +20,22 @@ from gsut.sfm.rig.motion import find_body_motion, list_readings
 from gsut.sfm.rig.observability import estimate_mount_uncertainty
 from gsut.sfm.rig.start import place_rig
 from gsut.sfm.solution import (
+    CENTER,
     Adjustment,
     LensFlags,
+    ReadoutMotion,
     RigConstraint,
     Solution,
+    StatedPlaces,
     adjust_poses,
     solve_left_out,
     solve_poses,
 )
 
 RIG = "rig.json"
-CENTER = (2, 3)  # the parameters of the principal point
 FREE = 1  # flag of a parameter that is estimated by itself
+# Share of itself that a motion during a readout may change by once places are stated.
+_PLACED_RATES = 0.1
 
 
 def solve_rig(mapping: Mapping) -> None:
@@ -133,25 +137,13 @@ def put_on_rig(
         photographs.frames, photographs.rig_cameras - 1,
         rig.camera_from_reference[1:] @ invert_pose(first), start.known, adjust,
     )  # fmt: skip
-    features = [
-        own if is_usable else make_no_features()
-        for own, is_usable in zip(mapping.features, _find_usable_images(mapping), strict=True)
-    ]
-    images = dataclasses.replace(
-        mapping.images, cameras=alone.cameras, features=features, lines=alone.lines
-    )
-    motion = find_body_motion(alone, start, constraint, rate_sigma)
-    solution = adjust_poses(
-        images, mapping.pairs, list(start.camera_from_world), mapping.options,
-        mapping.log.follow_steps("rig"),
-        Adjustment(mapping.lens_free, rig=constraint, motion=motion),
+    solution = _adjust_bodies(
+        mapping, constraint, list(start.camera_from_world),
+        find_body_motion(alone, start.scale, constraint, rate_sigma),
     )  # fmt: skip
-    # An image that observes no point may be of another place: it gets no pose from its frame.
-    observed = np.bincount(solution.observations[:, 1], minlength=len(photographs)) > 0
     solution = dataclasses.replace(
-        solution, initial_pair=alone.initial_pair, restarts=alone.restarts,
-        registered=solution.registered & observed,
-    )  # fmt: skip
+        solution, initial_pair=alone.initial_pair, restarts=alone.restarts
+    )
     mounts = solution.camera_from_body
     assert mounts is not None
     now = rig
@@ -172,6 +164,76 @@ def put_on_rig(
         uncertainty = estimate_mount_uncertainty(solution, constraint, mapping.options.loss_scale)
         add_uncertainty(figures, uncertainty)
     return solution, RigFit(now, figures, list_rig_notes(rig, figures))
+
+
+def adjust_rig_near_places(
+    mapping: Mapping, solution: Solution, places: StatedPlaces, lens_free: LensFlags
+) -> Solution:
+    """Adjusts the poses of a rig, whose cameras stay on it as they are, near stated places.
+
+    Args:
+        mapping: with the rig in the unit of the places.
+        solution: in the world of the places.
+        places: of the images' own cameras.
+        lens_free: see `Adjustment`.
+
+    Raises:
+        SolveError: too few points agree with the poses.
+    """
+    photographs, fit = mapping.photographs, mapping.found.rig
+    assert photographs.frames is not None and photographs.rig_cameras is not None
+    assert fit is not None
+    camera_from_body = fit.rig.camera_from_reference @ invert_pose(fit.rig.camera_from_reference[0])
+    own = camera_from_body[photographs.rig_cameras]
+    poses, centers = np.tile(np.eye(4), (len(own), 1, 1)), np.full((len(own), 3), np.nan)
+    known = np.zeros(len(own), bool)
+    away = find_centers(solution.camera_from_world) - places.centers
+    for frame in np.unique(photographs.frames[solution.registered]):
+        images = np.flatnonzero(photographs.frames == frame)
+        seen = images[solution.registered[images]]
+        body = invert_pose(own[seen[0]]) @ solution.camera_from_world[seen[0]]
+        poses[images], known[images] = own[images] @ body, True
+        stated = seen[np.isfinite(away[seen]).all(axis=1)]
+        if len(stated):
+            centers[images] = find_centers(body[None])[0] - away[stated].mean(axis=0)
+    constraint = RigConstraint(
+        photographs.frames, photographs.rig_cameras - 1, camera_from_body[1:], known
+    )
+    held = _adjust_bodies(
+        dataclasses.replace(mapping, solution=solution, lens_free=lens_free), constraint,
+        list(poses), find_body_motion(solution, 1.0, constraint, _PLACED_RATES),
+        StatedPlaces(centers, places.sigma),
+    )  # fmt: skip
+    return dataclasses.replace(held, initial_pair=solution.initial_pair, restarts=solution.restarts)
+
+
+def _adjust_bodies(
+    mapping: Mapping,
+    constraint: RigConstraint,
+    poses: list[np.ndarray],
+    motion: ReadoutMotion | None,
+    places: StatedPlaces | None = None,
+) -> Solution:
+    """Adjusts poses, points and free lenses with one pose a frame; see `put_on_rig`.
+
+    Args:
+        places: of the bodies, or None.
+    """
+    alone = mapping.solved
+    features = [
+        own if is_usable else make_no_features()
+        for own, is_usable in zip(mapping.features, _find_usable_images(mapping), strict=True)
+    ]
+    images = dataclasses.replace(
+        mapping.images, cameras=alone.cameras, features=features, lines=alone.lines
+    )
+    solution = adjust_poses(
+        images, mapping.pairs, poses, mapping.options, mapping.log.follow_steps("rig"),
+        Adjustment(mapping.lens_free, rig=constraint, motion=motion, places=places),
+    )  # fmt: skip
+    # An image that observes no point may be of another place: it gets no pose from its frame.
+    observed = np.bincount(solution.observations[:, 1], minlength=len(features)) > 0
+    return dataclasses.replace(solution, registered=solution.registered & observed)
 
 
 def _find_usable_images(mapping: Mapping) -> np.ndarray:

@@ -9,7 +9,6 @@ from gsut._core import Shutter
 from gsut.data.poses import invert_pose
 from gsut.data.rigs import LineReading, Rig
 from gsut.sfm.photographs import ImageLines
-from gsut.sfm.rig.start import RigStart
 from gsut.sfm.solution import ReadoutMotion, RigConstraint, Solution
 
 
@@ -56,13 +55,13 @@ def list_readings(
 
 
 def find_body_motion(
-    alone: Solution, start: RigStart, constraint: RigConstraint, sigma: float
+    alone: Solution, scale: float, constraint: RigConstraint, sigma: float
 ) -> ReadoutMotion | None:
     """Finds the motion of the rig's body at each frame; None for a global shutter.
 
     Args:
         alone: images placed one by one, each with the velocity of its own camera.
-        start: poses of the rig from them, whose unit the velocities get.
+        scale: of the rig's unit over that of their poses, which the velocities get.
         constraint: the cameras' mounts.
         sigma: share of itself that a body's velocity may differ by from the mean over its images.
     """
@@ -75,9 +74,9 @@ def find_body_motion(
     known = alone.registered & (readouts > 0) & np.isfinite(alone.velocities).all(axis=1)
     for image in np.flatnonzero(known):
         velocity = alone.velocities[image] / readouts[image]
-        velocity[:3] *= start.scale
+        velocity[:3] *= scale
         pose = alone.camera_from_world[image].copy()
-        pose[:3, 3] *= start.scale
+        pose[:3, 3] *= scale
         mount = int(constraint.mount_of_image[image])
         back = np.eye(4) if mount < 0 else invert_pose(constraint.camera_from_body[mount])
         body = constraint.body_of_image[image]

@@ -13,8 +13,8 @@ from gsut.data.poses import invert_pose
 from gsut.data.rigs import Rig
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.photographs import Photographs
-from gsut.sfm.rig.fit import CENTER, FREE, RIG, put_on_rig
-from gsut.sfm.solution import Solution, measure_rotation_angles
+from gsut.sfm.rig.fit import FREE, RIG, put_on_rig
+from gsut.sfm.solution import CENTER, Solution, measure_rotation_angles
 
 LENS_NAMES = ("front", "back")
 _FEWEST = 4  # frames of which both images have a pose

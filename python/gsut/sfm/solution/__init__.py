@@ -1,5 +1,15 @@
 """Poses and points: the solver that makes them of matches, and what its result shows."""
 
+from gsut.sfm.solution.adjustment import (
+    CENTER,
+    CENTER_SIGMA,
+    Adjustment,
+    LensFlags,
+    ReadoutMotion,
+    RigConstraint,
+    StatedPlaces,
+    index_lenses,
+)
 from gsut.sfm.solution.look_alikes import LookAlikes, find_look_alikes, separate_look_alikes
 from gsut.sfm.solution.models import find_further_models, solve_left_out
 from gsut.sfm.solution.result import (
@@ -16,21 +26,17 @@ from gsut.sfm.solution.result import (
     transform_to_cameras,
 )
 from gsut.sfm.solution.solver import (
-    Adjustment,
-    LensFlags,
     OnStep,
-    ReadoutMotion,
-    RigConstraint,
-    StatedPlaces,
     adjust_poses,
     adjust_registered,
-    index_lenses,
     list_extension_settings,
     order_by_folder,
     solve_poses,
 )
 
 __all__ = [
+    "CENTER",
+    "CENTER_SIGMA",
     "FEATURE_VARIANCE",
     "Adjustment",
     "LensFlags",

@@ -16,7 +16,7 @@ from gsut.data.poses import find_centers
 from gsut.gaussians import rotate_upright
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.solution import Solution, similarity_from_points
-from gsut.sfm.world.place_priors import adjust_near_places
+from gsut.sfm.world.place_priors import Adjust, adjust_near_places
 from gsut.sfm.world.up import (
     FEWEST,
     MOST_TILT,
@@ -111,8 +111,13 @@ def find_earth(
     return Earth(1.0, rotate_upright(up), np.zeros(3), figures, tuple(notes))
 
 
-def place_on_earth(mapping: Mapping) -> None:
-    """Moves poses, points and rig to the world of the earth, as far as the photographs show it."""
+def place_on_earth(mapping: Mapping, adjust_rig: Adjust) -> None:
+    """Moves poses, points and rig to the world of the earth, as far as the photographs show it.
+
+    Args:
+        mapping: with a solution.
+        adjust_rig: adjusts the images of a rig near the places of GPS.
+    """
     photographs, found = mapping.photographs, mapping.found
     earth = find_earth(
         mapping.solved, photographs.orientations, photographs.places, photographs.ups
@@ -123,9 +128,14 @@ def place_on_earth(mapping: Mapping) -> None:
     mapping.log.note(*earth.notes)
     if found.rig is not None:
         found.rig = found.rig.rescale(earth.scale)
+        if mapping.rig is not None and earth.places is not None:
+            mapping.log.note(
+                f"a unit of {mapping.rig.source.name} is {earth.scale:.4g} m by GPS; lengths, and "
+                "the rig as it was used, are now in metres"
+            )
     mapping.solution = move_to_earth(mapping.solved, earth)
     if earth.places is not None:
-        mapping.solution = adjust_near_places(mapping, mapping.solution, earth.places)
+        mapping.solution = adjust_near_places(mapping, mapping.solution, earth.places, adjust_rig)
 
 
 def find_stated_up(figures: dict[str, Any]) -> tuple[float, float, float] | None:

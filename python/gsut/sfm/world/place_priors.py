@@ -7,6 +7,7 @@ the cameras show it, so they enter the adjustment with their own errors as weigh
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -14,7 +15,14 @@ from gsut._core import SolveError
 from gsut.data.poses import find_centers
 from gsut.lens import find_focal_params
 from gsut.sfm.mapping import Mapping
-from gsut.sfm.solution import Adjustment, Solution, StatedPlaces, adjust_registered
+from gsut.sfm.solution import (
+    Adjustment,
+    LensFlags,
+    ReadoutMotion,
+    Solution,
+    StatedPlaces,
+    adjust_registered,
+)
 
 # Vertical over horizontal error of GPS: satellites are above the receiver only.
 _VERTICAL = 2.0
@@ -30,7 +38,13 @@ _KEPT = 0.9
 _AGREE = 2.0
 
 
-def adjust_near_places(mapping: Mapping, solution: Solution, places: np.ndarray) -> Solution:
+# (mapping, solution, places, flags of lenses) -> solution near these places.
+Adjust = Callable[[Mapping, Solution, StatedPlaces, LensFlags], Solution]
+
+
+def adjust_near_places(
+    mapping: Mapping, solution: Solution, places: np.ndarray, adjust_rig: Adjust
+) -> Solution:
     """Adjusts a solution near stated places; returns it as it was where images contradict them.
 
     Notes what was done, and adds to the figures of GPS "in_adjustment" and "sigma_m".
@@ -38,9 +52,8 @@ def adjust_near_places(mapping: Mapping, solution: Solution, places: np.ndarray)
     Args:
         solution: in the world of the places.
         places: (N, 3) east, down, north in metres; NaN: not known, or far off.
+        adjust_rig: adjusts the images of a rig.
     """
-    if mapping.rig is not None or solution.shutter is not None:
-        return solution
     figures = mapping.found.figures["earth"]["gps"]
     off = find_centers(solution.camera_from_world) - places
     known = solution.registered & np.isfinite(off).all(axis=1)
@@ -51,7 +64,8 @@ def adjust_near_places(mapping: Mapping, solution: Solution, places: np.ndarray)
         np.where(known[:, None], places, np.nan), sigma * np.array([1.0, _VERTICAL, 1.0])
     )
     before = np.abs(off[known] / stated.sigma)
-    held = _adjust(mapping, solution, stated)
+    adjust = _adjust_images if mapping.found.rig is None else adjust_rig
+    held = _adjust(mapping, solution, stated, adjust)
     figures |= {"sigma_m": sigma, "in_adjustment": held is not None}
     if held is None:
         mapping.log.note(
@@ -69,19 +83,35 @@ def adjust_near_places(mapping: Mapping, solution: Solution, places: np.ndarray)
     return held
 
 
-def _adjust(mapping: Mapping, solution: Solution, stated: StatedPlaces) -> Solution | None:
+def _adjust_images(
+    mapping: Mapping, solution: Solution, stated: StatedPlaces, lens_free: LensFlags
+) -> Solution:
+    """Adjusts images that have a pose each, and move during their readouts as before."""
+    motion = None
+    if solution.shutter is not None and solution.velocities is not None:
+        readouts = np.ones(len(solution.names))
+        if solution.lines is not None:
+            readouts = np.where(solution.lines.readouts > 0, solution.lines.readouts, np.nan)
+        rates = np.where(solution.registered[:, None], solution.velocities, np.nan)
+        motion = ReadoutMotion(solution.shutter, 1.0, rates / readouts[:, None])
+    return adjust_registered(
+        solution, mapping.features, mapping.pairs, mapping.options,
+        mapping.log.follow_steps("mapping"),
+        Adjustment(lens_free, extend=True, motion=motion, places=stated),
+    )  # fmt: skip
+
+
+def _adjust(
+    mapping: Mapping, solution: Solution, stated: StatedPlaces, adjust: Adjust
+) -> Solution | None:
     """Adjusts near places; None where that fails or the images contradict it."""
     flags = mapping.lens_free
     prior = mapping.found.figures.get("focal_prior")
     if isinstance(flags, np.ndarray) and prior is not None and prior["used"]:
         flags = flags.copy()
         flags[find_focal_params(solution.cameras[0])] = 0
-    adjustment = Adjustment(flags, extend=True, places=stated)
     try:
-        held = adjust_registered(
-            solution, mapping.features, mapping.pairs, mapping.options,
-            mapping.log.follow_steps("mapping"), adjustment,
-        )  # fmt: skip
+        held = adjust(mapping, solution, stated, flags)
     except SolveError:
         return None
     known = held.registered & np.isfinite(stated.centers).all(axis=1)

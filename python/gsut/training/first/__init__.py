@@ -2,6 +2,7 @@
 
 from gsut.training.first.complexity import choose_complexity, choose_degree, limit_gaussians
 from gsut.training.first.gains import find_first_gains
+from gsut.training.first.gains_in_time import interpolate_gains
 from gsut.training.first.preparation import (
     center_on_cameras,
     describe_resizing,
@@ -20,6 +21,7 @@ __all__ = [
     "describe_resizing",
     "find_first_gains",
     "find_plain_background",
+    "interpolate_gains",
     "leave_out_blurred",
     "limit_gaussians",
     "prepare_scene",

@@ -14,7 +14,7 @@ import numpy as np
 
 from gsut.data import Scene
 from gsut.data.points import find_seen_points
-from gsut.render import interpolate_gains
+from gsut.training.first.gains_in_time import interpolate_gains
 
 # Photographs that are compared, evenly chosen; more cost time only.
 _MOST_VIEWS = 150

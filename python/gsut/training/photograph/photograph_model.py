@@ -26,10 +26,9 @@ from gsut.render import (
     Falloff,
     Light,
     compute_field_angles,
-    interpolate_gains,
 )
 from gsut.run import TrainOptions
-from gsut.training.first import find_first_gains
+from gsut.training.first import find_first_gains, interpolate_gains
 from gsut.training.photograph.falloff_fit import (
     DISAGREE,
     QUADRANTS,

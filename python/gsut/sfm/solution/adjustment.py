@@ -1,0 +1,179 @@
+"""What an adjustment may change beside poses and points, and what is known of it beforehand."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from gsut._core import Shutter
+from gsut.lens import Camera
+from gsut.sfm.solution.result import FEATURE_VARIANCE
+
+# Parameters of the principal point of every lens that is estimated.
+CENTER = (2, 3)
+# Standard deviation of a coordinate of a principal point from the middle of its picture, over the
+# diagonal: of the lens database's cameras.
+CENTER_SIGMA = 0.012
+
+
+@dataclasses.dataclass(frozen=True)
+class RigConstraint:
+    """What is known of a rig before its poses are adjusted.
+
+    Args:
+        body_of_image: (N,) the rig's place that an image was taken from, from 0 without gaps.
+        mount_of_image: (N,) the mount of its camera on the body; -1: the camera is the body.
+        camera_from_body: (M, 4, 4) of the mounts.
+        registered: (N,) bool, whether an image's pose is known; all of a body, or none.
+        adjust: adjust the mounts too; the rig keeps its size.
+    """
+
+    body_of_image: np.ndarray
+    mount_of_image: np.ndarray
+    camera_from_body: np.ndarray
+    registered: np.ndarray
+    adjust: bool = False
+
+    def to_settings(self) -> dict[str, Any]:
+        """Returns the settings that the solver takes."""
+        return {
+            "body_of_image": self.body_of_image.tolist(),
+            "mount_of_image": self.mount_of_image.tolist(),
+            "camera_from_body": list(self.camera_from_body),
+            "refine": self.adjust,
+        }
+
+
+@dataclasses.dataclass(frozen=True)
+class ReadoutMotion:
+    """How the camera moves while images are read line by line.
+
+    Args:
+        shutter: the order of the lines.
+        readout: seconds from the first line to the last.
+        rates: (N, 6) velocities per second (see Solution.velocities); NaN: not known.
+        sigma: relative deviation of an image's own velocity from its rate.
+        extend: extend tracks at the end.
+    """
+
+    shutter: Shutter
+    readout: float
+    rates: np.ndarray
+    sigma: float = 0.1
+    extend: bool = True
+
+    def to_settings(self) -> dict[str, Any]:
+        """Returns the settings that the solver takes."""
+        return {
+            "shutter": self.shutter.direction, "readout_time": self.readout,
+            "image_rates": self.rates.tolist(), "rate_sigma": self.sigma,
+        }  # fmt: skip
+
+
+@dataclasses.dataclass(frozen=True)
+class StatedPlaces:
+    """Where cameras stood, as something other than images states it.
+
+    Args:
+        centers: (N, 3) in the world of the poses, one an image; NaN: not known.
+        sigma: (3,) standard deviation of a coordinate.
+    """
+
+    centers: np.ndarray
+    sigma: np.ndarray
+
+    def to_settings(self) -> dict[str, Any]:
+        """Returns the settings that the solver takes."""
+        return {"places": self.centers.tolist(), "place_sigma": self.sigma.tolist()}
+
+
+# See `Adjustment`.
+LensFlags = np.ndarray | Sequence[np.ndarray | None] | None
+
+
+@dataclasses.dataclass(frozen=True)
+class Adjustment:
+    """What is adjusted beside poses and points, and how.
+
+    Args:
+        lens_free: (K,) flags of the parameters of the one lens: 0 held, 1 estimated, equal flags
+            above 1 tied; or such flags of each image's lens, one array a lens, None for one that is
+            known; None: all lenses are known.
+        lens_settled: the lens is nearly right, so that estimating it at the end is enough.
+        hold_out_every: every n-th longer track keeps one observation out of all adjustments; 0:
+            none.
+        covariances: False for a trial: they are 0, and the solver ends at a rougher tolerance.
+        rig: of `adjust_poses`: the images' cameras are fixed to each other.
+        motion: of `adjust_poses`: images are read line by line.
+        extend: of `adjust_poses`: look at the end for points in images that do not see them yet.
+        places: of `adjust_poses`: where cameras stood, in the world of the poses, or None.
+        center_sigma: standard deviation of a coordinate of a free principal point from the middle
+            of its picture, over the diagonal; infinite: nothing is known of it beforehand.
+    """
+
+    lens_free: LensFlags = None
+    lens_settled: bool = False
+    hold_out_every: int = 0
+    covariances: bool = True
+    rig: RigConstraint | None = None
+    motion: ReadoutMotion | None = None
+    extend: bool = False
+    places: StatedPlaces | None = None
+    center_sigma: float = CENTER_SIGMA
+
+
+PLAIN = Adjustment()
+
+
+@dataclasses.dataclass(frozen=True)
+class IndexedLenses:
+    """The different lenses of images.
+
+    Args:
+        cameras: each lens once, in order of its first image.
+        free: flags of each lens, see `Adjustment`; None: known.
+        of_image: number of each image's lens.
+    """
+
+    cameras: list[Camera]
+    free: list[np.ndarray | None]
+    of_image: list[int]
+
+
+def index_lenses(cameras: Sequence[Camera], free: LensFlags) -> IndexedLenses:
+    """Lists the different lenses of images; those with flags of their own differ even if equal."""
+    flags = [free] * len(cameras) if free is None or isinstance(free, np.ndarray) else list(free)
+    by_id = {id(each): each for each in flags}
+    keys = [(camera, id(each)) for camera, each in zip(cameras, flags, strict=True)]
+    place = {key: number for number, key in enumerate(dict.fromkeys(keys))}
+    return IndexedLenses(
+        [camera for camera, _ in place], [by_id[each] for _, each in place],
+        [place[key] for key in keys],
+    )  # fmt: skip
+
+
+def state_centers(lenses: IndexedLenses, sigma: float) -> dict[str, Any]:
+    """States where free principal points lie beforehand, as the solver's settings.
+
+    Features of one picture share errors, so that the prior weighs more by their variance.
+
+    Args:
+        lenses: with their flags.
+        sigma: see `Adjustment.center_sigma`.
+    """
+    is_free = [f is not None and bool(np.any(f[list(CENTER)])) for f in lenses.free]
+    if not math.isfinite(sigma) or not any(is_free):
+        return {}
+    means, sigmas = [], []
+    for camera, is_own in zip(lenses.cameras, is_free, strict=True):
+        mean, width = camera.params.copy(), np.full(len(camera.params), math.inf)
+        if is_own:
+            mean[list(CENTER)] = camera.width / 2, camera.height / 2
+            width[list(CENTER)] = sigma * math.hypot(camera.width, camera.height)
+        means.append(mean.tolist() if is_own else [])
+        sigmas.append((width / math.sqrt(FEATURE_VARIANCE)).tolist() if is_own else [])
+    return {"lens_mean": means, "lens_sigma": sigmas}

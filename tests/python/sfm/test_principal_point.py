@@ -1,0 +1,53 @@
+"""Principal points: found where images determine them, else held near the middle of the picture."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+import tolerances
+from gsut.lens import Camera
+from gsut.sfm.lens.covariance import estimate_lens_covariances
+from gsut.sfm.solution import CENTER, CENTER_SIGMA, FEATURE_VARIANCE, Adjustment, adjust_registered
+from made_flight import FREE, LENS, fly
+
+WIDER = 60  # pixels that the picture reaches farther to the right: its middle moves by half of it
+CENTER_FREE = FREE.copy()
+CENTER_FREE[list(CENTER)] = 1
+
+
+def find_center(run, sigma=CENTER_SIGMA, flags=CENTER_FREE):
+    """Estimates a flight's lens from the middle of a wider picture: error and sigma, pixels."""
+    width = LENS.width + WIDER
+    middle = [*LENS.params[:2], width / 2, LENS.height / 2, *LENS.params[4:]]
+    start = Camera(LENS.model, middle, width, LENS.height)
+    solution = dataclasses.replace(run.solved, cameras=[start] * len(run.solved.cameras))
+    found = adjust_registered(
+        solution, run.features, run.pairs, run.options,
+        adjustment=Adjustment(flags, center_sigma=sigma),
+    )  # fmt: skip
+    error = found.cameras[0].params[list(CENTER)] - LENS.params[list(CENTER)]
+    known = estimate_lens_covariances(
+        found, flags, run.options.loss_scale, FEATURE_VARIANCE, center_sigma=sigma
+    )[0]
+    return error, known.sigmas[list(CENTER)]
+
+
+def test_center_is_found_where_turns_determine_it():
+    run = fly(np.random.default_rng(1), relief=0.3, turn=0.5)
+    error, sigma = find_center(run)
+    assert (np.abs(error) < tolerances.CENTER_SIGMAS * sigma).all()
+    assert (sigma < WIDER / 10).all()
+    free, _ = find_center(run, math.inf)
+    assert (np.abs(error - free) < sigma).all()  # the prior matters less than the features
+
+
+def test_center_that_images_leave_open_stays_at_the_middle_with_the_priors_sigma():
+    run = fly(np.random.default_rng(1), relief=0.02)
+    error, sigma = find_center(run)
+    width = CENTER_SIGMA * math.hypot(LENS.width + WIDER, LENS.height)
+    assert np.abs(error - [WIDER / 2, 0]).max() < tolerances.CENTER_SIGMAS * width
+    assert sigma == pytest.approx([width, width], rel=tolerances.CENTER_OPEN)
+    held, _ = find_center(run, 1e-9)
+    assert held == pytest.approx([WIDER / 2, 0], abs=tolerances.CENTER_HELD_PX)
