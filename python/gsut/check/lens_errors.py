@@ -25,6 +25,9 @@ def find_lens_errors(evidence: Evidence, fit: LensFit) -> list[Finding]:
     off = _is_off_throughout(evidence, fit)
     if not off.any():
         return []
+    named = name_other_model(evidence, is_wrong=True) if off[1:].any() else []
+    if named:
+        return named
     if off[1:].any() and all(is_free_of_distortion(c) for c in evidence.scene.cameras):
         return [
             evidence.make_finding(
@@ -85,18 +88,22 @@ def _is_off_throughout(evidence: Evidence, fit: LensFit) -> np.ndarray:
     return off
 
 
-def name_other_model(evidence: Evidence) -> list[Finding]:
+def name_other_model(evidence: Evidence, is_wrong: bool = False) -> list[Finding]:
     """Names the lens that may have been meant, if pairs prefer it and it needs no correction.
 
     Coefficients in another order may move pixels in the corners alone, or nearly as an error of the
     poses does: no correction of focal length, principal point and distortion shows these.
+
+    Args:
+        evidence: of the photographs.
+        is_wrong: the given lens is known to be wrong: another one need not be preferred by far.
     """
     cameras, given = evidence.scene.cameras, evidence.rate_pairs()
     used = evidence.select(slice(None, None, 1 + len(evidence.matches) // _MOST_MATCHES))
     best, fewest = None, given
     for lens in list_other_models(cameras):
         costs = evidence.rate_pairs(cameras=lens.cameras)
-        if costs.mean() >= fewest.mean() or not _is_preferred(given - costs):
+        if costs.mean() >= fewest.mean() or not (is_wrong or _is_preferred(given - costs)):
             continue
         rays = find_rays(lens.cameras, used.matches)
         moved = evidence.focal * np.nanmedian(np.linalg.norm(rays - used.rays, axis=-1))
@@ -126,9 +133,8 @@ def describe_crop(evidence: Evidence, fit: LensFit) -> str:
     )
 
 
-def check_half_pixel(evidence: Evidence) -> list[Finding]:
+def check_half_pixel(evidence: Evidence, fit: LensFit) -> list[Finding]:
     """Checks whether the principal point is half a pixel off, as where two conventions meet."""
-    fit = fit_lens(evidence.scene.cameras, evidence.matches, evidence.table.select_poses())
     far = fit.shift_distance(np.zeros(2))
     for half in (0.5, -0.5):
         near = fit.shift_distance(np.full(2, half))

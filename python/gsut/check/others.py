@@ -31,7 +31,7 @@ _OF_PHOTOGRAPHS = "photographs are"  # in the names of readings that photographs
 _FITTED_LENSES = 4  # other lenses from which a fit is tried: a fit takes a second
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Other:
     """A reading of the poses, or a lens, that fits far better than the given one.
 
@@ -109,6 +109,7 @@ def _choose_likeliest(evidence: Evidence, found: Sequence[Other]) -> Other:
             if not other.is_listed
             or count_sigmas(_rate_pairs(evidence, other) - fewest) <= _SIGMAS
         ]  # fmt: skip
+    alike = _leave_out_corrected(evidence, alike)
     first = alike[0]
     for other in alike[1:] if _OF_PHOTOGRAPHS not in first.name else ():
         if _OF_PHOTOGRAPHS in other.name:
@@ -117,6 +118,18 @@ def _choose_likeliest(evidence: Evidence, found: Sequence[Other]) -> Other:
                 advice=f"{first.advice}; or {other.advice}",
             )  # fmt: skip
     return first
+
+
+def _leave_out_corrected(evidence: Evidence, alike: list[Other]) -> list[Other]:
+    """Leaves out lenses that a correction would still mend, where others need none."""
+    if sum(other.cameras is not None for other in alike) < 2:
+        return alike
+    poses, right = evidence.table.select_poses(), []
+    for other in alike:
+        if other.cameras is not None:
+            fit = fit_lens(other.cameras, evidence.matches, poses)
+            right += [] if is_off(fit).any() else [other]
+    return [other for other in alike if not right or other.cameras is None or other in right]
 
 
 def _rate_pairs(evidence: Evidence, other: Other) -> np.ndarray:

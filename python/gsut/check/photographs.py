@@ -205,7 +205,7 @@ def _name_bad_pairs(evidence: Evidence, judgement: Judgement) -> Finding:
 
 
 def check_closely(evidence: Evidence) -> list[Finding]:
-    """Checks for single wrong pairs, half a pixel and a drift of turns or of scale.
+    """Checks for single wrong pairs, misread coefficients, half a pixel and drifts.
 
     Args:
         evidence: of a close look.
@@ -214,4 +214,7 @@ def check_closely(evidence: Evidence) -> list[Finding]:
     if not found and len(evidence.pairs) >= _FEWEST_FOR_LENS:
         found = name_other_model(evidence)
     found = found or check_drift(evidence)
-    return found or [*check_half_pixel(evidence), *check_scale(evidence)]
+    if found:
+        return found
+    fit = fit_lens(evidence.scene.cameras, evidence.matches, evidence.table.select_poses())
+    return [*check_half_pixel(evidence, fit), *check_scale(evidence)]

@@ -27,7 +27,9 @@ _STEP = 0.01  # frames: of the differences that give the errors' derivatives
 _STARTS = (0.0, 0.15, -0.15, 0.3, -0.3, 0.5, -0.5, 0.75, -0.75)  # frames of either time
 _KNOWN = 1.0  # frames: neither readout nor delay is much longer than the time between two frames
 _MOST = 0.3  # frames that a time changes in one iteration
-_LONGEST = 1.0  # frames that a readout takes: the next one starts after it
+# Frames that a readout takes at most, as the next one starts after it; and a delay, since the
+# velocities of the poses hold from one frame to the next.
+_LONGEST = 1.0
 _FEWEST_VIEWS = 5  # of a path, which give velocities
 
 
@@ -64,6 +66,7 @@ def check_timing(evidence: Evidence, most: float) -> list[Finding]:
     if timing is None or timing.cost > most or timing.effect < LEAST_EFFECT:
         return []
     sure = (timing.significance > _SIGMAS) & (timing.shifts > _LEAST_SHIFT)
+    sure &= np.abs(timing.frames) < _LONGEST
     (readout, delay), sigmas = timing.frames, timing.sigmas
     if sure[1] and timing.significance[1] > timing.significance[0]:
         what = (
@@ -71,7 +74,7 @@ def check_timing(evidence: Evidence, most: float) -> list[Finding]:
             f"{'later' if delay > 0 else 'earlier'}"
         )
         advice = "shift the poses' clock against the images' by as much"
-    elif sure[0] and abs(readout) < _LONGEST:
+    elif sure[0]:
         what = (
             "a rolling shutter, whose readout from the "
             f"{'first to the last' if readout > 0 else 'last to the first'} line takes "

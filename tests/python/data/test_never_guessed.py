@@ -8,6 +8,7 @@ import pytest
 
 import gsut
 import small_datasets as small
+import tolerances
 from gsut.check import check_scene
 from gsut.data.poses import OPENGL_FROM_OPENCV
 
@@ -151,6 +152,21 @@ def test_what_is_converted_is_noted(make, words, tmp_path):
     assert len([note for note in notes if words in note]) == 1, notes
     findings = gsut.doctor(tmp_path / "data", progress=False)
     assert any(words in finding.what and finding.severity == "warning" for finding in findings)
+
+
+def test_path_of_a_picture_is_not_taken_for_the_file_name_of_another(tmp_path):
+    write_cameras(tmp_path / "data", lenses=["lens.json"])
+    images = tmp_path / "data" / "images"
+    for file in sorted((images / "cam1").iterdir()):
+        file.rename(images / file.name)  # beside cam0, whose pictures come first
+    text = (tmp_path / "data" / "poses.txt").read_text().replace("cam1/", "")
+    (tmp_path / "data" / "poses.txt").write_text(text)
+    scene = gsut.load_dataset(tmp_path / "data", test_every=0)
+    assert len(scene) == small.VIEWS and not scene.notes
+    for view in scene.views:
+        row = 2 * int(view.image_path.stem) + (view.image_path.parent == images)
+        centre = small.world_from_cameras()[row][:3, 3]
+        np.testing.assert_allclose(view.camera_center, centre, atol=tolerances.LAYOUT_POSE)
 
 
 @pytest.mark.parametrize("model", ["plumb_bob", "equidistant"])

@@ -437,3 +437,17 @@ def test_code_of_the_page_runs(capsys):
         exec(block.split("```")[0], {})
     assert len(blocks) == 1
     assert "torch.Size([1, 500, 2])" in capsys.readouterr().out
+
+
+def test_tensor_changed_in_place_before_backward_is_noticed():
+    scales = torch.full((3, 3), 0.1)
+    means = torch.tensor([[0.0, 0.0, 2.0]] * 3, requires_grad=True)
+    quats, opacities, colors = torch.rand(3, 4), torch.full((3,), 0.5), torch.rand(3, 3)
+    matrix = torch.tensor([[[20.0, 0, 8], [0, 20.0, 8], [0, 0, 1]]])
+    image, _, _ = rasterization(
+        means, quats, scales, opacities, colors, torch.eye(4)[None], matrix, 16, 16,
+        with_ut=True, with_eval3d=True, packed=False,
+    )  # fmt: skip
+    scales.mul_(2.0)
+    with pytest.raises(RuntimeError, match="modified by an inplace operation"):
+        image.sum().backward()

@@ -244,3 +244,14 @@ def test_features_or_linear_gaussians_that_cannot_be_are_refused(rng):
         gsut.LinearGaussians(g.means, g.quats, np.exp(g.log_scales), g.opacity_logits + 9)
     with pytest.raises(gsut.InputError, match="scales must lie from 0"):
         gsut.LinearGaussians(g.means, g.quats, g.log_scales - 9, np.ones(5))
+
+
+def test_render_that_nothing_watches_has_the_gradients_of_the_gaussians_as_they_are(rng):
+    camera, pose = pinhole(16), np.eye(4)
+    g = make_scene(rng, camera, pose, 5)
+    ones = np.ones((16, 16, 3))
+    expected = gsut.render_backward(gsut.render(g, camera, pose), ones).gaussians.means
+    unwatched = gsut.render(g, camera, pose, watch=False)
+    assert np.array_equal(gsut.render_backward(unwatched, ones).gaussians.means, expected)
+    g.log_scales += 0.1
+    gsut.render_backward(unwatched, ones)  # not noticed

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -152,25 +153,36 @@ def _pair_by_name(
     stream: Stream, trajectory: Trajectory, recording: Recording, named: set[int]
 ) -> tuple[list[np.ndarray | None], list[int | None]]:
     """Pairs poses by the paths, file names or stems of pictures; `named` collects those in use."""
-    found: dict[str, int] = {}
-    for index, image in enumerate(stream.images):
-        for name in _list_names(image, recording):
-            found.setdefault(name, index)
-    poses: list[np.ndarray | None] = [None] * len(stream.images)
+    found = _index_names(stream.images, recording)
+    poses: dict[Path, np.ndarray] = {}
     for row, label in enumerate(trajectory.labels or ()):
-        picture = found.get(label)
-        if picture is not None:
+        if label in found:
             named.add(row)
-            if poses[picture] is None:
-                poses[picture] = trajectory.poses[row]
-    return poses, [None] * len(stream.images)
+            poses.setdefault(found[label][0], trajectory.poses[row])
+    return [poses.get(image) for image in stream.images], [None] * len(stream.images)
 
 
-def _list_names(image: Path, recording: Recording) -> list[str]:
-    """Lists what a trajectory may call a picture: its path from either root, file name or stem."""
-    roots = (recording.names_from or recording.path, recording.path)
-    inside = [root for root in roots if image.is_relative_to(root)]
-    return [*(image.relative_to(r).as_posix() for r in inside), image.name, image.stem]
+def _index_names(images: Sequence[Path], recording: Recording) -> dict[str, list[Path]]:
+    """Finds the pictures of each name that a trajectory may use for them.
+
+    That is a path from either root, else a file name, else a stem: a picture's path is not taken
+    for another's file name.
+    """
+    found: dict[str, list[Path]] = {}
+    for root in (recording.names_from or recording.path, recording.path):
+        paths = [image for image in images if image.is_relative_to(root)]
+        found = _group(paths, [p.relative_to(root).as_posix() for p in paths]) | found
+    return (
+        _group(images, [p.stem for p in images]) | _group(images, [p.name for p in images]) | found
+    )
+
+
+def _group(images: Sequence[Path], names: Sequence[str]) -> dict[str, list[Path]]:
+    """Groups pictures by their names, one each."""
+    groups: dict[str, list[Path]] = {}
+    for image, name in zip(images, names, strict=True):
+        groups.setdefault(name, []).append(image)
+    return groups
 
 
 def _require_own_names(
@@ -181,14 +193,12 @@ def _require_own_names(
     Raises:
         DatasetError: one does: which of them has the pose is open.
     """
-    fits: dict[str, set[Path]] = {}
-    for image in (image for stream in streams for image in stream.images):
-        for name in _list_names(image, recording):
-            fits.setdefault(name, set()).add(image)
+    found = _index_names([image for stream in streams for image in stream.images], recording)
+    root = recording.names_from or recording.path
     for label in trajectory.labels or ():
-        images = sorted(fits.get(label, ()))
+        images = found.get(label, [])
         if len(images) > 1:
-            names = [_list_names(image, recording)[0] for image in images]
+            names = [os.path.relpath(image, root) for image in images]
             raise DatasetError(
                 trajectory.source, f"'{label}' fits {len(images)} pictures: {list_some(names)}",
                 "begin each line with the picture's folder and name",
