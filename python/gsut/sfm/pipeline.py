@@ -15,7 +15,14 @@ from gsut.data.images import read_header
 from gsut.data.rigs import Rig
 from gsut.data.scene import capture_state
 from gsut.output_folder import claim_folder
-from gsut.sfm.lens import find_zooms, guess_lenses, judge_lens, register_left_out, search_lenses
+from gsut.sfm.lens import (
+    find_zooms,
+    free_center,
+    guess_lenses,
+    judge_lens,
+    register_left_out,
+    search_lenses,
+)
 from gsut.sfm.mapping import Mapping, PosesLog
 from gsut.sfm.matches import (
     PairMatches,
@@ -139,6 +146,8 @@ def find_poses(
                 register_left_out(mapping)
             _separate_places(mapping, is_final=bool(mapping.rig or mapper))
             find_shutter(mapping)
+            if mapper is None:
+                free_center(mapping)
             judge_lens(mapping)
             find_lens_pair(mapping)
             find_rig_shutter(mapping)

@@ -8,6 +8,7 @@ import pytest
 
 import tolerances
 from gsut.lens import Camera
+from gsut.sfm.lens import free_center, judge_lens
 from gsut.sfm.lens.covariance import estimate_lens_covariances
 from gsut.sfm.solution import CENTER, CENTER_SIGMA, FEATURE_VARIANCE, Adjustment, adjust_registered
 from made_flight import FREE, LENS, fly
@@ -17,14 +18,18 @@ CENTER_FREE = FREE.copy()
 CENTER_FREE[list(CENTER)] = 1
 
 
-def find_center(run, sigma=CENTER_SIGMA, flags=CENTER_FREE):
-    """Estimates a flight's lens from the middle of a wider picture: error and sigma, pixels."""
+def widen(run):
+    """The flight by a lens whose centre is taken to be in the middle of a wider picture."""
     width = LENS.width + WIDER
     middle = [*LENS.params[:2], width / 2, LENS.height / 2, *LENS.params[4:]]
     start = Camera(LENS.model, middle, width, LENS.height)
-    solution = dataclasses.replace(run.solved, cameras=[start] * len(run.solved.cameras))
+    return dataclasses.replace(run.solved, cameras=[start] * len(run.solved.cameras))
+
+
+def find_center(run, sigma=CENTER_SIGMA, flags=CENTER_FREE):
+    """Estimates a flight's lens from the middle of a wider picture: error and sigma, pixels."""
     found = adjust_registered(
-        solution, run.features, run.pairs, run.options,
+        widen(run), run.features, run.pairs, run.options,
         adjustment=Adjustment(flags, center_sigma=sigma),
     )  # fmt: skip
     error = found.cameras[0].params[list(CENTER)] - LENS.params[list(CENTER)]
@@ -51,3 +56,25 @@ def test_center_that_images_leave_open_stays_at_the_middle_with_the_priors_sigma
     assert sigma == pytest.approx([width, width], rel=tolerances.CENTER_OPEN)
     held, _ = find_center(run, 1e-9)
     assert held == pytest.approx([WIDER / 2, 0], abs=tolerances.CENTER_HELD_PX)
+
+
+@pytest.mark.parametrize(("signs", "is_estimated"), [(None, True), (1.0, True), (3.0, False)])
+def test_center_is_estimated_unless_a_video_may_have_a_rolling_shutter(signs, is_estimated):
+    run = fly(np.random.default_rng(1), relief=0.3, turn=0.5)
+    run.solution = adjust_registered(
+        widen(run), run.features, run.pairs, run.options, adjustment=Adjustment(FREE)
+    )
+    if signs is not None:
+        run.photographs = dataclasses.replace(run.photographs, flows={"00.jpg": np.zeros((1, 4))})
+        run.found.figures["shutter_signs"] = signs
+    free_center(run)
+    judge_lens(run)
+    error = run.solved.cameras[0].params[list(CENTER)] - LENS.params[list(CENTER)]
+    row = run.found.figures["principal_point"]
+    assert row["estimated"] is is_estimated
+    if is_estimated:
+        assert (np.abs(error) < tolerances.CENTER_SIGMAS * np.array(row["sigma_px"])).all()
+        assert "the principal point lies -30.0" in " ".join(run.log.notes)
+    else:
+        assert error == pytest.approx([WIDER / 2, 0], abs=tolerances.CENTER_HELD_PX)
+        assert "was not estimated" in " ".join(run.log.notes)

@@ -2,6 +2,7 @@
 
 from gsut.sfm.lens.cameras import search_lenses
 from gsut.sfm.lens.candidates import guess_lenses
+from gsut.sfm.lens.center import free_center
 from gsut.sfm.lens.covariance import (
     differentiate_by_turn,
     eliminate_points,
@@ -23,6 +24,7 @@ __all__ = [
     "eliminate_points",
     "estimate_residual_spread",
     "find_zooms",
+    "free_center",
     "guess_lenses",
     "judge_lens",
     "refine_lens",

@@ -12,6 +12,7 @@ from gsut._core import SolveError
 from gsut.data.poses import find_centers
 from gsut.lens import Camera, LensProfile, measure_field_of_view
 from gsut.run.verdicts import FOCAL_LIMITS
+from gsut.sfm.lens.center import describe_center
 from gsut.sfm.lens.covariance import estimate_lens_covariances
 from gsut.sfm.lens.prior import weigh_focal_prior
 from gsut.sfm.mapping import Findings, Mapping
@@ -41,6 +42,7 @@ def judge_lens(mapping: Mapping) -> None:
     found = mapping.found
     found.motion = find_critical_motion(solution, mapping.pairs)
     found.focal_sigma = math.inf
+    covariances = []
     try:
         covariances = estimate_lens_covariances(
             solution, flags, mapping.options.loss_scale, FEATURE_VARIANCE
@@ -53,6 +55,9 @@ def judge_lens(mapping: Mapping) -> None:
         )
     except SolveError:  # the images do not determine the lens
         pass
+    if isinstance(flags, np.ndarray) and mapping.photographs.frames is None:
+        lens = solution.cameras[int(np.flatnonzero(solution.registered)[0])]
+        describe_center(mapping, lens, covariances[0] if covariances else None)
     found.focal_sigma = weigh_focal_prior(mapping, found.focal_sigma)
     is_finite = math.isfinite(found.focal_sigma)
     found.figures["focal_sigma_percent"] = 100 * found.focal_sigma if is_finite else None

@@ -180,6 +180,8 @@ def find_line_order(
         velocities: rates and their covariances, see `estimate_rates`.
         lens_free: see `estimate_readout_by_flow`.
 
+    Adds "shutter_signs" to the figures: standard deviations of the readout time from nothing.
+
     Returns:
         None where nothing speaks for a rolling shutter, or it matters too little.
     """
@@ -214,6 +216,7 @@ def find_line_order(
         )
         best = estimate(best.ways, lengths)
     found, camera = best.found, solution.cameras[0]
+    mapping.found.figures["shutter_signs"] = found.clearness
     if found.clearness < _CLEAR or abs(found.time) > _LONGEST:
         return None
     flows = mapping.photographs.flows

@@ -1,0 +1,92 @@
+"""Estimates the principal point of the one lens, once the poses of all photographs are known."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+
+from gsut._core import SolveError
+from gsut.lens import Camera
+from gsut.sfm.lens.candidates import explain_implausible
+from gsut.sfm.lens.covariance import LensCovariance
+from gsut.sfm.mapping import Mapping
+from gsut.sfm.matches import keep_most_distinct
+from gsut.sfm.solution import CENTER, CENTER_SIGMA, Adjustment, adjust_registered
+
+# Standard deviations from nothing of a video's readout time above which a rolling shutter is
+# suspected: a camera that walks while it reads its lines looks like one of another centre.
+_SUSPECTED = 2.0
+# Share of the prior's standard deviation below which images determine a principal point.
+_DETERMINED = 0.5
+# Standard deviations from the middle of the picture that deserve a note.
+_CLEARLY_OFF = 3.0
+_TRIAL_MATCHES = 150  # of a pair, the most distinct, in a first adjustment
+_FREE = 1  # flag of a parameter that is estimated by itself
+
+
+def free_center(mapping: Mapping) -> None:
+    """Estimates the principal point with everything else, near the middle as far as priors say.
+
+    The middle was assumed so far. Does nothing where the lens is known, under a rolling shutter,
+    for two lenses in one frame, and for a video that may have a rolling shutter: there it stays.
+    Sets the mapping's solution and `lens_free`.
+    """
+    solution, flags, photographs = mapping.solved, mapping.one_lens_free, mapping.photographs
+    if flags is None or solution.shutter is not None or photographs.frames is not None:
+        return
+    if photographs.flows and not mapping.found.figures.get("shutter_signs", math.inf) < _SUSPECTED:
+        return
+    freed = flags.copy()
+    freed[list(CENTER)] = _FREE
+    found = solution
+    few = keep_most_distinct(mapping.pairs, _TRIAL_MATCHES)
+    try:
+        # Poses that a wrong centre bent straighten up in the first adjustment.
+        for pairs, is_last in ((few, False), (mapping.pairs, True)):
+            found = adjust_registered(
+                found, mapping.features, pairs, mapping.options,
+                mapping.log.follow_steps("mapping"),
+                Adjustment(freed, covariances=is_last, extend=is_last),
+            )  # fmt: skip
+    except SolveError:
+        return
+    if found.num_registered < solution.num_registered:
+        return
+    lens = found.cameras[int(np.flatnonzero(found.registered)[0])]
+    if explain_implausible(lens, mapping.features) is None:
+        found = dataclasses.replace(
+            found, initial_pair=solution.initial_pair, restarts=solution.restarts
+        )
+        mapping.solution, mapping.lens_free = found, freed
+
+
+def describe_center(mapping: Mapping, lens: Camera, known: LensCovariance | None) -> None:
+    """Adds the principal point of the one lens to the figures, and a note if it deserves one.
+
+    Args:
+        mapping: with the flags of the lens.
+        lens: as estimated.
+        known: its covariance; None: not determined.
+    """
+    prior = CENTER_SIGMA * math.hypot(lens.width, lens.height)
+    flags = mapping.one_lens_free
+    is_free = flags is not None and bool(flags[list(CENTER)].all())
+    sigma = known.sigmas[list(CENTER)] if known is not None and is_free else np.full(2, prior)
+    off = lens.params[list(CENTER)] - [lens.width / 2, lens.height / 2]
+    mapping.found.figures["principal_point"] = {
+        "off_px": off.tolist(), "sigma_px": sigma.tolist(), "estimated": is_free,
+    }  # fmt: skip
+    if is_free and (np.abs(off) > _CLEARLY_OFF * sigma).any():
+        mapping.log.note(
+            f"the principal point lies {off[0]:+.1f}, {off[1]:+.1f} px off the middle of the "
+            f"picture (standard deviation {sigma.max():.1f} px)"
+        )
+    elif sigma.max() > _DETERMINED * prior:
+        turn = math.degrees(math.atan2(float(sigma.max()), float(lens.params[0])))
+        way = "these images leave it open" if is_free else "it was not estimated"
+        mapping.log.note(
+            f"the principal point is taken to be near the middle of the picture ({way}): all "
+            f"cameras may be turned alike by {turn:.1f} degrees (standard deviation)"
+        )
