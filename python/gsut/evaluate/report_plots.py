@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from gsut.evaluate.chart import Chart, pad_limits
-from gsut.render import Falloff
+from gsut.render import Confidence, Falloff
 from gsut.run import TrainOptions
 
 _FAINT = "#a9c9e8"  # of the noisy curve behind the smooth one
@@ -94,6 +94,19 @@ def plot_light(light: dict[str, Any]) -> list[str]:
                 chart.draw_line(np.degrees(angles), values, color, 1.4)
         plots.append(chart.embed())
     return plots
+
+
+def plot_reliability(confidence: Confidence) -> str:
+    """Plots the shares of held-out pixels within intervals over those due, and the diagonal."""
+    chart = Chart(
+        "Pixels within their interval", "share that is due", (0.0, 1.0), (0.0, 1.05)
+    )  # fmt: skip
+    chart.draw_line(np.array([0.0, 1.0]), np.array([0.0, 1.0]), _FAINT, 1.4)
+    ends = np.array([0.0]), np.array([1.0])
+    due, held = (np.concatenate([ends[0], each, ends[1]]) for each in
+                 (confidence.levels, confidence.held))  # fmt: skip
+    chart.draw_line(due, held, _CHANNELS[2], 1.4)
+    return chart.embed()
 
 
 def name_ring(ring: dict[str, Any]) -> str:
