@@ -14,6 +14,7 @@ SFM_SPONZA_ATE_PERCENT = 0.04  # of their extent; worst 0.021
 # A rolling walk of 10 images of 500 points, 0.1 px of noise, 3 seeds; worst 0.060 degrees, 0.0062 %
 SFM_ROLLING_DEGREES = 0.12
 SFM_ROLLING_ATE_PERCENT = 0.012
+SCHUR_DENSE = 5e-12  # of sums of some hundred; least squares in another order; worst 2.8e-12
 SFM_READOUT_TIME = 0.0015  # of the time between frames; worst 7.6e-4
 SFM_RATE_DEGREES = 1.0  # a second, of 9: rates of frames from the flow
 SFM_EARTH_METRES = 0.2  # beside 1.2 of the noise of GPS; worst 0.15

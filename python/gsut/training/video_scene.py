@@ -125,7 +125,7 @@ class VideoScene:
         ).scale_images(min(1.0, (_PIXELS / pixels) ** 0.5))  # fmt: skip
         self._options = TrainOptions(
             steps=10_000_000, max_gaussians=100_000_000, sh_degree=0, coarse_to_fine=(0.0, 0.0),
-            strategy="adaptive", densify_until=0.0, densify_from=0.0, noise=False, eval_every=0,
+            strategy="mini", densify_until=0.0, densify_from=0.0, noise=False, eval_every=0,
             lr_means_final_factor=1.0, lr_final_factor=1.0, average_from=1.0,
             init="points", seed=video.options.seed,
         ).resolve()  # fmt: skip

@@ -6,9 +6,10 @@ import math
 import numpy as np
 import pytest
 
+import gsut
 import tolerances
 from gsut import InputError
-from gsut.data.poses import read_path
+from gsut.data.poses import read_path, read_path_lens
 from gsut.render.paths import make_orbit_path, smooth_path
 from small_run import inward_pose
 
@@ -134,3 +135,37 @@ def test_read_path_of_a_bad_file_says_what_is_wrong(tmp_path, text, said):
         path.write_text(text)
     with pytest.raises(InputError, match=said):
         read_path(path)
+
+
+def write_nerfstudio_path(file, fov=(40.0, 40.0), **keys):
+    poses = [{"camera_to_world": np.eye(4).ravel().tolist(), "fov": angle} for angle in fov]
+    file.write_text(
+        json.dumps({"camera_path": poses, "render_width": 96, "render_height": 64} | keys)
+    )
+    return file
+
+
+def test_nerfstudio_path_brings_its_size_and_field_of_view(tmp_path):
+    values = read_path_lens(write_nerfstudio_path(tmp_path / "path.json"))
+    camera = gsut.Camera(values["model"], values["params"], values["width"], values["height"])
+    assert (camera.width, camera.height) == (96, 64)
+    rays, valid = camera.unproject([[48.0, 0.0], [48.0, 64.0]])
+    assert valid.all()
+    angle = np.degrees(np.arccos(rays[0] @ rays[1] / np.prod(np.linalg.norm(rays, axis=1))))
+    assert angle == pytest.approx(40.0)
+    wide = write_nerfstudio_path(tmp_path / "wide.json", camera_type="equirectangular")
+    assert read_path_lens(wide)["model"] == "equirectangular"
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ({"fov": (40.0, 50.0)}, "fields of view of 40 to 50 degrees"),
+        ({"camera_type": "fisheye"}, "camera_type 'fisheye'"),
+        ({"render_width": None}, "are not all numbers"),
+        ({"fov": (float("nan"),) * 2}, "fields of view of nan"),
+    ],
+)
+def test_nerfstudio_path_of_another_lens_is_refused_with_what_to_give(keys, said, tmp_path):
+    with pytest.raises(gsut.InputError, match=f"{said}.* --camera"):
+        read_path_lens(write_nerfstudio_path(tmp_path / "path.json", **keys))

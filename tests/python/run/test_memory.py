@@ -109,7 +109,7 @@ def test_doctor_and_training_refuse_what_does_not_fit_in_the_same_words(little, 
     assert found.what in str(refused.value) and "--max-gaussians" in str(refused.value)
 
 
-@pytest.mark.parametrize("options", [{"steps": 1}, {"strategy": "adaptive", "steps": 500}])
+@pytest.mark.parametrize("options", [{"steps": 1}, {"strategy": "mini", "steps": 500}])
 def test_a_most_that_is_never_reached_refuses_nothing(little, plane, options):
     refuse_too_large(
         gsut.load_dataset(plane), gsut.TrainOptions(max_gaussians=100_000_000, **options)

@@ -135,7 +135,7 @@ def test_resolved_with_given_values_keeps_them():
         ("scale", 0.0, "--scale must be > 0 and <= 1, found 0.0"),
         ("lr_means", float("nan"), "--set lr_means must be >= 0 and <= 1, found nan"),
         ("init_opacity", 1.0, "--set init_opacity must be > 0 and < 1, found 1.0"),
-        ("strategy", "magic", "--set strategy must be one of mcmc, adaptive, mini, found 'magic'"),
+        ("strategy", "magic", "--set strategy must be one of mcmc, mini, found 'magic'"),
         ("preset", "slow", "--preset must be one of fast, balanced, best, found 'slow'"),
         ("background", (0, 0), "--background must be 3 numbers, found 2 values: (0, 0)"),
         ("background", (0, 0, 2), "--background must be >= 0 and <= 1, found 2"),

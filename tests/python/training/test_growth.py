@@ -24,7 +24,7 @@ def test_errors_are_measured_until_the_last_densification(scene, blur):
 
 
 def test_other_strategies_go_by_gradients(scene):
-    loop = loop_of(scene, strategy="adaptive")
+    loop = loop_of(scene, strategy="mini")
     loop.advance()
     assert loop.optimizer.gradient_max.any()
     assert not loop.optimizer.error_sum.any()

@@ -196,7 +196,7 @@ def test_normal_files_are_read_as_arrays_and_pictures_and_damaged_ones_are_named
                 read_normals(scene, view)
 
 
-@pytest.mark.parametrize("strategy", ["mcmc", "adaptive"])
+@pytest.mark.parametrize("strategy", ["mcmc", "mini"])
 def test_surfels_stay_surfels(scene, strategy):
     options = TrainOptions(
         steps=60, max_gaussians=300, coarse_to_fine=(0.0, 0.0), primitive="surfel",

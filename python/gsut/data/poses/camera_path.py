@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,8 @@ import numpy as np
 from gsut._core import InputError
 from gsut.data.poses.transforms import OPENGL_FROM_OPENCV, check_rigid
 from gsut.files import check_regular
+
+_HALF_TURN = 180.0  # degrees: no plain lens sees as much
 
 
 def read_path(path: str | os.PathLike[str], world_offset: np.ndarray | None = None) -> np.ndarray:
@@ -60,8 +63,36 @@ def read_path(path: str | os.PathLike[str], world_offset: np.ndarray | None = No
 
 
 def read_path_lens(path: str | os.PathLike[str]) -> Any:
-    """Reads the lens that a camera path carries, as the viewer saves it; None without one."""
-    return _read_content(path).get("lens")
+    """Reads the lens that a camera path carries, as values of a lens file; None without one.
+
+    The viewer saves one; a path of nerfstudio has a size and a field of view.
+
+    Raises:
+        InputError: the lens of nerfstudio's path changes, or is of a kind that is not drawn.
+    """
+    content = _read_content(path)
+    if "camera_path" not in content or "render_height" not in content:
+        return content.get("lens")
+    kind = str(content.get("camera_type", "perspective")).lower()
+    try:
+        width, height = int(content["render_width"]), int(content["render_height"])
+        angles = {float(entry["fov"]) for entry in content["camera_path"]}
+    except (KeyError, TypeError, ValueError, OverflowError):
+        raise InputError(
+            f"{path}: render_width, render_height and the fov of each pose are not all numbers; "
+            "save it again, or give --camera"
+        ) from None
+    if kind == "equirectangular":
+        return {"model": kind, "params": [], "width": width, "height": height}
+    if kind != "perspective" or len(angles) != 1 or not 0 < min(angles) < _HALF_TURN:
+        what = (
+            f"camera_type '{kind}'" if kind != "perspective" else
+            f"fields of view of {min(angles, default=0):g} to {max(angles, default=0):g} degrees"
+        )  # fmt: skip
+        raise InputError(f"{path}: {what}, and one plain lens is drawn; give another by --camera")
+    focal = height / 2 / math.tan(math.radians(angles.pop()) / 2)  # fov is from top to bottom
+    params = [focal, focal, width / 2, height / 2]
+    return {"model": "pinhole", "params": params, "width": width, "height": height}
 
 
 def read_path_turns(path: str | os.PathLike[str]) -> int:

@@ -236,8 +236,8 @@ class TrainOptions:
         none="0.6 steps / (degree + 1), at most 1000")
 
     strategy: str = define_option(
-        "mcmc", "Densification", "mcmc: relocation, with a cap; adaptive: clone, split and prune "
-        "by gradient; mini: as in Mini-Splatting, which overgrows and samples",
+        "mcmc", "Densification", "mcmc: relocation, with a cap; mini: as in Mini-Splatting, which "
+        "overgrows and samples",
         choices=list_choices("training/strategies", "mcmc"),
     )
     densify_from: float = define_option(

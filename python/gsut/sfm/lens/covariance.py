@@ -15,6 +15,8 @@ from gsut.sfm.solution import LensFlags, Solution, index_lenses
 # Standard deviations of an image's shift, over the extent of the cameras, and of its turn in
 # radians during a readout: as in the adjustment.
 _VELOCITY_SIGMA = (0.1, 0.2)
+# A direction of a point whose square counts less than this share is open: parallax below 1e-6 rad.
+_OPEN = 1e-12
 _CHUNK = 2000  # points whose pairs of observations are summed at once, to bound memory
 
 
@@ -217,7 +219,8 @@ def eliminate_points(
         images: number of images.
 
     Returns:
-        The matrix, and minus three for each point eliminated: what it adds to the freedom.
+        The matrix, and minus one for each direction in which a point is determined: what the points
+        add to the freedom. Images of one place leave the distance of a point open.
     """
     order = np.argsort(point, kind="stable")
     image, point = image[order], point[order]
@@ -231,6 +234,7 @@ def eliminate_points(
     np.add.at(with_lens, image, by_pose.transpose(0, 2, 1) @ by_lens)
     starts = np.flatnonzero(np.r_[True, point[1:] != point[:-1]])
     lengths = np.diff(np.r_[starts, len(point)])
+    determined = 0
     for length in np.unique(lengths):
         chosen = starts[lengths == length]
         for begin in range(0, len(chosen), _CHUNK):
@@ -238,7 +242,8 @@ def eliminate_points(
             c = by_point[rows]  # (points, observations, 2, 3)
             pose_c = by_pose[rows].transpose(0, 1, 3, 2) @ c  # (points, observations, D, 3)
             lens_c = (by_lens[rows].transpose(0, 1, 3, 2) @ c).sum(axis=1)  # (points, F, 3)
-            inverse = np.linalg.inv((c.transpose(0, 1, 3, 2) @ c).sum(axis=1))
+            inverse, ranks = _invert_normals((c.transpose(0, 1, 3, 2) @ c).sum(axis=1))
+            determined += ranks
             pose_i = pose_c @ inverse[:, None]
             at = image[rows]
             np.subtract.at(
@@ -251,7 +256,24 @@ def eliminate_points(
     size = unknowns * images
     cross = with_lens.reshape(size, count)
     poses = own.transpose(0, 2, 1, 3).reshape(size, size)
-    return np.block([[poses, cross], [cross.T, lens]]), -3 * len(starts)
+    return np.block([[poses, cross], [cross.T, lens]]), -determined
+
+
+def _invert_normals(normals: np.ndarray) -> tuple[np.ndarray, int]:
+    """Inverts symmetric matrices (N, 3, 3) where they are determined; elsewhere the inverse is 0.
+
+    Returns:
+        The inverses, and the sum of their ranks.
+    """
+    scale = np.trace(normals, axis1=1, axis2=2) / 3
+    is_open = ~(np.linalg.det(normals) > _OPEN * scale**3)
+    inverse = np.empty_like(normals)
+    inverse[~is_open] = np.linalg.inv(normals[~is_open])
+    values, axes = np.linalg.eigh(normals[is_open])
+    known = values > _OPEN * values[:, -1:]
+    values = np.where(known, 1 / np.where(known, values, 1), 0)
+    inverse[is_open] = (axes * values[:, None, :]) @ axes.transpose(0, 2, 1)
+    return inverse, int(3 * np.count_nonzero(~is_open) + np.count_nonzero(known))
 
 
 def _find_unknowns(solution: Solution, lens: int, of_image: int) -> np.ndarray:

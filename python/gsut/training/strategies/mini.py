@@ -12,11 +12,12 @@ from gsut.gaussians import Gaussians, seed_from_points
 from gsut.optimize import GaussianOptimizer, densify_adaptive, split_and_prune
 from gsut.run import TrainOptions
 from gsut.training.densification import Densification, DensificationStep
-from gsut.training.strategies.adaptive import CLONE_SCALE, PRUNE_SCALE
 
 # Fraction of a view's valid pixels at which a Gaussian is the strongest that counts as blurred
 # (publication).
 BLUR_FRACTION = 2e-4
+# Size below which a Gaussian is cloned, above which it is split, x scene extent (3DGS).
+_CLONE_SCALE = 0.01
 # Views that are searched for blurred Gaussians at each densification, drawn anew.
 _BLUR_VIEWS = 8
 # Fraction of the steps at which new Gaussians replace the old, at the depths seen (publication).
@@ -123,8 +124,7 @@ class Strategy(Densification):
         most = OVERGROWN * o.max_gaussians
         densify_adaptive(
             optimizer,
-            clone_scale=CLONE_SCALE * now.extent,
-            max_scale=PRUNE_SCALE * now.extent,
+            clone_scale=_CLONE_SCALE * now.extent,
             prune_opacity=o.dead_opacity,
             max_gaussians=most,
         )
