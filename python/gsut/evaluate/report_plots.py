@@ -97,15 +97,14 @@ def plot_light(light: dict[str, Any]) -> list[str]:
 
 
 def plot_reliability(confidence: Confidence) -> str:
-    """Plots the shares of held-out pixels within intervals over those due, and the diagonal."""
+    """Plots the shares of pixels within intervals over those due: of each held-out view, of all."""
     chart = Chart(
         "Pixels within their interval", "share that is due", (0.0, 1.0), (0.0, 1.05)
     )  # fmt: skip
-    chart.draw_line(np.array([0.0, 1.0]), np.array([0.0, 1.0]), _FAINT, 1.4)
-    ends = np.array([0.0]), np.array([1.0])
-    due, held = (np.concatenate([ends[0], each, ends[1]]) for each in
-                 (confidence.levels, confidence.held))  # fmt: skip
-    chart.draw_line(due, held, _CHANNELS[2], 1.4)
+    due = np.array([0.0, *confidence.levels, 1.0])
+    for held in confidence.held_by_view:
+        chart.draw_line(due, np.array([0.0, *held, 1.0]), _FAINT, 1.0)
+    chart.draw_line(due, np.array([0.0, *confidence.held, 1.0]), _CHANNELS[2], 1.8)
     return chart.embed()
 
 
