@@ -417,7 +417,7 @@ MISTAKES: tuple[Mistake, ...] = (
             _scale_steps, path=True),
     Mistake("scale of half of the poses times 1.5", ("changes by a factor", "break between"),
             _scale_half, path=True),
-    Mistake("heading of the poses drifts by 15 degrees", ("does not close", "break between"),
+    Mistake("heading of the poses drifts by 15 degrees", ("does not close", "accumulate"),
             _turn_steps, path=True),
     Mistake("one pose far away", ("stands farther from", "the pose of"), _one_far_away, path=True),
     Mistake("positions in millimetres", ("millimetres",),

@@ -54,7 +54,7 @@ def name_break(evidence: Evidence, judgement: Judgement) -> Finding | None:
         )
     wrong = [_order_pair(evidence, each, place) for each in judgement.contradicts]
     spans = [(place[a], place[b]) for a, b in wrong]
-    loops = _list_loops(evidence)
+    loops = list_loops(evidence)
     at = _find_break(
         spans,
         [(place[a], place[b]) for a, b in good],
@@ -108,7 +108,7 @@ def _find_break(wrong: Spans, good: Spans, confirmed: Spans, near: Spans) -> int
     return max(found)[1] if found else None
 
 
-def _list_loops(evidence: Evidence) -> set[int]:
+def list_loops(evidence: Evidence) -> set[int]:
     """Lists the numbers of the pairs of images that are far apart on the path."""
     places = {
         v: (i, len(group)) for group in order_in_time(evidence.scene) for i, v in enumerate(group)
@@ -122,7 +122,7 @@ def _list_loops(evidence: Evidence) -> set[int]:
 
 def check_loops(evidence: Evidence, judgement: Judgement) -> list[Finding]:
     """Checks whether images far apart on the path, near each other in space, fit their poses."""
-    numbers = _list_loops(evidence)
+    numbers = list_loops(evidence)
     supports, against = (
         [each for each in verdicts if each.number in numbers]
         for verdicts in (judgement.supports, judgement.contradicts)

@@ -16,7 +16,7 @@ from gsut.check.epipolar import (
     find_rays,
     gather_matches,
     make_pose_table,
-    rate_matches,
+    rate_pairs,
 )
 from gsut.check.findings import Finding
 from gsut.check.matches import ImagePair, match_neighbours
@@ -57,14 +57,18 @@ class Evidence:
     def sample(self) -> Evidence:
         """A sample of each pair's matches, by which gross errors are found faster."""
         step = -(-len(self.matches) // _SAMPLE)
-        if step < 2:
-            return self
-        m, t = self.matches, self.table
-        rows = slice(None, None, step)
-        table = dataclasses.replace(t, rows=t.rows[:, rows])
+        return self if step < 2 else self.select(slice(None, None, step))
+
+    def select(self, rows: np.ndarray | slice) -> Evidence:
+        """Returns the evidence of some of the matches, of the same pairs."""
+        table = dataclasses.replace(self.table, rows=self.table.rows[:, rows])
         return dataclasses.replace(
-            self, matches=m.select(rows), table=table, rays=self.rays[:, rows]
+            self, matches=self.matches.select(rows), table=table, rays=self.rays[:, rows]
         )
+
+    def replace_poses(self, poses: np.ndarray) -> Evidence:
+        """Returns the evidence beside other poses (V, B, 4, 4)."""
+        return dataclasses.replace(self, table=dataclasses.replace(self.table, poses=poses))
 
     @functools.cached_property
     def shuffled(self) -> Evidence:
@@ -103,15 +107,27 @@ class Evidence:
             if fit
         ]
 
+    def rate_pairs(
+        self, poses: np.ndarray | None = None, cameras: list[Camera] | None = None
+    ) -> np.ndarray:
+        """Returns the cost of each pair (P,), from 0 to 1, with other poses or lenses.
+
+        Args:
+            poses: (V, B, 4, 4); None: the given ones.
+            cameras: None: the given ones.
+        """
+        rays = self.rays if cameras is None else find_rays(cameras, self.matches)
+        focal = self.focal if cameras is None else measure_pixels_per_radian(cameras[0])
+        errors = measure_angular_errors(rays, self.table.select_poses(poses))
+        return rate_pairs(errors, self.matches, focal)
+
     def rate_poses(self, poses: np.ndarray) -> float:
         """Returns the cost of the matches with these poses (V, B, 4, 4), from 0 to 1."""
-        errors = measure_angular_errors(self.rays, self.table.select_poses(poses))
-        return rate_matches(errors, self.matches, self.focal)
+        return float(np.mean(self.rate_pairs(poses)))
 
     def rate_lenses(self, cameras: list[Camera]) -> float:
         """Returns the cost of the matches through these lenses, from 0 to 1."""
-        errors = measure_angular_errors(find_rays(cameras, self.matches), self.table.select_poses())
-        return rate_matches(errors, self.matches, measure_pixels_per_radian(cameras[0]))
+        return float(np.mean(self.rate_pairs(cameras=cameras)))
 
     def make_finding(self, severity: str, what: str, advice: str = "") -> Finding:
         """Makes a finding about the dataset whose photographs these are."""

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from gsut.check.epipolar import find_rays
 from gsut.check.evidence import Evidence
 from gsut.check.findings import Finding
-from gsut.check.lens_fit import LensFit, find_principal_point, fit_lens
+from gsut.check.lens_fit import LEAST_EFFECT, LensFit, count_sigmas, find_principal_point, fit_lens
 from gsut.check.lenses import is_free_of_distortion, list_other_models
 
 # A lens is wrong from this correction of focal length, principal point and distortion on, in
@@ -14,7 +15,9 @@ from gsut.check.lenses import is_free_of_distortion, list_other_models
 _MOVES = np.array([2.0, 0.8, 2.0])
 _SIGMAS = 4.0  # standard deviations from which a correction of the lens is not chance
 _SURE = 4.0  # standard deviations of a principal point that is surely wrong
+_MOST_MATCHES = 6000  # they determine a lens to a hundredth of a pixel
 _NEAR_HALF = 2.5  # standard deviations within which it may be half a pixel off
+_NEARER = 0.25  # of its distance from the given one, likewise: many matches have small deviations
 
 
 def find_lens_errors(evidence: Evidence, fit: LensFit) -> list[Finding]:
@@ -22,9 +25,15 @@ def find_lens_errors(evidence: Evidence, fit: LensFit) -> list[Finding]:
     off = _is_off_throughout(evidence, fit)
     if not off.any():
         return []
-    named = _name_other_model(evidence) if off[1:].any() else None
-    if named is not None:
-        return [named]
+    if off[1:].any() and all(is_free_of_distortion(c) for c in evidence.scene.cameras):
+        return [
+            evidence.make_finding(
+                "warning",
+                "the photographs fit better a lens with distortion: they are not undistorted, as "
+                "the lens says",
+                "give the lens file of the original photographs, or calibrate (gsut calibrate)",
+            )
+        ]
     log_scale, dx, dy, radial = fit.values
     words = []
     if off[0]:
@@ -56,7 +65,8 @@ def find_lens_errors(evidence: Evidence, fit: LensFit) -> list[Finding]:
 
 def is_off(fit: LensFit) -> np.ndarray:
     """Returns whether focal length, principal point and distortion (3,) are wrong."""
-    return (fit.moves > _MOVES) & (fit.significance > _SIGMAS)
+    sure = (fit.moves > _MOVES) & (fit.significance > _SIGMAS)
+    return sure & (fit.effect > LEAST_EFFECT)
 
 
 def _is_off_throughout(evidence: Evidence, fit: LensFit) -> np.ndarray:
@@ -75,25 +85,35 @@ def _is_off_throughout(evidence: Evidence, fit: LensFit) -> np.ndarray:
     return off
 
 
-def _name_other_model(evidence: Evidence) -> Finding | None:
-    """Names the lens that may have been meant, if it fits better and needs no correction."""
-    poses, best = evidence.table.select_poses(), None
-    most = evidence.rate_lenses(list(evidence.scene.cameras))
-    for lens in list_other_models(evidence.scene.cameras):
-        cost = evidence.rate_lenses(lens.cameras)
-        if cost < most and not is_off(fit_lens(lens.cameras, evidence.matches, poses)).any():
-            best, most = lens, cost
-    if best is not None:
-        return evidence.make_finding(
-            "warning", f"the photographs fit better {best.name}", best.advice
-        )
-    if not all(is_free_of_distortion(camera) for camera in evidence.scene.cameras):
-        return None
-    return evidence.make_finding(
-        "warning",
-        "the photographs fit better a lens with distortion: they are not undistorted, as the lens "
-        "says",
-        "give the lens file of the original photographs, or calibrate (gsut calibrate)",
+def name_other_model(evidence: Evidence) -> list[Finding]:
+    """Names the lens that may have been meant, if pairs prefer it and it needs no correction.
+
+    Coefficients in another order may move pixels in the corners alone, or nearly as an error of the
+    poses does: no correction of focal length, principal point and distortion shows these.
+    """
+    cameras, given = evidence.scene.cameras, evidence.rate_pairs()
+    used = evidence.select(slice(None, None, 1 + len(evidence.matches) // _MOST_MATCHES))
+    best, fewest = None, given
+    for lens in list_other_models(cameras):
+        costs = evidence.rate_pairs(cameras=lens.cameras)
+        if costs.mean() >= fewest.mean() or not _is_preferred(given - costs):
+            continue
+        rays = find_rays(lens.cameras, used.matches)
+        moved = evidence.focal * np.nanmedian(np.linalg.norm(rays - used.rays, axis=-1))
+        fit = fit_lens(lens.cameras, used.matches, used.table.select_poses())
+        if 1000 * moved / evidence.matches.diagonal > _MOVES[1] and not is_off(fit).any():
+            best, fewest = lens, costs
+    if best is None:
+        return []
+    what = f"the photographs fit better {best.name}"
+    return [evidence.make_finding("warning", what, best.advice)]
+
+
+def _is_preferred(gains: np.ndarray) -> bool:
+    """Returns whether pairs gain beyond chance, in both halves of the path."""
+    halves = np.array_split(gains, 2)
+    return count_sigmas(gains) > _SIGMAS and all(
+        count_sigmas(half) > _SIGMAS / np.sqrt(2) for half in halves
     )
 
 
@@ -109,11 +129,10 @@ def describe_crop(evidence: Evidence, fit: LensFit) -> str:
 def check_half_pixel(evidence: Evidence) -> list[Finding]:
     """Checks whether the principal point is half a pixel off, as where two conventions meet."""
     fit = fit_lens(evidence.scene.cameras, evidence.matches, evidence.table.select_poses())
+    far = fit.shift_distance(np.zeros(2))
     for half in (0.5, -0.5):
-        if (
-            fit.shift_distance(np.zeros(2)) > _SURE
-            and fit.shift_distance(np.full(2, half)) < _NEAR_HALF
-        ):
+        near = fit.shift_distance(np.full(2, half))
+        if far > _SURE and near < max(_NEAR_HALF, _NEARER * far):
             dx, dy = fit.values[1:3]
             return [
                 evidence.make_finding(

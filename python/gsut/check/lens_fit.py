@@ -19,6 +19,9 @@ _KNOWN = 0.25
 _TINY = 1e-12  # keeps quotients finite
 _STEP_PX = 0.01  # of differences between rays: small beside a pixel, large beside rounding
 _FEWEST = 40  # matches to which numbers are fitted
+# Root mean square change of the errors by what is fitted, in units of their spread, below which
+# errors that neighbouring features have in common may explain it.
+LEAST_EFFECT = 0.3
 # Of the four numbers of a lens, see `LensFit.values`.
 _STEPS = np.array([1e-3, 0.1, 0.1, 1e-3])  # of the differences that give derivatives
 _MOST = np.array([0.2, 50.0, 50.0, 0.1])  # change in one iteration
@@ -29,21 +32,24 @@ class LensFit:
     """A correction of the lens, fitted to the matches with the poses held.
 
     Args:
-        values: (4,) logarithm of the factor on the focal lengths; pixels to add to cx and cy;
-            factor minus 1 on the distance from the centre, at half the image's diagonal.
-        covariance: (4, 4) of them, by what each view changes when it is left out.
+        values: (4 + N,) logarithm of the factor on the focal lengths; pixels to add to cx and cy;
+            factor minus 1 on the distance from the centre, at half the image's diagonal; and what
+            was fitted beside the lens.
+        covariance: of the values, by what each view changes when it is left out.
+        effect: of the values on the errors, see `fit_numbers`.
         diagonal: of the image, pixels.
-        freedom: views less the four values: degrees of freedom of the covariance.
+        freedom: views less the values: degrees of freedom of the covariance.
     """
 
     values: np.ndarray
     covariance: np.ndarray
+    effect: float
     diagonal: float
     freedom: int
 
     @property
     def sigmas(self) -> np.ndarray:
-        """Standard deviations (4,) of the values."""
+        """Standard deviations (4 + N,) of the values."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
     def shift_distance(self, shift: np.ndarray) -> float:
@@ -66,7 +72,7 @@ class LensFit:
         (3,) in thousandths of the diagonal; the focal length a quarter of the diagonal from the
         centre, the distortion half of it.
         """
-        scale, dx, dy, radial = np.abs(self.values)
+        scale, dx, dy, radial = np.abs(self.values[:4])
         return 1000 * np.array([scale / 4, np.hypot(dx, dy) / self.diagonal, radial / 2])
 
     @property
@@ -91,8 +97,15 @@ def convert_to_normal(ratio: np.ndarray, freedom: int) -> np.ndarray:
     return bend * np.sqrt(freedom * np.log1p(np.square(ratio) / freedom))
 
 
+def count_sigmas(differences: np.ndarray) -> float:
+    """Returns how far the mean of paired differences lies from zero, as of a normal law."""
+    sigma = float(np.std(differences, ddof=1)) / np.sqrt(len(differences))
+    ratio = float(np.mean(differences)) / max(sigma, _TINY)
+    return float(np.sign(ratio) * convert_to_normal(np.abs(ratio), len(differences) - 1))
+
+
 def fit_lens(cameras: Sequence[Camera], matches: Matches, poses: np.ndarray) -> LensFit:
-    """Fits one scale, shift and radial term for all lenses to the epipolar errors.
+    """Fits one scale, shift and radial term for all lenses to the epipolar errors, poses held.
 
     A lens scaled about its principal point sees a pixel where it saw one nearer or farther, so
     pixels are moved instead of making lenses.
@@ -102,13 +115,31 @@ def fit_lens(cameras: Sequence[Camera], matches: Matches, poses: np.ndarray) -> 
         matches: their pixels.
         poses: (2, M, 4, 4) world_from_camera.
     """
+    return fit_lens_beside(cameras, matches, lambda _: poses, np.zeros((3, 0)))
+
+
+def fit_lens_beside(
+    cameras: Sequence[Camera],
+    matches: Matches,
+    find_poses: Callable[[np.ndarray], np.ndarray],
+    others: np.ndarray,
+) -> LensFit:
+    """Fits the lens as `fit_lens` does, and beside it other numbers, on which the poses depend.
+
+    Args:
+        cameras: the lenses.
+        matches: their pixels.
+        find_poses: returns poses (2, M, 4, 4) world_from_camera by the other numbers (N,).
+        others: (3, N) of these, as `fit_numbers` takes them: steps, known and most.
+    """
     known = np.array([1.0, matches.diagonal, matches.diagonal, 1.0]) * _KNOWN
+    all_numbers = np.concatenate([[_STEPS, known, _MOST], others], axis=1)
     views = matches.pairs[matches.pair]
-    x, covariance = fit_numbers(
-        lambda x: measure_line_errors(cameras, matches, poses, x), views, _STEPS, known, _MOST
+    x, covariance, effect = fit_numbers(
+        lambda x: measure_line_errors(cameras, matches, find_poses(x[4:]), x), views, *all_numbers
     )
-    freedom = max(1, len(np.unique(views)) - len(_STEPS))
-    return LensFit(x, covariance, matches.diagonal, freedom)
+    freedom = max(1, len(np.unique(views)) - len(x))
+    return LensFit(x, covariance, effect, matches.diagonal, freedom)
 
 
 def fit_numbers(
@@ -118,7 +149,7 @@ def fit_numbers(
     known: np.ndarray,
     most: np.ndarray,
     start: np.ndarray | float = 0.0,
-) -> tuple[np.ndarray, np.ndarray]:
+) -> tuple[np.ndarray, np.ndarray, float]:
     """Fits numbers to signed errors of matches.
 
     Least squares, iteratively reweighted (Cauchy), with derivatives by differences.
@@ -132,7 +163,8 @@ def fit_numbers(
         start: (N,) first numbers.
 
     Returns:
-        The numbers (N,), and their covariance (N, N) by the jackknife over views.
+        The numbers (N,), their covariance (N, N) by the jackknife over views, and their effect: by
+        how much they change the errors (root mean square), in units of the errors' spread.
     """
     x, covariance = np.zeros(len(steps)) + start, np.full((len(steps), len(steps)), np.inf)
     for _ in range(_ITERATIONS):
@@ -156,7 +188,18 @@ def fit_numbers(
         x = x - step
         if np.all(np.abs(step) < _SETTLED * steps):
             break
-    return x, covariance
+    return x, covariance, _measure_effect(find_errors(np.zeros(len(x))), find_errors(x))
+
+
+def _measure_effect(before: np.ndarray, after: np.ndarray) -> float:
+    """Returns the root mean square change of errors in units of their robust spread."""
+    good = np.isfinite(before) & np.isfinite(after)
+    if not good.any():
+        return 0.0
+    spread = max(_NORMAL * float(np.median(np.abs(after[good]))), _TINY)
+    weight = 1 / (1 + (after[good] / (2 * spread)) ** 2)
+    change = np.average((after[good] - before[good]) ** 2, weights=weight)
+    return float(np.sqrt(change)) / spread
 
 
 def _leave_views_out(

@@ -2,40 +2,26 @@
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable
-
 import numpy as np
 
 from gsut.check.breaks import check_loops, check_scale, name_break
 from gsut.check.chance import Judgement, is_another_view, judge_pairs, measure_turn_error
-from gsut.check.epipolar import rate_matches, rate_pairs
+from gsut.check.drift import check_drift
 from gsut.check.evidence import Evidence
 from gsut.check.findings import Finding
-from gsut.check.lens_errors import check_half_pixel, describe_crop, find_lens_errors, is_off
-from gsut.check.lens_fit import LensFit, fit_lens
-from gsut.check.lenses import OtherLens, list_other_lenses
-from gsut.check.readings import list_readings
-from gsut.check.shutter import check_shutter
+from gsut.check.lens_errors import check_half_pixel, find_lens_errors, name_other_model
+from gsut.check.lens_fit import fit_lens
+from gsut.check.others import POOR, find_best_other
+from gsut.check.shutter import check_timing
 from gsut.check.turns import (
-    find_body_turn,
     find_clock_shift,
     rate_as_degrees,
 )
 from gsut.data import Scene, list_some
-from gsut.sfm.points import measure_angular_errors, measure_pixels_per_radian
 
-# Costs are between 0 and 1; good data lie at 0.1 to 0.5, wrong data at 0.7 to 1.
-_POOR = 0.62  # cost from which something is wrong, whether or not another reading fits
-_GAIN = 0.12  # of the cost, that another reading must save
-_RATIO = 0.8  # of the given cost, that another reading may have at most
-_SAMPLE_NOISE = 0.06  # of a cost, when it is measured on the sample of the matches
-_WELL = 0.5  # cost of a reading that fits well enough to need no estimate beside it
-_LEAST_ALIKE = 0.03  # readings whose costs differ by less are alike: the likelier one is named
 _FEWEST_FOR_LENS = 6  # pairs of photographs: fewer do not separate lens and poses
 _BAD_PAIR = 0.85  # cost of a pair that contradicts its poses while others do not
 _MANY_BAD = 0.2  # of the pairs: more than a few bad poses
-_FITTED_LENSES = 4  # other lenses from which a fit is tried: a fit takes a second
 
 
 def check_photographs(scene: Scene, evidence: Evidence | None) -> list[Finding]:
@@ -57,104 +43,26 @@ def check_photographs(scene: Scene, evidence: Evidence | None) -> list[Finding]:
         what = "neighbouring images share too few features to check poses and lens by them"
         return [Finding("info", str(scene.path), what)]
     given = evidence.rate_poses(evidence.table.poses)
-    rolling = check_shutter(evidence, _POOR) if given > _POOR else []
+    rolling = check_timing(evidence, POOR) if given > POOR else []
     if rolling:
         return rolling
-    other = _find_best_other(evidence, given)
+    other = find_best_other(evidence, given)
     if other is not None:
-        value, name, advice, subject = other
         return [
             evidence.make_finding(
                 "error",
-                f"the photographs contradict the {subject} ({evidence.describe()}: "
-                f"{_share(given)} fit); {_share(value)} fit {name}",
-                advice,
+                f"the photographs contradict the {other.subject} ({evidence.describe()}: "
+                f"{_share(given)} fit); {_share(other.value)} fit {other.name}",
+                other.advice,
             )
         ]
-    if given > _POOR:
+    if given > POOR:
         return [_weigh_poor_matches(evidence, given)]
     return _find_small_errors(evidence, given)
 
 
 def _share(value: float) -> str:
     return f"{100 * max(0.0, 1 - value):.0f} %"
-
-
-def _find_best_other(evidence: Evidence, given: float) -> tuple[float, str, str, str] | None:
-    """Returns cost, name, advice and subject of the reading or lens that fits far better."""
-    noise = 1 / np.sqrt(len(evidence.matches))
-    given_by_chance = evidence.shuffled.rate_poses(evidence.table.poses)
-    most = min(given - _GAIN - noise, _RATIO * given)
-    found: list[tuple[float, str, str, str]] = []
-
-    def judge(cost_of: Callable[[Evidence], float], name: str, advice: str, subject: str) -> None:
-        if cost_of(evidence.sample) < most + _SAMPLE_NOISE:
-            value = cost_of(evidence)
-            if value < most and given - value > given_by_chance - cost_of(evidence.shuffled):
-                found.append((value, name, advice, subject))
-
-    for reading in list_readings(evidence.scene, evidence.table.poses):
-        cost_of = functools.partial(Evidence.rate_poses, poses=reading.poses)
-        judge(cost_of, f"these poses {reading.name}", reading.advice, "poses")
-    for lens in list_other_lenses(evidence.scene.cameras, evidence.sample.rate_lenses):
-        cost_of = functools.partial(Evidence.rate_lenses, cameras=lens.cameras)
-        judge(cost_of, lens.name, lens.advice, "lens")
-    if given > _POOR or found:
-        found += _fit_crop(evidence, most)
-    if given > _POOR and min([row[0] for row in found], default=1.0) > _WELL:
-        found += _fit_others(evidence, most)
-    if not found:
-        return None
-    best = min(row[0] for row in found)
-    return next(row for row in found if row[0] <= best + _LEAST_ALIKE)
-
-
-def _fit_others(evidence: Evidence, most: float) -> list[tuple[float, str, str, str]]:
-    """Estimates a turn of the camera on its body, and lenses near others; returns what fits."""
-    found = []
-    by_chance = evidence.shuffled.rate_poses(evidence.table.poses)
-    given, shuffled = evidence.rate_poses(evidence.table.poses), evidence.shuffled
-    turn = find_body_turn(evidence)
-    value = evidence.rate_poses(evidence.table.poses @ turn)
-    if value < most and given - value > by_chance - shuffled.rate_poses(
-        evidence.table.poses @ turn
-    ):
-        rows = "; ".join(" ".join(f"{v:.4f}" for v in row) for row in turn[:3, :3])
-        found.append((
-            value, "these poses as a body's on which the camera is turned", "multiply each "
-            f"camera-to-world matrix by the camera's place on the body (inverse of Kalibr's "
-            f"T_cam_imu); its rotation is about [{rows}]", "poses",
-        ))  # fmt: skip
-    cameras, sample = evidence.scene.cameras, evidence.sample
-    tried = list_other_lenses(cameras, sample.rate_lenses)
-    lenses = sorted(tried, key=lambda lens: sample.rate_lenses(lens.cameras))
-    poses = evidence.table.select_poses()
-    for lens in lenses[:_FITTED_LENSES]:
-        fit = fit_lens(lens.cameras, evidence.matches, poses)
-        value = _rate_fit(evidence, fit, lens)
-        if value < most and given - value > by_chance - _rate_fit(shuffled, fit, lens):
-            found.append((value, f"nearly {lens.name}", lens.advice, "lens"))
-    return found
-
-
-def _fit_crop(evidence: Evidence, most: float) -> list[tuple[float, str, str, str]]:
-    """Estimates the principal point of cropped photographs; returns it if it fits."""
-    given = OtherLens("", "", list(evidence.scene.cameras))
-    fit = fit_lens(given.cameras, evidence.matches, evidence.table.select_poses())
-    off, value = is_off(fit), _rate_fit(evidence, fit, given)
-    if value >= most or not off[1] or off[0]:
-        return []
-    dx, dy = fit.values[1:3]
-    name = f"cx {dx:+.1f} and cy {dy:+.1f} pixels: the photographs are a crop"
-    return [(value, name, describe_crop(evidence, fit), "lens")]
-
-
-def _rate_fit(evidence: Evidence, fit: LensFit, lens: OtherLens) -> float:
-    errors = measure_angular_errors(
-        fit.apply(lens.cameras, evidence.matches), evidence.table.select_poses()
-    )
-    focal = measure_pixels_per_radian(lens.cameras[0])
-    return rate_matches(errors, evidence.matches, focal)
 
 
 def _explain_contradiction(evidence: Evidence, given: float, judgement: Judgement) -> Finding:
@@ -242,13 +150,14 @@ def _find_small_errors(evidence: Evidence, given: float) -> list[Finding]:
     """Finds pairs that do not fit, and small errors of the lens, where most matches fit."""
     scene = evidence.scene
     poses = evidence.table.select_poses()
-    costs = rate_pairs(
-        measure_angular_errors(evidence.rays, poses), evidence.matches, evidence.focal
-    )
-    findings = _find_bad_pairs(evidence, costs) or check_shutter(evidence, given)
+    costs = evidence.rate_pairs()
+    findings = _find_bad_pairs(evidence, costs) or check_timing(evidence, given)
+    if not findings and len(costs) >= _FEWEST_FOR_LENS:
+        findings += name_other_model(evidence)
     if not findings and len(costs) >= _FEWEST_FOR_LENS:
         fit = fit_lens(scene.cameras, evidence.matches, poses)
-        findings += find_lens_errors(evidence, fit)
+        lens = find_lens_errors(evidence, fit)
+        findings += (lens and check_drift(evidence)) or lens
     if not findings:
         findings += check_scale(evidence)
     if not findings:
@@ -272,7 +181,7 @@ def _find_bad_pairs(evidence: Evidence, costs: np.ndarray) -> list[Finding]:
         return [at_one_place]
     loops = check_loops(evidence, judgement)
     if loops:
-        return [*loops, *check_scale(evidence)]
+        return [*loops, *check_drift(evidence), *check_scale(evidence)]
     return [_name_bad_pairs(evidence, judgement)] if judgement.confirmed else []
 
 
@@ -296,12 +205,13 @@ def _name_bad_pairs(evidence: Evidence, judgement: Judgement) -> Finding:
 
 
 def check_closely(evidence: Evidence) -> list[Finding]:
-    """Checks for single wrong pairs, half a pixel and a drift of scale.
+    """Checks for single wrong pairs, half a pixel and a drift of turns or of scale.
 
     Args:
         evidence: of a close look.
     """
-    errors = measure_angular_errors(evidence.rays, evidence.table.select_poses())
-    costs = rate_pairs(errors, evidence.matches, evidence.focal)
-    bad = _find_bad_pairs(evidence, costs)
-    return bad or [*check_half_pixel(evidence), *check_scale(evidence)]
+    found = _find_bad_pairs(evidence, evidence.rate_pairs())
+    if not found and len(evidence.pairs) >= _FEWEST_FOR_LENS:
+        found = name_other_model(evidence)
+    found = found or check_drift(evidence)
+    return found or [*check_half_pixel(evidence), *check_scale(evidence)]

@@ -1,4 +1,4 @@
-"""Finds a rolling shutter in photographs whose poses are those of a global one."""
+"""Finds a rolling shutter where poses are of a global one, and a clock a part of a frame late."""
 
 from __future__ import annotations
 
@@ -9,68 +9,86 @@ import numpy as np
 from gsut.check.epipolar import rate_matches
 from gsut.check.evidence import Evidence
 from gsut.check.findings import Finding
-from gsut.check.lens_fit import convert_to_normal, fit_numbers, measure_line_errors
+from gsut.check.lens_fit import (
+    LEAST_EFFECT,
+    convert_to_normal,
+    fit_numbers,
+    measure_line_errors,
+)
 from gsut.check.matches import order_in_time
 from gsut.check.turns import to_rotation_vector
 from gsut.data import Scene
 from gsut.gaussians import rotations_from_quaternions
 from gsut.sfm.points import measure_angular_errors
 
-_SIGMAS = 4.0  # standard deviations from which a readout is not chance
-_LEAST_SHIFT = 2.0  # thousandths of the diagonal, by which a readout shifts what is worth a note
-_STEP = 0.01  # frames: of the differences that give the errors' derivative
-_STARTS = (0.0, 0.15, -0.15, 0.3, -0.3, 0.5, -0.5, 0.75, -0.75)  # frames that a readout takes
-_KNOWN = 1.0  # frames: a readout is hardly longer than the time between two frames
-_MOST = 0.3  # frames that the readout changes in one iteration
+_SIGMAS = 4.0  # standard deviations from which a time is not chance
+_LEAST_SHIFT = 2.0  # thousandths of the diagonal, by which a time shifts what is worth a note
+_STEP = 0.01  # frames: of the differences that give the errors' derivatives
+_STARTS = (0.0, 0.15, -0.15, 0.3, -0.3, 0.5, -0.5, 0.75, -0.75)  # frames of either time
+_KNOWN = 1.0  # frames: neither readout nor delay is much longer than the time between two frames
+_MOST = 0.3  # frames that a time changes in one iteration
+_LONGEST = 1.0  # frames that a readout takes: the next one starts after it
 _FEWEST_VIEWS = 5  # of a path, which give velocities
 
 
 @dataclasses.dataclass(frozen=True)
-class Readout:
-    """A rolling shutter's readout, fitted to the matches with the poses' velocities.
+class Timing:
+    """Readout of a rolling shutter and delay, fitted to the matches with the poses' velocities.
 
     Args:
-        frames: from the first line to the last, of the time between two views; below 0 upwards.
-        sigma: its standard deviation, by the jackknife over views.
-        shift: thousandths of the diagonal by which what is seen moves during it, median.
-        significance: in standard deviations of a normal law that are as rare.
+        frames: (2,) readout from the first line to the last, below 0 upwards, and time from the
+            given poses to the images; of the time between two views.
+        sigmas: (2,) standard deviations, by the jackknife over views.
+        shifts: (2,) thousandths of the diagonal by which the image moves during each, median.
+        significance: (2,) in standard deviations of a normal law that are as rare.
+        effect: of both on the errors, see `fit_numbers`.
         cost: of the matches with the poses of the lines, from 0 to 1.
     """
 
-    frames: float
-    sigma: float
-    shift: float
-    significance: float
+    frames: np.ndarray
+    sigmas: np.ndarray
+    shifts: np.ndarray
+    significance: np.ndarray
+    effect: float
     cost: float
 
 
-def check_shutter(evidence: Evidence, most: float) -> list[Finding]:
-    """Names a rolling shutter of which the poses know nothing, if the photographs show it.
+def check_timing(evidence: Evidence, most: float) -> list[Finding]:
+    """Names a rolling shutter, or a delay, of which the poses know nothing.
 
     Args:
         evidence: of the photographs.
         most: cost, from 0 to 1, that the matches have at most with the poses of the lines.
     """
-    readout = fit_readout(evidence)
-    if readout is None or readout.significance < _SIGMAS or readout.shift < _LEAST_SHIFT:
+    timing = fit_timing(evidence)
+    if timing is None or timing.cost > most or timing.effect < LEAST_EFFECT:
         return []
-    if readout.cost > most:
-        return []
-    way = "first to the last" if readout.frames > 0 else "last to the first"
-    return [
-        evidence.make_finding(
-            "warning",
-            "the photographs fit better a rolling shutter, whose readout from the "
-            f"{way} line takes {abs(readout.frames):.2f} +- {readout.sigma:.2f} of the time "
-            "between two images, than the poses' global one",
-            "find poses of the lines (`gsut poses --shutter rolling`), or write "
-            "transform_matrix_start and _end of each image",
+    sure = (timing.significance > _SIGMAS) & (timing.shifts > _LEAST_SHIFT)
+    (readout, delay), sigmas = timing.frames, timing.sigmas
+    if sure[1] and timing.significance[1] > timing.significance[0]:
+        what = (
+            f"when each image takes the pose of {abs(delay):.2f} +- {sigmas[1]:.2f} frames "
+            f"{'later' if delay > 0 else 'earlier'}"
         )
-    ]
+        advice = "shift the poses' clock against the images' by as much"
+    elif sure[0] and abs(readout) < _LONGEST:
+        what = (
+            "a rolling shutter, whose readout from the "
+            f"{'first to the last' if readout > 0 else 'last to the first'} line takes "
+            f"{abs(readout):.2f} +- {sigmas[0]:.2f} of the time between two images, than the "
+            "poses' global one"
+        )
+        advice = (
+            "find poses of the lines (`gsut poses --shutter rolling`), or write "
+            "transform_matrix_start and _end of each image"
+        )
+    else:
+        return []
+    return [evidence.make_finding("warning", f"the photographs fit better {what}", advice)]
 
 
-def fit_readout(evidence: Evidence) -> Readout | None:
-    """Fits the readout; None if poses have lines of their own, or the path has no velocities."""
+def fit_timing(evidence: Evidence) -> Timing | None:
+    """Fits both times; None if poses have lines of their own, or the path has no velocities."""
     scene, m = evidence.scene, evidence.matches
     if evidence.table.poses.shape[1] > 1:
         return None
@@ -82,31 +100,33 @@ def fit_readout(evidence: Evidence) -> Readout | None:
     line = m.pixels[..., 1] / height - 0.5
     poses = evidence.table.select_poses()
 
+    def find_poses(x: np.ndarray) -> np.ndarray:
+        return move_poses(poses, speeds[views], x[0] * line + x[1])
+
     def find_errors(x: np.ndarray) -> np.ndarray:
-        moved = _move_poses(poses, speeds[views], x[0] * line)
-        return measure_line_errors(scene.cameras, m, moved, np.zeros(4))
+        return measure_line_errors(scene.cameras, m, find_poses(x), np.zeros(4))
 
-    def rate(frames: float) -> float:
-        lines = _move_poses(poses, speeds[views], frames * line)
-        return rate_matches(measure_angular_errors(evidence.rays, lines), m, evidence.focal)
+    def rate(x: np.ndarray) -> float:
+        errors = measure_angular_errors(evidence.rays, find_poses(x))
+        return rate_matches(errors, m, evidence.focal)
 
-    x, covariance = fit_numbers(
-        find_errors, m.pairs[m.pair], np.array([_STEP]), np.array([_KNOWN]), np.array([_MOST]),
-        start=np.array([min(_STARTS, key=rate)]),
+    starts = [frames * axis for frames in _STARTS for axis in np.eye(2)]
+    x, covariance, effect = fit_numbers(
+        find_errors, m.pairs[m.pair], np.full(2, _STEP), np.full(2, _KNOWN), np.full(2, _MOST),
+        start=min(starts, key=rate),
     )  # fmt: skip
-    sigma = float(np.sqrt(covariance[0, 0]))
-    if not np.isfinite(sigma):
+    sigmas = np.sqrt(np.diag(covariance))
+    if not np.isfinite(sigmas).all():
         return None
-    moved = np.linalg.norm(m.pixels[1] - m.pixels[0], axis=1) / _count_frames(evidence)
-    freedom = max(1, len(np.unique(m.pairs)) - 1)
-    return Readout(
-        float(x[0]), sigma, 1000 * abs(float(x[0])) * float(np.median(moved)) / m.diagonal,
-        float(convert_to_normal(np.abs(x[0]) / max(sigma, 1e-12), freedom)),
-        rate(float(x[0])),
+    moved = np.linalg.norm(m.pixels[1] - m.pixels[0], axis=1) / count_frames(evidence)
+    ratio = np.abs(x) / np.maximum(sigmas, 1e-12)
+    return Timing(
+        x, sigmas, 1000 * np.abs(x) * float(np.median(moved)) / m.diagonal,
+        convert_to_normal(ratio, max(1, len(np.unique(m.pairs)) - 2)), effect, rate(x),
     )  # fmt: skip
 
 
-def _count_frames(evidence: Evidence) -> np.ndarray:
+def count_frames(evidence: Evidence) -> np.ndarray:
     """Returns the number of steps of the path (M,) between the two images of each match."""
     place = {v: i for group in order_in_time(evidence.scene) for i, v in enumerate(group)}
     gaps = [abs(place[b] - place[a]) for a, b in evidence.matches.pairs]
@@ -132,7 +152,7 @@ def _measure_speeds(scene: Scene) -> np.ndarray:
     return speeds
 
 
-def _move_poses(poses: np.ndarray, speeds: np.ndarray, time: np.ndarray) -> np.ndarray:
+def move_poses(poses: np.ndarray, speeds: np.ndarray, time: np.ndarray) -> np.ndarray:
     """Moves poses (..., 4, 4) world_from_camera by their speeds (..., 6) for a time (...)."""
     vector = (speeds[..., 3:] * time[..., None]).reshape(-1, 3)
     half = np.linalg.norm(vector, axis=1, keepdims=True) / 2

@@ -42,7 +42,7 @@ def find_body_turn(evidence: Evidence) -> np.ndarray:
     sample, found = evidence.sample, list(_list_turns(evidence))
     tried = []
     if len(found) >= _FEWEST:
-        tried.append(_refine_turn(sample, _align_turns(evidence, found), Evidence.rate_poses))
+        tried.append(refine_turn(sample, _align_turns(evidence, found), Evidence.rate_poses))
     if not tried or sample.rate_poses(evidence.table.poses @ tried[0]) > _EXPLAINED:
         tried.append(_search_turn(sample))
     return min(tried, key=lambda turn: sample.rate_poses(evidence.table.poses @ turn))
@@ -70,8 +70,8 @@ def _search_turn(evidence: Evidence) -> np.ndarray:
             start[:3, :3] = axes @ exp_pose([0.0, 0.0, 0.0, *tilt])[:3, :3]
             starts.append((_find_median_error(evidence, evidence.table.poses @ start), start))
     starts.sort(key=lambda each: each[0])
-    near = [_refine_turn(evidence, start, _find_median_error) for _, start in starts[:_STARTS]]
-    turns = [_refine_turn(evidence, turn, Evidence.rate_poses) for turn in near]
+    near = [refine_turn(evidence, start, _find_median_error) for _, start in starts[:_STARTS]]
+    turns = [refine_turn(evidence, turn, Evidence.rate_poses) for turn in near]
     return min(turns, key=lambda turn: evidence.rate_poses(evidence.table.poses @ turn))
 
 
@@ -81,7 +81,7 @@ def _find_median_error(evidence: Evidence, poses: np.ndarray) -> float:
     return float(np.median(np.where(np.isfinite(errors), errors, np.inf)))
 
 
-def _refine_turn(
+def refine_turn(
     evidence: Evidence, turn: np.ndarray, cost_of: Callable[[Evidence, np.ndarray], float]
 ) -> np.ndarray:
     """Searches the turn near this one at which poses cost least, by ever smaller steps."""
@@ -105,25 +105,45 @@ def rate_as_degrees(evidence: Evidence) -> float | None:
     """Returns the share of turns that fit if degrees were read as radians, or None if few do.
 
     A rotation read so has its axis, and an angle that is 180 / pi times the right one, less full
-    turns: 58 angles may have been meant, some of which fit the neighbour's.
+    turns: 58 angles may have been meant. Some of them nearly fit any turn about the same axis, so
+    turns must fit far better than those of other pairs do.
     """
     found = list(_list_turns(evidence))
     if len(found) < _FEWEST:
         return None
+    views, turns = [views for views, _ in found], np.array([turn for _, turn in found])
     shares = []
     for file_axes in (np.eye(3), OPENGL_FROM_OPENCV[:3, :3]):
-        good = 0
-        for (a, b), turn in found:
-            one, two = (
-                _read_as_degrees(evidence.scene.views[i].camera_from_world[:3, :3].T @ file_axes)
-                for i in (a, b)
-            )
-            # turn = W_b^T W_a of camera-to-world rotations W; files have W @ file_axes.
-            reached = one @ (file_axes.T @ turn.T @ file_axes)
-            traces = np.einsum("iab,jab->ij", reached, two)
-            good += np.degrees(np.arccos(np.clip((traces.max() - 1) / 2, -1, 1))) < _AGREE
-        shares.append(good / len(found))
-    return max(shares) if max(shares) >= _SHARE else None
+        pairs = [
+            [_read_as_degrees(evidence.scene.views[i].camera_from_world[:3, :3].T @ file_axes)
+             for i in pair]
+            for pair in views
+        ]  # fmt: skip
+        off = _measure_from_nearest(pairs, turns, file_axes)
+        by_chance = _measure_from_nearest(pairs, np.roll(turns, 1, axis=0), file_axes)
+        if np.median(off) < _BETTER * np.median(by_chance):
+            shares.append(float(np.mean(off < _AGREE)))
+    best = max(shares, default=0.0)
+    return best if best >= _SHARE else None
+
+
+def _measure_from_nearest(
+    pairs: Sequence[Sequence[np.ndarray]], turns: np.ndarray, file_axes: np.ndarray
+) -> np.ndarray:
+    """Returns the degrees between turns and the nearest of the turns that rotations may mean.
+
+    Args:
+        pairs: of each pair the rotations (K, 3, 3) that either view may have.
+        turns: (P, 3, 3) second_from_first of each pair.
+        file_axes: (3, 3) camera axes of the rotations.
+    """
+    off = []
+    for (one, two), turn in zip(pairs, turns, strict=True):
+        # turn = W_b^T W_a of camera-to-world rotations W; files have W @ file_axes.
+        reached = one @ (file_axes.T @ turn.T @ file_axes)
+        trace = np.einsum("iab,jab->ij", reached, two).max()
+        off.append(np.degrees(np.arccos(np.clip((trace - 1) / 2, -1, 1))))
+    return np.array(off)
 
 
 def _read_as_degrees(rotation: np.ndarray) -> np.ndarray:
