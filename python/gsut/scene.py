@@ -21,6 +21,7 @@ from gsut.data import CAPTURE_FOLDER, Scene, load_dataset
 from gsut.data.scene import choose_inner_views, hold_out_views
 from gsut.evaluate import write_scene_page
 from gsut.output_folder import claim_folder
+from gsut.page import format_duration
 from gsut.run import (
     RunFile,
     RunFolder,
@@ -42,7 +43,7 @@ from gsut.sfm import (
     read_finished,
 )
 from gsut.train import TrainResult, train
-from gsut.training import track_training
+from gsut.training import measure_pace, track_training
 from gsut.training.first import describe_resizing
 from gsut.training.record import list_changed_data
 
@@ -243,12 +244,31 @@ class _SceneInProgress:
         if is_finished(out):
             bars.note("poses are found again: those in the folder are of other pictures")
         with contextlib.closing(StageFollower(bars)) as stages:
-            log = PosesLog(stages.show, bars.note, stages.expect)
+            announced = False
+
+            def expect(seconds: dict[str, float]) -> None:
+                nonlocal announced
+                stages.expect(seconds)
+                if not announced:
+                    bars.note(self._announce(pictures, bars.estimate_left()))
+                announced = True
+
+            log = PosesLog(stages.show, bars.note, expect)
             figures = find_poses(
                 pictures.path, out, camera=o.camera, options=options, log=log
             ).figures
         self._poses_seconds = stages.seconds
         return figures
+
+    def _announce(self, pictures: Capture, seconds: float) -> str:
+        """Says how much there is to do, and about how long it will take."""
+        options, threads = self._make_training_options(), self._options.threads
+        threads = threads or _core.num_threads()
+        return (
+            f"poses of {len(pictures.figures['frames'])} pictures, then {options.steps:,} steps of "
+            f"training with up to {options.most_gaussians:,} Gaussians: about "
+            f"{format_duration(seconds)} on {threads} processor{'s' if threads > 1 else ''}"
+        )
 
     def _make_training_options(self) -> TrainOptions:
         o = self._options
@@ -339,7 +359,8 @@ class _SceneInProgress:
 def _start_bars(progress: bool | OnProgress) -> StagedProgress:
     """Returns the bar of the whole command, or what passes its states to a function."""
     listener = progress if callable(progress) else None
-    return StagedProgress(_EXPECTED_SECONDS, progress is True, on_progress=listener)
+    pace = measure_pace() if progress else 1.0
+    return StagedProgress(_EXPECTED_SECONDS, progress is True, on_progress=listener, pace=pace)
 
 
 def _spread_over(

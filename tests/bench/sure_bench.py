@@ -37,7 +37,8 @@ def measure(case: Row, settings: Settings) -> Row:
     )
     seconds = time.process_time() - began
     colors, depths = collect_pixels(run, confidence)
-    held = 100 * confidence.held[list(confidence.levels).index(0.68)]
+    one_sigma = list(confidence.levels).index(0.68)
+    of_views = 100 * confidence.held_by_view[:, one_sigma]
     return {
         "psnr": took["psnr"],
         **{f"color_{name}": measure_ause(colors["error"], colors[name]) for name in
@@ -46,10 +47,10 @@ def measure(case: Row, settings: Settings) -> Row:
             ("sigma", "pup")} if len(depths["error"]) else {}),
         "depth_held": 100 * float(np.mean(depths["error"] <= depths["bound"]))
         if len(depths["error"]) else None,
-        "held": held,
+        "held": 100 * confidence.held[one_sigma],
         "held_95": 100 * confidence.held[-1],
-        "least": 100 * confidence.held_by_view.min(),
-        "most": 100 * confidence.held_by_view.max(),
+        "least": of_views.min(),
+        "most": of_views.max(),
         "cpu_seconds": took["cpu_seconds"],
         "pass_seconds": seconds,
     }  # fmt: skip

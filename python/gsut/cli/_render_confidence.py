@@ -11,10 +11,11 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.compact import measure_confidence
-from gsut.files import WriteError, whole_file
+from gsut.evaluate import write_report
+from gsut.files import whole_file
 from gsut.page import paint_values
 from gsut.render import Confidence, write_png
-from gsut.run import Progress, RunFile
+from gsut.run import Progress, RunFile, RunFolder
 from gsut.training import TrainedRun, load_run
 
 _FOLDER = "confidence"
@@ -63,8 +64,10 @@ class ConfidenceOutput:
             )  # fmt: skip
         try:
             confidence.save(kept)
-        except WriteError as error:
-            print(f"gsut: note: measured again next time: {error}", file=sys.stderr)
+            if (place / RunFile.METRICS).is_file():
+                write_report(RunFolder.open(place))
+        except InputError as error:  # the images need neither
+            print(f"gsut: note: {error}", file=sys.stderr)
         return cls(run, confidence)
 
     def add(self, folder: Path, name: str, result: Any, turns: int) -> None:

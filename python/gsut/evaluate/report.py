@@ -13,7 +13,13 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.evaluate.report_plots import name_ring, plot_curve, plot_light, plot_rings
+from gsut.evaluate.report_plots import (
+    name_ring,
+    plot_curve,
+    plot_light,
+    plot_reliability,
+    plot_rings,
+)
 from gsut.page import (
     embed_bytes,
     embed_picture,
@@ -22,6 +28,7 @@ from gsut.page import (
     paint_values,
     render_template,
 )
+from gsut.render import Confidence
 from gsut.run import RunFile, RunFolder, TrainOptions, Verdict
 from gsut.run.options import format_default, get_info, label_option
 
@@ -82,12 +89,21 @@ def write_report(run: RunFolder) -> Path:
         curves=_plot_curves(run.read_history(), options.resolve()),
         ring_plot=plot_rings(metrics["rings"]) if metrics.get("rings") else None,
         light_plots=plot_light(metrics["light"]) if "light" in metrics else [],
+        confidence=_describe_confidence(run.path / RunFile.CONFIDENCE),
         settings=_list_settings(options),
         block_map=_embed_block_map(run.path / RunFile.BLOCKS / "map.png"),
         title=_choose_title(run, metrics),
         page=RunFile.PAGE if (run.path / RunFile.PAGE).is_file() else None,
     )
     return run.write_text(RunFile.REPORT, page)
+
+
+def _describe_confidence(path: Path) -> tuple[str, str | None] | None:
+    """Describes how well sigmas hold, with a plot if they were judged; None: not measured."""
+    if not path.is_file():
+        return None
+    found = Confidence.load(path)
+    return found.describe(), plot_reliability(found) if found.held_by_view.size else None
 
 
 def _choose_title(run: RunFolder, metrics: dict[str, Any]) -> str:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from gsut.evaluate.chart import Chart, pad_limits
-from gsut.render import Falloff
+from gsut.render import Confidence, Falloff
 from gsut.run import TrainOptions
 
 _FAINT = "#a9c9e8"  # of the noisy curve behind the smooth one
@@ -94,6 +94,18 @@ def plot_light(light: dict[str, Any]) -> list[str]:
                 chart.draw_line(np.degrees(angles), values, color, 1.4)
         plots.append(chart.embed())
     return plots
+
+
+def plot_reliability(confidence: Confidence) -> str:
+    """Plots the shares of pixels within intervals over those due: of each held-out view, of all."""
+    chart = Chart(
+        "Pixels within their interval", "share that is due", (0.0, 1.0), (0.0, 1.05)
+    )  # fmt: skip
+    due = np.array([0.0, *confidence.levels, 1.0])
+    for held in confidence.held_by_view:
+        chart.draw_line(due, np.array([0.0, *held, 1.0]), _FAINT, 1.0)
+    chart.draw_line(due, np.array([0.0, *confidence.held, 1.0]), _CHANNELS[2], 1.8)
+    return chart.embed()
 
 
 def name_ring(ring: dict[str, Any]) -> str:

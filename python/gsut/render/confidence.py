@@ -51,7 +51,7 @@ class Confidence:
         factors: (L,) times the residual that a pixel blends, bounds the difference of such a share.
         held: (L,) the share it bounds in held-out views that were not used for the factor; NaN
             with fewer than two.
-        held_by_view: (V,) the same for one sigma, of each held-out view.
+        held_by_view: (V, L) the same of each held-out view.
     """
 
     weight: np.ndarray
@@ -61,7 +61,9 @@ class Confidence:
     levels: np.ndarray = dataclasses.field(default_factory=lambda: np.array(_LEVELS))
     factors: np.ndarray = dataclasses.field(default_factory=lambda: np.array(_FACTORS))
     held: np.ndarray = dataclasses.field(default_factory=lambda: np.full(len(_LEVELS), np.nan))
-    held_by_view: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0))
+    held_by_view: np.ndarray = dataclasses.field(
+        default_factory=lambda: np.zeros((0, len(_LEVELS)))
+    )
 
     @staticmethod
     def from_sums(
@@ -87,7 +89,8 @@ class Confidence:
         number = len(self.held_by_view)
         if number == 0:
             return "sigma of colour not calibrated: fewer than two views are held out"
-        low, high = 100 * self.held_by_view.min(), 100 * self.held_by_view.max()
+        of_views = 100 * self.held_by_view[:, _SIGMA]
+        low, high = of_views.min(), of_views.max()
         return (
             f"one sigma of colour holds {100 * self.held[_SIGMA]:.0f} % of the pixels of {number} "
             f"held-out views, {low:.0f} to {high:.0f} % of a view; {100 * _ONE_SIGMA:.0f} % are due"
@@ -112,7 +115,7 @@ class Confidence:
         sizes = [len(each) for each in ratios]
         return dataclasses.replace(
             self, factors=factors, held=np.average(held, axis=0, weights=sizes),
-            held_by_view=np.array(held)[:, _SIGMA],
+            held_by_view=np.array(held),
         )  # fmt: skip
 
     def is_of(self, gaussians: Any) -> bool:

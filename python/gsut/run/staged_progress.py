@@ -34,6 +34,7 @@ class StagedProgress:
         file: where to write; standard error if None.
         clock: seconds; for tests.
         on_progress: receives {"stage", "share", "seconds_left", "text"} at every `show`.
+        pace: by which expected seconds are multiplied: how slow this machine is.
 
     Attributes:
         seconds: taken by each stage that is finished.
@@ -46,9 +47,11 @@ class StagedProgress:
         file: TextIO | None = None,
         clock: Callable[[], float] = time.monotonic,
         on_progress: Callable[[dict[str, Any]], None] | None = None,
+        pace: float = 1.0,
     ) -> None:
         self.seconds: dict[str, float] = {}
-        self._expected = dict(expected)
+        self._expected = {stage: pace * seconds for stage, seconds in expected.items()}
+        self._pace_of_machine = pace
         self._bars = Progress(enabled, file)
         self._clock, self._on_progress = clock, on_progress
         self._last: tuple[float, float, str] | None = None  # time of report, seconds left, words
@@ -65,7 +68,7 @@ class StagedProgress:
     def expect(self, stage: str, seconds: float) -> None:
         """Corrects the expected time of a stage that is not finished, or adds a stage."""
         if stage not in self.seconds:
-            self._expected[stage] = seconds
+            self._expected[stage] = self._pace_of_machine * seconds
 
     @contextlib.contextmanager
     def stage(self, name: str) -> Iterator[None]:

@@ -1,17 +1,54 @@
-"""Predicts how long a training still takes, from how its steps grow."""
+"""Predicts how long a training takes, from how its steps grow and how fast this machine is."""
 
 from __future__ import annotations
 
 import dataclasses
+import statistics
+import time
 
 import numpy as np
 
+from gsut import _core
 from gsut.data import Scene
+from gsut.gaussians import Gaussians
+from gsut.lens import Camera
 from gsut.optimize import compute_target_size
 from gsut.run import TrainOptions
 from gsut.time_left import Pace, predict_steps
 
 CURVE_VIEWS = 4  # held-out views measured during a training: enough to see its course
+# Gaussians of the picture that `measure_pace` draws and differentiates, and its pixels a side.
+_PROBE_GAUSSIANS = 20_000
+_PROBE_SIDE = 320
+# Seconds that this takes on one core of the machine whose rates `gsut.time_left` holds.
+_PROBE_SECONDS = 0.0116
+_PROBES = 5  # of which the median counts: other programs interrupt single ones
+
+
+def measure_pace() -> float:
+    """Measures how many times longer a core takes here than `gsut.time_left` expects.
+
+    It draws and differentiates a picture on all threads in use, within about a tenth of a second,
+    so processors that others use, or that a container withholds, count.
+    """
+    rng, shape, side = np.random.default_rng(0), (_PROBE_GAUSSIANS, 3), _PROBE_SIDE
+    gaussians = Gaussians(
+        rng.uniform((-1, -1, 2), (1, 1, 4), shape).astype(np.float32),
+        rng.normal(size=(_PROBE_GAUSSIANS, 4)).astype(np.float32),
+        rng.normal(-4.0, 0.5, shape).astype(np.float32),
+        rng.normal(size=_PROBE_GAUSSIANS).astype(np.float32),
+        rng.normal(0.0, 0.3, (_PROBE_GAUSSIANS, 4, 3)).astype(np.float32),
+    )
+    camera = Camera("pinhole", [0.8 * side, 0.8 * side, side / 2, side / 2], side, side)
+    renderer, image = _core.Renderer(), np.empty((side, side, 3), np.float32)
+    gradient, touched = np.full_like(image, 1e-3), np.zeros(_PROBE_GAUSSIANS, np.uint8)
+    seconds, gradients = [], gaussians.make_zeros()
+    for _ in range(1 + _PROBES):
+        began = time.perf_counter()
+        renderer.render(gaussians, _core.RenderJob(camera, np.eye(4), sh_degree=1), image)
+        renderer.backward(gradient, gradients, touched, write_untouched=False, with_poses=False)
+        seconds.append(time.perf_counter() - began)
+    return statistics.median(seconds[1:]) * _core.num_threads() / _PROBE_SECONDS
 
 
 def measure_megapixels(scene: Scene) -> float:
@@ -43,6 +80,7 @@ def track_training(
     held_out: int,
     step: int = 0,
     threads: int = 1,
+    pace: float = 1.0,
 ) -> Pace:
     """Starts to predict the time left of a training.
 
@@ -51,6 +89,7 @@ def track_training(
         held_out: number of held-out views; measuring one takes as long as a step at full size.
         step: steps that an earlier run has made.
         threads: that share the work.
+        pace: of this machine, see `measure_pace`.
     """
     work = predict_training_steps(options, first_count, megapixels)
     whole = dataclasses.replace(options, coarse_to_fine=(0.0, 0.0))
@@ -58,5 +97,5 @@ def track_training(
     if options.eval_every:
         is_due = np.arange(1, options.steps + 1) % options.eval_every == 0
         work = work + is_due * min(CURVE_VIEWS, held_out) * full
-    work = work / max(1, threads)
-    return Pace(work.tolist(), held_out * float(full[-1]) / max(1, threads), step)
+    rate = pace / max(1, threads)
+    return Pace((rate * work).tolist(), rate * held_out * float(full[-1]), step)

@@ -16,7 +16,11 @@ import gsut
 from gsut.cli import main
 from gsut.run import StagedProgress
 from gsut.time_left import Pace
-from gsut.training.time_left import predict_training_steps
+from gsut.training.time_left import (
+    measure_pace,
+    predict_training_steps,
+    track_training,
+)
 from small_videos import walk_past
 
 WORDS = ["--frames", "6", "--preset", "fast", "--steps", "40", "--threads", "1"]
@@ -282,3 +286,21 @@ def test_training_time_left_holds_though_steps_grow(slower):
             ratios.append(pace.predict_left(step) / (ends[-1] - end))
     assert len(ratios) > 200
     assert np.mean((np.array(ratios) < 1.5) & (np.array(ratios) > 1 / 1.5)) > 0.9
+
+
+def test_expected_seconds_are_of_this_machine():
+    bars = StagedProgress({"a": 10.0, "b": 5.0}, enabled=False, pace=3.0)
+    assert bars.estimate_left() == pytest.approx(45)
+    bars.expect("b", 10.0)
+    assert bars.estimate_left() == pytest.approx(60)
+    options = gsut.TrainOptions(preset="fast", max_gaussians=50_000).resolve()
+    left = [track_training(options, 9000, 0.4, 5, pace=pace).predict_left(0) for pace in (1.0, 3.0)]
+    assert 2.9 < left[1] / left[0] < 3.1  # the clock runs between them
+
+
+def test_a_slower_instruction_set_has_a_slower_pace():
+    paces, best = {}, gsut.machine.active_isa()
+    for isa in ("scalar", best):
+        gsut.machine.set_isa(isa)
+        paces[isa] = min(measure_pace() for _ in range(2))
+    assert best == "scalar" or paces[best] < paces["scalar"]

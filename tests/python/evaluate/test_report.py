@@ -12,6 +12,7 @@ import small_run
 from gsut import InputError
 from gsut.evaluate.report import _choose_views, write_report
 from gsut.page import format_duration, format_number
+from gsut.render import Confidence
 from gsut.run import TrainOptions
 from gsut.run.folder import RunFile, RunFolder
 
@@ -136,3 +137,20 @@ def test_report_of_the_same_run_is_the_same_bytes(run):
 def test_metrics_json_is_plain_json(run):
     metrics = json.loads((run.path / RunFile.METRICS).read_text(), parse_constant=pytest.fail)
     assert np.isfinite(metrics["psnr"])
+
+
+def test_report_shows_how_well_sigmas_hold_once_they_are_measured(run, rng):
+    before = (run.path / RunFile.REPORT).read_text()
+    assert "How sure a pixel is" not in before
+    nothing = np.zeros(len(small_run.GAUSSIANS))
+    measured = Confidence.from_sums(small_run.GAUSSIANS, nothing, nothing, nothing)
+    measured.save(run.path / RunFile.CONFIDENCE)
+    text = write_report(run).read_text()
+    assert "sigma of colour not calibrated" in text
+    sources = len(Page(text).sources)
+    measured.calibrate([rng.exponential(size=500) for _ in range(4)]).save(
+        run.path / RunFile.CONFIDENCE
+    )
+    text = write_report(run).read_text()
+    assert re.search(r"one sigma of colour holds \d+ % of the pixels of 4 held-out views", text)
+    assert len(Page(text).sources) == sources + 1

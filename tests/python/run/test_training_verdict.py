@@ -21,7 +21,11 @@ SOFT = {"psnr": 25.0, "detail_median": 0.6, "detail_min": 0.5, "detail_train": 0
     [
         ({}, "good", "", "gsut view run"),
         (SOFT, "usable", "steps and Gaussians are few", "gsut train data -o run-2 --preset best"),
-        ({**SOFT, "detail_median": 0.2}, "poor", "steps and Gaussians are few", "--preset best"),
+        ({**SOFT, "detail_median": 0.2}, "poor", "far sharper (65 %", "photograph more"),
+        (
+            {**SOFT, "detail_median": 0.2, "detail_train": 0.35},
+            "poor", "steps and Gaussians are few", "--preset best",
+        ),
         ({**SOFT, "detail_shifted_median": 0.7}, "usable", "poses or the lens are wrong", "doctor"),
         ({**SOFT, "detail_train": 0.9, "detail_shifted_median": 0.61}, "usable", "too few", ""),
         ({**SOFT, "detail_train": 0.9}, "usable", "too few photographs", "photograph more"),

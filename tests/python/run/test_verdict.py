@@ -1,10 +1,11 @@
 """The verdict: its words, and which of several counts."""
 
 import dataclasses
+import json
 
 import pytest
 
-from gsut.run.verdicts import Verdict, combine_verdicts, judge_pictures
+from gsut.run.verdicts import Fault, Verdict, combine_verdicts, judge_pictures
 
 GOOD = Verdict("good", "61 of 61 images registered")
 POOR = Verdict("poor", "12 dB", ("the poses do not fit",), "gsut doctor DATA")
@@ -25,6 +26,16 @@ def test_the_poorest_of_several_counts():
 def test_what_is_inferred_lowers_what_was_measured_by_one_level_at_most():
     found = combine_verdicts(GOOD, POOR)
     assert found == dataclasses.replace(POOR, level="usable")
+
+
+@pytest.mark.parametrize(("is_visible", "level"), [(True, "good"), (False, "usable")])
+def test_what_held_out_views_show_stays_a_reason_and_lowers_nothing(is_visible, level):
+    fault = Fault(2, "the focal length is known only to 12 %", "--fov", is_visible)
+    poses = Verdict.from_faults("poses of 17 of 17 images", [fault], "gsut train")
+    assert poses.level == "poor"  # of the poses themselves
+    poses = Verdict.from_dict(json.loads(json.dumps(poses.as_dict())))
+    found = combine_verdicts(GOOD, poses)
+    assert found.level == level and found.reasons == (fault.what,)
 
 
 def test_an_unknown_level_is_refused():

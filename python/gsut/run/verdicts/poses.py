@@ -83,6 +83,7 @@ def judge_poses(quality: PosesQuality) -> Verdict:
             0 if not q.motion else 2 if q.only_turned else 1,
             q.motion.split(":")[0],
             q.motion.rpartition(": ")[2],
+            is_visible=not q.only_turned,
         ),
         *([] if q.look_alikes is None else [Fault(2, q.look_alikes, _SEPARATE_PLACES)]),
         *q.pictures,
@@ -106,6 +107,7 @@ def judge_poses(quality: PosesQuality) -> Verdict:
             _count_missed(q.weakest, _OBSERVATIONS),
             f"weak overlap: the weakest images see {q.weakest:.0f} points of the others",
             "take more pictures between them, each showing two thirds of the one before",
+            is_visible=True,
         ),
         Fault(
             count_exceeded(turn, _READOUT_TURN),
@@ -120,17 +122,20 @@ def judge_poses(quality: PosesQuality) -> Verdict:
             else "let the lens be estimated: --unknown-lens"
             if is_given
             else "give --shutter rolling if the camera moved fast",
+            is_visible=True,
         ),
         Fault(
             count_exceeded(sigma, FOCAL_LIMITS),
             "the focal length is "
             + ("not determined" if sigma > 1 else f"known only to {100 * sigma:.1f} %"),
             "give the lens by --camera or --fov, or turn the camera more while you walk",
+            is_visible=True,
         ),
         Fault(
             count_exceeded(q.median_px / q.diagonal_px, _RESIDUAL),
             f"points are off by {q.median_px:.2f} px",
             "give --shutter rolling if the camera moved fast, or the lens by --camera",
+            is_visible=True,
         ),
     ]  # fmt: skip
     what = (

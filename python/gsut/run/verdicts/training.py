@@ -89,7 +89,8 @@ def _find_fault(metrics: dict[str, Any], repeat: _NextCommand) -> Fault | None:
 
     Where a shift of the whole picture brings detail back, poses or the lens are wrong. Where
     training views are soft themselves, the training has not shown what it was given. Where they are
-    sharp and held-out ones are not, the photographs did not determine the scene in between.
+    sharp and held-out ones are not, or these lose more against those than those have lost, the
+    photographs did not determine the scene in between.
     """
     detail, train = metrics["detail_median"], metrics.get("detail_train")
     if detail >= GOOD:
@@ -105,11 +106,12 @@ def _find_fault(metrics: dict[str, Any], repeat: _NextCommand) -> Fault | None:
         )
     if train is None:
         return Fault(1, "steps and Gaussians are few", repeat.make_longer())
-    if train >= GOOD:
+    if train >= GOOD or train - detail > 1 - train:
+        sharp = "sharp" if train >= GOOD else "far sharper"
         return Fault(
             1,
-            f"training views are sharp ({100 * train:.0f} % of their detail): between them are too "
-            "few photographs, or something moved",
+            f"training views are {sharp} ({100 * train:.0f} % of their detail): between them are "
+            "too few photographs, or something moved",
             "photograph more from between the places there are, while nothing moves",
         )
     soft = f"training views are soft, too ({100 * train:.0f} % of their detail)"

@@ -16,11 +16,13 @@ class Fault(NamedTuple):
         severity: 0 if there is nothing wrong; 1: the result is usable at most; 2: it is poor.
         what: the fault, in words.
         advice: what to do against it.
+        is_visible: whether held-out views show it, so that they decide how bad it is.
     """
 
     severity: int
     what: str
     advice: str
+    is_visible: bool = False
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,16 +34,19 @@ class Verdict:
         what: what was found, with the figures that say so; a sentence without its full stop.
         reasons: what keeps it from being better, the most important first; empty if good.
         advice: what to do next: a command, or what to photograph; may be empty.
+        hidden_level: the level by those reasons alone that no held-out view shows; None: `level`.
     """
 
     # Of `as_dict` in JSON, see `gsut.files.check_shape`.
     SHAPE: ClassVar[dict[str, Any]] = {
         "level": frozenset(LEVELS), "what": str, "reasons": [str], "advice": str,
+        "hidden_level?": (frozenset(LEVELS), type(None)),
     }  # fmt: skip
     level: str
     what: str
     reasons: tuple[str, ...] = ()
     advice: str = ""
+    hidden_level: str | None = None
 
     def __post_init__(self) -> None:
         if self.level not in LEVELS:
@@ -55,7 +60,8 @@ class Verdict:
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> Verdict:
         """Makes a verdict from the values of `as_dict`, also after a way through JSON."""
-        of_class = {field.name: values[field.name] for field in dataclasses.fields(cls)}
+        names = {field.name for field in dataclasses.fields(cls)}
+        of_class = {name: value for name, value in values.items() if name in names}
         return cls(**{**of_class, "reasons": tuple(values["reasons"])})
 
     @classmethod
@@ -69,7 +75,9 @@ class Verdict:
         """
         found = sorted((f for f in faults if f.severity > 0), key=lambda fault: -fault.severity)
         level = LEVELS[found[0].severity if found else 0]
-        return cls(level, what, tuple(f.what for f in found), found[0].advice if found else advice)
+        hidden = LEVELS[max((f.severity for f in found if not f.is_visible), default=0)]
+        advice = found[0].advice if found else advice
+        return cls(level, what, tuple(f.what for f in found), advice, hidden)
 
     def as_dict(self) -> dict[str, Any]:
         """Returns plain values for metrics.json, poses.json and `--json`."""
@@ -79,15 +87,17 @@ class Verdict:
 def combine_verdicts(measured: Verdict, *inferred: Verdict) -> Verdict:
     """Returns the poorest verdict (the first of equals), with the reasons of all that are not good.
 
-    What earlier stages infer about the result lowers what was measured of it by one level at most:
-    where held-out views are good, a poor guess of their causes cannot make the result poor.
+    What earlier stages infer about the result lowers what was measured of it by one level at most,
+    and only by what held-out views do not show: where these are good, a poor guess of their causes
+    stays a reason and lowers nothing.
 
     Args:
         measured: of the result itself.
         inferred: of the stages before.
     """
     verdicts = measured, *inferred
-    levels = [LEVELS.index(verdict.level) for verdict in verdicts]
+    levels = [LEVELS.index(measured.level)]
+    levels += [LEVELS.index(verdict.hidden_level or verdict.level) for verdict in inferred]
     level = min(max(levels), levels[0] + 1)
     poorest = verdicts[levels.index(max(levels))]
     reasons = (r for v in (poorest, *verdicts) if v.level != "good" for r in v.reasons)

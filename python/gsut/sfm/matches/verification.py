@@ -218,7 +218,7 @@ def explain_failure(
             "the camera only turned on the spot, so there is no depth: walk between the pictures"
         )
     faults = find_picture_faults(features)
-    reasons += [f"{what}: {advice}" for level, what, advice in faults if level == _POOR]
+    reasons += [f"{f.what}: {f.advice}" for f in faults if f.severity == _POOR]
     if len(features) < _FEW_IMAGES:
         reasons.append(f"{len(features)} images are few: take 20 or more")
     parallax = np.degrees(float(np.median([pair.parallax for pair in pairs] or [np.inf])))

@@ -18,7 +18,12 @@ from gsut.page import format_duration
 from gsut.run import Progress, RunFile, RunFolder, TrainOptions, describe_environment
 from gsut.time_left import Pace
 from gsut.training.loop import TrainingLoop
-from gsut.training.time_left import CURVE_VIEWS, measure_megapixels, track_training
+from gsut.training.time_left import (
+    CURVE_VIEWS,
+    measure_megapixels,
+    measure_pace,
+    track_training,
+)
 
 # Approximate number of rows of the history: the points that a plot can show.
 _MOST_ROWS = 200
@@ -87,6 +92,7 @@ class TrainingRecord:
         self._time = track_training(
             loop.options, len(loop.gaussians), measure_megapixels(loop.scene),
             len(loop.scene.test_indices), loop.step, num_threads(),
+            measure_pace() if self._progress else 1.0,
         )  # fmt: skip
         self._announce(loop, self._time.predict_left(loop.step))
         with self._bar:
