@@ -34,9 +34,10 @@ namespace {
 // Epipolar residual of a minimal solution, rays of unit length: units in the last place; worst
 // 5.2e-16.
 constexpr double kMinimalResidual = 1e-15;
-// Distance of the best of a minimal solver's solutions to the truth, in 300 random problems each;
-// worst 1.6e-8 (five points) and 1.8e-12 (three points).
-constexpr double kMinimalTruth = 3e-8;
+// Distance of the best of a minimal solver's solutions to the truth, in 300 random problems each:
+// five points, worst 1.6e-8 (GCC) and 8.2e-8 (clang for Windows); three points, worst 1.8e-12.
+constexpr double kFivePointTruth = 2e-7;
+constexpr double kThreePointTruth = 1e-10;
 // Central differences in double, relative; worst 1.3e-9.
 constexpr double kDifferences = 2.6e-9;
 // Exact data: where Levenberg-Marquardt stops, which is not yet rounding; worst 1.0e-7.
@@ -99,7 +100,7 @@ TEST(Bearing, ResidualDerivativeAgreesWithDifferences) {
 
 TEST(FivePoint, FindsTheTruthAmongItsSolutionsAllAroundTheSphere) {
   Numbers numbers(3);
-  int solved = 0;
+  double worst = 0.0;
   for (int problem = 0; problem < 300; ++problem) {
     Pose pose = numbers.RandomPose(1.0);
     pose.translation.normalize();
@@ -115,14 +116,14 @@ TEST(FivePoint, FindsTheTruthAmongItsSolutionsAllAroundTheSphere) {
       for (int i = 0; i < 5; ++i) EXPECT_LT(std::abs(rays2[i].dot(e * rays1[i])), kMinimalResidual);
       nearest = std::min({nearest, (e - truth).norm(), (e + truth).norm()});
     }
-    solved += nearest < kMinimalTruth;
+    worst = std::max(worst, nearest);
   }
-  EXPECT_EQ(solved, 300);
+  EXPECT_LT(worst, kFivePointTruth);
 }
 
 TEST(ThreePoint, FindsTheTruthAmongItsSolutionsAllAroundTheSphere) {
   Numbers numbers(4);
-  int solved = 0;
+  double worst = 0.0;
   for (int problem = 0; problem < 300; ++problem) {
     const Pose truth = numbers.RandomPose(2.0);
     std::array<Eigen::Vector3d, 3> rays, points;
@@ -136,9 +137,9 @@ TEST(ThreePoint, FindsTheTruthAmongItsSolutionsAllAroundTheSphere) {
     for (const Pose& pose : poses) {
       nearest = std::min(nearest, (pose.Matrix() - truth.Matrix()).norm());
     }
-    solved += nearest < kMinimalTruth;
+    worst = std::max(worst, nearest);
   }
-  EXPECT_EQ(solved, 300);
+  EXPECT_LT(worst, kThreePointTruth);
 }
 
 TEST(ThreePoint, CollinearPointsGiveNothing) {

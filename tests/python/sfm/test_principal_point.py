@@ -78,3 +78,19 @@ def test_center_is_estimated_unless_a_video_may_have_a_rolling_shutter(signs, is
     else:
         assert error == pytest.approx([WIDER / 2, 0], abs=tolerances.CENTER_HELD_PX)
         assert "was not estimated" in " ".join(run.log.notes)
+
+
+@pytest.mark.parametrize(("relief", "turn", "pixels"), [(0.3, 0.5, 0), (0.3, 0.0, WIDER)])
+def test_center_stays_where_it_is_in_the_middle_and_where_the_motion_leaves_it_open(
+    relief, turn, pixels
+):
+    run = fly(np.random.default_rng(1), relief=relief, turn=turn)
+    if pixels:
+        run.solution = adjust_registered(
+            widen(run), run.features, run.pairs, run.options, adjustment=Adjustment(FREE)
+        )
+    before = run.solved.camera_from_world.copy()
+    free_center(run)
+    np.testing.assert_array_equal(run.solved.camera_from_world, before)
+    judge_lens(run)
+    assert run.found.figures["principal_point"]["estimated"] is False

@@ -10,17 +10,25 @@ import numpy as np
 from gsut._core import SolveError
 from gsut.lens import Camera
 from gsut.sfm.lens.candidates import explain_implausible
-from gsut.sfm.lens.covariance import LensCovariance
+from gsut.sfm.lens.covariance import LensCovariance, estimate_lens_covariances
+from gsut.sfm.lens.critical_motion import find_critical_motion
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import keep_most_distinct
-from gsut.sfm.solution import CENTER, CENTER_SIGMA, Adjustment, adjust_registered
+from gsut.sfm.solution import (
+    CENTER,
+    CENTER_SIGMA,
+    FEATURE_VARIANCE,
+    Adjustment,
+    Solution,
+    adjust_registered,
+)
 
 # Standard deviations from nothing of a video's readout time above which a rolling shutter is
 # suspected: a camera that walks while it reads its lines looks like one of another centre.
 _SUSPECTED = 2.0
 # Share of the prior's standard deviation below which images determine a principal point.
 _DETERMINED = 0.5
-# Standard deviations from the middle of the picture that deserve a note.
+# Standard deviations from the middle of the picture that are beyond doubt and deserve a note.
 _CLEARLY_OFF = 3.0
 _TRIAL_MATCHES = 150  # of a pair, the most distinct, in a first adjustment
 _FREE = 1  # flag of a parameter that is estimated by itself
@@ -29,14 +37,17 @@ _FREE = 1  # flag of a parameter that is estimated by itself
 def free_center(mapping: Mapping) -> None:
     """Estimates the principal point with everything else, near the middle as far as priors say.
 
-    The middle was assumed so far. Does nothing where the lens is known, under a rolling shutter,
-    for two lenses in one frame, and for a video that may have a rolling shutter: there it stays.
-    Sets the mapping's solution and `lens_free`.
+    The middle was assumed so far. It stays where the lens is known, under a rolling shutter, for
+    two lenses in one frame, for a video that may have a rolling shutter, after a motion that leaves
+    the lens open, and unless the images clearly place it elsewhere: without that evidence two more
+    unknowns only cost accuracy. Else sets the mapping's solution and `lens_free`.
     """
     solution, flags, photographs = mapping.solved, mapping.one_lens_free, mapping.photographs
     if flags is None or solution.shutter is not None or photographs.frames is not None:
         return
     if photographs.flows and not mapping.found.figures.get("shutter_signs", math.inf) < _SUSPECTED:
+        return
+    if find_critical_motion(solution, mapping.pairs) is not None:
         return
     freed = flags.copy()
     freed[list(CENTER)] = _FREE
@@ -55,11 +66,22 @@ def free_center(mapping: Mapping) -> None:
     if found.num_registered < solution.num_registered:
         return
     lens = found.cameras[int(np.flatnonzero(found.registered)[0])]
-    if explain_implausible(lens, mapping.features) is None:
+    is_off = _is_clearly_off(found, lens, freed, mapping.options.loss_scale)
+    if is_off and explain_implausible(lens, mapping.features) is None:
         found = dataclasses.replace(
             found, initial_pair=solution.initial_pair, restarts=solution.restarts
         )
         mapping.solution, mapping.lens_free = found, freed
+
+
+def _is_clearly_off(solution: Solution, lens: Camera, flags: np.ndarray, loss_scale: float) -> bool:
+    """Decides whether the principal point differs from the middle beyond doubt."""
+    try:
+        known = estimate_lens_covariances(solution, flags, loss_scale, FEATURE_VARIANCE)[0]
+    except SolveError:
+        return False
+    off = lens.params[list(CENTER)] - [lens.width / 2, lens.height / 2]
+    return bool(np.linalg.norm(off / known.sigmas[list(CENTER)]) > _CLEARLY_OFF)
 
 
 def describe_center(mapping: Mapping, lens: Camera, known: LensCovariance | None) -> None:

@@ -1,0 +1,80 @@
+"""Motions and scenes that leave an unknown lens open."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from gsut.data.poses import find_centers
+from gsut.sfm.matches import PairMatches
+from gsut.sfm.solution import Solution, measure_rotation_angles
+
+TURNED = "the camera mostly turned on the spot"  # how that sentence begins
+_STRAIGHT = 0.03  # second over first extent of the camera centres, below which they lie on a line
+_FLAT = 0.03  # third over second extent of the points, below which they lie in a plane
+_LITTLE_TURN = math.radians(10.0)  # between the views: it constrains no lens
+_LITTLE_PARALLAX = math.radians(2.0)  # too little for depths that serve other views
+_TURN_SHARE = 0.1  # parallax of a pair over its turn, below which the camera only turned
+_MOSTLY = 0.8  # share of the pairs that speaks for the whole capture
+_TURNED_ONLY = 0.9  # share of a pair's matches that a rotation must explain
+
+
+def find_critical_motion(solution: Solution, pairs: Sequence[PairMatches]) -> str | None:
+    """Finds why the motion or the scene leaves the lens open, as a sentence; None if nothing does.
+
+    A straight flight without turns: a longer focal length with a longer path gives the same images.
+    A turn about one point: no depth. A plane seen from one height: no depth differences, so that
+    focal length and height trade off (Sturm, "Critical motion sequences for monocular
+    self-calibration", CVPR 1997).
+
+    Args:
+        pairs: verified matches.
+    """
+    poses = solution.camera_from_world[solution.registered]
+    turned = [pair.rotation_matches > _TURNED_ONLY * len(pair.matches) for pair in pairs]
+    parallax = np.array([pair.parallax for pair in pairs])
+    turns = measure_rotation_angles(
+        np.array([p.second_from_first[:3, :3] for p in pairs]).reshape(-1, 3, 3)
+    )
+    # A rolling shutter or a step to the side is more than a rotation explains.
+    beside = parallax < _TURN_SHARE * turns
+    mostly = pairs and max(np.mean(turned), np.mean(beside)) > _MOSTLY
+    if mostly and float(np.median(parallax)) < _LITTLE_PARALLAX:
+        return (
+            f"{TURNED}, so depths are hardly known and nothing can be seen from elsewhere: walk "
+            "between the pictures, sideways to what you film"
+        )
+    extents = _measure_extents(find_centers(poses))
+    middle = poses[len(poses) // 2, :3, :3]
+    angles = measure_rotation_angles(poses[:, :3, :3] @ middle.T)
+    still = float(np.percentile(angles, 90)) < _LITTLE_TURN
+    if extents[1] < _STRAIGHT * extents[0] and still:
+        return (
+            "the camera moved straight on without turning, so the focal length and the length of "
+            "the path along the view can replace each other: film a curve, or turn the camera "
+            "while you move, some pictures upright and some on their side"
+        )
+    flat = _measure_extents(_drop_far_points(solution.points))
+    if flat[2] < _FLAT * flat[1] and still:
+        return (
+            "everything seen lies in one plane and was seen from one direction, so focal length "
+            "and distance can replace each other: add pictures tilted by 30 degrees or more, or "
+            "with things of different height"
+        )
+    return None
+
+
+def _drop_far_points(points: np.ndarray) -> np.ndarray:
+    """Drops the farthest tenth of the points, as single outliers are no depth."""
+    distance = np.linalg.norm(points - np.median(points, axis=0), axis=1)
+    return points[distance <= np.percentile(distance, 90)] if len(points) else points
+
+
+def _measure_extents(points: np.ndarray) -> np.ndarray:
+    """Returns (3,) the singular values about the mean, largest first."""
+    if len(points) < 3:
+        return np.array([1.0, 0.0, 0.0])
+    values = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
+    return np.maximum(values, 1e-300 * np.ones(3))
