@@ -17,7 +17,7 @@ _SH_COEFFICIENTS = 16  # of degree 3
 def list_cases(settings: Settings) -> Iterator[Row]:
     """Lists the numbers of channels, without any first: the others are compared with it."""
     for count in dict.fromkeys((0, *settings.channels)):
-        yield {"channels": count}
+        yield {"channels": str(count), "_count": count}
 
 
 def make_scene(words: str) -> tuple[gsut.LinearGaussians, gsut.Camera]:
@@ -76,12 +76,12 @@ _alone: dict[tuple[str, int], tuple[float, float]] = {}  # the times without cha
 def measure(case: Row, settings: Settings) -> Row:
     """Measures one number of channels."""
     gsut.set_num_threads(settings.threads)
-    passes = _Passes(settings.size, case["channels"])
+    passes = _Passes(settings.size, case["_count"])
     result = passes.draw()
     forward = _take_least(passes.draw, settings.calls)
     backward = _take_least(lambda: passes.differentiate(result), settings.calls)
     key = (settings.size, settings.threads)
-    if case["channels"] == 0:
+    if case["_count"] == 0:
         _alone[key] = (forward, backward)
     alone = _alone[key]
     return {
@@ -93,7 +93,7 @@ def measure(case: Row, settings: Settings) -> Row:
 BENCHMARK = Benchmark(
     help="channels beside the colour: the price of a render and of its gradients",
     columns=(
-        Column("channels", form="d"),
+        Column("channels"),
         Column("forward", unit="CPU-ms", form=".1f"),
         Column("backward", unit="CPU-ms", form=".1f"),
         Column("forward_ratio", "forward, colour alone = 1", form=".2f"),

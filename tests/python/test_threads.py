@@ -77,6 +77,31 @@ def blocks(folder):
     return gsut.BlocksResult(folder / "blocks.ply", {}, None, None)
 
 
+def map_folder(folder):
+    scene = gsut.load_dataset(folder)
+    (folder / "maps").mkdir(exist_ok=True)
+    for number, view in enumerate(scene.views):
+        file = (folder / "maps" / view.name).with_suffix(".npy")
+        file.parent.mkdir(exist_ok=True)
+        np.save(file, np.full((4, 4), number))
+    return gsut.rendering.MapFolder(folder / "maps", scene)
+
+
+def lifted():
+    features = np.random.default_rng(3).uniform(size=(len(blobs()), 2)).astype(np.float32)
+    return gsut.rendering.Lifted(features, blobs().means[:, 2].copy(), np.array([4, 7], np.int32))
+
+
+def confidence():
+    sums = np.random.default_rng(4).uniform(1, 2, (3, len(blobs()))).astype(np.float32)
+    return gsut.rendering.Confidence.from_sums(blobs(), *sums)
+
+
+def take_sigmas(sure, pose):
+    found = gsut.render(blobs(), fisheye(), pose, confidence=sure)
+    return bits((found.color_sigma, found.depth_sigma, found.seen_views))
+
+
 # Of each class with methods: how to make one, and what threads ask of it.
 SHARED = {
     "Scene": (
@@ -142,6 +167,19 @@ SHARED = {
     "BlendRule": (
         lambda _: gsut.BlendRule("3dgrut"),
         [lambda rule: gsut.render(blobs(), fisheye(), POSE, blend=rule), lambda rule: rule.near_z],
+    ),
+    "MapFolder": (
+        map_folder, [lambda maps, i=i: maps[list(maps)[i]] for i in range(6)] + [len]
+    ),
+    "Lifted": (
+        lambda _: lifted(),
+        [lambda found, i=i: found.render(blobs(), fisheye(), moved(0.05 * i)) for i in range(5)]
+        + [lambda found: found.labels],
+    ),
+    "Confidence": (
+        lambda _: confidence(),
+        [lambda sure, i=i: take_sigmas(sure, moved(0.05 * i)) for i in range(5)]
+        + [lambda sure: sure.describe()],
     ),
     "Verdict": (lambda _: gsut.Verdict("good", "a scene"), [str, lambda v: v.as_dict()]),
     "Mesh": (

@@ -23,8 +23,9 @@ from gsut.sfm.rig.fit import solve_rig
 from gsut.sfm.rig.images import find_rig_photographs
 from gsut.sfm.rig.start import place_rig
 from gsut.sfm.solution import Adjustment
+from gsut.sfm.solution.adjustment import RigConstraint
 from gsut.sfm.solution.result import FEATURE_VARIANCE
-from gsut.sfm.solution.solver import RigConstraint, adjust_poses
+from gsut.sfm.solution.solver import adjust_poses
 from gsut.sfm.world.comparison import compare_poses
 from synthetic_rig import BACKWARD, STEREO, SyntheticRig, pose_of
 
