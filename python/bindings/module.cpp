@@ -89,5 +89,6 @@ Returns:
   BindSfmStructure(m);
   BindSfmPhotometric(m);
   BindSurface(m);
+  BindStereo(m);
   BindFormats(m);
 }

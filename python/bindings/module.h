@@ -22,6 +22,7 @@ void BindSfmMatching(pybind11::module_& m);
 void BindSfmStructure(pybind11::module_& m);
 void BindSfmPhotometric(pybind11::module_& m);
 void BindSurface(pybind11::module_& m);
+void BindStereo(pybind11::module_& m);
 void BindFormats(pybind11::module_& m);
 
 }  // namespace gsut::bindings

@@ -347,6 +347,27 @@ class TriangleTree:
 
 def mesh_parts(num_vertices: int, faces: NDArray[np.uint32]) -> NDArray[np.uint32]: ...
 
+class Sweep:
+    def __init__(self, grey: NDArray[np.float32], depths: int, cell: int) -> None: ...
+    def add(
+        self,
+        grey: NDArray[np.float32],
+        places: NDArray[np.float32],
+        nearness: NDArray[np.float32] | None = None,
+        shown: NDArray[np.float32] | None = None,
+        trust: NDArray[np.float32] | None = None,
+    ) -> None: ...
+    def solve(
+        self,
+        counts: NDArray[np.bool_],
+        contrast: float,
+        step: float,
+        agreement: float,
+        near_step: float,
+        far_step: float,
+        edge: float,
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]: ...
+
 class DepthViews:
     def __init__(self, center: Sequence[float]) -> None: ...
     def add(

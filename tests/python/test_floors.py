@@ -17,7 +17,7 @@ FLOORS = {
     **dict.fromkeys(("gaussians", "lens", "run", "page"), 1),
     **dict.fromkeys(("render", "optimize", "data", "formats"), 2),
     **dict.fromkeys(("capture", "sfm", "evaluate", "compact", "surface", "lifting"), 3),
-    **dict.fromkeys(("refine", "check", "demo"), 4),
+    **dict.fromkeys(("refine", "check", "demo", "stereo"), 4),
     "training": 5,
     **dict.fromkeys(("train", "blocks", "view"), 6),
     **dict.fromkeys(("scene", "poses", "edit", "loop", "rendering", "machine"), 7),

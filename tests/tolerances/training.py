@@ -12,6 +12,3 @@ BLUR_ROUNDING = 1e-5  # square, mean and root in float; observed 1e-7
 BLUR_STEP = 1e-3  # of the central difference
 BLUR_GRADIENT = 0.04  # of float renders, cut off at faint Gaussians; worst 0.019
 BLUR_GAINED_DB = 3.0  # 200 steps on blobs; observed 6.7
-SWEPT_MEDIAN = 0.02  # of the distance, on pictures of 96 x 64 pixels, spheres 2 % apart
-SWEPT_FAR, SWEPT_SHARE = 0.1, 0.1  # of the distance; of the points
-SWEPT_BY_CHANCE = 0.03  # of the points, farther off than SWEPT_FAR; worst 0.016, 0.23 unchecked

@@ -1,6 +1,7 @@
 """A dataset in memory: `Scene` and its views, their split, shutter, depths and normals."""
 
 from gsut.data.scene.digests import capture_state, describe_changes, digest_scene
+from gsut.data.scene.lines import find_line_times, interpolate_poses, project_points
 from gsut.data.scene.maps import MILLIMETRE, read_depth, read_normals
 from gsut.data.scene.scene import Scene, View, keep_at_most
 from gsut.data.scene.shutter import find_time_neighbours, order_frames, split_exposure, with_shutter
@@ -20,12 +21,15 @@ __all__ = [
     "count_lens_turns",
     "describe_changes",
     "digest_scene",
+    "find_line_times",
     "find_time_neighbours",
     "find_up",
     "find_upright_poses",
     "hold_out_views",
+    "interpolate_poses",
     "keep_at_most",
     "order_frames",
+    "project_points",
     "read_depth",
     "read_normals",
     "split_exposure",

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from gsut.data import Scene
-from gsut.data.scene import read_depth
-from gsut.training.lines import project_points
+from gsut.data.scene import project_points, read_depth
 
 # A point is hidden if it is this many times as far as the nearest one in its cell of the image:
 # surfaces seen at a slant span less within a cell.

@@ -12,9 +12,9 @@ import gsut
 import tolerances as tol
 from gsut.data import Scene, scene_from_arrays
 from gsut.lens import Camera
-from gsut.training.first.plane_sweep import find_points_by_sweep
+from gsut.stereo import find_points_by_stereo
 from gsut.training.first.seeding import choose_first_gaussians
-from gsut.training.lines import interpolate_poses
+from gsut.data.scene import interpolate_poses
 
 LENSES = {
     "pinhole": Camera("pinhole", [70.0, 70.0, 48.0, 32.0], 96, 64),
@@ -62,8 +62,8 @@ def wall_scene(camera: Camera, *, rolling: bool = False, plain: bool = False) ->
 
 @pytest.mark.parametrize("lens", LENSES)
 @pytest.mark.parametrize("rolling", [False, True])
-def test_swept_points_of_a_wall_lie_on_it(lens: str, rolling: bool) -> None:
-    found = find_points_by_sweep(wall_scene(LENSES[lens], rolling=rolling), 500, 0)
+def test_points_of_stereo_of_a_wall_lie_on_it(lens: str, rolling: bool) -> None:
+    found = find_points_by_stereo(wall_scene(LENSES[lens], rolling=rolling), 500, 0)
     assert found is not None
     points, colors = found
     assert points.shape == colors.shape == (500, 3) and colors.dtype == np.uint8
@@ -72,7 +72,7 @@ def test_swept_points_of_a_wall_lie_on_it(lens: str, rolling: bool) -> None:
 
 
 @pytest.mark.parametrize("lens", LENSES)
-def test_swept_points_that_only_chance_shows_are_left_out(lens: str) -> None:
+def test_points_of_stereo_that_only_chance_shows_are_left_out(lens: str) -> None:
     scene, camera = wall_scene(LENSES[lens]), LENSES[lens]
     images = [scene.image(view) for view in range(len(CENTERS))]
     noise = np.random.default_rng(5).uniform(0, 255, images[0].shape[:2]).astype(np.float32)
@@ -80,35 +80,35 @@ def test_swept_points_that_only_chance_shows_are_left_out(lens: str) -> None:
     grey = np.clip(128 + 50 * (soft - soft.mean()) / soft.std(), 0, 255).astype(np.uint8)
     images[1] = np.repeat(grey[..., None], 3, -1)  # of something else
     poses = scene.poses(range(len(CENTERS)))
-    found = find_points_by_sweep(scene_from_arrays(images, camera, poses, test_every=0), 500, 0)
+    found = find_points_by_stereo(scene_from_arrays(images, camera, poses, test_every=0), 500, 0)
     assert found is not None and len(found[0]) == 500
     off = np.abs(found[0][:, 2] - WALL) / WALL
     assert np.mean(off > tol.SWEPT_FAR) < tol.SWEPT_BY_CHANCE
 
 
-def test_swept_points_of_few_views_lie_between_the_distances_of_given_points() -> None:
+def test_points_of_stereo_of_few_views_lie_between_the_distances_of_given_points() -> None:
     scene = wall_scene(LENSES["pinhole"])
     given = np.random.default_rng(0).uniform([-1, -1, 2.8], [1, 1, 3.2], (200, 3))
     colors = np.full(given.shape, 128, np.uint8)
-    found = find_points_by_sweep(scene.replace(points=given, point_colors=colors), 500, 0)
+    found = find_points_by_stereo(scene.replace(points=given, point_colors=colors), 500, 0)
     assert found is not None
     off = np.abs(found[0][:, 2] - WALL) / WALL
     assert np.median(off) < tol.SWEPT_MEDIAN and np.mean(off > tol.SWEPT_FAR) < tol.SWEPT_BY_CHANCE
 
 
-def test_swept_points_of_three_views_that_hardly_agree_are_taken_all_the_same() -> None:
+def test_points_of_stereo_of_three_views_that_hardly_agree_are_taken_all_the_same() -> None:
     scene = wall_scene(LENSES["pinhole"]).replace(train_indices=[0, 1, 2])
-    found = find_points_by_sweep(scene, 500, 0)
+    found = find_points_by_stereo(scene, 500, 0)
     assert found is not None and len(found[0]) >= 100
 
 
-def test_swept_points_are_the_same_on_any_number_of_threads() -> None:
+def test_points_of_stereo_are_the_same_on_any_number_of_threads() -> None:
     scene, before = wall_scene(LENSES["pinhole"]), gsut.num_threads()
     try:
         found = []
         for threads in (1, 2):
             gsut.set_num_threads(threads)
-            found.append(find_points_by_sweep(scene, 300, 1))
+            found.append(find_points_by_stereo(scene, 300, 1))
         assert all(np.array_equal(a, b) for a, b in zip(*found, strict=True))
     finally:
         gsut.set_num_threads(before)
@@ -116,13 +116,13 @@ def test_swept_points_are_the_same_on_any_number_of_threads() -> None:
 
 def test_first_gaussians_of_photographs_without_texture_are_random() -> None:
     scene = wall_scene(LENSES["pinhole"], plain=True)
-    assert find_points_by_sweep(scene, 500, 0) is None
+    assert find_points_by_stereo(scene, 500, 0) is None
     options = gsut.TrainOptions(max_gaussians=2000).resolve()
     gaussians, notes = choose_first_gaussians(scene, options)
     assert len(gaussians) == 2000 and not notes
 
 
-def test_first_gaussians_add_swept_ones_where_points_are_few_and_nothing_else_is_asked() -> None:
+def test_first_gaussians_add_points_of_stereo_where_others_cover_little_and_nothing_else_is_asked() -> None:
     scene = wall_scene(LENSES["pinhole"])
     points = np.random.default_rng(0).uniform([-1, -1, 2], [1, 1, 4], (50, 3))
     known = scene.replace(points=points, point_colors=np.full((50, 3), 128, np.uint8))

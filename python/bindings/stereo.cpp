@@ -1,0 +1,96 @@
+// Binds gsut/surface/sweep_scores.h: distances by comparison of photographs.
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+#include <tuple>
+#include <vector>
+
+#include "bindings/arrays.h"
+#include "bindings/long_call.h"
+#include "bindings/module.h"
+#include "gsut/surface/sweep_scores.h"
+
+namespace gsut::bindings {
+namespace {
+
+// The neighbours of one photograph at tried distances; arrays are kept, not copied.
+class Sweep {
+ public:
+  Sweep(const py::object& grey, int depths, int cell) : grey_object_(grey) {
+    const py::array array = py::reinterpret_borrow<py::array>(grey);
+    if (array.ndim() != 2 || depths < 3 || cell < 1) {
+      throw InputError("grey must have two dimensions, depths be at least 3, and cell at least 1");
+    }
+    grid_ = {static_cast<int>(array.shape(1)), static_cast<int>(array.shape(0)), depths, cell};
+    grey_ = ConstData<float>(grey, "grey", {grid_.height, grid_.width});
+  }
+
+  void Add(const py::object& grey, const py::object& places, const py::object& nearness,
+           const py::object& shown, const py::object& trust) {
+    const py::array array = py::reinterpret_borrow<py::array>(grey);
+    if (array.ndim() != 2) throw InputError("grey must have two dimensions");
+    if (nearness.is_none() != shown.is_none() || shown.is_none() != trust.is_none()) {
+      throw InputError("nearness, shown and trust belong together: give all or none");
+    }
+    const std::int64_t h = array.shape(0), w = array.shape(1);
+    const std::int64_t depths = grid_.depths, rows = grid_.rows(), columns = grid_.columns();
+    SweepNeighbour other;
+    other.width = static_cast<int>(w);
+    other.height = static_cast<int>(h);
+    other.grey = ConstData<float>(grey, "grey", {h, w});
+    other.places = ConstData<float>(places, "places", {depths, rows, columns, 2});
+    other.nearness = OptionalData<float>(nearness, "nearness", {depths, rows, columns});
+    other.shown = OptionalData<float>(shown, "shown", {h, w});
+    other.trust = OptionalData<float>(trust, "trust", {h, w});
+    neighbours_.push_back(other);
+    kept_.append(py::make_tuple(grey, places, nearness, shown, trust));
+  }
+
+  std::tuple<py::array_t<float>, py::array_t<float>> Solve(const py::object& counts, float contrast,
+                                                           float step, float agreement,
+                                                           float near_step, float far_step,
+                                                           float edge) const {
+    const bool* mask = ConstData<bool>(counts, "counts", {grid_.height, grid_.width});
+    auto best = NewArray<float>({grid_.height, grid_.width});
+    auto score = NewArray<float>({grid_.height, grid_.width});
+    float *bests = best.mutable_data(), *scores_of = score.mutable_data();
+    const SweepOptions options{contrast, step, agreement, near_step, far_step, edge};
+    {
+      const LongCall released;
+      std::vector<float> scores(grid_.pixels() * grid_.depths);
+      ScoreWindows(grid_, grey_, neighbours_, options, scores.data());
+      ChooseDistances(grid_, grey_, mask, scores.data(), options, bests, scores_of);
+    }
+    return {std::move(best), std::move(score)};
+  }
+
+ private:
+  py::object grey_object_;
+  SweepGrid grid_;
+  const float* grey_ = nullptr;
+  std::vector<SweepNeighbour> neighbours_;
+  py::list kept_;
+};
+
+}  // namespace
+
+void BindStereo(py::module_& m) {
+  py::class_<Sweep>(m, "Sweep",
+                    "Compares a photograph with neighbours at tried distances, see gsut.stereo.")
+      .def(py::init<const py::object&, int, int>(), py::arg("grey"), py::arg("depths"),
+           py::arg("cell"),
+           "grey (H, W) float32, 0 where masked; the number of distances; pixels a side of the "
+           "cells at whose centres places are given.")
+      .def("add", &Sweep::Add, py::arg("grey"), py::arg("places"), py::arg("nearness") = py::none(),
+           py::arg("shown") = py::none(), py::arg("trust") = py::none(),
+           "Adds a neighbour: grey (h, w), places (depths, rows, columns, 2) of the cells' centres "
+           "in it, NaN where unseen; and together inverse distances from it (depths, rows, columns), "
+           "those that it shows (h, w), 0 where unknown, and the trust in them (h, w). All "
+           "float32.")
+      .def("solve", &Sweep::Solve, py::arg("counts"), py::arg("contrast"), py::arg("step"),
+           py::arg("agreement"), py::arg("near_step"), py::arg("far_step"), py::arg("edge"),
+           "Returns the number, with a fraction, of each pixel's distance and its score, each "
+           "(H, W) float32; `counts` (H, W) bool is False where a pixel has no say.");
+}
+
+}  // namespace gsut::bindings

@@ -1,0 +1,101 @@
+"""`gsut depth`: depth maps of photographs from their poses and lenses, without training."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from gsut.cli._flags import add_force, add_json, add_quiet, check_first, print_json, whole
+from gsut.files import check_name, refuse_existing, whole_folder
+
+if TYPE_CHECKING:
+    from gsut.data import Frame, Scene
+    from gsut.surface import DepthMap
+
+HELP = "depth maps of photographs with poses, without training"
+DESCRIPTION = (
+    "Compares the photographs through their lenses and shutters and writes what each shows: "
+    "DEPTH/depth/NAME.npy, distances along the rays in the dataset's unit, NaN where unknown; "
+    "DEPTH/confidence/NAME.npy, from 0 to 1; DEPTH/points.ply; and DEPTH/transforms.json, a dataset "
+    "of the same photographs with these depths and points."
+)
+
+_POINTS = "points.ply"
+
+
+def add_flags(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("data", metavar="DATA", help="the dataset")
+    parser.add_argument("-o", "--out", metavar="DEPTH", required=True, help="new folder")
+    parser.add_argument(
+        "--agree",
+        type=whole,
+        metavar="N",
+        default=1,
+        help="other photographs that must show the same surface at a pixel; 0: every pixel gets a "
+        "depth [default 1]",
+    )
+    add_force(parser)
+    add_quiet(parser)
+    add_json(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    import gsut
+    from gsut.data import write_transforms
+    from gsut.run import Progress
+    from gsut.surface import points_from_depth, save_mesh
+
+    out = Path(arguments.out)
+    check_name(out)
+    if not out.is_dir():
+        refuse_existing(out, " with -o")
+    scene = gsut.load_dataset(arguments.data, test_every=0)
+    check_first(scene, arguments.force, quiet=True)
+    with Progress(not arguments.quiet) as bars:
+        maps = gsut.stereo(
+            scene,
+            agree=arguments.agree,
+            on_view=lambda done, total: bars.show("sweeps", done, total),
+        )
+    with whole_folder(out) as folder:
+        frames = [_write_view(scene, view, found, folder) for view, found in enumerate(maps)]
+        points = points_from_depth(maps)
+        save_mesh(folder / _POINTS, points)
+        test = [scene.views[view].name for view in scene.test_indices]
+        write_transforms(
+            folder / "transforms.json", frames, points_file=_POINTS, test=test or None
+        )
+    known = float(np.mean([np.isfinite(m.depth[scene.mask(i)]).mean() for i, m in enumerate(maps)]))
+    figures = {"photographs": len(maps), "known": known, "points": len(points.vertices), "out": out}
+    if arguments.json:
+        print_json(figures)
+    elif not arguments.quiet:
+        print(f"depths of {known:.0%} of the pixels of {len(maps)} photographs, "
+              f"{len(points.vertices):,} points: {out}")  # fmt: skip
+    return 0
+
+
+def _write_view(scene: Scene, view: int, found: DepthMap, folder: Path) -> Frame:
+    """Writes the depth and confidence of a view; returns its frame, which names them."""
+    from gsut.data import Frame
+    from gsut.data.poses import invert_pose
+
+    of = scene.views[view]
+    files = {name: folder / name / f"{of.name}.npy" for name in ("depth", "confidence")}
+    for file, values in zip(files.values(), (found.depth, found.weight), strict=True):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        np.save(file, values)
+    ends: dict[str, Any] = {}
+    if of.shutter is not None:
+        ends = {
+            "world_from_camera_start": invert_pose(of.camera_from_world_start),
+            "world_from_camera_end": invert_pose(of.camera_from_world_end),
+            "shutter": of.shutter,
+        }
+    return Frame(
+        of.name, of.image_path, scene.file_cameras[of.camera_index],
+        invert_pose(of.camera_from_world), mask_path=of.mask_path, depth_path=files["depth"], **ends,
+    )  # fmt: skip

@@ -1,0 +1,93 @@
+"""Chooses points of what photographs show, so that they cover all that is seen."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from gsut.data import Scene
+from gsut.data.scene import project_points
+from gsut.gaussians import choose_points
+from gsut.stereo.sweep import Shown, find_distances
+
+# Number of photographs up to which all get distances.
+_FEWEST_VIEWS = 20
+# Most photographs that get distances; in between, a quarter of all, evenly chosen.
+_MOST_VIEWS = 100
+# Fewest points; if there are fewer, the photographs are not alike.
+_FEWEST = 100
+# Cells along the longer side of a photograph by which coverage is measured.
+_CELLS = 20
+
+
+def find_points_by_stereo(
+    scene: Scene, most: int, seed: int
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Finds points on what training photographs show, from poses and lenses alone.
+
+    Args:
+        scene: as it is trained on.
+        most: number of points.
+        seed: of the draw if there are more.
+
+    Returns:
+        Points (N, 3) in the scene's coordinates, and colours (N, 3) uint8. None if hardly anything
+        in neighbouring photographs is alike.
+    """
+    views = choose_views(scene)
+    shown = find_distances(scene, views)
+    parts = [_choose_by_cell(each, max(1.0, most / len(views))) for each in shown.values()]
+    if sum(len(points) for points, _ in parts) < _FEWEST:
+        return None
+    points, colors = (np.concatenate(each) for each in zip(*parts, strict=True))
+    rows = choose_points(len(points), most, seed)
+    return points[rows], colors[rows]
+
+
+def choose_views(scene: Scene) -> list[int]:
+    """Chooses the training views that get distances, evenly spread."""
+    train = scene.train_indices
+    count = min(max(_FEWEST_VIEWS, len(train) // 4), _MOST_VIEWS, len(train))
+    return [train[place] for place in np.linspace(0, len(train) - 1, count).round().astype(int)]
+
+
+def _choose_by_cell(shown: Shown, most: float) -> tuple[np.ndarray, np.ndarray]:
+    """Chooses one point in each cell of a view: that on which most other views agree."""
+    balance = shown.agree.astype(int) - shown.oppose
+    usable = (shown.inverse > 0) & (shown.agree > 0)
+    rows, columns = np.nonzero(usable)
+    side = max(1.0, np.sqrt(len(rows) / most))
+    cells = (rows // side).astype(int), (columns // side).astype(int)
+    order = np.lexsort((-balance[rows, columns], *cells))
+    kept = np.stack(cells)[:, order]
+    is_first = np.ones(len(order), bool)
+    is_first[1:] = (kept[:, 1:] != kept[:, :-1]).any(axis=0)
+    rows, columns = rows[order[is_first]], columns[order[is_first]]
+    starts, rays = shown.photograph.trace_rays(np.stack([columns, rows], axis=1) + 0.5)
+    points = starts + rays / shown.inverse[rows, columns][:, None]
+    good = np.isfinite(points).all(axis=1)
+    return points[good], shown.photograph.color[rows, columns][good]
+
+
+def measure_cover(scene: Scene) -> float:
+    """Measures the share of what training photographs show that the scene's points lie on.
+
+    It is the share of a photograph's cells, 20 along its longer side, in which a point appears.
+    """
+    if not len(scene.points):
+        return 0.0
+    seen, asked = 0, 0
+    for view in choose_views(scene):
+        mask, camera = scene.mask(view), scene.camera(view)
+        side = max(mask.shape) / _CELLS
+        shape = tuple(int(np.ceil(length / side)) for length in mask.shape)
+        counts, covered = np.zeros(shape, bool), np.zeros(shape, bool)
+        rows, columns = np.nonzero(mask)
+        counts[(rows / side).astype(int), (columns / side).astype(int)] = True
+        _, pixels, valid = project_points(camera, scene.views[view].motion, scene.points)
+        pixels = pixels[valid]
+        inside = ((pixels >= 0) & (pixels < (camera.width, camera.height))).all(axis=1)
+        x, y = (pixels[inside] / side).astype(int).T
+        covered[y, x] = True
+        seen += int(np.count_nonzero(covered & counts))
+        asked += int(np.count_nonzero(counts))
+    return seen / asked if asked else 0.0
