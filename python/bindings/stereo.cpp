@@ -1,4 +1,7 @@
 // Binds gsut/surface/sweep_scores.h: distances by comparison of photographs.
+//
+// A sweep is one photograph, its neighbours one by one, and one answer. Python projects the cells'
+// centres, as it knows lenses and shutters; what is done for each pixel is done in the core.
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
@@ -16,6 +19,7 @@ namespace {
 // The neighbours of one photograph at tried distances; arrays are kept, not copied.
 class Sweep {
  public:
+  // grey (H, W) must be float32 and contiguous: nothing is converted behind the caller's back.
   Sweep(const py::object& grey, int depths, int cell) : grey_object_(grey) {
     const py::array array = py::reinterpret_borrow<py::array>(grey);
     if (array.ndim() != 2 || depths < 3 || cell < 1) {
@@ -25,6 +29,8 @@ class Sweep {
     grey_ = ConstData<float>(grey, "grey", {grid_.height, grid_.width});
   }
 
+  // One neighbour. All arrays must outlive the sweep, which refers to them; see SweepNeighbour.
+  // What the neighbour shows is known from an earlier sweep, or None.
   void Add(const py::object& grey, const py::object& places, const py::object& nearness,
            const py::object& shown, const py::object& trust) {
     const py::array array = py::reinterpret_borrow<py::array>(grey);
@@ -46,6 +52,8 @@ class Sweep {
     kept_.append(py::make_tuple(grey, places, nearness, shown, trust));
   }
 
+  // Scores all distances and chooses; see SweepOptions. The scores of a photograph of 200 pixels
+  // and 112 distances are 18 MB, and live here alone. Other threads of Python run on.
   std::tuple<py::array_t<float>, py::array_t<float>> Solve(const py::object& counts, float contrast,
                                                            float step, float agreement,
                                                            float near_step, float far_step,
@@ -65,7 +73,7 @@ class Sweep {
   }
 
  private:
-  py::object grey_object_;
+  py::object grey_object_;  // keeps `grey_` alive
   SweepGrid grid_;
   const float* grey_ = nullptr;
   std::vector<SweepNeighbour> neighbours_;
@@ -84,7 +92,8 @@ void BindStereo(py::module_& m) {
       .def("add", &Sweep::Add, py::arg("grey"), py::arg("places"), py::arg("nearness") = py::none(),
            py::arg("shown") = py::none(), py::arg("trust") = py::none(),
            "Adds a neighbour: grey (h, w), places (depths, rows, columns, 2) of the cells' centres "
-           "in it, NaN where unseen; and together inverse distances from it (depths, rows, columns), "
+           "in it, NaN where unseen; and together inverse distances from it (depths, rows, "
+           "columns), "
            "those that it shows (h, w), 0 where unknown, and the trust in them (h, w). All "
            "float32.")
       .def("solve", &Sweep::Solve, py::arg("counts"), py::arg("contrast"), py::arg("step"),

@@ -63,7 +63,6 @@ if TYPE_CHECKING:
     from gsut.scene import SceneResult
     from gsut.scene import make_scene as scene
     from gsut.sfm import PosesOptions, PosesResult, find_poses
-    from gsut.stereo import find_depth_maps as stereo
     from gsut.surface import Mesh, extract_mesh, load_mesh, save_mesh
     from gsut.train import TrainResult, train
     from gsut.training import TrainedRun, load_run
@@ -126,7 +125,6 @@ __all__ = [  # noqa: RUF022
     "write_video",
     "lift",
     # Make a mesh
-    "stereo",
     "extract_mesh",
     "Mesh",
     "save_mesh",

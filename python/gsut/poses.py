@@ -1,4 +1,4 @@
-"""More about poses: refine, localize, triangulate, compare, calibrate; `find_poses` is in gsut."""
+"""More about poses: refine, localize, triangulate, depth; `find_poses` is in gsut."""
 
 from gsut.capture import Capture
 from gsut.data.points import color_points
@@ -12,6 +12,7 @@ from gsut.sfm import (
     compare_poses,
     triangulate,
 )
+from gsut.surface.stereo import find_depth_maps
 
 __all__ = [
     "Capture",
@@ -23,6 +24,7 @@ __all__ = [
     "calibrate_from_dataset",
     "color_points",
     "compare_poses",
+    "find_depth_maps",
     "localize_image",
     "read_rig",
     "refine_pose",

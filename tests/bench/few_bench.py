@@ -10,11 +10,10 @@ import numpy as np
 import gsut
 from gsut._core import InputError
 from gsut.data import Scene
-from gsut.data.scene import read_depth
+from gsut.data.scene import project_points, read_depth
 from gsut.demo import make_demo_scene
 from gsut.sfm import triangulate
 from gsut.training import TrainingLoop
-from gsut.data.scene import project_points
 from tests.bench.harness import HALL, Benchmark, Column, Option, Row, Settings
 
 # Dataset -> training views that are kept; 0: all of them.

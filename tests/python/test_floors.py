@@ -17,7 +17,7 @@ FLOORS = {
     **dict.fromkeys(("gaussians", "lens", "run", "page"), 1),
     **dict.fromkeys(("render", "optimize", "data", "formats"), 2),
     **dict.fromkeys(("capture", "sfm", "evaluate", "compact", "surface", "lifting"), 3),
-    **dict.fromkeys(("refine", "check", "demo", "stereo"), 4),
+    **dict.fromkeys(("refine", "check", "demo"), 4),
     "training": 5,
     **dict.fromkeys(("train", "blocks", "view"), 6),
     **dict.fromkeys(("scene", "poses", "edit", "loop", "rendering", "machine"), 7),
@@ -47,6 +47,7 @@ ROOMS: dict[str, dict[str, int]] = {
         "rig": 7,
         "report": 8,
     },
+    "python/gsut/surface": {"stereo": 1},
     "python/gsut/training": {
         **dict.fromkeys(("first", "strategies", "surface"), 1),
         "photograph": 2,

@@ -1,3 +1,7 @@
+// Correlations of windows are sums over boxes, one distance after the other, so that all buffers of
+// a distance stay in the cache; costs of paths run over all distances of a pixel at once. Both are
+// plain loops without branches inside, which compilers turn into vector code; the order of their
+// sums is fixed, and so are their bits. Callers work on several photographs at the same time.
 #include "gsut/surface/sweep_scores.h"
 
 #include <algorithm>
@@ -8,14 +12,16 @@
 namespace gsut {
 namespace {
 
-constexpr int kHalf = 2;        // of the windows: 5 x 5 pixels
-constexpr int kBest = 3;        // correlations that count: some neighbours see something else
-constexpr float kSteps = 1.5F;  // tried distances within which two photographs show the same
-constexpr float kShare = 0.04F;  // of the inverse distance, likewise, where steps are finer
+constexpr int kHalf = 2;          // of the windows: 5 x 5 pixels
+constexpr int kBest = 3;          // correlations that count: some neighbours see something else
+constexpr float kSteps = 1.5F;    // tried distances within which two photographs show the same
+constexpr float kShare = 0.04F;   // of the inverse distance, likewise, where steps are finer
 constexpr float kTrusted = 0.5F;  // trust above which a surface hides what lies behind it
 constexpr int kLanes = 8;
 
-// Means over windows, cut off at the border. `rows` is a buffer of the same size.
+// Means over windows, cut off at the border: first along rows, then down columns, five additions
+// each, which a compiler does for many pixels at once; running sums would need double. `rows` is a
+// buffer of the same size.
 void AverageWindows(const SweepGrid& grid, const std::vector<float>& values,
                     std::vector<float>& rows, std::vector<float>& means) {
   const int width = grid.width, height = grid.height;
@@ -50,8 +56,10 @@ void AverageWindows(const SweepGrid& grid, const std::vector<float>& values,
 class Cells {
  public:
   explicit Cells(const SweepGrid& grid)
-      : grid_(grid), across_(Spread(grid.width, grid.columns())),
-        down_(Spread(grid.height, grid.rows())), row_(grid.columns()) {}
+      : grid_(grid),
+        across_(Spread(grid.width, grid.columns())),
+        down_(Spread(grid.height, grid.rows())),
+        row_(grid.columns()) {}
 
   // values (width): of pixels of row y, from number `which` of `stride` numbers at each cell.
   void Interpolate(const float* numbers, int stride, int which, int y, std::vector<float>& values) {
@@ -92,8 +100,14 @@ class Cells {
 // Buffers of one distance.
 struct Layer {
   explicit Layer(std::int64_t pixels)
-      : seen(pixels), product(pixels), rows(pixels), mean(pixels), squares(pixels), both(pixels),
-        geometry(pixels), hidden(pixels) {
+      : seen(pixels),
+        product(pixels),
+        rows(pixels),
+        mean(pixels),
+        squares(pixels),
+        both(pixels),
+        geometry(pixels),
+        hidden(pixels) {
     for (auto& each : best) each.resize(pixels);
   }
   std::vector<float> seen, product, rows, mean, squares, both, geometry, hidden;
@@ -101,7 +115,9 @@ struct Layer {
   std::array<std::vector<float>, kBest> best;
 };
 
-// Looks a neighbour up at one distance: its grey values, and what it says about the distance.
+// Looks a neighbour up at one distance. Where it shows nothing its grey value is 0, which
+// correlates with nothing. Where a surface that it is sure of hides the point, a high correlation
+// is chance.
 void LookUp(const SweepGrid& grid, Cells& cells, const SweepNeighbour& other, int depth,
             const SweepOptions& options, Layer& layer) {
   const std::int64_t across = std::int64_t{grid.rows()} * grid.columns();
@@ -123,6 +139,7 @@ void LookUp(const SweepGrid& grid, Cells& cells, const SweepNeighbour& other, in
             v <= static_cast<float>(other.height - 1))) {
         continue;
       }
+      // Between the four pixels around; at the border the last pair serves.
       const int left = std::min(static_cast<int>(u), std::max(0, other.width - 2));
       const int top = std::min(static_cast<int>(v), std::max(0, other.height - 2));
       const int right = std::min(left + 1, other.width - 1);
@@ -137,6 +154,7 @@ void LookUp(const SweepGrid& grid, Cells& cells, const SweepNeighbour& other, in
       const std::int64_t at = (t < 0.5F ? above : below) + (s < 0.5F ? left : right);
       const float shown = other.shown[at];
       if (!(shown > 0.0F)) continue;
+      // Nearer than the surface that the neighbour shows: it sees through; farther: it is hidden.
       const float off = layer.nearness_of[x] - shown;
       const float within = std::max(kSteps * options.step, kShare * shown);
       if (std::abs(off) < within) {
@@ -180,9 +198,10 @@ void Correlate(const SweepGrid& grid, const std::vector<float>& grey,
   for (std::size_t i = 0; i < grey.size(); ++i) {
     const float seen = layer.mean[i];
     const float variance = std::max(layer.squares[i] - seen * seen, 0.0F);
-    float alike = (layer.both[i] - seen * mean[i]) * sharp[i] /
-                  std::sqrt(variance + contrast * contrast);
+    float alike =
+        (layer.both[i] - seen * mean[i]) * sharp[i] / std::sqrt(variance + contrast * contrast);
     alike = std::min(alike, layer.hidden[i] > 0.0F ? 0.0F : 1.0F);
+    // The three best in falling order, without a branch.
     const float rest = std::min(first[i], alike);
     first[i] = std::max(first[i], alike);
     third[i] = std::max(third[i], std::min(second[i], rest));
@@ -190,14 +209,23 @@ void Correlate(const SweepGrid& grid, const std::vector<float>& grey,
   }
 }
 
-// Costs of paths in one direction, row by row.
+// Costs of paths in one direction, row by row: only the row before is kept. A pixel has two places
+// more than distances, at both ends, whose cost is never the least.
 class Paths {
  public:
   Paths(const SweepGrid& grid, const SweepOptions& options)
-      : grid_(grid), options_(options), length_(grid.depths + 2),
-        before_(std::int64_t{grid.width} * length_), now_(before_.size()), least_before_(grid.width),
+      : grid_(grid),
+        options_(options),
+        length_(grid.depths + 2),
+        before_(std::int64_t{grid.width} * length_),
+        now_(before_.size()),
+        least_before_(grid.width),
         least_now_(grid.width) {}
 
+  // A path's cost at a pixel is that of the pixel, and the least of: the same distance before, one
+  // beside it, or any other at the price of an edge; less the least of all before, which keeps the
+  // sums small and changes no choice.
+  //
   // Adds the costs of paths that come from (x - dx, y - dy) to `total` (height, width, depths).
   void Add(const float* grey, const bool* counts, const float* scores, int dx, int dy,
            float* total) {
@@ -228,20 +256,20 @@ class Paths {
     if (from < 0) {
       for (int d = 0; d < depths; ++d) out[d] = scores ? 1.0F - scores[d] : 0.0F;
     } else {
-      const float* const came =
-          (in_row ? now_ : before_).data() + std::int64_t{from} * length_ + 1;
+      const float* const came = (in_row ? now_ : before_).data() + std::int64_t{from} * length_ + 1;
       const float least = (in_row ? least_now_ : least_before_)[from];
-      const float jump =
-          least + std::max(options_.near_step,
-                           options_.far_step * options_.edge / (options_.edge + change));
+      const float jump = least + std::max(options_.near_step, options_.far_step * options_.edge /
+                                                                  (options_.edge + change));
       for (int d = 0; d < depths; ++d) {
         const float beside = std::min(came[d - 1], came[d + 1]) + options_.near_step;
         out[d] = std::min(std::min(came[d], beside), jump) - least;
       }
+      // A pixel that does not count passes on what came.
       if (scores) {
         for (int d = 0; d < depths; ++d) out[d] += 1.0F - scores[d];
       }
     }
+    // Several minima side by side: one alone would wait for each comparison before the next.
     std::array<float, kLanes> lanes;
     lanes.fill(std::numeric_limits<float>::max());
     for (int d = 0; d < depths; ++d) {

@@ -24,9 +24,9 @@ struct SweepGrid {
 struct SweepNeighbour {
   int width = 0;
   int height = 0;
-  const float* grey = nullptr;      // (height, width), 0 where masked
-  const float* places = nullptr;    // (depths, rows, columns, 2): where it shows the cells' centres;
-                                    // (0.5, 0.5) is the first pixel's centre, NaN where unseen
+  const float* grey = nullptr;    // (height, width), 0 where masked
+  const float* places = nullptr;  // (depths, rows, columns, 2): where it shows the cells' centres;
+                                  // (0.5, 0.5) is the first pixel's centre, NaN where unseen
   const float* nearness = nullptr;  // (depths, rows, columns): inverse distances from it
   const float* shown = nullptr;     // (height, width): inverse distances that it shows; 0: unknown
   const float* trust = nullptr;     // (height, width): in [0, 1], of `shown`

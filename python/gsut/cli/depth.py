@@ -19,8 +19,8 @@ HELP = "depth maps of photographs with poses, without training"
 DESCRIPTION = (
     "Compares the photographs through their lenses and shutters and writes what each shows: "
     "DEPTH/depth/NAME.npy, distances along the rays in the dataset's unit, NaN where unknown; "
-    "DEPTH/confidence/NAME.npy, from 0 to 1; DEPTH/points.ply; and DEPTH/transforms.json, a dataset "
-    "of the same photographs with these depths and points."
+    "DEPTH/confidence/NAME.npy, from 0 to 1; DEPTH/points.ply; and DEPTH/transforms.json, a "
+    "dataset of the same photographs with these depths and points."
 )
 
 _POINTS = "points.ply"
@@ -50,12 +50,12 @@ def run(arguments: argparse.Namespace) -> int:
 
     out = Path(arguments.out)
     check_name(out)
-    if not out.is_dir():
+    if not out.is_dir() or any(out.iterdir()):
         refuse_existing(out, " with -o")
     scene = gsut.load_dataset(arguments.data, test_every=0)
     check_first(scene, arguments.force, quiet=True)
     with Progress(not arguments.quiet) as bars:
-        maps = gsut.stereo(
+        maps = gsut.poses.find_depth_maps(
             scene,
             agree=arguments.agree,
             on_view=lambda done, total: bars.show("sweeps", done, total),
@@ -65,9 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
         points = points_from_depth(maps)
         save_mesh(folder / _POINTS, points)
         test = [scene.views[view].name for view in scene.test_indices]
-        write_transforms(
-            folder / "transforms.json", frames, points_file=_POINTS, test=test or None
-        )
+        write_transforms(folder / "transforms.json", frames, points_file=_POINTS, test=test or None)
     known = float(np.mean([np.isfinite(m.depth[scene.mask(i)]).mean() for i, m in enumerate(maps)]))
     figures = {"photographs": len(maps), "known": known, "points": len(points.vertices), "out": out}
     if arguments.json:
@@ -97,5 +95,6 @@ def _write_view(scene: Scene, view: int, found: DepthMap, folder: Path) -> Frame
         }
     return Frame(
         of.name, of.image_path, scene.file_cameras[of.camera_index],
-        invert_pose(of.camera_from_world), mask_path=of.mask_path, depth_path=files["depth"], **ends,
+        invert_pose(of.camera_from_world), mask_path=of.mask_path, depth_path=files["depth"],
+        **ends,
     )  # fmt: skip

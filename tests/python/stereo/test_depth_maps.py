@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from test_points_of_stereo import LENSES, WALL, wall_scene
 
 import gsut
 import tolerances as tol
@@ -14,7 +15,6 @@ from gsut import _core
 from gsut.cli import main
 from gsut.data.scene import read_depth
 from gsut.demo import make_demo_scene
-from test_points_of_stereo import LENSES, WALL, wall_scene
 
 VIEW = 2  # in the middle of the others
 
@@ -31,7 +31,7 @@ def measure_errors(scene: gsut.Scene, found: gsut.surface.DepthMap) -> np.ndarra
 @pytest.mark.parametrize(("lens", "rolling"), [("pinhole", True), ("kannala_brandt", False)])
 def test_depth_map_of_a_wall_has_its_distances(lens: str, rolling: bool) -> None:
     scene = wall_scene(LENSES[lens], rolling=rolling)
-    (found,) = gsut.stereo(scene, [VIEW, *range(VIEW), 3])[:1]
+    (found,) = gsut.poses.find_depth_maps(scene, [VIEW, *range(VIEW), 3])[:1]
     errors = measure_errors(scene, found)
     assert len(errors) > tol.STEREO_SHARE * found.depth.size
     assert np.median(errors) < tol.STEREO_MEDIAN
@@ -48,21 +48,22 @@ def test_depth_maps_that_cannot_be_are_refused() -> None:
         (plain, {}, "gsut doctor"),
     ):
         with pytest.raises(gsut.InputError, match=words):
-            gsut.stereo(of, **given)
+            gsut.poses.find_depth_maps(of, **given)
 
 
 def test_depth_command_writes_a_dataset_that_training_reads(tmp_path: Path, capsys) -> None:
     data, out = tmp_path / "data", tmp_path / "depth"
-    make_demo_scene(data, views=6, test_views=1, size=64, progress=False)
+    make_demo_scene(data, views=4, test_views=1, size=48, progress=False)
     assert main(["depth", str(data), "-o", str(out), "--force", "--quiet", "--json"]) == 0
     figures = json.loads(capsys.readouterr().out)
     scene = gsut.load_dataset(out)
-    assert figures["photographs"] == len(scene.views) == 7
+    assert figures["photographs"] == len(scene.views) == 5
     assert len(scene.points) == figures["points"] > 0 and len(scene.test_indices) == 1
     depth = read_depth(scene, 0)
     assert depth is not None and depth.shape == scene.mask(0).shape
     assert np.isfinite(depth[scene.mask(0)]).any() and np.isnan(depth[~scene.mask(0)]).all()
-    assert main(["depth", str(data), "-o", str(out)]) == 1  # nothing is overwritten
+    assert main(["depth", str(data), "-o", str(out)]) == 2  # nothing is overwritten
+    assert "give another name with -o" in capsys.readouterr().err
 
 
 def choose_slowly(scores: np.ndarray, near: float, far: float) -> np.ndarray:

@@ -11,10 +11,10 @@ import pytest
 import gsut
 import tolerances as tol
 from gsut.data import Scene, scene_from_arrays
-from gsut.lens import Camera
-from gsut.stereo import find_points_by_stereo
-from gsut.training.first.seeding import choose_first_gaussians
 from gsut.data.scene import interpolate_poses
+from gsut.lens import Camera
+from gsut.surface.stereo import find_points_by_stereo, measure_cover
+from gsut.training.first.seeding import choose_first_gaussians
 
 LENSES = {
     "pinhole": Camera("pinhole", [70.0, 70.0, 48.0, 32.0], 96, 64),
@@ -122,15 +122,22 @@ def test_first_gaussians_of_photographs_without_texture_are_random() -> None:
     assert len(gaussians) == 2000 and not notes
 
 
-def test_first_gaussians_add_points_of_stereo_where_others_cover_little_and_nothing_else_is_asked() -> None:
+def test_first_gaussians_add_stereo_where_points_cover_little() -> None:
     scene = wall_scene(LENSES["pinhole"])
-    points = np.random.default_rng(0).uniform([-1, -1, 2], [1, 1, 4], (50, 3))
-    known = scene.replace(points=points, point_colors=np.full((50, 3), 128, np.uint8))
+    rng = np.random.default_rng(0)
+    few, many = (rng.uniform([-3, -2, 2.9], [3, 2, 3.1], (count, 3)) for count in (50, 5000))
+    known, full = (
+        scene.replace(points=points, point_colors=np.full(points.shape, 128, np.uint8))
+        for points in (few, many)
+    )
+    cover = measure_cover(known)
+    assert measure_cover(scene) == 0 and 0.05 < cover < 0.3 and measure_cover(full) > 0.95
+    beside = round((1 - cover) * 800)  # 40 % of the most
     counts = [
         (scene, {}, 800, 1),
-        (known, {}, 450, 1),  # 40 % of the most, less eight times the points, beside these
+        (known, {}, 50 + beside, 1),
+        (full, {}, 2000, 0),
         (known, {"init": "points"}, 50, 0),
-        (known, {"max_gaussians": 1000}, 50, 0),
         (scene, {"init_count": 70}, 70, 1),
         (known, {"init_count": 30}, 30, 0),
         (scene, {"init": "random", "init_count": 90}, 90, 0),

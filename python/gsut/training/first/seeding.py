@@ -19,7 +19,7 @@ from gsut.gaussians import (
     to_surfels,
 )
 from gsut.run import TrainOptions
-from gsut.stereo import find_points_by_stereo, measure_cover
+from gsut.surface.stereo import find_points_by_stereo, measure_cover
 from gsut.training.first.sky import describe_sky, find_sky
 
 # Nearest distance of random first Gaussians from a camera, x scene extent: nearer fills the view.

@@ -7,7 +7,7 @@ import numpy as np
 from gsut.data import Scene
 from gsut.data.scene import project_points
 from gsut.gaussians import choose_points
-from gsut.stereo.sweep import Shown, find_distances
+from gsut.surface.stereo.sweep import Shown, find_distances
 
 # Number of photographs up to which all get distances.
 _FEWEST_VIEWS = 20
@@ -35,7 +35,7 @@ def find_points_by_stereo(
     """
     views = choose_views(scene)
     shown = find_distances(scene, views)
-    parts = [_choose_by_cell(each, max(1.0, most / len(views))) for each in shown.values()]
+    parts = [_choose_by_cell(each, max(most, _FEWEST) / len(views)) for each in shown.values()]
     if sum(len(points) for points, _ in parts) < _FEWEST:
         return None
     points, colors = (np.concatenate(each) for each in zip(*parts, strict=True))
@@ -51,9 +51,12 @@ def choose_views(scene: Scene) -> list[int]:
 
 
 def _choose_by_cell(shown: Shown, most: float) -> tuple[np.ndarray, np.ndarray]:
-    """Chooses one point in each cell of a view: that on which most other views agree."""
+    """Chooses one point in each cell of a view: that on which most other views agree.
+
+    Points through which more views see than show them are left out.
+    """
     balance = shown.agree.astype(int) - shown.oppose
-    usable = (shown.inverse > 0) & (shown.agree > 0)
+    usable = (shown.inverse > 0) & (shown.agree > 0) & (balance >= 0)
     rows, columns = np.nonzero(usable)
     side = max(1.0, np.sqrt(len(rows) / most))
     cells = (rows // side).astype(int), (columns // side).astype(int)

@@ -1,4 +1,4 @@
-"""A photograph prepared for comparison: its grey values, and its rays and projection in the world."""
+"""A photograph prepared for comparison: grey values, rays and projection in the world."""
 
 from __future__ import annotations
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from gsut.data import Scene
 from gsut.data.scene import project_points
-from gsut.stereo.photograph import Photograph
+from gsut.surface.stereo.photograph import Photograph
 
 # Most neighbours: of them the best three count, as some see something else.
 _MOST = 6
@@ -69,7 +69,7 @@ def _trace_some(photograph: Photograph) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _weigh_angles(scene: Scene, row: int, points: np.ndarray, own: np.ndarray) -> np.ndarray:
-    """Returns (n,) what a view adds to each point: 1 at a good angle, 0 where it does not see it."""
+    """Returns (n,) what a view adds to each point: 1 at a good angle, 0 if it is unseen."""
     camera, view = scene.camera(row), scene.views[row]
     _, pixels, valid = project_points(camera, view.motion, points)
     with np.errstate(invalid="ignore"):

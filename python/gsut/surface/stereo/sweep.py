@@ -13,14 +13,15 @@ from __future__ import annotations
 
 import concurrent.futures
 import dataclasses
+import functools
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from gsut import _core
 from gsut.data import Scene
-from gsut.stereo.neighbours import choose_neighbours
-from gsut.stereo.photograph import CELL, Photograph, shrink
+from gsut.surface.stereo.neighbours import choose_neighbours
+from gsut.surface.stereo.photograph import CELL, Photograph, shrink
 
 # Longer side of the compared photographs in pixels, and distances that are tried, evenly in their
 # inverse, in the first sweep and in the second: a pixel of parallax each, about.
@@ -125,7 +126,10 @@ def find_distances(
                 pictures[view] = picture
                 on_view(number * len(views) + len(pictures), len(_SWEEPS) * len(views))
             step = float(tried[0] - tried[1])
-            checks = threads.map(lambda view: _compare(view, pictures, photographs, step), views)
+            compare = functools.partial(
+                _compare, pictures=pictures, photographs=photographs, step=step
+            )
+            checks = threads.map(compare, views)
             shown = {
                 view: Shown(photographs[view], pictures[view], *counts)
                 for view, counts in zip(views, checks, strict=True)
@@ -192,8 +196,8 @@ def _match(
             size = other.grey.shape
             known = [
                 nearness.astype(np.float32).reshape(len(tried), *cells),
-                _enlarge(shown[row].inverse, size),
-                _enlarge(shown[row].trust, size),
+                _resize(shown[row].inverse, size),
+                _resize(shown[row].trust, size),
             ]
         places = pixels.astype(np.float32).reshape(len(tried), *cells, 2)
         sweep.add(other.grey, places, *known)
@@ -206,7 +210,7 @@ def _match(
     return inverse, score
 
 
-def _enlarge(picture: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+def _resize(picture: np.ndarray, size: tuple[int, int]) -> np.ndarray:
     import cv2
 
     return cv2.resize(picture, size[::-1], interpolation=cv2.INTER_NEAREST)

@@ -8,8 +8,8 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data import Scene
-from gsut.stereo.sweep import OnView, Shown, find_distances, ignore_view
-from gsut.surface import DepthMap
+from gsut.surface.extract import DepthMap
+from gsut.surface.stereo.sweep import OnView, Shown, find_distances, ignore_view
 
 _FEWEST_VIEWS = 2  # without another view nothing can be compared
 
@@ -53,14 +53,14 @@ def find_depth_maps(
     shown = find_distances(every.centred, chosen, on_view)
     if not shown:
         raise InputError(
-            f"{scene.path}: hardly anything in neighbouring photographs is alike by these poses and "
-            "lenses; `gsut doctor` shows what contradicts what"
+            f"{scene.path}: hardly anything in neighbouring photographs is alike by these poses "
+            "and lenses; `gsut doctor` shows what contradicts what"
         )
     return [_make_map(scene, view, shown[view], agree) for view in chosen]
 
 
 def _make_map(scene: Scene, view: int, shown: Shown, agree: int) -> DepthMap:
-    """Enlarges what a view shows to the size of its image."""
+    """Resizes what a view shows to the size of its image."""
     import cv2
 
     camera = scene.camera(view)
