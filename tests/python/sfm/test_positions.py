@@ -62,7 +62,7 @@ def test_east_and_north_swapped_over_flat_land_are_upside_down(rng):
 
 def test_a_name_of_two_photographs_is_refused(poses):
     several = {f"{camera}/0.jpg": pose for camera, pose in zip("ab", poses.values(), strict=False)}
-    with pytest.raises(InputError, match="0.jpg may be a/0.jpg or b/0.jpg"):
+    with pytest.raises(InputError, match=r"0\.jpg may be a/0\.jpg or b/0\.jpg"):
         fit_positions(several, {"0.jpg": np.zeros(3)}, "p.csv")
 
 
