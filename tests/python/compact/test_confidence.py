@@ -155,7 +155,8 @@ def test_confidence_comes_back_from_its_file(tmp_path, confidence):
 
 
 def test_share_never_seen_leaves_out_pixels_that_no_lens_shows(tmp_path, confidence):
-    fisheye = gsut.Camera("kannala_brandt", [20, 20, 16, 16, 0, 0, 0, 0], 32, 32, valid_field_angle=0.7)
+    params = [20, 20, 16, 16, 0, 0, 0, 0]
+    fisheye = gsut.Camera("kannala_brandt", params, 32, 32, valid_field_angle=0.7)
     drawn = fisheye.rays()[1]
     seen_views = np.where(drawn, 2.0, 0.0)
     seen_views[16] = 0.0
