@@ -159,7 +159,7 @@ def _print_summary(figures: dict[str, Any]) -> None:
     if figures["positions_rms"] is not None:
         print(f"the cameras are {figures['positions_rms']:.3g} m (rms) from where the file says")
     if figures["upside_down"]:
-        print("the cameras are upside down now: are x and y swapped in the file, or north and east?")
+        print("the cameras are upside down now: are x and y, or north and east, swapped?")
     for sentence in figures["left_out"]:
         print(sentence)
 
