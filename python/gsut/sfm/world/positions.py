@@ -104,7 +104,7 @@ def fit_positions(
         InputError: fewer than three photographs have one, a name without its folder stands for
             several, they lie on a line, or the positions do not follow the cameras.
     """
-    by_file = {}
+    by_file: dict[str, list[str]] = {}
     for name in poses:
         by_file.setdefault(Path(name).name, []).append(name)
     pairs = []
