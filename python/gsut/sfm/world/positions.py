@@ -21,7 +21,7 @@ _EARTH_RADIUS = 6378137.0  # metres, semi-major axis of WGS 84
 _ECCENTRICITY_2 = 6.69437999014e-3  # squared, of WGS 84
 # From east, north, up to the axes of a scene: x right, y down, z ahead.
 _SCENE_FROM_EAST_NORTH_UP = np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]])
-_FEWEST_FORETOLD = 5  # positions: a similarity fits three, and nearly four, whatever they are
+_FEWEST_PREDICTED = 5  # positions: a similarity fits three, and nearly four, whatever they are
 _ON_A_LINE = 1e-3  # second over first spread of cameras on a line, which leave up open
 
 
@@ -142,21 +142,21 @@ def _find_rms(offsets: np.ndarray) -> float:
 def _require_agreement(centers: np.ndarray, places: np.ndarray, rms: float, source: object) -> None:
     """Refuses positions (N, 3) that say nothing of cameras (N, 3), as those of other photographs.
 
-    Each is foretold by the fit of the others; positions in another order are foretold no better
+    Each is predicted by the fit of the others; positions in another order are predicted no better
     than by their mean.
     """
-    if len(centers) < _FEWEST_FORETOLD:
+    if len(centers) < _FEWEST_PREDICTED:
         return
-    foretold, by_mean = [], []
+    predicted, by_mean = [], []
     for left_out in range(len(centers)):
         others = np.arange(len(centers)) != left_out
         scale, rotation, translation = similarity_from_points(centers[others], places[others])
-        foretold.append(scale * rotation @ centers[left_out] + translation - places[left_out])
+        predicted.append(scale * rotation @ centers[left_out] + translation - places[left_out])
         by_mean.append(places[others].mean(axis=0) - places[left_out])
-    if _find_rms(np.stack(foretold)) >= _find_rms(np.stack(by_mean)):
+    if _find_rms(np.stack(predicted)) >= _find_rms(np.stack(by_mean)):
         raise InputError(
             f"{source}: its positions do not follow the cameras: after the best fit they are "
-            f"{rms:.3g} m (rms) apart, and each is foretold by the others no better than by their "
+            f"{rms:.3g} m (rms) apart, and each is predicted by the others no better than by their "
             "mean; look whether names, columns and their order are those of these photographs"
         )
 
