@@ -82,8 +82,8 @@ void Check(const std::vector<Camera>& cameras, const std::vector<ImageFeatures>&
 void ReportProgress(const SceneMap& map, const char* step,
                     const std::function<bool(const StructureProgress&)>& on_progress) {
   if (!on_progress) return;
-  const StructureProgress progress = {map.num_registered(), map.num_images(), map.num_points(), step,
-                                      [&map] { return map.Result(false); }};
+  const StructureProgress progress = {map.num_registered(), map.num_images(), map.num_points(),
+                                      step, [&map] { return map.Result(false); }};
   if (!on_progress(progress)) throw SolveError("stopped");
 }
 
