@@ -46,8 +46,8 @@ class RefinedPose:
         camera_from_world: (4, 4) rigid transform.
         covariance: (6, 6) of the camera's centre (world axes and units) and then of a rotation
             vector w (camera axes, radians; R <- exp(w) R), by leaving out one block of a sixteenth
-            of the image after the other (jackknife: Bell and McCaffrey 2002), times the square of how
-            much flatter the cost is than its slopes say. Errors that larger parts of the image
+            of the image after the other (jackknife: Bell and McCaffrey 2002), times the square of
+            how much flatter the cost is than its slopes say. Errors that larger parts of the image
             share are not included; with them, errors of a pose are about twice as large.
         gain: the photograph is compared with gain x render + bias, the same for all channels.
         bias: added to the render after the gain; colours are in 0 ... 1.
