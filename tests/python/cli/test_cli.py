@@ -154,6 +154,8 @@ def test_version_names_compiler_libraries_and_instruction_set(capsys):
         (["render", "run", "--frames", "0"], "--frames must be from 1 to"),
         (["render", "run", "--size", "big"], "--size must be like 1280x720"),
         (["render", "run", "--path", "absent.json"], "cannot read the camera path"),
+        (["render", "run", "--order", "ray", "--depth", "z"], "or take --depth-kind mean"),
+        (["render", "run", "--order", "ray", "--confidence"], "not drawn by --order ray"),
         (["eval", "run", "--data", "moved"], "the dataset moved does not exist"),
     ],
 )
@@ -333,6 +335,9 @@ def test_render_of_a_file_of_gaussians_needs_no_run(tmp_path):
     images = [cv2.imread(str(file)) for file in sorted(out.iterdir())]
     assert [image.shape for image in images] == [(30, 40, 3)] * 3
     assert all(image.any() for image in images)
+    assert main([*words, "--order", "ray", "-o", str(tmp_path / "ray")]) == 0
+    along = [cv2.imread(str(tmp_path / "ray" / file.name)) for file in sorted(out.iterdir())]
+    assert any((a != b).any() for a, b in zip(along, images, strict=True))
 
 
 def test_render_along_the_path_of_a_screenshot_uses_its_lens(run, tmp_path):
