@@ -13,7 +13,6 @@
 #include "gsut/raster/bin_tiles.h"
 #include "gsut/raster/central/kernels.h"
 #include "gsut/raster/lines/kernels.h"
-#include "gsut/raster/ray_order/kernels.h"
 #include "gsut/raster/sharp_records.h"
 #include "gsut/raster/view_rays.h"
 
@@ -52,6 +51,7 @@ void CheckRule(const GaussiansView<const float>& gaussians, const RenderJob& job
 void Renderer::Render(const GaussiansView<const float>& gaussians, const RenderJob& job) {
   rendered_ = stepped_ = false;
   const BlendRule& rule = job.settings.rule;
+  const bool along_ray = rule.order == OrderKey::kRay;
   rule.Check();
   CheckRule(gaussians, job);
   ActiveIsa();  // applies GSUT_ISA before the first kernel runs
@@ -85,14 +85,10 @@ void Renderer::Render(const GaussiansView<const float>& gaussians, const RenderJ
     frame_.row_spans[static_cast<std::size_t>(begin / kRecordsPart)].clear();
     if (lines_ == nullptr) {
       RecordsKernel(task_, *grid_, splats_, begin, end, &frame_);
+      if (along_ray) RayOrderKeysKernel(task_, begin, end, &frame_);
     } else {
       LineRecordsKernel(task_, *lines_, begin, end, &frame_, &splats_);
-    }
-    if (rule.order == OrderKey::kRay) {
-      const RayOrigins origins = lines_ == nullptr     ? RayOrigins::kOne
-                                 : lines_->is_parallel ? RayOrigins::kParallel
-                                                       : RayOrigins::kMany;
-      RayOrderKeysKernel(task_, origins, begin, end, &frame_);
+      if (along_ray) LineRayOrderKeysKernel(task_, lines_->is_parallel, begin, end, &frame_);
     }
     if (job.tiles == nullptr) return;
     for (std::int64_t i = begin; i < end; ++i) {
@@ -114,11 +110,11 @@ void Renderer::Render(const GaussiansView<const float>& gaussians, const RenderJ
   ParallelFor(tiles().num_tiles(), 1, [&](std::int64_t index, std::int64_t) {
     const int tile = TileInOrder(index);
     const bool with_channels = task_.channels.count > 0;
-    if (rule.order == OrderKey::kRay && lines_ == nullptr) {
+    if (along_ray && lines_ == nullptr) {
       RayOrderForwardKernel(task_, *grid_, tile, &frame_, job.image, job.alpha, job.depth,
                             job.distortion);
-    } else if (rule.order == OrderKey::kRay) {
-      RayOrderLineForwardKernel(task_, *lines_, tile, &frame_, job.image, job.alpha, job.depth,
+    } else if (along_ray) {
+      LineRayOrderForwardKernel(task_, *lines_, tile, &frame_, job.image, job.alpha, job.depth,
                                 job.distortion);
     } else if (lines_ == nullptr && with_channels) {
       ChannelsForwardKernel(task_, *grid_, tile, &frame_, job.image, job.alpha, job.depth,
