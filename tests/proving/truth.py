@@ -21,6 +21,9 @@ _INNER = math.radians(30.0)
 # share, and the share of the pictures with a pose.
 _GOOD = (2.0, 0.90, 0.95)
 _USABLE = (6.0, 0.60, 0.60)
+# Share of the detail that is right in the median view of a good and of a usable scene: what a
+# verdict promises of held-out views.
+_DETAIL = {"good": 0.8, "usable": 0.4}
 
 
 def measure_pair_errors(
@@ -80,6 +83,19 @@ def classify(shifts: np.ndarray, registered: float, camera: Camera, lens_px: flo
     for level, (most, agreeing, share) in (("good", _GOOD), ("usable", _USABLE)):
         agrees = np.sum(pixels <= most) >= max(1, agreeing * len(pixels)) and lens_px <= most
         if agrees and registered >= share:
+            return level
+    return "poor"
+
+
+def classify_scene(detail: float | None, registered: float) -> str:
+    """Returns what the verdict on a scene should say: "good", "usable" or "poor".
+
+    Args:
+        detail: share that is right in the median view beside the pictures; None: there is none.
+        registered: share of the pictures.
+    """
+    for level, (_, _, share) in (("good", _GOOD), ("usable", _USABLE)):
+        if (detail or 0.0) >= _DETAIL[level] and registered >= share:
             return level
     return "poor"
 
