@@ -75,10 +75,10 @@ def _check_verdict(row: dict[str, Any]) -> Iterator[Misfire]:
         )
         yield Misfire(f"said {row['verdict']}, is {row['true_class']}", figures)
     if "scene_verdict" in row and row["scene_verdict"] != row["scene_class"]:
-        beside = row["scene_beside"]
+        between = row["scene_between"]
         yield Misfire(
             f"scene said {row['scene_verdict']}, is {row['scene_class']}",
-            f"detail beside the pictures {100 * (beside or 0):.0f} %, registered "
+            f"detail between the pictures {100 * (between or 0):.0f} %, registered "
             f"{100 * row['registered']:.0f} %; " + "; ".join(row["scene_reasons"]),
         )
     few = [reason for reason in row.get("verdict_reasons", ()) if "few features" in reason]

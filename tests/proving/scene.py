@@ -1,4 +1,4 @@
-"""Trains on estimated poses, and judges the verdict of the scene by views beside the pictures."""
+"""Trains on estimated poses, and judges the verdict of the scene by views between the pictures."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from gsut.run import Verdict
 from gsut.run.verdicts import combine_verdicts
 from tests.proving.capture import Capture
 from tests.proving.commands import run_gsut
-from tests.proving.truth import classify_scene
+from tests.proving.truth import ON_ITS_SIDE, classify_scene
 from tests.proving.writing import trace_views
 
 _VIEWS = 6  # between pictures, along the whole path
@@ -29,7 +29,7 @@ Poses = Mapping[int, np.ndarray]  # camera_from_world (4, 4) by number of the pi
 def score_scene(
     made: Capture, poses: Path, found: Poses, registered: float, work: Path
 ) -> dict[str, Any]:
-    """Trains on what `gsut poses` wrote, and asks what shows half a step beside the pictures.
+    """Trains on what `gsut poses` wrote, and asks what shows between the pictures.
 
     Args:
         made: the capture.
@@ -53,45 +53,51 @@ def score_scene(
     figures = json.loads((poses / "poses.json").read_text("utf-8"))
     trained, estimated = (Verdict.from_dict(each["verdict"]) for each in (metrics, figures))
     verdict = combine_verdicts(trained, estimated)
-    beside = _measure_beside(made, poses, found, out)
-    detail = statistics.median(beside) if beside else None
+    shown = _measure_middles(made, poses, found, out)
+    between, beside = (statistics.median(each) if each else None for each in shown)
     return row | {
         "scene_verdict": verdict.level, "scene_reasons": list(verdict.reasons),
         "scene_trained": trained.level, "scene_hidden": estimated.hidden_level,
         "scene_psnr": metrics.get("psnr"),
-        "scene_held_out": metrics.get("detail_median"), "scene_beside": detail,
-        "scene_class": classify_scene(detail, registered),
+        "scene_held_out": metrics.get("detail_median"),
+        "scene_between": between, "scene_beside": beside,
+        "scene_class": classify_scene(between, registered),
     }  # fmt: skip
 
 
-def _measure_beside(made: Capture, poses: Path, found: Poses, run: Path) -> list[float]:
-    """Measures the detail that is right midway between pictures: away from them as the truth says.
+def _measure_middles(
+    made: Capture, poses: Path, found: Poses, run: Path
+) -> tuple[list[float], list[float]]:
+    """Measures the detail that is right midway between pictures.
 
-    A view is placed by the estimated pose of the picture before it, in the estimated world's unit,
-    so that wrong poses, lens and shapes all show.
+    Returns:
+        By views midway between the estimated poses, which show what a visitor sees; and by views
+        that are as far from the picture before as the truth says, in the estimated world's unit:
+        there a bent world, a wrong lens and a drifting unit show too.
     """
     numbers = sorted(found)
     if len(numbers) < 2:
-        return []
+        return [], []
     truth = {k: np.linalg.inv(made.path(made.times[[k]])[0]) for k in numbers}
     unit = _measure_unit(found, truth)
     camera = gsut.load_dataset(poses, test_every=0).cameras[0]
     gaussians = gsut.load_gaussians(run / "scene.ply")
-    rows = min(made.lens.camera.height, camera.height)  # films have even sizes
-    columns = min(made.lens.camera.width, camera.width)
-    cut = slice(0, rows), slice(0, columns)
+    side = ON_ITS_SIDE if made.told.turned else np.eye(4)
     places = np.linspace(0, len(numbers) - 2, min(_VIEWS, len(numbers) - 1)).round().astype(int)
-    middles = [
-        interpolate_pose(truth[numbers[place]], truth[numbers[place + 1]], 0.5) for place in places
-    ]
+    ends = [(numbers[place], numbers[place + 1]) for place in places]
+    middles = [interpolate_pose(truth[one], truth[other], 0.5) for one, other in ends]
     views = trace_views(made, [np.linalg.inv(middle) for middle in middles])
-    beside = []
-    for place, middle, (picture, inside) in zip(places, middles, views, strict=True):
-        step = middle @ np.linalg.inv(truth[numbers[place]])
+    between, beside = [], []
+    for (one, other), middle, (picture, inside) in zip(ends, middles, views, strict=True):
+        step = middle @ np.linalg.inv(truth[one])
         step[:3, 3] *= unit
-        image = gsut.render(gaussians, camera, step @ found[numbers[place]]).image
-        beside.append(measure_detail(picture[cut], np.clip(image[cut], 0, 1), inside[cut]))
-    return beside
+        own = interpolate_pose(found[one], found[other], 0.5)
+        for pose, details in ((own, between), (step @ found[one], beside)):
+            image = np.clip(gsut.render(gaussians, camera, side @ pose).image, 0, 1)
+            image = np.rot90(image, -1) if made.told.turned else image
+            shown = slice(0, image.shape[0]), slice(0, image.shape[1])  # films have even sizes
+            details.append(measure_detail(picture[shown], image, inside[shown]))
+    return between, beside
 
 
 def _measure_unit(found: Poses, truth: Poses) -> float:

@@ -17,6 +17,7 @@ from tests.proving.score import score_made
 from tests.proving.truth import (
     classify,
     classify_scene,
+    compare_lenses,
     measure_areas,
     measure_pair_errors,
 )
@@ -169,5 +170,12 @@ def test_views_from_a_pictures_own_place_show_the_picture():
     [(0.9, 1.0, "good"), (0.9, 0.8, "usable"), (0.5, 1.0, "usable"), (0.9, 0.5, "poor"),
      (0.3, 1.0, "poor"), (None, 1.0, "poor")],
 )  # fmt: skip
-def test_scene_is_as_good_as_what_it_shows_beside_its_pictures(detail, registered, level):
+def test_scene_is_as_good_as_what_it_shows_between_its_pictures(detail, registered, level):
     assert classify_scene(detail, registered) == level
+
+
+def test_lens_of_photographs_on_their_side_is_compared_as_it_was_held():
+    held = gsut.Camera("opencv4", [90, 100, 55, 35, 0.1, 0, 0, 0], 100, 80)
+    side = gsut.Camera("opencv4", [100, 90, 35, 45, 0.1, 0, 0, 0], 80, 100)
+    assert compare_lenses(side, held, turned=True)["lens_px"] < tol.PROVING_SAME_LENS
+    assert compare_lenses(side, held)["lens_px"] > 1
