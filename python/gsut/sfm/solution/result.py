@@ -149,7 +149,7 @@ class PairAgreement:
 
     @property
     def share(self) -> float:
-        """Share of all matches that observe one point.
+        """Returns the share of all matches that observe one point.
 
         Above 0.9 where lens and images belong together, 0.3 to 0.4 with a wrong lens: pairs then
         agree one by one, but not with each other.
@@ -158,7 +158,7 @@ class PairAgreement:
 
     @property
     def contradicted(self) -> float:
-        """Share of the pairs whose matches the solution rejects as a whole."""
+        """Returns the share of the pairs whose matches the solution rejects as a whole."""
         rejected = self.together < _REJECTED * self.matches
         return float(rejected.sum() / max(1, len(rejected)))
 
