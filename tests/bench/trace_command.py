@@ -24,8 +24,8 @@ import numpy as np
 CORES = (2, 4, 8, 16)
 # Seconds between two looks at what the main thread does.
 _TICK = 0.004
-# Places listed of the serial time.
-_MOST_PLACES = 12
+# Places kept of the serial time.
+_MOST_PLACES = 200
 # Cores that the time lost in loops and pools is stated for.
 _JUDGED = 8
 
