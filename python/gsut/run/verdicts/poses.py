@@ -34,6 +34,11 @@ _SEPARATE_PLACES = (
     "put the pictures of each place into a folder of their own, or add pictures of the way from "
     "one to the other, and put up something that sets them apart"
 )
+_ADD_TURNED = "add images, some turned by 90 degrees about the axis of the lens"
+_MEND_GLOBAL = (
+    "give --shutter rolling if the camera moved fast, or put up something that sets places apart "
+    "which look alike"
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -81,13 +86,7 @@ def judge_poses(quality: PosesQuality) -> Verdict:
     agreement = 1.0 if q.agreement is None else q.agreement
     is_given = q.focal_sigma is None
     turn = q.readout_turn or 0.0
-    add_turned = "add images, some turned by 90 degrees about the axis of the lens"
-    mend_poses = (
-        "give --shutter rolling if the camera moved fast, or put up something that sets places "
-        "apart which look alike"
-        if q.readout_turn is None
-        else add_turned
-    )
+    mend_poses = _MEND_GLOBAL if q.readout_turn is None else _ADD_TURNED
     faults = [  # causes before what they lead to
         Fault(
             0 if not q.motion else 2 if q.only_turned else 1,
@@ -122,7 +121,7 @@ def judge_poses(quality: PosesQuality) -> Verdict:
         Fault(
             count_exceeded(turn, _READOUT_TURN),
             f"images seem to turn by {math.degrees(turn):.0f} degrees while they are read",
-            add_turned,
+            _ADD_TURNED,
         ),
         Fault(
             count_exceeded(q.contradicted, _CONTRADICTED),
