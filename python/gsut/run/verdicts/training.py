@@ -87,10 +87,10 @@ def _name_level(detail: float) -> str:
 def _find_fault(metrics: dict[str, Any], repeat: _NextCommand) -> Fault | None:
     """Finds what keeps a training from being good; None if it is.
 
-    Where a shift of the whole picture brings detail back, poses or the lens are wrong. Where
-    training views are soft themselves, the training has not shown what it was given. Where they are
-    sharp and held-out ones are not, or these lose more against those than those have lost, the
-    photographs did not determine the scene in between.
+    Where a shift of the whole picture brings detail back, poses or the lens are wrong. Else the
+    larger loss tells: training views that are soft themselves do not show what they were given;
+    where held-out views lose more against them, the photographs did not determine the scene in
+    between.
     """
     detail, train = metrics["detail_median"], metrics.get("detail_train")
     if detail >= GOOD:
@@ -106,7 +106,7 @@ def _find_fault(metrics: dict[str, Any], repeat: _NextCommand) -> Fault | None:
         )
     if train is None:
         return Fault(1, "steps and Gaussians are few", repeat.make_longer())
-    if train >= GOOD or train - detail > 1 - train:
+    if train - detail > 1 - train:
         sharp = "sharp" if train >= GOOD else "far sharper"
         return Fault(
             1,
