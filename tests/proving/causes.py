@@ -32,9 +32,13 @@ NOTHING = "nothing"  # wrong
 _NAMES = {
     "poses or the lens are wrong": "poses or lens",
     "wrong poses or a wrong lens": "poses or lens",
-    "too few photographs": "photographs or movers",
+    "too few photographs": "few photographs",
+    ": something moved": "movers",
     "steps and Gaussians are few": "steps or Gaussians",
 }
+
+# Of metrics.json, that a verdict is made from.
+_FIGURES = ("detail_median", "detail_train", "detail_shifted_median", "psnr", "moving_train")
 
 Values = dict[str, Any]
 Change = Callable[[Values, Path, np.random.Generator], None]
@@ -110,11 +114,11 @@ class Cause:
 
 
 CAUSES = {
-    NOTHING: Cause(_keep, _FAST, ("steps or Gaussians", "photographs or movers")),
+    NOTHING: Cause(_keep, _FAST, ("steps or Gaussians", "few photographs")),
     "few steps": Cause(_keep, (*_FAST, "--steps", "20"), ("steps or Gaussians",)),
     "few Gaussians": Cause(_keep, (*_FAST, "--max-gaussians", "300"), ("steps or Gaussians",)),
-    "few views": Cause(_drop_views, _FAST, ("photographs or movers",)),
-    "moving things": Cause(_add_mover, _FAST, ("photographs or movers",)),
+    "few views": Cause(_drop_views, _FAST, ("few photographs",)),
+    "moving things": Cause(_add_mover, _FAST, ("movers",)),
     "wrong poses": Cause(_turn_poses, _FAST, ("poses or lens",)),
     "wrong lens": Cause(_lengthen_lens, _FAST, ("poses or lens",)),
 }
@@ -136,7 +140,9 @@ def score_causes(data: Path, work: Path, seed: int) -> dict[str, Any]:
     for name, cause in CAUSES.items():
         folder, out = (work / f"{name.replace(' ', '-')}-{part}" for part in ("data", "run"))
         copy_changed(data, folder, cause.plant, np.random.default_rng([seed, 51]))
-        outcome = run_gsut("train", folder, "-o", out, "--quiet", "--force", *cause.words, work=work)
+        outcome = run_gsut(
+            "train", folder, "-o", out, "--quiet", "--force", *cause.words, work=work
+        )
         if outcome.status != 0:
             row[f"cause_{name}"] = outcome.last_line
             continue
@@ -144,7 +150,13 @@ def score_causes(data: Path, work: Path, seed: int) -> dict[str, Any]:
         row[f"cause_{name}"] = name_cause(metrics["verdict"])
         row[f"figures_{name}"] = {
             key: metrics.get(key)
-            for key in ("detail_median", "detail_train", "detail_shifted_median", "psnr")
+            for key in (
+                "detail_median",
+                "detail_train",
+                "detail_shifted_median",
+                "psnr",
+                "moving_train",
+            )
         } | {"cpu_seconds": outcome.cpu_seconds, "views": metrics["train_views"]}
     return row
 

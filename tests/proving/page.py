@@ -116,10 +116,11 @@ def count_causes(rows: Sequence[Row]) -> list[tuple[object, ...]]:
     said = collections.Counter(
         (name, row[f"cause_{name}"]) for row in rows for name in CAUSES if f"cause_{name}" in row
     )
-    order = list(CAUSES)
+    order = {name: number for number, name in enumerate(CAUSES)}
+    rows_of_table = sorted(said.items(), key=lambda item: (order[item[0][0]], -item[1]))
     return [
         (name, cause, count, find_wrong_cause({f"cause_{name}": cause}, name) is None)
-        for (name, cause), count in sorted(said.items(), key=lambda c: (order.index(c[0][0]), -c[1]))
+        for (name, cause), count in rows_of_table
     ]
 
 
