@@ -35,6 +35,7 @@ _NAMES = {
     "too few photographs": "few photographs",
     ": something moved": "movers",
     "steps and Gaussians are few": "steps or Gaussians",
+    "moved past": "movers",
 }
 
 # Of metrics.json, that a verdict is made from.
@@ -169,10 +170,9 @@ def find_wrong_cause(row: dict[str, Any], name: str) -> str | None:
 
 def name_cause(verdict: dict[str, Any]) -> str:
     """Names the cause that a verdict gives: `GOOD` if there is none, its reasons if unknown."""
-    if verdict["level"] == "good":
-        return GOOD
     reasons = "; ".join(verdict["reasons"])
-    return next((cause for words, cause in _NAMES.items() if words in reasons), reasons)
+    unknown = GOOD if verdict["level"] == "good" else reasons
+    return next((cause for words, cause in _NAMES.items() if words in reasons), unknown)
 
 
 def copy_changed(data: Path, folder: Path, change: Change, rng: np.random.Generator) -> None:

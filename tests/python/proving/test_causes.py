@@ -37,7 +37,8 @@ def test_planted_causes_change_pictures_poses_or_lens(tmp_path):
 def test_cause_that_a_verdict_names_is_right_or_a_misfire():
     reasons = ["training views are soft, too (70 % of their detail): steps and Gaussians are few"]
     said = name_cause({"level": "usable", "reasons": reasons})
-    assert name_cause({"level": "good", "reasons": reasons}) == GOOD
+    assert name_cause({"level": "good", "reasons": ["a.png is worst"]}) == GOOD
+    assert name_cause({"level": "good", "reasons": ["3 % show what moved past"]}) == "movers"
     rows = [{"cause_few steps": said, "cause_few views": said, "cause_wrong lens": GOOD}]
     assert [find_wrong_cause(rows[0], name) for name in CAUSES] == [None] * 3 + [said] + [None] * 3
     assert [m.kind for m in find_misfires(rows[0])] == ["cause not named"]
