@@ -28,6 +28,7 @@ from gsut.training.record.trained_run import TrainedRun
 _MOST_MEASURED = 8
 # Training views that are measured beside held-out ones, to show how far these fall behind.
 _BESIDE = 4
+_NOTHING = Movers()  # moved
 
 
 def measure(
@@ -38,7 +39,7 @@ def measure(
     steps: int,
     train_seconds: float,
     align: bool = False,
-    movers: Movers | None = None,
+    movers: Movers = _NOTHING,
 ) -> tuple[Scene, dict[str, Any]]:
     """Computes the content of metrics.json.
 
@@ -64,7 +65,7 @@ def measure(
         scene, evaluation = evaluate_aligned(gaussians, scene, indices, **settings)
     else:
         evaluation = evaluate(
-            gaussians, scene, indices, find_moving=movers and movers.enlarge_mask, **settings
+            gaussians, scene, indices, find_moving=movers.enlarge_mask, **settings
         )
     metrics = run_metrics(
         evaluation, gaussians, scene, options, steps=steps, train_seconds=train_seconds
@@ -93,8 +94,8 @@ def measure_training(
     metrics["moving_train"] = loop.outliers.movers.measure_share(len(scene.train_indices))
     if scene.test_indices:
         some = scene.train_indices[:: -(-len(scene.train_indices) // _BESIDE)]
-        how = {"background": background, "light": light, "find_moving": movers.enlarge_mask}
-        trained = evaluate(gaussians, scene, some, **how)
+        how: dict[str, Any] = {"background": background, "light": light}
+        trained = evaluate(gaussians, scene, some, find_moving=movers.enlarge_mask, **how)
         metrics |= {f"{key}_train": trained[key] for key in ("psnr", "detail")}
     metrics["notes"] += loop.notes
     if loop.refiner is not None:
