@@ -64,7 +64,7 @@ def measure_recall(found):
         if view in MOVED:
             row, column = MOVED[view]
             truth[row : row + TALL, column : column + WIDE] = True
-        mask = found.enlarge_mask(view, SIZE, SIZE)
+        mask = found.scale_mask(view, SIZE, SIZE)
         mask = np.zeros((SIZE, SIZE), bool) if mask is None else mask
         hit.append((mask & truth).sum() / max(1, truth.sum()))
         wrong.append((mask & ~truth).mean())

@@ -28,7 +28,7 @@ _SHIFT_GAIN = 0.03
 # Shares of the pixels that detail leaves out -> what these show.
 _LEFT_OUT = {"unseen": "no training view saw", "moving": "moved"}
 # Share of the training pixels from which what moved is named.
-_MOVING = 0.01
+_MOVING = 0.02
 # Gain by corrected colours from which differing exposure deserves a note.
 _COLORS_DB = 2.0
 

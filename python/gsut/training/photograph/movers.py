@@ -114,7 +114,7 @@ class Movers:
                 masks[index] = found
         return cls(masks)
 
-    def enlarge_mask(self, view: int, width: int, height: int) -> np.ndarray | None:
+    def scale_mask(self, view: int, width: int, height: int) -> np.ndarray | None:
         """Returns a view's mask (height, width), or None where nothing moved."""
         import cv2
 

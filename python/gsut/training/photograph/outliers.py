@@ -58,7 +58,7 @@ class Outliers:
         dimage: np.ndarray,
     ) -> None:  # fmt: skip
         """Zeros the loss' gradient (H, W, 3) where the view's photograph is not believed."""
-        moving = self.movers.enlarge_mask(view, dimage.shape[1], dimage.shape[0])
+        moving = self.movers.scale_mask(view, dimage.shape[1], dimage.shape[0])
         if moving is not None:
             dimage[moving] = 0
         if self._robust_from is not None and step >= self._robust_from:

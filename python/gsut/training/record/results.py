@@ -64,9 +64,7 @@ def measure(
     if align and scene.test_indices:
         scene, evaluation = evaluate_aligned(gaussians, scene, indices, **settings)
     else:
-        evaluation = evaluate(
-            gaussians, scene, indices, find_moving=movers.enlarge_mask, **settings
-        )
+        evaluation = evaluate(gaussians, scene, indices, find_moving=movers.scale_mask, **settings)
     metrics = run_metrics(
         evaluation, gaussians, scene, options, steps=steps, train_seconds=train_seconds
     )
@@ -95,7 +93,7 @@ def measure_training(
     if scene.test_indices:
         some = scene.train_indices[:: -(-len(scene.train_indices) // _BESIDE)]
         how: dict[str, Any] = {"background": background, "light": light}
-        trained = evaluate(gaussians, scene, some, find_moving=movers.enlarge_mask, **how)
+        trained = evaluate(gaussians, scene, some, find_moving=movers.scale_mask, **how)
         metrics |= {f"{key}_train": trained[key] for key in ("psnr", "detail")}
     metrics["notes"] += loop.notes
     if loop.refiner is not None:
