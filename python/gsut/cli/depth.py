@@ -47,6 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
     from gsut.data import write_transforms
     from gsut.run import Progress
     from gsut.surface import points_from_depth, save_mesh
+    from gsut.surface.stereo import find_depth_maps
 
     out = Path(arguments.out)
     check_name(out)
@@ -55,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
     scene = gsut.load_dataset(arguments.data, test_every=0)
     check_first(scene, arguments.force, quiet=True)
     with Progress(not arguments.quiet) as bars:
-        maps = gsut.poses.find_depth_maps(
+        maps = find_depth_maps(
             scene,
             agree=arguments.agree,
             on_view=lambda done, total: bars.show("sweeps", done, total),
@@ -78,6 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _write_view(scene: Scene, view: int, found: DepthMap, folder: Path) -> Frame:
     """Writes the depth and confidence of a view; returns its frame, which names them."""
+    from gsut._core import CameraMotion
     from gsut.data import Frame
     from gsut.data.poses import invert_pose
 
@@ -85,12 +87,12 @@ def _write_view(scene: Scene, view: int, found: DepthMap, folder: Path) -> Frame
     files = {name: folder / name / f"{of.name}.npy" for name in ("depth", "confidence")}
     for file, values in zip(files.values(), (found.depth, found.weight), strict=True):
         file.parent.mkdir(parents=True, exist_ok=True)
-        np.save(file, values)
+        np.save(file, np.asarray(values))
     ends: dict[str, Any] = {}
-    if of.shutter is not None:
+    if isinstance(of.motion, CameraMotion):
         ends = {
-            "world_from_camera_start": invert_pose(of.camera_from_world_start),
-            "world_from_camera_end": invert_pose(of.camera_from_world_end),
+            "world_from_camera_start": invert_pose(of.motion.at(0.0)),
+            "world_from_camera_end": invert_pose(of.motion.at(1.0)),
             "shutter": of.shutter,
         }
     return Frame(

@@ -72,4 +72,5 @@ class Photograph:
 
     def is_inside(self, pixels: np.ndarray) -> np.ndarray:
         """Returns (n,) bool: whether pixels (n, 2) lie in the image; NaN does not."""
-        return ((pixels >= 0) & (pixels < (self.camera.width, self.camera.height))).all(axis=1)
+        size = np.array([self.camera.width, self.camera.height])
+        return np.asarray(((pixels >= 0) & (pixels < size)).all(axis=1))

@@ -191,7 +191,7 @@ def _match(
     for row in beside:
         other = photographs[row]
         pixels, nearness = other.project(points)
-        known = [None, None, None]
+        known: list[np.ndarray | None] = [None, None, None]
         if row in shown:
             size = other.grey.shape
             known = [
