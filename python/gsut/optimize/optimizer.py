@@ -13,7 +13,8 @@ import numpy as np
 from gsut import _core
 from gsut._core import InputError
 from gsut.gaussians import Gaussians, are_surfels, order_by_morton_code, press_surfels, to_surfels
-from gsut.optimize.arrays import FIELDS, copy_rows, read_rows, to_mask_bytes
+from gsut.optimize.arrays import copy_rows, read_rows, to_mask_bytes
+from gsut.optimize.atoms import tie_scales, to_atoms
 
 # Adam's beta 1, beta 2 and epsilon, as in 3DGS.
 ADAM = (0.9, 0.999, 1e-15)
@@ -61,6 +62,7 @@ class LearningRates:
         opacity_logits: of the opacities' logits.
         sh0: of the constant coefficient of the harmonics.
         sh_rest: of the other coefficients.
+        shapes: of primitives that have shapes.
     """
 
     means: float
@@ -69,6 +71,7 @@ class LearningRates:
     opacity_logits: float
     sh0: float
     sh_rest: float
+    shapes: float = 0.0
 
 
 class GaussianOptimizer:
@@ -84,6 +87,7 @@ class GaussianOptimizer:
         capacity: rows to reserve, at least len(gaussians); the final number avoids all copies.
         seed: 0 to 2^64 - 1; random numbers of densification and noise depend on it and on `steps`.
         surfels: keep Gaussians flat: the third scale gets no gradient and stays that of a surfel.
+        atoms: keep Gaussians round: their three scales are one number.
 
     Attributes:
         steps: Adam steps made.
@@ -105,19 +109,27 @@ class GaussianOptimizer:
         *,
         seed: int = 0,
         surfels: bool = False,
+        atoms: bool = False,
     ) -> None:
+        if atoms:
+            gaussians = to_atoms(gaussians)
         if surfels and not are_surfels(gaussians):
             gaussians = to_surfels(gaussians)
         size = len(gaussians)
         capacity = size if capacity is None else capacity
         if capacity < size:
             raise InputError(f"capacity is {capacity}, but there are {size} Gaussians")
-        self.steps, self.seed, self.surfels = 0, seed, surfels
+        self.steps, self.seed, self.surfels, self.atoms = 0, seed, surfels, atoms
         self._turn = threading.RLock()
         params = copy_rows(gaussians.to_dtype(np.float32), size, capacity)
         moments = copy_rows(params, 0, capacity), copy_rows(params, 0, capacity)
         self.arrays: tuple[Gaussians, Gaussians, Gaussians] = (params, *moments)
         self.resize(size)
+
+    @property
+    def fields(self) -> list[str]:
+        """Names of the arrays that are optimised."""
+        return self.arrays[0].list_arrays()
 
     @property
     def capacity(self) -> int:
@@ -153,7 +165,7 @@ class GaussianOptimizer:
         Raises:
             InputError: shapes disagree.
         """
-        names = FIELDS if harmonics else FIELDS[:-1]
+        names = [name for name in self.fields if harmonics or name != "sh"]
         gradients = [np.ascontiguousarray(getattr(grads, name), np.float32) for name in names]
         for name, gradient in zip(names, gradients, strict=True):
             expected = getattr(self.gaussians, name).shape
@@ -162,14 +174,22 @@ class GaussianOptimizer:
                     f"gradient of {name} must have shape {expected}, found {gradient.shape}"
                 )
         if self.surfels:
-            gradients[FIELDS.index("log_scales")][:, 2] = 0
+            gradients[names.index("log_scales")][:, 2] = 0
+        if self.atoms:
+            tie_scales(gradients[names.index("log_scales")])
         params, moment1, moment2 = ([getattr(rows, name) for name in names] for rows in self.arrays)
-        of_columns = [[getattr(rates, name)] for name in FIELDS[:-1]]
-        of_columns.append(_list_harmonics_rates(self.gaussians.sh, rates, active_sh_degree))
-        columns = [3, 4, 3, 1, len(of_columns[-1])]
+        of_columns = [
+            _list_harmonics_rates(self.gaussians.sh, rates, active_sh_degree)
+            if name == "sh" else [getattr(rates, name)] for name in names
+        ]  # fmt: skip
+        widths = {"means": 3, "quats": 4, "log_scales": 3}
+        columns = [
+            len(of_columns[i]) if name == "sh" else widths.get(name, 1)
+            for i, name in enumerate(names)
+        ]
         _core.adam_step(
-            params, gradients, moment1, moment2, of_columns[: len(names)], self.steps + 1,
-            self.size, to_mask_bytes(visible), columns[: len(names)], *ADAM,
+            params, gradients, moment1, moment2, of_columns, self.steps + 1, self.size,
+            to_mask_bytes(visible), columns, *ADAM,
         )  # fmt: skip
         self.steps += 1
         self._press()
@@ -237,8 +257,9 @@ class GaussianOptimizer:
     @allow_one_thread
     def restart_with(self, gaussians: Gaussians) -> GaussianOptimizer:
         """Returns an optimizer of other Gaussians, drawn as these, that keeps counting steps."""
-        gaussians = dataclasses.replace(gaussians, response=self.arrays[0].response)
-        new = GaussianOptimizer(gaussians, seed=self.seed, surfels=self.surfels)
+        own = self.arrays[0]
+        gaussians = dataclasses.replace(gaussians, response=own.response, primitive=own.primitive)
+        new = GaussianOptimizer(gaussians, seed=self.seed, surfels=self.surfels, atoms=self.atoms)
         new.steps = self.steps
         return new
 
@@ -253,7 +274,7 @@ class GaussianOptimizer:
         state = {
             f"{prefix}.{name}": getattr(rows, name)[: self.size].copy()
             for prefix, rows in zip(_SETS, self.arrays, strict=True)
-            for name in FIELDS
+            for name in self.fields
         }
         for name in _STATISTICS:
             state[name] = getattr(self, name).copy()
@@ -268,12 +289,12 @@ class GaussianOptimizer:
         Raises:
             InputError: an array is missing or shapes disagree.
         """
-        needed = [f"{prefix}.{name}" for prefix in _SETS for name in FIELDS]
+        needed = [f"{prefix}.{name}" for prefix in _SETS for name in self.fields]
         for name in (*needed, *_STATISTICS, "steps", "seed"):
             if name not in state:
                 raise InputError(f"the optimizer state has no {name}")
         params, moment1, moment2 = (
-            read_rows(rows, {name: state[f"{prefix}.{name}"] for name in FIELDS})
+            read_rows(rows, {name: state[f"{prefix}.{name}"] for name in self.fields})
             for prefix, rows in zip(_SETS, self.arrays, strict=True)
         )
         sizes = {len(rows) for rows in (params, moment1, moment2)}
@@ -300,7 +321,7 @@ class GaussianOptimizer:
         """Sorts all rows along a Z curve, so that the rows of a tile lie close in memory."""
         order = order_by_morton_code(np.nan_to_num(self.gaussians.means))
         for rows in self.arrays:
-            for name in FIELDS:
+            for name in self.fields:
                 array = getattr(rows, name)
                 array[: self.size] = array[order]
         for name in _STATISTICS:

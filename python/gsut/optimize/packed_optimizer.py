@@ -92,14 +92,18 @@ class MixedOptimizer:
         """Does nothing: statistics serve densification only."""
 
 
-def make_optimizer(start: Any, capacity: int | None, seed: int, surfels: bool = False) -> Any:
+def make_optimizer(
+    start: Any, capacity: int | None, seed: int, surfels: bool = False, atoms: bool = False
+) -> Any:
     """Makes the optimizer that fits `start`: `Gaussians`, or `MixedGaussians`, which do not grow.
 
     Args:
         start: copied.
         capacity, seed: used for `Gaussians` only, see `GaussianOptimizer`.
-        surfels: see `GaussianOptimizer`.
+        surfels, atoms: see `GaussianOptimizer`.
     """
-    if isinstance(start, MixedGaussians):
+    if isinstance(start, MixedGaussians) and not atoms:
         return MixedOptimizer(start, surfels)
-    return GaussianOptimizer(start, capacity, seed=seed, surfels=surfels)
+    if isinstance(start, MixedGaussians):
+        start = start.to_gaussians()
+    return GaussianOptimizer(start, capacity, seed=seed, surfels=surfels, atoms=atoms)

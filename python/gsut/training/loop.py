@@ -104,7 +104,9 @@ class TrainingLoop:
         start, self.notes = choose_first_gaussians(scene, options) if start is None else (start, [])
         self.densification = load_strategy(options, len(start))
         surfels = options.primitive == "surfel"
-        self.optimizer = make_optimizer(start, self.densification.capacity, options.seed, surfels)
+        self.optimizer = make_optimizer(
+            start, self.densification.capacity, options.seed, surfels, options.primitive == "atom"
+        )
         self.views = TrainingViews(scene, options.coarse_to_fine)
         lens = options.calibration_weights
         self.weights = None if lens is None else CalibrationWeights(lens, scene.cameras)

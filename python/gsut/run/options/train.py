@@ -11,6 +11,7 @@ import dataclasses
 import json
 from typing import Any, ClassVar
 
+from gsut import _core
 from gsut._core import InputError
 from gsut.run.options.fields import (
     check_options,
@@ -23,6 +24,7 @@ from gsut.run.options.recipe import PRESETS, compute_recipe, get_preset
 
 # --max-gaussians auto: see gsut.training.complexity.
 AUTO = "auto"
+_OTHER_PRIMITIVES = tuple(name for name in _core.list_primitives() if name != "gaussian")
 
 
 @describe_options
@@ -125,8 +127,10 @@ class TrainOptions:
         "balanced 1, best 2",
     )
     primitive: str = define_option(
-        "gaussian", "Gaussians", "surfel: flat discs without a third scale, written as in 2DGS",
-        choices=("gaussian", "surfel"),
+        "gaussian", "Gaussians", "surfel: flat discs without a third scale, written as in 2DGS; "
+        "atom: Gaussians with one scale; power4: exp(-D^4 / 18), 3DGRT's default; beta: "
+        "(1 - D^2 / 2b)^b, its shape b learnt; other viewers do not draw the last two",
+        choices=("gaussian", "surfel", "atom", *_OTHER_PRIMITIVES),
     )
     response: str = define_option(
         "maximum", "Gaussians", "how alpha follows from a Gaussian's opacity o and its response G; "
@@ -188,6 +192,8 @@ class TrainOptions:
         none="1 / steps within 1.25e-4 .. 1e-3",
         reason="short runs need more than the published 1.25e-4",
     )
+    lr_shapes: float = define_option(
+        2e-2, "Learning rates", "shapes of primitives that have some", low=0.0, high=1.0)
     lr_final_factor: float = define_option(
         None, "Learning rates", "all but the centres: last rate / first rate",
         low=0.0, high=1.0, low_open=True, none="1 to 1000 steps, 0.5 at 2000, 0.3 from 7000",
@@ -299,6 +305,8 @@ class TrainOptions:
                 f"--set low_pass={self.low_pass:g} makes Gaussians thicker, and surfels have no "
                 "thickness; leave one of the two out"
             )
+        if self.primitive in _OTHER_PRIMITIVES:
+            self._check_primitive()
         if self.refine_lens:
             object.__setattr__(self, "refine_poses", True)
         if self.compact_at is not None and self.compact_at >= self.steps:
@@ -310,6 +318,19 @@ class TrainOptions:
             raise InputError(
                 f"--set init_count={self.init_count} is more than --max-gaussians {most}"
             )
+
+    def _check_primitive(self) -> None:
+        """Raises InputError for what a primitive that is no Gaussian cannot do."""
+        has_shape, _ = _core.list_primitives()[self.primitive]
+        for flag, given, why in (
+            ("--surface", self.surface and has_shape, "normals have no gradient to its shapes"),
+            ("compact_at", self.compact_at is not None, "it merges what must be Gaussians"),
+        ):
+            if given:
+                raise InputError(
+                    f"{flag} cannot be combined with --primitive {self.primitive}: {why}; leave "
+                    "one of the two out"
+                )
 
     @property
     def most_gaussians(self) -> int:
