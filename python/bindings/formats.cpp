@@ -43,8 +43,8 @@ py::tuple ReadPly(const py::bytes& path) {
   }
   // Coordinates far from zero keep their digits: floats about an origin in double.
   const auto& [x, y, z] = reader.origin();
-  return py::make_tuple(means, quats, log_scales, opacity_logits, sh, shapes,
-                        not_finite, py::make_tuple(x, y, z));
+  return py::make_tuple(means, quats, log_scales, opacity_logits, sh, shapes, not_finite,
+                        py::make_tuple(x, y, z));
 }
 
 // Written to a temporary file beside it and moved, so that an interrupted call leaves the old one.
@@ -77,9 +77,10 @@ py::tuple ReadPoints(const py::bytes& path_bytes) {
 }  // namespace
 
 void BindFormats(pybind11::module_& m) {
-  m.def("read_ply", &ReadPly, py::arg("path"),
-        "Means, quats, log_scales, opacity_logits, sh, shapes or None (float32), the number of rows "
-        "that are not finite, and what was taken off the means (3 numbers), of a PLY file.");
+  m.def(
+      "read_ply", &ReadPly, py::arg("path"),
+      "Means, quats, log_scales, opacity_logits, sh, shapes or None (float32), the number of rows "
+      "that are not finite, and what was taken off the means (3 numbers), of a PLY file.");
   m.def("write_ply", &WritePlyFile, py::arg("path"), py::arg("gaussians"),
         py::arg("comments") = std::vector<std::string>(), py::arg("surfels") = false,
         "Writes float32 Gaussians as a binary PLY file, atomically; surfels: without scale_2.");

@@ -9,6 +9,7 @@ namespace gsut {
 namespace primitives {
 namespace {
 
+// What the text of a primitive calls, for double; vectors have theirs in primitives-inl.h.
 double Sqrt(double x) { return std::sqrt(x); }
 double Log2(double x) { return std::log2(x); }
 double Exp2(double x) { return std::exp2(x); }
@@ -42,6 +43,9 @@ auto Visit(Primitive primitive, Visitor&& visitor) {
 
 }  // namespace
 
+// The generated list is in the order of the files' names, and so are the values of the enumeration:
+// a primitive's value is its place in the list. Files name primitives by their names, so that the
+// order may change.
 std::vector<std::string> PrimitiveNames() {
   return {
 #define GSUT_PRIMITIVE_NAME(Kind) primitives::Kind::kName,
@@ -69,11 +73,12 @@ bool HasShape(Primitive primitive) {
 }
 
 std::span<const double> ExampleShapes(Primitive primitive) {
-  return Visit(primitive, [](auto kind) {
-    return std::span<const double>(decltype(kind)::kExampleShapes);
-  });
+  return Visit(primitive,
+               [](auto kind) { return std::span<const double>(decltype(kind)::kExampleShapes); });
 }
 
+// The text counts in halvings, log2, as the float kernels do; here it is turned into nats. The
+// derivative of ln f by -D^2 / 2 is that of log2 f by v: both logarithms have the same base.
 double Profile::Response(double d2) const {
   return Visit(primitive, [&](auto kind) {
     return std::exp2(kind.LogResponse(kPerSquare * d2, kind.Activate(stored)));
@@ -81,9 +86,8 @@ double Profile::Response(double d2) const {
 }
 
 double Profile::Slope(double d2) const {
-  return Visit(primitive, [&](auto kind) {
-    return kind.Slope(kPerSquare * d2, kind.Activate(stored));
-  });
+  return Visit(primitive,
+               [&](auto kind) { return kind.Slope(kPerSquare * d2, kind.Activate(stored)); });
 }
 
 double Profile::StoredSlope(double d2) const {

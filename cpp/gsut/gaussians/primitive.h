@@ -1,17 +1,17 @@
 // Primitives with ellipsoids as their levels: how the response falls with the Mahalanobis distance.
 //
 // One primitive = one file under primitives/, found by the build; this is its contract. A ray comes
-// within the Mahalanobis distance D of the mean; v = log2 exp(-D^2 / 2) is what a Gaussian's response
-// would be. A file says what becomes of it, as text for double and for vectors:
+// within the Mahalanobis distance D of the mean; v = log2 exp(-D^2 / 2) is what a Gaussian's
+// response would be. A file says what becomes of it, as text for double and for vectors:
 //   LogResponse(v, b)  log2 of the response f, 0 at v = 0, falling;
 //   Slope(v, b)        its derivative by v;
 //   ShapeSlope(v, b)   its derivative by b;
 //   Invert(l, b)       the v at which log2 f is l, where f ends if it ends before;
 //   Activate(x)        b, a number of each primitive, of which x is stored (kHasShape; else neither
 //                      is read), and ActivationSlope(x) its derivative.
-// All else, the point of the nearest pass, the hit test without division, tiles, gradients to means,
-// rotations, scales and rays, densification and files, is that of the Gaussian: the cut-off of
-// D^2 and dlog f / dv are all that changes.
+// All else, the point of the nearest pass, the hit test without division, tiles, gradients to
+// means, rotations, scales and rays, densification and files, is that of the Gaussian: the cut-off
+// of D^2 and dlog f / dv are all that changes.
 #pragma once
 
 #include <cstdint>

@@ -29,9 +29,9 @@ HWY_INLINE Lane Exp2(Lane x) {
 template <class Visitor>
 HWY_INLINE void VisitPrimitive(Primitive primitive, const Visitor& visitor) {
   switch (primitive) {
-#define GSUT_PRIMITIVE_CASE(Kind)       \
-  case Primitive::k##Kind:              \
-    visitor(lane_primitives::Kind());   \
+#define GSUT_PRIMITIVE_CASE(Kind)     \
+  case Primitive::k##Kind:            \
+    visitor(lane_primitives::Kind()); \
     return;
     GSUT_FOR_EACH_PRIMITIVE(GSUT_PRIMITIVE_CASE)
 #undef GSUT_PRIMITIVE_CASE
@@ -42,7 +42,7 @@ HWY_INLINE void VisitPrimitive(Primitive primitive, const Visitor& visitor) {
 // Gaussian. exponents: v, see gaussians/primitive.h, which becomes log2 of the response; shapes:
 // those of the exponents, activated.
 inline HWY_NOINLINE void ShapeExponents(Primitive primitive, const float* shapes, int count,
-                                 FloatVec* exponents) {
+                                        FloatVec* exponents) {
   VisitPrimitive(primitive, [&](auto kind) HWY_ATTR {
     for (int i = 0; i < count; ++i) {
       exponents[i] = kind.LogResponse(Lane(exponents[i]), Lane(shapes[i])).v;
@@ -52,13 +52,15 @@ inline HWY_NOINLINE void ShapeExponents(Primitive primitive, const float* shapes
 
 // The derivatives of log2 of the response by v, and by the shape.
 inline HWY_NOINLINE void ShapeSlopes(Primitive primitive, float shape, FloatVec v, FloatVec* by_v,
-                              FloatVec* by_shape) {
+                                     FloatVec* by_shape) {
   VisitPrimitive(primitive, [&](auto kind) HWY_ATTR {
     *by_v = kind.Slope(Lane(v), Lane(shape)).v;
     *by_shape = kind.ShapeSlope(Lane(v), Lane(shape)).v;
   });
 }
 
+// Runs once for each Gaussian of a frame, and for lines once for each pair of a tile: what is drawn
+// is bounded by it before any exponential. A cut-off below 0, of what is never drawn, counts as 0.
 // D^2 where the response ends, of the one where a Gaussian's would; stored: shapes.
 inline HWY_NOINLINE Lane ShapeCutoff(Primitive primitive, Lane stored, Lane gaussian_cutoff) {
   constexpr double kPerSquare = -0.72134752044448170368;

@@ -154,6 +154,8 @@ struct ShapeSums {
     shape = ShapeOf(task, gaussian);
     hn::Store(hn::Zero(FloatTag()), FloatTag(), sums);
   }
+  // The forms' gradients below are those of a Gaussian, whose exponent v = log2 G is kappa u: they
+  // hold for any response that is a function of v once h is multiplied by dln f / dln G.
   // h, the gradient to ln raw, goes on to the exponent v: returns h dln f / dln G.
   HWY_INLINE FloatVec PassOn(Primitive primitive, FloatVec h, FloatVec v) {
     const FloatTag d;

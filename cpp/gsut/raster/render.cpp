@@ -154,7 +154,8 @@ void Renderer::FillTask(const GaussiansView<const float>& gaussians, const Rende
   task_.sh_degree = settings.sh_degree < stored_degree ? settings.sh_degree : stored_degree;
 }
 
-// Kernels read shapes as they act, not as they are stored.
+// Kernels read shapes as they act, not as they are stored. They lie beside the records, whose 16
+// floats are full: only primitives that have shapes pay for them.
 void Renderer::ActivateShapes(const GaussiansView<const float>& gaussians) {
   task_.shapes = nullptr;
   if (!HasShape(gaussians.primitive)) return;

@@ -189,7 +189,7 @@ class Gaussians(ParameterArrays):
 
     @property
     def rule(self) -> dict[str, Any]:
-        """What says how they are drawn: `response`, `primitive` and `shapes`, to make others by."""
+        """Response, primitive and shapes, as keywords of `Gaussians`."""
         return {"response": self.response, "primitive": self.primitive, "shapes": self.shapes}
 
     def to_primitive(self, primitive: str) -> Gaussians:

@@ -13,7 +13,7 @@ import numpy as np
 from gsut.gaussians import Gaussians
 
 
-def tie_scales(gradients: np.ndarray) -> None:
+def sum_scale_gradients(gradients: np.ndarray) -> None:
     """Replaces gradients (N, 3) of logarithms of scales by that of their common value, in place."""
     gradients[:] = gradients.sum(axis=1, keepdims=True)
 

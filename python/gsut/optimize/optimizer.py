@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 import threading
 from collections.abc import Callable
 from typing import Any, Concatenate, ParamSpec, TypeVar
@@ -14,7 +15,7 @@ from gsut import _core
 from gsut._core import InputError
 from gsut.gaussians import Gaussians, are_surfels, order_by_morton_code, press_surfels, to_surfels
 from gsut.optimize.arrays import copy_rows, read_rows, to_mask_bytes
-from gsut.optimize.atoms import tie_scales, to_atoms
+from gsut.optimize.atoms import sum_scale_gradients, to_atoms
 
 # Adam's beta 1, beta 2 and epsilon, as in 3DGS.
 ADAM = (0.9, 0.999, 1e-15)
@@ -92,6 +93,7 @@ class GaussianOptimizer:
     Attributes:
         steps: Adam steps made.
         size: number of Gaussians.
+        fields: names of the arrays.
         arrays: parameters and Adam's first and second moments, `capacity` rows each.
         gradient_max: (N,) largest |dL/dmean| x distance since the last densification.
         gradient_sum: (N,) sum of half of it.
@@ -122,14 +124,10 @@ class GaussianOptimizer:
         self.steps, self.seed, self.surfels, self.atoms = 0, seed, surfels, atoms
         self._turn = threading.RLock()
         params = copy_rows(gaussians.to_dtype(np.float32), size, capacity)
+        self.fields = params.list_arrays()
         moments = copy_rows(params, 0, capacity), copy_rows(params, 0, capacity)
         self.arrays: tuple[Gaussians, Gaussians, Gaussians] = (params, *moments)
         self.resize(size)
-
-    @property
-    def fields(self) -> list[str]:
-        """Names of the arrays that are optimised."""
-        return self.arrays[0].list_arrays()
 
     @property
     def capacity(self) -> int:
@@ -176,17 +174,9 @@ class GaussianOptimizer:
         if self.surfels:
             gradients[names.index("log_scales")][:, 2] = 0
         if self.atoms:
-            tie_scales(gradients[names.index("log_scales")])
+            sum_scale_gradients(gradients[names.index("log_scales")])
         params, moment1, moment2 = ([getattr(rows, name) for name in names] for rows in self.arrays)
-        of_columns = [
-            _list_harmonics_rates(self.gaussians.sh, rates, active_sh_degree)
-            if name == "sh" else [getattr(rates, name)] for name in names
-        ]  # fmt: skip
-        widths = {"means": 3, "quats": 4, "log_scales": 3}
-        columns = [
-            len(of_columns[i]) if name == "sh" else widths.get(name, 1)
-            for i, name in enumerate(names)
-        ]
+        of_columns, columns = _list_columns(self.gaussians, names, rates, active_sh_degree)
         _core.adam_step(
             params, gradients, moment1, moment2, of_columns, self.steps + 1, self.size,
             to_mask_bytes(visible), columns, *ADAM,
@@ -289,21 +279,9 @@ class GaussianOptimizer:
         Raises:
             InputError: an array is missing or shapes disagree.
         """
-        needed = [f"{prefix}.{name}" for prefix in _SETS for name in self.fields]
-        for name in (*needed, *_STATISTICS, "steps", "seed"):
-            if name not in state:
-                raise InputError(f"the optimizer state has no {name}")
-        params, moment1, moment2 = (
-            read_rows(rows, {name: state[f"{prefix}.{name}"] for name in self.fields})
-            for prefix, rows in zip(_SETS, self.arrays, strict=True)
-        )
-        sizes = {len(rows) for rows in (params, moment1, moment2)}
-        sizes |= {len(state[name]) for name in _STATISTICS}
-        if len(sizes) != 1:
-            raise InputError(f"the optimizer state has different lengths: {sorted(sizes)}")
-        (size,) = sizes
+        sets, size = _read_state(state, self.arrays)
         capacity = max(self.capacity, size)
-        self.arrays, self.size = (params, moment1, moment2), size
+        self.arrays, self.size = sets, size
         self._set_capacity(capacity)
         self.resize(size)
         for name in _STATISTICS:
@@ -342,6 +320,43 @@ class GaussianOptimizer:
     def _set_capacity(self, rows: int) -> None:
         params, moment1, moment2 = (copy_rows(old, self.size, rows) for old in self.arrays)
         self.arrays = params, moment1, moment2
+
+
+def _read_state(
+    state: dict[str, np.ndarray], like: tuple[Gaussians, Gaussians, Gaussians]
+) -> tuple[tuple[Gaussians, Gaussians, Gaussians], int]:
+    """Reads parameters and moments of a state, and their number of rows.
+
+    Raises:
+        InputError: an array is missing or shapes disagree.
+    """
+    fields = like[0].list_arrays()
+    needed = [f"{prefix}.{name}" for prefix in _SETS for name in fields]
+    for name in (*needed, *_STATISTICS, "steps", "seed"):
+        if name not in state:
+            raise InputError(f"the optimizer state has no {name}")
+    params, moment1, moment2 = (
+        read_rows(rows, {name: state[f"{prefix}.{name}"] for name in fields})
+        for prefix, rows in zip(_SETS, like, strict=True)
+    )
+    sizes = {len(rows) for rows in (params, moment1, moment2)}
+    sizes |= {len(state[name]) for name in _STATISTICS}
+    if len(sizes) != 1:
+        raise InputError(f"the optimizer state has different lengths: {sorted(sizes)}")
+    return (params, moment1, moment2), sizes.pop()
+
+
+def _list_columns(
+    gaussians: Gaussians, names: list[str], rates: LearningRates, degree: int | None
+) -> tuple[list[list[float]], list[int]]:
+    """Lists, for each array, the rates of its columns (one for all alike) and how many step."""
+    of_columns = [[getattr(rates, name)] if name != "sh" else [] for name in names]
+    columns = [math.prod(getattr(gaussians, name).shape[1:]) for name in names]
+    if "sh" in names:
+        at = names.index("sh")
+        of_columns[at] = _list_harmonics_rates(gaussians.sh, rates, degree)
+        columns[at] = len(of_columns[at])
+    return of_columns, columns
 
 
 def _list_harmonics_rates(sh: np.ndarray, rates: LearningRates, degree: int | None) -> list[float]:

@@ -92,16 +92,15 @@ class MixedOptimizer:
         """Does nothing: statistics serve densification only."""
 
 
-def make_optimizer(
-    start: Any, capacity: int | None, seed: int, surfels: bool = False, atoms: bool = False
-) -> Any:
+def make_optimizer(start: Any, capacity: int | None, seed: int, primitive: str = "gaussian") -> Any:
     """Makes the optimizer that fits `start`: `Gaussians`, or `MixedGaussians`, which do not grow.
 
     Args:
         start: copied.
         capacity, seed: used for `Gaussians` only, see `GaussianOptimizer`.
-        surfels, atoms: see `GaussianOptimizer`.
+        primitive: as in `TrainOptions`: surfels stay flat, atoms round.
     """
+    surfels, atoms = primitive == "surfel", primitive == "atom"
     if isinstance(start, MixedGaussians) and not atoms:
         return MixedOptimizer(start, surfels)
     if isinstance(start, MixedGaussians):

@@ -1,11 +1,11 @@
 // beta: (1 - D^2 / (2 b))^b, 0 from D^2 = 2 b on: a ball with a soft rim for small b, exp(-D^2 / 2)
 // for large ones.
 //
-// Shape: b = 1/2 + 7/2 exp(x), stored as x; x = 0 gives b = 4. The radius sqrt(2 b) grows with b, so
-// that the response at the centre bends as a Gaussian's whatever b is, and shape and scales are
+// Shape: b = 1/2 + 7/2 exp(x), stored as x; x = 0 gives b = 4. The radius sqrt(2 b) grows with b,
+// so that the response at the centre bends as a Gaussian's whatever b is, and shape and scales are
 // learnt apart. Over a footprint the square of the gradient to D^2 goes as (1 - D^2 / (2 b))^(2 b -
-// 2), whose integral is finite for b > 1/2. x counts up to kMostStored: beyond it float tells the
-// response from a Gaussian's no better.
+// 2), whose integral is finite for b > 1/2. x counts up to kMostStored: b is 1412 there, and
+// float cannot distinguish the response from a Gaussian's.
 // With v = -log2(e) D^2 / 2 and y = 1 - D^2 / (2 b) = 1 + v ln 2 / b: log2 f = b log2 y.
 // Source: Liu et al., "Deformable Beta splatting", 2025, whose radius does not depend on b.
 

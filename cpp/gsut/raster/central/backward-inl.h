@@ -111,6 +111,7 @@ HWY_INLINE void BackwardRays(BackwardFlags flags, const BlendLimits& limits, con
   }
   const FloatVec u = fields.Get(kFieldU);
   sums[slot::kH] = hn::Add(sums[slot::kH], h);
+  // From here on h is the gradient to the exponent v, in place of that to ln raw.
   if (!limits.IsGaussian()) h = shapes->PassOn(limits.primitive, h, hn::Mul(g.kappa, u));
   const FloatVec hr = hn::Mul(h, reciprocal);
   const FloatVec hru = hn::Mul(hr, u);

@@ -83,6 +83,7 @@ class CentralChunk {
       alpha[i] = hn::MulAdd(Value(record::kKappa, index[i]), hn::Mul(n[i], reciprocal[i]),
                             Value(record::kLog2Strength, index[i]));
     }
+    // Once more, from v = kappa u on: a group's branch costs nothing where all are Gaussians.
     if (HWY_UNLIKELY(primitive_ != Primitive::kGaussian)) {
       GSUT_UNROLL for (int i = 0; i < kJam; ++i) {
         const FloatVec v = hn::Mul(Value(record::kKappa, index[i]), hn::Mul(n[i], reciprocal[i]));

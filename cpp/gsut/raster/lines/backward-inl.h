@@ -132,6 +132,7 @@ HWY_INLINE ResidualGradient BackwardResidual(BackwardFlags flags, const BlendLim
     h = hn::Mul(h, of_hit(hn::Mul(hn::Set(d, kLn2), raw)));
   }
   sums[slot::kH] = hn::Add(sums[slot::kH], h);
+  // From here on h is the gradient to the exponent v, in place of that to ln raw.
   if (!limits.IsGaussian()) {
     h = shapes->PassOn(limits.primitive, h, hn::Mul(kappa, of_hit(hit.u)));
   }
@@ -251,7 +252,8 @@ HWY_INLINE void BackwardLines(BackwardFlags flags, const RasterTask& task, const
         const int block = __builtin_ctzll(todo);
         const BlockFields at = fields.Block(block);
         float* pair = flags.with_channels ? channels->NextPair() : nullptr;
-        const ResidualGradient of = BackwardResidual(flags, limits, chunk, j, at, sums, &shapes, pair);
+        const ResidualGradient of =
+            BackwardResidual(flags, limits, chunk, j, at, sums, &shapes, pair);
         AddToSums(flags, of, sums);
         if (flags.with_rays) AddToLines(flags, chunk, j, of, at);
       }

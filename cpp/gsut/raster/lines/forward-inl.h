@@ -60,10 +60,11 @@ class LineKernel {
       const FloatVec kappa = chunk_.Get(LineChunk::kKappa, index[i]);
       const FloatVec log2_strength = chunk_.Get(LineChunk::kLog2Strength, index[i]);
       alpha[i] = hn::MulAdd(kappa, response.u, log2_strength);
+      // As for rays from one point: v = kappa u, and what the primitive makes of it.
       if (HWY_UNLIKELY(task_.gaussians.primitive != Primitive::kGaussian)) {
         const FloatVec v = hn::Mul(kappa, response.u);
-        alpha[i] = hn::Add(
-            ShapeExponent(task_.gaussians.primitive, shapes_[index[i]], v), log2_strength);
+        alpha[i] =
+            hn::Add(ShapeExponent(task_.gaussians.primitive, shapes_[index[i]], v), log2_strength);
       }
       alpha[i] = FastExp2(alpha[i]);
       if (HWY_UNLIKELY(task_.is_extinction)) alpha[i] = ExtinctionAlpha(alpha[i]);

@@ -102,9 +102,8 @@ HWY_INLINE void TouchGroup(const LineGrid& grid, const GaussianLanes& g, const T
 }
 
 // The tiles of the Gaussian with this record; all of them that it may touch.
-HWY_INLINE TileRect LineTileRect(const RasterTask& task, const LineGrid& grid,
-                                 std::size_t gaussian, const float* row, TouchedRows* rows,
-                                 std::vector<RowSpan>* spans) {
+HWY_INLINE TileRect LineTileRect(const RasterTask& task, const LineGrid& grid, std::size_t gaussian,
+                                 const float* row, TouchedRows* rows, std::vector<RowSpan>* spans) {
   const auto load = [&](int k) HWY_ATTR { return Lane(row[k]); };
   const auto stored = [&]() HWY_ATTR {
     return Lane(task.shapes == nullptr ? 0.0f : task.gaussians.shapes[gaussian]);

@@ -85,7 +85,7 @@ PixelGradient BackwardPixel(const std::vector<Seen>& seen, const Ray& ray,
     const double g_raw = hit.clamped ? 0.0 : g_this_alpha * AlphaSlope(response, hit.alpha);
     gs.strength += g_raw * hit.response;
     const Passing at(s, ray);
-    double g_log = g_raw * s.strength * hit.response;                   // dL/dln raw
+    double g_log = g_raw * s.strength * hit.response;  // dL/dln raw
     if (!s.profile.IsGaussian()) {
       gs.shape += g_log * s.profile.StoredSlope(at.d2);
       g_log *= s.profile.Slope(at.d2);

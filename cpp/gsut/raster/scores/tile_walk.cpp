@@ -78,6 +78,8 @@ bool TileWalk::Evaluate(const WalkGaussian& g, int offset, WalkHit* hit) const {
   hit->along = whitened.dot(w) / w.squaredNorm();
   if (!(hit->along > 0.0)) return false;
   hit->residual = whitened - hit->along * w;
+  // The slope of what follows from D^2 is a Gaussian's times that of its primitive, as in the
+  // kernels: ln f is a function of -D^2 / 2 alone.
   const double d2 = hit->residual.squaredNorm();
   const bool is_gaussian = g.profile.IsGaussian();
   const double response = is_gaussian ? std::exp(-0.5 * d2) : g.profile.Response(d2);

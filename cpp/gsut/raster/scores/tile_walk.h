@@ -43,8 +43,8 @@ struct WalkHit {
   double alpha, transmittance, weight;  // transmittance in front of it; weight = their product
   // raw dalpha / draw, raw = strength x response, and that times dln raw / d(-D^2 / 2); 0: clamped
   double by_strength, slope;
-  double along;                         // of the nearest point, in lengths of the direction
-  Eigen::Vector3d residual;             // from the mean to the ray in whitened space, reversed
+  double along;              // of the nearest point, in lengths of the direction
+  Eigen::Vector3d residual;  // from the mean to the ray in whitened space, reversed
 };
 
 // The pixels of one tile.

@@ -11,7 +11,6 @@ import dataclasses
 import json
 from typing import Any, ClassVar
 
-from gsut import _core
 from gsut._core import InputError
 from gsut.run.options.fields import (
     check_options,
@@ -20,11 +19,11 @@ from gsut.run.options.fields import (
     list_choices,
     list_words,
 )
+from gsut.run.options.primitives import OTHER_PRIMITIVES, check_primitive
 from gsut.run.options.recipe import PRESETS, compute_recipe, get_preset
 
 # --max-gaussians auto: see gsut.training.complexity.
 AUTO = "auto"
-_OTHER_PRIMITIVES = tuple(name for name in _core.list_primitives() if name != "gaussian")
 
 
 @describe_options
@@ -130,7 +129,7 @@ class TrainOptions:
         "gaussian", "Gaussians", "surfel: flat discs without a third scale, written as in 2DGS; "
         "atom: Gaussians with one scale; power4: exp(-D^4 / 18), 3DGRT's default; beta: "
         "(1 - D^2 / 2b)^b, its shape b learnt; other viewers do not draw the last two",
-        choices=("gaussian", "surfel", "atom", *_OTHER_PRIMITIVES),
+        choices=("gaussian", "surfel", "atom", *OTHER_PRIMITIVES),
     )
     response: str = define_option(
         "maximum", "Gaussians", "how alpha follows from a Gaussian's opacity o and its response G; "
@@ -305,8 +304,7 @@ class TrainOptions:
                 f"--set low_pass={self.low_pass:g} makes Gaussians thicker, and surfels have no "
                 "thickness; leave one of the two out"
             )
-        if self.primitive in _OTHER_PRIMITIVES:
-            self._check_primitive()
+        check_primitive(self.primitive, self.surface, self.compact_at)
         if self.refine_lens:
             object.__setattr__(self, "refine_poses", True)
         if self.compact_at is not None and self.compact_at >= self.steps:
@@ -318,19 +316,6 @@ class TrainOptions:
             raise InputError(
                 f"--set init_count={self.init_count} is more than --max-gaussians {most}"
             )
-
-    def _check_primitive(self) -> None:
-        """Raises InputError for what a primitive that is no Gaussian cannot do."""
-        has_shape, _ = _core.list_primitives()[self.primitive]
-        for flag, given, why in (
-            ("--surface", self.surface and has_shape, "normals have no gradient to its shapes"),
-            ("compact_at", self.compact_at is not None, "it merges what must be Gaussians"),
-        ):
-            if given:
-                raise InputError(
-                    f"{flag} cannot be combined with --primitive {self.primitive}: {why}; leave "
-                    "one of the two out"
-                )
 
     @property
     def most_gaussians(self) -> int:
