@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Callable, Iterable
 
 import numpy as np
@@ -15,16 +16,22 @@ from gsut import _core
 _PANORAMA_ANGLE = 2.0
 
 
-def small_camera(model: str, example: int = 0, width: int = 48) -> gsut.Camera:
-    """An example lens of a model, its image shrunk to `width` pixels: the field of view stays."""
+@functools.cache
+def _is_panorama(model: str, example: int) -> bool:
+    camera = _shrink(model, example, 48)
+    rays, valid = camera.rays()
+    return bool(np.arccos(rays[valid][:, 2].min()) > _PANORAMA_ANGLE)
+
+
+def _shrink(model: str, example: int, width: int) -> gsut.Camera:
     _, params, full_width, full_height = _core.camera_examples(model)[example]
     whole = gsut.Camera(model, params, full_width, full_height)
-    camera = whole.resize(width, max(1, round(full_height * width / full_width)))
-    rays, valid = camera.rays()
-    if np.arccos(rays[valid][:, 2].min()) > _PANORAMA_ANGLE:
-        width *= 3
-        camera = whole.resize(width, max(1, round(full_height * width / full_width)))
-    return camera
+    return whole.resize(width, max(1, round(full_height * width / full_width)))
+
+
+def small_camera(model: str, example: int = 0, width: int = 48) -> gsut.Camera:
+    """An example lens of a model, its image shrunk to `width` pixels: the field of view stays."""
+    return _shrink(model, example, 3 * width if _is_panorama(model, example) else width)
 
 
 def every_lens(width: int = 48) -> list[tuple[str, gsut.Camera]]:

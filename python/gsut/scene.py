@@ -12,7 +12,7 @@ import functools
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from gsut import _core
 from gsut._core import InputError
@@ -47,6 +47,9 @@ from gsut.training import measure_pace, track_training
 from gsut.training.first import describe_resizing
 from gsut.training.record import list_changed_data
 
+if TYPE_CHECKING:
+    from gsut.view import LiveScene
+
 POSES = "poses"  # folder of the pictures and poses, inside the run's folder
 STATE = "scene.json"  # paths and settings; seconds and verdict once the scene is finished
 PAGE = "scene.html"
@@ -57,8 +60,6 @@ _NO_SETTING = {"threads"}  # options that do not change the result
 
 # Called as `on_progress(row)` with "stage", "share", "seconds_left" and "text".
 OnProgress = Callable[[dict[str, Any]], None]
-# Called as `on_training(scene, options)` before a training; returns the `watch` of `gsut.train`.
-OnTraining = Callable[[Scene, TrainOptions], Callable[..., bool] | None]
 
 
 @dataclasses.dataclass
@@ -92,7 +93,7 @@ def make_scene(
     options: SceneOptions | None = None,
     *,
     progress: bool | OnProgress = True,
-    on_training: OnTraining | None = None,
+    watcher: LiveScene | None = None,
 ) -> SceneResult:
     """Makes a scene from videos or photographs of one camera: pictures, poses, training, verdict.
 
@@ -106,8 +107,7 @@ def make_scene(
         options: every setting; None: the defaults.
         progress: True shows a bar; a function receives dicts with "stage", "share" (of everything,
             0 to 1), "seconds_left" and "text".
-        on_training: called with the dataset and the training's options before it starts; what it
-            returns becomes the `watch` of `gsut.train`.
+        watcher: shows on a page what is found, while it is found; None: nobody looks.
 
     Returns:
         The folder, the figures and the verdict.
@@ -118,10 +118,10 @@ def make_scene(
         SolveError: no poses could be found; says why.
     """
     sources = [inputs] if isinstance(inputs, str | os.PathLike) else list(inputs)
-    making = _SceneInProgress(sources, out, options or SceneOptions(), on_training)
+    making = _SceneInProgress(sources, out, options or SceneOptions(), watcher)
     if "verdict" in making.figures:
         return SceneResult(making.folder.path, making.figures)
-    with making.claim_poses(), _start_bars(progress) as bars:
+    with making.claim_poses(), _start_bars(progress, watcher) as bars:
         pictures = making.choose_pictures(bars)  # capture/: frames worth keeping, a first lens
         poses = making.find_poses(pictures, bars)  # sfm/: where each picture was taken, the lens
         metrics = making.train(bars)  # train.py
@@ -149,14 +149,14 @@ class _SceneInProgress:
         inputs: Sequence[str | os.PathLike[str]],
         out: str | os.PathLike[str],
         options: SceneOptions,
-        on_training: OnTraining | None,
+        watcher: LiveScene | None,
     ) -> None:
         if not inputs:
             raise InputError("a scene needs at least one video, photograph or folder")
         self.folder = RunFolder.claim(out, "scene", inputs[0])
         self.trained: TrainResult | None = None
         self._inputs, self._options = [os.fspath(name) for name in inputs], options
-        self._on_training = on_training
+        self._watcher = watcher
         self._poses_seconds = 0.0  # taken by the stages of `find_poses` in this process
         self.figures = self._read_figures()
         self._changes = self._find_changes()
@@ -224,6 +224,9 @@ class _SceneInProgress:
             )  # fmt: skip
             for note in pictures.notes:
                 bars.note(note)
+        if self._watcher is not None:
+            rows = pictures.figures["frames"]
+            self._watcher.show_pictures({row["name"]: pictures.path / row["path"] for row in rows})
         self.folder.write_json(STATE, self.figures)
         bars.expect(
             "training",
@@ -253,7 +256,8 @@ class _SceneInProgress:
                     bars.note(self._announce(pictures, bars.estimate_left()))
                 announced = True
 
-            log = PosesLog(stages.show, bars.note, expect)
+            show_poses = None if self._watcher is None else self._watcher.show_poses
+            log = PosesLog(stages.show, bars.note, expect, show_poses)
             figures = find_poses(
                 pictures.path, out, camera=o.camera, options=options, log=log
             ).figures
@@ -301,7 +305,8 @@ class _SceneInProgress:
             bars.show(done, f"step {row['step']} of {options.steps}", row["seconds_left"])
 
         with bars.stage("training"):
-            watch = self._on_training(dataset, options) if self._on_training else None
+            watcher = self._watcher
+            watch = None if watcher is None else watcher.begin_training(dataset, options)
             self.trained = train(
                 dataset, options, out=folder.path, resume=True, progress=show, watch=watch
             )
@@ -356,11 +361,18 @@ class _SceneInProgress:
         self.folder.write_json(STATE, self.figures)
 
 
-def _start_bars(progress: bool | OnProgress) -> StagedProgress:
-    """Returns the bar of the whole command, or what passes its states to a function."""
-    listener = progress if callable(progress) else None
-    pace = measure_pace() if progress else 1.0
-    return StagedProgress(_EXPECTED_SECONDS, progress is True, on_progress=listener, pace=pace)
+def _start_bars(progress: bool | OnProgress, watcher: LiveScene | None) -> StagedProgress:
+    """Returns the bar of the whole command, or what passes its states to functions."""
+    listeners = [progress] if callable(progress) else []
+    if watcher is not None:
+        listeners.append(watcher.show_progress)
+
+    def show(row: dict[str, Any]) -> None:
+        for listener in listeners:
+            listener(row)
+
+    pace = measure_pace() if progress or watcher else 1.0
+    return StagedProgress(_EXPECTED_SECONDS, progress is True, on_progress=show, pace=pace)
 
 
 def _spread_over(

@@ -104,6 +104,8 @@ def train(
         while loop.step < o.steps and record.goes_on:
             # data/ -> render/ -> loss and back -> optimize/ -> training/strategies/ -> refine/
             record.add(loop, loop.advance())
+    if loop.step < o.steps:
+        loop.notes.append(f"the training was stopped after {loop.step} of {o.steps} steps")
     gaussians = loop.make_result().copy()  # optimize/: the mean over the last steps
     scene = loop.finish_scene()  # refine/: poses and lens against the finished Gaussians
     scene, metrics = measure_training(loop, gaussians, scene, record.run)  # evaluate/

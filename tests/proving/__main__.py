@@ -41,7 +41,8 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--parts",
         default=",".join(_PARTS),
-        help="of doctor, poses, train, causes (five trainings, each with one thing wrong), "
+        help="of doctor, poses, scene (a training on these poses, and what it shows between the "
+        "pictures), train (on the true ones), causes (five trainings, each with one thing wrong), "
         "mistakes (the usual ones planted), exact (doctor on right data, whole and thinned) "
         "[default: %(default)s]",
     )

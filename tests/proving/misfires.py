@@ -25,7 +25,7 @@ class Misfire(NamedTuple):
 
 def find_misfires(row: dict[str, Any]) -> Iterator[Misfire]:
     """Yields what went wrong in a row of `score_capture`."""
-    for name in ("doctor", "poses", "train"):
+    for name in ("doctor", "poses", "train", "scene"):
         if row.get(f"{name}_traceback"):
             yield Misfire("traceback", f"{name}: {row[f'{name}_traceback'].splitlines()[-1]}")
         if f"{name}_status" in row and row[f"{name}_status"] is None:
@@ -74,6 +74,13 @@ def _check_verdict(row: dict[str, Any]) -> Iterator[Misfire]:
             + "; ".join(row["verdict_reasons"])
         )
         yield Misfire(f"said {row['verdict']}, is {row['true_class']}", figures)
+    if "scene_verdict" in row and row["scene_verdict"] != row["scene_class"]:
+        between = row["scene_between"]
+        yield Misfire(
+            f"scene said {row['scene_verdict']}, is {row['scene_class']}",
+            f"detail between the pictures {100 * (between or 0):.0f} %, registered "
+            f"{100 * row['registered']:.0f} %; " + "; ".join(row["scene_reasons"]),
+        )
     few = [reason for reason in row.get("verdict_reasons", ()) if "few features" in reason]
     if few and row["auc_5"] > 0.9:
         yield Misfire("few features, poses fine", few[0])

@@ -30,7 +30,8 @@ def build_parts(rows: Sequence[Row]) -> list[str]:
     return [
         build_table(sorted(counts.items(), key=lambda item: -item[1]), ("misfire", "captures")),
         build_table(list_figures(rows), ("figure", "value", "captures")),
-        _build_confusion(rows),
+        _build_confusion(rows, "poses", "true_class", "verdict"),
+        _build_confusion(rows, "scene", "scene_class", "scene_verdict"),
         _build_doctor(rows),
         *_build_mistakes(rows),
         *(_build_factor(rows, factor) for factor in _FACTORS),
@@ -76,16 +77,14 @@ def list_figures(rows: Sequence[Row]) -> list[tuple[str, str, int]]:
         take("the same against the truth without noise, dB", lambda row: row.get("psnr_clean")),
         take("regret of the degree, dB", regret),
         *(take(f"{part}, CPU-s", lambda row, part=part: row.get(f"{part}_seconds"), 1)
-          for part in ("render", "doctor", "poses", "train")),
+          for part in ("render", "doctor", "poses", "train", "scene")),
     ]  # fmt: skip
 
 
-def _build_confusion(rows: Sequence[Row]) -> str:
-    counts = collections.Counter(
-        (row["true_class"], row["verdict"]) for row in rows if "verdict" in row
-    )
+def _build_confusion(rows: Sequence[Row], what: str, is_key: str, said_key: str) -> str:
+    counts = collections.Counter((row[is_key], row[said_key]) for row in rows if said_key in row)
     table = [(f"is {true}", *(counts[true, said] for said in _LEVELS)) for true in _LEVELS]
-    return build_table(table, ("poses", *(f"said {said}" for said in _LEVELS)))
+    return build_table(table, (what, *(f"said {said}" for said in _LEVELS)))
 
 
 def _build_doctor(rows: Sequence[Row]) -> str:
@@ -125,7 +124,9 @@ def _describe(row: Row) -> tuple[object, ...]:
     def show(key: str, factor: float = 1.0, digits: int = 1) -> str:
         return format_number(None if row.get(key) is None else factor * row[key], digits)
 
-    seconds = sum(row.get(f"{part}_seconds") or 0.0 for part in ("doctor", "poses", "train"))
+    seconds = sum(
+        row.get(f"{part}_seconds") or 0.0 for part in ("doctor", "poses", "train", "scene")
+    )
     return (
         row["seed"], row.get("family"), row.get("kind"), row.get("motion"), row.get("lens"),
         row.get("frames"), show("auc_1", 100, 0), show("auc_5", 100, 0), show("registered", 100, 0),

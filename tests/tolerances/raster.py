@@ -94,6 +94,8 @@ INTEGRAL_INSIDE = 2e-9
 # a move by 2e-9 of 0.2, times the slope of colours by place; worst 2.5e-9
 INTEGRAL_CONTINUITY = 5e-9
 EXTINCTION_FLIPS = 1e-3  # share of pixels on a cut-off: at most 2 of 2304; worst 0
+# Share of pixels on a cut-off, or of two nearest points that are one to float: at most 2 of 1024.
+RAY_ORDER_FLIPS = 2e-3  # worst 9.8e-4
 EXTINCTION_JACOBIAN = 1e-5  # relative L2, float against differences in double; worst 3.8e-6
 PRIMITIVE_FLOAT = 2e-5
 PRIMITIVE_DIFFERENCES = 1e-5

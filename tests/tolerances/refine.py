@@ -11,6 +11,7 @@ REFINE_LENS_GRADIENT = 3e-5  # the same, by the lens; see above
 REFINED_DEGREES = 2e-5  # float32 renders of 96 x 80 pixels; worst 6.6e-6
 REFINED_UNITS = 2e-7  # the same, scene of 6 units; worst 7.2e-8
 REFINED_NARROW_CHI_SQUARE = 1.1  # of a freedom, median of 6 poses; found 0.4
+REFINED_ERRING_CHI_SQUARE = 2.0  # of a freedom, mean of 8: 0.4; of 24 others 1.0
 REFINED_ROLLING_CHI_SQUARE = 2.3  # of a freedom, 6 of them; worst 1.2
 JACKKNIFE_CHI_SQUARE = 3.0  # of 200 scores of 6 degrees of freedom: the jackknife is low; 2.75
 REFINED_CHI_SQUARE = 2.4  # of 20 scores of 6 degrees of freedom: 3 standard errors; found 1.7

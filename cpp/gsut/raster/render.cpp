@@ -25,10 +25,16 @@ constexpr const char* kTooWide =
     "degrees; render a larger image or use dtype=\"float64\"";
 
 // Throws InputError for what only the double reference draws.
-void CheckRule(const GaussiansView<const float>& gaussians, const BlendRule& rule) {
-  if (rule.order != OrderKey::kDistance && rule.order != OrderKey::kDepthZ) {
-    throw InputError(std::string("order \"") + NameOf(rule.order) +
-                     "\" is drawn with dtype=\"float64\" only; in float32: distance, z");
+void CheckRule(const GaussiansView<const float>& gaussians, const RenderJob& job) {
+  const OrderKey order = job.settings.rule.order;
+  if (order == OrderKey::kIntegral) {
+    throw InputError(
+        "order \"integral\" is drawn with dtype=\"float64\" only; in float32: distance, z, ray");
+  }
+  if (order == OrderKey::kRay && job.channels.count > 0) {
+    throw InputError(
+        "features are blended in order \"ray\" with dtype=\"float64\" only; in float32: distance, "
+        "z");
   }
   if (gaussians.response == Response::kDensity) {
     throw InputError(
@@ -45,8 +51,9 @@ void CheckRule(const GaussiansView<const float>& gaussians, const BlendRule& rul
 void Renderer::Render(const GaussiansView<const float>& gaussians, const RenderJob& job) {
   rendered_ = stepped_ = false;
   const BlendRule& rule = job.settings.rule;
+  const bool along_ray = rule.order == OrderKey::kRay;
   rule.Check();
-  CheckRule(gaussians, rule);
+  CheckRule(gaussians, job);
   ActiveIsa();  // applies GSUT_ISA before the first kernel runs
   timings_.clear();
   camera_ = std::make_unique<Camera>(job.camera);
@@ -78,8 +85,10 @@ void Renderer::Render(const GaussiansView<const float>& gaussians, const RenderJ
     frame_.row_spans[static_cast<std::size_t>(begin / kRecordsPart)].clear();
     if (lines_ == nullptr) {
       RecordsKernel(task_, *grid_, splats_, begin, end, &frame_);
+      if (along_ray) RayOrderKeysKernel(task_, begin, end, &frame_);
     } else {
       LineRecordsKernel(task_, *lines_, begin, end, &frame_, &splats_);
+      if (along_ray) LineRayOrderKeysKernel(task_, lines_->is_parallel, begin, end, &frame_);
     }
     if (job.tiles == nullptr) return;
     for (std::int64_t i = begin; i < end; ++i) {
@@ -101,7 +110,13 @@ void Renderer::Render(const GaussiansView<const float>& gaussians, const RenderJ
   ParallelFor(tiles().num_tiles(), 1, [&](std::int64_t index, std::int64_t) {
     const int tile = TileInOrder(index);
     const bool with_channels = task_.channels.count > 0;
-    if (lines_ == nullptr && with_channels) {
+    if (along_ray && lines_ == nullptr) {
+      RayOrderForwardKernel(task_, *grid_, tile, &frame_, job.image, job.alpha, job.depth,
+                            job.distortion);
+    } else if (along_ray) {
+      LineRayOrderForwardKernel(task_, *lines_, tile, &frame_, job.image, job.alpha, job.depth,
+                                job.distortion);
+    } else if (lines_ == nullptr && with_channels) {
       ChannelsForwardKernel(task_, *grid_, tile, &frame_, job.image, job.alpha, job.depth,
                             job.distortion, job.channel_image);
     } else if (lines_ == nullptr) {
@@ -116,6 +131,14 @@ void Renderer::Render(const GaussiansView<const float>& gaussians, const RenderJ
   });
   timings_.push_back(watch.Lap("forward"));
   rendered_ = task_.keep;
+}
+
+void Renderer::CheckKept(bool kept, const char* without) const {
+  if (kept) return;
+  throw InputError(rule_.order != OrderKey::kRay
+                       ? without
+                       : "in float32 order \"ray\" has neither gradients nor scores nor surfaces: "
+                         "render by distance or z, or with dtype=\"float64\"");
 }
 
 // What all kernels read of a job, rounded to float once. response_min bounds D^2 like the opacity
@@ -142,7 +165,9 @@ void Renderer::FillTask(const GaussiansView<const float>& gaussians, const Rende
   task_.stop_before = settings.rule.stop_before;
   task_.with_depth = job.WithDepth();
   task_.channels = job.channels;
-  task_.keep = job.keep_for_backward || job.channels.count > 0;
+  // Along the ray no pass after the forward one is there to read it.
+  task_.keep =
+      (job.keep_for_backward || job.channels.count > 0) && settings.rule.order != OrderKey::kRay;
   task_.sh_rows =
       job.sh_rows.value_or(HarmonicsRows::Uniform(gaussians.size, gaussians.sh_coefficients));
   if (!task_.sh_rows.IsValid() || task_.sh_rows.end[0] != gaussians.size) {

@@ -146,6 +146,9 @@ class Renderer {
     const int within = static_cast<int>(index) - x0 * grid.tiles_y;
     return within / width * grid.tiles_x + x0 + within % width;
   }
+  // Throws InputError unless the last render kept what another pass reads: of its order, or
+  // `without`.
+  void CheckKept(bool kept, const char* without) const;
   WalkScene LastScene() const;
   void CheckBackward(const ImageGradients& to_image, const GradientRows& to, bool is_plain) const;
   void CheckStep(const GradientRows& to) const;

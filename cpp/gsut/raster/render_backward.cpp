@@ -118,9 +118,8 @@ void Renderer::BackwardOfTile(int tile, const ImageGradients& to_image, RayGradi
 }
 
 void Renderer::AddFeatures(const float* map, int count, float* sums) {
-  if (!rendered_ || stepped_) {
-    throw InputError("features are lifted after a render, made with keep_for_backward");
-  }
+  CheckKept(rendered_ && !stepped_,
+            "features are lifted after a render, made with keep_for_backward");
   AddOverTiles(
       frame_, tiles().num_tiles(), count,
       [&](int tile, float* out) {
@@ -136,9 +135,8 @@ void Renderer::AddFeatures(const float* map, int count, float* sums) {
 // is_plain: gradients neither of depth nor to poses nor to a lens.
 void Renderer::CheckBackward(const ImageGradients& to_image, const GradientRows& to,
                              bool is_plain) const {
-  if (!rendered_ || stepped_) {
-    throw InputError("backward needs a render before it, made with keep_for_backward");
-  }
+  CheckKept(rendered_ && !stepped_,
+            "backward needs a render before it, made with keep_for_backward");
   if (to_image.HasDepth() && !task_.with_depth) {
     throw InputError("a gradient to depth or distortion needs a render with_depth");
   }

@@ -82,9 +82,9 @@ void Check(const std::vector<Camera>& cameras, const std::vector<ImageFeatures>&
 void ReportProgress(const SceneMap& map, const char* step,
                     const std::function<bool(const StructureProgress&)>& on_progress) {
   if (!on_progress) return;
-  if (!on_progress({map.num_registered(), map.num_images(), map.num_points(), step})) {
-    throw SolveError("stopped");
-  }
+  const StructureProgress progress = {map.num_registered(), map.num_images(), map.num_points(),
+                                      step, [&map] { return map.Result(false); }};
+  if (!on_progress(progress)) throw SolveError("stopped");
 }
 
 // The image whose centre holds the scale best: the longest baseline to the one that holds the

@@ -76,10 +76,11 @@ class ConfidenceOutput:
         file = folder / _FOLDER / f"{name}.npz"
         with whole_file(file) as temporary, temporary.open("wb") as stream:
             np.savez_compressed(stream, **{each: getattr(result, each) for each in _MAPS})
-        never = result.seen_views == 0
+        drawn = result.camera.rays()[1]  # a fisheye's corners show nothing that could be seen
+        never = drawn & (result.seen_views == 0)
         write_png(file.with_suffix(".png"), paint_confidence(result.color_sigma, never), turns)
         self._images += 1
-        self._unseen += float(never.mean())
+        self._unseen += float(never.sum() / max(1, drawn.sum()))
 
     def finish(self) -> dict[str, Any]:
         """Returns figures."""

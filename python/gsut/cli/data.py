@@ -32,8 +32,8 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "out", metavar="OUT", type=_read_target, help="new folder, or a trajectory's .txt"
     )
     convert.add_argument(
-        "--to", choices=sorted(list_writable_layouts()), default="nerfstudio",
-        help="layout [default: %(default)s]",
+        "--to", choices=sorted([*list_writable_layouts(), "films"]), default="nerfstudio",
+        help="layout; films: those of a bag's cameras, to find poses of [default: %(default)s]",
     )  # fmt: skip
     convert.add_argument(
         "--link", action="store_true", help="link to the pictures in place of copying them"

@@ -138,6 +138,7 @@ def run(arguments: argparse.Namespace) -> int:
         "translation": translation,
         "scale": scale,
         "positions_rms": fit.rms if arguments.positions else None,
+        "upside_down": arguments.positions is not None and fit.is_upside_down,
         "out": str(out),
         "left_out": list(written.left_out),
     }
@@ -157,6 +158,8 @@ def _print_summary(figures: dict[str, Any]) -> None:
         print(f"{figures['floaters']:,} left out by what the photographs say")
     if figures["positions_rms"] is not None:
         print(f"the cameras are {figures['positions_rms']:.3g} m (rms) from where the file says")
+    if figures["upside_down"]:
+        print("the cameras are upside down now: are x and y, or north and east, swapped?")
     for sentence in figures["left_out"]:
         print(sentence)
 

@@ -26,6 +26,7 @@ from gsut.cli._flags import (
     print_json,
     whole,
 )
+from gsut.cli._render_order import add_order, check_order
 from gsut.files import refuse_existing, whole_folder
 from gsut.run.options import add_rare_option
 
@@ -98,6 +99,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "RUN/auto and so on]",
     )
     _add_more_than_images(parser)
+    add_order(parser)
     add_memory(parser)
     add_device(parser)
     add_json(parser)
@@ -160,6 +162,7 @@ def run(arguments: argparse.Namespace) -> int:
             f"--frames must be from 1 to {_MOST_FRAMES} and --fps above 0 and at most {_MOST_FPS}, "
             f"found {frames} and {arguments.fps:g}"
         )
+    check_order(arguments)
     label = arguments.path if arguments.path in _PATHS else "path"
     out = Path(arguments.out or Path(arguments.folder) / label)
     film = is_film(out)
@@ -185,7 +188,7 @@ def run(arguments: argparse.Namespace) -> int:
                 drawn = stage.gaussians if pixels is None else pixels.widen(camera, place)
                 result = gsut.render(
                     drawn, camera, place, background=stage.background, device=arguments.device,
-                    **more,
+                    order=arguments.order, **more,
                 )  # fmt: skip
                 image = to_uint8(result.image)
                 if depths is not None:

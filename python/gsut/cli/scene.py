@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 
 from gsut.cli._flags import add_json, add_quiet, print_json, read_folder_name
 from gsut.cli.view import LivePage, add_live_flags
@@ -46,10 +47,11 @@ def run(arguments: argparse.Namespace) -> int:
     was_finished = is_scene_finished(arguments.out)
     is_silent = arguments.quiet or arguments.json
     with LivePage(arguments) as page:
+        watcher = None if was_finished else page.open(Path(arguments.out).resolve().name)
         try:
             result = gsut.scene(
                 arguments.inputs, arguments.out, options, progress=not arguments.quiet,
-                on_training=page.begin,
+                watcher=watcher,
             )  # fmt: skip
         except KeyboardInterrupt:
             words = format_command(["gsut", "scene", *arguments.inputs, "-o", arguments.out])
@@ -57,8 +59,7 @@ def run(arguments: argparse.Namespace) -> int:
                 f"interrupted; finished stages are kept in {arguments.out}. Run the same command "
                 f"again to resume: {words} ..."
             ) from None
-        if result.trained is not None:
-            page.finish(result.trained)
+        page.finish(result.trained)
         if was_finished and not is_silent:
             print(f"already finished: {result.path}")
         if arguments.json:

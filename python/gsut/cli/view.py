@@ -8,7 +8,6 @@ import os
 import sys
 import threading
 import webbrowser
-from collections.abc import Callable
 from typing import Any, TextIO
 
 from gsut.cli._flags import Number, add_device, add_json, add_memory, add_moved_data, print_json
@@ -72,44 +71,53 @@ def add_live_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--view",
         action="store_true",
-        help="serve a page that shows the scene while it trains, its curve, and can pause the "
-        "training or stop it and keep what there is; it stays until Ctrl-C",
+        help="serve a page that shows at once what is being done, cameras and points as they are "
+        "found, and the scene while it trains; it can pause the training, or stop it and keep what "
+        "there is; it stays until Ctrl-C",
     )
     add_view_flags(parser)
 
 
 class LivePage:
-    """The page of a training with `--view`; without it, does nothing.
+    """The page of a command with `--view`; without it, does nothing.
 
     Args:
         arguments: of `add_live_flags`.
+
+    Attributes:
+        live: what the page shows; None: there is no page.
     """
 
     def __init__(self, arguments: argparse.Namespace) -> None:
+        self.live: Any = None
         self._arguments = arguments
-        self._live: Any = None
         self._stack = contextlib.ExitStack()
 
-    def begin(self, scene: Any, options: Any) -> Callable[..., bool] | None:
-        """Starts to serve the page; returns the `watch` of `gsut.train`."""
+    def open(self, name: str) -> Any:
+        """Starts to serve the page of a scene of this name; returns `live`."""
         if not self._arguments.view:
             return None
-        from gsut.view import LOOPBACK, LiveTraining, ViewServer
+        from gsut.view import LOOPBACK, LiveScene, ViewServer
 
-        self._live = LiveTraining(scene, options)
+        self.live = LiveScene(name)
         host, port = self._arguments.host or LOOPBACK, self._arguments.port
-        server = self._stack.enter_context(ViewServer(self._live.session.routes, host, port))
+        server = self._stack.enter_context(ViewServer(self.live.routes, host, port))
         announce(server.address, self._arguments.no_open, sys.stderr)
-        return self._live.watch
+        return self.live
 
     def finish(self, result: Any) -> None:
-        """Shows what `gsut.train` gave."""
-        if self._live is not None:
-            self._live.finish(result.gaussians)
+        """Shows what `gsut.train` gave; None: it was finished before, and the page ends."""
+        if self.live is None:
+            return
+        if result is None:
+            self._stack.close()
+            self.live = None
+        else:
+            self.live.finish(result.gaussians)
 
     def stay(self) -> None:
         """Waits for Ctrl-C if there is a page."""
-        if self._live is not None:
+        if self.live is not None:
             sys.stdout.flush()
             wait_for_end()
 
@@ -117,6 +125,8 @@ class LivePage:
         return self
 
     def __exit__(self, *_: object) -> None:
+        if self.live is not None:
+            self.live.stop_draft()
         self._stack.close()
 
 

@@ -28,7 +28,7 @@ from gsut.data.listing import Frame, Listing
 from gsut.data.load import read_dataset
 from gsut.data.memory import check_counts, check_image, check_points
 from gsut.data.poses import check_rigid, format_kitti, format_seconds, format_tum, invert_pose
-from gsut.data.recordings import pair_recording
+from gsut.data.recordings import FILMS, pair_recording, write_films
 from gsut.data.rigs import BODY, OWN
 from gsut.data.scene import Scene
 from gsut.files import staging_folder, whole_folder, write_file, write_picture
@@ -64,6 +64,7 @@ def convert_dataset(
             where `parts` say the rest.
         out: a new folder; or, for a trajectory, a file that ends as .txt.
         to: the layout: "nerfstudio", "colmap", "colmap-text", "euroc", "tum", "kitti", "folder".
+            "films": of a bag alone, without its poses: a film and a lens file a camera.
             For a trajectory "tum" (camera-to-world, by time where it is known, else by name) or
             "kitti".
         parts: what dataset.yaml would say, by its keys: lens, poses, points, cameras, time_range
@@ -86,6 +87,8 @@ def convert_dataset(
     given = {key: value for key, value in (parts or {}).items() if value is not None}
     layout = find_layout(source) if source.exists() else None
     if layout is None or layout.unpack is None:
+        if to == FILMS:
+            raise InputError(f"{source} is no ROS bag; {FILMS} are made of the pictures of bags")
         place = link_file if link else copy_file
         cameras = ()
         if layout is not None and layout.read is not None and not given.keys() >= _PLACES:
@@ -93,14 +96,20 @@ def convert_dataset(
             _require_no_parts(source, given)
         return _write(_read(source, given), out, to, place, scene, progress, cameras)
     with staging_folder(out) as staging:
+        has_poses = given.get("poses") or to == FILMS
+        if to == FILMS and (poses_topic or given.keys() & {"poses", "poses_of"}):
+            raise InputError(f"{FILMS} hold no poses: leave out what is said of them")
         recording = layout.unpack(
-            source, staging, poses_topic="" if given.get("poses") else poses_topic,
+            source, staging, poses_topic="" if has_poses else poses_topic,
             cameras=given.get("cameras", ()), poses_of=given.get("poses_of"), progress=progress,
         )  # fmt: skip
         names = [stream.name for stream in recording.streams]
         if given.get("poses_of") not in (BODY, OWN, *names):
             given.pop("poses_of", None)  # a frame of the bag, which is now the body
         recording = replace_parts(recording, _from_here(given), Path.cwd(), source)
+        if to == FILMS:
+            with whole_folder(out) as folder:
+                return write_films(recording, folder)
         return _write(pair_recording(recording, raise_error), out, to, move_file, None, progress)
 
 

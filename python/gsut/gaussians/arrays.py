@@ -9,6 +9,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
+from gsut.gaussians.cone import compute_reach, find_seen
 
 NO_ORIGIN = np.zeros(3)
 NO_ORIGIN.setflags(write=False)
@@ -207,6 +208,20 @@ class Gaussians(ParameterArrays):
     def translate(self, by: np.typing.ArrayLike) -> Gaussians:
         """Moves the Gaussians by a vector (3,) in world units: exact, only the origin changes."""
         return dataclasses.replace(self, origin=self.origin + np.asarray(by, np.float64))
+
+    def select_seen(
+        self, apex: np.ndarray, rays: np.ndarray, margin: float, around: float = 0.0
+    ) -> Gaussians:
+        """Selects the Gaussians that rays may see: all of those, and some that they do not.
+
+        Args:
+            apex: (3,) where the rays begin, about `origin`.
+            rays: (n, 3) unit vectors in the world's axes.
+            margin: angle about the cone around the rays that counts as seen, radians.
+            around: radius about the apex in which the rays begin.
+        """
+        reach = compute_reach(self) + around
+        return self[find_seen(self.means - apex, reach, rays, margin)]
 
 
 @dataclasses.dataclass(repr=False)

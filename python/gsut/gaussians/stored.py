@@ -10,6 +10,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.gaussians.arrays import Gaussians
+from gsut.gaussians.cone import LEAST_ALPHA, compute_reach, find_seen
 from gsut.gaussians.morton import order_by_morton_code
 
 # Rows of a piece, which is read whole or not at all: some 60 KB, worth a read of its own.
@@ -21,13 +22,6 @@ _READ_PIECES = 64
 _SIZES = (4.0, 16.0, 64.0)
 # Bytes that changing its size takes beside these.
 _CHANGE_BYTES = 250
-
-
-def compute_reach(gaussians: Gaussians) -> np.ndarray:
-    """Computes (N,) the distance from its centre beyond which no ray sees a Gaussian."""
-    opacity = 1.0 / (1.0 + np.exp(-gaussians.opacity_logits.astype(np.float64)))
-    squared = 2.0 * np.log(np.maximum(opacity / StoredGaussians.LEAST_ALPHA, 1.0))
-    return np.sqrt(squared) * np.exp(gaussians.log_scales.max(axis=1).astype(np.float64))
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -55,8 +49,7 @@ class StoredGaussians:
     change: Callable[[Gaussians], Any] | None = None
     _last: dict[bytes, Any] = dataclasses.field(default_factory=dict, repr=False)
 
-    # Alpha below which nothing is drawn, as in the blend rule of 3DGS.
-    LEAST_ALPHA: ClassVar[float] = 1.0 / 255.0
+    LEAST_ALPHA: ClassVar[float] = LEAST_ALPHA
     # Bytes that drawing takes for a Gaussian beside its own numbers.
     DRAWN_BYTES: ClassVar[int] = 300
 
@@ -123,22 +116,17 @@ class StoredGaussians:
         return len(pieces) * _ROWS * (count_bytes_per_gaussian(self.sh_degree) + extra)
 
     def find_seen_pieces(
-        self, apex: np.ndarray, around: float, axis: np.ndarray, half_angle: float
+        self, apex: np.ndarray, around: float, rays: np.ndarray, margin: float
     ) -> np.ndarray:
-        """Finds the pieces that a cone of rays may see, in rising order.
+        """Finds the pieces that rays may see, in rising order.
 
         Args:
             apex: (3,) about `origin`.
             around: radius about the apex in which the rays begin.
-            axis: (3,) of length 1.
-            half_angle: radians.
+            rays: (n, 3) unit vectors. margin: angle about them that counts as seen, radians.
         """
-        offset = self.balls[:, :3] - apex
-        away, reach = np.linalg.norm(offset, axis=1), self.balls[:, 3] + around
-        far = np.maximum(away, 1e-300)
-        angle = np.arccos(np.clip(offset @ axis / far, -1.0, 1.0))
-        covered = np.arcsin(np.minimum(reach / far, 1.0))
-        return np.flatnonzero((away <= reach) | (angle - covered <= half_angle))
+        offset, reach = self.balls[:, :3] - apex, self.balls[:, 3] + around
+        return np.flatnonzero(find_seen(offset, reach, rays, margin))
 
     def read(self, pieces: np.ndarray) -> Any:
         """Reads the Gaussians of pieces, in the file's order; caches those of the last call."""

@@ -34,6 +34,7 @@ class PixelRows:
         residuals: (N, 3) gain x render + bias - photograph.
         weights: (N,) of a robust loss.
         by_pose: (N, 3, 6). by_gain: (N, 3, 2); of no columns where gain and bias are held.
+        by_motion: (N, 3, 6) under a rolling shutter, where measured; None: by the lines' times.
     """
 
     pixels: np.ndarray
@@ -43,13 +44,17 @@ class PixelRows:
     weights: np.ndarray
     by_pose: np.ndarray
     by_gain: np.ndarray
+    by_motion: np.ndarray | None = None
 
     def stack_slopes(self, shutter: Shutter | None) -> np.ndarray:
         """Returns (N, 3, K) slopes by pose, by motion unless the shutter is global, and by gain."""
         parts = [self.by_pose]
         if shutter is not None and not shutter.is_global:
-            times = find_line_times(shutter, self.pixels, self.width, self.height)
-            parts.append(times[:, None, None] * self.by_pose)
+            moved = self.by_motion
+            if moved is None:
+                times = find_line_times(shutter, self.pixels, self.width, self.height)
+                moved = times[:, None, None] * self.by_pose
+            parts.append(moved)
         return np.concatenate([*parts, self.by_gain], axis=2)
 
 

@@ -11,9 +11,15 @@ import numpy as np
 from gsut import _core
 from gsut._core import BlendRule, InputError, Shutter
 from gsut.data.images import shrink_image, shrink_mask
+from gsut.data.poses import find_centers
 from gsut.gaussians import Gaussians, apply_low_pass, find_filter_radii
-from gsut.refine.pixel_rows import NOISE_BLOCKS, POSE, estimate_covariance
-from gsut.refine.secants import MOST_ROUNDS, SecantPose, refine_by_secants
+from gsut.refine.pixel_rows import NOISE_BLOCKS, POSE
+from gsut.refine.secants import (
+    MOST_ROUNDS,
+    SecantPose,
+    measure_pixel_angle,
+    refine_by_secants,
+)
 from gsut.render import DEFAULT_UNSCENTED, place_about
 
 # Pixels along the shorter side of the coarsest image, at least: fewer show no shapes.
@@ -25,6 +31,9 @@ _PIXEL_BLUR = 0.3
 # Sizes, the full one included, at which the motion during a readout is estimated: coarser images
 # hardly show it.
 _LEVELS_WITH_MOTION = 3
+# Pixels of a size by which its refinement moves a picture at most: what is farther outside is not
+# drawn.
+_MARGIN_PIXELS = 16
 # Measurements of slopes at the smaller sizes: the next size does the rest.
 _COARSE_ROUNDS = 2
 
@@ -37,8 +46,9 @@ class RefinedPose:
         camera_from_world: (4, 4) rigid transform.
         covariance: (6, 6) of the camera's centre (world axes and units) and then of a rotation
             vector w (camera axes, radians; R <- exp(w) R), by leaving out one block of a sixteenth
-            of the image after the other (jackknife: Bell and McCaffrey 2002). Errors of the scene
-            itself are not included; with them, errors of a pose are about twice as large.
+            of the image after the other (jackknife: Bell and McCaffrey 2002), times the square of
+            how much flatter the cost is than its slopes say. Errors that larger parts of the image
+            share are not included; with them, errors of a pose are about twice as large.
         gain: the photograph is compared with gain x render + bias, the same for all channels.
         bias: added to the render after the gain; colours are in 0 ... 1.
         rms: root mean square of the remaining colour differences, per channel.
@@ -153,7 +163,7 @@ def refine_levels(
     coarse = photograph.refine_coarsely(pose, range(first, levels), with_gain)
     pose, gain, motion = coarse.camera_from_world, coarse.gain, None
     for level in reversed(range(first + 1)):
-        part = photograph.shrink(level, pose)
+        part = photograph.shrink(level, pose, motion)
         if part is None:
             continue
         fine = refine_by_secants(
@@ -195,8 +205,12 @@ class Photograph:
     background: tuple[float, ...]
     max_pixels: int
 
-    def shrink(self, level: int, pose: np.ndarray) -> _Level | None:
+    def shrink(
+        self, level: int, pose: np.ndarray, motion: np.ndarray | None = None
+    ) -> _Level | None:
         """Halves the photograph `level` times; None where that is too small or shows nothing.
+
+        The scene is what the photograph may show from about `pose`, and during the motion (6,).
 
         Raises:
             InputError: the full photograph has no pixel that counts.
@@ -211,7 +225,13 @@ class Photograph:
             if level > 0:
                 return None
             raise InputError("the mask leaves no pixel that has a ray")
-        drawn = self.scene
+        rays, seen = lens.rays()
+        moved = np.zeros(POSE) if motion is None else motion
+        margin = _MARGIN_PIXELS * measure_pixel_angle(lens) + np.linalg.norm(moved[3:]) / 2
+        drawn = self.scene.select_seen(
+            find_centers(pose[None])[0], rays[seen] @ pose[:3, :3], float(margin),
+            around=float(np.linalg.norm(moved[:3])) / 2,
+        )  # fmt: skip
         if level > 0:
             radii = find_filter_radii(drawn.means, [lens], pose[None], _PIXEL_BLUR)
             drawn = apply_low_pass(drawn, radii)
@@ -246,7 +266,7 @@ def make_refined_pose(
     sizes: Sequence[int] = NOISE_BLOCKS,
 ) -> RefinedPose:
     """Makes a pose in the world, with its covariance, of one about the Gaussians' origin."""
-    covariance = estimate_covariance(found.rows, found.rows.stack_slopes(shutter), sizes)
+    covariance = found.estimate_errors(shutter, sizes)
     moved: dict[str, Any] = {}
     if shutter is not None:
         moved = {

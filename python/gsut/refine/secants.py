@@ -20,6 +20,7 @@ from gsut.gaussians import Gaussians
 from gsut.least_squares import minimize_least_squares
 from gsut.refine.pixel_rows import (
     POSE,
+    SCENE_BLOCKS,
     PixelRows,
     compute_square,
     estimate_covariance,
@@ -30,7 +31,7 @@ from gsut.render import render
 # Pixels that a picture shifts by on either side of a difference, at first: about what a pose is
 # still off by. Six directions take a pair of renders each.
 _FIRST_SHIFT = 0.5
-# Shift of the slopes by which errors are stated: over less, a pose seems surer than it is.
+# Least shift of the slopes by which errors are stated: over less, a pose seems surer than it is.
 _STATED_SHIFT = 0.25
 # The least shift: pictures of good scenes determine a pose to this.
 _FINEST_SHIFT = 0.02
@@ -44,6 +45,8 @@ _SETTLED = 0.1
 MOST_ROUNDS = 8
 # Colour difference beyond which a pixel counts less (Huber).
 _LOSS_SCALE = 0.1
+# Least curvature of the cost over that of the slopes: a flatter cost bounds no error.
+_LEAST_CURVATURE = 0.01
 # Steps between two measurements of slopes at most; each corrects the slopes by what it changed.
 _STEPS = 4
 # Share of the cost by which a step must lower it to be followed by another with these slopes.
@@ -68,6 +71,8 @@ class SecantPose:
         rms: root mean square of the remaining colour differences, per channel.
         converged: whether the last round of steps moved the pose by less than noise does.
         rows: what the pixels say there.
+        looseness: (6, 6), or (12, 12) with the motion: maps errors of a cost that curves as the
+            slopes say to those of the cost itself, see `refine_by_secants`.
     """
 
     camera_from_world: np.ndarray
@@ -76,6 +81,18 @@ class SecantPose:
     rms: float
     converged: bool
     rows: PixelRows
+    looseness: np.ndarray
+
+    def estimate_errors(self, shutter: Shutter | None, sizes: Sequence[int]) -> np.ndarray:
+        """Estimates the covariance (6, 6) of the pose, or (12, 12) with the motion.
+
+        Args:
+            shutter: with which the pose was refined. sizes: of blocks, see `estimate_covariance`.
+        """
+        slopes = self.rows.stack_slopes(shutter)
+        size = len(self.looseness)
+        covariance = estimate_covariance(self.rows, slopes, sizes)[:size, :size]
+        return self.looseness @ covariance @ self.looseness.T
 
 
 def refine_by_secants(
@@ -96,6 +113,10 @@ def refine_by_secants(
 
     Between two measurements, the slopes of each pixel follow the change that a step has brought
     (Broyden, "A class of methods for solving nonlinear simultaneous equations", 1965).
+
+    Errors are stated by slopes over the errors themselves, and by the curvature of the cost (Huber,
+    "The behavior of maximum likelihood estimates under nonstandard conditions", 1967): where a
+    scene errs, what is left over follows the pose, and the cost is flatter than its slopes say.
 
     Args:
         gaussians: the scene. camera: the photograph's lens.
@@ -130,11 +151,12 @@ def refine_by_secants(
             break
         pixels_moved = float(np.max(np.abs(moved[:POSE] / problem.unit)))
         shift = max(_FINEST_SHIFT, min(_SHRINK * shift, _SHIFT_BY_MOVE * pixels_moved))
-    if shift < _STATED_SHIFT and rounds >= MOST_ROUNDS:
-        rows = problem.list_rows(at, problem.measure_slopes(at, _STATED_SHIFT))
+    looseness = np.eye(2 * POSE if problem.is_rolling else POSE)
+    if rounds >= MOST_ROUNDS:
+        rows, looseness = problem.measure_looseness(at, rows)
     return SecantPose(
         problem.place_pose(at), at[POSE : 2 * POSE], (float(at[-2]), float(at[-1])),
-        float(np.sqrt(np.mean(rows.residuals**2))), settled, rows,
+        float(np.sqrt(np.mean(rows.residuals**2))), settled, rows, looseness,
     )  # fmt: skip
 
 
@@ -158,10 +180,11 @@ class _Problem:
     unit: np.ndarray
 
     def __post_init__(self) -> None:
-        moves = self.shutter is not None and not self.shutter.is_global
-        self.free = np.r_[: 2 * POSE if moves else POSE, 2 * POSE : 2 * POSE + 2 * self.with_gain]
+        self.is_rolling = self.shutter is not None and not self.shutter.is_global
+        self.moving = 2 * POSE if self.is_rolling else POSE  # unknowns beside the gain
+        self.free = np.r_[: self.moving, 2 * POSE : 2 * POSE + 2 * self.with_gain]
         self.times = np.zeros(len(self.pixels))
-        if moves:
+        if self.is_rolling:
             assert self.shutter is not None
             camera = self.camera
             self.times = find_line_times(self.shutter, self.pixels, camera.width, camera.height)
@@ -173,7 +196,9 @@ class _Problem:
 
     def _draw(self, pose: np.ndarray, moved: np.ndarray) -> np.ndarray:
         where = place_lines(pose, moved, self.shutter)
-        image = render(self.gaussians, self.camera, where, background=self.background).image
+        image = render(
+            self.gaussians, self.camera, where, background=self.background, watch=False
+        ).image
         return image.reshape(-1, 3)[self.pixels].astype(np.float64)
 
     def _draw_at(self, at: np.ndarray) -> np.ndarray:
@@ -226,9 +251,7 @@ class _Problem:
             return at
 
         def compute_cost(unknowns: np.ndarray) -> float:
-            length = np.linalg.norm(self._compare(fill(unknowns)), axis=1)
-            inner = np.minimum(length, _LOSS_SCALE)
-            return float(np.sum(inner * (2 * length - inner)))
+            return _compute_loss(self._compare(fill(unknowns)))
 
         def make_normal_equations(unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             nonlocal slopes, last
@@ -250,6 +273,53 @@ class _Problem:
         self._drawn = {best[: 2 * POSE].tobytes(): self._draw_at(best)}
         return best, self.list_rows(best, measured)
 
+    def measure_looseness(self, at: np.ndarray, rows: PixelRows) -> tuple[PixelRows, np.ndarray]:
+        """Measures slopes, and the cost's curvature, over errors along their principal axes.
+
+        Args:
+            at: (14,) unknowns. rows: with slopes there.
+
+        Returns:
+            Rows with slopes over these errors, and the looseness of `SecantPose`.
+        """
+        size = self.moving
+        slopes = rows.stack_slopes(self.shutter)
+        covariance = estimate_covariance(rows, slopes, SCENE_BLOCKS)[:size, :size]
+        unit = np.tile(self.unit, size // POSE)
+        squares, axes = np.linalg.eigh(covariance / np.outer(unit, unit))
+        length = np.maximum(np.sqrt(squares), _STATED_SHIFT / np.abs(axes).max(axis=0))
+        steps = unit[:, None] * axes * length
+        pose, motion = self.place_pose(at), at[POSE : 2 * POSE]
+        least = _compute_loss(self._compare(at))
+        columns, curvatures = [], []
+        for step in steps.T:
+            moved = step[POSE:] if self.is_rolling else np.zeros(POSE)
+            sides = [
+                self._draw(moved_pose(pose, sign * step[:POSE], 1.0), motion + sign * moved)
+                for sign in (1.0, -1.0)
+            ]
+            columns.append(at[-2] * (sides[0] - sides[1]) / 2)
+            costs = [_compute_loss(at[-2] * side + at[-1] - self.colors) for side in sides]
+            curvatures.append(np.mean(costs) - least)
+        along = np.stack(columns, axis=2)
+        expected = np.einsum("n,nck->k", rows.weights, along**2)
+        # A cost that curves more than its slopes say shows the grain of renders.
+        flatness = expected / np.clip(curvatures, _LEAST_CURVATURE * expected, expected)
+        back = np.linalg.inv(steps)
+        by_unknowns = along @ back
+        rows = dataclasses.replace(
+            rows, by_pose=by_unknowns[:, :, :POSE],
+            by_motion=by_unknowns[:, :, POSE:] if self.is_rolling else None,
+        )  # fmt: skip
+        return rows, (steps * flatness) @ back
+
+
+def _compute_loss(residuals: np.ndarray) -> float:
+    """Computes the sum of Huber's loss of colour differences (N, 3)."""
+    length = np.linalg.norm(residuals, axis=1)
+    inner = np.minimum(length, _LOSS_SCALE)
+    return float(np.sum(inner * (2 * length - inner)))
+
 
 def place_lines(
     pose: np.ndarray, motion: np.ndarray, shutter: Shutter | None
@@ -263,7 +333,7 @@ def place_lines(
 
 def _measure_units(gaussians: Gaussians, camera: Camera, pose: np.ndarray) -> np.ndarray:
     """Measures (6,) how far the centre moves, and the camera turns, for a pixel on the axis."""
-    seen = render(gaussians, camera, pose)
+    seen = render(gaussians, camera, pose, watch=False)
     opaque = seen.alpha > _OPAQUE
     distance = 1.0
     if opaque.any():

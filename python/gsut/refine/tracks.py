@@ -146,7 +146,7 @@ def _adjust_tracks(scene: Scene, options: TrainOptions, show: OnProgress) -> Sol
             raise InputError("no two images have matches that agree through their lens")
         solution = adjust_poses(
             images, verified, poses, settings,
-            lambda done, total, points, step: show("poses", int(done), int(total)),
+            lambda done, total, *_: show("poses", int(done), int(total)),
             Adjustment(free, center_sigma=math.inf),
         )  # fmt: skip
         poses = solution.fill_poses(poses)

@@ -139,10 +139,4 @@ class StoredImage:
         rays, starts = rays.astype(np.float64), starts.astype(np.float64)
         middle = starts.mean(axis=0)
         around = float(np.linalg.norm(starts - middle, axis=1).max())
-        axis = rays.sum(axis=0)
-        length = float(np.linalg.norm(axis))
-        axis = axis / length if length > 1e-9 else rays[0]
-        half = float(np.arccos(np.clip((rays @ axis).min(), -1.0, 1.0)))
-        return self._gaussians.find_seen_pieces(
-            self._center + middle, around, axis, half + self._margin
-        )
+        return self._gaussians.find_seen_pieces(self._center + middle, around, rays, self._margin)

@@ -155,7 +155,9 @@ def find_poses(
             place_on_earth(mapping, adjust_rig_near_places)
             mapping.log.watch.record_lap("mapping")
             if mapper is None:
-                mapping.found.agreement = measure_agreement(mapping.solved, mapping.pairs)
+                agreement = measure_agreement(mapping.solved, mapping.pairs)
+                mapping.found.agreement = agreement.share
+                mapping.found.contradicted = agreement.contradicted
         values = write_poses(mapping, claimed.path, stages.digest)
         stages.remove()
         return PosesResult(claimed.path, mapping.solved, values)

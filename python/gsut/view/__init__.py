@@ -1,7 +1,7 @@
 """Serves a page that shows a scene in the browser, drawn by gsut's own renderer."""
 
 from gsut.view.lens_page import write_lens_page
-from gsut.view.live import LiveTraining
+from gsut.view.live_scene import LiveScene
 from gsut.view.measure import find_point_in_photograph
 from gsut.view.rerun_log import to_rerun
 from gsut.view.server import LOOPBACK, ViewServer
@@ -10,7 +10,7 @@ from gsut.view.stage import Stage, open_stage
 
 __all__ = [
     "LOOPBACK",
-    "LiveTraining",
+    "LiveScene",
     "Session",
     "Stage",
     "ViewServer",

@@ -28,6 +28,8 @@ _LARGE_BYTES = 64 << 10
 _MOST_WAITING = 256
 # Media type of each of the page's files.
 _KINDS = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
+# Names of the page's files, without their endings.
+_PAGE_FILES = ("view", "making")
 # Content security policy: the page may load from this server only.
 _POLICY = "default-src 'self'; img-src 'self' blob: data:; frame-ancestors 'none'; base-uri 'none'"
 
@@ -223,7 +225,7 @@ def _make_error(sentence: str) -> Reply:
 def _read_page_file(name: str) -> Reply:
     """Reads a file of the page, shipped beside this one."""
     stem, _, ending = name.partition(".")
-    if stem != "view" or ending not in _KINDS:
+    if stem not in _PAGE_FILES or ending not in _KINDS:
         raise FileNotFoundError(name)
     content = importlib.resources.files("gsut.view").joinpath(name).read_bytes()
     return Reply(content, f"{_KINDS[ending]}; charset=utf-8")

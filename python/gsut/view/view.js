@@ -662,6 +662,8 @@ function curve(id, rows, key) {
 }
 async function followTraining() {
   $("training").hidden = false;
+  if (scene.draft) $("training-name").textContent = "Draft, until the scene itself is trained";
+  $("training-buttons").hidden = scene.draft ?? false;
   for (let before = ""; ;) {
     const now = await ask("training");
     $("train-bar").value = now.steps ? now.step / now.steps : 0;
@@ -776,6 +778,7 @@ function connect() {
 
 async function begin() {
   scene = await ask("scene");
+  if (scene.shown !== undefined) scene = await (await import(`${base}making.js`)).watchMaking(scene, ask, base);
   document.title = scene.alone ? scene.name : `${scene.name} · gsut view`;
   $("name").textContent = scene.name;
   facts();

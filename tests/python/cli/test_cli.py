@@ -154,6 +154,8 @@ def test_version_names_compiler_libraries_and_instruction_set(capsys):
         (["render", "run", "--frames", "0"], "--frames must be from 1 to"),
         (["render", "run", "--size", "big"], "--size must be like 1280x720"),
         (["render", "run", "--path", "absent.json"], "cannot read the camera path"),
+        (["render", "run", "--order", "ray", "--depth", "z"], "or take --depth-kind mean"),
+        (["render", "run", "--order", "ray", "--confidence"], "not drawn by --order ray"),
         (["eval", "run", "--data", "moved"], "the dataset moved does not exist"),
     ],
 )
@@ -333,6 +335,17 @@ def test_render_of_a_file_of_gaussians_needs_no_run(tmp_path):
     images = [cv2.imread(str(file)) for file in sorted(out.iterdir())]
     assert [image.shape for image in images] == [(30, 40, 3)] * 3
     assert all(image.any() for image in images)
+
+
+def test_render_draws_in_the_order_that_was_chosen(tmp_path, monkeypatch):
+    path, orders, render = tmp_path / "scene.ply", [], gsut.render
+    monkeypatch.setattr(
+        gsut, "render", lambda *a, **k: orders.append(k["order"]) or render(*a, **k)
+    )
+    gsut.formats.save_ply(path, small_run.GAUSSIANS[:20])
+    words = ["render", str(path), "--frames", "1", "--size", "20x15", "--order", "ray"]
+    assert main([*words, "-o", str(tmp_path / "out")]) == 0
+    assert orders == ["ray"]
 
 
 def test_render_along_the_path_of_a_screenshot_uses_its_lens(run, tmp_path):

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+import urllib.request
 
 import cv2
 import numpy as np
@@ -26,16 +27,44 @@ from small_videos import walk_past
 WORDS = ["--frames", "6", "--preset", "fast", "--steps", "40", "--threads", "1"]
 
 
+SEEN: dict = {}  # what the page of the scene below answered at first and at last
+
+
+def ask_page(address, *routes):
+    def ask(route):
+        with urllib.request.urlopen(address + route, timeout=30) as reply:
+            return json.loads(reply.read())
+
+    return [ask(route) for route in routes]
+
+
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
-    """A scene made without a break, and the words that make it."""
+    """A scene made without a break while its page is looked at, and the words that make it."""
     folder = tmp_path_factory.mktemp("scene")
     video = walk_past(folder / "walk.mp4")
     lens = folder / "lens.yaml"
     gsut.save_camera(gsut.Camera("pinhole", [300.0, 300.0, 160.0, 120.0], 320, 240), lens)
     words = ["scene", str(video), "--camera", str(lens), *WORDS]
-    assert main([*words, "-o", str(folder / "run"), "--quiet"]) == 0
+
+    def announce(address, *_):
+        SEEN["address"], (SEEN["first"],) = address, ask_page(address, "scene")
+
+    def wait_for_end():
+        SEEN["last"], SEEN["made"] = ask_page(SEEN["address"], "scene", "making")
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("gsut.cli.view.announce", announce)
+        patch.setattr("gsut.cli.view.wait_for_end", wait_for_end)
+        assert main([*words, "-o", str(folder / "run"), "--quiet", "--view", "--no-open"]) == 0
     return folder, words
+
+
+def test_view_shows_the_scene_from_the_first_moment_to_the_last(made):
+    assert SEEN["first"] == {"name": "run", "kind": "making", "shown": 0}
+    assert (SEEN["last"]["kind"], SEEN["last"]["draft"]) == ("training", False)
+    assert SEEN["made"]["stage"] == "finished" and SEEN["made"]["share"] == 1
+    assert len(SEEN["made"]["pictures"]) == 6 and len(SEEN["made"]["found"]["cameras"]) >= 2
 
 
 def test_video_becomes_a_scene_with_a_page(made):

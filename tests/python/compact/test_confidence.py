@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import surface_scenes
 import tolerances
 from gsut import InputError
 from gsut.cli import main
+from gsut.cli._render_confidence import ConfidenceOutput
 from gsut.compact import blend_weights, list_seen_views, measure_confidence
 from gsut.render import Confidence
 from small_run import inward_pose, scene_from_arrays
@@ -150,6 +152,20 @@ def test_confidence_comes_back_from_its_file(tmp_path, confidence):
         file.write_bytes(damaged)
         with pytest.raises(InputError, match=r"confidence\.npz holds no confidence"):
             Confidence.load(file)
+
+
+def test_share_never_seen_leaves_out_pixels_that_no_lens_shows(tmp_path, confidence):
+    params = [20, 20, 16, 16, 0, 0, 0, 0]
+    fisheye = gsut.Camera("kannala_brandt", params, 32, 32, valid_field_angle=0.7)
+    drawn = fisheye.rays()[1]
+    seen_views = np.where(drawn, 2.0, 0.0)
+    seen_views[16] = 0.0
+    maps = {name: np.ones((32, 32)) for name in ("color_sigma", "depth_sigma")}
+    output = ConfidenceOutput(SimpleNamespace(gaussians=None), confidence)
+    output.add(tmp_path, "a", SimpleNamespace(camera=fisheye, seen_views=seen_views, **maps), 0)
+    share = drawn[16].sum() / drawn.sum()
+    assert 0 < share < np.mean(seen_views == 0)
+    assert output.finish()["never_seen"] == share
 
 
 def test_render_command_writes_maps_and_keeps_the_confidence(tmp_path, capsys):

@@ -1,5 +1,7 @@
 """Derivatives of single colours, and the pose of a photograph from its colours."""
 
+import dataclasses
+
 import cv2
 import numpy as np
 import pytest
@@ -7,7 +9,13 @@ import pytest
 import gsut
 import tolerances
 from gsut import _core
-from gsut.refine.pixel_rows import PixelRows, estimate_covariance
+from gsut.refine.pixel_rows import (
+    SCENE_BLOCKS,
+    PixelRows,
+    compute_square,
+    estimate_covariance,
+)
+from gsut.refine.pose import check_photograph, refine_levels
 from gsut.refine.query import subtract_poses
 from gsut.refine.secants import place_lines
 from random_scenes import (
@@ -153,6 +161,25 @@ def test_pose_among_gaussians_narrower_than_a_pixel_errs_as_its_covariance_says(
         scores.append(error @ np.linalg.solve(found.covariance, error) / 6)
     print(np.round(scores, 2))
     assert np.median(scores) < tolerances.REFINED_NARROW_CHI_SQUARE
+
+
+def test_pose_in_a_scene_that_errs_is_off_by_what_its_covariance_says():
+    """Slopes alone are far too sure there: 7 a freedom."""
+    camera, scores, looseness = fisheye(64), [], []
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        pose = random_pose(rng)
+        g = gaussians_in_view(rng, camera, pose, 1500, sizes=(0.02, 0.1), opacity=1.0)
+        photograph = check_photograph(camera, gsut.render(g, camera, pose).image, None)
+        wrong = g.means + rng.normal(0, 0.1, g.means.shape)
+        scene = dataclasses.replace(g, means=wrong.astype(g.means.dtype))
+        found = refine_levels(scene, camera, pose, *photograph, (0, 0, 0), True, 1, 20_000, None)
+        error = subtract_poses(found.camera_from_world, pose)
+        scores.append(compute_square(error, found.estimate_errors(None, SCENE_BLOCKS)))
+        looseness.append(np.linalg.eigvals(found.looseness).real.max())
+    print(np.round(scores, 2), np.round(looseness, 1))
+    assert len(scores) == 8 and min(looseness) > 1.5
+    assert np.mean(scores) < tolerances.REFINED_ERRING_CHI_SQUARE
 
 
 @pytest.mark.parametrize("direction", ["top_to_bottom", "right_to_left"])

@@ -251,7 +251,6 @@ def test_extinction_of_coincident_copies_is_exactly_one_gaussian(rng):
     [
         ({"order": "random"}, "distance, z, ray, integral"),
         ({"response": "beta"}, "maximum, extinction, density"),
-        ({"order": "ray"}, "float64"),
         ({"order": "integral"}, "float64"),
         ({"response": "density"}, "float64"),
         ({"order": "ray", "blend": gsut.BlendRule()}, "order or blend"),

@@ -173,3 +173,15 @@ def test_memory_stays_under_what_was_given(ply, tmp_path):
     )  # fmt: skip
     print(f"{float(told.stdout) / 1e6:.1f} MB beside {limit / 1e6:.0f} MB")
     assert float(told.stdout) < limit + tol.STORED_OVERHEAD < 92 * LARGE / 1.5
+
+
+@pytest.mark.parametrize("lens", [fisheye, pinhole])
+def test_gaussians_that_rays_may_see_render_to_the_bits_of_all(rng, lens):
+    camera, g, pose = lens(64, 48), shell(rng, 3000), random_pose(rng)
+    rays, valid = camera.rays()
+    apex = -pose[:3, :3].T @ pose[:3, 3]
+    some = g.select_seen(apex, rays[valid] @ pose[:3, :3], 1e-6)
+    assert 0 < len(some) < len(g)
+    expected, found = (gsut.render(each, camera, pose).image for each in (g, some))
+    np.testing.assert_array_equal(found, expected)
+    assert len(g.select_seen(apex, rays[valid] @ pose[:3, :3], np.pi)) == len(g)

@@ -35,6 +35,37 @@ def test_positions_give_scale_up_and_north(poses, rng, tmp_path):
     np.testing.assert_allclose(np.stack([x, north, -down], axis=1), places, atol=POSITIONS_FIT)
 
 
+def as_positions(poses, places):
+    return dict(zip(poses, places, strict=True))
+
+
+def test_positions_in_another_order_are_refused(rng):
+    for count in (5, 8, 20):
+        poses = {f"{i}.jpg": random_pose(rng) for i in range(count)}
+        noisy = centers(poses) + rng.normal(scale=0.1, size=(count, 3))
+        fit_positions(poses, as_positions(poses, noisy), "p.csv")
+        with pytest.raises(InputError, match="do not follow the cameras"):
+            fit_positions(poses, as_positions(poses, noisy[np.roll(np.arange(count), 2)]), "p.csv")
+
+
+def test_east_and_north_swapped_over_flat_land_are_upside_down(rng):
+    around = rng.uniform(-20, 20, (8, 3)) * [1, 0.1, 1]  # right, down, ahead of cameras held level
+    poses = {f"{i}.jpg": np.eye(4) for i in range(8)}
+    for pose, center in zip(poses.values(), around, strict=True):
+        pose[:3, 3] = -center
+    east_north_up = around[:, [0, 2, 1]] * [1, 1, -1]
+    right = fit_positions(poses, as_positions(poses, east_north_up), "p.csv")
+    swapped = fit_positions(poses, as_positions(poses, east_north_up[:, [1, 0, 2]]), "p.csv")
+    assert not right.is_upside_down and swapped.is_upside_down
+    assert swapped.rms < 5
+
+
+def test_a_name_of_two_photographs_is_refused(poses):
+    several = {f"{camera}/0.jpg": pose for camera, pose in zip("ab", poses.values(), strict=False)}
+    with pytest.raises(InputError, match=r"0\.jpg may be a/0\.jpg or b/0\.jpg"):
+        fit_positions(several, {"0.jpg": np.zeros(3)}, "p.csv")
+
+
 def test_latitudes_are_metres_about_the_first(tmp_path):
     (tmp_path / "p.csv").write_text(
         "altitude,name,latitude,longitude\n400,a,45,7\n400,b,45.001,7\n400,c,45,7.001\n412.5,d,45,7\n"

@@ -23,7 +23,7 @@ LENSES = (
     gsut.Camera("opencv4", [940, 940, 640, 480, 0, 0, 0, 0], 1280, 960),
     gsut.Camera("kannala_brandt", [393, 393, 640, 480, 0.02, -0.01, 0.002, 0], 1280, 960),
 )
-FRAMES = 14
+FRAMES = 12
 OPTIONS = PosesOptions(extend_rounds=0)
 
 

@@ -22,7 +22,7 @@ from gsut.training import photometric_poses
 
 pytestmark = pytest.mark.quick
 
-FRAMES, SIZE, SHARE = 12, 120, 0.0012  # frames, pixels, share of the demo's path a frame
+FRAMES, SIZE, SHARE = 12, 96, 0.0012  # frames, pixels, share of the demo's path a frame
 
 
 def posed_rays(rng, images=4, points=60):

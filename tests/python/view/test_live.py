@@ -12,8 +12,9 @@ import pytest
 import gsut
 import rendered_dataset
 from gsut.cli import main
-from gsut.view import LiveTraining, ViewServer
+from gsut.view import ViewServer
 from gsut.view.frame_request import MODES
+from gsut.view.live import LiveTraining
 
 STEPS = 24
 
@@ -166,6 +167,7 @@ def test_training_pauses_goes_on_and_stops_with_what_there_is(scene, tmp_path):
     assert paused["told"]["history"][-1]["step"] == 10
     assert paused["first"].any()
     assert result.metrics["steps"] == 16
+    assert result.metrics["notes"] == ["the training was stopped after 16 of 24 steps"]
     assert (tmp_path / "run/scene.ply").is_file()
     assert (tmp_path / "run/report.html").is_file()
     assert told()["state"] == "finished"

@@ -45,4 +45,13 @@ void ChannelsBackwardKernel(const RasterTask& task, const TileGrid& grid, int ti
 void LiftKernel(const RasterTask& task, const TileGrid& grid, int tile, const float* map, int count,
                 Frame* frame, float* out);
 
+// For OrderKey::kRay, after RecordsKernel: order keys that bound where any ray is nearest to a
+// Gaussian from below, for the Gaussians [begin, end), begin a multiple of 16.
+void RayOrderKeysKernel(const RasterTask& task, std::int64_t begin, std::int64_t end, Frame* frame);
+
+// As ForwardKernel, of lists by those keys: each pixel blends in the order of its own ray. Leaves
+// no entries.
+void RayOrderForwardKernel(const RasterTask& task, const TileGrid& grid, int tile, Frame* frame,
+                           float* image, float* alpha, float* depth, float* distortion);
+
 }  // namespace gsut

@@ -54,9 +54,7 @@ void ShadingSlopes(const RasterTask& task, const Vector3d& center, const Frame& 
 }  // namespace
 
 void Renderer::Jacobian(std::span<const std::uint32_t> pixels, double* by_center, double* by_ray) {
-  if (!rendered_) {
-    throw InputError("a Jacobian needs a render before it, made with keep_for_backward");
-  }
+  CheckKept(rendered_, "a Jacobian needs a render before it, made with keep_for_backward");
   if (lines_ != nullptr) {
     throw InputError(
         "derivatives of colours are for a lens with one centre and a global shutter; refine the "

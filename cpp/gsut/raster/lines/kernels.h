@@ -46,4 +46,11 @@ void LineChannelsBackwardKernel(const RasterTask& task, const LineGrid& grid, in
 void LineLiftKernel(const RasterTask& task, const LineGrid& grid, int tile, const float* map,
                     int count, Frame* frame, float* out);
 
+// As RayOrderKeysKernel and RayOrderForwardKernel. A key is less the distance from the reference at
+// which a line may start.
+void LineRayOrderKeysKernel(const RasterTask& task, bool is_parallel, std::int64_t begin,
+                            std::int64_t end, Frame* frame);
+void LineRayOrderForwardKernel(const RasterTask& task, const LineGrid& grid, int tile, Frame* frame,
+                               float* image, float* alpha, float* depth, float* distortion);
+
 }  // namespace gsut

@@ -72,9 +72,7 @@ TileColors ColorsOf(const WalkScene& scene, const RasterTask& task, const Vector
 }  // namespace
 
 WalkScene Renderer::LastScene() const {
-  if (!rendered_) {
-    throw InputError("scores need a render before them, made with keep_for_backward");
-  }
+  CheckKept(rendered_, "scores need a render before them, made with keep_for_backward");
   const TileGrid* tiles = lines_ != nullptr ? &lines_->tiles : grid_.get();
   return {task_.gaussians, &frame_, tiles, lines_.get(), reference_, rule_};
 }

@@ -1,4 +1,4 @@
-"""ROS messages as values: pictures, poses and the tree of frames."""
+"""ROS messages as values: pictures and poses."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.data.poses import NANOSECONDS, invert_pose, pose_from_quaternion
+from gsut.data.poses import NANOSECONDS, pose_from_quaternion
 from gsut.files import write_file
 
 _SUFFIXES = {b"\xff\xd8": ".jpg", b"\x89P": ".png"}  # of compressed pictures, by their first bytes
@@ -111,36 +111,6 @@ def read_pose(message: Any, where: str) -> np.ndarray | None:
     return pose_from_quaternion(
         [turn.w, turn.x, turn.y, turn.z], [place.x, place.y, place.z], where
     )
-
-
-class FrameTree:
-    """Places of coordinate frames that do not move against each other (/tf_static)."""
-
-    def __init__(self) -> None:
-        self._parents: dict[str, tuple[str, np.ndarray]] = {}
-
-    def add(self, parent: str, child: str, parent_from_child: np.ndarray) -> None:
-        self._parents[strip_slash(child)] = (strip_slash(parent), parent_from_child)
-
-    def _to_root(self, frame: str) -> tuple[str, np.ndarray]:
-        root_from_frame, seen = np.eye(4), {frame}
-        while frame in self._parents:
-            frame, step = self._parents[frame]
-            root_from_frame = step @ root_from_frame
-            if frame in seen:
-                break
-            seen.add(frame)
-        return frame, root_from_frame
-
-    def find_transform(self, target: str, source: str) -> np.ndarray | None:
-        """Returns target_from_source (4, 4); None if the two are not connected."""
-        (root, root_from_target), (other, root_from_source) = (
-            self._to_root(strip_slash(frame)) for frame in (target, source)
-        )
-        return invert_pose(root_from_target) @ root_from_source if root == other else None
-
-    def find_root(self, frame: str) -> str:
-        return self._to_root(strip_slash(frame))[0]
 
 
 def strip_slash(name: str) -> str:

@@ -67,5 +67,6 @@ def require_pictures(path: Path) -> None:
     if layout is not None and layout.unpack is not None:
         raise DatasetError(
             path, f"{layout.files}, whose pictures are inside",
-            f"`gsut data convert {path} FOLDER` makes a dataset of it",
+            f"`gsut data convert {path} FOLDER` makes a dataset of it; where it has no poses, add "
+            "--to films, and gsut finds them",
         )  # fmt: skip

@@ -20,12 +20,12 @@ import numpy as np
 from gsut._core import InputError
 from gsut.data.errors import DatasetError
 from gsut.data.layouts._bag_messages import (
-    FrameTree,
     read_pose,
     stamp_message,
     strip_slash,
     write_picture,
 )
+from gsut.data.layouts._bag_tracks import FrameTree, Track, join_tracks
 from gsut.data.layouts._layout import Layout
 from gsut.data.poses import format_seconds, format_tum, invert_pose
 from gsut.data.recordings import Recording, Stream
@@ -58,17 +58,6 @@ class _Camera:
     frame: str = ""
     lens: Camera | None = None
     problem: InputError | None = None  # why camera_info states no lens
-
-
-@dataclasses.dataclass
-class _Track:
-    """Poses as the bag has them: parent_from_child at nanoseconds."""
-
-    topic: str
-    parent: str = ""
-    child: str = ""
-    times: list[int] = dataclasses.field(default_factory=list)
-    poses: list[np.ndarray] = dataclasses.field(default_factory=list)
 
 
 def is_bag(path: Path) -> bool:
@@ -105,8 +94,8 @@ def unpack(
     with _open(bag) as reader:
         found = _find_cameras(reader, bag, cameras)
         topic = _choose_pose_topic(reader, bag, poses_topic)
-        track, tree = _Track(topic), FrameTree()
-        moving: dict[tuple[str, str], _Track] = {}
+        track, tree = Track(topic), FrameTree()
+        moving: dict[tuple[str, str], Track] = {}
         wanted = {camera.topic: camera for camera in found}
         infos = {camera.info: camera for camera in found if camera.info is not None}
         topics = {*wanted, *infos, topic, "/tf", "/tf_static"}
@@ -127,7 +116,7 @@ def unpack(
                 _add_pose(track, message, received, f"{bag}, {name}, message {done}")
         bars.close()
     if topic == "/tf":
-        track = _find_moving_track(moving, tree, found, bag)
+        track = join_tracks(moving, tree, [camera.frame for camera in found], bag)
     if poses_of is not None and poses_of not in (BODY, OWN, *(camera.name for camera in found)):
         track.child = poses_of
     return _make_recording(bag, folder, found, track, tree)
@@ -248,7 +237,7 @@ def _add_lens(camera: _Camera, message: Any, time: int, where: str) -> None:
         )
 
 
-def _add_pose(track: _Track, message: Any, received: int, where: str) -> None:
+def _add_pose(track: Track, message: Any, received: int, where: str) -> None:
     pose = read_pose(message, where)
     if pose is not None:
         track.parent = strip_slash(message.header.frame_id)
@@ -259,7 +248,7 @@ def _add_pose(track: _Track, message: Any, received: int, where: str) -> None:
 
 def _add_transforms(
     topic: str, message: Any, received: int, tree: FrameTree,
-    moving: dict[tuple[str, str], _Track], where: str,
+    moving: dict[tuple[str, str], Track], where: str,
 ) -> None:  # fmt: skip
     for transform in message.transforms:
         parent, child = (
@@ -270,30 +259,13 @@ def _add_transforms(
         if topic.endswith("static"):
             tree.add(parent, child, pose)
             continue
-        track = moving.setdefault((parent, child), _Track(topic, parent, child))
+        track = moving.setdefault((parent, child), Track(topic, parent, child))
         track.times.append(stamp_message(transform, received))
         track.poses.append(pose)
 
 
-def _find_moving_track(
-    moving: dict[tuple[str, str], _Track], tree: FrameTree, cameras: list[_Camera], bag: Path
-) -> _Track:
-    roots = {tree.find_root(camera.frame) for camera in cameras}
-    above = [track for (_, child), track in moving.items() if tree.find_root(child) in roots]
-    if len(above) != 1 or any(track.child == above[0].parent for track in moving.values()):
-        edges = ", ".join(f"{parent} to {child}" for parent, child in moving) or "none"
-        raise DatasetError(
-            bag,
-            "no topic of poses, and /tf holds no single moving transform above the cameras' "
-            f"frames ({', '.join(sorted(roots))}): {edges}",
-            "record odometry, or give a trajectory with --poses FILE; `gsut scene` finds poses of "
-            "pictures that a ROS tool has taken out of the bag",
-        )
-    return above[0]
-
-
 def _make_recording(
-    bag: Path, folder: Path, cameras: list[_Camera], track: _Track, tree: FrameTree
+    bag: Path, folder: Path, cameras: list[_Camera], track: Track, tree: FrameTree
 ) -> Recording:
     streams = [Stream(c.name, c.images, c.times) for c in cameras]
     recording = Recording(folder, streams, image_times="ns", pose_times="s")

@@ -17,6 +17,7 @@ from gsut.data.poses.transforms import (
     average_poses,
     check_rigid,
     find_centers,
+    interpolate_poses,
     invert_pose,
     pose_from_quaternion,
 )
@@ -35,6 +36,7 @@ __all__ = [
     "format_seconds",
     "format_tum",
     "guess_unit",
+    "interpolate_poses",
     "invert_pose",
     "is_time",
     "pose_from_quaternion",

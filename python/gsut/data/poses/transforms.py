@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from gsut._core import interpolate_pose
 from gsut.data.errors import DatasetError
 
 # Largest entry of R^T R - I. Files with 4 decimals reach 2e-4, a real scale or shear is far above.
@@ -137,3 +138,15 @@ def average_poses(start: np.ndarray, end: np.ndarray) -> np.ndarray:
 def find_centers(camera_from_world: np.ndarray) -> np.ndarray:
     """Returns the camera centres (N, 3) of poses (N, 4, 4)."""
     return -np.einsum("nji,nj->ni", camera_from_world[:, :3, :3], camera_from_world[:, :3, 3])
+
+
+def interpolate_poses(one: np.ndarray, two: np.ndarray, share: float) -> np.ndarray:
+    """Interpolates two poses: the origin along the line, the rotation along the shorter arc."""
+    if share == 0.0:
+        return one
+    turns = one.copy(), two.copy()
+    for turn in turns:
+        turn[:3, 3] = 0.0
+    pose = np.array(interpolate_pose(*turns, share))
+    pose[:3, 3] = (1.0 - share) * one[:3, 3] + share * two[:3, 3]
+    return pose

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gsut._core import InputError, interpolate_pose
+from gsut._core import InputError
 from gsut.data.errors import DatasetError, OnError, list_some
 from gsut.data.images import find_mask
 from gsut.data.listing import Frame, Listing
@@ -20,6 +20,7 @@ from gsut.data.poses import (
     format_range,
     format_seconds,
     guess_unit,
+    interpolate_poses,
     invert_pose,
     read_trajectory,
     to_nanoseconds,
@@ -78,7 +79,7 @@ def pair_recording(recording: Recording, on_error: OnError) -> Listing:
         else:
             poses, times = _pair_by_name(stream, trajectory, recording, named)
         if recording.time_range is not None:
-            inside = _find_in_range(times, recording.time_range, stream.images[0].parent)
+            inside = find_in_range(times, recording.time_range, stream.images[0].parent)
             stream = Stream(
                 stream.name, [p for p, keep in zip(stream.images, inside, strict=True) if keep],
                 mask=stream.mask,
@@ -258,7 +259,7 @@ def _pair_by_time(
     for k, row in enumerate(rows):
         if clock.near[k]:
             low, high, share = clock.find_around(k)
-            poses[row] = _interpolate(
+            poses[row] = interpolate_poses(
                 trajectory.poses[order[low]], trajectory.poses[order[high]], share
             )
     return poses, times
@@ -291,19 +292,7 @@ class _Clock:
         return high - 1, high, (int(self.images[k]) - int(self.poses[high - 1])) / step
 
 
-def _interpolate(one: np.ndarray, two: np.ndarray, share: float) -> np.ndarray:
-    """Interpolates two poses: the origin along the line, the rotation along the shorter arc."""
-    if share == 0.0:
-        return one
-    turns = one.copy(), two.copy()
-    for turn in turns:
-        turn[:3, 3] = 0.0
-    pose = np.array(interpolate_pose(*turns, share))
-    pose[:3, 3] = (1.0 - share) * one[:3, 3] + share * two[:3, 3]
-    return pose
-
-
-def _find_in_range(
+def find_in_range(
     times: Sequence[int | None], limits: tuple[float, float], where: object
 ) -> list[bool]:
     """Returns which pictures were taken between two times, see `Recording.time_range`."""

@@ -107,7 +107,7 @@ def refine_lens(
     loose = dataclasses.replace(options, max_two_view_error=_LOOSER * options.max_two_view_error)
     passed = 0
 
-    def show_images(done: int, total: int, points: int, step: str) -> None:
+    def show_images(done: int, total: int, points: int, *_: object) -> None:
         on_progress("adjusting", done + passed * total, _ROUNDS * total, f"{points:,} points")
 
     for passed in range(_ROUNDS):

@@ -274,9 +274,12 @@ class _Trials:
             {},
         )  # fmt: skip
 
-    def _show(self, done: int, total: int, points: int, step: str) -> None:
+    def _show(
+        self, done: int, total: int, points: int, step: str, look: Callable[[], Solution]
+    ) -> None:
         text = f"{done} images, {points:,} points"
         self._mapping.log.show_share("lens", self.share, text)
+        self._mapping.log.show_poses(look)
 
     def _record_trial(
         self, lens: Camera, flags: np.ndarray, run: Callable[[], Solution], more: dict[str, Any]

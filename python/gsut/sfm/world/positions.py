@@ -21,6 +21,7 @@ _EARTH_RADIUS = 6378137.0  # metres, semi-major axis of WGS 84
 _ECCENTRICITY_2 = 6.69437999014e-3  # squared, of WGS 84
 # From east, north, up to the axes of a scene: x right, y down, z ahead.
 _SCENE_FROM_EAST_NORTH_UP = np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]])
+_FEWEST_PREDICTED = 5  # positions: a similarity fits three, and nearly four, whatever they are
 _ON_A_LINE = 1e-3  # second over first spread of cameras on a line, which leave up open
 
 
@@ -33,6 +34,8 @@ class PositionFit:
         rotation, translation: (3, 3) and (3,); afterwards x is east, -y up, z north.
         rms: remaining distance in metres between cameras and positions.
         count: photographs with a position.
+        is_upside_down: the cameras' tops then point down, or they look up: on a flat path, east and
+            north in each other's place do that without any remaining distance.
     """
 
     scale: float
@@ -40,6 +43,7 @@ class PositionFit:
     translation: np.ndarray
     rms: float
     count: int
+    is_upside_down: bool
 
 
 def read_positions(path: str | os.PathLike[str]) -> dict[str, np.ndarray]:
@@ -97,29 +101,64 @@ def fit_positions(
         source: of the positions, for errors.
 
     Raises:
-        InputError: fewer than three photographs have one, or they lie on a line.
+        InputError: fewer than three photographs have one, a name without its folder stands for
+            several, they lie on a line, or the positions do not follow the cameras.
     """
-    by_file = {Path(name).name: name for name in poses}
-    pairs = [
-        (poses[name if name in poses else by_file[Path(name).name]], place)
-        for name, place in positions.items()
-        if name in poses or Path(name).name in by_file
-    ]
+    by_file: dict[str, list[str]] = {}
+    for name in poses:
+        by_file.setdefault(Path(name).name, []).append(name)
+    pairs = []
+    for name, place in positions.items():
+        named = [name] if name in poses else by_file.get(Path(name).name, [])
+        if len(named) > 1:
+            raise InputError(
+                f"{source}: {name} may be {named[0]} or {named[1]}; give the name with its folder"
+            )
+        pairs += [(poses[each], place) for each in named]
     if len(pairs) < 3:
         raise InputError(
             f"{source}: {len(pairs)} of its {len(positions)} names are photographs of the run; 3 "
             f"at least are needed. The run's are like {next(iter(poses), '?')}"
         )
-    centers = find_centers(np.stack([pose for pose, _ in pairs]))
+    cameras = np.stack([pose for pose, _ in pairs])
+    centers = find_centers(cameras)
     places = np.stack([place for _, place in pairs]) @ _SCENE_FROM_EAST_NORTH_UP.T
     for points in (centers, places):
         spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
         if not spread[1] > _ON_A_LINE * spread[0]:
             raise InputError(f"{source}: the photographs lie on a line, which leaves up open")
     scale, rotation, translation = similarity_from_points(centers, places)
-    away = scale * centers @ rotation.T + translation - places
-    rms = float(np.sqrt(np.mean(np.sum(away**2, axis=1))))
-    return PositionFit(scale, rotation, translation, rms, len(pairs))
+    rms = _find_rms(scale * centers @ rotation.T + translation - places)
+    _require_agreement(centers, places, rms, source)
+    # Cameras are held upright or look down: then neither y nor z of theirs points up.
+    downwards = rotation[1] @ cameras[:, 1:3, :3].sum(axis=(0, 1))
+    return PositionFit(scale, rotation, translation, rms, len(pairs), bool(downwards < 0))
+
+
+def _find_rms(offsets: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.sum(offsets**2, axis=1))))
+
+
+def _require_agreement(centers: np.ndarray, places: np.ndarray, rms: float, source: object) -> None:
+    """Refuses positions (N, 3) that say nothing of cameras (N, 3), as those of other photographs.
+
+    Each is predicted by the fit of the others; positions in another order are predicted no better
+    than by their mean.
+    """
+    if len(centers) < _FEWEST_PREDICTED:
+        return
+    predicted, by_mean = [], []
+    for left_out in range(len(centers)):
+        others = np.arange(len(centers)) != left_out
+        scale, rotation, translation = similarity_from_points(centers[others], places[others])
+        predicted.append(scale * rotation @ centers[left_out] + translation - places[left_out])
+        by_mean.append(places[others].mean(axis=0) - places[left_out])
+    if _find_rms(np.stack(predicted)) >= _find_rms(np.stack(by_mean)):
+        raise InputError(
+            f"{source}: its positions do not follow the cameras: after the best fit they are "
+            f"{rms:.3g} m (rms) apart, and each is predicted by the others no better than by their "
+            "mean; look whether names, columns and their order are those of these photographs"
+        )
 
 
 def _convert_to_east_north_up(geodetic: np.ndarray) -> np.ndarray:

@@ -1,0 +1,38 @@
+"""The flag of `gsut render` that says in which order Gaussians are blended."""
+
+from __future__ import annotations
+
+import argparse
+
+from gsut._core import InputError
+
+
+def add_order(parser: argparse.ArgumentParser) -> None:
+    """Adds --order."""
+    parser.add_argument(
+        "--order",
+        choices=("distance", "z", "ray"),
+        default="distance",
+        help="in which Gaussians are blended: by their means' distance from the camera or z, or "
+        "as each pixel's own ray passes them, so that none jumps before another from image to "
+        "image, which takes about twice as long [default: distance]",
+    )
+
+
+def check_order(arguments: argparse.Namespace) -> None:
+    """Rejects what is not drawn in the order of the ray, before anything is read."""
+    if arguments.order != "ray":
+        return
+    kind = arguments.depth_kind
+    for flag, is_given, instead in (
+        ("--confidence", arguments.confidence, ""),
+        ("--lifted", arguments.lifted is not None, ""),
+        ("--cloud", bool(arguments.cloud), ""),
+        (
+            f"--depth-kind {kind}",
+            arguments.depth is not None and kind in ("median", "strongest"),
+            ", or take --depth-kind mean",
+        ),
+    ):
+        if is_given:
+            raise InputError(f"{flag} is not drawn by --order ray: leave one of them out{instead}")
