@@ -61,7 +61,9 @@ def _draw_views(gaussians: gsut.Gaussians, scene: gsut.Scene, scale: float) -> R
     """Measures processor milliseconds and blended pairs a pixel, means over the test views."""
     times, pairs = [], []
     for index in scene.test_indices:
-        camera, pose = scene.camera(index).scaled(scale), scene.views[index].motion
+        camera, pose = scene.camera(index), scene.views[index].motion
+        size = round(scale * camera.width), round(scale * camera.height)
+        camera = camera.resized(*size)
         found = []
         for _ in range(_DRAWS):
             began = time.process_time()
