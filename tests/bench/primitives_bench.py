@@ -63,7 +63,7 @@ def _draw_views(gaussians: gsut.Gaussians, scene: gsut.Scene, scale: float) -> R
     for index in scene.test_indices:
         camera, pose = scene.camera(index), scene.views[index].motion
         size = round(scale * camera.width), round(scale * camera.height)
-        camera = camera.resized(*size)
+        camera = camera.resize(*size)
         found = []
         for _ in range(_DRAWS):
             began = time.process_time()
