@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
+from tests.proving.causes import CAUSES, find_wrong_cause
+
 _SIGMAS = 3.0  # beyond which a stated standard deviation has failed
 _TRUE_OF_EXACT = (
     "there are no points;",
@@ -40,9 +42,9 @@ def find_misfires(row: dict[str, Any]) -> Iterator[Misfire]:
     yield from _check_verdict(row)
     yield from _check_lens(row)
     yield from _check_shutter(row)
-    for key, said in row.items():
-        if key.startswith("cause_") and isinstance(said, str):
-            yield Misfire("cause not named", f"{key.removeprefix('cause_')}; said: {said[:160]}")
+    for name in CAUSES:
+        if (said := find_wrong_cause(row, name)) is not None:
+            yield Misfire("cause not named", f"{name}; said: {said[:160]}")
     if row.get("train_refused"):
         yield Misfire("training refused", row["train_refused"])
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from gsut.files import write_file
 from gsut.page import build_page, build_table, format_number
+from tests.proving.causes import CAUSES, find_wrong_cause
 from tests.proving.misfires import find_misfires
 
 _LEVELS = ("good", "usable", "poor")
@@ -33,6 +34,7 @@ def build_parts(rows: Sequence[Row]) -> list[str]:
         _build_confusion(rows, "poses", "true_class", "verdict"),
         _build_confusion(rows, "scene", "scene_class", "scene_verdict"),
         _build_doctor(rows),
+        *_build_causes(rows),
         *_build_mistakes(rows),
         *(_build_factor(rows, factor) for factor in _FACTORS),
         build_table(
@@ -106,6 +108,25 @@ def _build_mistakes(rows: Sequence[Row]) -> list[str]:
     columns = [f"{row['seed']}: {row['family']}, {row['motion']}" for row in judged]
     texts = tuple(range(len(judged) + 1))
     return [build_table(table, ("planted mistake", *columns), texts=texts)] if judged else []
+
+
+def count_causes(rows: Sequence[Row]) -> list[tuple[object, ...]]:
+    """Counts what verdicts named of each cause that was planted: cause, said, captures, right."""
+    said = collections.Counter(
+        (name, row[f"cause_{name}"]) for row in rows for name in CAUSES if f"cause_{name}" in row
+    )
+    order = {name: number for number, name in enumerate(CAUSES)}
+    rows_of_table = sorted(said.items(), key=lambda item: (order[item[0][0]], -item[1]))
+    return [
+        (name, cause, count, find_wrong_cause({f"cause_{name}": cause}, name) is None)
+        for (name, cause), count in rows_of_table
+    ]
+
+
+def _build_causes(rows: Sequence[Row]) -> list[str]:
+    table = count_causes(rows)
+    heading = ("planted cause", "verdict names", "captures", "right")
+    return [build_table(table, heading, texts=(0, 1, 3))] if table else []
 
 
 def _build_factor(rows: Sequence[Row], factor: str) -> str:

@@ -224,6 +224,10 @@ class TrainOptions:
     robust: bool = define_option(
         False, "Loss", "leave areas of a photograph that differ from all others, such as "
         "passers-by, out of the loss")
+    movers: str = define_option(
+        "auto", "Loss", "auto: leave what moved, such as passers-by, out of the loss where a "
+        "photograph contradicts the others that see the same surface; keep: learn it",
+        choices=("auto", "keep"))
     drop_blurred: bool = define_option(
         False, "Loss", "leave out photographs far less sharp than their neighbours in time")
     motion_blur: float | None = define_option(
