@@ -312,5 +312,6 @@ FORMAT = Format(
     lambda head: head.startswith(b"ply") and PACKED not in head,
     keeps_origin=True,
     keeps_response=True,
+    keeps_primitive=True,
     keeps_surfels=True,
 )
