@@ -1,8 +1,13 @@
 """Fixtures of all Python tests: the folder of shared data, where present, and seeded numbers."""
 
 import os
+import sys
 from pathlib import Path
 
+# Processes that tests start read modules compiled, also where nothing may be written beside the
+# sources; see `pytest_configure`.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+os.environ.setdefault("PYTHONPYCACHEPREFIX", str(Path(__file__).parents[1] / ".pytest_cache/code"))
 # Small systems of equations wait a hundred times longer for busy cores than they take on one.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -14,6 +19,12 @@ import gsut
 ROOT = Path(__file__).resolve().parent.parent
 # Development data that is not part of the project; tests that need it say so when it is absent.
 SHARED = Path(os.environ.get("GSUT_SHARED", ROOT.parent / "shared"))
+
+
+def pytest_configure() -> None:
+    """Keeps test files compiled, with their assertions rewritten, for the next worker and run."""
+    sys.dont_write_bytecode = False
+    sys.pycache_prefix = os.environ["PYTHONPYCACHEPREFIX"]
 
 
 @pytest.fixture(scope="session")

@@ -63,8 +63,11 @@ def _run_in_folder(command: Sequence[str], words: Sequence[str], **how: Any) -> 
     """
     with tempfile.TemporaryDirectory(prefix="gsut-cores-") as folder:
         own = [os.path.join(folder, "out") if word == "OUT" else word for word in words]
+        # Modules are read compiled, as those of an installed package.
+        compiled = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
+        compiled["PYTHONPYCACHEPREFIX"] = os.path.join(tempfile.gettempdir(), "gsut-cores-code")
         done = subprocess.run(
-            [*command, *own], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+            [*command, *own], env=compiled, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
             text=True, check=False, **how,
         )  # fmt: skip
     if done.returncode:

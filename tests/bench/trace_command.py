@@ -24,8 +24,8 @@ import numpy as np
 CORES = (2, 4, 8, 16)
 # Seconds between two looks at what the main thread does.
 _TICK = 0.004
-# Places listed of the serial time.
-_MOST_PLACES = 12
+# Places kept of the serial time.
+_MOST_PLACES = 200
 # Cores that the time lost in loops and pools is stated for.
 _JUDGED = 8
 
@@ -185,18 +185,20 @@ def _summarize(
 def _place_samples(
     rows: Sequence[tuple[float, str]], covered: Sequence[tuple[float, float]]
 ) -> tuple[dict[str, float], Any]:
-    """Returns the serial seconds of each place, and a function that names the place at a time."""
-    begins = np.array([row[0] for row in covered])
-    ends = np.array([row[1] for row in covered])
-    before = 0.0
-    places: dict[str, float] = collections.defaultdict(float)
-    for now, place in rows:
-        at = int(np.searchsorted(begins, now, side="right")) - 1
-        if at < 0 or now > ends[at]:
-            # From the last look, or from the end of the last loop since then.
-            places[place] += now - max(before, ends[at] if at >= 0 else 0.0)
-        before = now
+    """Returns the serial seconds of each place, and a function that names the place at a time.
+
+    Args:
+        rows: looks at the main thread.
+        covered: begin and end of loops and tasks, which are not serial, in order.
+    """
     times = np.array([row[0] for row in rows])
+    ends = np.array(covered or [(0.0, 0.0)])
+    lengths = np.cumsum(ends[:, 1] - ends[:, 0])
+    starts = np.concatenate([[0.0], lengths[:-1]])
+    before = np.interp(times, ends.ravel(), np.stack([starts, lengths], axis=1).ravel())
+    places: dict[str, float] = collections.defaultdict(float)
+    for (_, place), seconds in zip(rows, np.diff(times - before, prepend=0.0), strict=True):
+        places[place] += float(seconds)
 
     def find_place(at: float) -> str:
         index = min(len(rows) - 1, int(np.searchsorted(times, at)))

@@ -52,6 +52,7 @@ class Film:
         back: a second lens of the same size, whose pictures stand at the right of those of the
             first; where a lens has no ray its pictures are black.
         back_from_front: (4, 4) of it.
+        back_readout: seconds of its readout; None: as that of the first.
     """
 
     camera: Camera
@@ -66,6 +67,12 @@ class Film:
     sideways: bool = False
     back: Camera | None = None
     back_from_front: np.ndarray | None = None
+    back_readout: float | None = None
+
+    @property
+    def readouts(self) -> list[float]:
+        """Seconds of each lens' readout."""
+        return [self.readout, self.readout if self.back_readout is None else self.back_readout]
 
     @property
     def lenses(self) -> list[tuple[Camera, np.ndarray]]:
@@ -175,7 +182,10 @@ def trace_frames(film: Film) -> Iterator[np.ndarray]:
     lenses = [(spread_rays(camera, film.samples), pose) for camera, pose in film.lenses]
     with ThreadPoolExecutor(num_threads()) as pool:
         for time in film.times:
-            parts = [_expose(film, tracer, rays, pose, time, pool) for rays, pose in lenses]
+            parts = [
+                _expose(film, tracer, rays, pose, time, pool, readout)
+                for (rays, pose), readout in zip(lenses, film.readouts, strict=False)
+            ]
             image = np.hstack(parts)
             angle = 2 * math.pi * time / _DRIFT_SECONDS
             gain = 1 + _DRIFT * math.sin(angle) + _TINT * np.sin(angle / 2 + np.arange(3))
@@ -201,11 +211,12 @@ def _expose(
     front_from_lens: np.ndarray,
     time: float,
     pool: ThreadPoolExecutor,
+    readout: float,
 ) -> np.ndarray:
     """Returns (H, W, 3) in [0, 1]: what a lens sees in the frame whose middle is at this time."""
     samples, height, width, _ = rays.shape
     lines = width if film.sideways else height
-    of_line = ((np.arange(lines) + 0.5) / lines - 0.5) * film.readout
+    of_line = ((np.arange(lines) + 0.5) / lines - 0.5) * readout
     # Neighbouring samples of a pixel are far apart in time.
     order = np.argsort(np.arange(samples) * 0.618 % 1.0)
     of_sample = ((order + 0.5) / samples - 0.5) * film.exposure

@@ -16,7 +16,7 @@ from typing import Any
 
 from gsut.page import build_page, build_table
 from tests.proving.misfires import find_misfires
-from tests.proving.page import write_page
+from tests.proving.page import count_causes, write_page
 
 _NIGHT = 300  # captures: no failure among them bounds a rate at 1 %
 _FIRST_NIGHT = 1_000_000  # seeds from here on are used once, on their day
@@ -41,7 +41,9 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--parts",
         default=",".join(_PARTS),
-        help="of doctor, poses, train, causes (five trainings, each with one thing wrong), "
+        help="of doctor, poses, scene (a training on these poses, and what it shows between the "
+        "pictures), train (on the true ones), causes (seven small trainings, six with one thing "
+        "wrong), "
         "mistakes (the usual ones planted), exact (doctor on right data, whole and thinned) "
         "[default: %(default)s]",
     )
@@ -82,6 +84,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     counts = collections.Counter(m.kind for row in rows for m in find_misfires(row))
     for kind, count in counts.most_common():
         print(f"{count:4} {kind}")
+    for name, said, count, is_right in count_causes(rows):
+        print(f"{count:4} {name}: {said}{'' if is_right else ' (wrong)'}")
     print(options.out.with_suffix(".html"))
     return 0
 

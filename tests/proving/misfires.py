@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
+from tests.proving.causes import CAUSES, find_wrong_cause
+
 _SIGMAS = 3.0  # beyond which a stated standard deviation has failed
 _TRUE_OF_EXACT = (
     "there are no points;",
@@ -25,7 +27,7 @@ class Misfire(NamedTuple):
 
 def find_misfires(row: dict[str, Any]) -> Iterator[Misfire]:
     """Yields what went wrong in a row of `score_capture`."""
-    for name in ("doctor", "poses", "train"):
+    for name in ("doctor", "poses", "train", "scene"):
         if row.get(f"{name}_traceback"):
             yield Misfire("traceback", f"{name}: {row[f'{name}_traceback'].splitlines()[-1]}")
         if f"{name}_status" in row and row[f"{name}_status"] is None:
@@ -40,9 +42,9 @@ def find_misfires(row: dict[str, Any]) -> Iterator[Misfire]:
     yield from _check_verdict(row)
     yield from _check_lens(row)
     yield from _check_shutter(row)
-    for key, said in row.items():
-        if key.startswith("cause_") and isinstance(said, str):
-            yield Misfire("cause not named", f"{key.removeprefix('cause_')}; said: {said[:160]}")
+    for name in CAUSES:
+        if (said := find_wrong_cause(row, name)) is not None:
+            yield Misfire("cause not named", f"{name}; said: {said[:160]}")
     if row.get("train_refused"):
         yield Misfire("training refused", row["train_refused"])
 
@@ -74,6 +76,13 @@ def _check_verdict(row: dict[str, Any]) -> Iterator[Misfire]:
             + "; ".join(row["verdict_reasons"])
         )
         yield Misfire(f"said {row['verdict']}, is {row['true_class']}", figures)
+    if "scene_verdict" in row and row["scene_verdict"] != row["scene_class"]:
+        between = row["scene_between"]
+        yield Misfire(
+            f"scene said {row['scene_verdict']}, is {row['scene_class']}",
+            f"detail between the pictures {100 * (between or 0):.0f} %, registered "
+            f"{100 * row['registered']:.0f} %; " + "; ".join(row["scene_reasons"]),
+        )
     few = [reason for reason in row.get("verdict_reasons", ()) if "few features" in reason]
     if few and row["auc_5"] > 0.9:
         yield Misfire("few features, poses fine", few[0])

@@ -11,6 +11,7 @@ import numpy as np
 
 from gsut.files import write_file
 from gsut.page import build_page, build_table, format_number
+from tests.proving.causes import CAUSES, find_wrong_cause
 from tests.proving.misfires import find_misfires
 
 _LEVELS = ("good", "usable", "poor")
@@ -30,8 +31,10 @@ def build_parts(rows: Sequence[Row]) -> list[str]:
     return [
         build_table(sorted(counts.items(), key=lambda item: -item[1]), ("misfire", "captures")),
         build_table(list_figures(rows), ("figure", "value", "captures")),
-        _build_confusion(rows),
+        _build_confusion(rows, "poses", "true_class", "verdict"),
+        _build_confusion(rows, "scene", "scene_class", "scene_verdict"),
         _build_doctor(rows),
+        *_build_causes(rows),
         *_build_mistakes(rows),
         *(_build_factor(rows, factor) for factor in _FACTORS),
         build_table(
@@ -76,16 +79,14 @@ def list_figures(rows: Sequence[Row]) -> list[tuple[str, str, int]]:
         take("the same against the truth without noise, dB", lambda row: row.get("psnr_clean")),
         take("regret of the degree, dB", regret),
         *(take(f"{part}, CPU-s", lambda row, part=part: row.get(f"{part}_seconds"), 1)
-          for part in ("render", "doctor", "poses", "train")),
+          for part in ("render", "doctor", "poses", "train", "scene")),
     ]  # fmt: skip
 
 
-def _build_confusion(rows: Sequence[Row]) -> str:
-    counts = collections.Counter(
-        (row["true_class"], row["verdict"]) for row in rows if "verdict" in row
-    )
+def _build_confusion(rows: Sequence[Row], what: str, is_key: str, said_key: str) -> str:
+    counts = collections.Counter((row[is_key], row[said_key]) for row in rows if said_key in row)
     table = [(f"is {true}", *(counts[true, said] for said in _LEVELS)) for true in _LEVELS]
-    return build_table(table, ("poses", *(f"said {said}" for said in _LEVELS)))
+    return build_table(table, (what, *(f"said {said}" for said in _LEVELS)))
 
 
 def _build_doctor(rows: Sequence[Row]) -> str:
@@ -109,6 +110,25 @@ def _build_mistakes(rows: Sequence[Row]) -> list[str]:
     return [build_table(table, ("planted mistake", *columns), texts=texts)] if judged else []
 
 
+def count_causes(rows: Sequence[Row]) -> list[tuple[object, ...]]:
+    """Counts what verdicts named of each cause that was planted: cause, said, captures, right."""
+    said = collections.Counter(
+        (name, row[f"cause_{name}"]) for row in rows for name in CAUSES if f"cause_{name}" in row
+    )
+    order = {name: number for number, name in enumerate(CAUSES)}
+    rows_of_table = sorted(said.items(), key=lambda item: (order[item[0][0]], -item[1]))
+    return [
+        (name, cause, count, find_wrong_cause({f"cause_{name}": cause}, name) is None)
+        for (name, cause), count in rows_of_table
+    ]
+
+
+def _build_causes(rows: Sequence[Row]) -> list[str]:
+    table = count_causes(rows)
+    heading = ("planted cause", "verdict names", "captures", "right")
+    return [build_table(table, heading, texts=(0, 1, 3))] if table else []
+
+
 def _build_factor(rows: Sequence[Row], factor: str) -> str:
     groups: dict[str, list[Row]] = collections.defaultdict(list)
     for row in rows:
@@ -125,7 +145,9 @@ def _describe(row: Row) -> tuple[object, ...]:
     def show(key: str, factor: float = 1.0, digits: int = 1) -> str:
         return format_number(None if row.get(key) is None else factor * row[key], digits)
 
-    seconds = sum(row.get(f"{part}_seconds") or 0.0 for part in ("doctor", "poses", "train"))
+    seconds = sum(
+        row.get(f"{part}_seconds") or 0.0 for part in ("doctor", "poses", "train", "scene")
+    )
     return (
         row["seed"], row.get("family"), row.get("kind"), row.get("motion"), row.get("lens"),
         row.get("frames"), show("auc_1", 100, 0), show("auc_5", 100, 0), show("registered", 100, 0),

@@ -18,7 +18,9 @@ from tests.proving.capture import Capture, capture
 from tests.proving.causes import score_causes
 from tests.proving.commands import Outcome, run_gsut
 from tests.proving.misfires import is_true_of_exact
+from tests.proving.scene import score_scene
 from tests.proving.truth import (
+    ON_ITS_SIDE,
     classify,
     compare_lenses,
     find_truth_poses,
@@ -56,7 +58,7 @@ def score_made(made: Capture, folder: Path, parts: tuple[str, ...]) -> Row:
         if "exact" in parts:
             row["exact"] = check_exact(folder / TRUTH, work, 2 + made.seed % 7)
         if "poses" in parts:
-            row |= _score_poses(made, folder, work)
+            row |= _score_poses(made, folder, work, "scene" in parts)
         if "train" in parts and made.seed % TRAIN_EVERY == 0:
             row |= _score_training(made, folder, work)
         if "causes" in parts:
@@ -124,7 +126,7 @@ def _thin(data: Path, folder: Path, every: int) -> Path:
     return folder
 
 
-def _score_poses(made: Capture, folder: Path, work: Path) -> Row:
+def _score_poses(made: Capture, folder: Path, work: Path, with_scene: bool) -> Row:
     given = {"dataset": folder / TRUTH, "photographs": folder / GIVEN}.get(
         made.kind, folder / "film.mp4"
     )
@@ -139,7 +141,18 @@ def _score_poses(made: Capture, folder: Path, work: Path) -> Row:
         return row
     figures = json.loads((work / "poses/poses.json").read_text("utf-8"))
     numbers = _number_pictures(made, work / "poses", figures)
-    return row | _measure_poses(made, work / "poses", figures, numbers)
+    row |= _measure_poses(made, work / "poses", figures, numbers)
+    if with_scene:
+        found = {numbers[name]: pose for name, pose in _list_poses(made, figures).items()}
+        row |= score_scene(made, work / "poses", found, row["registered"], work)
+    return row
+
+
+def _list_poses(made: Capture, figures: Row) -> dict[str, np.ndarray]:
+    """Lists camera_from_world (4, 4), as it was held, of the pictures that have a pose, by name."""
+    views = [view for view in figures["views"] if view["registered"]]
+    held = ON_ITS_SIDE.T if made.told.turned else np.eye(4)
+    return {view["name"]: held @ np.array(view["camera_from_world"]) for view in views}
 
 
 def _number_pictures(made: Capture, out: Path, figures: Row) -> dict[str, int]:
@@ -155,24 +168,22 @@ def _number_pictures(made: Capture, out: Path, figures: Row) -> dict[str, int]:
 def _measure_poses(made: Capture, out: Path, figures: Row, numbers: dict[str, int]) -> Row:
     order = sorted(numbers.values())
     truth = find_truth_poses([made.path(made.times[[k]])[0] for k in order])
-    found = {
-        order.index(numbers[view["name"]]): np.array(view["camera_from_world"])
-        for view in figures["views"]
-        if view["registered"]
-    }
+    found = {order.index(numbers[name]): pose for name, pose in _list_poses(made, figures).items()}
     errors, shifts = measure_pair_errors(found, truth, made.stage.reach)
     areas = measure_areas(errors)
     registered = len(found) / max(1, len(order))
     verdict = figures["verdict"]
     lens: Row = {"lens_px": 0.0}
     if figures["lens"] != "known":
-        lens = compare_lenses(gsut.load_dataset(out, test_every=0).cameras[0], made.lens.camera)
+        estimated = gsut.load_dataset(out, test_every=0).cameras[0]
+        lens = compare_lenses(estimated, made.lens.camera, made.told.turned)
     row: Row = areas | lens | {
         "pictures": len(order), "registered": registered,
         "shift_degrees": float(np.quantile(shifts, 0.9)), "verdict": verdict["level"],
         "verdict_reasons": verdict["reasons"],
         "residual_px": figures["reprojection_error_px"]["median"],
         "track_length": figures["mean_track_length"], "agreement": figures["matches_in_points"],
+        "contradicted": figures.get("contradicted_pairs"),
         "notes": figures["notes"], "lens_known": figures["lens"],
         "shutter_found": figures.get("shutter"),
         "focal_sigma_percent": figures.get("focal_sigma_percent"),

@@ -17,10 +17,16 @@ _NO_BASELINE = 0.005  # of what is seen away: below it a pair has no direction t
 _GRID = 25  # places of a lens' pictures, each way, where lenses are compared
 _INNER = math.radians(30.0)
 
+# Camera axes of a photograph that lies on its side, from those of the camera as it was held.
+ON_ITS_SIDE = np.array([[0.0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
+
 # What a verdict should be: pixels within which lens and a share of the pairs are right, that
 # share, and the share of the pictures with a pose.
 _GOOD = (2.0, 0.90, 0.95)
 _USABLE = (6.0, 0.60, 0.60)
+# Share of the detail that is right in the median view of a good and of a usable scene: what a
+# verdict promises of held-out views.
+_DETAIL = {"good": 0.8, "usable": 0.4}
 
 
 def measure_pair_errors(
@@ -84,8 +90,26 @@ def classify(shifts: np.ndarray, registered: float, camera: Camera, lens_px: flo
     return "poor"
 
 
-def compare_lenses(found: Camera, truth: Camera) -> dict[str, Any]:
+def classify_scene(detail: float | None, registered: float) -> str:
+    """Returns what the verdict on a scene should say: "good", "usable" or "poor".
+
+    Args:
+        detail: share that is right in the median view between pictures; None: there is none.
+        registered: share of the pictures.
+    """
+    for level, (_, _, share) in (("good", _GOOD), ("usable", _USABLE)):
+        if (detail or 0.0) >= _DETAIL[level] and registered >= share:
+            return level
+    return "poor"
+
+
+def compare_lenses(found: Camera, truth: Camera, turned: bool = False) -> dict[str, Any]:
     """Compares what two lenses see in the same pixels, the best turn between them taken out.
+
+    Args:
+        found: estimated.
+        truth: of the camera as it was held.
+        turned: the photographs lie on their side.
 
     Returns:
         Root mean square in pixels over the picture and in the inner 30 degrees, and the relative
@@ -94,7 +118,9 @@ def compare_lenses(found: Camera, truth: Camera) -> dict[str, Any]:
     x, y = np.meshgrid(np.linspace(0.5, truth.width - 0.5, _GRID),
                        np.linspace(0.5, truth.height - 0.5, _GRID))  # fmt: skip
     pixels = np.stack([x.ravel(), y.ravel()], axis=1)
-    ours, valid = found.unproject(pixels)
+    own = np.stack([pixels[:, 1], truth.width - pixels[:, 0]], axis=1) if turned else pixels
+    ours, valid = found.unproject(own)
+    ours = ours @ ON_ITS_SIDE[:3, :3] if turned else ours
     theirs, also = truth.unproject(pixels)
     good = valid & also
     left, _, right = np.linalg.svd(theirs[good].T @ ours[good])

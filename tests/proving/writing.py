@@ -6,10 +6,11 @@ import dataclasses
 import fractions
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import gsut_proving_tracer
 import numpy as np
 
 from gsut._core import Shutter
@@ -52,15 +53,52 @@ def find_line_poses(capture: Capture, time: float, share: np.ndarray) -> np.ndar
     return capture.path(time + (np.asarray(share) - 0.5) * capture.readout)
 
 
-def trace_pictures(capture: Capture) -> Iterator[Picture]:
-    """Yields the pictures of a capture."""
-    camera, sensor, samples = capture.lens.camera, capture.sensor, capture.samples
+class _Grid(NamedTuple):
+    """The rays of a lens."""
+
+    samples: np.ndarray  # (samples, H, W, 3), all over each pixel
+    middle: np.ndarray  # (H, W, 3) of the pixels' centres, 0 outside the circle
+    inside: np.ndarray  # (H, W) bool
+    spread: float  # radians between neighbours
+
+
+def _spread_grid(capture: Capture) -> _Grid:
+    camera = capture.lens.camera
     height, width = camera.height, camera.width
-    rays = spread_rays(camera, samples)
+    rays = spread_rays(camera, capture.samples)
     centre = rays[0, height // 2, width // 2 : width // 2 + 2].astype(np.float64)
-    spread = float(np.linalg.norm(centre[1] - centre[0]))
     middle = np.nan_to_num(camera.rays()[0]).astype(np.float32).reshape(height, width, 3)
     inside = middle.any(axis=2) & rays.any(axis=3).all(axis=0)
+    return _Grid(rays, middle, inside, float(np.linalg.norm(centre[1] - centre[0])))
+
+
+def _trace_lines(
+    tracer: gsut_proving_tracer.Tracer, poses: np.ndarray, rays: np.ndarray, grid: _Grid, seed: int
+) -> list[np.ndarray]:
+    """Traces rays (S, H, W, 3) inside the circle: light, distance and body, each (S, M, ...).
+
+    Args:
+        tracer: of the stage.
+        poses: (S, H, 4, 4) world-from-camera of each line.
+        rays: in the camera's axes.
+        grid: the lens.
+        seed: of what is drawn.
+    """
+    poses, inside = poses.astype(np.float32)[:, :, None], grid.inside
+    directions = np.einsum("slcij,slcj->slci", np.broadcast_to(
+        poses[..., :3, :3], (*rays.shape[:3], 3, 3)), rays)[:, inside]  # fmt: skip
+    origins = np.broadcast_to(poses[..., :3, 3], rays.shape)[:, inside]
+    found = tracer.trace(
+        origins.reshape(-1, 3), directions.reshape(-1, 3), grid.spread, seed, len(rays)
+    )
+    return [part.reshape(len(rays), -1, *part.shape[1:]) for part in found]
+
+
+def trace_pictures(capture: Capture) -> Iterator[Picture]:
+    """Yields the pictures of a capture."""
+    sensor, samples, grid = capture.sensor, capture.samples, _spread_grid(capture)
+    rays, middle, inside = grid.samples, grid.middle, grid.inside
+    height, width = inside.shape
     gains = sensor.find_gains(capture.motion.frames, capture.seed)
     falloff = sensor.spread_falloff(height, width)
     lines = (np.arange(height) + 0.5) / height
@@ -74,18 +112,9 @@ def trace_pictures(capture: Capture) -> Iterator[Picture]:
         )
         seed = capture.seed * 1000 + number
 
-        def trace(
-            rays: np.ndarray, moments: np.ndarray, seed: int = seed, tracer=tracer, time=time
-        ):
+        def trace(rays: np.ndarray, moments: np.ndarray, tracer=tracer, time=time, seed=seed):
             poses = np.stack([find_line_poses(capture, time + m, lines) for m in moments])
-            poses = poses.astype(np.float32)[:, :, None]
-            directions = np.einsum("slcij,slcj->slci", np.broadcast_to(
-                poses[..., :3, :3], (*rays.shape[:3], 3, 3)), rays)[:, inside]  # fmt: skip
-            origins = np.broadcast_to(poses[..., :3, 3], rays.shape)[:, inside]
-            found = tracer.trace(
-                origins.reshape(-1, 3), directions.reshape(-1, 3), spread, seed, len(moments)
-            )
-            return [part.reshape(len(moments), -1, *part.shape[1:]) for part in found]
+            return _trace_lines(tracer, poses, rays, grid, seed)
 
         light = np.zeros((height, width, 3))
         light[inside] = trace(rays, moments)[0].mean(axis=0)
@@ -97,6 +126,28 @@ def trace_pictures(capture: Capture) -> Iterator[Picture]:
         noise = np.random.default_rng([capture.seed, 31, number])
         image, clean = (sensor.develop(light, rng) * inside[..., None] for rng in (noise, None))
         yield Picture(image.astype(np.uint8), clean.astype(np.uint8), distance, body)
+
+
+def trace_views(
+    capture: Capture, world_from_camera: Sequence[np.ndarray]
+) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Yields what the camera would see elsewhere, were it perfect and all at rest.
+
+    Args:
+        capture: with the lens and the stage, whose movers are left out.
+        world_from_camera: (4, 4) of each view.
+
+    Yields:
+        (H, W, 3) uint8 and (H, W) bool, inside the circle of the lens.
+    """
+    grid = _spread_grid(capture)
+    tracer = capture.stage.mesh.make_tracer(capture.stage.sky)
+    for number, pose in enumerate(world_from_camera):
+        poses = np.broadcast_to(pose, (capture.samples, grid.inside.shape[0], 4, 4))
+        light = np.zeros((*grid.inside.shape, 3))
+        light[grid.inside] = _trace_lines(tracer, poses, grid.samples, grid, number)[0].mean(axis=0)
+        light *= measure_exposure(light[grid.inside])
+        yield capture.sensor.develop(light, None) * grid.inside[..., None], grid.inside
 
 
 def write_capture(capture: Capture, folder: Path) -> Path:

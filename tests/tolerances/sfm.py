@@ -55,6 +55,9 @@ SEVERAL_LENSES_FOCAL = 0.0018  # relative, of two cameras of 14 images each, 0.1
 SEVERAL_LENSES_FEW_FOCAL = 0.012  # of two images, which leave higher coefficients at 0; worst 0.006
 SEVERAL_LENSES_ATE_PERCENT = 0.11  # of the path, in the same scenes; worst 0.059
 FOCAL_SIGMAS = 3.0  # standard deviations of a focal length that its error stays within; worst 0.84
+FOCAL_SIGMA_SHARED = (
+    1.2  # least sigma with shared errors over that of the features alone; worst 1.8
+)
 LENS_EACH_FOCAL = 0.004  # relative, of images with a lens each, 0.1 px; worst 0.002
 LEFT_OUT_ATE_PERCENT = 0.011  # of the path, one of eight images by few points; worst 0.0057
 GPS_DOME_SHARE = 0.5  # of the dome that images leave, by places to 0.1 m; worst 0.29

@@ -38,8 +38,11 @@ from gsut.run import TrainOptions, measure_peak_rss
 
 # Of a view, and their means over the views.
 FIGURES = (
-    "psnr", "ssim", "detail", "unseen", "psnr_unit_gain", "psnr_color_corrected", "psnr_half_image",
+    "psnr", "ssim", "detail", "unseen", "moving", "psnr_unit_gain", "psnr_color_corrected",
+    "psnr_half_image",
 )  # fmt: skip
+# Called with a view, width and height; returns (height, width) bool, or None if nothing moved.
+FindMoving = Callable[[int, int, int], np.ndarray | None]
 _DEPTH_LEVELS = 65535  # of a 16-bit picture
 _OPAQUE = 0.5  # pixels with less alpha have no depth in the picture
 
@@ -52,6 +55,7 @@ def evaluate(
     background: Sequence[float] | None = (0.0, 0.0, 0.0),
     light: Light | None = None,
     pixels: PixelFilter | None = None,
+    find_moving: FindMoving | None = None,
     render_folder: Path | None = None,
     on_view: Callable[[int, int], None] | None = None,
     device: str = "cpu",
@@ -66,6 +70,7 @@ def evaluate(
         light: exposure of the views and falloff of the cameras, by which renders are multiplied
             before they are compared; None: 1.
         pixels: of the Gaussians, where the scene is at another size than they were trained at.
+        find_moving: returns what moved in a view; None: nothing did.
         render_folder: an existing folder that gets NAME_truth.png and NAME_render.png (8 bit,
             masked pixels black) and NAME_depth.png (16 bit; distance = value x `depth_unit` of the
             view's row, 0 = less than half opaque); None writes nothing.
@@ -77,8 +82,9 @@ def evaluate(
             psnr, ssim: means over the views (PSNR in dB); None if no view. In the photographs'
                 light: this is what is scored.
             detail: share of the photographs' detail that renders show in the right place, where
-                some training view could see what is there.
+                some training view could see what is there and nothing moved.
             unseen: share of the pixels that show what no training view could see.
+            moving: share of the pixels that show what moved.
             detail_median, detail_min, least_detailed: of the views: median and least, and the
                 name of the view that has the least; absent if no view.
             detail_shifted_median: median of the detail that is right after each render is shifted
@@ -101,7 +107,9 @@ def evaluate(
     rows: list[tuple[dict[str, Any], list[Ring]]] = []
 
     def compare(index: int, stem: str, rendered: Any, milliseconds: float) -> Any:
-        return _compare(scene, index, rendered, light, milliseconds, render_folder, stem)
+        camera = scene.camera(index)
+        moving = find_moving and find_moving(index, camera.width, camera.height)
+        return _compare(scene, index, rendered, light, milliseconds, render_folder, stem, moving)
 
     with concurrent.futures.ThreadPoolExecutor(threads) as pool:
         for first in range(0, len(indices), threads):
@@ -164,6 +172,7 @@ def _compare(
     milliseconds: float,
     render_folder: Path | None,
     stem: str,
+    moving: np.ndarray | None,
 ) -> tuple[dict[str, Any], list[Ring]]:
     """Compares a render with its photograph: the view's row and its rings, see `evaluate`."""
     view, camera, mask = scene.views[index], scene.camera(index), scene.mask(index)
@@ -181,13 +190,16 @@ def _compare(
     seen, bare = select_pixels(truth), select_pixels(plain)
     shown = bare if light is None else select_pixels(image)
     unseen = find_unseen(scene, index, rendered) & mask
+    moving = np.zeros_like(mask) if moving is None else moving & mask
+    judged, count = mask & ~unseen & ~moving, max(1, mask.sum())
     row = {
         "name": view.name,
         "psnr": psnr(shown, seen),
         "ssim": _ssim(photograph, image, mask),
-        "detail": measure_detail(photograph, image, mask & ~unseen),
-        "detail_shifted": measure_shifted_detail(photograph, image, mask & ~unseen),
-        "unseen": float(unseen.sum() / max(1, mask.sum())),
+        "detail": measure_detail(photograph, image, judged),
+        "detail_shifted": measure_shifted_detail(photograph, image, judged),
+        "unseen": float(unseen.sum() / count),
+        "moving": float(moving.sum() / count),
         "psnr_unit_gain": psnr(bare, seen),
         "psnr_color_corrected": color_corrected_psnr(bare, seen),
         "psnr_half_image": half_image_psnr(plain, truth, mask),

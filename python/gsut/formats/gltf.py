@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import struct
 from pathlib import Path
@@ -36,6 +37,8 @@ _DRAWN_SO = {
     "colorSpace": "srgb_rec709_display",
     "projection": "perspective",
 }
+# In the primitive's extras: the response by which the Gaussians are drawn; without it the maximum.
+_RESPONSE_KEY = "gsut: response"
 _MOST_STRIDE = 252  # bytes, of glTF
 _OPACITY_ROUNDING = 1e-3  # beyond 0 and 1 that a writer's rounding may leave
 _MOST_JSON = 1 << 24  # bytes of a file's description; more is an attack
@@ -65,6 +68,8 @@ def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written
         **{name: g.sh[:, k] for k, name in enumerate(_name_harmonics(g.sh_degree))},
     }
     document = _build_document(arrays)
+    if g.response != Gaussians.RESPONSES[0]:
+        document["meshes"][0]["primitives"][0]["extras"] = {_RESPONSE_KEY: g.response}
     text = json.dumps(document, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
     size = document["buffers"][0]["byteLength"]
@@ -120,15 +125,17 @@ def _build_document(arrays: dict[str, np.ndarray]) -> dict[str, Any]:
 def _read(path: Path) -> SceneFile:
     document, begin, size = _parse(path)
     try:
-        attributes = _find_attributes(path, document)
+        primitive = _find_primitive(path, document)
+        attributes = Fields(path, primitive.get("attributes"), "attributes")
         arrays = {
             name: _read_array(Fields(path, document), attributes, name, begin, size)
             for name in attributes.values
             if name == "POSITION" or name.startswith(_EXTENSION)
         }
-        placed_so = place_in_world(
-            _decode_gaussians(path, arrays), _place_of(path, document), f"{path}: its mesh"
+        gaussians = dataclasses.replace(
+            _decode_gaussians(path, arrays), response=_read_response(path, primitive)
         )
+        placed_so = place_in_world(gaussians, _place_of(path, document), f"{path}: its mesh")
         return SceneFile(turn_half(placed_so))
     except WRONG_JSON as error:
         if isinstance(error, InputError):
@@ -162,8 +169,8 @@ def _parse(path: Path) -> tuple[dict[str, Any], int, int]:
     return document, begin, there
 
 
-def _find_attributes(path: Path, document: dict[str, Any]) -> Fields:
-    """Finds the attributes of the one primitive that has Gaussians."""
+def _find_primitive(path: Path, document: dict[str, Any]) -> dict[str, Any]:
+    """Finds the one primitive that has Gaussians, and checks how it is drawn."""
     found = [
         primitive
         for mesh in document["meshes"]
@@ -179,7 +186,21 @@ def _find_attributes(path: Path, document: dict[str, Any]) -> Fields:
     if inner:
         raise InputError(f"{path}: compressed by {', '.join(inner)}, which gsut does not read")
     Fields(path, found[0], "primitive").require("mode", _POINTS)
-    return Fields(path, found[0].get("attributes"), "attributes")
+    return found[0]
+
+
+def _read_response(path: Path, primitive: dict[str, Any]) -> str:
+    """Reads the response from the primitive's extras, which may be anything."""
+    extras = primitive.get("extras")
+    name = extras.get(_RESPONSE_KEY) if isinstance(extras, dict) else None
+    if name is None:
+        return Gaussians.RESPONSES[0]
+    if name not in Gaussians.RESPONSES:
+        raise InputError(
+            f'{path}: extras name the unknown response "{name}"; known: '
+            f"{', '.join(Gaussians.RESPONSES)}; a newer gsut may have written it"
+        )
+    return name
 
 
 def _place_of(path: Path, document: dict[str, Any]) -> np.ndarray:
@@ -280,4 +301,6 @@ def _decode_gaussians(path: Path, arrays: dict[str, np.ndarray]) -> Gaussians:
     )
 
 
-FORMAT = Format("glTF", (".glb",), _write, _read, lambda head: head.startswith(b"glTF"))
+FORMAT = Format(
+    "glTF", (".glb",), _write, _read, lambda head: head.startswith(b"glTF"), keeps_response=True
+)

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import functools
+import importlib
 import os
+import threading
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -155,7 +158,9 @@ def find_poses(
             place_on_earth(mapping, adjust_rig_near_places)
             mapping.log.watch.record_lap("mapping")
             if mapper is None:
-                mapping.found.agreement = measure_agreement(mapping.solved, mapping.pairs)
+                agreement = measure_agreement(mapping.solved, mapping.pairs)
+                mapping.found.agreement = agreement.share
+                mapping.found.contradicted = agreement.contradicted
         values = write_poses(mapping, claimed.path, stages.digest)
         stages.remove()
         return PosesResult(claimed.path, mapping.solved, values)
@@ -290,6 +295,7 @@ def _expect_times(mapping: Mapping) -> None:
 
 def _map_photographs(mapping: Mapping, mapper: Mapper | None) -> None:
     """Estimates poses and points: on a rig, through known lenses, or together with the lens."""
+    _import_plots()
     if mapping.found.figures["lens"] == "estimated":
         search_lenses(mapping)
     if mapping.rig is not None:
@@ -313,6 +319,12 @@ def _map_photographs(mapping: Mapping, mapper: Mapper | None) -> None:
         mapping.found.zooms = find_zooms(
             mapping.solution, mapping.features, mapping.raw, mapping.options
         )
+
+
+def _import_plots() -> None:
+    """Imports what draws the plots of the report, beside the search for poses."""
+    work = functools.partial(importlib.import_module, "matplotlib.figure")
+    threading.Thread(target=work, name="gsut-plots", daemon=True).start()
 
 
 def _separate_places(mapping: Mapping, *, is_final: bool) -> None:

@@ -29,13 +29,11 @@ from gsut.run import Stopwatch, TrainOptions
 from gsut.training.context import Context
 from gsut.training.densification import DensificationStep, load_strategy
 from gsut.training.first import choose_first_gaussians
-from gsut.training.photograph import BlurRenderer, Exposure, PhotographModel
+from gsut.training.photograph import BlurRenderer, Exposure, Outliers, PhotographModel
 from gsut.training.surface import SurfaceTerms, SurfaceWeights
 
 # Steps between updates of the low-pass filter's radii, as in Mip-Splatting.
 _RADII_EVERY = 100
-# Fraction of the steps after which pixels that differ are left out: before, most do.
-_ROBUST_FROM = 0.15
 # Training without a background of its own draws one a step from this stream of the run's seed.
 _BACKGROUND_STREAM = 0xBAC6
 
@@ -82,6 +80,7 @@ class TrainingLoop:
     Attributes:
         views: photographs, poses and lenses; the only owner of the latter two.
         photographs: their exposure, white balance and falloff.
+        outliers: what moved in them.
         optimizer: owner of the Gaussians.
         notes: sentences on the first Gaussians for the report.
         step: number of steps made.
@@ -101,10 +100,11 @@ class TrainingLoop:
         scene = scene if tracks is None else tracks.scene
         self.options = options = dataclasses.replace(options, max_gaussians=options.most_gaussians)
         self.step, self.seconds, self.cpu_seconds = 0, 0.0, 0.0
+        self.outliers = Outliers(options, is_new=start is None)
         start, self.notes = choose_first_gaussians(scene, options) if start is None else (start, [])
         self.densification = load_strategy(options, len(start))
-        surfels = options.primitive == "surfel"
-        self.optimizer = make_optimizer(start, self.densification.capacity, options.seed, surfels)
+        primitive, capacity = options.primitive, self.densification.capacity
+        self.optimizer = make_optimizer(start, capacity, options.seed, primitive)
         self.views = TrainingViews(scene, options.coarse_to_fine)
         lens = options.calibration_weights
         self.weights = None if lens is None else CalibrationWeights(lens, scene.cameras)
@@ -119,7 +119,7 @@ class TrainingLoop:
         self.photographs = PhotographModel(scene, options, light)
         self.surface = SurfaceTerms(SurfaceWeights(), scene, options.known_depth) if flat else None
         self._filter = LowPassFilter(options.low_pass, self.views.list_training_cameras)
-        self._mean = TrajectoryMean(options.average_from, surfels)
+        self._mean = TrajectoryMean(options.average_from, primitive == "surfel")
 
     @property
     def scene(self) -> Scene:
@@ -166,6 +166,7 @@ class TrainingLoop:
         self.step = step.number
         self._densify(step)  # more, fewer or other Gaussians
         self._refine(step)  # poses and lenses
+        self.outliers.observe(step, self.get_drawn, self.photographs)  # what moved
         self._mean.observe(step.number, step.fraction, self.gaussians)  # of the last steps
         self.seconds += time.perf_counter() - began
         self.cpu_seconds += time.process_time() - cpu_began
@@ -221,8 +222,7 @@ class TrainingLoop:
         self._choose_pixels(step, dimage)
         if self.weights is not None:
             self.weights.apply(dimage)
-        if self.options.robust and self.step >= _ROBUST_FROM * self.options.steps:
-            _core.trim_gradient(target, image, dimage)
+        self.outliers.leave_out(self.step, step.view, target, image, dimage)
         self.stopwatch.record_lap("loss")
         return loss
 
@@ -292,30 +292,28 @@ class TrainingLoop:
                 self.surface.known.forget()
             self.stopwatch.record_lap("refine")
 
+    def _list_parts(self) -> dict[str, Any]:
+        """Lists the parts that have a state of their own."""
+        parts = {"optimizer": self.optimizer, "mean": self._mean, "refiner": self.refiner,
+                 "photographs": self.photographs, "outliers": self.outliers}  # fmt: skip
+        return {name: part for name, part in parts.items() if part is not None}
+
     def state_dict(self) -> dict[str, Any]:
         """Returns everything that later steps depend on."""
         return {
-            "step": self.step,
-            "seconds": self.seconds,
-            "cpu_seconds": self.cpu_seconds,
+            "step": self.step, "seconds": self.seconds, "cpu_seconds": self.cpu_seconds,
             "first_count": self.densification.first_count,
-            "optimizer": self.optimizer.state_dict(),
-            "mean": self._mean.state_dict(),
-            "photographs": self.photographs.state_dict(),
-            **({} if self.refiner is None else {"refiner": self.refiner.state_dict()}),
+            **{name: part.state_dict() for name, part in self._list_parts().items()},
             **self._filter.state_dict(),
-        }
+        }  # fmt: skip
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Restores the state that `state_dict` returned; the following steps have the same bits."""
         self.step = int(state["step"])
         self.seconds, self.cpu_seconds = state["seconds"], state.get("cpu_seconds", 0.0)
         self.densification.first_count = int(state["first_count"])
-        self.optimizer.load_state_dict(state["optimizer"])
-        self._mean.load_state_dict(state["mean"])
-        self.photographs.load_state_dict(state["photographs"])
-        if self.refiner is not None:
-            self.refiner.load_state_dict(state["refiner"])
+        for name, part in self._list_parts().items():
+            part.load_state_dict(state.get(name, {}))  # "outliers" is not in older checkpoints
         self._filter.load_state_dict(state)
 
 

@@ -64,6 +64,18 @@ def test_sure_rows_hold_errors_of_the_scores_and_what_the_pass_takes(hall):
     assert row["pass_seconds"] > 0 and row["cpu_seconds"] > 0
 
 
+def test_approximations_hold_errors_swaps_and_times(hall):
+    options = {"counts": (200,), "responses": ("maximum",), "views": 1, "patches": 4}
+    options |= {"integrals": 2, "flags": "--steps 5 --quiet"}
+    rows = run_bench("approximations", hall, **options)
+    z, distance, ray = rows.values()
+    for row in (z, distance, ray):
+        assert row["psnr"] > 5 and row["error_db"] > 5 and row["forward_ms"] > 0
+    # What each order cannot do.
+    swaps = (z["step"], distance["turn"], ray["turn"], ray["step"])
+    assert max(swaps) < tolerances.RENDER_DOUBLE
+
+
 def test_ways_miss_nothing_and_state_error_beside_time(tmp_path):
     options = {"counts": ("2k",), "runs": 1, "tiles": 2, "pixels": 48 * 48}
     rows = run_bench("ways", tmp_path, only="demo's fisheye, 2k, native", **options)

@@ -50,7 +50,7 @@ def test_forecast_leaves_serial_time_and_no_more_than_an_even_share():
 def test_time_outside_loops_is_given_to_its_place():
     looks = [(1.0, "a"), (2.0, "b"), (4.0, "loop"), (6.0, "a")]
     places, find_place = trace_command._place_samples(looks, [(2.5, 5.0)])
-    assert places == {"a": 2.0, "b": 1.0}
+    assert places == {"a": 2.0, "b": 1.0, "loop": 0.5}  # up to the loop's beginning
     assert find_place(3.0) == "loop"
 
 

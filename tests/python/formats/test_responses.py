@@ -47,7 +47,19 @@ def test_load_ply_of_an_unknown_response_is_refused(rng, tmp_path):
         gsut.load_gaussians(path)
 
 
-@pytest.mark.parametrize("suffix", [".splat", ".glb", ".compressed.ply"])
+def test_save_gltf_names_the_response_and_an_unknown_one_is_refused(rng, tmp_path):
+    path = tmp_path / "scene.glb"
+    assert not gsut.save_gaussians(path, make_model(rng)).left_out
+    assert gsut.load_gaussians(path).response == "extinction"
+    path.write_bytes(path.read_bytes().replace(b'"extinction"', b'"extincted!"'))
+    with pytest.raises(InputError, match=r"scene\.glb: extras .*extincted!.* known: maximum"):
+        gsut.load_gaussians(path)
+    other = b'["of another program"]'.ljust(len(b'{"gsut: response":"extincted!"}'))
+    path.write_bytes(path.read_bytes().replace(b'{"gsut: response":"extincted!"}', other))
+    assert gsut.load_gaussians(path).response == "maximum"
+
+
+@pytest.mark.parametrize("suffix", [".splat", ".compressed.ply"])
 def test_save_other_formats_say_that_the_response_is_lost(rng, tmp_path, suffix):
     path = tmp_path / f"scene{suffix}"
     left_out = gsut.save_gaussians(path, make_model(rng)).left_out

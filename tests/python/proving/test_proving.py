@@ -8,13 +8,26 @@ import pytest
 
 import gsut
 import tolerances as tol
+from gsut.evaluate.detail import measure_detail
 from tests.proving.__main__ import _list_seeds, build_parser
 from tests.proving.capture import capture
 from tests.proving.families import FAMILIES
 from tests.proving.misfires import find_misfires
 from tests.proving.score import score_made
-from tests.proving.truth import classify, measure_areas, measure_pair_errors
-from tests.proving.writing import TRUTH, find_line_poses, make_capture, trace_pictures
+from tests.proving.truth import (
+    classify,
+    classify_scene,
+    compare_lenses,
+    measure_areas,
+    measure_pair_errors,
+)
+from tests.proving.writing import (
+    TRUTH,
+    find_line_poses,
+    make_capture,
+    trace_pictures,
+    trace_views,
+)
 
 SEEDS = range(24)
 
@@ -138,3 +151,31 @@ def test_film_of_a_capture_has_its_frames(tmp_path):
     made = next(made for s in SEEDS if (made := capture(s, tiny=True)).kind == "film")
     made = dataclasses.replace(made, motion=dataclasses.replace(made.motion, frames=3))
     assert (make_capture(made, tmp_path) / "film.mp4").stat().st_size > 0
+
+
+def test_views_from_a_pictures_own_place_show_the_picture():
+    made = next(
+        made
+        for seed in SEEDS
+        if not (made := capture(seed, tiny=True)).readout and made.stage.movers is None
+    )
+    picture = next(trace_pictures(made))
+    view, inside = next(trace_views(made, list(made.path(made.times[[0]]))))
+    assert np.array_equal(inside, ~np.isnan(picture.distance))
+    assert measure_detail(picture.clean, view / 255.0, inside) > tol.PROVING_SAME_VIEW
+
+
+@pytest.mark.parametrize(
+    ("detail", "registered", "level"),
+    [(0.9, 1.0, "good"), (0.9, 0.8, "usable"), (0.5, 1.0, "usable"), (0.9, 0.5, "poor"),
+     (0.3, 1.0, "poor"), (None, 1.0, "poor")],
+)  # fmt: skip
+def test_scene_is_as_good_as_what_it_shows_between_its_pictures(detail, registered, level):
+    assert classify_scene(detail, registered) == level
+
+
+def test_lens_of_photographs_on_their_side_is_compared_as_it_was_held():
+    held = gsut.Camera("opencv4", [90, 100, 55, 35, 0.1, 0, 0, 0], 100, 80)
+    side = gsut.Camera("opencv4", [100, 90, 35, 45, 0.1, 0, 0, 0], 80, 100)
+    assert compare_lenses(side, held, turned=True)["lens_px"] < tol.PROVING_SAME_LENS
+    assert compare_lenses(side, held)["lens_px"] > 1

@@ -29,6 +29,10 @@ SOFT = {"psnr": 25.0, "detail_median": 0.6, "detail_min": 0.5, "detail_train": 0
         ({**SOFT, "detail_shifted_median": 0.7}, "usable", "poses or the lens are wrong", "doctor"),
         ({**SOFT, "detail_train": 0.9, "detail_shifted_median": 0.61}, "usable", "too few", ""),
         ({**SOFT, "detail_train": 0.9}, "usable", "too few photographs", "photograph more"),
+        (
+            {"detail_median": 0.79, "detail_train": 0.81},
+            "usable", "steps and Gaussians are few", "--preset best",
+        ),
         ({"psnr": 18.0}, "good", "", "gsut view run"),
         ({"psnr": 25.0, "psnr_color_corrected": 29.0}, "good", "brightness or colours", ""),
         ({"detail_min": 0.3}, "good", "a.png is worst, with 30 %", ""),

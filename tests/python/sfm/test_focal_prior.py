@@ -89,3 +89,19 @@ def test_focal_prior_of_images_that_lose_their_pose_is_not_used(flight, monkeypa
     monkeypatch.setattr("gsut.sfm.lens.prior.adjust_registered", lambda *_, **__: fewer)
     run, _ = judge(flight, px=with_scaled_focal(LENS, 1.05).params[0])
     assert not run.found.figures["focal_prior"]["used"] and run.solution is flight.solution
+
+
+def test_focal_sigma_where_features_leave_no_doubt_counts_what_they_share():
+    bent = fly(np.random.default_rng(1), relief=0.3, turn=0.3, stretch=0.004)
+    run, error = judge(bent)
+    (known,) = estimate_lens_covariances(bent.solution, FREE, OPTIONS.loss_scale, FEATURE_VARIANCE)
+    alone = known.sigmas[0] / bent.solution.cameras[0].params[0]
+    assert run.found.focal_sigma > tolerances.FOCAL_SIGMA_SHARED * alone
+    assert abs(error) < tolerances.FOCAL_SIGMAS * run.found.focal_sigma
+
+
+def test_focal_sigma_of_three_images_is_not_stated(walk):
+    three = dataclasses.replace(walk.solution, registered=np.arange(12) < 3)
+    run, _ = judge(dataclasses.replace(walk, solution=three))
+    assert math.isinf(run.found.focal_sigma)
+    assert run.found.figures["focal_sigma_percent"] is None

@@ -96,7 +96,7 @@ def test_search_lens_finds_a_rolling_fisheye_with_the_poses(walk):
     assert errors.ate_percent < tolerances.SFM_ROLLING_ATE_PERCENT
     assert errors.rotation_degrees.max() < tolerances.SFM_ROLLING_DEGREES
     assert abs(found.cameras[0].params[0] / walk.camera.params[0] - 1) < tolerances.SFM_FOCAL
-    assert measure_agreement(found, mapping.pairs) > 0.95
+    assert measure_agreement(found, mapping.pairs).share > 0.95
 
 
 def test_solve_rolling_start_and_end_poses_meet_the_middle(rolling):

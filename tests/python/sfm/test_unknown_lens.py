@@ -183,7 +183,11 @@ def turning(radians):
         # Little for a lens that was given; one that was estimated may have had fast motion.
         ({"agreeing": 0.35}, "poor", "of the matches agree"),
         ({"agreeing": 0.35, "doubt": doubt(0.001)}, "usable", "of the matches agree"),
-        ({"agreeing": 0.55}, "usable", "of the matches agree"),
+        ({"agreeing": 0.5}, "good", ""),
+        # Pairs whose matches are rejected as a whole; a few are wrong matches.
+        ({"doubt": Findings(contradicted=0.03)}, "good", ""),
+        ({"doubt": Findings(contradicted=0.08)}, "usable", "reject all matches of 8 %"),
+        ({"doubt": Findings(contradicted=0.3)}, "poor", "reject all matches of 30 %"),
         ({"agreeing": 0.7}, "good", ""),
         # A rolling shutter: turns that hands make, too fast ones, and impossible ones.
         ({"agreeing": 0.7, "velocities": turning(0.05)}, "good", ""),

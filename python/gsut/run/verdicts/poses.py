@@ -12,18 +12,20 @@ from gsut.run.verdicts.verdict import Fault, Verdict
 _REGISTERED = (0.95, 0.6)  # share of the images with a pose
 _FEWEST = 6  # images with a pose: with fewer, hardly anything would show that poses are wrong
 _OBSERVATIONS = (100, 30)  # of an image, in the tenth of the images that see fewest points
-# Share of the verified matches that observe one point, below which lens and poses are doubted.
-FEW_AGREE = 0.6
+# Share of the verified matches that observe one point, below which a given lens is doubted: the
+# right one has more than that, and a wrong one leaves a third.
+FEW_AGREE = 0.4
+# Share below which poses are poor even with a lens that was estimated, which gives way to motion.
+_HARDLY_AGREE = 0.25
+# Share of the pairs of images whose verified matches the poses reject as a whole, above which a
+# result is usable at most, and above which poor: right poses reject hardly any.
+_CONTRADICTED = (0.05, 0.15)
 # Root mean square turn of images during their readout, in radians: more than hands turn a camera,
 # and more than any motion; the scene has then bent (Albl et al., "Degeneracies in rolling shutter
 # SfM", ECCV 2016).
 _READOUT_TURN = (0.087, 0.2)
 # Share of the matches that agree below which a scene with such turns has bent.
 _AGREEING_FAST = 0.87
-# Share below which poses are poor: a wrong lens leaves a third. An estimated lens gives way to the
-# motion of a rolling shutter, of which less is left.
-_AGREEING_GIVEN = 0.45
-_AGREEING = 0.25
 # Median residual over the diagonal above which a result is usable at most, and above which poor.
 _RESIDUAL = (1.0e-3, 2.5e-3)
 # The same for two standard deviations of the focal length over it.
@@ -31,6 +33,11 @@ FOCAL_LIMITS = (0.02, 0.1)
 _SEPARATE_PLACES = (
     "put the pictures of each place into a folder of their own, or add pictures of the way from "
     "one to the other, and put up something that sets them apart"
+)
+_ADD_TURNED = "add images, some turned by 90 degrees about the axis of the lens"
+_MEND_GLOBAL = (
+    "give --shutter rolling if the camera moved fast, or put up something that sets places apart "
+    "which look alike"
 )
 
 
@@ -43,6 +50,7 @@ class PosesQuality:
         median_px: median residual in pixels; diagonal_px: the images' diagonal.
         weakest: points that the weakest tenth of the images observe.
         agreement: share of the matches that observe one point, or None.
+        contradicted: share of the pairs of images whose matches the poses reject as a whole.
         focal_sigma: standard deviation of the focal length over it; None: the lens was given.
         readout_turn: root mean square turn of the images during their readout, in radians; None:
             a global shutter.
@@ -61,6 +69,7 @@ class PosesQuality:
     weakest: float
     agreement: float | None
     focal_sigma: float | None
+    contradicted: float = 0.0
     readout_turn: float | None = None
     motion: str = ""
     only_turned: bool = False
@@ -77,7 +86,7 @@ def judge_poses(quality: PosesQuality) -> Verdict:
     agreement = 1.0 if q.agreement is None else q.agreement
     is_given = q.focal_sigma is None
     turn = q.readout_turn or 0.0
-    add_turned = "add images, some turned by 90 degrees about the axis of the lens"
+    mend_poses = _MEND_GLOBAL if q.readout_turn is None else _ADD_TURNED
     faults = [  # causes before what they lead to
         Fault(
             0 if not q.motion else 2 if q.only_turned else 1,
@@ -112,16 +121,19 @@ def judge_poses(quality: PosesQuality) -> Verdict:
         Fault(
             count_exceeded(turn, _READOUT_TURN),
             f"images seem to turn by {math.degrees(turn):.0f} degrees while they are read",
-            add_turned,
+            _ADD_TURNED,
         ),
         Fault(
-            _count_missed(agreement, (FEW_AGREE, _AGREEING_GIVEN if is_given else _AGREEING)),
+            count_exceeded(q.contradicted, _CONTRADICTED),
+            f"the poses reject all matches of {100 * q.contradicted:.0f} % of the pairs of images",
+            mend_poses,
+        ),
+        Fault(
+            _count_missed(agreement, (FEW_AGREE, FEW_AGREE if is_given else _HARDLY_AGREE)),
             f"only {100 * (q.agreement or 0):.0f} % of the matches agree in all images together",
-            add_turned
-            if q.readout_turn is not None
-            else "let the lens be estimated: --unknown-lens"
-            if is_given
-            else "give --shutter rolling if the camera moved fast",
+            "let the lens be estimated: --unknown-lens"
+            if is_given and q.readout_turn is None
+            else mend_poses,
             is_visible=True,
         ),
         Fault(

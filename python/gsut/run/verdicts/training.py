@@ -25,6 +25,10 @@ _LOOKS = (
 # Share of the detail that shifting held-out renders brings back from which poses or the lens are
 # wrong: where they are right, a shift brings back nothing.
 _SHIFT_GAIN = 0.03
+# Shares of the pixels that detail leaves out -> what these show.
+_LEFT_OUT = {"unseen": "no training view saw", "moving": "moved"}
+# Share of the training pixels from which what moved is named.
+_MOVING = 0.02
 # Gain by corrected colours from which differing exposure deserves a note.
 _COLORS_DB = 2.0
 
@@ -40,7 +44,8 @@ def judge_training(
 
     Args:
         metrics: of metrics.json: psnr, psnr_color_corrected, detail_median, detail_min,
-            least_detailed, detail_shifted_median, detail_train, unseen, steps, evaluated_on.
+            least_detailed, detail_shifted_median, detail_train, unseen, moving, moving_train,
+            steps, evaluated_on.
         data, run: the dataset's and the run's path, for the next command.
         options: that the run was made with, which the next command keeps; None: the defaults.
         division: words of the command line that divided it into blocks.
@@ -51,6 +56,12 @@ def judge_training(
     repeat = _NextCommand(data, f"{run}-2", options or TrainOptions(), division)
     fault = _find_fault(metrics, repeat)
     reasons = [] if fault is None else [fault.what]
+    moving = metrics.get("moving_train", 0.0)
+    if moving >= _MOVING:
+        reasons.append(
+            f"{100 * moving:.1f} % of the training pixels show what moved past, or what no other "
+            "photograph shows, and were left out"
+        )
     least = metrics["detail_min"]
     if _name_level(least) != _name_level(metrics["detail_median"]):
         reasons.append(
@@ -71,11 +82,14 @@ def _describe(metrics: dict[str, Any], psnr: float) -> str:
     """Describes what renders look like, with the figures that say so."""
     detail = metrics["detail_median"]
     looks = next(text for least, text in _LOOKS if detail >= least)
-    unseen = round(100 * metrics.get("unseen", 0.0))
-    apart = f"; {unseen} % of the pixels show what no training view saw, and are left out"
+    apart = [
+        f"; {share} % of the pixels show what {what}, and are left out"
+        for name, what in _LEFT_OUT.items()
+        if (share := round(100 * metrics.get(name, 0.0)))
+    ]
     return (
         f"renders of {metrics['evaluated_on']} are {looks}: {100 * detail:.0f} % of the detail is "
-        f"right in the median view (PSNR {psnr:.1f} dB{apart if unseen else ''})"
+        f"right in the median view (PSNR {psnr:.1f} dB{''.join(apart)})"
     )
 
 
@@ -87,10 +101,10 @@ def _name_level(detail: float) -> str:
 def _find_fault(metrics: dict[str, Any], repeat: _NextCommand) -> Fault | None:
     """Finds what keeps a training from being good; None if it is.
 
-    Where a shift of the whole picture brings detail back, poses or the lens are wrong. Where
-    training views are soft themselves, the training has not shown what it was given. Where they are
-    sharp and held-out ones are not, or these lose more against those than those have lost, the
-    photographs did not determine the scene in between.
+    Where a shift of the whole picture brings detail back, poses or the lens are wrong. Else the
+    larger loss decides: training views that are soft themselves do not show what they were given;
+    where held-out views lose more against them, the photographs did not determine the scene in
+    between.
     """
     detail, train = metrics["detail_median"], metrics.get("detail_train")
     if detail >= GOOD:
@@ -106,13 +120,15 @@ def _find_fault(metrics: dict[str, Any], repeat: _NextCommand) -> Fault | None:
         )
     if train is None:
         return Fault(1, "steps and Gaussians are few", repeat.make_longer())
-    if train >= GOOD or train - detail > 1 - train:
+    if train - detail > 1 - train:
         sharp = "sharp" if train >= GOOD else "far sharper"
+        moving = metrics.get("moving_train", 0.0) >= _MOVING
+        cause = "something moved" if moving else "between them are too few photographs"
+        still = ", while nothing moves" if moving else ""
         return Fault(
             1,
-            f"training views are {sharp} ({100 * train:.0f} % of their detail): between them are "
-            "too few photographs, or something moved",
-            "photograph more from between the places there are, while nothing moves",
+            f"training views are {sharp} ({100 * train:.0f} % of their detail): {cause}",
+            f"photograph more from between the places there are{still}",
         )
     soft = f"training views are soft, too ({100 * train:.0f} % of their detail)"
     if repeat.is_short:

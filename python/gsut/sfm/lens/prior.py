@@ -12,17 +12,15 @@ from gsut.lens import FocalPrior, find_focal_params, with_scaled_focal
 from gsut.sfm.lens.candidates import guess_lens
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import keep_most_distinct
-from gsut.sfm.solution import FEATURE_VARIANCE, Adjustment, Solution, adjust_registered
+from gsut.sfm.solution import Adjustment, Solution, adjust_registered
 
 # Standard deviation of the logarithm of a focal length by --fov, which is a rough field of view,
 # and by a lens of the database, of which cameras have several modes.
 _STATED = 0.05
-# Relative change of the focal length that doubles the squared residuals, from which on the focal
-# length hangs on small errors that features share, which their residuals do not show.
-_WEAK = 0.05
 # Groups of consecutive images, each of which is left out once.
 _GROUPS = 8
-# Fewest images of which some can be left out and the others still determine a lens.
+# Fewest images of which some can be left out and the others still determine a lens: how well it is
+# known cannot be measured with fewer.
 _FEWEST_IMAGES = 4
 # Most matches of a pair in adjustments without a group.
 _GROUP_MATCHES = 150
@@ -131,14 +129,13 @@ def _hold_focal(mapping: Mapping, flags: np.ndarray, factor: float) -> Solution 
 def _estimate_sigma(mapping: Mapping, flags: np.ndarray, features_sigma: float) -> float:
     """Estimates the standard deviation of the logarithm of the focal length by the images alone.
 
-    That of the features' errors; where these determine it weakly, at least how much it varies when
-    one group of images after the other is left out (the jackknife).
+    That of the features' errors, but at least how much the focal length varies when one group of
+    images after the other is left out (the jackknife): what features share, a shutter, a lens of
+    another shape and wrong matches hardly raise the residuals. Infinite for fewer than four images.
     """
     solution = mapping.solved
-    coordinates = 2 * len(solution.observations)
-    doubling = features_sigma / math.sqrt(FEATURE_VARIANCE) * math.sqrt(coordinates)
-    if doubling < _WEAK or solution.num_registered < _FEWEST_IMAGES:
-        return features_sigma
+    if solution.num_registered < _FEWEST_IMAGES:
+        return math.inf
     pairs = keep_most_distinct(mapping.pairs, _GROUP_MATCHES)
     adjustment = Adjustment(flags, covariances=False)
     images = np.flatnonzero(solution.registered)

@@ -66,6 +66,7 @@ class Findings:
         models: of images that do not connect with the others.
         look_alikes: what still speaks for places taken for one, or None.
         agreement: share of the verified matches that observe one point, or None.
+        contradicted: share of the pairs whose verified matches the solution rejects as a whole.
         focal_sigma: standard deviation of an estimated focal length over it; infinite: not
             determined; None: the lens was known.
         motion: why the motion or the scene leaves the lens open, as a sentence, or None.
@@ -76,6 +77,7 @@ class Findings:
     zooms: list[Zoom] = dataclasses.field(default_factory=list)
     models: list[Any] = dataclasses.field(default_factory=list)
     agreement: float | None = None
+    contradicted: float = 0.0
     look_alikes: LookAlikes | None = None
     focal_sigma: float | None = None
     motion: str | None = None

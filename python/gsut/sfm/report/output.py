@@ -52,6 +52,7 @@ def write_poses(mapping: Mapping, folder: Path, made_from: str) -> dict[str, Any
     look_alikes = found.look_alikes
     found.figures |= {
         "matches_in_points": found.agreement,
+        "contradicted_pairs": found.contradicted,
         "models": [int(model.num_registered) for model in found.models],
         "verdict": verdict.as_dict(),
         "made_from": made_from,

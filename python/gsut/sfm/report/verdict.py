@@ -37,6 +37,7 @@ def judge_solution(solution: Solution, features: Sequence[Features], found: Find
             # Without points, images were placed by colours.
             weakest=float(np.percentile(counts, 10)) if counts.any() else math.inf,
             agreement=found.agreement,
+            contradicted=found.contradicted,
             focal_sigma=found.focal_sigma,
             readout_turn=solution.readout_turn,
             motion=motion,

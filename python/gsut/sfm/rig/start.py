@@ -108,7 +108,8 @@ def place_rig(
     if per_unit <= 0.0:
         raise SolveError(
             f"the images show the cameras on the other side of each other than {rig.source} says: "
-            f"are the folders {rig.names[0]} and {rig.names[1]} swapped?"
+            f"are the folders {rig.names[0]} and {rig.names[1]} swapped, or is a rolling shutter "
+            "taken for global (leave --shutter global out, and state it in the rig's file)?"
         )
     poses = np.tile(np.eye(4), (len(frames), 1, 1))
     known = np.zeros(len(frames), bool)

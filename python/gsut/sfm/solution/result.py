@@ -20,6 +20,8 @@ from gsut.sfm.photographs import Features, ImageLines
 # normalised error of poses against exact truth (33.8 for 6 degrees of freedom without the factor).
 # Errors that all features share, of the lens, the shutter or the reference, are not included.
 FEATURE_VARIANCE = 5.6
+# Share of the matches of a pair that observe one point, below which the solution rejects them all.
+_REJECTED = 0.1
 
 
 @dataclasses.dataclass(frozen=True)
@@ -133,12 +135,36 @@ class Solution:
         ]
 
 
-def measure_agreement(solution: Solution, pairs: Sequence[PairMatches]) -> float:
-    """Returns the share of verified matches between registered images that observe one point.
+@dataclasses.dataclass(frozen=True)
+class PairAgreement:
+    """How far the verified matches of pairs of registered images observe common points.
 
-    Above 0.9 where lens and images belong together, 0.3 to 0.4 with a wrong lens: pairs then agree
-    one by one, but not with each other.
+    Args:
+        matches: (P,) of each pair.
+        together: (P,) of these, those that observe one point.
     """
+
+    matches: np.ndarray
+    together: np.ndarray
+
+    @property
+    def share(self) -> float:
+        """Returns the share of all matches that observe one point.
+
+        Above 0.9 where lens and images belong together, 0.3 to 0.4 with a wrong lens: pairs then
+        agree one by one, but not with each other.
+        """
+        return float(self.together.sum() / max(1, self.matches.sum()))
+
+    @property
+    def contradicted(self) -> float:
+        """Returns the share of the pairs whose matches the solution rejects as a whole."""
+        rejected = self.together < _REJECTED * self.matches
+        return float(rejected.sum() / max(1, len(rejected)))
+
+
+def measure_agreement(solution: Solution, pairs: Sequence[PairMatches]) -> PairAgreement:
+    """Measures how far the verified matches of pairs agree in all images together."""
     lengths = np.zeros(len(solution.names), np.int64)
     np.maximum.at(lengths, solution.observations[:, 1], solution.observations[:, 2] + 1)
     for pair in pairs:
@@ -147,14 +173,13 @@ def measure_agreement(solution: Solution, pairs: Sequence[PairMatches]) -> float
     points = [np.full(length, -1) for length in lengths]
     for point, image, feature in solution.observations:
         points[image][feature] = point
-    together = total = 0
-    for pair in pairs:
-        if not (solution.registered[pair.first] and solution.registered[pair.second]):
-            continue
+    known = [p for p in pairs if solution.registered[p.first] and solution.registered[p.second]]
+    together = np.zeros(len(known), np.int64)
+    for number, pair in enumerate(known):
         first = points[pair.first][pair.matches[:, 0]]
-        together += int(((first >= 0) & (first == points[pair.second][pair.matches[:, 1]])).sum())
-        total += len(pair.matches)
-    return together / max(1, total)
+        second = points[pair.second][pair.matches[:, 1]]
+        together[number] = np.count_nonzero((first >= 0) & (first == second))
+    return PairAgreement(np.array([len(p.matches) for p in known], np.int64), together)
 
 
 def measure_diagonal(cameras: Sequence[Camera]) -> float:

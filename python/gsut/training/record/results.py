@@ -21,12 +21,14 @@ from gsut.render import Light
 from gsut.run import RunFile, RunFolder, TrainOptions
 from gsut.run.verdicts import judge_training
 from gsut.training.loop import TrainingLoop
+from gsut.training.photograph import Movers
 from gsut.training.record.trained_run import TrainedRun
 
 # Training views that are measured if none is held out: each takes a render.
 _MOST_MEASURED = 8
 # Training views that are measured beside held-out ones, to show how far these fall behind.
 _BESIDE = 4
+_NOTHING = Movers()  # moved
 
 
 def measure(
@@ -37,6 +39,7 @@ def measure(
     steps: int,
     train_seconds: float,
     align: bool = False,
+    movers: Movers = _NOTHING,
 ) -> tuple[Scene, dict[str, Any]]:
     """Computes the content of metrics.json.
 
@@ -47,6 +50,7 @@ def measure(
         steps, train_seconds: see `run_metrics`.
         align: align test views with the Gaussians first, since the training views' poses have
             moved.
+        movers: what moved in these views; not used with `align`.
 
     Returns:
         The scene, with the aligned poses, and the figures.
@@ -60,7 +64,7 @@ def measure(
     if align and scene.test_indices:
         scene, evaluation = evaluate_aligned(gaussians, scene, indices, **settings)
     else:
-        evaluation = evaluate(gaussians, scene, indices, **settings)
+        evaluation = evaluate(gaussians, scene, indices, find_moving=movers.scale_mask, **settings)
     metrics = run_metrics(
         evaluation, gaussians, scene, options, steps=steps, train_seconds=train_seconds
     )
@@ -75,16 +79,21 @@ def measure_training(
     loop: TrainingLoop, gaussians: Gaussians, scene: Scene, run: RunFolder | None
 ) -> tuple[Scene, dict[str, Any]]:
     """Measures a finished training on its test views, or on some training views if it has none."""
-    light = loop.photographs.find_light()
+    light, background = loop.photographs.find_light(), loop.options.background
+    movers, measured = loop.outliers.movers, scene.test_indices
+    if movers.masks and measured:
+        others = Movers.find(gaussians, scene, measured, light, background)
+        movers = Movers({**movers.masks, **others.masks})
     scene, metrics = measure(
         TrainedRun(loop.options, scene, gaussians, light),
-        scene.test_indices or scene.train_indices[:_MOST_MEASURED], run, steps=loop.step,
-        train_seconds=loop.seconds, align=loop.options.refine_poses,
+        measured or scene.train_indices[:_MOST_MEASURED], run, steps=loop.step,
+        train_seconds=loop.seconds, align=loop.options.refine_poses, movers=movers,
     )  # fmt: skip
+    metrics["moving_train"] = loop.outliers.movers.measure_share(len(scene.train_indices))
     if scene.test_indices:
         some = scene.train_indices[:: -(-len(scene.train_indices) // _BESIDE)]
-        background = loop.options.background
-        trained = evaluate(gaussians, scene, some, background=background, light=light)
+        how: dict[str, Any] = {"background": background, "light": light}
+        trained = evaluate(gaussians, scene, some, find_moving=movers.scale_mask, **how)
         metrics |= {f"{key}_train": trained[key] for key in ("psnr", "detail")}
     metrics["notes"] += loop.notes
     if loop.refiner is not None:

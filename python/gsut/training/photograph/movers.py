@@ -1,0 +1,208 @@
+"""Finds what moved while photographs were taken: where one contradicts all others.
+
+A surface that a view shows is looked up in training photographs that see it, too. Where these agree
+with each other and not with the view's own photograph, something stood before the surface that was
+not there in the others. What shines, or is badly reconstructed, differs among all photographs and
+does not count. The Gaussians must not show the mover themselves, as they do after many steps: ask
+early, or after a training that left movers out.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from gsut.render import Light, render
+
+# Longest side in pixels at which photographs are compared: enough for what spoils a picture.
+_SIDE = 128
+# Photographs that a pixel is compared with: the nearest that see its surface, at most and at least.
+_MOST_OTHERS = 8
+_FEWEST_OTHERS = 4
+# Photographs that are looked at for them, the nearest first.
+_NEAREST = 20
+# Relative difference of distances below which two photographs show the same surface; distances are
+# rough early in a training.
+_SAME_DEPTH = 0.1
+# Colour difference, of full scale, from which a photograph contradicts the others, beyond what a
+# pixel's neighbours show; these must agree among themselves to half of it.
+_DIFFERENT = 0.06
+# The same as a multiple of the spread of the others.
+_SPREADS = 3.0
+# Ratio of brightness that shade and exposure may explain.
+_SHADE = 1.6
+# Side in pixels of the window in which more than half must differ: single pixels are no mover.
+_WINDOW = 5
+# Alpha from which a pixel has a distance.
+_OPAQUE = 0.5
+
+
+@dataclasses.dataclass(frozen=True)
+class _Look:
+    """What a photograph shows, and how far away it is.
+
+    Attributes:
+        photograph: (H, W, 3) in [0, 1], its light divided out.
+        low, high: of each pixel's neighbours.
+        distances: (H, W), infinite where nothing is.
+        camera, pose: through which it is seen. mask: (H, W) bool, True where pixels count.
+    """
+
+    photograph: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    distances: np.ndarray
+    camera: Any
+    pose: np.ndarray
+    mask: np.ndarray
+
+    @property
+    def center(self) -> np.ndarray:
+        """(3,) of the camera, in the world."""
+        return -self.pose[:3, :3].T @ self.pose[:3, 3]
+
+
+@dataclasses.dataclass(frozen=True)
+class Movers:
+    """What moved while photographs were taken.
+
+    Args:
+        masks: view -> (h, w) bool at a small size, True where something moved; views in which
+            nothing did are absent.
+    """
+
+    masks: Mapping[int, np.ndarray] = dataclasses.field(default_factory=dict)
+
+    @classmethod
+    def find(
+        cls,
+        gaussians: Any,
+        scene: Any,
+        indices: Sequence[int],
+        light: Light | None = None,
+        background: Sequence[float] | None = (0.0, 0.0, 0.0),
+    ) -> Movers:
+        """Finds what moved in some photographs.
+
+        Args:
+            gaussians: of a scene that does not show the movers.
+            scene: with training views, which views are compared with.
+            indices: of the views, training views or others.
+            light: of the photographs; None: 1.
+            background: colour behind the Gaussians.
+        """
+        side = max(max(camera.width, camera.height) for camera in scene.cameras)
+        small = scene.scale_images(min(1.0, _SIDE / side), keep_larger=True)
+        looks: dict[int, _Look] = {}
+
+        def look_at(index: int) -> _Look:
+            if index not in looks:
+                looks[index] = _look(gaussians, small, index, light, background)
+            return looks[index]
+
+        train = np.array(small.train_indices, np.int64)
+        centers = np.array([view.camera_center for view in small.views])
+        masks = {}
+        for index in indices:
+            away = np.linalg.norm(centers[train] - centers[index], axis=1)
+            nearest = [int(i) for i in train[np.argsort(away, kind="stable")] if i != index]
+            found = _compare(look_at(index), [look_at(other) for other in nearest[:_NEAREST]])
+            if found.any():
+                masks[index] = found
+        return cls(masks)
+
+    def scale_mask(self, view: int, width: int, height: int) -> np.ndarray | None:
+        """Returns a view's mask (height, width), or None where nothing moved."""
+        import cv2
+
+        mask, size = self.masks.get(view), (width, height)
+        if mask is None:
+            return None
+        return cv2.resize(mask.astype(np.uint8), size, interpolation=cv2.INTER_NEAREST) > 0
+
+    def measure_share(self, views: int) -> float:
+        """Measures the share of the pixels of that number of views that movers take."""
+        return sum(float(mask.mean()) for mask in self.masks.values()) / max(1, views)
+
+
+def _look(gaussians: Any, scene: Any, index: int, light: Light | None, background: Any) -> _Look:
+    import cv2
+
+    camera, view, mask = scene.camera(index), scene.views[index], scene.mask(index)
+    drawn = render(gaussians, camera, view.motion, background=background)
+    image = scene.image(index).astype(np.float32) / np.float32(255)
+    if light is not None:
+        image = image / light.on(camera, index, view.camera_index)
+    alpha, around = np.asarray(drawn.alpha), np.ones((3, 3), np.uint8)
+    is_near = (alpha >= _OPAQUE) & mask
+    distances = np.where(is_near, drawn.depth / np.maximum(alpha, _OPAQUE), np.inf)
+    return _Look(
+        image, cv2.erode(image, around), cv2.dilate(image, around), distances, camera,
+        view.camera_from_world, mask,
+    )  # fmt: skip
+
+
+def _compare(own: _Look, others: Sequence[_Look]) -> np.ndarray:
+    """Finds (H, W) where a photograph contradicts others that agree."""
+    import cv2
+
+    rays, valid = own.camera.rays()
+    rows, columns = np.nonzero(np.isfinite(own.distances) & valid)
+    directions = rays[rows, columns] @ own.pose[:3, :3]
+    points = own.center + directions * own.distances[rows, columns][:, None]
+    samples, count = _sample_others(points, others)
+    enough = count >= _FEWEST_OTHERS
+    different = np.zeros(own.mask.shape, np.float32)
+    if not enough.any():
+        return different > 0
+    rows, columns = rows[enough], columns[enough]
+    values, lows, highs = (each[:, enough] for each in samples)
+    middle = np.nanmedian(values, axis=0)
+    spread = np.nanmedian(np.abs(values - middle).mean(axis=2), axis=0)
+    mine = own.photograph[rows, columns]
+    shade = mine.mean(axis=1) / np.maximum(middle.mean(axis=1), 1 / 255)
+    shade = np.clip(shade, 1 / _SHADE, _SHADE)[:, None]
+    below = np.nanmedian(lows, axis=0) * shade - mine
+    above = mine - np.nanmedian(highs, axis=0) * shade
+    off = np.maximum(np.maximum(below, above), 0).mean(axis=1)
+    is_plain = spread < 0.5 * _DIFFERENT
+    different[rows, columns] = is_plain & (off > np.maximum(_DIFFERENT, _SPREADS * spread))
+    size = (_WINDOW, _WINDOW)
+    dense = cv2.boxFilter(different, -1, size) > 0.5
+    return (cv2.dilate(dense.astype(np.uint8), np.ones(size, np.uint8)) > 0) & own.mask & valid
+
+
+def _sample_others(
+    points: np.ndarray, others: Sequence[_Look]
+) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
+    """Samples the photographs that see points (N, 3).
+
+    Returns:
+        Colours, and the lowest and highest of their neighbours, each (most, N, 3), NaN where fewer
+        photographs see a point; and (N,) how many do.
+    """
+    count = np.zeros(len(points), np.int64)
+    values = np.full((_MOST_OTHERS, len(points), 3), np.nan, np.float32)
+    samples = values, values.copy(), values.copy()
+    for other in others:
+        left = np.flatnonzero(count < _MOST_OTHERS)
+        if len(left) == 0:
+            break
+        there = points[left] @ other.pose[:3, :3].T + other.pose[:3, 3]
+        pixels, valid = other.camera.project(there)
+        column, row = np.floor(np.nan_to_num(pixels, nan=-1.0)).astype(np.int64).T
+        height, width = other.mask.shape
+        inside = valid & (column >= 0) & (column < width) & (row >= 0) & (row < height)
+        left, row, column, there = left[inside], row[inside], column[inside], there[inside]
+        distance = np.linalg.norm(there, axis=1)
+        seen = other.distances[row, column]
+        is_same = other.mask[row, column] & (np.abs(seen - distance) <= _SAME_DEPTH * distance)
+        left, row, column = left[is_same], row[is_same], column[is_same]
+        sources = other.photograph, other.low, other.high
+        for store, source in zip(samples, sources, strict=True):
+            store[count[left], left] = source[row, column]
+        count[left] += 1
+    return samples, count

@@ -1,0 +1,108 @@
+"""What moved while photographs were taken: found where one contradicts the others, and left out."""
+
+import numpy as np
+import pytest
+
+import gsut
+import tolerances
+from gsut.data import Frame, load_dataset, write_transforms
+from gsut.data.points import format_points_ply
+from gsut.data.poses import invert_pose
+from gsut.files import write_picture
+from gsut.run.checkpoint import read_checkpoint, write_checkpoint
+from gsut.training.loop import TrainingLoop
+from gsut.training.photograph import Movers
+from random_scenes import pinhole
+
+SIZE, VIEWS, SIDE = 64, 9, 34
+MOVED = {3: (20, 12), 4: (22, 30), 7: (18, 40)}  # view -> row and column of what passes
+TALL, WIDE = 30, 12
+RED = (220, 40, 30)
+
+
+@pytest.fixture(scope="module")
+def wall():
+    """A wall of coloured discs, two units ahead."""
+    rng = np.random.default_rng(3)
+    x, y = np.meshgrid(np.linspace(-2.4, 2.4, SIDE), np.linspace(-2.4, 2.4, SIDE))
+    count = x.size
+    scales = np.tile(np.log([0.08, 0.08, 0.005]), (count, 1))
+    colors = np.repeat(np.repeat(rng.uniform(-1.2, 1.2, (SIDE // 2, SIDE // 2, 3)), 2, 0), 2, 1)
+    return gsut.Gaussians(
+        np.stack([x, y, np.full_like(x, 2.0)], axis=2).reshape(-1, 3).astype(np.float32),
+        np.tile([1.0, 0, 0, 0], (count, 1)), scales, np.full(count, 4.0),
+        colors.reshape(-1, 1, 3),
+    )  # fmt: skip
+
+
+def write_views(folder, wall, moved):
+    """Writes views of the wall from a row of places; somebody passes in those of `moved`."""
+    frames, lens = [], pinhole(SIZE)
+    (folder / "images").mkdir(parents=True)
+    for view in range(VIEWS):
+        pose = np.eye(4)
+        pose[:3, 3] = [0.12 * (view - VIEWS // 2), 0.05 * (view % 3), 0.0]
+        image = gsut.render(wall, lens, pose).image
+        picture = np.round(255 * np.clip(image, 0, 1)).astype(np.uint8)
+        if view in moved:
+            row, column = moved[view]
+            picture[row : row + TALL, column : column + WIDE] = RED
+        path = folder / "images" / f"{view:03d}.png"
+        write_picture(path, picture[..., ::-1])
+        frames.append(Frame(path.stem, path, lens, invert_pose(pose)))
+    grey = np.full((len(wall.means), 3), 128, np.uint8)
+    (folder / "points3D.ply").write_bytes(format_points_ply(wall.means, grey))
+    write_transforms(folder / "transforms.json", frames, points_file="points3D.ply")
+    return load_dataset(folder, test_every=0)
+
+
+def measure_recall(found):
+    """Share of what passes that is found, and of other pixels that are taken for it."""
+    hit, wrong = [], []
+    for view in range(VIEWS):
+        truth = np.zeros((SIZE, SIZE), bool)
+        if view in MOVED:
+            row, column = MOVED[view]
+            truth[row : row + TALL, column : column + WIDE] = True
+        mask = found.scale_mask(view, SIZE, SIZE)
+        mask = np.zeros((SIZE, SIZE), bool) if mask is None else mask
+        hit.append((mask & truth).sum() / max(1, truth.sum()))
+        wrong.append((mask & ~truth).mean())
+    return np.mean([hit[view] for view in MOVED]), max(wrong)
+
+
+def test_movers_finds_what_passes_and_nothing_where_nothing_does(wall, tmp_path):
+    still = write_views(tmp_path / "still", wall, {})
+    assert Movers.find(wall, still, range(VIEWS)).masks == {}
+    scene = write_views(tmp_path / "moved", wall, MOVED)
+    found = Movers.find(wall, scene, range(VIEWS))
+    recall, wrong = measure_recall(found)
+    assert sorted(found.masks) == sorted(MOVED)
+    assert recall > tolerances.MOVERS_RECALL and wrong < tolerances.MOVERS_WRONG
+
+
+def test_training_leaves_movers_out_and_says_so_unless_they_are_kept(wall, tmp_path):
+    write_views(tmp_path / "data", wall, MOVED)
+    scene, shares = load_dataset(tmp_path / "data", test_every=4), {}
+    for movers in ("auto", "keep"):
+        options = gsut.TrainOptions(steps=60, max_gaussians=1200, movers=movers)
+        metrics = gsut.train(scene, options, out=tmp_path / movers, progress=False).metrics
+        shares[movers] = metrics["moving_train"]
+        said = any("moved past" in reason for reason in metrics["verdict"]["reasons"])
+        assert said == (movers == "auto")
+        assert scene.test_indices == (0, 4, 8)
+        moving = [row["moving"] > 0 for row in metrics["views"]]
+        assert moving == [False, movers == "auto", False]
+    assert shares["auto"] > tolerances.MOVERS_SHARE and shares["keep"] == 0
+
+
+def test_movers_survive_a_checkpoint(wall, tmp_path):
+    scene = write_views(tmp_path / "data", wall, MOVED)
+    options = gsut.TrainOptions(steps=40, max_gaussians=600).resolve()
+    loop, other = TrainingLoop(scene, options), TrainingLoop(scene, options)
+    loop.outliers.movers = Movers.find(wall, scene, range(VIEWS))
+    write_checkpoint(tmp_path / "state.npz", loop.state_dict())
+    other.load_state_dict(read_checkpoint(tmp_path / "state.npz"))
+    assert sorted(other.outliers.movers.masks) == sorted(MOVED)
+    for view, mask in loop.outliers.movers.masks.items():
+        assert np.array_equal(mask, other.outliers.movers.masks[view])
