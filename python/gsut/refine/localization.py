@@ -19,7 +19,7 @@ from gsut.data.images import shrink_image, shrink_mask
 from gsut.data.poses import find_centers
 from gsut.gaussians import Gaussians, apply_low_pass
 from gsut.refine.agreement import measure_agreement
-from gsut.refine.matched_lines import pose_lines
+from gsut.refine.matched_lines import find_line_poses
 from gsut.refine.pose import RefinedPose
 from gsut.refine.query import Query
 from gsut.refine.secants import measure_pixel_angle, place_lines
@@ -285,7 +285,7 @@ def _pose_from_matches(
     agree = len(np.unique(rows[inliers]))
     if shutter is not None and not shutter.is_global:
         moved, inliers = _core.absolute_pose(bearings, rows, places, _BY_MOTION * max_error, 0)
-        middle, motion, agreeing = pose_lines(
+        middle, motion, agreeing = find_line_poses(
             camera, shutter, moved, photograph.pixels[rows[inliers]], places[inliers], max_error
         )
         matches = len(np.unique(rows[inliers][agreeing]))

@@ -18,7 +18,7 @@ _STEPS = 30
 _LEAST_GAIN = 1e-4
 
 
-def pose_lines(
+def find_line_poses(
     camera: Any,
     shutter: Shutter,
     pose: np.ndarray,

@@ -5,7 +5,7 @@ import numpy as np
 import tolerances
 from gsut import _core
 from gsut._core import Shutter
-from gsut.refine.matched_lines import pose_lines
+from gsut.refine.matched_lines import find_line_poses
 from gsut.refine.pixel_rows import find_line_times
 from gsut.refine.query import subtract_poses
 from random_scenes import pinhole, random_pose
@@ -28,7 +28,7 @@ def test_matches_of_a_turning_camera_give_its_pose_and_motion(rng):
     wrong = np.arange(400) < 80
     seen = np.where(wrong[:, None], rng.uniform(0, 160, (400, 2)), pixels)
     start = _core.moved_pose(pose, np.array([0.2, 0.1, -0.1, 0.05, -0.05, 0.1]), 1.0)
-    found, moved, agree = pose_lines(camera, shutter, start, seen, places, 1.0)
+    found, moved, agree = find_line_poses(camera, shutter, start, seen, places, 1.0)
     off = np.concatenate([subtract_poses(found, pose), moved - motion])
     print(np.abs(off).max(), np.count_nonzero(agree[~wrong]), np.count_nonzero(agree[wrong]))
     assert np.abs(off).max() < tolerances.MATCHED_LINES
