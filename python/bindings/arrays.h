@@ -126,6 +126,12 @@ View GaussiansOf(const py::handle& gaussians, const HarmonicsRows* rows, Get&& g
   if (py::hasattr(gaussians, "response")) {
     view.response = ResponseNamed(py::cast<std::string>(gaussians.attr("response")));
   }
+  if (py::hasattr(gaussians, "primitive")) {
+    view.primitive = PrimitiveNamed(py::cast<std::string>(gaussians.attr("primitive")));
+    if (HasShape(view.primitive)) {
+      view.shapes = get(gaussians.attr("shapes"), "shapes", {view.size});
+    }
+  }
   const int k = view.sh_coefficients;
   if (k != 1 && k != 4 && k != 9 && k != 16) {
     throw InputError("sh must have 1, 4, 9 or 16 coefficients (degree 0 to 3), found " +

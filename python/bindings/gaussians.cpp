@@ -4,6 +4,8 @@
 // owns one. Functions that make new values take the array to write into.
 #include <pybind11/pybind11.h>
 
+#include <cmath>
+
 #include "bindings/arrays.h"
 #include "bindings/long_call.h"
 #include "bindings/module.h"
@@ -147,6 +149,21 @@ void FacingAxesBackwardAs(const py::object& gaussians, const std::array<double, 
 void BindGaussians(pybind11::module_& m) {
   // Of the third scale of a surfel, as a logarithm: files of surfels leave it out.
   m.attr("SURFEL_LOG_THICKNESS") = kSurfelLogThickness;
+  m.def(
+      "list_primitives",
+      [] {
+        py::dict found;
+        for (const std::string& name : PrimitiveNames()) {
+          const Primitive primitive = PrimitiveNamed(name);
+          // Where responses are a half.
+          const double half = 2.0 * std::log(2.0);
+          const double width = std::sqrt(Profile{primitive}.Cutoff(half) / half);
+          found[py::str(name)] = py::make_tuple(HasShape(primitive), width);
+        }
+        return found;
+      },
+      "Primitive -> whether each has a shape, and its width at half its response over a Gaussian's "
+      "of the same scales.");
   m.def("harmonics_basis", &Basis, py::arg("degree"), py::arg("directions"),
         "Basis values (N,K) of unit directions (N,3), in double.");
   m.def("eval_harmonics", &Colors, py::arg("directions"), py::arg("sh"),

@@ -41,7 +41,7 @@ OneFootprint ScalarFootprints::Find(const GaussiansView<const double>& gaussians
 template <class T>
 OneFootprint ScalarFootprints::FindAs(const GaussiansView<const T>& gaussians,
                                       std::int64_t i) const {
-  const double cutoff = CutoffOf(gaussians.Strength(i), gaussians.response, options_.rule);
+  const double cutoff = CutoffOf(gaussians, i, options_.rule);
   const PlacedGaussian<double> g = PlaceInDouble(gaussians, i, pose_);
   if (!(cutoff > 0.0) || !MayBeSeen(g, std::sqrt(cutoff))) return kNowhere;
   return FindPlaced(g, std::sqrt(cutoff));

@@ -44,7 +44,7 @@ void RefineInDouble(const GaussiansView<const float>& gaussians, const Camera& c
   const auto replace = [&](std::int64_t i, const ScalarFootprint& footprint) {
     const std::size_t j = static_cast<std::size_t>(i);
     if (std::isnan(footprint.u)) return;
-    const double cutoff = CutoffOf(gaussians.Strength(i), gaussians.response, rule);
+    const double cutoff = CutoffOf(gaussians, i, rule);
     const double reach = std::sqrt(std::max(cutoff, 0.0));
     splats->u[j] = static_cast<float>(footprint.u);
     splats->v[j] = static_cast<float>(footprint.v);
@@ -80,10 +80,11 @@ UnscentedWeights MakeUnscentedWeights(const UnscentedOptions& options) {
 
 // strength exp(-D^2 / 2) >= raw, that of alpha_min, where D^2 <= 2 ln(strength / raw); below 0:
 // never drawn.
-double CutoffOf(double strength, Response response, const FootprintRule& rule) {
-  const double by_alpha = 2.0 * std::log(strength / RawOf(response, rule.alpha_min));
-  if (!(rule.response_min > 0.0)) return by_alpha;
-  return std::min(by_alpha, -2.0 * std::log(rule.response_min));
+double CutoffOf(double strength, Response response, const FootprintRule& rule,
+                const Profile& profile) {
+  double cutoff = 2.0 * std::log(strength / RawOf(response, rule.alpha_min));
+  if (rule.response_min > 0.0) cutoff = std::min(cutoff, -2.0 * std::log(rule.response_min));
+  return profile.IsGaussian() || !(cutoff > 0.0) ? cutoff : profile.Cutoff(cutoff);
 }
 
 void Splats::Resize(std::int64_t n) {

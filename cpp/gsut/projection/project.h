@@ -85,7 +85,12 @@ void ProjectReference(const GaussiansView<const double>& gaussians, const Camera
                       const Pose& camera_from_world, const UnscentedOptions& options, double* means,
                       double* covariances, std::uint8_t* valid);
 
-// D^2 at which a Gaussian of this strength is cut off; <= 0 if it is never drawn.
-double CutoffOf(double strength, Response response, const FootprintRule& rule);
+// D^2 at which a primitive of this strength is cut off; <= 0 if it is never drawn.
+double CutoffOf(double strength, Response response, const FootprintRule& rule,
+                const Profile& profile = {});
+template <class T>
+double CutoffOf(const GaussiansView<T>& gaussians, std::int64_t i, const FootprintRule& rule) {
+  return CutoffOf(gaussians.Strength(i), gaussians.response, rule, gaussians.ProfileOf(i));
+}
 
 }  // namespace gsut

@@ -9,6 +9,7 @@
 
 #include "gsut/base/lanes-inl.h"
 #include "gsut/gaussians/gaussians.h"
+#include "gsut/gaussians/primitives-inl.h"
 #include "gsut/projection/view.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -109,6 +110,11 @@ HWY_INLINE void RotationOf(const Lane* q, Lane* r) {
   r[8] = one - two * (x * x + y * y);
 }
 
+// Stored shapes of the Gaussians [first, first + kLanes); 0 where they have none.
+HWY_INLINE Lane LoadShapes(const GaussiansView<const float>& g, std::int64_t first) {
+  return g.shapes == nullptr ? Lane(0.0) : LoadRows1(g.shapes + first, g.size - first);
+}
+
 // log2_raw_min: of BlendRule::alpha_min, see Log2RawOf; max_cutoff: of D^2, by response_min.
 HWY_INLINE SeenLanes LoadSeen(const GaussiansView<const float>& g, std::int64_t first,
                               const ViewFloats& view, float log2_raw_min, float max_cutoff) {
@@ -176,6 +182,11 @@ HWY_INLINE SeenLanes LoadSeen(const GaussiansView<const float>& g, std::int64_t 
   const Lane cutoff = Lane(kTwoLn2) * (out.log2_strength - Lane(log2_raw_min));
   out.cutoff = Min(cutoff, Lane(max_cutoff));
   out.usable = AndMask(AndMask(cutoff > Lane(0.0), IsFinite(stored_opacity)), usable);
+  if (HWY_UNLIKELY(g.primitive != Primitive::kGaussian)) {
+    const Lane stored = LoadShapes(g, first);
+    out.usable = AndMask(out.usable, IsFinite(stored));
+    out.cutoff = ShapeCutoff(g.primitive, stored, out.cutoff);
+  }
   return out;
 }
 

@@ -10,8 +10,10 @@
 
 #include <type_traits>
 
+#include "gsut/gaussians/primitives-inl.h"
 #include "gsut/raster/blend_rule.h"
 #include "gsut/raster/frame.h"
+#include "gsut/raster/task.h"
 #include "gsut/raster/tile_grid.h"
 #include "gsut/raster/tile_math-inl.h"
 
@@ -33,6 +35,17 @@ HWY_INLINE void WithFlag(bool flag, const Run& run) {
     run(std::false_type());
   }
 #endif
+}
+
+// The activated shape of a Gaussian; 0 where it has none.
+HWY_INLINE float ShapeOf(const RasterTask& task, std::uint32_t gaussian) {
+  return task.shapes == nullptr ? 0.0f : task.shapes[gaussian];
+}
+
+// log2 of the response of one pair, of v, a Gaussian's.
+HWY_INLINE FloatVec ShapeExponent(Primitive primitive, float shape, FloatVec v) {
+  ShapeExponents(primitive, &shape, 1, &v);
+  return v;
 }
 
 // The alpha of raw under extinction; raw counts halvings of the light.

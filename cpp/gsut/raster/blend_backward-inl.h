@@ -130,14 +130,46 @@ struct ResponseGradient {
   FloatVec to_distance;  // dL/dx; 0 without flags.with_depth
 };
 
-// The rule's alpha_max and transmittance_min, and the response.
+// The rule's alpha_max and transmittance_min, the response, and the primitive.
 struct BlendLimits {
   FloatVec alpha_max, stop;
   bool is_extinction;
+  Primitive primitive;
   HWY_INLINE explicit BlendLimits(const RasterTask& task)
       : alpha_max(hn::Set(FloatTag(), task.alpha_max)),
         stop(hn::Set(FloatTag(), task.transmittance_min)),
-        is_extinction(task.is_extinction) {}
+        is_extinction(task.is_extinction),
+        primitive(task.gaussians.primitive) {}
+  HWY_INLINE bool IsGaussian() const { return HWY_LIKELY(primitive == Primitive::kGaussian); }
+};
+
+// What one pair's response sends to its Gaussian's shape, summed over pixels; in memory, since
+// Gaussians have none and the registers are theirs.
+struct ShapeSums {
+  float shape = 0.0f;  // activated
+  HWY_ALIGN float sums[kLanes];
+
+  // Starts a pair, where its primitive is no Gaussian.
+  HWY_INLINE void Start(const RasterTask& task, std::uint32_t gaussian) {
+    shape = ShapeOf(task, gaussian);
+    hn::Store(hn::Zero(FloatTag()), FloatTag(), sums);
+  }
+  // The forms' gradients below are those of a Gaussian, whose exponent v = log2 G is kappa u: they
+  // hold for any response that is a function of v once h is multiplied by dln f / dln G.
+  // h, the gradient to ln raw, goes on to the exponent v: returns h dln f / dln G.
+  HWY_INLINE FloatVec PassOn(Primitive primitive, FloatVec h, FloatVec v) {
+    const FloatTag d;
+    FloatVec by_v, by_shape;
+    ShapeSlopes(primitive, shape, v, &by_v, &by_shape);
+    hn::Store(hn::MulAdd(h, by_shape, hn::Load(d, sums)), d, sums);
+    return hn::Mul(h, by_v);
+  }
+  HWY_INLINE void Finish(std::uint32_t slot, Frame* frame) const {
+    if (frame->slot_shapes.empty()) return;
+    float total = 0.0f;
+    for (const float sum : sums) total += sum;
+    frame->slot_shapes[slot] = total;
+  }
 };
 
 // One Gaussian's share of a block's pixels, and the light that it leaves.

@@ -160,6 +160,7 @@ void Renderer::FillTask(const GaussiansView<const float>& gaussians, const Rende
   task_.near_z = static_cast<float>(settings.rule.near_z);
   task_.far_z = static_cast<float>(settings.rule.far_z);
   task_.is_extinction = gaussians.response == Response::kExtinction;
+  ActivateShapes(gaussians);
   task_.order_by_z = settings.rule.order == OrderKey::kDepthZ;
   task_.stop_before = settings.rule.stop_before;
   task_.with_depth = job.WithDepth();
@@ -176,6 +177,18 @@ void Renderer::FillTask(const GaussiansView<const float>& gaussians, const Rende
   }
   const int stored_degree = ShDegree(gaussians.sh_coefficients);
   task_.sh_degree = settings.sh_degree < stored_degree ? settings.sh_degree : stored_degree;
+}
+
+// Kernels read shapes as they act, not as they are stored. They lie beside the records, whose 16
+// floats are full: only primitives that have shapes pay for them.
+void Renderer::ActivateShapes(const GaussiansView<const float>& gaussians) {
+  task_.shapes = nullptr;
+  if (!HasShape(gaussians.primitive)) return;
+  shapes_.resize(static_cast<std::size_t>(gaussians.size));
+  for (std::int64_t i = 0; i < gaussians.size; ++i) {
+    shapes_[static_cast<std::size_t>(i)] = static_cast<float>(gaussians.ProfileOf(i).Shape());
+  }
+  task_.shapes = shapes_.data();
 }
 
 // Makes room for whole vectors beyond the last Gaussian, and takes the tiles that are not chosen
@@ -219,7 +232,8 @@ std::int64_t Renderer::buffer_bytes() const {
   const Frame& f = frame_;
   add(f.records, f.mean_direction, f.order_key, f.rects, f.slot_begin, f.order, f.pairs,
       f.tile_begin, f.transmittance, f.color[0], f.color[1], f.color[2], f.depth, f.first_depth,
-      f.depth_moment, f.channels, f.entries, f.entry_count, f.slot_gradients, f.slot_touched);
+      f.depth_moment, f.channels, f.entries, f.entry_count, f.slot_gradients, f.slot_touched,
+      f.slot_shapes, shapes_);
   for (const std::vector<RowSpan>& spans : f.row_spans) add(spans);
   return static_cast<std::int64_t>(sum);
 }

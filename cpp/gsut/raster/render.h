@@ -133,6 +133,7 @@ class Renderer {
 
  private:
   void FillTask(const GaussiansView<const float>& gaussians, const RenderJob& job);
+  void ActivateShapes(const GaussiansView<const float>& gaussians);
   void ResizeFrame(const std::uint8_t* chosen);
   const TileGrid& tiles() const { return lines_ == nullptr ? *grid_ : lines_->tiles; }
   // The tile that is drawn as number `index`: in strips from top to bottom, so that what a tile
@@ -155,6 +156,8 @@ class Renderer {
   // unless null, and of its pairs' channels into to_channels unless null.
   void BackwardOfTile(int tile, const ImageGradients& to_image, RayGradients* rays,
                       float* to_channels);
+  // The gradients to the stored shapes of the Gaussians [begin, end), from their slots.
+  void ShapeGradients(std::int64_t begin, std::int64_t end, const GradientRows& to) const;
   // From the kernels' gradients to a tile's lines (or rays) to those of its pixels' rays.
   void ToRays(int tile, const float* to_lines, const ImageGradients& to_image,
               RayGradients* rays) const;
@@ -171,6 +174,7 @@ class Renderer {
   double background_[3] = {0, 0, 0};
   Splats splats_;
   Frame frame_;
+  AlignedVector<float> shapes_;  // see RasterTask::shapes
   bool rendered_ = false, stepped_ = false;
 };
 

@@ -31,6 +31,7 @@ void Renderer::Backward(const ImageGradients& to_image, const GradientRows& to, 
   const std::size_t slots = frame_.pairs.size();
   frame_.slot_gradients.resize(slots * 16);
   frame_.slot_touched.resize(slots);
+  frame_.slot_shapes.resize(task_.shapes == nullptr ? 0 : slots);
   std::fill(frame_.slot_touched.begin(), frame_.slot_touched.end(), std::uint8_t{0});
   Stopwatch watch;
   // The gradient to the poses of lines comes through their rays.
@@ -65,6 +66,7 @@ void Renderer::Backward(const ImageGradients& to_image, const GradientRows& to, 
     } else {
       LineGradientsKernel(task_, lines_->is_parallel, frame_, begin, end, to, sum);
     }
+    if (task_.shapes != nullptr) ShapeGradients(begin, end, to);
   });
   timings_.push_back(watch.Lap("gradients"));
   // Stage 3, to the poses: seen from one centre, moving the camera is moving all Gaussians the
@@ -80,6 +82,21 @@ void Renderer::Backward(const ImageGradients& to_image, const GradientRows& to, 
   ChainToPoses(MakeViewRays(*camera_, motion_), *camera_, motion_, *rays,
                {total.head<3>(), total.tail<3>()}, dpose);
   timings_.push_back(watch.Lap("poses"));
+}
+
+// raw = strength f: h is dL/dln raw, and the slots hold that times dlog2 f / dshape.
+void Renderer::ShapeGradients(std::int64_t begin, std::int64_t end, const GradientRows& to) const {
+  constexpr double kLn2 = 0.69314718055994530942;
+  for (std::int64_t i = begin; i < end; ++i) {
+    if (!to.touched[i] && !to.write_untouched) continue;
+    double sum = 0.0;
+    const std::uint32_t last = frame_.slot_begin[static_cast<std::size_t>(i) + 1];
+    for (std::uint32_t slot = frame_.slot_begin[static_cast<std::size_t>(i)]; slot < last; ++slot) {
+      if (frame_.slot_touched[slot]) sum += static_cast<double>(frame_.slot_shapes[slot]);
+    }
+    const double slope = kLn2 * task_.gaussians.ProfileOf(i).ActivationSlope();
+    to.rows.shapes[i] = static_cast<float>(sum * slope);
+  }
 }
 
 void Renderer::BackwardOfTile(int tile, const ImageGradients& to_image, RayGradients* rays,
@@ -125,7 +142,8 @@ void Renderer::CheckBackward(const ImageGradients& to_image, const GradientRows&
   }
   if (to.rows.size != task_.gaussians.size ||
       to.rows.sh_coefficients != task_.gaussians.sh_coefficients ||
-      to.rows.is_linear != task_.gaussians.is_linear) {
+      to.rows.is_linear != task_.gaussians.is_linear ||
+      (to.rows.shapes == nullptr) != (task_.gaussians.shapes == nullptr)) {
     throw InputError("gradients must be shaped like the rendered Gaussians");
   }
   if ((to_image.error != nullptr) != (to.error_sums != nullptr) ||

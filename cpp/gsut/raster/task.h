@@ -32,7 +32,8 @@ struct RasterTask {
   float background[3] = {0, 0, 0};
   float near_z = 0, far_z = 0;
   bool order_by_z = false;
-  bool is_extinction = false;  // gaussians.response
+  bool is_extinction = false;     // gaussians.response
+  const float* shapes = nullptr;  // (N) of gaussians.shapes, activated; null: they have none
   bool stop_before = false;
   bool with_depth = false;
   bool keep = false;  // leave what the backward pass needs

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from gsut._core import InputError
-from gsut.compact.method import find_method
+from gsut.compact.method import METHODS, find_method
 from gsut.compact.scores import SeenView
 from gsut.gaussians import Gaussians, are_surfels, to_surfels
 from gsut.render import place_about
@@ -68,6 +68,7 @@ def compact(
         CVPR 2025.
     """
     check_method(method, bool(views))
+    check_primitive(gaussians, method)
     origin = gaussians.origin
     g, views = _keep_finite(gaussians).translate(-origin), _place_views(views, origin)
     dropped = len(gaussians) - len(g)
@@ -134,6 +135,18 @@ def check_method(method: str, has_views: bool) -> None:
             f'method "{method}" scores Gaussians by what views see of them; give the run with its '
             "dataset, or use ghap"
         )
+
+
+def check_primitive(gaussians: Gaussians, method: str) -> None:
+    """Raises InputError for a method that merges Gaussians and is given other primitives."""
+    if gaussians.primitive == Gaussians.PRIMITIVES[0] or find_method(method).only_chooses:
+        return
+    choosing = ", ".join(name for name in METHODS if find_method(name).only_chooses)
+    raise InputError(
+        f'method "{method}" merges Gaussians by their integrals, which primitive '
+        f"{gaussians.primitive} does not have; choose among them by {choosing}, or fit Gaussians "
+        "first: gsut convert --for viewers"
+    )
 
 
 def check_keep(keep: float) -> None:

@@ -27,11 +27,14 @@ class Method:
             one view and `on_view`, which is called after each view; returns (N,) float64. None: the
             method does not look.
         needs_views: it cannot do without.
+        only_chooses: what it keeps stays as it is, so that any primitive will do; others merge what
+            must be Gaussians.
     """
 
     reduce: Callable[..., Gaussians]
     score: Callable[..., np.ndarray] | None = None
     needs_views: bool = False
+    only_chooses: bool = False
 
 
 def find_method(name: str) -> Method:

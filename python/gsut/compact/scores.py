@@ -171,7 +171,7 @@ def paint_grey(gaussians: Gaussians, degree: int) -> Gaussians:
     return Gaussians(
         gaussians.means, gaussians.quats, gaussians.log_scales, gaussians.opacity_logits,
         np.zeros((len(gaussians), (degree + 1) ** 2, 3), gaussians.dtype), gaussians.origin,
-        response=gaussians.response,
+        **gaussians.rule,
     )  # fmt: skip
 
 

@@ -156,7 +156,8 @@ def save_gaussians(
         raise InputError(f"{path}: there is no Gaussian to write")
     kept = np.flatnonzero(good)
     settings = settings or WriteSettings()
-    written = chosen.write(path, g if good.all() else g[good], settings)
+    held = g if chosen.keeps_primitive else g.to_primitive(Gaussians.PRIMITIVES[0])
+    written = chosen.write(path, held if good.all() else held[good], settings)
     rows = kept if written.rows is None else kept[written.rows]
     left_out = written.left_out
     if are_surfels(g) and (settings.three_scales or not chosen.keeps_surfels):
@@ -167,5 +168,10 @@ def save_gaussians(
         left_out += (
             f"the response {g.response}: the file is drawn by the maximum, which is another "
             "picture (gsut convert --for viewers brings it closer)",
+        )
+    if g.primitive != Gaussians.PRIMITIVES[0] and not chosen.keeps_primitive:
+        left_out += (
+            f"the primitive {g.primitive}: the file holds Gaussians of the same width, which are "
+            "another picture (gsut convert --for viewers brings it closer)",
         )
     return Written(rows, {k: v for k, v in written.clipped.items() if v}, left_out)

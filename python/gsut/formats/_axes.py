@@ -27,7 +27,7 @@ def turn_half(gaussians: Gaussians) -> Gaussians:
         gaussians.opacity_logits,
         gaussians.sh * signs[:, None],
         gaussians.origin * _AXES,
-        response=gaussians.response,
+        **gaussians.rule,
     )
 
 

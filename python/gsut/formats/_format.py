@@ -111,6 +111,7 @@ class Format:
             `Gaussians.origin`; without it the zero of a scene far from the world's is lost.
         keeps_surfels: it has a layout of surfels.
         keeps_response: the file says by which response it is drawn, see `Gaussians`.
+        keeps_primitive: the file says which primitives it holds, with their shapes.
     """
 
     name: str
@@ -121,6 +122,7 @@ class Format:
     keeps_origin: bool = False
     keeps_surfels: bool = False
     keeps_response: bool = False
+    keeps_primitive: bool = False
 
 
 def check_room(what: str, scenes: Sequence[Gaussians], times: float, more: int = 0) -> None:

@@ -6,6 +6,7 @@ import os
 import warnings
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -34,8 +35,10 @@ from gsut.run import check_fits, free_memory
 _ANTIALIASED = ("SplatRenderMode: mip", "antialiased 1")
 # How gsut says that nothing stands behind the scene: what is open shows what is around it.
 NO_BACKGROUND = "gsut: no background"
-# The comment that names the response by which the Gaussians are drawn; without it the maximum.
-_RESPONSE_KEY = "gsut: response "
+# Comments that name the response and the primitive by which the Gaussians are drawn; without them
+# the maximum, and Gaussians.
+_RULE_KEYS = {"response": "gsut: response ", "primitive": "gsut: primitive "}
+_KNOWN_RULES = {"response": Gaussians.RESPONSES, "primitive": Gaussians.PRIMITIVES}
 _HEADER_BYTES = 65536  # read for comments
 _TEXT_BYTES = 4  # of a text file for one in memory, at most
 _OF_FREE = 0.8  # share of the free memory that Gaussians may take by default
@@ -54,7 +57,8 @@ def load_ply(path: str | os.PathLike[str]) -> Gaussians:
             y, z, any norm) in any order and numeric type. Others are ignored. Without scale_2 they
             are surfels (2DGS): Gaussians a ten-thousandth as thick as they are wide. A comment
             "gsut: dataset coordinates = these + X Y Z" is where the file's zero lies in the
-            world; "gsut: response NAME" is the rule that they are drawn by, see `Gaussians`.
+            world; "gsut: response NAME" and "gsut: primitive NAME" are what they are drawn by, see
+            `Gaussians`, and the property "shape" are the shapes of primitives that have some.
 
     Returns:
         float32 Gaussians in world coordinates, with the comment's `origin`, or one near the first
@@ -70,9 +74,17 @@ def load_ply(path: str | os.PathLike[str]) -> Gaussians:
             its rows can be drawn.
     """
     _check_size(path)
-    *arrays, not_finite, origin = _core.read_ply(os.fsencode(path))
+    *arrays, shapes, not_finite, origin = _core.read_ply(os.fsencode(path))
     comments = read_comments(path)
-    gaussians = Gaussians(*arrays, response=_parse_response(comments, path))
+    rule: dict[str, Any] = {kind: _parse_rule(kind, comments, path) for kind in _RULE_KEYS}
+    gaussians = Gaussians(*arrays, **rule)
+    if gaussians.shapes is not None and shapes is None:
+        raise InputError(
+            f'{os.fspath(path)}: property "shape" is missing, which primitive '
+            f"{gaussians.primitive} needs; write it again from the run"
+        )
+    if gaussians.shapes is not None:
+        gaussians.shapes = shapes
     gaussians = gaussians.translate(parse_origin(comments, path)).translate(origin)
     if not_finite or not gaussians.quats.any(axis=1).all():
         return keep_drawable(path, gaussians)
@@ -113,8 +125,8 @@ def _find_plain_rows(path: Path) -> tuple[Callable[[int, int], Gaussians], int, 
     words = [line.split() for line in text.decode("utf-8", "replace").splitlines()]
     words = [line for line in words if line[:1] not in ([], ["comment"])]
     comments = read_comments(path)
-    if any(comment.startswith(_RESPONSE_KEY) for comment in comments):
-        return None  # the bounds of pieces are those of the maximum
+    if any(comment.startswith(tuple(_RULE_KEYS.values())) for comment in comments):
+        return None  # the bounds of pieces are those of the maximum of Gaussians
     is_plain = end and words[:2] == [["ply"], _PLAIN_FORMAT] and words[2][:2] == _PLAIN_ELEMENT
     if not is_plain or any(line[:2] != ["property", "float"] for line in words[3:]):
         return None
@@ -194,7 +206,7 @@ def save_ply(
     """
     stored = prepare_for_file(gaussians)
     flat = are_surfels(stored) if surfels is None else surfels
-    named = [*comments, *format_origin(stored), *_format_response(stored)]
+    named = [*comments, *format_origin(stored), *_format_rule(stored)]
     _core.write_ply(os.fsencode(path), stored, named, flat)
 
 
@@ -218,7 +230,7 @@ def save_ply_parts(
         (3,) the origin that a comment names.
     """
     place = prepare_for_file(sample)
-    named = [*comments, *format_origin(place), *_format_response(place)]
+    named = [*comments, *format_origin(place), *_format_rule(place)]
     with whole_file(path) as temporary, open(temporary, "wb") as out:
         piece = temporary.with_name(temporary.name + ".piece")
         for part in parts:
@@ -245,29 +257,31 @@ def read_comments(path: str | os.PathLike[str]) -> list[str]:
     return [line.removeprefix("comment").strip() for line in lines if line.startswith("comment ")]
 
 
-def _format_response(gaussians: Gaussians) -> list[str]:
-    """Returns the comment that names the response; none for the maximum."""
-    is_common = gaussians.response == Gaussians.RESPONSES[0]
-    return [] if is_common else [_RESPONSE_KEY + gaussians.response]
+def _format_rule(gaussians: Gaussians) -> list[str]:
+    """Returns the comments that name response and primitive; none for what everyone draws."""
+    named = {kind: getattr(gaussians, kind) for kind in _RULE_KEYS}
+    return [
+        _RULE_KEYS[kind] + name for kind, name in named.items() if name != _KNOWN_RULES[kind][0]
+    ]
 
 
-def _parse_response(comments: Sequence[str], path: str | os.PathLike[str]) -> str:
-    """Parses the response from a PLY file's comments.
+def _parse_rule(kind: str, comments: Sequence[str], path: str | os.PathLike[str]) -> str:
+    """Parses the response or the primitive from a PLY file's comments.
 
     Raises:
         InputError: it is unknown.
     """
     for comment in comments:
-        if not comment.startswith(_RESPONSE_KEY):
+        if not comment.startswith(_RULE_KEYS[kind]):
             continue
-        name = comment.removeprefix(_RESPONSE_KEY)
-        if name not in Gaussians.RESPONSES:
+        name = comment.removeprefix(_RULE_KEYS[kind])
+        if name not in _KNOWN_RULES[kind]:
             raise InputError(
-                f'{os.fspath(path)}: the comment "{comment}" names an unknown response; known: '
-                f"{', '.join(Gaussians.RESPONSES)}; a newer gsut may have written it"
+                f'{os.fspath(path)}: the comment "{comment}" names an unknown {kind}; known: '
+                f"{', '.join(_KNOWN_RULES[kind])}; a newer gsut may have written it"
             )
         return name
-    return Gaussians.RESPONSES[0]
+    return _KNOWN_RULES[kind][0]
 
 
 def format_antialiased(antialiased: bool) -> str:
@@ -298,5 +312,6 @@ FORMAT = Format(
     lambda head: head.startswith(b"ply") and PACKED not in head,
     keeps_origin=True,
     keeps_response=True,
+    keeps_primitive=True,
     keeps_surfels=True,
 )

@@ -16,6 +16,9 @@ NO_ORIGIN.setflags(write=False)
 # First coefficient of the harmonics' basis: a colour is 0.5 + SH_C0 x sh + ...
 SH_C0 = 0.28209479177387814
 _MAXIMUM = "maximum"  # everyone's response
+_GAUSSIAN = "gaussian"  # everyone's primitive
+# Primitive -> whether each has a shape, and its width, as the build found them.
+_PRIMITIVES = _core.list_primitives()
 _Arrays = TypeVar("_Arrays", bound="ParameterArrays")
 
 
@@ -26,10 +29,9 @@ class ParameterArrays:
     sh: np.ndarray
     origin: np.ndarray
 
-    @classmethod
-    def list_arrays(cls) -> list[str]:
+    def list_arrays(self) -> list[str]:
         """Lists the names of the arrays."""
-        return [field.name for field in dataclasses.fields(cast(Any, cls))]
+        return [field.name for field in dataclasses.fields(cast(Any, self))]
 
     def read_arrays(self, origin: np.ndarray, widths: dict[str, tuple[int, ...]]) -> None:
         """Reads the arrays, C-contiguous and of one dtype, and checks their shapes (N, *width).
@@ -96,8 +98,8 @@ class ParameterArrays:
     def make_zeros(self: _Arrays) -> _Arrays:
         """Makes arrays of the same shapes with all values 0, for gradients."""
         # np.zeros instead of np.zeros_like, which writes its zeros: unwritten pages take no memory.
-        arrays = (getattr(self, name) for name in self.list_arrays())
-        return type(self)(*(np.zeros(array.shape, array.dtype) for array in arrays))
+        arrays = {name: getattr(self, name) for name in self.list_arrays()}
+        return self._with({name: np.zeros(a.shape, a.dtype) for name, a in arrays.items()})
 
     def copy(self: _Arrays) -> _Arrays:
         """Returns a deep copy."""
@@ -125,13 +127,20 @@ class Gaussians(ParameterArrays):
             viewers do. "extinction": alpha = 1 - (1 - opacity)^G, as matter that absorbs light.
             "density": the optical depth also follows the Gaussian's length along the ray, relative
             to the harmonic mean of its scales; drawn in float64 only.
+        primitive: how the response falls with D in place of G, see docs/primitives.md. "gaussian";
+            "power4": exp(-D^4 / 18); "beta": (1 - D^2 / 2b)^b, with a shape b of each.
+        shapes: (N,) numbers x of primitives that have a shape; of "beta" b = 1/2 + 7/2 exp(x).
+            None: 0 for each, and for all other primitives.
 
     Arrays are stored C-contiguous, as float64 if `means` is float64 and as float32 otherwise.
 
     Raises:
-        InputError: shapes disagree, or the response is unknown.
+        InputError: shapes disagree, or the response or the primitive is unknown.
     """
 
+    PRIMITIVES: ClassVar[tuple[str, ...]] = tuple(
+        sorted(_PRIMITIVES, key=lambda name: (name != _GAUSSIAN, name))
+    )
     RESPONSES: ClassVar[tuple[str, ...]] = (_MAXIMUM, "extinction", "density")
     means: np.ndarray
     quats: np.ndarray
@@ -141,21 +150,60 @@ class Gaussians(ParameterArrays):
     if TYPE_CHECKING:
         origin: np.ndarray = NO_ORIGIN
         response: str = dataclasses.field(default=_MAXIMUM, kw_only=True)
+        primitive: str = dataclasses.field(default=_GAUSSIAN, kw_only=True)
+        shapes: np.ndarray | None = dataclasses.field(default=None, kw_only=True)
     else:  # not of the fields, which are arrays of N rows; `dataclasses.replace` keeps them
         origin: dataclasses.InitVar[np.ndarray] = NO_ORIGIN
         response: dataclasses.InitVar[str] = dataclasses.field(default=_MAXIMUM, kw_only=True)
+        primitive: dataclasses.InitVar[str] = dataclasses.field(default=_GAUSSIAN, kw_only=True)
+        shapes: dataclasses.InitVar[np.ndarray | None] = dataclasses.field(
+            default=None, kw_only=True
+        )
 
     def __post_init__(
         self,
         origin: np.ndarray = NO_ORIGIN,  # noqa: RUF033
         response: str = _MAXIMUM,  # noqa: RUF033
+        primitive: str = _GAUSSIAN,  # noqa: RUF033
+        shapes: np.ndarray | None = None,  # noqa: RUF033
     ) -> None:
-        if response not in self.RESPONSES:
-            known = ", ".join(self.RESPONSES)
-            raise InputError(f'response "{response}" is unknown; known: {known}')
-        self.response = response
+        for kind, name, known in (
+            ("response", response, self.RESPONSES),
+            ("primitive", primitive, self.PRIMITIVES),
+        ):
+            if name not in known:
+                raise InputError(f'{kind} "{name}" is unknown; known: {", ".join(known)}')
+        self.response, self.primitive = response, primitive
         widths = {"means": (3,), "quats": (4,), "log_scales": (3,), "opacity_logits": ()}
+        if _PRIMITIVES[primitive][0]:
+            widths["shapes"] = ()
+            shapes = np.zeros(len(self.means), np.float32) if shapes is None else shapes
+        elif shapes is not None:
+            with_one = ", ".join(name for name, (has_one, _) in _PRIMITIVES.items() if has_one)
+            raise InputError(f"primitive {primitive} has no shapes; with them: {with_one}")
+        self.shapes = shapes
         self.read_arrays(origin, widths)
+
+    def list_arrays(self) -> list[str]:
+        """Lists the names of the arrays; `shapes` only where the primitive has some."""
+        return [*super().list_arrays(), *(["shapes"] if self.shapes is not None else [])]
+
+    @property
+    def rule(self) -> dict[str, Any]:
+        """Response, primitive and shapes, as keywords of `Gaussians`."""
+        return {"response": self.response, "primitive": self.primitive, "shapes": self.shapes}
+
+    def to_primitive(self, primitive: str) -> Gaussians:
+        """Draws them as another primitive, as wide where responses are a half; others are equal.
+
+        Shapes become 0; those of the old primitive count as 0.
+        """
+        if primitive == self.primitive:
+            return self
+        drawn = dataclasses.replace(self, primitive=primitive, shapes=None)
+        ratio = _PRIMITIVES[self.primitive][1] / _PRIMITIVES[primitive][1]
+        drawn.log_scales = drawn.log_scales + self.dtype.type(np.log(ratio))
+        return drawn
 
     def translate(self, by: np.typing.ArrayLike) -> Gaussians:
         """Moves the Gaussians by a vector (3,) in world units: exact, only the origin changes."""

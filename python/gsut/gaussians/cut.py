@@ -36,13 +36,16 @@ def merge_gaussians(scenes: Sequence[Gaussians]) -> Gaussians:
         All Gaussians, relative to the first scene's origin; harmonics that a scene lacks are 0.
 
     Raises:
-        InputError: there is no scene, or their responses differ.
+        InputError: there is no scene, or their responses or primitives differ.
     """
     if not scenes:
         raise InputError("there are no scenes to merge; give at least one")
-    if len({g.response for g in scenes}) > 1:
-        found = ", ".join(g.response for g in scenes)
-        raise InputError(f"scenes can be merged if they have one response, found {found}")
+    for kind in ("response", "primitive"):
+        kinds = [getattr(g, kind) for g in scenes]
+        if len(set(kinds)) > 1:
+            raise InputError(
+                f"scenes can be merged if they have one {kind}, found {', '.join(kinds)}"
+            )
     origin = scenes[0].origin
     most = max(g.sh.shape[1] for g in scenes)
     parts = []
@@ -50,9 +53,8 @@ def merge_gaussians(scenes: Sequence[Gaussians]) -> Gaussians:
         sh = np.zeros((len(g), most, 3), g.dtype)
         sh[:, : g.sh.shape[1]] = g.sh
         parts.append(dataclasses.replace(g.with_origin(origin), sh=sh))
-    fields = ("means", "quats", "log_scales", "opacity_logits", "sh")
     joined: dict[str, Any] = {
-        name: np.concatenate([getattr(g, name) for g in parts]) for name in fields
+        name: np.concatenate([getattr(g, name) for g in parts]) for name in parts[0].list_arrays()
     }
     return dataclasses.replace(parts[0], **joined)
 

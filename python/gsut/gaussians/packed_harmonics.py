@@ -29,7 +29,7 @@ class MixedGaussians:
         sh: (S,) float32: the (degree + 1)^2 coefficients of three channels of each Gaussian, one
             Gaussian after the other.
         degree_ends: entry d: the number of Gaussians of degree d or more; entry 0 is N.
-        origin, response: as in `Gaussians`.
+        origin, response, primitive: as in `Gaussians`; of primitives without shapes.
 
     Raises:
         InputError: shapes disagree.
@@ -44,18 +44,23 @@ class MixedGaussians:
     if TYPE_CHECKING:
         origin: np.ndarray = NO_ORIGIN
         response: str = dataclasses.field(default=Gaussians.RESPONSES[0], kw_only=True)
+        primitive: str = dataclasses.field(default=Gaussians.PRIMITIVES[0], kw_only=True)
     else:
         origin: dataclasses.InitVar[np.ndarray] = NO_ORIGIN
         response: dataclasses.InitVar[str] = dataclasses.field(
             default=Gaussians.RESPONSES[0], kw_only=True
+        )
+        primitive: dataclasses.InitVar[str] = dataclasses.field(
+            default=Gaussians.PRIMITIVES[0], kw_only=True
         )
 
     def __post_init__(
         self,
         origin: np.ndarray = NO_ORIGIN,  # noqa: RUF033
         response: str = Gaussians.RESPONSES[0],  # noqa: RUF033
+        primitive: str = Gaussians.PRIMITIVES[0],  # noqa: RUF033
     ) -> None:
-        self.response = response
+        self.response, self.primitive = response, primitive
         self.origin = np.array(origin, np.float64)
         ends = self.degree_ends
         if (
@@ -68,8 +73,7 @@ class MixedGaussians:
         if self.sh.shape != (floats,):
             raise InputError(f"sh must have shape ({floats},), found {self.sh.shape}")
 
-    @classmethod
-    def list_arrays(cls) -> list[str]:
+    def list_arrays(self) -> list[str]:
         """Returns the names of the arrays."""
         return [*_GEOMETRY, "sh"]
 
@@ -128,7 +132,7 @@ class MixedGaussians:
         for rows, band in self.split_bands():
             sh[rows, : band.shape[1]] = band
         arrays = (self.means, self.quats, self.log_scales, self.opacity_logits, sh)
-        return Gaussians(*arrays, self.origin, response=self.response)
+        return Gaussians(*arrays, self.origin, response=self.response, primitive=self.primitive)
 
 
 _GEOMETRY = ("means", "quats", "log_scales", "opacity_logits")
@@ -168,7 +172,7 @@ def to_mixed(gaussians: Gaussians, degrees: np.ndarray | None = None) -> MixedGa
         begin = max(begin, ends[degree])
     return MixedGaussians(
         g.means[order], g.quats[order], g.log_scales[order], g.opacity_logits[order],
-        np.concatenate(pieces), tuple(ends), g.origin, response=g.response,
+        np.concatenate(pieces), tuple(ends), g.origin, response=g.response, primitive=g.primitive,
     )  # fmt: skip
 
 
@@ -176,7 +180,7 @@ def pack_harmonics(gaussians: Any) -> Any:
     """Packs Gaussians as `MixedGaussians` if that saves a tenth of the harmonics or more."""
     if not isinstance(gaussians, Gaussians) or gaussians.sh_degree == 0 or len(gaussians) == 0:
         return gaussians
-    if gaussians.dtype != np.float32:
+    if gaussians.dtype != np.float32 or gaussians.shapes is not None:
         return gaussians
     degrees = find_used_degrees(gaussians).astype(np.int64)
     if np.sum((degrees + 1) ** 2) > (1 - _WORTH) * len(degrees) * gaussians.sh.shape[1]:

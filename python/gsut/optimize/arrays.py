@@ -9,18 +9,15 @@ import numpy as np
 
 from gsut.gaussians import Gaussians
 
-FIELDS = ("means", "quats", "log_scales", "opacity_logits", "sh")
-
 
 def copy_rows(arrays: Gaussians, size: int, capacity: int) -> Gaussians:
     """Copies the first `size` rows into new float32 arrays of `capacity` rows; the others are 0."""
-    rows = []
-    for name in FIELDS:
+    rows: dict[str, Any] = {}
+    for name in arrays.list_arrays():
         old = getattr(arrays, name)
-        new = np.zeros((capacity, *old.shape[1:]), np.float32)
+        rows[name] = new = np.zeros((capacity, *old.shape[1:]), np.float32)
         new[:size] = old[:size]
-        rows.append(new)
-    return Gaussians(*rows, response=arrays.response)
+    return Gaussians(**{**arrays.rule, **rows})
 
 
 def read_rows(like: Gaussians, state: dict[str, Any]) -> Gaussians:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 import threading
 from collections.abc import Callable
 from typing import Any, Concatenate, ParamSpec, TypeVar
@@ -13,7 +14,8 @@ import numpy as np
 from gsut import _core
 from gsut._core import InputError
 from gsut.gaussians import Gaussians, are_surfels, order_by_morton_code, press_surfels, to_surfels
-from gsut.optimize.arrays import FIELDS, copy_rows, read_rows, to_mask_bytes
+from gsut.optimize.arrays import copy_rows, read_rows, to_mask_bytes
+from gsut.optimize.atoms import sum_scale_gradients, to_atoms
 
 # Adam's beta 1, beta 2 and epsilon, as in 3DGS.
 ADAM = (0.9, 0.999, 1e-15)
@@ -61,6 +63,7 @@ class LearningRates:
         opacity_logits: of the opacities' logits.
         sh0: of the constant coefficient of the harmonics.
         sh_rest: of the other coefficients.
+        shapes: of primitives that have shapes.
     """
 
     means: float
@@ -69,6 +72,7 @@ class LearningRates:
     opacity_logits: float
     sh0: float
     sh_rest: float
+    shapes: float = 0.0
 
 
 class GaussianOptimizer:
@@ -84,10 +88,12 @@ class GaussianOptimizer:
         capacity: rows to reserve, at least len(gaussians); the final number avoids all copies.
         seed: 0 to 2^64 - 1; random numbers of densification and noise depend on it and on `steps`.
         surfels: keep Gaussians flat: the third scale gets no gradient and stays that of a surfel.
+        atoms: keep Gaussians round: their three scales are one number.
 
     Attributes:
         steps: Adam steps made.
         size: number of Gaussians.
+        fields: names of the arrays.
         arrays: parameters and Adam's first and second moments, `capacity` rows each.
         gradient_max: (N,) largest |dL/dmean| x distance since the last densification.
         gradient_sum: (N,) sum of half of it.
@@ -105,16 +111,20 @@ class GaussianOptimizer:
         *,
         seed: int = 0,
         surfels: bool = False,
+        atoms: bool = False,
     ) -> None:
+        if atoms:
+            gaussians = to_atoms(gaussians)
         if surfels and not are_surfels(gaussians):
             gaussians = to_surfels(gaussians)
         size = len(gaussians)
         capacity = size if capacity is None else capacity
         if capacity < size:
             raise InputError(f"capacity is {capacity}, but there are {size} Gaussians")
-        self.steps, self.seed, self.surfels = 0, seed, surfels
+        self.steps, self.seed, self.surfels, self.atoms = 0, seed, surfels, atoms
         self._turn = threading.RLock()
         params = copy_rows(gaussians.to_dtype(np.float32), size, capacity)
+        self.fields = params.list_arrays()
         moments = copy_rows(params, 0, capacity), copy_rows(params, 0, capacity)
         self.arrays: tuple[Gaussians, Gaussians, Gaussians] = (params, *moments)
         self.resize(size)
@@ -153,7 +163,7 @@ class GaussianOptimizer:
         Raises:
             InputError: shapes disagree.
         """
-        names = FIELDS if harmonics else FIELDS[:-1]
+        names = [name for name in self.fields if harmonics or name != "sh"]
         gradients = [np.ascontiguousarray(getattr(grads, name), np.float32) for name in names]
         for name, gradient in zip(names, gradients, strict=True):
             expected = getattr(self.gaussians, name).shape
@@ -162,14 +172,14 @@ class GaussianOptimizer:
                     f"gradient of {name} must have shape {expected}, found {gradient.shape}"
                 )
         if self.surfels:
-            gradients[FIELDS.index("log_scales")][:, 2] = 0
+            gradients[names.index("log_scales")][:, 2] = 0
+        if self.atoms:
+            sum_scale_gradients(gradients[names.index("log_scales")])
         params, moment1, moment2 = ([getattr(rows, name) for name in names] for rows in self.arrays)
-        of_columns = [[getattr(rates, name)] for name in FIELDS[:-1]]
-        of_columns.append(_list_harmonics_rates(self.gaussians.sh, rates, active_sh_degree))
-        columns = [3, 4, 3, 1, len(of_columns[-1])]
+        of_columns, columns = _list_columns(self.gaussians, names, rates, active_sh_degree)
         _core.adam_step(
-            params, gradients, moment1, moment2, of_columns[: len(names)], self.steps + 1,
-            self.size, to_mask_bytes(visible), columns[: len(names)], *ADAM,
+            params, gradients, moment1, moment2, of_columns, self.steps + 1, self.size,
+            to_mask_bytes(visible), columns, *ADAM,
         )  # fmt: skip
         self.steps += 1
         self._press()
@@ -237,8 +247,9 @@ class GaussianOptimizer:
     @allow_one_thread
     def restart_with(self, gaussians: Gaussians) -> GaussianOptimizer:
         """Returns an optimizer of other Gaussians, drawn as these, that keeps counting steps."""
-        gaussians = dataclasses.replace(gaussians, response=self.arrays[0].response)
-        new = GaussianOptimizer(gaussians, seed=self.seed, surfels=self.surfels)
+        own = self.arrays[0]
+        gaussians = dataclasses.replace(gaussians, response=own.response, primitive=own.primitive)
+        new = GaussianOptimizer(gaussians, seed=self.seed, surfels=self.surfels, atoms=self.atoms)
         new.steps = self.steps
         return new
 
@@ -253,7 +264,7 @@ class GaussianOptimizer:
         state = {
             f"{prefix}.{name}": getattr(rows, name)[: self.size].copy()
             for prefix, rows in zip(_SETS, self.arrays, strict=True)
-            for name in FIELDS
+            for name in self.fields
         }
         for name in _STATISTICS:
             state[name] = getattr(self, name).copy()
@@ -268,21 +279,9 @@ class GaussianOptimizer:
         Raises:
             InputError: an array is missing or shapes disagree.
         """
-        needed = [f"{prefix}.{name}" for prefix in _SETS for name in FIELDS]
-        for name in (*needed, *_STATISTICS, "steps", "seed"):
-            if name not in state:
-                raise InputError(f"the optimizer state has no {name}")
-        params, moment1, moment2 = (
-            read_rows(rows, {name: state[f"{prefix}.{name}"] for name in FIELDS})
-            for prefix, rows in zip(_SETS, self.arrays, strict=True)
-        )
-        sizes = {len(rows) for rows in (params, moment1, moment2)}
-        sizes |= {len(state[name]) for name in _STATISTICS}
-        if len(sizes) != 1:
-            raise InputError(f"the optimizer state has different lengths: {sorted(sizes)}")
-        (size,) = sizes
+        sets, size = _read_state(state, self.arrays)
         capacity = max(self.capacity, size)
-        self.arrays, self.size = (params, moment1, moment2), size
+        self.arrays, self.size = sets, size
         self._set_capacity(capacity)
         self.resize(size)
         for name in _STATISTICS:
@@ -300,7 +299,7 @@ class GaussianOptimizer:
         """Sorts all rows along a Z curve, so that the rows of a tile lie close in memory."""
         order = order_by_morton_code(np.nan_to_num(self.gaussians.means))
         for rows in self.arrays:
-            for name in FIELDS:
+            for name in self.fields:
                 array = getattr(rows, name)
                 array[: self.size] = array[order]
         for name in _STATISTICS:
@@ -321,6 +320,43 @@ class GaussianOptimizer:
     def _set_capacity(self, rows: int) -> None:
         params, moment1, moment2 = (copy_rows(old, self.size, rows) for old in self.arrays)
         self.arrays = params, moment1, moment2
+
+
+def _read_state(
+    state: dict[str, np.ndarray], like: tuple[Gaussians, Gaussians, Gaussians]
+) -> tuple[tuple[Gaussians, Gaussians, Gaussians], int]:
+    """Reads parameters and moments of a state, and their number of rows.
+
+    Raises:
+        InputError: an array is missing or shapes disagree.
+    """
+    fields = like[0].list_arrays()
+    needed = [f"{prefix}.{name}" for prefix in _SETS for name in fields]
+    for name in (*needed, *_STATISTICS, "steps", "seed"):
+        if name not in state:
+            raise InputError(f"the optimizer state has no {name}")
+    params, moment1, moment2 = (
+        read_rows(rows, {name: state[f"{prefix}.{name}"] for name in fields})
+        for prefix, rows in zip(_SETS, like, strict=True)
+    )
+    sizes = {len(rows) for rows in (params, moment1, moment2)}
+    sizes |= {len(state[name]) for name in _STATISTICS}
+    if len(sizes) != 1:
+        raise InputError(f"the optimizer state has different lengths: {sorted(sizes)}")
+    return (params, moment1, moment2), sizes.pop()
+
+
+def _list_columns(
+    gaussians: Gaussians, names: list[str], rates: LearningRates, degree: int | None
+) -> tuple[list[list[float]], list[int]]:
+    """Lists, for each array, the rates of its columns (one for all alike) and how many step."""
+    of_columns = [[getattr(rates, name)] if name != "sh" else [] for name in names]
+    columns = [math.prod(getattr(gaussians, name).shape[1:]) for name in names]
+    if "sh" in names:
+        at = names.index("sh")
+        of_columns[at] = _list_harmonics_rates(gaussians.sh, rates, degree)
+        columns[at] = len(of_columns[at])
+    return of_columns, columns
 
 
 def _list_harmonics_rates(sh: np.ndarray, rates: LearningRates, degree: int | None) -> list[float]:

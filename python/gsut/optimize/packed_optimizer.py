@@ -92,14 +92,17 @@ class MixedOptimizer:
         """Does nothing: statistics serve densification only."""
 
 
-def make_optimizer(start: Any, capacity: int | None, seed: int, surfels: bool = False) -> Any:
+def make_optimizer(start: Any, capacity: int | None, seed: int, primitive: str = "gaussian") -> Any:
     """Makes the optimizer that fits `start`: `Gaussians`, or `MixedGaussians`, which do not grow.
 
     Args:
         start: copied.
         capacity, seed: used for `Gaussians` only, see `GaussianOptimizer`.
-        surfels: see `GaussianOptimizer`.
+        primitive: as in `TrainOptions`: surfels stay flat, atoms round.
     """
-    if isinstance(start, MixedGaussians):
+    surfels, atoms = primitive == "surfel", primitive == "atom"
+    if isinstance(start, MixedGaussians) and not atoms:
         return MixedOptimizer(start, surfels)
-    return GaussianOptimizer(start, capacity, seed=seed, surfels=surfels)
+    if isinstance(start, MixedGaussians):
+        start = start.to_gaussians()
+    return GaussianOptimizer(start, capacity, seed=seed, surfels=surfels, atoms=atoms)

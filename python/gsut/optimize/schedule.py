@@ -33,7 +33,7 @@ def compute_learning_rates(options: TrainOptions, fraction: float, extent: float
     return LearningRates(
         means=o.lr_means * extent * o.lr_means_final_factor**fraction, quats=o.lr_quats * decay,
         log_scales=o.lr_scales * decay, opacity_logits=o.lr_opacity * decay, sh0=o.lr_sh0 * decay,
-        sh_rest=o.lr_sh_rest * decay,
+        sh_rest=o.lr_sh_rest * decay, shapes=o.lr_shapes * decay,
     )  # fmt: skip
 
 

@@ -8,7 +8,6 @@ Izmailov et al., 2018). It costs one pass over the parameters every few steps.
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any
 
 import numpy as np
@@ -46,11 +45,9 @@ class TrajectoryMean:
             self._mean, self._count = gaussians.copy(), 1
             return
         self._count += 1
-        for field in dataclasses.fields(gaussians):
-            mean = getattr(self._mean, field.name)
-            if not isinstance(mean, np.ndarray):
-                continue  # the degrees of MixedGaussians, which stay
-            mean += (getattr(gaussians, field.name) - mean) * np.float32(1 / self._count)
+        for name in gaussians.list_arrays():
+            mean = getattr(self._mean, name)
+            mean += (getattr(gaussians, name) - mean) * np.float32(1 / self._count)
         if self._surfels:
             press_surfels(self._mean.log_scales)
 
@@ -66,7 +63,8 @@ class TrajectoryMean:
         """Returns the mean and the number of states in it."""
         if self._mean is None:
             return {"count": 0}
-        return {"count": self._count, **vars(self._mean)}
+        known = {name: value for name, value in vars(self._mean).items() if value is not None}
+        return {"count": self._count, **known}
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Restores the state of `state_dict`."""

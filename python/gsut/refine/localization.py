@@ -19,6 +19,7 @@ from gsut.data.images import shrink_image, shrink_mask
 from gsut.data.poses import find_centers
 from gsut.gaussians import Gaussians, apply_low_pass
 from gsut.refine.agreement import measure_agreement
+from gsut.refine.matched_lines import find_line_poses
 from gsut.refine.pose import RefinedPose
 from gsut.refine.query import Query
 from gsut.refine.secants import measure_pixel_angle, place_lines
@@ -39,6 +40,8 @@ _OPAQUE = 0.8
 # Distance of a match that agrees with a pose, in thousandths of the image's diagonal: rendered
 # distances are less exact than triangulated ones (1.8 there).
 _MAX_ERROR = 4.0
+# The same under a rolling shutter before its motion is known, in those: lines are off by it.
+_BY_MOTION = 8.0
 # Matches that must agree with a pose to start from it: chance gives a few.
 _FEWEST_MATCHES = 12
 # Matches from which no other start is tried, if the colours converge.
@@ -116,29 +119,15 @@ def localize_image(
         )  # fmt: skip
     show = on_progress or (lambda what, done, total: None)
     order = _rank_views(gaussians, views, camera, pixels, mask, background, show)
-    found = _pose_from_matches(gaussians, views, order, camera, pixels, mask, background, show)
-    starts: list[tuple[str | int, np.ndarray, int]] = [] if found is None else [found]
-    starts += [(index, views[index][1], 0) for index in order[:_POSES_TRIED]]
+    found = _pose_from_matches(
+        gaussians, views, order, camera, pixels, mask, background, shutter, show
+    )
+    starts = [] if found is None else [found]
+    starts += [_Start(index, views[index][1]) for index in order[:_POSES_TRIED]]
     query = Query.prepare(gaussians, camera, pixels, mask, background)
-    best: tuple[float, str | int, np.ndarray, int, int] | None = None
-    for number, (name, pose, matches) in enumerate(starts, start=1):
-        show("refining", number, len(starts) + 1)
-        try:
-            coarse = query.refine_smaller(camera, pose)
-        except SolveError:
-            continue
-        if best is None or coarse.rms < best[0]:
-            best = coarse.rms, name, coarse.camera_from_world, matches, number
-        if matches >= _SURE_MATCHES and coarse.converged:
-            break
-    if best is None:
-        raise SolveError(
-            f"none of {len(starts)} starts led to a pose: the photograph shows too little of the "
-            "scene"
-        )
+    best, number = _choose_start(query, starts, show)
     show("refining", len(starts) + 1, len(starts) + 1)
-    _, name, pose, matches, number = best
-    fine, shutter, source = query.refine_lines(pose, shutter)
+    fine, shutter, source = query.refine_lines(best.pose, shutter, best.motion)
     seen = render(
         gaussians, camera, place_lines(fine.camera_from_world, fine.motion, shutter),
         background=background,
@@ -148,11 +137,54 @@ def localize_image(
         raise SolveError(
             f"the photograph was not found in the scene: from the best of {len(starts)} poses, "
             f"{agreement:.0%} of its parts lie where the scene shows them ({_LEAST_AGREEMENT:.0%} "
-            f"are needed), and {matches} features agree with that pose; it shows another place, or "
-            "another lens took it"
+            f"are needed), and {best.matches} features agree with that pose; it shows another "
+            "place, or another lens took it"
         )
     refined, focal_scale = query.add_systematic_errors(fine, shutter, source)
-    return Localized(refined, name, matches, number, agreement, focal_scale, source)
+    return Localized(refined, best.name, best.matches, number, agreement, focal_scale, source)
+
+
+@dataclasses.dataclass(frozen=True)
+class _Start:
+    """A pose to start from; name and matches as of `Localized`.
+
+    Attributes:
+        motion: (6,) during the readout, where matches determine it, too.
+    """
+
+    name: str | int
+    pose: np.ndarray
+    matches: int = 0
+    motion: np.ndarray | None = None
+
+
+def _choose_start(
+    query: Query, starts: list[_Start], show: Callable[[str, int, int], None]
+) -> tuple[_Start, int]:
+    """Refines starts with the smaller photograph; returns the best pose, and how many were tried.
+
+    A start with motion stays as it is: a global pose would only be worse.
+    """
+    best, least = None, np.inf
+    for number, start in enumerate(starts, start=1):
+        show("refining", number, len(starts) + 1)
+        if start.motion is not None:
+            return start, number
+        try:
+            coarse = query.refine_smaller(query.camera, start.pose)
+        except SolveError:
+            continue
+        if best is None or coarse.rms < least:
+            least = coarse.rms
+            best = dataclasses.replace(start, pose=coarse.camera_from_world), number
+        if start.matches >= _SURE_MATCHES and coarse.converged:
+            break
+    if best is None:
+        raise SolveError(
+            f"none of {len(starts)} starts led to a pose: the photograph shows too little of the "
+            "scene"
+        )
+    return best
 
 
 def _localize_about_origin(
@@ -221,8 +253,9 @@ def _pose_from_matches(
     pixels: np.ndarray,
     mask: np.ndarray,
     background: Sequence[float],
+    shutter: Shutter | None,
     show: Callable[[str, int, int], None],
-) -> tuple[str, np.ndarray, int] | None:
+) -> _Start | None:
     """Estimates a pose from features matched to renders, with its inliers; None if too few."""
     options = PosesOptions()
     photograph = detect_features(np.ascontiguousarray(pixels), mask & camera.rays()[1], options)
@@ -247,9 +280,18 @@ def _pose_from_matches(
     if np.count_nonzero(good) < _FEWEST_MATCHES:
         return None
     max_error = _MAX_ERROR * float(np.hypot(camera.width, camera.height)) / 1000
-    pose, inliers = _core.absolute_pose(bearings, rows[good], places[good], max_error, 0)
-    agree = len(np.unique(rows[good][inliers]))
-    return ("matches", pose, agree) if agree >= _FEWEST_MATCHES else None
+    rows, places = rows[good], places[good]
+    pose, inliers = _core.absolute_pose(bearings, rows, places, max_error, 0)
+    agree = len(np.unique(rows[inliers]))
+    if shutter is not None and not shutter.is_global:
+        moved, inliers = _core.absolute_pose(bearings, rows, places, _BY_MOTION * max_error, 0)
+        middle, motion, agreeing = find_line_poses(
+            camera, shutter, moved, photograph.pixels[rows[inliers]], places[inliers], max_error
+        )
+        matches = len(np.unique(rows[inliers][agreeing]))
+        if matches >= max(agree, _SURE_MATCHES):
+            return _Start("matches", middle, matches, motion)
+    return _Start("matches", pose, agree) if agree >= _FEWEST_MATCHES else None
 
 
 def _detect_rendered_features(
@@ -260,8 +302,10 @@ def _detect_rendered_features(
     options: PosesOptions,
 ) -> tuple[Features, np.ndarray]:
     """Detects features of a rendered view; returns them and their points (n, 3), NaN if unknown."""
-    result: Any = render(gaussians, camera, pose, background=background)
-    _, valid = camera.rays()
+    rays, valid = camera.rays()
+    center = find_centers(pose[None])[0]
+    some = gaussians.select_seen(center, rays[valid] @ pose[:3, :3], 0.0)
+    result: Any = render(some, camera, pose, background=background, watch=False)
     found = detect_features(to_uint8(result.image), np.array(valid, bool), options)
     if not len(found):
         return found, np.zeros((0, 3))

@@ -30,7 +30,7 @@ _INNER = 0.96
 _PIXEL_BLUR = 0.3
 # Sizes, the full one included, at which the motion during a readout is estimated: coarser images
 # hardly show it.
-_LEVELS_WITH_MOTION = 3
+LEVELS_WITH_MOTION = 3
 # Pixels of a size by which its refinement moves a picture at most: what is farther outside is not
 # drawn.
 _MARGIN_PIXELS = 16
@@ -159,30 +159,20 @@ def refine_levels(
     """Refines a pose about the Gaussians' origin from a coarse image to the full one."""
     scene = gaussians.to_dtype(np.float32).translate(-gaussians.origin)
     photograph = Photograph(scene, camera, pixels, valid, tuple(background), max_pixels)
-    first = 0 if shutter is None else min(levels, _LEVELS_WITH_MOTION) - 1
+    first = 0 if shutter is None else min(levels, LEVELS_WITH_MOTION) - 1
     coarse = photograph.refine_coarsely(pose, range(first, levels), with_gain)
-    pose, gain, motion = coarse.camera_from_world, coarse.gain, None
-    for level in reversed(range(first + 1)):
-        part = photograph.shrink(level, pose, motion)
-        if part is None:
-            continue
-        fine = refine_by_secants(
-            part.drawn, part.lens, pose, part.chosen, part.colors.astype(np.float64),
-            shutter=shutter, motion=motion, gain=gain, background=photograph.background,
-            with_gain=with_gain, rounds=_COARSE_ROUNDS if level else MOST_ROUNDS,
-        )  # fmt: skip
-        pose, gain, motion = fine.camera_from_world, fine.gain, fine.motion
-    return fine
+    return photograph.refine_finely(coarse, first, with_gain, shutter)
 
 
 @dataclasses.dataclass(frozen=True)
 class CoarsePose:
-    """A pose from derivatives of colours; see `RefinedPose`."""
+    """A pose from derivatives of colours, or to start from; see `RefinedPose`."""
 
     camera_from_world: np.ndarray
     gain: tuple[float, float] = (1.0, 0.0)
     rms: float = float("inf")
     converged: bool = False
+    motion: np.ndarray | None = None
 
 
 class _Level(NamedTuple):
@@ -257,6 +247,23 @@ class Photograph:
                 bool(solved["converged"]),
             )  # fmt: skip
         return found
+
+    def refine_finely(
+        self, coarse: CoarsePose, first: int, with_gain: bool, shutter: Shutter | None
+    ) -> SecantPose:
+        """Refines a pose by differences of renders from level `first` to the full size."""
+        pose, gain, motion = coarse.camera_from_world, coarse.gain, coarse.motion
+        for level in reversed(range(first + 1)):
+            part = self.shrink(level, pose, motion)
+            if part is None:
+                continue
+            fine = refine_by_secants(
+                part.drawn, part.lens, pose, part.chosen, part.colors.astype(np.float64),
+                shutter=shutter, motion=motion, gain=gain, background=self.background,
+                with_gain=with_gain, rounds=_COARSE_ROUNDS if level else MOST_ROUNDS,
+            )  # fmt: skip
+            pose, gain, motion = fine.camera_from_world, fine.gain, fine.motion
+        return fine
 
 
 def make_refined_pose(

@@ -19,12 +19,12 @@ from gsut.refine.pixel_rows import (
     measure_unmodelled_motion,
 )
 from gsut.refine.pose import (
+    LEVELS_WITH_MOTION,
     CoarsePose,
     Photograph,
     RefinedPose,
     check_photograph,
     make_refined_pose,
-    refine_levels,
 )
 from gsut.refine.secants import SecantPose, place_lines
 from gsut.render import render
@@ -44,8 +44,6 @@ _FOCAL_CLEAR = 2.5
 _LEVELS = 4
 # Largest number of pixels compared.
 _PIXELS = 20_000
-# Sizes at which a rolling image is refined: a global pose is off by the motion.
-_ROLLING_LEVELS = 3
 # Square of the motion that a global pose leaves over, per unknown and by the noise alone, from
 # which lines are posed: errors of a scene reach 3.
 _MOTION_SUSPECTED = 3.5
@@ -91,19 +89,25 @@ class Query:
 
     def refine_smaller(self, camera: Any, pose: np.ndarray) -> CoarsePose:
         """Refines a pose with the photograph at half its size and less, seen through this lens."""
+        return self._make_photograph(camera).refine_coarsely(pose, range(1, _LEVELS), True)
+
+    def _make_photograph(self, camera: Any) -> Photograph:
         valid = self.valid & camera.rays()[1]
-        photograph = Photograph(
+        return Photograph(
             self.gaussians, camera, self.pixels, valid, tuple(self.background), _PIXELS
         )
-        return photograph.refine_coarsely(pose, range(1, _LEVELS), with_gain=True)
 
     def refine_lines(
-        self, pose: np.ndarray, shutter: Shutter | None
+        self, pose: np.ndarray, shutter: Shutter | None, motion: np.ndarray | None = None
     ) -> tuple[SecantPose, Shutter | None, str]:
-        """Refines a pose with the whole photograph, with the shutter given or the one it shows."""
+        """Refines a pose with the whole photograph, with the shutter given or the one it shows.
+
+        Args:
+            pose: (4, 4) start. shutter: None: found. motion: (6,) start under a rolling shutter.
+        """
         if shutter is not None and not shutter.is_global:
-            return self._refine(pose, _ROLLING_LEVELS, shutter), shutter, "given"
-        still = self._refine(pose, 1)
+            return self._refine(pose, shutter, motion), shutter, "given"
+        still = self._refine(pose)
         if shutter is not None:
             return still, None, "given"
         suspected = [
@@ -114,7 +118,7 @@ class Query:
         if not suspected:
             return still, None, "picture"
         # Two directions look alike in differences of a fraction of a pixel; the colours decide.
-        tried = [(self._refine(pose, _ROLLING_LEVELS, each), each) for each in suspected]
+        tried = [(self._refine(pose, each), each) for each in suspected]
         moved, likely = min(tried, key=lambda each: each[0].rms)
         refined = make_refined_pose(moved, likely, np.zeros(3))
         square = compute_square(moved.motion, np.asarray(refined.motion_covariance))
@@ -122,11 +126,16 @@ class Query:
             return moved, likely, "picture"
         return still, None, "undetermined"
 
-    def _refine(self, pose: np.ndarray, levels: int, shutter: Shutter | None = None) -> SecantPose:
-        return refine_levels(
-            self.gaussians, self.camera, pose, self.pixels, self.valid, self.background, True,
-            levels, _PIXELS, shutter,
-        )  # fmt: skip
+    def _refine(
+        self, pose: np.ndarray, shutter: Shutter | None = None, motion: np.ndarray | None = None
+    ) -> SecantPose:
+        """Refines a pose that fits the smaller sizes; motion moves it, so these come again."""
+        photograph = self._make_photograph(self.camera)
+        if shutter is not None:
+            start = CoarsePose(pose, motion=motion)
+            return photograph.refine_finely(start, LEVELS_WITH_MOTION - 1, True, shutter)
+        coarse = photograph.refine_coarsely(pose, range(1), True)
+        return photograph.refine_finely(coarse, 0, True, None)
 
     def add_systematic_errors(
         self, fine: SecantPose, shutter: Shutter | None, source: str

@@ -135,7 +135,7 @@ def refine_by_secants(
     """
     problem = _Problem(
         gaussians, camera, start, pixels, colors, shutter, background, with_gain,
-        _measure_units(gaussians, camera, start),
+        _measure_units(gaussians, camera, start), both_sides=rounds >= MOST_ROUNDS,
     )  # fmt: skip
     at = np.concatenate([np.zeros(POSE), np.zeros(POSE) if motion is None else motion, gain])
     shift, settled = _FIRST_SHIFT, False
@@ -166,6 +166,7 @@ class _Problem:
 
     Attributes:
         unit: (6,) steps of the pose that move the picture by about a pixel.
+        both_sides: take differences over both sides of a pose, not only ahead of it.
         slopes: (N, 3, 6) of the render by the pose, where it was drawn last.
     """
 
@@ -178,6 +179,7 @@ class _Problem:
     background: Sequence[float]
     with_gain: bool
     unit: np.ndarray
+    both_sides: bool
 
     def __post_init__(self) -> None:
         self.is_rolling = self.shutter is not None and not self.shutter.is_global
@@ -220,15 +222,15 @@ class _Problem:
         return slopes + missing[:, :, None] * (by_pixel / square[:, None] / self.unit)[:, None, :]
 
     def measure_slopes(self, at: np.ndarray, shift: float) -> np.ndarray:
-        """Measures (N, 3, 6) slopes of the render by the pose over this many pixels either way."""
-        pose, columns = self.place_pose(at), []
+        """Measures (N, 3, 6) slopes of the render by the pose over this many pixels."""
+        pose, motion, columns = self.place_pose(at), at[POSE : 2 * POSE], []
         for change in np.diag(shift * self.unit):
-            sides = [
-                self._draw(moved_pose(pose, sign * change, 1.0), at[POSE : 2 * POSE])
-                for sign in (1.0, -1.0)
-            ]
-            columns.append(sides[0] - sides[1])
-        return np.stack(columns, axis=2) / (2 * shift * self.unit)
+            ahead = self._draw(moved_pose(pose, change, 1.0), motion)
+            if self.both_sides:
+                columns.append((ahead - self._draw(moved_pose(pose, -change, 1.0), motion)) / 2)
+            else:
+                columns.append(ahead - self._draw_at(at))
+        return np.stack(columns, axis=2) / (shift * self.unit)
 
     def list_rows(self, at: np.ndarray, slopes: np.ndarray) -> PixelRows:
         """Returns residuals at these unknowns with these slopes of the render."""

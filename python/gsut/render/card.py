@@ -330,6 +330,9 @@ def draw_on_card(
         )
     if len(gaussians) == 0:
         raise CardRefusal("there are no Gaussians")
+    primitive = getattr(gaussians, "primitive", Gaussians.PRIMITIVES[0])
+    if primitive != Gaussians.PRIMITIVES[0]:
+        raise CardRefusal(f"it draws Gaussians only, found primitive {primitive}")
     if gaussians.response != _RESPONSE or rule.order not in _ORDERS:
         raise CardRefusal(
             f"it knows the response {_RESPONSE} and the orders {' and '.join(_ORDERS)} only"

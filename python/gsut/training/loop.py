@@ -103,8 +103,8 @@ class TrainingLoop:
         self.outliers = Outliers(options, is_new=start is None)
         start, self.notes = choose_first_gaussians(scene, options) if start is None else (start, [])
         self.densification = load_strategy(options, len(start))
-        surfels = options.primitive == "surfel"
-        self.optimizer = make_optimizer(start, self.densification.capacity, options.seed, surfels)
+        primitive, capacity = options.primitive, self.densification.capacity
+        self.optimizer = make_optimizer(start, capacity, options.seed, primitive)
         self.views = TrainingViews(scene, options.coarse_to_fine)
         lens = options.calibration_weights
         self.weights = None if lens is None else CalibrationWeights(lens, scene.cameras)
@@ -119,7 +119,7 @@ class TrainingLoop:
         self.photographs = PhotographModel(scene, options, light)
         self.surface = SurfaceTerms(SurfaceWeights(), scene, options.known_depth) if flat else None
         self._filter = LowPassFilter(options.low_pass, self.views.list_training_cameras)
-        self._mean = TrajectoryMean(options.average_from, surfels)
+        self._mean = TrajectoryMean(options.average_from, primitive == "surfel")
 
     @property
     def scene(self) -> Scene:

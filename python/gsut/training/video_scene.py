@@ -11,7 +11,7 @@ import numpy as np
 from gsut._core import SolveError
 from gsut.data import Scene, View
 from gsut.data.poses import find_centers
-from gsut.gaussians import Gaussians, seed_from_points
+from gsut.gaussians import Gaussians, merge_gaussians, seed_from_points
 from gsut.lens import Camera
 from gsut.refine import RefinedPose, refine_pose
 from gsut.render import render
@@ -292,11 +292,9 @@ class VideoScene:
         in_camera = camera.rays()[0][rows, columns] * distances[:, None]
         positions = (in_camera - pose[:3, 3]) @ pose[:3, :3]
         seeds = self._seed_gaussians(positions, photograph[rows, columns])
-        both = [
-            np.concatenate([getattr(gaussians, field.name), getattr(seeds, field.name)])
-            for field in dataclasses.fields(gaussians)
-        ]
-        self._loop.optimizer = self._loop.optimizer.restart_with(Gaussians(*both))
+        alike = dataclasses.replace(seeds, response=gaussians.response)
+        both = merge_gaussians([gaussians, alike.to_primitive(gaussians.primitive)])
+        self._loop.optimizer = self._loop.optimizer.restart_with(both)
 
     def _estimate_distances(
         self, camera: Any, pose: np.ndarray, pixels: np.ndarray

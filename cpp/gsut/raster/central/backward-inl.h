@@ -63,7 +63,8 @@ struct RecordVectors {
 };
 
 // Phase 1: evaluates the response again and leaves it in the block's fields; most: of kFieldAlpha.
-HWY_INLINE void RespondAgain(const RecordVectors& g, FloatVec most, BlockFields fields) {
+HWY_INLINE void RespondAgain(const BlendLimits& limits, const RecordVectors& g, float shape,
+                             FloatVec most, BlockFields fields) {
   const RayForms forms = FormsAlong(g.r, fields.Get(kFieldS), fields.Get(kFieldT));
   const FloatMask hit = forms.IsHit();
   // A miss may hold infinities: they are taken out here.
@@ -74,7 +75,12 @@ HWY_INLINE void RespondAgain(const RecordVectors& g, FloatVec most, BlockFields 
   fields.Set(kFieldZ, forms.z);
   fields.Set(kFieldReciprocal, reciprocal);
   fields.Set(kFieldU, u);
-  const FloatVec raw = FastExp2(hn::MulAdd(g.kappa, u, g.log2_strength));
+  FloatVec exponent = hn::MulAdd(g.kappa, u, g.log2_strength);
+  if (!limits.IsGaussian()) {
+    const FloatVec of_primitive = ShapeExponent(limits.primitive, shape, hn::Mul(g.kappa, u));
+    exponent = hn::Add(of_primitive, g.log2_strength);
+  }
+  const FloatVec raw = FastExp2(exponent);
   fields.Set(kFieldAlpha, hn::IfThenElseZero(hit, hn::Min(raw, most)));
 }
 
@@ -87,7 +93,7 @@ HWY_INLINE void AddToForm(FloatVec to_form, FloatVec s, FloatVec t, FloatVec* su
 
 // Phase 2: walks the blend on, and from alpha and distance back to the forms and the rays.
 HWY_INLINE void BackwardRays(BackwardFlags flags, const BlendLimits& limits, const RecordVectors& g,
-                             BlockFields fields, FloatVec* sums, float* pair) {
+                             BlockFields fields, FloatVec* sums, ShapeSums* shapes, float* pair) {
   const FloatTag d;
   const FloatVec reciprocal = fields.Get(kFieldReciprocal);
   const FloatVec z = fields.Get(kFieldZ);
@@ -104,6 +110,9 @@ HWY_INLINE void BackwardRays(BackwardFlags flags, const BlendLimits& limits, con
     h = hn::Mul(h, hn::Mul(ln2, fields.Get(kFieldAlpha)));
   }
   const FloatVec u = fields.Get(kFieldU);
+  sums[slot::kH] = hn::Add(sums[slot::kH], h);
+  // From here on h is the gradient to the exponent v, in place of that to ln raw.
+  if (!limits.IsGaussian()) h = shapes->PassOn(limits.primitive, h, hn::Mul(g.kappa, u));
   const FloatVec hr = hn::Mul(h, reciprocal);
   const FloatVec hru = hn::Mul(hr, u);
   FloatVec to_pq = hn::NegMulAdd(g.k, hru, hr);  // times p is dL/dp, times q dL/dq
@@ -117,7 +126,6 @@ HWY_INLINE void BackwardRays(BackwardFlags flags, const BlendLimits& limits, con
     sums[slot::kDepth] = hn::MulAdd(to_distance, unit_distance, sums[slot::kDepth]);
   }
   sums[slot::kHu] = hn::MulAdd(h, u, sums[slot::kHu]);
-  sums[slot::kH] = hn::Add(sums[slot::kH], h);
   const FloatVec s = fields.Get(kFieldS), t = fields.Get(kFieldT);
   const FloatVec to_p = hn::Mul(to_pq, fields.Get(kFieldP));
   const FloatVec to_q = hn::Mul(to_pq, fields.Get(kFieldQ));
@@ -173,29 +181,32 @@ HWY_INLINE void BackwardTile(BackwardFlags flags, const RasterTask& task, const 
   const FloatVec most =
       hn::Set(d, task.is_extinction ? hwy::HighestValue<float>() : task.alpha_max);
   const TileEntry* entries = &frame->entries[frame->tile_begin[tile]];
+  ShapeSums shapes;
   for (std::uint32_t e = 0; e < count; ++e) {
     FetchAhead(*frame, entries + e, count - e);
     HWY_ALIGN float r[record::kSize];
     TurnRecord(to_tile, center, *frame, entries[e].gaussian, r);
     if (flags.with_channels) channels->Prepare(e);
+    if (!limits.IsGaussian()) shapes.Start(task, entries[e].gaussian);
     const RecordVectors g(r);
     FloatVec sums[16];
     GSUT_UNROLL for (int i = 0; i < 16; ++i) sums[i] = hn::Zero(d);
     // First all alphas, then the blend: the first is wide and without order, the second needs the
     // registers for its sums. In one loop both take a fifth longer.
     for (std::uint64_t todo = entries[e].blocks; todo != 0; todo &= todo - 1) {
-      RespondAgain(g, most, fields.Block(__builtin_ctzll(todo)));
+      RespondAgain(limits, g, shapes.shape, most, fields.Block(__builtin_ctzll(todo)));
     }
     for (std::uint64_t todo = entries[e].blocks; todo != 0; todo &= todo - 1) {
       const int block = __builtin_ctzll(todo);
       float* pair = flags.with_channels ? channels->NextPair() : nullptr;
-      BackwardRays(flags, limits, g, fields.Block(block), sums, pair);
+      BackwardRays(flags, limits, g, fields.Block(block), sums, &shapes, pair);
     }
     if (flags.with_channels) channels->Finish(e);
     HWY_ALIGN float totals[16];
     SumLanes<16>(sums, totals);
     from_tile.Turn(totals, &frame->slot_gradients[std::size_t{16} * entries[e].slot]);
     frame->slot_touched[entries[e].slot] = 1;
+    if (!limits.IsGaussian()) shapes.Finish(entries[e].slot, frame);
   }
   if (flags.with_rays) fields.Export(kFieldToS, to_rays);
 }

@@ -31,7 +31,9 @@ class CentralChunk {
 
   HWY_INLINE CentralChunk(const RasterTask& task, const TileGrid& grid, int tile,
                           const Frame& frame)
-      : is_extinction_(task.is_extinction),
+      : task_(task),
+        is_extinction_(task.is_extinction),
+        primitive_(task.gaussians.primitive),
         grid_(grid),
         frame_(frame),
         axes_(ToTileAxes(grid, tile)),
@@ -54,6 +56,8 @@ class CentralChunk {
       TurnRecord(axes_, center_, frame_, pairs[j].gaussian, rows_[j]);
       blocks_of[j] = TouchedBlocks(rows_[j], boxes_);
     }
+    if (HWY_LIKELY(task_.shapes == nullptr)) return;
+    for (int j = 0; j < count; ++j) shapes_[j] = ShapeOf(task_, pairs[j].gaussian);
   }
 
   HWY_INLINE Pixels LoadPixels(std::size_t o) const {
@@ -79,6 +83,14 @@ class CentralChunk {
       alpha[i] = hn::MulAdd(Value(record::kKappa, index[i]), hn::Mul(n[i], reciprocal[i]),
                             Value(record::kLog2Strength, index[i]));
     }
+    // Once more, from v = kappa u on: a group's branch costs nothing where all are Gaussians.
+    if (HWY_UNLIKELY(primitive_ != Primitive::kGaussian)) {
+      GSUT_UNROLL for (int i = 0; i < kJam; ++i) {
+        const FloatVec v = hn::Mul(Value(record::kKappa, index[i]), hn::Mul(n[i], reciprocal[i]));
+        alpha[i] = hn::Add(ShapeExponent(primitive_, shapes_[index[i]], v),
+                           Value(record::kLog2Strength, index[i]));
+      }
+    }
     GSUT_UNROLL for (int i = 0; i < kJam; ++i) alpha[i] = FastExp2(alpha[i]);
     if (HWY_UNLIKELY(is_extinction_)) {
       GSUT_UNROLL for (int i = 0; i < kJam; ++i) alpha[i] = ExtinctionAlpha(alpha[i]);
@@ -94,13 +106,16 @@ class CentralChunk {
  private:
   HWY_INLINE FloatVec Value(int k, int j) const { return hn::Set(FloatTag(), rows_[j][k]); }
 
+  const RasterTask& task_;
   const bool is_extinction_;
+  const Primitive primitive_;
   const TileGrid& grid_;
   const Frame& frame_;
   const TileAxes axes_;
   const float* center_;
   const float* boxes_;
   HWY_ALIGN float rows_[kChunk + 1][record::kSize];
+  float shapes_[kChunk + 1] = {};  // of what has shapes, activated
 };
 
 }  // namespace HWY_NAMESPACE

@@ -35,7 +35,7 @@ struct AlphaSlopes {
 
 // Phase 1: evaluates alpha and its slopes, and steps T on.
 HWY_INLINE AlphaSlopes EvaluateSlopes(bool stop_before, const BlendLimits& limits, const float* r,
-                                      FloatVec s, FloatVec t, BlockFields fields) {
+                                      float shape, FloatVec s, FloatVec t, BlockFields fields) {
   constexpr float kTwoLn2 = 1.38629436111989061883f;
   const FloatTag d;
   const RayForms forms = FormsAlong(r, s, t);
@@ -45,8 +45,13 @@ HWY_INLINE AlphaSlopes EvaluateSlopes(bool stop_before, const BlendLimits& limit
   const FloatVec sum = forms.Denominator(hn::Set(d, r[record::kK]));
   const FloatVec reciprocal = hn::IfThenElseZero(hit, FastReciprocal(sum));
   const FloatVec kappa = hn::Set(d, r[record::kKappa]);
-  const FloatVec raw = FastExp2(
-      hn::MulAdd(kappa, hn::Mul(forms.n, reciprocal), hn::Set(d, r[record::kLog2Strength])));
+  const FloatVec log2_strength = hn::Set(d, r[record::kLog2Strength]);
+  const FloatVec v = hn::Mul(kappa, hn::Mul(forms.n, reciprocal));
+  FloatVec exponent = hn::MulAdd(kappa, hn::Mul(forms.n, reciprocal), log2_strength);
+  if (!limits.IsGaussian()) {
+    exponent = hn::Add(ShapeExponent(limits.primitive, shape, v), log2_strength);
+  }
+  const FloatVec raw = FastExp2(exponent);
   const FloatVec alpha = limits.is_extinction ? ExtinctionAlpha(raw) : raw;
   out.alpha = hn::IfThenElseZero(hit, hn::Min(alpha, limits.alpha_max));
   FloatVec left = hn::NegMulAdd(out.alpha, out.transmittance, out.transmittance);
@@ -63,6 +68,11 @@ HWY_INLINE AlphaSlopes EvaluateSlopes(bool stop_before, const BlendLimits& limit
     const FloatVec left = hn::Sub(hn::Set(d, 1.0f), out.alpha);
     const FloatVec slope = hn::Mul(hn::Mul(hn::Set(d, kTwoLn2 / 2.0f), raw), left);
     moving = hn::IfThenElseZero(hn::Gt(moving, hn::Zero(d)), slope);
+  }
+  if (!limits.IsGaussian()) {
+    FloatVec by_v, by_shape;
+    ShapeSlopes(limits.primitive, shape, v, &by_v, &by_shape);
+    moving = hn::Mul(moving, by_v);
   }
   const FloatVec factor = hn::Mul(hn::Mul(hn::Set(d, kTwoLn2), hn::Mul(kappa, moving)),
                                   hn::Mul(forms.z, hn::Mul(reciprocal, reciprocal)));
@@ -128,12 +138,13 @@ HWY_INLINE void TileJacobian(bool stop_before, bool with_shading, const RasterTa
     to_tile.Turn(&frame.records[std::size_t{record::kSize} * entries[e].gaussian], r);
     const float* of_gaussian =
         with_shading ? shading + std::size_t{kShadingSlopes} * entries[e].gaussian : nullptr;
+    const float shape = ShapeOf(task, entries[e].gaussian);
     for (std::uint64_t todo = entries[e].blocks & wanted; todo != 0; todo &= todo - 1) {
       const int block = __builtin_ctzll(todo);
       const BlockFields at = fields.Block(block);
       const std::size_t o = pixel0 + static_cast<std::size_t>(block) * kLanes;
       const FloatVec s = hn::Load(d, &grid.s[o]), t = hn::Load(d, &grid.t[o]);
-      AddSlopes(EvaluateSlopes(stop_before, limits, r, s, t, at), r, of_gaussian, at);
+      AddSlopes(EvaluateSlopes(stop_before, limits, r, shape, s, t, at), r, of_gaussian, at);
     }
   }
   for (int block = 0; block < kBlocks; ++block) {

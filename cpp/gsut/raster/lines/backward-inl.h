@@ -104,7 +104,7 @@ struct ResidualGradient {
 // Phase 1: evaluates the response again, walks the blend on, and forms the residual's gradient.
 HWY_INLINE ResidualGradient BackwardResidual(BackwardFlags flags, const BlendLimits& limits,
                                              const LineChunk& chunk, int j, BlockFields fields,
-                                             FloatVec* sums, float* pair) {
+                                             FloatVec* sums, ShapeSums* shapes, float* pair) {
   using C = LineChunk;
   const FloatTag d;
   const LinePixels line = {fields.Get(kLineA), fields.Get(kLineB), fields.Get(kFieldS),
@@ -113,8 +113,13 @@ HWY_INLINE ResidualGradient BackwardResidual(BackwardFlags flags, const BlendLim
   const FloatMask is_hit = IsHit(hit, line);
   // A miss may be anywhere: its weight 0 must not meet infinity.
   const auto of_hit = [&](FloatVec v) HWY_ATTR { return hn::IfThenElseZero(is_hit, v); };
-  const FloatVec raw =
-      FastExp2(hn::MulAdd(chunk.Get(C::kKappa, j), hit.u, chunk.Get(C::kLog2Strength, j)));
+  const FloatVec kappa = chunk.Get(C::kKappa, j), log2_strength = chunk.Get(C::kLog2Strength, j);
+  FloatVec exponent = hn::MulAdd(kappa, hit.u, log2_strength);
+  if (!limits.IsGaussian()) {
+    const FloatVec v = hn::Mul(kappa, of_hit(hit.u));
+    exponent = hn::Add(ShapeExponent(limits.primitive, shapes->shape, v), log2_strength);
+  }
+  const FloatVec raw = FastExp2(exponent);
   const FloatVec alpha = HWY_UNLIKELY(limits.is_extinction) ? ExtinctionAlpha(raw) : raw;
   const FloatVec color[3] = {chunk.Get(C::kRed, j), chunk.Get(C::kGreen, j),
                              chunk.Get(C::kBlue, j)};
@@ -127,6 +132,10 @@ HWY_INLINE ResidualGradient BackwardResidual(BackwardFlags flags, const BlendLim
     h = hn::Mul(h, of_hit(hn::Mul(hn::Set(d, kLn2), raw)));
   }
   sums[slot::kH] = hn::Add(sums[slot::kH], h);
+  // From here on h is the gradient to the exponent v, in place of that to ln raw.
+  if (!limits.IsGaussian()) {
+    h = shapes->PassOn(limits.primitive, h, hn::Mul(kappa, of_hit(hit.u)));
+  }
   ResidualGradient out;
   out.x = of_hit(hit.x);
   out.to_distance = to_distance;
@@ -227,25 +236,29 @@ HWY_INLINE void BackwardLines(BackwardFlags flags, const RasterTask& task, const
   const TileEntry* entries = &frame->entries[frame->tile_begin[tile]];
   const BlendLimits limits(task);
   LineChunk chunk;
+  ShapeSums shapes;
   HWY_ALIGN float columns[16][kBackwardPairs];  // sums, a pair a column
   for (std::uint32_t first = 0; first < count; first += kBackwardPairs) {
     const int here = static_cast<int>(HWY_MIN(count - first, std::uint32_t{kBackwardPairs}));
-    chunk.Fill(frame->records.data(), bundle, task.log2_raw_min, task.max_cutoff, here,
+    chunk.Fill(task, frame->records.data(), bundle, here,
                [&](int j) { return entries[first + static_cast<std::uint32_t>(j)].gaussian; });
     for (int j = 0; j < here; ++j) {
       const std::uint32_t e = first + static_cast<std::uint32_t>(j);
       if (flags.with_channels) channels->Prepare(e);
+      if (!limits.IsGaussian()) shapes.Start(task, entries[e].gaussian);
       FloatVec sums[16];
       GSUT_UNROLL for (int i = 0; i < 16; ++i) sums[i] = hn::Zero(d);
       for (std::uint64_t todo = entries[e].blocks; todo != 0; todo &= todo - 1) {
         const int block = __builtin_ctzll(todo);
         const BlockFields at = fields.Block(block);
         float* pair = flags.with_channels ? channels->NextPair() : nullptr;
-        const ResidualGradient of = BackwardResidual(flags, limits, chunk, j, at, sums, pair);
+        const ResidualGradient of =
+            BackwardResidual(flags, limits, chunk, j, at, sums, &shapes, pair);
         AddToSums(flags, of, sums);
         if (flags.with_rays) AddToLines(flags, chunk, j, of, at);
       }
       if (flags.with_channels) channels->Finish(e);
+      if (!limits.IsGaussian()) shapes.Finish(entries[e].slot, frame);
       HWY_ALIGN float totals[16];
       SumLanes<16>(sums, totals);
       for (int k = 0; k < 16; ++k) columns[k][j] = totals[k];

@@ -37,8 +37,11 @@ class LineKernel {
 
   HWY_INLINE void Fill(const TilePair* pairs, int count, int /*available*/,
                        std::uint64_t* blocks_of) {
-    chunk_.Fill(frame_.records.data(), bundle_, task_.log2_raw_min, task_.max_cutoff, count,
+    chunk_.Fill(task_, frame_.records.data(), bundle_, count,
                 [&](int j) { return pairs[j].gaussian; });
+    for (int j = 0; j < count && HWY_UNLIKELY(task_.shapes != nullptr); ++j) {
+      shapes_[j] = ShapeOf(task_, pairs[j].gaussian);
+    }
     for (int j = 0; j < count; ++j) {
       blocks_of[j] = chunk_.TouchedBlocks(j, boxes_, kBlockStride, bundle_[LineBundle::kSlide]);
     }
@@ -54,8 +57,16 @@ class LineKernel {
       const LineHit response = HitOf(chunk_, index[i], lines);
       hit[i] = hn::And(open, IsHit(response, lines));
       distance[i] = hn::Sub(response.x, lines.slide);
-      alpha[i] = FastExp2(hn::MulAdd(chunk_.Get(LineChunk::kKappa, index[i]), response.u,
-                                     chunk_.Get(LineChunk::kLog2Strength, index[i])));
+      const FloatVec kappa = chunk_.Get(LineChunk::kKappa, index[i]);
+      const FloatVec log2_strength = chunk_.Get(LineChunk::kLog2Strength, index[i]);
+      alpha[i] = hn::MulAdd(kappa, response.u, log2_strength);
+      // As for rays from one point: v = kappa u, and what the primitive makes of it.
+      if (HWY_UNLIKELY(task_.gaussians.primitive != Primitive::kGaussian)) {
+        const FloatVec v = hn::Mul(kappa, response.u);
+        alpha[i] =
+            hn::Add(ShapeExponent(task_.gaussians.primitive, shapes_[index[i]], v), log2_strength);
+      }
+      alpha[i] = FastExp2(alpha[i]);
       if (HWY_UNLIKELY(task_.is_extinction)) alpha[i] = ExtinctionAlpha(alpha[i]);
       alpha[i] = hn::IfThenElseZero(hit[i], hn::Min(alpha[i], limit));
     }
@@ -72,6 +83,7 @@ class LineKernel {
   const float* bundle_;
   const float* boxes_;
   LineChunk chunk_;
+  float shapes_[kChunk + 1] = {};  // of what has shapes, activated
 };
 
 }  // namespace HWY_NAMESPACE

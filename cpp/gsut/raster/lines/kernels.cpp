@@ -75,8 +75,7 @@ void LineRecords(const RasterTask& task, const LineGrid& grid, std::int64_t begi
       splats->status[j] = SplatStatus::kUnseen;
       if (!((bits >> k) & 1)) continue;
       const float* row = &frame->records[j * record::kSize];
-      frame->rects[j] =
-          LineTileRect(grid, row, task.log2_raw_min, task.max_cutoff, rows.get(), spans);
+      frame->rects[j] = LineTileRect(task, grid, j, row, rows.get(), spans);
       if (frame->rects[j].x0 < frame->rects[j].x1) splats->status[j] = SplatStatus::kUncertain;
     }
   }

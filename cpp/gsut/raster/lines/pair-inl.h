@@ -58,9 +58,9 @@ struct GaussianLanes {
   Lane log2_strength, cutoff, k, inverse_k;
 };
 
-// load(k): float k of the records.
-template <class Load>
-HWY_INLINE GaussianLanes LoadGaussians(float log2_raw_min, float max_cutoff, Load&& load) {
+// load(k): float k of the records; stored(): their shapes.
+template <class Load, class Shapes>
+HWY_INLINE GaussianLanes LoadGaussians(const RasterTask& task, Load&& load, Shapes&& stored) {
   GaussianLanes g;
   g.inverse_volume = Lane(1.0);
   for (int k = 0; k < 3; ++k) {
@@ -72,7 +72,12 @@ HWY_INLINE GaussianLanes LoadGaussians(float log2_raw_min, float max_cutoff, Loa
   }
   g.log2_strength = load(line_record::kLog2Strength);
   constexpr double kTwoLn2 = 1.38629436111989061883;
-  g.cutoff = Min(Lane(kTwoLn2) * (g.log2_strength - Lane(log2_raw_min)), Lane(max_cutoff));
+  g.cutoff =
+      Min(Lane(kTwoLn2) * (g.log2_strength - Lane(task.log2_raw_min)), Lane(task.max_cutoff));
+  const Primitive primitive = task.gaussians.primitive;
+  if (HWY_UNLIKELY(primitive != Primitive::kGaussian)) {
+    g.cutoff = ShapeCutoff(primitive, stored(), g.cutoff);
+  }
   g.k = Sqrt(g.cutoff);
   g.inverse_k = Lane(1.0) / g.k;
   return g;
@@ -227,8 +232,8 @@ struct LineChunk {
 
   // Sets up the Gaussians ids[0 .. count) for a tile.
   template <class Ids>
-  HWY_INLINE void Fill(const float* records, const float* bundle, float log2_raw_min,
-                       float max_cutoff, int count, Ids&& ids) {
+  HWY_INLINE void Fill(const RasterTask& task, const float* records, const float* bundle, int count,
+                       Ids&& ids) {
     const FloatTag d;
     Lane axes[9];
     for (int k = 0; k < 9; ++k) axes[k] = Lane(bundle[LineBundle::kD + k]);
@@ -240,7 +245,14 @@ struct LineChunk {
         for (int k = 0; k < record::kSize; ++k) rows[k][i] = row[k];
       }
       const auto load = [&](int k) HWY_ATTR { return Lane(hn::Load(d, rows[k])); };
-      const GaussianLanes g = LoadGaussians(log2_raw_min, max_cutoff, load);
+      const auto stored = [&]() HWY_ATTR {
+        HWY_ALIGN float shapes[kLanes] = {};
+        for (int i = 0; i < kLanes && task.shapes != nullptr; ++i) {
+          shapes[i] = task.gaussians.shapes[ids(first + i < count ? first + i : first)];
+        }
+        return Lane(hn::Load(d, shapes));
+      };
+      const GaussianLanes g = LoadGaussians(task, load, stored);
       const LinePair p = PlaceInFrame(g, axes);
       const auto store = [&](int column, Lane value)
                              HWY_ATTR { hn::Store(value.v, d, values[column] + first); };

@@ -102,10 +102,13 @@ HWY_INLINE void TouchGroup(const LineGrid& grid, const GaussianLanes& g, const T
 }
 
 // The tiles of the Gaussian with this record; all of them that it may touch.
-HWY_INLINE TileRect LineTileRect(const LineGrid& grid, const float* row, float log2_raw_min,
-                                 float max_cutoff, TouchedRows* rows, std::vector<RowSpan>* spans) {
+HWY_INLINE TileRect LineTileRect(const RasterTask& task, const LineGrid& grid, std::size_t gaussian,
+                                 const float* row, TouchedRows* rows, std::vector<RowSpan>* spans) {
   const auto load = [&](int k) HWY_ATTR { return Lane(row[k]); };
-  const GaussianLanes g = LoadGaussians(log2_raw_min, max_cutoff, load);
+  const auto stored = [&]() HWY_ATTR {
+    return Lane(task.shapes == nullptr ? 0.0f : task.gaussians.shapes[gaussian]);
+  };
+  const GaussianLanes g = LoadGaussians(task, load, stored);
   const TileWindow window = {0, grid.tiles.tiles_x, 0, grid.tiles.tiles_y};
   TileWindow hits = {window.x1, window.x0, window.y1, window.y0};
   rows->Clear(window);

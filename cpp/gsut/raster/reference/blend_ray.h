@@ -24,6 +24,7 @@ struct Seen {
   Eigen::Vector3d direction;  // shaded by: from the reference to the mean, or its axis
   double strength = 0;
   double mean_scale = 0;  // harmonic mean of the scales
+  Profile profile;
   Eigen::Vector3d color;
   bool clamped[3] = {false, false, false};
 };
@@ -47,14 +48,16 @@ struct Ray {
 struct Passing {
   Eigen::Vector3d w, v, residual;  // residual = v - t w, across w
   double t, w2;                    // w2 = |w|^2
-  double peak;                     // exp(-|residual|^2 / 2)
+  double d2;                       // |residual|^2
+  double peak;                     // the primitive's response, of a Gaussian exp(-d2 / 2)
 
   Passing(const Seen& s, const Ray& ray)
       : w(s.whiten * ray.direction), v(s.whitened - s.whiten * ray.origin) {
     w2 = w.squaredNorm();
     t = v.dot(w) / w2;
     residual = v - t * w;
-    peak = std::exp(-0.5 * residual.squaredNorm());
+    d2 = residual.squaredNorm();
+    peak = s.profile.IsGaussian() ? std::exp(-0.5 * d2) : s.profile.Response(d2);
   }
   // The standard deviation along the ray, in units of t.
   double Width() const { return 1.0 / std::sqrt(w2); }

@@ -40,6 +40,12 @@ std::vector<Seen> SortedGaussians(const GaussiansView<const double>& g, const Vi
   if (g.is_linear && g.response != Response::kMaximum) {
     throw InputError("linear opacities are drawn by the maximum only");
   }
+  if (g.primitive != Primitive::kGaussian &&
+      (g.response == Response::kDensity || settings.rule.order == OrderKey::kIntegral)) {
+    throw InputError(std::string("primitive \"") + NameOf(g.primitive) +
+                     "\" has no density along a ray: response \"density\" and order \"integral\" "
+                     "are a Gaussian's; with it: maximum, extinction and distance, z, ray");
+  }
   const Pose& pose = view.reference;
   const Vector3d center = pose.CenterInSource();
   std::vector<Seen> seen;
@@ -69,10 +75,11 @@ std::vector<Seen> SortedGaussians(const GaussiansView<const double>& g, const Vi
     s.whitened = s.whiten * s.relative;
     s.mean_scale = 3.0 / scale.cwiseInverse().sum();
     s.strength = g.Strength(i);
+    s.profile = g.ProfileOf(i);
     if (!(scale.allFinite() && s.whiten.allFinite() && s.whitened.allFinite() &&
-          std::isfinite(s.strength))) {
+          std::isfinite(s.strength) && std::isfinite(s.profile.stored))) {
       throw InputError("Gaussian " + std::to_string(i) +
-                       " has a quaternion, scale or opacity that is not finite");
+                       " has a quaternion, scale, opacity or shape that is not finite");
     }
     s.direction = view.is_parallel ? Vector3d(pose.rotation.row(2)) : s.relative.normalized();
     double basis[kMaxShCoefficients];

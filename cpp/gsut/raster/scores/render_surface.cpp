@@ -3,8 +3,10 @@
 #include <array>
 #include <cmath>
 #include <limits>
+#include <string>
 #include <vector>
 
+#include "gsut/base/errors.h"
 #include "gsut/gaussians/activations.h"
 #include "gsut/raster/render.h"
 #include "gsut/raster/scores/add_over_tiles.h"
@@ -126,6 +128,10 @@ void Renderer::Surface(const SurfaceMaps& maps) const {
 // Both lead on to A and to A m, which are summed over pixels, and from these to the parameters.
 // First walk: the whole sums; second walk: the gradients, front to back.
 void Renderer::SurfaceBackward(const float* dnormals, const GaussiansView<float>& gradients) const {
+  if (task_.shapes != nullptr) {
+    throw InputError(std::string("normals of primitive \"") + NameOf(task_.gaussians.primitive) +
+                     "\" have no gradient to its shapes; with one: gaussian, power4");
+  }
   const WalkScene scene = LastScene();
   const auto tile = [&](int number, double* sums) {
     TileWalk walk(scene, number, nullptr);
@@ -159,7 +165,7 @@ void Renderer::SurfaceBackward(const float* dnormals, const GaussiansView<float>
                             at.in_whitened * to_sum.transpose() -
                             to_whitened * walk.PointAt(offset, 0.0).transpose();
       Map<Vector3d>(sum + kToWhitened) += to_whitened;
-      sum[kToOpacity] += to_alpha * hit.slope / g.strength;
+      sum[kToOpacity] += to_alpha * hit.by_strength / g.strength;
     });
   };
   std::vector<double> sums(static_cast<std::size_t>(gradients.size) * kSums, 0.0);

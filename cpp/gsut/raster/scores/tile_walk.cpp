@@ -26,6 +26,7 @@ WalkGaussian WalkGaussianOf(const WalkScene& scene, std::int64_t index) {
   out.whitened = out.whiten * (Map<const Eigen::Vector3f>(g.means + 3 * index).cast<double>() -
                                scene.camera_from_world.CenterInSource());
   out.strength = g.Strength(index);
+  out.profile = g.ProfileOf(index);
   return out;
 }
 
@@ -77,13 +78,18 @@ bool TileWalk::Evaluate(const WalkGaussian& g, int offset, WalkHit* hit) const {
   hit->along = whitened.dot(w) / w.squaredNorm();
   if (!(hit->along > 0.0)) return false;
   hit->residual = whitened - hit->along * w;
-  const double response = std::exp(-0.5 * hit->residual.squaredNorm());
+  // The slope of what follows from D^2 is a Gaussian's times that of its primitive, as in the
+  // kernels: ln f is a function of -D^2 / 2 alone.
+  const double d2 = hit->residual.squaredNorm();
+  const bool is_gaussian = g.profile.IsGaussian();
+  const double response = is_gaussian ? std::exp(-0.5 * d2) : g.profile.Response(d2);
   if (!(response > rule.response_min)) return false;
   const double raw = g.strength * response;
   const Response kind = scene_.gaussians.response;
   const double alpha = AlphaOf(kind, raw);
   hit->alpha = std::min(alpha, rule.alpha_max);
-  hit->slope = alpha > rule.alpha_max ? 0.0 : raw * AlphaSlope(kind, alpha);
+  hit->by_strength = alpha > rule.alpha_max ? 0.0 : raw * AlphaSlope(kind, alpha);
+  hit->slope = is_gaussian ? hit->by_strength : hit->by_strength * g.profile.Slope(d2);
   return hit->alpha >= rule.alpha_min;
 }
 

@@ -33,6 +33,7 @@ struct WalkGaussian {
   Eigen::Vector3d whitened;  // A m
   Eigen::Vector3d scale;
   double strength = 0;
+  Profile profile;
 };
 
 WalkGaussian WalkGaussianOf(const WalkScene& scene, std::int64_t index);
@@ -40,9 +41,10 @@ WalkGaussian WalkGaussianOf(const WalkScene& scene, std::int64_t index);
 // One blended Gaussian of one pixel.
 struct WalkHit {
   double alpha, transmittance, weight;  // transmittance in front of it; weight = their product
-  double slope;                         // raw dalpha / draw, raw = strength x response; 0: clamped
-  double along;                         // of the nearest point, in lengths of the direction
-  Eigen::Vector3d residual;             // from the mean to the ray in whitened space, reversed
+  // raw dalpha / draw, raw = strength x response, and that times dln raw / d(-D^2 / 2); 0: clamped
+  double by_strength, slope;
+  double along;              // of the nearest point, in lengths of the direction
+  Eigen::Vector3d residual;  // from the mean to the ray in whitened space, reversed
 };
 
 // The pixels of one tile.

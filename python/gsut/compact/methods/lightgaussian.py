@@ -54,4 +54,4 @@ def score_significance(
     return sum_hits(gaussians, views, on_view) * relative**_VOLUME_POWER
 
 
-METHOD = Method(keep_best, score_significance, needs_views=True)
+METHOD = Method(keep_best, score_significance, needs_views=True, only_chooses=True)

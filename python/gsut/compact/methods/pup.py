@@ -61,4 +61,4 @@ def score_sensitivity(
     return scores
 
 
-METHOD = Method(keep_best, score_sensitivity, needs_views=True)
+METHOD = Method(keep_best, score_sensitivity, needs_views=True, only_chooses=True)

@@ -19,6 +19,7 @@ from gsut.run.options.fields import (
     list_choices,
     list_words,
 )
+from gsut.run.options.primitives import OTHER_PRIMITIVES, check_primitive
 from gsut.run.options.recipe import PRESETS, compute_recipe, get_preset
 
 # --max-gaussians auto: see gsut.training.complexity.
@@ -42,6 +43,7 @@ class TrainOptions:
     FLAGS: ClassVar[tuple[str, ...]] = (
         *("preset", "steps", "seed", "threads", "scale", "max_side", "test_every", "shutter"),
         *("readout_time", "refine_poses", "refine_lens", "max_gaussians", "sh_degree"),
+        "primitive",
         *("background", "response", "exposure", "surface", "robust", "drop_blurred", "motion_blur"),
     )
     _open: ClassVar[set[str]] = set()  # of each instance: what the preset gave; see presets.py
@@ -125,8 +127,10 @@ class TrainOptions:
         "balanced 1, best 2",
     )
     primitive: str = define_option(
-        "gaussian", "Gaussians", "surfel: flat discs without a third scale, written as in 2DGS",
-        choices=("gaussian", "surfel"),
+        "gaussian", "Gaussians", "surfel: flat discs without a third scale, written as in 2DGS; "
+        "atom: Gaussians with one scale; power4: exp(-D^4 / 18), 3DGRT's default; beta: "
+        "(1 - D^2 / 2b)^b, its shape b learnt; other viewers do not draw the last two",
+        choices=("gaussian", "surfel", "atom", *OTHER_PRIMITIVES),
     )
     response: str = define_option(
         "maximum", "Gaussians", "how alpha follows from a Gaussian's opacity o and its response G; "
@@ -188,6 +192,8 @@ class TrainOptions:
         none="1 / steps within 1.25e-4 .. 1e-3",
         reason="short runs need more than the published 1.25e-4",
     )
+    lr_shapes: float = define_option(
+        2e-2, "Learning rates", "shapes of primitives that have some", low=0.0, high=1.0)
     lr_final_factor: float = define_option(
         None, "Learning rates", "all but the centres: last rate / first rate",
         low=0.0, high=1.0, low_open=True, none="1 to 1000 steps, 0.5 at 2000, 0.3 from 7000",
@@ -303,6 +309,7 @@ class TrainOptions:
                 f"--set low_pass={self.low_pass:g} makes Gaussians thicker, and surfels have no "
                 "thickness; leave one of the two out"
             )
+        check_primitive(self.primitive, self.surface, self.compact_at)
         if self.refine_lens:
             object.__setattr__(self, "refine_poses", True)
         if self.compact_at is not None and self.compact_at >= self.steps:

@@ -120,6 +120,8 @@ def seed_first(scene: Scene, options: TrainOptions, more: Sequence[Colored] = ()
             far=_RANDOM_FAR * scene.extent, **shape,
         )  # fmt: skip
     first = dataclasses.replace(first, response=o.response)
+    if o.primitive in Gaussians.PRIMITIVES:
+        return first.to_primitive(o.primitive)
     return to_surfels(first) if o.primitive == "surfel" else first
 
 

@@ -7,7 +7,6 @@ without blur.
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any
 
 import numpy as np
@@ -143,9 +142,7 @@ class BlurRenderer:
             return
         sums, any_touched = gradients.make_zeros(), np.zeros_like(touched)
         arrays = [
-            (getattr(sums, field.name), getattr(gradients, field.name))
-            for field in dataclasses.fields(gradients)
-            if isinstance(getattr(gradients, field.name), np.ndarray)
+            (getattr(sums, name), getattr(gradients, name)) for name in gradients.list_arrays()
         ]
         for renderer, shown in zip(self._renderers, self._shown, strict=False):
             part = dimage * np.maximum(shown, 0.0) / (len(self._shown) * self._mean)

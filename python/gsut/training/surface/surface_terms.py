@@ -85,9 +85,7 @@ class SurfaceTerms:
         small = self._shrink_camera(scene.camera(view))
         center = _find_center(small, motion)
         g, sh = gaussians, np.empty((len(gaussians), 1, 3), np.float32)
-        normals = Gaussians(
-            g.means, g.quats, g.log_scales, g.opacity_logits, sh, response=g.response
-        )
+        normals = Gaussians(g.means, g.quats, g.log_scales, g.opacity_logits, sh, **g.rule)
         _core.facing_axes(gaussians, center, normals.sh)
         image, dimage, alpha, dalpha, depth, ddepth, distortion, ddistortion = self._get_buffers(
             small

@@ -100,7 +100,10 @@ def tune_for_viewers(
     shift, scene = near.world_offset - scene.world_offset, near
     # What viewers draw by; the teacher's pictures are of its own response.
     optimizer = GaussianOptimizer(
-        dataclasses.replace(teacher, response=Gaussians.RESPONSES[0]), seed=_SEED
+        dataclasses.replace(
+            teacher.to_primitive(Gaussians.PRIMITIVES[0]), response=Gaussians.RESPONSES[0]
+        ),
+        seed=_SEED,
     )
     renderer, rule = _core.Renderer(), make_viewer_rule()
     shrink = PLAYCANVAS_SHRINK if for_playcanvas else 1.0

@@ -1,0 +1,63 @@
+// Primitives with ellipsoids as their levels: how the response falls with the Mahalanobis distance.
+//
+// One primitive = one file under primitives/, found by the build; this is its contract. A ray comes
+// within the Mahalanobis distance D of the mean; v = log2 exp(-D^2 / 2) is what a Gaussian's
+// response would be. A file says what becomes of it, as text for double and for vectors:
+//   LogResponse(v, b)  log2 of the response f, 0 at v = 0, falling;
+//   Slope(v, b)        its derivative by v;
+//   ShapeSlope(v, b)   its derivative by b;
+//   Invert(l, b)       the v at which log2 f is l, where f ends if it ends before;
+//   Activate(x)        b, a number of each primitive, of which x is stored (kHasShape; else neither
+//                      is read), and ActivationSlope(x) its derivative.
+// All else, the point of the nearest pass, the hit test without division, tiles, gradients to
+// means, rotations, scales and rays, densification and files, is that of the Gaussian: the cut-off
+// of D^2 and dlog f / dv are all that changes.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "gsut_primitive_list.h"
+
+namespace gsut {
+
+// kBeta, kGaussian ...: one value a file, in the order of their names.
+enum class Primitive : int {
+#define GSUT_PRIMITIVE_VALUE(Kind) k##Kind,
+  GSUT_FOR_EACH_PRIMITIVE(GSUT_PRIMITIVE_VALUE)
+#undef GSUT_PRIMITIVE_VALUE
+};
+
+// All names, in the order of Primitive.
+std::vector<std::string> PrimitiveNames();
+
+// Throws InputError with the known names if there is no such primitive.
+Primitive PrimitiveNamed(const std::string& name);
+const char* NameOf(Primitive primitive);
+
+// Whether each primitive has a number of its own beside the Gaussian's parameters.
+bool HasShape(Primitive primitive);
+
+// Stored shapes that tests loop over; one that is not read for primitives without.
+std::span<const double> ExampleShapes(Primitive primitive);
+
+// How one primitive's response falls, in double.
+struct Profile {
+  Primitive primitive = Primitive::kGaussian;
+  double stored = 0.0;  // the shape as stored
+
+  bool IsGaussian() const { return primitive == Primitive::kGaussian; }
+  // f, d ln f / d(-D^2 / 2) and d ln f / dstored at D^2.
+  double Response(double d2) const;
+  double Slope(double d2) const;
+  double StoredSlope(double d2) const;
+  // D^2 at which f equals exp(-gaussian_cutoff / 2), a Gaussian's at its cut-off.
+  double Cutoff(double gaussian_cutoff) const;
+  // The shape b, and d b / dstored.
+  double Shape() const;
+  double ActivationSlope() const;
+};
+
+}  // namespace gsut

@@ -1,0 +1,107 @@
+"""`./run bench primitives`: each primitive at equal bytes, and at equal processor seconds."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+import gsut
+from tests.bench.harness import HALL, Benchmark, Column, Option, Row, Settings
+
+# Numbers of one beside its harmonics: centre 3, rotation 4, scales 3, opacity 1.
+_GAUSSIAN = 11
+# What others have in place of them.
+_NUMBERS = {"atom": 5, "surfel": 10, "beta": 12}
+_BYTES = 4  # a number
+_DRAWS = 3  # of each test view; the least time counts
+
+# CPU-s of the Gaussians, by the case without primitive: what "seconds" is equal to.
+_seconds: dict[tuple[str, str], float] = {}
+
+
+def list_cases(settings: Settings) -> Iterator[Row]:
+    """Lists the primitives of each dataset; Gaussians come first, whose cost the others get."""
+    for data in settings.sets or (HALL,):
+        for primitive in dict.fromkeys(("gaussian", *settings.primitives)):
+            for equal in ("bytes",) if primitive == "gaussian" else ("bytes", "seconds"):
+                yield {"data": data, "primitive": primitive, "equal": equal}
+
+
+def measure(case: Row, settings: Settings) -> Row:
+    """Trains at as many bytes as the Gaussians; for "seconds" with steps by what that took."""
+    scene = gsut.load_dataset(settings.path(case["data"]))
+    harmonics = 3 * (settings.sh_degree + 1) ** 2
+    numbers = _NUMBERS.get(case["primitive"], _GAUSSIAN) + harmonics
+    count = settings.max_gaussians * (_GAUSSIAN + harmonics) // numbers
+    steps, key = settings.steps, (case["data"], case["primitive"])
+    if case["equal"] == "seconds":
+        steps = round(steps * _seconds[case["data"], "gaussian"] / _seconds[key])
+    options = gsut.TrainOptions(
+        steps=steps, max_gaussians=count, primitive=case["primitive"], eval_every=steps,
+        sh_degree=settings.sh_degree, scale=1.0 if case["data"] == HALL else settings.scale,
+    )  # fmt: skip
+    began = time.process_time()
+    result = gsut.train(scene, options, progress=False)
+    seconds = time.process_time() - began
+    if case["equal"] == "bytes":
+        _seconds[key] = seconds
+    return {
+        "gaussians": len(result.gaussians), "steps": steps, "cpu_seconds": seconds,
+        "bytes": _BYTES * numbers * len(result.gaussians) / 1e6,
+        "psnr": result.metrics["psnr"], "ssim": result.metrics["ssim"],
+        **_draw_views(result.gaussians, scene, options.scale),
+    }  # fmt: skip
+
+
+def _draw_views(gaussians: gsut.Gaussians, scene: gsut.Scene, scale: float) -> Row:
+    """Measures processor milliseconds and blended pairs a pixel, means over the test views."""
+    times, pairs = [], []
+    for index in scene.test_indices:
+        camera, pose = scene.camera(index), scene.views[index].motion
+        size = round(scale * camera.width), round(scale * camera.height)
+        camera = camera.resize(*size)
+        found = []
+        for _ in range(_DRAWS):
+            began = time.process_time()
+            drawn = gsut.render(gaussians, camera, pose, device="cpu")
+            found.append(1e3 * (time.process_time() - began))
+        times.append(min(found))
+        pairs.append(drawn.get_statistics()["num_pairs"] / (camera.width * camera.height))
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "scene.ply"
+        gsut.save_gaussians(path, gaussians)
+        same = gsut.load_gaussians(path).primitive == gaussians.primitive
+    if not same:
+        return {"wrong": "the file forgets the primitive"}
+    return {"ms": float(np.mean(times)), "pairs": float(np.mean(pairs))}
+
+
+BENCHMARK = Benchmark(
+    help="each primitive at the bytes, and at the processor seconds, of Gaussians",
+    columns=(
+        Column("data"),
+        Column("primitive"),
+        Column("equal"),
+        Column("gaussians", "number", "", "d"),
+        Column("steps", "steps", "", "d"),
+        Column("bytes", "size", "MB", ".2f"),
+        Column("cpu_seconds", "training", "CPU-s", ".1f"),
+        Column("psnr", "held-out PSNR", "dB", ".2f"),
+        Column("ssim", "SSIM", "", ".4f"),
+        Column("ms", "a view", "CPU-ms", ".1f"),
+        Column("pairs", "tile pairs a pixel", "", ".3f"),
+    ),
+    cases=list_cases,
+    measure=measure,
+    options=(
+        Option("primitives", ("surfel", "atom", "power4", "beta"), "beside Gaussians"),
+        Option("steps", 500, "of each training at equal bytes"),
+        Option("max_gaussians", 20_000, "Gaussians"),
+        Option("sh_degree", 1, "of each training"),
+        Option("scale", 0.25, "of the images of datasets"),
+    ),
+)

@@ -1,0 +1,244 @@
+"""Every primitive: its gradients by differences, its kernels against double, tiles, identities."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import flips
+import gsut
+import tolerances
+from gsut import InputError, _core
+from gsut.gaussians.packed_harmonics import to_mixed
+from random_scenes import (
+    central_differences,
+    fisheye,
+    gaussians_in_view,
+    loss_of,
+    open_rule,
+    pinhole,
+    pose_differences,
+    random_pose,
+    random_weights,
+    relative_error,
+)
+
+pytestmark = pytest.mark.quick
+
+PRIMITIVES = gsut.Gaussians.PRIMITIVES
+OTHERS = PRIMITIVES[1:]
+SHAPES = (-3.0, -1.0, 0.0, 1.5, 5.0)  # from a ball to nearly a Gaussian
+
+
+def make_scene(rng, camera, pose, primitive, count=150, dtype=np.float32, **options):
+    shape = {"sizes": (0.01, 0.3), "opacity": 0.5, **options}
+    g = gaussians_in_view(rng, camera, pose, count, **shape).to_dtype(dtype)
+    g = dataclasses.replace(g, primitive=primitive)
+    if g.shapes is not None:
+        g.shapes[:] = np.resize(SHAPES, count)
+    return g
+
+
+def move(rng, pose):
+    """A pair of poses some hundredths apart."""
+    return pose, gsut.exp_pose(0.05 * rng.normal(size=6)) @ pose
+
+
+def profile(primitive, d2, stored=0.0):
+    """The response, once more."""
+    b = 0.5 + 3.5 * np.exp(stored)
+    return {
+        "gaussian": lambda: np.exp(-d2 / 2),
+        "power4": lambda: np.exp(-(d2**2) / 18),
+        "beta": lambda: np.maximum(1 - d2 / (2 * b), 0) ** b,
+    }[primitive]()
+
+
+def test_primitives_are_those_of_the_build_with_the_gaussian_first():
+    assert set(_core.list_primitives()) == set(PRIMITIVES)
+    assert PRIMITIVES[0] == "gaussian"
+    with pytest.raises(InputError, match='primitive "cube" is unknown; known: gaussian, beta, pow'):
+        dataclasses.replace(gsut.Gaussians(*make_one()), primitive="cube")
+    with pytest.raises(InputError, match="power4 has no shapes; with them: beta"):
+        gsut.Gaussians(*make_one(), primitive="power4", shapes=np.zeros(1))
+
+
+def make_one(opacity_logit=2.0):
+    """The arrays of one, seen along z from the origin."""
+    sh = np.full((1, 1, 3), 0.5 * np.sqrt(4 * np.pi))
+    return [[0, 0, 3.0]], [[1.0, 0, 0, 0]], np.log([[0.4] * 3]), [opacity_logit], sh
+
+
+@pytest.mark.parametrize("primitive", PRIMITIVES)
+@pytest.mark.parametrize("dtype", ["float32", "float64"])
+def test_one_primitive_along_a_fan_of_rays_is_its_closed_form(primitive, dtype):
+    camera, checked = pinhole(65, 1, focal=40.0), 0
+    for stored in SHAPES:
+        g = gsut.Gaussians(*(np.asarray(a, dtype) for a in make_one()), primitive=primitive)
+        if g.shapes is not None:
+            g.shapes[:] = stored
+        rays = camera.rays()[0][0]
+        distance2 = 9 - (3 * rays[:, 2]) ** 2  # of the mean from the ray
+        alpha = profile(primitive, distance2 / 0.4**2, stored) / (1 + np.exp(-2.0))
+        alpha = np.where(alpha < 1 / 255, 0.0, alpha)
+        found = gsut.render(g, camera, np.eye(4), dtype=dtype).alpha[0]
+        sure = np.abs(alpha - 1 / 255) > tolerances.RENDER_CUT_MARGIN
+        bound = tolerances.RENDER_DOUBLE if dtype == "float64" else tolerances.PRIMITIVE_FLOAT
+        assert np.abs(found - alpha)[sure].max() < bound, stored
+        assert 0 < (found > 0).sum() < 65
+        checked += 1
+    assert checked == len(SHAPES)
+
+
+@pytest.mark.parametrize("response", ["maximum", "extinction"])
+@pytest.mark.parametrize("primitive", OTHERS)
+def test_primitive_backward_in_double_matches_central_differences(rng, primitive, response):
+    camera = fisheye(12)
+    pose = random_pose(rng)
+    g = make_scene(rng, camera, pose, primitive, 6, np.float64, distances=(2.0, 3.0),
+                   sizes=(0.05, 0.1), aspect=0.3)  # fmt: skip
+    g = dataclasses.replace(g, response=response)
+    weights = random_weights(rng, camera)
+    rule = open_rule()
+    rule.alpha_min = 1e-3  # a beta's rim is no smooth place: it lies beyond
+    options = {"dtype": "float64", "blend": rule, "background": (0.2, 0.5, 0.9)}
+    found = gsut.render_backward(gsut.render(g, camera, pose, **options), *weights)
+    moved, checked = g.copy(), 0
+    for field in g.list_arrays():
+        array = getattr(moved, field)
+        slopes = central_differences(
+            lambda: loss_of(gsut.render(moved, camera, pose, **options), weights), array
+        )
+        error = relative_error(getattr(found.gaussians, field), slopes)
+        assert error < tolerances.PRIMITIVE_DIFFERENCES, (field, error)
+        checked += array.size
+    assert checked == 6 * (3 + 4 + 3 + 1 + 12 + (primitive == "beta"))
+    slopes = pose_differences(
+        lambda near: loss_of(gsut.render(g, camera, near, **options), weights), pose
+    )
+    assert relative_error(found.pose, slopes) < tolerances.PRIMITIVE_DIFFERENCES
+
+
+@pytest.mark.parametrize("parity", [None, "3dgrut"])
+@pytest.mark.parametrize("shutter", [None, "top_to_bottom"])
+@pytest.mark.parametrize("primitive", OTHERS)
+def test_primitive_every_isa_matches_double(rng, primitive, shutter, parity):
+    camera, pose = fisheye(48), random_pose(rng)
+    g = make_scene(rng, camera, pose, primitive)
+    g.opacity_logits[:4] = (-5.5, -5.0, 8.0, 12.0)
+    place = pose if shutter is None else move(rng, pose)
+    options = {"shutter": shutter, "parity": parity, "background": (0.3, 0.1, 0.6)}
+    expected = gsut.render(g, camera, place, dtype="float64", **options)
+    as_gaussians = dataclasses.replace(g, primitive="gaussian", shapes=None)
+    plain = gsut.render(as_gaussians, camera, place, dtype="float64", **options)
+    assert np.abs(expected.image - plain.image).max() > 0.02
+    weights, ran = random_weights(rng, camera), 0
+    for isa in gsut.machine.available_isas():
+        gsut.machine.set_isa(isa)
+        found = gsut.render(g, camera, place, **options)
+        off = np.abs(found.image - expected.image).max(axis=2)
+        same = np.maximum(off, np.abs(found.alpha - expected.alpha)) < tolerances.RENDER_FLIP
+        assert same.mean() > 1 - tolerances.EXTINCTION_FLIPS
+        rms = np.sqrt(np.mean(np.square((found.image - expected.image)[same])))
+        assert rms < tolerances.RENDER_IMAGE_RMS, (isa, rms)
+        kept = [np.where(same if w.ndim == 2 else same[..., None], w, 0) for w in weights]
+        slopes = gsut.render_backward(found, *kept)
+        truth = gsut.render_backward(expected, *kept)
+        for field in g.list_arrays():
+            error = relative_error(
+                getattr(slopes.gaussians, field), getattr(truth.gaussians, field)
+            )
+            assert error < tolerances.PRIMITIVE_GRADIENT, (isa, field, error)
+        error = relative_error(slopes.pose, truth.pose)
+        assert error < tolerances.PRIMITIVE_GRADIENT, (isa, error)
+        ran += 1
+    assert ran == len(gsut.machine.available_isas())
+
+
+@pytest.mark.parametrize("shutter", [None, "top_to_bottom"])
+@pytest.mark.parametrize("primitive", OTHERS)
+def test_primitive_tiles_miss_nothing_that_double_sees(rng, primitive, shutter):
+    camera, pose = fisheye(64), random_pose(rng)
+    g = make_scene(rng, camera, pose, primitive, count=300)
+    g.opacity_logits[:] = 4.6
+    rule = gsut.BlendRule()
+    rule.transmittance_min = 0.0
+    place = pose if shutter is None else move(rng, pose)
+    expected = gsut.render(g, camera, place, shutter=shutter, dtype="float64", blend=rule)
+    found = gsut.render(g, camera, place, shutter=shutter, blend=rule)
+    assert np.abs(found.alpha - expected.alpha).max() < 2 / 255
+    flipped, _ = flips.flipped(found, expected)
+    assert flipped.mean() < tolerances.EXTINCTION_FLIPS
+
+
+@pytest.mark.parametrize("primitive", OTHERS)
+def test_primitive_same_bits_on_1_and_8_threads(rng, primitive):
+    camera, pose = fisheye(70), random_pose(rng)
+    g = make_scene(rng, camera, pose, primitive, count=1500)
+    weights, seen = random_weights(rng, camera), []
+    for threads in (1, 8):
+        gsut.set_num_threads(threads)
+        result = gsut.render(g, camera, pose)
+        slopes = gsut.render_backward(result, *weights).gaussians
+        arrays = [getattr(slopes, name).tobytes() for name in g.list_arrays()]
+        seen.append([result.image.tobytes(), *arrays])
+    assert seen[0] == seen[1]
+
+
+def test_beta_of_a_large_shape_tends_to_the_gaussian(rng):
+    camera, pose = fisheye(24), random_pose(rng)
+    g = make_scene(rng, camera, pose, "beta", 30, np.float64)
+    plain = dataclasses.replace(g, primitive="gaussian", shapes=None)
+    rule = open_rule()
+    expected = gsut.render(plain, camera, pose, dtype="float64", blend=rule).image
+    off = []
+    for stored in (2.0, 4.0, 6.0):
+        g.shapes[:] = stored
+        found = gsut.render(g, camera, pose, dtype="float64", blend=rule).image
+        off.append(np.abs(found - expected).max())
+    # As 1 / b: by e^2 a step.
+    assert off[0] > 4 * off[1] > 16 * off[2]
+    assert off[2] < tolerances.PRIMITIVE_LARGE_SHAPE
+
+
+@pytest.mark.parametrize("primitive", OTHERS)
+def test_primitive_packed_harmonics_and_derivatives_of_colors_agree(rng, primitive):
+    camera, pose = pinhole(12), random_pose(rng)
+    g = make_scene(rng, camera, pose, primitive, 4, sh_degree=0, distances=(2.0, 3.0))
+    if g.shapes is not None:
+        g.shapes[:] = SHAPES[1:]  # the first has an infinite slope at its rim
+    rule = gsut.BlendRule()
+    rule.alpha_min = 1e-9
+    job = _core.RenderJob(camera, pose, rule=rule)
+    image, by_center, by_ray = _core.color_jacobian(g, job, np.arange(144, dtype=np.uint32))
+    del image, by_ray
+    step, rotation, checked = 1e-4, pose[:3, :3], 0
+    for axis in range(3):
+        sides = []
+        for sign in (1, -1):
+            moved = pose.copy()
+            moved[:3, 3] -= rotation[:, axis] * sign * step
+            sides.append(gsut.render(g, camera, moved, dtype="float64", blend=rule).image)
+        slopes = ((sides[0] - sides[1]) / (2 * step)).reshape(-1, 3)
+        error = relative_error(by_center[:, :, axis], slopes)
+        assert error < tolerances.PRIMITIVE_JACOBIAN, (axis, error)
+        checked += 1
+    assert checked == 3
+    if g.shapes is None:
+        mixed = to_mixed(g)
+        found = gsut.render(mixed, camera, pose)
+        assert mixed.to_gaussians().primitive == primitive
+        assert (
+            found.image.tobytes() == gsut.render(mixed.to_gaussians(), camera, pose).image.tobytes()
+        )
+
+
+@pytest.mark.parametrize("primitive", OTHERS)
+def test_primitive_without_a_density_is_refused(rng, primitive):
+    camera, pose = pinhole(4), np.eye(4)
+    g = make_scene(rng, camera, pose, primitive, 3)
+    with pytest.raises(InputError, match=f'primitive "{primitive}" has no density along a ray'):
+        gsut.render(g, camera, pose, dtype="float64", order="integral")
+    g = dataclasses.replace(g, response="density")
+    with pytest.raises(InputError, match="has no density along a ray"):
+        gsut.render(g, camera, pose, dtype="float64")
