@@ -75,7 +75,7 @@ def name_break(evidence: Evidence, judgement: Judgement) -> Finding | None:
         f"the poses break between {names[a]} and {names[b]}: on either side they fit the "
         f"photographs, and no pair of images across fits ({len(across)} pairs)",
         "both parts are in different world frames or scales: find poses of all images at once "
-        "(`gsut poses`), or keep one part",
+        "(`gsut poses`); if it has found these, add pictures that see both parts, or keep one",
     )
 
 
@@ -202,7 +202,8 @@ def check_scale(evidence: Evidence) -> list[Finding]:
             "warning",
             f"the scale of the poses changes by a factor of {np.exp(triples[worst].change):.2f} "
             f"between {names[a]} and {names[b]}, by distances that both see",
-            "find poses of all images at once (`gsut poses`), or scale one part's positions",
+            "find poses of all images at once (`gsut poses`); if it has found these, add pictures "
+            "between the two; or scale one part's positions",
         ))  # fmt: skip
     drift = rate * (frames - 1)
     if (
