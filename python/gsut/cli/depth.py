@@ -45,6 +45,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     import gsut
     from gsut.data import write_transforms
+    from gsut.render import name_pictures
     from gsut.run import Progress
     from gsut.surface import points_from_depth, save_mesh
     from gsut.surface.stereo import find_depth_maps
@@ -62,7 +63,10 @@ def run(arguments: argparse.Namespace) -> int:
             on_view=lambda done, total: bars.show("sweeps", done, total),
         )
     with whole_folder(out) as folder:
-        frames = [_write_view(scene, view, found, folder) for view, found in enumerate(maps)]
+        names = name_pictures([view.name for view in scene.views])
+        frames = [
+            _write_view(scene, view, found, folder, names[view]) for view, found in enumerate(maps)
+        ]
         points = points_from_depth(maps)
         save_mesh(folder / _POINTS, points)
         test = [scene.views[view].name for view in scene.test_indices]
@@ -77,16 +81,16 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _write_view(scene: Scene, view: int, found: DepthMap, folder: Path) -> Frame:
-    """Writes the depth and confidence of a view; returns its frame, which names them."""
+def _write_view(scene: Scene, view: int, found: DepthMap, folder: Path, name: str) -> Frame:
+    """Writes the depth and confidence of a view by this name; returns its frame with both."""
     from gsut._core import CameraMotion
     from gsut.data import Frame
     from gsut.data.poses import invert_pose
 
     of = scene.views[view]
-    files = {name: folder / name / f"{of.name}.npy" for name in ("depth", "confidence")}
+    files = {what: folder / what / f"{name}.npy" for what in ("depth", "confidence")}
     for file, values in zip(files.values(), (found.depth, found.weight), strict=True):
-        file.parent.mkdir(parents=True, exist_ok=True)
+        file.parent.mkdir(exist_ok=True)
         np.save(file, np.asarray(values))
     ends: dict[str, Any] = {}
     if isinstance(of.motion, CameraMotion):

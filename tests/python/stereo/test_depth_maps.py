@@ -66,6 +66,18 @@ def test_depth_command_writes_a_dataset_that_training_reads(tmp_path: Path, caps
     assert "give another name with -o" in capsys.readouterr().err
 
 
+def test_depth_command_writes_nothing_beside_its_folder(tmp_path: Path) -> None:
+    data, out = tmp_path / "in" / "data", tmp_path / "out" / "depth"
+    out.parent.mkdir()
+    make_demo_scene(data, views=4, test_views=0, size=48, progress=False)
+    (data / "images").rename(tmp_path / "in" / "pictures")
+    text = (data / "transforms.json").read_text()
+    (data / "transforms.json").write_text(text.replace('"images/', '"../pictures/'))
+    assert main(["depth", str(data), "-o", str(out), "--force", "--quiet"]) == 0
+    assert [path.name for path in out.parent.iterdir()] == ["depth"]
+    assert len(list((out / "depth").iterdir())) == 4
+
+
 def choose_slowly(scores: np.ndarray, near: float, far: float) -> np.ndarray:
     """Sums the least costs of paths in eight directions, in double: the best distance's number."""
     height, width, depths = scores.shape

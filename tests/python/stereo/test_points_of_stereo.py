@@ -132,10 +132,9 @@ def test_first_gaussians_add_stereo_where_points_cover_little() -> None:
     )
     cover = measure_cover(known)
     assert measure_cover(scene) == 0 and 0.05 < cover < 0.3 and measure_cover(full) > 0.95
-    beside = round((1 - cover) * 800)  # 40 % of the most
     counts = [
         (scene, {}, 800, 1),
-        (known, {}, 50 + beside, 1),
+        (known, {}, 850, 1),  # 40 % of the most beside them
         (full, {}, 2000, 0),
         (known, {"init": "points"}, 50, 0),
         (scene, {"init_count": 70}, 70, 1),

@@ -139,13 +139,13 @@ class TrainOptions:
     )
     init: str = define_option(
         "auto", "Gaussians", "first Gaussians; points: the dataset's; random: inside the cameras' "
-        "view; auto: points, with more by stereo where they cover little of the photographs",
+        "view; auto: points, with more by stereo where they are few",
         choices=("auto", "points", "random"), reason="stereo starts closer than random points",
     )
     init_count: int | None = define_option(
         None, "Gaussians", "number of first Gaussians", low=1, high=100_000_000,
-        none="all points, and a far sky if photographs show one without points; where points lie "
-        "on less than 80 % of what they show, up to 20000 by stereo; 30000 if random",
+        none="all points, and a far sky if photographs show one without points; fewer than "
+        "2500 on less than 80 % of what they show: up to 20000 by stereo; 30000 if random",
     )
     init_scale: float = define_option(
         0.7, "Gaussians", "first standard deviation along the points' surface; across it at least "

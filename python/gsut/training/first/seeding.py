@@ -30,8 +30,9 @@ _RANDOM_FAR = 4.0
 _RANDOM_COUNT = 30_000
 # Most points of stereo; of more, growth would have to move many to better places.
 _STEREO_COUNT = 20_000
-# Share of what photographs show that the dataset's points lie on, from which stereo, whose
-# distances are worse, adds nothing.
+# Points of the dataset from which stereo, whose distances are worse, does not help.
+_ENOUGH_POINTS = 2_500
+# Share of what photographs show that the dataset's points lie on, from which stereo adds nothing.
 _COVERED = 0.8
 # Largest share of the most Gaussians that stereo may take: the others grow where needed.
 _STEREO_SHARE = 0.4
@@ -65,17 +66,17 @@ def choose_first_gaussians(scene: Scene, options: TrainOptions) -> tuple[Gaussia
 
 
 def _find_stereo_to_seed(scene: Scene, options: TrainOptions, sky: int) -> Colored | None:
-    """Finds points by stereo if the options leave the first Gaussians open and the scene's points
-    leave much of what photographs show uncovered."""
+    """Finds points by stereo if the options leave the first Gaussians open, and the scene's points
+    are few and leave much of what photographs show uncovered."""
     o = options
-    if o.init != "auto" or (o.init_count is not None and len(scene.points)):
+    if o.init != "auto" or len(scene.points) >= (_ENOUGH_POINTS if o.init_count is None else 1):
         return None
-    cover = measure_cover(scene)
-    if cover > _COVERED:
+    if measure_cover(scene) > _COVERED:
         return None
     given = _STEREO_COUNT if o.init_count is None else o.init_count
-    most = min(given, round(_STEREO_SHARE * o.max_gaussians))
-    most = min(round((1 - cover) * most), o.max_gaussians - len(scene.points) - sky)
+    most = min(
+        given, round(_STEREO_SHARE * o.max_gaussians), o.max_gaussians - len(scene.points) - sky
+    )
     return find_points_by_stereo(scene, most, o.seed) if most > 0 else None
 
 
