@@ -49,7 +49,8 @@ def measure(case: Row, settings: Settings) -> Row:
     # No training draws the density: it is of the maximum's model, drawn otherwise.
     trained = "maximum" if response == "density" else response
     run = settings.folder / f"{data.name}-{count}-{trained}"
-    train(data, run, shlex.split(f"{settings.flags} --max-gaussians {count} --response {trained}"))
+    flags = f"{settings.flags} --max-gaussians {count} --set response={trained}"
+    train(data, run, shlex.split(flags))
     model = dataclasses.replace(gsut.load_gaussians(run / "scene.ply"), response=response)
     scene = gsut.load_dataset(data)
     plain, off = _take_plain_colors(model), []

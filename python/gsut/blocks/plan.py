@@ -251,7 +251,7 @@ def check_trainable(options: TrainOptions) -> None:
         "--surface": options.surface,
         "compact_at": options.compact_at is not None,
         "low_pass": options.low_pass > 0,
-        "--response extinction": options.response != "maximum",
+        "--set response=extinction": options.response != "maximum",
         f"--primitive {options.primitive}": options.primitive not in ("gaussian", "surfel"),
         "strategy=mini": options.strategy == "mini",
     }

@@ -44,7 +44,7 @@ class TrainOptions:
         *("preset", "steps", "seed", "threads", "scale", "max_side", "test_every", "shutter"),
         *("readout_time", "refine_poses", "refine_lens", "max_gaussians", "sh_degree"),
         "primitive",
-        *("background", "response", "exposure", "surface", "robust", "drop_blurred", "motion_blur"),
+        *("background", "exposure", "surface", "robust", "drop_blurred", "motion_blur"),
     )
     _open: ClassVar[set[str]] = set()  # of each instance: what the preset gave; see presets.py
 
