@@ -18,6 +18,7 @@ COMMANDS = {
     "train, in blocks": ("train DATA -o OUT --blocks 2", "gsut", "train_blocks"),
     "eval": ("eval RUN", "gsut.evaluate", "evaluate"),
     "localize": ("localize DATA/images/000.png --run RUN", "gsut.refine", "localize"),
+    "depth": ("depth DATA -o OUT", "gsut.surface.stereo", "find_depth_maps"),
     "points": ("points DATA -o OUT.ply", "gsut.sfm", "triangulate"),
 }
 

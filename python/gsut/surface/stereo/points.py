@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from gsut.data import Scene
-from gsut.data.scene import project_points
 from gsut.gaussians import choose_points
 from gsut.surface.stereo.sweep import Shown, find_distances
 
@@ -15,8 +14,6 @@ _FEWEST_VIEWS = 20
 _MOST_VIEWS = 100
 # Fewest points; if there are fewer, the photographs are not alike.
 _FEWEST = 100
-# Cells along the longer side of a photograph by which coverage is measured.
-_CELLS = 20
 
 
 def find_points_by_stereo(
@@ -69,28 +66,3 @@ def _choose_by_cell(shown: Shown, most: float) -> tuple[np.ndarray, np.ndarray]:
     points = starts + rays / shown.inverse[rows, columns][:, None]
     good = np.isfinite(points).all(axis=1)
     return points[good], shown.photograph.color[rows, columns][good]
-
-
-def measure_cover(scene: Scene) -> float:
-    """Measures the share of what training photographs show that the scene's points lie on.
-
-    It is the share of a photograph's cells, 20 along its longer side, in which a point appears.
-    """
-    if not len(scene.points):
-        return 0.0
-    seen, asked = 0, 0
-    for view in choose_views(scene):
-        mask, camera = scene.mask(view), scene.camera(view)
-        side = max(mask.shape) / _CELLS
-        shape = tuple(int(np.ceil(length / side)) for length in mask.shape)
-        counts, covered = np.zeros(shape, bool), np.zeros(shape, bool)
-        rows, columns = np.nonzero(mask)
-        counts[(rows / side).astype(int), (columns / side).astype(int)] = True
-        _, pixels, valid = project_points(camera, scene.views[view].motion, scene.points)
-        pixels = pixels[valid]
-        inside = ((pixels >= 0) & (pixels < (camera.width, camera.height))).all(axis=1)
-        x, y = (pixels[inside] / side).astype(int).T
-        covered[y, x] = True
-        seen += int(np.count_nonzero(covered & counts))
-        asked += int(np.count_nonzero(counts))
-    return seen / asked if asked else 0.0
