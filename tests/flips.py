@@ -7,6 +7,7 @@ import numpy as np
 import gsut
 import ray_model
 import tolerances
+from random_scenes import relative_error
 
 REASONS = ("cut", "order", "origin", "stop", "thin")
 
@@ -69,3 +70,37 @@ def flipped(found: gsut.Render, expected: gsut.Render) -> tuple[np.ndarray, dict
         assert why, f"pixel {row}, {column} is off by {off[row, column]} for no reason"
         counts[why] += 1
     return off > tolerances.RENDER_FLIP, counts
+
+
+def assert_isas_match(g, camera, pose, expected, weights, fields, bounds, **options) -> None:
+    """Every instruction set gives the image and the gradients of the double reference.
+
+    Args:
+        g, camera, pose: Gaussians in float32, and from where they are seen.
+        expected: of the reference.
+        weights: of the loss: of image, alpha and so on, 0 where float may choose otherwise.
+        fields: of Gaussians, whose gradients are compared.
+        bounds: relative errors of these gradients and of that of the pose, at most.
+        options: of `gsut.render`.
+    """
+    ran = 0
+    for isa in gsut.machine.available_isas():
+        gsut.machine.set_isa(isa)
+        found = gsut.render(g, camera, pose, **options)
+        off = np.abs(found.image - expected.image).max(axis=2)
+        same = np.maximum(off, np.abs(found.alpha - expected.alpha)) < tolerances.RENDER_FLIP
+        assert same.mean() > 1 - tolerances.EXTINCTION_FLIPS
+        rms = np.sqrt(np.mean(np.square((found.image - expected.image)[same])))
+        assert rms < tolerances.RENDER_IMAGE_RMS, (isa, rms)
+        kept = [np.where(same if w.ndim == 2 else same[..., None], w, 0) for w in weights]
+        slopes = gsut.render_backward(found, *kept)
+        truth = gsut.render_backward(expected, *kept)
+        for field in fields:
+            error = relative_error(
+                getattr(slopes.gaussians, field), getattr(truth.gaussians, field)
+            )
+            assert error < bounds[0], (isa, field, error)
+        error = relative_error(slopes.pose, truth.pose)
+        assert error < bounds[1], (isa, error)
+        ran += 1
+    assert ran == len(gsut.machine.available_isas())

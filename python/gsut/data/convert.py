@@ -96,11 +96,11 @@ def convert_dataset(
             _require_no_parts(source, given)
         return _write(_read(source, given), out, to, place, scene, progress, cameras)
     with staging_folder(out) as staging:
-        has_poses = given.get("poses") or to == FILMS
+        needs_no_topic = given.get("poses") or to == FILMS
         if to == FILMS and (poses_topic or given.keys() & {"poses", "poses_of"}):
             raise InputError(f"{FILMS} hold no poses: leave out what is said of them")
         recording = layout.unpack(
-            source, staging, poses_topic="" if has_poses else poses_topic,
+            source, staging, poses_topic="" if needs_no_topic else poses_topic,
             cameras=given.get("cameras", ()), poses_of=given.get("poses_of"), progress=progress,
         )  # fmt: skip
         names = [stream.name for stream in recording.streams]

@@ -45,27 +45,9 @@ def test_extinction_every_isa_matches_double(rng, shutter, parity):
     expected = gsut.render(g, camera, pose, dtype="float64", **options)
     maximum = gsut.render(g, camera, pose, dtype="float64", response="maximum", **options)
     assert np.abs(expected.image - maximum.image).max() > 0.1
-    weights, ran = random_weights(rng, camera), 0
-    for isa in gsut.machine.available_isas():
-        gsut.machine.set_isa(isa)
-        found = gsut.render(g, camera, pose, **options)
-        off = np.abs(found.image - expected.image).max(axis=2)
-        same = np.maximum(off, np.abs(found.alpha - expected.alpha)) < tolerances.RENDER_FLIP
-        assert same.mean() > 1 - tolerances.EXTINCTION_FLIPS
-        rms = np.sqrt(np.mean(np.square((found.image - expected.image)[same])))
-        assert rms < tolerances.RENDER_IMAGE_RMS, (isa, rms)
-        kept = [np.where(same if w.ndim == 2 else same[..., None], w, 0) for w in weights]
-        slopes = gsut.render_backward(found, *kept)
-        truth = gsut.render_backward(expected, *kept)
-        for field in FIELDS:
-            error = relative_error(
-                getattr(slopes.gaussians, field), getattr(truth.gaussians, field)
-            )
-            assert error < tolerances.RENDER_GRADIENT, (isa, field, error)
-        error = relative_error(slopes.pose, truth.pose)
-        assert error < tolerances.RENDER_POSE_GRADIENT, (isa, error)
-        ran += 1
-    assert ran == len(gsut.machine.available_isas())
+    bounds = (tolerances.RENDER_GRADIENT, tolerances.RENDER_POSE_GRADIENT)
+    weights = random_weights(rng, camera)
+    flips.assert_isas_match(g, camera, pose, expected, weights, FIELDS, bounds, **options)
 
 
 def test_extinction_misses_no_gaussian_that_double_sees(rng):

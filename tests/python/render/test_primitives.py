@@ -132,27 +132,9 @@ def test_primitive_every_isa_matches_double(rng, primitive, shutter, parity):
     as_gaussians = dataclasses.replace(g, primitive="gaussian", shapes=None)
     plain = gsut.render(as_gaussians, camera, place, dtype="float64", **options)
     assert np.abs(expected.image - plain.image).max() > 0.02
-    weights, ran = random_weights(rng, camera), 0
-    for isa in gsut.machine.available_isas():
-        gsut.machine.set_isa(isa)
-        found = gsut.render(g, camera, place, **options)
-        off = np.abs(found.image - expected.image).max(axis=2)
-        same = np.maximum(off, np.abs(found.alpha - expected.alpha)) < tolerances.RENDER_FLIP
-        assert same.mean() > 1 - tolerances.EXTINCTION_FLIPS
-        rms = np.sqrt(np.mean(np.square((found.image - expected.image)[same])))
-        assert rms < tolerances.RENDER_IMAGE_RMS, (isa, rms)
-        kept = [np.where(same if w.ndim == 2 else same[..., None], w, 0) for w in weights]
-        slopes = gsut.render_backward(found, *kept)
-        truth = gsut.render_backward(expected, *kept)
-        for field in g.list_arrays():
-            error = relative_error(
-                getattr(slopes.gaussians, field), getattr(truth.gaussians, field)
-            )
-            assert error < tolerances.PRIMITIVE_GRADIENT, (isa, field, error)
-        error = relative_error(slopes.pose, truth.pose)
-        assert error < tolerances.PRIMITIVE_GRADIENT, (isa, error)
-        ran += 1
-    assert ran == len(gsut.machine.available_isas())
+    bounds = (tolerances.PRIMITIVE_GRADIENT, tolerances.PRIMITIVE_GRADIENT)
+    weights = random_weights(rng, camera)
+    flips.assert_isas_match(g, camera, place, expected, weights, g.list_arrays(), bounds, **options)
 
 
 @pytest.mark.parametrize("shutter", [None, "top_to_bottom"])

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from test_points_of_stereo import LENSES, WALL, wall_scene
 
 import gsut
 import tolerances as tol
@@ -15,6 +14,7 @@ from gsut import _core
 from gsut.cli import main
 from gsut.data.scene import read_depth
 from gsut.demo import make_demo_scene
+from wall_scenes import LENSES, WALL, wall_scene
 
 VIEW = 2  # in the middle of the others
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from gsut.data.errors import DatasetError
 from gsut.data.layouts._bag_messages import strip_slash
-from gsut.data.poses import interpolate_poses, invert_pose
+from gsut.data.poses import interpolate_between, invert_pose
 
 
 @dataclasses.dataclass
@@ -102,7 +102,7 @@ def _join_two(upper: Track, lower: Track, tree: FrameTree) -> Track:
             continue
         low = max(0, high - 1)
         share = 0.0 if high == low else (time - times[low]) / (times[high] - times[low])
-        above = interpolate_poses(upper.poses[order[low]], upper.poses[order[high]], float(share))
+        above = interpolate_between(upper.poses[order[low]], upper.poses[order[high]], float(share))
         joined.times.append(time)
         joined.poses.append(above @ between @ pose)
     return joined

@@ -17,7 +17,7 @@ from gsut.data.poses.transforms import (
     average_poses,
     check_rigid,
     find_centers,
-    interpolate_poses,
+    interpolate_between,
     invert_pose,
     pose_from_quaternion,
 )
@@ -36,7 +36,7 @@ __all__ = [
     "format_seconds",
     "format_tum",
     "guess_unit",
-    "interpolate_poses",
+    "interpolate_between",
     "invert_pose",
     "is_time",
     "pose_from_quaternion",

@@ -140,7 +140,7 @@ def find_centers(camera_from_world: np.ndarray) -> np.ndarray:
     return -np.einsum("nji,nj->ni", camera_from_world[:, :3, :3], camera_from_world[:, :3, 3])
 
 
-def interpolate_poses(one: np.ndarray, two: np.ndarray, share: float) -> np.ndarray:
+def interpolate_between(one: np.ndarray, two: np.ndarray, share: float) -> np.ndarray:
     """Interpolates two poses: the origin along the line, the rotation along the shorter arc."""
     if share == 0.0:
         return one

@@ -20,7 +20,7 @@ from gsut.data.poses import (
     format_range,
     format_seconds,
     guess_unit,
-    interpolate_poses,
+    interpolate_between,
     invert_pose,
     read_trajectory,
     to_nanoseconds,
@@ -259,7 +259,7 @@ def _pair_by_time(
     for k, row in enumerate(rows):
         if clock.near[k]:
             low, high, share = clock.find_around(k)
-            poses[row] = interpolate_poses(
+            poses[row] = interpolate_between(
                 trajectory.poses[order[low]], trajectory.poses[order[high]], share
             )
     return poses, times

@@ -1,6 +1,7 @@
 """Distances that photographs show, by comparing them through their lenses and shutters."""
 
 from gsut.surface.stereo.depth import find_depth_maps
+from gsut.surface.stereo.photograph import Photograph, shrink
 from gsut.surface.stereo.points import find_points_by_stereo
 
-__all__ = ["find_depth_maps", "find_points_by_stereo"]
+__all__ = ["Photograph", "find_depth_maps", "find_points_by_stereo", "shrink"]

@@ -15,10 +15,10 @@ from typing import Any
 import numpy as np
 
 from gsut import _core
-from gsut._core import CameraMotion
 from gsut.data import Scene
-from gsut.data.scene import find_line_times, interpolate_poses, project_points
+from gsut.data.scene import project_points
 from gsut.gaussians import choose_points
+from gsut.surface.stereo import Photograph, shrink
 
 # Longer side of the compared photographs in pixels: a sweep of larger ones takes longer, and
 # Gaussians grow to the detail themselves.
@@ -96,38 +96,13 @@ class _Found:
     picture: np.ndarray
 
 
-class _Photograph:
-    """A view prepared for comparison: grey values, and their mean and deviation in each window."""
+class _Photograph(Photograph):
+    """A view prepared for comparison: with mean and deviation of its grey values in each window."""
 
     def __init__(self, scene: Scene, view: int) -> None:
-        import cv2
-
-        self.camera, self.motion = scene.camera(view), scene.views[view].motion
-        self.pose = scene.views[view].camera_from_world
-        self.color, self.mask = scene.image(view), scene.mask(view)
-        grey = cv2.cvtColor(self.color, cv2.COLOR_RGB2GRAY).astype(np.float32) / np.float32(255)
-        self.grey = np.where(self.mask, grey, np.float32(0))
+        super().__init__(scene, view)
         self.mean, squares = _average_windows(self.grey), _average_windows(self.grey**2)
         self.deviation = np.sqrt(np.maximum(squares - self.mean**2, 0))
-
-    def trace_rays(self, pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Returns origins and directions of the rays of pixels (n, 2) in the world; NaN without a
-        ray."""
-        starts, rays = np.zeros((len(pixels), 3)), self.camera.unproject(pixels)[0]
-        if not self.camera.is_central:
-            last = (self.camera.width - 1, self.camera.height - 1)
-            column, row = np.clip(pixels.astype(np.int64), 0, last).T
-            starts = self.camera.origins()[row, column]
-        poses = self.pose[None]
-        if isinstance(self.motion, CameraMotion):
-            poses = interpolate_poses(
-                self.motion, find_line_times(self.camera, self.motion, pixels)
-            )
-        back = np.broadcast_to(poses[:, :3, :3], (len(pixels), 3, 3))
-        return (
-            np.einsum("nji,nj->ni", back, starts - poses[:, :3, 3]),
-            np.einsum("nji,nj->ni", back, rays),
-        )
 
 
 def find_points_by_sweep(
@@ -144,9 +119,7 @@ def find_points_by_sweep(
         Points (N, 3) in the scene's coordinates, and colours (N, 3) uint8. None if hardly anything
         in neighbouring photographs is alike.
     """
-    longest = max(max(camera.width, camera.height) for camera in scene.cameras)
-    factor = min(1.0, _LONGER_SIDE / longest)
-    small = scene if factor == 1.0 else scene.scale_images(factor, keep_larger=True)
+    small = shrink(scene, _LONGER_SIDE)
     between = _find_range(small)
     if between is None:
         return None

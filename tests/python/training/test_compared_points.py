@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 
 import cv2
 import numpy as np
@@ -12,67 +13,51 @@ import gsut
 import tolerances as tol
 from gsut.data import Scene, scene_from_arrays
 from gsut.data.scene import interpolate_poses
-from gsut.lens import Camera
+from gsut.surface.stereo import find_points_by_stereo
 from gsut.training.first.plane_sweep import find_points_by_sweep
 from gsut.training.first.seeding import choose_first_gaussians
+from wall_scenes import CENTERS, LENSES, WALL, wall_scene
 
-LENSES = {
-    "pinhole": Camera("pinhole", [70.0, 70.0, 48.0, 32.0], 96, 64),
-    "kannala_brandt": Camera("kannala_brandt", [38.0, 38.0, 40.0, 40.0, 0, 0, 0, 0], 80, 80),
+
+@dataclasses.dataclass(frozen=True)
+class Finder:
+    """A way to find points by comparing photographs, and how far these may be off."""
+
+    find: Callable[[Scene, int, int], tuple[np.ndarray, np.ndarray] | None]
+    median: float
+    far: float
+    share: float
+    by_chance: float
+
+
+FINDERS = {
+    "sweep": Finder(
+        find_points_by_sweep, tol.SWEPT_MEDIAN, tol.SWEPT_FAR, tol.SWEPT_SHARE, tol.SWEPT_BY_CHANCE
+    ),
+    "stereo": Finder(
+        find_points_by_stereo, tol.FOUND_MEDIAN, tol.FOUND_FAR, tol.FOUND_SHARE, tol.FOUND_BY_CHANCE
+    ),
 }
-CENTERS = np.array([[x, y, 0.0] for x in (-0.6, 0.0, 0.6) for y in (-0.3, 0.3)])
-WALL = 3.0  # distance along z
-READOUT = 0.12  # that a camera moves to the right while it reads a picture
 
 
-def wall_scene(camera: Camera, *, rolling: bool = False, plain: bool = False) -> Scene:
-    """Views of a wall with a pattern, without points; the camera moves while lines are read."""
-    rays, valid = camera.rays()
-    line = (np.arange(camera.height) + 0.5) / camera.height - 0.5
-    moved = np.zeros((camera.height, 1, 3))
-    moved[:, 0, 0] = READOUT * line if rolling else 0.0
-    waves = np.random.default_rng(0).uniform(-9, 9, (30, 2))
-    phases = np.arange(30.0)
-    images = []
-    for center in CENTERS:
-        starts = center + moved
-        with np.errstate(invalid="ignore", divide="ignore"):
-            x, y, _ = np.moveaxis(starts + rays * WALL / rays[..., 2:], -1, 0)
-        pattern = np.sin(np.stack([x, y], -1) @ waves.T + phases).sum(-1) / 12
-        shown = valid & (rays[..., 2] > 0.3) & (not plain)
-        grey = np.where(shown, np.clip(0.5 + 0.5 * pattern, 0, 1), 0.5)
-        images.append(np.rint(255 * np.repeat(grey[..., None], 3, -1)).astype(np.uint8))
-    poses = np.tile(np.eye(4), (len(CENTERS), 1, 1))
-    poses[:, :3, 3] = -CENTERS
-    scene = scene_from_arrays(images, camera, poses, test_every=0)
-    if not rolling:
-        return scene
-    begun, ended = np.eye(4), np.eye(4)
-    begun[0, 3], ended[0, 3] = READOUT / 2, -READOUT / 2
-    shutter = gsut.Shutter("top_to_bottom")
-    views = [
-        dataclasses.replace(
-            view, shutter=shutter, camera_from_world_start=begun @ view.camera_from_world,
-            camera_from_world_end=ended @ view.camera_from_world,
-        )
-        for view in scene.views
-    ]  # fmt: skip
-    return scene.replace(views=views)
+@pytest.fixture(params=FINDERS)
+def finder(request) -> Finder:
+    return FINDERS[request.param]
 
 
 @pytest.mark.parametrize("lens", LENSES)
 @pytest.mark.parametrize("rolling", [False, True])
-def test_swept_points_of_a_wall_lie_on_it(lens: str, rolling: bool) -> None:
-    found = find_points_by_sweep(wall_scene(LENSES[lens], rolling=rolling), 500, 0)
+def test_compared_points_of_a_wall_lie_on_it(finder: Finder, lens: str, rolling: bool) -> None:
+    found = finder.find(wall_scene(LENSES[lens], rolling=rolling), 500, 0)
     assert found is not None
     points, colors = found
     assert points.shape == colors.shape == (500, 3) and colors.dtype == np.uint8
     off = np.abs(points[:, 2] - WALL) / WALL
-    assert np.median(off) < tol.SWEPT_MEDIAN and np.mean(off > tol.SWEPT_FAR) < tol.SWEPT_SHARE
+    assert np.median(off) < finder.median and np.mean(off > finder.far) < finder.share
 
 
 @pytest.mark.parametrize("lens", LENSES)
-def test_swept_points_that_only_chance_shows_are_left_out(lens: str) -> None:
+def test_compared_points_that_only_chance_shows_are_left_out(finder: Finder, lens: str) -> None:
     scene, camera = wall_scene(LENSES[lens]), LENSES[lens]
     images = [scene.image(view) for view in range(len(CENTERS))]
     noise = np.random.default_rng(5).uniform(0, 255, images[0].shape[:2]).astype(np.float32)
@@ -80,44 +65,53 @@ def test_swept_points_that_only_chance_shows_are_left_out(lens: str) -> None:
     grey = np.clip(128 + 50 * (soft - soft.mean()) / soft.std(), 0, 255).astype(np.uint8)
     images[1] = np.repeat(grey[..., None], 3, -1)  # of something else
     poses = scene.poses(range(len(CENTERS)))
-    found = find_points_by_sweep(scene_from_arrays(images, camera, poses, test_every=0), 500, 0)
+    found = finder.find(scene_from_arrays(images, camera, poses, test_every=0), 500, 0)
     assert found is not None and len(found[0]) == 500
     off = np.abs(found[0][:, 2] - WALL) / WALL
-    assert np.mean(off > tol.SWEPT_FAR) < tol.SWEPT_BY_CHANCE
+    assert np.mean(off > finder.far) < finder.by_chance
 
 
-def test_swept_points_of_few_views_lie_between_the_distances_of_given_points() -> None:
+def test_compared_points_of_few_views_lie_between_the_distances_of_given_points(
+    finder: Finder,
+) -> None:
     scene = wall_scene(LENSES["pinhole"])
     given = np.random.default_rng(0).uniform([-1, -1, 2.8], [1, 1, 3.2], (200, 3))
     colors = np.full(given.shape, 128, np.uint8)
-    found = find_points_by_sweep(scene.replace(points=given, point_colors=colors), 500, 0)
+    found = finder.find(scene.replace(points=given, point_colors=colors), 500, 0)
     assert found is not None
     off = np.abs(found[0][:, 2] - WALL) / WALL
-    assert np.median(off) < tol.SWEPT_MEDIAN and np.mean(off > tol.SWEPT_FAR) < tol.SWEPT_BY_CHANCE
+    assert np.median(off) < finder.median and np.mean(off > finder.far) < finder.by_chance
 
 
-def test_swept_points_of_three_views_that_hardly_agree_are_taken_all_the_same() -> None:
+def test_compared_points_of_three_views_that_hardly_agree_are_taken_all_the_same(
+    finder: Finder,
+) -> None:
     scene = wall_scene(LENSES["pinhole"]).replace(train_indices=[0, 1, 2])
-    found = find_points_by_sweep(scene, 500, 0)
+    found = finder.find(scene, 500, 0)
     assert found is not None and len(found[0]) >= 100
 
 
-def test_swept_points_are_the_same_on_any_number_of_threads() -> None:
+def test_compared_points_are_the_same_on_any_number_of_threads(finder: Finder) -> None:
     scene, before = wall_scene(LENSES["pinhole"]), gsut.num_threads()
     try:
         found = []
         for threads in (1, 2):
             gsut.set_num_threads(threads)
-            found.append(find_points_by_sweep(scene, 300, 1))
+            found.append(finder.find(scene, 300, 1))
         assert all(np.array_equal(a, b) for a, b in zip(*found, strict=True))
     finally:
         gsut.set_num_threads(before)
 
 
-def test_first_gaussians_of_photographs_without_texture_are_random() -> None:
+@pytest.mark.parametrize(
+    ("finder", "init"), [("sweep", "auto"), ("stereo", "stereo")], indirect=["finder"]
+)
+def test_first_gaussians_of_photographs_without_texture_are_random(
+    finder: Finder, init: str
+) -> None:
     scene = wall_scene(LENSES["pinhole"], plain=True)
-    assert find_points_by_sweep(scene, 500, 0) is None
-    options = gsut.TrainOptions(max_gaussians=2000).resolve()
+    assert finder.find(scene, 500, 0) is None
+    options = gsut.TrainOptions(max_gaussians=2000, init=init).resolve()
     gaussians, notes = choose_first_gaussians(scene, options)
     assert len(gaussians) == 2000 and not notes
 
@@ -145,3 +139,18 @@ def test_poses_of_no_lines_are_an_empty_array():
     """A rolling view of which nothing is sure has no pixels to trace."""
     motion = gsut.CameraMotion(np.eye(4), np.eye(4), gsut.Shutter("top_to_bottom"))
     assert interpolate_poses(motion, np.zeros(0)).shape == (0, 4, 4)
+
+
+def test_first_gaussians_by_stereo_lie_beside_the_points() -> None:
+    scene = wall_scene(LENSES["pinhole"])
+    points = np.random.default_rng(0).uniform([-3, -2, 2.9], [3, 2, 3.1], (50, 3))
+    known = scene.replace(points=points, point_colors=np.full(points.shape, 128, np.uint8))
+    counts = [  # 40 % of the most
+        (scene, {}, 800, 1),
+        (known, {}, 850, 1),
+        (scene, {"init_count": 70}, 70, 1),
+    ]
+    for of, given, count, said in counts:
+        options = gsut.TrainOptions(max_gaussians=2000, init="stereo", **given).resolve()
+        gaussians, notes = choose_first_gaussians(of, options)
+        assert (len(gaussians), len(notes)) == (count, said), given
