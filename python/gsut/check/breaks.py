@@ -11,9 +11,9 @@ from gsut.check.chance import Judgement, PairVerdict, measure_turn_error
 from gsut.check.epipolar import TOLERANCE
 from gsut.check.evidence import Evidence
 from gsut.check.findings import Finding
-from gsut.check.lens_fit import convert_to_normal
 from gsut.check.matches import is_loop, order_in_time
 from gsut.sfm.points import measure_angular_errors
+from gsut.significance import convert_to_normal
 
 _RARE = 0.01  # chance of as many contradictions at one place, below which the poses break there
 _FEWEST_SHARED = 6  # features that three images share, from which their scales are compared

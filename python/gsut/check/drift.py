@@ -10,10 +10,11 @@ from gsut.check.breaks import list_loops
 from gsut.check.epipolar import rate_matches
 from gsut.check.evidence import Evidence
 from gsut.check.findings import Finding
-from gsut.check.lens_fit import LEAST_EFFECT, LensFit, convert_to_normal, fit_lens_beside
+from gsut.check.lens_fit import LEAST_EFFECT, LensFit, fit_lens_beside
 from gsut.check.matches import order_in_time
 from gsut.check.shutter import count_frames, move_poses
 from gsut.sfm.points import measure_angular_errors
+from gsut.significance import convert_to_normal
 
 _SIGMAS = 4.0  # standard deviations from which a drift is not chance
 _LEAST_SHIFT = 1.0  # thousandths of the diagonal, by which a drift shifts the pixels of a pair

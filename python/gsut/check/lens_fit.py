@@ -9,6 +9,7 @@ import numpy as np
 
 from gsut.check.epipolar import Matches, find_rays
 from gsut.lens import Camera
+from gsut.significance import convert_to_normal
 
 _ITERATIONS = 8  # of the reweighted fit, which settles within half of them
 _SETTLED = 0.05  # of the differences' steps: a fit that moves less has settled
@@ -81,20 +82,6 @@ class LensFit:
         ratio = np.abs(self.values) / np.maximum(self.sigmas, 1e-12)
         ratio = np.array([ratio[0], max(ratio[1], ratio[2]), ratio[3]])
         return convert_to_normal(ratio, self.freedom)
-
-
-def convert_to_normal(ratio: np.ndarray, freedom: int) -> np.ndarray:
-    """Converts Student's t to standard deviations of a normal law that are as rare.
-
-    Few pairs underestimate a spread by chance, so that a large ratio is less rare (Wallace, "Bounds
-    on normal approximations to Student's and the chi-square distributions", 1959).
-
-    Args:
-        ratio: values over estimated standard deviations.
-        freedom: degrees of freedom of the estimate.
-    """
-    bend = (8 * freedom + 1) / (8 * freedom + 3)
-    return bend * np.sqrt(freedom * np.log1p(np.square(ratio) / freedom))
 
 
 def count_sigmas(differences: np.ndarray) -> float:

@@ -9,17 +9,13 @@ import numpy as np
 from gsut.check.epipolar import rate_matches
 from gsut.check.evidence import Evidence
 from gsut.check.findings import Finding
-from gsut.check.lens_fit import (
-    LEAST_EFFECT,
-    convert_to_normal,
-    fit_numbers,
-    measure_line_errors,
-)
+from gsut.check.lens_fit import LEAST_EFFECT, fit_numbers, measure_line_errors
 from gsut.check.matches import order_in_time
 from gsut.check.turns import to_rotation_vector
 from gsut.data import Scene
 from gsut.gaussians import rotations_from_quaternions
 from gsut.sfm.points import measure_angular_errors
+from gsut.significance import convert_to_normal
 
 _SIGMAS = 4.0  # standard deviations from which a time is not chance
 _LEAST_SHIFT = 2.0  # thousandths of the diagonal, by which a time shifts what is worth a note

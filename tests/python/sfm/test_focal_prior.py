@@ -11,7 +11,8 @@ from gsut.lens import with_scaled_focal
 from gsut.sfm.lens.covariance import estimate_lens_covariances
 from gsut.sfm.lens.doubt import judge_lens
 from gsut.sfm.mapping import PosesLog
-from gsut.sfm.solution import FEATURE_VARIANCE
+from gsut.sfm.report.verdict import judge_solution
+from gsut.sfm.solution import FEATURE_VARIANCE, adjust_registered
 from made_flight import FREE, LENS, OPTIONS, fly
 
 
@@ -105,3 +106,40 @@ def test_focal_sigma_of_three_images_is_not_stated(walk):
     run, _ = judge(dataclasses.replace(walk, solution=three))
     assert math.isinf(run.found.focal_sigma)
     assert run.found.figures["focal_sigma_percent"] is None
+
+
+def give_lens(flight, factor):
+    """Judges a flight through a given lens with so much of the true focal length."""
+    lens = with_scaled_focal(LENS, factor)
+    solution = adjust_registered(
+        dataclasses.replace(flight.solution, cameras=[lens] * len(flight.solution.names)),
+        flight.features, flight.pairs, OPTIONS,
+    )  # fmt: skip
+    run = dataclasses.replace(
+        flight, solution=solution, lens_free=None, log=PosesLog(), found=type(flight.found)()
+    )
+    judge_lens(run)
+    return run, judge_solution(run.solution, run.features, run.found)
+
+
+@pytest.mark.parametrize(("factor", "word"), [(0.85, "longer"), (1.2, "shorter")])
+def test_given_lens_of_another_focal_length_is_contradicted(walk, factor, word):
+    run, verdict = give_lens(walk, factor)
+    row = run.found.figures["given_focal"]
+    error = math.log(row["images_px"] / LENS.params[0])
+    assert abs(error) < tolerances.FOCAL_SIGMAS * row["images_sigma_percent"] / 100
+    assert not row["agrees"] and verdict.level == "poor"
+    assert "--unknown-lens" in run.log.notes[-1]
+    assert any(word in reason for reason in verdict.reasons)
+
+
+def test_given_lens_that_is_right_is_not_contradicted(walk, flight):
+    for made in (walk, flight):
+        run, verdict = give_lens(made, 1.0)
+        assert run.found.figures["given_focal"]["agrees"] and run.found.focal_gap == 0
+        assert not run.log.notes and verdict.level == "good"
+
+
+def test_given_lens_that_images_do_not_determine_is_left_alone(flight):
+    run, _ = give_lens(flight, 1.05)
+    assert run.found.figures["given_focal"]["agrees"] and not run.log.notes

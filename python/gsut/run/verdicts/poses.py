@@ -34,6 +34,7 @@ _SEPARATE_PLACES = (
     "put the pictures of each place into a folder of their own, or add pictures of the way from "
     "one to the other, and put up something that sets them apart"
 )
+_ESTIMATE_LENS = "let the lens be estimated: --unknown-lens"
 _ADD_TURNED = "add images, some turned by 90 degrees about the axis of the lens"
 _MEND_GLOBAL = (
     "give --shutter rolling if the camera moved fast, or put up something that sets places apart "
@@ -50,6 +51,8 @@ class PosesQuality:
         median_px: median residual in pixels; diagonal_px: the images' diagonal.
         weakest: points that the weakest tenth of the images observe.
         agreement: share of the matches that observe one point, or None.
+        focal_gap: relative difference of the focal length that the images determine from that of a
+            given lens; 0: none beyond doubt.
         contradicted: share of the pairs of images whose matches the poses reject as a whole.
         focal_sigma: standard deviation of the focal length over it; None: the lens was given.
         readout_turn: root mean square turn of the images during their readout, in radians; None:
@@ -69,6 +72,7 @@ class PosesQuality:
     weakest: float
     agreement: float | None
     focal_sigma: float | None
+    focal_gap: float = 0.0
     contradicted: float = 0.0
     readout_turn: float | None = None
     motion: str = ""
@@ -131,10 +135,16 @@ def judge_poses(quality: PosesQuality) -> Verdict:
         Fault(
             _count_missed(agreement, (FEW_AGREE, FEW_AGREE if is_given else _HARDLY_AGREE)),
             f"only {100 * (q.agreement or 0):.0f} % of the matches agree in all images together",
-            "let the lens be estimated: --unknown-lens"
+            _ESTIMATE_LENS
             if is_given and q.readout_turn is None
             else mend_poses,
             is_visible=True,
+        ),
+        Fault(
+            count_exceeded(abs(q.focal_gap), FOCAL_LIMITS),
+            f"the photographs contradict the given lens: their focal length is "
+            f"{100 * abs(q.focal_gap):.0f} % {'longer' if q.focal_gap > 0 else 'shorter'}",
+            _ESTIMATE_LENS,
         ),
         Fault(
             count_exceeded(sigma, FOCAL_LIMITS),

@@ -13,6 +13,7 @@ from gsut.run.verdicts import FOCAL_LIMITS
 from gsut.sfm.lens.center import describe_center
 from gsut.sfm.lens.covariance import estimate_lens_covariances
 from gsut.sfm.lens.critical_motion import find_critical_motion
+from gsut.sfm.lens.given import check_given_lens
 from gsut.sfm.lens.prior import weigh_focal_prior
 from gsut.sfm.mapping import Findings, Mapping
 from gsut.sfm.photographs import PosesOptions
@@ -24,10 +25,11 @@ _CONTRADICTS = 0.1  # relative difference of focal lengths that needs an explana
 def judge_lens(mapping: Mapping) -> None:
     """Adds to the findings how well the focal length of the least known lens is known.
 
-    Does nothing where all lenses are known.
+    Where all lenses are known, whether the photographs contradict them; see `check_given_lens`.
     """
     solution, flags = mapping.solved, mapping.lens_free
     if flags is None:
+        check_given_lens(mapping)
         return
     found = mapping.found
     found.motion = find_critical_motion(solution, mapping.pairs)

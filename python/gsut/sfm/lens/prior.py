@@ -48,11 +48,11 @@ def weigh_focal_prior(mapping: Mapping, features_sigma: float) -> float:
     solution, flags = mapping.solved, mapping.one_lens_free
     if flags is None:
         return features_sigma
-    sigma = _estimate_sigma(mapping, flags, features_sigma)
+    sigma = estimate_focal_sigma(mapping, solution, flags, features_sigma)
     prior = _find_prior(mapping)
     if prior is None:
         return sigma
-    focal = _find_focal(solution)
+    focal = find_focal(solution)
     gap = math.log(focal / prior.px)
     agrees = abs(gap) <= _AGREE * math.hypot(sigma, prior.sigma)
     share = 1 / (1 + (sigma / prior.sigma) ** 2) if math.isfinite(sigma) else 0.0  # of the images
@@ -79,7 +79,7 @@ def weigh_focal_prior(mapping: Mapping, features_sigma: float) -> float:
         alone = f"a focal length of {known}" if sigma < 1 else "no focal length"
         mapping.log.note(
             f"the images alone give {alone}; with the {prior.px:.0f} px of {prior.source} it is "
-            f"{_find_focal(held):.0f} px, known to {200 * both:.1f} %"
+            f"{find_focal(held):.0f} px, known to {200 * both:.1f} %"
         )
     return both
 
@@ -98,10 +98,15 @@ def _find_prior(mapping: Mapping) -> FocalPrior | None:
     return FocalPrior(photographs.exif_focal_px, photographs.focal_sigma, _EXIF)
 
 
-def _find_focal(solution: Solution) -> float:
+def find_focal(solution: Solution) -> float:
     """Returns the focal length in pixels that the one lens of a solution has."""
     first = int(np.flatnonzero(solution.registered)[0])
     return float(solution.cameras[first].params[0])
+
+
+def count_groups(solution: Solution) -> int:
+    """Returns the number of groups of images that `estimate_focal_sigma` leaves out."""
+    return min(_GROUPS, solution.num_registered)
 
 
 def _hold_focal(mapping: Mapping, flags: np.ndarray, factor: float) -> Solution | None:
@@ -126,14 +131,15 @@ def _hold_focal(mapping: Mapping, flags: np.ndarray, factor: float) -> Solution 
     return held if held.num_registered == solution.num_registered else None
 
 
-def _estimate_sigma(mapping: Mapping, flags: np.ndarray, features_sigma: float) -> float:
+def estimate_focal_sigma(
+    mapping: Mapping, solution: Solution, flags: np.ndarray, features_sigma: float
+) -> float:
     """Estimates the standard deviation of the logarithm of the focal length by the images alone.
 
     That of the features' errors, but at least how much the focal length varies when one group of
     images after the other is left out (the jackknife): what features share, a shutter, a lens of
     another shape and wrong matches hardly raise the residuals. Infinite for fewer than four images.
     """
-    solution = mapping.solved
     if solution.num_registered < _FEWEST_IMAGES:
         return math.inf
     pairs = keep_most_distinct(mapping.pairs, _GROUP_MATCHES)
@@ -142,7 +148,7 @@ def _estimate_sigma(mapping: Mapping, flags: np.ndarray, features_sigma: float) 
     # Only how the focal length varies is asked: a readout needs no adjustment here.
     still = dataclasses.replace(solution, shutter=None, velocities=None)
     logs = []
-    for group in np.array_split(images, min(_GROUPS, len(images))):
+    for group in np.array_split(images, count_groups(solution)):
         kept = solution.registered.copy()
         kept[group] = False
         try:
@@ -152,6 +158,6 @@ def _estimate_sigma(mapping: Mapping, flags: np.ndarray, features_sigma: float) 
             )  # fmt: skip
         except SolveError:  # too few images are left
             continue
-        logs.append(math.log(_find_focal(found)))
+        logs.append(math.log(find_focal(found)))
     spread = math.sqrt((len(logs) - 1) * float(np.var(logs))) if len(logs) > 1 else math.inf
     return max(features_sigma, spread)

@@ -39,6 +39,7 @@ def judge_solution(solution: Solution, features: Sequence[Features], found: Find
             agreement=found.agreement,
             contradicted=found.contradicted,
             focal_sigma=found.focal_sigma,
+            focal_gap=found.focal_gap,
             readout_turn=solution.readout_turn,
             motion=motion,
             only_turned=motion.startswith(TURNED),
