@@ -65,7 +65,7 @@ def check_given_lens(mapping: Mapping) -> None:
 
 
 def _find_one_lens(solution: Solution) -> Camera | None:
-    """Returns the lens of all images that have a pose; None if they differ or have no focal length."""
+    """Returns the lens of all images with a pose; None if they differ or have no focal length."""
     lenses = [solution.cameras[image] for image in np.flatnonzero(solution.registered)]
     if not has_focal_length(lenses[0]) or any(lens != lenses[0] for lens in lenses[1:]):
         return None
