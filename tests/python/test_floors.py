@@ -12,7 +12,7 @@ ROOT = Path(__file__).resolve().parents[2]
 FLOORS = {
     "_core": -3,
     **dict.fromkeys(("_starting", "orientation", "system"), -2),
-    **dict.fromkeys(("files", "least_squares", "metrics", "time_left"), -1),
+    **dict.fromkeys(("files", "least_squares", "metrics", "significance", "time_left"), -1),
     "output_folder": 0,
     **dict.fromkeys(("gaussians", "lens", "run", "page"), 1),
     **dict.fromkeys(("render", "optimize", "data", "formats"), 2),
