@@ -122,7 +122,7 @@ def give_lens(flight, factor):
     return run, judge_solution(run.solution, run.features, run.found)
 
 
-@pytest.mark.parametrize(("factor", "word"), [(0.85, "longer"), (1.2, "shorter")])
+@pytest.mark.parametrize(("factor", "word"), [(0.85, "by +1"), (1.2, "by -1")])
 def test_given_lens_of_another_focal_length_is_contradicted(walk, factor, word):
     run, verdict = give_lens(walk, factor)
     row = run.found.figures["given_focal"]

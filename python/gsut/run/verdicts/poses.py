@@ -135,15 +135,12 @@ def judge_poses(quality: PosesQuality) -> Verdict:
         Fault(
             _count_missed(agreement, (FEW_AGREE, FEW_AGREE if is_given else _HARDLY_AGREE)),
             f"only {100 * (q.agreement or 0):.0f} % of the matches agree in all images together",
-            _ESTIMATE_LENS
-            if is_given and q.readout_turn is None
-            else mend_poses,
+            _ESTIMATE_LENS if is_given and q.readout_turn is None else mend_poses,
             is_visible=True,
         ),
         Fault(
             count_exceeded(abs(q.focal_gap), FOCAL_LIMITS),
-            f"the photographs contradict the given lens: their focal length is "
-            f"{100 * abs(q.focal_gap):.0f} % {'longer' if q.focal_gap > 0 else 'shorter'}",
+            f"the photographs' focal length differs by {100 * q.focal_gap:+.0f} % from the lens given",
             _ESTIMATE_LENS,
         ),
         Fault(
