@@ -140,7 +140,7 @@ def judge_poses(quality: PosesQuality) -> Verdict:
         ),
         Fault(
             count_exceeded(abs(q.focal_gap), FOCAL_LIMITS),
-            f"the photographs' focal length differs by {100 * q.focal_gap:+.0f} % from the lens given",
+            f"the focal length differs by {100 * q.focal_gap:+.0f} % from that of the given lens",
             _ESTIMATE_LENS,
         ),
         Fault(
