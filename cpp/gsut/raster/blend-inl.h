@@ -53,10 +53,21 @@ HWY_INLINE FloatVec ExtinctionAlpha(FloatVec raw) {
   return hn::Sub(hn::Set(FloatTag(), 1.0f), FastExp2(hn::Neg(raw)));
 }
 
-// Blends kJam alphas, nearest first; pixels below `stop` are closed. Returns whether all are.
+// Where pixels end, see BlendRule::transmittance_min and stop_before.
+struct StopRule {
+  FloatVec stop;      // pixels with less light are closed
+  FloatVec crossing;  // a group that leaves less closes a pixel
+  bool is_before;     // the Gaussian that closes a pixel is not blended
+  HWY_INLINE explicit StopRule(const RasterTask& task)
+      : stop(hn::Set(FloatTag(), task.transmittance_min)),
+        crossing(hn::Set(FloatTag(), task.crossing)),
+        is_before(task.stop_before) {}
+};
+
+// Blends kJam alphas, nearest first. Returns whether all pixels are closed.
 // hit: lanes that have an alpha above the cut-off; those left are what was blended.
 template <int kJam>
-HWY_INLINE bool BlendGroup(bool stop_before, const FloatVec* alpha, FloatVec stop, FloatMask* hit,
+HWY_INLINE bool BlendGroup(const StopRule& rule, const FloatVec* alpha, FloatMask* hit,
                            FloatVec* weight, FloatVec* transmittance_inout, FloatMask* open) {
   const FloatTag d;
   const FloatVec before = *transmittance_inout;
@@ -66,16 +77,16 @@ HWY_INLINE bool BlendGroup(bool stop_before, const FloatVec* alpha, FloatVec sto
     weight[i] = hn::Mul(alpha[i], transmittance);
     transmittance = hn::Sub(transmittance, weight[i]);
   }
-  const FloatMask crossed =
-      hn::And(*open, stop_before ? hn::Le(transmittance, stop) : hn::Lt(transmittance, stop));
+  const FloatMask crossed = hn::And(*open, hn::Lt(transmittance, rule.crossing));
   if (HWY_UNLIKELY(!hn::AllFalse(d, crossed))) {
     // A pixel stops inside this group: once more, Gaussian by Gaussian.
     transmittance = before;
     GSUT_UNROLL for (int i = 0; i < kJam; ++i) {
-      FloatMask blends = hn::And(hit[i], hn::Ge(transmittance, stop));
+      FloatMask blends = hn::And(hit[i], hn::Ge(transmittance, rule.stop));
       weight[i] = hn::Mul(alpha[i], transmittance);
-      if (stop_before) {
-        const FloatMask ends = hn::And(blends, hn::Le(hn::Sub(transmittance, weight[i]), stop));
+      if (rule.is_before) {
+        const FloatVec left = hn::Sub(transmittance, weight[i]);
+        const FloatMask ends = hn::And(blends, hn::Le(left, rule.stop));
         transmittance = hn::IfThenElse(ends, hn::Neg(transmittance), transmittance);
         blends = hn::AndNot(ends, blends);
       }
@@ -83,7 +94,7 @@ HWY_INLINE bool BlendGroup(bool stop_before, const FloatVec* alpha, FloatVec sto
       weight[i] = hn::IfThenElseZero(blends, weight[i]);
       transmittance = hn::Sub(transmittance, weight[i]);
     }
-    *open = hn::Ge(transmittance, stop);
+    *open = hn::Ge(transmittance, rule.stop);
     all_closed = hn::AllFalse(d, *open);
   }
   *transmittance_inout = transmittance;

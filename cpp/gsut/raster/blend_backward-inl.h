@@ -31,7 +31,6 @@ namespace HWY_NAMESPACE {
 // What a backward pass has to do; constants of the build, see WithBackwardFlags.
 struct BackwardFlags {
   bool with_depth;             // gradients to depth or distortion arrive
-  bool stop_before;            // BlendRule::stop_before
   bool with_rays;              // gradients to the rays are wanted
   bool with_error;             // ImageGradients::error arrives
   bool with_channels = false;  // ImageGradients::channels arrives
@@ -133,11 +132,12 @@ struct ResponseGradient {
 // The rule's alpha_max and transmittance_min, the response, and the primitive.
 struct BlendLimits {
   FloatVec alpha_max, stop;
-  bool is_extinction;
+  bool stop_before, is_extinction;
   Primitive primitive;
   HWY_INLINE explicit BlendLimits(const RasterTask& task)
       : alpha_max(hn::Set(FloatTag(), task.alpha_max)),
         stop(hn::Set(FloatTag(), task.transmittance_min)),
+        stop_before(task.stop_before),
         is_extinction(task.is_extinction),
         primitive(task.gaussians.primitive) {}
   HWY_INLINE bool IsGaussian() const { return HWY_LIKELY(primitive == Primitive::kGaussian); }
@@ -178,14 +178,13 @@ struct BlendStep {
   FloatVec left;           // negative: stopped before it, see Frame::transmittance
 };
 
-HWY_INLINE BlendStep StepBlend(bool stop_before, FloatVec stop, FloatVec alpha,
-                               FloatVec transmittance) {
+HWY_INLINE BlendStep StepBlend(const BlendLimits& limits, FloatVec alpha, FloatVec transmittance) {
   const FloatTag d;
-  alpha = hn::IfThenElseZero(hn::Ge(transmittance, stop), alpha);
+  alpha = hn::IfThenElseZero(hn::Ge(transmittance, limits.stop), alpha);
   FloatVec weight = hn::Mul(alpha, transmittance);
   FloatVec left = hn::Sub(transmittance, weight);
-  if (stop_before) {
-    const FloatMask ends = hn::And(hn::Gt(alpha, hn::Zero(d)), hn::Le(left, stop));
+  if (HWY_UNLIKELY(limits.stop_before)) {
+    const FloatMask ends = hn::And(hn::Gt(alpha, hn::Zero(d)), hn::Le(left, limits.stop));
     left = hn::IfThenElse(ends, hn::Neg(transmittance), left);
     weight = hn::IfThenZeroElse(ends, weight);
     alpha = hn::IfThenZeroElse(ends, alpha);
@@ -203,8 +202,7 @@ HWY_INLINE ResponseGradient StepOver(BackwardFlags flags, const BlendLimits& lim
                                      BlockFields fields, FloatVec* sums, float* pair) {
   const FloatTag d;
   const FloatMask is_free = hn::Lt(alpha, limits.alpha_max);
-  const BlendStep step =
-      StepBlend(flags.stop_before, limits.stop, alpha, fields.Get(kFieldTransmittance));
+  const BlendStep step = StepBlend(limits, alpha, fields.Get(kFieldTransmittance));
   const FloatVec weight = step.weight;
   fields.Set(kFieldTransmittance, step.left);
   // Gradients to the colour, and v.
@@ -247,18 +245,13 @@ HWY_INLINE ResponseGradient StepOver(BackwardFlags flags, const BlendLimits& lim
 // Calls run(flags) with constant flags, a build of the pass for each combination that occurs. run
 // is a lambda marked GSUT_INLINED_LAMBDA: only inlined, its flags are constants.
 template <class Run>
-HWY_INLINE void WithBackwardFlags(bool stop_before, const ImageGradients& gradients, bool with_rays,
-                                  const Run& run) {
-  WithFlag(stop_before, [&](auto stops) HWY_ATTR {
-    if (gradients.error != nullptr) {  // comes alone, see Renderer::Backward
-      run(BackwardFlags{false, stops, false, true});
-      return;
-    }
-    WithFlag(gradients.HasDepth(), [&](auto depth) HWY_ATTR {
-      WithFlag(with_rays, [&](auto rays) HWY_ATTR {
-        run(BackwardFlags{depth, stops, rays, false});
-      });
-    });
+HWY_INLINE void WithBackwardFlags(const ImageGradients& gradients, bool with_rays, const Run& run) {
+  if (gradients.error != nullptr) {  // comes alone, see Renderer::Backward
+    run(BackwardFlags{false, false, true});
+    return;
+  }
+  WithFlag(gradients.HasDepth(), [&](auto depth) HWY_ATTR {
+    WithFlag(with_rays, [&](auto rays) HWY_ATTR { run(BackwardFlags{depth, rays, false}); });
   });
 }
 

@@ -50,13 +50,13 @@ HWY_INLINE void ClearTile(bool with_depth, const TileGrid& grid, std::size_t pix
 // bit `block` of contributed[j] for each Gaussian j that added to a pixel. Returns whether all of
 // the block's pixels have stopped.
 template <class Kernel, class Sink>
-HWY_INLINE bool BlendBlock(bool with_depth, bool stop_before, const RasterTask& task,
-                           const Kernel& kernel, std::uint64_t todo, int block, std::size_t o,
-                           std::uint64_t* contributed, Frame* frame, Sink* sink) {
+HWY_INLINE bool BlendBlock(bool with_depth, const RasterTask& task, const Kernel& kernel,
+                           std::uint64_t todo, int block, std::size_t o, std::uint64_t* contributed,
+                           Frame* frame, Sink* sink) {
   constexpr int kJam = Kernel::kJam;
   const FloatTag d;
   const FloatVec alpha_limit = hn::Set(d, task.alpha_max);
-  const FloatVec stop = hn::Set(d, task.transmittance_min);
+  const StopRule rule(task);
   const auto pixels = kernel.LoadPixels(o);
   FloatVec transmittance = hn::Load(d, &frame->transmittance[o]);
   FloatVec red = hn::Load(d, &frame->color[0][o]);
@@ -64,7 +64,7 @@ HWY_INLINE bool BlendBlock(bool with_depth, bool stop_before, const RasterTask& 
   FloatVec blue = hn::Load(d, &frame->color[2][o]);
   DepthSums depth = with_depth ? LoadDepth(*frame, o) : DepthSums::Zero();
   // Stopped pixels are below the limit (or negative, see Frame::transmittance).
-  FloatMask open = hn::Ge(transmittance, stop);
+  FloatMask open = hn::Ge(transmittance, rule.stop);
   do {
     int index[kJam];
     FloatVec alpha[kJam], distance[kJam], weight[kJam];
@@ -74,7 +74,7 @@ HWY_INLINE bool BlendBlock(bool with_depth, bool stop_before, const RasterTask& 
       todo &= todo - 1;
     }
     kernel.Respond(pixels, index, open, alpha_limit, alpha, distance, hit);
-    if (BlendGroup<kJam>(stop_before, alpha, stop, hit, weight, &transmittance, &open)) todo = 0;
+    if (BlendGroup<kJam>(rule, alpha, hit, weight, &transmittance, &open)) todo = 0;
     GSUT_UNROLL for (int i = 0; i < kJam; ++i) {
       const bool contributes = !hn::AllFalse(d, hit[i]);
       contributed[index[i]] |= static_cast<std::uint64_t>(contributes) << block;
@@ -106,9 +106,8 @@ HWY_INLINE TileEntry* KeepEntries(const TilePair* pairs, int count,
 // Blends all Gaussians of a tile into its 256 pixels; with task.keep, leaves the list of
 // contributing pairs for the backward pass.
 template <class Kernel, class Sink = NoSink>
-HWY_INLINE void BlendTile(bool with_depth, bool stop_before, const RasterTask& task,
-                          const TileGrid& grid, int tile, Kernel& kernel, Frame* frame,
-                          Sink* sink = nullptr) {
+HWY_INLINE void BlendTile(bool with_depth, const RasterTask& task, const TileGrid& grid, int tile,
+                          Kernel& kernel, Frame* frame, Sink* sink = nullptr) {
   const std::size_t pixel0 = static_cast<std::size_t>(tile) * kTilePixels;
   ClearTile(with_depth, grid, pixel0, frame);
   const std::uint32_t begin = frame->tile_begin[tile];
@@ -132,8 +131,8 @@ HWY_INLINE void BlendTile(bool with_depth, bool stop_before, const RasterTask& t
       const int block = __builtin_ctzll(rest);
       if (gaussians_of[block] == 0) continue;
       const std::size_t o = pixel0 + static_cast<std::size_t>(block) * kLanes;
-      if (BlendBlock(with_depth, stop_before, task, kernel, gaussians_of[block], block, o,
-                     contributed, frame, sink)) {
+      if (BlendBlock(with_depth, task, kernel, gaussians_of[block], block, o, contributed, frame,
+                     sink)) {
         alive &= ~(std::uint64_t{1} << block);
       }
     }
@@ -141,14 +140,6 @@ HWY_INLINE void BlendTile(bool with_depth, bool stop_before, const RasterTask& t
     if constexpr (Sink::kKeepsWeights) sink->EndChunk(pairs, count, contributed);
   }
   if (task.keep) frame->entry_count[tile] = static_cast<std::uint32_t>(last_entry - first_entry);
-}
-
-// Calls run(with_depth, stop_before) with the task's flags as constants.
-template <class Run>
-HWY_INLINE void WithForwardFlags(const RasterTask& task, const Run& run) {
-  WithFlag(task.with_depth, [&](auto with_depth) HWY_ATTR {
-    WithFlag(task.stop_before, [&](auto stop_before) HWY_ATTR { run(with_depth, stop_before); });
-  });
 }
 
 }  // namespace HWY_NAMESPACE

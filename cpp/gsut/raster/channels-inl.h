@@ -126,9 +126,7 @@ template <class Kernel>
 HWY_INLINE void ForwardWithChannels(const RasterTask& task, const TileGrid& grid, int tile,
                                     Kernel& kernel, Frame* frame, float* image) {
   ChannelBlender blender(task, tile, frame);
-  WithFlag(task.stop_before, [&](auto stops) HWY_ATTR {
-    BlendTile(true, stops, task, grid, tile, kernel, frame, &blender);
-  });
+  BlendTile(true, task, grid, tile, kernel, frame, &blender);
   blender.EndSegment();
   WriteChannels(task.channels, grid, tile, *frame, image);
 }
@@ -139,9 +137,7 @@ template <class Kernel>
 HWY_INLINE void LiftTile(const RasterTask& task, const TileGrid& grid, int tile, Kernel& kernel,
                          const float* map, int count, Frame* frame, float* out) {
   MapLifter lifter(grid, tile, map, count, out);
-  WithFlag(task.stop_before, [&](auto stops) HWY_ATTR {
-    BlendTile(false, stops, task, grid, tile, kernel, frame, &lifter);
-  });
+  BlendTile(false, task, grid, tile, kernel, frame, &lifter);
   lifter.EndSegment();
 }
 

@@ -150,10 +150,8 @@ HWY_INLINE void BackwardWithChannels(const RasterTask& task, const TileGrid& gri
   channels.AddToPixels(static_cast<std::size_t>(tile) * kTilePixels, frame,
                        buffer + 3 * kTilePixels, worth);
   pixels.channels = worth;
-  WithFlag(task.stop_before, [&](auto stops) HWY_ATTR {
-    WithFlag(gradients.HasDepth() || with_rays, [&](auto all) HWY_ATTR {
-      run(BackwardFlags{all, stops, all, false, true}, pixels, &channels);
-    });
+  WithFlag(gradients.HasDepth() || with_rays, [&](auto all) HWY_ATTR {
+    run(BackwardFlags{all, all, false, true}, pixels, &channels);
   });
 }
 

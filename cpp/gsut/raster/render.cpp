@@ -163,6 +163,8 @@ void Renderer::FillTask(const GaussiansView<const float>& gaussians, const Rende
   ActivateShapes(gaussians);
   task_.order_by_z = settings.rule.order == OrderKey::kDepthZ;
   task_.stop_before = settings.rule.stop_before;
+  task_.crossing = task_.transmittance_min;
+  if (task_.stop_before) task_.crossing = std::nextafter(task_.crossing, 1.0f);
   task_.with_depth = job.WithDepth();
   task_.channels = job.channels;
   // Along the ray no pass after the forward one is there to read it.

@@ -35,6 +35,8 @@ struct RasterTask {
   bool is_extinction = false;     // gaussians.response
   const float* shapes = nullptr;  // (N) of gaussians.shapes, activated; null: they have none
   bool stop_before = false;
+  float crossing =
+      0.0f;  // a transmittance below it ends a pixel: transmittance_min or the next float
   bool with_depth = false;
   bool keep = false;  // leave what the backward pass needs
   int sh_degree = 0;

@@ -34,8 +34,8 @@ struct AlphaSlopes {
 };
 
 // Phase 1: evaluates alpha and its slopes, and steps T on.
-HWY_INLINE AlphaSlopes EvaluateSlopes(bool stop_before, const BlendLimits& limits, const float* r,
-                                      float shape, FloatVec s, FloatVec t, BlockFields fields) {
+HWY_INLINE AlphaSlopes EvaluateSlopes(const BlendLimits& limits, const float* r, float shape,
+                                      FloatVec s, FloatVec t, BlockFields fields) {
   constexpr float kTwoLn2 = 1.38629436111989061883f;
   const FloatTag d;
   const RayForms forms = FormsAlong(r, s, t);
@@ -55,7 +55,7 @@ HWY_INLINE AlphaSlopes EvaluateSlopes(bool stop_before, const BlendLimits& limit
   const FloatVec alpha = limits.is_extinction ? ExtinctionAlpha(raw) : raw;
   out.alpha = hn::IfThenElseZero(hit, hn::Min(alpha, limits.alpha_max));
   FloatVec left = hn::NegMulAdd(out.alpha, out.transmittance, out.transmittance);
-  if (stop_before) {
+  if (HWY_UNLIKELY(limits.stop_before)) {
     const FloatMask ends = hn::And(hit, hn::Le(left, limits.stop));
     hit = hn::AndNot(ends, hit);
     out.alpha = hn::IfThenElseZero(hit, out.alpha);
@@ -117,9 +117,9 @@ HWY_INLINE void AddSlopes(const AlphaSlopes& of, const float* r, const float* sh
 }
 
 // See JacobianKernel.
-HWY_INLINE void TileJacobian(bool stop_before, bool with_shading, const RasterTask& task,
-                             const TileGrid& grid, int tile, const Frame& frame,
-                             const float* shading, std::uint64_t wanted, float* slopes) {
+HWY_INLINE void TileJacobian(bool with_shading, const RasterTask& task, const TileGrid& grid,
+                             int tile, const Frame& frame, const float* shading,
+                             std::uint64_t wanted, float* slopes) {
   const FloatTag d;
   const std::size_t pixel0 = static_cast<std::size_t>(tile) * kTilePixels;
   const TileAxes to_tile = ToTileAxes(grid, tile);
@@ -144,7 +144,7 @@ HWY_INLINE void TileJacobian(bool stop_before, bool with_shading, const RasterTa
       const BlockFields at = fields.Block(block);
       const std::size_t o = pixel0 + static_cast<std::size_t>(block) * kLanes;
       const FloatVec s = hn::Load(d, &grid.s[o]), t = hn::Load(d, &grid.t[o]);
-      AddSlopes(EvaluateSlopes(stop_before, limits, r, shape, s, t, at), r, of_gaussian, at);
+      AddSlopes(EvaluateSlopes(limits, r, shape, s, t, at), r, of_gaussian, at);
     }
   }
   for (int block = 0; block < kBlocks; ++block) {

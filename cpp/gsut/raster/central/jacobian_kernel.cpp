@@ -15,13 +15,11 @@ HWY_BEFORE_NAMESPACE();
 namespace gsut {
 namespace HWY_NAMESPACE {
 
-// Flags become constants of the build, so that each combination has a loop without branches.
+// The flag becomes a constant of the build, so that each of its values has a loop of its own.
 void Jacobian(const RasterTask& task, const TileGrid& grid, int tile, const Frame& frame,
               const float* shading, std::uint64_t wanted, float* slopes) {
-  WithFlag(task.stop_before, [&](auto stop_before) HWY_ATTR {
-    WithFlag(shading != nullptr, [&](auto with_shading) HWY_ATTR {
-      TileJacobian(stop_before, with_shading, task, grid, tile, frame, shading, wanted, slopes);
-    });
+  WithFlag(shading != nullptr, [&](auto with_shading) HWY_ATTR {
+    TileJacobian(with_shading, task, grid, tile, frame, shading, wanted, slopes);
   });
 }
 

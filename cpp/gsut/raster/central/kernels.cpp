@@ -139,9 +139,9 @@ void Records(const RasterTask& task, const TileGrid& grid, const Splats& splats,
 
 void Forward(const RasterTask& task, const TileGrid& grid, int tile, Frame* frame, float* image,
              float* alpha, float* depth, float* distortion) {
-  WithForwardFlags(task, [&](auto with_depth, auto stop_before) HWY_ATTR {
+  WithFlag(task.with_depth, [&](auto with_depth) HWY_ATTR {
     CentralChunk chunk(task, grid, tile, *frame);
-    BlendTile(with_depth, stop_before, task, grid, tile, chunk, frame);
+    BlendTile(with_depth, task, grid, tile, chunk, frame);
   });
   WritePixels(grid, tile, *frame, task.background, task.with_depth, image, alpha, depth,
               distortion);
@@ -151,10 +151,9 @@ void Backward(const RasterTask& task, const TileGrid& grid, int tile,
               const ImageGradients& gradients, Frame* frame, float* to_rays) {
   HWY_ALIGN float buffer[7 * kTilePixels];
   const PixelGradients pixels = ReadPixelGradients(grid, tile, gradients, task.background, buffer);
-  WithBackwardFlags(task.stop_before, gradients, to_rays != nullptr,
-                    [&](BackwardFlags flags) GSUT_INLINED_LAMBDA {
-                      BackwardTile(flags, task, grid, tile, pixels, frame, to_rays);
-                    });
+  WithBackwardFlags(gradients, to_rays != nullptr, [&](BackwardFlags flags) GSUT_INLINED_LAMBDA {
+    BackwardTile(flags, task, grid, tile, pixels, frame, to_rays);
+  });
 }
 
 void Gradients(const RasterTask& task, const Frame& frame, std::int64_t begin, std::int64_t end,

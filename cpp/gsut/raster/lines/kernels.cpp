@@ -84,9 +84,9 @@ void LineRecords(const RasterTask& task, const LineGrid& grid, std::int64_t begi
 // The tile's kernel evaluates responses, BlendTile blends them, whatever the kind of rays.
 void LineForward(const RasterTask& task, const LineGrid& grid, int tile, Frame* frame, float* image,
                  float* alpha, float* depth, float* distortion) {
-  WithForwardFlags(task, [&](auto with_depth, auto stop_before) HWY_ATTR {
+  WithFlag(task.with_depth, [&](auto with_depth) HWY_ATTR {
     LineKernel kernel(task, grid, tile, *frame);
-    BlendTile(with_depth, stop_before, task, grid.tiles, tile, kernel, frame);
+    BlendTile(with_depth, task, grid.tiles, tile, kernel, frame);
   });
   WritePixels(grid.tiles, tile, *frame, task.background, task.with_depth, image, alpha, depth,
               distortion);
@@ -98,10 +98,9 @@ void LineBackward(const RasterTask& task, const LineGrid& grid, int tile,
   HWY_ALIGN float buffer[7 * kTilePixels];
   const PixelGradients pixels =
       ReadPixelGradients(grid.tiles, tile, gradients, task.background, buffer);
-  WithBackwardFlags(task.stop_before, gradients, to_lines != nullptr,
-                    [&](BackwardFlags flags) GSUT_INLINED_LAMBDA {
-                      BackwardLines(flags, task, grid, tile, pixels, frame, to_lines);
-                    });
+  WithBackwardFlags(gradients, to_lines != nullptr, [&](BackwardFlags flags) GSUT_INLINED_LAMBDA {
+    BackwardLines(flags, task, grid, tile, pixels, frame, to_lines);
+  });
 }
 
 void LineGradientsRange(const RasterTask& task, bool is_parallel, const Frame& frame,
