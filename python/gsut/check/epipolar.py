@@ -57,14 +57,24 @@ def gather_matches(scene: Scene, pairs: Sequence[ImagePair]) -> Matches:
     )  # fmt: skip
 
 
-def find_rays(cameras: Sequence[Camera], matches: Matches) -> np.ndarray:
-    """Returns unit rays (2, M, 3) in camera axes, NaN where a pixel has none."""
-    rays = np.full((2, len(matches), 3), np.nan)
+def find_rays(
+    cameras: Sequence[Camera], matches: Matches, pixels: np.ndarray | None = None
+) -> np.ndarray:
+    """Returns unit rays (..., 2, M, 3) in camera axes, NaN where a pixel has none.
+
+    Args:
+        cameras: the lenses.
+        matches: what the pixels belong to.
+        pixels: (..., 2, M, 2) beside the matches; None: those of the matches.
+    """
+    pixels = matches.pixels if pixels is None else pixels
+    rays = np.full((*pixels.shape[:-1], 3), np.nan)
     for side in (0, 1):
         for number in np.unique(matches.lens[side]):
-            rows = matches.lens[side] == number
-            found, valid = cameras[number].unproject(matches.pixels[side, rows])
-            rays[side, rows] = np.where(np.asarray(valid)[:, None], found, np.nan)
+            rows = np.flatnonzero(matches.lens[side] == number)
+            found, valid = cameras[number].unproject(pixels[..., side, rows, :].reshape(-1, 2))
+            found = np.where(np.asarray(valid)[:, None], found, np.nan)
+            rays[..., side, rows, :] = found.reshape(*pixels.shape[:-3], len(rows), 3)
     return rays
 
 

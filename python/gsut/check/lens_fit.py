@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -64,7 +65,8 @@ class LensFit:
 
     def apply(self, cameras: Sequence[Camera], matches: Matches) -> np.ndarray:
         """Returns the rays (2, M, 3) of the matches through the corrected lenses."""
-        return _find_moved_rays(cameras, matches, self.values)
+        moved = _move_pixels(cameras, matches, matches.pixels, self.values)
+        return find_rays(cameras, matches, moved)
 
     @property
     def moves(self) -> np.ndarray:
@@ -122,9 +124,15 @@ def fit_lens_beside(
     known = np.array([1.0, matches.diagonal, matches.diagonal, 1.0]) * _KNOWN
     all_numbers = np.concatenate([[_STEPS, known, _MOST], others], axis=1)
     views = matches.pairs[matches.pair]
-    x, covariance, effect = fit_numbers(
-        lambda x: measure_line_errors(cameras, matches, find_poses(x[4:]), x), views, *all_numbers
-    )
+
+    @functools.lru_cache(maxsize=1 + 2 * len(_STEPS))  # the lenses of one iteration
+    def find_rays_of_lens(x: bytes) -> np.ndarray:
+        return find_line_rays(cameras, matches, np.frombuffer(x))
+
+    def find_errors(x: np.ndarray) -> np.ndarray:
+        return measure_line_errors(find_rays_of_lens(x[:4].tobytes()), find_poses(x[4:]))
+
+    x, covariance, effect = fit_numbers(find_errors, views, *all_numbers)
     freedom = max(1, len(np.unique(views)) - len(x))
     return LensFit(x, covariance, effect, matches.diagonal, freedom)
 
@@ -217,9 +225,24 @@ def _leave_views_out(
     return (len(used) - 2) / (2 * len(used)) * np.array(moves).T @ np.array(moves)
 
 
-def measure_line_errors(
-    cameras: Sequence[Camera], matches: Matches, poses: np.ndarray, x: np.ndarray
+def find_line_rays(
+    cameras: Sequence[Camera], matches: Matches, x: np.ndarray | None = None
 ) -> np.ndarray:
+    """Returns the rays (3, 2, M, 3) from which `measure_line_errors` measures.
+
+    Of the matches, and of pixels `_STEP_PX` to the right of and below them.
+
+    Args:
+        cameras: the lenses.
+        matches: their pixels.
+        x: (4,) change of the lenses, as `LensFit.values`; None: none.
+    """
+    steps = np.array([[0.0, 0.0], [_STEP_PX, 0.0], [0.0, _STEP_PX]])[:, None, None]
+    x = np.zeros(4) if x is None else x
+    return find_rays(cameras, matches, _move_pixels(cameras, matches, matches.pixels + steps, x))
+
+
+def measure_line_errors(rays: np.ndarray, poses: np.ndarray) -> np.ndarray:
     """Returns how far matches (M,) lie from each other's epipolar lines, pixels, signed.
 
     In pixels of the given images, whatever the lens makes of them (Sampson's distance; Hartley and
@@ -227,43 +250,36 @@ def measure_line_errors(
     length makes all of them smaller, and fits no better for it.
 
     Args:
-        cameras: the lenses.
-        matches: their pixels.
+        rays: (3, 2, M, 3), see `find_line_rays`.
         poses: (2, M, 4, 4) world_from_camera.
-        x: (4,) change of the lenses, as `LensFit.values`.
     """
-    one, two = poses[..., :3, :3]
     base = poses[1, :, :3, 3] - poses[0, :, :3, 3]
     base = base / np.maximum(np.linalg.norm(base, axis=1, keepdims=True), _TINY)
-    right, down = np.array([_STEP_PX, 0.0]), np.array([0.0, _STEP_PX])
-    rays = [_find_moved_rays(cameras, matches, x, step) for step in (0.0, right, down)]
-    seen = [np.einsum("mij,smj->smi", turn, [each[side] for each in rays])
-            for side, turn in enumerate((one, two))]  # fmt: skip
-    normal = [np.cross(seen[1][0], base), np.cross(base, seen[0][0])]
-    missed = np.einsum("mi,mi->m", seen[1][0], normal[1])
-    slopes = [np.einsum("smi,mi->sm", seen[side][1:] - seen[side][0], normal[side]) / _STEP_PX
-              for side in (0, 1)]  # fmt: skip
+    one, two = (np.einsum("mij,smj->smi", poses[side, :, :3, :3], rays[:, side]) for side in (0, 1))
+    normal = [np.cross(two[0], base), np.cross(base, one[0])]
+    missed = np.einsum("mi,mi->m", two[0], normal[1])
+    slopes = [np.einsum("smi,mi->sm", seen[1:] - seen[0], normal[side]) / _STEP_PX
+              for side, seen in enumerate((one, two))]  # fmt: skip
     size = np.linalg.norm(np.concatenate(slopes), axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
         return missed / size
 
 
-def _find_moved_rays(
-    cameras: Sequence[Camera], matches: Matches, x: np.ndarray, step: np.ndarray | float = 0.0
+def _move_pixels(
+    cameras: Sequence[Camera], matches: Matches, pixels: np.ndarray, x: np.ndarray
 ) -> np.ndarray:
-    """Returns the rays (2, M, 3) of pixels a step (2,) beside the matches through changed lenses.
+    """Returns where the given lenses see what the changed ones see at `pixels`.
 
     Args:
         cameras: the lenses.
         matches: their pixels.
+        pixels: (..., 2, M, 2) at the matches or beside them.
         x: (4,) change of the lenses, as `LensFit.values`.
-        step: (2,) pixels.
     """
     centers = _find_principal_points(cameras)[matches.lens]
-    away = (matches.pixels + step - x[1:3] - centers) / np.exp(x[0])
+    away = (pixels - x[1:3] - centers) / np.exp(x[0])
     radius = np.linalg.norm(away, axis=-1, keepdims=True) / (matches.diagonal / 2)
-    moved = centers + away / (1 + x[3] * radius**2)
-    return find_rays(cameras, dataclasses.replace(matches, pixels=moved))
+    return centers + away / (1 + x[3] * radius**2)
 
 
 def _find_principal_points(cameras: Sequence[Camera]) -> np.ndarray:

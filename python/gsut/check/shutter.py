@@ -9,7 +9,12 @@ import numpy as np
 from gsut.check.epipolar import rate_matches
 from gsut.check.evidence import Evidence
 from gsut.check.findings import Finding
-from gsut.check.lens_fit import LEAST_EFFECT, fit_numbers, measure_line_errors
+from gsut.check.lens_fit import (
+    LEAST_EFFECT,
+    find_line_rays,
+    fit_numbers,
+    measure_line_errors,
+)
 from gsut.check.matches import order_in_time
 from gsut.check.turns import to_rotation_vector
 from gsut.data import Scene
@@ -98,12 +103,13 @@ def fit_timing(evidence: Evidence) -> Timing | None:
     height = np.array([camera.height for camera in scene.cameras])[m.lens]
     line = m.pixels[..., 1] / height - 0.5
     poses = evidence.table.select_poses()
+    rays = find_line_rays(scene.cameras, m)
 
     def find_poses(x: np.ndarray) -> np.ndarray:
         return move_poses(poses, speeds[views], x[0] * line + x[1])
 
     def find_errors(x: np.ndarray) -> np.ndarray:
-        return measure_line_errors(scene.cameras, m, find_poses(x), np.zeros(4))
+        return measure_line_errors(rays, find_poses(x))
 
     def rate(x: np.ndarray) -> float:
         errors = measure_angular_errors(evidence.rays, find_poses(x))
