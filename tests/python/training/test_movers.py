@@ -12,6 +12,7 @@ from gsut.files import write_picture
 from gsut.run.checkpoint import read_checkpoint, write_checkpoint
 from gsut.training.loop import TrainingLoop
 from gsut.training.photograph import Movers
+from gsut.training.photograph.movers import _find_medians
 from random_scenes import pinhole
 
 SIZE, VIEWS, SIDE = 64, 9, 34
@@ -106,3 +107,11 @@ def test_movers_survive_a_checkpoint(wall, tmp_path):
     assert sorted(other.outliers.movers.masks) == sorted(MOVED)
     for view, mask in loop.outliers.movers.masks.items():
         assert np.array_equal(mask, other.outliers.movers.masks[view])
+
+
+def test_medians_of_few_values_are_those_of_numpy(rng):
+    values = rng.normal(size=(8, 500, 3)).astype(np.float32)
+    count = rng.integers(1, 9, 500)
+    there = (np.arange(8)[:, None] < count)[..., None]
+    found = _find_medians(np.where(there, values, np.inf), count)
+    assert np.array_equal(found, np.nanmedian(np.where(there, values, np.nan), axis=0))
