@@ -225,8 +225,9 @@ class _SceneInProgress:
             for note in pictures.notes:
                 bars.note(note)
         if self._watcher is not None:
-            rows = pictures.figures["frames"]
-            self._watcher.show_pictures({row["name"]: pictures.path / row["path"] for row in rows})
+            rows, folder = pictures.figures["frames"], pictures.path
+            masks = {row["name"]: folder / row["mask"] for row in rows if row.get("mask")}
+            self._watcher.show_pictures({row["name"]: folder / row["path"] for row in rows}, masks)
         self.folder.write_json(STATE, self.figures)
         bars.expect(
             "training",
