@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from gsut.evaluate.chart import Chart, pad_limits
+from gsut.page import Chart, pad_limits
 from gsut.render import Confidence, Falloff
 from gsut.run import TrainOptions
 

@@ -1,5 +1,6 @@
 """The one kit for reports: a page, its tables and embedded pictures, and plots in one style."""
 
+from gsut.page.chart import Chart, make_map, pad_limits
 from gsut.page.page import (
     build_page,
     build_table,
@@ -21,6 +22,7 @@ from gsut.page.plots import (
 )
 
 __all__ = [
+    "Chart",
     "Style",
     "build_page",
     "build_table",
@@ -31,6 +33,8 @@ __all__ = [
     "format_number",
     "make_figure",
     "make_image_figure",
+    "make_map",
+    "pad_limits",
     "paint_values",
     "plot_map",
     "plot_residuals",
