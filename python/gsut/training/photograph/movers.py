@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from gsut import _core
+from gsut.gaussians import pack_harmonics
 from gsut.render import Light, render
 
 # Longest side in pixels at which photographs are compared: enough for what spoils a picture.
@@ -96,11 +97,11 @@ class Movers:
         """
         side = max(max(camera.width, camera.height) for camera in scene.cameras)
         small = scene.scale_images(min(1.0, _SIDE / side), keep_larger=True)
-        looks: dict[int, _Look] = {}
+        packed, looks = pack_harmonics(gaussians), dict[int, _Look]()
 
         def look_at(index: int) -> _Look:
             if index not in looks:
-                looks[index] = _look(gaussians, small, index, light, background)
+                looks[index] = _look(packed, small, index, light, background)
             return looks[index]
 
         train = np.array(small.train_indices, np.int64)
@@ -189,11 +190,10 @@ def _sample_others(points: np.ndarray, others: Sequence[_Look]) -> tuple[np.ndar
             break
         there = points[left] @ other.pose[:3, :3].T + other.pose[:3, 3]
         pixels, valid = other.camera.project(there)
-        column, row = np.floor(np.nan_to_num(pixels, nan=-1.0)).astype(np.int64).T
-        height, width = other.mask.shape
-        inside = valid & (column >= 0) & (column < width) & (row >= 0) & (row < height)
-        left, row, column, there = left[inside], row[inside], column[inside], there[inside]
-        distance = np.linalg.norm(there, axis=1)
+        (x, y), (height, width) = pixels.T, other.mask.shape
+        inside = np.flatnonzero(valid & (x >= 0) & (x < width) & (y >= 0) & (y < height))
+        column, row = x[inside].astype(np.int32), y[inside].astype(np.int32)
+        left, distance = left[inside], np.linalg.norm(there[inside], axis=1)
         seen = other.distances[row, column]
         is_same = np.abs(seen - distance) <= _SAME_DEPTH * distance
         left, row, column = left[is_same], row[is_same], column[is_same]
