@@ -225,9 +225,7 @@ class _SceneInProgress:
             for note in pictures.notes:
                 bars.note(note)
         if self._watcher is not None:
-            rows, folder = pictures.figures["frames"], pictures.path
-            masks = {row["name"]: folder / row["mask"] for row in rows if row.get("mask")}
-            self._watcher.show_pictures({row["name"]: folder / row["path"] for row in rows}, masks)
+            self._watcher.show_capture(pictures.path, pictures.figures["frames"])
         self.folder.write_json(STATE, self.figures)
         bars.expect(
             "training",

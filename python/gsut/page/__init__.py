@@ -1,6 +1,6 @@
 """The one kit for reports: a page, its tables and embedded pictures, and plots in one style."""
 
-from gsut.page.chart import Chart, make_map, pad_limits
+from gsut.page.chart import Chart
 from gsut.page.page import (
     build_page,
     build_table,
@@ -13,7 +13,6 @@ from gsut.page.page import (
 )
 from gsut.page.plots import (
     Style,
-    embed_figure,
     make_figure,
     make_image_figure,
     plot_map,
@@ -27,14 +26,11 @@ __all__ = [
     "build_page",
     "build_table",
     "embed_bytes",
-    "embed_figure",
     "embed_picture",
     "format_duration",
     "format_number",
     "make_figure",
     "make_image_figure",
-    "make_map",
-    "pad_limits",
     "paint_values",
     "plot_map",
     "plot_residuals",

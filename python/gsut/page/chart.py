@@ -60,6 +60,22 @@ class Chart:
         self.write((_LEFT + _RIGHT) / 2, _HEIGHT - 10, x_label, Style.MUTED, 13)
         self.write(_LEFT, 20, title, Style.INK, 15, "start", bold=True)
 
+    @classmethod
+    def make_map(cls, title: str, label: str, x: np.ndarray, y: np.ndarray) -> Chart:
+        """Makes a chart that shows points in the same scale along both axes."""
+        (left, right), (low, high) = cls.pad_limits(x), cls.pad_limits(y)
+        unit = max((right - left) / (_RIGHT - _LEFT), (high - low) / (_BOTTOM - _TOP))
+        middle, half = (left + right) / 2, 0.5 * unit * (_RIGHT - _LEFT)
+        center, tall = (low + high) / 2, 0.5 * unit * (_BOTTOM - _TOP)
+        return cls(title, label, (middle - half, middle + half), (center - tall, center + tall))
+
+    @staticmethod
+    def pad_limits(values: np.ndarray) -> tuple[float, float]:
+        """Returns the ends of an axis that shows all values; a single value is centred."""
+        low, high = float(np.min(values)), float(np.max(values))
+        room = _MARGIN * (high - low) or 0.5 * abs(high) or 1.0
+        return low - room, high + room
+
     def write(
         self, x: float, y: float, words: str, color: str, size: float, anchor: str = "middle",
         bold: bool = False,
@@ -163,22 +179,6 @@ class Chart:
         if self._log:
             low, high, values = math.log(low), math.log(high), np.log(values)
         return np.clip(_BOTTOM - (values - low) / (high - low) * (_BOTTOM - _TOP), 0, _HEIGHT)
-
-
-def make_map(title: str, label: str, x: np.ndarray, y: np.ndarray) -> Chart:
-    """Makes a chart that shows points in the same scale along both axes."""
-    (left, right), (low, high) = pad_limits(x), pad_limits(y)
-    unit = max((right - left) / (_RIGHT - _LEFT), (high - low) / (_BOTTOM - _TOP))
-    middle, half = (left + right) / 2, 0.5 * unit * (_RIGHT - _LEFT)
-    center, tall = (low + high) / 2, 0.5 * unit * (_BOTTOM - _TOP)
-    return Chart(title, label, (middle - half, middle + half), (center - tall, center + tall))
-
-
-def pad_limits(values: np.ndarray) -> tuple[float, float]:
-    """Returns the ends of an axis that shows all values; a single value is centred."""
-    low, high = float(np.min(values)), float(np.max(values))
-    room = _MARGIN * (high - low) or 0.5 * abs(high) or 1.0
-    return low - room, high + room
 
 
 def _list_ticks(low: float, high: float) -> list[float]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -69,6 +69,11 @@ class LiveScene:
     ) -> None:
         """Takes the files of the pictures that were chosen, and of their masks, by name."""
         self._pictures, self._masks = dict(pictures), dict(masks or {})
+
+    def show_capture(self, folder: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+        """Takes the rows of a capture's figures, with paths relative to its folder."""
+        masks = {row["name"]: folder / row["mask"] for row in rows if row.get("mask")}
+        self.show_pictures({row["name"]: folder / row["path"] for row in rows}, masks)
 
     def show_poses(self, look: Callable[[], Solution]) -> None:
         """Takes a function that returns poses and points so far, and calls it if it is time."""

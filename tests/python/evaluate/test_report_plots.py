@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gsut.evaluate.report_plots import plot_curve, plot_rings
-from gsut.page.chart import Chart, _list_log_ticks, _list_ticks, make_map
+from gsut.page.chart import Chart, _list_log_ticks, _list_ticks
 from gsut.run import TrainOptions
 
 
@@ -45,7 +45,7 @@ def test_a_line_goes_from_corner_to_corner_of_its_axes():
 
 def test_a_map_has_one_scale_and_its_points_lie_where_its_segments_do():
     x, y = np.array([0.0, 10.0]), np.array([0.0, 1.0])
-    chart = make_map("map", "m", x, y)
+    chart = Chart.make_map("map", "m", x, y)
     chart.draw_segments(x[None], y[None])
     chart.draw_points(x, y, np.array([[255, 0, 0], [0, 0, 255]], np.uint8))
     text = svg(chart.embed())

@@ -16,7 +16,6 @@ from gsut.page import (
     build_page,
     build_table,
     embed_bytes,
-    make_map,
     render_template,
 )
 from gsut.run import Verdict
@@ -145,7 +144,7 @@ def _plot_scene(solution: Solution, rig: dict[str, Any] | None) -> list[Chart]:
     charts = []
     for title, (x, y) in (("from above", (across, along)), ("from the side", (across, -down))):
         unit = "" if rig is None else "in the rig's unit"
-        chart = make_map(title, unit, shown @ x, shown @ y)
+        chart = Chart.make_map(title, unit, shown @ x, shown @ y)
         chart.draw_points(points @ x, points @ y, colors)
         for rows in frames:
             chart.draw_line(starts[rows] @ x, starts[rows] @ y, Style.MUTED, 0.8)
