@@ -73,7 +73,7 @@ def write_report(out: Path, solution: Solution, values: dict[str, Any]) -> None:
         render_template("<h2>Residuals and tracks</h2>"),
         render_template(
             _CHARTS,
-            charts=[*_plot_residuals(solution), _plot_tracks(solution)],
+            charts=[*_plot_residuals(solution), *_plot_tracks(solution)],
             alt="residuals and tracks",
         ),
         render_template("<h2>Images</h2>"),
@@ -200,11 +200,11 @@ def _plot_residuals(solution: Solution) -> list[Chart]:
     return [by_angle, of_all]
 
 
-def _plot_tracks(solution: Solution) -> Chart:
+def _plot_tracks(solution: Solution) -> list[Chart]:
     lengths = np.bincount(solution.observations[:, 0])
     longest = int(max(lengths.max(initial=2), 3))
     counts, edges = np.histogram(lengths, bins=np.arange(1.5, longest + 1.5))
     most = 1.2 * max(2.0, float(counts.max()))
     chart = Chart("points by track length", "images", (1.0, longest + 1.0), (0.8, most), log=True)
     chart.draw_histogram(edges, np.maximum(counts, 0.8))
-    return chart
+    return [chart]
