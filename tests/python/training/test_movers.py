@@ -57,6 +57,14 @@ def write_views(folder, wall, moved):
     return load_dataset(folder, test_every=0)
 
 
+def test_medians_of_few_values_are_those_of_numpy(rng):
+    values = rng.normal(size=(8, 500, 3)).astype(np.float32)
+    count = rng.integers(1, 9, 500)
+    there = (np.arange(8)[:, None] < count)[..., None]
+    found = _find_medians(np.where(there, values, np.inf), count)
+    assert np.array_equal(found, np.nanmedian(np.where(there, values, np.nan), axis=0))
+
+
 def measure_recall(found):
     """Share of what passes that is found, and of other pixels that are taken for it."""
     hit, wrong = [], []
@@ -107,11 +115,3 @@ def test_movers_survive_a_checkpoint(wall, tmp_path):
     assert sorted(other.outliers.movers.masks) == sorted(MOVED)
     for view, mask in loop.outliers.movers.masks.items():
         assert np.array_equal(mask, other.outliers.movers.masks[view])
-
-
-def test_medians_of_few_values_are_those_of_numpy(rng):
-    values = rng.normal(size=(8, 500, 3)).astype(np.float32)
-    count = rng.integers(1, 9, 500)
-    there = (np.arange(8)[:, None] < count)[..., None]
-    found = _find_medians(np.where(there, values, np.inf), count)
-    assert np.array_equal(found, np.nanmedian(np.where(there, values, np.nan), axis=0))
