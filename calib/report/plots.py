@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import itertools
 from typing import Any
 
@@ -12,13 +13,14 @@ from calib.camera import PIXEL_SHIFT, CameraSolution
 from calib.trust import TRUSTED_SIGMA_PX, Halves, Trust, trace_trusted_outline
 from gsut.page import (
     Style,
-    embed_figure,
+    embed_bytes,
     make_figure,
     make_image_figure,
     plot_map,
     plot_residuals,
 )
 
+_PNG_DPI = 110  # sharp at the width that pages give a plot
 _SIGMA_RANGE = (0.02, 20.0)  # pixels: ends of the colour scale of the uncertainty
 _HALVES_RANGE = (1e-3, 1.0)  # degrees: ends of the colour scale of the difference of two lenses
 _RING_DEGREES = 5.0  # width of the rings of field angle
@@ -48,7 +50,7 @@ def draw_camera(
         if index >= 2:
             outline = trace_trusted_outline(camera, trust.valid_angle) + PIXEL_SHIFT
             axes.plot(*outline.T, color=_GREEN, lw=1.5)
-    return [embed_figure(figure) for figure, _ in figures]
+    return [_embed_figure(figure) for figure, _ in figures]
 
 
 def _draw_residuals(camera: CameraSolution, size: tuple[int, int]) -> tuple[Any, Any]:
@@ -105,3 +107,10 @@ def _draw_uncertainty(
         grid = np.linspace(0, size[0] - 1, columns), np.linspace(0, size[1] - 1, rows)
         axes.contour(*grid, trust.sigma, [TRUSTED_SIGMA_PX], colors="w")
     return figure, axes
+
+
+def _embed_figure(figure: Any) -> str:
+    """Returns a figure as the data address of a PNG, for plots of many points."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=_PNG_DPI)
+    return embed_bytes(buffer.getvalue(), "image/png")

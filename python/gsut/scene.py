@@ -225,8 +225,7 @@ class _SceneInProgress:
             for note in pictures.notes:
                 bars.note(note)
         if self._watcher is not None:
-            rows = pictures.figures["frames"]
-            self._watcher.show_pictures({row["name"]: pictures.path / row["path"] for row in rows})
+            self._watcher.show_capture(pictures.path, pictures.figures["frames"])
         self.folder.write_json(STATE, self.figures)
         bars.expect(
             "training",

@@ -79,7 +79,7 @@ def make_scene_page(folder, name, monkeypatch):
 
 def make_poses_page(folder, name, monkeypatch):
     for plot in ("_plot_scene", "_plot_residuals", "_plot_tracks"):
-        monkeypatch.setattr(page, plot, lambda *_: "")
+        monkeypatch.setattr(page, plot, lambda *_: [])
     view = {"registered": False, "name": name}
     values = {
         "registered": 1, "images": 2, "points": 3, "observations": 4, "mean_track_length": 2.0,

@@ -53,11 +53,12 @@ def run(arguments: argparse.Namespace) -> int:
                 arguments.inputs, arguments.out, options, progress=not arguments.quiet,
                 watcher=watcher,
             )  # fmt: skip
-        except KeyboardInterrupt:
+        except KeyboardInterrupt as interrupt:
+            scene_kept = f"; {interrupt}" if str(interrupt) else ""
             words = format_command(["gsut", "scene", *arguments.inputs, "-o", arguments.out])
             raise KeyboardInterrupt(
-                f"interrupted; finished stages are kept in {arguments.out}. Run the same command "
-                f"again to resume: {words} ..."
+                f"interrupted; finished stages are kept in {arguments.out}{scene_kept}. Run "
+                f"the same command again to resume: {words} ..."
             ) from None
         page.finish(result.trained)
         if was_finished and not is_silent:

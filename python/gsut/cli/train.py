@@ -158,12 +158,13 @@ def train_into(
         )
         if page is not None:
             page.finish(result)
-    except KeyboardInterrupt:
+    except KeyboardInterrupt as interrupt:
         kept = [] if blocks is None else blocks.list_words("blocks", "rounds")
         resumed = ["--resume"] if run.has_run() else []
         again = format_command(["gsut", "train", data, "-o", str(run.path), *resumed, *kept])
         how = "resume from the last checkpoint" if resumed else "start again"
-        raise KeyboardInterrupt(f"interrupted; to {how}, run: {again}") from None
+        scene_kept = f"{interrupt}; " if str(interrupt) else ""
+        raise KeyboardInterrupt(f"interrupted; {scene_kept}to {how}, run: {again}") from None
     return run.read_json(RunFile.METRICS)
 
 

@@ -16,8 +16,6 @@ _WINDOW = 1.5
 _CONTRAST = 0.03
 # Contrast-structure term above which a detail is right: half of a perfect one.
 _RIGHT = 0.5
-
-
 # Standard deviation in pixels of what is taken away before pictures are registered: their level.
 _LEVEL = 5.0
 # Side in pixels below which pictures are not registered.
@@ -35,32 +33,13 @@ def measure_detail(photograph: np.ndarray, image: np.ndarray, mask: np.ndarray) 
     Returns:
         From 0 to 1, of the pixels whose surroundings have contrast; of all pixels where none have.
     """
-    import cv2
-
-    factor = min(1.0, _SIDE / max(mask.shape))
-    size = max(1, round(mask.shape[1] * factor)), max(1, round(mask.shape[0] * factor))
-    pictures = (photograph.astype(np.float32) / np.float32(255), image.astype(np.float32))
-    truth, shown, weight = (
-        cv2.resize(each, size, interpolation=cv2.INTER_AREA)
-        for each in (*(picture.mean(axis=2) for picture in pictures), mask.astype(np.float32))
-    )
-
-    def average(values: np.ndarray) -> np.ndarray:
-        return cv2.GaussianBlur(values, (0, 0), _WINDOW)
-
-    means = average(truth), average(shown)
-    variances = [average(x * x) - m * m for x, m in zip((truth, shown), means, strict=True)]
-    covariance = average(truth * shown) - means[0] * means[1]
-    least = _CONTRAST**2
-    right = (2 * covariance + least) / (variances[0] + variances[1] + least) > _RIGHT
-    counts = average(weight) > 1 - 1e-3
-    detail = counts & (variances[0] > least)
-    chosen = next((each for each in (detail, counts) if each.any()), np.ones_like(counts))
-    return float(right[chosen].mean())
+    return _Detail(_average_photograph(photograph), mask).measure(_average_channels(image))
 
 
-def measure_shifted_detail(photograph: np.ndarray, image: np.ndarray, mask: np.ndarray) -> float:
-    """Measures the detail that is right after the render is shifted as a whole.
+def measure_details(
+    photograph: np.ndarray, image: np.ndarray, mask: np.ndarray
+) -> tuple[float, float]:
+    """Measures the detail that is right as it is, and after the render is shifted as a whole.
 
     Where a pose or a lens is wrong, a shift brings detail back; blur, holes and what moved it does
     not mend.
@@ -69,25 +48,80 @@ def measure_shifted_detail(photograph: np.ndarray, image: np.ndarray, mask: np.n
         photograph, image, mask: see `measure_detail`.
 
     Returns:
-        The detail of the render shifted by what phase correlation finds, or of the render as it is
-        if that is more.
+        The result of `measure_detail`, and the detail of the render shifted by what phase
+        correlation finds; the first again if that is more.
     """
     import cv2
 
+    truth, shown = _average_photograph(photograph), _average_channels(image)
+    detail = _Detail(truth, mask)
+    plain = detail.measure(shown)
     if min(mask.shape) < _SMALLEST:
-        return measure_detail(photograph, image, mask)
+        return plain, plain
     weight = mask.astype(np.float32)
-    shown = np.ascontiguousarray(image, np.float32)
 
-    def flatten(picture: np.ndarray) -> np.ndarray:
-        grey = picture.mean(axis=2, dtype=np.float32) * weight
-        return grey - cv2.GaussianBlur(grey, (0, 0), _LEVEL)
+    def flatten(grey: np.ndarray) -> np.ndarray:
+        inside = grey * weight
+        return inside - cv2.GaussianBlur(inside, (0, 0), _LEVEL)
 
     size = mask.shape[1], mask.shape[0]
-    pictures = (shown, photograph.astype(np.float32) / np.float32(255))
     window = cv2.createHanningWindow(size, cv2.CV_32F)
-    rendered, photographed = map(flatten, pictures)
-    (right, down), _ = cv2.phaseCorrelate(rendered, photographed, window)
+    (right, down), _ = cv2.phaseCorrelate(flatten(shown), flatten(truth), window)
     move = np.array([[1, 0, right], [0, 1, down]], np.float32)
     shifted = cv2.warpAffine(shown, move, size, borderMode=cv2.BORDER_REPLICATE)
-    return max(measure_detail(photograph, each, mask) for each in (shown, shifted))
+    return plain, max(plain, detail.measure(shifted))
+
+
+class _Detail:
+    """The detail of a photograph, with which renders are compared.
+
+    Args:
+        truth: (H, W) float32 brightness of the photograph.
+        mask: (H, W) bool; True where pixels count.
+    """
+
+    def __init__(self, truth: np.ndarray, mask: np.ndarray) -> None:
+        factor = min(1.0, _SIDE / max(mask.shape))
+        self._size = tuple(max(1, round(side * factor)) for side in mask.shape[::-1])
+        self._truth = self._resize(truth)
+        self._mean, self._variance = _measure_contrast(self._truth)
+        counts = _average(self._resize(mask.astype(np.float32))) > 1 - 1e-3
+        detail = counts & (self._variance > _CONTRAST**2)
+        chosen = (each for each in (detail, counts) if each.any())
+        self._chosen = next(chosen, np.ones_like(counts))
+
+    def measure(self, shown: np.ndarray) -> float:
+        """Measures the share that a render's brightness (H, W) shows, see `measure_detail`."""
+        shown = self._resize(shown)
+        mean, variance = _measure_contrast(shown)
+        covariance = _average(self._truth * shown) - self._mean * mean
+        least = _CONTRAST**2
+        right = (2 * covariance + least) / (self._variance + variance + least) > _RIGHT
+        return float(right[self._chosen].mean())
+
+    def _resize(self, picture: np.ndarray) -> np.ndarray:
+        import cv2
+
+        return cv2.resize(picture, self._size, interpolation=cv2.INTER_AREA)
+
+
+def _average(values: np.ndarray) -> np.ndarray:
+    import cv2
+
+    return cv2.GaussianBlur(values, (0, 0), _WINDOW)
+
+
+def _measure_contrast(picture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns mean and variance in the window around each pixel."""
+    mean = _average(picture)
+    return mean, _average(picture * picture) - mean * mean
+
+
+def _average_photograph(photograph: np.ndarray) -> np.ndarray:
+    return _average_channels(photograph.astype(np.float32) / np.float32(255))
+
+
+def _average_channels(image: np.ndarray) -> np.ndarray:
+    """Returns the mean of red, green and blue (H, W) as float32."""
+    red, green, blue = np.moveaxis(np.asarray(image, np.float32), 2, 0)
+    return (red + green + blue) / np.float32(3)

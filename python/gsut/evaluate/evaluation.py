@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from gsut import _core
-from gsut.evaluate.detail import measure_detail, measure_shifted_detail
+from gsut.evaluate.detail import measure_details
 from gsut.evaluate.unseen import find_unseen
 from gsut.gaussians import pack_harmonics
 from gsut.metrics import (
@@ -41,6 +41,7 @@ FIGURES = (
     "psnr", "ssim", "detail", "unseen", "moving", "psnr_unit_gain", "psnr_color_corrected",
     "psnr_half_image",
 )  # fmt: skip
+_DETAILS = "detail", "detail_shifted"  # of a view, by `measure_details`
 # Called with a view, width and height; returns (height, width) bool, or None if nothing moved.
 FindMoving = Callable[[int, int, int], np.ndarray | None]
 _DEPTH_LEVELS = 65535  # of a 16-bit picture
@@ -196,8 +197,7 @@ def _compare(
         "name": view.name,
         "psnr": psnr(shown, seen),
         "ssim": _ssim(photograph, image, mask),
-        "detail": measure_detail(photograph, image, judged),
-        "detail_shifted": measure_shifted_detail(photograph, image, judged),
+        **dict(zip(_DETAILS, measure_details(photograph, image, judged), strict=True)),
         "unseen": float(unseen.sum() / count),
         "moving": float(moving.sum() / count),
         "psnr_unit_gain": psnr(bare, seen),

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from gsut.evaluate.chart import Chart, pad_limits
+from gsut.page import Chart
 from gsut.render import Confidence, Falloff
 from gsut.run import TrainOptions
 
@@ -44,7 +44,7 @@ def plot_curve(
         chart.draw_line(*_average_runs(x, y, _MOST_POINTS), _FAINT, 1.0)
         chart.draw_line(*_average_runs(x, y, _SMOOTH_POINTS))
     else:
-        up = pad_limits(y) if len(y) else (0.0, 1.0)
+        up = Chart.pad_limits(y) if len(y) else (0.0, 1.0)
         if key == "num_gaussians":
             up = 0.0, up[1]
         chart = Chart(title, name, across, up, y_text=_format_count)
@@ -77,7 +77,7 @@ def plot_light(light: dict[str, Any]) -> list[str]:
         number = np.arange(len(gains), dtype=float)
         chart = Chart(
             "Gain of each photograph", "photographs, by name", (0.0, max(1.0, number[-1])),
-            pad_limits(gains),
+            Chart.pad_limits(gains),
         )  # fmt: skip
         for values, color in zip(gains.T, _CHANNELS, strict=True):
             chart.draw_line(number, values, color, 1.4)

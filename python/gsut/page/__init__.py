@@ -1,5 +1,6 @@
 """The one kit for reports: a page, its tables and embedded pictures, and plots in one style."""
 
+from gsut.page.chart import Chart
 from gsut.page.page import (
     build_page,
     build_table,
@@ -12,7 +13,6 @@ from gsut.page.page import (
 )
 from gsut.page.plots import (
     Style,
-    embed_figure,
     make_figure,
     make_image_figure,
     plot_map,
@@ -21,11 +21,11 @@ from gsut.page.plots import (
 )
 
 __all__ = [
+    "Chart",
     "Style",
     "build_page",
     "build_table",
     "embed_bytes",
-    "embed_figure",
     "embed_picture",
     "format_duration",
     "format_number",

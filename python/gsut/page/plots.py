@@ -1,4 +1,4 @@
-"""Draws plots in the style of the page, as SVG or PNG."""
+"""Draws plots in the style of the page, as SVG."""
 
 from __future__ import annotations
 
@@ -7,9 +7,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from gsut.page.page import embed_bytes, mark_safe
+from gsut.page.page import mark_safe
 
-_PNG_DPI = 110  # sharp at the width that pages give a plot
 _ARROW_SHARE = 0.05  # of the image's width: length of the arrow of a 99-percentile residual
 
 
@@ -121,10 +120,3 @@ def render_svg(figure: Any) -> str:
         figure.savefig(buffer, format="svg", metadata={"Date": None}, transparent=True)
     text = buffer.getvalue()
     return mark_safe(text[text.index("<svg") :])
-
-
-def embed_figure(figure: Any) -> str:
-    """Returns a figure as the data address of a PNG, for plots of many points."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=_PNG_DPI)
-    return embed_bytes(buffer.getvalue(), "image/png")

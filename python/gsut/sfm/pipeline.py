@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import functools
-import importlib
 import os
-import threading
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -295,7 +292,6 @@ def _expect_times(mapping: Mapping) -> None:
 
 def _map_photographs(mapping: Mapping, mapper: Mapper | None) -> None:
     """Estimates poses and points: on a rig, through known lenses, or together with the lens."""
-    _import_plots()
     if mapping.found.figures["lens"] == "estimated":
         search_lenses(mapping)
     if mapping.rig is not None:
@@ -319,12 +315,6 @@ def _map_photographs(mapping: Mapping, mapper: Mapper | None) -> None:
         mapping.found.zooms = find_zooms(
             mapping.solution, mapping.features, mapping.raw, mapping.options
         )
-
-
-def _import_plots() -> None:
-    """Imports what draws the plots of the report, beside the search for poses."""
-    work = functools.partial(importlib.import_module, "matplotlib.figure")
-    threading.Thread(target=work, name="gsut-plots", daemon=True).start()
 
 
 def _separate_places(mapping: Mapping, *, is_final: bool) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import threading
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -42,6 +43,7 @@ class Draft:
     Args:
         solution: poses and points so far.
         pictures: files by name.
+        masks: files of the masks by the picture's name, where there are any.
         on_shown: called with the training that can be looked at, and True, after its first steps.
     """
 
@@ -49,9 +51,11 @@ class Draft:
         self,
         solution: Solution,
         pictures: Mapping[str, Path],
+        masks: Mapping[str, Path],
         on_shown: Callable[[LiveTraining, bool], None],
     ) -> None:
-        self._solution, self._pictures, self._on_shown = solution, pictures, on_shown
+        self._on_shown = on_shown
+        self._make_scene = functools.partial(make_scene, solution, pictures, masks)
         self._stopped = threading.Event()
         self._thread = threading.Thread(target=self._run, name="gsut-draft", daemon=True)
         self._thread.start()
@@ -70,7 +74,7 @@ class Draft:
             self._train()
 
     def _train(self) -> None:
-        scene = _make_scene(self._solution, self._pictures)
+        scene = self._make_scene()
         if len(scene) < _FEWEST_VIEWS:
             return
         options = TrainOptions(
@@ -90,17 +94,22 @@ class Draft:
         live.finish(loop.make_result().copy().translate(loop.scene.world_offset))
 
 
-def _make_scene(solution: Solution, pictures: Mapping[str, Path]) -> Scene:
-    """Makes a dataset of the images that have a pose."""
+def make_scene(
+    solution: Solution, pictures: Mapping[str, Path], masks: Mapping[str, Path]
+) -> Scene:
+    """Makes a dataset of the images that have a pose, with their masks and rolling shutters."""
     chosen = [i for i in np.flatnonzero(solution.registered) if solution.names[i] in pictures]
     chosen = chosen[:: max(1, -(-len(chosen) // _MOST_VIEWS))]
     cameras = list(dict.fromkeys(solution.cameras[i] for i in chosen))
+    moves = solution.velocities is not None
+    starts, ends = solution.interpolate_poses(0.0), solution.interpolate_poses(1.0)
     views = [
         View(
-            solution.names[i], pictures[solution.names[i]], cameras.index(solution.cameras[i]),
-            solution.camera_from_world[i],
+            name, pictures[name], cameras.index(solution.cameras[i]), solution.camera_from_world[i],
+            starts[i] if moves else None, ends[i] if moves else None, masks.get(name),
+            shutter=solution.shutters[i] if moves else None,
         )
-        for i in chosen
+        for i, name in ((i, solution.names[i]) for i in chosen)
     ]  # fmt: skip
     return Scene(
         Path("draft"), tuple(cameras), tuple(views), solution.points, solution.colors,

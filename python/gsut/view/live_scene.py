@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +50,7 @@ class LiveScene:
         self._name, self._drafts = name, drafts
         self._row: dict[str, Any] = {"stage": "", "share": 0.0, "seconds_left": 0.0, "text": ""}
         self._pictures: dict[str, Path] = {}
+        self._masks: dict[str, Path] = {}
         self._found: dict[str, Any] | None = None  # cameras and points, as the page takes them
         self._version = 0  # of `_found`
         self._shown = 0  # drafts and trainings that the page could show so far
@@ -63,9 +64,16 @@ class LiveScene:
         """Takes the state of the whole command; see `gsut.scene`."""
         self._row = row
 
-    def show_pictures(self, pictures: Mapping[str, Path]) -> None:
-        """Takes the files of the pictures that were chosen, by name."""
-        self._pictures = dict(pictures)
+    def show_pictures(
+        self, pictures: Mapping[str, Path], masks: Mapping[str, Path] | None = None
+    ) -> None:
+        """Takes the files of the pictures that were chosen, and of their masks, by name."""
+        self._pictures, self._masks = dict(pictures), dict(masks or {})
+
+    def show_capture(self, folder: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+        """Takes the rows of a capture's figures, with paths relative to its folder."""
+        masks = {row["name"]: folder / row["mask"] for row in rows if row.get("mask")}
+        self.show_pictures({row["name"]: folder / row["path"] for row in rows}, masks)
 
     def show_poses(self, look: Callable[[], Solution]) -> None:
         """Takes a function that returns poses and points so far, and calls it if it is time."""
@@ -80,7 +88,7 @@ class LiveScene:
             if self._draft is not None and self._draft.is_training():
                 return
             self._drafted = count
-            self._draft = Draft(solution, self._pictures, self._show_live)
+            self._draft = Draft(solution, self._pictures, self._masks, self._show_live)
 
     def begin_training(self, scene: Scene, options: TrainOptions) -> Callable[..., bool]:
         """Shows a training; returns the `watch` of `gsut.train`."""

@@ -241,6 +241,7 @@ def test_scene_called_from_python_resumes_after_interrupts(tmp_path):
         with pytest.raises(KeyboardInterrupt):
             gsut.scene(pictures, run, options, progress=interrupt_at(stage))
         assert states[-1]["stage"] == stage and states[-1]["seconds_left"] > 0
+    assert len(gsut.load_run(run).gaussians) > 0  # a scene, though not a finished one
     result = gsut.scene(pictures, run, options, progress=False)
     assert result.figures["registered"] == 6 and result.trained is not None
     assert result.page.is_file() and result.verdict.level == result.figures["verdict"]["level"]

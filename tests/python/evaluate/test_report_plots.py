@@ -3,11 +3,12 @@
 import base64
 import re
 
+import cv2
 import numpy as np
 import pytest
 
-from gsut.evaluate.chart import Chart, _list_log_ticks, _list_ticks
 from gsut.evaluate.report_plots import plot_curve, plot_rings
+from gsut.page.chart import Chart, _list_log_ticks, _list_ticks
 from gsut.run import TrainOptions
 
 
@@ -40,6 +41,32 @@ def test_a_line_goes_from_corner_to_corner_of_its_axes():
     assert np.allclose(places[1], (places[0] + places[2]) / 2)
     assert places[0][0] < places[2][0] and places[0][1] > places[2][1]  # y grows downwards
     assert "a &lt; b" in texts(chart.embed())
+
+
+def test_a_map_has_one_scale_and_its_points_lie_where_its_segments_do():
+    x, y = np.array([0.0, 10.0]), np.array([0.0, 1.0])
+    chart = Chart.make_map("map", "m", x, y)
+    chart.draw_segments(x[None], y[None])
+    chart.draw_points(x, y, np.array([[255, 0, 0], [0, 0, 255]], np.uint8))
+    text = svg(chart.embed())
+    (path,) = re.findall(r'd="M([^"]*)" stroke="#1668b8"', text)
+    ends = np.array([place.split() for place in path.split("L")], float)
+    assert (ends[1, 0] - ends[0, 0]) / (ends[0, 1] - ends[1, 1]) == pytest.approx(10, rel=0.01)
+    corner, address = re.search(r'<image x="(\d+ ?).*base64,([^"]*)"', text).groups()
+    picture = cv2.imdecode(np.frombuffer(base64.b64decode(address), np.uint8), -1)
+    top = float(re.search(r'<image x="\d+" y="(\d+)"', text).group(1))
+    for end, color in zip(ends, ([0, 0, 255, 255], [255, 0, 0, 255]), strict=True):
+        column, row = 2 * (end[0] - float(corner)), 2 * (end[1] - top)
+        assert (picture[int(row), int(column)] == color).all()
+
+
+def test_a_histogram_has_a_bar_between_each_two_edges():
+    chart = Chart("", "", (0.0, 2.0), (0.0, 4.0))
+    chart.draw_histogram(np.array([0.0, 1.0, 2.0]), np.array([4.0, 2.0]))
+    (path,) = re.findall(r'd="(M[^"]*Z)"', svg(chart.embed()))
+    tops = [float(top) for top in re.findall(r"V([\d.]+)H", path)]
+    floor = float(re.search(r" ([\d.]+)V", path).group(1))
+    assert len(tops) == 2 and floor - tops[0] == 2 * (floor - tops[1]) > 0
 
 
 @pytest.mark.parametrize("axis", ["step", "seconds"])

@@ -12,6 +12,7 @@ from gsut.files import write_picture
 from gsut.run.checkpoint import read_checkpoint, write_checkpoint
 from gsut.training.loop import TrainingLoop
 from gsut.training.photograph import Movers
+from gsut.training.photograph.movers import _find_medians
 from random_scenes import pinhole
 
 SIZE, VIEWS, SIDE = 64, 9, 34
@@ -54,6 +55,14 @@ def write_views(folder, wall, moved):
     (folder / "points3D.ply").write_bytes(format_points_ply(wall.means, grey))
     write_transforms(folder / "transforms.json", frames, points_file="points3D.ply")
     return load_dataset(folder, test_every=0)
+
+
+def test_medians_of_few_values_are_those_of_numpy(rng):
+    values = rng.normal(size=(8, 500, 3)).astype(np.float32)
+    count = rng.integers(1, 9, 500)
+    there = (np.arange(8)[:, None] < count)[..., None]
+    found = _find_medians(np.where(there, values, np.inf), count)
+    assert np.array_equal(found, np.nanmedian(np.where(there, values, np.nan), axis=0))
 
 
 def measure_recall(found):

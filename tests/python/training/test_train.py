@@ -123,6 +123,33 @@ def test_train_stopped_anywhere_and_resumed_same_bits(scene, unbroken, tmp_path,
     assert len(history_of(out)) == STEPS
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="os.kill ends the process there")
+def test_train_interrupted_within_a_step_keeps_a_scene_and_resumes_to_same_bits(
+    scene, unbroken, tmp_path, monkeypatch
+):
+    out, stop, densify = tmp_path / "run", 33, TrainingLoop._densify
+
+    def interrupt(loop, step):
+        if step.number == stop:
+            os.kill(os.getpid(), signal.SIGINT)
+        densify(loop, step)
+
+    monkeypatch.setattr(TrainingLoop, "_densify", interrupt)
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored in background jobs
+    try:
+        with pytest.raises(KeyboardInterrupt, match=f"scene after {stop} of {STEPS} steps"):
+            train(scene, TrainOptions(**SHORT), out=out)
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    finally:
+        signal.signal(signal.SIGINT, before)
+    kept = gsut.load_run(out)
+    assert len(kept.gaussians) > 0 and psnr_on(scene, kept.gaussians, scene.train_indices) > 10
+    monkeypatch.undo()
+    train(scene, TrainOptions(**SHORT), out=out, resume=True)
+    assert (out / RunFile.SCENE).read_bytes() == (unbroken / RunFile.SCENE).read_bytes()
+    assert history_of(out) == history_of(unbroken)
+
+
 # Trains slowly enough (a pause a step) to be killed in the middle; writes a checkpoint every step
 # or two, so that kills also fall into the writing.
 CHILD = """

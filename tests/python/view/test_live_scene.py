@@ -1,7 +1,9 @@
 """A scene that is looked at while it is made: poses, a draft, the training; bits of a plain run."""
 
 import base64
+import dataclasses
 import time
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -80,6 +82,24 @@ def test_scene_in_the_making_shows_poses_a_draft_and_the_training(scene, monkeyp
     seen = ask("scene")
     assert (seen["draft"], seen["shown"], seen["name"]) == (False, 2, "walk")
     assert ask("making")["stage"] == "finished" and ask("training")["step"] == 12
+
+
+def test_draft_has_masks_and_rolling_shutters(scene):
+    shutter = gsut.Shutter("top_to_bottom")
+    velocity = np.array([0.1, 0.0, 0.0, 0.0, 0.02, 0.0])
+    found = dataclasses.replace(
+        solve(scene, 5), shutter=shutter, velocities=np.tile(velocity, (len(scene), 1))
+    )
+    files = {view.name: view.image_path for view in scene.views}
+    masks = {scene.views[1].name: Path("mask.png")}
+    made = draft.make_scene(found, files, masks)
+    assert [view.mask_path for view in made.views] == [None, Path("mask.png"), None, None, None]
+    for view in made.views:
+        ends = view.camera_from_world_start, view.camera_from_world_end
+        start, end = (-pose[:3, :3].T @ pose[:3, 3] for pose in ends)
+        assert np.allclose(end - start, velocity[:3]) and view.shutter is shutter
+    plain = draft.make_scene(solve(scene, 5), files, {}).views[0]
+    assert plain.shutter is None and plain.camera_from_world_start is None
 
 
 def test_page_draws_cameras_and_points_before_there_are_gaussians(scene):

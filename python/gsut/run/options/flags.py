@@ -163,8 +163,11 @@ class _SetOption(argparse.Action):
             raise InputError(f"--set {name} {error}") from None
 
 
+_find_kinds = functools.cache(typing.get_type_hints)  # evaluates all fields of a class each time
+
+
 def _find_kind(options: type, field: dataclasses.Field) -> Any:
-    return strip_none(typing.get_type_hints(options)[field.name])
+    return strip_none(_find_kinds(options)[field.name])
 
 
 def _write_help(field: dataclasses.Field) -> str:

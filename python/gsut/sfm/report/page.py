@@ -11,12 +11,11 @@ from gsut.data import CAPTURE_FOLDER, STRIP
 from gsut.data.poses import find_centers
 from gsut.files import write_file
 from gsut.page import (
+    Chart,
     Style,
     build_page,
     build_table,
     embed_bytes,
-    make_figure,
-    render_svg,
     render_template,
 )
 from gsut.run import Verdict
@@ -26,7 +25,10 @@ REPORT = "report.html"
 _MOST_POINTS = 20000  # drawn: more only make the page larger
 _SHOWN_PERCENT = 97.0  # of the points, nearest first: far ones would shrink the rest
 _BIN_DEGREES = 5.0  # of the field angle, in the plot of residuals
+_RESIDUAL_BARS = 60
 _FEWEST_IN_BIN = 10  # residuals, for a median and a percentile
+_CHARTS = """<div class="plots" style="grid-template-columns: repeat(auto-fit, minmax(20rem, 1fr))">
+{%- for chart in charts %}<img src="{{ chart.embed() }}" alt="{{ alt }}">{% endfor %}</div>"""
 _STRIP = """<h2>Pictures chosen</h2>
 <img src="{{ address }}" alt="the pictures chosen" style="width: 100%">"""
 
@@ -65,10 +67,15 @@ def write_report(out: Path, solution: Solution, values: dict[str, Any]) -> None:
     parts += [
         build_table(summary.items()),
         render_template("<h2>Cameras and points from above and from the side</h2>"),
-        _plot_scene(solution, values.get("rig")),
+        render_template(
+            _CHARTS, charts=_plot_scene(solution, values.get("rig")), alt="cameras and points"
+        ),
         render_template("<h2>Residuals and tracks</h2>"),
-        _plot_residuals(solution),
-        _plot_tracks(solution),
+        render_template(
+            _CHARTS,
+            charts=[*_plot_residuals(solution), *_plot_tracks(solution)],
+            alt="residuals and tracks",
+        ),
         render_template("<h2>Images</h2>"),
         build_table(
             map(_make_image_row, values["views"]),
@@ -113,7 +120,7 @@ def _make_rig_rows(rig: dict[str, Any]) -> dict[str, str]:
     return rows
 
 
-def _plot_scene(solution: Solution, rig: dict[str, Any] | None) -> str:
+def _plot_scene(solution: Solution, rig: dict[str, Any] | None) -> list[Chart]:
     """Plots the scene along two principal axes of the path; each camera of a rig in a colour."""
     centers = find_centers(solution.camera_from_world[solution.registered])
     forward = solution.camera_from_world[solution.registered][:, 2, :3]
@@ -128,26 +135,27 @@ def _plot_scene(solution: Solution, rig: dict[str, Any] | None) -> str:
     far = np.linalg.norm(solution.points - middle, axis=1)
     keep = np.flatnonzero(far <= np.percentile(far, _SHOWN_PERCENT))
     keep = keep[:: max(1, len(keep) // _MOST_POINTS)]
-    points, colors = solution.points[keep] - middle, solution.colors[keep] / 255.0
+    points, colors = solution.points[keep] - middle, solution.colors[keep]
     cameras, frames = _group_by_rig(solution, rig)
-    figure, axes = make_figure("", 10, 5, 2)
     size = 0.03 * max(float(np.ptp(centers @ across)), float(np.ptp(centers @ along)), 1e-9)
-    for axis, (x, y) in zip(axes, ((across, along), (across, -down)), strict=True):
-        axis.scatter(points @ x, points @ y, s=0.6, c=colors, linewidths=0, rasterized=True)
-        c = centers - middle
+    starts = centers - middle
+    rays = np.stack([starts, starts + size * forward], axis=1)
+    shown = np.concatenate([points, rays.reshape(-1, 3)])
+    charts = []
+    for title, (x, y) in (("from above", (across, along)), ("from the side", (across, -down))):
+        unit = "" if rig is None else "in the rig's unit"
+        chart = Chart.make_map(title, unit, shown @ x, shown @ y)
+        chart.draw_points(points @ x, points @ y, colors)
+        for rows in frames:
+            chart.draw_line(starts[rows] @ x, starts[rows] @ y, Style.MUTED, 0.8)
         for number, (name, rows) in enumerate(cameras.items()):
             color = Style.SERIES[number % len(Style.SERIES)]
-            axis.plot(c[rows] @ x, c[rows] @ y, ".", color=color, markersize=4, label=name)
-            for center, ray in zip(c[rows], forward[rows], strict=True):
-                end = center + size * ray
-                axis.plot([center @ x, end @ x], [center @ y, end @ y], color=color, linewidth=0.8)
-        for rows in frames:
-            axis.plot(c[rows] @ x, c[rows] @ y, color=Style.MUTED, linewidth=0.8, zorder=1.5)
-        axis.set_aspect("equal")
-    if rig is not None:
-        axes[0].set_xlabel("in the rig's unit", color=Style.MUTED)
-        axes[0].legend(fontsize=8, frameon=False)
-    return render_svg(figure)
+            dots = np.repeat(starts[rows, None], 2, axis=1)
+            chart.draw_segments(dots @ x, dots @ y, color, 4.0)
+            chart.draw_segments(rays[rows] @ x, rays[rows] @ y, color)
+            chart.write(66, 48 + 15 * number, name, color, 12, "start")
+        charts.append(chart)
+    return charts
 
 
 def _group_by_rig(
@@ -164,35 +172,39 @@ def _group_by_rig(
     return cameras, [[place[name] for name in m if name in place] for m in rig["frames"]]
 
 
-def _plot_residuals(solution: Solution) -> str:
+def _plot_residuals(solution: Solution) -> list[Chart]:
     lengths = np.linalg.norm(solution.residuals, axis=1)
     good = np.isfinite(lengths)
     degrees = np.degrees(solution.field_angles[good])
     lengths = lengths[good]
-    figure, axes = make_figure("residual [px] by field angle", 10, 3, 2)
     bins = np.floor(degrees / _BIN_DEGREES).astype(int)
-    middles, medians, upper = [], [], []
+    middles, medians, upper = [0.0], [0.0], [0.0]
     for index in np.unique(bins):
         inside = lengths[bins == index]
         if len(inside) < _FEWEST_IN_BIN:
             continue
         middles.append((index + 0.5) * _BIN_DEGREES)
-        medians.append(np.median(inside))
-        upper.append(np.percentile(inside, 90))
-    axes[0].plot(middles, medians, color=Style.LINE, marker="o", markersize=4, label="median")
-    axes[0].plot(middles, upper, color=Style.MUTED, marker=".", label="90 %")
-    axes[0].set_xlabel("degrees from the axis", color=Style.MUTED)
-    axes[0].set_ylim(bottom=0)
-    axes[0].legend(fontsize=8, frameon=False)
-    axes[1].hist(lengths, bins=60, range=(0, float(np.percentile(lengths, 99))), color=Style.LINE)
-    axes[1].set_title("residuals [px]", **Style.TITLE)
-    return render_svg(figure)
+        medians.append(float(np.median(inside)))
+        upper.append(float(np.percentile(inside, 90)))
+    by_angle = Chart(
+        "residual [px] by field angle: median and 90 %", "degrees from the axis",
+        (0.0, middles[-1] + _BIN_DEGREES), (0.0, 1.1 * max(upper) or 1.0),
+    )  # fmt: skip
+    x = np.array(middles[1:])
+    by_angle.draw_line(x, np.array(upper[1:]), Style.MUTED, 1.5, dots=True)
+    by_angle.draw_line(x, np.array(medians[1:]), dots=True)
+    most = float(np.percentile(lengths, 99)) or 1.0
+    counts, edges = np.histogram(lengths, bins=_RESIDUAL_BARS, range=(0.0, most))
+    of_all = Chart("residuals", "px", (0.0, most), (0.0, 1.05 * counts.max()))
+    of_all.draw_histogram(edges, counts)
+    return [by_angle, of_all]
 
 
-def _plot_tracks(solution: Solution) -> str:
+def _plot_tracks(solution: Solution) -> list[Chart]:
     lengths = np.bincount(solution.observations[:, 0])
-    figure, axes = make_figure("points by track length (images)", 5, 3)
     longest = int(max(lengths.max(initial=2), 3))
-    axes.hist(lengths, bins=np.arange(1.5, longest + 1.5), color=Style.LINE)
-    axes.set_yscale("log")
-    return render_svg(figure)
+    counts, edges = np.histogram(lengths, bins=np.arange(1.5, longest + 1.5))
+    most = 1.2 * max(2.0, float(counts.max()))
+    chart = Chart("points by track length", "images", (1.0, longest + 1.0), (0.8, most), log=True)
+    chart.draw_histogram(edges, np.maximum(counts, 0.8))
+    return [chart]

@@ -9,12 +9,15 @@ early, or after a training that left movers out.
 
 from __future__ import annotations
 
+import concurrent.futures
 import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from gsut import _core
+from gsut.gaussians import pack_harmonics
 from gsut.render import Light, render
 
 # Longest side in pixels at which photographs are compared: enough for what spoils a picture.
@@ -45,15 +48,13 @@ class _Look:
     """What a photograph shows, and how far away it is.
 
     Attributes:
-        photograph: (H, W, 3) in [0, 1], its light divided out.
-        low, high: of each pixel's neighbours.
-        distances: (H, W), infinite where nothing is.
+        colors: (H, W, 9): the photograph's colour in [0, 1], its light divided out, and the lowest
+            and the highest of each pixel's neighbours.
+        distances: (H, W), infinite where nothing is and outside the mask.
         camera, pose: through which it is seen. mask: (H, W) bool, True where pixels count.
     """
 
-    photograph: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
+    colors: np.ndarray
     distances: np.ndarray
     camera: Any
     pose: np.ndarray
@@ -96,23 +97,26 @@ class Movers:
         """
         side = max(max(camera.width, camera.height) for camera in scene.cameras)
         small = scene.scale_images(min(1.0, _SIDE / side), keep_larger=True)
-        looks: dict[int, _Look] = {}
+        packed, looks = pack_harmonics(gaussians), dict[int, _Look]()
 
         def look_at(index: int) -> _Look:
             if index not in looks:
-                looks[index] = _look(gaussians, small, index, light, background)
+                looks[index] = _look(packed, small, index, light, background)
             return looks[index]
 
         train = np.array(small.train_indices, np.int64)
         centers = np.array([view.camera_center for view in small.views])
-        masks = {}
-        for index in indices:
+
+        def list_looks(index: int) -> list[_Look]:
+            """Lists what the view shows, and what the nearest training views show."""
             away = np.linalg.norm(centers[train] - centers[index], axis=1)
             nearest = [int(i) for i in train[np.argsort(away, kind="stable")] if i != index]
-            found = _compare(look_at(index), [look_at(other) for other in nearest[:_NEAREST]])
-            if found.any():
-                masks[index] = found
-        return cls(masks)
+            return [look_at(each) for each in (index, *nearest[:_NEAREST])]
+
+        with concurrent.futures.ThreadPoolExecutor(_core.num_threads(), "gsut-movers") as threads:
+            tasks = [threads.submit(_compare, *list_looks(index)) for index in indices]
+            found = zip(indices, (task.result() for task in tasks), strict=True)
+            return cls({index: mask for index, mask in found if mask.any()})
 
     def scale_mask(self, view: int, width: int, height: int) -> np.ndarray | None:
         """Returns a view's mask (height, width), or None where nothing moved."""
@@ -139,13 +143,11 @@ def _look(gaussians: Any, scene: Any, index: int, light: Light | None, backgroun
     alpha, around = np.asarray(drawn.alpha), np.ones((3, 3), np.uint8)
     is_near = (alpha >= _OPAQUE) & mask
     distances = np.where(is_near, drawn.depth / np.maximum(alpha, _OPAQUE), np.inf)
-    return _Look(
-        image, cv2.erode(image, around), cv2.dilate(image, around), distances, camera,
-        view.camera_from_world, mask,
-    )  # fmt: skip
+    colors = np.concatenate([image, cv2.erode(image, around), cv2.dilate(image, around)], axis=2)
+    return _Look(colors, distances, camera, view.camera_from_world, mask)
 
 
-def _compare(own: _Look, others: Sequence[_Look]) -> np.ndarray:
+def _compare(own: _Look, *others: _Look) -> np.ndarray:
     """Finds (H, W) where a photograph contradicts others that agree."""
     import cv2
 
@@ -159,15 +161,13 @@ def _compare(own: _Look, others: Sequence[_Look]) -> np.ndarray:
     if not enough.any():
         return different > 0
     rows, columns = rows[enough], columns[enough]
-    values, lows, highs = (each[:, enough] for each in samples)
-    middle = np.nanmedian(values, axis=0)
-    spread = np.nanmedian(np.abs(values - middle).mean(axis=2), axis=0)
-    mine = own.photograph[rows, columns]
-    shade = mine.mean(axis=1) / np.maximum(middle.mean(axis=1), 1 / 255)
+    samples, count = samples[:, enough], count[enough]
+    middle, low, high = np.split(_find_medians(samples, count), 3, axis=1)
+    spread = _find_medians(_average_channels(np.abs(samples[:, :, :3] - middle)), count)
+    mine = own.colors[rows, columns, :3]
+    shade = _average_channels(mine) / np.maximum(_average_channels(middle), 1 / 255)
     shade = np.clip(shade, 1 / _SHADE, _SHADE)[:, None]
-    below = np.nanmedian(lows, axis=0) * shade - mine
-    above = mine - np.nanmedian(highs, axis=0) * shade
-    off = np.maximum(np.maximum(below, above), 0).mean(axis=1)
+    off = _average_channels(np.maximum(np.maximum(low * shade - mine, mine - high * shade), 0))
     is_plain = spread < 0.5 * _DIFFERENT
     different[rows, columns] = is_plain & (off > np.maximum(_DIFFERENT, _SPREADS * spread))
     size = (_WINDOW, _WINDOW)
@@ -175,34 +175,51 @@ def _compare(own: _Look, others: Sequence[_Look]) -> np.ndarray:
     return (cv2.dilate(dense.astype(np.uint8), np.ones(size, np.uint8)) > 0) & own.mask & valid
 
 
-def _sample_others(
-    points: np.ndarray, others: Sequence[_Look]
-) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:
+def _sample_others(points: np.ndarray, others: Sequence[_Look]) -> tuple[np.ndarray, np.ndarray]:
     """Samples the photographs that see points (N, 3).
 
     Returns:
-        Colours, and the lowest and highest of their neighbours, each (most, N, 3), NaN where fewer
-        photographs see a point; and (N,) how many do.
+        (most, N, 9) colours as in `_Look`, infinite where fewer photographs see a point; and (N,)
+        how many do.
     """
     count = np.zeros(len(points), np.int64)
-    values = np.full((_MOST_OTHERS, len(points), 3), np.nan, np.float32)
-    samples = values, values.copy(), values.copy()
+    samples = np.full((_MOST_OTHERS, len(points), 9), np.inf, np.float32)
     for other in others:
         left = np.flatnonzero(count < _MOST_OTHERS)
         if len(left) == 0:
             break
         there = points[left] @ other.pose[:3, :3].T + other.pose[:3, 3]
         pixels, valid = other.camera.project(there)
-        column, row = np.floor(np.nan_to_num(pixels, nan=-1.0)).astype(np.int64).T
-        height, width = other.mask.shape
-        inside = valid & (column >= 0) & (column < width) & (row >= 0) & (row < height)
-        left, row, column, there = left[inside], row[inside], column[inside], there[inside]
-        distance = np.linalg.norm(there, axis=1)
+        (x, y), (height, width) = pixels.T, other.mask.shape
+        inside = np.flatnonzero(valid & (x >= 0) & (x < width) & (y >= 0) & (y < height))
+        column, row = x[inside].astype(np.int32), y[inside].astype(np.int32)
+        left, distance = left[inside], np.linalg.norm(there[inside], axis=1)
         seen = other.distances[row, column]
-        is_same = other.mask[row, column] & (np.abs(seen - distance) <= _SAME_DEPTH * distance)
+        is_same = np.abs(seen - distance) <= _SAME_DEPTH * distance
         left, row, column = left[is_same], row[is_same], column[is_same]
-        sources = other.photograph, other.low, other.high
-        for store, source in zip(samples, sources, strict=True):
-            store[count[left], left] = source[row, column]
+        samples[count[left], left] = other.colors[row, column]
         count[left] += 1
     return samples, count
+
+
+def _find_medians(values: np.ndarray, count: np.ndarray) -> np.ndarray:
+    """Finds medians along the first axis.
+
+    Exchanges of neighbouring rows sort few rows of many values faster than `numpy.nanmedian`.
+
+    Args:
+        values: (most, N, ...); from (N,) `count` on they are infinite.
+    """
+    rows = list(values)
+    for turn in range(len(rows)):
+        for i in range(turn % 2, len(rows) - 1, 2):
+            a, b = rows[i], rows[i + 1]
+            rows[i], rows[i + 1] = np.minimum(a, b), np.maximum(a, b)
+    ordered, places = np.stack(rows), np.arange(len(count))
+    return (ordered[(count - 1) // 2, places] + ordered[count // 2, places]) / 2
+
+
+def _average_channels(colors: np.ndarray) -> np.ndarray:
+    """Averages the last axis, three channels, faster than `numpy.mean` does such short ones."""
+    red, green, blue = np.moveaxis(colors, -1, 0)
+    return (red + green + blue) / np.float32(3)

@@ -121,9 +121,21 @@ def write_results(
     """
     in_dataset = gaussians.translate(metrics["world_offset"])
     metrics["notes"] += describe_place(prepare_for_file(in_dataset).origin)
-    comments = list_scene_comments(run, "light" in metrics)
-    run.write(RunFile.SCENE, lambda path: save_ply(path, in_dataset, comments))
+    _write_scene(run, in_dataset, "light" in metrics)
     write_findings(run, metrics, data, refined, options)
+
+
+def write_unfinished(run: RunFolder, loop: TrainingLoop) -> None:
+    """Writes scene.ply, and refined poses if there are any, of a training between two steps."""
+    in_dataset = loop.make_result().translate(loop.scene.world_offset)
+    _write_scene(run, in_dataset, loop.photographs.find_light() is not None)
+    if loop.options.refine_poses:
+        write_refined(run, loop.scene)
+
+
+def _write_scene(run: RunFolder, gaussians: Gaussians, with_light: bool) -> None:
+    comments = list_scene_comments(run, with_light)
+    run.write(RunFile.SCENE, lambda path: save_ply(path, gaussians, comments))
 
 
 def list_scene_comments(run: RunFolder, with_light: bool) -> list[str]:

@@ -18,6 +18,8 @@ from gsut.page import format_duration
 from gsut.run import Progress, RunFile, RunFolder, TrainOptions, describe_environment
 from gsut.time_left import Pace
 from gsut.training.loop import TrainingLoop
+from gsut.training.record.held_interrupts import HeldInterrupts
+from gsut.training.record.results import write_unfinished
 from gsut.training.time_left import (
     CURVE_VIEWS,
     measure_megapixels,
@@ -66,6 +68,7 @@ class TrainingRecord:
         self._options, self._progress, self._watch = options, progress, watch
         self.goes_on = True
         self._bar = Progress(progress is True)
+        self._interrupts = HeldInterrupts()
         self._saved = time.monotonic()
         self._time: Pace | None = None
         self.run: RunFolder | None = None
@@ -95,7 +98,7 @@ class TrainingRecord:
             measure_pace() if self._progress else 1.0,
         )  # fmt: skip
         self._announce(loop, self._time.predict_left(loop.step))
-        with self._bar:
+        with self._bar, self._interrupts.hold():
             yield
         self._save(loop)
 
@@ -118,7 +121,29 @@ class TrainingRecord:
         )
 
     def add(self, loop: TrainingLoop, loss: float) -> None:
-        """Records a step: bar, history, checkpoint, `watch`."""
+        """Records a step: bar, history, checkpoint, `watch`.
+
+        Raises:
+            KeyboardInterrupt: after Ctrl-C; names the scene.ply and its steps, which are written.
+        """
+        try:
+            row = self._record(loop, loss)
+            with self._interrupts.release():
+                if self._watch is not None:
+                    self.goes_on = self._watch(loop, row)
+        except KeyboardInterrupt:
+            if self.run is None:
+                raise
+            self.note(f"interrupted: writing {RunFile.SCENE} and a checkpoint")
+            self._save(loop)
+            write_unfinished(self.run, loop)
+            raise KeyboardInterrupt(
+                f"{self.run.path / RunFile.SCENE} holds the scene after {loop.step} of "
+                f"{loop.options.steps} steps"
+            ) from None
+
+    def _record(self, loop: TrainingLoop, loss: float) -> dict[str, Any]:
+        """Does what `add` does but for `watch`; returns the row, {} between rows."""
         row = self._make_row(loop, loss)
         steps, count = self._options.steps, len(loop.gaussians)
         left = None if self._time is None else self._time.predict_left(loop.step)
@@ -134,8 +159,7 @@ class TrainingRecord:
         last = loop.step == self._options.steps  # which `follow` saves
         if every and not last and (loop.step % every == 0 or late):
             self._save(loop)
-        if self._watch is not None:
-            self.goes_on = self._watch(loop, row)
+        return row
 
     def _make_row(self, loop: TrainingLoop, loss: float) -> dict[str, Any]:
         """Returns the row of this step, with the held-out PSNR if it is due; empty between rows."""
