@@ -22,6 +22,7 @@ from gsut import _core
 from gsut._core import InputError
 from gsut.data import Scene
 from gsut.data.scene import Level, TrainingViews
+from gsut.evaluate import FindMoving
 from gsut.gaussians import Gaussians
 from gsut.lens import find_refinable_params
 from gsut.refine.motion import extrapolate, measure_pose_changes, remove_mean_motion
@@ -122,14 +123,28 @@ class TrainingRefiner:
         """Returns whether a sweep follows this step."""
         return step in self._due
 
-    def sweep(self, gaussians: Gaussians, level: Level, step: int, sh_degree: int) -> None:
-        """Refines every training view at a level's resolution; changes the views' poses."""
-        overshoot = len(self.sweeps) % 2 == 1 and step != max(self._due)
-        self._sweep(gaussians, level, step, sh_degree, _ITERATIONS, overshoot)
+    def sweep(
+        self, gaussians: Gaussians, level: Level, step: int, sh_degree: int, find_moving: FindMoving
+    ) -> None:
+        """Refines every training view at a level's resolution; changes the views' poses.
 
-    def finish(self, gaussians: Gaussians, level: Level, step: int) -> None:
+        Args:
+            gaussians: as they are drawn.
+            level: whose photographs are compared.
+            step: of the training.
+            sh_degree: of the harmonics in use.
+            find_moving: see `evaluate`; pixels of what moved do not depend on the pose.
+        """
+        overshoot = len(self.sweeps) % 2 == 1 and step != max(self._due)
+        self._sweep(gaussians, level, step, sh_degree, _ITERATIONS, overshoot, find_moving)
+
+    def finish(
+        self, gaussians: Gaussians, level: Level, step: int, find_moving: FindMoving
+    ) -> None:
         """Makes the last sweep, with more solver steps, against the finished Gaussians."""
-        self._sweep(gaussians, level, step, gaussians.sh_degree, _ITERATIONS_END, False)
+        self._sweep(
+            gaussians, level, step, gaussians.sh_degree, _ITERATIONS_END, False, find_moving
+        )
 
     def _sweep(
         self,
@@ -139,13 +154,15 @@ class TrainingRefiner:
         sh_degree: int,
         iterations: int,
         overshoot: bool,
+        find_moving: FindMoving,
     ) -> None:
         before = self.views.poses
         drawn = gaussians.to_dtype(np.float32)
         halves, lenses, squares = [], [], []
         for half in (0, 1):
             views = [
-                self._sample_view(level, index, step, half) for index in level.scene.train_indices
+                self._sample_view(level, index, step, half, find_moving)
+                for index in level.scene.train_indices
             ]
             groups = [views] if self.options.refine_lens else [[view] for view in views]
             found = [self._solve(drawn, level, group, sh_degree, iterations) for group in groups]
@@ -218,12 +235,15 @@ class TrainingRefiner:
         return {"lens_weight": weight, "lens_error_px": error}
 
     def _sample_view(
-        self, level: Level, index: int, step: int, half: int
+        self, level: Level, index: int, step: int, half: int, find_moving: FindMoving
     ) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
         """Samples pixels of a view's half, new ones each sweep: lens, pose, pixels and colours."""
         camera = level.scene.camera(index)
         seen = level.scene.mask(index) & camera.rays()[1]
         seen &= select_half(camera.height, camera.width, half)
+        moving = find_moving(index, camera.width, camera.height)
+        if moving is not None:
+            seen &= ~moving
         if self.options.refine_lens:
             seen &= select_inner_pixels(camera)
         count = (_PIXELS_JOINT if self.options.refine_lens else _PIXELS) // 2

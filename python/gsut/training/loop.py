@@ -147,7 +147,8 @@ class TrainingLoop:
     def finish_scene(self) -> Scene:
         """Returns the scene with the poses and lenses that fit the run's result best."""
         if self.refiner is not None:
-            self.refiner.finish(self.make_result(), self.views.select_level(1.0), self.step)
+            level, find_moving = self.views.select_level(1.0), self.outliers.movers.scale_mask
+            self.refiner.finish(self.make_result(), level, self.step, find_moving)
         return self.scene
 
     def advance(self) -> float:
@@ -286,7 +287,8 @@ class TrainingLoop:
     def _refine(self, step: _Step) -> None:
         """Refines poses and lenses against the Gaussians if a sweep is due."""
         if self.refiner is not None and self.refiner.is_due(step.number):
-            self.refiner.sweep(self.get_drawn(), step.level, step.number, step.degree)
+            find_moving = self.outliers.movers.scale_mask
+            self.refiner.sweep(self.get_drawn(), step.level, step.number, step.degree, find_moving)
             self._filter.renew()
             if self.surface is not None:
                 self.surface.known.forget()
