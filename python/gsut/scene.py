@@ -42,6 +42,7 @@ from gsut.sfm import (
     is_finished,
     read_finished,
 )
+from gsut.sfm.photographs import FEWEST_IMAGES
 from gsut.train import TrainResult, train
 from gsut.training import measure_pace, track_training
 from gsut.training.first import describe_resizing
@@ -224,6 +225,12 @@ class _SceneInProgress:
             )  # fmt: skip
             for note in pictures.notes:
                 bars.note(note)
+        found = len(pictures.figures["frames"])
+        if found < FEWEST_IMAGES:
+            raise InputError(
+                f"{', '.join(map(str, self._inputs))}: {found} picture; poses need at least "
+                f"{FEWEST_IMAGES} that overlap, better 20 or more"
+            )
         if self._watcher is not None:
             rows = pictures.figures["frames"]
             self._watcher.show_pictures({row["name"]: pictures.path / row["path"] for row in rows})
