@@ -14,12 +14,14 @@ import gsut
 import rendered_dataset
 import small_videos
 from attack.harness import Case, Outcome
+from gsut.refine.secants import place_lines
 from gsut.run.folder import RunFile
 from random_scenes import fisheye, pinhole
 
 SEED = 5  # of the world's dataset
 VIEW = 3  # of it, which the photograph shows
 SIDE = 48  # pixels
+MOTION = np.array([0.1, -0.05, 0.05, 0.02, -0.06, 0.03])  # from the first line to the last
 FAR_OFF = 25.0  # square of an error by the stated covariance, per degree of freedom
 FEW = "shows too little|does not determine|was not found"
 SMALL = "at least 24 a side"
@@ -40,6 +42,14 @@ def draw_others(_: np.ndarray) -> np.ndarray:
     others = rendered_dataset.truth(np.random.default_rng(SEED + 1))
     image = gsut.render(others, pinhole(SIDE), rendered_dataset.poses()[VIEW]).image
     return np.round(255 * np.clip(image, 0, 1)).astype(np.uint8)
+
+
+def draw_rolling(_: np.ndarray) -> np.ndarray:
+    """Draws what moves while its lines are read; the pose is that of the middle line."""
+    truth = rendered_dataset.truth(np.random.default_rng(SEED))
+    lines = place_lines(rendered_dataset.poses()[VIEW], MOTION, gsut.Shutter("top_to_bottom"))
+    image = gsut.render(truth, pinhole(SIDE), lines).image
+    return np.round(255 * np.clip(image[..., ::-1], 0, 1)).astype(np.uint8)
 
 
 def light_from_left(pixels: np.ndarray) -> np.ndarray:
@@ -79,6 +89,7 @@ PICTURES: dict[str, tuple[Picture, str]] = {
     "darker": (lambda pixels: pixels // 3, ""),
     "lit from the left": (light_from_left, ""),
     "blurred": (lambda pixels: cv2.GaussianBlur(pixels, (5, 5), 1.0), ""),
+    "through a rolling shutter": (draw_rolling, ""),
     "hidden by a third": (hide_left(0.33), ""),
     "black": (fill_picture(0), FEW),
     "white": (fill_picture(255), FEW),

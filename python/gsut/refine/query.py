@@ -35,6 +35,8 @@ _BY_SHARE = -1 / 3
 # Logarithms of the factors on the focal length that are tried, upwards or downwards, until two fit
 # worse than the best.
 _FOCAL_STEPS = (0.025, 0.06, 0.12, 0.25, 0.5, 0.75)
+# Error of the logarithm that small pictures do not show: half of the first step.
+_FOCAL_BLUR = 0.0125
 # Step of the logarithm of the focal length on either side of a difference of renders.
 _FOCAL_DIFFERENCE = 1e-3
 # Standard deviations, those of noise, from which an error of the focal length counts: a large one
@@ -42,6 +44,11 @@ _FOCAL_DIFFERENCE = 1e-3
 _FOCAL_CLEAR = 2.5
 # Sizes of the photograph, the full one included, by which starts and focal lengths are compared.
 _LEVELS = 4
+# Size from which a pose and a motion that fit matches are refined: they are off by a pixel or so.
+_LEVEL_OF_MATCHES = 1
+# Finest size by which focal lengths are compared under a rolling shutter: smaller ones hardly show
+# the motion, which is not modelled there.
+_LEVEL_WITHOUT_MOTION = 2
 # Largest number of pixels compared.
 _PIXELS = 20_000
 # Square of the motion that a global pose leaves over, per unknown and by the noise alone, from
@@ -87,9 +94,9 @@ class Query:
         """Returns the factor on standard deviations where only a part of the image counts."""
         return float(np.mean(self.valid)) ** _BY_SHARE
 
-    def refine_smaller(self, camera: Any, pose: np.ndarray) -> CoarsePose:
-        """Refines a pose with the photograph at half its size and less, seen through this lens."""
-        return self._make_photograph(camera).refine_coarsely(pose, range(1, _LEVELS), True)
+    def refine_smaller(self, camera: Any, pose: np.ndarray, finest: int = 1) -> CoarsePose:
+        """Refines a pose with the photograph halved `finest` times and more, through this lens."""
+        return self._make_photograph(camera).refine_coarsely(pose, range(finest, _LEVELS), True)
 
     def _make_photograph(self, camera: Any) -> Photograph:
         valid = self.valid & camera.rays()[1]
@@ -133,7 +140,8 @@ class Query:
         photograph = self._make_photograph(self.camera)
         if shutter is not None:
             start = CoarsePose(pose, motion=motion)
-            return photograph.refine_finely(start, LEVELS_WITH_MOTION - 1, True, shutter)
+            first = LEVELS_WITH_MOTION - 1 if motion is None else _LEVEL_OF_MATCHES
+            return photograph.refine_finely(start, first, True, shutter)
         coarse = photograph.refine_coarsely(pose, range(1), True)
         return photograph.refine_finely(coarse, 0, True, None)
 
@@ -162,7 +170,8 @@ class Query:
         if self.camera.param_names.split()[:2] == ["fx", "fy"]:
             off, sigma = self._measure_focal_error(fine, shutter)
             if abs(off) > _FOCAL_CLEAR * self._widening * sigma:
-                best, moved = self._try_focal_lengths(fine.camera_from_world, np.sign(off))
+                finest = 1 if shutter is None else _LEVEL_WITHOUT_MOTION
+                best, moved = self._try_focal_lengths(fine.camera_from_world, np.sign(off), finest)
                 if abs(best) >= _FOCAL_STEPS[-1]:
                     raise SolveError(
                         "the photograph was not found in the scene: its colours would fit a focal "
@@ -193,12 +202,16 @@ class Query:
         covariance = estimate_covariance(fine.rows, slopes)
         return float(estimate_step(fine.rows, slopes)[-1]), float(np.sqrt(covariance[-1, -1]))
 
-    def _try_focal_lengths(self, start: np.ndarray, sign: float) -> tuple[float, np.ndarray]:
+    def _try_focal_lengths(
+        self, start: np.ndarray, sign: float, finest: int
+    ) -> tuple[float, np.ndarray]:
         """Finds the best factor on the focal length (logarithm), and how far the pose moves."""
         tried: dict[float, CoarsePose] = {}
         for step in (0.0, *(sign * size for size in _FOCAL_STEPS)):
             with contextlib.suppress(InputError, SolveError):
-                tried[step] = self.refine_smaller(_scale_focal_length(self.camera, step), start)
+                tried[step] = self.refine_smaller(
+                    _scale_focal_length(self.camera, step), start, finest
+                )
             left = [each.rms for each in tried.values()]
             if left and np.argmin(left) < len(left) - 2:
                 break
@@ -231,7 +244,8 @@ def _fit_focal_length(tried: dict[float, CoarsePose]) -> tuple[float, np.ndarray
     Fits a parabola through the best attempt and its neighbours.
 
     Returns:
-        The logarithm of the factor on the focal length, and (6,) the change of the pose.
+        The logarithm of the factor on the focal length, and (6,) the change of the pose with it, or
+        with the error that small pictures do not show if that is larger.
     """
     steps = sorted(tried)
     squares = np.array([tried[step].rms ** 2 for step in steps])
@@ -245,7 +259,8 @@ def _fit_focal_length(tried: dict[float, CoarsePose]) -> tuple[float, np.ndarray
         return 0.0, np.zeros(6)
     middle = tried[0.0].camera_from_world
     poses = np.array([subtract_poses(tried[step].camera_from_world, middle) for step in steps])
-    return best, np.array([np.interp(best, steps, column) for column in poses.T])
+    far = best if abs(best) > _FOCAL_BLUR else np.copysign(_FOCAL_BLUR, steps[0] + steps[-1])
+    return best, np.array([np.interp(far, steps, column) for column in poses.T])
 
 
 def subtract_poses(one: np.ndarray, other: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gsut._core import Camera, CameraMotion, Shutter, moved_pose
+from gsut._core import Camera, CameraMotion, Renderer, RenderJob, Shutter, moved_pose
 from gsut.gaussians import Gaussians
 from gsut.least_squares import minimize_least_squares
 from gsut.refine.pixel_rows import (
@@ -26,7 +26,7 @@ from gsut.refine.pixel_rows import (
     estimate_covariance,
     find_line_times,
 )
-from gsut.render import render
+from gsut.render import DEFAULT_UNSCENTED, render
 
 # Pixels that a picture shifts by on either side of a difference, at first: about what a pose is
 # still off by. Six directions take a pair of renders each.
@@ -35,6 +35,9 @@ _FIRST_SHIFT = 0.5
 _STATED_SHIFT = 0.25
 # The least shift: pictures of good scenes determine a pose to this.
 _FINEST_SHIFT = 0.02
+# Shift up to which differences are taken on both sides of a pose at the full size, and not ahead of
+# it only, which takes half the renders: the steps before only bring the pose near.
+_BOTH_SIDES = 0.25
 # Shifts of one round over that of the round before, at most.
 _SHRINK = 0.5
 # Shift over what the pose moved by in the round before: about the error that is left.
@@ -47,6 +50,10 @@ MOST_ROUNDS = 8
 _LOSS_SCALE = 0.1
 # Least curvature of the cost over that of the slopes: a flatter cost bounds no error.
 _LEAST_CURVATURE = 0.01
+# Measurements of the cost about a pose at most, each of which moves it to the middle of its valley.
+_MOST_ENDS = 4
+# The farthest that the cost on both sides is followed, in distances of these sides.
+_MOST_AHEAD = 2.0
 # Steps between two measurements of slopes at most; each corrects the slopes by what it changed.
 _STEPS = 4
 # Share of the cost by which a step must lower it to be followed by another with these slopes.
@@ -69,7 +76,8 @@ class SecantPose:
             and the camera turns (rotation vector, camera axes); zeros for a global shutter.
         gain: gain and bias of the photograph's brightness.
         rms: root mean square of the remaining colour differences, per channel.
-        converged: whether the last round of steps moved the pose by less than noise does.
+        converged: whether the last steps moved the pose by less than noise does, or no step lowered
+            the cost.
         rows: what the pixels say there.
         looseness: (6, 6), or (12, 12) with the motion: maps errors of a cost that curves as the
             slopes say to those of the cost itself, see `refine_by_secants`.
@@ -116,7 +124,9 @@ def refine_by_secants(
 
     Errors are stated by slopes over the errors themselves, and by the curvature of the cost (Huber,
     "The behavior of maximum likelihood estimates under nonstandard conditions", 1967): where a
-    scene errs, what is left over follows the pose, and the cost is flatter than its slopes say.
+    scene errs, what is left over follows the pose, and the cost is flatter than its slopes say. In
+    so flat a valley steps by slopes end early. Costs on both sides of the pose along the principal
+    axes of its errors show where the middle is, and the pose moves there.
 
     Args:
         gaussians: the scene. camera: the photograph's lens.
@@ -135,25 +145,38 @@ def refine_by_secants(
     """
     problem = _Problem(
         gaussians, camera, start, pixels, colors, shutter, background, with_gain,
-        _measure_units(gaussians, camera, start), both_sides=rounds >= MOST_ROUNDS,
+        _measure_units(gaussians, camera, start),
     )  # fmt: skip
     at = np.concatenate([np.zeros(POSE), np.zeros(POSE) if motion is None else motion, gain])
-    shift, settled = _FIRST_SHIFT, False
+    shift, settled, cost = _FIRST_SHIFT, False, np.inf
     for _ in range(rounds):
-        found, rows = problem.run_round(at, shift)
+        both_sides = rounds >= MOST_ROUNDS and shift <= _BOTH_SIDES
+        found, rows = problem.run_round(at, shift, both_sides)
         slopes = rows.stack_slopes(shutter)
         moved = (found - at)[problem.free]
         noise = estimate_covariance(rows, slopes)
-        settled = compute_square(moved, noise) < _SETTLED
-        at = found
-        sigma = float(np.sqrt(np.mean(np.diag(noise)[:POSE] / problem.unit**2)))
-        if settled and shift <= max(_FINEST_SHIFT, sigma):
+        left = _compute_loss(rows.residuals)
+        settled = compute_square(moved, noise) < _SETTLED or left >= (1 - _LEAST_GAIN) * cost
+        at, cost = found, left
+        if settled and shift <= _BOTH_SIDES:
             break
         pixels_moved = float(np.max(np.abs(moved[:POSE] / problem.unit)))
         shift = max(_FINEST_SHIFT, min(_SHRINK * shift, _SHIFT_BY_MOVE * pixels_moved))
     looseness = np.eye(2 * POSE if problem.is_rolling else POSE)
-    if rounds >= MOST_ROUNDS:
-        rows, looseness = problem.measure_looseness(at, rows)
+    for _ in range(_MOST_ENDS if rounds >= MOST_ROUNDS else 0):
+        rows, looseness, step = problem.look_along_axes(at, rows)
+        lower = problem.find_lower(at, step)
+        if lower is None:
+            settled = True
+            break
+        at, moved = lower, (lower - at)[problem.free]
+        rows = dataclasses.replace(rows, residuals=problem.compare(at))
+        spread = np.eye(len(moved))
+        spread[: problem.moving, : problem.moving] = looseness
+        noise = spread @ estimate_covariance(rows, rows.stack_slopes(shutter)) @ spread.T
+        settled = compute_square(moved, noise) < _SETTLED
+        if settled:
+            break
     return SecantPose(
         problem.place_pose(at), at[POSE : 2 * POSE], (float(at[-2]), float(at[-1])),
         float(np.sqrt(np.mean(rows.residuals**2))), settled, rows, looseness,
@@ -166,7 +189,6 @@ class _Problem:
 
     Attributes:
         unit: (6,) steps of the pose that move the picture by about a pixel.
-        both_sides: take differences over both sides of a pose, not only ahead of it.
         slopes: (N, 3, 6) of the render by the pose, where it was drawn last.
     """
 
@@ -179,7 +201,6 @@ class _Problem:
     background: Sequence[float]
     with_gain: bool
     unit: np.ndarray
-    both_sides: bool
 
     def __post_init__(self) -> None:
         self.is_rolling = self.shutter is not None and not self.shutter.is_global
@@ -191,17 +212,20 @@ class _Problem:
             camera = self.camera
             self.times = find_line_times(self.shutter, self.pixels, camera.width, camera.height)
         self._drawn: dict[bytes, np.ndarray] = {}  # by the pose: the solver comes back to the best
+        self._renderer = Renderer()
+        self._image = np.zeros((self.camera.height, self.camera.width, 3), np.float32)
 
     def place_pose(self, at: np.ndarray) -> np.ndarray:
         """Returns (4, 4) the pose in the middle of the readout."""
         return moved_pose(self.start, at[:POSE], 1.0)
 
     def _draw(self, pose: np.ndarray, moved: np.ndarray) -> np.ndarray:
-        where = place_lines(pose, moved, self.shutter)
-        image = render(
-            self.gaussians, self.camera, where, background=self.background, watch=False
-        ).image
-        return image.reshape(-1, 3)[self.pixels].astype(np.float64)
+        job = RenderJob(
+            self.camera, place_lines(pose, moved, self.shutter), background=self.background,
+            sh_degree=self.gaussians.sh_degree, unscented=DEFAULT_UNSCENTED, keep=False,
+        )  # fmt: skip
+        self._renderer.render(self.gaussians, job, self._image)
+        return self._image.reshape(-1, 3)[self.pixels].astype(np.float64)
 
     def _draw_at(self, at: np.ndarray) -> np.ndarray:
         key = at[: 2 * POSE].tobytes()
@@ -209,7 +233,7 @@ class _Problem:
             self._drawn[key] = self._draw(self.place_pose(at), at[POSE : 2 * POSE])
         return self._drawn[key]
 
-    def _compare(self, at: np.ndarray) -> np.ndarray:
+    def compare(self, at: np.ndarray) -> np.ndarray:
         return at[-2] * self._draw_at(at) + at[-1] - self.colors
 
     def _follow_step(self, slopes: np.ndarray, before: np.ndarray, after: np.ndarray) -> np.ndarray:
@@ -221,12 +245,12 @@ class _Problem:
         square = np.maximum(np.sum(by_pixel**2, axis=1), np.finfo(float).tiny)
         return slopes + missing[:, :, None] * (by_pixel / square[:, None] / self.unit)[:, None, :]
 
-    def measure_slopes(self, at: np.ndarray, shift: float) -> np.ndarray:
-        """Measures (N, 3, 6) slopes of the render by the pose over this many pixels."""
+    def measure_slopes(self, at: np.ndarray, shift: float, both_sides: bool) -> np.ndarray:
+        """Measures (N, 3, 6) slopes by the pose over this many pixels ahead, or on both sides."""
         pose, motion, columns = self.place_pose(at), at[POSE : 2 * POSE], []
         for change in np.diag(shift * self.unit):
             ahead = self._draw(moved_pose(pose, change, 1.0), motion)
-            if self.both_sides:
+            if both_sides:
                 columns.append((ahead - self._draw(moved_pose(pose, -change, 1.0), motion)) / 2)
             else:
                 columns.append(ahead - self._draw_at(at))
@@ -234,7 +258,7 @@ class _Problem:
 
     def list_rows(self, at: np.ndarray, slopes: np.ndarray) -> PixelRows:
         """Returns residuals at these unknowns with these slopes of the render."""
-        seen, residuals = self._draw_at(at), self._compare(at)
+        seen, residuals = self._draw_at(at), self.compare(at)
         weights = _LOSS_SCALE / np.maximum(np.linalg.norm(residuals, axis=1), _LOSS_SCALE)
         by_gain = np.stack([seen, np.ones_like(seen)], axis=2)[:, :, : 2 * self.with_gain]
         return PixelRows(
@@ -242,9 +266,11 @@ class _Problem:
             at[-2] * slopes, by_gain,
         )  # fmt: skip
 
-    def run_round(self, first: np.ndarray, shift: float) -> tuple[np.ndarray, PixelRows]:
-        """Takes some steps with slopes over this many pixels; returns the best unknowns (14,)."""
-        slopes = measured = self.measure_slopes(first, shift)
+    def run_round(
+        self, first: np.ndarray, shift: float, both_sides: bool
+    ) -> tuple[np.ndarray, PixelRows]:
+        """Takes some steps with slopes of `measure_slopes`; returns the best unknowns (14,)."""
+        slopes = measured = self.measure_slopes(first, shift, both_sides)
         last = first
 
         def fill(unknowns: np.ndarray) -> np.ndarray:
@@ -253,7 +279,7 @@ class _Problem:
             return at
 
         def compute_cost(unknowns: np.ndarray) -> float:
-            return _compute_loss(self._compare(fill(unknowns)))
+            return _compute_loss(self.compare(fill(unknowns)))
 
         def make_normal_equations(unknowns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             nonlocal slopes, last
@@ -275,14 +301,23 @@ class _Problem:
         self._drawn = {best[: 2 * POSE].tobytes(): self._draw_at(best)}
         return best, self.list_rows(best, measured)
 
-    def measure_looseness(self, at: np.ndarray, rows: PixelRows) -> tuple[PixelRows, np.ndarray]:
-        """Measures slopes, and the cost's curvature, over errors along their principal axes.
+    def find_lower(self, at: np.ndarray, step: np.ndarray) -> np.ndarray | None:
+        """Returns the unknowns after a step or half of it if the cost is lower there."""
+        least = _compute_loss(self.compare(at))
+        tried = (at + share * step for share in (1.0, 0.5))
+        return next((to for to in tried if _compute_loss(self.compare(to)) < least), None)
+
+    def look_along_axes(
+        self, at: np.ndarray, rows: PixelRows
+    ) -> tuple[PixelRows, np.ndarray, np.ndarray]:
+        """Measures slopes, and the cost, on both sides along the principal axes of errors.
 
         Args:
             at: (14,) unknowns. rows: with slopes there.
 
         Returns:
-            Rows with slopes over these errors, and the looseness of `SecantPose`.
+            Rows with slopes over these errors, the looseness of `SecantPose`, and the step (14,) to
+            where the cost is as high on both sides of each axis.
         """
         size = self.moving
         slopes = rows.stack_slopes(self.shutter)
@@ -292,8 +327,8 @@ class _Problem:
         length = np.maximum(np.sqrt(squares), _STATED_SHIFT / np.abs(axes).max(axis=0))
         steps = unit[:, None] * axes * length
         pose, motion = self.place_pose(at), at[POSE : 2 * POSE]
-        least = _compute_loss(self._compare(at))
-        columns, curvatures = [], []
+        least = _compute_loss(self.compare(at))
+        columns, curvatures, tilts = [], [], []
         for step in steps.T:
             moved = step[POSE:] if self.is_rolling else np.zeros(POSE)
             sides = [
@@ -303,17 +338,26 @@ class _Problem:
             columns.append(at[-2] * (sides[0] - sides[1]) / 2)
             costs = [_compute_loss(at[-2] * side + at[-1] - self.colors) for side in sides]
             curvatures.append(np.mean(costs) - least)
-        along = np.stack(columns, axis=2)
-        expected = np.einsum("n,nck->k", rows.weights, along**2)
+            tilts.append((costs[0] - costs[1]) / 4)
+        along = np.concatenate([np.stack(columns, axis=2), rows.by_gain], axis=2)
+        normal = np.einsum("n,nck,ncl->kl", rows.weights, along, along)
+        expected = np.diag(normal)[:size]
         # A cost that curves more than its slopes say shows the grain of renders.
         flatness = expected / np.clip(curvatures, _LEAST_CURVATURE * expected, expected)
+        by_gain = np.einsum("n,nck,nc->k", rows.weights, rows.by_gain, rows.residuals)
+        scale = np.concatenate([1 / np.sqrt(flatness), np.ones(len(by_gain))])
+        gradient = np.concatenate([tilts, by_gain])
+        ahead = -np.linalg.solve(normal * np.outer(scale, scale), gradient)
+        ahead[:size] = np.clip(ahead[:size], -_MOST_AHEAD, _MOST_AHEAD)
+        step = np.zeros(len(at))
+        step[self.free] = np.concatenate([steps @ ahead[:size], ahead[size:]])
         back = np.linalg.inv(steps)
-        by_unknowns = along @ back
+        by_unknowns = along[:, :, :size] @ back
         rows = dataclasses.replace(
             rows, by_pose=by_unknowns[:, :, :POSE],
             by_motion=by_unknowns[:, :, POSE:] if self.is_rolling else None,
         )  # fmt: skip
-        return rows, (steps * flatness) @ back
+        return rows, (steps * flatness) @ back, step
 
 
 def _compute_loss(residuals: np.ndarray) -> float:

@@ -215,7 +215,7 @@ def test_localize_tiny_photograph_is_refused(run, tmp_path, capsys):
     assert "5 x 5 pixels" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("factor", [1.0, 0.95, 1.08])
+@pytest.mark.parametrize("factor", [1.0, 0.99, 0.95, 1.08])
 def test_stated_uncertainty_covers_the_error_also_of_a_wrong_focal_length(
     run, tmp_path, capsys, factor
 ):
@@ -237,4 +237,4 @@ def test_stated_uncertainty_covers_the_error_also_of_a_wrong_focal_length(
     assert abs(found["focal_scale"] * factor - 1) < tolerances.LOCALIZED_FOCAL
     capsys.readouterr()
     assert main(["localize", str(image), "--run", str(folder), "--camera", str(lens)]) == 0
-    assert ("focal length times" in capsys.readouterr().err) == (factor != 1.0)
+    assert ("focal length times" in capsys.readouterr().err) == (abs(factor - 1) > 0.02)
