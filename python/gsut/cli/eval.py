@@ -127,7 +127,8 @@ def _measure_run(
     from gsut.evaluate import evaluate
     from gsut.render import PixelFilter
     from gsut.run import Progress, RunFile, RunFolder
-    from gsut.training import find_run_movers, read_light
+    from gsut.training import read_light
+    from gsut.training.record import find_run_movers
 
     trained_on, scene = scenes
     light = read_light(run, scene)

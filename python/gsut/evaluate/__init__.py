@@ -1,13 +1,12 @@
 """Held-out figures and the report of a run."""
 
-from gsut.evaluate.evaluation import FindMoving, evaluate, run_metrics
+from gsut.evaluate.evaluation import evaluate, run_metrics
 from gsut.evaluate.held_out import mean_psnr
 from gsut.evaluate.report import write_report
 from gsut.evaluate.report_plots import name_ring
 from gsut.evaluate.scene_page import write_scene_page
 
 __all__ = [
-    "FindMoving",
     "evaluate",
     "mean_psnr",
     "name_ring",

@@ -8,7 +8,7 @@ from typing import Any
 
 from gsut._core import SolveError
 from gsut.data import Scene
-from gsut.evaluate import FindMoving, evaluate
+from gsut.evaluate import evaluate
 from gsut.gaussians import Gaussians
 from gsut.refine.motion import measure_pose_changes
 from gsut.refine.pose import refine_pose
@@ -28,7 +28,7 @@ def evaluate_aligned(
     *,
     background: tuple[float, float, float] | None = (0.0, 0.0, 0.0),
     light: Light | None = None,
-    find_movers: Callable[[Scene], FindMoving | None] | None = None,
+    find_movers: Callable[[Scene], Callable[[int, int, int], Any] | None] | None = None,
     render_folder: Path | None = None,
 ) -> tuple[Scene, dict[str, Any]]:
     """Evaluates views after refining the pose of each on its own photograph.

@@ -14,6 +14,7 @@ trust.py).
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,6 @@ from gsut import _core
 from gsut._core import InputError
 from gsut.data import Scene
 from gsut.data.scene import Level, TrainingViews
-from gsut.evaluate import FindMoving
 from gsut.gaussians import Gaussians
 from gsut.lens import find_refinable_params
 from gsut.refine.motion import extrapolate, measure_pose_changes, remove_mean_motion
@@ -124,7 +124,12 @@ class TrainingRefiner:
         return step in self._due
 
     def sweep(
-        self, gaussians: Gaussians, level: Level, step: int, sh_degree: int, find_moving: FindMoving
+        self,
+        gaussians: Gaussians,
+        level: Level,
+        step: int,
+        sh_degree: int,
+        find_moving: Callable[[int, int, int], Any],
     ) -> None:
         """Refines every training view at a level's resolution; changes the views' poses.
 
@@ -139,7 +144,11 @@ class TrainingRefiner:
         self._sweep(gaussians, level, step, sh_degree, _ITERATIONS, overshoot, find_moving)
 
     def finish(
-        self, gaussians: Gaussians, level: Level, step: int, find_moving: FindMoving
+        self,
+        gaussians: Gaussians,
+        level: Level,
+        step: int,
+        find_moving: Callable[[int, int, int], Any],
     ) -> None:
         """Makes the last sweep, with more solver steps, against the finished Gaussians."""
         self._sweep(
@@ -154,7 +163,7 @@ class TrainingRefiner:
         sh_degree: int,
         iterations: int,
         overshoot: bool,
-        find_moving: FindMoving,
+        find_moving: Callable[[int, int, int], Any],
     ) -> None:
         before = self.views.poses
         drawn = gaussians.to_dtype(np.float32)
@@ -235,7 +244,12 @@ class TrainingRefiner:
         return {"lens_weight": weight, "lens_error_px": error}
 
     def _sample_view(
-        self, level: Level, index: int, step: int, half: int, find_moving: FindMoving
+        self,
+        level: Level,
+        index: int,
+        step: int,
+        half: int,
+        find_moving: Callable[[int, int, int], Any],
     ) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
         """Samples pixels of a view's half, new ones each sweep: lens, pose, pixels and colours."""
         camera = level.scene.camera(index)

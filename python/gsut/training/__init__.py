@@ -7,7 +7,6 @@ from gsut.training.loop import TrainingLoop
 from gsut.training.photometric_poses import grow_poses
 from gsut.training.record import (
     TrainedRun,
-    find_run_movers,
     load_run,
     open_trained,
     read_light,
@@ -19,7 +18,6 @@ from gsut.training.time_left import measure_pace, track_training
 __all__ = [
     "TrainedRun",
     "TrainingLoop",
-    "find_run_movers",
     "grow_poses",
     "load_run",
     "measure_pace",

@@ -12,9 +12,10 @@ from gsut.evaluate import evaluate
 from gsut.files import write_picture
 from gsut.run import RunFolder
 from gsut.run.checkpoint import read_checkpoint, write_checkpoint
-from gsut.training import find_run_movers, read_trained
+from gsut.training import read_trained
 from gsut.training.loop import TrainingLoop
 from gsut.training.photograph import Movers
+from gsut.training.record import find_run_movers
 from random_scenes import pinhole
 
 SIZE, VIEWS, SIDE = 64, 9, 34

@@ -10,7 +10,6 @@ import numpy as np
 
 from gsut.data import Scene
 from gsut.evaluate import (
-    FindMoving,
     evaluate,
     run_metrics,
     write_report,
@@ -39,7 +38,7 @@ def measure(
     steps: int,
     train_seconds: float,
     align: bool = False,
-    find_movers: Callable[[Scene], FindMoving | None] | None = None,
+    find_movers: Callable[[Scene], Callable[[int, int, int], Any] | None] | None = None,
 ) -> tuple[Scene, dict[str, Any]]:
     """Computes the content of metrics.json.
 
@@ -86,7 +85,7 @@ def measure_training(
     light, background = loop.photographs.find_light(), loop.options.background
     movers, measured = loop.outliers.movers, scene.test_indices
 
-    def find_movers(judged: Scene) -> FindMoving:
+    def find_movers(judged: Scene) -> Callable[[int, int, int], Any]:
         if not (movers.masks and measured):
             return movers.scale_mask
         return Movers.find(gaussians, judged, measured, light, background).scale_mask

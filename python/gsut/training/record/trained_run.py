@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from gsut._core import InputError
 from gsut.data import Scene, load_dataset
 from gsut.data.scene import digest_scene
-from gsut.evaluate import FindMoving
 from gsut.formats import load_ply, open_ply
 from gsut.gaussians import Gaussians
 from gsut.refine import read_refined
@@ -150,7 +149,7 @@ def read_light(run: RunFolder, scene: Scene) -> Light | None:
 
 def find_run_movers(
     run: RunFolder, gaussians: Any, scene: Scene, indices: Sequence[int], light: Light | None
-) -> FindMoving | None:
+) -> Callable[[int, int, int], Any] | None:
     """Finds what moved in views of a finished run, as its training did; None if it found nothing.
 
     Args:
