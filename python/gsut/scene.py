@@ -42,7 +42,6 @@ from gsut.sfm import (
     is_finished,
     read_finished,
 )
-from gsut.sfm.photographs import FEWEST_IMAGES
 from gsut.train import TrainResult, train
 from gsut.training import measure_pace, track_training
 from gsut.training.first import describe_resizing
@@ -225,12 +224,6 @@ class _SceneInProgress:
             )  # fmt: skip
             for note in pictures.notes:
                 bars.note(note)
-        found = len(pictures.figures["frames"])
-        if found < FEWEST_IMAGES:
-            raise InputError(
-                f"{', '.join(map(str, self._inputs))}: {found} picture; poses need at least "
-                f"{FEWEST_IMAGES} that overlap, better 20 or more"
-            )
         if self._watcher is not None:
             rows = pictures.figures["frames"]
             self._watcher.show_pictures({row["name"]: pictures.path / row["path"] for row in rows})

@@ -87,6 +87,8 @@ class TrainingRefiner:
         options: resolved.
         tracks: result of bundle adjustment of tracks before the first step; its poses are then
             the prior of all sweeps.
+        find_moving: called with a view, width and height; returns (height, width) bool of pixels
+            that show what moved, which no sweep compares, or None.
 
     Attributes:
         sweeps: figures of each sweep.
@@ -96,8 +98,13 @@ class TrainingRefiner:
     """
 
     def __init__(
-        self, views: TrainingViews, options: TrainOptions, tracks: TracksResult | None = None
+        self,
+        views: TrainingViews,
+        options: TrainOptions,
+        tracks: TracksResult | None = None,
+        find_moving: Callable[[int, int, int], np.ndarray | None] = lambda *_: None,
     ) -> None:
+        self._find_moving = find_moving
         self.views, self.options = views, options
         self.sweeps: list[Sweep] = []
         self.tracks: dict[str, Any] = {} if tracks is None else tracks.summarize()
@@ -123,37 +130,14 @@ class TrainingRefiner:
         """Returns whether a sweep follows this step."""
         return step in self._due
 
-    def sweep(
-        self,
-        gaussians: Gaussians,
-        level: Level,
-        step: int,
-        sh_degree: int,
-        find_moving: Callable[[int, int, int], Any],
-    ) -> None:
-        """Refines every training view at a level's resolution; changes the views' poses.
-
-        Args:
-            gaussians: as they are drawn.
-            level: whose photographs are compared.
-            step: of the training.
-            sh_degree: of the harmonics in use.
-            find_moving: see `evaluate`; pixels of what moved do not depend on the pose.
-        """
+    def sweep(self, gaussians: Gaussians, level: Level, step: int, sh_degree: int) -> None:
+        """Refines every training view at a level's resolution; changes the views' poses."""
         overshoot = len(self.sweeps) % 2 == 1 and step != max(self._due)
-        self._sweep(gaussians, level, step, sh_degree, _ITERATIONS, overshoot, find_moving)
+        self._sweep(gaussians, level, step, sh_degree, _ITERATIONS, overshoot)
 
-    def finish(
-        self,
-        gaussians: Gaussians,
-        level: Level,
-        step: int,
-        find_moving: Callable[[int, int, int], Any],
-    ) -> None:
+    def finish(self, gaussians: Gaussians, level: Level, step: int) -> None:
         """Makes the last sweep, with more solver steps, against the finished Gaussians."""
-        self._sweep(
-            gaussians, level, step, gaussians.sh_degree, _ITERATIONS_END, False, find_moving
-        )
+        self._sweep(gaussians, level, step, gaussians.sh_degree, _ITERATIONS_END, False)
 
     def _sweep(
         self,
@@ -163,15 +147,13 @@ class TrainingRefiner:
         sh_degree: int,
         iterations: int,
         overshoot: bool,
-        find_moving: Callable[[int, int, int], Any],
     ) -> None:
         before = self.views.poses
         drawn = gaussians.to_dtype(np.float32)
         halves, lenses, squares = [], [], []
         for half in (0, 1):
             views = [
-                self._sample_view(level, index, step, half, find_moving)
-                for index in level.scene.train_indices
+                self._sample_view(level, index, step, half) for index in level.scene.train_indices
             ]
             groups = [views] if self.options.refine_lens else [[view] for view in views]
             found = [self._solve(drawn, level, group, sh_degree, iterations) for group in groups]
@@ -244,18 +226,13 @@ class TrainingRefiner:
         return {"lens_weight": weight, "lens_error_px": error}
 
     def _sample_view(
-        self,
-        level: Level,
-        index: int,
-        step: int,
-        half: int,
-        find_moving: Callable[[int, int, int], Any],
+        self, level: Level, index: int, step: int, half: int
     ) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
         """Samples pixels of a view's half, new ones each sweep: lens, pose, pixels and colours."""
         camera = level.scene.camera(index)
         seen = level.scene.mask(index) & camera.rays()[1]
         seen &= select_half(camera.height, camera.width, half)
-        moving = find_moving(index, camera.width, camera.height)
+        moving = self._find_moving(index, camera.width, camera.height)
         if moving is not None:
             seen &= ~moving
         if self.options.refine_lens:

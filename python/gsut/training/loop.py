@@ -108,8 +108,8 @@ class TrainingLoop:
         self.views = TrainingViews(scene, options.coarse_to_fine)
         lens = options.calibration_weights
         self.weights = None if lens is None else CalibrationWeights(lens, scene.cameras)
-        refine, flat = options.refine_poses, options.surface
-        self.refiner = TrainingRefiner(self.views, options, tracks) if refine else None
+        refine, flat, moving = options.refine_poses, options.surface, self.outliers.find_moving
+        self.refiner = TrainingRefiner(self.views, options, tracks, moving) if refine else None
         self.renderer: Any = _core.Renderer() if options.motion_blur is None else BlurRenderer()
         self._exposure = Exposure(scene, options.motion_blur)
         self.rule, self.stopwatch = _core.BlendRule(), Stopwatch()
@@ -147,8 +147,7 @@ class TrainingLoop:
     def finish_scene(self) -> Scene:
         """Returns the scene with the poses and lenses that fit the run's result best."""
         if self.refiner is not None:
-            level, find_moving = self.views.select_level(1.0), self.outliers.movers.scale_mask
-            self.refiner.finish(self.make_result(), level, self.step, find_moving)
+            self.refiner.finish(self.make_result(), self.views.select_level(1.0), self.step)
         return self.scene
 
     def advance(self) -> float:
@@ -287,8 +286,7 @@ class TrainingLoop:
     def _refine(self, step: _Step) -> None:
         """Refines poses and lenses against the Gaussians if a sweep is due."""
         if self.refiner is not None and self.refiner.is_due(step.number):
-            find_moving = self.outliers.movers.scale_mask
-            self.refiner.sweep(self.get_drawn(), step.level, step.number, step.degree, find_moving)
+            self.refiner.sweep(self.get_drawn(), step.level, step.number, step.degree)
             self._filter.renew()
             if self.surface is not None:
                 self.surface.known.forget()
