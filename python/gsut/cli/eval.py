@@ -128,8 +128,10 @@ def _measure_run(
     from gsut.render import PixelFilter
     from gsut.run import Progress, RunFile, RunFolder
     from gsut.training import read_light
+    from gsut.training.record import find_run_movers
 
     trained_on, scene = scenes
+    light = read_light(run, scene)
     pixels = None if scene is trained_on else PixelFilter.from_scene(gaussians, trained_on)
     with Progress() as bars:
         figures = evaluate(
@@ -137,8 +139,9 @@ def _measure_run(
             scene,
             indices,
             background=options.background,
-            light=read_light(run, scene),
+            light=light,
             pixels=pixels,
+            find_moving=find_run_movers(run, gaussians, scene, indices, light),
             render_folder=out,
             on_view=lambda done, total: bars.show("views", done, total),
             device=arguments.device,

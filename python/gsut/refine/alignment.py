@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +28,7 @@ def evaluate_aligned(
     *,
     background: tuple[float, float, float] | None = (0.0, 0.0, 0.0),
     light: Light | None = None,
+    find_movers: Callable[[Scene], Callable[[int, int, int], Any] | None] | None = None,
     render_folder: Path | None = None,
 ) -> tuple[Scene, dict[str, Any]]:
     """Evaluates views after refining the pose of each on its own photograph.
@@ -37,6 +38,8 @@ def evaluate_aligned(
 
     Args:
         gaussians, scene, indices, background, light, render_folder: see `evaluate`.
+        find_movers: called with the scene once its poses are aligned, since a wrong pose looks like
+            movers; returns `find_moving` of `evaluate`. None: nothing moved.
 
     Returns:
         The scene with the aligned poses, and the evaluation with an entry `alignment`: the means
@@ -65,6 +68,7 @@ def evaluate_aligned(
         indices,
         background=background,
         light=light,
+        find_moving=find_movers and find_movers(aligned),
         render_folder=render_folder,
     )
     changes = measure_pose_changes(aligned.poses(indices), scene.poses(indices))

@@ -14,6 +14,7 @@ trust.py).
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -86,6 +87,8 @@ class TrainingRefiner:
         options: resolved.
         tracks: result of bundle adjustment of tracks before the first step; its poses are then
             the prior of all sweeps.
+        find_moving: called with a view, width and height; returns (height, width) bool of pixels
+            that show what moved, which no sweep compares, or None.
 
     Attributes:
         sweeps: figures of each sweep.
@@ -95,8 +98,13 @@ class TrainingRefiner:
     """
 
     def __init__(
-        self, views: TrainingViews, options: TrainOptions, tracks: TracksResult | None = None
+        self,
+        views: TrainingViews,
+        options: TrainOptions,
+        tracks: TracksResult | None = None,
+        find_moving: Callable[[int, int, int], np.ndarray | None] = lambda *_: None,
     ) -> None:
+        self._find_moving = find_moving
         self.views, self.options = views, options
         self.sweeps: list[Sweep] = []
         self.tracks: dict[str, Any] = {} if tracks is None else tracks.summarize()
@@ -224,6 +232,9 @@ class TrainingRefiner:
         camera = level.scene.camera(index)
         seen = level.scene.mask(index) & camera.rays()[1]
         seen &= select_half(camera.height, camera.width, half)
+        moving = self._find_moving(index, camera.width, camera.height)
+        if moving is not None:
+            seen &= ~moving
         if self.options.refine_lens:
             seen &= select_inner_pixels(camera)
         count = (_PIXELS_JOINT if self.options.refine_lens else _PIXELS) // 2

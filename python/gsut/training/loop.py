@@ -108,8 +108,8 @@ class TrainingLoop:
         self.views = TrainingViews(scene, options.coarse_to_fine)
         lens = options.calibration_weights
         self.weights = None if lens is None else CalibrationWeights(lens, scene.cameras)
-        refine, flat = options.refine_poses, options.surface
-        self.refiner = TrainingRefiner(self.views, options, tracks) if refine else None
+        refine, flat, moving = options.refine_poses, options.surface, self.outliers.find_moving
+        self.refiner = TrainingRefiner(self.views, options, tracks, moving) if refine else None
         self.renderer: Any = _core.Renderer() if options.motion_blur is None else BlurRenderer()
         self._exposure = Exposure(scene, options.motion_blur)
         self.rule, self.stopwatch = _core.BlendRule(), Stopwatch()

@@ -30,6 +30,10 @@ SOFT = {"psnr": 25.0, "detail_median": 0.6, "detail_min": 0.5, "detail_train": 0
         ({**SOFT, "detail_train": 0.9, "detail_shifted_median": 0.61}, "usable", "too few", ""),
         ({**SOFT, "detail_train": 0.9}, "usable", "too few photographs", "photograph more"),
         (
+            {**SOFT, "detail_train": 0.9, "moving_train": 0.002},
+            "usable", "too few photographs, or something moved", "while nothing moves",
+        ),
+        (
             {"detail_median": 0.79, "detail_train": 0.81},
             "usable", "steps and Gaussians are few", "--preset best",
         ),

@@ -308,10 +308,15 @@ def test_nothing_found_names_causes_and_what_to_do():
     words = str(explain_failure(gsut.SolveError("no start"), few, [], "give --fov"))
     assert words.startswith("no start; 12 of 12 images are too dark")
     assert "have few features" in words and words.endswith("; or give --fov")
-    words = str(
-        explain_failure(gsut.SolveError("no start"), few[:3], [], "x", has_only_turned=True)
+    bright = Features(
+        np.zeros((999, 2)), np.ones(999), np.zeros((999, 128)), np.full((999, 3), 99, np.uint8)
     )
-    assert "turned on the spot" in words and "3 images are few: take 20" in words
+    for images, has_turned in (([bright] * 3, True), (few[:3], False)):
+        words = str(
+            explain_failure(gsut.SolveError("no start"), images, [], "x", has_only_turned=True)
+        )
+        assert ("turned on the spot" in words) == has_turned
+        assert "3 images are few: take 20" in words
     seen = [Features(np.zeros((99, 2)), *(np.ones((99, n)) for n in (1, 128, 3)))] * 4
     for known in (True, False):  # pictures that have nothing to do with each other
         with pytest.raises(gsut.SolveError, match="photographs of one place") as refused:

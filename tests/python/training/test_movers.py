@@ -8,11 +8,15 @@ import tolerances
 from gsut.data import Frame, load_dataset, write_transforms
 from gsut.data.points import format_points_ply
 from gsut.data.poses import invert_pose
+from gsut.evaluate import evaluate
 from gsut.files import write_picture
+from gsut.run import RunFolder
 from gsut.run.checkpoint import read_checkpoint, write_checkpoint
+from gsut.training import read_trained
 from gsut.training.loop import TrainingLoop
 from gsut.training.photograph import Movers
 from gsut.training.photograph.movers import _find_medians
+from gsut.training.record import find_run_movers
 from random_scenes import pinhole
 
 SIZE, VIEWS, SIDE = 64, 9, 34
@@ -94,7 +98,7 @@ def test_training_leaves_movers_out_and_says_so_unless_they_are_kept(wall, tmp_p
     write_views(tmp_path / "data", wall, MOVED)
     scene, shares = load_dataset(tmp_path / "data", test_every=4), {}
     for movers in ("auto", "keep"):
-        options = gsut.TrainOptions(steps=60, max_gaussians=1200, movers=movers)
+        options = gsut.TrainOptions(steps=60, max_gaussians=1200, movers=movers, test_every=4)
         metrics = gsut.train(scene, options, out=tmp_path / movers, progress=False).metrics
         shares[movers] = metrics["moving_train"]
         said = any("moved past" in reason for reason in metrics["verdict"]["reasons"])
@@ -102,6 +106,11 @@ def test_training_leaves_movers_out_and_says_so_unless_they_are_kept(wall, tmp_p
         assert scene.test_indices == (0, 4, 8)
         moving = [row["moving"] > 0 for row in metrics["views"]]
         assert moving == [False, movers == "auto", False]
+        run = RunFolder.open(tmp_path / movers)
+        _, own, gaussians = read_trained(run, None)
+        find_moving = find_run_movers(run, gaussians, own, own.test_indices, None)
+        again = evaluate(gaussians, own, own.test_indices, find_moving=find_moving)
+        assert [row["moving"] > 0 for row in again["views"]] == moving
     assert shares["auto"] > tolerances.MOVERS_SHARE and shares["keep"] == 0
 
 
@@ -115,3 +124,15 @@ def test_movers_survive_a_checkpoint(wall, tmp_path):
     assert sorted(other.outliers.movers.masks) == sorted(MOVED)
     for view, mask in loop.outliers.movers.masks.items():
         assert np.array_equal(mask, other.outliers.movers.masks[view])
+
+
+def test_refinement_compares_no_pixel_that_moved(wall, tmp_path):
+    scene = write_views(tmp_path / "data", wall, {})
+    options = gsut.TrainOptions(steps=40, max_gaussians=600, refine_poses=True).resolve()
+    loop, passing = TrainingLoop(scene, options), np.zeros((SIZE, SIZE), bool)
+    passing[10:50, 20:40] = True
+    level = loop.views.select_level(1.0)
+    for moving, is_left in ((None, True), (passing, False)):
+        loop.outliers.movers = Movers({} if moving is None else {3: moving})
+        chosen = loop.refiner._sample_view(level, 3, 20, 0)[2]
+        assert len(chosen) and passing.ravel()[chosen].any() == is_left

@@ -29,6 +29,8 @@ _SHIFT_GAIN = 0.03
 _LEFT_OUT = {"unseen": "no training view saw", "moving": "moved"}
 # Share of the training pixels from which what moved is named.
 _MOVING = 0.02
+# The same from which it is named as a possible cause: most of what moves slowly is not found.
+_MAY_MOVE = 0.001
 # Gain by corrected colours from which differing exposure deserves a note.
 _COLORS_DB = 2.0
 
@@ -122,9 +124,13 @@ def _find_fault(metrics: dict[str, Any], repeat: _NextCommand) -> Fault | None:
         return Fault(1, "steps and Gaussians are few", repeat.make_longer())
     if train - detail > 1 - train:
         sharp = "sharp" if train >= GOOD else "far sharper"
-        moving = metrics.get("moving_train", 0.0) >= _MOVING
-        cause = "something moved" if moving else "between them are too few photographs"
-        still = ", while nothing moves" if moving else ""
+        moving = metrics.get("moving_train", 0.0)
+        cause = "between them are too few photographs"
+        if moving >= _MOVING:
+            cause = "something moved"
+        elif moving >= _MAY_MOVE:
+            cause += ", or something moved"
+        still = ", while nothing moves" if moving >= _MAY_MOVE else ""
         return Fault(
             1,
             f"training views are {sharp} ({100 * train:.0f} % of their detail): {cause}",

@@ -212,13 +212,12 @@ def explain_failure(
         advice: what else may help.
         has_only_turned: whether the camera turned on the spot.
     """
-    reasons = []
-    if has_only_turned:
+    faults = find_picture_faults(features)
+    reasons = [f"{f.what}: {f.advice}" for f in faults if f.severity == _POOR]
+    if has_only_turned and not reasons:  # the few matches of dark or blurred images fit any motion
         reasons.append(
             "the camera only turned on the spot, so there is no depth: walk between the pictures"
         )
-    faults = find_picture_faults(features)
-    reasons += [f"{f.what}: {f.advice}" for f in faults if f.severity == _POOR]
     if len(features) < _FEW_IMAGES:
         reasons.append(f"{len(features)} images are few: take 20 or more")
     parallax = np.degrees(float(np.median([pair.parallax for pair in pairs] or [np.inf])))

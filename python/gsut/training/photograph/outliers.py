@@ -53,12 +53,16 @@ class Outliers:
             train, behind = scene.train_indices, self._background
             self.movers = Movers.find(draw(), scene, train, light, behind)
 
+    def find_moving(self, view: int, width: int, height: int) -> np.ndarray | None:
+        """Returns a view's mask (height, width) of what moved, as far as it is known yet."""
+        return self.movers.scale_mask(view, width, height)
+
     def leave_out(
         self, step: int, view: int, target: _core.PhotometricTarget, image: np.ndarray,
         dimage: np.ndarray,
     ) -> None:  # fmt: skip
         """Zeros the loss' gradient (H, W, 3) where the view's photograph is not believed."""
-        moving = self.movers.scale_mask(view, dimage.shape[1], dimage.shape[0])
+        moving = self.find_moving(view, dimage.shape[1], dimage.shape[0])
         if moving is not None:
             dimage[moving] = 0
         if self._robust_from is not None and step >= self._robust_from:

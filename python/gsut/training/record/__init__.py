@@ -10,6 +10,7 @@ from gsut.training.record.results import (
 )
 from gsut.training.record.trained_run import (
     TrainedRun,
+    find_run_movers,
     list_changed_data,
     load_run,
     open_trained,
@@ -23,6 +24,7 @@ __all__ = [
     "TrainedRun",
     "TrainingRecord",
     "describe_place",
+    "find_run_movers",
     "list_changed_data",
     "list_scene_comments",
     "load_run",

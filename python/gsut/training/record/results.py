@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +28,6 @@ from gsut.training.record.trained_run import TrainedRun
 _MOST_MEASURED = 8
 # Training views that are measured beside held-out ones, to show how far these fall behind.
 _BESIDE = 4
-_NOTHING = Movers()  # moved
 
 
 def measure(
@@ -39,7 +38,7 @@ def measure(
     steps: int,
     train_seconds: float,
     align: bool = False,
-    movers: Movers = _NOTHING,
+    find_movers: Callable[[Scene], Callable[[int, int, int], Any] | None] | None = None,
 ) -> tuple[Scene, dict[str, Any]]:
     """Computes the content of metrics.json.
 
@@ -50,7 +49,8 @@ def measure(
         steps, train_seconds: see `run_metrics`.
         align: align test views with the Gaussians first, since the training views' poses have
             moved.
-        movers: what moved in these views; not used with `align`.
+        find_movers: called with the scene as it is judged; returns `find_moving` of `evaluate`.
+            None: nothing moved.
 
     Returns:
         The scene, with the aligned poses, and the figures.
@@ -62,9 +62,12 @@ def measure(
         "render_folder": None if run is None else run.renders,
     }
     if align and scene.test_indices:
-        scene, evaluation = evaluate_aligned(gaussians, scene, indices, **settings)
+        scene, evaluation = evaluate_aligned(
+            gaussians, scene, indices, find_movers=find_movers, **settings
+        )
     else:
-        evaluation = evaluate(gaussians, scene, indices, find_moving=movers.scale_mask, **settings)
+        find_moving = find_movers and find_movers(scene)
+        evaluation = evaluate(gaussians, scene, indices, find_moving=find_moving, **settings)
     metrics = run_metrics(
         evaluation, gaussians, scene, options, steps=steps, train_seconds=train_seconds
     )
@@ -81,13 +84,17 @@ def measure_training(
     """Measures a finished training on its test views, or on some training views if it has none."""
     light, background = loop.photographs.find_light(), loop.options.background
     movers, measured = loop.outliers.movers, scene.test_indices
-    if movers.masks and measured:
-        others = Movers.find(gaussians, scene, measured, light, background)
-        movers = Movers({**movers.masks, **others.masks})
+
+    def find_movers(judged: Scene) -> Callable[[int, int, int], Any]:
+        if not (movers.masks and measured):
+            return movers.scale_mask
+        return Movers.find(gaussians, judged, measured, light, background).scale_mask
+
     scene, metrics = measure(
         TrainedRun(loop.options, scene, gaussians, light),
         measured or scene.train_indices[:_MOST_MEASURED], run, steps=loop.step,
-        train_seconds=loop.seconds, align=loop.options.refine_poses, movers=movers,
+        train_seconds=loop.seconds, align=loop.options.refine_poses,
+        find_movers=find_movers,
     )  # fmt: skip
     metrics["moving_train"] = loop.outliers.movers.measure_share(len(scene.train_indices))
     if scene.test_indices:

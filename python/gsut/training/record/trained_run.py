@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,6 +18,7 @@ from gsut.render import Light
 from gsut.run import RunFile, RunFolder, TrainOptions, read_plan
 from gsut.run.options import parse_size
 from gsut.training.first import prepare_scene
+from gsut.training.photograph import Movers
 
 # Parts of a dataset (see `digest_scene`) without which a run's figures mean nothing.
 _OF_RESULT = ("images", "poses", "lenses")
@@ -143,3 +145,20 @@ def read_light(run: RunFolder, scene: Scene) -> Light | None:
     """Reads the light that the run found in the scene's photographs; None if it found none."""
     found = (run.read_json(RunFile.METRICS) or {}).get("light")
     return None if found is None else Light.from_dict(found, [view.name for view in scene.views])
+
+
+def find_run_movers(
+    run: RunFolder, gaussians: Any, scene: Scene, indices: Sequence[int], light: Light | None
+) -> Callable[[int, int, int], Any] | None:
+    """Finds what moved in views of a finished run, as its training did; None if it found nothing.
+
+    Args:
+        run: whose training left movers out, or did not.
+        gaussians, scene: of the run.
+        indices: of the views.
+        light: of the photographs; None: 1.
+    """
+    if not (run.read_json(RunFile.METRICS) or {}).get("moving_train"):
+        return None
+    background = run.read_options().background
+    return Movers.find(gaussians, scene, indices, light, background).scale_mask

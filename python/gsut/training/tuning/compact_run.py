@@ -30,7 +30,7 @@ from gsut.run import RunFile, RunFolder, describe_environment, read_plan
 from gsut.run.options import AUTO
 from gsut.training.first import center_on_cameras
 from gsut.training.loop import TrainingLoop
-from gsut.training.record import TrainedRun, measure, write_results
+from gsut.training.record import TrainedRun, find_run_movers, measure, write_results
 from gsut.training.tuning.finetuning import finetune, finetune_options
 from gsut.training.tuning.from_start import FROM_START, FromStart
 
@@ -292,12 +292,13 @@ def write_compacted_run(
         environment["digests"] = (source.read_json(RunFile.ENVIRONMENT) or {}).get("digests")
     run = RunFolder.create(out, options.resolve(), environment=environment, command="compact")
     before = source.read_json(RunFile.METRICS) or {}
+    indices, light = scene.test_indices or scene.train_indices, compactor.light
     _, metrics = measure(
-        TrainedRun(options, scene, gaussians, compactor.light),
-        scene.test_indices or scene.train_indices, run,
+        TrainedRun(options, scene, gaussians, light), indices, run,
         steps=anew.step if anew else int(before.get("steps") or 0) + tuned,
         train_seconds=anew.seconds if anew else float(before.get("train_seconds") or 0.0)
         + compactor.finetune_seconds,
+        find_movers=lambda judged: find_run_movers(source, gaussians, judged, indices, light),
     )  # fmt: skip
     metrics["notes"] += filter(None, [compactor.because])
     metrics["compaction"] = {
