@@ -53,7 +53,7 @@ _NEIGHBOURS = 5
 
 @dataclasses.dataclass(frozen=True)
 class Look:
-    """What the search needs of a frame: its sharpness, see `Candidate`, and a small grey picture."""
+    """What the search needs of a frame: sharpness, see `Candidate`, and a small grey picture."""
 
     number: int
     time: float
