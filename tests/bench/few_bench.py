@@ -46,7 +46,7 @@ def measure(case: Row, settings: Settings) -> Row:
     scene = choose_views(load(case["data"], settings), case["_views"])
     scene = replace_points(scene, case["points"])
     options = gsut.TrainOptions(
-        preset="fast", steps=settings.steps, seed=case["_seed"], eval_every=0, init=settings.init
+        preset="fast", steps=settings.steps, seed=case["_seed"], eval_every=0
     )
     began, first = time.process_time(), []
 
@@ -164,7 +164,6 @@ BENCHMARK = Benchmark(
         Option("views", (), "training views to keep, evenly spread; 0: all"),
         Option("points", POINTS, "those of no views, of the kept views, of the dataset"),
         Option("seeds", (0, 1), "of trainings"),
-        Option("init", "stereo", "first Gaussians, as by --set init of gsut train"),
         Option("steps", 1000, "of each training"),
         Option("side", 480, "longest of the images, pixels"),
     ),
