@@ -68,8 +68,8 @@ def measure_coverage(scene: Scene) -> float:
         column, row = np.minimum(pixels * cells / size, cells - 1).astype(int).T
         shown = np.zeros(valid_share.shape, bool)
         shown[row, column] = True
-        covered += np.count_nonzero(shown & (valid_share > 0))
-        counted += np.count_nonzero(valid_share)
+        covered += int(np.count_nonzero(shown & (valid_share > 0)))
+        counted += int(np.count_nonzero(valid_share))
     return covered / counted
 
 
