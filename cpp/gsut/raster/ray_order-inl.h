@@ -1,17 +1,19 @@
 // The forward pass of one tile in the order of each pixel's own ray, for any kind of rays.
 //
-// Nothing is sorted. What a hit lets through of the light behind it is multiplied into the light in
-// front of every other hit that lies behind it, pair by pair: for hits i and j of a pixel, at t_i
-// and t_j along its ray,
+// What a hit lets through of the light behind it is multiplied into the light in front of every
+// other hit that lies behind it, pair by pair: for hits i and j of a pixel, at t_i and t_j along
+// its ray,
 //   front_i *= 1 - alpha_j where t_j < t_i, else front_j *= 1 - alpha_i.
 // A lane of a vector is a pixel, so that each pixel has its own order at the price of a comparison
 // and two products a pair, and colours stay one a Gaussian.
-// Pairs need not be made with what lies far in front. The tile's list is sorted by the least t at
-// which any ray may be nearest to the Gaussian (RayOrderKeysKernel): a hit whose t is not above
-// that of the next unread Gaussian, at all pixels of the block, is in front of all that is unread.
-// It leaves the list of those that wait: its light is known, it is blended, and what it lets
-// through multiplies the light in front of all that is read from then on. This is exact: t of the
-// hits decides, and bounds decide only how long a hit waits.
+// Pairs are made only where the order may differ from pixel to pixel. The hits of a Gaussian at a
+// block of pixels span an interval of t. They are swept by the near end of it (SweepHits): one
+// whose far end is not beyond the near end of the next is in front of all that follow, at every
+// pixel. Its light is known, it is blended, and what it lets through multiplies the light in front
+// of all that is swept from then on; until then it is open. The tile's list is sorted by the least
+// t at which any ray may be nearest to a Gaussian (RayOrderKeysKernel), which bounds what is not
+// read yet: hits beyond that wait, which costs nothing. This is exact: t of the hits decides, and
+// intervals and bounds decide only which pairs are made.
 
 #if defined(GSUT_RASTER_RAY_ORDER_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef GSUT_RASTER_RAY_ORDER_INL_H_
@@ -20,105 +22,47 @@
 #define GSUT_RASTER_RAY_ORDER_INL_H_
 #endif
 
-#include <algorithm>
-#include <limits>
-
-#include "gsut/projection/seen-inl.h"
 #include "gsut/raster/blend_tile-inl.h"
+#include "gsut/raster/ray_order_hits-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace gsut {
 namespace HWY_NAMESPACE {
-
-// By which a key lies below where a ray may be nearest, relative to the distance: t is rounded,
-// too.
-inline constexpr double kKeyRounding = 1e-5;
-
-inline constexpr float kNever = std::numeric_limits<float>::infinity();
 
 // a x b where the mask is true, else a.
 HWY_INLINE FloatVec MulWhere(FloatMask mask, FloatVec a, FloatVec b) {
   return hn::IfThenElse(mask, hn::Mul(a, b), a);
 }
 
-// How a Gaussian spreads along a direction n: n'Sn of its covariance S, and 1 / n'S^-1 n.
-struct Spread {
-  Lane variance, least;
-
-  HWY_INLINE Spread(const SeenLanes& g, const Lane* n) {
-    Lane squares(0.0), inverse(0.0);
-    for (int k = 0; k < 3; ++k) {
-      const Lane along = Dot3(g.axes[k], n);
-      const Lane scaled = g.scale[k] * along, whitened = along / g.scale[k];
-      squares += scaled * scaled;
-      inverse += whitened * whitened;
-    }
-    variance = squares;
-    least = Lane(1.0) / inverse;
-  }
-};
-
-// Writes the order keys of the Gaussians [begin, end), begin a multiple of 16: key_of each, which
-// are at most where any ray may be nearest to it.
-template <class KeyOf>
-HWY_INLINE void WriteKeys(const RasterTask& task, std::int64_t begin, std::int64_t end,
-                          Frame* frame, KeyOf&& key_of) {
-  for (std::int64_t i = begin; i < end; i += kLanes) {
-    const SeenLanes g = LoadSeen(task.gaussians, i, task.view, task.log2_raw_min, task.max_cutoff);
-    const Lane key = key_of(g) - Lane(kKeyRounding) * g.distance;
-    hn::StoreU(key.v, FloatTag(), &frame->order_key[static_cast<std::size_t>(i)]);
+// The least lane of each of kCount vectors, a multiple of 4.
+template <int kCount>
+HWY_INLINE void LeastOfEach(const FloatVec* v, float* least) {
+  const FloatTag d;
+  const hn::Repartition<double, FloatTag> dd;
+  const auto of_pairs = [&](FloatVec x, FloatVec y) HWY_ATTR {
+    return hn::Min(hn::OddEven(y, x), hn::Shuffle2301(hn::OddEven(x, y)));
+  };
+  GSUT_UNROLL for (int i = 0; i < kCount; i += 4) {
+    const auto x = hn::BitCast(dd, of_pairs(v[i], v[i + 1]));
+    const auto y = hn::BitCast(dd, of_pairs(v[i + 2], v[i + 3]));
+    FloatVec w = hn::Min(hn::BitCast(d, hn::OddEven(y, x)),
+                         hn::BitCast(d, hn::Shuffle01(hn::OddEven(x, y))));
+    if constexpr (kLanes >= 8) w = hn::Min(w, hn::SwapAdjacentBlocks(w));
+#if HWY_MAX_BYTES == 64
+    w = hn::Min(w, hn::ConcatLowerUpper(d, w, w));
+#endif
+    HWY_ALIGN float lanes[kLanes];
+    hn::Store(w, d, lanes);
+    __builtin_memcpy(least + i, lanes, 4 * sizeof(float));
   }
 }
-
-// A Gaussian that waits at one block of pixels.
-struct WaitingHit {
-  HWY_ALIGN float t[kLanes];      // in units of the ray; kNever: no hit here
-  HWY_ALIGN float rest[kLanes];   // 1 - alpha
-  HWY_ALIGN float front[kLanes];  // light that reaches it through what has been read
-  float last;                     // the largest t, along a unit ray
-  float color[3];
-};
-
-// Those that wait at the blocks of a tile.
-class WaitingHits {
- public:
-  HWY_INLINE void Clear() {
-    if (hits_.empty()) hits_.resize(static_cast<std::size_t>(kBlocks) * capacity_);
-    for (int& count : counts_) count = 0;
-  }
-  // Makes room for `more` at a block.
-  HWY_INLINE void Reserve(int block, int more) {
-    if (HWY_UNLIKELY(counts_[block] + more > capacity_)) Grow();
-  }
-  HWY_INLINE WaitingHit* Of(int block) {
-    return &hits_[static_cast<std::size_t>(block) * static_cast<std::size_t>(capacity_)];
-  }
-  HWY_INLINE int* CountOf(int block) { return &counts_[block]; }
-
- private:
-  // At first: most blocks have fewer. Odd, so that blocks do not share the sets of a cache.
-  static constexpr int kFirstCapacity = 15;
-
-  HWY_NOINLINE void Grow() {
-    const int capacity = 2 * capacity_ + 1;
-    AlignedVector<WaitingHit> hits(static_cast<std::size_t>(kBlocks) * capacity);
-    for (int block = 0; block < kBlocks; ++block) {
-      std::copy_n(Of(block), counts_[block], &hits[static_cast<std::size_t>(block) * capacity]);
-    }
-    hits_.swap(hits);
-    capacity_ = capacity;
-  }
-
-  int capacity_ = kFirstCapacity;
-  int counts_[kBlocks] = {};
-  AlignedVector<WaitingHit> hits_;
-};
 
 // The pixels of a block while Gaussians are blended into them.
 struct BlockPixels {
   FloatVec transmittance, red, green, blue;
   DepthSums depth;
-  FloatMask open;
+  FloatVec stop;   // least light that shows
+  FloatMask open;  // has not stopped
 
   HWY_INLINE BlockPixels(const RasterTask& task, const Frame& frame, std::size_t o) {
     const FloatTag d;
@@ -127,7 +71,8 @@ struct BlockPixels {
     green = hn::Load(d, &frame.color[1][o]);
     blue = hn::Load(d, &frame.color[2][o]);
     depth = task.with_depth ? LoadDepth(frame, o) : DepthSums::Zero();
-    open = hn::Ge(transmittance, hn::Set(d, task.transmittance_min));
+    stop = hn::Set(d, task.transmittance_min);
+    open = hn::Ge(transmittance, stop);
   }
   HWY_INLINE void Store(const RasterTask& task, std::size_t o, Frame* frame) const {
     const FloatTag d;
@@ -141,8 +86,7 @@ struct BlockPixels {
   // light only falls along a ray.
   HWY_INLINE void Blend(const RasterTask& task, FloatVec t, FloatVec rest, FloatVec front,
                         const FloatVec* color) {
-    const FloatTag d;
-    const FloatVec stop = hn::Set(d, task.transmittance_min), behind = hn::Mul(front, rest);
+    const FloatVec behind = hn::Mul(front, rest);
     FloatMask blends = hn::Ge(front, stop);
     if (HWY_UNLIKELY(task.stop_before)) {
       const FloatMask ends = hn::AndNot(hn::And(blends, hn::Gt(behind, stop)), IsHit(t));
@@ -159,21 +103,18 @@ struct BlockPixels {
     }
     transmittance = MulWhere(blends, transmittance, rest);
   }
-  // After some were blended; returns whether all pixels have stopped.
-  HWY_INLINE bool Close(const RasterTask& task) {
-    const FloatTag d;
-    open = hn::And(open, hn::Ge(transmittance, hn::Set(d, task.transmittance_min)));
-    return hn::AllFalse(d, open);
+  HWY_INLINE bool AreClosed() const {
+    return hn::AllFalse(FloatTag(), hn::And(open, hn::Ge(transmittance, stop)));
   }
 
  private:
   static HWY_INLINE FloatMask IsHit(FloatVec t) { return hn::Lt(t, hn::Set(FloatTag(), kNever)); }
 };
 
-// Multiplies what hits of one group, and those that wait, let through into each other's light.
+// Multiplies what hits of one group, and the open ones, let through into each other's light.
 template <int kJam>
 HWY_INLINE void FilterPairs(const FloatVec* t, const FloatVec* rest, FloatVec* front,
-                            WaitingHit* waiting, int count) {
+                            BlockHits* hits) {
   const FloatTag d;
   GSUT_UNROLL for (int i = 0; i < kJam; ++i) {
     GSUT_UNROLL for (int j = i + 1; j < kJam; ++j) {
@@ -182,138 +123,194 @@ HWY_INLINE void FilterPairs(const FloatVec* t, const FloatVec* rest, FloatVec* f
       front[j] = MulWhere(hn::Not(j_first), front[j], rest[i]);
     }
   }
-  for (int p = 0; p < count; ++p) {
-    const FloatVec t_p = hn::Load(d, waiting[p].t), rest_p = hn::Load(d, waiting[p].rest);
-    FloatVec front_p = hn::Load(d, waiting[p].front);
+  const int* const open = hits->open;
+  BlockHit* const slots = hits->slots;
+  for (int p = 0; p < hits->num_open; ++p) {
+    BlockHit& other = slots[open[p]];
+    const FloatVec t_p = hn::Load(d, other.t), rest_p = hn::Load(d, other.rest);
+    FloatVec front_p = hn::Load(d, other.front);
     GSUT_UNROLL for (int i = 0; i < kJam; ++i) {
       const FloatMask i_first = hn::Lt(t[i], t_p);
       front_p = MulWhere(i_first, front_p, rest[i]);
       front[i] = MulWhere(hn::Not(i_first), front[i], rest_p);
     }
-    hn::Store(front_p, d, waiting[p].front);
+    hn::Store(front_p, d, other.front);
   }
 }
 
-// Blends those that wait at a block whose t is nowhere above `bound`.
-HWY_INLINE void Release(const RasterTask& task, float bound, WaitingHit* waiting, int* count,
-                        BlockPixels* pixels) {
+struct HitColor {
+  FloatVec values[3];
+  HWY_INLINE explicit HitColor(const BlockHit& hit) {
+    for (int c = 0; c < 3; ++c) values[c] = hn::Set(FloatTag(), hit.color[c]);
+  }
+};
+
+// Blends the open ones whose t is nowhere above `bound`.
+HWY_INLINE void Release(const RasterTask& task, float bound, BlockHits* hits, BlockPixels* pixels) {
   const FloatTag d;
-  for (int p = *count - 1; p >= 0; --p) {
-    if (!(waiting[p].last <= bound)) continue;
-    const WaitingHit& hit = waiting[p];
-    const FloatVec color[3] = {hn::Set(d, hit.color[0]), hn::Set(d, hit.color[1]),
-                               hn::Set(d, hit.color[2])};
-    pixels->Blend(task, hn::Load(d, hit.t), hn::Load(d, hit.rest), hn::Load(d, hit.front), color);
-    if (p != --*count) waiting[p] = waiting[*count];
+  int* const open = hits->open;
+  float* const last = hits->last;
+  const BlockHit* const slots = hits->slots;
+  int count = hits->num_open;
+  for (int base = (count - 1) / kLanes * kLanes; base >= 0; base -= kLanes) {
+    const FloatMask there = hn::FirstN(d, static_cast<std::size_t>(count - base));
+    std::uint64_t bits =
+        MaskBits(hn::And(there, hn::Le(hn::Load(d, last + base), hn::Set(d, bound))));
+    for (int p = base; bits != 0; bits &= ~(std::uint64_t{1} << (p - base))) {
+      p = base + 63 - __builtin_clzll(bits);
+      const BlockHit& hit = slots[open[p]];
+      pixels->Blend(task, hn::Load(d, hit.t), hn::Load(d, hit.rest), hn::Load(d, hit.front),
+                    HitColor(hit).values);
+      hits->GiveBackIf(true, open[p]);
+      --count;
+      open[p] = open[count];
+      last[p] = last[count];
+    }
   }
+  hits->num_open = count;
 }
 
-// Reads the Gaussians of a chunk whose bits are set in `todo` at the block at pixel o. bounds[j]:
-// of Gaussian j; beyond: of what follows the chunk. Returns whether the block's pixels have
-// stopped.
+// Blends a hit that was swept, with nothing before `bound` left to sweep, or leaves it open.
+HWY_INLINE void BlendOrOpen(const RasterTask& task, float bound, int slot, FloatVec t,
+                            FloatVec rest, FloatVec front, BlockHits* hits, BlockPixels* pixels) {
+  const FloatTag d;
+  BlockHit& hit = hits->slots[slot];
+  // Both, for a branch would be foretold badly: what stays open is blended as no hit.
+  const FloatMask leaves = hn::Le(hn::Set(d, hit.last), hn::Set(d, bound));
+  pixels->Blend(task, hn::IfThenElse(leaves, t, hn::Set(d, kNever)),
+                hn::IfThenElse(leaves, rest, hn::Set(d, 1.0f)), front, HitColor(hit).values);
+  hn::Store(front, d, hit.front);
+  hits->OpenIf(!(hit.last <= bound), slot, hit.last);
+  hits->GiveBackIf(hit.last <= bound, slot);
+}
+
+// Reads the Gaussians of a chunk of kernel whose bits are set in todo[part] at the block at pixel
+// o.
 template <class Kernel>
-HWY_INLINE bool BlendBlockAlongRays(const RasterTask& task, const TileGrid& grid,
-                                    const Kernel& kernel, std::uint64_t todo, int block,
-                                    std::size_t o, const float* bounds, float beyond, Frame* frame,
-                                    WaitingHits* hits) {
+HWY_INLINE void ReadHits(const RasterTask& task, const Kernel& kernel, std::uint64_t todo, int part,
+                         std::size_t o, FloatVec length, const BlockPixels& pixels,
+                         BlockHits* hits) {
   constexpr int kJam = Kernel::kJam;
   const FloatTag d;
-  const FloatVec alpha_limit = hn::Set(d, task.alpha_max);
-  const FloatVec length = hn::Load(d, &grid.length[o]);
+  const FloatVec alpha_limit = hn::Set(d, task.alpha_max), never = hn::Set(d, kNever);
   const auto rays = kernel.LoadPixels(o);
-  BlockPixels pixels(task, *frame, o);
-  int* const count = hits->CountOf(block);
-  bool all_closed = false;
-  while (todo != 0 && !all_closed) {
+  float* const first = hits->first;
+  BlockHit* const slots = hits->slots;
+  while (todo != 0) {
     int index[kJam];
-    FloatVec alpha[kJam], t[kJam], rest[kJam], front[kJam];
+    FloatVec alpha[kJam], t[kJam], ends[2 * kJam];
     FloatMask hit[kJam];
+    float least[2 * kJam];  // of t, and of -t
     GSUT_UNROLL for (int i = 0; i < kJam; ++i) {
-      index[i] = todo != 0 ? __builtin_ctzll(todo) : kMissing;
+      index[i] = todo != 0 ? part * kChunk + __builtin_ctzll(todo) : Kernel::kNone;
       todo &= todo - 1;
     }
     kernel.Respond(rays, index, pixels.open, alpha_limit, alpha, t, hit);
     GSUT_UNROLL for (int i = 0; i < kJam; ++i) {
-      t[i] = hn::IfThenElse(hit[i], t[i], hn::Set(d, kNever));
-      rest[i] = hn::Sub(hn::Set(d, 1.0f), alpha[i]);
-      front[i] = pixels.transmittance;
+      const FloatVec along = hn::Mul(t[i], length);
+      ends[i] = hn::IfThenElse(hit[i], along, never);
+      ends[kJam + i] = hn::IfThenElseZero(hit[i], hn::Neg(along));
     }
-    hits->Reserve(block, kJam);
-    WaitingHit* const waiting = hits->Of(block);
-    FilterPairs<kJam>(t, rest, front, waiting, *count);
-    const float bound = todo != 0 ? bounds[__builtin_ctzll(todo)] : beyond;
-    Release(task, bound, waiting, count, &pixels);
+    LeastOfEach<2 * kJam>(ends, least);
     GSUT_UNROLL for (int i = 0; i < kJam; ++i) {
-      const FloatVec color[3] = {kernel.Color(0, index[i]), kernel.Color(1, index[i]),
-                                 kernel.Color(2, index[i])};
-      const FloatVec along = hn::IfThenElseZero(hit[i], hn::Mul(t[i], length));
-      if (HWY_LIKELY(hn::AllTrue(d, hn::Le(along, hn::Set(d, bound))))) {
-        pixels.Blend(task, t[i], rest[i], front[i], color);
-      } else if (!hn::AllFalse(d, hit[i])) {
-        WaitingHit& added = waiting[(*count)++];
-        hn::Store(t[i], d, added.t);
-        hn::Store(rest[i], d, added.rest);
-        hn::Store(front[i], d, added.front);
-        added.last = hn::GetLane(hn::MaxOfLanes(d, along));
-        for (int c = 0; c < 3; ++c) added.color[c] = hn::GetLane(color[c]);
-      }
+      if (hn::AllFalse(d, hit[i])) continue;
+      const int slot = hits->Take();
+      BlockHit& added = slots[slot];
+      hn::Store(hn::IfThenElse(hit[i], t[i], never), d, added.t);
+      hn::Store(hn::Sub(hn::Set(d, 1.0f), alpha[i]), d, added.rest);
+      first[slot] = least[i];
+      added.last = -least[kJam + i];
+      for (int c = 0; c < 3; ++c) added.color[c] = hn::GetLane(kernel.Color(c, index[i]));
     }
-    all_closed = pixels.Close(task);
   }
-  // What waits and is blended is in front of all that is unread, or its pixel has stopped.
-  if (all_closed) Release(task, kNever, hits->Of(block), count, &pixels);
-  pixels.Store(task, o, frame);
-  return all_closed;
 }
 
-// Returns the calling thread's list. Inlined, its address would be looked up again in every loop.
-inline HWY_NOINLINE WaitingHits* HitsOfThread() {
-  thread_local WaitingHits hits;
-  return &hits;
+// Hits swept together: more share the loads of open ones, and open later.
+inline constexpr int kSweepJam = kLanes >= 16 ? 6 : 4;
+
+// Sweeps the hits of a block that are not beyond what is unread. Returns whether nothing shows from
+// there on.
+template <int kJam>
+HWY_INLINE bool SweepHits(const RasterTask& task, float unread, BlockHits* hits,
+                          AlignedVector<SweptHit>* swept, BlockPixels* pixels) {
+  const FloatTag d;
+  const int end = TakeSwept(unread, hits, swept);
+  const SweptHit* const next = swept->data();
+  const BlockHit* const slots = hits->slots;
+  float bound = end > 0 ? FirstOf(next[0]) : unread;
+  Release(task, bound, hits, pixels);
+  bool closed = pixels->AreClosed();
+  for (int k = 0; k < end && !closed; k += kJam) {
+    FloatVec t[kJam], rest[kJam], front[kJam];
+    GSUT_UNROLL for (int i = 0; i < kJam; ++i) {
+      t[i] = hn::Set(d, kNever);
+      rest[i] = hn::Set(d, 1.0f);
+      front[i] = pixels->transmittance;
+      if (k + i < end) {
+        t[i] = hn::Load(d, slots[SlotOf(next[k + i])].t);
+        rest[i] = hn::Load(d, slots[SlotOf(next[k + i])].rest);
+      }
+    }
+    FilterPairs<kJam>(t, rest, front, hits);
+    bound = k + kJam < end ? FirstOf(next[k + kJam]) : unread;
+    Release(task, bound, hits, pixels);
+    GSUT_UNROLL for (int i = 0; i < kJam; ++i) {
+      if (k + i >= end) break;
+      BlendOrOpen(task, bound, SlotOf(next[k + i]), t[i], rest[i], front[i], hits, pixels);
+    }
+    closed = pixels->AreClosed();
+  }
+  // What is open is in front of all that is not swept, or its pixel has stopped.
+  if (closed) Release(task, kNever, hits, pixels);
+  return closed;
 }
 
 // Blends all Gaussians of a tile. closest: bounds are along rays that may start this much nearer.
 template <class Kernel>
 HWY_INLINE void BlendTileAlongRays(const RasterTask& task, const TileGrid& grid, int tile,
                                    float closest, Kernel& kernel, Frame* frame) {
-  WaitingHits* const hits = HitsOfThread();
-  hits->Clear();
+  constexpr std::uint32_t kStep = Kernel::kParts * kChunk;
+  const FloatTag d;
+  TileHits* const hits = HitsOfThread();
+  for (HitMemory& each : hits->blocks) each.Clear();
   const std::size_t pixel0 = static_cast<std::size_t>(tile) * kTilePixels;
   ClearTile(task.with_depth, grid, pixel0, frame);
   const std::uint32_t begin = frame->tile_begin[tile];
   const std::uint32_t end = frame->tile_begin[tile + 1];
   std::uint64_t alive = frame->alive[tile];
-  std::uint64_t gaussians_of[kBlocks];
-  float bounds[kChunk + 1];
+  std::uint64_t gaussians_of[Kernel::kParts][kBlocks];
   const auto bound_of = [&](std::uint32_t pair) HWY_ATTR {
     return pair < end ? frame->order_key[frame->pairs[pair].gaussian] - closest : kNever;
   };
-  for (std::uint32_t chunk = begin; chunk < end && alive != 0; chunk += kChunk) {
-    const TilePair* pairs = &frame->pairs[chunk];
-    const int available = static_cast<int>(end - chunk);
-    const int count = HWY_MIN(available, kChunk);
-    std::uint64_t blocks_of[kChunk] = {};
-    kernel.Fill(pairs, count, available, blocks_of);
-    for (int j = 0; j < count; ++j) blocks_of[j] &= alive;
-    for (int j = 0; j <= count; ++j) bounds[j] = bound_of(chunk + static_cast<std::uint32_t>(j));
-    TransposeMasks(blocks_of, gaussians_of);
+  for (std::uint32_t step = begin; step < end && alive != 0; step += kStep) {
+    const int chunks = static_cast<int>((HWY_MIN(end - step, kStep) + kChunk - 1) / kChunk);
+    for (int part = 0; part < chunks; ++part) {
+      const std::uint32_t chunk = step + static_cast<std::uint32_t>(part * kChunk);
+      const int available = static_cast<int>(end - chunk);
+      const int count = HWY_MIN(available, kChunk);
+      std::uint64_t blocks_of[kChunk] = {};
+      kernel.Fill(&frame->pairs[chunk], count, available, blocks_of, part);
+      for (int j = 0; j < count; ++j) blocks_of[j] &= alive;
+      TransposeMasks(blocks_of, gaussians_of[part]);
+    }
+    const float unread = bound_of(step + kStep);
     for (std::uint64_t rest = alive; rest != 0; rest &= rest - 1) {
       const int block = __builtin_ctzll(rest);
-      if (gaussians_of[block] == 0) continue;
       const std::size_t o = pixel0 + static_cast<std::size_t>(block) * kLanes;
-      if (BlendBlockAlongRays(task, grid, kernel, gaussians_of[block], block, o, bounds,
-                              bounds[count], frame, hits)) {
+      const FloatVec length = hn::Load(d, &grid.length[o]);
+      BlockPixels pixels(task, *frame, o);
+      HitMemory* const memory = &hits->blocks[block];
+      memory->Reserve(static_cast<int>(kStep));
+      BlockHits of_block = memory->hits;
+      for (int part = 0; part < chunks; ++part) {
+        ReadHits(task, kernel, gaussians_of[part][block], part, o, length, pixels, &of_block);
+      }
+      if (SweepHits<kSweepJam>(task, unread, &of_block, &hits->swept, &pixels)) {
         alive &= ~(std::uint64_t{1} << block);
       }
+      memory->hits = of_block;
+      pixels.Store(task, o, frame);
     }
-  }
-  for (std::uint64_t rest = alive; rest != 0; rest &= rest - 1) {
-    const int block = __builtin_ctzll(rest);
-    if (*hits->CountOf(block) == 0) continue;
-    const std::size_t o = pixel0 + static_cast<std::size_t>(block) * kLanes;
-    BlockPixels pixels(task, *frame, o);
-    Release(task, kNever, hits->Of(block), hits->CountOf(block), &pixels);
-    pixels.Store(task, o, frame);
   }
 }
 

@@ -15,7 +15,7 @@ def add_order(parser: argparse.ArgumentParser) -> None:
         default="distance",
         help="in which Gaussians are blended: by their means' distance from the camera or z, or "
         "as each pixel's own ray passes them, so that none jumps before another from image to "
-        "image, which takes up to four times as long to blend [default: distance]",
+        "image, which takes about 2.5 times as long to blend [default: distance]",
     )
 
 

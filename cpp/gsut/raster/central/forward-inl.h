@@ -20,17 +20,21 @@ inline constexpr int kPrefetch = 32;
 // The same for the directions of sharp records: known to be sharp once the record is here.
 inline constexpr int kPrefetchDirection = 8;
 
-// Up to 64 records in the frame of one tile.
-class CentralChunk {
+// Up to 64 records in the frame of one tile, or that many times kParts.
+template <int kParts_>
+class CentralChunks {
  public:
+  static constexpr int kParts = kParts_;
+  // Index of a record that hits nothing.
+  static constexpr int kNone = kParts * kChunk;
   // Gaussians blended together, to hide the latency of exponential and reciprocal.
   static constexpr int kJam = 4;
   struct Pixels {
     FloatVec s, t;
   };
 
-  HWY_INLINE CentralChunk(const RasterTask& task, const TileGrid& grid, int tile,
-                          const Frame& frame)
+  HWY_INLINE CentralChunks(const RasterTask& task, const TileGrid& grid, int tile,
+                           const Frame& frame)
       : task_(task),
         is_extinction_(task.is_extinction),
         primitive_(task.gaussians.primitive),
@@ -40,24 +44,28 @@ class CentralChunk {
         center_(&grid.center[static_cast<std::size_t>(tile) * kDirectionSize]),
         boxes_(&grid.block_box[static_cast<std::size_t>(tile) * 4 * kBlockStride]) {
     // N = 1 and z = 0 everywhere: hits nothing.
-    for (float& value : rows_[kMissing]) value = 0.0f;
-    rows_[kMissing][record::kA] = 1.0f;
+    for (float& value : rows_[kNone]) value = 0.0f;
+    rows_[kNone][record::kA] = 1.0f;
   }
 
   // Turns the records of `count` pairs and bounds the blocks that they touch; `available` pairs lie
-  // at `pairs` and may be fetched.
-  HWY_INLINE void Fill(const TilePair* pairs, int count, int available, std::uint64_t* blocks_of) {
+  // at `pairs` and may be fetched. Their indices begin at part * kChunk.
+  HWY_INLINE void Fill(const TilePair* pairs, int count, int available, std::uint64_t* blocks_of,
+                       int part = 0) {
     const float* records = frame_.records.data();
+    float(*const rows)[record::kSize] = rows_ + part * kChunk;
     for (int j = 0; j < count; ++j) {
       if (j + kPrefetch < available) {
         hwy::Prefetch(records + std::size_t{record::kSize} * pairs[j + kPrefetch].gaussian);
         FetchDirection(frame_, pairs[j + kPrefetchDirection].gaussian);
       }
-      TurnRecord(axes_, center_, frame_, pairs[j].gaussian, rows_[j]);
-      blocks_of[j] = TouchedBlocks(rows_[j], boxes_);
+      TurnRecord(axes_, center_, frame_, pairs[j].gaussian, rows[j]);
+      blocks_of[j] = TouchedBlocks(rows[j], boxes_);
     }
     if (HWY_LIKELY(task_.shapes == nullptr)) return;
-    for (int j = 0; j < count; ++j) shapes_[j] = ShapeOf(task_, pairs[j].gaussian);
+    for (int j = 0; j < count; ++j) {
+      shapes_[part * kChunk + j] = ShapeOf(task_, pairs[j].gaussian);
+    }
   }
 
   HWY_INLINE Pixels LoadPixels(std::size_t o) const {
@@ -114,9 +122,11 @@ class CentralChunk {
   const TileAxes axes_;
   const float* center_;
   const float* boxes_;
-  HWY_ALIGN float rows_[kChunk + 1][record::kSize];
-  float shapes_[kChunk + 1] = {};  // of what has shapes, activated
+  HWY_ALIGN float rows_[kNone + 1][record::kSize];
+  float shapes_[kNone + 1] = {};  // of what has shapes, activated
 };
+
+using CentralChunk = CentralChunks<1>;
 
 }  // namespace HWY_NAMESPACE
 }  // namespace gsut

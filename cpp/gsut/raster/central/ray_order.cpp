@@ -13,6 +13,7 @@
 #include "gsut/raster/central/forward-inl.h"
 #include "gsut/raster/pixels-inl.h"
 #include "gsut/raster/ray_order-inl.h"
+#include "gsut/raster/ray_order_keys-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace gsut {
@@ -33,9 +34,13 @@ void RayOrderKeys(const RasterTask& task, std::int64_t begin, std::int64_t end, 
   });
 }
 
+// Chunks that are read before hits are swept: most hits wait for as many Gaussians in long lists,
+// and waiting costs little.
+inline constexpr int kPartsAlongRays = 4;
+
 void RayOrderForward(const RasterTask& task, const TileGrid& grid, int tile, Frame* frame,
                      float* image, float* alpha, float* depth, float* distortion) {
-  CentralChunk kernel(task, grid, tile, *frame);
+  CentralChunks<kPartsAlongRays> kernel(task, grid, tile, *frame);
   BlendTileAlongRays(task, grid, tile, 0.0f, kernel, frame);
   WritePixels(grid, tile, *frame, task.background, task.with_depth, image, alpha, depth,
               distortion);

@@ -24,6 +24,8 @@ HWY_INLINE LinePixels LoadLines(const LineGrid& grid, std::size_t o) {
 // Up to 64 Gaussians in the frame of one tile of lines.
 class LineKernel {
  public:
+  static constexpr int kParts = 1;
+  static constexpr int kNone = kMissing;
   // Gaussians blended together, to hide the latency of exponential and reciprocal. Their responses
   // take twice the registers of rays from one point, hence half as many.
   static constexpr int kJam = 2;
@@ -36,7 +38,7 @@ class LineKernel {
         boxes_(&grid.block_box[static_cast<std::size_t>(tile) * 8 * kBlockStride]) {}
 
   HWY_INLINE void Fill(const TilePair* pairs, int count, int /*available*/,
-                       std::uint64_t* blocks_of) {
+                       std::uint64_t* blocks_of, int /*part*/ = 0) {
     chunk_.Fill(task_, frame_.records.data(), bundle_, count,
                 [&](int j) { return pairs[j].gaussian; });
     for (int j = 0; j < count && HWY_UNLIKELY(task_.shapes != nullptr); ++j) {

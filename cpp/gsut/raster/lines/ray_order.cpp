@@ -17,6 +17,7 @@
 #include "gsut/raster/lines/forward-inl.h"
 #include "gsut/raster/pixels-inl.h"
 #include "gsut/raster/ray_order-inl.h"
+#include "gsut/raster/ray_order_keys-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace gsut {
