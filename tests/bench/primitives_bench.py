@@ -73,7 +73,9 @@ def _judge_soup(gaussians: gsut.Gaussians, scene: gsut.Scene, scale: float) -> f
         camera, view = scene.camera(index), scene.views[index]
         size = round(scale * camera.height), round(scale * camera.width)
         camera = camera.resize(*size[::-1])
-        rays = (np.ascontiguousarray(a.reshape(-1, 3)) for a in cast_world_rays(camera, view.motion))
+        rays = (
+            np.ascontiguousarray(a.reshape(-1, 3)) for a in cast_world_rays(camera, view.motion)
+        )
         faces = tree.cast(*rays)[1]
         shown = np.where(faces[:, None] >= 0, mesh.colors[3 * np.maximum(faces, 0)], 0.0)
         photograph = cv2.resize(scene.image(index), size[::-1], interpolation=cv2.INTER_AREA) / 255

@@ -94,8 +94,10 @@ TEST(PrimitivesTest, TriangleGaugeIsTheLargestOfItsEdgesWithTheirSlopes) {
     EXPECT_NEAR(gauge, std::max(-2.0 * y, std::sqrt(3.0) * std::abs(x) + y), kRoundingTolerance);
     EXPECT_GE(gauge, 0.7 - kRoundingTolerance);  // nowhere below D: bounds of ellipses hold
     EXPECT_NEAR(slopes[0] * x + slopes[1] * y, gauge, kRoundingTolerance);  // of degree 1
-    const double by_x = triangle.Gauge(x + kStep, y, ignored) - triangle.Gauge(x - kStep, y, ignored);
-    const double by_y = triangle.Gauge(x, y + kStep, ignored) - triangle.Gauge(x, y - kStep, ignored);
+    const double by_x =
+        triangle.Gauge(x + kStep, y, ignored) - triangle.Gauge(x - kStep, y, ignored);
+    const double by_y =
+        triangle.Gauge(x, y + kStep, ignored) - triangle.Gauge(x, y - kStep, ignored);
     EXPECT_NEAR(0.5 * by_x / kStep, slopes[0], kDifferenceTolerance);
     EXPECT_NEAR(0.5 * by_y / kStep, slopes[1], kDifferenceTolerance);
     ++ran;

@@ -73,7 +73,9 @@ bool HasShape(Primitive primitive) {
 }
 
 bool IsFlat(Primitive primitive) {
-  return Visit(primitive, [](auto kind) { return requires { kind.kEdges; }; });
+  return Visit(primitive, [](auto kind) {
+    return requires { kind.kEdges; };
+  });
 }
 
 double WidthOf(Primitive primitive) {

@@ -1,4 +1,4 @@
-// Primitives with ellipsoids or flat polygons as their levels, and how the response falls with them.
+// Primitives with ellipsoids or flat polygons as their levels: how the response falls.
 //
 // One primitive = one file under primitives/, found by the build; this is its contract. A ray comes
 // within the Mahalanobis distance D of the mean; v = log2 exp(-D^2 / 2) is what a Gaussian's
@@ -10,7 +10,7 @@
 //   Activate(x)        b, a number of each primitive, of which x is stored (kHasShape; else neither
 //                      is read), and ActivationSlope(x) its derivative.
 // A flat one lies in the plane of the first two axes, and its third scale is not read. With (x, y)
-// where the ray meets the plane from the mean, in units of the scales, a gauge takes the place of D:
+// where the ray meets the plane, in units of the scales, a gauge takes the place of D:
 //   Gauge(x, y)        of degree 1, convex, nowhere below D; and its derivatives;
 //   kEdges             the linear forms of (x, y) whose largest it is;
 //   kArea              the area of the polygon Gauge < 1, over that of the unit circle;

@@ -38,7 +38,7 @@ HWY_INLINE void VisitPrimitive(Primitive primitive, const Visitor& visitor) {
   }
 }
 
-// Calls visitor(lane_primitives::Triangle()) for kTriangle, and so on; nothing for what is not flat.
+// Calls visitor(lane_primitives::Triangle()) for kTriangle, and so on; not for what is not flat.
 template <class Visitor>
 HWY_INLINE void VisitFlat(Primitive primitive, const Visitor& visitor) {
   VisitPrimitive(primitive, [&](auto kind) HWY_ATTR {

@@ -51,8 +51,8 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument(
         "--triangles", action="store_true",
-        help="of a run with --primitive triangle: the triangles themselves in place of the surface, "
-        "opaque where each hides half of what lies behind it",
+        help="of a run with --primitive triangle: the triangles themselves in place of the "
+        "surface, opaque where each hides half of what lies behind it",
     )  # fmt: skip
     parser.add_argument(
         "--voxel",

@@ -129,7 +129,7 @@ class Gaussians(ParameterArrays):
             to the harmonic mean of its scales; drawn in float64 only.
         primitive: how the response falls with D in place of G, see docs/primitives.md. "gaussian";
             "power4": exp(-D^4 / 18); "beta": (1 - D^2 / 2b)^b, with a shape b of each; "triangle":
-            flat, (1 - g / r)^b with the gauge g of a triangle in place of D, its third scale unread.
+            flat, (1 - g / r)^b with the gauge g of a triangle; its third scale is not read.
         shapes: (N,) numbers x of primitives that have a shape; of "beta" b = 1/2 + 7/2 exp(x), of
             "triangle" b = 1/2 + 1/2 exp(x). None: 0 for each, and for all other primitives.
 

@@ -34,8 +34,8 @@ def save_mesh(path: str | os.PathLike[str], mesh: Mesh) -> None:
     """Writes a mesh with normals and colours, in the dataset's coordinates and axes.
 
     Args:
-        path: .ply (binary), .off, .obj or .glb. In a .glb the vertices lie about their middle, which is
-            the node's translation; colours are linear there, as glTF wants them.
+        path: .ply (binary), .off, .obj or .glb. In a .glb the vertices lie about their middle,
+            which is the node's translation; colours are linear there, as glTF wants them.
         mesh: what to write.
 
     Raises:
@@ -210,9 +210,7 @@ def _read_off(content: bytes) -> Mesh:
     if len(rows) < count + faces:
         raise ValueError(f"{len(rows)} rows for {count} vertices and {faces} faces")
     vertices = np.array([row[:3] for row in rows[:count]], np.float64).reshape(-1, 3)
-    polygons = [
-        np.array(row[1 : 1 + int(row[0])], np.int64) for row in rows[count : count + faces]
-    ]
+    polygons = [np.array(row[1 : 1 + int(row[0])], np.int64) for row in rows[count : count + faces]]
     return Mesh(vertices, _read_triangles(polygons))
 
 

@@ -36,8 +36,8 @@ def make_soup(gaussians: Gaussians, scene: Any) -> Mesh:
     """
     if gaussians.primitive != _TRIANGLE:
         raise InputError(
-            f"triangles are taken from models of them, found primitive {gaussians.primitive}; train "
-            "with --primitive triangle, or make a mesh of the surface"
+            f"triangles are taken from models of them, found primitive {gaussians.primitive}; "
+            "train with --primitive triangle, or make a mesh of the surface"
         )
     squared = _core.compute_cutoffs(
         gaussians.primitive, gaussians.response, gaussians.opacity_logits.astype(np.float64),
@@ -45,7 +45,7 @@ def make_soup(gaussians: Gaussians, scene: Any) -> Mesh:
     )  # fmt: skip
     kept = np.flatnonzero(squared > 0.0)
     if not len(kept):
-        raise InputError(f"none of the {len(gaussians):,} triangles hides half of what is behind it")
+        raise InputError(f"none of the {len(gaussians):,} triangles hides half of what is behind")
     colors = _average_colors(gaussians, scene)[kept]
     some = gaussians[kept].to_dtype(np.float64)
     reach = np.exp(some.log_scales[:, :2]) * np.sqrt(squared[kept])[:, None]
@@ -57,7 +57,7 @@ def make_soup(gaussians: Gaussians, scene: Any) -> Mesh:
 
 
 def _average_colors(gaussians: Gaussians, scene: Any) -> np.ndarray:
-    """Averages (N, 3) the colours that the training views see of each, by weight in their pixels."""
+    """Averages (N, 3) the colours that the training views see of each, by weight in pixels."""
     total = np.zeros((len(gaussians), 1), np.float32)
     colors = np.zeros((len(gaussians), 3))
     for index in scene.train_indices or range(len(scene.views)):

@@ -1,8 +1,9 @@
 // A flat primitive as the lines of a tile see it: where they meet its plane.
 //
 // In the frame (D, E1, E2) of a bundle of lines a E1 + b E2 + x (D + s E1 + t E2), let m be the
-// mean, n the unit normal and X, Y the other two axes over their scales. As in pair-inl.h, a line is
-// at -(A E1 + B E2) from the mean in the plane x = m.D, and with d = (1, s, t) meets n's plane after
+// mean, n the unit normal and X, Y the other two axes over their scales. As in pair-inl.h, a line
+// is at -(A E1 + B E2) from the mean in the plane x = m.D, and with d = (1, s, t) meets n's plane
+// after
 //   xi = (n_1 A + n_2 B) / (n.d),  at  (xi X.d - X_1 A - X_2 B, the same of Y)
 // in units of the scales. X and Y are divided by the gauge's cut-off k, so that a flat primitive is
 // drawn where the gauge is below 1. Its response is (1 - gauge k / r)^b, r its radius.

@@ -1,10 +1,10 @@
 // The backward pass of one flat primitive at one block of lines.
 //
-// With (x, y) over k where a line meets the plane and g the gauge there (flat-inl.h), raw = strength
-// (1 - g k / r)^b gives -k^2 q as gradient to (x, y),
+// With (x, y) over k where a line meets the plane and g the gauge there (flat-inl.h), raw =
+// strength (1 - g k / r)^b gives -k^2 q as gradient to (x, y),
 //   q = h b / (k r (1 - g k / r)) (dg/dx, dg/dy),  h = raw dL/draw.
-// Along the line (x, y) goes by w and the distance by 1, so that where on its line the hit lies gets
-// -k^2 L (n.d),
+// Along the line (x, y) goes by w and the distance by 1, so that where on its line the hit lies
+// gets -k^2 L (n.d),
 //   L = (q.w - dL/ddistance / k^2) / (n.d),
 // and that is moved by the mean and by the line's origin through n. Sums over lines:
 //   V = (-q_x, -q_y, L),  K = (q_x x, q_x y, q_y x, q_y y, L x, L y),
@@ -43,8 +43,7 @@ HWY_INLINE void BackwardFlat(Kind kind, BackwardFlags flags, const BlendLimits& 
       PassBlend(flags, limits, chunk, j, is_hit, exponent, of_hit(hn::Sub(hit.along, line.slide)),
                 fields, sums, pair);
   const FloatVec inverse = of_hit(FastReciprocal(hit.rest));
-  const FloatVec by_radius =
-      hn::Mul(hn::Mul(chunk.Get(C::kSpread, j), of_hit(hit.gauge)), inverse);
+  const FloatVec by_radius = hn::Mul(hn::Mul(chunk.Get(C::kSpread, j), of_hit(hit.gauge)), inverse);
   shapes->Add(hn::Mul(to_raw, hn::Add(log2_rest, by_radius)));
   const FloatVec x = of_hit(hit.x), y = of_hit(hit.y);
   constexpr float kTwoLn2 = 1.38629436111989061883f;

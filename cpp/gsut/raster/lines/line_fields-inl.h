@@ -52,9 +52,9 @@ HWY_INLINE ResponseGradient PassBlend(BackwardFlags flags, const BlendLimits& li
   const FloatVec alpha = HWY_UNLIKELY(limits.is_extinction) ? ExtinctionAlpha(raw) : raw;
   const FloatVec color[3] = {chunk.Get(C::kRed, j), chunk.Get(C::kGreen, j),
                              chunk.Get(C::kBlue, j)};
-  ResponseGradient out = StepOver(flags, limits, color,
-                                  hn::IfThenElseZero(is_hit, hn::Min(alpha, limits.alpha_max)),
-                                  distance, fields, sums, pair);
+  ResponseGradient out =
+      StepOver(flags, limits, color, hn::IfThenElseZero(is_hit, hn::Min(alpha, limits.alpha_max)),
+               distance, fields, sums, pair);
   if (HWY_UNLIKELY(limits.is_extinction)) {
     constexpr float kLn2 = 0.69314718055994530942f;
     out.h = hn::Mul(out.h, hn::IfThenElseZero(is_hit, hn::Mul(hn::Set(d, kLn2), raw)));

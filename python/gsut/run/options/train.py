@@ -129,8 +129,8 @@ class TrainOptions:
     primitive: str = define_option(
         "gaussian", "Gaussians", "surfel: flat discs without a third scale, written as in 2DGS; "
         "atom: Gaussians with one scale; power4: exp(-D^4 / 18), 3DGRT's default; beta: "
-        "(1 - D^2 / 2b)^b, its shape b learnt; triangle: flat, its sharpness learnt; other viewers do "
-        "not draw the last three",
+        "(1 - D^2 / 2b)^b, its shape b learnt; triangle: flat, its sharpness learnt; other viewers "
+        "do not draw the last three",
         choices=("gaussian", "surfel", "atom", *OTHER_PRIMITIVES),
     )
     response: str = define_option(
@@ -309,8 +309,8 @@ class TrainOptions:
             )
         if self.primitive in FLAT_PRIMITIVES and self.low_pass:
             raise InputError(
-                f"--set low_pass={self.low_pass:g} makes Gaussians thicker, and {self.primitive}s have "
-                "no thickness; leave one of the two out"
+                f"--set low_pass={self.low_pass:g} makes Gaussians thicker, and {self.primitive}s "
+                "have no thickness; leave one of the two out"
             )
         check_primitive(self.primitive, self.surface, self.compact_at)
         if self.refine_lens:
