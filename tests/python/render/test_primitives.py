@@ -138,7 +138,8 @@ def test_primitive_every_isa_matches_double(rng, primitive, shutter, parity):
     as_gaussians = dataclasses.replace(g, primitive="gaussian", shapes=None)
     plain = gsut.render(as_gaussians, camera, place, dtype="float64", **options)
     assert np.abs(expected.image - plain.image).max() > 0.02
-    bounds = (tolerances.PRIMITIVE_GRADIENT, tolerances.PRIMITIVE_GRADIENT)
+    flat, ball = tolerances.PRIMITIVE_FLAT_GRADIENT, tolerances.PRIMITIVE_GRADIENT
+    bounds = (flat if primitive in FLAT else ball,) * 2
     weights = random_weights(rng, camera)
     flips.assert_isas_match(g, camera, place, expected, weights, g.list_arrays(), bounds, **options)
 

@@ -35,7 +35,7 @@ def scene():
     poses = np.repeat(np.eye(4)[None], 3, axis=0)
     poses[:, 0, 3] = (-0.1, 0.0, 0.1)
     images = [np.zeros((160, 160, 3), np.uint8)] * 3
-    return gsut.make_scene(images, [pinhole(160, 160, focal=150.0)] * 3, poses, test_every=0)
+    return gsut.scene_from_arrays(images, [pinhole(160, 160, focal=150.0)] * 3, poses, test_every=0)
 
 
 def test_soup_covers_the_pixels_that_triangles_hide_by_half(model, scene):

@@ -16,7 +16,8 @@ SHORT = {"steps": 100, "max_gaussians": 150}
 
 @pytest.mark.parametrize("primitive", ["power4", "beta", "atom", "triangle"])
 def test_train_of_a_primitive_learns_and_the_run_carries_it(scene, tmp_path, primitive):
-    options = TrainOptions(**SHORT, primitive=primitive)
+    # A triangle's ridges take a few steps more than smooth primitives.
+    options = TrainOptions(**SHORT | {"steps": 130}, primitive=primitive)
     result = gsut.train(scene, options, out=tmp_path / "run", progress=False)
     assert result.metrics["psnr"] > tolerances.TRAIN_LEAST_PSNR
     drawn = "gaussian" if primitive == "atom" else primitive
