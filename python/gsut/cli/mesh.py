@@ -43,11 +43,16 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         *("-o", "--out"),
         metavar="FILE",
         required=True,
-        help="mesh to write: .ply, .obj or .glb; or grid: .npy",
+        help="mesh to write: .ply, .off, .obj or .glb; or grid: .npy",
     )
     parser.add_argument(
         "--occupancy", action="store_true",
         help="of a grid: 100 occupied, 0 free, -1 unknown (int8), in place of distances",
+    )  # fmt: skip
+    parser.add_argument(
+        "--triangles", action="store_true",
+        help="of a run with --primitive triangle: the triangles themselves in place of the "
+        "surface, opaque where each hides half of what lies behind it",
     )  # fmt: skip
     parser.add_argument(
         "--voxel",
@@ -128,6 +133,7 @@ def run(arguments: argparse.Namespace) -> int:
         check_mesh_name,
         extract_grid,
         fuse_depth,
+        make_soup,
         render_depth_maps,
         save_grid,
         save_mesh,
@@ -139,6 +145,8 @@ def run(arguments: argparse.Namespace) -> int:
     to_grid = out.suffix.lower() == ".npy" or arguments.occupancy
     (check_grid_name if to_grid else check_mesh_name)(out)
     picture = arguments.picture and Path(arguments.picture)
+    if arguments.triangles and (to_grid or arguments.report):
+        raise InputError("--triangles makes a mesh without depths: leave grids and --report out")
     if picture and (to_grid or picture.suffix.lower() != ".png"):
         raise InputError(f"--picture {picture}: takes a name that ends in .png, of a mesh")
     report = arguments.report and Path(arguments.report)
@@ -166,8 +174,11 @@ def run(arguments: argparse.Namespace) -> int:
     figures: dict[str, Any]
     with Progress(not arguments.quiet) as bars:
         behind: dict[str, Any] = {"background": options.background, "progress": bars.show}
-        if to_grid:
-            made: Any = extract_grid(gaussians, scene, settings, **behind)
+        if arguments.triangles:
+            made: Any = make_soup(gaussians, scene)
+            figures = {"vertices": len(made.vertices), "faces": len(made.faces)}
+        elif to_grid:
+            made = extract_grid(gaussians, scene, settings, **behind)
             figures = {"shape": list(made.distances.shape), "voxel": made.voxel}
         else:
             maps = render_depth_maps(gaussians, scene, settings, **behind)
