@@ -21,7 +21,7 @@ DESCRIPTION = (
     "DEPTH/depth/NAME.npy, distances along the rays in the dataset's unit, NaN where unknown; "
     "DEPTH/confidence/NAME.npy, from 0 to 1; DEPTH/normals/NAME.png, (n + 1) / 2 in the camera's "
     "axes; DEPTH/points.ply; and DEPTH/transforms.json, a dataset of the same photographs with "
-    "these depths, normals and points."
+    "these depths and points."
 )
 
 _POINTS = "points.ply"
@@ -83,7 +83,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _write_view(scene: Scene, view: int, found: DepthMap, folder: Path, name: str) -> Frame:
-    """Writes depth, confidence and normals of a view by this name; returns its frame."""
+    """Writes depth, confidence and normals of a view by this name; returns its frame.
+
+    The frame does not name the normals: they make `--surface` worse.
+    """
     from gsut._core import CameraMotion
     from gsut.data import Frame
     from gsut.data.poses import invert_pose
@@ -106,7 +109,7 @@ def _write_view(scene: Scene, view: int, found: DepthMap, folder: Path, name: st
     return Frame(
         of.name, of.image_path, scene.file_cameras[of.camera_index],
         invert_pose(of.camera_from_world), mask_path=of.mask_path, depth_path=files["depth"],
-        normal_path=normals, **ends,
+        **ends,
     )  # fmt: skip
 
 

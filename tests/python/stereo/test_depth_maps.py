@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -89,7 +90,9 @@ def test_depth_command_writes_a_dataset_that_training_reads(tmp_path: Path, caps
     depth = read_depth(scene, 0)
     assert depth is not None and depth.shape == scene.mask(0).shape
     assert np.isfinite(depth[scene.mask(0)]).any() and np.isnan(depth[~scene.mask(0)]).all()
-    normals = read_normals(scene, 0)
+    stem = scene.views[0].depth_path.stem
+    view = dataclasses.replace(scene.views[0], normal_path=out / "normals" / f"{stem}.png")
+    normals = read_normals(scene.replace(views=[view]), 0)
     assert normals is not None and normals.shape == (*depth.shape, 3)
     assert normals.any() and not normals[np.isnan(depth)].any()
     assert main(["depth", str(data), "-o", str(out)]) == 2  # nothing is overwritten
