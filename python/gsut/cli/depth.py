@@ -98,7 +98,7 @@ def _write_view(scene: Scene, view: int, found: DepthMap, folder: Path, name: st
         np.save(file, np.asarray(values))
     normals = folder / "normals" / f"{name}.png"
     normals.parent.mkdir(exist_ok=True)
-    write_picture(normals, _encode_normals(found.normals))
+    write_picture(normals, _encode_normals(np.asarray(found.normals)))
     ends: dict[str, Any] = {}
     if isinstance(of.motion, CameraMotion):
         ends = {
