@@ -171,7 +171,7 @@ def _choose_start(
         if start.motion is not None:
             return start, number
         try:
-            coarse = query.refine_smaller(query.camera, start.pose)
+            coarse = query.refine_smaller(start.pose)
         except SolveError:
             continue
         if best is None or coarse.rms < least:

@@ -25,6 +25,7 @@ from gsut.refine.pixel_rows import (
     compute_square,
     estimate_covariance,
     find_line_times,
+    weigh_equations,
 )
 from gsut.render import DEFAULT_UNSCENTED, render
 
@@ -288,9 +289,7 @@ class _Problem:
                 slopes = self._follow_step(slopes, last, at)
             last = at
             rows = self.list_rows(at, slopes)
-            weighted = np.sqrt(rows.weights)[:, None, None] * rows.stack_slopes(self.shutter)
-            matrix = weighted.reshape(-1, len(self.free))
-            right = (np.sqrt(rows.weights)[:, None] * rows.residuals).ravel()
+            matrix, right = weigh_equations(rows, rows.stack_slopes(self.shutter))
             return matrix.T @ right, matrix.T @ matrix
 
         unknowns, _ = minimize_least_squares(
@@ -340,13 +339,13 @@ class _Problem:
             curvatures.append(np.mean(costs) - least)
             tilts.append((costs[0] - costs[1]) / 4)
         along = np.concatenate([np.stack(columns, axis=2), rows.by_gain], axis=2)
-        normal = np.einsum("n,nck,ncl->kl", rows.weights, along, along)
+        matrix, right = weigh_equations(rows, along)
+        normal = matrix.T @ matrix
         expected = np.diag(normal)[:size]
         # A cost that curves more than its slopes say shows the grain of renders.
         flatness = expected / np.clip(curvatures, _LEAST_CURVATURE * expected, expected)
-        by_gain = np.einsum("n,nck,nc->k", rows.weights, rows.by_gain, rows.residuals)
-        scale = np.concatenate([1 / np.sqrt(flatness), np.ones(len(by_gain))])
-        gradient = np.concatenate([tilts, by_gain])
+        gradient = np.concatenate([tilts, (matrix.T @ right)[size:]])
+        scale = np.concatenate([1 / np.sqrt(flatness), np.ones(len(gradient) - size)])
         ahead = -np.linalg.solve(normal * np.outer(scale, scale), gradient)
         ahead[:size] = np.clip(ahead[:size], -_MOST_AHEAD, _MOST_AHEAD)
         step = np.zeros(len(at))
@@ -360,11 +359,15 @@ class _Problem:
         return rows, (steps * flatness) @ back, step
 
 
-def _compute_loss(residuals: np.ndarray) -> float:
-    """Computes the sum of Huber's loss of colour differences (N, 3)."""
+def compute_losses(residuals: np.ndarray) -> np.ndarray:
+    """Computes Huber's loss (N,) of colour differences (N, 3)."""
     length = np.linalg.norm(residuals, axis=1)
     inner = np.minimum(length, _LOSS_SCALE)
-    return float(np.sum(inner * (2 * length - inner)))
+    return inner * (2 * length - inner)
+
+
+def _compute_loss(residuals: np.ndarray) -> float:
+    return float(np.sum(compute_losses(residuals)))
 
 
 def place_lines(
