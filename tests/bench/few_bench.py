@@ -19,7 +19,6 @@ from tests.bench.harness import HALL, Benchmark, Column, Option, Row, Settings
 # Dataset -> training views that are kept; 0: all of them.
 VIEWS: dict[str, tuple[int, ...]] = {
     HALL: (10, 0),
-    "hall_220": (10,),
     "sponza_fisheye": (10,),
     "helmet_distorted_rs": (12,),
     "fox": (12,),
@@ -27,26 +26,35 @@ VIEWS: dict[str, tuple[int, ...]] = {
 POINTS = ("none", "own", "all")  # those of no views, of the kept views, of the dataset
 _NEAR = 0.05  # of the true distance: a first Gaussian there counts as found
 _REACH = 2.0  # pixels around a first Gaussian that it covers
-_FIELD = 220.0  # degrees, of the wide hall's lens
-_SIZE = 200  # pixels a side of its pictures
+_WIDE = "220 degrees"  # lens through which the hall is seen once more
+_WIDE_FIELD = 220.0  # degrees
+_WIDE_VIEWS = 10
+_WIDE_SIZE = 200  # pixels a side
 
 
 def list_cases(settings: Settings) -> Iterator[Row]:
     """Lists datasets by number of views and origin of the points."""
-    for data in settings.sets or VIEWS:
-        for views in map(int, settings.views or VIEWS.get(data, (10,))):
-            for points in settings.points:
-                for seed in settings.seeds:
-                    yield {"data": data, "views": str(views or "all"), "points": points,
-                           "seed": str(seed), "_views": views, "_seed": seed}  # fmt: skip
+    sets = settings.sets or tuple(VIEWS)
+    scenes = [
+        (data, "", int(views))
+        for data in sets
+        for views in settings.views or VIEWS.get(data, (10,))
+    ]
+    if HALL in sets:
+        scenes.append((HALL, _WIDE, _WIDE_VIEWS))
+    for data, lens, views in scenes:
+        for points in settings.points:
+            for seed in settings.seeds:
+                yield {"data": data, "lens": lens, "views": str(views or "all"), "points": points,
+                       "seed": str(seed), "_views": views, "_seed": seed}  # fmt: skip
 
 
 def measure(case: Row, settings: Settings) -> Row:
     """Trains on some views and judges on the held-out ones."""
-    scene = choose_views(load(case["data"], settings), case["_views"])
+    scene = choose_views(load(case["data"], case["lens"], settings), case["_views"])
     scene = replace_points(scene, case["points"])
     options = gsut.TrainOptions(
-        preset="fast", steps=settings.steps, seed=case["_seed"], eval_every=0, init=settings.init
+        preset="fast", steps=settings.steps, seed=case["_seed"], eval_every=0
     )
     began, first = time.process_time(), []
 
@@ -67,18 +75,19 @@ def measure(case: Row, settings: Settings) -> Row:
     }
 
 
-def load(data: str, settings: Settings) -> Scene:
+def load(data: str, lens: str, settings: Settings) -> Scene:
     """Loads a dataset, with images no larger than the option `side`."""
-    if data == "hall_220":
-        angle = np.radians(_FIELD / 2)
-        focal = _SIZE / 2 / angle
-        lens = gsut.Camera(
-            "kannala_brandt", [focal, focal, _SIZE / 2, _SIZE / 2], _SIZE, _SIZE,
-            valid_field_angle=angle,
+    path = settings.path(data)
+    if lens == _WIDE:
+        angle = np.radians(_WIDE_FIELD / 2)
+        focal = _WIDE_SIZE / 2 / angle
+        camera = gsut.Camera(
+            "kannala_brandt", [focal, focal, _WIDE_SIZE / 2, _WIDE_SIZE / 2], _WIDE_SIZE,
+            _WIDE_SIZE, valid_field_angle=angle,
         )  # fmt: skip
-        path = settings.make(data, lambda to: make_demo_scene(to, camera=lens, progress=False))
-    else:
-        path = settings.path(data)
+        path = settings.make(
+            "hall_220", lambda to: make_demo_scene(to, camera=camera, progress=False)
+        )
     scene = gsut.load_dataset(path)
     longest = max(max(camera.width, camera.height) for camera in scene.cameras)
     return scene.scale_images(settings.side / longest) if longest > settings.side else scene
@@ -148,6 +157,7 @@ BENCHMARK = Benchmark(
     help="few photographs: points of their own views and none, beside points of all views",
     columns=(
         Column("data"),
+        Column("lens"),
         Column("views"),
         Column("points"),
         Column("seed"),
@@ -164,7 +174,6 @@ BENCHMARK = Benchmark(
         Option("views", (), "training views to keep, evenly spread; 0: all"),
         Option("points", POINTS, "those of no views, of the kept views, of the dataset"),
         Option("seeds", (0, 1), "of trainings"),
-        Option("init", "stereo", "first Gaussians, as by --set init of gsut train"),
         Option("steps", 1000, "of each training"),
         Option("side", 480, "longest of the images, pixels"),
     ),

@@ -13,7 +13,9 @@ import numpy as np
 import gsut
 from rendered_dataset import write_dataset
 
-OPTIONS = gsut.TrainOptions(steps=60, max_gaussians=400, sh_degree=1, seed=3, threads=1)
+OPTIONS = gsut.TrainOptions(
+    steps=60, max_gaussians=400, sh_degree=1, seed=3, threads=1, init="points"
+)
 # States of three blocks that are together larger than the least object store of Ray, 80 MB.
 LARGE_OPTIONS = dataclasses.replace(
     OPTIONS, max_gaussians=330_000, init="random", init_count=330_000, steps=50

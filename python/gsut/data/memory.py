@@ -36,7 +36,7 @@ def scene_from_arrays(
         images: N of (H, W, 3) uint8 RGB; kept, not copied.
         cameras: one for all images, or one for each.
         camera_from_world: (N, 4, 4), OpenCV axes.
-        points: (P, 3) to start from, or None: then train with init="random".
+        points: (P, 3) to start from, or None: training finds some by stereo.
         point_colors: (P, 3) uint8; mid-grey if None.
         masks: (H, W) bool each, True where pixels count, or None.
         names: of the images; None: 000000, 000001 ...; views are sorted by name.

@@ -46,6 +46,10 @@ class TrainOptions:
         "primitive",
         *("background", "exposure", "surface", "robust", "drop_blurred", "motion_blur"),
     )
+    REFUSED: ClassVar[dict[str, str]] = {  # names that users try in vain, and why
+        "order": "is no option of training: the order along the ray has no gradient in float32; "
+        "train by the distance, and draw with gsut render --order ray",
+    }
     _open: ClassVar[set[str]] = set()  # of each instance: what the preset gave; see presets.py
 
     # A table: a few lines an option, not one an argument.
@@ -139,15 +143,14 @@ class TrainOptions:
     )
     init: str = define_option(
         "auto", "Gaussians", "first Gaussians; points: the dataset's; random: inside the cameras' "
-        "view; auto: points, with more by a plane sweep where they are few; stereo: with more by "
-        "stereo, which covers more of what few photographs show, in 6 to 12 s",
-        choices=("auto", "points", "random", "stereo"),
-        reason="a sweep starts closer than random points",
+        "view; auto: points, with more by stereo where they cover too little of the photographs",
+        choices=("auto", "points", "random"), reason="stereo starts closer than random points",
     )
     init_count: int | None = define_option(
         None, "Gaussians", "number of first Gaussians", low=1, high=100_000_000,
-        none="all points, and a far sky if photographs show one without points; with fewer than "
-        "2500 points, up to 20000 less eight times as many from a plane sweep; 30000 if random",
+        none="all points, and a far sky if photographs show one without points; if points lie on "
+        "less than 80 % of the photographs, up to 8000 less twice as many by stereo; 30000 if "
+        "random",
     )
     init_scale: float = define_option(
         0.7, "Gaussians", "first standard deviation along the points' surface; across it at least "

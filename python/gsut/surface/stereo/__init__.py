@@ -1,7 +1,6 @@
 """Distances that photographs show, by comparing them through their lenses and shutters."""
 
 from gsut.surface.stereo.depth import find_depth_maps
-from gsut.surface.stereo.photograph import Photograph, shrink
-from gsut.surface.stereo.points import find_points_by_stereo
+from gsut.surface.stereo.points import find_points_by_stereo, measure_coverage
 
-__all__ = ["Photograph", "find_depth_maps", "find_points_by_stereo", "shrink"]
+__all__ = ["find_depth_maps", "find_points_by_stereo", "measure_coverage"]

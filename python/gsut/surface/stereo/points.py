@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gsut.data import Scene
+from gsut.data.scene import project_points
 from gsut.gaussians import choose_points
 from gsut.surface.stereo.sweep import Shown, find_distances
 
@@ -14,6 +15,8 @@ _FEWEST_VIEWS = 20
 _MOST_VIEWS = 100
 # Fewest points; if there are fewer, the photographs are not alike.
 _FEWEST = 100
+# Cells along the longer side of a view in which given points are looked for.
+_CELLS = 20
 
 
 def find_points_by_stereo(
@@ -38,6 +41,36 @@ def find_points_by_stereo(
     points, colors = (np.concatenate(each) for each in zip(*parts, strict=True))
     rows = choose_points(len(points), most, seed)
     return points[rows], colors[rows]
+
+
+def measure_coverage(scene: Scene) -> float:
+    """Measures on what share of the training views the scene's points lie.
+
+    Returns:
+        The share of the cells of all views, 20 along a longer side, in which a point projects.
+        Cells of masked pixels alone do not count.
+    """
+    import cv2
+
+    if len(scene.points) == 0:
+        return 0.0
+    covered, counted = 0, 0
+    for view in scene.train_indices:
+        camera = scene.camera(view)
+        size = np.array([camera.width, camera.height])
+        cells = np.maximum(1, np.rint(_CELLS * size / size.max()).astype(int))
+        valid_share = cv2.resize(
+            scene.mask(view).astype(np.float32), cells.tolist(), interpolation=cv2.INTER_AREA
+        )
+        _, pixels, valid = project_points(camera, scene.views[view].motion, scene.points)
+        pixels = pixels[valid]
+        pixels = pixels[((pixels >= 0) & (pixels < size)).all(axis=1)]
+        column, row = np.minimum(pixels * cells / size, cells - 1).astype(int).T
+        shown = np.zeros(valid_share.shape, bool)
+        shown[row, column] = True
+        covered += int(np.count_nonzero(shown & (valid_share > 0)))
+        counted += int(np.count_nonzero(valid_share))
+    return covered / counted
 
 
 def choose_views(scene: Scene) -> list[int]:

@@ -19,8 +19,7 @@ from gsut.gaussians import (
     to_surfels,
 )
 from gsut.run import TrainOptions
-from gsut.surface.stereo import find_points_by_stereo
-from gsut.training.first.plane_sweep import find_points_by_sweep
+from gsut.surface.stereo import find_points_by_stereo, measure_coverage
 from gsut.training.first.sky import describe_sky, find_sky
 
 # Nearest distance of random first Gaussians from a camera, x scene extent: nearer fills the view.
@@ -29,13 +28,14 @@ _RANDOM_NEAR = 0.05
 _RANDOM_FAR = 4.0
 # Number of random first Gaussians; growth adds more where they are needed.
 _RANDOM_COUNT = 30_000
-# Most points of a plane sweep; of more, growth would have to move many to better places.
-_SWEPT_COUNT = 20_000
-# Points of the sweep that each of the dataset's replaces: a sweep, whose
-# distances are worse, does not help beside thousands of accurate points.
-_SWEPT_PER_POINT = 8
-# Largest share of the most Gaussians that a sweep may take: the others grow where needed.
-_SWEPT_SHARE = 0.4
+# Most points found by stereo: growth places the others where detail is.
+_STEREO_COUNT = 8000
+# Points found by stereo that each of the dataset's, which are more exact, replaces.
+_STEREO_PER_POINT = 2
+# Largest share of the most Gaussians that stereo may take: the others grow where needed.
+_STEREO_SHARE = 0.4
+# Share of the training views that the dataset's points must cover to need no others.
+_COVERED = 0.8
 
 Colored = tuple[np.ndarray, np.ndarray]  # points (N, 3) and their colours (N, 3) uint8
 
@@ -43,8 +43,8 @@ Colored = tuple[np.ndarray, np.ndarray]  # points (N, 3) and their colours (N, 3
 def choose_first_gaussians(scene: Scene, options: TrainOptions) -> tuple[Gaussians, list[str]]:
     """Chooses what training starts from.
 
-    It starts from the dataset's points, from a sky if the photographs show one, and from what a
-    plane sweep finds in the photographs if points are few.
+    It starts from the dataset's points, from a sky if the photographs show one, and from what
+    stereo finds in the photographs if the points cover too little of them.
 
     Args:
         scene: as it is trained on.
@@ -54,31 +54,28 @@ def choose_first_gaussians(scene: Scene, options: TrainOptions) -> tuple[Gaussia
         The Gaussians, and notes on those that come from photographs alone.
     """
     sky = _find_sky_to_seed(scene, options)
-    swept = _sweep_to_seed(scene, options, 0 if sky is None else len(sky[0]))
+    found = _find_points_to_seed(scene, options, 0 if sky is None else len(sky[0]))
     notes = [] if sky is None else [describe_sky(len(sky[0]))]
-    if swept is not None:
+    if found is not None:
         notes.append(
-            f"{len(swept[0])} of the first Gaussians lie where neighbouring photographs agree, "
+            f"{len(found[0])} of the first Gaussians lie where neighbouring photographs agree, "
             f"beside {len(scene.points)} points of the data (--set init=points "
             "or init=random: without)."
         )
-    return seed_first(scene, options, [more for more in (sky, swept) if more is not None]), notes
+    return seed_first(scene, options, [more for more in (sky, found) if more is not None]), notes
 
 
-def _sweep_to_seed(scene: Scene, options: TrainOptions, sky: int) -> Colored | None:
-    """Sweeps for points if the options leave the first Gaussians open and points are few, or finds
-    them by stereo if they say so."""
-    o = options
-    given = _SWEPT_COUNT if o.init_count is None else o.init_count
-    most = min(given, round(_SWEPT_SHARE * o.max_gaussians))
-    if o.init == "stereo":
-        most = min(most, o.max_gaussians - len(scene.points) - sky)
-        return find_points_by_stereo(scene, most, o.seed) if most > 0 else None
-    count = most - _SWEPT_PER_POINT * len(scene.points)
-    if o.init != "auto" or (o.init_count is not None and len(scene.points)) or count <= 0:
+def _find_points_to_seed(scene: Scene, options: TrainOptions, sky: int) -> Colored | None:
+    """Finds points by stereo if the options leave the first Gaussians open and the dataset's points
+    cover too little."""
+    o, given = options, len(scene.points)
+    if o.init != "auto" or (o.init_count is not None and given):
         return None
-    most = min(count, o.max_gaussians - len(scene.points) - sky)
-    return find_points_by_sweep(scene, most, o.seed)
+    most = min(o.init_count or _STEREO_COUNT, round(_STEREO_SHARE * o.max_gaussians))
+    count = min(most - _STEREO_PER_POINT * given, o.max_gaussians - given - sky)
+    if count <= 0 or measure_coverage(scene) >= _COVERED:
+        return None
+    return find_points_by_stereo(scene, count, o.seed)
 
 
 def _find_sky_to_seed(scene: Scene, options: TrainOptions) -> Colored | None:
@@ -102,7 +99,7 @@ def seed_first(scene: Scene, options: TrainOptions, more: Sequence[Colored] = ()
     Args:
         scene: as it is trained on.
         options: resolved.
-        more: points and colours beside the scene's, see `find_sky` and `find_points_by_sweep`.
+        more: points and colours beside the scene's, see `find_sky` and `find_points_by_stereo`.
 
     Raises:
         InputError: `init` is "points" and the scene has none.
