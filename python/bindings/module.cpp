@@ -35,6 +35,9 @@ pybind11::dict DescribeBuild() {
 // no maths, and the names here are private: the package wraps them in ones with docstrings.
 PYBIND11_MODULE(_core, m) {
   using namespace gsut::bindings;  // NOLINT: the list below reads better without prefixes
+  if (gsut::AvailableIsas().empty()) {
+    throw pybind11::import_error("gsut needs a processor with SSE4.2, as all since 2011 have");
+  }
   m.doc() = "C++ core of gsut; use the names of the gsut package.";
   m.attr("__version__") = GSUT_VERSION;
   m.def("describe_build", &DescribeBuild, R"doc(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from test_hard_matrix import CASES
 
-from core_in_node import digest, draw_in_browser, draw_in_node, draw_natively, hold_scalar
+from core_in_node import digest, draw_in_browser, draw_in_node, draw_natively, hold_least_isa
 from random_scenes import rng_of
 
 
@@ -18,7 +18,7 @@ def cases():
                 continue
             jobs.append((scene.gaussians, scene.camera, scene.pose, scene.pose, "global"))
     assert len(jobs) >= 50
-    scalar = hold_scalar()
+    scalar = hold_least_isa()
     next(scalar)
     images = [draw_natively(*job) for job in jobs]
     next(scalar, None)

@@ -1,4 +1,4 @@
-"""The WebAssembly core in node and in Chromium, beside native code without vectors."""
+"""The WebAssembly core in node and in Chromium, beside native code of four lanes."""
 
 import base64
 import hashlib
@@ -122,9 +122,9 @@ def draw_natively(gaussians, camera, start, end, shutter):
     return np.concatenate(planes, axis=2)
 
 
-def hold_scalar():
-    """Draws natively without vectors meanwhile: the body of a fixture."""
+def hold_least_isa():
+    """Draws natively on the least instruction set meanwhile: the body of a fixture."""
     before = gsut.machine.active_isa()
-    gsut.machine.set_isa("scalar")
+    gsut.machine.set_isa(gsut.machine.available_isas()[-1])
     yield
     gsut.machine.set_isa(before)

@@ -34,7 +34,7 @@ void Force(std::int64_t) {}
 std::int64_t UsableTargets() {
   // The fallback needs no support; Highway's library may know it under its other name.
   static const std::int64_t targets =
-      (hwy::SupportedTargets() & HWY_TARGETS) | HWY_EMU128 | HWY_SCALAR;
+      (hwy::SupportedTargets() | HWY_EMU128 | HWY_SCALAR) & HWY_TARGETS;
   return targets;
 }
 

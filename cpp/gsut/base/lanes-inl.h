@@ -19,6 +19,16 @@ namespace HWY_NAMESPACE {
 
 namespace hn = hwy::HWY_NAMESPACE;
 
+// Sets of four lanes without a fused multiply-add divide where others refine an estimate: the same
+// bits from all of them.
+#undef GSUT_DIVIDES
+#if HWY_TARGET == HWY_SSE4 || HWY_TARGET == HWY_WASM || HWY_TARGET == HWY_EMU128 || \
+    HWY_TARGET == HWY_SCALAR
+#define GSUT_DIVIDES 1
+#else
+#define GSUT_DIVIDES 0
+#endif
+
 using FloatTag = hn::ScalableTag<float>;
 using FloatVec = hn::Vec<FloatTag>;
 using FloatMask = hn::Mask<FloatTag>;
@@ -162,10 +172,10 @@ HWY_INLINE FloatVec FastExp2(FloatVec x) {
 
 // 1 / x to within 1 ulp or two: an estimate refined by Newton.
 HWY_INLINE FloatVec FastReciprocal(FloatVec x) {
-  const FloatVec r = hn::ApproximateReciprocal(x);
-#if HWY_TARGET == HWY_EMU128 || HWY_TARGET == HWY_SCALAR
-  return r;
+#if GSUT_DIVIDES
+  return hn::Div(hn::Set(FloatTag(), 1.0f), x);
 #else
+  const FloatVec r = hn::ApproximateReciprocal(x);
   return hn::Mul(r, hn::NegMulAdd(x, r, hn::Set(FloatTag(), 2.0f)));
 #endif
 }

@@ -266,12 +266,18 @@ HWY_INLINE bool BlendBlockAlongRays(const RasterTask& task, const TileGrid& grid
   return all_closed;
 }
 
+// Returns the calling thread's list. Inlined, its address would be looked up again in every loop.
+inline HWY_NOINLINE WaitingHits* HitsOfThread() {
+  thread_local WaitingHits hits;
+  return &hits;
+}
+
 // Blends all Gaussians of a tile. closest: bounds are along rays that may start this much nearer.
 template <class Kernel>
 HWY_INLINE void BlendTileAlongRays(const RasterTask& task, const TileGrid& grid, int tile,
                                    float closest, Kernel& kernel, Frame* frame) {
-  thread_local WaitingHits hits;
-  hits.Clear();
+  WaitingHits* const hits = HitsOfThread();
+  hits->Clear();
   const std::size_t pixel0 = static_cast<std::size_t>(tile) * kTilePixels;
   ClearTile(task.with_depth, grid, pixel0, frame);
   const std::uint32_t begin = frame->tile_begin[tile];
@@ -296,17 +302,17 @@ HWY_INLINE void BlendTileAlongRays(const RasterTask& task, const TileGrid& grid,
       if (gaussians_of[block] == 0) continue;
       const std::size_t o = pixel0 + static_cast<std::size_t>(block) * kLanes;
       if (BlendBlockAlongRays(task, grid, kernel, gaussians_of[block], block, o, bounds,
-                              bounds[count], frame, &hits)) {
+                              bounds[count], frame, hits)) {
         alive &= ~(std::uint64_t{1} << block);
       }
     }
   }
   for (std::uint64_t rest = alive; rest != 0; rest &= rest - 1) {
     const int block = __builtin_ctzll(rest);
-    if (*hits.CountOf(block) == 0) continue;
+    if (*hits->CountOf(block) == 0) continue;
     const std::size_t o = pixel0 + static_cast<std::size_t>(block) * kLanes;
     BlockPixels pixels(task, *frame, o);
-    Release(task, kNever, hits.Of(block), hits.CountOf(block), &pixels);
+    Release(task, kNever, hits->Of(block), hits->CountOf(block), &pixels);
     pixels.Store(task, o, frame);
   }
 }

@@ -52,6 +52,22 @@ _NEIGHBOURS = 5
 
 
 @dataclasses.dataclass(frozen=True)
+class Look:
+    """What the search needs of a frame: sharpness, see `Candidate`, and a small grey picture."""
+
+    number: int
+    time: float
+    sharpness: float
+    small: np.ndarray
+
+
+def look_at(number: int, time: float, grey: np.ndarray) -> Look:
+    """Looks at a frame, (H, W) uint8 of any size; frames can be looked at beside each other."""
+    sharpness = _measure_sharpness(shrink_grey(grey, _JUDGED_SIDE))
+    return Look(number, time, sharpness, shrink_grey(grey, _TRACKED_SIDE))
+
+
+@dataclasses.dataclass(frozen=True)
 class Candidate:
     """A frame that may be chosen.
 
@@ -82,11 +98,11 @@ class CandidateSearch:
         self._was_followed = False  # whether the frame before shows what that before it did
         self._doubt: float | None = None  # seconds of a cut unless the next frame is one as well
 
-    def add(self, number: int, time: float, grey: np.ndarray) -> None:
-        """Adds the next frame, (H, W) uint8 of any size."""
-        frame = Candidate(number, time, _measure_sharpness(shrink_grey(grey, _JUDGED_SIDE)), 0.0)
+    def add(self, look: Look) -> None:
+        """Adds the next frame."""
+        time, small = look.time, look.small
+        frame = Candidate(look.number, time, look.sharpness, 0.0)
         self.frames.append(frame)
-        small = shrink_grey(grey, _TRACKED_SIDE)
         if self._before is None:
             self._commit(frame, small)
             self._before = small

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import collections
+import concurrent.futures
 import dataclasses
 import math
 import os
@@ -11,14 +13,16 @@ from typing import Any
 
 import numpy as np
 
-from gsut._core import InputError, __version__
+from gsut._core import InputError, __version__, num_threads
 from gsut.capture.choose import (
     FEWEST_CANDIDATES,
     Candidate,
     CandidateSearch,
+    Look,
     add_candidates,
     choose_frames,
     find_blurred,
+    look_at,
 )
 from gsut.capture.flow import FRAMES_BESIDE, FlowSearch
 from gsut.capture.strip import write_strip
@@ -175,18 +179,27 @@ def _search_candidates(
     """Returns a search that has seen the frames looked at, their number, and notes on the film."""
     import cv2
 
+    def look(number: int, time: float, pixels: np.ndarray) -> Look:
+        return look_at(number, time, cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY))
+
     search = CandidateSearch()
     seen = 0
-    with Video(*files) as source:
+    threads = max(1, num_threads() - 1)  # beside this one, which decodes and follows corners
+    ahead: collections.deque[concurrent.futures.Future[Look]] = collections.deque()
+    with Video(*files) as source, concurrent.futures.ThreadPoolExecutor(threads) as looking:
         last = -math.inf
         for number, time, picture in source.read_frames():
             seen = number + 1
             pixels = picture() if time - last >= _LEAST_APART else None
             if pixels is not None:
                 last = time
-                search.add(number, time, cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY))
+                ahead.append(looking.submit(look, number, time, pixels))
+            if len(ahead) > 2 * threads:
+                search.add(ahead.popleft().result())
             text = f"{len(search.candidates)} candidates"
             report("looking", seen, max(seen, source.frame_count), text)
+        for each in ahead:
+            search.add(each.result())
         return search, seen, [*source.list_notes(seen), *_note_cuts(source.path, search.cuts)]
 
 

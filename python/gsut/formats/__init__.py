@@ -50,6 +50,8 @@ __all__ = [
     "save_ply_parts",
 ]
 _SNIFFED_BYTES = 4096
+# Suffixes of other programs' checkpoints. No format: they hold code, or not how they are drawn.
+_CHECKPOINTS = (".pt", ".pth", ".ckpt", ".ingp")
 
 
 @functools.cache
@@ -82,6 +84,13 @@ def _match_formats(path: Path, verb: str) -> list[Format]:
         for place, suffix in enumerate(each.suffixes)
         if name.endswith(suffix)
     ]
+    if not fitting and verb == "read" and name.endswith(_CHECKPOINTS):
+        raise InputError(
+            f"{path}: gsut reads no checkpoints of other programs; export a PLY file there. A "
+            "model of 3DGRT or 3DGRUT can be drawn if particle_kernel_degree was 2 or, with the "
+            'line "comment gsut: primitive power4" in the header of the PLY file, 4; no primitive '
+            f"here is a kernel of another degree (known: {', '.join(Gaussians.PRIMITIVES)})"
+        )
     if not fitting:
         known = [suffix for each in list_formats() for suffix in each.suffixes[:1]]
         raise InputError(

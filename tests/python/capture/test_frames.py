@@ -12,7 +12,13 @@ import pytest
 import gsut
 import tolerances as tol
 from gsut.capture import capture, find_changed_inputs
-from gsut.capture.choose import CandidateSearch, add_candidates, choose_frames, find_blurred
+from gsut.capture.choose import (
+    CandidateSearch,
+    add_candidates,
+    choose_frames,
+    find_blurred,
+    look_at,
+)
 from gsut.capture.frames import extract_frames
 from gsut.capture.video import Video, is_video, read_stream_start
 from small_videos import (
@@ -36,7 +42,7 @@ from small_videos import (
 def candidates(pictures):
     search = CandidateSearch()
     for number, picture in enumerate(pictures):
-        search.add(number, number / 30, cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY))
+        search.add(look_at(number, number / 30, cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)))
     return search.finish()
 
 
@@ -60,7 +66,7 @@ def test_slide_show_gives_as_many_frames_as_are_needed(total, count, few):
     ground, search = texture(), CandidateSearch()
     for number in range(total):
         picture = view(ground, 50.0 + 10.0 * (number > total // 2))
-        search.add(number, float(number), cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY))
+        search.add(look_at(number, float(number), cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)))
     found = search.finish()
     assert len(found) < 4
     more = add_candidates(found, search.frames, count)

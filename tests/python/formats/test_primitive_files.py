@@ -56,6 +56,13 @@ def test_load_ply_of_an_unknown_primitive_or_without_shapes_is_refused(rng, tmp_
         gsut.load_gaussians(path)
 
 
+@pytest.mark.parametrize("suffix", [".pt", ".pth", ".ckpt", ".ingp"])
+def test_load_checkpoints_of_other_programs_are_refused_with_the_kernels_known(tmp_path, suffix):
+    (tmp_path / f"scene{suffix}").write_bytes(b"PK")
+    with pytest.raises(InputError, match=r"export a PLY.*kernel_degree was 2 or.*power4.* 4; no "):
+        gsut.load_gaussians(tmp_path / f"scene{suffix}")
+
+
 @pytest.mark.parametrize("suffix", [".splat", ".glb", ".compressed.ply"])
 def test_save_other_formats_hold_gaussians_of_the_same_width_and_say_so(rng, tmp_path, suffix):
     path, g = tmp_path / f"scene{suffix}", make_model(rng, "power4")

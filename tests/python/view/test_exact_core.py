@@ -15,7 +15,7 @@ from core_in_node import (
     draw_in_browser,
     draw_in_node,
     draw_natively,
-    hold_scalar,
+    hold_least_isa,
     run_node,
 )
 from gsut import _core
@@ -25,7 +25,7 @@ from tolerances.view import CORE_LINES
 
 @pytest.fixture
 def scalar():
-    yield from hold_scalar()
+    yield from hold_least_isa()
 
 
 def test_core_every_central_lens_has_the_bits_of_native_scalar(tmp_path, scalar):

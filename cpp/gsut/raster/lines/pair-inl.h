@@ -42,7 +42,7 @@ inline constexpr int kColor = 13;  // 3 floats
 
 // 1 / sqrt(x) to within an ulp or two, x > 0 and in float's range.
 HWY_INLINE Lane InverseRoot(Lane x) {
-#if HWY_TARGET == HWY_EMU128 || HWY_TARGET == HWY_SCALAR
+#if GSUT_DIVIDES
   return Lane(1.0) / Sqrt(x);
 #else
   const Lane r(hn::ApproximateReciprocalSqrt(x.v));
