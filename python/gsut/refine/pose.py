@@ -281,7 +281,7 @@ class Photograph:
         return fine
 
 
-def scale_focal_length(camera: _core.Camera, change: float) -> _core.Camera:
+def scale_focal_length(camera: Any, change: float) -> Any:
     """Multiplies the first two parameters, fx and fy, by the exponential of `change`."""
     params = np.array(camera.params)
     params[:2] *= np.exp(change)
