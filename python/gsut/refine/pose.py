@@ -191,7 +191,11 @@ class _Level(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Photograph:
-    """A photograph, see `check_photograph`, before a scene whose origin is zero."""
+    """A photograph, see `check_photograph`, before a scene whose origin is zero.
+
+    Attributes:
+        sizes: of blocks by which errors are stated, see `estimate_covariance`.
+    """
 
     scene: Gaussians
     camera: _core.Camera
@@ -199,6 +203,7 @@ class Photograph:
     valid: np.ndarray
     background: tuple[float, ...]
     max_pixels: int
+    sizes: Sequence[int] = NOISE_BLOCKS
 
     def shrink(
         self, level: int, pose: np.ndarray, motion: np.ndarray | None = None
@@ -276,6 +281,7 @@ class Photograph:
                 part.drawn, part.lens, pose, part.chosen, part.colors.astype(np.float64),
                 shutter=shutter, motion=motion, gain=gain, background=self.background,
                 with_gain=with_gain, rounds=_COARSE_ROUNDS if level else MOST_ROUNDS,
+                sizes=self.sizes,
             )  # fmt: skip
             pose, gain, motion = fine.camera_from_world, fine.gain, fine.motion
         return fine
