@@ -123,14 +123,36 @@ def _add_pages(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
+def _is_grid(arguments: argparse.Namespace) -> bool:
+    return arguments.occupancy or Path(arguments.out).suffix.lower() == ".npy"
+
+
+def _check_files(arguments: argparse.Namespace) -> tuple[Path, Path | None, Path | None]:
+    """Returns mesh or grid, picture and report, which have fitting names and do not exist."""
+    from gsut.surface import check_grid_name, check_mesh_name
+
+    out, to_grid = Path(arguments.out), _is_grid(arguments)
+    (check_grid_name if to_grid else check_mesh_name)(out)
+    if arguments.triangles and (to_grid or arguments.report):
+        raise InputError("--triangles makes a mesh without depths: leave grids and --report out")
+    files = []
+    for flag, ending in (("picture", ".png"), ("report", ".html")):
+        file = getattr(arguments, flag) and Path(getattr(arguments, flag))
+        if file and (to_grid or file.suffix.lower() != ending):
+            raise InputError(f"--{flag} {file}: takes a name that ends in {ending}, of a mesh")
+        files.append(file)
+    for file in (out, out.with_suffix(".json") if to_grid else None, *files):
+        if file:
+            refuse_existing(file)
+    return out, files[0], files[1]
+
+
 def run(arguments: argparse.Namespace) -> int:
     from gsut import _core
     from gsut.render import write_png
     from gsut.run import Progress, RunFolder
     from gsut.surface import (
         MeshOptions,
-        check_grid_name,
-        check_mesh_name,
         extract_grid,
         fuse_depth,
         make_soup,
@@ -141,20 +163,8 @@ def run(arguments: argparse.Namespace) -> int:
     )
     from gsut.training import open_trained
 
-    out = Path(arguments.out)
-    to_grid = out.suffix.lower() == ".npy" or arguments.occupancy
-    (check_grid_name if to_grid else check_mesh_name)(out)
-    picture = arguments.picture and Path(arguments.picture)
-    if arguments.triangles and (to_grid or arguments.report):
-        raise InputError("--triangles makes a mesh without depths: leave grids and --report out")
-    if picture and (to_grid or picture.suffix.lower() != ".png"):
-        raise InputError(f"--picture {picture}: takes a name that ends in .png, of a mesh")
-    report = arguments.report and Path(arguments.report)
-    if report and (to_grid or report.suffix.lower() != ".html"):
-        raise InputError(f"--report {report}: takes a name that ends in .html, of a mesh")
-    for file in (out, out.with_suffix(".json") if to_grid else picture, report):
-        if file:
-            refuse_existing(file)
+    out, picture, report = _check_files(arguments)
+    to_grid = _is_grid(arguments)
     _core.set_num_threads(arguments.threads)
     began = time.perf_counter()
     options, scene, gaussians = open_trained(

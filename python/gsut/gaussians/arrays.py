@@ -10,6 +10,7 @@ import numpy as np
 from gsut import _core
 from gsut._core import InputError
 from gsut.gaussians.cone import compute_reach, find_seen
+from gsut.gaussians.surfels import are_pressed, press_shortest, press_surfels
 
 NO_ORIGIN = np.zeros(3)
 NO_ORIGIN.setflags(write=False)
@@ -194,19 +195,30 @@ class Gaussians(ParameterArrays):
         """Response, primitive and shapes, as keywords of `Gaussians`."""
         return {"response": self.response, "primitive": self.primitive, "shapes": self.shapes}
 
+    @property
+    def are_surfels(self) -> bool:
+        """Whether every third scale is a ten-thousandth of the shorter of the others."""
+        return are_pressed(self.log_scales)
+
+    def to_surfels(self) -> Gaussians:
+        """Flattens them: the shortest axis becomes the normal, and its scale is dropped.
+
+        Arrays that do not change are not copied.
+        """
+        quats, log_scales = press_shortest(self.quats, self.log_scales)
+        return dataclasses.replace(self, quats=quats, log_scales=log_scales)
+
     def to_primitive(self, primitive: str) -> Gaussians:
         """Draws them as another primitive, as wide where responses are a half; others are equal.
 
         Shapes become 0; those of the old primitive count as 0. What becomes flat loses its shortest
         axis, and what was flat becomes surfels.
         """
-        from gsut.gaussians.surfels import press_surfels, to_surfels
-
         if primitive == self.primitive:
             return self
         _, width, was_flat = _PRIMITIVES[self.primitive]
         _, new_width, is_flat = _PRIMITIVES[primitive]
-        drawn = to_surfels(self) if is_flat and not was_flat else self
+        drawn = self.to_surfels() if is_flat and not was_flat else self
         drawn = dataclasses.replace(drawn, primitive=primitive, shapes=None)
         drawn.log_scales = drawn.log_scales + self.dtype.type(np.log(width / new_width))
         if was_flat:

@@ -113,7 +113,7 @@ def _find_pose_by_features(
     matches = len(np.unique(rows[inliers][agreeing]))
     if matches >= max(agree, SURE_MATCHES):
         return Start("matches", middle, matches, motion)
-    # As many agree with a pose that does not move: the motion is less than a match's error.
+    # No fewer agree with a pose at rest: the motion is less than a match's error.
     still = np.zeros(POSE) if agree >= SURE_MATCHES else None
     return Start("matches", pose, agree, still) if agree >= _FEWEST_MATCHES else None
 

@@ -191,7 +191,11 @@ class _Level(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class Photograph:
-    """A photograph, see `check_photograph`, before a scene whose origin is zero."""
+    """A photograph, see `check_photograph`, before a scene whose origin is zero.
+
+    Attributes:
+        sizes: of blocks by which errors are stated, see `estimate_covariance`.
+    """
 
     scene: Gaussians
     camera: _core.Camera
@@ -199,6 +203,7 @@ class Photograph:
     valid: np.ndarray
     background: tuple[float, ...]
     max_pixels: int
+    sizes: Sequence[int] = NOISE_BLOCKS
 
     def shrink(
         self, level: int, pose: np.ndarray, motion: np.ndarray | None = None
@@ -244,7 +249,9 @@ class Photograph:
         for level in reversed(range(levels.stop)):
             if level < levels.start and np.isfinite(found.rms):
                 break
-            camera = scale_focal_length(self.camera, found.focal_change)
+            camera = self.camera
+            if with_focal_length:
+                camera = scale_focal_length(camera, found.focal_change)
             part = dataclasses.replace(self, camera=camera).shrink(level, found.camera_from_world)
             if part is None:
                 continue
@@ -256,10 +263,13 @@ class Photograph:
                 self.background, self.scene.sh_degree, DEFAULT_UNSCENTED,
                 {"with_gain": with_gain, "lens_free": free},
             )  # fmt: skip
-            change = np.mean(np.log(np.array(solved["lens_params"][0])[:2] / params[:2]))
+            change = found.focal_change
+            if with_focal_length:
+                new = np.array(solved["lens_params"][0])
+                change += float(np.mean(np.log(new[:2] / params[:2])))
             found = CoarsePose(
                 solved["camera_from_world"][0], solved["gains"][0], solved["rms_after"],
-                bool(solved["converged"]), focal_change=found.focal_change + float(change),
+                bool(solved["converged"]), focal_change=change,
             )  # fmt: skip
         return found
 
@@ -276,6 +286,7 @@ class Photograph:
                 part.drawn, part.lens, pose, part.chosen, part.colors.astype(np.float64),
                 shutter=shutter, motion=motion, gain=gain, background=self.background,
                 with_gain=with_gain, rounds=_COARSE_ROUNDS if level else MOST_ROUNDS,
+                sizes=self.sizes,
             )  # fmt: skip
             pose, gain, motion = fine.camera_from_world, fine.gain, fine.motion
         return fine

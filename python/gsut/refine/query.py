@@ -88,8 +88,9 @@ class Query:
     @property
     def _photograph(self) -> Photograph:
         return Photograph(
-            self.gaussians, self.camera, self.pixels, self.valid, tuple(self.background), _PIXELS
-        )
+            self.gaussians, self.camera, self.pixels, self.valid, tuple(self.background), _PIXELS,
+            SCENE_BLOCKS,
+        )  # fmt: skip
 
     def refine_smaller(self, pose: np.ndarray) -> CoarsePose:
         """Refines a pose with the photograph at half its size and less."""

@@ -19,6 +19,7 @@ from gsut._core import Camera, CameraMotion, Renderer, RenderJob, Shutter, moved
 from gsut.gaussians import Gaussians
 from gsut.least_squares import minimize_least_squares
 from gsut.refine.pixel_rows import (
+    NOISE_BLOCKS,
     POSE,
     SCENE_BLOCKS,
     PixelRows,
@@ -43,7 +44,7 @@ _BOTH_SIDES = 0.25
 _SHRINK = 0.5
 # Shift over what the pose moved by in the round before: about the error that is left.
 _SHIFT_BY_MOVE = 0.5
-# Square of a round's move by the covariance of noise, per unknown, below which a pose has settled.
+# Square of a move by the covariance, per unknown, below which a pose has settled.
 _SETTLED = 0.1
 # Measurements of the slopes at most; a few suffice.
 MOST_ROUNDS = 8
@@ -117,6 +118,7 @@ def refine_by_secants(
     background: Sequence[float] = (0.0, 0.0, 0.0),
     with_gain: bool = True,
     rounds: int = MOST_ROUNDS,
+    sizes: Sequence[int] = NOISE_BLOCKS,
 ) -> SecantPose:
     """Refines a pose that is off by less than a pixel or so, and with a shutter the motion.
 
@@ -140,6 +142,7 @@ def refine_by_secants(
         rounds: measurements of the slopes at most. With fewer than `MOST_ROUNDS` the pose is only a
             start for a larger image, and `rows` has the slopes of the last round, not those by
             which errors are stated.
+        sizes: of blocks by which errors are stated: the pose need not be nearer to the middle.
 
     Raises:
         SolveError: the photograph does not determine the pose.
@@ -174,8 +177,8 @@ def refine_by_secants(
         rows = dataclasses.replace(rows, residuals=problem.compare(at))
         spread = np.eye(len(moved))
         spread[: problem.moving, : problem.moving] = looseness
-        noise = spread @ estimate_covariance(rows, rows.stack_slopes(shutter)) @ spread.T
-        settled = compute_square(moved, noise) < _SETTLED
+        errors = spread @ estimate_covariance(rows, rows.stack_slopes(shutter), sizes) @ spread.T
+        settled = compute_square(moved, errors) < _SETTLED
         if settled:
             break
     return SecantPose(

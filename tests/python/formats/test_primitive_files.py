@@ -10,7 +10,7 @@ from gsut import InputError
 from gsut.edit import merge_gaussians
 from gsut.formats import open_ply
 from gsut.formats.ply import read_comments
-from gsut.gaussians import are_surfels, rotations_from_quaternions
+from gsut.gaussians import rotations_from_quaternions
 from random_scenes import random_gaussians
 
 
@@ -85,7 +85,7 @@ def test_to_primitive_of_flat_ones_drops_the_shortest_axis_and_gives_surfels_bac
     shortest = np.take_along_axis(old, g.log_scales.argmin(axis=1)[:, None, None], axis=2)
     assert np.abs(np.sum(shortest[..., 0] * axes[..., 2], axis=1)).min() > 0.999
     back = flat.to_primitive("gaussian")
-    assert are_surfels(flat) and are_surfels(back)
+    assert flat.are_surfels and back.are_surfels
     # A linear fall is as large at its half as a Gaussian, to 1 %.
     assert np.abs(back.log_scales[:, :2] - flat.log_scales[:, :2]).max() < 0.01
 

@@ -7,7 +7,6 @@ import gsut
 import tolerances
 from gsut import InputError, TrainOptions
 from gsut.cli import main
-from gsut.gaussians import are_surfels
 from gsut.surface import load_mesh
 from gsut.training.loop import TrainingLoop
 
@@ -28,7 +27,7 @@ def test_train_of_a_primitive_learns_and_the_run_carries_it(scene, tmp_path, pri
     if primitive in ("beta", "triangle"):
         assert np.ptp(found.shapes) > 0
     if primitive == "triangle":
-        assert are_surfels(found)
+        assert found.are_surfels
         out = tmp_path / "soup.off"
         assert main(["mesh", str(tmp_path / "run"), "-o", str(out), "--triangles", "--quiet"]) == 0
         assert 0 < len(load_mesh(out)) <= len(found)
