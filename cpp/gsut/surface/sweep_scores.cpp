@@ -1,8 +1,7 @@
 // Correlations of windows are sums over boxes, one distance after the other, so that all buffers of
-// a distance stay in the cache; costs of paths run over all distances of a pixel at once. Both are
-// plain loops without branches inside, which compilers turn into vector code, once per instruction
-// set; the order of their sums is fixed, and so are their bits. Callers work on several photographs
-// at the same time.
+// a distance stay in the cache. Plain loops without branches inside become vector code, once per
+// instruction set; the order of their sums is fixed, and so are their bits. Callers work on several
+// photographs at the same time.
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "gsut/surface/sweep_scores.cpp"
 #include "gsut/base/hwy_targets.h"
@@ -12,7 +11,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
 
 #include "gsut/surface/sweep_scores.h"
 
@@ -28,7 +26,6 @@ constexpr int kBest = 3;          // correlations that count: some neighbours se
 constexpr float kSteps = 1.5F;    // tried distances within which two photographs show the same
 constexpr float kShare = 0.04F;   // of the inverse distance, likewise, where steps are finer
 constexpr float kTrusted = 0.5F;  // trust above which a surface hides what lies behind it
-constexpr int kLanes = 16;        // costs compared at once
 constexpr int kBlock = 16;        // distances whose scores are written together: a cache line
 constexpr int kPadding = 16;      // pixels of a last vector beyond a row
 
@@ -65,7 +62,8 @@ void AverageWindows(const SweepGrid& grid, const std::vector<float>& values,
   }
 }
 
-// Interpolates numbers at cells' centres along the rows of pixels.
+// Interpolates numbers at cells' centres along the rows of pixels, linearly both ways; what lies
+// beyond the outer centres is extrapolated.
 class Cells {
  public:
   explicit Cells(const SweepGrid& grid)
@@ -125,7 +123,8 @@ struct Row {
   std::vector<int> corner, beside;  // first of the four pixels, and the nearest
 };
 
-// Buffers of one distance.
+// Buffers of one distance: what a neighbour shows at each pixel and its products, their means over
+// windows, and the best correlations of all neighbours so far.
 struct Layer {
   explicit Layer(const SweepGrid& grid) : row(grid.width) {
     for (std::vector<float>* each :
@@ -170,6 +169,7 @@ void LookUpRow(const SweepNeighbour& other, int width, Row& row, float* HWY_REST
     hn::StoreU(corner, n, row.corner.data() + x);
     hn::StoreU(hn::Add(corner, step), n, row.beside.data() + x);
   }
+  // Gathered one by one, as fast as gather instructions and the same with all instruction sets.
   const int* HWY_RESTRICT corner = row.corner.data();
   float *HWY_RESTRICT a = row.around[0].data(), *HWY_RESTRICT b = row.around[1].data();
   float *HWY_RESTRICT c = row.around[2].data(), *HWY_RESTRICT d = row.around[3].data();
@@ -232,6 +232,7 @@ void LookUp(const SweepGrid& grid, Cells& cells, const SweepNeighbour& other, in
   }
 }
 
+// Multiplies pixel by pixel.
 void Multiply(const std::vector<float>& a, const std::vector<float>& b, std::vector<float>& out) {
   for (std::size_t i = 0; i < out.size(); ++i) out[i] = a[i] * b[i];
 }
@@ -283,84 +284,6 @@ void SumScores(const Layer& layer, int count, float* HWY_RESTRICT scores) {
   }
 }
 
-// Costs of paths in one direction, row by row: only the row before is kept. A pixel has two places
-// more than distances, at both ends, whose cost is never the least.
-class Paths {
- public:
-  Paths(const SweepGrid& grid, const SweepOptions& options)
-      : grid_(grid),
-        options_(options),
-        length_(grid.depths + 2),
-        before_(std::int64_t{grid.width} * length_),
-        now_(before_.size()),
-        least_before_(grid.width),
-        least_now_(grid.width) {}
-
-  // A path's cost at a pixel is that of the pixel, and the least of: the same distance before, one
-  // beside it, or any other at the price of an edge; less the least of all before, which keeps the
-  // sums small and changes no choice.
-  //
-  // Adds the costs of paths that come from (x - dx, y - dy) to `total` (height, width, depths).
-  void Add(const float* grey, const bool* counts, const float* scores, int dx, int dy,
-           float* total) {
-    const bool up = dy < 0 || (dy == 0 && dx < 0);
-    for (int i = 0; i < grid_.height; ++i) {
-      const int y = up ? grid_.height - 1 - i : i;
-      for (int j = 0; j < grid_.width; ++j) {
-        const int x = up ? grid_.width - 1 - j : j;
-        const int from_x = x - dx, from_y = y - dy;
-        const bool begins =
-            from_x < 0 || from_y < 0 || from_x >= grid_.width || from_y >= grid_.height;
-        const std::int64_t pixel = std::int64_t{y} * grid_.width + x;
-        const std::int64_t from = std::int64_t{from_y} * grid_.width + from_x;
-        const float change = begins ? 0.0F : std::abs(grey[pixel] - grey[from]);
-        Step(counts[pixel] ? scores + pixel * grid_.depths : nullptr, x, begins ? -1 : from_x,
-             dy == 0, change, total + pixel * grid_.depths);
-      }
-      std::swap(before_, now_);
-      std::swap(least_before_, least_now_);
-    }
-  }
-
- private:
-  void Step(const float* scores, int x, int from, bool in_row, float change, float* total) {
-    const int depths = grid_.depths;
-    float* const out = now_.data() + std::int64_t{x} * length_ + 1;
-    out[-1] = out[depths] = std::numeric_limits<float>::max();
-    if (from < 0) {
-      for (int d = 0; d < depths; ++d) out[d] = scores ? 1.0F - scores[d] : 0.0F;
-    } else {
-      const float* const came = (in_row ? now_ : before_).data() + std::int64_t{from} * length_ + 1;
-      const float least = (in_row ? least_now_ : least_before_)[from];
-      const float jump = least + std::max(options_.near_step, options_.far_step * options_.edge /
-                                                                  (options_.edge + change));
-      for (int d = 0; d < depths; ++d) {
-        const float beside = std::min(came[d - 1], came[d + 1]) + options_.near_step;
-        out[d] = std::min(std::min(came[d], beside), jump) - least;
-      }
-      // A pixel that does not count passes on what came.
-      if (scores) {
-        for (int d = 0; d < depths; ++d) out[d] += 1.0F - scores[d];
-      }
-    }
-    // Several minima side by side: one alone would wait for each comparison before the next.
-    std::array<float, kLanes> lanes;
-    lanes.fill(std::numeric_limits<float>::max());
-    for (int d = 0; d < depths; ++d) total[d] += out[d];
-    int done = 0;
-    for (; done + kLanes <= depths; done += kLanes) {
-      for (int k = 0; k < kLanes; ++k) lanes[k] = std::min(lanes[k], out[done + k]);
-    }
-    for (; done < depths; ++done) lanes[0] = std::min(lanes[0], out[done]);
-    least_now_[x] = *std::min_element(lanes.begin(), lanes.end());
-  }
-
-  SweepGrid grid_;
-  SweepOptions options_;
-  int length_;
-  std::vector<float> before_, now_, least_before_, least_now_;
-};
-
 }  // namespace
 
 void Score(const SweepGrid& grid, const float* grey, std::span<const SweepNeighbour> neighbours,
@@ -376,6 +299,8 @@ void Score(const SweepGrid& grid, const float* grey, std::span<const SweepNeighb
   AverageWindows(grid, layer.product, layer.rows, squares);
   const std::vector<float> sharp = InvertDeviations(mean, squares, options.contrast);
   const int count = std::min<int>(kBest, static_cast<int>(neighbours.size()));
+  // Scores of a pixel lie side by side, and those of a distance are made together: a block of
+  // distances is turned over at once, so that each cache line of `scores` is written once.
   for (int depth = 0; depth < grid.depths; ++depth) {
     for (auto& each : layer.best) std::fill(each.begin(), each.end(), -1.0F);
     std::fill(layer.geometry.begin(), layer.geometry.end(), 0.0F);
@@ -393,29 +318,6 @@ void Score(const SweepGrid& grid, const float* grey, std::span<const SweepNeighb
   }
 }
 
-void Choose(const SweepGrid& grid, const float* grey, const bool* counts, const float* scores,
-            const SweepOptions& options, float* best, float* score) {
-  std::vector<float> total(grid.pixels() * grid.depths);
-  Paths paths(grid, options);
-  for (int dy = -1; dy <= 1; ++dy) {
-    for (int dx = -1; dx <= 1; ++dx) {
-      if (dx != 0 || dy != 0) paths.Add(grey, counts, scores, dx, dy, total.data());
-    }
-  }
-  const int last = grid.depths - 1;
-  for (std::int64_t i = 0; i < grid.pixels(); ++i) {
-    const float* costs = total.data() + i * grid.depths;
-    const int least = static_cast<int>(std::min_element(costs, costs + grid.depths) - costs);
-    best[i] = static_cast<float>(least);
-    if (least > 0 && least < last) {  // the vertex of a parabola
-      const float before = costs[least - 1], after = costs[least + 1];
-      const float bend = before + after - 2.0F * costs[least];
-      if (bend > 0.0F) best[i] += 0.5F * (before - after) / bend;
-    }
-    score[i] = counts[i] ? scores[i * grid.depths + least] : 0.0F;
-  }
-}
-
 }  // namespace HWY_NAMESPACE
 }  // namespace gsut
 HWY_AFTER_NAMESPACE();
@@ -424,17 +326,11 @@ HWY_AFTER_NAMESPACE();
 namespace gsut {
 
 HWY_EXPORT(Score);
-HWY_EXPORT(Choose);
 
 void ScoreWindows(const SweepGrid& grid, const float* grey,
                   std::span<const SweepNeighbour> neighbours, const SweepOptions& options,
                   float* scores) {
   HWY_DYNAMIC_DISPATCH(Score)(grid, grey, neighbours, options, scores);
-}
-
-void ChooseDistances(const SweepGrid& grid, const float* grey, const bool* counts,
-                     const float* scores, const SweepOptions& options, float* best, float* score) {
-  HWY_DYNAMIC_DISPATCH(Choose)(grid, grey, counts, scores, options, best, score);
 }
 
 }  // namespace gsut

@@ -197,7 +197,7 @@ class Gaussians(ParameterArrays):
 
     @property
     def are_surfels(self) -> bool:
-        """Whether every third scale is a ten-thousandth of the shorter of the others."""
+        """Whether every third scale is that of a thin disc."""
         return are_pressed(self.log_scales)
 
     def to_surfels(self) -> Gaussians:

@@ -156,9 +156,8 @@ def refine_by_secants(
     for _ in range(rounds):
         both_sides = rounds >= MOST_ROUNDS and shift <= _BOTH_SIDES
         found, rows = problem.run_round(at, shift, both_sides)
-        slopes = rows.stack_slopes(shutter)
         moved = (found - at)[problem.free]
-        noise = estimate_covariance(rows, slopes)
+        noise = estimate_covariance(rows, rows.stack_slopes(shutter))
         left = _compute_loss(rows.residuals)
         settled = compute_square(moved, noise) < _SETTLED or left >= (1 - _LEAST_GAIN) * cost
         at, cost = found, left
@@ -211,10 +210,9 @@ class _Problem:
         self.moving = 2 * POSE if self.is_rolling else POSE  # unknowns beside the gain
         self.free = np.r_[: self.moving, 2 * POSE : 2 * POSE + 2 * self.with_gain]
         self.times = np.zeros(len(self.pixels))
-        if self.is_rolling:
-            assert self.shutter is not None
-            camera = self.camera
-            self.times = find_line_times(self.shutter, self.pixels, camera.width, camera.height)
+        if self.shutter is not None and self.is_rolling:
+            size = self.camera.width, self.camera.height
+            self.times = find_line_times(self.shutter, self.pixels, *size)
         self._drawn: dict[bytes, np.ndarray] = {}  # by the pose: the solver comes back to the best
         self._renderer = Renderer()
         self._image = np.zeros((self.camera.height, self.camera.width, 3), np.float32)
