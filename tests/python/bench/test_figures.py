@@ -16,8 +16,8 @@ from tests.bench.figures import (
     renew_table,
 )
 
-# Three ways, four lenses, two numbers of Gaussians; six sets of photographs, with points or without,
-# two seeds; else 8.
+# Three ways, four lenses, two numbers of Gaussians; six sets of photographs, with points and
+# without, two seeds; else 8.
 MOST_ROWS = {"ways": 24, "few": 24}
 OLD = """| scene | drawn | a frame [kB] | Origin |
 |---|---|---|---|
