@@ -155,15 +155,13 @@ void BindGaussians(pybind11::module_& m) {
         py::dict found;
         for (const std::string& name : PrimitiveNames()) {
           const Primitive primitive = PrimitiveNamed(name);
-          // Where responses are a half.
-          const double half = 2.0 * std::log(2.0);
-          const double width = std::sqrt(Profile{primitive}.Cutoff(half) / half);
-          found[py::str(name)] = py::make_tuple(HasShape(primitive), width);
+          found[py::str(name)] =
+              py::make_tuple(HasShape(primitive), WidthOf(primitive), IsFlat(primitive));
         }
         return found;
       },
-      "Primitive -> whether each has a shape, and its width at half its response over a Gaussian's "
-      "of the same scales.");
+      "Primitive -> whether each has a shape, its width at half its response over a Gaussian's of "
+      "the same scales, and whether it is flat.");
   m.def("harmonics_basis", &Basis, py::arg("degree"), py::arg("directions"),
         "Basis values (N,K) of unit directions (N,3), in double.");
   m.def("eval_harmonics", &Colors, py::arg("directions"), py::arg("sh"),

@@ -1,4 +1,4 @@
-// Binds gsut/surface/sweep_scores.h: distances by comparison of photographs.
+// Binds gsut/surface/sweep_scores.h and sweep_paths.h: distances by comparison of photographs.
 //
 // A sweep is one photograph, its neighbours one by one, and one answer. Python projects the cells'
 // centres, as it knows lenses and shutters; what is done for each pixel is done in the core.
@@ -11,6 +11,7 @@
 #include "bindings/arrays.h"
 #include "bindings/long_call.h"
 #include "bindings/module.h"
+#include "gsut/surface/sweep_paths.h"
 #include "gsut/surface/sweep_scores.h"
 
 namespace gsut::bindings {

@@ -52,7 +52,10 @@ def _light_evening(photograph: Photograph, _: int) -> Photograph:
 CHANGES: dict[str, Change] = {
     "good lens": lambda photograph, _: photograph,
     "focal length 1 % too long": _scale_focal(1.01),
+    "focal length 1 % too short": _scale_focal(0.99),
     "focal length 3 % too long": _scale_focal(1.03),
+    "focal length 3 % too short": _scale_focal(0.97),
+    "focal length 10 % too long": _scale_focal(1.1),
     "focal length 10 % too short": _scale_focal(0.9),
     "a ninth of the picture": _keep_patch,
     "other light": _light_evening,

@@ -7,9 +7,14 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 import gsut
+from gsut.lifting.back_projection import resize_mask
+from gsut.surface import make_soup
+from gsut.surface.cloud import cast_world_rays
+from gsut.surface.worth import build_tree
 from tests.bench.harness import HALL, Benchmark, Column, Option, Row, Settings
 
 # Numbers of one beside its harmonics: centre 3, rotation 4, scales 3, opacity 1.
@@ -54,7 +59,29 @@ def measure(case: Row, settings: Settings) -> Row:
         "bytes": _BYTES * numbers * len(result.gaussians) / 1e6,
         "psnr": result.metrics["psnr"], "ssim": result.metrics["ssim"],
         **_draw_views(result.gaussians, scene, options.scale),
+        "opaque": _judge_soup(result.gaussians, scene, options.scale),
     }  # fmt: skip
+
+
+def _judge_soup(gaussians: gsut.Gaussians, scene: gsut.Scene, scale: float) -> float | None:
+    """Returns the PSNR of the triangles as a mesh, the nearest hit a pixel; None of others."""
+    if gaussians.primitive != "triangle":
+        return None
+    mesh = make_soup(gaussians, scene)
+    tree, found = build_tree(mesh), []
+    for index in scene.test_indices:
+        camera, view = scene.camera(index), scene.views[index]
+        size = round(scale * camera.height), round(scale * camera.width)
+        camera = camera.resize(*size[::-1])
+        rays = (
+            np.ascontiguousarray(a.reshape(-1, 3)) for a in cast_world_rays(camera, view.motion)
+        )
+        faces = tree.cast(*rays)[1]
+        shown = np.where(faces[:, None] >= 0, mesh.colors[3 * np.maximum(faces, 0)], 0.0)
+        photograph = cv2.resize(scene.image(index), size[::-1], interpolation=cv2.INTER_AREA) / 255
+        mask = resize_mask(scene.mask(index), *size)
+        found.append(gsut.psnr(shown.reshape(*size, 3), photograph, mask))
+    return float(np.mean(found))
 
 
 def _draw_views(gaussians: gsut.Gaussians, scene: gsut.Scene, scale: float) -> Row:
@@ -94,11 +121,12 @@ BENCHMARK = Benchmark(
         Column("ssim", "SSIM", "", ".4f"),
         Column("ms", "a view", "CPU-ms", ".1f"),
         Column("pairs", "tile pairs a pixel", "", ".3f"),
+        Column("opaque", "as an opaque mesh", "dB", ".2f"),
     ),
     cases=list_cases,
     measure=measure,
     options=(
-        Option("primitives", ("surfel", "atom", "power4", "beta"), "beside Gaussians"),
+        Option("primitives", ("surfel", "atom", "power4", "beta", "triangle"), "beside Gaussians"),
         Option("steps", 500, "of each training at equal bytes"),
         Option("max_gaussians", 20_000, "Gaussians"),
         Option("sh_degree", 1, "of each training"),

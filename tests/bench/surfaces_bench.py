@@ -1,7 +1,9 @@
-"""`./run bench surfaces`: meshes of exact depths, how fast they fuse, what `--surface` is worth."""
+"""`./run bench surfaces`: meshes of exact depths, stereo by ring, what `--surface` is worth."""
 
 from __future__ import annotations
 
+import dataclasses
+import itertools
 import resource
 import time
 from collections.abc import Iterator
@@ -11,8 +13,15 @@ import numpy as np
 
 import gsut
 from gsut import _core
+from gsut.demo.hall import make_hall
+from gsut.demo.tracing import Tracer
+from gsut.metrics import RING_EDGES_DEGREES
+from gsut.render import compute_field_angles
 from gsut.surface import judge_geometry
+from gsut.surface.cloud import cast_world_rays
+from gsut.surface.worth import judge_depth
 from tests.bench.harness import HALL, Benchmark, Column, Option, Row, Settings
+from tests.bench.walk_film import Film, plan_walk, trace_frames
 
 _RADIUS = 1.0  # of the ball
 _CENTER = np.array([0.03, 0.02, 0.01])  # of the ball: no corner of a voxel
@@ -20,6 +29,9 @@ _TWIST = np.array([0.06, -0.05, 0.04, 0.03, 0.05, -0.06])  # of a camera during 
 _FREE_WEIGHT = 0.1  # of space seen as empty, as in gsut mesh
 _BALL_VOXEL = 0.06  # 33 voxels across the ball
 _BALL_VIEWS = 24
+_FRAME_RATE = 2.5  # frames a second that stereo compares
+_AROUND = 0.4  # rounds about the hall's table in a film
+_READOUT = 0.03  # seconds, of a rolling shutter
 _MOST_GAUSSIANS = 50_000
 _PLAIN = "plain"
 # Name -> --surface, primitive.
@@ -31,9 +43,10 @@ TRAININGS = {
 
 
 def list_cases(settings: Settings) -> Iterator[Row]:
-    """Lists balls by lens, fusions by number of voxels, and trainings."""
-    for lens in list_lenses() if not settings.sets else ():
-        yield {"what": f"ball, {lens}", "_measure": "ball", "_lens": lens}
+    """Lists balls and films by lens, fusions by number of voxels, and trainings."""
+    for name in ("ball", *["stereo"] * bool(settings.frames)) if not settings.sets else ():
+        for lens in list_lenses():
+            yield {"what": f"{name}, {lens}", "_measure": name, "_lens": lens}
     for across in settings.across if not settings.sets else ():
         yield {"what": f"fusion, {across} voxels across", "_measure": "fusion", "_across": across}
     for data in (settings.sets or (HALL,)) if settings.steps else ():
@@ -42,9 +55,11 @@ def list_cases(settings: Settings) -> Iterator[Row]:
 
 
 def measure(case: Row, settings: Settings) -> Row:
-    """Measures a ball, a fusion or a training."""
+    """Measures a ball, a film, a fusion or a training."""
     if case["_measure"] == "ball":
         return _fuse_ball(*list_lenses()[case["_lens"]])
+    if case["_measure"] == "stereo":
+        return _compare_film(*list_lenses()[case["_lens"]], settings.frames)
     if case["_measure"] == "fusion":
         return _fuse_large_ball(case["_across"], settings.views, settings.size)
     return _train(case, settings)
@@ -138,6 +153,45 @@ def _fuse_large_ball(across: int, views: int, size: int) -> Row:
     return _fuse(camera, _look_at_ball(views, 1.6), 2 * _RADIUS / across)
 
 
+def _compare_film(camera: Any, moves: bool, frames: int) -> Row:
+    """Films a walk through the hall and judges the depth that stereo finds, by ring."""
+    film = Film(
+        camera, plan_walk(frames / _FRAME_RATE, around=_AROUND), frames / _FRAME_RATE,
+        _FRAME_RATE, readout=_READOUT if moves else 0.0, exposure=0.0,
+    )  # fmt: skip
+    poses = [
+        np.linalg.inv(film.path(film.times + share * film.readout)) for share in (0.0, -0.5, 0.5)
+    ]
+    scene = gsut.scene_from_arrays(list(trace_frames(film)), camera, poses[0], test_every=0)
+    if moves:
+        how = gsut.Shutter("top_to_bottom")
+        scene = scene.replace(views=[
+            dataclasses.replace(
+                view, shutter=how, camera_from_world_start=start, camera_from_world_end=end
+            ) for view, start, end in zip(scene.views, *poses[1:], strict=True)
+        ])  # fmt: skip
+    began = time.process_time()
+    maps = gsut.poses.find_depth_maps(scene)
+    taken = time.process_time() - began
+    tracer, depths, truths = Tracer(make_hall(film.seed), 1), [], []
+    for view, found in enumerate(maps):
+        starts, rays = cast_world_rays(found.camera, found.motion)
+        inside = scene.mask(view)
+        truth = np.full(inside.shape, np.nan)
+        truth[inside] = tracer.trace_depths(starts[inside], rays[inside])
+        depths.append(found.depth)
+        truths.append(truth)
+    angles = np.tile(np.degrees(compute_field_angles(camera)), (frames, 1))
+    judged = judge_depth(np.concatenate(depths), np.concatenate(truths), angles)
+    rings = {f"off_{ring['from_degrees']:.0f}": ring for ring in judged["rings"]}
+    return {
+        **{key: 100 * ring["abs_rel_median"] for key, ring in rings.items() if ring["pixels"]},
+        **{key.replace("off", "known"): 100 * ring["coverage"] for key, ring in rings.items()
+           if ring["coverage"] is not None},
+        "cpu_seconds": taken,
+    }  # fmt: skip
+
+
 def _train(case: Row, settings: Settings) -> Row:
     """Trains and compares depth and mesh with the truth."""
     data = settings.path(case["data"])
@@ -166,7 +220,7 @@ def _train(case: Row, settings: Settings) -> Row:
 
 
 BENCHMARK = Benchmark(
-    help="meshes of exact depths through any lens, fusion, depth with and without --surface",
+    help="meshes of exact depths, fusion, stereo by ring, depth with and without --surface",
     columns=(
         Column("data"),
         Column("what"),
@@ -174,6 +228,11 @@ BENCHMARK = Benchmark(
         Column("expected", "expected depth off", "%", ".2f"),
         Column("median", "median depth off", "%", ".2f"),
         Column("fscore", "F at 2 cm", form=".2f"),
+        *(
+            Column(f"{key}_{low:.0f}", f"{name}, {low:.0f} to {high:.0f} degrees", "%", form)
+            for key, name, form in (("off", "depth off", ".2f"), ("known", "known", ".0f"))
+            for low, high in itertools.pairwise(RING_EDGES_DEGREES)
+        ),
         Column("voxels_off", "farthest vertex", "voxels", ".3f"),
         Column("blocks", form=",d"),
         Column("cpu_seconds", "time", "CPU-s", ".1f"),
@@ -185,6 +244,7 @@ BENCHMARK = Benchmark(
         Option("steps", 1000, "of each training; 0: none"),
         Option("views", 60, "that are fused for speed"),
         Option("size", 480, "of their images, pixels"),
+        Option("frames", 12, "of each film that stereo compares; 0: none"),
         Option("across", (250, 500, 1000), "voxels across the ball that is fused for speed"),
     ),
 )

@@ -1,6 +1,7 @@
 // Tests gsut/gaussians/primitive.h over the examples of every file: slopes, inverses, closed forms.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <string>
 
@@ -38,6 +39,8 @@ TEST(PrimitivesTest, NamesAreThoseOfTheFilesAndOthersAreRefused) {
   }
   EXPECT_FALSE(HasShape(Primitive::kGaussian));
   EXPECT_TRUE(HasShape(Primitive::kBeta));
+  EXPECT_FALSE(IsFlat(Primitive::kBeta));
+  EXPECT_TRUE(IsFlat(Primitive::kTriangle));
   EXPECT_THROW(PrimitiveNamed("cube"), InputError);
 }
 
@@ -61,7 +64,7 @@ TEST(PrimitivesTest, SlopesMatchCentralDifferences) {
                   kDifferenceTolerance * (1.0 + profile.Shape()));
     }
   });
-  EXPECT_EQ(ran, 7);
+  EXPECT_EQ(ran, 12);
 }
 
 TEST(PrimitivesTest, ResponseFallsFromOneAndCutoffIsItsInverse) {
@@ -77,7 +80,56 @@ TEST(PrimitivesTest, ResponseFallsFromOneAndCutoffIsItsInverse) {
       last = response;
     }
   });
-  EXPECT_EQ(ran, 7);
+  EXPECT_EQ(ran, 12);
+}
+
+TEST(PrimitivesTest, TriangleGaugeIsTheLargestOfItsEdgesWithTheirSlopes) {
+  const Profile triangle = {Primitive::kTriangle};
+  int ran = 0;
+  for (int i = 2; i < 360; i += 7) {  // beside the ridges at 90, 210 and 330 degrees
+    const double angle = i * 3.14159265358979323846 / 180.0;
+    const double x = 0.7 * std::cos(angle), y = 0.7 * std::sin(angle);
+    double slopes[2], ignored[2];
+    const double gauge = triangle.Gauge(x, y, slopes);
+    EXPECT_NEAR(gauge, std::max(-2.0 * y, std::sqrt(3.0) * std::abs(x) + y), kRoundingTolerance);
+    EXPECT_GE(gauge, 0.7 - kRoundingTolerance);  // nowhere below D: bounds of ellipses hold
+    EXPECT_NEAR(slopes[0] * x + slopes[1] * y, gauge, kRoundingTolerance);  // of degree 1
+    const double by_x =
+        triangle.Gauge(x + kStep, y, ignored) - triangle.Gauge(x - kStep, y, ignored);
+    const double by_y =
+        triangle.Gauge(x, y + kStep, ignored) - triangle.Gauge(x, y - kStep, ignored);
+    EXPECT_NEAR(0.5 * by_x / kStep, slopes[0], kDifferenceTolerance);
+    EXPECT_NEAR(0.5 * by_y / kStep, slopes[1], kDifferenceTolerance);
+    ++ran;
+  }
+  EXPECT_EQ(ran, 52);
+}
+
+// By the midpoint rule over squares of side 2 h, whose error is that of the outline and the ridges.
+TEST(PrimitivesTest, TriangleOfAnyShapeHasAGaussiansSecondMomentsAndItsArea) {
+  constexpr double kHalfSide = 0.02;
+  constexpr double kQuadratureTolerance = 2e-3;
+  for (const double stored : ExampleShapes(Primitive::kTriangle)) {
+    const Profile triangle = {Primitive::kTriangle, stored};
+    double sum = 0.0, square_x = 0.0, square_y = 0.0, mean_y = 0.0, ignored[2];
+    for (double x = -25.0 + kHalfSide; x < 25.0; x += 2.0 * kHalfSide) {
+      for (double y = -15.0 + kHalfSide; y < 25.0; y += 2.0 * kHalfSide) {
+        const double gauge = triangle.Gauge(x, y, ignored);
+        if (gauge > 25.0) continue;
+        const double response = triangle.Response(gauge * gauge);
+        sum += response;
+        mean_y += response * y;
+        square_x += response * x * x;
+        square_y += response * y * y;
+      }
+    }
+    EXPECT_NEAR(square_x / sum, 1.0, kQuadratureTolerance);
+    EXPECT_NEAR(square_y / sum, 1.0, kQuadratureTolerance);
+    EXPECT_NEAR(mean_y / sum, 0.0, kQuadratureTolerance);
+  }
+  // At half the response, as large as a Gaussian: a linear fall is alike to 1 %.
+  EXPECT_NEAR(WidthOf(Primitive::kTriangle), 1.0, 0.01);
+  EXPECT_EQ(WidthOf(Primitive::kGaussian), 1.0);
 }
 
 TEST(PrimitivesTest, ClosedFormsHold) {
@@ -88,6 +140,8 @@ TEST(PrimitivesTest, ClosedFormsHold) {
                 kRoundingTolerance);
     const double beta = std::pow(std::max(1.0 - d2 / 8.0, 0.0), 4.0);
     EXPECT_NEAR((Profile{Primitive::kBeta, 0.0}).Response(d2), beta, kRoundingTolerance);
+    const double linear = std::max(1.0 - std::sqrt(d2 / (40.0 / 3.0)), 0.0);
+    EXPECT_NEAR((Profile{Primitive::kTriangle, 0.0}).Response(d2), linear, kRoundingTolerance);
   }
 }
 

@@ -101,6 +101,9 @@ EXTINCTION_JACOBIAN = 1e-5  # relative L2, float against differences in double; 
 PRIMITIVE_FLOAT = 1.2e-5
 PRIMITIVE_DIFFERENCES = 1e-6  # as RENDER_DIFFERENCES, at the steeper rim of a beta; worst 5.2e-7
 PRIMITIVE_GRADIENT = 1e-4  # as RENDER_GRADIENT and RENDER_POSE_GRADIENT; worst 5.1e-5
+# as PRIMITIVE_GRADIENT, nearly all of it one's that is seen edge-on: rounding over its cosine's
+# square; worst 8.1e-4
+PRIMITIVE_FLAT_GRADIENT = 1.6e-3
 # of an image: 1 / 2b times the square of ln G, at most 4 / e^2, with b = 1412; worst 2.8e-4
 PRIMITIVE_LARGE_SHAPE = 5.6e-4
 PRIMITIVE_JACOBIAN = 9.8e-6  # relative L2, float against differences in double; worst 4.9e-6

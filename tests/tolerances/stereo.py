@@ -8,3 +8,5 @@ FOUND_BY_CHANCE = 0.16
 STEREO_MEDIAN = 0.04  # of the distance, on the same pictures
 STEREO_SHARE = 0.3  # of the pixels that have a depth
 STEREO_ROUNDING = 2e-4  # of correlations in float, of values up to 1
+STEREO_NORMALS = 12.0  # degrees, in the median, on the same pictures; worst 8.0
+NORMALS_ROUNDING = 0.02  # degrees, and of their length, from float distances

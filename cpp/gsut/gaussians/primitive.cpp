@@ -72,9 +72,37 @@ bool HasShape(Primitive primitive) {
   return Visit(primitive, [](auto kind) { return decltype(kind)::kHasShape; });
 }
 
+bool IsFlat(Primitive primitive) {
+  return Visit(primitive, [](auto kind) {
+    return requires { kind.kEdges; };
+  });
+}
+
+double WidthOf(Primitive primitive) {
+  const double half = 2.0 * kLn2;  // D^2 of a Gaussian at half its response
+  const double area = Visit(primitive, [](auto kind) {
+    if constexpr (requires { kind.kArea; }) {
+      return decltype(kind)::kArea;
+    } else {
+      return 1.0;
+    }
+  });
+  return std::sqrt(area * Profile{primitive}.Cutoff(half) / half);
+}
+
 std::span<const double> ExampleShapes(Primitive primitive) {
   return Visit(primitive,
                [](auto kind) { return std::span<const double>(decltype(kind)::kExampleShapes); });
+}
+
+double Profile::Gauge(double x, double y, double* slopes) const {
+  return Visit(primitive, [&](auto kind) {
+    if constexpr (requires { kind.kEdges; }) {
+      return kind.Gauge(x, y, &slopes[0], &slopes[1]);
+    } else {
+      return 0.0;  // no flat primitive
+    }
+  });
 }
 
 // The text counts in halvings, log2, as the float kernels do; here it is turned into nats. The

@@ -38,6 +38,14 @@ HWY_INLINE void VisitPrimitive(Primitive primitive, const Visitor& visitor) {
   }
 }
 
+// Calls visitor(lane_primitives::Triangle()) for kTriangle, and so on; not for what is not flat.
+template <class Visitor>
+HWY_INLINE void VisitFlat(Primitive primitive, const Visitor& visitor) {
+  VisitPrimitive(primitive, [&](auto kind) HWY_ATTR {
+    if constexpr (requires { kind.kEdges; }) visitor(kind);
+  });
+}
+
 // Functions, not text: kernels branch to them once a group of pixels, and only for what is no
 // Gaussian. exponents: v, see gaussians/primitive.h, which becomes log2 of the response; shapes:
 // those of the exponents, activated.

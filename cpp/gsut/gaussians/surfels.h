@@ -5,8 +5,9 @@
 
 namespace gsut {
 
-// Logarithm of the third scale over the shorter of the others: a ten-thousandth. Responses are then
-// those at the ray's intersection with the disc's plane to 2e-5 up to 88 degrees from its normal.
+// The third scale over the shorter of the others. Responses are then those at the ray's
+// intersection with the disc's plane to 2e-5 up to 88 degrees from its normal.
+inline constexpr double kSurfelThickness = 1e-4;
 inline constexpr double kSurfelLogThickness = -9.210340371976182;
 
 // Makes the third of three logarithms of scales a surfel's.

@@ -10,6 +10,7 @@
 #include "gsut/base/lanes-inl.h"
 #include "gsut/gaussians/gaussians.h"
 #include "gsut/gaussians/primitives-inl.h"
+#include "gsut/gaussians/surfels.h"
 #include "gsut/projection/view.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -186,6 +187,9 @@ HWY_INLINE SeenLanes LoadSeen(const GaussiansView<const float>& g, std::int64_t 
     const Lane stored = LoadShapes(g, first);
     out.usable = AndMask(out.usable, IsFinite(stored));
     out.cutoff = ShapeCutoff(g.primitive, stored, out.cutoff);
+    if (IsFlat(g.primitive)) {
+      out.scale[2] = Min(out.scale[0], out.scale[1]) * Lane(kSurfelThickness);
+    }
   }
   return out;
 }

@@ -164,6 +164,11 @@ struct ShapeSums {
     hn::Store(hn::MulAdd(h, by_shape, hn::Load(d, sums)), d, sums);
     return hn::Mul(h, by_v);
   }
+  // Adds a block's h dlog2 f / db.
+  HWY_INLINE void Add(FloatVec to_shape) {
+    const FloatTag d;
+    hn::Store(hn::Add(to_shape, hn::Load(d, sums)), d, sums);
+  }
   HWY_INLINE void Finish(std::uint32_t slot, Frame* frame) const {
     if (frame->slot_shapes.empty()) return;
     float total = 0.0f;

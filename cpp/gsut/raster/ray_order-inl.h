@@ -175,7 +175,7 @@ HWY_INLINE void BlendOrOpen(const RasterTask& task, float bound, int slot, Float
                             FloatVec rest, FloatVec front, BlockHits* hits, BlockPixels* pixels) {
   const FloatTag d;
   BlockHit& hit = hits->slots[slot];
-  // Both, for a branch would be foretold badly: what stays open is blended as no hit.
+  // Both, for a branch would be mispredicted: what stays open is blended as no hit.
   const FloatMask leaves = hn::Le(hn::Set(d, hit.last), hn::Set(d, bound));
   pixels->Blend(task, hn::IfThenElse(leaves, t, hn::Set(d, kNever)),
                 hn::IfThenElse(leaves, rest, hn::Set(d, 1.0f)), front, HitColor(hit).values);

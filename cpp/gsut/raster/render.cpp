@@ -61,9 +61,9 @@ void Renderer::Render(const GaussiansView<const float>& gaussians, const RenderJ
   lines_ = nullptr;
   Stopwatch watch;
   // Rays that meet in one point are linear forms of a pixel's place in its tile; rays with origins
-  // of their own are lines. Tiles and bounds follow from camera and motion alone and are kept from
-  // frame to frame.
-  if (HasOneCenter(job.camera, job.motion)) {
+  // of their own are lines, as all rays are for flat primitives. Tiles and bounds follow from
+  // camera and motion alone and are kept from frame to frame.
+  if (HasOneCenter(job.camera, job.motion) && !IsFlat(gaussians.primitive)) {
     grid_ = TilesOf(job.camera, ActiveLanes());
   } else {
     lines_ = LinesOf(job.camera, job.motion, ActiveLanes());

@@ -1,23 +1,33 @@
 // Correlations of windows are sums over boxes, one distance after the other, so that all buffers of
-// a distance stay in the cache; costs of paths run over all distances of a pixel at once. Both are
-// plain loops without branches inside, which compilers turn into vector code; the order of their
-// sums is fixed, and so are their bits. Callers work on several photographs at the same time.
-#include "gsut/surface/sweep_scores.h"
+// a distance stay in the cache. Plain loops without branches inside become vector code, once per
+// instruction set; the order of their sums is fixed, and so are their bits. Callers work on several
+// photographs at the same time.
+#undef HWY_TARGET_INCLUDE
+#define HWY_TARGET_INCLUDE "gsut/surface/sweep_scores.cpp"
+#include "gsut/base/hwy_targets.h"
+#include <hwy/foreach_target.h>
+#include <hwy/highway.h>
 
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <limits>
 
+#include "gsut/surface/sweep_scores.h"
+
+HWY_BEFORE_NAMESPACE();
 namespace gsut {
+namespace HWY_NAMESPACE {
 namespace {
+
+namespace hn = hwy::HWY_NAMESPACE;
 
 constexpr int kHalf = 2;          // of the windows: 5 x 5 pixels
 constexpr int kBest = 3;          // correlations that count: some neighbours see something else
 constexpr float kSteps = 1.5F;    // tried distances within which two photographs show the same
 constexpr float kShare = 0.04F;   // of the inverse distance, likewise, where steps are finer
 constexpr float kTrusted = 0.5F;  // trust above which a surface hides what lies behind it
-constexpr int kLanes = 8;
+constexpr int kBlock = 16;        // distances whose scores are written together: a cache line
+constexpr int kPadding = 16;      // pixels of a last vector beyond a row
 
 // Means over windows, cut off at the border: first along rows, then down columns, five additions
 // each, which a compiler does for many pixels at once; running sums would need double. `rows` is a
@@ -52,7 +62,8 @@ void AverageWindows(const SweepGrid& grid, const std::vector<float>& values,
   }
 }
 
-// Interpolates numbers at cells' centres along the rows of pixels.
+// Interpolates numbers at cells' centres along the rows of pixels, linearly both ways; what lies
+// beyond the outer centres is extrapolated.
 class Cells {
  public:
   explicit Cells(const SweepGrid& grid)
@@ -97,77 +108,131 @@ class Cells {
   std::vector<float> row_;
 };
 
-// Buffers of one distance.
-struct Layer {
-  explicit Layer(std::int64_t pixels)
-      : seen(pixels),
-        product(pixels),
-        rows(pixels),
-        mean(pixels),
-        squares(pixels),
-        both(pixels),
-        geometry(pixels),
-        hidden(pixels) {
-    for (auto& each : best) each.resize(pixels);
+// Buffers of one row of pixels.
+struct Row {
+  explicit Row(int width) : corner(width + kPadding), beside(width + kPadding) {
+    for (std::vector<float>* each : {&u, &v, &s, &t, &inside, &nearness, &shown, &trust}) {
+      each->resize(width + kPadding);
+    }
+    for (auto& each : around) each.resize(width);
   }
-  std::vector<float> seen, product, rows, mean, squares, both, geometry, hidden;
-  std::vector<float> columns_of, rows_of, nearness_of;  // of one row of pixels
-  std::array<std::vector<float>, kBest> best;
+  std::vector<float> u, v;                   // place in the neighbour
+  std::vector<float> s, t, inside;           // share of the pixel to the right and below; 1: inside
+  std::array<std::vector<float>, 4> around;  // grey values of the four pixels around
+  std::vector<float> nearness, shown, trust;
+  std::vector<int> corner, beside;  // first of the four pixels, and the nearest
 };
 
-// Looks a neighbour up at one distance. Where it shows nothing its grey value is 0, which
-// correlates with nothing. Where a surface that it is sure of hides the point, a high correlation
-// is chance.
+// Buffers of one distance: what a neighbour shows at each pixel and its products, their means over
+// windows, and the best correlations of all neighbours so far.
+struct Layer {
+  explicit Layer(const SweepGrid& grid) : row(grid.width) {
+    for (std::vector<float>* each :
+         {&seen, &product, &rows, &mean, &squares, &both, &geometry, &hidden}) {
+      each->resize(grid.pixels());
+    }
+    for (auto& each : best) each.resize(grid.pixels());
+  }
+  std::vector<float> seen, product, rows, mean, squares, both, geometry, hidden;
+  std::array<std::vector<float>, kBest> best;
+  Row row;
+};
+
+// Looks the places of a row up between the four pixels around; at the border the last pair serves.
+// Where the neighbour shows nothing its grey value is 0, which correlates with nothing.
+void LookUpRow(const SweepNeighbour& other, int width, Row& row, float* HWY_RESTRICT seen) {
+  const int last_left = std::max(0, other.width - 2), last_top = std::max(0, other.height - 2);
+  const int right = std::min(1, other.width - 1);
+  const int down = other.height > 1 ? other.width : 0;
+  const hn::ScalableTag<float> f;
+  const hn::RebindToSigned<decltype(f)> n;
+  const auto zero = hn::Zero(f), half = hn::Set(f, 0.5F);
+  const auto last_u = hn::Set(f, static_cast<float>(other.width - 1));
+  const auto last_v = hn::Set(f, static_cast<float>(other.height - 1));
+  for (int x = 0; x < width; x += static_cast<int>(hn::Lanes(f))) {
+    const auto at_u = hn::Sub(hn::LoadU(f, row.u.data() + x), half);
+    const auto at_v = hn::Sub(hn::LoadU(f, row.v.data() + x), half);
+    const auto in = hn::And(hn::And(hn::Ge(at_u, zero), hn::Le(at_u, last_u)),
+                            hn::And(hn::Ge(at_v, zero), hn::Le(at_v, last_v)));
+    const auto u = hn::IfThenElseZero(in, at_u), v = hn::IfThenElseZero(in, at_v);
+    const auto left = hn::Min(hn::ConvertTo(n, u), hn::Set(n, last_left));
+    const auto top = hn::Min(hn::ConvertTo(n, v), hn::Set(n, last_top));
+    const auto s = hn::Sub(u, hn::ConvertTo(f, left)), t = hn::Sub(v, hn::ConvertTo(f, top));
+    const auto corner = hn::Add(hn::Mul(top, hn::Set(n, other.width)), left);
+    const auto below = hn::RebindMask(n, hn::Ge(t, half));
+    const auto beside = hn::RebindMask(n, hn::Ge(s, half));
+    const auto step = hn::Add(hn::IfThenElseZero(below, hn::Set(n, down)),
+                              hn::IfThenElseZero(beside, hn::Set(n, right)));
+    hn::StoreU(s, f, row.s.data() + x);
+    hn::StoreU(t, f, row.t.data() + x);
+    hn::StoreU(hn::IfThenElseZero(in, hn::Set(f, 1.0F)), f, row.inside.data() + x);
+    hn::StoreU(corner, n, row.corner.data() + x);
+    hn::StoreU(hn::Add(corner, step), n, row.beside.data() + x);
+  }
+  // Gathered one by one, as fast as gather instructions and the same with all instruction sets.
+  const int* HWY_RESTRICT corner = row.corner.data();
+  float *HWY_RESTRICT a = row.around[0].data(), *HWY_RESTRICT b = row.around[1].data();
+  float *HWY_RESTRICT c = row.around[2].data(), *HWY_RESTRICT d = row.around[3].data();
+  for (int x = 0; x < width; ++x) {
+    const float* g = other.grey + corner[x];
+    a[x] = g[0];
+    b[x] = g[right];
+    c[x] = g[down];
+    d[x] = g[down + right];
+  }
+  const float *HWY_RESTRICT s = row.s.data(), *HWY_RESTRICT t = row.t.data();
+  const float* HWY_RESTRICT inside = row.inside.data();
+  for (int x = 0; x < width; ++x) {
+    const float upper = a[x] + s[x] * (b[x] - a[x]), lower = c[x] + s[x] * (d[x] - c[x]);
+    seen[x] = inside[x] > 0.0F ? upper + t[x] * (lower - upper) : 0.0F;
+  }
+}
+
+// Compares the inverse distances of a row with the surfaces that the neighbour shows there. Nearer
+// than these: it sees through. Farther: it is hidden, and a high correlation is chance if the
+// neighbour is sure.
+void CompareRow(const SweepNeighbour& other, const SweepOptions& options, int width, Row& row,
+                float* HWY_RESTRICT geometry, float* HWY_RESTRICT hidden) {
+  float *HWY_RESTRICT shown = row.shown.data(), *HWY_RESTRICT trust = row.trust.data();
+  const int* HWY_RESTRICT beside = row.beside.data();
+  for (int x = 0; x < width; ++x) {
+    shown[x] = other.shown[beside[x]];
+    trust[x] = other.trust[beside[x]];
+  }
+  const float *HWY_RESTRICT inside = row.inside.data(), *HWY_RESTRICT near = row.nearness.data();
+  const float least = kSteps * options.step, agreement = options.agreement;
+  for (int x = 0; x < width; ++x) {
+    const bool known = (inside[x] > 0.0F) & (shown[x] > 0.0F);
+    const float off = near[x] - shown[x];
+    const bool same = std::abs(off) < std::max(least, kShare * shown[x]);
+    const bool before = off > 0.0F;
+    const float more = same ? agreement : before ? -agreement : 0.0F;
+    geometry[x] += known ? more * trust[x] : 0.0F;
+    hidden[x] = known & !same & !before & (trust[x] > kTrusted) ? 1.0F : 0.0F;
+  }
+}
+
+// Looks a neighbour up at one distance.
 void LookUp(const SweepGrid& grid, Cells& cells, const SweepNeighbour& other, int depth,
             const SweepOptions& options, Layer& layer) {
   const std::int64_t across = std::int64_t{grid.rows()} * grid.columns();
   const float* places = other.places + depth * across * 2;
-  const float* nearness = other.nearness ? other.nearness + depth * across : nullptr;
-  layer.columns_of.resize(grid.width);
-  layer.rows_of.resize(grid.width);
-  layer.nearness_of.resize(grid.width);
   for (int y = 0; y < grid.height; ++y) {
-    cells.Interpolate(places, 2, 0, y, layer.columns_of);
-    cells.Interpolate(places, 2, 1, y, layer.rows_of);
-    if (nearness) cells.Interpolate(nearness, 1, 0, y, layer.nearness_of);
-    for (int x = 0; x < grid.width; ++x) {
-      const std::int64_t pixel = std::int64_t{y} * grid.width + x;
-      const float u = layer.columns_of[x] - 0.5F, v = layer.rows_of[x] - 0.5F;
-      layer.seen[pixel] = 0.0F;
-      layer.hidden[pixel] = 0.0F;
-      if (!(u >= 0.0F && v >= 0.0F && u <= static_cast<float>(other.width - 1) &&
-            v <= static_cast<float>(other.height - 1))) {
-        continue;
-      }
-      // Between the four pixels around; at the border the last pair serves.
-      const int left = std::min(static_cast<int>(u), std::max(0, other.width - 2));
-      const int top = std::min(static_cast<int>(v), std::max(0, other.height - 2));
-      const int right = std::min(left + 1, other.width - 1);
-      const std::int64_t above = std::int64_t{top} * other.width;
-      const std::int64_t below = std::int64_t{std::min(top + 1, other.height - 1)} * other.width;
-      const float s = u - static_cast<float>(left), t = v - static_cast<float>(top);
-      const float* g = other.grey;
-      const float upper = g[above + left] + s * (g[above + right] - g[above + left]);
-      const float lower = g[below + left] + s * (g[below + right] - g[below + left]);
-      layer.seen[pixel] = upper + t * (lower - upper);
-      if (nearness == nullptr) continue;
-      const std::int64_t at = (t < 0.5F ? above : below) + (s < 0.5F ? left : right);
-      const float shown = other.shown[at];
-      if (!(shown > 0.0F)) continue;
-      // Nearer than the surface that the neighbour shows: it sees through; farther: it is hidden.
-      const float off = layer.nearness_of[x] - shown;
-      const float within = std::max(kSteps * options.step, kShare * shown);
-      if (std::abs(off) < within) {
-        layer.geometry[pixel] += options.agreement * other.trust[at];
-      } else if (off > 0.0F) {
-        layer.geometry[pixel] -= options.agreement * other.trust[at];
-      } else if (other.trust[at] > kTrusted) {
-        layer.hidden[pixel] = 1.0F;
-      }
+    const std::int64_t begin = std::int64_t{y} * grid.width;
+    cells.Interpolate(places, 2, 0, y, layer.row.u);
+    cells.Interpolate(places, 2, 1, y, layer.row.v);
+    LookUpRow(other, grid.width, layer.row, layer.seen.data() + begin);
+    if (other.nearness == nullptr) {
+      std::fill_n(layer.hidden.data() + begin, grid.width, 0.0F);
+      continue;
     }
+    cells.Interpolate(other.nearness + depth * across, 1, 0, y, layer.row.nearness);
+    CompareRow(other, options, grid.width, layer.row, layer.geometry.data() + begin,
+               layer.hidden.data() + begin);
   }
 }
 
+// Multiplies pixel by pixel.
 void Multiply(const std::vector<float>& a, const std::vector<float>& b, std::vector<float>& out) {
   for (std::size_t i = 0; i < out.size(); ++i) out[i] = a[i] * b[i];
 }
@@ -209,90 +274,24 @@ void Correlate(const SweepGrid& grid, const std::vector<float>& grey,
   }
 }
 
-// Costs of paths in one direction, row by row: only the row before is kept. A pixel has two places
-// more than distances, at both ends, whose cost is never the least.
-class Paths {
- public:
-  Paths(const SweepGrid& grid, const SweepOptions& options)
-      : grid_(grid),
-        options_(options),
-        length_(grid.depths + 2),
-        before_(std::int64_t{grid.width} * length_),
-        now_(before_.size()),
-        least_before_(grid.width),
-        least_now_(grid.width) {}
-
-  // A path's cost at a pixel is that of the pixel, and the least of: the same distance before, one
-  // beside it, or any other at the price of an edge; less the least of all before, which keeps the
-  // sums small and changes no choice.
-  //
-  // Adds the costs of paths that come from (x - dx, y - dy) to `total` (height, width, depths).
-  void Add(const float* grey, const bool* counts, const float* scores, int dx, int dy,
-           float* total) {
-    const bool up = dy < 0 || (dy == 0 && dx < 0);
-    for (int i = 0; i < grid_.height; ++i) {
-      const int y = up ? grid_.height - 1 - i : i;
-      for (int j = 0; j < grid_.width; ++j) {
-        const int x = up ? grid_.width - 1 - j : j;
-        const int from_x = x - dx, from_y = y - dy;
-        const bool begins =
-            from_x < 0 || from_y < 0 || from_x >= grid_.width || from_y >= grid_.height;
-        const std::int64_t pixel = std::int64_t{y} * grid_.width + x;
-        const std::int64_t from = std::int64_t{from_y} * grid_.width + from_x;
-        const float change = begins ? 0.0F : std::abs(grey[pixel] - grey[from]);
-        Step(counts[pixel] ? scores + pixel * grid_.depths : nullptr, x, begins ? -1 : from_x,
-             dy == 0, change, total + pixel * grid_.depths);
-      }
-      std::swap(before_, now_);
-      std::swap(least_before_, least_now_);
-    }
+// The mean of the best `count` correlations, and what the neighbours show.
+void SumScores(const Layer& layer, int count, float* HWY_RESTRICT scores) {
+  const float share = static_cast<float>(std::max(1, count));
+  for (std::size_t i = 0; i < layer.geometry.size(); ++i) {
+    float sum = 0.0F;
+    for (int k = 0; k < count; ++k) sum += layer.best[k][i];
+    scores[i] = sum / share + layer.geometry[i];
   }
-
- private:
-  void Step(const float* scores, int x, int from, bool in_row, float change, float* total) {
-    const int depths = grid_.depths;
-    float* const out = now_.data() + std::int64_t{x} * length_ + 1;
-    out[-1] = out[depths] = std::numeric_limits<float>::max();
-    if (from < 0) {
-      for (int d = 0; d < depths; ++d) out[d] = scores ? 1.0F - scores[d] : 0.0F;
-    } else {
-      const float* const came = (in_row ? now_ : before_).data() + std::int64_t{from} * length_ + 1;
-      const float least = (in_row ? least_now_ : least_before_)[from];
-      const float jump = least + std::max(options_.near_step, options_.far_step * options_.edge /
-                                                                  (options_.edge + change));
-      for (int d = 0; d < depths; ++d) {
-        const float beside = std::min(came[d - 1], came[d + 1]) + options_.near_step;
-        out[d] = std::min(std::min(came[d], beside), jump) - least;
-      }
-      // A pixel that does not count passes on what came.
-      if (scores) {
-        for (int d = 0; d < depths; ++d) out[d] += 1.0F - scores[d];
-      }
-    }
-    // Several minima side by side: one alone would wait for each comparison before the next.
-    std::array<float, kLanes> lanes;
-    lanes.fill(std::numeric_limits<float>::max());
-    for (int d = 0; d < depths; ++d) {
-      lanes[d % kLanes] = std::min(lanes[d % kLanes], out[d]);
-      total[d] += out[d];
-    }
-    least_now_[x] = *std::min_element(lanes.begin(), lanes.end());
-  }
-
-  SweepGrid grid_;
-  SweepOptions options_;
-  int length_;
-  std::vector<float> before_, now_, least_before_, least_now_;
-};
+}
 
 }  // namespace
 
-void ScoreWindows(const SweepGrid& grid, const float* grey,
-                  std::span<const SweepNeighbour> neighbours, const SweepOptions& options,
-                  float* scores) {
+void Score(const SweepGrid& grid, const float* grey, std::span<const SweepNeighbour> neighbours,
+           const SweepOptions& options, float* scores) {
   Cells cells(grid);
   const std::int64_t pixels = grid.pixels();
-  Layer layer(pixels);
+  Layer layer(grid);
+  std::vector<float> block(kBlock * pixels);
   const std::vector<float> own(grey, grey + pixels);
   std::vector<float> mean(pixels), squares(pixels);
   AverageWindows(grid, own, layer.rows, mean);
@@ -300,6 +299,8 @@ void ScoreWindows(const SweepGrid& grid, const float* grey,
   AverageWindows(grid, layer.product, layer.rows, squares);
   const std::vector<float> sharp = InvertDeviations(mean, squares, options.contrast);
   const int count = std::min<int>(kBest, static_cast<int>(neighbours.size()));
+  // Scores of a pixel lie side by side, and those of a distance are made together: a block of
+  // distances is turned over at once, so that each cache line of `scores` is written once.
   for (int depth = 0; depth < grid.depths; ++depth) {
     for (auto& each : layer.best) std::fill(each.begin(), each.end(), -1.0F);
     std::fill(layer.geometry.begin(), layer.geometry.end(), 0.0F);
@@ -307,36 +308,30 @@ void ScoreWindows(const SweepGrid& grid, const float* grey,
       LookUp(grid, cells, other, depth, options, layer);
       Correlate(grid, own, mean, sharp, options.contrast, layer);
     }
+    const int of_block = depth % kBlock;
+    SumScores(layer, count, block.data() + of_block * pixels);
+    if (of_block + 1 < kBlock && depth + 1 < grid.depths) continue;
+    float* const out = scores + depth - of_block;
     for (std::int64_t i = 0; i < pixels; ++i) {
-      float sum = 0.0F;
-      for (int k = 0; k < count; ++k) sum += layer.best[k][i];
-      scores[i * grid.depths + depth] =
-          sum / static_cast<float>(std::max(1, count)) + layer.geometry[i];
+      for (int k = 0; k <= of_block; ++k) out[i * grid.depths + k] = block[k * pixels + i];
     }
   }
 }
 
-void ChooseDistances(const SweepGrid& grid, const float* grey, const bool* counts,
-                     const float* scores, const SweepOptions& options, float* best, float* score) {
-  std::vector<float> total(grid.pixels() * grid.depths);
-  Paths paths(grid, options);
-  for (int dy = -1; dy <= 1; ++dy) {
-    for (int dx = -1; dx <= 1; ++dx) {
-      if (dx != 0 || dy != 0) paths.Add(grey, counts, scores, dx, dy, total.data());
-    }
-  }
-  const int last = grid.depths - 1;
-  for (std::int64_t i = 0; i < grid.pixels(); ++i) {
-    const float* costs = total.data() + i * grid.depths;
-    const int least = static_cast<int>(std::min_element(costs, costs + grid.depths) - costs);
-    best[i] = static_cast<float>(least);
-    if (least > 0 && least < last) {  // the vertex of a parabola
-      const float before = costs[least - 1], after = costs[least + 1];
-      const float bend = before + after - 2.0F * costs[least];
-      if (bend > 0.0F) best[i] += 0.5F * (before - after) / bend;
-    }
-    score[i] = counts[i] ? scores[i * grid.depths + least] : 0.0F;
-  }
+}  // namespace HWY_NAMESPACE
+}  // namespace gsut
+HWY_AFTER_NAMESPACE();
+
+#if HWY_ONCE
+namespace gsut {
+
+HWY_EXPORT(Score);
+
+void ScoreWindows(const SweepGrid& grid, const float* grey,
+                  std::span<const SweepNeighbour> neighbours, const SweepOptions& options,
+                  float* scores) {
+  HWY_DYNAMIC_DISPATCH(Score)(grid, grey, neighbours, options, scores);
 }
 
 }  // namespace gsut
+#endif  // HWY_ONCE

@@ -1,5 +1,4 @@
-// How well windows of a photograph agree with neighbouring photographs at tried distances, and the
-// distance of each pixel that agrees best, beside pixels whose distances are alike.
+// How well windows of a photograph agree with neighbouring photographs at tried distances.
 #pragma once
 
 #include <cstdint>
@@ -47,12 +46,5 @@ struct SweepOptions {
 void ScoreWindows(const SweepGrid& grid, const float* grey,
                   std::span<const SweepNeighbour> neighbours, const SweepOptions& options,
                   float* scores);
-
-// best (height, width): number of the distance, with a fraction, of the least cost along eight
-// directions (Hirschmüller, "Stereo processing by semiglobal matching and mutual information",
-// 2008); `counts` (height, width) is false where a pixel has no scores and takes what is beside it.
-// score (height, width): that of the distance chosen. Same bits everywhere.
-void ChooseDistances(const SweepGrid& grid, const float* grey, const bool* counts,
-                     const float* scores, const SweepOptions& options, float* best, float* score);
 
 }  // namespace gsut

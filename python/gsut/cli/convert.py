@@ -77,7 +77,6 @@ def run(arguments: argparse.Namespace) -> int:
         prepare_for_file,
         read_scene_file,
     )
-    from gsut.gaussians import are_surfels
 
     out = Path(arguments.out)
     chosen = choose_format(out)
@@ -105,7 +104,7 @@ def run(arguments: argparse.Namespace) -> int:
         "out": str(out),
         "format": chosen.name,
         "num_gaussians": len(gaussians),
-        "surfels": are_surfels(gaussians),
+        "surfels": gaussians.are_surfels,
         "sh_degree": gaussians.sh_degree,
         "antialiased": found.antialiased,
         "light": _describe_light(Path(arguments.source)),

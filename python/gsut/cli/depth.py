@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gsut.cli._flags import add_force, add_json, add_quiet, check_first, print_json, whole
-from gsut.files import check_name, refuse_existing, whole_folder
+from gsut.files import check_name, refuse_existing, whole_folder, write_picture
 
 if TYPE_CHECKING:
     from gsut.data import Frame, Scene
@@ -19,8 +19,9 @@ HELP = "depth maps of photographs with poses, without training"
 DESCRIPTION = (
     "Compares the photographs through their lenses and shutters and writes what each shows: "
     "DEPTH/depth/NAME.npy, distances along the rays in the dataset's unit, NaN where unknown; "
-    "DEPTH/confidence/NAME.npy, from 0 to 1; DEPTH/points.ply; and DEPTH/transforms.json, a "
-    "dataset of the same photographs with these depths and points."
+    "DEPTH/confidence/NAME.npy, from 0 to 1; DEPTH/normals/NAME.png, (n + 1) / 2 in the camera's "
+    "axes; DEPTH/points.ply; and DEPTH/transforms.json, a dataset of the same photographs with "
+    "these depths and points."
 )
 
 _POINTS = "points.ply"
@@ -82,7 +83,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _write_view(scene: Scene, view: int, found: DepthMap, folder: Path, name: str) -> Frame:
-    """Writes the depth and confidence of a view by this name; returns its frame with both."""
+    """Writes depth, confidence and normals of a view by this name; returns its frame.
+
+    The frame does not name the normals: they make `--surface` worse.
+    """
     from gsut._core import CameraMotion
     from gsut.data import Frame
     from gsut.data.poses import invert_pose
@@ -92,6 +96,9 @@ def _write_view(scene: Scene, view: int, found: DepthMap, folder: Path, name: st
     for file, values in zip(files.values(), (found.depth, found.weight), strict=True):
         file.parent.mkdir(exist_ok=True)
         np.save(file, np.asarray(values))
+    normals = folder / "normals" / f"{name}.png"
+    normals.parent.mkdir(exist_ok=True)
+    write_picture(normals, _encode_normals(np.asarray(found.normals)))
     ends: dict[str, Any] = {}
     if isinstance(of.motion, CameraMotion):
         ends = {
@@ -104,3 +111,8 @@ def _write_view(scene: Scene, view: int, found: DepthMap, folder: Path, name: st
         invert_pose(of.camera_from_world), mask_path=of.mask_path, depth_path=files["depth"],
         **ends,
     )  # fmt: skip
+
+
+def _encode_normals(normals: np.ndarray) -> np.ndarray:
+    """Returns the picture (H, W, 3) uint8 that `read_normals` reads."""
+    return np.rint((normals[..., ::-1] + 1) * (255 / 2)).astype(np.uint8)

@@ -43,11 +43,16 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         *("-o", "--out"),
         metavar="FILE",
         required=True,
-        help="mesh to write: .ply, .obj or .glb; or grid: .npy",
+        help="mesh to write: .ply, .off, .obj or .glb; or grid: .npy",
     )
     parser.add_argument(
         "--occupancy", action="store_true",
         help="of a grid: 100 occupied, 0 free, -1 unknown (int8), in place of distances",
+    )  # fmt: skip
+    parser.add_argument(
+        "--triangles", action="store_true",
+        help="of a run with --primitive triangle: the triangles themselves in place of the "
+        "surface, opaque where each hides half of what lies behind it",
     )  # fmt: skip
     parser.add_argument(
         "--voxel",
@@ -118,16 +123,39 @@ def _add_pages(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
 
 
+def _is_grid(arguments: argparse.Namespace) -> bool:
+    return arguments.occupancy or Path(arguments.out).suffix.lower() == ".npy"
+
+
+def _check_files(arguments: argparse.Namespace) -> tuple[Path, Path | None, Path | None]:
+    """Returns mesh or grid, picture and report, which have fitting names and do not exist."""
+    from gsut.surface import check_grid_name, check_mesh_name
+
+    out, to_grid = Path(arguments.out), _is_grid(arguments)
+    (check_grid_name if to_grid else check_mesh_name)(out)
+    if arguments.triangles and (to_grid or arguments.report):
+        raise InputError("--triangles makes a mesh without depths: leave grids and --report out")
+    files = []
+    for flag, ending in (("picture", ".png"), ("report", ".html")):
+        file = getattr(arguments, flag) and Path(getattr(arguments, flag))
+        if file and (to_grid or file.suffix.lower() != ending):
+            raise InputError(f"--{flag} {file}: takes a name that ends in {ending}, of a mesh")
+        files.append(file)
+    for file in (out, out.with_suffix(".json") if to_grid else None, *files):
+        if file:
+            refuse_existing(file)
+    return out, files[0], files[1]
+
+
 def run(arguments: argparse.Namespace) -> int:
     from gsut import _core
     from gsut.render import write_png
     from gsut.run import Progress, RunFolder
     from gsut.surface import (
         MeshOptions,
-        check_grid_name,
-        check_mesh_name,
         extract_grid,
         fuse_depth,
+        make_soup,
         render_depth_maps,
         save_grid,
         save_mesh,
@@ -135,18 +163,8 @@ def run(arguments: argparse.Namespace) -> int:
     )
     from gsut.training import open_trained
 
-    out = Path(arguments.out)
-    to_grid = out.suffix.lower() == ".npy" or arguments.occupancy
-    (check_grid_name if to_grid else check_mesh_name)(out)
-    picture = arguments.picture and Path(arguments.picture)
-    if picture and (to_grid or picture.suffix.lower() != ".png"):
-        raise InputError(f"--picture {picture}: takes a name that ends in .png, of a mesh")
-    report = arguments.report and Path(arguments.report)
-    if report and (to_grid or report.suffix.lower() != ".html"):
-        raise InputError(f"--report {report}: takes a name that ends in .html, of a mesh")
-    for file in (out, out.with_suffix(".json") if to_grid else picture, report):
-        if file:
-            refuse_existing(file)
+    out, picture, report = _check_files(arguments)
+    to_grid = _is_grid(arguments)
     _core.set_num_threads(arguments.threads)
     began = time.perf_counter()
     options, scene, gaussians = open_trained(
@@ -166,8 +184,11 @@ def run(arguments: argparse.Namespace) -> int:
     figures: dict[str, Any]
     with Progress(not arguments.quiet) as bars:
         behind: dict[str, Any] = {"background": options.background, "progress": bars.show}
-        if to_grid:
-            made: Any = extract_grid(gaussians, scene, settings, **behind)
+        if arguments.triangles:
+            made: Any = make_soup(gaussians, scene)
+            figures = {"vertices": len(made.vertices), "faces": len(made.faces)}
+        elif to_grid:
+            made = extract_grid(gaussians, scene, settings, **behind)
             figures = {"shape": list(made.distances.shape), "voxel": made.voxel}
         else:
             maps = render_depth_maps(gaussians, scene, settings, **behind)

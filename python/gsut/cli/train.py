@@ -163,7 +163,9 @@ def train_into(
         resumed = ["--resume"] if run.has_run() else []
         again = format_command(["gsut", "train", data, "-o", str(run.path), *resumed, *kept])
         how = "resume from the last checkpoint" if resumed else "start again"
-        scene_kept = f"{interrupt}; " if str(interrupt) else ""
+        kept_scene = run.path / RunFile.SCENE
+        scene_kept = f"{kept_scene} holds the scene; " if kept_scene.is_file() else ""
+        scene_kept = f"{interrupt}; " if str(interrupt) else scene_kept
         raise KeyboardInterrupt(f"interrupted; {scene_kept}to {how}, run: {again}") from None
     return run.read_json(RunFile.METRICS)
 

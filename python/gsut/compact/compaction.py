@@ -11,7 +11,7 @@ import numpy as np
 from gsut._core import InputError
 from gsut.compact.method import METHODS, find_method
 from gsut.compact.scores import SeenView
-from gsut.gaussians import Gaussians, are_surfels, to_surfels
+from gsut.gaussians import Gaussians
 from gsut.render import place_about
 
 
@@ -80,8 +80,8 @@ def compact(
     if scores is not None and len(scores) != len(g):
         raise InputError(f"scores must be one a finite Gaussian, {len(g)}, found {len(scores)}")
     reduced = find_method(method).reduce(g, target, scores, views, seed, on_view)
-    if are_surfels(g):
-        reduced = to_surfels(reduced)
+    if g.are_surfels:
+        reduced = reduced.to_surfels()
     return Compaction(reduced.translate(origin), dropped)
 
 

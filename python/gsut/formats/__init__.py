@@ -30,7 +30,7 @@ from gsut.formats._format import (
 )
 from gsut.formats._origin import name_origin, prepare_for_file
 from gsut.formats.ply import NO_BACKGROUND, load_ply, open_ply, save_ply, save_ply_parts
-from gsut.gaussians import Gaussians, are_surfels
+from gsut.gaussians import Gaussians
 
 __all__ = [
     "NO_BACKGROUND",
@@ -169,7 +169,7 @@ def save_gaussians(
     written = chosen.write(path, held if good.all() else held[good], settings)
     rows = kept if written.rows is None else kept[written.rows]
     left_out = written.left_out
-    if are_surfels(g) and (settings.three_scales or not chosen.keeps_surfels):
+    if g.are_surfels and (settings.three_scales or not chosen.keeps_surfels):
         left_out += ("surfels: the file holds Gaussians a ten-thousandth as thick as wide",)
     if g.origin.any() and not chosen.keeps_origin:
         left_out += (f"where the scene lies: the file holds {name_origin(g.origin)}",)

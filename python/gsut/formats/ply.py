@@ -25,7 +25,6 @@ from gsut.formats._origin import format_origin, parse_origin, prepare_for_file
 from gsut.gaussians import (
     Gaussians,
     StoredGaussians,
-    are_surfels,
     count_bytes_per_gaussian,
     press_surfels,
 )
@@ -205,7 +204,7 @@ def save_ply(
         InputError: the file cannot be written, or a comment holds a line break.
     """
     stored = prepare_for_file(gaussians)
-    flat = are_surfels(stored) if surfels is None else surfels
+    flat = stored.are_surfels if surfels is None else surfels
     named = [*comments, *format_origin(stored), *_format_rule(stored)]
     _core.write_ply(os.fsencode(path), stored, named, flat)
 

@@ -25,7 +25,7 @@ from gsut.gaussians.stored import (
     StoredGaussians,
     count_bytes_per_gaussian,
 )
-from gsut.gaussians.surfels import are_surfels, press_surfels, to_surfels
+from gsut.gaussians.surfels import press_surfels
 
 __all__ = [
     "SH_C0",
@@ -36,7 +36,6 @@ __all__ = [
     "StoredGaussians",
     "apply_low_pass",
     "apply_low_pass_backward",
-    "are_surfels",
     "choose_points",
     "compute_pixel_density",
     "count_bytes_per_gaussian",
@@ -52,6 +51,5 @@ __all__ = [
     "rotations_from_quaternions",
     "seed_from_points",
     "seed_in_view",
-    "to_surfels",
     "transform_gaussians",
 ]

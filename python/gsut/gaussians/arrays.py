@@ -10,6 +10,7 @@ import numpy as np
 from gsut import _core
 from gsut._core import InputError
 from gsut.gaussians.cone import compute_reach, find_seen
+from gsut.gaussians.surfels import are_pressed, press_shortest, press_surfels
 
 NO_ORIGIN = np.zeros(3)
 NO_ORIGIN.setflags(write=False)
@@ -17,7 +18,7 @@ NO_ORIGIN.setflags(write=False)
 SH_C0 = 0.28209479177387814
 _MAXIMUM = "maximum"  # everyone's response
 _GAUSSIAN = "gaussian"  # everyone's primitive
-# Primitive -> whether each has a shape, and its width, as the build found them.
+# Primitive -> whether each has a shape, its width, and whether it is flat, as the build found them.
 _PRIMITIVES = _core.list_primitives()
 _Arrays = TypeVar("_Arrays", bound="ParameterArrays")
 
@@ -128,9 +129,10 @@ class Gaussians(ParameterArrays):
             "density": the optical depth also follows the Gaussian's length along the ray, relative
             to the harmonic mean of its scales; drawn in float64 only.
         primitive: how the response falls with D in place of G, see docs/primitives.md. "gaussian";
-            "power4": exp(-D^4 / 18); "beta": (1 - D^2 / 2b)^b, with a shape b of each.
-        shapes: (N,) numbers x of primitives that have a shape; of "beta" b = 1/2 + 7/2 exp(x).
-            None: 0 for each, and for all other primitives.
+            "power4": exp(-D^4 / 18); "beta": (1 - D^2 / 2b)^b, with a shape b of each; "triangle":
+            flat, (1 - g / r)^b with the gauge g of a triangle; its third scale is not read.
+        shapes: (N,) numbers x of primitives that have a shape; of "beta" b = 1/2 + 7/2 exp(x), of
+            "triangle" b = 1/2 + 1/2 exp(x). None: 0 for each, and for all other primitives.
 
     Arrays are stored C-contiguous, as float64 if `means` is float64 and as float32 otherwise.
 
@@ -179,7 +181,7 @@ class Gaussians(ParameterArrays):
             widths["shapes"] = ()
             shapes = np.zeros(len(self.means), np.float32) if shapes is None else shapes
         elif shapes is not None:
-            with_one = ", ".join(name for name, (has_one, _) in _PRIMITIVES.items() if has_one)
+            with_one = ", ".join(name for name, (has_one, *_) in _PRIMITIVES.items() if has_one)
             raise InputError(f"primitive {primitive} has no shapes; with them: {with_one}")
         self.shapes = shapes
         self.read_arrays(origin, widths)
@@ -193,16 +195,34 @@ class Gaussians(ParameterArrays):
         """Response, primitive and shapes, as keywords of `Gaussians`."""
         return {"response": self.response, "primitive": self.primitive, "shapes": self.shapes}
 
+    @property
+    def are_surfels(self) -> bool:
+        """Whether every third scale is that of a thin disc."""
+        return are_pressed(self.log_scales)
+
+    def to_surfels(self) -> Gaussians:
+        """Flattens them: the shortest axis becomes the normal, and its scale is dropped.
+
+        Arrays that do not change are not copied.
+        """
+        quats, log_scales = press_shortest(self.quats, self.log_scales)
+        return dataclasses.replace(self, quats=quats, log_scales=log_scales)
+
     def to_primitive(self, primitive: str) -> Gaussians:
         """Draws them as another primitive, as wide where responses are a half; others are equal.
 
-        Shapes become 0; those of the old primitive count as 0.
+        Shapes become 0; those of the old primitive count as 0. What becomes flat loses its shortest
+        axis, and what was flat becomes surfels.
         """
         if primitive == self.primitive:
             return self
-        drawn = dataclasses.replace(self, primitive=primitive, shapes=None)
-        ratio = _PRIMITIVES[self.primitive][1] / _PRIMITIVES[primitive][1]
-        drawn.log_scales = drawn.log_scales + self.dtype.type(np.log(ratio))
+        _, width, was_flat = _PRIMITIVES[self.primitive]
+        _, new_width, is_flat = _PRIMITIVES[primitive]
+        drawn = self.to_surfels() if is_flat and not was_flat else self
+        drawn = dataclasses.replace(drawn, primitive=primitive, shapes=None)
+        drawn.log_scales = drawn.log_scales + self.dtype.type(np.log(width / new_width))
+        if was_flat:
+            press_surfels(drawn.log_scales)
         return drawn
 
     def translate(self, by: np.typing.ArrayLike) -> Gaussians:

@@ -6,14 +6,19 @@ from typing import Any
 
 import numpy as np
 
+from gsut import _core
+
 # Alpha below which nothing is drawn, as in the blend rule of 3DGS.
 LEAST_ALPHA = 1.0 / 255.0
 
 
 def compute_reach(gaussians: Any) -> np.ndarray:
     """Computes (N,) the distance from its centre beyond which no ray sees a Gaussian."""
-    opacity = 1.0 / (1.0 + np.exp(-gaussians.opacity_logits.astype(np.float64)))
-    squared = 2.0 * np.log(np.maximum(opacity / LEAST_ALPHA, 1.0))
+    shapes = getattr(gaussians, "shapes", None)
+    squared = _core.compute_cutoffs(
+        gaussians.primitive, gaussians.response, gaussians.opacity_logits.astype(np.float64),
+        None if shapes is None else shapes.astype(np.float64), LEAST_ALPHA,
+    )  # fmt: skip
     return np.sqrt(squared) * np.exp(gaussians.log_scales.max(axis=1).astype(np.float64))
 
 

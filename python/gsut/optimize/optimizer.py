@@ -13,7 +13,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.gaussians import Gaussians, are_surfels, order_by_morton_code, press_surfels, to_surfels
+from gsut.gaussians import Gaussians, order_by_morton_code, press_surfels
 from gsut.optimize.arrays import copy_rows, read_rows, to_mask_bytes
 from gsut.optimize.atoms import sum_scale_gradients, to_atoms
 
@@ -115,8 +115,8 @@ class GaussianOptimizer:
     ) -> None:
         if atoms:
             gaussians = to_atoms(gaussians)
-        if surfels and not are_surfels(gaussians):
-            gaussians = to_surfels(gaussians)
+        if surfels and not gaussians.are_surfels:
+            gaussians = gaussians.to_surfels()
         size = len(gaussians)
         capacity = size if capacity is None else capacity
         if capacity < size:

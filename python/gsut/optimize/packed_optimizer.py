@@ -10,6 +10,7 @@ from gsut import _core
 from gsut.gaussians import Gaussians, MixedGaussians, press_surfels
 from gsut.optimize.arrays import to_mask_bytes
 from gsut.optimize.optimizer import ADAM, GaussianOptimizer, LearningRates
+from gsut.run.options import FLAT_PRIMITIVES
 
 _GEOMETRY = ("means", "quats", "log_scales", "opacity_logits")
 _COLUMNS = [3, 4, 3, 1]
@@ -98,9 +99,9 @@ def make_optimizer(start: Any, capacity: int | None, seed: int, primitive: str =
     Args:
         start: copied.
         capacity, seed: used for `Gaussians` only, see `GaussianOptimizer`.
-        primitive: as in `TrainOptions`: surfels stay flat, atoms round.
+        primitive: as in `TrainOptions`: flat ones stay flat, atoms round.
     """
-    surfels, atoms = primitive == "surfel", primitive == "atom"
+    surfels, atoms = primitive in FLAT_PRIMITIVES, primitive == "atom"
     if isinstance(start, MixedGaussians) and not atoms:
         return MixedOptimizer(start, surfels)
     if isinstance(start, MixedGaussians):

@@ -19,13 +19,12 @@ from gsut.data.images import shrink_image, shrink_mask
 from gsut.data.poses import find_centers
 from gsut.gaussians import Gaussians, apply_low_pass
 from gsut.refine.agreement import measure_agreement
-from gsut.refine.matched_lines import find_line_poses
+from gsut.refine.matched_views import SURE_MATCHES, Start, find_pose_by_matches
 from gsut.refine.pose import RefinedPose
 from gsut.refine.query import Query
 from gsut.refine.secants import measure_pixel_angle, place_lines
 from gsut.render import place_about, render, to_uint8
-from gsut.sfm import PosesOptions
-from gsut.sfm.photographs import Features, detect_features, require_central
+from gsut.sfm.photographs import require_central
 
 # Size of the images that views are ranked by, pixels along the shorter side: layout is enough.
 _THUMBNAIL = 48
@@ -33,19 +32,6 @@ _THUMBNAIL = 48
 _PIXEL_BLUR = 0.3
 # Gaussians that thumbnails are drawn with, about, at most: layout needs no more.
 _THUMBNAIL_GAUSSIANS = 50_000
-# Number of rendered views that are matched, best ranked first.
-_MATCHED_VIEWS = 12
-# Alpha from which a rendered distance is that of a surface.
-_OPAQUE = 0.8
-# Distance of a match that agrees with a pose, in thousandths of the image's diagonal: rendered
-# distances are less exact than triangulated ones (1.8 there).
-_MAX_ERROR = 4.0
-# The same under a rolling shutter before its motion is known, in those: lines are off by it.
-_BY_MOTION = 8.0
-# Matches that must agree with a pose to start from it: chance gives a few.
-_FEWEST_MATCHES = 12
-# Matches from which no other start is tried, if the colours converge.
-_SURE_MATCHES = 40
 # Number of training poses tried as starts, best ranked first.
 _POSES_TRIED = 3
 # Share of a photograph's parts that must lie where the scene shows them: most, since in a small
@@ -119,14 +105,14 @@ def localize_image(
         )  # fmt: skip
     show = on_progress or (lambda what, done, total: None)
     order = _rank_views(gaussians, views, camera, pixels, mask, background, show)
-    found = _pose_from_matches(
+    found = find_pose_by_matches(
         gaussians, views, order, camera, pixels, mask, background, shutter, show
     )
     starts = [] if found is None else [found]
-    starts += [_Start(index, views[index][1]) for index in order[:_POSES_TRIED]]
+    starts += [Start(index, views[index][1]) for index in order[:_POSES_TRIED]]
     query = Query.prepare(gaussians, camera, pixels, mask, background)
     best, number = _choose_start(query, starts, show)
-    show("refining", len(starts) + 1, len(starts) + 1)
+    show("refining", len(starts), len(starts) + 1)
     fine, shutter, source = query.refine_lines(best.pose, shutter, best.motion)
     seen = render(
         gaussians, camera, place_lines(fine.camera_from_world, fine.motion, shutter),
@@ -141,26 +127,13 @@ def localize_image(
             "place, or another lens took it"
         )
     refined, focal_scale = query.add_systematic_errors(fine, shutter, source)
+    show("refining", len(starts) + 1, len(starts) + 1)
     return Localized(refined, best.name, best.matches, number, agreement, focal_scale, source)
 
 
-@dataclasses.dataclass(frozen=True)
-class _Start:
-    """A pose to start from; name and matches as of `Localized`.
-
-    Attributes:
-        motion: (6,) during the readout, where matches determine it, too.
-    """
-
-    name: str | int
-    pose: np.ndarray
-    matches: int = 0
-    motion: np.ndarray | None = None
-
-
 def _choose_start(
-    query: Query, starts: list[_Start], show: Callable[[str, int, int], None]
-) -> tuple[_Start, int]:
+    query: Query, starts: list[Start], show: Callable[[str, int, int], None]
+) -> tuple[Start, int]:
     """Refines starts with the smaller photograph; returns the best pose, and how many were tried.
 
     A start with motion stays as it is: a global pose would only be worse.
@@ -171,13 +144,13 @@ def _choose_start(
         if start.motion is not None:
             return start, number
         try:
-            coarse = query.refine_smaller(query.camera, start.pose)
+            coarse = query.refine_smaller(start.pose)
         except SolveError:
             continue
         if best is None or coarse.rms < least:
             least = coarse.rms
             best = dataclasses.replace(start, pose=coarse.camera_from_world), number
-        if start.matches >= _SURE_MATCHES and coarse.converged:
+        if start.matches >= SURE_MATCHES and coarse.converged:
             break
     if best is None:
         raise SolveError(
@@ -243,77 +216,3 @@ def _normalize_colors(colors: np.ndarray) -> np.ndarray:
     """Subtracts the mean of colours (n, 3) and scales them to length 1: contrast cancels."""
     centred = colors.astype(np.float64) - colors.mean(axis=0, dtype=np.float64)
     return centred / max(float(np.linalg.norm(centred)), 1e-12)
-
-
-def _pose_from_matches(
-    gaussians: Gaussians,
-    views: Sequence[tuple[_core.Camera, np.ndarray]],
-    order: Sequence[int],
-    camera: _core.Camera,
-    pixels: np.ndarray,
-    mask: np.ndarray,
-    background: Sequence[float],
-    shutter: Shutter | None,
-    show: Callable[[str, int, int], None],
-) -> _Start | None:
-    """Estimates a pose from features matched to renders, with its inliers; None if too few."""
-    options = PosesOptions()
-    photograph = detect_features(np.ascontiguousarray(pixels), mask & camera.rays()[1], options)
-    if not len(photograph):
-        return None
-    chosen = list(order[:_MATCHED_VIEWS])
-    features, points = [], []
-    for number, index in enumerate(chosen, start=1):
-        show("matching", number, len(chosen))
-        found, places = _detect_rendered_features(gaussians, *views[index], background, options)
-        features.append(found)
-        points.append(places)
-    descriptors = [f.descriptors for f in (photograph, *features)]
-    pairs = np.array([(0, number) for number in range(1, len(descriptors))])
-    matched = _core.match_pairs(descriptors, pairs, options.max_ratio, options.max_distance)
-    rows = np.concatenate([matches[:, 0] for matches in matched]).astype(np.int64)
-    places = np.concatenate(
-        [points[number][matches[:, 1]] for number, matches in enumerate(matched)]
-    )
-    bearings = _core.ImageBearings(camera, photograph.pixels)
-    good = np.isfinite(places).all(axis=1) & bearings.valid[rows]
-    if np.count_nonzero(good) < _FEWEST_MATCHES:
-        return None
-    max_error = _MAX_ERROR * float(np.hypot(camera.width, camera.height)) / 1000
-    rows, places = rows[good], places[good]
-    pose, inliers = _core.absolute_pose(bearings, rows, places, max_error, 0)
-    agree = len(np.unique(rows[inliers]))
-    if shutter is not None and not shutter.is_global:
-        moved, inliers = _core.absolute_pose(bearings, rows, places, _BY_MOTION * max_error, 0)
-        middle, motion, agreeing = find_line_poses(
-            camera, shutter, moved, photograph.pixels[rows[inliers]], places[inliers], max_error
-        )
-        matches = len(np.unique(rows[inliers][agreeing]))
-        if matches >= max(agree, _SURE_MATCHES):
-            return _Start("matches", middle, matches, motion)
-    return _Start("matches", pose, agree) if agree >= _FEWEST_MATCHES else None
-
-
-def _detect_rendered_features(
-    gaussians: Gaussians,
-    camera: _core.Camera,
-    pose: np.ndarray,
-    background: Sequence[float],
-    options: PosesOptions,
-) -> tuple[Features, np.ndarray]:
-    """Detects features of a rendered view; returns them and their points (n, 3), NaN if unknown."""
-    rays, valid = camera.rays()
-    center = find_centers(pose[None])[0]
-    some = gaussians.select_seen(center, rays[valid] @ pose[:3, :3], 0.0)
-    result: Any = render(some, camera, pose, background=background, watch=False)
-    found = detect_features(to_uint8(result.image), np.array(valid, bool), options)
-    if not len(found):
-        return found, np.zeros((0, 3))
-    column, row = np.clip(found.pixels.astype(int), 0, [camera.width - 1, camera.height - 1]).T
-    alpha = result.alpha[row, column].astype(np.float64)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        distance = np.where(alpha >= _OPAQUE, result.depth[row, column] / alpha, np.nan)
-    rays, known = camera.unproject(found.pixels)
-    origins, _ = camera.ray_origins(found.pixels)
-    in_camera = np.where(known[:, None], origins + rays * distance[:, None], np.nan)
-    return found, (in_camera - pose[:3, 3]) @ pose[:3, :3]

@@ -89,23 +89,25 @@ def estimate_covariance(
         SolveError: the pixels do not determine the unknowns.
     """
     size = slopes.shape[2]
-    weighted = rows.weights[:, None, None] * slopes
-    products = np.einsum("nck,ncl->nkl", weighted, slopes).reshape(len(slopes), -1)
-    right = np.einsum("nck,nc->nk", weighted, rows.residuals)
-    normal = products.sum(axis=0).reshape(size, size)
-    diagonal = np.diag(normal)
-    if not (diagonal > 0).all():
-        raise _report_undetermined()
-    scale = 1 / np.sqrt(diagonal)
-    units = np.outer(scale, scale)
-    if not np.linalg.eigvalsh(normal * units)[0] > _SINGULAR:
-        raise _report_undetermined()
+    matrix, right = weigh_equations(rows, slopes)
+    both = np.column_stack([matrix, right]).reshape(len(slopes), 3, size + 1)
     covariance = np.zeros((size, size))
     for blocks in sizes:
         block, count = _number_blocks(rows, blocks)
-        normals = np.stack([np.bincount(block, p, count) for p in products.T], axis=1)
-        others = (normal - _LEFT_OUT * normals.reshape(count, size, size)) * units
-        rights = np.stack([np.bincount(block, r, count) for r in right.T], axis=1)
+        ends = np.cumsum(np.bincount(block, minlength=count))[:-1]
+        parts = np.split(both[np.argsort(block, kind="stable")], ends)
+        flat = [part.reshape(-1, size + 1) for part in parts]
+        products = np.stack([part.T @ part for part in flat])
+        normals, rights = products[:, :size, :size], products[:, :size, size]
+        normal = normals.sum(axis=0)
+        diagonal = np.diag(normal)
+        if not (diagonal > 0).all():
+            raise _report_undetermined()
+        scale = 1 / np.sqrt(diagonal)
+        units = np.outer(scale, scale)
+        if not np.linalg.eigvalsh(normal * units)[0] > _SINGULAR:
+            raise _report_undetermined()
+        others = (normal - _LEFT_OUT * normals) * units
         moved = scale * np.linalg.solve(others, (scale * rights)[:, :, None])[:, :, 0]
         covariance += (count - 1) / count * moved.T @ moved
     if not np.linalg.eigvalsh(covariance / units)[0] > 0:
@@ -113,11 +115,22 @@ def estimate_covariance(
     return covariance
 
 
+def weigh_equations(rows: PixelRows, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns slopes (3 N, K) and residuals (3 N,), both times the root of their pixel's weight."""
+    root = np.sqrt(rows.weights)[:, None]
+    return (root[:, :, None] * slopes).reshape(-1, slopes.shape[2]), (root * rows.residuals).ravel()
+
+
 def estimate_step(rows: PixelRows, slopes: np.ndarray) -> np.ndarray:
     """Returns (K,) the step of Gauss-Newton by these slopes (N, 3, K)."""
-    weighted = rows.weights[:, None, None] * slopes
-    normal = np.einsum("nck,ncl->kl", weighted, slopes)
-    return -np.linalg.solve(normal, np.einsum("nck,nc->k", weighted, rows.residuals))
+    matrix, right = weigh_equations(rows, slopes)
+    return -np.linalg.solve(matrix.T @ matrix, matrix.T @ right)
+
+
+def estimate_sum_error(rows: PixelRows, values: np.ndarray) -> float:
+    """Estimates the standard deviation of the sum of values (N,) of pixels, by blocks of noise."""
+    block, count = _number_blocks(rows, *NOISE_BLOCKS)
+    return float(np.sqrt(count) * np.std(np.bincount(block, values, count), ddof=1))
 
 
 def measure_unmodelled_motion(rows: PixelRows, shutter: Shutter) -> float:

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from gsut._core import InputError, Shutter, SolveError
+from gsut._core import Shutter
 from gsut.gaussians import Gaussians
+from gsut.refine.focal import measure_focal_error
 from gsut.refine.pixel_rows import (
     SCENE_BLOCKS,
     compute_square,
-    estimate_covariance,
     estimate_step,
     measure_unmodelled_motion,
 )
@@ -26,29 +25,21 @@ from gsut.refine.pose import (
     check_photograph,
     make_refined_pose,
 )
-from gsut.refine.secants import SecantPose, place_lines
-from gsut.render import render
+from gsut.refine.secants import SecantPose
 
 # Standard deviations grow by this power of the share of the photograph that counts, as fewer parts
 # of the scene are averaged.
 _BY_SHARE = -1 / 3
-# Logarithms of the factors on the focal length that are tried, upwards or downwards, until two fit
-# worse than the best.
-_FOCAL_STEPS = (0.025, 0.06, 0.12, 0.25, 0.5, 0.75)
-# Error of the logarithm that small pictures do not show: half of the first step.
-_FOCAL_BLUR = 0.0125
-# Step of the logarithm of the focal length on either side of a difference of renders.
-_FOCAL_DIFFERENCE = 1e-3
-# Standard deviations, those of noise, from which an error of the focal length counts: a large one
-# turns into distance, and little of it shows.
-_FOCAL_CLEAR = 2.5
-# Sizes of the photograph, the full one included, by which starts and focal lengths are compared.
+# Sizes of the photograph, the full one included, by which starts are compared and focal lengths are
+# found.
 _LEVELS = 4
 # Size from which a pose and a motion that fit matches are refined: they are off by a pixel or so.
 _LEVEL_OF_MATCHES = 1
-# Finest size by which focal lengths are compared under a rolling shutter: smaller ones hardly show
-# the motion, which is not modelled there.
+# Finest size by which a focal length is found under a rolling shutter: smaller ones hardly show the
+# motion, which is not modelled there.
 _LEVEL_WITHOUT_MOTION = 2
+# Pixels along the shorter side below which a focal length is found with the whole photograph.
+_SMALL_SIDE = 96
 # Largest number of pixels compared.
 _PIXELS = 20_000
 # Square of the motion that a global pose leaves over, per unknown and by the noise alone, from
@@ -94,15 +85,16 @@ class Query:
         """Returns the factor on standard deviations where only a part of the image counts."""
         return float(np.mean(self.valid)) ** _BY_SHARE
 
-    def refine_smaller(self, camera: Any, pose: np.ndarray, finest: int = 1) -> CoarsePose:
-        """Refines a pose with the photograph halved `finest` times and more, through this lens."""
-        return self._make_photograph(camera).refine_coarsely(pose, range(finest, _LEVELS), True)
-
-    def _make_photograph(self, camera: Any) -> Photograph:
-        valid = self.valid & camera.rays()[1]
+    @property
+    def _photograph(self) -> Photograph:
         return Photograph(
-            self.gaussians, camera, self.pixels, valid, tuple(self.background), _PIXELS
-        )
+            self.gaussians, self.camera, self.pixels, self.valid, tuple(self.background), _PIXELS,
+            SCENE_BLOCKS,
+        )  # fmt: skip
+
+    def refine_smaller(self, pose: np.ndarray) -> CoarsePose:
+        """Refines a pose with the photograph at half its size and less."""
+        return self._photograph.refine_coarsely(pose, range(1, _LEVELS), True)
 
     def refine_lines(
         self, pose: np.ndarray, shutter: Shutter | None, motion: np.ndarray | None = None
@@ -137,7 +129,7 @@ class Query:
         self, pose: np.ndarray, shutter: Shutter | None = None, motion: np.ndarray | None = None
     ) -> SecantPose:
         """Refines a pose that fits the smaller sizes; motion moves it, so these come again."""
-        photograph = self._make_photograph(self.camera)
+        photograph = self._photograph
         if shutter is not None:
             start = CoarsePose(pose, motion=motion)
             first = LEVELS_WITH_MOTION - 1 if motion is None else _LEVEL_OF_MATCHES
@@ -168,17 +160,13 @@ class Query:
             covariance = covariance + np.outer(moved, moved)
         best = 0.0
         if self.camera.param_names.split()[:2] == ["fx", "fy"]:
-            off, sigma = self._measure_focal_error(fine, shutter)
-            if abs(off) > _FOCAL_CLEAR * self._widening * sigma:
-                finest = 1 if shutter is None else _LEVEL_WITHOUT_MOTION
-                best, moved = self._try_focal_lengths(fine.camera_from_world, np.sign(off), finest)
-                if abs(best) >= _FOCAL_STEPS[-1]:
-                    raise SolveError(
-                        "the photograph was not found in the scene: its colours would fit a focal "
-                        f"length times {np.exp(best):.1f} or beyond; another lens took it: give "
-                        "its own with --camera"
-                    )
-                covariance = covariance + np.outer(moved, moved)
+            finest = 1 if shutter is None else _LEVEL_WITHOUT_MOTION
+            if min(self.camera.width, self.camera.height) < _SMALL_SIDE:
+                finest = 0
+            best, moved = measure_focal_error(
+                self._photograph, fine, shutter, self._widening, range(finest, _LEVELS)
+            )
+            covariance = covariance + np.outer(moved, moved)
         if pose.motion_covariance is not None:
             pose = dataclasses.replace(pose, motion_covariance=wide * pose.motion_covariance)
         return dataclasses.replace(pose, covariance=covariance), float(np.exp(best))
@@ -186,36 +174,6 @@ class Query:
     def _measure_shift_by_motion(self, fine: SecantPose, shutter: Shutter) -> np.ndarray:
         """Measures (6,) how far the pose would move if the shutter were rolling."""
         return estimate_step(fine.rows, fine.rows.stack_slopes(shutter))[:6]
-
-    def _measure_focal_error(
-        self, fine: SecantPose, shutter: Shutter | None
-    ) -> tuple[float, float]:
-        """Measures the logarithm of the factor on the focal length, and its standard deviation."""
-        where = place_lines(fine.camera_from_world, fine.motion, shutter)
-        sides = [
-            render(self.gaussians, _scale_focal_length(self.camera, step), where,
-                   background=self.background).image.reshape(-1, 3)[fine.rows.pixels]
-            for step in (_FOCAL_DIFFERENCE, -_FOCAL_DIFFERENCE)
-        ]  # fmt: skip
-        by_focal = fine.gain[0] * (sides[0] - sides[1]).astype(np.float64) / (2 * _FOCAL_DIFFERENCE)
-        slopes = np.concatenate([fine.rows.stack_slopes(shutter), by_focal[:, :, None]], axis=2)
-        covariance = estimate_covariance(fine.rows, slopes)
-        return float(estimate_step(fine.rows, slopes)[-1]), float(np.sqrt(covariance[-1, -1]))
-
-    def _try_focal_lengths(
-        self, start: np.ndarray, sign: float, finest: int
-    ) -> tuple[float, np.ndarray]:
-        """Finds the best factor on the focal length (logarithm), and how far the pose moves."""
-        tried: dict[float, CoarsePose] = {}
-        for step in (0.0, *(sign * size for size in _FOCAL_STEPS)):
-            with contextlib.suppress(InputError, SolveError):
-                tried[step] = self.refine_smaller(
-                    _scale_focal_length(self.camera, step), start, finest
-                )
-            left = [each.rms for each in tried.values()]
-            if left and np.argmin(left) < len(left) - 2:
-                break
-        return _fit_focal_length(tried)
 
 
 def list_likely_shutters(camera: Any) -> list[Shutter]:
@@ -229,38 +187,6 @@ def list_likely_shutters(camera: Any) -> list[Shutter]:
     if max(width, height) < _OBLONG * min(width, height):
         return both
     return both[:1] if width > height else both[1:]
-
-
-def _scale_focal_length(camera: Any, step: float) -> Any:
-    """Multiplies the focal lengths by the exponential of `step`."""
-    params = np.array(camera.params)
-    params[:2] *= np.exp(step)
-    return camera.with_params(params)
-
-
-def _fit_focal_length(tried: dict[float, CoarsePose]) -> tuple[float, np.ndarray]:
-    """Finds the focal length with which colours differ least, and how far the pose moves with it.
-
-    Fits a parabola through the best attempt and its neighbours.
-
-    Returns:
-        The logarithm of the factor on the focal length, and (6,) the change of the pose with it, or
-        with the error that small pictures do not show if that is larger.
-    """
-    steps = sorted(tried)
-    squares = np.array([tried[step].rms ** 2 for step in steps])
-    least = int(np.argmin(squares))
-    best = steps[least]
-    if 0 < least < len(steps) - 1:
-        near = slice(least - 1, least + 2)
-        bend, slope, _ = np.polyfit(steps[near], squares[near], 2)
-        best = float(np.clip(-slope / (2 * bend), steps[least - 1], steps[least + 1]))
-    if len(steps) < 2 or 0.0 not in tried:
-        return 0.0, np.zeros(6)
-    middle = tried[0.0].camera_from_world
-    poses = np.array([subtract_poses(tried[step].camera_from_world, middle) for step in steps])
-    far = best if abs(best) > _FOCAL_BLUR else np.copysign(_FOCAL_BLUR, steps[0] + steps[-1])
-    return best, np.array([np.interp(far, steps, column) for column in poses.T])
 
 
 def subtract_poses(one: np.ndarray, other: np.ndarray) -> np.ndarray:

@@ -19,12 +19,14 @@ from gsut._core import Camera, CameraMotion, Renderer, RenderJob, Shutter, moved
 from gsut.gaussians import Gaussians
 from gsut.least_squares import minimize_least_squares
 from gsut.refine.pixel_rows import (
+    NOISE_BLOCKS,
     POSE,
     SCENE_BLOCKS,
     PixelRows,
     compute_square,
     estimate_covariance,
     find_line_times,
+    weigh_equations,
 )
 from gsut.render import DEFAULT_UNSCENTED, render
 
@@ -42,7 +44,7 @@ _BOTH_SIDES = 0.25
 _SHRINK = 0.5
 # Shift over what the pose moved by in the round before: about the error that is left.
 _SHIFT_BY_MOVE = 0.5
-# Square of a round's move by the covariance of noise, per unknown, below which a pose has settled.
+# Square of a move by the covariance, per unknown, below which a pose has settled.
 _SETTLED = 0.1
 # Measurements of the slopes at most; a few suffice.
 MOST_ROUNDS = 8
@@ -116,6 +118,7 @@ def refine_by_secants(
     background: Sequence[float] = (0.0, 0.0, 0.0),
     with_gain: bool = True,
     rounds: int = MOST_ROUNDS,
+    sizes: Sequence[int] = NOISE_BLOCKS,
 ) -> SecantPose:
     """Refines a pose that is off by less than a pixel or so, and with a shutter the motion.
 
@@ -139,6 +142,7 @@ def refine_by_secants(
         rounds: measurements of the slopes at most. With fewer than `MOST_ROUNDS` the pose is only a
             start for a larger image, and `rows` has the slopes of the last round, not those by
             which errors are stated.
+        sizes: of blocks by which errors are stated: the pose need not be nearer to the middle.
 
     Raises:
         SolveError: the photograph does not determine the pose.
@@ -152,9 +156,8 @@ def refine_by_secants(
     for _ in range(rounds):
         both_sides = rounds >= MOST_ROUNDS and shift <= _BOTH_SIDES
         found, rows = problem.run_round(at, shift, both_sides)
-        slopes = rows.stack_slopes(shutter)
         moved = (found - at)[problem.free]
-        noise = estimate_covariance(rows, slopes)
+        noise = estimate_covariance(rows, rows.stack_slopes(shutter))
         left = _compute_loss(rows.residuals)
         settled = compute_square(moved, noise) < _SETTLED or left >= (1 - _LEAST_GAIN) * cost
         at, cost = found, left
@@ -173,8 +176,8 @@ def refine_by_secants(
         rows = dataclasses.replace(rows, residuals=problem.compare(at))
         spread = np.eye(len(moved))
         spread[: problem.moving, : problem.moving] = looseness
-        noise = spread @ estimate_covariance(rows, rows.stack_slopes(shutter)) @ spread.T
-        settled = compute_square(moved, noise) < _SETTLED
+        errors = spread @ estimate_covariance(rows, rows.stack_slopes(shutter), sizes) @ spread.T
+        settled = compute_square(moved, errors) < _SETTLED
         if settled:
             break
     return SecantPose(
@@ -207,10 +210,9 @@ class _Problem:
         self.moving = 2 * POSE if self.is_rolling else POSE  # unknowns beside the gain
         self.free = np.r_[: self.moving, 2 * POSE : 2 * POSE + 2 * self.with_gain]
         self.times = np.zeros(len(self.pixels))
-        if self.is_rolling:
-            assert self.shutter is not None
-            camera = self.camera
-            self.times = find_line_times(self.shutter, self.pixels, camera.width, camera.height)
+        if self.shutter is not None and self.is_rolling:
+            size = self.camera.width, self.camera.height
+            self.times = find_line_times(self.shutter, self.pixels, *size)
         self._drawn: dict[bytes, np.ndarray] = {}  # by the pose: the solver comes back to the best
         self._renderer = Renderer()
         self._image = np.zeros((self.camera.height, self.camera.width, 3), np.float32)
@@ -288,9 +290,7 @@ class _Problem:
                 slopes = self._follow_step(slopes, last, at)
             last = at
             rows = self.list_rows(at, slopes)
-            weighted = np.sqrt(rows.weights)[:, None, None] * rows.stack_slopes(self.shutter)
-            matrix = weighted.reshape(-1, len(self.free))
-            right = (np.sqrt(rows.weights)[:, None] * rows.residuals).ravel()
+            matrix, right = weigh_equations(rows, rows.stack_slopes(self.shutter))
             return matrix.T @ right, matrix.T @ matrix
 
         unknowns, _ = minimize_least_squares(
@@ -340,13 +340,13 @@ class _Problem:
             curvatures.append(np.mean(costs) - least)
             tilts.append((costs[0] - costs[1]) / 4)
         along = np.concatenate([np.stack(columns, axis=2), rows.by_gain], axis=2)
-        normal = np.einsum("n,nck,ncl->kl", rows.weights, along, along)
+        matrix, right = weigh_equations(rows, along)
+        normal = matrix.T @ matrix
         expected = np.diag(normal)[:size]
         # A cost that curves more than its slopes say shows the grain of renders.
         flatness = expected / np.clip(curvatures, _LEAST_CURVATURE * expected, expected)
-        by_gain = np.einsum("n,nck,nc->k", rows.weights, rows.by_gain, rows.residuals)
-        scale = np.concatenate([1 / np.sqrt(flatness), np.ones(len(by_gain))])
-        gradient = np.concatenate([tilts, by_gain])
+        gradient = np.concatenate([tilts, (matrix.T @ right)[size:]])
+        scale = np.concatenate([1 / np.sqrt(flatness), np.ones(len(gradient) - size)])
         ahead = -np.linalg.solve(normal * np.outer(scale, scale), gradient)
         ahead[:size] = np.clip(ahead[:size], -_MOST_AHEAD, _MOST_AHEAD)
         step = np.zeros(len(at))
@@ -360,11 +360,15 @@ class _Problem:
         return rows, (steps * flatness) @ back, step
 
 
-def _compute_loss(residuals: np.ndarray) -> float:
-    """Computes the sum of Huber's loss of colour differences (N, 3)."""
+def compute_losses(residuals: np.ndarray) -> np.ndarray:
+    """Computes Huber's loss (N,) of colour differences (N, 3)."""
     length = np.linalg.norm(residuals, axis=1)
     inner = np.minimum(length, _LOSS_SCALE)
-    return float(np.sum(inner * (2 * length - inner)))
+    return inner * (2 * length - inner)
+
+
+def _compute_loss(residuals: np.ndarray) -> float:
+    return float(np.sum(compute_losses(residuals)))
 
 
 def place_lines(

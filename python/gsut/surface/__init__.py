@@ -8,6 +8,7 @@ from gsut.surface.mesh import Mesh
 from gsut.surface.mesh_files import check_mesh_name, load_mesh, save_mesh
 from gsut.surface.report import SurfaceView, build_geometry_tables, build_surface_page, choose_views
 from gsut.surface.shading import shade_mesh
+from gsut.surface.soup import make_soup
 
 __all__ = [
     "Cloud",
@@ -27,6 +28,7 @@ __all__ = [
     "grid_from_depth",
     "judge_geometry",
     "load_mesh",
+    "make_soup",
     "points_from_depth",
     "render_depth_maps",
     "save_grid",

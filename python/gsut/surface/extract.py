@@ -68,6 +68,7 @@ class DepthMap:
         depth: (H, W) float32 from the rays' origins; infinity: the ray meets nothing, NaN: unknown.
         weight: (H, W) float32 in [0, 1], or None: 1.
         image: (H, W, 3) uint8, or None.
+        normals: (H, W, 3) float32 unit normals in the camera's axes, 0: unknown; or None.
     """
 
     camera: Any
@@ -75,6 +76,7 @@ class DepthMap:
     depth: np.ndarray
     weight: np.ndarray | None = None
     image: np.ndarray | None = None
+    normals: np.ndarray | None = None
 
 
 OnProgress = Callable[[str, int, int], None]

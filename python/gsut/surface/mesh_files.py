@@ -1,4 +1,4 @@
-"""Meshes in files: PLY, OBJ and GLB out; PLY and OBJ in."""
+"""Meshes in files: PLY, OFF, OBJ and GLB out; PLY, OFF and OBJ in."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ def save_mesh(path: str | os.PathLike[str], mesh: Mesh) -> None:
     """Writes a mesh with normals and colours, in the dataset's coordinates and axes.
 
     Args:
-        path: .ply (binary), .obj or .glb. In a .glb the vertices lie about their middle, which is
-            the node's translation; colours are linear there, as glTF wants them.
+        path: .ply (binary), .off, .obj or .glb. In a .glb the vertices lie about their middle,
+            which is the node's translation; colours are linear there, as glTF wants them.
         mesh: what to write.
 
     Raises:
@@ -53,7 +53,7 @@ def check_mesh_name(path: str | os.PathLike[str]) -> None:
 
 
 def _choose_writer(path: Path) -> Callable[[Mesh], bytes]:
-    writers = {".ply": _write_ply, ".obj": _write_obj, ".glb": _write_glb}
+    writers = {".ply": _write_ply, ".off": _write_off, ".obj": _write_obj, ".glb": _write_glb}
     if path.suffix.lower() not in writers:
         raise InputError(f"{path}: meshes are written as {', '.join(writers)}")
     return writers[path.suffix.lower()]
@@ -87,6 +87,19 @@ def _write_ply(mesh: Mesh) -> bytes:
         *(f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header"),
     ]
     return ("\n".join(header) + "\n").encode() + rows.tobytes() + faces.tobytes()
+
+
+def _write_off(mesh: Mesh) -> bytes:
+    tail = [""] * len(mesh.vertices)
+    if mesh.colors is not None:
+        tail = [" {} {} {} 255".format(*color) for color in _to_levels(mesh.colors)]
+    rows = ["OFF" if mesh.colors is None else "COFF", f"{len(mesh.vertices)} {len(mesh.faces)} 0"]
+    rows += [
+        "{:.9g} {:.9g} {:.9g}".format(*vertex) + color
+        for vertex, color in zip(mesh.vertices, tail, strict=True)
+    ]
+    rows += ["3 {} {} {}".format(*face) for face in mesh.faces]
+    return ("\n".join(rows) + "\n").encode()
 
 
 def _write_obj(mesh: Mesh) -> bytes:
@@ -155,8 +168,8 @@ def load_mesh(path: str | os.PathLike[str]) -> Mesh:
     """Reads a mesh, or a cloud of points, without its colours.
 
     Args:
-        path: .ply (ascii, or binary little-endian) or .obj; faces of more corners are cut into
-            triangles from their first.
+        path: .ply (ascii, or binary little-endian), .off or .obj; faces of more corners are cut
+            into triangles from their first.
 
     Returns:
         The mesh; of a cloud without faces.
@@ -169,7 +182,7 @@ def load_mesh(path: str | os.PathLike[str]) -> Mesh:
         content = check_regular(path).read_bytes()
     except OSError as error:
         raise InputError(f"{path}: {error.strerror or error}") from None
-    readers = {".ply": _read_ply, ".obj": _read_obj}
+    readers = {".ply": _read_ply, ".off": _read_off, ".obj": _read_obj}
     if path.suffix.lower() not in readers:
         raise InputError(f"{path}: meshes are read from {', '.join(readers)}")
     try:
@@ -184,6 +197,21 @@ def load_mesh(path: str | os.PathLike[str]) -> Mesh:
 def _read_triangles(polygons: list[np.ndarray]) -> np.ndarray:
     rows = [(row[0], row[k], row[k + 1]) for row in polygons for k in range(1, len(row) - 1)]
     return np.array(rows, dtype=np.uint32).reshape(-1, 3)
+
+
+def _read_off(content: bytes) -> Mesh:
+    lines = [line.split("#")[0].split() for line in content.decode().splitlines()]
+    lines = [words for words in lines if words]
+    if not lines or not lines[0][0].endswith("OFF"):
+        raise ValueError("it does not start with OFF")
+    head = lines[0][1:] or lines[1]  # the counts may stand on the first line
+    count, faces = int(head[0]), int(head[1])
+    rows = lines[1 if len(lines[0]) > 1 else 2 :]
+    if len(rows) < count + faces:
+        raise ValueError(f"{len(rows)} rows for {count} vertices and {faces} faces")
+    vertices = np.array([row[:3] for row in rows[:count]], np.float64).reshape(-1, 3)
+    polygons = [np.array(row[1 : 1 + int(row[0])], np.int64) for row in rows[count : count + faces]]
+    return Mesh(vertices, _read_triangles(polygons))
 
 
 def _read_obj(content: bytes) -> Mesh:

@@ -34,7 +34,8 @@ def judge_depth(
         dict abs_rel (mean of |depth - truth| / truth), abs_rel_median, sq_rel, rmse, rmse_log,
         delta1 .. delta3 (shares within factors 1.25, 1.25^2, 1.25^3 of the truth), coverage (share
         of the known pixels that have a depth), pixels, and with angles rings: list of dict
-        from_degrees, to_degrees, abs_rel, abs_rel_median, pixels. None where no pixel has both.
+        from_degrees, to_degrees, abs_rel, abs_rel_median, coverage, pixels. None where no pixel has
+        both.
     """
     known = np.isfinite(truth) & (truth > 0)
     both = known & np.isfinite(depth) & (depth > 0)
@@ -48,13 +49,14 @@ def judge_depth(
             "from_degrees": low,
             "to_degrees": high,
             **{
-                name: _judge_pixels(depth[ring], truth[ring])[name]
+                name: _judge_pixels(depth[both & ring], truth[both & ring])[name]
                 for name in ("abs_rel", "abs_rel_median")
             },
-            "pixels": int(ring.sum()),
+            "coverage": float(both[ring].sum() / known[ring].sum()) if known[ring].any() else None,
+            "pixels": int(both[ring].sum()),
         }
         for low, high in itertools.pairwise(RING_EDGES_DEGREES)
-        for ring in (both & (angles >= low) & (angles < high),)
+        for ring in ((angles >= low) & (angles < high),)
     ]
     return figures
 

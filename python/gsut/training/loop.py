@@ -26,6 +26,7 @@ from gsut.optimize import (
 from gsut.refine import TracksResult, TrainingRefiner
 from gsut.render import Light
 from gsut.run import Stopwatch, TrainOptions
+from gsut.run.options import FLAT_PRIMITIVES
 from gsut.training.context import Context
 from gsut.training.densification import DensificationStep, load_strategy
 from gsut.training.first import choose_first_gaussians
@@ -119,7 +120,7 @@ class TrainingLoop:
         self.photographs = PhotographModel(scene, options, light)
         self.surface = SurfaceTerms(SurfaceWeights(), scene, options.known_depth) if flat else None
         self._filter = LowPassFilter(options.low_pass, self.views.list_training_cameras)
-        self._mean = TrajectoryMean(options.average_from, primitive == "surfel")
+        self._mean = TrajectoryMean(options.average_from, primitive in FLAT_PRIMITIVES)
 
     @property
     def scene(self) -> Scene:

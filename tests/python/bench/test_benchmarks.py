@@ -168,11 +168,18 @@ def test_split_gaussians_fill_the_same_space_with_more(rng):
 
 def test_surfaces_measure_balls_and_fusion(tmp_path):
     benchmark = load_benchmark("surfaces")
-    settings = benchmark.settings(tmp_path, steps=0, views=12, size=64, across=(20,))
+    settings = benchmark.settings(tmp_path, steps=0, views=12, size=64, across=(20,), frames=0)
     rows = measure_rows(benchmark, settings)
     assert [row["what"].split(",")[0] for row in rows] == ["ball"] * 3 + ["fusion"]
     assert all(0 < row["voxels_off"] < 0.3 for row in rows[:-1])
     assert all(row["blocks"] > 0 and row["cpu_seconds"] >= 0 for row in rows)
+
+
+def test_surfaces_measure_stereo_by_ring(tmp_path):
+    benchmark = load_benchmark("surfaces")
+    settings = benchmark.settings(tmp_path, steps=0, frames=2)
+    (row,) = measure_rows(benchmark, settings, only="stereo, splined")
+    assert 0 < row["off_0"] < 20 and 10 < row["known_0"] < 100
 
 
 def test_light_is_compared_with_the_truth(hall):

@@ -10,6 +10,7 @@ from gsut import InputError
 from gsut.edit import merge_gaussians
 from gsut.formats import open_ply
 from gsut.formats.ply import read_comments
+from gsut.gaussians import rotations_from_quaternions
 from random_scenes import random_gaussians
 
 
@@ -74,6 +75,19 @@ def test_save_other_formats_hold_gaussians_of_the_same_width_and_say_so(rng, tmp
     # exp(-D^4 / 18) is a half at D = 1.879, a Gaussian at 1.177.
     wider = g.to_primitive("gaussian").log_scales - g.log_scales
     assert np.allclose(wider, np.log((18 * np.log(2)) ** 0.25 / np.sqrt(2 * np.log(2))))
+
+
+def test_to_primitive_of_flat_ones_drops_the_shortest_axis_and_gives_surfels_back(rng):
+    g = random_gaussians(rng, 40)
+    flat = g.to_primitive("triangle")
+    axes = rotations_from_quaternions(flat.quats / np.linalg.norm(flat.quats, axis=1)[:, None])
+    old = rotations_from_quaternions(g.quats / np.linalg.norm(g.quats, axis=1)[:, None])
+    shortest = np.take_along_axis(old, g.log_scales.argmin(axis=1)[:, None, None], axis=2)
+    assert np.abs(np.sum(shortest[..., 0] * axes[..., 2], axis=1)).min() > 0.999
+    back = flat.to_primitive("gaussian")
+    assert flat.are_surfels and back.are_surfels
+    # A linear fall is as large at its half as a Gaussian, to 1 %.
+    assert np.abs(back.log_scales[:, :2] - flat.log_scales[:, :2]).max() < 0.01
 
 
 def test_merge_and_compaction_refuse_what_is_undefined(rng):

@@ -27,6 +27,7 @@ pytestmark = pytest.mark.quick
 
 PRIMITIVES = gsut.Gaussians.PRIMITIVES
 OTHERS = PRIMITIVES[1:]
+FLAT = [name for name, (_, _, is_flat) in _core.list_primitives().items() if is_flat]
 SHAPES = (-3.0, -1.0, 0.0, 1.5, 5.0)  # from a ball to nearly a Gaussian
 
 
@@ -45,12 +46,15 @@ def move(rng, pose):
 
 
 def profile(primitive, d2, stored=0.0):
-    """The response, once more."""
+    """The response, once more; d2: of a flat one the gauge's square."""
     b = 0.5 + 3.5 * np.exp(stored)
+    sharp = 0.5 + 0.5 * np.exp(stored)
+    r = np.sqrt(2 / 3 * (sharp + 3) * (sharp + 4))
     return {
         "gaussian": lambda: np.exp(-d2 / 2),
         "power4": lambda: np.exp(-(d2**2) / 18),
         "beta": lambda: np.maximum(1 - d2 / (2 * b), 0) ** b,
+        "triangle": lambda: np.maximum(1 - np.sqrt(d2) / r, 0) ** sharp,
     }[primitive]()
 
 
@@ -59,7 +63,7 @@ def test_primitives_are_those_of_the_build_with_the_gaussian_first():
     assert PRIMITIVES[0] == "gaussian"
     with pytest.raises(InputError, match='primitive "cube" is unknown; known: gaussian, beta, pow'):
         dataclasses.replace(gsut.Gaussians(*make_one()), primitive="cube")
-    with pytest.raises(InputError, match="power4 has no shapes; with them: beta"):
+    with pytest.raises(InputError, match="power4 has no shapes; with them: beta, triangle"):
         gsut.Gaussians(*make_one(), primitive="power4", shapes=np.zeros(1))
 
 
@@ -79,6 +83,8 @@ def test_one_primitive_along_a_fan_of_rays_is_its_closed_form(primitive, dtype):
             g.shapes[:] = stored
         rays = camera.rays()[0][0]
         distance2 = 9 - (3 * rays[:, 2]) ** 2  # of the mean from the ray
+        if primitive in FLAT:
+            distance2 = 3 * (3 * rays[:, 0] / rays[:, 2]) ** 2  # (sqrt(3) |x|)^2 in its plane
         alpha = profile(primitive, distance2 / 0.4**2, stored) / (1 + np.exp(-2.0))
         alpha = np.where(alpha < 1 / 255, 0.0, alpha)
         found = gsut.render(g, camera, np.eye(4), dtype=dtype).alpha[0]
@@ -112,7 +118,7 @@ def test_primitive_backward_in_double_matches_central_differences(rng, primitive
         error = relative_error(getattr(found.gaussians, field), slopes)
         assert error < tolerances.PRIMITIVE_DIFFERENCES, (field, error)
         checked += array.size
-    assert checked == 6 * (3 + 4 + 3 + 1 + 12 + (primitive == "beta"))
+    assert checked == 6 * (3 + 4 + 3 + 1 + 12 + (g.shapes is not None))
     slopes = pose_differences(
         lambda near: loss_of(gsut.render(g, camera, near, **options), weights), pose
     )
@@ -132,7 +138,8 @@ def test_primitive_every_isa_matches_double(rng, primitive, shutter, parity):
     as_gaussians = dataclasses.replace(g, primitive="gaussian", shapes=None)
     plain = gsut.render(as_gaussians, camera, place, dtype="float64", **options)
     assert np.abs(expected.image - plain.image).max() > 0.02
-    bounds = (tolerances.PRIMITIVE_GRADIENT, tolerances.PRIMITIVE_GRADIENT)
+    flat, ball = tolerances.PRIMITIVE_FLAT_GRADIENT, tolerances.PRIMITIVE_GRADIENT
+    bounds = (flat if primitive in FLAT else ball,) * 2
     weights = random_weights(rng, camera)
     flips.assert_isas_match(g, camera, place, expected, weights, g.list_arrays(), bounds, **options)
 
@@ -192,6 +199,10 @@ def test_primitive_packed_harmonics_and_derivatives_of_colors_agree(rng, primiti
     rule = gsut.BlendRule()
     rule.alpha_min = 1e-9
     job = _core.RenderJob(camera, pose, rule=rule)
+    if primitive in FLAT:
+        with pytest.raises(InputError, match="for primitives that are not flat"):
+            _core.color_jacobian(g, job, np.arange(144, dtype=np.uint32))
+        return
     image, by_center, by_ray = _core.color_jacobian(g, job, np.arange(144, dtype=np.uint32))
     del image, by_ray
     step, rotation, checked = 1e-4, pose[:3, :3], 0
@@ -213,6 +224,19 @@ def test_primitive_packed_harmonics_and_derivatives_of_colors_agree(rng, primiti
         assert (
             found.image.tobytes() == gsut.render(mixed.to_gaussians(), camera, pose).image.tobytes()
         )
+
+
+@pytest.mark.parametrize("primitive", FLAT)
+def test_flat_primitive_is_met_in_its_plane_whatever_its_third_scale(rng, primitive):
+    camera, pose = fisheye(24), random_pose(rng)
+    g = make_scene(rng, camera, pose, primitive, 30)
+    expected = gsut.render(g, camera, pose)
+    thick = g.copy()
+    thick.log_scales[:, 2] = 0.7
+    found = gsut.render(thick, camera, pose)
+    assert found.image.tobytes() == expected.image.tobytes()
+    slopes = gsut.render_backward(found, *random_weights(rng, camera)).gaussians
+    assert not slopes.log_scales[:, 2].any() and slopes.log_scales[:, :2].any()
 
 
 @pytest.mark.parametrize("primitive", OTHERS)

@@ -9,7 +9,7 @@ import pytest
 import gsut
 import tolerances as tol
 from gsut.formats import load_ply, open_ply
-from gsut.gaussians import StoredGaussians, to_surfels
+from gsut.gaussians import StoredGaussians
 from gsut.render import PixelFilter
 from random_scenes import fisheye, open_rule, pinhole, random_pose
 from stored_reads import count_reads
@@ -79,7 +79,7 @@ def test_stored_scene_has_the_bits_of_one_in_memory(ply, rng, monkeypatch):
 
 def test_stored_surfels_have_the_bits_of_those_in_memory(tmp_path, rng):
     path = tmp_path / "discs.ply"
-    gsut.formats.save_ply(path, to_surfels(shell(rng, 5000)))
+    gsut.formats.save_ply(path, shell(rng, 5000).to_surfels())
     assert b"scale_2" not in path.read_bytes()[:1000]
     stored, camera, pose = open_ply(path, 1_900_000), fisheye(96), np.eye(4)
     assert isinstance(stored, StoredGaussians)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 
@@ -12,8 +13,10 @@ import gsut
 import tolerances as tol
 from gsut import _core
 from gsut.cli import main
-from gsut.data.scene import read_depth
+from gsut.data.scene import read_depth, read_normals
 from gsut.demo import make_demo_scene
+from gsut.surface.stereo.normals import fit_normals
+from gsut.surface.stereo.photograph import Photograph
 from wall_scenes import LENSES, WALL, wall_scene
 
 VIEW = 2  # in the middle of the others
@@ -28,6 +31,27 @@ def measure_errors(scene: gsut.Scene, found: gsut.surface.DepthMap) -> np.ndarra
     return np.abs(found.depth[known] / truth[known] - 1)
 
 
+def measure_turns(normals: np.ndarray) -> np.ndarray:
+    """Degrees between a wall's known normals, where there are any, and its own."""
+    there = normals[normals.any(axis=2)]
+    return np.degrees(np.arccos(np.clip(-there[:, 2], -1, 1)))
+
+
+@pytest.mark.parametrize(("lens", "rolling"), [("pinhole", True), ("kannala_brandt", False)])
+def test_normals_of_exact_distances_are_exact(lens: str, rolling: bool) -> None:
+    scene = wall_scene(LENSES[lens], rolling=rolling)
+    rays = scene.camera(VIEW).rays()[0][..., 2]
+    inverse = np.where(scene.mask(VIEW) & (rays > 0.3), rays / WALL, 0).astype(np.float32)
+    inverse[:20, :20] = 0
+    normals = fit_normals(Photograph(scene, VIEW), inverse)
+    off = measure_turns(normals)
+    assert len(off) > 0.9 * np.count_nonzero(inverse) and not normals[:10, :10].any()
+    assert off.max() < tol.NORMALS_ROUNDING
+    np.testing.assert_allclose(
+        np.linalg.norm(normals[normals.any(axis=2)], axis=1), 1, atol=tol.NORMALS_ROUNDING
+    )
+
+
 @pytest.mark.parametrize(("lens", "rolling"), [("pinhole", True), ("kannala_brandt", False)])
 def test_depth_map_of_a_wall_has_its_distances(lens: str, rolling: bool) -> None:
     scene = wall_scene(LENSES[lens], rolling=rolling)
@@ -36,6 +60,10 @@ def test_depth_map_of_a_wall_has_its_distances(lens: str, rolling: bool) -> None
     assert len(errors) > tol.STEREO_SHARE * found.depth.size
     assert np.median(errors) < tol.STEREO_MEDIAN
     assert found.weight is not None and found.weight.max() == 1 and found.weight.min() == 0
+    assert found.normals is not None
+    off = measure_turns(found.normals)
+    assert len(off) > tol.STEREO_SHARE * found.depth.size
+    assert np.median(off) < tol.STEREO_NORMALS
 
 
 def test_depth_maps_that_cannot_be_are_refused() -> None:
@@ -62,6 +90,11 @@ def test_depth_command_writes_a_dataset_that_training_reads(tmp_path: Path, caps
     depth = read_depth(scene, 0)
     assert depth is not None and depth.shape == scene.mask(0).shape
     assert np.isfinite(depth[scene.mask(0)]).any() and np.isnan(depth[~scene.mask(0)]).all()
+    stem = scene.views[0].depth_path.stem
+    view = dataclasses.replace(scene.views[0], normal_path=out / "normals" / f"{stem}.png")
+    normals = read_normals(scene.replace(views=[view]), 0)
+    assert normals is not None and normals.shape == (*depth.shape, 3)
+    assert normals.any() and not normals[np.isnan(depth)].any()
     assert main(["depth", str(data), "-o", str(out)]) == 2  # nothing is overwritten
     assert "give another name with -o" in capsys.readouterr().err
 

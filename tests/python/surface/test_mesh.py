@@ -47,14 +47,14 @@ def test_shaded_picture_is_bright_where_a_face_looks_at_the_camera(ball):
         shade_mesh(Mesh(ball.vertices, ball.faces[:0]), camera, pose)
 
 
-@pytest.mark.parametrize("suffix", [".ply", ".obj", ".glb"])
+@pytest.mark.parametrize("suffix", [".ply", ".off", ".obj", ".glb"])
 def test_mesh_file_is_read_by_trimesh(tmp_path, ball, suffix):
     trimesh = pytest.importorskip("trimesh")
     save_mesh(tmp_path / f"a{suffix}", ball)
     found = trimesh.load(tmp_path / f"a{suffix}", process=False, force="mesh")
     assert found.is_watertight and found.faces.shape == ball.faces.shape
     assert np.abs(np.asarray(found.vertices) - ball.vertices).max() < tolerances.MESH_FILE
-    if suffix != ".glb":  # trimesh files glTF's colours away
+    if suffix in (".ply", ".obj"):  # trimesh files glTF's colours away, and reads none of OFF
         colors = np.asarray(found.visual.vertex_colors)[:, :3] / 255
         assert np.abs(colors - ball.colors).max() < tolerances.MESH_COLORS
     assert found.volume == pytest.approx(volume(ball.vertices, ball.faces), rel=1e-4)
@@ -81,7 +81,7 @@ def test_text_ply_with_quads_is_read(tmp_path):
 
 
 def test_bad_mesh_files_are_refused(tmp_path, ball):
-    with pytest.raises(InputError, match=r"\.ply, \.obj, \.glb"):
+    with pytest.raises(InputError, match=r"\.ply, \.off, \.obj, \.glb"):
         save_mesh(tmp_path / "a.stl", ball)
     with pytest.raises(InputError, match="No such file"):
         load_mesh(tmp_path / "absent.ply")

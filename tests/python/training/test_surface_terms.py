@@ -12,7 +12,6 @@ import small_datasets
 import tolerances
 from gsut import InputError, TrainOptions, _core
 from gsut.data.scene import read_depth, read_normals
-from gsut.gaussians import are_surfels
 from gsut.training.loop import TrainingLoop
 from gsut.training.surface.known_depth import KnownDepth
 from gsut.training.surface.surface_terms import SurfaceTerms, SurfaceWeights
@@ -206,8 +205,8 @@ def test_surfels_stay_surfels(scene, strategy):
     first = loop.gaussians.log_scales.copy()
     while loop.step < 60:
         loop.advance()
-        assert are_surfels(loop.gaussians)
-    assert are_surfels(loop.make_result())
+        assert loop.gaussians.are_surfels
+    assert loop.make_result().are_surfels
     assert not np.isin(loop.gaussians.log_scales[:, :2], first).any()
 
 

@@ -1,5 +1,6 @@
 """Training on a small rendered scene: it learns, has the same bits however run, and resumes."""
 
+import importlib
 import json
 import os
 import signal
@@ -124,6 +125,21 @@ def test_train_stopped_anywhere_and_resumed_same_bits(scene, unbroken, tmp_path,
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="os.kill ends the process there")
+def test_train_interrupted_in_evaluation_keeps_the_scene(tmp_path, scene, monkeypatch):
+    out = tmp_path / "run"
+
+    def interrupt(*_, **__):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(importlib.import_module("gsut.train"), "measure_training", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            train(scene, TrainOptions(**SHORT), out=out)
+    kept = (out / RunFile.SCENE).read_bytes()
+    train(scene, TrainOptions(**SHORT), out=out, resume=True)
+    assert (out / RunFile.SCENE).read_bytes() == kept
+
+
 def test_train_interrupted_within_a_step_keeps_a_scene_and_resumes_to_same_bits(
     scene, unbroken, tmp_path, monkeypatch
 ):

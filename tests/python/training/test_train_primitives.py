@@ -6,14 +6,17 @@ import pytest
 import gsut
 import tolerances
 from gsut import InputError, TrainOptions
+from gsut.cli import main
+from gsut.surface import load_mesh
 from gsut.training.loop import TrainingLoop
 
 SHORT = {"steps": 100, "max_gaussians": 150}
 
 
-@pytest.mark.parametrize("primitive", ["power4", "beta", "atom"])
+@pytest.mark.parametrize("primitive", ["power4", "beta", "atom", "triangle"])
 def test_train_of_a_primitive_learns_and_the_run_carries_it(scene, tmp_path, primitive):
-    options = TrainOptions(**SHORT, primitive=primitive)
+    # A triangle's ridges take a few steps more than smooth primitives.
+    options = TrainOptions(**SHORT | {"steps": 130}, primitive=primitive)
     result = gsut.train(scene, options, out=tmp_path / "run", progress=False)
     assert result.metrics["psnr"] > tolerances.TRAIN_LEAST_PSNR
     drawn = "gaussian" if primitive == "atom" else primitive
@@ -21,8 +24,13 @@ def test_train_of_a_primitive_learns_and_the_run_carries_it(scene, tmp_path, pri
     assert found.primitive == result.gaussians.primitive == drawn
     if primitive == "atom":
         assert np.ptp(found.log_scales, axis=1).max() == 0
-    if primitive == "beta":
+    if primitive in ("beta", "triangle"):
         assert np.ptp(found.shapes) > 0
+    if primitive == "triangle":
+        assert found.are_surfels
+        out = tmp_path / "soup.off"
+        assert main(["mesh", str(tmp_path / "run"), "-o", str(out), "--triangles", "--quiet"]) == 0
+        assert 0 < len(load_mesh(out)) <= len(found)
 
 
 def test_train_of_beta_goes_on_from_a_state_to_the_same_bits(scene):
@@ -41,5 +49,7 @@ def test_train_of_beta_goes_on_from_a_state_to_the_same_bits(scene):
 def test_options_of_a_primitive_that_contradict_are_refused():
     with pytest.raises(InputError, match="--surface cannot be combined with --primitive beta"):
         TrainOptions(primitive="beta", surface=True)
+    with pytest.raises(InputError, match="thicker, and triangles have no thickness"):
+        TrainOptions(primitive="triangle", low_pass=0.3)
     with pytest.raises(InputError, match="compact_at cannot be combined with --primitive power4"):
         TrainOptions(primitive="power4", compact_at=10, steps=100)

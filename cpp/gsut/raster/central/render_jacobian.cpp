@@ -57,8 +57,8 @@ void Renderer::Jacobian(std::span<const std::uint32_t> pixels, double* by_center
   CheckKept(rendered_, "a Jacobian needs a render before it, made with keep_for_backward");
   if (lines_ != nullptr) {
     throw InputError(
-        "derivatives of colours are for a lens with one centre and a global shutter; refine the "
-        "poses of other images through render_backward");
+        "derivatives of colours are for a lens with one centre and a global shutter, and for "
+        "primitives that are not flat; refine the poses of other images through render_backward");
   }
   const std::size_t num_pixels = static_cast<std::size_t>(grid_->width) * grid_->height;
   // Places in `pixels`, tile by tile.

@@ -18,41 +18,22 @@
 #define GSUT_RASTER_LINES_BACKWARD_INL_H_
 #endif
 
-#include "gsut/raster/blend_backward-inl.h"
 #include "gsut/raster/channels_backward-inl.h"
+#include "gsut/raster/lines/flat_backward-inl.h"
 #include "gsut/raster/lines/forward-inl.h"
+#include "gsut/raster/lines/line_fields-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace gsut {
 namespace HWY_NAMESPACE {
 
-// Fields of a block's pixels beside PixelField.
-enum LineField {
-  kLineA = kNumPixelFields,
-  kLineB,
-  kLineSlide,
-  // Gradients to the line, with rays only:
-  kLineToA,
-  kLineToB,
-  kLineToS,
-  kLineToT,
-  kLineToSlide,
-  kNumLineFields
-};
-
-// Where a slot holds V and K's upper triangle, row by row; the rest as in `slot`.
-namespace line_slot {
-inline constexpr int kV = 0;
-inline constexpr int kK = 3;
-}  // namespace line_slot
-
 // Pairs that are taken through the backward pass together.
 inline constexpr int kBackwardPairs = 16;
 
 // Turns V and K of `count` pairs into the Gaussians' own frames: V <- Q^T V, K <- Q^T K Q with the
-// rows q1, q2 and q1 x q2 of Q, a pair a lane. Leaves all sums in the pairs' slots.
-HWY_INLINE void StoreSlots(const LineChunk& chunk, float (*sums)[kBackwardPairs],
-                           const TileEntry* entries, int count, Frame* frame) {
+// rows q1, q2 and q1 x q2 of Q, a pair a lane.
+HWY_INLINE void TurnIntoOwnFrames(const LineChunk& chunk, float (*sums)[kBackwardPairs],
+                                  int count) {
   using line_slot::kK;
   using line_slot::kV;
   const FloatTag d;
@@ -85,6 +66,11 @@ HWY_INLINE void StoreSlots(const LineChunk& chunk, float (*sums)[kBackwardPairs]
       }
     }
   }
+}
+
+// Leaves all sums of `count` pairs in their slots.
+HWY_INLINE void StoreSlots(const float (*sums)[kBackwardPairs], const TileEntry* entries, int count,
+                           Frame* frame) {
   for (int i = 0; i < count; ++i) {
     float* row = &frame->slot_gradients[std::size_t{16} * entries[i].slot];
     for (int k = 0; k < 16; ++k) row[k] = sums[k][i];
@@ -107,8 +93,7 @@ HWY_INLINE ResidualGradient BackwardResidual(BackwardFlags flags, const BlendLim
                                              FloatVec* sums, ShapeSums* shapes, float* pair) {
   using C = LineChunk;
   const FloatTag d;
-  const LinePixels line = {fields.Get(kLineA), fields.Get(kLineB), fields.Get(kFieldS),
-                           fields.Get(kFieldT), fields.Get(kLineSlide)};
+  const LinePixels line = LinesOf(fields);
   const LineHit hit = HitOf(chunk, j, line);
   const FloatMask is_hit = IsHit(hit, line);
   // A miss may be anywhere: its weight 0 must not meet infinity.
@@ -119,19 +104,10 @@ HWY_INLINE ResidualGradient BackwardResidual(BackwardFlags flags, const BlendLim
     const FloatVec v = hn::Mul(kappa, of_hit(hit.u));
     exponent = hn::Add(ShapeExponent(limits.primitive, shapes->shape, v), log2_strength);
   }
-  const FloatVec raw = FastExp2(exponent);
-  const FloatVec alpha = HWY_UNLIKELY(limits.is_extinction) ? ExtinctionAlpha(raw) : raw;
-  const FloatVec color[3] = {chunk.Get(C::kRed, j), chunk.Get(C::kGreen, j),
-                             chunk.Get(C::kBlue, j)};
   const auto [to_raw, to_distance] =
-      StepOver(flags, limits, color, of_hit(hn::Min(alpha, limits.alpha_max)),
-               of_hit(hn::Sub(hit.x, line.slide)), fields, sums, pair);
+      PassBlend(flags, limits, chunk, j, is_hit, exponent, of_hit(hn::Sub(hit.x, line.slide)),
+                fields, sums, pair);
   FloatVec h = to_raw;
-  if (HWY_UNLIKELY(limits.is_extinction)) {
-    constexpr float kLn2 = 0.69314718055994530942f;
-    h = hn::Mul(h, of_hit(hn::Mul(hn::Set(d, kLn2), raw)));
-  }
-  sums[slot::kH] = hn::Add(sums[slot::kH], h);
   // From here on h is the gradient to the exponent v, in place of that to ln raw.
   if (!limits.IsGaussian()) {
     h = shapes->PassOn(limits.primitive, h, hn::Mul(kappa, of_hit(hit.u)));
@@ -235,6 +211,7 @@ HWY_INLINE void BackwardLines(BackwardFlags flags, const RasterTask& task, const
   const float* bundle = grid.bundles[static_cast<std::size_t>(tile)].values;
   const TileEntry* entries = &frame->entries[frame->tile_begin[tile]];
   const BlendLimits limits(task);
+  const bool is_flat = IsFlat(limits.primitive);
   LineChunk chunk;
   ShapeSums shapes;
   HWY_ALIGN float columns[16][kBackwardPairs];  // sums, a pair a column
@@ -244,26 +221,33 @@ HWY_INLINE void BackwardLines(BackwardFlags flags, const RasterTask& task, const
                [&](int j) { return entries[first + static_cast<std::uint32_t>(j)].gaussian; });
     for (int j = 0; j < here; ++j) {
       const std::uint32_t e = first + static_cast<std::uint32_t>(j);
-      if (flags.with_channels) channels->Prepare(e);
+      if (channels != nullptr) channels->Prepare(e);
       if (!limits.IsGaussian()) shapes.Start(task, entries[e].gaussian);
       FloatVec sums[16];
       GSUT_UNROLL for (int i = 0; i < 16; ++i) sums[i] = hn::Zero(d);
       for (std::uint64_t todo = entries[e].blocks; todo != 0; todo &= todo - 1) {
         const int block = __builtin_ctzll(todo);
         const BlockFields at = fields.Block(block);
-        float* pair = flags.with_channels ? channels->NextPair() : nullptr;
+        float* pair = channels != nullptr ? channels->NextPair() : nullptr;
+        if (HWY_UNLIKELY(is_flat)) {
+          VisitFlat(limits.primitive, [&](auto kind) HWY_ATTR {
+            BackwardFlat(kind, flags, limits, chunk, j, at, sums, &shapes, pair);
+          });
+          continue;
+        }
         const ResidualGradient of =
             BackwardResidual(flags, limits, chunk, j, at, sums, &shapes, pair);
         AddToSums(flags, of, sums);
         if (flags.with_rays) AddToLines(flags, chunk, j, of, at);
       }
-      if (flags.with_channels) channels->Finish(e);
+      if (channels != nullptr) channels->Finish(e);
       if (!limits.IsGaussian()) shapes.Finish(entries[e].slot, frame);
       HWY_ALIGN float totals[16];
       SumLanes<16>(sums, totals);
       for (int k = 0; k < 16; ++k) columns[k][j] = totals[k];
     }
-    StoreSlots(chunk, columns, entries + first, here, frame);
+    if (HWY_LIKELY(!is_flat)) TurnIntoOwnFrames(chunk, columns, here);
+    StoreSlots(columns, entries + first, here, frame);
   }
   if (flags.with_rays) fields.Export(kLineToA, to_lines);
 }

@@ -9,6 +9,7 @@
 #endif
 
 #include "gsut/raster/blend_tile-inl.h"
+#include "gsut/raster/lines/flat_hit-inl.h"
 #include "gsut/raster/lines/pair-inl.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -34,6 +35,7 @@ class LineKernel {
       : task_(task),
         grid_(grid),
         frame_(frame),
+        is_flat_(IsFlat(task.gaussians.primitive)),
         bundle_(grid.bundles[static_cast<std::size_t>(tile)].values),
         boxes_(&grid.block_box[static_cast<std::size_t>(tile) * 8 * kBlockStride]) {}
 
@@ -43,6 +45,14 @@ class LineKernel {
                 [&](int j) { return pairs[j].gaussian; });
     for (int j = 0; j < count && HWY_UNLIKELY(task_.shapes != nullptr); ++j) {
       shapes_[j] = ShapeOf(task_, pairs[j].gaussian);
+    }
+    if (HWY_UNLIKELY(is_flat_)) {
+      VisitFlat(task_.gaussians.primitive, [&](auto kind) HWY_ATTR {
+        for (int j = 0; j < count; ++j) {
+          blocks_of[j] = chunk_.TouchedFlat(kind, j, boxes_, kBlockStride);
+        }
+      });
+      return;
     }
     for (int j = 0; j < count; ++j) {
       blocks_of[j] = chunk_.TouchedBlocks(j, boxes_, kBlockStride, bundle_[LineBundle::kSlide]);
@@ -55,6 +65,12 @@ class LineKernel {
   // distance from the line's own origin.
   HWY_INLINE void Respond(const LinePixels& lines, const int* index, FloatMask open, FloatVec limit,
                           FloatVec* alpha, FloatVec* distance, FloatMask* hit) const {
+    if (HWY_UNLIKELY(is_flat_)) {
+      VisitFlat(task_.gaussians.primitive, [&](auto kind) HWY_ATTR {
+        RespondFlat(kind, lines, index, open, limit, alpha, distance, hit);
+      });
+      return;
+    }
     GSUT_UNROLL for (int i = 0; i < kJam; ++i) {
       const LineHit response = HitOf(chunk_, index[i], lines);
       hit[i] = hn::And(open, IsHit(response, lines));
@@ -68,9 +84,7 @@ class LineKernel {
         alpha[i] =
             hn::Add(ShapeExponent(task_.gaussians.primitive, shapes_[index[i]], v), log2_strength);
       }
-      alpha[i] = FastExp2(alpha[i]);
-      if (HWY_UNLIKELY(task_.is_extinction)) alpha[i] = ExtinctionAlpha(alpha[i]);
-      alpha[i] = hn::IfThenElseZero(hit[i], hn::Min(alpha[i], limit));
+      alpha[i] = AlphaOf(alpha[i], limit, hit[i]);
     }
   }
 
@@ -79,9 +93,32 @@ class LineKernel {
   }
 
  private:
+  // exponent: log2 of raw.
+  HWY_INLINE FloatVec AlphaOf(FloatVec exponent, FloatVec limit, FloatMask hit) const {
+    FloatVec alpha = FastExp2(exponent);
+    if (HWY_UNLIKELY(task_.is_extinction)) alpha = ExtinctionAlpha(alpha);
+    return hn::IfThenElseZero(hit, hn::Min(alpha, limit));
+  }
+
+  template <class Kind>
+  HWY_INLINE void RespondFlat(Kind kind, const LinePixels& lines, const int* index, FloatMask open,
+                              FloatVec limit, FloatVec* alpha, FloatVec* distance,
+                              FloatMask* hit) const {
+    GSUT_UNROLL for (int i = 0; i < kJam; ++i) {
+      const FlatHit response = FlatHitOf(kind, chunk_, index[i], lines);
+      hit[i] = hn::And(open, IsHit(response, lines));
+      distance[i] = hn::Sub(response.along, lines.slide);
+      const FloatVec log2_raw =
+          hn::MulAdd(chunk_.Get(LineChunk::kShape, index[i]), Log2(Lane(response.rest)).v,
+                     chunk_.Get(LineChunk::kLog2Strength, index[i]));
+      alpha[i] = AlphaOf(log2_raw, limit, hit[i]);
+    }
+  }
+
   const RasterTask& task_;
   const LineGrid& grid_;
   const Frame& frame_;
+  const bool is_flat_;
   const float* bundle_;
   const float* boxes_;
   LineChunk chunk_;

@@ -3,7 +3,9 @@
 // With r = M (mean - nearest point) over k, dL/dM M^T = -cut-off K and M^T dL/d(M mean) =
 // -k M^T V, both to D^2 as it is: the mean gets -k R S^-1 V, the logarithm of scale i cut-off K_ii,
 // and a turn about the Gaussian's own axis z -cut-off K_xy (s_y / s_x - s_x / s_y), and so on. No
-// difference of large numbers occurs, needles included.
+// difference of large numbers occurs, needles included. A flat primitive's sums are of another kind
+// (flat_backward-inl.h): along its normal the mean gets cut-off V_z, and turns about x and y are
+// moments of that.
 
 #if defined(GSUT_RASTER_LINES_GRADIENTS_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef GSUT_RASTER_LINES_GRADIENTS_INL_H_
@@ -42,20 +44,27 @@ HWY_INLINE void LineGradients(const RasterTask& task, bool is_parallel, std::int
   ParameterGradients out;
   const Lane k = Sqrt(s.cutoff);
   Lane to_mean[3];  // camera frame
-  const Lane to_axes[3] = {k * sums[line_slot::kV] / s.scale[0],
-                           k * sums[line_slot::kV + 1] / s.scale[1],
-                           k * sums[line_slot::kV + 2] / s.scale[2]};
+  const bool is_flat = IsFlat(g.primitive);
+  const Lane to_axes[3] = {
+      k * sums[line_slot::kV] / s.scale[0], k * sums[line_slot::kV + 1] / s.scale[1],
+      is_flat ? s.cutoff * sums[line_slot::kV + 2] : k * sums[line_slot::kV + 2] / s.scale[2]};
   for (int j = 0; j < 3; ++j) {
     to_mean[j] =
         -(s.axes[0][j] * to_axes[0] + s.axes[1][j] * to_axes[1] + s.axes[2][j] * to_axes[2]);
   }
   const Lane* kk = &sums[line_slot::kK];  // K_xx, K_xy, K_xz, K_yy, K_yz, K_zz
-  const Lane diagonal[3] = {kk[0], kk[3], kk[5]};
+  const Lane diagonal[3] = {kk[0], kk[3], is_flat ? Lane(0.0) : kk[5]};
   for (int j = 0; j < 3; ++j) out.log_scale[j] = s.cutoff * diagonal[j];
   const auto turn_about = [&](Lane off_diagonal, int i, int j) HWY_ATTR {
     return -(s.cutoff * off_diagonal * (s.scale[j] / s.scale[i] - s.scale[i] / s.scale[j]));
   };
-  const Lane turn[3] = {turn_about(kk[4], 1, 2), turn_about(kk[2], 2, 0), turn_about(kk[1], 0, 1)};
+  Lane turn[3] = {turn_about(kk[4], 1, 2), turn_about(kk[2], 2, 0), turn_about(kk[1], 0, 1)};
+  if (HWY_UNLIKELY(is_flat)) {
+    const Lane ratio = s.scale[1] / s.scale[0];
+    turn[0] = -(s.cutoff * k * s.scale[1] * kk[5]);
+    turn[1] = s.cutoff * k * s.scale[0] * kk[4];
+    turn[2] = s.cutoff * (kk[2] / ratio - kk[1] * ratio);
+  }
   TurnFromRight(s, turn, out.quat);
 
   Lane direction[3], to_direction[3];

@@ -23,22 +23,15 @@
 #endif
 
 #include "gsut/base/lanes-inl.h"
-#include "gsut/projection/seen-inl.h"
 #include "gsut/raster/frame.h"
 #include "gsut/raster/blend_tile-inl.h"
 #include "gsut/raster/line_grid.h"
+#include "gsut/raster/lines/flat-inl.h"
+#include "gsut/raster/lines/gaussian_lanes-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace gsut {
 namespace HWY_NAMESPACE {
-
-// Layout of a record where lines have no common origin; 16 floats as `record`.
-namespace line_record {
-inline constexpr int kMean = 0;    // 3 floats, reference frame
-inline constexpr int kWhiten = 3;  // M by rows: 9 floats
-inline constexpr int kLog2Strength = 12;
-inline constexpr int kColor = 13;  // 3 floats
-}  // namespace line_record
 
 // 1 / sqrt(x) to within an ulp or two, x > 0 and in float's range.
 HWY_INLINE Lane InverseRoot(Lane x) {
@@ -48,39 +41,6 @@ HWY_INLINE Lane InverseRoot(Lane x) {
   const Lane r(hn::ApproximateReciprocalSqrt(x.v));
   return r * (Lane(1.5) - Lane(0.5) * x * r * r);
 #endif
-}
-
-// Gaussians, one a lane or one in all.
-struct GaussianLanes {
-  Lane mean[3], whiten[3][3];
-  Lane variance[3];     // along its axes
-  Lane inverse_volume;  // 1 / (s1 s2 s3), as the norms of M's rows
-  Lane log2_strength, cutoff, k, inverse_k;
-};
-
-// load(k): float k of the records; stored(): their shapes.
-template <class Load, class Shapes>
-HWY_INLINE GaussianLanes LoadGaussians(const RasterTask& task, Load&& load, Shapes&& stored) {
-  GaussianLanes g;
-  g.inverse_volume = Lane(1.0);
-  for (int k = 0; k < 3; ++k) {
-    g.mean[k] = load(line_record::kMean + k);
-    for (int j = 0; j < 3; ++j) g.whiten[k][j] = load(line_record::kWhiten + 3 * k + j);
-    const Lane square = Dot3(g.whiten[k], g.whiten[k]);
-    g.variance[k] = Lane(1.0) / square;
-    g.inverse_volume *= Sqrt(square);
-  }
-  g.log2_strength = load(line_record::kLog2Strength);
-  constexpr double kTwoLn2 = 1.38629436111989061883;
-  g.cutoff =
-      Min(Lane(kTwoLn2) * (g.log2_strength - Lane(task.log2_raw_min)), Lane(task.max_cutoff));
-  const Primitive primitive = task.gaussians.primitive;
-  if (HWY_UNLIKELY(primitive != Primitive::kGaussian)) {
-    g.cutoff = ShapeCutoff(primitive, stored(), g.cutoff);
-  }
-  g.k = Sqrt(g.cutoff);
-  g.inverse_k = Lane(1.0) / g.k;
-  return g;
 }
 
 // What a Gaussian is in the frame of a bundle.
@@ -217,8 +177,16 @@ struct LineChunk {
     kBlue,
     kQ1,
     kQ2 = kQ1 + 3,
-    kColumns = kQ2 + 3
+    kColumns = kQ2 + 3,
+    // Of flat primitives, which have X in kWx0, kXa and kXb and Y likewise.
+    kNormal = kQ1,
+    kShape = kWxs,
+    kEnd = kWxt,
+    kSpread = kWys
   };
+  // Of X, Y and n: along D, E1 and E2.
+  static constexpr int kColumnsOf[3][3] = {
+      {kWx0, kXa, kXb}, {kWy0, kYa, kYb}, {kNormal, kNormal + 1, kNormal + 2}};
   // Places for kChunk pairs and kMissing, rounded up to whole vectors.
   static constexpr int kStride = kChunk + 16;
   HWY_ALIGN float values[kColumns][kStride];
@@ -253,9 +221,20 @@ struct LineChunk {
         return Lane(hn::Load(d, shapes));
       };
       const GaussianLanes g = LoadGaussians(task, load, stored);
-      const LinePair p = PlaceInFrame(g, axes);
       const auto store = [&](int column, Lane value)
                              HWY_ATTR { hn::Store(value.v, d, values[column] + first); };
+      constexpr double kHalfLog2E = 0.72134752044448170368;
+      store(kKappa, Lane(-kHalfLog2E) * g.cutoff);
+      store(kLog2Strength, g.log2_strength);
+      for (int c = 0; c < 3; ++c) store(kRed + c, load(line_record::kColor + c));
+      if (HWY_UNLIKELY(IsFlat(task.gaussians.primitive))) {
+        FlatPair p = PlaceFlat(g, axes);
+        VisitFlat(task.gaussians.primitive,
+                  [&](auto kind) HWY_ATTR { ShapeFlat(kind, g, stored(), &p); });
+        StoreFlat(p, store);
+        continue;
+      }
+      const LinePair p = PlaceInFrame(g, axes);
       store(kM1, p.m[0]);
       store(kM2, p.m[1]);
       store(kMd, p.m[2]);
@@ -270,10 +249,6 @@ struct LineChunk {
       store(kWys, p.w_ys);
       store(kWyt, p.w_yt);
       store(kReach, p.reach);
-      constexpr double kHalfLog2E = 0.72134752044448170368;
-      store(kKappa, Lane(-kHalfLog2E) * g.cutoff);
-      store(kLog2Strength, g.log2_strength);
-      for (int c = 0; c < 3; ++c) store(kRed + c, load(line_record::kColor + c));
       for (int k = 0; k < 3; ++k) {
         store(kQ1 + k, p.q1[k]);
         store(kQ2 + k, p.q2[k]);
@@ -281,14 +256,60 @@ struct LineChunk {
     }
   }
 
+  // store(column, value).
+  template <class Store>
+  HWY_INLINE static void StoreFlat(const FlatPair& p, Store&& store) {
+    for (int k = 0; k < 3; ++k) {
+      store(kM1 + k, p.m[k]);
+      store(kColumnsOf[0][k], p.x[k]);
+      store(kColumnsOf[1][k], p.y[k]);
+      store(kColumnsOf[2][k], p.n[k]);
+    }
+    store(kShape, p.shape);
+    store(kEnd, p.end);
+    store(kSpread, p.spread);
+  }
+
   HWY_INLINE FloatVec Get(int column, int pair) const {
     return hn::Set(FloatTag(), values[column][pair]);
+  }
+
+  // Returns the bits of visit(centre, half) over the blocks of a tile, a block a lane.
+  template <class Visit>
+  HWY_INLINE static std::uint64_t VisitBlocks(const float* boxes, int block_stride, Visit&& visit) {
+    const FloatTag d;
+    std::uint64_t blocks = 0;
+    for (int b = 0; b < block_stride; b += kLanes) {
+      Lane center[4], half[4];
+      for (int k = 0; k < 4; ++k) {
+        center[k] = Lane(hn::Load(d, boxes + k * block_stride + b));
+        half[k] = Lane(hn::Load(d, boxes + (4 + k) * block_stride + b));
+      }
+      blocks |= MaskBits(visit(center, half).m) << b;
+    }
+    return blocks;
+  }
+
+  // As TouchedBlocks, of a flat primitive.
+  template <class Kind>
+  HWY_INLINE std::uint64_t TouchedFlat(Kind kind, int pair, const float* boxes,
+                                       int block_stride) const {
+    const auto get = [&](int column) HWY_ATTR { return Lane(Get(column, pair)); };
+    FlatPair p;
+    for (int k = 0; k < 3; ++k) {
+      p.m[k] = get(kM1 + k);
+      p.x[k] = get(kColumnsOf[0][k]);
+      p.y[k] = get(kColumnsOf[1][k]);
+      p.n[k] = get(kColumnsOf[2][k]);
+    }
+    return VisitBlocks(boxes, block_stride, [&](const Lane* center, const Lane* half) HWY_ATTR {
+      return MayHitFlat(kind, p, center, half);
+    });
   }
 
   // Bit b set where block b of the tile may hold a pixel that sees the pair.
   HWY_INLINE std::uint64_t TouchedBlocks(int pair, const float* boxes, int block_stride,
                                          float slide) const {
-    const FloatTag d;
     const auto get = [&](int column) HWY_ATTR { return Lane(Get(column, pair)); };
     LinePair p;
     for (int k = 0; k < 3; ++k) p.m[k] = get(kM1 + k);
@@ -303,16 +324,9 @@ struct LineChunk {
     p.w_ys = get(kWys);
     p.w_yt = get(kWyt);
     p.reach = get(kReach);
-    std::uint64_t blocks = 0;
-    for (int b = 0; b < block_stride; b += kLanes) {
-      Lane center[4], half[4];
-      for (int k = 0; k < 4; ++k) {
-        center[k] = Lane(hn::Load(d, boxes + k * block_stride + b));
-        half[k] = Lane(hn::Load(d, boxes + (4 + k) * block_stride + b));
-      }
-      blocks |= MaskBits(MayHit(p, center, half, Lane(slide)).m) << b;
-    }
-    return blocks;
+    return VisitBlocks(boxes, block_stride, [&](const Lane* center, const Lane* half) HWY_ATTR {
+      return MayHit(p, center, half, Lane(slide));
+    });
   }
 };
 

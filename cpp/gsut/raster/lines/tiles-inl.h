@@ -55,18 +55,31 @@ HWY_INLINE LaneMask MayPass(const GaussianLanes& g, Lane radius, const BundleLan
   return NotMask(OrMask(misses, d + radius + slack < bundle.slide));
 }
 
+// Whether lines of a bundle may hit the Gaussian itself.
+HWY_INLINE LaneMask MayHitBundle(Primitive primitive, const GaussianLanes& g,
+                                 const BundleLanes& bundle) {
+  if (HWY_LIKELY(!IsFlat(primitive))) {
+    const LinePair pair = PlaceInFrame(g, bundle.axes);
+    return MayHit(pair, bundle.center, bundle.half, bundle.slide);
+  }
+  LaneMask hit;
+  VisitFlat(primitive, [&](auto kind) HWY_ATTR {
+    hit = MayHitFlat(kind, PlaceFlat(g, bundle.axes), bundle.center, bundle.half);
+  });
+  return hit;
+}
+
 // Bit i set where node i of a group may hold a line that hits the Gaussian (in every lane of g).
 // exact: by the Gaussian itself, else by the sphere around it.
-HWY_INLINE std::uint64_t TouchedNodes(const GaussianLanes& g, Lane radius, const float* group,
-                                      bool exact) {
+HWY_INLINE std::uint64_t TouchedNodes(Primitive primitive, const GaussianLanes& g, Lane radius,
+                                      const float* group, bool exact) {
   const FloatTag d;
   std::uint64_t touched = 0;
   for (int i = 0; i < LineLevel::kGroup; i += kLanes) {
     const BundleLanes bundle(group, i);
     LaneMask hit = AndMask(MayPass(g, radius, bundle), bundle.state > Lane(LineBundle::kEmpty));
     if (exact && !hn::AllFalse(d, hit.m)) {
-      const LinePair pair = PlaceInFrame(g, bundle.axes);
-      hit = AndMask(hit, MayHit(pair, bundle.center, bundle.half, bundle.slide));
+      hit = AndMask(hit, MayHitBundle(primitive, g, bundle));
     }
     touched |= MaskBits(OrMask(hit, bundle.state > Lane(LineBundle::kNarrow)).m) << i;
   }
@@ -74,8 +87,8 @@ HWY_INLINE std::uint64_t TouchedNodes(const GaussianLanes& g, Lane radius, const
 }
 
 // Adds the tiles under one group of a level.
-HWY_INLINE void TouchGroup(const LineGrid& grid, const GaussianLanes& g, const TileWindow& window,
-                           TouchedRows* rows, TileWindow* hits) {
+HWY_INLINE void TouchGroup(const LineGrid& grid, Primitive primitive, const GaussianLanes& g,
+                           const TileWindow& window, TouchedRows* rows, TileWindow* hits) {
   struct Place {
     int level, x, y;
   };
@@ -89,7 +102,7 @@ HWY_INLINE void TouchGroup(const LineGrid& grid, const GaussianLanes& g, const T
     const Place place = open[--count];
     const LineLevel& level = grid.levels[static_cast<std::size_t>(place.level)];
     std::uint64_t touched =
-        TouchedNodes(g, radius, level.Group(place.x, place.y), place.level == 0);
+        TouchedNodes(primitive, g, radius, level.Group(place.x, place.y), place.level == 0);
     if (place.level == 0) {
       AddTouched(touched, place.x, place.y, window, rows, hits);
       continue;
@@ -112,7 +125,7 @@ HWY_INLINE TileRect LineTileRect(const RasterTask& task, const LineGrid& grid, s
   const TileWindow window = {0, grid.tiles.tiles_x, 0, grid.tiles.tiles_y};
   TileWindow hits = {window.x1, window.x0, window.y1, window.y0};
   rows->Clear(window);
-  TouchGroup(grid, g, window, rows, &hits);
+  TouchGroup(grid, task.gaussians.primitive, g, window, rows, &hits);
   return RectOf(hits, *rows, spans);
 }
 

@@ -43,7 +43,8 @@ struct PixelGradient {
   Vector3d ray = Vector3d::Zero(), origin = Vector3d::Zero();
 };
 
-// With w = A d, v = A (m - o), t = v.w / |w|^2 and residual r = v - t w (Passing):
+// With w = A d, v = A (m - o), t = v.w / |w|^2 and residual r = v - t w (Passing, which has what
+// flat primitives have in place of these):
 //   D^2 = |r|^2:  dD^2/dv = 2 r,  dD^2/dw = -2 t r, and dln f/dD^2 is Profile::Slope over -2;
 //   t:            dt/dv = w / |w|^2,  dt/dw = (v - 2 t w) / |w|^2.
 // The blend itself is taken back to front: T_i = T_(i+1) / (1 - alpha_i), see
@@ -101,8 +102,8 @@ PixelGradient BackwardPixel(const std::vector<Seen>& seen, const Ray& ray,
       out.ray += g_log / ray.direction.squaredNorm() * ray.direction;
       gs.log_mean_scale -= g_log;
     }
-    const Vector3d g_whitened = -g_log * at.residual + (e / at.w2) * at.w;
-    g_w += g_log * hit.t * at.residual + (e / at.w2) * (at.v - 2.0 * hit.t * at.w);
+    const Vector3d g_whitened = -g_log * at.pull + e * at.t_by_v;
+    g_w += g_log * hit.t * at.pull + e * at.t_by_w;
     gs.whitened += g_whitened;
     gs.whiten += g_w * ray.direction.transpose() - g_whitened * ray.origin.transpose();
     out.ray += s.whiten.transpose() * g_w;

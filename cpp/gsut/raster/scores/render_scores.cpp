@@ -120,11 +120,12 @@ void Renderer::AddFisher(const std::uint8_t* chosen, double* fisher) const {
       const Vector3d& color = colors[e].color;
       behind -= hit.weight * color;
       const Vector3d dcolor_dalpha = hit.transmittance * color - behind / (1.0 - hit.alpha);
-      // raw = strength exp(-D^2 / 2); D^2 changes with the mean by 2 A^T r, with scale k by
-      // -2 r_k^2 / s_k (the nearest point is stationary).
+      // raw = strength exp(-D^2 / 2); with p the pull, D^2 changes with the mean by 2 A^T p, with
+      // scale k by -2 p_k r_k / s_k (the nearest point is stationary).
       const double factor = -hit.slope;
-      const Vector3d by_mean = factor * (g.whiten.transpose() * hit.residual);
-      const Vector3d by_scale = -factor * hit.residual.cwiseAbs2().cwiseQuotient(g.scale);
+      const Vector3d by_mean = factor * (g.whiten.transpose() * hit.pull);
+      const Vector3d by_scale =
+          -factor * hit.pull.cwiseProduct(hit.residual).cwiseQuotient(g.scale);
       for (int c = 0; c < 3; ++c) {
         Eigen::Matrix<double, 6, 1> j;
         j.head<3>() = dcolor_dalpha[c] * by_mean + hit.weight * colors[e].dcolor_dmean.col(c);

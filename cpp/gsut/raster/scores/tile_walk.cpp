@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "gsut/gaussians/activations.h"
+#include "gsut/gaussians/surfels.h"
 
 namespace gsut {
 
@@ -21,6 +22,7 @@ WalkGaussian WalkGaussianOf(const WalkScene& scene, std::int64_t index) {
   for (int k = 0; k < 4; ++k) quat[k] = static_cast<double>(g.quats[4 * index + k]);
   RotationFromQuaternion(quat, rotation);
   for (int k = 0; k < 3; ++k) out.scale[k] = g.Scale(index, k);
+  if (IsFlat(g.primitive)) out.scale[2] = kSurfelThickness * out.scale.head<2>().minCoeff();
   out.whiten = out.scale.cwiseInverse().asDiagonal() *
                Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(rotation).transpose();
   out.whitened = out.whiten * (Map<const Eigen::Vector3f>(g.means + 3 * index).cast<double>() -
@@ -75,12 +77,21 @@ bool TileWalk::Evaluate(const WalkGaussian& g, int offset, WalkHit* hit) const {
   const Vector3d w = g.whiten * directions_[at];
   Vector3d whitened = g.whitened;
   if (scene_.lines != nullptr) whitened -= g.whiten * origins_[at];
-  hit->along = whitened.dot(w) / w.squaredNorm();
+  const bool is_flat = IsFlat(g.profile.primitive);
+  hit->along = is_flat ? whitened.z() / w.z() : whitened.dot(w) / w.squaredNorm();
   if (!(hit->along > 0.0)) return false;
   hit->residual = whitened - hit->along * w;
+  hit->pull = hit->residual;
+  double d2 = hit->residual.squaredNorm();
+  if (is_flat) {  // as Passing in reference/blend_ray.h
+    double slopes[2];
+    const double gauge = g.profile.Gauge(-hit->residual.x(), -hit->residual.y(), slopes);
+    d2 = gauge * gauge;
+    hit->pull << -slopes[0], -slopes[1], (slopes[0] * w.x() + slopes[1] * w.y()) / w.z();
+    hit->pull *= gauge;
+  }
   // The slope of what follows from D^2 is a Gaussian's times that of its primitive, as in the
   // kernels: ln f is a function of -D^2 / 2 alone.
-  const double d2 = hit->residual.squaredNorm();
   const bool is_gaussian = g.profile.IsGaussian();
   const double response = is_gaussian ? std::exp(-0.5 * d2) : g.profile.Response(d2);
   if (!(response > rule.response_min)) return false;

@@ -45,6 +45,7 @@ struct WalkHit {
   double by_strength, slope;
   double along;              // of the nearest point, in lengths of the direction
   Eigen::Vector3d residual;  // from the mean to the ray in whitened space, reversed
+  Eigen::Vector3d pull;      // derivative of D^2 / 2 by A m: the residual, or a gauge's
 };
 
 // The pixels of one tile.

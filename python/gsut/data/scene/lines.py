@@ -43,8 +43,10 @@ def project_points(
 
 def interpolate_poses(motion: CameraMotion, times: np.ndarray) -> np.ndarray:
     """Returns camera_from_world (n, 4, 4) at times (n,) of the exposure, from 0 to 1."""
-    steps, which = np.unique(np.round(times * _TIMES) / _TIMES, return_inverse=True)
-    return np.array([motion.at(time) for time in steps]).reshape(-1, 4, 4)[which]
+    steps = np.round(times * _TIMES).astype(np.int64)
+    first = steps.min(initial=0)
+    between = range(first, steps.max(initial=first) + 1)
+    return np.array([motion.at(step / _TIMES) for step in between])[steps - first]
 
 
 def find_line_times(camera: Any, motion: CameraMotion, pixels: np.ndarray) -> np.ndarray:

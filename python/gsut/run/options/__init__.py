@@ -25,12 +25,14 @@ from gsut.run.options.presets import (
     is_from_preset,
     raise_degree,
 )
+from gsut.run.options.primitives import FLAT_PRIMITIVES
 from gsut.run.options.recipe import PRESETS, compute_recipe
 from gsut.run.options.scene import SceneOptions
 from gsut.run.options.train import AUTO, TrainOptions
 
 __all__ = [
     "AUTO",
+    "FLAT_PRIMITIVES",
     "MOST_BLOCKS",
     "MOST_WHOLE",
     "PRESETS",

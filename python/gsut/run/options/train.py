@@ -19,7 +19,7 @@ from gsut.run.options.fields import (
     list_choices,
     list_words,
 )
-from gsut.run.options.primitives import OTHER_PRIMITIVES, check_primitive
+from gsut.run.options.primitives import FLAT_PRIMITIVES, OTHER_PRIMITIVES, check_primitive
 from gsut.run.options.recipe import PRESETS, compute_recipe, get_preset
 
 # --max-gaussians auto: see gsut.training.complexity.
@@ -133,7 +133,8 @@ class TrainOptions:
     primitive: str = define_option(
         "gaussian", "Gaussians", "surfel: flat discs without a third scale, written as in 2DGS; "
         "atom: Gaussians with one scale; power4: exp(-D^4 / 18), 3DGRT's default; beta: "
-        "(1 - D^2 / 2b)^b, its shape b learnt; other viewers do not draw the last two",
+        "(1 - D^2 / 2b)^b, its shape b learnt; triangle: flat, its sharpness learnt; other viewers "
+        "do not draw the last three",
         choices=("gaussian", "surfel", "atom", *OTHER_PRIMITIVES),
     )
     response: str = define_option(
@@ -309,10 +310,10 @@ class TrainOptions:
                 f"--set coarse_to_fine={fractions[0]:g},{fractions[1]:g}: the quarter resolution "
                 "must end before the half resolution does"
             )
-        if self.primitive == "surfel" and self.low_pass:
+        if self.primitive in FLAT_PRIMITIVES and self.low_pass:
             raise InputError(
-                f"--set low_pass={self.low_pass:g} makes Gaussians thicker, and surfels have no "
-                "thickness; leave one of the two out"
+                f"--set low_pass={self.low_pass:g} makes Gaussians thicker, and {self.primitive}s "
+                "have no thickness; leave one of the two out"
             )
         check_primitive(self.primitive, self.surface, self.compact_at)
         if self.refine_lens:

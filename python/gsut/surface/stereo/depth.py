@@ -9,6 +9,7 @@ import numpy as np
 from gsut._core import InputError
 from gsut.data import Scene
 from gsut.surface.extract import DepthMap
+from gsut.surface.stereo.normals import fit_normals
 from gsut.surface.stereo.sweep import OnView, Shown, find_distances, ignore_view
 
 _FEWEST_VIEWS = 2  # without another view nothing can be compared
@@ -35,7 +36,7 @@ def find_depth_maps(
 
     Returns:
         One map for each view: distances along the rays, NaN where unknown; as weight the share of
-        two other views that agree, from 0 to 1; and the photograph as image.
+        two other views that agree, from 0 to 1; the photograph as image; and normals.
 
     Raises:
         InputError: fewer than two views, an index that is none, or photographs of which hardly
@@ -66,10 +67,13 @@ def _make_map(scene: Scene, view: int, shown: Shown, agree: int) -> DepthMap:
     camera = scene.camera(view)
     size = (camera.width, camera.height)
     inverse = np.where(shown.agree >= agree, shown.inverse, 0)
+    normals = fit_normals(shown.photograph, inverse)
     inverse = cv2.resize(inverse, size, interpolation=cv2.INTER_NEAREST)
     trust = cv2.resize(shown.trust, size, interpolation=cv2.INTER_NEAREST)
     known = (inverse > 0) & scene.mask(view)
     depth = np.full(inverse.shape, np.nan, np.float32)
     depth[known] = 1 / inverse[known]
     weight = np.where(known, trust, np.float32(0))
-    return DepthMap(camera, scene.views[view].motion, depth, weight, scene.image(view))
+    normals = cv2.resize(normals, size, interpolation=cv2.INTER_NEAREST)
+    normals[~known] = 0
+    return DepthMap(camera, scene.views[view].motion, depth, weight, scene.image(view), normals)

@@ -16,7 +16,6 @@ from gsut.gaussians import (
     choose_points,
     seed_from_points,
     seed_in_view,
-    to_surfels,
 )
 from gsut.run import TrainOptions
 from gsut.surface.stereo import find_points_by_stereo, measure_coverage
@@ -124,7 +123,7 @@ def seed_first(scene: Scene, options: TrainOptions, more: Sequence[Colored] = ()
     first = dataclasses.replace(first, response=o.response)
     if o.primitive in Gaussians.PRIMITIVES:
         return first.to_primitive(o.primitive)
-    return to_surfels(first) if o.primitive == "surfel" else first
+    return first.to_surfels() if o.primitive == "surfel" else first
 
 
 def _choose_colored_points(scene: Scene, options: TrainOptions, more: Sequence[Colored]) -> Colored:

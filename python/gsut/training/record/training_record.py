@@ -88,7 +88,7 @@ class TrainingRecord:
     @contextlib.contextmanager
     def follow(self, loop: TrainingLoop) -> Iterator[None]:
         """Restores the loop from the checkpoint, shows a bar during the block, and saves at its
-        end."""
+        end, the scene too."""
         if self.checkpoint is not None:
             with reading(self._explain_checkpoint):
                 loop.load_state_dict(self.checkpoint)
@@ -101,6 +101,8 @@ class TrainingRecord:
         with self._bar, self._interrupts.hold():
             yield
         self._save(loop)
+        if self.run is not None:  # evaluation may be interrupted
+            write_unfinished(self.run, loop)
 
     def _announce(self, loop: TrainingLoop, seconds: float) -> None:
         """Says how much a training has to do, and about how long it will take."""
