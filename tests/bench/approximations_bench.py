@@ -15,15 +15,13 @@ from gsut import _core
 from gsut.data.scene import read_depth
 from gsut.gaussians import Gaussians
 from gsut.render import measure_depth
+from tests.bench.approximations_film import draw_lines, film_orders, find_lines, move_camera
 from tests.bench.commands import train
 from tests.bench.harness import HALL, Benchmark, Column, Option, Row, Settings
 
 ORDERS = ("z", "distance", "ray", "integral")
 EXACT = "exact"  # in 3D, along each ray; others are footprints in the picture
 FOOTPRINTS = ("ewa", "unscented")
-# A frame of a film: a turn and a walk at 30 frames a second, at the pace of a hand-held camera.
-_TURN_DEGREES = 1.0
-_STEP_UNITS = 0.01
 _PATCH = 4  # pixels across a patch: what swaps as a whole, an eye sees
 _SEED = 0
 _TIMED = 5  # renders of a view, of which the fastest counts
@@ -61,16 +59,20 @@ def measure(case: Row, settings: Settings) -> Row:
     scene = gsut.load_dataset(data)
     plain = _take_plain_colors(model)
     judged = _Judged()
+    if settings.film and _is_filmed(case, settings):
+        _, camera, pose = _choose_views(scene, 1)[0]
+        film = Path(settings.film)
+        film_orders(film, model, plain, camera, pose, ORDERS[:-1], settings.frames)
     for number, (view, camera, pose) in enumerate(_choose_views(scene, settings.views)):
         pixels = _sample_patches(camera, settings.patches, number)
         seen = pixels[: settings.integrals, :1]
-        lines = _find_lines(camera, pose, seen)
+        lines = find_lines(camera, pose, seen)
         truth = _integrate(run / f"{response}-{number}.npz", plain, camera, pose, seen)
         if case["projection"] != EXACT:
             drawn = _draw_footprints(plain, camera, pose, seen[:, 0], case["projection"])
             judged.off.append(drawn[:, None] - truth[0])
             continue
-        drawn = truth if order == "integral" else _draw(plain, lines, pose, order)
+        drawn = truth if order == "integral" else draw_lines(plain, lines, pose, order)
         judged.off.append(drawn[0] - truth[0])
         at = tuple(seen[:, 0].T)
         name = Path(scene.views[view].name).stem
@@ -88,8 +90,14 @@ def measure(case: Row, settings: Settings) -> Row:
     row = judged.summarize(is_reference=order == "integral")
     if is_float:
         row["psnr"] = _measure_psnr(model, scene, order)
-        row["forward_ms"], row["backward_ms"] = _time_passes(model, scene, order)
+        row |= _time_passes(model, scene, order)
     return row
+
+
+def _is_filmed(case: Row, settings: Settings) -> bool:
+    """Returns whether the film is of this row's model: one row has it made for all orders."""
+    first = (settings.counts[0], settings.responses[0])
+    return case["order"] == "ray" and (case["_count"], case["response"]) == first
 
 
 @dataclasses.dataclass
@@ -129,9 +137,9 @@ def _add_swaps(
     order: str,
 ) -> None:
     """Adds what jumps in patches of pixels when the camera moves by a frame."""
-    for motion, moved in _move(pose).items():
-        there = _find_lines(camera, moved, pixels)
-        jump = _draw(plain, there, moved, order)[0] - _draw(plain, there, pose, order)[0]
+    for motion, moved in move_camera(pose).items():
+        there = find_lines(camera, moved, pixels)
+        jump = draw_lines(plain, there, moved, order)[0] - draw_lines(plain, there, pose, order)[0]
         judged.swaps.setdefault(motion, []).append(jump.mean(axis=1))
 
 
@@ -184,32 +192,6 @@ def _sample_patches(camera: gsut.Camera, count: int, seed: int) -> np.ndarray:
     return np.stack(patches)
 
 
-def _find_lines(camera: gsut.Camera, pose: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """Finds the lines (P, 16, 6) of patches of pixels in the world: origins and directions."""
-    lines = np.zeros((*pixels.shape[:2], 6))
-    lines[..., :3] = -pose[:3, :3].T @ pose[:3, 3]
-    lines[..., 3:] = camera.rays()[0][pixels[..., 0], pixels[..., 1]] @ pose[:3, :3]
-    return lines
-
-
-def _move(pose: np.ndarray) -> dict[str, np.ndarray]:
-    """Moves a camera by a frame: a turn about its own vertical, a step to its right."""
-    angle = np.radians(_TURN_DEGREES)
-    turn, step = np.eye(4), np.eye(4)
-    turn[[0, 0, 2, 2], [0, 2, 0, 2]] = np.cos(angle), np.sin(angle), -np.sin(angle), np.cos(angle)
-    step[0, 3] = -_STEP_UNITS
-    return {"turn": turn @ pose, "step": step @ pose}
-
-
-def _draw(
-    g: Gaussians, lines: np.ndarray, ordered_from: np.ndarray, order: str
-) -> tuple[np.ndarray, ...]:
-    """Draws image, alpha and depth of lines (P, 16, 6) in double, in the order from a pose."""
-    rule = _core.BlendRule()
-    rule.order = order
-    return _core.render_lines_reference(g, lines, ordered_from, rule)[:3]
-
-
 def _integrate(
     file: Path, g: Gaussians, camera: gsut.Camera, pose: np.ndarray, pixels: np.ndarray
 ) -> tuple[np.ndarray, ...]:
@@ -218,8 +200,8 @@ def _integrate(
         parts = []
         for patch in pixels:
             rows = _find_seen(g, camera, pose, patch)
-            lines = _find_lines(camera, pose, patch[None])
-            parts.append(_draw(g[rows], lines, pose, "integral"))
+            lines = find_lines(camera, pose, patch[None])
+            parts.append(draw_lines(g[rows], lines, pose, "integral"))
         np.savez(file, *(np.concatenate(part) for part in zip(*parts, strict=True)))
     with np.load(file) as kept:
         return tuple(kept.values())
@@ -262,12 +244,12 @@ def _measure_psnr(model: Gaussians, scene: gsut.Scene, order: str) -> float:
     return float(np.mean(found))
 
 
-def _time_passes(model: Gaussians, scene: gsut.Scene, order: str) -> tuple[float, float | None]:
-    """Measures milliseconds, of all threads together, of a held-out view's forward and backward."""
+def _time_passes(model: Gaussians, scene: gsut.Scene, order: str) -> dict[str, float | None]:
+    """Measures milliseconds, of all threads together, of a held-out view: stages and a frame."""
     renderer, rule = _core.Renderer(), _make_rule(order)
     g = model.with_origin((0.0, 0.0, 0.0))
     gradients, touched, keeps = g.make_zeros(), np.zeros(len(g), np.uint8), order != "ray"
-    times: dict[str, list[float]] = {"forward": [], "backward": []}
+    least = []
     for i in scene.test_indices:
         camera, pose = scene.camera(i), scene.views[i].camera_from_world
         image = np.zeros((camera.height, camera.width, 3), np.float32)
@@ -275,13 +257,14 @@ def _time_passes(model: Gaussians, scene: gsut.Scene, order: str) -> tuple[float
         took = []
         for _ in range(_TIMED):
             renderer.render(g, job, image)
+            drawn = {name: times[1] for name, times in renderer.timings().items()}
             if keeps:
                 renderer.backward(image, gradients, touched)
-            took.append([renderer.timings().get(name, (0, 0))[1] for name in times])
-        for name, least in zip(times, np.min(took, axis=0), strict=True):
-            times[name].append(1e3 * float(least))
-    forward, backward = (float(np.mean(each)) for each in times.values())
-    return forward, backward if keeps else None
+            backward = renderer.timings().get("backward", (0, 0))[1]
+            took.append((drawn["forward"], sum(drawn.values()), backward))
+        least.append(np.min(took, axis=0))
+    blend, frame, backward = (1e3 * np.mean(least, axis=0)).tolist()
+    return {"blend_ms": blend, "frame_ms": frame, "backward_ms": backward if keeps else None}
 
 
 BENCHMARK = Benchmark(
@@ -297,7 +280,8 @@ BENCHMARK = Benchmark(
         Column("error_rare", "1 of 1000 values off by", form=".3f"),
         Column("turn", "largest swap of a turn", form=".3f"),
         Column("step", "of a step", form=".3f"),
-        Column("forward_ms", "blend", "CPU-ms", ".1f"),
+        Column("blend_ms", "blend", "CPU-ms", ".1f"),
+        Column("frame_ms", "frame", "CPU-ms", ".1f"),
         Column("backward_ms", "backward", "CPU-ms", ".1f"),
         Column("mean_bias", "mean depth too far by", "%", ".2f"),
         Column("mean_off", "off by", "%", ".2f"),
@@ -314,6 +298,8 @@ BENCHMARK = Benchmark(
         Option("flags", "--preset fast", "of gsut train"),
         Option("views", 3, "held-out views of errors and swaps"),
         Option("patches", 96, "of 4 x 4 pixels a view, whose swaps are measured"),
+        Option("film", "", "file (.mp4, .webm, .gif): the first model in all orders side by side"),
+        Option("frames", 20, "of the film's turn, and of its steps"),
         Option("integrals", 24, "of them, one pixel each, whose errors are measured"),
     ),
 )
