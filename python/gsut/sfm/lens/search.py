@@ -26,7 +26,6 @@ from gsut.sfm.matches import (
     verify_matches,
 )
 from gsut.sfm.solution import Adjustment, OnStep, Solution, adjust_poses, solve_poses
-from gsut.sfm.solution.solver import ignore_step
 
 _HOLD_OUT_EVERY = 5  # tracks, of those long enough to spare an observation
 _FREE = 1  # flag of a parameter that is estimated by itself
@@ -282,7 +281,7 @@ class _Trials:
         """
         tasks = []
         for number, (lens, flags) in enumerate(models):
-            on_step = ignore_step if number else self._show  # one reports for all
+            on_step = self._show if number == 0 else lambda *_: None  # one reports for all
             if self.is_rolling:
                 tasks.append(self._prepare_solve(lens, flags, pairs, on_step))
             else:
