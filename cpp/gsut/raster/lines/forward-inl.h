@@ -47,11 +47,9 @@ class LineKernel {
       shapes_[j] = ShapeOf(task_, pairs[j].gaussian);
     }
     if (HWY_UNLIKELY(is_flat_)) {
-      VisitFlat(task_.gaussians.primitive, [&](auto kind) HWY_ATTR {
-        for (int j = 0; j < count; ++j) {
-          blocks_of[j] = chunk_.TouchedFlat(kind, j, boxes_, kBlockStride);
-        }
-      });
+      for (int j = 0; j < count; ++j) {
+        blocks_of[j] = chunk_.TouchedFlat(task_.gaussians.primitive, j, boxes_, kBlockStride);
+      }
       return;
     }
     for (int j = 0; j < count; ++j) {
@@ -66,9 +64,16 @@ class LineKernel {
   HWY_INLINE void Respond(const LinePixels& lines, const int* index, FloatMask open, FloatVec limit,
                           FloatVec* alpha, FloatVec* distance, FloatMask* hit) const {
     if (HWY_UNLIKELY(is_flat_)) {
-      VisitFlat(task_.gaussians.primitive, [&](auto kind) HWY_ATTR {
-        RespondFlat(kind, lines, index, open, limit, alpha, distance, hit);
-      });
+      // Copies: what a function gets lies in memory.
+      int pairs[kJam];
+      GSUT_UNROLL for (int i = 0; i < kJam; ++i) pairs[i] = index[i];
+      FlatResponses<kJam> of;
+      RespondFlat(task_.gaussians.primitive, chunk_, pairs, lines, &of);
+      GSUT_UNROLL for (int i = 0; i < kJam; ++i) {
+        hit[i] = hn::And(open, of.hit[i]);
+        distance[i] = of.distance[i];
+        alpha[i] = AlphaOf(of.log2_raw[i], limit, hit[i]);
+      }
       return;
     }
     GSUT_UNROLL for (int i = 0; i < kJam; ++i) {
@@ -98,21 +103,6 @@ class LineKernel {
     FloatVec alpha = FastExp2(exponent);
     if (HWY_UNLIKELY(task_.is_extinction)) alpha = ExtinctionAlpha(alpha);
     return hn::IfThenElseZero(hit, hn::Min(alpha, limit));
-  }
-
-  template <class Kind>
-  HWY_INLINE void RespondFlat(Kind kind, const LinePixels& lines, const int* index, FloatMask open,
-                              FloatVec limit, FloatVec* alpha, FloatVec* distance,
-                              FloatMask* hit) const {
-    GSUT_UNROLL for (int i = 0; i < kJam; ++i) {
-      const FlatHit response = FlatHitOf(kind, chunk_, index[i], lines);
-      hit[i] = hn::And(open, IsHit(response, lines));
-      distance[i] = hn::Sub(response.along, lines.slide);
-      const FloatVec log2_raw =
-          hn::MulAdd(chunk_.Get(LineChunk::kShape, index[i]), Log2(Lane(response.rest)).v,
-                     chunk_.Get(LineChunk::kLog2Strength, index[i]));
-      alpha[i] = AlphaOf(log2_raw, limit, hit[i]);
-    }
   }
 
   const RasterTask& task_;

@@ -201,7 +201,24 @@ struct LineChunk {
   // Sets up the Gaussians ids[0 .. count) for a tile.
   template <class Ids>
   HWY_INLINE void Fill(const RasterTask& task, const float* records, const float* bundle, int count,
-                       Ids&& ids) {
+                       Ids ids) {
+    if (HWY_LIKELY(!IsFlat(task.gaussians.primitive))) {
+      FillAs<false>(task, records, bundle, count, ids);
+    } else {
+      FillFlat(task, records, bundle, count, ids);
+    }
+  }
+
+  // A function, so that Gaussians keep their registers, see primitives-inl.h.
+  template <class Ids>
+  HWY_NOINLINE void FillFlat(const RasterTask& task, const float* records, const float* bundle,
+                             int count, Ids ids) {
+    FillAs<true>(task, records, bundle, count, ids);
+  }
+
+  template <bool kIsFlat, class Ids>
+  HWY_INLINE void FillAs(const RasterTask& task, const float* records, const float* bundle,
+                         int count, Ids ids) {
     const FloatTag d;
     Lane axes[9];
     for (int k = 0; k < 9; ++k) axes[k] = Lane(bundle[LineBundle::kD + k]);
@@ -227,7 +244,7 @@ struct LineChunk {
       store(kKappa, Lane(-kHalfLog2E) * g.cutoff);
       store(kLog2Strength, g.log2_strength);
       for (int c = 0; c < 3; ++c) store(kRed + c, load(line_record::kColor + c));
-      if (HWY_UNLIKELY(IsFlat(task.gaussians.primitive))) {
+      if constexpr (kIsFlat) {
         FlatPair p = PlaceFlat(g, axes);
         VisitFlat(task.gaussians.primitive,
                   [&](auto kind) HWY_ATTR { ShapeFlat(kind, g, stored(), &p); });
@@ -291,9 +308,8 @@ struct LineChunk {
   }
 
   // As TouchedBlocks, of a flat primitive.
-  template <class Kind>
-  HWY_INLINE std::uint64_t TouchedFlat(Kind kind, int pair, const float* boxes,
-                                       int block_stride) const {
+  HWY_NOINLINE std::uint64_t TouchedFlat(Primitive primitive, int pair, const float* boxes,
+                                         int block_stride) const {
     const auto get = [&](int column) HWY_ATTR { return Lane(Get(column, pair)); };
     FlatPair p;
     for (int k = 0; k < 3; ++k) {
@@ -302,9 +318,13 @@ struct LineChunk {
       p.y[k] = get(kColumnsOf[1][k]);
       p.n[k] = get(kColumnsOf[2][k]);
     }
-    return VisitBlocks(boxes, block_stride, [&](const Lane* center, const Lane* half) HWY_ATTR {
-      return MayHitFlat(kind, p, center, half);
+    std::uint64_t blocks = 0;
+    VisitFlat(primitive, [&](auto kind) HWY_ATTR {
+      blocks = VisitBlocks(boxes, block_stride, [&](const Lane* center, const Lane* half) HWY_ATTR {
+        return MayHitFlat(kind, p, center, half);
+      });
     });
+    return blocks;
   }
 
   // Bit b set where block b of the tile may hold a pixel that sees the pair.
