@@ -3,6 +3,7 @@
 
 #include <Eigen/Core>
 #include <memory>
+#include <utility>
 #include <vector>
 
 #include "gsut/sfm/tiled_cholesky.h"
@@ -20,7 +21,8 @@ class ReducedSystem {
     std::vector<int> blocks;
   };
 
-  // block_sizes: those from num_ordered on come last, in their order: many observations have them.
+  // block_sizes: those from num_ordered on come last, in their order, and are shared: many
+  // observations have them.
   ReducedSystem(std::vector<int> block_sizes, int num_ordered, int num_points,
                 const std::vector<Dependence>& observations);
 
@@ -55,14 +57,21 @@ class ReducedSystem {
   void Order(int num_ordered, const std::vector<Dependence>& observations);
   void FindEntries(const std::vector<Dependence>& observations);
   void EliminatePoint(int point, double radius);
+  void ListFills();
   void FillRow(int block, double radius);
+  void FillShared(int block, int other);
+  bool IsFilledByRow(int block, int other) const {
+    return block < num_ordered_ ? rank_[other] <= rank_[block] : other == block;
+  }
   double* TileOf(int row, int column) {
     return matrix_->Tile(tile_[row], tile_[column]) + in_tile_[row] +
            static_cast<std::ptrdiff_t>(in_tile_[column]) * rows_of_tile_[tile_[row]];
   }
 
   std::vector<int> sizes_;
+  int num_ordered_;
   int num_points_;
+  std::vector<std::pair<int, int>> fills_;  // parts of S: (block, itself): FillRow; else FillShared
   // By block: place in the order, first unknown, tile and row in it.
   std::vector<int> rank_, start_, tile_, in_tile_, rows_of_tile_;
   std::vector<int> point_of_;                // by observation
