@@ -13,6 +13,8 @@
 
 namespace gsut {
 
+inline constexpr std::int64_t kTrackGrain = 256;  // tracks a chunk of parallel work
+
 class SceneMap {
  public:
   struct Observation {
