@@ -63,28 +63,6 @@ HWY_INLINE FloatMask IsHit(const FlatHit& hit, const LinePixels& line) {
   return hn::And(hn::Lt(hit.gauge, hn::Set(FloatTag(), 1.0f)), hn::Gt(hit.along, line.slide));
 }
 
-// What the forward pass needs of a group of pairs.
-template <int kCount>
-struct FlatResponses {
-  FloatVec log2_raw[kCount], distance[kCount];
-  FloatMask hit[kCount];
-};
-
-// A function, so that Gaussians keep their registers, see primitives-inl.h.
-template <int kCount>
-HWY_NOINLINE void RespondFlat(Primitive primitive, const LineChunk& chunk, const int* pairs,
-                              LinePixels line, FlatResponses<kCount>* out) {
-  VisitFlat(primitive, [&](auto kind) HWY_ATTR {
-    GSUT_UNROLL for (int i = 0; i < kCount; ++i) {
-      const FlatHit hit = FlatHitOf(kind, chunk, pairs[i], line);
-      out->hit[i] = IsHit(hit, line);
-      out->distance[i] = hn::Sub(hit.along, line.slide);
-      out->log2_raw[i] = hn::MulAdd(chunk.Get(LineChunk::kShape, pairs[i]), Log2(Lane(hit.rest)).v,
-                                    chunk.Get(LineChunk::kLog2Strength, pairs[i]));
-    }
-  });
-}
-
 }  // namespace HWY_NAMESPACE
 }  // namespace gsut
 HWY_AFTER_NAMESPACE();

@@ -199,26 +199,9 @@ struct LineChunk {
   }
 
   // Sets up the Gaussians ids[0 .. count) for a tile.
-  template <class Ids>
-  HWY_INLINE void Fill(const RasterTask& task, const float* records, const float* bundle, int count,
-                       Ids ids) {
-    if (HWY_LIKELY(!IsFlat(task.gaussians.primitive))) {
-      FillAs<false>(task, records, bundle, count, ids);
-    } else {
-      FillFlat(task, records, bundle, count, ids);
-    }
-  }
-
-  // A function, so that Gaussians keep their registers, see primitives-inl.h.
-  template <class Ids>
-  HWY_NOINLINE void FillFlat(const RasterTask& task, const float* records, const float* bundle,
-                             int count, Ids ids) {
-    FillAs<true>(task, records, bundle, count, ids);
-  }
-
   template <bool kIsFlat, class Ids>
-  HWY_INLINE void FillAs(const RasterTask& task, const float* records, const float* bundle,
-                         int count, Ids ids) {
+  HWY_INLINE void Fill(const RasterTask& task, const float* records, const float* bundle, int count,
+                       const Ids& ids) {
     const FloatTag d;
     Lane axes[9];
     for (int k = 0; k < 9; ++k) axes[k] = Lane(bundle[LineBundle::kD + k]);
@@ -308,8 +291,9 @@ struct LineChunk {
   }
 
   // As TouchedBlocks, of a flat primitive.
-  HWY_NOINLINE std::uint64_t TouchedFlat(Primitive primitive, int pair, const float* boxes,
-                                         int block_stride) const {
+  template <class Kind>
+  HWY_INLINE std::uint64_t TouchedFlat(Kind kind, int pair, const float* boxes,
+                                       int block_stride) const {
     const auto get = [&](int column) HWY_ATTR { return Lane(Get(column, pair)); };
     FlatPair p;
     for (int k = 0; k < 3; ++k) {
@@ -318,13 +302,9 @@ struct LineChunk {
       p.y[k] = get(kColumnsOf[1][k]);
       p.n[k] = get(kColumnsOf[2][k]);
     }
-    std::uint64_t blocks = 0;
-    VisitFlat(primitive, [&](auto kind) HWY_ATTR {
-      blocks = VisitBlocks(boxes, block_stride, [&](const Lane* center, const Lane* half) HWY_ATTR {
-        return MayHitFlat(kind, p, center, half);
-      });
+    return VisitBlocks(boxes, block_stride, [&](const Lane* center, const Lane* half) HWY_ATTR {
+      return MayHitFlat(kind, p, center, half);
     });
-    return blocks;
   }
 
   // Bit b set where block b of the tile may hold a pixel that sees the pair.

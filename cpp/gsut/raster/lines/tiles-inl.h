@@ -128,7 +128,7 @@ HWY_INLINE TileRect LineTileRect(const RasterTask& task, const LineGrid& grid, s
   const GaussianLanes g = LoadGaussians(task, load, stored);
   const TileWindow window = {0, grid.tiles.tiles_x, 0, grid.tiles.tiles_y};
   rows->Clear(window);
-  if (HWY_UNLIKELY(IsFlat(task.gaussians.primitive))) {
+  if (HWY_UNLIKELY(HasEdges(task.gaussians.primitive))) {
     return RectOf(TouchFlat(grid, task.gaussians.primitive, g, window, rows), *rows, spans);
   }
   const auto may_hit = [](const GaussianLanes& of, const BundleLanes& bundle) HWY_ATTR {
