@@ -10,8 +10,8 @@
 namespace gsut {
 namespace {
 
-constexpr double kMiddle = 0.5;            // of the readout: the time of an image's own pose
-constexpr int kScoreLevels = 5;            // grids of 2 x 2 to 32 x 32 cells
+constexpr double kMiddle = 0.5;  // of the readout: the time of an image's own pose
+constexpr int kScoreLevels = 5;  // grids of 2 x 2 to 32 x 32 cells
 
 }  // namespace
 
