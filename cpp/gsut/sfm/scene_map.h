@@ -13,7 +13,8 @@
 
 namespace gsut {
 
-inline constexpr std::int64_t kTrackGrain = 256;  // tracks a chunk of parallel work
+// Tracks of a chunk of parallel work.
+inline constexpr std::int64_t kTrackGrain = 256;
 
 class SceneMap {
  public:
