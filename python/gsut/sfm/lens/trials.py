@@ -23,7 +23,7 @@ def run_trials(
     Args:
         trials: each is called with the function that its solver has to call after each step.
         on_step: called with the steps of the first one.
-        threads: trials at once, at most; None: as many as there are cores.
+        threads: trials at once, at most; None: the number of cores.
 
     Raises:
         Exception: of the first trial that raises one, or an interrupt; the others then end at their
