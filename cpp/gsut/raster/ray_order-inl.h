@@ -202,8 +202,8 @@ HWY_INLINE void BlendOrOpen(const RasterTask& task, float bound, int slot, Float
 // o.
 template <class Kernel, class Notes>
 HWY_INLINE void ReadHits(const RasterTask& task, const Kernel& kernel, std::uint64_t todo, int part,
-                         std::size_t o, FloatVec length, const BlockPixels& pixels,
-                         BlockHits* hits, Notes* notes) {
+                         std::size_t o, FloatVec length, const BlockPixels& pixels, BlockHits* hits,
+                         Notes* notes) {
   constexpr int kJam = Kernel::kJam;
   const FloatTag d;
   const FloatVec alpha_limit = hn::Set(d, task.alpha_max), never = hn::Set(d, kNever);
@@ -274,8 +274,7 @@ HWY_INLINE bool SweepHits(const RasterTask& task, float unread, BlockHits* hits,
     Release(task, bound, hits, pixels, notes);
     GSUT_UNROLL for (int i = 0; i < kJam; ++i) {
       if (k + i >= end) break;
-      BlendOrOpen(task, bound, SlotOf(next[k + i]), t[i], rest[i], front[i], hits, pixels,
-                  notes);
+      BlendOrOpen(task, bound, SlotOf(next[k + i]), t[i], rest[i], front[i], hits, pixels, notes);
     }
     closed = pixels->AreClosed();
   }

@@ -101,8 +101,7 @@ class RayNotes {
       auto& live = memory_->slots[block_][static_cast<std::size_t>(other)];
       const FloatVec t_other = hn::Load(d, hits[other].t);
       // Of two at the same place the one that was swept first is in front.
-      const FloatMask is_behind =
-          live.turn > noted.turn ? hn::Ge(t_other, t) : hn::Gt(t_other, t);
+      const FloatMask is_behind = live.turn > noted.turn ? hn::Ge(t_other, t) : hn::Gt(t_other, t);
       passed = hn::Add(passed, hn::IfThenZeroElse(is_behind, WorthOf(hits[other])));
       const FloatVec gained = hn::IfThenElseZero(is_behind, worth);
       hn::Store(hn::Add(hn::Load(d, live.passed), gained), d, live.passed);
@@ -124,7 +123,8 @@ class RayNotes {
   // Puts a Gaussian's light and worth at a block where BlendStep reads them.
   HWY_INLINE void Restore(std::uint32_t pair, int block, BlockFields fields) const {
     const FloatTag d;
-    const std::size_t row = memory_->row_of[std::size_t{pair} * kBlocks + static_cast<std::size_t>(block)];
+    const std::size_t row =
+        memory_->row_of[std::size_t{pair} * kBlocks + static_cast<std::size_t>(block)];
     const float* const from = memory_->rows.data() + 2 * kLanes * row;
     fields.Set(kFieldTransmittance, hn::Load(d, from));
     fields.Set(kFieldBehind, hn::Load(d, from + kLanes));

@@ -147,7 +147,11 @@ def test_ray_order_has_the_same_bits_on_1_and_8_threads(rng, shutter):
     for threads in (1, 8):
         gsut.set_num_threads(threads)
         found = gsut.render(g, camera, pose, shutter=shutter, order="ray")
-        seen.add(found.image.tobytes() + found.depth.tobytes())
+        bits = found.image.tobytes() + found.depth.tobytes()
+        if shutter is None:
+            slopes = gsut.render_backward(found, found.image)
+            bits += slopes.gaussians.means.tobytes() + slopes.pose.tobytes()
+        seen.add(bits)
     assert len(seen) == 1
 
 
@@ -166,10 +170,11 @@ def test_ray_order_of_tiles_left_out_shows_the_background(rng):
 
 
 @pytest.mark.parametrize("parity", [None, "gsplat"])
-@pytest.mark.parametrize("response", ["maximum", "extinction"])
-def test_ray_order_backward_every_isa_matches_double(rng, response, parity):
+@pytest.mark.parametrize("kind", ["maximum", "extinction", "power4"])
+def test_ray_order_backward_every_isa_matches_double(rng, kind, parity):
     camera, pose = fisheye(32, degrees=200.0), random_pose(rng)
-    g = dataclasses.replace(overlap(rng, camera, pose), response=response)
+    changed = {"primitive": kind} if kind == "power4" else {"response": kind}
+    g = dataclasses.replace(overlap(rng, camera, pose), **changed)
     # Two at one place: neither is in front by its distance alone.
     g = g[np.append(np.arange(len(g)), 0)]
     options = {"blend": make_rule(parity), "background": BACKGROUND}

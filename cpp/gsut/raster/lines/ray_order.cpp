@@ -57,8 +57,7 @@ void LineRayOrderForward(const RasterTask& task, const LineGrid& grid, int tile,
                          float* image, float* alpha, float* depth, float* distortion) {
   WithLineKernel(task, grid, tile, *frame, [&](auto& kernel) HWY_ATTR {
     NoNotes notes;
-    BlendTileAlongRays(task, grid.tiles, tile, FarthestOrigin(grid, tile), kernel, frame,
-                       &notes);
+    BlendTileAlongRays(task, grid.tiles, tile, FarthestOrigin(grid, tile), kernel, frame, &notes);
   });
   WritePixels(grid.tiles, tile, *frame, task.background, task.with_depth, image, alpha, depth,
               distortion);
