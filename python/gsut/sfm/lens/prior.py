@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import concurrent.futures
 import dataclasses
 import math
 
 import numpy as np
 
+from gsut import _core
 from gsut._core import SolveError
 from gsut.lens import FocalPrior, find_focal_params, with_scaled_focal
 from gsut.sfm.lens.candidates import guess_lens
@@ -24,6 +26,9 @@ _GROUPS = 8
 _FEWEST_IMAGES = 4
 # Most matches of a pair in adjustments without a group.
 _GROUP_MATCHES = 150
+# Most images that groups are left out of beside each other: adjustments of more keep all cores busy
+# by themselves, and take memory.
+_MOST_BESIDE = 100
 # Share of the prior's standard deviation below which the images alone know better.
 _NEGLIGIBLE = 0.1
 _EXIF = "EXIF"  # source of the focal length that photographs state
@@ -147,8 +152,9 @@ def estimate_focal_sigma(
     images = np.flatnonzero(solution.registered)
     # Only how the focal length varies is asked: a readout needs no adjustment here.
     still = dataclasses.replace(solution, shutter=None, velocities=None)
-    logs = []
-    for group in np.array_split(images, count_groups(solution)):
+
+    def find_without(group: np.ndarray) -> float | None:
+        """Finds the logarithm of the focal length without a group; None: too few are left."""
         kept = solution.registered.copy()
         kept[group] = False
         try:
@@ -156,8 +162,13 @@ def estimate_focal_sigma(
                 dataclasses.replace(still, registered=kept), mapping.features, pairs,
                 mapping.options, adjustment=adjustment,
             )  # fmt: skip
-        except SolveError:  # too few images are left
-            continue
-        logs.append(math.log(find_focal(found)))
+        except SolveError:
+            return None
+        return math.log(find_focal(found))
+
+    groups = np.array_split(images, count_groups(solution))
+    threads = min(len(groups), _core.num_threads()) if len(images) <= _MOST_BESIDE else 1
+    with concurrent.futures.ThreadPoolExecutor(threads, "gsut-groups") as pool:
+        logs = [each for each in pool.map(find_without, groups) if each is not None]
     spread = math.sqrt((len(logs) - 1) * float(np.var(logs))) if len(logs) > 1 else math.inf
     return max(features_sigma, spread)
