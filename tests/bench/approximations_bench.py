@@ -244,27 +244,25 @@ def _measure_psnr(model: Gaussians, scene: gsut.Scene, order: str) -> float:
     return float(np.mean(found))
 
 
-def _time_passes(model: Gaussians, scene: gsut.Scene, order: str) -> dict[str, float | None]:
+def _time_passes(model: Gaussians, scene: gsut.Scene, order: str) -> dict[str, float]:
     """Measures milliseconds, of all threads together, of a held-out view: stages and a frame."""
     renderer, rule = _core.Renderer(), _make_rule(order)
     g = model.with_origin((0.0, 0.0, 0.0))
-    gradients, touched, keeps = g.make_zeros(), np.zeros(len(g), np.uint8), order != "ray"
+    gradients, touched = g.make_zeros(), np.zeros(len(g), np.uint8)
     least = []
     for i in scene.test_indices:
         camera, pose = scene.camera(i), scene.views[i].camera_from_world
         image = np.zeros((camera.height, camera.width, 3), np.float32)
-        job = _core.RenderJob(camera, pose, rule=rule, sh_degree=g.sh_degree, keep=keeps)
+        job = _core.RenderJob(camera, pose, rule=rule, sh_degree=g.sh_degree)
         took = []
         for _ in range(_TIMED):
             renderer.render(g, job, image)
             drawn = {name: times[1] for name, times in renderer.timings().items()}
-            if keeps:
-                renderer.backward(image, gradients, touched)
-            backward = renderer.timings().get("backward", (0, 0))[1]
-            took.append((drawn["forward"], sum(drawn.values()), backward))
+            renderer.backward(image, gradients, touched)
+            took.append((drawn["forward"], sum(drawn.values()), renderer.timings()["backward"][1]))
         least.append(np.min(took, axis=0))
     blend, frame, backward = (1e3 * np.mean(least, axis=0)).tolist()
-    return {"blend_ms": blend, "frame_ms": frame, "backward_ms": backward if keeps else None}
+    return {"blend_ms": blend, "frame_ms": frame, "backward_ms": backward}
 
 
 BENCHMARK = Benchmark(

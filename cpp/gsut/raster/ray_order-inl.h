@@ -111,6 +111,11 @@ struct BlockPixels {
   static HWY_INLINE FloatMask IsHit(FloatVec t) { return hn::Lt(t, hn::Set(FloatTag(), kNever)); }
 };
 
+// What a forward pass notes of its hits: nothing. The backward pass has RayNotes.
+struct NoNotes {
+  static constexpr bool kTakes = false;
+};
+
 // Multiplies what hits of one group, and the open ones, let through into each other's light.
 template <int kJam>
 HWY_INLINE void FilterPairs(const FloatVec* t, const FloatVec* rest, FloatVec* front,
@@ -146,7 +151,9 @@ struct HitColor {
 };
 
 // Blends the open ones whose t is nowhere above `bound`.
-HWY_INLINE void Release(const RasterTask& task, float bound, BlockHits* hits, BlockPixels* pixels) {
+template <class Notes>
+HWY_INLINE void Release(const RasterTask& task, float bound, BlockHits* hits, BlockPixels* pixels,
+                        Notes* notes) {
   const FloatTag d;
   int* const open = hits->open;
   float* const last = hits->last;
@@ -159,6 +166,7 @@ HWY_INLINE void Release(const RasterTask& task, float bound, BlockHits* hits, Bl
     for (int p = base; bits != 0; bits &= ~(std::uint64_t{1} << (p - base))) {
       p = base + 63 - __builtin_clzll(bits);
       const BlockHit& hit = slots[open[p]];
+      if constexpr (Notes::kTakes) notes->Settle(slots, open[p], open, count);
       pixels->Blend(task, hn::Load(d, hit.t), hn::Load(d, hit.rest), hn::Load(d, hit.front),
                     HitColor(hit).values);
       hits->GiveBackIf(true, open[p]);
@@ -171,10 +179,16 @@ HWY_INLINE void Release(const RasterTask& task, float bound, BlockHits* hits, Bl
 }
 
 // Blends a hit that was swept, with nothing before `bound` left to sweep, or leaves it open.
+template <class Notes>
 HWY_INLINE void BlendOrOpen(const RasterTask& task, float bound, int slot, FloatVec t,
-                            FloatVec rest, FloatVec front, BlockHits* hits, BlockPixels* pixels) {
+                            FloatVec rest, FloatVec front, BlockHits* hits, BlockPixels* pixels,
+                            Notes* notes) {
   const FloatTag d;
   BlockHit& hit = hits->slots[slot];
+  if constexpr (Notes::kTakes) {
+    notes->LeaveGroup();
+    if (hit.last <= bound) notes->Settle(hits->slots, slot, hits->open, hits->num_open);
+  }
   // Both, for a branch would be mispredicted: what stays open is blended as no hit.
   const FloatMask leaves = hn::Le(hn::Set(d, hit.last), hn::Set(d, bound));
   pixels->Blend(task, hn::IfThenElse(leaves, t, hn::Set(d, kNever)),
@@ -186,10 +200,10 @@ HWY_INLINE void BlendOrOpen(const RasterTask& task, float bound, int slot, Float
 
 // Reads the Gaussians of a chunk of kernel whose bits are set in todo[part] at the block at pixel
 // o.
-template <class Kernel>
+template <class Kernel, class Notes>
 HWY_INLINE void ReadHits(const RasterTask& task, const Kernel& kernel, std::uint64_t todo, int part,
-                         std::size_t o, FloatVec length, const BlockPixels& pixels,
-                         BlockHits* hits) {
+                         std::size_t o, FloatVec length, const BlockPixels& pixels, BlockHits* hits,
+                         Notes* notes) {
   constexpr int kJam = Kernel::kJam;
   const FloatTag d;
   const FloatVec alpha_limit = hn::Set(d, task.alpha_max), never = hn::Set(d, kNever);
@@ -215,6 +229,7 @@ HWY_INLINE void ReadHits(const RasterTask& task, const Kernel& kernel, std::uint
     GSUT_UNROLL for (int i = 0; i < kJam; ++i) {
       if (hn::AllFalse(d, hit[i])) continue;
       const int slot = hits->Take();
+      if constexpr (Notes::kTakes) notes->Name(slot, index[i]);
       BlockHit& added = slots[slot];
       hn::Store(hn::IfThenElse(hit[i], t[i], never), d, added.t);
       hn::Store(hn::Sub(hn::Set(d, 1.0f), alpha[i]), d, added.rest);
@@ -230,15 +245,15 @@ inline constexpr int kSweepJam = kLanes >= 16 ? 6 : 4;
 
 // Sweeps the hits of a block that are not beyond what is unread. Returns whether nothing shows from
 // there on.
-template <int kJam>
+template <int kJam, class Notes>
 HWY_INLINE bool SweepHits(const RasterTask& task, float unread, BlockHits* hits,
-                          AlignedVector<SweptHit>* swept, BlockPixels* pixels) {
+                          AlignedVector<SweptHit>* swept, BlockPixels* pixels, Notes* notes) {
   const FloatTag d;
   const int end = TakeSwept(unread, hits, swept);
   const SweptHit* const next = swept->data();
   const BlockHit* const slots = hits->slots;
   float bound = end > 0 ? FirstOf(next[0]) : unread;
-  Release(task, bound, hits, pixels);
+  Release(task, bound, hits, pixels, notes);
   bool closed = pixels->AreClosed();
   for (int k = 0; k < end && !closed; k += kJam) {
     FloatVec t[kJam], rest[kJam], front[kJam];
@@ -252,23 +267,27 @@ HWY_INLINE bool SweepHits(const RasterTask& task, float unread, BlockHits* hits,
       }
     }
     FilterPairs<kJam>(t, rest, front, hits);
+    if constexpr (Notes::kTakes) {
+      notes->EnterGroup(hits->slots, next + k, HWY_MIN(end - k, kJam), front);
+    }
     bound = k + kJam < end ? FirstOf(next[k + kJam]) : unread;
-    Release(task, bound, hits, pixels);
+    Release(task, bound, hits, pixels, notes);
     GSUT_UNROLL for (int i = 0; i < kJam; ++i) {
       if (k + i >= end) break;
-      BlendOrOpen(task, bound, SlotOf(next[k + i]), t[i], rest[i], front[i], hits, pixels);
+      BlendOrOpen(task, bound, SlotOf(next[k + i]), t[i], rest[i], front[i], hits, pixels, notes);
     }
     closed = pixels->AreClosed();
   }
   // What is open is in front of all that is not swept, or its pixel has stopped.
-  if (closed) Release(task, kNever, hits, pixels);
+  if (closed) Release(task, kNever, hits, pixels, notes);
   return closed;
 }
 
 // Blends all Gaussians of a tile. closest: bounds are along rays that may start this much nearer.
-template <class Kernel>
+// notes: NoNotes or RayNotes.
+template <class Kernel, class Notes>
 HWY_INLINE void BlendTileAlongRays(const RasterTask& task, const TileGrid& grid, int tile,
-                                   float closest, Kernel& kernel, Frame* frame) {
+                                   float closest, Kernel& kernel, Frame* frame, Notes* notes) {
   constexpr std::uint32_t kStep = Kernel::kParts * kChunk;
   const FloatTag d;
   TileHits* const hits = HitsOfThread();
@@ -302,10 +321,12 @@ HWY_INLINE void BlendTileAlongRays(const RasterTask& task, const TileGrid& grid,
       HitMemory* const memory = &hits->blocks[block];
       memory->Reserve(static_cast<int>(kStep));
       BlockHits of_block = memory->hits;
+      if constexpr (Notes::kTakes) notes->Turn(block, step - begin);
       for (int part = 0; part < chunks; ++part) {
-        ReadHits(task, kernel, gaussians_of[part][block], part, o, length, pixels, &of_block);
+        ReadHits(task, kernel, gaussians_of[part][block], part, o, length, pixels, &of_block,
+                 notes);
       }
-      if (SweepHits<kSweepJam>(task, unread, &of_block, &hits->swept, &pixels)) {
+      if (SweepHits<kSweepJam>(task, unread, &of_block, &hits->swept, &pixels, notes)) {
         alive &= ~(std::uint64_t{1} << block);
       }
       memory->hits = of_block;

@@ -49,7 +49,7 @@ void CheckRule(const GaussiansView<const float>& gaussians, const RenderJob& job
 // 16 floats of each and lists the tiles it may touch, bin sorts by depth and deals the pairs out to
 // the tiles, forward blends tile by tile. No stage adds in an order that depends on threads.
 void Renderer::Render(const GaussiansView<const float>& gaussians, const RenderJob& job) {
-  rendered_ = stepped_ = false;
+  rendered_ = along_rays_ = stepped_ = false;
   const BlendRule& rule = job.settings.rule;
   const bool along_ray = rule.order == OrderKey::kRay;
   rule.Check();
@@ -131,14 +131,16 @@ void Renderer::Render(const GaussiansView<const float>& gaussians, const RenderJ
   });
   timings_.push_back(watch.Lap("forward"));
   rendered_ = task_.keep;
+  along_rays_ = along_ray && lines_ == nullptr && job.keep_for_backward;
 }
 
 void Renderer::CheckKept(bool kept, const char* without) const {
   if (kept) return;
   throw InputError(rule_.order != OrderKey::kRay
                        ? without
-                       : "in float32 order \"ray\" has neither gradients nor scores nor surfaces: "
-                         "render by distance or z, or with dtype=\"float64\"");
+                       : "in float32 order \"ray\" has neither scores nor surfaces, and gradients "
+                         "only of rays from one point: render by distance or z, or with "
+                         "dtype=\"float64\"");
 }
 
 // What all kernels read of a job, rounded to float once. response_min bounds D^2 like the opacity
@@ -167,7 +169,7 @@ void Renderer::FillTask(const GaussiansView<const float>& gaussians, const Rende
   if (task_.stop_before) task_.crossing = std::nextafter(task_.crossing, 1.0f);
   task_.with_depth = job.WithDepth();
   task_.channels = job.channels;
-  // Along the ray no pass after the forward one is there to read it.
+  // Along the ray the backward pass makes its own.
   task_.keep =
       (job.keep_for_backward || job.channels.count > 0) && settings.rule.order != OrderKey::kRay;
   task_.sh_rows =

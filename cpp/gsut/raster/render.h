@@ -176,6 +176,7 @@ class Renderer {
   Frame frame_;
   AlignedVector<float> shapes_;  // see RasterTask::shapes
   bool rendered_ = false, stepped_ = false;
+  bool along_rays_ = false;  // rendered for the backward pass in the order of each ray
 };
 
 }  // namespace gsut

@@ -109,6 +109,8 @@ void Renderer::BackwardOfTile(int tile, const ImageGradients& to_image, RayGradi
     } else {
       LineChannelsBackwardKernel(task_, *lines_, tile, to_image, &frame_, to_rays, to_channels);
     }
+  } else if (along_rays_) {
+    RayOrderBackwardKernel(task_, *grid_, tile, to_image, &frame_, to_rays);
   } else if (lines_ == nullptr) {
     BackwardKernel(task_, *grid_, tile, to_image, &frame_, to_rays);
   } else {
@@ -135,8 +137,13 @@ void Renderer::AddFeatures(const float* map, int count, float* sums) {
 // is_plain: gradients neither of depth nor to poses nor to a lens.
 void Renderer::CheckBackward(const ImageGradients& to_image, const GradientRows& to,
                              bool is_plain) const {
-  CheckKept(rendered_ && !stepped_,
+  CheckKept((rendered_ || along_rays_) && !stepped_,
             "backward needs a render before it, made with keep_for_backward");
+  if (along_rays_ && to_image.HasDepth()) {
+    throw InputError(
+        "in float32 order \"ray\" has no gradients to depth and distortion: render by distance or "
+        "z, or with dtype=\"float64\"");
+  }
   if (to_image.HasDepth() && !task_.with_depth) {
     throw InputError("a gradient to depth or distortion needs a render with_depth");
   }

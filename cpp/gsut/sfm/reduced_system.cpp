@@ -1,6 +1,8 @@
 // Points are eliminated each by itself; then each block's row of the rest is made by itself.
 #include "gsut/sfm/reduced_system.h"
 
+#include <hwy/cache_control.h>
+
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
@@ -24,12 +26,15 @@ namespace {
 //   1. EliminatePoint: per point (P^T P + D)^-1 (inverse_), P^T r (point_gradient_) and, for each
 //      block that sees it, B^T P (cross_) and W (scaled_).
 //   2. FillRow: per block its row of S left of the diagonal and its right side. The row of a shared
-//      block, such as a lens, costs as much as those of many bodies: FillShared makes it by parts.
+//      block, such as a lens, costs as much as those of many bodies, and is made in parts.
 //   3. TiledCholesky: factorisation and db.
 //   4. dp, point by point.
 
 // Points of a chunk of parallel work: some microseconds each.
 constexpr std::int64_t kPointGrain = 64;
+// Observations and points of a block whose values are fetched before they are needed: they lie
+// apart, in the order of points.
+constexpr std::size_t kAhead = 4;
 // Observations of a chunk: a few dozen multiplications each.
 constexpr std::int64_t kObservationGrain = 512;
 // Least diagonal of an unknown, scaled to length one, that damping is taken of: without it an
@@ -51,7 +56,6 @@ double Damping(double diagonal, double radius) {
 ReducedSystem::ReducedSystem(std::vector<int> block_sizes, int num_ordered, int num_points,
                              const std::vector<Dependence>& observations)
     : sizes_(std::move(block_sizes)),
-      num_ordered_(num_ordered),
       num_points_(num_points),
       first_column_(1, 0),
       of_point_(num_points),
@@ -81,7 +85,7 @@ ReducedSystem::ReducedSystem(std::vector<int> block_sizes, int num_ordered, int 
   }
   FindEntries(observations);
   Order(num_ordered, observations);
-  ListFills();
+  ListFills(num_ordered);
 }
 
 // One entry for each point and block that see each other, with room for its 3 columns of B^T P. Few
@@ -142,22 +146,33 @@ void ReducedSystem::EliminatePoint(int point, double radius) {
   }
 }
 
-void ReducedSystem::FillRow(int block, double radius) {
-  const int size = sizes_[block];
+void ReducedSystem::FillRow(const Fill& fill, double radius) {
+  const int block = fill.block, size = sizes_[block];
+  const auto has_column = [&](int other) {
+    return rank_[other] >= fill.first && rank_[other] < fill.last;
+  };
+  const bool has_diagonal = has_column(block);
   const auto stride = static_cast<std::ptrdiff_t>(rows_of_tile_[tile_[block]]);
   Eigen::VectorXd side = Eigen::VectorXd::Zero(size);
   std::vector<double> opposite(2 * static_cast<std::size_t>(size));
   // B^T B and -B^T r of the observations that have this block. SubtractProduct takes a minus, hence
   // `opposite`. Only blocks of lower rank: S is symmetric, and its lower half is kept.
-  for (const Part& part : parts_of_block_[block]) {
+  const std::vector<Part>& parts = parts_of_block_[block];
+  for (std::size_t n = 0; n < parts.size(); ++n) {
+    const Part& part = parts[n];
     const int i = part.observation;
+    if (n + kAhead < parts.size()) {
+      hwy::Prefetch(&by_blocks_[2 * first_column_[parts[n + kAhead].observation]]);
+    }
     const double* row = &by_blocks_[2 * first_column_[i]];
     const double* own = row + 2 * part.column;
     const Eigen::Vector2d& residual = residuals_[i];
-    for (int k = 0; k < size; ++k) side[k] -= own[k] * residual[0] + own[size + k] * residual[1];
+    for (int k = 0; k < size && has_diagonal; ++k) {
+      side[k] -= own[k] * residual[0] + own[size + k] * residual[1];
+    }
     for (int k = 0; k < 2 * size; ++k) opposite[k] = -own[k];
     for (const int other : blocks_of_[i]) {
-      if (IsFilledByRow(block, other)) {
+      if (has_column(other)) {
         SubtractProduct(TileOf(block, other), stride, opposite.data(), size, row, sizes_[other],
                         size, sizes_[other], 2);
       }
@@ -166,58 +181,37 @@ void ReducedSystem::FillRow(int block, double radius) {
   }
   // Priors add to the diagonal alone. A held unknown gets a one: its row is zero otherwise, so that
   // its step is zero.
-  auto diagonal = Eigen::Map<Eigen::MatrixXd, 0, Eigen::OuterStride<>>(
-                      TileOf(block, block), size, size, Eigen::OuterStride<>(stride))
-                      .diagonal();
-  diagonal += prior_weights_[block].cwiseAbs2();
-  side -= prior_weights_[block].cwiseProduct(prior_residuals_[block]);
-  for (int k = 0; k < size; ++k)
-    diagonal[k] += held_[block][k] ? 1.0 : Damping(diagonal[k], radius);
+  if (has_diagonal) {
+    auto diagonal = Eigen::Map<Eigen::MatrixXd, 0, Eigen::OuterStride<>>(
+                        TileOf(block, block), size, size, Eigen::OuterStride<>(stride))
+                        .diagonal();
+    diagonal += prior_weights_[block].cwiseAbs2();
+    side -= prior_weights_[block].cwiseProduct(prior_residuals_[block]);
+    for (int k = 0; k < size; ++k) {
+      diagonal[k] += held_[block][k] ? 1.0 : Damping(diagonal[k], radius);
+    }
+  }
   // - W P^T B and + W P^T r of the points that this block sees.
-  for (const int index : entries_of_block_[block]) {
-    const Entry& entry = entries_[index];
+  const std::vector<int>& own_entries = entries_of_block_[block];
+  for (std::size_t n = 0; n < own_entries.size(); ++n) {
+    const Entry& entry = entries_[own_entries[n]];
+    if (n + kAhead < own_entries.size()) {
+      hwy::Prefetch(&scaled_[entries_[own_entries[n + kAhead]].at]);
+    }
     const double* scaled = &scaled_[entry.at];
     const Eigen::Vector3d& gradient = point_gradient_[entry.point];
-    for (int k = 0; k < size; ++k) {
+    for (int k = 0; k < size && has_diagonal; ++k) {
       side[k] += scaled[k] * gradient[0] + scaled[size + k] * gradient[1] +
                  scaled[2 * size + k] * gradient[2];
     }
     for (std::size_t e = first_entry_[entry.point]; e < first_entry_[entry.point + 1]; ++e) {
       const int other = entries_[e].block;
-      if (!IsFilledByRow(block, other)) continue;
+      if (!has_column(other)) continue;
       SubtractProduct(TileOf(block, other), stride, scaled, size, &cross_[entries_[e].at],
                       sizes_[other], size, sizes_[other], 3);
     }
   }
-  step_.segment(start_[block], size) = side;
-}
-
-// The part of a shared block's row that another block has a column for. Sums are in the order of
-// FillRow, over the observations and points of the other block alone.
-void ReducedSystem::FillShared(int block, int other) {
-  const int size = sizes_[block], columns = sizes_[other];
-  const auto stride = static_cast<std::ptrdiff_t>(rows_of_tile_[tile_[block]]);
-  std::vector<double> opposite(2 * static_cast<std::size_t>(size));
-  for (const Part& part : parts_of_block_[other]) {
-    const double* row = &by_blocks_[2 * first_column_[part.observation]];
-    const double* own = row;
-    for (const int each : blocks_of_[part.observation]) {
-      if (each == block) {
-        for (int k = 0; k < 2 * size; ++k) opposite[k] = -own[k];
-        SubtractProduct(TileOf(block, other), stride, opposite.data(), size, row + 2 * part.column,
-                        columns, size, columns, 2);
-      }
-      own += 2 * sizes_[each];
-    }
-  }
-  for (const int index : entries_of_block_[other]) {
-    const int point = entries_[index].point;
-    for (std::size_t e = first_entry_[point]; e < first_entry_[point + 1]; ++e) {
-      if (entries_[e].block != block) continue;
-      SubtractProduct(TileOf(block, other), stride, &scaled_[entries_[e].at], size,
-                      &cross_[entries_[index].at], columns, size, columns, 3);
-    }
-  }
+  if (has_diagonal) step_.segment(start_[block], size) = side;
 }
 
 bool ReducedSystem::Solve(double radius) {
@@ -227,10 +221,8 @@ bool ReducedSystem::Solve(double radius) {
     }
   });
   matrix_->SetZero();
-  ParallelFor(static_cast<std::int64_t>(fills_.size()), 1, [&](std::int64_t begin, std::int64_t) {
-    const auto& [block, other] = fills_[begin];
-    block == other ? FillRow(block, radius) : FillShared(block, other);
-  });
+  ParallelFor(static_cast<std::int64_t>(fills_.size()), 1,
+              [&](std::int64_t begin, std::int64_t) { FillRow(fills_[begin], radius); });
   if (!step_.allFinite() || !matrix_->Factorize()) return false;
   matrix_->Solve(&step_);
   // Back substitution: each point by itself.

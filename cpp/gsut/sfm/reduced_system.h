@@ -3,7 +3,6 @@
 
 #include <Eigen/Core>
 #include <memory>
-#include <utility>
 #include <vector>
 
 #include "gsut/sfm/tiled_cholesky.h"
@@ -54,24 +53,22 @@ class ReducedSystem {
     int observation;
     int column;  // of the block in ByBlocks
   };
+  struct Fill {  // part of a row of S: the columns of the blocks of ranks [first, last)
+    int block, first, last;
+  };
   void Order(int num_ordered, const std::vector<Dependence>& observations);
   void FindEntries(const std::vector<Dependence>& observations);
   void EliminatePoint(int point, double radius);
-  void ListFills();
-  void FillRow(int block, double radius);
-  void FillShared(int block, int other);
-  bool IsFilledByRow(int block, int other) const {
-    return block < num_ordered_ ? rank_[other] <= rank_[block] : other == block;
-  }
+  void ListFills(int num_ordered);
+  void FillRow(const Fill& fill, double radius);
   double* TileOf(int row, int column) {
     return matrix_->Tile(tile_[row], tile_[column]) + in_tile_[row] +
            static_cast<std::ptrdiff_t>(in_tile_[column]) * rows_of_tile_[tile_[row]];
   }
 
   std::vector<int> sizes_;
-  int num_ordered_;
   int num_points_;
-  std::vector<std::pair<int, int>> fills_;  // parts of S: (block, itself): FillRow; else FillShared
+  std::vector<Fill> fills_;
   // By block: place in the order, first unknown, tile and row in it.
   std::vector<int> rank_, start_, tile_, in_tile_, rows_of_tile_;
   std::vector<int> point_of_;                // by observation

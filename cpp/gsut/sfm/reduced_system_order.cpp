@@ -13,6 +13,9 @@ namespace {
 constexpr int kTileRows = 60;
 // Share of the pairs of blocks with a common point, beyond which no order is better than another.
 constexpr double kDense = 0.5;
+// Parts of the row of a shared block, beside its diagonal. Each goes through all observations and
+// points of the block, so that many parts cost more than they save.
+constexpr int kSharedParts = 4;
 
 // Blocks in this order, in tiles.
 struct Tiling {
@@ -137,15 +140,22 @@ void ReducedSystem::Order(int num_ordered, const std::vector<Dependence>& observ
 }
 
 // The longest first, or the last one to begin would end long after the others: rows grow with the
-// rank, and the parts of shared rows are short.
-void ReducedSystem::ListFills() {
-  const int blocks = static_cast<int>(sizes_.size());
-  fills_.resize(blocks);
-  for (int block = 0; block < blocks; ++block) {
-    fills_[blocks - 1 - rank_[block]] = {block, block};
+// rank.
+void ReducedSystem::ListFills(int num_ordered) {
+  std::vector<int> order(sizes_.size());
+  for (std::size_t block = 0; block < sizes_.size(); ++block) {
+    order[rank_[block]] = static_cast<int>(block);
   }
-  for (int block = num_ordered_; block < blocks; ++block) {
-    for (int other = 0; other < block; ++other) fills_.emplace_back(block, other);
+  for (int rank = static_cast<int>(sizes_.size()) - 1; rank >= 0; --rank) {
+    const int block = order[rank];
+    if (block < num_ordered) {
+      fills_.push_back({block, 0, rank + 1});
+      continue;
+    }
+    fills_.push_back({block, rank, rank + 1});
+    for (int part = 0; part < kSharedParts; ++part) {
+      fills_.push_back({block, rank * part / kSharedParts, rank * (part + 1) / kSharedParts});
+    }
   }
 }
 

@@ -73,9 +73,8 @@ def test_approximations_hold_errors_swaps_depths_and_times(hall):
     assert film.stat().st_size > 0
     for row in (z, distance, ray):
         assert row["psnr"] > 5 and row["error_db"] > 5
-        assert row["frame_ms"] > row["blend_ms"] > 0
+        assert row["frame_ms"] > row["blend_ms"] > 0 and row["backward_ms"] > 0
         assert row["mean_off"] >= abs(row["mean_bias"])
-    assert z["backward_ms"] > 0 and distance["backward_ms"] > 0 and ray["backward_ms"] is None
     assert integral["mean_off"] >= 0 and distance["median_off"] >= 0
     assert ewa["error_db"] > 5 and unscented["error_db"] > 5
     # What each order cannot do.

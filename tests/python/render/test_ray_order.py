@@ -8,7 +8,14 @@ import pytest
 import gsut
 import tolerances
 from gsut import InputError
-from random_scenes import fisheye, gaussians_in_view, pinhole, random_pose, small_camera
+from random_scenes import (
+    fisheye,
+    gaussians_in_view,
+    pinhole,
+    random_pose,
+    relative_error,
+    small_camera,
+)
 
 RED, BLUE = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 BACKGROUND = (0.3, 0.1, 0.6)
@@ -140,7 +147,11 @@ def test_ray_order_has_the_same_bits_on_1_and_8_threads(rng, shutter):
     for threads in (1, 8):
         gsut.set_num_threads(threads)
         found = gsut.render(g, camera, pose, shutter=shutter, order="ray")
-        seen.add(found.image.tobytes() + found.depth.tobytes())
+        bits = found.image.tobytes() + found.depth.tobytes()
+        if shutter is None:
+            slopes = gsut.render_backward(found, found.image)
+            bits += slopes.gaussians.means.tobytes() + slopes.pose.tobytes()
+        seen.add(bits)
     assert len(seen) == 1
 
 
@@ -158,16 +169,46 @@ def test_ray_order_of_tiles_left_out_shows_the_background(rng):
     assert image.tobytes() == whole.tobytes()
 
 
+@pytest.mark.parametrize("parity", [None, "gsplat"])
+@pytest.mark.parametrize("kind", ["maximum", "extinction", "power4"])
+def test_ray_order_backward_every_isa_matches_double(rng, kind, parity):
+    camera, pose = fisheye(32, degrees=200.0), random_pose(rng)
+    changed = {"primitive": kind} if kind == "power4" else {"response": kind}
+    g = dataclasses.replace(overlap(rng, camera, pose), **changed)
+    # Two at one place: neither is in front by its distance alone.
+    g = g[np.append(np.arange(len(g)), 0)]
+    options = {"blend": make_rule(parity), "background": BACKGROUND}
+    exact = gsut.render(g, camera, pose, dtype="float64", **options)
+    dimage, dalpha = rng.normal(size=(32, 32, 3)), rng.normal(size=(32, 32))
+    drawn = {}
+    for isa in gsut.machine.available_isas():
+        gsut.machine.set_isa(isa)
+        drawn[isa] = gsut.render(g, camera, pose, **options)
+    off = [np.abs(image.image - exact.image).max(axis=2) for image in drawn.values()]
+    flips = np.max(off, axis=0) > tolerances.RENDER_FLIP
+    assert flips.mean() < tolerances.RAY_ORDER_FLIPS
+    dimage[flips], dalpha[flips] = 0.0, 0.0
+    truth = gsut.render_backward(exact, dimage, dalpha)
+    for isa, image in drawn.items():
+        gsut.machine.set_isa(isa)
+        found = gsut.render_backward(image, dimage, dalpha)
+        for name in ("means", "quats", "log_scales", "opacity_logits", "sh"):
+            slopes, true = getattr(found.gaussians, name), getattr(truth.gaussians, name)
+            error = relative_error(slopes, true)
+            assert error < tolerances.RENDER_GRADIENT, (isa, name, error)
+        assert relative_error(found.pose, truth.pose) < tolerances.RENDER_POSE_GRADIENT, isa
+
+
 @pytest.mark.parametrize(
     "use",
     [
-        lambda g, image: gsut.render_backward(image, image.image),
+        lambda g, image: gsut.render_backward(image, image.image, None, image.depth),
         lambda g, image: gsut.rendering.measure_depth(image, "median"),
         lambda g, image: gsut.render(
             g, image.camera, np.eye(4), order="ray", features=g.means.astype(np.float32)
         ),
     ],
-    ids=["backward", "depth", "features"],
+    ids=["backward of depth", "depth", "features"],
 )
 def test_ray_order_in_float32_says_what_it_has_not(rng, use):
     camera = pinhole(8)

@@ -56,7 +56,8 @@ float FarthestOrigin(const LineGrid& grid, int tile) {
 void LineRayOrderForward(const RasterTask& task, const LineGrid& grid, int tile, Frame* frame,
                          float* image, float* alpha, float* depth, float* distortion) {
   WithLineKernel(task, grid, tile, *frame, [&](auto& kernel) HWY_ATTR {
-    BlendTileAlongRays(task, grid.tiles, tile, FarthestOrigin(grid, tile), kernel, frame);
+    NoNotes notes;
+    BlendTileAlongRays(task, grid.tiles, tile, FarthestOrigin(grid, tile), kernel, frame, &notes);
   });
   WritePixels(grid.tiles, tile, *frame, task.background, task.with_depth, image, alpha, depth,
               distortion);

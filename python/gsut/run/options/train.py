@@ -47,8 +47,8 @@ class TrainOptions:
         *("background", "exposure", "surface", "robust", "drop_blurred", "motion_blur"),
     )
     REFUSED: ClassVar[dict[str, str]] = {  # names that users try in vain, and why
-        "order": "is no option of training: the order along the ray has no gradient in float32; "
-        "train by the distance, and draw with gsut render --order ray",
+        "order": "is no option of training: a model does not keep its order, and is evaluated and "
+        "viewed by the distance; train so, and draw films with gsut render --order ray",
     }
     _open: ClassVar[set[str]] = set()  # of each instance: what the preset gave; see presets.py
 

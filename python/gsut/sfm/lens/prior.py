@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import concurrent.futures
 import dataclasses
+import functools
 import math
 
 import numpy as np
 
-from gsut import _core
 from gsut._core import SolveError
 from gsut.lens import FocalPrior, find_focal_params, with_scaled_focal
 from gsut.sfm.lens.candidates import guess_lens
+from gsut.sfm.lens.trials import run_trials
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import keep_most_distinct
-from gsut.sfm.solution import Adjustment, Solution, adjust_registered
+from gsut.sfm.solution import Adjustment, OnStep, Solution, adjust_registered
 
 # Standard deviation of the logarithm of a focal length by --fov, which is a rough field of view,
 # and by a lens of the database, of which cameras have several modes.
@@ -153,22 +153,24 @@ def estimate_focal_sigma(
     # Only how the focal length varies is asked: a readout needs no adjustment here.
     still = dataclasses.replace(solution, shutter=None, velocities=None)
 
-    def find_without(group: np.ndarray) -> float | None:
+    def find_without(group: np.ndarray, on_step: OnStep) -> float | None:
         """Finds the logarithm of the focal length without a group; None: too few are left."""
         kept = solution.registered.copy()
         kept[group] = False
         try:
             found = adjust_registered(
                 dataclasses.replace(still, registered=kept), mapping.features, pairs,
-                mapping.options, adjustment=adjustment,
+                mapping.options, on_step, adjustment,
             )  # fmt: skip
         except SolveError:
             return None
         return math.log(find_focal(found))
 
     groups = np.array_split(images, count_groups(solution))
-    threads = min(len(groups), _core.num_threads()) if len(images) <= _MOST_BESIDE else 1
-    with concurrent.futures.ThreadPoolExecutor(threads, "gsut-groups") as pool:
-        logs = [each for each in pool.map(find_without, groups) if each is not None]
+    found = run_trials(
+        [functools.partial(find_without, group) for group in groups],
+        threads=None if len(images) <= _MOST_BESIDE else 1,
+    )
+    logs = [each for each in found if each is not None]
     spread = math.sqrt((len(logs) - 1) * float(np.var(logs))) if len(logs) > 1 else math.inf
     return max(features_sigma, spread)

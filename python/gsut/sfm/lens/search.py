@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import concurrent.futures
 import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
-from gsut import _core
 from gsut._core import SolveError
 from gsut.lens import Camera, convert_camera
 from gsut.sfm.lens.candidates import explain_implausible, list_lens_ladder
 from gsut.sfm.lens.ranking import LensRanking, RankedLens
+from gsut.sfm.lens.trials import run_trials
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import (
     PairMatches,
@@ -234,7 +233,7 @@ def _convert_to_opencv5(lens: Camera) -> Camera:
     return Camera("opencv5", [*_convert_to_opencv4(lens).params, 0.0], lens.width, lens.height)
 
 
-_Trial = Callable[[], Solution | None]
+_Trial = Callable[[OnStep], Solution | None]
 
 
 class _Trials:
@@ -265,7 +264,7 @@ class _Trials:
         self, lens: Camera, flags: np.ndarray, pairs: Sequence[PairMatches], **row: Any
     ) -> Solution | None:
         """Reconstructs from nothing but matches; None if that fails."""
-        return self._prepare_solve(lens, flags, pairs, self._show, **row)()
+        return self._prepare_solve(lens, flags, pairs, **row)(self._show)
 
     def adjust(
         self,
@@ -275,42 +274,29 @@ class _Trials:
     ) -> list[Solution | None]:
         """Adjusts the poses of another solution with each lens and its flags; None if that fails.
 
-        The lenses are tried beside each other, as what adjusts a few images leaves cores idle.
         Images without a pose are left out. With a rolling shutter the images are reconstructed from
         nothing, as their velocities are not known.
         """
-        tasks = []
-        for number, (lens, flags) in enumerate(models):
-            on_step = self._show if number == 0 else lambda *_: None  # one reports for all
-            if self.is_rolling:
-                tasks.append(self._prepare_solve(lens, flags, pairs, on_step))
-            else:
-                tasks.append(self._prepare_adjustment(start, lens, flags, pairs, on_step))
-        threads = min(len(tasks), _core.num_threads())
-        with concurrent.futures.ThreadPoolExecutor(threads, "gsut-lenses") as pool:
-            return [each.result() for each in [pool.submit(task) for task in tasks]]
+        trials = [
+            self._prepare_solve(lens, flags, pairs)
+            if self.is_rolling
+            else self._prepare_adjustment(lens, flags, pairs, start)
+            for lens, flags in models
+        ]
+        return run_trials(trials, self._show)
 
     def _prepare_solve(
-        self,
-        lens: Camera,
-        flags: np.ndarray,
-        pairs: Sequence[PairMatches],
-        on_step: OnStep,
-        **row: Any,
+        self, lens: Camera, flags: np.ndarray, pairs: Sequence[PairMatches], **row: Any
     ) -> _Trial:
         images, options = self._mapping.images.with_lens(lens), self._mapping.options
         adjustment = Adjustment(flags, hold_out_every=_HOLD_OUT_EVERY, covariances=False)
         return self._add_row(
-            lens, flags, lambda: solve_poses(images, pairs, options, on_step, adjustment), row
-        )
+            lens, flags,
+            lambda on_step: solve_poses(images, pairs, options, on_step, adjustment), row,
+        )  # fmt: skip
 
     def _prepare_adjustment(
-        self,
-        start: Solution,
-        lens: Camera,
-        flags: np.ndarray,
-        pairs: Sequence[PairMatches],
-        on_step: OnStep,
+        self, lens: Camera, flags: np.ndarray, pairs: Sequence[PairMatches], start: Solution
     ) -> _Trial:
         chosen = np.flatnonzero(start.registered)
         images, options = self._mapping.images.with_lens(lens).select(chosen), self._mapping.options
@@ -318,8 +304,9 @@ class _Trials:
         poses = [start.camera_from_world[i] for i in chosen]
         adjustment = Adjustment(flags, hold_out_every=_HOLD_OUT_EVERY, covariances=False)
         return self._add_row(
-            lens, flags, lambda: adjust_poses(images, own, poses, options, on_step, adjustment), {}
-        )
+            lens, flags,
+            lambda on_step: adjust_poses(images, own, poses, options, on_step, adjustment), {},
+        )  # fmt: skip
 
     def _show(
         self, done: int, total: int, points: int, step: str, look: Callable[[], Solution]
@@ -329,7 +316,11 @@ class _Trials:
         self._mapping.log.show_poses(look)
 
     def _add_row(
-        self, lens: Camera, flags: np.ndarray, run: Callable[[], Solution], more: dict[str, Any]
+        self,
+        lens: Camera,
+        flags: np.ndarray,
+        run: Callable[[OnStep], Solution],
+        more: dict[str, Any],
     ) -> _Trial:
         """Adds the row of a trial; returns what runs it and completes the row."""
         row: dict[str, Any] = {
@@ -340,9 +331,9 @@ class _Trials:
         }
         self.rows.append(row)
 
-        def try_lens() -> Solution | None:
+        def try_lens(on_step: OnStep) -> Solution | None:
             try:
-                found = run()
+                found = run(on_step)
             except SolveError as error:
                 row.update(registered=0, failure=str(error))
                 return None
