@@ -9,7 +9,7 @@ from tests.proving.causes import CAUSES, find_wrong_cause
 
 _SIGMAS = 3.0  # beyond which a stated standard deviation has failed
 _TRUE_OF_EXACT = (
-    "there are no points;",
+    "there are no points",
     "have no ray",
     "have the same pose",
     "all cameras stand at one place",

@@ -144,6 +144,12 @@ def test_what_the_doctor_says_of_exact_data_is_a_misfire():
     ]  # fmt: skip
 
 
+def test_what_is_true_of_exact_data_is_no_misfire():
+    said = ["warning given there are no points training starts from random ones"]
+    row = {"planted": "none", "doctor_says": said, "doctor_errors": 0}
+    assert not list(find_misfires(row))
+
+
 def test_files_that_depend_on_the_number_of_threads_are_named(tmp_path, monkeypatch):
     def run(*words, work):
         out = words[words.index("-o") + 1]
