@@ -14,6 +14,13 @@ _SIDE = 800
 _WINDOW = 1.5
 # Contrast, of full scale, below which a place shows no detail: SSIM's constant K2.
 _CONTRAST = 0.03
+# Standard deviation, of the longer side, of the window whose mean is taken away: a blur counts by
+# its share of the picture, so that it is seen in a small one, too.
+_COARSE = 0.01
+# The same in pixels, at least.
+_COARSE_PX = 1.0
+# Sum of weights that divides nothing by zero.
+_FEW_WEIGHTS = 1e-6
 # Contrast-structure term above which a detail is right: half of a perfect one.
 _RIGHT = 0.5
 # Standard deviation in pixels of what is taken away before pictures are registered: their level.
@@ -83,21 +90,34 @@ class _Detail:
     def __init__(self, truth: np.ndarray, mask: np.ndarray) -> None:
         factor = min(1.0, _SIDE / max(mask.shape))
         self._size = tuple(max(1, round(side * factor)) for side in mask.shape[::-1])
-        self._truth = self._resize(truth)
+        self._weight = self._resize(mask.astype(np.float32))
+        self._weights_nearby = self._average_coarsely(self._weight)
+        self._truth = self._flatten(truth)
         self._mean, self._variance = _measure_contrast(self._truth)
-        counts = _average(self._resize(mask.astype(np.float32))) > 1 - 1e-3
+        counts = _average(self._weight) > 1 - 1e-3
         detail = counts & (self._variance > _CONTRAST**2)
         chosen = (each for each in (detail, counts) if each.any())
         self._chosen = next(chosen, np.ones_like(counts))
 
     def measure(self, shown: np.ndarray) -> float:
         """Measures the share that a render's brightness (H, W) shows, see `measure_detail`."""
-        shown = self._resize(shown)
+        shown = self._flatten(shown)
         mean, variance = _measure_contrast(shown)
         covariance = _average(self._truth * shown) - self._mean * mean
         least = _CONTRAST**2
         right = (2 * covariance + least) / (self._variance + variance + least) > _RIGHT
         return float(right[self._chosen].mean())
+
+    def _flatten(self, picture: np.ndarray) -> np.ndarray:
+        """Takes the mean of the surroundings inside the mask away."""
+        inside = self._resize(picture) * self._weight
+        level = self._average_coarsely(inside) / np.maximum(self._weights_nearby, _FEW_WEIGHTS)
+        return inside - level * self._weight
+
+    def _average_coarsely(self, values: np.ndarray) -> np.ndarray:
+        import cv2
+
+        return cv2.GaussianBlur(values, (0, 0), max(_COARSE_PX, _COARSE * max(self._size)))
 
     def _resize(self, picture: np.ndarray) -> np.ndarray:
         import cv2

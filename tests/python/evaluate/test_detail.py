@@ -54,6 +54,13 @@ def test_detail_counts_what_the_mask_keeps_and_pictures_without_any(photograph):
     assert measure_detail(plain[:3, :3], plain[:3, :3] / np.float32(255), ALL[:3, :3]) == 1.0
 
 
+def test_detail_of_a_small_picture_falls_with_a_blur_of_the_same_share(photograph):
+    small = cv2.resize(photograph, (128, 96), interpolation=cv2.INTER_AREA)
+    true, mask = small / np.float32(255), np.ones((96, 128), bool)
+    found = [measure_detail(small, cv2.GaussianBlur(true, (0, 0), s), mask) for s in (0.5, 1.5)]
+    assert found[0] > GOOD and found[1] < POOR
+
+
 def test_shift_brings_back_detail_of_a_turned_camera_and_none_of_a_blurred_or_spoilt_picture(
     photograph,
 ):
