@@ -1,4 +1,4 @@
-"""`./run bench approximations`: what orders and responses cost against the exact integral."""
+"""`./run bench approximations`: what order, response and projection cost against the integral."""
 
 from __future__ import annotations
 
@@ -12,14 +12,16 @@ import numpy as np
 import gsut
 import ray_model
 from gsut import _core
+from gsut.data.scene import read_depth
 from gsut.gaussians import Gaussians
+from gsut.render import measure_depth
+from tests.bench.approximations_film import draw_lines, film_orders, find_lines, move_camera
 from tests.bench.commands import train
 from tests.bench.harness import HALL, Benchmark, Column, Option, Row, Settings
 
-ORDERS = ("z", "distance", "ray")
-# A frame of a film: a turn and a walk at 30 frames a second, at the pace of a hand-held camera.
-_TURN_DEGREES = 1.0
-_STEP_UNITS = 0.01
+ORDERS = ("z", "distance", "ray", "integral")
+EXACT = "exact"  # in 3D, along each ray; others are footprints in the picture
+FOOTPRINTS = ("ewa", "unscented")
 _PATCH = 4  # pixels across a patch: what swaps as a whole, an eye sees
 _SEED = 0
 _TIMED = 5  # renders of a view, of which the fastest counts
@@ -27,18 +29,20 @@ _TIMED = 5  # renders of a view, of which the fastest counts
 _FAINT = 1e-4
 _HIDDEN = 1e-4
 
-Views = list[tuple[gsut.Camera, np.ndarray]]
+Views = list[tuple[int, gsut.Camera, np.ndarray]]
 
 
 def list_cases(settings: Settings) -> Iterator[Row]:
-    """Lists numbers of Gaussians, responses and orders."""
+    """Lists numbers of Gaussians, responses, orders and projections."""
     for name in settings.sets or (HALL,):
         for count in settings.counts:
             for response in settings.responses:
-                for order in ORDERS:
+                rows = [(order, EXACT) for order in ORDERS]
+                rows += [("distance", each) for each in FOOTPRINTS if response == "maximum"]
+                for order, projection in rows:
                     yield {
                         "data": name, "count": f"{count:,}", "response": response, "order": order,
-                        "_count": count,
+                        "projection": projection, "_count": count,
                     }  # fmt: skip
 
 
@@ -53,35 +57,120 @@ def measure(case: Row, settings: Settings) -> Row:
     train(data, run, shlex.split(flags))
     model = dataclasses.replace(gsut.load_gaussians(run / "scene.ply"), response=response)
     scene = gsut.load_dataset(data)
-    plain, off = _take_plain_colors(model), []
-    jumps: dict[str, list[np.ndarray]] = {"turn": [], "step": []}
-    for number, (camera, pose) in enumerate(_choose_views(scene, settings.views)):
+    plain = _take_plain_colors(model)
+    judged = _Judged()
+    if settings.film and _is_filmed(case, settings):
+        _, camera, pose = _choose_views(scene, 1)[0]
+        film = Path(settings.film)
+        film_orders(film, model, plain, camera, pose, ORDERS[:-1], settings.frames)
+    for number, (view, camera, pose) in enumerate(_choose_views(scene, settings.views)):
         pixels = _sample_patches(camera, settings.patches, number)
-        lines, seen = _find_lines(camera, pose, pixels), pixels[: settings.integrals, :1]
+        seen = pixels[: settings.integrals, :1]
+        lines = find_lines(camera, pose, seen)
         truth = _integrate(run / f"{response}-{number}.npz", plain, camera, pose, seen)
-        off.append(_draw(plain, lines[: len(seen), :1], pose, order) - truth)
-        for motion, moved in _move(pose).items():
-            there = _find_lines(camera, moved, pixels)
-            jump = _draw(plain, there, moved, order) - _draw(plain, there, pose, order)
-            jumps[motion].append(jump.mean(axis=1))
-    errors = np.concatenate(off)
-    swaps = {name: np.concatenate(values) for name, values in jumps.items()}
-    is_float = response != "density"
-    return {
-        "psnr": _measure_psnr(model, scene, order) if is_float else None,
-        "error_db": -10 * np.log10(np.mean(errors**2)),
-        "error_rare": float(np.quantile(np.abs(errors), 0.999)),
-        "turn": float(np.abs(swaps["turn"]).max()),
-        "step": float(np.abs(swaps["step"]).max()),
-        "forward_ms": _time_forward(model, scene, order) if is_float else None,
-    }
+        if case["projection"] != EXACT:
+            drawn = _draw_footprints(plain, camera, pose, seen[:, 0], case["projection"])
+            judged.off.append(drawn[:, None] - truth[0])
+            continue
+        drawn = truth if order == "integral" else draw_lines(plain, lines, pose, order)
+        judged.off.append(drawn[0] - truth[0])
+        at = tuple(seen[:, 0].T)
+        name = Path(scene.views[view].name).stem
+        true = read_depth(scene, view, data / "depth" / f"{name}.png")
+        if true is not None:
+            depths = {"mean": drawn[2][:, 0] / drawn[1][:, 0]}
+            if order == "distance" and response != "density":
+                image = gsut.render(plain.to_dtype(np.float32), camera, pose)
+                for kind in ("median", "strongest"):
+                    depths[kind] = measure_depth(image, kind)[at]
+            judged.add_depths(depths, true[at])
+        if order != "integral":
+            _add_swaps(judged, plain, camera, pose, pixels, order)
+    is_float = response != "density" and order != "integral" and case["projection"] == EXACT
+    row = judged.summarize(is_reference=order == "integral")
+    if is_float:
+        row["psnr"] = _measure_psnr(model, scene, order)
+        row |= _time_passes(model, scene, order)
+    return row
+
+
+def _is_filmed(case: Row, settings: Settings) -> bool:
+    """Returns whether the film is of this row's model: one row has it made for all orders."""
+    first = (settings.counts[0], settings.responses[0])
+    return case["order"] == "ray" and (case["_count"], case["response"]) == first
+
+
+@dataclasses.dataclass
+class _Judged:
+    """What was measured of a row, view by view."""
+
+    off: list[np.ndarray] = dataclasses.field(default_factory=list)
+    swaps: dict[str, list[np.ndarray]] = dataclasses.field(default_factory=dict)
+    depths: dict[str, list[np.ndarray]] = dataclasses.field(default_factory=dict)
+
+    def add_depths(self, depths: dict[str, np.ndarray], true: np.ndarray) -> None:
+        for kind, values in depths.items():
+            self.depths.setdefault(kind, []).append(100 * (values / true - 1)[true > 0])
+
+    def summarize(self, is_reference: bool) -> Row:
+        """Summarizes errors, which the integral has none of, the largest swaps, and depths."""
+        row: Row = {}
+        errors = np.concatenate(self.off)
+        if not is_reference:
+            row["error_db"] = -10 * np.log10(np.mean(errors**2))
+            row["error_rare"] = float(np.quantile(np.abs(errors), 0.999))
+        for motion, values in self.swaps.items():
+            row[motion] = float(np.abs(np.concatenate(values)).max())
+        for kind, values in self.depths.items():
+            percent = np.concatenate(values)
+            row[f"{kind}_bias"] = float(np.nanmedian(percent))
+            row[f"{kind}_off"] = float(np.nanmedian(np.abs(percent)))
+        return row
+
+
+def _add_swaps(
+    judged: _Judged,
+    plain: Gaussians,
+    camera: gsut.Camera,
+    pose: np.ndarray,
+    pixels: np.ndarray,
+    order: str,
+) -> None:
+    """Adds what jumps in patches of pixels when the camera moves by a frame."""
+    for motion, moved in move_camera(pose).items():
+        there = find_lines(camera, moved, pixels)
+        jump = draw_lines(plain, there, moved, order)[0] - draw_lines(plain, there, pose, order)[0]
+        judged.swaps.setdefault(motion, []).append(jump.mean(axis=1))
+
+
+def _draw_footprints(
+    g: Gaussians, camera: gsut.Camera, pose: np.ndarray, pixels: np.ndarray, method: str
+) -> np.ndarray:
+    """Draws pixels (P, 2) by footprints, normal distributions in the picture, by distance."""
+    rule = gsut.BlendRule()
+    found = gsut.project(g, camera, pose, method=method, dtype="float64")
+    rows = np.flatnonzero(found.valid)
+    rows = rows[np.argsort(found.depths[rows], kind="stable")]
+    inverse = np.linalg.pinv(found.covariances[rows], hermitian=True)
+    opacity = 1 / (1 + np.exp(-g.opacity_logits[rows]))
+    colors = np.maximum(g.sh[rows, 0] / np.sqrt(4 * np.pi) + 0.5, 0.0)
+    drawn = []
+    for v, u in pixels + 0.5:
+        off = np.array([u, v]) - found.centers[rows]
+        squares = np.einsum("ni,nij,nj->n", off, inverse, off)
+        alpha = np.minimum(opacity * np.exp(-0.5 * squares), rule.alpha_max)
+        alpha[alpha < rule.alpha_min] = 0.0
+        front = np.concatenate([[1.0], np.cumprod(1 - alpha)[:-1]])
+        front[front < rule.transmittance_min] = 0.0
+        drawn.append((front * alpha) @ colors)
+    return np.array(drawn)
 
 
 def _choose_views(scene: gsut.Scene, most: int) -> Views:
     """Chooses held-out views, evenly."""
     rows = np.unique(np.linspace(0, len(scene.test_indices) - 1, most).astype(int))
     chosen = [scene.test_indices[row] for row in rows]
-    return [(scene.camera(i), scene.views[i].camera_from_world) for i in chosen]
+    return [(i, scene.camera(i), scene.views[i].camera_from_world) for i in chosen]
 
 
 def _take_plain_colors(model: Gaussians) -> Gaussians:
@@ -103,42 +192,19 @@ def _sample_patches(camera: gsut.Camera, count: int, seed: int) -> np.ndarray:
     return np.stack(patches)
 
 
-def _find_lines(camera: gsut.Camera, pose: np.ndarray, pixels: np.ndarray) -> np.ndarray:
-    """Finds the lines (P, 16, 6) of patches of pixels in the world: origins and directions."""
-    lines = np.zeros((*pixels.shape[:2], 6))
-    lines[..., :3] = -pose[:3, :3].T @ pose[:3, 3]
-    lines[..., 3:] = camera.rays()[0][pixels[..., 0], pixels[..., 1]] @ pose[:3, :3]
-    return lines
-
-
-def _move(pose: np.ndarray) -> dict[str, np.ndarray]:
-    """Moves a camera by a frame: a turn about its own vertical, a step to its right."""
-    angle = np.radians(_TURN_DEGREES)
-    turn, step = np.eye(4), np.eye(4)
-    turn[[0, 0, 2, 2], [0, 2, 0, 2]] = np.cos(angle), np.sin(angle), -np.sin(angle), np.cos(angle)
-    step[0, 3] = -_STEP_UNITS
-    return {"turn": turn @ pose, "step": step @ pose}
-
-
-def _draw(g: Gaussians, lines: np.ndarray, ordered_from: np.ndarray, order: str) -> np.ndarray:
-    """Draws lines (P, 16, 6) in double; Gaussians are in the order seen from a pose."""
-    rule = _core.BlendRule()
-    rule.order = order
-    return _core.render_lines_reference(g, lines, ordered_from, rule)[0]
-
-
 def _integrate(
     file: Path, g: Gaussians, camera: gsut.Camera, pose: np.ndarray, pixels: np.ndarray
-) -> np.ndarray:
+) -> tuple[np.ndarray, ...]:
     """Integrates along the rays of patches, unless it was done: it takes longer than all else."""
     if not file.is_file():
-        colors = []
+        parts = []
         for patch in pixels:
             rows = _find_seen(g, camera, pose, patch)
-            lines = _find_lines(camera, pose, patch[None])
-            colors.append(_draw(g[rows], lines, pose, "integral"))
-        np.savez(file, colors=np.concatenate(colors))
-    return np.load(file)["colors"]
+            lines = find_lines(camera, pose, patch[None])
+            parts.append(draw_lines(g[rows], lines, pose, "integral"))
+        np.savez(file, *(np.concatenate(part) for part in zip(*parts, strict=True)))
+    with np.load(file) as kept:
+        return tuple(kept.values())
 
 
 def _find_seen(
@@ -178,35 +244,51 @@ def _measure_psnr(model: Gaussians, scene: gsut.Scene, order: str) -> float:
     return float(np.mean(found))
 
 
-def _time_forward(model: Gaussians, scene: gsut.Scene, order: str) -> float:
-    """Measures the milliseconds of all threads together that blending a held-out view takes."""
-    renderer, rule, times = _core.Renderer(), _make_rule(order), []
+def _time_passes(model: Gaussians, scene: gsut.Scene, order: str) -> dict[str, float | None]:
+    """Measures milliseconds, of all threads together, of a held-out view: stages and a frame."""
+    renderer, rule = _core.Renderer(), _make_rule(order)
     g = model.with_origin((0.0, 0.0, 0.0))
+    gradients, touched, keeps = g.make_zeros(), np.zeros(len(g), np.uint8), order != "ray"
+    least = []
     for i in scene.test_indices:
         camera, pose = scene.camera(i), scene.views[i].camera_from_world
         image = np.zeros((camera.height, camera.width, 3), np.float32)
-        job = _core.RenderJob(camera, pose, rule=rule, sh_degree=g.sh_degree, keep=False)
+        job = _core.RenderJob(camera, pose, rule=rule, sh_degree=g.sh_degree, keep=keeps)
         took = []
         for _ in range(_TIMED):
             renderer.render(g, job, image)
-            took.append(renderer.timings()["forward"][1])
-        times.append(min(took))
-    return 1e3 * float(np.mean(times))
+            drawn = {name: times[1] for name, times in renderer.timings().items()}
+            if keeps:
+                renderer.backward(image, gradients, touched)
+            backward = renderer.timings().get("backward", (0, 0))[1]
+            took.append((drawn["forward"], sum(drawn.values()), backward))
+        least.append(np.min(took, axis=0))
+    blend, frame, backward = (1e3 * np.mean(least, axis=0)).tolist()
+    return {"blend_ms": blend, "frame_ms": frame, "backward_ms": backward if keeps else None}
 
 
 BENCHMARK = Benchmark(
-    help="error of each order and response against the exact integral of the same Gaussians",
+    help="error of orders, responses and projections against the integral of the same Gaussians",
     columns=(
         Column("data"),
         Column("count", "Gaussians"),
         Column("response"),
         Column("order"),
+        Column("projection"),
         Column("psnr", "held-out PSNR", "dB", ".2f"),
         Column("error_db", "against the integral", "dB", ".1f"),
         Column("error_rare", "1 of 1000 values off by", form=".3f"),
         Column("turn", "largest swap of a turn", form=".3f"),
         Column("step", "of a step", form=".3f"),
-        Column("forward_ms", "blend", "CPU-ms", ".1f"),
+        Column("blend_ms", "blend", "CPU-ms", ".1f"),
+        Column("frame_ms", "frame", "CPU-ms", ".1f"),
+        Column("backward_ms", "backward", "CPU-ms", ".1f"),
+        Column("mean_bias", "mean depth too far by", "%", ".2f"),
+        Column("mean_off", "off by", "%", ".2f"),
+        Column("median_bias", "median depth too far by", "%", ".2f"),
+        Column("median_off", "off by", "%", ".2f"),
+        Column("strongest_bias", "strongest too far by", "%", ".2f"),
+        Column("strongest_off", "off by", "%", ".2f"),
     ),
     cases=list_cases,
     measure=measure,
@@ -216,6 +298,8 @@ BENCHMARK = Benchmark(
         Option("flags", "--preset fast", "of gsut train"),
         Option("views", 3, "held-out views of errors and swaps"),
         Option("patches", 96, "of 4 x 4 pixels a view, whose swaps are measured"),
+        Option("film", "", "file (.mp4, .webm, .gif): the first model in all orders side by side"),
+        Option("frames", 20, "of the film's turn, and of its steps"),
         Option("integrals", 24, "of them, one pixel each, whose errors are measured"),
     ),
 )

@@ -14,7 +14,8 @@ import gsut
 from gsut.lifting.back_projection import resize_mask
 from gsut.surface import make_soup
 from gsut.surface.cloud import cast_world_rays
-from gsut.surface.worth import build_tree
+from gsut.surface.mesh_files import load_mesh
+from gsut.surface.worth import build_tree, judge_mesh
 from tests.bench.harness import HALL, Benchmark, Column, Option, Row, Settings
 
 # Numbers of one beside its harmonics: centre 3, rotation 4, scales 3, opacity 1.
@@ -22,6 +23,7 @@ _GAUSSIAN = 11
 # What others have in place of them.
 _NUMBERS = {"atom": 5, "surfel": 10, "beta": 12}
 _BYTES = 4  # a number
+_F_AT = 0.02  # the distance of the F-score, in the units of the truth
 _DRAWS = 3  # of each test view; the least time counts
 
 # CPU-s of the Gaussians, by the case without primitive: what "seconds" is equal to.
@@ -59,15 +61,19 @@ def measure(case: Row, settings: Settings) -> Row:
         "bytes": _BYTES * numbers * len(result.gaussians) / 1e6,
         "psnr": result.metrics["psnr"], "ssim": result.metrics["ssim"],
         **_draw_views(result.gaussians, scene, options.scale),
-        "opaque": _judge_soup(result.gaussians, scene, options.scale),
+        **_judge_soup(result.gaussians, scene, options.scale, settings.path(case["data"])),
     }  # fmt: skip
 
 
-def _judge_soup(gaussians: gsut.Gaussians, scene: gsut.Scene, scale: float) -> float | None:
-    """Returns the PSNR of the triangles as a mesh, the nearest hit a pixel; None of others."""
+def _judge_soup(gaussians: gsut.Gaussians, scene: gsut.Scene, scale: float, data: Path) -> Row:
+    """Judges triangles as a mesh, by PSNR with the nearest hit a pixel and by the true surface."""
     if gaussians.primitive != "triangle":
-        return None
-    mesh = make_soup(gaussians, scene)
+        return {}
+    mesh, truth, row = make_soup(gaussians, scene), data / "truth.ply", Row()
+    if truth.is_file():
+        row["fscore"] = judge_mesh(mesh, load_mesh(truth), scene, at=(_F_AT,))["fscores"][0][
+            "fscore"
+        ]
     tree, found = build_tree(mesh), []
     for index in scene.test_indices:
         camera, view = scene.camera(index), scene.views[index]
@@ -81,7 +87,7 @@ def _judge_soup(gaussians: gsut.Gaussians, scene: gsut.Scene, scale: float) -> f
         photograph = cv2.resize(scene.image(index), size[::-1], interpolation=cv2.INTER_AREA) / 255
         mask = resize_mask(scene.mask(index), *size)
         found.append(gsut.psnr(shown.reshape(*size, 3), photograph, mask))
-    return float(np.mean(found))
+    return {**row, "opaque": float(np.mean(found))}
 
 
 def _draw_views(gaussians: gsut.Gaussians, scene: gsut.Scene, scale: float) -> Row:
@@ -122,6 +128,7 @@ BENCHMARK = Benchmark(
         Column("ms", "a view", "CPU-ms", ".1f"),
         Column("pairs", "tile pairs a pixel", "", ".3f"),
         Column("opaque", "as an opaque mesh", "dB", ".2f"),
+        Column("fscore", "F of it at 2 cm", "", ".2f"),
     ),
     cases=list_cases,
     measure=measure,

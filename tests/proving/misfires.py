@@ -16,6 +16,8 @@ _TRUE_OF_EXACT = (
 )
 # Pixels by which a shutter must shift the picture for its readout to be missed.
 _SHIFT_PX = 1.5
+# What gsut promises of every input: a run with one of these has failed.
+BROKEN = ("traceback", "time limit", "other bits")
 
 
 class Misfire(NamedTuple):
@@ -34,6 +36,8 @@ def find_misfires(row: dict[str, Any]) -> Iterator[Misfire]:
             yield Misfire("time limit", name)
     if row.get("failed"):
         yield Misfire("traceback", f"the proving ground itself: {row['failed'][-200:]}")
+    for what in row.get("other_bits", ()):
+        yield Misfire("other bits", what)
     yield from _check_doctor(row)
     for step, texts in row.get("exact", {}).items():
         for text in texts:

@@ -33,6 +33,9 @@ TRAIN_EVERY = 3  # of the seeds: the share of the captures that are trained on
 REGRET_EVERY = 10  # the same, of those trained with each degree of harmonics
 _THINNED = (1, 1, 2, 3, 4, 8)  # of exact datasets: every such view is left
 _DEGREES = (0, 1, 2, 3)
+BITS_EVERY = 8  # of the seeds: the share of the captures that run on two numbers of threads
+_THREADS = (1, 3)
+_SHORT = ("--preset", "fast", "--max-side", "128", "--steps", "40", "--force", "--quiet")
 
 Row = dict[str, Any]
 
@@ -61,6 +64,8 @@ def score_made(made: Capture, folder: Path, parts: tuple[str, ...]) -> Row:
             row |= _score_poses(made, folder, work, "scene" in parts)
         if "train" in parts and made.seed % TRAIN_EVERY == 0:
             row |= _score_training(made, folder, work)
+        if "bits" in parts and made.seed % BITS_EVERY == 0:
+            row["other_bits"] = compare_threads(made, folder, work)
         if "causes" in parts:
             row |= score_causes(folder / TRUTH, work, made.seed)
     return row
@@ -126,16 +131,40 @@ def _thin(data: Path, folder: Path, every: int) -> Path:
     return folder
 
 
-def _score_poses(made: Capture, folder: Path, work: Path, with_scene: bool) -> Row:
+def compare_threads(made: Capture, folder: Path, work: Path) -> list[str]:
+    """Returns the files of poses and of a short training that depend on the number of threads."""
+    commands = {
+        "poses": (_list_words(made, folder), ("transforms.json", "points3D.ply")),
+        "train": (["train", folder / TRUTH, *_SHORT], ("scene.ply",)),
+    }
+    other = []
+    for name, (words, files) in commands.items():
+        outs = [work / f"{name}-of-{threads}" for threads in _THREADS]
+        for out, threads in zip(outs, _THREADS, strict=True):
+            run_gsut(*words, "-o", out, "--threads", str(threads), work=work)
+        for file in files:
+            first, second = (out / file for out in outs)
+            same = first.is_file() == second.is_file()
+            if not same or (first.is_file() and first.read_bytes() != second.read_bytes()):
+                other.append(f"{name}: {file}")
+    return other
+
+
+def _list_words(made: Capture, folder: Path) -> list[str | Path]:
+    """Lists the words of `gsut poses` on what gsut is given of a capture."""
     given = {"dataset": folder / TRUTH, "photographs": folder / GIVEN}.get(
         made.kind, folder / "film.mp4"
     )
-    words: list[str | Path] = ["poses", given, "-o", work / "poses", "--quiet"]
+    words: list[str | Path] = ["poses", given, "--quiet"]
     if made.kind != "dataset" and made.told.lens == "file":
         words += ["--camera", folder / "given.lens.json"]
     elif made.told.name:
         words += ["--camera", made.told.name]
-    outcome = run_gsut(*words, work=work)
+    return words
+
+
+def _score_poses(made: Capture, folder: Path, work: Path, with_scene: bool) -> Row:
+    outcome = run_gsut(*_list_words(made, folder), "-o", work / "poses", work=work)
     row = _list_end("poses", outcome)
     if outcome.status != 0:
         return row

@@ -73,7 +73,12 @@ def _spread_grid(capture: Capture) -> _Grid:
 
 
 def _trace_lines(
-    tracer: gsut_proving_tracer.Tracer, poses: np.ndarray, rays: np.ndarray, grid: _Grid, seed: int
+    tracer: gsut_proving_tracer.Tracer,
+    poses: np.ndarray,
+    rays: np.ndarray,
+    grid: _Grid,
+    seed: int,
+    with_light: bool = True,
 ) -> list[np.ndarray]:
     """Traces rays (S, H, W, 3) inside the circle: light, distance and body, each (S, M, ...).
 
@@ -83,14 +88,14 @@ def _trace_lines(
         rays: in the camera's axes.
         grid: the lens.
         seed: of what is drawn.
+        with_light: False: the light is black, in less time.
     """
     poses, inside = poses.astype(np.float32)[:, :, None], grid.inside
     directions = np.einsum("slcij,slcj->slci", np.broadcast_to(
         poses[..., :3, :3], (*rays.shape[:3], 3, 3)), rays)[:, inside]  # fmt: skip
     origins = np.broadcast_to(poses[..., :3, 3], rays.shape)[:, inside]
-    found = tracer.trace(
-        origins.reshape(-1, 3), directions.reshape(-1, 3), grid.spread, seed, len(rays)
-    )
+    flat = origins.reshape(-1, 3), directions.reshape(-1, 3)
+    found = tracer.trace(*flat, grid.spread, seed, len(rays), with_light)
     return [part.reshape(len(rays), -1, *part.shape[1:]) for part in found]
 
 
@@ -112,13 +117,13 @@ def trace_pictures(capture: Capture) -> Iterator[Picture]:
         )
         seed = capture.seed * 1000 + number
 
-        def trace(rays: np.ndarray, moments: np.ndarray, tracer=tracer, time=time, seed=seed):
+        def trace(rays, moments, with_light, tracer=tracer, time=time, seed=seed):
             poses = np.stack([find_line_poses(capture, time + m, lines) for m in moments])
-            return _trace_lines(tracer, poses, rays, grid, seed)
+            return _trace_lines(tracer, poses, rays, grid, seed, with_light)
 
         light = np.zeros((height, width, 3))
-        light[inside] = trace(rays, moments)[0].mean(axis=0)
-        _, away, of = trace(middle[None], np.zeros(1))
+        light[inside] = trace(rays, moments, True)[0].mean(axis=0)
+        _, away, of = trace(middle[None], np.zeros(1), False)
         distance, body = np.full((height, width), np.nan), np.full((height, width), -1, np.int32)
         distance[inside], body[inside] = away[0], of[0]
         exposure = exposure or measure_exposure(light[inside])

@@ -46,6 +46,13 @@ HWY_INLINE void VisitFlat(Primitive primitive, const Visitor& visitor) {
   });
 }
 
+// As IsFlat, without a call: that would cost a loop its registers.
+HWY_INLINE bool HasEdges(Primitive primitive) {
+  bool has_edges = false;
+  VisitFlat(primitive, [&](auto /*kind*/) HWY_ATTR { has_edges = true; });
+  return has_edges;
+}
+
 // Functions, not text: kernels branch to them once a group of pixels, and only for what is no
 // Gaussian. exponents: v, see gaussians/primitive.h, which becomes log2 of the response; shapes:
 // those of the exponents, activated.

@@ -187,7 +187,7 @@ HWY_INLINE SeenLanes LoadSeen(const GaussiansView<const float>& g, std::int64_t 
     const Lane stored = LoadShapes(g, first);
     out.usable = AndMask(out.usable, IsFinite(stored));
     out.cutoff = ShapeCutoff(g.primitive, stored, out.cutoff);
-    if (IsFlat(g.primitive)) {
+    if (HasEdges(g.primitive)) {
       out.scale[2] = Min(out.scale[0], out.scale[1]) * Lane(kSurfelThickness);
     }
   }

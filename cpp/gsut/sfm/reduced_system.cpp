@@ -1,12 +1,11 @@
 // Points are eliminated each by itself; then each block's row of the rest is made by itself.
 #include "gsut/sfm/reduced_system.h"
 
+#include <hwy/cache_control.h>
+
 #include <Eigen/LU>
-#include <Eigen/OrderingMethods>
-#include <Eigen/SparseCore>
 #include <algorithm>
 #include <cmath>
-#include <numeric>
 
 #include "gsut/base/parallel.h"
 #include "gsut/sfm/subtract_product.h"
@@ -26,18 +25,18 @@ namespace {
 // Phases of a step, each sum by one thread in one order, so that bits do not depend on threads:
 //   1. EliminatePoint: per point (P^T P + D)^-1 (inverse_), P^T r (point_gradient_) and, for each
 //      block that sees it, B^T P (cross_) and W (scaled_).
-//   2. FillRow: per block its row of S left of the diagonal and its right side.
+//   2. FillRow: per block its row of S left of the diagonal and its right side. The row of a shared
+//      block, such as a lens, costs as much as those of many bodies, and is made in parts.
 //   3. TiledCholesky: factorisation and db.
 //   4. dp, point by point.
 
 // Points of a chunk of parallel work: some microseconds each.
 constexpr std::int64_t kPointGrain = 64;
+// Observations and points of a block whose values are fetched before they are needed: they lie
+// apart, in the order of points.
+constexpr std::size_t kAhead = 4;
 // Observations of a chunk: a few dozen multiplications each.
 constexpr std::int64_t kObservationGrain = 512;
-// Rows of a tile, at least, of all but the last: ten poses, 29 KB, so that three fit in the cache.
-constexpr int kTileRows = 60;
-// Share of the pairs of blocks with a common point, beyond which no order is better than another.
-constexpr double kDense = 0.5;
 // Least diagonal of an unknown, scaled to length one, that damping is taken of: without it an
 // unknown that nothing sees would take any step.
 constexpr double kLeastDiagonal = 1e-6;
@@ -50,77 +49,6 @@ using MatrixX3 = Eigen::Matrix<double, Eigen::Dynamic, 3>;
 double Damping(double diagonal, double radius) {
   const double length = 1.0 + std::sqrt(diagonal);
   return std::max(diagonal, kLeastDiagonal * length * length) / radius;
-}
-
-// Blocks in this order, in tiles.
-struct Tiling {
-  std::vector<int> tile, in_tile, rows;  // by block; by tile
-};
-
-// Fills tiles with whole blocks in this order, each until it has kTileRows rows.
-Tiling Tile(const std::vector<int>& order, const std::vector<int>& sizes) {
-  Tiling tiling = {std::vector<int>(sizes.size()), std::vector<int>(sizes.size()), {}};
-  for (const int block : order) {
-    if (tiling.rows.empty() || tiling.rows.back() >= kTileRows) tiling.rows.push_back(0);
-    tiling.tile[block] = static_cast<int>(tiling.rows.size()) - 1;
-    tiling.in_tile[block] = tiling.rows.back();
-    tiling.rows.back() += sizes[block];
-  }
-  return tiling;
-}
-
-using Pairs = std::vector<std::vector<int>>;  // by block those with a larger number joined to it
-
-// A tile is present if any block in its rows is joined to one in its columns.
-std::unique_ptr<TiledCholesky> MakeMatrix(const Tiling& tiling, const Pairs& joined) {
-  const std::size_t tiles = tiling.rows.size();
-  std::vector<std::uint8_t> present(tiles * tiles, 0);
-  for (std::size_t a = 0; a < joined.size(); ++a) {
-    for (const int b : joined[a]) {
-      const auto [low, high] = std::minmax(tiling.tile[a], tiling.tile[b]);
-      present[high * tiles + low] = 1;
-    }
-  }
-  return std::make_unique<TiledCholesky>(tiling.rows, std::move(present));
-}
-
-// Blocks are joined, and S has a block there, if one point or observation depends on both.
-Pairs FindJoined(std::size_t blocks, const std::vector<std::vector<int>>& together) {
-  std::vector<std::uint8_t> flags(blocks * blocks, 0);
-  for (const std::vector<int>& group : together) {
-    for (const int a : group) {
-      for (const int b : group) flags[a * blocks + b] = 1;
-    }
-  }
-  Pairs joined(blocks);
-  for (std::size_t a = 0; a < blocks; ++a) {
-    for (std::size_t b = a + 1; b < blocks; ++b) {
-      if (flags[a * blocks + b]) joined[a].push_back(static_cast<int>(b));
-    }
-  }
-  return joined;
-}
-
-// Minimum degree (Amestoy, Davis, Duff, "An approximate minimum degree ordering algorithm", 1996)
-// of the first blocks, then the others.
-std::vector<int> MinimumDegree(int num_ordered, const Pairs& joined) {
-  std::vector<Eigen::Triplet<double>> values;
-  for (int a = 0; a < num_ordered; ++a) {
-    values.emplace_back(a, a, 1.0);
-    for (const int b : joined[a]) {
-      if (b >= num_ordered) continue;
-      values.emplace_back(a, b, 1.0);
-      values.emplace_back(b, a, 1.0);
-    }
-  }
-  Eigen::SparseMatrix<double> pattern(num_ordered, num_ordered);
-  pattern.setFromTriplets(values.begin(), values.end());
-  Eigen::PermutationMatrix<Eigen::Dynamic, Eigen::Dynamic, int> found;
-  Eigen::AMDOrdering<int>()(pattern, found);
-  std::vector<int> order(joined.size());
-  std::iota(order.begin(), order.end(), 0);
-  for (int i = 0; i < num_ordered; ++i) order[i] = found.indices()[i];
-  return order;
 }
 
 }  // namespace
@@ -157,6 +85,7 @@ ReducedSystem::ReducedSystem(std::vector<int> block_sizes, int num_ordered, int 
   }
   FindEntries(observations);
   Order(num_ordered, observations);
+  ListFills(num_ordered);
 }
 
 // One entry for each point and block that see each other, with room for its 3 columns of B^T P. Few
@@ -184,55 +113,6 @@ void ReducedSystem::FindEntries(const std::vector<Dependence>& observations) {
   }
   cross_.assign(at, 0.0);
   scaled_.assign(at, 0.0);
-}
-
-// Chooses the order of blocks, as given (time, for a walk) or by minimum degree, by which its
-// factor costs less. Dense systems skip the attempt: every order fills them.
-void ReducedSystem::Order(int num_ordered, const std::vector<Dependence>& observations) {
-  std::vector<std::vector<int>> together(num_points_);
-  for (int point = 0; point < num_points_; ++point) {
-    for (std::size_t e = first_entry_[point]; e < first_entry_[point + 1]; ++e) {
-      together[point].push_back(entries_[e].block);
-    }
-  }
-  for (const Dependence& observation : observations) {
-    if (observation.point < 0 && observation.blocks.size() > 1) {
-      together.push_back(observation.blocks);
-    }
-  }
-  const Pairs joined = FindJoined(sizes_.size(), together);
-  std::vector<int> order(sizes_.size());
-  std::iota(order.begin(), order.end(), 0);
-  Tiling tiling = Tile(order, sizes_);
-  matrix_ = MakeMatrix(tiling, joined);
-  if (matrix_->Fill() > kDense && num_ordered > 1) {
-    std::size_t pairs = 0;
-    for (const auto& others : joined) pairs += others.size();
-    const double all = 0.5 * static_cast<double>(sizes_.size() * (sizes_.size() - 1));
-    if (static_cast<double>(pairs) > kDense * all) num_ordered = 0;
-  }
-  if (num_ordered > 1) {
-    std::vector<int> other_order = MinimumDegree(num_ordered, joined);
-    Tiling other_tiling = Tile(other_order, sizes_);
-    auto other = MakeMatrix(other_tiling, joined);
-    if (other->Work() < matrix_->Work()) {
-      order = std::move(other_order);
-      tiling = std::move(other_tiling);
-      matrix_ = std::move(other);
-    }
-  }
-  rank_.resize(sizes_.size());
-  start_.resize(sizes_.size());
-  int start = 0;
-  for (std::size_t place = 0; place < order.size(); ++place) {
-    rank_[order[place]] = static_cast<int>(place);
-    start_[order[place]] = start;
-    start += sizes_[order[place]];
-  }
-  step_.resize(start);
-  tile_ = std::move(tiling.tile);
-  in_tile_ = std::move(tiling.in_tile);
-  rows_of_tile_ = std::move(tiling.rows);
 }
 
 void ReducedSystem::EliminatePoint(int point, double radius) {
@@ -266,22 +146,33 @@ void ReducedSystem::EliminatePoint(int point, double radius) {
   }
 }
 
-void ReducedSystem::FillRow(int block, double radius) {
-  const int size = sizes_[block];
+void ReducedSystem::FillRow(const Fill& fill, double radius) {
+  const int block = fill.block, size = sizes_[block];
+  const auto has_column = [&](int other) {
+    return rank_[other] >= fill.first && rank_[other] < fill.last;
+  };
+  const bool has_diagonal = has_column(block);
   const auto stride = static_cast<std::ptrdiff_t>(rows_of_tile_[tile_[block]]);
   Eigen::VectorXd side = Eigen::VectorXd::Zero(size);
   std::vector<double> opposite(2 * static_cast<std::size_t>(size));
   // B^T B and -B^T r of the observations that have this block. SubtractProduct takes a minus, hence
   // `opposite`. Only blocks of lower rank: S is symmetric, and its lower half is kept.
-  for (const Part& part : parts_of_block_[block]) {
+  const std::vector<Part>& parts = parts_of_block_[block];
+  for (std::size_t n = 0; n < parts.size(); ++n) {
+    const Part& part = parts[n];
     const int i = part.observation;
+    if (n + kAhead < parts.size()) {
+      hwy::Prefetch(&by_blocks_[2 * first_column_[parts[n + kAhead].observation]]);
+    }
     const double* row = &by_blocks_[2 * first_column_[i]];
     const double* own = row + 2 * part.column;
     const Eigen::Vector2d& residual = residuals_[i];
-    for (int k = 0; k < size; ++k) side[k] -= own[k] * residual[0] + own[size + k] * residual[1];
+    for (int k = 0; k < size && has_diagonal; ++k) {
+      side[k] -= own[k] * residual[0] + own[size + k] * residual[1];
+    }
     for (int k = 0; k < 2 * size; ++k) opposite[k] = -own[k];
     for (const int other : blocks_of_[i]) {
-      if (rank_[other] <= rank_[block]) {
+      if (has_column(other)) {
         SubtractProduct(TileOf(block, other), stride, opposite.data(), size, row, sizes_[other],
                         size, sizes_[other], 2);
       }
@@ -290,30 +181,37 @@ void ReducedSystem::FillRow(int block, double radius) {
   }
   // Priors add to the diagonal alone. A held unknown gets a one: its row is zero otherwise, so that
   // its step is zero.
-  auto diagonal = Eigen::Map<Eigen::MatrixXd, 0, Eigen::OuterStride<>>(
-                      TileOf(block, block), size, size, Eigen::OuterStride<>(stride))
-                      .diagonal();
-  diagonal += prior_weights_[block].cwiseAbs2();
-  side -= prior_weights_[block].cwiseProduct(prior_residuals_[block]);
-  for (int k = 0; k < size; ++k)
-    diagonal[k] += held_[block][k] ? 1.0 : Damping(diagonal[k], radius);
+  if (has_diagonal) {
+    auto diagonal = Eigen::Map<Eigen::MatrixXd, 0, Eigen::OuterStride<>>(
+                        TileOf(block, block), size, size, Eigen::OuterStride<>(stride))
+                        .diagonal();
+    diagonal += prior_weights_[block].cwiseAbs2();
+    side -= prior_weights_[block].cwiseProduct(prior_residuals_[block]);
+    for (int k = 0; k < size; ++k) {
+      diagonal[k] += held_[block][k] ? 1.0 : Damping(diagonal[k], radius);
+    }
+  }
   // - W P^T B and + W P^T r of the points that this block sees.
-  for (const int index : entries_of_block_[block]) {
-    const Entry& entry = entries_[index];
+  const std::vector<int>& own_entries = entries_of_block_[block];
+  for (std::size_t n = 0; n < own_entries.size(); ++n) {
+    const Entry& entry = entries_[own_entries[n]];
+    if (n + kAhead < own_entries.size()) {
+      hwy::Prefetch(&scaled_[entries_[own_entries[n + kAhead]].at]);
+    }
     const double* scaled = &scaled_[entry.at];
     const Eigen::Vector3d& gradient = point_gradient_[entry.point];
-    for (int k = 0; k < size; ++k) {
+    for (int k = 0; k < size && has_diagonal; ++k) {
       side[k] += scaled[k] * gradient[0] + scaled[size + k] * gradient[1] +
                  scaled[2 * size + k] * gradient[2];
     }
     for (std::size_t e = first_entry_[entry.point]; e < first_entry_[entry.point + 1]; ++e) {
       const int other = entries_[e].block;
-      if (rank_[other] > rank_[block]) continue;
+      if (!has_column(other)) continue;
       SubtractProduct(TileOf(block, other), stride, scaled, size, &cross_[entries_[e].at],
                       sizes_[other], size, sizes_[other], 3);
     }
   }
-  step_.segment(start_[block], size) = side;
+  if (has_diagonal) step_.segment(start_[block], size) = side;
 }
 
 bool ReducedSystem::Solve(double radius) {
@@ -323,8 +221,8 @@ bool ReducedSystem::Solve(double radius) {
     }
   });
   matrix_->SetZero();
-  ParallelFor(static_cast<std::int64_t>(sizes_.size()), 1,
-              [&](std::int64_t begin, std::int64_t) { FillRow(static_cast<int>(begin), radius); });
+  ParallelFor(static_cast<std::int64_t>(fills_.size()), 1,
+              [&](std::int64_t begin, std::int64_t) { FillRow(fills_[begin], radius); });
   if (!step_.allFinite() || !matrix_->Factorize()) return false;
   matrix_->Solve(&step_);
   // Back substitution: each point by itself.

@@ -20,7 +20,8 @@ class ReducedSystem {
     std::vector<int> blocks;
   };
 
-  // block_sizes: those from num_ordered on come last, in their order: many observations have them.
+  // block_sizes: those from num_ordered on come last, in their order, and are shared: many
+  // observations have them.
   ReducedSystem(std::vector<int> block_sizes, int num_ordered, int num_points,
                 const std::vector<Dependence>& observations);
 
@@ -52,10 +53,14 @@ class ReducedSystem {
     int observation;
     int column;  // of the block in ByBlocks
   };
+  struct Fill {  // part of a row of S: the columns of the blocks of ranks [first, last)
+    int block, first, last;
+  };
   void Order(int num_ordered, const std::vector<Dependence>& observations);
   void FindEntries(const std::vector<Dependence>& observations);
   void EliminatePoint(int point, double radius);
-  void FillRow(int block, double radius);
+  void ListFills(int num_ordered);
+  void FillRow(const Fill& fill, double radius);
   double* TileOf(int row, int column) {
     return matrix_->Tile(tile_[row], tile_[column]) + in_tile_[row] +
            static_cast<std::ptrdiff_t>(in_tile_[column]) * rows_of_tile_[tile_[row]];
@@ -63,6 +68,7 @@ class ReducedSystem {
 
   std::vector<int> sizes_;
   int num_points_;
+  std::vector<Fill> fills_;
   // By block: place in the order, first unknown, tile and row in it.
   std::vector<int> rank_, start_, tile_, in_tile_, rows_of_tile_;
   std::vector<int> point_of_;                // by observation

@@ -10,9 +10,8 @@
 namespace gsut {
 namespace {
 
-constexpr std::int64_t kTrackGrain = 256;  // tracks a chunk of parallel work
-constexpr double kMiddle = 0.5;            // of the readout: the time of an image's own pose
-constexpr int kScoreLevels = 5;            // grids of 2 x 2 to 32 x 32 cells
+constexpr double kMiddle = 0.5;  // of the readout: the time of an image's own pose
+constexpr int kScoreLevels = 5;  // grids of 2 x 2 to 32 x 32 cells
 
 }  // namespace
 

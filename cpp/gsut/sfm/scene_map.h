@@ -13,6 +13,9 @@
 
 namespace gsut {
 
+// Tracks of a chunk of parallel work.
+inline constexpr std::int64_t kTrackGrain = 256;
+
 class SceneMap {
  public:
   struct Observation {

@@ -59,13 +59,19 @@ std::vector<double> MedianDistances(const Bundle& bundle) {
 // The loss follows the data: it bends at a multiple of the median residual, so that sharp features
 // are weighed finely and blurred ones are not all outliers.
 void SceneMap::UpdateLoss() {
-  std::vector<double> lengths;
-  for (const Track& track : tracks_) {
-    if (!track.has_point) continue;
-    for (const Observation& observation : track.observations) {
-      if (observation.used) lengths.push_back(Residual(track, observation));
+  // Chunks find their lengths beside each other; a median has no order.
+  const auto count = static_cast<std::int64_t>(tracks_.size());
+  std::vector<std::vector<double>> parts((count + kTrackGrain - 1) / kTrackGrain);
+  ParallelFor(count, kTrackGrain, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t t = begin; t < end; ++t) {
+      for (const Observation& observation : tracks_[t].observations) {
+        if (!tracks_[t].has_point || !observation.used) continue;
+        parts[begin / kTrackGrain].push_back(Residual(tracks_[t], observation));
+      }
     }
-  }
+  });
+  std::vector<double> lengths;
+  for (const auto& part : parts) lengths.insert(lengths.end(), part.begin(), part.end());
   if (lengths.empty()) return;
   loss_pixels_ = std::clamp(options_.loss_scale * Median(&lengths), kLeastLoss,
                             std::max(kLeastLoss, options_.max_error / kErrorOverBend));

@@ -83,13 +83,17 @@ HWY_INLINE void Columns(const Matrices& m, int rows, int column) {
 
 }  // namespace
 
-// Columns four at a time, the rest one by one.
+// Columns four at a time, then two: blocks of poses have six.
 void Subtract(double* out, std::ptrdiff_t out_stride, const double* a, std::ptrdiff_t a_stride,
               const double* b, std::ptrdiff_t b_stride, int rows, int columns, int inner) {
   const Matrices m = {out, a, b, out_stride, a_stride, b_stride, inner};
   int column = 0;
   for (; column + kColumns <= columns; column += kColumns) Columns<kColumns>(m, rows, column);
-  for (; column < columns; ++column) Columns<1>(m, rows, column);
+  if (column + 2 <= columns) {
+    Columns<2>(m, rows, column);
+    column += 2;
+  }
+  if (column < columns) Columns<1>(m, rows, column);
 }
 
 }  // namespace HWY_NAMESPACE

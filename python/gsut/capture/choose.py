@@ -7,10 +7,13 @@ among them, evenly along the way of the view.
 
 from __future__ import annotations
 
+import concurrent.futures
 import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
+
+from gsut.capture.ahead import WorkAhead
 
 # Least motion of the median corner between candidates, x the picture's diagonal.
 _LEAST_STEP = 0.004
@@ -85,9 +88,13 @@ class Candidate:
 
 
 class CandidateSearch:
-    """Finds candidates among a video's frames, which it receives one by one."""
+    """Finds candidates among a video's frames, which it receives one by one.
 
-    def __init__(self) -> None:
+    Args:
+        pool: threads that follow corners back, beside the caller that follows them on.
+    """
+
+    def __init__(self, pool: concurrent.futures.Executor) -> None:
         self.candidates: list[Candidate] = []
         self.frames: list[Candidate] = []  # all of them, without their motion
         self._corners: np.ndarray | None = None  # (N, 2) where those of the last candidate are now
@@ -97,9 +104,13 @@ class CandidateSearch:
         self.cuts: list[float] = []  # seconds at which another scene begins
         self._was_followed = False  # whether the frame before shows what that before it did
         self._doubt: float | None = None  # seconds of a cut unless the next frame is one as well
+        # Seconds of frames, and the share of corners that was followed to each.
+        self._followed = WorkAhead[tuple[float, float | None]](pool)
 
-    def add(self, look: Look) -> None:
-        """Adds the next frame."""
+    def add(self, look: Look | None) -> None:
+        """Adds the next frame; None, a damaged one, is left out."""
+        if look is None:
+            return
         time, small = look.time, look.small
         frame = Candidate(look.number, time, look.sharpness, 0.0)
         self.frames.append(frame)
@@ -109,7 +120,9 @@ class CandidateSearch:
             return
         corners = self._corners
         self._corners = track_corners(self._before, small, corners)
-        self._find_cut(frame.time, self._before, small, corners)
+        self._followed.submit(_measure_followed, time, self._before, small, corners, self._corners)
+        for row in self._followed.take_due():
+            self._find_cut(*row)
         self._before = small
         moved = self._measure_motion(time, small)
         if moved < _LEAST_STEP:
@@ -132,6 +145,8 @@ class CandidateSearch:
         """Returns all candidates after the last frame."""
         if self._best is not None:
             self._commit(*self._best)
+        for row in self._followed.take_all():
+            self._find_cut(*row)
         return self.candidates
 
     def _commit(self, frame: Candidate, small: np.ndarray) -> None:
@@ -143,12 +158,9 @@ class CandidateSearch:
         self._corners = self._start
         self._best, self._best_picture = None, small
 
-    def _find_cut(
-        self, time: float, before: np.ndarray, small: np.ndarray, corners: np.ndarray | None
-    ) -> None:
+    def _find_cut(self, time: float, share: float | None) -> None:
         """Finds a cut: no corner is followed from one frame to the next, as they were to that
         frame and are from it. A turn or a flash loses them for several frames."""
-        share = _measure_followed(before, small, corners, self._corners)
         share = 0.5 * (_CUT + _FOLLOWED) if share is None else share  # nothing is known
         if self._doubt is not None and share > _FOLLOWED:
             self.cuts.append(self._doubt)
@@ -237,15 +249,19 @@ def shrink_grey(grey: np.ndarray, longer: int) -> np.ndarray:
 
 
 def _measure_followed(
-    before: np.ndarray, after: np.ndarray, start: np.ndarray | None, end: np.ndarray | None
-) -> float | None:
-    """Returns the share of corners that come back where they were; None where there are few."""
+    time: float,
+    before: np.ndarray,
+    after: np.ndarray,
+    start: np.ndarray | None,
+    end: np.ndarray | None,
+) -> tuple[float, float | None]:
+    """Returns the time and the share of corners that come back where they were; None: too few."""
     alive = np.isfinite(np.zeros((0, 2)) if start is None else start).all(axis=1)
     if alive.sum() < _FEWEST_CORNERS:
-        return None
+        return time, None
     assert start is not None
     away = np.linalg.norm(track_corners(after, before, end) - start, axis=1)[alive]
-    return float(np.mean(away < _COMES_BACK))
+    return time, float(np.mean(away < _COMES_BACK))
 
 
 def _measure_sharpness(grey: np.ndarray) -> float:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import collections
-import concurrent.futures
 import dataclasses
 import math
 import os
@@ -13,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from gsut._core import InputError, __version__, num_threads
+from gsut._core import InputError, __version__
+from gsut.capture.ahead import WorkAhead, make_pool
 from gsut.capture.choose import (
     FEWEST_CANDIDATES,
     Candidate,
@@ -24,10 +23,10 @@ from gsut.capture.choose import (
     find_blurred,
     look_at,
 )
-from gsut.capture.flow import FRAMES_BESIDE, FlowSearch
+from gsut.capture.flow import FRAMES_BESIDE, FlowFrame, FlowSearch, shrink_frame
 from gsut.capture.strip import write_strip
 from gsut.capture.track import average_ups, interpolate_places, read_film_facts
-from gsut.capture.video import Video
+from gsut.capture.video import Decode, Video
 from gsut.data import CAPTURE, read_capture
 from gsut.data.scene import capture_state, describe_changes
 from gsut.files import write_json, write_picture
@@ -121,7 +120,7 @@ def extract_frames(
     if done is not None:
         return done
     search, seen, found = _search_candidates(files, report)
-    notes = _judge(path, search.finish(), seen, (announced, lasts), rate) + found
+    notes = _judge(path, search.candidates, seen, (announced, lasts), rate) + found
     candidates = add_candidates(search.candidates, search.frames, count)
     chosen = [candidates[index] for index in choose_frames(candidates, count)]
     if count is not None and len(chosen) < count:
@@ -179,27 +178,28 @@ def _search_candidates(
     """Returns a search that has seen the frames looked at, their number, and notes on the film."""
     import cv2
 
-    def look(number: int, time: float, pixels: np.ndarray) -> Look:
+    def look(number: int, time: float, picture: Decode) -> Look | None:
+        pixels = picture()
+        if pixels is None:
+            return None
         return look_at(number, time, cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY))
 
-    search = CandidateSearch()
-    seen = 0
-    threads = max(1, num_threads() - 1)  # beside this one, which decodes and follows corners
-    ahead: collections.deque[concurrent.futures.Future[Look]] = collections.deque()
-    with Video(*files) as source, concurrent.futures.ThreadPoolExecutor(threads) as looking:
-        last = -math.inf
+    seen, last = 0, -math.inf
+    with Video(*files) as source, make_pool() as pool:
+        search, ahead = CandidateSearch(pool), WorkAhead[Look | None](pool)
         for number, time, picture in source.read_frames():
             seen = number + 1
-            pixels = picture() if time - last >= _LEAST_APART else None
-            if pixels is not None:
+            is_damaged = source.damaged[-1:] == [time]
+            if time - last >= _LEAST_APART and not is_damaged:
                 last = time
-                ahead.append(looking.submit(look, number, time, pixels))
-            if len(ahead) > 2 * threads:
-                search.add(ahead.popleft().result())
+                ahead.submit(look, number, time, picture)
+            for found in ahead.take_due():
+                search.add(found)
             text = f"{len(search.candidates)} candidates"
             report("looking", seen, max(seen, source.frame_count), text)
-        for each in ahead:
-            search.add(each.result())
+        for found in ahead.take_all():
+            search.add(found)
+        search.finish()
         return search, seen, [*source.list_notes(seen), *_note_cuts(source.path, search.cuts)]
 
 
@@ -293,22 +293,36 @@ def _write(
     beside = {number + step for number in wanted for step in reach}
     for stale in set(folder.glob("f*.jpg")) - {folder / name for name in names}:
         stale.unlink()
-    search = FlowSearch(wanted)
-    with Video(*files) as source:
+
+    def write(number: int, time: float, picture: Decode) -> FlowFrame | None:
+        """Writes a frame if it is chosen; returns it small unless it is damaged."""
+        pixels = picture()
+        if pixels is None and number in wanted:
+            raise InputError(f"{files[0]}: frame {number} cannot be decoded twice; copy it again")
+        if pixels is None:
+            return None
+        if number in wanted:
+            write_picture(folder / wanted[number], pixels, _JPEG_QUALITY)
+        return shrink_frame(number, time, cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY))
+
+    with Video(*files) as source, make_pool() as pool:
+        search, ahead = FlowSearch(wanted, pool), WorkAhead[FlowFrame | None](pool)
+
+        def add(frame: FlowFrame | None) -> None:
+            if frame is None:
+                return
+            search.add(frame)
+            if frame.number in wanted:
+                name = wanted[frame.number]
+                report("frames", names.index(name) + 1, len(names), name)
+
         for number, time, picture in source.read_frames():
             if number > chosen[-1].number + FRAMES_BESIDE:
                 break
-            pixels = picture() if number in beside else None
-            if pixels is None and number in wanted:
-                raise InputError(
-                    f"{files[0]}: frame {number} cannot be decoded twice; copy it again"
-                )
-            if pixels is None:
-                continue
-            search.add(number, time, cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY))
-            if number not in wanted:
-                continue
-            target = folder / wanted[number]
-            write_picture(target, pixels, _JPEG_QUALITY)
-            report("frames", names.index(target.name) + 1, len(names), target.name)
-    return search.finish()
+            if number in beside:
+                ahead.submit(write, number, time, picture)
+            for frame in ahead.take_due():
+                add(frame)
+        for frame in ahead.take_all():
+            add(frame)
+        return search.finish()

@@ -13,7 +13,7 @@ import math
 import os
 import re
 import types
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +42,8 @@ _METADATA_BYTES = 4_000_000
 # Decoders that drop damaged pictures in silence unless they are to report them. Others then drop
 # more than is damaged.
 _SILENT = ("hevc",)
+# Returns a frame as (H, W, 3) uint8 BGR, or None if it is damaged. On any thread.
+Decode = Callable[[], np.ndarray | None]
 # Advice for a codec that cannot be decoded.
 _CONVERT = "convert it: ffmpeg -i IN -c:v libx264 -crf 16 OUT.mp4"
 
@@ -107,11 +109,8 @@ class Video:
         elif first is not None and first[1].rotation % 180:
             self.width, self.height = self.height, self.width
 
-    def read_frames(self) -> Iterator[tuple[int, float, Any]]:
-        """Yields (number, seconds, decode) of every frame, once; seconds rise.
-
-        `decode()` returns the frame just yielded as (H, W, 3) uint8 BGR, or None if it is damaged.
-        """
+    def read_frames(self) -> Iterator[tuple[int, float, Decode]]:
+        """Yields (number, seconds, decode) of every frame, once; seconds rise."""
         last = -1 / self.frame_rate
         for number, (seconds, frame, is_sound) in enumerate(self._frames):
             if not seconds > last:

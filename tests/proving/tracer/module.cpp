@@ -117,7 +117,7 @@ std::unique_ptr<Tracer> MakeTracer(const Floats& corners, const Floats& normals,
 }
 
 py::tuple TraceRays(const Tracer& tracer, const Floats& origins, const Floats& directions,
-                    float spread, std::uint64_t seed, int samples) {
+                    float spread, std::uint64_t seed, int samples, bool with_light) {
   const py::ssize_t count = directions.shape(0);
   CheckShape(directions, {-1, 3}, "directions");
   CheckShape(origins, {count, 3}, "origins");
@@ -133,7 +133,7 @@ py::tuple TraceRays(const Tracer& tracer, const Floats& origins, const Floats& d
       const float* d = directions.data() + 3 * i;
       const Seen seen = tracer.Trace({o[0], o[1], o[2]}, {d[0], d[1], d[2]}, spread,
                                      (seed << 32) + static_cast<std::uint64_t>(i),
-                                     static_cast<int>(i * samples / count));
+                                     static_cast<int>(i * samples / count), with_light);
       std::copy(seen.color.begin(), seen.color.end(), color + 3 * i);
       distance[i] = seen.distance;
       body[i] = seen.body;
@@ -151,10 +151,10 @@ PYBIND11_MODULE(gsut_proving_tracer, m) {
            py::arg("materials_of"), py::arg("bodies"), py::arg("materials"), py::arg("textures"),
            py::arg("light"), py::arg("lamps"))
       .def("trace", &TraceRays, py::arg("origins"), py::arg("directions"), py::arg("spread"),
-           py::arg("seed") = 0, py::arg("samples") = 1,
+           py::arg("seed") = 0, py::arg("samples") = 1, py::arg("with_light") = true,
            "Colours (N, 3) in linear light, distances (N,), infinite for the sky, and bodies (N,), "
            "-1 for the sky, along unit directions (N, 3): first those of all pixels' first "
-           "samples.");
+           "samples. Without light the colours are black.");
 }
 
 }  // namespace proving

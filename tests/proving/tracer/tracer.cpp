@@ -390,7 +390,7 @@ Vec3 Tracer::Follow(const Vec3& origin, const Vec3& direction, float spread, flo
   const Hit hit = Find(origin, direction, kInfinite, false);
   if (hit.triangle < 0) {
     if (seen != nullptr) seen->body = -1;
-    return LookUpSky(direction, true);
+    return random == nullptr ? Vec3{0, 0, 0} : LookUpSky(direction, true);
   }
   // Of a reflected ray `spread` is already a width: it grows no further than this.
   const float width = depth == 0 ? (way + hit.distance) * spread : 2 * spread;
@@ -400,6 +400,7 @@ Vec3 Tracer::Follow(const Vec3& origin, const Vec3& direction, float spread, flo
     const Vec3 beyond = origin + (hit.distance * (1 + kLift) + kLeastLift) * direction;
     const Vec3 through = Follow(beyond, direction, spread, way + hit.distance, depth, random, seen);
     if (seen != nullptr) seen->distance += hit.distance;
+    if (random == nullptr) return through;
     const float cosine = std::abs(Dot(Normalize(t.normals[0]), direction));
     const float fresnel = 0.08f + 0.92f * std::pow(1 - cosine, 5.0f);
     Vec3 normal = Normalize(t.normals[0]);
@@ -414,14 +415,15 @@ Vec3 Tracer::Follow(const Vec3& origin, const Vec3& direction, float spread, flo
     seen->distance = hit.distance;
     seen->body = t.body;
   }
+  if (random == nullptr) return {0, 0, 0};
   return Shade(origin, direction, hit, width, depth, random);
 }
 
 Seen Tracer::Trace(const Vec3& origin, const Vec3& direction, float spread, std::uint64_t number,
-                   int sample) const {
+                   int sample, bool with_light) const {
   Random random{Scramble(number), sample};
   Seen seen{{0, 0, 0}, kInfinite, -1};
-  seen.color = Follow(origin, direction, spread, 0, 0, &random, &seen);
+  seen.color = Follow(origin, direction, spread, 0, 0, with_light ? &random : nullptr, &seen);
   return seen;
 }
 

@@ -90,9 +90,9 @@ class Tracer {
          std::vector<Texture> textures, const Light& light, std::vector<Lamp> lamps);
 
   // spread: angle between neighbouring pixels, radians; number: of the ray, seeds its samples;
-  // sample: of its pixel.
+  // sample: of its pixel. Without light the color is black, for a quarter of the time.
   Seen Trace(const Vec3& origin, const Vec3& direction, float spread, std::uint64_t number,
-             int sample) const;
+             int sample, bool with_light) const;
 
  private:
   struct Node {
@@ -114,6 +114,7 @@ class Tracer {
   bool IsCutOut(const Triangle& triangle, float u, float v) const;
   Vec3 Shade(const Vec3& origin, const Vec3& direction, const Hit& hit, float spread, int depth,
              Random* random) const;
+  // random: none if light is not asked for.
   Vec3 Follow(const Vec3& origin, const Vec3& direction, float spread, float way, int depth,
               Random* random, Seen* seen) const;
   Vec3 GatherSurroundings(const Vec3& point, const Vec3& normal, int sample) const;

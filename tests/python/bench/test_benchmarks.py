@@ -64,13 +64,20 @@ def test_sure_rows_hold_errors_of_the_scores_and_what_the_pass_takes(hall):
     assert row["pass_seconds"] > 0 and row["cpu_seconds"] > 0
 
 
-def test_approximations_hold_errors_swaps_and_times(hall):
+def test_approximations_hold_errors_swaps_depths_and_times(hall):
+    film = hall / "orders.gif"
     options = {"counts": (200,), "responses": ("maximum",), "views": 1, "patches": 4}
-    options |= {"integrals": 2, "flags": "--steps 5 --quiet"}
+    options |= {"integrals": 2, "flags": "--steps 5 --quiet", "film": str(film), "frames": 1}
     rows = run_bench("approximations", hall, **options)
-    z, distance, ray = rows.values()
+    z, distance, ray, integral, ewa, unscented = rows.values()
+    assert film.stat().st_size > 0
     for row in (z, distance, ray):
-        assert row["psnr"] > 5 and row["error_db"] > 5 and row["forward_ms"] > 0
+        assert row["psnr"] > 5 and row["error_db"] > 5
+        assert row["frame_ms"] > row["blend_ms"] > 0
+        assert row["mean_off"] >= abs(row["mean_bias"])
+    assert z["backward_ms"] > 0 and distance["backward_ms"] > 0 and ray["backward_ms"] is None
+    assert integral["mean_off"] >= 0 and distance["median_off"] >= 0
+    assert ewa["error_db"] > 5 and unscented["error_db"] > 5
     # What each order cannot do.
     swaps = (z["step"], distance["turn"], ray["turn"], ray["step"])
     assert max(swaps) < tolerances.RENDER_DOUBLE

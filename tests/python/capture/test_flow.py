@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import tolerances
-from gsut.capture.flow import FlowSearch
+from gsut.capture.ahead import make_pool
+from gsut.capture.flow import FlowSearch, shrink_frame
 
 SIZE = 240, 320
 RATE = 16.0  # frames a second
@@ -27,10 +28,11 @@ def shaken_frames(rng, phase):
 
 
 def speeds(times, frames, numbers):
-    search = FlowSearch({2})
-    for number in numbers:
-        search.add(number, float(times[number]), frames[number])
-    found = search.finish()
+    with make_pool() as pool:
+        search = FlowSearch({2}, pool)
+        for number in numbers:
+            search.add(shrink_frame(number, float(times[number]), frames[number]))
+        found = search.finish()
     assert list(found) == [2]
     return np.array(found[2])[:, 2]
 

@@ -12,6 +12,7 @@ import pytest
 import gsut
 import tolerances as tol
 from gsut.capture import capture, find_changed_inputs
+from gsut.capture.ahead import make_pool
 from gsut.capture.choose import (
     CandidateSearch,
     add_candidates,
@@ -40,10 +41,11 @@ from small_videos import (
 
 
 def candidates(pictures):
-    search = CandidateSearch()
-    for number, picture in enumerate(pictures):
-        search.add(look_at(number, number / 30, cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)))
-    return search.finish()
+    with make_pool() as pool:
+        search = CandidateSearch(pool)
+        for number, picture in enumerate(pictures):
+            search.add(look_at(number, number / 30, cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)))
+        return search.finish()
 
 
 def test_frames_are_chosen_by_how_far_the_view_moved():
@@ -63,11 +65,13 @@ def test_frames_are_chosen_by_how_far_the_view_moved():
 
 @pytest.mark.parametrize(("total", "count", "few"), [(17, None, 17), (300, None, 20), (30, 25, 25)])
 def test_slide_show_gives_as_many_frames_as_are_needed(total, count, few):
-    ground, search = texture(), CandidateSearch()
-    for number in range(total):
-        picture = view(ground, 50.0 + 10.0 * (number > total // 2))
-        search.add(look_at(number, float(number), cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)))
-    found = search.finish()
+    ground = texture()
+    with make_pool() as pool:
+        search = CandidateSearch(pool)
+        for number in range(total):
+            picture = view(ground, 50.0 + 10.0 * (number > total // 2))
+            search.add(look_at(number, float(number), cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)))
+        found = search.finish()
     assert len(found) < 4
     more = add_candidates(found, search.frames, count)
     assert len(more) == few == len({c.number for c in more})

@@ -1,6 +1,7 @@
 """Made captures: the same bits from a seed, truth that fits the pictures, rows of commands."""
 
 import dataclasses
+import json
 
 import cv2
 import numpy as np
@@ -9,11 +10,13 @@ import pytest
 import gsut
 import tolerances as tol
 from gsut.evaluate.detail import measure_detail
-from tests.proving.__main__ import _list_seeds, build_parser
+from tests.proving import score
+from tests.proving.__main__ import _list_seeds, build_parser, main
 from tests.proving.capture import capture
+from tests.proving.commands import Outcome
 from tests.proving.families import FAMILIES
 from tests.proving.misfires import find_misfires
-from tests.proving.score import score_made
+from tests.proving.score import compare_threads, score_made
 from tests.proving.truth import (
     classify,
     classify_scene,
@@ -139,6 +142,26 @@ def test_what_the_doctor_says_of_exact_data_is_a_misfire():
     assert [misfire.kind for misfire in find_misfires(row)] == [
         "doctor refuses exact data", "doctor warns of exact data"
     ]  # fmt: skip
+
+
+def test_files_that_depend_on_the_number_of_threads_are_named(tmp_path, monkeypatch):
+    def run(*words, work):
+        out = words[words.index("-o") + 1]
+        out.mkdir()
+        (out / "points3D.ply").write_text("the same", encoding="utf-8")
+        for file in ("transforms.json", "scene.ply"):
+            (out / file).write_text(words[words.index("--threads") + 1], encoding="utf-8")
+        return Outcome(0, 0.0, "", "")
+
+    monkeypatch.setattr(score, "run_gsut", run)
+    other = compare_threads(capture(0), tmp_path, tmp_path)
+    assert other == ["poses: transforms.json", "train: scene.ply"]
+
+
+@pytest.mark.parametrize(("other", "status"), [([], 0), (["train: scene.ply"], 1)])
+def test_run_fails_where_a_promise_is_broken(tmp_path, other, status):
+    (tmp_path / "rows.jsonl").write_text(json.dumps({"seed": 7, "other_bits": other}), "utf-8")
+    assert main(["--seeds", "7", "-o", str(tmp_path / "rows")]) == status
 
 
 def test_seeds_are_a_range_or_a_list():

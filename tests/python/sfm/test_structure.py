@@ -450,7 +450,7 @@ def texture(path: Path, seed: int, size: int = 160) -> None:
     ("case", "words"),
     [
         ("absent", "is not a folder"),
-        ("one", "holds 1 image"),
+        ("one", "in holds 1 image"),
         ("same", "all images are the same"),
         ("apart", "matches that agree"),
         ("flat", "almost no features"),

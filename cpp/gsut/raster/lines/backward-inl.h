@@ -211,14 +211,18 @@ HWY_INLINE void BackwardLines(BackwardFlags flags, const RasterTask& task, const
   const float* bundle = grid.bundles[static_cast<std::size_t>(tile)].values;
   const TileEntry* entries = &frame->entries[frame->tile_begin[tile]];
   const BlendLimits limits(task);
-  const bool is_flat = IsFlat(limits.primitive);
+  const bool is_flat = HasEdges(limits.primitive);
   LineChunk chunk;
   ShapeSums shapes;
   HWY_ALIGN float columns[16][kBackwardPairs];  // sums, a pair a column
   for (std::uint32_t first = 0; first < count; first += kBackwardPairs) {
     const int here = static_cast<int>(HWY_MIN(count - first, std::uint32_t{kBackwardPairs}));
-    chunk.Fill(task, frame->records.data(), bundle, here,
-               [&](int j) { return entries[first + static_cast<std::uint32_t>(j)].gaussian; });
+    const auto ids = [&](int j) { return entries[first + static_cast<std::uint32_t>(j)].gaussian; };
+    if (HWY_LIKELY(!is_flat)) {
+      chunk.Fill<false>(task, frame->records.data(), bundle, here, ids);
+    } else {
+      chunk.Fill<true>(task, frame->records.data(), bundle, here, ids);
+    }
     for (int j = 0; j < here; ++j) {
       const std::uint32_t e = first + static_cast<std::uint32_t>(j);
       if (channels != nullptr) channels->Prepare(e);

@@ -22,7 +22,9 @@ HWY_INLINE LinePixels LoadLines(const LineGrid& grid, std::size_t o) {
           hn::Load(d, &grid.tiles.t[o]), hn::Load(d, &grid.slide[o])};
 }
 
-// Up to 64 Gaussians in the frame of one tile of lines.
+// Up to 64 Gaussians in the frame of one tile of lines. Flat primitives have a kernel of their own,
+// so that Gaussians keep their registers.
+template <bool kIsFlat>
 class LineKernel {
  public:
   static constexpr int kParts = 1;
@@ -35,24 +37,23 @@ class LineKernel {
       : task_(task),
         grid_(grid),
         frame_(frame),
-        is_flat_(IsFlat(task.gaussians.primitive)),
         bundle_(grid.bundles[static_cast<std::size_t>(tile)].values),
         boxes_(&grid.block_box[static_cast<std::size_t>(tile) * 8 * kBlockStride]) {}
 
   HWY_INLINE void Fill(const TilePair* pairs, int count, int /*available*/,
                        std::uint64_t* blocks_of, int /*part*/ = 0) {
-    chunk_.Fill(task_, frame_.records.data(), bundle_, count,
-                [&](int j) { return pairs[j].gaussian; });
-    for (int j = 0; j < count && HWY_UNLIKELY(task_.shapes != nullptr); ++j) {
-      shapes_[j] = ShapeOf(task_, pairs[j].gaussian);
-    }
-    if (HWY_UNLIKELY(is_flat_)) {
+    const auto ids = [&](int j) { return pairs[j].gaussian; };
+    chunk_.Fill<kIsFlat>(task_, frame_.records.data(), bundle_, count, ids);
+    if constexpr (kIsFlat) {
       VisitFlat(task_.gaussians.primitive, [&](auto kind) HWY_ATTR {
         for (int j = 0; j < count; ++j) {
           blocks_of[j] = chunk_.TouchedFlat(kind, j, boxes_, kBlockStride);
         }
       });
       return;
+    }
+    for (int j = 0; j < count && HWY_UNLIKELY(task_.shapes != nullptr); ++j) {
+      shapes_[j] = ShapeOf(task_, pairs[j].gaussian);
     }
     for (int j = 0; j < count; ++j) {
       blocks_of[j] = chunk_.TouchedBlocks(j, boxes_, kBlockStride, bundle_[LineBundle::kSlide]);
@@ -65,7 +66,7 @@ class LineKernel {
   // distance from the line's own origin.
   HWY_INLINE void Respond(const LinePixels& lines, const int* index, FloatMask open, FloatVec limit,
                           FloatVec* alpha, FloatVec* distance, FloatMask* hit) const {
-    if (HWY_UNLIKELY(is_flat_)) {
+    if constexpr (kIsFlat) {
       VisitFlat(task_.gaussians.primitive, [&](auto kind) HWY_ATTR {
         RespondFlat(kind, lines, index, open, limit, alpha, distance, hit);
       });
@@ -118,12 +119,31 @@ class LineKernel {
   const RasterTask& task_;
   const LineGrid& grid_;
   const Frame& frame_;
-  const bool is_flat_;
   const float* bundle_;
   const float* boxes_;
   LineChunk chunk_;
   float shapes_[kChunk + 1] = {};  // of what has shapes, activated
 };
+
+// A function, so that what it inlines stays out of the caller.
+template <class Run>
+HWY_NOINLINE void RunFlatKernel(const RasterTask& task, const LineGrid& grid, int tile,
+                                const Frame& frame, const Run& run) {
+  LineKernel<true> kernel(task, grid, tile, frame);
+  run(kernel);
+}
+
+// Calls run(kernel) with the kernel of a tile.
+template <class Run>
+HWY_INLINE void WithLineKernel(const RasterTask& task, const LineGrid& grid, int tile,
+                               const Frame& frame, const Run& run) {
+  if (HWY_UNLIKELY(HasEdges(task.gaussians.primitive))) {
+    RunFlatKernel(task, grid, tile, frame, run);
+    return;
+  }
+  LineKernel<false> kernel(task, grid, tile, frame);
+  run(kernel);
+}
 
 }  // namespace HWY_NAMESPACE
 }  // namespace gsut

@@ -44,7 +44,7 @@ HWY_INLINE void LineGradients(const RasterTask& task, bool is_parallel, std::int
   ParameterGradients out;
   const Lane k = Sqrt(s.cutoff);
   Lane to_mean[3];  // camera frame
-  const bool is_flat = IsFlat(g.primitive);
+  const bool is_flat = HasEdges(g.primitive);
   const Lane to_axes[3] = {
       k * sums[line_slot::kV] / s.scale[0], k * sums[line_slot::kV + 1] / s.scale[1],
       is_flat ? s.cutoff * sums[line_slot::kV + 2] : k * sums[line_slot::kV + 2] / s.scale[2]};

@@ -85,8 +85,9 @@ void LineRecords(const RasterTask& task, const LineGrid& grid, std::int64_t begi
 void LineForward(const RasterTask& task, const LineGrid& grid, int tile, Frame* frame, float* image,
                  float* alpha, float* depth, float* distortion) {
   WithFlag(task.with_depth, [&](auto with_depth) HWY_ATTR {
-    LineKernel kernel(task, grid, tile, *frame);
-    BlendTile(with_depth, task, grid.tiles, tile, kernel, frame);
+    WithLineKernel(task, grid, tile, *frame, [&](auto& kernel) HWY_ATTR {
+      BlendTile(with_depth, task, grid.tiles, tile, kernel, frame);
+    });
   });
   WritePixels(grid.tiles, tile, *frame, task.background, task.with_depth, image, alpha, depth,
               distortion);

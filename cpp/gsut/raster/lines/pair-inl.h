@@ -199,9 +199,9 @@ struct LineChunk {
   }
 
   // Sets up the Gaussians ids[0 .. count) for a tile.
-  template <class Ids>
+  template <bool kIsFlat, class Ids>
   HWY_INLINE void Fill(const RasterTask& task, const float* records, const float* bundle, int count,
-                       Ids&& ids) {
+                       const Ids& ids) {
     const FloatTag d;
     Lane axes[9];
     for (int k = 0; k < 9; ++k) axes[k] = Lane(bundle[LineBundle::kD + k]);
@@ -227,7 +227,7 @@ struct LineChunk {
       store(kKappa, Lane(-kHalfLog2E) * g.cutoff);
       store(kLog2Strength, g.log2_strength);
       for (int c = 0; c < 3; ++c) store(kRed + c, load(line_record::kColor + c));
-      if (HWY_UNLIKELY(IsFlat(task.gaussians.primitive))) {
+      if constexpr (kIsFlat) {
         FlatPair p = PlaceFlat(g, axes);
         VisitFlat(task.gaussians.primitive,
                   [&](auto kind) HWY_ATTR { ShapeFlat(kind, g, stored(), &p); });

@@ -55,8 +55,9 @@ float FarthestOrigin(const LineGrid& grid, int tile) {
 
 void LineRayOrderForward(const RasterTask& task, const LineGrid& grid, int tile, Frame* frame,
                          float* image, float* alpha, float* depth, float* distortion) {
-  LineKernel kernel(task, grid, tile, *frame);
-  BlendTileAlongRays(task, grid.tiles, tile, FarthestOrigin(grid, tile), kernel, frame);
+  WithLineKernel(task, grid, tile, *frame, [&](auto& kernel) HWY_ATTR {
+    BlendTileAlongRays(task, grid.tiles, tile, FarthestOrigin(grid, tile), kernel, frame);
+  });
   WritePixels(grid.tiles, tile, *frame, task.background, task.with_depth, image, alpha, depth,
               distortion);
 }

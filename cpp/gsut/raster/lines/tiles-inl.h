@@ -55,40 +55,29 @@ HWY_INLINE LaneMask MayPass(const GaussianLanes& g, Lane radius, const BundleLan
   return NotMask(OrMask(misses, d + radius + slack < bundle.slide));
 }
 
-// Whether lines of a bundle may hit the Gaussian itself.
-HWY_INLINE LaneMask MayHitBundle(Primitive primitive, const GaussianLanes& g,
-                                 const BundleLanes& bundle) {
-  if (HWY_LIKELY(!IsFlat(primitive))) {
-    const LinePair pair = PlaceInFrame(g, bundle.axes);
-    return MayHit(pair, bundle.center, bundle.half, bundle.slide);
-  }
-  LaneMask hit;
-  VisitFlat(primitive, [&](auto kind) HWY_ATTR {
-    hit = MayHitFlat(kind, PlaceFlat(g, bundle.axes), bundle.center, bundle.half);
-  });
-  return hit;
-}
-
 // Bit i set where node i of a group may hold a line that hits the Gaussian (in every lane of g).
-// exact: by the Gaussian itself, else by the sphere around it.
-HWY_INLINE std::uint64_t TouchedNodes(Primitive primitive, const GaussianLanes& g, Lane radius,
-                                      const float* group, bool exact) {
+// exact: by may_hit(g, bundle), else by the sphere around it.
+template <class MayHitBundle>
+HWY_INLINE std::uint64_t TouchedNodes(const MayHitBundle& may_hit, const GaussianLanes& g,
+                                      Lane radius, const float* group, bool exact) {
   const FloatTag d;
   std::uint64_t touched = 0;
   for (int i = 0; i < LineLevel::kGroup; i += kLanes) {
     const BundleLanes bundle(group, i);
     LaneMask hit = AndMask(MayPass(g, radius, bundle), bundle.state > Lane(LineBundle::kEmpty));
     if (exact && !hn::AllFalse(d, hit.m)) {
-      hit = AndMask(hit, MayHitBundle(primitive, g, bundle));
+      hit = AndMask(hit, may_hit(g, bundle));
     }
     touched |= MaskBits(OrMask(hit, bundle.state > Lane(LineBundle::kNarrow)).m) << i;
   }
   return touched;
 }
 
-// Adds the tiles under one group of a level.
-HWY_INLINE void TouchGroup(const LineGrid& grid, Primitive primitive, const GaussianLanes& g,
-                           const TileWindow& window, TouchedRows* rows, TileWindow* hits) {
+// The rectangle around the tiles of `window` that the Gaussian may touch; empty if none.
+// may_hit(g, bundle): whether lines of a bundle may hit the Gaussian itself.
+template <class MayHitBundle>
+HWY_INLINE TileWindow TouchWindow(const LineGrid& grid, const MayHitBundle& may_hit,
+                                  const GaussianLanes& g, TileWindow window, TouchedRows* rows) {
   struct Place {
     int level, x, y;
   };
@@ -98,13 +87,14 @@ HWY_INLINE void TouchGroup(const LineGrid& grid, Primitive primitive, const Gaus
   int count = 0;
   const Lane radius = g.k * Sqrt(Max(g.variance[0], Max(g.variance[1], g.variance[2])));
   open[count++] = {static_cast<int>(grid.levels.size()) - 1, 0, 0};
+  TileWindow hits = {window.x1, window.x0, window.y1, window.y0};
   while (count > 0) {
     const Place place = open[--count];
     const LineLevel& level = grid.levels[static_cast<std::size_t>(place.level)];
     std::uint64_t touched =
-        TouchedNodes(primitive, g, radius, level.Group(place.x, place.y), place.level == 0);
+        TouchedNodes(may_hit, g, radius, level.Group(place.x, place.y), place.level == 0);
     if (place.level == 0) {
-      AddTouched(touched, place.x, place.y, window, rows, hits);
+      AddTouched(touched, place.x, place.y, window, rows, &hits);
       continue;
     }
     for (; touched != 0; touched &= touched - 1) {
@@ -112,6 +102,20 @@ HWY_INLINE void TouchGroup(const LineGrid& grid, Primitive primitive, const Gaus
       open[count++] = {place.level - 1, 4 * place.x + node % 4, 4 * place.y + node / 4};
     }
   }
+  return hits;
+}
+
+// A function, so that Gaussians keep their registers, see primitives-inl.h.
+inline HWY_NOINLINE TileWindow TouchFlat(const LineGrid& grid, Primitive primitive, GaussianLanes g,
+                                         TileWindow window, TouchedRows* rows) {
+  TileWindow hits;
+  VisitFlat(primitive, [&](auto kind) HWY_ATTR {
+    const auto may_hit = [&](const GaussianLanes& of, const BundleLanes& bundle) HWY_ATTR {
+      return MayHitFlat(kind, PlaceFlat(of, bundle.axes), bundle.center, bundle.half);
+    };
+    hits = TouchWindow(grid, may_hit, g, window, rows);
+  });
+  return hits;
 }
 
 // The tiles of the Gaussian with this record; all of them that it may touch.
@@ -123,10 +127,14 @@ HWY_INLINE TileRect LineTileRect(const RasterTask& task, const LineGrid& grid, s
   };
   const GaussianLanes g = LoadGaussians(task, load, stored);
   const TileWindow window = {0, grid.tiles.tiles_x, 0, grid.tiles.tiles_y};
-  TileWindow hits = {window.x1, window.x0, window.y1, window.y0};
   rows->Clear(window);
-  TouchGroup(grid, task.gaussians.primitive, g, window, rows, &hits);
-  return RectOf(hits, *rows, spans);
+  if (HWY_UNLIKELY(HasEdges(task.gaussians.primitive))) {
+    return RectOf(TouchFlat(grid, task.gaussians.primitive, g, window, rows), *rows, spans);
+  }
+  const auto may_hit = [](const GaussianLanes& of, const BundleLanes& bundle) HWY_ATTR {
+    return MayHit(PlaceInFrame(of, bundle.axes), bundle.center, bundle.half, bundle.slide);
+  };
+  return RectOf(TouchWindow(grid, may_hit, g, window, rows), *rows, spans);
 }
 
 }  // namespace HWY_NAMESPACE

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 
 import numpy as np
@@ -10,9 +11,10 @@ import numpy as np
 from gsut._core import SolveError
 from gsut.lens import FocalPrior, find_focal_params, with_scaled_focal
 from gsut.sfm.lens.candidates import guess_lens
+from gsut.sfm.lens.trials import run_trials
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import keep_most_distinct
-from gsut.sfm.solution import Adjustment, Solution, adjust_registered
+from gsut.sfm.solution import Adjustment, OnStep, Solution, adjust_registered
 
 # Standard deviation of the logarithm of a focal length by --fov, which is a rough field of view,
 # and by a lens of the database, of which cameras have several modes.
@@ -24,6 +26,9 @@ _GROUPS = 8
 _FEWEST_IMAGES = 4
 # Most matches of a pair in adjustments without a group.
 _GROUP_MATCHES = 150
+# Most images that groups are left out of beside each other: adjustments of more keep all cores busy
+# by themselves, and take memory.
+_MOST_BESIDE = 100
 # Share of the prior's standard deviation below which the images alone know better.
 _NEGLIGIBLE = 0.1
 _EXIF = "EXIF"  # source of the focal length that photographs state
@@ -147,17 +152,25 @@ def estimate_focal_sigma(
     images = np.flatnonzero(solution.registered)
     # Only how the focal length varies is asked: a readout needs no adjustment here.
     still = dataclasses.replace(solution, shutter=None, velocities=None)
-    logs = []
-    for group in np.array_split(images, count_groups(solution)):
+
+    def find_without(group: np.ndarray, on_step: OnStep) -> float | None:
+        """Finds the logarithm of the focal length without a group; None: too few are left."""
         kept = solution.registered.copy()
         kept[group] = False
         try:
             found = adjust_registered(
                 dataclasses.replace(still, registered=kept), mapping.features, pairs,
-                mapping.options, adjustment=adjustment,
+                mapping.options, on_step, adjustment,
             )  # fmt: skip
-        except SolveError:  # too few images are left
-            continue
-        logs.append(math.log(find_focal(found)))
+        except SolveError:
+            return None
+        return math.log(find_focal(found))
+
+    groups = np.array_split(images, count_groups(solution))
+    found = run_trials(
+        [functools.partial(find_without, group) for group in groups],
+        threads=None if len(images) <= _MOST_BESIDE else 1,
+    )
+    logs = [each for each in found if each is not None]
     spread = math.sqrt((len(logs) - 1) * float(np.var(logs))) if len(logs) > 1 else math.inf
     return max(features_sigma, spread)

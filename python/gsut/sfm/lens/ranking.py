@@ -62,10 +62,21 @@ class LensRanking:
         chosen = _choose_informative_pairs(features, raw)
         images = sorted({int(image) for i in chosen for image in raw.pairs[i]})
         place = {image: index for index, image in enumerate(images)}
-        self._features = [features[image] for image in images]
         of_chosen = [[place[int(a)], place[int(b)]] for a, b in raw.pairs[chosen]]
         self._pairs = np.array(of_chosen, np.int64).reshape(-1, 2)
-        self._matches = [raw.matches[i][:_MATCHES] for i in chosen]
+        # Features that no match names would only cost time, each with each lens.
+        matches = [raw.matches[i][:_MATCHES] for i in chosen]
+        named = [np.zeros(len(features[image]), bool) for image in images]
+        for (a, b), rows in zip(self._pairs, matches, strict=True):
+            named[a][rows[:, 0]] = named[b][rows[:, 1]] = True
+        self._pixels = [
+            features[image].pixels[own] for image, own in zip(images, named, strict=True)
+        ]
+        number = [np.cumsum(own, dtype=np.int32) - 1 for own in named]
+        self._matches = [
+            np.stack([number[a][rows[:, 0]], number[b][rows[:, 1]]], axis=1)
+            for (a, b), rows in zip(self._pairs, matches, strict=True)
+        ]
         self._error = error_factor * options.max_two_view_error / 1000
         self._seed = options.seed
 
@@ -94,7 +105,7 @@ class LensRanking:
     ) -> tuple[float, float]:
         """Returns the mean shares of matches that agree with one pose a pair, and with a turn."""
         matches_of = [matches[:most] for matches in self._matches[:pairs]]
-        bearings = [_core.ImageBearings(camera, f.pixels) for f in self._features]
+        bearings = [_core.ImageBearings(camera, pixels) for pixels in self._pixels]
         valid = [b.valid for b in bearings]
         seen = [
             m[valid[a][m[:, 0]] & valid[b][m[:, 1]]]

@@ -12,6 +12,7 @@ from gsut._core import SolveError
 from gsut.lens import Camera, convert_camera
 from gsut.sfm.lens.candidates import explain_implausible, list_lens_ladder
 from gsut.sfm.lens.ranking import LensRanking, RankedLens
+from gsut.sfm.lens.trials import run_trials
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import (
     PairMatches,
@@ -23,13 +24,15 @@ from gsut.sfm.matches import (
     select_verified_pairs,
     verify_matches,
 )
-from gsut.sfm.solution import Adjustment, Solution, adjust_poses, solve_poses
+from gsut.sfm.solution import Adjustment, OnStep, Solution, adjust_poses, solve_poses
 
 _HOLD_OUT_EVERY = 5  # tracks, of those long enough to spare an observation
 _FREE = 1  # flag of a parameter that is estimated by itself
 _TIED = 2  # flag of the focal lengths that stay equal: square pixels
 # Estimated first of a Kannala-Brandt lens: the focal length and k1.
 START = np.array([_TIED, _TIED, 0, 0, _FREE, 0, 0, 0], np.uint8)
+_ASPECT = (0, 1)  # parameters: the focal lengths
+_CENTER = (2, 3)  # parameters: the principal point
 # Share by which a lens with more parameters must predict held-out observations better.
 _BETTER = 0.005  # for more radial coefficients
 _BETTER_CENTER = 0.03  # for a free principal point, which is near the centre in most cameras
@@ -163,18 +166,31 @@ def _choose_model(
     models = _list_models(start)
     if trials.is_rolling:  # each trial starts from nothing: only the last model, the most general
         models = models[-1:]
-    for number, (flags, model) in enumerate(models, 1):
-        found = trials.adjust(start, model(start.cameras[0]), flags, more)
-        trials.share = 0.5 + 0.5 * number / (len(models) + 2)
-        if found is not None and _is_better(found, chosen[0], _BETTER):
-            chosen = found, flags
-    for freed, share in (((2, 3), _BETTER_CENTER), ((0, 1), _BETTER_ASPECT)):
-        flags = chosen[1].copy()
-        flags[list(freed)] = _FREE
-        found = trials.adjust(start, chosen[0].cameras[0], flags, more)
-        if found is not None and _is_better(found, chosen[0], share):
-            chosen = found, flags
+    lens = start.cameras[0]
+    found = trials.adjust(start, [(model(lens), flags) for flags, model in models], more)
+    for (flags, _), solution in zip(models, found, strict=True):
+        if solution is not None and _is_better(solution, chosen[0], _BETTER):
+            chosen = solution, flags
+    trials.share = 0.75
+    center, aspect = _free_more(chosen, _CENTER), _free_more(chosen, _ASPECT)
+    found = trials.adjust(start, [center, aspect], more)
+    if found[0] is not None and _is_better(found[0], chosen[0], _BETTER_CENTER):
+        chosen = found[0], center[1]
+        aspect = _free_more(chosen, _ASPECT)
+        trials.rows.pop()  # of the aspect about the other centre
+        found = [None, *trials.adjust(start, [aspect], more)]
+    if found[1] is not None and _is_better(found[1], chosen[0], _BETTER_ASPECT):
+        chosen = found[1], aspect[1]
     return chosen
+
+
+def _free_more(
+    chosen: tuple[Solution, np.ndarray], freed: Sequence[int]
+) -> tuple[Camera, np.ndarray]:
+    """Returns a solution's lens, and its flags with further parameters estimated."""
+    flags = chosen[1].copy()
+    flags[list(freed)] = _FREE
+    return chosen[0].cameras[0], flags
 
 
 def _is_better(other: Solution, than: Solution, share: float) -> bool:
@@ -217,6 +233,9 @@ def _convert_to_opencv5(lens: Camera) -> Camera:
     return Camera("opencv5", [*_convert_to_opencv4(lens).params, 0.0], lens.width, lens.height)
 
 
+_Trial = Callable[[OnStep], Solution | None]
+
+
 class _Trials:
     """Solutions with one lens after the other.
 
@@ -245,33 +264,48 @@ class _Trials:
         self, lens: Camera, flags: np.ndarray, pairs: Sequence[PairMatches], **row: Any
     ) -> Solution | None:
         """Reconstructs from nothing but matches; None if that fails."""
-        images, options = self._mapping.images.with_lens(lens), self._mapping.options
-        adjustment = Adjustment(flags, hold_out_every=_HOLD_OUT_EVERY, covariances=False)
-        return self._record_trial(
-            lens, flags, lambda: solve_poses(images, pairs, options, self._show, adjustment), row
-        )
+        return self._prepare_solve(lens, flags, pairs, **row)(self._show)
 
     def adjust(
-        self, start: Solution, lens: Camera, flags: np.ndarray, pairs: Sequence[PairMatches]
-    ) -> Solution | None:
-        """Adjusts the poses of another solution; None if that fails.
+        self,
+        start: Solution,
+        models: Sequence[tuple[Camera, np.ndarray]],
+        pairs: Sequence[PairMatches],
+    ) -> list[Solution | None]:
+        """Adjusts the poses of another solution with each lens and its flags; None if that fails.
 
         Images without a pose are left out. With a rolling shutter the images are reconstructed from
         nothing, as their velocities are not known.
         """
-        if self.is_rolling:
-            return self.solve(lens, flags, pairs)
+        trials = [
+            self._prepare_solve(lens, flags, pairs)
+            if self.is_rolling
+            else self._prepare_adjustment(lens, flags, pairs, start)
+            for lens, flags in models
+        ]
+        return run_trials(trials, self._show)
+
+    def _prepare_solve(
+        self, lens: Camera, flags: np.ndarray, pairs: Sequence[PairMatches], **row: Any
+    ) -> _Trial:
+        images, options = self._mapping.images.with_lens(lens), self._mapping.options
+        adjustment = Adjustment(flags, hold_out_every=_HOLD_OUT_EVERY, covariances=False)
+        return self._add_row(
+            lens, flags,
+            lambda on_step: solve_poses(images, pairs, options, on_step, adjustment), row,
+        )  # fmt: skip
+
+    def _prepare_adjustment(
+        self, lens: Camera, flags: np.ndarray, pairs: Sequence[PairMatches], start: Solution
+    ) -> _Trial:
         chosen = np.flatnonzero(start.registered)
-        images = self._mapping.images.with_lens(lens).select(chosen)
+        images, options = self._mapping.images.with_lens(lens).select(chosen), self._mapping.options
         own = select_verified_pairs(pairs, chosen)
         poses = [start.camera_from_world[i] for i in chosen]
         adjustment = Adjustment(flags, hold_out_every=_HOLD_OUT_EVERY, covariances=False)
-        return self._record_trial(
+        return self._add_row(
             lens, flags,
-            lambda: adjust_poses(
-                images, own, poses, self._mapping.options, self._show, adjustment
-            ),
-            {},
+            lambda on_step: adjust_poses(images, own, poses, options, on_step, adjustment), {},
         )  # fmt: skip
 
     def _show(
@@ -281,9 +315,14 @@ class _Trials:
         self._mapping.log.show_share("lens", self.share, text)
         self._mapping.log.show_poses(look)
 
-    def _record_trial(
-        self, lens: Camera, flags: np.ndarray, run: Callable[[], Solution], more: dict[str, Any]
-    ) -> Solution | None:
+    def _add_row(
+        self,
+        lens: Camera,
+        flags: np.ndarray,
+        run: Callable[[OnStep], Solution],
+        more: dict[str, Any],
+    ) -> _Trial:
+        """Adds the row of a trial; returns what runs it and completes the row."""
         row: dict[str, Any] = {
             "model": lens.model,
             "estimated": len(set(flags[flags > 1])) + int((flags == 1).sum()),
@@ -291,20 +330,24 @@ class _Trials:
             **more,
         }
         self.rows.append(row)
-        try:
-            found = run()
-        except SolveError as error:
-            row |= {"registered": 0, "failure": str(error)}
+
+        def try_lens(on_step: OnStep) -> Solution | None:
+            try:
+                found = run(on_step)
+            except SolveError as error:
+                row.update(registered=0, failure=str(error))
+                return None
+            row.update(
+                params=list(map(float, found.cameras[0].params)),
+                registered=found.num_registered,
+                points=len(found.points),
+                held_out_px=found.held_out,
+                rms_px=found.rms,
+            )
+            reason = explain_implausible(found.cameras[0], self._mapping.features)
+            if reason is None:
+                return found
+            row["refused"] = reason
             return None
-        row |= {
-            "params": list(map(float, found.cameras[0].params)),
-            "registered": found.num_registered,
-            "points": len(found.points),
-            "held_out_px": found.held_out,
-            "rms_px": found.rms,
-        }
-        reason = explain_implausible(found.cameras[0], self._mapping.features)
-        if reason is None:
-            return found
-        row["refused"] = reason
-        return None
+
+        return try_lens

@@ -163,10 +163,12 @@ def find_photographs(images: Path, lens: Path | None, *, with_lens: bool = True)
         groups = () if camera is not None else found.groups
         found = dataclasses.replace(found, cameras=[camera] * len(found), groups=groups)
     if len(found) < FEWEST_IMAGES:
+        captured = read_capture(images)
+        given = ", ".join(captured["inputs"]) if captured else str(images)
         kinds = {path.suffix.lower() for path in images.rglob("*") if path.is_file()} - {""}
         raise InputError(
-            f"{images} holds {len(found)} image(s){_describe_kinds(kinds)}; poses need at least "
-            f"{FEWEST_IMAGES} that overlap, better 20 or more"
+            f"{given} holds {len(found)} image(s){'' if captured else _describe_kinds(kinds)}; "
+            f"poses need at least {FEWEST_IMAGES} that overlap, better 20 or more"
         )
     return found if found.groups or found.frames is not None else _group_by_folder(found)
 
