@@ -252,7 +252,7 @@ class TrainingLoop:
 
     def _add_surface(self, step: _Step) -> None:
         """Adds the gradients of the surface terms, which densification does not count."""
-        if self.surface is None or self.surface.share(step.fraction) == 0.0:
+        if self.surface is None or not self.surface.is_due(step.number, step.fraction):
             return
         more = self.surface.compute_gradients(
             self.get_drawn(), step.level.scene, step.view, self.rule, step.fraction

@@ -83,7 +83,7 @@ def total(g, camera, pose, known, weights, extent, normals):
 
 
 def test_gradients_of_all_terms_equal_differences_of_the_double_reference(rng, scene, tmp_path):
-    weights = SurfaceWeights(1.0, 2.0, 0.3, 0.5, start=0.0, size=1, known_normal=0.7)
+    weights = SurfaceWeights(1.0, 2.0, 0.3, 0.5, start=0.0, size=1, known_normal=0.7, every=1)
     exact, view = wavy_plane(rng), scene.train_indices[0]
     scene, normals = with_normals(scene, view, tmp_path, rng)
     terms = SurfaceTerms(weights, scene, "points")
@@ -114,6 +114,19 @@ def test_gradients_of_all_terms_equal_differences_of_the_double_reference(rng, s
         error = relative_error(getattr(found, name).ravel()[chosen], np.array(numeric))
         assert error < tolerances.SURFACE_TERMS, (name, error)
     assert base > 0
+
+
+def test_terms_of_every_fourth_step_count_four_times(rng, scene):
+    view, g = scene.train_indices[0], wavy_plane(rng).to_dtype(np.float32)
+    found = []
+    for every in (1, 4):
+        terms = SurfaceTerms(SurfaceWeights(every=every), scene, "points")
+        due = [step for step in range(1, 9) if terms.is_due(step, 0.5)]
+        assert due == list(range(every, 9, every))
+        assert not terms.is_due(4, terms.weights.start)
+        found.append(terms.compute_gradients(g, scene, view, _core.BlendRule(), 0.5))
+    for name in FIELDS:
+        assert relative_error(getattr(found[1], name), 4 * getattr(found[0], name)) < 1e-5
 
 
 def test_points_are_known_where_a_view_sees_them_and_not_behind_others(scene):

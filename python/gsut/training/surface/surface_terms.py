@@ -33,15 +33,17 @@ class SurfaceWeights:
         start: fraction of the steps at which the terms begin; they grow over the next tenth.
         size: of the second render, relative to the photographs.
         known_normal: of 1 - cosine between the Gaussians' normals and the known ones.
+        every: steps from one that adds the terms to the next, whose gradients count as often.
     """
 
-    normal: float = 0.2
-    distortion: float = 0.3
-    flatten: float = 1.0
-    known: float = 0.3
+    normal: float = 0.04
+    distortion: float = 0.06
+    flatten: float = 0.2
+    known: float = 0.15
     start: float = 0.15
     size: float = 0.5
-    known_normal: float = 0.2
+    known_normal: float = 0.04
+    every: int = 4
 
 
 class SurfaceTerms:
@@ -69,6 +71,10 @@ class SurfaceTerms:
         """Returns the share of the weights that applies at this fraction of the steps."""
         return min(max((fraction - self.weights.start) / 0.1, 0.0), 1.0)
 
+    def is_due(self, step: int, fraction: float) -> bool:
+        """Returns whether a step adds the terms."""
+        return step % self.weights.every == 0 and self.share(fraction) > 0.0
+
     def compute_gradients(
         self, gaussians: Gaussians, scene: Scene, view: int, rule: Any, fraction: float
     ) -> Gaussians:
@@ -81,7 +87,7 @@ class SurfaceTerms:
             rule: of the blend.
             fraction: of the steps.
         """
-        share, motion = self.share(fraction), scene.views[view].motion
+        share, motion = self.weights.every * self.share(fraction), scene.views[view].motion
         small = self._shrink_camera(scene.camera(view))
         center = _find_center(small, motion)
         g, sh = gaussians, np.empty((len(gaussians), 1, 3), np.float32)
