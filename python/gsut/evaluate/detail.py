@@ -69,7 +69,7 @@ def measure_details(
 
     def flatten(grey: np.ndarray) -> np.ndarray:
         inside = grey * weight
-        return inside - cv2.GaussianBlur(inside, (0, 0), _LEVEL)
+        return inside - _average(inside, _LEVEL)
 
     size = mask.shape[1], mask.shape[0]
     window = cv2.createHanningWindow(size, cv2.CV_32F)
@@ -91,7 +91,8 @@ class _Detail:
         factor = min(1.0, _SIDE / max(mask.shape))
         self._size = tuple(max(1, round(side * factor)) for side in mask.shape[::-1])
         self._weight = self._resize(mask.astype(np.float32))
-        self._weights_nearby = self._average_coarsely(self._weight)
+        self._coarse = max(_COARSE_PX, _COARSE * max(self._size))
+        self._weights_nearby = _average(self._weight, self._coarse)
         self._truth = self._flatten(truth)
         self._mean, self._variance = _measure_contrast(self._truth)
         counts = _average(self._weight) > 1 - 1e-3
@@ -111,13 +112,8 @@ class _Detail:
     def _flatten(self, picture: np.ndarray) -> np.ndarray:
         """Takes the mean of the surroundings inside the mask away."""
         inside = self._resize(picture) * self._weight
-        level = self._average_coarsely(inside) / np.maximum(self._weights_nearby, _FEW_WEIGHTS)
+        level = _average(inside, self._coarse) / np.maximum(self._weights_nearby, _FEW_WEIGHTS)
         return inside - level * self._weight
-
-    def _average_coarsely(self, values: np.ndarray) -> np.ndarray:
-        import cv2
-
-        return cv2.GaussianBlur(values, (0, 0), max(_COARSE_PX, _COARSE * max(self._size)))
 
     def _resize(self, picture: np.ndarray) -> np.ndarray:
         import cv2
@@ -125,10 +121,10 @@ class _Detail:
         return cv2.resize(picture, self._size, interpolation=cv2.INTER_AREA)
 
 
-def _average(values: np.ndarray) -> np.ndarray:
+def _average(values: np.ndarray, deviation: float = _WINDOW) -> np.ndarray:
     import cv2
 
-    return cv2.GaussianBlur(values, (0, 0), _WINDOW)
+    return cv2.GaussianBlur(values, (0, 0), deviation)
 
 
 def _measure_contrast(picture: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -165,10 +165,10 @@ def find_photographs(images: Path, lens: Path | None, *, with_lens: bool = True)
     if len(found) < FEWEST_IMAGES:
         captured = read_capture(images)
         given = ", ".join(captured["inputs"]) if captured else str(images)
-        kinds = {path.suffix.lower() for path in images.rglob("*") if path.is_file()} - {""}
+        kinds = "" if captured else _describe_kinds(images)
         raise InputError(
-            f"{given} holds {len(found)} image(s){'' if captured else _describe_kinds(kinds)}; "
-            f"poses need at least {FEWEST_IMAGES} that overlap, better 20 or more"
+            f"{given} holds {len(found)} image(s){kinds}; poses need at least {FEWEST_IMAGES} that "
+            "overlap, better 20 or more"
         )
     return found if found.groups or found.frames is not None else _group_by_folder(found)
 
@@ -192,8 +192,9 @@ def _group_by_folder(found: Photographs) -> Photographs:
     return dataclasses.replace(found, groups=tuple(groups))
 
 
-def _describe_kinds(kinds: set[str]) -> str:
+def _describe_kinds(folder: Path) -> str:
     """Describes the files that cannot be read as pictures, such as HEIC beside a given lens."""
+    kinds = {path.suffix.lower() for path in folder.rglob("*") if path.is_file()} - {""}
     listed = ", ".join(sorted(kinds)[:_KINDS_LISTED])
     return f" among files of the kinds {listed}" if listed else ""
 
