@@ -16,6 +16,7 @@ from gsut.data.rigs import Rig
 from gsut.data.scene import capture_state
 from gsut.output_folder import claim_folder
 from gsut.sfm.lens import (
+    compare_halves,
     find_zooms,
     free_center,
     guess_lenses,
@@ -151,6 +152,8 @@ def find_poses(
             judge_lens(mapping)
             find_lens_pair(mapping)
             find_rig_shutter(mapping)
+            if mapper is None:
+                compare_halves(mapping)
             mapping.log.show("writing", 0, 1, "")
             place_on_earth(mapping, adjust_rig_near_places)
             mapping.log.watch.record_lap("mapping")
@@ -158,6 +161,7 @@ def find_poses(
                 agreement = measure_agreement(mapping.solved, mapping.pairs)
                 mapping.found.agreement = agreement.share
                 mapping.found.contradicted = agreement.contradicted
+                mapping.found.contradicted_sigma = agreement.contradicted_sigma
         values = write_poses(mapping, claimed.path, stages.digest)
         stages.remove()
         return PosesResult(claimed.path, mapping.solved, values)

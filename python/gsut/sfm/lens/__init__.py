@@ -11,6 +11,7 @@ from gsut.sfm.lens.covariance import (
 )
 from gsut.sfm.lens.critical_motion import TURNED
 from gsut.sfm.lens.doubt import compare_lens, describe_doubt, judge_lens
+from gsut.sfm.lens.halves import compare_halves
 from gsut.sfm.lens.left_out import register_left_out
 from gsut.sfm.lens.refinement import RefinedLens, refine_lens
 from gsut.sfm.lens.zooms import describe_zooms, find_zooms
@@ -18,6 +19,7 @@ from gsut.sfm.lens.zooms import describe_zooms, find_zooms
 __all__ = [
     "TURNED",
     "RefinedLens",
+    "compare_halves",
     "compare_lens",
     "describe_doubt",
     "describe_zooms",
