@@ -180,9 +180,7 @@ def turning(radians):
     [
         ({}, "good", ""),
         ({"agreeing": 0.2}, "poor", "of the matches agree"),
-        # Little for a lens that was given; one that was estimated may have had fast motion.
-        ({"agreeing": 0.35}, "poor", "of the matches agree"),
-        ({"agreeing": 0.35, "doubt": doubt(0.001)}, "usable", "of the matches agree"),
+        ({"agreeing": 0.35}, "usable", "of the matches agree"),
         ({"agreeing": 0.5}, "good", ""),
         # Pairs whose matches are rejected as a whole; a few are wrong matches.
         ({"doubt": Findings(contradicted=0.03)}, "good", ""),

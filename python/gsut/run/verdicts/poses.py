@@ -15,9 +15,8 @@ _FEWEST = 6  # images with a pose: with fewer, hardly anything would show that p
 # and six in ten where they are usable: 2 and 6 pixels of 350.
 _ERROR = (0.0057, 0.017)
 # Share of the verified matches that observe one point, below which a given lens is doubted: the
-# right one has more than that, and a wrong one leaves a third.
+# right one mostly has more than that, and a wrong one leaves a third; and below which poses are poor.
 FEW_AGREE = 0.4
-# Share below which poses are poor even with a lens that was estimated, which gives way to motion.
 _HARDLY_AGREE = 0.25
 # Share of the pairs of images whose verified matches the poses reject as a whole, above which a
 # result is usable at most, and above which poor: right poses reject hardly any.
@@ -101,6 +100,7 @@ def judge_poses(quality: PosesQuality) -> Verdict:
     is_held = math.isfinite(q.halves_px[0])
     halves = f"gives poses {q.halves_px[0]:.1f} px off" if is_held else "loses images"
     mend_poses = _MEND_GLOBAL if q.readout_turn is None else _ADD_TURNED
+    mend_few = _ESTIMATE_LENS if is_given and q.readout_turn is None else mend_poses
     faults = [  # causes before what they lead to
         Fault(
             2 if q.only_turned else min(doubt, 1) if q.motion else 0,
@@ -127,12 +127,6 @@ def judge_poses(quality: PosesQuality) -> Verdict:
             "take 60 pictures or more, walking around what you want to see",
         ),
         Fault(
-            2 if unsure[1] else int(unsure[0]),
-            f"weak overlap: either half of the points {halves}",
-            "take more pictures between them, each showing two thirds of the one before",
-            is_visible=True,
-        ),
-        Fault(
             count_exceeded(turn, _READOUT_TURN),
             f"images seem to turn by {math.degrees(turn):.0f} degrees while they are read",
             _ADD_TURNED,
@@ -143,9 +137,9 @@ def judge_poses(quality: PosesQuality) -> Verdict:
             mend_poses,
         ),
         Fault(
-            _count_missed(agreement, (FEW_AGREE, FEW_AGREE if is_given else _HARDLY_AGREE)),
+            _count_missed(agreement, (FEW_AGREE, _HARDLY_AGREE)),
             f"only {100 * (q.agreement or 0):.0f} % of the matches agree in all images together",
-            _ESTIMATE_LENS if is_given and q.readout_turn is None else mend_poses,
+            mend_few,
             is_visible=True,
         ),
         Fault(
@@ -164,6 +158,14 @@ def judge_poses(quality: PosesQuality) -> Verdict:
             count_exceeded(q.median_px / q.diagonal_px, _RESIDUAL),
             f"points are off by {q.median_px:.2f} px",
             "give --shutter rolling if the camera moved fast, or the lens by --camera",
+            is_visible=True,
+        ),
+        Fault(
+            2 if unsure[1] else int(unsure[0]),
+            f"either half of the points {halves}",
+            mend_few
+            if agreement < FEW_AGREE
+            else "take more pictures between them, each showing two thirds of the one before",
             is_visible=True,
         ),
     ]  # fmt: skip
