@@ -16,7 +16,6 @@ from gsut.data.rigs import Rig
 from gsut.data.scene import capture_state
 from gsut.output_folder import claim_folder
 from gsut.sfm.lens import (
-    compare_halves,
     find_zooms,
     free_center,
     guess_lenses,
@@ -43,7 +42,7 @@ from gsut.sfm.photographs import (
     find_photographs,
     require_central,
 )
-from gsut.sfm.report import is_finished, read_figures, write_poses
+from gsut.sfm.report import compare_halves, is_finished, read_figures, write_poses
 from gsut.sfm.rig import (
     adjust_rig_near_places,
     find_image_lines,

@@ -8,7 +8,7 @@ import pytest
 
 import tolerances
 from gsut import _core
-from gsut.sfm.lens.halves import _measure_differences, _split_matches, compare_halves
+from gsut.sfm.report.halves import _measure_differences, _split_matches, compare_halves
 from made_flight import CENTERS, fly
 
 

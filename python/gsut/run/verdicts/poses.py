@@ -15,7 +15,7 @@ _FEWEST = 6  # images with a pose: with fewer, hardly anything would show that p
 # and six in ten where they are usable: 2 and 6 pixels of 350.
 _ERROR = (0.0057, 0.017)
 # Share of the verified matches that observe one point, below which a given lens is doubted: the
-# right one mostly has more than that, and a wrong one leaves a third; and below which poses are poor.
+# right one mostly has more, and a wrong one leaves a third; and below which poses are poor.
 FEW_AGREE = 0.4
 _HARDLY_AGREE = 0.25
 # Share of the pairs of images whose verified matches the poses reject as a whole, above which a
@@ -37,6 +37,7 @@ _SEPARATE_PLACES = (
     "one to the other, and put up something that sets them apart"
 )
 _ESTIMATE_LENS = "let the lens be estimated: --unknown-lens"
+_ADD_BETWEEN = "take more pictures between them, each showing two thirds of the one before"
 _ADD_TURNED = "add images, some turned by 90 degrees about the axis of the lens"
 _MEND_GLOBAL = (
     "give --shutter rolling if the camera moved fast, or put up something that sets places apart "
@@ -96,9 +97,6 @@ def judge_poses(quality: PosesQuality) -> Verdict:
     agreement = 1.0 if q.agreement is None else q.agreement
     is_given = q.focal_sigma is None
     turn = q.readout_turn or 0.0
-    unsure = [px > limit * q.diagonal_px for px, limit in zip(q.halves_px, _ERROR, strict=True)]
-    is_held = math.isfinite(q.halves_px[0])
-    halves = f"gives poses {q.halves_px[0]:.1f} px off" if is_held else "loses images"
     mend_poses = _MEND_GLOBAL if q.readout_turn is None else _ADD_TURNED
     mend_few = _ESTIMATE_LENS if is_given and q.readout_turn is None else mend_poses
     faults = [  # causes before what they lead to
@@ -160,20 +158,22 @@ def judge_poses(quality: PosesQuality) -> Verdict:
             "give --shutter rolling if the camera moved fast, or the lens by --camera",
             is_visible=True,
         ),
-        Fault(
-            2 if unsure[1] else int(unsure[0]),
-            f"either half of the points {halves}",
-            mend_few
-            if agreement < FEW_AGREE
-            else "take more pictures between them, each showing two thirds of the one before",
-            is_visible=True,
-        ),
+        _compare_halves(q, mend_few if agreement < FEW_AGREE else _ADD_BETWEEN),
     ]  # fmt: skip
     what = (
         f"poses of {q.registered} of {q.images} images, {q.points:,} points, off by "
         f"{q.median_px:.2f} px in the median"
     )
     return Verdict.from_faults(what, faults, "gsut train")
+
+
+def _compare_halves(q: PosesQuality, advice: str) -> Fault:
+    """Finds how far either half of the points leaves the poses open."""
+    unsure = [px > limit * q.diagonal_px for px, limit in zip(q.halves_px, _ERROR, strict=True)]
+    is_held = math.isfinite(q.halves_px[0])
+    found = f"gives poses {q.halves_px[0]:.1f} px off" if is_held else "loses images"
+    severity = 2 if unsure[1] else int(unsure[0])
+    return Fault(severity, f"either half of the points {found}", advice, is_visible=True)
 
 
 def has_bent(readout_turn: float | None, agreement: float | None) -> bool:

@@ -57,10 +57,10 @@ def find_agreeing_order(
     """
     try:
         still = _count_agreeing(adjust(None), pairs)
-        orders = [
-            _compare_orders(way, (still, *(_count_agreeing(adjust(each), pairs) for each in way)))
-            for way in ways
-        ]
+        orders = []
+        for way in ways:
+            one, other = (_count_agreeing(adjust(each), pairs) for each in way)
+            orders.append(_compare_orders(way, still, one, other))
     except SolveError:
         return None
     sure = [order for order in orders if order.sigmas > _SURE]
@@ -80,15 +80,14 @@ def _count_agreeing(solution: Solution, pairs: Sequence[PairMatches]) -> np.ndar
 
 
 def _compare_orders(
-    way: tuple[Shutter, Shutter], counts: tuple[np.ndarray, np.ndarray, np.ndarray]
+    way: tuple[Shutter, Shutter], still: np.ndarray, one: np.ndarray, other: np.ndarray
 ) -> AgreeingOrder:
     """Compares an order with its reverse; the better one is returned.
 
     Args:
         way: both.
-        counts: see `_count_agreeing`: of a global shutter, and of both.
+        still, one, other: see `_count_agreeing`: of a global shutter, and of both.
     """
-    still, one, other = counts
     difference = one - other
     better, worse = max(one.sum(), other.sum()), min(one.sum(), other.sum())
     spread = math.sqrt(_GROUPS) * float(np.std(difference, ddof=1))

@@ -10,7 +10,7 @@ import numpy as np
 
 from gsut._core import SolveError
 from gsut.data.poses import find_centers
-from gsut.sfm.lens.zooms import index_points
+from gsut.sfm.lens import index_points
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import PairMatches, keep_most_distinct
 from gsut.sfm.points import measure_pixels_per_radian
