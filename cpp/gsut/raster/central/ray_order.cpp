@@ -49,7 +49,8 @@ void RayOrderForward(const RasterTask& task, const TileGrid& grid, int tile, Fra
               distortion);
 }
 
-// Blends once more to note each Gaussian's light and worth at each block. Of all flags, so compiled once.
+// Blends once more to note each Gaussian's light and worth at each block; compiled once for all
+// flags.
 HWY_NOINLINE void NoteTileAlongRays(const RasterTask& task, const TileGrid& grid, int tile,
                                     Frame* frame, RayNotes<kNumRayFields>* notes) {
   CentralChunks<kPartsAlongRays> kernel(task, grid, tile, *frame);
