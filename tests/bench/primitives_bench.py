@@ -13,8 +13,8 @@ import numpy as np
 import gsut
 from gsut.lifting.back_projection import resize_mask
 from gsut.surface import make_soup
-from gsut.surface.cloud import cast_world_rays
 from gsut.surface.mesh_files import load_mesh
+from gsut.surface.rays import cast_world_rays
 from gsut.surface.worth import build_tree, judge_mesh
 from tests.bench.harness import HALL, Benchmark, Column, Option, Row, Settings
 
