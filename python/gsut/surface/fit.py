@@ -62,12 +62,15 @@ def fit_mesh(
         progress: called with (done, total) before each step.
 
     Returns:
-        A mesh of the same faces; colours may lie outside [0, 1]. Rounds end where errors grow.
+        A mesh of the same faces. Rounds end where errors grow.
     """
     best, least = mesh, np.inf
     for done in range(rounds + 1):
         progress(done, rounds + 1)
         fitted = _step(mesh, _Sums(mesh, views, None), 0.0)
+        if not rounds:
+            best = fitted
+            break
         sums = _Sums(fitted, views, fitted.compute_normals() if done < rounds else None)
         if sums.error >= least:
             break
@@ -75,7 +78,8 @@ def fit_mesh(
         if done < rounds:
             mesh = _step(fitted, sums, _SMOOTHNESS)
     progress(rounds + 1, rounds + 1)
-    return best
+    colors = np.clip(_get_colors(best), 0, 1).astype(np.float32)
+    return dataclasses.replace(best, colors=colors)
 
 
 def draw_pixels(mesh: Mesh, faces: np.ndarray, pixels: Pixels) -> tuple[np.ndarray, np.ndarray]:
@@ -187,7 +191,7 @@ class _Edges:
         ]
         return np.stack(columns, axis=1)
 
-    def differ(self, values: np.ndarray) -> np.ndarray:
+    def sum_differences(self, values: np.ndarray) -> np.ndarray:
         """Sums (V, C) each vertex' differences from its neighbours."""
         apart = values[self._ends[0]] - values[self._ends[1]]
         return self._sum(apart, -apart)
@@ -209,11 +213,11 @@ def _step(mesh: Mesh, sums: _Sums, smoothness: float) -> Mesh:
     mixed = sums.mixed * lengths[:, None, :, None]
     moves = sums.moves * lengths[:, :, None] * lengths[:, None]
 
-    def bend(values: np.ndarray) -> np.ndarray:
-        return edges.differ(values) / edges.degrees
+    def measure_bends(values: np.ndarray) -> np.ndarray:
+        return edges.sum_differences(values) / edges.degrees
 
-    def straighten(values: np.ndarray) -> np.ndarray:
-        return smoothness * edges.differ(values / edges.degrees)
+    def add_smoothing(values: np.ndarray) -> np.ndarray:
+        return smoothness * edges.sum_differences(values / edges.degrees)
 
     def multiply(x: np.ndarray) -> np.ndarray:
         at = x[faces]
@@ -222,17 +226,17 @@ def _step(mesh: Mesh, sums: _Sums, smoothness: float) -> Mesh:
         away = np.einsum("fkmc,fkc->fm", mixed, at[:, :, :3])
         away += np.einsum("fkm,fm->fk", moves, at[:, :, 3])
         product = _to_vertices(mesh, np.concatenate([colors, away[:, :, None]], axis=2))
-        product[:, :3] += _EVENNESS * edges.differ(x[:, :3])
-        product[:, 3:] += straighten(bend(x[:, 3:]))
+        product[:, :3] += _EVENNESS * edges.sum_differences(x[:, :3])
+        product[:, 3:] += add_smoothing(measure_bends(x[:, 3:]))
         return product + _STAY * x
 
     old = _get_colors(mesh)
-    rough = np.sum(bend(mesh.vertices) * normals, axis=1, keepdims=True)
+    rough = np.sum(measure_bends(mesh.vertices) * normals, axis=1, keepdims=True)
     rough /= np.maximum(edges.lengths, 1e-300)
     pulls = (sums.pulls * lengths)[:, :, None]
     right = _to_vertices(mesh, np.concatenate([sums.colors, pulls], axis=2))
-    right[:, :3] -= _EVENNESS * edges.differ(old)
-    right[:, 3:] -= straighten(rough)
+    right[:, :3] -= _EVENNESS * edges.sum_differences(old)
+    right[:, 3:] -= add_smoothing(rough)
     own = np.concatenate(
         [np.repeat(np.einsum("fkk->fk", sums.weights)[:, :, None], 3, axis=2),
          np.einsum("fkk->fk", moves)[:, :, None]], axis=2,
@@ -240,12 +244,12 @@ def _step(mesh: Mesh, sums: _Sums, smoothness: float) -> Mesh:
     diagonal = _to_vertices(mesh, own) + _STAY
     diagonal[:, :3] += _EVENNESS * edges.degrees
     diagonal[:, 3:] += smoothness * (1 + 1 / edges.degrees)
-    x = _conjugate_gradients(multiply, right, 1 / diagonal)
+    x = _solve_symmetric(multiply, right, 1 / diagonal)
     away = np.clip(x[:, 3:], -_FARTHEST, _FARTHEST) * edges.lengths
     return Mesh(mesh.vertices + away * normals, faces, old + x[:, :3])
 
 
-def _conjugate_gradients(
+def _solve_symmetric(
     multiply: Callable[[np.ndarray], np.ndarray], right: np.ndarray, inverse: np.ndarray
 ) -> np.ndarray:
     """Solves multiply(x) = right, preconditioned by the inverse diagonal (Hestenes, Stiefel)."""
