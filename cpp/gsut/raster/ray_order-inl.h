@@ -229,13 +229,13 @@ HWY_INLINE void ReadHits(const RasterTask& task, const Kernel& kernel, std::uint
     GSUT_UNROLL for (int i = 0; i < kJam; ++i) {
       if (hn::AllFalse(d, hit[i])) continue;
       const int slot = hits->Take();
-      if constexpr (Notes::kTakes) notes->Name(slot, index[i]);
       BlockHit& added = slots[slot];
       hn::Store(hn::IfThenElse(hit[i], t[i], never), d, added.t);
       hn::Store(hn::Sub(hn::Set(d, 1.0f), alpha[i]), d, added.rest);
       first[slot] = least[i];
       added.last = -least[kJam + i];
       for (int c = 0; c < 3; ++c) added.color[c] = hn::GetLane(kernel.Color(c, index[i]));
+      if constexpr (Notes::kTakes) notes->Name(added, slot, index[i]);
     }
   }
 }

@@ -28,6 +28,7 @@ namespace HWY_NAMESPACE {
 struct NotesMemory {
   struct OfSlot {
     HWY_ALIGN float passed[kLanes];  // sum of w_j v_j of what is known to be in front
+    HWY_ALIGN float value[kLanes];   // v_i
     std::uint32_t pair, turn;        // of the tile's list; when it was swept
   };
   AlignedVector<OfSlot> slots[kBlocks];
@@ -35,6 +36,8 @@ struct NotesMemory {
   AlignedVector<float> rows;                 // of each settled hit: T_i and B_(i-1)
   AlignedVector<std::uint32_t> row_of;       // (pairs, kBlocks)
   AlignedVector<std::uint64_t> blocks_of;    // (pairs) where there is a row
+  AlignedVector<TileEntry> entries;          // of the pairs that have one
+  AlignedVector<std::uint32_t> pair_of;      // of each entry
 };
 
 // Returns the calling thread's.
@@ -50,11 +53,13 @@ class RayNotes {
  public:
   static constexpr bool kTakes = true;
 
-  HWY_INLINE RayNotes(const RasterTask& task, std::uint32_t pairs, TileFields<kNumFields>* fields)
-      : stop_(task.transmittance_min),
+  HWY_INLINE RayNotes(bool with_depth, const RasterTask& task, std::uint32_t pairs,
+                      TileFields<kNumFields>* fields, NotesMemory* memory)
+      : with_depth_(with_depth),
+        stop_(task.transmittance_min),
         stop_before_(task.stop_before),
         fields_(fields),
-        memory_(NotesOfThread()) {
+        memory_(memory) {
     memory_->row_of.resize(std::size_t{pairs} * kBlocks);
     memory_->blocks_of.assign(pairs, 0);
     for (int block = 0; block < kBlocks; ++block) {
@@ -68,12 +73,25 @@ class RayNotes {
     first_pair_ = first_pair;
     group_ = group_end_ = nullptr;
   }
-  // Names the Gaussian of a hit that was read.
-  HWY_INLINE void Name(int slot, int index) {
+  // Notes the Gaussian of a hit that was read, and what one unit of its weight is worth.
+  HWY_INLINE void Name(const BlockHit& hit, int slot, int index) {
+    const FloatTag d;
     auto& slots = memory_->slots[block_];
     const auto i = static_cast<std::size_t>(slot);
     if (HWY_UNLIKELY(i >= slots.size())) slots.resize(2 * i + kChunk);
     slots[i].pair = first_pair_ + static_cast<std::uint32_t>(index);
+    const BlockFields fields = fields_->Block(block_);
+    FloatVec value = hn::Mul(hn::Set(d, hit.color[0]), fields.Get(kFieldRed));
+    value = hn::MulAdd(hn::Set(d, hit.color[1]), fields.Get(kFieldGreen), value);
+    value = hn::MulAdd(hn::Set(d, hit.color[2]), fields.Get(kFieldBlue), value);
+    if (HWY_UNLIKELY(with_depth_)) {
+      const FloatVec t = hn::Load(d, hit.t);
+      const FloatVec distance = hn::IfThenElseZero(hn::Lt(t, hn::Set(d, kNever)), t);
+      const FloatVec apart = hn::Sub(distance, fields.Get(kFieldMean));
+      const FloatVec pull = hn::Mul(fields.Get(kFieldSquare), apart);
+      value = hn::MulAdd(distance, fields.Get(kFieldAlong), hn::MulAdd(pull, apart, value));
+    }
+    hn::Store(value, d, slots[i].value);
   }
   // Begins with hits that are swept together, in front of all of which is what is settled.
   HWY_INLINE void EnterGroup(BlockHit* hits, const SweptHit* begin, int count,
@@ -94,15 +112,20 @@ class RayNotes {
   HWY_INLINE void Settle(const BlockHit* hits, int slot, const int* open, int num_open) {
     const FloatTag d;
     auto& noted = memory_->slots[block_][static_cast<std::size_t>(slot)];
-    const FloatVec worth = WorthOf(hits[slot]);
+    const FloatVec worth = WorthOf(hits[slot], noted);
     FloatVec passed = hn::Load(d, noted.passed);
+    // Where others begin to be behind it, those that were swept before and after: of two at the
+    // same place the one that was swept first is in front.
     const FloatVec t = hn::Load(d, hits[slot].t);
+    HWY_ALIGN float begins[2][kLanes];
+    const hn::RebindToSigned<FloatTag> bits;
+    hn::Store(hn::BitCast(d, hn::Add(hn::BitCast(bits, t), hn::Set(bits, 1))), d, begins[0]);
+    hn::Store(t, d, begins[1]);
     const auto trade = [&](int other) HWY_ATTR {
       auto& live = memory_->slots[block_][static_cast<std::size_t>(other)];
-      const FloatVec t_other = hn::Load(d, hits[other].t);
-      // Of two at the same place the one that was swept first is in front.
-      const FloatMask is_behind = live.turn > noted.turn ? hn::Ge(t_other, t) : hn::Gt(t_other, t);
-      passed = hn::Add(passed, hn::IfThenZeroElse(is_behind, WorthOf(hits[other])));
+      const FloatVec begin = hn::Load(d, begins[live.turn > noted.turn]);
+      const FloatMask is_behind = hn::Ge(hn::Load(d, hits[other].t), begin);
+      passed = hn::Add(passed, hn::IfThenZeroElse(is_behind, WorthOf(hits[other], live)));
       const FloatVec gained = hn::IfThenElseZero(is_behind, worth);
       hn::Store(hn::Add(hn::Load(d, live.passed), gained), d, live.passed);
     };
@@ -119,34 +142,20 @@ class RayNotes {
     WriteRow(noted.pair, front, hn::Sub(fields_->Block(block_).Get(kFieldBehind), passed));
   }
 
-  std::uint64_t BlocksOf(std::uint32_t pair) const { return memory_->blocks_of[pair]; }
-  // Puts a Gaussian's light and worth at a block where BlendStep reads them.
-  HWY_INLINE void Restore(std::uint32_t pair, int block, BlockFields fields) const {
-    const FloatTag d;
-    const std::size_t row =
-        memory_->row_of[std::size_t{pair} * kBlocks + static_cast<std::size_t>(block)];
-    const float* const from = memory_->rows.data() + 2 * kLanes * row;
-    fields.Set(kFieldTransmittance, hn::Load(d, from));
-    fields.Set(kFieldBehind, hn::Load(d, from + kLanes));
-  }
-
  private:
   HWY_INLINE FloatMask Shows(FloatVec front) const {
     return hn::Ge(front, hn::Set(FloatTag(), stop_));
   }
   // w v of a hit, where its light is known.
-  HWY_INLINE FloatVec WorthOf(const BlockHit& hit) const {
+  HWY_INLINE FloatVec WorthOf(const BlockHit& hit, const NotesMemory::OfSlot& noted) const {
     const FloatTag d;
-    const BlockFields fields = fields_->Block(block_);
     const FloatVec front = hn::Load(d, hit.front);
     const FloatVec behind = hn::Mul(front, hn::Load(d, hit.rest));
     FloatMask blends = Shows(front);
     if (HWY_UNLIKELY(stop_before_)) {
       blends = hn::And(blends, hn::Gt(behind, hn::Set(d, stop_)));
     }
-    FloatVec value = hn::Mul(hn::Set(d, hit.color[0]), fields.Get(kFieldRed));
-    value = hn::MulAdd(hn::Set(d, hit.color[1]), fields.Get(kFieldGreen), value);
-    value = hn::MulAdd(hn::Set(d, hit.color[2]), fields.Get(kFieldBlue), value);
+    const FloatVec value = hn::Load(d, noted.value);
     return hn::IfThenElseZero(blends, hn::Mul(hn::Sub(front, behind), value));
   }
   HWY_INLINE void WriteRow(std::uint32_t pair, FloatVec front, FloatVec behind) {
@@ -161,6 +170,7 @@ class RayNotes {
     memory_->blocks_of[pair] |= std::uint64_t{1} << block_;
   }
 
+  const bool with_depth_;
   const float stop_;
   const bool stop_before_;
   TileFields<kNumFields>* const fields_;
@@ -169,6 +179,52 @@ class RayNotes {
   std::uint32_t first_pair_ = 0, turn_ = 0, num_rows_ = 0;
   const SweptHit* group_ = nullptr;
   const SweptHit* group_end_ = nullptr;
+};
+
+// The pairs of a tile that is blended along its rays: each has T and B of its own at each block.
+// As KeptPairs; blend(notes): blends the tile once more.
+template <class Blend>
+class RayPairs {
+ public:
+  const TileEntry* entries = nullptr;
+  std::uint32_t count;
+
+  HWY_INLINE RayPairs(const RasterTask& task, const Frame& frame, int tile, const Blend& blend)
+      : count(frame.tile_begin[tile + 1] - frame.tile_begin[tile]),
+        task_(task),
+        pairs_(frame.pairs.data() + frame.tile_begin[tile]),
+        blend_(blend),
+        memory_(NotesOfThread()) {}
+
+  template <int kNumFields>
+  HWY_INLINE void Start(BackwardFlags flags, TileFields<kNumFields>* fields) {
+    RayNotes<kNumFields> notes(flags.with_depth, task_, count, fields, memory_);
+    blend_(&notes);
+    memory_->entries.clear();
+    memory_->pair_of.clear();
+    for (std::uint32_t pair = 0; pair < count; ++pair) {
+      const std::uint64_t blocks = memory_->blocks_of[pair];
+      if (blocks == 0) continue;
+      memory_->entries.push_back({pairs_[pair].gaussian, pairs_[pair].slot, blocks});
+      memory_->pair_of.push_back(pair);
+    }
+    entries = memory_->entries.data();
+    count = static_cast<std::uint32_t>(memory_->entries.size());
+  }
+  HWY_INLINE void Restore(std::uint32_t e, int block, BlockFields fields) const {
+    const FloatTag d;
+    const std::size_t place = std::size_t{memory_->pair_of[e]} * kBlocks;
+    const std::size_t row = memory_->row_of[place + static_cast<std::size_t>(block)];
+    const float* const from = memory_->rows.data() + 2 * kLanes * row;
+    fields.Set(kFieldTransmittance, hn::Load(d, from));
+    fields.Set(kFieldBehind, hn::Load(d, from + kLanes));
+  }
+
+ private:
+  const RasterTask& task_;
+  const TilePair* const pairs_;
+  const Blend& blend_;
+  NotesMemory* const memory_;
 };
 
 }  // namespace HWY_NAMESPACE

@@ -43,13 +43,9 @@ class TrainOptions:
     FLAGS: ClassVar[tuple[str, ...]] = (
         *("preset", "steps", "seed", "threads", "scale", "max_side", "test_every", "shutter"),
         *("readout_time", "refine_poses", "refine_lens", "max_gaussians", "sh_degree"),
-        "primitive",
+        *("primitive", "order"),
         *("background", "exposure", "surface", "robust", "drop_blurred", "motion_blur"),
     )
-    REFUSED: ClassVar[dict[str, str]] = {  # names that users try in vain, and why
-        "order": "is no option of training: a model does not keep its order, and is evaluated and "
-        "viewed by the distance; train so, and draw films with gsut render --order ray",
-    }
     _open: ClassVar[set[str]] = set()  # of each instance: what the preset gave; see presets.py
 
     # A table: a few lines an option, not one an argument.
@@ -141,6 +137,12 @@ class TrainOptions:
         "maximum", "Gaussians", "how alpha follows from a Gaussian's opacity o and its response G; "
         "maximum: o G, as in 3DGS and its viewers; extinction: 1 - (1 - o)^G, which other viewers "
         "do not draw", choices=("maximum", "extinction"),
+    )
+    order: str = define_option(
+        "distance", "Gaussians", "in which Gaussians are blended, by the means' distance from the "
+        "camera or z, or as each pixel's own ray passes them: then nothing jumps from image to "
+        "image and held-out images are 0.2 to 0.6 dB better, for twice the time; other viewers do "
+        "not draw that", choices=("distance", "z", "ray"),
     )
     init: str = define_option(
         "auto", "Gaussians", "first Gaussians; points: the dataset's; random: inside the cameras' "
@@ -318,6 +320,11 @@ class TrainOptions:
         check_primitive(self.primitive, self.surface, self.compact_at)
         if self.refine_lens:
             object.__setattr__(self, "refine_poses", True)
+        if self.refine_poses and self.order == "ray":
+            raise InputError(
+                "--refine-poses cannot be combined with --order ray, along which colours have no "
+                "derivatives by the pose; refine first (gsut poses), or leave one of the two out"
+            )
         if self.compact_at is not None and self.compact_at >= self.steps:
             raise InputError(
                 f"--set compact_at={self.compact_at} is not before the end of {self.steps} --steps"
