@@ -5,10 +5,11 @@
 // leaves both for each Gaussian and block: T_i is the light in front of the hit, and B_(i-1), what
 // it and all behind it are worth to L, is the whole less what is in front of it,
 //   B_(i-1) = B_0 - sum over j in front of i of w_j v_j.
-// The sum has two parts. Hits that were settled (blended) before i was swept are in front of it at
-// all pixels; their sum is one a block. For two hits that are live at the same time, the one in
-// front at a pixel passes its w v on to the other when the first of the two is settled: by then the
-// light in front of both is known where it counts, as nothing unswept is nearer.
+// Hits are settled (blended) by the far ends of their intervals, so that most that are settled
+// before i are in front of it at all pixels: their sum is one a block. Of two that are live at the
+// same time the one that is settled later may be in front at some pixels. There, and only then,
+// they trade their w v when the first of them is settled: by then the light in front of both is
+// known where it counts, as nothing unswept is nearer.
 
 #if defined(GSUT_RASTER_RAY_ORDER_BACKWARD_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef GSUT_RASTER_RAY_ORDER_BACKWARD_INL_H_
@@ -27,11 +28,13 @@ namespace HWY_NAMESPACE {
 // The memory of a thread's notes, kept from tile to tile.
 struct NotesMemory {
   struct OfSlot {
-    HWY_ALIGN float passed[kLanes];  // sum of w_j v_j of what is known to be in front
+    HWY_ALIGN float passed[kLanes];  // sum of w_j v_j in front of it, less what is settled before
     HWY_ALIGN float value[kLanes];   // v_i
-    std::uint32_t pair, turn;        // of the tile's list; when it was swept
+    std::uint32_t pair;              // of the tile's list
   };
   AlignedVector<OfSlot> slots[kBlocks];
+  AlignedVector<std::uint32_t> turns[kBlocks];  // by slot: when it was swept
+  AlignedVector<int> mixed;                     // slots that trade
   HWY_ALIGN float settled[kBlocks][kLanes];  // sum of w_j v_j of all that is settled
   AlignedVector<float> rows;                 // of each settled hit: T_i and B_(i-1)
   AlignedVector<std::uint32_t> row_of;       // (pairs, kBlocks)
@@ -78,7 +81,11 @@ class RayNotes {
     const FloatTag d;
     auto& slots = memory_->slots[block_];
     const auto i = static_cast<std::size_t>(slot);
-    if (HWY_UNLIKELY(i >= slots.size())) slots.resize(2 * i + kChunk);
+    if (HWY_UNLIKELY(i >= slots.size())) {
+      slots.resize(2 * i + kChunk);
+      memory_->turns[block_].resize(slots.size());
+      memory_->mixed.resize(HWY_MAX(memory_->mixed.size(), slots.size()));
+    }
     slots[i].pair = first_pair_ + static_cast<std::uint32_t>(index);
     const BlockFields fields = fields_->Block(block_);
     FloatVec value = hn::Mul(hn::Set(d, hit.color[0]), fields.Get(kFieldRed));
@@ -93,17 +100,17 @@ class RayNotes {
     }
     hn::Store(value, d, slots[i].value);
   }
-  // Begins with hits that are swept together, in front of all of which is what is settled.
+  // Begins with hits that are swept together.
   HWY_INLINE void EnterGroup(BlockHit* hits, const SweptHit* begin, int count,
                              const FloatVec* front) {
     const FloatTag d;
     group_ = begin;
     group_end_ = begin + count;
     for (int i = 0; i < count; ++i) {
-      auto& noted = memory_->slots[block_][static_cast<std::size_t>(SlotOf(begin[i]))];
-      hn::Store(front[i], d, hits[SlotOf(begin[i])].front);
-      hn::Store(hn::Load(d, memory_->settled[block_]), d, noted.passed);
-      noted.turn = turn_++;
+      const auto slot = static_cast<std::size_t>(SlotOf(begin[i]));
+      hn::Store(front[i], d, hits[slot].front);
+      hn::Store(hn::Zero(d), d, memory_->slots[block_][slot].passed);
+      memory_->turns[block_][slot] = turn_++;
     }
   }
   // The group's next hit is settled or opened.
@@ -111,35 +118,43 @@ class RayNotes {
   // Settles a hit: trades with the open ones and the rest of the group, and writes its row.
   HWY_INLINE void Settle(const BlockHit* hits, int slot, const int* open, int num_open) {
     const FloatTag d;
-    auto& noted = memory_->slots[block_][static_cast<std::size_t>(slot)];
-    const FloatVec worth = WorthOf(hits[slot], noted);
-    FloatVec passed = hn::Load(d, noted.passed);
-    // Where others begin to be behind it, those that were swept before and after: of two at the
-    // same place the one that was swept first is in front.
-    const FloatVec t = hn::Load(d, hits[slot].t);
-    HWY_ALIGN float begins[2][kLanes];
+    NotesMemory::OfSlot* const slots = memory_->slots[block_].data();
+    const std::uint32_t* const turns = memory_->turns[block_].data();
+    // Nearer than this others are in front of it, if they were swept after and before: of two at
+    // the same place the one that was swept first is in front. Nothing is where there is no hit.
+    HWY_ALIGN float nearer[2][kLanes];
     const hn::RebindToSigned<FloatTag> bits;
-    hn::Store(hn::BitCast(d, hn::Add(hn::BitCast(bits, t), hn::Set(bits, 1))), d, begins[0]);
-    hn::Store(t, d, begins[1]);
-    const auto trade = [&](int other) HWY_ATTR {
-      auto& live = memory_->slots[block_][static_cast<std::size_t>(other)];
-      const FloatVec begin = hn::Load(d, begins[live.turn > noted.turn]);
-      const FloatMask is_behind = hn::Ge(hn::Load(d, hits[other].t), begin);
-      passed = hn::Add(passed, hn::IfThenZeroElse(is_behind, WorthOf(hits[other], live)));
-      const FloatVec gained = hn::IfThenElseZero(is_behind, worth);
-      hn::Store(hn::Add(hn::Load(d, live.passed), gained), d, live.passed);
+    FloatVec t = hn::Load(d, hits[slot].t);
+    t = hn::IfThenElseZero(hn::Lt(t, hn::Set(d, kNever)), t);
+    hn::Store(t, d, nearer[0]);
+    hn::Store(hn::BitCast(d, hn::Add(hn::BitCast(bits, t), hn::Set(bits, 1))), d, nearer[1]);
+    const auto in_front = [&](int other) HWY_ATTR {
+      return hn::Lt(hn::Load(d, hits[other].t), hn::Load(d, nearer[turns[other] < turns[slot]]));
     };
-    for (int p = 0; p < num_open; ++p) {
-      if (open[p] != slot) trade(open[p]);
-    }
-    for (const SweptHit* p = group_; p != group_end_; ++p) {
-      trade(SlotOf(*p));
+    int* const mixed = memory_->mixed.data();
+    int num_mixed = 0;
+    const auto meet = [&](int other) HWY_ATTR {
+      mixed[num_mixed] = other;
+      num_mixed += !hn::AllFalse(d, in_front(other));
+    };
+    for (int p = 0; p < num_open; ++p) meet(open[p]);
+    for (const SweptHit* p = group_; p != group_end_; ++p) meet(SlotOf(*p));
+    const FloatVec worth = WorthOf(hits[slot], slots[slot]);
+    FloatVec passed = hn::Load(d, slots[slot].passed);
+    for (int k = 0; k < num_mixed; ++k) {
+      const int other = mixed[k];
+      const FloatMask is_front = in_front(other);
+      passed = hn::Add(passed, hn::IfThenElseZero(is_front, WorthOf(hits[other], slots[other])));
+      const FloatVec kept = hn::IfThenElseZero(is_front, worth);
+      hn::Store(hn::Sub(hn::Load(d, slots[other].passed), kept), d, slots[other].passed);
     }
     float* const settled = memory_->settled[block_];
-    hn::Store(hn::Add(hn::Load(d, settled), worth), d, settled);
+    const FloatVec before = hn::Load(d, settled);
+    hn::Store(hn::Add(before, worth), d, settled);
     const FloatVec front = hn::Load(d, hits[slot].front);
     if (hn::AllFalse(d, Shows(front))) return;
-    WriteRow(noted.pair, front, hn::Sub(fields_->Block(block_).Get(kFieldBehind), passed));
+    passed = hn::Add(before, passed);
+    WriteRow(slots[slot].pair, front, hn::Sub(fields_->Block(block_).Get(kFieldBehind), passed));
   }
 
  private:
