@@ -27,14 +27,11 @@ namespace HWY_NAMESPACE {
 
 // The memory of a thread's notes, kept from tile to tile.
 struct NotesMemory {
-  struct OfSlot {
-    HWY_ALIGN float passed[kLanes];  // sum of w_j v_j in front of it, less what is settled before
-    HWY_ALIGN float value[kLanes];   // v_i
-    std::uint32_t pair;              // of the tile's list
-  };
-  AlignedVector<OfSlot> slots[kBlocks];
-  AlignedVector<std::uint32_t> turns[kBlocks];  // by slot: when it was swept
-  AlignedVector<int> mixed;                     // slots that trade
+  // By slot: sum of w_j v_j in front of it, less what is settled before; its place in the tile's
+  // list; when it was swept.
+  AlignedVector<float> passed[kBlocks];
+  AlignedVector<std::uint32_t> pairs[kBlocks], turns[kBlocks];
+  AlignedVector<int> mixed;                  // slots that trade
   HWY_ALIGN float settled[kBlocks][kLanes];  // sum of w_j v_j of all that is settled
   AlignedVector<float> rows;                 // of each settled hit: T_i and B_(i-1)
   AlignedVector<std::uint32_t> row_of;       // (pairs, kBlocks)
@@ -74,19 +71,98 @@ class RayNotes {
   HWY_INLINE void Turn(int block, std::uint32_t first_pair) {
     block_ = block;
     first_pair_ = first_pair;
-    group_ = group_end_ = nullptr;
+    group_size_ = 0;
   }
-  // Notes the Gaussian of a hit that was read, and what one unit of its weight is worth.
-  HWY_INLINE void Name(const BlockHit& hit, int slot, int index) {
-    const FloatTag d;
-    auto& slots = memory_->slots[block_];
+  // Notes the Gaussian of a hit that was read.
+  HWY_INLINE void Name(int slot, int index) {
     const auto i = static_cast<std::size_t>(slot);
-    if (HWY_UNLIKELY(i >= slots.size())) {
-      slots.resize(2 * i + kChunk);
-      memory_->turns[block_].resize(slots.size());
-      memory_->mixed.resize(HWY_MAX(memory_->mixed.size(), slots.size()));
+    if (HWY_UNLIKELY(i >= memory_->pairs[block_].size())) Grow(2 * i + kChunk);
+    memory_->pairs[block_][i] = first_pair_ + static_cast<std::uint32_t>(index);
+  }
+  // Begins with hits that are swept together.
+  HWY_INLINE void EnterGroup(BlockHit* hits, const SweptHit* begin, int count,
+                             const FloatVec* front) {
+    const FloatTag d;
+    group_size_ = count;
+    for (int i = 0; i < count; ++i) {
+      const auto slot = static_cast<std::size_t>(SlotOf(begin[i]));
+      group_[i] = SlotOf(begin[i]);
+      hn::Store(front[i], d, hits[slot].front);
+      hn::Store(hn::Zero(d), d, &memory_->passed[block_][slot * kLanes]);
+      memory_->turns[block_][slot] = turn_++;
     }
-    slots[i].pair = first_pair_ + static_cast<std::uint32_t>(index);
+  }
+  // Settles those of the group whose t is nowhere above `bound`; others will be open.
+  HWY_INLINE void LeaveGroup(const BlockHit* hits, float bound, const int* open, int num_open) {
+    for (int i = 0; i < group_size_;) {
+      const int slot = group_[i];
+      if (!(hits[slot].last <= bound)) {
+        ++i;
+        continue;
+      }
+      group_[i] = group_[--group_size_];
+      Settle(hits, slot, open, num_open);
+    }
+    group_size_ = 0;
+  }
+  // Settles a hit: trades with the open ones and the rest of the group, and writes its row. One
+  // function, as it is called from many places.
+  HWY_NOINLINE void Settle(const BlockHit* hits, int slot, const int* open, int num_open) {
+    const FloatTag d;
+    float* const passed_of = memory_->passed[block_].data();
+    int* const mixed = memory_->mixed.data();
+    int num_mixed = 0;
+    // Nothing is in front where there is no hit.
+    FloatVec t = hn::Load(d, hits[slot].t);
+    t = hn::IfThenElse(hn::Lt(t, hn::Set(d, kNever)), t, hn::Set(d, -kNever));
+    const auto meet = [&](int other) HWY_ATTR {
+      mixed[num_mixed] = other;
+      num_mixed += !hn::AllFalse(d, hn::Le(hn::Load(d, hits[other].t), t));
+    };
+    for (int p = 0; p < num_open; ++p) meet(open[p]);
+    for (int i = 0; i < group_size_; ++i) meet(group_[i]);
+    const FloatVec worth = WorthOf(hits[slot]);
+    FloatVec passed = hn::Load(d, passed_of + slot * kLanes);
+    const std::uint32_t* const turns = memory_->turns[block_].data();
+    for (int k = 0; k < num_mixed; ++k) {
+      const int other = mixed[k];
+      if (other == slot) continue;
+      // Of two at the same place the one that was swept first is in front.
+      const FloatVec t_other = hn::Load(d, hits[other].t);
+      const FloatMask is_front =
+          turns[other] < turns[slot] ? hn::Le(t_other, t) : hn::Lt(t_other, t);
+      passed = hn::Add(passed, hn::IfThenElseZero(is_front, WorthOf(hits[other])));
+      float* const of_other = passed_of + other * kLanes;
+      hn::Store(hn::Sub(hn::Load(d, of_other), hn::IfThenElseZero(is_front, worth)), d, of_other);
+    }
+    float* const settled = memory_->settled[block_];
+    const FloatVec before = hn::Load(d, settled);
+    hn::Store(hn::Add(before, worth), d, settled);
+    const FloatVec front = hn::Load(d, hits[slot].front);
+    if (hn::AllFalse(d, Shows(front))) return;
+    passed = hn::Add(before, passed);
+    WriteRow(memory_->pairs[block_][static_cast<std::size_t>(slot)], front, hn::Sub(fields_->Block(block_).Get(kFieldBehind), passed));
+  }
+
+ private:
+  HWY_INLINE FloatMask Shows(FloatVec front) const {
+    return hn::Ge(front, hn::Set(FloatTag(), stop_));
+  }
+  HWY_NOINLINE void Grow(std::size_t slots) {
+    memory_->passed[block_].resize(slots * kLanes);
+    memory_->pairs[block_].resize(slots);
+    memory_->turns[block_].resize(slots);
+    memory_->mixed.resize(HWY_MAX(memory_->mixed.size(), slots));
+  }
+  // w v of a hit, where its light is known.
+  HWY_INLINE FloatVec WorthOf(const BlockHit& hit) const {
+    const FloatTag d;
+    const FloatVec front = hn::Load(d, hit.front);
+    const FloatVec behind = hn::Mul(front, hn::Load(d, hit.rest));
+    FloatMask blends = Shows(front);
+    if (HWY_UNLIKELY(stop_before_)) {
+      blends = hn::And(blends, hn::Gt(behind, hn::Set(d, stop_)));
+    }
     const BlockFields fields = fields_->Block(block_);
     FloatVec value = hn::Mul(hn::Set(d, hit.color[0]), fields.Get(kFieldRed));
     value = hn::MulAdd(hn::Set(d, hit.color[1]), fields.Get(kFieldGreen), value);
@@ -98,79 +174,6 @@ class RayNotes {
       const FloatVec pull = hn::Mul(fields.Get(kFieldSquare), apart);
       value = hn::MulAdd(distance, fields.Get(kFieldAlong), hn::MulAdd(pull, apart, value));
     }
-    hn::Store(value, d, slots[i].value);
-  }
-  // Begins with hits that are swept together.
-  HWY_INLINE void EnterGroup(BlockHit* hits, const SweptHit* begin, int count,
-                             const FloatVec* front) {
-    const FloatTag d;
-    group_ = begin;
-    group_end_ = begin + count;
-    for (int i = 0; i < count; ++i) {
-      const auto slot = static_cast<std::size_t>(SlotOf(begin[i]));
-      hn::Store(front[i], d, hits[slot].front);
-      hn::Store(hn::Zero(d), d, memory_->slots[block_][slot].passed);
-      memory_->turns[block_][slot] = turn_++;
-    }
-  }
-  // The group's next hit is settled or opened.
-  HWY_INLINE void LeaveGroup() { ++group_; }
-  // Settles a hit: trades with the open ones and the rest of the group, and writes its row.
-  HWY_INLINE void Settle(const BlockHit* hits, int slot, const int* open, int num_open) {
-    const FloatTag d;
-    NotesMemory::OfSlot* const slots = memory_->slots[block_].data();
-    const std::uint32_t* const turns = memory_->turns[block_].data();
-    // Nearer than this others are in front of it, if they were swept after and before: of two at
-    // the same place the one that was swept first is in front. Nothing is where there is no hit.
-    HWY_ALIGN float nearer[2][kLanes];
-    const hn::RebindToSigned<FloatTag> bits;
-    FloatVec t = hn::Load(d, hits[slot].t);
-    t = hn::IfThenElseZero(hn::Lt(t, hn::Set(d, kNever)), t);
-    hn::Store(t, d, nearer[0]);
-    hn::Store(hn::BitCast(d, hn::Add(hn::BitCast(bits, t), hn::Set(bits, 1))), d, nearer[1]);
-    const auto in_front = [&](int other) HWY_ATTR {
-      return hn::Lt(hn::Load(d, hits[other].t), hn::Load(d, nearer[turns[other] < turns[slot]]));
-    };
-    int* const mixed = memory_->mixed.data();
-    int num_mixed = 0;
-    const auto meet = [&](int other) HWY_ATTR {
-      mixed[num_mixed] = other;
-      num_mixed += !hn::AllFalse(d, in_front(other));
-    };
-    for (int p = 0; p < num_open; ++p) meet(open[p]);
-    for (const SweptHit* p = group_; p != group_end_; ++p) meet(SlotOf(*p));
-    const FloatVec worth = WorthOf(hits[slot], slots[slot]);
-    FloatVec passed = hn::Load(d, slots[slot].passed);
-    for (int k = 0; k < num_mixed; ++k) {
-      const int other = mixed[k];
-      const FloatMask is_front = in_front(other);
-      passed = hn::Add(passed, hn::IfThenElseZero(is_front, WorthOf(hits[other], slots[other])));
-      const FloatVec kept = hn::IfThenElseZero(is_front, worth);
-      hn::Store(hn::Sub(hn::Load(d, slots[other].passed), kept), d, slots[other].passed);
-    }
-    float* const settled = memory_->settled[block_];
-    const FloatVec before = hn::Load(d, settled);
-    hn::Store(hn::Add(before, worth), d, settled);
-    const FloatVec front = hn::Load(d, hits[slot].front);
-    if (hn::AllFalse(d, Shows(front))) return;
-    passed = hn::Add(before, passed);
-    WriteRow(slots[slot].pair, front, hn::Sub(fields_->Block(block_).Get(kFieldBehind), passed));
-  }
-
- private:
-  HWY_INLINE FloatMask Shows(FloatVec front) const {
-    return hn::Ge(front, hn::Set(FloatTag(), stop_));
-  }
-  // w v of a hit, where its light is known.
-  HWY_INLINE FloatVec WorthOf(const BlockHit& hit, const NotesMemory::OfSlot& noted) const {
-    const FloatTag d;
-    const FloatVec front = hn::Load(d, hit.front);
-    const FloatVec behind = hn::Mul(front, hn::Load(d, hit.rest));
-    FloatMask blends = Shows(front);
-    if (HWY_UNLIKELY(stop_before_)) {
-      blends = hn::And(blends, hn::Gt(behind, hn::Set(d, stop_)));
-    }
-    const FloatVec value = hn::Load(d, noted.value);
     return hn::IfThenElseZero(blends, hn::Mul(hn::Sub(front, behind), value));
   }
   HWY_INLINE void WriteRow(std::uint32_t pair, FloatVec front, FloatVec behind) {
@@ -192,8 +195,8 @@ class RayNotes {
   NotesMemory* const memory_;
   int block_ = 0;
   std::uint32_t first_pair_ = 0, turn_ = 0, num_rows_ = 0;
-  const SweptHit* group_ = nullptr;
-  const SweptHit* group_end_ = nullptr;
+  int group_size_ = 0;
+  int group_[kSweepJam];  // slots of hits that are swept together and not settled
 };
 
 // The pairs of a tile that is blended along its rays: each has T and B of its own at each block.
