@@ -41,7 +41,7 @@ struct GaussiansView {
 
   GaussiansView<const T> AsConst() const {
     return {size, sh_coefficients, means,    quats,     log_scales, opacity_logits,
-            sh,   is_linear,       response, primitive, shapes, order};
+            sh,   is_linear,       response, primitive, shapes,     order};
   }
   // Of Gaussian i in double: its standard deviation along axis k, and its opacity.
   double Scale(std::int64_t i, int k) const {

@@ -141,7 +141,8 @@ class RayNotes {
     const FloatVec front = hn::Load(d, hits[slot].front);
     if (hn::AllFalse(d, Shows(front))) return;
     passed = hn::Add(before, passed);
-    WriteRow(memory_->pairs[block_][static_cast<std::size_t>(slot)], front, hn::Sub(fields_->Block(block_).Get(kFieldBehind), passed));
+    WriteRow(memory_->pairs[block_][static_cast<std::size_t>(slot)], front,
+             hn::Sub(fields_->Block(block_).Get(kFieldBehind), passed));
   }
 
  private:

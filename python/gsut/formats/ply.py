@@ -60,8 +60,9 @@ def load_ply(path: str | os.PathLike[str]) -> Gaussians:
             y, z, any norm) in any order and numeric type. Others are ignored. Without scale_2 they
             are surfels (2DGS): Gaussians a ten-thousandth as thick as they are wide. A comment
             "gsut: dataset coordinates = these + X Y Z" is where the file's zero lies in the
-            world; "gsut: response NAME", "gsut: order NAME" and "gsut: primitive NAME" are what they
-            are drawn by, see `Gaussians`, and the property "shape" are the shapes of primitives that have some.
+            world; "gsut: response NAME", "gsut: order NAME" and "gsut: primitive NAME" are what
+            they are drawn by, see `Gaussians`, and the property "shape" are the shapes of
+            primitives that have some.
 
     Returns:
         float32 Gaussians in world coordinates, with the comment's `origin`, or one near the first

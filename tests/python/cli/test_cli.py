@@ -1,10 +1,10 @@
 """The command line: commands on a faked run, refusals in one sentence, and start-up time."""
 
 import argparse
+import dataclasses
 import functools
 import importlib
 import io
-import dataclasses
 import json
 import os
 import subprocess

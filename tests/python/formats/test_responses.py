@@ -12,7 +12,6 @@ from gsut.formats import open_ply
 from gsut.formats.ply import read_comments
 from random_scenes import random_gaussians
 
-
 # A kind of rule, a name that is not the default, the default, and what the formats say of it.
 RULES = [("response", "extinction", "maximum"), ("order", "ray", "distance")]
 with_each_rule = pytest.mark.parametrize(("kind", "name", "default"), RULES)
@@ -56,9 +55,7 @@ def test_load_ply_of_an_unknown_rule_is_refused(rng, tmp_path, kind, name, defau
 
 
 @with_each_rule
-def test_save_gltf_names_the_rule_and_an_unknown_one_is_refused(
-    rng, tmp_path, kind, name, default
-):
+def test_save_gltf_names_the_rule_and_an_unknown_one_is_refused(rng, tmp_path, kind, name, default):
     path = tmp_path / "scene.glb"
     assert not gsut.save_gaussians(path, make_model(rng, **{kind: name})).left_out
     assert getattr(gsut.load_gaussians(path), kind) == name

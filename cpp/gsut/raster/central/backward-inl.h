@@ -155,8 +155,9 @@ HWY_INLINE void FetchAhead(const Frame& frame, const TileEntry* entry, std::uint
   __builtin_prefetch(&frame.slot_touched[next.slot], 1);
 }
 
-// Fills the slots of a tile's pairs: KeptPairs, or RayPairs. to_rays: with flags.with_rays 2 x 256 floats for the gradients
-// to s and t of the tile's pixels, swizzled. channels: with flags.with_channels.
+// Fills the slots of a tile's pairs: KeptPairs, or RayPairs. to_rays: with flags.with_rays 2 x 256
+// floats for the gradients to s and t of the tile's pixels, swizzled. channels: with
+// flags.with_channels.
 template <class Pairs>
 HWY_INLINE void BackwardTile(BackwardFlags flags, const RasterTask& task, const TileGrid& grid,
                              int tile, Pairs pairs, const PixelGradients& gradients, Frame* frame,

@@ -189,8 +189,8 @@ HWY_INLINE void AddToLines(BackwardFlags flags, const LineChunk& chunk, int j,
   add(kLineToT, x_b, turn_x, y_b, turn_y);
 }
 
-// Fills the slots of a tile's pairs: KeptPairs, or RayPairs. to_lines: with flags.with_rays 5 x 256 floats for the
-// gradients to a, b, s, t and slide of the tile's lines, swizzled. channels: with
+// Fills the slots of a tile's pairs: KeptPairs, or RayPairs. to_lines: with flags.with_rays 5 x 256
+// floats for the gradients to a, b, s, t and slide of the tile's lines, swizzled. channels: with
 // flags.with_channels.
 template <class Pairs>
 HWY_INLINE void BackwardLines(BackwardFlags flags, const RasterTask& task, const LineGrid& grid,

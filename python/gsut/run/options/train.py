@@ -139,10 +139,9 @@ class TrainOptions:
         "do not draw", choices=("maximum", "extinction"),
     )
     order: str = define_option(
-        "distance", "Gaussians", "in which Gaussians are blended, by the means' distance from the "
-        "camera or z, or as each pixel's own ray passes them: then nothing jumps from image to "
-        "image and held-out images are 0.2 to 0.6 dB better, for twice the time; other viewers do "
-        "not draw that", choices=("distance", "z", "ray"),
+        "distance", "Gaussians", "in which Gaussians are blended: by their means' distance from "
+        "the camera or z, or as each pixel's own ray passes them, so that none jumps before "
+        "another from image to image; other viewers draw by z", choices=("distance", "z", "ray"),
     )
     init: str = define_option(
         "auto", "Gaussians", "first Gaussians; points: the dataset's; random: inside the cameras' "
