@@ -37,7 +37,7 @@ from gsut.training.surface import SurfaceTerms, SurfaceWeights
 _RADII_EVERY = 100
 # Share of the steps from which Gaussians are drawn along the ray, if they are to be: until then the
 # distance, in less than half the time, leads to the same quality.
-_RAY_FROM = 0.5
+_RAY_FROM = 0.6
 # Training without a background of its own draws one a step from this stream of the run's seed.
 _BACKGROUND_STREAM = 0xBAC6
 

@@ -44,7 +44,7 @@ def test_train_by_a_rule_learns_and_the_run_carries_it(
 def test_train_by_a_rule_goes_on_from_a_state_to_the_same_bits(scene, kind, name):
     options = TrainOptions(**SHORT, **{kind: name}).resolve()
     whole = TrainingLoop(scene, options)
-    for _ in range(52):
+    for _ in range(62):
         whole.advance()
     again = TrainingLoop(scene, options)
     again.load_state_dict(whole.state_dict())
@@ -57,10 +57,10 @@ def test_train_by_a_rule_goes_on_from_a_state_to_the_same_bits(scene, kind, name
 def test_train_along_the_ray_draws_by_the_distance_first(scene):
     loops = [TrainingLoop(scene, TrainOptions(**SHORT, order=o).resolve()) for o in ("ray", "z")]
     drawn = []
-    for _ in range(50):
+    for _ in range(60):
         drawn.append(loops[0].gaussians.order)
         loops[0].advance()
-    assert drawn == ["distance"] * 50 and loops[0].get_drawn().order == "ray"
+    assert drawn == ["distance"] * 60 and loops[0].get_drawn().order == "ray"
     assert loops[1].gaussians.order == "z"
 
 

@@ -49,14 +49,20 @@ void RayOrderForward(const RasterTask& task, const TileGrid& grid, int tile, Fra
               distortion);
 }
 
+// Blends once more to note each Gaussian's light and worth at each block; compiled once for all
+// flags.
+HWY_NOINLINE void NoteTileAlongRays(const RasterTask& task, const TileGrid& grid, int tile,
+                                    Frame* frame, RayNotes<kNumRayFields>* notes) {
+  CentralChunks<kPartsAlongRays> kernel(task, grid, tile, *frame);
+  BlendTileAlongRays(task, grid, tile, 0.0f, kernel, frame, notes);
+}
+
 void RayOrderBackward(const RasterTask& task, const TileGrid& grid, int tile,
                       const ImageGradients& gradients, Frame* frame, float* to_rays) {
   HWY_ALIGN float buffer[7 * kTilePixels];
   const PixelGradients pixels = ReadPixelGradients(grid, tile, gradients, task.background, buffer);
-  const auto blend = [&](auto* notes) HWY_ATTR {
-    CentralChunks<kPartsAlongRays> kernel(task, grid, tile, *frame);
-    BlendTileAlongRays(task, grid, tile, 0.0f, kernel, frame, notes);
-  };
+  const auto blend = [&](RayNotes<kNumRayFields>* notes)
+                         HWY_ATTR { NoteTileAlongRays(task, grid, tile, frame, notes); };
   WithBackwardFlags(gradients, to_rays != nullptr, [&](BackwardFlags flags) GSUT_INLINED_LAMBDA {
     BackwardTile(flags, task, grid, tile, RayPairs(task, *frame, tile, blend), pixels, frame,
                  to_rays);

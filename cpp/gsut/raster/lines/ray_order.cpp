@@ -55,12 +55,19 @@ float FarthestOrigin(const LineGrid& grid, int tile) {
   return farthest;
 }
 
+// A function, which is compiled once for all flags of a backward pass.
+template <class Notes>
+HWY_NOINLINE void BlendLinesAlongRays(const RasterTask& task, const LineGrid& grid, int tile,
+                                      Frame* frame, Notes* notes) {
+  WithLineKernel(task, grid, tile, *frame, [&](auto& kernel) HWY_ATTR {
+    BlendTileAlongRays(task, grid.tiles, tile, FarthestOrigin(grid, tile), kernel, frame, notes);
+  });
+}
+
 void LineRayOrderForward(const RasterTask& task, const LineGrid& grid, int tile, Frame* frame,
                          float* image, float* alpha, float* depth, float* distortion) {
-  WithLineKernel(task, grid, tile, *frame, [&](auto& kernel) HWY_ATTR {
-    NoNotes notes;
-    BlendTileAlongRays(task, grid.tiles, tile, FarthestOrigin(grid, tile), kernel, frame, &notes);
-  });
+  NoNotes notes;
+  BlendLinesAlongRays(task, grid, tile, frame, &notes);
   WritePixels(grid.tiles, tile, *frame, task.background, task.with_depth, image, alpha, depth,
               distortion);
 }
@@ -70,11 +77,8 @@ void LineRayOrderBackward(const RasterTask& task, const LineGrid& grid, int tile
   HWY_ALIGN float buffer[7 * kTilePixels];
   const PixelGradients pixels =
       ReadPixelGradients(grid.tiles, tile, gradients, task.background, buffer);
-  const auto blend = [&](auto* notes) HWY_ATTR {
-    WithLineKernel(task, grid, tile, *frame, [&](auto& kernel) HWY_ATTR {
-      BlendTileAlongRays(task, grid.tiles, tile, FarthestOrigin(grid, tile), kernel, frame, notes);
-    });
-  };
+  const auto blend = [&](RayNotes<kNumLineFields>* notes)
+                         HWY_ATTR { BlendLinesAlongRays(task, grid, tile, frame, notes); };
   WithBackwardFlags(gradients, to_lines != nullptr, [&](BackwardFlags flags) GSUT_INLINED_LAMBDA {
     BackwardLines(flags, task, grid, tile, RayPairs(task, *frame, tile, blend), pixels, frame,
                   to_lines);
