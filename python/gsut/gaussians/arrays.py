@@ -200,7 +200,7 @@ class Gaussians(ParameterArrays):
 
     @property
     def rule(self) -> dict[str, Any]:
-        """Response, order, primitive and shapes, as keywords of `Gaussians`."""
+        """Returns response, order, primitive and shapes, as keywords of `Gaussians`."""
         names = ("response", "order", "primitive", "shapes")
         return {name: getattr(self, name) for name in names}
 

@@ -125,7 +125,6 @@ class TrainingLoop:
         self.surface = SurfaceTerms(SurfaceWeights(), scene, options.known_depth) if flat else None
         self._filter = LowPassFilter(options.low_pass, self.views.list_training_cameras)
         self._mean = TrajectoryMean(options.average_from, primitive in FLAT_PRIMITIVES)
-        self._choose_order(0.0)
 
     @property
     def scene(self) -> Scene:
@@ -181,25 +180,17 @@ class TrainingLoop:
     def _begin_step(self) -> _Step:
         o, number = self.options, self.step + 1
         fraction = number / o.steps
-        self._choose_order(fraction)
+        _choose_order(self, fraction)
         rates = compute_learning_rates(o, fraction, self.extent)
-        degree, view = min(o.sh_degree, number // o.sh_every), self._choose_view(number)
+        degree = min(o.sh_degree, number // o.sh_every)
+        view = choose_view(self.scene.train_indices, number, o.seed)
         return _Step(number, fraction, view, self.views.select_level(fraction), degree, rates)
-
-    def _choose_order(self, fraction: float) -> None:
-        """Has Gaussians along the ray drawn by the distance in the first steps."""
-        if self._by_distance_until > 0.0:
-            late = fraction >= self._by_distance_until
-            self.optimizer.arrays[0].order = self.options.order if late else "distance"
-
-    def _choose_view(self, step: int) -> int:
-        """Returns a step's view: each once an epoch, in an order set by seed and epoch only."""
-        return choose_view(self.scene.train_indices, step, self.options.seed)
 
     def _prepare_next_image(self) -> None:
         after = self.step + 2
         if after <= self.options.steps:
-            self.views.prepare(self._choose_view(after), after / self.options.steps)
+            view = choose_view(self.scene.train_indices, after, self.options.seed)
+            self.views.prepare(view, after / self.options.steps)
 
     def _render(self, step: _Step, image: np.ndarray) -> None:
         """Renders the step's view: cameras and poses, projection, raster."""
@@ -328,7 +319,13 @@ class TrainingLoop:
         for name, part in self._list_parts().items():
             part.load_state_dict(state.get(name, {}))  # "outliers" is not in older checkpoints
         self._filter.load_state_dict(state)
-        self._choose_order(self.step / self.options.steps)
+
+
+def _choose_order(loop: TrainingLoop, fraction: float) -> None:
+    """Has Gaussians along the ray drawn by the distance in the first steps."""
+    if loop._by_distance_until > 0.0:
+        late = fraction >= loop._by_distance_until
+        loop.optimizer.arrays[0].order = loop.options.order if late else "distance"
 
 
 def _choose_backward_settings(loop: TrainingLoop, step: _Step) -> dict[str, Any]:

@@ -233,7 +233,7 @@ def test_help_lists_the_common_options_and_help_all_the_rest(capsys):
         (["lr_meanz=2"], "--set lr_meanz: no such option; gsut train --help-all lists them"),
         (["lr_means"], "--set takes NAME=VALUE"),
         (["noise=maybe"], "--set noise must be true or false, found 'maybe'"),
-        (["order=beta"], "--set order"),
+        (["order=beta"], "--set order must be one of distance, z, ray, found 'beta'"),
     ],
 )
 def test_set_with_a_wrong_name_or_value_is_refused(words, said, capsys):

@@ -27,8 +27,9 @@ def add_option_flags(parser: argparse.ArgumentParser, *classes: type) -> None:
     """Adds the flags of options dataclasses, grouped, with units and defaults.
 
     Fields that their class does not list in FLAGS get no flag of their own: `--set NAME=VALUE`
-    sets them, and `--help-all` lists them. Options that are not given leave nothing in the
-    namespace, so that `collect_given` distinguishes a given value from a default.
+    sets them, and `--help-all` lists them; those of UNLISTED_FLAGS have a flag, too. Options that
+    are not given leave nothing in the namespace, so that `collect_given` distinguishes a given
+    value from a default.
     """
     groups: dict[str, Any] = {}
     others = []
@@ -55,6 +56,10 @@ def add_option_flags(parser: argparse.ArgumentParser, *classes: type) -> None:
                     action.listed.append(
                         (info.group, field.name, _write_metavar(kind, info), _write_help(field))
                     )
+                if field.name in getattr(options, "UNLISTED_FLAGS", ()):
+                    settings = {"type": _make_reader(kind, info), "default": argparse.SUPPRESS}
+                    flag = format_flag(field.name)
+                    parser.add_argument(flag, help=argparse.SUPPRESS, **settings)
 
 
 def add_rare_option(

@@ -19,7 +19,7 @@ from gsut.run.options.fields import (
     list_choices,
     list_words,
 )
-from gsut.run.options.primitives import FLAT_PRIMITIVES, OTHER_PRIMITIVES, check_primitive
+from gsut.run.options.primitives import FLAT_PRIMITIVES, OTHER_PRIMITIVES, check_rule
 from gsut.run.options.recipe import PRESETS, compute_recipe, get_preset
 
 # --max-gaussians auto: see gsut.training.complexity.
@@ -43,9 +43,10 @@ class TrainOptions:
     FLAGS: ClassVar[tuple[str, ...]] = (
         *("preset", "steps", "seed", "threads", "scale", "max_side", "test_every", "shutter"),
         *("readout_time", "refine_poses", "refine_lens", "max_gaussians", "sh_degree"),
-        *("primitive", "order"),
+        "primitive",
         *("background", "exposure", "surface", "robust", "drop_blurred", "motion_blur"),
     )
+    UNLISTED_FLAGS: ClassVar[tuple[str, ...]] = ("order",)  # that `--help` leaves out
     _open: ClassVar[set[str]] = set()  # of each instance: what the preset gave; see presets.py
 
     # A table: a few lines an option, not one an argument.
@@ -139,10 +140,8 @@ class TrainOptions:
         "do not draw", choices=("maximum", "extinction"),
     )
     order: str = define_option(
-        "distance", "Gaussians", "in which Gaussians are blended: by their means' distance from "
-        "the camera or z, or as each pixel's own ray passes them, so that none jumps before "
-        "another from image to image; other viewers draw by z", choices=("distance", "z", "ray"),
-    )
+        "distance", "Gaussians", "order of Gaussians: by their means' distance or z, or as each "
+        "pixel's own ray passes them; other viewers draw by z", choices=("distance", "z", "ray"))
     init: str = define_option(
         "auto", "Gaussians", "first Gaussians; points: the dataset's; random: inside the cameras' "
         "view; auto: points, with more by stereo where they cover too little of the photographs",
@@ -316,14 +315,9 @@ class TrainOptions:
                 f"--set low_pass={self.low_pass:g} makes Gaussians thicker, and {self.primitive}s "
                 "have no thickness; leave one of the two out"
             )
-        check_primitive(self.primitive, self.surface, self.compact_at)
         if self.refine_lens:
             object.__setattr__(self, "refine_poses", True)
-        if self.refine_poses and self.order == "ray":
-            raise InputError(
-                "--refine-poses cannot be combined with --order ray, along which colours have no "
-                "derivatives by the pose; refine first (gsut poses), or leave one of the two out"
-            )
+        check_rule(self)
         if self.compact_at is not None and self.compact_at >= self.steps:
             raise InputError(
                 f"--set compact_at={self.compact_at} is not before the end of {self.steps} --steps"
