@@ -97,6 +97,15 @@ class ParameterArrays:
         """Selects rows by a slice (views, no copy) or by an index or boolean array."""
         return self._with({name: getattr(self, name)[rows] for name in self.list_arrays()})
 
+    def order_by_centers(self: _Arrays) -> _Arrays:
+        """Returns them in an order of means: those along the ray by the distance.
+
+        Depths of surfaces, scores, features and derivatives for poses have no order along the ray.
+        """
+        if getattr(self, "order", _DISTANCE) != "ray":
+            return self
+        return dataclasses.replace(cast(Any, self), order=_DISTANCE)
+
     def make_zeros(self: _Arrays) -> _Arrays:
         """Makes arrays of the same shapes with all values 0, for gradients."""
         # np.zeros instead of np.zeros_like, which writes its zeros: unwritten pages take no memory.
@@ -203,13 +212,6 @@ class Gaussians(ParameterArrays):
         """Returns response, order, primitive and shapes, as keywords of `Gaussians`."""
         names = ("response", "order", "primitive", "shapes")
         return {name: getattr(self, name) for name in names}
-
-    def order_by_centers(self) -> Gaussians:
-        """Returns them in an order of means: those along the ray by the distance.
-
-        Depths of surfaces, scores, features and derivatives for poses have no order along the ray.
-        """
-        return dataclasses.replace(self, order=_DISTANCE) if self.order == "ray" else self
 
     @property
     def are_surfels(self) -> bool:

@@ -106,6 +106,10 @@ class MixedGaussians:
             return self
         return self.to_gaussians().to_dtype(dtype)
 
+    def order_by_centers(self) -> MixedGaussians:
+        """Returns them in an order of means, as `Gaussians.order_by_centers`."""
+        return dataclasses.replace(self, order="distance") if self.order == "ray" else self
+
     def copy(self) -> MixedGaussians:
         """Returns a deep copy."""
         return dataclasses.replace(

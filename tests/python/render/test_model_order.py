@@ -70,6 +70,6 @@ def test_rows_and_other_forms_of_a_model_keep_its_order(drawn):
     mixed = to_mixed(g)
     others = (g[3:5], g.copy(), g.to_dtype(np.float64), g.translate((1e6, 0, 0)), g.to_surfels())
     for each in (*others, mixed, mixed.copy(), mixed.to_gaussians(), g.to_primitive("power4")):
-        assert each.order == "ray"
+        assert each.order == "ray" and each.order_by_centers().order == "distance"
     with pytest.raises(InputError, match='order "integral" is unknown; known: distance, z, ray'):
         dataclasses.replace(g, order="integral")
