@@ -145,7 +145,7 @@ class _Sums:
         self.pulls = np.zeros((count, 3))
         for view in views:
             faces = tree.cast(view.origins, view.rays)[1]
-            met = faces >= 0
+            met = np.argsort(faces, kind="stable")[np.count_nonzero(faces < 0) :]
             faces = faces[met]
             pixels = Pixels(view.origins[met], view.rays[met], view.colors[met])
             weights, shown = draw_pixels(mesh, faces, pixels)
@@ -166,9 +166,9 @@ class _Sums:
 
 
 def _add(sums: np.ndarray, faces: np.ndarray, values: np.ndarray) -> None:
-    flat = sums.reshape(len(sums), -1)
-    for k, column in enumerate(values.reshape(len(faces), -1).T):
-        flat[:, k] += np.bincount(faces, column, len(sums))
+    """Adds values (N, ...) of pixels to the sums of their faces (N,), which are in order."""
+    begins = np.flatnonzero(np.diff(faces, prepend=-1))
+    sums[faces[begins]] += np.add.reduceat(values, begins, axis=0)
 
 
 class _Edges:
@@ -210,7 +210,8 @@ def _step(mesh: Mesh, sums: _Sums, smoothness: float) -> Mesh:
     """Solves the normal equations of colours and, in edges' lengths, of moves along normals."""
     edges, faces, normals = _Edges(mesh), mesh.faces, mesh.compute_normals()
     lengths = edges.lengths[faces, 0]
-    mixed = sums.mixed * lengths[:, None, :, None]
+    mixed = np.moveaxis(sums.mixed, 2, 3) * lengths[:, None, None]
+    mixed = mixed.reshape(-1, 9, 3)  # corners and channels by moves
     moves = sums.moves * lengths[:, :, None] * lengths[:, None]
 
     def measure_bends(values: np.ndarray) -> np.ndarray:
@@ -221,11 +222,11 @@ def _step(mesh: Mesh, sums: _Sums, smoothness: float) -> Mesh:
 
     def multiply(x: np.ndarray) -> np.ndarray:
         at = x[faces]
-        colors = np.einsum("fkm,fmc->fkc", sums.weights, at[:, :, :3])
-        colors += np.einsum("fkmc,fm->fkc", mixed, at[:, :, 3])
-        away = np.einsum("fkmc,fkc->fm", mixed, at[:, :, :3])
-        away += np.einsum("fkm,fm->fk", moves, at[:, :, 3])
-        product = _to_vertices(mesh, np.concatenate([colors, away[:, :, None]], axis=2))
+        colors, away = at[:, :, :3], at[:, :, 3:]
+        by_corner = np.empty_like(at)
+        by_corner[:, :, :3] = sums.weights @ colors + (mixed @ away).reshape(colors.shape)
+        by_corner[:, :, 3:] = moves @ away + mixed.transpose(0, 2, 1) @ colors.reshape(-1, 9, 1)
+        product = _to_vertices(mesh, by_corner)
         product[:, :3] += _EVENNESS * edges.sum_differences(x[:, :3])
         product[:, 3:] += add_smoothing(measure_bends(x[:, 3:]))
         return product + _STAY * x
