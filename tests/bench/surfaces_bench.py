@@ -18,7 +18,7 @@ from gsut.demo.tracing import Tracer
 from gsut.metrics import RING_EDGES_DEGREES
 from gsut.render import compute_field_angles
 from gsut.surface import judge_geometry
-from gsut.surface.cloud import cast_world_rays
+from gsut.surface.rays import cast_world_rays
 from gsut.surface.worth import judge_depth
 from tests.bench.harness import HALL, Benchmark, Column, Option, Row, Settings
 from tests.bench.walk_film import Film, plan_walk, trace_frames
@@ -50,8 +50,9 @@ def list_cases(settings: Settings) -> Iterator[Row]:
     for across in settings.across if not settings.sets else ():
         yield {"what": f"fusion, {across} voxels across", "_measure": "fusion", "_across": across}
     for data in (settings.sets or (HALL,)) if settings.steps else ():
-        for name in TRAININGS:
-            yield {"what": name, "data": data, "_measure": "training"}
+        for name, seed in itertools.product(TRAININGS, settings.seeds):
+            yield {"what": name, "data": data, "seed": str(seed), "_measure": "training",
+                   "_seed": seed}  # fmt: skip
 
 
 def measure(case: Row, settings: Settings) -> Row:
@@ -199,7 +200,7 @@ def _train(case: Row, settings: Settings) -> Row:
     surface, primitive = TRAININGS[case["what"]]
     options = gsut.TrainOptions(
         preset="fast", max_gaussians=_MOST_GAUSSIANS, steps=settings.steps, surface=surface,
-        primitive=primitive,
+        primitive=primitive, seed=case["_seed"],
     )  # fmt: skip
     began = time.process_time()
     result = gsut.train(scene, options, progress=False)
@@ -224,6 +225,7 @@ BENCHMARK = Benchmark(
     columns=(
         Column("data"),
         Column("what"),
+        Column("seed"),
         Column("psnr", "held-out PSNR", "dB", ".2f"),
         Column("expected", "expected depth off", "%", ".2f"),
         Column("median", "median depth off", "%", ".2f"),
@@ -242,6 +244,7 @@ BENCHMARK = Benchmark(
     measure=measure,
     options=(
         Option("steps", 1000, "of each training; 0: none"),
+        Option("seeds", (0, 1), "of trainings"),
         Option("views", 60, "that are fused for speed"),
         Option("size", 480, "of their images, pixels"),
         Option("frames", 12, "of each film that stereo compares; 0: none"),

@@ -17,7 +17,7 @@ from tests.proving.paths import Motion, Path, plan_path
 from tests.proving.stage import Stage
 
 # Of everything that decides the pictures: another number makes another folder of the cache.
-VERSION = 2
+VERSION = 3
 _KINDS = ("dataset", "photographs", "film")
 
 
@@ -86,6 +86,11 @@ class Capture:
     def times(self) -> np.ndarray:
         """(N,) seconds of the pictures' middle lines, in the middle of their exposure."""
         return np.arange(self.motion.frames) * self.motion.interval
+
+    @property
+    def is_upright(self) -> bool:
+        """Returns whether the picture is held upright: its lines are then read as its columns."""
+        return self.lens.camera.width < self.lens.camera.height
 
     def _measure_readout(self) -> float:
         """Measures how far, in the rough, the picture shifts during the readout, pixels."""

@@ -28,6 +28,7 @@ TRUTH = "truth"  # an ordinary dataset: exact poses, lens, points, masks of the 
 GIVEN = "given"  # what gsut is given: a dataset, a folder of photographs, or film.mp4
 FACTS = "capture.json"
 _TURNED = "turned"  # photographs on their side, as a camera that is held upright writes them
+_ORDERS = ("top_to_bottom", "bottom_to_top")  # of lines along the rows
 _POINTS = 1500
 _POINT_NOISE = 3e-3  # of the distance, as of structure from motion in small pictures
 _DEPTH_LEVELS = 60_000  # of the 16-bit depth pictures: level 0 is the sky
@@ -51,6 +52,14 @@ def find_cache() -> Path:
 def find_line_poses(capture: Capture, time: float, share: np.ndarray) -> np.ndarray:
     """Returns world-from-camera of lines: `share` from 0, the first, to 1, the last."""
     return capture.path(time + (np.asarray(share) - 0.5) * capture.readout)
+
+
+def find_shares(capture: Capture, pixels: np.ndarray) -> np.ndarray:
+    """Returns (N,) the shares of the lines that pixels (N, 2) lie on, see `find_line_poses`."""
+    camera = capture.lens.camera
+    if capture.is_upright:
+        return np.asarray(pixels)[:, 0] / camera.width
+    return np.asarray(pixels)[:, 1] / camera.height
 
 
 class _Grid(NamedTuple):
@@ -84,13 +93,13 @@ def _trace_lines(
 
     Args:
         tracer: of the stage.
-        poses: (S, H, 4, 4) world-from-camera of each line.
+        poses: (S, H or 1, W or 1, 4, 4) world-from-camera of each pixel.
         rays: in the camera's axes.
         grid: the lens.
         seed: of what is drawn.
         with_light: False: the light is black, in less time.
     """
-    poses, inside = poses.astype(np.float32)[:, :, None], grid.inside
+    poses, inside = poses.astype(np.float32), grid.inside
     directions = np.einsum("slcij,slcj->slci", np.broadcast_to(
         poses[..., :3, :3], (*rays.shape[:3], 3, 3)), rays)[:, inside]  # fmt: skip
     origins = np.broadcast_to(poses[..., :3, 3], rays.shape)[:, inside]
@@ -106,7 +115,8 @@ def trace_pictures(capture: Capture) -> Iterator[Picture]:
     height, width = inside.shape
     gains = sensor.find_gains(capture.motion.frames, capture.seed)
     falloff = sensor.spread_falloff(height, width)
-    lines = (np.arange(height) + 0.5) / height
+    count, shape = (width, (1, width)) if capture.is_upright else (height, (height, 1))
+    lines = (np.arange(count) + 0.5) / count
     order = np.argsort(np.arange(samples) * 0.618 % 1.0)  # neighbouring samples far apart in time
     moments = ((order + 0.5) / samples - 0.5) * capture.exposure
     still = None if capture.stage.movers else capture.stage.mesh.make_tracer(capture.stage.sky)
@@ -119,6 +129,7 @@ def trace_pictures(capture: Capture) -> Iterator[Picture]:
 
         def trace(rays, moments, with_light, tracer=tracer, time=time, seed=seed):
             poses = np.stack([find_line_poses(capture, time + m, lines) for m in moments])
+            poses = poses.reshape(len(moments), *shape, 4, 4)
             return _trace_lines(tracer, poses, rays, grid, seed, with_light)
 
         light = np.zeros((height, width, 3))
@@ -148,7 +159,7 @@ def trace_views(
     grid = _spread_grid(capture)
     tracer = capture.stage.mesh.make_tracer(capture.stage.sky)
     for number, pose in enumerate(world_from_camera):
-        poses = np.broadcast_to(pose, (capture.samples, grid.inside.shape[0], 4, 4))
+        poses = np.broadcast_to(pose, (capture.samples, 1, 1, 4, 4))
         light = np.zeros((*grid.inside.shape, 3))
         light[grid.inside] = _trace_lines(tracer, poses, grid.samples, grid, number)[0].mean(axis=0)
         light *= measure_exposure(light[grid.inside])
@@ -231,7 +242,8 @@ def _state_places(capture: Capture) -> list[np.ndarray | None]:
 def _describe_shutter(capture: Capture) -> Shutter | None:
     if capture.readout == 0:
         return None
-    return Shutter("top_to_bottom" if capture.readout > 0 else "bottom_to_top")
+    orders = ("left_to_right", "right_to_left") if capture.is_upright else _ORDERS
+    return Shutter(orders[int(capture.readout < 0)])
 
 
 def _write_truth_maps(folder: Path, number: int, picture: Picture) -> None:
@@ -255,9 +267,10 @@ def _pick_points(
         return np.zeros((0, 3)), np.zeros((0, 3), np.uint8)
     chosen = rng.choice(len(rows), min(len(rows), _POINTS // capture.motion.frames), replace=False)
     rows, columns = rows[chosen], columns[chosen]
-    rays, _ = capture.lens.camera.unproject(np.stack([columns, rows], axis=1) + 0.5)
+    pixels = np.stack([columns, rows], axis=1) + 0.5
+    rays, _ = capture.lens.camera.unproject(pixels)
     away = picture.distance[rows, columns] * (1 + _POINT_NOISE * rng.standard_normal(len(rows)))
-    poses = find_line_poses(capture, time, (rows + 0.5) / capture.lens.camera.height)
+    poses = find_line_poses(capture, time, find_shares(capture, pixels))
     xyz = np.einsum("nij,nj->ni", poses[:, :3, :3], rays * away[:, None]) + poses[:, :3, 3]
     return xyz, picture.image[rows, columns]
 

@@ -57,6 +57,9 @@ SEVERAL_LENSES_FOCAL = 0.0018  # relative, of two cameras of 14 images each, 0.1
 SEVERAL_LENSES_FEW_FOCAL = 0.012  # of two images, which leave higher coefficients at 0; worst 0.006
 SEVERAL_LENSES_ATE_PERCENT = 0.11  # of the path, in the same scenes; worst 0.059
 FOCAL_SIGMAS = 3.0  # standard deviations of a focal length that its error stays within; worst 0.84
+HALVES_FACTOR = (
+    2.0  # of the error of poses over the half difference of halves, both ways; worst 1.01
+)
 FOCAL_SIGMA_SHARED = (
     1.2  # least sigma with shared errors over that of the features alone; worst 1.8
 )

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 
 from gsut.check.breaks import list_loops
-from gsut.check.epipolar import rate_matches
+from gsut.check.epipolar import rate_pairs
 from gsut.check.evidence import Evidence
 from gsut.check.findings import Finding
 from gsut.check.lens_fit import LEAST_EFFECT, LensFit, fit_lens_beside
@@ -103,11 +103,11 @@ def fit_drift(evidence: Evidence) -> Drift:
     return Drift(fit, 1000 * angle * evidence.focal / m.diagonal)
 
 
-def rate_drift(evidence: Evidence, drift: Drift) -> float:
-    """Returns the cost of the matches with the poses turned back, from 0 to 1."""
+def rate_drift(evidence: Evidence, drift: Drift) -> np.ndarray:
+    """Returns the cost of each pair (P,) with the poses turned back, from 0 to 1."""
     poses = _turn_apart(evidence.table.select_poses(), count_frames(evidence), drift.turn)
     errors = measure_angular_errors(evidence.rays, poses)
-    return rate_matches(errors, evidence.matches, evidence.focal)
+    return rate_pairs(errors, evidence.matches, evidence.focal)
 
 
 def _turn_apart(poses: np.ndarray, frames: np.ndarray, turn: np.ndarray) -> np.ndarray:

@@ -30,7 +30,7 @@ def check_order(arguments: argparse.Namespace) -> None:
         ("--cloud", bool(arguments.cloud), ""),
         (
             f"--depth-kind {kind}",
-            arguments.depth is not None and kind in ("median", "strongest"),
+            arguments.depth is not None and kind not in ("mean", "sum"),
             ", or take --depth-kind mean",
         ),
     ):

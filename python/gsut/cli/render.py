@@ -121,11 +121,11 @@ def _add_more_than_images(parser: argparse.ArgumentParser) -> None:
     add_depth_unit(parser)
     parser.add_argument(
         "--depth-kind",
-        choices=("mean", "median", "strongest", "sum"),
+        choices=("mean", "median", "smooth", "strongest", "sum"),
         default="median",
         help="of --depth: weighted mean of the Gaussians' distances, where half of the light is "
-        "gone, that of the Gaussian with the largest weight, or the sum of weight times distance, "
-        "not divided (0: nothing) [default: median]",
+        "gone, the same smoothed within a surface, that of the Gaussian with the largest weight, "
+        "or the sum of weight times distance, not divided (0: nothing) [default: median]",
     )
     parser.add_argument(
         "--lifted",

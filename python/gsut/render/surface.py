@@ -56,8 +56,10 @@ def render_surface(result: Render) -> Surface:
     return Surface(expected.astype(np.float32), median, strongest, normals, spread)
 
 
-DEPTHS = ("mean", "median", "strongest", "sum")
+DEPTHS = ("mean", "median", "smooth", "strongest", "sum")
 ALONG = ("ray", "z")
+# Share of a pixel's inverse distance within which its neighbours are on the same surface.
+_ONE_SURFACE = 0.05
 
 
 def measure_depth(result: Render, kind: str = "median", along: str = "ray") -> np.ndarray:
@@ -66,8 +68,9 @@ def measure_depth(result: Render, kind: str = "median", along: str = "ray") -> n
     Args:
         result: what `render` returned in float32; its Gaussians must not have changed since.
         kind: "mean": weighted mean of the Gaussians' distances; "median": where half of the light
-            is gone; "strongest": of the Gaussian with the largest weight; "sum": weight times
-            distance, summed and not divided, as `Render.depth`.
+            is gone; "smooth": its mean, as inverse distance, over those of 5 x 5 pixels that lie
+            on one surface; "strongest": of the Gaussian with the largest weight; "sum": weight
+            times distance, summed and not divided, as `Render.depth`.
         along: "ray": distance from the lens; "z": along the camera's axis.
 
     Returns:
@@ -77,17 +80,19 @@ def measure_depth(result: Render, kind: str = "median", along: str = "ray") -> n
 
     Raises:
         InputError: an unknown kind or direction; z through a lens that sees 90 degrees from its
-            axis; of median and strongest, a render that `render_surface` refuses.
+            axis; of median, smooth and strongest, a render that `render_surface` refuses.
     """
     if kind not in DEPTHS:
         raise InputError(f'depth "{kind}" is unknown; known: {", ".join(DEPTHS)}')
     if along not in ALONG:
         raise InputError(f'depth along "{along}" is unknown; known: {", ".join(ALONG)}')
-    if kind in ("median", "strongest"):
-        median, strongest, _, _ = _get_renderer(result).surface()
-        distance = median if kind == "median" else strongest
-    else:
+    if kind in ("mean", "sum"):
         distance = result.depth
+    else:
+        median, strongest, _, _ = _get_renderer(result).surface()
+        distance = strongest if kind == "strongest" else median
+    if kind == "smooth":
+        distance = _smooth(distance)
     if kind == "mean":
         distance = _divide(distance, result.alpha)
     if along == "z":
@@ -96,6 +101,22 @@ def measure_depth(result: Render, kind: str = "median", along: str = "ray") -> n
         if kind == "sum":
             distance = np.nan_to_num(distance)
     return distance.astype(np.float32)
+
+
+def _smooth(distance: np.ndarray) -> np.ndarray:
+    """Averages the inverse distances of 5 x 5 pixels that differ little from their median."""
+    import cv2  # here, because gsut --help needs none
+
+    known = np.isfinite(distance)
+    inverse = np.where(known, 1 / np.where(known, distance, 1), 0).astype(np.float32)
+    middle = cv2.medianBlur(inverse, 5)
+    around = np.lib.stride_tricks.sliding_window_view(np.pad(inverse, 2), (5, 5))
+    total, count = np.zeros((2, *inverse.shape), np.float32)
+    for row, column in np.ndindex(5, 5):
+        same = np.abs(around[..., row, column] - middle) < _ONE_SURFACE * middle
+        total += np.where(same, around[..., row, column], 0)
+        count += same
+    return np.where(known, np.where(count > 0, count / np.maximum(total, 1e-30), distance), np.nan)
 
 
 def _divide(depth: np.ndarray, alpha: np.ndarray) -> np.ndarray:

@@ -42,7 +42,7 @@ from gsut.sfm.photographs import (
     find_photographs,
     require_central,
 )
-from gsut.sfm.report import is_finished, read_figures, write_poses
+from gsut.sfm.report import compare_halves, is_finished, read_figures, write_poses
 from gsut.sfm.rig import (
     adjust_rig_near_places,
     find_image_lines,
@@ -151,6 +151,8 @@ def find_poses(
             judge_lens(mapping)
             find_lens_pair(mapping)
             find_rig_shutter(mapping)
+            if mapper is None:
+                compare_halves(mapping)
             mapping.log.show("writing", 0, 1, "")
             place_on_earth(mapping, adjust_rig_near_places)
             mapping.log.watch.record_lap("mapping")

@@ -11,10 +11,10 @@ import numpy as np
 from gsut._core import CameraMotion, InputError
 from gsut.data.scene import MILLIMETRE, read_depth
 from gsut.render import compute_field_angles, render, render_surface, to_uint8
-from gsut.surface.cloud import cast_world_rays
 from gsut.surface.extract import MeshOptions, OnProgress, extract_mesh, ignore_progress
 from gsut.surface.mesh import Mesh
 from gsut.surface.mesh_files import load_mesh
+from gsut.surface.rays import cast_world_rays
 from gsut.surface.report import SurfaceView
 from gsut.surface.worth import build_tree, judge_depth, judge_mesh
 

@@ -109,10 +109,11 @@ def build_plane(rng: np.random.Generator, style: Style) -> Stage:
     width, height = 16.0, 9.0
     mesh.add_quad((-width / 2, 0, -height / 2), (width, 0, 0), (0, 0, height),
                   draw_surface(rng, Style(0.0, 0.0, 0.3)))  # fmt: skip
-    for _ in range(rng.integers(6, 25)):
+    for number in range(rng.integers(6, 25)):
         x, z = rng.uniform([-6, -3], [6, 3])
         size = rng.uniform(0.4, 1.3)
-        mesh.add_quad((x, -0.002, z), (1.3 * size, 0, 0), (0, 0, size), draw_picture(rng))
+        before = -0.002 * (1 + number)  # of two that overlap, one hangs in front
+        mesh.add_quad((x, before, z), (1.3 * size, 0, 0), (0, 0, size), draw_picture(rng))
     return Stage(
         mesh,
         Sky(ambient=(0.8, 0.8, 0.8)),

@@ -63,13 +63,23 @@ float MakeNoise(const Vec3& p, std::uint64_t seed) {
   return Mix(Mix(x00, x10, sy), Mix(x01, x11, sy), sz);
 }
 
+// Turns a point about two axes by angles that no wall has: lattices that lie along walls, or along
+// each other, show as squares.
+Vec3 TurnLattice(const Vec3& p) {
+  constexpr float kCos = 0.8f, kSin = 0.6f;
+  const float x = kCos * p[0] - kSin * p[1], y = kSin * p[0] + kCos * p[1];
+  return {x, kCos * y - kSin * p[2], kSin * y + kCos * p[2]};
+}
+
 // Sums octaves of equal strength, as photographs have them, down to the width of a pixel.
 float MakeGrain(const Vec3& point, float size, float width, std::uint64_t seed) {
   float sum = 0;
+  Vec3 turned = TurnLattice(point);
   for (int octave = 0; octave < kMostOctaves; ++octave, size *= 0.5f) {
     const float left = size / std::max(width, 1e-6f) - 1;  // fades out at the pixel's width
     if (left <= 0) break;
-    sum += std::min(left, 1.0f) * MakeNoise((1 / size) * point, seed + octave);
+    sum += std::min(left, 1.0f) * MakeNoise((1 / size) * turned, seed + octave);
+    turned = TurnLattice(turned);
   }
   return sum;
 }

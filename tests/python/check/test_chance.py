@@ -11,6 +11,7 @@ from gsut.check import check_scene
 from gsut.check.chance import Judgement, PairVerdict, judge_pairs
 from gsut.check.evidence import gather_evidence
 from gsut.check.lens_fit import convert_to_normal
+from gsut.check.others import Other, is_proved
 from gsut.demo import make_demo_scene
 from mistakes import MISTAKES, NAMED, copy_of, judge, write
 
@@ -60,6 +61,14 @@ def test_few_contradictions_beside_support_are_repeated_things(hall):
     assert not Judgement([], [bad] * 2, []).is_contradiction
     assert Judgement([], [bad] * 5, []).is_contradiction
     assert Judgement([good], [bad] * 8, []).is_contradiction
+
+
+@pytest.mark.parametrize(
+    ("pairs", "cost", "proved"), [(2, 0.7, False), (12, 0.7, True), (2, 0.4, True)]
+)
+def test_a_reading_that_leaves_most_matches_open_needs_many_pairs(pairs, cost, proved, rng):
+    other = Other(cost + 0.05 * rng.standard_normal(pairs), "with a turn", "turn it back", "poses")
+    assert is_proved(other, np.full(pairs, 0.95)) == proved
 
 
 def test_shuffled_matches_say_nothing(hall, rng):

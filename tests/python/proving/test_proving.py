@@ -27,6 +27,7 @@ from tests.proving.truth import (
 from tests.proving.writing import (
     TRUTH,
     find_line_poses,
+    find_shares,
     make_capture,
     trace_pictures,
     trace_views,
@@ -64,7 +65,8 @@ def test_truth_of_rolling_captures_fits_their_pictures():
         rays, _ = camera.unproject(np.stack([columns, rows], axis=1) + 0.5)
         away = pictures[0].distance.ravel()
         seen = np.isfinite(away)
-        poses = find_line_poses(made, made.times[0], (rows + 0.5) / camera.height)
+        pixels = np.stack([columns, rows], axis=1) + 0.5
+        poses = find_line_poses(made, made.times[0], find_shares(made, pixels))
         points = np.einsum("nij,nj->ni", poses[:, :3, :3], rays * away[:, None]) + poses[:, :3, 3]
         points = points[seen]
         share = np.full(len(points), 0.5)
@@ -72,7 +74,7 @@ def test_truth_of_rolling_captures_fits_their_pictures():
             lines = np.linalg.inv(find_line_poses(made, made.times[1], share))
             there = np.einsum("nij,nj->ni", lines[:, :3, :3], points) + lines[:, :3, 3]
             pixels, valid = camera.project(there)
-            share = np.clip(np.nan_to_num(pixels[:, 1]) / camera.height, 0, 1)
+            share = np.clip(find_shares(made, np.nan_to_num(pixels)), 0, 1)
         valid &= np.all((pixels > 1) & (pixels < np.array(shapes[::-1]) - 1), axis=1)
         if valid.sum() < 200:
             continue

@@ -1,5 +1,7 @@
 """Median and strongest distance, normals, spread: against a scalar double model of one ray."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -198,10 +200,24 @@ def test_depth_by_name_is_that_of_the_gaussians_along_the_ray_or_the_axis(rng, m
     mean, total = (measure_depth(result, kind, "z") for kind in ("mean", "sum"))
     error = np.nan_to_num(mean) * result.alpha - total
     assert np.abs(error).max() < tolerances.Z_ROUNDING
-    with pytest.raises(InputError, match="known: mean, median, strongest, sum"):
+    with pytest.raises(InputError, match="known: mean, median, smooth, strongest, sum"):
         measure_depth(result, "expected")
     with pytest.raises(InputError, match="known: ray, z"):
         measure_depth(result, "mean", "x")
+
+
+def test_smooth_depth_averages_within_a_surface_and_not_across_its_edge(rng):
+    wall = np.where(np.arange(40) < 20, 2.0, 3.0) * np.ones((30, 1))
+    noisy = wall * (1 + 0.01 * rng.normal(size=wall.shape))
+    noisy[3, 3] = np.nan
+    image = SimpleNamespace(
+        renderer=SimpleNamespace(surface=lambda: (noisy.astype(np.float32), None, None, None)),
+        gaussians=None,
+    )
+    error = measure_depth(image, "smooth") / wall - 1
+    assert np.array_equal(np.isnan(error), np.isnan(noisy))
+    assert np.nanstd(error) < 0.3 * np.nanstd(noisy / wall - 1)
+    assert np.nanmax(np.abs(error)) < 0.02
 
 
 def test_z_is_refused_where_the_lens_sees_beyond_90_degrees():

@@ -49,6 +49,14 @@ void RayOrderForward(const RasterTask& task, const TileGrid& grid, int tile, Fra
               distortion);
 }
 
+// Blends once more to note each Gaussian's light and worth at each block; compiled once for all
+// flags.
+HWY_NOINLINE void NoteTileAlongRays(const RasterTask& task, const TileGrid& grid, int tile,
+                                    Frame* frame, RayNotes<kNumRayFields>* notes) {
+  CentralChunks<kPartsAlongRays> kernel(task, grid, tile, *frame);
+  BlendTileAlongRays(task, grid, tile, 0.0f, kernel, frame, notes);
+}
+
 // As BackwardTile: fills the slots of a tile's pairs.
 HWY_INLINE void BackwardTileAlongRays(BackwardFlags flags, const RasterTask& task,
                                       const TileGrid& grid, int tile,
@@ -65,10 +73,7 @@ HWY_INLINE void BackwardTileAlongRays(BackwardFlags flags, const RasterTask& tas
   const std::uint32_t begin = frame->tile_begin[tile];
   const std::uint32_t count = frame->tile_begin[tile + 1] - begin;
   RayNotes<kNumRayFields> notes(task, count, &fields);
-  {
-    CentralChunks<kPartsAlongRays> kernel(task, grid, tile, *frame);
-    BlendTileAlongRays(task, grid, tile, 0.0f, kernel, frame, &notes);
-  }
+  NoteTileAlongRays(task, grid, tile, frame, &notes);
   const TileAxes to_tile = ToTileAxes(grid, tile);
   const TileAxes from_tile = FromTileAxes(grid, tile);
   const float* center = &grid.center[static_cast<std::size_t>(tile) * kDirectionSize];

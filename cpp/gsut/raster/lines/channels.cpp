@@ -23,9 +23,8 @@ namespace HWY_NAMESPACE {
 void LineChannelsForward(const RasterTask& task, const LineGrid& grid, int tile, Frame* frame,
                          float* image, float* alpha, float* depth, float* distortion,
                          float* channels) {
-  WithLineKernel(task, grid, tile, *frame, [&](auto& kernel) HWY_ATTR {
-    ForwardWithChannels(task, grid.tiles, tile, kernel, frame, channels);
-  });
+  LineKernel<LineKind::kEither> kernel(task, grid, tile, *frame);
+  ForwardWithChannels(task, grid.tiles, tile, kernel, frame, channels);
   WritePixels(grid.tiles, tile, *frame, task.background, task.with_depth, image, alpha, depth,
               distortion);
 }
@@ -44,9 +43,8 @@ void LineChannelsBackward(const RasterTask& task, const LineGrid& grid, int tile
 
 void LineLift(const RasterTask& task, const LineGrid& grid, int tile, const float* map, int count,
               Frame* frame, float* out) {
-  WithLineKernel(task, grid, tile, *frame, [&](auto& kernel) HWY_ATTR {
-    LiftTile(task, grid.tiles, tile, kernel, map, count, frame, out);
-  });
+  LineKernel<LineKind::kEither> kernel(task, grid, tile, *frame);
+  LiftTile(task, grid.tiles, tile, kernel, map, count, frame, out);
 }
 
 }  // namespace HWY_NAMESPACE

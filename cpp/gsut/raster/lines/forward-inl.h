@@ -22,9 +22,12 @@ HWY_INLINE LinePixels LoadLines(const LineGrid& grid, std::size_t o) {
           hn::Load(d, &grid.tiles.t[o]), hn::Load(d, &grid.slide[o])};
 }
 
-// Up to 64 Gaussians in the frame of one tile of lines. Flat primitives have a kernel of their own,
-// so that Gaussians keep their registers.
-template <bool kIsFlat>
+// What a LineKernel is built for. Flat primitives have one of their own, so that Gaussians keep
+// their registers; one for either asks once a group, where compiling both does not pay.
+enum class LineKind { kSolid, kFlat, kEither };
+
+// Up to 64 Gaussians in the frame of one tile of lines.
+template <LineKind kKind>
 class LineKernel {
  public:
   static constexpr int kParts = 1;
@@ -43,8 +46,8 @@ class LineKernel {
   HWY_INLINE void Fill(const TilePair* pairs, int count, int /*available*/,
                        std::uint64_t* blocks_of, int /*part*/ = 0) {
     const auto ids = [&](int j) { return pairs[j].gaussian; };
-    chunk_.Fill<kIsFlat>(task_, frame_.records.data(), bundle_, count, ids);
-    if constexpr (kIsFlat) {
+    if (IsFlat()) {
+      chunk_.Fill<true>(task_, frame_.records.data(), bundle_, count, ids);
       VisitFlat(task_.gaussians.primitive, [&](auto kind) HWY_ATTR {
         for (int j = 0; j < count; ++j) {
           blocks_of[j] = chunk_.TouchedFlat(kind, j, boxes_, kBlockStride);
@@ -52,6 +55,7 @@ class LineKernel {
       });
       return;
     }
+    chunk_.Fill<false>(task_, frame_.records.data(), bundle_, count, ids);
     for (int j = 0; j < count && HWY_UNLIKELY(task_.shapes != nullptr); ++j) {
       shapes_[j] = ShapeOf(task_, pairs[j].gaussian);
     }
@@ -66,7 +70,7 @@ class LineKernel {
   // distance from the line's own origin.
   HWY_INLINE void Respond(const LinePixels& lines, const int* index, FloatMask open, FloatVec limit,
                           FloatVec* alpha, FloatVec* distance, FloatMask* hit) const {
-    if constexpr (kIsFlat) {
+    if (IsFlat()) {
       VisitFlat(task_.gaussians.primitive, [&](auto kind) HWY_ATTR {
         RespondFlat(kind, lines, index, open, limit, alpha, distance, hit);
       });
@@ -94,6 +98,10 @@ class LineKernel {
   }
 
  private:
+  HWY_INLINE bool IsFlat() const {
+    if constexpr (kKind == LineKind::kEither) return HasEdges(task_.gaussians.primitive);
+    return kKind == LineKind::kFlat;
+  }
   // exponent: log2 of raw.
   HWY_INLINE FloatVec AlphaOf(FloatVec exponent, FloatVec limit, FloatMask hit) const {
     FloatVec alpha = FastExp2(exponent);
@@ -129,7 +137,7 @@ class LineKernel {
 template <class Run>
 HWY_NOINLINE void RunFlatKernel(const RasterTask& task, const LineGrid& grid, int tile,
                                 const Frame& frame, const Run& run) {
-  LineKernel<true> kernel(task, grid, tile, frame);
+  LineKernel<LineKind::kFlat> kernel(task, grid, tile, frame);
   run(kernel);
 }
 
@@ -141,7 +149,7 @@ HWY_INLINE void WithLineKernel(const RasterTask& task, const LineGrid& grid, int
     RunFlatKernel(task, grid, tile, frame, run);
     return;
   }
-  LineKernel<false> kernel(task, grid, tile, frame);
+  LineKernel<LineKind::kSolid> kernel(task, grid, tile, frame);
   run(kernel);
 }
 

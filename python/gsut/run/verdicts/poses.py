@@ -11,11 +11,12 @@ from gsut.run.verdicts.verdict import Fault, Verdict
 # Limits below which a result is usable at most, and below which it is poor.
 _REGISTERED = (0.95, 0.6)  # share of the images with a pose
 _FEWEST = 6  # images with a pose: with fewer, hardly anything would show that poses are wrong
-_OBSERVATIONS = (100, 30)  # of an image, in the tenth of the images that see fewest points
+# Error of poses over the diagonal that nine in ten pairs of images stay below where they are good,
+# and six in ten where they are usable: 2 and 6 pixels of 350.
+_ERROR = (0.0057, 0.017)
 # Share of the verified matches that observe one point, below which a given lens is doubted: the
-# right one has more than that, and a wrong one leaves a third.
+# right one mostly has more, and a wrong one leaves a third; and below which poses are poor.
 FEW_AGREE = 0.4
-# Share below which poses are poor even with a lens that was estimated, which gives way to motion.
 _HARDLY_AGREE = 0.25
 # Share of the pairs of images whose verified matches the poses reject as a whole, above which a
 # result is usable at most, and above which poor: right poses reject hardly any.
@@ -28,13 +29,15 @@ _READOUT_TURN = (0.087, 0.2)
 _AGREEING_FAST = 0.87
 # Median residual over the diagonal above which a result is usable at most, and above which poor.
 _RESIDUAL = (1.0e-3, 2.5e-3)
-# The same for two standard deviations of the focal length over it.
-FOCAL_LIMITS = (0.02, 0.1)
+# Relative error of the focal length above which a result is usable at most, and above which poor:
+# it shifts a picture of 350 pixels' diagonal by 2 and 6 pixels (root mean square).
+FOCAL_LIMITS = (0.02, 0.06)
 _SEPARATE_PLACES = (
     "put the pictures of each place into a folder of their own, or add pictures of the way from "
     "one to the other, and put up something that sets them apart"
 )
 _ESTIMATE_LENS = "let the lens be estimated: --unknown-lens"
+_ADD_BETWEEN = "take more pictures between them, each showing two thirds of the one before"
 _ADD_TURNED = "add images, some turned by 90 degrees about the axis of the lens"
 _MEND_GLOBAL = (
     "give --shutter rolling if the camera moved fast, or put up something that sets places apart "
@@ -49,7 +52,8 @@ class PosesQuality:
     Attributes:
         images, registered, points: numbers of images, of those with a pose, and of points.
         median_px: median residual in pixels; diagonal_px: the images' diagonal.
-        weakest: points that the weakest tenth of the images observe.
+        halves_px: half of the difference of poses adjusted with either half of the points, pixels
+            that nine and six in ten pairs of images stay below; 0 if not measured.
         agreement: share of the matches that observe one point, or None.
         focal_gap: relative difference of the focal length that the images determine from that of a
             given lens; 0: none beyond doubt.
@@ -69,7 +73,7 @@ class PosesQuality:
     points: int
     median_px: float
     diagonal_px: float
-    weakest: float
+    halves_px: tuple[float, float]
     agreement: float | None
     focal_sigma: float | None
     focal_gap: float = 0.0
@@ -85,15 +89,17 @@ class PosesQuality:
 def judge_poses(quality: PosesQuality) -> Verdict:
     """Judges how good poses are, with the reasons and what to do next."""
     q = quality
-    sigma = 2 * (q.focal_sigma or 0.0)
+    sigma = q.focal_sigma or 0.0
+    doubt = count_exceeded(sigma, FOCAL_LIMITS)  # by the error that is about as likely as not
     lost = _count_missed(q.registered / max(1, q.images), _REGISTERED)
     agreement = 1.0 if q.agreement is None else q.agreement
     is_given = q.focal_sigma is None
     turn = q.readout_turn or 0.0
     mend_poses = _MEND_GLOBAL if q.readout_turn is None else _ADD_TURNED
+    mend_few = _ESTIMATE_LENS if is_given and q.readout_turn is None else mend_poses
     faults = [  # causes before what they lead to
         Fault(
-            0 if not q.motion else 2 if q.only_turned else 1,
+            2 if q.only_turned else min(doubt, 1) if q.motion else 0,
             q.motion.split(":")[0],
             q.motion.rpartition(": ")[2],
             is_visible=not q.only_turned,
@@ -117,12 +123,6 @@ def judge_poses(quality: PosesQuality) -> Verdict:
             "take 60 pictures or more, walking around what you want to see",
         ),
         Fault(
-            _count_missed(q.weakest, _OBSERVATIONS),
-            f"weak overlap: the weakest images see {q.weakest:.0f} points of the others",
-            "take more pictures between them, each showing two thirds of the one before",
-            is_visible=True,
-        ),
-        Fault(
             count_exceeded(turn, _READOUT_TURN),
             f"images seem to turn by {math.degrees(turn):.0f} degrees while they are read",
             _ADD_TURNED,
@@ -133,9 +133,9 @@ def judge_poses(quality: PosesQuality) -> Verdict:
             mend_poses,
         ),
         Fault(
-            _count_missed(agreement, (FEW_AGREE, FEW_AGREE if is_given else _HARDLY_AGREE)),
+            _count_missed(agreement, (FEW_AGREE, _HARDLY_AGREE)),
             f"only {100 * (q.agreement or 0):.0f} % of the matches agree in all images together",
-            _ESTIMATE_LENS if is_given and q.readout_turn is None else mend_poses,
+            mend_few,
             is_visible=True,
         ),
         Fault(
@@ -144,9 +144,9 @@ def judge_poses(quality: PosesQuality) -> Verdict:
             _ESTIMATE_LENS,
         ),
         Fault(
-            count_exceeded(sigma, FOCAL_LIMITS),
+            doubt,
             "the focal length is "
-            + ("not determined" if sigma > 1 else f"known only to {100 * sigma:.1f} %"),
+            + ("not determined" if 2 * sigma > 1 else f"known only to {200 * sigma:.1f} %"),
             "give the lens by --camera or --fov, or turn the camera more while you walk",
             is_visible=True,
         ),
@@ -156,12 +156,22 @@ def judge_poses(quality: PosesQuality) -> Verdict:
             "give --shutter rolling if the camera moved fast, or the lens by --camera",
             is_visible=True,
         ),
+        _compare_halves(q, mend_few if agreement < FEW_AGREE else _ADD_BETWEEN),
     ]  # fmt: skip
     what = (
         f"poses of {q.registered} of {q.images} images, {q.points:,} points, off by "
         f"{q.median_px:.2f} px in the median"
     )
     return Verdict.from_faults(what, faults, "gsut train")
+
+
+def _compare_halves(q: PosesQuality, advice: str) -> Fault:
+    """Finds how far either half of the points leaves the poses open."""
+    unsure = [px > limit * q.diagonal_px for px, limit in zip(q.halves_px, _ERROR, strict=True)]
+    is_held = math.isfinite(q.halves_px[0])
+    found = f"gives poses {q.halves_px[0]:.1f} px off" if is_held else "loses images"
+    severity = 2 if unsure[1] else int(unsure[0])
+    return Fault(severity, f"either half of the points {found}", advice, is_visible=True)
 
 
 def has_bent(readout_turn: float | None, agreement: float | None) -> bool:

@@ -13,7 +13,7 @@ from gsut.sfm.lens.critical_motion import TURNED
 from gsut.sfm.lens.doubt import compare_lens, describe_doubt, judge_lens
 from gsut.sfm.lens.left_out import register_left_out
 from gsut.sfm.lens.refinement import RefinedLens, refine_lens
-from gsut.sfm.lens.zooms import describe_zooms, find_zooms
+from gsut.sfm.lens.zooms import describe_zooms, find_zooms, index_points
 
 __all__ = [
     "TURNED",
@@ -27,6 +27,7 @@ __all__ = [
     "find_zooms",
     "free_center",
     "guess_lenses",
+    "index_points",
     "judge_lens",
     "refine_lens",
     "register_left_out",

@@ -59,7 +59,7 @@ def describe_doubt(found: Findings) -> str | None:
     """Describes what leaves an estimated lens open; None if it is known well enough."""
     if found.focal_sigma is None:
         return None
-    if 2 * found.focal_sigma <= FOCAL_LIMITS[0] and found.motion is None:
+    if found.focal_sigma <= FOCAL_LIMITS[0] and found.motion is None:
         return None
     known = f"to {200 * found.focal_sigma:.1f} %" if found.focal_sigma < 1 else "not at all"
     if found.motion:

@@ -50,9 +50,11 @@ def write_poses(mapping: Mapping, folder: Path, made_from: str) -> dict[str, Any
     log.note(*list_notes(mapping), *write_models(found.models, mapping.photographs, folder))
     verdict = judge_solution(solution, mapping.features, found)
     look_alikes = found.look_alikes
+    is_measured = found.halves_px is not None and math.isfinite(sum(found.halves_px))
     found.figures |= {
         "matches_in_points": found.agreement,
         "contradicted_pairs": found.contradicted,
+        "halves_px": found.halves_px if is_measured else None,
         "models": [int(model.num_registered) for model in found.models],
         "verdict": verdict.as_dict(),
         "made_from": made_from,

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-import numpy as np
-
 from gsut.data import list_some
 from gsut.run import Verdict
 from gsut.run.verdicts import FEW_AGREE, PosesQuality, has_bent, judge_poses
@@ -25,7 +23,6 @@ def judge_solution(solution: Solution, features: Sequence[Features], found: Find
         found: beside the poses.
     """
     total, camera = len(solution.names), solution.cameras[0]
-    counts = np.bincount(solution.observations[:, 1], minlength=total)[solution.registered]
     motion, alike = found.motion or "", found.look_alikes
     return judge_poses(
         PosesQuality(
@@ -34,8 +31,7 @@ def judge_solution(solution: Solution, features: Sequence[Features], found: Find
             points=len(solution.points),
             median_px=solution.median,
             diagonal_px=math.hypot(camera.width, camera.height),
-            # Without points, images were placed by colours.
-            weakest=float(np.percentile(counts, 10)) if counts.any() else math.inf,
+            halves_px=found.halves_px or (0.0, 0.0),
             agreement=found.agreement,
             contradicted=found.contradicted,
             focal_sigma=found.focal_sigma,

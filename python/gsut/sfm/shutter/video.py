@@ -17,6 +17,7 @@ from gsut.lens import Camera
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import PairMatches, choose_connected_pairs, keep_most_distinct
 from gsut.sfm.photographs import ImageLines
+from gsut.sfm.shutter.agreement import find_agreeing_order
 from gsut.sfm.shutter.readout import (
     FlowReadout,
     estimate_rates,
@@ -45,6 +46,7 @@ _TRIAL_MATCHES = 150  # of a pair, the most distinct, that corrections use
 _MATTERS = 1e-3
 _SHORT = 2.0  # factor by which the first estimate is usually too short
 _USUAL_READOUT = 0.015  # seconds: of phones and action cameras
+_TRIED = 0.02  # seconds: a readout long enough for a wrong order to lose matches
 _OBLONG = 1.2  # ratio of a picture's sides from which it shows how the sensor was held
 _BACKWARDS = {"top_to_bottom": "bottom_to_top", "left_to_right": "right_to_left"}
 
@@ -125,18 +127,14 @@ def find_video_shutter(mapping: Mapping) -> VideoShutter:
     if len(set(solution.cameras)) > 1:
         return nothing
     order = find_line_order(mapping, (rates, spread), mapping.one_lens_free)
+    order = order or _find_order_by_matches(mapping, rates)
     if order is None:
         return nothing
     some = _choose_images(solution, mapping.pairs, rates)
     trial = dataclasses.replace(solution, registered=some, lines=order.lines)
-    few = keep_most_distinct(mapping.pairs, _TRIAL_MATCHES)
 
     def adjust_trial(time: float) -> Solution:
-        motion = ReadoutMotion(order.shutter, time, rates, sigma=0.0, extend=False)
-        return adjust_registered(
-            trial, mapping.features, few, options,
-            adjustment=Adjustment(mapping.one_lens_free, motion=motion),
-        )  # fmt: skip
+        return _adjust_trial(mapping, trial, rates, order.shutter, time)
 
     try:
         readout = correct_readout(
@@ -154,6 +152,38 @@ def find_video_shutter(mapping: Mapping) -> VideoShutter:
         return nothing
     kept = moved.num_registered >= _KEPT * solution.num_registered
     return VideoShutter(moved, readout) if kept else nothing
+
+
+def _adjust_trial(
+    mapping: Mapping, trial: Solution, rates: np.ndarray, shutter: Shutter | None, time: float
+) -> Solution:
+    """Adjusts some images with a readout time; their velocities are the rates' exactly."""
+    motion = None
+    if shutter is not None:
+        motion = ReadoutMotion(shutter, time, rates, sigma=0.0, extend=False)
+    return adjust_registered(
+        trial, mapping.features, keep_most_distinct(mapping.pairs, _TRIAL_MATCHES),
+        mapping.options, adjustment=Adjustment(mapping.one_lens_free, motion=motion),
+    )  # fmt: skip
+
+
+def _find_order_by_matches(mapping: Mapping, rates: np.ndarray) -> LineOrder | None:
+    """Finds the order of the lines, and a first readout time, by `find_agreeing_order`."""
+    solution, flows = mapping.solved, mapping.photographs.flows
+    camera, some = solution.cameras[0], _choose_images(solution, mapping.pairs, rates)
+    if some.sum() < _FEWEST or not is_probably_rolling(flows, camera.width, camera.height):
+        return None
+    trial = dataclasses.replace(solution, registered=some)
+    pairs = keep_most_distinct(mapping.pairs, _TRIAL_MATCHES)
+    ways = [Shutter(direction) for direction in _list_directions(camera)]
+    found = find_agreeing_order(
+        lambda shutter: _adjust_trial(mapping, trial, rates, shutter, _TRIED),
+        [pair for pair in pairs if some[pair.first] and some[pair.second]],
+        [(way, _reverse(way)) for way in ways],
+    )
+    if found is None:
+        return None
+    return LineOrder(FlowReadout(found.share * _TRIED, math.inf), found.shutter, None)
 
 
 @dataclasses.dataclass(frozen=True)

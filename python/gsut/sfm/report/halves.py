@@ -1,0 +1,99 @@
+"""Measures how far poses differ that are adjusted with either half of the points."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import math
+
+import numpy as np
+
+from gsut._core import SolveError
+from gsut.data.poses import find_centers
+from gsut.sfm.lens import index_points
+from gsut.sfm.mapping import Mapping
+from gsut.sfm.matches import PairMatches, keep_most_distinct
+from gsut.sfm.points import measure_pixels_per_radian
+from gsut.sfm.solution import (
+    Adjustment,
+    Solution,
+    adjust_registered,
+    measure_rotation_angles,
+    transform_to_cameras,
+)
+
+_MATCHES = 150  # of a pair, the most distinct: bounds the time of large captures
+_IMAGES = 100  # that are compared with each other, evenly chosen
+_SHARES = (0.9, 0.6)  # of the pairs of images, that agree where poses are good, and usable
+# Baseline over the distance of what is seen, below which a pair has no direction to get wrong.
+_NO_BASELINE = 0.005
+_SEED = 0  # of the halves
+
+
+def compare_halves(mapping: Mapping) -> None:
+    """Adds to the findings half of the difference of poses adjusted with either half of the points.
+
+    It shows what points do not share: wrong matches, and too few of them to hold a pose. An error
+    that they share, of the lens or the shutter, is in both. The lens is held, and lines count as
+    read at once. Does nothing for a rig, or without points. Infinite where a half holds no poses.
+    """
+    solution, options = mapping.solved, mapping.options
+    if mapping.rig is not None or not len(solution.points):
+        return
+    still = dataclasses.replace(solution, shutter=None, velocities=None)
+    # Half of the matches hold an image that all of them hold.
+    fewer = dataclasses.replace(options, min_inliers=max(1, options.min_inliers // 2))
+    try:
+        one, other = (
+            adjust_registered(
+                still, mapping.features, half, fewer, adjustment=Adjustment(covariances=False)
+            )
+            for half in _split_matches(mapping)
+        )
+    except SolveError:
+        mapping.found.halves_px = (math.inf, math.inf)
+        return
+    differences = _measure_differences(one, other, solution)
+    good, usable = 0.5 * np.quantile(differences, _SHARES, method="higher")
+    mapping.found.halves_px = (float(good), float(usable))
+
+
+def _split_matches(mapping: Mapping) -> list[list[PairMatches]]:
+    """Splits the matches by the points that they observe, which are dealt to two halves."""
+    solution, features = mapping.solved, mapping.features
+    rng = np.random.default_rng(_SEED)
+    is_second = rng.random(len(solution.points)) < 0.5
+    point_of = index_points(solution, features)
+    halves: list[list[PairMatches]] = [[], []]
+    for pair in keep_most_distinct(mapping.pairs, _MATCHES):
+        first, second = pair.matches.T
+        point = np.maximum(point_of[pair.first][first], point_of[pair.second][second])
+        second_half = np.where(point >= 0, is_second[point], rng.random(len(point)) < 0.5)
+        for half, rows in zip(halves, (~second_half, second_half), strict=True):
+            half.append(dataclasses.replace(pair, matches=pair.matches[rows]))
+    return halves
+
+
+def _measure_differences(one: Solution, other: Solution, solution: Solution) -> np.ndarray:
+    """Measures by how many pixels the relative poses of pairs of images differ (P,).
+
+    By the turn between the two images, and by the direction of the baseline as far as it turns what
+    is seen. Pairs of which an image has no pose left differ without limit.
+    """
+    images = np.flatnonzero(solution.registered)
+    images = images[np.linspace(0, len(images) - 1, min(len(images), _IMAGES)).astype(int)]
+    first, second = np.array(list(itertools.combinations(images, 2))).T
+    turns, ways = [], []
+    for each in (one, other):
+        rotation, centers = each.camera_from_world[:, :3, :3], find_centers(each.camera_from_world)
+        turns.append(rotation[second] @ rotation[first].transpose(0, 2, 1))
+        ways.append(np.einsum("nij,nj->ni", rotation[second], centers[first] - centers[second]))
+    turned = measure_rotation_angles(turns[0] @ turns[1].transpose(0, 2, 1))
+    sine = np.linalg.norm(np.cross(*ways), axis=1)
+    direction = np.arctan2(sine, np.einsum("ni,ni->n", *ways))
+    seen = transform_to_cameras(solution.points, solution.observations, solution.camera_from_world)
+    baseline = np.linalg.norm(ways[0], axis=1) / np.median(np.linalg.norm(seen, axis=1))
+    direction = np.where(baseline > _NO_BASELINE, np.minimum(baseline, 1.0) * direction, 0.0)
+    kept = one.registered & other.registered
+    angle = np.where(kept[first] & kept[second], np.maximum(turned, direction), np.inf)
+    return angle * measure_pixels_per_radian(solution.cameras[int(images[0])])

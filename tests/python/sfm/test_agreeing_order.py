@@ -1,0 +1,42 @@
+"""The order in which lines are read, by the matches that agree with it."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from gsut import Shutter
+from gsut.sfm.shutter.agreement import find_agreeing_order
+from gsut.sfm.solution import Adjustment, ReadoutMotion, adjust_registered
+from made_flight import DOWN, fly
+
+UP = Shutter("bottom_to_top")
+WAYS = [(DOWN, UP), (Shutter("left_to_right"), Shutter("right_to_left"))]
+
+
+def find(flight, speed):
+    """Finds the order in a flight whose images are moved by `speed` along x while they are read."""
+    rates = np.tile([speed, 0, 0, 0, 0, 0], (12, 1))
+    still = dataclasses.replace(flight.solved, shutter=None, velocities=None)
+
+    def adjust(shutter):
+        motion = None if shutter is None else ReadoutMotion(shutter, 1.0, rates, 0.0, False)
+        adjustment = Adjustment(covariances=False, motion=motion)
+        return adjust_registered(
+            still, flight.features, flight.pairs, flight.options, adjustment=adjustment
+        )
+
+    return find_agreeing_order(adjust, flight.pairs, WAYS)
+
+
+@pytest.mark.parametrize(("speed", "order"), [(0.2, DOWN), (-0.2, UP)])
+def test_order_of_lines_is_the_one_that_keeps_matches(speed, order):
+    flight = fly(np.random.default_rng(3), relief=0.3, turn=0.3, speed=0.2)
+    found = find(flight, speed)
+    assert found.shutter.direction == order.direction
+    assert 0.5 < found.share <= 1
+
+
+def test_order_of_lines_read_at_once_is_not_found():
+    flight = fly(np.random.default_rng(3), relief=0.3, turn=0.3)
+    assert find(flight, 0.2) is None
