@@ -174,8 +174,7 @@ Structure RefineStructure(const std::vector<Camera>& cameras,
                 " are needed in the first image and the one farthest from it too"};
   }
   const bool rough = rolling || !options.covariances;
-  map.AdjustFinally(kLastIterations, rough ? kRoughLastTolerance : kLastTolerance, lens_free,
-                    !options.covariances);
+  map.AdjustFinally(kLastIterations, rough ? kRoughLastTolerance : kLastTolerance, lens_free);
   map.Filter(current.max_error);
   report("final adjustment");
   Structure result = map.Result(options.covariances);

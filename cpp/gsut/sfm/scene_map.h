@@ -89,8 +89,8 @@ class SceneMap {
   // of many images, only as many tracks as hold each; the other points follow.
   BundleSummary AdjustGlobally(int max_iterations, double tolerance, bool through_lens,
                                bool lens_free, bool thin);
-  // The last adjustment, through the lens. trial: where tracks are left out, of those chosen alone.
-  void AdjustFinally(int max_iterations, double tolerance, bool lens_free, bool trial);
+  // The last adjustment, through the lens and by all tracks.
+  void AdjustFinally(int max_iterations, double tolerance, bool lens_free);
   // Whether there are so many images that an adjustment may leave tracks out.
   bool ThinsOut() const;
   // Unregisters images, or bodies, that see too few points now; returns how many images.

@@ -108,10 +108,9 @@ void SceneMap::StoreBundle(const Bundle& bundle, const std::vector<int>& image_o
 
 bool SceneMap::ThinsOut() const { return num_registered_ >= options_.thin_from && !on_rig(); }
 
-void SceneMap::AdjustFinally(int max_iterations, double tolerance, bool lens_free, bool trial) {
+void SceneMap::AdjustFinally(int max_iterations, double tolerance, bool lens_free) {
   if (ThinsOut()) {
     AdjustGlobally(max_iterations, std::max(tolerance, kThinTolerance), true, lens_free, true);
-    if (trial) return;
     max_iterations = kFullIterations;
   }
   AdjustGlobally(max_iterations, tolerance, true, lens_free, false);

@@ -339,7 +339,7 @@ class Mapper {
       map_->Complete(-1);
       map_->DropWeakImages();
     }
-    map_->AdjustFinally(kFinalIterations, last, lens_free, !wanted_.covariances);
+    map_->AdjustFinally(kFinalIterations, last, lens_free);
     map_->Filter(options_.max_error);
     map_->DropWeakImages();
     ReportProgress("final adjustment");
