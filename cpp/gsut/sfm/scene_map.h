@@ -91,7 +91,7 @@ class SceneMap {
                                bool lens_free, bool thin);
   // The last adjustment, through the lens and by all tracks.
   void AdjustFinally(int max_iterations, double tolerance, bool lens_free);
-  // Whether there are so many images that an adjustment may leave tracks out.
+  // Whether adjustments may leave tracks out: there are enough images.
   bool ThinsOut() const;
   // Unregisters images, or bodies, that see too few points now; returns how many images.
   int DropWeakImages();

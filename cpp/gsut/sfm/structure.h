@@ -96,8 +96,8 @@ struct StructureOptions {
   double extend_radius = 5.0;
   double extend_distance = 0.8;
   int extend_rounds = 0;
-  // From so many registered images on, all adjustments but the last leave out tracks that no image
-  // needs, and the last one starts where such an adjustment has ended. Not on a rig.
+  // From this number of registered images on, all adjustments but the last leave out tracks that no
+  // image needs, and the last one starts where such an adjustment has ended. Not on a rig.
   int thin_from = 64;
   // Every n-th point of at least three observations keeps one out of all adjustments; 0: none.
   int hold_out_every = 0;

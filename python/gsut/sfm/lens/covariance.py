@@ -20,9 +20,9 @@ _MEDIAN_SQUARE = 2 * math.log(2)  # of a normal vector's length in the plane, in
 # A direction of a point whose square counts less than this share is open: parallax below 1e-6 rad.
 _OPEN = 1e-12
 _CHUNK = 2000  # points whose pairs of observations are summed at once, to bound memory
-_MANY_IMAGES = 100  # beyond which a share of the points stands for all
-_MOST_POINTS = 4000  # that do
-_LEAST_SEEN = 30  # of them in every image, or all points count
+_MANY_IMAGES = 100  # beyond which a part of the points is enough
+_MOST_POINTS = 4000  # chosen of many images
+_LEAST_SEEN = 30  # chosen points in every image, or all points count
 
 
 @dataclasses.dataclass(frozen=True)
@@ -173,9 +173,9 @@ def estimate_lens_covariances(
 
 
 def _choose_points(solution: Solution) -> np.ndarray:
-    """Returns (P,) bool, the points that stand for all: every n-th one where images are many.
+    """Chooses (P,) bool points that determine a lens: every n-th one where images are many.
 
-    By a share of the observations a lens is known as much less.
+    A share of the observations determines a lens by as much less.
     """
     count = len(solution.points)
     step = -(-count // _MOST_POINTS)
