@@ -37,7 +37,7 @@ from gsut.training.surface import SurfaceTerms, SurfaceWeights
 _RADII_EVERY = 100
 # Share of the steps from which Gaussians are drawn along the ray, if they are to be: until then the
 # distance, in less than half the time, leads to the same quality.
-_RAY_FROM = 0.6
+RAY_FROM = 0.6
 # Training without a background of its own draws one a step from this stream of the run's seed.
 _BACKGROUND_STREAM = 0xBAC6
 
@@ -104,7 +104,7 @@ class TrainingLoop:
         scene = scene if tracks is None else tracks.scene
         self.options = options = dataclasses.replace(options, max_gaussians=options.most_gaussians)
         self.step, self.seconds, self.cpu_seconds = 0, 0.0, 0.0
-        self._by_distance_until = _RAY_FROM if start is None and options.order == "ray" else 0.0
+        self._by_distance_until = RAY_FROM if start is None and options.order == "ray" else 0.0
         self.outliers = Outliers(options, is_new=start is None)
         start, self.notes = choose_first_gaussians(scene, options) if start is None else (start, [])
         self.densification = load_strategy(options, len(start))

@@ -9,6 +9,7 @@ import tolerances
 from gsut import TrainOptions
 from gsut.run.folder import RunFile
 from gsut.training.loop import TrainingLoop
+from gsut.training.time_left import predict_training_steps
 
 SHORT = {"steps": 100, "max_gaussians": 150}
 # Kind of rule, its name, and another.
@@ -62,6 +63,14 @@ def test_train_along_the_ray_draws_by_the_distance_first(scene):
         drawn.append(loops[0].gaussians.order)
     assert drawn == ["distance"] * 59 + ["ray"]
     assert loops[1].gaussians.order == "z"
+
+
+def test_time_left_counts_the_steps_along_the_ray():
+    distance, ray = (
+        predict_training_steps(TrainOptions(**SHORT, order=o).resolve(), 100, 0.04)
+        for o in ("distance", "ray")
+    )
+    assert (ray[:59] == distance[:59]).all() and (ray[59:] > 2 * distance[59:]).all()
 
 
 def test_train_along_the_ray_with_refined_poses_is_refused():
