@@ -146,7 +146,7 @@ def find_video_shutter(mapping: Mapping) -> VideoShutter:
         moved = adjust_registered(
             dataclasses.replace(solution, lines=order.lines), mapping.features, mapping.pairs,
             options, mapping.log.follow_steps("shutter"),
-            Adjustment(mapping.lens_free, motion=motion),
+            Adjustment(mapping.lens_free, lens_settled=True, motion=motion),
         )  # fmt: skip
     except SolveError:
         return nothing
