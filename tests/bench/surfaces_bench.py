@@ -18,7 +18,7 @@ from gsut.demo.tracing import Tracer
 from gsut.metrics import RING_EDGES_DEGREES
 from gsut.render import compute_field_angles
 from gsut.surface import judge_geometry
-from gsut.surface.cloud import cast_world_rays
+from gsut.surface.rays import cast_world_rays
 from gsut.surface.worth import judge_depth
 from tests.bench.harness import HALL, Benchmark, Column, Option, Row, Settings
 from tests.bench.walk_film import Film, plan_walk, trace_frames

@@ -100,15 +100,10 @@ std::vector<Eigen::Matrix3d> FivePoint(const std::array<Eigen::Vector3d, 5>& ray
     }
   }
   // The null space: the last four columns of Q of a QR decomposition. An SVD would cost several
-  // times as much for the same space, and only the space matters. Pivoting is not needed, but its
-  // decomposition does without blocks, which take seconds to compile, as does its product with Q.
-  const Eigen::ColPivHouseholderQR<Eigen::Matrix<double, 9, 5>> qr(equations);
-  Eigen::Matrix<double, 9, 4> null_space = Eigen::Matrix<double, 9, 9>::Identity().rightCols<4>();
-  Eigen::RowVector4d workspace;
-  for (int k = 4; k >= 0; --k) {
-    null_space.bottomRows(9 - k).applyHouseholderOnTheLeft(qr.matrixQR().col(k).tail(8 - k),
-                                                           qr.hCoeffs()[k], workspace.data());
-  }
+  // times as much for the same space, and only the space matters.
+  const Eigen::HouseholderQR<Eigen::Matrix<double, 9, 5>> qr(equations);
+  const Eigen::Matrix<double, 9, 9> orthogonal = qr.householderQ();
+  const Eigen::Matrix<double, 9, 4> null_space = orthogonal.rightCols<4>();
   LinearMatrix e;
   for (int r = 0; r < 3; ++r) {
     for (int c = 0; c < 3; ++c) e[r][c] = null_space.row(3 * r + c).transpose();

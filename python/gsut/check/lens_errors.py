@@ -9,6 +9,7 @@ from gsut.check.evidence import Evidence
 from gsut.check.findings import Finding
 from gsut.check.lens_fit import LEAST_EFFECT, LensFit, count_sigmas, find_principal_point, fit_lens
 from gsut.check.lenses import is_free_of_distortion, list_other_models
+from gsut.lens import Camera
 
 # A lens is wrong from this correction of focal length, principal point and distortion on, in
 # thousandths of the diagonal: about a pixel of a small image.
@@ -16,6 +17,7 @@ _MOVES = np.array([2.0, 0.8, 2.0])
 _SIGMAS = 4.0  # standard deviations from which a correction of the lens is not chance
 _SURE = 4.0  # standard deviations of a principal point that is surely wrong
 _MOST_MATCHES = 6000  # they determine a lens to a hundredth of a pixel
+_SAME_FACTOR = 3.0  # standard deviations within which two corrections are one factor
 _NEAR_HALF = 2.5  # standard deviations within which it may be half a pixel off
 _NEARER = 0.25  # of its distance from the given one, likewise: many matches have small deviations
 
@@ -54,6 +56,11 @@ def find_lens_errors(evidence: Evidence, fit: LensFit) -> list[Finding]:
         advice = "check the lens model and its coefficients, or calibrate: gsut calibrate"
     elif off[1] and not off[0]:
         advice = describe_crop(evidence, fit)
+    elif off[:2].all() and is_of_another_size(evidence.scene.cameras[0], fit):
+        advice = (
+            f"multiply fx, fy, cx and cy by {np.exp(log_scale):.3g}: the lens is for images of "
+            "another size"
+        )
     else:
         advice = (
             "check that the lens is for images of this size and crop, or refine it: "
@@ -122,6 +129,13 @@ def _is_preferred(gains: np.ndarray) -> bool:
     return count_sigmas(gains) > _SIGMAS and all(
         count_sigmas(half) > _SIGMAS / np.sqrt(2) for half in halves
     )
+
+
+def is_of_another_size(camera: Camera, fit: LensFit) -> bool:
+    """Returns whether focal length and principal point of a lens are wrong by one factor."""
+    center, scale = find_principal_point(camera), np.exp(fit.values[0])
+    sigmas = np.hypot(fit.sigmas[1:3], scale * fit.sigmas[0] * center)
+    return bool(np.all(np.abs(fit.values[1:3] - (scale - 1) * center) < _SAME_FACTOR * sigmas))
 
 
 def describe_crop(evidence: Evidence, fit: LensFit) -> str:

@@ -76,6 +76,11 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--faces", type=count, metavar="N", help="reduce to about N faces (needs gsut[mesh])"
     )
+    parser.add_argument(
+        "--fit", type=Number(0, whole=True), metavar="N",
+        help="fit the mesh to the images as engines draw it, without blending: colours by least "
+        "squares and, in N rounds, vertices along their normals; 0: colours only",
+    )  # fmt: skip
     _add_pages(parser)
     add_memory(parser)
     parser.add_argument(
@@ -104,6 +109,10 @@ def _add_rare(parser: argparse.ArgumentParser) -> None:
     add_rare_option(
         parser, "max_side", count, 1024, metavar="PIXELS",
         help="longer side of the depth maps [default 1024]",
+    )  # fmt: skip
+    add_rare_option(
+        parser, "holes", Number(0, whole=True), 0, metavar="N",
+        help="close holes of up to N edges [default 0: none]",
     )  # fmt: skip
     add_rare_option(
         parser, "parts", count, None, metavar="N",
@@ -135,6 +144,8 @@ def _check_files(arguments: argparse.Namespace) -> tuple[Path, Path | None, Path
     (check_grid_name if to_grid else check_mesh_name)(out)
     if arguments.triangles and (to_grid or arguments.report):
         raise InputError("--triangles makes a mesh without depths: leave grids and --report out")
+    if arguments.fit is not None and (to_grid or arguments.triangles):
+        raise InputError("--fit is of the surface as a mesh: leave grids and --triangles out")
     files = []
     for flag, ending in (("picture", ".png"), ("report", ".html")):
         file = getattr(arguments, flag) and Path(getattr(arguments, flag))
@@ -179,6 +190,8 @@ def run(arguments: argparse.Namespace) -> int:
         photographs=arguments.photographs,
         parts=arguments.parts,
         faces=arguments.faces,
+        holes=arguments.holes,
+        fit=arguments.fit,
         crop=None if arguments.crop is None else np.array(arguments.crop),
     )
     figures: dict[str, Any]

@@ -160,7 +160,6 @@ def find_poses(
                 agreement = measure_agreement(mapping.solved, mapping.pairs)
                 mapping.found.agreement = agreement.share
                 mapping.found.contradicted = agreement.contradicted
-                mapping.found.contradicted_sigma = agreement.contradicted_sigma
         values = write_poses(mapping, claimed.path, stages.digest)
         stages.remove()
         return PosesResult(claimed.path, mapping.solved, values)

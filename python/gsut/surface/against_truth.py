@@ -11,10 +11,10 @@ import numpy as np
 from gsut._core import CameraMotion, InputError
 from gsut.data.scene import MILLIMETRE, read_depth
 from gsut.render import compute_field_angles, render, render_surface, to_uint8
-from gsut.surface.cloud import cast_world_rays
 from gsut.surface.extract import MeshOptions, OnProgress, extract_mesh, ignore_progress
 from gsut.surface.mesh import Mesh
 from gsut.surface.mesh_files import load_mesh
+from gsut.surface.rays import cast_world_rays
 from gsut.surface.report import SurfaceView
 from gsut.surface.worth import build_tree, judge_depth, judge_mesh
 
@@ -100,7 +100,8 @@ def _judge_views(
     columns: dict[str, list[np.ndarray]] = {kind: [] for kind in (*KINDS, "truth", "angle")}
     for index, true in rows:
         camera, view = scene.camera(index), scene.views[index]
-        result = render(gaussians, camera, view.motion, background=background)
+        drawn = gaussians.order_by_centers()
+        result = render(drawn, camera, view.motion, background=background)
         surface = render_surface(result)
         if on_view is not None:
             image = to_uint8(result.image)

@@ -12,6 +12,7 @@ from gsut import _core
 from gsut._core import CameraMotion, InputError
 from gsut.render import render, render_surface, to_uint8
 from gsut.run import check_fits, free_memory
+from gsut.surface.fit import fit_mesh
 from gsut.surface.mesh import Mesh
 
 _NEIGHBOURS = 8  # views, nearest by place and direction, against which a depth map is checked
@@ -44,6 +45,9 @@ class MeshOptions:
         photographs: colours from the photographs in place of the renders.
         parts: number of largest connected parts to keep; None: all of a thousandth of the faces.
         faces: number to reduce to, about.
+        holes: longest edge of the mesh that is closed, in faces along it; 0: none is.
+        fit: rounds in which vertices move so that the mesh, drawn without blending, is most like
+            the images; 0: only colours are fitted; None: colours are means.
         crop: (2, 3) corners of a box in the dataset's coordinates, outside of which nothing stays.
     """
 
@@ -56,6 +60,8 @@ class MeshOptions:
     photographs: bool = False
     parts: int | None = None
     faces: int | None = None
+    holes: int = 0
+    fit: int | None = None
     crop: np.ndarray | None = None
 
 
@@ -167,17 +173,19 @@ def fuse_depth(
 
     Args:
         maps: distances along the rays.
-        options: its voxel, truncation, support, open, parts, faces and crop; None: the defaults.
+        options: all but depth, max_side and photographs; None: the defaults.
         progress: called with (stage, done, total).
 
     Returns:
         The mesh, with colours if maps have images.
 
     Raises:
-        InputError: an option out of range, no view, no surface, or one of more voxels than memory
-            holds.
+        InputError: an option out of range, no view, no surface, one of more voxels than memory
+            holds, or a fit to maps without images.
     """
-    o = options or MeshOptions()
+    o, given = options or MeshOptions(), maps
+    if o.fit is not None and any(m.image is None for m in maps):
+        raise InputError("a mesh is fitted to images; give every depth map one, or leave fit out")
     maps = keep_agreeing(maps, o.support, progress)
     places, centers = _place_cameras(maps)
     center = centers.mean(axis=0)
@@ -200,12 +208,16 @@ def fuse_depth(
             f"no surface was found{inside}: no two views agree on one; try --set support=0, larger "
             "voxels or another --depth, or look at the renders"
         )
+    mesh = mesh.close_holes(o.holes) if o.holes else mesh
     if any(m.image is not None for m in maps):
         reach = _BEHIND * voxel
         colors = views.colors(mesh.vertices, reach)
         gray = np.float32(0.5)
         mesh = dataclasses.replace(mesh, colors=np.where(np.isnan(colors), gray, colors))
-    return mesh if o.faces is None else mesh.reduce(o.faces)
+    mesh = mesh if o.faces is None else mesh.reduce(o.faces)
+    if o.fit is None or not len(mesh):
+        return mesh
+    return fit_mesh(mesh, given, o.fit, lambda *done: progress("fit", *done))
 
 
 def _shrink_lens(camera: Any, most: int) -> Any:
@@ -230,7 +242,7 @@ def _render_map(
     size = (camera.width, camera.height)
     if mask.shape[::-1] != size:
         mask = cv2.resize(mask.astype(np.uint8), size, interpolation=0) > 0
-    result = render(gaussians, camera, motion, background=background)
+    result = render(gaussians.order_by_centers(), camera, motion, background=background)
     surface = render_surface(result)
     depth = np.where(result.alpha < _NOTHING, np.inf, getattr(surface, o.depth))
     depth = np.where(mask & camera.rays()[1], depth, np.nan).astype(np.float32)

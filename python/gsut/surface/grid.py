@@ -15,7 +15,6 @@ import numpy as np
 from gsut import _core
 from gsut._core import InputError
 from gsut.files import whole_file, write_file
-from gsut.surface.cloud import cast_world_rays
 from gsut.surface.extract import (
     DepthMap,
     MeshOptions,
@@ -26,6 +25,7 @@ from gsut.surface.extract import (
     render_depth_maps,
 )
 from gsut.surface.mesh import Mesh
+from gsut.surface.rays import cast_world_rays
 
 OCCUPIED = 100  # as in a ROS OccupancyGrid
 FREE = 0  # likewise

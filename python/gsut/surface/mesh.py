@@ -91,6 +91,63 @@ class Mesh:
         middle = (a + b + c) / 3
         return self.with_faces(np.all((middle >= low) & (middle <= high), axis=1))
 
+    def close_holes(self, most: int) -> Mesh:
+        """Closes the holes of up to `most` edges, each by faces about one vertex in its middle.
+
+        Raises:
+            InputError: the mesh has colours, which the new vertices would lack.
+        """
+        if self.colors is not None:
+            raise InputError("holes are closed before a mesh gets colours")
+        loops = [loop for loop in self._list_rims() if len(loop) <= most]
+        middles = [self.vertices[loop].mean(axis=0) for loop in loops]
+        fans = [
+            np.stack([loop, np.roll(loop, -1), np.full_like(loop, len(self.vertices) + number)], 1)
+            for number, loop in enumerate(loops)
+        ]
+        return Mesh(
+            np.concatenate([self.vertices, np.reshape(middles, (-1, 3))]),
+            np.concatenate([self.faces, *fans]).astype(np.uint32),
+        )
+
+    def _list_rims(self) -> list[np.ndarray]:
+        """Lists the vertices around each hole, in the direction of faces that would close it.
+
+        Where holes touch in a vertex, each is listed for itself.
+        """
+        edges = np.concatenate([self.faces[:, pair] for pair in ((0, 1), (1, 2), (2, 0))])
+        edges = edges.astype(np.int64)
+        count = len(self.vertices)
+        there, back = edges @ [count, 1], edges @ [1, count]
+        following: dict[int, list[int]] = {}
+        for end, begin in edges[~np.isin(there, back)].tolist():
+            following.setdefault(begin, []).append(end)
+        rims: list[np.ndarray] = []
+        path: list[int] = []
+        place: dict[int, int] = {}
+        while following:
+            at = path[-1] if path else next(iter(following))
+            if at not in following:  # an edge of three faces: no hole
+                path, place = [], {}
+                continue
+            if not path:
+                path, place = [at], {at: 0}
+            ahead = following[at].pop()
+            if not following[at]:
+                del following[at]
+            if ahead not in place:
+                place[ahead] = len(path)
+                path.append(ahead)
+                continue
+            begin = place[ahead]
+            rims.append(np.array(path[begin:]))
+            for vertex in path[begin + 1 :]:
+                del place[vertex]
+            path = path[: begin + 1] if begin else []
+            if not path:
+                place = {}
+        return [rim for rim in rims if len(rim) > 2]
+
     def reduce(self, faces: int) -> Mesh:
         """Reduces to about `count` faces by quadric error metrics; colours of the nearest old
         surface.

@@ -22,6 +22,7 @@ _PLY_TYPES = {
     **dict.fromkeys(("int", "int32"), "i4"), **dict.fromkeys(("uint", "uint32"), "u4"),
     **dict.fromkeys(("float", "float32"), "f4"), **dict.fromkeys(("double", "float64"), "f8"),
 }  # fmt: skip
+_CHANNELS = ("red", "green", "blue")  # PLY's names
 _GLB_HEAD = struct.Struct("<4sII")
 _GLB_CHUNK = struct.Struct("<I4s")
 _FLOAT = 5126  # glTF's code of float32
@@ -63,6 +64,10 @@ def _to_levels(colors: np.ndarray) -> np.ndarray:
     return np.rint(255 * np.clip(colors, 0, 1)).astype(np.uint8)
 
 
+def _from_levels(levels: np.ndarray | None) -> np.ndarray | None:
+    return None if levels is None else levels.astype(np.float32) / np.float32(255)
+
+
 def _write_ply(mesh: Mesh) -> bytes:
     extent = float(np.ptp(mesh.vertices, axis=0).max()) if len(mesh.vertices) else 1.0
     moved = np.abs(mesh.vertices - mesh.vertices.astype(np.float32)).max(initial=0.0)
@@ -71,14 +76,14 @@ def _write_ply(mesh: Mesh) -> bytes:
     names = [f"property {kind[0]} {axis}" for axis in "xyz"]
     names += [f"property float n{axis}" for axis in "xyz"]
     if mesh.colors is not None:
-        fields += [(name, "u1") for name in ("red", "green", "blue")]
-        names += [f"property uchar {name}" for name in ("red", "green", "blue")]
+        fields += [(name, "u1") for name in _CHANNELS]
+        names += [f"property uchar {name}" for name in _CHANNELS]
     rows = np.zeros(len(mesh.vertices), fields)
     normals = mesh.compute_normals()
     for k, axis in enumerate("xyz"):
         rows[axis], rows[f"n{axis}"] = mesh.vertices[:, k], normals[:, k]
     if mesh.colors is not None:
-        for k, name in enumerate(("red", "green", "blue")):
+        for k, name in enumerate(_CHANNELS):
             rows[name] = _to_levels(mesh.colors[:, k])
     faces = np.zeros(len(mesh.faces), [("count", "u1"), ("of", "<i4", 3)])
     faces["count"], faces["of"] = 3, mesh.faces
@@ -165,14 +170,15 @@ def _write_glb(mesh: Mesh) -> bytes:
 
 
 def load_mesh(path: str | os.PathLike[str]) -> Mesh:
-    """Reads a mesh, or a cloud of points, without its colours.
+    """Reads a mesh, or a cloud of points, with the colours of its vertices.
 
     Args:
         path: .ply (ascii, or binary little-endian), .off or .obj; faces of more corners are cut
             into triangles from their first.
 
     Returns:
-        The mesh; of a cloud without faces.
+        The mesh; of a cloud without faces. Colours are those of `save_mesh`: 8 bits a channel in
+        .ply and .off, fractions in .obj; a text .ply is read without.
 
     Raises:
         InputError: the file is absent, damaged or of another format.
@@ -211,20 +217,28 @@ def _read_off(content: bytes) -> Mesh:
         raise ValueError(f"{len(rows)} rows for {count} vertices and {faces} faces")
     vertices = np.array([row[:3] for row in rows[:count]], np.float64).reshape(-1, 3)
     polygons = [np.array(row[1 : 1 + int(row[0])], np.int64) for row in rows[count : count + faces]]
-    return Mesh(vertices, _read_triangles(polygons))
+    colored = lines[0][0] == "COFF" and count > 0
+    levels = np.array([row[3:6] for row in rows[:count]], np.float32) if colored else None
+    return Mesh(vertices, _read_triangles(polygons), _from_levels(levels))
 
 
 def _read_obj(content: bytes) -> Mesh:
     vertices: list[list[float]] = []
-    polygons = []
+    polygons, colors = [], []
     for line in content.decode().splitlines():
         words = line.split()
         if words[:1] == ["v"]:
             vertices.append([float(word) for word in words[1:4]])
+            if len(words) == 7:
+                colors.append([float(word) for word in words[4:]])
         elif words[:1] == ["f"]:
             named = np.array([int(word.split("/")[0]) for word in words[1:]])
             polygons.append(np.where(named < 0, len(vertices) + named, named - 1))
-    return Mesh(np.array(vertices, np.float64).reshape(-1, 3), _read_triangles(polygons))
+    all_colored = len(colors) == len(vertices) > 0
+    return Mesh(
+        np.array(vertices, np.float64).reshape(-1, 3), _read_triangles(polygons),
+        np.array(colors, np.float32) if all_colored else None,
+    )  # fmt: skip
 
 
 def _read_ply(content: bytes) -> Mesh:
@@ -244,7 +258,7 @@ def _read_ply(content: bytes) -> Mesh:
         return _read_text_ply(content[begin:].split(), elements)
     if order != "binary_little_endian":
         raise ValueError(f"format {order or 'missing'}")
-    vertices, faces = np.zeros((0, 3)), np.zeros((0, 3), np.uint32)
+    vertices, faces, levels = np.zeros((0, 3)), np.zeros((0, 3), np.uint32), None
     for name, count, properties in elements:
         if properties and properties[0][0] == "list":
             kinds = [_PLY_TYPES[word] for word in properties[0][1:3]]
@@ -262,8 +276,13 @@ def _read_ply(content: bytes) -> Mesh:
             rows = np.frombuffer(content, row, count, begin)
             if name == "vertex":
                 vertices = np.stack([rows[axis].astype(np.float64) for axis in "xyz"], axis=1)
+                channels = [
+                    c for c in _CHANNELS if row.fields and c in row.fields and row[c] == np.uint8
+                ]
+                if len(channels) == 3:
+                    levels = np.stack([rows[channel] for channel in channels], axis=1)
         begin += row.itemsize * count
-    return Mesh(vertices, faces)
+    return Mesh(vertices, faces, _from_levels(levels))
 
 
 def _read_text_ply(words: list[bytes], elements: list[tuple[str, int, list[list[str]]]]) -> Mesh:

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from gsut._core import CameraMotion, InputError
-from gsut.surface.cloud import cast_world_rays
 from gsut.surface.mesh import Mesh
+from gsut.surface.rays import cast_world_rays
 from gsut.surface.worth import build_tree
 
 _SAMPLES = 2  # along each side of a pixel

@@ -5,7 +5,7 @@ import pytest
 
 import gsut
 from gsut.check.epipolar import Matches
-from gsut.check.lens_errors import is_off
+from gsut.check.lens_errors import is_of_another_size, is_off
 from gsut.check.lens_fit import fit_lens
 
 LENSES = {
@@ -60,3 +60,11 @@ def test_correction_of_a_lens_three_percent_too_long_is_found(name, rng):
     fit = fit_lens([lens.with_params(params)], matches, poses)
     assert is_off(fit)[0]
     assert abs(fit.values[0] + np.log(1.03)) < 4 * fit.sigmas[0]
+
+
+@pytest.mark.parametrize(("factors", "same"), [([1.04] * 4, True), ([1.04, 1.04, 1, 1], False)])
+def test_lens_of_images_of_another_size_is_told_from_another_focal_length(factors, same, rng):
+    lens = LENSES["pinhole"]
+    matches, poses = make_matches(lens, [0.3, 0.2, 0.2], rng, turn=0.1)
+    given = lens.with_params(np.array(lens.params) * factors)
+    assert is_of_another_size(given, fit_lens([given], matches, poses)) == same

@@ -185,7 +185,6 @@ def turning(radians):
         # Pairs whose matches are rejected as a whole; a few are wrong matches.
         ({"doubt": Findings(contradicted=0.03)}, "good", ""),
         ({"doubt": Findings(contradicted=0.08)}, "usable", "reject all matches of 8 %"),
-        ({"doubt": Findings(contradicted=0.08, contradicted_sigma=0.04)}, "good", ""),
         ({"doubt": Findings(contradicted=0.3)}, "poor", "reject all matches of 30 %"),
         ({"agreeing": 0.7}, "good", ""),
         # Either half of the points: all pairs alike, a tenth apart, most apart, images lost.

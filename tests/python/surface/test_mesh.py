@@ -60,6 +60,32 @@ def test_mesh_file_is_read_by_trimesh(tmp_path, ball, suffix):
     assert found.volume == pytest.approx(volume(ball.vertices, ball.faces), rel=1e-4)
 
 
+@pytest.mark.parametrize("suffix", [".ply", ".off", ".obj"])
+def test_colors_are_read_back(tmp_path, ball, suffix):
+    save_mesh(tmp_path / f"a{suffix}", ball)
+    found = load_mesh(tmp_path / f"a{suffix}").colors
+    assert found.dtype == np.float32
+    assert np.abs(found - ball.colors).max() < tolerances.MESH_COLORS
+    save_mesh(tmp_path / f"b{suffix}", Mesh(ball.vertices, ball.faces))
+    assert load_mesh(tmp_path / f"b{suffix}").colors is None
+
+
+def test_gltf_colors_are_linear(tmp_path, ball):
+    levels = np.array([[0, 10, 128], [188, 255, 1]], np.uint8)
+    colors = levels[np.arange(len(ball.vertices)) % 2] / np.float32(255)
+    save_mesh(tmp_path / "a.glb", Mesh(ball.vertices, ball.faces, colors))
+    content = (tmp_path / "a.glb").read_bytes()
+    length = int.from_bytes(content[12:16], "little")
+    document = json.loads(content[20 : 20 + length])
+    number = document["meshes"][0]["primitives"][0]["attributes"]["COLOR_0"]
+    view = document["bufferViews"][document["accessors"][number]["bufferView"]]
+    begin = 28 + length + view["byteOffset"]
+    linear = np.frombuffer(content, "<f4", 6, begin).reshape(2, 3)
+    # IEC 61966-2-1 in 16-bit tables of others: 128 is 0.2159, 188 is 0.5029.
+    expected = [[0, 10 / 255 / 12.92, 0.21586], [0.50289, 1, 1 / 255 / 12.92]]
+    assert np.abs(linear - expected).max() < tolerances.LINEAR_COLORS
+
+
 @pytest.mark.parametrize("suffix", [".ply", ".obj"])
 def test_mesh_file_far_from_zero_keeps_its_digits(tmp_path, ball, suffix):
     far = Mesh(ball.vertices + np.array([5e5, 5.5e6, 300]), ball.faces)

@@ -58,7 +58,6 @@ class PosesQuality:
         focal_gap: relative difference of the focal length that the images determine from that of a
             given lens; 0: none beyond doubt.
         contradicted: share of the pairs of images whose matches the poses reject as a whole.
-        contradicted_sigma: its standard deviation: a few pairs say little.
         focal_sigma: standard deviation of the focal length over it; None: the lens was given.
         readout_turn: root mean square turn of the images during their readout, in radians; None:
             a global shutter.
@@ -79,7 +78,6 @@ class PosesQuality:
     focal_sigma: float | None
     focal_gap: float = 0.0
     contradicted: float = 0.0
-    contradicted_sigma: float = 0.0
     readout_turn: float | None = None
     motion: str = ""
     only_turned: bool = False
@@ -130,7 +128,7 @@ def judge_poses(quality: PosesQuality) -> Verdict:
             _ADD_TURNED,
         ),
         Fault(
-            count_exceeded(q.contradicted - q.contradicted_sigma, _CONTRADICTED),
+            count_exceeded(q.contradicted, _CONTRADICTED),
             f"the poses reject all matches of {100 * q.contradicted:.0f} % of the pairs of images",
             mend_poses,
         ),

@@ -67,7 +67,6 @@ class Findings:
         look_alikes: what still speaks for places taken for one, or None.
         agreement: share of the verified matches that observe one point, or None.
         contradicted: share of the pairs whose verified matches the solution rejects as a whole.
-        contradicted_sigma: its standard deviation.
         focal_sigma: standard deviation of an estimated focal length over it; infinite: not
             determined; None: the lens was known.
         halves_px: half of the difference of poses adjusted with either half of the points: pixels
@@ -83,7 +82,6 @@ class Findings:
     models: list[Any] = dataclasses.field(default_factory=list)
     agreement: float | None = None
     contradicted: float = 0.0
-    contradicted_sigma: float = 0.0
     look_alikes: LookAlikes | None = None
     focal_sigma: float | None = None
     halves_px: tuple[float, float] | None = None

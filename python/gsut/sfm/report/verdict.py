@@ -34,7 +34,6 @@ def judge_solution(solution: Solution, features: Sequence[Features], found: Find
             halves_px=found.halves_px or (0.0, 0.0),
             agreement=found.agreement,
             contradicted=found.contradicted,
-            contradicted_sigma=found.contradicted_sigma,
             focal_sigma=found.focal_sigma,
             focal_gap=found.focal_gap,
             readout_turn=solution.readout_turn,

@@ -159,15 +159,8 @@ class PairAgreement:
     @property
     def contradicted(self) -> float:
         """Returns the share of the pairs whose matches the solution rejects as a whole."""
-        return self._count_rejected() / max(1, len(self.matches))
-
-    @property
-    def contradicted_sigma(self) -> float:
-        """Returns the standard deviation of that share by the number of these pairs (Poisson)."""
-        return math.sqrt(self._count_rejected()) / max(1, len(self.matches))
-
-    def _count_rejected(self) -> int:
-        return int(np.count_nonzero(self.together < _REJECTED * self.matches))
+        rejected = self.together < _REJECTED * self.matches
+        return float(rejected.sum() / max(1, len(rejected)))
 
 
 def measure_agreement(solution: Solution, pairs: Sequence[PairMatches]) -> PairAgreement:
