@@ -205,6 +205,7 @@ Inputs ReadInputs(const std::vector<const Camera*>& cameras,
   settings.Read("min_inliers", &options.min_inliers);
   settings.Read("loss_scale", &options.loss_scale);
   settings.Read("hold_out_every", &options.hold_out_every);
+  settings.Read("thin_from", &options.thin_from);
   settings.Read("covariances", &options.covariances);
   settings.Read("seed", &options.seed);
   settings.Read("extend_radius", &options.extend_radius);

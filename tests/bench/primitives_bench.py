@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import tempfile
 import time
 from collections.abc import Iterator
@@ -12,7 +13,8 @@ import numpy as np
 
 import gsut
 from gsut.lifting.back_projection import resize_mask
-from gsut.surface import Mesh, MeshOptions, extract_mesh, make_soup
+from gsut.surface import Mesh, MeshOptions, fuse_depth, make_soup, render_depth_maps
+from gsut.surface.extract import measure_pixel_angle
 from gsut.surface.fit import Pixels, draw_pixels
 from gsut.surface.mesh_files import load_mesh
 from gsut.surface.rays import cast_world_rays
@@ -92,7 +94,11 @@ def _measure_mesh(case: Row, settings: Settings, scene: gsut.Scene) -> Row:
         holes=settings.holes,
         fit=settings.fit,
     )
-    mesh = extract_mesh(trained, scene, how)
+    maps = render_depth_maps(trained, scene, how)
+    widths = [
+        np.median(m.depth[np.isfinite(m.depth)]) * measure_pixel_angle(m.camera) for m in maps
+    ]
+    mesh = fuse_depth(maps, dataclasses.replace(how, voxel=settings.voxel * np.median(widths)))
     return {
         "gaussians": len(mesh), "steps": settings.steps, "cpu_seconds": time.process_time() - began,
         "bytes": (_OF_VERTEX * len(mesh.vertices) + _OF_FACE * len(mesh)) / 1e6,
@@ -175,6 +181,7 @@ BENCHMARK = Benchmark(
         ),
         Option("steps", 500, "of each training at equal bytes"),
         Option("max_gaussians", 20_000, "Gaussians"),
+        Option("voxel", 2.0, "of the mesh, widths of a pixel at the median depth"),
         Option("fit", 4, "rounds of `gsut mesh --fit`, of the mesh"),
         Option("holes", 1000, "edges of the longest hole of it that is closed"),
         Option("sh_degree", 1, "of each training"),

@@ -184,6 +184,41 @@ TEST(PoseCovariances, GrowWithVelocitiesToEstimate) {
   for (int k = 0; k < 6; ++k) EXPECT_GT(moving[2](k, k), held[2](k, k)) << k;
 }
 
+TEST(PoseCovariances, OfManyBodiesAreThoseOfFew) {
+  // Relative: rounding, and what ties nearly known velocities to other bodies; worst 3.5e-7.
+  constexpr double kBound = 7e-7;
+  constexpr int kMany = 120;  // bodies whose inverse is made in parts
+  for (const bool moves : {false, true}) {
+    Bundle few = MovingBundle(5, 150, 48);
+    if (!moves) few.velocities.clear();
+    Bundle many = few;
+    BundleOptions options;
+    options.gauge_image = 0;
+    options.scale_image = 4;
+    if (moves) {
+      VelocityPrior known;
+      known.sigma.setConstant(1e-6);
+      options.velocity_priors.assign(kMany, known);
+    }
+    options.image_fixed.assign(kMany, 1);
+    std::fill_n(options.image_fixed.begin(), 5, 0);
+    while (many.camera_from_world.size() < kMany) {
+      many.camera_of_image.push_back(0);
+      many.camera_from_world.emplace_back();
+      if (moves) many.velocities.emplace_back(Velocity::Zero());
+    }
+    const auto in_parts = PoseCovariances(many, options);
+    options.image_fixed.clear();
+    if (moves) options.velocity_priors.resize(5);
+    const auto whole = PoseCovariances(few, options);
+    for (int image = 1; image < 5; ++image) {
+      EXPECT_GT(whole[image].norm(), 0.0);
+      EXPECT_LT((in_parts[image] - whole[image]).norm(), kBound * whole[image].norm())
+          << image << moves;
+    }
+  }
+}
+
 TEST(ObservationResidual, DerivativesOnARigAgreeWithCentralDifferences) {
   constexpr double kStep = 1e-5;
   constexpr double kBound = 7.6e-11;  // relative to the largest derivative; worst 3.8e-11

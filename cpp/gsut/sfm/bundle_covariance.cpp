@@ -17,6 +17,11 @@ namespace {
 // eliminating points is marginalising them. No damping here: what the gauge leaves free must be
 // determined.
 
+// Bodies beyond which the inverse is made in parts, each with its own velocity alone: the whole one
+// takes memory and time that grow with the square and the cube of their number.
+constexpr int kMostAtOnce = 100;
+constexpr Eigen::Index kColumns = 60;  // of the inverse, made at once
+
 using Matrix6 = Eigen::Matrix<double, 6, 6>;
 using MatrixX3 = Eigen::Matrix<double, Eigen::Dynamic, 3>;
 
@@ -109,9 +114,57 @@ Eigen::MatrixXd ReducedNormal(const std::vector<std::vector<Linearized>>& of_poi
   return reduced;
 }
 
-// The unknowns of the bodies that the gauge leaves.
-std::vector<int> FreeUnknowns(const BundleState& state, const BundleOptions& options) {
-  const int size = UnknownsOfBody(state);
+// Poses' own block of the normal equations of many bodies: how one body's velocity, which is known
+// within a prior, ties it to other bodies is left out, so that a velocity is eliminated by itself.
+Eigen::MatrixXd ReducedPoses(const std::vector<std::vector<Linearized>>& of_point,
+                             const BundleState& state, const BundleOptions& options) {
+  constexpr int kPose = kPoseTangent;
+  const int size = UnknownsOfBody(state), bodies = state.num_bodies();
+  Eigen::MatrixXd reduced = Eigen::MatrixXd::Zero(kPose * bodies, kPose * bodies);
+  std::vector<Eigen::MatrixXd> own(bodies, Eigen::MatrixXd::Zero(size, size));
+  std::vector<MatrixX3> cross;
+  for (const auto& observations : of_point) {
+    if (observations.empty()) continue;
+    Eigen::Matrix3d by_point = Eigen::Matrix3d::Zero();
+    cross.clear();
+    for (const Linearized& linear : observations) {
+      by_point += linear.by_point.transpose() * linear.by_point;
+      cross.emplace_back(linear.by_body.transpose() * linear.by_point);
+      own[linear.body] += linear.by_body.transpose() * linear.by_body;
+    }
+    const Eigen::Matrix3d inverse = by_point.inverse();
+    if (!inverse.allFinite()) throw SolveError("a point of the bundle is not determined");
+    for (std::size_t i = 0; i < observations.size(); ++i) {
+      const MatrixX3 scaled = cross[i] * inverse;
+      const int body = observations[i].body;
+      for (std::size_t j = 0; j < observations.size(); ++j) {
+        const int other = observations[j].body;
+        if (other == body) own[body] -= scaled * cross[j].transpose();
+        if (other >= body) continue;  // the lower half is enough
+        reduced.block<kPose, kPose>(kPose * body, kPose * other) -=
+            scaled.topRows<kPose>() * cross[j].topRows<kPose>().transpose();
+      }
+    }
+  }
+  for (std::size_t i = 0; i < options.velocity_priors.size() && size > kPose; ++i) {
+    const int body = state.body_of_image[i];
+    if (state.image_of_body[body] != static_cast<int>(i)) continue;
+    const Velocity weight = options.noise * options.velocity_priors[i].sigma.cwiseInverse();
+    own[body].diagonal().segment<kPose>(kPose) += weight.cwiseAbs2();
+  }
+  for (int body = 0; body < bodies; ++body) {
+    auto pose = reduced.block<kPose, kPose>(kPose * body, kPose * body);
+    pose += own[body].topLeftCorner<kPose, kPose>();
+    if (size == kPose) continue;
+    const Matrix6 both = own[body].topRightCorner<kPose, kPose>();
+    const Matrix6 moving = own[body].bottomRightCorner<kPose, kPose>();
+    pose -= both * moving.ldlt().solve(both.transpose());
+  }
+  return reduced;
+}
+
+// The unknowns of the bodies, `size` each, that the gauge leaves.
+std::vector<int> FreeUnknowns(const BundleState& state, const BundleOptions& options, int size) {
   int held = -1, gauge_body = -1, scale_body = -1;
   if (options.gauge_image >= 0) gauge_body = state.body_of_image[options.gauge_image];
   if (gauge_body >= 0 && options.scale_image >= 0) {
@@ -133,44 +186,87 @@ std::vector<int> FreeUnknowns(const BundleState& state, const BundleOptions& opt
   return free;
 }
 
-}  // namespace
+// The blocks of bodies on the diagonal of the inverse: with S = L L^T, S^-1 = L^-T L^-1, some
+// columns of L^-1 at a time, which are zero above their own rows.
+std::vector<Matrix6> InvertBlocks(Eigen::MatrixXd normal, const std::vector<int>& free,
+                                  int bodies) {
+  const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> cholesky(normal);
+  if (cholesky.info() != Eigen::Success) {
+    throw SolveError("an image, or the scale, is not determined by the points it sees");
+  }
+  std::vector<Matrix6> blocks(bodies, Matrix6::Zero());
+  const Eigen::Index size = normal.rows();
+  const auto body_of = [&](Eigen::Index i) { return free[i] / kPoseTangent; };
+  for (Eigen::Index begin = 0, end = 0; begin < size; begin = end) {
+    while (end < size && (end - begin < kColumns || body_of(end) == body_of(end - 1))) ++end;
+    Eigen::MatrixXd columns = Eigen::MatrixXd::Identity(size - begin, end - begin);
+    normal.bottomRightCorner(size - begin, size - begin)
+        .triangularView<Eigen::Lower>()
+        .solveInPlace(columns);
+    const Eigen::MatrixXd found = columns.transpose() * columns;
+    for (Eigen::Index i = begin; i < end; ++i) {
+      for (Eigen::Index j = begin; j < end; ++j) {
+        if (body_of(i) != body_of(j)) continue;
+        blocks[body_of(i)](free[i] % kPoseTangent, free[j] % kPoseTangent) =
+            found(i - begin, j - begin);
+      }
+    }
+  }
+  return blocks;
+}
 
-std::vector<Matrix6> PoseCovariances(const Bundle& bundle, const BundleOptions& options) {
-  const int images = static_cast<int>(bundle.camera_from_world.size());
-  const BundleState state(bundle);
-  const int size = UnknownsOfBody(state);
-  double squares = 0.0;
-  const auto of_point = Linearize(bundle, state, options.loss_scale, &squares);
-  const Eigen::MatrixXd reduced = ReducedNormal(of_point, state, options);
-  const std::vector<int> free = FreeUnknowns(state, options);
-  const auto points = std::count_if(of_point.begin(), of_point.end(),
-                                    [](const auto& linear) { return !linear.empty(); });
-  // Residuals less unknowns: what is left to estimate the noise from.
-  const std::int64_t freedom = 2 * static_cast<std::int64_t>(bundle.observations.size()) -
-                               3 * static_cast<std::int64_t>(points) -
-                               static_cast<std::int64_t>(free.size());
-  const Eigen::MatrixXd normal = reduced(free, free);
+// The same of few bodies, with all of their velocities.
+std::vector<Matrix6> InvertAll(const Eigen::MatrixXd& normal, const std::vector<int>& free,
+                               int bodies, int size) {
   const Eigen::LLT<Eigen::MatrixXd> cholesky(normal);
   if (cholesky.info() != Eigen::Success) {
     throw SolveError("an image, or the scale, is not determined by the points it sees");
   }
   const Eigen::MatrixXd inverse =
       cholesky.solve(Eigen::MatrixXd::Identity(normal.rows(), normal.cols()));
-  const double variance = squares / static_cast<double>(std::max<std::int64_t>(1, freedom));
-  std::vector<int> place(size * state.num_bodies(), -1);
+  std::vector<int> place(size * bodies, -1);
   for (std::size_t i = 0; i < free.size(); ++i) place[free[i]] = static_cast<int>(i);
-  std::vector<Matrix6> covariances(images);
-  for (int image = 0; image < images; ++image) {
-    const int body = state.body_of_image[image];
-    Matrix6 of_body = Matrix6::Zero();
+  std::vector<Matrix6> blocks(bodies, Matrix6::Zero());
+  for (int body = 0; body < bodies; ++body) {
     for (int i = 0; i < kPoseTangent; ++i) {
       for (int j = 0; j < kPoseTangent; ++j) {
         const int row = place[size * body + i], column = place[size * body + j];
-        if (row >= 0 && column >= 0) of_body(i, j) = variance * inverse(row, column);
+        if (row >= 0 && column >= 0) blocks[body](i, j) = inverse(row, column);
       }
     }
+  }
+  return blocks;
+}
+
+}  // namespace
+
+std::vector<Matrix6> PoseCovariances(const Bundle& bundle, const BundleOptions& options) {
+  const int images = static_cast<int>(bundle.camera_from_world.size());
+  const BundleState state(bundle);
+  const int bodies = state.num_bodies(), size = UnknownsOfBody(state);
+  double squares = 0.0;
+  const auto of_point = Linearize(bundle, state, options.loss_scale, &squares);
+  const auto points = std::count_if(of_point.begin(), of_point.end(),
+                                    [](const auto& linear) { return !linear.empty(); });
+  // Residuals less unknowns: what is left to estimate the noise from.
+  const std::int64_t freedom = 2 * static_cast<std::int64_t>(bundle.observations.size()) -
+                               3 * static_cast<std::int64_t>(points) -
+                               static_cast<std::int64_t>(FreeUnknowns(state, options, size).size());
+  const double variance = squares / static_cast<double>(std::max<std::int64_t>(1, freedom));
+  std::vector<Matrix6> of_body;
+  if (bodies > kMostAtOnce) {
+    const std::vector<int> free = FreeUnknowns(state, options, kPoseTangent);
+    of_body = InvertBlocks(ReducedPoses(of_point, state, options)(free, free), free, bodies);
+  } else {
+    const std::vector<int> free = FreeUnknowns(state, options, size);
+    const Eigen::MatrixXd reduced = ReducedNormal(of_point, state, options);
+    of_body = InvertAll(reduced(free, free), free, bodies, size);
+  }
+  std::vector<Matrix6> covariances(images);
+  for (int image = 0; image < images; ++image) {
     const Matrix6 by_body = CameraByBody(state, image);
-    covariances[image] = by_body * of_body * by_body.transpose();
+    covariances[image] =
+        by_body * (variance * of_body[state.body_of_image[image]]) * by_body.transpose();
   }
   return covariances;
 }

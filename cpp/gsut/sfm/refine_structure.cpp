@@ -125,7 +125,7 @@ Structure RefineStructure(const std::vector<Camera>& cameras,
   const auto round = [&](int iterations, double tolerance) {
     const int added = map.Complete(-1);
     if (map.num_points() < kFewestPoints) return -1.0;
-    map.AdjustGlobally(iterations, tolerance, true, lens_free);
+    map.AdjustGlobally(iterations, tolerance, true, lens_free, true);
     const int dropped = map.Filter(current.max_error);
     report("adjustment");
     return static_cast<double>(added + dropped) / std::max(1, map.num_points());
@@ -139,6 +139,7 @@ Structure RefineStructure(const std::vector<Camera>& cameras,
   // Given poses are roughly right: the largest error starts loose and gets tight, while points and,
   // if free, the lens come to fit.
   for (const double looser : kLooser) {
+    if (options.lens_settled && map.ThinsOut()) break;
     current.max_error = looser * options.max_error;
     if (changed >= 0.0) changed = round(kIterations, tolerance);
   }
@@ -173,8 +174,7 @@ Structure RefineStructure(const std::vector<Camera>& cameras,
                 " are needed in the first image and the one farthest from it too"};
   }
   const bool rough = rolling || !options.covariances;
-  map.AdjustGlobally(kLastIterations, rough ? kRoughLastTolerance : kLastTolerance, true,
-                     lens_free);
+  map.AdjustFinally(kLastIterations, rough ? kRoughLastTolerance : kLastTolerance, lens_free);
   map.Filter(current.max_error);
   report("final adjustment");
   Structure result = map.Result(options.covariances);

@@ -221,16 +221,18 @@ int SceneMap::Complete(int image) {
       }));
 }
 
+int SceneMap::Filter(double max_error) { return Filter(max_error, TracksOf(nullptr)); }
+
 // Two conditions: an observation must be near its point's projection, and the rays that remain must
 // meet at an angle, or the point's depth means nothing.
-int SceneMap::Filter(double max_error) {
-  const auto count = static_cast<std::int64_t>(tracks_.size());
+int SceneMap::Filter(double max_error, const std::vector<int>& tracks) {
+  const auto count = static_cast<std::int64_t>(tracks.size());
   return static_cast<int>(
       ParallelSum(count, kTrackGrain, [&](std::int64_t begin, std::int64_t end) {
         int dropped = 0;
         std::vector<PosedBearing> observations;
         for (std::int64_t i = begin; i < end; ++i) {
-          Track& track = tracks_[i];
+          Track& track = tracks_[tracks[i]];
           if (!track.has_point) continue;
           observations.clear();
           int used = 0;
@@ -247,8 +249,7 @@ int SceneMap::Filter(double max_error) {
           }
           // The point goes if too little is left of it; its features may join again later.
           const std::vector<std::uint8_t> all(observations.size(), 1);
-          if (used >= 2 &&
-              TriangulationAngle(observations, all, track.position) >= options_.min_angle) {
+          if (used >= 2 && ReachesAngle(observations, all, track.position, options_.min_angle)) {
             continue;
           }
           dropped += used;

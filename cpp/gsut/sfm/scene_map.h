@@ -76,15 +76,23 @@ class SceneMap {
   // Drops observations beyond the largest error and points without two good ones and the smallest
   // angle. Returns the number of observations dropped.
   int Filter(double max_error);
+  // The same of these tracks alone.
+  int Filter(double max_error, const std::vector<int>& tracks);
 
   // An image's pose, and velocity, from the points that it sees within this error (pixels), which
   // shrinks to the options'.
   void AdjustImage(int image, double max_error);
-  // Bundle adjustment around an image with those that share most points with it.
-  void AdjustLocally(int image);
-  // Of everything. through_lens: see BundleOptions. Lenses are free where the options say so.
+  // Bundle adjustment around an image with those that share most points with it. Returns the tracks
+  // that took part.
+  std::vector<int> AdjustLocally(int image);
+  // Of everything. through_lens: see BundleOptions. Lenses are free where the options say so. thin:
+  // of many images, only as many tracks as hold each; the other points follow.
   BundleSummary AdjustGlobally(int max_iterations, double tolerance, bool through_lens,
-                               bool lens_free);
+                               bool lens_free, bool thin);
+  // The last adjustment, through the lens and by all tracks.
+  void AdjustFinally(int max_iterations, double tolerance, bool lens_free);
+  // Whether adjustments may leave tracks out: there are enough images.
+  bool ThinsOut() const;
   // Unregisters images, or bodies, that see too few points now; returns how many images.
   int DropWeakImages();
 
@@ -146,8 +154,11 @@ class SceneMap {
   int CompleteTrack(Track* track);
   void UpdateBearings();
   void UpdateLoss();
-  Bundle MakeBundle(const std::vector<std::uint8_t>* images_free, BundleOptions* options,
-                    std::vector<int>* image_of, std::vector<int>* track_of) const;
+  std::vector<int> TracksOf(const std::vector<std::uint8_t>* images_free) const;
+  std::vector<int> ChooseSpread() const;
+  void PlaceOthers(const std::vector<int>& adjusted, const std::vector<Pose>& before);
+  Bundle MakeBundle(const std::vector<std::uint8_t>* images_free, const std::vector<int>& tracks,
+                    BundleOptions* options, std::vector<int>* image_of) const;
   void AddImage(int image, Bundle* bundle, std::vector<int>* image_of) const;
   // Adds the rig, and the images of its bodies that see nothing; sets the gauge.
   void AddRig(Bundle* bundle, BundleOptions* options, std::vector<int>* image_of) const;
@@ -155,7 +166,7 @@ class SceneMap {
   // it.
   void RestoreRigSize(const Bundle& bundle);
   void StoreBundle(const Bundle& bundle, const std::vector<int>& image_of,
-                   const std::vector<int>& track_of);
+                   const std::vector<int>& tracks);
 
   std::vector<Camera> cameras_;
   const std::vector<ImageFeatures>& images_;

@@ -77,80 +77,9 @@ void SceneMap::UpdateLoss() {
                             std::max(kLeastLoss, options_.max_error / kErrorOverBend));
 }
 
-void SceneMap::AddImage(int image, Bundle* bundle, std::vector<int>* image_of) const {
-  image_of->push_back(image);
-  bundle->camera_of_image.push_back(images_[image].camera);
-  bundle->camera_from_world.push_back(poses_[image]);
-  if (rolling()) bundle->velocities.push_back(velocities_[image]);
-}
-
-// Copies what takes part into a bundle with numbers of its own. images_free: the images that move;
-// points that they see move too, and other images that see those are in it, held. Null: everything.
-Bundle SceneMap::MakeBundle(const std::vector<std::uint8_t>* images_free, BundleOptions* options,
-                            std::vector<int>* image_of, std::vector<int>* track_of) const {
-  Bundle bundle;
-  bundle.cameras = cameras_;
-  std::vector<int> place(images_.size(), -1);
-  for (std::size_t t = 0; t < tracks_.size(); ++t) {
-    const Track& track = tracks_[t];
-    if (!track.has_point) continue;
-    const bool wanted =
-        images_free == nullptr ||
-        std::any_of(track.observations.begin(), track.observations.end(),
-                    [&](const Observation& observation) {
-                      return observation.used && (*images_free)[observation.image] != 0;
-                    });
-    if (!wanted) continue;
-    const int point = static_cast<int>(bundle.points.size());
-    bundle.points.push_back(track.position);
-    track_of->push_back(static_cast<int>(t));
-    for (const Observation& observation : track.observations) {
-      if (!observation.used) continue;
-      int& image = place[observation.image];
-      if (image < 0) {
-        image = static_cast<int>(image_of->size());
-        AddImage(observation.image, &bundle, image_of);
-        if (images_free != nullptr) {
-          options->image_fixed.push_back((*images_free)[observation.image] == 0);
-        }
-      }
-      bundle.observations.push_back(
-          {image, point, bearings_[observation.image][observation.feature],
-           images_[observation.image].pixels[observation.feature], TimeOf(observation)});
-    }
-  }
-  // With two held images the gauge needs no more.
-  const auto placed = [&](int image) { return image < 0 ? -1 : place[image]; };
-  options->gauge_image = placed(gauge_first_);
-  options->scale_image = placed(gauge_second_);
-  if (on_rig()) AddRig(&bundle, options, image_of);
-  options->loss_scale = loss_pixels_;
-  if (rolling()) SetPriors(bundle, *image_of, options);
-  if (images_free == nullptr && !options_.places.empty()) SetPlacePriors(*image_of, options);
-  if (!options_.lens_priors.empty()) SetLensPriors(options);
-  if (images_free != nullptr) {
-    const auto fixed = std::count(options->image_fixed.begin(), options->image_fixed.end(), 1);
-    if (fixed >= 2) options->gauge_image = options->scale_image = -1;
-  }
-  return bundle;
-}
-
-void SceneMap::StoreBundle(const Bundle& bundle, const std::vector<int>& image_of,
-                           const std::vector<int>& track_of) {
-  if (on_rig()) camera_from_body_ = bundle.camera_from_body;  // which poses of lines follow
-  for (std::size_t i = 0; i < image_of.size(); ++i) {
-    Place(image_of[i], bundle.camera_from_world[i],
-          rolling() ? bundle.velocities[i] : Velocity::Zero());
-  }
-  for (std::size_t i = 0; i < track_of.size(); ++i) {
-    tracks_[track_of[i]].position = bundle.points[i];
-  }
-  if (on_rig() && options_.rig.refine) RestoreRigSize(bundle);
-}
-
 // A new image changes what is near it: itself and the images that share most points with it move,
 // which costs the same however large the structure has become.
-void SceneMap::AdjustLocally(int image) {
+std::vector<int> SceneMap::AdjustLocally(int image) {
   std::vector<int> shared(images_.size(), 0);
   for (const int index : tracks_of_image_[image]) {
     const Track& track = tracks_[index];
@@ -171,28 +100,34 @@ void SceneMap::AdjustLocally(int image) {
   constexpr double kLocalTolerance = 1e-4;  // relative; the next image moves them again
   options.max_iterations = kLocalIterations;
   options.function_tolerance = kLocalTolerance;
-  std::vector<int> image_of, track_of;
-  Bundle bundle = MakeBundle(&free, &options, &image_of, &track_of);
+  std::vector<int> image_of;
+  std::vector<int> tracks = TracksOf(&free);
+  Bundle bundle = MakeBundle(&free, tracks, &options, &image_of);
   AdjustBundle(&bundle, options);
-  StoreBundle(bundle, image_of, track_of);
+  StoreBundle(bundle, image_of, tracks);
+  return tracks;
 }
 
 BundleSummary SceneMap::AdjustGlobally(int max_iterations, double tolerance, bool through_lens,
-                                       bool lens_free) {
+                                       bool lens_free, bool thin) {
   BundleOptions options;
   options.max_iterations = max_iterations;
   options.function_tolerance = tolerance;
   options.through_lens = through_lens || lens_free;
   if (lens_free) options.lens_free = options_.lens_free;
-  std::vector<int> image_of, track_of;
-  Bundle bundle = MakeBundle(nullptr, &options, &image_of, &track_of);
+  std::vector<int> image_of;
+  const bool some = thin && ThinsOut();
+  const std::vector<int> tracks = some ? ChooseSpread() : TracksOf(nullptr);
+  Bundle bundle = MakeBundle(nullptr, tracks, &options, &image_of);
   const BundleSummary summary = AdjustBundle(&bundle, options);
-  StoreBundle(bundle, image_of, track_of);
+  const std::vector<Pose> before = poses_;
+  StoreBundle(bundle, image_of, tracks);
   if (rolling() && !HasRates()) UpdateVelocitySigmas(bundle);
   if (lens_free) {
     cameras_ = bundle.cameras;
     UpdateBearings();
   }
+  if (some) PlaceOthers(tracks, before);
   UpdateLoss();
   return summary;
 }
@@ -375,8 +310,8 @@ Structure SceneMap::Result(bool covariances) const {
   result.covariances.assign(images_.size(), Eigen::Matrix<double, 6, 6>::Zero());
   if (covariances && num_registered_ >= 2) {
     BundleOptions options;
-    std::vector<int> image_of, track_of;
-    const Bundle bundle = MakeBundle(nullptr, &options, &image_of, &track_of);
+    std::vector<int> image_of;
+    const Bundle bundle = MakeBundle(nullptr, TracksOf(nullptr), &options, &image_of);
     // Relative to the first image, as without places.
     const auto placed = [&](int image) {
       const auto found = std::find(image_of.begin(), image_of.end(), image);

@@ -155,7 +155,7 @@ class Mapper {
     map_->Register(pair.second, pair.second_from_first);
     map_->Complete(pair.first);
     if (map_->num_points() < kInitialPoints) return false;
-    map_->AdjustGlobally(kPairIterations, kGlobalTolerance, false, false);
+    map_->AdjustGlobally(kPairIterations, kGlobalTolerance, false, false, true);
     map_->Filter(options_.max_error);
     if (map_->num_points() < kInitialPoints) return false;
     SetErrorFactor(kGrowingError);
@@ -180,8 +180,7 @@ class Mapper {
         continue;
       }
       map_->Complete(image);
-      map_->AdjustLocally(image);
-      map_->Filter(options_.max_error);
+      map_->Filter(options_.max_error, map_->AdjustLocally(image));
       ReportProgress("image");
       if (map_->num_registered() > options_.global_growth * adjusted_images ||
           map_->num_points() >
@@ -304,7 +303,7 @@ class Mapper {
   void AdjustAll() {
     const bool lens_free = !options_.lens_free.empty() && !options_.lens_settled &&
                            map_->num_registered() >= kLensImages;
-    map_->AdjustGlobally(kGlobalIterations, kGlobalTolerance, lens_free, lens_free);
+    map_->AdjustGlobally(kGlobalIterations, kGlobalTolerance, lens_free, lens_free, true);
     map_->Filter(options_.max_error);
     map_->Complete(-1);
     ReportProgress("adjustment");
@@ -316,7 +315,7 @@ class Mapper {
     for (int factor = kGrowingError / 2; map_->rolling() && factor > 1; factor /= 2) {
       SetErrorFactor(factor);
       map_->Complete(-1);
-      map_->AdjustGlobally(kFinalIterations, kGlobalTolerance, lens_free, lens_free);
+      map_->AdjustGlobally(kFinalIterations, kGlobalTolerance, lens_free, lens_free, true);
       map_->Filter(options_.max_error);
     }
     SetErrorFactor(1.0);
@@ -324,7 +323,7 @@ class Mapper {
     const double last = wanted_.covariances ? kFinalTolerance : kTrialTolerance;
     for (int round = 0; round < kFinalRounds; ++round) {
       map_->AdjustGlobally(kFinalIterations, extends ? kExtendTolerance : last, lens_free,
-                           lens_free);
+                           lens_free, true);
       const int dropped = map_->Filter(options_.max_error);
       const int added = map_->Complete(-1);
       map_->DropWeakImages();
@@ -335,12 +334,12 @@ class Mapper {
     for (int round = 0; extends && round < wanted_.extend_rounds; ++round) {
       map_->Extend();
       ReportProgress("longer tracks");
-      map_->AdjustGlobally(kFinalIterations, kExtendTolerance, lens_free, lens_free);
+      map_->AdjustGlobally(kFinalIterations, kExtendTolerance, lens_free, lens_free, true);
       map_->Filter(options_.max_error);
       map_->Complete(-1);
       map_->DropWeakImages();
     }
-    map_->AdjustGlobally(kFinalIterations, last, true, lens_free);
+    map_->AdjustFinally(kFinalIterations, last, lens_free);
     map_->Filter(options_.max_error);
     map_->DropWeakImages();
     ReportProgress("final adjustment");

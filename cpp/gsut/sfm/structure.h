@@ -55,7 +55,9 @@ struct StructureOptions {
   std::vector<std::vector<std::uint8_t>> lens_free;
   // What is known of them beforehand, one prior a camera; empty: nothing.
   std::vector<LensPrior> lens_priors;
-  bool lens_settled = false;  // they are nearly right: it is enough to estimate them at the end
+  // They are nearly right: it is enough to estimate them at the end. So are the poses given to
+  // RefineStructure, which then needs no looser rounds where tracks are left out.
+  bool lens_settled = false;
   // Rolling shutters: how lines are read; each image then has a velocity of its own. rolling_error:
   // the largest error, in units of max_error, until velocities are known.
   Shutter shutter;
@@ -94,6 +96,9 @@ struct StructureOptions {
   double extend_radius = 5.0;
   double extend_distance = 0.8;
   int extend_rounds = 0;
+  // From this number of registered images on, all adjustments but the last leave out tracks that no
+  // image needs, and the last one starts where such an adjustment has ended. Not on a rig.
+  int thin_from = 64;
   // Every n-th point of at least three observations keeps one out of all adjustments; 0: none.
   int hold_out_every = 0;
   Rig rig;  // for RefineStructure

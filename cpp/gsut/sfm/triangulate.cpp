@@ -56,20 +56,22 @@ std::array<double, 2> RayDepths(const Pose& second_from_first, const Eigen::Vect
   return {ray2.cross(t).dot(normal) / squared_sine, a.cross(t).dot(normal) / squared_sine};
 }
 
-// The largest angle between two rays at the point: what its depth can be known from.
-double TriangulationAngle(std::span<const PosedBearing> observations,
-                          std::span<const std::uint8_t> chosen, const Eigen::Vector3d& point) {
-  double largest = 0.0;
+// The largest angle between two rays at the point is what its depth can be known from. Rays far
+// apart in the list are compared first: in a walk they mostly differ enough, and one such pair
+// suffices.
+bool ReachesAngle(std::span<const PosedBearing> observations, std::span<const std::uint8_t> chosen,
+                  const Eigen::Vector3d& point, double min_angle) {
+  std::vector<Eigen::Vector3d> rays;
   for (std::size_t i = 0; i < observations.size(); ++i) {
-    if (!chosen[i]) continue;
-    const Eigen::Vector3d a = point - observations[i].camera_from_world->CenterInSource();
-    for (std::size_t j = i + 1; j < observations.size(); ++j) {
-      if (!chosen[j]) continue;
-      const Eigen::Vector3d b = point - observations[j].camera_from_world->CenterInSource();
-      largest = std::max(largest, std::atan2(a.cross(b).norm(), a.dot(b)));
+    if (chosen[i]) rays.push_back(point - observations[i].camera_from_world->CenterInSource());
+  }
+  for (std::size_t gap = rays.size(); gap-- > 1;) {
+    for (std::size_t i = 0; i + gap < rays.size(); ++i) {
+      const Eigen::Vector3d &a = rays[i], &b = rays[i + gap];
+      if (std::atan2(a.cross(b).norm(), a.dot(b)) >= min_angle) return true;
     }
   }
-  return largest;
+  return min_angle <= 0.0;
 }
 
 bool RefinePoint(std::span<const PosedBearing> observations, std::span<const std::uint8_t> chosen,
@@ -148,7 +150,7 @@ TriangulatedPoint Triangulate(std::span<const PosedBearing> observations,
   if (best.num_kept == 0) return best;
   Eigen::Vector3d refined = best.point;
   if (RefinePoint(observations, best.kept, &refined)) judge(refined);
-  if (!(TriangulationAngle(observations, best.kept, best.point) >= options.min_angle)) {
+  if (!ReachesAngle(observations, best.kept, best.point, options.min_angle)) {
     best.num_kept = 0;
     best.kept.assign(count, 0);
   }

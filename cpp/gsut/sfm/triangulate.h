@@ -32,9 +32,10 @@ struct TriangulatedPoint {
   int num_kept = 0;                                 // 0: there is no such point
 };
 
-// Largest angle between any two of the rays from the point to the chosen cameras, in radians.
-double TriangulationAngle(std::span<const PosedBearing> observations,
-                          std::span<const std::uint8_t> chosen, const Eigen::Vector3d& point);
+// Whether any two of the rays from the point to the chosen cameras are at least this far apart, in
+// radians.
+bool ReachesAngle(std::span<const PosedBearing> observations, std::span<const std::uint8_t> chosen,
+                  const Eigen::Vector3d& point, double min_angle);
 
 // Least squares of the residuals of the chosen observations, in pixels (Gauss-Newton).
 // False if it does not converge to a finite point.

@@ -12,7 +12,7 @@ from gsut import _core
 from gsut._core import CameraMotion, InputError
 from gsut.render import render, render_surface, to_uint8
 from gsut.run import check_fits, free_memory
-from gsut.surface.fit import fit_mesh, gather_pixels
+from gsut.surface.fit import fit_mesh
 from gsut.surface.mesh import Mesh
 
 _NEIGHBOURS = 8  # views, nearest by place and direction, against which a depth map is checked
@@ -217,8 +217,7 @@ def fuse_depth(
     mesh = mesh if o.faces is None else mesh.reduce(o.faces)
     if o.fit is None or not len(mesh):
         return mesh
-    pixels = [gather_pixels(m) for m in given]
-    return fit_mesh(mesh, pixels, o.fit, lambda *done: progress("fit", *done))
+    return fit_mesh(mesh, given, o.fit, lambda *done: progress("fit", *done))
 
 
 def _shrink_lens(camera: Any, most: int) -> Any:
@@ -243,7 +242,7 @@ def _render_map(
     size = (camera.width, camera.height)
     if mask.shape[::-1] != size:
         mask = cv2.resize(mask.astype(np.uint8), size, interpolation=0) > 0
-    result = render(gaussians, camera, motion, background=background)
+    result = render(gaussians.order_by_centers(), camera, motion, background=background)
     surface = render_surface(result)
     depth = np.where(result.alpha < _NOTHING, np.inf, getattr(surface, o.depth))
     depth = np.where(mask & camera.rays()[1], depth, np.nan).astype(np.float32)

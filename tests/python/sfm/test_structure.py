@@ -51,6 +51,30 @@ def test_estimate_poses_synthetic_walk_finds_all_poses_within_noise(rng):
     assert len(found["points"]) > 400
 
 
+def test_estimate_poses_thinned_finds_poses_as_well_as_by_all_tracks(rng):
+    scene = Synthetic(rng, images=12, points=900)
+    found = {thin_from: scene.solve(thin_from=thin_from) for thin_from in (6, 100)}
+    thinned, whole = found[6], found[100]
+    assert not np.array_equal(thinned["camera_from_world"], whole["camera_from_world"])
+    errors = {
+        key: compare_poses(each["camera_from_world"], np.array(scene.poses)).ate_percent
+        for key, each in found.items()
+    }
+    assert errors[6] < tolerances.SFM_THINNED_ATE_RATIO * errors[100]
+    assert len(thinned["points"]) > 0.99 * len(whole["points"])
+
+
+def test_estimate_poses_thinned_has_the_same_bits_on_any_threads(rng):
+    scene = Synthetic(rng, images=12, points=900)
+    found = []
+    for threads in (1, 2):
+        _core.set_num_threads(threads)
+        found.append(scene.solve(thin_from=6))
+    _core.set_num_threads(0)
+    for key in ("camera_from_world", "points"):
+        assert np.array_equal(found[0][key], found[1][key])
+
+
 def test_estimate_poses_sees_beyond_ninety_degrees(rng):
     scene = Synthetic(rng)
     found = scene.solve()

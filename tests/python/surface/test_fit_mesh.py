@@ -97,27 +97,27 @@ def test_derivatives_of_drawn_pixels_are_differences(ball, rolling):
 def test_colors_are_found_again(ball, views):
     rng = np.random.default_rng(7)
     true = dataclasses.replace(ball, colors=rng.uniform(size=ball.vertices.shape))
-    pixels = []
-    tree = _core.TriangleTree(ball.vertices, ball.faces)
-    for view in map(gather_pixels, views):
-        faces = tree.cast(view.origins, view.rays)[1]
-        met = faces >= 0
-        view = dataclasses.replace(
-            view, origins=view.origins[met], rays=view.rays[met], colors=view.colors[met]
-        )
-        pixels.append(dataclasses.replace(view, colors=draw_pixels(true, faces[met], view)[1]))
+    tree, drawn = _core.TriangleTree(ball.vertices, ball.faces), []
+    for view in views:
+        pixels = gather_pixels(view)
+        faces = tree.cast(pixels.origins, pixels.rays)[1]
+        image, depth = view.image.copy(), view.depth.copy()
+        colors = draw_pixels(true, faces, pixels)[1]
+        known = np.isfinite(depth)
+        image[known] = np.round(255 * np.clip(colors, 0, 1))
+        depth[known] = np.where(faces >= 0, depth[known], np.inf)
+        drawn.append(dataclasses.replace(view, depth=depth, image=image))
     before = np.abs(ball.colors - true.colors).mean()
-    found = fit_mesh(ball, pixels, 0, ignore)
+    found = fit_mesh(ball, drawn, 0, ignore)
     assert np.array_equal(found.vertices, ball.vertices)
     assert np.abs(found.colors - true.colors).mean() < 0.1 * before
 
 
 def test_rounds_move_vertices_to_the_surface_that_images_show(ball, views):
     wide = dataclasses.replace(ball, vertices=1.04 * ball.vertices)
-    pixels = [gather_pixels(view) for view in views]
     off = [
         np.abs(np.linalg.norm(mesh.vertices, axis=1) - 1).mean()
-        for mesh in (wide, fit_mesh(wide, pixels, 4, ignore))
+        for mesh in (wide, fit_mesh(wide, views, 4, ignore))
     ]
     assert off[0] == pytest.approx(0.04, abs=2e-3)
     assert off[1] < 0.5 * off[0]

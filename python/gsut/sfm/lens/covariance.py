@@ -20,6 +20,9 @@ _MEDIAN_SQUARE = 2 * math.log(2)  # of a normal vector's length in the plane, in
 # A direction of a point whose square counts less than this share is open: parallax below 1e-6 rad.
 _OPEN = 1e-12
 _CHUNK = 2000  # points whose pairs of observations are summed at once, to bound memory
+_MANY_IMAGES = 100  # beyond which a part of the points is enough
+_MOST_POINTS = 4000  # chosen of many images
+_LEAST_SEEN = 30  # chosen points in every image, or all points count
 
 
 @dataclasses.dataclass(frozen=True)
@@ -113,6 +116,9 @@ def estimate_lens_covariances(
         if basis is not None:
             change[own, :, end - basis.shape[1] : end] = by_params @ basis
     good = np.isfinite(by_p).all(axis=(1, 2)) & np.isfinite(solution.residuals).all(axis=1)
+    some = _choose_points(solution)[point]
+    share = np.count_nonzero(good & some) / np.count_nonzero(good)
+    good &= some
     image, point, rotation, p = image[good], point[good], rotation[good], p[good]
     by_p, change, lens_of = by_p[good], change[good], lens_of[good]
     residual = solution.residuals[good]
@@ -127,8 +133,11 @@ def estimate_lens_covariances(
             [rows, solution.measure_line_times()[good, None, None] * rows], axis=2
         )
     normal, freedom = eliminate_points(image, point, rows, change, -weight * by_centre, len(poses))
-    _add_velocity_priors(normal, solution, math.sqrt(float(np.median(squared)) / 2), rows.shape[2])
-    weight_of_center = math.sqrt(feature_variance * float(np.median(squared)) / _MEDIAN_SQUARE)
+    deviation = math.sqrt(share * float(np.median(squared)) / 2)
+    _add_velocity_priors(normal, solution, deviation, rows.shape[2])
+    weight_of_center = math.sqrt(
+        share * feature_variance * float(np.median(squared)) / _MEDIAN_SQUARE
+    )
     _add_center_priors(normal, lenses.cameras, bases, weight_of_center / center_sigma)
     freedom += 2 * len(image)
     unknown = _find_unknowns(solution, change.shape[2], rows.shape[2])
@@ -146,7 +155,7 @@ def estimate_lens_covariances(
             "turned in different directions"
         )
     noise, variance = estimate_residual_spread(squared, weight[:, 0, 0] ** 2, freedom)
-    variance *= feature_variance
+    variance *= feature_variance * share
     turn = weight * differentiate_by_turn(by_p, p)
     found = []
     for number, (flags, basis, end) in enumerate(zip(lenses.free, bases, ends, strict=True)):
@@ -161,6 +170,22 @@ def estimate_lens_covariances(
         turned = both @ params @ both.T
         found.append(LensCovariance(params, np.asarray(flags) > 0, basis, turned, noise))
     return found
+
+
+def _choose_points(solution: Solution) -> np.ndarray:
+    """Chooses (P,) bool points that determine a lens: every n-th one where images are many.
+
+    A share of the observations determines a lens by as much less.
+    """
+    count = len(solution.points)
+    step = -(-count // _MOST_POINTS)
+    chosen = np.arange(count) % step == 0 if count else np.ones(0, bool)
+    point, image = solution.observations[:, 0], solution.observations[:, 1]
+    seen = np.bincount(image[chosen[point]], minlength=len(solution.names))
+    is_enough = seen[solution.registered].min() >= _LEAST_SEEN
+    if solution.num_registered <= _MANY_IMAGES or not is_enough:
+        return np.ones(count, bool)
+    return chosen
 
 
 def spread_free_parameters(flags: np.ndarray) -> np.ndarray:

@@ -26,6 +26,8 @@ _GROUPS = 8
 _FEWEST_IMAGES = 4
 # Most matches of a pair in adjustments without a group.
 _GROUP_MATCHES = 150
+# The same of more than `_MOST_BESIDE` images, which have many pairs each.
+_FEW_MATCHES = 50
 # Most images that groups are left out of beside each other: adjustments of more keep all cores busy
 # by themselves, and take memory.
 _MOST_BESIDE = 100
@@ -147,9 +149,10 @@ def estimate_focal_sigma(
     """
     if solution.num_registered < _FEWEST_IMAGES:
         return math.inf
-    pairs = keep_most_distinct(mapping.pairs, _GROUP_MATCHES)
-    adjustment = Adjustment(flags, covariances=False)
+    adjustment = Adjustment(flags, lens_settled=True, covariances=False)
     images = np.flatnonzero(solution.registered)
+    is_small = len(images) <= _MOST_BESIDE
+    pairs = keep_most_distinct(mapping.pairs, _GROUP_MATCHES if is_small else _FEW_MATCHES)
     # Only how the focal length varies is asked: a readout needs no adjustment here.
     still = dataclasses.replace(solution, shutter=None, velocities=None)
 
@@ -169,7 +172,7 @@ def estimate_focal_sigma(
     groups = np.array_split(images, count_groups(solution))
     found = run_trials(
         [functools.partial(find_without, group) for group in groups],
-        threads=None if len(images) <= _MOST_BESIDE else 1,
+        threads=None if is_small else 1,
     )
     logs = [each for each in found if each is not None]
     spread = math.sqrt((len(logs) - 1) * float(np.var(logs))) if len(logs) > 1 else math.inf

@@ -46,7 +46,11 @@ def compare_halves(mapping: Mapping) -> None:
     try:
         one, other = (
             adjust_registered(
-                still, mapping.features, half, fewer, adjustment=Adjustment(covariances=False)
+                still,
+                mapping.features,
+                half,
+                fewer,
+                adjustment=Adjustment(lens_settled=True, covariances=False),
             )
             for half in _split_matches(mapping)
         )

@@ -96,7 +96,7 @@ def adjust_poses(
     """
     rig, motion = adjustment.rig, adjustment.motion
     settings = _make_settings(images, options, adjustment)
-    settings["covariances"] = adjustment.covariances
+    settings |= {"lens_settled": adjustment.lens_settled, "covariances": adjustment.covariances}
     if motion is not None:
         settings.update(motion.to_settings())
         if images.lines is not None:
