@@ -122,9 +122,12 @@ View GaussiansOf(const py::handle& gaussians, const HarmonicsRows* rows, Get&& g
     view.sh_coefficients = sh_array.ndim() == 3 ? static_cast<int>(sh_array.shape(1)) : 0;
     view.sh = get(sh, "sh", {view.size, view.sh_coefficients, 3});
   }
-  // What a model carries of its rule; arrays without it are drawn by the maximum.
+  // What a model carries of its rule; arrays without it are drawn by the maximum and the distance.
   if (py::hasattr(gaussians, "response")) {
     view.response = ResponseNamed(py::cast<std::string>(gaussians.attr("response")));
+  }
+  if (py::hasattr(gaussians, "order")) {
+    view.order = OrderNamed(py::cast<std::string>(gaussians.attr("order")));
   }
   if (py::hasattr(gaussians, "primitive")) {
     view.primitive = PrimitiveNamed(py::cast<std::string>(gaussians.attr("primitive")));

@@ -289,9 +289,9 @@ Raises:
       .def_property(
           "order", [](const BlendRule& rule) { return NameOf(rule.order); },
           [](BlendRule& rule, const std::string& name) { rule.order = OrderNamed(name); },
-          "What orders Gaussians: the means' \"distance\" or camera \"z\", \"ray\": where each "
-          "pixel's "
-          "ray is nearest to each of them, or \"integral\": no order, they overlap as densities.");
+          "What orders Gaussians: the means' \"distance\" or camera \"z\"; \"ray\": where each "
+          "pixel's ray is nearest to each of them; \"integral\": no order, they overlap as "
+          "densities; \"model\", of gsut's own rule: as the Gaussians say, see `gsut.Gaussians`.");
   py::class_<BoundJob>(m, "RenderJob", "One image to be rendered: its camera, pose and rules.")
       .def(py::init([](const Camera& camera, const py::object& pose, const BlendRule& rule,
                        const std::array<double, 3>& background, int sh_degree,

@@ -27,7 +27,11 @@ class GaussianColors : public SceneColors {
  public:
   GaussianColors(const GaussiansView<const float>& gaussians, const RenderSettings& settings,
                  const UnscentedOptions& unscented)
-      : gaussians_(gaussians), settings_(settings), unscented_(unscented) {}
+      : gaussians_(gaussians), settings_(settings), unscented_(unscented) {
+    // Colours have no derivatives along the ray: there, those by the distance bring a pose near.
+    settings_.rule = settings_.rule.For(gaussians.order);
+    if (settings_.rule.order == OrderKey::kRay) settings_.rule.order = OrderKey::kDistance;
+  }
 
   // Colours of chosen pixels, float32 rendered and widened; by_center null: no derivatives wanted,
   // which saves keeping what the backward pass would read.

@@ -407,7 +407,7 @@ TEST(BlendRuleTest, PresetsDifferAsPublishedAndUnknownNamesRaise) {
   const BlendRule own = BlendRule::Named("");
   const BlendRule gsplat = BlendRule::Named("gsplat");
   const BlendRule ut = BlendRule::Named("3dgrut");
-  EXPECT_EQ(own.order, OrderKey::kDistance);
+  EXPECT_EQ(own.order, OrderKey::kModel);
   EXPECT_EQ(gsplat.order, OrderKey::kDepthZ);
   EXPECT_TRUE(gsplat.stop_before);
   EXPECT_FALSE(ut.stop_before);

@@ -16,6 +16,8 @@ _TRUE_OF_EXACT = (
 )
 # Pixels by which a shutter must shift the picture for its readout to be missed.
 _SHIFT_PX = 1.5
+# Orders of lines whose true readout is below zero.
+_BACKWARDS = ("bottom_to_top", "right_to_left")
 # What gsut promises of every input: a run with one of these has failed.
 BROKEN = ("traceback", "time limit", "other bits")
 
@@ -117,6 +119,6 @@ def _check_shutter(row: dict[str, Any]) -> Iterator[Misfire]:
             "readout missed", f"true {true:.1f} ms, {row['readout_px']:.1f} px, measured {known}"
         )
     elif is_rolling and found and row["readout_sigma"]:
-        off = abs(1e3 * found - true) / (1e3 * row["readout_sigma"])
-        if off > _SIGMAS:
-            yield Misfire("readout beyond 3 sigma", f"{1e3 * found:.1f} ms, true {true:.1f} ms")
+        signed = 1e3 * (-found if row["shutter_found"] in _BACKWARDS else found)
+        if abs(signed - true) > _SIGMAS * 1e3 * row["readout_sigma"]:
+            yield Misfire("readout beyond 3 sigma", f"{signed:.1f} ms, true {true:.1f} ms")

@@ -5,6 +5,7 @@
 
 #include "gsut/gaussians/activations.h"
 #include "gsut/gaussians/primitive.h"
+#include "gsut/gaussians/order.h"
 #include "gsut/gaussians/response.h"
 
 namespace gsut {
@@ -35,10 +36,12 @@ struct GaussiansView {
   // How their responses fall, and (N,) the shapes of those that have one, as stored; else null.
   Primitive primitive = Primitive::kGaussian;
   T* shapes = nullptr;
+  // In which they are blended, unless the blend rule says another.
+  OrderKey order = OrderKey::kDistance;
 
   GaussiansView<const T> AsConst() const {
     return {size, sh_coefficients, means,    quats,     log_scales, opacity_logits,
-            sh,   is_linear,       response, primitive, shapes};
+            sh,   is_linear,       response, primitive, shapes,     order};
   }
   // Of Gaussian i in double: its standard deviation along axis k, and its opacity.
   double Scale(std::int64_t i, int k) const {

@@ -247,6 +247,21 @@ HWY_INLINE ResponseGradient StepOver(BackwardFlags flags, const BlendLimits& lim
   return {h, to_distance};
 }
 
+// The pairs of a tile as the forward pass kept them, in an order of all its pixels: T and B are
+// carried from one to the next.
+struct KeptPairs {
+  const TileEntry* entries;
+  std::uint32_t count;
+
+  HWY_INLINE KeptPairs(const Frame& frame, int tile)
+      : entries(frame.entries.data() + frame.tile_begin[tile]), count(frame.entry_count[tile]) {}
+  // Reads the tile's fields once they are started, and completes entries and count.
+  template <int kNumFields>
+  HWY_INLINE void Start(BackwardFlags, TileFields<kNumFields>*) {}
+  // Puts T and B in front of entry e at a block into its fields.
+  HWY_INLINE void Restore(std::uint32_t, int, BlockFields) const {}
+};
+
 // Calls run(flags) with constant flags, a build of the pass for each combination that occurs. run
 // is a lambda marked GSUT_INLINED_LAMBDA: only inlined, its flags are constants.
 template <class Run>

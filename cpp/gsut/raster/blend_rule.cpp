@@ -20,27 +20,6 @@ void Require(bool holds, const char* field, double value, const char* wanted) {
 
 }  // namespace
 
-const char* NameOf(OrderKey order) {
-  switch (order) {
-    case OrderKey::kDepthZ:
-      return "z";
-    case OrderKey::kRay:
-      return "ray";
-    case OrderKey::kIntegral:
-      return "integral";
-    default:
-      return "distance";
-  }
-}
-
-OrderKey OrderNamed(const std::string& name) {
-  for (const OrderKey known :
-       {OrderKey::kDistance, OrderKey::kDepthZ, OrderKey::kRay, OrderKey::kIntegral}) {
-    if (name == NameOf(known)) return known;
-  }
-  throw InputError("order \"" + name + "\" is unknown; known: distance, z, ray, integral");
-}
-
 // The rules of other rasterizers, for comparison with their images: both order by camera z; gsplat
 // leaves the Gaussian out that would cross the limit, 3DGRUT cuts responses off instead of alphas.
 BlendRule BlendRule::Named(const std::string& name) {

@@ -4,18 +4,9 @@
 #include <limits>
 #include <string>
 
+#include "gsut/gaussians/order.h"
+
 namespace gsut {
-
-// What orders the Gaussians of a camera, nearest first; equal keys by index.
-//   kDistance  the mean's distance from the camera's centre, one order for all pixels;
-//   kDepthZ    the mean's camera z, likewise;
-//   kRay       where each pixel's own ray is nearest to the Gaussian, from the ray's own origin;
-//   kIntegral  none: Gaussians are densities that overlap, see reference/integral.h.
-enum class OrderKey { kDistance, kDepthZ, kRay, kIntegral };
-
-// Throws InputError, with the known names, for any but "distance", "z", "ray" and "integral".
-OrderKey OrderNamed(const std::string& name);
-const char* NameOf(OrderKey order);
 
 // Front-to-back blending. For each Gaussian in order:
 //   response = exp(-D^2 / 2), D the smallest Mahalanobis distance along the ray; 0 where that point
@@ -31,7 +22,7 @@ struct BlendRule {
   // true: the Gaussian that would bring T to transmittance_min or below is not blended any more;
   // false: it is, and it is the last one.
   bool stop_before = false;
-  OrderKey order = OrderKey::kDistance;
+  OrderKey order = OrderKey::kModel;
   // Centres with camera z outside [near_z, far_z] are dropped. Off by default: a lens sees beyond
   // 90 degrees, where z is negative.
   double near_z = -std::numeric_limits<double>::infinity();
@@ -42,6 +33,13 @@ struct BlendRule {
   // response > 0.0113. Both draw hits behind the origin in no case that this rule would not, but
   // 3dgrut does not test for them: gsut never draws them.
   static BlendRule Named(const std::string& name);
+
+  // This rule for a model: with its order in place of kModel.
+  BlendRule For(OrderKey of_model) const {
+    BlendRule rule = *this;
+    if (order == OrderKey::kModel) rule.order = of_model;
+    return rule;
+  }
 
   // Throws InputError, naming the field, unless 1e-37 <= alpha_min < 1 (float's exponent ends
   // there), 0 < alpha_max < 1 (the backward divides by 1 - alpha), response_min and

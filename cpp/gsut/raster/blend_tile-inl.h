@@ -36,11 +36,19 @@ struct NoSink {
   static constexpr bool kKeepsWeights = false;
 };
 
-// Sets the tile's pixels to nothing blended yet. T starts at 0 where a pixel has no ray.
-HWY_INLINE void ClearTile(bool with_depth, const TileGrid& grid, std::size_t pixel0, Frame* frame) {
+// Sets the light of the tile's pixels to nothing blended yet: 0 where a pixel has no ray.
+HWY_INLINE void ClearLight(const TileGrid& grid, std::size_t pixel0, Frame* frame) {
   const FloatTag d;
   for (std::size_t o = pixel0; o < pixel0 + kTilePixels; o += kLanes) {
     hn::Store(hn::Load(d, &grid.start[o]), d, &frame->transmittance[o]);
+  }
+}
+
+// Sets the tile's pixels to nothing blended yet.
+HWY_INLINE void ClearTile(bool with_depth, const TileGrid& grid, std::size_t pixel0, Frame* frame) {
+  const FloatTag d;
+  ClearLight(grid, pixel0, frame);
+  for (std::size_t o = pixel0; o < pixel0 + kTilePixels; o += kLanes) {
     for (AlignedVector<float>& channel : frame->color) hn::Store(hn::Zero(d), d, &channel[o]);
     if (with_depth) StoreDepth(DepthSums::Zero(), o, frame);
   }

@@ -57,7 +57,9 @@ HWY_INLINE void LeastOfEach(const FloatVec* v, float* least) {
   }
 }
 
-// The pixels of a block while Gaussians are blended into them.
+// The pixels of a block while Gaussians are blended into them. kLightAlone: colours and depth stay
+// as an earlier blend left them.
+template <bool kLightAlone>
 struct BlockPixels {
   FloatVec transmittance, red, green, blue;
   DepthSums depth;
@@ -67,16 +69,18 @@ struct BlockPixels {
   HWY_INLINE BlockPixels(const RasterTask& task, const Frame& frame, std::size_t o) {
     const FloatTag d;
     transmittance = hn::Load(d, &frame.transmittance[o]);
+    stop = hn::Set(d, task.transmittance_min);
+    open = hn::Ge(transmittance, stop);
+    if constexpr (kLightAlone) return;
     red = hn::Load(d, &frame.color[0][o]);
     green = hn::Load(d, &frame.color[1][o]);
     blue = hn::Load(d, &frame.color[2][o]);
     depth = task.with_depth ? LoadDepth(frame, o) : DepthSums::Zero();
-    stop = hn::Set(d, task.transmittance_min);
-    open = hn::Ge(transmittance, stop);
   }
   HWY_INLINE void Store(const RasterTask& task, std::size_t o, Frame* frame) const {
     const FloatTag d;
     hn::Store(transmittance, d, &frame->transmittance[o]);
+    if constexpr (kLightAlone) return;
     hn::Store(red, d, &frame->color[0][o]);
     hn::Store(green, d, &frame->color[1][o]);
     hn::Store(blue, d, &frame->color[2][o]);
@@ -84,8 +88,9 @@ struct BlockPixels {
   }
   // Blends a hit whose light is known. It decides by itself whether its pixel had stopped before:
   // light only falls along a ray.
-  HWY_INLINE void Blend(const RasterTask& task, FloatVec t, FloatVec rest, FloatVec front,
-                        const FloatVec* color) {
+  HWY_INLINE void Blend(const RasterTask& task, const BlockHit& hit, FloatVec t, FloatVec rest,
+                        FloatVec front) {
+    const FloatTag d;
     const FloatVec behind = hn::Mul(front, rest);
     FloatMask blends = hn::Ge(front, stop);
     if (HWY_UNLIKELY(task.stop_before)) {
@@ -93,15 +98,16 @@ struct BlockPixels {
       transmittance = hn::IfThenElse(ends, hn::Neg(hn::Abs(transmittance)), transmittance);
       blends = hn::AndNot(ends, blends);
     }
+    transmittance = MulWhere(blends, transmittance, rest);
+    if constexpr (kLightAlone) return;
     // Without a hit rest is 1 and the weight 0.
     const FloatVec weight = hn::IfThenElseZero(blends, hn::Sub(front, behind));
-    red = hn::MulAdd(weight, color[0], red);
-    green = hn::MulAdd(weight, color[1], green);
-    blue = hn::MulAdd(weight, color[2], blue);
+    red = hn::MulAdd(weight, hn::Set(d, hit.color[0]), red);
+    green = hn::MulAdd(weight, hn::Set(d, hit.color[1]), green);
+    blue = hn::MulAdd(weight, hn::Set(d, hit.color[2]), blue);
     if (HWY_UNLIKELY(task.with_depth)) {
       depth.Add(weight, hn::IfThenElseZero(hn::And(blends, IsHit(t)), t));
     }
-    transmittance = MulWhere(blends, transmittance, rest);
   }
   HWY_INLINE bool AreClosed() const {
     return hn::AllFalse(FloatTag(), hn::And(open, hn::Ge(transmittance, stop)));
@@ -143,16 +149,9 @@ HWY_INLINE void FilterPairs(const FloatVec* t, const FloatVec* rest, FloatVec* f
   }
 }
 
-struct HitColor {
-  FloatVec values[3];
-  HWY_INLINE explicit HitColor(const BlockHit& hit) {
-    for (int c = 0; c < 3; ++c) values[c] = hn::Set(FloatTag(), hit.color[c]);
-  }
-};
-
 // Blends the open ones whose t is nowhere above `bound`.
-template <class Notes>
-HWY_INLINE void Release(const RasterTask& task, float bound, BlockHits* hits, BlockPixels* pixels,
+template <class Pixels, class Notes>
+HWY_INLINE void Release(const RasterTask& task, float bound, BlockHits* hits, Pixels* pixels,
                         Notes* notes) {
   const FloatTag d;
   int* const open = hits->open;
@@ -167,8 +166,7 @@ HWY_INLINE void Release(const RasterTask& task, float bound, BlockHits* hits, Bl
       p = base + 63 - __builtin_clzll(bits);
       const BlockHit& hit = slots[open[p]];
       if constexpr (Notes::kTakes) notes->Settle(slots, open[p], open, count);
-      pixels->Blend(task, hn::Load(d, hit.t), hn::Load(d, hit.rest), hn::Load(d, hit.front),
-                    HitColor(hit).values);
+      pixels->Blend(task, hit, hn::Load(d, hit.t), hn::Load(d, hit.rest), hn::Load(d, hit.front));
       hits->GiveBackIf(true, open[p]);
       --count;
       open[p] = open[count];
@@ -179,20 +177,15 @@ HWY_INLINE void Release(const RasterTask& task, float bound, BlockHits* hits, Bl
 }
 
 // Blends a hit that was swept, with nothing before `bound` left to sweep, or leaves it open.
-template <class Notes>
+template <class Pixels>
 HWY_INLINE void BlendOrOpen(const RasterTask& task, float bound, int slot, FloatVec t,
-                            FloatVec rest, FloatVec front, BlockHits* hits, BlockPixels* pixels,
-                            Notes* notes) {
+                            FloatVec rest, FloatVec front, BlockHits* hits, Pixels* pixels) {
   const FloatTag d;
   BlockHit& hit = hits->slots[slot];
-  if constexpr (Notes::kTakes) {
-    notes->LeaveGroup();
-    if (hit.last <= bound) notes->Settle(hits->slots, slot, hits->open, hits->num_open);
-  }
   // Both, for a branch would be mispredicted: what stays open is blended as no hit.
   const FloatMask leaves = hn::Le(hn::Set(d, hit.last), hn::Set(d, bound));
-  pixels->Blend(task, hn::IfThenElse(leaves, t, hn::Set(d, kNever)),
-                hn::IfThenElse(leaves, rest, hn::Set(d, 1.0f)), front, HitColor(hit).values);
+  pixels->Blend(task, hit, hn::IfThenElse(leaves, t, hn::Set(d, kNever)),
+                hn::IfThenElse(leaves, rest, hn::Set(d, 1.0f)), front);
   hn::Store(front, d, hit.front);
   hits->OpenIf(!(hit.last <= bound), slot, hit.last);
   hits->GiveBackIf(hit.last <= bound, slot);
@@ -202,7 +195,7 @@ HWY_INLINE void BlendOrOpen(const RasterTask& task, float bound, int slot, Float
 // o.
 template <class Kernel, class Notes>
 HWY_INLINE void ReadHits(const RasterTask& task, const Kernel& kernel, std::uint64_t todo, int part,
-                         std::size_t o, FloatVec length, const BlockPixels& pixels, BlockHits* hits,
+                         std::size_t o, FloatVec length, FloatMask open, BlockHits* hits,
                          Notes* notes) {
   constexpr int kJam = Kernel::kJam;
   const FloatTag d;
@@ -219,7 +212,7 @@ HWY_INLINE void ReadHits(const RasterTask& task, const Kernel& kernel, std::uint
       index[i] = todo != 0 ? part * kChunk + __builtin_ctzll(todo) : Kernel::kNone;
       todo &= todo - 1;
     }
-    kernel.Respond(rays, index, pixels.open, alpha_limit, alpha, t, hit);
+    kernel.Respond(rays, index, open, alpha_limit, alpha, t, hit);
     GSUT_UNROLL for (int i = 0; i < kJam; ++i) {
       const FloatVec along = hn::Mul(t[i], length);
       ends[i] = hn::IfThenElse(hit[i], along, never);
@@ -245,9 +238,9 @@ inline constexpr int kSweepJam = kLanes >= 16 ? 6 : 4;
 
 // Sweeps the hits of a block that are not beyond what is unread. Returns whether nothing shows from
 // there on.
-template <int kJam, class Notes>
+template <int kJam, class Pixels, class Notes>
 HWY_INLINE bool SweepHits(const RasterTask& task, float unread, BlockHits* hits,
-                          AlignedVector<SweptHit>* swept, BlockPixels* pixels, Notes* notes) {
+                          AlignedVector<SweptHit>* swept, Pixels* pixels, Notes* notes) {
   const FloatTag d;
   const int end = TakeSwept(unread, hits, swept);
   const SweptHit* const next = swept->data();
@@ -272,9 +265,12 @@ HWY_INLINE bool SweepHits(const RasterTask& task, float unread, BlockHits* hits,
     }
     bound = k + kJam < end ? FirstOf(next[k + kJam]) : unread;
     Release(task, bound, hits, pixels, notes);
+    if constexpr (Notes::kTakes) {
+      notes->LeaveGroup(hits->slots, bound, hits->open, hits->num_open);
+    }
     GSUT_UNROLL for (int i = 0; i < kJam; ++i) {
       if (k + i >= end) break;
-      BlendOrOpen(task, bound, SlotOf(next[k + i]), t[i], rest[i], front[i], hits, pixels, notes);
+      BlendOrOpen(task, bound, SlotOf(next[k + i]), t[i], rest[i], front[i], hits, pixels);
     }
     closed = pixels->AreClosed();
   }
@@ -293,7 +289,11 @@ HWY_INLINE void BlendTileAlongRays(const RasterTask& task, const TileGrid& grid,
   TileHits* const hits = HitsOfThread();
   for (HitMemory& each : hits->blocks) each.Clear();
   const std::size_t pixel0 = static_cast<std::size_t>(tile) * kTilePixels;
-  ClearTile(task.with_depth, grid, pixel0, frame);
+  if constexpr (Notes::kTakes) {
+    ClearLight(grid, pixel0, frame);
+  } else {
+    ClearTile(task.with_depth, grid, pixel0, frame);
+  }
   const std::uint32_t begin = frame->tile_begin[tile];
   const std::uint32_t end = frame->tile_begin[tile + 1];
   std::uint64_t alive = frame->alive[tile];
@@ -317,13 +317,13 @@ HWY_INLINE void BlendTileAlongRays(const RasterTask& task, const TileGrid& grid,
       const int block = __builtin_ctzll(rest);
       const std::size_t o = pixel0 + static_cast<std::size_t>(block) * kLanes;
       const FloatVec length = hn::Load(d, &grid.length[o]);
-      BlockPixels pixels(task, *frame, o);
+      BlockPixels<Notes::kTakes> pixels(task, *frame, o);
       HitMemory* const memory = &hits->blocks[block];
       memory->Reserve(static_cast<int>(kStep));
       BlockHits of_block = memory->hits;
       if constexpr (Notes::kTakes) notes->Turn(block, step - begin);
       for (int part = 0; part < chunks; ++part) {
-        ReadHits(task, kernel, gaussians_of[part][block], part, o, length, pixels, &of_block,
+        ReadHits(task, kernel, gaussians_of[part][block], part, o, length, pixels.open, &of_block,
                  notes);
       }
       if (SweepHits<kSweepJam>(task, unread, &of_block, &hits->swept, &pixels, notes)) {

@@ -5,10 +5,11 @@
 // leaves both for each Gaussian and block: T_i is the light in front of the hit, and B_(i-1), what
 // it and all behind it are worth to L, is the whole less what is in front of it,
 //   B_(i-1) = B_0 - sum over j in front of i of w_j v_j.
-// The sum has two parts. Hits that were settled (blended) before i was swept are in front of it at
-// all pixels; their sum is one a block. For two hits that are live at the same time, the one in
-// front at a pixel passes its w v on to the other when the first of the two is settled: by then the
-// light in front of both is known where it counts, as nothing unswept is nearer.
+// Hits are settled (blended) by the far ends of their intervals, so that most that are settled
+// before i are in front of it at all pixels: their sum is one a block. Of two that are live at the
+// same time the one that is settled later may be in front at some pixels. There, and only then,
+// they trade their w v when the first of them is settled: by then the light in front of both is
+// known where it counts, as nothing unswept is nearer.
 
 #if defined(GSUT_RASTER_RAY_ORDER_BACKWARD_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef GSUT_RASTER_RAY_ORDER_BACKWARD_INL_H_
@@ -26,15 +27,17 @@ namespace HWY_NAMESPACE {
 
 // The memory of a thread's notes, kept from tile to tile.
 struct NotesMemory {
-  struct OfSlot {
-    HWY_ALIGN float passed[kLanes];  // sum of w_j v_j of what is known to be in front
-    std::uint32_t pair, turn;        // of the tile's list; when it was swept
-  };
-  AlignedVector<OfSlot> slots[kBlocks];
+  // By slot: sum of w_j v_j in front of it, less what is settled before; its place in the tile's
+  // list; when it was swept.
+  AlignedVector<float> passed[kBlocks];
+  AlignedVector<std::uint32_t> pairs[kBlocks], turns[kBlocks];
+  AlignedVector<int> mixed;                  // slots that trade
   HWY_ALIGN float settled[kBlocks][kLanes];  // sum of w_j v_j of all that is settled
   AlignedVector<float> rows;                 // of each settled hit: T_i and B_(i-1)
   AlignedVector<std::uint32_t> row_of;       // (pairs, kBlocks)
   AlignedVector<std::uint64_t> blocks_of;    // (pairs) where there is a row
+  AlignedVector<TileEntry> entries;          // of the pairs that have one
+  AlignedVector<std::uint32_t> pair_of;      // of each entry
 };
 
 // Returns the calling thread's.
@@ -50,11 +53,13 @@ class RayNotes {
  public:
   static constexpr bool kTakes = true;
 
-  HWY_INLINE RayNotes(const RasterTask& task, std::uint32_t pairs, TileFields<kNumFields>* fields)
-      : stop_(task.transmittance_min),
+  HWY_INLINE RayNotes(bool with_depth, const RasterTask& task, std::uint32_t pairs,
+                      TileFields<kNumFields>* fields, NotesMemory* memory)
+      : with_depth_(with_depth),
+        stop_(task.transmittance_min),
         stop_before_(task.stop_before),
         fields_(fields),
-        memory_(NotesOfThread()) {
+        memory_(memory) {
     memory_->row_of.resize(std::size_t{pairs} * kBlocks);
     memory_->blocks_of.assign(pairs, 0);
     for (int block = 0; block < kBlocks; ++block) {
@@ -66,87 +71,110 @@ class RayNotes {
   HWY_INLINE void Turn(int block, std::uint32_t first_pair) {
     block_ = block;
     first_pair_ = first_pair;
-    group_ = group_end_ = nullptr;
+    group_size_ = 0;
   }
-  // Names the Gaussian of a hit that was read.
+  // Notes the Gaussian of a hit that was read.
   HWY_INLINE void Name(int slot, int index) {
-    auto& slots = memory_->slots[block_];
     const auto i = static_cast<std::size_t>(slot);
-    if (HWY_UNLIKELY(i >= slots.size())) slots.resize(2 * i + kChunk);
-    slots[i].pair = first_pair_ + static_cast<std::uint32_t>(index);
+    if (HWY_UNLIKELY(i >= memory_->pairs[block_].size())) Grow(2 * i + kChunk);
+    memory_->pairs[block_][i] = first_pair_ + static_cast<std::uint32_t>(index);
   }
-  // Begins with hits that are swept together, in front of all of which is what is settled.
+  // Begins with hits that are swept together.
   HWY_INLINE void EnterGroup(BlockHit* hits, const SweptHit* begin, int count,
                              const FloatVec* front) {
     const FloatTag d;
-    group_ = begin;
-    group_end_ = begin + count;
+    group_size_ = count;
     for (int i = 0; i < count; ++i) {
-      auto& noted = memory_->slots[block_][static_cast<std::size_t>(SlotOf(begin[i]))];
-      hn::Store(front[i], d, hits[SlotOf(begin[i])].front);
-      hn::Store(hn::Load(d, memory_->settled[block_]), d, noted.passed);
-      noted.turn = turn_++;
+      const auto slot = static_cast<std::size_t>(SlotOf(begin[i]));
+      group_[i] = SlotOf(begin[i]);
+      hn::Store(front[i], d, hits[slot].front);
+      hn::Store(hn::Zero(d), d, &memory_->passed[block_][slot * kLanes]);
+      memory_->turns[block_][slot] = turn_++;
     }
   }
-  // The group's next hit is settled or opened.
-  HWY_INLINE void LeaveGroup() { ++group_; }
-  // Settles a hit: trades with the open ones and the rest of the group, and writes its row.
-  HWY_INLINE void Settle(const BlockHit* hits, int slot, const int* open, int num_open) {
-    const FloatTag d;
-    auto& noted = memory_->slots[block_][static_cast<std::size_t>(slot)];
-    const FloatVec worth = WorthOf(hits[slot]);
-    FloatVec passed = hn::Load(d, noted.passed);
-    const FloatVec t = hn::Load(d, hits[slot].t);
-    const auto trade = [&](int other) HWY_ATTR {
-      auto& live = memory_->slots[block_][static_cast<std::size_t>(other)];
-      const FloatVec t_other = hn::Load(d, hits[other].t);
-      // Of two at the same place the one that was swept first is in front.
-      const FloatMask is_behind = live.turn > noted.turn ? hn::Ge(t_other, t) : hn::Gt(t_other, t);
-      passed = hn::Add(passed, hn::IfThenZeroElse(is_behind, WorthOf(hits[other])));
-      const FloatVec gained = hn::IfThenElseZero(is_behind, worth);
-      hn::Store(hn::Add(hn::Load(d, live.passed), gained), d, live.passed);
-    };
-    for (int p = 0; p < num_open; ++p) {
-      if (open[p] != slot) trade(open[p]);
+  // Settles those of the group whose t is nowhere above `bound`; others will be open.
+  HWY_INLINE void LeaveGroup(const BlockHit* hits, float bound, const int* open, int num_open) {
+    for (int i = 0; i < group_size_;) {
+      const int slot = group_[i];
+      if (!(hits[slot].last <= bound)) {
+        ++i;
+        continue;
+      }
+      group_[i] = group_[--group_size_];
+      Settle(hits, slot, open, num_open);
     }
-    for (const SweptHit* p = group_; p != group_end_; ++p) {
-      trade(SlotOf(*p));
+    group_size_ = 0;
+  }
+  // Settles a hit: trades with the open ones and the rest of the group, and writes its row. One
+  // function, as it is called from many places.
+  HWY_NOINLINE void Settle(const BlockHit* hits, int slot, const int* open, int num_open) {
+    const FloatTag d;
+    float* const passed_of = memory_->passed[block_].data();
+    int* const mixed = memory_->mixed.data();
+    int num_mixed = 0;
+    // Nothing is in front where there is no hit.
+    FloatVec t = hn::Load(d, hits[slot].t);
+    t = hn::IfThenElse(hn::Lt(t, hn::Set(d, kNever)), t, hn::Set(d, -kNever));
+    const auto meet = [&](int other) HWY_ATTR {
+      mixed[num_mixed] = other;
+      num_mixed += !hn::AllFalse(d, hn::Le(hn::Load(d, hits[other].t), t));
+    };
+    for (int p = 0; p < num_open; ++p) meet(open[p]);
+    for (int i = 0; i < group_size_; ++i) meet(group_[i]);
+    const FloatVec worth = WorthOf(hits[slot]);
+    FloatVec passed = hn::Load(d, passed_of + slot * kLanes);
+    const std::uint32_t* const turns = memory_->turns[block_].data();
+    for (int k = 0; k < num_mixed; ++k) {
+      const int other = mixed[k];
+      if (other == slot) continue;
+      // Of two at the same place the one that was swept first is in front.
+      const FloatVec t_other = hn::Load(d, hits[other].t);
+      const FloatMask is_front =
+          turns[other] < turns[slot] ? hn::Le(t_other, t) : hn::Lt(t_other, t);
+      passed = hn::Add(passed, hn::IfThenElseZero(is_front, WorthOf(hits[other])));
+      float* const of_other = passed_of + other * kLanes;
+      hn::Store(hn::Sub(hn::Load(d, of_other), hn::IfThenElseZero(is_front, worth)), d, of_other);
     }
     float* const settled = memory_->settled[block_];
-    hn::Store(hn::Add(hn::Load(d, settled), worth), d, settled);
+    const FloatVec before = hn::Load(d, settled);
+    hn::Store(hn::Add(before, worth), d, settled);
     const FloatVec front = hn::Load(d, hits[slot].front);
     if (hn::AllFalse(d, Shows(front))) return;
-    WriteRow(noted.pair, front, hn::Sub(fields_->Block(block_).Get(kFieldBehind), passed));
-  }
-
-  std::uint64_t BlocksOf(std::uint32_t pair) const { return memory_->blocks_of[pair]; }
-  // Puts a Gaussian's light and worth at a block where BlendStep reads them.
-  HWY_INLINE void Restore(std::uint32_t pair, int block, BlockFields fields) const {
-    const FloatTag d;
-    const std::size_t row =
-        memory_->row_of[std::size_t{pair} * kBlocks + static_cast<std::size_t>(block)];
-    const float* const from = memory_->rows.data() + 2 * kLanes * row;
-    fields.Set(kFieldTransmittance, hn::Load(d, from));
-    fields.Set(kFieldBehind, hn::Load(d, from + kLanes));
+    passed = hn::Add(before, passed);
+    WriteRow(memory_->pairs[block_][static_cast<std::size_t>(slot)], front,
+             hn::Sub(fields_->Block(block_).Get(kFieldBehind), passed));
   }
 
  private:
   HWY_INLINE FloatMask Shows(FloatVec front) const {
     return hn::Ge(front, hn::Set(FloatTag(), stop_));
   }
+  HWY_NOINLINE void Grow(std::size_t slots) {
+    memory_->passed[block_].resize(slots * kLanes);
+    memory_->pairs[block_].resize(slots);
+    memory_->turns[block_].resize(slots);
+    memory_->mixed.resize(HWY_MAX(memory_->mixed.size(), slots));
+  }
   // w v of a hit, where its light is known.
   HWY_INLINE FloatVec WorthOf(const BlockHit& hit) const {
     const FloatTag d;
-    const BlockFields fields = fields_->Block(block_);
     const FloatVec front = hn::Load(d, hit.front);
     const FloatVec behind = hn::Mul(front, hn::Load(d, hit.rest));
     FloatMask blends = Shows(front);
     if (HWY_UNLIKELY(stop_before_)) {
       blends = hn::And(blends, hn::Gt(behind, hn::Set(d, stop_)));
     }
+    const BlockFields fields = fields_->Block(block_);
     FloatVec value = hn::Mul(hn::Set(d, hit.color[0]), fields.Get(kFieldRed));
     value = hn::MulAdd(hn::Set(d, hit.color[1]), fields.Get(kFieldGreen), value);
     value = hn::MulAdd(hn::Set(d, hit.color[2]), fields.Get(kFieldBlue), value);
+    if (HWY_UNLIKELY(with_depth_)) {
+      const FloatVec t = hn::Load(d, hit.t);
+      const FloatVec distance = hn::IfThenElseZero(hn::Lt(t, hn::Set(d, kNever)), t);
+      const FloatVec apart = hn::Sub(distance, fields.Get(kFieldMean));
+      const FloatVec pull = hn::Mul(fields.Get(kFieldSquare), apart);
+      value = hn::MulAdd(distance, fields.Get(kFieldAlong), hn::MulAdd(pull, apart, value));
+    }
     return hn::IfThenElseZero(blends, hn::Mul(hn::Sub(front, behind), value));
   }
   HWY_INLINE void WriteRow(std::uint32_t pair, FloatVec front, FloatVec behind) {
@@ -161,14 +189,61 @@ class RayNotes {
     memory_->blocks_of[pair] |= std::uint64_t{1} << block_;
   }
 
+  const bool with_depth_;
   const float stop_;
   const bool stop_before_;
   TileFields<kNumFields>* const fields_;
   NotesMemory* const memory_;
   int block_ = 0;
   std::uint32_t first_pair_ = 0, turn_ = 0, num_rows_ = 0;
-  const SweptHit* group_ = nullptr;
-  const SweptHit* group_end_ = nullptr;
+  int group_size_ = 0;
+  int group_[kSweepJam];  // slots of hits that are swept together and not settled
+};
+
+// The pairs of a tile that is blended along its rays: each has T and B of its own at each block.
+// As KeptPairs; blend(notes): blends the tile once more.
+template <class Blend>
+class RayPairs {
+ public:
+  const TileEntry* entries = nullptr;
+  std::uint32_t count;
+
+  HWY_INLINE RayPairs(const RasterTask& task, const Frame& frame, int tile, const Blend& blend)
+      : count(frame.tile_begin[tile + 1] - frame.tile_begin[tile]),
+        task_(task),
+        pairs_(frame.pairs.data() + frame.tile_begin[tile]),
+        blend_(blend),
+        memory_(NotesOfThread()) {}
+
+  template <int kNumFields>
+  HWY_INLINE void Start(BackwardFlags flags, TileFields<kNumFields>* fields) {
+    RayNotes<kNumFields> notes(flags.with_depth, task_, count, fields, memory_);
+    blend_(&notes);
+    memory_->entries.clear();
+    memory_->pair_of.clear();
+    for (std::uint32_t pair = 0; pair < count; ++pair) {
+      const std::uint64_t blocks = memory_->blocks_of[pair];
+      if (blocks == 0) continue;
+      memory_->entries.push_back({pairs_[pair].gaussian, pairs_[pair].slot, blocks});
+      memory_->pair_of.push_back(pair);
+    }
+    entries = memory_->entries.data();
+    count = static_cast<std::uint32_t>(memory_->entries.size());
+  }
+  HWY_INLINE void Restore(std::uint32_t e, int block, BlockFields fields) const {
+    const FloatTag d;
+    const std::size_t place = std::size_t{memory_->pair_of[e]} * kBlocks;
+    const std::size_t row = memory_->row_of[place + static_cast<std::size_t>(block)];
+    const float* const from = memory_->rows.data() + 2 * kLanes * row;
+    fields.Set(kFieldTransmittance, hn::Load(d, from));
+    fields.Set(kFieldBehind, hn::Load(d, from + kLanes));
+  }
+
+ private:
+  const RasterTask& task_;
+  const TilePair* const pairs_;
+  const Blend& blend_;
+  NotesMemory* const memory_;
 };
 
 }  // namespace HWY_NAMESPACE

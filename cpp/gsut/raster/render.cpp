@@ -25,13 +25,12 @@ constexpr const char* kTooWide =
     "degrees; render a larger image or use dtype=\"float64\"";
 
 // Throws InputError for what only the double reference draws.
-void CheckRule(const GaussiansView<const float>& gaussians, const RenderJob& job) {
-  const OrderKey order = job.settings.rule.order;
+void CheckRule(const GaussiansView<const float>& gaussians, OrderKey order, bool with_channels) {
   if (order == OrderKey::kIntegral) {
     throw InputError(
         "order \"integral\" is drawn with dtype=\"float64\" only; in float32: distance, z, ray");
   }
-  if (order == OrderKey::kRay && job.channels.count > 0) {
+  if (order == OrderKey::kRay && with_channels) {
     throw InputError(
         "features are blended in order \"ray\" with dtype=\"float64\" only; in float32: distance, "
         "z");
@@ -50,10 +49,10 @@ void CheckRule(const GaussiansView<const float>& gaussians, const RenderJob& job
 // the tiles, forward blends tile by tile. No stage adds in an order that depends on threads.
 void Renderer::Render(const GaussiansView<const float>& gaussians, const RenderJob& job) {
   rendered_ = along_rays_ = stepped_ = false;
-  const BlendRule& rule = job.settings.rule;
+  const BlendRule rule = rule_ = job.settings.rule.For(gaussians.order);
   const bool along_ray = rule.order == OrderKey::kRay;
   rule.Check();
-  CheckRule(gaussians, job);
+  CheckRule(gaussians, rule.order, job.channels.count > 0);
   ActiveIsa();  // applies GSUT_ISA before the first kernel runs
   timings_.clear();
   camera_ = std::make_unique<Camera>(job.camera);
@@ -131,16 +130,15 @@ void Renderer::Render(const GaussiansView<const float>& gaussians, const RenderJ
   });
   timings_.push_back(watch.Lap("forward"));
   rendered_ = task_.keep;
-  along_rays_ = along_ray && lines_ == nullptr && job.keep_for_backward;
+  along_rays_ = along_ray && job.keep_for_backward;
 }
 
 void Renderer::CheckKept(bool kept, const char* without) const {
   if (kept) return;
   throw InputError(rule_.order != OrderKey::kRay
                        ? without
-                       : "in float32 order \"ray\" has neither scores nor surfaces, and gradients "
-                         "only of rays from one point: render by distance or z, or with "
-                         "dtype=\"float64\"");
+                       : "in float32 order \"ray\" has neither scores nor surfaces: render by "
+                         "distance or z");
 }
 
 // What all kernels read of a job, rounded to float once. response_min bounds D^2 like the opacity
@@ -149,29 +147,27 @@ void Renderer::FillTask(const GaussiansView<const float>& gaussians, const Rende
   const RenderSettings& settings = job.settings;
   task_.gaussians = gaussians;
   reference_ = job.motion.Middle();
-  rule_ = settings.rule;
   std::copy_n(settings.background, 3, background_);
   task_.view = MakeViewFloats(reference_);
-  task_.log2_raw_min = static_cast<float>(Log2RawOf(gaussians.response, settings.rule.alpha_min));
-  task_.max_cutoff = settings.rule.response_min > 0.0
-                         ? static_cast<float>(-2.0 * std::log(settings.rule.response_min))
+  task_.log2_raw_min = static_cast<float>(Log2RawOf(gaussians.response, rule_.alpha_min));
+  task_.max_cutoff = rule_.response_min > 0.0
+                         ? static_cast<float>(-2.0 * std::log(rule_.response_min))
                          : std::numeric_limits<float>::max();
-  task_.alpha_max = static_cast<float>(settings.rule.alpha_max);
-  task_.transmittance_min = static_cast<float>(settings.rule.transmittance_min);
+  task_.alpha_max = static_cast<float>(rule_.alpha_max);
+  task_.transmittance_min = static_cast<float>(rule_.transmittance_min);
   for (int c = 0; c < 3; ++c) task_.background[c] = static_cast<float>(settings.background[c]);
-  task_.near_z = static_cast<float>(settings.rule.near_z);
-  task_.far_z = static_cast<float>(settings.rule.far_z);
+  task_.near_z = static_cast<float>(rule_.near_z);
+  task_.far_z = static_cast<float>(rule_.far_z);
   task_.is_extinction = gaussians.response == Response::kExtinction;
   ActivateShapes(gaussians);
-  task_.order_by_z = settings.rule.order == OrderKey::kDepthZ;
-  task_.stop_before = settings.rule.stop_before;
+  task_.order_by_z = rule_.order == OrderKey::kDepthZ;
+  task_.stop_before = rule_.stop_before;
   task_.crossing = task_.transmittance_min;
   if (task_.stop_before) task_.crossing = std::nextafter(task_.crossing, 1.0f);
   task_.with_depth = job.WithDepth();
   task_.channels = job.channels;
   // Along the ray the backward pass makes its own.
-  task_.keep =
-      (job.keep_for_backward || job.channels.count > 0) && settings.rule.order != OrderKey::kRay;
+  task_.keep = (job.keep_for_backward || job.channels.count > 0) && rule_.order != OrderKey::kRay;
   task_.sh_rows =
       job.sh_rows.value_or(HarmonicsRows::Uniform(gaussians.size, gaussians.sh_coefficients));
   if (!task_.sh_rows.IsValid() || task_.sh_rows.end[0] != gaussians.size) {

@@ -109,8 +109,10 @@ void Renderer::BackwardOfTile(int tile, const ImageGradients& to_image, RayGradi
     } else {
       LineChannelsBackwardKernel(task_, *lines_, tile, to_image, &frame_, to_rays, to_channels);
     }
-  } else if (along_rays_) {
+  } else if (along_rays_ && lines_ == nullptr) {
     RayOrderBackwardKernel(task_, *grid_, tile, to_image, &frame_, to_rays);
+  } else if (along_rays_) {
+    LineRayOrderBackwardKernel(task_, *lines_, tile, to_image, &frame_, to_rays);
   } else if (lines_ == nullptr) {
     BackwardKernel(task_, *grid_, tile, to_image, &frame_, to_rays);
   } else {
@@ -139,11 +141,6 @@ void Renderer::CheckBackward(const ImageGradients& to_image, const GradientRows&
                              bool is_plain) const {
   CheckKept((rendered_ || along_rays_) && !stepped_,
             "backward needs a render before it, made with keep_for_backward");
-  if (along_rays_ && to_image.HasDepth()) {
-    throw InputError(
-        "in float32 order \"ray\" has no gradients to depth and distortion: render by distance or "
-        "z, or with dtype=\"float64\"");
-  }
   if (to_image.HasDepth() && !task_.with_depth) {
     throw InputError("a gradient to depth or distortion needs a render with_depth");
   }

@@ -252,6 +252,7 @@ def check_trainable(options: TrainOptions) -> None:
         "compact_at": options.compact_at is not None,
         "low_pass": options.low_pass > 0,
         "--set response=extinction": options.response != "maximum",
+        f"--order {options.order}": options.order != "distance",
         f"--primitive {options.primitive}": options.primitive not in ("gaussian", "surfel"),
         "strategy=mini": options.strategy == "mini",
     }

@@ -12,16 +12,21 @@ def add_order(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--order",
         choices=("distance", "z", "ray"),
-        default="distance",
         help="in which Gaussians are blended: by their means' distance from the camera or z, or "
         "as each pixel's own ray passes them, so that none jumps before another from image to "
-        "image, which takes about 2.5 times as long to blend [default: distance]",
+        "image, which takes about 2.5 times as long to blend [default: as the scene was trained, "
+        "or distance]",
     )
 
 
-def check_order(arguments: argparse.Namespace) -> None:
-    """Rejects what is not drawn in the order of the ray, before anything is read."""
-    if arguments.order != "ray":
+def check_order(arguments: argparse.Namespace, order: str | None) -> None:
+    """Rejects what is not drawn in the order of the ray.
+
+    Args:
+        arguments: of `gsut render`.
+        order: given, or the scene's.
+    """
+    if order != "ray":
         return
     kind = arguments.depth_kind
     for flag, is_given, instead in (
@@ -34,5 +39,10 @@ def check_order(arguments: argparse.Namespace) -> None:
             ", or take --depth-kind mean",
         ),
     ):
+        if is_given and arguments.order is None:
+            raise InputError(
+                f"{flag} is not drawn in this scene's order along the ray: give --order distance"
+                f"{instead}"
+            )
         if is_given:
             raise InputError(f"{flag} is not drawn by --order ray: leave one of them out{instead}")

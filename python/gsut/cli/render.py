@@ -162,14 +162,15 @@ def run(arguments: argparse.Namespace) -> int:
             f"--frames must be from 1 to {_MOST_FRAMES} and --fps above 0 and at most {_MOST_FPS}, "
             f"found {frames} and {arguments.fps:g}"
         )
-    check_order(arguments)
+    check_order(arguments, arguments.order)
     label = arguments.path if arguments.path in _PATHS else "path"
     out = Path(arguments.out or Path(arguments.folder) / label)
     film = is_film(out)
     depths = DepthOutput.from_flags(arguments, None if film else out)
     lifted = LiftedOutput.from_flags(arguments, film)
-    sure = ConfidenceOutput.from_flags(arguments, film)
     stage = _stage(arguments)
+    check_order(arguments, arguments.order or getattr(stage.gaussians, "order", None))
+    sure = ConfidenceOutput.from_flags(arguments, film)
     more: dict[str, Any] = {}
     if sure is not None:
         stage.gaussians, more = sure.gaussians, {"confidence": sure.confidence}

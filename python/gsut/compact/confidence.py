@@ -48,6 +48,7 @@ def measure_confidence(
     """
     if not scene.train_indices:
         raise InputError(f"{scene.path} has no training view to compare renders with")
+    gaussians = gaussians.order_by_centers()
     tests = scene.test_indices[:: -(-len(scene.test_indices) // _MOST_HELD_OUT) or 1]
     done, total = 0, len(scene.train_indices) + len(tests)
     weight, squares, differences = np.zeros((3, len(gaussians)))

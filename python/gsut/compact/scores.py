@@ -123,11 +123,12 @@ def find_strongest(gaussians: Gaussians, view: SeenView) -> tuple[np.ndarray, np
 class Passes:
     """Forward and backward passes of one set of Gaussians with shared buffers.
 
-    Views are given in world coordinates, wherever the Gaussians' `origin` lies.
+    Views are given in world coordinates, wherever the Gaussians' `origin` lies. Models along the
+    ray are drawn by the distance, see `Gaussians.order_by_centers`.
     """
 
     def __init__(self, gaussians: Gaussians, background: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
-        self.gaussians = gaussians.to_dtype(np.float32)
+        self.gaussians = gaussians.order_by_centers().to_dtype(np.float32)
         self._background = tuple(background)
         self.touched = np.zeros(len(gaussians), np.uint8)
         self._gradients = self.gaussians.make_zeros()

@@ -173,10 +173,15 @@ def save_gaussians(
         left_out += ("surfels: the file holds Gaussians a ten-thousandth as thick as wide",)
     if g.origin.any() and not chosen.keeps_origin:
         left_out += (f"where the scene lies: the file holds {name_origin(g.origin)}",)
-    if g.response != Gaussians.RESPONSES[0] and not chosen.keeps_response:
+    if g.response != Gaussians.RESPONSES[0] and not chosen.keeps_rule:
         left_out += (
             f"the response {g.response}: the file is drawn by the maximum, which is another "
             "picture (gsut convert --for viewers brings it closer)",
+        )
+    if g.order != Gaussians.ORDERS[0] and not chosen.keeps_rule:
+        left_out += (
+            f"the order {g.order}: gsut draws the file by the distance, other viewers by z (gsut "
+            "convert --for viewers brings it closer)",
         )
     if g.primitive != Gaussians.PRIMITIVES[0] and not chosen.keeps_primitive:
         left_out += (

@@ -110,7 +110,7 @@ class Format:
         keeps_origin: the file says where its zero lies in the world, and `read` gives it back as
             `Gaussians.origin`; without it the zero of a scene far from the world's is lost.
         keeps_surfels: it has a layout of surfels.
-        keeps_response: the file says by which response it is drawn, see `Gaussians`.
+        keeps_rule: the file says by which response and in which order it is drawn, see `Gaussians`.
         keeps_primitive: the file says which primitives it holds, with their shapes.
     """
 
@@ -121,7 +121,7 @@ class Format:
     holds: Callable[[bytes], bool]
     keeps_origin: bool = False
     keeps_surfels: bool = False
-    keeps_response: bool = False
+    keeps_rule: bool = False
     keeps_primitive: bool = False
 
 

@@ -37,8 +37,10 @@ _DRAWN_SO = {
     "colorSpace": "srgb_rec709_display",
     "projection": "perspective",
 }
-# In the primitive's extras: the response by which the Gaussians are drawn; without it the maximum.
-_RESPONSE_KEY = "gsut: response"
+# In the primitive's extras: the response and the order by which the Gaussians are drawn; without
+# them the maximum and the distance.
+_KNOWN_RULES = {"response": Gaussians.RESPONSES, "order": Gaussians.ORDERS}
+_RULE_KEYS = {kind: f"gsut: {kind}" for kind in _KNOWN_RULES}
 _MOST_STRIDE = 252  # bytes, of glTF
 _OPACITY_ROUNDING = 1e-3  # beyond 0 and 1 that a writer's rounding may leave
 _MOST_JSON = 1 << 24  # bytes of a file's description; more is an attack
@@ -68,8 +70,9 @@ def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written
         **{name: g.sh[:, k] for k, name in enumerate(_name_harmonics(g.sh_degree))},
     }
     document = _build_document(arrays)
-    if g.response != Gaussians.RESPONSES[0]:
-        document["meshes"][0]["primitives"][0]["extras"] = {_RESPONSE_KEY: g.response}
+    rule = {kind: getattr(g, kind) for kind in _RULE_KEYS}
+    if extras := {_RULE_KEYS[k]: name for k, name in rule.items() if name != _KNOWN_RULES[k][0]}:
+        document["meshes"][0]["primitives"][0]["extras"] = extras
     text = json.dumps(document, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
     size = document["buffers"][0]["byteLength"]
@@ -133,7 +136,7 @@ def _read(path: Path) -> SceneFile:
             if name == "POSITION" or name.startswith(_EXTENSION)
         }
         gaussians = dataclasses.replace(
-            _decode_gaussians(path, arrays), response=_read_response(path, primitive)
+            _decode_gaussians(path, arrays), **_read_rule(path, primitive)
         )
         placed_so = place_in_world(gaussians, _place_of(path, document), f"{path}: its mesh")
         return SceneFile(turn_half(placed_so))
@@ -189,18 +192,18 @@ def _find_primitive(path: Path, document: dict[str, Any]) -> dict[str, Any]:
     return found[0]
 
 
-def _read_response(path: Path, primitive: dict[str, Any]) -> str:
-    """Reads the response from the primitive's extras, which may be anything."""
-    extras = primitive.get("extras")
-    name = extras.get(_RESPONSE_KEY) if isinstance(extras, dict) else None
-    if name is None:
-        return Gaussians.RESPONSES[0]
-    if name not in Gaussians.RESPONSES:
-        raise InputError(
-            f'{path}: extras name the unknown response "{name}"; known: '
-            f"{', '.join(Gaussians.RESPONSES)}; a newer gsut may have written it"
-        )
-    return name
+def _read_rule(path: Path, primitive: dict[str, Any]) -> dict[str, Any]:
+    """Reads response and order from the primitive's extras, which may be anything."""
+    extras, rule = primitive.get("extras"), {}
+    for kind, known in _KNOWN_RULES.items():
+        name = extras.get(_RULE_KEYS[kind]) if isinstance(extras, dict) else None
+        rule[kind] = known[0] if name is None else name
+        if rule[kind] not in known:
+            raise InputError(
+                f'{path}: extras name the unknown {kind} "{name}"; known: {", ".join(known)}; a '
+                "newer gsut may have written it"
+            )
+    return rule
 
 
 def _place_of(path: Path, document: dict[str, Any]) -> np.ndarray:
@@ -302,5 +305,5 @@ def _decode_gaussians(path: Path, arrays: dict[str, np.ndarray]) -> Gaussians:
 
 
 FORMAT = Format(
-    "glTF", (".glb",), _write, _read, lambda head: head.startswith(b"glTF"), keeps_response=True
+    "glTF", (".glb",), _write, _read, lambda head: head.startswith(b"glTF"), keeps_rule=True
 )

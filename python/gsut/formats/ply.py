@@ -34,10 +34,14 @@ from gsut.run import check_fits, free_memory
 _ANTIALIASED = ("SplatRenderMode: mip", "antialiased 1")
 # How gsut says that nothing stands behind the scene: what is open shows what is around it.
 NO_BACKGROUND = "gsut: no background"
-# Comments that name the response and the primitive by which the Gaussians are drawn; without them
-# the maximum, and Gaussians.
-_RULE_KEYS = {"response": "gsut: response ", "primitive": "gsut: primitive "}
-_KNOWN_RULES = {"response": Gaussians.RESPONSES, "primitive": Gaussians.PRIMITIVES}
+# Comments that name the response, the order and the primitive by which the Gaussians are drawn;
+# without them the maximum, the distance, and Gaussians.
+_KNOWN_RULES = {
+    "response": Gaussians.RESPONSES,
+    "order": Gaussians.ORDERS,
+    "primitive": Gaussians.PRIMITIVES,
+}
+_RULE_KEYS = {kind: f"gsut: {kind} " for kind in _KNOWN_RULES}
 _HEADER_BYTES = 65536  # read for comments
 _TEXT_BYTES = 4  # of a text file for one in memory, at most
 _OF_FREE = 0.8  # share of the free memory that Gaussians may take by default
@@ -56,8 +60,9 @@ def load_ply(path: str | os.PathLike[str]) -> Gaussians:
             y, z, any norm) in any order and numeric type. Others are ignored. Without scale_2 they
             are surfels (2DGS): Gaussians a ten-thousandth as thick as they are wide. A comment
             "gsut: dataset coordinates = these + X Y Z" is where the file's zero lies in the
-            world; "gsut: response NAME" and "gsut: primitive NAME" are what they are drawn by, see
-            `Gaussians`, and the property "shape" are the shapes of primitives that have some.
+            world; "gsut: response NAME", "gsut: order NAME" and "gsut: primitive NAME" are what
+            they are drawn by, see `Gaussians`, and the property "shape" are the shapes of
+            primitives that have some.
 
     Returns:
         float32 Gaussians in world coordinates, with the comment's `origin`, or one near the first
@@ -125,7 +130,7 @@ def _find_plain_rows(path: Path) -> tuple[Callable[[int, int], Gaussians], int, 
     words = [line for line in words if line[:1] not in ([], ["comment"])]
     comments = read_comments(path)
     if any(comment.startswith(tuple(_RULE_KEYS.values())) for comment in comments):
-        return None  # the bounds of pieces are those of the maximum of Gaussians
+        return None  # the bounds of pieces are those of the maximum of Gaussians by the distance
     is_plain = end and words[:2] == [["ply"], _PLAIN_FORMAT] and words[2][:2] == _PLAIN_ELEMENT
     if not is_plain or any(line[:2] != ["property", "float"] for line in words[3:]):
         return None
@@ -257,7 +262,7 @@ def read_comments(path: str | os.PathLike[str]) -> list[str]:
 
 
 def _format_rule(gaussians: Gaussians) -> list[str]:
-    """Returns the comments that name response and primitive; none for what everyone draws."""
+    """Returns the comments that name the rule; none for what everyone draws."""
     named = {kind: getattr(gaussians, kind) for kind in _RULE_KEYS}
     return [
         _RULE_KEYS[kind] + name for kind, name in named.items() if name != _KNOWN_RULES[kind][0]
@@ -265,7 +270,7 @@ def _format_rule(gaussians: Gaussians) -> list[str]:
 
 
 def _parse_rule(kind: str, comments: Sequence[str], path: str | os.PathLike[str]) -> str:
-    """Parses the response or the primitive from a PLY file's comments.
+    """Parses the response, the order or the primitive from a PLY file's comments.
 
     Raises:
         InputError: it is unknown.
@@ -310,7 +315,7 @@ FORMAT = Format(
     _read,
     lambda head: head.startswith(b"ply") and PACKED not in head,
     keeps_origin=True,
-    keeps_response=True,
+    keeps_rule=True,
     keeps_primitive=True,
     keeps_surfels=True,
 )

@@ -17,6 +17,7 @@ NO_ORIGIN.setflags(write=False)
 # First coefficient of the harmonics' basis: a colour is 0.5 + SH_C0 x sh + ...
 SH_C0 = 0.28209479177387814
 _MAXIMUM = "maximum"  # everyone's response
+_DISTANCE = "distance"  # the order of models that do not say theirs
 _GAUSSIAN = "gaussian"  # everyone's primitive
 # Primitive -> whether each has a shape, its width, and whether it is flat, as the build found them.
 _PRIMITIVES = _core.list_primitives()
@@ -96,6 +97,15 @@ class ParameterArrays:
         """Selects rows by a slice (views, no copy) or by an index or boolean array."""
         return self._with({name: getattr(self, name)[rows] for name in self.list_arrays()})
 
+    def order_by_centers(self: _Arrays) -> _Arrays:
+        """Returns them in an order of means: those along the ray by the distance.
+
+        Depths of surfaces, scores, features and derivatives for poses have no order along the ray.
+        """
+        if getattr(self, "order", _DISTANCE) != "ray":
+            return self
+        return dataclasses.replace(cast(Any, self), order=_DISTANCE)
+
     def make_zeros(self: _Arrays) -> _Arrays:
         """Makes arrays of the same shapes with all values 0, for gradients."""
         # np.zeros instead of np.zeros_like, which writes its zeros: unwritten pages take no memory.
@@ -128,6 +138,8 @@ class Gaussians(ParameterArrays):
             viewers do. "extinction": alpha = 1 - (1 - opacity)^G, as matter that absorbs light.
             "density": the optical depth also follows the Gaussian's length along the ray, relative
             to the harmonic mean of its scales; drawn in float64 only.
+        order: in which they are blended unless a render says another, see `gsut.render`:
+            "distance", "z" or "ray".
         primitive: how the response falls with D in place of G, see docs/primitives.md. "gaussian";
             "power4": exp(-D^4 / 18); "beta": (1 - D^2 / 2b)^b, with a shape b of each; "triangle":
             flat, (1 - g / r)^b with the gauge g of a triangle; its third scale is not read.
@@ -137,13 +149,14 @@ class Gaussians(ParameterArrays):
     Arrays are stored C-contiguous, as float64 if `means` is float64 and as float32 otherwise.
 
     Raises:
-        InputError: shapes disagree, or the response or the primitive is unknown.
+        InputError: shapes disagree, or the response, the order or the primitive is unknown.
     """
 
     PRIMITIVES: ClassVar[tuple[str, ...]] = tuple(
         sorted(_PRIMITIVES, key=lambda name: (name != _GAUSSIAN, name))
     )
     RESPONSES: ClassVar[tuple[str, ...]] = (_MAXIMUM, "extinction", "density")
+    ORDERS: ClassVar[tuple[str, ...]] = (_DISTANCE, "z", "ray")
     means: np.ndarray
     quats: np.ndarray
     log_scales: np.ndarray
@@ -152,11 +165,13 @@ class Gaussians(ParameterArrays):
     if TYPE_CHECKING:
         origin: np.ndarray = NO_ORIGIN
         response: str = dataclasses.field(default=_MAXIMUM, kw_only=True)
+        order: str = dataclasses.field(default=_DISTANCE, kw_only=True)
         primitive: str = dataclasses.field(default=_GAUSSIAN, kw_only=True)
         shapes: np.ndarray | None = dataclasses.field(default=None, kw_only=True)
     else:  # not of the fields, which are arrays of N rows; `dataclasses.replace` keeps them
         origin: dataclasses.InitVar[np.ndarray] = NO_ORIGIN
         response: dataclasses.InitVar[str] = dataclasses.field(default=_MAXIMUM, kw_only=True)
+        order: dataclasses.InitVar[str] = dataclasses.field(default=_DISTANCE, kw_only=True)
         primitive: dataclasses.InitVar[str] = dataclasses.field(default=_GAUSSIAN, kw_only=True)
         shapes: dataclasses.InitVar[np.ndarray | None] = dataclasses.field(
             default=None, kw_only=True
@@ -166,16 +181,18 @@ class Gaussians(ParameterArrays):
         self,
         origin: np.ndarray = NO_ORIGIN,  # noqa: RUF033
         response: str = _MAXIMUM,  # noqa: RUF033
+        order: str = _DISTANCE,  # noqa: RUF033
         primitive: str = _GAUSSIAN,  # noqa: RUF033
         shapes: np.ndarray | None = None,  # noqa: RUF033
     ) -> None:
         for kind, name, known in (
             ("response", response, self.RESPONSES),
+            ("order", order, self.ORDERS),
             ("primitive", primitive, self.PRIMITIVES),
         ):
             if name not in known:
                 raise InputError(f'{kind} "{name}" is unknown; known: {", ".join(known)}')
-        self.response, self.primitive = response, primitive
+        self.response, self.order, self.primitive = response, order, primitive
         widths = {"means": (3,), "quats": (4,), "log_scales": (3,), "opacity_logits": ()}
         if _PRIMITIVES[primitive][0]:
             widths["shapes"] = ()
@@ -192,8 +209,9 @@ class Gaussians(ParameterArrays):
 
     @property
     def rule(self) -> dict[str, Any]:
-        """Response, primitive and shapes, as keywords of `Gaussians`."""
-        return {"response": self.response, "primitive": self.primitive, "shapes": self.shapes}
+        """Returns response, order, primitive and shapes, as keywords of `Gaussians`."""
+        names = ("response", "order", "primitive", "shapes")
+        return {name: getattr(self, name) for name in names}
 
     @property
     def are_surfels(self) -> bool:

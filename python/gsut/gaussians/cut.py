@@ -36,11 +36,11 @@ def merge_gaussians(scenes: Sequence[Gaussians]) -> Gaussians:
         All Gaussians, relative to the first scene's origin; harmonics that a scene lacks are 0.
 
     Raises:
-        InputError: there is no scene, or their responses or primitives differ.
+        InputError: there is no scene, or their responses, orders or primitives differ.
     """
     if not scenes:
         raise InputError("there are no scenes to merge; give at least one")
-    for kind in ("response", "primitive"):
+    for kind in ("response", "order", "primitive"):
         kinds = [getattr(g, kind) for g in scenes]
         if len(set(kinds)) > 1:
             raise InputError(

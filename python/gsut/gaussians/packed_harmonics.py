@@ -29,7 +29,7 @@ class MixedGaussians:
         sh: (S,) float32: the (degree + 1)^2 coefficients of three channels of each Gaussian, one
             Gaussian after the other.
         degree_ends: entry d: the number of Gaussians of degree d or more; entry 0 is N.
-        origin, response, primitive: as in `Gaussians`; of primitives without shapes.
+        origin, response, order, primitive: as in `Gaussians`; of primitives without shapes.
 
     Raises:
         InputError: shapes disagree.
@@ -44,11 +44,15 @@ class MixedGaussians:
     if TYPE_CHECKING:
         origin: np.ndarray = NO_ORIGIN
         response: str = dataclasses.field(default=Gaussians.RESPONSES[0], kw_only=True)
+        order: str = dataclasses.field(default=Gaussians.ORDERS[0], kw_only=True)
         primitive: str = dataclasses.field(default=Gaussians.PRIMITIVES[0], kw_only=True)
     else:
         origin: dataclasses.InitVar[np.ndarray] = NO_ORIGIN
         response: dataclasses.InitVar[str] = dataclasses.field(
             default=Gaussians.RESPONSES[0], kw_only=True
+        )
+        order: dataclasses.InitVar[str] = dataclasses.field(
+            default=Gaussians.ORDERS[0], kw_only=True
         )
         primitive: dataclasses.InitVar[str] = dataclasses.field(
             default=Gaussians.PRIMITIVES[0], kw_only=True
@@ -58,9 +62,10 @@ class MixedGaussians:
         self,
         origin: np.ndarray = NO_ORIGIN,  # noqa: RUF033
         response: str = Gaussians.RESPONSES[0],  # noqa: RUF033
+        order: str = Gaussians.ORDERS[0],  # noqa: RUF033
         primitive: str = Gaussians.PRIMITIVES[0],  # noqa: RUF033
     ) -> None:
-        self.response, self.primitive = response, primitive
+        self.response, self.order, self.primitive = response, order, primitive
         self.origin = np.array(origin, np.float64)
         ends = self.degree_ends
         if (
@@ -101,6 +106,10 @@ class MixedGaussians:
             return self
         return self.to_gaussians().to_dtype(dtype)
 
+    def order_by_centers(self) -> MixedGaussians:
+        """Returns them in an order of means, as `Gaussians.order_by_centers`."""
+        return dataclasses.replace(self, order="distance") if self.order == "ray" else self
+
     def copy(self) -> MixedGaussians:
         """Returns a deep copy."""
         return dataclasses.replace(
@@ -132,9 +141,11 @@ class MixedGaussians:
         for rows, band in self.split_bands():
             sh[rows, : band.shape[1]] = band
         arrays = (self.means, self.quats, self.log_scales, self.opacity_logits, sh)
-        return Gaussians(*arrays, self.origin, response=self.response, primitive=self.primitive)
+        rule = {name: getattr(self, name) for name in _RULE}
+        return Gaussians(*arrays, self.origin, **rule)
 
 
+_RULE = ("response", "order", "primitive")
 _GEOMETRY = ("means", "quats", "log_scales", "opacity_logits")
 
 
@@ -172,7 +183,7 @@ def to_mixed(gaussians: Gaussians, degrees: np.ndarray | None = None) -> MixedGa
         begin = max(begin, ends[degree])
     return MixedGaussians(
         g.means[order], g.quats[order], g.log_scales[order], g.opacity_logits[order],
-        np.concatenate(pieces), tuple(ends), g.origin, response=g.response, primitive=g.primitive,
+        np.concatenate(pieces), tuple(ends), g.origin, **{name: getattr(g, name) for name in _RULE},
     )  # fmt: skip
 
 

@@ -53,6 +53,10 @@ class StoredGaussians:
     # Bytes that drawing takes for a Gaussian beside its own numbers.
     DRAWN_BYTES: ClassVar[int] = 300
 
+    def order_by_centers(self) -> StoredGaussians:
+        """Returns themselves: files of another order are read into memory."""
+        return self
+
     @staticmethod
     def order_rows(gaussians: Gaussians) -> np.ndarray:
         """Returns (N,) rows in an order that keeps neighbours of similar size together."""

@@ -52,7 +52,7 @@ def lift(
     if indices is None:
         indices = scene.train_indices or range(len(scene.views))
     sums: _Sums = _LabelSums(len(gaussians), unknown) if labels else _ValueSums(len(gaussians))
-    used = 0
+    drawn, used = gaussians.order_by_centers(), 0
     for done, index in enumerate(indices):
         if on_view is not None:
             on_view(done, len(indices))
@@ -64,7 +64,7 @@ def lift(
         camera = choose_camera(scene, index, values)
         mask = resize_mask(scene.mask(index), camera.height, camera.width)
         try:
-            sums.add(render(gaussians, camera, scene.views[index].motion), values, mask)
+            sums.add(render(drawn, camera, scene.views[index].motion), values, mask)
         except InputError as error:
             raise InputError(f"the map of {name}: {error}") from None
         used += 1

@@ -84,7 +84,8 @@ class Lifted:
             )
         seen = (self.weights > 0).astype(np.float32)[:, None]
         values = np.concatenate([self.features, seen], axis=1)
-        drawn = render(gaussians, camera, camera_from_world, features=values, **options)
+        by_centers = gaussians.order_by_centers()
+        drawn = render(by_centers, camera, camera_from_world, features=values, **options)
         return self.read_features(drawn)
 
     def read_features(self, drawn: Render) -> np.ndarray:

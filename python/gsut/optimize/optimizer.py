@@ -247,8 +247,9 @@ class GaussianOptimizer:
     @allow_one_thread
     def restart_with(self, gaussians: Gaussians) -> GaussianOptimizer:
         """Returns an optimizer of other Gaussians, drawn as these, that keeps counting steps."""
-        own = self.arrays[0]
-        gaussians = dataclasses.replace(gaussians, response=own.response, primitive=own.primitive)
+        rule = self.arrays[0].rule
+        del rule["shapes"]
+        gaussians = dataclasses.replace(gaussians, **rule)
         new = GaussianOptimizer(gaussians, seed=self.seed, surfels=self.surfels, atoms=self.atoms)
         new.steps = self.steps
         return new

@@ -333,7 +333,8 @@ def draw_on_card(
     primitive = getattr(gaussians, "primitive", Gaussians.PRIMITIVES[0])
     if primitive != Gaussians.PRIMITIVES[0]:
         raise CardRefusal(f"it draws Gaussians only, found primitive {primitive}")
-    if gaussians.response != _RESPONSE or rule.order not in _ORDERS:
+    order = gaussians.order if rule.order == "model" else rule.order
+    if gaussians.response != _RESPONSE or order not in _ORDERS:
         raise CardRefusal(
             f"it knows the response {_RESPONSE} and the orders {' and '.join(_ORDERS)} only"
         )

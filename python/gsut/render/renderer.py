@@ -175,13 +175,13 @@ def render(
         background: colour behind everything, or an image (H, W, 3) of them in [0, 1]; None: where
             no Gaussian is, the soft colour of what is around in the image (to be recognized by
             `alpha`).
-        parity: blending rules of "gsplat" or "3dgrut"; None: gsut's own (distance order).
+        parity: blending rules of "gsplat" or "3dgrut"; None: gsut's own.
         blend: a `BlendRule` of your own in place of parity.
         order: "distance" or "z": Gaussians are blended by their means' distance from the camera or
-            camera z; "ray": as each pixel's own ray passes them (in float32 without features, and
-            with gradients of image and alpha only where all rays meet in one point); "integral":
-            they overlap as densities, and the light along the ray is integrated to 1e-12 (float64
-            only, without a gradient). None: as parity or blend say.
+            camera z; "ray": as each pixel's own ray passes them (in float32 without features);
+            "integral": they overlap as densities, and the light along the ray is integrated to
+            1e-12 (float64 only, without a gradient). None: as parity or blend say, without them as
+            the Gaussians do.
         response: in place of the Gaussians' own, which None leaves.
         sh_degree: harmonics above this degree are ignored.
         unscented: alpha, beta, kappa of the transform that bounds each Gaussian's tiles.

@@ -100,7 +100,8 @@ def _judge_views(
     columns: dict[str, list[np.ndarray]] = {kind: [] for kind in (*KINDS, "truth", "angle")}
     for index, true in rows:
         camera, view = scene.camera(index), scene.views[index]
-        result = render(gaussians, camera, view.motion, background=background)
+        drawn = gaussians.order_by_centers()
+        result = render(drawn, camera, view.motion, background=background)
         surface = render_surface(result)
         if on_view is not None:
             image = to_uint8(result.image)

@@ -242,7 +242,7 @@ def _render_map(
     size = (camera.width, camera.height)
     if mask.shape[::-1] != size:
         mask = cv2.resize(mask.astype(np.uint8), size, interpolation=0) > 0
-    result = render(gaussians, camera, motion, background=background)
+    result = render(gaussians.order_by_centers(), camera, motion, background=background)
     surface = render_surface(result)
     depth = np.where(result.alpha < _NOTHING, np.inf, getattr(surface, o.depth))
     depth = np.where(mask & camera.rays()[1], depth, np.nan).astype(np.float32)

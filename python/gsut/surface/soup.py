@@ -63,7 +63,7 @@ def _average_colors(gaussians: Gaussians, scene: Any) -> np.ndarray:
     for index in scene.train_indices or range(len(scene.views)):
         camera, view = scene.camera(index), scene.views[index]
         weights = np.zeros_like(total)
-        render(gaussians, camera, view.motion).add_map(
+        render(gaussians.order_by_centers(), camera, view.motion).add_map(
             np.ones((camera.height, camera.width, 1), np.float32), weights
         )
         seen = np.flatnonzero(weights[:, 0])

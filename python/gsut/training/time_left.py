@@ -15,6 +15,7 @@ from gsut.lens import Camera
 from gsut.optimize import compute_target_size
 from gsut.run import TrainOptions
 from gsut.time_left import Pace, predict_steps
+from gsut.training.loop import RAY_FROM
 
 CURVE_VIEWS = 4  # held-out views measured during a training: enough to see its course
 # Gaussians of the picture that `measure_pace` draws and differentiates, and its pixels a side.
@@ -22,6 +23,8 @@ _PROBE_GAUSSIANS = 20_000
 _PROBE_SIDE = 320
 # Seconds that this takes on one core of the machine whose rates `gsut.time_left` holds.
 _PROBE_SECONDS = 0.0116
+# Time of a step along the ray over that of one by the distance (docs/approximations.md).
+_RAY_FACTOR = 2.2
 _PROBES = 5  # of which the median counts: other programs interrupt single ones
 
 
@@ -70,7 +73,8 @@ def predict_training_steps(
     quarter, half = options.coarse_to_fine
     area = np.where(fraction <= quarter, 1 / 16, np.where(fraction <= half, 1 / 4, 1.0))
     counts = np.array([compute_target_size(options, max(1, first_count), f) for f in fraction])
-    return predict_steps(megapixels * area, counts)
+    along_ray = (options.order == "ray") & (fraction >= RAY_FROM)
+    return predict_steps(megapixels * area, counts) * np.where(along_ray, _RAY_FACTOR, 1.0)
 
 
 def track_training(

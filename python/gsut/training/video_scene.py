@@ -292,7 +292,7 @@ class VideoScene:
         in_camera = camera.rays()[0][rows, columns] * distances[:, None]
         positions = (in_camera - pose[:3, 3]) @ pose[:3, :3]
         seeds = self._seed_gaussians(positions, photograph[rows, columns])
-        alike = dataclasses.replace(seeds, response=gaussians.response)
+        alike = dataclasses.replace(seeds, response=gaussians.response, order=gaussians.order)
         both = merge_gaussians([gaussians, alike.to_primitive(gaussians.primitive)])
         self._loop.optimizer = self._loop.optimizer.restart_with(both)
 

@@ -170,6 +170,7 @@ def test_resumed_run_keeps_its_division(scene, finished):
         ({"low_pass": 0.3}, "low_pass"),
         ({"strategy": "mini"}, "strategy=mini"),
         ({"compact_at": 5}, "compact_at"),
+        ({"order": "ray"}, "--order ray"),
     ],
 )
 def test_options_that_are_not_there_for_blocks_are_refused(scene, tmp_path, given, words):

@@ -1,6 +1,7 @@
 """The command line: commands on a faked run, refusals in one sentence, and start-up time."""
 
 import argparse
+import dataclasses
 import functools
 import importlib
 import io
@@ -343,9 +344,19 @@ def test_render_draws_in_the_order_that_was_chosen(tmp_path, monkeypatch):
         gsut, "render", lambda *a, **k: orders.append(k["order"]) or render(*a, **k)
     )
     gsut.formats.save_ply(path, small_run.GAUSSIANS[:20])
-    words = ["render", str(path), "--frames", "1", "--size", "20x15", "--order", "ray"]
-    assert main([*words, "-o", str(tmp_path / "out")]) == 0
+    words = ["render", str(path), "--frames", "1", "--size", "20x15"]
+    assert main([*words, "--order", "ray", "-o", str(tmp_path / "out")]) == 0
     assert orders == ["ray"]
+
+
+def test_render_of_depths_of_a_model_along_the_ray_says_which_order_has_them(tmp_path, capsys):
+    path = tmp_path / "scene.ply"
+    gsut.formats.save_ply(path, dataclasses.replace(small_run.GAUSSIANS[:20], order="ray"))
+    words = ["render", str(path), "--frames", "1", "--size", "20x15", "--depth", "ray", "-o"]
+    assert main([*words, str(tmp_path / "out")]) == 2
+    assert "order along the ray: give --order distance, or take" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+    assert main([*words, str(tmp_path / "out"), "--order", "distance"]) == 0
 
 
 def test_render_along_the_path_of_a_screenshot_uses_its_lens(run, tmp_path):

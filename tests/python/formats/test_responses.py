@@ -1,4 +1,4 @@
-"""A model carries its response: through files, rows, merges and a training."""
+"""A model carries its response and its order: through files, rows and merges."""
 
 import dataclasses
 
@@ -12,65 +12,83 @@ from gsut.formats import open_ply
 from gsut.formats.ply import read_comments
 from random_scenes import random_gaussians
 
+# A kind of rule, a name that is not the default, the default, and what the formats say of it.
+RULES = [("response", "extinction", "maximum"), ("order", "ray", "distance")]
+with_each_rule = pytest.mark.parametrize(("kind", "name", "default"), RULES)
 
-def make_model(rng, response="extinction", count=40):
-    return dataclasses.replace(random_gaussians(rng, count), response=response)
+
+def make_model(rng, **rule):
+    return dataclasses.replace(random_gaussians(rng, 40), **rule)
 
 
-def test_response_stays_with_rows_copies_types_and_origins(rng):
-    g = make_model(rng)
+@with_each_rule
+def test_rule_stays_with_rows_copies_types_and_origins(rng, kind, name, default):
+    g = make_model(rng, **{kind: name})
     moved = g.translate((1e6, 0, 0))
     for same in (g[3:5], g.copy(), g.to_dtype(np.float64), moved, moved.with_origin((0, 0, 0))):
-        assert same.response == "extinction"
-    assert random_gaussians(rng, 2).response == "maximum"
-    with pytest.raises(InputError, match='"beta" is unknown; known: maximum, extinction, density'):
-        dataclasses.replace(g, response="beta")
+        assert getattr(same, kind) == name
+    assert getattr(make_model(rng), kind) == default
+    with pytest.raises(InputError, match=f'{kind} "beta" is unknown; known: {default}, '):
+        dataclasses.replace(g, **{kind: "beta"})
 
 
-def test_save_ply_names_the_response_and_load_ply_reads_it(rng, tmp_path):
-    g, path = make_model(rng), tmp_path / "scene.ply"
+@with_each_rule
+def test_save_ply_names_the_rule_and_load_ply_reads_it(rng, tmp_path, kind, name, default):
+    g, path = make_model(rng, **{kind: name}), tmp_path / "scene.ply"
     gsut.save_gaussians(path, g)
-    assert "gsut: response extinction" in read_comments(path)
+    assert f"gsut: {kind} {name}" in read_comments(path)
     found = gsut.load_gaussians(path)
-    assert found.response == open_ply(path, memory=1).response == "extinction"
+    assert getattr(found, kind) == getattr(open_ply(path, memory=1), kind) == name
     assert found.means.tobytes() == g.means.tobytes()
-    gsut.save_gaussians(path, dataclasses.replace(g, response="maximum"))
-    assert not any("response" in comment for comment in read_comments(path))
-    assert gsut.load_gaussians(path).response == "maximum"
+    gsut.save_gaussians(path, dataclasses.replace(g, **{kind: default}))
+    assert not any(kind in comment for comment in read_comments(path))
+    assert getattr(gsut.load_gaussians(path), kind) == default
 
 
-def test_load_ply_of_an_unknown_response_is_refused(rng, tmp_path):
+@with_each_rule
+def test_load_ply_of_an_unknown_rule_is_refused(rng, tmp_path, kind, name, default):
     path = tmp_path / "scene.ply"
-    gsut.save_gaussians(path, make_model(rng))
-    path.write_bytes(path.read_bytes().replace(b"response extinction", b"response extincted!"))
-    with pytest.raises(InputError, match=r"scene\.ply: the comment .*extincted!.* known: maximum"):
+    gsut.save_gaussians(path, make_model(rng, **{kind: name}))
+    path.write_bytes(path.read_bytes().replace(f"{kind} {name}".encode(), f"{kind} rye".encode()))
+    with pytest.raises(InputError, match=rf"scene\.ply: the comment .*rye.* known: {default}"):
         gsut.load_gaussians(path)
 
 
-def test_save_gltf_names_the_response_and_an_unknown_one_is_refused(rng, tmp_path):
+@with_each_rule
+def test_save_gltf_names_the_rule_and_an_unknown_one_is_refused(rng, tmp_path, kind, name, default):
     path = tmp_path / "scene.glb"
-    assert not gsut.save_gaussians(path, make_model(rng)).left_out
-    assert gsut.load_gaussians(path).response == "extinction"
-    path.write_bytes(path.read_bytes().replace(b'"extinction"', b'"extincted!"'))
-    with pytest.raises(InputError, match=r"scene\.glb: extras .*extincted!.* known: maximum"):
+    assert not gsut.save_gaussians(path, make_model(rng, **{kind: name})).left_out
+    assert getattr(gsut.load_gaussians(path), kind) == name
+    wrong = "?" * len(name)
+    path.write_bytes(path.read_bytes().replace(f'"{name}"'.encode(), f'"{wrong}"'.encode()))
+    with pytest.raises(InputError, match=rf"scene\.glb: extras .*\?\?.* known: {default}"):
         gsut.load_gaussians(path)
-    other = b'["of another program"]'.ljust(len(b'{"gsut: response":"extincted!"}'))
-    path.write_bytes(path.read_bytes().replace(b'{"gsut: response":"extincted!"}', other))
-    assert gsut.load_gaussians(path).response == "maximum"
+    extras = f'{{"gsut: {kind}":"{wrong}"}}'.encode()
+    other = b'["another\'s"]'.ljust(len(extras))
+    path.write_bytes(path.read_bytes().replace(extras, other))
+    assert getattr(gsut.load_gaussians(path), kind) == default
+
+
+def test_save_gltf_keeps_response_and_order_together(rng, tmp_path):
+    gsut.save_gaussians(tmp_path / "scene.glb", make_model(rng, response="extinction", order="z"))
+    found = gsut.load_gaussians(tmp_path / "scene.glb")
+    assert (found.response, found.order) == ("extinction", "z")
 
 
 @pytest.mark.parametrize("suffix", [".splat", ".compressed.ply"])
-def test_save_other_formats_say_that_the_response_is_lost(rng, tmp_path, suffix):
+@with_each_rule
+def test_save_other_formats_say_that_the_rule_is_lost(rng, tmp_path, suffix, kind, name, default):
     path = tmp_path / f"scene{suffix}"
+    left_out = gsut.save_gaussians(path, make_model(rng, **{kind: name})).left_out
+    assert any(f"the {kind} {name}: " in each and f"by the {default}" in each for each in left_out)
+    assert getattr(gsut.load_gaussians(path), kind) == default
     left_out = gsut.save_gaussians(path, make_model(rng)).left_out
-    assert any("response extinction: the file is drawn by the maximum" in each for each in left_out)
-    assert gsut.load_gaussians(path).response == "maximum"
-    left_out = gsut.save_gaussians(path, make_model(rng, "maximum")).left_out
-    assert not any("response" in each for each in left_out)
+    assert not any(f"the {kind} " in each for each in left_out)
 
 
-def test_merge_of_two_responses_is_refused(rng):
-    two = [make_model(rng), make_model(rng, "maximum")]
-    with pytest.raises(InputError, match="one response, found extinction, maximum"):
+@with_each_rule
+def test_merge_of_two_rules_is_refused(rng, kind, name, default):
+    two = [make_model(rng, **{kind: name}), make_model(rng)]
+    with pytest.raises(InputError, match=f"one {kind}, found {name}, {default}"):
         merge_gaussians(two)
-    assert merge_gaussians([two[0], two[0]]).response == "extinction"
+    assert getattr(merge_gaussians([two[0], two[0]]), kind) == name

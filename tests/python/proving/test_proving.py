@@ -139,6 +139,16 @@ def test_misfires_of_a_row_are_named():
     ]  # fmt: skip
 
 
+@pytest.mark.parametrize(("order", "wrong"), [("bottom_to_top", False), ("top_to_bottom", True)])
+def test_readout_is_compared_with_its_direction(order, wrong):
+    row = {
+        "kind": "film", "shutter_found": order, "readout_found": 0.02, "readout_sigma": 2e-3,
+        "readout_ms": -22.0, "readout_px": 2.0,
+    }  # fmt: skip
+    kinds = [misfire.kind for misfire in find_misfires(row)]
+    assert kinds == ["readout beyond 3 sigma"] * wrong
+
+
 def test_what_the_doctor_says_of_exact_data_is_a_misfire():
     row = {"exact": {"1": [], "3": ["error: the photographs contradict", "warning: blurred"]}}
     assert [misfire.kind for misfire in find_misfires(row)] == [

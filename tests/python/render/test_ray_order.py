@@ -148,10 +148,8 @@ def test_ray_order_has_the_same_bits_on_1_and_8_threads(rng, shutter):
         gsut.set_num_threads(threads)
         found = gsut.render(g, camera, pose, shutter=shutter, order="ray")
         bits = found.image.tobytes() + found.depth.tobytes()
-        if shutter is None:
-            slopes = gsut.render_backward(found, found.image)
-            bits += slopes.gaussians.means.tobytes() + slopes.pose.tobytes()
-        seen.add(bits)
+        slopes = gsut.render_backward(found, found.image)
+        seen.add(bits + slopes.gaussians.means.tobytes() + slopes.pose.tobytes())
     assert len(seen) == 1
 
 
@@ -169,17 +167,24 @@ def test_ray_order_of_tiles_left_out_shows_the_background(rng):
     assert image.tobytes() == whole.tobytes()
 
 
+def add_twins(slopes):
+    return np.concatenate([slopes[:1] + slopes[-1:], slopes[1:-1]])
+
+
+@pytest.mark.parametrize("shutter", [None, "top_to_bottom"])
 @pytest.mark.parametrize("parity", [None, "gsplat"])
-@pytest.mark.parametrize("kind", ["maximum", "extinction", "power4"])
-def test_ray_order_backward_every_isa_matches_double(rng, kind, parity):
+@pytest.mark.parametrize("kind", ["maximum", "extinction", "power4", "triangle"])
+def test_ray_order_backward_every_isa_matches_double(rng, kind, parity, shutter):
     camera, pose = fisheye(32, degrees=200.0), random_pose(rng)
-    changed = {"primitive": kind} if kind == "power4" else {"response": kind}
+    primitive = kind in gsut.Gaussians.PRIMITIVES
+    changed = {"primitive": kind} if primitive else {"response": kind}
     g = dataclasses.replace(overlap(rng, camera, pose), **changed)
-    # Two at one place: neither is in front by its distance alone.
+    pose = pose if shutter is None else move(rng, pose)
+    # Two at one place: either may be in front, so that the sum of their gradients counts.
     g = g[np.append(np.arange(len(g)), 0)]
-    options = {"blend": make_rule(parity), "background": BACKGROUND}
+    options = {"blend": make_rule(parity), "background": BACKGROUND, "shutter": shutter}
     exact = gsut.render(g, camera, pose, dtype="float64", **options)
-    dimage, dalpha = rng.normal(size=(32, 32, 3)), rng.normal(size=(32, 32))
+    dimage, (dalpha, ddepth, dspread) = rng.normal(size=(32, 32, 3)), rng.normal(size=(3, 32, 32))
     drawn = {}
     for isa in gsut.machine.available_isas():
         gsut.machine.set_isa(isa)
@@ -187,13 +192,16 @@ def test_ray_order_backward_every_isa_matches_double(rng, kind, parity):
     off = [np.abs(image.image - exact.image).max(axis=2) for image in drawn.values()]
     flips = np.max(off, axis=0) > tolerances.RENDER_FLIP
     assert flips.mean() < tolerances.RAY_ORDER_FLIPS
-    dimage[flips], dalpha[flips] = 0.0, 0.0
-    truth = gsut.render_backward(exact, dimage, dalpha)
+    for each in (dimage, dalpha, ddepth, dspread):
+        each[flips] = 0.0
+    # With the gradients to depths, and without: a build of the kernel each.
+    of_depth = {} if parity is None else {"ddepth": ddepth, "ddistortion": dspread}
+    truth = gsut.render_backward(exact, dimage, dalpha, **of_depth)
     for isa, image in drawn.items():
         gsut.machine.set_isa(isa)
-        found = gsut.render_backward(image, dimage, dalpha)
+        found = gsut.render_backward(image, dimage, dalpha, **of_depth)
         for name in ("means", "quats", "log_scales", "opacity_logits", "sh"):
-            slopes, true = getattr(found.gaussians, name), getattr(truth.gaussians, name)
+            slopes, true = (add_twins(getattr(each.gaussians, name)) for each in (found, truth))
             error = relative_error(slopes, true)
             assert error < tolerances.RENDER_GRADIENT, (isa, name, error)
         assert relative_error(found.pose, truth.pose) < tolerances.RENDER_POSE_GRADIENT, isa
@@ -202,17 +210,16 @@ def test_ray_order_backward_every_isa_matches_double(rng, kind, parity):
 @pytest.mark.parametrize(
     "use",
     [
-        lambda g, image: gsut.render_backward(image, image.image, None, image.depth),
         lambda g, image: gsut.rendering.measure_depth(image, "median"),
         lambda g, image: gsut.render(
             g, image.camera, np.eye(4), order="ray", features=g.means.astype(np.float32)
         ),
     ],
-    ids=["backward of depth", "depth", "features"],
+    ids=["depth", "features"],
 )
 def test_ray_order_in_float32_says_what_it_has_not(rng, use):
     camera = pinhole(8)
     g = overlap(rng, camera, np.eye(4), count=3)
     image = gsut.render(g, camera, np.eye(4), order="ray")
-    with pytest.raises(InputError, match=r"order \"ray\".*float64"):
+    with pytest.raises(InputError, match=r"order \"ray\".*distance"):
         use(g, image)

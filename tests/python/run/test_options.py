@@ -233,7 +233,7 @@ def test_help_lists_the_common_options_and_help_all_the_rest(capsys):
         (["lr_meanz=2"], "--set lr_meanz: no such option; gsut train --help-all lists them"),
         (["lr_means"], "--set takes NAME=VALUE"),
         (["noise=maybe"], "--set noise must be true or false, found 'maybe'"),
-        (["order=ray"], "--set order is no option of training: a model does not keep its order"),
+        (["order=beta"], "--set order must be one of distance, z, ray, found 'beta'"),
     ],
 )
 def test_set_with_a_wrong_name_or_value_is_refused(words, said, capsys):
@@ -241,13 +241,6 @@ def test_set_with_a_wrong_name_or_value_is_refused(words, said, capsys):
 
     assert main(["train", "DATA", "-o", "RUN", "--set", *words]) == 2
     assert said in capsys.readouterr().err
-
-
-def test_order_of_a_training_is_refused_with_the_reason(capsys):
-    from gsut.cli import main
-
-    assert main(["train", "DATA", "-o", "RUN", "--order", "ray"]) == 2
-    assert "a model does not keep its order" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""A training with the extinction: it learns, resumes to the same bits, and its files say so."""
+"""Trainings by other rules: they learn, resume to the same bits, and their files say so."""
 
 import json
 
@@ -9,37 +9,70 @@ import tolerances
 from gsut import TrainOptions
 from gsut.run.folder import RunFile
 from gsut.training.loop import TrainingLoop
+from gsut.training.time_left import predict_training_steps
 
-SHORT = {"steps": 100, "max_gaussians": 150, "response": "extinction"}
+SHORT = {"steps": 100, "max_gaussians": 150}
+# Kind of rule, its name, and another.
+RULES = [("response", "extinction", "maximum"), ("order", "ray", "distance"), ("order", "z", "ray")]
 
 
-@pytest.mark.parametrize("strategy", ["mcmc", "mini"])
-def test_train_with_extinction_learns_and_the_run_carries_it(scene, tmp_path, strategy):
-    options = TrainOptions(**SHORT, strategy=strategy)
+@pytest.mark.parametrize(
+    ("kind", "name", "other", "strategy"),
+    [(*RULES[0], "mcmc"), (*RULES[0], "mini"), (*RULES[1], "mcmc"), (*RULES[2], "mini")],
+)
+def test_train_by_a_rule_learns_and_the_run_carries_it(
+    scene, tmp_path, kind, name, other, strategy
+):
+    options = TrainOptions(**SHORT, strategy=strategy, **{kind: name})
     result = gsut.train(scene, options, out=tmp_path / "run", progress=False)
     assert result.metrics["psnr"] > tolerances.TRAIN_LEAST_PSNR
-    assert result.gaussians.response == "extinction"
+    assert getattr(result.gaussians, kind) == name
     run = gsut.load_run(tmp_path / "run")
-    assert run.gaussians.response == "extinction"
+    assert getattr(run.gaussians, kind) == name
     said = json.loads((tmp_path / "run" / RunFile.OPTIONS).read_text(encoding="utf-8"))
-    assert said["response"] == "extinction"
+    assert said[kind] == name
     # Another rule shows another picture: what was measured is what is drawn.
     index = scene.test_indices[0]
     pose = scene.views[index].camera_from_world
     images = [
-        gsut.render(result.gaussians, scene.camera(index), pose, response=each).image
-        for each in (None, "extinction", "maximum")
+        gsut.render(result.gaussians, scene.camera(index), pose, **{kind: each}).image
+        for each in (None, name, other)
     ]
     assert images[0].tobytes() == images[1].tobytes() != images[2].tobytes()
 
 
-def test_train_with_extinction_goes_on_from_a_state_to_the_same_bits(scene):
-    options = TrainOptions(**SHORT).resolve()
+@pytest.mark.parametrize(("kind", "name"), [rule[:2] for rule in RULES])
+def test_train_by_a_rule_goes_on_from_a_state_to_the_same_bits(scene, kind, name):
+    options = TrainOptions(**SHORT, **{kind: name}).resolve()
     whole = TrainingLoop(scene, options)
-    for _ in range(40):
+    for _ in range(62):
         whole.advance()
-    state = whole.optimizer.state_dict()
     again = TrainingLoop(scene, options)
-    again.optimizer.load_state_dict(state)
-    assert again.gaussians.response == "extinction"
+    again.load_state_dict(whole.state_dict())
+    assert getattr(again.gaussians, kind) == name
+    for loop in (whole, again):
+        loop.advance()
     assert again.gaussians.means.tobytes() == whole.gaussians.means.tobytes()
+
+
+def test_train_along_the_ray_draws_by_the_distance_first(scene):
+    loops = [TrainingLoop(scene, TrainOptions(**SHORT, order=o).resolve()) for o in ("ray", "z")]
+    drawn = []
+    for _ in range(60):
+        loops[0].advance()
+        drawn.append(loops[0].gaussians.order)
+    assert drawn == ["distance"] * 59 + ["ray"]
+    assert loops[1].gaussians.order == "z"
+
+
+def test_time_left_counts_the_steps_along_the_ray():
+    distance, ray = (
+        predict_training_steps(TrainOptions(**SHORT, order=o).resolve(), 100, 0.04)
+        for o in ("distance", "ray")
+    )
+    assert (ray[:59] == distance[:59]).all() and (ray[59:] > 2 * distance[59:]).all()
+
+
+def test_train_along_the_ray_with_refined_poses_is_refused():
+    with pytest.raises(gsut.InputError, match="--refine-poses cannot be combined with --order ray"):
+        TrainOptions(order="ray", refine_lens=True)

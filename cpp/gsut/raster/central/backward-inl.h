@@ -155,14 +155,15 @@ HWY_INLINE void FetchAhead(const Frame& frame, const TileEntry* entry, std::uint
   __builtin_prefetch(&frame.slot_touched[next.slot], 1);
 }
 
-// Fills the slots of a tile's pairs. to_rays: with flags.with_rays 2 x 256 floats for the gradients
-// to s and t of the tile's pixels, swizzled. channels: with flags.with_channels.
+// Fills the slots of a tile's pairs: KeptPairs, or RayPairs. to_rays: with flags.with_rays 2 x 256
+// floats for the gradients to s and t of the tile's pixels, swizzled. channels: with
+// flags.with_channels.
+template <class Pairs>
 HWY_INLINE void BackwardTile(BackwardFlags flags, const RasterTask& task, const TileGrid& grid,
-                             int tile, const PixelGradients& gradients, Frame* frame,
+                             int tile, Pairs pairs, const PixelGradients& gradients, Frame* frame,
                              float* to_rays, TileChannels* channels = nullptr) {
   const FloatTag d;
-  const std::uint32_t count = frame->entry_count[tile];
-  if (count == 0) {
+  if (pairs.count == 0) {
     if (flags.with_rays) __builtin_memset(to_rays, 0, sizeof(float) * 2 * kTilePixels);
     return;
   }
@@ -174,13 +175,15 @@ HWY_INLINE void BackwardTile(BackwardFlags flags, const RasterTask& task, const 
     fields.Block(block).Set(kFieldToS, hn::Zero(d));
     fields.Block(block).Set(kFieldToT, hn::Zero(d));
   }
+  pairs.Start(flags, &fields);
+  const std::uint32_t count = pairs.count;
+  const TileEntry* entries = pairs.entries;
   const TileAxes to_tile = ToTileAxes(grid, tile);
   const TileAxes from_tile = FromTileAxes(grid, tile);
   const float* center = &grid.center[static_cast<std::size_t>(tile) * kDirectionSize];
   const BlendLimits limits(task);
   const FloatVec most =
       hn::Set(d, task.is_extinction ? hwy::HighestValue<float>() : task.alpha_max);
-  const TileEntry* entries = &frame->entries[frame->tile_begin[tile]];
   ShapeSums shapes;
   for (std::uint32_t e = 0; e < count; ++e) {
     FetchAhead(*frame, entries + e, count - e);
@@ -199,6 +202,7 @@ HWY_INLINE void BackwardTile(BackwardFlags flags, const RasterTask& task, const 
     for (std::uint64_t todo = entries[e].blocks; todo != 0; todo &= todo - 1) {
       const int block = __builtin_ctzll(todo);
       float* pair = flags.with_channels ? channels->NextPair() : nullptr;
+      pairs.Restore(e, block, fields.Block(block));
       BackwardRays(flags, limits, g, fields.Block(block), sums, &shapes, pair);
     }
     if (flags.with_channels) channels->Finish(e);

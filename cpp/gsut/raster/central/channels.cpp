@@ -37,7 +37,8 @@ void ChannelsBackward(const RasterTask& task, const TileGrid& grid, int tile,
   BackwardWithChannels(task, grid, tile, gradients, to_rays != nullptr, *frame, to_channels,
                        [&](BackwardFlags flags, const PixelGradients& pixels,
                            TileChannels* channels) GSUT_INLINED_LAMBDA {
-                         BackwardTile(flags, task, grid, tile, pixels, frame, to_rays, channels);
+                         BackwardTile(flags, task, grid, tile, KeptPairs(*frame, tile), pixels,
+                                      frame, to_rays, channels);
                        });
 }
 

@@ -152,7 +152,7 @@ void Backward(const RasterTask& task, const TileGrid& grid, int tile,
   HWY_ALIGN float buffer[7 * kTilePixels];
   const PixelGradients pixels = ReadPixelGradients(grid, tile, gradients, task.background, buffer);
   WithBackwardFlags(gradients, to_rays != nullptr, [&](BackwardFlags flags) GSUT_INLINED_LAMBDA {
-    BackwardTile(flags, task, grid, tile, pixels, frame, to_rays);
+    BackwardTile(flags, task, grid, tile, KeptPairs(*frame, tile), pixels, frame, to_rays);
   });
 }
 

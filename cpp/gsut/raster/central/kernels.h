@@ -54,8 +54,7 @@ void RayOrderKeysKernel(const RasterTask& task, std::int64_t begin, std::int64_t
 void RayOrderForwardKernel(const RasterTask& task, const TileGrid& grid, int tile, Frame* frame,
                            float* image, float* alpha, float* depth, float* distortion);
 
-// As BackwardKernel, of a tile that RayOrderForwardKernel has blended; without gradients to depth
-// and distortion.
+// As BackwardKernel, of a tile that RayOrderForwardKernel has blended.
 void RayOrderBackwardKernel(const RasterTask& task, const TileGrid& grid, int tile,
                             const ImageGradients& gradients, Frame* frame, float* to_rays);
 

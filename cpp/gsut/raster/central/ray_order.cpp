@@ -57,63 +57,15 @@ HWY_NOINLINE void NoteTileAlongRays(const RasterTask& task, const TileGrid& grid
   BlendTileAlongRays(task, grid, tile, 0.0f, kernel, frame, notes);
 }
 
-// As BackwardTile: fills the slots of a tile's pairs.
-HWY_INLINE void BackwardTileAlongRays(BackwardFlags flags, const RasterTask& task,
-                                      const TileGrid& grid, int tile,
-                                      const PixelGradients& gradients, Frame* frame,
-                                      float* to_rays) {
-  const FloatTag d;
-  const std::size_t pixel0 = static_cast<std::size_t>(tile) * kTilePixels;
-  TileFields<kNumRayFields> fields;
-  for (int block = 0; block < kBlocks; ++block) {
-    StartBlock(flags, grid, *frame, gradients, pixel0, block, fields.Block(block));
-    fields.Block(block).Set(kFieldToS, hn::Zero(d));
-    fields.Block(block).Set(kFieldToT, hn::Zero(d));
-  }
-  const std::uint32_t begin = frame->tile_begin[tile];
-  const std::uint32_t count = frame->tile_begin[tile + 1] - begin;
-  RayNotes<kNumRayFields> notes(task, count, &fields);
-  NoteTileAlongRays(task, grid, tile, frame, &notes);
-  const TileAxes to_tile = ToTileAxes(grid, tile);
-  const TileAxes from_tile = FromTileAxes(grid, tile);
-  const float* center = &grid.center[static_cast<std::size_t>(tile) * kDirectionSize];
-  const BlendLimits limits(task);
-  const FloatVec most =
-      hn::Set(d, task.is_extinction ? hwy::HighestValue<float>() : task.alpha_max);
-  ShapeSums shapes;
-  for (std::uint32_t e = 0; e < count; ++e) {
-    const std::uint64_t blocks = notes.BlocksOf(e);
-    if (blocks == 0) continue;
-    const TilePair pair = frame->pairs[begin + e];
-    HWY_ALIGN float r[record::kSize];
-    TurnRecord(to_tile, center, *frame, pair.gaussian, r);
-    if (!limits.IsGaussian()) shapes.Start(task, pair.gaussian);
-    const RecordVectors g(r);
-    FloatVec sums[16];
-    GSUT_UNROLL for (int i = 0; i < 16; ++i) sums[i] = hn::Zero(d);
-    for (std::uint64_t todo = blocks; todo != 0; todo &= todo - 1) {
-      const int block = __builtin_ctzll(todo);
-      RespondAgain(limits, g, shapes.shape, most, fields.Block(block));
-      notes.Restore(e, block, fields.Block(block));
-    }
-    for (std::uint64_t todo = blocks; todo != 0; todo &= todo - 1) {
-      BackwardRays(flags, limits, g, fields.Block(__builtin_ctzll(todo)), sums, &shapes, nullptr);
-    }
-    HWY_ALIGN float totals[16];
-    SumLanes<16>(sums, totals);
-    from_tile.Turn(totals, &frame->slot_gradients[std::size_t{16} * pair.slot]);
-    frame->slot_touched[pair.slot] = 1;
-    if (!limits.IsGaussian()) shapes.Finish(pair.slot, frame);
-  }
-  if (flags.with_rays) fields.Export(kFieldToS, to_rays);
-}
-
 void RayOrderBackward(const RasterTask& task, const TileGrid& grid, int tile,
                       const ImageGradients& gradients, Frame* frame, float* to_rays) {
   HWY_ALIGN float buffer[7 * kTilePixels];
   const PixelGradients pixels = ReadPixelGradients(grid, tile, gradients, task.background, buffer);
+  const auto blend = [&](RayNotes<kNumRayFields>* notes)
+                         HWY_ATTR { NoteTileAlongRays(task, grid, tile, frame, notes); };
   WithBackwardFlags(gradients, to_rays != nullptr, [&](BackwardFlags flags) GSUT_INLINED_LAMBDA {
-    BackwardTileAlongRays(flags, task, grid, tile, pixels, frame, to_rays);
+    BackwardTile(flags, task, grid, tile, RayPairs(task, *frame, tile, blend), pixels, frame,
+                 to_rays);
   });
 }
 

@@ -189,14 +189,14 @@ HWY_INLINE void AddToLines(BackwardFlags flags, const LineChunk& chunk, int j,
   add(kLineToT, x_b, turn_x, y_b, turn_y);
 }
 
-// Fills the slots of a tile's pairs. to_lines: with flags.with_rays 5 x 256 floats for the
-// gradients to a, b, s, t and slide of the tile's lines, swizzled. channels: with
+// Fills the slots of a tile's pairs: KeptPairs, or RayPairs. to_lines: with flags.with_rays 5 x 256
+// floats for the gradients to a, b, s, t and slide of the tile's lines, swizzled. channels: with
 // flags.with_channels.
+template <class Pairs>
 HWY_INLINE void BackwardLines(BackwardFlags flags, const RasterTask& task, const LineGrid& grid,
-                              int tile, const PixelGradients& gradients, Frame* frame,
+                              int tile, Pairs pairs, const PixelGradients& gradients, Frame* frame,
                               float* to_lines, TileChannels* channels = nullptr) {
   const FloatTag d;
-  const std::uint32_t count = frame->entry_count[tile];
   const std::size_t pixel0 = static_cast<std::size_t>(tile) * kTilePixels;
   TileFields<kNumLineFields> fields;
   for (int block = 0; block < kBlocks; ++block) {
@@ -208,8 +208,10 @@ HWY_INLINE void BackwardLines(BackwardFlags flags, const RasterTask& task, const
     at.Set(kLineSlide, line.slide);
     for (int field = kLineToA; field < kNumLineFields; ++field) at.Set(field, hn::Zero(d));
   }
+  pairs.Start(flags, &fields);
+  const std::uint32_t count = pairs.count;
+  const TileEntry* entries = pairs.entries;
   const float* bundle = grid.bundles[static_cast<std::size_t>(tile)].values;
-  const TileEntry* entries = &frame->entries[frame->tile_begin[tile]];
   const BlendLimits limits(task);
   const bool is_flat = HasEdges(limits.primitive);
   LineChunk chunk;
@@ -233,6 +235,7 @@ HWY_INLINE void BackwardLines(BackwardFlags flags, const RasterTask& task, const
         const int block = __builtin_ctzll(todo);
         const BlockFields at = fields.Block(block);
         float* pair = channels != nullptr ? channels->NextPair() : nullptr;
+        pairs.Restore(e, block, at);
         if (HWY_UNLIKELY(is_flat)) {
           VisitFlat(limits.primitive, [&](auto kind) HWY_ATTR {
             BackwardFlat(kind, flags, limits, chunk, j, at, sums, &shapes, pair);

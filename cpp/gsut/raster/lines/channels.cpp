@@ -37,7 +37,8 @@ void LineChannelsBackward(const RasterTask& task, const LineGrid& grid, int tile
   BackwardWithChannels(task, grid.tiles, tile, gradients, to_rays != nullptr, *frame, to_channels,
                        [&](BackwardFlags flags, const PixelGradients& pixels,
                            TileChannels* channels) GSUT_INLINED_LAMBDA {
-                         BackwardLines(flags, task, grid, tile, pixels, frame, to_rays, channels);
+                         BackwardLines(flags, task, grid, tile, KeptPairs(*frame, tile), pixels,
+                                       frame, to_rays, channels);
                        });
 }
 

@@ -100,7 +100,7 @@ void LineBackward(const RasterTask& task, const LineGrid& grid, int tile,
   const PixelGradients pixels =
       ReadPixelGradients(grid.tiles, tile, gradients, task.background, buffer);
   WithBackwardFlags(gradients, to_lines != nullptr, [&](BackwardFlags flags) GSUT_INLINED_LAMBDA {
-    BackwardLines(flags, task, grid, tile, pixels, frame, to_lines);
+    BackwardLines(flags, task, grid, tile, KeptPairs(*frame, tile), pixels, frame, to_lines);
   });
 }
 

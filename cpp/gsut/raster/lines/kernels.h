@@ -46,11 +46,13 @@ void LineChannelsBackwardKernel(const RasterTask& task, const LineGrid& grid, in
 void LineLiftKernel(const RasterTask& task, const LineGrid& grid, int tile, const float* map,
                     int count, Frame* frame, float* out);
 
-// As RayOrderKeysKernel and RayOrderForwardKernel. A key is less the distance from the reference at
-// which a line may start.
+// As RayOrderKeysKernel, RayOrderForwardKernel and RayOrderBackwardKernel. A key is less the
+// distance from the reference at which a line may start.
 void LineRayOrderKeysKernel(const RasterTask& task, bool is_parallel, std::int64_t begin,
                             std::int64_t end, Frame* frame);
 void LineRayOrderForwardKernel(const RasterTask& task, const LineGrid& grid, int tile, Frame* frame,
                                float* image, float* alpha, float* depth, float* distortion);
+void LineRayOrderBackwardKernel(const RasterTask& task, const LineGrid& grid, int tile,
+                                const ImageGradients& gradients, Frame* frame, float* to_lines);
 
 }  // namespace gsut

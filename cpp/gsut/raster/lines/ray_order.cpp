@@ -14,9 +14,11 @@
 
 #include "gsut/raster/lines/kernels.h"
 
+#include "gsut/raster/lines/backward-inl.h"
 #include "gsut/raster/lines/forward-inl.h"
 #include "gsut/raster/pixels-inl.h"
 #include "gsut/raster/ray_order-inl.h"
+#include "gsut/raster/ray_order_backward-inl.h"
 #include "gsut/raster/ray_order_keys-inl.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -53,14 +55,34 @@ float FarthestOrigin(const LineGrid& grid, int tile) {
   return farthest;
 }
 
+// A function, which is compiled once for all flags of a backward pass.
+template <class Notes>
+HWY_NOINLINE void BlendLinesAlongRays(const RasterTask& task, const LineGrid& grid, int tile,
+                                      Frame* frame, Notes* notes) {
+  WithLineKernel(task, grid, tile, *frame, [&](auto& kernel) HWY_ATTR {
+    BlendTileAlongRays(task, grid.tiles, tile, FarthestOrigin(grid, tile), kernel, frame, notes);
+  });
+}
+
 void LineRayOrderForward(const RasterTask& task, const LineGrid& grid, int tile, Frame* frame,
                          float* image, float* alpha, float* depth, float* distortion) {
-  WithLineKernel(task, grid, tile, *frame, [&](auto& kernel) HWY_ATTR {
-    NoNotes notes;
-    BlendTileAlongRays(task, grid.tiles, tile, FarthestOrigin(grid, tile), kernel, frame, &notes);
-  });
+  NoNotes notes;
+  BlendLinesAlongRays(task, grid, tile, frame, &notes);
   WritePixels(grid.tiles, tile, *frame, task.background, task.with_depth, image, alpha, depth,
               distortion);
+}
+
+void LineRayOrderBackward(const RasterTask& task, const LineGrid& grid, int tile,
+                          const ImageGradients& gradients, Frame* frame, float* to_lines) {
+  HWY_ALIGN float buffer[7 * kTilePixels];
+  const PixelGradients pixels =
+      ReadPixelGradients(grid.tiles, tile, gradients, task.background, buffer);
+  const auto blend = [&](RayNotes<kNumLineFields>* notes)
+                         HWY_ATTR { BlendLinesAlongRays(task, grid, tile, frame, notes); };
+  WithBackwardFlags(gradients, to_lines != nullptr, [&](BackwardFlags flags) GSUT_INLINED_LAMBDA {
+    BackwardLines(flags, task, grid, tile, RayPairs(task, *frame, tile, blend), pixels, frame,
+                  to_lines);
+  });
 }
 
 }  // namespace HWY_NAMESPACE
@@ -71,6 +93,7 @@ HWY_AFTER_NAMESPACE();
 namespace gsut {
 HWY_EXPORT(LineRayOrderKeys);
 HWY_EXPORT(LineRayOrderForward);
+HWY_EXPORT(LineRayOrderBackward);
 
 void LineRayOrderKeysKernel(const RasterTask& task, bool is_parallel, std::int64_t begin,
                             std::int64_t end, Frame* frame) {
@@ -81,6 +104,11 @@ void LineRayOrderForwardKernel(const RasterTask& task, const LineGrid& grid, int
                                float* image, float* alpha, float* depth, float* distortion) {
   HWY_DYNAMIC_DISPATCH(LineRayOrderForward)
   (task, grid, tile, frame, image, alpha, depth, distortion);
+}
+
+void LineRayOrderBackwardKernel(const RasterTask& task, const LineGrid& grid, int tile,
+                                const ImageGradients& gradients, Frame* frame, float* to_lines) {
+  HWY_DYNAMIC_DISPATCH(LineRayOrderBackward)(task, grid, tile, gradients, frame, to_lines);
 }
 
 }  // namespace gsut

@@ -36,12 +36,13 @@ int UsedCoefficients(int sh_coefficients, int sh_degree) {
 
 std::vector<Seen> SortedGaussians(const GaussiansView<const double>& g, const ViewRays& view,
                                   const RenderSettings& settings) {
-  settings.rule.Check();
+  const BlendRule rule = settings.rule.For(g.order);
+  rule.Check();
   if (g.is_linear && g.response != Response::kMaximum) {
     throw InputError("linear opacities are drawn by the maximum only");
   }
   if (g.primitive != Primitive::kGaussian &&
-      (g.response == Response::kDensity || settings.rule.order == OrderKey::kIntegral)) {
+      (g.response == Response::kDensity || rule.order == OrderKey::kIntegral)) {
     throw InputError(std::string("primitive \"") + NameOf(g.primitive) +
                      "\" has no density along a ray: response \"density\" and order \"integral\" "
                      "are a Gaussian's; with it: maximum, extinction and distance, z, ray");
@@ -65,8 +66,8 @@ std::vector<Seen> SortedGaussians(const GaussiansView<const double>& g, const Vi
     // Centred on the camera: no ray has its nearest point ahead, and no direction to shade it by.
     if (s.relative.isZero(0.0) && !view.is_parallel) continue;
     const double z = pose.rotation.row(2) * s.relative;
-    if (!(z >= settings.rule.near_z && z <= settings.rule.far_z)) continue;
-    const bool by_distance = settings.rule.order != OrderKey::kDepthZ && !view.is_parallel;
+    if (!(z >= rule.near_z && z <= rule.far_z)) continue;
+    const bool by_distance = rule.order != OrderKey::kDepthZ && !view.is_parallel;
     s.key = static_cast<float>(by_distance ? s.relative.norm() : z);
     Vector3d scale(g.log_scales + 3 * i);
     if (!g.is_linear) scale = scale.array().exp().matrix();
@@ -163,6 +164,7 @@ double Blend(const std::vector<Seen>& seen, const Ray& ray, const BlendRule& rul
 ReferenceImage RenderReference(const GaussiansView<const double>& gaussians, const ViewRays& view,
                                const RenderSettings& settings, const std::uint8_t* chosen,
                                const Channels<double>& channels) {
+  const BlendRule rule = settings.rule.For(gaussians.order);
   const std::vector<Seen> seen = SortedGaussians(gaussians, view, settings);
   const std::int64_t pixels = static_cast<std::int64_t>(view.width) * view.height;
   ReferenceImage out;
@@ -178,8 +180,7 @@ ReferenceImage RenderReference(const GaussiansView<const double>& gaussians, con
     for (std::int64_t pixel = begin; pixel < end; ++pixel) {
       const std::size_t p = static_cast<std::size_t>(pixel);
       if (!view.valid[p] || (chosen != nullptr && !chosen[p])) continue;
-      const double transmittance =
-          Blend(seen, RayOf(view, p), settings.rule, gaussians.response, &hits);
+      const double transmittance = Blend(seen, RayOf(view, p), rule, gaussians.response, &hits);
       Vector3d color = Vector3d::Zero();
       for (const Hit& hit : hits) {
         color += hit.weight * seen[hit.seen].color;

@@ -168,7 +168,8 @@ void RenderReferenceBackward(const GaussiansView<const double>& gaussians, const
                              const RenderSettings& settings, const ReferenceGradients& to_image,
                              const GaussiansView<double>& gradients, RayGradients* ray_gradients,
                              ShadingGradient* shading, const std::uint8_t* chosen) {
-  if (settings.rule.order == OrderKey::kIntegral) {
+  const BlendRule rule = settings.rule.For(gaussians.order);
+  if (rule.order == OrderKey::kIntegral) {
     throw InputError("order \"integral\" has no gradient; with one: distance, z, ray");
   }
   const std::vector<Seen> seen = SortedGaussians(gaussians, view, settings);
@@ -193,7 +194,7 @@ void RenderReferenceBackward(const GaussiansView<const double>& gaussians, const
         const std::size_t p = static_cast<std::size_t>(row) * width + column;
         if (!view.valid[p] || (chosen != nullptr && !chosen[p])) continue;
         const Ray ray = RayOf(view, p);
-        const double transmittance = Blend(seen, ray, settings.rule, gaussians.response, &hits);
+        const double transmittance = Blend(seen, ray, rule, gaussians.response, &hits);
         const auto to = [p](const double* gradient) { return gradient ? gradient[p] : 0.0; };
         ShownGradient shown = {Eigen::Map<const Vector3d>(to_image.image + 3 * p),
                                to(to_image.alpha),

@@ -20,7 +20,7 @@ def merge(gaussians: Gaussians, target: int, scores: np.ndarray | None, *_: Any)
     """Merges Gaussians to `target`, weighted by scores, or by opacity times size without them."""
     weights = None if scores is None else scores.astype(np.float32)
     arrays = _core.merge_pairs(gaussians, target, weights, *_COSTS)
-    return Gaussians(*arrays, response=gaussians.response)
+    return Gaussians(*arrays, response=gaussians.response, order=gaussians.order)
 
 
 METHOD = Method(merge, blend_weights)

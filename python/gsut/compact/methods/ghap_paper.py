@@ -21,7 +21,7 @@ def _reduce(
     on_view: Callable[[], object],
 ) -> Gaussians:
     arrays = _core.herd_paper(gaussians, target / len(gaussians), seed=seed)
-    return Gaussians(*arrays, response=gaussians.response)
+    return Gaussians(*arrays, response=gaussians.response, order=gaussians.order)
 
 
 METHOD = Method(_reduce)

@@ -27,9 +27,9 @@ def add_option_flags(parser: argparse.ArgumentParser, *classes: type) -> None:
     """Adds the flags of options dataclasses, grouped, with units and defaults.
 
     Fields that their class does not list in FLAGS get no flag of their own: `--set NAME=VALUE`
-    sets them, and `--help-all` lists them. Options that are not given leave nothing in the
-    namespace, so that `collect_given` distinguishes a given value from a default. Names in a
-    class's REFUSED are rejected, with the reason that stands there.
+    sets them, and `--help-all` lists them; those of UNLISTED_FLAGS have a flag, too. Options that
+    are not given leave nothing in the namespace, so that `collect_given` distinguishes a given
+    value from a default.
     """
     groups: dict[str, Any] = {}
     others = []
@@ -56,12 +56,10 @@ def add_option_flags(parser: argparse.ArgumentParser, *classes: type) -> None:
                     action.listed.append(
                         (info.group, field.name, _write_metavar(kind, info), _write_help(field))
                     )
-    for name, reason in (pair for each in classes for pair in getattr(each, "REFUSED", {}).items()):
-        refuse = _make_refusal(reason)
-        _find_set(parser).readers[name] = refuse
-        parser.add_argument(
-            format_flag(name), type=refuse, default=argparse.SUPPRESS, help=argparse.SUPPRESS
-        )
+                if field.name in getattr(options, "UNLISTED_FLAGS", ()):
+                    settings = {"type": _make_reader(kind, info), "default": argparse.SUPPRESS}
+                    flag = format_flag(field.name)
+                    parser.add_argument(flag, help=argparse.SUPPRESS, **settings)
 
 
 def add_rare_option(
@@ -206,15 +204,6 @@ def _make_reader(kind: Any, info: OptionInfo) -> Any:
         return _parse_text(text, kind)
 
     return read
-
-
-def _make_refusal(reason: str) -> Any:
-    """Returns a reader that takes no value at all."""
-
-    def refuse(text: str) -> Any:
-        raise argparse.ArgumentTypeError(reason)
-
-    return refuse
 
 
 def _read_word(text: str, words: Sequence[str]) -> str:

@@ -1,6 +1,8 @@
-"""Primitives that a training may use, and what each cannot be combined with."""
+"""Primitives and orders that a training may use, and what each cannot be combined with."""
 
 from __future__ import annotations
+
+from typing import Any
 
 from gsut import _core
 from gsut._core import InputError
@@ -12,14 +14,20 @@ FLAT_PRIMITIVES = (
 )
 
 
-def check_primitive(primitive: str, surface: bool, compact_at: int | None) -> None:
-    """Raises InputError for options that a primitive which is no Gaussian cannot follow."""
+def check_rule(options: Any) -> None:
+    """Raises InputError for options that the order or a primitive that is no Gaussian rule out."""
+    primitive = options.primitive
+    if options.order == "ray" and options.refine_poses:
+        raise InputError(
+            "--refine-poses cannot be combined with --order ray, along which colours have no "
+            "derivatives by the pose; refine first (gsut poses), or leave one of the two out"
+        )
     if primitive not in OTHER_PRIMITIVES:
         return
     has_shape, *_ = _core.list_primitives()[primitive]
     for flag, given, why in (
-        ("--surface", surface and has_shape, "normals have no gradient to its shapes"),
-        ("compact_at", compact_at is not None, "it merges what must be Gaussians"),
+        ("--surface", options.surface and has_shape, "normals have no gradient to its shapes"),
+        ("compact_at", options.compact_at is not None, "it merges what must be Gaussians"),
     ):
         if given:
             raise InputError(

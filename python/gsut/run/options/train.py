@@ -19,7 +19,7 @@ from gsut.run.options.fields import (
     list_choices,
     list_words,
 )
-from gsut.run.options.primitives import FLAT_PRIMITIVES, OTHER_PRIMITIVES, check_primitive
+from gsut.run.options.primitives import FLAT_PRIMITIVES, OTHER_PRIMITIVES, check_rule
 from gsut.run.options.recipe import PRESETS, compute_recipe, get_preset
 
 # --max-gaussians auto: see gsut.training.complexity.
@@ -46,10 +46,7 @@ class TrainOptions:
         "primitive",
         *("background", "exposure", "surface", "robust", "drop_blurred", "motion_blur"),
     )
-    REFUSED: ClassVar[dict[str, str]] = {  # names that users try in vain, and why
-        "order": "is no option of training: a model does not keep its order, and is evaluated and "
-        "viewed by the distance; train so, and draw films with gsut render --order ray",
-    }
+    UNLISTED_FLAGS: ClassVar[tuple[str, ...]] = ("order",)  # that `--help` leaves out
     _open: ClassVar[set[str]] = set()  # of each instance: what the preset gave; see presets.py
 
     # A table: a few lines an option, not one an argument.
@@ -142,6 +139,9 @@ class TrainOptions:
         "maximum: o G, as in 3DGS and its viewers; extinction: 1 - (1 - o)^G, which other viewers "
         "do not draw", choices=("maximum", "extinction"),
     )
+    order: str = define_option(
+        "distance", "Gaussians", "order of Gaussians: by their means' distance or z, or as each "
+        "pixel's own ray passes them; other viewers draw by z", choices=("distance", "z", "ray"))
     init: str = define_option(
         "auto", "Gaussians", "first Gaussians; points: the dataset's; random: inside the cameras' "
         "view; auto: points, with more by stereo where they cover too little of the photographs",
@@ -315,9 +315,9 @@ class TrainOptions:
                 f"--set low_pass={self.low_pass:g} makes Gaussians thicker, and {self.primitive}s "
                 "have no thickness; leave one of the two out"
             )
-        check_primitive(self.primitive, self.surface, self.compact_at)
         if self.refine_lens:
             object.__setattr__(self, "refine_poses", True)
+        check_rule(self)
         if self.compact_at is not None and self.compact_at >= self.steps:
             raise InputError(
                 f"--set compact_at={self.compact_at} is not before the end of {self.steps} --steps"

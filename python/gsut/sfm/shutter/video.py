@@ -168,10 +168,12 @@ def _adjust_trial(
 
 
 def _find_order_by_matches(mapping: Mapping, rates: np.ndarray) -> LineOrder | None:
-    """Finds the order of the lines, and a first readout time, by `find_agreeing_order`."""
+    """Finds the order of the lines of one lens, and a first time, by `find_agreeing_order`."""
     solution, flows = mapping.solved, mapping.photographs.flows
     camera, some = solution.cameras[0], _choose_images(solution, mapping.pairs, rates)
-    if some.sum() < _FEWEST or not is_probably_rolling(flows, camera.width, camera.height):
+    if mapping.photographs.rig_cameras is not None or some.sum() < _FEWEST:
+        return None
+    if not is_probably_rolling(flows, camera.width, camera.height):
         return None
     trial = dataclasses.replace(solution, registered=some)
     pairs = keep_most_distinct(mapping.pairs, _TRIAL_MATCHES)

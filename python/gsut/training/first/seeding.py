@@ -120,7 +120,7 @@ def seed_first(scene: Scene, options: TrainOptions, more: Sequence[Colored] = ()
             min(o.init_count or _RANDOM_COUNT, o.max_gaussians), near=_RANDOM_NEAR * scene.extent,
             far=_RANDOM_FAR * scene.extent, **shape,
         )  # fmt: skip
-    first = dataclasses.replace(first, response=o.response)
+    first = dataclasses.replace(first, response=o.response, order=o.order)
     if o.primitive in Gaussians.PRIMITIVES:
         return first.to_primitive(o.primitive)
     return first.to_surfels() if o.primitive == "surfel" else first

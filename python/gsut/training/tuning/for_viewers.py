@@ -98,10 +98,12 @@ def tune_for_viewers(
     near, teacher = center_on_cameras(scene, gaussians)
     teacher = teacher.to_dtype(np.float32)
     shift, scene = near.world_offset - scene.world_offset, near
-    # What viewers draw by; the teacher's pictures are of its own response.
+    # What viewers draw by; the teacher's pictures are of its own response and order.
     optimizer = GaussianOptimizer(
         dataclasses.replace(
-            teacher.to_primitive(Gaussians.PRIMITIVES[0]), response=Gaussians.RESPONSES[0]
+            teacher.to_primitive(Gaussians.PRIMITIVES[0]),
+            response=Gaussians.RESPONSES[0],
+            order=Gaussians.ORDERS[0],
         ),
         seed=_SEED,
     )
