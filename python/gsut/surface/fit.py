@@ -12,7 +12,7 @@ from gsut import _core
 from gsut.surface.mesh import Mesh
 from gsut.surface.rays import cast_world_rays
 
-_EVENNESS = 0.05  # weight of colours' differences along edges, in pixels: for vertices unseen
+_EVENNESS = 0.3  # weight of colours' differences along edges, in pixels: for vertices unseen
 _SMOOTHNESS = 1.0  # weight of a second difference of the surface as long as the edges, in pixels
 _STAY = 1e-3  # weight of the old colour and place, likewise: no vertex is free
 _OUTLIER = 0.2  # RGB error at which a pixel weighs half in a step that moves vertices (Cauchy)

@@ -95,8 +95,7 @@ def test_derivatives_of_drawn_pixels_are_differences(ball, rolling):
 
 
 def test_colors_are_found_again(ball, views):
-    rng = np.random.default_rng(7)
-    true = dataclasses.replace(ball, colors=rng.uniform(size=ball.vertices.shape))
+    true = dataclasses.replace(ball, colors=paint(ball.vertices))
     tree, drawn = _core.TriangleTree(ball.vertices, ball.faces), []
     for view in views:
         pixels = gather_pixels(view)
