@@ -88,7 +88,7 @@ void ScalarRenderer::MakeSplats(const Pose& camera_from_world) {
   const std::size_t n = static_cast<std::size_t>(gaussians_.size);
   splats_.resize(n);
   rectangles_.resize(n);
-  const BlendRule& rule = settings_.rule;
+  const BlendRule rule = settings_.rule.For(gaussians_.order);
   ParallelFor(gaussians_.size, kGaussianGrain, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t i = begin; i < end; ++i) {
       const std::size_t j = static_cast<std::size_t>(i);
