@@ -73,6 +73,16 @@ def fused(cameras, motions, depth_of, voxel, *, center=(0, 0, 0), inner=np.inf, 
     return views.fuse(voxel, inner, truncation, 0.1, 0)
 
 
+def make_ball(voxel, camera):
+    """Vertices and faces of a unit sphere, fused from 12 views of its exact depths."""
+
+    def depth(origins, rays):
+        found = sphere_depth(origins, rays, np.zeros(3), 1.0)
+        return np.where(np.isnan(found), np.inf, found)
+
+    return fused([camera] * 12, [looking(3 * d) for d in directions(12)], depth, voxel).mesh()
+
+
 def edge_counts(faces):
     """(E,) number of triangles at each edge."""
     edges = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)

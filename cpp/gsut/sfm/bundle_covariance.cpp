@@ -77,6 +77,33 @@ std::vector<std::vector<Linearized>> Linearize(const Bundle& bundle, const Bundl
   return of_point;
 }
 
+// What eliminating a point takes: the inverse of its own block, and `cross`, its blocks with the
+// body of each observation.
+Eigen::Matrix3d InvertPoint(const std::vector<Linearized>& observations,
+                            std::vector<MatrixX3>* cross) {
+  Eigen::Matrix3d by_point = Eigen::Matrix3d::Zero();
+  cross->clear();
+  for (const Linearized& linear : observations) {
+    by_point += linear.by_point.transpose() * linear.by_point;
+    cross->emplace_back(linear.by_body.transpose() * linear.by_point);
+  }
+  const Eigen::Matrix3d inverse = by_point.inverse();
+  if (!inverse.allFinite()) throw SolveError("a point of the bundle is not determined");
+  return inverse;
+}
+
+// Adds what is known beforehand of the velocities: add(body, its six weights squared).
+template <class Add>
+void AddVelocityPriors(const BundleState& state, const BundleOptions& options, const Add& add) {
+  if (state.velocities.empty()) return;
+  for (std::size_t i = 0; i < options.velocity_priors.size(); ++i) {
+    const int body = state.body_of_image[i];
+    if (state.image_of_body[body] != static_cast<int>(i)) continue;
+    const Velocity weight = options.noise * options.velocity_priors[i].sigma.cwiseInverse();
+    add(body, weight.cwiseAbs2());
+  }
+}
+
 // The normal equations of the bodies, the points eliminated.
 Eigen::MatrixXd ReducedNormal(const std::vector<std::vector<Linearized>>& of_point,
                               const BundleState& state, const BundleOptions& options) {
@@ -86,17 +113,12 @@ Eigen::MatrixXd ReducedNormal(const std::vector<std::vector<Linearized>>& of_poi
   std::vector<MatrixX3> cross;
   for (const auto& observations : of_point) {
     if (observations.empty()) continue;
-    Eigen::Matrix3d by_point = Eigen::Matrix3d::Zero();
-    cross.clear();
+    const Eigen::Matrix3d inverse = InvertPoint(observations, &cross);
     for (const Linearized& linear : observations) {
-      by_point += linear.by_point.transpose() * linear.by_point;
-      cross.emplace_back(linear.by_body.transpose() * linear.by_point);
       reduced.block(size * linear.body, size * linear.body, size, size) +=
           linear.by_body.transpose() * linear.by_body;
     }
     // The point's unknowns go: what it ties together is subtracted.
-    const Eigen::Matrix3d inverse = by_point.inverse();
-    if (!inverse.allFinite()) throw SolveError("a point of the bundle is not determined");
     for (std::size_t i = 0; i < observations.size(); ++i) {
       const MatrixX3 scaled = cross[i] * inverse;
       for (std::size_t j = 0; j < observations.size(); ++j) {
@@ -105,12 +127,9 @@ Eigen::MatrixXd ReducedNormal(const std::vector<std::vector<Linearized>>& of_poi
       }
     }
   }
-  for (std::size_t i = 0; i < options.velocity_priors.size() && !state.velocities.empty(); ++i) {
-    const int body = state.body_of_image[i];
-    if (state.image_of_body[body] != static_cast<int>(i)) continue;
-    const Velocity weight = options.noise * options.velocity_priors[i].sigma.cwiseInverse();
-    reduced.diagonal().segment<6>(size * body + 6) += weight.cwiseAbs2();
-  }
+  AddVelocityPriors(state, options, [&](int body, const Velocity& weights) {
+    reduced.diagonal().segment<6>(size * body + kPoseTangent) += weights;
+  });
   return reduced;
 }
 
@@ -125,15 +144,10 @@ Eigen::MatrixXd ReducedPoses(const std::vector<std::vector<Linearized>>& of_poin
   std::vector<MatrixX3> cross;
   for (const auto& observations : of_point) {
     if (observations.empty()) continue;
-    Eigen::Matrix3d by_point = Eigen::Matrix3d::Zero();
-    cross.clear();
+    const Eigen::Matrix3d inverse = InvertPoint(observations, &cross);
     for (const Linearized& linear : observations) {
-      by_point += linear.by_point.transpose() * linear.by_point;
-      cross.emplace_back(linear.by_body.transpose() * linear.by_point);
       own[linear.body] += linear.by_body.transpose() * linear.by_body;
     }
-    const Eigen::Matrix3d inverse = by_point.inverse();
-    if (!inverse.allFinite()) throw SolveError("a point of the bundle is not determined");
     for (std::size_t i = 0; i < observations.size(); ++i) {
       const MatrixX3 scaled = cross[i] * inverse;
       const int body = observations[i].body;
@@ -146,12 +160,9 @@ Eigen::MatrixXd ReducedPoses(const std::vector<std::vector<Linearized>>& of_poin
       }
     }
   }
-  for (std::size_t i = 0; i < options.velocity_priors.size() && size > kPose; ++i) {
-    const int body = state.body_of_image[i];
-    if (state.image_of_body[body] != static_cast<int>(i)) continue;
-    const Velocity weight = options.noise * options.velocity_priors[i].sigma.cwiseInverse();
-    own[body].diagonal().segment<kPose>(kPose) += weight.cwiseAbs2();
-  }
+  AddVelocityPriors(state, options, [&](int body, const Velocity& weights) {
+    own[body].diagonal().segment<kPose>(kPose) += weights;
+  });
   for (int body = 0; body < bodies; ++body) {
     auto pose = reduced.block<kPose, kPose>(kPose * body, kPose * body);
     pose += own[body].topLeftCorner<kPose, kPose>();

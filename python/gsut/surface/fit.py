@@ -136,11 +136,8 @@ class _Sums:
     """
 
     def __init__(self, mesh: Mesh, views: Sequence[Any], normals: np.ndarray | None) -> None:
-        count, tree, self.error = (
-            len(mesh.faces),
-            _core.TriangleTree(mesh.vertices, mesh.faces),
-            0.0,
-        )
+        count, self.error = len(mesh.faces), 0.0
+        tree = _core.TriangleTree(mesh.vertices, mesh.faces)
         self.weights, self.colors = np.zeros((count, 3, 3)), np.zeros((count, 3, 3))
         self.mixed, self.moves = np.zeros((count, 3, 3, 3)), np.zeros((count, 3, 3))
         self.pulls = np.zeros((count, 3))
@@ -177,8 +174,7 @@ class _Edges:
 
     def __init__(self, mesh: Mesh) -> None:
         count = len(mesh.vertices)
-        pairs = np.concatenate([mesh.faces[:, pair] for pair in ((0, 1), (1, 2), (2, 0))])
-        pairs = np.sort(pairs.astype(np.int64), axis=1)
+        pairs = np.sort(mesh.list_edges(), axis=1)
         self._ends = np.stack(np.divmod(np.unique(pairs[:, 0] * count + pairs[:, 1]), count))
         self.degrees = np.maximum(np.bincount(self._ends.ravel(), minlength=count), 1)[:, None]
         one, other = mesh.vertices[self._ends]

@@ -91,6 +91,11 @@ class Mesh:
         middle = (a + b + c) / 3
         return self.with_faces(np.all((middle >= low) & (middle <= high), axis=1))
 
+    def list_edges(self) -> np.ndarray:
+        """Lists (3 F, 2) the edges of all faces, in the direction in which each goes around."""
+        pairs = [self.faces[:, pair] for pair in ((0, 1), (1, 2), (2, 0))]
+        return np.concatenate(pairs).astype(np.int64)
+
     def close_holes(self, most: int) -> Mesh:
         """Closes the holes of up to `most` edges, each by faces about one vertex in its middle.
 
@@ -115,8 +120,7 @@ class Mesh:
 
         Where holes touch in a vertex, each is listed for itself.
         """
-        edges = np.concatenate([self.faces[:, pair] for pair in ((0, 1), (1, 2), (2, 0))])
-        edges = edges.astype(np.int64)
+        edges = self.list_edges()
         count = len(self.vertices)
         there, back = edges @ [count, 1], edges @ [1, count]
         following: dict[int, list[int]] = {}

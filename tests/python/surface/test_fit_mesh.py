@@ -12,7 +12,7 @@ from gsut.surface import DepthMap, Mesh, MeshOptions, fuse_depth
 from gsut.surface.fit import differentiate_pixels, draw_pixels, fit_mesh, gather_pixels
 from gsut.surface.rays import cast_world_rays
 from random_scenes import pinhole
-from surface_scenes import directions, edge_counts, fused, looking, sphere_depth
+from surface_scenes import directions, edge_counts, looking, make_ball, sphere_depth
 
 pytestmark = pytest.mark.quick
 
@@ -46,12 +46,7 @@ def views():
 
 @pytest.fixture(scope="module")
 def ball():
-    def depth(origins, rays):
-        found = sphere_depth(origins, rays, np.zeros(3), 1.0)
-        return np.where(np.isnan(found), np.inf, found)
-
-    poses = [looking(3 * d) for d in directions(12)]
-    vertices, faces = fused([pinhole(80)] * 12, poses, depth, 0.15).mesh()
+    vertices, faces = make_ball(0.15, pinhole(80))
     return Mesh(vertices, faces, np.full(vertices.shape, 0.5))
 
 

@@ -12,24 +12,17 @@ from gsut import InputError, _core
 from gsut.surface import Mesh, load_mesh, render_depth_maps, save_mesh, shade_mesh
 from random_scenes import pinhole
 from surface_scenes import (
-    directions,
     edge_counts,
-    fused,
     looking,
+    make_ball,
     plane_run,
-    sphere_depth,
     volume,
 )
 
 
 @pytest.fixture(scope="module")
 def ball():
-    def depth(origins, rays):
-        found = sphere_depth(origins, rays, np.zeros(3), 1.0)
-        return np.where(np.isnan(found), np.inf, found)
-
-    poses = [looking(3 * d) for d in directions(12)]
-    vertices, faces = fused([pinhole(80)] * 12, poses, depth, 0.1).mesh()
+    vertices, faces = make_ball(0.1, pinhole(80))
     colors = (0.5 + 0.4 * vertices).astype(np.float32)
     return Mesh(vertices, faces, colors)
 
