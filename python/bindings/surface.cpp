@@ -87,7 +87,8 @@ class DepthViews {
     return out;
   }
 
-  // (depth, moved), both (H, W): depths moved to where the photographs agree, and whether they were.
+  // (depth, moved), both (H, W): depths moved to where the photographs agree, and whether they
+  // were.
   py::tuple Refine(std::size_t which, const std::vector<std::size_t>& others, const py::list& greys,
                    const py::object& normals, const py::object& depth) const {
     Check(which);

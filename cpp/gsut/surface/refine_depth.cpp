@@ -11,6 +11,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <cstdint>
 #include <limits>
 
 #include "gsut/base/parallel.h"
@@ -57,8 +58,9 @@ constexpr float kCount = (2 * kWindowHalf + 1) * (2 * kWindowHalf + 1);
 
 }  // namespace
 
-// Correlations of `count` pixels that start at `own`, a place in a padded photograph of `stride`
-// floats a row, with one neighbour; NaN where a window leaves a photograph.
+// Correlations of `count` (a multiple of kWindowLanes) pixels that start at `own`, a place in a
+// padded photograph of `stride` floats a row, with one neighbour; NaN where a window leaves a
+// photograph.
 void Correlate(int count, const float* own, std::int64_t stride, const PackedGrey& other,
                const WindowPaths& paths, WindowScores* scores) {
   const hn::ScalableTag<float> f;
@@ -72,6 +74,7 @@ void Correlate(int count, const float* own, std::int64_t stride, const PackedGre
   const auto reach = hn::Set(f, static_cast<float>(kWindowHalf));
   const auto nothing = hn::Set(f, std::numeric_limits<float>::quiet_NaN());
   for (int i = 0; i < count; i += static_cast<int>(hn::Lanes(f))) {
+    // Both windows are taken about the pixel's own value, so that float sums keep their digits.
     const auto middle = hn::LoadU(f, own + i);
     auto sum = hn::Zero(f), squares = hn::Zero(f);
     for (int dy = -kWindowHalf; dy <= kWindowHalf; ++dy) {
@@ -99,6 +102,7 @@ void Correlate(int count, const float* own, std::int64_t stride, const PackedGre
         hn::Store(nothing, f, scores->of[k] + i);
         continue;
       }
+      // Of a masked pixel the upper bit of its half is 0, and stays so in `shown`.
       auto theirs = hn::Zero(f), their_squares = hn::Zero(f), both = hn::Zero(f);
       auto shown = seen;
       for (int dy = -kWindowHalf; dy <= kWindowHalf; ++dy) {
@@ -131,8 +135,8 @@ void Correlate(int count, const float* own, std::int64_t stride, const PackedGre
         }
       }
       const auto their_mean = hn::Mul(theirs, share);
-      const auto their_variance = hn::Add(
-          hn::Sub(hn::Mul(their_squares, share), hn::Mul(their_mean, their_mean)), noise);
+      const auto their_variance =
+          hn::Add(hn::Sub(hn::Mul(their_squares, share), hn::Mul(their_mean, their_mean)), noise);
       const auto together = hn::Sub(hn::Mul(both, share), hn::Mul(mean, their_mean));
       const auto alike = hn::Div(together, hn::Sqrt(hn::Mul(variance, their_variance)));
       const auto all = hn::And(in, hn::RebindMask(f, hn::Eq(shown, seen)));
@@ -154,22 +158,23 @@ HWY_EXPORT(Correlate);
 using Eigen::Map;
 using Eigen::Vector3d;
 
-constexpr std::int64_t kRows = 4;       // of pixels, that a thread takes at a time
-constexpr double kLonger = 1.01;        // times the distance, at which windows are projected too
-constexpr float kStep = 0.5F;           // pixels, of the most sensitive neighbour
-constexpr float kLeastSlope = 10.0F;    // pixels by e times the distance: steps are 5 % at most
-constexpr double kGrazing = 0.08;       // cosine, below which a plane is seen edge-on
-constexpr float kContrast = 0.008F;     // standard deviation of a window below which it is plain
-constexpr float kAlike = 0.6F;          // correlation above which a neighbour shows the same
-constexpr float kSharp = 1e-5F;         // curvature of scores below which there is no maximum
-constexpr int kCorners = 3;             // of a window that are projected: middle, right, down
+constexpr std::int64_t kRows = 4;     // of pixels, that a thread takes at a time
+constexpr double kLonger = 1.01;      // times the distance, at which windows are projected too
+constexpr float kStep = 0.5F;         // pixels, of the most sensitive neighbour
+constexpr float kLeastSlope = 10.0F;  // pixels by e times the distance: steps are 5 % at most
+constexpr double kGrazing = 0.08;     // cosine below which a plane is seen edge-on
+constexpr float kContrast = 0.008F;   // standard deviation of a window below which it is plain
+constexpr float kAlike = 0.6F;        // correlation above which a neighbour shows the same
+constexpr float kSharp = 1e-5F;       // curvature of scores below which there is no maximum
+constexpr int kCorners = 3;           // points of a window that are projected: middle, right, down
+constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
 PackedGrey Pack(const float* grey, int width, int height) {
   PackedGrey packed{width, height, {}};
   packed.pairs.resize(static_cast<std::size_t>(width) * height);
   const auto bits = [&](int x, int y) -> std::uint32_t {
     const float value = grey[static_cast<std::size_t>(y) * width + std::min(x, width - 1)];
-    if (!(value >= 0.0F)) return 0;
+    if (!(value >= 0.0F)) return 0;  // NaN
     return 0x8000U | static_cast<std::uint32_t>(std::min(value, 1.0F) * 32767.0F + 0.5F);
   };
   for (int y = 0; y < height; ++y) {
@@ -181,171 +186,204 @@ PackedGrey Pack(const float* grey, int width, int height) {
   return packed;
 }
 
-// The photograph with a border of NaN, in which windows fail.
-struct PaddedGrey {
+// A photograph with a border of NaN, in which windows fail.
+class PaddedGrey {
+ public:
   PaddedGrey(const float* grey, int width, int height)
-      : stride(width + 2 * kWindowHalf + kPointBatch),
-        values(static_cast<std::size_t>(stride) * (height + 2 * kWindowHalf),
-               std::numeric_limits<float>::quiet_NaN()) {
+      : stride_(width + 2 * kWindowHalf + kPointBatch),
+        values_(static_cast<std::size_t>(stride_) * (height + 2 * kWindowHalf), kNaN) {
     for (int y = 0; y < height; ++y) {
-      std::copy_n(grey + static_cast<std::size_t>(y) * width, width, At(0, y));
+      std::copy_n(grey + static_cast<std::size_t>(y) * width, width, &values_[Index(0, y)]);
     }
   }
-  float* At(int x, int y) {
-    return values.data() + static_cast<std::size_t>(y + kWindowHalf) * stride + kWindowHalf + x;
+  const float* At(int x, int y) const { return &values_[Index(x, y)]; }
+  std::int64_t stride() const { return stride_; }
+
+  // Whether the window around a pixel has any texture; false at borders.
+  bool IsTextured(int x, int y) const {
+    const float* at = At(x, y);
+    float sum = 0.0F, squares = 0.0F;
+    for (int dy = -kWindowHalf; dy <= kWindowHalf; ++dy) {
+      for (int dx = -kWindowHalf; dx <= kWindowHalf; ++dx) {
+        const float off = at[dy * stride_ + dx] - at[0];
+        sum += off;
+        squares += off * off;
+      }
+    }
+    const float count = (2 * kWindowHalf + 1) * (2 * kWindowHalf + 1);
+    return squares / count - sum / count * (sum / count) > kContrast * kContrast;
   }
-  std::int64_t stride;
-  std::vector<float> values;
+
+ private:
+  std::size_t Index(int x, int y) const {
+    return static_cast<std::size_t>((y + kWindowHalf) * stride_ + kWindowHalf + x);
+  }
+  std::int64_t stride_;
+  std::vector<float> values_;
+};
+
+// What all rows share.
+struct Refinement {
+  const DepthView& view;
+  const std::vector<DepthView>& views;
+  std::span<const std::size_t> others;
+  PaddedGrey own;
+  std::vector<PackedGrey> packed;  // of the others
+  const float* normals;
+  float* depth;
+  std::uint8_t* moved;
+};
+
+// Buffers for some pixels of a row, and what is done with them, one step after the other.
+class Windows {
+ public:
+  explicit Windows(const Refinement& all)
+      : all_(all), corners_(2 * kCorners), places_(2 * kCorners), paths_(all.others.size()) {}
+
+  void Refine(int x0, int y, int count) {
+    x0_ = x0, y_ = y, count_ = count;
+    whole_ = (count + kWindowLanes - 1) / kWindowLanes * kWindowLanes;
+    for (PointBatch& batch : corners_) {
+      for (float* axis : {batch.x, batch.y, batch.z}) std::fill_n(axis, whole_, 0.0F);
+    }
+    active_.fill(false);
+    for (int i = 0; i < count; ++i) active_[i] = PlaceWindow(i);
+    if (std::none_of(active_.begin(), active_.end(), [](bool each) { return each; })) return;
+    slope_.fill(kLeastSlope);
+    for (std::size_t k = 0; k < paths_.size(); ++k) FindPaths(k);
+    SumScores();
+    for (int i = 0; i < count; ++i) Move(i);
+  }
+
+ private:
+  // To the right and down, or the other way at the last pixels.
+  int Right(int i) const { return x0_ + i + kWindowHalf < all_.view.width() ? 1 : -1; }
+  int Down() const { return y_ + kWindowHalf < all_.view.height() ? 1 : -1; }
+  std::size_t At(int i) const { return static_cast<std::size_t>(y_) * all_.view.width() + x0_ + i; }
+
+  // The corners of a pixel's window, on its plane and on the same plane farther away.
+  bool PlaceWindow(int i) {
+    const DepthView& view = all_.view;
+    const RayTable& rays = view.camera().Rays();
+    const int x = x0_ + i;
+    const double depth = all_.depth[At(i)];
+    const Vector3d normal = Map<const Eigen::Vector3f>(all_.normals + 3 * At(i)).cast<double>();
+    const double length = normal.norm();
+    if (!(depth > 0.0 && depth < double{DepthSample::kFree}) || !(length > 0.0)) return false;
+    if (!all_.own.IsTextured(x, y_)) return false;
+    const int columns[kCorners] = {x, x + Right(i) * kWindowHalf, x};
+    const int rows[kCorners] = {y_, y_, y_ + Down() * kWindowHalf};
+    const Vector3d start = view.PointOf(x, y_, 0.0), along = view.PointOf(x, y_, 1.0) - start;
+    for (int c = 0; c < kCorners; ++c) {
+      if (columns[c] < 0 || rows[c] < 0) return false;
+      const std::size_t at = static_cast<std::size_t>(rows[c]) * view.width() + columns[c];
+      if (rays.valid[at] == 0) return false;
+      const Vector3d from = view.PointOf(columns[c], rows[c], 0.0);
+      const Vector3d ray = view.PointOf(columns[c], rows[c], 1.0) - from;
+      const double cosine = ray.dot(normal);
+      if (std::abs(cosine) < kGrazing * length) return false;
+      for (const int far : {0, 1}) {
+        const Vector3d middle = start + along * (far == 0 ? depth : depth * kLonger);
+        const Vector3d point = from + (middle - from).dot(normal) / cosine * ray;
+        PointBatch& batch = corners_[far * kCorners + c];
+        batch.x[i] = static_cast<float>(point[0]);
+        batch.y[i] = static_cast<float>(point[1]);
+        batch.z[i] = static_cast<float>(point[2]);
+      }
+    }
+    return true;
+  }
+
+  // The windows' ways into a neighbour, by the logarithm of the distance.
+  void FindPaths(std::size_t which) {
+    for (int c = 0; c < 2 * kCorners; ++c) {
+      all_.views[all_.others[which]].Project(whole_, corners_[c], &places_[c]);
+    }
+    const float per_log = static_cast<float>(1.0 / std::log(kLonger));
+    WindowPaths& path = paths_[which];
+    for (int i = 0; i < whole_; ++i) {
+      const float right = static_cast<float>(Right(i)) / kWindowHalf;
+      const float down = static_cast<float>(Down()) / kWindowHalf;
+      std::array<std::array<float, 6>, 2> ends;
+      for (const int far : {0, 1}) {
+        const ViewedBatch* at = &places_[far * kCorners];
+        ends[far] = {at[0].u[i],
+                     at[0].v[i],
+                     (at[1].u[i] - at[0].u[i]) * right,
+                     (at[1].v[i] - at[0].v[i]) * right,
+                     (at[2].u[i] - at[0].u[i]) * down,
+                     (at[2].v[i] - at[0].v[i]) * down};
+      }
+      for (int q = 0; q < 6; ++q) {
+        path.at[q][i] = active_[i] ? ends[0][q] : kNaN;
+        path.by[q][i] = (ends[1][q] - ends[0][q]) * per_log;
+      }
+      const float slope = std::hypot(path.by[0][i], path.by[1][i]);
+      if (slope > slope_[i]) slope_[i] = slope;  // not NaN
+    }
+  }
+
+  // The scores of all neighbours that show the same at one of the distances.
+  void SumScores() {
+    for (auto& row : total_.of) std::fill_n(row, whole_, 0.0F);
+    for (std::size_t k = 0; k < paths_.size(); ++k) {
+      for (auto& row : paths_[k].by) {
+        for (int i = 0; i < whole_; ++i) row[i] *= kStep / slope_[i];
+      }
+      HWY_DYNAMIC_DISPATCH(Correlate)
+      (whole_, all_.own.At(x0_, y_), all_.own.stride(), all_.packed[k], paths_[k], &scores_);
+      for (int i = 0; i < whole_; ++i) {
+        float best = -1.0F, sum = 0.0F;
+        for (const auto& row : scores_.of) best = std::max(best, row[i]), sum += row[i];
+        if (!(best > kAlike) || std::isnan(sum)) continue;
+        for (int t = 0; t < kWindowTries; ++t) total_.of[t][i] += scores_.of[t][i];
+      }
+    }
+  }
+
+  // To the top of a parabola through the best score and those beside it.
+  void Move(int i) {
+    int best = 0;
+    for (int t = 1; t < kWindowTries; ++t) {
+      if (total_.of[t][i] > total_.of[best][i]) best = t;
+    }
+    if (best == 0 || best == kWindowTries - 1) return;
+    const float before = total_.of[best - 1][i], after = total_.of[best + 1][i];
+    const float curve = before - 2.0F * total_.of[best][i] + after;
+    if (!(curve < -kSharp)) return;
+    const float part = 0.5F * (before - after) / curve;
+    const float steps = static_cast<float>(best - kWindowTries / 2) + part;
+    all_.depth[At(i)] *= std::exp(steps * kStep / slope_[i]);
+    all_.moved[At(i)] = 1;
+  }
+
+  const Refinement& all_;
+  int x0_ = 0, y_ = 0, count_ = 0, whole_ = 0;
+  std::array<bool, kPointBatch> active_;
+  std::array<float, kPointBatch> slope_;  // pixels by e times the distance, of all neighbours
+  std::vector<PointBatch> corners_;
+  std::vector<ViewedBatch> places_;
+  std::vector<WindowPaths> paths_;
+  WindowScores scores_, total_;
 };
 
 }  // namespace
-
-// Standard deviation of the window around a pixel; NaN at borders.
-float Deviation(const float* at, std::int64_t stride) {
-  float sum = 0.0F, squares = 0.0F;
-  for (int y = -kWindowHalf; y <= kWindowHalf; ++y) {
-    for (int x = -kWindowHalf; x <= kWindowHalf; ++x) {
-      const float off = at[y * stride + x] - at[0];
-      sum += off;
-      squares += off * off;
-    }
-  }
-  const float count = (2 * kWindowHalf + 1) * (2 * kWindowHalf + 1);
-  const float mean = sum / count;
-  return std::sqrt(std::max(0.0F, squares / count - mean * mean) + 0.0F * sum);
-}
 
 void RefineDepth(const std::vector<DepthView>& views, std::size_t which,
                  std::span<const std::size_t> others, std::span<const float* const> greys,
                  const float* normals, float* depth, std::uint8_t* moved) {
   const DepthView& view = views[which];
   const int width = view.width(), height = view.height();
-  PaddedGrey own(greys[which], width, height);
-  std::vector<PackedGrey> packed;
+  Refinement all{view, views, others, {greys[which], width, height}, {}, normals, depth, moved};
   for (const std::size_t k : others) {
-    packed.push_back(Pack(greys[k], views[k].width(), views[k].height()));
+    all.packed.push_back(Pack(greys[k], views[k].width(), views[k].height()));
   }
-  const RayTable& rays = view.camera().Rays();
   std::fill_n(moved, static_cast<std::size_t>(width) * height, std::uint8_t{0});
   ParallelFor(height, kRows, [&](std::int64_t begin, std::int64_t end) {
-    std::vector<PointBatch> corners(2 * kCorners);
-    std::vector<WindowPaths> paths(others.size());
-    std::vector<ViewedBatch> places(2 * kCorners);
-    WindowScores scores;
+    Windows windows(all);
     for (int y = static_cast<int>(begin); y < end; ++y) {
       for (int x0 = 0; x0 < width; x0 += kPointBatch) {
-        const int count = std::min(kPointBatch, width - x0);
-        const int whole = (count + kWindowLanes - 1) / kWindowLanes * kWindowLanes;
-        std::array<bool, kPointBatch> active;
-        for (int i = 0; i < whole; ++i) {
-          active[i] = false;
-          for (auto& c : corners) c.x[i] = c.y[i] = c.z[i] = 0.0F;
-          if (i >= count) continue;
-          const int x = x0 + i;
-          const std::size_t at = static_cast<std::size_t>(y) * width + x;
-          const double d = depth[at];
-          const Vector3d normal = Map<const Eigen::Vector3f>(normals + 3 * at).cast<double>();
-          const double length = normal.norm();
-          if (!(d > 0.0) || !(d < 1e20) || !(length > 0.0)) continue;
-          if (!(Deviation(own.At(x, y), own.stride) > kContrast)) continue;
-          const int right = x + kWindowHalf < width ? 1 : -1;
-          const int down = y + kWindowHalf < height ? 1 : -1;
-          const int columns[kCorners] = {x, x + right * kWindowHalf, x};
-          const int rows[kCorners] = {y, y, y + down * kWindowHalf};
-          const Vector3d start = view.PointOf(x, y, 0.0);
-          const Vector3d along = view.PointOf(x, y, 1.0) - start;
-          bool good = true;
-          for (int c = 0; c < kCorners; ++c) {
-            good = good && columns[c] >= 0 && rows[c] >= 0 &&
-                   rays.valid[static_cast<std::size_t>(rows[c]) * width + columns[c]] != 0;
-            if (!good) break;
-            const Vector3d from = view.PointOf(columns[c], rows[c], 0.0);
-            const Vector3d ray = view.PointOf(columns[c], rows[c], 1.0) - from;
-            const double cosine = ray.dot(normal) / length;
-            good = std::abs(cosine) >= kGrazing;
-            if (!good) break;
-            for (int far = 0; far < 2; ++far) {
-              const Vector3d middle = start + along * (far == 0 ? d : d * kLonger);
-              const double s = (middle - from).dot(normal) / length / cosine;
-              const Vector3d point = from + s * ray;
-              PointBatch& batch = corners[far * kCorners + c];
-              batch.x[i] = static_cast<float>(point[0]);
-              batch.y[i] = static_cast<float>(point[1]);
-              batch.z[i] = static_cast<float>(point[2]);
-            }
-          }
-          active[i] = good;
-        }
-        if (std::none_of(active.begin(), active.begin() + whole, [](bool a) { return a; })) {
-          continue;
-        }
-        std::array<float, kPointBatch> slope;
-        slope.fill(0.0F);
-        const float per_log = static_cast<float>(1.0 / std::log(kLonger));
-        for (std::size_t k = 0; k < others.size(); ++k) {
-          for (int c = 0; c < 2 * kCorners; ++c) {
-            views[others[k]].Project(whole, corners[c], &places[c]);
-          }
-          WindowPaths& path = paths[k];
-          for (int i = 0; i < whole; ++i) {
-            const int x = x0 + i;
-            const float right = (x + kWindowHalf < width ? 1.0F : -1.0F) / kWindowHalf;
-            const float down = (y + kWindowHalf < height ? 1.0F : -1.0F) / kWindowHalf;
-            float ends[2][6];
-            for (int far = 0; far < 2; ++far) {
-              const ViewedBatch* at = &places[far * kCorners];
-              ends[far][0] = at[0].u[i];
-              ends[far][1] = at[0].v[i];
-              ends[far][2] = (at[1].u[i] - at[0].u[i]) * right;
-              ends[far][3] = (at[1].v[i] - at[0].v[i]) * right;
-              ends[far][4] = (at[2].u[i] - at[0].u[i]) * down;
-              ends[far][5] = (at[2].v[i] - at[0].v[i]) * down;
-            }
-            for (int q = 0; q < 6; ++q) {
-              path.at[q][i] =
-                  active[i] ? ends[0][q] : std::numeric_limits<float>::quiet_NaN();
-              path.by[q][i] = (ends[1][q] - ends[0][q]) * per_log;
-            }
-            const float moves = std::hypot(path.by[0][i], path.by[1][i]);
-            if (moves > slope[i]) slope[i] = moves;
-          }
-        }
-        std::array<float, kPointBatch> step;
-        for (int i = 0; i < whole; ++i) step[i] = kStep / std::max(slope[i], kLeastSlope);
-        WindowScores total;
-        for (auto& row : total.of) std::fill_n(row, whole, 0.0F);
-        for (std::size_t k = 0; k < others.size(); ++k) {
-          for (auto& row : paths[k].by) {
-            for (int i = 0; i < whole; ++i) row[i] *= step[i];
-          }
-          HWY_DYNAMIC_DISPATCH(Correlate)
-          (whole, own.At(x0, y), own.stride, packed[k], paths[k], &scores);
-          for (int i = 0; i < whole; ++i) {
-            float best = -1.0F;
-            bool all = true;
-            for (const auto& row : scores.of) {
-              all = all && row[i] == row[i];
-              best = std::max(best, row[i]);
-            }
-            if (!all || !(best > kAlike)) continue;
-            for (int t = 0; t < kWindowTries; ++t) total.of[t][i] += scores.of[t][i];
-          }
-        }
-        for (int i = 0; i < count; ++i) {
-          int best = 0;
-          for (int t = 1; t < kWindowTries; ++t) {
-            if (total.of[t][i] > total.of[best][i]) best = t;
-          }
-          if (best == 0 || best == kWindowTries - 1) continue;
-          const float before = total.of[best - 1][i], after = total.of[best + 1][i];
-          const float curve = before - 2.0F * total.of[best][i] + after;
-          if (!(curve < -kSharp)) continue;
-          const float part = 0.5F * (before - after) / curve;
-          const float by = (static_cast<float>(best - kWindowTries / 2) + part) * step[i];
-          const std::size_t at = static_cast<std::size_t>(y) * width + x0 + i;
-          depth[at] *= std::exp(by);
-          moved[at] = 1;
-        }
+        windows.Refine(x0, y, std::min(kPointBatch, width - x0));
       }
     }
   });
