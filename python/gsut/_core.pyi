@@ -356,7 +356,6 @@ class TriangleTree:
     ) -> tuple[NDArray[np.float64], NDArray[np.int64]]: ...
 
 def mesh_parts(num_vertices: int, faces: NDArray[np.uint32]) -> NDArray[np.uint32]: ...
-
 def compare_shown(
     points: NDArray[Any],
     views: list[tuple[Camera, NDArray[Any], NDArray[np.float32], NDArray[np.float32]]],
