@@ -84,7 +84,8 @@ class Sweep {
   py::list kept_;
 };
 
-// views: of (camera, camera_from_world, distances, values); see CompareShown.
+// views: of (camera, camera_from_world, distances, values); see CompareShown. The list keeps the
+// arrays alive while the core reads them; nothing of them is copied but the pose.
 py::tuple CompareShownViews(const py::object& points, const py::list& views, double tolerance,
                             int most, int fewest) {
   const auto places = ReadArray<double>(points, "points", {kAny, 3});
@@ -96,11 +97,13 @@ py::tuple CompareShownViews(const py::object& points, const py::list& views, dou
     const std::int64_t h = camera->height(), w = camera->width();
     ShownView& view = shown.emplace_back();
     view.camera = camera;
+    // The last row of a rigid transform says nothing.
     const auto matrix = ReadArray<double>(pose, "pose", {4, 4});
     std::copy_n(matrix.data(), view.pose.size(), view.pose.data());
     view.distances = ConstData<float>(distances, "distances", {h, w});
     view.values = ConstData<float>(values, "values", {h, w, kShownValues});
   }
+  // All results are written by the core, zeros too.
   auto medians = NewArray<float>({count, kShownValues});
   auto spreads = NewArray<float>({count});
   auto seen = NewArray<std::int64_t>({count});
