@@ -28,3 +28,6 @@ SURFEL_GRADIENTS = 1e-4  # relative L2, of the same; worst 4.4e-5
 OPEN3D_MEAN_VOXELS = 0.1  # a ball 0.069 from Open3D's mesh; a box's faces 0.047 from the truth
 # Of the largest change: differences in double of step 1e-6.
 MESH_FIT_SLOPES = 1e-6
+REFINED_MEDIAN = 0.002  # of the distance, of refined depths on pictures of 96 x 64 pixels
+REFINED_SHARE = 0.3  # of the pixels that windows confirm
+REFINED_ROUNDING = 2e-4  # of the distance: grey values of 15 bits, points in float
