@@ -396,6 +396,14 @@ class DepthViews:
         image: NDArray[np.uint8] | None,
     ) -> None: ...
     def support(self, which: int, others: Sequence[int], tolerance: float) -> NDArray[np.uint8]: ...
+    def refine(
+        self,
+        which: int,
+        others: Sequence[int],
+        greys: list[NDArray[np.float32]],
+        normals: NDArray[np.float32],
+        depth: NDArray[np.float32],
+    ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]: ...
     def fuse(
         self, voxel: float, inner: float, truncation: float, free_weight: float, max_blocks: int
     ) -> DistanceField: ...

@@ -137,13 +137,14 @@ def render_depth_maps(
     pixels = sum(c.width * c.height for c in (lenses[scene.camera(i)] for i in rows))
     size = _MAP_BYTES * pixels + _LENS_BYTES * sum(c.width * c.height for c in lenses.values())
     check_fits(f"the depth of {len(rows)} views", size, "make it smaller (--set max_side=N)")
-    maps, normals = [], []
+    maps: list[DepthMap] = []
+    normals: list[np.ndarray] = []
     for done, index in enumerate(rows):
         progress("depth", done, len(rows))
         camera = lenses[scene.camera(index)]
         made, towards = _render_map(gaussians, scene, (index, camera), o, background)
         maps.append(made)
-        normals.append(towards.astype(np.float16) if o.refine else None)
+        normals.append(towards.astype(np.float16))
     progress("depth", len(rows), len(rows))
     if not o.refine:
         return maps

@@ -36,7 +36,7 @@ def refine(scene, off):
     return maps, refine_maps(scene, rows, maps, normals, lambda *_: None)
 
 
-@pytest.mark.parametrize("off", [0.99, 1.01])
+@pytest.mark.parametrize("off", [0.98, 1.02])
 @pytest.mark.parametrize(("lens", "rolling"), [("pinhole", True), ("kannala_brandt", False)])
 def test_refined_depths_of_a_wall_are_nearer_to_it(lens, rolling, off):
     scene = wall_scene(LENSES[lens], rolling=rolling)
@@ -85,8 +85,8 @@ def interpolate(grey, places):
 
 def correlate(one, other):
     one, other = (each - each.mean(axis=(-2, -1), keepdims=True) for each in (one, other))
-    squares = ((each**2).mean(axis=(-2, -1)) + 1e-5 for each in (one, other))
-    return (one * other).mean(axis=(-2, -1)) / np.sqrt(np.prod(list(squares), axis=0))
+    mine, theirs = ((each**2).mean(axis=(-2, -1)) + 1e-5 for each in (one, other))
+    return (one * other).mean(axis=(-2, -1)) / np.sqrt(mine * theirs)
 
 
 def refine_slowly(photographs, pixel, depth):
@@ -120,8 +120,10 @@ def refine_slowly(photographs, pixel, depth):
     return by * (TRIED[best] + 0.5 * (before - after) / (before - 2 * most + after))
 
 
-def test_refined_depths_are_those_of_a_reference_in_double():
-    scene = wall_scene(LENSES["pinhole"], rolling=True)
+@pytest.mark.parametrize("rolling", [False, True])
+def test_refined_depths_are_those_of_a_reference_in_double(rolling):
+    scene = wall_scene(LENSES["pinhole"], rolling=rolling)
+    most = tol.REFINED_ROLLING if rolling else tol.REFINED_ROUNDING
     rows, maps, normals = look_at_wall(scene, 1.004)
     photographs = [Photograph(scene, row) for row in rows]
     views = gsut._core.DepthViews([0.0, 0.0, 0.0])
@@ -135,5 +137,5 @@ def test_refined_depths_are_those_of_a_reference_in_double():
         if np.isnan(change) or not moved[y, x]:
             continue
         compared += 1
-        assert abs(np.log(depth[y, x] / maps[0].depth[y, x]) - change) < tol.REFINED_ROUNDING
+        assert abs(np.log(depth[y, x] / maps[0].depth[y, x]) - change) < most
     assert compared > 20
