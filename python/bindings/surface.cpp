@@ -93,7 +93,7 @@ class DepthViews {
                    const py::object& normals, const py::object& depth) const {
     Check(which);
     for (const std::size_t other : others) Check(other);
-    if (greys.size() != views_.size()) throw InputError("greys must be as many as views");
+    if (greys.size() != views_.size()) throw InputError("greys takes one array a view");
     std::vector<const float*> photographs;
     for (std::size_t i = 0; i < views_.size(); ++i) {
       photographs.push_back(
