@@ -33,5 +33,5 @@ REFINED_MEDIAN = (
 )
 REFINED_SHARE = 0.3  # of the pixels that windows confirm
 REFINED_ROUNDING = 3e-5  # of the distance: grey values of 15 bits, points in float; worst 1.5e-5
-# Likewise: lines are sought by iteration, and differences over 1 % of the distance magnify its ends.
+# Likewise: lines are sought by iteration, and differences over 1 % of the distance magnify its end.
 REFINED_ROLLING = 5e-4  # worst 2.9e-4

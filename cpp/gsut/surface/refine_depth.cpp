@@ -1,3 +1,7 @@
+// Rendered depths are off by a third of a pixel of parallax, alike in all views, which fusion
+// cannot average out; windows of the photographs show where their surface lies to a tenth of a
+// pixel.
+//
 // Vector lanes are neighbouring pixels of a row, so that each sees its own window and the order of
 // its sums is fixed. A window's way into a neighbour is affine: three of its points go through the
 // lens and shutter at two distances, and the tried distances lie on the line through both. Grey
@@ -102,6 +106,7 @@ void Correlate(int count, const float* own, std::int64_t stride, const PackedGre
         hn::Store(nothing, f, scores->of[k] + i);
         continue;
       }
+      // Places of lanes that are not `in` are the first pixel, so that gathers stay inside.
       // Of a masked pixel the upper bit of its half is 0, and stays so in `shown`.
       auto theirs = hn::Zero(f), their_squares = hn::Zero(f), both = hn::Zero(f);
       auto shown = seen;
@@ -169,6 +174,8 @@ constexpr float kSharp = 1e-5F;       // curvature of scores below which there i
 constexpr int kCorners = 3;           // points of a window that are projected: middle, right, down
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 
+// Where windows are looked up: a pixel and the one to its right in one number, so that a place
+// takes two gathers in place of four. The last column is its own neighbour; windows end before it.
 PackedGrey Pack(const float* grey, int width, int height) {
   PackedGrey packed{width, height, {}};
   packed.pairs.resize(static_cast<std::size_t>(width) * height);
@@ -240,6 +247,8 @@ class Windows {
   explicit Windows(const Refinement& all)
       : all_(all), corners_(2 * kCorners), places_(2 * kCorners), paths_(all.others.size()) {}
 
+  // Moves the depths of `count` pixels of row y, from x0 on. What lies beyond the last pixel of a
+  // vector is as if it had no depth.
   void Refine(int x0, int y, int count) {
     x0_ = x0, y_ = y, count_ = count;
     whole_ = (count + kWindowLanes - 1) / kWindowLanes * kWindowLanes;
@@ -261,7 +270,9 @@ class Windows {
   int Down() const { return y_ + kWindowHalf < all_.view.height() ? 1 : -1; }
   std::size_t At(int i) const { return static_cast<std::size_t>(y_) * all_.view.width() + x0_ + i; }
 
-  // The corners of a pixel's window, on its plane and on the same plane farther away.
+  // The corners of a pixel's window, on its plane and on the same plane farther away: where their
+  // own rays meet it, from their own origins and lines' poses. False where a pixel has no plane, a
+  // plane seen edge-on, no texture, or no ray beside it.
   bool PlaceWindow(int i) {
     const DepthView& view = all_.view;
     const RayTable& rays = view.camera().Rays();
@@ -294,7 +305,9 @@ class Windows {
     return true;
   }
 
-  // The windows' ways into a neighbour, by the logarithm of the distance.
+  // The windows' ways into a neighbour, by the logarithm of the distance, which makes steps alike
+  // near and far. They are straight over the few pixels that are tried. The most sensitive
+  // neighbour sets the step, so that none jumps over its best distance.
   void FindPaths(std::size_t which) {
     for (int c = 0; c < 2 * kCorners; ++c) {
       all_.views[all_.others[which]].Project(whole_, corners_[c], &places_[c]);
@@ -314,6 +327,7 @@ class Windows {
                      (at[2].u[i] - at[0].u[i]) * down,
                      (at[2].v[i] - at[0].v[i]) * down};
       }
+      // Without a place the window fails in all neighbours, as NaN fails all comparisons.
       for (int q = 0; q < 6; ++q) {
         path.at[q][i] = active_[i] ? ends[0][q] : kNaN;
         path.by[q][i] = (ends[1][q] - ends[0][q]) * per_log;
@@ -323,7 +337,8 @@ class Windows {
     }
   }
 
-  // The scores of all neighbours that show the same at one of the distances.
+  // The scores of all neighbours that show the same at one of the distances; others see something
+  // else before it, or leave their photograph.
   void SumScores() {
     for (auto& row : total_.of) std::fill_n(row, whole_, 0.0F);
     for (std::size_t k = 0; k < paths_.size(); ++k) {
@@ -341,7 +356,8 @@ class Windows {
     }
   }
 
-  // To the top of a parabola through the best score and those beside it.
+  // The best score must lie within the range: at its ends it may be larger beyond.
+  // Moves a depth to the top of a parabola through the best score and those beside it.
   void Move(int i) {
     int best = 0;
     for (int t = 1; t < kWindowTries; ++t) {

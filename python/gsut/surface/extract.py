@@ -14,7 +14,7 @@ from gsut.run import check_fits, free_memory
 from gsut.surface.depth_map import DepthMap, list_views
 from gsut.surface.fit import fit_mesh
 from gsut.surface.mesh import Mesh
-from gsut.surface.refine import refine_maps
+from gsut.surface.stereo import refine_maps
 
 _NEIGHBOURS = 8  # views, nearest by place and direction, against which a depth map is checked
 _AGREEMENT = 0.01  # largest difference of two views' depths, of the distance (PGSR)

@@ -8,7 +8,7 @@ import pytest
 import gsut
 import tolerances as tol
 from gsut.surface import DepthMap
-from gsut.surface.refine import refine_maps
+from gsut.surface.stereo import refine_maps
 from gsut.surface.stereo.photograph import Photograph
 from wall_scenes import LENSES, WALL, wall_scene
 
