@@ -202,7 +202,8 @@ class PaddedGrey {
   std::vector<float> values_;
 };
 
-// What all rows share.
+// What all rows share; rows write to their own depths alone, so that threads change no bit.
+// `packed` has the order of `others`.
 struct Refinement {
   const DepthView& view;
   const std::vector<DepthView>& views;

@@ -97,8 +97,8 @@ def _add_rare(parser: argparse.ArgumentParser) -> None:
         help="which depth is fused [default median: where half of the light is gone]",
     )  # fmt: skip
     add_rare_option(
-        parser, "refine", bool, True,
-        help="move each depth to where windows of the photographs correlate best [default true]",
+        parser, "refine", bool, False,
+        help="move each depth to where windows of the photographs correlate best [default false]",
     )  # fmt: skip
     add_rare_option(
         parser, "support", Number(0, 8, whole=True), 2, metavar="N",

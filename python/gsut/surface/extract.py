@@ -58,7 +58,7 @@ class MeshOptions:
     support: int = 2
     open: bool | None = None
     depth: str = "median"
-    refine: bool = True
+    refine: bool = False
     max_side: int = 1024
     photographs: bool = False
     parts: int | None = None
