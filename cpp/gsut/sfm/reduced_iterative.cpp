@@ -13,12 +13,13 @@ namespace {
 // entries, where a factorisation takes the cube of the number of blocks. Steps are few because of
 // the preconditioner, which adds up two inexact inverses:
 //   1. Of clusters of blocks, each by itself: what is near.
-//   2. Of one coarse system: clusters move as rigid bodies of any size (the columns of Motions, which
-//      all residuals survive if all clusters move alike), and shared blocks freely. It is what would
-//      take as many steps as there are clusters on the longest way between two.
+//   2. Of one coarse system: clusters move as rigid bodies of any size (the columns of Motions,
+//   which
+//      all residuals survive if all clusters move alike), and shared blocks freely. It is what
+//      would take as many steps as there are clusters on the longest way between two.
 // It is that of domain decomposition (Toselli and Widlund, "Domain decomposition methods", 2005,
-// section 2.2) with a coarse space of aggregates (Vanek, Mandel and Brezina, "Algebraic multigrid by
-// smoothed aggregation", 1996).
+// section 2.2) with a coarse space of aggregates (Vanek, Mandel and Brezina, "Algebraic multigrid
+// by smoothed aggregation", 1996).
 
 // Share of the step's length, in the norm of the system, that may be missing.
 constexpr double kResidual = 1e-3;
@@ -109,6 +110,9 @@ void ReducedSystem::ListClusters() {
     }
     for (const int block : blocks[cluster]) {
       basis_[block] = found.middleRows(in_tile_[block], sizes_[block]);
+      for (int k = 0; k < sizes_[block]; ++k) {
+        if (held_[block][k]) basis_[block].row(k).setZero();  // exactly
+      }
     }
     cluster_start_.push_back(cluster_start_.back() + static_cast<int>(rank));
   }
@@ -173,7 +177,8 @@ bool ReducedSystem::FactorizeClusters() {
   });
   for (int block = 0; block < num_ordered_; ++block) {
     const int start = cluster_start_[tile_[block]], size = columns_of(tile_[block]);
-    coarse.block(start, start, size, size) += basis_[block].transpose() * own_[block] * basis_[block];
+    coarse.block(start, start, size, size) +=
+        basis_[block].transpose() * own_[block] * basis_[block];
     coarse.block(moving, start, shared, size) +=
         shared_.middleCols(start_[block], sizes_[block]) * basis_[block];
   }
@@ -213,8 +218,7 @@ bool ReducedSystem::SolveIteratively() {
   Eigen::VectorXd found = Precondition(residual), direction = found;
   double square = residual.dot(found);
   const double enough = kResidual * kResidual * square;
-  int steps=0;
-  for (; steps < kMostSteps && square > enough; ++steps) {
+  for (int steps = 0; steps < kMostSteps && square > enough; ++steps) {
     Multiply(direction, &moved);
     const double curvature = direction.dot(moved);
     if (!(curvature > 0.0)) return steps > 0;  // not positive definite
@@ -226,7 +230,6 @@ bool ReducedSystem::SolveIteratively() {
     direction = found + (next / square) * direction;
     square = next;
   }
-  if (getenv("GSUT_CG")) fprintf(stderr,"cg %d steps of %d clusters %d coarse %d left %g\n",steps,(int)step_.size(),matrix_->num_tiles(),cluster_start_.back(),std::sqrt(square/enough)*kResidual);
   return true;
 }
 

@@ -53,8 +53,8 @@ class ReducedSystem {
   const TiledCholesky& matrix() const { return *matrix_; }
 
  private:
-  // A dense system of 340 poses.
-  static constexpr double kMostWork = 1.5e9;
+  // Of a dense system of 650 poses, or of 330 with a velocity each.
+  static constexpr double kMostWork = 1e10;
   struct Entry {  // a block that observes a point
     int point, block;
     std::size_t at;  // of its (size, 3) products in cross_ and scaled_
@@ -112,8 +112,8 @@ class ReducedSystem {
   std::vector<Eigen::Vector3d> point_gradient_, point_steps_;
   Eigen::VectorXd step_;
 
-  // Of conjugate gradients: by block its own B^T B + D, the rows of S of shared blocks, motions, and
-  // of clusters (tiles of matrix_) their part of the motions, orthonormal.
+  // Of conjugate gradients: by block its own B^T B + D, the rows of S of shared blocks, motions,
+  // and of clusters (tiles of matrix_) their part of the motions, orthonormal.
   struct ClusterEntry {  // a cluster that observes a point
     int point, cluster;
     std::size_t at;  // of its (columns, 3) products in cluster_cross_

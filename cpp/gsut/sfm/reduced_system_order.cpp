@@ -169,7 +169,8 @@ void ReducedSystem::Order(double most_work, const std::vector<Dependence>& obser
   if (iterative_) {
     tiling = Cluster(num_ordered_, sizes_, together, &order);
     const std::size_t tiles = tiling.rows.size();
-    matrix_ = std::make_unique<TiledCholesky>(tiling.rows, std::vector<std::uint8_t>(tiles * tiles));
+    matrix_ =
+        std::make_unique<TiledCholesky>(tiling.rows, std::vector<std::uint8_t>(tiles * tiles));
     tiling.rows.push_back(0);  // of all shared blocks
     for (int block = num_ordered_; block < static_cast<int>(sizes_.size()); ++block) {
       order.push_back(block);
