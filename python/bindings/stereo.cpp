@@ -1,16 +1,19 @@
-// Binds gsut/surface/sweep_scores.h and sweep_paths.h: distances by comparison of photographs.
+// Binds gsut/surface/sweep_scores.h, sweep_paths.h and other_photographs.h: comparison of
+// photographs, for distances and for what moved.
 //
 // A sweep is one photograph, its neighbours one by one, and one answer. Python projects the cells'
 // centres, as it knows lenses and shutters; what is done for each pixel is done in the core.
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <algorithm>
 #include <tuple>
 #include <vector>
 
 #include "bindings/arrays.h"
 #include "bindings/long_call.h"
 #include "bindings/module.h"
+#include "gsut/surface/other_photographs.h"
 #include "gsut/surface/sweep_paths.h"
 #include "gsut/surface/sweep_scores.h"
 
@@ -81,6 +84,38 @@ class Sweep {
   py::list kept_;
 };
 
+// views: of (camera, camera_from_world, distances, values); see CompareShown. The list keeps the
+// arrays alive while the core reads them; nothing of them is copied but the pose.
+py::tuple CompareShownViews(const py::object& points, const py::list& views, double tolerance,
+                            int most, int fewest) {
+  const auto places = ReadArray<double>(points, "points", {kAny, 3});
+  const std::int64_t count = places.shape(0);
+  std::vector<ShownView> shown;
+  for (const auto& each : views) {
+    const auto [camera, pose, distances, values] =
+        each.cast<std::tuple<const Camera*, py::object, py::object, py::object>>();
+    const std::int64_t h = camera->height(), w = camera->width();
+    ShownView& view = shown.emplace_back();
+    view.camera = camera;
+    // The last row of a rigid transform says nothing.
+    const auto matrix = ReadArray<double>(pose, "pose", {4, 4});
+    std::copy_n(matrix.data(), view.pose.size(), view.pose.data());
+    view.distances = ConstData<float>(distances, "distances", {h, w});
+    view.values = ConstData<float>(values, "values", {h, w, kShownValues});
+  }
+  // All results are written by the core, zeros too.
+  auto medians = NewArray<float>({count, kShownValues});
+  auto spreads = NewArray<float>({count});
+  auto seen = NewArray<std::int64_t>({count});
+  float *median = medians.mutable_data(), *spread = spreads.mutable_data();
+  std::int64_t* number = seen.mutable_data();
+  {
+    const LongCall released;
+    CompareShown(count, places.data(), shown, tolerance, most, fewest, median, spread, number);
+  }
+  return py::make_tuple(medians, spreads, seen);
+}
+
 }  // namespace
 
 void BindStereo(py::module_& m) {
@@ -101,6 +136,23 @@ void BindStereo(py::module_& m) {
            py::arg("agreement"), py::arg("near_step"), py::arg("far_step"), py::arg("edge"),
            "Returns the number, with a fraction, of each pixel's distance and its score, each "
            "(H, W) float32; `counts` (H, W) bool is False where a pixel has no say.");
+
+  m.def("compare_shown", &CompareShownViews, py::arg("points"), py::arg("views"),
+        py::arg("tolerance"), py::arg("most"), py::arg("fewest"), R"doc(
+Compares what photographs show of points.
+
+Args:
+    points: (N, 3), world.
+    views: list of (camera, camera_from_world (4, 4), distances (H, W), infinite where there is
+        nothing, values (H, W, 9), the first three the colour), both float32, the first to ask first.
+    tolerance: relative difference of distances up to which a view sees the point.
+    most: views a point is compared in, at most 8.
+    fewest: views below which a point has no medians.
+
+Returns:
+    (N, 9) medians of the values, (N,) median of the colours' mean difference from the median
+    colour, zeros where too few views see the point; and (N,) how many see it, up to `most`.
+)doc");
 }
 
 }  // namespace gsut::bindings

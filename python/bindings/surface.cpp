@@ -17,6 +17,7 @@
 #include "bindings/module.h"
 #include "gsut/surface/across_views.h"
 #include "gsut/surface/marching_cubes.h"
+#include "gsut/surface/refine_depth.h"
 #include "gsut/surface/triangle_tree.h"
 
 namespace gsut::bindings {
@@ -84,6 +85,33 @@ class DepthViews {
     const LongCall released;
     ColorPoints(views_, images_, array.shape(0), about.data(), tolerance, colors);
     return out;
+  }
+
+  // (depth, moved), both (H, W): depths moved to where the photographs agree, and whether they
+  // were.
+  py::tuple Refine(std::size_t which, const std::vector<std::size_t>& others, const py::list& greys,
+                   const py::object& normals, const py::object& depth) const {
+    Check(which);
+    for (const std::size_t other : others) Check(other);
+    if (greys.size() != views_.size()) throw InputError("greys takes one array a view");
+    std::vector<const float*> photographs;
+    for (std::size_t i = 0; i < views_.size(); ++i) {
+      photographs.push_back(
+          ConstData<float>(greys[i], "greys", {views_[i].height(), views_[i].width()}));
+    }
+    const std::int64_t h = views_[which].height(), w = views_[which].width();
+    const float* towards = ConstData<float>(normals, "normals", {h, w, 3});
+    const float* depths = ConstData<float>(depth, "depth", {h, w});
+    auto out = NewArray<float>({h, w});
+    auto flags = NewArray<std::uint8_t>({h, w});
+    float* refined = out.mutable_data();
+    std::uint8_t* moved = flags.mutable_data();
+    std::copy(depths, depths + h * w, refined);
+    {
+      const LongCall released;
+      RefineDepth(views_, which, others, photographs, towards, refined, moved);
+    }
+    return py::make_tuple(out, flags);
   }
 
   std::size_t size() const { return views_.size(); }
@@ -229,6 +257,8 @@ void BindSurface(py::module_& m) {
            py::arg("depth"), py::arg("weight"), py::arg("image"))
       .def("support", &DepthViews::Support, py::arg("which"), py::arg("others"),
            py::arg("tolerance"))
+      .def("refine", &DepthViews::Refine, py::arg("which"), py::arg("others"), py::arg("greys"),
+           py::arg("normals"), py::arg("depth"))
       .def("fuse", &DepthViews::Fuse, py::arg("voxel"), py::arg("inner"), py::arg("truncation"),
            py::arg("free_weight"), py::arg("max_blocks"))
       .def("colors", &DepthViews::Colors, py::arg("points"), py::arg("tolerance"))

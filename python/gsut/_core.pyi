@@ -356,6 +356,13 @@ class TriangleTree:
     ) -> tuple[NDArray[np.float64], NDArray[np.int64]]: ...
 
 def mesh_parts(num_vertices: int, faces: NDArray[np.uint32]) -> NDArray[np.uint32]: ...
+def compare_shown(
+    points: NDArray[Any],
+    views: list[tuple[Camera, NDArray[Any], NDArray[np.float32], NDArray[np.float32]]],
+    tolerance: float,
+    most: int,
+    fewest: int,
+) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]: ...
 
 class Sweep:
     def __init__(self, grey: NDArray[np.float32], depths: int, cell: int) -> None: ...
@@ -389,6 +396,14 @@ class DepthViews:
         image: NDArray[np.uint8] | None,
     ) -> None: ...
     def support(self, which: int, others: Sequence[int], tolerance: float) -> NDArray[np.uint8]: ...
+    def refine(
+        self,
+        which: int,
+        others: Sequence[int],
+        greys: list[NDArray[np.float32]],
+        normals: NDArray[np.float32],
+        depth: NDArray[np.float32],
+    ) -> tuple[NDArray[np.float32], NDArray[np.uint8]]: ...
     def fuse(
         self, voxel: float, inner: float, truncation: float, free_weight: float, max_blocks: int
     ) -> DistanceField: ...

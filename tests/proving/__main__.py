@@ -44,7 +44,8 @@ def build_parser() -> argparse.ArgumentParser:
         help="of doctor, poses, scene (a training on these poses, and what it shows between the "
         "pictures), train (on the true ones), bits (two numbers of threads), causes (seven small "
         "trainings, six with one thing wrong), "
-        "mistakes (the usual ones planted), exact (doctor on right data, whole and thinned) "
+        "mistakes (the usual ones planted), exact (doctor on right data, whole and thinned), "
+        "regret (ten small trainings with the degree, Gaussians or steps fixed) "
         "[default: %(default)s]",
     )
     parser.add_argument(

@@ -13,6 +13,7 @@ from gsut.files import write_file
 from gsut.page import build_page, build_table, format_number
 from tests.proving.causes import CAUSES, find_wrong_cause
 from tests.proving.misfires import find_misfires
+from tests.proving.regret import CHOICES, find_regret
 
 _LEVELS = ("good", "usable", "poor")
 _FACTORS = ("family", "kind", "lens", "motion", "told")
@@ -66,10 +67,6 @@ def list_figures(rows: Sequence[Row]) -> list[tuple[str, str, int]]:
         sigma = row.get("focal_sigma_percent")
         return 100.0 * (abs(row["focal_error"]) <= sigma / 100) if sigma else None
 
-    def regret(row: Row) -> Any:
-        fixed = [row[f"psnr_degree_{k}"] for k in range(4) if row.get(f"psnr_degree_{k}")]
-        return max(fixed) - row["psnr"] if fixed and row.get("psnr") else None
-
     return [
         *(take(f"AUC@{t}, %", scale(f"auc_{t}"), 1) for t in ("0.5", "1", "5", "10")),
         take("registered, %", scale("registered"), 1),
@@ -77,7 +74,8 @@ def list_figures(rows: Sequence[Row]) -> list[tuple[str, str, int]]:
         take("focal length within its sigma, %", cover, 0),
         take("held-out PSNR, dB", lambda row: row.get("psnr")),
         take("the same against the truth without noise, dB", lambda row: row.get("psnr_clean")),
-        take("regret of the degree, dB", regret),
+        *(take(f"best fixed {choice} above the automatic one, dB",
+               lambda row, choice=choice: find_regret(row, choice)) for choice in CHOICES),
         *(take(f"{part}, CPU-s", lambda row, part=part: row.get(f"{part}_seconds"), 1)
           for part in ("render", "doctor", "poses", "train", "scene")),
     ]  # fmt: skip

@@ -18,6 +18,7 @@ from tests.proving.capture import Capture, capture
 from tests.proving.causes import score_causes
 from tests.proving.commands import Outcome, run_gsut
 from tests.proving.misfires import is_true_of_exact
+from tests.proving.regret import measure_regret
 from tests.proving.scene import score_scene
 from tests.proving.truth import (
     ON_ITS_SIDE,
@@ -30,9 +31,7 @@ from tests.proving.truth import (
 from tests.proving.writing import GIVEN, TRUTH, make_capture
 
 TRAIN_EVERY = 3  # of the seeds: the share of the captures that are trained on
-REGRET_EVERY = 10  # the same, of those trained with each degree of harmonics
 _THINNED = (1, 1, 2, 3, 4, 8)  # of exact datasets: every such view is left
-_DEGREES = (0, 1, 2, 3)
 BITS_EVERY = 8  # of the seeds: the share of the captures that run on two numbers of threads
 _THREADS = (1, 3)
 _SHORT = ("--preset", "fast", "--max-side", "128", "--steps", "40", "--force", "--quiet")
@@ -68,6 +67,8 @@ def score_made(made: Capture, folder: Path, parts: tuple[str, ...]) -> Row:
             row["other_bits"] = compare_threads(made, folder, work)
         if "causes" in parts:
             row |= score_causes(folder / TRUTH, work, made.seed)
+        if "regret" in parts:
+            row["regret"] = measure_regret(folder / TRUTH, work)
     return row
 
 
@@ -240,13 +241,6 @@ def _score_training(made: Capture, folder: Path, work: Path) -> Row:
         "gaussians": metrics.get("gaussians"),
         "sh_degree": (metrics.get("complexity") or {}).get("sh_degree"),
     }  # fmt: skip
-    if made.seed % REGRET_EVERY == 0:
-        for degree in _DEGREES:
-            own = work / f"degree{degree}"
-            words = ("train", folder / TRUTH, "-o", own, "--preset", "fast", "--quiet")
-            if run_gsut(*words, "--sh-degree", str(degree), work=work).status == 0:
-                values = json.loads((own / "metrics.json").read_text("utf-8"))
-                row[f"psnr_degree_{degree}"] = values.get("psnr")
     return row
 
 

@@ -28,3 +28,10 @@ SURFEL_GRADIENTS = 1e-4  # relative L2, of the same; worst 4.4e-5
 OPEN3D_MEAN_VOXELS = 0.1  # a ball 0.069 from Open3D's mesh; a box's faces 0.047 from the truth
 # Of the largest change: differences in double of step 1e-6.
 MESH_FIT_SLOPES = 1e-6
+REFINED_MEDIAN = (
+    0.006  # of the distance: 0.05 pixels of parallax on pictures of 80 x 80; worst 4.5e-3
+)
+REFINED_SHARE = 0.3  # of the pixels that windows confirm
+REFINED_ROUNDING = 3e-5  # of the distance: grey values of 15 bits, points in float; worst 1.5e-5
+# Likewise: lines are sought by iteration, and differences over 1 % of the distance magnify its end.
+REFINED_ROLLING = 5e-4  # worst 2.9e-4

@@ -30,7 +30,7 @@ HELP = "the surface as a mesh, or a grid of distances or of what is occupied"
 DESCRIPTION = (
     "Makes a mesh of a trained scene: each training view's depth is rendered through its own lens, "
     "kept where neighbouring views agree, and fused into a distance field whose surface is written "
-    "with colours and normals, in the dataset's coordinates. Memory: 20 bytes a pixel of all depth "
+    "with colours and normals, in the dataset's coordinates. Memory: 30 bytes a pixel of all depth "
     "maps and 2.3 kB a block of 8 x 8 x 8 voxels near the surface, 2.3 GB at most. To a .npy goes "
     "a dense grid instead: each voxel's distance to the surface, negative behind it, NaN where no "
     "view says anything; FILE.json beside it says where the voxels are."
@@ -95,6 +95,10 @@ def _add_rare(parser: argparse.ArgumentParser) -> None:
     add_rare_option(
         parser, "depth", ("median", "expected", "strongest"), "median",
         help="which depth is fused [default median: where half of the light is gone]",
+    )  # fmt: skip
+    add_rare_option(
+        parser, "refine", bool, False,
+        help="move each depth to where windows of the photographs correlate best [default false]",
     )  # fmt: skip
     add_rare_option(
         parser, "support", Number(0, 8, whole=True), 2, metavar="N",
@@ -186,6 +190,7 @@ def run(arguments: argparse.Namespace) -> int:
         support=arguments.support,
         open=arguments.open,
         depth=arguments.depth,
+        refine=arguments.refine,
         max_side=arguments.max_side,
         photographs=arguments.photographs,
         parts=arguments.parts,

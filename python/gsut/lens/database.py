@@ -228,10 +228,15 @@ def find_lens(name: str, size: tuple[int, int] | None = None) -> LensProfile:
 def is_lens_name(text: str | os.PathLike[str]) -> bool:
     """Returns whether this names a lens of the database, and neither is a file nor looks like one.
 
-    A missing "lens.yaml" is a missing file.
+    A missing "lens.yaml" is a missing file, and so is "folder/lens" unless the database has lenses
+    with all these words, as "Nikon Z8, 24-70/F4".
     """
     path = Path(text)
-    return not (path.exists() or path.suffix.lower() in list_suffixes() or path.parent.name)
+    if path.exists() or path.suffix.lower() in list_suffixes():
+        return False
+    if not path.parent.name:
+        return True
+    return not path.parent.exists() and bool(find_lenses(str(text)))
 
 
 def load_lens(text: str | os.PathLike[str], size: tuple[int, int] | None = None) -> Camera:

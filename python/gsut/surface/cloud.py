@@ -7,7 +7,8 @@ from collections.abc import Iterable
 import numpy as np
 
 from gsut._core import InputError
-from gsut.surface.extract import DepthMap, measure_pixel_angle
+from gsut.surface.depth_map import DepthMap
+from gsut.surface.extract import measure_pixel_angle
 from gsut.surface.mesh import Mesh
 from gsut.surface.rays import cast_world_rays
 

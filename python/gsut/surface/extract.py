@@ -8,12 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from gsut import _core
 from gsut._core import CameraMotion, InputError
 from gsut.render import render, render_surface, to_uint8
 from gsut.run import check_fits, free_memory
+from gsut.surface.depth_map import DepthMap, list_views
 from gsut.surface.fit import fit_mesh
 from gsut.surface.mesh import Mesh
+from gsut.surface.stereo import refine_maps
 
 _NEIGHBOURS = 8  # views, nearest by place and direction, against which a depth map is checked
 _AGREEMENT = 0.01  # largest difference of two views' depths, of the distance (PGSR)
@@ -23,7 +24,7 @@ _OPEN_RATIO = 5.0  # times the median depth, beyond which depths make a scene op
 _EVEN_SHARE = 1.5  # of the median distance: how far voxels are even in an open scene
 _MOST_BLOCKS = 1_000_000  # of 8 x 8 x 8 voxels: 2.3 GB
 _BLOCK_BYTES = 2300  # of a block with its surface
-_MAP_BYTES = 20  # of a pixel of a depth map
+_MAP_BYTES = 30  # of a pixel of a depth map
 _LENS_BYTES = 25  # of a pixel of a lens
 _SAMPLED = 20_000  # points that measure a scene's size
 _BEHIND = 2.0  # voxels that a coloured point may lie behind a view's surface
@@ -41,6 +42,7 @@ class MeshOptions:
         open: whether voxels grow with the distance beyond the middle of the scene; None: where
             depths reach farther than 5 times their median.
         depth: "median", "expected" or "strongest"; see `gsut.Surface`.
+        refine: moves each depth to where windows of the photographs correlate best.
         max_side: of the depth maps, pixels: larger images are rendered at this size.
         photographs: colours from the photographs in place of the renders.
         parts: number of largest connected parts to keep; None: all of a thousandth of the faces.
@@ -56,6 +58,7 @@ class MeshOptions:
     support: int = 2
     open: bool | None = None
     depth: str = "median"
+    refine: bool = False
     max_side: int = 1024
     photographs: bool = False
     parts: int | None = None
@@ -63,26 +66,6 @@ class MeshOptions:
     holes: int = 0
     fit: int | None = None
     crop: np.ndarray | None = None
-
-
-@dataclasses.dataclass(frozen=True)
-class DepthMap:
-    """One view's depth along its rays.
-
-    Attributes:
-        camera, motion: as the map was rendered.
-        depth: (H, W) float32 from the rays' origins; infinity: the ray meets nothing, NaN: unknown.
-        weight: (H, W) float32 in [0, 1], or None: 1.
-        image: (H, W, 3) uint8, or None.
-        normals: (H, W, 3) float32 unit normals in the camera's axes, 0: unknown; or None.
-    """
-
-    camera: Any
-    motion: np.ndarray | CameraMotion
-    depth: np.ndarray
-    weight: np.ndarray | None = None
-    image: np.ndarray | None = None
-    normals: np.ndarray | None = None
 
 
 OnProgress = Callable[[str, int, int], None]
@@ -113,7 +96,7 @@ def extract_mesh(
 
     Returns:
         The mesh, in the dataset's coordinates, with colours. The same bits on any number of
-        threads. Memory: 20 bytes a pixel of all depth maps, and 2.3 kB a block of 8 x 8 x 8 voxels
+        threads. Memory: 30 bytes a pixel of all depth maps, and 2.3 kB a block of 8 x 8 x 8 voxels
         near the surface.
 
     Raises:
@@ -136,7 +119,7 @@ def render_depth_maps(
     Args:
         gaussians: the Gaussians, in the dataset's coordinates.
         scene: the dataset, from `load_dataset`.
-        options: its depth, max_side and photographs; None: the defaults.
+        options: its depth, refine, max_side and photographs; None: the defaults.
         background: colour behind the Gaussians; None: see `render`.
         progress: called with (stage, done, total).
 
@@ -154,13 +137,18 @@ def render_depth_maps(
     pixels = sum(c.width * c.height for c in (lenses[scene.camera(i)] for i in rows))
     size = _MAP_BYTES * pixels + _LENS_BYTES * sum(c.width * c.height for c in lenses.values())
     check_fits(f"the depth of {len(rows)} views", size, "make it smaller (--set max_side=N)")
-    maps = []
+    maps: list[DepthMap] = []
+    normals: list[np.ndarray] = []
     for done, index in enumerate(rows):
         progress("depth", done, len(rows))
         camera = lenses[scene.camera(index)]
-        maps.append(_render_map(gaussians, scene, (index, camera), o, background))
+        made, towards = _render_map(gaussians, scene, (index, camera), o, background)
+        maps.append(made)
+        normals.append(towards.astype(np.float16))
     progress("depth", len(rows), len(rows))
-    return maps
+    if not o.refine:
+        return maps
+    return refine_maps(scene, rows, maps, normals, lambda *done: progress("refining", *done))
 
 
 def fuse_depth(
@@ -173,7 +161,7 @@ def fuse_depth(
 
     Args:
         maps: distances along the rays.
-        options: all but depth, max_side and photographs; None: the defaults.
+        options: all but depth, refine, max_side and photographs; None: the defaults.
         progress: called with (stage, done, total).
 
     Returns:
@@ -190,7 +178,7 @@ def fuse_depth(
     places, centers = _place_cameras(maps)
     center = centers.mean(axis=0)
     voxel, inner = _choose_voxel(maps, places, centers, center, o)
-    views = _list_views(maps, center)
+    views = list_views(maps, center)
     progress("fusing", 0, 1)
     free = free_memory()
     most = _MOST_BLOCKS if free is None else max(1, min(_MOST_BLOCKS, free // _BLOCK_BYTES))
@@ -233,8 +221,8 @@ def _render_map(
     view: tuple[int, Any],
     o: MeshOptions,
     background: Sequence[float] | None,
-) -> DepthMap:
-    """Renders the map of a view, by its number and the lens of the map's size."""
+) -> tuple[DepthMap, np.ndarray]:
+    """Renders a view's map and normals, by its number and the lens of the map's size."""
     import cv2  # here, because gsut --help needs none
 
     index, camera = view
@@ -255,18 +243,12 @@ def _render_map(
         image = scene.image(index)
         if image.shape[:2] != depth.shape:
             image = cv2.resize(image, depth.shape[::-1], interpolation=cv2.INTER_AREA)
-    return DepthMap(camera, motion, depth, weight, np.ascontiguousarray(image))
+    made = DepthMap(camera, motion, depth, weight, np.ascontiguousarray(image))
+    return made, surface.normals
 
 
 def _find_middle(motion: np.ndarray | CameraMotion) -> np.ndarray:
     return motion.at(0.5) if isinstance(motion, CameraMotion) else np.asarray(motion)
-
-
-def _list_views(maps: Sequence[DepthMap], center: np.ndarray) -> _core.DepthViews:
-    views = _core.DepthViews(list(center))
-    for m in maps:
-        views.add(m.camera, m.motion, m.depth, m.weight, m.image)
-    return views
 
 
 def _place_cameras(maps: Sequence[DepthMap]) -> tuple[np.ndarray, np.ndarray]:
@@ -288,7 +270,7 @@ def keep_agreeing(
     if support <= 0 or len(maps) <= support:
         return maps
     places, centers = _place_cameras(maps)
-    views = _list_views(maps, centers.mean(axis=0))
+    views = list_views(maps, centers.mean(axis=0))
     apart = np.linalg.norm(centers[:, None] - centers, axis=2)
     axes = places[:, 2, :3]
     turned = np.arccos(np.clip(axes @ axes.T, -1, 1))

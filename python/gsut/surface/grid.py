@@ -15,8 +15,8 @@ import numpy as np
 from gsut import _core
 from gsut._core import InputError
 from gsut.files import whole_file, write_file
+from gsut.surface.depth_map import DepthMap
 from gsut.surface.extract import (
-    DepthMap,
     MeshOptions,
     OnProgress,
     fuse_depth,

@@ -119,8 +119,11 @@ def test_sizes_readout_and_field_of_view_of_a_profile():
 
 
 def test_a_missing_lens_file_is_no_name(tmp_path):
-    assert not any(map(is_lens_name, ("lens.yaml", "folder/hero9", str(tmp_path))))
+    assert not any(map(is_lens_name, ("lens.yaml", "folder/hero9", "../hero9", str(tmp_path))))
     assert is_lens_name("GoPro HERO9 Black, Max Wide")
+    with_slash = next(p.name for p in load_profiles() if "/" in p.name)
+    assert is_lens_name(with_slash)
+    assert find_lens(with_slash).name == with_slash
     with pytest.raises(FileNotFoundError):
         load_lens(tmp_path / "lens.yaml")
     camera = load_lens("hero9 linear", (640, 480))

@@ -5,6 +5,7 @@ import pytest
 
 import gsut
 import tolerances
+from gsut import _core
 from gsut.data import Frame, load_dataset, write_transforms
 from gsut.data.points import format_points_ply
 from gsut.data.poses import invert_pose
@@ -15,7 +16,6 @@ from gsut.run.checkpoint import read_checkpoint, write_checkpoint
 from gsut.training import read_trained
 from gsut.training.loop import TrainingLoop
 from gsut.training.photograph import Movers
-from gsut.training.photograph.movers import _find_medians
 from gsut.training.record import find_run_movers
 from random_scenes import pinhole
 
@@ -61,12 +61,30 @@ def write_views(folder, wall, moved):
     return load_dataset(folder, test_every=0)
 
 
-def test_medians_of_few_values_are_those_of_numpy(rng):
-    values = rng.normal(size=(8, 500, 3)).astype(np.float32)
-    count = rng.integers(1, 9, 500)
-    there = (np.arange(8)[:, None] < count)[..., None]
-    found = _find_medians(np.where(there, values, np.inf), count)
-    assert np.array_equal(found, np.nanmedian(np.where(there, values, np.nan), axis=0))
+def test_medians_of_what_others_show_are_those_of_numpy(rng):
+    lens, pose, (most, fewest) = pinhole(SIZE), np.eye(4), (6, 3)
+    rays, _ = lens.rays()
+    distances = rng.uniform(2, 3, (SIZE, SIZE))
+    looks = [
+        (
+            np.where(rng.random((SIZE, SIZE)) < share, distances, np.inf).astype(np.float32),
+            rng.normal(size=(SIZE, SIZE, 9)).astype(np.float32),
+        )
+        for share in (1.0, *np.full(8, 0.4))
+    ]
+    views = [(lens, pose, *look) for look in looks]
+    points = (rays * distances[..., None]).reshape(-1, 3)
+    found = _core.compare_shown(points, views, 0.01, most, fewest)
+    there = np.array([np.isfinite(near).reshape(-1) for near, _ in looks])
+    there &= np.cumsum(there, axis=0) <= most
+    shown = np.array([values.reshape(-1, 9) for _, values in looks])
+    middle = np.nanmedian(np.where(there[..., None], shown, np.nan), axis=0)
+    off = np.abs(shown[..., :3] - middle[:, :3]).mean(axis=2)
+    spread = np.nanmedian(np.where(there, off, np.nan), axis=0)
+    enough = there.sum(axis=0) >= fewest
+    assert np.array_equal(found[2], there.sum(axis=0)) and 0.5 < enough.mean() < 1
+    np.testing.assert_array_equal(found[0], np.where(enough[:, None], middle, 0))
+    np.testing.assert_allclose(found[1], np.where(enough, spread, 0), atol=tolerances.FLOAT32)
 
 
 def measure_recall(found):

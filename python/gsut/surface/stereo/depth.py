@@ -8,7 +8,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data import Scene
-from gsut.surface.extract import DepthMap
+from gsut.surface.depth_map import DepthMap
 from gsut.surface.stereo.normals import fit_normals
 from gsut.surface.stereo.sweep import OnView, Shown, find_distances, ignore_view
 

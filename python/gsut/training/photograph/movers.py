@@ -84,7 +84,6 @@ class Movers:
         scene: Any,
         indices: Sequence[int],
         light: Light | None = None,
-        background: Sequence[float] | None = (0.0, 0.0, 0.0),
     ) -> Movers:
         """Finds what moved in some photographs.
 
@@ -93,7 +92,6 @@ class Movers:
             scene: with training views, which views are compared with.
             indices: of the views, training views or others.
             light: of the photographs; None: 1.
-            background: colour behind the Gaussians.
         """
         side = max(max(camera.width, camera.height) for camera in scene.cameras)
         small = scene.scale_images(min(1.0, _SIDE / side), keep_larger=True)
@@ -101,7 +99,7 @@ class Movers:
 
         def look_at(index: int) -> _Look:
             if index not in looks:
-                looks[index] = _look(packed, small, index, light, background)
+                looks[index] = _look(packed, small, index, light)
             return looks[index]
 
         train = np.array(small.train_indices, np.int64)
@@ -132,17 +130,17 @@ class Movers:
         return sum(float(mask.mean()) for mask in self.masks.values()) / max(1, views)
 
 
-def _look(gaussians: Any, scene: Any, index: int, light: Light | None, background: Any) -> _Look:
+def _look(gaussians: Any, scene: Any, index: int, light: Light | None) -> _Look:
     import cv2
 
     camera, view, mask = scene.camera(index), scene.views[index], scene.mask(index)
-    drawn = render(gaussians, camera, view.motion, background=background)
+    drawn = render(gaussians, camera, view.motion, sh_degree=0, watch=False)
     image = scene.image(index).astype(np.float32) / np.float32(255)
     if light is not None:
         image = image / light.on(camera, index, view.camera_index)
     alpha, around = np.asarray(drawn.alpha), np.ones((3, 3), np.uint8)
     is_near = (alpha >= _OPAQUE) & mask
-    distances = np.where(is_near, drawn.depth / np.maximum(alpha, _OPAQUE), np.inf)
+    distances = np.where(is_near, drawn.depth / np.maximum(alpha, _OPAQUE), np.float32(np.inf))
     colors = np.concatenate([image, cv2.erode(image, around), cv2.dilate(image, around)], axis=2)
     return _Look(colors, distances, camera, view.camera_from_world, mask)
 
@@ -155,15 +153,16 @@ def _compare(own: _Look, *others: _Look) -> np.ndarray:
     rows, columns = np.nonzero(np.isfinite(own.distances) & valid)
     directions = rays[rows, columns] @ own.pose[:3, :3]
     points = own.center + directions * own.distances[rows, columns][:, None]
-    samples, count = _sample_others(points, others)
+    views = [(each.camera, each.pose, each.distances, each.colors) for each in others]
+    medians, spread, count = _core.compare_shown(
+        points, views, _SAME_DEPTH, _MOST_OTHERS, _FEWEST_OTHERS
+    )
     enough = count >= _FEWEST_OTHERS
     different = np.zeros(own.mask.shape, np.float32)
     if not enough.any():
         return different > 0
-    rows, columns = rows[enough], columns[enough]
-    samples, count = samples[:, enough], count[enough]
-    middle, low, high = np.split(_find_medians(samples, count), 3, axis=1)
-    spread = _find_medians(_average_channels(np.abs(samples[:, :, :3] - middle)), count)
+    rows, columns, spread = rows[enough], columns[enough], spread[enough]
+    middle, low, high = np.split(medians[enough], 3, axis=1)
     mine = own.colors[rows, columns, :3]
     shade = _average_channels(mine) / np.maximum(_average_channels(middle), 1 / 255)
     shade = np.clip(shade, 1 / _SHADE, _SHADE)[:, None]
@@ -173,50 +172,6 @@ def _compare(own: _Look, *others: _Look) -> np.ndarray:
     size = (_WINDOW, _WINDOW)
     dense = cv2.boxFilter(different, -1, size) > 0.5
     return (cv2.dilate(dense.astype(np.uint8), np.ones(size, np.uint8)) > 0) & own.mask & valid
-
-
-def _sample_others(points: np.ndarray, others: Sequence[_Look]) -> tuple[np.ndarray, np.ndarray]:
-    """Samples the photographs that see points (N, 3).
-
-    Returns:
-        (most, N, 9) colours as in `_Look`, infinite where fewer photographs see a point; and (N,)
-        how many do.
-    """
-    count = np.zeros(len(points), np.int64)
-    samples = np.full((_MOST_OTHERS, len(points), 9), np.inf, np.float32)
-    for other in others:
-        left = np.flatnonzero(count < _MOST_OTHERS)
-        if len(left) == 0:
-            break
-        there = points[left] @ other.pose[:3, :3].T + other.pose[:3, 3]
-        pixels, valid = other.camera.project(there)
-        (x, y), (height, width) = pixels.T, other.mask.shape
-        inside = np.flatnonzero(valid & (x >= 0) & (x < width) & (y >= 0) & (y < height))
-        column, row = x[inside].astype(np.int32), y[inside].astype(np.int32)
-        left, distance = left[inside], np.linalg.norm(there[inside], axis=1)
-        seen = other.distances[row, column]
-        is_same = np.abs(seen - distance) <= _SAME_DEPTH * distance
-        left, row, column = left[is_same], row[is_same], column[is_same]
-        samples[count[left], left] = other.colors[row, column]
-        count[left] += 1
-    return samples, count
-
-
-def _find_medians(values: np.ndarray, count: np.ndarray) -> np.ndarray:
-    """Finds medians along the first axis.
-
-    Exchanges of neighbouring rows sort few rows of many values faster than `numpy.nanmedian`.
-
-    Args:
-        values: (most, N, ...); from (N,) `count` on they are infinite.
-    """
-    rows = list(values)
-    for turn in range(len(rows)):
-        for i in range(turn % 2, len(rows) - 1, 2):
-            a, b = rows[i], rows[i + 1]
-            rows[i], rows[i + 1] = np.minimum(a, b), np.maximum(a, b)
-    ordered, places = np.stack(rows), np.arange(len(count))
-    return (ordered[(count - 1) // 2, places] + ordered[count // 2, places]) / 2
 
 
 def _average_channels(colors: np.ndarray) -> np.ndarray:

@@ -35,7 +35,6 @@ class Outliers:
         self._robust_from = _ROBUST_FROM * options.steps if options.robust else None
         looks = options.movers == "auto" and is_new
         self._movers_at = round(_MOVERS_AT * options.steps) if looks else None
-        self._background = options.background
         self.movers = Movers()
 
     def observe(
@@ -50,8 +49,7 @@ class Outliers:
         """
         if step.number == self._movers_at:
             scene, light = step.level.scene, photographs.find_light()
-            train, behind = scene.train_indices, self._background
-            self.movers = Movers.find(draw(), scene, train, light, behind)
+            self.movers = Movers.find(draw(), scene, scene.train_indices, light)
 
     def find_moving(self, view: int, width: int, height: int) -> np.ndarray | None:
         """Returns a view's mask (height, width) of what moved, as far as it is known yet."""

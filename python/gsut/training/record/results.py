@@ -88,7 +88,7 @@ def measure_training(
     def find_movers(judged: Scene) -> Callable[[int, int, int], Any]:
         if not (movers.masks and measured):
             return movers.scale_mask
-        return Movers.find(gaussians, judged, measured, light, background).scale_mask
+        return Movers.find(gaussians, judged, measured, light).scale_mask
 
     scene, metrics = measure(
         TrainedRun(loop.options, scene, gaussians, light),

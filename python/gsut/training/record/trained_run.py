@@ -160,5 +160,4 @@ def find_run_movers(
     """
     if not (run.read_json(RunFile.METRICS) or {}).get("moving_train"):
         return None
-    background = run.read_options().background
-    return Movers.find(gaussians, scene, indices, light, background).scale_mask
+    return Movers.find(gaussians, scene, indices, light).scale_mask

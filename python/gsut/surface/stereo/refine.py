@@ -1,0 +1,80 @@
+"""Moves rendered depths to where windows of the photographs correlate best.
+
+Gaussians reproduce photographs with depths that are off by a third of a pixel of parallax and
+jump from pixel to pixel. Windows of 7 x 7 pixels on the planes of rendered distance and normal say
+more: compared with neighbouring photographs by normalised correlation, which ignores exposure.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from gsut.data import Scene
+from gsut.surface.depth_map import DepthMap, list_views
+from gsut.surface.stereo.neighbours import choose_neighbours
+from gsut.surface.stereo.photograph import Photograph
+
+# Neighbours of a view: more cost time and gain nothing.
+_NEIGHBOURS = 3
+# Percentiles of a view's depths at which its neighbours are chosen.
+_MIDDLE = (15.0, 50.0, 85.0)
+# Times the weight of a depth that no windows confirm.
+_UNSURE = 0.25
+
+
+def refine_maps(
+    scene: Scene,
+    rows: Sequence[int],
+    maps: Sequence[DepthMap],
+    normals: Sequence[np.ndarray],
+    on_view: Callable[[int, int], None],
+) -> list[DepthMap]:
+    """Moves depths along their rays to where the photographs agree; see RefineDepth in the core.
+
+    Args:
+        scene: the dataset.
+        rows: indices of the views.
+        maps: their depths.
+        normals: (H, W, 3) of the surfaces, in the world's axes, of any length.
+        on_view: called with the number of views done and of all.
+
+    Returns:
+        The maps: depths without a clear best distance stay, with a quarter of their weight.
+    """
+    scene = scene.replace(train_indices=list(rows), test_indices=[])
+    found = [_look_around(scene, row, m) for row, m in zip(rows, maps, strict=True)]
+    greys = [grey for grey, _ in found]
+    places = {row: place for place, row in enumerate(rows)}
+    views = list_views(maps, np.mean([scene.views[row].camera_center for row in rows], axis=0))
+    refined = []
+    for place, m in enumerate(maps):
+        on_view(place, len(maps))
+        beside = [places[row] for row in found[place][1][:_NEIGHBOURS]]
+        towards = normals[place].astype(np.float32)
+        depth, moved = views.refine(place, beside, greys, towards, m.depth)
+        sure = (moved > 0) | np.isinf(depth)
+        weight = np.ones_like(depth) if m.weight is None else m.weight
+        weight = np.where(sure, weight, np.float32(_UNSURE) * weight)
+        refined.append(dataclasses.replace(m, depth=depth, weight=weight))
+    on_view(len(maps), len(maps))
+    return refined
+
+
+def _look_around(scene: Scene, row: int, m: DepthMap) -> tuple[np.ndarray, list[int]]:
+    """Returns a photograph's grey values at its map's size, NaN where masked, and neighbours."""
+    import cv2  # here, because gsut --help needs none
+
+    photograph = Photograph(scene, row)
+    grey, mask, size = photograph.grey, photograph.mask, m.depth.shape[::-1]
+    if mask.shape != m.depth.shape:
+        grey = cv2.resize(grey, size, interpolation=cv2.INTER_AREA)
+        mask = cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_AREA) > 0.99
+    known = m.depth[np.isfinite(m.depth)]
+    beside = []
+    if len(known):
+        distances = np.percentile(known, _MIDDLE).tolist()
+        beside = choose_neighbours(scene, row, photograph, distances)
+    return np.where(mask, grey, np.float32(np.nan)), beside
