@@ -186,7 +186,7 @@ TEST(PoseCovariances, GrowWithVelocitiesToEstimate) {
 
 TEST(PoseCovariances, OfManyBodiesAreThoseOfFew) {
   constexpr double kBound = 7e-7;  // relative
-  constexpr int kMany = 120;  // bodies whose inverse is made in parts
+  constexpr int kMany = 120;       // bodies whose inverse is made in parts
   for (const bool moves : {false, true}) {
     Bundle few = MovingBundle(5, 150, 48);
     if (!moves) few.velocities.clear();
