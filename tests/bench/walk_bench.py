@@ -103,6 +103,8 @@ def measure(case: Row, settings: Settings) -> Row:
         "images": figures["images"],
         "true_readout_ms": 1000 * film.readout,
         "cpu_seconds": took["cpu_seconds"],
+        "cpu_per_image": took["cpu_seconds"] / figures["images"],
+        "peak_mb": took["peak_mb"],
         "verdict": figures["verdict"]["level"],
     }
     found = (figures.get("readout") or {}).get("seconds")
@@ -185,6 +187,8 @@ BENCHMARK = Benchmark(
         Column("readout_ms", "readout found", form=".1f"),
         Column("true_readout_ms", "true, ms", form=".1f"),
         Column("cpu_seconds", "poses", "CPU-s", ".0f"),
+        Column("cpu_per_image", "an image", "CPU-s", ".2f"),
+        Column("peak_mb", "memory", "MB", ".0f"),
         Column("verdict", form="s"),
     ),
     cases=list_cases,

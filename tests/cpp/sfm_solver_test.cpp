@@ -36,6 +36,7 @@ TEST(TiledCholesky, SolvesAsADenseMatrixDoes) {
   }
   TiledCholesky matrix(sizes, present);
   EXPECT_LT(matrix.Fill(), 0.7);
+  matrix.SetZero();
   Eigen::MatrixXd dense = Eigen::MatrixXd::Zero(matrix.size(), matrix.size());
   for (int i = 0, row = 0; i < count; row += sizes[i++]) {
     for (int j = 0, column = 0; j <= i; column += sizes[j++]) {
@@ -58,6 +59,7 @@ TEST(TiledCholesky, SolvesAsADenseMatrixDoes) {
 
 TEST(TiledCholesky, SaysWhereNothingIsDetermined) {
   TiledCholesky matrix({3, 2}, {1, 0, 1, 1});
+  matrix.SetZero();
   EXPECT_FALSE(matrix.Factorize());
 }
 
@@ -139,24 +141,56 @@ TEST(ReducedSystem, StepIsThatOfTheWholeNormalEquations) {
   EXPECT_EQ(system.BlockStep(0)[1], 0.0);
 }
 
+// The steps of blocks and of a point, one after the other.
+Eigen::VectorXd StepOf(const ReducedSystem& system) {
+  Eigen::VectorXd step(6 * Walk::kBlocks + 5);
+  for (int block = 0; block < Walk::kBlocks; ++block) {
+    step.segment<6>(6 * block) = system.BlockStep(block);
+  }
+  step.tail<5>() << system.BlockStep(Walk::kBlocks), system.PointStep(7);
+  return step;
+}
+
+// With motions of any kind, conjugate gradients end at the step of the factorisation.
+TEST(ReducedSystem, ConjugateGradientsFindTheStepOfTheFactorisation) {
+  constexpr double kNear = 2e-3;  // relative; they end at 1e-3 in the norm of the system
+  const Walk walk;
+  ReducedSystem direct(walk.sizes, Walk::kBlocks, Walk::kPoints, walk.observations);
+  ReducedSystem system(walk.sizes, Walk::kBlocks, Walk::kPoints, walk.observations, 0.0);
+  EXPECT_FALSE(direct.iterative());
+  ASSERT_TRUE(system.iterative());
+  Numbers numbers(73);
+  for (int block = 0; block < Walk::kBlocks; ++block) {
+    system.Motions(block).resize(6, 7);
+    for (double& value : system.Motions(block).reshaped()) value = numbers.Uniform(-1, 1);
+  }
+  system.Motions(0).row(1).setZero();  // it stays
+  for (ReducedSystem* each : {&direct, &system}) {
+    SetValues(walk, each);
+    ASSERT_TRUE(each->Solve(1e4));
+  }
+  const Eigen::VectorXd expected = StepOf(direct);
+  EXPECT_LT((StepOf(system) - expected).norm(), kNear * expected.norm());
+  EXPECT_NEAR(system.PredictedDecrease(), direct.PredictedDecrease(),
+              kNear * direct.PredictedDecrease());
+  EXPECT_EQ(system.BlockStep(0)[1], 0.0);
+}
+
 TEST(ReducedSystem, SameBitsOnAnyNumberOfThreads) {
   const Walk walk;
-  std::vector<Eigen::VectorXd> steps;
-  for (const int count : {1, 2, 3}) {
-    const Threads threads(count);
-    ReducedSystem system(walk.sizes, Walk::kBlocks, Walk::kPoints, walk.observations);
-    SetValues(walk, &system);
-    ASSERT_TRUE(system.Solve(1e4));
-    Eigen::VectorXd step(6 * Walk::kBlocks + 3);
-    for (int block = 0; block < Walk::kBlocks; ++block) {
-      step.segment<6>(6 * block) = system.BlockStep(block);
+  for (const double most_work : {1e9, 0.0}) {
+    std::vector<Eigen::VectorXd> steps;
+    for (const int count : {1, 2, 3}) {
+      const Threads threads(count);
+      ReducedSystem system(walk.sizes, Walk::kBlocks, Walk::kPoints, walk.observations, most_work);
+      SetValues(walk, &system);
+      ASSERT_TRUE(system.Solve(1e4));
+      steps.push_back(StepOf(system));
     }
-    step.tail<3>() = system.PointStep(7);
-    steps.push_back(step);
+    ASSERT_EQ(steps.size(), 3U);
+    EXPECT_EQ(steps[0], steps[1]);
+    EXPECT_EQ(steps[0], steps[2]);
   }
-  ASSERT_EQ(steps.size(), 3U);
-  EXPECT_EQ(steps[0], steps[1]);
-  EXPECT_EQ(steps[0], steps[2]);
 }
 
 }  // namespace

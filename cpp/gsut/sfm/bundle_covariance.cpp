@@ -17,9 +17,10 @@ namespace {
 // eliminating points is marginalising them. No damping here: what the gauge leaves free must be
 // determined.
 
-// Bodies beyond which the inverse is made in parts, each with its own velocity alone: the whole one
-// takes memory and time that grow with the square and the cube of their number.
+// Bodies beyond which the inverse is made in parts, and beyond which their velocities count as
+// known: memory grows with the square of the unknowns, time with the cube.
 constexpr int kMostAtOnce = 100;
+constexpr int kMostMoving = 400;
 constexpr Eigen::Index kColumns = 60;  // of the inverse, made at once
 
 using Matrix6 = Eigen::Matrix<double, 6, 6>;
@@ -53,9 +54,9 @@ Matrix6 CameraByBody(const BundleState& state, int image) {
 }
 
 // Of each point, at the current unknowns and weighted by the loss as in the normal equations of the
-// last step; squares: the sum of the weighted residuals'.
+// last step; size: unknowns of a body; squares: the sum of the weighted residuals'.
 std::vector<std::vector<Linearized>> Linearize(const Bundle& bundle, const BundleState& state,
-                                               double loss_scale, double* squares) {
+                                               double loss_scale, int size, double* squares) {
   std::vector<std::vector<Linearized>> of_point(bundle.points.size());
   for (const BundleObservation& observation : bundle.observations) {
     const CameraChain chain = state.Chain(observation);
@@ -69,9 +70,9 @@ std::vector<std::vector<Linearized>> Linearize(const Bundle& bundle, const Bundl
     *squares += weight * weight * squared;
     const ChainDerivatives by = Derivatives(chain, point, weight * by_p);
     Linearized linear = {state.body_of_image[observation.image], {}, by.by_point};
-    linear.by_body.resize(2, UnknownsOfBody(state));
+    linear.by_body.resize(2, size);
     linear.by_body.leftCols<6>() = by.by_pose;
-    if (!state.velocities.empty()) linear.by_body.rightCols<6>() = by.by_velocity;
+    if (size > kPoseTangent) linear.by_body.rightCols<6>() = by.by_velocity;
     of_point[observation.point].push_back(std::move(linear));
   }
   return of_point;
@@ -92,22 +93,20 @@ Eigen::Matrix3d InvertPoint(const std::vector<Linearized>& observations,
   return inverse;
 }
 
-// Adds what is known beforehand of the velocities: add(body, its six weights squared).
-template <class Add>
-void AddVelocityPriors(const BundleState& state, const BundleOptions& options, const Add& add) {
-  if (state.velocities.empty()) return;
+// Adds what is known beforehand of the velocities.
+void AddVelocityPriors(const BundleState& state, const BundleOptions& options, int size,
+                       Eigen::MatrixXd* reduced) {
   for (std::size_t i = 0; i < options.velocity_priors.size(); ++i) {
     const int body = state.body_of_image[i];
     if (state.image_of_body[body] != static_cast<int>(i)) continue;
     const Velocity weight = options.noise * options.velocity_priors[i].sigma.cwiseInverse();
-    add(body, weight.cwiseAbs2());
+    reduced->diagonal().segment<6>(size * body + kPoseTangent) += weight.cwiseAbs2();
   }
 }
 
 // The normal equations of the bodies, the points eliminated.
 Eigen::MatrixXd ReducedNormal(const std::vector<std::vector<Linearized>>& of_point,
-                              const BundleState& state, const BundleOptions& options) {
-  const int size = UnknownsOfBody(state);
+                              const BundleState& state, const BundleOptions& options, int size) {
   Eigen::MatrixXd reduced =
       Eigen::MatrixXd::Zero(size * state.num_bodies(), size * state.num_bodies());
   std::vector<MatrixX3> cross;
@@ -127,50 +126,7 @@ Eigen::MatrixXd ReducedNormal(const std::vector<std::vector<Linearized>>& of_poi
       }
     }
   }
-  AddVelocityPriors(state, options, [&](int body, const Velocity& weights) {
-    reduced.diagonal().segment<6>(size * body + kPoseTangent) += weights;
-  });
-  return reduced;
-}
-
-// Poses' own block of the normal equations of many bodies: how one body's velocity, which is known
-// within a prior, ties it to other bodies is left out, so that a velocity is eliminated by itself.
-Eigen::MatrixXd ReducedPoses(const std::vector<std::vector<Linearized>>& of_point,
-                             const BundleState& state, const BundleOptions& options) {
-  constexpr int kPose = kPoseTangent;
-  const int size = UnknownsOfBody(state), bodies = state.num_bodies();
-  Eigen::MatrixXd reduced = Eigen::MatrixXd::Zero(kPose * bodies, kPose * bodies);
-  std::vector<Eigen::MatrixXd> own(bodies, Eigen::MatrixXd::Zero(size, size));
-  std::vector<MatrixX3> cross;
-  for (const auto& observations : of_point) {
-    if (observations.empty()) continue;
-    const Eigen::Matrix3d inverse = InvertPoint(observations, &cross);
-    for (const Linearized& linear : observations) {
-      own[linear.body] += linear.by_body.transpose() * linear.by_body;
-    }
-    for (std::size_t i = 0; i < observations.size(); ++i) {
-      const MatrixX3 scaled = cross[i] * inverse;
-      const int body = observations[i].body;
-      for (std::size_t j = 0; j < observations.size(); ++j) {
-        const int other = observations[j].body;
-        if (other == body) own[body] -= scaled * cross[j].transpose();
-        if (other >= body) continue;  // the lower half is enough
-        reduced.block<kPose, kPose>(kPose * body, kPose * other) -=
-            scaled.topRows<kPose>() * cross[j].topRows<kPose>().transpose();
-      }
-    }
-  }
-  AddVelocityPriors(state, options, [&](int body, const Velocity& weights) {
-    own[body].diagonal().segment<kPose>(kPose) += weights;
-  });
-  for (int body = 0; body < bodies; ++body) {
-    auto pose = reduced.block<kPose, kPose>(kPose * body, kPose * body);
-    pose += own[body].topLeftCorner<kPose, kPose>();
-    if (size == kPose) continue;
-    const Matrix6 both = own[body].topRightCorner<kPose, kPose>();
-    const Matrix6 moving = own[body].bottomRightCorner<kPose, kPose>();
-    pose -= both * moving.ldlt().solve(both.transpose());
-  }
+  if (size > kPoseTangent) AddVelocityPriors(state, options, size, &reduced);
   return reduced;
 }
 
@@ -199,15 +155,15 @@ std::vector<int> FreeUnknowns(const BundleState& state, const BundleOptions& opt
 
 // The blocks of bodies on the diagonal of the inverse: with S = L L^T, S^-1 = L^-T L^-1, some
 // columns of L^-1 at a time, which are zero above their own rows.
-std::vector<Matrix6> InvertBlocks(Eigen::MatrixXd normal, const std::vector<int>& free,
-                                  int bodies) {
+std::vector<Matrix6> InvertBlocks(Eigen::MatrixXd normal, const std::vector<int>& free, int bodies,
+                                  int unknowns) {
   const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> cholesky(normal);
   if (cholesky.info() != Eigen::Success) {
     throw SolveError("an image, or the scale, is not determined by the points it sees");
   }
   std::vector<Matrix6> blocks(bodies, Matrix6::Zero());
   const Eigen::Index size = normal.rows();
-  const auto body_of = [&](Eigen::Index i) { return free[i] / kPoseTangent; };
+  const auto body_of = [&](Eigen::Index i) { return free[i] / unknowns; };
   for (Eigen::Index begin = 0, end = 0; begin < size; begin = end) {
     while (end < size && (end - begin < kColumns || body_of(end) == body_of(end - 1))) ++end;
     Eigen::MatrixXd columns = Eigen::MatrixXd::Identity(size - begin, end - begin);
@@ -217,9 +173,9 @@ std::vector<Matrix6> InvertBlocks(Eigen::MatrixXd normal, const std::vector<int>
     const Eigen::MatrixXd found = columns.transpose() * columns;
     for (Eigen::Index i = begin; i < end; ++i) {
       for (Eigen::Index j = begin; j < end; ++j) {
-        if (body_of(i) != body_of(j)) continue;
-        blocks[body_of(i)](free[i] % kPoseTangent, free[j] % kPoseTangent) =
-            found(i - begin, j - begin);
+        const int row = free[i] % unknowns, column = free[j] % unknowns;
+        if (body_of(i) != body_of(j) || std::max(row, column) >= kPoseTangent) continue;
+        blocks[body_of(i)](row, column) = found(i - begin, j - begin);
       }
     }
   }
@@ -254,9 +210,10 @@ std::vector<Matrix6> InvertAll(const Eigen::MatrixXd& normal, const std::vector<
 std::vector<Matrix6> PoseCovariances(const Bundle& bundle, const BundleOptions& options) {
   const int images = static_cast<int>(bundle.camera_from_world.size());
   const BundleState state(bundle);
-  const int bodies = state.num_bodies(), size = UnknownsOfBody(state);
+  const int bodies = state.num_bodies();
+  const int size = bodies > kMostMoving ? kPoseTangent : UnknownsOfBody(state);
   double squares = 0.0;
-  const auto of_point = Linearize(bundle, state, options.loss_scale, &squares);
+  const auto of_point = Linearize(bundle, state, options.loss_scale, size, &squares);
   const auto points = std::count_if(of_point.begin(), of_point.end(),
                                     [](const auto& linear) { return !linear.empty(); });
   // Residuals less unknowns: what is left to estimate the noise from.
@@ -264,15 +221,12 @@ std::vector<Matrix6> PoseCovariances(const Bundle& bundle, const BundleOptions& 
                                3 * static_cast<std::int64_t>(points) -
                                static_cast<std::int64_t>(FreeUnknowns(state, options, size).size());
   const double variance = squares / static_cast<double>(std::max<std::int64_t>(1, freedom));
-  std::vector<Matrix6> of_body;
-  if (bodies > kMostAtOnce) {
-    const std::vector<int> free = FreeUnknowns(state, options, kPoseTangent);
-    of_body = InvertBlocks(ReducedPoses(of_point, state, options)(free, free), free, bodies);
-  } else {
-    const std::vector<int> free = FreeUnknowns(state, options, size);
-    const Eigen::MatrixXd reduced = ReducedNormal(of_point, state, options);
-    of_body = InvertAll(reduced(free, free), free, bodies, size);
-  }
+  const std::vector<int> free = FreeUnknowns(state, options, size);
+  Eigen::MatrixXd normal = ReducedNormal(of_point, state, options, size);
+  normal = normal(free, free).eval();
+  const std::vector<Matrix6> of_body = bodies > kMostAtOnce
+                                           ? InvertBlocks(std::move(normal), free, bodies, size)
+                                           : InvertAll(normal, free, bodies, size);
   std::vector<Matrix6> covariances(images);
   for (int image = 0; image < images; ++image) {
     const Matrix6 by_body = CameraByBody(state, image);

@@ -112,6 +112,7 @@ void BundleProblem::MakeSystem() {
     } else if (body == scale_body_) {
       system_->Held(block)[ScaleAxis(state_.poses[gauge_body_], state_.poses[body])] = 1;
     }
+    if (system_->iterative()) system_->Motions(block) = SimilarityMotions(body, block);
     if (!options_.place_priors.empty()) {
       const PlacePrior& place = options_.place_priors[state_.image_of_body[body]];
       system_->PriorWeights(block).head<3>() = options_.noise * place.sigma.cwiseInverse();
@@ -133,6 +134,25 @@ void BundleProblem::MakeSystem() {
           options_.noise / options_.lens_priors[c].sigma[lens_params_[c][k]];
     }
   }
+}
+
+// How a body's block changes when the whole scene is shifted, turned and scaled: no picture does.
+Eigen::MatrixXd BundleProblem::SimilarityMotions(int body, int block) const {
+  const double* pose = state_.poses[body].data();
+  Eigen::MatrixXd motions = Eigen::MatrixXd::Zero(sizes_[block], 7);
+  motions.topLeftCorner<3, 3>().setIdentity();
+  motions.block<3, 3>(0, 3) = -Skew(CenterOf(pose));
+  motions.block<3, 3>(3, 3) = -RotationOf(pose);
+  motions.block<3, 1>(0, 6) = CenterOf(pose);
+  if (Moves(block)) {
+    const Eigen::Vector3d shift = state_.velocities[body].head<3>();
+    motions.block<3, 3>(6, 3) = -Skew(shift);
+    motions.block<3, 1>(6, 6) = shift;
+  }
+  for (int k = 0; k < sizes_[block]; ++k) {
+    if (system_->Held(block)[k]) motions.row(k).setZero();
+  }
+  return motions;
 }
 
 // Partial sums of chunks are added in order: the cost has the same bits on any number of threads.

@@ -42,6 +42,7 @@ class BundleProblem {
   bool Moves(int block) const { return sizes_[block] > kPoseTangent; }
   void MakeBlocks();
   void MakeSystem();
+  Eigen::MatrixXd SimilarityMotions(int body, int block) const;
   // Residuals of what is known of places, velocities, mounts and lenses beforehand; returns their
   // cost.
   double EvaluatePriors();

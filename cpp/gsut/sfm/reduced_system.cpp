@@ -27,7 +27,7 @@ namespace {
 //      block that sees it, B^T P (cross_) and W (scaled_).
 //   2. FillRow: per block its row of S left of the diagonal and its right side. The row of a shared
 //      block, such as a lens, costs as much as those of many bodies, and is made in parts.
-//   3. TiledCholesky: factorisation and db.
+//   3. TiledCholesky: factorisation and db; or, where that takes too long, conjugate gradients.
 //   4. dp, point by point.
 
 // Points of a chunk of parallel work: some microseconds each.
@@ -54,8 +54,9 @@ double Damping(double diagonal, double radius) {
 }  // namespace
 
 ReducedSystem::ReducedSystem(std::vector<int> block_sizes, int num_ordered, int num_points,
-                             const std::vector<Dependence>& observations)
+                             const std::vector<Dependence>& observations, double most_work)
     : sizes_(std::move(block_sizes)),
+      num_ordered_(num_ordered),
       num_points_(num_points),
       first_column_(1, 0),
       of_point_(num_points),
@@ -64,7 +65,8 @@ ReducedSystem::ReducedSystem(std::vector<int> block_sizes, int num_ordered, int 
       residuals_(observations.size()),
       inverse_(num_points),
       point_gradient_(num_points),
-      point_steps_(num_points, Eigen::Vector3d::Zero()) {
+      point_steps_(num_points, Eigen::Vector3d::Zero()),
+      motions_(num_ordered) {
   for (std::size_t i = 0; i < observations.size(); ++i) {
     const Dependence& observation = observations[i];
     point_of_.push_back(observation.point);
@@ -84,8 +86,8 @@ ReducedSystem::ReducedSystem(std::vector<int> block_sizes, int num_ordered, int 
     held_.emplace_back(size, 0);
   }
   FindEntries(observations);
-  Order(num_ordered, observations);
-  ListFills(num_ordered);
+  Order(most_work, observations);
+  ListFills();
 }
 
 // One entry for each point and block that see each other, with room for its 3 columns of B^T P. Few
@@ -191,6 +193,10 @@ void ReducedSystem::FillRow(const Fill& fill, double radius) {
       diagonal[k] += held_[block][k] ? 1.0 : Damping(diagonal[k], radius);
     }
   }
+  if (iterative_ && block < num_ordered_) {
+    own_[block] = Eigen::Map<const Eigen::MatrixXd, 0, Eigen::OuterStride<>>(
+        TileOf(block, block), size, size, Eigen::OuterStride<>(stride));
+  }
   // - W P^T B and + W P^T r of the points that this block sees.
   const std::vector<int>& own_entries = entries_of_block_[block];
   for (std::size_t n = 0; n < own_entries.size(); ++n) {
@@ -221,10 +227,15 @@ bool ReducedSystem::Solve(double radius) {
     }
   });
   matrix_->SetZero();
+  shared_.setZero();
   ParallelFor(static_cast<std::int64_t>(fills_.size()), 1,
               [&](std::int64_t begin, std::int64_t) { FillRow(fills_[begin], radius); });
   if (!step_.allFinite() || !matrix_->Factorize()) return false;
-  matrix_->Solve(&step_);
+  if (iterative_) {
+    if (!SolveIteratively()) return false;
+  } else {
+    matrix_->Solve(&step_);
+  }
   // Back substitution: each point by itself.
   ParallelFor(num_points_, kPointGrain, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t point = begin; point < end; ++point) {

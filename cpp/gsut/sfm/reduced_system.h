@@ -1,6 +1,7 @@
 // The normal equations of observations of points, the points eliminated: one step of a solver.
 #pragma once
 
+#include <Eigen/Cholesky>
 #include <Eigen/Core>
 #include <memory>
 #include <vector>
@@ -21,9 +22,16 @@ class ReducedSystem {
   };
 
   // block_sizes: those from num_ordered on come last, in their order, and are shared: many
-  // observations have them.
+  // observations have them. most_work: multiplications beyond which it is not factorised but solved
+  // by conjugate gradients.
   ReducedSystem(std::vector<int> block_sizes, int num_ordered, int num_points,
-                const std::vector<Dependence>& observations);
+                const std::vector<Dependence>& observations, double most_work = kMostWork);
+
+  // Whether it is solved by conjugate gradients.
+  bool iterative() const { return iterative_; }
+  // For these, of a block that is not shared: its changes that change no residual if all blocks
+  // change alike, one a column, as many of each block; none to begin with.
+  Eigen::MatrixXd& Motions(int block) { return motions_[block]; }
 
   // Derivatives of an observation, weighted: row-major (2, size) one block after the other.
   double* ByBlocks(int observation) { return &by_blocks_[2 * first_column_[observation]]; }
@@ -45,6 +53,8 @@ class ReducedSystem {
   const TiledCholesky& matrix() const { return *matrix_; }
 
  private:
+  // Of a dense system of 650 poses, or of 330 with a velocity each.
+  static constexpr double kMostWork = 1e10;
   struct Entry {  // a block that observes a point
     int point, block;
     std::size_t at;  // of its (size, 3) products in cross_ and scaled_
@@ -56,18 +66,26 @@ class ReducedSystem {
   struct Fill {  // part of a row of S: the columns of the blocks of ranks [first, last)
     int block, first, last;
   };
-  void Order(int num_ordered, const std::vector<Dependence>& observations);
+  void Order(double most_work, const std::vector<Dependence>& observations);
   void FindEntries(const std::vector<Dependence>& observations);
   void EliminatePoint(int point, double radius);
-  void ListFills(int num_ordered);
+  void ListFills();
   void FillRow(const Fill& fill, double radius);
   double* TileOf(int row, int column) {
+    if (iterative_ && row >= num_ordered_) return &shared_(in_tile_[row], start_[column]);
     return matrix_->Tile(tile_[row], tile_[column]) + in_tile_[row] +
            static_cast<std::ptrdiff_t>(in_tile_[column]) * rows_of_tile_[tile_[row]];
   }
 
+  // See reduced_iterative.cpp.
+  bool SolveIteratively();
+  void Multiply(const Eigen::VectorXd& x, Eigen::VectorXd* y);
+  void ListClusters();
+  bool FactorizeClusters();
+  Eigen::VectorXd Precondition(const Eigen::VectorXd& residual) const;
+
   std::vector<int> sizes_;
-  int num_points_;
+  int num_ordered_, num_points_;
   std::vector<Fill> fills_;
   // By block: place in the order, first unknown, tile and row in it.
   std::vector<int> rank_, start_, tile_, in_tile_, rows_of_tile_;
@@ -93,6 +111,22 @@ class ReducedSystem {
   std::vector<Eigen::Matrix3d> inverse_;
   std::vector<Eigen::Vector3d> point_gradient_, point_steps_;
   Eigen::VectorXd step_;
+
+  // Of conjugate gradients: by block its own B^T B + D, the rows of S of shared blocks, motions,
+  // and of clusters (tiles of matrix_) their part of the motions, orthonormal.
+  struct ClusterEntry {  // a cluster that observes a point
+    int point, cluster;
+    std::size_t at;  // of its (columns, 3) products in cluster_cross_
+  };
+  bool iterative_ = false;
+  std::vector<Eigen::MatrixXd> own_, motions_, basis_;
+  Eigen::MatrixXd shared_;
+  std::vector<int> cluster_start_;  // by cluster its first column of the coarse system
+  std::vector<ClusterEntry> cluster_entries_;
+  std::vector<std::size_t> first_cluster_entry_;  // by point
+  std::vector<std::vector<int>> entries_of_cluster_;
+  std::vector<double> cluster_cross_;
+  Eigen::LLT<Eigen::MatrixXd> coarse_;
 };
 
 }  // namespace gsut

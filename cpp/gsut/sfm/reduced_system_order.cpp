@@ -13,6 +13,8 @@ namespace {
 constexpr int kTileRows = 60;
 // Share of the pairs of blocks with a common point, beyond which no order is better than another.
 constexpr double kDense = 0.5;
+// The same of a cluster of conjugate gradients: 32 poses, or 16 that move.
+constexpr int kClusterRows = 192;
 // Parts of the row of a shared block, beside its diagonal. Each goes through all observations and
 // points of the block, so that many parts cost more than they save.
 constexpr int kSharedParts = 4;
@@ -88,11 +90,48 @@ std::vector<int> MinimumDegree(int num_ordered, const Pairs& joined) {
   return order;
 }
 
+// Clusters of blocks that have many points in common, as tiles: each begins with the first block
+// that is left, and the next is the one that has most points in common with those it has.
+Tiling Cluster(int num_ordered, const std::vector<int>& sizes,
+               const std::vector<std::vector<int>>& together, std::vector<int>* order) {
+  const auto count = static_cast<std::size_t>(num_ordered);
+  std::vector<int> common(count * count, 0);
+  for (const std::vector<int>& group : together) {
+    for (const int a : group) {
+      for (const int b : group) {
+        if (a < num_ordered && b < num_ordered) ++common[a * count + b];
+      }
+    }
+  }
+  Tiling tiling = {std::vector<int>(sizes.size()), std::vector<int>(sizes.size()), {}};
+  std::vector<std::uint8_t> taken(count, 0);
+  order->clear();
+  for (int first = 0; first < num_ordered; ++first) {
+    std::vector<int> tie(count, 0);
+    for (int next = taken[first] ? -1 : first; next >= 0;) {
+      if (next == first) tiling.rows.push_back(0);
+      taken[next] = 1;
+      order->push_back(next);
+      tiling.tile[next] = static_cast<int>(tiling.rows.size()) - 1;
+      tiling.in_tile[next] = tiling.rows.back();
+      tiling.rows.back() += sizes[next];
+      if (tiling.rows.back() >= kClusterRows) break;
+      const int* row = &common[next * count];
+      next = -1;
+      for (int other = 0; other < num_ordered; ++other) {
+        tie[other] += row[other];
+        if (!taken[other] && tie[other] > (next < 0 ? 0 : tie[next])) next = other;
+      }
+    }
+  }
+  return tiling;
+}
+
 }  // namespace
 
 // Chooses the order of blocks, as given (time, for a walk) or by minimum degree, by which its
 // factor costs less. Dense systems skip the attempt: every order fills them.
-void ReducedSystem::Order(int num_ordered, const std::vector<Dependence>& observations) {
+void ReducedSystem::Order(double most_work, const std::vector<Dependence>& observations) {
   std::vector<std::vector<int>> together(num_points_);
   for (int point = 0; point < num_points_; ++point) {
     for (std::size_t e = first_entry_[point]; e < first_entry_[point + 1]; ++e) {
@@ -109,6 +148,7 @@ void ReducedSystem::Order(int num_ordered, const std::vector<Dependence>& observ
   std::iota(order.begin(), order.end(), 0);
   Tiling tiling = Tile(order, sizes_);
   matrix_ = MakeMatrix(tiling, joined);
+  int num_ordered = num_ordered_;
   if (matrix_->Fill() > kDense && num_ordered > 1) {
     std::size_t pairs = 0;
     for (const auto& others : joined) pairs += others.size();
@@ -125,6 +165,20 @@ void ReducedSystem::Order(int num_ordered, const std::vector<Dependence>& observ
       matrix_ = std::move(other);
     }
   }
+  iterative_ = num_ordered_ > 1 && matrix_->Work() > most_work;
+  if (iterative_) {
+    tiling = Cluster(num_ordered_, sizes_, together, &order);
+    const std::size_t tiles = tiling.rows.size();
+    matrix_ =
+        std::make_unique<TiledCholesky>(tiling.rows, std::vector<std::uint8_t>(tiles * tiles));
+    tiling.rows.push_back(0);  // of all shared blocks
+    for (int block = num_ordered_; block < static_cast<int>(sizes_.size()); ++block) {
+      order.push_back(block);
+      tiling.tile[block] = static_cast<int>(tiles);
+      tiling.in_tile[block] = tiling.rows.back();
+      tiling.rows.back() += sizes_[block];
+    }
+  }
   rank_.resize(sizes_.size());
   start_.resize(sizes_.size());
   int start = 0;
@@ -134,6 +188,10 @@ void ReducedSystem::Order(int num_ordered, const std::vector<Dependence>& observ
     start += sizes_[order[place]];
   }
   step_.resize(start);
+  if (iterative_) {
+    own_.resize(num_ordered_);
+    shared_.resize(tiling.rows.back(), start);
+  }
   tile_ = std::move(tiling.tile);
   in_tile_ = std::move(tiling.in_tile);
   rows_of_tile_ = std::move(tiling.rows);
@@ -141,15 +199,17 @@ void ReducedSystem::Order(int num_ordered, const std::vector<Dependence>& observ
 
 // The longest first, or the last one to begin would end long after the others: rows grow with the
 // rank.
-void ReducedSystem::ListFills(int num_ordered) {
+void ReducedSystem::ListFills() {
   std::vector<int> order(sizes_.size());
   for (std::size_t block = 0; block < sizes_.size(); ++block) {
     order[rank_[block]] = static_cast<int>(block);
   }
   for (int rank = static_cast<int>(sizes_.size()) - 1; rank >= 0; --rank) {
     const int block = order[rank];
-    if (block < num_ordered) {
-      fills_.push_back({block, 0, rank + 1});
+    if (block < num_ordered_) {
+      int first = iterative_ ? rank : 0;
+      while (first > 0 && tile_[order[first - 1]] == tile_[block]) --first;
+      fills_.push_back({block, first, rank + 1});
       continue;
     }
     fills_.push_back({block, rank, rank + 1});

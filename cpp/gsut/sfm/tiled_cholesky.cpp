@@ -30,15 +30,13 @@ TiledCholesky::TiledCholesky(std::vector<int> sizes, std::vector<std::uint8_t> p
   }
   // Tiles are stored column by column, as the factorisation reads them.
   place_.assign(present_.size(), 0);
-  std::size_t total = 0;
   for (int j = 0; j < count; ++j) {
     for (int i = j; i < count; ++i) {
       if (!Has(i, j)) continue;
-      place_[i * count + j] = total;
-      total += static_cast<std::size_t>(sizes_[i]) * sizes_[j];
+      place_[i * count + j] = num_values_;
+      num_values_ += static_cast<std::size_t>(sizes_[i]) * sizes_[j];
     }
   }
-  values_.assign(total, 0.0);
 }
 
 // 1 where nothing is zero: ordering has then gained nothing.
@@ -63,7 +61,7 @@ double TiledCholesky::Work() const {
   return work;
 }
 
-void TiledCholesky::SetZero() { std::fill(values_.begin(), values_.end(), 0.0); }
+void TiledCholesky::SetZero() { values_.assign(num_values_, 0.0); }
 
 // L_rc = (A_rc - sum over k < c of L_rk L_ck^T) L_cc^-T: this is the sum. Left-looking, so a tile
 // is written once, from tiles that are final, and its sum has one order whatever thread computes

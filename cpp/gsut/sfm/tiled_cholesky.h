@@ -25,7 +25,7 @@ class TiledCholesky {
   // Multiplications that the factorisation takes, roughly.
   double Work() const;
 
-  void SetZero();
+  void SetZero();  // to begin with: there are no values before
   // Replaces the matrix by its factor; false: it is not positive definite.
   bool Factorize();
   // Solves for a right-hand side, in place.
@@ -45,6 +45,7 @@ class TiledCholesky {
   std::vector<int> sizes_, starts_;
   std::vector<std::uint8_t> present_;
   std::vector<std::size_t> place_;
+  std::size_t num_values_ = 0;
   std::vector<double> values_;
 };
 

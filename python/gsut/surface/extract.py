@@ -144,7 +144,8 @@ def render_depth_maps(
         camera = lenses[scene.camera(index)]
         made, towards = _render_map(gaussians, scene, (index, camera), o, background)
         maps.append(made)
-        normals.append(towards.astype(np.float16))
+        if o.refine:
+            normals.append(towards.astype(np.float16))
     progress("depth", len(rows), len(rows))
     if not o.refine:
         return maps
