@@ -16,7 +16,7 @@ _FACTORS = (0.5, 2.0)  # of the automatic number of Gaussians and of steps
 CHOICES = ("degree", "gaussians", "steps")
 
 
-def measure_regret(data: Path, work: Path) -> dict[str, dict[str, float]]:
+def measure_regret(data: Path, work: Path) -> dict[str, Any]:
     """Trains with automatic choices, and with one of them fixed at a time.
 
     Args:
@@ -24,8 +24,8 @@ def measure_regret(data: Path, work: Path) -> dict[str, dict[str, float]]:
         work: an existing folder.
 
     Returns:
-        Held-out PSNR in dB by choice and value, "N (automatic)" among them; empty where the first
-        training failed.
+        {choice: {value: held-out PSNR in dB}} of the fixed ones, and {"automatic": PSNR}; empty
+        where the first training failed.
     """
     metrics = _train(data, work / "automatic")
     if metrics is None:
@@ -41,9 +41,9 @@ def measure_regret(data: Path, work: Path) -> dict[str, dict[str, float]]:
         "steps": [round(factor * own["steps"]) for factor in _FACTORS],
     }
     flags = {"degree": "--sh-degree", "gaussians": "--max-gaussians", "steps": "--steps"}
-    shown: dict[str, dict[str, float]] = {}
+    shown: dict[str, Any] = {"automatic": metrics["psnr"]}
     for choice in CHOICES:
-        shown[choice] = {f"{own[choice]} (automatic)": metrics["psnr"]}
+        shown[choice] = {}
         for value in tried[choice]:
             fixed = _train(data, work / f"{choice}-{value}", flags[choice], str(value))
             if fixed is not None:
@@ -60,8 +60,6 @@ def _train(data: Path, out: Path, *words: str) -> dict[str, Any] | None:
 
 def find_regret(row: Mapping[str, Any], choice: str) -> float | None:
     """Returns by how many dB the best other value of a choice beats the automatic one."""
-    shown = row.get("regret", {}).get(choice)
-    if not shown:
-        return None
-    own = next(psnr for name, psnr in shown.items() if name.endswith("(automatic)"))
-    return max(psnr for name, psnr in shown.items() if "automatic" not in name) - own
+    shown = row.get("regret") or {}
+    fixed = shown.get(choice)
+    return max(fixed.values()) - shown["automatic"] if fixed else None

@@ -107,7 +107,7 @@ class Mitsuba:
             bsdf = self._describe_surface(material)
             scene[f"part{number}"] = {"type": "ply", "filename": str(file), "bsdf": bsdf}
         if sky.sun[0] > 0:
-            toward = np.asarray(sky.toward_sun) / np.linalg.norm(sky.toward_sun)
+            toward = find_sun(sky)
             scene["sun"] = {"type": "directional", "direction": list(-toward),
                             "irradiance": self._color(math.pi * np.asarray(sky.sun))}  # fmt: skip
         for number, lamp in enumerate(mesh.lamps):
@@ -123,7 +123,7 @@ class Mitsuba:
 
     def look_at_sky(self, sky: Sky) -> np.ndarray:
         """Returns what the sky of sun and air sends from beside the sun at each elevation."""
-        toward = np.asarray(sky.toward_sun, np.float64) / np.linalg.norm(sky.toward_sun)
+        toward = find_sun(sky)
         air = self._mi.load_dict({
             "type": "scene",
             "sky": {"type": "sunsky", "sun_direction": list(toward), "sun_scale": 0.0},
@@ -197,6 +197,12 @@ def _look_up(sky: Sky, ways: np.ndarray) -> np.ndarray:
     return nothing.make_tracer(still).trace(np.zeros_like(ways), ways, 1e-3)[0]
 
 
+def find_sun(sky: Sky) -> np.ndarray:
+    """Finds the direction (3,) toward the sun."""
+    toward = np.asarray(sky.toward_sun, np.float64)
+    return toward / np.linalg.norm(toward)
+
+
 def find_ways(toward_sun: np.ndarray) -> np.ndarray:
     """Finds directions (N, 3) at each elevation, a quarter turn from the sun."""
     beside = np.array([-toward_sun[1], toward_sun[0], 0.0])
@@ -248,8 +254,7 @@ def judge(seed: int) -> tuple[object, ...]:
         )
         ours, theirs = trace(whole, sky, camera), other.render(whole, sky, camera, True)
         parts = [compare(ours, theirs, surfaces == kind) for kind in (1, 2, 0)]
-        toward = np.asarray(sky.toward_sun, np.float64) / np.linalg.norm(sky.toward_sun)
-        air = _look_up(sky, find_ways(toward)) @ _GREY / (other.look_at_sky(sky) @ _GREY)
+        air = _look_up(sky, find_ways(find_sun(sky))) @ _GREY / (other.look_at_sky(sky) @ _GREY)
     stops = np.log2(air / np.exp(np.log(air).mean()))
     shown = [f"{part[0]:.3f} +- {part[1]:.2f}" if part else "-" for part in (direct, *parts)]
     return (seed, made.family, *shown, " ".join(f"{value:+.1f}" for value in stops))

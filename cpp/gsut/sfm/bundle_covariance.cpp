@@ -17,9 +17,8 @@ namespace {
 // eliminating points is marginalising them. No damping here: what the gauge leaves free must be
 // determined.
 
-// Bodies beyond which the inverse is made in parts, and beyond which their velocities count as
-// known: memory grows with the square of the unknowns, time with the cube.
-constexpr int kMostAtOnce = 100;
+// Bodies beyond which their velocities count as known: memory grows with the square of the
+// unknowns, time with the cube.
 constexpr int kMostMoving = 400;
 constexpr Eigen::Index kColumns = 60;  // of the inverse, made at once
 
@@ -182,29 +181,6 @@ std::vector<Matrix6> InvertBlocks(Eigen::MatrixXd normal, const std::vector<int>
   return blocks;
 }
 
-// The same of few bodies, with all of their velocities.
-std::vector<Matrix6> InvertAll(const Eigen::MatrixXd& normal, const std::vector<int>& free,
-                               int bodies, int size) {
-  const Eigen::LLT<Eigen::MatrixXd> cholesky(normal);
-  if (cholesky.info() != Eigen::Success) {
-    throw SolveError("an image, or the scale, is not determined by the points it sees");
-  }
-  const Eigen::MatrixXd inverse =
-      cholesky.solve(Eigen::MatrixXd::Identity(normal.rows(), normal.cols()));
-  std::vector<int> place(size * bodies, -1);
-  for (std::size_t i = 0; i < free.size(); ++i) place[free[i]] = static_cast<int>(i);
-  std::vector<Matrix6> blocks(bodies, Matrix6::Zero());
-  for (int body = 0; body < bodies; ++body) {
-    for (int i = 0; i < kPoseTangent; ++i) {
-      for (int j = 0; j < kPoseTangent; ++j) {
-        const int row = place[size * body + i], column = place[size * body + j];
-        if (row >= 0 && column >= 0) blocks[body](i, j) = inverse(row, column);
-      }
-    }
-  }
-  return blocks;
-}
-
 }  // namespace
 
 std::vector<Matrix6> PoseCovariances(const Bundle& bundle, const BundleOptions& options) {
@@ -216,17 +192,15 @@ std::vector<Matrix6> PoseCovariances(const Bundle& bundle, const BundleOptions& 
   const auto of_point = Linearize(bundle, state, options.loss_scale, size, &squares);
   const auto points = std::count_if(of_point.begin(), of_point.end(),
                                     [](const auto& linear) { return !linear.empty(); });
+  const std::vector<int> free = FreeUnknowns(state, options, size);
   // Residuals less unknowns: what is left to estimate the noise from.
   const std::int64_t freedom = 2 * static_cast<std::int64_t>(bundle.observations.size()) -
                                3 * static_cast<std::int64_t>(points) -
-                               static_cast<std::int64_t>(FreeUnknowns(state, options, size).size());
+                               static_cast<std::int64_t>(free.size());
   const double variance = squares / static_cast<double>(std::max<std::int64_t>(1, freedom));
-  const std::vector<int> free = FreeUnknowns(state, options, size);
   Eigen::MatrixXd normal = ReducedNormal(of_point, state, options, size);
   normal = normal(free, free).eval();
-  const std::vector<Matrix6> of_body = bodies > kMostAtOnce
-                                           ? InvertBlocks(std::move(normal), free, bodies, size)
-                                           : InvertAll(normal, free, bodies, size);
+  const std::vector<Matrix6> of_body = InvertBlocks(std::move(normal), free, bodies, size);
   std::vector<Matrix6> covariances(images);
   for (int image = 0; image < images; ++image) {
     const Matrix6 by_body = CameraByBody(state, image);

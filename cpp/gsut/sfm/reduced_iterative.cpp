@@ -13,10 +13,9 @@ namespace {
 // entries, where a factorisation takes the cube of the number of blocks. Steps are few because of
 // the preconditioner, which adds up two inexact inverses:
 //   1. Of clusters of blocks, each by itself: what is near.
-//   2. Of one coarse system: clusters move as rigid bodies of any size (the columns of Motions,
-//   which
-//      all residuals survive if all clusters move alike), and shared blocks freely. It is what
-//      would take as many steps as there are clusters on the longest way between two.
+//   2. Of one coarse system: shared blocks move freely, clusters as rigid bodies of any size (the
+//      columns of Motions: no residual changes if all clusters move alike). Without it there would
+//      be as many steps as clusters on the longest way between two.
 // It is that of domain decomposition (Toselli and Widlund, "Domain decomposition methods", 2005,
 // section 2.2) with a coarse space of aggregates (Vanek, Mandel and Brezina, "Algebraic multigrid
 // by smoothed aggregation", 1996).

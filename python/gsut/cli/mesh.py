@@ -30,10 +30,11 @@ HELP = "the surface as a mesh, or a grid of distances or of what is occupied"
 DESCRIPTION = (
     "Makes a mesh of a trained scene: each training view's depth is rendered through its own lens, "
     "kept where neighbouring views agree, and fused into a distance field whose surface is written "
-    "with colours and normals, in the dataset's coordinates. Memory: 30 bytes a pixel of all depth "
-    "maps and 2.3 kB a block of 8 x 8 x 8 voxels near the surface, 2.3 GB at most. To a .npy goes "
-    "a dense grid instead: each voxel's distance to the surface, negative behind it, NaN where no "
-    "view says anything; FILE.json beside it says where the voxels are."
+    "with colours and normals, in the dataset's coordinates. Memory: 20 bytes a pixel of all depth "
+    "maps (30 with --set refine=true) and 2.3 kB a block of 8 x 8 x 8 voxels near the surface, "
+    "2.3 GB at most. To a .npy goes a dense grid instead: each voxel's distance to the surface, "
+    "negative behind it, NaN where no view says anything; FILE.json beside it says where the "
+    "voxels are."
 )
 
 

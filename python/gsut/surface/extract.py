@@ -24,7 +24,8 @@ _OPEN_RATIO = 5.0  # times the median depth, beyond which depths make a scene op
 _EVEN_SHARE = 1.5  # of the median distance: how far voxels are even in an open scene
 _MOST_BLOCKS = 1_000_000  # of 8 x 8 x 8 voxels: 2.3 GB
 _BLOCK_BYTES = 2300  # of a block with its surface
-_MAP_BYTES = 30  # of a pixel of a depth map
+_MAP_BYTES = 20  # of a pixel of a depth map
+_REFINE_BYTES = 10  # more of one that is refined: its normal and grey value
 _LENS_BYTES = 25  # of a pixel of a lens
 _SAMPLED = 20_000  # points that measure a scene's size
 _BEHIND = 2.0  # voxels that a coloured point may lie behind a view's surface
@@ -96,8 +97,8 @@ def extract_mesh(
 
     Returns:
         The mesh, in the dataset's coordinates, with colours. The same bits on any number of
-        threads. Memory: 30 bytes a pixel of all depth maps, and 2.3 kB a block of 8 x 8 x 8 voxels
-        near the surface.
+        threads. Memory: 20 bytes a pixel of all depth maps, 30 if they are refined, and 2.3 kB
+        a block of 8 x 8 x 8 voxels near the surface.
 
     Raises:
         InputError: an option out of range, no view, or no surface.
@@ -135,7 +136,8 @@ def render_depth_maps(
     rows = list(scene.train_indices) or list(range(len(scene.views)))
     lenses = {camera: _shrink_lens(camera, o.max_side) for camera in map(scene.camera, rows)}
     pixels = sum(c.width * c.height for c in (lenses[scene.camera(i)] for i in rows))
-    size = _MAP_BYTES * pixels + _LENS_BYTES * sum(c.width * c.height for c in lenses.values())
+    each = _MAP_BYTES + (_REFINE_BYTES if o.refine else 0)
+    size = each * pixels + _LENS_BYTES * sum(c.width * c.height for c in lenses.values())
     check_fits(f"the depth of {len(rows)} views", size, "make it smaller (--set max_side=N)")
     maps: list[DepthMap] = []
     normals: list[np.ndarray] = []

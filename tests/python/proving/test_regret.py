@@ -4,7 +4,7 @@ from tests.proving.regret import find_regret
 
 
 def test_regret_is_of_the_best_other_value():
-    row = {"regret": {"degree": {"1 (automatic)": 30.0, "0": 29.0, "3": 30.25}, "steps": {}}}
+    row = {"regret": {"automatic": 30.0, "degree": {"0": 29.0, "3": 30.25}, "steps": {}}}
     assert find_regret(row, "degree") == 0.25
     assert find_regret(row, "steps") is None
     assert find_regret({}, "gaussians") is None

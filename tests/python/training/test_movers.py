@@ -61,8 +61,9 @@ def write_views(folder, wall, moved):
     return load_dataset(folder, test_every=0)
 
 
-def test_medians_of_what_others_show_are_those_of_numpy(rng):
-    lens, pose, (most, fewest) = pinhole(SIZE), np.eye(4), (6, 3)
+@pytest.mark.parametrize(("most", "fewest"), [(6, 3), (8, 2)])
+def test_medians_of_what_others_show_are_those_of_numpy(rng, most, fewest):
+    lens, pose = pinhole(SIZE), np.eye(4)
     rays, _ = lens.rays()
     distances = rng.uniform(2, 3, (SIZE, SIZE))
     looks = [
@@ -83,6 +84,7 @@ def test_medians_of_what_others_show_are_those_of_numpy(rng):
     spread = np.nanmedian(np.where(there, off, np.nan), axis=0)
     enough = there.sum(axis=0) >= fewest
     assert np.array_equal(found[2], there.sum(axis=0)) and 0.5 < enough.mean() < 1
+    assert set(found[2]) == set(range(1, most + 1))
     np.testing.assert_array_equal(found[0], np.where(enough[:, None], middle, 0))
     np.testing.assert_allclose(found[1], np.where(enough, spread, 0), atol=tolerances.FLOAT32)
 
