@@ -43,7 +43,7 @@ ROOMS: dict[str, dict[str, int]] = {
         "solution": 3,
         "mapping": 4,
         **dict.fromkeys(("lens", "points", "world"), 5),
-        "shutter": 6,
+        **dict.fromkeys(("starts", "shutter"), 6),
         "rig": 7,
         "report": 8,
     },

@@ -42,7 +42,7 @@ from gsut.sfm.photographs import (
     find_photographs,
     require_central,
 )
-from gsut.sfm.report import compare_halves, is_finished, read_figures, write_poses
+from gsut.sfm.report import is_finished, read_figures, write_poses
 from gsut.sfm.rig import (
     adjust_rig_near_places,
     find_image_lines,
@@ -63,6 +63,7 @@ from gsut.sfm.solution import (
     separate_look_alikes,
     solve_poses,
 )
+from gsut.sfm.starts import compare_halves, try_other_starts
 from gsut.sfm.world import place_on_earth
 from gsut.time_left import PosesWork
 
@@ -145,6 +146,8 @@ def find_poses(
             if mapping.rig is None and mapper is None:
                 register_left_out(mapping)
             _separate_places(mapping, is_final=bool(mapping.rig or mapper))
+            if mapper is None:
+                try_other_starts(mapping)
             find_shutter(mapping)
             if mapper is None:
                 free_center(mapping)

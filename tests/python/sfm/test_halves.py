@@ -8,7 +8,7 @@ import pytest
 
 import tolerances
 from gsut import _core
-from gsut.sfm.report.halves import _measure_differences, _split_matches, compare_halves
+from gsut.sfm.starts.halves import measure_differences, split_matches, compare_halves
 from made_flight import CENTERS, fly
 
 
@@ -24,7 +24,7 @@ def keep_points(flight, count):
 
 
 def test_halves_share_no_point_and_lose_no_match(flight):
-    halves = _split_matches(flight)
+    halves = split_matches(flight)
     assert [len(half) for half in halves] == [len(flight.pairs)] * 2
     for pair, one, other in zip(flight.pairs, *halves, strict=True):
         rows = {tuple(row) for half in (one, other) for row in half.matches}
@@ -44,7 +44,7 @@ def test_difference_of_halves_is_about_the_error_of_the_poses(flight):
         truth.append(pose)
     solution = flight.solved
     right = dataclasses.replace(solution, camera_from_world=np.array(truth))
-    error = np.quantile(_measure_differences(solution, right, solution), 0.9)
+    error = np.quantile(measure_differences(solution, right, solution), 0.9)
     print("error over half the difference", error / tenth)
     assert 1 / tolerances.HALVES_FACTOR < error / tenth < tolerances.HALVES_FACTOR
 

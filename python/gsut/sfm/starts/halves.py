@@ -13,9 +13,11 @@ from gsut.data.poses import find_centers
 from gsut.sfm.lens import index_points
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import PairMatches, keep_most_distinct
+from gsut.sfm.photographs import PosesOptions
 from gsut.sfm.points import measure_pixels_per_radian
 from gsut.sfm.solution import (
     Adjustment,
+    ReadoutMotion,
     Solution,
     adjust_registered,
     measure_rotation_angles,
@@ -34,35 +36,41 @@ def compare_halves(mapping: Mapping) -> None:
     """Adds to the findings half of the difference of poses adjusted with either half of the points.
 
     It shows what points do not share: wrong matches, and too few of them to hold a pose. An error
-    that they share, of the lens or the shutter, is in both. The lens is held, and lines count as
-    read at once. Does nothing for a rig, or without points. Infinite where a half holds no poses.
+    that they share, of the lens or the shutter, is in both: the lens and velocities during a readout
+    are held. Does nothing for a rig, or without points. Infinite where a half holds no poses.
     """
     solution, options = mapping.solved, mapping.options
     if mapping.rig is not None or not len(solution.points):
         return
-    still = dataclasses.replace(solution, shutter=None, velocities=None)
-    # Half of the matches hold an image that all of them hold.
-    fewer = dataclasses.replace(options, min_inliers=max(1, options.min_inliers // 2))
+    motion = None
+    if solution.shutter is not None and solution.velocities is not None:
+        motion = ReadoutMotion(solution.shutter, 1.0, solution.velocities, sigma=0.0, extend=False)
+    fewer = allow_halves(options)
     try:
         one, other = (
             adjust_registered(
-                still,
+                solution,
                 mapping.features,
                 half,
                 fewer,
-                adjustment=Adjustment(lens_settled=True, covariances=False),
+                adjustment=Adjustment(lens_settled=True, motion=motion, covariances=False),
             )
-            for half in _split_matches(mapping)
+            for half in split_matches(mapping)
         )
     except SolveError:
         mapping.found.halves_px = (math.inf, math.inf)
         return
-    differences = _measure_differences(one, other, solution)
+    differences = measure_differences(one, other, solution)
     good, usable = 0.5 * np.quantile(differences, _SHARES, method="higher")
     mapping.found.halves_px = (float(good), float(usable))
 
 
-def _split_matches(mapping: Mapping) -> list[list[PairMatches]]:
+def allow_halves(options: PosesOptions) -> PosesOptions:
+    """Returns options for half of the matches: these hold an image that all of them hold."""
+    return dataclasses.replace(options, min_inliers=max(1, options.min_inliers // 2))
+
+
+def split_matches(mapping: Mapping) -> list[list[PairMatches]]:
     """Splits the matches by the points that they observe, which are dealt to two halves."""
     solution, features = mapping.solved, mapping.features
     rng = np.random.default_rng(_SEED)
@@ -78,7 +86,7 @@ def _split_matches(mapping: Mapping) -> list[list[PairMatches]]:
     return halves
 
 
-def _measure_differences(one: Solution, other: Solution, solution: Solution) -> np.ndarray:
+def measure_differences(one: Solution, other: Solution, solution: Solution) -> np.ndarray:
     """Measures by how many pixels the relative poses of pairs of images differ (P,).
 
     By the turn between the two images, and by the direction of the baseline as far as it turns what

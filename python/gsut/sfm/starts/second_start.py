@@ -1,0 +1,103 @@
+"""Starts the structure again, and keeps what most matches agree with."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+
+import numpy as np
+
+from gsut._core import SolveError
+from gsut.sfm.mapping import Mapping
+from gsut.sfm.solution import (
+    Adjustment,
+    LensFlags,
+    ReadoutMotion,
+    Solution,
+    adjust_registered,
+    measure_agreement,
+    measure_diagonal,
+    solve_poses,
+)
+from gsut.sfm.starts.halves import allow_halves, measure_differences, split_matches
+
+# Error over the diagonal that one in ten pairs of images exceeds where two structures are not the
+# same one: no adjustment brings them together.
+_OTHER = 0.017
+_MOST_IMAGES = 200  # of which a structure is found twice more
+# Of images of which nothing is known but that lines are read one after the other: velocities stay
+# within 0.002 radians, and a thousandth of the distance, or what matches demand beyond.
+_STEADY = 0.1
+# Share by which more matches have to agree with velocities that are held by hardly anything.
+_WORTH = 0.05
+
+
+def try_other_starts(mapping: Mapping) -> None:
+    """Replaces the solution by that of another start, if more matches agree with it.
+
+    A structure that grows image by image may take a wrong turn that no adjustment undoes, and most
+    points fit nevertheless: of the two ways to see a plane the wrong one, or velocities of a
+    rolling shutter that bend the scene. A structure of half of the points seldom takes the same.
+    Poses found through a known lens are adjusted once more in any case, from a loose limit on:
+    more of the matches then agree with them. Does nothing for a rig, where the readout time is
+    given, or without points.
+
+    Sets the mapping's solution.
+    """
+    solution = mapping.solved
+    is_rolling = solution.shutter is not None
+    if mapping.rig is not None or mapping.options.readout_time or not len(solution.points):
+        return
+    most = _count_agreeing(mapping, solution) * (1 - _WORTH if is_rolling else 1)
+    best = None
+    for start in _list_starts(mapping):
+        found = _adjust(mapping, start, None)
+        agreeing = 0 if found is None else _count_agreeing(mapping, found)
+        if agreeing > most:
+            best, most = found, agreeing
+    if best is not None and mapping.lens_free is not None:
+        best = _adjust(mapping, best, mapping.lens_free)
+    mapping.solution = best or solution
+
+
+def _adjust(mapping: Mapping, start: Solution, lens_free: LensFlags) -> Solution | None:
+    """Adjusts a start by all matches, from a loose limit on; None: they do not hold it."""
+    shutter, motion = mapping.solved.shutter, None
+    if shutter is not None:
+        motion = ReadoutMotion(shutter, 1.0, np.zeros((len(start.names), 6)), _STEADY)
+    try:
+        return adjust_registered(
+            start, mapping.features, mapping.pairs, mapping.options,
+            mapping.log.follow_steps("mapping"),
+            Adjustment(lens_free, motion=motion, extend=True),
+        )  # fmt: skip
+    except SolveError:
+        return None
+
+
+def _count_agreeing(mapping: Mapping, solution: Solution) -> int:
+    """Counts the matches that observe one point."""
+    return int(measure_agreement(solution, mapping.pairs).together.sum())
+
+
+def _list_starts(mapping: Mapping) -> Iterator[Solution]:
+    """Lists what to adjust: the solution itself, and structures of half of the points unlike it."""
+    solution = mapping.solved
+    still = dataclasses.replace(solution, shutter=None, velocities=None)
+    if mapping.lens_free is None:
+        yield still
+    if solution.num_registered > _MOST_IMAGES:
+        return
+    images = dataclasses.replace(mapping.images, cameras=solution.cameras, shutter=None)
+    limit = _OTHER * measure_diagonal(solution.cameras)
+    for half in split_matches(mapping):
+        try:
+            found = solve_poses(
+                images, half, allow_halves(mapping.options), mapping.log.follow_steps("mapping"),
+                Adjustment(lens_settled=True, covariances=False),
+            )  # fmt: skip
+        except SolveError:
+            continue
+        differences = measure_differences(found, still, still)
+        if np.quantile(differences, 0.9, method="higher") > limit:
+            yield found
