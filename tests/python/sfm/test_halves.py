@@ -8,7 +8,7 @@ import pytest
 
 import tolerances
 from gsut import _core
-from gsut.sfm.starts.halves import measure_differences, split_matches, compare_halves
+from gsut.sfm.starts.halves import compare_halves, measure_differences, split_matches
 from made_flight import CENTERS, fly
 
 

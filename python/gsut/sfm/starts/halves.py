@@ -36,8 +36,9 @@ def compare_halves(mapping: Mapping) -> None:
     """Adds to the findings half of the difference of poses adjusted with either half of the points.
 
     It shows what points do not share: wrong matches, and too few of them to hold a pose. An error
-    that they share, of the lens or the shutter, is in both: the lens and velocities during a readout
-    are held. Does nothing for a rig, or without points. Infinite where a half holds no poses.
+    that they share, of the lens or the shutter, is in both; the lens, and velocities during a
+    readout, are held. Does nothing for a rig, or without points. Infinite where a half holds no
+    poses.
     """
     solution, options = mapping.solved, mapping.options
     if mapping.rig is not None or not len(solution.points):
