@@ -55,6 +55,8 @@ def try_other_starts(mapping: Mapping) -> None:
         agreeing = 0 if found is None else _count_agreeing(mapping, found)
         if agreeing > most:
             best, most = found, agreeing
+        elif best is None and is_rolling:
+            return  # velocities are needed, and structures without them say nothing
     if best is not None and mapping.lens_free is not None:
         best = _adjust(mapping, best, mapping.lens_free)
     mapping.solution = best or solution
@@ -84,7 +86,7 @@ def _list_starts(mapping: Mapping) -> Iterator[Solution]:
     """Lists what to adjust: the solution itself, and structures of half of the points unlike it."""
     solution = mapping.solved
     still = dataclasses.replace(solution, shutter=None, velocities=None)
-    if mapping.lens_free is None:
+    if mapping.lens_free is None or solution.shutter is not None:
         yield still
     if solution.num_registered > _MOST_IMAGES:
         return

@@ -1,0 +1,65 @@
+"""A structure that took a wrong turn is replaced by one from another start."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from gsut import _core
+from gsut.data.poses import find_centers
+from gsut.sfm.solution import adjust_registered
+from gsut.sfm.starts import try_other_starts
+from made_flight import CENTERS, DOWN, fly
+
+
+@pytest.fixture(scope="module")
+def flight():
+    run = fly(np.random.default_rng(5), relief=0.3, turn=0.3)
+    return dataclasses.replace(run, lens_free=None)
+
+
+def measure_off(solution):
+    """The largest distance of a centre from the truth, after the best similarity."""
+    found, shift = find_centers(solution.camera_from_world), CENTERS.mean(axis=0)
+    off = found - found.mean(axis=0)
+    left, sizes, right = np.linalg.svd((CENTERS - shift).T @ off)
+    scale = sizes.sum() / (off**2).sum()
+    return np.linalg.norm(scale * off @ (left @ right).T - (CENTERS - shift), axis=1).max()
+
+
+def test_images_beside_their_places_come_back(flight):
+    poses = flight.solved.camera_from_world.copy()
+    poses[9:] = poses[9:] @ _core.exp_pose([3, 2, 0, 0.1, 0.2, 0.3])
+    wrong = dataclasses.replace(flight.solved, camera_from_world=poses)
+    apart = [pair for pair in flight.pairs if (pair.first < 9) == (pair.second < 9)]
+    wrong = adjust_registered(wrong, flight.features, apart, flight.options)
+    run = dataclasses.replace(flight, solution=wrong)
+    assert measure_off(wrong) > 0.5
+    try_other_starts(run)
+    assert run.solved.registered.all()
+    assert measure_off(run.solved) < 0.02
+
+
+def test_a_right_solution_loses_no_match(flight):
+    run = dataclasses.replace(flight)
+    try_other_starts(run)
+    assert len(run.solved.observations) >= len(flight.solved.observations)
+    assert measure_off(run.solved) < 0.02
+
+
+def test_velocities_that_nothing_demands_go(flight):
+    velocities = np.tile([0, 0, 0, 0.3, 0, 0.2], (12, 1))
+    bent = dataclasses.replace(flight.solved, shutter=DOWN, velocities=velocities)
+    run = dataclasses.replace(flight, solution=bent)
+    try_other_starts(run)
+    assert run.solved.shutter == DOWN
+    assert np.abs(run.solved.velocities[:, 3:]).max() < 0.01
+    assert measure_off(run.solved) < 0.05
+
+
+def test_velocities_that_matches_demand_stay():
+    moving = fly(np.random.default_rng(6), relief=0.3, turn=0.3, speed=1.5)
+    moving = dataclasses.replace(moving, lens_free=None)
+    before = moving.solved
+    try_other_starts(moving)
+    assert moving.solved is before
