@@ -28,8 +28,8 @@ _MOST_IMAGES = 200  # of which a structure is found twice more
 # Of images of which nothing is known but that lines are read one after the other: velocities stay
 # within 0.002 radians, and a thousandth of the distance, or what matches demand beyond.
 _STEADY = 0.1
-# Share by which more matches have to agree with velocities that are held by hardly anything.
-_WORTH = 0.05
+# Share of the matches that another structure must have more, and individual velocities too.
+_WORTH = 0.03
 
 
 def try_other_starts(mapping: Mapping) -> None:
@@ -48,18 +48,23 @@ def try_other_starts(mapping: Mapping) -> None:
     is_rolling = solution.shutter is not None
     if mapping.rig is not None or mapping.options.readout_time or not len(solution.points):
         return
-    most = _count_agreeing(mapping, solution) * (1 - _WORTH if is_rolling else 1)
-    best = None
-    for start in _list_starts(mapping):
+    best, most = solution, _count_agreeing(mapping, solution)
+    still = dataclasses.replace(solution, shutter=None, velocities=None)
+    if is_rolling or mapping.lens_free is None:
+        found = _adjust(mapping, still, None)
+        agreeing = 0 if found is None else _count_agreeing(mapping, found)
+        if found is not None and agreeing > most * (1 - _WORTH if is_rolling else 1):
+            best, most = found, agreeing
+        elif is_rolling:
+            return  # velocities are needed, and structures without them say nothing
+    for start in _find_others(mapping, still):
         found = _adjust(mapping, start, None)
         agreeing = 0 if found is None else _count_agreeing(mapping, found)
-        if agreeing > most:
+        if found is not None and agreeing > most * (1 + _WORTH):
             best, most = found, agreeing
-        elif best is None and is_rolling:
-            return  # velocities are needed, and structures without them say nothing
-    if best is not None and mapping.lens_free is not None:
-        best = _adjust(mapping, best, mapping.lens_free)
-    mapping.solution = best or solution
+    if best is not solution and mapping.lens_free is not None:
+        best = _adjust(mapping, best, mapping.lens_free) or solution
+    mapping.solution = best
 
 
 def _adjust(mapping: Mapping, start: Solution, lens_free: LensFlags) -> Solution | None:
@@ -82,16 +87,12 @@ def _count_agreeing(mapping: Mapping, solution: Solution) -> int:
     return int(measure_agreement(solution, mapping.pairs).together.sum())
 
 
-def _list_starts(mapping: Mapping) -> Iterator[Solution]:
-    """Lists what to adjust: the solution itself, and structures of half of the points unlike it."""
-    solution = mapping.solved
-    still = dataclasses.replace(solution, shutter=None, velocities=None)
-    if mapping.lens_free is None or solution.shutter is not None:
-        yield still
-    if solution.num_registered > _MOST_IMAGES:
+def _find_others(mapping: Mapping, still: Solution) -> Iterator[Solution]:
+    """Finds structures of either half of the points, and yields those that are not the same."""
+    if still.num_registered > _MOST_IMAGES:
         return
-    images = dataclasses.replace(mapping.images, cameras=solution.cameras, shutter=None)
-    limit = _OTHER * measure_diagonal(solution.cameras)
+    images = dataclasses.replace(mapping.images, cameras=still.cameras, shutter=None)
+    limit = _OTHER * measure_diagonal(still.cameras)
     for half in split_matches(mapping):
         try:
             found = solve_poses(
