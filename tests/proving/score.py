@@ -151,12 +151,15 @@ def compare_threads(made: Capture, folder: Path, work: Path) -> list[str]:
     return other
 
 
+def find_given(made: Capture, folder: Path) -> Path:
+    """Returns what poses are found for: a dataset, photographs or a film."""
+    names = {"dataset": TRUTH, "photographs": GIVEN, "film": "film.mp4"}
+    return folder / names[made.kind]
+
+
 def _list_words(made: Capture, folder: Path) -> list[str | Path]:
     """Lists the words of `gsut poses` on what gsut is given of a capture."""
-    given = {"dataset": folder / TRUTH, "photographs": folder / GIVEN}.get(
-        made.kind, folder / "film.mp4"
-    )
-    words: list[str | Path] = ["poses", given, "--quiet"]
+    words: list[str | Path] = ["poses", find_given(made, folder), "--quiet"]
     if made.kind != "dataset" and made.told.lens == "file":
         words += ["--camera", folder / "given.lens.json"]
     elif made.told.name:
