@@ -16,7 +16,7 @@ from gsut.data import CAPTURE_FOLDER
 from tests.mistakes import MISTAKES, judge
 from tests.proving.capture import Capture, capture
 from tests.proving.causes import score_causes
-from tests.proving.commands import Outcome, run_gsut
+from tests.proving.commands import Outcome, run_gsut, run_training
 from tests.proving.misfires import is_true_of_exact
 from tests.proving.regret import measure_regret
 from tests.proving.scene import score_scene
@@ -231,11 +231,10 @@ def _measure_poses(made: Capture, out: Path, figures: Row, numbers: dict[str, in
 
 def _score_training(made: Capture, folder: Path, work: Path) -> Row:
     out = work / "trained"
-    outcome = run_gsut("train", folder / TRUTH, "-o", out, "--preset", "fast", "--quiet", work=work)
+    outcome, metrics = run_training(folder / TRUTH, out, "--preset", "fast", work=work)
     row = _list_end("train", outcome)
-    if outcome.status != 0:
+    if not metrics:
         return row
-    metrics = json.loads((out / "metrics.json").read_text("utf-8"))
     row |= {
         "psnr": metrics.get("psnr"), "psnr_train": metrics.get("psnr_train"),
         "psnr_clean": _measure_clean(folder / TRUTH, out), "steps": metrics.get("steps"),
