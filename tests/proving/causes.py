@@ -30,6 +30,8 @@ GOOD = "good"
 NOTHING = "nothing"  # wrong
 # Words of a verdict -> the cause that they name, the first that is found.
 _NAMES = {
+    "the poses are wrong": "poses",
+    "the lens is wrong": "lens",
     "poses or the lens are wrong": "poses or lens",
     "wrong poses or a wrong lens": "poses or lens",
     "too few photographs": "few photographs",
@@ -120,8 +122,8 @@ CAUSES = {
     "few Gaussians": Cause(_keep, (*_FAST, "--max-gaussians", "300"), ("steps or Gaussians",)),
     "few views": Cause(_drop_views, _FAST, ("few photographs",)),
     "moving things": Cause(_add_mover, _FAST, ("movers",)),
-    "wrong poses": Cause(_turn_poses, _FAST, ("poses or lens",)),
-    "wrong lens": Cause(_lengthen_lens, _FAST, ("poses or lens",)),
+    "wrong poses": Cause(_turn_poses, _FAST, ("poses", "poses or lens")),
+    "wrong lens": Cause(_lengthen_lens, _FAST, ("lens", "poses or lens")),
 }
 
 

@@ -142,7 +142,8 @@ def train_into(
         for note in filter(None, (*scene.notes, describe_resizing(scene, options), colors)):
             print(f"gsut: note: {note}", file=sys.stderr)
     if not (resume and run.has_run()):
-        check_first(scene, force, quiet, _match_neighbours(scene))
+        findings = check_first(scene, force, quiet, _match_neighbours(scene))
+        run.keep_accusation([dataclasses.asdict(each) for each in findings if each.subject])
     elif run.is_finished() and not quiet:
         print(f"gsut: note: {run.path} is finished; nothing in it changes", file=sys.stderr)
     try:

@@ -7,7 +7,7 @@ import dataclasses
 import json
 import os
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +46,7 @@ class RunFile:
     BLOCKS = "blocks"  # states of a training in blocks, its plan and layout
     PLAN = f"{BLOCKS}/plan.json"  # how it is divided, with its TrainOptions as they were given
     RENDERS = "renders"  # pictures of the held-out views
+    CHECK = "check.json"  # what the check of the data says is wrong: the poses or the lens
     CONFIDENCE = "confidence.npz"  # how sure renders are, if gsut render --confidence measured it
 
 
@@ -61,6 +62,7 @@ _OF_PLAN = ("blocks", "rounds", "version", "isa", "options")
 _SHAPES = {
     RunFile.ENVIRONMENT: ENVIRONMENT_SHAPE,
     RunFile.METRICS: METRICS_SHAPE,
+    RunFile.CHECK: {"subject": frozenset({"poses", "lens"}), "what": str, "advice": str},
     "scene.json": SCENE_SHAPE,
 }
 
@@ -230,6 +232,12 @@ class RunFolder:
         """
         path = self.path / name
         return _read_values(path, _SHAPES.get(name, dict)) if path.is_file() else None
+
+    def keep_accusation(self, findings: Sequence[dict[str, Any]]) -> None:
+        """Writes check.json: the first finding against poses or lens, if all are against one."""
+        (self.path / RunFile.CHECK).unlink(missing_ok=True)
+        if len({each["subject"] for each in findings}) == 1:
+            self.write_json(RunFile.CHECK, findings[0])
 
     def read_options(self) -> TrainOptions:
         """Reads the options of the run.
