@@ -54,14 +54,19 @@ def test_verdict_of_a_training(changes, level, reason, advice):
         assert "% of the detail is right" in verdict.what
 
 
-@pytest.mark.parametrize(("subject", "are"), [("lens", "lens is"), ("poses", "poses are")])
+@pytest.mark.parametrize(
+    ("subject", "are", "advice"),
+    [("lens", "lens is", "mend it; then gsut train data -o run-2 --preset best"),
+     ("poses", "poses are", "gsut doctor data, then gsut train data -o run-2 --preset best "
+      "--refine-poses")],
+)  # fmt: skip
 @pytest.mark.parametrize("changes", [{"detail_shifted_median": 0.7}, {"steps": 1}])
-def test_verdict_names_what_the_check_before_accuses(subject, are, changes):
+def test_verdict_names_what_the_check_before_accuses(subject, are, advice, changes):
     accused = {"subject": subject, "what": "matches fit others", "advice": "mend it"}
     options = TrainOptions(preset="best")
     verdict = judge_training(GOOD | SOFT | changes, "data", "run", options, (), accused)
     assert f"the {are} wrong: matches fit others" in verdict.reasons[0]
-    assert verdict.advice == "mend it; then gsut train data -o run-2 --preset best"
+    assert verdict.advice == advice
     few = judge_training(GOOD | SOFT, "data", "run", accused=accused)
     assert "steps and Gaussians are few" in few.reasons[0]
 

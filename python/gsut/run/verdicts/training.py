@@ -150,11 +150,13 @@ def _find_fault(
 
 def _accuse(repeat: _NextCommand, accused: Mapping[str, str] | None) -> tuple[str, str]:
     """Returns which of poses and lens the check named, "" for none, and what to do about both."""
+    advice = f"{format_command(['gsut', 'doctor', repeat.data])}, then {repeat.with_poses()}"
     if accused is None:
-        doctor = format_command(["gsut", "doctor", repeat.data])
-        return "", f"{doctor}, then {repeat.with_poses()}"
-    are = {"poses": "the poses are wrong", "lens": "the lens is wrong"}[accused["subject"]]
-    return f"{are}: {accused['what']}", f"{accused['advice']}; then {repeat.as_it_was()}"
+        return "", advice
+    if accused["subject"] == "poses":
+        return f"the poses are wrong: {accused['what']}", advice
+    mend = f"{accused['advice']}; then {repeat.as_it_was()}"
+    return f"the lens is wrong: {accused['what']}", mend
 
 
 @dataclasses.dataclass(frozen=True)
