@@ -7,7 +7,7 @@ import dataclasses
 import json
 import os
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -232,12 +232,6 @@ class RunFolder:
         """
         path = self.path / name
         return _read_values(path, _SHAPES.get(name, dict)) if path.is_file() else None
-
-    def keep_accusation(self, findings: Sequence[dict[str, Any]]) -> None:
-        """Writes check.json: the first finding against poses or lens, if all are against one."""
-        (self.path / RunFile.CHECK).unlink(missing_ok=True)
-        if len({each["subject"] for each in findings}) == 1:
-            self.write_json(RunFile.CHECK, findings[0])
 
     def read_options(self) -> TrainOptions:
         """Reads the options of the run.

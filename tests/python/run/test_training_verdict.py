@@ -1,10 +1,13 @@
 """The verdict of a training names what is wrong and the next command."""
 
 import argparse
+import dataclasses
 import shlex
 
 import pytest
 
+from gsut.check import Finding
+from gsut.cli.train import keep_accusation
 from gsut.run import BlockOptions, RunFile, RunFolder, TrainOptions, Verdict
 from gsut.run.options import add_option_flags, collect_given
 from gsut.run.verdicts import judge_training
@@ -73,10 +76,10 @@ def test_verdict_names_what_the_check_before_accuses(subject, are, advice, chang
 
 def test_run_keeps_what_the_check_accuses_if_that_is_one_thing(tmp_path):
     run = RunFolder(tmp_path)
-    lens, poses = ({"subject": each, "what": "w", "advice": "a"} for each in ("lens", "poses"))
-    run.keep_accusation([lens, lens | {"what": "other"}])
-    assert run.read_json(RunFile.CHECK) == lens
-    run.keep_accusation([lens, poses])
+    lens, poses = (Finding("warning", "data", "w", "a", each) for each in ("lens", "poses"))
+    keep_accusation(run, [Finding("info", "data", "w"), lens, lens])
+    assert run.read_json(RunFile.CHECK) == dataclasses.asdict(lens)
+    keep_accusation(run, [lens, poses])
     assert run.read_json(RunFile.CHECK) is None
 
 
