@@ -57,13 +57,13 @@ def check_photographs(scene: Scene, evidence: Evidence | None) -> list[Finding]:
             f"{_share(given)} fit); {_share(other.value)} fit {other.name}",
             other.advice,
         )
-        return _accuse(other.subject, [contradiction])
+        return _set_subject(other.subject, [contradiction])
     if given > POOR:
         return _weigh_poor_matches(evidence, given)
     return _find_small_errors(evidence, given)
 
 
-def _accuse(subject: str, findings: Iterable[Finding]) -> list[Finding]:
+def _set_subject(subject: str, findings: Iterable[Finding]) -> list[Finding]:
     return [dataclasses.replace(finding, subject=subject) for finding in findings]
 
 
@@ -122,11 +122,11 @@ def _weigh_poor_matches(evidence: Evidence, given: float) -> list[Finding]:
     judgement = judge_pairs(evidence)
     at_one_place = name_break(evidence, judgement)
     if at_one_place is not None:
-        return _accuse("poses", [at_one_place])
+        return _set_subject("poses", [at_one_place])
     if judgement.is_contradiction:
-        return _accuse("poses", [_explain_contradiction(evidence, given, judgement)])
+        return _set_subject("poses", [_explain_contradiction(evidence, given, judgement)])
     if judgement.confirmed:
-        return _accuse("poses", [_name_bad_pairs(evidence, judgement)])
+        return _set_subject("poses", [_name_bad_pairs(evidence, judgement)])
     return [_describe_poor_matches(evidence, given, judgement)]
 
 
@@ -164,13 +164,13 @@ def _find_small_errors(evidence: Evidence, given: float) -> list[Finding]:
     costs = evidence.rate_pairs()
     findings = _find_bad_pairs(evidence, costs) or check_timing(evidence, given)
     if not findings and len(costs) >= _FEWEST_FOR_LENS:
-        findings += _accuse("lens", name_other_model(evidence))
+        findings += _set_subject("lens", name_other_model(evidence))
     if not findings and len(costs) >= _FEWEST_FOR_LENS:
         fit = fit_lens(scene.cameras, evidence.matches, poses)
-        lens = _accuse("lens", find_lens_errors(evidence, fit))
-        findings += (lens and _accuse("poses", check_drift(evidence))) or lens
+        lens = _set_subject("lens", find_lens_errors(evidence, fit))
+        findings += (lens and _set_subject("poses", check_drift(evidence))) or lens
     if not findings:
-        findings += _accuse("poses", check_scale(evidence))
+        findings += _set_subject("poses", check_scale(evidence))
     if not findings:
         findings.append(
             evidence.make_finding(
@@ -189,12 +189,12 @@ def _find_bad_pairs(evidence: Evidence, costs: np.ndarray) -> list[Finding]:
     judgement = judge_pairs(evidence)
     at_one_place = name_break(evidence, judgement)
     if at_one_place is not None:
-        return _accuse("poses", [at_one_place])
+        return _set_subject("poses", [at_one_place])
     loops = check_loops(evidence, judgement)
     if loops:
-        return _accuse("poses", [*loops, *check_drift(evidence), *check_scale(evidence)])
+        return _set_subject("poses", [*loops, *check_drift(evidence), *check_scale(evidence)])
     bad = [_name_bad_pairs(evidence, judgement)] if judgement.confirmed else []
-    return _accuse("poses", bad)
+    return _set_subject("poses", bad)
 
 
 def _name_bad_pairs(evidence: Evidence, judgement: Judgement) -> Finding:
@@ -224,10 +224,10 @@ def check_closely(evidence: Evidence) -> list[Finding]:
     """
     found = _find_bad_pairs(evidence, evidence.rate_pairs())
     if not found and len(evidence.pairs) >= _FEWEST_FOR_LENS:
-        found = _accuse("lens", name_other_model(evidence))
-    found = found or _accuse("poses", check_drift(evidence))
+        found = _set_subject("lens", name_other_model(evidence))
+    found = found or _set_subject("poses", check_drift(evidence))
     if found:
         return found
     fit = fit_lens(evidence.scene.cameras, evidence.matches, evidence.table.select_poses())
-    half = _accuse("lens", check_half_pixel(evidence, fit))
-    return [*half, *_accuse("poses", check_scale(evidence))]
+    half = _set_subject("lens", check_half_pixel(evidence, fit))
+    return [*half, *_set_subject("poses", check_scale(evidence))]

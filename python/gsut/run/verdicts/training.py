@@ -116,7 +116,7 @@ def _find_fault(
     detail, train = metrics["detail_median"], metrics.get("detail_train")
     if detail >= GOOD:
         return None
-    wrong, mend = _accuse(repeat, accused)
+    wrong, mend = _describe_accused(repeat, accused)
     shifted = metrics.get("detail_shifted_median", detail)
     if shifted > detail + _SHIFT_GAIN:
         return Fault(
@@ -148,7 +148,7 @@ def _find_fault(
     return Fault(1, f"{soft}, after many steps: {looks}", mend)
 
 
-def _accuse(repeat: _NextCommand, accused: Mapping[str, str] | None) -> tuple[str, str]:
+def _describe_accused(repeat: _NextCommand, accused: Mapping[str, str] | None) -> tuple[str, str]:
     """Returns which of poses and lens the check named, "" for none, and what to do about both."""
     advice = f"{format_command(['gsut', 'doctor', repeat.data])}, then {repeat.with_poses()}"
     if accused is None:

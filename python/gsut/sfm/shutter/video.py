@@ -105,7 +105,7 @@ def find_shutter(mapping: Mapping) -> None:
         }
     elif solution.shutter is None:
         figures["shutter"] = "global"
-        _doubt_global(mapping)
+        _note_readout(mapping)
     else:
         time = estimate_readout_time(mapping.photographs.names, solution)
         figures["shutter"] = solution.shutter.direction
@@ -116,7 +116,7 @@ def find_shutter(mapping: Mapping) -> None:
         }
 
 
-def _doubt_global(mapping: Mapping) -> None:
+def _note_readout(mapping: Mapping) -> None:
     """Notes that residuals speak for a rolling shutter of a video that was said to have none."""
     solution, flows = mapping.solved, mapping.photographs.flows
     if not flows or len(set(solution.cameras)) > 1:
