@@ -11,11 +11,7 @@ import numpy as np
 from gsut._core import SolveError
 from gsut.data.poses import find_centers
 from gsut.lens import Camera
-from gsut.sfm.lens.elimination import (
-    eliminate_points,
-    eliminate_poses,
-    split_windows,
-)
+from gsut.sfm.lens.elimination import eliminate_by_windows, eliminate_points
 from gsut.sfm.solution import (
     CENTER,
     CENTER_SIGMA,
@@ -121,9 +117,7 @@ def estimate_lens_covariances(
             "these images do not determine the lens: give more of them, from different places and "
             "turned in different directions"
         )
-    noise, variance = estimate_residual_spread(
-        linear.squared, linear.weight[:, 0, 0] ** 2, freedom
-    )
+    noise, variance = estimate_residual_spread(linear.squared, linear.weight[:, 0, 0] ** 2, freedom)
     variance *= feature_variance
     turn = linear.weight * differentiate_by_turn(linear.by_p, linear.p)
     found, end = [], 0
@@ -165,7 +159,9 @@ class _Linearization:
         lens_of = np.array(lenses.of_image)[image]
         ends = np.cumsum([0 if basis is None else basis.shape[1] for basis in bases])
         by_p, change = np.zeros((len(p), 2, 3)), np.zeros((len(p), 2, ends[-1]))
-        for number, (camera, basis, end) in enumerate(zip(lenses.cameras, bases, ends, strict=True)):
+        for number, (camera, basis, end) in enumerate(
+            zip(lenses.cameras, bases, ends, strict=True)
+        ):
             own = lens_of == number
             by_p[own], by_params = camera.project_jacobian(p[own])
             if basis is not None:
@@ -183,8 +179,10 @@ class _Linearization:
         self._times = solution.measure_line_times()[good] if moves else None
         self.velocity_prior = self._weigh_velocities()
 
-    def differentiate(self, chosen: np.ndarray | slice) -> tuple[np.ndarray, np.ndarray]:
-        """Returns (S, 2, D) and (S, 2, 3) weighted derivatives by poses and points."""
+    def differentiate(
+        self, chosen: np.ndarray | slice
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Returns weighted derivatives (S, 2, D), (S, 2, F), (S, 2, 3) by poses, lenses, points."""
         weight, by_p = self.weight[chosen], self.by_p[chosen]
         by_centre = -by_p @ self._poses[self.image[chosen], :3, :3]
         rows = weight * np.concatenate(
@@ -192,7 +190,7 @@ class _Linearization:
         )
         if self._times is not None:
             rows = np.concatenate([rows, self._times[chosen, None, None] * rows], axis=2)
-        return rows, -weight * by_centre
+        return rows, self.change[chosen], -weight * by_centre
 
     def _weigh_velocities(self) -> np.ndarray:
         """Returns (D,) the priors of an image's unknowns; see `_VELOCITY_SIGMA`."""
@@ -214,9 +212,8 @@ def _find_by_all(
     """
     solution, count = linear.solution, linear.change.shape[2]
     images, unknowns = len(solution.names), len(linear.velocity_prior)
-    rows, by_point = linear.differentiate(slice(None))
     normal, freedom = eliminate_points(
-        linear.image, linear.point, rows, linear.change, by_point, images
+        linear.image, linear.point, *linear.differentiate(slice(None)), images
     )
     normal[np.diag_indices(images * unknowns)] += np.tile(linear.velocity_prior, images)
     add_priors(normal)
@@ -229,20 +226,12 @@ def _find_by_windows(
     linear: _Linearization, add_priors: Callable[[np.ndarray], None]
 ) -> tuple[np.ndarray, int]:
     """Does the same by what windows of images tell, each with poses and points of its own."""
-    solution, count = linear.solution, linear.change.shape[2]
-    centers = find_centers(solution.camera_from_world)
-    normal, freedom = np.zeros((count, count)), 2 * len(linear.image) - count
-    for window in split_windows(linear.image, linear.point, len(solution.names)):
-        chosen = np.flatnonzero(np.isin(linear.image, window))
-        rows, by_point = linear.differentiate(chosen)
-        own, determined = eliminate_poses(
-            np.searchsorted(window, linear.image[chosen]), linear.point[chosen], rows,
-            linear.change[chosen], by_point, linear.velocity_prior, centers[window],
-        )  # fmt: skip
-        normal += own
-        freedom += determined
+    normal, freedom = eliminate_by_windows(
+        linear.image, linear.point, find_centers(linear.solution.camera_from_world),
+        linear.differentiate, linear.velocity_prior,
+    )  # fmt: skip
     add_priors(normal)
-    return _invert(normal), freedom
+    return _invert(normal), freedom + 2 * len(linear.image) - len(normal)
 
 
 def _invert(normal: np.ndarray) -> np.ndarray:

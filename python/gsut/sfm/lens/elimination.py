@@ -7,6 +7,8 @@ point that two windows see counts as two.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 _WINDOW = 150  # images, about
@@ -137,7 +139,40 @@ def split_windows(
     return windows
 
 
-def eliminate_poses(
+def eliminate_by_windows(
+    image: np.ndarray,
+    point: np.ndarray,
+    centers: np.ndarray,
+    differentiate: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]],
+    prior: np.ndarray,
+) -> tuple[np.ndarray, int]:
+    """Adds up what windows of images tell of unknowns that all share, see `split_windows`.
+
+    Args:
+        image, point: (S,) of the observations.
+        centers: (N, 3) of the images.
+        differentiate: returns `by_pose`, `by_shared` and `by_point` of some observations, see
+            `eliminate_points`.
+        prior: (D,) what is known beforehand of an image's unknowns, as their normal equations.
+
+    Returns:
+        The normal equations (F, F) of what all share, and minus the number of directions that poses
+        and points take up.
+    """
+    total: np.ndarray | int = 0
+    determined = 0
+    for window in split_windows(image, point, len(centers)):
+        chosen = np.flatnonzero(np.isin(image, window))
+        own, taken = _eliminate_poses(
+            np.searchsorted(window, image[chosen]), point[chosen], *differentiate(chosen),
+            prior, centers[window],
+        )  # fmt: skip
+        total = total + own
+        determined += taken
+    return np.asarray(total), determined
+
+
+def _eliminate_poses(
     image: np.ndarray,
     point: np.ndarray,
     by_pose: np.ndarray,
