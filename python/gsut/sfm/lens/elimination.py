@@ -224,7 +224,7 @@ def _eliminate_poses(
     length = 1 / np.sqrt(np.maximum(np.diag(normal)[free], 1e-300))
     small = normal[np.ix_(free, free)] * np.outer(length, length)
     try:
-        weak = np.diag(np.linalg.cholesky(small)).min() ** 2 < _WEAK
+        weak = np.diag(np.linalg.cholesky(small)).min(initial=1.0) ** 2 < _WEAK
     except np.linalg.LinAlgError:
         weak = True
     if weak:
