@@ -71,7 +71,7 @@ def measure(case: Row, settings: Settings) -> Row:
     return {
         "given": len(scene.points),
         "first": len(means),
-        "covered": 100 * measure_coverage(scene.centred, means),
+        "covered": measure_coverage(scene.centred, means),
         "psnr": trained.metrics["psnr"],
         "first_seconds": sought,
         "cpu_seconds": time.process_time() - began,
@@ -127,16 +127,16 @@ def replace_points(scene: Scene, origin: str) -> Scene:
     return scene.replace(points=points, point_colors=colors)
 
 
-def measure_coverage(scene: Scene, points: np.ndarray) -> float:
-    """Measures the share of held-out pixels whose surface has a first Gaussian near it.
+def measure_coverage(scene: Scene, points: np.ndarray) -> float | None:
+    """Measures the percentage of held-out pixels whose surface has a first Gaussian near it.
 
-    Near is within two pixels and five hundredths of the true distance. NaN without depth files.
+    Near is within two pixels and five hundredths of the true distance. None without depth files.
     """
     found, asked = 0, 0
     for view in scene.test_indices:
         truth = read_depth(scene, view)
         if truth is None:
-            return float("nan")
+            return None
         camera = scene.camera(view)
         in_camera, pixels, valid = project_points(camera, scene.views[view].motion, points)
         away = np.linalg.norm(in_camera[valid], axis=1)
@@ -156,7 +156,7 @@ def measure_coverage(scene: Scene, points: np.ndarray) -> float:
                 covered[y[near], x[near]] = True
         found += np.count_nonzero(covered & counts)
         asked += np.count_nonzero(counts)
-    return found / asked
+    return 100 * found / asked
 
 
 BENCHMARK = Benchmark(

@@ -46,7 +46,8 @@ class MeshOptions:
         open: whether voxels grow with the distance beyond the middle of the scene; None: where
             depths reach farther than 5 times their median.
         depth: "median", "expected" or "strongest"; see `gsut.Surface`.
-        refine: moves each depth to where windows of the photographs correlate best.
+        refine: moves each depth to where windows of the photographs correlate best, twice: the
+            second time from the mesh that the moved depths give.
         max_side: of the depth maps, pixels: larger images are rendered at this size.
         photographs: colours from the photographs in place of the renders.
         parts: number of largest connected parts to keep; None: all of a thousandth of the faces.
@@ -100,7 +101,7 @@ def extract_mesh(
 
     Returns:
         The mesh, in the dataset's coordinates, with colours. The same bits on any number of
-        threads. Memory: 20 bytes a pixel of all depth maps, 30 if they are refined, and 2.3 kB
+        threads. Memory: 20 bytes a pixel of all depth maps, 40 if they are refined, and 2.3 kB
         a block of 8 x 8 x 8 voxels near the surface.
 
     Raises:
@@ -131,7 +132,8 @@ def render_depth_maps(
         One map a training view, with colours.
 
     Raises:
-        InputError: a kind of depth that is unknown, or memory does not suffice.
+        InputError: a kind of depth that is unknown, memory does not suffice, or depths that are
+            refined have no surface.
     """
     o = options or MeshOptions()
     if o.depth not in ("median", "expected", "strongest"):
