@@ -24,6 +24,8 @@ _LEAST_DRIFT = 0.05  # logarithm of the change of scale along the path that dese
 _LEAST_SIGMA = 0.3  # of the median sigma: a change by few features may have a small one by chance
 _NORMAL = 1.4826  # standard deviation of a normal law over the median of its absolute values
 _MEDIAN_NOISE = 1.2533  # standard deviation of a median over that of a mean
+# Degrees of freedom of a standard deviation by the median absolute value, over those by squares.
+_MEDIAN_FREEDOM = 0.37
 
 Spans = list[tuple[int, int]]  # first and last place of pairs on a path
 
@@ -160,12 +162,14 @@ class _Triple:
         gap: frames between the middles of both steps.
         change: logarithm of the change of scale.
         sigma: its standard deviation by the features' spread.
+        freedom: its degrees of freedom.
     """
 
     views: tuple[int, int, int]
     gap: int
     change: float
     sigma: float
+    freedom: float
 
 
 def check_scale(evidence: Evidence) -> list[Finding]:
@@ -189,6 +193,7 @@ def check_scale(evidence: Evidence) -> list[Finding]:
     longest = max(groups, key=len)
     frames = len(longest)
     names = [view.name for view in evidence.scene.views]
+    off = convert_to_normal(off, np.array([each.freedom for each in triples]))
     worst = int(np.argmax(off))
     others = np.delete(off, worst)
     usual = max(1.0, float(np.sqrt(np.mean(others**2))))
@@ -276,12 +281,16 @@ def triangulate_distances(rays: np.ndarray, poses: np.ndarray) -> tuple[np.ndarr
     return np.array(across), sine
 
 
-def _compare_distances(before: dict, after: dict) -> tuple[float, float] | None:
-    """Returns the median logarithm of the ratio of distances of shared features, and its sigma."""
+def _compare_distances(before: dict, after: dict) -> tuple[float, float, float] | None:
+    """Returns the median logarithm of the ratio of distances of shared features.
+
+    And its standard deviation, with the degrees of freedom of that.
+    """
     shared = before.keys() & after.keys()
     if len(shared) < _FEWEST_SHARED:
         return None
     ratios = np.log([after[pixel] / before[pixel] for pixel in sorted(shared)])
     middle = float(np.median(ratios))
     spread = _NORMAL * float(np.median(np.abs(ratios - middle)))
-    return middle, _MEDIAN_NOISE * spread / np.sqrt(len(ratios))
+    sigma = _MEDIAN_NOISE * spread / np.sqrt(len(ratios))
+    return middle, sigma, _MEDIAN_FREEDOM * (len(ratios) - 1)
