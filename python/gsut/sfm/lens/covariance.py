@@ -24,7 +24,7 @@ from gsut.sfm.solution import (
 # radians during a readout: as in the adjustment.
 _VELOCITY_SIGMA = (0.1, 0.2)
 _MEDIAN_SQUARE = 2 * math.log(2)  # of a normal vector's length in the plane, in variances
-_MOST_IMAGES = 100  # at once: what more of them tell is added up over windows
+_MOST_IMAGES = 100  # at once; of more the information is added up over windows
 
 
 @dataclasses.dataclass(frozen=True)
@@ -225,7 +225,7 @@ def _find_by_all(
 def _find_by_windows(
     linear: _Linearization, add_priors: Callable[[np.ndarray], None]
 ) -> tuple[np.ndarray, int]:
-    """Does the same by what windows of images tell, each with poses and points of its own."""
+    """Does the same by windows of images, each with poses and points of its own."""
     normal, freedom = eliminate_by_windows(
         linear.image, linear.point, find_centers(linear.solution.camera_from_world),
         linear.differentiate, linear.velocity_prior,

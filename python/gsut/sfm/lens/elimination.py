@@ -104,7 +104,7 @@ def split_windows(
     Args:
         image, point: (S,) of the observations.
         images: number of images; those without observations are in no window.
-        count: of windows; None: as many as have about 150 images each.
+        count: of windows; None: one for every 150 images or so.
 
     Returns:
         The sorted images of each window.
@@ -146,7 +146,7 @@ def eliminate_by_windows(
     differentiate: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]],
     prior: np.ndarray,
 ) -> tuple[np.ndarray, int]:
-    """Adds up what windows of images tell of unknowns that all share, see `split_windows`.
+    """Adds up the information of windows of images on what all share, see `split_windows`.
 
     Args:
         image, point: (S,) of the observations.

@@ -178,8 +178,8 @@ def _measure_spread_without_groups(
 def _measure_spread_of_windows(mapping: Mapping, solution: Solution, flags: np.ndarray) -> float:
     """Measures how well the mean of windows' focal lengths is known, by how far they are apart.
 
-    Each window of images that share many points is adjusted alone, and counts by what its features
-    tell of the focal length.
+    Each window of images that share many points is adjusted alone, and weighted by the variance of
+    its focal length that its features' errors cause.
     """
 
     def find_alone(window: np.ndarray, on_step: OnStep) -> tuple[float, float] | None:
@@ -213,7 +213,7 @@ def _adjust_some(
     matches: int,
     on_step: OnStep,
 ) -> Solution | None:
-    """Adjusts some images, by so many matches a pair; None where too few are left."""
+    """Adjusts some images, by the most distinct matches; None where too few are left."""
     # Only how the focal length varies is asked: a readout needs no adjustment here.
     registered = np.isin(np.arange(len(solution.names)), images)
     start = dataclasses.replace(solution, registered=registered, shutter=None, velocities=None)

@@ -37,7 +37,7 @@ from gsut.sfm.solution import (
     transform_to_cameras,
 )
 
-_MOST_IMAGES = 400  # at once: what more of them tell is added up over windows
+_MOST_IMAGES = 400  # at once; of more the information is added up over windows
 _FEWEST_FRAMES = 6  # with neighbours: fewer do not show how well the time explains them
 _LEAST_EXPLAINED = 0.5  # of the velocities' squares, below which the frames are no video
 _TINY = 1e-300  # keeps quotients finite
