@@ -7,17 +7,21 @@ import itertools
 import resource
 import time
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import gsut
 from gsut import _core
+from gsut.data import Scene
+from gsut.demo import make_demo_scene
 from gsut.demo.hall import make_hall
+from gsut.demo.hall_mesh import build_hall_mesh
 from gsut.demo.tracing import Tracer
 from gsut.metrics import RING_EDGES_DEGREES
 from gsut.render import compute_field_angles
-from gsut.surface import judge_geometry
+from gsut.surface import MeshOptions, extract_mesh, judge_geometry, save_mesh
 from gsut.surface.rays import cast_world_rays
 from gsut.surface.worth import judge_depth
 from tests.bench.harness import HALL, Benchmark, Column, Option, Row, Settings
@@ -30,10 +34,14 @@ _FREE_WEIGHT = 0.1  # of space seen as empty, as in gsut mesh
 _BALL_VOXEL = 0.06  # 33 voxels across the ball
 _BALL_VIEWS = 24
 _FRAME_RATE = 2.5  # frames a second that stereo compares
-_AROUND = 0.4  # rounds about the hall's table in a film
+_AROUND = 0.4  # rounds about the hall's table in a film that stereo compares
+_TRAIN_AROUND = 0.9  # in one that is trained on
+_TRAIN_FRAMES = 34  # of it; every eighth is held out
 _READOUT = 0.03  # seconds, of a rolling shutter
 _MOST_GAUSSIANS = 50_000
+_FISHEYE, _LARGER = "fisheye", "fisheye of 400 pixels"  # of the demo
 _PLAIN = "plain"
+_TRUTH = "truth.ply"
 # Name -> --surface, primitive.
 TRAININGS = {
     _PLAIN: (False, "gaussian"),
@@ -50,9 +58,11 @@ def list_cases(settings: Settings) -> Iterator[Row]:
     for across in settings.across if not settings.sets else ():
         yield {"what": f"fusion, {across} voxels across", "_measure": "fusion", "_across": across}
     for data in (settings.sets or (HALL,)) if settings.steps else ():
-        for name, seed in itertools.product(TRAININGS, settings.seeds):
-            yield {"what": name, "data": data, "seed": str(seed), "_measure": "training",
-                   "_seed": seed}  # fmt: skip
+        for lens in settings.lenses if data == HALL else ("",):
+            names = list(TRAININGS)[: None if lens in ("", _FISHEYE) else 2]
+            for name, seed in itertools.product(names, settings.seeds):
+                yield {"what": name, "data": data, "lens": lens, "seed": str(seed),
+                       "_measure": "training", "_seed": seed}  # fmt: skip
 
 
 def measure(case: Row, settings: Settings) -> Row:
@@ -156,21 +166,7 @@ def _fuse_large_ball(across: int, views: int, size: int) -> Row:
 
 def _compare_film(camera: Any, moves: bool, frames: int) -> Row:
     """Films a walk through the hall and judges the depth that stereo finds, by ring."""
-    film = Film(
-        camera, plan_walk(frames / _FRAME_RATE, around=_AROUND), frames / _FRAME_RATE,
-        _FRAME_RATE, readout=_READOUT if moves else 0.0, exposure=0.0,
-    )  # fmt: skip
-    poses = [
-        np.linalg.inv(film.path(film.times + share * film.readout)) for share in (0.0, -0.5, 0.5)
-    ]
-    scene = gsut.scene_from_arrays(list(trace_frames(film)), camera, poses[0], test_every=0)
-    if moves:
-        how = gsut.Shutter("top_to_bottom")
-        scene = scene.replace(views=[
-            dataclasses.replace(
-                view, shutter=how, camera_from_world_start=start, camera_from_world_end=end
-            ) for view, start, end in zip(scene.views, *poses[1:], strict=True)
-        ])  # fmt: skip
+    film, scene = _film_hall(camera, moves, frames, around=_AROUND, test_every=0)
     began = time.process_time()
     maps = gsut.poses.find_depth_maps(scene)
     taken = time.process_time() - began
@@ -193,10 +189,51 @@ def _compare_film(camera: Any, moves: bool, frames: int) -> Row:
     }  # fmt: skip
 
 
+def _film_hall(
+    camera: Any, moves: bool, frames: int, *, around: float, test_every: int
+) -> tuple[Film, Scene]:
+    """Films a walk through the hall; a rolling shutter if the camera moves."""
+    film = Film(
+        camera, plan_walk(frames / _FRAME_RATE, around=around), frames / _FRAME_RATE,
+        _FRAME_RATE, readout=_READOUT if moves else 0.0, exposure=0.0,
+    )  # fmt: skip
+    poses = [
+        np.linalg.inv(film.path(film.times + share * film.readout)) for share in (0.0, -0.5, 0.5)
+    ]
+    images = list(trace_frames(film))
+    scene = gsut.scene_from_arrays(images, camera, poses[0], test_every=test_every)
+    if not moves:
+        return film, scene
+    how = gsut.Shutter("top_to_bottom")
+    return film, scene.replace(views=[
+        dataclasses.replace(
+            view, shutter=how, camera_from_world_start=start, camera_from_world_end=end
+        ) for view, start, end in zip(scene.views, *poses[1:], strict=True)
+    ])  # fmt: skip
+
+
+def _load(data: str, lens: str, settings: Settings) -> tuple[Scene, Path | None]:
+    """Loads a dataset, or the hall as a lens sees it, and the file of its true mesh."""
+    if lens in list_lenses():
+        film, scene = _film_hall(
+            *list_lenses()[lens], _TRAIN_FRAMES, around=_TRAIN_AROUND, test_every=8
+        )
+
+        def write(folder: Path) -> None:
+            folder.mkdir()
+            save_mesh(folder / _TRUTH, build_hall_mesh(make_hall(film.seed)))
+
+        return scene, settings.make(f"truth_{film.seed}", write) / _TRUTH
+    path = settings.path(data)
+    if lens == _LARGER:
+        path = settings.make("hall_400", lambda to: make_demo_scene(to, size=400, progress=False))
+    truth = path / _TRUTH
+    return gsut.load_dataset(path), truth if truth.is_file() else None
+
+
 def _train(case: Row, settings: Settings) -> Row:
-    """Trains and compares depth and mesh with the truth."""
-    data = settings.path(case["data"])
-    scene = gsut.load_dataset(data)
+    """Trains, and compares depths and meshes with the truth."""
+    scene, truth = _load(case["data"], case["lens"], settings)
     surface, primitive = TRAININGS[case["what"]]
     options = gsut.TrainOptions(
         preset="fast", max_gaussians=_MOST_GAUSSIANS, steps=settings.steps, surface=surface,
@@ -205,31 +242,47 @@ def _train(case: Row, settings: Settings) -> Row:
     began = time.process_time()
     result = gsut.train(scene, options, progress=False)
     taken = time.process_time() - began
-    truth = data / "truth.ply"
-    found = judge_geometry(
-        result.gaussians, result.scene, list(result.scene.test_indices),
-        truth if truth.is_file() else None, background=options.background,
-    )  # fmt: skip
-    scores = {s["distance"]: s["fscore"] for s in found.get("mesh", {}).get("fscores", [])}
-    return {
-        "psnr": result.metrics["psnr"],
-        "expected": 100 * found["depth"]["expected"]["abs_rel_median"],
-        "median": 100 * found["depth"]["median"]["abs_rel_median"],
-        "fscore": scores.get(0.02),
-        "cpu_seconds": taken,
-    }
+    row: Row = {"psnr": result.metrics["psnr"], "cpu_seconds": taken}
+    indices = list(result.scene.test_indices)
+    for prefix, refine in (("", False), ("refined_", True)):
+        began = time.process_time()
+        mesh = extract_mesh(
+            result.gaussians, result.scene, MeshOptions(refine=refine),
+            background=options.background,
+        )  # fmt: skip
+        row[f"{prefix}mesh_seconds"] = time.process_time() - began
+        found = judge_geometry(
+            result.gaussians, result.scene, indices, truth, mesh=mesh,
+            background=options.background,
+        )  # fmt: skip
+        row |= {kind: 100 * found["depth"][kind]["abs_rel_median"]
+                for kind in ("expected", "median")}  # fmt: skip
+        if "mesh" in found:
+            row |= {f"{prefix}f{100 * score['distance']:.0f}": score["fscore"]
+                    for score in found["mesh"]["fscores"]}  # fmt: skip
+            row[f"{prefix}normals"] = found["mesh"]["normal_consistency"]
+    return row
 
 
 BENCHMARK = Benchmark(
-    help="meshes of exact depths, fusion, stereo by ring, depth with and without --surface",
+    help="meshes of exact depths, fusion, stereo by ring, depths and meshes of trainings",
     columns=(
         Column("data"),
+        Column("lens"),
         Column("what"),
         Column("seed"),
         Column("psnr", "held-out PSNR", "dB", ".2f"),
         Column("expected", "expected depth off", "%", ".2f"),
         Column("median", "median depth off", "%", ".2f"),
-        Column("fscore", "F at 2 cm", form=".2f"),
+        *(
+            Column(f"{prefix}{key}", name + after, unit, form)
+            for prefix, after in (("", ""), ("refined_", ", refine"))
+            for key, name, unit, form in (
+                *((f"f{size}", f"F at {size} cm", "", ".3f") for size in (1, 2, 5)),
+                ("normals", "normals agree", "", ".3f"),
+                ("mesh_seconds", "mesh", "CPU-s", ".1f"),
+            )
+        ),
         *(
             Column(f"{key}_{low:.0f}", f"{name}, {low:.0f} to {high:.0f} degrees", "%", form)
             for key, name, form in (("off", "depth off", ".2f"), ("known", "known", ".0f"))
@@ -245,6 +298,11 @@ BENCHMARK = Benchmark(
     options=(
         Option("steps", 1000, "of each training; 0: none"),
         Option("seeds", (0, 1), "of trainings"),
+        Option(
+            "lenses",
+            (_FISHEYE, _LARGER, "splined", "rolling shutter"),
+            "through which trainings see the hall",
+        ),
         Option("views", 60, "that are fused for speed"),
         Option("size", 480, "of their images, pixels"),
         Option("frames", 12, "of each film that stereo compares; 0: none"),

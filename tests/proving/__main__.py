@@ -1,4 +1,4 @@
-"""Proves gsut on made captures: `python -m tests.proving --seeds A:B | night | compare A B`."""
+"""Proves gsut on made captures: `python -m tests.proving --seeds A:B | night | ...`."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+from gsut.files import write_file
 from gsut.page import build_page, build_table
 from tests.proving.misfires import BROKEN, find_misfires
 from tests.proving.page import count_causes, write_page
@@ -31,8 +32,9 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "what",
         nargs="*",
-        metavar="night | compare A B",
-        help="300 captures of today's seeds; or two files of rows, paired by seed",
+        metavar="night | compare A B | likeness REAL...",
+        help="300 captures of today's seeds; two files of rows, paired by seed; or statistics "
+        "of made captures beside those of real films and folders of photographs",
     )
     parser.add_argument(
         "--seeds", metavar="A:B", default="0:24", help="or a list, A,B,C [default: 0:24]"
@@ -68,19 +70,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
         print(json.dumps(score_capture(options.one, tuple(options.parts.split(",")))))
         return 0
-    if options.what[:1] == ["compare"]:
-        first, second = (read_rows(Path(name)) for name in options.what[1:3])
-        options.out.parent.mkdir(parents=True, exist_ok=True)
-        page = options.out.with_suffix(".html")
-        table = compare_rows(first, second)
+    what, names = (options.what or [""])[0], [Path(name) for name in options.what[1:]]
+    if what == "compare":
         heading = ("misfire", "only before", "only after", "both", "p (sign test)")
-        page.write_text(build_page("Before and after", [], [build_table(table, heading)]), "utf-8")
-        for line in table:
-            print(*line, sep="  ")
-        print(page)
-        return 0
-    seeds = _list_seeds(options)
-    rows = prove(seeds, options)
+        table = compare_rows(*(read_rows(name) for name in names))
+        return _show_table(table, heading, options.out, "Before and after")
+    if what == "likeness":
+        from tests.proving import likeness
+
+        options.parts = "poses"
+        real = [likeness.measure_real(name) for name in names]
+        made = [likeness.measure_made(row) for row in prove(_list_seeds(options), options)]
+        table = likeness.compare_distributions(real, made)
+        return _show_table(table, likeness.HEADING, options.out, "Made and real captures")
+    rows = prove(_list_seeds(options), options)
     write_page(rows, options.out.with_suffix(".html"), "Proving ground")
     counts = collections.Counter(m.kind for row in rows for m in find_misfires(row))
     for kind, count in counts.most_common():
@@ -89,6 +92,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"{count:4} {name}: {said}{'' if is_right else ' (wrong)'}")
     print(options.out.with_suffix(".html"))
     return int(any(counts[kind] for kind in BROKEN))
+
+
+def _show_table(
+    table: Sequence[tuple[object, ...]], heading: Sequence[str], out: Path, title: str
+) -> int:
+    out.parent.mkdir(parents=True, exist_ok=True)
+    page = out.with_suffix(".html")
+    write_file(page, build_page(title, [], [build_table(table, heading)]))
+    for line in (heading, *table):
+        print(*line, sep=" | ")
+    print(page)
+    return 0
 
 
 def _list_seeds(options: argparse.Namespace) -> Sequence[int]:

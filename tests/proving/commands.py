@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import os
 import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 _LIMIT = 240.0  # seconds of one command
 
@@ -64,3 +66,10 @@ def run_gsut(*words: str | Path, work: Path, limit: float = _LIMIT) -> Outcome:
         output.read_text("utf-8", "replace"),
         errors.read_text("utf-8", "replace"),
     )
+
+
+def run_training(data: Path, out: Path, *words: str, work: Path) -> tuple[Outcome, dict[str, Any]]:
+    """Runs `gsut train`: how it ended, and metrics.json, empty if it failed."""
+    outcome = run_gsut("train", data, "-o", out, "--quiet", *words, work=work)
+    done = outcome.status == 0
+    return outcome, json.loads((out / "metrics.json").read_text("utf-8")) if done else {}

@@ -78,10 +78,10 @@ def _check_verdict(row: dict[str, Any]) -> Iterator[Misfire]:
     if "verdict" in row and row["verdict"] != row["true_class"]:
         figures = (
             f"{row['shift_degrees']:.2f} degrees, AUC@1 {100 * row['auc_1']:.0f}, @5 "
-            f"{100 * row['auc_5']:.0f}, registered {100 * row['registered']:.0f} %; "
-            + "; ".join(row["verdict_reasons"])
+            f"{100 * row['auc_5']:.0f}, registered {100 * row['registered']:.0f} %"
         )
-        yield Misfire(f"said {row['verdict']}, is {row['true_class']}", figures)
+        text = "; ".join([figures, *row["verdict_reasons"]])
+        yield Misfire(f"said {row['verdict']}, is {row['true_class']}", text)
     if "scene_verdict" in row and row["scene_verdict"] != row["scene_class"]:
         between = row["scene_between"]
         yield Misfire(

@@ -14,6 +14,7 @@ from gsut.page import build_page, build_table, format_number
 from tests.proving.causes import CAUSES, find_wrong_cause
 from tests.proving.misfires import find_misfires
 from tests.proving.regret import CHOICES, find_regret
+from tests.proving.worst import build_worst
 
 _LEVELS = ("good", "usable", "poor")
 _FACTORS = ("family", "kind", "lens", "motion", "told")
@@ -35,6 +36,7 @@ def build_parts(rows: Sequence[Row]) -> list[str]:
         _build_confusion(rows, "poses", "true_class", "verdict"),
         _build_confusion(rows, "scene", "scene_class", "scene_verdict"),
         _build_doctor(rows),
+        *build_worst(rows),
         *_build_causes(rows),
         *_build_mistakes(rows),
         *(_build_factor(rows, factor) for factor in _FACTORS),

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from tests.proving.commands import run_gsut
+from tests.proving.commands import run_training
 
 # Small, with more views held out than usual: differences count.
-_SMALL = ("--preset", "fast", "--max-side", "128", "--test-every", "4", "--force", "--quiet")
+_SMALL = ("--preset", "fast", "--max-side", "128", "--test-every", "4", "--force")
 _DEGREES = (0, 1, 2, 3)
 _FACTORS = (0.5, 2.0)  # of the automatic number of Gaussians and of steps
 CHOICES = ("degree", "gaussians", "steps")
@@ -27,8 +26,8 @@ def measure_regret(data: Path, work: Path) -> dict[str, Any]:
         {choice: {value: held-out PSNR in dB}} of the fixed ones, and {"automatic": PSNR}; empty
         where the first training failed.
     """
-    metrics = _train(data, work / "automatic")
-    if metrics is None:
+    _, metrics = run_training(data, work / "automatic", *_SMALL, work=work)
+    if not metrics:
         return {}
     own = {
         "degree": metrics["complexity"]["sh_degree"],
@@ -45,17 +44,11 @@ def measure_regret(data: Path, work: Path) -> dict[str, Any]:
     for choice in CHOICES:
         shown[choice] = {}
         for value in tried[choice]:
-            fixed = _train(data, work / f"{choice}-{value}", flags[choice], str(value))
-            if fixed is not None:
+            words = (*_SMALL, flags[choice], str(value))
+            _, fixed = run_training(data, work / f"{choice}-{value}", *words, work=work)
+            if fixed:
                 shown[choice][str(value)] = fixed["psnr"]
     return shown
-
-
-def _train(data: Path, out: Path, *words: str) -> dict[str, Any] | None:
-    outcome = run_gsut("train", data, "-o", out, *_SMALL, *words, work=out.parent)
-    if outcome.status != 0:
-        return None
-    return json.loads((out / "metrics.json").read_text("utf-8"))
 
 
 def find_regret(row: Mapping[str, Any], choice: str) -> float | None:

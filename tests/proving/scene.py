@@ -16,7 +16,7 @@ from gsut.evaluate.detail import measure_detail
 from gsut.run import Verdict
 from gsut.run.verdicts import combine_verdicts
 from tests.proving.capture import Capture
-from tests.proving.commands import run_gsut
+from tests.proving.commands import run_training
 from tests.proving.truth import ON_ITS_SIDE, classify_scene
 from tests.proving.writing import trace_views
 
@@ -42,14 +42,13 @@ def score_scene(
         The verdict that `gsut scene` gives, and what it should have been: see `classify_scene`.
     """
     out = work / "scene"
-    outcome = run_gsut("train", poses, "-o", out, "--preset", "fast", "--quiet", work=work)
+    outcome, metrics = run_training(poses, out, "--preset", "fast", work=work)
     row: dict[str, Any] = {
         "scene_status": outcome.status, "scene_seconds": outcome.cpu_seconds,
         "scene_traceback": outcome.errors[-2000:] if outcome.has_traceback else None,
     }  # fmt: skip
-    if outcome.status != 0:
+    if not metrics:
         return row | {"scene_refused": outcome.last_line}
-    metrics = json.loads((out / "metrics.json").read_text("utf-8"))
     figures = json.loads((poses / "poses.json").read_text("utf-8"))
     trained, estimated = (Verdict.from_dict(each["verdict"]) for each in (metrics, figures))
     verdict = combine_verdicts(trained, estimated)

@@ -16,7 +16,7 @@ from gsut.data import CAPTURE_FOLDER
 from tests.mistakes import MISTAKES, judge
 from tests.proving.capture import Capture, capture
 from tests.proving.causes import score_causes
-from tests.proving.commands import Outcome, run_gsut
+from tests.proving.commands import Outcome, run_gsut, run_training
 from tests.proving.misfires import is_true_of_exact
 from tests.proving.regret import measure_regret
 from tests.proving.scene import score_scene
@@ -151,12 +151,15 @@ def compare_threads(made: Capture, folder: Path, work: Path) -> list[str]:
     return other
 
 
+def find_given(made: Capture, folder: Path) -> Path:
+    """Returns what poses are found for: a dataset, photographs or a film."""
+    names = {"dataset": TRUTH, "photographs": GIVEN, "film": "film.mp4"}
+    return folder / names[made.kind]
+
+
 def _list_words(made: Capture, folder: Path) -> list[str | Path]:
     """Lists the words of `gsut poses` on what gsut is given of a capture."""
-    given = {"dataset": folder / TRUTH, "photographs": folder / GIVEN}.get(
-        made.kind, folder / "film.mp4"
-    )
-    words: list[str | Path] = ["poses", given, "--quiet"]
+    words: list[str | Path] = ["poses", find_given(made, folder), "--quiet"]
     if made.kind != "dataset" and made.told.lens == "file":
         words += ["--camera", folder / "given.lens.json"]
     elif made.told.name:
@@ -228,11 +231,10 @@ def _measure_poses(made: Capture, out: Path, figures: Row, numbers: dict[str, in
 
 def _score_training(made: Capture, folder: Path, work: Path) -> Row:
     out = work / "trained"
-    outcome = run_gsut("train", folder / TRUTH, "-o", out, "--preset", "fast", "--quiet", work=work)
+    outcome, metrics = run_training(folder / TRUTH, out, "--preset", "fast", work=work)
     row = _list_end("train", outcome)
-    if outcome.status != 0:
+    if not metrics:
         return row
-    metrics = json.loads((out / "metrics.json").read_text("utf-8"))
     row |= {
         "psnr": metrics.get("psnr"), "psnr_train": metrics.get("psnr_train"),
         "psnr_clean": _measure_clean(folder / TRUTH, out), "steps": metrics.get("steps"),

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from tests.proving.capture import capture
-from tests.proving.world import Material, Mesh, Sky
+from tests.proving.world import Material, Mesh, Part, Sky
 
 _WIDTH, _HEIGHT, _FIELD = 96, 72, 75.0  # of a pinhole picture, its field in degrees
 _SAMPLES = 32  # rays a pixel of the tracer
@@ -61,13 +61,14 @@ def trace(mesh: Mesh, sky: Sky, camera: Camera, samples: int = _SAMPLES) -> np.n
 def strip_mesh(mesh: Mesh, with_gloss: bool) -> Mesh:
     """Leaves out what both renderers describe differently: noise in space, and shining lamps."""
     out, known = Mesh(), {}
-    for corners, normals, uv, material, body in mesh._parts:
+    for part in mesh.parts:
+        material = part.material
         if material.emission > 0 or (material.glass and not with_gloss):
             continue
         if id(material) not in known:
             gloss = material.gloss if with_gloss else 0.0
             known[id(material)] = dataclasses.replace(material, grain=0.0, gloss=gloss)
-        out.add(corners, known[id(material)], uv, normals, body)
+        out.parts.append(part._replace(material=known[id(material)]))
     out.lamps = list(mesh.lamps)
     return out
 
@@ -75,10 +76,10 @@ def strip_mesh(mesh: Mesh, with_gloss: bool) -> Mesh:
 def mark_surfaces(mesh: Mesh, camera: Camera) -> np.ndarray:
     """Marks what each pixel's middle sees (H, W): 0 sky, 1 matt, 2 gloss or glass."""
     marked = Mesh()
-    for corners, normals, uv, material, _ in mesh._parts:
-        is_glossy = material.gloss > 0 or material.glass
-        own = dataclasses.replace(material, glass=False)
-        marked.add(corners, own, uv, normals, 1 + int(is_glossy))
+    for part in mesh.parts:
+        is_glossy = part.material.gloss > 0 or part.material.glass
+        own = dataclasses.replace(part.material, glass=False)
+        marked.parts.append(part._replace(material=own, body=1 + int(is_glossy)))
     rays = camera.spread_rays(1).astype(np.float32)
     origins = np.broadcast_to(camera.origin.astype(np.float32), rays.shape)
     bodies = marked.make_tracer(Sky()).trace(origins, rays, 1e-3, 0, 1, False)[2]
@@ -101,10 +102,10 @@ class Mitsuba:
             "type": "scene", "integrator": {"type": "path", "max_depth": depth},
             "sensor": self._describe_sensor(camera),
         }  # fmt: skip
-        for number, (corners, normals, uv, material, _) in enumerate(mesh._parts):
+        for number, part in enumerate(mesh.parts):
             file = self._work / f"{number}.ply"
-            _write_ply(file, corners, normals, uv)
-            bsdf = self._describe_surface(material)
+            _write_ply(file, part)
+            bsdf = self._describe_surface(part.material)
             scene[f"part{number}"] = {"type": "ply", "filename": str(file), "bsdf": bsdf}
         if sky.sun[0] > 0:
             toward = find_sun(sky)
@@ -211,10 +212,11 @@ def find_ways(toward_sun: np.ndarray) -> np.ndarray:
     return np.cos(angles) * beside + np.sin(angles) * [0.0, 0.0, 1.0]
 
 
-def _write_ply(file: Path, corners: np.ndarray, normals: np.ndarray, uv: np.ndarray) -> None:
-    count = len(corners)
-    upright = np.stack([uv[..., 0], 1 - uv[..., 1]], axis=2)  # rows of a picture run downwards
-    vertices = np.concatenate([corners, normals, upright], axis=2).reshape(-1, 8)
+def _write_ply(file: Path, part: Part) -> None:
+    count = len(part.corners)
+    u, v = part.uv[..., 0], 1 - part.uv[..., 1]  # rows of a picture run downwards
+    vertices = np.concatenate([part.corners, part.normals, np.stack([u, v], axis=2)], axis=2)
+    vertices = vertices.reshape(-1, 8)
     faces = np.empty(count, dtype=[("n", "u1"), ("v", "<i4", 3)])
     faces["n"], faces["v"] = 3, np.arange(3 * count).reshape(-1, 3)
     names = "".join(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import gsut_proving_tracer
 import numpy as np
@@ -72,11 +73,21 @@ class Sky:
         return np.concatenate([np.asarray(part, np.float32) for part in parts])[None]
 
 
+class Part(NamedTuple):
+    """Triangles of one material."""
+
+    corners: np.ndarray  # (T, 3, 3) metres
+    normals: np.ndarray  # (T, 3, 3)
+    uv: np.ndarray  # (T, 3, 2) in units of the texture
+    material: Material
+    body: int
+
+
 class Mesh:
     """Triangles with a material each."""
 
     def __init__(self) -> None:
-        self._parts: list[tuple[np.ndarray, np.ndarray, np.ndarray, Material, int]] = []
+        self.parts: list[Part] = []
         self.lamps: list[tuple[float, ...]] = []
 
     def add(
@@ -94,7 +105,7 @@ class Mesh:
             length = np.linalg.norm(normal, axis=1, keepdims=True)
             normals = np.repeat((normal / np.maximum(length, 1e-30))[:, None], 3, axis=1)
         uv = np.zeros((len(corners), 3, 2)) if uv is None else uv
-        self._parts.append((corners, normals, uv, material, body))
+        self.parts.append(Part(corners, normals, uv, material, body))
 
     def add_quad(
         self, corner: Sequence[float], edge1: Sequence[float], edge2: Sequence[float],
@@ -213,16 +224,16 @@ class Mesh:
     def combine(self, other: Mesh) -> Mesh:
         """Returns this and another one together."""
         out = Mesh()
-        out._parts = self._parts + other._parts
+        out.parts = self.parts + other.parts
         out.lamps = self.lamps + other.lamps
         return out
 
     def make_tracer(self, sky: Sky) -> gsut_proving_tracer.Tracer:
         """Makes a tracer of all triangles."""
         materials: list[Material] = []
-        for part in self._parts:
-            if all(part[3] is not known for known in materials):
-                materials.append(part[3])
+        for part in self.parts:
+            if all(part.material is not known for known in materials):
+                materials.append(part.material)
         textures: list[np.ndarray] = []
         rows = []
         for material in materials:
@@ -237,12 +248,12 @@ class Mesh:
                 material.cut_out, material.glass, material.grain, material.grain_size,
             ])  # fmt: skip
         numbers = {id(material): number for number, material in enumerate(materials)}
-        corners, normals, uv = (np.concatenate([p[k] for p in self._parts]) for k in range(3))
-        counts = [len(part[0]) for part in self._parts]
+        corners, normals, uv = (np.concatenate([p[k] for p in self.parts]) for k in range(3))
+        counts = [len(part.corners) for part in self.parts]
         return gsut_proving_tracer.Tracer(
             corners, normals, uv,
-            np.repeat([numbers[id(part[3])] for part in self._parts], counts),
-            np.repeat([part[4] for part in self._parts], counts),
+            np.repeat([numbers[id(part.material)] for part in self.parts], counts),
+            np.repeat([part.body for part in self.parts], counts),
             np.array(rows, np.float32), [_add_alpha(texture) for texture in textures],
             sky.pack(), np.array(self.lamps, np.float32).reshape(-1, 7),
         )  # fmt: skip

@@ -32,6 +32,7 @@ REFINED_MEDIAN = (
     0.006  # of the distance: 0.05 pixels of parallax on pictures of 80 x 80; worst 4.5e-3
 )
 REFINED_SHARE = 0.3  # of the pixels that windows confirm
+REFINED_AGAIN = 0.8  # of the error, which a second round leaves on a rough wall; worst 0.67
 REFINED_ROUNDING = 3e-5  # of the distance: grey values of 15 bits, points in float; worst 1.5e-5
 # Likewise: lines are sought by iteration, and differences over 1 % of the distance magnify its end.
 REFINED_ROLLING = 5e-4  # worst 2.9e-4

@@ -23,6 +23,7 @@ SceneMap::SceneMap(std::vector<Camera> cameras, const std::vector<ImageFeatures>
       bearings_(images.size()),
       has_ray_(images.size()),
       tracks_of_image_(images.size()),
+      features_of_image_(images.size()),
       registered_(images.size(), 0),
       poses_(images.size()),
       camera_from_body_(options.rig.camera_from_body),
@@ -71,12 +72,14 @@ Velocity SceneMap::VelocityOf(int image) const {
 void SceneMap::SetTracks(const std::vector<std::vector<TrackElement>>& tracks) {
   tracks_.clear();
   for (std::vector<int>& of_image : tracks_of_image_) of_image.clear();
+  for (std::vector<int>& of_image : features_of_image_) of_image.clear();
   int judged = 0;
   for (const auto& elements : tracks) {
     Track track;
     for (const TrackElement& element : elements) {
       track.observations.push_back({element.image, element.feature, false, false});
       tracks_of_image_[element.image].push_back(static_cast<int>(tracks_.size()));
+      features_of_image_[element.image].push_back(element.feature);
     }
     if (options_.hold_out_every > 0 && track.observations.size() >= 4 &&
         judged++ % options_.hold_out_every == 0) {
@@ -154,21 +157,17 @@ double SceneMap::VisibleScore(int image, int* count) const {
   const Camera& camera = cameras_[images_[image].camera];
   double score = 0.0;
   *count = 0;
-  for (const int index : tracks_of_image_[image]) {
-    const Track& track = tracks_[index];
-    if (!track.has_point) continue;
-    for (const Observation& observation : track.observations) {
-      if (observation.image != image) continue;
-      ++*count;
-      const Eigen::Vector2d& pixel = images_[image].pixels[observation.feature];
-      for (int level = 0; level < kScoreLevels; ++level) {
-        const int side = 2 << level;
-        const int x = std::clamp(static_cast<int>(pixel.x() / camera.width() * side), 0, side - 1);
-        const int y = std::clamp(static_cast<int>(pixel.y() / camera.height() * side), 0, side - 1);
-        std::uint8_t& cell = cells[level][y * side + x];
-        if (!cell) score += side;
-        cell = 1;
-      }
+  for (std::size_t i = 0; i < tracks_of_image_[image].size(); ++i) {
+    if (!tracks_[tracks_of_image_[image][i]].has_point) continue;
+    ++*count;
+    const Eigen::Vector2d& pixel = images_[image].pixels[features_of_image_[image][i]];
+    for (int level = 0; level < kScoreLevels; ++level) {
+      const int side = 2 << level;
+      const int x = std::clamp(static_cast<int>(pixel.x() / camera.width() * side), 0, side - 1);
+      const int y = std::clamp(static_cast<int>(pixel.y() / camera.height() * side), 0, side - 1);
+      std::uint8_t& cell = cells[level][y * side + x];
+      if (!cell) score += side;
+      cell = 1;
     }
   }
   return score;

@@ -175,7 +175,8 @@ class SceneMap {
   std::vector<std::vector<std::uint8_t>> has_ray_;
   std::vector<int> num_features_;
   std::vector<Track> tracks_;
-  std::vector<std::vector<int>> tracks_of_image_;
+  // Of each image the tracks that see it, once each, and the feature of each there.
+  std::vector<std::vector<int>> tracks_of_image_, features_of_image_;
   std::vector<std::uint8_t> registered_;
   std::vector<Pose> poses_;  // in the middle of the readout
   std::vector<Pose> camera_from_body_;

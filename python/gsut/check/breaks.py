@@ -160,12 +160,14 @@ class _Triple:
         gap: frames between the middles of both steps.
         change: logarithm of the change of scale.
         sigma: its standard deviation by the features' spread.
+        freedom: features, but for one: degrees of freedom of sigma.
     """
 
     views: tuple[int, int, int]
     gap: int
     change: float
     sigma: float
+    freedom: int
 
 
 def check_scale(evidence: Evidence) -> list[Finding]:
@@ -194,7 +196,7 @@ def check_scale(evidence: Evidence) -> list[Finding]:
     usual = max(1.0, float(np.sqrt(np.mean(others**2))))
     found = []
     if (
-        convert_to_normal(off[worst] / usual, len(rates) - 2) > _SIGMAS
+        convert_to_normal(off[worst] / usual, min(len(rates) - 2, triples[worst].freedom)) > _SIGMAS
         and abs(triples[worst].change) > 2 * _LEAST_DRIFT
     ):
         a, _, b = triples[worst].views
@@ -276,12 +278,15 @@ def triangulate_distances(rays: np.ndarray, poses: np.ndarray) -> tuple[np.ndarr
     return np.array(across), sine
 
 
-def _compare_distances(before: dict, after: dict) -> tuple[float, float] | None:
-    """Returns the median logarithm of the ratio of distances of shared features, and its sigma."""
+def _compare_distances(before: dict, after: dict) -> tuple[float, float, int] | None:
+    """Returns the median logarithm of the ratio of distances of shared features.
+
+    And its standard deviation, with the degrees of freedom of that.
+    """
     shared = before.keys() & after.keys()
     if len(shared) < _FEWEST_SHARED:
         return None
     ratios = np.log([after[pixel] / before[pixel] for pixel in sorted(shared)])
     middle = float(np.median(ratios))
     spread = _NORMAL * float(np.median(np.abs(ratios - middle)))
-    return middle, _MEDIAN_NOISE * spread / np.sqrt(len(ratios))
+    return middle, _MEDIAN_NOISE * spread / np.sqrt(len(ratios)), len(ratios) - 1

@@ -21,12 +21,14 @@ class Finding:
         where: file, frame or group of frames.
         what: what was found.
         advice: what to do; may be empty for "info".
+        subject: "poses" or "lens" where these are wrong, else "".
     """
 
     severity: str
     where: str
     what: str
     advice: str = ""
+    subject: str = ""
 
     def __str__(self) -> str:
         tail = f"; {self.advice}" if self.advice else ""

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
+from collections.abc import Iterable
+
 import numpy as np
 
 from gsut.check.breaks import check_loops, check_scale, name_break
@@ -48,17 +51,20 @@ def check_photographs(scene: Scene, evidence: Evidence | None) -> list[Finding]:
         return rolling
     other = find_best_other(evidence, given)
     if other is not None:
-        return [
-            evidence.make_finding(
-                "error",
-                f"the photographs contradict the {other.subject} ({evidence.describe()}: "
-                f"{_share(given)} fit); {_share(other.value)} fit {other.name}",
-                other.advice,
-            )
-        ]
+        contradiction = evidence.make_finding(
+            "error",
+            f"the photographs contradict the {other.subject} ({evidence.describe()}: "
+            f"{_share(given)} fit); {_share(other.value)} fit {other.name}",
+            other.advice,
+        )
+        return _set_subject(other.subject, [contradiction])
     if given > POOR:
-        return [_weigh_poor_matches(evidence, given)]
+        return _weigh_poor_matches(evidence, given)
     return _find_small_errors(evidence, given)
+
+
+def _set_subject(subject: str, findings: Iterable[Finding]) -> list[Finding]:
+    return [dataclasses.replace(finding, subject=subject) for finding in findings]
 
 
 def _share(value: float) -> str:
@@ -111,17 +117,22 @@ def _explain_contradiction(evidence: Evidence, given: float, judgement: Judgemen
     )
 
 
-def _weigh_poor_matches(evidence: Evidence, given: float) -> Finding:
+def _weigh_poor_matches(evidence: Evidence, given: float) -> list[Finding]:
     """Judges whether poses are wrong, or photographs say little, where few matches fit."""
     judgement = judge_pairs(evidence)
     at_one_place = name_break(evidence, judgement)
     if at_one_place is not None:
-        return at_one_place
+        return _set_subject("poses", [at_one_place])
     if judgement.is_contradiction:
-        return _explain_contradiction(evidence, given, judgement)
-    pairs = len(evidence.pairs)
+        return _set_subject("poses", [_explain_contradiction(evidence, given, judgement)])
     if judgement.confirmed:
-        return _name_bad_pairs(evidence, judgement)
+        return _set_subject("poses", [_name_bad_pairs(evidence, judgement)])
+    return [_describe_poor_matches(evidence, given, judgement)]
+
+
+def _describe_poor_matches(evidence: Evidence, given: float, judgement: Judgement) -> Finding:
+    """Says what few matches that fit may mean, where nothing is proved."""
+    pairs = len(evidence.pairs)
     if judgement.supports:
         return evidence.make_finding(
             "info",
@@ -153,13 +164,13 @@ def _find_small_errors(evidence: Evidence, given: float) -> list[Finding]:
     costs = evidence.rate_pairs()
     findings = _find_bad_pairs(evidence, costs) or check_timing(evidence, given)
     if not findings and len(costs) >= _FEWEST_FOR_LENS:
-        findings += name_other_model(evidence)
+        findings += _set_subject("lens", name_other_model(evidence))
     if not findings and len(costs) >= _FEWEST_FOR_LENS:
         fit = fit_lens(scene.cameras, evidence.matches, poses)
-        lens = find_lens_errors(evidence, fit)
-        findings += (lens and check_drift(evidence)) or lens
+        lens = _set_subject("lens", find_lens_errors(evidence, fit))
+        findings += (lens and _set_subject("poses", check_drift(evidence))) or lens
     if not findings:
-        findings += check_scale(evidence)
+        findings += _set_subject("poses", check_scale(evidence))
     if not findings:
         findings.append(
             evidence.make_finding(
@@ -178,11 +189,12 @@ def _find_bad_pairs(evidence: Evidence, costs: np.ndarray) -> list[Finding]:
     judgement = judge_pairs(evidence)
     at_one_place = name_break(evidence, judgement)
     if at_one_place is not None:
-        return [at_one_place]
+        return _set_subject("poses", [at_one_place])
     loops = check_loops(evidence, judgement)
     if loops:
-        return [*loops, *check_drift(evidence), *check_scale(evidence)]
-    return [_name_bad_pairs(evidence, judgement)] if judgement.confirmed else []
+        return _set_subject("poses", [*loops, *check_drift(evidence), *check_scale(evidence)])
+    bad = [_name_bad_pairs(evidence, judgement)] if judgement.confirmed else []
+    return _set_subject("poses", bad)
 
 
 def _name_bad_pairs(evidence: Evidence, judgement: Judgement) -> Finding:
@@ -212,9 +224,10 @@ def check_closely(evidence: Evidence) -> list[Finding]:
     """
     found = _find_bad_pairs(evidence, evidence.rate_pairs())
     if not found and len(evidence.pairs) >= _FEWEST_FOR_LENS:
-        found = name_other_model(evidence)
-    found = found or check_drift(evidence)
+        found = _set_subject("lens", name_other_model(evidence))
+    found = found or _set_subject("poses", check_drift(evidence))
     if found:
         return found
     fit = fit_lens(evidence.scene.cameras, evidence.matches, evidence.table.select_poses())
-    return [*check_half_pixel(evidence, fit), *check_scale(evidence)]
+    half = _set_subject("lens", check_half_pixel(evidence, fit))
+    return [*half, *_set_subject("poses", check_scale(evidence))]

@@ -47,13 +47,16 @@ def add_force(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def check_first(scene: Any, force: bool, quiet: bool = False, matches: Any = None) -> None:
+def check_first(scene: Any, force: bool, quiet: bool = False, matches: Any = None) -> list[Any]:
     """Runs the doctor's quick checks and prints what will make the result worse.
 
     Args:
         scene: that is looked at.
         force: go on although the data contradict themselves. quiet: only errors.
         matches: of `gsut.check.match_neighbours`, where they are known already.
+
+    Returns:
+        The findings.
 
     Raises:
         InputError: the data contradict themselves, without --force.
@@ -65,6 +68,7 @@ def check_first(scene: Any, force: bool, quiet: bool = False, matches: Any = Non
         if not quiet and finding.severity != "info":
             print(f"gsut: {finding}", file=sys.stderr)
     stop_at_errors(findings, force)
+    return findings
 
 
 def add_capture(parser: argparse.ArgumentParser) -> None:

@@ -31,7 +31,7 @@ DESCRIPTION = (
     "Makes a mesh of a trained scene: each training view's depth is rendered through its own lens, "
     "kept where neighbouring views agree, and fused into a distance field whose surface is written "
     "with colours and normals, in the dataset's coordinates. Memory: 20 bytes a pixel of all depth "
-    "maps (30 with --set refine=true) and 2.3 kB a block of 8 x 8 x 8 voxels near the surface, "
+    "maps (40 with --set refine=true) and 2.3 kB a block of 8 x 8 x 8 voxels near the surface, "
     "2.3 GB at most. To a .npy goes a dense grid instead: each voxel's distance to the surface, "
     "negative behind it, NaN where no view says anything; FILE.json beside it says where the "
     "voxels are."
@@ -99,7 +99,8 @@ def _add_rare(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     add_rare_option(
         parser, "refine", bool, False,
-        help="move each depth to where windows of the photographs correlate best [default false]",
+        help="move each depth to where windows of the photographs correlate best, and again from "
+        "the mesh that these give [default false]",
     )  # fmt: skip
     add_rare_option(
         parser, "support", Number(0, 8, whole=True), 2, metavar="N",

@@ -7,6 +7,7 @@ import concurrent.futures
 import dataclasses
 import importlib
 import sys
+from collections.abc import Sequence
 from typing import Any
 
 from gsut._core import InputError
@@ -142,7 +143,8 @@ def train_into(
         for note in filter(None, (*scene.notes, describe_resizing(scene, options), colors)):
             print(f"gsut: note: {note}", file=sys.stderr)
     if not (resume and run.has_run()):
-        check_first(scene, force, quiet, _match_neighbours(scene))
+        findings = check_first(scene, force, quiet, _match_neighbours(scene))
+        keep_accusation(run, findings)
     elif run.is_finished() and not quiet:
         print(f"gsut: note: {run.path} is finished; nothing in it changes", file=sys.stderr)
     try:
@@ -168,6 +170,14 @@ def train_into(
         scene_kept = f"{interrupt}; " if str(interrupt) else scene_kept
         raise KeyboardInterrupt(f"interrupted; {scene_kept}to {how}, run: {again}") from None
     return run.read_json(RunFile.METRICS)
+
+
+def keep_accusation(run: RunFolder, findings: Sequence[Any]) -> None:
+    """Writes check.json: the first finding against poses or lens, if all are against one."""
+    against = [each for each in findings if each.subject]
+    (run.path / RunFile.CHECK).unlink(missing_ok=True)
+    if len({each.subject for each in against}) == 1:
+        run.write_json(RunFile.CHECK, dataclasses.asdict(against[0]))
 
 
 def _match_neighbours(scene: Any) -> Any:

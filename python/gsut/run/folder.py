@@ -46,6 +46,7 @@ class RunFile:
     BLOCKS = "blocks"  # states of a training in blocks, its plan and layout
     PLAN = f"{BLOCKS}/plan.json"  # how it is divided, with its TrainOptions as they were given
     RENDERS = "renders"  # pictures of the held-out views
+    CHECK = "check.json"  # what the check of the data says is wrong: the poses or the lens
     CONFIDENCE = "confidence.npz"  # how sure renders are, if gsut render --confidence measured it
 
 
@@ -61,6 +62,7 @@ _OF_PLAN = ("blocks", "rounds", "version", "isa", "options")
 _SHAPES = {
     RunFile.ENVIRONMENT: ENVIRONMENT_SHAPE,
     RunFile.METRICS: METRICS_SHAPE,
+    RunFile.CHECK: {"subject": frozenset({"poses", "lens"}), "what": str, "advice": str},
     "scene.json": SCENE_SHAPE,
 }
 

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from gsut._core import CameraMotion, InputError
+from gsut._core import InputError
 from gsut.data.scene import MILLIMETRE, read_depth
 from gsut.render import compute_field_angles, render, render_surface, to_uint8
 from gsut.surface.extract import MeshOptions, OnProgress, extract_mesh, ignore_progress
 from gsut.surface.mesh import Mesh
 from gsut.surface.mesh_files import load_mesh
-from gsut.surface.rays import cast_world_rays
+from gsut.surface.rays import cast_onto
 from gsut.surface.report import SurfaceView
 from gsut.surface.worth import build_tree, judge_depth, judge_mesh
 
@@ -69,7 +69,7 @@ def judge_geometry(
             true = (
                 _read_depth(scene, index, truth, depth_unit)
                 if tree is None
-                else cast_depth(tree, scene.camera(index), scene.views[index].motion)
+                else cast_onto(tree, scene.camera(index), scene.views[index].motion)[0]
             )
             if true is not None:
                 rows.append((index, np.where(scene.mask(index), true, np.nan)))
@@ -113,13 +113,6 @@ def _judge_views(
         columns["angle"].append(np.degrees(compute_field_angles(camera)).ravel())
     joined = {name: np.concatenate(parts)[None] for name, parts in columns.items()}
     return {kind: judge_depth(joined[kind], joined["truth"], joined["angle"]) for kind in KINDS}
-
-
-def cast_depth(tree: Any, camera: Any, motion: np.ndarray | CameraMotion) -> np.ndarray:
-    """Casts a view's rays onto the triangles of a tree: distances (H, W), NaN without a hit."""
-    origins, world = cast_world_rays(camera, motion)
-    flat = np.ascontiguousarray(origins.reshape(-1, 3)), np.ascontiguousarray(world.reshape(-1, 3))
-    return tree.cast(*flat)[0].reshape(world.shape[:2])
 
 
 def _read_depth(scene: Any, index: int, folder: Path | None, unit: float) -> np.ndarray | None:

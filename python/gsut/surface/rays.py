@@ -33,3 +33,17 @@ def cast_world_rays(
         origins[where] = (camera.origins()[where] - shift) @ rotation
         world[where] = rays[where] @ rotation
     return origins, world
+
+
+def cast_onto(
+    tree: Any, camera: Any, motion: np.ndarray | CameraMotion
+) -> tuple[np.ndarray, np.ndarray]:
+    """Casts a view's rays onto the triangles of a tree.
+
+    Returns:
+        Distances (H, W), NaN without a hit, and the numbers of the triangles, then -1.
+    """
+    origins, world = cast_world_rays(camera, motion)
+    flat = np.ascontiguousarray(origins.reshape(-1, 3)), np.ascontiguousarray(world.reshape(-1, 3))
+    distances, faces = tree.cast(*flat)
+    return distances.reshape(world.shape[:2]), faces.reshape(world.shape[:2])

@@ -188,6 +188,16 @@ def test_surfaces_measure_stereo_by_ring(tmp_path):
     assert 0 < row["off_0"] < 20 and 10 < row["known_0"] < 100
 
 
+def test_surfaces_measure_meshes_with_and_without_refine(hall, monkeypatch):
+    monkeypatch.setattr("gsut.surface.worth._SAMPLES", 2000)
+    options = {"steps": 60, "seeds": (0,), "lenses": ("fisheye",)}
+    (row,) = run_bench("surfaces", hall, only="plain", **options).values()
+    assert 0 < row["median"] < 50 and row["psnr"] > 10
+    for prefix in ("", "refined_"):
+        assert 0 < row[f"{prefix}f1"] < row[f"{prefix}f2"] < row[f"{prefix}f5"] < 1
+        assert 0.3 < row[f"{prefix}normals"] < 1 and row[f"{prefix}mesh_seconds"] > 0
+
+
 def test_light_is_compared_with_the_truth(hall):
     options = {"steps": 20, "max_gaussians": 200, "views": 8, "size": 48}
     rows = run_bench("light", hall, only="falloff + noise", **options)

@@ -1,11 +1,14 @@
 """The verdict of a training names what is wrong and the next command."""
 
 import argparse
+import dataclasses
 import shlex
 
 import pytest
 
-from gsut.run import BlockOptions, TrainOptions, Verdict
+from gsut.check import Finding
+from gsut.cli.train import keep_accusation
+from gsut.run import BlockOptions, RunFile, RunFolder, TrainOptions, Verdict
 from gsut.run.options import add_option_flags, collect_given
 from gsut.run.verdicts import judge_training
 
@@ -52,6 +55,32 @@ def test_verdict_of_a_training(changes, level, reason, advice):
     assert Verdict.from_dict(verdict.as_dict()) == verdict
     if changes.get("psnr", 30.0) is not None:
         assert "% of the detail is right" in verdict.what
+
+
+@pytest.mark.parametrize(
+    ("subject", "are", "advice"),
+    [("lens", "lens is", "mend it; then gsut train data -o run-2 --preset best"),
+     ("poses", "poses are", "gsut doctor data, then gsut train data -o run-2 --preset best "
+      "--refine-poses")],
+)  # fmt: skip
+@pytest.mark.parametrize("changes", [{"detail_shifted_median": 0.7}, {"steps": 1}])
+def test_verdict_names_what_the_check_before_accuses(subject, are, advice, changes):
+    accused = {"subject": subject, "what": "matches fit others", "advice": "mend it"}
+    options = TrainOptions(preset="best")
+    verdict = judge_training(GOOD | SOFT | changes, "data", "run", options, (), accused)
+    assert f"the {are} wrong: matches fit others" in verdict.reasons[0]
+    assert verdict.advice == advice
+    few = judge_training(GOOD | SOFT, "data", "run", accused=accused)
+    assert "steps and Gaussians are few" in few.reasons[0]
+
+
+def test_run_keeps_what_the_check_accuses_if_that_is_one_thing(tmp_path):
+    run = RunFolder(tmp_path)
+    lens, poses = (Finding("warning", "data", "w", "a", each) for each in ("lens", "poses"))
+    keep_accusation(run, [Finding("info", "data", "w"), lens, lens])
+    assert run.read_json(RunFile.CHECK) == dataclasses.asdict(lens)
+    keep_accusation(run, [lens, poses])
+    assert run.read_json(RunFile.CHECK) is None
 
 
 def test_verdict_states_the_share_that_no_training_view_saw_where_there_is_one():

@@ -9,7 +9,7 @@ import tolerances
 from gsut import Shutter, _core
 from gsut.sfm.photographs.options import PosesOptions
 from gsut.sfm.shutter.readout import estimate_rates, estimate_readout_by_flow
-from gsut.sfm.shutter.video import find_video_shutter
+from gsut.sfm.shutter.video import find_shutter, find_video_shutter
 from gsut.sfm.solution import measure_line_times
 from gsut.sfm.solution.solver import solve_poses
 from gsut.sfm.world.comparison import compare_poses
@@ -49,10 +49,13 @@ class Walk:
         ]
         self.flows = {name: flow_of(self.scene, i) for i, name in enumerate(self.names)}
 
-    def find(self, flows=None):
-        mapping = self.scene.mapping(PosesOptions(), pairs=self.pairs, solution=self.still)
+    def map(self, options, flows=None):
+        mapping = self.scene.mapping(options, pairs=self.pairs, solution=self.still)
         photographs = dataclasses.replace(mapping.photographs, flows=flows or self.flows)
-        return find_video_shutter(dataclasses.replace(mapping, photographs=photographs))
+        return dataclasses.replace(mapping, photographs=photographs)
+
+    def find(self, flows=None):
+        return find_video_shutter(self.map(PosesOptions(), flows))
 
 
 @pytest.fixture(scope="module")
@@ -86,6 +89,17 @@ def test_errors_of_the_flow_shorten_the_time_by_the_reliability(rolling):
     assert noisy.sigma > exact.sigma
 
 
+def test_readout_time_by_a_window_is_that_by_all_images(rolling, monkeypatch):
+    shutters = [Shutter("top_to_bottom")] * IMAGES
+    lines = measure_line_times(rolling.still, shutters)
+    given = (rolling.still, *estimate_rates(rolling.still, rolling.flows), lines, None, 1.5)
+    whole = estimate_readout_by_flow(*given)
+    monkeypatch.setattr("gsut.sfm.shutter.readout._MOST_IMAGES", 4)
+    window = estimate_readout_by_flow(*given)
+    assert window.time == pytest.approx(whole.time, rel=tolerances.ONE_WINDOW - 1)
+    assert window.sigma == pytest.approx(whole.sigma, rel=tolerances.ONE_WINDOW - 1)
+
+
 def test_rolling_video_is_found_with_its_readout_time_and_better_poses(rolling):
     found = rolling.find()
     assert found.readout is not None and found.is_known
@@ -107,8 +121,22 @@ def test_flow_of_the_other_sign_is_a_shutter_that_reads_backwards(rolling):
     assert found.solution.shutter.direction == "bottom_to_top"
 
 
-def test_global_video_is_left_as_it_is():
-    walk = Walk(None)
-    found = walk.find()
-    assert found.readout is None and found.solution is walk.still
+@pytest.fixture(scope="module")
+def still():
+    return Walk(None)
+
+
+def test_global_video_is_left_as_it_is(still):
+    found = still.find()
+    assert found.readout is None and found.solution is still.still
     assert "not determined" in found.describe()
+
+
+@pytest.mark.parametrize(("film", "doubted"), [("rolling", True), ("still", False)])
+def test_a_rolling_video_that_is_said_to_be_global_is_doubted(film, doubted, request):
+    walk = request.getfixturevalue(film)
+    mapping = walk.map(PosesOptions(shutter="global"))
+    find_shutter(mapping)
+    assert mapping.solved is walk.still and mapping.found.figures["shutter"] == "global"
+    said = ["lines were read top to bottom" in note for note in mapping.log.notes]
+    assert said == [True] * doubted

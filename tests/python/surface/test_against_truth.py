@@ -16,7 +16,7 @@ from gsut.demo.hall import make_hall
 from gsut.demo.hall_mesh import build_hall_mesh
 from gsut.demo.views import make_camera, plan_walk
 from gsut.surface import Mesh, save_mesh
-from gsut.surface.against_truth import cast_depth
+from gsut.surface.rays import cast_onto
 from gsut.surface.worth import build_tree, judge_depth, judge_mesh
 from random_scenes import pinhole
 from surface_scenes import box_depth, edge_counts, lines_of, plane_run
@@ -75,7 +75,7 @@ def test_what_no_view_sees_of_the_truth_does_not_count(tmp_path):
 
 
 @pytest.mark.parametrize("direction", ["global", "top_to_bottom", "left_to_right"])
-def test_cast_depth_equals_the_exact_one(direction):
+def test_cast_distances_are_exact(direction):
     half = np.array([1.0, 0.8, 0.9])
     bits = np.array([[i & 1, i >> 1 & 1, i >> 2 & 1] for i in range(8)]) * 2 - 1
     quads = np.array(
@@ -86,7 +86,7 @@ def test_cast_depth_equals_the_exact_one(direction):
     if direction != "global":
         end = gsut.exp_pose(np.array([0.1, 0.2, -0.1, 0.1, 0.2, 0.3]))
         motion = _core.CameraMotion(motion, end, gsut.Shutter(direction))
-    found = cast_depth(build_tree(Mesh(bits * half, faces)), camera, motion)
+    found = cast_onto(build_tree(Mesh(bits * half, faces)), camera, motion)[0]
     if direction == "left_to_right":  # line 12 is a column
         pose = motion.at((12 + 0.5) / 24)
         origins, rays, _ = lines_of(camera, pose)
@@ -102,7 +102,7 @@ def test_hall_as_a_mesh_is_the_hall_that_is_drawn():
     assert np.all(edge_counts(mesh.faces) == 2)
     camera, pose = make_camera(100), plan_walk(35, 0)[3]
     rays, valid = camera.rays()
-    found = cast_depth(build_tree(mesh), camera, np.linalg.inv(pose))[valid]
+    found = cast_onto(build_tree(mesh), camera, np.linalg.inv(pose))[0][valid]
     error = np.abs(found - measure_distances(hall, pose, rays[valid]))
     assert np.isfinite(found).all()
     # At an edge of a shape one of them may just miss it.
@@ -127,7 +127,7 @@ def test_eval_judges_depth_and_mesh_against_a_mesh_and_files(tmp_path, capsys):
     (tmp_path / "depth").mkdir()
     tree = build_tree(sheet(0.0))
     for index, view in enumerate(scene.views[:4]):
-        true = np.nan_to_num(cast_depth(tree, scene.camera(index), view.motion))
+        true = np.nan_to_num(cast_onto(tree, scene.camera(index), view.motion)[0])
         name = view.name.removeprefix("images/")
         picture = np.round(true * 1000).astype(np.uint16)
         assert cv2.imwrite(str(tmp_path / "depth" / name), picture)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from gsut.run.options import PRESETS, TrainOptions
@@ -41,6 +41,7 @@ def judge_training(
     run: str,
     options: TrainOptions | None = None,
     division: Sequence[str] = (),
+    accused: Mapping[str, str] | None = None,
 ) -> Verdict:
     """Judges a training by how much of the detail of its held-out views is right.
 
@@ -51,12 +52,14 @@ def judge_training(
         data, run: the dataset's and the run's path, for the next command.
         options: that the run was made with, which the next command keeps; None: the defaults.
         division: words of the command line that divided it into blocks.
+        accused: what the check before the training says is wrong: subject, "poses" or "lens",
+            what and advice; None: nothing.
     """
     psnr = metrics.get("psnr")
     if psnr is None:
         return Verdict("usable", "no view was held out, so nothing was measured")
     repeat = _NextCommand(data, f"{run}-2", options or TrainOptions(), division)
-    fault = _find_fault(metrics, repeat)
+    fault = _find_fault(metrics, repeat, accused)
     reasons = [] if fault is None else [fault.what]
     moving = metrics.get("moving_train", 0.0)
     if moving >= _MOVING:
@@ -100,7 +103,9 @@ def _name_level(detail: float) -> str:
     return "good" if detail >= GOOD else "usable" if detail >= POOR else "poor"
 
 
-def _find_fault(metrics: dict[str, Any], repeat: _NextCommand) -> Fault | None:
+def _find_fault(
+    metrics: dict[str, Any], repeat: _NextCommand, accused: Mapping[str, str] | None
+) -> Fault | None:
     """Finds what keeps a training from being good; None if it is.
 
     Where a shift of the whole picture brings detail back, poses or the lens are wrong. Else the
@@ -111,14 +116,14 @@ def _find_fault(metrics: dict[str, Any], repeat: _NextCommand) -> Fault | None:
     detail, train = metrics["detail_median"], metrics.get("detail_train")
     if detail >= GOOD:
         return None
-    mend_poses = f"{format_command(['gsut', 'doctor', repeat.data])}, then {repeat.with_poses()}"
+    wrong, mend = _describe_accused(repeat, accused)
     shifted = metrics.get("detail_shifted_median", detail)
     if shifted > detail + _SHIFT_GAIN:
         return Fault(
             1,
             f"renders stand beside their photographs (shifted, {100 * shifted:.0f} % of the detail "
-            "is right): poses or the lens are wrong",
-            mend_poses,
+            f"is right): {wrong or 'poses or the lens are wrong'}",
+            mend,
         )
     if train is None:
         return Fault(1, "steps and Gaussians are few", repeat.make_longer())
@@ -139,9 +144,19 @@ def _find_fault(metrics: dict[str, Any], repeat: _NextCommand) -> Fault | None:
     soft = f"training views are soft, too ({100 * train:.0f} % of their detail)"
     if repeat.is_short:
         return Fault(1, f"{soft}: steps and Gaussians are few", repeat.make_longer())
-    return Fault(
-        1, f"{soft}, after many steps: that looks like wrong poses or a wrong lens", mend_poses
-    )
+    looks = wrong or "that looks like wrong poses or a wrong lens"
+    return Fault(1, f"{soft}, after many steps: {looks}", mend)
+
+
+def _describe_accused(repeat: _NextCommand, accused: Mapping[str, str] | None) -> tuple[str, str]:
+    """Returns which of poses and lens the check named, "" for none, and what to do about both."""
+    advice = f"{format_command(['gsut', 'doctor', repeat.data])}, then {repeat.with_poses()}"
+    if accused is None:
+        return "", advice
+    if accused["subject"] == "poses":
+        return f"the poses are wrong: {accused['what']}", advice
+    mend = f"{accused['advice']}; then {repeat.as_it_was()}"
+    return f"the lens is wrong: {accused['what']}", mend
 
 
 @dataclasses.dataclass(frozen=True)
@@ -155,6 +170,9 @@ class _NextCommand:
 
     def with_poses(self) -> str:
         return self._write(["--refine-poses"], "refine_poses")
+
+    def as_it_was(self) -> str:
+        return self._write([])
 
     @property
     def is_short(self) -> bool:

@@ -105,6 +105,7 @@ def find_shutter(mapping: Mapping) -> None:
         }
     elif solution.shutter is None:
         figures["shutter"] = "global"
+        _note_readout(mapping)
     else:
         time = estimate_readout_time(mapping.photographs.names, solution)
         figures["shutter"] = solution.shutter.direction
@@ -113,6 +114,21 @@ def find_shutter(mapping: Mapping) -> None:
             "estimated": time.time if time else None,
             "explained": time.explained if time else None,
         }
+
+
+def _note_readout(mapping: Mapping) -> None:
+    """Notes that residuals speak for a rolling shutter of a video that was said to have none."""
+    solution, flows = mapping.solved, mapping.photographs.flows
+    if not flows or len(set(solution.cameras)) > 1:
+        return
+    order = find_line_order(mapping, estimate_rates(solution, flows), mapping.one_lens_free)
+    if order is not None:
+        way = order.shutter.direction.replace("_", " ")
+        mapping.log.note(
+            f"the frames look as if lines were read {way}, in {1000 * order.first.time:.0f} ms or "
+            f"more, though --shutter global was said ({order.first.clearness:.0f} standard "
+            "deviations): leave it out, and the readout time is found"
+        )
 
 
 def find_video_shutter(mapping: Mapping) -> VideoShutter:

@@ -11,7 +11,7 @@ import numpy as np
 
 from gsut._core import Shutter
 from gsut.lens import Camera
-from gsut.sfm.solution.result import FEATURE_VARIANCE
+from gsut.sfm.solution.result import FEATURE_VARIANCE, Solution
 
 # Parameters of the principal point of every lens that is estimated.
 CENTER = (2, 3)
@@ -72,6 +72,13 @@ class ReadoutMotion:
             "shutter": self.shutter.direction, "readout_time": self.readout,
             "image_rates": self.rates.tolist(), "rate_sigma": self.sigma,
         }  # fmt: skip
+
+
+def hold_velocities(solution: Solution) -> ReadoutMotion | None:
+    """Returns the motion that keeps a solution's velocities; None: a global shutter."""
+    if solution.shutter is None or solution.velocities is None:
+        return None
+    return ReadoutMotion(solution.shutter, 1.0, solution.velocities, sigma=0.0, extend=False)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -25,42 +25,51 @@ _MIDDLE = (15.0, 50.0, 85.0)
 _UNSURE = 0.25
 
 
-def refine_maps(
-    scene: Scene,
-    rows: Sequence[int],
-    maps: Sequence[DepthMap],
-    normals: Sequence[np.ndarray],
-    on_view: Callable[[int, int], None],
-) -> list[DepthMap]:
-    """Moves depths along their rays to where the photographs agree; see RefineDepth in the core.
+class DepthRefiner:
+    """Photographs of views and their neighbours, by which depths are moved.
 
     Args:
         scene: the dataset.
         rows: indices of the views.
-        maps: their depths.
-        normals: (H, W, 3) of the surfaces, in the world's axes, of any length.
-        on_view: called with the number of views done and of all.
-
-    Returns:
-        The maps: depths without a clear best distance stay, with a quarter of their weight.
+        maps: their depths, about.
     """
-    scene = scene.replace(train_indices=list(rows), test_indices=[])
-    found = [_look_around(scene, row, m) for row, m in zip(rows, maps, strict=True)]
-    greys = [grey for grey, _ in found]
-    places = {row: place for place, row in enumerate(rows)}
-    views = list_views(maps, np.mean([scene.views[row].camera_center for row in rows], axis=0))
-    refined = []
-    for place, m in enumerate(maps):
-        on_view(place, len(maps))
-        beside = [places[row] for row in found[place][1][:_NEIGHBOURS]]
-        towards = normals[place].astype(np.float32)
-        depth, moved = views.refine(place, beside, greys, towards, m.depth)
-        sure = (moved > 0) | np.isinf(depth)
-        weight = np.ones_like(depth) if m.weight is None else m.weight
-        weight = np.where(sure, weight, np.float32(_UNSURE) * weight)
-        refined.append(dataclasses.replace(m, depth=depth, weight=weight))
-    on_view(len(maps), len(maps))
-    return refined
+
+    def __init__(self, scene: Scene, rows: Sequence[int], maps: Sequence[DepthMap]) -> None:
+        scene = scene.replace(train_indices=list(rows), test_indices=[])
+        found = [_look_around(scene, row, m) for row, m in zip(rows, maps, strict=True)]
+        places = {row: place for place, row in enumerate(rows)}
+        self._greys = [grey for grey, _ in found]
+        self._beside = [[places[row] for row in near[:_NEIGHBOURS]] for _, near in found]
+        self._center = np.mean([scene.views[row].camera_center for row in rows], axis=0)
+
+    def move(
+        self,
+        maps: Sequence[DepthMap],
+        normals: Sequence[np.ndarray],
+        on_view: Callable[[int, int], None],
+    ) -> list[DepthMap]:
+        """Moves depths along rays to where the photographs agree; see RefineDepth in the core.
+
+        Args:
+            maps: of the views.
+            normals: (H, W, 3) of the surfaces, in the world's axes, of any length.
+            on_view: called with the number of views done and of all.
+
+        Returns:
+            The maps: depths without a clear best distance stay, with a quarter of their weight.
+        """
+        views = list_views(maps, self._center)
+        refined = []
+        for place, m in enumerate(maps):
+            on_view(place, len(maps))
+            towards = normals[place].astype(np.float32)
+            depth, moved = views.refine(place, self._beside[place], self._greys, towards, m.depth)
+            sure = (moved > 0) | np.isinf(depth)
+            weight = np.ones_like(depth) if m.weight is None else m.weight
+            weight = np.where(sure, weight, np.float32(_UNSURE) * weight)
+            refined.append(dataclasses.replace(m, depth=depth, weight=weight))
+        on_view(len(maps), len(maps))
+        return refined
 
 
 def _look_around(scene: Scene, row: int, m: DepthMap) -> tuple[np.ndarray, list[int]]:

@@ -176,7 +176,8 @@ def write_findings(
     if refined is not None:
         metrics["notes"] += _list_refinement_notes(metrics)
         write_refined(run, refined)
-    verdict = judge_training(metrics, str(data), str(run.path), options, division)
+    accused = run.read_json(RunFile.CHECK)
+    verdict = judge_training(metrics, str(data), str(run.path), options, division, accused)
     metrics["verdict"] = verdict.as_dict()
     run.write_json("metrics.json", metrics)
     write_report(run)
