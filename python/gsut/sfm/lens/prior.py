@@ -19,9 +19,9 @@ from gsut.sfm.matches import keep_most_distinct
 from gsut.sfm.solution import (
     Adjustment,
     OnStep,
+    ReadoutMotion,
     Solution,
     adjust_registered,
-    hold_velocities,
 )
 
 # Standard deviation of the logarithm of a focal length by --fov, which is a rough field of view,
@@ -224,7 +224,7 @@ def _adjust_some(
     registered = np.isin(np.arange(len(solution.names)), images)
     start = dataclasses.replace(solution, registered=registered)
     pairs = keep_most_distinct(mapping.pairs, matches)
-    motion = hold_velocities(solution)
+    motion = ReadoutMotion.hold(solution)
     adjustment = Adjustment(flags, lens_settled=True, motion=motion, covariances=False)
     try:
         return adjust_registered(

@@ -8,7 +8,6 @@ from gsut.sfm.solution.adjustment import (
     ReadoutMotion,
     RigConstraint,
     StatedPlaces,
-    hold_velocities,
     index_lenses,
 )
 from gsut.sfm.solution.look_alikes import LookAlikes, find_look_alikes, separate_look_alikes
@@ -54,7 +53,6 @@ __all__ = [
     "find_further_models",
     "find_look_alikes",
     "gather_pixels",
-    "hold_velocities",
     "index_lenses",
     "list_extension_settings",
     "measure_agreement",

@@ -73,12 +73,12 @@ class ReadoutMotion:
             "image_rates": self.rates.tolist(), "rate_sigma": self.sigma,
         }  # fmt: skip
 
-
-def hold_velocities(solution: Solution) -> ReadoutMotion | None:
-    """Returns the motion that keeps a solution's velocities; None: a global shutter."""
-    if solution.shutter is None or solution.velocities is None:
-        return None
-    return ReadoutMotion(solution.shutter, 1.0, solution.velocities, sigma=0.0, extend=False)
+    @classmethod
+    def hold(cls, solution: Solution) -> ReadoutMotion | None:
+        """Returns the motion that keeps a solution's velocities; None: a global shutter."""
+        if solution.shutter is None or solution.velocities is None:
+            return None
+        return cls(solution.shutter, 1.0, solution.velocities, sigma=0.0, extend=False)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -17,9 +17,9 @@ from gsut.sfm.photographs import PosesOptions
 from gsut.sfm.points import measure_pixels_per_radian
 from gsut.sfm.solution import (
     Adjustment,
+    ReadoutMotion,
     Solution,
     adjust_registered,
-    hold_velocities,
     measure_rotation_angles,
     transform_to_cameras,
 )
@@ -43,7 +43,7 @@ def compare_halves(mapping: Mapping) -> None:
     solution, options = mapping.solved, mapping.options
     if mapping.rig is not None or not len(solution.points):
         return
-    motion, fewer = hold_velocities(solution), allow_halves(options)
+    motion, fewer = ReadoutMotion.hold(solution), allow_halves(options)
     try:
         one, other = (
             adjust_registered(
