@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from gsut._core import SolveError
+from gsut.run.verdicts import has_bent
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.solution import (
     Adjustment,
@@ -37,7 +38,8 @@ def try_other_starts(mapping: Mapping) -> None:
 
     A structure that grows image by image may take a wrong turn that no adjustment undoes, and most
     points fit nevertheless: of the two ways to see a plane the wrong one, or velocities of a
-    rolling shutter that bend the scene. A structure of half of the points seldom takes the same.
+    rolling shutter that bend the scene: where images turn as no camera does, any other start is
+    better. A structure of half of the points seldom takes the same turn.
     Poses found through a known lens are adjusted once more in any case, from a loose limit on:
     more of the matches then agree with them. Does nothing for a rig, where the readout time is
     given, or without points.
@@ -49,13 +51,15 @@ def try_other_starts(mapping: Mapping) -> None:
     if mapping.rig is not None or mapping.options.readout_time or not len(solution.points):
         return
     best, most = solution, _count_agreeing(mapping, solution)
+    if has_bent(solution.readout_turn, measure_agreement(solution, mapping.pairs).share):
+        most = 0
     still = dataclasses.replace(solution, shutter=None, velocities=None)
     if is_rolling or mapping.lens_free is None:
         found = _adjust(mapping, still, None)
         agreeing = 0 if found is None else _count_agreeing(mapping, found)
         if found is not None and agreeing > most * (1 - _WORTH if is_rolling else 1):
             best, most = found, agreeing
-        elif is_rolling:
+        elif is_rolling and most > 0:
             return  # velocities are needed, and structures without them say nothing
     for start in _find_others(mapping, still):
         found = _adjust(mapping, start, None)
