@@ -41,14 +41,15 @@ def try_other_starts(mapping: Mapping) -> None:
     rolling shutter that bend the scene: where images turn as no camera does, any other start is
     better. A structure of half of the points seldom takes the same turn.
     Poses found through a known lens are adjusted once more in any case, from a loose limit on:
-    more of the matches then agree with them. Does nothing for a rig, where the readout time is
-    given, or without points.
+    more of the matches then agree with them. Does nothing for a rig, for a film, whose shutter is
+    found later, where the readout time is given, or without points.
 
     Sets the mapping's solution.
     """
     solution = mapping.solved
     is_rolling = solution.shutter is not None
-    if mapping.rig is not None or mapping.options.readout_time or not len(solution.points):
+    is_timed = bool(mapping.photographs.flows) or mapping.options.readout_time is not None
+    if mapping.rig is not None or is_timed or not len(solution.points):
         return
     best, most = solution, _count_agreeing(mapping, solution)
     if has_bent(solution.readout_turn, measure_agreement(solution, mapping.pairs).share):
