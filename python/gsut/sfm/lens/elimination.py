@@ -15,7 +15,7 @@ _WINDOW = 150  # images, about
 # Points that an image must share with a window to join it: fewer do not hold its pose.
 _LEAST_SHARED = 20
 _CHUNK = 2000  # points whose pairs of observations are summed at once, to bound memory
-_WINDOW_CHUNK = 64  # the same of a window: the images that see any of them count for each
+_WINDOW_CHUNK = 500  # the same of a window: the images that see any of them count for each
 # A direction of a point whose square counts less than this share is open: parallax below 1e-6 rad.
 _OPEN = 1e-12
 _WEAK = 1e-10  # square of a pivot of the scaled equations below which a window holds no poses
