@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 
-def convert_to_normal(ratio: np.ndarray | float, freedom: np.ndarray | float) -> np.ndarray:
+def convert_to_normal(ratio: np.ndarray | float, freedom: int) -> np.ndarray:
     """Converts Student's t to standard deviations of a normal law that are as rare.
 
     Few samples underestimate a spread by chance, so that a large ratio is less rare (Wallace,

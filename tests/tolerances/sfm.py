@@ -17,6 +17,7 @@ SFM_SPONZA_ATE_PERCENT = 0.04  # of their extent; worst 0.021
 SFM_ROLLING_DEGREES = 0.12
 SFM_ROLLING_ATE_PERCENT = 0.012
 SCHUR_DENSE = 5e-12  # of sums of some hundred; least squares in another order; worst 2.8e-12
+ONE_WINDOW = 1 + 1e-9  # sigma by one window over that of all images; worst 1 + 4e-13
 SFM_READOUT_TIME = 0.0015  # of the time between frames; worst 7.6e-4
 SFM_RATE_DEGREES = 1.0  # a second, of 9: rates of frames from the flow
 SFM_EARTH_METRES = 0.2  # beside 1.2 of the noise of GPS; worst 0.15

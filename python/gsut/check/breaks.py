@@ -24,8 +24,6 @@ _LEAST_DRIFT = 0.05  # logarithm of the change of scale along the path that dese
 _LEAST_SIGMA = 0.3  # of the median sigma: a change by few features may have a small one by chance
 _NORMAL = 1.4826  # standard deviation of a normal law over the median of its absolute values
 _MEDIAN_NOISE = 1.2533  # standard deviation of a median over that of a mean
-# Degrees of freedom of a standard deviation by the median absolute value, over those by squares.
-_MEDIAN_FREEDOM = 0.37
 
 Spans = list[tuple[int, int]]  # first and last place of pairs on a path
 
@@ -162,14 +160,14 @@ class _Triple:
         gap: frames between the middles of both steps.
         change: logarithm of the change of scale.
         sigma: its standard deviation by the features' spread.
-        freedom: its degrees of freedom.
+        freedom: features, but for one: degrees of freedom of sigma.
     """
 
     views: tuple[int, int, int]
     gap: int
     change: float
     sigma: float
-    freedom: float
+    freedom: int
 
 
 def check_scale(evidence: Evidence) -> list[Finding]:
@@ -193,13 +191,12 @@ def check_scale(evidence: Evidence) -> list[Finding]:
     longest = max(groups, key=len)
     frames = len(longest)
     names = [view.name for view in evidence.scene.views]
-    off = convert_to_normal(off, np.array([each.freedom for each in triples]))
     worst = int(np.argmax(off))
     others = np.delete(off, worst)
     usual = max(1.0, float(np.sqrt(np.mean(others**2))))
     found = []
     if (
-        convert_to_normal(off[worst] / usual, len(rates) - 2) > _SIGMAS
+        convert_to_normal(off[worst] / usual, min(len(rates) - 2, triples[worst].freedom)) > _SIGMAS
         and abs(triples[worst].change) > 2 * _LEAST_DRIFT
     ):
         a, _, b = triples[worst].views
@@ -281,7 +278,7 @@ def triangulate_distances(rays: np.ndarray, poses: np.ndarray) -> tuple[np.ndarr
     return np.array(across), sine
 
 
-def _compare_distances(before: dict, after: dict) -> tuple[float, float, float] | None:
+def _compare_distances(before: dict, after: dict) -> tuple[float, float, int] | None:
     """Returns the median logarithm of the ratio of distances of shared features.
 
     And its standard deviation, with the degrees of freedom of that.
@@ -292,5 +289,4 @@ def _compare_distances(before: dict, after: dict) -> tuple[float, float, float] 
     ratios = np.log([after[pixel] / before[pixel] for pixel in sorted(shared)])
     middle = float(np.median(ratios))
     spread = _NORMAL * float(np.median(np.abs(ratios - middle)))
-    sigma = _MEDIAN_NOISE * spread / np.sqrt(len(ratios))
-    return middle, sigma, _MEDIAN_FREEDOM * (len(ratios) - 1)
+    return middle, _MEDIAN_NOISE * spread / np.sqrt(len(ratios)), len(ratios) - 1

@@ -2,12 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from gsut.check.epipolar import find_rays
+from gsut.check.epipolar import find_rays, rate_pairs
 from gsut.check.evidence import Evidence
 from gsut.check.findings import Finding
-from gsut.check.lens_fit import LEAST_EFFECT, LensFit, count_sigmas, find_principal_point, fit_lens
+from gsut.check.lens_fit import (
+    LEAST_EFFECT,
+    LensFit,
+    count_sigmas,
+    find_line_rays,
+    find_principal_point,
+    fit_lens,
+    measure_line_errors,
+)
 from gsut.check.lenses import is_free_of_distortion, list_other_models
 from gsut.lens import Camera
 
@@ -105,11 +115,12 @@ def name_other_model(evidence: Evidence, is_wrong: bool = False) -> list[Finding
         evidence: of the photographs.
         is_wrong: the given lens is known to be wrong: another one need not be preferred by far.
     """
-    cameras, given = evidence.scene.cameras, evidence.rate_pairs()
+    cameras = evidence.scene.cameras
+    given = _rate_pairs(evidence, cameras)
     used = evidence.select(slice(None, None, 1 + len(evidence.matches) // _MOST_MATCHES))
     best, fewest = None, given
     for lens in list_other_models(cameras):
-        costs = evidence.rate_pairs(cameras=lens.cameras)
+        costs = _rate_pairs(evidence, lens.cameras)
         if costs.mean() >= fewest.mean() or not (is_wrong or _is_preferred(given - costs)):
             continue
         rays = find_rays(lens.cameras, used.matches)
@@ -121,6 +132,16 @@ def name_other_model(evidence: Evidence, is_wrong: bool = False) -> list[Finding
         return []
     what = f"the photographs fit better {best.name}"
     return [evidence.make_finding("warning", what, best.advice)]
+
+
+def _rate_pairs(evidence: Evidence, cameras: Sequence[Camera]) -> np.ndarray:
+    """Returns the cost of each pair (P,), from 0 to 1, through these lenses.
+
+    By pixels: angles become smaller through a longer lens, and fit no better for it.
+    """
+    rays = find_line_rays(cameras, evidence.matches)
+    errors = measure_line_errors(rays, evidence.table.select_poses())
+    return rate_pairs(np.abs(errors), evidence.matches, 1.0)
 
 
 def _is_preferred(gains: np.ndarray) -> bool:

@@ -21,8 +21,8 @@ _KNOWN = 0.25
 _TINY = 1e-12  # keeps quotients finite
 _STEP_PX = 0.01  # of differences between rays: small beside a pixel, large beside rounding
 _FEWEST = 40  # matches to which numbers are fitted
-# Root mean square change of the errors by what is fitted, in units of their spread, below which
-# errors that neighbouring features have in common may explain it.
+# Error that what is fitted takes away, in units of the spread that it leaves, below which errors
+# that neighbouring features have in common may explain it.
 LEAST_EFFECT = 0.3
 # Of the four numbers of a lens, see `LensFit.values`.
 _STEPS = np.array([1e-3, 0.1, 0.1, 1e-3])  # of the differences that give derivatives
@@ -158,8 +158,8 @@ def fit_numbers(
         start: (N,) first numbers.
 
     Returns:
-        The numbers (N,), their covariance (N, N) by the jackknife over views, and their effect: by
-        how much they change the errors (root mean square), in units of the errors' spread.
+        The numbers (N,), their covariance (N, N) by the jackknife over views, and their effect: the
+        error that they take away, in units of the spread that they leave.
     """
     x, covariance = np.zeros(len(steps)) + start, np.full((len(steps), len(steps)), np.inf)
     for _ in range(_ITERATIONS):
@@ -187,14 +187,16 @@ def fit_numbers(
 
 
 def _measure_effect(before: np.ndarray, after: np.ndarray) -> float:
-    """Returns the root mean square change of errors in units of their robust spread."""
+    """Returns the error that is in `before` alone, in units of the spread of `after`.
+
+    By medians: a few wrong matches may bend a lens that a straight path leaves open, and the others
+    fit no better for it.
+    """
     good = np.isfinite(before) & np.isfinite(after)
     if not good.any():
         return 0.0
-    spread = max(_NORMAL * float(np.median(np.abs(after[good]))), _TINY)
-    weight = 1 / (1 + (after[good] / (2 * spread)) ** 2)
-    change = np.average((after[good] - before[good]) ** 2, weights=weight)
-    return float(np.sqrt(change)) / spread
+    first, second = (float(np.median(np.abs(errors[good]))) for errors in (before, after))
+    return float(np.sqrt(max(0.0, (first / max(second, _TINY)) ** 2 - 1)))
 
 
 def _leave_views_out(

@@ -1,11 +1,19 @@
 """The doctor's correction of a lens claims no more than the matches determine."""
 
+import types
+
 import numpy as np
 import pytest
 
 import gsut
 from gsut.check.epipolar import Matches
-from gsut.check.lens_errors import is_of_another_size, is_off
+from gsut.check.lens_errors import (
+    _is_preferred,
+    _rate_pairs,
+    find_lens_errors,
+    is_of_another_size,
+    is_off,
+)
 from gsut.check.lens_fit import fit_lens
 
 LENSES = {
@@ -60,6 +68,33 @@ def test_correction_of_a_lens_three_percent_too_long_is_found(name, rng):
     fit = fit_lens([lens.with_params(params)], matches, poses)
     assert is_off(fit)[0]
     assert abs(fit.values[0] + np.log(1.03)) < 4 * fit.sigmas[0]
+
+
+def make_evidence(lens, matches, poses):
+    scene = types.SimpleNamespace(cameras=[lens])
+    table = types.SimpleNamespace(select_poses=lambda: poses)
+    return types.SimpleNamespace(
+        scene=scene, matches=matches, table=table, make_finding=lambda *words: words
+    )
+
+
+def test_longer_lens_fits_no_better_in_pixels(rng):
+    lens = LENSES["fisheye"]
+    evidence = make_evidence(lens, *make_matches(lens, [0, 0, 0.4], rng))
+    bent = lens.with_params([*lens.params[:4], 0.05, 0, 0, 0])  # angles become smaller outside
+    gains = _rate_pairs(evidence, [lens]) - _rate_pairs(evidence, [bent])
+    assert gains.shape == (VIEWS - 1,)
+    assert not _is_preferred(gains)
+
+
+@pytest.mark.parametrize(("factor", "named"), [(1.03, True), (1.0, False)])
+def test_lens_is_named_where_pairs_prefer_another(factor, named, rng):
+    lens = LENSES["pinhole"]
+    matches, poses = make_matches(lens, [0.3, 0.2, 0.2], rng, turn=0.1)
+    given = lens.with_params(np.array(lens.params) * [factor, factor, 1, 1])
+    evidence, fit = make_evidence(given, matches, poses), fit_lens([given], matches, poses)
+    said = [what for _, what, _ in find_lens_errors(evidence, fit)]
+    assert ["a focal length times 0.9" in what for what in said] == [True] * named
 
 
 @pytest.mark.parametrize(("factors", "same"), [([1.04] * 4, True), ([1.04, 1.04, 1, 1], False)])

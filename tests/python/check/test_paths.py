@@ -1,12 +1,15 @@
 """Errors along a path are named: breaks, scales that change, open loops, lines taken for one."""
 
+import types
+
 import cv2
 import numpy as np
 import pytest
 
 import gsut
 import tolerances
-from gsut.check.breaks import _find_break, check_scale
+from gsut.check import breaks
+from gsut.check.breaks import _find_break, _Triple, check_scale
 from gsut.check.drift import check_drift
 from gsut.check.evidence import gather_evidence
 from gsut.check.far_poses import check_far_pose
@@ -223,3 +226,18 @@ def make_smooth(times):
         pose[:] = gsut.exp_pose([0, 0, 0, 0, 0.2 * time, 0])
         pose[:3, 3] = [0.3 * time, 0.2 * np.sin(time / 2), 0.1 * time]
     return poses
+
+
+@pytest.mark.parametrize(("freedom", "named"), [(6.0, False), (60.0, True)])
+def test_scale_by_few_features_may_change_by_chance(freedom, named, monkeypatch):
+    changes = [*np.random.default_rng(0).normal(0, 0.03, 40), 0.29]
+    triples = [_Triple((k, k + 1, k + 2), 1, change, 0.05, freedom)
+               for k, change in enumerate(changes)]  # fmt: skip
+    monkeypatch.setattr(breaks, "_measure_triples", lambda _: triples)
+    monkeypatch.setattr(breaks, "order_in_time", lambda _: [list(range(43))])
+    views = [types.SimpleNamespace(name=str(number)) for number in range(43)]
+    evidence = types.SimpleNamespace(
+        scene=types.SimpleNamespace(views=views), make_finding=lambda *words: words
+    )
+    said = [what for _, what, _ in check_scale(evidence)]
+    assert ["between 40 and 42" in what for what in said] == [True] * named

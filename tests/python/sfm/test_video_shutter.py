@@ -89,6 +89,17 @@ def test_errors_of_the_flow_shorten_the_time_by_the_reliability(rolling):
     assert noisy.sigma > exact.sigma
 
 
+def test_readout_time_by_a_window_is_that_by_all_images(rolling, monkeypatch):
+    shutters = [Shutter("top_to_bottom")] * IMAGES
+    lines = measure_line_times(rolling.still, shutters)
+    given = (rolling.still, *estimate_rates(rolling.still, rolling.flows), lines, None, 1.5)
+    whole = estimate_readout_by_flow(*given)
+    monkeypatch.setattr("gsut.sfm.shutter.readout._MOST_IMAGES", 4)
+    window = estimate_readout_by_flow(*given)
+    assert window.time == pytest.approx(whole.time, rel=tolerances.ONE_WINDOW - 1)
+    assert window.sigma == pytest.approx(whole.sigma, rel=tolerances.ONE_WINDOW - 1)
+
+
 def test_rolling_video_is_found_with_its_readout_time_and_better_poses(rolling):
     found = rolling.find()
     assert found.readout is not None and found.is_known

@@ -5,12 +5,12 @@ from gsut.sfm.lens.candidates import guess_lenses
 from gsut.sfm.lens.center import free_center
 from gsut.sfm.lens.covariance import (
     differentiate_by_turn,
-    eliminate_points,
     estimate_residual_spread,
     spread_free_parameters,
 )
 from gsut.sfm.lens.critical_motion import TURNED
 from gsut.sfm.lens.doubt import compare_lens, describe_doubt, judge_lens
+from gsut.sfm.lens.elimination import eliminate_by_windows, eliminate_points
 from gsut.sfm.lens.left_out import register_left_out
 from gsut.sfm.lens.refinement import RefinedLens, refine_lens
 from gsut.sfm.lens.zooms import describe_zooms, find_zooms, index_points
@@ -22,6 +22,7 @@ __all__ = [
     "describe_doubt",
     "describe_zooms",
     "differentiate_by_turn",
+    "eliminate_by_windows",
     "eliminate_points",
     "estimate_residual_spread",
     "find_zooms",

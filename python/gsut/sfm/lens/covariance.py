@@ -4,25 +4,29 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from gsut._core import SolveError
 from gsut.data.poses import find_centers
 from gsut.lens import Camera
-from gsut.sfm.solution import CENTER, CENTER_SIGMA, LensFlags, Solution, index_lenses
+from gsut.sfm.lens.elimination import eliminate_by_windows, eliminate_points
+from gsut.sfm.solution import (
+    CENTER,
+    CENTER_SIGMA,
+    LensFlags,
+    Solution,
+    index_lenses,
+)
 
 # Standard deviations of an image's shift, over the extent of the cameras, and of its turn in
 # radians during a readout: as in the adjustment.
 _VELOCITY_SIGMA = (0.1, 0.2)
 _MEDIAN_SQUARE = 2 * math.log(2)  # of a normal vector's length in the plane, in variances
-# A direction of a point whose square counts less than this share is open: parallax below 1e-6 rad.
-_OPEN = 1e-12
-_CHUNK = 2000  # points whose pairs of observations are summed at once, to bound memory
-_MANY_IMAGES = 100  # beyond which a part of the points is enough
-_MOST_POINTS = 4000  # chosen of many images
+_MOST_POINTS = 6000  # about, that are chosen of more images
 _LEAST_SEEN = 30  # chosen points in every image, or all points count
+_MOST_IMAGES = 100  # at once; of more the information is added up over windows
 
 
 @dataclasses.dataclass(frozen=True)
@@ -101,91 +105,159 @@ def estimate_lens_covariances(
     Raises:
         SolveError: the observations do not determine the lens.
     """
-    lenses = index_lenses(solution.cameras, free)
-    bases = [None if flags is None else spread_free_parameters(flags) for flags in lenses.free]
-    ends = np.cumsum([0 if basis is None else basis.shape[1] for basis in bases])
-    image, point = solution.observations[:, 1], solution.observations[:, 0]
-    poses = solution.camera_from_world
-    rotation = poses[image, :3, :3]
-    p = np.einsum("nij,nj->ni", rotation, solution.points[point]) + poses[image, :3, 3]
-    lens_of = np.array(lenses.of_image)[image]
-    by_p, change = np.zeros((len(p), 2, 3)), np.zeros((len(p), 2, ends[-1]))
-    for number, (camera, basis, end) in enumerate(zip(lenses.cameras, bases, ends, strict=True)):
-        own = lens_of == number
-        by_p[own], by_params = camera.project_jacobian(p[own])
-        if basis is not None:
-            change[own, :, end - basis.shape[1] : end] = by_params @ basis
-    good = np.isfinite(by_p).all(axis=(1, 2)) & np.isfinite(solution.residuals).all(axis=1)
-    some = _choose_points(solution)[point]
-    share = np.count_nonzero(good & some) / np.count_nonzero(good)
-    good &= some
-    image, point, rotation, p = image[good], point[good], rotation[good], p[good]
-    by_p, change, lens_of = by_p[good], change[good], lens_of[good]
-    residual = solution.residuals[good]
-    squared = np.sum(residual**2, axis=1)
-    scale = loss_scale * max(math.sqrt(float(np.median(squared))), 1e-12)
-    weight = np.sqrt(1 / (1 + squared / scale**2))[:, None, None]
-    by_centre = -by_p @ rotation
-    change = weight * change
-    rows = weight * np.concatenate([by_centre, differentiate_by_turn(by_p, p)], axis=2)
-    if solution.shutter is not None:  # a body that moves during the readout: as much by its time
-        rows = np.concatenate(
-            [rows, solution.measure_line_times()[good, None, None] * rows], axis=2
-        )
-    normal, freedom = eliminate_points(image, point, rows, change, -weight * by_centre, len(poses))
-    deviation = math.sqrt(share * float(np.median(squared)) / 2)
-    _add_velocity_priors(normal, solution, deviation, rows.shape[2])
-    weight_of_center = math.sqrt(
-        share * feature_variance * float(np.median(squared)) / _MEDIAN_SQUARE
-    )
-    _add_center_priors(normal, lenses.cameras, bases, weight_of_center / center_sigma)
-    freedom += 2 * len(image)
-    unknown = _find_unknowns(solution, change.shape[2], rows.shape[2])
-    freedom -= len(unknown)
-    small = normal[np.ix_(unknown, unknown)]
-    size = 1 / np.sqrt(np.maximum(np.diag(small), 1e-300))
-    try:
-        inverse = np.linalg.inv(small * np.outer(size, size)) * np.outer(size, size)
-    except np.linalg.LinAlgError:
-        inverse = np.full_like(small, np.nan)
-    lens = np.arange(len(small) - change.shape[2], len(small))
-    if freedom <= 0 or not np.all(np.diag(inverse)[lens] > 0):
+    linear = _Linearization(solution, free, loss_scale)
+    lenses, bases = linear.lenses, linear.bases
+    noise_of_center = math.sqrt(feature_variance * linear.median / _MEDIAN_SQUARE)
+    is_large = solution.num_registered > _MOST_IMAGES
+    inverse, freedom = (_find_by_windows if is_large else _find_by_all)(
+        linear, lambda normal: _add_center_priors(
+            normal, lenses.cameras, bases, noise_of_center / center_sigma
+        ),
+    )  # fmt: skip
+    if freedom <= 0 or not np.all(np.diag(inverse) > 0):
         raise SolveError(
             "these images do not determine the lens: give more of them, from different places and "
             "turned in different directions"
         )
-    noise, variance = estimate_residual_spread(squared, weight[:, 0, 0] ** 2, freedom)
-    variance *= feature_variance * share
-    turn = weight * differentiate_by_turn(by_p, p)
-    found = []
-    for number, (flags, basis, end) in enumerate(zip(lenses.free, bases, ends, strict=True)):
+    noise, variance = estimate_residual_spread(linear.squared, linear.weight[:, 0, 0] ** 2, freedom)
+    variance *= feature_variance
+    turn = linear.weight * differentiate_by_turn(linear.by_p, linear.p)
+    found, end = [], 0
+    for number, (flags, basis) in enumerate(zip(lenses.free, bases, strict=True)):
         if flags is None or basis is None:
             continue
-        size, rows_of = basis.shape[1], lens_of == number
-        own_change = change[rows_of][:, :, end - size : end].reshape(-1, size)
+        place, rows_of = np.arange(end, end + basis.shape[1]), linear.lens_of == number
+        end += len(place)
+        own_change = linear.change[rows_of][:, :, place].reshape(-1, len(place))
         undone = -np.linalg.lstsq(turn[rows_of].reshape(-1, 3), own_change)[0]
-        both = np.concatenate([np.eye(size), undone])
-        place = lens[end - size : end]
+        both = np.concatenate([np.eye(len(place)), undone])
         params = variance * inverse[np.ix_(place, place)]
         turned = both @ params @ both.T
         found.append(LensCovariance(params, np.asarray(flags) > 0, basis, turned, noise))
     return found
 
 
-def _choose_points(solution: Solution) -> np.ndarray:
-    """Chooses (P,) bool points that determine a lens: every n-th one where images are many.
+class _Linearization:
+    """Derivatives of the observations, weighted as Cauchy's loss does, and their residuals.
 
-    A share of the observations determines a lens by as much less.
+    Attributes:
+        lenses, bases: the different lenses, and what turns their free parameters into all.
+        image, point, lens_of: (S,) of the observations that have derivatives.
+        p: (S, 3) their points in the camera.
+        by_p: (S, 2, 3) derivatives by those.
+        change: (S, 2, F) weighted derivatives by the free parameters of all lenses.
+        squared, median: (S,) squared lengths of the residuals, and their median.
+        weight: (S, 1, 1) roots of the weights.
     """
-    count = len(solution.points)
-    step = -(-count // _MOST_POINTS)
-    chosen = np.arange(count) % step == 0 if count else np.ones(0, bool)
-    point, image = solution.observations[:, 0], solution.observations[:, 1]
-    seen = np.bincount(image[chosen[point]], minlength=len(solution.names))
-    is_enough = seen[solution.registered].min() >= _LEAST_SEEN
-    if solution.num_registered <= _MANY_IMAGES or not is_enough:
-        return np.ones(count, bool)
-    return chosen
+
+    def __init__(self, solution: Solution, free: LensFlags, loss_scale: float) -> None:
+        self.solution = solution
+        self.lenses = lenses = index_lenses(solution.cameras, free)
+        self.bases = bases = [None if f is None else spread_free_parameters(f) for f in lenses.free]
+        image, point = solution.observations[:, 1], solution.observations[:, 0]
+        self._poses = poses = solution.camera_from_world
+        p = np.einsum("nij,nj->ni", poses[image, :3, :3], solution.points[point])
+        p += poses[image, :3, 3]
+        lens_of = np.array(lenses.of_image)[image]
+        ends = np.cumsum([0 if basis is None else basis.shape[1] for basis in bases])
+        by_p, change = np.zeros((len(p), 2, 3)), np.zeros((len(p), 2, ends[-1]))
+        for number, (camera, basis, end) in enumerate(
+            zip(lenses.cameras, bases, ends, strict=True)
+        ):
+            own = lens_of == number
+            by_p[own], by_params = camera.project_jacobian(p[own])
+            if basis is not None:
+                change[own, :, end - basis.shape[1] : end] = by_params @ basis
+        good = np.isfinite(by_p).all(axis=(1, 2)) & np.isfinite(solution.residuals).all(axis=1)
+        self.image, self.point, self.lens_of = image[good], point[good], lens_of[good]
+        self.p, self.by_p = p[good], by_p[good]
+        self.squared = np.sum(solution.residuals[good] ** 2, axis=1)
+        self.median = float(np.median(self.squared))
+        scale = loss_scale * max(math.sqrt(self.median), 1e-12)
+        self.weight = np.sqrt(1 / (1 + self.squared / scale**2))[:, None, None]
+        self.change = self.weight * change[good]
+        # A body that moves during the readout: as much by its time.
+        moves = solution.shutter is not None
+        self._times = solution.measure_line_times()[good] if moves else None
+        self.velocity_prior = self._weigh_velocities()
+
+    def differentiate(
+        self, chosen: np.ndarray | slice
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Returns weighted derivatives (S, 2, D), (S, 2, F), (S, 2, 3) by poses, lenses, points."""
+        weight, by_p = self.weight[chosen], self.by_p[chosen]
+        by_centre = -by_p @ self._poses[self.image[chosen], :3, :3]
+        rows = weight * np.concatenate(
+            [by_centre, differentiate_by_turn(by_p, self.p[chosen])], axis=2
+        )
+        if self._times is not None:
+            rows = np.concatenate([rows, self._times[chosen, None, None] * rows], axis=2)
+        return rows, self.change[chosen], -weight * by_centre
+
+    def choose_points(self) -> np.ndarray:
+        """Chooses (P,) bool points that determine the lens of many images: every n-th one.
+
+        A share of the observations determines a lens by as much less.
+        """
+        count = len(self.solution.points)
+        chosen = np.arange(count) % max(1, round(count / _MOST_POINTS)) == 0
+        seen = np.bincount(self.image[chosen[self.point]], minlength=len(self.solution.names))
+        is_enough = seen[self.solution.registered].min() >= _LEAST_SEEN
+        return chosen if is_enough else np.ones(count, bool)
+
+    def _weigh_velocities(self) -> np.ndarray:
+        """Returns (D,) the priors of an image's unknowns; see `_VELOCITY_SIGMA`."""
+        if self._times is None:
+            return np.zeros(6)
+        size = np.linalg.norm(np.ptp(find_centers(self._poses), axis=0))
+        sigmas = np.repeat(_VELOCITY_SIGMA, 3) * np.repeat([size, 1.0], 3)
+        return np.r_[np.zeros(6), (math.sqrt(self.median / 2) / sigmas) ** 2]
+
+
+def _find_by_all(
+    linear: _Linearization, add_priors: Callable[[np.ndarray], None]
+) -> tuple[np.ndarray, int]:
+    """Returns (F, F) the inverse of the lenses' normal equations, and coordinates minus unknowns.
+
+    Args:
+        linear: with all observations.
+        add_priors: adds what is known beforehand to normal equations that end with the lenses'.
+    """
+    solution, count = linear.solution, linear.change.shape[2]
+    images, unknowns = len(solution.names), len(linear.velocity_prior)
+    normal, freedom = eliminate_points(
+        linear.image, linear.point, *linear.differentiate(slice(None)), images
+    )
+    normal[np.diag_indices(images * unknowns)] += np.tile(linear.velocity_prior, images)
+    add_priors(normal)
+    unknown = _find_unknowns(solution, count, unknowns)
+    inverse = _invert(normal[np.ix_(unknown, unknown)])
+    return inverse[-count:, -count:], freedom + 2 * len(linear.image) - len(unknown)
+
+
+def _find_by_windows(
+    linear: _Linearization, add_priors: Callable[[np.ndarray], None]
+) -> tuple[np.ndarray, int]:
+    """Does the same by windows of images, each with poses and points of its own."""
+    some = np.flatnonzero(linear.choose_points()[linear.point])
+    share = len(some) / len(linear.point)
+    normal, freedom = eliminate_by_windows(
+        linear.image[some], linear.point[some], find_centers(linear.solution.camera_from_world),
+        lambda rows: linear.differentiate(some[rows]), share * linear.velocity_prior,
+    )  # fmt: skip
+    normal /= share
+    add_priors(normal)
+    freedom += 2 * len(some) - len(normal)
+    return _invert(normal), round(freedom / share)
+
+
+def _invert(normal: np.ndarray) -> np.ndarray:
+    """Inverts normal equations, scaled; NaN where they are singular."""
+    size = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    try:
+        return np.linalg.inv(normal * np.outer(size, size)) * np.outer(size, size)
+    except np.linalg.LinAlgError:
+        return np.full_like(normal, np.nan)
 
 
 def spread_free_parameters(flags: np.ndarray) -> np.ndarray:
@@ -194,20 +266,6 @@ def spread_free_parameters(flags: np.ndarray) -> np.ndarray:
     groups = np.where(flags == 1, -1 - np.arange(len(flags)), flags)
     wanted = list(dict.fromkeys(groups[flags > 0].tolist()))
     return np.stack([groups == group for group in wanted], axis=1).astype(np.float64)
-
-
-def _add_velocity_priors(
-    normal: np.ndarray, solution: Solution, noise: float, unknowns: int
-) -> None:
-    """Adds the priors of velocities to the normal equations; see `_VELOCITY_SIGMA`."""
-    if unknowns == 6:
-        return
-    size = np.linalg.norm(np.ptp(find_centers(solution.camera_from_world), axis=0))
-    for image in range(len(solution.names)):
-        for k in range(6):
-            sigma = _VELOCITY_SIGMA[k // 3] * (size if k < 3 else 1.0)
-            place = unknowns * image + 6 + k
-            normal[place, place] += (noise / sigma) ** 2
 
 
 def _add_center_priors(
@@ -253,79 +311,6 @@ def differentiate_by_turn(by_point: np.ndarray, p: np.ndarray) -> np.ndarray:
         p: (N, 3) the points.
     """
     return np.cross(p[:, None, :], by_point)
-
-
-def eliminate_points(
-    image: np.ndarray,
-    point: np.ndarray,
-    by_pose: np.ndarray,
-    by_lens: np.ndarray,
-    by_point: np.ndarray,
-    images: int,
-) -> tuple[np.ndarray, int]:
-    """Eliminates the points from the normal equations (D images + F, same): Schur complement.
-
-    Args:
-        image, point: (S,) of the observations.
-        by_pose: (S, 2, D), by_lens: (S, 2, F), by_point: (S, 2, 3) weighted derivatives.
-        images: number of images.
-
-    Returns:
-        The matrix, and minus one for each direction in which a point is determined: what the points
-        add to the freedom. Images of one place leave the distance of a point open.
-    """
-    order = np.argsort(point, kind="stable")
-    image, point = image[order], point[order]
-    by_pose, by_lens, by_point = by_pose[order], by_lens[order], by_point[order]
-    count = by_lens.shape[2]
-    unknowns = by_pose.shape[2]
-    own = np.zeros((images, images, unknowns, unknowns))
-    with_lens = np.zeros((images, unknowns, count))
-    lens = np.einsum("nri,nrj->ij", by_lens, by_lens)
-    np.add.at(own, (image, image), by_pose.transpose(0, 2, 1) @ by_pose)
-    np.add.at(with_lens, image, by_pose.transpose(0, 2, 1) @ by_lens)
-    starts = np.flatnonzero(np.r_[True, point[1:] != point[:-1]])
-    lengths = np.diff(np.r_[starts, len(point)])
-    determined = 0
-    for length in np.unique(lengths):
-        chosen = starts[lengths == length]
-        for begin in range(0, len(chosen), _CHUNK):
-            rows = chosen[begin : begin + _CHUNK, None] + np.arange(length)
-            c = by_point[rows]  # (points, observations, 2, 3)
-            pose_c = by_pose[rows].transpose(0, 1, 3, 2) @ c  # (points, observations, D, 3)
-            lens_c = (by_lens[rows].transpose(0, 1, 3, 2) @ c).sum(axis=1)  # (points, F, 3)
-            inverse, ranks = _invert_normals((c.transpose(0, 1, 3, 2) @ c).sum(axis=1))
-            determined += ranks
-            pose_i = pose_c @ inverse[:, None]
-            at = image[rows]
-            np.subtract.at(
-                own,
-                (at[:, :, None], at[:, None, :]),
-                np.einsum("nsij,ntkj->nstik", pose_i, pose_c, optimize=True),
-            )
-            np.subtract.at(with_lens, at, pose_i @ lens_c.transpose(0, 2, 1)[:, None])
-            lens -= np.einsum("nij,nkj->ik", lens_c @ inverse, lens_c)
-    size = unknowns * images
-    cross = with_lens.reshape(size, count)
-    poses = own.transpose(0, 2, 1, 3).reshape(size, size)
-    return np.block([[poses, cross], [cross.T, lens]]), -determined
-
-
-def _invert_normals(normals: np.ndarray) -> tuple[np.ndarray, int]:
-    """Inverts symmetric matrices (N, 3, 3) where they are determined; elsewhere the inverse is 0.
-
-    Returns:
-        The inverses, and the sum of their ranks.
-    """
-    scale = np.trace(normals, axis1=1, axis2=2) / 3
-    is_open = ~(np.linalg.det(normals) > _OPEN * scale**3)
-    inverse = np.empty_like(normals)
-    inverse[~is_open] = np.linalg.inv(normals[~is_open])
-    values, axes = np.linalg.eigh(normals[is_open])
-    known = values > _OPEN * values[:, -1:]
-    values = np.where(known, 1 / np.where(known, values, 1), 0)
-    inverse[is_open] = (axes * values[:, None, :]) @ axes.transpose(0, 2, 1)
-    return inverse, int(3 * np.count_nonzero(~is_open) + np.count_nonzero(known))
 
 
 def _find_unknowns(solution: Solution, lens: int, of_image: int) -> np.ndarray:

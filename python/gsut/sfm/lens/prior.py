@@ -11,6 +11,8 @@ import numpy as np
 from gsut._core import SolveError
 from gsut.lens import FocalPrior, find_focal_params, with_scaled_focal
 from gsut.sfm.lens.candidates import guess_lens
+from gsut.sfm.lens.covariance import estimate_lens_covariances
+from gsut.sfm.lens.elimination import split_windows
 from gsut.sfm.lens.trials import run_trials
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import keep_most_distinct
@@ -26,11 +28,11 @@ _GROUPS = 8
 _FEWEST_IMAGES = 4
 # Most matches of a pair in adjustments without a group.
 _GROUP_MATCHES = 150
-# The same of more than `_MOST_BESIDE` images, which have many pairs each.
-_FEW_MATCHES = 50
-# Most images that groups are left out of beside each other: adjustments of more keep all cores busy
-# by themselves, and take memory.
-_MOST_BESIDE = 100
+# The same in adjustments of windows, which are many.
+_WINDOW_MATCHES = 50
+# Most images whose groups are left out: of more, which would be eight adjustments of nearly all,
+# windows are adjusted alone.
+_MOST_LEFT_OUT = 100
 # Share of the prior's standard deviation below which the images alone know better.
 _NEGLIGIBLE = 0.1
 _EXIF = "EXIF"  # source of the focal length that photographs state
@@ -144,36 +146,82 @@ def estimate_focal_sigma(
     """Estimates the standard deviation of the logarithm of the focal length by the images alone.
 
     That of the features' errors, but at least how much the focal length varies when one group of
-    images after the other is left out (the jackknife): what features share, a shutter, a lens of
-    another shape and wrong matches hardly raise the residuals. Infinite for fewer than four images.
+    images after the other is left out (the jackknife), or between windows of many images: what
+    features share, a shutter, a lens of another shape and wrong matches hardly raise the residuals.
+    Infinite for fewer than four images.
     """
     if solution.num_registered < _FEWEST_IMAGES:
         return math.inf
-    adjustment = Adjustment(flags, lens_settled=True, covariances=False)
+    is_large = solution.num_registered > _MOST_LEFT_OUT
+    measure = _measure_spread_of_windows if is_large else _measure_spread_without_groups
+    return max(features_sigma, measure(mapping, solution, flags))
+
+
+def _measure_spread_without_groups(
+    mapping: Mapping, solution: Solution, flags: np.ndarray
+) -> float:
+    """Measures how much the focal length varies when one group after the other is left out."""
     images = np.flatnonzero(solution.registered)
-    is_small = len(images) <= _MOST_BESIDE
-    pairs = keep_most_distinct(mapping.pairs, _GROUP_MATCHES if is_small else _FEW_MATCHES)
-    # Only how the focal length varies is asked: a readout needs no adjustment here.
-    still = dataclasses.replace(solution, shutter=None, velocities=None)
 
     def find_without(group: np.ndarray, on_step: OnStep) -> float | None:
         """Finds the logarithm of the focal length without a group; None: too few are left."""
-        kept = solution.registered.copy()
-        kept[group] = False
-        try:
-            found = adjust_registered(
-                dataclasses.replace(still, registered=kept), mapping.features, pairs,
-                mapping.options, on_step, adjustment,
-            )  # fmt: skip
-        except SolveError:
-            return None
-        return math.log(find_focal(found))
+        kept = np.setdiff1d(images, group)
+        found = _adjust_some(mapping, solution, flags, kept, _GROUP_MATCHES, on_step)
+        return None if found is None else math.log(find_focal(found))
 
     groups = np.array_split(images, count_groups(solution))
-    found = run_trials(
-        [functools.partial(find_without, group) for group in groups],
-        threads=None if is_small else 1,
-    )
+    found = run_trials([functools.partial(find_without, group) for group in groups])
     logs = [each for each in found if each is not None]
-    spread = math.sqrt((len(logs) - 1) * float(np.var(logs))) if len(logs) > 1 else math.inf
-    return max(features_sigma, spread)
+    return math.sqrt((len(logs) - 1) * float(np.var(logs))) if len(logs) > 1 else math.inf
+
+
+def _measure_spread_of_windows(mapping: Mapping, solution: Solution, flags: np.ndarray) -> float:
+    """Measures how well the mean of windows' focal lengths is known, by how far they are apart.
+
+    Each window of images that share many points is adjusted alone, and weighted by the variance of
+    its focal length that its features' errors cause.
+    """
+
+    def find_alone(window: np.ndarray, on_step: OnStep) -> tuple[float, float] | None:
+        """Finds the logarithm of a window's focal length, and its weight; None: undetermined."""
+        found = _adjust_some(mapping, solution, flags, window, _WINDOW_MATCHES, on_step)
+        if found is None:
+            return None
+        try:
+            (known,) = estimate_lens_covariances(found, flags, mapping.options.loss_scale)
+        except SolveError:
+            return None
+        focal = find_focal(found)
+        return math.log(focal), (focal / float(known.sigmas[0])) ** 2
+
+    point, image = solution.observations[:, 0], solution.observations[:, 1]
+    windows = split_windows(image, point, len(solution.names), _GROUPS)
+    found = run_trials([functools.partial(find_alone, window) for window in windows])
+    values = np.array([each for each in found if each is not None])
+    if len(values) < 2:
+        return math.inf
+    log, weight = values.T
+    away = weight * (log - np.average(log, weights=weight))
+    return math.sqrt(len(log) / (len(log) - 1) * float(away @ away)) / float(weight.sum())
+
+
+def _adjust_some(
+    mapping: Mapping,
+    solution: Solution,
+    flags: np.ndarray,
+    images: np.ndarray,
+    matches: int,
+    on_step: OnStep,
+) -> Solution | None:
+    """Adjusts some images, by the most distinct matches; None where too few are left."""
+    # Only how the focal length varies is asked: a readout needs no adjustment here.
+    registered = np.isin(np.arange(len(solution.names)), images)
+    start = dataclasses.replace(solution, registered=registered, shutter=None, velocities=None)
+    pairs = keep_most_distinct(mapping.pairs, matches)
+    adjustment = Adjustment(flags, lens_settled=True, covariances=False)
+    try:
+        return adjust_registered(
+            start, mapping.features, pairs, mapping.options, on_step, adjustment
+        )
+    except SolveError:
+        return None

@@ -14,16 +14,13 @@ _Result = TypeVar("_Result")
 
 
 def run_trials(
-    trials: Sequence[Callable[[OnStep], _Result]],
-    on_step: OnStep | None = None,
-    threads: int | None = None,
+    trials: Sequence[Callable[[OnStep], _Result]], on_step: OnStep | None = None
 ) -> list[_Result]:
     """Runs trials beside each other and returns their results in order.
 
     Args:
         trials: each is called with the function that its solver has to call after each step.
         on_step: called with the steps of the first one.
-        threads: trials at once, at most; None: the number of cores.
 
     Raises:
         Exception: of the first trial that raises one, or an interrupt; the others then end at their
@@ -40,7 +37,7 @@ def run_trials(
 
         return show
 
-    threads = min(len(trials), threads or _core.num_threads())
+    threads = min(len(trials), _core.num_threads())
     if threads == 1:
         return [trial(follow(number)) for number, trial in enumerate(trials)]
     with concurrent.futures.ThreadPoolExecutor(threads, "gsut-trials") as pool:

@@ -24,6 +24,7 @@ from gsut.data.poses import find_centers
 from gsut.lens import Camera
 from gsut.sfm.lens import (
     differentiate_by_turn,
+    eliminate_by_windows,
     eliminate_points,
     estimate_residual_spread,
     spread_free_parameters,
@@ -36,6 +37,7 @@ from gsut.sfm.solution import (
     transform_to_cameras,
 )
 
+_MOST_IMAGES = 400  # at once; of more the information is added up over windows
 _FEWEST_FRAMES = 6  # with neighbours: fewer do not show how well the time explains them
 _LEAST_EXPLAINED = 0.5  # of the velocities' squares, below which the frames are no video
 _TINY = 1e-300  # keeps quotients finite
@@ -168,22 +170,33 @@ def estimate_readout_by_flow(
     # dp / d(time): the centre moves in the world, and the camera turns. A column for each group of
     # images, whose sum is that of the time, and some of what errors of the velocities look like.
     group = _assign_groups(known)
-    columns = []
-    for rate in (rates, *_draw_errors(spread, known)):
-        moves = np.cross(rate[image, 3:], p) - np.einsum("nij,nj->ni", rotation, rate[image, :3])
-        columns.append(by_p @ (line[:, None] * moves)[:, :, None])
-    grouped = columns[0] * (group[image][:, None] == np.arange(_GROUPS))[:, None, :]
-    columns = [grouped, *columns[1:], residual[:, :, None]]
+    motions = [rates, *_draw_errors(spread, known)]
     last = _GROUPS + _DRAWS + 1
-    if lens_free is not None:
-        columns.insert(0, by_params[good] @ spread_free_parameters(lens_free))
-    by_centre = -by_p @ rotation
-    rows = weight * np.concatenate([by_centre, differentiate_by_turn(by_p, p)], axis=2)
-    normal, freedom = eliminate_points(
-        image, point, rows, weight * np.concatenate(columns, axis=2), -weight * by_centre,
-        len(known),
-    )  # fmt: skip
-    unknown = _find_unknowns(solution, known, len(normal) - last)
+    by_lens = None if lens_free is None else by_params[good] @ spread_free_parameters(lens_free)
+
+    def differentiate(rows: np.ndarray | slice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Returns the weighted derivatives of some observations by poses, what is asked, points."""
+        columns = []
+        for rate in motions:
+            turned = np.cross(rate[image[rows], 3:], p[rows])
+            moves = turned - np.einsum("nij,nj->ni", rotation[rows], rate[image[rows], :3])
+            columns.append(by_p[rows] @ (line[rows, None] * moves)[:, :, None])
+        grouped = columns[0] * (group[image[rows]][:, None] == np.arange(_GROUPS))[:, None, :]
+        columns = [grouped, *columns[1:], residual[rows, :, None]]
+        if by_lens is not None:
+            columns.insert(0, by_lens[rows])
+        by_centre = -by_p[rows] @ rotation[rows]
+        by_pose = np.concatenate([by_centre, differentiate_by_turn(by_p[rows], p[rows])], axis=2)
+        each = weight[rows]
+        return each * by_pose, each * np.concatenate(columns, axis=2), -each * by_centre
+
+    if known.sum() > _MOST_IMAGES:
+        centers = find_centers(solution.camera_from_world)
+        normal, freedom = eliminate_by_windows(image, point, centers, differentiate, np.zeros(6))
+        unknown = np.arange(len(normal) - last)
+    else:
+        normal, freedom = eliminate_points(image, point, *differentiate(slice(None)), len(known))
+        unknown = _find_unknowns(solution, known, len(normal) - last)
     freedom += 2 * len(image) - len(unknown) - 1
     small = normal[np.ix_(unknown, unknown)]
     length = 1 / np.sqrt(np.maximum(np.diag(small), _TINY))

@@ -1,0 +1,82 @@
+"""What many images tell of a lens and a readout adds up over windows of them."""
+
+import numpy as np
+import pytest
+
+import tolerances
+from gsut.sfm.lens import covariance, elimination, prior
+from gsut.sfm.lens.covariance import estimate_lens_covariances
+from gsut.sfm.solution import FEATURE_VARIANCE
+from made_flight import FREE, OPTIONS, fly
+
+IMAGES, POINTS, SHARED = 5, 30, 3
+
+
+@pytest.fixture(scope="module")
+def flight():
+    """A dozen pictures of deep relief, whose features share errors of scale."""
+    return fly(np.random.default_rng(36), relief=0.3, turn=0.3, stretch=0.002)
+
+
+def test_windows_are_of_images_that_share_points():
+    place = np.arange(40) % 2  # images of two places in turn
+    image = np.repeat(np.arange(40), POINTS)
+    point = np.tile(np.arange(POINTS), 40) + POINTS * place[image]
+    windows = elimination.split_windows(image, point, 41, count=2)
+    assert [window.tolist() for window in windows] == [[*range(0, 40, 2)], [*range(1, 40, 2)]]
+    quarters = elimination.split_windows(image, point, 41, count=4)
+    assert [len(window) for window in quarters] == [10] * 4
+    assert sorted(np.concatenate(quarters)) == list(range(40))
+    assert all(len(set(place[window])) == 1 for window in quarters)
+
+
+def test_eliminated_poses_leave_the_schur_complement(rng):
+    image, point = (a.ravel() for a in np.meshgrid(np.arange(IMAGES), np.arange(POINTS)))
+    by_pose, by_shared, by_point = (rng.normal(size=(len(image), 2, n)) for n in (6, SHARED, 3))
+    centers = np.zeros((IMAGES, 3))
+    centers[3, 1] = 1.0  # the farthest, along y
+    normal, determined = elimination.eliminate_by_windows(
+        image, point, centers, lambda rows: (by_pose[rows], by_shared[rows], by_point[rows]),
+        np.zeros(6),
+    )  # fmt: skip
+    gone = np.zeros((len(image), 2, 6 * IMAGES + 3 * POINTS))
+    for row, (i, p) in enumerate(zip(image, point, strict=True)):
+        gone[row, :, 6 * i : 6 * i + 6] = by_pose[row]
+        gone[row, :, 6 * IMAGES + 3 * p :][:, :3] = by_point[row]
+    held = [*range(6), 6 * 3 + 1]
+    gone = np.delete(gone.reshape(2 * len(image), -1), held, axis=1)
+    kept = by_shared.reshape(-1, SHARED)
+    wanted = kept.T @ (kept - gone @ np.linalg.lstsq(gone, kept, rcond=None)[0])
+    np.testing.assert_allclose(normal, wanted, rtol=0, atol=tolerances.SCHUR_DENSE)
+    assert determined == -gone.shape[1]
+
+
+def test_window_whose_images_do_not_hold_together_tells_nothing(rng):
+    image, point = (a.ravel() for a in np.meshgrid(np.arange(IMAGES), np.arange(POINTS)))
+    columns = [rng.normal(size=(len(image), 2, n)) for n in (6, SHARED, 3)]
+    columns[0][image == 2] = 0.0  # nothing says where this image is
+    normal, determined = elimination.eliminate_by_windows(
+        image, point, rng.normal(size=(IMAGES, 3)), lambda rows: [each[rows] for each in columns],
+        np.zeros(6),
+    )  # fmt: skip
+    assert not normal.any() and determined == -2 * len(image)
+
+
+@pytest.mark.parametrize(("size", "most"), [(12, tolerances.ONE_WINDOW), (6, 2.0)])
+def test_lens_covariance_by_windows_is_a_little_larger(flight, monkeypatch, size, most):
+    given = (flight.solution, FREE, OPTIONS.loss_scale, FEATURE_VARIANCE)
+    whole = estimate_lens_covariances(*given)[0].sigmas
+    monkeypatch.setattr(covariance, "_MOST_IMAGES", 4)
+    monkeypatch.setattr(elimination, "_WINDOW", size)
+    split = estimate_lens_covariances(*given)[0].sigmas
+    free = FREE > 0
+    assert (split[free] > whole[free] / tolerances.ONE_WINDOW).all()
+    assert (split[free] < most * whole[free]).all() and not split[~free].any()
+
+
+def test_focal_spread_of_windows_is_about_that_without_groups(flight, monkeypatch):
+    by_groups = prior.estimate_focal_sigma(flight, flight.solution, FREE, 0.0)
+    monkeypatch.setattr(prior, "_MOST_LEFT_OUT", 4)
+    monkeypatch.setattr(prior, "_GROUPS", 3)
+    by_windows = prior.estimate_focal_sigma(flight, flight.solution, FREE, 0.0)
+    assert by_groups / 3 < by_windows < 3 * by_groups
