@@ -103,7 +103,7 @@ void AddVelocityPriors(const BundleState& state, const BundleOptions& options, i
   }
 }
 
-// The normal equations of the bodies, the points eliminated.
+// The normal equations of the bodies, the points eliminated; the lower triangle.
 Eigen::MatrixXd ReducedNormal(const std::vector<std::vector<Linearized>>& of_point,
                               const BundleState& state, const BundleOptions& options, int size) {
   Eigen::MatrixXd reduced =
@@ -120,6 +120,7 @@ Eigen::MatrixXd ReducedNormal(const std::vector<std::vector<Linearized>>& of_poi
     for (std::size_t i = 0; i < observations.size(); ++i) {
       const MatrixX3 scaled = cross[i] * inverse;
       for (std::size_t j = 0; j < observations.size(); ++j) {
+        if (observations[j].body > observations[i].body) continue;
         reduced.block(size * observations[i].body, size * observations[j].body, size, size) -=
             scaled * cross[j].transpose();
       }
@@ -152,10 +153,20 @@ std::vector<int> FreeUnknowns(const BundleState& state, const BundleOptions& opt
   return free;
 }
 
+// The rows and columns of a matrix that are kept, in its own memory: two of them may not fit.
+Eigen::Map<Eigen::MatrixXd> KeepFree(const std::vector<int>& free, Eigen::MatrixXd* matrix) {
+  const auto size = static_cast<Eigen::Index>(free.size());
+  double* to = matrix->data();
+  for (const int column : free) {
+    for (const int row : free) *to++ = (*matrix)(row, column);
+  }
+  return {matrix->data(), size, size};
+}
+
 // The blocks of bodies on the diagonal of the inverse: with S = L L^T, S^-1 = L^-T L^-1, some
 // columns of L^-1 at a time, which are zero above their own rows.
-std::vector<Matrix6> InvertBlocks(Eigen::MatrixXd normal, const std::vector<int>& free, int bodies,
-                                  int unknowns) {
+std::vector<Matrix6> InvertBlocks(Eigen::Ref<Eigen::MatrixXd> normal, const std::vector<int>& free,
+                                  int bodies, int unknowns) {
   const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> cholesky(normal);
   if (cholesky.info() != Eigen::Success) {
     throw SolveError("an image, or the scale, is not determined by the points it sees");
@@ -199,8 +210,7 @@ std::vector<Matrix6> PoseCovariances(const Bundle& bundle, const BundleOptions& 
                                static_cast<std::int64_t>(free.size());
   const double variance = squares / static_cast<double>(std::max<std::int64_t>(1, freedom));
   Eigen::MatrixXd normal = ReducedNormal(of_point, state, options, size);
-  normal = normal(free, free).eval();
-  const std::vector<Matrix6> of_body = InvertBlocks(std::move(normal), free, bodies, size);
+  const std::vector<Matrix6> of_body = InvertBlocks(KeepFree(free, &normal), free, bodies, size);
   std::vector<Matrix6> covariances(images);
   for (int image = 0; image < images; ++image) {
     const Matrix6 by_body = CameraByBody(state, image);

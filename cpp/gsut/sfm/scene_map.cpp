@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <numeric>
 
 #include "gsut/base/parallel.h"
 
@@ -11,7 +12,7 @@ namespace gsut {
 namespace {
 
 constexpr double kMiddle = 0.5;  // of the readout: the time of an image's own pose
-constexpr int kScoreLevels = 5;  // grids of 2 x 2 to 32 x 32 cells
+constexpr int kScoreSide = 32;   // cells of the finest grid
 
 }  // namespace
 
@@ -23,7 +24,7 @@ SceneMap::SceneMap(std::vector<Camera> cameras, const std::vector<ImageFeatures>
       bearings_(images.size()),
       has_ray_(images.size()),
       tracks_of_image_(images.size()),
-      features_of_image_(images.size()),
+      cells_of_image_(images.size()),
       registered_(images.size(), 0),
       poses_(images.size()),
       camera_from_body_(options.rig.camera_from_body),
@@ -67,19 +68,28 @@ Velocity SceneMap::VelocityOf(int image) const {
   return VelocityBetween(LinePose(image, -kMiddle * readout), LinePose(image, kMiddle * readout));
 }
 
+int SceneMap::ScoreCell(const TrackElement& element) const {
+  const Camera& camera = cameras_[images_[element.image].camera];
+  const Eigen::Vector2d& pixel = images_[element.image].pixels[element.feature];
+  const auto place = [](double at, int size) {
+    return std::clamp(static_cast<int>(at / size * kScoreSide), 0, kScoreSide - 1);
+  };
+  return place(pixel.y(), camera.height()) * kScoreSide + place(pixel.x(), camera.width());
+}
+
 // Every n-th longer track keeps one of its observations out of everything: errors there are those
 // of a prediction, which show a wrong lens or shutter where fitted residuals do not.
 void SceneMap::SetTracks(const std::vector<std::vector<TrackElement>>& tracks) {
   tracks_.clear();
   for (std::vector<int>& of_image : tracks_of_image_) of_image.clear();
-  for (std::vector<int>& of_image : features_of_image_) of_image.clear();
+  for (std::vector<int>& of_image : cells_of_image_) of_image.clear();
   int judged = 0;
   for (const auto& elements : tracks) {
     Track track;
     for (const TrackElement& element : elements) {
       track.observations.push_back({element.image, element.feature, false, false});
       tracks_of_image_[element.image].push_back(static_cast<int>(tracks_.size()));
-      features_of_image_[element.image].push_back(element.feature);
+      cells_of_image_[element.image].push_back(ScoreCell(element));
     }
     if (options_.hold_out_every > 0 && track.observations.size() >= 4 &&
         judged++ % options_.hold_out_every == 0) {
@@ -152,25 +162,25 @@ SceneMap::Visible SceneMap::VisiblePoints(int image) const {
 // 32 count occupied cells, a cell weighted by its grid's side (Schonberger and Frahm,
 // "Structure-from- motion revisited", 2016, section 4.2).
 double SceneMap::VisibleScore(int image, int* count) const {
-  std::array<std::vector<std::uint8_t>, kScoreLevels> cells;
-  for (int level = 0; level < kScoreLevels; ++level) cells[level].assign(4ULL << (2 * level), 0);
-  const Camera& camera = cameras_[images_[image].camera];
-  double score = 0.0;
+  std::array<std::uint8_t, kScoreSide * kScoreSide> occupied{};
   *count = 0;
   for (std::size_t i = 0; i < tracks_of_image_[image].size(); ++i) {
     if (!tracks_[tracks_of_image_[image][i]].has_point) continue;
     ++*count;
-    const Eigen::Vector2d& pixel = images_[image].pixels[features_of_image_[image][i]];
-    for (int level = 0; level < kScoreLevels; ++level) {
-      const int side = 2 << level;
-      const int x = std::clamp(static_cast<int>(pixel.x() / camera.width() * side), 0, side - 1);
-      const int y = std::clamp(static_cast<int>(pixel.y() / camera.height() * side), 0, side - 1);
-      std::uint8_t& cell = cells[level][y * side + x];
-      if (!cell) score += side;
-      cell = 1;
+    occupied[cells_of_image_[image][i]] = 1;
+  }
+  // Four cells of a grid are one of the next.
+  int score = 0;
+  for (int side = kScoreSide;; side /= 2) {
+    score += side * std::accumulate(occupied.begin(), occupied.begin() + side * side, 0);
+    if (side == 2) return score;
+    for (int y = 0; y < side / 2; ++y) {
+      for (int x = 0; x < side / 2; ++x) {
+        const std::uint8_t* cell = &occupied[2 * y * side + 2 * x];
+        occupied[y * (side / 2) + x] = cell[0] | cell[1] | cell[side] | cell[side + 1];
+      }
     }
   }
-  return score;
 }
 
 // A track with a point gains the observations that agree with it now; one without is triangulated.

@@ -130,6 +130,8 @@ class SceneMap {
   // Of an image's own camera, for its own readout.
   Velocity VelocityOf(int image) const;
   void SetTracks(const std::vector<std::vector<TrackElement>>& tracks);
+  // The cell of the finest grid of `VisibleScore` that holds a feature.
+  int ScoreCell(const TrackElement& element) const;
   struct Candidate {
     int track = 0, feature = 0;
     float squared = 0.0F;  // distance of the descriptors
@@ -175,8 +177,8 @@ class SceneMap {
   std::vector<std::vector<std::uint8_t>> has_ray_;
   std::vector<int> num_features_;
   std::vector<Track> tracks_;
-  // Of each image the tracks that see it, once each, and the feature of each there.
-  std::vector<std::vector<int>> tracks_of_image_, features_of_image_;
+  // Of each image its tracks, and where it sees each: a cell of the finest grid of `VisibleScore`.
+  std::vector<std::vector<int>> tracks_of_image_, cells_of_image_;
   std::vector<std::uint8_t> registered_;
   std::vector<Pose> poses_;  // in the middle of the readout
   std::vector<Pose> camera_from_body_;

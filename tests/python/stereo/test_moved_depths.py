@@ -172,3 +172,17 @@ def test_depths_that_start_from_a_mesh_of_moved_ones_are_nearer(lens, rolling):
         off = np.concatenate([each[np.isfinite(each)] for each in off])
         errors.append(np.median(off))
     assert errors[1] < tol.REFINED_AGAIN * errors[0]
+
+
+def test_depths_of_windows_with_an_edge_stay():
+    scene = wall_scene(LENSES["pinhole"])
+    rows, maps, normals = look_at_wall(scene, 1.02)
+    for m in maps:
+        m.depth[:, 40:] *= 2  # the wall stands farther back from there on
+    after = DepthRefiner(scene, rows, maps).move(maps, normals, lambda *_: None)
+    for old, new in zip(maps, after, strict=True):
+        beside = np.isfinite(old.depth) & (np.abs(np.arange(96) - 39.5) < HALF)
+        assert beside.sum() > 200
+        np.testing.assert_array_equal(new.depth[beside], old.depth[beside])
+        assert np.all(new.weight[beside] == 1)
+        assert np.any(new.depth[:, :36] != old.depth[:, :36])

@@ -24,6 +24,8 @@ from gsut.sfm.solution import (
 # radians during a readout: as in the adjustment.
 _VELOCITY_SIGMA = (0.1, 0.2)
 _MEDIAN_SQUARE = 2 * math.log(2)  # of a normal vector's length in the plane, in variances
+_MOST_POINTS = 6000  # about, that are chosen of more images
+_LEAST_SEEN = 30  # chosen points in every image, or all points count
 _MOST_IMAGES = 100  # at once; of more the information is added up over windows
 
 
@@ -192,6 +194,17 @@ class _Linearization:
             rows = np.concatenate([rows, self._times[chosen, None, None] * rows], axis=2)
         return rows, self.change[chosen], -weight * by_centre
 
+    def choose_points(self) -> np.ndarray:
+        """Chooses (P,) bool points that determine the lens of many images: every n-th one.
+
+        A share of the observations determines a lens by as much less.
+        """
+        count = len(self.solution.points)
+        chosen = np.arange(count) % max(1, round(count / _MOST_POINTS)) == 0
+        seen = np.bincount(self.image[chosen[self.point]], minlength=len(self.solution.names))
+        is_enough = seen[self.solution.registered].min() >= _LEAST_SEEN
+        return chosen if is_enough else np.ones(count, bool)
+
     def _weigh_velocities(self) -> np.ndarray:
         """Returns (D,) the priors of an image's unknowns; see `_VELOCITY_SIGMA`."""
         if self._times is None:
@@ -226,12 +239,16 @@ def _find_by_windows(
     linear: _Linearization, add_priors: Callable[[np.ndarray], None]
 ) -> tuple[np.ndarray, int]:
     """Does the same by windows of images, each with poses and points of its own."""
+    some = np.flatnonzero(linear.choose_points()[linear.point])
+    share = len(some) / len(linear.point)
     normal, freedom = eliminate_by_windows(
-        linear.image, linear.point, find_centers(linear.solution.camera_from_world),
-        linear.differentiate, linear.velocity_prior,
+        linear.image[some], linear.point[some], find_centers(linear.solution.camera_from_world),
+        lambda rows: linear.differentiate(some[rows]), share * linear.velocity_prior,
     )  # fmt: skip
+    normal /= share
     add_priors(normal)
-    return _invert(normal), freedom + 2 * len(linear.image) - len(normal)
+    freedom += 2 * len(some) - len(normal)
+    return _invert(normal), round(freedom / share)
 
 
 def _invert(normal: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ _WINDOW = 150  # images, about
 # Points that an image must share with a window to join it: fewer do not hold its pose.
 _LEAST_SHARED = 20
 _CHUNK = 2000  # points whose pairs of observations are summed at once, to bound memory
-_WINDOW_CHUNK = 500  # the same of a window, whose images all count for each point
+_WINDOW_CHUNK = 500  # the same of a window: the images that see any of them count for each
 # A direction of a point whose square counts less than this share is open: parallax below 1e-6 rad.
 _OPEN = 1e-12
 _WEAK = 1e-10  # square of a pivot of the scaled equations below which a window holds no poses
@@ -196,7 +196,7 @@ def _eliminate_poses(
         together; and minus the number of directions that poses and points take up.
     """
     images, unknowns = len(centers), by_pose.shape[2]
-    point = np.unique(point, return_inverse=True)[1]
+    point = _number_by_images(image, point)
     poses = np.zeros((images, unknowns, images, unknowns))
     own = np.zeros((images, unknowns, unknowns))
     np.add.at(own, image, by_pose.transpose(0, 2, 1) @ by_pose)
@@ -213,12 +213,14 @@ def _eliminate_poses(
     pose_point = by_pose.transpose(0, 2, 1) @ whitened
     for begin in range(0, len(roots), _WINDOW_CHUNK):
         rows = np.flatnonzero((point >= begin) & (point < begin + _WINDOW_CHUNK))
-        chunk = np.zeros((images, unknowns, _WINDOW_CHUNK, 3))
-        chunk[image[rows], :, point[rows] - begin] = pose_point[rows]
-        flat = chunk.reshape(size, -1)
-        normal -= flat @ flat.T
+        seen, place = np.unique(image[rows], return_inverse=True)
+        chunk = np.zeros((len(seen), unknowns, _WINDOW_CHUNK, 3))
+        chunk[place, :, point[rows] - begin] = pose_point[rows]
+        flat = chunk.reshape(len(seen) * unknowns, -1)
+        at = (unknowns * seen[:, None] + np.arange(unknowns)).ravel()
+        normal[np.ix_(at, at)] -= flat @ flat.T
         part = tied[begin : begin + _WINDOW_CHUNK].transpose(0, 2, 1).reshape(-1, tied.shape[1])
-        cross -= (flat[:, : len(part)] @ part).reshape(cross.shape)
+        cross[seen] -= (flat[:, : len(part)] @ part).reshape(len(seen), unknowns, -1)
         shared -= part.T @ part
     free = _find_free(centers, unknowns)
     length = 1 / np.sqrt(np.maximum(np.diag(normal)[free], 1e-300))
@@ -232,6 +234,13 @@ def _eliminate_poses(
     tied_poses = cross.reshape(size, -1)[free] * length[:, None]
     shared -= tied_poses.T @ np.linalg.solve(small, tied_poses)
     return shared, -determined - len(free)
+
+
+def _number_by_images(image: np.ndarray, point: np.ndarray) -> np.ndarray:
+    """Numbers points (S,) so that neighbours are seen by nearly the same images."""
+    number = np.unique(point, return_inverse=True)[1]
+    middle = np.bincount(number, image) / np.bincount(number)
+    return np.argsort(np.argsort(middle, kind="stable"), kind="stable")[number]
 
 
 def _find_roots(point: np.ndarray, by_point: np.ndarray) -> tuple[np.ndarray, int]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -225,11 +225,17 @@ def transform_to_cameras(
     return np.einsum("nij,nj->ni", pose[:, :3, :3], points[observations[:, 0]]) + pose[:, :3, 3]
 
 
+def _split_by_image(observations: np.ndarray) -> Iterator[tuple[int, np.ndarray]]:
+    """Yields each image that observes something, with the rows of its observations in order."""
+    order = np.argsort(observations[:, 1], kind="stable")
+    images, starts = np.unique(observations[order, 1], return_index=True)
+    yield from zip(images.tolist(), np.split(order, starts)[1:], strict=True)
+
+
 def gather_pixels(features: Sequence[Features], observations: np.ndarray) -> np.ndarray:
     """Returns (S, 2) the pixels of observations (S, 3): point, image, feature."""
     pixels = np.zeros((len(observations), 2))
-    for image in np.unique(observations[:, 1]):
-        rows = observations[:, 1] == image
+    for image, rows in _split_by_image(observations):
         pixels[rows] = features[image].pixels[observations[rows, 2]]
     return pixels
 
@@ -249,8 +255,7 @@ def evaluate_observations(
     """
     pixels = gather_pixels(features, observations)
     residuals = np.full((len(observations), 2), np.nan)
-    for image in np.unique(observations[:, 1]):
-        rows = observations[:, 1] == image
+    for image, rows in _split_by_image(observations):
         camera = cameras[image]
         residuals[rows] = camera.subtract_pixels(camera.project(in_camera[rows])[0], pixels[rows])
     angles = np.arctan2(np.hypot(in_camera[:, 0], in_camera[:, 1]), in_camera[:, 2])
@@ -268,8 +273,7 @@ def average_colors(
         of_images: (N, 3) uint8 of each image's features.
     """
     colors = np.zeros((points, 3))
-    for image in np.unique(observations[:, 1]):
-        rows = observations[:, 1] == image
+    for image, rows in _split_by_image(observations):
         np.add.at(colors, observations[rows, 0], of_images[image][observations[rows, 2]])
     counts = np.bincount(observations[:, 0], minlength=points).clip(1)
     return np.rint(colors / counts[:, None]).astype(np.uint8)

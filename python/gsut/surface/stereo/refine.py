@@ -23,6 +23,10 @@ _NEIGHBOURS = 3
 _MIDDLE = (15.0, 50.0, 85.0)
 # Times the weight of a depth that no windows confirm.
 _UNSURE = 0.25
+# Pixels from the middle of a window to its sides.
+_HALF = 3
+# Of an inverse distance: how much it may bend over a window on one surface.
+_BEND = 0.05
 
 
 class DepthRefiner:
@@ -56,20 +60,36 @@ class DepthRefiner:
             on_view: called with the number of views done and of all.
 
         Returns:
-            The maps: depths without a clear best distance stay, with a quarter of their weight.
+            The maps: depths whose windows hold an edge stay; those without a clear best distance
+            stay, too, with a quarter of their weight.
         """
         views = list_views(maps, self._center)
         refined = []
         for place, m in enumerate(maps):
             on_view(place, len(maps))
             towards = normals[place].astype(np.float32)
-            depth, moved = views.refine(place, self._beside[place], self._greys, towards, m.depth)
-            sure = (moved > 0) | np.isinf(depth)
+            edges = _find_edges(m.depth)
+            start = np.where(edges, np.float32(np.nan), m.depth)
+            depth, moved = views.refine(place, self._beside[place], self._greys, towards, start)
+            depth = np.where(edges, m.depth, depth)
+            sure = (moved > 0) | edges | np.isinf(depth)
             weight = np.ones_like(depth) if m.weight is None else m.weight
             weight = np.where(sure, weight, np.float32(_UNSURE) * weight)
             refined.append(dataclasses.replace(m, depth=depth, weight=weight))
         on_view(len(maps), len(maps))
         return refined
+
+
+def _find_edges(depth: np.ndarray) -> np.ndarray:
+    """Finds the pixels (H, W) whose windows hold more than one surface, so that no plane fits."""
+    edges = np.zeros(depth.shape, bool)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        near = 1 / depth
+    for each, found in ((near, edges), (near.T, edges.T)):
+        middle = each[_HALF:-_HALF]
+        bend = np.abs(each[: -2 * _HALF] + each[2 * _HALF :] - 2 * middle)
+        found[_HALF:-_HALF] |= bend > _BEND * middle
+    return edges
 
 
 def _look_around(scene: Scene, row: int, m: DepthMap) -> tuple[np.ndarray, list[int]]:
