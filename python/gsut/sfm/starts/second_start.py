@@ -52,7 +52,7 @@ def try_other_starts(mapping: Mapping) -> None:
     if mapping.rig is not None or is_timed or not len(solution.points):
         return
     best, most = solution, _count_agreeing(mapping, solution)
-    if has_bent(solution.readout_turn, measure_agreement(solution, mapping.pairs).share):
+    if has_bent(solution.readout_turn, agreement=1.0):  # whatever agrees
         most = 0
     still = dataclasses.replace(solution, shutter=None, velocities=None)
     if is_rolling or mapping.lens_free is None:
