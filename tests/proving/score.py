@@ -25,6 +25,7 @@ from tests.proving.truth import (
     classify,
     compare_lenses,
     find_truth_poses,
+    list_shifts,
     measure_areas,
     measure_pair_errors,
 )
@@ -207,6 +208,7 @@ def _measure_poses(made: Capture, out: Path, figures: Row, numbers: dict[str, in
     registered = len(found) / max(1, len(order))
     verdict = figures["verdict"]
     lens: Row = {"lens_px": 0.0}
+    diagonal = math.hypot(made.lens.camera.width, made.lens.camera.height)
     if figures["lens"] != "known":
         estimated = gsut.load_dataset(out, test_every=0).cameras[0]
         lens = compare_lenses(estimated, made.lens.camera, made.told.turned)
@@ -217,6 +219,9 @@ def _measure_poses(made: Capture, out: Path, figures: Row, numbers: dict[str, in
         "residual_px": figures["reprojection_error_px"]["median"],
         "track_length": figures["mean_track_length"], "agreement": figures["matches_in_points"],
         "contradicted": figures.get("contradicted_pairs"),
+        "halves_px": figures.get("halves_px"), "given_focal": figures.get("given_focal"),
+        "diagonal_px": diagonal,
+        "shift_px": list_shifts(shifts, made.lens.camera),
         "notes": figures["notes"], "lens_known": figures["lens"],
         "shutter_found": figures.get("shutter"),
         "focal_sigma_percent": figures.get("focal_sigma_percent"),

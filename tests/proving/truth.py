@@ -90,6 +90,17 @@ def classify(shifts: np.ndarray, registered: float, camera: Camera, lens_px: flo
     return "poor"
 
 
+def list_shifts(shifts: np.ndarray, camera: Camera) -> list[float]:
+    """Lists the pixels that nine and six in ten pairs with poses stay below.
+
+    Args:
+        shifts: of the pairs, degrees.
+        camera: the true lens.
+    """
+    pixels = np.radians(shifts[shifts < _LOST]) * _measure_focal(camera)
+    return np.quantile(pixels, (_GOOD[1], _USABLE[1])).tolist() if len(pixels) else []
+
+
 def classify_scene(detail: float | None, registered: float) -> str:
     """Returns what the verdict on a scene should say: "good", "usable" or "poor".
 
