@@ -3,6 +3,9 @@
 An exception in the midst of an import would be a traceback, or another error of the library that is
 being imported. What cannot be imported, for lack of memory for example, is reported
 in one sentence. A program that imports gsut keeps its own handling of signals and errors.
+
+A command lets numpy's linear algebra use one thread: with several, its sums are in another order,
+and a result would depend on the number of processors. What is large has threads of gsut's own.
 """
 
 import os
@@ -47,7 +50,12 @@ def _report_error(kind: type[BaseException], error: BaseException, trace: Any) -
     sys.exit(2)
 
 
+# Numbers of threads of the libraries that numpy may be built with, read when they are loaded.
+_BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+
 if _is_command():
+    for _name in _BLAS_THREADS:
+        os.environ.setdefault(_name, "1")
     os.environ.pop("MPLBACKEND", None)  # plots are files: no window, whatever the environment says
     if not os.environ.get("GSUT_DEBUG"):
         sys.excepthook = _report_error

@@ -22,6 +22,7 @@ from gsut.cli import EXIT_INPUT, EXIT_PIPE, main, run_command
 
 ENVIRONMENT = os.environ | {"PYTHONPATH": str(Path(gsut.__file__).parent.parent)}
 GSUT = [sys.executable, "-m", "gsut"]
+_BLAS = "OPENBLAS_NUM_THREADS"
 # Runs many commands in one process whose files cannot grow beyond 64 bytes, as on a full disk.
 ON_FULL_DISK = """
 import contextlib, io, json, resource, sys
@@ -153,6 +154,19 @@ def test_what_cannot_be_imported_is_one_sentence(error, said, capsys):
     assert told.startswith("gsut: error: ") and said in told and told.count("\n") == 1
     if isinstance(error, ImportError):
         assert status_of(error) == EXIT_INPUT
+
+
+@pytest.mark.parametrize(
+    ("program", "given", "used"), [("gsut", None, "1"), ("gsut", "2", "2"), ("other", None, "None")]
+)
+def test_commands_add_up_alike_on_any_number_of_processors(program, given, used):
+    code = "import os, sys; sys.argv = sys.argv[1:]; import gsut; print(os.environ.get(sys.argv[1]))"
+    environment = {name: value for name, value in os.environ.items() if name != _BLAS}
+    done = subprocess.run(
+        [sys.executable, "-c", code, program, _BLAS], capture_output=True, text=True, check=True,
+        env=environment | ({} if given is None else {_BLAS: given}),
+    )  # fmt: skip
+    assert done.stdout.strip() == used
 
 
 def test_name_that_the_terminal_cannot_show_is_shown_escaped(tmp_path):
