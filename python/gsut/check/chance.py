@@ -82,16 +82,21 @@ class Judgement:
 
     @property
     def is_contradiction(self) -> bool:
-        """Returns whether the poses are wrong: more pairs say so than repeated things explain.
+        """Returns whether the poses are wrong: more pairs say so than repeated things explain."""
+        return outnumber_repeated(len(self.contradicts), len(self.supports))
 
-        The number that repeated things turn is at most binomial.
-        """
-        against, count = len(self.contradicts), len(self.contradicts) + len(self.supports)
-        chance = sum(
-            math.comb(count, k) * _REPEATED**k * (1 - _REPEATED) ** (count - k)
-            for k in range(against, count + 1)
-        )
-        return against > 0 and chance < _RARE
+
+def outnumber_repeated(contradicting: int, supporting: int) -> bool:
+    """Returns whether more pairs contradict the poses than repeated things explain.
+
+    Their number is at most binomial: a pattern moves all matches of a pair together.
+    """
+    count = contradicting + supporting
+    chance = sum(
+        math.comb(count, k) * _REPEATED**k * (1 - _REPEATED) ** (count - k)
+        for k in range(contradicting, count + 1)
+    )
+    return contradicting > 0 and chance < _RARE
 
 
 def judge_pairs(evidence: Evidence) -> Judgement:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from gsut.check.chance import outnumber_repeated
 from gsut.check.drift import DRIFT_ADVICE, fit_drift, name_drift, rate_drift
 from gsut.check.epipolar import rate_pairs
 from gsut.check.evidence import Evidence
@@ -106,6 +107,17 @@ def is_proved(other: Other, given: np.ndarray) -> bool:
         given: (P,) costs of the pairs with what is given.
     """
     return other.value < _WELL or count_sigmas(given - other.costs) > _SIGMAS
+
+
+def is_sure(other: Other, given: np.ndarray) -> bool:
+    """Returns whether more pairs prefer a proved reading than repeated things explain.
+
+    Args:
+        other: the reading.
+        given: (P,) costs of the pairs with what is given.
+    """
+    saved = given - other.costs
+    return outnumber_repeated(np.count_nonzero(saved > _GAIN), np.count_nonzero(saved < -_GAIN))
 
 
 def _is_enough(sample: Evidence, other: Other) -> bool:

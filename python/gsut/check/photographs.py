@@ -14,7 +14,7 @@ from gsut.check.evidence import Evidence
 from gsut.check.findings import Finding
 from gsut.check.lens_errors import check_half_pixel, find_lens_errors, name_other_model
 from gsut.check.lens_fit import fit_lens
-from gsut.check.others import POOR, find_best_other
+from gsut.check.others import POOR, find_best_other, is_sure
 from gsut.check.shutter import check_timing
 from gsut.check.turns import (
     find_clock_shift,
@@ -52,7 +52,7 @@ def check_photographs(scene: Scene, evidence: Evidence | None) -> list[Finding]:
     other = find_best_other(evidence, given)
     if other is not None:
         contradiction = evidence.make_finding(
-            "error",
+            "error" if is_sure(other, evidence.rate_pairs()) else "warning",
             f"the photographs contradict the {other.subject} ({evidence.describe()}: "
             f"{_share(given)} fit); {_share(other.value)} fit {other.name}",
             other.advice,

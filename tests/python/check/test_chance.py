@@ -11,7 +11,7 @@ from gsut.check import check_scene
 from gsut.check.chance import Judgement, PairVerdict, judge_pairs
 from gsut.check.evidence import gather_evidence
 from gsut.check.lens_fit import convert_to_normal
-from gsut.check.others import Other, is_proved
+from gsut.check.others import Other, is_proved, is_sure
 from gsut.demo import make_demo_scene
 from mistakes import MISTAKES, NAMED, copy_of, judge, write
 
@@ -69,6 +69,18 @@ def test_few_contradictions_beside_support_are_repeated_things(hall):
 def test_a_reading_that_leaves_most_matches_open_needs_many_pairs(pairs, cost, proved, rng):
     other = Other(cost + 0.05 * rng.standard_normal(pairs), "with a turn", "turn it back", "poses")
     assert is_proved(other, np.full(pairs, 0.95)) == proved
+
+
+@pytest.mark.parametrize(
+    ("given", "sure"),
+    [
+        ([0.95] * 3, False), ([0.95] * 4, True), ([0.95] * 4 + [0.1], False),
+        ([0.95] * 11 + [0.1], True), ([0.95] * 3 + [0.4] * 9, False),
+    ],
+)  # fmt: skip
+def test_a_reading_that_repeated_things_could_explain_is_no_error(given, sure):
+    other = Other(np.full(len(given), 0.4), "mirrored", "mirror them back", "poses")
+    assert is_sure(other, np.array(given)) == sure
 
 
 def test_shuffled_matches_say_nothing(hall, rng):

@@ -160,7 +160,7 @@ def test_what_cannot_be_imported_is_one_sentence(error, said, capsys):
     ("program", "given", "used"), [("gsut", None, "1"), ("gsut", "2", "2"), ("other", None, "None")]
 )
 def test_commands_add_up_alike_on_any_number_of_processors(program, given, used):
-    code = "import os, sys; sys.argv = sys.argv[1:]; import gsut; print(os.environ.get(sys.argv[1]))"
+    code = "import os, sys; del sys.argv[0]; import gsut; print(os.environ.get(sys.argv[1]))"
     environment = {name: value for name, value in os.environ.items() if name != _BLAS}
     done = subprocess.run(
         [sys.executable, "-c", code, program, _BLAS], capture_output=True, text=True, check=True,
