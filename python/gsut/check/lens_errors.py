@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -89,16 +89,22 @@ def is_off(fit: LensFit) -> np.ndarray:
     return sure & (fit.effect > LEAST_EFFECT)
 
 
-def _is_off_throughout(evidence: Evidence, fit: LensFit) -> np.ndarray:
-    """Returns the same (3,), where both halves of the photographs show it.
+def _fit_halves(evidence: Evidence) -> Iterator[LensFit]:
+    """Fits the lens to either half of the photographs.
 
     Neighbouring views see the same surfaces, whose features have errors in common that no spread
     shows; another part of the scene has others.
     """
-    off, m, poses = is_off(fit), evidence.matches, evidence.table.select_poses()
-    for late in (False, True) if off.any() else ():
+    m, poses = evidence.matches, evidence.table.select_poses()
+    for late in (False, True):
         rows = np.flatnonzero((2 * m.pair >= len(m.pairs)) == late)
-        half = fit_lens(evidence.scene.cameras, m.select(rows), poses[:, rows])
+        yield fit_lens(evidence.scene.cameras, m.select(rows), poses[:, rows])
+
+
+def _is_off_throughout(evidence: Evidence, fit: LensFit) -> np.ndarray:
+    """Returns the same (3,), where both halves of the photographs show it."""
+    off = is_off(fit)
+    for half in _fit_halves(evidence) if off.any() else ():
         along = half.values * fit.values
         same = np.array([along[0], along[1:3].sum(), along[3]]) > 0
         off &= same & (half.significance > _SIGMAS / np.sqrt(2))
@@ -169,11 +175,17 @@ def describe_crop(evidence: Evidence, fit: LensFit) -> str:
 
 
 def check_half_pixel(evidence: Evidence, fit: LensFit) -> list[Finding]:
-    """Checks whether the principal point is half a pixel off, as where two conventions meet."""
-    far = fit.shift_distance(np.zeros(2))
-    for half in (0.5, -0.5):
+    """Checks whether the principal point is half a pixel off, as where two conventions meet.
+
+    Both halves of the photographs must show it.
+    """
+    given = np.zeros(2)
+    far = fit.shift_distance(given)
+    for half in (0.5, -0.5) if far > _SURE else ():
         near = fit.shift_distance(np.full(2, half))
-        if far > _SURE and near < max(_NEAR_HALF, _NEARER * far):
+        if near < max(_NEAR_HALF, _NEARER * far) and all(
+            each.shift_distance(given) > _SURE / np.sqrt(2) for each in _fit_halves(evidence)
+        ):
             dx, dy = fit.values[1:3]
             return [
                 evidence.make_finding(

@@ -110,14 +110,18 @@ def is_proved(other: Other, given: np.ndarray) -> bool:
 
 
 def is_sure(other: Other, given: np.ndarray) -> bool:
-    """Returns whether more pairs prefer a proved reading than repeated things explain.
+    """Returns whether a proved reading is more than what repeated things explain.
+
+    A pattern moves what a pair shows as other poses would, and not as another lens does.
 
     Args:
         other: the reading.
         given: (P,) costs of the pairs with what is given.
     """
     saved = given - other.costs
-    return outnumber_repeated(np.count_nonzero(saved > _GAIN), np.count_nonzero(saved < -_GAIN))
+    return other.subject == "lens" or outnumber_repeated(
+        np.count_nonzero(saved > 0), np.count_nonzero(saved < 0)
+    )
 
 
 def _is_enough(sample: Evidence, other: Other) -> bool:
