@@ -21,7 +21,8 @@ _INNER = math.radians(30.0)
 ON_ITS_SIDE = np.array([[0.0, 1, 0, 0], [-1, 0, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]])
 
 # What a verdict should be: pixels within which lens and a share of the pairs are right, that
-# share, and the share of the pictures with a pose.
+# share, and the share of the pictures with a pose. Pixels are those of a picture of this diagonal.
+_DIAGONAL = 350.0
 _GOOD = (2.0, 0.90, 0.95)
 _USABLE = (6.0, 0.60, 0.60)
 # Share of the detail that is right in the median view of a good and of a usable scene: what a
@@ -82,9 +83,11 @@ def classify(shifts: np.ndarray, registered: float, camera: Camera, lens_px: flo
         lens_px: by which an estimated lens is off: a camera that only turned has poses that fit a
             wrong one.
     """
-    pixels = np.radians(shifts[shifts < _LOST]) * _measure_focal(camera)
+    scale = _DIAGONAL / math.hypot(camera.width, camera.height)
+    pixels = scale * np.radians(shifts[shifts < _LOST]) * _measure_focal(camera)
     for level, (most, agreeing, share) in (("good", _GOOD), ("usable", _USABLE)):
-        agrees = np.sum(pixels <= most) >= max(1, agreeing * len(pixels)) and lens_px <= most
+        is_near = pixels <= most
+        agrees = is_near.sum() >= max(1, agreeing * len(pixels)) and scale * lens_px <= most
         if agrees and registered >= share:
             return level
     return "poor"

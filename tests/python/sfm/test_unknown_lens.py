@@ -192,6 +192,11 @@ def turning(radians):
         ({"doubt": Findings(halves_px=(90.0, 0.5))}, "usable", "gives poses 90.0 px off"),
         ({"doubt": Findings(halves_px=(200.0, 90.0))}, "poor", "gives poses 200.0 px off"),
         ({"doubt": Findings(halves_px=(math.inf, 0.5))}, "usable", "loses images"),
+        # The error of the focal length adds to that of the points.
+        ({"doubt": Findings(halves_px=(6.0, 0.5), focal_sigma=0.01)}, "good", ""),
+        ({"doubt": Findings(halves_px=(7.0, 0.5), focal_sigma=0.015)}, "usable", "9.3 px off"),
+        ({"doubt": Findings(halves_px=(3.0, 0.5), focal_sigma=0.0199)}, "usable", "px open"),
+        ({"doubt": Findings(halves_px=(3.0, 0.5), focal_sigma=0.03)}, "usable", "only to 6.0 %"),
         # A rolling shutter: turns that hands make, too fast ones, and impossible ones.
         ({"agreeing": 0.7, "velocities": turning(0.05)}, "good", ""),
         ({"velocities": turning(0.12)}, "usable", "turn by 7 degrees while they are read"),

@@ -32,6 +32,7 @@ _RESIDUAL = (1.0e-3, 2.5e-3)
 # Relative error of the focal length above which a result is usable at most, and above which poor:
 # it shifts a picture of 350 pixels' diagonal by 2 and 6 pixels (root mean square).
 FOCAL_LIMITS = (0.02, 0.06)
+_FOCAL_SHIFT = _ERROR[0] / FOCAL_LIMITS[0]  # of a picture over its diagonal, for the same error
 _SEPARATE_PLACES = (
     "put the pictures of each place into a folder of their own, or add pictures of the way from "
     "one to the other, and put up something that sets them apart"
@@ -156,7 +157,7 @@ def judge_poses(quality: PosesQuality) -> Verdict:
             "give --shutter rolling if the camera moved fast, or the lens by --camera",
             is_visible=True,
         ),
-        _compare_halves(q, mend_few if agreement < FEW_AGREE else _ADD_BETWEEN),
+        _compare_halves(q, doubt, mend_few if agreement < FEW_AGREE else _ADD_BETWEEN),
     ]  # fmt: skip
     what = (
         f"poses of {q.registered} of {q.images} images, {q.points:,} points, off by "
@@ -165,13 +166,27 @@ def judge_poses(quality: PosesQuality) -> Verdict:
     return Verdict.from_faults(what, faults, "gsut train")
 
 
-def _compare_halves(q: PosesQuality, advice: str) -> Fault:
-    """Finds how far either half of the points leaves the poses open."""
-    unsure = [px > limit * q.diagonal_px for px, limit in zip(q.halves_px, _ERROR, strict=True)]
-    is_held = math.isfinite(q.halves_px[0])
-    found = f"gives poses {q.halves_px[0]:.1f} px off" if is_held else "loses images"
+def _compare_halves(q: PosesQuality, doubt: int, advice: str) -> Fault:
+    """Finds how far either half of the points and the focal length leave the poses open.
+
+    The halves are adjusted through one lens, so that they do not show its error.
+
+    Args:
+        doubt: severity of the focal length's error alone, which is another fault.
+    """
+    by_lens = _FOCAL_SHIFT * (q.focal_sigma or 0.0) * q.diagonal_px
+    off = [math.hypot(px, by_lens) for px in q.halves_px]
+    unsure = [px > limit * q.diagonal_px for px, limit in zip(off, _ERROR, strict=True)]
     severity = 2 if unsure[1] else int(unsure[0])
-    return Fault(severity, f"either half of the points {found}", advice, is_visible=True)
+    if not math.isfinite(q.halves_px[0]):
+        what = "either half of the points loses images"
+    elif severity <= doubt:  # the focal length says it
+        severity, what = 0, ""
+    elif by_lens > q.halves_px[0]:
+        what = f"the focal length and either half of the points leave poses {off[0]:.1f} px open"
+    else:
+        what = f"either half of the points gives poses {off[0]:.1f} px off"
+    return Fault(severity, what, advice, is_visible=True)
 
 
 def has_bent(readout_turn: float | None, agreement: float | None) -> bool:
