@@ -56,35 +56,39 @@ def try_other_starts(mapping: Mapping) -> None:
         most = 0
     still = dataclasses.replace(solution, shutter=None, velocities=None)
     if is_rolling or mapping.lens_free is None:
-        found = _adjust(mapping, still, None)
-        agreeing = 0 if found is None else _count_agreeing(mapping, found)
-        if found is not None and agreeing > most * (1 - _WORTH if is_rolling else 1):
+        found, agreeing = _adjust(mapping, still, None)
+        if agreeing > most * (1 - _WORTH if is_rolling else 1):
             best, most = found, agreeing
         elif is_rolling and most > 0:
             return  # velocities are needed, and structures without them say nothing
     for start in _find_others(mapping, still):
-        found = _adjust(mapping, start, None)
-        agreeing = 0 if found is None else _count_agreeing(mapping, found)
-        if found is not None and agreeing > most * (1 + _WORTH):
+        found, agreeing = _adjust(mapping, start, None)
+        if agreeing > most * (1 + _WORTH):
             best, most = found, agreeing
     if best is not solution and mapping.lens_free is not None:
-        best = _adjust(mapping, best, mapping.lens_free) or solution
+        best = _adjust(mapping, best, mapping.lens_free)[0]
     mapping.solution = best
 
 
-def _adjust(mapping: Mapping, start: Solution, lens_free: LensFlags) -> Solution | None:
-    """Adjusts a start by all matches, from a loose limit on; None: they do not hold it."""
+def _adjust(mapping: Mapping, start: Solution, lens_free: LensFlags) -> tuple[Solution, int]:
+    """Adjusts a start by all matches, from a loose limit on.
+
+    Returns:
+        The poses, and the number of matches that agree; the mapping's own, and none, where the
+        matches do not hold the start.
+    """
     shutter, motion = mapping.solved.shutter, None
     if shutter is not None:
         motion = ReadoutMotion(shutter, 1.0, np.zeros((len(start.names), 6)), _STEADY)
     try:
-        return adjust_registered(
+        found = adjust_registered(
             start, mapping.features, mapping.pairs, mapping.options,
             mapping.log.follow_steps("mapping"),
             Adjustment(lens_free, motion=motion, extend=True),
         )  # fmt: skip
     except SolveError:
-        return None
+        return mapping.solved, 0
+    return found, _count_agreeing(mapping, found)
 
 
 def _count_agreeing(mapping: Mapping, solution: Solution) -> int:
