@@ -15,13 +15,14 @@ from gsut.sfm.lens.covariance import estimate_lens_covariances
 from gsut.sfm.lens.elimination import split_windows
 from gsut.sfm.lens.trials import run_trials
 from gsut.sfm.mapping import Mapping
-from gsut.sfm.matches import keep_most_distinct
+from gsut.sfm.matches import keep_most_distinct, verify_matches
 from gsut.sfm.solution import (
     Adjustment,
     OnStep,
     ReadoutMotion,
     Solution,
     adjust_registered,
+    solve_poses,
 )
 
 # Standard deviation of the logarithm of a focal length by --fov, which is a rough field of view,
@@ -125,25 +126,36 @@ def count_groups(solution: Solution) -> int:
 
 
 def _hold_focal(mapping: Mapping, flags: np.ndarray, factor: float) -> Solution | None:
-    """Adjusts everything but the focal length, changed by a factor; None if images are lost."""
+    """Adjusts everything but the focal length, changed by a factor; None if images are lost.
+
+    Where the structure does not follow so far, it is found from nothing. Sets the mapping's pairs
+    then.
+    """
     solution = mapping.solved
     lens = with_scaled_focal(solution.cameras[0], factor)
     start = dataclasses.replace(solution, cameras=[lens] * len(solution.cameras))
     free = flags.copy()
     free[find_focal_params(lens)] = 0
+    features, options = mapping.features, mapping.options
     on_step = mapping.log.follow_steps("mapping")
     try:
         held = adjust_registered(
-            start,
-            mapping.features,
-            mapping.pairs,
-            mapping.options,
-            on_step,
-            Adjustment(free, extend=True),
+            start, features, mapping.pairs, options, on_step, Adjustment(free, extend=True)
         )
+        if held.num_registered == solution.num_registered:
+            return held
+    except SolveError:
+        pass
+    images = dataclasses.replace(mapping.images, cameras=start.cameras, shutter=None)
+    pairs = verify_matches(images, mapping.raw, options)
+    try:
+        held = solve_poses(images, pairs, options, on_step, Adjustment(free, lens_settled=True))
     except SolveError:
         return None
-    return held if held.num_registered == solution.num_registered else None
+    if held.num_registered < solution.num_registered:
+        return None
+    mapping.pairs = pairs
+    return held
 
 
 def estimate_focal_sigma(
