@@ -112,14 +112,15 @@ def is_proved(other: Other, given: np.ndarray) -> bool:
 def is_sure(other: Other, given: np.ndarray) -> bool:
     """Returns whether a proved reading is more than what repeated things explain.
 
-    A pattern moves what a pair shows as other poses would, and not as another lens does.
+    A pattern moves what a pair shows as other poses would, or numbers that are fitted, and not as
+    another lens of the list does.
 
     Args:
         other: the reading.
         given: (P,) costs of the pairs with what is given.
     """
     saved = given - other.costs
-    return other.subject == "lens" or outnumber_repeated(
+    return other.cameras is not None or outnumber_repeated(
         np.count_nonzero(saved > 0), np.count_nonzero(saved < 0)
     )
 
