@@ -72,11 +72,12 @@ ReducedSystem::ReducedSystem(std::vector<int> block_sizes, int num_ordered, int 
   for (std::size_t i = 0; i < observations.size(); ++i) {
     const Dependence& observation = observations[i];
     point_of_.push_back(observation.point);
-    blocks_of_.insert(blocks_of_.end(), observation.blocks.begin(), observation.blocks.end());
+    const auto own = std::span(observation.blocks).first(observation.num_blocks);
+    blocks_of_.insert(blocks_of_.end(), own.begin(), own.end());
     first_block_.push_back(blocks_of_.size());
     if (observation.point >= 0) of_point_[observation.point].push_back(static_cast<int>(i));
     int column = 0;
-    for (const int block : observation.blocks) {
+    for (const int block : own) {
       parts_of_block_[block].push_back({static_cast<int>(i), column});
       column += sizes_[block];
     }
@@ -93,26 +94,25 @@ ReducedSystem::ReducedSystem(std::vector<int> block_sizes, int num_ordered, int 
   ListFills();
 }
 
-// One entry for each point and block that see each other, with room for its 3 columns of B^T P. Few
-// blocks see a point, so a linear search among them beats a map.
+// One entry for each point and block that see each other, with room for its 3 columns of B^T P.
 void ReducedSystem::FindEntries() {
   first_entry_.assign(1, 0);
   entries_of_block_.resize(sizes_.size());
   entry_of_.assign(blocks_of_.size(), -1);
   std::size_t at = 0;
+  std::vector<int> last(sizes_.size(), -1);  // entry of each block
   for (int point = 0; point < num_points_; ++point) {
-    const std::size_t first = entries_.size();
+    const auto first = static_cast<int>(entries_.size());
     for (const int i : of_point_[point]) {
       for (std::size_t k = first_block_[i]; k < first_block_[i + 1]; ++k) {
         const int block = blocks_of_[k];
-        std::size_t found = first;
-        while (found < entries_.size() && entries_[found].block != block) ++found;
-        if (found == entries_.size()) {
-          entries_of_block_[block].push_back(static_cast<int>(found));
+        if (last[block] < first) {
+          last[block] = static_cast<int>(entries_.size());
+          entries_of_block_[block].push_back(last[block]);
           entries_.push_back({point, block, at});
           at += 3 * static_cast<std::size_t>(sizes_[block]);
         }
-        entry_of_[k] = static_cast<int>(found);
+        entry_of_[k] = last[block];
       }
     }
     first_entry_.push_back(entries_.size());

@@ -3,6 +3,7 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
+#include <array>
 #include <memory>
 #include <span>
 #include <vector>
@@ -19,7 +20,8 @@ class ReducedSystem {
   // Of an observation: its point (-1: it has none, or one that stays) and its blocks, each once.
   struct Dependence {
     int point = -1;
-    std::vector<int> blocks;
+    int num_blocks = 0;
+    std::array<int, 3> blocks = {};  // of a body, a mount and a lens at most
   };
 
   // block_sizes: those from num_ordered on come last, in their order, and are shared: many

@@ -19,7 +19,7 @@ from gsut.sfm.photographs import (
     Photographs,
     PosesOptions,
 )
-from gsut.sfm.solution import LensFlags, LookAlikes, Solution
+from gsut.sfm.solution import LensFlags, LookAlikes, Solution, add_covariances
 
 
 @dataclasses.dataclass(frozen=True)
@@ -139,6 +139,21 @@ class Mapping:
             solution=None,
             found=Findings(),
         )
+
+    @property
+    def shutter_follows(self) -> bool:
+        """Whether it is a video whose shutter is looked for once its poses are known."""
+        return (
+            self.shutter is None
+            and self.options.shutter == "auto"
+            and bool(self.photographs.flows)
+            and self.rig is None
+        )
+
+    def add_covariances(self) -> None:
+        """Adds the covariances that were deferred, see `Adjustment`."""
+        self.solution = add_covariances(self.solved, self.features)
+        self.found.models = [add_covariances(each, self.features) for each in self.found.models]
 
     @property
     def one_lens_free(self) -> np.ndarray | None:

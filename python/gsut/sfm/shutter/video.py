@@ -95,7 +95,9 @@ def find_shutter(mapping: Mapping) -> None:
     is_unknown = solution.shutter is None and mapping.options.shutter == "auto"
     if is_unknown and mapping.photographs.flows:
         lines = find_video_shutter(mapping)
-        mapping.solution = solution = lines.solution
+        mapping.solution = lines.solution
+        mapping.add_covariances()
+        solution = mapping.solved
         mapping.log.note(lines.describe())
         found = lines.readout
         figures["shutter"] = solution.shutter.direction if solution.shutter else "global"

@@ -27,6 +27,7 @@ from gsut.sfm.solution.result import (
 )
 from gsut.sfm.solution.solver import (
     OnStep,
+    add_covariances,
     adjust_poses,
     adjust_registered,
     list_extension_settings,
@@ -46,6 +47,7 @@ __all__ = [
     "RigConstraint",
     "Solution",
     "StatedPlaces",
+    "add_covariances",
     "adjust_poses",
     "adjust_registered",
     "average_colors",

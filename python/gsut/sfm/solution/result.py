@@ -55,6 +55,7 @@ class Solution:
             the camera turns (radians, camera frame) during the image's readout.
         lines: how each image is read, where they differ.
         camera_from_body: (M, 4, 4) of a rig's mounts, else None.
+        loss_pixels: where the solver's loss bends at the end.
     """
 
     names: list[str]
@@ -79,6 +80,7 @@ class Solution:
     velocities: np.ndarray | None = None
     lines: ImageLines | None = None
     camera_from_body: np.ndarray | None = None
+    loss_pixels: float = 0.0
 
     @property
     def num_registered(self) -> int:

@@ -53,6 +53,7 @@ def solve_poses(
     """
     settings = _make_settings(images, options, adjustment)
     settings |= {"lens_settled": adjustment.lens_settled, "covariances": adjustment.covariances}
+    settings["defer_covariances"] = adjustment.defer_covariances
     if images.shutter is not None:
         settings["shutter"] = images.shutter.direction
         settings["rolling_error"] = options.rolling_error
@@ -164,6 +165,26 @@ def adjust_registered(
     )
 
 
+def add_covariances(solution: Solution, features: Sequence[Features]) -> Solution:
+    """Adds covariances that were deferred, see `Adjustment`; returns others as they are.
+
+    Args:
+        solution: as `solve_poses` returned it, of global shutters.
+        features: of all images.
+    """
+    if solution.covariances.any():
+        return solution
+    bearings = [
+        _core.ImageBearings(camera, own.pixels)
+        for camera, own in zip(solution.cameras, features, strict=True)
+    ]
+    found = _core.structure_covariances(
+        bearings, solution.camera_from_world, solution.points, solution.observations,
+        solution.initial_pair, solution.loss_pixels,
+    )  # fmt: skip
+    return dataclasses.replace(solution, covariances=FEATURE_VARIANCE * found)
+
+
 def order_by_folder(names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
     """Returns (N,) when images were taken, in frames, and (N,) the folder that each is in.
 
@@ -243,6 +264,7 @@ def _make_solution(images: Images, found: dict[str, Any], lenses: IndexedLenses)
         found["points"], colors, found["point_errors"], observations, pixels, residuals, angles,
         found["initial_pair"], found["restarts"], found["rms"], found["median"],
         found["held_out"] if found["num_held_out"] else None, found["held_out_observations"],
+        loss_pixels=found["loss_pixels"],
     )  # fmt: skip
 
 
