@@ -4,7 +4,7 @@ import numpy as np
 
 from gsut import _core
 from gsut.sfm.photographs.options import PosesOptions
-from gsut.sfm.solution import Adjustment, add_covariances, solve_poses
+from gsut.sfm.solution import Adjustment, solve_poses
 from synthetic_walk import Synthetic
 
 
@@ -19,9 +19,9 @@ def test_deferred_covariances_have_the_bits_of_those_at_once(rng):
     assert not deferred.covariances.any()
     for name in ("camera_from_world", "points", "observations", "residuals"):
         assert np.array_equal(getattr(at_once, name), getattr(deferred, name))
-    later = add_covariances(deferred, scene.images().features)
+    later = deferred.add_covariances(scene.images().features)
     assert np.array_equal(later.covariances, at_once.covariances)
-    assert add_covariances(later, scene.images().features) is later
+    assert later.add_covariances(scene.images().features) is later
 
 
 def test_covariances_have_the_same_bits_on_any_threads(rng):

@@ -203,16 +203,20 @@ def join_points(
             point = point_of[other][matches[:, 1 - own]]
             rows = np.stack([matches[:, own], point], axis=1)[point >= 0]
             found.setdefault(image, []).append(rows[:_TRIED_MATCHES])
-    joined = {image: np.unique(np.concatenate(parts), axis=0) for image, parts in found.items()}
-    return {image: rows for image, rows in joined.items() if len(rows) >= _FEWEST_POINTS}
+    # One number for a feature and a point: rows of two are sorted far slower.
+    count = len(solution.points)
+    joined = {}
+    for image, parts in found.items():
+        feature, point = np.concatenate(parts).T
+        both = np.unique(feature * count + point)
+        if len(both) >= _FEWEST_POINTS:
+            joined[image] = np.stack(np.divmod(both, count), axis=1)
+    return joined
 
 
 def index_points(solution: Solution, features: Sequence[Features]) -> list[np.ndarray]:
     """Returns the point that each feature of each image observes, -1: none."""
-    point_of = [np.full(len(f), -1) for f in features]
-    for point, image, feature in solution.observations:
-        point_of[image][feature] = point
-    return point_of
+    return solution.index_points(np.array([len(f) for f in features]))
 
 
 def _measure_fitting_shares(

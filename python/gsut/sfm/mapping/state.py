@@ -19,7 +19,7 @@ from gsut.sfm.photographs import (
     Photographs,
     PosesOptions,
 )
-from gsut.sfm.solution import LensFlags, LookAlikes, Solution, add_covariances
+from gsut.sfm.solution import LensFlags, LookAlikes, Solution
 
 
 @dataclasses.dataclass(frozen=True)
@@ -150,10 +150,15 @@ class Mapping:
             and self.rig is None
         )
 
-    def add_covariances(self) -> None:
-        """Adds the covariances that were deferred, see `Adjustment`."""
-        self.solution = add_covariances(self.solved, self.features)
-        self.found.models = [add_covariances(each, self.features) for each in self.found.models]
+    def complete_solution(self, solution: Solution) -> Solution:
+        """Sets the solution, and adds covariances that were deferred, see `Adjustment`.
+
+        Returns:
+            The solution as it is then.
+        """
+        self.found.models = [each.add_covariances(self.features) for each in self.found.models]
+        self.solution = solution.add_covariances(self.features)
+        return self.solution
 
     @property
     def one_lens_free(self) -> np.ndarray | None:

@@ -27,7 +27,6 @@ from gsut.sfm.solution.result import (
 )
 from gsut.sfm.solution.solver import (
     OnStep,
-    add_covariances,
     adjust_poses,
     adjust_registered,
     list_extension_settings,
@@ -47,7 +46,6 @@ __all__ = [
     "RigConstraint",
     "Solution",
     "StatedPlaces",
-    "add_covariances",
     "adjust_poses",
     "adjust_registered",
     "average_colors",

@@ -114,7 +114,7 @@ class Adjustment:
         hold_out_every: every n-th longer track keeps one observation out of all adjustments; 0:
             none.
         covariances: False for a trial: they are 0, and the solver ends at a rougher tolerance.
-        defer_covariances: of `solve_poses`: they are 0 until `add_covariances`, without which
+        defer_covariances: of `solve_poses`: they are 0 until `Solution.add_covariances`, and
             nothing else changes; not for rolling shutters.
         rig: of `adjust_poses`: the images' cameras are fixed to each other.
         motion: of `adjust_poses`: images are read line by line.

@@ -165,26 +165,6 @@ def adjust_registered(
     )
 
 
-def add_covariances(solution: Solution, features: Sequence[Features]) -> Solution:
-    """Adds covariances that were deferred, see `Adjustment`; returns others as they are.
-
-    Args:
-        solution: as `solve_poses` returned it, of global shutters.
-        features: of all images.
-    """
-    if solution.covariances.any():
-        return solution
-    bearings = [
-        _core.ImageBearings(camera, own.pixels)
-        for camera, own in zip(solution.cameras, features, strict=True)
-    ]
-    found = _core.structure_covariances(
-        bearings, solution.camera_from_world, solution.points, solution.observations,
-        solution.initial_pair, solution.loss_pixels,
-    )  # fmt: skip
-    return dataclasses.replace(solution, covariances=FEATURE_VARIANCE * found)
-
-
 def order_by_folder(names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
     """Returns (N,) when images were taken, in frames, and (N,) the folder that each is in.
 
