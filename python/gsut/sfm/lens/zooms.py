@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import functools
 import math
 from collections.abc import Sequence
 
@@ -16,10 +17,11 @@ from gsut.lens import Camera, find_focal_params, has_focal_length, with_scaled_f
 from gsut.sfm.lens.candidates import make_lens
 from gsut.sfm.lens.covariance import differentiate_by_turn
 from gsut.sfm.lens.search import search_lens
+from gsut.sfm.lens.trials import run_trials
 from gsut.sfm.mapping import Findings, Mapping, Zoom
 from gsut.sfm.matches import RawMatches, select_pairs
 from gsut.sfm.photographs import Features, PosesOptions
-from gsut.sfm.solution import Solution
+from gsut.sfm.solution import OnStep, Solution
 
 # Factors on the focal length that an image without a pose is tried with.
 _FACTORS = np.geomspace(0.25, 4.0, 33)
@@ -156,8 +158,13 @@ def find_zooms(
         pose = solution.camera_from_world[image]
         logs[image] = _fit_focal(lens, pose, solution.pixels[rows], points)
     tried = [n for n in sorted(sightings) if doubted[n] or not solution.registered[n]]
-    for number in tried[:: max(1, -(-len(tried) // _MOST_TRIED))]:
-        logs[number] = try_focals(lens, *sightings[number], options, _FITS * usual)
+    tried = tried[:: max(1, -(-len(tried) // _MOST_TRIED))]
+
+    def try_image(number: int, _: OnStep) -> float:
+        return try_focals(lens, *sightings[number], options, _FITS * usual)
+
+    if tried:
+        logs[tried] = run_trials([functools.partial(try_image, number) for number in tried])
     return [
         Zoom(
             float(lens.params[find_focal_params(lens)[0]] * math.exp(np.median(logs[group]))),
