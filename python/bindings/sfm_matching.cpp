@@ -1,4 +1,5 @@
-// Binds matching and verification of pairs, and poses from points, of gsut/sfm.
+// Binds matching and verification of pairs, poses from points, and what normal equations of poses
+// take, of gsut/sfm.
 //
 // Features become bearings, unit vectors with the pixels' derivatives, once an image: from here on
 // no function knows a lens, and every lens is matched and posed alike.
@@ -6,6 +7,7 @@
 #include <pybind11/stl.h>
 
 #include <algorithm>
+#include <array>
 #include <string>
 #include <vector>
 
@@ -18,6 +20,8 @@
 #include "gsut/sfm/absolute_pose.h"
 #include "gsut/sfm/match.h"
 #include "gsut/sfm/relative_pose.h"
+#include "gsut/sfm/structure_covariance.h"
+#include "gsut/sfm/subtract_blocks.h"
 
 namespace gsut::bindings {
 namespace {
@@ -178,6 +182,63 @@ py::tuple AbsolutePoseOf(const ImageBearings& image, const py::object& features_
   return py::make_tuple(WritePose(found.camera_from_world), inliers);
 }
 
+// See gsut/sfm/subtract_blocks.h; target (N, N, D, D) is changed in place, blocks (P, L D, L D).
+void SubtractBlocksOf(const py::object& target, const py::object& images,
+                      const py::object& blocks) {
+  const auto seen_by = ReadArray<std::int64_t>(images, "images", {kAny, kAny});
+  const std::int64_t points = seen_by.shape(0), length = seen_by.shape(1);
+  const auto shape = py::cast<std::vector<std::int64_t>>(target.attr("shape"));
+  if (shape.size() != 4) throw InputError("target must have four axes");
+  const std::int64_t count = shape[0], size = shape[3];
+  double* out = MutableData<double>(target, "target", {count, count, size, size});
+  const double* values =
+      ConstData<double>(blocks, "blocks", {points, length * size, length * size});
+  const py::gil_scoped_release released;
+  SubtractBlocks(seen_by.data(), values, points, length, count, size, out);
+}
+
+// See gsut/sfm/structure_covariance.h; camera_from_world (N, 4, 4) as `estimate_poses` gave them.
+py::array Covariances(const std::vector<const ImageBearings*>& images,
+                      const py::object& camera_from_world, const py::object& points,
+                      const py::object& observations, const std::array<int, 2>& initial_pair,
+                      double loss_pixels) {
+  const auto count = static_cast<py::ssize_t>(images.size());
+  std::vector<const std::vector<Bearing>*> bearings;
+  for (const ImageBearings* image : images) bearings.push_back(&image->bearings);
+  FoundStructure structure;
+  // As they are: ReadPose would make rotations of them again, which changes their last bits.
+  const auto poses = ReadArray<double>(camera_from_world, "camera_from_world", {count, 4, 4});
+  using Row4 = Eigen::Matrix<double, 4, 4, Eigen::RowMajor>;
+  for (py::ssize_t i = 0; i < count; ++i) {
+    const Eigen::Map<const Row4> matrix(poses.data() + 16 * i);
+    structure.camera_from_world.push_back(
+        {matrix.topLeftCorner<3, 3>(), matrix.topRightCorner<3, 1>()});
+  }
+  const auto positions = ReadArray<double>(points, "points", {kAny, 3});
+  for (py::ssize_t i = 0; i < positions.shape(0); ++i) {
+    structure.points.emplace_back(Eigen::Map<const Eigen::Vector3d>(positions.data() + 3 * i));
+  }
+  const auto rows = ReadArray<std::int32_t>(observations, "observations", {kAny, 3});
+  for (py::ssize_t i = 0; i < rows.shape(0); ++i) {
+    const std::int32_t* row = rows.data() + 3 * i;
+    structure.observations.push_back({row[0], row[1], row[2]});
+  }
+  structure.initial_first = initial_pair[0];
+  structure.initial_second = initial_pair[1];
+  structure.loss_pixels = loss_pixels;
+  std::vector<Eigen::Matrix<double, 6, 6>> found;
+  {
+    const LongCall released;
+    found = StructureCovariances(bearings, structure);
+  }
+  auto covariances = NewArray<double>({count, 6, 6});
+  using Row6 = Eigen::Matrix<double, 6, 6, Eigen::RowMajor>;
+  for (py::ssize_t i = 0; i < count; ++i) {
+    Eigen::Map<Row6>(covariances.mutable_data() + 36 * i) = found[i];
+  }
+  return covariances;
+}
+
 }  // namespace
 
 void BindSfmMatching(py::module_& m) {
@@ -202,6 +263,11 @@ void BindSfmMatching(py::module_& m) {
         py::arg("max_distance"));
   m.def("verify_pairs", &VerifyPairs, py::arg("images"), py::arg("pairs"), py::arg("matches"),
         py::arg("max_error"), py::arg("seed"));
+  m.def("subtract_blocks", &SubtractBlocksOf, py::arg("target"), py::arg("images"),
+        py::arg("blocks"));
+  m.def("structure_covariances", &Covariances, py::arg("images"), py::arg("camera_from_world"),
+        py::arg("points"), py::arg("observations"), py::arg("initial_pair"),
+        py::arg("loss_pixels"));
   m.def("absolute_pose", &AbsolutePoseOf, py::arg("image"), py::arg("features"), py::arg("points"),
         py::arg("max_error"), py::arg("seed"));
 }

@@ -189,6 +189,17 @@ def verify_pairs(
     max_error: float,
     seed: int,
 ) -> list[tuple[NDArray[np.bool_], NDArray[np.float64], int, float, bool]]: ...
+def subtract_blocks(
+    target: NDArray[np.float64], images: ArrayLike, blocks: NDArray[np.float64]
+) -> None: ...
+def structure_covariances(
+    images: Sequence[ImageBearings],
+    camera_from_world: ArrayLike,
+    points: ArrayLike,
+    observations: ArrayLike,
+    initial_pair: tuple[int, int],
+    loss_pixels: float,
+) -> NDArray[np.float64]: ...
 def absolute_pose(
     image: ImageBearings, features: ArrayLike, points: ArrayLike, max_error: float, seed: int
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]: ...

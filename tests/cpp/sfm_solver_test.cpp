@@ -70,7 +70,7 @@ struct Walk {
     for (int point = 0; point < kPoints; ++point) {
       for (int block = 0; block < kBlocks; ++block) {
         if (std::abs(block - point / 4) > 3) continue;
-        observations.push_back({point % 10 == 9 ? -1 : point, {block, kBlocks}});
+        observations.push_back({point % 10 == 9 ? -1 : point, 2, {block, kBlocks}});
       }
     }
     sizes.assign(kBlocks, 6);

@@ -13,18 +13,19 @@
 namespace gsut {
 namespace {
 
-// Work is cut into at most this many parts, by size only.
+// Work is cut into at most this many parts, by size only. A part of the sort counts 2048 digits, so
+// that small ones cost more than they save.
 constexpr std::int64_t kMaxParts = 64;
-constexpr std::int64_t kMinPart = 8192;
+constexpr std::int64_t kMinSortPart = 8192;
+constexpr std::int64_t kMinPart = 1024;
 constexpr int kRadixBits = 11;
 constexpr std::uint32_t kRadix = 1u << kRadixBits;
 // In depth order the Gaussians' rectangles lie anywhere: they are fetched this far ahead.
 constexpr std::int64_t kFetchAhead = 16;
 
 struct Parts {
-  explicit Parts(std::int64_t n)
-      : count(std::clamp<std::int64_t>(n / kMinPart, 1, kMaxParts)),
-        grain((n + count - 1) / count) {
+  explicit Parts(std::int64_t n, std::int64_t least = kMinPart)
+      : count(std::clamp<std::int64_t>(n / least, 1, kMaxParts)), grain((n + count - 1) / count) {
     if (grain > 0) count = (n + grain - 1) / grain;
   }
   std::int64_t count;
@@ -46,7 +47,7 @@ struct Keyed {
 void RadixSort(AlignedVector<Keyed>* items, AlignedVector<Keyed>* scratch) {
   const std::int64_t n = static_cast<std::int64_t>(items->size());
   scratch->resize(items->size());
-  const Parts parts(n);
+  const Parts parts(n, kMinSortPart);
   std::vector<std::uint32_t> counts(static_cast<std::size_t>(parts.count) * kRadix);
   for (int shift = 0; shift < 32; shift += kRadixBits) {
     std::fill(counts.begin(), counts.end(), 0u);

@@ -3,8 +3,10 @@
 #include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
 #include "gsut/base/errors.h"
+#include "gsut/base/parallel.h"
 #include "gsut/sfm/bundle.h"
 #include "gsut/sfm/bundle_state.h"
 #include "gsut/geometry/rotation_vector.h"
@@ -21,15 +23,25 @@ namespace {
 // unknowns, time with the cube.
 constexpr int kMostMoving = 400;
 constexpr Eigen::Index kColumns = 60;  // of the inverse, made at once
+constexpr std::int64_t kGrain = 64;    // observations or points of a chunk of parallel work
 
 using Matrix6 = Eigen::Matrix<double, 6, 6>;
 using MatrixX3 = Eigen::Matrix<double, Eigen::Dynamic, 3>;
 
-// An observation's derivatives by its body's pose and, if bodies move, velocity; and by the point.
+// An observation's derivatives by its body's pose and, if bodies move, velocity; by the point; and
+// of both together what eliminating the point takes.
 struct Linearized {
   int body;
   Eigen::Matrix<double, 2, Eigen::Dynamic> by_body;
   Eigen::Matrix<double, 2, 3> by_point;
+  MatrixX3 cross;
+};
+
+// All observations in their order, and those of each point.
+struct Observations {
+  std::vector<Linearized> linear;
+  std::vector<std::vector<int>> of_point;
+  double squares = 0.0;  // sum of the weighted residuals'
 };
 
 // Pose and, if bodies move, velocity.
@@ -52,43 +64,63 @@ Matrix6 CameraByBody(const BundleState& state, int image) {
   return by;
 }
 
-// Of each point, at the current unknowns and weighted by the loss as in the normal equations of the
-// last step; size: unknowns of a body; squares: the sum of the weighted residuals'.
-std::vector<std::vector<Linearized>> Linearize(const Bundle& bundle, const BundleState& state,
-                                               double loss_scale, int size, double* squares) {
-  std::vector<std::vector<Linearized>> of_point(bundle.points.size());
-  for (const BundleObservation& observation : bundle.observations) {
-    const CameraChain chain = state.Chain(observation);
-    const Eigen::Vector3d& point = bundle.points[observation.point];
-    Eigen::Matrix<double, 2, 3> by_p;
-    const Eigen::Vector2d residual =
-        BearingResidual(observation.bearing, chain.Point(point), &by_p);
-    const double squared = residual.squaredNorm();
-    const double weight =
-        loss_scale > 0 ? std::sqrt(1.0 / (1.0 + squared / (loss_scale * loss_scale))) : 1.0;
-    *squares += weight * weight * squared;
-    const ChainDerivatives by = Derivatives(chain, point, weight * by_p);
-    Linearized linear = {state.body_of_image[observation.image], {}, by.by_point};
-    linear.by_body.resize(2, size);
-    linear.by_body.leftCols<6>() = by.by_pose;
-    if (size > kPoseTangent) linear.by_body.rightCols<6>() = by.by_velocity;
-    of_point[observation.point].push_back(std::move(linear));
+// At the current unknowns and weighted by the loss as in the normal equations of the last step;
+// size: unknowns of a body.
+Observations Linearize(const Bundle& bundle, const BundleState& state, double loss_scale,
+                       int size) {
+  Observations found;
+  const auto count = static_cast<std::int64_t>(bundle.observations.size());
+  found.linear.resize(count);
+  found.of_point.resize(bundle.points.size());
+  std::vector<double> squares(count);
+  ParallelFor(count, kGrain, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t i = begin; i < end; ++i) {
+      const BundleObservation& observation = bundle.observations[i];
+      const CameraChain chain = state.Chain(observation);
+      const Eigen::Vector3d& point = bundle.points[observation.point];
+      Eigen::Matrix<double, 2, 3> by_p;
+      const Eigen::Vector2d residual =
+          BearingResidual(observation.bearing, chain.Point(point), &by_p);
+      const double squared = residual.squaredNorm();
+      const double weight =
+          loss_scale > 0 ? std::sqrt(1.0 / (1.0 + squared / (loss_scale * loss_scale))) : 1.0;
+      squares[i] = weight * weight * squared;
+      const ChainDerivatives by = Derivatives(chain, point, weight * by_p);
+      Linearized& linear = found.linear[i];
+      linear.body = state.body_of_image[observation.image];
+      linear.by_point = by.by_point;
+      linear.by_body.resize(2, size);
+      linear.by_body.leftCols<6>() = by.by_pose;
+      if (size > kPoseTangent) linear.by_body.rightCols<6>() = by.by_velocity;
+    }
+  });
+  for (std::int64_t i = 0; i < count; ++i) {
+    found.squares += squares[i];
+    found.of_point[bundle.observations[i].point].push_back(static_cast<int>(i));
   }
-  return of_point;
+  return found;
 }
 
-// What eliminating a point takes: the inverse of its own block, and `cross`, its blocks with the
-// body of each observation.
-Eigen::Matrix3d InvertPoint(const std::vector<Linearized>& observations,
-                            std::vector<MatrixX3>* cross) {
-  Eigen::Matrix3d by_point = Eigen::Matrix3d::Zero();
-  cross->clear();
-  for (const Linearized& linear : observations) {
-    by_point += linear.by_point.transpose() * linear.by_point;
-    cross->emplace_back(linear.by_body.transpose() * linear.by_point);
+// What eliminating points takes: the inverse of each point's own block, and `cross` of all
+// observations.
+std::vector<Eigen::Matrix3d> InvertPoints(Observations* observations) {
+  const auto count = static_cast<std::int64_t>(observations->of_point.size());
+  std::vector<Eigen::Matrix3d> inverse(count, Eigen::Matrix3d::Zero());
+  ParallelFor(count, kGrain, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t point = begin; point < end; ++point) {
+      if (observations->of_point[point].empty()) continue;
+      Eigen::Matrix3d by_point = Eigen::Matrix3d::Zero();
+      for (const int i : observations->of_point[point]) {
+        Linearized& linear = observations->linear[i];
+        by_point += linear.by_point.transpose() * linear.by_point;
+        linear.cross = linear.by_body.transpose() * linear.by_point;
+      }
+      inverse[point] = by_point.inverse();
+    }
+  });
+  for (const Eigen::Matrix3d& each : inverse) {
+    if (!each.allFinite()) throw SolveError("a point of the bundle is not determined");
   }
-  const Eigen::Matrix3d inverse = by_point.inverse();
-  if (!inverse.allFinite()) throw SolveError("a point of the bundle is not determined");
   return inverse;
 }
 
@@ -103,29 +135,46 @@ void AddVelocityPriors(const BundleState& state, const BundleOptions& options, i
   }
 }
 
-// The normal equations of the bodies, the points eliminated; the lower triangle.
-Eigen::MatrixXd ReducedNormal(const std::vector<std::vector<Linearized>>& of_point,
-                              const BundleState& state, const BundleOptions& options, int size) {
-  Eigen::MatrixXd reduced =
-      Eigen::MatrixXd::Zero(size * state.num_bodies(), size * state.num_bodies());
-  std::vector<MatrixX3> cross;
-  for (const auto& observations : of_point) {
-    if (observations.empty()) continue;
-    const Eigen::Matrix3d inverse = InvertPoint(observations, &cross);
-    for (const Linearized& linear : observations) {
-      reduced.block(size * linear.body, size * linear.body, size, size) +=
-          linear.by_body.transpose() * linear.by_body;
-    }
-    // The point's unknowns go: what it ties together is subtracted.
-    for (std::size_t i = 0; i < observations.size(); ++i) {
-      const MatrixX3 scaled = cross[i] * inverse;
-      for (std::size_t j = 0; j < observations.size(); ++j) {
-        if (observations[j].body > observations[i].body) continue;
-        reduced.block(size * observations[i].body, size * observations[j].body, size, size) -=
-            scaled * cross[j].transpose();
+// The normal equations of the bodies, the points eliminated; the lower triangle. Each body's rows
+// are made by one thread, point by point: the same bits on any number of threads.
+Eigen::MatrixXd ReducedNormal(Observations observations, const BundleState& state,
+                              const BundleOptions& options, int size) {
+  const std::vector<Eigen::Matrix3d> inverse = InvertPoints(&observations);
+  const std::vector<Linearized>& linear = observations.linear;
+  const int bodies = state.num_bodies();
+  struct Group {  // what a body sees of a point
+    int point;
+    std::vector<int> own;
+  };
+  std::vector<std::vector<Group>> of_body(bodies);
+  for (std::size_t point = 0; point < inverse.size(); ++point) {
+    for (const int i : observations.of_point[point]) {
+      std::vector<Group>& groups = of_body[linear[i].body];
+      if (groups.empty() || groups.back().point != static_cast<int>(point)) {
+        groups.push_back({static_cast<int>(point), {}});
       }
+      groups.back().own.push_back(i);
     }
   }
+  Eigen::MatrixXd reduced = Eigen::MatrixXd::Zero(size * bodies, size * bodies);
+  ParallelFor(bodies, 1, [&](std::int64_t begin, std::int64_t) {
+    const int body = bodies - 1 - static_cast<int>(begin);  // the longest rows first
+    for (const Group& group : of_body[body]) {
+      for (const int i : group.own) {
+        reduced.block(size * body, size * body, size, size) +=
+            linear[i].by_body.transpose() * linear[i].by_body;
+      }
+      // The point's unknowns go: what it ties together is subtracted.
+      for (const int i : group.own) {
+        const MatrixX3 scaled = linear[i].cross * inverse[group.point];
+        for (const int j : observations.of_point[group.point]) {
+          if (linear[j].body > body) continue;
+          reduced.block(size * body, size * linear[j].body, size, size) -=
+              scaled * linear[j].cross.transpose();
+        }
+      }
+    }
+  });
   if (size > kPoseTangent) AddVelocityPriors(state, options, size, &reduced);
   return reduced;
 }
@@ -174,8 +223,14 @@ std::vector<Matrix6> InvertBlocks(Eigen::Ref<Eigen::MatrixXd> normal, const std:
   std::vector<Matrix6> blocks(bodies, Matrix6::Zero());
   const Eigen::Index size = normal.rows();
   const auto body_of = [&](Eigen::Index i) { return free[i] / unknowns; };
-  for (Eigen::Index begin = 0, end = 0; begin < size; begin = end) {
-    while (end < size && (end - begin < kColumns || body_of(end) == body_of(end - 1))) ++end;
+  std::vector<Eigen::Index> ends(1, 0);
+  while (ends.back() < size) {
+    Eigen::Index end = std::min(ends.back() + kColumns, size);
+    while (end < size && body_of(end) == body_of(end - 1)) ++end;
+    ends.push_back(end);
+  }
+  ParallelFor(static_cast<std::int64_t>(ends.size()) - 1, 1, [&](std::int64_t n, std::int64_t) {
+    const Eigen::Index begin = ends[n], end = ends[n + 1];
     Eigen::MatrixXd columns = Eigen::MatrixXd::Identity(size - begin, end - begin);
     normal.bottomRightCorner(size - begin, size - begin)
         .triangularView<Eigen::Lower>()
@@ -188,7 +243,7 @@ std::vector<Matrix6> InvertBlocks(Eigen::Ref<Eigen::MatrixXd> normal, const std:
         blocks[body_of(i)](row, column) = found(i - begin, j - begin);
       }
     }
-  }
+  });
   return blocks;
 }
 
@@ -199,17 +254,17 @@ std::vector<Matrix6> PoseCovariances(const Bundle& bundle, const BundleOptions& 
   const BundleState state(bundle);
   const int bodies = state.num_bodies();
   const int size = bodies > kMostMoving ? kPoseTangent : UnknownsOfBody(state);
-  double squares = 0.0;
-  const auto of_point = Linearize(bundle, state, options.loss_scale, size, &squares);
-  const auto points = std::count_if(of_point.begin(), of_point.end(),
-                                    [](const auto& linear) { return !linear.empty(); });
+  Observations observations = Linearize(bundle, state, options.loss_scale, size);
+  const auto points = std::count_if(observations.of_point.begin(), observations.of_point.end(),
+                                    [](const std::vector<int>& own) { return !own.empty(); });
   const std::vector<int> free = FreeUnknowns(state, options, size);
   // Residuals less unknowns: what is left to estimate the noise from.
   const std::int64_t freedom = 2 * static_cast<std::int64_t>(bundle.observations.size()) -
                                3 * static_cast<std::int64_t>(points) -
                                static_cast<std::int64_t>(free.size());
-  const double variance = squares / static_cast<double>(std::max<std::int64_t>(1, freedom));
-  Eigen::MatrixXd normal = ReducedNormal(of_point, state, options, size);
+  const double variance =
+      observations.squares / static_cast<double>(std::max<std::int64_t>(1, freedom));
+  Eigen::MatrixXd normal = ReducedNormal(std::move(observations), state, options, size);
   const std::vector<Matrix6> of_body = InvertBlocks(KeepFree(free, &normal), free, bodies, size);
   std::vector<Matrix6> covariances(images);
   for (int image = 0; image < images; ++image) {

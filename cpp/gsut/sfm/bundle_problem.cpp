@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 
 #include "gsut/base/parallel.h"
 #include "gsut/geometry/rotation_vector.h"
@@ -97,7 +98,7 @@ void BundleProblem::MakeSystem() {
     for (const int block :
          {body_block_[BodyOf(observation.image)], mount < 0 ? -1 : mount_block_[mount],
           lens_block_[bundle_.camera_of_image[observation.image]]}) {
-      if (block >= 0) own.blocks.push_back(block);
+      if (block >= 0) own.blocks[own.num_blocks++] = block;
     }
   }
   system_ = std::make_unique<ReducedSystem>(sizes_, num_bodies_,
@@ -339,19 +340,24 @@ void BundleProblem::Store(Bundle* bundle) const {
 // Without the loss, and including observations whose point is outside the lens.
 double BundleProblem::Rms() {
   if (evaluation_) evaluation_->Evaluate(false);
-  double sum = 0.0;
-  for (std::size_t i = 0; i < bundle_.observations.size(); ++i) {
-    const BundleObservation& observation = bundle_.observations[i];
-    LensEvaluation::Row row = {};
-    if (evaluation_) row = evaluation_->Get(static_cast<int>(i));
-    if (row.valid) {
-      sum += (Eigen::Map<const Eigen::Vector2d>(row.pixel) - observation.pixel).squaredNorm();
-    } else {
-      const Eigen::Vector3d p = state_.Chain(observation).Point(state_.points[observation.point]);
-      sum += BearingResidual(observation.bearing, p).squaredNorm();
+  std::vector<double> squares(bundle_.observations.size());
+  const auto count = static_cast<std::int64_t>(squares.size());
+  ParallelFor(count, kGrain, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t i = begin; i < end; ++i) {
+      const BundleObservation& observation = bundle_.observations[i];
+      LensEvaluation::Row row = {};
+      if (evaluation_) row = evaluation_->Get(static_cast<int>(i));
+      if (row.valid) {
+        squares[i] =
+            (Eigen::Map<const Eigen::Vector2d>(row.pixel) - observation.pixel).squaredNorm();
+      } else {
+        const Eigen::Vector3d p = state_.Chain(observation).Point(state_.points[observation.point]);
+        squares[i] = BearingResidual(observation.bearing, p).squaredNorm();
+      }
     }
-  }
-  return std::sqrt(sum / std::max<std::size_t>(1, bundle_.observations.size()));
+  });
+  const double sum = std::accumulate(squares.begin(), squares.end(), 0.0);
+  return std::sqrt(sum / std::max<std::size_t>(1, squares.size()));
 }
 
 }  // namespace gsut

@@ -73,10 +73,12 @@ void LensEvaluation::EvaluateBatch(int camera_index, bool jacobians) {
     std::fill(batch.valid.begin(), batch.valid.end(), 0);
   }
   // Panoramas repeat: of the images of a point the one next to the feature counts.
-  for (std::int64_t i = 0; i < count; ++i) {
-    start.domain().MoveNear(bundle_.observations[batch.observations[i]].pixel.data(),
-                            &batch.pixels[2 * i]);
-  }
+  ParallelFor(count, kGrain, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t i = begin; i < end; ++i) {
+      start.domain().MoveNear(bundle_.observations[batch.observations[i]].pixel.data(),
+                              &batch.pixels[2 * i]);
+    }
+  });
 }
 
 // Rows of a batch lie in the order of its observations.

@@ -24,9 +24,10 @@ namespace {
 //
 // Phases of a step, each sum by one thread in one order, so that bits do not depend on threads:
 //   1. EliminatePoint: per point (P^T P + D)^-1 (inverse_), P^T r (point_gradient_) and, for each
-//      block that sees it, B^T P (cross_) and W (scaled_).
-//   2. FillRow: per block its row of S left of the diagonal and its right side. The row of a shared
-//      block, such as a lens, costs as much as those of many bodies, and is made in parts.
+//      block that sees it, B^T P (cross_).
+//   2. FillRow: per block its row of S left of the diagonal and its right side, with W of one point
+//      after the other: all of W would take as much memory as B^T P. The row of a shared block,
+//      such as a lens, costs as much as those of many bodies, and is made in parts.
 //   3. TiledCholesky: factorisation and db; or, where that takes too long, conjugate gradients.
 //   4. dp, point by point.
 
@@ -58,6 +59,7 @@ ReducedSystem::ReducedSystem(std::vector<int> block_sizes, int num_ordered, int 
     : sizes_(std::move(block_sizes)),
       num_ordered_(num_ordered),
       num_points_(num_points),
+      first_block_(1, 0),
       first_column_(1, 0),
       of_point_(num_points),
       parts_of_block_(sizes_.size()),
@@ -70,10 +72,12 @@ ReducedSystem::ReducedSystem(std::vector<int> block_sizes, int num_ordered, int 
   for (std::size_t i = 0; i < observations.size(); ++i) {
     const Dependence& observation = observations[i];
     point_of_.push_back(observation.point);
-    blocks_of_.push_back(observation.blocks);
+    const auto own = std::span(observation.blocks).first(observation.num_blocks);
+    blocks_of_.insert(blocks_of_.end(), own.begin(), own.end());
+    first_block_.push_back(blocks_of_.size());
     if (observation.point >= 0) of_point_[observation.point].push_back(static_cast<int>(i));
     int column = 0;
-    for (const int block : observation.blocks) {
+    for (const int block : own) {
       parts_of_block_[block].push_back({static_cast<int>(i), column});
       column += sizes_[block];
     }
@@ -85,36 +89,35 @@ ReducedSystem::ReducedSystem(std::vector<int> block_sizes, int num_ordered, int 
     prior_residuals_.emplace_back(Eigen::VectorXd::Zero(size));
     held_.emplace_back(size, 0);
   }
-  FindEntries(observations);
+  FindEntries();
   Order(most_work, observations);
   ListFills();
 }
 
-// One entry for each point and block that see each other, with room for its 3 columns of B^T P. Few
-// blocks see a point, so a linear search among them beats a map.
-void ReducedSystem::FindEntries(const std::vector<Dependence>& observations) {
+// One entry for each point and block that see each other, with room for its 3 columns of B^T P.
+void ReducedSystem::FindEntries() {
   first_entry_.assign(1, 0);
   entries_of_block_.resize(sizes_.size());
-  entry_of_.resize(observations.size());
+  entry_of_.assign(blocks_of_.size(), -1);
   std::size_t at = 0;
+  std::vector<int> last(sizes_.size(), -1);  // entry of each block
   for (int point = 0; point < num_points_; ++point) {
-    const std::size_t first = entries_.size();
+    const auto first = static_cast<int>(entries_.size());
     for (const int i : of_point_[point]) {
-      for (const int block : blocks_of_[i]) {
-        std::size_t found = first;
-        while (found < entries_.size() && entries_[found].block != block) ++found;
-        if (found == entries_.size()) {
-          entries_of_block_[block].push_back(static_cast<int>(found));
+      for (std::size_t k = first_block_[i]; k < first_block_[i + 1]; ++k) {
+        const int block = blocks_of_[k];
+        if (last[block] < first) {
+          last[block] = static_cast<int>(entries_.size());
+          entries_of_block_[block].push_back(last[block]);
           entries_.push_back({point, block, at});
           at += 3 * static_cast<std::size_t>(sizes_[block]);
         }
-        entry_of_[i].push_back(static_cast<int>(found));
+        entry_of_[k] = last[block];
       }
     }
     first_entry_.push_back(entries_.size());
   }
   cross_.assign(at, 0.0);
-  scaled_.assign(at, 0.0);
 }
 
 void ReducedSystem::EliminatePoint(int point, double radius) {
@@ -130,9 +133,9 @@ void ReducedSystem::EliminatePoint(int point, double radius) {
     own.noalias() += by_point.transpose() * by_point;
     gradient.noalias() += by_point.transpose() * residuals_[i];
     const double* row = &by_blocks_[2 * first_column_[i]];
-    for (std::size_t k = 0; k < entry_of_[i].size(); ++k) {
-      const int size = sizes_[blocks_of_[i][k]];
-      Eigen::Map<MatrixX3>(&cross_[entries_[entry_of_[i][k]].at], size, 3).noalias() +=
+    for (std::size_t k = first_block_[i]; k < first_block_[i + 1]; ++k) {
+      const int size = sizes_[blocks_of_[k]];
+      Eigen::Map<MatrixX3>(&cross_[entries_[entry_of_[k]].at], size, 3).noalias() +=
           Jacobian(row, 2, size).transpose() * by_point;
       row += 2 * size;
     }
@@ -141,20 +144,12 @@ void ReducedSystem::EliminatePoint(int point, double radius) {
   for (int k = 0; k < 3; ++k) own(k, k) += Damping(own(k, k), radius);
   inverse_[point] = own.inverse();
   point_gradient_[point] = gradient;
-  for (std::size_t e = first; e < last; ++e) {
-    const int size = sizes_[entries_[e].block];
-    Eigen::Map<MatrixX3>(&scaled_[entries_[e].at], size, 3).noalias() =
-        Eigen::Map<const MatrixX3>(&cross_[entries_[e].at], size, 3) * inverse_[point];
-  }
 }
 
 void ReducedSystem::FillRow(const Fill& fill, double radius) {
   const int block = fill.block, size = sizes_[block];
-  const auto has_column = [&](int other) {
-    return rank_[other] >= fill.first && rank_[other] < fill.last;
-  };
-  const bool has_diagonal = has_column(block);
-  const auto stride = static_cast<std::ptrdiff_t>(rows_of_tile_[tile_[block]]);
+  const bool has_diagonal = Covers(fill, block);
+  const std::ptrdiff_t stride = Stride(block);
   Eigen::VectorXd side = Eigen::VectorXd::Zero(size);
   std::vector<double> opposite(2 * static_cast<std::size_t>(size));
   // B^T B and -B^T r of the observations that have this block. SubtractProduct takes a minus, hence
@@ -173,8 +168,8 @@ void ReducedSystem::FillRow(const Fill& fill, double radius) {
       side[k] -= own[k] * residual[0] + own[size + k] * residual[1];
     }
     for (int k = 0; k < 2 * size; ++k) opposite[k] = -own[k];
-    for (const int other : blocks_of_[i]) {
-      if (has_column(other)) {
+    for (const int other : BlocksOf(i)) {
+      if (Covers(fill, other)) {
         SubtractProduct(TileOf(block, other), stride, opposite.data(), size, row, sizes_[other],
                         size, sizes_[other], 2);
       }
@@ -197,27 +192,38 @@ void ReducedSystem::FillRow(const Fill& fill, double radius) {
     own_[block] = Eigen::Map<const Eigen::MatrixXd, 0, Eigen::OuterStride<>>(
         TileOf(block, block), size, size, Eigen::OuterStride<>(stride));
   }
-  // - W P^T B and + W P^T r of the points that this block sees.
+  SubtractPoints(fill, &side);
+  if (has_diagonal) step_.segment(start_[block], size) = side;
+}
+
+// - W P^T B and + W P^T r of the points that the block sees.
+void ReducedSystem::SubtractPoints(const Fill& fill, Eigen::VectorXd* side) {
+  const int block = fill.block, size = sizes_[block];
+  const bool has_diagonal = Covers(fill, block);
+  const std::ptrdiff_t stride = Stride(block);
+  Eigen::VectorXd room(3 * size + 1);
   const std::vector<int>& own_entries = entries_of_block_[block];
   for (std::size_t n = 0; n < own_entries.size(); ++n) {
     const Entry& entry = entries_[own_entries[n]];
     if (n + kAhead < own_entries.size()) {
-      hwy::Prefetch(&scaled_[entries_[own_entries[n + kAhead]].at]);
+      hwy::Prefetch(&cross_[entries_[own_entries[n + kAhead]].at]);
     }
-    const double* scaled = &scaled_[entry.at];
+    // As far from an aligned address as the entry: sums are then rounded alike for all parts.
+    double* scaled = room.data() + entry.at % 2;
+    Eigen::Map<MatrixX3>(scaled, size, 3).noalias() =
+        Eigen::Map<const MatrixX3>(&cross_[entry.at], size, 3) * inverse_[entry.point];
     const Eigen::Vector3d& gradient = point_gradient_[entry.point];
     for (int k = 0; k < size && has_diagonal; ++k) {
-      side[k] += scaled[k] * gradient[0] + scaled[size + k] * gradient[1] +
-                 scaled[2 * size + k] * gradient[2];
+      (*side)[k] += scaled[k] * gradient[0] + scaled[size + k] * gradient[1] +
+                    scaled[2 * size + k] * gradient[2];
     }
     for (std::size_t e = first_entry_[entry.point]; e < first_entry_[entry.point + 1]; ++e) {
       const int other = entries_[e].block;
-      if (!has_column(other)) continue;
+      if (!Covers(fill, other)) continue;
       SubtractProduct(TileOf(block, other), stride, scaled, size, &cross_[entries_[e].at],
                       sizes_[other], size, sizes_[other], 3);
     }
   }
-  if (has_diagonal) step_.segment(start_[block], size) = side;
 }
 
 bool ReducedSystem::Solve(double radius) {
@@ -265,7 +271,7 @@ double ReducedSystem::PredictedDecrease() const {
           Eigen::Vector2d change = Eigen::Vector2d::Zero();
           if (point_of_[i] >= 0) change = by_point_[i] * point_steps_[point_of_[i]];
           const double* row = &by_blocks_[2 * first_column_[i]];
-          for (const int block : blocks_of_[i]) {
+          for (const int block : BlocksOf(i)) {
             change.noalias() += Jacobian(row, 2, sizes_[block]) * BlockStep(block);
             row += 2 * sizes_[block];
           }

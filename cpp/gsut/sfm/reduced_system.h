@@ -3,7 +3,9 @@
 
 #include <Eigen/Cholesky>
 #include <Eigen/Core>
+#include <array>
 #include <memory>
+#include <span>
 #include <vector>
 
 #include "gsut/sfm/tiled_cholesky.h"
@@ -18,7 +20,8 @@ class ReducedSystem {
   // Of an observation: its point (-1: it has none, or one that stays) and its blocks, each once.
   struct Dependence {
     int point = -1;
-    std::vector<int> blocks;
+    int num_blocks = 0;
+    std::array<int, 3> blocks = {};  // of a body, a mount and a lens at most
   };
 
   // block_sizes: those from num_ordered on come last, in their order, and are shared: many
@@ -57,7 +60,7 @@ class ReducedSystem {
   static constexpr double kMostWork = 1e10;
   struct Entry {  // a block that observes a point
     int point, block;
-    std::size_t at;  // of its (size, 3) products in cross_ and scaled_
+    std::size_t at;  // of its (size, 3) products in cross_
   };
   struct Part {  // an observation that has a block
     int observation;
@@ -67,10 +70,21 @@ class ReducedSystem {
     int block, first, last;
   };
   void Order(double most_work, const std::vector<Dependence>& observations);
-  void FindEntries(const std::vector<Dependence>& observations);
+  void FindEntries();
   void EliminatePoint(int point, double radius);
   void ListFills();
   void FillRow(const Fill& fill, double radius);
+  void SubtractPoints(const Fill& fill, Eigen::VectorXd* side);
+  // Whether the part of a row holds the columns of a block.
+  bool Covers(const Fill& fill, int block) const {
+    return rank_[block] >= fill.first && rank_[block] < fill.last;
+  }
+  std::ptrdiff_t Stride(int block) const { return rows_of_tile_[tile_[block]]; }
+  // Blocks of an observation.
+  std::span<const int> BlocksOf(std::size_t observation) const {
+    const std::size_t first = first_block_[observation];
+    return {blocks_of_.data() + first, first_block_[observation + 1] - first};
+  }
   double* TileOf(int row, int column) {
     if (iterative_ && row >= num_ordered_) return &shared_(in_tile_[row], start_[column]);
     return matrix_->Tile(tile_[row], tile_[column]) + in_tile_[row] +
@@ -89,15 +103,14 @@ class ReducedSystem {
   std::vector<Fill> fills_;
   // By block: place in the order, first unknown, tile and row in it.
   std::vector<int> rank_, start_, tile_, in_tile_, rows_of_tile_;
-  std::vector<int> point_of_;                // by observation
-  std::vector<std::vector<int>> blocks_of_;  // by observation
-  std::vector<std::size_t> first_column_;    // by observation
-  std::vector<std::vector<int>> of_point_;   // observations
+  std::vector<int> point_of_;                            // by observation
+  std::vector<std::size_t> first_block_, first_column_;  // by observation
+  std::vector<int> blocks_of_, entry_of_;   // by observation and block: the entry, or -1
+  std::vector<std::vector<int>> of_point_;  // observations
   std::vector<std::vector<Part>> parts_of_block_;
   std::vector<Entry> entries_;
   std::vector<std::size_t> first_entry_;  // by point
   std::vector<std::vector<int>> entries_of_block_;
-  std::vector<std::vector<int>> entry_of_;  // by observation and block: the entry, or -1
   std::unique_ptr<TiledCholesky> matrix_;
 
   std::vector<double> by_blocks_;
@@ -106,9 +119,8 @@ class ReducedSystem {
   std::vector<Eigen::VectorXd> prior_weights_, prior_residuals_;
   std::vector<std::vector<std::uint8_t>> held_;
 
-  // cross_: block by point; scaled_: times the inverse of the point's own.
-  std::vector<double> cross_, scaled_;
-  std::vector<Eigen::Matrix3d> inverse_;
+  std::vector<double> cross_;             // block by point
+  std::vector<Eigen::Matrix3d> inverse_;  // of the point's own
   std::vector<Eigen::Vector3d> point_gradient_, point_steps_;
   Eigen::VectorXd step_;
 

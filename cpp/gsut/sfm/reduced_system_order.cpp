@@ -139,9 +139,9 @@ void ReducedSystem::Order(double most_work, const std::vector<Dependence>& obser
     }
   }
   for (const Dependence& observation : observations) {
-    if (observation.point < 0 && observation.blocks.size() > 1) {
-      together.push_back(observation.blocks);
-    }
+    if (observation.point >= 0 || observation.num_blocks < 2) continue;
+    const auto own = std::span(observation.blocks).first(observation.num_blocks);
+    together.emplace_back(own.begin(), own.end());
   }
   const Pairs joined = FindJoined(sizes_.size(), together);
   std::vector<int> order(sizes_.size());

@@ -105,9 +105,9 @@ int SceneMap::num_points() const {
 }
 
 void SceneMap::UpdateBearings() {
-  for (std::size_t i = 0; i < images_.size(); ++i) {
+  ParallelFor(num_images(), 1, [&](std::int64_t i, std::int64_t) {
     bearings_[i] = MakeBearings(cameras_[images_[i].camera], images_[i].pixels, &has_ray_[i]);
-  }
+  });
 }
 
 void SceneMap::Register(int image, const Pose& camera_from_world, const Velocity& velocity) {

@@ -60,25 +60,37 @@ Bundle SceneMap::MakeBundle(const std::vector<std::uint8_t>* images_free,
   Bundle bundle;
   bundle.cameras = cameras_;
   std::vector<int> place(images_.size(), -1);
+  std::vector<std::size_t> begin(1, 0);  // by point the first of its observations
   for (const int t : tracks) {
     const Track& track = tracks_[t];
-    const int point = static_cast<int>(bundle.points.size());
     bundle.points.push_back(track.position);
+    begin.push_back(begin.back());
     for (const Observation& observation : track.observations) {
       if (!observation.used) continue;
+      ++begin.back();
       int& image = place[observation.image];
-      if (image < 0) {
-        image = static_cast<int>(image_of->size());
-        AddImage(observation.image, &bundle, image_of);
-        if (images_free != nullptr) {
-          options->image_fixed.push_back((*images_free)[observation.image] == 0);
-        }
+      if (image >= 0) continue;
+      image = static_cast<int>(image_of->size());
+      AddImage(observation.image, &bundle, image_of);
+      if (images_free != nullptr) {
+        options->image_fixed.push_back((*images_free)[observation.image] == 0);
       }
-      bundle.observations.push_back(
-          {image, point, bearings_[observation.image][observation.feature],
-           images_[observation.image].pixels[observation.feature], TimeOf(observation)});
     }
   }
+  bundle.observations.resize(begin.back());
+  const auto points = static_cast<std::int64_t>(tracks.size());
+  ParallelFor(points, kTrackGrain, [&](std::int64_t first, std::int64_t last) {
+    for (std::int64_t point = first; point < last; ++point) {
+      std::size_t at = begin[point];
+      for (const Observation& observation : tracks_[tracks[point]].observations) {
+        if (!observation.used) continue;
+        bundle.observations[at++] = {place[observation.image], static_cast<int>(point),
+                                     bearings_[observation.image][observation.feature],
+                                     images_[observation.image].pixels[observation.feature],
+                                     TimeOf(observation)};
+      }
+    }
+  });
   // With two held images the gauge needs no more.
   const auto placed = [&](int image) { return image < 0 ? -1 : place[image]; };
   options->gauge_image = placed(gauge_first_);
@@ -98,10 +110,10 @@ Bundle SceneMap::MakeBundle(const std::vector<std::uint8_t>* images_free,
 void SceneMap::StoreBundle(const Bundle& bundle, const std::vector<int>& image_of,
                            const std::vector<int>& tracks) {
   if (on_rig()) camera_from_body_ = bundle.camera_from_body;  // which poses of lines follow
-  for (std::size_t i = 0; i < image_of.size(); ++i) {
+  ParallelFor(static_cast<std::int64_t>(image_of.size()), 1, [&](std::int64_t i, std::int64_t) {
     Place(image_of[i], bundle.camera_from_world[i],
           rolling() ? bundle.velocities[i] : Velocity::Zero());
-  }
+  });
   for (std::size_t i = 0; i < tracks.size(); ++i) tracks_[tracks[i]].position = bundle.points[i];
   if (on_rig() && options_.rig.refine) RestoreRigSize(bundle);
 }

@@ -35,18 +35,18 @@ class Components {
     a = Root(a);
     b = Root(b);
     if (a == b) return;
-    // Members are sorted by image: merging shows whether an image would be in it twice.
+    // Members are sorted by image.
     if (members_[a].size() < members_[b].size()) std::swap(a, b);
-    std::vector<TrackElement> merged;
-    merged.reserve(members_[a].size() + members_[b].size());
-    std::merge(members_[a].begin(), members_[a].end(), members_[b].begin(), members_[b].end(),
-               std::back_inserter(merged),
-               [](const TrackElement& x, const TrackElement& y) { return x.image < y.image; });
-    const auto same = [](const TrackElement& x, const TrackElement& y) {
-      return x.image == y.image;
+    std::vector<TrackElement>& own = members_[a];
+    const auto earlier = [](const TrackElement& x, const TrackElement& y) {
+      return x.image < y.image;
     };
-    if (std::adjacent_find(merged.begin(), merged.end(), same) != merged.end()) return;
-    members_[a] = std::move(merged);
+    for (const TrackElement& element : members_[b]) {
+      if (std::binary_search(own.begin(), own.end(), element, earlier)) return;
+    }
+    const auto before = static_cast<std::ptrdiff_t>(own.size());
+    own.insert(own.end(), members_[b].begin(), members_[b].end());
+    std::inplace_merge(own.begin(), own.begin() + before, own.end(), earlier);
     members_[b] = {};
     parent_[b] = a;
   }

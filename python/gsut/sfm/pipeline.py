@@ -312,8 +312,10 @@ def _map_photographs(mapping: Mapping, mapper: Mapper | None) -> None:
     else:
         try:
             mapping.solution = solve_poses(
-                mapping.images, mapping.pairs, mapping.options, mapping.log.follow_steps("mapping")
-            )
+                mapping.images, mapping.pairs, mapping.options,
+                mapping.log.follow_steps("mapping"),
+                Adjustment(defer_covariances=mapping.shutter_follows),
+            )  # fmt: skip
         except SolveError as error:
             advice = "let the lens be estimated: --unknown-lens"
             raise explain_failure(error, mapping.features, mapping.pairs, advice) from None

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 import tolerances
+from gsut import _core
+from gsut._core import InputError
 from gsut.sfm.lens import eliminate_points
 
 IMAGES, POINTS, COUNT = 4, 12, 3
@@ -27,3 +29,19 @@ def test_eliminated_points_leave_the_schur_complement(is_open, rng):
     wanted = kept.T @ (kept - gone @ np.linalg.lstsq(gone, kept, rcond=None)[0])
     np.testing.assert_allclose(normal, wanted, rtol=0, atol=tolerances.SCHUR_DENSE)
     assert freedom == -np.linalg.matrix_rank(gone) == -3 * POINTS + is_open
+
+
+def test_subtract_blocks_goes_through_points_in_order(rng):
+    """As numpy's `subtract.at` does, one number after the other."""
+    images = np.array([[0, 2, 3], [3, 1, 0], [2, 3, 0], [0, 2, 3]])
+    target, blocks = rng.normal(size=(4, 4, 2, 2)), rng.normal(size=(4, 6, 6))
+    wanted = target.copy()
+    of_pairs = blocks.reshape(4, 3, 2, 3, 2).transpose(0, 3, 1, 4, 2)
+    np.subtract.at(wanted, (images[:, :, None], images[:, None, :]), of_pairs)
+    _core.subtract_blocks(target, images, blocks)
+    assert np.array_equal(target, wanted)
+
+
+def test_subtract_blocks_rejects_an_image_that_is_not_there():
+    with pytest.raises(InputError, match="images holds 2; there are 2"):
+        _core.subtract_blocks(np.zeros((2, 2, 1, 1)), [[0, 2]], np.zeros((1, 2, 2)))

@@ -73,7 +73,11 @@ def format_model_texts(model: ColmapModel) -> dict[str, str]:
         images.append(
             " ".join(
                 f"{x:.6f} {y:.6f} {point + 1}"
-                for (x, y), point in zip(image.pixels, image.points, strict=True)
+                for (x, y), point in zip(
+                    np.asarray(image.pixels).tolist(),
+                    np.asarray(image.points).tolist(),
+                    strict=True,
+                )
             )
         )
     points = ["# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)"]

@@ -7,15 +7,22 @@ point that two windows see counts as two.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import concurrent.futures
+from collections.abc import Callable, Iterator, Sequence
+from typing import TypeVar
 
 import numpy as np
 
+from gsut import _core
+
+_Result = TypeVar("_Result")
 _WINDOW = 150  # images, about
 # Points that an image must share with a window to join it: fewer do not hold its pose.
 _LEAST_SHARED = 20
-_CHUNK = 2000  # points whose pairs of observations are summed at once, to bound memory
+_CHUNK = 2000  # points of one number of observations that are eliminated at once
+_PAIRS = 50_000  # of observations whose products are in memory at once
 _WINDOW_CHUNK = 500  # the same of a window: the images that see any of them count for each
+_BESIDE = 8  # chunks of a window at once: the product of each takes up to 60 MB
 # A direction of a point whose square counts less than this share is open: parallax below 1e-6 rad.
 _OPEN = 1e-12
 _WEAK = 1e-10  # square of a pivot of the scaled equations below which a window holds no poses
@@ -64,17 +71,30 @@ def eliminate_points(
             determined += ranks
             pose_i = pose_c @ inverse[:, None]
             at = image[rows]
-            np.subtract.at(
-                own,
-                (at[:, :, None], at[:, None, :]),
-                np.einsum("nsij,ntkj->nstik", pose_i, pose_c, optimize=True),
-            )
+            _subtract_pairs(own, at, pose_i, pose_c)
             np.subtract.at(with_lens, at, pose_i @ lens_c.transpose(0, 2, 1)[:, None])
             lens -= np.einsum("nij,nkj->ik", lens_c @ inverse, lens_c)
     size = unknowns * images
     cross = with_lens.reshape(size, count)
     poses = own.transpose(0, 2, 1, 3).reshape(size, size)
     return np.block([[poses, cross], [cross.T, lens]]), -determined
+
+
+def _subtract_pairs(
+    own: np.ndarray, images: np.ndarray, left: np.ndarray, right: np.ndarray
+) -> None:
+    """Subtracts what points tie together from `own` (N, N, D, D), in place.
+
+    Args:
+        images: (P, L) that see each point.
+        left, right: (P, L, D, 3); left right' of each two of its images is subtracted.
+    """
+    points, length = images.shape
+    step = max(1, _PAIRS // length**2)
+    for begin in range(0, points, step):
+        a, b = (rows[begin : begin + step].reshape(-1, length * len(own[0, 0]), 3)
+                for rows in (left, right))  # fmt: skip
+        _core.subtract_blocks(own, images[begin : begin + step], b @ a.transpose(0, 2, 1))
 
 
 def _invert_normals(normals: np.ndarray) -> tuple[np.ndarray, int]:
@@ -197,12 +217,10 @@ def _eliminate_poses(
     """
     images, unknowns = len(centers), by_pose.shape[2]
     point = _number_by_images(image, point)
-    poses = np.zeros((images, unknowns, images, unknowns))
+    poses = np.zeros((images, images, unknowns, unknowns))
     own = np.zeros((images, unknowns, unknowns))
     np.add.at(own, image, by_pose.transpose(0, 2, 1) @ by_pose)
-    poses[np.arange(images), :, np.arange(images)] = own + np.diag(prior)
-    size = images * unknowns
-    normal = poses.reshape(size, size)
+    poses[np.arange(images), np.arange(images)] = own + np.diag(prior)
     cross = np.zeros((images, unknowns, by_shared.shape[2]))
     np.add.at(cross, image, by_pose.transpose(0, 2, 1) @ by_shared)
     shared = np.einsum("srf,srg->fg", by_shared, by_shared)
@@ -211,18 +229,25 @@ def _eliminate_poses(
     tied = np.zeros((len(roots), by_shared.shape[2], 3))
     np.add.at(tied, point, by_shared.transpose(0, 2, 1) @ whitened)
     pose_point = by_pose.transpose(0, 2, 1) @ whitened
-    for begin in range(0, len(roots), _WINDOW_CHUNK):
+
+    def multiply_chunk(begin: int) -> tuple[np.ndarray, ...]:
         rows = np.flatnonzero((point >= begin) & (point < begin + _WINDOW_CHUNK))
         seen, place = np.unique(image[rows], return_inverse=True)
         chunk = np.zeros((len(seen), unknowns, _WINDOW_CHUNK, 3))
         chunk[place, :, point[rows] - begin] = pose_point[rows]
         flat = chunk.reshape(len(seen) * unknowns, -1)
-        at = (unknowns * seen[:, None] + np.arange(unknowns)).ravel()
-        normal[np.ix_(at, at)] -= flat @ flat.T
         part = tied[begin : begin + _WINDOW_CHUNK].transpose(0, 2, 1).reshape(-1, tied.shape[1])
-        cross[seen] -= (flat[:, : len(part)] @ part).reshape(len(seen), unknowns, -1)
-        shared -= part.T @ part
+        return seen, flat @ flat.T, flat[:, : len(part)] @ part, part.T @ part
+
+    for seen, of_poses, of_both, of_shared in _run_beside(
+        multiply_chunk, range(0, len(roots), _WINDOW_CHUNK)
+    ):
+        _core.subtract_blocks(poses, seen[None], of_poses[None])
+        cross[seen] -= of_both.reshape(len(seen), unknowns, -1)
+        shared -= of_shared
     free = _find_free(centers, unknowns)
+    size = images * unknowns
+    normal = poses.transpose(0, 2, 1, 3).reshape(size, size)
     length = 1 / np.sqrt(np.maximum(np.diag(normal)[free], 1e-300))
     small = normal[np.ix_(free, free)] * np.outer(length, length)
     try:
@@ -234,6 +259,14 @@ def _eliminate_poses(
     tied_poses = cross.reshape(size, -1)[free] * length[:, None]
     shared -= tied_poses.T @ np.linalg.solve(small, tied_poses)
     return shared, -determined - len(free)
+
+
+def _run_beside(work: Callable[[int], _Result], begins: Sequence[int]) -> Iterator[_Result]:
+    """Yields the results of `work` in order; a few are made beside each other."""
+    few = min(_BESIDE, _core.num_threads())
+    with concurrent.futures.ThreadPoolExecutor(few, "gsut-windows") as pool:
+        for first in range(0, len(begins), few):
+            yield from pool.map(work, begins[first : first + few])
 
 
 def _number_by_images(image: np.ndarray, point: np.ndarray) -> np.ndarray:

@@ -67,7 +67,10 @@ def search_lens(mapping: Mapping) -> None:
     try:
         mapping.solution = solve_poses(
             mapping.images.with_lens(lens), pairs, mapping.options,
-            mapping.log.follow_steps("mapping"), Adjustment(flags, lens_settled=True),
+            mapping.log.follow_steps("mapping"),
+            Adjustment(
+                flags, lens_settled=True, defer_covariances=mapping.shutter_follows
+            ),
         )  # fmt: skip
     except SolveError as error:
         raise explain_failure(error, mapping.features, pairs, ADVICE) from None

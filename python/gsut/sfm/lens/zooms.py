@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import functools
 import math
 from collections.abc import Sequence
 
@@ -16,10 +17,11 @@ from gsut.lens import Camera, find_focal_params, has_focal_length, with_scaled_f
 from gsut.sfm.lens.candidates import make_lens
 from gsut.sfm.lens.covariance import differentiate_by_turn
 from gsut.sfm.lens.search import search_lens
+from gsut.sfm.lens.trials import run_trials
 from gsut.sfm.mapping import Findings, Mapping, Zoom
 from gsut.sfm.matches import RawMatches, select_pairs
 from gsut.sfm.photographs import Features, PosesOptions
-from gsut.sfm.solution import Solution
+from gsut.sfm.solution import OnStep, Solution
 
 # Factors on the focal length that an image without a pose is tried with.
 _FACTORS = np.geomspace(0.25, 4.0, 33)
@@ -156,8 +158,13 @@ def find_zooms(
         pose = solution.camera_from_world[image]
         logs[image] = _fit_focal(lens, pose, solution.pixels[rows], points)
     tried = [n for n in sorted(sightings) if doubted[n] or not solution.registered[n]]
-    for number in tried[:: max(1, -(-len(tried) // _MOST_TRIED))]:
-        logs[number] = try_focals(lens, *sightings[number], options, _FITS * usual)
+    tried = tried[:: max(1, -(-len(tried) // _MOST_TRIED))]
+
+    def try_image(number: int, _: OnStep) -> float:
+        return try_focals(lens, *sightings[number], options, _FITS * usual)
+
+    if tried:
+        logs[tried] = run_trials([functools.partial(try_image, number) for number in tried])
     return [
         Zoom(
             float(lens.params[find_focal_params(lens)[0]] * math.exp(np.median(logs[group]))),
@@ -203,16 +210,20 @@ def join_points(
             point = point_of[other][matches[:, 1 - own]]
             rows = np.stack([matches[:, own], point], axis=1)[point >= 0]
             found.setdefault(image, []).append(rows[:_TRIED_MATCHES])
-    joined = {image: np.unique(np.concatenate(parts), axis=0) for image, parts in found.items()}
-    return {image: rows for image, rows in joined.items() if len(rows) >= _FEWEST_POINTS}
+    # One number for a feature and a point: rows of two are sorted far slower.
+    count = len(solution.points)
+    joined = {}
+    for image, parts in found.items():
+        feature, point = np.concatenate(parts).T
+        both = np.unique(feature * count + point)
+        if len(both) >= _FEWEST_POINTS:
+            joined[image] = np.stack(np.divmod(both, count), axis=1)
+    return joined
 
 
 def index_points(solution: Solution, features: Sequence[Features]) -> list[np.ndarray]:
     """Returns the point that each feature of each image observes, -1: none."""
-    point_of = [np.full(len(f), -1) for f in features]
-    for point, image, feature in solution.observations:
-        point_of[image][feature] = point
-    return point_of
+    return solution.index_points(np.array([len(f) for f in features]))
 
 
 def _measure_fitting_shares(

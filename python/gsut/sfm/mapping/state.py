@@ -141,6 +141,26 @@ class Mapping:
         )
 
     @property
+    def shutter_follows(self) -> bool:
+        """Whether it is a video whose shutter is looked for once its poses are known."""
+        return (
+            self.shutter is None
+            and self.options.shutter == "auto"
+            and bool(self.photographs.flows)
+            and self.rig is None
+        )
+
+    def complete_solution(self, solution: Solution) -> Solution:
+        """Sets the solution, and adds covariances that were deferred, see `Adjustment`.
+
+        Returns:
+            The solution as it is then.
+        """
+        self.found.models = [each.add_covariances(self.features) for each in self.found.models]
+        self.solution = solution.add_covariances(self.features)
+        return self.solution
+
+    @property
     def one_lens_free(self) -> np.ndarray | None:
         """Flags of the one lens of all photographs; None if it is known or there are several."""
         return self.lens_free if isinstance(self.lens_free, np.ndarray) else None

@@ -95,7 +95,7 @@ def find_shutter(mapping: Mapping) -> None:
     is_unknown = solution.shutter is None and mapping.options.shutter == "auto"
     if is_unknown and mapping.photographs.flows:
         lines = find_video_shutter(mapping)
-        mapping.solution = solution = lines.solution
+        solution = mapping.complete_solution(lines.solution)
         mapping.log.note(lines.describe())
         found = lines.readout
         figures["shutter"] = solution.shutter.direction if solution.shutter else "global"
