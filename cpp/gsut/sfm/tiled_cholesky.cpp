@@ -8,6 +8,11 @@
 #include "gsut/sfm/subtract_product.h"
 
 namespace gsut {
+namespace {
+
+constexpr std::int64_t kZeroGrain = 65536;  // numbers of a chunk: half a megabyte
+
+}  // namespace
 
 TiledCholesky::TiledCholesky(std::vector<int> sizes, std::vector<std::uint8_t> present)
     : sizes_(std::move(sizes)), starts_(1, 0), present_(std::move(present)) {
@@ -61,7 +66,13 @@ double TiledCholesky::Work() const {
   return work;
 }
 
-void TiledCholesky::SetZero() { values_.assign(num_values_, 0.0); }
+void TiledCholesky::SetZero() {
+  values_.resize(num_values_);
+  ParallelFor(static_cast<std::int64_t>(values_.size()), kZeroGrain,
+              [&](std::int64_t begin, std::int64_t end) {
+                std::fill(values_.begin() + begin, values_.begin() + end, 0.0);
+              });
+}
 
 // L_rc = (A_rc - sum over k < c of L_rk L_ck^T) L_cc^-T: this is the sum. Left-looking, so a tile
 // is written once, from tiles that are final, and its sum has one order whatever thread computes
