@@ -7,9 +7,9 @@ import pytest
 
 import tolerances
 from gsut.sfm import PosesOptions, compare_poses
-from gsut.sfm.lens.left_out import register_left_out
 from gsut.sfm.matches import RawMatches, verify_matches
 from gsut.sfm.solution import solve_poses
+from gsut.sfm.starts import register_left_out
 from synthetic_walk import Synthetic
 
 OPTIONS = PosesOptions(extend_rounds=0)

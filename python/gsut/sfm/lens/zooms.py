@@ -186,6 +186,7 @@ def gather_sightings(
     return {
         image: (features[image].pixels[rows[:, 0]], solution.points[rows[:, 1]])
         for image, rows in join_points(solution, features, raw).items()
+        if len(rows) >= _FEWEST_POINTS
     }
 
 
@@ -203,8 +204,7 @@ def join_points(
             point = point_of[other][matches[:, 1 - own]]
             rows = np.stack([matches[:, own], point], axis=1)[point >= 0]
             found.setdefault(image, []).append(rows[:_TRIED_MATCHES])
-    joined = {image: np.unique(np.concatenate(parts), axis=0) for image, parts in found.items()}
-    return {image: rows for image, rows in joined.items() if len(rows) >= _FEWEST_POINTS}
+    return {image: np.unique(np.concatenate(parts), axis=0) for image, parts in found.items()}
 
 
 def index_points(solution: Solution, features: Sequence[Features]) -> list[np.ndarray]:
