@@ -9,6 +9,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import SolveError
+from gsut.data import list_some
 from gsut.data.poses import invert_pose
 from gsut.sfm.lens import join_points
 from gsut.sfm.mapping import Mapping
@@ -20,6 +21,9 @@ from gsut.sfm.solution import Adjustment, ReadoutMotion, Solution, adjust_regist
 _FITS = 0.2
 # Points that a pose must fit. Three fit always; a wrong pose fits one or two more of a hundred.
 _FEWEST = 8
+# Share of the points of the image that fits most, below which an image waits for another round: by
+# then others may show where it belongs.
+_NEARLY = 0.6
 # Factor on the largest error of a point while a pose is sought: points that few images hold are
 # not where they will be.
 _LOOSER = 2.0
@@ -47,15 +51,25 @@ def register_left_out(mapping: Mapping) -> None:
     found = mapping.found
     if mapping.rig is not None or found.zooms or found.models:
         return
+    before = set(mapping.solved.unregistered_names)
     while not mapping.solved.registered.all() and len(mapping.solved.points):
-        if not _add_images(mapping, _find_poses(mapping)):
-            return
-        if len(mapping.solved.names) > _MOST_IMAGES:
-            return
+        poses = _find_poses(mapping)
+        best = [each for each in poses if each[0] >= _NEARLY * poses[0][0]]
+        is_any = _add_images(mapping, best)
+        if not is_any and len(best) < len(poses):
+            is_any = _add_images(mapping, poses)
+        if not is_any or len(mapping.solved.names) > _MOST_IMAGES:
+            break
+    added = sorted(before - set(mapping.solved.unregistered_names))
+    if added:
+        mapping.log.note(
+            "poses are less certain of images that share few points with the others: "
+            f"{list_some(added)}"
+        )
 
 
-def _find_poses(mapping: Mapping) -> dict[int, np.ndarray]:
-    """Finds camera_from_world of images without a pose, those that fit most points first."""
+def _find_poses(mapping: Mapping) -> list[tuple[int, int, np.ndarray]]:
+    """Finds poses of images without one: points that fit, image, (4, 4); most points first."""
     solution, options = mapping.solved, mapping.options
     found = []
     for image, rows in join_points(solution, mapping.features, mapping.raw).items():
@@ -70,7 +84,7 @@ def _find_poses(mapping: Mapping) -> dict[int, np.ndarray]:
         count = len(np.unique(rows[good[fits], 1]))
         if count >= max(_FEWEST, _FITS * len(rows)):
             found.append((count, image, pose))
-    return {image: pose for _, image, pose in sorted(found, key=lambda each: -each[0])}
+    return sorted(found, key=lambda each: -each[0])
 
 
 def _limit_error(mapping: Mapping, image: int) -> float:
@@ -79,9 +93,9 @@ def _limit_error(mapping: Mapping, image: int) -> float:
     return _LOOSER * mapping.options.max_error * math.hypot(lens.width, lens.height) / 1000
 
 
-def _add_images(mapping: Mapping, poses: dict[int, np.ndarray]) -> bool:
+def _add_images(mapping: Mapping, found: list[tuple[int, int, np.ndarray]]) -> bool:
     """Adds images to the solution, without those that it does not hold; False if none is left."""
-    solution = mapping.solved
+    solution, poses = mapping.solved, {image: pose for _, image, pose in found}
     fewer = dataclasses.replace(mapping.options, min_inliers=_FEWEST)
     while poses:
         start = dataclasses.replace(
@@ -124,36 +138,37 @@ def _count_held(solution: Solution, others: np.ndarray) -> np.ndarray:
 
 
 def _match_images(mapping: Mapping, start: Solution, images: set[int]) -> list[PairMatches]:
-    """Returns the matches of pairs with such an image that meet under its pose."""
+    """Returns the matches that meet, of pairs with such an image that were not verified."""
     verified = {(pair.first, pair.second) for pair in mapping.pairs}
     found = []
     for pair, matches in zip(mapping.raw.pairs, mapping.raw.matches, strict=True):
         first, second = (int(image) for image in pair)
         is_open = (first in images or second in images) and (first, second) not in verified
-        if not is_open or not start.registered[first] or not start.registered[second]:
-            continue
-        poses = start.camera_from_world[[first, second]]
-        rays = []
-        for image, column in zip((first, second), matches.T, strict=True):
-            seen, valid = start.cameras[image].unproject(mapping.features[image].pixels[column])
-            rays.append(np.where(valid[:, None], seen, np.nan))
-        world_from_camera = np.stack([invert_pose(pose) for pose in poses])[:, None]
-        errors = measure_angular_errors(
-            np.array(rays), np.repeat(world_from_camera, len(matches), axis=1)
-        )
-        scale = measure_pixels_per_radian(start.cameras[first])
-        kept = matches[errors * scale < _limit_error(mapping, first)]
-        if len(kept) < _FEWEST_MATCHES:
-            continue
-        turned = [
-            ray[errors * scale < _limit_error(mapping, first)] @ pose[0, :3, :3].T
-            for ray, pose in zip(rays, world_from_camera, strict=True)
-        ]
-        sine = np.linalg.norm(np.cross(*turned), axis=1)
-        parallax = np.arctan2(sine, np.sum(turned[0] * turned[1], axis=1))
-        relative = poses[1] @ invert_pose(poses[0])
-        relative[:3, 3] /= max(float(np.linalg.norm(relative[:3, 3])), 1e-12)
-        found.append(
-            PairMatches(first, second, kept, relative, 0, float(np.percentile(parallax, 75)))
-        )
+        if is_open and start.registered[first] and start.registered[second]:
+            meeting = _find_meeting(mapping, start, (first, second), matches)
+            if len(meeting.matches) >= _FEWEST_MATCHES:
+                found.append(meeting)
     return found
+
+
+def _find_meeting(
+    mapping: Mapping, start: Solution, pair: tuple[int, int], matches: np.ndarray
+) -> PairMatches:
+    """Finds the matches (M, 2) of a pair of images whose rays meet under their poses."""
+    poses = start.camera_from_world[list(pair)]
+    world_from_camera = np.array([invert_pose(pose) for pose in poses])
+    rays = np.full((2, len(matches), 3), np.nan)
+    for own, image, column in zip(rays, pair, matches.T, strict=True):
+        seen, valid = start.cameras[image].unproject(mapping.features[image].pixels[column])
+        own[valid] = seen[valid]
+    errors = measure_angular_errors(
+        rays, np.repeat(world_from_camera[:, None], len(matches), axis=1)
+    ) * measure_pixels_per_radian(start.cameras[pair[0]])
+    meets = errors < _limit_error(mapping, pair[0])
+    one, other = np.einsum("sij,smj->smi", world_from_camera[:, :3, :3], rays[:, meets])
+    sine = np.linalg.norm(np.cross(one, other), axis=1)
+    parallax = np.arctan2(sine, np.sum(one * other, axis=1))
+    relative = poses[1] @ world_from_camera[0]
+    relative[:3, 3] /= max(float(np.linalg.norm(relative[:3, 3])), 1e-12)
+    upper = float(np.percentile(parallax, 75)) if len(parallax) else 0.0
+    return PairMatches(*pair, matches[meets], relative, 0, upper)
