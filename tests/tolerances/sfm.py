@@ -65,6 +65,7 @@ FOCAL_SIGMA_SHARED = (
     1.2  # least sigma with shared errors over that of the features alone; worst 1.8
 )
 LENS_EACH_FOCAL = 0.004  # relative, of images with a lens each, 0.1 px; worst 0.002
+LEFT_OUT_TURN = 0.0028  # radians in a readout, of eight images with velocities; worst 0.0014
 LEFT_OUT_ATE_PERCENT = 0.011  # of the path, one of eight images by few points; worst 0.0057
 GPS_DOME_SHARE = 0.5  # of the dome that images leave, by places to 0.1 m; worst 0.29
 GPS_ROLLING_DOME = 0.95  # the same as GPS_DOME_SHARE under a rolling shutter; worst 0.84

@@ -20,7 +20,6 @@ from gsut.sfm.lens import (
     free_center,
     guess_lenses,
     judge_lens,
-    register_left_out,
     search_lenses,
 )
 from gsut.sfm.mapping import Mapping, PosesLog
@@ -63,7 +62,7 @@ from gsut.sfm.solution import (
     separate_look_alikes,
     solve_poses,
 )
-from gsut.sfm.starts import compare_halves, try_other_starts
+from gsut.sfm.starts import compare_halves, register_left_out, try_other_starts
 from gsut.sfm.world import place_on_earth
 from gsut.time_left import PosesWork
 
@@ -143,11 +142,12 @@ def find_poses(
         with _set_threads(mapping.options.threads):
             _find_matches(mapping, stages)
             _map_photographs(mapping, mapper)
-            if mapping.rig is None and mapper is None:
+            if mapper is None:
                 register_left_out(mapping)
             _separate_places(mapping, is_final=bool(mapping.rig or mapper))
             if mapper is None:
                 try_other_starts(mapping)
+                register_left_out(mapping)  # another start may see more of them
             find_shutter(mapping)
             if mapper is None:
                 free_center(mapping)

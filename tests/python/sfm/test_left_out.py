@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 
 import tolerances
+from gsut import Shutter
 from gsut.sfm import PosesOptions, compare_poses
-from gsut.sfm.lens.left_out import register_left_out
+from gsut.sfm.lens import join_points
 from gsut.sfm.matches import RawMatches, verify_matches
 from gsut.sfm.solution import solve_poses
+from gsut.sfm.starts import register_left_out
+from gsut.sfm.starts.left_out import _find_poses
 from synthetic_walk import Synthetic
 
 OPTIONS = PosesOptions(extend_rounds=0)
@@ -45,6 +48,66 @@ def test_image_without_verified_pairs_gets_a_pose_by_points_of_all_others(scene)
     assert errors.ate_percent < tolerances.LEFT_OUT_ATE_PERCENT
     added = [pair for pair in mapping.pairs if LEFT_OUT in (pair.first, pair.second)]
     assert added and all(0 < pair.parallax < 1.5 for pair in added)
+
+
+def thin_out(mapping, every, others):
+    """Leaves the image every n-th of its matches with these others, and one with each other."""
+    few = [
+        matches[:: every if set(pair.tolist()) - {LEFT_OUT} <= set(others) else len(matches)]
+        if LEFT_OUT in pair
+        else matches
+        for pair, matches in zip(mapping.raw.pairs, mapping.raw.matches, strict=True)
+    ]
+    mapping.raw = RawMatches(mapping.raw.pairs, few)
+
+
+def test_image_that_fits_fewer_points_than_others_need_is_held_by_what_it_predicts(scene):
+    mapping = solve_without_one(scene)
+    mapping.options = dataclasses.replace(OPTIONS, extend_rounds=2)
+    thin_out(mapping, every=60, others=[5])
+    joined = join_points(mapping.solved, mapping.features, mapping.raw)[LEFT_OUT]
+    assert 8 <= len(joined) < OPTIONS.min_inliers
+    register_left_out(mapping)
+    assert mapping.solved.registered[LEFT_OUT]
+    assert mapping.photographs.names[LEFT_OUT] in mapping.log.notes[-1]
+    errors = compare_poses(mapping.solved.camera_from_world, np.array(scene.poses))
+    assert errors.ate_percent < tolerances.LEFT_OUT_ATE_PERCENT
+
+
+def test_image_that_too_few_points_hold_stays_without_a_pose(scene):
+    mapping = solve_without_one(scene)
+    thin_out(mapping, every=120, others=[5])
+    assert [image for _, image, _ in _find_poses(mapping)] == [LEFT_OUT]
+    before = mapping.solution  # and nothing looks for more of its points: no extension
+    register_left_out(mapping)
+    assert mapping.solution is before
+
+
+def test_image_that_meets_only_one_that_was_left_out_joins_after_it(scene):
+    mapping = scene.mapping(OPTIONS)
+    pairs = verify_matches(mapping.images, mapping.raw, OPTIONS)
+    out = {LEFT_OUT - 1, LEFT_OUT}
+    mapping.pairs = [pair for pair in pairs if not out & {pair.first, pair.second}]
+    mapping.solution = solve_poses(mapping.images, mapping.pairs, OPTIONS)
+    thin_out(mapping, every=1, others=[LEFT_OUT - 1])
+    assert [image for _, image, _ in _find_poses(mapping)] == [LEFT_OUT - 1]
+    register_left_out(mapping)
+    assert mapping.solved.registered.all()
+
+
+def test_image_with_a_rolling_shutter_gets_a_pose_and_keeps_the_others_velocities():
+    scene = Synthetic(np.random.default_rng(20261128), readout=0.02)
+    shutter = Shutter("top_to_bottom")
+    mapping = scene.mapping(OPTIONS, shutter=shutter)
+    pairs = verify_matches(mapping.images, mapping.raw, OPTIONS)
+    mapping.pairs = [pair for pair in pairs if LEFT_OUT not in (pair.first, pair.second)]
+    mapping.solution = solve_poses(mapping.images, mapping.pairs, OPTIONS)
+    before = mapping.solved
+    assert before.unregistered_names == [mapping.photographs.names[LEFT_OUT]]
+    register_left_out(mapping)
+    assert mapping.solved.registered.all() and mapping.solved.shutter == shutter
+    turned = mapping.solved.velocities[:LEFT_OUT, 3:] - before.velocities[:LEFT_OUT, 3:]
+    assert np.abs(turned).max() < tolerances.LEFT_OUT_TURN
 
 
 def test_image_whose_matches_are_wrong_stays_without_a_pose(scene):

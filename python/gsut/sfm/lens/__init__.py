@@ -11,9 +11,8 @@ from gsut.sfm.lens.covariance import (
 from gsut.sfm.lens.critical_motion import TURNED
 from gsut.sfm.lens.doubt import compare_lens, describe_doubt, judge_lens
 from gsut.sfm.lens.elimination import eliminate_by_windows, eliminate_points
-from gsut.sfm.lens.left_out import register_left_out
 from gsut.sfm.lens.refinement import RefinedLens, refine_lens
-from gsut.sfm.lens.zooms import describe_zooms, find_zooms, index_points
+from gsut.sfm.lens.zooms import describe_zooms, find_zooms, index_points, join_points
 
 __all__ = [
     "TURNED",
@@ -29,9 +28,9 @@ __all__ = [
     "free_center",
     "guess_lenses",
     "index_points",
+    "join_points",
     "judge_lens",
     "refine_lens",
-    "register_left_out",
     "search_lenses",
     "spread_free_parameters",
 ]

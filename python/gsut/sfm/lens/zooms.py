@@ -193,6 +193,7 @@ def gather_sightings(
     return {
         image: (features[image].pixels[rows[:, 0]], solution.points[rows[:, 1]])
         for image, rows in join_points(solution, features, raw).items()
+        if len(rows) >= _FEWEST_POINTS
     }
 
 
@@ -211,13 +212,11 @@ def join_points(
             rows = np.stack([matches[:, own], point], axis=1)[point >= 0]
             found.setdefault(image, []).append(rows[:_TRIED_MATCHES])
     # One number for a feature and a point: rows of two are sorted far slower.
-    count = len(solution.points)
+    count = max(1, len(solution.points))
     joined = {}
     for image, parts in found.items():
         feature, point = np.concatenate(parts).T
-        both = np.unique(feature * count + point)
-        if len(both) >= _FEWEST_POINTS:
-            joined[image] = np.stack(np.divmod(both, count), axis=1)
+        joined[image] = np.stack(np.divmod(np.unique(feature * count + point), count), axis=1)
     return joined
 
 

@@ -95,7 +95,7 @@ class PosesOptions:
         low_open=True, high=90,
     )
     min_inliers: int = define_option(
-        15, "Mapping", "fewest inliers of an image that is registered", low=4,
+        15, "Mapping", "fewest inliers of an image while the structure grows", low=4,
     )
     loss_scale: float = define_option(
         1.5, "Mapping", "scale of the Cauchy loss, in medians of the residuals",

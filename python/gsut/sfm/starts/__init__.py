@@ -1,6 +1,7 @@
-"""Other starts of the structure: what halves of the points say of the poses, and better poses."""
+"""Other starts of the structure, images that it left out, and what halves of the points say."""
 
 from gsut.sfm.starts.halves import compare_halves
+from gsut.sfm.starts.left_out import register_left_out
 from gsut.sfm.starts.second_start import try_other_starts
 
-__all__ = ["compare_halves", "try_other_starts"]
+__all__ = ["compare_halves", "register_left_out", "try_other_starts"]

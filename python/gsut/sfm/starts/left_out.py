@@ -1,0 +1,174 @@
+"""Registers images that no pair of verified matches connects, by all points their matches join."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+
+from gsut import _core
+from gsut._core import SolveError
+from gsut.data import list_some
+from gsut.data.poses import invert_pose
+from gsut.sfm.lens import join_points
+from gsut.sfm.mapping import Mapping
+from gsut.sfm.matches import PairMatches
+from gsut.sfm.points import measure_angular_errors, measure_pixels_per_radian
+from gsut.sfm.solution import Adjustment, ReadoutMotion, Solution, adjust_registered
+
+# Share of the joined points that a pose must fit: chance fits one in thousands.
+_FITS = 0.2
+# Points that a pose must fit. Three fit always; a wrong pose fits one or two more of a hundred.
+_FEWEST = 8
+# Share of the points of the image that fits most, below which an image waits for another round: by
+# then others may show where it belongs.
+_NEARLY = 0.6
+# Factor on the largest error of a point while a pose is sought: points that few images hold are
+# not where they will be.
+_LOOSER = 2.0
+# Points of at least two other images that an image must observe once it is adjusted: from them on
+# poses were right to about a degree.
+_FEWEST_HELD = 10
+# More images are registered in one round, since each round adjusts all of them.
+_MOST_IMAGES = 200
+_FEWEST_MATCHES = 4  # of a pair of images whose poses are known: a few may be wrong
+_STEADY = 0.1  # relative deviation of velocities in a readout while images are added
+
+
+def register_left_out(mapping: Mapping) -> None:
+    """Registers images whose matches with many images are too few pair by pair, but not together.
+
+    A photograph far from the others shares few features with each of them. Its pose is that which
+    most of the points fit that its matches join, however few, and predicts where its features meet
+    those of other images. Then everything is adjusted again, and the image is kept if it observes
+    enough points that do not depend on it. It may join others, so this is repeated while there are
+    any. Does nothing for a rig, where images were taken at several zooms, or where those left form
+    models of their own.
+
+    Sets the mapping's solution and pairs.
+    """
+    found = mapping.found
+    if mapping.rig is not None or found.zooms or found.models:
+        return
+    before = set(mapping.solved.unregistered_names)
+    while not mapping.solved.registered.all() and len(mapping.solved.points):
+        poses = _find_poses(mapping)
+        best = [each for each in poses if each[0] >= _NEARLY * poses[0][0]]
+        is_any = _add_images(mapping, best)
+        if not is_any and len(best) < len(poses):
+            is_any = _add_images(mapping, poses)
+        if not is_any or len(mapping.solved.names) > _MOST_IMAGES:
+            break
+    added = sorted(before - set(mapping.solved.unregistered_names))
+    if added:
+        mapping.log.note(
+            "poses are less certain of images that share few points with the others: "
+            f"{list_some(added)}"
+        )
+
+
+def _find_poses(mapping: Mapping) -> list[tuple[int, int, np.ndarray]]:
+    """Finds poses of images without one: points that fit, image, (4, 4); most points first."""
+    solution, options = mapping.solved, mapping.options
+    found = []
+    for image, rows in join_points(solution, mapping.features, mapping.raw).items():
+        lens = solution.cameras[image]
+        bearings = _core.ImageBearings(lens, mapping.features[image].pixels[rows[:, 0]])
+        good = np.flatnonzero(bearings.valid)
+        if solution.registered[image] or len(good) < _FEWEST:
+            continue
+        points = solution.points[rows[good, 1]]
+        limit = _limit_error(mapping, image)
+        pose, fits = _core.absolute_pose(bearings, good, points, limit, options.seed)
+        count = len(np.unique(rows[good[fits], 1]))
+        if count >= max(_FEWEST, _FITS * len(rows)):
+            found.append((count, image, pose))
+    return sorted(found, key=lambda each: -each[0])
+
+
+def _limit_error(mapping: Mapping, image: int) -> float:
+    """Returns the largest error of an image's points while its pose is sought, in pixels."""
+    lens = mapping.solved.cameras[image]
+    return _LOOSER * mapping.options.max_error * math.hypot(lens.width, lens.height) / 1000
+
+
+def _add_images(mapping: Mapping, found: list[tuple[int, int, np.ndarray]]) -> bool:
+    """Adds images to the solution, without those that it does not hold; False if none is left."""
+    solution, poses = mapping.solved, {image: pose for _, image, pose in found}
+    fewer = dataclasses.replace(mapping.options, min_inliers=_FEWEST)
+    while poses:
+        start = dataclasses.replace(
+            solution,
+            camera_from_world=solution.camera_from_world.copy(),
+            registered=solution.registered.copy(),
+            shutter=None,
+            velocities=None,
+        )
+        for image, pose in poses.items():
+            start.camera_from_world[image], start.registered[image] = pose, True
+        pairs = [*mapping.pairs, *_match_images(mapping, start, set(poses))]
+        motion = None
+        if solution.shutter is not None and solution.velocities is not None:
+            motion = ReadoutMotion(solution.shutter, 1.0, solution.velocities, _STEADY)
+        try:
+            more = adjust_registered(
+                start, mapping.features, pairs, fewer, mapping.log.follow_steps("mapping"),
+                Adjustment(mapping.lens_free, motion=motion, extend=True),
+            )  # fmt: skip
+        except SolveError:  # the image that holds the scale is one of those that do not fit
+            poses = dict(list(poses.items())[: len(poses) // 2])
+            continue
+        held = _count_held(more, solution.registered)
+        kept = {image: pose for image, pose in poses.items() if held[image] >= _FEWEST_HELD}
+        if len(kept) == len(poses):
+            if not np.all(more.registered[start.registered]):
+                return False
+            mapping.solution, mapping.pairs = more, pairs
+            return True
+        poses = kept
+    return False
+
+
+def _count_held(solution: Solution, others: np.ndarray) -> np.ndarray:
+    """Counts (N,) the points each image observes that two of the others (N,) bool observe too."""
+    point, image = solution.observations[:, 0], solution.observations[:, 1]
+    counts = np.bincount(point[others[image]], minlength=len(solution.points))
+    return np.bincount(image[counts[point] >= 2], minlength=len(solution.names))
+
+
+def _match_images(mapping: Mapping, start: Solution, images: set[int]) -> list[PairMatches]:
+    """Returns the matches that meet, of pairs with such an image that were not verified."""
+    verified = {(pair.first, pair.second) for pair in mapping.pairs}
+    found = []
+    for pair, matches in zip(mapping.raw.pairs, mapping.raw.matches, strict=True):
+        first, second = (int(image) for image in pair)
+        is_open = (first in images or second in images) and (first, second) not in verified
+        if is_open and start.registered[first] and start.registered[second]:
+            meeting = _find_meeting(mapping, start, (first, second), matches)
+            if len(meeting.matches) >= _FEWEST_MATCHES:
+                found.append(meeting)
+    return found
+
+
+def _find_meeting(
+    mapping: Mapping, start: Solution, pair: tuple[int, int], matches: np.ndarray
+) -> PairMatches:
+    """Finds the matches (M, 2) of a pair of images whose rays meet under their poses."""
+    poses = start.camera_from_world[list(pair)]
+    world_from_camera = np.array([invert_pose(pose) for pose in poses])
+    rays = np.full((2, len(matches), 3), np.nan)
+    for own, image, column in zip(rays, pair, matches.T, strict=True):
+        seen, valid = start.cameras[image].unproject(mapping.features[image].pixels[column])
+        own[valid] = seen[valid]
+    errors = measure_angular_errors(
+        rays, np.repeat(world_from_camera[:, None], len(matches), axis=1)
+    ) * measure_pixels_per_radian(start.cameras[pair[0]])
+    meets = errors < _limit_error(mapping, pair[0])
+    one, other = np.einsum("sij,smj->smi", world_from_camera[:, :3, :3], rays[:, meets])
+    sine = np.linalg.norm(np.cross(one, other), axis=1)
+    parallax = np.arctan2(sine, np.sum(one * other, axis=1))
+    relative = poses[1] @ world_from_camera[0]
+    relative[:3, 3] /= max(float(np.linalg.norm(relative[:3, 3])), 1e-12)
+    upper = float(np.percentile(parallax, 75)) if len(parallax) else 0.0
+    return PairMatches(*pair, matches[meets], relative, 0, upper)
