@@ -52,6 +52,7 @@ class PosesQuality:
 
     Attributes:
         images, registered, points: numbers of images, of those with a pose, and of points.
+        held_by_few: number of the images with a pose that few points hold.
         median_px: median residual in pixels; diagonal_px: the images' diagonal.
         halves_px: half of the difference of poses adjusted with either half of the points, pixels
             that nine and six in ten pairs of images stay below; 0 if not measured.
@@ -77,6 +78,7 @@ class PosesQuality:
     halves_px: tuple[float, float]
     agreement: float | None
     focal_sigma: float | None
+    held_by_few: int = 0
     focal_gap: float = 0.0
     contradicted: float = 0.0
     readout_turn: float | None = None
@@ -112,17 +114,7 @@ def judge_poses(quality: PosesQuality) -> Verdict:
             f"the images were taken at {q.zooms} zooms",
             "put the images of each zoom into a folder of their own",
         ),
-        Fault(
-            lost,
-            f"{q.images - q.registered} of {q.images} images could not be connected with the "
-            "others",
-            "add pictures between those that are connected and the others",
-        ),
-        Fault(
-            2 * (q.registered < _FEWEST),
-            f"only {q.registered} views",
-            "take 60 pictures or more, walking around what you want to see",
-        ),
+        *_judge_registered(q, lost),
         Fault(
             count_exceeded(turn, _READOUT_TURN),
             f"images seem to turn by {math.degrees(turn):.0f} degrees while they are read",
@@ -164,6 +156,29 @@ def judge_poses(quality: PosesQuality) -> Verdict:
         f"{q.median_px:.2f} px in the median"
     )
     return Verdict.from_faults(what, faults, "gsut train")
+
+
+def _judge_registered(q: PosesQuality, lost: int) -> list[Fault]:
+    """Finds what it means that images have no pose, or one that few points hold."""
+    sure = _count_missed((q.registered - q.held_by_few) / max(1, q.images), _REGISTERED)
+    return [
+        Fault(
+            lost,
+            f"{q.images - q.registered} of {q.images} images could not be connected with the "
+            "others",
+            "add pictures between those that are connected and the others",
+        ),
+        Fault(
+            sure if sure > lost else 0,
+            f"{q.held_by_few} of {q.images} images are held by few points",
+            "add pictures between them and the others",
+        ),
+        Fault(
+            2 * (q.registered < _FEWEST),
+            f"only {q.registered} views",
+            "take 60 pictures or more, walking around what you want to see",
+        ),
+    ]
 
 
 def _compare_halves(q: PosesQuality, doubt: int, advice: str) -> Fault:

@@ -46,7 +46,7 @@ def register_left_out(mapping: Mapping) -> None:
     any. Does nothing for a rig, where images were taken at several zooms, or where those left form
     models of their own.
 
-    Sets the mapping's solution and pairs.
+    Sets the mapping's solution and pairs, and adds to the findings which images they are.
     """
     found = mapping.found
     if mapping.rig is not None or found.zooms or found.models:
@@ -62,6 +62,7 @@ def register_left_out(mapping: Mapping) -> None:
             break
     added = sorted(before - set(mapping.solved.unregistered_names))
     if added:
+        found.held_by_few += added
         mapping.log.note(
             "poses are less certain of images that share few points with the others: "
             f"{list_some(added)}"
