@@ -187,12 +187,14 @@ void SubtractBlocksOf(const py::object& target, const py::object& images,
                       const py::object& blocks) {
   const auto seen_by = ReadArray<std::int64_t>(images, "images", {kAny, kAny});
   const std::int64_t points = seen_by.shape(0), length = seen_by.shape(1);
+  // The target's own shape says how many images there are, and unknowns of each.
   const auto shape = py::cast<std::vector<std::int64_t>>(target.attr("shape"));
   if (shape.size() != 4) throw InputError("target must have four axes");
   const std::int64_t count = shape[0], size = shape[3];
   double* out = MutableData<double>(target, "target", {count, count, size, size});
   const double* values =
       ConstData<double>(blocks, "blocks", {points, length * size, length * size});
+  // Not a LongCall: half of the change would stay.
   const py::gil_scoped_release released;
   SubtractBlocks(seen_by.data(), values, points, length, count, size, out);
 }
@@ -214,6 +216,7 @@ py::array Covariances(const std::vector<const ImageBearings*>& images,
     structure.camera_from_world.push_back(
         {matrix.topLeftCorner<3, 3>(), matrix.topRightCorner<3, 1>()});
   }
+  // Points and observations as tables, in the order in which the solver listed them.
   const auto positions = ReadArray<double>(points, "points", {kAny, 3});
   for (py::ssize_t i = 0; i < positions.shape(0); ++i) {
     structure.points.emplace_back(Eigen::Map<const Eigen::Vector3d>(positions.data() + 3 * i));
@@ -226,6 +229,7 @@ py::array Covariances(const std::vector<const ImageBearings*>& images,
   structure.initial_first = initial_pair[0];
   structure.initial_second = initial_pair[1];
   structure.loss_pixels = loss_pixels;
+  // From here on no Python object is touched until the result is written.
   std::vector<Eigen::Matrix<double, 6, 6>> found;
   {
     const LongCall released;

@@ -94,6 +94,7 @@ Observations Linearize(const Bundle& bundle, const BundleState& state, double lo
       if (size > kPoseTangent) linear.by_body.rightCols<6>() = by.by_velocity;
     }
   });
+  // In order, for the same bits on any number of threads.
   for (std::int64_t i = 0; i < count; ++i) {
     found.squares += squares[i];
     found.of_point[bundle.observations[i].point].push_back(static_cast<int>(i));
@@ -118,6 +119,7 @@ std::vector<Eigen::Matrix3d> InvertPoints(Observations* observations) {
       inverse[point] = by_point.inverse();
     }
   });
+  // A loop's body must not throw.
   for (const Eigen::Matrix3d& each : inverse) {
     if (!each.allFinite()) throw SolveError("a point of the bundle is not determined");
   }
@@ -223,6 +225,7 @@ std::vector<Matrix6> InvertBlocks(Eigen::Ref<Eigen::MatrixXd> normal, const std:
   std::vector<Matrix6> blocks(bodies, Matrix6::Zero());
   const Eigen::Index size = normal.rows();
   const auto body_of = [&](Eigen::Index i) { return free[i] / unknowns; };
+  // Groups of columns end where a body does. Each group is independent of all others.
   std::vector<Eigen::Index> ends(1, 0);
   while (ends.back() < size) {
     Eigen::Index end = std::min(ends.back() + kColumns, size);

@@ -356,6 +356,7 @@ double BundleProblem::Rms() {
       }
     }
   });
+  // One after the other: a sum by chunks would round otherwise.
   const double sum = std::accumulate(squares.begin(), squares.end(), 0.0);
   return std::sqrt(sum / std::max<std::size_t>(1, squares.size()));
 }

@@ -77,6 +77,7 @@ Bundle SceneMap::MakeBundle(const std::vector<std::uint8_t>* images_free,
       }
     }
   }
+  // Now that images have numbers, points copy their observations beside each other.
   bundle.observations.resize(begin.back());
   const auto points = static_cast<std::int64_t>(tracks.size());
   ParallelFor(points, kTrackGrain, [&](std::int64_t first, std::int64_t last) {

@@ -43,6 +43,7 @@ std::vector<Eigen::Matrix<double, 6, 6>> StructureCovariances(AllBearings bearin
     }
     bundle.observations.push_back({place[image], point, (*bearings[image])[feature]});
   }
+  // As after the last adjustment: the same weights, and the same images that hold the gauge.
   BundleOptions options;
   options.loss_scale = structure.loss_pixels;
   const auto placed = [&](int image) {
@@ -52,6 +53,7 @@ std::vector<Eigen::Matrix<double, 6, 6>> StructureCovariances(AllBearings bearin
   options.scale_image = placed(structure.initial_second);
   std::vector<Eigen::Matrix<double, 6, 6>> covariances(bearings.size(),
                                                        Eigen::Matrix<double, 6, 6>::Zero());
+  // Images that see nothing keep zeros, as those that are not registered.
   try {
     const auto found = PoseCovariances(bundle, options);
     for (std::size_t i = 0; i < image_of.size(); ++i) covariances[image_of[i]] = found[i];

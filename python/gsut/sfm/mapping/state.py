@@ -144,7 +144,7 @@ class Mapping:
 
     @property
     def shutter_follows(self) -> bool:
-        """Whether it is a video whose shutter is looked for once its poses are known."""
+        """Returns whether the shutter of a video is looked for once its poses are known."""
         return (
             self.shutter is None
             and self.options.shutter == "auto"
