@@ -121,7 +121,7 @@ def is_sure(other: Other, given: np.ndarray) -> bool:
     """
     saved = given - other.costs
     return other.cameras is not None or outnumber_repeated(
-        np.count_nonzero(saved > 0), np.count_nonzero(saved < 0)
+        int(np.count_nonzero(saved > 0)), int(np.count_nonzero(saved < 0))
     )
 
 
