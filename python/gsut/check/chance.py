@@ -83,10 +83,10 @@ class Judgement:
     @property
     def is_contradiction(self) -> bool:
         """Returns whether the poses are wrong: more pairs say so than repeated things explain."""
-        return outnumber_repeated(len(self.contradicts), len(self.supports))
+        return are_beyond_repeated(len(self.contradicts), len(self.supports))
 
 
-def outnumber_repeated(contradicting: int, supporting: int) -> bool:
+def are_beyond_repeated(contradicting: int, supporting: int) -> bool:
     """Returns whether more pairs contradict the poses than repeated things explain.
 
     Their number is at most binomial: a pattern moves all matches of a pair together.

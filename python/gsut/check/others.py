@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from gsut.check.chance import outnumber_repeated
+from gsut.check.chance import are_beyond_repeated
 from gsut.check.drift import DRIFT_ADVICE, fit_drift, name_drift, rate_drift
 from gsut.check.epipolar import rate_pairs
 from gsut.check.evidence import Evidence
@@ -120,7 +120,7 @@ def is_sure(other: Other, given: np.ndarray) -> bool:
         given: (P,) costs of the pairs with what is given.
     """
     saved = given - other.costs
-    return other.cameras is not None or outnumber_repeated(
+    return other.cameras is not None or are_beyond_repeated(
         int(np.count_nonzero(saved > 0)), int(np.count_nonzero(saved < 0))
     )
 
