@@ -151,10 +151,12 @@ def capture(seed: int, tiny: bool = False) -> Capture:
     is_rolling = motion.kind != "photos" and rng.random() < 0.5
     readout = rng.uniform(0.005, 0.033) * rng.choice([1, 1, 1, -1]) if is_rolling else 0.0
     exposure = 0.0 if rng.random() < 0.3 else float(10.0 ** rng.uniform(-3.5, -1.9))
+    sensor = draw_sensor(rng, seed)
+    told = _draw_told(rng, kind, lens, is_rolling)
+    has_flag = lens.kind == "phone" and sensor.quality > 0  # a PNG has no EXIF
     return Capture(
-        seed, family, style, lens, motion, kind, float(readout), exposure, draw_sensor(rng, seed),
-        2 if tiny else 3,
-        _add_metadata(_draw_told(rng, kind, lens, is_rolling), kind, lens.kind == "phone", seed),
+        seed, family, style, lens, motion, kind, float(readout), exposure, sensor,
+        2 if tiny else 3, _add_metadata(told, kind, has_flag, seed),
     )  # fmt: skip
 
 
@@ -181,7 +183,7 @@ def _draw_motion(rng: np.random.Generator, stage: Stage, kind: str, seed: int) -
     )
 
 
-def _add_metadata(told: Told, kind: str, is_phone: bool, seed: int) -> Told:
+def _add_metadata(told: Told, kind: str, has_flag: bool, seed: int) -> Told:
     """Adds what the camera writes beside the lens, drawn from the seed alone."""
     rng = np.random.default_rng([seed, 62])
     has_place, is_turned, is_cut = rng.random(3) < (0.4, 0.25, 0.3)
@@ -189,7 +191,7 @@ def _add_metadata(told: Told, kind: str, is_phone: bool, seed: int) -> Told:
         told,
         place_error=float(rng.choice([0.3, 3.0, 10.0])) if has_place and kind != "film" else None,
         turned=bool(is_turned)
-        and is_phone
+        and has_flag
         and kind == "photographs"
         and told.lens in ("nothing", "exif"),
         dropped=0.1 if is_cut and kind == "film" else 0.0,
