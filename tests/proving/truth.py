@@ -84,7 +84,7 @@ def classify(shifts: np.ndarray, registered: float, camera: Camera, lens_px: flo
             wrong one.
     """
     scale = _DIAGONAL / math.hypot(camera.width, camera.height)
-    pixels = scale * np.radians(shifts[shifts < _LOST]) * _measure_focal(camera)
+    pixels = scale * _convert_to_pixels(shifts, camera)
     for level, (most, agreeing, share) in (("good", _GOOD), ("usable", _USABLE)):
         is_near = pixels <= most
         agrees = is_near.sum() >= max(1, agreeing * len(pixels)) and scale * lens_px <= most
@@ -100,8 +100,13 @@ def list_shifts(shifts: np.ndarray, camera: Camera) -> list[float]:
         shifts: of the pairs, degrees.
         camera: the true lens.
     """
-    pixels = np.radians(shifts[shifts < _LOST]) * _measure_focal(camera)
+    pixels = _convert_to_pixels(shifts, camera)
     return np.quantile(pixels, (_GOOD[1], _USABLE[1])).tolist() if len(pixels) else []
+
+
+def _convert_to_pixels(shifts: np.ndarray, camera: Camera) -> np.ndarray:
+    """Converts the degrees of the pairs with poses to pixels on the axis."""
+    return np.radians(shifts[shifts < _LOST]) * _measure_focal(camera)
 
 
 def classify_scene(detail: float | None, registered: float) -> str:

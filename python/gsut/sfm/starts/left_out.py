@@ -74,10 +74,12 @@ def _find_poses(mapping: Mapping) -> list[tuple[int, int, np.ndarray]]:
     solution, options = mapping.solved, mapping.options
     found = []
     for image, rows in join_points(solution, mapping.features, mapping.raw).items():
+        if solution.registered[image]:
+            continue
         lens = solution.cameras[image]
         bearings = _core.ImageBearings(lens, mapping.features[image].pixels[rows[:, 0]])
         good = np.flatnonzero(bearings.valid)
-        if solution.registered[image] or len(good) < _FEWEST:
+        if len(good) < _FEWEST:
             continue
         points = solution.points[rows[good, 1]]
         limit = _limit_error(mapping, image)
