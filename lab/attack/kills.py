@@ -66,7 +66,7 @@ COMMANDS = (
     Killed("train, viewed", TRAIN, SCENE, ("ds",), TRAIN + MORE),
     Killed("compact", ("compact", "run", "-o", "out", "--keep", "0.5", "--finetune", "60"),
            SCENE, ("ds", "run")),
-    Killed("convert", ("convert", "run", "out.spz", "--for", "viewers", "--set", "steps=60"),
+    Killed("convert", ("convert", "run", "out.spz", "--for", "viewers"),
            ("out.spz",), ("ds", "run")),
     Killed("mesh", ("mesh", "run", "-o", "out.ply"), ("out.ply",), ("ds", "run")),
     Killed("render", ("render", "run", "-o", "out", "--frames", "40", "--size", "64x64"),

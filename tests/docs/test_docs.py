@@ -185,7 +185,7 @@ def test_blocks_were_found():
 @pytest.mark.parametrize("name", PAGES)
 def test_generated_page_is_current(name):
     is_current = (ROOT / "docs" / name).read_text(encoding="utf-8") == page(name)
-    assert is_current, "./run docs renews it"  # no diff: a page for a browser has megabytes
+    assert is_current, "./run docs renews it"
 
 
 def anchors(path: Path) -> set[str]:

@@ -1,6 +1,6 @@
 // The forward pass on a graphics card: records, tile lists, order, blend. Lenses are data: the rays of the
-// pixels and the cones of the tiles, so that there is no lens in this text. Error
-// against the double reference: image rms at most 1e-5 (CARD_IMAGE_RMS in tests/tolerances/raster.py).
+// pixels and the cones of the tiles, so that there is no lens in this text. A page at rest is
+// within one grey level of gsut.render (tests/python/view/test_exact_page.py).
 //
 // A record is five vec4: (a, k), (b, kappa), (c, log2 opacity), (red, green, blue, distance), (u, 0), with
 // a, b, c, k, kappa as in cpp/gsut/raster/frame.h and u the unit direction of the mean. Along a ray d,
