@@ -131,16 +131,15 @@ def run_mapping(
     images: str | os.PathLike[str],
     out: str | os.PathLike[str],
     mapping: Mapping,
-    find: Callable[[Mapping, Path], None],
+    find: Callable[[Mapping, Path], Mapping],
 ) -> PosesResult:
     """Finds features and matches, then poses, and writes everything.
 
     Args:
         images, out: see `find_poses`.
         mapping: as `start_mapping` returns it.
-        find: sets the solution and findings of a mapping with matches, which are verified where
-            lenses are known; receives the folder of the stages, too, which an interrupted run
-            keeps.
+        find: returns the run with a solution, of one with matches, which are verified where lenses
+            are known; receives the folder of the stages, too, which an interrupted run keeps.
 
     Raises:
         InputError, SolveError: see `find_poses`.
@@ -148,31 +147,34 @@ def run_mapping(
     with claim_folder(out, "poses", images) as claimed:
         stages = Stages(claimed.path, _make_key(mapping, claimed.path))
         with _set_threads(mapping.options.threads):
-            _find_matches(mapping, stages)
-            find(mapping, stages.folder)
+            mapping = find(_find_matches(mapping, stages), stages.folder)
             mapping.log.watch.record_lap("mapping")
         values = write_poses(mapping, claimed.path, stages.digest)
         stages.remove()
         return PosesResult(claimed.path, mapping.solved, values)
 
 
-def _map(mapping: Mapping) -> None:
-    """Finds poses, points and what is not known of lenses and shutter."""
-    _map_photographs(mapping)
-    register_left_out(mapping)
-    _separate_places(mapping)
-    try_other_starts(mapping)
-    register_left_out(mapping)  # another start may see more of them
-    find_shutter(mapping)
-    free_center(mapping)
-    judge_lens(mapping)
-    find_lens_pair(mapping)
-    find_rig_shutter(mapping)
-    compare_halves(mapping)
-    place_on_earth(mapping, adjust_rig_near_places)
+def _map(mapping: Mapping) -> Mapping:
+    """Finds poses, points and what is not known of lenses and shutter.
+
+    What each stage may change beside its findings is said behind it.
+    """
+    mapping = _map_photographs(mapping)  # photographs' lenses, pairs, lens_free, solution
+    mapping = register_left_out(mapping)  # pairs, solution
+    mapping = _separate_places(mapping)  # pairs, solution
+    mapping = try_other_starts(mapping)  # solution
+    mapping = register_left_out(mapping)  # pairs, solution: another start may see more of them
+    mapping = find_shutter(mapping)  # solution
+    mapping = free_center(mapping)  # lens_free, solution
+    mapping = judge_lens(mapping)  # pairs, solution: where the focal length is stated
+    mapping = find_lens_pair(mapping)  # lens_free, solution
+    mapping = find_rig_shutter(mapping)  # solution
+    mapping = compare_halves(mapping)  # findings alone
+    mapping = place_on_earth(mapping, adjust_rig_near_places)  # solution
     agreement = measure_agreement(mapping.solved, mapping.pairs)
-    mapping.found.agreement = agreement.share
-    mapping.found.contradicted = agreement.contradicted
+    return mapping.add_findings(
+        agreement=agreement.share, contradicted=agreement.contradicted
+    )
 
 
 def read_finished(
@@ -266,28 +268,27 @@ def _make_key(mapping: Mapping, out: Path) -> dict[str, Any]:
     }
 
 
-def _find_matches(mapping: Mapping, stages: Stages) -> None:
+def _find_matches(mapping: Mapping, stages: Stages) -> Mapping:
     """Finds features and matches; verifies the matches where the lenses are known."""
     photographs, options, log = mapping.photographs, mapping.options, mapping.log
     _expect_times(mapping)
-    mapping.features = collect_features(photographs, options, log.show, log.note, stages)
+    features = collect_features(photographs, options, log.show, log.note, stages)
     if mapping.rig is not None:
-        require_features(photographs, mapping.features)
+        require_features(photographs, features)
     log.watch.record_lap("features")
     is_lens_known = photographs.are_lenses_known
-    mapping.found.figures["lens"] = "known" if is_lens_known else "estimated"
-    if not is_lens_known:
-        mapping.photographs = guess_lenses(photographs, options.fov)
-    mapping.raw = match_images(
-        photographs.names, mapping.features, options, log.show, photographs.frames, stages
-    )
-    log.update_work(pairs=len(mapping.raw.pairs))
+    raw = match_images(photographs.names, features, options, log.show, photographs.frames, stages)
+    log.update_work(pairs=len(raw.pairs))
+    mapping = mapping.replace(features=features, raw=raw)
+    mapping = mapping.add_findings({"lens": "known" if is_lens_known else "estimated"})
     if is_lens_known:
-        mapping.pairs = verify_matches(
-            mapping.images, mapping.raw, options, log.follow_pairs("verifying")
-        )
-        require_overlap(mapping.images, mapping.pairs, is_lens_known=True)
+        pairs = verify_matches(mapping.images, raw, options, log.follow_pairs("verifying"))
+        require_overlap(mapping.images, pairs, is_lens_known=True)
+        mapping = mapping.replace(pairs=pairs)
+    else:
+        mapping = mapping.replace(photographs=guess_lenses(photographs, options.fov))
     log.watch.record_lap("matching")
+    return mapping
 
 
 def _expect_times(mapping: Mapping) -> None:
@@ -309,40 +310,36 @@ def _expect_times(mapping: Mapping) -> None:
     mapping.log.expect(work, options.threads)
 
 
-def _map_photographs(mapping: Mapping) -> None:
+def _map_photographs(mapping: Mapping) -> Mapping:
     """Estimates poses and points: on a rig, through known lenses, or together with the lens."""
     if mapping.found.figures["lens"] == "estimated":
-        search_lenses(mapping)
+        mapping = search_lenses(mapping)
     if mapping.rig is not None:
-        solve_rig(mapping)
-    elif mapping.solution is not None:
-        return
-    else:
-        try:
-            mapping.solution = solve_poses(
-                mapping.images, mapping.pairs, mapping.options,
-                mapping.log.follow_steps("mapping"),
-                Adjustment(defer_covariances=mapping.shutter_follows),
-            )  # fmt: skip
-        except SolveError as error:
-            advice = "let the lens be estimated: --unknown-lens"
-            raise explain_failure(error, mapping.features, mapping.pairs, advice) from None
-        mapping.found.zooms = find_zooms(
-            mapping.solution, mapping.features, mapping.raw, mapping.options
-        )
+        return solve_rig(mapping)
+    if mapping.solution is not None:
+        return mapping
+    try:
+        solution = solve_poses(
+            mapping.images, mapping.pairs, mapping.options,
+            mapping.log.follow_steps("mapping"),
+            Adjustment(defer_covariances=mapping.shutter_follows),
+        )  # fmt: skip
+    except SolveError as error:
+        advice = "let the lens be estimated: --unknown-lens"
+        raise explain_failure(error, mapping.features, mapping.pairs, advice) from None
+    zooms = find_zooms(solution, mapping.features, mapping.raw, mapping.options)
+    return mapping.replace(solution=solution).add_findings(zooms=zooms)
 
 
-def _separate_places(mapping: Mapping) -> None:
+def _separate_places(mapping: Mapping) -> Mapping:
     """Separates places that look alike, and reconstructs images that do not connect.
 
     On a rig looks for such places, but leaves the solution unchanged.
     """
-    found, options = mapping.found, mapping.options
-    photographs, solution = mapping.photographs, mapping.solved
+    options, photographs, solution = mapping.options, mapping.photographs, mapping.solved
     times = find_frame_numbers(photographs.names, photographs.frames)
     if mapping.rig is not None:
-        found.look_alikes = find_look_alikes(solution, times, WINDOW)
-        return
+        return mapping.add_findings(look_alikes=find_look_alikes(solution, times, WINDOW))
 
     def solve_again(kept: list[PairMatches]) -> Solution:
         images = dataclasses.replace(mapping.images, cameras=solution.cameras)
@@ -351,14 +348,14 @@ def _separate_places(mapping: Mapping) -> None:
         return solve_poses(images, kept, options, on_step, adjustment)
 
     before = len(mapping.pairs)
-    mapping.solution, mapping.pairs, found.look_alikes = separate_look_alikes(
+    separated, pairs, look_alikes = separate_look_alikes(
         solution, mapping.pairs, solve_again, times, WINDOW
     )
-    if len(mapping.pairs) < before:
+    if len(pairs) < before:
         mapping.log.note(
-            f"{before - len(mapping.pairs)} of {before} pairs of images were left out: they took "
+            f"{before - len(pairs)} of {before} pairs of images were left out: they took "
             "places that look alike for one"
         )
-    mapping.solution, found.models = find_further_models(
-        mapping.solution, mapping.features, mapping.pairs, options
-    )
+    first, models = find_further_models(separated, mapping.features, pairs, options)
+    mapping = mapping.replace(solution=first, pairs=pairs)
+    return mapping.add_findings(look_alikes=look_alikes, models=models)

@@ -72,8 +72,8 @@ def find_video_poses(
     return run_mapping(images, out, mapping, _grow_poses)
 
 
-def _grow_poses(mapping: Mapping, folder: Path) -> None:
-    """Registers the images one by one; sets the mapping's solution.
+def _grow_poses(mapping: Mapping, folder: Path) -> Mapping:
+    """Registers the images one by one; returns the run with the solution.
 
     Args:
         folder: holds the state.
@@ -103,9 +103,8 @@ def _grow_poses(mapping: Mapping, folder: Path) -> None:
     while growth.rounds < _ROUNDS:
         growth.refine_all()
         show("all poses", True)
-    mapping.solution = growth.make_solution()
-    mapping.found.figures["shutter"] = "global"
-    place_on_earth(mapping, adjust_rig_near_places)
+    grown = mapping.replace(solution=growth.make_solution()).add_findings({"shutter": "global"})
+    return place_on_earth(grown, adjust_rig_near_places)
 
 
 def _read_kept(path: Path) -> dict[str, Any] | None:

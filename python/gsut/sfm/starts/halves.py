@@ -34,7 +34,7 @@ _SEED = 0  # of the halves
 HALF_INLIERS = MIN_INLIERS // 2
 
 
-def compare_halves(mapping: Mapping) -> None:
+def compare_halves(mapping: Mapping) -> Mapping:
     """Adds to the findings half of the difference of poses adjusted with either half of the points.
 
     It shows what points do not share: wrong matches, and too few of them to hold a pose. An error
@@ -44,7 +44,7 @@ def compare_halves(mapping: Mapping) -> None:
     """
     solution, options = mapping.solved, mapping.options
     if mapping.rig is not None or not len(solution.points):
-        return
+        return mapping
     motion = ReadoutMotion.hold(solution)
     try:
         one, other = (
@@ -60,11 +60,10 @@ def compare_halves(mapping: Mapping) -> None:
             for half in split_matches(mapping)
         )
     except SolveError:
-        mapping.found.halves_px = (math.inf, math.inf)
-        return
+        return mapping.add_findings(halves_px=(math.inf, math.inf))
     differences = measure_differences(one, other, solution)
     good, usable = 0.5 * np.quantile(differences, _SHARES, method="higher")
-    mapping.found.halves_px = (float(good), float(usable))
+    return mapping.add_findings(halves_px=(float(good), float(usable)))
 
 
 def split_matches(mapping: Mapping) -> list[list[PairMatches]]:
