@@ -172,9 +172,7 @@ def _map(mapping: Mapping) -> Mapping:
     mapping = compare_halves(mapping)  # findings alone
     mapping = place_on_earth(mapping, adjust_rig_near_places)  # solution
     agreement = measure_agreement(mapping.solved, mapping.pairs)
-    return mapping.add_findings(
-        agreement=agreement.share, contradicted=agreement.contradicted
-    )
+    return mapping.add_findings(agreement=agreement.share, contradicted=agreement.contradicted)
 
 
 def read_finished(

@@ -26,7 +26,7 @@ def judge(flight, px=None, sigma=0.06, fov=None):
         flight, photographs=photographs, options=options, log=PosesLog(),
         found=type(flight.found)(),
     )  # fmt: skip
-    judge_lens(run)
+    run = judge_lens(run)
     return run, math.log(run.solved.cameras[0].params[0] / LENS.params[0])
 
 
@@ -124,7 +124,7 @@ def give_lens(flight, factor):
     run = dataclasses.replace(
         flight, solution=solution, lens_free=None, log=PosesLog(), found=type(flight.found)()
     )
-    judge_lens(run)
+    run = judge_lens(run)
     return run, judge_solution(run.solution, run.features, run.found)
 
 

@@ -46,7 +46,7 @@ class Pair:
 
     def find(self, **changes):
         mapping = dataclasses.replace(self.mapping, **changes)
-        find_lens_pair(mapping)
+        mapping = find_lens_pair(mapping)
         return mapping.solved, mapping.found.rig, mapping.log.notes[-1]
 
 

@@ -601,7 +601,7 @@ def test_search_lens_finds_the_fisheye_of_a_synthetic_walk(rng):
     scene = Synthetic(rng, images=8, points=700, noise=0.1)
     options = PosesOptions(max_error=6.0, fov=180.0)
     found = scene.mapping(options, camera=guess_lens(1000, 1010, 180.0))
-    search_lens(found)
+    found = search_lens(found)
     assert found.solved.registered.all()
     lens = found.solved.cameras[0]
     assert lens.model == "kannala_brandt"

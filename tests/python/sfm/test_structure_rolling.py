@@ -89,7 +89,7 @@ def test_solve_with_the_readout_time_given_agrees(walk):
 def test_search_lens_finds_a_rolling_fisheye_with_the_poses(walk):
     guess = guess_lens(walk.camera.width, walk.camera.height, 180.0)
     mapping = walk.mapping(PosesOptions(fov=180.0), camera=guess, shutter=SHUTTER)
-    search_lens(mapping)
+    mapping = search_lens(mapping)
     found = mapping.solved
     assert found.registered.all() and found.velocities is not None
     errors = compare_poses(found.camera_from_world, np.array(walk.poses))

@@ -47,9 +47,7 @@ def judge_lens(mapping: Mapping) -> Mapping:
     motion = find_critical_motion(solution, mapping.pairs)
     mapping, sigma = weigh_focal_prior(mapping, sigma)
     percent = 100 * sigma if math.isfinite(sigma) else None
-    return mapping.add_findings(
-        {"focal_sigma_percent": percent}, motion=motion, focal_sigma=sigma
-    )
+    return mapping.add_findings({"focal_sigma_percent": percent}, motion=motion, focal_sigma=sigma)
 
 
 def describe_doubt(found: Findings) -> str | None:
@@ -86,9 +84,7 @@ def compare_lens(mapping: Mapping) -> tuple[list[str], dict[str, Any]]:
         notes += explain_contradiction(photographs.exif_focal_px, lens)
     if photographs.profile is None:
         return notes, {}
-    start = compare_with_profile(
-        photographs.profile, lens, figures.get("readout"), mapping.options
-    )
+    start = compare_with_profile(photographs.profile, lens, figures.get("readout"), mapping.options)
     return [*notes, describe_start(start)], {"lens_start": start}
 
 
