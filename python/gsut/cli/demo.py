@@ -89,14 +89,16 @@ def run(arguments: argparse.Namespace) -> int:
 def _find_rig_poses(truth: Path, found: Path, cameras: int) -> dict[str, Any]:
     """Makes the demo's rig and finds its poses; returns their errors."""
     from gsut.cli.poses import find_with_bar
+    from gsut.data.rigs import read_rig
     from gsut.demo import make_demo_rig
-    from gsut.sfm import compare_datasets, is_finished
+    from gsut.sfm import compare_datasets, find_poses, is_finished
 
     if not truth.is_dir():
         print(f"making a scene of {cameras} fisheyes on one body in {truth}", file=sys.stderr)
         make_demo_rig(truth, _FRAMES[cameras], cameras=cameras)
     if not is_finished(found):
-        find_with_bar(truth / "images", found, True, rig=truth / "rig.json")
+        rig = read_rig(truth / "rig.json")
+        find_with_bar(find_poses, truth / "images", found, True, camera=rig)
     errors = compare_datasets(truth, found)
     return {
         "images": errors.images,

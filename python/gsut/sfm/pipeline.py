@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from gsut import _core
-from gsut._core import InputError, Shutter, SolveError
+from gsut._core import Shutter, SolveError
 from gsut.data.images import read_header
 from gsut.data.rigs import Rig
 from gsut.data.scene import capture_state
@@ -24,6 +24,8 @@ from gsut.sfm.lens import (
 )
 from gsut.sfm.mapping import Mapping, PosesLog
 from gsut.sfm.matches import (
+    MOST_PARTNERS,
+    WINDOW,
     PairMatches,
     explain_failure,
     find_frame_numbers,
@@ -32,8 +34,6 @@ from gsut.sfm.matches import (
     verify_matches,
 )
 from gsut.sfm.photographs import (
-    Features,
-    Photographs,
     PosesOptions,
     Stages,
     collect_features,
@@ -54,7 +54,6 @@ from gsut.sfm.rig import (
 from gsut.sfm.shutter import find_shutter, is_probably_rolling
 from gsut.sfm.solution import (
     Adjustment,
-    OnStep,
     Solution,
     find_further_models,
     find_look_alikes,
@@ -65,9 +64,6 @@ from gsut.sfm.solution import (
 from gsut.sfm.starts import compare_halves, register_left_out, try_other_starts
 from gsut.sfm.world import place_on_earth
 from gsut.time_left import PosesWork
-
-# (photographs, features, pairs, options, on_step) -> poses and points; lenses are known.
-Mapper = Callable[[Photographs, list[Features], list[PairMatches], PosesOptions, OnStep], Solution]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -95,7 +91,6 @@ def find_poses(
     *,
     camera: str | os.PathLike[str] | Rig | None = None,
     options: PosesOptions | None = None,
-    mapper: Mapper | None = None,
     log: PosesLog | None = None,
 ) -> PosesResult:
     """Estimates camera poses and sparse points of photographs, without COLMAP, through any lens.
@@ -116,8 +111,6 @@ def find_poses(
             one pose of the rig, and all lengths are in its unit; the rig as it was used is written
             to rig.json.
         options: every setting of the search; None: the defaults.
-        mapper: makes poses of verified pairs where the lens is known; None: incremental, with
-            bundle adjustment.
         log: receives progress, notes and expected times.
 
     Returns:
@@ -129,43 +122,57 @@ def find_poses(
         SolveError: nothing could be reconstructed: no overlap, images all the same, or a camera
             that only turned; says which.
     """
-    mapping = _start_mapping(images, camera, options, log)
-    if mapper is not None and mapping.rig is not None:
-        raise InputError("--photometric contradicts --rig: leave one out")
-    if mapper is not None and mapping.shutter is not None:
-        raise InputError(
-            "--photometric takes every image for one pose, and these have a rolling shutter: "
-            "leave it out, or give --shutter global"
-        )
+    return run_mapping(
+        images, out, start_mapping(images, camera, options, log), lambda mapping, _: _map(mapping)
+    )
+
+
+def run_mapping(
+    images: str | os.PathLike[str],
+    out: str | os.PathLike[str],
+    mapping: Mapping,
+    find: Callable[[Mapping, Path], None],
+) -> PosesResult:
+    """Finds features and matches, then poses, and writes everything.
+
+    Args:
+        images, out: see `find_poses`.
+        mapping: as `start_mapping` returns it.
+        find: sets the solution and findings of a mapping with matches, which are verified where
+            lenses are known; receives the folder of the stages, too, which an interrupted run
+            keeps.
+
+    Raises:
+        InputError, SolveError: see `find_poses`.
+    """
     with claim_folder(out, "poses", images) as claimed:
         stages = Stages(claimed.path, _make_key(mapping, claimed.path))
         with _set_threads(mapping.options.threads):
             _find_matches(mapping, stages)
-            _map_photographs(mapping, mapper)
-            if mapper is None:
-                register_left_out(mapping)
-            _separate_places(mapping, is_final=bool(mapping.rig or mapper))
-            if mapper is None:
-                try_other_starts(mapping)
-                register_left_out(mapping)  # another start may see more of them
-            find_shutter(mapping)
-            if mapper is None:
-                free_center(mapping)
-            judge_lens(mapping)
-            find_lens_pair(mapping)
-            find_rig_shutter(mapping)
-            if mapper is None:
-                compare_halves(mapping)
-            mapping.log.show("writing", 0, 1, "")
-            place_on_earth(mapping, adjust_rig_near_places)
+            find(mapping, stages.folder)
             mapping.log.watch.record_lap("mapping")
-            if mapper is None:
-                agreement = measure_agreement(mapping.solved, mapping.pairs)
-                mapping.found.agreement = agreement.share
-                mapping.found.contradicted = agreement.contradicted
         values = write_poses(mapping, claimed.path, stages.digest)
         stages.remove()
         return PosesResult(claimed.path, mapping.solved, values)
+
+
+def _map(mapping: Mapping) -> None:
+    """Finds poses, points and what is not known of lenses and shutter."""
+    _map_photographs(mapping)
+    register_left_out(mapping)
+    _separate_places(mapping)
+    try_other_starts(mapping)
+    register_left_out(mapping)  # another start may see more of them
+    find_shutter(mapping)
+    free_center(mapping)
+    judge_lens(mapping)
+    find_lens_pair(mapping)
+    find_rig_shutter(mapping)
+    compare_halves(mapping)
+    place_on_earth(mapping, adjust_rig_near_places)
+    agreement = measure_agreement(mapping.solved, mapping.pairs)
+    mapping.found.agreement = agreement.share
+    mapping.found.contradicted = agreement.contradicted
 
 
 def read_finished(
@@ -181,18 +188,25 @@ def read_finished(
     """
     if not is_finished(Path(out)):
         return None
-    key = _make_key(_start_mapping(images, camera, options, None), Path(out))
+    key = _make_key(start_mapping(images, camera, options, None), Path(out))
     figures = read_figures(Path(out))
     return figures if figures.get("made_from") == digest_key(key) else None
 
 
-def _start_mapping(
+def start_mapping(
     images: str | os.PathLike[str],
     camera: str | os.PathLike[str] | Rig | None,
     options: PosesOptions | None,
     log: PosesLog | None,
 ) -> Mapping:
-    """Finds the photographs, with their lenses as far as these are known, rig and shutter."""
+    """Finds the photographs, with their lenses as far as these are known, rig and shutter.
+
+    Args:
+        images, camera, options, log: see `find_poses`.
+
+    Raises:
+        InputError: see `find_poses`.
+    """
     options = options or PosesOptions()
     is_rolling = options.shutter == "rolling" or options.readout_time is not None
     if isinstance(camera, Rig):
@@ -289,25 +303,19 @@ def _expect_times(mapping: Mapping) -> None:
     count = len(photographs)
     work = PosesWork(
         count, min(header.width * header.height / 1e6, options.max_megapixels),
-        min(count * (count - 1), count * options.partners) / 2,
+        min(count * (count - 1), count * MOST_PARTNERS) / 2,
         tuple(name for name, is_expected in conditions.items() if is_expected),
     )  # fmt: skip
     mapping.log.expect(work, options.threads)
 
 
-def _map_photographs(mapping: Mapping, mapper: Mapper | None) -> None:
+def _map_photographs(mapping: Mapping) -> None:
     """Estimates poses and points: on a rig, through known lenses, or together with the lens."""
     if mapping.found.figures["lens"] == "estimated":
         search_lenses(mapping)
     if mapping.rig is not None:
         solve_rig(mapping)
     elif mapping.solution is not None:
-        return
-    elif mapper is not None:
-        mapping.solution = mapper(
-            mapping.photographs, mapping.features, mapping.pairs, mapping.options,
-            mapping.log.follow_steps("mapping"),
-        )  # fmt: skip
         return
     else:
         try:
@@ -324,17 +332,16 @@ def _map_photographs(mapping: Mapping, mapper: Mapper | None) -> None:
         )
 
 
-def _separate_places(mapping: Mapping, *, is_final: bool) -> None:
+def _separate_places(mapping: Mapping) -> None:
     """Separates places that look alike, and reconstructs images that do not connect.
 
-    Args:
-        is_final: look for such places, but leave the solution unchanged.
+    On a rig looks for such places, but leaves the solution unchanged.
     """
-    found, options, window = mapping.found, mapping.options, mapping.options.window
+    found, options = mapping.found, mapping.options
     photographs, solution = mapping.photographs, mapping.solved
     times = find_frame_numbers(photographs.names, photographs.frames)
-    if is_final:
-        found.look_alikes = find_look_alikes(solution, times, window)
+    if mapping.rig is not None:
+        found.look_alikes = find_look_alikes(solution, times, WINDOW)
         return
 
     def solve_again(kept: list[PairMatches]) -> Solution:
@@ -345,7 +352,7 @@ def _separate_places(mapping: Mapping, *, is_final: bool) -> None:
 
     before = len(mapping.pairs)
     mapping.solution, mapping.pairs, found.look_alikes = separate_look_alikes(
-        solution, mapping.pairs, solve_again, times, window
+        solution, mapping.pairs, solve_again, times, WINDOW
     )
     if len(mapping.pairs) < before:
         mapping.log.note(

@@ -4,7 +4,7 @@ Rooms of their own, whose doors anyone may use: `first`, `record` and `tuning`.
 """
 
 from gsut.training.loop import TrainingLoop
-from gsut.training.photometric_poses import grow_poses
+from gsut.training.photometric_poses import find_video_poses
 from gsut.training.record import (
     TrainedRun,
     load_run,
@@ -18,7 +18,7 @@ from gsut.training.time_left import measure_pace, track_training
 __all__ = [
     "TrainedRun",
     "TrainingLoop",
-    "grow_poses",
+    "find_video_poses",
     "load_run",
     "measure_pace",
     "open_trained",

@@ -227,8 +227,8 @@ def test_every_writer_on_a_full_disk_fails_and_names_the_file(tmp_path, rng):
         (["edit", "in.ply", "-o", "a.ply", "--scale", "1e30"], "--scale: the scale must be above"),
         (["edit", "in.ply", "-o", "a.ply", "--up", "1e300", "0", "0"], "--up: takes a number from"),
         (
-            ["poses", "in", "-o", "a", "--set", f"min_inliers={'9' * 25}"],
-            "--set min_inliers must be >= ",
+            ["poses", "in", "-o", "a", "--set", f"max_features={'9' * 25}"],
+            "--set max_features must be >= ",
         ),
         (["train", "in", "-o", "a", "--port", "99999"], "--port: takes a whole number from 0 to"),
         (["train", "in", "-o", ""], "the name is empty"),

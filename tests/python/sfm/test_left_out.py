@@ -10,12 +10,12 @@ from gsut import Shutter
 from gsut.sfm import PosesOptions, compare_poses
 from gsut.sfm.lens import join_points
 from gsut.sfm.matches import RawMatches, verify_matches
-from gsut.sfm.solution import solve_poses
+from gsut.sfm.solution import MIN_INLIERS, solve_poses
 from gsut.sfm.starts import register_left_out
 from gsut.sfm.starts.left_out import _find_poses
 from synthetic_walk import Synthetic
 
-OPTIONS = PosesOptions(extend_rounds=0)
+OPTIONS = PosesOptions()
 LEFT_OUT = 7
 
 
@@ -63,10 +63,10 @@ def thin_out(mapping, every, others):
 
 def test_image_that_fits_fewer_points_than_others_need_is_held_by_what_it_predicts(scene):
     mapping = solve_without_one(scene)
-    mapping.options = dataclasses.replace(OPTIONS, extend_rounds=2)
+    mapping.options = OPTIONS
     thin_out(mapping, every=60, others=[5])
     joined = join_points(mapping.solved, mapping.features, mapping.raw)[LEFT_OUT]
-    assert 8 <= len(joined) < OPTIONS.min_inliers
+    assert 8 <= len(joined) < MIN_INLIERS
     register_left_out(mapping)
     assert mapping.solved.registered[LEFT_OUT]
     assert mapping.photographs.names[LEFT_OUT] in mapping.log.notes[-1]

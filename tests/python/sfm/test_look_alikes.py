@@ -24,7 +24,7 @@ VISIT = 12  # images of one visit to a room
 NEAR = 8
 # The camera is elsewhere for twenty frames.
 TIMES = np.arange(2 * VISIT) + 20 * (np.arange(2 * VISIT) >= VISIT)
-OPTIONS = PosesOptions(extend_rounds=1)
+OPTIONS = PosesOptions()
 FURNITURE, WALLS = 120, 220
 
 

@@ -33,9 +33,7 @@ def find_center(run, sigma=CENTER_SIGMA, flags=CENTER_FREE):
         adjustment=Adjustment(flags, center_sigma=sigma),
     )  # fmt: skip
     error = found.cameras[0].params[list(CENTER)] - LENS.params[list(CENTER)]
-    known = estimate_lens_covariances(
-        found, flags, run.options.loss_scale, FEATURE_VARIANCE, center_sigma=sigma
-    )[0]
+    known = estimate_lens_covariances(found, flags, FEATURE_VARIANCE, center_sigma=sigma)[0]
     return error, known.sigmas[list(CENTER)]
 
 

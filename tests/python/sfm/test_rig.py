@@ -301,7 +301,7 @@ def test_choose_pairs_of_many_frames_compares_neighbours_of_all_cameras():
     frames = np.repeat(np.arange(count // 2), 2)
     names = [f"{'left' if i % 2 == 0 else 'right'}/{m}.png" for i, m in enumerate(frames)]
     features = [make_no_features() for _ in names]
-    pairs = {tuple(p) for p in choose_pairs(names, features, PosesOptions(window=3), frames)}
+    pairs = {tuple(p) for p in choose_pairs(names, features, PosesOptions(), frames)}
     for first in range(count - 8):
         near = {(first, second) for second in range(first + 1, count) if
                 frames[second] - frames[first] <= 2}  # fmt: skip

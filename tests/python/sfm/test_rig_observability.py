@@ -50,12 +50,12 @@ def refine(scene):
         photographs.frames, photographs.rig_cameras - 1, SIDEWAYS[None],
         np.ones(len(scene.poses), bool), True,
     )  # fmt: skip
-    options = PosesOptions(extend_rounds=0)
+    options = PosesOptions()
     solution = adjust_poses(
         scene.mapping().images, scene.pairs, list(scene.poses), options,
         adjustment=Adjustment(rig=constraint),
     )  # fmt: skip
-    (mount,) = estimate_mount_uncertainty(solution, constraint, options.loss_scale)
+    (mount,) = estimate_mount_uncertainty(solution, constraint)
     return solution, mount
 
 

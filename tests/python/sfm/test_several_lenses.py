@@ -24,7 +24,7 @@ LENSES = (
     gsut.Camera("kannala_brandt", [393, 393, 640, 480, 0.02, -0.01, 0.002, 0], 1280, 960),
 )
 FRAMES = 12
-OPTIONS = PosesOptions(extend_rounds=0)
+OPTIONS = PosesOptions()
 
 
 @pytest.fixture(scope="module")

@@ -156,11 +156,7 @@ def solved_helmet(tmp_path_factory):
     results = {}
     for shutter in ("auto", "global"):
         out = folder / shutter
-        loose = (
-            ["--set", "max_error=20", "--set", "max_two_view_error=15"]
-            if shutter == "global"
-            else []
-        )
+        loose = ["--set", "max_error=22"] if shutter == "global" else []
         arguments = ["poses", str(folder), "-o", str(out), "--shutter", shutter, "--quiet", *loose]
         assert main(arguments) == 0
         results[shutter] = out

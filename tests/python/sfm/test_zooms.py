@@ -17,7 +17,7 @@ from gsut.sfm.solution.solver import solve_poses
 from synthetic_walk import Synthetic, quiet
 
 IMAGES, FACTOR = 9, 1.5
-OPTIONS = PosesOptions(extend_rounds=0)
+OPTIONS = PosesOptions()
 LENS = gsut.Camera("kannala_brandt", [500, 500, 500, 505, 0.02, -0.01, 0, 0], 1000, 1010)
 NAMES = [f"{i:03d}.png" for i in range(IMAGES)]
 SECOND = [2, 5, 8]  # images of the second zoom

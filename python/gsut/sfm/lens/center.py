@@ -66,7 +66,7 @@ def free_center(mapping: Mapping) -> None:
     if found.num_registered < solution.num_registered:
         return
     lens = found.cameras[int(np.flatnonzero(found.registered)[0])]
-    is_off = _is_clearly_off(found, lens, freed, mapping.options.loss_scale)
+    is_off = _is_clearly_off(found, lens, freed)
     if is_off and explain_implausible(lens, mapping.features) is None:
         found = dataclasses.replace(
             found, initial_pair=solution.initial_pair, restarts=solution.restarts
@@ -74,10 +74,10 @@ def free_center(mapping: Mapping) -> None:
         mapping.solution, mapping.lens_free = found, freed
 
 
-def _is_clearly_off(solution: Solution, lens: Camera, flags: np.ndarray, loss_scale: float) -> bool:
+def _is_clearly_off(solution: Solution, lens: Camera, flags: np.ndarray) -> bool:
     """Decides whether the principal point differs from the middle beyond doubt."""
     try:
-        known = estimate_lens_covariances(solution, flags, loss_scale, FEATURE_VARIANCE)[0]
+        known = estimate_lens_covariances(solution, flags, FEATURE_VARIANCE)[0]
     except SolveError:
         return False
     off = lens.params[list(CENTER)] - [lens.width / 2, lens.height / 2]

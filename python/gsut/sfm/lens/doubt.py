@@ -36,9 +36,7 @@ def judge_lens(mapping: Mapping) -> None:
     found.focal_sigma = math.inf
     covariances = []
     try:
-        covariances = estimate_lens_covariances(
-            solution, flags, mapping.options.loss_scale, FEATURE_VARIANCE
-        )
+        covariances = estimate_lens_covariances(solution, flags, FEATURE_VARIANCE)
         lenses = index_lenses(solution.cameras, flags)
         estimated = [c for c, f in zip(lenses.cameras, lenses.free, strict=True) if f is not None]
         found.focal_sigma = max(

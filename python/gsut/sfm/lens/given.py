@@ -75,9 +75,7 @@ def _find_one_lens(solution: Solution) -> Camera | None:
 def _estimate_sigma(mapping: Mapping, free: Solution, flags: np.ndarray) -> float:
     """Estimates the standard deviation of the logarithm of a freed focal length."""
     try:
-        (known,) = estimate_lens_covariances(
-            free, flags, mapping.options.loss_scale, FEATURE_VARIANCE
-        )
+        (known,) = estimate_lens_covariances(free, flags, FEATURE_VARIANCE)
     except SolveError:  # the images do not determine it
         return math.inf
     by_features = float(known.sigmas[0] / find_focal(free))

@@ -12,7 +12,7 @@ from gsut._core import SolveError
 from gsut.lens import FocalPrior, find_focal_params, with_scaled_focal
 from gsut.sfm.lens.candidates import guess_lens
 from gsut.sfm.lens.covariance import estimate_lens_covariances
-from gsut.sfm.lens.elimination import split_windows
+from gsut.sfm.lens.information import split_windows
 from gsut.sfm.lens.trials import run_trials
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import keep_most_distinct, verify_matches
@@ -206,7 +206,7 @@ def _measure_spread_of_windows(mapping: Mapping, solution: Solution, flags: np.n
         if found is None:
             return None
         try:
-            (known,) = estimate_lens_covariances(found, flags, mapping.options.loss_scale)
+            (known,) = estimate_lens_covariances(found, flags)
         except SolveError:
             return None
         focal = find_focal(found)

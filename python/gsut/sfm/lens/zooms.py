@@ -15,13 +15,13 @@ from gsut._core import SolveError
 from gsut.data import list_some
 from gsut.lens import Camera, find_focal_params, has_focal_length, with_scaled_focal
 from gsut.sfm.lens.candidates import make_lens
-from gsut.sfm.lens.covariance import differentiate_by_turn
+from gsut.sfm.lens.information import differentiate_by_turn
 from gsut.sfm.lens.search import search_lens
 from gsut.sfm.lens.trials import run_trials
 from gsut.sfm.mapping import Findings, Mapping, Zoom
 from gsut.sfm.matches import RawMatches, select_pairs
 from gsut.sfm.photographs import Features, PosesOptions
-from gsut.sfm.solution import OnStep, Solution
+from gsut.sfm.solution import MIN_INLIERS, OnStep, Solution
 
 # Factors on the focal length that an image without a pose is tried with.
 _FACTORS = np.geomspace(0.25, 4.0, 33)
@@ -259,7 +259,7 @@ def try_focals(
         pose, inliers = _core.absolute_pose(bearings, rows, points[rows], max_error, options.seed)
         if inliers.sum() > most:
             most, best = int(inliers.sum()), (factor, pose, rows[inliers])
-    if best is None or most < max(options.min_inliers, least * len(pixels)):
+    if best is None or most < max(MIN_INLIERS, least * len(pixels)):
         return math.nan
     factor, pose, rows = best
     return math.log(factor) + _fit_focal(

@@ -161,7 +161,7 @@ def put_on_rig(
     now = dataclasses.replace(now, readings=readings)
     figures = describe_rig(photographs, (rig, now), start, alone, solution)
     if adjust:
-        uncertainty = estimate_mount_uncertainty(solution, constraint, mapping.options.loss_scale)
+        uncertainty = estimate_mount_uncertainty(solution, constraint)
         add_uncertainty(figures, uncertainty)
     return solution, RigFit(now, figures, list_rig_notes(rig, figures))
 

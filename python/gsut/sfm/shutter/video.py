@@ -247,7 +247,6 @@ def find_line_order(
         own = np.where(((of_image == lens) | (lens < 0))[:, None], rates, np.nan)
         found = estimate_readout_by_flow(
             solution, own, spread, measure_line_times(solution, shutters, lines), lens_free,
-            mapping.options.loss_scale,
         )  # fmt: skip
         return _Trial(found or FlowReadout(0.0, math.inf), list(ways), lines)
 
@@ -350,9 +349,7 @@ def correct_readout(
         text = f"lines read in {1000 * time:.1f} ms?"
         mapping.log.show_share("shutter", 0.5 * number / _CORRECTIONS, text)
         moved = adjust(time)
-        more = estimate_readout_by_flow(
-            moved, rates, spread, moved.measure_line_times(), lens_free, mapping.options.loss_scale
-        )
+        more = estimate_readout_by_flow(moved, rates, spread, moved.measure_line_times(), lens_free)
         if more is None:
             break
         own, found = more.time, more

@@ -3,6 +3,8 @@
 from gsut.sfm.solution.adjustment import (
     CENTER,
     CENTER_SIGMA,
+    LOSS_SCALE,
+    MIN_INLIERS,
     Adjustment,
     LensFlags,
     ReadoutMotion,
@@ -26,10 +28,10 @@ from gsut.sfm.solution.result import (
     transform_to_cameras,
 )
 from gsut.sfm.solution.solver import (
+    MIN_ANGLE_DEGREES,
     OnStep,
     adjust_poses,
     adjust_registered,
-    list_extension_settings,
     order_by_folder,
     solve_poses,
 )
@@ -38,6 +40,9 @@ __all__ = [
     "CENTER",
     "CENTER_SIGMA",
     "FEATURE_VARIANCE",
+    "LOSS_SCALE",
+    "MIN_ANGLE_DEGREES",
+    "MIN_INLIERS",
     "Adjustment",
     "LensFlags",
     "LookAlikes",
@@ -54,7 +59,6 @@ __all__ = [
     "find_look_alikes",
     "gather_pixels",
     "index_lenses",
-    "list_extension_settings",
     "measure_agreement",
     "measure_diagonal",
     "measure_line_times",

@@ -13,9 +13,9 @@ from gsut.data.poses import find_centers
 from gsut.sfm.lens import index_points
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import PairMatches, keep_most_distinct
-from gsut.sfm.photographs import PosesOptions
 from gsut.sfm.points import measure_pixels_per_radian
 from gsut.sfm.solution import (
+    MIN_INLIERS,
     Adjustment,
     ReadoutMotion,
     Solution,
@@ -30,6 +30,8 @@ _SHARES = (0.9, 0.6)  # of the pairs of images, that agree where poses are good,
 # Baseline over the distance of what is seen, below which a pair has no direction to get wrong.
 _NO_BASELINE = 0.005
 _SEED = 0  # of the halves
+# Half of the matches hold an image that all of them hold.
+HALF_INLIERS = MIN_INLIERS // 2
 
 
 def compare_halves(mapping: Mapping) -> None:
@@ -43,15 +45,17 @@ def compare_halves(mapping: Mapping) -> None:
     solution, options = mapping.solved, mapping.options
     if mapping.rig is not None or not len(solution.points):
         return
-    motion, fewer = ReadoutMotion.hold(solution), allow_halves(options)
+    motion = ReadoutMotion.hold(solution)
     try:
         one, other = (
             adjust_registered(
                 solution,
                 mapping.features,
                 half,
-                fewer,
-                adjustment=Adjustment(lens_settled=True, motion=motion, covariances=False),
+                options,
+                adjustment=Adjustment(
+                    lens_settled=True, motion=motion, covariances=False, min_inliers=HALF_INLIERS
+                ),
             )
             for half in split_matches(mapping)
         )
@@ -61,11 +65,6 @@ def compare_halves(mapping: Mapping) -> None:
     differences = measure_differences(one, other, solution)
     good, usable = 0.5 * np.quantile(differences, _SHARES, method="higher")
     mapping.found.halves_px = (float(good), float(usable))
-
-
-def allow_halves(options: PosesOptions) -> PosesOptions:
-    """Returns options for half of the matches: these hold an image that all of them hold."""
-    return dataclasses.replace(options, min_inliers=max(1, options.min_inliers // 2))
 
 
 def split_matches(mapping: Mapping) -> list[list[PairMatches]]:

@@ -99,7 +99,6 @@ def _limit_error(mapping: Mapping, image: int) -> float:
 def _add_images(mapping: Mapping, found: list[tuple[int, int, np.ndarray]]) -> bool:
     """Adds images to the solution, without those that it does not hold; False if none is left."""
     solution, poses = mapping.solved, {image: pose for _, image, pose in found}
-    fewer = dataclasses.replace(mapping.options, min_inliers=_FEWEST)
     while poses:
         start = dataclasses.replace(
             solution,
@@ -116,8 +115,9 @@ def _add_images(mapping: Mapping, found: list[tuple[int, int, np.ndarray]]) -> b
             motion = ReadoutMotion(solution.shutter, 1.0, solution.velocities, _STEADY)
         try:
             more = adjust_registered(
-                start, mapping.features, pairs, fewer, mapping.log.follow_steps("mapping"),
-                Adjustment(mapping.lens_free, motion=motion, extend=True),
+                start, mapping.features, pairs, mapping.options,
+                mapping.log.follow_steps("mapping"),
+                Adjustment(mapping.lens_free, motion=motion, extend=True, min_inliers=_FEWEST),
             )  # fmt: skip
         except SolveError:  # the image that holds the scale is one of those that do not fit
             poses = dict(list(poses.items())[: len(poses) // 2])

@@ -20,7 +20,7 @@ from gsut.sfm.solution import (
     measure_diagonal,
     solve_poses,
 )
-from gsut.sfm.starts.halves import allow_halves, measure_differences, split_matches
+from gsut.sfm.starts.halves import HALF_INLIERS, measure_differences, split_matches
 
 # Error over the diagonal that one in ten pairs of images exceeds where two structures are not the
 # same one: no adjustment brings them together.
@@ -105,8 +105,8 @@ def _find_others(mapping: Mapping, still: Solution) -> Iterator[Solution]:
     for half in split_matches(mapping):
         try:
             found = solve_poses(
-                images, half, allow_halves(mapping.options), mapping.log.follow_steps("mapping"),
-                Adjustment(lens_settled=True, covariances=False),
+                images, half, mapping.options, mapping.log.follow_steps("mapping"),
+                Adjustment(lens_settled=True, covariances=False, min_inliers=HALF_INLIERS),
             )  # fmt: skip
         except SolveError:
             continue
