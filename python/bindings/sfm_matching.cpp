@@ -198,6 +198,7 @@ py::tuple Information(const py::object& body, const py::object& point, const py:
   const auto point_rows = ReadArray<double>(by_point, "by_point", {count, 2, 3});
   const py::ssize_t shared = shared_rows.shape(2);
   using Rows = Eigen::Matrix<double, 2, Eigen::Dynamic, Eigen::RowMajor>;
+  // Checked here once, so that the core may index without a look.
   ObservationTable table;
   std::int64_t bodies = 0;
   for (py::ssize_t i = 0; i < count; ++i) {
@@ -214,11 +215,13 @@ py::tuple Information(const py::object& body, const py::object& point, const py:
     if (seen >= static_cast<std::int64_t>(table.of_point.size())) table.of_point.resize(seen + 1);
     table.of_point[seen].push_back(static_cast<int>(i));
   }
+  // The unknowns of bodies are numbered body by body.
   for (const int unknown : held) {
     if (unknown < 0 || unknown >= size * bodies) throw InputError("held names no unknown");
   }
   SharedInformation found;
   {
+    // The table is the solver's own by now: no array of the caller is touched.
     const LongCall released;
     found = FindSharedInformation(std::move(table), static_cast<int>(bodies),
                                   Eigen::Map<const Eigen::VectorXd>(priors.data(), size), held,

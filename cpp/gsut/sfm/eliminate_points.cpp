@@ -90,6 +90,7 @@ std::vector<std::vector<Group>> GroupByBody(const ObservationTable& table, int b
 // The shared unknowns' own block.
 void AddShared(const ObservationTable& table, const std::vector<PointShare>& shares,
                Eigen::Ref<Eigen::MatrixXd> block) {
+  // In order, for the same bits on any number of threads; there are few shared unknowns.
   for (const ObservationDerivatives& linear : table.linear) {
     block += linear.by_shared.transpose() * linear.by_shared;
   }
@@ -102,6 +103,7 @@ void AddShared(const ObservationTable& table, const std::vector<PointShare>& sha
 
 EliminatedPoints EliminatePoints(ObservationTable table, int bodies, int size, int shared) {
   const std::vector<PointShare> shares = InvertPoints(&table, shared);
+  // No two bodies share a row: threads never change the same number.
   const std::vector<ObservationDerivatives>& linear = table.linear;
   const std::vector<std::vector<Group>> of_body = GroupByBody(table, bodies);
   EliminatedPoints result;
@@ -142,6 +144,7 @@ SharedInformation FindSharedInformation(ObservationTable table, int bodies,
   const int size = static_cast<int>(prior.size());
   const auto observations = static_cast<std::int64_t>(table.linear.size());
   EliminatedPoints left = EliminatePoints(std::move(table), bodies, size, shared);
+  // What the gauge holds is left out; of the others the prior is known beforehand.
   std::vector<std::uint8_t> is_held(size * bodies, 0);
   for (const int unknown : held) is_held[unknown] = 1;
   std::vector<int> free;
@@ -163,10 +166,12 @@ SharedInformation FindSharedInformation(ObservationTable table, int bodies,
     tied.row(column) =
         left.normal.col(free[column]).tail(shared).transpose() * length[column];
   }
+  // In place: the factor takes the memory of the equations.
   const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> cholesky(bodies_own);
   const bool is_weak = cholesky.info() != Eigen::Success ||
                        (count > 0 && bodies_own.diagonal().cwiseAbs2().minCoeff() < kWeak);
   if (is_weak) return {Eigen::MatrixXd::Zero(shared, shared), 2 * observations};
+  // Schur complement of the bodies: with A = L L^T, B A^-1 B^T = (L^-1 B^T)^T (L^-1 B^T).
   bodies_own.triangularView<Eigen::Lower>().solveInPlace(tied);
   SharedInformation result{left.normal.bottomRightCorner(shared, shared),
                            left.determined + static_cast<std::int64_t>(count)};

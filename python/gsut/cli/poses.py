@@ -122,7 +122,7 @@ def find_once(
 ) -> tuple[dict[str, Any], bool]:
     """Returns the content of poses.json, and whether it was found now rather than earlier."""
     settings: dict[str, Any] = {"camera": arguments.camera, "options": options}
-    find = find_poses
+    find: Callable[..., PosesResult] = find_poses
     if arguments.photometric:
         from gsut.training import find_video_poses
 

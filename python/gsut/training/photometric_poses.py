@@ -16,10 +16,9 @@ from typing import Any
 
 from gsut._core import InputError, SolveError
 from gsut.run import RunFolder, read_checkpoint, write_checkpoint
-from gsut.sfm import PosesLog, PosesOptions, PosesResult
+from gsut.sfm import PosesLog, PosesOptions, PosesResult, run_mapping, start_mapping
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.photographs import Images
-from gsut.sfm.pipeline import run_mapping, start_mapping
 from gsut.sfm.rig import adjust_rig_near_places
 from gsut.sfm.solution import OnStep, solve_poses
 from gsut.sfm.world import place_on_earth

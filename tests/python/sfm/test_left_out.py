@@ -10,7 +10,7 @@ from gsut import Shutter
 from gsut.sfm import PosesOptions, compare_poses
 from gsut.sfm.lens import join_points
 from gsut.sfm.matches import RawMatches, verify_matches
-from gsut.sfm.solution import MIN_INLIERS, solve_poses
+from gsut.sfm.solution import MIN_INLIERS, solve_poses, solver
 from gsut.sfm.starts import register_left_out
 from gsut.sfm.starts.left_out import _find_poses
 from synthetic_walk import Synthetic
@@ -74,7 +74,8 @@ def test_image_that_fits_fewer_points_than_others_need_is_held_by_what_it_predic
     assert errors.ate_percent < tolerances.LEFT_OUT_ATE_PERCENT
 
 
-def test_image_that_too_few_points_hold_stays_without_a_pose(scene):
+def test_image_that_too_few_points_hold_stays_without_a_pose(scene, monkeypatch):
+    monkeypatch.setattr(solver, "_EXTEND_ROUNDS", 0)  # longer tracks would hold it
     mapping = solve_without_one(scene)
     thin_out(mapping, every=120, others=[5])
     assert [image for _, image, _ in _find_poses(mapping)] == [LEFT_OUT]

@@ -77,7 +77,7 @@ class PosesOptions:
 
     @property
     def max_two_view_error(self) -> float:
-        """Largest error of a match under the relative pose of its two images, as `max_error`."""
+        """Returns the largest error of a match under the relative pose of its two images."""
         return self.max_error / _OVER_TWO_VIEW_ERROR
 
     def __post_init__(self) -> None:
