@@ -63,8 +63,6 @@ def _train(data: str, training: str, settings: Settings) -> tuple[Path, Row]:
         words += ["--steps", str(settings.steps)]
     if "blocks" in training:
         words += ["--blocks", str(settings.blocks)]
-    if training == "blocks, one round":
-        words += ["--set", "rounds=1"]
     if training == WORKERS:
         words += ["--workers", "2"]
     return out, train(path, out, words)
