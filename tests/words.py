@@ -156,7 +156,7 @@ def list_kernels() -> dict[str, list[Path]]:
 def find_all() -> list[Finding]:
     """Returns every finding in the product's sources."""
     known = {"/" + str(p.relative_to(ROOT)) for p in ROOT.glob("*") if p.is_file()}
-    for folder in ("python", "cpp", "calib", "tests", "docs", ".ci"):
+    for folder in ("python", "cpp", "calib", "tests", "lab", "docs", ".ci"):
         known |= {"/" + str(p.relative_to(ROOT)) for p in (ROOT / folder).rglob("*")}
     found: list[Finding] = []
     for source in list_sources():

@@ -66,7 +66,6 @@ if TYPE_CHECKING:
     from gsut.surface import Mesh, extract_mesh, load_mesh, save_mesh
     from gsut.train import TrainResult, train
     from gsut.training import TrainedRun, load_run
-    from gsut.view import to_rerun
 
 # By task: docs/api.md is made from this list and its comments, in this order.
 __all__ = [  # noqa: RUF022
@@ -139,7 +138,6 @@ __all__ = [  # noqa: RUF022
     # Save
     "save_gaussians",
     "load_gaussians",
-    "to_rerun",
     # Machine
     "num_threads",
     "set_num_threads",

@@ -192,7 +192,7 @@ def measure_rows(
         repeats: runs of each case; the least of each time counts.
         against: another checkout, with its .venv, whose benchmark of the same name measures each
             case by turns with this one.
-        words: name and flags of the benchmark, for `against`.
+        words: module, name and flags of the benchmark, for `against`.
     """
     cases = [
         case for case in available_cases(benchmark, settings) if only in benchmark.name_row(case)
@@ -249,7 +249,7 @@ def _measure_elsewhere(checkout: Path, words: Sequence[str], name: str) -> Row:
     """Has another checkout measure the row of this name."""
     with tempfile.TemporaryDirectory(prefix="gsut-against-") as folder:
         file = Path(folder).resolve() / "rows.json"
-        command = [".venv/bin/python", "-m", "tests.bench", *words, "--only", name]
+        command = [".venv/bin/python", "-m", *words, "--only", name]
         done = subprocess.run(
             [*command, "--json", str(file)], cwd=checkout, capture_output=True, text=True,
             env=os.environ | {"PYTHONPATH": "tests"}, check=False,
@@ -327,14 +327,16 @@ def add_flags(parser: argparse.ArgumentParser, benchmark: Benchmark) -> None:
     add("--folder", type=Path, metavar="FOLDER", help="keep what is made here, and use it again")
 
 
-def run_benchmark(name: str, benchmark: Benchmark, arguments: argparse.Namespace) -> int:
+def run_benchmark(
+    module: str, name: str, benchmark: Benchmark, arguments: argparse.Namespace
+) -> int:
     """Measures and prints the table.
 
     Returns:
         The exit status: 1 if a result was wrong.
     """
     values: Row = {"threads": arguments.threads}
-    words = [name]
+    words = [module, name]
     for option in benchmark.options:
         given = getattr(arguments, option.name)
         values[option.name] = option.default if given is None else option.parse(given)

@@ -135,7 +135,7 @@ BENCHMARK = Benchmark(
     cases=list_cases,
     measure=measure,
     options=(
-        Option("page", "docs/demo.html", "the page"),
+        Option("page", "docs/demo.html", "the page, made by ./run docs"),
         Option("seconds", 6.0, "of the walk"),
     ),
 )

@@ -1,4 +1,4 @@
-"""`./run bench ways`: a frame by native code, WebAssembly and WGSL, with its errors."""
+"""`./run bench ways`: a frame by native code and by WebAssembly, with its errors."""
 
 from __future__ import annotations
 
@@ -19,15 +19,12 @@ from gsut import _core
 from gsut.demo.views import make_camera
 from gsut.gaussians import pack_harmonics
 from gsut.lens import Camera
-from gsut.render import render
-from gsut.render.card import find_card
-from gsut.render.soundness import sum_bits
 from tests.bench.accuracy import Truth, count_missed, errors_of, make_truth
 from tests.bench.harness import WRONG, Benchmark, Column, Option, Row, Settings
 from tests.bench.render_bench import IMAGE_RMS_BOUND
 from tests.bench.scenes import BenchScene, parsed_count, synthetic_scene
 
-NATIVE, WASM, CARD = "native", "WebAssembly", "WGSL"
+NATIVE, WASM = "native", "WebAssembly"
 _PLAIN_DEGREES = 80.0  # field of view of the pinhole
 _WIDE_DEGREES = 220.0
 # Relative error of an alpha in float: of needles far thinner than a pixel it reaches 1e-3.
@@ -64,9 +61,6 @@ def list_cases(settings: Settings) -> Iterator[Row]:
     ways = {NATIVE: f"{NATIVE}, {_core.active_isa()}, {_core.num_threads()} threads"}
     if shutil.which("node"):
         ways[WASM] = f"{WASM}, 1 thread"
-    card = find_card()
-    if not isinstance(card, str):
-        ways[CARD] = f"{CARD} on {card.name.partition(' (')[0]}"
     for count in settings.counts:
         for lens in LENSES:
             for way, text in ways.items():
@@ -76,7 +70,7 @@ def list_cases(settings: Settings) -> Iterator[Row]:
 def measure(case: Row, settings: Settings) -> Row:
     """Draws one scene one way."""
     scene, truth = _prepare(case["lens"], case["count"], settings.tiles, settings.pixels)
-    draw = {NATIVE: _draw_natively, WASM: _draw_in_node, CARD: _draw_on_card}[case["_way"]]
+    draw = {NATIVE: _draw_natively, WASM: _draw_in_node}[case["_way"]]
     image, alpha, (milliseconds, cpu_milliseconds) = draw(scene, settings.runs)
     errors = errors_of(truth, image, None)
     missed = count_missed(truth, alpha, _core.BlendRule().alpha_min)
@@ -112,18 +106,6 @@ def _draw_natively(scene: BenchScene, runs: int) -> Drawn:
     return image, alpha, took
 
 
-def _draw_on_card(scene: BenchScene, runs: int) -> Drawn:
-    card, place = find_card(), np.asarray(scene.camera_from_world)
-    assert not isinstance(card, str)
-    seen = render(scene.gaussians, scene.camera, place, device="gpu")
-    assert seen.renderer == "card", "the card has no room for this scene"
-    mark, rule = sum_bits(scene.gaussians), _core.BlendRule()
-    took = _time_frames(
-        lambda: card.draw(scene.gaussians, mark, scene.camera, place, rule, 3), runs
-    )
-    return seen.image, seen.alpha, took
-
-
 def _draw_in_node(scene: BenchScene, runs: int) -> Drawn:
     sys.path.append(str(Path(__file__).parents[1] / "python"))
     import core_in_node
@@ -153,7 +135,7 @@ def _time_frames(draw: Callable[[], object], runs: int) -> tuple[float, float]:
 
 
 BENCHMARK = Benchmark(
-    help="a frame by native code, WebAssembly and WGSL, with its errors",
+    help="a frame by native code and by WebAssembly, with its errors",
     columns=(
         Column("lens"),
         Column("count", "Gaussians"),

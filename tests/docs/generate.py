@@ -1,6 +1,7 @@
 """Writes the pages of docs/ that come from the code, and the pictures of lenses that have none.
 
-demo.html keeps its scene, made by `gsut convert demo/run docs/demo.html --lens --photographs 1`.
+docs/demo.html, the demo's scene as a page for a release, stays out of the repository; it is made if
+`./run demo` has made the scene.
 
 ./run docs
 """
@@ -8,7 +9,6 @@ demo.html keeps its scene, made by `gsut convert demo/run docs/demo.html --lens 
 from __future__ import annotations
 
 import argparse
-import base64
 import itertools
 import json
 import re
@@ -21,9 +21,8 @@ import numpy as np
 import gsut
 from api_pages import API_PAGES, NOTE
 from gsut.cli import build_parser
+from gsut.cli import main as gsut_main
 from gsut.run.options import show_every_option
-from gsut.view.lens_page import assemble_lens_page
-from gsut.view.page_file import assemble_scene_page
 from lens_pictures import FOLDER, draw, seen_angle, widest_example
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -154,30 +153,22 @@ def cli_page() -> str:
     )
 
 
-# --- pages for a browser --------------------------------------------------------------------------
-
-
-def demo_page() -> str:
-    """docs/demo.html with its scene, and all else as the code is now."""
-    text = (ROOT / "docs" / "demo.html").read_text(encoding="utf-8")
-    content, scene = (
-        re.search(rf'<script id="{name}"[^>]*>(.*?)</script>', text, re.DOTALL)[1]
-        for name in ("content", "scene")
-    )
-    return assemble_scene_page(json.loads(content), base64.b64decode(scene))
-
-
-PAGES = {
-    "lenses.md": lenses_page, "cli.md": cli_page, "demo.html": demo_page,
-    "lens.html": assemble_lens_page, **API_PAGES,
-}  # fmt: skip
+PAGES = {"lenses.md": lenses_page, "cli.md": cli_page, **API_PAGES}
 
 
 def page(name: str) -> str:
     """The text of a generated page."""
-    if name.endswith(".html"):
-        return PAGES[name]()
     return re.sub(r"\n{3,}", "\n\n", PAGES[name]()).rstrip() + "\n"
+
+
+def write_demo_page() -> None:
+    """Writes docs/demo.html from the scene of `./run demo`, if there is one."""
+    run, out = ROOT / "demo" / "run", ROOT / "docs" / "demo.html"
+    if run.is_dir():
+        out.unlink(missing_ok=True)
+        gsut_main(["convert", str(run), str(out)])
+    else:
+        print("docs/demo.html needs the demo's scene: ./run demo, then ./run docs")
 
 
 def main() -> None:
@@ -186,6 +177,7 @@ def main() -> None:
         path = ROOT / "docs" / name
         path.parent.mkdir(exist_ok=True)
         path.write_text(page(name), encoding="utf-8")
+    write_demo_page()
 
 
 if __name__ == "__main__":

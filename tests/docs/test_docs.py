@@ -22,8 +22,7 @@ from gsut.demo import make_demo_scene
 from public_names import list_public_names
 from tests.bench.__main__ import build_parser as bench_parser
 
-READMES = [ROOT / folder / "README.md" for folder in (".", "calib", "tests/bench")]
-NOTEBOOK = sorted((ROOT / "docs" / "notebook").glob("*.md"))
+READMES = [ROOT / folder / "README.md" for folder in (".", "calib", "tests/bench", "lab")]
 PAGE_FILES = [
     *READMES,
     *(ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"),
@@ -31,7 +30,10 @@ PAGE_FILES = [
     *sorted((ROOT / "docs" / "api").glob("*.md")),
 ]
 NOT_RUN = "<!-- not run:"  # and the reason, on the line before the block
-ONES_OF_RUN = re.findall(r"^    ([a-z]+)( \| [a-z-]+)*\)", (ROOT / "run").read_text(), re.MULTILINE)
+ONES_OF_RUN = {
+    script: set(re.findall(r"^  ([a-z]+) ", (ROOT / script).read_text(), re.MULTILINE))
+    for script in ("run", "lab/run")
+}
 
 
 class Block(NamedTuple):
@@ -140,8 +142,8 @@ def test_commands_of_the_pages_parse(block):
             parser.parse_args(words)
         elif [name, *words[:1]] == ["./run", "bench"]:
             bench_parser().parse_args(words[1:])
-        elif name == "./run":
-            assert words[0] in [word for match in ONES_OF_RUN for word in match]
+        elif name.endswith("run"):
+            assert words[0] in ONES_OF_RUN[name.removeprefix("./")]
         else:
             assert name in ("pip", "cmake", "sudo"), f"{label(block)} calls {name}"
 
@@ -183,7 +185,7 @@ def test_blocks_were_found():
 @pytest.mark.parametrize("name", PAGES)
 def test_generated_page_is_current(name):
     is_current = (ROOT / "docs" / name).read_text(encoding="utf-8") == page(name)
-    assert is_current, "./run docs renews it"  # no diff: a page for a browser has megabytes
+    assert is_current, "./run docs renews it"
 
 
 def anchors(path: Path) -> set[str]:
@@ -236,15 +238,3 @@ def test_table_of_lenses_in_the_readme_names_all_with_the_errors_that_tests_hold
     held = (ROOT / "tests" / "tolerances" / "lens.py").read_text()
     errors = [number for row in rows for number in re.findall(r"\d[\d.]*e-\d+", row[2])]
     assert len(errors) == len(rows) and [number for number in errors if number not in held] == []
-
-
-def test_notebook_pages_state_question_date_commit_and_decision():
-    pages = [path for path in NOTEBOOK if path.name != "README.md"]
-    assert len(pages) >= 10
-    for path in pages:
-        text = path.read_text()
-        assert re.match(r"# .+\?\n", text), path.name
-        assert re.search(r"\b20\d\d-\d\d-\d\d\b", text) and " commit " in " ".join(text.split()), (
-            path.name
-        )
-        assert "\nDecision" in text, path.name

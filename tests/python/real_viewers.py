@@ -1,7 +1,7 @@
 """Viewers that nobody here wrote, in headless Chromium: their pictures of our files.
 
-The SuperSplat viewer is in gsut's own pages. Spark and three.js are found in the folder that
-GSUT_VIEWER_MODULES names: npm install @sparkjsdev/spark@2.2.0 three.
+Spark and three.js are found in the folder that GSUT_VIEWER_MODULES names:
+npm install @sparkjsdev/spark@2.2.0 three.
 """
 
 from __future__ import annotations
@@ -9,9 +9,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import http.server
-import json
 import os
-import re
 import threading
 import time
 from collections.abc import Iterator
@@ -89,7 +87,7 @@ def viewer_window(width: int, height: int) -> Iterator[Browser]:
 
 
 def pinhole(width: int, height: int, field_degrees: float) -> Camera:
-    """Across the longer side, as the SuperSplat viewer counts fields."""
+    """Across the longer side."""
     focal = max(width, height) / 2 / np.tan(np.radians(field_degrees) / 2)
     return Camera("pinhole", [focal, focal, width / 2, height / 2], width, height)
 
@@ -117,34 +115,6 @@ def picture_of(window: Browser) -> np.ndarray:
         assert time.monotonic() < end, "the viewer never comes to rest"
         before = now
         time.sleep(0.4)
-
-
-def supersplat_pictures(
-    window: Browser, page: Path, cameras: list[tuple[np.ndarray, float]], upright: np.ndarray
-) -> Iterator[np.ndarray]:
-    """What a page of `gsut convert` shows, opened by its file's address.
-
-    Args:
-        window: of the size of the pictures.
-        page: the file.
-        cameras: level poses in the scene's coordinates, and fields of view in degrees.
-        upright: (3, 3) the rotation from the scene to the page's file.
-    """
-    text = page.read_text()
-    (line,) = re.findall(r"^  settings: (\{.*\}),$", text, re.M)
-    settings = json.loads(line)
-    for pose, field in cameras:
-        eye = -pose[:3, :3].T @ pose[:3, 3]
-        initial = {
-            "position": (_HALF_TURN @ upright @ eye).tolist(),
-            "target": (_HALF_TURN @ upright @ (eye + pose[2, :3])).tolist(), "fov": field,
-        }  # fmt: skip
-        asked = json.dumps(settings | {"cameras": [{"initial": initial}]})
-        at = page.with_name("at-pose.html")
-        at.write_text(text.replace(line, asked))
-        window.open(f"{at.resolve().as_uri()}?webgl&noui")
-        window.wait("window.scrubTo")  # there once a first frame is
-        yield picture_of(window)
 
 
 @contextlib.contextmanager

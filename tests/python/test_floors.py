@@ -64,8 +64,6 @@ LIBRARIES = {
 LIBRARIES |= {"pxr", "zstandard"}  # optional: one format of scene files each
 LIBRARIES |= {"ray"}  # optional: many machines
 LIBRARIES |= {"rosbags"}  # optional: ROS bags
-LIBRARIES |= {"rerun"}  # optional: gsut.to_rerun
-LIBRARIES |= {"wgpu"}  # optional: graphics cards
 # calib/ is a program beside gsut that `gsut calibrate` loads: it uses gsut's public names and the
 # doors that all commands share. One file imports mrcal; it runs under the system's Python and
 # imports nothing else of ours.

@@ -10,7 +10,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 COMMANDS = (
-    *("demo", "test", "setup", "build", "bench", "docs", "wheel", "neon", "lint", "sanitize"),
+    *("demo", "test", "setup", "build", "bench", "docs", "wheel", "lint"),
     "help",
 )
 # What a bare Debian has that `run` calls before the compiler is there.

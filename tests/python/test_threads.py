@@ -1,5 +1,5 @@
 """Python threads may share every object of the API: the same bits as one after the other, or a
-sentence. `./run sanitize thread` runs this, too."""
+sentence. `lab/run sanitize thread` runs this, too."""
 
 import dataclasses
 import functools

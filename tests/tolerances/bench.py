@@ -5,4 +5,3 @@
 SCALAR_IMAGE_RMS = 6e-7
 SCALAR_GRADIENT_RELATIVE = 2e-5
 BENCH_ROUNDING = 1e-12  # sums in double of numbers up to 100, in another order
-BENCH_SPLIT_SHARE = 0.05  # of the volume of a tenth: random scales of 2000 Gaussians; worst 0.01

@@ -64,7 +64,7 @@ FOREIGN_SPZ = {"position": 2.0**-12, "harmonics": 8.5 / 128}  # others' 12, and 
 FOREIGN_SPLAT_DEGREES = 1.8  # of rotations in bytes, read as b / 127.5 - 1; worst 1.6
 PALETTE_OF_BEST = 1.1  # squared error, of k-means on one level; worst 0.98
 PLACED = 2e-5  # of coordinates to 40 and harmonics to 1, turned in float32; worst 8e-6
-# Of 400 blobs with harmonics; Spark keeps these in few bits. Worst 30.0, SuperSplat 35.9
+# Of 400 blobs with harmonics; Spark keeps these in few bits. Worst 30.0
 REAL_VIEWER_DB = 29.0
 REAL_VIEWER_TURNED_DB = 23.0  # turned 16.1, without harmonics 22.0
 SPZ_DIRECTION = 1.2e-7  # of float32 coordinates, two units; worst 6e-8

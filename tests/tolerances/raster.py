@@ -70,20 +70,6 @@ BACKGROUND_MEAN = 0.08  # four standard errors of 199 uniform numbers
 PIXEL_FILTER_DB = 6.0  # gained on Gaussians below a pixel at a quarter of the size; least 11.6
 PIXEL_FILTER_FLOAT = 1e-3  # float32 of logarithms, of a difference and a logit; worst 1e-4
 STORED_OVERHEAD = 8e6  # bytes beside the limit: a read of 16,384 rows, rays; worst 4.2e6
-# the graphics card against the double reference, of images: worst 1.4e-7 (llvmpipe)
-CARD_IMAGE_RMS = 1e-5
-# of a value: above it a Gaussian was drawn on one side of a cut-off and not on the other
-CARD_CUT_OFF = 1e-4
-# share of the pixels with one: a tile that a Gaussian misses has hundreds; worst 2.5e-4
-CARD_CUT_OFF_SHARE = 1e-3
-# of a value at a cut-off: 1/255 of a colour of at most 3; worst 1.1e-3
-CARD_LARGEST_CUT_OFF = 0.012
-# of the largest distance, or its square; float32 sums of some hundred; worst 5e-6
-CARD_DEPTH = 1e-4
-# of a unit ray: two roundings to float32
-CARD_RAYS = 1.2e-7
-# dB of a view's PSNR on a card against the CPU: images differ by the rms above; worst observed 1e-6
-CARD_PSNR = 1e-3
 INTEGRAL_TRAPEZOID = 1e-12  # what the quadrature promises; worst of 12 scenes 1.4e-14
 INTEGRAL_SUM = 1e-12  # what the quadrature promises in sum; worst 6e-13
 # of a mean 1e-9 before the camera: 2e-9 deviations of a density; worst 5.8e-10

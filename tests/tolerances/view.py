@@ -15,8 +15,6 @@ MEASURED = 2e-6  # scene units of a few, float32 means turned in double; worst 6
 # the WebAssembly core against native code without vectors where lines are drawn: another C library
 # rounds sines and cosines; images and distances of a few scene units
 CORE_LINES = 1e-5
-# pixels: the lens page's core against native double code, whose C library rounds otherwise; worst 0
-LENS_PAGE_PIXEL = 1e-9
 # cosine of the angle between the picture's right and up, of a path that is level: rounding of a
 # polynomial of rotations in double; worst 5e-17
 LEVEL_HORIZON = 1e-12

@@ -1,10 +1,10 @@
 // Include before any Highway header: the instruction sets that gsut compiles its kernels for.
 #pragma once
 
-// Without any vectors, a processor of which no set is here or ./run sanitize scalar, it is
+// Without any vectors, a processor of which no set is here or lab/run sanitize scalar, it is
 // Highway's emulation of 128 bits in plain C++. Highway avoids it on GCC before 12.3 for a code
 // generation bug;
-// ./run sanitize scalar runs every kernel on it.
+// lab/run sanitize scalar runs every kernel on it.
 #ifndef HWY_BROKEN_EMU128
 #define HWY_BROKEN_EMU128 0
 #endif

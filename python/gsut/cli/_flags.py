@@ -112,17 +112,6 @@ def add_memory(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_device(parser: argparse.ArgumentParser) -> None:
-    """Adds --device, for commands that draw."""
-    parser.add_argument(
-        "--device",
-        choices=("cpu", "gpu"),
-        default="cpu",
-        help="gpu: images by the graphics card (pip install 'gsut[gpu]'); what it cannot draw is "
-        "drawn by the CPU, and a note gives the reason [default cpu]",
-    )
-
-
 def add_depth_unit(parser: argparse.ArgumentParser) -> None:
     """Adds `--set depth_unit=X`, for 16-bit files that are read or written."""
     add_rare_option(

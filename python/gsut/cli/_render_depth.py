@@ -51,8 +51,6 @@ class DepthOutput:
             raise InputError("--depth-kind is of depths; add --depth ray or --depth z")
         if arguments.depth is None and not arguments.cloud:
             return None
-        if arguments.device == "gpu":
-            raise InputError("--depth and --cloud are drawn by the CPU; leave --device gpu out")
         if arguments.depth and folder is None:
             raise InputError("a film has no depths: give a folder by -o, not a film's name")
         if arguments.cloud:

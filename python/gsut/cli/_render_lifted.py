@@ -57,8 +57,6 @@ class LiftedOutput:
             return None
         if film:
             raise InputError("a film has no lifted values: give a folder by -o, not a film's name")
-        if arguments.device == "gpu":
-            raise InputError("--lifted is drawn by the CPU; leave --device gpu out")
         return cls(arguments)
 
     def add(self, folder: Path, name: str, camera: Any, place: Any) -> None:

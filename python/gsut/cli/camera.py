@@ -1,4 +1,4 @@
-"""`gsut camera`: converts a lens, draws it as a page, finds calibrated lenses by name."""
+"""`gsut camera`: converts a lens, finds calibrated lenses by name."""
 
 from __future__ import annotations
 
@@ -36,7 +36,6 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     add_json(find)
     find.set_defaults(action=_find)
-    _add_page(actions)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -68,43 +67,6 @@ def _find(arguments: argparse.Namespace) -> int:
         print(f"{field:>6}° {size_text:>11} {readout:>8} {p.rms:6.2f} px  {p.name}{note}")
     name = format_command([" ".join(arguments.words)])
     print(f"{len(shown)} of {len(found)} lenses; the first one serves as --camera {name}")
-    return 0
-
-
-def _add_page(actions: Any) -> None:
-    page = actions.add_parser(
-        "page",
-        help="draw a lens in a page of one file",
-        description="Writes a page that draws LENS: its domain, lines of equal angle, straight "
-        "lines, pixels as rays and points as pixels. Other lens files can be dropped on it; they "
-        "stay in the browser.",
-    )
-    page.add_argument("out", metavar="OUT", help="page to write, .html")
-    page.add_argument("--lens", metavar="LENS", help="lens file [default: an example]")
-    page.add_argument("--camera-id", metavar="ID", help="which camera of LENS")
-    add_json(page)
-    page.set_defaults(action=_write_page)
-
-
-def _write_page(arguments: argparse.Namespace) -> int:
-    from gsut.lens import load_camera
-    from gsut.view import write_lens_page
-
-    out = Path(arguments.out)
-    if out.suffix.lower() != ".html":
-        raise InputError(f"the page is one file: name OUT with .html, found {out}")
-    refuse_existing(out)
-    camera = name = None
-    if arguments.lens is not None:
-        camera = load_camera(arguments.lens, camera_id=arguments.camera_id)
-        name = Path(arguments.lens).name
-    elif arguments.camera_id is not None:
-        raise InputError("--camera-id belongs to --lens; name the lens file")
-    write_lens_page(out, camera, name or "")
-    if arguments.json:
-        print_json({"out": str(out), "bytes": out.stat().st_size})
-    else:
-        print(f"{out}, {out.stat().st_size / 1e6:.1f} MB; a double click opens it")
     return 0
 
 

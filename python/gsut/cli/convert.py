@@ -8,20 +8,22 @@ from pathlib import Path
 from typing import Any
 
 from gsut._core import InputError
-from gsut.cli._flags import Number, add_json, add_moved_data, add_quiet, print_json, whole
+from gsut.cli._flags import add_json, add_moved_data, add_quiet, print_json
 from gsut.files import refuse_existing
-from gsut.run.options import add_rare_option
 
 HELP = "a scene in another format: SPZ, SOG, glTF, USD, PLY, a page for any browser"
 DESCRIPTION = (
     "Writes a run's scene, or a file of Gaussians, in the format that the suffix of OUT says, and "
-    "says what that format could not hold. IN is left as it is; an OUT that exists is refused."
+    "says what that format could not hold. An OUT of .html is one page that draws the scene "
+    "exactly, through the run's lenses and any other, beside some held-out photographs; it needs "
+    "no network and no graphics card. IN is left as it is; an OUT that exists is refused."
 )
 
 
 _WORKING = 6.5  # of the Gaussians' numbers, beside them: written, read again and compared
 _PAGE = ".html"
-_PLAYCANVAS = (".html", ".sog", ".compressed.ply")  # which PlayCanvas' viewers show
+_PHOTOGRAPHS = 6  # most held-out photographs in a page: each takes about 100 kB
+_PLAYCANVAS = (".sog", ".compressed.ply")  # which PlayCanvas' viewers show
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
@@ -47,57 +49,30 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     add_moved_data(parser)
     add_quiet(parser)
     add_json(parser)
-    parser.add_argument(
-        "--lens", action="store_true",
-        help="of a .html page: draw by gsut's own renderer, exact through the run's lenses and any "
-        "other, beside some held-out photographs [default: SuperSplat's viewer, a pinhole]",
-    )  # fmt: skip
-    add_rare_option(
-        parser, "photographs", whole, 6, metavar="N",
-        help="of --lens: most photographs in the page [default 6]",
-    )  # fmt: skip
-    add_rare_option(
-        parser, "spz_version", Number(3, 4, whole=True), 3, metavar="{3,4}",
-        help="of a .spz file: 3 is read everywhere; 4 is a little smaller and needs zstandard "
-        "[default 3]",
-    )  # fmt: skip
-    add_rare_option(
-        parser, "steps", whole, None, metavar="N",
-        help="of --for viewers: training steps [default 300]",
-    )  # fmt: skip
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from gsut.cli._compare_pictures import compare_pictures
     from gsut.formats import (
         WriteSettings,
         check_room,
         choose_format,
-        load_gaussians,
-        prepare_for_file,
         read_scene_file,
     )
 
     out = Path(arguments.out)
+    if out.suffix.lower() == _PAGE:
+        refuse_existing(out)
+        return _write_page(arguments, out)
     chosen = choose_format(out)
     refuse_existing(out)
-    if arguments.lens:
-        return _write_exact_page(arguments, out)
     path = find_scene_file(Path(arguments.source))
     found = read_scene_file(path)
     gaussians, tuning = found.gaussians, None
     check_room("converting", [gaussians], _WORKING)
     if arguments.reader == "viewers":
         gaussians, tuning = _tune_for_viewers(arguments)
-    elif arguments.steps is not None:
-        raise InputError("--set steps belongs to --for viewers")
-    whole, gaussians = gaussians, _lower_degree(gaussians, arguments.sh_degree)
-    settings = WriteSettings(
-        antialiased=found.antialiased,
-        spz_version=arguments.spz_version,
-        view=_find_start_view(arguments, out, gaussians),
-        three_scales=arguments.three_scales,
-    )
+    gaussians = _lower_degree(gaussians, arguments.sh_degree)
+    settings = WriteSettings(antialiased=found.antialiased, three_scales=arguments.three_scales)
     figures = {
         "source": str(path),
         "source_bytes": path.stat().st_size,
@@ -111,10 +86,6 @@ def run(arguments: argparse.Namespace) -> int:
         "for_viewers": tuning,
         **_write(out, gaussians, settings),
     }
-    if figures["errors"] is not None and not arguments.quiet and len(whole):
-        stored = prepare_for_file(whole), load_gaussians(out)
-        figures["pictures"] = compare_pictures(Path(arguments.source), arguments.data, *stored)
-    _link_in_report(out)
     if arguments.json:
         print_json(figures)
     elif not arguments.quiet:
@@ -122,20 +93,18 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _write_exact_page(arguments: argparse.Namespace, out: Path) -> int:
+def _write_page(arguments: argparse.Namespace, out: Path) -> int:
     """Writes the viewer's own page with the scene in it."""
     from gsut.view import Session, open_stage
 
-    if out.suffix.lower() != _PAGE:
-        raise InputError(f"--lens makes a page: name OUT with {_PAGE}, found {out}")
     if arguments.reader == "viewers":
-        raise InputError("--lens draws exactly; leave --for viewers out")
+        raise InputError("a page draws the scene as gsut does; leave --for viewers out")
     stage = open_stage(arguments.source, arguments.data)
     if stage.gaussians is None or stage.kind == "data":
         raise InputError(f"{arguments.source}: no Gaussians to show; give a run or a scene file")
-    written = Session(stage).write_page(out, arguments.photographs, arguments.sh_degree)
+    written = Session(stage).write_page(out, _PHOTOGRAPHS, arguments.sh_degree)
     figures = {
-        "source": str(arguments.source), "out": str(out), "format": "HTML, exact",
+        "source": str(arguments.source), "out": str(out), "format": "HTML",
         "bytes": out.stat().st_size, "num_gaussians": len(stage.gaussians),
         "clipped": written.clipped, "left_out": list(written.left_out),
     }  # fmt: skip
@@ -165,7 +134,7 @@ def _tune_for_viewers(arguments: argparse.Namespace) -> tuple[Any, dict[str, Any
             "give the folder of a run"
         )
     options, scene, gaussians = read_trained(RunFolder.open(arguments.source), arguments.data)
-    steps = VIEWER_STEPS if arguments.steps is None else arguments.steps
+    steps = VIEWER_STEPS
     with Progress(not arguments.quiet) as bars:
         tuned = tune_for_viewers(
             scene, gaussians, steps, background=choose_solid(options.background),
@@ -178,19 +147,6 @@ def _tune_for_viewers(arguments: argparse.Namespace) -> tuple[Any, dict[str, Any
         "psnr_after": tuned.psnr_after,
     }
     return tuned.gaussians, figures
-
-
-def _find_start_view(arguments: argparse.Namespace, out: Path, gaussians: Any) -> Any:
-    """Finds where a page of a run starts; None for other formats and files of Gaussians."""
-    if out.suffix.lower() != _PAGE or not Path(arguments.source).is_dir():
-        return None
-    from gsut.cli._start_view import start_view
-    from gsut.formats import prepare_for_file
-    from gsut.run import RunFolder
-    from gsut.training import read_scene
-
-    scene = read_scene(RunFolder.open(arguments.source), arguments.data)[1]
-    return start_view(scene, gaussians, prepare_for_file(gaussians).origin)
 
 
 def _describe_light(source: Path) -> str | None:
@@ -262,8 +218,6 @@ def _write(out: Path, gaussians: Any, settings: Any) -> dict[str, Any]:
 
 
 def _print_summary(figures: dict[str, Any]) -> None:
-    from gsut.cli._compare_pictures import describe_comparison
-
     before, after = figures["source_bytes"] / 1e6, figures["bytes"] / 1e6
     kind = "surfels" if figures["surfels"] else "Gaussians"
     print(
@@ -278,8 +232,6 @@ def _print_summary(figures: dict[str, Any]) -> None:
             f"viewers' pictures against gsut's, {tuning['steps']} steps: PSNR "
             f"{tuning['psnr_before']:.2f} dB before, {tuning['psnr_after']:.2f} dB after"
         )
-    if "pictures" in figures:
-        print(describe_comparison(figures["pictures"]))
     for name, count in figures["clipped"].items():
         print(
             f"{count:,} values of {name} lay beyond what {figures['format']} holds and were "

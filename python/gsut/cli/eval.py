@@ -12,7 +12,6 @@ from typing import Any
 from gsut._core import InputError
 from gsut.cli._flags import (
     add_depth_unit,
-    add_device,
     add_force,
     add_json,
     add_memory,
@@ -66,7 +65,6 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     add_depth_unit(parser)
     add_memory(parser)
-    add_device(parser)
     add_force(parser)
     add_json(parser)
     add_rare_option(
@@ -144,7 +142,6 @@ def _measure_run(
             find_moving=find_run_movers(run, gaussians, scene, indices, light),
             render_folder=out,
             on_view=lambda done, total: bars.show("views", done, total),
-            device=arguments.device,
         )
     figures["num_gaussians"] = len(gaussians)
     if options.refine_poses:

@@ -15,7 +15,6 @@ import numpy as np
 from gsut._core import CameraMotion, InputError
 from gsut.cli._flags import (
     add_depth_unit,
-    add_device,
     add_json,
     add_memory,
     add_moved_data,
@@ -101,7 +100,6 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     _add_more_than_images(parser)
     add_order(parser)
     add_memory(parser)
-    add_device(parser)
     add_json(parser)
     add_rare_option(
         parser, "voxel", positive, None, metavar="SIZE",
@@ -188,7 +186,7 @@ def run(arguments: argparse.Namespace) -> int:
                 camera, place = shot.camera, shot.place
                 drawn = stage.gaussians if pixels is None else pixels.widen(camera, place)
                 result = gsut.render(
-                    drawn, camera, place, background=stage.background, device=arguments.device,
+                    drawn, camera, place, background=stage.background,
                     order=arguments.order, **more,
                 )  # fmt: skip
                 image = to_uint8(result.image)

@@ -10,7 +10,7 @@ import threading
 import webbrowser
 from typing import Any, TextIO
 
-from gsut.cli._flags import Number, add_device, add_json, add_memory, add_moved_data, print_json
+from gsut.cli._flags import Number, add_json, add_memory, add_moved_data, print_json
 
 HELP = "walk through a scene in the browser"
 DESCRIPTION = (
@@ -23,7 +23,6 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scene", metavar="RUN|FILE.ply|DATA", help="what to look at")
     add_moved_data(parser)
     add_memory(parser)
-    add_device(parser)
     add_view_flags(parser)
     add_json(parser)
 
@@ -50,7 +49,6 @@ def run(arguments: argparse.Namespace) -> int:
     from gsut.view import LOOPBACK, Session, ViewServer, open_stage
 
     stage = open_stage(arguments.scene, arguments.data, arguments.memory)
-    stage.device = arguments.device
     for note in () if stage.scene is None else stage.scene.notes:
         print(f"gsut: note: {note}", file=sys.stderr)
     session = Session(stage)

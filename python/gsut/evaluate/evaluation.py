@@ -59,7 +59,6 @@ def evaluate(
     find_moving: FindMoving | None = None,
     render_folder: Path | None = None,
     on_view: Callable[[int, int], None] | None = None,
-    device: str = "cpu",
 ) -> dict[str, Any]:
     """Renders views of a scene and compares them with their photographs, inside their masks.
 
@@ -76,7 +75,6 @@ def evaluate(
             masked pixels black) and NAME_depth.png (16 bit; distance = value x `depth_unit` of the
             view's row, 0 = less than half opaque); None writes nothing.
         on_view: called with (views done, views in all) after each.
-        device: "cpu", or "gpu": the graphics card draws where it can.
 
     Returns:
         dict, ready for JSON:
@@ -115,9 +113,7 @@ def evaluate(
     with concurrent.futures.ThreadPoolExecutor(threads) as pool:
         for first in range(0, len(indices), threads):
             some = list(indices[first : first + threads])
-            drawn = [
-                _render_alone(scene, index, packed, pixels, background, device) for index in some
-            ]
+            drawn = [_render_alone(scene, index, packed, pixels, background) for index in some]
             stems_of = stems[first : first + threads]
             for row in pool.map(compare, some, stems_of, *zip(*drawn, strict=True)):
                 rows.append(row)
@@ -155,13 +151,12 @@ def _render_alone(
     packed: Any,
     pixels: PixelFilter | None,
     background: Sequence[float] | None,
-    device: str,
 ) -> tuple[Any, float]:
     """Renders a view while nothing else runs, and measures the milliseconds."""
     view, camera = scene.views[index], scene.camera(index)
     started = time.perf_counter()
     drawn = packed if pixels is None else pixels.widen(camera, view.motion)
-    rendered = render(drawn, camera, view.motion, background=background, device=device)
+    rendered = render(drawn, camera, view.motion, background=background)
     return rendered, 1e3 * (time.perf_counter() - started)
 
 

@@ -21,7 +21,6 @@ from gsut.formats._errors import measure_errors
 from gsut.formats._format import (
     Format,
     SceneFile,
-    StartView,
     WriteSettings,
     Written,
     check_room,
@@ -34,7 +33,6 @@ from gsut.gaussians import Gaussians
 
 __all__ = [
     "NO_BACKGROUND",
-    "StartView",
     "WriteSettings",
     "check_room",
     "choose_format",

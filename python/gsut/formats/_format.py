@@ -44,36 +44,17 @@ class SceneFile:
 
 
 @dataclasses.dataclass(frozen=True)
-class StartView:
-    """Where a viewer begins.
-
-    Attributes:
-        position, target: (3,) the eye, and what it looks at and turns about; in the coordinates of
-            the Gaussians' means.
-        up: (3,) away from the ground.
-        fov_degrees: the field of view along the screen's longer side.
-    """
-
-    position: np.ndarray
-    target: np.ndarray
-    up: np.ndarray
-    fov_degrees: float
-
-
-@dataclasses.dataclass(frozen=True)
 class WriteSettings:
     """How to write, where a format leaves a choice.
 
     Attributes:
         antialiased: see `SceneFile`; kept where the format has a place for it.
         spz_version: 3, which every reader of SPZ knows, or 4.
-        view: where a page begins; None: it shows all of the scene.
         three_scales: surfels are written as thin Gaussians, also where the format has surfels.
     """
 
     antialiased: bool = False
     spz_version: int = 3
-    view: StartView | None = None
     three_scales: bool = False
 
 

@@ -18,7 +18,6 @@ from gsut.render.arguments import (
     read_rule,
     set_response,
 )
-from gsut.render.card import ON_CARD, check_device, draw_or_warn
 from gsut.render.confidence import Confidence
 from gsut.render.motion import convert_about_camera, place_about, read_motion
 from gsut.render.projection import DEFAULT_UNSCENTED
@@ -64,7 +63,7 @@ class Render:
     rule: BlendRule
     background: tuple[float, float, float]
     sh_degree: int
-    renderer: Any  # _core.Renderer, None for the double reference, or ON_CARD
+    renderer: Any  # _core.Renderer, or None for the double reference
     behind: np.ndarray | None = None
     features: np.ndarray | None = None
     color_sigma: np.ndarray | None = None
@@ -90,19 +89,16 @@ class Render:
             sums: (N, D) float32, C order; grows.
 
         Raises:
-            InputError: a render of the double reference, of Gaussians in a file or of the graphics
-                card; a wrong shape.
+            InputError: a render of the double reference or of Gaussians in a file; a wrong shape.
         """
-        if not isinstance(self.renderer, _core.Renderer) or self.seen is not None:
-            raise InputError(
-                'maps are lifted by renders in float32 of Gaussians in memory, with device="cpu"'
-            )
+        if self.renderer is None or self.seen is not None:
+            raise InputError("maps are lifted by renders in float32 of Gaussians in memory")
         with self._turn:
             self.renderer.add_features(np.ascontiguousarray(values, np.float32), sums)
 
     def get_statistics(self) -> dict[str, int]:
         """Returns counts of the tiled path: num_visible, num_pairs, num_contributing_pairs ..."""
-        if self.renderer is None or self.renderer == ON_CARD:
+        if self.renderer is None:
             return {}
         with self._turn:
             return self.renderer.statistics()
@@ -153,7 +149,6 @@ def render(
     sh_degree: int = 3,
     unscented: Sequence[float] = DEFAULT_UNSCENTED,
     dtype: str = "float32",
-    device: str = "cpu",
     watch: bool = True,
 ) -> Render:
     """Renders Gaussians: each pixel's ray is evaluated against the Gaussians in 3D.
@@ -187,8 +182,6 @@ def render(
         unscented: alpha, beta, kappa of the transform that bounds each Gaussian's tiles.
         dtype: "float32": tiled and vectorised. "float64": the scalar reference, every Gaussian at
             every pixel; slow.
-        device: "gpu": the graphics card, by WebGPU (pip install 'gsut[gpu]'), in float32; on the
-            CPU where it cannot, with a warning that gives the reason. Gradients are of the CPU.
         watch: False: `render_backward` does not notice whether the Gaussians have changed since,
             which saves a look at all of them in either call.
 
@@ -200,7 +193,7 @@ def render(
 
     Warns:
         RuntimeWarning: in float32, Gaussians in memory are not finite or outside these bounds; with
-            their number. The graphics card cannot draw this image.
+            their number.
 
     Raises:
         InputError: an argument is wrong, some do not go together, or memory does not suffice.
@@ -225,7 +218,6 @@ def render(
         "rule": rule, "background": color, "sh_degree": degree, "unscented": tuple(unscented)
     }  # fmt: skip
     channels = read_features(features, features_background, gaussians, dtype)
-    check_device(device, dtype, gaussians, bool(channels))
     pixels: np.ndarray | None = None
     shown = (camera, pose, rule, color, degree)
     drawn: Any = gaussians
@@ -247,14 +239,10 @@ def render(
     else:
         if isinstance(drawn, Gaussians):
             warn_of_undrawn(drawn)
-        on_card = draw_or_warn(drawn, camera, place, look) if device == "gpu" else None
-        if on_card is None:
-            renderer = _core.Renderer()
-            on_card, pixels = _draw_on_cpu(renderer, drawn, camera, place, look, channels)
-        else:
-            renderer = ON_CARD
-        image, alpha, depth, distortion = on_card
-    watch &= renderer != ON_CARD and isinstance(drawn, Gaussians | LinearGaussians)
+        renderer = _core.Renderer()
+        found, pixels = _draw_tiled(renderer, drawn, camera, place, look, channels)
+        image, alpha, depth, distortion = found
+    watch &= isinstance(drawn, Gaussians | LinearGaussians)
     bits = sum_bits(drawn, channels.get("features")) if watch else None
     out = Render(
         image, alpha, depth, distortion, drawn, *shown, renderer, features=pixels, seen=seen,
@@ -274,7 +262,7 @@ def _put_behind(out: Render, behind: np.ndarray) -> Render:
     return dataclasses.replace(out, image=image, behind=behind)
 
 
-def _draw_on_cpu(
+def _draw_tiled(
     renderer: Any, drawn: Any, camera: _core.Camera, place: Any, look: dict[str, Any],
     channels: dict[str, Any],
 ) -> tuple[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray | None]:  # fmt: skip
@@ -328,8 +316,6 @@ def render_backward(
     g = result.gaussians
     if isinstance(g, StoredGaussians):
         raise InputError("gradients are of Gaussians in memory, not of those in a file")
-    if result.renderer == ON_CARD:
-        raise InputError('the graphics card has no gradients; render with device="cpu"')
     channels = result._channels
     if result._bits is not None and sum_bits(g, channels.get("features")) != result._bits:
         raise InputError(

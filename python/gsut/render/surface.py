@@ -10,7 +10,6 @@ import numpy as np
 from gsut import _core
 from gsut._core import InputError
 from gsut.gaussians import Gaussians, StoredGaussians
-from gsut.render.card import ON_CARD
 from gsut.render.renderer import Render
 
 
@@ -180,6 +179,4 @@ def _get_renderer(result: Render):
         )
     if result.renderer is None:
         raise InputError('depth kinds and normals are of float32 renders; use dtype="float32"')
-    if result.renderer == ON_CARD:
-        raise InputError('the graphics card finds no surface; render with device="cpu"')
     return result.renderer

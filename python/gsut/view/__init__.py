@@ -1,9 +1,7 @@
 """Serves a page that shows a scene in the browser, drawn by gsut's own renderer."""
 
-from gsut.view.lens_page import write_lens_page
 from gsut.view.live_scene import LiveScene
 from gsut.view.measure import find_point_in_photograph
-from gsut.view.rerun_log import to_rerun
 from gsut.view.server import LOOPBACK, ViewServer
 from gsut.view.session import Session
 from gsut.view.stage import Stage, open_stage
@@ -16,6 +14,4 @@ __all__ = [
     "ViewServer",
     "find_point_in_photograph",
     "open_stage",
-    "to_rerun",
-    "write_lens_page",
 ]

@@ -191,8 +191,8 @@ class Frames:
             image[:], alpha[:], depth[:] = behind, 0, 0
             return image, alpha, depth
         g = self._widen_for_pixels(g, request, camera, place)
-        if isinstance(g, StoredGaussians) or stage.device == "gpu":
-            seen = render(g, camera, place, background=stage.background, device=stage.device)
+        if isinstance(g, StoredGaussians):
+            seen = render(g, camera, place, background=stage.background)
             return seen.image, seen.alpha, seen.depth
         job = _core.RenderJob(
             camera, place_about(place, g.origin), rule=self._rule, background=behind,

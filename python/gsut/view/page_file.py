@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import base64
 import dataclasses
+import importlib.resources
+import math
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -10,9 +13,8 @@ from typing import Any
 import numpy as np
 
 from gsut._core import CameraMotion
-from gsut.files import write_file
+from gsut.files import format_json, write_file
 from gsut.formats import WriteSettings, prepare_for_file, save_gaussians
-from gsut.view.page_parts import assemble_page, describe_lens, encode_part, read_page_file
 from gsut.view.stage import Stage
 
 # Longer side in pixels of the photographs in the page.
@@ -21,6 +23,23 @@ _PHOTO_SIDE = 800
 _MODES = ("color", "distance", "alpha", "error")
 # Colours that the page maps distances and errors to, as the viewer does.
 _COLOR_MAPS = ("turbo", "inferno")
+# The page's scripts, in the order in which they run.
+_SCRIPTS = ("exact/core.js", "exact/card.js", "exact/page_server.js", "view.js")
+# Texts that the page hands on, by the id of their element: workers run a script of the page again
+# and one of their own, a graphics card runs the shaders.
+_TEXTS = {
+    "core-code": "exact/core.js", "worker-code": "exact/worker.js",
+    "shaders": "exact/forward.wgsl",
+}  # fmt: skip
+# The page may load nothing: scripts, styles, pictures and workers are its own.
+_POLICY = (
+    "default-src 'none'; script-src 'unsafe-inline' 'wasm-unsafe-eval' blob:; worker-src blob:; "
+    "style-src 'unsafe-inline'; img-src data: blob:; connect-src data: blob:; base-uri 'none'"
+)
+_NOTICE = (
+    "<!-- Made by gsut (Apache-2.0). The module core holds code of Google Highway (Apache-2.0), "
+    "Eigen (MPL-2.0), musl (MIT) and LLVM's libc++ (Apache-2.0 with LLVM exception). -->"
+)
 
 
 def write_page(path: Path, session: Any, photographs: int, sh_degree: int = 3) -> Any:
@@ -45,24 +64,46 @@ def write_page(path: Path, session: Any, photographs: int, sh_degree: int = 3) -
         packed = scene.read_bytes()
     content = _describe(session, _choose_photographs(stage, photographs))
     content["origin"] = prepare_for_file(whole).origin
-    write_file(path, assemble_scene_page(content, packed))
+    write_file(path, _assemble(content, packed))
     return written
 
 
-def assemble_scene_page(content: dict[str, Any], packed: bytes) -> str:
-    """Puts the viewer's page together around a scene.
+def _assemble(content: dict[str, Any], scene: bytes) -> str:
+    """Puts the page together: markup, style, scripts, the renderer's module, and the scene.
 
     Args:
         content: what the page's server answers from.
-        packed: the Gaussians as SPZ.
+        scene: the Gaussians as SPZ.
     """
-    # Workers run a script of the page again, and one of their own.
-    parts = {
-        "content": content, "scene": packed, "core-code": read_page_file("exact/core.js"),
-        "worker-code": read_page_file("exact/worker.js"),
-        "shaders": read_page_file("forward.wgsl", "gsut.render"),
-    }  # fmt: skip
-    return assemble_page("view.html", parts, ("exact/card.js", "exact/page_server.js", "view.js"))
+    core = (importlib.resources.files("gsut.view") / "exact/core.wasm.gz").read_bytes()
+    elements = [
+        _embed("content", "application/json", format_json(content).replace("</", "<\\/")),
+        _embed("scene", "application/octet-stream", base64.b64encode(scene).decode()),
+        _embed("core", "application/octet-stream", base64.b64encode(core).decode()),
+        *(_embed(key, "text/plain", _read_text(name)) for key, name in _TEXTS.items()),
+        *(f"<script>{_read_text(name)}</script>" for name in _SCRIPTS),
+    ]
+    page = _read_text("view.html")
+    for old, new in (
+        ("<meta charset=\"utf-8\">",
+         f'<meta charset="utf-8">\n<meta http-equiv="Content-Security-Policy" content="{_POLICY}">'
+         f"\n{_NOTICE}"),
+        ('<link rel="stylesheet" href="view.css">', f"<style>{_read_text('view.css')}</style>"),
+        ('<script src="view.js" defer></script>\n', ""),
+        ("</body>", "\n".join(elements) + "\n</body>"),
+    ):  # fmt: skip
+        page = page.replace(old, new)
+    return page
+
+
+def _embed(name: str, kind: str, text: str) -> str:
+    """Returns an element that holds data, which the page reads by its id."""
+    return f'<script id="{name}" type="{kind}">{text}</script>'
+
+
+def _read_text(name: str) -> str:
+    """Reads one of the texts of which the page is made."""
+    return (importlib.resources.files("gsut.view") / name).read_text(encoding="utf-8")
 
 
 def _choose_photographs(stage: Stage, most: int) -> list[int]:
@@ -83,20 +124,30 @@ def _describe(session: Any, rows: list[int]) -> dict[str, Any]:
         "kind": "file", "views": [scene["views"][row] for row in rows],
     }  # fmt: skip
     lenses = [
-        {**describe_lens(camera), "turns": shown["turns"]}
+        {**_describe_lens(camera), "turns": shown["turns"]}
         for camera, shown in zip(stage.cameras, scene.pop("lenses"), strict=True)
     ]
     del scene["models"]
     photographs, motions = [], []
     for row in rows:
         sent = session.send_photograph({"view": row, "side": _PHOTO_SIDE})
-        photographs.append("data:image/jpeg;base64," + encode_part(sent.content))
+        photographs.append("data:image/jpeg;base64," + base64.b64encode(sent.content).decode())
         motions.append(None if stage.scene is None else _describe_motion(stage.scene.views[row]))
     return {
         "scene": scene, "lenses": lenses, "photographs": photographs, "motions": motions,
         "background": stage.background,
         "offset": np.zeros(3) if stage.scene is None else stage.scene.world_offset,
         "colors": {name: _sample_colors(name) for name in _COLOR_MAPS},
+    }  # fmt: skip
+
+
+def _describe_lens(camera: Any) -> dict[str, Any]:
+    """Describes a camera's lens as the page takes it."""
+    angle = camera.valid_field_angle
+    return {
+        "model": camera.model, "params": list(camera.params), "width": camera.width,
+        "height": camera.height,
+        "valid_field_angle": angle if angle is not None and math.isfinite(angle) else None,
     }  # fmt: skip
 
 

@@ -53,7 +53,6 @@ class Stage:
         light: of the photographs, if the run has found it.
         folder: where the page may save edited scenes; None: nowhere.
         antialiased: according to the file, see `SceneFile`.
-        device: that draws, see `render`.
     """
 
     name: str
@@ -66,7 +65,6 @@ class Stage:
     light: Light | None = None
     folder: Path | None = None
     antialiased: bool = False
-    device: str = "cpu"
 
     @property
     def cameras(self) -> tuple[Camera, ...]:

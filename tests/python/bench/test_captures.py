@@ -7,8 +7,7 @@ import pytest
 import gsut
 import tolerances
 from gsut.demo import make_demo_scene
-from tests.bench import captures_bench, pycolmap_poses
-from tests.bench.__main__ import main
+from tests.bench import pycolmap_poses
 from tests.bench.harness import WRONG, Settings
 from tests.bench.poses_bench import BENCHMARK, KNOWN, UNKNOWN, fit_lens, measure, measure_pycolmap
 from tests.bench.walk_bench import FILMS, measure_lens_difference, resize_film
@@ -98,27 +97,3 @@ def test_a_lens_of_another_model_is_fitted_to_the_datasets_own(hall, tmp_path):
     fitted = gsut.load_camera(fit_lens(hall, "kannala_brandt", tmp_path))
     assert fitted.model == own.model == "kannala_brandt"
     assert fitted.params == pytest.approx(own.params, rel=tolerances.SFM_FOCAL)
-
-
-# What people bring.
-
-
-def test_captures_are_found_with_what_an_eye_saw_and_refusals_are_rows(tmp_path):
-    for name in ("garden", "castle/images"):
-        (tmp_path / "all" / name).mkdir(parents=True)
-        (tmp_path / "all" / name / "1.jpg").write_bytes(b"no photograph")
-    film = tmp_path / "all/walk_film/walk.mp4"
-    film.parent.mkdir()
-    film.write_bytes(b"no film")
-    table = "| Capture | Known | Eye |\n|---|---|---|\n| `castle` | 9 mm | **good** |\n"
-    (tmp_path / "all/README.md").write_text(table + "| `walk_film/walk.mp4` | - | poor |\n")
-    out = tmp_path / "out"
-    words = [str(tmp_path / "all"), "--folder", str(out), "--only"]
-    cases = list(captures_bench.list_cases(Settings({"folders": (tmp_path / "all",)})))
-    assert [(case["capture"], case["_known"], case["_eye"]) for case in cases] == [
-        ("castle", "9 mm", "good"), ("garden", None, None), ("walk_film", "-", "poor"),
-    ]  # fmt: skip
-    assert cases[2]["_source"] == film
-    assert main(["captures", *words, "castle"]) == 0
-    page = (out / "captures.html").read_text("utf-8")
-    assert "refused: none of the 1 photographs can be read" in page and "Eye: good" in page

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import gsut
-from attack.harness import take_snapshot
+from folder_snapshot import take_snapshot
 from gsut.blocks import workers
 from gsut.blocks.layout import Layout
 from gsut.blocks.plan import check_memory, choose_count, estimate_total_bytes, make_block_options

@@ -1,13 +1,13 @@
 """The usual mistakes are named by the photographs, before time is spent; good data are let pass."""
 
 import dataclasses
-from collections import Counter
 
 import numpy as np
 import pytest
 
 import gsut
 import tolerances
+from changed_copy import copy_of, write
 from gsut.check import check_scene, doctor, turns
 from gsut.check.evidence import gather_evidence
 from gsut.check.turns import to_rotation_vector
@@ -15,15 +15,6 @@ from gsut.cli import main
 from gsut.data.poses import invert_pose
 from gsut.demo import make_demo_scene
 from gsut.sfm.points import measure_angular_errors
-from mistakes import MISTAKES, NAMED, SAID, copy_of, judge, write
-
-# Not to be told apart from other mistakes: said to be wrong without a name.
-NOT_NAMED = {"clock half a frame late"}
-# Need more, or larger, images than these.
-ELSEWHERE = {
-    "photographs undistorted, lens not", "distortion left out", "principal point half a pixel off",
-    "half of the poses in another world", "scale of half of the poses times 1.5",
-}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -32,24 +23,10 @@ def hall(tmp_path_factory):
     return make_demo_scene(folder / "hall", views=20, test_views=2, size=160, progress=False)
 
 
-def test_each_usual_mistake_is_named(hall, tmp_path):
-    rows = judge(hall, tmp_path / "copies", points=[False])
-    assert rows[0]["verdict"] == "good", rows[0]["said"]
-    verdicts = Counter()
-    for row in rows[1:]:
-        print(row["verdict"], row["mistake"], row["said"])
-        verdicts[row["verdict"]] += 1
-        if row["mistake"] not in ELSEWHERE:
-            wanted = SAID if row["mistake"] in NOT_NAMED else NAMED
-            assert row["verdict"] == wanted, row["mistake"]
-    assert verdicts[NAMED] >= 25
-    assert len(MISTAKES) >= 25
-
-
 def test_train_stops_at_a_contradiction_and_force_goes_on(hall, tmp_path, capsys):
     values = copy_of(hall, tmp_path / "data")
-    mistake = next(each for each in MISTAKES if each.name == "world-to-camera")
-    mistake.make(values, tmp_path / "data")
+    for frame in values["frames"]:
+        frame["transform_matrix"] = np.linalg.inv(frame["transform_matrix"]).tolist()
     data = str(write(values, tmp_path / "data", with_points=True))
     words = ["--steps", "5", "--max-gaussians", "500", "--quiet"]
     assert main(["train", data, "-o", str(tmp_path / "run"), *words]) == 2

@@ -7,9 +7,11 @@ import warnings
 import numpy as np
 import pytest
 
+import gsut
 from formats.scene_cases import plain_scene
 from gsut import InputError, formats
 from gsut.gaussians import rotations_from_quaternions, transform_gaussians
+from random_scenes import fisheye
 from tolerances import FORMAT_ERRORS, PLACED
 
 QUAT = np.array([0.5, 0.1, -0.7, 0.2]) / np.linalg.norm([0.5, 0.1, -0.7, 0.2])
@@ -141,3 +143,23 @@ def test_coordinates_near_zero_stay_as_they_are(tmp_path, rng):
     found = formats.load_gaussians(tmp_path / "a.ply")
     assert not found.origin.any()
     np.testing.assert_array_equal(found.means, g.means)
+
+
+def test_transformed_scene_is_the_same_to_a_transformed_camera(rng):
+    g = plain_scene(rng, 200)
+    g.log_scales[:] = rng.uniform(-2.5, -1, g.log_scales.shape)
+    camera, pose = fisheye(40), np.eye(4)
+    pose[:3, 3] = [0.3, -0.2, 5.0]
+    rotation = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    rotation *= np.linalg.det(rotation)
+    scale, shift = 1.7, np.array([3.0, -2.0, 0.5])
+    moved = np.eye(4)
+    moved[:3, :3] = pose[:3, :3] @ rotation.T
+    moved[:3, 3] = scale * pose[:3, 3] - moved[:3, :3] @ shift
+    before = gsut.render(g.to_dtype(np.float64), camera, pose, dtype="float64").image
+    turned = transform_gaussians(g.to_dtype(np.float64), rotation, scale, shift)
+    after = gsut.render(turned.with_origin(np.zeros(3)), camera, moved, dtype="float64").image
+    assert before.max() > 0.2
+    np.testing.assert_allclose(after, before, atol=1e-9)
+    with pytest.raises(InputError, match="a rotation and a scale"):
+        transform_gaussians(g, -np.eye(3))

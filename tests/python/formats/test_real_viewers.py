@@ -7,15 +7,13 @@ import pytest
 
 import gsut
 from gsut import formats
-from gsut.formats import StartView, WriteSettings
-from gsut.gaussians import rotate_upright, transform_gaussians
+from gsut.gaussians import transform_gaussians
 from gsut.metrics import psnr
 from gsut.training.tuning.ewa import render_ewa
 from real_viewers import (
     level_pose,
     picture_of,
     pinhole,
-    supersplat_pictures,
     viewer_pages,
     viewer_window,
 )
@@ -55,18 +53,6 @@ def assert_shows(found, scene, camera, pose, least=REAL_VIEWER_DB):
                            scene.sh[:, :1])  # fmt: skip
     without = np.clip(render_ewa(plain, camera, pose).image, 0, 1)
     assert psnr(found, without) <= REAL_VIEWER_TURNED_DB
-
-
-def test_supersplat_page_opened_as_a_file_shows_the_scene(scene, tmp_path):
-    view = StartView(EYE, EYE + FORWARD, UP, FIELD)
-    formats.save_gaussians(tmp_path / "scene.html", scene, WriteSettings(view=view))
-    pose = level_pose(EYE, FORWARD, UP)
-    with viewer_window(WIDTH, HEIGHT) as window:
-        shown = supersplat_pictures(
-            window, tmp_path / "scene.html", [(pose, FIELD)], rotate_upright(UP)
-        )
-        (found,) = shown
-    assert_shows(found, scene, pinhole(WIDTH, HEIGHT, FIELD), pose)
 
 
 @pytest.mark.parametrize(

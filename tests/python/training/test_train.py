@@ -14,7 +14,7 @@ import pytest
 
 import gsut
 import tolerances
-from attack.harness import take_snapshot
+from folder_snapshot import take_snapshot
 from gsut import InputError, TrainOptions
 from gsut.optimize import choose_view
 from gsut.run.folder import RunFile

@@ -91,7 +91,7 @@ def test_core_wrong_values_are_refused_in_words(tmp_path):
 
 
 def test_core_was_made_from_these_sources():
-    spec = importlib.util.spec_from_file_location("sources", ROOT / ".ci/list_wasm_sources.py")
+    spec = importlib.util.spec_from_file_location("sources", ROOT / "lab/list_wasm_sources.py")
     listing = importlib.util.module_from_spec(spec)
     sys.modules["sources"] = listing
     spec.loader.exec_module(listing)
@@ -107,4 +107,4 @@ def test_core_was_made_from_these_sources():
     for path in (ROOT / "cpp/gsut/cameras").glob("[mf]*/*.h"):
         if str(path.relative_to(ROOT)) not in listed:
             changed.append(str(path.relative_to(ROOT)))
-    assert not changed, f"./run wasm makes core.wasm.gz again; changed: {', '.join(changed)}"
+    assert not changed, f"lab/run wasm makes core.wasm.gz again; changed: {', '.join(changed)}"

@@ -13,7 +13,7 @@ from browser import browser
 from gsut.cli import main
 from gsut.formats import load_gaussians, save_gaussians
 from gsut.view import Session, Stage
-from random_scenes import fisheye, gaussians_in_view, rng_of
+from random_scenes import fisheye, gaussians_in_view, rng_of, small_camera
 
 
 @pytest.fixture(scope="module")
@@ -203,9 +203,23 @@ def test_page_of_another_scene_is_refused(window, tmp_path, scene, gaussians):
 
 
 @pytest.mark.quick
-def test_convert_lens_to_another_format_is_refused(tmp_path, gaussians, capsys):
+def test_convert_writes_the_page_of_a_file(tmp_path, gaussians):
     save_gaussians(tmp_path / "a.ply", gaussians)
-    assert main(["convert", str(tmp_path / "a.ply"), str(tmp_path / "b.spz"), "--lens"]) != 0
-    assert ".html" in capsys.readouterr().err
-    assert main(["convert", str(tmp_path / "a.ply"), str(tmp_path / "b.html"), "--lens"]) == 0
+    assert main(["convert", str(tmp_path / "a.ply"), str(tmp_path / "b.html")]) == 0
     assert "core.cpp" in (tmp_path / "b.html").read_text(encoding="utf-8")
+
+
+def test_page_takes_gsut_s_and_mrcal_s_lens_files_alone(window, tmp_path, scene, gaussians):
+    write_and_open(window, tmp_path, Stage("small", "run", gaussians, scene))
+    for name in ("a.lens.json", "a.cameramodel", "a.yaml"):
+        gsut.save_camera(small_camera("opencv8"), tmp_path / name)
+        text = base64.b64encode((tmp_path / name).read_bytes()).decode()
+        window.run(f"await makeLens({{ name: {name!r}, base64: {text!r} }});")
+        shown = window.run(
+            "return [lens.model, $('lens-error').hidden, $('lens-error').textContent];"
+        )
+        if name == "a.yaml":
+            assert not shown[1] and "gsut camera convert" in shown[2]
+        else:
+            assert shown[:2] == ["opencv8", True]
+            window.run("await makeLens({ model: 'pinhole', fit: windowShape() });")

@@ -1,4 +1,4 @@
-// Draws a frame on the graphics card by WebGPU: what gsut/render/card.py does in Python, with the same shaders.
+// Draws a frame on the graphics card by WebGPU, with the shaders of forward.wgsl.
 "use strict";
 const TILE = 16, TILE_PIXELS = 256, CARD_CELL = 4; // as in forward.wgsl
 const GROUP = 256, MOST_GROUPS = 65535, RADIX_BITS = 4, KEY_BITS = 32, RECORD_FLOATS = 20;

@@ -11,6 +11,8 @@ const SEEN = 0.5;
 const MOST_ERROR = 0.25;
 // Percentiles of the distances that the colours span.
 const RANGE = [0.02, 0.98];
+// Most pixels along a side of a lens from a file.
+const MOST_SIDE = 65536;
 // Most parameters with a slider.
 const MOST_SLIDERS = 24;
 // Columns at which the field of view is measured, and bisections of a focal length.
@@ -73,6 +75,22 @@ function turnedPicture(picture, turns) { // clockwise, by quarter turns
   brush.rotate(turns * Math.PI / 2);
   brush.drawImage(picture, -width / 2, -height / 2);
   return canvas;
+}
+
+function readLensFile(core, name, text) { // gsut's format or mrcal's; an impossible lens is refused by the core
+  let found = null;
+  if (/\.cameramodel$/i.test(name)) {
+    const camera = core.readCamera(text, name);
+    try { found = core.describeCamera(camera); } finally { core.releaseCamera(camera); }
+    return (({ model, params, width, height }) => ({ model, params, width, height, valid_field_angle: null }))(found);
+  }
+  try { found = JSON.parse(text); } catch { /* refused below */ }
+  const { model, params, width, height, valid_field_angle = null } = found ?? {};
+  const sides = [width, height].every((side) => Number.isInteger(side) && side > 0 && side <= MOST_SIDE);
+  if (typeof model !== "string" || !sides || !Array.isArray(params) || !params.every(Number.isFinite)) {
+    throw new Error(`${name}: a page reads gsut's lens files (.lens.json) and mrcal's; 'gsut camera convert' writes either`);
+  }
+  return { model, params, width, height, valid_field_angle };
 }
 
 class PageServer {
@@ -197,10 +215,7 @@ class PageServer {
     let lens = this.lenses[values.id ?? 0];
     if (values.model) lens = (({ params, width, height }) => ({ model: values.model, params, width, height, valid_field_angle: null }))(this.models[values.model]);
     if (values.name) {
-      const found = LensFile.read(this.core, values.name, new TextDecoder().decode(Uint8Array.from(atob(values.base64), (letter) => letter.charCodeAt(0))));
-      if (found.length > 1) throw new Error(`${values.name}: holds ${found.length} cameras; keep one of them in the file`);
-      const { name, ...only } = found[0];
-      lens = only;
+      lens = readLensFile(this.core, values.name, new TextDecoder().decode(Uint8Array.from(atob(values.base64), (letter) => letter.charCodeAt(0))));
     }
     if (values.params) lens = { ...lens, params: [...values.params, ...lens.params.slice(values.params.length)] };
     const names = this.models[lens.model].names.split(" "), at = names.indexOf("cx");

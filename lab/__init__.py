@@ -1,0 +1,1 @@
+"""The laboratory: it measures, attacks and proves the installed gsut."""

@@ -1,0 +1,1 @@
+"""Benchmarks that settle questions, beside those whose tables the pages show."""
