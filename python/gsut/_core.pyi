@@ -286,7 +286,6 @@ def project_reference(
     beta: float,
     kappa: float,
 ) -> _ReferenceProjection: ...
-
 def project_ewa_reference(
     gaussians: _Gaussians, camera: Camera, camera_from_world: _PoseLike
 ) -> _ReferenceProjection: ...
