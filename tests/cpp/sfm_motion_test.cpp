@@ -12,6 +12,7 @@
 #include "gsut/base/interrupt.h"
 #include "gsut/sfm/bundle.h"
 #include "gsut/sfm/bundle_state.h"
+#include "gsut/sfm/lens_evaluation.h"
 #include "gsut/geometry/camera_chain.h"
 #include "gsut/geometry/pose_block.h"
 #include "synthetic_bundle.h"
