@@ -83,6 +83,7 @@ py::dict ProjectDouble(const py::object& gaussians, Compute&& compute) {
   return out;
 }
 
+// By sigma points, whose weights are the three numbers; see UnscentedOptions.
 py::dict ProjectUnscented(const py::object& gaussians, const Camera& camera, const py::object& pose,
                           double alpha, double beta, double kappa) {
   const Pose camera_from_world = ReadPose(pose);
@@ -93,6 +94,8 @@ py::dict ProjectUnscented(const py::object& gaussians, const Camera& camera, con
   });
 }
 
+// By the lens' derivative at the mean: a baseline that gsut.project compares with. It has no float
+// kernel, since the renderer never uses it.
 py::dict ProjectEwa(const py::object& gaussians, const Camera& camera, const py::object& pose) {
   const Pose camera_from_world = ReadPose(pose);
   return ProjectDouble(gaussians, [&](const GaussiansView<const double>& view, double* centers,

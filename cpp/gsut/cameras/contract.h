@@ -98,5 +98,5 @@
 #include "gsut/cameras/lens_checks.h"
 #include "gsut/cameras/lens_domain.h"
 #include "gsut/cameras/plane_inverses.h"
-#include "gsut/cameras/pupil_chart.h"
 #include "gsut/cameras/radial_inverses.h"
+#include "gsut/cameras/special_inverses.h"
