@@ -159,14 +159,3 @@ def test_from_files_through_the_commands_to_depth_in_the_right_frame(walk, capsy
     errors = np.abs(found - truth[covered]) / truth[covered]
     assert covered.mean() > tolerances.ENGINEER_COVERED
     assert np.median(errors) < tolerances.ENGINEER_DEPTH
-
-
-def test_its_poses_go_out_as_the_body_of_a_euroc_dataset(walk, tmp_path):
-    data = walk[0]
-    gsut.convert_dataset(data, tmp_path / "out", "euroc", link=True)
-    scene, other = gsut.load_dataset(data), gsut.load_dataset(tmp_path / "out")
-    assert [view.name for view in scene.views] == [view.name for view in other.views]
-    for mine, theirs in zip(scene.views, other.views, strict=True):
-        np.testing.assert_allclose(
-            mine.camera_center, theirs.camera_center, rtol=0, atol=tolerances.ENGINEER_UTM
-        )
