@@ -83,16 +83,6 @@ def test_train_measures_whole_commands(hall):
     assert row["seconds"] > row["train_seconds"] > 0 and row["cpu_seconds"] > 0
 
 
-def test_projection_measures_every_method_and_size(tmp_path):
-    rows = run_bench("projection", tmp_path, samples=2, runs=1)
-    for name, row in rows.items():
-        assert row["ns_per_gaussian"] > 0
-        if "small" in name:
-            assert row["center_px"] < 0.1
-        if row["method"] == "silhouette":
-            assert row["alpha_missed"] in (None, 0.0)
-
-
 def test_compact_measures_the_whole_model_methods_and_rivals(hall):
     options = {"keep": (0.5,), "finetune": 5, "steps": 20, "cap": 200, "scale": 1.0}
     rows = run_bench("compact", hall, **options)

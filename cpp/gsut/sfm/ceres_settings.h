@@ -1,11 +1,30 @@
-// Stops a solver: after a number of steps that lowered the cost, or where the caller wants it.
+// What gsut asks of Ceres: no warnings on standard error, and when to stop.
 #pragma once
 
 #include <ceres/iteration_callback.h>
+#include <glog/logging.h>
 
 #include "gsut/base/interrupt.h"
 
 namespace gsut {
+
+// gsut reports errors by exceptions. While it lives, only errors are logged by this process' glog
+// (which Ceres writes to). The small logger of a Ceres without glog is set to errors where it is
+// compiled.
+class [[maybe_unused]] QuietSolver {
+#ifdef GOOGLE_STRIP_LOG  // defined by glog alone
+ public:
+  QuietSolver() : before_(FLAGS_minloglevel) {
+    if (before_ < google::GLOG_ERROR) FLAGS_minloglevel = google::GLOG_ERROR;
+  }
+  ~QuietSolver() { FLAGS_minloglevel = before_; }
+  QuietSolver(const QuietSolver&) = delete;
+  QuietSolver& operator=(const QuietSolver&) = delete;
+
+ private:
+  int before_;
+#endif
+};
 
 // Rejected steps allowed beyond the maximum of iterations: each at least halves the next step, and
 // an undetermined lens parameter needs a factor of 2^10.
