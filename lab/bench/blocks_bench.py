@@ -13,8 +13,8 @@ import numpy as np
 
 import gsut
 from gsut.blocks.layout import Layout
-from gsut.demo import make_demo_scene
 from gsut.gaussians import SH_C0
+from lab.demo_tracer import make_demo_scene
 from tests.bench.commands import train
 from tests.bench.harness import HALL, Benchmark, Column, Option, Row, Settings
 
@@ -63,6 +63,8 @@ def _train(data: str, training: str, settings: Settings) -> tuple[Path, Row]:
         words += ["--steps", str(settings.steps)]
     if "blocks" in training:
         words += ["--blocks", str(settings.blocks)]
+    if training == "blocks, one round":
+        words += ["--set", "rounds=1"]
     if training == WORKERS:
         words += ["--workers", "2"]
     return out, train(path, out, words)

@@ -11,8 +11,8 @@ import gsut
 from gsut._core import InputError
 from gsut.data import Scene
 from gsut.data.scene import project_points, read_depth
-from gsut.demo import make_demo_scene
 from gsut.training import TrainingLoop
+from lab.demo_tracer import make_demo_scene
 from tests.bench.commands import run_gsut
 from tests.bench.harness import HALL, Benchmark, Column, Option, Row, Settings
 
@@ -55,7 +55,9 @@ def measure(case: Row, settings: Settings) -> Row:
     """Trains on some views and judges on the held-out ones."""
     scene = choose_views(load(case["data"], case["lens"], settings), case["_views"])
     scene = replace_points(scene, case["points"])
-    options = gsut.TrainOptions(preset="fast", steps=settings.steps, seed=case["_seed"])
+    options = gsut.TrainOptions(
+        preset="fast", steps=settings.steps, seed=case["_seed"], eval_every=0
+    )
     began, first = time.process_time(), []
 
     def note_first(loop: TrainingLoop, _: Row) -> bool:

@@ -11,13 +11,13 @@ import cv2
 import numpy as np
 
 import gsut
-from gsut.demo import make_demo_scene
-from gsut.demo.dataset import render_views
-from gsut.demo.hall import make_hall
-from gsut.demo.texture import to_linear, to_srgb
-from gsut.demo.views import plan_walk
 from gsut.evaluate import evaluate
 from gsut.render import Falloff, Light, compute_field_angles
+from lab.demo_tracer import make_demo_scene
+from lab.demo_tracer.dataset import render_views
+from lab.demo_tracer.hall import make_hall
+from lab.demo_tracer.texture import to_linear, to_srgb
+from lab.demo_tracer.views import plan_walk
 from tests.bench.harness import HALL, Benchmark, Column, Option, Row, Settings
 
 _EXPOSURE = 0.07  # standard deviation of log-gains, as of a phone's photographs
@@ -39,8 +39,8 @@ LIGHTS: dict[str, tuple[tuple[str, ...], str]] = {
     "falloff": (("falloff",), ""),
     "exposure + falloff + noise": (("gain", "falloff", "noise"), ""),
     "two passers-by": (("people",), "--robust"),
-    "blur + noise": (("blur", "noise"), ""),
-    "motion + noise": (("motion", "noise"), ""),
+    "blur + noise": (("blur", "noise"), "--drop-blurred"),
+    "motion + noise": (("motion", "noise"), f"--motion-blur {_EXPOSED:g}"),
 }
 
 
@@ -85,9 +85,11 @@ def _keep_level(found: Row, scene: gsut.Scene) -> Light:
 def _train(case: Row, settings: Settings, data: Path) -> tuple[Row, gsut.TrainResult]:
     flags = case["flags"]
     options = gsut.TrainOptions(
-        steps=settings.steps, max_gaussians=settings.max_gaussians,
+        steps=settings.steps, max_gaussians=settings.max_gaussians, eval_every=settings.steps,
         scale=1.0 if case["data"] == HALL else settings.scale,
         exposure="auto" if "auto" in flags else "off", robust="--robust" in flags,
+        drop_blurred="--drop-blurred" in flags,
+        motion_blur=_EXPOSED if "--motion-blur" in flags else None,
     )  # fmt: skip
     began = time.process_time()
     result = gsut.train(gsut.load_dataset(data), options, progress=False)

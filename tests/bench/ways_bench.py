@@ -16,8 +16,9 @@ from pathlib import Path
 import numpy as np
 
 from gsut import _core
-from gsut.demo.views import make_camera
+from gsut.gaussians import pack_harmonics
 from gsut.lens import Camera
+from lab.demo_tracer.views import make_camera
 from tests.bench.accuracy import Truth, count_missed, errors_of, make_truth
 from tests.bench.harness import WRONG, Benchmark, Column, Option, Row, Settings
 from tests.bench.render_bench import IMAGE_RMS_BOUND
@@ -99,9 +100,9 @@ def _choose_sigma(count: str) -> float:
 def _draw_natively(scene: BenchScene, runs: int) -> Drawn:
     shape = (scene.camera.height, scene.camera.width)
     image, alpha = np.zeros((*shape, 3), np.float32), np.zeros(shape, np.float32)
-    renderer = _core.Renderer()
+    renderer, packed = _core.Renderer(), pack_harmonics(scene.gaussians)
     job = _core.RenderJob(scene.camera, np.asarray(scene.camera_from_world), keep=False)
-    took = _time_frames(lambda: renderer.render(scene.gaussians, job, image, alpha), runs)
+    took = _time_frames(lambda: renderer.render(packed, job, image, alpha), runs)
     return image, alpha, took
 
 

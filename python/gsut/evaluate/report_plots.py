@@ -28,7 +28,7 @@ def plot_curve(
         key: psnr, loss or num_gaussians.
         title: title, with unit.
         axis: "step" or "seconds".
-        options: they give the steps at which the resolution changed.
+        options: resolved; they give the steps at which the resolution changed.
 
     Returns:
         A data address.
@@ -134,10 +134,9 @@ def _mark_resolutions(
     """Marks where training changed to 1/2 and to the full resolution."""
     steps = np.array([row["step"] for row in history], float)
     x = np.array([row.get(axis, np.nan) for row in history], float)
-    if len(steps) < 2:
+    fractions = options.coarse_to_fine
+    if len(steps) < 2 or not isinstance(fractions, tuple):
         return
-    for fraction, text in zip(
-        options.recipe.coarse_to_fine, ("1/2 size", "full size"), strict=True
-    ):
+    for fraction, text in zip(fractions, ("1/2 size", "full size"), strict=True):
         if 0 < fraction < 1:
             chart.mark_x(float(np.interp(fraction * options.steps, steps, x)), text)

@@ -8,10 +8,9 @@ import pytest
 
 import gsut
 import tolerances
+from box_room import make_fisheye, plan_walk, write_box_room
 from disturbances import Disturbance, disturb_pose, disturb_scene, jitter_points
 from gsut import TrainOptions, _core
-from gsut.demo import dataset as demo
-from gsut.demo.views import plan_walk
 from gsut.refine.motion import measure_pose_changes, remove_mean_motion, turn_onto
 from gsut.refine.refiner import check_refinable
 from gsut.refine.tracks import refine_by_tracks
@@ -22,7 +21,10 @@ from gsut.training.record.trained_run import read_trained
 from random_scenes import fisheye, gaussians_in_view, pinhole, random_pose
 from room_dataset import write_room
 
-OPTIONS = TrainOptions(steps=240, max_gaussians=400, checkpoint_every=0, seed=3, refine_poses=True)
+OPTIONS = TrainOptions(
+    steps=240, max_gaussians=400, init_opacity=0.8, eval_every=0, checkpoint_every=0, seed=3,
+    coarse_to_fine=(0.0, 0.0), refine_poses=True, refine_tracks=False,
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -145,7 +147,7 @@ def test_training_brings_disturbed_poses_back(scene):
 
 def test_lens_comes_back_with_the_poses(scene):
     start = disturb_scene(scene, Disturbance("x", focal=0.03), 5)
-    options = dataclasses.replace(OPTIONS, steps=480, refine_lens=True)
+    options = dataclasses.replace(OPTIONS, refine_lens=True)
     result = gsut.train(start, options, progress=False)
     true = scene.file_cameras[0].params[:2]
     error = np.abs(result.scene.file_cameras[0].params[:2] / true - 1).max()
@@ -200,17 +202,16 @@ def test_threads_do_not_change_the_bits(scene):
 
 
 def test_tracks_that_say_nothing_leave_the_poses(scene):
-    result = refine_by_tracks(scene, OPTIONS)
+    result = refine_by_tracks(scene, OPTIONS.resolve())
     assert "no poses from tracks" in result.note
     assert result.scene is scene
 
 
-def test_tracks_bring_poses_back_and_leave_those_that_are_as_good(tmp_path, monkeypatch):
-    # A sixth of the demo's way, on which photographs share enough.
-    monkeypatch.setattr(demo, "plan_walk", lambda n, seed: plan_walk(6 * n, seed)[:n])
-    folder = demo.make_demo_scene(tmp_path / "data", 12, 0, size=160, progress=False)
+def test_tracks_bring_poses_back_and_leave_those_that_are_as_good(tmp_path):
+    # A sixth of the walk, on which photographs share enough.
+    folder = write_box_room(tmp_path / "data", make_fisheye(160), plan_walk(12, 1 / 6))
     true = gsut.load_dataset(folder)
-    options = TrainOptions(refine_poses=True, threads=2)
+    options = TrainOptions(refine_poses=True, threads=2).resolve()
     kept = refine_by_tracks(true, options)
     print(kept.figures)
     assert "as good, were kept" in kept.note

@@ -108,7 +108,7 @@ def format_flag(name: str) -> str:
 
 
 def label_option(options: Any, name: str) -> str:
-    """Returns how the command line names an option, for messages: --steps, or --set strategy."""
+    """Returns how the command line names an option, for messages: --steps, or --set lr_means."""
     return format_flag(name) if has_flag(options, name) else f"--set {name}"
 
 

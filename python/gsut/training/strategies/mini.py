@@ -71,7 +71,7 @@ def reinitialize(
         colors.append(scene.image(index).reshape(-1, 3)[pixels])
     return seed_from_points(
         np.concatenate(points), np.concatenate(colors), sh_degree=options.sh_degree,
-        seed=options.seed,
+        scale_factor=options.init_scale, opacity=options.init_opacity, seed=options.seed,
     )  # fmt: skip
 
 
@@ -125,6 +125,7 @@ class Strategy(Densification):
         densify_adaptive(
             optimizer,
             clone_scale=_CLONE_SCALE * now.extent,
+            prune_opacity=o.dead_opacity,
             max_gaussians=most,
         )
         views = scene.train_indices
@@ -136,4 +137,5 @@ class Strategy(Densification):
 
     def _is_due(self, fraction: float, step: int) -> bool:
         """Returns whether this fraction of the steps has passed since the last densification."""
-        return step - self.recipe.densify_every < math.ceil(fraction * self.options.steps) <= step
+        o = self.options
+        return step - o.densify_every < math.ceil(fraction * o.steps) <= step
