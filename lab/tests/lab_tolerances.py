@@ -16,3 +16,13 @@ FOREIGN_SPLAT_DEGREES = 1.8  # of rotations in bytes, read as b / 127.5 - 1; wor
 REAL_VIEWER_DB = 29.0
 REAL_VIEWER_TURNED_DB = 23.0  # turned 16.1, without harmonics 22.0
 THREE_VIEWER_DB = 26.0  # three.js ends each Gaussian at two standard deviations; found 27.3
+DEMO_ROTATION = 1e-15  # a rotation times its transpose in double, a few eps; worst 3.4e-16
+DEMO_POINT_MEDIAN = 0.016  # metres; perturbed by sigma 1 cm in each axis; worst 0.0082
+DEMO_POINT_FAR = 0.08  # metres, 99 % of the points: grazing rays stretch it; worst 0.043
+DEMO_POINT_COLOR_SHARE = 0.99  # of points within a pixel of their colour; worst 1
+DEMO_DEPTH = 6e-4  # metres: half a stored millimetre and float32 rays; worst 5.0e-4
+# grey levels of 255, median: 64-pixel images of finer textures; worst 9.7, unrelated pixels 38
+DEMO_VIEW_GREY_LEVELS = 12.0
+DEMO_SHARP_VIEW_GREY_LEVELS = 20.0  # the same with pixels of 5 cm; worst 15.3, unrelated ones 45
+DEMO_SURFACE = 1e-5  # metres; squares of 4 m in float32, grazing rays; worst 4.3e-6
+HALL_MESH = 5e-3  # metres: circles of 64 sides at a slant
