@@ -8,8 +8,8 @@ import pytest
 
 import gsut
 import rendered_dataset
+from demo_hall import write_hall
 from gsut import _core
-from gsut.demo import make_demo_scene
 from tests.bench import accuracy, render_bench, scenes
 from tests.bench.__main__ import load_benchmark, main
 from tests.bench.harness import HALL, measure_rows
@@ -19,7 +19,7 @@ from tests.bench.harness import HALL, measure_rows
 def hall(tmp_path_factory):
     """A work folder that holds a small hall."""
     folder = tmp_path_factory.mktemp("bench")
-    make_demo_scene(folder / HALL, views=10, test_views=2, size=64, progress=False)
+    write_hall(folder / HALL, views=10, test_views=2, size=64)
     return folder
 
 
