@@ -151,7 +151,10 @@ def find_with_bar(
     **settings: Any,
 ) -> PosesResult:
     """Calls `find_poses` or its like with one progress bar for all its stages."""
-    with StagedProgress({}, enabled) as bars, contextlib.closing(StageFollower(bars)) as stages:
+    with (
+        StagedProgress("poses", enabled=enabled) as bars,
+        contextlib.closing(StageFollower(bars)) as stages,
+    ):
         log = PosesLog(stages.show, bars.note, stages.expect)
         return find(images, out, log=log, **settings)
 

@@ -24,7 +24,6 @@ from gsut.sfm.lens import (
 )
 from gsut.sfm.mapping import Mapping, PosesLog
 from gsut.sfm.matches import (
-    MOST_PARTNERS,
     WINDOW,
     PairMatches,
     explain_failure,
@@ -63,7 +62,6 @@ from gsut.sfm.solution import (
 )
 from gsut.sfm.starts import compare_halves, register_left_out, try_other_starts
 from gsut.sfm.world import place_on_earth
-from gsut.time_left import PosesWork
 
 
 @dataclasses.dataclass(frozen=True)
@@ -269,14 +267,13 @@ def _make_key(mapping: Mapping, out: Path) -> dict[str, Any]:
 def _find_matches(mapping: Mapping, stages: Stages) -> Mapping:
     """Finds features and matches; verifies the matches where the lenses are known."""
     photographs, options, log = mapping.photographs, mapping.options, mapping.log
-    _expect_times(mapping)
+    _expect_stages(mapping)
     features = collect_features(photographs, options, log.show, log.note, stages)
     if mapping.rig is not None:
         require_features(photographs, features)
     log.watch.record_lap("features")
     is_lens_known = photographs.are_lenses_known
     raw = match_images(photographs.names, features, options, log.show, photographs.frames, stages)
-    log.update_work(pairs=len(raw.pairs))
     mapping = mapping.replace(features=features, raw=raw)
     mapping = mapping.add_findings({"lens": "known" if is_lens_known else "estimated"})
     if is_lens_known:
@@ -289,23 +286,18 @@ def _find_matches(mapping: Mapping, stages: Stages) -> Mapping:
     return mapping
 
 
-def _expect_times(mapping: Mapping) -> None:
-    """Reports how long the stages will take, as far as the files show it."""
-    photographs, options = mapping.photographs, mapping.options
+def _expect_stages(mapping: Mapping) -> None:
+    """Reports the stages, as far as the files show them."""
+    photographs = mapping.photographs
     header = read_header(photographs.paths[0])
-    is_video = mapping.shutter is None and options.shutter == "auto"
+    is_video = mapping.shutter is None and mapping.options.shutter == "auto"
     conditions = {
         "lens": not photographs.are_lenses_known,
         "rig": photographs.frames is not None,
         "shutter": is_video and is_probably_rolling(photographs.flows, header.width, header.height),
     }
-    count = len(photographs)
-    work = PosesWork(
-        count, min(header.width * header.height / 1e6, options.max_megapixels),
-        min(count * (count - 1), count * MOST_PARTNERS) / 2,
-        tuple(name for name, is_expected in conditions.items() if is_expected),
-    )  # fmt: skip
-    mapping.log.expect(work, options.threads)
+    stages = ("features", "matching", "lens", "mapping", "rig", "shutter", "writing")
+    mapping.log.expect([stage for stage in stages if conditions.get(stage, True)])
 
 
 def _map_photographs(mapping: Mapping) -> Mapping:

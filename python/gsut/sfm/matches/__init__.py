@@ -3,7 +3,6 @@
 from gsut.sfm.matches.matching import (
     MAX_DISTANCE,
     MAX_RATIO,
-    MOST_PARTNERS,
     WINDOW,
     PairMatches,
     RawMatches,
@@ -27,7 +26,6 @@ from gsut.sfm.matches.verification import (
 __all__ = [
     "MAX_DISTANCE",
     "MAX_RATIO",
-    "MOST_PARTNERS",
     "ROLLING_ERROR",
     "WINDOW",
     "PairMatches",

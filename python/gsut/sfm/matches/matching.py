@@ -26,7 +26,7 @@ _PREVIEW_FEATURES = 700
 _PREVIEW_MATCHES = 8  # of them that must match
 # Most images that an image is compared with in full: those with the most matches of the largest
 # features.
-MOST_PARTNERS = 24
+_MOST_PARTNERS = 24
 MAX_RATIO = 0.85  # of the distances of matched descriptors, nearest to second nearest
 MAX_DISTANCE = 0.7  # of matched descriptors, of unit length
 # Called with (pairs done, pairs in all).
@@ -128,7 +128,7 @@ def _keep_partners(pairs: np.ndarray, counts: np.ndarray) -> np.ndarray:
     kept = []
     for index in order:
         first, second = pairs[index]
-        if min(used[first], used[second]) < MOST_PARTNERS:
+        if min(used[first], used[second]) < _MOST_PARTNERS:
             used[first] += 1
             used[second] += 1
             kept.append(index)
