@@ -56,7 +56,8 @@ def read_streams(video: Path) -> tuple[int, dict[str, np.ndarray]]:
         for packet in film.demux(tracks) if tracks else ():
             if packet.pts is None or packet.size > _MOST_SAMPLE:
                 continue
-            start, length = (float(at * packet.time_base) for at in (packet.pts, packet.duration))
+            start = float(packet.pts * packet.time_base)
+            length = float((packet.duration or 0) * packet.time_base)
             for name, rows, share in _read_sample(bytes(packet)):
                 times = start + length * share
                 found.setdefault(name, []).append(np.column_stack([times, rows]))
