@@ -11,7 +11,6 @@ MESH_FILE = 1e-6  # world units: float32 about zero; 9 digits
 MESH_OBJ_FAR = 1e-2  # 9 digits of 5.5e6
 MESH_COLORS = 3e-3  # 8 bits, 4 digits
 LINEAR_COLORS = 1e-5  # five digits of the expected values
-HALL_MESH = 5e-3  # metres: circles of 64 sides at a slant
 PLANE_DEPTH = 2e-3  # relative: discs of a thousandth's thickness, depths in millimetres
 DISTORTION = 1e-4  # relative L2: float sums of squares about the first distance
 DISTORTION_FAR = 1e-3  # of distances that differ by a thousandth
@@ -25,7 +24,6 @@ PLANE_POINTS = 1e-2  # discs of a thousandth of a unit, seen at a slant; worst 5
 DEPTH_LEVELS = 0.51e-3  # half a level of 16 bits
 SURFEL = 2e-5  # a thickness of 1e-4 seen at up to 89 degrees, float depths; worst 1.3e-5
 SURFEL_GRADIENTS = 1e-4  # relative L2, of the same; worst 4.4e-5
-OPEN3D_MEAN_VOXELS = 0.1  # a ball 0.069 from Open3D's mesh; a box's faces 0.047 from the truth
 # Of the largest change: differences in double of step 1e-6.
 MESH_FIT_SLOPES = 1e-6
 REFINED_MEDIAN = (
