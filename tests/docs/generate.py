@@ -22,7 +22,6 @@ import gsut
 from api_pages import API_PAGES, NOTE
 from gsut.cli import build_parser
 from gsut.cli import main as gsut_main
-from gsut.run.options import show_every_option
 from lens_examples import find_widest_example, measure_seen_angle
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -119,7 +118,6 @@ def flag_row(action: argparse.Action) -> str:
 
 
 def command_section(name: str, parser: argparse.ArgumentParser, level: str = "##") -> str:
-    show_every_option(parser)
     out = [f"{level} gsut {name}\n", f"{parser.description or ''}\n"]
     for group in parser._action_groups:
         actions = [
