@@ -21,7 +21,6 @@ from gsut.data import CAPTURE_FOLDER, Scene, load_dataset
 from gsut.data.scene import choose_inner_views, hold_out_views
 from gsut.evaluate import write_scene_page
 from gsut.output_folder import claim_folder
-from gsut.page import format_duration
 from gsut.run import (
     RunFile,
     RunFolder,
@@ -43,7 +42,6 @@ from gsut.sfm import (
     read_finished,
 )
 from gsut.train import TrainResult, train
-from gsut.training import measure_pace, track_training
 from gsut.training.first import describe_resizing
 from gsut.training.record import list_changed_data
 
@@ -53,9 +51,6 @@ if TYPE_CHECKING:
 POSES = "poses"  # folder of the pictures and poses, inside the run's folder
 STATE = "scene.json"  # paths and settings; seconds and verdict once the scene is finished
 PAGE = "scene.html"
-# Seconds that each stage is expected to take before anything is known about the pictures.
-_EXPECTED_SECONDS = {"capture": 8.0, POSES: 100.0, "training": 60.0, "report": 0.1}
-_TRAINING_START_SECONDS = 3.0  # expected of a training before its first step
 _NO_SETTING = {"threads"}  # options that do not change the result
 
 # Called as `on_progress(row)` with "stage", "share", "seconds_left" and "text".
@@ -227,17 +222,11 @@ class _SceneInProgress:
         if self._watcher is not None:
             self._watcher.show_capture(pictures.path, pictures.figures["frames"])
         self.folder.write_json(STATE, self.figures)
-        bars.expect(
-            "training",
-            _TRAINING_START_SECONDS
-            + _estimate_training_seconds(pictures.figures, self._make_training_options()),
-        )
         return pictures
 
     def find_poses(self, pictures: Capture, bars: StagedProgress) -> dict[str, Any]:
         """Finds poses and lens, and returns the content of poses.json."""
         o, out = self._options, self.folder.path / POSES
-        bars.skip(POSES)  # the stages of `find_poses` take its place
         options = PosesOptions(fov=o.fov, shutter=o.shutter, seed=o.seed, threads=o.threads)
         options = add_lens_readout(options, o.camera, pictures.figures)
         done = read_finished(pictures.path, out, o.camera, options)
@@ -245,32 +234,24 @@ class _SceneInProgress:
             return done
         if is_finished(out):
             bars.note("poses are found again: those in the folder are of other pictures")
+        bars.note(self._announce(pictures))
         with contextlib.closing(StageFollower(bars)) as stages:
-            announced = False
-
-            def expect(seconds: dict[str, float]) -> None:
-                nonlocal announced
-                stages.expect(seconds)
-                if not announced:
-                    bars.note(self._announce(pictures, bars.estimate_left()))
-                announced = True
-
             show_poses = None if self._watcher is None else self._watcher.show_poses
-            log = PosesLog(stages.show, bars.note, expect, show_poses)
+            log = PosesLog(stages.show, bars.note, stages.expect, show_poses)
             figures = find_poses(
                 pictures.path, out, camera=o.camera, options=options, log=log
             ).figures
         self._poses_seconds = stages.seconds
         return figures
 
-    def _announce(self, pictures: Capture, seconds: float) -> str:
-        """Says how much there is to do, and about how long it will take."""
+    def _announce(self, pictures: Capture) -> str:
+        """Says how much there is to do."""
         options, threads = self._make_training_options(), self._options.threads
         threads = threads or _core.num_threads()
         return (
             f"poses of {len(pictures.figures['frames'])} pictures, then {options.steps:,} steps of "
-            f"training with up to {options.most_gaussians:,} Gaussians: about "
-            f"{format_duration(seconds)} on {threads} processor{'s' if threads > 1 else ''}"
+            f"training with up to {options.most_gaussians:,} Gaussians on {threads} "
+            f"processor{'s' if threads > 1 else ''}"
         )
 
     def _make_training_options(self) -> TrainOptions:
@@ -370,8 +351,8 @@ def _start_bars(progress: bool | OnProgress, watcher: LiveScene | None) -> Stage
         for listener in listeners:
             listener(row)
 
-    pace = measure_pace() if progress or watcher else 1.0
-    return StagedProgress(_EXPECTED_SECONDS, progress is True, on_progress=show, pace=pace)
+    stages = ("capture", "training", "report")  # those of `find_poses` are added
+    return StagedProgress("scene", stages, progress is True, on_progress=show)
 
 
 def _spread_over(
@@ -386,14 +367,3 @@ def _spread_over(
             bars.show((before + shares[name] * done / max(1, total)) / whole, f"{name} {text}")
 
     return show
-
-
-def _estimate_training_seconds(figures: dict[str, Any], options: TrainOptions) -> float:
-    """Returns the seconds that the training's steps will take for pictures of this size."""
-    most = dataclasses.replace(options.resolve(), max_gaussians=options.most_gaussians)
-    width, height = figures["size"]
-    shrunk = min(1.0, options.max_side / max(width, height)) if options.max_side else 1.0
-    return track_training(
-        most, most.most_gaussians // 4, shrunk**2 * width * height / 1e6, 0,
-        threads=options.threads or _core.num_threads(),
-    ).predict_left(0)  # fmt: skip

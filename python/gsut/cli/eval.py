@@ -21,7 +21,6 @@ from gsut.cli._flags import (
     read_folder_name,
 )
 from gsut.files import whole_folder
-from gsut.run.options import add_rare_option
 
 HELP = "figures on the held-out images"
 DESCRIPTION = (
@@ -67,8 +66,8 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     add_memory(parser)
     add_force(parser)
     add_json(parser)
-    add_rare_option(
-        parser, "mesh", str, None, metavar="FILE",
+    parser.add_argument(
+        "--mesh", metavar="FILE",
         help="with --geometry: the mesh to judge [default: as `gsut mesh` makes it]",
     )  # fmt: skip
 

@@ -14,7 +14,6 @@ from gsut.gaussians import (
     SH_C0,
     Gaussians,
     StoredGaussians,
-    pack_harmonics,
     rotate_upright,
 )
 from gsut.lens import Camera
@@ -265,7 +264,7 @@ class Frames:
             kept = self.select_kept(whole, crop, clean)
             if some:
                 kept &= _select_most_seen(whole, self._move_to_axes(whole), share)
-            self._chosen[key] = pack_harmonics(whole[kept])
+            self._chosen[key] = whole[kept]
         return self._chosen[key]
 
     def _draw_centers(self, request: FrameRequest, camera: Camera) -> np.ndarray:
