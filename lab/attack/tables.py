@@ -81,7 +81,7 @@ def list_file_cases() -> Iterator[Case]:
         ("scene", "scenes/a.ply", ("edit", "scenes/a.ply", "-o", "out.ply", "--scale", "2")),
         ("scene", "scenes/a.ply", ("compact", "scenes/a.ply", "-o", "out.ply", "--keep", "0.5")),
         ("scene", "scenes/a.ply", ("render", "scenes/a.ply", "-o", "out", "--frames", "1")),
-        ("scene", "scenes/a.ply", ("view", "scenes/a.ply", "--no-open")),
+        ("scene", "scenes/a.ply", ("view", "scenes/a.ply", "--serve", "127.0.0.1:0")),
         ("scene", "scenes/a.ply", ("measure", "scenes/a.ply", "--point", "0", "0", "0",
                                    "--point", "1", "0", "0")),
         ("table", "path.json", ("render", "scenes/a.ply", "-o", "out", "--path", "path.json",

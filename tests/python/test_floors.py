@@ -57,7 +57,7 @@ ROOMS: dict[str, dict[str, int]] = {
 }
 MAX_DOOR, MAX_DOORS = 30, 278  # names in a folder's __all__; in those of floors together
 LIBRARIES = {
-    *("av", "cv2", "gsut_scalar_baseline", "jinja2", "matplotlib", "numpy", "PIL", "simplejpeg"),
+    *("av", "cv2", "gsut_scalar_baseline", "jinja2", "numpy", "PIL", "simplejpeg"),
     *("tqdm", "yaml"),
     *("fast_simplification", "pillow_heif", "rawpy"),  # optional
 }

@@ -92,9 +92,9 @@ def make_poses_page(folder, name, monkeypatch):
 
 
 def make_lens_page(folder, name, monkeypatch):
-    for part in ("_plot_arrows", "_plot_rings", "_find_turn", "_measure_change", "render_svg"):
+    for part in ("_plot_arrows", "_plot_rings", "_find_turn"):
         monkeypatch.setattr(calibration_page, part, lambda *_: "")
-    monkeypatch.setattr(calibration_page, "plot_map", lambda *_: [None])
+    monkeypatch.setattr(calibration_page, "_measure_change", lambda *_: np.ones((2, 2)))
     monkeypatch.setattr(calibration_page, "_make_region_rows", lambda *_: [])
     monkeypatch.setattr(calibration_page, "_compute_residuals_before", lambda *_: np.zeros((1, 2)))
     solution = SimpleNamespace(

@@ -10,7 +10,7 @@ from typing import Any
 
 from gsut._core import InputError
 from gsut.files import format_json
-from gsut.run.options import MOST_WHOLE, add_rare_option
+from gsut.run.options import MOST_WHOLE
 
 # Of pictures, films, scenes and tables: nobody means a folder by such a name.
 FILE_SUFFIXES = frozenset(
@@ -113,11 +113,14 @@ def add_memory(parser: argparse.ArgumentParser) -> None:
 
 
 def add_depth_unit(parser: argparse.ArgumentParser) -> None:
-    """Adds `--set depth_unit=X`, for 16-bit files that are read or written."""
-    add_rare_option(
-        parser, "depth_unit", Number(0, _MOST_UNIT, above=True), 1e-3,
+    """Adds --depth-unit, for 16-bit files that are read or written."""
+    parser.add_argument(
+        "--depth-unit",
+        type=Number(0, _MOST_UNIT, above=True),
+        default=1e-3,
+        metavar="X",
         help="the dataset's units in a level of 16-bit depths [default 0.001: millimetres]",
-    )  # fmt: skip
+    )
 
 
 class Number:

@@ -34,7 +34,7 @@ class DepthOutput:
         self.folder, self._along, self._kind = folder, arguments.depth, arguments.depth_kind
         self._unit = arguments.depth_unit
         self._file = Path(arguments.cloud) if arguments.cloud else None
-        self._cloud = Cloud(arguments.voxel)
+        self._cloud = Cloud(None)
         self._frames: list[Frame] = []
         self._too_far = self._known = 0
 
@@ -45,8 +45,6 @@ class DepthOutput:
         Raises:
             InputError: depths of a film, a unit out of range, or a file that exists.
         """
-        if arguments.voxel is not None and not arguments.cloud:
-            raise InputError("--set voxel is of a cloud of points; add --cloud FILE.ply")
         if arguments.depth_kind != "median" and arguments.depth is None:
             raise InputError("--depth-kind is of depths; add --depth ray or --depth z")
         if arguments.depth is None and not arguments.cloud:
@@ -116,7 +114,7 @@ class DepthOutput:
             share = self._too_far / self._known
             print(
                 f"gsut: note: {share:.1%} of the depths are beyond {_LEVELS * self._unit:g} and 0 "
-                f"in the 16-bit files; a larger --set depth_unit=X holds them, the .npy files do",
+                f"in the 16-bit files; a larger --depth-unit holds them, the .npy files do",
                 file=sys.stderr,
             )
         if self._file is not None:

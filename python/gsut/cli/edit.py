@@ -68,11 +68,12 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "--ground", action="store_true",
         help="find the ground, within 30 degrees of --up or --upright [default], and make it y = 0",
     )  # fmt: skip
-    parser.add_argument("--scale", type=finite, metavar="X", help="multiply all lengths by X")
     parser.add_argument(
-        "--length", type=finite, nargs=7, metavar=("X", "Y", "Z", "X", "Y", "Z", "L"),
-        help="instead: scale so that these two points are L apart, such as 1.20 for a table",
-    )  # fmt: skip
+        "--scale",
+        type=finite,
+        metavar="X",
+        help="multiply all lengths by X (from a known length: gsut measure)",
+    )
     parser.add_argument(
         "--positions", metavar="FILE.csv",
         help="instead of up and scale: where a run's photographs were taken, by GPS or surveyed; a "
@@ -165,22 +166,15 @@ def _print_summary(figures: dict[str, Any]) -> None:
 
 
 def _scale_of(arguments: argparse.Namespace) -> float:
-    if arguments.scale is not None and arguments.length is not None:
-        raise InputError("give --scale or --length, not both")
-    others = (arguments.scale, arguments.length, arguments.up)
+    others = (arguments.scale, arguments.up)
     by_hand = arguments.upright or arguments.ground or any(each is not None for each in others)
     whole = [f"--{name}" for name in ("positions", "undo") if getattr(arguments, name)]
     if len(whole) + by_hand > 1:
         raise InputError(f"{whole[0]} says scale and up; give no other of them")
     scale = 1.0 if arguments.scale is None else arguments.scale
-    if arguments.length is not None:
-        known = np.array(arguments.length)
-        apart = np.linalg.norm(known[3:6] - known[:3])
-        scale = known[6] / apart if apart > 0 else np.nan
     if not _LEAST_SCALE <= scale <= 1 / _LEAST_SCALE:
-        flag = "--scale" if arguments.length is None else "--length"
         raise InputError(
-            f"{flag}: the scale must be above 0, from {_LEAST_SCALE:g} to {1 / _LEAST_SCALE:g}, "
+            f"--scale must be above 0, from {_LEAST_SCALE:g} to {1 / _LEAST_SCALE:g}, "
             f"found {scale:g}"
         )
     return float(scale)

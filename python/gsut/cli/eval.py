@@ -21,7 +21,6 @@ from gsut.cli._flags import (
     read_folder_name,
 )
 from gsut.files import whole_folder
-from gsut.run.options import add_rare_option
 
 HELP = "figures on the held-out images"
 DESCRIPTION = (
@@ -67,10 +66,6 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     add_memory(parser)
     add_force(parser)
     add_json(parser)
-    add_rare_option(
-        parser, "mesh", str, None, metavar="FILE",
-        help="with --geometry: the mesh to judge [default: as `gsut mesh` makes it]",
-    )  # fmt: skip
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -173,7 +168,6 @@ def _measure_geometry(
         build_surface_page,
         choose_views,
         judge_geometry,
-        load_mesh,
     )
 
     names = {scene.views[index].name for index in choose_views(indices)}
@@ -191,7 +185,6 @@ def _measure_geometry(
             indices,
             Path(arguments.geometry) if arguments.geometry else None,
             depth_unit=arguments.depth_unit,
-            mesh=load_mesh(arguments.mesh) if arguments.mesh else None,
             background=background,
             progress=bars.show,
             on_view=keep,

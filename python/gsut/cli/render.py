@@ -21,13 +21,11 @@ from gsut.cli._flags import (
     degrees,
     finite,
     parse_image_size,
-    positive,
     print_json,
     whole,
 )
 from gsut.cli._render_order import add_order, check_order
 from gsut.files import refuse_existing, whole_folder
-from gsut.run.options import add_rare_option
 
 HELP = "images, depths or a film through any lens along any path"
 DESCRIPTION = (
@@ -101,11 +99,6 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     add_order(parser)
     add_memory(parser)
     add_json(parser)
-    add_rare_option(
-        parser, "voxel", positive, None, metavar="SIZE",
-        help="one point of the cloud in each voxel of this size, in the dataset's units [default: "
-        "a pixel's width at the first image's median depth]",
-    )  # fmt: skip
 
 
 def _add_more_than_images(parser: argparse.ArgumentParser) -> None:

@@ -233,7 +233,7 @@ def test_every_writer_on_a_full_disk_fails_and_names_the_file(tmp_path, rng):
             ["poses", "in", "-o", "a", "--set", f"min_inliers={'9' * 25}"],
             "--set min_inliers must be >= ",
         ),
-        (["train", "in", "-o", "a", "--port", "99999"], "--port: takes a whole number from 0 to"),
+        (["train", "in", "-o", "a", "--serve", "a:99999"], "--serve: must be like 127.0.0.1:8000"),
         (["train", "in", "-o", ""], "the name is empty"),
         (["poses", "in", "-o", ""], "the name is empty"),
         (["doctor", ""], "after doctor the name is empty"),

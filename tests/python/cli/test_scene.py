@@ -56,7 +56,10 @@ def made(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("gsut.cli.view.announce", announce)
         patch.setattr("gsut.cli.view.wait_for_end", wait_for_end)
-        assert main([*words, "-o", str(folder / "run"), "--quiet", "--view", "--no-open"]) == 0
+        assert (
+            main([*words, "-o", str(folder / "run"), "--quiet", "--view", "--serve", "127.0.0.1:0"])
+            == 0
+        )
     return folder, words
 
 

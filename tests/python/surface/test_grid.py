@@ -151,7 +151,7 @@ def test_render_refuses_z_beyond_ninety_degrees_and_depths_of_a_film(tmp_path, c
     assert main(["render", str(run), "-o", str(tmp_path / "a.mp4"), "--depth", "ray"]) == 2
     assert "a film has no depths" in capsys.readouterr().err
     words = ["render", str(run), "--frames", "1", "-o", str(tmp_path / "two")]
-    assert main([*words, "--depth", "ray", "--set", "depth_unit=1e-6"]) == 0
+    assert main([*words, "--depth", "ray", "--depth-unit", "1e-6"]) == 0
     assert "larger --set depth_unit" in capsys.readouterr().err
 
 

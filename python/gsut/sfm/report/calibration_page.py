@@ -10,13 +10,12 @@ import numpy as np
 from gsut.files import write_file
 from gsut.lens import Camera, spread_pixels
 from gsut.page import (
+    Chart,
     Style,
     build_page,
     build_table,
-    make_figure,
     plot_map,
     plot_residuals,
-    render_svg,
     render_template,
 )
 from gsut.sfm.lens import RefinedLens
@@ -27,7 +26,8 @@ _MOST_ARROWS = 3000  # drawn: more cover each other
 _RING_DEGREES = 5.0  # of the field angle, in the plot of residuals
 _FEWEST_IN_RING = 10  # residuals, for a mean
 _PICTURES = """<h2>Pictures</h2>
-<div class="pictures">{% for picture in pictures %}{{ picture }}{% endfor %}</div>
+<div class="pictures">
+{%- for address in pictures %}<img alt="" src="{{ address }}">{% endfor %}</div>
 <h2>Residuals by region of the image</h2>
 <p>Before: the same points and refined poses through the dataset's own lens, turned as well as it
 can be; pixels, root mean square lengths. The mean says where a region is off as a whole.</p>"""
@@ -75,12 +75,8 @@ def write_page(
     pictures = [
         _plot_arrows(camera, solution.pixels[good], after),
         _plot_rings(np.degrees(solution.field_angles[good]), before, after),
-        render_svg(
-            plot_map(
-                "Uncertainty of projection [px, one standard deviation]", size, sigma, "inferno"
-            )[0]
-        ),
-        render_svg(plot_map("Change of the lens [px]", size, change, "viridis")[0]),
+        plot_map("Uncertainty of projection", size, sigma, "inferno", "px, one sigma").embed(),
+        plot_map("Change of the lens", size, change, "viridis", "px").embed(),
     ]
     parts = [
         build_table(rows.items()),
@@ -180,18 +176,22 @@ def _format_px(value: float | None) -> str:
 
 def _plot_arrows(camera: Camera, pixels: np.ndarray, residuals: np.ndarray) -> str:
     step, size = max(1, len(pixels) // _MOST_ARROWS), (camera.width, camera.height)
-    return render_svg(plot_residuals("Residuals after", size, pixels[::step], residuals[::step])[0])
+    return plot_residuals("Residuals after", size, pixels[::step], residuals[::step]).embed()
 
 
 def _plot_rings(degrees: np.ndarray, before: np.ndarray, after: np.ndarray) -> str:
-    figure, axes = make_figure("RMS of residuals [px] by field angle", 6.0, 3.4)
     ring = np.floor(degrees / _RING_DEGREES).astype(int)
     full = [i for i in np.unique(ring) if np.sum(ring == i) >= _FEWEST_IN_RING]
-    middle = [(i + 0.5) * _RING_DEGREES for i in full]
-    for residuals, color, name in ((before, _BEFORE, "before"), (after, Style.LINE, "after")):
-        rms = [_measure_rms(residuals[ring == i]) for i in full]
-        axes.plot(middle, rms, color=color, marker="o", markersize=4, label=name)
-    axes.set_yscale("log")
-    axes.set_xlabel("degrees from the axis", color=Style.MUTED)
-    axes.legend(fontsize=8, frameon=False)
-    return render_svg(figure)
+    middle = np.array([(i + 0.5) * _RING_DEGREES for i in full])
+    rms = np.array([[_measure_rms(r[ring == i]) for i in full] for r in (before, after)])
+    seen = rms[np.isfinite(rms) & (rms > 0)]
+    up = (seen.min() / 1.2, seen.max() * 1.2) if seen.size else (0.1, 1.0)
+    across = (0.0, max(float(degrees.max(initial=0.0)), _RING_DEGREES))
+    chart = Chart(
+        "RMS of residuals [px] by field angle", "degrees from the axis", across, up, log=True
+    )
+    for values, color in zip(rms, (_BEFORE, Style.LINE), strict=True):
+        drawn = np.isfinite(values) & (values > 0)
+        chart.draw_line(middle[drawn], values[drawn], color, dots=True)
+    chart.list_names([("before", _BEFORE), ("after", Style.LINE)])
+    return chart.embed()
