@@ -5,6 +5,5 @@ It uses gsut's public names and lens files only.
 
 from calib.calibrate import calibrate
 from calib.job import Job
-from calib.report import write_nearest_splined
 
-__all__ = ["Job", "calibrate", "write_nearest_splined"]
+__all__ = ["Job", "calibrate"]

@@ -1,14 +1,8 @@
 """Writes what a calibration found: lens files, report.json and report.html."""
 
-from calib.report.lens_files import write_lens, write_nearest_splined
+from calib.report.lens_files import write_lens
 from calib.report.page import write_report_page
 from calib.report.result import Result
 from calib.report.values import write_report_json
 
-__all__ = [
-    "Result",
-    "write_lens",
-    "write_nearest_splined",
-    "write_report_json",
-    "write_report_page",
-]
+__all__ = ["Result", "write_lens", "write_report_json", "write_report_page"]

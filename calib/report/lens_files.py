@@ -9,11 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-import gsut
-from calib.camera import PIXEL_SHIFT, CameraSolution, invert, to_gsut_camera
+from calib.camera import CameraSolution, invert, to_gsut_camera
 from calib.errors import BoardError
 from calib.solve import fit_splined
-from calib.trust import UNKNOWN, Trust, spread_pixels, trace_trusted_outline
+from calib.trust import Trust, trace_trusted_outline
 from gsut.files import write_file
 from gsut.lens import convert_camera, save_camera
 
@@ -121,53 +120,3 @@ def _round_map(sigma: np.ndarray) -> list[list[float]]:
 def measure_baseline(camera: CameraSolution) -> float:
     """Measures the distance of a camera's centre from the reference camera's, in board units."""
     return float(np.linalg.norm(invert(camera.camera_from_reference)[3:]))
-
-
-def write_nearest_splined(lens: Path, out: Path) -> list[str]:
-    """Writes a Kannala-Brandt lens file as the .cameramodel that is nearest to it.
-
-    LENS.uncertainty.json, if it exists, goes into the file too.
-
-    Returns:
-        Notes on what else was written.
-
-    Raises:
-        BoardError: the lens is no Kannala-Brandt lens.
-        gsut.InputError, OSError: the file cannot be read.
-    """
-    camera = gsut.load_camera(lens)
-    if camera.model != "kannala_brandt" or len(camera.params) != 8:
-        raise BoardError(
-            f"{lens}: the lens is {camera.model} with {len(camera.params)} parameters; this writes "
-            "kannala_brandt with 8"
-        )
-    side = lens.with_suffix(".uncertainty.json")
-    sigma = np.full(spread_pixels(camera.width, camera.height).shape[:2], UNKNOWN)
-    if side.is_file():
-        rows = np.array(json.loads(side.read_text(encoding="utf-8"))[SIGMA_KEY])
-        sigma = np.where(rows == NO_SIGMA, UNKNOWN, rows)
-    domain = float(camera.with_valid_field_angle(None).max_angle)
-    valid = camera.valid_field_angle or domain
-    trust = Trust(valid, valid, domain, sigma, 0.0)
-    origin = f"gsut calibrate --from-dataset: {lens.name}"
-    return write_lens(out, solution_from_fisheye(camera), trust, origin)
-
-
-def solution_from_fisheye(camera: gsut.Camera) -> CameraSolution:
-    """Returns a Kannala-Brandt lens as a solution without boards."""
-    params = np.array(camera.params)
-    params[2:4] -= PIXEL_SHIFT
-    return CameraSolution(
-        name="camera",
-        lens="fisheye",
-        solver="gsut",
-        width=camera.width,
-        height=camera.height,
-        model="KANNALA_BRANDT",
-        params=params,
-        camera_from_reference=np.zeros(6),
-        photographs=[],
-        camera_from_board=np.empty((0, 6)),
-        residuals=np.empty((0, 0, 2)),
-        outliers=np.empty((0, 0), bool),
-    )

@@ -27,7 +27,6 @@ BASES: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
         ("scenes/a.ply", "--point", "0", "0", "0", "--point", "1", "0", "0"), ("scenes/a.ply",)
     ),
     "mesh": (("run", "-o", "out.ply"), ("ds", "run")),
-    "points": (("walked", "-o", "out.ply"), ("walked",)),
     "poses": (
         ("film.mp4", "-o", "out", "--camera", "lens320.json", "--quiet"),
         ("film.mp4", "lens320.json"),
@@ -55,7 +54,6 @@ GOOD: dict[tuple[str, str], tuple[str, ...]] = {
             "convert": ("--sh-degree",),
             "edit": ("--min-opacity",),
             "mesh": ("--threads",),
-            "points": ("--dense",),
             "poses": ("--nadir-cap", "--zenith-cap", "--threads", "--seed"),
             "scene": ("--nadir-cap", "--zenith-cap", "--threads", "--seed"),
             "train": ("--seed", "--threads", "--max-side", "--test-every", "--sh-degree"),
@@ -65,7 +63,6 @@ GOOD: dict[tuple[str, str], tuple[str, ...]] = {
 # What is wrong before the number is looked at.
 SOONER = {
     ("demo", "--rig"): "unrecognized arguments: -inf",  # its number may be left out
-    ("points", "--dense"): "unrecognized arguments: -inf",
 }
 LONG = ("calibrate", "demo", "scene")  # with a number in a good sense these take their time
 

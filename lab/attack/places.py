@@ -19,7 +19,6 @@ FILES: dict[tuple[str, ...], tuple[str, ...]] = {
     ("camera", "convert", "lenses/opencv.yaml", "pinhole", "-o", "OUT.json"):
         ("lenses/opencv.yaml",),
     ("mesh", "run", "-o", "OUT.ply"): ("ds", "run"),
-    ("points", "walked", "-o", "OUT.ply"): ("walked",),
     ("data", "convert", "plane", "OUT.txt", "--to", "tum"): ("plane",),
 }  # fmt: skip
 FOLDERS: dict[tuple[str, ...], tuple[str, ...]] = {

@@ -28,7 +28,6 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     "doctor": ("doctor", "IN"),
     "train": ("train", "IN", "-o", "out", *SHORT),
     "data": ("data", "convert", "IN", "out"),
-    "points": ("points", "IN", "-o", "out.ply"),
     "poses": ("poses", "IN", "-o", "out", "--quiet"),
     "scene": ("scene", "IN", "-o", "out", *SHORT),
     "calibrate": ("calibrate", "IN", "--board", "5x4", "--spacing", "0.05", "--solver", "opencv",
@@ -48,7 +47,7 @@ COMMANDS: dict[str, tuple[str, ...]] = {
 DATA = frozenset(("doctor", "train", "data", "measure"))
 FILE = frozenset(("render", "convert", "edit", "compact", "measure"))
 RUN = FILE | DATA | frozenset(("eval", "mesh", "localize in", "localize"))
-TAKE = ("poses", "scene", "points", "calibrate")  # photographs, and keep what they found of them
+TAKE = ("poses", "scene", "calibrate")  # photographs, and keep what they found of them
 TAKEN = "picture|photograph|image|pair|film|video|frame|matches"  # what they say of them
 WAITS = "view"  # which does not end where it takes what it was given
 
@@ -306,11 +305,9 @@ ONTO: dict[tuple[str, ...], tuple[str, ...]] = {
     ("mesh", "run", "-o", "run/scene.ply"): ("ds", "run"),
     ("mesh", "run", "-o", "ds/points3D.ply"): ("ds", "run"),
     ("mesh", "run", "-o", "out.ply", "--picture", "photo.png"): ("ds", "run", "photo.png"),
-    ("points", "walked", "-o", "walked/points3D.ply"): ("walked",),
     ("camera", "convert", "lens48.json", "pinhole", "-o", "lens48.json"): ("lens48.json",),
     ("calibrate", "boards", "--board", "5x4", "--spacing", "0.05", "--solver", "opencv", "--lens",
      "fisheye", "-o", "boards/02.png"): ("boards",),
-    ("calibrate", "--from-dataset", "ds", "-o", "lens48.json", "--quiet"): ("ds", "lens48.json"),
 }  # fmt: skip
 
 

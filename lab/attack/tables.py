@@ -90,7 +90,6 @@ def list_file_cases() -> Iterator[Case]:
                                          "lenses/opencv.yaml", "--frames", "1")),
         ("table", "positions.csv", ("edit", "run", "-o", "out.ply", "--positions",
                                     "positions.csv")),
-        ("table", "points.ply", ("points", "ds", "--colour", "points.ply", "-o", "out.ply")),
         ("table", "photo.png", ("localize", "photo.png", "--run", "run")),
         ("table", "mask.png", ("localize", "ds/images/003.png", "--run", "run", "--mask",
                                "mask.png")),

@@ -321,27 +321,6 @@ py::dict RefinedStructure(const std::vector<const Camera*>& cameras,
   });
 }
 
-// Points from poses that are right: nothing but the points is adjusted.
-// shutter_poses: (start, end) of each image's readout, or empty.
-py::dict TriangulatePoints(const std::vector<const Camera*>& cameras,
-                           const std::vector<int>& camera_of_image, const py::list& pixels,
-                           const py::list& verified, const py::list& camera_from_world,
-                           const py::list& shutter_poses, const py::dict& settings,
-                           const py::object& on_progress) {
-  Inputs inputs = ReadInputs(cameras, camera_of_image, pixels, verified, settings);
-  std::vector<Pose> poses;
-  for (const py::handle& pose : camera_from_world) poses.push_back(ReadPose(pose));
-  std::vector<Velocity> velocities;
-  for (const py::handle& item : shutter_poses) {
-    const auto ends = py::cast<py::tuple>(item);
-    velocities.push_back(VelocityBetween(ReadPose(ends[0]), ReadPose(ends[1])));
-  }
-  return Solve(on_progress, [&](const OnProgress& progress) {
-    return TriangulateStructure(inputs.lenses, inputs.images, inputs.pairs, poses, velocities,
-                                inputs.options, progress);
-  });
-}
-
 }  // namespace
 
 void BindSfmStructure(py::module_& m) {
@@ -351,9 +330,6 @@ void BindSfmStructure(py::module_& m) {
         py::arg("pixels"), py::arg("verified"), py::arg("camera_from_world"), py::arg("settings"),
         py::arg("on_progress"), py::arg("registered") = std::vector<std::uint8_t>(),
         py::arg("rig") = py::none());
-  m.def("triangulate_structure", &TriangulatePoints, py::arg("cameras"), py::arg("camera_of_image"),
-        py::arg("pixels"), py::arg("verified"), py::arg("camera_from_world"),
-        py::arg("shutter_poses"), py::arg("settings"), py::arg("on_progress"));
 }
 
 }  // namespace gsut::bindings

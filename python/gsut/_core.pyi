@@ -222,16 +222,6 @@ def refine_structure(
     registered: Sequence[int] = ...,
     rig: dict[str, Any] | None = None,
 ) -> dict[str, Any]: ...
-def triangulate_structure(
-    cameras: Sequence[Camera],
-    camera_of_image: Sequence[int],
-    pixels: Sequence[NDArray[np.float64]],
-    verified: Sequence[tuple[Any, ...]],
-    camera_from_world: Sequence[NDArray[np.float64]],
-    shutter_poses: Sequence[tuple[NDArray[np.float64], NDArray[np.float64]]],
-    settings: dict[str, Any],
-    on_progress: Any,
-) -> dict[str, Any]: ...
 
 # --- gaussians ------------------------------------------------------------------------------------
 

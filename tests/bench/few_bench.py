@@ -12,7 +12,6 @@ from gsut._core import InputError
 from gsut.data import Scene
 from gsut.data.scene import project_points, read_depth
 from gsut.demo import make_demo_scene
-from gsut.sfm import triangulate
 from gsut.training import TrainingLoop
 from tests.bench.commands import run_gsut
 from tests.bench.harness import HALL, Benchmark, Column, Option, Row, Settings
@@ -26,7 +25,7 @@ VIEWS: dict[str, tuple[int, ...]] = {
     "fox": (12,),
     STREET: (0,),
 }
-POINTS = ("none", "own", "all")  # those of no views, of the kept views, of the dataset
+POINTS = ("none", "all")  # of the dataset
 _NEAR = 0.05  # of the true distance: a first Gaussian there counts as found
 _REACH = 2.0  # pixels around a first Gaussian that it covers
 _WIDE = "220 degrees"  # lens through which the hall is seen once more
@@ -118,13 +117,7 @@ def replace_points(scene: Scene, origin: str) -> Scene:
         raise InputError(f"--points: no {origin!r}; there are {', '.join(POINTS)}")
     if origin == "all":
         return scene
-    points, colors = np.zeros((0, 3)), np.zeros((0, 3), np.uint8)
-    if origin == "own":
-        views = [scene.views[i] for i in scene.train_indices]
-        kept = scene.replace(views=views, train_indices=list(range(len(views))), test_indices=[])
-        found = triangulate(kept)
-        points, colors = found.positions, found.colors
-    return scene.replace(points=points, point_colors=colors)
+    return scene.replace(points=np.zeros((0, 3)), point_colors=np.zeros((0, 3), np.uint8))
 
 
 def measure_coverage(scene: Scene, points: np.ndarray) -> float | None:
@@ -160,7 +153,7 @@ def measure_coverage(scene: Scene, points: np.ndarray) -> float | None:
 
 
 BENCHMARK = Benchmark(
-    help="few photographs: points of their own views and none, beside points of all views",
+    help="few photographs: no points, beside points of all views",
     columns=(
         Column("data"),
         Column("lens"),
@@ -178,7 +171,7 @@ BENCHMARK = Benchmark(
     measure=measure,
     options=(
         Option("views", (), "training views to keep, evenly spread; 0: all"),
-        Option("points", POINTS, "those of no views, of the kept views, of the dataset"),
+        Option("points", POINTS, "none, or those of the dataset"),
         Option("seeds", (0, 1), "of trainings"),
         Option("steps", 1000, "of each training"),
         Option("side", 480, "longest of the images, pixels"),

@@ -16,7 +16,7 @@ from gsut import Camera
 from gsut.evaluate.report import write_report
 from gsut.evaluate.scene_page import write_scene_page
 from gsut.run.folder import RunFile, RunFolder
-from gsut.sfm.report import calibration_page, page
+from gsut.sfm.report import page
 from gsut.surface import SurfaceView, build_surface_page
 
 ROOT = Path(__file__).parents[2]
@@ -91,28 +91,6 @@ def make_poses_page(folder, name, monkeypatch):
     return (folder / page.REPORT).read_text()
 
 
-def make_lens_page(folder, name, monkeypatch):
-    for part in ("_plot_arrows", "_plot_rings", "_find_turn"):
-        monkeypatch.setattr(calibration_page, part, lambda *_: "")
-    monkeypatch.setattr(calibration_page, "_measure_change", lambda *_: np.ones((2, 2)))
-    monkeypatch.setattr(calibration_page, "_make_region_rows", lambda *_: [])
-    monkeypatch.setattr(calibration_page, "_compute_residuals_before", lambda *_: np.zeros((1, 2)))
-    solution = SimpleNamespace(
-        residuals=np.zeros((1, 2)), pixels=np.zeros((1, 2)), field_angles=np.zeros(1)
-    )
-    found = SimpleNamespace(solution=solution, before=None, reach=1.0)
-    numbers = dict.fromkeys(
-        ("images", "images_total", "points", "observations", "rms_2d_px", "rms_axis_px",
-         "median_px", "held_out_before_px", "held_out_after_px", "held_out_observations",
-         "valid_angle_degrees", "lens_domain_degrees", "seconds"), 1.0,
-    )  # fmt: skip
-    row = {"name": name, "before": 1.0, "after": 1.0, "sigma": 1.0}
-    values = {"lens": name, "notes": [name], "params": [row], "uncertainty_px": {name: 1.0}}
-    size = SimpleNamespace(width=4, height=3)
-    made = calibration_page.write_page(folder, found, size, np.ones((2, 2)), numbers | values)
-    return made.read_text()
-
-
 def make_surface_page(folder, name, monkeypatch):
     camera = Camera("pinhole", [4, 4, 2, 2], 4, 4)
     image, depth = np.zeros((4, 4, 3), np.uint8), np.ones((4, 4))
@@ -150,7 +128,7 @@ def make_boards_page(folder, name, monkeypatch):
 
 
 PAGES = (
-    make_training_page, make_scene_page, make_poses_page, make_lens_page, make_surface_page,
+    make_training_page, make_scene_page, make_poses_page, make_surface_page,
     make_boards_page,
 )  # fmt: skip
 

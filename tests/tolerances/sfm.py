@@ -33,8 +33,6 @@ REFINED_LENS_SIGMAS = 4.0
 # Root mean square of such errors over 16 draws; statistical: k1 to k4 hang together, so that about
 # 60 of the 128 are independent; found 1.11
 REFINED_SIGMA_RATIO = (0.75, 1.3)
-# Of the noise: the median residual of a fit by Cauchy's loss is too small; found 8 to 13 % low
-REFINED_NOISE_RELATIVE = 0.16
 # Every lens: 300 points, 5 frames 256 pixels wide, 0.1 px of noise; opencv12 and 14 are the worst.
 SFM_EVERY_LENS_ATE_PERCENT = 0.22  # of the path's extent; worst 0.11
 SFM_EVERY_LENS_DEGREES = 0.65  # largest of an image; worst 0.325
@@ -42,14 +40,7 @@ SFM_EVERY_LENS_SCALE_PERCENT = 0.54  # of the lengths that a rig gives; worst 0.
 # An image 96 pixels wide of 800 Gaussians, in 8 bits; narrow lenses are the worst.
 LOCALIZE_EVERY_LENS_DEGREES = 0.14  # worst 0.0708
 LOCALIZE_EVERY_LENS_UNITS = 2.5e-3  # worst 1.27e-3
-# Relative errors of distances of triangulated points, 16 fisheye images of 160 px
-POINTS_MEDIAN_RELATIVE = 0.014  # worst 0.0072
-POINTS_NINETY_RELATIVE = 0.087  # of nine tenths; worst 0.044
-POINTS_DENSE_MEDIAN_RELATIVE = 0.036  # of pixels followed by flow; worst 0.019
-POINTS_SPONZA_MEDIAN_RELATIVE = 0.025  # 10 images of 480 px, hidden points too; worst 0.013
-POINTS_FAR_METRES = 2.5e-8  # triangulated 5.4e6 m from the origin; worst 1.3e-8
-POINTS_ROLLING = 1e-12  # units, exact pixels of a rolling shutter; worst 1.4e-14
-POINTS_COLOUR_LEVELS = 12.0  # of 255, median, points off by 1 cm; worst 6
+POINTS_COLOUR_LEVELS = 12.0  # of 255, median, points of sponza_fisheye by eight views; worst 0
 POSITIONS_FIT = 1e-8  # metres, of coordinates of 5e6: a double steps by 1e-9 there; worst 1e-9
 GEODETIC_METRES = 0.005  # metres at 111 m: the earth's curve is 1 mm there; worst 1.0e-3
 SFM_READOUT_SHORT = 0.03  # share, a time from noisy flow with its reliability

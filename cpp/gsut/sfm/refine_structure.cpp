@@ -1,4 +1,4 @@
-// Triangulates along given poses and adjusts poses, points and lenses in tightening rounds.
+// Triangulates along roughly right poses and adjusts poses, points and lenses in tightening rounds.
 #include "gsut/sfm/refine_structure.h"
 
 #include <algorithm>
@@ -182,34 +182,6 @@ Structure RefineStructure(const std::vector<Camera>& cameras,
   result.initial_first = 0;
   result.initial_second = farthest;
   return result;
-}
-
-Structure TriangulateStructure(const std::vector<Camera>& cameras,
-                               const std::vector<ImageFeatures>& images,
-                               std::span<const VerifiedPair> pairs,
-                               const std::vector<Pose>& camera_from_world,
-                               const std::vector<Velocity>& velocities,
-                               const StructureOptions& options,
-                               const std::function<bool(const StructureProgress&)>& on_progress) {
-  Check(cameras, images, camera_from_world);
-  if (!velocities.empty() && velocities.size() != images.size()) {
-    throw InputError("velocities must be empty or one an image");
-  }
-  SceneMap map(cameras, images, pairs, options);
-  for (int image = 0; image < map.num_images(); ++image) {
-    map.Register(image, camera_from_world[image],
-                 velocities.empty() ? Velocity::Zero() : velocities[image]);
-  }
-  const auto report = [&](const char* step) { ReportProgress(map, step, on_progress); };
-  map.Complete(-1);
-  map.Filter(options.max_error);
-  report("triangulation");
-  for (int i = 0; i < options.extend_rounds && HasDescriptors(images); ++i) {
-    map.Extend();
-    map.Filter(options.max_error);
-    report("longer tracks");
-  }
-  return map.Result(false);
 }
 
 }  // namespace gsut

@@ -30,17 +30,4 @@ Structure RefineStructure(const std::vector<Camera>& cameras,
                           const StructureOptions& options,
                           const std::function<bool(const StructureProgress&)>& on_progress);
 
-// Points alone: tracks are triangulated along poses that stay as they are, and extended where
-// images have descriptors and the options say so. Args: as for RefineStructure; velocities: of
-// rolling shutters (options.shutter), one an image, or
-//   empty.
-// Throws InputError as RefineStructure does.
-Structure TriangulateStructure(const std::vector<Camera>& cameras,
-                               const std::vector<ImageFeatures>& images,
-                               std::span<const VerifiedPair> pairs,
-                               const std::vector<Pose>& camera_from_world,
-                               const std::vector<Velocity>& velocities,
-                               const StructureOptions& options,
-                               const std::function<bool(const StructureProgress&)>& on_progress);
-
 }  // namespace gsut

@@ -143,12 +143,12 @@ def check_points(scene: Scene) -> Iterator[Finding]:
     if count == 0:
         yield warn(
             "there are no points",
-            "training starts from random ones and needs more steps: `gsut points` triangulates"
-            " them with these poses",
+            "training starts by stereo, or from random ones; `gsut depth` gives a cloud with these"
+            " poses",
         )
         return
     if count < _FEW_POINTS:
-        yield warn(f"only {count} points", "`gsut points` triangulates more")
+        yield warn(f"only {count} points", "`gsut depth` gives a denser cloud")
     if not has_colors(scene):
         yield inform(UNCOLORED)
     seen = _find_seen_points(scene)

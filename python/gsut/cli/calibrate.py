@@ -1,7 +1,4 @@
-"""`gsut calibrate`: has calib/ solve for a lens from photographs of a board.
-
-`--from-dataset` needs no board; gsut.sfm does it.
-"""
+"""`gsut calibrate`: has calib/ solve for a lens from photographs of a board."""
 
 from __future__ import annotations
 
@@ -18,9 +15,7 @@ from types import ModuleType
 from gsut._core import InputError
 from gsut.cli._flags import add_json, add_quiet, finite, print_json
 from gsut.files import check_regular
-from gsut.lens.files import OWN_SUFFIX
 from gsut.output_folder import claim_folder
-from gsut.run import Progress
 from gsut.run.options import add_rare_option
 
 HELP = "photographs of a chessboard to a lens file"
@@ -47,12 +42,6 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "images", metavar="IMAGES", nargs="*", help="photographs of the board, or folders of them"
-    )
-    parser.add_argument(
-        "--from-dataset",
-        metavar="DATA",
-        help="instead of a board: a data set with images, poses and a lens that is roughly right; "
-        "lens and poses are refined together",
     )
     parser.add_argument(
         "--board",
@@ -95,8 +84,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="lens file, .cameramodel (mrcal), .yaml (OpenCV), .txt (OCamCalib) or *matlab*.json "
         "(MATLAB); a rig's cameras get "
         "LENS-NAME; report.html, report.json, corners.vnl and the folder corners are written "
-        "beside it, and replace older ones; with --from-dataset report.json and the folder "
-        "LENS-dataset",
+        "beside it, and replace older ones",
     )
     add_quiet(parser)
     add_json(parser)
@@ -108,17 +96,17 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    out, make = Path(arguments.out), _from_dataset if arguments.from_dataset else _from_boards
-    writes = (out.name, _REPORT, "report.html", "corners", "corners.vnl", f"{out.stem}-dataset")
+    out = Path(arguments.out)
+    writes = (out.name, _REPORT, "report.html", "corners", "corners.vnl")
     with claim_folder(out.parent, "calibrate", writes=writes):
-        status = make(arguments)
-    if arguments.json and status == 0:
-        print_json(json.loads((Path(arguments.out).parent / _REPORT).read_text(encoding="utf-8")))
-    return status
+        _calibrate(arguments)
+    if arguments.json:
+        print_json(json.loads((out.parent / _REPORT).read_text(encoding="utf-8")))
+    return 0
 
 
-def _from_boards(arguments: argparse.Namespace) -> int:
-    """Runs calib on the arguments; returns its exit status.
+def _calibrate(arguments: argparse.Namespace) -> None:
+    """Runs calib on the arguments.
 
     Raises:
         InputError: a flag or image is missing, the photographs do not serve, or calib/ is not
@@ -129,7 +117,7 @@ def _from_boards(arguments: argparse.Namespace) -> int:
             what = "photographs" if name == "images" else f"--{name}"
             raise InputError(
                 f"{what} missing: give photographs of a chessboard with --board COLUMNSxROWS and "
-                "--spacing METRES, or --from-dataset DATA"
+                "--spacing METRES. Without a board `gsut poses --unknown-lens` finds the lens"
             )
     calib = _import_calib()
     job = calib.Job(
@@ -147,25 +135,6 @@ def _from_boards(arguments: argparse.Namespace) -> int:
     _print_notes(result.notes)
     if not (arguments.quiet or arguments.json):
         print("\n".join(result.summarize()))
-    return 0
-
-
-def _from_dataset(arguments: argparse.Namespace) -> int:
-    """Refines; a lens that mrcal lacks is written again by calib, as the nearest it has."""
-    given = [name for name in ("board", "spacing", "rig") if getattr(arguments, name)]
-    if arguments.images or given:
-        what = f"--{given[0]}" if given else "photographs of a board"
-        raise InputError(f"--from-dataset needs no board; leave out {what}")
-    from gsut.sfm import calibrate_from_dataset
-
-    out = Path(arguments.out)
-    with Progress(not arguments.quiet) as bars:
-        done = calibrate_from_dataset(arguments.from_dataset, out, bars.show, bars.note)
-    if not (arguments.quiet or arguments.json):
-        print("\n".join(done.summary))
-    if done.lens != out and not done.lens.name.endswith(OWN_SUFFIX):
-        _print_notes(_import_calib().write_nearest_splined(done.lens, out))
-    return 0
 
 
 def _import_calib() -> ModuleType:

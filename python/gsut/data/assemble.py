@@ -12,7 +12,7 @@ from gsut._core import InputError
 from gsut.data.errors import DatasetError, OnError, list_some, raise_error
 from gsut.data.images import IMAGE_SUFFIXES, read_header
 from gsut.data.listing import Frame, Listing
-from gsut.data.points import TRIANGULATED, find_usable_points
+from gsut.data.points import find_usable_points
 from gsut.data.poses import invert_pose
 from gsut.data.scene import TEST_EVERY, Scene, View, split_views
 from gsut.lens import Camera
@@ -39,7 +39,6 @@ def assemble(
     Raises:
         DatasetError: no frame is left, an image has a wrong size, points are not finite.
     """
-    _take_triangulated(listing, on_error)
     notes = list(listing.notes)
     total = len(listing.frames) + len(listing.missing)
     if listing.missing and listing.frames:
@@ -80,18 +79,6 @@ def assemble(
     )  # fmt: skip
     centred.__dict__["centred"] = centred
     return centred.move_origin((0.0, 0.0, 0.0))
-
-
-def _take_triangulated(listing: Listing, on_error: OnError) -> None:
-    """Gives a listing without points those of `gsut points`, if they lie beside it."""
-    path = listing.path / TRIANGULATED
-    if len(listing.points) or not path.is_file():
-        return
-    try:
-        listing.take_points(path)
-        listing.notes.append(f"{path}: the points of `gsut points` are used: there are no others")
-    except InputError as error:
-        on_error(error)
 
 
 def _note_masks(listing: Listing, frames: list[Frame], on_error: OnError) -> Iterator[str]:

@@ -3,8 +3,7 @@
 from gsut.sfm.mapping import PosesLog
 from gsut.sfm.photographs import FOLDER, PosesOptions, add_lens_readout, check_lens
 from gsut.sfm.pipeline import PosesResult, find_poses, read_finished
-from gsut.sfm.points import TriangulatedPoints, triangulate
-from gsut.sfm.report import DatasetCalibration, calibrate_from_dataset, is_finished
+from gsut.sfm.report import is_finished
 from gsut.sfm.world import (
     PoseErrors,
     compare_datasets,
@@ -15,14 +14,11 @@ from gsut.sfm.world import (
 
 __all__ = [
     "FOLDER",
-    "DatasetCalibration",
     "PoseErrors",
     "PosesLog",
     "PosesOptions",
     "PosesResult",
-    "TriangulatedPoints",
     "add_lens_readout",
-    "calibrate_from_dataset",
     "check_lens",
     "compare_datasets",
     "compare_poses",
@@ -31,5 +27,4 @@ __all__ = [
     "is_finished",
     "read_finished",
     "read_positions",
-    "triangulate",
 ]

@@ -19,7 +19,6 @@ COMMANDS = {
     "eval": ("eval RUN", "gsut.evaluate", "evaluate"),
     "localize": ("localize DATA/images/000.png --run RUN", "gsut.refine", "localize"),
     "depth": ("depth DATA -o OUT", "gsut.surface.stereo", "find_depth_maps"),
-    "points": ("points DATA -o OUT.ply", "gsut.sfm", "triangulate"),
 }
 
 

@@ -25,7 +25,6 @@ def test_folder_that_is_named_like_a_file_is_refused(command, name, tmp_path, mo
         ("compact in.ply --keep 0.5 -o k.gif", "give a name ending in .ply"),
         ("convert in.ply k.gif", "no format to write has this suffix"),
         ("edit in.ply -o k.gif", "no format to write has this suffix"),
-        ("calibrate --from-dataset DATA -o k.gif", "the lens' file name must end in"),
     ],
 )
 def test_file_of_another_kind_is_refused(words, said, tmp_path, monkeypatch, capsys):

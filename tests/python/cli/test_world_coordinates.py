@@ -167,14 +167,10 @@ def test_mesh_and_cut_scene_lie_where_the_points_do(case, tmp_path):
     assert np.abs(cut.means + cut.origin - middle).max() < 0.3 + tolerances.FORMATS_IN_PLACE
 
 
-def test_coloured_points_and_each_layout_keep_the_place(case, tmp_path):
+def test_each_layout_keeps_the_place(case, tmp_path):
     _, data, _ = case
     scene = gsut.load_dataset(data, test_every=0)
-    cloud = tmp_path / "cloud.ply"
-    words = ["--colour", str(data / "points3D.ply"), "-o", str(cloud), "--quiet"]
-    assert main(["points", str(data), *words]) == 0
     atol = tolerances.DATA_UTM_POSITION
-    np.testing.assert_allclose(load_points_ply(cloud)[0], scene.points, rtol=0, atol=atol)
     for layout in list_writable_layouts():
         out = tmp_path / layout
         assert main(["data", "convert", str(data), str(out), "--to", layout, "--link"]) == 0

@@ -3,7 +3,6 @@
 from gsut.data.points.colors import UNCOLORED, color_points, find_seen_points, has_colors
 from gsut.data.points.ply import (
     NO_COLOR,
-    TRIANGULATED,
     find_usable_points,
     format_points_ply,
     load_points_ply,
@@ -11,7 +10,6 @@ from gsut.data.points.ply import (
 
 __all__ = [
     "NO_COLOR",
-    "TRIANGULATED",
     "UNCOLORED",
     "color_points",
     "find_seen_points",

@@ -9,7 +9,6 @@ import numpy as np
 from gsut import _core
 from gsut.data.poses import FARTHEST
 
-TRIANGULATED = "triangulated.ply"  # of `gsut points`; read where a dataset names no points
 NO_COLOR = 128  # of points without one
 _AXES = ("x", "y", "z")
 _COLORS = ("red", "green", "blue")

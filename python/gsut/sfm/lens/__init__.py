@@ -11,12 +11,10 @@ from gsut.sfm.lens.covariance import (
 from gsut.sfm.lens.critical_motion import TURNED
 from gsut.sfm.lens.doubt import compare_lens, describe_doubt, judge_lens
 from gsut.sfm.lens.elimination import eliminate_by_windows, eliminate_points
-from gsut.sfm.lens.refinement import RefinedLens, refine_lens
 from gsut.sfm.lens.zooms import describe_zooms, find_zooms, index_points, join_points
 
 __all__ = [
     "TURNED",
-    "RefinedLens",
     "compare_lens",
     "describe_doubt",
     "describe_zooms",
@@ -30,7 +28,6 @@ __all__ = [
     "index_points",
     "join_points",
     "judge_lens",
-    "refine_lens",
     "search_lenses",
     "spread_free_parameters",
 ]

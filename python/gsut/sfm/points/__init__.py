@@ -1,4 +1,4 @@
-"""Points seen by photographs whose poses are known, and how well their rays meet."""
+"""How well the rays of photographs whose poses are known meet."""
 
 from gsut.sfm.points.bearing_points import BearingPoints
 from gsut.sfm.points.epipolar import (
@@ -7,14 +7,11 @@ from gsut.sfm.points.epipolar import (
     measure_angular_errors,
     measure_pixels_per_radian,
 )
-from gsut.sfm.points.triangulation import TriangulatedPoints, triangulate
 
 __all__ = [
     "BearingPoints",
-    "TriangulatedPoints",
     "compute_readout_poses",
     "find_readout_moments",
     "measure_angular_errors",
     "measure_pixels_per_radian",
-    "triangulate",
 ]
