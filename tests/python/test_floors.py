@@ -19,7 +19,7 @@ FLOORS = {
     **dict.fromkeys(("capture", "sfm", "evaluate", "compact", "surface", "lifting"), 3),
     **dict.fromkeys(("refine", "check", "demo"), 4),
     "training": 5,
-    **dict.fromkeys(("train", "blocks", "view"), 6),
+    **dict.fromkeys(("train", "blocks", "view", "scene_folder"), 6),
     **dict.fromkeys(("scene", "poses", "edit", "loop", "rendering", "machine"), 7),
     **dict.fromkeys(("__init__", "cli"), 8),
     **dict.fromkeys(("__main__", "torch"), 9),
