@@ -152,7 +152,7 @@ def test_render_refuses_z_beyond_ninety_degrees_and_depths_of_a_film(tmp_path, c
     assert "a film has no depths" in capsys.readouterr().err
     words = ["render", str(run), "--frames", "1", "-o", str(tmp_path / "two")]
     assert main([*words, "--depth", "ray", "--depth-unit", "1e-6"]) == 0
-    assert "larger --set depth_unit" in capsys.readouterr().err
+    assert "larger --depth-unit" in capsys.readouterr().err
 
 
 def test_mesh_writes_a_grid_in_the_datasets_coordinates(tmp_path, capsys):
