@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import os
 from collections.abc import Callable, Iterable
 
 import numpy as np
@@ -14,6 +15,17 @@ from gsut import _core
 # A panorama of few pixels has tiles that span a hemisphere, which the tiled path refuses; images
 # that reach beyond this angle from the axis (radians) get three times the pixels.
 _PANORAMA_ANGLE = 2.0
+# One lens of each family: perspective, fisheye by a polynomial, rational, panorama, splined, and
+# without one centre. Formulas, domains and files of all lenses are tested in lens/.
+FAMILIES = (
+    *("pinhole", "kannala_brandt", "opencv8", "equirectangular", "splined_stereographic"),
+    "cahvore",
+)
+
+
+def list_models() -> list[str]:
+    """Lists the lenses for loops over renders and commands: FAMILIES, all with GSUT_EVERY_LENS."""
+    return list(gsut.lens.camera_models() if os.environ.get("GSUT_EVERY_LENS") else FAMILIES)
 
 
 @functools.cache
@@ -35,10 +47,10 @@ def small_camera(model: str, example: int = 0, width: int = 48) -> gsut.Camera:
 
 
 def every_lens(width: int = 48) -> list[tuple[str, gsut.Camera]]:
-    """(name, small camera) of each example of each central lens that this build has."""
+    """(name, small camera) of each example of each central lens of `list_models`."""
     cameras = [
         (f"{model}[{example}]", small_camera(model, example, width))
-        for model in gsut.lens.camera_models()
+        for model in list_models()
         for example in range(len(_core.camera_examples(model)))
     ]
     return [(name, camera) for name, camera in cameras if camera.is_central]

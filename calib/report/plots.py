@@ -14,6 +14,7 @@ from gsut.page import Chart, ImageChart, Style, paint_values, plot_map, plot_res
 
 _SIGMA_RANGE = (0.02, 20.0)  # pixels: ends of the colour scale of the uncertainty
 _HALVES_RANGE = (1e-3, 1.0)  # degrees: ends of the colour scale of the difference of two lenses
+_DOT = 5  # half pixels of a chart: side of a corner's dot
 _RING_DEGREES = 5.0  # width of the rings of field angle
 _BLUE = Style.SERIES[0]  # of residuals
 _RED = Style.SERIES[1]  # of outliers and means
@@ -62,7 +63,7 @@ def _draw_angles(camera: CameraSolution, trust: Trust, board: Board) -> Chart:
         (0.0, 1.05 * max(float(length.max()), 1e-9)),
     )  # fmt: skip
     blue = np.tile(np.frombuffer(bytes.fromhex(_BLUE[1:]), np.uint8), (len(degrees), 1))
-    chart.draw_points(degrees, length, blue)
+    chart.draw_points(degrees, length, blue, _DOT)
     edges = np.arange(0, degrees.max() + _RING_DEGREES, _RING_DEGREES)
     for start, end in itertools.pairwise(edges):
         ring = (degrees >= start) & (degrees < end)
@@ -84,7 +85,7 @@ def _draw_coverage(
     chart = ImageChart(title, size)
     most = max(float(degrees.max()), 1e-9)
     colors = paint_values(degrees[None] / most, cv2.COLORMAP_VIRIDIS)[0]
-    chart.draw_points(*(camera.corners[good] + PIXEL_SHIFT).T, colors)
+    chart.draw_points(*(camera.corners[good] + PIXEL_SHIFT).T, colors, _DOT)
     chart.draw_scale(cv2.COLORMAP_VIRIDIS, "degrees from the axis", (0.0, most))
     return chart
 

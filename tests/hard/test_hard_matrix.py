@@ -76,6 +76,12 @@ def mirrored(rng):
 def beyond_180_degrees(rng):
     for degrees in (270.0, 350.0):
         yield in_view(rng, fisheye(80, degrees=degrees), 60)
+    # Centres within a tenth of the camera's plane.
+    for camera in (pinhole(40), fisheye(112, degrees=350)):
+        g = gaussians_in_view(rng, fisheye(112, degrees=350), np.eye(4), 80, opacity=-1.0)
+        g.means[:, 2] = 0.1 * rng.normal(size=80)
+        g.log_scales[:] = np.log(rng.uniform(0.05, 0.6, (80, 3)))
+        yield Scene(g, camera)
 
 
 def folded(rng):
@@ -207,7 +213,7 @@ CASES = {
     2: (points_outside_the_domain, 2),
     3: (around_the_camera, 6),
     4: (mirrored, 2),
-    5: (beyond_180_degrees, 2),
+    5: (beyond_180_degrees, 4),
     6: (folded, 2),
     7: (with_a_pole, 1),
     8: (without_a_ray, 2),

