@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.cli._flags import add_json, add_moved_data, add_quiet, finite, print_json
+from gsut.cli._flags import add_json, add_moved_data, finite, print_json
 from gsut.cli.convert import find_scene_file
 from gsut.files import refuse_existing
 
@@ -86,7 +86,6 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "shift and scale are taken back, into the coordinates of transforms.json",
     )  # fmt: skip
     add_moved_data(parser)
-    add_quiet(parser)
     add_json(parser)
 
 
@@ -145,7 +144,7 @@ def run(arguments: argparse.Namespace) -> int:
     }
     if arguments.json:
         print_json(figures)
-    elif not arguments.quiet:
+    else:
         _print_summary(figures)
     return 0
 
@@ -242,7 +241,7 @@ def _remove_unsupported(arguments: argparse.Namespace, source: str, gaussians: A
         arguments, source, "give a run for --floaters and --unseen"
     )
     rows = scene.train_indices
-    with Progress(not arguments.quiet) as bars:
+    with Progress(not arguments.json) as bars:
         support = find_support(
             scene, gaussians, rows, background=options.background, light=read_light(run, scene),
             on_view=lambda done: bars.show("photographs", done, len(rows)),

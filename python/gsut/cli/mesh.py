@@ -14,7 +14,6 @@ from gsut._core import InputError
 from gsut.cli._flags import (
     Number,
     add_json,
-    add_memory,
     add_quiet,
     add_run,
     count,
@@ -83,7 +82,6 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "squares and, in N rounds, vertices along their normals; 0: colours only",
     )  # fmt: skip
     _add_pages(parser)
-    add_memory(parser)
     parser.add_argument(
         "--threads", type=Number(0, whole=True), default=0, metavar="N", help="[default 0: all]"
     )
@@ -184,9 +182,7 @@ def run(arguments: argparse.Namespace) -> int:
     to_grid = _is_grid(arguments)
     _core.set_num_threads(arguments.threads)
     began = time.perf_counter()
-    options, scene, gaussians = open_trained(
-        RunFolder.open(arguments.folder), arguments.data, arguments.memory
-    )
+    options, scene, gaussians = open_trained(RunFolder.open(arguments.folder), arguments.data)
     settings = MeshOptions(
         voxel=arguments.voxel,
         support=arguments.support,

@@ -11,7 +11,7 @@ import webbrowser
 from typing import Any, TextIO
 
 from gsut._core import InputError
-from gsut.cli._flags import add_json, add_memory, add_moved_data, print_json
+from gsut.cli._flags import add_json, add_moved_data, print_json
 
 HELP = "walk through a scene in the browser"
 DESCRIPTION = (
@@ -24,7 +24,6 @@ _LAST_PORT = 65535
 def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scene", metavar="RUN|FILE.ply|DATA", help="what to look at")
     add_moved_data(parser)
-    add_memory(parser)
     add_serve(parser)
     add_json(parser)
 
@@ -65,7 +64,7 @@ def open_server(routes: dict[str, Any], address: tuple[str, int] | None, file: T
 def run(arguments: argparse.Namespace) -> int:
     from gsut.view import Session, open_stage
 
-    stage = open_stage(arguments.scene, arguments.data, arguments.memory)
+    stage = open_stage(arguments.scene, arguments.data)
     for note in () if stage.scene is None else stage.scene.notes:
         print(f"gsut: note: {note}", file=sys.stderr)
     told = sys.stderr if arguments.json else sys.stdout

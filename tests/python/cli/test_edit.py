@@ -93,7 +93,7 @@ def test_edit_leaves_floaters_out_of_a_run(run, monkeypatch, capsys):
         return SimpleNamespace(unseen=marks < 100, contradicted=marks % 2 == 0)
 
     monkeypatch.setattr(importlib.import_module("gsut.compact"), "find_support", find_support)
-    found, figures = edited(capsys, "run", "--floaters", "--unseen", "--quiet")
+    found, figures = edited(capsys, "run", "--floaters", "--unseen")
     assert asked == [(1, 2, 4, 5)]  # the training photographs
     assert figures["floaters"] == 100 + (1234 - 100) // 2
     assert len(found) == 1234 - figures["floaters"]
