@@ -22,8 +22,8 @@ import synthetic_boards
 from formats.scene_cases import plain_scene
 from gsut import formats
 from gsut.cli import main
-from gsut.demo import make_demo_rig
 from gsut.lens import convert_camera
+from lab.demo_tracer import make_demo_rig
 from random_scenes import pinhole
 
 STEPS = "20"

@@ -13,8 +13,8 @@ import numpy as np
 
 import gsut
 from gsut.blocks.layout import Layout
-from gsut.demo import make_demo_scene
 from gsut.gaussians import SH_C0
+from lab.demo_tracer import make_demo_scene
 from tests.bench.commands import train
 from tests.bench.harness import HALL, Benchmark, Column, Option, Row, Settings
 

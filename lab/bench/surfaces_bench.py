@@ -15,15 +15,15 @@ import numpy as np
 import gsut
 from gsut import _core
 from gsut.data import Scene
-from gsut.demo import make_demo_scene
-from gsut.demo.hall import make_hall
-from gsut.demo.hall_mesh import build_hall_mesh
-from gsut.demo.tracing import Tracer
 from gsut.metrics import RING_EDGES_DEGREES
 from gsut.render import compute_field_angles
 from gsut.surface import MeshOptions, extract_mesh, judge_geometry, save_mesh
 from gsut.surface.rays import cast_world_rays
 from gsut.surface.worth import judge_depth
+from lab.demo_tracer import make_demo_scene
+from lab.demo_tracer.hall import make_hall
+from lab.demo_tracer.hall_mesh import build_hall_mesh
+from lab.demo_tracer.tracing import Tracer
 from tests.bench.harness import HALL, Benchmark, Column, Option, Row, Settings
 from tests.bench.walk_film import Film, plan_walk, trace_frames
 

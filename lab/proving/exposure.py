@@ -9,7 +9,7 @@ import math
 import cv2
 import numpy as np
 
-from gsut.demo.texture import to_srgb
+from lab.demo_tracer.texture import to_srgb
 
 _EARTH = 6_371_000.0  # radius in metres
 _LATITUDE, _LONGITUDE = 48.1, 11.6  # of the world's origin, degrees

@@ -7,8 +7,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from gsut.demo import pictures, surfaces
-from gsut.demo.texture import finish_picture, make_noise
+from lab.demo_tracer import pictures, surfaces
+from lab.demo_tracer.texture import finish_picture, make_noise
 from lab.proving.world import Material
 
 _GLOSS = 0.05  # reflectance of varnish and glazed tiles at normal incidence

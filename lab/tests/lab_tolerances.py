@@ -7,3 +7,13 @@ PROVING_SAME_VIEW = 0.9  # least share of right detail of a view from the same p
 PROVING_SAME_LENS = 1e-6  # pixels between a lens and itself turned; worst 1e-10
 PROVING_GAIN = 0.01  # stops, of a picture that is doubled; worst 0.000
 BENCH_SPLIT_SHARE = 0.05  # of the volume of a tenth: random scales of 2000 Gaussians; worst 0.01
+DEMO_ROTATION = 1e-15  # a rotation times its transpose in double, a few eps; worst 3.4e-16
+DEMO_POINT_MEDIAN = 0.016  # metres; perturbed by sigma 1 cm in each axis; worst 0.0082
+DEMO_POINT_FAR = 0.08  # metres, 99 % of the points: grazing rays stretch it; worst 0.043
+DEMO_POINT_COLOR_SHARE = 0.99  # of points within a pixel of their colour; worst 1
+DEMO_DEPTH = 6e-4  # metres: half a stored millimetre and float32 rays; worst 5.0e-4
+# grey levels of 255, median: 64-pixel images of finer textures; worst 9.7, unrelated pixels 38
+DEMO_VIEW_GREY_LEVELS = 12.0
+DEMO_SHARP_VIEW_GREY_LEVELS = 20.0  # the same with pixels of 5 cm; worst 15.3, unrelated ones 45
+DEMO_SURFACE = 1e-5  # metres; squares of 4 m in float32, grazing rays; worst 4.3e-6
+HALL_MESH = 5e-3  # metres: circles of 64 sides at a slant

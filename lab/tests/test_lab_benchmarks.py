@@ -6,9 +6,9 @@ import pytest
 import lab_tolerances
 import tolerances
 from gsut import _core
-from gsut.demo import make_demo_scene
 from lab.bench.__main__ import PACKAGES
 from lab.bench.formats_bench import split_gaussians
+from lab.demo_tracer import make_demo_scene
 from rendered_dataset import truth
 from tests.bench.__main__ import load_benchmark
 from tests.bench.harness import HALL, measure_rows

@@ -4,7 +4,7 @@ from collections import Counter
 
 import pytest
 
-from gsut.demo import make_demo_scene
+from lab.demo_tracer import make_demo_scene
 from lab.mistakes import MISTAKES, NAMED, SAID, judge
 
 # Not to be told apart from other mistakes: said to be wrong without a name.

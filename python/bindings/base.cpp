@@ -4,35 +4,11 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
-#include <algorithm>
-
-#include "bindings/arrays.h"
 #include "bindings/module.h"
 #include "gsut/base/isa.h"
-#include "gsut/base/loop_trace.h"
 #include "gsut/base/parallel.h"
 
 namespace gsut::bindings {
-namespace {
-
-// One row a loop. Loops within a chunk of another one count as that chunk's, and a loop of a single
-// chunk as the code around it: neither has a row.
-pybind11::array_t<double> TakeLoops() {
-  const std::vector<TracedLoop> loops = TakeTracedLoops();
-  auto rows = NewArray<double>({static_cast<pybind11::ssize_t>(loops.size()), 8});
-  double* row = rows.mutable_data();
-  for (const TracedLoop& loop : loops) {
-    *row++ = loop.begin;
-    *row++ = loop.end;
-    *row++ = loop.longest;
-    *row++ = static_cast<double>(loop.chunks);
-    row = std::copy(loop.seconds.begin(), loop.seconds.end(), row);
-  }
-  return rows;
-}
-
-}  // namespace
-
 // Settings of the whole process, read by the core at its next parallel loop or kernel. Forcing an
 // instruction set is for tests and timings: each gives the same image within rounding.
 void BindBase(pybind11::module_& m) {
@@ -51,21 +27,6 @@ The number of threads of all parallel loops.
 
 Returns:
     int, at least 1.
-)doc");
-  // For ./run bench cores. Tracing changes which thread runs a chunk and in what order, which
-  // results do not depend on.
-  m.def("trace_loops", &TraceLoops, pybind11::arg("on"), R"doc(
-Turns the record of parallel loops on or off; while it is on, each runs on its calling thread alone.
-
-Args:
-    on: whether loops are recorded.
-)doc");
-  m.def("take_traced_loops", &TakeLoops, R"doc(
-The parallel loops recorded since the last call. Times are processor seconds of the calling thread.
-
-Returns:
-    (N, 8) float64: begin, end, longest chunk, number of chunks, and the seconds on 2, 4, 8 and 16
-    cores.
 )doc");
   // Names are Highway's targets; what a build has depends on the compiler and the processor.
   m.def("active_isa", &ActiveIsa, R"doc(

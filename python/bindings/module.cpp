@@ -36,7 +36,10 @@ pybind11::dict DescribeBuild() {
 PYBIND11_MODULE(_core, m) {
   using namespace gsut::bindings;  // NOLINT: the list below reads better without prefixes
   if (gsut::AvailableIsas().empty()) {
-    throw pybind11::import_error("gsut needs a processor with SSE4.2, as all since 2011 have");
+    throw pybind11::import_error(
+        "this gsut was compiled for processors with " + gsut::CompiledIsas().back() +
+        ", and this one lacks it; compile it here: delete build/ and run ./run setup, or set "
+        "GSUT_TARGETS=all for CMake, which needs SSE4.2, as all x86-64 since 2011 have");
   }
   m.doc() = "C++ core of gsut; use the names of the gsut package.";
   m.attr("__version__") = GSUT_VERSION;

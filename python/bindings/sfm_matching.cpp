@@ -21,7 +21,7 @@
 #include "gsut/sfm/match.h"
 #include "gsut/sfm/relative_pose.h"
 #include "gsut/sfm/structure_covariance.h"
-#include "gsut/sfm/subtract_blocks.h"
+#include "gsut/sfm/subtract_product.h"
 
 namespace gsut::bindings {
 namespace {
@@ -182,7 +182,7 @@ py::tuple AbsolutePoseOf(const ImageBearings& image, const py::object& features_
   return py::make_tuple(WritePose(found.camera_from_world), inliers);
 }
 
-// See gsut/sfm/subtract_blocks.h; target (N, N, D, D) is changed in place, blocks (P, L D, L D).
+// See gsut/sfm/subtract_product.h; target (N, N, D, D) is changed in place, blocks (P, L D, L D).
 void SubtractBlocksOf(const py::object& target, const py::object& images,
                       const py::object& blocks) {
   const auto seen_by = ReadArray<std::int64_t>(images, "images", {kAny, kAny});

@@ -8,6 +8,8 @@
 namespace gsut::bindings {
 namespace {
 
+// (H, W, 3) colours behind the open pixels of an image, from its alpha and the pixels that have a
+// ray; None where no pixel is open.
 py::object Surroundings(const py::object& image, const py::object& alpha, const py::object& valid) {
   const auto shares = ReadArray<float>(alpha, "alpha", {kAny, kAny});
   const std::int64_t height = shares.shape(0), width = shares.shape(1);

@@ -11,8 +11,8 @@ import gsut
 from gsut._core import InputError
 from gsut.data import Scene
 from gsut.data.scene import project_points, read_depth
-from gsut.demo import make_demo_scene
 from gsut.training import TrainingLoop
+from lab.demo_tracer import make_demo_scene
 from tests.bench.commands import run_gsut
 from tests.bench.harness import HALL, Benchmark, Column, Option, Row, Settings
 

@@ -121,9 +121,9 @@ class Settings:
     def find(self, name: str) -> Path | None:
         """Finds a dataset by name or path; None if it is not there."""
         if name == HALL:
-            from gsut.demo import make_demo_scene
+            from gsut.demo import write_demo_scene
 
-            return self.make(HALL, lambda path: make_demo_scene(path, progress=False))
+            return self.make(HALL, write_demo_scene)
         places = [Path(name)] if os.sep in name else []
         places += [self.data / name] if self.data else []
         return next((place for place in places if place.exists()), None)

@@ -11,13 +11,13 @@ import cv2
 import numpy as np
 
 import gsut
-from gsut.demo import make_demo_scene
-from gsut.demo.dataset import render_views
-from gsut.demo.hall import make_hall
-from gsut.demo.texture import to_linear, to_srgb
-from gsut.demo.views import plan_walk
 from gsut.evaluate import evaluate
 from gsut.render import Falloff, Light, compute_field_angles
+from lab.demo_tracer import make_demo_scene
+from lab.demo_tracer.dataset import render_views
+from lab.demo_tracer.hall import make_hall
+from lab.demo_tracer.texture import to_linear, to_srgb
+from lab.demo_tracer.views import plan_walk
 from tests.bench.harness import HALL, Benchmark, Column, Option, Row, Settings
 
 _EXPOSURE = 0.07  # standard deviation of log-gains, as of a phone's photographs

@@ -17,9 +17,9 @@ import numpy as np
 
 from gsut._core import num_threads
 from gsut.data.poses import invert_pose
-from gsut.demo.hall import make_hall
-from gsut.demo.tracing import Tracer
 from gsut.lens import Camera
+from lab.demo_tracer.hall import make_hall
+from lab.demo_tracer.tracing import Tracer
 from tests.python.small_videos import turn_by_quarter
 
 # World-from-camera poses (N, 4, 4) at times (N,) in seconds.

@@ -16,9 +16,9 @@ from pathlib import Path
 import numpy as np
 
 from gsut import _core
-from gsut.demo.views import make_camera
 from gsut.gaussians import pack_harmonics
 from gsut.lens import Camera
+from lab.demo_tracer.views import make_camera
 from tests.bench.accuracy import Truth, count_missed, errors_of, make_truth
 from tests.bench.harness import WRONG, Benchmark, Column, Option, Row, Settings
 from tests.bench.render_bench import IMAGE_RMS_BOUND

@@ -1,4 +1,4 @@
-"""Writes the pages of docs/ that come from the code, and the pictures of lenses that have none.
+"""Writes the pages of docs/ that come from the code.
 
 docs/demo.html, the demo's scene as a page for a release, stays out of the repository; it is made if
 `./run demo` has made the scene.
@@ -23,7 +23,7 @@ from api_pages import API_PAGES, NOTE
 from gsut.cli import build_parser
 from gsut.cli import main as gsut_main
 from gsut.run.options import show_every_option
-from lens_pictures import FOLDER, draw, seen_angle, widest_example
+from lens_examples import find_widest_example, measure_seen_angle
 
 ROOT = Path(__file__).resolve().parents[2]
 MODELS = ROOT / "cpp" / "gsut" / "cameras" / "models"
@@ -70,7 +70,7 @@ def oracle_of(model: str) -> str:
 
 def lens_section(model: str) -> str:
     (_, head), *blocks = comment_blocks(MODELS / f"{model}.h")
-    about, camera = widest_example(model)
+    about, camera = find_widest_example(model)
     out = [f"## {model}\n", f"{capitalised(head)}\n"]
     out.append(f"![The demo's hall through {model}](lenses/{model}.jpg)\n")
     out.append(f"Picture: {about}.\n")
@@ -81,8 +81,8 @@ def lens_section(model: str) -> str:
         out.append(f"```text\n{text}\n```\n" if is_formula else f"{text}\n")
     largest = np.degrees(camera.max_angle)
     out.append(
-        f"In the picture: `{camera.param_names}`, up to {np.degrees(seen_angle(camera)):.0f} "
-        f"degrees off-axis; one-to-one up to {largest:.0f}."
+        f"In the picture: `{camera.param_names}`, up to {measure_seen_angle(camera):.0f} degrees "
+        f"off-axis; one-to-one up to {largest:.0f}."
     )
     if oracle_of(model):
         out.append(f"Tested against: {oracle_of(model)}.")
@@ -172,7 +172,6 @@ def write_demo_page() -> None:
 
 
 def main() -> None:
-    draw([model for model in gsut.lens.camera_models() if not (FOLDER / f"{model}.jpg").is_file()])
     for name in PAGES:
         path = ROOT / "docs" / name
         path.parent.mkdir(exist_ok=True)

@@ -16,9 +16,9 @@ import pytest
 
 import gsut
 import tolerances
+from demo_hall import write_hall
 from generate import PAGES, ROOT, page
 from gsut.cli import build_parser, list_commands, main
-from gsut.demo import make_demo_scene
 from public_names import list_public_names
 from tests.bench.__main__ import build_parser as bench_parser
 
@@ -80,7 +80,7 @@ def commands(block: Block) -> list[list[str]]:
 def data(tmp_path_factory) -> Path:
     """A folder with what the pages name: DATA, a small dataset; RUN, trained on it; a lens file."""
     folder = tmp_path_factory.mktemp("docs")
-    make_demo_scene(folder / "DATA", views=8, test_views=2, size=48, progress=False)
+    write_hall(folder / "DATA", views=8, test_views=2, size=48)
     scene = gsut.load_dataset(folder / "DATA")
     options = gsut.TrainOptions(steps=20, max_gaussians=800)
     gsut.train(scene, options, out=folder / "RUN", progress=False)
@@ -224,7 +224,7 @@ def test_every_lens_has_a_picture_and_every_page_is_linked():
     pictures = {path.stem for path in (ROOT / "docs" / "lenses").glob("*.jpg")}
     assert set(gsut.lens.camera_models()) <= pictures, "./run docs draws them"
     readme = READMES[0].read_text()
-    pages = [path.name for path in PAGE_FILES if path.parent.name == "docs"]
+    pages = [path.name for path in PAGE_FILES if path.parent == ROOT / "docs"]
     assert [name for name in pages if f"docs/{name}" not in readme] == []
     assert len(readme.splitlines()) <= 90
 

@@ -26,17 +26,9 @@ def _pose(make, pose: np.ndarray):
     )
 
 
-def _drift(time: int) -> np.ndarray:
-    """The pose of odom in map: it slides evenly."""
-    pose = np.eye(4)
-    pose[:3, 3] = (time - made.START) / 1e9 * np.array([0.3, -0.1, 0.2]) + [1.0, 2.0, 3.0]
-    return pose
-
-
 def write_bag(path: Path, store: str, *, compressed: bool = False, static: bool = True,
               odometry: tuple[str, ...] = (POSES,), calibrated: bool = True,
-              tf: bool = False, camera: str = "/cam0", zooms: bool = False,
-              corrected: bool = False) -> Path:  # fmt: skip
+              camera: str = "/cam0", zooms: bool = False) -> Path:  # fmt: skip
     """One camera on a body at /cam0, its camera_info, and odometry of the body.
 
     Args:
@@ -46,10 +38,8 @@ def write_bag(path: Path, store: str, *, compressed: bool = False, static: bool 
         static: with /tf_static, which places the camera on the body.
         odometry: topics of it.
         calibrated: camera_info has a lens.
-        tf: with the body's poses in /tf.
         camera: topic above those of the pictures and camera_info.
         zooms: the focal length of the last camera_info is another.
-        corrected: /tf has odom between map and body, and moves it at times of its own.
     """
     import cv2
     from rosbags.rosbag1 import Writer as Writer1
@@ -115,16 +105,6 @@ def write_bag(path: Path, store: str, *, compressed: bool = False, static: bool 
                         binning_x=0, binning_y=0, roi=roi, **lens)  # fmt: skip
             write(f"{camera}/camera_info", info, time)
             body = made.world_from_body(time)
-            if tf:
-                moved = [transform(time, "map", "base", body)]
-                if corrected:
-                    later = time + made.STEP // 2
-                    map_from_odom, at_later = _drift(time), _drift(later)
-                    moved = [
-                        transform(time, "odom", "base", np.linalg.inv(map_from_odom) @ body),
-                        transform(later, "map", "odom", at_later),
-                    ]
-                write("/tf", make("tf2_msgs/msg/TFMessage", transforms=moved), time)
             place, speed, turn = _pose(make, body)
             pose = make("geometry_msgs/msg/Pose", position=place, orientation=turn)
             twist = make("geometry_msgs/msg/Twist", linear=speed, angular=speed)

@@ -20,10 +20,10 @@ PROJECTION_FLOAT_COVARIANCE = 2e-5
 PROJECTION_FLOAT_DEPTH = 3e-7  # relative: a square root of three squares, 2-3 ulp; worst 1.6e-7
 # Pixels, Gaussians of 0.02 degrees: second order of a fisheye, and float; worst 6.2e-5
 PROJECTION_METHODS_CENTER = 1.2e-4
-# The same of covariances, relative to the trace: of the outline's ellipse and of the linear one
+# The same of covariances, relative to the trace
 PROJECTION_METHODS_COVARIANCE = 1e-2
-# Pixels: boxes of outlines may be narrower than their ellipse by the second order
-PROJECTION_METHODS_BOX = 1e-2
+# Pixels: the same of extents
+PROJECTION_METHODS_EXTENT = 1e-2
 # second order: the perspective of a sphere, (scale / distance)^2 = 1e-4, and its curvature
 PROJECTION_SMALL_ANGLE = 1e-3
 # double against numpy, 60 terms; the inverse covariance has a condition up to 1e3; worst 1.4e-14
@@ -60,9 +60,6 @@ SHUTTER_LEAST_GAIN = 2.0
 # Share of the motion within a frame by which start and end poses from neighbours' velocities miss.
 # Central differences of a made sway, see the test; found 0.1415.
 READOUT_POSE_SHARE = 0.28
-# Standard errors of a million samples by which a quadrature may differ, of 160 comparisons; the
-# worst of as many normal numbers is 2.5 to 4.
-MONTE_CARLO_WORST_SCORE = 4.5
 TRAIN_LEAST_PSNR = 25.0  # dB after 100 steps; least over all instruction sets 32.8
 EWA_DISCS = 1e-6  # discs of a thousandth's thickness in place of an affine map; worst 3.2e-8
 EWA_FLOAT = 2e-5  # rms would be 1e-5; the largest of all pixels; worst 5e-7

@@ -11,7 +11,6 @@ MESH_FILE = 1e-6  # world units: float32 about zero; 9 digits
 MESH_OBJ_FAR = 1e-2  # 9 digits of 5.5e6
 MESH_COLORS = 3e-3  # 8 bits, 4 digits
 LINEAR_COLORS = 1e-5  # five digits of the expected values
-HALL_MESH = 5e-3  # metres: circles of 64 sides at a slant
 PLANE_DEPTH = 2e-3  # relative: discs of a thousandth's thickness, depths in millimetres
 DISTORTION = 1e-4  # relative L2: float sums of squares about the first distance
 DISTORTION_FAR = 1e-3  # of distances that differ by a thousandth

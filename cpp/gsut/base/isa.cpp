@@ -57,6 +57,15 @@ void ApplyEnvironmentOnce() {
   static_cast<void>(applied);
 }
 
+// A name may stand for several of Highway's targets, of which one is compiled in.
+std::vector<std::string> NamesOf(std::int64_t targets) {
+  std::vector<std::string> names;
+  for (const IsaName& isa : kIsaNames) {
+    if (targets & isa.targets) names.emplace_back(isa.name);
+  }
+  return names;
+}
+
 std::string& ForcedName() {
   static std::string name;
   return name;
@@ -64,14 +73,9 @@ std::string& ForcedName() {
 
 }  // namespace
 
-// A name may stand for several of Highway's targets, of which one is compiled in.
-std::vector<std::string> AvailableIsas() {
-  std::vector<std::string> names;
-  for (const IsaName& isa : kIsaNames) {
-    if (UsableTargets() & isa.targets) names.emplace_back(isa.name);
-  }
-  return names;
-}
+std::vector<std::string> AvailableIsas() { return NamesOf(UsableTargets()); }
+
+std::vector<std::string> CompiledIsas() { return NamesOf(HWY_TARGETS); }
 
 std::string ActiveIsa() {
   ApplyEnvironmentOnce();

@@ -11,6 +11,10 @@ namespace gsut {
 // among "avx512", "avx2", "sse4", "neon", "wasm", "scalar".
 std::vector<std::string> AvailableIsas();
 
+// Those this build has kernels for, best first, whatever the processor is; see GSUT_TARGETS in
+// CMakeLists.txt.
+std::vector<std::string> CompiledIsas();
+
 // The one in use: the best available, or the one named by GSUT_ISA or SetIsa.
 std::string ActiveIsa();
 

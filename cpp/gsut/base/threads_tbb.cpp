@@ -9,7 +9,6 @@
 #include <utility>
 #include <vector>
 
-#include "gsut/base/loop_trace.h"
 #include "gsut/base/threads.h"
 
 namespace gsut {
@@ -90,7 +89,6 @@ int CountThreads() { return CurrentThreads()->count(); }
 
 void RunChunks(std::int64_t chunks, bool nested,
                const std::function<void(std::int64_t)>& run_chunk) {
-  if (LoopsAreTraced() && !nested) return RunTraced(chunks, run_chunk);
   const std::shared_ptr<Threads> current = CurrentThreads();
   if (current->count() == 1) {  // one thread needs no arena
     for (std::int64_t chunk = 0; chunk < chunks; ++chunk) run_chunk(chunk);

@@ -95,14 +95,8 @@
 #include <vector>
 
 #include "gsut/cameras/fit_axis.h"
-#include "gsut/cameras/ftheta_map.h"
 #include "gsut/cameras/lens_checks.h"
 #include "gsut/cameras/lens_domain.h"
-#include "gsut/cameras/ocam_map.h"
-#include "gsut/cameras/odd_polynomial.h"
-#include "gsut/cameras/pinhole_map.h"
-#include "gsut/cameras/plane_chart.h"
-#include "gsut/cameras/pupil_chart.h"
-#include "gsut/cameras/radial_domain.h"
-#include "gsut/cameras/radial_tangential.h"
-#include "gsut/cameras/spline_map.h"
+#include "gsut/cameras/plane_inverses.h"
+#include "gsut/cameras/radial_inverses.h"
+#include "gsut/cameras/special_inverses.h"

@@ -25,15 +25,10 @@ struct FloatLens {
 struct LensBatch {
   const float *x, *y, *z;  // points in the camera frame
   float *u, *v;            // pixels
-  // Derivatives to x, y, z, for ProjectPointsJacobian only; unspecified where there is no pixel.
-  float *du[3], *dv[3];
 };
 
 // Projects `count` points, a multiple of 16, on this thread, with the active instruction set. Error
 // against Camera::Project: see LensKernelTest in tests/cpp/cameras_test.cpp.
 void ProjectPoints(const FloatLens& lens, int count, const LensBatch& batch);
-
-// The same with derivatives, exact but for rounding (forward mode).
-void ProjectPointsJacobian(const FloatLens& lens, int count, const LensBatch& batch);
 
 }  // namespace gsut

@@ -22,7 +22,7 @@ struct PointBlock {
   static constexpr int kPoints = 1024;  // 20 kB
   alignas(64) float x[kPoints], y[kPoints], z[kPoints], u[kPoints], v[kPoints];
 
-  LensBatch Batch() { return {x, y, z, u, v, {}, {}}; }
+  LensBatch Batch() { return {x, y, z, u, v}; }
 
   HWY_INLINE void Put(int vector, Lane px, Lane py, Lane pz) {
     const FloatTag d;

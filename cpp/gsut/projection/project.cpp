@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <string>
 #include <vector>
 
@@ -122,6 +123,30 @@ void ProjectReference(const GaussiansView<const double>& gaussians, const Camera
                      [&](std::int64_t i, const ScalarFootprint& footprint) {
                        WriteFootprint(footprint, i, means, covariances, valid);
                      });
+  });
+}
+
+// The covariance is summed axis by axis as the outer products of J (s_k q_k).
+void ProjectEwaReference(const GaussiansView<const double>& gaussians, const Camera& camera,
+                         const Pose& camera_from_world, double* means, double* covariances,
+                         std::uint8_t* valid) {
+  ParallelFor(gaussians.size, kGrain, [&](std::int64_t begin, std::int64_t end) {
+    for (std::int64_t i = begin; i < end; ++i) {
+      const PlacedGaussian<double> g = PlaceInDouble(gaussians, i, camera_from_world);
+      double pixel[2];
+      std::uint8_t has_pixel = 0;
+      Eigen::Matrix<double, 2, 3, Eigen::RowMajor> dpixel_dpoint;
+      camera.ProjectJacobian(1, g.mean, pixel, &has_pixel, dpixel_dpoint.data(), nullptr);
+      Eigen::Matrix2d covariance = Eigen::Matrix2d::Zero();
+      for (int k = 0; k < 3; ++k) {
+        const Eigen::Vector2d along =
+            dpixel_dpoint * (g.scale[k] * Eigen::Map<const Eigen::Vector3d>(g.axes[k]));
+        covariance += along * along.transpose();
+      }
+      const double u = has_pixel ? pixel[0] : std::numeric_limits<double>::quiet_NaN();
+      WriteFootprint({u, pixel[1], covariance(0, 0), covariance(0, 1), covariance(1, 1)}, i, means,
+                     covariances, valid);
+    }
   });
 }
 

@@ -85,6 +85,12 @@ void ProjectReference(const GaussiansView<const double>& gaussians, const Camera
                       const Pose& camera_from_world, const UnscentedOptions& options, double* means,
                       double* covariances, std::uint8_t* valid);
 
+// The same by the lens' derivative J at the mean, cov = J R S S^T R^T J^T (Zwicker et al., EWA
+// Splatting, 2001): a baseline, exact for a linear lens only. valid (N): the mean has a pixel.
+void ProjectEwaReference(const GaussiansView<const double>& gaussians, const Camera& camera,
+                         const Pose& camera_from_world, double* means, double* covariances,
+                         std::uint8_t* valid);
+
 // D^2 at which a primitive of this strength is cut off; <= 0 if it is never drawn.
 double CutoffOf(double strength, Response response, const FootprintRule& rule,
                 const Profile& profile = {});

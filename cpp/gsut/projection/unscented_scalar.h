@@ -7,10 +7,20 @@
 #include <limits>
 #include <vector>
 
+#include <hwy/highway.h>
+
+#include "gsut/cameras/scalar_math.h"
 #include "gsut/projection/placed_gaussian.h"
-#include "gsut/projection/scalar_text.h"
+
+// The text of unscented-inl.h for double: the name that it uses, then itself.
+namespace gsut::HWY_NAMESPACE {
+using lenses::Select;
+}  // namespace gsut::HWY_NAMESPACE
+#include "gsut/projection/unscented-inl.h"
 
 namespace gsut {
+
+using ScalarFootprint = HWY_NAMESPACE::Footprint<double>;
 
 // Gaussians whose points go through the lens together.
 inline constexpr std::int64_t kScalarBatch = 64;

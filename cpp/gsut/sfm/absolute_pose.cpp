@@ -7,7 +7,7 @@
 #include <cmath>
 
 #include "gsut/sfm/sampler.h"
-#include "gsut/sfm/three_point.h"
+#include "gsut/sfm/minimal_solvers.h"
 
 namespace gsut {
 namespace {

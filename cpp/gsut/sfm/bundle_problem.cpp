@@ -8,7 +8,6 @@
 
 #include "gsut/base/parallel.h"
 #include "gsut/geometry/rotation_vector.h"
-#include "gsut/sfm/bundle_residual.h"
 #include "gsut/sfm/lens_parameters.h"
 
 namespace gsut {

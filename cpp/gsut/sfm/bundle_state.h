@@ -1,13 +1,16 @@
-// The unknowns of a bundle as the solver's parameter blocks.
+// The unknowns of a bundle as the solver's parameter blocks, and its residuals at them.
 #pragma once
 
 #include <Eigen/Core>
 #include <vector>
 
-#include "gsut/sfm/bundle.h"
+#include "gsut/geometry/camera_chain.h"
 #include "gsut/geometry/pose_block.h"
+#include "gsut/sfm/bundle.h"
 
 namespace gsut {
+
+class LensEvaluation;
 
 // The component of the second pose's centre that is farthest from the first's: held, it sets the
 // scale.
@@ -29,5 +32,18 @@ struct BundleState {
   std::vector<int> body_of_image, mount_of_image;  // one an image; mount -1: none
   std::vector<int> image_of_body;                  // the first
 };
+
+struct ObservationResidual {
+  Eigen::Vector2d residual;
+  ChainDerivatives by;
+  const double* by_params =
+      nullptr;  // (2, K) row-major, by a free lens; null: does not depend on it
+};
+
+// Through the lens, or without one (lenses null) the residual of Bearing, which also stands in
+// where the point is outside the lens' domain. lenses: evaluated at the state. False: there is
+// none.
+bool EvaluateObservation(const Bundle& bundle, const BundleState& state, int index,
+                         const LensEvaluation* lenses, ObservationResidual* out);
 
 }  // namespace gsut

@@ -10,7 +10,7 @@
 #undef HWY_DISABLED_TARGETS
 #define HWY_DISABLED_TARGETS                                                              \
   ((1LL << 4) | (1LL << 6) | HWY_SSSE3 | (1LL << 14) | HWY_SVE | HWY_SVE2 | HWY_SVE_256 | \
-   HWY_SVE2_128)
+   HWY_SVE2_128 | GSUT_BETTER_TARGETS)
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 

@@ -10,11 +10,10 @@
 #include <string>
 
 #include "gsut/base/errors.h"
+#include "gsut/sfm/ceres_settings.h"
 #include "gsut/sfm/lens_parameters.h"
 #include "gsut/sfm/photometric_scene.h"
 #include "gsut/sfm/pose_manifold.h"
-#include "gsut/sfm/solver_log.h"
-#include "gsut/sfm/stop_after.h"
 
 namespace gsut {
 namespace {

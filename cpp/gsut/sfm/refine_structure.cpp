@@ -5,7 +5,6 @@
 #include <string>
 
 #include "gsut/base/errors.h"
-#include "gsut/sfm/place_bodies.h"
 #include "gsut/sfm/scene_map.h"
 
 namespace gsut {

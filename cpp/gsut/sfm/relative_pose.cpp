@@ -7,7 +7,7 @@
 #include <array>
 #include <cmath>
 
-#include "gsut/sfm/five_point.h"
+#include "gsut/sfm/minimal_solvers.h"
 #include "gsut/sfm/sampler.h"
 #include "gsut/sfm/triangulate.h"
 

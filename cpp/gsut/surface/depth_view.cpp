@@ -151,7 +151,7 @@ void DepthView::Project(int count, const PointBatch& points, ViewedBatch* out) c
   PointBatch in_camera;
   alignas(64) float times[kPointBatch];
   std::fill_n(times, count, 0.5f);
-  const LensBatch batch = {in_camera.x, in_camera.y, in_camera.z, out->u, out->v, {}, {}};
+  const LensBatch batch = {in_camera.x, in_camera.y, in_camera.z, out->u, out->v};
   const bool over_rows = motion_.shutter.RunsOverRows();
   for (int step = 0; step < kMaxSteps; ++step) {
     Transform(count, points, times, &in_camera);

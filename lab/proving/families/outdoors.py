@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from gsut.demo.texture import make_noise
+from lab.demo_tracer.texture import make_noise
 from lab.proving.families.objects import add_tree, draw_day
 from lab.proving.paints import (
     Style,

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from gsut.cli._flags import add_json, finite, print_json, read_folder_name
+from gsut.cli._flags import add_json, print_json, read_folder_name
 from gsut.data import list_writable_layouts
 
 HELP = "convert a dataset, a run's poses or a ROS bag into another layout"
@@ -21,8 +21,8 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="write a dataset in another layout",
         description="Writes the dataset IN, of any layout that gsut reads, to the new folder OUT. "
         "A run serves as IN, too: its dataset with the poses and lenses that it refined. OUT that "
-        "ends as .txt is a trajectory alone. The flags below say what a layout leaves open; a file "
-        "dataset.yaml with the same words says it to every command.",
+        "ends as .txt is a trajectory alone, as TUM writes it. The flags below say what a layout "
+        "leaves open; a file dataset.yaml says that, and more, to every command.",
     )
     convert.add_argument(
         "source", metavar="IN", help="dataset, run, ROS bag, or a folder of pictures with --lens "
@@ -32,8 +32,8 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "out", metavar="OUT", type=_read_target, help="new folder, or a trajectory's .txt"
     )
     convert.add_argument(
-        "--to", choices=sorted([*list_writable_layouts(), "films"]), default="nerfstudio",
-        help="layout; films: those of a bag's cameras, to find poses of [default: %(default)s]",
+        "--to", choices=sorted(list_writable_layouts()), default="nerfstudio",
+        help="layout [default: %(default)s]",
     )  # fmt: skip
     convert.add_argument(
         "--link", action="store_true", help="link to the pictures in place of copying them"
@@ -48,38 +48,13 @@ def _read_target(text: str) -> str:
 
 
 def _add_parts(parser: argparse.ArgumentParser) -> None:
-    """Adds a flag for each key of dataset.yaml."""
     parts = parser.add_argument_group("what the layout leaves open")
     parts.add_argument("--lens", metavar="FILE", help="lens file, camchain.yaml or rig.json")
     parts.add_argument(
         "--poses", metavar="FILE", help="trajectory: TUM, EuRoC, KITTI or poses.json"
     )
     parts.add_argument("--poses-topic", metavar="TOPIC", help="of a ROS bag's poses")
-    parts.add_argument("--points", metavar="FILE", help="point cloud, PLY")
-    parts.add_argument("--masks", metavar="FOLDER", help="masks, named as the pictures")
-    parts.add_argument(
-        "--poses-of", metavar="WHAT",
-        help="body, camera (each its own), or the name of one camera [default: as the lens file "
-        "has it]",
-    )  # fmt: skip
     parts.add_argument("--cameras", metavar="NAMES", help="those to use, such as cam0,cam1")
-    parts.add_argument(
-        "--time-range", nargs=2, type=finite, metavar=("FIRST", "LAST"),
-        help="seconds since the first picture, or since 1970",
-    )  # fmt: skip
-    parts.add_argument(
-        "--time-offset", type=finite, metavar="S",
-        help="seconds: time of the poses' clock minus that of the pictures' [default 0]",
-    )  # fmt: skip
-    parts.add_argument(
-        "--time-tolerance", type=finite, metavar="S",
-        help="between a picture and its nearest pose [default 0.02]",
-    )  # fmt: skip
-    for name, what in (("image", "pictures"), ("pose", "poses")):
-        parts.add_argument(
-            f"--{name}-times", choices=("s", "ms", "us", "ns"),
-            help=f"unit of the times of {what} [default: by their number of digits]",
-        )  # fmt: skip
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -112,14 +87,12 @@ def _convert(arguments: argparse.Namespace) -> int:
         return 0
     for note in notes:
         print(f"gsut: note: {note}", file=sys.stderr)
-    print(f"{arguments.out}: {arguments.to}")
+    print(arguments.out)
     return 0
 
 
 def _collect_parts(arguments: argparse.Namespace) -> dict[str, Any]:
-    from gsut.data.layouts import KEYS
-
-    given = {key: getattr(arguments, key, None) for key in KEYS}
+    given = {key: getattr(arguments, key) for key in ("lens", "poses", "cameras")}
     if given["cameras"] is not None:
         given["cameras"] = [name.strip() for name in given["cameras"].split(",")]
     return {key: value for key, value in given.items() if value is not None}

@@ -1,4 +1,4 @@
-"""`gsut demo`: makes a small fisheye scene with known truth, trains on it, shows the report."""
+"""`gsut demo`: trains on a small fisheye scene with known truth and shows the report."""
 
 from __future__ import annotations
 
@@ -15,13 +15,11 @@ from gsut.cli.train import print_figures, train_into
 from gsut.cli.view import has_display
 from gsut.run import RunFile, RunFolder, TrainOptions, Verdict
 
-HELP = "make a small fisheye scene, train on it, show the report"
+HELP = "train on a small fisheye scene, show the report"
 DESCRIPTION = (
-    "Makes a small fisheye scene with known truth, trains on it and opens the report. Uses nothing "
-    "but this machine."
+    "Trains on a small fisheye scene with known truth, which comes with gsut, and opens the "
+    "report. Uses nothing but this machine."
 )
-# Of each camera, so that all have 40 images.
-_FRAMES = {2: 20, 4: 10}
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
@@ -38,13 +36,9 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--rig",
-        nargs="?",
-        type=whole,
-        const=2,
-        choices=(2, 4),
-        help="two fisheyes on one body instead, or four of 220 degrees with OCamCalib's files: "
-        "finds their poses with `gsut poses --rig`, trains on them, and prints the errors of "
-        "poses, scale and depth against the truth",
+        action="store_true",
+        help="two fisheyes on one body instead: finds their poses with `gsut poses --rig`, trains "
+        "on them, and prints the errors of poses, scale and depth against the truth",
     )
     parser.add_argument(
         "--no-open", action="store_true", help="do not open the report in a browser"
@@ -53,31 +47,28 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from gsut.demo import make_demo_scene
+    from gsut.demo import write_demo_scene
 
     options = TrainOptions(preset="fast", steps=arguments.steps)
     folder = Path(arguments.out)
-    poses: dict[str, Any] = {}
-    name = {None: "", 2: "rig_", 4: "surround_"}[arguments.rig]
-    if arguments.rig:
-        data, truth = folder / f"{name}poses", folder / f"{name}hall"
-        poses = {"poses": _find_rig_poses(truth, data, arguments.rig)}
-    else:
-        data = folder / "fisheye_hall"
-        if not data.is_dir():
-            print(f"making a fisheye scene in {data}", file=sys.stderr)
-            make_demo_scene(data)
-    run, resume = _free_run(folder, options, f"{name}run")
+    made = folder / ("rig_hall" if arguments.rig else "fisheye_hall")
+    if not made.is_dir():
+        print(f"writing the demo's scene to {made}", file=sys.stderr)
+        write_demo_scene(made, made.name)
+    data = folder / "rig_poses" if arguments.rig else made
+    poses: dict[str, Any] = {"poses": _find_rig_poses(made, data)} if arguments.rig else {}
+    run, resume = _free_run(folder, options, "rig_run" if arguments.rig else "run")
     metrics = train_into(run, str(data), options, resume, quiet=False)
     if arguments.rig:
-        poses["depth"] = _measure_depth_errors(run, truth / "depth")
+        poses["depth"] = _measure_depth_errors(run, made / "depth")
     report = run.path / RunFile.REPORT
     if arguments.json:
         print_json(metrics | poses)
     else:
         if poses:
             print(_describe_poses(poses["poses"], data))
-            print(_describe_depth(poses["depth"]))
+            if poses["depth"] is not None:
+                print(_describe_depth(poses["depth"]))
         print_figures(metrics)
         print(Verdict.from_dict(metrics["verdict"]))
         print(f"report: {report}")
@@ -86,17 +77,14 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _find_rig_poses(truth: Path, found: Path, cameras: int) -> dict[str, Any]:
-    """Makes the demo's rig and finds its poses; returns their errors."""
+def _find_rig_poses(truth: Path, found: Path) -> dict[str, Any]:
+    """Finds the poses of the demo's rig; returns their errors."""
     from gsut.cli.poses import find_with_bar
-    from gsut.demo import make_demo_rig
+    from gsut.data.rigs import read_rig
     from gsut.sfm import compare_datasets, is_finished
 
-    if not truth.is_dir():
-        print(f"making a scene of {cameras} fisheyes on one body in {truth}", file=sys.stderr)
-        make_demo_rig(truth, _FRAMES[cameras], cameras=cameras)
     if not is_finished(found):
-        find_with_bar(truth / "images", found, True, rig=truth / "rig.json")
+        find_with_bar(truth / "images", found, True, camera=read_rig(truth / "rig.json"))
     errors = compare_datasets(truth, found)
     return {
         "images": errors.images,
@@ -107,12 +95,18 @@ def _find_rig_poses(truth: Path, found: Path, cameras: int) -> dict[str, Any]:
     }
 
 
-def _measure_depth_errors(run: RunFolder, truth: Path) -> dict[str, Any]:
-    """Measures the held-out views' median depths; distances along rays need no common frame."""
+def _measure_depth_errors(run: RunFolder, truth: Path) -> dict[str, Any] | None:
+    """Measures the held-out views' median depths; distances along rays need no common frame.
+
+    Returns None if other views are held out than those whose depth comes with the scene.
+    """
     from gsut.surface import judge_geometry
     from gsut.training import read_trained
 
     options, scene, gaussians = read_trained(run, None)
+    photographs = [scene.views[index].image_path for index in scene.test_indices]
+    if not all((truth / path.parent.name / path.name).is_file() for path in photographs):
+        return None
     figures = judge_geometry(
         gaussians, scene, scene.test_indices, truth, background=options.background
     )

@@ -1,4 +1,4 @@
-"""Writes datasets in any layout: from another one, from a run, or from arrays."""
+"""Writes datasets for nerfstudio or COLMAP: from any layout, from a run, or from arrays."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ from gsut.data.layouts import Layout, describe_recording, find_layout, list_layo
 from gsut.data.listing import Frame, Listing
 from gsut.data.load import read_dataset
 from gsut.data.memory import check_counts, check_image, check_points
-from gsut.data.poses import check_rigid, format_kitti, format_seconds, format_tum, invert_pose
-from gsut.data.recordings import FILMS, pair_recording, write_films
+from gsut.data.poses import check_rigid, format_seconds, format_tum, invert_pose
+from gsut.data.recordings import Recording, pair_recording
 from gsut.data.rigs import BODY, OWN
 from gsut.data.scene import Scene
 from gsut.files import staging_folder, whole_folder, write_file, write_picture
-from gsut.lens import Camera
+from gsut.lens import Camera, save_camera
+from gsut.lens.files import OWN_SUFFIX
 from gsut.run import Progress
 
 _DEFAULT = "nerfstudio"
-_TRAJECTORIES = ("tum", "kitti")
 _PLACES = {"lens", "poses"}  # what replaces those of a dataset
 _PNG = ".png"
 
@@ -60,13 +60,12 @@ def convert_dataset(
     """Writes a dataset in another layout, or its poses alone as a trajectory.
 
     Args:
-        source: a dataset of any layout (docs/datasets.md), or a ROS bag; or a folder of pictures,
-            where `parts` say the rest.
-        out: a new folder; or, for a trajectory, a file that ends as .txt.
-        to: the layout: "nerfstudio", "colmap", "colmap-text", "euroc", "tum", "kitti", "folder".
-            "films": of a bag alone, without its poses: a film and a lens file a camera.
-            For a trajectory "tum" (camera-to-world, by time where it is known, else by name) or
-            "kitti".
+        source: a dataset of any layout (docs/datasets.md); a ROS bag, of which without poses a
+            folder of pictures and a lens file a camera are written; or a folder of pictures, where
+            `parts` say the rest.
+        out: a new folder; or, for a trajectory as TUM writes it (camera-to-world, by time where it
+            is known, else by name), a file that ends as .txt.
+        to: the layout, "nerfstudio" or "colmap".
         parts: what dataset.yaml would say, by its keys: lens, poses, points, cameras, time_range
             and so on; relative paths begin at the working directory.
         poses_topic: of a bag's poses, where several are there.
@@ -87,8 +86,6 @@ def convert_dataset(
     given = {key: value for key, value in (parts or {}).items() if value is not None}
     layout = find_layout(source) if source.exists() else None
     if layout is None or layout.unpack is None:
-        if to == FILMS:
-            raise InputError(f"{source} is no ROS bag; {FILMS} are made of the pictures of bags")
         place = link_file if link else copy_file
         cameras = ()
         if layout is not None and layout.read is not None and not given.keys() >= _PLACES:
@@ -96,21 +93,33 @@ def convert_dataset(
             _require_no_parts(source, given)
         return _write(_read(source, given), out, to, place, scene, progress, cameras)
     with staging_folder(out) as staging:
-        needs_no_topic = given.get("poses") or to == FILMS
-        if to == FILMS and (poses_topic or given.keys() & {"poses", "poses_of"}):
-            raise InputError(f"{FILMS} hold no poses: leave out what is said of them")
         recording = layout.unpack(
-            source, staging, poses_topic="" if needs_no_topic else poses_topic,
+            source, staging, poses_topic="" if given.get("poses") else poses_topic,
             cameras=given.get("cameras", ()), poses_of=given.get("poses_of"), progress=progress,
         )  # fmt: skip
         names = [stream.name for stream in recording.streams]
         if given.get("poses_of") not in (BODY, OWN, *names):
             given.pop("poses_of", None)  # a frame of the bag, which is now the body
         recording = replace_parts(recording, _from_here(given), Path.cwd(), source)
-        if to == FILMS:
-            with whole_folder(out) as folder:
-                return write_films(recording, folder)
+        if recording.poses is None:
+            return _write_pictures(recording, out)
         return _write(pair_recording(recording, raise_error), out, to, move_file, None, progress)
+
+
+def _write_pictures(recording: Recording, out: Path) -> list[str]:
+    """Writes a folder of pictures a camera, and its lens file where the lens is known."""
+    notes = list(recording.notes)
+    with whole_folder(out) as folder:
+        for stream in recording.streams:
+            for image in stream.images:
+                move_file(image, folder / "images" / stream.name / image.name)
+            try:
+                mounts = recording.mounts([stream.name]) if recording.mounts is not None else {}
+                save_camera(mounts[stream.name].camera, folder / f"{stream.name}{OWN_SUFFIX}")
+            except (InputError, KeyError) as error:
+                notes.append(f"{stream.name}: no lens ({error}); it is estimated with the poses")
+    notes.append(f"there are no poses: `gsut scene {out} -o SCENE` finds them and makes a scene")
+    return notes
 
 
 def _write(
@@ -132,7 +141,7 @@ def _write(
         frames = _choose_cameras(frames, cameras, listing.path)
     notes = list(checked.notes)
     if out.suffix.lower() == ".txt":
-        return notes + _write_trajectory(out, frames, to)
+        return notes + _write_trajectory(out, frames)
     has_lists = listing.listed_test is not None or listing.listed_train is not None
     held_out = {checked.views[i].name for i in checked.test_indices}
     test = [frame.name for frame in frames if frame.name in held_out] if has_lists else None
@@ -235,22 +244,14 @@ def _find_held_out(frames: Sequence[Frame], wanted: Sequence[str] | None) -> lis
     return sorted({aliases[name] for name in wanted})
 
 
-def _write_trajectory(out: Path, frames: Sequence[Frame], to: str) -> list[str]:
+def _write_trajectory(out: Path, frames: Sequence[Frame]) -> list[str]:
     """Writes poses alone; returns what other readers of the file need and do not find."""
-    if to not in _TRAJECTORIES:
-        raise InputError(
-            f"{out}: a .txt is a trajectory, which --to tum or --to kitti writes, not {to}"
-        )
     poses = np.array([frame.world_from_camera for frame in frames])
-    times, known = find_frame_times(frames)
-    labels = (
-        [format_seconds(t) for t in times] if known else [strip_images_folder(f) for f in frames]
-    )
-    write_file(out, format_tum(labels, poses) if to == "tum" else format_kitti(poses))
-    if known:
+    times = find_frame_times(frames)
+    if times is not None:
+        write_file(out, format_tum([format_seconds(time) for time in times], poses))
         return []
-    if to == "kitti":
-        return [f"the pictures have no times: line n of {out.name} is the n-th picture by name"]
+    write_file(out, format_tum([strip_images_folder(frame) for frame in frames], poses))
     return [
         f"the pictures have no times: lines of {out.name} begin with names, which gsut reads; "
         "other programs expect seconds there"
@@ -295,7 +296,7 @@ def save_dataset(
         camera_from_world: (N, 4, 4), OpenCV axes.
         names: of the images, with folders where wanted; None: 000000, 000001 ...; a name without
             a suffix gets that of its file.
-        times_ns: (N,) whole nanoseconds, for the layouts that name images by time.
+        times_ns: (N,) whole nanoseconds, or None.
         masks: (H, W) bool each, True where pixels count, or None.
         points: (P, 3), in the same world, or None.
         point_colors: (P, 3) uint8; mid-grey if None.

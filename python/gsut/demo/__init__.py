@@ -1,9 +1,8 @@
-"""The demo's data set: a furnished hall with known geometry, ray-cast through a fisheye lens."""
+"""The demo's scenes: a furnished hall with exact truth, as pictures that come with gsut."""
 
-from gsut.demo.dataset import make_demo_scene
-from gsut.demo.rig import make_demo_rig
+from gsut.demo.scenes import DEMO_SCENES, write_demo_scene
 
 __all__ = [
-    "make_demo_rig",
-    "make_demo_scene",
+    "DEMO_SCENES",
+    "write_demo_scene",
 ]

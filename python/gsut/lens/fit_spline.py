@@ -10,7 +10,7 @@ import numpy as np
 from gsut._core import InputError
 
 _REACH = 1.02  # the grid over the farthest point
-# Largest radius of the stereographic plane that the lens looks at (plane_chart.cpp), 168.6 degrees.
+# Largest radius of the stereographic plane, 168.6 degrees, as in special_inverses.cpp.
 _LARGEST = 20.0
 # Weight of the bend of neighbouring control points beside the points' own: holds the ones that no
 # point touches, and moves the others by less than 1e-6 px.

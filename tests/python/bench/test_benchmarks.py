@@ -8,8 +8,8 @@ import pytest
 
 import gsut
 import rendered_dataset
+from demo_hall import write_hall
 from gsut import _core
-from gsut.demo import make_demo_scene
 from tests.bench import accuracy, render_bench, scenes
 from tests.bench.__main__ import load_benchmark, main
 from tests.bench.harness import HALL, measure_rows
@@ -19,7 +19,7 @@ from tests.bench.harness import HALL, measure_rows
 def hall(tmp_path_factory):
     """A work folder that holds a small hall."""
     folder = tmp_path_factory.mktemp("bench")
-    make_demo_scene(folder / HALL, views=10, test_views=2, size=64, progress=False)
+    write_hall(folder / HALL, views=10, test_views=2, size=64)
     return folder
 
 
@@ -81,16 +81,6 @@ def test_train_measures_whole_commands(hall):
     (row,) = run_bench("train", hall, flags=("--steps 12 --max-gaussians 300",)).values()
     assert row["steps"] == 12 and row["psnr"] > 5
     assert row["seconds"] > row["train_seconds"] > 0 and row["cpu_seconds"] > 0
-
-
-def test_projection_measures_every_method_and_size(tmp_path):
-    rows = run_bench("projection", tmp_path, samples=2, runs=1)
-    for name, row in rows.items():
-        assert row["ns_per_gaussian"] > 0
-        if "small" in name:
-            assert row["center_px"] < 0.1
-        if row["method"] == "silhouette":
-            assert row["alpha_missed"] in (None, 0.0)
 
 
 def test_compact_measures_the_whole_model_methods_and_rivals(hall):

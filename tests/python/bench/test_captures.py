@@ -6,7 +6,7 @@ import pytest
 
 import gsut
 import tolerances
-from gsut.demo import make_demo_scene
+from demo_hall import write_hall
 from tests.bench import pycolmap_poses
 from tests.bench.harness import WRONG, Settings
 from tests.bench.poses_bench import BENCHMARK, KNOWN, UNKNOWN, fit_lens, measure, measure_pycolmap
@@ -39,7 +39,7 @@ VIEWS = 20
 @pytest.fixture(scope="module")
 def hall(tmp_path_factory):
     folder = tmp_path_factory.mktemp("poses") / "hall"
-    return make_demo_scene(folder, VIEWS, test_views=0, size=168, progress=False)
+    return write_hall(folder, VIEWS, test_views=0, size=168)
 
 
 def find_hall_poses(hall, tmp_path, lens):
@@ -57,7 +57,7 @@ def test_poses_with_the_lens_have_errors_beside_seconds(hall, tmp_path):
 
 
 def test_poses_without_the_lens_state_its_uncertainty(tmp_path):
-    hall = make_demo_scene(tmp_path / "few", views=8, test_views=0, size=112, progress=False)
+    hall = write_hall(tmp_path / "few", views=8, test_views=0, size=112)
     row = find_hall_poses(hall, tmp_path, UNKNOWN)
     # Few views of a few pixels: the lens is found, or the reason why not.
     assert WRONG in row or row["focal_sigma_percent"] > 0

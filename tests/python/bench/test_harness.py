@@ -137,7 +137,6 @@ def test_each_benchmark_declares_columns_that_name_its_rows(name, tmp_path, monk
         (("render", "--json", "no_such_folder/rows.json"), "no such folder"),
         (("render", "--repeats", "0"), "--repeats must be at least 1"),
         (("train", "--sets", "absent"), "the data of all rows is missing"),
-        (("projection", "--lenses", "nonesuch"), "unknown; known: "),
         (("compact", "--methods", "best"), "known: ghap"),
         (("compact", "--keep", "0"), "keep must be above 0"),
         (("refine", "--disturbances", "huge"), "takes small, large, lens"),

@@ -7,19 +7,20 @@ import numpy as np
 import pytest
 
 import gsut
+from box_room import plan_walk, write_box_room
 from changed_copy import copy_of, write
+from demo_hall import write_hall
 from gsut.check import check_scene
 from gsut.check.chance import Judgement, PairVerdict, judge_pairs
 from gsut.check.evidence import gather_evidence
 from gsut.check.lens_fit import convert_to_normal
 from gsut.check.others import Other, is_proved, is_sure
-from gsut.demo import make_demo_scene
 
 
 @pytest.fixture(scope="module")
 def hall(tmp_path_factory):
     folder = tmp_path_factory.mktemp("chance")
-    return make_demo_scene(folder / "hall", views=20, test_views=2, size=160, progress=False)
+    return write_hall(folder / "hall", views=20, test_views=2, size=160)
 
 
 def thin(data, folder, step, phase):
@@ -105,7 +106,7 @@ def test_a_large_ratio_of_few_pairs_is_no_rare_one():
 def test_coefficients_in_another_order_are_named(tmp_path):
     """k3 before p1: written in the order of MATLAB's or a table's columns, read in OpenCV's."""
     lens = gsut.Camera("opencv5", [90, 90, 80, 80, -0.25, 0.06, 0.002, -0.001, -0.04], 160, 160)
-    data = make_demo_scene(tmp_path / "hall", views=16, test_views=2, camera=lens, progress=False)
+    data = write_box_room(tmp_path / "room", lens, plan_walk(18))
     values = json.loads((data / "transforms.json").read_text())
     assert values["camera_model"] == "OPENCV"
     values["p1"], values["p2"], values["k3"] = values["k3"], values["p1"], values["p2"]

@@ -8,19 +8,19 @@ import pytest
 import gsut
 import tolerances
 from changed_copy import copy_of, write
+from demo_hall import write_hall
 from gsut.check import check_scene, doctor, turns
 from gsut.check.evidence import gather_evidence
 from gsut.check.turns import to_rotation_vector
 from gsut.cli import main
 from gsut.data.poses import invert_pose
-from gsut.demo import make_demo_scene
 from gsut.sfm.points import measure_angular_errors
 
 
 @pytest.fixture(scope="module")
 def hall(tmp_path_factory):
     folder = tmp_path_factory.mktemp("check")
-    return make_demo_scene(folder / "hall", views=20, test_views=2, size=160, progress=False)
+    return write_hall(folder / "hall", views=20, test_views=2, size=160)
 
 
 def test_train_stops_at_a_contradiction_and_force_goes_on(hall, tmp_path, capsys):

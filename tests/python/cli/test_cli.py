@@ -2,7 +2,6 @@
 
 import argparse
 import dataclasses
-import functools
 import importlib
 import io
 import json
@@ -17,7 +16,6 @@ import numpy as np
 import pytest
 
 import gsut
-import gsut.demo
 import small_run
 from gsut.cli import build_parser, list_commands, main
 from gsut.cli.demo import _free_run
@@ -430,9 +428,7 @@ def test_progress_disabled_writes_nothing(capsys):
 # The real thing.
 
 
-def test_demo_for_real_ends_with_a_report(tmp_path, capsys, monkeypatch):
-    small = functools.partial(gsut.demo.make_demo_scene, size=96)  # what takes long is drawing it
-    monkeypatch.setattr(gsut.demo, "make_demo_scene", small)
+def test_demo_for_real_ends_with_a_report(tmp_path, capsys):
     assert main(["demo", "-o", str(tmp_path / "demo"), "--steps", "20", "--no-open"]) == 0
     run = RunFolder.open(tmp_path / "demo" / "run")
     assert (run.path / RunFile.REPORT).stat().st_size > 10_000

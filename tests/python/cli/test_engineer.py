@@ -1,6 +1,6 @@
 """A robotics engineer's way: EuRoC-like files, Kalibr chain, SLAM's body poses, LiDAR; to depth.
 
-The demo's hall through its rig of two fisheyes, on a body with an IMU. All goes through files and
+A room through a rig of two fisheyes, on a body with an IMU. All goes through files and
 commands; what comes out is compared with the ray-cast truth in the trajectory's own frame.
 """
 
@@ -14,12 +14,16 @@ import pytest
 import gsut
 import small_recordings as made
 import tolerances
+from box_room import (
+    BoxRoom,
+    find_whole_pixels,
+    make_rig_of_two,
+    place_right,
+    plan_walk,
+    sample_points,
+)
 from gsut.cli import main
 from gsut.data.poses import invert_pose
-from gsut.demo.dataset import find_whole_pixels, measure_distances, render_views, sample_surfaces
-from gsut.demo.hall import make_hall
-from gsut.demo.rig import make_right_camera, place_right
-from gsut.demo.views import make_camera, plan_walk
 from gsut.files import write_picture
 
 FRAMES, SIZE = 14, 96
@@ -39,8 +43,8 @@ def body_from_cameras() -> list[np.ndarray]:
 
 @functools.cache
 def path() -> list[np.ndarray]:
-    """A fifth of the demo's walk serves."""
-    return plan_walk(5 * FRAMES * FINE, 0)
+    """A fifth of the walk."""
+    return plan_walk((FRAMES + 2) * FINE, (1 + 2 / FRAMES) / 5)
 
 
 def world_from_body(fine: int) -> np.ndarray:
@@ -50,7 +54,7 @@ def world_from_body(fine: int) -> np.ndarray:
     return pose
 
 
-def in_hall(pose: np.ndarray) -> np.ndarray:
+def in_room(pose: np.ndarray) -> np.ndarray:
     moved = pose.copy()
     moved[:3, 3] -= PLACE
     return moved
@@ -85,17 +89,16 @@ def write_uncoloured(path, points: np.ndarray) -> None:
 
 @pytest.fixture(scope="module")
 def walk(tmp_path_factory):
-    """The recording as it comes from the robot: DATA, and the hall it was taken in."""
+    """The recording as it comes from the robot: DATA, and the room it was taken in."""
     data = tmp_path_factory.mktemp("robot") / "DATA"
-    hall, lenses = make_hall(0), [make_camera(SIZE), make_right_camera(SIZE)]
-    left_images = []
+    room, lenses = BoxRoom(), [lens for lens, *_ in make_rig_of_two(SIZE).values()]
     for name, lens, place in zip(made.CAMERAS, lenses, body_from_cameras(), strict=True):
         folder = data / "mav0" / name
         (folder / "data").mkdir(parents=True)
-        poses = [in_hall(world_from_body(i * FINE) @ place) for i in range(FRAMES)]
-        for i, image in enumerate(render_views(hall, lens, poses, progress=False)):
+        poses = [in_room(world_from_body(i * FINE) @ place) for i in range(FRAMES)]
+        for i, pose in enumerate(poses):
+            image = room.render(lens, pose)
             write_picture(folder / "data" / f"{START + i * STEP}.png", image[..., ::-1])
-            left_images += [image] if name == "cam0" else []
         write_picture(folder / "mask.png", find_whole_pixels(lens).astype(np.uint8) * 255)
     (data / "camchain.yaml").write_text(camchain(lenses))
     random = np.random.default_rng(5)
@@ -107,10 +110,10 @@ def walk(tmp_path_factory):
         values = "".join(f" {v:.9f}" for v in (*pose[:3, 3], *xyz, w))
         rows.append(f"{time // 10**9}.{time % 10**9:09d}{values}")
     (data / "trajectory.txt").write_text("\n".join(rows) + "\n")
-    left = [in_hall(world_from_body(i * FINE) @ body_from_cameras()[0]) for i in range(FRAMES)]
-    cloud, _ = sample_surfaces(hall, lenses[0], find_whole_pixels(lenses[0]), left, left_images, 0)
+    left = [in_room(world_from_body(i * FINE) @ body_from_cameras()[0]) for i in range(FRAMES)]
+    cloud, _ = sample_points(room, lenses[0], left)
     write_uncoloured(data / "points3D.ply", cloud + PLACE)
-    return data, hall, lenses
+    return data, room, lenses
 
 
 def cv_quaternion(rotation: np.ndarray) -> np.ndarray:
@@ -140,7 +143,7 @@ def test_the_recording_is_read_with_the_poses_of_its_pictures(walk):
 
 
 def test_from_files_through_the_commands_to_depth_in_the_right_frame(walk, capsys):
-    data, hall, lenses = walk
+    data, room, lenses = walk
     run = data.parent / "RUN"
     assert main(["doctor", str(data)]) == 0, capsys.readouterr().out
     capsys.readouterr()
@@ -152,21 +155,10 @@ def test_from_files_through_the_commands_to_depth_in_the_right_frame(walk, capsy
     pose = world_from_body(5 * FINE + FINE // 2) @ body_from_cameras()[1]
     gaussians = gsut.formats.load_ply(run / "scene.ply")
     rendered = gsut.render(gaussians, lenses[1], invert_pose(pose))
-    rays, inside = lenses[1].rays()
-    truth = measure_distances(hall, in_hall(pose), rays[inside])
+    inside = lenses[1].rays()[1]
+    truth = room.measure_distances(lenses[1], in_room(pose))[inside]
     covered = rendered.alpha[inside] > 0.5
     found = rendered.depth[inside][covered] / rendered.alpha[inside][covered]
     errors = np.abs(found - truth[covered]) / truth[covered]
     assert covered.mean() > tolerances.ENGINEER_COVERED
     assert np.median(errors) < tolerances.ENGINEER_DEPTH
-
-
-def test_its_poses_go_out_as_the_body_of_a_euroc_dataset(walk, tmp_path):
-    data = walk[0]
-    gsut.convert_dataset(data, tmp_path / "out", "euroc", link=True)
-    scene, other = gsut.load_dataset(data), gsut.load_dataset(tmp_path / "out")
-    assert [view.name for view in scene.views] == [view.name for view in other.views]
-    for mine, theirs in zip(scene.views, other.views, strict=True):
-        np.testing.assert_allclose(
-            mine.camera_center, theirs.camera_center, rtol=0, atol=tolerances.ENGINEER_UTM
-        )

@@ -186,7 +186,7 @@ case("png_cut_off", nerfstudio(IMAGE, lambda data: data[:-300]),
 case("png_damaged", nerfstudio(IMAGE, flipped_byte), IMAGE, "wrong checksum")
 case("jpeg_cut_off", jpeg(JPEG[:-200]), "images/004.jpg", "JPEG file is truncated")
 case("jpeg_cut_off_in_header", jpeg(b"\xff\xd8\xff\xe0\x00\x10JF"),
-     "images/004.jpg", "truncated in its header")  # fmt: skip
+     "images/004.jpg", "JPEG file is truncated")  # fmt: skip
 case("image_is_text", nerfstudio(IMAGE, "<html>404 not found</html>"), IMAGE, "cannot be decoded")
 case("image_is_empty", nerfstudio(IMAGE, b""), IMAGE, "empty")
 case("image_of_wrong_size", nerfstudio(IMAGE, picture(36, 20)),

@@ -2,7 +2,6 @@
 
 import sys
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,10 +10,10 @@ import gsut
 import small_datasets as small
 import small_recordings as made
 import tolerances
-from gsut.capture.video import Video
 from gsut.cli import main
+from gsut.data import find_lens_files
+from gsut.data.images import decode_image
 from gsut.data.layouts import rosbag
-from gsut.data.layouts._bag_tracks import FrameTree, Track, join_tracks
 from gsut.files import UNFINISHED
 from raising import raises_saying
 
@@ -67,67 +66,21 @@ def test_topics_that_differ_in_slashes_alone_stay_two_cameras():
     topics = [f"/{name}/image_raw" for name in names]
     topics[1] += "/compressed"
     kinds = [rosbag._IMAGES["compressed" in topic] for topic in topics]
-    connections = [SimpleNamespace(topic=t, msgtype=k) for t, k in zip(topics, kinds, strict=True)]
-    reader = SimpleNamespace(connections=connections)
-    found = rosbag._find_cameras(reader, Path("walk.bag"), ())
+    found = rosbag.find_cameras(dict(zip(topics, kinds, strict=True)), Path("walk.bag"), ())
     assert {camera.topic for camera in found} == {topics[0], *topics[2:]}
     assert len({camera.name for camera in found}) == 4
 
 
-def test_poses_of_tf_serve_without_odometry(write_bag, tmp_path):
-    bag = write_bag(tmp_path / "walk", "ROS2_HUMBLE", odometry=(), tf=True)
-    gsut.convert_dataset(bag, tmp_path / "out", "euroc")
-    assert_truth(gsut.load_dataset(tmp_path / "out"))
-
-
-def test_poses_of_tf_from_map_to_odom_to_base_are_joined(write_bag, tmp_path):
-    bag = write_bag(tmp_path / "walk", "ROS2_HUMBLE", odometry=(), tf=True, corrected=True)
-    gsut.convert_dataset(bag, tmp_path / "out", "euroc")
-    scene = gsut.load_dataset(tmp_path / "out")
-    times = made.times()[1:]  # the correction has times between those of the odometry
-    assert [view.image_path.stem for view in scene.views] == [str(time) for time in times]
-    for view, time in zip(scene.views, times, strict=True):
-        made.assert_pose(view, 0, time)
-
-
-def test_two_moving_ways_up_to_one_camera_are_refused(tmp_path):
-    tracks = {(parent, "base"): Track("/tf", parent, "base") for parent in ("map", "odom")}
-    with raises_saying(("no single way", "map to base, odom to base", "--to films")):
-        join_tracks(tracks, FrameTree(), ["base"], tmp_path)
-    circle = {pair: Track("/tf", *pair) for pair in (("a", "b"), ("b", "a"))}
-    with raises_saying(("no single way",)):
-        join_tracks(circle, FrameTree(), ["a"], tmp_path)
-
-
 @pytest.mark.parametrize("state", [{}, {"compressed": True}, {"calibrated": False}])
-def test_a_bag_without_poses_becomes_a_film_of_the_same_pictures(state, write_bag, tmp_path):
+def test_a_bag_without_poses_becomes_a_folder_of_pictures_and_a_lens(state, write_bag, tmp_path):
     bag = write_bag(tmp_path / "walk", "ROS2_HUMBLE", odometry=(), **state)
-    notes = gsut.convert_dataset(bag, tmp_path / "out", "films")
-    lens = tmp_path / "out" / "cam0.lens.json"
-    said = f"gsut scene cam0.mov{' --camera cam0.lens.json' if lens.exists() else ''} -o SCENE"
-    assert said in notes[-1] and lens.exists() == (state.get("calibrated", True))
-    with Video(tmp_path / "out" / "cam0.mov") as film:
-        frames = [(time, picture()[..., ::-1]) for _, time, picture in film.read_frames()]
-    times = np.array(made.times())
-    assert len(frames) == len(times) == small.VIEWS
-    for (seconds, picture), time in zip(frames, times, strict=True):
-        assert seconds == pytest.approx((time - times[0]) / 1e9, abs=1e-6)
-        np.testing.assert_array_equal(picture, small.render(made.world_from_camera(0, time)))
-
-
-def test_films_take_a_range_of_times_and_no_poses(write_bag, tmp_path):
-    bag = write_bag(tmp_path / "walk", "ROS2_HUMBLE")
-    seconds = (np.array(made.times()) - made.times()[0]) / 1e9
-    parts = {"time_range": [0.0, (seconds[1] + seconds[2]) / 2]}
-    notes = gsut.convert_dataset(bag, tmp_path / "out", "films", parts=parts)
-    assert notes[-1].startswith("2 pictures")
-    with raises_saying(("two times at least",)):
-        gsut.convert_dataset(bag, tmp_path / "one", "films", parts={"time_range": [0.0, 0.0]})
-    with raises_saying(("films hold no poses",)):
-        gsut.convert_dataset(bag, tmp_path / "two", "films", poses_topic="/odom")
-    with raises_saying(("is no ROS bag",)):
-        gsut.convert_dataset(tmp_path, tmp_path / "two", "films")
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["out", "walk"]
+    notes = gsut.convert_dataset(bag, tmp_path / "out")
+    assert f"`gsut scene {tmp_path}/out -o SCENE` finds them" in notes[-1]
+    assert (tmp_path / "out/cam0.lens.json").exists() == state.get("calibrated", True)
+    assert bool(find_lens_files(tmp_path / "out")) == state.get("calibrated", True)
+    for time in made.times():
+        pixels, _ = decode_image(tmp_path / f"out/images/cam0/{time}.png")
+        np.testing.assert_array_equal(pixels, small.render(made.world_from_camera(0, time)))
 
 
 def test_a_camchain_places_the_camera_where_tf_does_not(write_bag, tmp_path):
@@ -157,7 +110,6 @@ REFUSED = {
     "no_place": ({"static": False}, {}, ("no transform to 'cam0_optical' from 'base'", "poses_of")),
     "two_odometries": ({"odometry": ("/a", "/b")}, {}, ("2 topics of poses: /a, /b",
                                                         "--poses-topic")),
-    "no_poses": ({"odometry": ()}, {}, ("no topic of poses", "--poses FILE")),
     "not_calibrated": ({"calibrated": False}, {}, ("not calibrated (K is all zero)", "--lens")),
     "a_zoom": ({"zooms": True}, {}, ("camera_info: the lens changes at 1403636580.", "--lens")),
     "wrong_topic": ({}, {"poses_topic": "/gps"}, ("/gps is no topic of poses", "/odom")),

@@ -8,10 +8,9 @@ import pytest
 
 import gsut
 import tolerances
+from box_room import make_fisheye, plan_walk, write_box_room
 from disturbances import Disturbance, disturb_pose, disturb_scene, jitter_points
 from gsut import TrainOptions, _core
-from gsut.demo import dataset as demo
-from gsut.demo.views import plan_walk
 from gsut.refine.motion import measure_pose_changes, remove_mean_motion, turn_onto
 from gsut.refine.refiner import check_refinable
 from gsut.refine.tracks import refine_by_tracks
@@ -208,10 +207,9 @@ def test_tracks_that_say_nothing_leave_the_poses(scene):
     assert result.scene is scene
 
 
-def test_tracks_bring_poses_back_and_leave_those_that_are_as_good(tmp_path, monkeypatch):
-    # A sixth of the demo's way, on which photographs share enough.
-    monkeypatch.setattr(demo, "plan_walk", lambda n, seed: plan_walk(6 * n, seed)[:n])
-    folder = demo.make_demo_scene(tmp_path / "data", 12, 0, size=160, progress=False)
+def test_tracks_bring_poses_back_and_leave_those_that_are_as_good(tmp_path):
+    # A sixth of the walk, on which photographs share enough.
+    folder = write_box_room(tmp_path / "data", make_fisheye(160), plan_walk(12, 1 / 6))
     true = gsut.load_dataset(folder)
     options = TrainOptions(refine_poses=True, threads=2).resolve()
     kept = refine_by_tracks(true, options)

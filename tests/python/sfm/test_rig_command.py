@@ -8,23 +8,22 @@ import pytest
 
 import gsut
 import tolerances
+from box_room import make_rig_of_two, place_right, plan_walk, write_box_rig
 from disturbances import disturb_rig
 from gsut.cli import main
 from gsut.data.poses import invert_pose
 from gsut.data.rigs.rig import measure_changes, read_rig, write_rig
-from gsut.demo import make_demo_rig
-from gsut.demo.rig import place_right
 from gsut.sfm import PosesOptions, compare_datasets, compare_poses, find_poses
 
 FRAMES, SIZE = 6, 200
-PATH_SHARE = 0.15  # of the demo's path: neighbours see the same
+PATH_SHARE = 0.15  # of the walk: neighbours see the same
 
 
 @pytest.fixture(scope="module")
 def demo(tmp_path_factory):
-    """A folder with rig_hall, as `gsut demo --rig` makes it, but smaller."""
+    """A folder with rig_hall, as `gsut demo --rig` writes it, but smaller."""
     folder = tmp_path_factory.mktemp("rig")
-    make_demo_rig(folder / "rig_hall", FRAMES, SIZE, progress=False, path_share=PATH_SHARE)
+    write_box_rig(folder / "rig_hall", make_rig_of_two(SIZE), plan_walk(FRAMES, PATH_SHARE))
     return folder
 
 
@@ -37,7 +36,7 @@ def poses(demo):
     return demo / "rig_poses"
 
 
-def test_make_demo_rig_truth_has_the_rig_and_a_lens_a_frame(demo):
+def test_truth_of_a_rig_has_the_rig_and_a_lens_a_frame(demo):
     scene = gsut.load_dataset(demo / "rig_hall", test_every=0)
     assert [view.name for view in scene.views][::FRAMES] == [
         "images/left/000.png", "images/right/000.png"
@@ -47,13 +46,6 @@ def test_make_demo_rig_truth_has_the_rig_and_a_lens_a_frame(demo):
         step = b.camera_from_world @ invert_pose(a.camera_from_world) - place_right()
         assert np.abs(step).max() < tolerances.RIG_HELD
     assert scene.camera(0) != scene.camera(FRAMES)
-
-
-def test_make_demo_rig_refuses_numbers_out_of_range(tmp_path):
-    for settings in ({"frames": 1}, {"size": 3}, {"seed": -1}, {"path_share": 0.0}):
-        (name,) = settings
-        with pytest.raises(gsut.InputError, match=f"{name} is"):
-            make_demo_rig(tmp_path / "rig", **settings)
 
 
 def test_poses_with_a_rig_finds_all_images_in_metres(demo, poses):

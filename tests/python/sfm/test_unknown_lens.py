@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import gsut
+from demo_hall import write_hall
 from gsut.cli import main
-from gsut.demo import make_demo_scene
 from gsut.lens import with_scaled_focal
 from gsut.run import Verdict
 from gsut.sfm.lens.candidates import adjust_bend, explain_implausible, list_lens_ladder
@@ -276,7 +276,7 @@ def test_poses_log_of_a_mapper_never_goes_back():
 def hall(tmp_path_factory):
     """A few views of the demo's hall."""
     folder = tmp_path_factory.mktemp("hall") / "hall"
-    return make_demo_scene(folder, views=8, test_views=0, size=176, progress=False)
+    return write_hall(folder, views=8, test_views=0, size=176)
 
 
 def test_poses_command_run_again_says_done(hall, tmp_path, capsys):

@@ -11,10 +11,10 @@ import pytest
 
 import gsut
 import tolerances as tol
+from demo_hall import write_hall
 from gsut import _core
 from gsut.cli import main
 from gsut.data.scene import read_depth, read_normals
-from gsut.demo import make_demo_scene
 from gsut.surface.stereo.normals import fit_normals
 from gsut.surface.stereo.photograph import Photograph
 from wall_scenes import LENSES, WALL, wall_scene
@@ -81,7 +81,7 @@ def test_depth_maps_that_cannot_be_are_refused() -> None:
 
 def test_depth_command_writes_a_dataset_that_training_reads(tmp_path: Path, capsys) -> None:
     data, out = tmp_path / "data", tmp_path / "depth"
-    make_demo_scene(data, views=4, test_views=1, size=48, progress=False)
+    write_hall(data, views=4, test_views=1, size=48)
     assert main(["depth", str(data), "-o", str(out), "--force", "--quiet", "--json"]) == 0
     figures = json.loads(capsys.readouterr().out)
     scene = gsut.load_dataset(out)
@@ -102,7 +102,7 @@ def test_depth_command_writes_a_dataset_that_training_reads(tmp_path: Path, caps
 def test_depth_command_writes_nothing_beside_its_folder(tmp_path: Path) -> None:
     data, out = tmp_path / "in" / "data", tmp_path / "out" / "depth"
     out.parent.mkdir()
-    make_demo_scene(data, views=4, test_views=0, size=48, progress=False)
+    write_hall(data, views=4, test_views=0, size=48)
     (data / "images").rename(tmp_path / "in" / "pictures")
     text = (data / "transforms.json").read_text()
     (data / "transforms.json").write_text(text.replace('"images/', '"../pictures/'))

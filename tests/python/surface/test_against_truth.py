@@ -11,15 +11,11 @@ import small_datasets
 import tolerances
 from gsut import InputError, _core
 from gsut.cli import main
-from gsut.demo.dataset import measure_distances
-from gsut.demo.hall import make_hall
-from gsut.demo.hall_mesh import build_hall_mesh
-from gsut.demo.views import make_camera, plan_walk
 from gsut.surface import Mesh, save_mesh
 from gsut.surface.rays import cast_onto
 from gsut.surface.worth import build_tree, judge_depth, judge_mesh
 from random_scenes import pinhole
-from surface_scenes import box_depth, edge_counts, lines_of, plane_run
+from surface_scenes import box_depth, lines_of, plane_run
 
 
 def sheet(height, half=4.0):
@@ -94,19 +90,6 @@ def test_cast_distances_are_exact(direction):
         return
     origins, rays, _ = lines_of(camera, motion)
     assert np.allclose(found, box_depth(origins, rays, half), atol=1e-9)
-
-
-def test_hall_as_a_mesh_is_the_hall_that_is_drawn():
-    hall = make_hall(0)
-    mesh = build_hall_mesh(hall)
-    assert np.all(edge_counts(mesh.faces) == 2)
-    camera, pose = make_camera(100), plan_walk(35, 0)[3]
-    rays, valid = camera.rays()
-    found = cast_onto(build_tree(mesh), camera, np.linalg.inv(pose))[0][valid]
-    error = np.abs(found - measure_distances(hall, pose, rays[valid]))
-    assert np.isfinite(found).all()
-    # At an edge of a shape one of them may just miss it.
-    assert np.mean(error > tolerances.HALL_MESH) < 1e-3
 
 
 def test_eval_judges_depth_and_mesh_against_a_mesh_and_files(tmp_path, capsys):

@@ -5,7 +5,7 @@ import pytest
 
 import gsut
 import tolerances
-from gsut.demo import make_demo_scene
+from box_room import plan_walk, write_box_room
 
 WIDTH, HEIGHT = 160, 80
 STEPS = 260
@@ -16,7 +16,7 @@ SEAM_COLUMNS = 8  # on either side of the seam
 def panorama_data(tmp_path_factory):
     folder = tmp_path_factory.mktemp("panorama") / "hall"
     camera = gsut.Camera("equirectangular", [], WIDTH, HEIGHT)
-    return make_demo_scene(folder, views=10, test_views=2, progress=False, camera=camera)
+    return write_box_room(folder, camera, plan_walk(12), test=(3, 9))
 
 
 def lonlat() -> gsut.Camera:

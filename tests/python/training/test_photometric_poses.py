@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import gsut
-import gsut.demo.dataset
+from box_room import make_fisheye, plan_walk, write_box_room
 from gsut.cli import main
 from gsut.sfm.mapping import PosesLog
 from gsut.sfm.matches.matching import PairMatches
@@ -86,20 +86,9 @@ def test_bearing_points_leave_out_wrong_matches_and_thin_angles(rng):
 
 @pytest.fixture(scope="module")
 def video(tmp_path_factory):
-    """A dataset of a short video through the demo's fisheye, in the order of names."""
-    path = gsut.demo.dataset.plan_walk
-    patch = pytest.MonkeyPatch()
-    patch.setattr(
-        gsut.demo.dataset,
-        "plan_walk",
-        lambda count, seed: path(round(1 / SHARE), seed)[:count],
-    )
+    """A dataset of a short video through a fisheye, in the order of names."""
     folder = tmp_path_factory.mktemp("video") / "data"
-    gsut.demo.dataset.make_demo_scene(
-        folder, views=FRAMES, test_views=0, size=SIZE, seed=5, progress=False
-    )
-    patch.undo()
-    return folder
+    return write_box_room(folder, make_fisheye(SIZE), plan_walk(FRAMES, FRAMES * SHARE))
 
 
 @pytest.fixture(scope="module")

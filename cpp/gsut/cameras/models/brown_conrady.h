@@ -2,8 +2,8 @@
 //
 // (x, y) = (X, Y) / Z; distortion, parameters and source: families/brown.h. Metashape's frame
 // camera is this lens; opencv5 is it without k4 and skew. (0.5, 0.5) is the centre of the top-left
-// pixel. Domain: Z > 0 and up to the first circle on which the map folds (plane_chart.h). Inverse:
-// Newton, safeguarded (plane_map.h).
+// pixel. Domain: Z > 0 and up to the first circle on which the map folds (plane_inverses.h).
+// Inverse: Newton, safeguarded (plane_map.h).
 
 struct BrownConrady : Brown {
   static constexpr const char* kName = "brown_conrady";

@@ -3,7 +3,7 @@
 // (x, y) = theta (X, Y) / |(X, Y)|, theta the angle from the axis; distortion, parameters and
 // source: families/brown.h. Metashape's fisheye camera is this lens; thin_prism_fisheye is it
 // without skew and with thin prisms. (0.5, 0.5) is the centre of the top-left pixel. Domain: up to
-// the first circle on which the map folds (plane_chart.h); points with Z <= 0 are seen. Inverse:
+// the first circle on which the map folds (plane_inverses.h); points with Z <= 0 are seen. Inverse:
 // Newton, safeguarded (plane_map.h).
 
 struct BrownFisheye : Brown {

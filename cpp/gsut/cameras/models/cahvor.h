@@ -5,7 +5,7 @@
 //
 // Parameters: fx fy cx cy in pixels; (0.5, 0.5) is the centre of the top-left pixel. Then alpha
 // beta, radians, and r0 r1 r2, dimensionless. mrcal's LENSMODEL_CAHVOR is this lens. Domain: Z > 0,
-// w > 0, Z' > 0, up to the first circle of (X/Z, Y/Z) on which the map folds (plane_chart.h).
+// w > 0, Z' > 0, up to the first circle of (X/Z, Y/Z) on which the map folds (plane_inverses.h).
 // Inverse: Newton, safeguarded (plane_map.h). Source: Yakimovsky and Cunningham 1978; Gennery,
 // "Least-squares camera calibration including lens distortion", 2001; mrcal's documentation.
 

@@ -11,7 +11,7 @@
 // lens. A ray at the angle theta from o starts at (theta / sin(theta) - 1) (e0 + e1 theta^2 + e2
 // theta^4) on the axis o: rays do not meet. Domain: theta below |L| theta = 90 degrees and below
 // the first fold of chi (1 + ...), cut at the angle limit; Z' > 0. The angle is found by Newton,
-// the inverse by Newton inside a bracket (pupil_chart.h). Source: Gennery, "Generalized camera
+// the inverse by Newton inside a bracket (special_inverses.h). Source: Gennery, "Generalized camera
 // calibration including fish-eye lenses", IJCV 2006; mrcal's documentation.
 
 struct Cahvore {

@@ -8,8 +8,8 @@
 // Parameters: fx fy cx cy in pixels; (0.5, 0.5) is the centre of the top-left pixel. Then
 // k0 k1 k2 k3 k4 k5 p0 p1 s0 s1 s2 s3, dimensionless. COLMAP's RAD_TAN_THIN_PRISM_FISHEYE and
 // Project Aria's FISHEYE624 are this lens. Domain: up to the first circle on which the map folds
-// (plane_chart.h). Inverse: Newton, safeguarded (plane_map.h). Source: Project Aria's documentation
-// of its camera models.
+// (plane_inverses.h). Inverse: Newton, safeguarded (plane_map.h). Source: Project Aria's
+// documentation of its camera models.
 
 struct Fisheye624 : WarpedEquidistant<Fisheye624> {
   static constexpr const char* kName = "fisheye624";

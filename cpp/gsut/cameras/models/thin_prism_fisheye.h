@@ -7,7 +7,7 @@
 //
 // Parameters: fx fy cx cy in pixels; (0.5, 0.5) is the centre of the top-left pixel. Then
 // k1 k2 p1 p2 k3 k4 sx1 sy1, dimensionless. COLMAP's THIN_PRISM_FISHEYE is this lens. Domain: up to
-// the first circle on which the map folds (plane_chart.h); points with Z <= 0 are seen. Inverse:
+// the first circle on which the map folds (plane_inverses.h); points with Z <= 0 are seen. Inverse:
 // Newton, safeguarded (plane_map.h). Source: COLMAP's documentation of its camera models.
 
 struct ThinPrismFisheye : WarpedEquidistant<ThinPrismFisheye> {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import struct
+import warnings
 import zlib
 from pathlib import Path
 from typing import NamedTuple
@@ -15,19 +16,17 @@ from gsut.files import check_regular
 from gsut.orientation import EXIF_HEADER, read_orientation
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp")
+# Formats whose headers Pillow reads; decoders turn the pixels of a TIFF upright.
+_FORMATS = ("JPEG", "PNG", "WEBP", "BMP")
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-# Start-of-frame markers of JPEG; C4, C8 and CC are tables, not frames.
-_JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 _JPEG_BARE = frozenset({0x01, *range(0xD0, 0xD9)})  # markers without a length
 _JPEG_START = b"\xff\xd8"
-_JPEG_EXIF = 0xE1  # marker of EXIF and of XMP
 # What the decoder says of data that no encoder writes, and of which it made the picture up.
 _JPEG_EXTRA = "extraneous bytes"
 _JPEG_DAMAGE = ("premature end", "bad Huffman code", _JPEG_EXTRA)
 _JPEG_END = b"\xff\xd9"
 _LEAST_PADDING = 4  # bytes: the data of a picture may end in a few zeros
 _KEPT_PADDING = 64  # bytes that may be data of the picture: less than one row of blocks
-_PNG_CHANNELS = {2: 3, 4: 2, 6: 4}  # of other types one
 _DEFLATES = 1040  # bytes that one of zlib can stand for, at most (1032)
 _COPY_AGAIN = "copy or export the file again"
 
@@ -41,34 +40,32 @@ class ImageHeader(NamedTuple):
 
 
 def read_header(path: Path) -> ImageHeader:
-    """Reads an image's size from the first bytes of PNG, JPEG and WebP, else by decoding it.
+    """Reads an image's size and orientation from its header.
 
     The size is that of the stored pixels: EXIF's orientation is returned, not applied.
 
     Raises:
         DatasetError: the file is not an image, or ends within the header.
     """
-    with _open(path) as file:
-        head = file.read(26)
-        if head.startswith(_PNG_SIGNATURE) and len(head) == 26:
-            width, height = struct.unpack(">II", head[16:24])
-            channels = _PNG_CHANNELS.get(head[25], 1)
-            size = os.fstat(file.fileno()).st_size
-            if width * height * channels * head[24] // 8 > _DEFLATES * size:
-                raise DatasetError(
-                    path, f"says {width} x {height} pixels, more than its {size} bytes can hold",
-                    _COPY_AGAIN,
-                )  # fmt: skip
-            return ImageHeader(width, height, _read_png_orientation(file))
-        if head.startswith(_JPEG_START):
-            file.seek(2)
-            return _read_jpeg_header(file, path)
-        if head.startswith(b"RIFF") and head[8:12] == b"WEBP":
-            found = _read_webp_header(file)
-            if found is not None:
-                return found
-    pixels, _ = decode_image(path)
-    return ImageHeader(pixels.shape[1], pixels.shape[0])
+    from PIL import Image, WebPImagePlugin  # noqa: F401  # here: gsut --help needs none
+
+    Image.MAX_IMAGE_PIXELS = None  # panoramas are no bombs
+    with _open(path) as file, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # Pillow's, on damaged metadata
+        try:
+            with Image.open(file, formats=_FORMATS) as image:
+                (width, height), kind = image.size, image.format
+                exif, channels = image.info.get("exif", b""), len(image.getbands())
+        except (OSError, ValueError, SyntaxError, struct.error):
+            pixels, _ = decode_image(path)  # says what is wrong, unless OpenCV can read it
+            return ImageHeader(pixels.shape[1], pixels.shape[0])
+        size = os.fstat(file.fileno()).st_size
+    if kind == "PNG" and width * height * channels // 8 > _DEFLATES * size:
+        raise DatasetError(
+            path, f"says {width} x {height} pixels, more than its {size} bytes can hold",
+            _COPY_AGAIN,
+        )  # fmt: skip
+    return ImageHeader(width, height, read_orientation(exif.removeprefix(EXIF_HEADER)))
 
 
 def _open(path: Path):
@@ -78,65 +75,6 @@ def _open(path: Path):
         raise DatasetError(
             path, f"cannot be opened ({error.strerror})", "check the path"
         ) from error
-
-
-def _read_png_orientation(file) -> int:
-    """Reads the orientation of a PNG whose EXIF stands before its pixels, as it should."""
-    file.seek(len(_PNG_SIGNATURE))
-    while len(start := file.read(8)) == 8:
-        length, kind = struct.unpack(">I4s", start)
-        if kind == b"eXIf":
-            return read_orientation(file.read(length))
-        if kind == b"IDAT":
-            break
-        file.seek(length + 4, 1)
-    return 1
-
-
-def _read_webp_header(file) -> ImageHeader | None:
-    """Reads size and orientation of a WebP picture, whose EXIF follows its pixels; None: neither
-    kind of pixels was found.
-
-    Source: RFC 9649 (VP8L's header in section 3.4), RFC 6386 (VP8's in section 9.1).
-    """
-    size, orientation = None, 1
-    file.seek(12)
-    while len(start := file.read(8)) == 8:
-        kind, length = struct.unpack("<4sI", start)
-        after = file.tell() + length + length % 2
-        if kind == b"VP8L" and len(head := file.read(5)) == 5:
-            sides = int.from_bytes(head[1:], "little")
-            size = (sides & 0x3FFF) + 1, (sides >> 14 & 0x3FFF) + 1
-        elif kind == b"VP8 " and len(head := file.read(10)) == 10:
-            width, height = struct.unpack("<HH", head[6:])
-            size = width & 0x3FFF, height & 0x3FFF
-        elif kind == b"EXIF":
-            orientation = read_orientation(file.read(length).removeprefix(EXIF_HEADER))
-        file.seek(after)
-    return None if size is None else ImageHeader(*size, orientation)
-
-
-def _read_jpeg_header(file, path: Path) -> ImageHeader:
-    orientation = 1
-    while True:
-        start = file.read(4)
-        if len(start) < 4 or start[0] != 0xFF:
-            raise DatasetError(path, "the JPEG file is truncated in its header", _COPY_AGAIN)
-        marker, length = start[1], struct.unpack(">H", start[2:])[0]
-        if marker == 0xFF or marker in _JPEG_BARE:  # fill byte, or a marker without a length
-            file.seek(-3 if marker == 0xFF else -2, 1)
-        elif marker in _JPEG_FRAMES:
-            frame = file.read(5)
-            if len(frame) < 5:
-                raise DatasetError(path, "the JPEG file is truncated in its header", _COPY_AGAIN)
-            height, width = struct.unpack(">HH", frame[1:])
-            return ImageHeader(width, height, orientation)
-        elif marker == _JPEG_EXIF:
-            block = file.read(max(0, length - 2))
-            if block.startswith(EXIF_HEADER):
-                orientation = read_orientation(block[len(EXIF_HEADER) :])
-        else:
-            file.seek(length - 2, 1)
 
 
 def decode_image(path: Path, reduction: int = 1) -> tuple[np.ndarray, np.ndarray | None]:

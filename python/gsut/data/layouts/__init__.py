@@ -1,4 +1,4 @@
-"""Layouts of datasets, a file each: a module with a `LAYOUT`; those with a "_" are none."""
+"""Layouts of datasets: each module lists its `LAYOUTS`; those with a "_" have none."""
 
 from gsut.data.layouts._layout import Layout, find_layout, list_layouts, require_pictures
 from gsut.data.layouts.description import KEYS, describe_recording, replace_parts

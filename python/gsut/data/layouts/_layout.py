@@ -26,7 +26,7 @@ class Layout:
         holds: whether this folder (or file) is one.
         read: its frames, points and lists; the argument is what `holds` accepted.
         record: instead of `read`, of a layout whose poses are found by time or order.
-        write: into a new folder; None where gsut only reads it.
+        write: into a new folder; None where gsut only reads the layout.
         unpack: of what holds pictures inside, such as a bag: writes them to a folder; instead of
             `read` and `record`.
     """
@@ -48,7 +48,8 @@ def list_layouts() -> tuple[Layout, ...]:
     folder = [str(Path(__file__).parent)]
     names = [m.name for m in pkgutil.iter_modules(folder) if not m.name.startswith("_")]
     modules = [importlib.import_module(f"{package}.{name}") for name in names]
-    return tuple(sorted((m.LAYOUT for m in modules), key=lambda layout: layout.rank))
+    found = [layout for module in modules for layout in module.LAYOUTS]
+    return tuple(sorted(found, key=lambda layout: layout.rank))
 
 
 def find_layout(path: Path, without: Collection[str] = ()) -> Layout | None:
@@ -67,6 +68,6 @@ def require_pictures(path: Path) -> None:
     if layout is not None and layout.unpack is not None:
         raise DatasetError(
             path, f"{layout.files}, whose pictures are inside",
-            f"`gsut data convert {path} FOLDER` makes a dataset of it; where it has no poses, add "
-            "--to films, and gsut finds them",
+            f"`gsut data convert {path} FOLDER` makes a dataset of it; without poses, folders of "
+            "pictures, whose poses gsut finds",
         )  # fmt: skip

@@ -6,7 +6,6 @@ quaternions w, x, y, z; the centre of the first pixel is (0.5, 0.5).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +15,6 @@ from gsut.data.colmap import (
     ColmapImage,
     ColmapModel,
     format_model_binaries,
-    format_model_texts,
     read_images_bin,
     read_images_txt,
     read_points_bin,
@@ -171,35 +169,25 @@ def write_colmap(folder: Path, export: Export) -> list[str]:
     Raises:
         InputError: COLMAP has no such lens.
     """
-    return _write(folder, export, format_model_binaries(_model(export)))
-
-
-def write_colmap_text(folder: Path, export: Export) -> list[str]:
-    """Writes the dataset as `write_colmap` does, with a model as text."""
-    return _write(folder, export, format_model_texts(_model(export)))
-
-
-def _model(export: Export) -> ColmapModel:
     images = [
         ColmapImage(number, frame.name, frame.camera, invert_pose(frame.world_from_camera))
         for number, frame in enumerate(export.frames, 1)
     ]
-    return ColmapModel(images, export.points, export.point_colors)
-
-
-def _write(folder: Path, export: Export, files: Mapping[str, str | bytes]) -> list[str]:
+    files = format_model_binaries(ColmapModel(images, export.points, export.point_colors))
     place_images(export, folder)
     (folder / MODEL).mkdir(parents=True)
     for name, content in files.items():
         write_file(folder / MODEL / name, content)
-    return list_losses(export, "COLMAP", masks=True, lens_limits=False)
+    return list_losses(export)
 
 
-LAYOUT = Layout(
-    "colmap",
-    "cameras and images (.bin or .txt) in sparse/0, sparse or the folder (COLMAP)",
-    rank=40,
-    holds=lambda path: path.is_dir() and find_model(path) is not None,
-    read=lambda path, on_error: read_colmap(path, on_error=on_error),
-    write=write_colmap,
+LAYOUTS = (
+    Layout(
+        "colmap",
+        "cameras and images (.bin or .txt) in sparse/0, sparse or the folder (COLMAP)",
+        rank=40,
+        holds=lambda path: path.is_dir() and find_model(path) is not None,
+        read=lambda path, on_error: read_colmap(path, on_error=on_error),
+        write=write_colmap,
+    ),
 )

@@ -156,13 +156,15 @@ def _report(file: Path, key: str, what: str, advice: str) -> DatasetError:
     return DatasetError(f"{file}{line}, '{key}'", what, advice)
 
 
-LAYOUT = Layout(
-    "dataset.yaml",
-    "a description of where all is",
-    rank=0,
-    holds=lambda path: (
-        (path / DESCRIPTION).is_file()
-        or (path.is_file() and path.suffix.lower() in (".yaml", ".yml"))
+LAYOUTS = (
+    Layout(
+        "dataset.yaml",
+        "a description of where all is",
+        rank=0,
+        holds=lambda path: (
+            (path / DESCRIPTION).is_file()
+            or (path.is_file() and path.suffix.lower() in (".yaml", ".yml"))
+        ),
+        record=record,
     ),
-    record=record,
 )

@@ -14,22 +14,16 @@ from __future__ import annotations
 import dataclasses
 import functools
 from collections.abc import Collection
-from pathlib import Path, PurePosixPath
-
-import numpy as np
+from pathlib import Path
 
 from gsut._core import InputError
 from gsut.data.errors import DatasetError, list_some
-from gsut.data.export import POINTS, Export, list_losses, place_images
 from gsut.data.images import IMAGE_SUFFIXES
 from gsut.data.layouts._layout import Layout
-from gsut.data.poses import format_tum
 from gsut.data.recordings import MASK, Recording, Stream, find_stream, list_pictures
 from gsut.data.rigs import is_rig_file, read_mounts
 from gsut.data.text_files import read_yaml
-from gsut.files import write_file
-from gsut.lens import Camera, load_camera, save_camera
-from gsut.lens.files import OWN_SUFFIX
+from gsut.lens import Camera, load_camera
 
 DESCRIPTION = "dataset.yaml"
 LENS_PATTERNS = (
@@ -184,37 +178,12 @@ def _find_lens_of(root: Path, name: str) -> Path | None:
     return next((file for file in files if file.is_file()), None)
 
 
-def write_folder(folder: Path, export: Export) -> list[str]:
-    """Writes the dataset; returns what the layout cannot hold.
-
-    Raises:
-        InputError: several lenses whose images lie in one folder, or a name with numbers alone.
-    """
-    lenses: dict[str, Camera] = {}
-    several = len({frame.camera for frame in export.frames}) > 1
-    frames = place_images(export, folder)
-    for frame in frames:
-        camera = PurePosixPath(frame.name).parts[0] if several else "lens"
-        if lenses.setdefault(camera, frame.camera) != frame.camera or (
-            several and "/" not in frame.name
-        ):
-            raise InputError(
-                "a plain folder with several lenses has the images of each in a folder of its own,"
-                f" and {frame.name} is beside images of another; write it as nerfstudio"
-            )
-    for name, lens in lenses.items():
-        save_camera(lens, folder / f"{name}{OWN_SUFFIX}")
-    poses = np.array([frame.world_from_camera for frame in frames])
-    write_file(folder / "poses.txt", format_tum([frame.name for frame in frames], poses))
-    export.write_points(folder / POINTS)
-    return list_losses(export, "a plain folder", masks=True)
-
-
-LAYOUT = Layout(
-    "folder",
-    "images beside a lens file and poses",
-    rank=90,
-    holds=lambda path: path.is_dir() and bool(find_images(path)),
-    record=record,
-    write=write_folder,
+LAYOUTS = (
+    Layout(
+        "folder",
+        "images beside a lens file and poses",
+        rank=90,
+        holds=lambda path: path.is_dir() and bool(find_images(path)),
+        record=record,
+    ),
 )

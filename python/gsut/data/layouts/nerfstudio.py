@@ -288,13 +288,15 @@ def write_nerfstudio(folder: Path, export: Export) -> list[str]:
     return []
 
 
-LAYOUT = Layout(
-    "nerfstudio",
-    f"{FILE_NAME} (nerfstudio, instant-ngp)",
-    rank=10,
-    holds=lambda path: (
-        path.suffix.lower() == ".json" if path.is_file() else (path / FILE_NAME).is_file()
+LAYOUTS = (
+    Layout(
+        "nerfstudio",
+        f"{FILE_NAME} (nerfstudio, instant-ngp)",
+        rank=10,
+        holds=lambda path: (
+            path.suffix.lower() == ".json" if path.is_file() else (path / FILE_NAME).is_file()
+        ),
+        read=lambda path, on_error: read_nerfstudio(path, on_error=on_error),
+        write=write_nerfstudio,
     ),
-    read=lambda path, on_error: read_nerfstudio(path, on_error=on_error),
-    write=write_nerfstudio,
 )

@@ -1,9 +1,9 @@
-"""ROS bags, 1 and 2: topics of pictures, camera_info, odometry or poses, and tf.
+"""ROS bags, 1 and 2: topics of pictures, camera_info, poses, and /tf_static.
 
 BAG.bag, or a folder with metadata.yaml and .db3 or .mcap. Read by `gsut data convert BAG OUT` with
 the package rosbags. A camera is a topic of pictures, raw or compressed, with its camera_info; poses
-are those of an Odometry, PoseStamped, PoseWithCovarianceStamped or TransformStamped topic, or of
-/tf; /tf_static says where cameras sit on the body.
+are those of an Odometry, PoseStamped, PoseWithCovarianceStamped or TransformStamped topic;
+/tf_static says where cameras sit on the body.
 """
 
 from __future__ import annotations
@@ -19,15 +19,14 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data.errors import DatasetError
-from gsut.data.layouts._bag_messages import (
-    read_pose,
-    stamp_message,
-    strip_slash,
-    write_picture,
-)
-from gsut.data.layouts._bag_tracks import FrameTree, Track, join_tracks
 from gsut.data.layouts._layout import Layout
-from gsut.data.poses import format_seconds, format_tum, invert_pose
+from gsut.data.poses import (
+    NANOSECONDS,
+    format_seconds,
+    format_tum,
+    invert_pose,
+    pose_from_quaternion,
+)
 from gsut.data.recordings import Recording, Stream
 from gsut.data.rigs import BODY, OWN, Mount
 from gsut.files import claim_name, to_file_name, write_file
@@ -35,29 +34,70 @@ from gsut.lens import Camera, camera_from_info
 from gsut.run import Progress
 
 _IMAGES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
-_INFO = "sensor_msgs/msg/CameraInfo"
-_TF = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 # Kinds of topics that hold poses, the first that is there is used.
 _POSES = (
     "nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseWithCovarianceStamped",
     "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/TransformStamped",
 )  # fmt: skip
-_LEAF = re.compile(r"/(image\w*|compressed|camera_info)$")
-_TRAJECTORY = "trajectory.txt"
+_LEAF = re.compile(r"(/(image\w*|compressed|camera_info))+$")
+_COMPRESSED = {b"\xff\xd8": ".jpg", b"\x89P": ".png"}  # by their first bytes
+# Channels of raw pictures of 8 or 16 bits and OpenCV's conversion to BGR. A Bayer pattern is named
+# by its first two pixels; OpenCV names the second row's second and third.
+_ENCODINGS = {
+    "mono": (1, ""), "bgr": (3, ""), "rgb": (3, "RGB2BGR"), "bgra": (4, "BGRA2BGR"),
+    "rgba": (4, "RGBA2BGR"), "bayer_rggb": (1, "BayerBG2BGR"), "bayer_bggr": (1, "BayerRG2BGR"),
+    "bayer_gbrg": (1, "BayerGR2BGR"), "bayer_grbg": (1, "BayerGB2BGR"),
+}  # fmt: skip
 
 
 @dataclasses.dataclass
 class _Camera:
-    """A topic of pictures, and what was found of it."""
+    """A topic of pictures, and what was found of it; `problem` is why it has no lens."""
 
     name: str
     topic: str
-    info: str | None
+    info: str
     images: list[Path] = dataclasses.field(default_factory=list)
     times: list[str] = dataclasses.field(default_factory=list)
     frame: str = ""
     lens: Camera | None = None
-    problem: InputError | None = None  # why camera_info states no lens
+    problem: InputError | None = None
+
+    def add_lens(self, message: Any, where: str) -> None:
+        """Adds the lens of a CameraInfo, or why it is none: --lens may make up for it."""
+        rectified = "rect" in self.topic.rsplit("/", 1)[-1]
+        try:
+            lens = camera_from_info(message, rectified=rectified, topic=where)
+            if lens != (self.lens or lens):
+                seconds = format_seconds(_read_time(message, 0))
+                raise DatasetError(where, f"the lens changes at {seconds} s", "give it with --lens")
+            self.lens = lens
+        except InputError as error:
+            self.problem = self.problem or error
+
+
+class FrameTree:
+    """Coordinate frames that do not move against each other (/tf_static)."""
+
+    def __init__(self) -> None:
+        self._parents: dict[str, tuple[str, np.ndarray]] = {}
+
+    def add(self, parent: str, child: str, parent_from_child: np.ndarray) -> None:
+        self._parents[child] = parent, parent_from_child
+
+    def _list_above(self, frame: str) -> dict[str, np.ndarray]:
+        """Returns the transforms from a frame to itself and to each frame above it."""
+        found, pose = {frame: np.eye(4)}, np.eye(4)
+        while frame in self._parents and self._parents[frame][0] not in found:
+            frame, step = self._parents[frame]
+            found[frame] = pose = step @ pose
+        return found
+
+    def find_transform(self, target: str, source: str) -> np.ndarray | None:
+        """Returns target_from_source (4, 4); None if the two are not connected."""
+        above, below = self._list_above(target), self._list_above(source)
+        shared = next((frame for frame in below if frame in above), None)
+        return None if shared is None else invert_pose(above[shared]) @ below[shared]
 
 
 def is_bag(path: Path) -> bool:
@@ -70,20 +110,15 @@ def is_bag(path: Path) -> bool:
 
 
 def unpack(
-    bag: Path,
-    folder: Path,
-    *,
-    poses_topic: str | None = None,
-    cameras: Sequence[str] = (),
-    poses_of: str | None = None,
-    progress: bool = False,
-) -> Recording:
+    bag: Path, folder: Path, *, poses_topic: str | None = None, cameras: Sequence[str] = (),
+    poses_of: str | None = None, progress: bool = False,
+) -> Recording:  # fmt: skip
     """Writes a bag's pictures and trajectory to a folder.
 
     Args:
         bag: the file, or the folder of ROS 2.
         folder: to write to.
-        poses_topic: of the poses, where several are there; None: the only one; "": none.
+        poses_topic: of the poses, where several are there; None: the only one, if any; "": none.
         cameras: names to use, such as "cam0" of /cam0/image_raw; empty: all.
         poses_of: a frame of /tf_static whose poses a trajectory in a file holds, or None.
         progress: show a bar.
@@ -91,35 +126,39 @@ def unpack(
     Raises:
         InputError: the package rosbags is missing, the bag is damaged, or topics are missing.
     """
+    tree, poses, parent, child = FrameTree(), dict[int, np.ndarray](), "", ""
     with _open(bag) as reader:
-        found = _find_cameras(reader, bag, cameras)
-        topic = _choose_pose_topic(reader, bag, poses_topic)
-        track, tree = Track(topic), FrameTree()
-        moving: dict[tuple[str, str], Track] = {}
-        wanted = {camera.topic: camera for camera in found}
-        infos = {camera.info: camera for camera in found if camera.info is not None}
-        topics = {*wanted, *infos, topic, "/tf", "/tf_static"}
-        connections = [c for c in reader.connections if c.topic in topics]
-        total = sum(c.msgcount for c in connections)
-        bars = Progress(progress)
-        for done, (name, received, message) in enumerate(
-            _read_messages(reader, connections, bag), 1
-        ):
-            bars.show("messages", done, total)
-            if name in wanted:
-                _add_picture(wanted[name], message, stamp_message(message, received), folder)
+        types = {c.topic: c.msgtype for c in reader.connections}
+        found = find_cameras(types, bag, cameras)
+        topic = _choose_pose_topic(types, bag, poses_topic)
+        wanted, infos = {c.topic: c for c in found}, {c.info: c for c in found}
+        names = {*wanted, *infos, topic, "/tf_static"}
+        connections = [c for c in reader.connections if c.topic in names]
+        total, bars = sum(c.msgcount for c in connections), Progress(progress)
+        for done, (name, received, message) in enumerate(_read_messages(reader, connections, bag)):
+            bars.show("messages", done + 1, total)
+            where = f"{bag}, {name}"
+            if name == "/tf_static":
+                for each in message.transforms:
+                    tree.add(*_read_frames(each), _read_pose(each, where))
+            elif name in wanted:
+                _add_picture(wanted[name], message, _read_time(message, received), folder)
             elif name in infos:
-                _add_lens(infos[name], message, stamp_message(message, received), f"{bag}, {name}")
-            elif hasattr(message, "transforms"):
-                _add_transforms(name, message, received, tree, moving, f"{bag}, {name}")
+                infos[name].add_lens(message, where)
             else:
-                _add_pose(track, message, received, f"{bag}, {name}, message {done}")
+                poses[_read_time(message, received)] = _read_pose(message, where)
+                parent, child = _read_frames(message)
         bars.close()
-    if topic == "/tf":
-        track = join_tracks(moving, tree, [camera.frame for camera in found], bag)
-    if poses_of is not None and poses_of not in (BODY, OWN, *(camera.name for camera in found)):
-        track.child = poses_of
-    return _make_recording(bag, folder, found, track, tree)
+    if poses_of not in (None, BODY, OWN, *(camera.name for camera in found)):
+        child = str(poses_of)
+    recording = _make_recording(bag, folder, found, tree, child)
+    if poses:
+        recording.poses = folder / "trajectory.txt"
+        stamps = [format_seconds(time) for time in poses]
+        write_file(recording.poses, format_tum(stamps, np.array([*poses.values()])))
+        what = f"poses of '{child or 'a frame without a name'}' in '{parent}' from {topic}"
+        recording.notes.append(f"{bag}: {what}, pictures of {', '.join(wanted)}")
+    return recording
 
 
 @contextlib.contextmanager
@@ -129,8 +168,7 @@ def _open(bag: Path) -> Iterator[Any]:
         from rosbags.typesys import Stores, get_typestore
     except ImportError:
         raise InputError(
-            f"{bag} is a ROS bag, which the package rosbags reads, and Python lacks it here: pip "
-            "install 'gsut[ros]'"
+            f"{bag} is a ROS bag, which the package rosbags reads: pip install 'gsut[ros]'"
         ) from None
     path = bag.parent if bag.suffix.lower() in (".mcap", ".db3") else bag
     try:
@@ -138,10 +176,8 @@ def _open(bag: Path) -> Iterator[Any]:
         reader.open()
     except Exception as error:  # of many kinds, the library's and the file's
         raise InputError(f"{bag} cannot be read as a ROS bag: {error}") from error
-    try:
+    with contextlib.closing(reader):
         yield reader
-    finally:
-        reader.close()
 
 
 def _read_messages(reader: Any, connections: list, bag: Path) -> Iterator[tuple[str, int, Any]]:
@@ -157,157 +193,125 @@ def _read_messages(reader: Any, connections: list, bag: Path) -> Iterator[tuple[
         yield connection.topic, received, message
 
 
-def _find_cameras(reader: Any, bag: Path, wanted: Sequence[str]) -> list[_Camera]:
-    types = {c.topic: c.msgtype for c in reader.connections}
-    by_base: dict[str, _Camera] = {}
+def find_cameras(types: dict[str, str], bag: Path, wanted: Sequence[str]) -> list[_Camera]:
+    """Finds the cameras among topics, raw pictures before the same ones compressed."""
     found: dict[str, _Camera] = {}
-    pictures = [topic for topic, kind in types.items() if kind in _IMAGES]
+    pictures = [t for t, kind in types.items() if kind in _IMAGES and "depth" not in t.lower()]
     for topic in sorted(pictures, key=lambda topic: (_IMAGES.index(types[topic]), topic)):
-        if "depth" in topic.lower():
-            continue
-        base = topic
-        while _LEAF.search(base):
-            base = _LEAF.sub("", base)
-        if base in by_base:  # the same pictures, compressed
-            continue
-        name = claim_name(to_file_name(base) if base.strip("/") else "camera", set(found))
-        info = f"{base}/camera_info"
-        camera = _Camera(name, topic, info if types.get(info) == _INFO else None)
-        by_base[base] = found[name] = camera
-    unknown = [name for name in wanted if name not in found]
-    if unknown or not found:
-        raise DatasetError(
-            bag,
-            f"there is no camera {unknown[0]}, only {', '.join(found)}" if unknown else
-            f"no topic of pictures (Image, CompressedImage) among {', '.join(sorted(types))}",
-            "name one of them" if unknown else "record one",
-        )  # fmt: skip
+        base = _LEAF.sub("", topic)
+        if f"{base}/camera_info" not in {camera.info for camera in found.values()}:
+            name = claim_name(to_file_name(base) if base.strip("/") else "camera", set(found))
+            found[name] = _Camera(name, topic, f"{base}/camera_info")
+    if not found:
+        what = f"no topic of pictures (Image, CompressedImage) among {', '.join(sorted(types))}"
+        raise DatasetError(bag, what, "record one")
+    for name in wanted:
+        if name not in found:
+            what = f"there is no camera {name}, only {', '.join(found)}"
+            raise DatasetError(bag, what, "name one of them")
     return [camera for name, camera in found.items() if not wanted or name in wanted]
 
 
-def _choose_pose_topic(reader: Any, bag: Path, wanted: str | None) -> str:
-    types = {c.topic: c.msgtype for c in reader.connections}
-    if wanted == "":
-        return wanted
-    if wanted is not None:
-        if types.get(wanted) not in (*_POSES, *_TF):
-            raise DatasetError(
-                bag,
-                f"{wanted} is no topic of poses",
-                f"name one of {', '.join(_list_pose_topics(types))}",
-            )
-        return wanted
-    for kind in _POSES:
-        topics = sorted(topic for topic, found in types.items() if found == kind)
-        if len(topics) > 1:
-            raise DatasetError(
-                bag, f"it holds {len(topics)} topics of poses: {', '.join(topics)}",
-                "choose one with --poses-topic",
-            )  # fmt: skip
-        if topics:
-            return topics[0]
-    return "/tf"
-
-
-def _list_pose_topics(types: dict[str, str]) -> list[str]:
-    return sorted(topic for topic, kind in types.items() if kind in (*_POSES, *_TF)) or ["(none)"]
+def _choose_pose_topic(types: dict[str, str], bag: Path, wanted: str | None) -> str:
+    """Chooses the topic of poses, of the kind that comes first in `_POSES`; "" if there is none."""
+    known = {kind: sorted(t for t, its in types.items() if its == kind) for kind in _POSES}
+    topics = [topic for each in known.values() for topic in each]
+    if wanted and wanted not in topics:
+        advice = f"name one of {', '.join(topics) or '(none)'}"
+        raise DatasetError(bag, f"{wanted} is no topic of poses", advice)
+    first = next(filter(None, known.values()), [""])
+    if wanted is None and len(first) > 1:
+        what = f"it holds {len(first)} topics of poses: {', '.join(first)}"
+        raise DatasetError(bag, what, "choose one with --poses-topic")
+    return first[0] if wanted is None else wanted
 
 
 def _add_picture(camera: _Camera, message: Any, time: int, folder: Path) -> None:
-    place = folder / camera.name
-    place.mkdir(exist_ok=True)
-    camera.images.append(write_picture(message, place / str(time), camera.topic))
+    """Writes a picture without a loss: a compressed one as it is, a raw one as PNG."""
+    import cv2
+
+    data = np.asarray(message.data, np.uint8).tobytes()
+    suffix = ".png" if hasattr(message, "encoding") else _COMPRESSED.get(data[:2])
+    if suffix is None:
+        raise InputError(
+            f"{camera.topic}: a compressed picture of format '{message.format}' is neither JPEG "
+            "nor PNG; republish the topic as raw or JPEG"
+        )
+    if hasattr(message, "encoding"):
+        data = cv2.imencode(".png", _decode_pixels(message, data, camera.topic))[1].tobytes()
+    file = folder / camera.name / f"{time}{suffix}"
+    file.parent.mkdir(exist_ok=True)
+    write_file(file, data)
+    camera.images.append(file)
     camera.times.append(str(time))
-    camera.frame = strip_slash(message.header.frame_id) or camera.frame
+    camera.frame = _read_frames(message)[0] or camera.frame
 
 
-def _add_lens(camera: _Camera, message: Any, time: int, where: str) -> None:
-    """Adds the lens of a CameraInfo, or why it is none: --lens may make up for it."""
-    camera.frame = camera.frame or strip_slash(message.header.frame_id)
-    rectified = "rect" in camera.topic.rsplit("/", 1)[-1]
-    try:
-        lens = camera_from_info(message, rectified=rectified, topic=where)
-    except InputError as error:
-        camera.problem = camera.problem or error
-        return
-    camera.lens = camera.lens or lens
-    if lens != camera.lens and camera.problem is None:
-        camera.problem = DatasetError(
-            where, f"the lens changes at {format_seconds(time)} s", "give one with --lens"
+def _decode_pixels(message: Any, data: bytes, where: str) -> np.ndarray:
+    """Decodes a raw picture to grey, or to blue, green, red; 8 or 16 bits."""
+    import cv2
+
+    parts = re.fullmatch(r"(\D+?)(8|16)", str(message.encoding).lower())
+    if parts is None or parts[1] not in _ENCODINGS:
+        known = ", ".join(_ENCODINGS)
+        raise InputError(f"{where}: pictures '{message.encoding}' are not read; known: {known}")
+    kind = np.dtype(f"{'>' if message.is_bigendian else '<'}u{int(parts[2]) // 8}")
+    channels, conversion = _ENCODINGS[parts[1]]
+    width, height, step = int(message.width), int(message.height), int(message.step)
+    row = width * channels * kind.itemsize
+    if step < row or len(data) < step * height:
+        raise InputError(
+            f"{where}: a picture of {width} x {height} '{message.encoding}' has {len(data)} bytes "
+            f"and a step of {step}; the bag may be damaged"
         )
+    rows = np.frombuffer(data, np.uint8, step * height).reshape(height, step)[:, :row]
+    pixels = np.ascontiguousarray(rows).view(kind).reshape(height, width, channels)
+    pixels = pixels.astype(kind.newbyteorder("="))
+    return cv2.cvtColor(pixels, getattr(cv2, f"COLOR_{conversion}")) if conversion else pixels
 
 
-def _add_pose(track: Track, message: Any, received: int, where: str) -> None:
-    pose = read_pose(message, where)
-    if pose is not None:
-        track.parent = strip_slash(message.header.frame_id)
-        track.child = strip_slash(getattr(message, "child_frame_id", ""))
-        track.times.append(stamp_message(message, received))
-        track.poses.append(pose)
+def _read_time(message: Any, received: int) -> int:
+    """Reads a message's time in nanoseconds: its header's, else when it was recorded."""
+    stamp = message.header.stamp
+    return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec) or received
 
 
-def _add_transforms(
-    topic: str, message: Any, received: int, tree: FrameTree,
-    moving: dict[tuple[str, str], Track], where: str,
-) -> None:  # fmt: skip
-    for transform in message.transforms:
-        parent, child = (
-            strip_slash(name) for name in (transform.header.frame_id, transform.child_frame_id)
-        )
-        pose = read_pose(transform, where)
-        assert pose is not None
-        if topic.endswith("static"):
-            tree.add(parent, child, pose)
-            continue
-        track = moving.setdefault((parent, child), Track(topic, parent, child))
-        track.times.append(stamp_message(transform, received))
-        track.poses.append(pose)
+def _read_frames(message: Any) -> tuple[str, str]:
+    """Reads the names of a message's frame and child frame; ROS 1 puts a slash before them."""
+    return message.header.frame_id.lstrip("/"), getattr(message, "child_frame_id", "").lstrip("/")
+
+
+def _read_pose(message: Any, where: str) -> np.ndarray:
+    """Reads parent_from_child (4, 4)."""
+    if hasattr(message, "transform"):
+        place, turn = message.transform.translation, message.transform.rotation
+    else:
+        pose = getattr(message.pose, "pose", message.pose)
+        place, turn = pose.position, pose.orientation
+    quaternion = [turn.w, turn.x, turn.y, turn.z]
+    return pose_from_quaternion(quaternion, [place.x, place.y, place.z], where)
 
 
 def _make_recording(
-    bag: Path, folder: Path, cameras: list[_Camera], track: Track, tree: FrameTree
+    bag: Path, folder: Path, cameras: list[_Camera], tree: FrameTree, child: str
 ) -> Recording:
-    streams = [Stream(c.name, c.images, c.times) for c in cameras]
-    recording = Recording(folder, streams, image_times="ns", pose_times="s")
-    if track.times:
-        text = format_tum([format_seconds(time) for time in track.times], np.array(track.poses))
-        write_file(folder / _TRAJECTORY, text)
-        recording.poses = folder / _TRAJECTORY
-    places = {
-        c.name: tree.find_transform(track.child, c.frame) if track.child and c.frame else None
-        for c in cameras
-    }
-    recording.poses_of = BODY
-    if all(camera.frame == track.child != "" for camera in cameras):
-        recording.poses_of = OWN
+    def make_mount(camera: _Camera) -> Mount:
+        where = f"{bag}, {camera.topic}"
+        if camera.problem is not None:
+            raise camera.problem
+        if camera.lens is None:
+            raise DatasetError(where, "there is no camera_info of it", "give its lens with --lens")
+        place = tree.find_transform(camera.frame, child) if child and camera.frame else None
+        missing = f"/tf_static has no transform to '{camera.frame}' from '{child}', of the poses"
+        return Mount(camera.lens, f"{where}: {missing}", place)
 
-    def make_mounts(names: Sequence[str]) -> dict[str, Mount]:
-        found = {}
-        for camera in cameras:
-            if camera.problem is not None:
-                raise camera.problem
-            if camera.lens is None:
-                raise DatasetError(
-                    f"{bag}, {camera.topic}", "there is no camera_info of it",
-                    "give its lens with --lens",
-                )  # fmt: skip
-            place = places[camera.name]
-            where = (
-                f"{bag}, {camera.topic}: /tf_static has no transform to '{camera.frame}' from "
-                f"'{track.child}', which the poses are of"
-            )
-            found[camera.name] = Mount(
-                camera.lens, where, None if place is None else invert_pose(place)
-            )
-        return {name: found[name] for name in names}
-
-    recording.mounts = make_mounts
-    if track.times:
-        recording.notes.append(
-            f"{bag}: poses of '{track.child or 'a frame without a name'}' in '{track.parent}' from "
-            f"{track.topic}, pictures of {', '.join(c.topic for c in cameras)}"
-        )
-    return recording
+    known = {camera.name: camera for camera in cameras}
+    return Recording(
+        folder, [Stream(c.name, c.images, c.times) for c in cameras],
+        lambda names: {name: make_mount(known[name]) for name in names},
+        poses_of=OWN if all(c.frame == child != "" for c in cameras) else BODY,
+        image_times="ns", pose_times="s",
+    )  # fmt: skip
 
 
-LAYOUT = Layout("rosbag", "a ROS bag", rank=5, holds=is_bag, unpack=unpack)
+LAYOUTS = (Layout("rosbag", "a ROS bag", rank=5, holds=is_bag, unpack=unpack),)

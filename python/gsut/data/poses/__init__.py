@@ -10,7 +10,7 @@ from gsut.data.poses.times import (
     is_time,
     to_nanoseconds,
 )
-from gsut.data.poses.trajectory import Trajectory, format_kitti, format_tum, read_trajectory
+from gsut.data.poses.trajectory import Trajectory, format_tum, read_trajectory
 from gsut.data.poses.transforms import (
     FARTHEST,
     OPENGL_FROM_OPENCV,
@@ -31,7 +31,6 @@ __all__ = [
     "average_poses",
     "check_rigid",
     "find_centers",
-    "format_kitti",
     "format_range",
     "format_seconds",
     "format_tum",

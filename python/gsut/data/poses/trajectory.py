@@ -179,8 +179,3 @@ def format_tum(labels: Sequence[str], poses: np.ndarray) -> str:
         numbers = " ".join(repr(float(v)) for v in (*pose[:3, 3], *xyz, w))
         rows.append(f"{label} {numbers}")
     return "\n".join(rows) + "\n"
-
-
-def format_kitti(poses: np.ndarray) -> str:
-    """Formats a KITTI trajectory: a 3x4 matrix to the world a line."""
-    return "".join(" ".join(repr(float(v)) for v in pose[:3].ravel()) + "\n" for pose in poses)

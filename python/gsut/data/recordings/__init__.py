@@ -1,16 +1,13 @@
 """Recordings: pictures of several cameras, brought together with a trajectory's poses."""
 
-from gsut.data.recordings.films import FILMS, write_films
 from gsut.data.recordings.pairing import pair_recording
 from gsut.data.recordings.recording import MASK, Recording, Stream, find_stream, list_pictures
 
 __all__ = [
-    "FILMS",
     "MASK",
     "Recording",
     "Stream",
     "find_stream",
     "list_pictures",
     "pair_recording",
-    "write_films",
 ]

@@ -79,7 +79,7 @@ def pair_recording(recording: Recording, on_error: OnError) -> Listing:
         else:
             poses, times = _pair_by_name(stream, trajectory, recording, named)
         if recording.time_range is not None:
-            inside = find_in_range(times, recording.time_range, stream.images[0].parent)
+            inside = _find_in_range(times, recording.time_range, stream.images[0].parent)
             stream = Stream(
                 stream.name, [p for p, keep in zip(stream.images, inside, strict=True) if keep],
                 mask=stream.mask,
@@ -292,7 +292,7 @@ class _Clock:
         return high - 1, high, (int(self.images[k]) - int(self.poses[high - 1])) / step
 
 
-def find_in_range(
+def _find_in_range(
     times: Sequence[int | None], limits: tuple[float, float], where: object
 ) -> list[bool]:
     """Returns which pictures were taken between two times, see `Recording.time_range`."""

@@ -4,7 +4,6 @@ from gsut.lens.files._camera_info import camera_from_info, info_from_camera
 from gsut.lens.files._load import list_suffixes, load_camera, save_camera
 from gsut.lens.files.colmap import camera_from_colmap, list_text_cameras, to_colmap
 from gsut.lens.files.colmap_binary import list_binary_cameras
-from gsut.lens.files.euroc import format_euroc
 from gsut.lens.files.kalibr import is_camchain
 from gsut.lens.files.nerfstudio import (
     LENS_FILE,
@@ -21,7 +20,6 @@ __all__ = [
     "camera_from_info",
     "camera_from_nerfstudio",
     "camera_from_values",
-    "format_euroc",
     "format_nerfstudio",
     "info_from_camera",
     "is_camchain",

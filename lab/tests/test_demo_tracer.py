@@ -1,0 +1,362 @@
+"""Tests the demo's tracer: its data sets are complete, reproducible, and true to their geometry."""
+
+import json
+import math
+
+import cv2
+import numpy as np
+import pytest
+
+import lab_tolerances
+from gsut import InputError
+from gsut.lens import Camera
+from gsut.surface.rays import cast_onto
+from gsut.surface.worth import build_tree
+from lab.demo_tracer import dataset, make_demo_rig, make_demo_scene
+from lab.demo_tracer import views as demo_views
+from lab.demo_tracer.__main__ import main as pack
+from lab.demo_tracer.hall import HALF_X, HALF_Y, HEIGHT, make_hall
+from lab.demo_tracer.hall_mesh import build_hall_mesh
+from lab.demo_tracer.shapes import Box, Cylinder, Rays, Sphere
+from lab.demo_tracer.texture import Material
+from lab.demo_tracer.tracing import Tracer, spread_directions
+from surface_scenes import edge_counts
+
+VIEWS, TEST_VIEWS, SIZE, SEED = 6, 2, 64, 3
+OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """A small demo data set."""
+    folder = tmp_path_factory.mktemp("demo") / "data"
+    assert make_demo_scene(folder, VIEWS, TEST_VIEWS, SIZE, SEED, progress=False) == folder
+    return folder
+
+
+@pytest.fixture(scope="module")
+def transforms(made):
+    return json.loads((made / "transforms.json").read_text())
+
+
+def poses_of(transforms):
+    """World-from-camera with OpenCV axes, by file name."""
+    return {
+        frame["file_path"]: np.array(frame["transform_matrix"]) @ OPENCV_FROM_OPENGL
+        for frame in transforms["frames"]
+    }
+
+
+def read_points(path):
+    header, data = path.read_bytes().split(b"end_header\n")
+    count = int(header.split(b"element vertex ")[1].split(b"\n")[0])
+    layout = [("xyz", "<f8", 3), ("rgb", "u1", 3)]
+    vertices = np.frombuffer(data, dtype=layout)
+    assert len(vertices) == count
+    return vertices["xyz"], vertices["rgb"]
+
+
+def read_image(path):
+    return cv2.imread(str(path))[..., ::-1]
+
+
+def test_demo_scene_same_seed_same_bytes(made, tmp_path):
+    again, other = tmp_path / "again", tmp_path / "other"
+    make_demo_scene(again, VIEWS, TEST_VIEWS, SIZE, SEED, progress=False)
+    make_demo_scene(other, VIEWS, TEST_VIEWS, SIZE, SEED + 1, progress=False)
+    files = sorted(path.relative_to(made) for path in made.rglob("*") if path.is_file())
+    assert len(files) == 2 * VIEWS + 3 * TEST_VIEWS + 4
+    assert files == sorted(path.relative_to(again) for path in again.rglob("*") if path.is_file())
+    for file in files:
+        assert (made / file).read_bytes() == (again / file).read_bytes(), file
+    different = [
+        file for file in files if (made / file).read_bytes() != (other / file).read_bytes()
+    ]
+    assert len(different) == len(files) - 2  # all but the mask and the geometry
+
+
+def test_demo_scene_transforms_are_complete(made, transforms):
+    assert transforms["camera_model"] == "OPENCV_FISHEYE"
+    camera = demo_views.make_camera(SIZE)
+    keys = ("fl_x", "fl_y", "cx", "cy", "k1", "k2", "k3", "k4")
+    assert [transforms[key] for key in keys] == list(camera.params)
+    assert (transforms["w"], transforms["h"], transforms["pixel_center"]) == (SIZE, SIZE, 0.5)
+    assert transforms["max_theta_rad"] == pytest.approx(math.radians(95))
+    train, test = transforms["train_filenames"], transforms["test_filenames"]
+    assert (len(train), len(test)) == (VIEWS, TEST_VIEWS)
+    assert not set(train) & set(test)
+    names = [frame["file_path"] for frame in transforms["frames"]]
+    assert sorted(names) == sorted(train + test)
+    for frame in transforms["frames"]:
+        assert read_image(made / frame["file_path"]).shape == (SIZE, SIZE, 3)
+        assert (made / frame["mask_path"]).is_file()
+        assert ("depth_file_path" in frame) == (frame["file_path"] in test)
+        rotation = np.array(frame["transform_matrix"])[:3, :3]
+        np.testing.assert_allclose(
+            rotation @ rotation.T, np.eye(3), rtol=0, atol=lab_tolerances.DEMO_ROTATION
+        )
+        assert np.linalg.det(rotation) > 0
+    assert (made / transforms["ply_file_path"]).is_file()
+    assert not list(made.parent.glob("*.partial"))
+
+
+def test_demo_scene_mask_is_the_image_circle(made):
+    mask = cv2.imread(str(made / "mask.png"), cv2.IMREAD_UNCHANGED)
+    rays, _ = demo_views.make_camera(SIZE).rays()
+    # Two pixels inside the rim and two outside: unmasked and masked, whatever the corners.
+    pixel = math.radians(190.0) / SIZE
+    angle = np.nan_to_num(np.arccos(np.clip(rays[..., 2], -1, 1)), nan=np.inf)
+    assert np.all(mask[angle < demo_views.MAX_ANGLE - 2 * pixel] == 255)
+    assert np.all(mask[angle == np.inf] == 0)
+    for path in (made / "images").iterdir():
+        image = read_image(path)
+        assert image[mask == 255].mean() > 30  # a picture,
+        assert image[0, 0].max() == 0  # black around it
+
+
+def test_demo_scene_points_lie_on_surfaces_with_their_colour(made, transforms):
+    points, colors = read_points(made / "points3D.ply")
+    assert len(points) == 4000
+    hall, camera = make_hall(SEED), demo_views.make_camera(SIZE)
+    off_surface = np.full(len(points), np.inf)
+    off_color = np.full(len(points), np.inf)
+    for name, pose in poses_of(transforms).items():
+        if name not in transforms["train_filenames"]:
+            continue
+        in_camera = (points - pose[:3, 3]) @ pose[:3, :3]
+        away = np.linalg.norm(in_camera, axis=1)
+        pixels, valid = camera.project(in_camera)
+        exact = dataset.measure_distances(hall, pose, in_camera / away[:, None])
+        off_surface = np.minimum(off_surface, np.where(valid, np.abs(exact - away), np.inf))
+        image = np.pad(read_image(made / name).astype(int), ((2, 2), (2, 2), (0, 0)))
+        column, row = np.clip(np.nan_to_num(pixels), 0, SIZE - 1).astype(int).T
+        for dy in (1, 2, 3):  # the perturbed point may project beside its pixel
+            for dx in (1, 2, 3):
+                difference = np.abs(image[row + dy, column + dx] - colors).max(axis=1)
+                off_color = np.minimum(off_color, np.where(valid, difference, np.inf))
+    assert np.median(off_surface) < lab_tolerances.DEMO_POINT_MEDIAN
+    assert np.quantile(off_surface, 0.99) < lab_tolerances.DEMO_POINT_FAR
+    assert np.mean(off_color == 0) > lab_tolerances.DEMO_POINT_COLOR_SHARE
+
+
+def test_demo_scene_depth_never_exceeds_the_room_and_mostly_meets_it(made, transforms):
+    rays, valid = demo_views.make_camera(SIZE).rays()
+    checked = 0
+    for name, pose in poses_of(transforms).items():
+        if name not in transforms["test_filenames"]:
+            continue
+        depth = cv2.imread(
+            str(made / name.replace("images", "depth")), cv2.IMREAD_UNCHANGED
+        )  # millimetres
+        assert depth.dtype == np.uint16
+        assert np.all(depth[~valid] == 0)
+        direction = rays[valid] @ pose[:3, :3].T
+        walls = np.array([HALF_X, HALF_Y, HEIGHT])
+        high, low = walls - pose[:3, 3], np.array([-HALF_X, -HALF_Y, 0.0]) - pose[:3, 3]
+        with np.errstate(divide="ignore"):
+            room = np.where(direction > 0, high / direction, low / direction).min(axis=1)
+        excess = depth[valid] / 1000.0 - room
+        assert excess.max() < lab_tolerances.DEMO_DEPTH
+        assert 0.4 < np.mean(np.abs(excess) < lab_tolerances.DEMO_DEPTH) < 0.95  # room; furniture
+        checked += 1
+    assert checked == TEST_VIEWS
+
+
+def test_demo_scene_labels_name_the_surface_at_the_depth_of_each_pixel(made, transforms):
+    rays, valid = demo_views.make_camera(SIZE).rays()
+    hall = make_hall(SEED)
+    checked, found = 0, set()
+    for name, pose in poses_of(transforms).items():
+        labels = cv2.imread(str(made / name.replace("images", "labels")), cv2.IMREAD_UNCHANGED)
+        assert labels.dtype == np.uint8
+        assert np.all((labels == dataset.NO_LABEL) == ~valid)
+        found |= set(labels[valid].tolist())
+        away = dataset.measure_distances(hall, pose, rays[valid])
+        points = away[:, None] * (rays[valid] @ pose[:3, :3].T) + pose[:3, 3]
+        sides = np.stack([points[:, 0] + HALF_X, HALF_X - points[:, 0], points[:, 1] + HALF_Y,
+                          HALF_Y - points[:, 1], points[:, 2], HEIGHT - points[:, 2]])  # fmt: skip
+        on_side = labels[valid] < len(sides)
+        to_its_side = sides[labels[valid][on_side], np.flatnonzero(on_side)]
+        assert np.abs(to_its_side).max() < lab_tolerances.DEMO_DEPTH
+        checked += 1
+    assert checked == VIEWS + TEST_VIEWS
+    assert 20 < len(found) <= len(hall.room.sides) + len(hall.shapes)
+
+
+@pytest.mark.parametrize("central", [True, False])
+def test_demo_scene_colour_is_the_same_from_another_view(central, made, tmp_path):
+    # Depth of a test view carries its pixels into the training views that see the same point.
+    hall, camera = make_hall(SEED), demo_views.make_camera(SIZE)
+    if not central:  # a window of three metres, every ray of which starts elsewhere
+        camera = Camera("orthographic", [SIZE / 3, SIZE / 3, SIZE / 2, SIZE / 2], SIZE, SIZE)
+        made = make_demo_scene(tmp_path / "data", VIEWS, TEST_VIEWS, SIZE, SEED, False, camera)
+    (rays, _), origins = camera.rays(), camera.origins()
+    mask = cv2.imread(str(made / "mask.png"), cv2.IMREAD_UNCHANGED) > 0
+    transforms = json.loads((made / "transforms.json").read_text())
+    poses = poses_of(transforms)
+    differences = []
+    for name in transforms["test_filenames"]:
+        depth = cv2.imread(str(made / name.replace("images", "depth")), cv2.IMREAD_UNCHANGED)
+        points = origins[mask] + rays[mask] * (depth[mask] / 1000.0)[:, None]
+        points = points @ poses[name][:3, :3].T + poses[name][:3, 3]
+        color = read_image(made / name)[mask].astype(int)
+        for other in transforms["train_filenames"]:
+            in_camera = (points - poses[other][:3, 3]) @ poses[other][:3, :3]
+            pixels, seen = camera.project(in_camera)
+            there, _ = camera.unproject(pixels)
+            starts, _ = camera.ray_origins(pixels)
+            away = np.sum((in_camera - starts) * there, axis=1)
+            exact = dataset.measure_distances(hall, poses[other], there, starts)
+            seen &= np.abs(exact - away) < 0.02
+            column, row = np.clip(np.nan_to_num(pixels), 0, SIZE - 1).astype(int).T
+            seen &= mask[row, column]
+            there = read_image(made / other)[row, column].astype(int)
+            differences.append(np.abs(there - color).mean(axis=1)[seen])
+    together = np.concatenate(differences)
+    assert len(together) > 5000
+    limit = (
+        lab_tolerances.DEMO_VIEW_GREY_LEVELS
+        if central
+        else lab_tolerances.DEMO_SHARP_VIEW_GREY_LEVELS
+    )
+    assert np.median(together) < limit
+
+
+def test_demo_scene_cameras_keep_away_from_things():
+    hall = make_hall(0)
+    directions = spread_directions(500)
+    nearest = [
+        dataset.measure_distances(hall, pose, directions).min()
+        for pose in demo_views.plan_walk(35, 0)
+    ]
+    assert len(nearest) == 35
+    assert min(nearest) > 0.5
+
+
+@pytest.mark.parametrize("name", ["box", "sphere", "cylinder"])
+def test_shape_hits_lie_on_the_surface_and_face_the_ray(name, rng):
+    material = Material(np.zeros((1, 1, 3), np.float32))
+    shape = {
+        "box": Box((-0.3, -0.2, 0.1), (0.4, 0.5, 0.9), material),
+        "sphere": Sphere((0.1, 0.0, 0.4), 0.45, material),
+        "cylinder": Cylinder((0.0, 0.1), 0.35, 0.0, 0.8, material),
+    }[name]
+    count = 20000
+    directions = rng.standard_normal((count, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    # From all sides towards a ball around the shape.
+    origins = rng.uniform((-0.6, -0.6, -0.2), (0.6, 0.6, 1.0), (count, 3)) - 3 * directions
+    rays = Rays(tuple(origins.T.astype(np.float32)), tuple(directions.T.astype(np.float32)))
+    distance = shape.intersect(rays)
+    hit = np.isfinite(distance)
+    assert 0.1 < hit.mean() < 0.9
+    points = tuple(p[hit].astype(np.float64) for p in rays.locate(np.where(hit, distance, 0)))
+    normal = shape.compute_normals(points)
+    facing = sum(n * d[hit] for n, d in zip(normal, directions.T, strict=True))
+    assert np.all(facing < 0)
+    x, y, z = points
+    if name == "box":
+        outside = np.max(
+            [
+                np.abs(p - 0.5 * (a + b)) - 0.5 * (b - a)
+                for p, a, b in zip(points, shape.low, shape.high, strict=True)
+            ],
+            axis=0,
+        )
+    elif name == "sphere":
+        outside = np.sqrt((x - 0.1) ** 2 + y**2 + (z - 0.4) ** 2) - 0.45
+    else:
+        outside = np.maximum(np.hypot(x, y - 0.1) - 0.35, np.abs(z - 0.4) - 0.4)
+    np.testing.assert_allclose(outside, 0, rtol=0, atol=lab_tolerances.DEMO_SURFACE)
+    # Marched: nothing of the way to the hit lies inside, nor anything of a missing ray.
+    steps = np.linspace(0, 6, 200, dtype=np.float32)[:, None]
+    marched = rays.locate(np.minimum(steps, np.where(hit, distance, 6) - np.float32(1e-3)))
+    x, y, z = (m.astype(np.float64) for m in marched)
+    inside = {
+        "box": np.all([(m > a) & (m < b) for m, a, b in
+                       zip((x, y, z), shape.low, shape.high, strict=True)], axis=0),
+        "sphere": (x - 0.1) ** 2 + y**2 + (z - 0.4) ** 2 < 0.45**2,
+        "cylinder": (x**2 + (y - 0.1) ** 2 < 0.35**2) & (np.abs(z - 0.4) < 0.4),
+    }[name]  # fmt: skip
+    assert not inside.any()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [({"views": 0}, "views is 0"), ({"size": 4}, "size is 4"), ({"test_views": -1}, "test_views"),
+     ({"seed": -1}, "seed")],
+)  # fmt: skip
+def test_demo_scene_numbers_out_of_range_raise(tmp_path, arguments, message):
+    with pytest.raises(InputError, match=message):
+        make_demo_scene(tmp_path / "data", progress=False, **arguments)
+    assert not (tmp_path / "data").exists()
+
+
+def test_demo_scene_existing_folder_is_left_alone(tmp_path):
+    (tmp_path / "mine.txt").write_text("kept")
+    with pytest.raises(InputError, match="nothing was overwritten"):
+        make_demo_scene(tmp_path, progress=False)
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
+
+
+def test_demo_scene_interrupted_leaves_nothing(tmp_path, monkeypatch):
+    def interrupt(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(dataset, "format_points_ply", interrupt)
+    with pytest.raises(KeyboardInterrupt):
+        make_demo_scene(tmp_path / "data", 1, 0, 16, progress=False)
+    assert not list(tmp_path.iterdir())
+
+
+def test_demo_scene_parent_that_is_a_file_raises(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="cannot be created"):
+        make_demo_scene(tmp_path / "file" / "data", progress=False)
+
+
+@pytest.mark.parametrize("seed", [0, 3, 4])
+def test_glass_is_found_one_float_inside_the_edges_of_every_window(seed):
+    hall = make_hall(seed)
+    tracer = Tracer(hall, 4)
+    tried = 0
+    for window in hall.windows:
+        edges = np.float32([window.y - window.width / 2, window.y + window.width / 2])
+        y = np.concatenate([np.nextafter(edges, np.float32(side)) for side in (-1e9, 1e9)])
+        low, high = np.float32(window.z), np.float32(window.z + window.height)
+        z = np.float32([low, np.nextafter(low, high), np.nextafter(high, low), high])
+        yy, zz = (grid.ravel() for grid in np.meshgrid(y, z))
+        assert tracer._color_glass(yy, zz).shape == (len(yy), 3)
+        tried += len(yy)
+    assert tried == 16 * len(hall.windows) > 0
+
+
+def test_no_ray_is_stopped_where_there_is_none():
+    none = tuple(np.zeros(0, np.float32) for _ in range(3))
+    free = Tracer(make_hall(0), 4)._measure_free_share(Rays(none, none), np.zeros(0, np.float32))
+    assert free.shape == (0,)
+
+
+def test_hall_as_a_mesh_is_the_hall_that_is_drawn():
+    hall = make_hall(0)
+    mesh = build_hall_mesh(hall)
+    assert np.all(edge_counts(mesh.faces) == 2)
+    camera, pose = demo_views.make_camera(100), demo_views.plan_walk(35, 0)[3]
+    rays, valid = camera.rays()
+    found = cast_onto(build_tree(mesh), camera, np.linalg.inv(pose))[0][valid]
+    error = np.abs(found - dataset.measure_distances(hall, pose, rays[valid]))
+    assert np.isfinite(found).all()
+    # At an edge of a shape one of them may just miss it.
+    assert np.mean(error > lab_tolerances.HALL_MESH) < 1e-3
+
+
+def test_demo_scenes_that_come_with_gsut_are_what_is_traced(monkeypatch, capsys):
+    monkeypatch.setattr("sys.argv", ["demo_tracer", "--check"])
+    assert pack() == 0, capsys.readouterr().out
+
+
+def test_demo_rig_refuses_numbers_out_of_range(tmp_path):
+    for settings in ({"frames": 1}, {"size": 3}, {"seed": -1}, {"path_share": 0.0}):
+        (name,) = settings
+        with pytest.raises(InputError, match=f"{name} is"):
+            make_demo_rig(tmp_path / "rig", **settings)
