@@ -144,7 +144,7 @@ def test_refusal_with_debug_shows_the_traceback(monkeypatch, capsys):
 
 
 def test_missing_file_of_the_system_is_one_sentence(monkeypatch, capsys, run):
-    def gone(path, memory):
+    def gone(path):
         raise FileNotFoundError(2, "No such file or directory", "scene.ply")
 
     monkeypatch.setattr(
