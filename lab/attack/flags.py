@@ -53,7 +53,6 @@ GOOD: dict[tuple[str, str], tuple[str, ...]] = {
             "compact": ("--finetune",),
             "convert": ("--sh-degree",),
             "edit": ("--min-opacity",),
-            "mesh": ("--threads",),
             "poses": ("--nadir-cap", "--zenith-cap", "--threads", "--seed"),
             "scene": ("--nadir-cap", "--zenith-cap", "--threads", "--seed"),
             "train": ("--seed", "--threads", "--max-side", "--test-every", "--sh-degree"),

@@ -304,7 +304,6 @@ ONTO: dict[tuple[str, ...], tuple[str, ...]] = {
     ("edit", "run", "-o", "run", "--scale", "2"): ("ds", "run"),
     ("mesh", "run", "-o", "run/scene.ply"): ("ds", "run"),
     ("mesh", "run", "-o", "ds/points3D.ply"): ("ds", "run"),
-    ("mesh", "run", "-o", "out.ply", "--picture", "photo.png"): ("ds", "run", "photo.png"),
     ("camera", "convert", "lens48.json", "pinhole", "-o", "lens48.json"): ("lens48.json",),
     ("calibrate", "boards", "--board", "5x4", "--spacing", "0.05", "--solver", "opencv", "--lens",
      "fisheye", "-o", "boards/02.png"): ("boards",),

@@ -2,6 +2,9 @@
 
 import struct
 
+import av
+import numpy as np
+
 
 def record(key, kind, size, count, data):
     """A GPMF record, filled up to four bytes."""
@@ -43,30 +46,31 @@ def box(kind, *contents):
 
 
 def make_film(path, form, payloads, rotation=0, seconds=1.0):
-    """An MP4 with an empty film and a track of metadata with one sample a payload."""
-    a, b = {0: (1, 0), 90: (0, 1), 180: (-1, 0), 270: (0, -1)}[rotation]
-    matrix = struct.pack(">9i", a << 16, b << 16, 0, -b << 16, a << 16, 0, 0, 0, 1 << 30)
-    header = box(b"tkhd", bytes(40), matrix, bytes(8))
-    ftyp = box(b"ftyp", b"isom", bytes(4))
-    starts = [len(ftyp) + 8 + sum(map(len, payloads[:i])) for i in range(len(payloads))]
-
-    def track(kind, name, offsets, sizes):
-        tables = box(
-            b"stbl",
-            box(b"stsd", bytes(4), struct.pack(">I", 1), box(name, bytes(8))),
-            box(b"stts", bytes(4), struct.pack(">3I", 1, len(sizes), round(1000 * seconds))),
-            box(b"stsc", bytes(4), struct.pack(">4I", 1, 1, 1, 1)),
-            box(b"stsz", bytes(4), struct.pack(f">2I{len(sizes)}I", 0, len(sizes), *sizes)),
-            box(b"stco", bytes(4), struct.pack(f">I{len(offsets)}I", len(offsets), *offsets)),
-        )
-        mdhd = box(b"mdhd", bytes(12), struct.pack(">I", 1000), bytes(8))
-        hdlr = box(b"hdlr", bytes(8), kind, bytes(12))
-        return box(b"trak", header, box(b"mdia", mdhd, hdlr, box(b"minf", tables)))
-
-    moov = box(
-        b"moov",
-        track(b"vide", b"avc1", [], []),
-        track(b"meta", form, starts, [len(payload) for payload in payloads]),
+    """An MP4 with a grey frame and a track of metadata with one sample a payload."""
+    with av.open(str(path), "w", format="mp4") as film:
+        stream = film.add_stream("mpeg4", rate=30)
+        stream.width, stream.height, stream.pix_fmt = 16, 16, "yuv420p"
+        stream.set_display_rotation(-rotation)
+        grey = av.VideoFrame.from_ndarray(np.full((16, 16, 3), 128, np.uint8), format="rgb24")
+        for packet in (*stream.encode(grey), *stream.encode()):
+            film.mux(packet)
+    data = path.read_bytes()
+    index = data.index(b"moov") - 4
+    frames, moov = data[:index], data[index + 8 :]  # the index ends the file
+    starts = [len(frames) + 8 + sum(map(len, payloads[:i])) for i in range(len(payloads))]
+    sizes = [len(payload) for payload in payloads]
+    tables = box(
+        b"stbl",
+        box(b"stsd", bytes(4), struct.pack(">I", 1), box(form, bytes(6), struct.pack(">H", 1))),
+        box(b"stts", bytes(4), struct.pack(">3I", 1, len(sizes), round(1000 * seconds))),
+        box(b"stsc", bytes(4), struct.pack(">4I", 1, 1, 1, 1)),
+        box(b"stsz", bytes(4), struct.pack(f">2I{len(sizes)}I", 0, len(sizes), *sizes)),
+        box(b"stco", bytes(4), struct.pack(f">I{len(starts)}I", len(starts), *starts)),
     )
-    path.write_bytes(ftyp + box(b"mdat", *payloads) + moov)
+    matrix = struct.pack(">9i", 1 << 16, 0, 0, 0, 1 << 16, 0, 0, 0, 1 << 30)
+    header = box(b"tkhd", bytes(12), struct.pack(">I", 2), bytes(24), matrix, bytes(8))
+    mdhd = box(b"mdhd", bytes(12), struct.pack(">I", 1000), bytes(8))
+    hdlr = box(b"hdlr", bytes(8), b"meta", bytes(13))
+    track = box(b"trak", header, box(b"mdia", mdhd, hdlr, box(b"minf", tables)))
+    path.write_bytes(frames + box(b"mdat", *payloads) + box(b"moov", moov, track))
     return path

@@ -59,14 +59,7 @@ FORMAT_ERRORS = {
     },
 }
 FORMAT_ERRORS["USD"] = FORMAT_ERRORS["glTF"]
-FOREIGN_ROUNDING = 2.0  # others cut off where we round: a step instead of half a one
-FOREIGN_SPZ = {"position": 2.0**-12, "harmonics": 8.5 / 128}  # others' 12, and 5 and 4, bits
-FOREIGN_SPLAT_DEGREES = 1.8  # of rotations in bytes, read as b / 127.5 - 1; worst 1.6
 PALETTE_OF_BEST = 1.1  # squared error, of k-means on one level; worst 0.98
 PLACED = 2e-5  # of coordinates to 40 and harmonics to 1, turned in float32; worst 8e-6
-# Of 400 blobs with harmonics; Spark keeps these in few bits. Worst 30.0
-REAL_VIEWER_DB = 29.0
-REAL_VIEWER_TURNED_DB = 23.0  # turned 16.1, without harmonics 22.0
 SPZ_DIRECTION = 1.2e-7  # of float32 coordinates, two units; worst 6e-8
 HOSTILE_BYTES = 4_800_000  # of memory asked for over files of 10 to 100 kB; worst 2.4 MB
-THREE_VIEWER_DB = 26.0  # three.js ends each Gaussian at two standard deviations; found 27.3

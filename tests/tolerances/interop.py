@@ -5,4 +5,3 @@ TORCH_GSPLAT = 1e-6  # relative L2, float32 against float32; worst 2.3e-7
 TORCH_RELOCATION = 1e-7  # sum over a line for its integral, float32 opacities; worst 3.8e-9
 TORCH_SHADING = 1e-6  # harmonics shaded by torch for those of the engine, float32; worst 6e-8
 JAX_SLOPE = 1e-5  # relative L2: JAX rounds the image's slopes in another order; worst 1.8e-6
-NERFSTUDIO_RAYS = 1e-6  # float32 against double, its lens inverted in a few steps; worst 1.4e-7

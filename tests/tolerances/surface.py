@@ -24,7 +24,6 @@ PLANE_POINTS = 1e-2  # discs of a thousandth of a unit, seen at a slant; worst 5
 DEPTH_LEVELS = 0.51e-3  # half a level of 16 bits
 SURFEL = 2e-5  # a thickness of 1e-4 seen at up to 89 degrees, float depths; worst 1.3e-5
 SURFEL_GRADIENTS = 1e-4  # relative L2, of the same; worst 4.4e-5
-OPEN3D_MEAN_VOXELS = 0.1  # a ball 0.069 from Open3D's mesh; a box's faces 0.047 from the truth
 # Of the largest change: differences in double of step 1e-6.
 MESH_FIT_SLOPES = 1e-6
 REFINED_MEDIAN = (

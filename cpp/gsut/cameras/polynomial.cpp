@@ -9,13 +9,13 @@
 namespace gsut {
 namespace {
 
-constexpr double kEpsilon = std::numeric_limits<double>::epsilon();
+constexpr double kUnitRoundoff = std::numeric_limits<double>::epsilon();
 
 // Bound of the rounding error of EvaluatePolynomial.
 double EvaluationError(std::span<const double> c, double x) {
   double sum = 0.0;
   for (std::size_t i = c.size(); i-- > 0;) sum = sum * std::abs(x) + std::abs(c[i]);
-  return 2.0 * static_cast<double>(c.size()) * kEpsilon * sum;
+  return 2.0 * static_cast<double>(c.size()) * kUnitRoundoff * sum;
 }
 
 // Between low and high, where the polynomial has different signs and is monotone.
@@ -99,7 +99,7 @@ double SolveIncreasing(const std::function<double(double x, double* derivative)>
     }
     last_step = std::abs(next - x);
     x = next;
-    if (last_step <= 0.5 * kEpsilon * std::abs(x)) return x;
+    if (last_step <= 0.5 * kUnitRoundoff * std::abs(x)) return x;
   }
   return x;
 }

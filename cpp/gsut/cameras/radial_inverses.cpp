@@ -98,7 +98,7 @@ bool UnprojectPinhole(const LensDomain& domain, const double* params, double u, 
 
 namespace {
 
-std::span<const double> Coefficients(const double* params, int num_params) {
+std::span<const double> OddCoefficients(const double* params, int num_params) {
   return {params + 4, static_cast<std::size_t>(num_params - 4)};
 }
 
@@ -125,7 +125,7 @@ double Invert(std::span<const double> k, double max_angle, double radius) {
 }  // namespace
 
 LensDomain OddPolynomialDomain(const double* params, int num_params, double angle_limit) {
-  const std::span<const double> k = Coefficients(params, num_params);
+  const std::span<const double> k = OddCoefficients(params, num_params);
   std::vector<double> slope = {1.0};  // of rd, as a polynomial in theta^2
   for (std::size_t i = 0; i < k.size(); ++i) {
     slope.push_back(static_cast<double>(2 * i + 3) * k[i]);
@@ -143,7 +143,7 @@ LensDomain OddPolynomialDomain(const double* params, int num_params, double angl
 
 bool UnprojectOddPolynomial(const LensDomain& domain, const double* params, int num_params,
                             double u, double v, double* ray) {
-  const std::span<const double> k = Coefficients(params, num_params);
+  const std::span<const double> k = OddCoefficients(params, num_params);
   double x = 0.0, y = 0.0;
   if (!FromPixel(params, u, v, &x, &y)) return false;
   const double radius = std::hypot(x, y);

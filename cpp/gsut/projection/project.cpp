@@ -101,8 +101,17 @@ void Splats::Resize(std::int64_t n) {
 void Project(const GaussiansView<const float>& gaussians, const Camera& camera,
              const Pose& camera_from_world, const UnscentedOptions& options,
              const FootprintRule& rule, Splats* splats) {
-  const ProjectTask task = {MakeViewTask(gaussians, camera, camera_from_world, rule),
-                            camera.width(), camera.height(), MakeUnscentedWeights(options),
+  const float max_cutoff = rule.response_min > 0.0
+                               ? static_cast<float>(-2.0 * std::log(rule.response_min))
+                               : std::numeric_limits<float>::max();
+  const ProjectTask task = {gaussians,
+                            FloatLens(camera),  // throws InputError if the kernels cannot take it
+                            MakeViewFloats(camera_from_world),
+                            static_cast<float>(Log2RawOf(gaussians.response, rule.alpha_min)),
+                            max_cutoff,
+                            camera.width(),
+                            camera.height(),
+                            MakeUnscentedWeights(options),
                             kWideFootprint};
   splats->Resize(gaussians.size);
   // The kernel in float; once more in double where float would not do for these weights.

@@ -3,12 +3,19 @@
 
 #include <cstdint>
 
+#include "gsut/cameras/lens_kernels.h"
+#include "gsut/gaussians/gaussians.h"
 #include "gsut/projection/project.h"
-#include "gsut/projection/view_task.h"
+#include "gsut/projection/view.h"
 
 namespace gsut {
 
-struct ProjectTask : ViewTask {
+struct ProjectTask {
+  GaussiansView<const float> gaussians;  // sh is not read
+  FloatLens lens;
+  ViewFloats view;
+  float log2_raw_min;  // see Log2RawOf
+  float max_cutoff;
   int width, height;
   UnscentedWeights weights;
   float wide;  // pixels; larger footprints are left to the exact tile test

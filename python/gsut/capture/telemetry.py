@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 import struct
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
-from gsut.capture.boxes import Track, read_samples, read_tracks
-
 # Bytes of a GPMF record's header: key, type, size, repeats.
 _HEADER = 8
+# Start of a GPMF payload, which holds devices.
+_GPMF_START = b"DEVC"
+# Bytes of one sample of metadata, which lasts about a second.
+_MOST_SAMPLE = 16 << 20
 # GPMF's types and the characters of Python's struct.
 _TYPES = {"b": "b", "B": "B", "s": "h", "S": "H", "l": "i", "L": "I", "f": "f", "d": "d", "j": "q",
           "J": "Q"}  # fmt: skip
@@ -28,42 +31,54 @@ _CAMM_PLACES = {5: ("<3d", 0), 6: ("<dIddf", 2)}
 _LEAST_FIX = 2
 
 
-def read_streams(video: Path) -> dict[str, np.ndarray]:
-    """Reads what the sensors of a camera measured during a film.
+def read_streams(video: Path) -> tuple[int, dict[str, np.ndarray]]:
+    """Reads how a film's frames are turned, and what the sensors of the camera measured.
 
     Returns:
-        By GPMF's names, rows (N, 1 + M) of seconds since the beginning and M values: "ACCL" m/s^2
-        in the camera's axes; "GPS5", "GPS9" and "GLPI" as the camera orders them; {} if there are
-        none.
+        Degrees clockwise by which frames are turned to be shown, a multiple of 90. By GPMF's names,
+        rows (N, 1 + M) of seconds since the beginning and M values: "ACCL" m/s^2 in the camera's
+        axes; "GPS5", "GPS9" and "GLPI" as the camera orders them; {} if there are none. A damaged
+        film has what stands before the damage.
     """
-    found: dict[str, list[np.ndarray]] = {}
-    for track in read_tracks(video):
-        read = {"gpmd": _read_gpmf_samples, "camm": _read_camm_samples}.get(track.format)
-        for name, rows in read(video, track) if read is not None else ():
-            found.setdefault(name, []).append(rows)
-    return {
+    import av
+
+    damaged = (av.FFmpegError, OSError, ValueError, LookupError)
+    rotation, found = 0, dict[str, list[np.ndarray]]()
+    with contextlib.suppress(*damaged), av.open(str(video.absolute())) as film:
+        with contextlib.suppress(*damaged, StopIteration):
+            first = next(film.decode(film.streams.video[0]))
+            rotation = round(-first.rotation / 90) * 90 % 360
+        film.seek(0)
+        tracks = film.streams.data
+        for stream in film.streams if hasattr(av.stream, "Discard") else ():  # else read in vain
+            if stream.type != "data":
+                stream.discard = av.stream.Discard.all
+        for packet in film.demux(tracks) if tracks else ():
+            if packet.pts is None or packet.size > _MOST_SAMPLE:
+                continue
+            start = float(packet.pts * packet.time_base)
+            length = float((packet.duration or 0) * packet.time_base)
+            for name, rows, share in _read_sample(bytes(packet)):
+                times = start + length * share
+                found.setdefault(name, []).append(np.column_stack([times, rows]))
+    return rotation, {
         name: np.concatenate([part for part in parts if part.shape[1] == parts[0].shape[1]])
         for name, parts in found.items()
     }
 
 
-def _read_camm_samples(video: Path, track: Track) -> Iterator[tuple[str, np.ndarray]]:
-    for start, _, data in read_samples(video, track):
-        number = struct.unpack_from("<H", data, 2)[0] if len(data) >= 4 else -1
-        layout, first = _CAMM_PLACES.get(number, ("", 0))
-        if not layout or len(data) < 4 + struct.calcsize(layout):
-            continue
+def _read_sample(data: bytes) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
+    """Yields name and rows of a sample's streams, and when in the sample each row was measured."""
+    if data.startswith(_GPMF_START):
+        for name, rows in read_gpmf(data):
+            yield name, rows, np.arange(len(rows)) / len(rows)
+        return
+    number = struct.unpack_from("<H", data, 2)[0] if len(data) >= 4 else -1
+    layout, first = _CAMM_PLACES.get(number, ("", 0))
+    if layout and len(data) >= 4 + struct.calcsize(layout):
         values = struct.unpack_from(layout, data, 4)
-        if first and values[1] < _LEAST_FIX:
-            continue
-        yield "GPS5", np.array([[start, *values[first : first + 3]]])
-
-
-def _read_gpmf_samples(video: Path, track: Track) -> Iterator[tuple[str, np.ndarray]]:
-    for start, length, payload in read_samples(video, track):
-        for name, rows in read_gpmf(payload):
-            times = start + length * np.arange(len(rows)) / len(rows)
-            yield name, np.column_stack([times, rows])
+        if not first or values[1] >= _LEAST_FIX:
+            yield "GPS5", np.array([values[first : first + 3]]), np.zeros(1)
 
 
 def read_gpmf(payload: bytes) -> Iterator[tuple[str, np.ndarray]]:

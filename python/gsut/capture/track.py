@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from gsut.capture.boxes import read_tracks
 from gsut.capture.facts import FilmFacts
 from gsut.capture.telemetry import read_streams
 from gsut.capture.video import read_camera_name
@@ -40,8 +39,7 @@ def read_film_facts(video: Path) -> FilmFacts:
         video: an MP4 or MOV; of a drone, with NAME.SRT beside it. Of other films only the
             subtitles are read.
     """
-    streams = read_streams(video)
-    rotation = next((t.rotation for t in read_tracks(video) if t.kind == "vide"), 0)
+    rotation, streams = read_streams(video)
     forces = streams.get("ACCL", np.zeros((0, 4)))
     good = np.isfinite(forces).all(axis=1) & (np.abs(forces[:, 1:]) < _MOST_FORCE).all(axis=1)
     return FilmFacts(

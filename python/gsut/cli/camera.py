@@ -8,9 +8,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from gsut import _core
-from gsut._core import InputError
-from gsut.cli._flags import Number, add_json, count, parse_image_size, positive, print_json, whole
+from gsut.cli._flags import Number, add_json, parse_image_size, positive, print_json
 from gsut.files import refuse_existing
 from gsut.system import format_command
 
@@ -31,9 +29,6 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     find.add_argument("words", metavar="WORDS", nargs="+", help="such as: hero9 max wide")
     find.add_argument("--size", metavar="WxH", help="of your pictures: such lenses come first")
-    find.add_argument(
-        "--lines", type=count, default=_LINES, metavar="N", help="most lines [default: %(default)s]"
-    )
     add_json(find)
     find.set_defaults(action=_find)
 
@@ -49,7 +44,7 @@ def _find(arguments: argparse.Namespace) -> int:
     found = find_lenses(arguments.words, size=size)
     if not found:
         find_lens(" ".join(arguments.words))  # says which word is to blame
-    shown = found[: arguments.lines]
+    shown = found[:_LINES]
     if arguments.json:
         rows = [
             {**dataclasses.asdict(p), "name": p.name, "fov_degrees": p.fov_degrees,
@@ -90,22 +85,6 @@ def _add_convert(actions: Any) -> None:
         help="leave out what is farther from the axis [default: the whole image]",
     )
     convert.add_argument(
-        "--num-params",
-        type=count,
-        metavar="N",
-        help="of a lens with any number of coefficients [default: four coefficients]",
-    )
-    convert.add_argument(
-        "--order", type=whole, metavar="2|3", help="of splined_stereographic [default: 3]"
-    )
-    convert.add_argument(
-        "--control-points",
-        type=whole,
-        nargs="+",
-        metavar="N",
-        help="of splined_stereographic: NX, or NX NY [default: 16, NY at the same pitch]",
-    )
-    convert.add_argument(
         "--distance",
         type=positive,
         metavar="UNITS",
@@ -116,29 +95,13 @@ def _add_convert(actions: Any) -> None:
 
 
 def _convert(arguments: argparse.Namespace) -> int:
-    from gsut.lens import SplineGrid, convert_camera, load_camera, save_camera
+    from gsut.lens import convert_camera, load_camera, save_camera
 
     if arguments.out is not None:
         refuse_existing(Path(arguments.out), " with -o")
     camera = load_camera(arguments.lens, camera_id=arguments.camera_id)
     limit = None if arguments.max_angle is None else math.radians(arguments.max_angle)
-    grid = None
-    if arguments.order is not None or arguments.control_points is not None:
-        if not _core.camera_traits(arguments.model).has_table:
-            raise InputError("--order and --control-points are of splined_stereographic only")
-        counts = arguments.control_points or [SplineGrid.columns]
-        if len(counts) > 2:
-            raise InputError(f"--control-points takes NX or NX NY, found {len(counts)} numbers")
-        order = SplineGrid.order if arguments.order is None else arguments.order
-        grid = SplineGrid(order, counts[0], counts[1] if len(counts) > 1 else None)
-    conversion = convert_camera(
-        camera,
-        arguments.model,
-        limit,
-        arguments.num_params,
-        grid=grid,
-        distance=arguments.distance,
-    )
+    conversion = convert_camera(camera, arguments.model, limit, distance=arguments.distance)
     if arguments.out is not None:
         save_camera(conversion.camera, arguments.out)
     if arguments.json:

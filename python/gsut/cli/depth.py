@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gsut.cli._flags import add_force, add_json, add_quiet, check_first, print_json, whole
+from gsut.cli._flags import add_force, add_json, add_quiet, check_first, print_json
 from gsut.files import check_name, refuse_existing, whole_folder, write_picture
 
 if TYPE_CHECKING:
@@ -30,14 +30,6 @@ _POINTS = "points.ply"
 def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("data", metavar="DATA", help="the dataset")
     parser.add_argument("-o", "--out", metavar="DEPTH", required=True, help="new folder")
-    parser.add_argument(
-        "--agree",
-        type=whole,
-        metavar="N",
-        default=1,
-        help="other photographs that must show the same surface at a pixel; 0: every pixel gets a "
-        "depth [default 1]",
-    )
     add_force(parser)
     add_quiet(parser)
     add_json(parser)
@@ -60,7 +52,6 @@ def run(arguments: argparse.Namespace) -> int:
     with Progress(not arguments.quiet) as bars:
         maps = find_depth_maps(
             scene,
-            agree=arguments.agree,
             on_view=lambda done, total: bars.show("sweeps", done, total),
         )
     with whole_folder(out) as folder:

@@ -22,7 +22,6 @@ from gsut.cli._flags import (
     print_json,
 )
 from gsut.files import refuse_existing, write_file
-from gsut.orientation import turn_picture
 from gsut.run.options import add_rare_option
 
 HELP = "the surface as a mesh, or a grid of distances or of what is occupied"
@@ -82,9 +81,6 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "squares and, in N rounds, vertices along their normals; 0: colours only",
     )  # fmt: skip
     _add_pages(parser)
-    parser.add_argument(
-        "--threads", type=Number(0, whole=True), default=0, metavar="N", help="[default 0: all]"
-    )
     add_quiet(parser)
     add_json(parser)
     _add_rare(parser)
@@ -126,11 +122,6 @@ def _add_rare(parser: argparse.ArgumentParser) -> None:
 
 def _add_pages(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "--picture", metavar="FILE.png",
-        help="also the mesh as the photograph in the middle sees it, through its lens: lit from "
-        "there, grey in front, blue from behind",
-    )  # fmt: skip
-    parser.add_argument(
         "--report", metavar="FILE.html",
         help="also a page with the mesh and the depths as some of the photographs' views see them",
     )  # fmt: skip
@@ -140,8 +131,8 @@ def _is_grid(arguments: argparse.Namespace) -> bool:
     return arguments.occupancy or Path(arguments.out).suffix.lower() == ".npy"
 
 
-def _check_files(arguments: argparse.Namespace) -> tuple[Path, Path | None, Path | None]:
-    """Returns mesh or grid, picture and report, which have fitting names and do not exist."""
+def _check_files(arguments: argparse.Namespace) -> tuple[Path, Path | None]:
+    """Returns mesh or grid, and report, which have fitting names and do not exist."""
     from gsut.surface import check_grid_name, check_mesh_name
 
     out, to_grid = Path(arguments.out), _is_grid(arguments)
@@ -150,21 +141,16 @@ def _check_files(arguments: argparse.Namespace) -> tuple[Path, Path | None, Path
         raise InputError("--triangles makes a mesh without depths: leave grids and --report out")
     if arguments.fit is not None and (to_grid or arguments.triangles):
         raise InputError("--fit is of the surface as a mesh: leave grids and --triangles out")
-    files = []
-    for flag, ending in (("picture", ".png"), ("report", ".html")):
-        file = getattr(arguments, flag) and Path(getattr(arguments, flag))
-        if file and (to_grid or file.suffix.lower() != ending):
-            raise InputError(f"--{flag} {file}: takes a name that ends in {ending}, of a mesh")
-        files.append(file)
-    for file in (out, out.with_suffix(".json") if to_grid else None, *files):
+    report = Path(arguments.report) if arguments.report else None
+    if report and (to_grid or report.suffix.lower() != ".html"):
+        raise InputError(f"--report {report}: takes a name that ends in .html, of a mesh")
+    for file in (out, out.with_suffix(".json") if to_grid else None, report):
         if file:
             refuse_existing(file)
-    return out, files[0], files[1]
+    return out, report
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from gsut import _core
-    from gsut.render import write_png
     from gsut.run import Progress, RunFolder
     from gsut.surface import (
         MeshOptions,
@@ -174,13 +160,11 @@ def run(arguments: argparse.Namespace) -> int:
         render_depth_maps,
         save_grid,
         save_mesh,
-        shade_mesh,
     )
     from gsut.training import open_trained
 
-    out, picture, report = _check_files(arguments)
+    out, report = _check_files(arguments)
     to_grid = _is_grid(arguments)
-    _core.set_num_threads(arguments.threads)
     began = time.perf_counter()
     options, scene, gaussians = open_trained(RunFolder.open(arguments.folder), arguments.data)
     settings = MeshOptions(
@@ -214,11 +198,6 @@ def run(arguments: argparse.Namespace) -> int:
         save_grid(out, made, occupancy=arguments.occupancy)
     else:
         save_mesh(out, made)
-        if picture:
-            middle = len(scene.views) // 2
-            camera, motion = scene.camera(middle), scene.views[middle].motion
-            shaded = shade_mesh(made, camera, motion)
-            write_png(picture, turn_picture(shaded, scene.views[middle].turns))
         if report:
             seen = [scene.views[i] for i in scene.train_indices or range(len(scene.views))]
             write_file(

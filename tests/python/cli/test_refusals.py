@@ -39,9 +39,7 @@ REFUSED = {
     "edit in.ply -o new.ply --scale 1e30": "--scale must be above 0, from",
     "edit in.ply -o new.ply --up 1e300 0 0": "--up: takes a number from",
     "compact in.ply -o new.ply --keep nan": "--keep: takes a finite number",
-    f"mesh run -o new.ply --threads {LARGE}": "--threads: takes a whole number",
-    "camera convert in.yaml kannala_brandt --num-params 1000000": "than 64",
-    f"camera convert in.yaml pinhole --num-params {LARGE}": "--num-params",
+    f"mesh run -o new.ply --faces {LARGE}": "--faces: takes a whole number",
     f"poses data -o new --set min_inliers={LARGE}": "--set min_inliers must be >= ",
     # places that are not there, or of another kind
     "train data -o file": "is a file",

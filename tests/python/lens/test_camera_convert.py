@@ -155,19 +155,10 @@ def test_convert_f_theta_keeps_the_polynomials_of_one():
     assert np.polynomial.polynomial.polyval(radius, params[3:9]) == pytest.approx(0.8, abs=0.01)
 
 
-def test_convert_command_takes_the_grid_of_a_spline(tmp_path, capsys):
-    lens, out = tmp_path / "lens.yaml", tmp_path / "out.cameramodel"
-    save_camera(example("kannala_brandt"), lens)
-    words = ["camera", "convert", str(lens), "splined_stereographic", "-o", str(out)]
-    assert main([*words, "--order", "2", "--control-points", "10", "11"]) == 0
-    assert "kannala_brandt -> splined_stereographic" in capsys.readouterr().out
-    assert list(load_camera(out).params[:3]) == [2, 10, 11]
-    assert main(["camera", "convert", str(lens), "opencv8", "--order", "2"]) == 2
-    assert "--order and --control-points are of" in capsys.readouterr().err
-
-
 def test_convert_to_what_is_no_lens_raises():
     with pytest.raises(InputError, match="does not take 9 parameters"):
         convert_camera(example("pinhole"), "opencv4", num_params=9)
+    with pytest.raises(InputError, match="more than 64 fit nothing but noise"):
+        convert_camera(example("pinhole"), "kannala_brandt", num_params=1_000_000)
     with pytest.raises(InputError, match="distance must be a positive number, found -1"):
         convert_camera(example("pinhole"), "orthographic", distance=-1.0)

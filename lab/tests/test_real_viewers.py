@@ -10,6 +10,7 @@ from gsut import formats
 from gsut.gaussians import transform_gaussians
 from gsut.metrics import psnr
 from gsut.training.tuning.ewa import render_ewa
+from lab_tolerances import REAL_VIEWER_DB, REAL_VIEWER_TURNED_DB, THREE_VIEWER_DB
 from real_viewers import (
     level_pose,
     picture_of,
@@ -17,7 +18,6 @@ from real_viewers import (
     viewer_pages,
     viewer_window,
 )
-from tolerances import REAL_VIEWER_DB, REAL_VIEWER_TURNED_DB, THREE_VIEWER_DB
 
 WIDTH, HEIGHT, FIELD = 480, 360, 70.0
 UP = np.array([0.2, -1.0, 0.3])

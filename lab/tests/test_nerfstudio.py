@@ -10,8 +10,8 @@ import gsut
 from gsut.data import Frame, write_transforms
 from gsut.data.points import format_points_ply
 from gsut.render.pictures import to_uint8, write_png
+from lab_tolerances import NERFSTUDIO_RAYS
 from rendered_dataset import poses, truth
-from tolerances.interop import NERFSTUDIO_RAYS
 
 # A Python of its own: nerfstudio asks for versions that these tests have not.
 PYTHON = os.environ.get("GSUT_NERFSTUDIO_PYTHON")

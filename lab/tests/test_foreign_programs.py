@@ -14,7 +14,8 @@ import pytest
 from formats.scene_cases import plain_scene, same_rows
 from gsut import formats
 from gsut.formats import WriteSettings
-from tolerances import FOREIGN_ROUNDING, FOREIGN_SPLAT_DEGREES, FOREIGN_SPZ, FORMAT_ERRORS
+from lab_tolerances import FOREIGN_ROUNDING, FOREIGN_SPLAT_DEGREES, FOREIGN_SPZ
+from tolerances import FORMAT_ERRORS
 
 FILES = {  # name -> settings
     "a.compressed.ply": {},

@@ -6,7 +6,7 @@ import subprocess
 import numpy as np
 import pytest
 
-import tolerances
+import lab_tolerances
 from gsut.surface import Mesh
 from gsut.surface.worth import build_tree
 from random_scenes import pinhole
@@ -74,7 +74,7 @@ def test_ball_through_a_pinhole_lies_on_that_of_open3d(tmp_path):
     for (points, _), other in ((ours, theirs), (theirs, ours)):
         away = build_tree(Mesh(*other)).nearest(points)[0] / VOXEL
         print("voxels apart: mean", away.mean(), "worst", away.max())
-        assert away.mean() < tolerances.OPEN3D_MEAN_VOXELS
+        assert away.mean() < lab_tolerances.OPEN3D_MEAN_VOXELS
 
 
 def test_faces_of_a_box_are_nearer_to_the_truth_than_those_of_open3d(tmp_path):
@@ -84,4 +84,4 @@ def test_faces_of_a_box_are_nearer_to_the_truth_than_those_of_open3d(tmp_path):
         flat = np.sort(outside, axis=1)[:, 1] < -2 * VOXEL  # edges are round in both
         errors.append(np.abs(outside.max(axis=1))[flat].mean() / VOXEL)
     print("voxels from the faces: ours", errors[0], "Open3D's", errors[1])
-    assert errors[0] < errors[1] and errors[0] < tolerances.OPEN3D_MEAN_VOXELS
+    assert errors[0] < errors[1] and errors[0] < lab_tolerances.OPEN3D_MEAN_VOXELS
