@@ -87,11 +87,11 @@ def list_dataset_targets(folder: Path) -> Iterator[Target]:
 
 def list_run_targets(folder: Path) -> Iterator[Target]:
     run = RunFolder.create(folder / "run", gsut.TrainOptions(steps=100))
-    run.append_history({"step": 1, "loss": 0.5})
+    run.history.append({"step": 1, "loss": 0.5})
     write_checkpoint(folder / "state.npz", {"step": 1, "state": {"a": np.arange(30.0), "b": [1]}})
     yield Target("checkpoint", folder / "state.npz", lambda: read_checkpoint(folder / "state.npz"))
     yield Target("options.json", run.path / "options.json", run.read_options)
-    yield Target(RunFile.HISTORY, run.path / RunFile.HISTORY, run.read_history)
+    yield Target(RunFile.HISTORY, run.path / RunFile.HISTORY, run.history.read)
     path = folder / "path.json"
     path.write_text(str([np.eye(4).tolist()] * 3).replace("'", '"'))
     yield Target("camera path", path, lambda: read_path(path, None))

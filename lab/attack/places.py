@@ -19,7 +19,7 @@ FILES: dict[tuple[str, ...], tuple[str, ...]] = {
     ("camera", "convert", "lenses/opencv.yaml", "pinhole", "-o", "OUT.json"):
         ("lenses/opencv.yaml",),
     ("mesh", "run", "-o", "OUT.ply"): ("ds", "run"),
-    ("data", "convert", "plane", "OUT.txt", "--to", "tum"): ("plane",),
+    ("data", "convert", "plane", "OUT.txt"): ("plane",),
 }  # fmt: skip
 FOLDERS: dict[tuple[str, ...], tuple[str, ...]] = {
     ("train", "ds", "-o", "OUT", "--steps", "2", "--quiet"): ("ds",),

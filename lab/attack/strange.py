@@ -287,7 +287,7 @@ ONTO: dict[tuple[str, ...], tuple[str, ...]] = {
     ("data", "convert", "ds", "ds"): ("ds",),
     ("data", "convert", "ds", "ds/images"): ("ds",),
     ("data", "convert", "ds", "run"): ("ds", "run"),
-    ("data", "convert", "plane", "plane/images/000.png", "--to", "tum"): ("plane",),
+    ("data", "convert", "plane", "plane/images/000.png"): ("plane",),
     ("eval", "run", "-o", "ds"): ("ds", "run"),
     ("eval", "run", "-o", "ds/images"): ("ds", "run"),
     ("render", "run", "-o", "run", *TINY): ("ds", "run"),

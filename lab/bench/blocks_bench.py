@@ -26,7 +26,7 @@ ONE, AS_LONG, ROUNDS, WORKERS = "one", "one, as many steps", "blocks", "blocks, 
 def list_cases(settings: Settings) -> Iterator[Row]:
     """Lists datasets by kind of training."""
     for data in settings.sets or (HALL, "sponza_fisheye"):
-        for training in (ONE, AS_LONG, "blocks, one round", ROUNDS, WORKERS):
+        for training in (ONE, AS_LONG, ROUNDS, WORKERS):
             yield {"data": data, "training": training}
 
 
@@ -63,8 +63,6 @@ def _train(data: str, training: str, settings: Settings) -> tuple[Path, Row]:
         words += ["--steps", str(settings.steps)]
     if "blocks" in training:
         words += ["--blocks", str(settings.blocks)]
-    if training == "blocks, one round":
-        words += ["--set", "rounds=1"]
     if training == WORKERS:
         words += ["--workers", "2"]
     return out, train(path, out, words)
@@ -126,7 +124,7 @@ def _find_seam(run: Any, layout: Layout, index: int) -> np.ndarray:
 
 
 BENCHMARK = Benchmark(
-    help="one training against blocks in one and two rounds: held-out PSNR, seams, work, workers",
+    help="one training against blocks: held-out PSNR, seams, work, workers",
     columns=(
         Column("data"),
         Column("training"),

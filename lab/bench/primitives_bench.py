@@ -56,7 +56,7 @@ def measure(case: Row, settings: Settings) -> Row:
     if case["equal"] == "seconds":
         steps = round(steps * _seconds[case["data"], "gaussian"] / _seconds[key])
     options = gsut.TrainOptions(
-        steps=steps, max_gaussians=count, primitive=case["primitive"], eval_every=steps,
+        steps=steps, max_gaussians=count, primitive=case["primitive"],
         sh_degree=settings.sh_degree, scale=1.0 if case["data"] == HALL else settings.scale,
     )  # fmt: skip
     began = time.process_time()
@@ -83,7 +83,7 @@ def _measure_mesh(case: Row, settings: Settings, scene: gsut.Scene) -> Row:
     began = time.process_time()
     options = gsut.TrainOptions(
         steps=settings.steps, max_gaussians=settings.max_gaussians, surface=True, scale=scale,
-        sh_degree=settings.sh_degree, eval_every=settings.steps,
+        sh_degree=settings.sh_degree,
     )  # fmt: skip
     trained = gsut.train(scene, options, progress=False).gaussians
     camera = scene.camera(0)

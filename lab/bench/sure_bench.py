@@ -28,7 +28,7 @@ def measure(case: Row, settings: Settings) -> Row:
     """Trains, measures the confidence, and sorts pixels of held-out views by it."""
     out = settings.folder / f"sure-{case['data'].replace('/', '_')}"
     words = ["--steps", str(settings.steps), "--max-gaussians", str(settings.cap)]
-    words += ["--max-side", str(settings.side), "--set", "eval_every=0"]
+    words += ["--max-side", str(settings.side)]
     took = train(settings.path(case["data"]), out, words)
     run = gsut.load_run(out)
     began = time.process_time()

@@ -46,7 +46,7 @@ _TRUTH = "truth.ply"
 TRAININGS = {
     _PLAIN: (False, "gaussian"),
     "--surface": (True, "gaussian"),
-    "--surface --set primitive=surfel": (True, "surfel"),
+    "--surface --primitive surfel": (True, "surfel"),
 }
 
 

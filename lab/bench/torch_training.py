@@ -55,7 +55,7 @@ def train_with_gsplat(
         Held-out PSNR, the number of Gaussians and the seconds of training.
     """
     scene = gsut.load_dataset(data)
-    options = gsut.TrainOptions(steps=steps, max_gaussians=most, init_count=most // 2).resolve()
+    options = gsut.TrainOptions(steps=steps, max_gaussians=most)
     torch.manual_seed(0)
     params = _make_params(scene, options)
     optimizers = {key: torch.optim.Adam([value], eps=1e-15) for key, value in params.items()}
@@ -68,7 +68,7 @@ def train_with_gsplat(
             most, noise, refine_start_iter=0, refine_every=every, refine_stop_iter=until
         )
     else:
-        every = options.densify_every
+        every = options.recipe.densify_every
         until = int(_GROW_UNTIL * steps)
         strategy = gsplat.DefaultStrategy(
             refine_start_iter=every, refine_every=every, refine_stop_iter=until,
@@ -83,16 +83,16 @@ def train_with_gsplat(
     order, begin, views = np.random.default_rng(0), time.perf_counter(), _Views(scene)
     means: dict[str, torch.Tensor] = {}
     for step in range(1, steps + 1):
-        rates = gsut.loop.compute_learning_rates(options, step / steps, scene.extent)
+        rates = gsut.loop.compute_learning_rates(options.recipe, step / steps, scene.extent)
         for key, rate in _RATES.items():
             optimizers[key].param_groups[0]["lr"] = getattr(rates, rate)
         index = int(order.choice(scene.train_indices))
-        degree = min(options.sh_degree, step // options.sh_every)
+        degree = min(options.sh_degree, step // options.recipe.sh_every)
         image, info = views.render(gsplat, params, index, degree, torch.rand(1, 3))
         loss = PhotometricLoss.apply(image, views.targets[index])
         if name == "MCMC":
-            loss = loss + options.opacity_regularizer * torch.sigmoid(params["opacities"]).mean()
-            loss = loss + options.scale_regularizer * torch.exp(params["scales"]).mean()
+            loss = loss + options.recipe.regularizer * torch.sigmoid(params["opacities"]).mean()
+            loss = loss + options.recipe.regularizer * torch.exp(params["scales"]).mean()
         strategy.step_pre_backward(params, optimizers, state, step, info)
         loss.backward()
         for optimizer in optimizers.values():

@@ -12,7 +12,6 @@
 
 #include "gsut/base/errors.h"
 #include "gsut/gaussians/gaussians.h"
-#include "gsut/gaussians/harmonics_rows.h"
 
 namespace gsut::bindings {
 
@@ -99,10 +98,9 @@ T* MutableData(const py::handle& object, const char* name,
 // View of a gsut.Gaussians (any object with means, quats, log_scales, opacity_logits, sh as
 // C-contiguous arrays) or of a gsut.LinearGaussians, which has scales and opacities instead. View
 // is GaussiansView<T>, or GaussiansView<const T> to read only, and get(object, name, shape) the
-// checked pointer. rows: of harmonics of several degrees, which are one array of floats; null: sh
-// (N, K, 3). The caller keeps the object alive as long as the view.
+// checked pointer. The caller keeps the object alive as long as the view.
 template <class View, class Get>
-View GaussiansOf(const py::handle& gaussians, const HarmonicsRows* rows, Get&& get) {
+View GaussiansOf(const py::handle& gaussians, Get&& get) {
   View view;
   const py::object sh = gaussians.attr("sh");
   const py::object means = gaussians.attr("means");
@@ -114,14 +112,9 @@ View GaussiansOf(const py::handle& gaussians, const HarmonicsRows* rows, Get&& g
   const char* opacities = view.is_linear ? "opacities" : "opacity_logits";
   view.log_scales = get(gaussians.attr(scales), scales, {view.size, 3});
   view.opacity_logits = get(gaussians.attr(opacities), opacities, {view.size});
-  if (rows != nullptr) {
-    view.sh_coefficients = NumShCoefficients(rows->MaxDegree());
-    view.sh = get(sh, "sh", {rows->Offset(view.size)});
-  } else {
-    const auto sh_array = py::reinterpret_borrow<py::array>(sh);
-    view.sh_coefficients = sh_array.ndim() == 3 ? static_cast<int>(sh_array.shape(1)) : 0;
-    view.sh = get(sh, "sh", {view.size, view.sh_coefficients, 3});
-  }
+  const auto sh_array = py::reinterpret_borrow<py::array>(sh);
+  view.sh_coefficients = sh_array.ndim() == 3 ? static_cast<int>(sh_array.shape(1)) : 0;
+  view.sh = get(sh, "sh", {view.size, view.sh_coefficients, 3});
   // What a model carries of its rule; arrays without it are drawn by the maximum and the distance.
   if (py::hasattr(gaussians, "response")) {
     view.response = ResponseNamed(py::cast<std::string>(gaussians.attr("response")));
@@ -144,20 +137,18 @@ View GaussiansOf(const py::handle& gaussians, const HarmonicsRows* rows, Get&& g
 }
 
 template <class T>
-GaussiansView<T> MutableGaussians(const py::handle& gaussians,
-                                  const HarmonicsRows* rows = nullptr) {
+GaussiansView<T> MutableGaussians(const py::handle& gaussians) {
   return GaussiansOf<GaussiansView<T>>(
-      gaussians, rows,
+      gaussians,
       [](const py::handle& array, const char* name, std::initializer_list<std::int64_t> shape) {
         return MutableData<T>(array, name, shape);
       });
 }
 
 template <class T>
-GaussiansView<const T> ConstGaussians(const py::handle& gaussians,
-                                      const HarmonicsRows* rows = nullptr) {
+GaussiansView<const T> ConstGaussians(const py::handle& gaussians) {
   return GaussiansOf<GaussiansView<const T>>(
-      gaussians, rows,
+      gaussians,
       [](const py::handle& array, const char* name, std::initializer_list<std::int64_t> shape) {
         return ConstData<T>(array, name, shape);
       });

@@ -12,7 +12,6 @@
 #include "gsut/base/parallel.h"
 #include "gsut/gaussians/harmonics.h"
 #include "gsut/gaussians/facing_axes.h"
-#include "gsut/gaussians/low_pass.h"
 #include "gsut/gaussians/seed.h"
 #include "gsut/gaussians/surfels.h"
 
@@ -78,46 +77,9 @@ void Seed(const py::object& points_object, const py::object& colors_object,
   SeedFromPoints(point_data, color_data, options, out);
 }
 
-// Pairs of a float and a double version: the scene's own dtype decides, nothing is converted. Both
-// write only log_scales and opacity_logits; means, quats and sh are the caller's to share.
-template <class T>
-void LowPassAs(const py::object& gaussians, const py::object& radii, const py::object& out) {
-  const auto view = ConstGaussians<T>(gaussians);
-  const auto filtered = MutableGaussians<T>(out);
-  const T* radius = ConstData<T>(radii, "radii", {view.size});
-  if (filtered.size != view.size) throw InputError("out must have as many Gaussians");
-  const py::gil_scoped_release release;
-  ApplyLowPass(view.size, view.log_scales, view.opacity_logits, radius, filtered.log_scales,
-               filtered.opacity_logits);
-}
-
-// In place: on entry the gradients to the filtered values, on return those to the stored ones.
-template <class T>
-void LowPassBackwardAs(const py::object& gaussians, const py::object& radii,
-                       const py::object& gradients) {
-  const auto view = ConstGaussians<T>(gaussians);
-  const auto slopes = MutableGaussians<T>(gradients);
-  const T* radius = ConstData<T>(radii, "radii", {view.size});
-  if (slopes.size != view.size) throw InputError("gradients must be shaped like the Gaussians");
-  const py::gil_scoped_release release;
-  LowPassBackward(view.size, view.log_scales, view.opacity_logits, radius, slopes.log_scales,
-                  slopes.opacity_logits);
-}
-
 // Judged by the means; the checks of the view refuse arrays of mixed dtypes.
 bool IsDouble(const py::object& gaussians) {
   return py::isinstance<py::array_t<double>>(gaussians.attr("means"));
-}
-
-void LowPass(const py::object& gaussians, const py::object& radii, const py::object& out) {
-  IsDouble(gaussians) ? LowPassAs<double>(gaussians, radii, out)
-                      : LowPassAs<float>(gaussians, radii, out);
-}
-
-void LowPassGradients(const py::object& gaussians, const py::object& radii,
-                      const py::object& gradients) {
-  IsDouble(gaussians) ? LowPassBackwardAs<double>(gaussians, radii, gradients)
-                      : LowPassBackwardAs<float>(gaussians, radii, gradients);
 }
 
 // sh (N, 1, 3) is written, as a colour of degree 0 that any renderer draws: normals are blended by
@@ -170,7 +132,7 @@ void BindGaussians(pybind11::module_& m) {
   m.def("seed_from_points", &Seed, py::arg("points"), py::arg("colors"), py::arg("gaussians"),
         py::arg("scale_factor"), py::arg("opacity"),
         "Fills float32 Gaussians from points (N,3) and colours (N,3) in [0, 1].");
-  // Three names, each for both dtypes: lambdas choose by the arrays that arrive.
+  // Two names, each for both dtypes: lambdas choose by the arrays that arrive.
   m.def(
       "facing_axes",
       [](const py::object& gaussians, const std::array<double, 3>& center, const py::object& sh) {
@@ -192,10 +154,6 @@ void BindGaussians(pybind11::module_& m) {
       py::arg("flatten") = 0.0,
       "Adds the gradients through facing_axes to the quats, and those of flatten x mean of the "
       "shortest scale to the log_scales.");
-  m.def("low_pass", &LowPass, py::arg("gaussians"), py::arg("radii"), py::arg("out"),
-        "Writes the filtered log_scales and opacity_logits into `out`.");
-  m.def("low_pass_backward", &LowPassGradients, py::arg("gaussians"), py::arg("radii"),
-        py::arg("gradients"), "Turns gradients to filtered Gaussians into those to stored ones.");
 }
 
 }  // namespace gsut::bindings

@@ -8,7 +8,6 @@
 #include <array>
 #include <cstring>
 #include <memory>
-#include <optional>
 #include <vector>
 
 #include "bindings/arrays.h"
@@ -22,18 +21,6 @@
 namespace gsut::bindings {
 namespace {
 
-// The rows of each degree of a gsut.MixedGaussians; none for any other object.
-std::optional<HarmonicsRows> MixedRows(const py::handle& gaussians) {
-  if (!py::hasattr(gaussians, "degree_ends")) return std::nullopt;
-  HarmonicsRows rows;
-  rows.end = gaussians.attr("degree_ends").cast<decltype(rows.end)>();
-  if (!rows.IsValid() || rows.end[0] != static_cast<std::int64_t>(py::len(gaussians))) {
-    throw InputError(
-        "degree_ends must fall from the number of Gaussians, by multiples of 16 or to all of them");
-  }
-  return rows;
-}
-
 // Not thread-safe: one a Python thread. The Gaussians are kept alive, as the backward pass reads
 // them.
 // A renderer and what its last image was made from.
@@ -42,15 +29,13 @@ class BoundRenderer {
   void Render(const py::object& gaussians, const BoundJob& bound, const py::object& image,
               const py::object& alpha, const py::object& depth, const py::object& distortion,
               const py::object& features) {
-    const std::optional<HarmonicsRows> sh_rows = MixedRows(gaussians);
-    const auto view = ConstGaussians<float>(gaussians, sh_rows ? &*sh_rows : nullptr);
+    const auto view = ConstGaussians<float>(gaussians);
     motion_ = bound.motion;
     camera_ = std::make_unique<Camera>(bound.camera);
     height_ = bound.camera.height();
     width_ = bound.camera.width();
     RenderJob job = {bound.camera, bound.motion, bound.settings, bound.unscented};
     job.keep_for_backward = bound.keep;
-    job.sh_rows = sh_rows;
     const auto in_tiles = [](std::int64_t pixels) { return (pixels + kTileSize - 1) / kTileSize; };
     job.tiles =
         OptionalData<std::uint8_t>(bound.tiles, "tiles", {in_tiles(height_), in_tiles(width_)});
@@ -67,7 +52,6 @@ class BoundRenderer {
       job.channel_image = MutableData<float>(features, "features", {height_, width_, channels_});
     }
     kept_ = {bound.features, bound.features_background};
-    sh_rows_ = sh_rows;
     gaussians_ = gaussians;
     const LongCall released;
     renderer_.Render(view, job);
@@ -87,12 +71,7 @@ class BoundRenderer {
         OptionalData<float>(ddistortion, "ddistortion", {height_, width_}),
         OptionalData<float>(errors, "errors", {height_, width_}),
         OptionalData<float>(dfeatures, "dfeatures", {height_, width_, channels_})};
-    const std::optional<HarmonicsRows> sh_rows = MixedRows(gradients);
-    if (sh_rows.has_value() != sh_rows_.has_value() ||
-        (sh_rows.has_value() && sh_rows->end != sh_rows_->end)) {
-      throw InputError("gradients must have the degrees of harmonics of the rendered Gaussians");
-    }
-    const auto view = MutableGaussians<float>(gradients, sh_rows ? &*sh_rows : nullptr);
+    const auto view = MutableGaussians<float>(gradients);
     std::uint8_t* touched_data = MutableData<std::uint8_t>(touched, "touched", {view.size});
     double dpose[12] = {};
     has_lens_ = false;
@@ -184,8 +163,7 @@ class BoundRenderer {
   // Adds the gradients through the normals.
   void SurfaceBackward(const py::object& dnormals, const py::object& gradients) const {
     const float* to_normals = ConstData<float>(dnormals, "dnormals", {height_, width_, 3});
-    const std::optional<HarmonicsRows> sh_rows = MixedRows(gradients);
-    const auto view = MutableGaussians<float>(gradients, sh_rows ? &*sh_rows : nullptr);
+    const auto view = MutableGaussians<float>(gradients);
     if (view.size != renderer_.frame().size) {
       throw InputError("gradients must be shaped like the rendered Gaussians");
     }
@@ -247,7 +225,6 @@ class BoundRenderer {
   Renderer renderer_;
   py::object gaussians_;
   std::array<py::object, 2> kept_;  // what the renderer reads beside the Gaussians
-  std::optional<HarmonicsRows> sh_rows_;
   CameraMotion motion_;
   std::unique_ptr<Camera> camera_;
   LensGradient lens_;

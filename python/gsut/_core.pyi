@@ -236,10 +236,6 @@ def facing_axes_backward(
     gradients: _Gaussians,
     flatten: float = 0.0,
 ) -> None: ...
-def low_pass(gaussians: _Gaussians, radii: NDArray[Any], out: _Gaussians) -> None: ...
-def low_pass_backward(
-    gaussians: _Gaussians, radii: NDArray[Any], gradients: _Gaussians
-) -> None: ...
 def seed_from_points(
     points: ArrayLike,
     colors: ArrayLike,

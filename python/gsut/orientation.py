@@ -20,7 +20,6 @@ ORIENTATIONS = (1, 6, 3, 8)
 UNMIRRORED = {2: 1, 4: 3, 5: 8, 7: 6}
 _TAG = 0x0112
 _SHORT = 3  # TIFF's type of two bytes
-_ENTRY = 12  # bytes of an entry of a TIFF directory
 EXIF_HEADER = b"Exif\0\0"
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _PNG_HEADER_END = 33  # bytes of the signature and the first chunk
@@ -33,20 +32,15 @@ def count_turns(orientation: int) -> int:
 
 def read_orientation(tiff: bytes) -> int:
     """Reads the orientation of an EXIF block; 1, upright, if it has none or is damaged."""
-    order = {b"II*\0": "<", b"MM\0*": ">"}.get(tiff[:4])
-    if order is None or len(tiff) < 8:
+    from PIL import Image  # here, because gsut --help needs none
+
+    exif = Image.Exif()
+    try:
+        exif.load(tiff)
+        value = exif.get(_TAG, 1)
+    except (LookupError, OSError, SyntaxError, TypeError, ValueError, struct.error):
         return 1
-    start = struct.unpack_from(order + "I", tiff, 4)[0]
-    if start + 2 > len(tiff):
-        return 1
-    count = struct.unpack_from(order + "H", tiff, start)[0]
-    for entry in range(start + 2, start + 2 + _ENTRY * count, _ENTRY):
-        if entry + _ENTRY > len(tiff):
-            break
-        tag, kind, _, value = struct.unpack_from(order + "HHIH", tiff, entry)
-        if tag == _TAG:
-            return value if kind == _SHORT and 1 <= value <= 8 else 1
-    return 1
+    return int(value) if value in range(1, 9) else 1
 
 
 def add_orientation(data: bytes, turns: int) -> bytes:

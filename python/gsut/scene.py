@@ -20,7 +20,6 @@ from gsut.data import load_dataset
 from gsut.data.scene import choose_inner_views, hold_out_views
 from gsut.evaluate import write_scene_page
 from gsut.output_folder import claim_folder
-from gsut.page import format_duration
 from gsut.run import (
     RunFile,
     RunFolder,
@@ -43,16 +42,12 @@ from gsut.sfm import (
     read_finished,
 )
 from gsut.train import TrainResult, train
-from gsut.training import measure_pace, track_training
 from gsut.training.first import describe_resizing
 
 if TYPE_CHECKING:
     from gsut.view import LiveScene
 
 PAGE = "scene.html"
-# Seconds that each stage is expected to take before anything is known about the pictures.
-_EXPECTED_SECONDS = {"capture": 8.0, POSES: 100.0, "training": 60.0, "report": 0.1}
-_TRAINING_START_SECONDS = 3.0  # expected of a training before its first step
 
 # Called as `on_progress(row)` with "stage", "share", "seconds_left" and "text".
 OnProgress = Callable[[dict[str, Any]], None]
@@ -123,9 +118,11 @@ def make_scene(
         _start_bars(progress, watcher) as bars,
     ):
         pictures = _choose_pictures(folder, bars, watcher)  # capture/: frames, a first lens
-        poses = _find_poses(folder, pictures, bars, watcher)  # sfm/: poses, the lens
+        poses, seconds = _find_poses(folder, pictures, bars, watcher)  # sfm/: poses, the lens
         metrics, trained = _train(folder, bars, watcher)  # train.py
-        _report(folder, pictures, poses, metrics, bars)  # run/: verdict; evaluate/: page
+        # A stage that an earlier call finished took what its figures say.
+        taken = {POSES: seconds or poses["seconds"]["total"]}
+        _report(folder, pictures, poses, metrics, bars, taken)  # run/: verdict; evaluate/: page
     return SceneResult(folder.path, folder.figures, trained)
 
 
@@ -153,48 +150,36 @@ def _choose_pictures(
     if watcher is not None:
         watcher.show_capture(pictures.path, pictures.figures["frames"])
     folder.save()
-    seconds = _estimate_training_seconds(pictures.figures, _make_training_options(o))
-    bars.expect("training", _TRAINING_START_SECONDS + seconds)
     return pictures
 
 
 def _find_poses(
     folder: SceneFolder, pictures: Capture, bars: StagedProgress, watcher: LiveScene | None
-) -> dict[str, Any]:
-    """Finds poses and lens, and returns the content of poses.json."""
+) -> tuple[dict[str, Any], float]:
+    """Finds poses and lens; returns the content of poses.json and the seconds taken here."""
     o, out = folder.options, folder.poses
-    bars.skip(POSES)  # the stages of `find_poses` take its place
     options = PosesOptions(fov=o.fov, shutter=o.shutter, seed=o.seed, threads=o.threads)
     options = add_lens_readout(options, o.camera, pictures.figures)
     done = read_finished(pictures.path, out, o.camera, options)
     if done is not None:
-        return done
+        return done, 0.0
     if is_finished(out):
         bars.note("poses are found again: those in the folder are of other pictures")
+    bars.note(_announce(o, pictures))
     with contextlib.closing(StageFollower(bars)) as stages:
-        announced = False
-
-        def expect(seconds: dict[str, float]) -> None:
-            nonlocal announced
-            stages.expect(seconds)
-            if not announced:
-                bars.note(_announce(o, pictures, bars.estimate_left()))
-            announced = True
-
         show_poses = None if watcher is None else watcher.show_poses
-        log = PosesLog(stages.show, bars.note, expect, show_poses)
+        log = PosesLog(stages.show, bars.note, stages.expect, show_poses)
         figures = find_poses(pictures.path, out, camera=o.camera, options=options, log=log).figures
-    bars.seconds[POSES] = stages.seconds
-    return figures
+    return figures, stages.seconds
 
 
-def _announce(options: SceneOptions, pictures: Capture, seconds: float) -> str:
-    """Says how much there is to do, and about how long it will take."""
+def _announce(options: SceneOptions, pictures: Capture) -> str:
+    """Says how much there is to do."""
     training, threads = _make_training_options(options), options.threads or _core.num_threads()
     return (
         f"poses of {len(pictures.figures['frames'])} pictures, then {training.steps:,} steps of "
-        f"training with up to {training.most_gaussians:,} Gaussians: about "
-        f"{format_duration(seconds)} on {threads} processor{'s' if threads > 1 else ''}"
+        f"training with up to {training.most_gaussians:,} Gaussians on {threads} "
+        f"processor{'s' if threads > 1 else ''}"
     )
 
 
@@ -241,15 +226,17 @@ def _train(
 
 def _report(
     folder: SceneFolder, pictures: Capture, poses: dict[str, Any], metrics: dict[str, Any],
-    bars: StagedProgress,
+    bars: StagedProgress, taken: dict[str, float],
 ) -> None:  # fmt: skip
-    """Judges the scene as a whole; writes scene.html and scene.json."""
+    """Judges the scene as a whole; writes scene.html and scene.json.
+
+    taken: seconds of the stages that are not the bar's own.
+    """
     with bars.stage("report"):
         bars.show(0.5)
         seconds = {
             "capture": bars.seconds["capture"],
-            # A stage that an earlier call finished took what its figures say.
-            POSES: bars.seconds[POSES] or poses["seconds"]["total"],
+            **taken,
             "training": bars.seconds["training"] or metrics["train_seconds"],
         }
         found = filter(None, (row.get("verdict") for row in (metrics, poses)))
@@ -279,8 +266,8 @@ def _start_bars(progress: bool | OnProgress, watcher: LiveScene | None) -> Stage
         for listener in listeners:
             listener(row)
 
-    pace = measure_pace() if progress or watcher else 1.0
-    return StagedProgress(_EXPECTED_SECONDS, progress is True, on_progress=show, pace=pace)
+    stages = ("capture", "training", "report")  # those of `find_poses` are added
+    return StagedProgress("scene", stages, progress is True, on_progress=show)
 
 
 def _spread_over(
@@ -295,14 +282,3 @@ def _spread_over(
             bars.show((before + shares[name] * done / max(1, total)) / whole, f"{name} {text}")
 
     return show
-
-
-def _estimate_training_seconds(figures: dict[str, Any], options: TrainOptions) -> float:
-    """Returns the seconds that the training's steps will take for pictures of this size."""
-    most = dataclasses.replace(options.resolve(), max_gaussians=options.most_gaussians)
-    width, height = figures["size"]
-    shrunk = min(1.0, options.max_side / max(width, height)) if options.max_side else 1.0
-    return track_training(
-        most, most.most_gaussians // 4, shrunk**2 * width * height / 1e6, 0,
-        threads=options.threads or _core.num_threads(),
-    ).predict_left(0)  # fmt: skip

@@ -22,8 +22,6 @@ from gsut.training.first import (
     choose_complexity,
     choose_degree,
     find_plain_background,
-    leave_out_blurred,
-    limit_gaussians,
     prepare_scene,
     refine_first_poses,
 )
@@ -87,10 +85,9 @@ def train(
         raise InputError(f"{scene.path} has no training view; hold out fewer (--test-every)")
     refuse_too_large(scene, asked)  # check/: of the memory that is free
     given, scene = scene, prepare_scene(scene.centred, asked)  # data/: size of the images, shutter
-    scene = leave_out_blurred(scene, asked)
     scene.check_pixels()  # data/: a damaged photograph is found now
     asked = choose_degree(scene, asked)  # of harmonics, as the photographs bear
-    o = asked.resolve()
+    o = asked
     if o.background is None:
         o = dataclasses.replace(o, background=find_plain_background(scene))
     # run/: folder, history, checkpoints
@@ -98,7 +95,7 @@ def train(
     fresh = record.checkpoint is None
     tracks = refine_first_poses(scene, o, progress is True) if fresh else None  # sfm/, refine/
     complexity = choose_complexity(scene, asked, record.note)  # what the photographs support
-    o = limit_gaussians(o, complexity.max_gaussians)
+    o = dataclasses.replace(o, max_gaussians=complexity.max_gaussians)
     loop = TrainingLoop(scene, o, tracks=tracks)  # gaussians/: the first ones
     with record.follow(loop):
         while loop.step < o.steps and record.goes_on:

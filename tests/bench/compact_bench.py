@@ -13,7 +13,6 @@ from gsut.compact import check_keep, check_method
 from gsut.compact.method import METHODS
 from gsut.evaluate import evaluate
 from gsut.evaluate.held_out import render_view_image
-from gsut.training.tuning.from_start import FromStart
 from tests.bench.commands import run_gsut, train
 from tests.bench.harness import HALL, Benchmark, Column, Option, Row, Settings
 
@@ -35,24 +34,19 @@ def list_cases(settings: Settings) -> Iterator[Row]:
 
 
 def measure(case: Row, settings: Settings) -> Row:
-    """Compacts the whole model, or trains anew for the work of both, and compares views."""
+    """Compacts the whole model, or trains anew for the steps of both, and compares views."""
     name, method = case["data"], case["method"]
     label = name.replace("/", "_")
     whole = settings.folder / f"{label}-whole"
     words = ["--steps", str(settings.steps), "--max-gaussians", str(settings.cap)]
-    words += ["--scale", str(settings.scale), "--set", "eval_every=0"]
+    words += ["--scale", str(settings.scale)]
     took = train(settings.path(name), whole, words)
     out = settings.folder / f"{label}-{method.replace(' ', '-')}-{case['keep']}"
     if method == WHOLE:
         out = whole
     elif method == RIVAL:
-        trained = gsut.load_run(whole)
-        own = len(trained.gaussians)
-        count = round(float(case["keep"]) * own)
-        scene = trained.scene
-        start = FromStart(trained.options, own, count, settings.finetune, None)
-        steps = start.choose_options(scene, min(count, len(scene.points))).steps
-        words[1], words[3] = str(steps), str(count)
+        count = round(float(case["keep"]) * len(gsut.load_run(whole).gaussians))
+        words[1], words[3] = str(settings.steps + settings.finetune), str(count)
         took = train(settings.path(name), out, words)
     else:
         words = ["--keep", case["keep"], "--method", method, "--finetune", str(settings.finetune)]

@@ -55,9 +55,7 @@ def measure(case: Row, settings: Settings) -> Row:
     """Trains on some views and judges on the held-out ones."""
     scene = choose_views(load(case["data"], case["lens"], settings), case["_views"])
     scene = replace_points(scene, case["points"])
-    options = gsut.TrainOptions(
-        preset="fast", steps=settings.steps, seed=case["_seed"], eval_every=0
-    )
+    options = gsut.TrainOptions(preset="fast", steps=settings.steps, seed=case["_seed"])
     began, first = time.process_time(), []
 
     def note_first(loop: TrainingLoop, _: Row) -> bool:

@@ -39,8 +39,8 @@ LIGHTS: dict[str, tuple[tuple[str, ...], str]] = {
     "falloff": (("falloff",), ""),
     "exposure + falloff + noise": (("gain", "falloff", "noise"), ""),
     "two passers-by": (("people",), "--robust"),
-    "blur + noise": (("blur", "noise"), "--drop-blurred"),
-    "motion + noise": (("motion", "noise"), f"--motion-blur {_EXPOSED:g}"),
+    "blur + noise": (("blur", "noise"), ""),
+    "motion + noise": (("motion", "noise"), ""),
 }
 
 
@@ -85,11 +85,9 @@ def _keep_level(found: Row, scene: gsut.Scene) -> Light:
 def _train(case: Row, settings: Settings, data: Path) -> tuple[Row, gsut.TrainResult]:
     flags = case["flags"]
     options = gsut.TrainOptions(
-        steps=settings.steps, max_gaussians=settings.max_gaussians, eval_every=settings.steps,
+        steps=settings.steps, max_gaussians=settings.max_gaussians,
         scale=1.0 if case["data"] == HALL else settings.scale,
         exposure="auto" if "auto" in flags else "off", robust="--robust" in flags,
-        drop_blurred="--drop-blurred" in flags,
-        motion_blur=_EXPOSED if "--motion-blur" in flags else None,
     )  # fmt: skip
     began = time.process_time()
     result = gsut.train(gsut.load_dataset(data), options, progress=False)

@@ -170,7 +170,7 @@ def step_loop(scene: BenchScene, repeats: int) -> TrainingLoop:
         scene: copied.
         repeats: steps that will be made, at most.
     """
-    from gsut.optimize import make_optimizer
+    from gsut.optimize import GaussianOptimizer
     from gsut.run import TrainOptions
     from gsut.training import TrainingLoop
 
@@ -178,13 +178,29 @@ def step_loop(scene: BenchScene, repeats: int) -> TrainingLoop:
     rates: dict[str, Any] = dict.fromkeys(
         ("lr_means", "lr_scales", "lr_quats", "lr_opacity", "lr_sh0", "lr_sh_rest"), 0.0
     )
-    options = TrainOptions(
-        steps=steps, max_gaussians=_SEEDS, sh_degree=scene.gaussians.sh_degree, sh_every=1,
-        coarse_to_fine=(0.0, 0.0), densify_every=steps // 2, noise=False, eval_every=0, **rates,
-    ).resolve()  # fmt: skip
-    loop = TrainingLoop(_one_view_scene(scene), options)
-    loop.optimizer = make_optimizer(scene.gaussians, None, 0)
+    degree = scene.gaussians.sh_degree
+    options = TrainOptions(steps=steps, max_gaussians=_SEEDS, sh_degree=degree)
+    recipe = dataclasses.replace(
+        options.recipe, sh_every=1, coarse_to_fine=(0.0, 0.0), densify_every=steps // 2,
+        noise=False, **rates,
+    )  # fmt: skip
+    loop = TrainingLoop(_one_view_scene(scene), options, recipe=recipe)
+    loop.optimizer = GaussianOptimizer(scene.gaussians, seed=0)
     return loop
+
+
+def _time_method(owner: Any, name: str, stage: str, stages: dict[str, tuple[float, float]]) -> None:
+    """Lets a method write its (wall, processor) seconds to `stages` at each call."""
+    method = getattr(owner, name)
+
+    def run(*words: Any, **named: Any) -> Any:
+        wall, cpu = time.perf_counter(), time.process_time()
+        try:
+            return method(*words, **named)
+        finally:
+            stages[stage] = time.perf_counter() - wall, time.process_time() - cpu
+
+    setattr(owner, name, run)
 
 
 def step_times(loop: TrainingLoop, repeats: int) -> Times:
@@ -195,16 +211,15 @@ def step_times(loop: TrainingLoop, repeats: int) -> Times:
         "step", the whole step.
     """
 
+    stages: dict[str, tuple[float, float]] = {}
+    _time_method(loop, "_compare", "loss", stages)
+    _time_method(loop.optimizer, "accumulate", "statistics", stages)
+    _time_method(loop.optimizer, "step", "adam", stages)
+    _time_method(loop, "advance", "step", stages)
+
     def step() -> dict[str, tuple[float, float]]:
-        loop.stopwatch.clear()
         loop.advance()
-        stages = {name: (wall, cpu) for name, (wall, cpu) in loop.stopwatch.seconds.items()}
-        whole = (
-            sum(wall for wall, _ in stages.values()), sum(cpu for _, cpu in stages.values())
-        )  # fmt: skip
-        for outer in ("render", "backward"):
-            stages.pop(outer)
-        return stages | loop.renderer.timings() | {"step": whole}
+        return stages | loop.drawing.renderer.timings()
 
     # Harmonics are switched on one degree a step.
     return best_times(step, repeats, warmups=2 + loop.options.sh_degree)

@@ -52,7 +52,7 @@ def measure(case: Row, settings: Settings) -> Row:
     by, refined = case["_by"], case["training"] == "refined"
     start = truth if by is None else disturb_scene(truth, by, 0)
     options = gsut.TrainOptions(
-        steps=settings.steps, max_gaussians=settings.max_gaussians, sh_degree=1, eval_every=0,
+        steps=settings.steps, max_gaussians=settings.max_gaussians, sh_degree=1,
         scale=settings.scale, checkpoint_every=0, refine_poses=refined,
         refine_lens=refined and by.of_lens,
     )  # fmt: skip

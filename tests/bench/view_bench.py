@@ -13,7 +13,6 @@ import cv2
 import numpy as np
 
 from gsut._core import InputError, exp_pose
-from gsut.gaussians import pack_harmonics
 from gsut.metrics import psnr
 from gsut.render import render, to_uint8
 from gsut.view import LOOPBACK, Session, Stage, ViewServer
@@ -40,7 +39,7 @@ def measure(case: Row, settings: Settings) -> Row:
     """Walks through a scene; the whole lossless frame must have the renderer's bits."""
     scene, frames = scene_from_arrays(case["scene"]), max(2, settings.frames)
     scale, share = case["_scale"], case["_share"]
-    session = Session(Stage(case["scene"], "file", pack_harmonics(scene.gaussians)))
+    session = Session(Stage(case["scene"], "file", scene.gaussians))
     start = np.asarray(scene.camera_from_world)
     whole = to_uint8(render(scene.gaussians, scene.camera, start).image)
     lens = session.lenses.add(scene.camera)

@@ -16,7 +16,6 @@ from pathlib import Path
 import numpy as np
 
 from gsut import _core
-from gsut.gaussians import pack_harmonics
 from gsut.lens import Camera
 from lab.demo_tracer.views import make_camera
 from tests.bench.accuracy import Truth, count_missed, errors_of, make_truth
@@ -100,9 +99,9 @@ def _choose_sigma(count: str) -> float:
 def _draw_natively(scene: BenchScene, runs: int) -> Drawn:
     shape = (scene.camera.height, scene.camera.width)
     image, alpha = np.zeros((*shape, 3), np.float32), np.zeros(shape, np.float32)
-    renderer, packed = _core.Renderer(), pack_harmonics(scene.gaussians)
+    renderer = _core.Renderer()
     job = _core.RenderJob(scene.camera, np.asarray(scene.camera_from_world), keep=False)
-    took = _time_frames(lambda: renderer.render(packed, job, image, alpha), runs)
+    took = _time_frames(lambda: renderer.render(scene.gaussians, job, image, alpha), runs)
     return image, alpha, took
 
 

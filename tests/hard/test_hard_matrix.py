@@ -13,6 +13,8 @@ from precision_paths import FIELDS, blob, errors_of, every_path, joined, run_eve
 
 import gsut
 import tolerances
+from gsut.gaussians import find_pixel_sizes
+from gsut.render import PixelFilter
 from random_scenes import (
     fisheye,
     gaussians_in_view,
@@ -137,12 +139,8 @@ def below_a_pixel(rng):
         rng, camera, pose, 200, sh_degree=0, sizes=(5e-4, 4e-3), aspect=0.0, opacity=2.0
     )
     yield Scene(g, camera)
-    yield Scene(
-        gsut.loop.apply_low_pass(
-            g, gsut.loop.find_filter_radii(g.means, [camera], pose[None], 0.5)
-        ),
-        camera,
-    )
+    sizes = find_pixel_sizes(g.means, [camera], pose[None])
+    yield Scene(PixelFilter.widen_by(g, (0.5 * sizes) ** 2, pose), camera)
 
 
 def opaque_layers(rng):

@@ -17,9 +17,7 @@ OPTIONS = gsut.TrainOptions(
     steps=60, max_gaussians=400, sh_degree=1, seed=3, threads=1, init="points"
 )
 # States of three blocks that are together larger than the least object store of Ray, 80 MB.
-LARGE_OPTIONS = dataclasses.replace(
-    OPTIONS, max_gaussians=330_000, init="random", init_count=330_000, steps=50
-)
+LARGE_OPTIONS = dataclasses.replace(OPTIONS, max_gaussians=330_000, init="random", steps=50)
 RESULTS = ("scene.ply", "blocks/layout.json")
 
 

@@ -89,11 +89,11 @@ def finished_run(path: Path, scene: gsut.Scene, options=None, report: bool = Tru
 
     Without `report` the report is an empty file, which is much faster.
     """
-    options = (options or gsut.TrainOptions(steps=100)).resolve()
+    options = options or gsut.TrainOptions(steps=100)
     run = RunFolder.create(path, options, environment=describe_environment(scene.path))
     for step in range(10, 101, 10):
         row = {"step": step, "seconds": step / 50, "loss": 1 / step, "num_gaussians": 10 * step}
-        run.append_history(row | ({"psnr": 20 + step / 50} if step % 50 == 0 else {}))
+        run.history.append(row | ({"psnr": 20 + step / 50} if step % 50 == 0 else {}))
     evaluation = evaluate(GAUSSIANS, scene, scene.test_indices, render_folder=run.renders)
     metrics = run_metrics(evaluation, GAUSSIANS, scene, options, steps=100, train_seconds=2.0)
     run.write_json(RunFile.METRICS, metrics)

@@ -159,7 +159,7 @@ def test_convert_writes_the_same_lens_anew(case, capsys):
 def test_refine_undoes_pose_errors_against_the_true_gaussians(case, refine_lens):
     scene = gsut.load_dataset(case.perturbed)
     views = TrainingViews(scene, (0, 0))
-    options = gsut.TrainOptions(refine_poses=True, refine_lens=refine_lens, refine_tracks=False)
+    options = gsut.TrainOptions(refine_poses=True, refine_lens=refine_lens)
     if not case.camera.is_central:  # its rays have no derivative to the pose of a centre
         with pytest.raises(gsut.InputError, match="needs a lens with one centre"):
             TrainingRefiner(views, options)
@@ -183,7 +183,7 @@ def test_refine_undoes_pose_errors_against_the_true_gaussians(case, refine_lens)
 
 def test_refine_trains_on_and_keeps_the_lens_model_or_says_why_not(case):
     data = case.perturbed
-    options = {"steps": 4, "refine_lens": True, "refine_tracks": False}
+    options = {"steps": 4, "refine_lens": True}
     if not case.camera.is_central:  # its rays have no derivative to the pose of a centre
         with pytest.raises(gsut.InputError, match="needs a lens with one centre"):
             case.train(data, **options)

@@ -26,9 +26,7 @@ CALIB_DOORS = {"gsut", "gsut.files", "gsut.least_squares", "gsut.lens", "gsut.pa
 CALIB_WITH_MRCAL = "calib.solve.inside_mrcal"
 
 MAX_FUNCTION, MAX_CLASS, MAX_FILE = 80, 250, 400  # lines
-LONGER: dict[str, str] = {  # "path" or "path:name" -> why it is longer
-    "python/gsut/run/options/train.py:TrainOptions": "every option with its help",
-}
+LONGER: dict[str, str] = {}  # "path" or "path:name" -> why it is longer
 
 
 def test_folders_and_rooms_import_lower_floors_only_and_no_circle(capsys):

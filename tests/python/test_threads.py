@@ -128,7 +128,7 @@ SHARED = {
         [lambda found: found.format_rings()] * 6,
     ),
     "TrainOptions": (
-        lambda _: gsut.TrainOptions(), [lambda o: o.resolve().to_json(), lambda o: o.to_json()]),
+        lambda _: gsut.TrainOptions(), [lambda o: o.to_json(), lambda o: o.recipe]),
     "BlockOptions": (
         lambda _: gsut.BlockOptions(blocks="4", memory="2GB"),
         [lambda o: (o.count(), o.parse_memory())],

@@ -7,11 +7,6 @@ PANORAMA_SEAM_STEP = (
 )
 VIEWERS_GAIN_DB = 2.8  # of 25 steps on thin blobs; least 5.6
 BLURRED_SKY = 0.06  # of colours in [0, 1]: mean over 3 x 3 pixels of clouds; worst 0.039
-POSE_ROUNDING = 1e-9  # of poses in units of a few
-BLUR_ROUNDING = 1e-5  # square, mean and root in float; observed 1e-7
-BLUR_STEP = 1e-3  # of the central difference
-BLUR_GRADIENT = 0.04  # of float renders, cut off at faint Gaussians; worst 0.019
-BLUR_GAINED_DB = 3.0  # 200 steps on blobs; observed 6.7
 MOVERS_RECALL = 0.78  # share of what passes that is found, in three of nine views; observed 0.89
 MOVERS_WRONG = 0.08  # of a view's pixels, the rim of what passes; worst 0.042
 MOVERS_SHARE = 0.01  # of the training pixels, where movers take 0.03 of them

@@ -19,6 +19,7 @@ constexpr std::int64_t kGrain = 2048;
 // Half a colour's range over the harmonic of degree 0: axes of -1 to 1 become colours of 0 to 1.
 constexpr double kColorOfAxis = 0.5 / 0.28209479177387814;
 
+// The axis across the disc that a flat Gaussian is; of equal scales the first.
 template <class T>
 int Shortest(const GaussiansView<const T>& g, std::int64_t i) {
   const T* scales = g.log_scales + 3 * i;
@@ -54,6 +55,8 @@ void FacingAxes(const GaussiansView<const T>& g, const double* center, T* sh) {
   });
 }
 
+// With n = s R e_k, s the sign that faces the camera and k the shortest axis, dL/dR has the one column
+// s dL/dn, which the rotation's derivative carries to the quaternion as stored, not to a unit one.
 template <class T>
 void FacingAxesBackward(const GaussiansView<const T>& g, const double* center, const T* dsh,
                         T* dquats) {
@@ -73,6 +76,8 @@ void FacingAxesBackward(const GaussiansView<const T>& g, const double* center, c
   });
 }
 
+// Of L = weight / N sum over i of min_k exp(l_ik): each Gaussian's own shortest axis shrinks, and the
+// others have no gradient.
 template <class T>
 void FlattenGradient(const GaussiansView<const T>& g, double weight, T* dlog_scales) {
   if (g.size == 0) return;

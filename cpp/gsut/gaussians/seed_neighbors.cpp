@@ -117,6 +117,8 @@ class Tree {
     return middle;
   }
 
+  // Splits a range down to its leaves; ranges of siblings share no point, so that they may be built
+  // on any threads.
   void Build(const Range& range) {
     if (range.end - range.begin <= kLeafPoints) return;
     const std::int64_t middle = SplitNode(range);

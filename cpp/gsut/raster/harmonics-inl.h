@@ -8,7 +8,6 @@
 #endif
 
 #include "gsut/gaussians/harmonics.h"
-#include "gsut/gaussians/harmonics_rows.h"
 #include "gsut/projection/seen-inl.h"
 #include "gsut/raster/lane_rows-inl.h"
 
@@ -25,11 +24,11 @@ struct NextHarmonics {
   std::int64_t stride;  // floats of each
   int count;            // Gaussians, up to kLanes
 
-  HWY_INLINE NextHarmonics(const HarmonicsRows& rows, std::int64_t first) {
-    const std::int64_t next = HWY_MIN(first + kLanes, rows.end[0]);
-    count = static_cast<int>(HWY_MIN(rows.end[0] - next, static_cast<std::int64_t>(kLanes)));
-    offset = rows.Offset(next);
-    stride = 3 * NumShCoefficients(rows.Degree(next));
+  HWY_INLINE NextHarmonics(const GaussiansView<const float>& g, std::int64_t first) {
+    const std::int64_t next = HWY_MIN(first + kLanes, g.size);
+    count = static_cast<int>(HWY_MIN(g.size - next, static_cast<std::int64_t>(kLanes)));
+    stride = 3 * g.sh_coefficients;
+    offset = next * stride;
   }
 
   // Fetches the first `floats` of the row of Gaussian i < count; kWrite: to write there.
@@ -41,44 +40,29 @@ struct NextHarmonics {
   }
 };
 
-// The harmonics of the Gaussians [first, first + kLanes), which have one degree.
-struct BatchHarmonics {
-  std::int64_t offset;  // of the first one's
-  int coefficients;     // stored of each
-  int degree;           // in use
-};
-
-HWY_INLINE BatchHarmonics HarmonicsOf(const HarmonicsRows& rows, int sh_degree,
-                                      std::int64_t first) {
-  const int stored = rows.Degree(first);
-  return {rows.Offset(first), NumShCoefficients(stored), HWY_MIN(stored, sh_degree)};
-}
-
 // A vector's harmonics: columns[3 k + c] is channel c of coefficient k.
 struct HarmonicsColumns {
   Lane column[PaddedColumns(3 * kMaxShCoefficients)];
 
-  // The coefficients in use of the Gaussians [first, first + kLanes); lanes without one hold any
-  // number.
-  HWY_INLINE HarmonicsColumns(const float* sh, const HarmonicsRows& rows,
-                              const BatchHarmonics& batch, std::int64_t first) {
-    const int used = 3 * NumShCoefficients(batch.degree);
-    const std::int64_t stride = 3 * batch.coefficients;
-    const std::int64_t size = rows.end[0];
-    if (batch.coefficients == 1) {
-      LoadRows3(sh + batch.offset, size - first, column);
+  // The coefficients up to `degree` of the Gaussians [first, first + kLanes); lanes without one
+  // hold any number.
+  HWY_INLINE HarmonicsColumns(const GaussiansView<const float>& g, int degree, std::int64_t first) {
+    const int used = 3 * NumShCoefficients(degree);
+    const std::int64_t stride = 3 * g.sh_coefficients;
+    const float* sh = g.sh + first * stride;
+    if (g.sh_coefficients == 1) {
+      LoadRows3(sh, g.size - first, column);
       return;
     }
     // Whole vectors are read, also after the last row's end.
-    const std::int64_t readable = rows.Offset(size) - batch.offset;
+    const std::int64_t readable = (g.size - first) * stride;
     if (readable >= (kLanes - 1) * stride + PaddedColumns(used)) {
-      LoadColumns(sh + batch.offset, stride, used, column);
+      LoadColumns(sh, stride, used, column);
       return;
     }
     HWY_ALIGN float padded[kLanes * 3 * kMaxShCoefficients + kLanes] = {};
-    const std::int64_t count = HWY_MIN(size - first, static_cast<std::int64_t>(kLanes));
-    __builtin_memcpy(padded, sh + batch.offset,
-                     sizeof(float) * static_cast<std::size_t>(count * stride));
+    const std::int64_t count = HWY_MIN(g.size - first, static_cast<std::int64_t>(kLanes));
+    __builtin_memcpy(padded, sh, sizeof(float) * static_cast<std::size_t>(count * stride));
     LoadColumns(padded, stride, used, column);
   }
 };
@@ -93,12 +77,11 @@ HWY_INLINE void EvalColor(int degree, const Lane* basis, const HarmonicsColumns&
 }
 
 // The same of the Gaussians [first, first + kLanes), seen along `direction`.
-HWY_INLINE void ColorOf(const float* sh, const HarmonicsRows& rows, int sh_degree,
-                        std::int64_t first, const Lane* direction, Lane* color) {
-  const BatchHarmonics batch = HarmonicsOf(rows, sh_degree, first);
+HWY_INLINE void ColorOf(const GaussiansView<const float>& g, int degree, std::int64_t first,
+                        const Lane* direction, Lane* color) {
   Lane basis[kMaxShCoefficients];
-  HarmonicsBasis(batch.degree, direction[0], direction[1], direction[2], basis);
-  EvalColor(batch.degree, basis, HarmonicsColumns(sh, rows, batch, first), color);
+  HarmonicsBasis(degree, direction[0], direction[1], direction[2], basis);
+  EvalColor(degree, basis, HarmonicsColumns(g, degree, first), color);
 }
 
 }  // namespace HWY_NAMESPACE

@@ -168,13 +168,6 @@ void Renderer::FillTask(const GaussiansView<const float>& gaussians, const Rende
   task_.channels = job.channels;
   // Along the ray the backward pass makes its own.
   task_.keep = (job.keep_for_backward || job.channels.count > 0) && rule_.order != OrderKey::kRay;
-  task_.sh_rows =
-      job.sh_rows.value_or(HarmonicsRows::Uniform(gaussians.size, gaussians.sh_coefficients));
-  if (!task_.sh_rows.IsValid() || task_.sh_rows.end[0] != gaussians.size) {
-    throw InputError(
-        "the rows of each degree of harmonics must fall from the number of Gaussians, "
-        "by multiples of 16");
-  }
   const int stored_degree = ShDegree(gaussians.sh_coefficients);
   task_.sh_degree = settings.sh_degree < stored_degree ? settings.sh_degree : stored_degree;
 }

@@ -4,14 +4,12 @@
 #include <algorithm>
 #include <cstdint>
 #include <memory>
-#include <optional>
 #include <span>
 #include <vector>
 
 #include "gsut/base/stopwatch.h"
 #include "gsut/cameras/camera.h"
 #include "gsut/gaussians/gaussians.h"
-#include "gsut/gaussians/harmonics_rows.h"
 #include "gsut/geometry/shutter.h"
 #include "gsut/projection/project.h"
 #include "gsut/raster/blend_rule.h"
@@ -33,9 +31,6 @@ struct RenderJob {
   RenderSettings settings = {};
   UnscentedOptions unscented = {};
   bool keep_for_backward = true;
-  // Of harmonics of several degrees, packed; then sh_coefficients are those of the first row. The
-  // gradients are packed the same way. None: (N, K, 3).
-  std::optional<HarmonicsRows> sh_rows = {};
   // (rows, columns) of 16 x 16 pixels, row-major: tiles that are 0 are left out. They show the
   // background and add nothing to any gradient; null: all are drawn. A byte a tile, not a bit a
   // block of pixels, so that what is left out is the same for every instruction set.

@@ -164,13 +164,11 @@ void Renderer::CheckBackward(const ImageGradients& to_image, const GradientRows&
 }
 
 void Renderer::CheckStep(const GradientRows& to) const {
-  const HarmonicsRows& rows = task_.sh_rows;
-  const bool is_one_array = rows.end[static_cast<std::size_t>(rows.MaxDegree())] == rows.end[0];
-  if (to.step->params != task_.gaussians.sh || !is_one_array || to.write_untouched ||
+  if (to.step->params != task_.gaussians.sh || to.write_untouched ||
       to.step->active > 3 * task_.gaussians.sh_coefficients) {
     throw InputError(
-        "harmonics can be stepped in the backward pass if they are the array that was rendered, of "
-        "one degree, and rows that no pixel saw stay as they are (write_untouched is false)");
+        "harmonics can be stepped in the backward pass if they are the array that was rendered, "
+        "and rows that no pixel saw stay as they are (write_untouched is false)");
   }
 }
 

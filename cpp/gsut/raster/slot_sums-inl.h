@@ -87,12 +87,12 @@ HWY_INLINE void StoreRows1(Lane v, std::int64_t available, float* rows) {
 
 // The Gaussians [first, first + kLanes) that exist: which of them a pixel saw, and the sums[16]
 // over their slots. False if none was seen; touched is set, and with write_untouched rows become 0.
-HWY_INLINE bool LoadSlotSums(const GaussiansView<const float>& g, const HarmonicsRows& sh_rows,
-                             std::int64_t first, const Frame& frame, const GradientRows& to,
-                             LaneMask* seen, Lane* sums) {
+HWY_INLINE bool LoadSlotSums(const GaussiansView<const float>& g, std::int64_t first,
+                             const Frame& frame, const GradientRows& to, LaneMask* seen,
+                             Lane* sums) {
   const FloatTag d;
   const std::int64_t available = HWY_MIN(g.size - first, static_cast<std::int64_t>(kLanes));
-  const NextHarmonics next(sh_rows, first);
+  const NextHarmonics next(g, first);
   const bool fetch = MayBeSeen(frame, first + available, next.count);
   HWY_ALIGN float rows[kLanes][16];
   bool any = false;
@@ -118,8 +118,8 @@ HWY_INLINE bool LoadSlotSums(const GaussiansView<const float>& g, const Harmonic
       __builtin_memset(out.quats + 4 * first, 0, sizeof(float) * 4 * available);
       __builtin_memset(out.log_scales + 3 * first, 0, sizeof(float) * 3 * available);
       __builtin_memset(out.opacity_logits + first, 0, sizeof(float) * available);
-      const std::int64_t begin = sh_rows.Offset(first), end = sh_rows.Offset(first + available);
-      __builtin_memset(out.sh + begin, 0, sizeof(float) * static_cast<std::size_t>(end - begin));
+      const std::int64_t stride = 3 * g.sh_coefficients;
+      __builtin_memset(out.sh + stride * first, 0, sizeof(float) * stride * available);
     }
     return false;
   }
@@ -133,7 +133,7 @@ HWY_INLINE bool LoadSlotSums(const GaussiansView<const float>& g, const Harmonic
 
 // Steps the harmonics of those of [first, first + kLanes) that were seen; columns: of their
 // gradients, the first step.active. Fetches moments of the batch after it.
-HWY_INLINE void StepHarmonics(const HarmonicsStep& step, const HarmonicsRows& rows,
+HWY_INLINE void StepHarmonics(const HarmonicsStep& step, const GaussiansView<const float>& g,
                               std::int64_t first, const Frame& frame, LaneMask seen,
                               const Lane* columns) {
   const FloatTag d;
@@ -145,9 +145,8 @@ HWY_INLINE void StepHarmonics(const HarmonicsStep& step, const HarmonicsRows& ro
     TransposeLanes(v);
     GSUT_UNROLL for (int i = 0; i < kLanes; ++i) hn::Store(v[i], d, gradients + i * kRow + c);
   }
-  const std::int64_t offset = rows.Offset(first);
-  const std::int64_t stride = 3 * NumShCoefficients(rows.Degree(first));
-  const NextHarmonics next(rows, first);
+  const std::int64_t stride = 3 * g.sh_coefficients;
+  const NextHarmonics next(g, first);
   const std::uint64_t bits = MaskBits(seen.m);
   // Adam's step is sparse: a row that no pixel saw keeps its parameters and its moments.
   for (int i = 0; i < kLanes; ++i) {
@@ -156,7 +155,7 @@ HWY_INLINE void StepHarmonics(const HarmonicsStep& step, const HarmonicsRows& ro
       next.Fetch<true>(step.moment2, i, step.active);
     }
     if (!((bits >> i) & 1)) continue;
-    const std::int64_t at = offset + i * stride;
+    const std::int64_t at = (first + i) * stride;
     UpdateRange<true>(step.constants, static_cast<std::size_t>(step.active), step.rates.data(),
                       gradients + i * kRow, step.params + at, step.moment1 + at, step.moment2 + at);
   }
@@ -166,24 +165,22 @@ HWY_INLINE void StepHarmonics(const HarmonicsStep& step, const HarmonicsRows& ro
 // else 0:
 //   dL/dh_k = Y_k(n) g,  dL/dn = sum over k of (h_k . g) dY_k/dn.
 // From dL/dcolor to the harmonics, written or stepped, and to the direction they were evaluated in.
-HWY_INLINE void ColorGradients(const GaussiansView<const float>& g, const HarmonicsRows& sh_rows,
-                               std::int64_t first, int sh_degree, const Frame& frame, LaneMask seen,
-                               const Lane* direction, const Lane* to_color, const GradientRows& to,
-                               Lane* g_direction) {
+HWY_INLINE void ColorGradients(const GaussiansView<const float>& g, std::int64_t first, int degree,
+                               const Frame& frame, LaneMask seen, const Lane* direction,
+                               const Lane* to_color, const GradientRows& to, Lane* g_direction) {
   const std::int64_t available = HWY_MIN(g.size - first, static_cast<std::int64_t>(kLanes));
-  const BatchHarmonics batch = HarmonicsOf(sh_rows, sh_degree, first);
-  const HarmonicsColumns sh(g.sh, sh_rows, batch, first);
+  const HarmonicsColumns sh(g, degree, first);
   Lane color[3];
   Lane basis[kMaxShCoefficients];
   Lane g_basis[kMaxShCoefficients];
-  HarmonicsBasis(batch.degree, direction[0], direction[1], direction[2], basis);
-  EvalColor(batch.degree, basis, sh, color);
+  HarmonicsBasis(degree, direction[0], direction[1], direction[2], basis);
+  EvalColor(degree, basis, sh, color);
   Lane g_color[3];
   for (int c = 0; c < 3; ++c) {
     g_color[c] = Select(AndMask(seen, color[c] > Lane(0.0)), to_color[c], Lane(0.0));
   }
-  const int used = NumShCoefficients(batch.degree);
-  const std::int64_t stride = 3 * batch.coefficients;
+  const int used = NumShCoefficients(degree);
+  const std::int64_t stride = 3 * g.sh_coefficients;
   Lane g_sh[PaddedColumns(3 * kMaxShCoefficients)];
   for (int k = 0; k < used; ++k) {
     g_basis[k] = Lane(0.0);
@@ -196,13 +193,13 @@ HWY_INLINE void ColorGradients(const GaussiansView<const float>& g, const Harmon
   const int count = to.step == nullptr ? static_cast<int>(stride) : to.step->active;
   for (int k = 3 * used; k < PaddedColumns(count); ++k) g_sh[k] = Lane(0.0);
   if (to.step != nullptr) {
-    StepHarmonics(*to.step, sh_rows, first, frame, seen, g_sh);
+    StepHarmonics(*to.step, g, first, frame, seen, g_sh);
   } else if (stride == 3) {
-    StoreRows3(g_sh, available, to.rows.sh + batch.offset);
+    StoreRows3(g_sh, available, to.rows.sh + first * stride);
   } else {
-    StoreColumns(g_sh, stride, available, to.rows.sh + batch.offset);
+    StoreColumns(g_sh, stride, available, to.rows.sh + first * stride);
   }
-  HarmonicsBasisGradient(batch.degree, direction[0], direction[1], direction[2], g_basis,
+  HarmonicsBasisGradient(degree, direction[0], direction[1], direction[2], g_basis,
                          g_direction);
 }
 

@@ -5,7 +5,6 @@
 #include <cstdint>
 
 #include "gsut/gaussians/gaussians.h"
-#include "gsut/gaussians/harmonics_rows.h"
 #include "gsut/gaussians/harmonics_step.h"
 #include "gsut/projection/view.h"
 
@@ -23,7 +22,6 @@ struct Channels {
 // What the kernels need to know of one frame.
 struct RasterTask {
   GaussiansView<const float> gaussians;
-  HarmonicsRows sh_rows;  // of gaussians.sh
   ViewFloats view;
   float log2_raw_min = 0;  // see Log2RawOf
   float max_cutoff = 0;

@@ -10,7 +10,7 @@ from gsut import _core
 from gsut._core import InputError
 from gsut.blocks.cluster import Cluster
 from gsut.blocks.layout import Layout
-from gsut.blocks.plan import check_trainable, limit_cache_bytes
+from gsut.blocks.plan import ROUNDS, check_trainable, limit_cache_bytes
 from gsut.blocks.stages import BlocksResult, Stages
 from gsut.blocks.workers import Workers
 from gsut.data import Scene
@@ -56,7 +56,7 @@ def train_blocks(
     _core.set_num_threads(o.threads)
     if not scene.train_indices:
         raise InputError(f"{scene.path} has no training view; hold out fewer (--test-every)")
-    near = prepare_scene(scene.centred, o.resolve())
+    near = prepare_scene(scene.centred, o)
     keep_at_most(near, limit_cache_bytes(b))
     near.check_pixels()
     o = choose_degree(near, o)
@@ -67,7 +67,7 @@ def train_blocks(
         training.coarse = training.train_coarse()  # everything; poses, lens and light, then frozen
     with training.stage("layout"):
         training.layout = training.choose_layout()  # bisection of the work
-    for number in range(b.rounds):
+    for number in range(ROUNDS):
         for turn in training.list_turns(number):
             with training.stage(f"tasks {number + 1}"):
                 jobs = training.write_tasks(number, turn)  # views, pixels, context
@@ -90,7 +90,7 @@ def _open_run(
     environment = describe_environment(scene.path) | {"digests": digest_scene(scene)}
     counted = blocks.count() or blocks.blocks == "auto"
     given = None if counted else Layout.read(blocks.blocks).as_dict()
-    division = {"blocks": blocks.blocks if given is None else given, "rounds": blocks.rounds}
+    division = {"blocks": blocks.blocks if given is None else given}
     now = to_plain(
         division | {"tasks": _TASKS, "version": _core.__version__, "isa": _core.active_isa()}
     )

@@ -10,7 +10,7 @@ from gsut._core import InputError
 from gsut.data import Scene
 from gsut.gaussians import count_bytes_per_gaussian
 from gsut.run import BlockOptions, TrainOptions, format_size, free_memory
-from gsut.training.first import limit_gaussians
+from gsut.run.options import Recipe
 
 # Share of all Gaussians that the coarse model of few blocks has: blocks need room to grow.
 _COARSE_GAUSSIANS = 0.8
@@ -30,8 +30,10 @@ _FEWEST_STEPS = 50
 _FEWEST_GAUSSIANS = 500
 # Shortest side in pixels of a coarse model's images: smaller ones show nothing.
 _SMALLEST_SIDE = 64
-# Fraction of a block's steps after which the first of two rounds ends.
-FIRST_ROUND = 0.8
+# Rounds of training: in the second one, blocks see the results of their neighbours.
+ROUNDS = 2
+# Fraction of a block's steps after which the first round ends.
+_FIRST_ROUND = 0.8
 # States that are written in a round: at most an eighth of it is lost to an interruption.
 SEGMENTS = 8
 # Most Gaussians drawn around a block, x its own.
@@ -120,36 +122,40 @@ def choose_coarse_scale(scene: Scene) -> float:
 
 
 def make_coarse_options(options: TrainOptions, blocks: int) -> TrainOptions:
-    """Returns the options of the coarse model, resolved."""
+    """Returns the options of the coarse model."""
     most = options.most_gaussians
     share = max(_COARSE_LEAST, min(_COARSE_GAUSSIANS, _COARSE_BLOCKS / blocks))
-    small = limit_gaussians(options, min(most, max(_FEWEST_GAUSSIANS, round(share * most))))
+    few = min(most, max(_FEWEST_GAUSSIANS, round(share * most)))
     steps = max(_FEWEST_STEPS, round(_COARSE_STEPS * options.steps))
-    return dataclasses.replace(small, steps=steps, eval_every=0).resolve()
+    return dataclasses.replace(options, max_gaussians=few, steps=steps)
 
 
-def make_block_options(
-    options: TrainOptions, blocks: BlockOptions, visits: float, most: int
-) -> TrainOptions:
-    """Returns the options of one block over all rounds, resolved.
+def make_block_options(options: TrainOptions, visits: float, most: int) -> TrainOptions:
+    """Returns the options of one block over all rounds.
 
     Args:
-        options: of the run, not resolved.
-        blocks: how it is divided.
+        options: of the run.
         visits: how often the block is trained on a view, the mean over the scene's views: 0 to 1.
         most: number of Gaussians that it may grow to.
     """
-    until = FIRST_ROUND if blocks.rounds == 2 else 1.0
-    # The regularizers are means over all Gaussians: over a block's alone each would weigh more.
-    part = min(1.0, most / options.most_gaussians)
     return dataclasses.replace(
-        limit_gaussians(options, most), steps=max(_FEWEST_STEPS, round(visits * options.steps)),
-        opacity_regularizer=part * options.opacity_regularizer,
-        scale_regularizer=part * options.scale_regularizer,
-        eval_every=0, refine_poses=False, refine_lens=False, sh_every=1, test_names=None,
-        densify_until=min(until, options.densify_until), init_count=None, exposure="off",
-        coarse_to_fine=(0.0, 0.0),
-    ).resolve()  # fmt: skip
+        options, max_gaussians=most, steps=max(_FEWEST_STEPS, round(visits * options.steps)),
+        refine_poses=False, refine_lens=False, test_names=None, exposure="off",
+    )  # fmt: skip
+
+
+def make_block_recipe(options: TrainOptions, share: float) -> Recipe:
+    """Returns the recipe of one block.
+
+    Args:
+        options: of `make_block_options`.
+        share: of all the scene's Gaussians that the block has at most. The regularizers are means
+            over all Gaussians: over a block's alone each would weigh more.
+    """
+    recipe, part = options.recipe, min(1.0, share)
+    return dataclasses.replace(
+        recipe, regularizer=part * recipe.regularizer, sh_every=1, coarse_to_fine=(0.0, 0.0)
+    )
 
 
 def limit_cache_bytes(blocks: BlockOptions) -> float:
@@ -230,13 +236,10 @@ def check_memory(sizes: dict[str, int], blocks: BlockOptions) -> None:
         )
 
 
-def find_round_steps(options: TrainOptions, blocks: BlockOptions, number: int) -> tuple[int, int]:
+def find_round_steps(options: TrainOptions, number: int) -> tuple[int, int]:
     """Returns the first and last step of a block's round `number` (from 0)."""
-    steps = options.steps
-    if blocks.rounds == 1:
-        return 0, steps
-    middle = round(FIRST_ROUND * steps)
-    return (0, middle) if number == 0 else (middle, steps)
+    middle = round(_FIRST_ROUND * options.steps)
+    return (0, middle) if number == 0 else (middle, options.steps)
 
 
 def check_trainable(options: TrainOptions) -> None:
@@ -247,14 +250,11 @@ def check_trainable(options: TrainOptions) -> None:
     """
     unsupported = {
         "--robust": options.robust,
-        "--motion-blur": options.motion_blur is not None,
         "--surface": options.surface,
-        "compact_at": options.compact_at is not None,
-        "low_pass": options.low_pass > 0,
         "--set response=extinction": options.response != "maximum",
         f"--order {options.order}": options.order != "distance",
         f"--primitive {options.primitive}": options.primitive not in ("gaussian", "surfel"),
-        "strategy=mini": options.strategy == "mini",
+        "--set strategy=mini": options.strategy == "mini",
     }
     for flag, given in unsupported.items():
         if given:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from gsut import _core
+from gsut.blocks.plan import make_block_recipe
 from gsut.blocks.task import BlockTask, Trained, list_arrays
 from gsut.data import Scene
 from gsut.data.scene import Level
@@ -39,7 +40,10 @@ class BlockLoop(TrainingLoop):
     def __init__(self, task: BlockTask) -> None:
         self._task = task
         context = task.context if len(task.context) else None
-        super().__init__(task.scene, task.options, task.own.gaussians, context=context)
+        super().__init__(
+            task.scene, task.options, task.own.gaussians, context=context,
+            recipe=make_block_recipe(task.options, task.share),
+        )  # fmt: skip
         if task.own.moments:
             for row, given in zip(self.optimizer.moments, task.own.moments, strict=True):
                 for name, values in list_arrays(given).items():

@@ -19,6 +19,7 @@ from gsut.blocks.cluster import Cluster
 from gsut.blocks.coarse import Coarse, train_coarse
 from gsut.blocks.layout import Layout, cut_scene
 from gsut.blocks.plan import (
+    ROUNDS,
     TrainingSize,
     check_memory,
     choose_coarse_scale,
@@ -47,7 +48,7 @@ from gsut.run import (
     release_memory,
 )
 from gsut.system import rename_over
-from gsut.training.first import choose_complexity, find_plain_background, limit_gaussians
+from gsut.training.first import choose_complexity, find_plain_background
 from gsut.training.record import (
     TrainedRun,
     describe_place,
@@ -119,8 +120,8 @@ class Stages:
         self._engine = engine
         if options.background is None:
             options = dataclasses.replace(options, background=find_plain_background(scene))
-        self._complexity = choose_complexity(scene, options.resolve())
-        self._options = limit_gaussians(options, self._complexity.max_gaussians)
+        self._complexity = choose_complexity(scene, options)
+        self._options = dataclasses.replace(options, max_gaussians=self._complexity.max_gaussians)
         self._scene = scene
         self._folder = run.path / RunFile.BLOCKS
         self._stages: dict[str, dict[str, float]] = run.read_json(_STAGES) or {}
@@ -281,8 +282,8 @@ class Stages:
                 self._open_scene(), scene, chosen, background=background, light=light
             )  # fmt: skip
             row["psnr"] = figures["psnr"]
-        self._run.roll_back_history(step - 1)
-        self._run.append_history(row)
+        self._run.history.roll_back(step - 1)
+        self._run.history.append(row)
 
     def _open_scene(self) -> Any:
         """Opens all Gaussians in the scene's coordinates; they stay in their file if memory is
@@ -293,13 +294,12 @@ class Stages:
     def finish(self) -> BlocksResult:
         """Measures the scene and writes what `train` writes, with figures of the blocks."""
         scene, o = self.coarse.scene, self._options
-        resolved = dataclasses.replace(o.resolve(), background=o.background)
         rows = self._make_rows()
         steps = sum(row["steps"] for row in rows)
         seconds = self.coarse.seconds + sum(row["seconds"] for row in rows)
         chosen = scene.test_indices or scene.train_indices[:_CURVE_VIEWS]
         scene, metrics = measure(
-            TrainedRun(resolved, scene, self._open_scene(), self.coarse.light), chosen, self._run,
+            TrainedRun(o, scene, self._open_scene(), self.coarse.light), chosen, self._run,
             steps=steps, train_seconds=seconds, align=o.refine_poses,
         )  # fmt: skip
         self._complexity.add_to(metrics)
@@ -307,7 +307,7 @@ class Stages:
             metrics["refinement"] = self.coarse.figures
         write_map(self._folder, *self._store.sample(self._turn), scene)
         metrics["blocks"] = {
-            "count": len(self.layout), "rounds": self._blocks.rounds,
+            "count": len(self.layout), "rounds": ROUNDS,
             "workers": self._blocks.workers, "rows": rows, "stages": self._stages,
             "coarse": {"gaussians": len(self.coarse.gaussians), "pixels": self.coarse.pixels,
                        "steps": make_coarse_options(o, self._count).steps,
@@ -328,7 +328,7 @@ class Stages:
         counts = self._store.count_gaussians(self._turn)
         rows = []
         for block in range(len(self.layout)):
-            jobs = [self._make_job(block, number) for number in range(self._blocks.rounds)]
+            jobs = [self._make_job(block, number) for number in range(ROUNDS)]
             states = [_read_figures(job) for job in jobs]
             rows.append({
                 "block": block, "gaussians": counts[block],

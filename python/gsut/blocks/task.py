@@ -67,7 +67,8 @@ class BlockTask:
 
     Attributes:
         scene: views that show the block, at the size to train at; all are training views.
-        options: resolved; `steps` are those of the block in all rounds.
+        options: of the block; `steps` are those in all rounds.
+        share: of all the scene's Gaussians that the block has at most.
         extent: of the whole scene in world units.
         light: of the views, fixed; None: none was found.
         tiles: for each view which of its tiles of 16 x 16 pixels show the block, bool.
@@ -81,6 +82,7 @@ class BlockTask:
 
     scene: Scene
     options: TrainOptions
+    share: float
     extent: float
     light: Light | None
     tiles: list[np.ndarray]
@@ -108,6 +110,7 @@ class BlockTask:
             "world_offset": np.array(scene.world_offset),
             "decodes_small": scene.decodes_small,
             "options": self.options.to_json(),
+            "share": self.share,
             "extent": self.extent,
             "light": None if self.light is None else pack_light(self.light),
             "tiles": [np.array(tiles) for tiles in self.tiles],
@@ -139,7 +142,7 @@ class BlockTask:
             file_cameras=tuple(camera_from_values(each) for each in values["file_cameras"]),
             decodes_small=values["decodes_small"],
         )  # fmt: skip
-        names = ("extent", "tiles", "rates", "keep_bytes", "begin", "end", "segments")
+        names = ("share", "extent", "tiles", "rates", "keep_bytes", "begin", "end", "segments")
         rest: Any = {name: values[name] for name in names}
         return cls(
             scene=scene, options=TrainOptions.from_json(values["options"]),

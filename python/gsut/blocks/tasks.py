@@ -36,7 +36,7 @@ class TaskMaker:
     """Makes the tasks of one turn.
 
     Args:
-        options: of the run, not resolved, with the background that was found.
+        options: of the run, with the background that was found.
         blocks: how it is divided.
         coarse: the coarse model.
         small: its scene at the size to render.
@@ -72,13 +72,13 @@ class TaskMaker:
         """Seeds Gaussians on the scene's points in the block if the coarse model has few there."""
         o, scene = self._options, self._scene
         room = round(SEEDED * self._limit_count(block)) - count
-        if o.init == "random" or o.init_count is not None or not has_colors(scene):
+        if o.init == "random" or not has_colors(scene):
             return []
         inside = self._store.find_owners_of_points(scene.points) == block
         if room <= 0 or not inside.any():
             return []
         part = scene.replace(points=scene.points[inside], point_colors=scene.point_colors[inside])
-        return [Trained(seed_first(part, dataclasses.replace(o.resolve(), init_count=room)))]
+        return [Trained(seed_first(part, dataclasses.replace(o, max_gaussians=room)))]
 
     def estimate_memory(self, block: int) -> int:
         """Estimates the least bytes that the block's training takes."""
@@ -99,11 +99,13 @@ class TaskMaker:
         tiles = [self._shares.tiles[row, block] for row in rows]
         rates = self._shares.rates[rows, block]
         visits = float(rates.sum()) / len(self._scene.train_indices)
-        options = make_block_options(self._options, self._blocks, visits, self._limit_count(block))
-        begin, end = find_round_steps(options, self._blocks, self._number)
+        most = self._limit_count(block)
+        options = make_block_options(self._options, visits, most)
+        begin, end = find_round_steps(options, self._number)
         keep = self._estimate_size(block).limit_photograph_bytes(self._blocks)
         return BlockTask(
-            self._select_views(indices), options, self._scene.extent, self._select_light(indices),
+            self._select_views(indices), options, most / self._options.most_gaussians,
+            self._scene.extent, self._select_light(indices),
             tiles, rates, keep, own, self._choose_context(block, own.gaussians, rows), begin, end,
             SEGMENTS,
         )  # fmt: skip

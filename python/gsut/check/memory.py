@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator
 
 from gsut.check.findings import Finding
 from gsut.data import DatasetError, Scene
-from gsut.optimize import compute_target_size, find_last_densification
+from gsut.optimize import DENSIFY_FROM, compute_target_size, find_last_densification
 from gsut.run import TrainOptions, format_size, free_memory
 
 _FIRST = 10_000  # Gaussians with which a scene without points begins, at least
@@ -25,7 +24,7 @@ def check_memory(scene: Scene, options: TrainOptions | None = None) -> Iterator[
         scene: from `load_dataset`, not yet at the size to train at.
         options: of the training; None: the defaults.
     """
-    o = (options or TrainOptions()).resolve()
+    o = options or TrainOptions()
     width, height = _find_largest(scene, o)
     count = _count_gaussians(scene, o)
     size = width * height * _PIXEL_BYTES + count * _count_bytes(o.sh_degree) + _PROGRAM_BYTES
@@ -66,9 +65,9 @@ def _find_largest(scene: Scene, options: TrainOptions) -> tuple[int, int]:
 
 def _count_gaussians(scene: Scene, options: TrainOptions) -> int:
     """Counts the Gaussians that there will be in any case; only mcmc's follow from the steps."""
-    o = dataclasses.replace(options, max_gaussians=options.most_gaussians)
-    first = min(o.init_count or len(scene.points) or _FIRST, o.max_gaussians)
-    last = find_last_densification(o)
-    if o.strategy != "mcmc" or last < max(1.0, o.densify_from * o.steps):
+    most, steps = options.most_gaussians, options.steps
+    first = min(len(scene.points) or _FIRST, most)
+    last = find_last_densification(options.recipe, steps)
+    if options.strategy != "mcmc" or last < max(1.0, DENSIFY_FROM * steps):
         return first
-    return max(first, compute_target_size(o, first, last / o.steps))
+    return max(first, compute_target_size(most, first, last / steps))

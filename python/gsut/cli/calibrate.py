@@ -16,7 +16,6 @@ from gsut._core import InputError
 from gsut.cli._flags import add_json, add_quiet, finite, print_json
 from gsut.files import check_regular
 from gsut.output_folder import claim_folder
-from gsut.run.options import add_rare_option
 
 HELP = "photographs of a chessboard to a lens file"
 DESCRIPTION = (
@@ -88,8 +87,8 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     add_quiet(parser)
     add_json(parser)
-    add_rare_option(
-        parser, "knot_degrees", finite, None,
+    parser.add_argument(
+        "--knot-degrees", type=finite, metavar="X",
         help="angle between the knots of a splined lens, in degrees [default: 16, more where "
         "corners are few]",
     )  # fmt: skip

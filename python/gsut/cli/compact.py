@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import itertools
 import sys
 from pathlib import Path
@@ -12,7 +11,6 @@ from typing import Any
 from gsut._core import InputError
 from gsut.cli._flags import (
     FILE_SUFFIXES,
-    Number,
     add_json,
     add_moved_data,
     add_quiet,
@@ -21,7 +19,6 @@ from gsut.cli._flags import (
     whole,
 )
 from gsut.files import refuse_existing
-from gsut.run.options import add_rare_option
 
 HELP = "fewer Gaussians, for a picture as near as they allow"
 DESCRIPTION = (
@@ -52,30 +49,19 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="instead: the most Gaussians that fit into a PLY file of this size, such as 5MB",
     )  # fmt: skip
     parser.add_argument(
-        "--method", default="auto", metavar="METHOD",
+        "--method", default="ghap", metavar="METHOD",
         help="ghap: merge neighbours where it costs least, weighted by what the lenses see, and "
         "fit colours to the whole model's pictures; field: without the fit; ghap-paper: the "
-        "published k-means; lightgaussian, pup: prune by score; auto: ghap, but with --finetune "
-        "where photographs differ in light and more than a fifth is kept, the same number is "
-        "trained from the start for the same work, which is better there [default auto]",
+        "published k-means; lightgaussian, pup: prune by score [default ghap]",
     )  # fmt: skip
     parser.add_argument(
         "--finetune", type=whole, default=0, metavar="STEPS",
         help="train the result STEPS steps on the photographs; the fewer Gaussians are kept, the "
         "more steps pay, up to the number of the run [default 0: no photograph is used]",
     )  # fmt: skip
-    parser.add_argument(
-        "--harmonics-drop", type=finite, metavar="DB",
-        help="lower each Gaussian's degree of harmonics as far as the held-out views lose at most "
-        "DB by it [default: leave them]",
-    )  # fmt: skip
     add_moved_data(parser)
     add_quiet(parser)
     add_json(parser)
-    add_rare_option(
-        parser, "seed", Number(0, whole=True), 0, metavar="N",
-        help="seed of every random number [default 0]",
-    )  # fmt: skip
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -89,8 +75,6 @@ def run(arguments: argparse.Namespace) -> int:
         target_psnr_drop=arguments.target_psnr_drop,
         target_bytes=None if size is None else parse_size(size),
         finetune=arguments.finetune,
-        harmonics_drop=arguments.harmonics_drop,
-        seed=arguments.seed,
     )
     if Path(arguments.source).suffix.lower() == _PLY or Path(arguments.source).is_file():
         figures = _compact_file(arguments, options)
@@ -110,13 +94,11 @@ def _compact_file(arguments: argparse.Namespace, options: Any) -> dict[str, Any]
     from gsut.formats import check_room
     from gsut.training.tuning import count_for_bytes
 
-    wishes = (options.target_psnr_drop, options.harmonics_drop)
-    if options.finetune or any(wish is not None for wish in wishes):
+    if options.finetune or options.target_psnr_drop is not None:
         raise InputError(
-            "--finetune, --target-psnr-drop and --harmonics-drop need photographs; give the folder "
-            "of a run"
+            "--finetune and --target-psnr-drop need photographs; give the folder of a run"
         )
-    check_method(options.merging, False)
+    check_method(options.method, False)
     out = Path(arguments.out)
     if out.suffix.lower() != _PLY:
         raise InputError(f"-o {out}: of a PLY file a PLY file is made; give a name ending in .ply")
@@ -127,7 +109,7 @@ def _compact_file(arguments: argparse.Namespace, options: Any) -> dict[str, Any]
     if options.target_bytes is not None:
         count = count_for_bytes(gaussians, options.target_bytes)
     started = time.perf_counter()
-    result = compact(gaussians, keep, count=count, method=options.merging, seed=options.seed)
+    result = compact(gaussians, keep, count=count, method=options.method, seed=options.seed)
     seconds = time.perf_counter() - started
     gsut.formats.save_ply(out, result.gaussians)
     if not arguments.quiet and not arguments.json:
@@ -135,7 +117,7 @@ def _compact_file(arguments: argparse.Namespace, options: Any) -> dict[str, Any]
             f"{len(gaussians):,} -> {len(result.gaussians):,} Gaussians in {seconds:.1f} s: {out}"
         )
     return {
-        "method": options.merging,
+        "method": options.method,
         "source_num_gaussians": len(gaussians),
         "num_gaussians": len(result.gaussians),
         "dropped": result.dropped,
@@ -147,7 +129,7 @@ def _compact_file(arguments: argparse.Namespace, options: Any) -> dict[str, Any]
 def _compact_run(arguments: argparse.Namespace, options: Any) -> dict[str, Any]:
     from gsut.formats import check_room
     from gsut.gaussians import StoredGaussians
-    from gsut.run import Progress, RunFile, RunFolder, read_plan
+    from gsut.run import Progress, RunFile, RunFolder
     from gsut.training import load_run
     from gsut.training.tuning import RunCompactor, write_compacted_run
 
@@ -160,27 +142,21 @@ def _compact_run(arguments: argparse.Namespace, options: Any) -> dict[str, Any]:
     target.refuse_finished(arguments.source)  # before anything that takes long
     trained = load_run(arguments.source, arguments.data)
     check_room("compacting", [trained.gaussians], _WORKING, StoredGaussians.DRAWN_BYTES)
-    if read_plan(source) is not None:  # too large, perhaps, to be trained as a whole
-        options = dataclasses.replace(options, method=options.merging)
 
     def on_try(count: int, psnr: float) -> None:
         if not arguments.quiet:
             print(f"gsut: {count:,} Gaussians: {psnr:.2f} dB", file=sys.stderr)
 
-    earlier = (source.read_json(RunFile.METRICS) or {}).get("compaction") or {}
     done, views = itertools.count(), len(trained.scene.train_indices)
     with Progress(not arguments.quiet) as bars:
         compactor = RunCompactor(
             trained, options,
-            keep_degrees=earlier.get("harmonics_degrees") is not None,
             on_view=lambda: bars.show("views", next(done) % views + 1, views),
             on_step=lambda loop, loss: bars.show_step(
                 loop.step, loop.options.steps, loss, len(loop.gaussians)
             ),
             on_try=on_try,
         )  # fmt: skip
-        if compactor.because:
-            bars.note(compactor.because)
         made = compactor.make()
     run = write_compacted_run(target.path, source, compactor, made)
     metrics = run.read_json(RunFile.METRICS)
@@ -190,21 +166,13 @@ def _compact_run(arguments: argparse.Namespace, options: Any) -> dict[str, Any]:
 
 
 def _print_summary(metrics: dict[str, Any], size: int) -> None:
-    from gsut.training.tuning import FROM_START
-
     done = metrics["compaction"]
-    way, steps = f"by {done['method']}", done["finetune_steps"]
-    seconds = done["compact_seconds"] + done["finetune_seconds"]
-    if done["method"] == FROM_START:
-        way, steps, seconds = "from the start", metrics["steps"], metrics["train_seconds"]
+    steps, seconds = done["finetune_steps"], done["compact_seconds"] + done["finetune_seconds"]
     tuned = f", {steps} steps" if steps else ""
     print(
-        f"{done['source_num_gaussians']:,} -> {metrics['num_gaussians']:,} Gaussians {way}{tuned} "
-        f"in {seconds:.1f} s, {size / 1e6:.1f} MB"
+        f"{done['source_num_gaussians']:,} -> {metrics['num_gaussians']:,} Gaussians by "
+        f"{done['method']}{tuned} in {seconds:.1f} s, {size / 1e6:.1f} MB"
     )
-    if done["harmonics_degrees"]:
-        counts = enumerate(done["harmonics_degrees"])
-        print("harmonics: " + ", ".join(f"{count:,} of degree {d}" for d, count in counts))
     if metrics["psnr"] is not None:
         before = done["source_psnr"]
         was = ""

@@ -142,6 +142,6 @@ def _free_run(folder: Path, options: TrainOptions, name: str = "run") -> tuple[R
         unfinished = (
             not (run.path / RunFile.REPORT).is_file() and (run.path / RunFile.OPTIONS).is_file()
         )
-        if unfinished and run.read_options() == options.resolve():
+        if unfinished and run.read_options() == options:
             return run, True
         number += 1

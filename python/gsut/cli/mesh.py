@@ -22,14 +22,13 @@ from gsut.cli._flags import (
     print_json,
 )
 from gsut.files import refuse_existing, write_file
-from gsut.run.options import add_rare_option
 
 HELP = "the surface as a mesh, or a grid of distances or of what is occupied"
 DESCRIPTION = (
     "Makes a mesh of a trained scene: each training view's depth is rendered through its own lens, "
     "kept where neighbouring views agree, and fused into a distance field whose surface is written "
     "with colours and normals, in the dataset's coordinates. Memory: 20 bytes a pixel of all depth "
-    "maps (40 with --set refine=true) and 2.3 kB a block of 8 x 8 x 8 voxels near the surface, "
+    "maps (40 with --refine) and 2.3 kB a block of 8 x 8 x 8 voxels near the surface, "
     "2.3 GB at most. To a .npy goes a dense grid instead: each voxel's distance to the surface, "
     "negative behind it, NaN where no view says anything; FILE.json beside it says where the "
     "voxels are."
@@ -83,40 +82,27 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     _add_pages(parser)
     add_quiet(parser)
     add_json(parser)
-    _add_rare(parser)
+    _add_fusion(parser)
 
 
-def _add_rare(parser: argparse.ArgumentParser) -> None:
-    add_rare_option(
-        parser, "depth", ("median", "expected", "strongest"), "median",
-        help="which depth is fused [default median: where half of the light is gone]",
-    )  # fmt: skip
-    add_rare_option(
-        parser, "refine", bool, False,
+def _add_fusion(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--refine", action="store_true",
         help="move each depth to where windows of the photographs correlate best, and again from "
-        "the mesh that these give [default false]",
+        "the mesh that these give",
     )  # fmt: skip
-    add_rare_option(
-        parser, "support", Number(0, 8, whole=True), 2, metavar="N",
+    parser.add_argument(
+        "--support", type=Number(0, 8, whole=True), default=2, metavar="N",
         help="other views, of the 8 nearest, that must agree with a depth to 1 %% [default 2; 0: "
         "no check]",
     )  # fmt: skip
-    add_rare_option(
-        parser, "open", bool, None,
-        help="true: voxels grow with the distance beyond the middle of the scene; false: one size "
-        "everywhere [default: true where depths reach farther than 5 times their median]",
-    )  # fmt: skip
-    add_rare_option(
-        parser, "max_side", count, 1024, metavar="PIXELS",
+    parser.add_argument(
+        "--max-side", type=count, default=1024, metavar="PIXELS",
         help="longer side of the depth maps [default 1024]",
     )  # fmt: skip
-    add_rare_option(
-        parser, "holes", Number(0, whole=True), 0, metavar="N",
+    parser.add_argument(
+        "--holes", type=Number(0, whole=True), default=0, metavar="N",
         help="close holes of up to N edges [default 0: none]",
-    )  # fmt: skip
-    add_rare_option(
-        parser, "parts", count, None, metavar="N",
-        help="keep the N largest connected parts [default: all of a thousandth of the faces]",
     )  # fmt: skip
 
 
@@ -170,12 +156,9 @@ def run(arguments: argparse.Namespace) -> int:
     settings = MeshOptions(
         voxel=arguments.voxel,
         support=arguments.support,
-        open=arguments.open,
-        depth=arguments.depth,
         refine=arguments.refine,
         max_side=arguments.max_side,
         photographs=arguments.photographs,
-        parts=arguments.parts,
         faces=arguments.faces,
         holes=arguments.holes,
         fit=arguments.fit,

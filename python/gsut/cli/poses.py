@@ -148,7 +148,10 @@ def find_with_bar(
     images: str | os.PathLike[str], out: str | os.PathLike[str], enabled: bool, **settings: Any
 ) -> PosesResult:
     """Calls `find_poses` with one progress bar for all its stages."""
-    with StagedProgress({}, enabled) as bars, contextlib.closing(StageFollower(bars)) as stages:
+    with (
+        StagedProgress("poses", enabled=enabled) as bars,
+        contextlib.closing(StageFollower(bars)) as stages,
+    ):
         log = PosesLog(stages.show, bars.note, stages.expect)
         return find_poses(images, out, log=log, **settings)
 

@@ -96,7 +96,7 @@ def _read_block_options(run: RunFolder, arguments: argparse.Namespace) -> BlockO
     if plan is not None:
         before = plan["blocks"]
         layout = str(run.path / RunFile.BLOCKS / "layout.json")
-        kept = {"blocks": before if isinstance(before, str) else layout, "rounds": plan["rounds"]}
+        kept = {"blocks": before if isinstance(before, str) else layout}
         given = kept | given
     elif arguments.resume and given and run.has_run():
         raise InputError(f"{run.path} was not started in blocks; leave --{next(iter(given))} out")
@@ -161,7 +161,7 @@ def train_into(
         if page is not None:
             page.finish(result)
     except KeyboardInterrupt as interrupt:
-        kept = [] if blocks is None else blocks.list_words("blocks", "rounds")
+        kept = [] if blocks is None else blocks.list_words("blocks")
         resumed = ["--resume"] if run.has_run() else []
         again = format_command(["gsut", "train", data, "-o", str(run.path), *resumed, *kept])
         how = "resume from the last checkpoint" if resumed else "start again"

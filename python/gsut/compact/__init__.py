@@ -10,7 +10,6 @@ from gsut.compact.compaction import (
 )
 from gsut.compact.confidence import measure_confidence
 from gsut.compact.floaters import Support, find_support
-from gsut.compact.harmonics import drop_harmonics
 from gsut.compact.scores import (
     SeenView,
     blend_by_view,
@@ -28,7 +27,6 @@ __all__ = [
     "check_keep",
     "check_method",
     "compact",
-    "drop_harmonics",
     "find_strongest",
     "find_support",
     "list_seen_views",

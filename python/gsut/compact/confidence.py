@@ -79,7 +79,7 @@ def _sum_differences(
     """Yields of each training view blend weights (N,), and their sum times the differences."""
     longest = max(max(camera.width, camera.height) for camera in scene.cameras)
     small = scene.scale_images(min(1.0, _LONGER_SIDE / longest))
-    drawn, grey = Passes(gaussians, background or (0.0, 0.0, 0.0)), paint_grey(gaussians, 0)
+    drawn, grey = Passes(gaussians, background or (0.0, 0.0, 0.0)), paint_grey(gaussians)
     weights = Passes(grey)
     for index in small.train_indices:
         view = SeenView(small.camera(index), small.views[index].motion, small.mask(index))

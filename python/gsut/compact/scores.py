@@ -60,47 +60,27 @@ def blend_weights(
     Returns:
         (N,) float64, in pixels; 0 for what no valid pixel sees.
     """
-    return np.maximum(_sum_views(paint_grey(gaussians, 0), views, on_view)[:, 0] / SH_C0, 0.0)
+    sums = np.zeros(len(gaussians))
+    for each in _look_through(gaussians, require_views(views)):
+        sums += each
+        on_view()
+    return np.maximum(sums / SH_C0, 0.0)
 
 
 def blend_by_view(gaussians: Gaussians, views: Iterable[SeenView]) -> Iterator[np.ndarray]:
     """Yields the blend weights of one view after the other."""
-    for sums in _look_through(paint_grey(gaussians, 0), views):
-        yield np.maximum(sums[:, 0].astype(np.float64) / SH_C0, 0.0)
+    for sums in _look_through(gaussians, views):
+        yield np.maximum(sums.astype(np.float64) / SH_C0, 0.0)
 
 
-def sum_bases(
-    gaussians: Gaussians,
-    views: Sequence[SeenView],
-    on_view: Callable[[], object] = lambda: None,
-) -> np.ndarray:
-    """Sums blend weight times the harmonics' basis in the ray's direction over all valid pixels.
-
-    Returns:
-        (N, K) float64; column 0 is 0.2821 x `blend_weights`. With coefficients sh,
-        sum_k sums_k sh_k / (sum of blend weights) is the mean colour seen of them.
-    """
-    return _sum_views(paint_grey(gaussians, gaussians.sh_degree), views, on_view)
-
-
-def _sum_views(
-    grey: Gaussians, views: Sequence[SeenView], on_view: Callable[[], object]
-) -> np.ndarray:
-    sums = np.zeros(grey.sh.shape[:2])
-    for each in _look_through(grey, require_views(views)):
-        sums += each
-        on_view()
-    return sums
-
-
-def _look_through(grey: Gaussians, views: Iterable[SeenView]) -> Iterator[np.ndarray]:
-    """Yields (N, K) of each view; valid until the next."""
-    passes = Passes(grey)
+def _look_through(gaussians: Gaussians, views: Iterable[SeenView]) -> Iterator[np.ndarray]:
+    """Yields the gradients (N,) of each view's sum of red to the base colours."""
+    passes = Passes(paint_grey(gaussians))
     for view in views:
         dimage = np.zeros((*view.mask.shape, 3), np.float32)
         dimage[..., 0] = view.mask
         passes.render(view)
-        yield passes.backpropagate(dimage).sh[:, :, 0]
+        yield passes.backpropagate(dimage).sh[:, 0, 0]
 
 
 def find_strongest(gaussians: Gaussians, view: SeenView) -> tuple[np.ndarray, np.ndarray]:
@@ -115,7 +95,7 @@ def find_strongest(gaussians: Gaussians, view: SeenView) -> tuple[np.ndarray, np
         point of the pixel's ray that is nearest to the Gaussian's centre, about the Gaussians'
         origin as their means are.
     """
-    passes = Passes(paint_grey(gaussians, 0))
+    passes = Passes(paint_grey(gaussians))
     passes.render(view)
     return passes.add_significance(view.mask, np.zeros(len(gaussians)))
 
@@ -167,11 +147,11 @@ class Passes:
         return sums
 
 
-def paint_grey(gaussians: Gaussians, degree: int) -> Gaussians:
-    """Paints mid-grey harmonics of this degree: no colour is clamped, so no gradient is cut."""
+def paint_grey(gaussians: Gaussians) -> Gaussians:
+    """Paints Gaussians mid-grey: no colour is clamped, so no gradient is cut."""
     return Gaussians(
         gaussians.means, gaussians.quats, gaussians.log_scales, gaussians.opacity_logits,
-        np.zeros((len(gaussians), (degree + 1) ** 2, 3), gaussians.dtype), gaussians.origin,
+        np.zeros((len(gaussians), 1, 3), gaussians.dtype), gaussians.origin,
         **gaussians.rule,
     )  # fmt: skip
 

@@ -159,10 +159,9 @@ def _require_no_parts(source: Path, given: Mapping[str, Any]) -> None:
         DatasetError: names the first that is.
     """
     for key in given:
-        flag = "--" + key.replace("_", "-")
         raise DatasetError(
-            source, f"{flag} is given, but its files say which lens and pose each picture has",
-            f"leave out {flag}; or give both --lens and --poses, which replace them",
+            source, f"'{key}' is given, but its files say which lens and pose each picture has",
+            "leave it out; or give both lens and poses, which replace them",
         )  # fmt: skip
 
 

@@ -15,7 +15,6 @@ import numpy as np
 from gsut import _core
 from gsut.evaluate.detail import measure_details
 from gsut.evaluate.unseen import find_unseen
-from gsut.gaussians import pack_harmonics
 from gsut.metrics import (
     RING_EDGES_DEGREES,
     Ring,
@@ -100,7 +99,6 @@ def evaluate(
 
         Renders are clipped to [0, 1] but not rounded to 8 bits before they are compared.
     """
-    packed = pack_harmonics(gaussians)
     stems = name_pictures([scene.views[index].name for index in indices])
     threads = _core.num_threads()
     rows: list[tuple[dict[str, Any], list[Ring]]] = []
@@ -113,7 +111,7 @@ def evaluate(
     with concurrent.futures.ThreadPoolExecutor(threads) as pool:
         for first in range(0, len(indices), threads):
             some = list(indices[first : first + threads])
-            drawn = [_render_alone(scene, index, packed, pixels, background) for index in some]
+            drawn = [_render_alone(scene, index, gaussians, pixels, background) for index in some]
             stems_of = stems[first : first + threads]
             for row in pool.map(compare, some, stems_of, *zip(*drawn, strict=True)):
                 rows.append(row)

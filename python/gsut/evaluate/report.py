@@ -86,7 +86,7 @@ def write_report(run: RunFolder) -> Path:
         verdict=Verdict.from_dict(metrics["verdict"]) if metrics.get("verdict") else None,
         **_embed_views(metrics.get("views", []), run.path / RunFile.RENDERS),
         **_list_rows(metrics, environment),
-        curves=_plot_curves(run.read_history(), options.resolve()),
+        curves=_plot_curves(run.history.read(), options),
         ring_plot=plot_rings(metrics["rings"]) if metrics.get("rings") else None,
         light_plots=plot_light(metrics["light"]) if "light" in metrics else [],
         confidence=_describe_confidence(run.path / RunFile.CONFIDENCE),
@@ -281,7 +281,7 @@ def _embed(image: np.ndarray) -> str:
 
 def _list_settings(options: TrainOptions) -> list[dict[str, Any]]:
     """Lists all options by group and marks those that differ from a default run."""
-    defaults = TrainOptions().resolve()
+    defaults = TrainOptions()
     groups: dict[str, list[dict[str, Any]]] = {}
     for field in dataclasses.fields(options):
         info, value = get_info(field), getattr(options, field.name)

@@ -28,7 +28,7 @@ def plot_curve(
         key: psnr, loss or num_gaussians.
         title: title, with unit.
         axis: "step" or "seconds".
-        options: resolved; they give the steps at which the resolution changed.
+        options: they give the steps at which the resolution changed.
 
     Returns:
         A data address.
@@ -134,9 +134,10 @@ def _mark_resolutions(
     """Marks where training changed to 1/2 and to the full resolution."""
     steps = np.array([row["step"] for row in history], float)
     x = np.array([row.get(axis, np.nan) for row in history], float)
-    fractions = options.coarse_to_fine
-    if len(steps) < 2 or not isinstance(fractions, tuple):
+    if len(steps) < 2:
         return
-    for fraction, text in zip(fractions, ("1/2 size", "full size"), strict=True):
+    for fraction, text in zip(
+        options.recipe.coarse_to_fine, ("1/2 size", "full size"), strict=True
+    ):
         if 0 < fraction < 1:
             chart.mark_x(float(np.interp(fraction * options.steps, steps, x)), text)

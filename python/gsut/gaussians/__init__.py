@@ -1,19 +1,12 @@
-"""A scene's Gaussians: arrays, packed harmonics, seeding, editing, the low-pass filter."""
+"""A scene's Gaussians: arrays, seeding, editing, pixel sizes."""
 
 from gsut.gaussians.arrays import SH_C0, Gaussians, LinearGaussians
 from gsut.gaussians.cut import (
     find_ground,
     merge_gaussians,
 )
-from gsut.gaussians.low_pass import (
-    LowPassFilter,
-    apply_low_pass,
-    apply_low_pass_backward,
-    compute_pixel_density,
-    find_filter_radii,
-)
 from gsut.gaussians.morton import order_by_morton_code
-from gsut.gaussians.packed_harmonics import MixedGaussians, pack_harmonics
+from gsut.gaussians.pixel_size import compute_pixel_density, find_pixel_sizes
 from gsut.gaussians.quaternions import (
     multiply_quaternions,
     quaternion_from_rotation,
@@ -31,20 +24,15 @@ __all__ = [
     "SH_C0",
     "Gaussians",
     "LinearGaussians",
-    "LowPassFilter",
-    "MixedGaussians",
     "StoredGaussians",
-    "apply_low_pass",
-    "apply_low_pass_backward",
     "choose_points",
     "compute_pixel_density",
     "count_bytes_per_gaussian",
-    "find_filter_radii",
     "find_ground",
+    "find_pixel_sizes",
     "merge_gaussians",
     "multiply_quaternions",
     "order_by_morton_code",
-    "pack_harmonics",
     "press_surfels",
     "quaternion_from_rotation",
     "rotate_upright",

@@ -1,6 +1,5 @@
 """Any lens: `Camera`, fits and conversion, lens files, uncertainty."""
 
-from gsut.lens.calibration_weights import CalibrationWeights
 from gsut.lens.camera import Camera, camera_models
 from gsut.lens.convert import Conversion, convert_camera
 from gsut.lens.database import (
@@ -25,7 +24,6 @@ from gsut.lens.refinable import find_refinable_params
 from gsut.lens.uncertainty import save_uncertainty, spread_pixels
 
 __all__ = [
-    "CalibrationWeights",
     "Camera",
     "Conversion",
     "FocalPrior",

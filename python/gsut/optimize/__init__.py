@@ -2,8 +2,9 @@
 
 from gsut.optimize.densify import densify_adaptive, densify_mcmc, split_and_prune
 from gsut.optimize.optimizer import GaussianOptimizer, LearningRates
-from gsut.optimize.packed_optimizer import make_optimizer
 from gsut.optimize.schedule import (
+    DENSIFY_FROM,
+    DENSIFY_UNTIL,
     choose_view,
     compute_learning_rates,
     compute_target_size,
@@ -12,6 +13,8 @@ from gsut.optimize.schedule import (
 from gsut.optimize.trajectory_mean import TrajectoryMean
 
 __all__ = [
+    "DENSIFY_FROM",
+    "DENSIFY_UNTIL",
     "GaussianOptimizer",
     "LearningRates",
     "TrajectoryMean",
@@ -21,6 +24,5 @@ __all__ = [
     "densify_adaptive",
     "densify_mcmc",
     "find_last_densification",
-    "make_optimizer",
     "split_and_prune",
 ]

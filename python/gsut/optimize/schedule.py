@@ -7,7 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from gsut.optimize.optimizer import LearningRates
-from gsut.run import TrainOptions
+from gsut.run.options import Recipe
+
+# Fractions of the steps between which Gaussians are added, removed and relocated.
+DENSIFY_FROM = 0.05
+DENSIFY_UNTIL = 0.8
+# Fraction of the steps until which the number of Gaussians grows; the rest refines them.
+_GROW_UNTIL = 0.5
 
 
 def choose_view(views: Sequence[int], step: int, seed: int) -> int:
@@ -17,37 +23,33 @@ def choose_view(views: Sequence[int], step: int, seed: int) -> int:
     return views[order[place]]
 
 
-def compute_learning_rates(options: TrainOptions, fraction: float, extent: float) -> LearningRates:
+def compute_learning_rates(recipe: Recipe, fraction: float, extent: float) -> LearningRates:
     """Computes the rates at a fraction of the steps; all but the centres' fall alike.
 
     Args:
-        options: of the run, from `TrainOptions(...).resolve()`.
+        recipe: of the run, such as `TrainOptions().recipe`.
         fraction: of the steps, from 0 to 1.
         extent: size of the scene in world units, see `Scene.extent`; scales the centres' rate.
 
     Returns:
         The rates of one step, for `GaussianOptimizer.step`.
     """
-    o = options
-    decay = o.lr_final_factor**fraction
+    r, decay = recipe, recipe.lr_final_factor**fraction
     return LearningRates(
-        means=o.lr_means * extent * o.lr_means_final_factor**fraction, quats=o.lr_quats * decay,
-        log_scales=o.lr_scales * decay, opacity_logits=o.lr_opacity * decay, sh0=o.lr_sh0 * decay,
-        sh_rest=o.lr_sh_rest * decay, shapes=o.lr_shapes * decay,
+        means=r.lr_means * extent * r.lr_means_final_factor**fraction, quats=r.lr_quats * decay,
+        log_scales=r.lr_scales * decay, opacity_logits=r.lr_opacity * decay, sh0=r.lr_sh0 * decay,
+        sh_rest=r.lr_sh_rest * decay, shapes=r.lr_shapes * decay,
     )  # fmt: skip
 
 
-def compute_target_size(options: TrainOptions, first: int, fraction: float) -> int:
-    """Computes how many Gaussians to have: geometric growth from `first` to `max_gaussians`."""
-    o = options
-    if fraction >= o.grow_until or first >= o.max_gaussians:
-        return o.max_gaussians
-    progress = max(0.0, fraction - o.densify_from) / max(1e-9, o.grow_until - o.densify_from)
-    return round(first * (o.max_gaussians / first) ** progress)
+def compute_target_size(most: int, first: int, fraction: float) -> int:
+    """Computes how many Gaussians to have: geometric growth from `first` to `most`."""
+    if fraction >= _GROW_UNTIL or first >= most:
+        return most
+    progress = max(0.0, fraction - DENSIFY_FROM) / (_GROW_UNTIL - DENSIFY_FROM)
+    return round(first * (most / first) ** progress)
 
 
-def find_last_densification(options: TrainOptions) -> int:
+def find_last_densification(recipe: Recipe, steps: int) -> int:
     """Returns the last step (from 1) at which densification may be due, or 0."""
-    return (
-        int(options.densify_until * options.steps) // options.densify_every * options.densify_every
-    )
+    return int(DENSIFY_UNTIL * steps) // recipe.densify_every * recipe.densify_every

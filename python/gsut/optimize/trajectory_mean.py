@@ -14,6 +14,8 @@ import numpy as np
 
 from gsut.gaussians import Gaussians, press_surfels
 
+# Fraction of the steps after which states are averaged: the mean over the last tenth is steadier.
+_FROM = 0.9
 # Steps between averaged states: consecutive ones hardly differ, and each costs a pass.
 _EVERY = 4
 
@@ -22,16 +24,15 @@ class TrajectoryMean:
     """Running mean of all parameters: quaternions and logarithms as they are optimised.
 
     Args:
-        begin: fraction of the steps from which states are averaged; 1 averages none.
         surfels: keep the mean flat.
     """
 
-    def __init__(self, begin: float, surfels: bool = False) -> None:
-        self._begin, self._surfels = begin, surfels
-        self._mean: Any = None  # Gaussians or MixedGaussians
+    def __init__(self, surfels: bool = False) -> None:
+        self._surfels = surfels
+        self._mean: Gaussians | None = None
         self._count = 0
 
-    def observe(self, step: int, fraction: float, gaussians: Any) -> None:
+    def observe(self, step: int, fraction: float, gaussians: Gaussians) -> None:
         """Adds the state after a step, if it is due.
 
         Args:
@@ -39,7 +40,7 @@ class TrajectoryMean:
             fraction: of all steps.
             gaussians: of the optimiser; copied.
         """
-        if fraction <= self._begin or step % _EVERY:
+        if fraction <= _FROM or step % _EVERY:
             return
         if self._mean is None or len(self._mean) != len(gaussians):
             self._mean, self._count = gaussians.copy(), 1
@@ -55,7 +56,7 @@ class TrajectoryMean:
         """Forgets all states, because rows have become other Gaussians."""
         self._mean, self._count = None, 0
 
-    def average(self, gaussians: Any) -> Any:
+    def average(self, gaussians: Gaussians) -> Gaussians:
         """Returns the mean, or `gaussians` if no state was averaged since the last restart."""
         return gaussians if self._mean is None else self._mean
 

@@ -17,13 +17,13 @@ from gsut import _core
 from gsut._core import Shutter, SolveError
 from gsut.data.images import shrink_image, shrink_mask
 from gsut.data.poses import find_centers
-from gsut.gaussians import Gaussians, apply_low_pass
+from gsut.gaussians import Gaussians
 from gsut.refine.agreement import measure_agreement
 from gsut.refine.matched_views import SURE_MATCHES, Start, find_pose_by_matches
 from gsut.refine.pose import RefinedPose
 from gsut.refine.query import Query
 from gsut.refine.secants import measure_pixel_angle, place_lines
-from gsut.render import place_about, render, to_uint8
+from gsut.render import PixelFilter, place_about, render, to_uint8
 from gsut.sfm.photographs import require_central
 
 # Size of the images that views are ranked by, pixels along the shorter side: layout is enough.
@@ -194,8 +194,8 @@ def _rank_views(
     likeness = []
     for _, pose in views:
         away = np.linalg.norm(thin.means - find_centers(pose[None])[0], axis=1)
-        radii = (_PIXEL_BLUR * angle * away).astype(np.float32)
-        image = render(apply_low_pass(thin, radii), small, pose, background=background).image
+        wide = PixelFilter.widen_by(thin, (_PIXEL_BLUR * angle * away) ** 2, pose)
+        image = render(wide, small, pose, background=background).image
         likeness.append(float(np.sum(seen * _normalize_colors(image[valid]))))
         show("looking", len(likeness), len(views))
     return [int(index) for index in np.argsort(-np.array(likeness), kind="stable")]

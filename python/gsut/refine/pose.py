@@ -12,7 +12,7 @@ from gsut import _core
 from gsut._core import BlendRule, InputError, Shutter
 from gsut.data.images import shrink_image, shrink_mask
 from gsut.data.poses import find_centers
-from gsut.gaussians import Gaussians, apply_low_pass, find_filter_radii
+from gsut.gaussians import Gaussians, find_pixel_sizes
 from gsut.refine.pixel_rows import NOISE_BLOCKS, POSE
 from gsut.refine.secants import (
     MOST_ROUNDS,
@@ -20,7 +20,7 @@ from gsut.refine.secants import (
     measure_pixel_angle,
     refine_by_secants,
 )
-from gsut.render import DEFAULT_UNSCENTED, place_about
+from gsut.render import DEFAULT_UNSCENTED, PixelFilter, place_about
 
 # Pixels along the shorter side of the coarsest image, at least: fewer show no shapes.
 _SMALLEST_SIDE = 24
@@ -233,8 +233,8 @@ class Photograph:
             around=float(np.linalg.norm(moved[:3])) / 2,
         )  # fmt: skip
         if level > 0:
-            radii = find_filter_radii(drawn.means, [lens], pose[None], _PIXEL_BLUR)
-            drawn = apply_low_pass(drawn, radii)
+            sizes = find_pixel_sizes(drawn.means, [lens], pose[None])
+            drawn = PixelFilter.widen_by(drawn, (_PIXEL_BLUR * sizes) ** 2, pose)
         colors = shrink_image(self.pixels, *size).reshape(-1, 3)[chosen]
         return _Level(drawn, lens, chosen, np.ascontiguousarray(colors))
 

@@ -34,7 +34,7 @@ from gsut.run import TrainOptions
 
 # Fractions of the steps after which a sweep follows tracks: an unfinished scene misplaces views by
 # more than tracks do, so poses wait until it is sharp.
-_AFTER_TRACKS = (0.46, 0.56, 0.66, 0.76, 0.86)
+_AFTER_TRACKS: tuple[float, ...] = (0.46, 0.56, 0.66, 0.76, 0.86)
 # Fractions of the first and last sweep without tracks; the others lie evenly between.
 _WITHOUT_TRACKS = (0.3, 0.88)
 # Number of sweeps without tracks, at most: each renders all views.
@@ -84,7 +84,7 @@ class TrainingRefiner:
 
     Args:
         views: whose poses and lenses are refined.
-        options: resolved.
+        options: of the run.
         tracks: result of bundle adjustment of tracks before the first step; its poses are then
             the prior of all sweeps.
         find_moving: called with a view, width and height; returns (height, width) bool of pixels
@@ -115,16 +115,20 @@ class TrainingRefiner:
         self._start: dict[str, Any] = {
             "poses": views.poses,
             "tracked": np.isin(views.scene.train_indices, tracked),
+            "has_tracks": tracks is not None and bool(tracks.figures),
             "sigma": self.tracks["sigma_degrees"] if tracked else None,
             "lens": np.array(views.scene.file_cameras[0].params),
         }
-        steps = options.steps
-        fractions: Any = _AFTER_TRACKS
-        if not options.refine_tracks:
+
+    @property
+    def _due(self) -> set[int]:
+        """The steps after which a sweep follows."""
+        steps, fractions = self.options.steps, _AFTER_TRACKS
+        if not self._start["has_tracks"]:
             epochs = steps * (_WITHOUT_TRACKS[1] - _WITHOUT_TRACKS[0]) / len(self._start["poses"])
             count = max(2, min(_MOST_SWEEPS, round(epochs)))
-            fractions = np.linspace(*_WITHOUT_TRACKS, count)
-        self._due = {max(1, round(float(fraction) * steps)) for fraction in fractions}
+            fractions = tuple(np.linspace(*_WITHOUT_TRACKS, count).tolist())
+        return {max(1, round(fraction * steps)) for fraction in fractions}
 
     def is_due(self, step: int) -> bool:
         """Returns whether a sweep follows this step."""

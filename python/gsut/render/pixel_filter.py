@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import CameraMotion
-from gsut.gaussians import StoredGaussians, compute_pixel_density, find_filter_radii
+from gsut.gaussians import StoredGaussians, compute_pixel_density, find_pixel_sizes
 from gsut.render.motion import place_about
 
 _SQUARE = 1.0 / 12.0  # variance of a square pixel along a side of length 1
@@ -27,7 +27,7 @@ class PixelFilter:
     """Widens Gaussians for images that are coarser than the photographs they were trained on.
 
     Args:
-        gaussians: float32, `Gaussians` or `MixedGaussians`, at the dataset's coordinates.
+        gaussians: float32, at the dataset's coordinates.
         cameras: of the photographs.
         camera_from_world: (C, 4, 4), one a camera.
         most_cameras: that are asked, evenly chosen.
@@ -46,8 +46,7 @@ class PixelFilter:
             np.asarray(place_about(pose, gaussians.origin)) for pose in camera_from_world[::step]
         ]
         self._means = gaussians.means.astype(np.float64)
-        finest = find_filter_radii(self._means, cameras[::step], np.stack(poses), 1.0)
-        self._finest = finest**2
+        self._finest = find_pixel_sizes(self._means, cameras[::step], np.stack(poses)) ** 2
 
     @staticmethod
     def from_scene(gaussians: Any, scene: Any, most_cameras: int = _MOST_CAMERAS) -> PixelFilter:
@@ -74,10 +73,6 @@ class PixelFilter:
     def widen(self, camera: Any, camera_from_world: Any) -> Any:
         """Returns the Gaussians as wide as the pixels of one image need them.
 
-        Scales s become sqrt(s^2 + v) with the variance v that is missing. The largest response
-        along a ray is what is drawn, so opacities are multiplied by the ratio of the areas of the
-        shadows along the ray to the centre.
-
         Args:
             camera: lens and size of the image.
             camera_from_world: (4, 4), or a CameraMotion, whose middle counts.
@@ -88,15 +83,30 @@ class PixelFilter:
         with np.errstate(divide="ignore"):
             side2 = np.where(density > 0, 1.0 / density, 0.0)
         missing = _SQUARE * (side2 - self._finest)
-        g = self.gaussians
+        return self.widen_by(self.gaussians, missing, pose)
+
+    @staticmethod
+    def widen_by(gaussians: Any, variances: np.ndarray, camera_from_world: np.ndarray) -> Any:
+        """Widens Gaussians by isotropic variances, so that as much light passes to a camera.
+
+        Scales s become sqrt(s^2 + v). The largest response along a ray is what is drawn, so the
+        opacities are multiplied by the ratio of the areas of shadows along the ray to the centre.
+
+        Args:
+            gaussians: N Gaussians; returned themselves if none is widened.
+            variances: (N,) of their coordinates, squared.
+            camera_from_world: (4, 4), about the Gaussians' origin.
+        """
+        g, pose = gaussians, camera_from_world
         scales = g.log_scales.astype(np.float64)
-        rows = np.flatnonzero(missing > _LEAST * np.exp(2.0 * scales.min(axis=1)))
+        rows = np.flatnonzero(variances > _LEAST * np.exp(2.0 * scales.min(axis=1)))
         if not len(rows):
             return g
         before = np.exp(2.0 * scales[rows])
-        after = before + missing[rows, None]
+        after = before + variances[rows, None]
         center = -pose[:3, :3].T @ pose[:3, 3]
-        along = _to_own_axes(g.quats[rows].astype(np.float64), self._means[rows] - center) ** 2
+        away = g.means[rows].astype(np.float64) - center
+        along = _to_own_axes(g.quats[rows].astype(np.float64), away) ** 2
         # det S^2 times d' S^-2 d: the squared area of the shadow along d.
         areas = [v.prod(axis=1) * (along / v).sum(axis=1) for v in (before, after)]
         opacity = np.sqrt(areas[0] / areas[1]) / (

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import json
 import os
@@ -17,7 +16,6 @@ from gsut.files import (
     check_shape,
     format_json,
     reading,
-    to_plain,
     whole_file,
     whole_folder,
     write_file,
@@ -25,6 +23,7 @@ from gsut.files import (
 )
 from gsut.output_folder import MARKER, OutputFolder, claim_folder
 from gsut.run.checkpoint import read_checkpoint, write_checkpoint
+from gsut.run.history import History
 from gsut.run.options import TrainOptions
 from gsut.run.resume import check_same_options, check_same_start
 from gsut.run.shapes import ENVIRONMENT_SHAPE, METRICS_SHAPE, SCENE_SHAPE
@@ -33,7 +32,7 @@ from gsut.run.shapes import ENVIRONMENT_SHAPE, METRICS_SHAPE, SCENE_SHAPE
 class RunFile:
     """Names of the files and folders of a run, relative to it."""
 
-    OPTIONS = "options.json"  # the TrainOptions, resolved
+    OPTIONS = "options.json"  # the TrainOptions
     ENVIRONMENT = "environment.json"  # dataset, command line, versions and machine
     HISTORY = "history.jsonl"  # one JSON object a line: see TrainingRecord
     CHECKPOINT = "checkpoint.npz"  # the whole state of training
@@ -58,7 +57,7 @@ _FILES = (
 _DAMAGED = f"it is damaged; {RunFile.SCENE}, if it is there, can be used by itself"
 _OTHER_CHECKPOINT = "it is not of this training; remove this file and begin a new run"
 _RESULTS = (RunFile.SCENE, RunFile.METRICS, RunFile.REPORT)
-_OF_PLAN = ("blocks", "rounds", "version", "isa", "options")
+_OF_PLAN = ("blocks", "version", "isa", "options")
 _SHAPES = {
     RunFile.ENVIRONMENT: ENVIRONMENT_SHAPE,
     RunFile.METRICS: METRICS_SHAPE,
@@ -98,7 +97,7 @@ class RunFolder:
 
         Args:
             path: the folder; it and its parents are made where absent.
-            options: written as options.json, resolved.
+            options: written as options.json.
             resume: go on with the run that the folder holds. Without one a new run begins.
             environment: written as environment.json; a run that is resumed keeps its own, which
                 holds the command line that reproduces it. Its "digests" (see `digest_scene`) must
@@ -128,7 +127,7 @@ class RunFolder:
             with whole_folder(run.path / RunFile.BLOCKS) as folder:
                 for name, content in blocks.items():
                     write_json(folder / name, content | (given if name == plan else {}))
-        run.write_text(RunFile.OPTIONS, options.resolve().to_json() + "\n")
+        run.write_text(RunFile.OPTIONS, options.to_json() + "\n")
         if environment is not None and not (resume and (run.path / RunFile.ENVIRONMENT).is_file()):
             run.write_json(RunFile.ENVIRONMENT, environment)
         return run
@@ -199,6 +198,11 @@ class RunFolder:
         folder = self.path / RunFile.RENDERS
         folder.mkdir(exist_ok=True)
         return folder
+
+    @property
+    def history(self) -> History:
+        """The rows of history.jsonl."""
+        return History(self.path / RunFile.HISTORY, self._stays)
 
     # Files that appear whole or not at all.
 
@@ -277,44 +281,13 @@ class RunFolder:
         """
         path = self.path / RunFile.CHECKPOINT
         if not path.is_file():
-            self.roll_back_history(0)
+            self.history.roll_back(0)
             return None
         content = read_checkpoint(path)
         with reading(lambda what: InputError(f"{path}: {what}; {_OTHER_CHECKPOINT}")):
             check_shape(content, {"step": int, "state": dict})
-        self.roll_back_history(content["step"])
+        self.history.roll_back(content["step"])
         return content["step"], content["state"]
-
-    # History.
-
-    def append_history(self, row: dict[str, Any]) -> None:
-        """Adds one line to history.jsonl; `row` holds at least `step`."""
-        if self._stays:
-            return
-        try:
-            with open(self.path / RunFile.HISTORY, "a", encoding="utf-8") as file:
-                file.write(json.dumps(to_plain(row)) + "\n")
-        except OSError as error:
-            reason = error.strerror or error
-            raise InputError(f"cannot write {self.path / RunFile.HISTORY}: {reason}") from None
-
-    def read_history(self) -> list[dict[str, Any]]:
-        """Reads all complete rows of history.jsonl; a line torn by a crash is left out."""
-        path = self.path / RunFile.HISTORY
-        rows = []
-        lines = path.read_bytes().splitlines() if path.is_file() else ()
-        for line in lines:
-            with contextlib.suppress(ValueError, RecursionError):
-                row = json.loads(line)
-                if isinstance(row, dict) and isinstance(row.get("step"), int):
-                    rows.append(row)
-        return rows
-
-    def roll_back_history(self, step: int) -> None:
-        """Drops the rows of history.jsonl that come after `step`."""
-        if (self.path / RunFile.HISTORY).is_file():
-            rows = (json.dumps(row) for row in self.read_history() if row["step"] <= step)
-            self.write_text(RunFile.HISTORY, "".join(row + "\n" for row in rows))
 
 
 def _read_values(path: Path, shape: Any) -> Any:
@@ -332,7 +305,7 @@ def _parse_options(path: Path, read: Callable[[], str]) -> TrainOptions:
 def read_plan(run: RunFolder) -> dict[str, Any] | None:
     """Reads how a training in blocks is divided.
 
-    The plan holds "blocks" (number or layout), "rounds", the "version" and "isa" at its start, its
+    The plan holds "blocks" (number or layout), the "version" and "isa" at its start, its
     "options" as they were given, and, once it is known, "count".
 
     Returns:

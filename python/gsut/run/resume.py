@@ -18,8 +18,7 @@ _FREE_ON_RESUME = ("threads", "checkpoint_every")
 
 def check_same_options(path: Path, saved: TrainOptions, options: TrainOptions) -> None:
     """Raises InputError where an option that changes the result is not as it was saved."""
-    before = dataclasses.asdict(saved.resolve())
-    wanted = dataclasses.asdict(options.resolve())
+    before, wanted = dataclasses.asdict(saved), dataclasses.asdict(options)
     for name, value in wanted.items():
         if name not in _FREE_ON_RESUME and before[name] != value:
             raise InputError(

@@ -29,7 +29,6 @@ METRICS_SHAPE: dict[str, Any] = {
     "rings?": [{"from_degrees": _NUMBER, "to_degrees": _NUMBER, "psnr": _NUMBER}],
     "views?": [_VIEW], "notes?": [str], "verdict?": (_NOTHING, Verdict.SHAPE),
     "light?": (_NOTHING, _LIGHT),
-    "compaction?": (_NOTHING, {"harmonics_degrees?": (_NOTHING, [int])}),
 }  # fmt: skip
 ENVIRONMENT_SHAPE: dict[str, Any] = {
     "dataset?": (str, _NOTHING), "isa?": str, "digests?": (_NOTHING, {"*": str}),

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import contextlib
+import json
+import os
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 from typing import Any, TextIO
 
 from gsut.run.progress import Progress
 
-# The pace is seconds taken / seconds expected. It starts as if this many seconds had gone exactly
-# as expected, so that the first moments of a command do not decide the estimate.
-_TRUST_SECONDS = 5.0
-# Power of the pace that is applied to later stages: a slow machine is slow in all of them, but one
-# stage's expectation may be wrong by itself.
-_SHARED = 0.75
 # Seconds between two refreshes while no stage reports anything.
 _TICK = 1.0
 # The countdown between two reports stops at this share of the time last reported.
@@ -25,16 +22,17 @@ _LEAST = 0.25
 class StagedProgress:
     """The bar of a whole command.
 
-    The time left of a stage is its expected time multiplied by the pace so far: the pace of the
-    stage itself if it has started, otherwise, with less weight, that of the earlier stages.
+    The time left of a stage follows from its own pace, once it has reported some progress. All
+    other stages take as long, beside the finished ones, as in the last run on this machine; those
+    that were not in it take as long as the mean of the others.
 
     Args:
-        expected: seconds that each stage takes, in order; `expect` corrects them.
+        command: whose last run is read, and written once all stages have ended.
+        stages: in order; `expect` adds more.
         enabled: False shows nothing.
         file: where to write; standard error if None.
         clock: seconds; for tests.
         on_progress: receives {"stage", "share", "seconds_left", "text"} at every `show`.
-        pace: by which expected seconds are multiplied: how slow this machine is.
 
     Attributes:
         seconds: taken by each stage that is finished.
@@ -42,16 +40,16 @@ class StagedProgress:
 
     def __init__(
         self,
-        expected: Mapping[str, float],
+        command: str,
+        stages: Sequence[str] = (),
         enabled: bool = True,
         file: TextIO | None = None,
         clock: Callable[[], float] = time.monotonic,
         on_progress: Callable[[dict[str, Any]], None] | None = None,
-        pace: float = 1.0,
     ) -> None:
         self.seconds: dict[str, float] = {}
-        self._expected = {stage: pace * seconds for stage, seconds in expected.items()}
-        self._pace_of_machine = pace
+        self._command, self._stages = command, list(stages)
+        self._last_run: dict[str, float] = _read_last_runs().get(command, {})
         self._bars = Progress(enabled, file)
         self._clock, self._on_progress = clock, on_progress
         self._last: tuple[float, float, str] | None = None  # time of report, seconds left, words
@@ -63,34 +61,31 @@ class StagedProgress:
         self._done = 0.0  # share of the stage
         self._stage_left: float | None = None  # seconds left of the stage, if it reports them
         self._shown = 0.0  # share of the whole; never decreases
-        self._spent = self._planned = 0.0  # seconds of the finished stages: taken, and expected
 
-    def expect(self, stage: str, seconds: float) -> None:
-        """Corrects the expected time of a stage that is not finished, or adds a stage."""
-        if stage not in self.seconds:
-            self._expected[stage] = self._pace_of_machine * seconds
+    def expect(self, *stages: str) -> None:
+        """Adds stages."""
+        self._stages += [name for name in stages if name not in self._stages]
 
     @contextlib.contextmanager
     def stage(self, name: str) -> Iterator[None]:
         """One stage, from its beginning to its end."""
+        self.expect(name)
         self._stage, self._began, self._done, self._stage_left = name, self._clock(), 0.0, None
         yield
-        taken = self._clock() - self._began
-        self.seconds[name] = taken
-        self._spent += taken
-        self._planned += self._expected[name]
+        self.seconds[name] = self._clock() - self._began
         self._stage = None
 
     def skip(self, name: str) -> None:
         """Removes a stage that was finished before from the time left."""
-        self.seconds[name] = 0.0
-        self._expected[name] = 0.0
+        if name in self._stages:
+            self._stages.remove(name)
+        self.seconds.setdefault(name, 0.0)
 
     def show(self, share: float, text: str = "", left: float | None = None) -> None:
         """Moves the bar to this share of the stage; a smaller share than before is ignored.
 
         Args:
-            share: of the stage's expected seconds, 0 to 1.
+            share: of the stage's seconds, 0 to 1.
             text: its state in words.
             left: seconds left of the stage, if the stage estimates them itself.
         """
@@ -109,8 +104,8 @@ class StagedProgress:
             return
         at, reported, words = self._last
         now = self._clock()
-        left = count_down(reported, now - at)
-        gone = self._spent + (now - self._began if self._stage else 0.0)
+        left = max(reported - (now - at), _LEAST * reported)
+        gone = sum(self.seconds.values()) + (now - self._began if self._stage else 0.0)
         part = gone / (gone + left) if gone + left > 0 else 0.0
         self._shown = max(self._shown, part)
         self._bars.show_share(self._shown, left, words)
@@ -122,21 +117,25 @@ class StagedProgress:
 
     def estimate_left(self) -> float:
         """Returns the seconds left of all stages."""
-        name = self._stage
-        before = ((self._spent + _TRUST_SECONDS) / (self._planned + _TRUST_SECONDS)) ** _SHARED
-        later = sum(
-            seconds for key, seconds in self._expected.items()
-            if key not in self.seconds and key != name
-        )  # fmt: skip
-        if name is None:
-            return before * later
-        expected = self._expected[name]
-        taken, gone = self._clock() - self._began, self._done * expected
-        # A stage that has just started goes at the pace of the stages before it.
-        pace = (taken + before * _TRUST_SECONDS) / (gone + _TRUST_SECONDS)
-        both = (self._spent + taken + _TRUST_SECONDS) / (self._planned + gone + _TRUST_SECONDS)
-        own = pace * (expected - gone) if self._stage_left is None else self._stage_left
-        return own + both**_SHARED * later
+        known = [self._last_run[name] for name in self._stages if name in self._last_run]
+        mean = sum(known) / len(known) if known else 1.0
+        before = {name: self._last_run.get(name, mean) for name in self._stages}
+        spent = {name: self.seconds[name] for name in self._stages if name in self.seconds}
+        own = 0.0
+        if self._stage is not None:
+            taken, own = self._clock() - self._began, before[self._stage]
+            if self._stage_left is not None:
+                own = self._stage_left
+            elif self._done > 0:
+                own = taken * (1 - self._done) / self._done
+            if self._stage_left is not None or self._done > 0:
+                spent[self._stage] = taken + own
+        planned = sum(before[name] for name in spent)
+        pace = sum(spent.values()) / planned if planned > 0 else 1.0
+        if self._stage is not None and self._stage not in spent:
+            own *= pace
+        later = (before[name] for name in self._stages if name not in spent and name != self._stage)
+        return own + pace * sum(later)
 
     def note(self, text: str) -> None:
         """Prints a line above the bar."""
@@ -148,10 +147,13 @@ class StagedProgress:
             threading.Thread(target=self._refresh_until_over, daemon=True).start()
         return self
 
-    def __exit__(self, *_: Any) -> None:
+    def __exit__(self, error: Any, *_: Any) -> None:
         self._over.set()
         with self._lock:
             self._bars.close()
+        is_whole = self._stages and all(name in self.seconds for name in self._stages)
+        if self._enabled and error is None and is_whole:
+            _write_last_run(self._command, {name: self.seconds[name] for name in self._stages})
 
 
 class StageFollower:
@@ -172,13 +174,10 @@ class StageFollower:
         """Seconds taken by all finished stages."""
         return sum(self._bars.seconds.get(name, 0.0) for name in self._names)
 
-    def expect(self, seconds: Mapping[str, float]) -> None:
-        """Sets the stages and their expected seconds; stages that are missing now are skipped."""
-        for name in set(self._names) - set(seconds):
-            self._bars.skip(name)
-        self._names = list(seconds)
-        for name, expected in seconds.items():
-            self._bars.expect(name, expected)
+    def expect(self, stages: Sequence[str]) -> None:
+        """Sets the stages, in order."""
+        self._names = list(stages)
+        self._bars.expect(*stages)
 
     def show(self, stage: str, done: int, total: int, text: str) -> None:
         """Shows how much of a stage is done; an unexpected stage counts to the one before it."""
@@ -194,10 +193,28 @@ class StageFollower:
         self._bars.show(done / max(1, total), text)
 
     def close(self) -> None:
-        """Ends the last stage."""
+        """Ends the last stage; those that did not come are left out."""
         self._open.close()
+        for name in self._names:
+            if name not in self._bars.seconds:
+                self._bars.skip(name)
 
 
-def count_down(reported: float, since: float) -> float:
-    """Returns the seconds left to show `since` seconds after `reported` seconds were left."""
-    return max(reported - since, _LEAST * reported)
+def _find_last_runs() -> Path:
+    """Returns the file of the seconds that the stages of each command took on this machine."""
+    cache = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(cache) / "gsut" / "stages.json"
+
+
+def _read_last_runs() -> dict[str, dict[str, float]]:
+    try:
+        return json.loads(_find_last_runs().read_text(encoding="utf-8"))
+    except (OSError, ValueError, RuntimeError):
+        return {}
+
+
+def _write_last_run(command: str, seconds: dict[str, float]) -> None:
+    with contextlib.suppress(OSError, RuntimeError):  # a machine that keeps nothing estimates alone
+        path, runs = _find_last_runs(), _read_last_runs() | {command: seconds}
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(runs), encoding="utf-8")

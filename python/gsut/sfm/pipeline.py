@@ -64,7 +64,6 @@ from gsut.sfm.solution import (
 )
 from gsut.sfm.starts import compare_halves, register_left_out, try_other_starts
 from gsut.sfm.world import place_on_earth
-from gsut.time_left import PosesWork
 
 # (photographs, features, pairs, options, on_step) -> poses and points; lenses are known.
 Mapper = Callable[[Photographs, list[Features], list[PairMatches], PosesOptions, OnStep], Solution]
@@ -255,7 +254,7 @@ def _make_key(mapping: Mapping, out: Path) -> dict[str, Any]:
 def _find_matches(mapping: Mapping, stages: Stages) -> None:
     """Finds features and matches; verifies the matches where the lenses are known."""
     photographs, options, log = mapping.photographs, mapping.options, mapping.log
-    _expect_times(mapping)
+    _expect_stages(mapping)
     mapping.features = collect_features(photographs, options, log.show, log.note, stages)
     if mapping.rig is not None:
         require_features(photographs, mapping.features)
@@ -267,7 +266,6 @@ def _find_matches(mapping: Mapping, stages: Stages) -> None:
     mapping.raw = match_images(
         photographs.names, mapping.features, options, log.show, photographs.frames, stages
     )
-    log.update_work(pairs=len(mapping.raw.pairs))
     if is_lens_known:
         mapping.pairs = verify_matches(
             mapping.images, mapping.raw, options, log.follow_pairs("verifying")
@@ -276,23 +274,18 @@ def _find_matches(mapping: Mapping, stages: Stages) -> None:
     log.watch.record_lap("matching")
 
 
-def _expect_times(mapping: Mapping) -> None:
-    """Reports how long the stages will take, as far as the files show it."""
-    photographs, options = mapping.photographs, mapping.options
+def _expect_stages(mapping: Mapping) -> None:
+    """Reports the stages, as far as the files show them."""
+    photographs = mapping.photographs
     header = read_header(photographs.paths[0])
-    is_video = mapping.shutter is None and options.shutter == "auto"
+    is_video = mapping.shutter is None and mapping.options.shutter == "auto"
     conditions = {
         "lens": not photographs.are_lenses_known,
         "rig": photographs.frames is not None,
         "shutter": is_video and is_probably_rolling(photographs.flows, header.width, header.height),
     }
-    count = len(photographs)
-    work = PosesWork(
-        count, min(header.width * header.height / 1e6, options.max_megapixels),
-        min(count * (count - 1), count * options.partners) / 2,
-        tuple(name for name, is_expected in conditions.items() if is_expected),
-    )  # fmt: skip
-    mapping.log.expect(work, options.threads)
+    stages = ("features", "matching", "lens", "mapping", "rig", "shutter", "writing")
+    mapping.log.expect([stage for stage in stages if conditions.get(stage, True)])
 
 
 def _map_photographs(mapping: Mapping, mapper: Mapper | None) -> None:

@@ -143,7 +143,7 @@ def render_depth_maps(
     pixels = sum(c.width * c.height for c in (lenses[scene.camera(i)] for i in rows))
     each = _MAP_BYTES + (_REFINE_BYTES if o.refine else 0)
     size = each * pixels + _LENS_BYTES * sum(c.width * c.height for c in lenses.values())
-    check_fits(f"the depth of {len(rows)} views", size, "make it smaller (--set max_side=N)")
+    check_fits(f"the depth of {len(rows)} views", size, "make it smaller (--max-side)")
     maps: list[DepthMap] = []
     normals: list[np.ndarray] = []
     for done, index in enumerate(rows):
@@ -230,7 +230,7 @@ def fuse_depth(
     if not len(mesh):
         inside = "" if o.crop is None else " inside the box of --crop"
         raise InputError(
-            f"no surface was found{inside}: no two views agree on one; try --set support=0, larger "
+            f"no surface was found{inside}: no two views agree on one; try --support 0, larger "
             "voxels or another --depth, or look at the renders"
         )
     mesh = mesh.close_holes(o.holes) if o.holes else mesh
@@ -343,7 +343,7 @@ def _choose_voxel(
         widths.append(depth[has] * measure_pixel_angle(m.camera))
     points = np.concatenate(away)
     if not len(points):
-        raise InputError("no view has a depth: nothing to make a mesh of; try --set support=0")
+        raise InputError("no view has a depth: nothing to make a mesh of; try --support 0")
     distance = np.linalg.norm(points, axis=1)
     middle, farthest = np.percentile(distance, (50, 99))
     is_open = farthest > _OPEN_RATIO * middle if o.open is None else o.open

@@ -195,7 +195,7 @@ def _bound_views(maps: Sequence[DepthMap]) -> tuple[np.ndarray, np.ndarray]:
         places.append(np.nanmedian(origins.reshape(-1, 3), axis=0))
     seen = np.concatenate(points)
     if not len(seen):
-        raise InputError("no view has a depth: nothing to make a grid of; try --set support=0")
+        raise InputError("no view has a depth: nothing to make a grid of; try --support 0")
     low, high = np.percentile(seen, _SEEN_PERCENT, axis=0)
     return np.min([low, *places], axis=0), np.max([high, *places], axis=0)
 

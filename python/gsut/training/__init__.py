@@ -13,17 +13,14 @@ from gsut.training.record import (
     read_scene,
     read_trained,
 )
-from gsut.training.time_left import measure_pace, track_training
 
 __all__ = [
     "TrainedRun",
     "TrainingLoop",
     "grow_poses",
     "load_run",
-    "measure_pace",
     "open_trained",
     "read_light",
     "read_scene",
     "read_trained",
-    "track_training",
 ]

@@ -9,6 +9,7 @@ from typing import Any
 from gsut.data import Scene
 from gsut.optimize import GaussianOptimizer
 from gsut.run import TrainOptions
+from gsut.run.options import Recipe
 
 
 @dataclasses.dataclass(frozen=True)
@@ -20,21 +21,19 @@ class DensificationStep:
         fraction: of all steps.
         scene: at the current resolution.
         extent: of the scene in world units.
-        full_grown: whether the number of Gaussians has to stay.
     """
 
     step: int
     fraction: float
     scene: Scene
     extent: float
-    full_grown: bool
 
 
 class Densification:
     """A strategy: the base of the class `Strategy` in each file of training/strategies.
 
     Args:
-        options: resolved.
+        options, recipe: of the run.
         first_count: number of the first Gaussians.
 
     Attributes:
@@ -43,8 +42,8 @@ class Densification:
 
     by_error = False
 
-    def __init__(self, options: TrainOptions, first_count: int) -> None:
-        self.options, self.first_count = options, first_count
+    def __init__(self, options: TrainOptions, recipe: Recipe, first_count: int) -> None:
+        self.options, self.recipe, self.first_count = options, recipe, first_count
 
     @property
     def capacity(self) -> int | None:
@@ -67,10 +66,10 @@ class Densification:
         raise NotImplementedError
 
     def settle(self, optimizer: GaussianOptimizer, now: DensificationStep) -> None:
-        """Replaces `densify`, at the same intervals, after `densify_until`."""
+        """Replaces `densify`, at the same intervals, after `DENSIFY_UNTIL`."""
 
 
-def load_strategy(options: TrainOptions, first_count: int) -> Densification:
+def load_strategy(options: TrainOptions, recipe: Recipe, first_count: int) -> Densification:
     """Loads the strategy that `options` names."""
     module = importlib.import_module(f"gsut.training.strategies.{options.strategy}")
-    return module.Strategy(options, first_count)
+    return module.Strategy(options, recipe, first_count)

@@ -30,6 +30,8 @@ from gsut.training.loop import TrainingLoop
 
 # Pixels of the images that are compared; more take longer at the same accuracy.
 _PIXELS = 60_000
+# Steps of the training, which ends before: rates stay those of the first step.
+_MOST_STEPS = 10_000_000
 # Training steps after each of the first images.
 _FIRST_STEPS = 60
 # Training steps after each later image.
@@ -124,12 +126,14 @@ class VideoScene:
             self.points.colors, tuple(range(len(photographs))), (), np.zeros(3),
         ).scale_images(min(1.0, (_PIXELS / pixels) ** 0.5))  # fmt: skip
         self._options = TrainOptions(
-            steps=10_000_000, max_gaussians=100_000_000, sh_degree=0, coarse_to_fine=(0.0, 0.0),
-            strategy="mini", densify_until=0.0, densify_from=0.0, noise=False, eval_every=0,
-            lr_means_final_factor=1.0, lr_final_factor=1.0, average_from=1.0,
+            steps=_MOST_STEPS, max_gaussians=100_000_000, sh_degree=0, strategy="mini",
             init="points", seed=video.options.seed,
-        ).resolve()  # fmt: skip
-        self._loop = _VideoLoop(self._scene, self._options)
+        )  # fmt: skip
+        self._recipe = dataclasses.replace(
+            self._options.recipe, coarse_to_fine=(0.0, 0.0), densify_every=_MOST_STEPS + 1,
+            noise=False, lr_means_final_factor=1.0, lr_final_factor=1.0,
+        )  # fmt: skip
+        self._loop = _VideoLoop(self._scene, self._options, recipe=self._recipe)
         self._update_loop()
 
     def begin(self) -> None:
@@ -243,8 +247,8 @@ class VideoScene:
         loop.posed = self.posed.tolist()
         middle = find_centers(self._poses[loop.posed]).mean(axis=0)
         distance = float(np.median(np.linalg.norm(self.points.positions - middle, axis=1)))
-        loop.options = dataclasses.replace(
-            self._options, lr_means=_RATE * distance / loop.scene.extent
+        loop.recipe = dataclasses.replace(
+            self._recipe, lr_means=_RATE * distance / loop.scene.extent
         )
 
     def _train(self, steps: int) -> None:
@@ -318,5 +322,5 @@ class VideoScene:
         return seed_from_points(
             np.concatenate([positions, old]),
             np.concatenate([colors, np.zeros((len(old), 3), np.uint8)]),
-            sh_degree=o.sh_degree, scale_factor=o.init_scale, opacity=o.init_opacity, seed=o.seed,
+            sh_degree=o.sh_degree, seed=o.seed,
         )[: len(positions)]  # fmt: skip

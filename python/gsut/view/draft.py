@@ -80,7 +80,7 @@ class Draft:
         options = TrainOptions(
             preset="fast", steps=_STEPS, max_side=_MOST_SIDE, max_gaussians=_MOST_GAUSSIANS,
             sh_degree=0, exposure="off", test_every=0,
-        ).resolve()  # fmt: skip
+        )  # fmt: skip
         live = LiveTraining(scene, options)
         loop = TrainingLoop(prepare_scene(scene.centred, options), options)
         while loop.step < _STEPS and not self._stopped.is_set():

@@ -37,7 +37,6 @@ class LiveTraining:
     """
 
     def __init__(self, scene: Scene, options: TrainOptions) -> None:
-        options = options.resolve()
         scene = prepare_scene(scene, options)
         self._stage = Stage(scene.path.resolve().name, "training", None, scene, options.background)
         self._steps, self._step, self._refines = options.steps, 0, options.refine_poses

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.gaussians import Gaussians, StoredGaussians, pack_harmonics
+from gsut.gaussians import Gaussians, StoredGaussians
 from gsut.view.frame_request import FrameRequest
 from gsut.view.stage import Stage
 
@@ -83,7 +83,7 @@ class ShownGaussians:
             kept = self.select_kept(whole, crop, clean)
             if some:
                 kept &= _select_most_seen(whole, self._move_to_axes(whole), share)
-            self._chosen[key] = pack_harmonics(whole[kept])
+            self._chosen[key] = whole[kept]
         return self._chosen[key]
 
 

@@ -16,7 +16,7 @@ from gsut.data import Scene, load_dataset
 from gsut.data.poses import invert_pose
 from gsut.data.scene import find_up, find_upright_poses
 from gsut.formats import read_scene_file
-from gsut.gaussians import pack_harmonics, seed_from_points
+from gsut.gaussians import seed_from_points
 from gsut.lens import Camera
 from gsut.render import Light
 from gsut.run import RunFile, RunFolder
@@ -119,18 +119,16 @@ def open_stage(path: str | os.PathLike[str], data: str | None = None) -> Stage:
         options, scene, gaussians = open_trained(run, data)
         figures = run.read_json(RunFile.METRICS) or {}
         name = "/".join(place.resolve().parts[-2:])
-        packed = pack_harmonics(gaussians)
         return Stage(
-            name, "run", packed, scene, options.background, figures=figures,
+            name, "run", gaussians, scene, options.background, figures=figures,
             light=read_light(run, scene), folder=place,
         )  # fmt: skip
     if place.is_file() and place.suffix.lower() != ".json":
         file = read_scene_file(place)
-        packed = pack_harmonics(file.gaussians)
         photographs = None if data is None else load_dataset(data)
         behind = None if file.no_background else (0.0, 0.0, 0.0)
         return Stage(
-            place.name, "file", packed, photographs, behind, folder=place.parent,
+            place.name, "file", file.gaussians, photographs, behind, folder=place.parent,
             antialiased=file.antialiased,
         )  # fmt: skip
     return make_data_stage(load_dataset(place))

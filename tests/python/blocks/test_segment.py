@@ -23,8 +23,7 @@ from gsut.training import TrainingLoop
 from small_blocks import OPTIONS, small_scene
 from tolerances.blocks import SHARES_SUM
 
-FEW_STEPS = dataclasses.replace(OPTIONS, steps=24, coarse_to_fine=(0.0, 0.0), sh_every=1).resolve()
-SETTLED = dataclasses.replace(FEW_STEPS, densify_until=0.5)  # in the first of two rounds
+FEW_STEPS = dataclasses.replace(OPTIONS, steps=24)
 FIELDS = ("means", "quats", "log_scales", "opacity_logits", "sh")
 
 
@@ -35,13 +34,13 @@ def scene(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def task(scene):
-    start = TrainingLoop(scene, OPTIONS.resolve()).gaussians.copy()
+    start = TrainingLoop(scene, OPTIONS).gaussians.copy()
     train = [scene.views[index] for index in scene.train_indices]
     part = scene.replace(views=train, train_indices=range(len(train)), test_indices=())
     tiles = np.zeros((3, 3), bool)
     tiles[1, 0] = True
     return BlockTask(
-        part, FEW_STEPS, scene.extent, None, [tiles] * len(train), np.ones(len(train)),
+        part, FEW_STEPS, 1.0, scene.extent, None, [tiles] * len(train), np.ones(len(train)),
         1 << 30, Trained(start[:30]), start[30:], 0, 24, 3,
     )  # fmt: skip
 
@@ -83,14 +82,23 @@ def test_segments_from_files_give_the_bits_of_one_go(task, tmp_path):
     assert all(path.endswith(".png") for path in list_photographs(values))
 
 
+def test_block_is_trained_on_its_views_as_often_as_they_show_it(task):
+    rates = np.where(np.arange(len(task.rates)) < 4, 0.25, 1.0)
+    loop, seen = BlockLoop(dataclasses.replace(task, rates=rates)), []
+    for _ in range(12):
+        seen.append(loop._begin_step().view)
+        loop.step += 1
+    assert seen == order_views(rates, FEW_STEPS.steps, FEW_STEPS.seed)[:12].tolist()
+
+
 def test_round_that_goes_on_gives_the_bits_of_an_unbroken_one(task):
     """Adam's moments come along: without them the first steps are as large as the first of all."""
-    whole = finished(dataclasses.replace(task, options=SETTLED, segments=1))
+    whole = finished(dataclasses.replace(task, segments=1))
     assert whole["moments"] == []
-    first = finished(dataclasses.replace(task, options=SETTLED, end=16))
+    first = finished(dataclasses.replace(task, end=20))
     own = Trained.from_dict(first)
     assert len(own.moments) == 2
-    rest = dataclasses.replace(task, options=SETTLED, own=own, begin=16)
+    rest = dataclasses.replace(task, own=own, begin=20)
     result, without = (
         finished(dataclasses.replace(rest, own=each)) for each in (own, Trained(own.gaussians))
     )
@@ -143,7 +151,7 @@ def test_each_tenth_step_is_about_the_whole_view(task):
 
 
 def test_shares_of_all_blocks_add_up_to_what_is_covered(scene, rng):
-    g = TrainingLoop(scene, OPTIONS.resolve()).gaussians.copy()
+    g = TrainingLoop(scene, OPTIONS).gaussians.copy()
     for blocks in (4, 9):  # drawn all, or those alone that a first pass has found
         owners = rng.integers(0, blocks, len(g)).astype(np.int32)
         indices = scene.train_indices[:3]
@@ -161,7 +169,7 @@ def test_shares_of_all_blocks_add_up_to_what_is_covered(scene, rng):
 
 
 def test_context_is_what_is_seen_and_merged_to_a_most(scene, rng):
-    g = TrainingLoop(scene, OPTIONS.resolve()).gaussians.copy()
+    g = TrainingLoop(scene, OPTIONS).gaussians.copy()
     own, others = g[:20], g[20:]
     views = list_seen_views(scene, scene.train_indices[:2])
     assert len(choose_context(own, others, views, 1000, 0)) == len(others)

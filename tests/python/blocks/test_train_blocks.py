@@ -14,7 +14,13 @@ import gsut
 from folder_snapshot import take_snapshot
 from gsut.blocks import workers
 from gsut.blocks.layout import Layout
-from gsut.blocks.plan import check_memory, choose_count, estimate_total_bytes, make_block_options
+from gsut.blocks.plan import (
+    check_memory,
+    choose_count,
+    estimate_total_bytes,
+    make_block_options,
+    make_block_recipe,
+)
 from gsut.cli import main
 from gsut.run import RunFolder, format_size, read_checkpoint
 from small_blocks import OPTIONS, same_bits, states, train
@@ -44,7 +50,7 @@ def test_training_in_blocks_writes_one_scene(finished):
     assert "3 blocks in 2 rounds" in report
     assert 'alt="map of the blocks"' in report
     assert metrics["psnr"] > 15
-    history = RunFolder(out).read_history()
+    history = RunFolder(out).history.read()
     assert len(history) == 2
     assert history[1]["psnr"] > 15
 
@@ -65,11 +71,10 @@ def test_second_round_trains_odd_blocks_among_what_even_ones_have_become(finishe
 def test_regularisers_pull_at_a_gaussian_as_in_one_training():
     """They are means: over fewer Gaussians each would be pulled at the harder."""
     pulls = [
-        (each.opacity_regularizer / most, each.scale_regularizer / most)
+        make_block_recipe(make_block_options(OPTIONS, 1.0, most), most / 400).regularizer / most
         for most in (400, 100, 25)
-        for each in [make_block_options(OPTIONS, gsut.BlockOptions("4"), 1.0, most)]
     ]
-    assert pulls[0] == (OPTIONS.opacity_regularizer / 400, OPTIONS.scale_regularizer / 400)
+    assert pulls[0] == OPTIONS.recipe.regularizer / 400
     np.testing.assert_allclose(pulls[1:], [pulls[0]] * 2, rtol=1e-15)
 
 
@@ -125,7 +130,7 @@ def test_block_that_nothing_shows_is_kept_as_it_is(scene, tmp_path):
     tree = {"axis": 0, "at": 1e6, "below": None, "above": None}
     layout = tmp_path / "layout.json"
     layout.write_text(json.dumps({"tree": tree}))
-    result = train(scene, tmp_path / "run", str(layout), rounds=1)
+    result = train(scene, tmp_path / "run", str(layout))
     rows = result.metrics["blocks"]["rows"]
     assert [row["steps"] for row in rows] == [60, 0]
     assert rows[1]["gaussians"] == 0
@@ -149,9 +154,8 @@ def test_what_a_worker_refuses_is_said_here(scene, finished, tmp_path):
 
 
 def test_resumed_run_keeps_its_division(scene, finished):
-    for given, words in (({"blocks": "4"}, "blocks 3, not 4"), ({"rounds": 1}, "rounds 2, not 1")):
-        with pytest.raises(gsut.InputError, match=words):
-            train(scene, finished / "run", resume=True, **{"blocks": "3"} | given)
+    with pytest.raises(gsut.InputError, match="blocks 3, not 4"):
+        train(scene, finished / "run", blocks="4", resume=True)
     plan = finished / "run/blocks/plan.json"
     text = plan.read_text()
     for name, other in (("isa", "none"), ("version", "0.0")):
@@ -165,11 +169,8 @@ def test_resumed_run_keeps_its_division(scene, finished):
     ("given", "words"),
     [
         ({"robust": True}, "--robust"),
-        ({"motion_blur": 0.5}, "--motion-blur"),
         ({"surface": True}, "--surface"),
-        ({"low_pass": 0.3}, "low_pass"),
         ({"strategy": "mini"}, "strategy=mini"),
-        ({"compact_at": 5}, "compact_at"),
         ({"order": "ray"}, "--order ray"),
     ],
 )

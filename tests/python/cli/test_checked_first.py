@@ -30,7 +30,7 @@ class SpentError(Exception):
 def places(tmp_path_factory):
     folder = tmp_path_factory.mktemp("checked")
     data = write_dataset(folder / "data", np.random.default_rng(20260821))
-    options = gsut.TrainOptions(steps=2, max_gaussians=100, eval_every=2, checkpoint_every=2)
+    options = gsut.TrainOptions(steps=2, max_gaussians=100, checkpoint_every=2)
     gsut.train(gsut.load_dataset(data), options, out=folder / "run", progress=False)
     return {"DATA": str(data), "RUN": str(folder / "run")}
 

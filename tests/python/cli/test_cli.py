@@ -158,10 +158,10 @@ def test_missing_file_of_the_system_is_one_sentence(monkeypatch, capsys, run):
 
 def test_train_hands_the_given_options_on(tmp_path, training, capsys):
     out = tmp_path / "new"
-    words = ["train", "data", "-o", str(out), "--steps", "7", "--seed", "3", "--set", "noise=false"]
+    words = ["train", "data", "-o", str(out), "--steps", "7", "--seed", "3", "--set", "init=random"]
     assert main(words) == 0
     (call,) = training
-    assert call.options == TrainOptions(steps=7, seed=3, noise=False)
+    assert call.options == TrainOptions(steps=7, seed=3, init="random")
     assert (call.out, call.resume, call.progress) == (out, False, True)
     captured = capsys.readouterr()
     assert f"report: {out / RunFile.REPORT}" in captured.out
@@ -195,7 +195,7 @@ def test_train_resume_takes_the_runs_own_options(run, training):
     assert main(["train", "data", "-o", str(run.path), "--resume", "--threads", "2"]) == 0
     (call,) = training
     assert call.resume is True
-    assert call.options == TrainOptions(steps=100, threads=2).resolve()
+    assert call.options == TrainOptions(steps=100, threads=2)
 
 
 def test_train_resume_of_a_run_killed_at_its_start_begins_it(tmp_path, training):

@@ -140,7 +140,7 @@ def test_render_along_a_path_of_the_datasets_poses_shows_these_views(case, tmp_p
 
 def test_grid_of_a_run_lies_where_the_points_do(case, tmp_path):
     _, data, run = case
-    voxels = ["--voxel", "0.1", "--set", "support=0"]
+    voxels = ["--voxel", "0.1", "--support", "0"]
     assert main(["mesh", str(run), "-o", str(tmp_path / "grid.npy"), *voxels]) == 0
     told = json.loads((tmp_path / "grid.json").read_text())
     cells = np.argwhere(np.abs(np.load(tmp_path / "grid.npy")) < told["voxel"])
@@ -152,7 +152,7 @@ def test_grid_of_a_run_lies_where_the_points_do(case, tmp_path):
 def test_mesh_and_cut_scene_lie_where_the_points_do(case, tmp_path):
     _, data, run = case
     middle = np.median(gsut.load_dataset(data).points, axis=0)
-    words = ["--voxel", "0.1", "--set", "support=0", "--quiet"]
+    words = ["--voxel", "0.1", "--support", "0", "--quiet"]
     assert main(["mesh", str(run), "-o", str(tmp_path / "mesh.ply"), *words]) == 0
     vertices = gsut.load_mesh(tmp_path / "mesh.ply").vertices
     assert np.linalg.norm(np.median(vertices, axis=0) - middle) < 1

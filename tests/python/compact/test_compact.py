@@ -14,11 +14,10 @@ import gsut
 import tolerances
 from gsut import InputError, _core
 from gsut.compact import compact, score_gaussians
-from gsut.compact.harmonics import drop_harmonics
 from gsut.compact.method import METHODS
 from gsut.compact.methods.lightgaussian import score_significance, sum_hits
 from gsut.compact.methods.pup import score_sensitivity, sum_fisher_matrices
-from gsut.compact.scores import SeenView, blend_weights, find_strongest, sum_bases
+from gsut.compact.scores import SeenView, blend_weights, find_strongest
 from gsut.gaussians import SH_C0
 from gsut.render import place_about
 from random_scenes import arrays_of, fisheye, gaussians_in_view, pinhole, random_pose
@@ -82,7 +81,7 @@ def test_blend_weights_of_masked_pixels_do_not_count(scene, views):
     assert np.linalg.norm(parts - whole) < tolerances.COMPACT_WEIGHTS * np.linalg.norm(whole)
 
 
-@pytest.mark.parametrize("score", [blend_weights, sum_bases, sum_hits, sum_fisher_matrices])
+@pytest.mark.parametrize("score", [blend_weights, sum_hits, sum_fisher_matrices])
 def test_scores_of_gaussians_about_an_origin_equal_those_about_zero(scene, views, score):
     origin = np.array([40.0, -7.0, 12.0])
     moved = [
@@ -444,49 +443,16 @@ def _quaternion_product(a, b):
     )
 
 
-def test_basis_sums_give_the_mean_colour_seen(scene, views):
-    """The images' sum is linear in the coefficients: sums times coefficients, colours unclamped."""
-    bright = scene.copy()
-    bright.sh[:, 0] += 3.0
-    sums = sum_bases(bright, views)
+def test_blend_weights_give_the_mean_colour_seen(scene, views):
+    """The images' sum is linear in the colours, where none is clamped."""
+    bright = dataclasses.replace(scene, sh=np.ascontiguousarray(scene.sh[:, :1] + 3.0))
     expected = sum(
         gsut.render(bright, v.camera, v.camera_from_world).image[v.mask].sum(axis=0, dtype=float)
         for v in views
     )
     weights = blend_weights(bright, views)
-    found = 0.5 * weights.sum() + np.einsum("nk,nkc->c", sums, bright.sh)
+    found = weights @ (0.5 + SH_C0 * bright.sh[:, 0].astype(float))
     np.testing.assert_allclose(found, expected, rtol=tolerances.COMPACT_SUMS)
-    np.testing.assert_allclose(sums[:, 0], weights * SH_C0, atol=1e-9)
-
-
-def test_drop_harmonics_keeps_within_the_drop_and_the_mean_colour(scene, views):
-    calls = []
-
-    def measure(g):
-        calls.append(len(g))
-        errors = [
-            np.mean((gsut.render(g, v.camera, v.camera_from_world).image - truth)[v.mask] ** 2)
-            for v, truth in zip(views, truths, strict=True)
-        ]
-        return float(-10 * np.log10(np.mean(errors) + 1e-4))
-
-    truths = [gsut.render(scene, v.camera, v.camera_from_world).image for v in views]
-    lowered = drop_harmonics(scene, views, measure, 1.0)
-    assert measure(lowered.gaussians) >= measure(scene) - 1.0
-    assert 0 < np.count_nonzero(lowered.degrees == 0) < COUNT
-    assert len(calls) <= 15
-    zero = lowered.degrees == 0
-    assert np.all(lowered.gaussians.sh[zero, 1:] == 0)
-    same = ~zero
-    np.testing.assert_array_equal(lowered.gaussians.sh[same], scene.sh[same])
-
-
-def test_drop_harmonics_that_nobody_needs_makes_the_array_narrow(scene, views):
-    flat = scene.copy()
-    flat.sh[:, 1:] = 0
-    lowered = drop_harmonics(flat, views, lambda g: 30.0, 0.0)
-    assert lowered.gaussians.sh.shape == (COUNT, 1, 3)
-    assert lowered.gaussians.sh.tobytes() == np.ascontiguousarray(flat.sh[:, :1]).tobytes()
 
 
 def test_hit_sums_behind_a_rolling_shutter_that_stands_still_are_the_same(scene, views):

@@ -143,7 +143,7 @@ def test_cameras_of_a_dataset_with_poses_are_chosen_by_their_folders(tmp_path, c
 
 def test_what_a_dataset_has_is_not_given_again(tmp_path):
     small.write_nerfstudio(tmp_path / "in")
-    with raises_saying(["--time-offset", "give both --lens and --poses"]):
+    with raises_saying(["'time_offset'", "give both lens and poses"]):
         gsut.convert_dataset(tmp_path / "in", tmp_path / "out", parts={"time_offset": 1.0})
 
 

@@ -76,7 +76,7 @@ def test_curves_of_any_history_name_their_axis_and_last_value(axis):
         {"step": n, "seconds": n / 7, "loss": 1 / n, "psnr": 20 + n / 100, "num_gaussians": 900 * n}
         for n in range(1, 101)
     ]
-    options = TrainOptions(steps=100).resolve()
+    options = TrainOptions(steps=100)
     count = 0
     for history in (rows, rows[:1], [rows[0] | {"psnr": None, "seconds": 0.0}]):
         for key in ("loss", "psnr", "num_gaussians"):

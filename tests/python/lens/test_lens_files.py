@@ -163,21 +163,6 @@ def test_ros_camera_info_is_read(tmp_path):
     assert load_camera(path) == expected
 
 
-ROS_INFO = """header:
-  stamp: {{sec: 1, nanosec: 2}}
-  frame_id: cam0_optical
-height: 480
-width: 640
-distortion_model: {model}
-{d}: {coefficients}
-{k}: [400.0, 0.0, 320.0, 0.0, 410.0, 240.0, 0.0, 0.0, 1.0]
-{r}: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]
-{p}: [400.0, 0.0, 320.0, 0.0, 0.0, 410.0, 240.0, 0.0, 0.0, 0.0, 1.0, 0.0]
-binning_x: 0
----
-"""
-
-
 def test_mrcal_file_keeps_extrinsics_region_and_field(tmp_path):
     region = [[10.5, 20.5], [600.25, 30.0], [300.0, 470.0]]
     camera = Camera(

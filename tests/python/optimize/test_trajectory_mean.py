@@ -14,11 +14,11 @@ def states(rng, count, n=7):
 
 
 def test_mean_is_over_every_fourth_step_after_the_beginning(rng):
-    of_step = states(rng, 100)
-    mean = TrajectoryMean(0.8)
+    of_step = states(rng, 200)
+    mean = TrajectoryMean()
     for step, g in enumerate(of_step, 1):
-        mean.observe(step, step / 100, g)
-    taken = of_step[83::4]
+        mean.observe(step, step / 200, g)
+    taken = of_step[183::4]
     assert len(taken) == 5
     for field in dataclasses.fields(of_step[0]):
         expected = np.mean([getattr(g, field.name) for g in taken], axis=0, dtype=np.float64)
@@ -28,33 +28,33 @@ def test_mean_is_over_every_fourth_step_after_the_beginning(rng):
 
 def test_before_the_beginning_and_after_a_restart_it_is_the_present_state(rng):
     now, before = states(rng, 2)
-    mean = TrajectoryMean(0.5)
-    mean.observe(4, 0.4, before)
+    mean = TrajectoryMean()
+    mean.observe(4, 0.9, before)
     assert mean.average(now) is now
-    mean.observe(8, 0.8, before)
+    mean.observe(8, 0.95, before)
     assert mean.average(now) is not now
     mean.restart()
     assert mean.average(now) is now
 
 
 def test_another_number_of_gaussians_begins_anew(rng):
-    mean = TrajectoryMean(0.0)
-    mean.observe(4, 0.1, states(rng, 1)[0])
+    mean = TrajectoryMean()
+    mean.observe(4, 0.91, states(rng, 1)[0])
     (larger,) = states(rng, 1, n=9)
-    mean.observe(8, 0.2, larger)
+    mean.observe(8, 0.92, larger)
     np.testing.assert_array_equal(mean.average(larger).means, larger.means)
 
 
 @pytest.mark.parametrize("broken_at", [0, 6, 20])
 def test_state_goes_on_to_the_same_bits(rng, broken_at):
     of_step = states(rng, 30)
-    whole, part = TrajectoryMean(0.2), TrajectoryMean(0.2)
+    whole, part = TrajectoryMean(), TrajectoryMean()
     for step, g in enumerate(of_step, 1):
-        whole.observe(step, step / 30, g)
-        part.observe(step, step / 30, g)
+        whole.observe(step, 0.9 + step / 300, g)
+        part.observe(step, 0.9 + step / 300, g)
         if step == broken_at:
             state = part.state_dict()
-            part = TrajectoryMean(0.2)
+            part = TrajectoryMean()
             part.load_state_dict(state)
     for field in dataclasses.fields(of_step[0]):
         np.testing.assert_array_equal(

@@ -29,7 +29,7 @@ def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("localize")
     rng = np.random.default_rng(20260821)
     scene = gsut.load_dataset(write_dataset(folder / "data", rng))
-    options = TrainOptions(steps=20, max_gaussians=100, eval_every=20, checkpoint_every=20)
+    options = TrainOptions(steps=20, max_gaussians=100, checkpoint_every=20)
     gsut.train(scene, options, out=folder / "run", progress=False)
     g = truth(np.random.default_rng(20260821)).to_dtype(np.float32)
     moved = gsut.Gaussians(

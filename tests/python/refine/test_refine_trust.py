@@ -112,9 +112,8 @@ def test_true_poses_stay_where_colours_alone_would_worsen_them(tmp_path, monkeyp
     """A young scene misplaces views: before there were halves, poses only got worse."""
     scene = gsut.load_dataset(write_room(tmp_path / "data", np.random.default_rng(7)))
     options = TrainOptions(
-        steps=100, max_gaussians=400, init_opacity=0.8, eval_every=0, checkpoint_every=0, seed=3,
-        coarse_to_fine=(0.0, 0.0), refine_poses=True, refine_tracks=False,
-    )  # fmt: skip
+        steps=100, max_gaussians=400, checkpoint_every=0, seed=3, refine_poses=True
+    )
 
     def errors(start):
         found = gsut.train(start, options, progress=False)

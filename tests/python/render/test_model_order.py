@@ -8,7 +8,6 @@ import pytest
 import gsut
 from gsut import InputError, _core
 from gsut.compact import SeenView, compact
-from gsut.gaussians.packed_harmonics import to_mixed
 from random_scenes import fisheye, gaussians_in_view, random_pose
 
 
@@ -67,9 +66,8 @@ def test_model_along_the_ray_with_features_is_refused_with_what_to_give(drawn):
 
 def test_rows_and_other_forms_of_a_model_keep_its_order(drawn):
     g = drawn[2]["ray"]
-    mixed = to_mixed(g)
     others = (g[3:5], g.copy(), g.to_dtype(np.float64), g.translate((1e6, 0, 0)), g.to_surfels())
-    for each in (*others, mixed, mixed.copy(), mixed.to_gaussians(), g.to_primitive("power4")):
+    for each in (*others, g.to_primitive("power4")):
         assert each.order == "ray" and each.order_by_centers().order == "distance"
     with pytest.raises(InputError, match='order "integral" is unknown; known: distance, z, ray'):
         dataclasses.replace(g, order="integral")

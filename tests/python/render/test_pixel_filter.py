@@ -5,6 +5,7 @@ import pytest
 
 import gsut
 import tolerances as tol
+from gsut.gaussians import find_pixel_sizes
 from gsut.render import PixelFilter
 from random_scenes import fisheye, gaussians_in_view, pinhole, random_pose
 
@@ -27,14 +28,12 @@ def test_a_small_image_is_the_mean_of_the_large_one(rng, lens):
     small = large.resize(blocks[2], blocks[0])
     whole = np.isfinite(large.rays()[0]).all(axis=2).reshape(blocks[:4]).all(axis=(1, 3))
     pixels = PixelFilter(g, [large], pose[None])
-    radii = gsut.loop.find_filter_radii(g.means, [small], pose[None], 0.3).astype(np.float32)
-    plain, passed, filtered = (
+    plain, filtered = (
         gsut.psnr(gsut.render(drawn, small, pose).image.clip(0, 1), truth.clip(0, 1), whole)
-        for drawn in (g, gsut.loop.apply_low_pass(g, radii), pixels.widen(small, pose))
+        for drawn in (g, pixels.widen(small, pose))
     )
-    print(f"{plain:.2f} dB, low-pass {passed:.2f}, pixel filter {filtered:.2f}")
+    print(f"{plain:.2f} dB, pixel filter {filtered:.2f}")
     assert filtered > plain + tol.PIXEL_FILTER_DB
-    assert filtered > passed
     # At the photographs' own pixels, and finer ones, nothing changes.
     assert pixels.widen(large, pose) is g
     assert pixels.widen(large.resize(2 * large.width, 2 * large.height), pose) is g
@@ -52,10 +51,8 @@ def test_scales_grow_by_the_missing_variance_and_shadows_keep_their_light(rng):
     g, pose = scene_of(rng, large)
     small = large.resize(large.width // FACTOR, large.height // FACTOR)
     found = PixelFilter(g, [large], pose[None]).widen(small, pose)
-    radii = [
-        gsut.loop.find_filter_radii(g.means, [lens], pose[None], 1.0) for lens in (small, large)
-    ]
-    missing = (radii[0] ** 2 - radii[1] ** 2) / 12.0
+    coarse, fine = (find_pixel_sizes(g.means, [lens], pose[None]) for lens in (small, large))
+    missing = (coarse**2 - fine**2) / 12.0
     grown = np.exp(2.0 * found.log_scales.astype(float)) - np.exp(2.0 * g.log_scales.astype(float))
     assert np.abs(grown / missing[:, None] - 1).max() < tol.PIXEL_FILTER_FLOAT
     light = []

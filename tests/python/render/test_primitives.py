@@ -9,7 +9,6 @@ import flips
 import gsut
 import tolerances
 from gsut import InputError, _core
-from gsut.gaussians.packed_harmonics import to_mixed
 from random_scenes import (
     central_differences,
     fisheye,
@@ -217,13 +216,6 @@ def test_primitive_packed_harmonics_and_derivatives_of_colors_agree(rng, primiti
         assert error < tolerances.PRIMITIVE_JACOBIAN, (axis, error)
         checked += 1
     assert checked == 3
-    if g.shapes is None:
-        mixed = to_mixed(g)
-        found = gsut.render(mixed, camera, pose)
-        assert mixed.to_gaussians().primitive == primitive
-        assert (
-            found.image.tobytes() == gsut.render(mixed.to_gaussians(), camera, pose).image.tobytes()
-        )
 
 
 @pytest.mark.parametrize("primitive", FLAT)

@@ -199,5 +199,5 @@ def test_mesh_command_writes_the_plane_and_refuses_what_it_cannot(tmp_path, caps
     assert "memory is allowed for; take larger voxels" in capsys.readouterr().err
     monkeypatch.setattr("gsut.run.memory._SMALL", 0)
     monkeypatch.setattr("gsut.run.memory.free_memory", lambda: 1000)
-    with pytest.raises(InputError, match=r"of \d+ views takes about .* \(--set max_side=N\)"):
+    with pytest.raises(InputError, match=r"of \d+ views takes about .* \(--max-side\)"):
         render_depth_maps(None, gsut.load_dataset(tmp_path / "data"))

@@ -75,7 +75,7 @@ def test_compared_points_are_the_same_on_any_number_of_threads() -> None:
 def test_first_gaussians_of_photographs_without_texture_are_random() -> None:
     scene = wall_scene(LENSES["pinhole"], plain=True)
     assert find_points_by_stereo(scene, 500, 0) is None
-    options = gsut.TrainOptions(max_gaussians=2000).resolve()
+    options = gsut.TrainOptions(max_gaussians=2000)
     gaussians, notes = choose_first_gaussians(scene, options)
     assert len(gaussians) == 2000 and not notes
 
@@ -96,12 +96,10 @@ def test_first_gaussians_add_compared_points_where_points_cover_little_unless_as
         (wide, {"max_gaussians": 20_000}, 3000, 0),  # which cover the photographs
         (known, {"init": "points"}, 50, 0),
         (known, {"max_gaussians": 250}, 50, 0),
-        (scene, {"init_count": 70}, 70, 1),
-        (known, {"init_count": 30}, 30, 0),
-        (scene, {"init": "random", "init_count": 90}, 90, 0),
+        (scene, {"init": "random", "max_gaussians": 90}, 90, 0),
     ]
     for of, given, count, said in counts:
-        options = gsut.TrainOptions(**{"max_gaussians": 2000, **given}).resolve()
+        options = gsut.TrainOptions(**{"max_gaussians": 2000, **given})
         gaussians, notes = choose_first_gaussians(of, options)
         assert (len(gaussians), len(notes)) == (count, said), given
 

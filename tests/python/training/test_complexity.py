@@ -15,7 +15,7 @@ def chosen_with(scene, monkeypatch, per_view, pixels_each, **options):
     monkeypatch.setattr(complexity, "_PER_VIEW", per_view)
     monkeypatch.setattr(complexity, "_PIXELS_EACH", pixels_each)
     said = []
-    return choose_complexity(scene, TrainOptions(**options).resolve(), said.append), said
+    return choose_complexity(scene, TrainOptions(**options), said.append), said
 
 
 def test_number_grows_with_photographs_up_to_the_presets(scene, monkeypatch):
@@ -56,7 +56,7 @@ def test_training_takes_the_number_says_so_and_has_the_bits_of_one_that_is_given
 ):
     monkeypatch.setattr(complexity, "_PER_VIEW", 20)
     most = 20 * len(scene.train_indices)
-    options = TrainOptions(steps=20, eval_every=0)
+    options = TrainOptions(steps=20)
     whole = gsut.train(scene, options, out=tmp_path / "a", progress=True)
     assert len(whole.gaussians) == most
     assert whole.metrics["complexity"]["max_gaussians"] == most
@@ -75,7 +75,7 @@ def test_training_on_few_photographs_takes_fewer_steps_and_says_so(scene, monkey
     monkeypatch.setitem(PRESETS, "fast", preset)
     monkeypatch.setattr(presets, "_LEAST_STEPS", 5)
     views = len(scene.train_indices)
-    result = gsut.train(scene, TrainOptions(preset="fast", eval_every=0), progress=True)
+    result = gsut.train(scene, TrainOptions(preset="fast"), progress=True)
     assert result.metrics["steps"] == result.metrics["complexity"]["steps"] == 2 * views
     line = f"{views} photographs: {2 * views} steps, for which the preset has 50"
     assert line in capsys.readouterr().err

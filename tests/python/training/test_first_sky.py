@@ -84,13 +84,13 @@ def test_first_gaussians_add_sky_within_the_cap_only() -> None:
     assert found is not None
     most = len(scene.points) + len(found[0])
     for cap, count in ((most, most), (most - 1, len(scene.points))):
-        options = gsut.TrainOptions(max_gaussians=cap).resolve()
+        options = gsut.TrainOptions(max_gaussians=cap)
         gaussians, notes = choose_first_gaussians(scene, options)
         assert len(gaussians) == count and len(notes) == (count == most)
 
 
 def test_a_run_says_that_it_seeded_a_sky(capsys) -> None:
-    options = gsut.TrainOptions(steps=2, max_gaussians=1000, eval_every=0)
+    options = gsut.TrainOptions(steps=2, max_gaussians=1000)
     for sky, said in (("clouds", True), ("wall", False)):
         result = gsut.train(ground_scene(sky), options)
         found = [note for note in result.metrics["notes"] if "are a sky" in note]

@@ -1,5 +1,7 @@
 """Mini-Splatting's three parts, each on its own, and a run with all of them."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -11,12 +13,12 @@ from gsut.optimize import GaussianOptimizer, split_and_prune
 from gsut.training.loop import TrainingLoop
 from gsut.training.strategies.mini import OVERGROWN, find_blurred, reinitialize, sample
 
-SHORT = {"steps": 80, "max_gaussians": 150, "densify_every": 4, "strategy": "mini", "noise": False}
+SHORT = TrainOptions(steps=80, max_gaussians=150, strategy="mini")
 
 
 @pytest.fixture(scope="module")
 def trained(scene):
-    loop = TrainingLoop(scene, TrainOptions(steps=40, max_gaussians=400).resolve())
+    loop = TrainingLoop(scene, TrainOptions(steps=40, max_gaussians=400))
     while loop.step < 40:
         loop.advance()
     return loop.gaussians.copy()
@@ -50,9 +52,9 @@ def test_splitting_makes_two_smaller_ones_and_pruning_keeps_the_order(trained):
 
 
 def test_reinitialised_gaussians_lie_where_the_views_see_them_in_their_colours(scene, trained):
-    new = reinitialize(trained, scene, TrainOptions().resolve(), 200, [1])
+    new = reinitialize(trained, scene, TrainOptions(), 200, [1])
     assert len(new) == 200
-    again = reinitialize(trained, scene, TrainOptions().resolve(), 200, [1])
+    again = reinitialize(trained, scene, TrainOptions(), 200, [1])
     assert new.means.tobytes() == again.means.tobytes()
     low, high = trained.means.min(axis=0) - 1, trained.means.max(axis=0) + 1
     assert np.all((new.means > low) & (new.means < high))
@@ -77,7 +79,8 @@ def test_sampling_draws_in_proportion_to_blend_weights(scene, trained):
 
 
 def test_run_overgrows_and_is_sampled_to_its_number(scene):
-    loop, sizes = TrainingLoop(scene, TrainOptions(**SHORT).resolve()), {}
+    recipe = dataclasses.replace(SHORT.recipe, densify_every=4)
+    loop, sizes = TrainingLoop(scene, SHORT, recipe=recipe), {}
     while loop.step < 80:
         loop.advance()
         sizes[loop.step] = len(loop.gaussians)

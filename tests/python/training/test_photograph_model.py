@@ -26,7 +26,7 @@ from rendered_dataset import VIEWS, write_dataset
 from room_dataset import write_room
 
 GAINS = np.exp(0.15 * np.sin(0.5 * np.arange(VIEWS)[:, None] + [0.0, 0.2, 0.4]))
-OPTIONS = {"steps": 300, "max_gaussians": 300, "sh_degree": 0, "eval_every": 300}
+OPTIONS = {"steps": 300, "max_gaussians": 300, "sh_degree": 0}
 
 
 @pytest.fixture(scope="module")
@@ -99,8 +99,7 @@ def test_stopped_and_resumed_same_bits_and_eval_has_the_same_figures(
     data, results, tmp_path, capsys
 ):
     scene = gsut.load_dataset(data)
-    few = {**OPTIONS, "eval_every": 20}
-    options = gsut.TrainOptions(exposure="auto", checkpoint_every=70, **few)
+    options = gsut.TrainOptions(exposure="auto", checkpoint_every=70, **OPTIONS)
 
     class Stop(Exception):
         pass
@@ -136,7 +135,7 @@ def test_stopped_and_resumed_same_bits_and_eval_has_the_same_figures(
 
 def test_falloff_is_found(data):
     scene = gsut.load_dataset(data)
-    model = PhotographModel(scene, gsut.TrainOptions(exposure="on").resolve())
+    model = PhotographModel(scene, gsut.TrainOptions(exposure="on"))
     camera, rng = scene.cameras[0], np.random.default_rng(6)
     angles = compute_field_angles(camera)
     truth = Falloff(float(np.nanmax(angles)), np.tile([-0.3, -0.1, 0.05], (3, 1)))
@@ -198,7 +197,7 @@ def test_gains_of_unseen_views_lie_between_their_neighbours_in_time():
 @pytest.mark.parametrize(("brightness", "differ"), [(1.0, True), (0.1, False)])
 def test_a_scene_that_is_still_dark_tells_nothing_of_the_photographs(data, brightness, differ):
     scene = gsut.load_dataset(data)
-    model = PhotographModel(scene, gsut.TrainOptions(exposure="auto").resolve())
+    model = PhotographModel(scene, gsut.TrainOptions(exposure="auto"))
     level, camera = Level(scene), scene.cameras[0]
     image = np.random.default_rng(6).uniform(0.1, 0.6, (camera.height, camera.width, 3))
     for view in (*scene.train_indices, *scene.train_indices):

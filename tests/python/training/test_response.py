@@ -9,7 +9,6 @@ import tolerances
 from gsut import TrainOptions
 from gsut.run.folder import RunFile
 from gsut.training.loop import TrainingLoop
-from gsut.training.time_left import predict_training_steps
 
 SHORT = {"steps": 100, "max_gaussians": 150}
 # Kind of rule, its name, and another.
@@ -43,7 +42,7 @@ def test_train_by_a_rule_learns_and_the_run_carries_it(
 
 @pytest.mark.parametrize(("kind", "name"), [rule[:2] for rule in RULES])
 def test_train_by_a_rule_goes_on_from_a_state_to_the_same_bits(scene, kind, name):
-    options = TrainOptions(**SHORT, **{kind: name}).resolve()
+    options = TrainOptions(**SHORT, **{kind: name})
     whole = TrainingLoop(scene, options)
     for _ in range(62):
         whole.advance()
@@ -56,21 +55,13 @@ def test_train_by_a_rule_goes_on_from_a_state_to_the_same_bits(scene, kind, name
 
 
 def test_train_along_the_ray_draws_by_the_distance_first(scene):
-    loops = [TrainingLoop(scene, TrainOptions(**SHORT, order=o).resolve()) for o in ("ray", "z")]
+    loops = [TrainingLoop(scene, TrainOptions(**SHORT, order=o)) for o in ("ray", "z")]
     drawn = []
     for _ in range(60):
         loops[0].advance()
         drawn.append(loops[0].gaussians.order)
     assert drawn == ["distance"] * 59 + ["ray"]
     assert loops[1].gaussians.order == "z"
-
-
-def test_time_left_counts_the_steps_along_the_ray():
-    distance, ray = (
-        predict_training_steps(TrainOptions(**SHORT, order=o).resolve(), 100, 0.04)
-        for o in ("distance", "ray")
-    )
-    assert (ray[:59] == distance[:59]).all() and (ray[59:] > 2 * distance[59:]).all()
 
 
 def test_train_along_the_ray_with_refined_poses_is_refused():

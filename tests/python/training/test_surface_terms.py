@@ -211,9 +211,9 @@ def test_normal_files_are_read_as_arrays_and_pictures_and_damaged_ones_are_named
 @pytest.mark.parametrize("strategy", ["mcmc", "mini"])
 def test_surfels_stay_surfels(scene, strategy):
     options = TrainOptions(
-        steps=60, max_gaussians=300, coarse_to_fine=(0.0, 0.0), primitive="surfel",
-        surface=strategy == "mcmc", strategy=strategy, compact_at=50, keep=0.5, noise=True,
-    ).resolve()  # fmt: skip
+        steps=60, max_gaussians=300, primitive="surfel", surface=strategy == "mcmc",
+        strategy=strategy,
+    )  # fmt: skip
     loop = TrainingLoop(scene, options)
     first = loop.gaussians.log_scales.copy()
     while loop.step < 60:
@@ -223,18 +223,11 @@ def test_surfels_stay_surfels(scene, strategy):
     assert not np.isin(loop.gaussians.log_scales[:, :2], first).any()
 
 
-def test_surfels_with_a_filter_that_thickens_them_are_refused():
-    with pytest.raises(InputError, match="low_pass"):
-        TrainOptions(primitive="surfel", low_pass=0.3)
-
-
 def test_training_for_surfaces_flattens(scene):
     flatness = []
     for surface in (True, False):
-        options = TrainOptions(
-            steps=60, max_gaussians=300, coarse_to_fine=(0.0, 0.0), surface=surface
-        )
-        loop = TrainingLoop(scene, options.resolve())
+        options = TrainOptions(steps=60, max_gaussians=300, surface=surface)
+        loop = TrainingLoop(scene, options)
         while loop.step < 60:
             loop.advance()
         scales = np.sort(loop.gaussians.log_scales, axis=1)

@@ -1,5 +1,6 @@
 """Training on a small rendered scene: it learns, has the same bits however run, and resumes."""
 
+import dataclasses
 import importlib
 import json
 import os
@@ -24,7 +25,7 @@ from random_scenes import arrays_of, pinhole
 from rendered_dataset import VIEWS, write_dataset
 
 STEPS = 60
-SHORT = {"steps": STEPS, "max_gaussians": 150, "eval_every": 20, "checkpoint_every": 5}
+SHORT = {"steps": STEPS, "max_gaussians": 150, "checkpoint_every": 5}
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +51,7 @@ def psnr_on(scene, gaussians, indices):
 
 
 def test_train_300_steps_learns_the_scene(scene):
-    options = TrainOptions(steps=300, max_gaussians=300).resolve()
+    options = TrainOptions(steps=300, max_gaussians=300)
     result = train(scene, options)
     start = seed_first(scene, options)
     views = scene.train_indices
@@ -65,11 +66,8 @@ def test_train_300_steps_learns_the_scene(scene):
     assert [row["step"] for row in result.history if "psnr" in row] == [100, 200, 300]
 
 
-def test_train_dense_adam_and_noise_and_harmonics_run(scene):
-    options = TrainOptions(
-        steps=120, max_gaussians=150, sparse_adam=False, noise=True, sh_degree=3, ssim_weight=0.0
-    )
-    result = train(scene, options)
+def test_train_uses_harmonics_up_to_their_degree(scene):
+    result = train(scene, TrainOptions(steps=120, max_gaussians=150, sh_degree=3))
     assert result.gaussians.sh.shape == (150, 16, 3)
     assert np.abs(result.gaussians.sh[:, 9:]).max() > 0  # the third degree was switched on
     assert result.metrics["psnr"] > 25
@@ -77,7 +75,7 @@ def test_train_dense_adam_and_noise_and_harmonics_run(scene):
 
 @pytest.mark.parametrize("strategy", ["mcmc", "mini"])
 def test_train_any_threads_same_bits(scene, tmp_path, strategy):
-    options = {**SHORT, "strategy": strategy, "noise": True}
+    options = {**SHORT, "strategy": strategy}
     files, histories = [], []
     for threads in (1, 2, 8):
         result = train(scene, TrainOptions(**options, threads=threads))
@@ -173,7 +171,7 @@ CHILD = """
 import sys, time
 import gsut
 scene = gsut.load_dataset(sys.argv[1])
-options = gsut.TrainOptions(steps=60, max_gaussians=150, eval_every=20, checkpoint_every=2,
+options = gsut.TrainOptions(steps=60, max_gaussians=150, checkpoint_every=2,
                             threads=int(sys.argv[3]))
 gsut.train(scene, options, out=sys.argv[2], resume=True,
            progress=lambda row: time.sleep(0.01))
@@ -235,18 +233,18 @@ def advance_to(loop, step):
     "given",
     [
         {},
-        {"strategy": "mini", "densify_every": 4, "noise": False},
+        {"strategy": "mini"},
         {"surface": True},
-        {"compact_at": 40, "keep": 0.4},
-        {"primitive": "surfel", "surface": True, "compact_at": 40, "keep": 0.5, "noise": True},
-        {"primitive": "surfel", "strategy": "mini", "noise": False},
+        {"primitive": "surfel", "surface": True},
+        {"primitive": "surfel", "strategy": "mini"},
     ],
     ids=lambda given: " ".join(map(str, given.values())),
 )
 @pytest.mark.parametrize("stop", [25, 45])
 def test_train_loop_state_restored_into_a_new_loop_same_bits(scene, given, stop):
-    options = TrainOptions(**{**SHORT, **given}).resolve()
-    loop, other = TrainingLoop(scene, options), TrainingLoop(scene, options)
+    options = TrainOptions(**{**SHORT, **given})
+    recipe = dataclasses.replace(options.recipe, noise="surface" in given)
+    loop, other = (TrainingLoop(scene, options, recipe=recipe) for _ in range(2))
     other.load_state_dict(advance_to(loop, stop).state_dict())
     assert other.step == stop
     losses = [(loop.advance(), other.advance()) for _ in range(STEPS - stop)]
@@ -267,8 +265,8 @@ def test_train_random_init_learns_from_nothing(tmp_path, rng):
     folder = write_dataset(tmp_path / "data", rng, with_points=False)
     scene = gsut.load_dataset(folder)
     assert len(scene.points) == 0
-    options = TrainOptions(steps=300, max_gaussians=500, init_count=400).resolve()
-    assert len(seed_first(scene, options)) == 400
+    options = TrainOptions(steps=300, max_gaussians=500)
+    assert len(seed_first(scene, options)) == 500
     result = train(scene, options)
     assert psnr_on(scene, result.gaussians, scene.train_indices) > (
         psnr_on(scene, seed_first(scene, options), scene.train_indices) + 5
@@ -324,7 +322,7 @@ def test_train_with_everything_masked_leaves_no_number_that_is_not_finite(tmp_pa
 def test_train_on_small_images_runs_at_full_resolution(tmp_path, rng, width, height):
     camera = pinhole(width, height)
     scene = gsut.load_dataset(write_dataset(tmp_path / "data", rng, camera=camera))
-    options = TrainOptions(**SHORT, coarse_to_fine=(0.3, 0.6)).resolve()
+    options = TrainOptions(**SHORT)
     loop = TrainingLoop(scene, options)
     assert loop.views.select_level(0.1).scene.camera(scene.train_indices[0]).width == width
     result = train(scene, options)
@@ -336,13 +334,12 @@ def test_train_on_small_images_runs_at_full_resolution(tmp_path, rng, width, hei
 def test_train_coarse_to_fine_uses_quarter_half_and_full_resolution(tmp_path, rng):
     camera = pinhole(256, 260)
     scene = gsut.load_dataset(write_dataset(tmp_path / "data", rng, camera=camera))
-    options = TrainOptions(
-        steps=20, max_gaussians=100, coarse_to_fine=(0.3, 0.6), densify_every=5
-    ).resolve()
+    options = TrainOptions(steps=20, max_gaussians=100)
     loop = TrainingLoop(scene, options)
     view = scene.train_indices[0]
     sizes = [loop.views.select_level(f / 20).scene.camera(view).height for f in range(1, 21)]
-    assert sizes == [65] * 6 + [130] * 6 + [260] * 8
+    assert options.recipe.coarse_to_fine == (0.2, 0.45)
+    assert sizes == [65] * 4 + [130] * 5 + [260] * 11
     result = train(scene, options)
     assert len(result.history) == 20
 

@@ -34,7 +34,7 @@ def test_train_of_a_primitive_learns_and_the_run_carries_it(scene, tmp_path, pri
 
 
 def test_train_of_beta_goes_on_from_a_state_to_the_same_bits(scene):
-    options = TrainOptions(**SHORT, primitive="beta").resolve()
+    options = TrainOptions(**SHORT, primitive="beta")
     whole = TrainingLoop(scene, options)
     for _ in range(30):
         whole.advance()
@@ -49,7 +49,3 @@ def test_train_of_beta_goes_on_from_a_state_to_the_same_bits(scene):
 def test_options_of_a_primitive_that_contradict_are_refused():
     with pytest.raises(InputError, match="--surface cannot be combined with --primitive beta"):
         TrainOptions(primitive="beta", surface=True)
-    with pytest.raises(InputError, match="thicker, and triangles have no thickness"):
-        TrainOptions(primitive="triangle", low_pass=0.3)
-    with pytest.raises(InputError, match="compact_at cannot be combined with --primitive power4"):
-        TrainOptions(primitive="power4", compact_at=10, steps=100)

@@ -73,7 +73,7 @@ def test_degree_of_harmonics_follows_the_photographs_where_it_is_open(scene, mon
         )
         assert choose_degree(scene, TrainOptions(**given)).sh_degree == degree
     monkeypatch.setattr(complexity, "measure_unpredicted_share", lambda scene: 0.5)
-    options = TrainOptions(steps=20, max_gaussians=100, eval_every=0)
+    options = TrainOptions(steps=20, max_gaussians=100)
     result = gsut.train(scene, options, progress=True)
     assert result.gaussians.sh_degree == result.metrics["complexity"]["sh_degree"] == 3
     line = "colours depend on the direction that they are seen from: harmonics of degree 3"

@@ -43,7 +43,7 @@ def bits(result):
 
 
 def test_scene_in_the_making_shows_poses_a_draft_and_the_training(scene, monkeypatch):
-    options = gsut.TrainOptions(steps=12, init_count=500, max_gaussians=600)
+    options = gsut.TrainOptions(steps=12, max_gaussians=600)
     alone = gsut.train(scene, options, progress=False)
     monkeypatch.setattr(draft, "_FEWEST_POINTS", 10)
     monkeypatch.setattr(draft, "_STEPS", 30)

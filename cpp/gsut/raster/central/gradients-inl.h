@@ -87,7 +87,7 @@ HWY_INLINE void GaussianGradients(const RasterTask& task, std::int64_t first, co
   const ViewFloats& view = task.view;
   LaneMask seen;
   Lane sums[16];
-  if (!LoadSlotSums(g, task.sh_rows, first, frame, to, &seen, sums)) return;
+  if (!LoadSlotSums(g, first, frame, to, &seen, sums)) return;
   const SeenLanes s = LoadSeen(g, first, view, task.log2_raw_min, task.max_cutoff);
   const RecordLanes r = MakeRecord(s);
   const FormGradients forms(r.kappa, sums);
@@ -119,8 +119,8 @@ HWY_INLINE void GaussianGradients(const RasterTask& task, std::int64_t first, co
   TurnFromLeft(s, turn, out.quat);
   Lane direction[3], to_direction[3];
   for (int k = 0; k < 3; ++k) direction[k] = s.world[k] * inverse_distance;
-  ColorGradients(g, task.sh_rows, first, task.sh_degree, frame, seen, direction,
-                 &sums[slot::kColor], to, to_direction);
+  ColorGradients(g, first, task.sh_degree, frame, seen, direction, &sums[slot::kColor], to,
+                 to_direction);
   const Lane along = Dot3(direction, to_direction);
   for (int k = 0; k < 3; ++k) {
     out.mean[k] += (to_direction[k] - direction[k] * along) * inverse_distance;

@@ -96,13 +96,13 @@ void Records(const RasterTask& task, const TileGrid& grid, const Splats& splats,
     }
     for (int k = 0; k < count; ++k) frame->rects[static_cast<std::size_t>(i + k)] = {};
     if (!any) continue;
-    const NextHarmonics next(task.sh_rows, i);
+    const NextHarmonics next(task.gaussians, i);
     const SeenLanes g = LoadSeen(task.gaussians, i, task.view, task.log2_raw_min, task.max_cutoff);
     const RecordLanes r = MakeRecord(g);
     Lane direction[3], color[3];
     const Lane inverse_distance = Lane(1.0) / g.distance;
     for (int k = 0; k < 3; ++k) direction[k] = g.world[k] * inverse_distance;
-    ColorOf(task.gaussians.sh, task.sh_rows, task.sh_degree, i, direction, color);
+    ColorOf(task.gaussians, task.sh_degree, i, direction, color);
     const LaneMask in_range =
         AndMask(g.mean[2] >= Lane(task.near_z), g.mean[2] <= Lane(task.far_z));
     const LaneMask finite_color = IsFinite(color[0] + color[1] + color[2]);

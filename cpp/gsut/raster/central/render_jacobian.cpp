@@ -33,14 +33,13 @@ void ShadingSlopes(const RasterTask& task, const Vector3d& center, const Frame& 
       const double distance = away.norm();
       const Vector3d unit = away / distance;
       const Eigen::Vector3f direction = unit.cast<float>();
-      const auto row = static_cast<std::int64_t>(i);
-      const float* sh = g.sh + task.sh_rows.Offset(row);
-      const int degree = std::min(task.sh_rows.Degree(row), task.sh_degree);
+      const float* sh = g.sh + 3 * static_cast<std::size_t>(g.sh_coefficients) * i;
       float color[3], by_sh[3 * kMaxShCoefficients], by_direction[3];
-      const unsigned clamped = EvalHarmonics(degree, direction.data(), sh, color);
+      const unsigned clamped = EvalHarmonics(task.sh_degree, direction.data(), sh, color);
       for (int c = 0; c < 3; ++c) {
         const float one[3] = {c == 0 ? 1.0f : 0.0f, c == 1 ? 1.0f : 0.0f, c == 2 ? 1.0f : 0.0f};
-        EvalHarmonicsBackward(degree, direction.data(), sh, clamped, one, by_sh, by_direction);
+        EvalHarmonicsBackward(task.sh_degree, direction.data(), sh, clamped, one, by_sh,
+                              by_direction);
         const Vector3d slope = Map<const Eigen::Vector3f>(by_direction).cast<double>();
         const Vector3d by_center = -(slope - unit * unit.dot(slope)) / distance;
         Map<Eigen::Vector3f> out(slopes->data() + kShadingSlopes * i +

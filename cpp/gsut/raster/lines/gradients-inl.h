@@ -39,7 +39,7 @@ HWY_INLINE void LineGradients(const RasterTask& task, bool is_parallel, std::int
   const std::int64_t available = HWY_MIN(g.size - first, static_cast<std::int64_t>(kLanes));
   LaneMask seen;
   Lane sums[16];
-  if (!LoadSlotSums(g, task.sh_rows, first, frame, to, &seen, sums)) return;
+  if (!LoadSlotSums(g, first, frame, to, &seen, sums)) return;
   const SeenLanes s = LoadSeen(g, first, view, task.log2_raw_min, task.max_cutoff);
   ParameterGradients out;
   const Lane k = Sqrt(s.cutoff);
@@ -69,8 +69,8 @@ HWY_INLINE void LineGradients(const RasterTask& task, bool is_parallel, std::int
 
   Lane direction[3], to_direction[3];
   ShadingDirection(s, view, is_parallel, direction);
-  ColorGradients(g, task.sh_rows, first, task.sh_degree, frame, seen, direction,
-                 &sums[slot::kColor], to, to_direction);
+  ColorGradients(g, first, task.sh_degree, frame, seen, direction, &sums[slot::kColor], to,
+                 to_direction);
   const Lane along = Dot3(direction, to_direction);
   const Lane inverse_distance = Lane(1.0) / s.distance;
   for (int j = 0; j < 3; ++j) {

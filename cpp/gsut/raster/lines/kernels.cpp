@@ -38,11 +38,11 @@ void LineRecords(const RasterTask& task, const LineGrid& grid, std::int64_t begi
   std::vector<RowSpan>* spans = &frame->row_spans[static_cast<std::size_t>(begin / kRecordsPart)];
   for (std::int64_t i = begin; i < end; i += kLanes) {
     const int count = static_cast<int>(HWY_MIN(end - i, static_cast<std::int64_t>(kLanes)));
-    const NextHarmonics next(task.sh_rows, i);
+    const NextHarmonics next(task.gaussians, i);
     const SeenLanes g = LoadSeen(task.gaussians, i, task.view, task.log2_raw_min, task.max_cutoff);
     Lane direction[3], color[3];
     ShadingDirection(g, task.view, grid.is_parallel, direction);
-    ColorOf(task.gaussians.sh, task.sh_rows, task.sh_degree, i, direction, color);
+    ColorOf(task.gaussians, task.sh_degree, i, direction, color);
     const LaneMask in_range =
         AndMask(g.mean[2] >= Lane(task.near_z), g.mean[2] <= Lane(task.far_z));
     Lane columns[record::kSize];

@@ -31,8 +31,8 @@ ShadedColor ColorOf(const WalkScene& scene, const RasterTask& task, std::int64_t
   const Vector3d direction = is_parallel ? Vector3d(scene.camera_from_world.rotation.row(2))
                                          : Vector3d(relative.normalized());
   double sh[3 * kMaxShCoefficients], dsh[3 * kMaxShCoefficients];
-  const int sh_degree = std::min(task.sh_rows.Degree(index), task.sh_degree);
-  const float* row = g.sh + task.sh_rows.Offset(index);
+  const int sh_degree = task.sh_degree;
+  const float* row = g.sh + 3 * g.sh_coefficients * index;
   for (int k = 0; k < 3 * NumShCoefficients(sh_degree); ++k) sh[k] = static_cast<double>(row[k]);
   ShadedColor out;
   const unsigned clamped = EvalHarmonics(sh_degree, direction.data(), sh, out.color.data());

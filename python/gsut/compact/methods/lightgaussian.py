@@ -26,7 +26,7 @@ def sum_hits(
         (N,) float64, in pixels; 0 for what no valid pixel sees.
     """
     sums = np.zeros(len(gaussians))
-    passes = Passes(paint_grey(gaussians, 0))
+    passes = Passes(paint_grey(gaussians))
     for view in require_views(views):
         passes.render(view)
         passes.add_significance(view.mask, sums)

@@ -55,7 +55,9 @@ def read_header(path: Path) -> ImageHeader:
         try:
             with Image.open(file, formats=_FORMATS) as image:
                 (width, height), kind = image.size, image.format
-                exif, channels = image.info.get("exif", b""), len(image.getbands())
+                channels = len(image.getbands())
+                exif = image.info.get("exif", b"").removeprefix(EXIF_HEADER)
+                orientation = read_orientation(exif) if exif else 1
         except (OSError, ValueError, SyntaxError, struct.error):
             pixels, _ = decode_image(path)  # says what is wrong, unless OpenCV can read it
             return ImageHeader(pixels.shape[1], pixels.shape[0])
@@ -65,7 +67,7 @@ def read_header(path: Path) -> ImageHeader:
             path, f"says {width} x {height} pixels, more than its {size} bytes can hold",
             _COPY_AGAIN,
         )  # fmt: skip
-    return ImageHeader(width, height, read_orientation(exif.removeprefix(EXIF_HEADER)))
+    return ImageHeader(width, height, orientation)
 
 
 def _open(path: Path):

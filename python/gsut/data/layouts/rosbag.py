@@ -135,9 +135,11 @@ def unpack(
         names = {*wanted, *infos, topic, "/tf_static"}
         connections = [c for c in reader.connections if c.topic in names]
         total, bars = sum(c.msgcount for c in connections), Progress(progress)
-        for done, (name, received, message) in enumerate(_read_messages(reader, connections, bag)):
-            bars.show("messages", done + 1, total)
-            where = f"{bag}, {name}"
+        rows = reader.messages(connections=connections)
+        for done, (connection, received, raw) in enumerate(rows, 1):
+            bars.show("messages", done, total)
+            name, where = connection.topic, f"{bag}, {connection.topic}"
+            message = reader.deserialize(raw, connection.msgtype)
             if name == "/tf_static":
                 for each in message.transforms:
                     tree.add(*_read_frames(each), _read_pose(each, where))
@@ -172,25 +174,14 @@ def _open(bag: Path) -> Iterator[Any]:
         ) from None
     path = bag.parent if bag.suffix.lower() in (".mcap", ".db3") else bag
     try:
-        reader = AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE))
-        reader.open()
+        with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
+            yield reader
+    except (InputError, OSError, MemoryError):
+        raise
     except Exception as error:  # of many kinds, the library's and the file's
-        raise InputError(f"{bag} cannot be read as a ROS bag: {error}") from error
-    with contextlib.closing(reader):
-        yield reader
-
-
-def _read_messages(reader: Any, connections: list, bag: Path) -> Iterator[tuple[str, int, Any]]:
-    rows = reader.messages(connections=connections)
-    while True:
-        try:
-            connection, received, raw = next(rows)
-            message = reader.deserialize(raw, connection.msgtype)
-        except StopIteration:
-            return
-        except Exception as error:  # as above
-            raise InputError(f"{bag} is damaged: {error}; record or copy it again") from error
-        yield connection.topic, received, message
+        raise InputError(
+            f"{bag} cannot be read as a ROS bag: {error}; record or copy it again"
+        ) from error
 
 
 def find_cameras(types: dict[str, str], bag: Path, wanted: Sequence[str]) -> list[_Camera]:

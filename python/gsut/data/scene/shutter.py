@@ -65,7 +65,7 @@ def _set_views_moving(views: Sequence[View], readout_time: float, shutter: Shutt
     if len(views) < 2:
         raise InputError("--readout-time needs at least two frames to find the camera's velocity")
     moving = []
-    for view, (before, after, time) in zip(views, find_time_neighbours(views), strict=True):
+    for view, (before, after, time) in zip(views, _find_time_neighbours(views), strict=True):
         start, end = _shift_along_path(view, views[before], views[after], 0.5 * readout_time / time)
         moving.append(
             dataclasses.replace(
@@ -75,7 +75,7 @@ def _set_views_moving(views: Sequence[View], readout_time: float, shutter: Shutt
     return moving
 
 
-def find_time_neighbours(views: Sequence[View]) -> list[tuple[int, int, float]]:
+def _find_time_neighbours(views: Sequence[View]) -> list[tuple[int, int, float]]:
     """Finds each view's neighbours before and after it, and the time between them in frames.
 
     The first and the last are neighbours of themselves. Frames are in the order of the numbers in
@@ -86,32 +86,6 @@ def find_time_neighbours(views: Sequence[View]) -> list[tuple[int, int, float]]:
     place = np.argsort(order)
     sides = [order[np.clip(place + side, 0, len(views) - 1)].tolist() for side in (-1, 1)]
     return [(a, b, float(times[b] - times[a])) for a, b in zip(*sides, strict=True)]
-
-
-def split_exposure(view: View, before: View, after: View, share: float, count: int) -> list[View]:
-    """Splits a view's exposure into `count` equal parts; returns the view at the middle of each.
-
-    Args:
-        view, before, after: in the order of time, the outer ones give the velocity.
-        share: the exposure, over the time between `before` and `after`.
-    """
-    out = []
-    for at in share * ((np.arange(count) + 0.5) / count - 0.5):
-        pose = (
-            _shift_along_path(view, before, after, abs(at))[int(at > 0)]
-            if at
-            else view.camera_from_world
-        )
-        step = pose @ invert_pose(view.camera_from_world)
-        ends = (view.camera_from_world_start, view.camera_from_world_end)
-        start, end = (None if each is None else step @ each for each in ends)
-        out.append(
-            dataclasses.replace(
-                view, camera_from_world=pose, camera_from_world_start=start,
-                camera_from_world_end=end,
-            )
-        )  # fmt: skip
-    return out
 
 
 def order_frames(names: Sequence[str]) -> np.ndarray:

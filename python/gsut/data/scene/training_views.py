@@ -138,10 +138,6 @@ class TrainingViews:
         """The poses camera_from_world (n, 4, 4) of the training views, in their order."""
         return self.scene.poses(self.scene.train_indices)
 
-    def list_training_cameras(self) -> tuple[list[Any], np.ndarray]:
-        """Lists the cameras of the training views and their current poses (V, 4, 4)."""
-        return [self.scene.camera(i) for i in self.scene.train_indices], self.poses
-
     def move(self, camera_from_world: np.ndarray) -> None:
         """Replaces the poses (n, 4, 4) of the training views."""
         self.scene = self.scene.with_poses(self.scene.train_indices, camera_from_world)

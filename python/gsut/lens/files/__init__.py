@@ -1,4 +1,4 @@
-"""Lens files in and out: a module a format, found by its `FORMAT`; those with a "_" are none."""
+"""Lens files in and out, a module a program; those with a "_" hold what several need."""
 
 from gsut.lens.files._camera_info import camera_from_info, info_from_camera
 from gsut.lens.files._load import list_suffixes, load_camera, save_camera

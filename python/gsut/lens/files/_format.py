@@ -55,7 +55,7 @@ class LensFile:
 
 @dataclasses.dataclass(frozen=True)
 class LensFormat:
-    """One format, as a module of this folder states it in its `FORMAT`.
+    """One format, as a module of this folder states it in its `FORMAT` or `FORMATS`.
 
     Attributes:
         name: to choose it by hand, see `save_camera`.
@@ -91,7 +91,8 @@ def list_formats() -> tuple[LensFormat, ...]:
     folder = [str(Path(__file__).parent)]
     names = [m.name for m in pkgutil.iter_modules(folder) if not m.name.startswith("_")]
     modules = [importlib.import_module(f"{package}.{name}") for name in names]
-    return tuple(sorted((m.FORMAT for m in modules), key=lambda each: (each.rank, each.name)))
+    found = [each for m in modules for each in getattr(m, "FORMATS", ()) or (m.FORMAT,)]
+    return tuple(sorted(found, key=lambda each: (each.rank, each.name)))
 
 
 def _parse_json(text: str, source: str) -> Any:

@@ -1,4 +1,4 @@
-"""Kalibr's camchain YAML files."""
+"""Kalibr's camchain YAML files, and EuRoC's sensor.yaml: one camera with the same keys."""
 
 from __future__ import annotations
 
@@ -12,10 +12,13 @@ from gsut.lens.files._values import LensValues, choose_name, refuse_lens, skip_t
 
 _PIXEL_SHIFT = 0.5  # pixels: Kalibr's pixel (0, 0) is gsut's (0.5, 0.5)
 _CAMERA_NAME = re.compile(r"cam\d+$")
-# gsut's lens and the number of coefficients of each camera_model and distortion_model.
+# gsut's lens and the number of coefficients of each camera_model and distortion_model, by the names
+# of Kalibr and of EuRoC.
 _LENSES = {
     ("pinhole", "none"): ("pinhole", 0),
     ("pinhole", "radtan"): ("opencv4", 4),
+    ("pinhole", "radial-tangential"): ("opencv4", 4),
+    ("pinhole", "plumb_bob"): ("opencv4", 4),
     ("pinhole", "equi"): ("kannala_brandt", 4),
     ("pinhole", "equidistant"): ("kannala_brandt", 4),
     ("pinhole", "fov"): ("fov", 1),
@@ -46,13 +49,12 @@ def read_kalibr(file: LensFile, camera_id: int | str | None) -> Camera:
     return camera_from_kalibr(LensValues(entry, source, skip_to(file.text, f"{wanted}:")))
 
 
-def camera_from_kalibr(reader: LensValues, given: str = "distortion_coeffs") -> Camera:
-    """Makes the camera of one entry of a camchain.
+def _is_euroc(file: LensFile) -> bool:
+    return {"intrinsics", "camera_model", "resolution"} <= file.values.keys()
 
-    Args:
-        reader: the entry's keys.
-        given: the key of the distortion's coefficients.
-    """
+
+def camera_from_kalibr(reader: LensValues) -> Camera:
+    """Makes the camera of one entry of a camchain, or of a sensor.yaml."""
     model = str(reader.values[reader.require("camera_model")])
     if model not in _LEADING:
         known = ", ".join(_LEADING)
@@ -66,6 +68,7 @@ def camera_from_kalibr(reader: LensValues, given: str = "distortion_coeffs") -> 
     leading = _LEADING[model]
     intrinsics = reader.read_numbers("intrinsics", leading + 4)
     own, (fx, fy, cx, cy) = intrinsics[:leading], intrinsics[leading:]
+    given = reader.find("distortion_coeffs", "distortion_coefficients") or "distortion_coeffs"
     coefficients = reader.read_numbers(given, count) if count else []
     if lens == "mei":
         own, coefficients = [0.0, *own], coefficients or [0.0] * 4  # no skew
@@ -118,18 +121,27 @@ def _format_list(values: list[float]) -> str:
     return "[" + ", ".join(f"{value:.16e}" for value in values) + "]"
 
 
-FORMAT = LensFormat(
-    "kalibr",
-    "Kalibr",
-    KEYED,
-    read_kalibr,
-    lambda file: is_camchain(file.values),
-    marks="cam0",
-    rank=20,
-    write=lambda camera, suffix: format_kalibr(camera),
-    names=(
-        "*camchain*.yaml",
-        "*camchain*.yml",
+FORMATS = (
+    LensFormat(
+        "kalibr",
+        "Kalibr",
+        KEYED,
+        read_kalibr,
+        lambda file: is_camchain(file.values),
+        marks="cam0",
+        rank=20,
+        write=lambda camera, suffix: format_kalibr(camera),
+        names=("*camchain*.yaml", "*camchain*.yml"),
+        models="double_sphere extended_unified fov kannala_brandt mei opencv4 opencv5 pinhole "
+        "unified",
     ),
-    models="double_sphere extended_unified fov kannala_brandt mei opencv4 opencv5 pinhole unified",
+    LensFormat(
+        "euroc",
+        "EuRoC",
+        KEYED,
+        lambda file, camera_id: camera_from_kalibr(LensValues(file.values, file.source, file.text)),
+        _is_euroc,
+        marks="camera_model and intrinsics",
+        rank=30,
+    ),
 )

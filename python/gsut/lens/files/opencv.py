@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import json
-from typing import Any
+import numpy as np
 
 from gsut.lens.camera import Camera
 from gsut.lens.files._format import KEYED, LensFile, LensFormat
@@ -139,40 +138,19 @@ def to_opencv(camera: Camera) -> tuple[dict[str, int | float], list[float], list
 
 def format_opencv(camera: Camera, suffix: str) -> str:
     """Formats a FileStorage file, as JSON for the suffix .json, else as YAML."""
+    import cv2  # here, because gsut --help needs none
+
     plain, matrix, coefficients = to_opencv(camera)
-    matrices = [("camera_matrix", 3, 3, matrix)]
+    is_json = suffix == ".json"
+    kind = cv2.FILE_STORAGE_FORMAT_JSON if is_json else cv2.FILE_STORAGE_FORMAT_YAML
+    flags = cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY | kind
+    storage = cv2.FileStorage("", flags)
+    for key, value in plain.items():
+        storage.write(key, value)
+    storage.write("camera_matrix", np.reshape(matrix, (3, 3)))
     if coefficients:
-        matrices.append(("distortion_coefficients", 1, len(coefficients), coefficients))
-    if suffix == ".json":
-        return json.dumps({**plain, **dict(map(_to_json_matrix, matrices))}, indent=4) + "\n"
-    lines = ["%YAML:1.0", "---"]
-    lines += [f"{key}: {value!r}" for key, value in plain.items()]
-    for row in matrices:
-        lines += _format_yaml_matrix(*row)
-    return "\n".join(lines) + "\n"
-
-
-def _format_yaml_matrix(name: str, rows: int, columns: int, values: list[float]) -> list[str]:
-    # 17 significant digits read back exactly; "%.16e" always has the dot that YAML 1.1 wants.
-    data = ", ".join(f"{value:.16e}" for value in values)
-    return [
-        f"{name}: !!opencv-matrix",
-        f"   rows: {rows}",
-        f"   cols: {columns}",
-        "   dt: d",
-        f"   data: [ {data} ]",
-    ]
-
-
-def _to_json_matrix(row: tuple[str, int, int, list[float]]) -> tuple[str, dict[str, Any]]:
-    name, rows, columns, data = row
-    return name, {
-        "type_id": "opencv-matrix",
-        "rows": rows,
-        "cols": columns,
-        "dt": "d",
-        "data": data,
-    }
+        storage.write("distortion_coefficients", np.reshape(coefficients, (1, -1)))
+    return storage.releaseAndGetString()
 
 
 FORMAT = LensFormat(

@@ -15,9 +15,7 @@ from gsut.run.options.fields import (
 )
 from gsut.run.options.flags import (
     add_option_flags,
-    add_rare_option,
     collect_given,
-    show_every_option,
 )
 from gsut.run.options.presets import (
     fit_to_views,
@@ -26,9 +24,9 @@ from gsut.run.options.presets import (
     raise_degree,
 )
 from gsut.run.options.primitives import FLAT_PRIMITIVES
-from gsut.run.options.recipe import PRESETS, compute_recipe
+from gsut.run.options.recipe import PRESETS, Recipe, make_recipe
 from gsut.run.options.scene import SceneOptions
-from gsut.run.options.train import AUTO, TrainOptions
+from gsut.run.options.train import AUTO, READOUTS, TrainOptions
 
 __all__ = [
     "AUTO",
@@ -36,14 +34,14 @@ __all__ = [
     "MOST_BLOCKS",
     "MOST_WHOLE",
     "PRESETS",
+    "READOUTS",
     "BlockOptions",
+    "Recipe",
     "SceneOptions",
     "TrainOptions",
     "add_option_flags",
-    "add_rare_option",
     "check_options",
     "collect_given",
-    "compute_recipe",
     "define_option",
     "describe_options",
     "fit_to_views",
@@ -54,7 +52,7 @@ __all__ = [
     "is_from_preset",
     "label_option",
     "list_choices",
+    "make_recipe",
     "parse_size",
     "raise_degree",
-    "show_every_option",
 ]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import ClassVar
 
 from gsut._core import InputError
 from gsut.run.options.fields import (
@@ -28,16 +27,10 @@ class BlockOptions:
         InputError: a value of the wrong kind or out of range.
     """
 
-    FLAGS: ClassVar[tuple[str, ...]] = ("blocks", "memory", "workers", "cluster")
-
     # fmt: off
     blocks: str = define_option(
         "auto", "Blocks", "train the scene in blocks, in less memory and on many machines: their "
         "number; auto: as few as --memory allows; or a layout.json (see docs/blocks.md)",
-    )
-    rounds: int = define_option(
-        2, "Blocks", "rounds of training; in the second one, a fifth of the steps, blocks see the "
-        "results of their neighbours", low=1, high=2,
     )
     memory: str | None = define_option(
         None, "Blocks", "memory that the training may use, such as 8GB; on a cluster: per node",

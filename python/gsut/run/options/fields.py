@@ -108,7 +108,7 @@ def format_flag(name: str) -> str:
 
 
 def label_option(options: Any, name: str) -> str:
-    """Returns how the command line names an option, for messages: --steps, or --set lr_means."""
+    """Returns how the command line names an option, for messages: --steps, or --set strategy."""
     return format_flag(name) if has_flag(options, name) else f"--set {name}"
 
 
@@ -184,30 +184,23 @@ def _check_value(label: str, value: Any, info: OptionInfo, kind: Any) -> Any:
             raise InputError(f"{label} must be one of {', '.join(info.choices)}, found {value!r}")
         return value
     plain = strip_none(kind)
+    needed = f"{label} must be {_describe_kind(plain, info)}, found"
     if typing.get_origin(plain) is tuple:
         entries = typing.get_args(plain)
         if not isinstance(value, (tuple, list)):
-            raise InputError(f"{label} must be {_describe_kind(plain, info)}, found {value!r}")
+            raise InputError(f"{needed} {value!r}")
         if entries[-1] is not Ellipsis and len(value) != len(entries):
-            raise InputError(
-                f"{label} must be {_describe_kind(plain, info)}, found {len(value)} values: "
-                f"{value!r}"
-            )
+            raise InputError(f"{needed} {len(value)} values: {value!r}")
         return tuple(_check_value(label, entry, info, entries[0]) for entry in value)
+    is_word = isinstance(value, str) and value != ""
+    if isinstance(value, bool) != (plain is bool) or (plain is str and not is_word):
+        raise InputError(f"{needed} {value!r}")
+    if plain in (bool, str):
+        return value
     try:
-        if plain is bool or isinstance(value, bool):
-            if plain is not bool or not isinstance(value, bool):
-                raise TypeError
-            return value
-        if plain is str:
-            if not isinstance(value, str) or not value:
-                raise TypeError
-            return value
         number = operator.index(value) if plain is int else float(value)
     except (TypeError, ValueError):
-        raise InputError(
-            f"{label} must be {_describe_kind(plain, info)}, found {value!r}"
-        ) from None
+        raise InputError(f"{needed} {value!r}") from None
     if plain is int and info.high is None:
         info = dataclasses.replace(info, high=MOST_WHOLE)
     if not info.is_in_range(number):

@@ -25,12 +25,8 @@ def check_rule(options: Any) -> None:
     if primitive not in OTHER_PRIMITIVES:
         return
     has_shape, *_ = _core.list_primitives()[primitive]
-    for flag, given, why in (
-        ("--surface", options.surface and has_shape, "normals have no gradient to its shapes"),
-        ("compact_at", options.compact_at is not None, "it merges what must be Gaussians"),
-    ):
-        if given:
-            raise InputError(
-                f"{flag} cannot be combined with --primitive {primitive}: {why}; leave one of the "
-                "two out"
-            )
+    if options.surface and has_shape:
+        raise InputError(
+            f"--surface cannot be combined with --primitive {primitive}: normals have no gradient "
+            "to its shapes; leave one of the two out"
+        )

@@ -1,7 +1,8 @@
-"""The values of training options that depend on the preset and on the number of steps."""
+"""What a training does that depends on the preset or on the number of steps."""
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 from typing import Any
@@ -35,10 +36,6 @@ _FEWEST_DENSIFICATIONS = 10
 # Fractions of the steps until which to train at 1/4 and at 1/2 of the resolution.
 _QUARTER_UNTIL = ((1000, 0.20), (2000, 0.15), (7000, 0.075))
 _HALF_UNTIL = ((1000, 0.45), (2000, 0.40), (7000, 0.20))
-# Fewest steps between measurements of the held-out PSNR: four views take as long as ten steps.
-_EVAL_EVERY_LEAST = 100
-# Fraction of the steps until which the number of Gaussians grows; the rest refines them.
-_GROW_UNTIL = 0.5
 # MCMC noise explores, which only pays in runs of at least this many steps.
 _NOISE_FROM_STEPS = 1500
 # All harmonics are in use after this fraction of the steps.
@@ -47,21 +44,53 @@ _SH_WITHIN = 0.6
 _SH_EVERY_MOST = 1000
 
 
-def compute_recipe(steps: int, sh_degree: int) -> dict[str, Any]:
-    """Returns the options that depend on the number of steps, for those that are not given."""
+@dataclasses.dataclass(frozen=True)
+class Recipe:
+    """What a training of a number of steps does and no option sets.
+
+    Rates are those of the first step; each falls by its factor until the last one.
+
+    Attributes:
+        coarse_to_fine: fractions of the steps until which to train at 1/4 and at 1/2 of the size.
+        densify_every: steps between densifications.
+        sh_every: steps between two degrees of harmonics.
+        noise: whether MCMC adds noise to the centres.
+        regularizer: weights of the mean opacity and of the mean scale in the loss (MCMC).
+        lr_means: of the centres, x scene extent; `lr_means_final_factor` is their factor.
+        lr_scales, lr_quats, lr_opacity, lr_sh0, lr_sh_rest, lr_shapes: of the logarithms of scales,
+            rotations, opacity logits, base colour, other harmonics, and shapes of primitives;
+            `lr_final_factor` is the factor of them all.
+    """
+
+    coarse_to_fine: tuple[float, float]
+    densify_every: int
+    sh_every: int
+    noise: bool
+    lr_means: float
+    lr_scales: float
+    lr_sh_rest: float
+    lr_final_factor: float
+    lr_quats: float = 4e-3  # 4 x published
+    lr_opacity: float = 0.1  # 2 x published
+    lr_sh0: float = 7e-3  # 3 x published
+    lr_shapes: float = 2e-2
+    lr_means_final_factor: float = 0.01  # published
+    regularizer: float = 0.01  # published (MCMC)
+
+
+def make_recipe(steps: int, sh_degree: int) -> Recipe:
+    """Makes the recipe of a training with a number of steps and a degree of harmonics."""
     densify_every = round(_interpolate(steps, _DENSIFY_EVERY))
-    return {
-        "eval_every": max(steps // 10, min(steps, _EVAL_EVERY_LEAST)),
-        "lr_means": _clamp(_interpolate(steps, _MEANS_LR_TIMES_STEPS) / steps, _MEANS_LR_RANGE),
-        "lr_scales": _interpolate(steps, _SCALES_LR),
-        "lr_sh_rest": _clamp(_SH_REST_LR_TIMES_STEPS / steps, _SH_REST_LR_RANGE),
-        "lr_final_factor": _interpolate(steps, _LR_FINAL_FACTOR),
-        "sh_every": max(1, min(_SH_EVERY_MOST, round(_SH_WITHIN * steps / (sh_degree + 1)))),
-        "densify_every": max(1, min(densify_every, steps // _FEWEST_DENSIFICATIONS)),
-        "noise": steps >= _NOISE_FROM_STEPS,
-        "grow_until": _GROW_UNTIL,
-        "coarse_to_fine": (_interpolate(steps, _QUARTER_UNTIL), _interpolate(steps, _HALF_UNTIL)),
-    }
+    return Recipe(
+        coarse_to_fine=(_interpolate(steps, _QUARTER_UNTIL), _interpolate(steps, _HALF_UNTIL)),
+        densify_every=max(1, min(densify_every, steps // _FEWEST_DENSIFICATIONS)),
+        sh_every=max(1, min(_SH_EVERY_MOST, round(_SH_WITHIN * steps / (sh_degree + 1)))),
+        noise=steps >= _NOISE_FROM_STEPS,
+        lr_means=_clamp(_interpolate(steps, _MEANS_LR_TIMES_STEPS) / steps, _MEANS_LR_RANGE),
+        lr_scales=_interpolate(steps, _SCALES_LR),
+        lr_sh_rest=_clamp(_SH_REST_LR_TIMES_STEPS / steps, _SH_REST_LR_RANGE),
+        lr_final_factor=_interpolate(steps, _LR_FINAL_FACTOR),
+    )
 
 
 def get_preset(preset: str | None) -> dict[str, Any]:

@@ -1,16 +1,12 @@
-"""Reports progress, notes and expected times while poses are estimated."""
+"""Reports progress, notes and stages while poses are estimated."""
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
 
-from gsut import _core
 from gsut.run import Stopwatch
 from gsut.sfm.photographs import OnProgress
 from gsut.sfm.solution import OnStep, Solution
-from gsut.time_left import PosesWork
 
 # Returns poses and points so far; valid during the call that it is given to.
 Look = Callable[[], Solution]
@@ -25,8 +21,7 @@ class PosesLog:
     Args:
         on_progress: called with (stage, done, total, text); `done` never falls within a stage.
         on_note: called with each note as it arises.
-        on_expected: called with the expected seconds of the stages, in order, at first and
-            whenever more is known.
+        on_expected: called with the names of the stages, in order.
         on_poses: called with a `Look` whenever poses and points have changed.
     """
 
@@ -34,15 +29,13 @@ class PosesLog:
         self,
         on_progress: OnProgress | None = None,
         on_note: Callable[[str], None] | None = None,
-        on_expected: Callable[[dict[str, float]], None] | None = None,
+        on_expected: Callable[[Sequence[str]], None] | None = None,
         on_poses: Callable[[Look], None] | None = None,
     ) -> None:
         self.notes: list[str] = []
         self.watch = Stopwatch()
         self._on_progress, self._on_note, self._on_expected = on_progress, on_note, on_expected
         self._on_poses = on_poses
-        self._work: PosesWork | None = None
-        self._threads = 1
         self._most: dict[str, int] = {}
 
     def note(self, *texts: str) -> None:
@@ -58,17 +51,10 @@ class PosesLog:
         if self._on_progress is not None:
             self._on_progress(stage, self._most[stage], total, text)
 
-    def expect(self, work: PosesWork, threads: int) -> None:
-        """Reports the seconds that the stages will take on this number of threads; 0: all."""
-        self._work, self._threads = work, threads or _core.num_threads()
-        self.update_work()
-
-    def update_work(self, **known: Any) -> None:
-        """Reports the expected seconds again, now that these fields of the work are known."""
-        if self._work is not None:
-            self._work = dataclasses.replace(self._work, **known)
-            if self._on_expected is not None:
-                self._on_expected(self._work.predict_seconds(self._threads))
+    def expect(self, stages: Sequence[str]) -> None:
+        """Reports the stages that will follow."""
+        if self._on_expected is not None:
+            self._on_expected(stages)
 
     def follow_pairs(self, stage: str) -> Callable[[int, int], None]:
         """Returns a function that reports pairs done as the progress of a stage."""

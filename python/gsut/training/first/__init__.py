@@ -1,17 +1,19 @@
 """What training decides before its first step: images, size of the model, first Gaussians."""
 
-from gsut.training.first.complexity import choose_complexity, choose_degree, limit_gaussians
+from gsut.training.first.complexity import choose_complexity, choose_degree
 from gsut.training.first.gains import find_first_gains
 from gsut.training.first.gains_in_time import interpolate_gains
 from gsut.training.first.preparation import (
     center_on_cameras,
     describe_resizing,
     find_plain_background,
-    leave_out_blurred,
     prepare_scene,
     refine_first_poses,
 )
-from gsut.training.first.seeding import choose_first_gaussians, seed_first
+from gsut.training.first.seeding import (
+    choose_first_gaussians,
+    seed_first,
+)
 
 __all__ = [
     "center_on_cameras",
@@ -22,8 +24,6 @@ __all__ = [
     "find_first_gains",
     "find_plain_background",
     "interpolate_gains",
-    "leave_out_blurred",
-    "limit_gaussians",
     "prepare_scene",
     "refine_first_poses",
     "seed_first",

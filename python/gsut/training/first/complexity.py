@@ -111,7 +111,7 @@ def choose_degree(scene: Scene, options: TrainOptions) -> TrainOptions:
 
     Args:
         scene: as it is trained on.
-        options: not resolved.
+        options: of the run.
     """
     if not is_from_preset(options, "sh_degree"):
         return options
@@ -141,12 +141,6 @@ def _bound_number(scene: Scene, given: Complexity) -> Complexity:
         rule = f"{_PER_VIEW:,} each" if number == by_views else f"one for {_PIXELS_EACH} pixels"
         because = f"{rule}: more would only memorize them"
     return dataclasses.replace(given, max_gaussians=number, because=because, fewer=number < most)
-
-
-def limit_gaussians(options: TrainOptions, most: int) -> TrainOptions:
-    """Returns the options of a run of at most `most` Gaussians."""
-    first = min(options.init_count, most) if options.init_count else None
-    return dataclasses.replace(options, max_gaussians=most, init_count=first)
 
 
 def _count_pixels(scene: Scene, enough: int) -> int:

@@ -1,29 +1,20 @@
-"""Prepares a scene for training: size of its images, sharp photographs, background, poses."""
+"""Prepares a scene for training: size of its images, background, poses."""
 
 from __future__ import annotations
 
-import re
-
 import numpy as np
 
-from gsut.data import Scene, list_some
+from gsut.data import Scene
 from gsut.data.scene import with_shutter
 from gsut.gaussians import Gaussians
 from gsut.refine import TracksResult, check_refinable, refine_by_tracks
 from gsut.run import Progress, TrainOptions
+from gsut.run.options import READOUTS
 
 # Photographs whose edges decide on a plain background, spread evenly: reading all takes longer.
 _EDGE_PHOTOGRAPHS = 8
 # Grey levels by which pixels of one colour may differ: rounding and light compression.
 _SAME_COLOR = 2
-# A photograph is blurred if its edges have less than this share of its neighbours' contrast.
-_BLURRED_SHARE = 0.7
-# Photographs on either side that a photograph is compared with: they show much the same.
-_NEIGHBOURS = 3
-# Percent of the pixels, those with the steepest slopes, that count as edges.
-_EDGE_PERCENT = 25
-# Pixels, standard deviation of the smoothing that keeps noise from passing for edges.
-_SMOOTHING = 0.8
 
 
 def prepare_scene(scene: Scene, options: TrainOptions) -> Scene:
@@ -35,7 +26,9 @@ def prepare_scene(scene: Scene, options: TrainOptions) -> Scene:
         most = max(max(c.width, c.height) for c in scene.cameras)
         small = scene.scale_images(o.max_side / most, decodes_small=True)
         small = small.replace(notes=(*small.notes, note))
-    return with_shutter(small, o.shutter, o.readout_time, o.readout_direction)
+    if o.shutter in READOUTS:
+        return with_shutter(small, "rolling", o.readout_time, o.shutter)
+    return with_shutter(small, o.shutter, o.readout_time, "top_to_bottom")
 
 
 def describe_resizing(scene: Scene, options: TrainOptions) -> str | None:
@@ -49,41 +42,6 @@ def describe_resizing(scene: Scene, options: TrainOptions) -> str | None:
         f"the photographs of {width} x {height} are used at {round(factor * width)} x "
         f"{round(factor * height)} (--max-side {options.max_side}; 0: as large as they are)"
     )
-
-
-def leave_out_blurred(scene: Scene, options: TrainOptions) -> Scene:
-    """Removes blurred photographs from the training views if `drop_blurred` is set."""
-    if not options.drop_blurred:
-        return scene
-    order = sorted(scene.train_indices, key=lambda index: _order_in_time(scene.views[index].name))
-    sharp = np.array([_measure_edge_contrast(scene, index) for index in order])
-    blurred = set()
-    for place, index in enumerate(order):
-        around = sharp[max(0, place - _NEIGHBOURS) : place + _NEIGHBOURS + 1]
-        if sharp[place] < _BLURRED_SHARE * np.median(around):
-            blurred.add(index)
-    names = [scene.views[index].name for index in sorted(blurred)]
-    note = f"{len(names)} blurred photographs are left out: {list_some(names)}"
-    kept = [index for index in scene.train_indices if index not in blurred]
-    return scene.replace(train_indices=kept, notes=(*scene.notes, note)) if names else scene
-
-
-def _order_in_time(name: str) -> tuple[str, int, str]:
-    """Returns a sort key: the camera's folder, then the number that ends the name, if any."""
-    folder, _, last = name.rpartition("/")
-    digits = re.search(r"(\d+)\D*$", last)
-    return folder, int(digits[1]) if digits else 0, last
-
-
-def _measure_edge_contrast(scene: Scene, index: int) -> float:
-    """Returns the slope of a photograph's edges in grey levels per pixel."""
-    import cv2
-
-    grey = cv2.cvtColor(scene.image(index), cv2.COLOR_RGB2GRAY).astype(np.float32)
-    smooth = cv2.GaussianBlur(grey, (0, 0), _SMOOTHING)
-    slopes = np.hypot(cv2.Sobel(smooth, cv2.CV_32F, 1, 0), cv2.Sobel(smooth, cv2.CV_32F, 0, 1))
-    shown = slopes[scene.mask(index)]
-    return float(np.percentile(shown, 100 - _EDGE_PERCENT)) if len(shown) else 0.0
 
 
 def find_plain_background(scene: Scene) -> tuple[float, float, float] | None:
@@ -132,7 +90,7 @@ def refine_first_poses(scene: Scene, options: TrainOptions, progress: bool) -> T
     Returns:
         The refined poses and how they were found; None if not requested.
     """
-    if not (options.refine_poses and options.refine_tracks):
+    if not options.refine_poses:
         return None
     check_refinable(scene, options)
     with Progress(progress) as bar:

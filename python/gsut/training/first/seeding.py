@@ -47,7 +47,7 @@ def choose_first_gaussians(scene: Scene, options: TrainOptions) -> tuple[Gaussia
 
     Args:
         scene: as it is trained on.
-        options: resolved.
+        options: of the run.
 
     Returns:
         The Gaussians, and notes on those that come from photographs alone.
@@ -68,9 +68,9 @@ def _find_points_to_seed(scene: Scene, options: TrainOptions, sky: int) -> Color
     """Finds points by stereo if the options leave the first Gaussians open and the dataset's points
     cover too little."""
     o, given = options, len(scene.points)
-    if o.init != "auto" or (o.init_count is not None and given):
+    if o.init != "auto":
         return None
-    most = min(o.init_count or _STEREO_COUNT, round(_STEREO_SHARE * o.max_gaussians))
+    most = min(_STEREO_COUNT, round(_STEREO_SHARE * o.max_gaussians))
     count = min(most - _STEREO_PER_POINT * given, o.max_gaussians - given - sky)
     if count <= 0 or measure_coverage(scene) >= _COVERED:
         return None
@@ -80,7 +80,7 @@ def _find_points_to_seed(scene: Scene, options: TrainOptions, sky: int) -> Color
 def _find_sky_to_seed(scene: Scene, options: TrainOptions) -> Colored | None:
     """Finds a sky if the options leave the first Gaussians open and there is room for it."""
     o = options
-    if not _is_on_points(scene, o) or o.init_count is not None or o.background is not None:
+    if o.init != "auto" or not len(scene.points) or o.background is not None:
         return None
     sky = find_sky(scene)
     if sky is None or min(len(scene.points), o.max_gaussians) + len(sky[0]) > o.max_gaussians:
@@ -97,19 +97,14 @@ def seed_first(scene: Scene, options: TrainOptions, more: Sequence[Colored] = ()
 
     Args:
         scene: as it is trained on.
-        options: resolved.
+        options: of the run.
         more: points and colours beside the scene's, see `find_sky` and `find_points_by_stereo`.
 
     Raises:
         InputError: `init` is "points" and the scene has none.
     """
     o = options
-    shape: dict[str, Any] = {
-        "sh_degree": o.sh_degree,
-        "scale_factor": o.init_scale,
-        "opacity": o.init_opacity,
-        "seed": o.seed,
-    }
+    shape: dict[str, Any] = {"sh_degree": o.sh_degree, "seed": o.seed}
     if o.init == "points" and len(scene.points) == 0:
         raise InputError(f"{scene.path} has no points to start from; use --set init=random")
     if more or _is_on_points(scene, o):
@@ -117,7 +112,7 @@ def seed_first(scene: Scene, options: TrainOptions, more: Sequence[Colored] = ()
     else:
         first = seed_in_view(
             [scene.camera(i) for i in scene.train_indices], scene.poses(scene.train_indices),
-            min(o.init_count or _RANDOM_COUNT, o.max_gaussians), near=_RANDOM_NEAR * scene.extent,
+            min(_RANDOM_COUNT, o.max_gaussians), near=_RANDOM_NEAR * scene.extent,
             far=_RANDOM_FAR * scene.extent, **shape,
         )  # fmt: skip
     first = dataclasses.replace(first, response=o.response, order=o.order)
@@ -128,7 +123,7 @@ def seed_first(scene: Scene, options: TrainOptions, more: Sequence[Colored] = ()
 
 def _choose_colored_points(scene: Scene, options: TrainOptions, more: Sequence[Colored]) -> Colored:
     """Joins the scene's points, drawn if they exceed the most Gaussians, with `more`."""
-    most = min(options.init_count or len(scene.points), options.max_gaussians)
+    most = min(len(scene.points), options.max_gaussians)
     rows = choose_points(len(scene.points), most, options.seed)
     points, colors = scene.points[rows], scene.point_colors[rows]
     if len(points) and not has_colors(scene):

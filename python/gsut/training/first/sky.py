@@ -106,7 +106,7 @@ def describe_sky(count: int) -> str:
     return (
         f"{count} of the first Gaussians are a sky, {_FAR:g} times as far as the points: there the "
         "photographs show no points, but colours that agree when they are taken for far away "
-        "(--set init_count leaves it out)."
+        "(--set init=points leaves it out)."
     )
 
 

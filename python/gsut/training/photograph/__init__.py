@@ -1,9 +1,7 @@
-"""How a photograph came to be: exposure, white balance, falloff of the lens, motion blur,
-passers-by."""
+"""How a photograph came to be: exposure, white balance, falloff of the lens, passers-by."""
 
-from gsut.training.photograph.motion_blur import BlurRenderer, Exposure
 from gsut.training.photograph.movers import Movers
 from gsut.training.photograph.outliers import Outliers
 from gsut.training.photograph.photograph_model import GAINS_DIFFER, PhotographModel
 
-__all__ = ["GAINS_DIFFER", "BlurRenderer", "Exposure", "Movers", "Outliers", "PhotographModel"]
+__all__ = ["GAINS_DIFFER", "Movers", "Outliers", "PhotographModel"]

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 from gsut import _core
-from gsut.gaussians import pack_harmonics
 from gsut.render import Light, render
 
 # Longest side in pixels at which photographs are compared: enough for what spoils a picture.
@@ -95,11 +94,11 @@ class Movers:
         """
         side = max(max(camera.width, camera.height) for camera in scene.cameras)
         small = scene.scale_images(min(1.0, _SIDE / side), keep_larger=True)
-        packed, looks = pack_harmonics(gaussians), dict[int, _Look]()
+        looks = dict[int, _Look]()
 
         def look_at(index: int) -> _Look:
             if index not in looks:
-                looks[index] = _look(packed, small, index, light)
+                looks[index] = _look(gaussians, small, index, light)
             return looks[index]
 
         train = np.array(small.train_indices, np.int64)

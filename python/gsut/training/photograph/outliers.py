@@ -24,7 +24,7 @@ class Outliers:
     """Finds what moved while photographs were taken, and keeps it out of the loss.
 
     Args:
-        options: resolved; `movers` and `robust` decide what is left out.
+        options: of the run; with `robust` what differs is left out, too.
         is_new: whether the Gaussians start from nothing; others may show movers already.
 
     Attributes:
@@ -33,8 +33,7 @@ class Outliers:
 
     def __init__(self, options: TrainOptions, is_new: bool) -> None:
         self._robust_from = _ROBUST_FROM * options.steps if options.robust else None
-        looks = options.movers == "auto" and is_new
-        self._movers_at = round(_MOVERS_AT * options.steps) if looks else None
+        self._movers_at = round(_MOVERS_AT * options.steps) if is_new else None
         self.movers = Movers()
 
     def observe(

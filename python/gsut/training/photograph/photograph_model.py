@@ -81,7 +81,7 @@ class PhotographModel:
 
     Args:
         scene: at any resolution.
-        options: resolved; `exposure` decides whether the model is used.
+        options: `exposure` decides whether the model is used.
         light: what an earlier run has found; None: nothing is known.
     """
 

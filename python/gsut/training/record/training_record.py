@@ -14,21 +14,18 @@ from gsut.data import Scene
 from gsut.data.scene import digest_scene
 from gsut.evaluate import mean_psnr
 from gsut.files import reading
-from gsut.page import format_duration
 from gsut.run import Progress, RunFile, RunFolder, TrainOptions, describe_environment
-from gsut.time_left import Pace
 from gsut.training.loop import TrainingLoop
 from gsut.training.record.held_interrupts import HeldInterrupts
 from gsut.training.record.results import write_unfinished
-from gsut.training.time_left import (
-    CURVE_VIEWS,
-    measure_megapixels,
-    measure_pace,
-    track_training,
-)
+from gsut.training.time_left import Pace
 
 # Approximate number of rows of the history: the points that a plot can show.
 _MOST_ROWS = 200
+# Held-out views that are measured during a training: enough to see its course.
+_CURVE_VIEWS = 4
+# Fewest steps between measurements of the held-out PSNR: four views take as long as ten steps.
+_EVAL_EVERY_LEAST = 100
 # Seconds after which a checkpoint is due, whatever the step: the most that an interruption costs.
 _CHECKPOINT_SECONDS = 60.0
 
@@ -38,7 +35,7 @@ class TrainingRecord:
 
     Args:
         out: the folder; None: no files.
-        options: resolved.
+        options: of the run.
         scene: the dataset.
         resume: continue the run that the folder holds.
         progress: True shows a bar; a function receives each row of the history, with
@@ -79,7 +76,7 @@ class TrainingRecord:
             self.run = RunFolder.create(out, options, resume=resume, environment=environment)
             found = self.run.load_checkpoint() if resume else None
             self.checkpoint = None if found is None else found[1]
-            self.history = self.run.read_history()
+            self.history = self.run.history.read()
 
     def note(self, text: str) -> None:
         """Prints a line above the bar."""
@@ -92,27 +89,24 @@ class TrainingRecord:
         if self.checkpoint is not None:
             with reading(self._explain_checkpoint):
                 loop.load_state_dict(self.checkpoint)
-        self._time = track_training(
-            loop.options, len(loop.gaussians), measure_megapixels(loop.scene),
-            len(loop.scene.test_indices), loop.step, num_threads(),
-            measure_pace() if self._progress else 1.0,
-        )  # fmt: skip
-        self._announce(loop, self._time.predict_left(loop.step))
+        o = loop.options
+        self._time = Pace(loop.recipe, o.steps, len(loop.gaussians), o.max_gaussians, loop.step)
+        self._announce(loop)
         with self._bar, self._interrupts.hold():
             yield
         self._save(loop)
         if self.run is not None:  # evaluation may be interrupted
             write_unfinished(self.run, loop)
 
-    def _announce(self, loop: TrainingLoop, seconds: float) -> None:
-        """Says how much a training has to do, and about how long it will take."""
+    def _announce(self, loop: TrainingLoop) -> None:
+        """Says how much a training has to do."""
         o, threads = self._options, num_threads()
         sizes = {(camera.width, camera.height) for camera in loop.scene.cameras}
         size = " x ".join(map(str, max(sizes))) if sizes else "no size"
         self.note(
             f"{o.steps - loop.step:,} steps of {size} pixels with up to "
-            f"{loop.options.max_gaussians:,} Gaussians: about {format_duration(seconds)} on "
-            f"{threads} processor{'s' if threads > 1 else ''}"
+            f"{loop.options.max_gaussians:,} Gaussians on {threads} "
+            f"processor{'s' if threads > 1 else ''}"
         )
 
     def _explain_checkpoint(self, what: str) -> InputError:
@@ -148,12 +142,12 @@ class TrainingRecord:
         """Does what `add` does but for `watch`; returns the row, {} between rows."""
         row = self._make_row(loop, loss)
         steps, count = self._options.steps, len(loop.gaussians)
-        left = None if self._time is None else self._time.predict_left(loop.step)
+        left = None if self._time is None else self._time.estimate_left(loop.step)
         self._bar.show_step(loop.step, steps, loss, count, row.get("psnr"), left)
         if row:
             self.history.append(row)
             if self.run is not None:
-                self.run.append_history(row)
+                self.run.history.append(row)
             if callable(self._progress):
                 self._progress({**row, "seconds_left": left})
         every = self._options.checkpoint_every
@@ -166,7 +160,7 @@ class TrainingRecord:
     def _make_row(self, loop: TrainingLoop, loss: float) -> dict[str, Any]:
         """Returns the row of this step, with the held-out PSNR if it is due; empty between rows."""
         o, step = self._options, loop.step
-        measure = step == o.steps or (o.eval_every and step % o.eval_every == 0)
+        measure = step == o.steps or step % max(_EVAL_EVERY_LEAST, o.steps // 10) == 0
         if not (measure or step % max(1, o.steps // _MOST_ROWS) == 0):
             return {}
         row = {
@@ -178,10 +172,10 @@ class TrainingRecord:
         }
         test = loop.scene.test_indices
         if measure and test:
-            chosen = test[:: math.ceil(len(test) / CURVE_VIEWS)]
+            chosen = test[:: math.ceil(len(test) / _CURVE_VIEWS)]
             light = loop.photographs.find_light()
             row["psnr"] = mean_psnr(
-                loop.scene, loop.make_result(), chosen, o.background, loop.renderer, light
+                loop.scene, loop.make_result(), chosen, o.background, loop.drawing.renderer, light
             )
         return row
 

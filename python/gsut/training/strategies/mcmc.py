@@ -28,20 +28,17 @@ class Strategy(Densification):
 
     def add_gradients(self, optimizer: Any, gradients: Any) -> None:
         """Adds the gradients of the regularizers, which make unneeded Gaussians die."""
-        o = self.options
-        optimizer.add_regularizer(gradients, o.opacity_regularizer, o.scale_regularizer)
+        optimizer.add_regularizer(gradients, self.recipe.regularizer, self.recipe.regularizer)
 
     def explore(self, optimizer: Any, rate_means: float) -> None:
         """Adds noise to the centres of nearly transparent Gaussians."""
-        if self.options.noise:
+        if self.recipe.noise:
             optimizer.add_noise(rate_means)
 
     def densify(self, optimizer: GaussianOptimizer, now: DensificationStep) -> GaussianOptimizer:
         """Relocates dead Gaussians and adds the number that the schedule requires."""
-        size = optimizer.size
-        if not now.full_grown:
-            size = compute_target_size(self.options, self.first_count, now.fraction)
-        densify_mcmc(optimizer, size, dead_opacity=self.options.dead_opacity)
+        most = self.options.max_gaussians
+        densify_mcmc(optimizer, compute_target_size(most, self.first_count, now.fraction))
         _limit_sizes(optimizer.gaussians, now)
         return optimizer
 

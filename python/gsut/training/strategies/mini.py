@@ -71,7 +71,7 @@ def reinitialize(
         colors.append(scene.image(index).reshape(-1, 3)[pixels])
     return seed_from_points(
         np.concatenate(points), np.concatenate(colors), sh_degree=options.sh_degree,
-        scale_factor=options.init_scale, opacity=options.init_opacity, seed=options.seed,
+        seed=options.seed,
     )  # fmt: skip
 
 
@@ -125,7 +125,6 @@ class Strategy(Densification):
         densify_adaptive(
             optimizer,
             clone_scale=_CLONE_SCALE * now.extent,
-            prune_opacity=o.dead_opacity,
             max_gaussians=most,
         )
         views = scene.train_indices
@@ -137,5 +136,4 @@ class Strategy(Densification):
 
     def _is_due(self, fraction: float, step: int) -> bool:
         """Returns whether this fraction of the steps has passed since the last densification."""
-        o = self.options
-        return step - o.densify_every < math.ceil(fraction * o.steps) <= step
+        return step - self.recipe.densify_every < math.ceil(fraction * self.options.steps) <= step

@@ -1,7 +1,6 @@
 """Further training of a finished run: fine-tuning, compaction, and tuning for other viewers."""
 
 from gsut.training.tuning.compact_run import (
-    FROM_START,
     CompactOptions,
     RunCompactor,
     count_for_bytes,
@@ -11,7 +10,6 @@ from gsut.training.tuning.finetuning import finetune, finetune_options
 from gsut.training.tuning.for_viewers import VIEWER_STEPS, tune_for_viewers
 
 __all__ = [
-    "FROM_START",
     "VIEWER_STEPS",
     "CompactOptions",
     "RunCompactor",

@@ -8,6 +8,7 @@ from typing import Any
 
 from gsut import _core
 from gsut.data import Scene
+from gsut.gaussians import Gaussians
 from gsut.render import Light
 from gsut.run import TrainOptions
 from gsut.training.loop import TrainingLoop
@@ -36,45 +37,40 @@ def finetune_options(options: TrainOptions, steps: int, count: int) -> TrainOpti
     return dataclasses.replace(
         options,
         steps=steps,
-        max_gaussians=max(count, options.init_count or 1),
-        eval_every=0,
+        max_gaussians=count,
         checkpoint_every=0,
-        coarse_to_fine=(0.0, 0.0),
-        densify_every=steps + 1,  # never
-        noise=False,
-        sh_every=1,
-        compact_at=None,
         refine_poses=False,  # read_trained gives the poses that the run has refined
         refine_lens=False,
-        opacity_regularizer=0.0,
-        scale_regularizer=0.0,
-        **_RATES,
-    ).resolve()
+    )
 
 
 def finetune(
     scene: Scene,
-    gaussians: Any,
+    gaussians: Gaussians,
     options: TrainOptions,
     on_step: Callable[[TrainingLoop, float], object] = lambda loop, loss: None,
     light: Light | None = None,
-) -> tuple[Any, float]:
+) -> tuple[Gaussians, float]:
     """Trains Gaussians on with fresh Adam moments; their number stays.
 
     Args:
         scene: at the resolution to train at.
-        gaussians: the start; in `MixedGaussians` each keeps its degree of harmonics.
+        gaussians: the start.
         options: from `finetune_options`.
         on_step: called after each step with the loop and the step's loss.
         light: of the photographs, if the run has found it.
 
     Returns:
-        The Gaussians, of the same kind, and the seconds of the steps. The bits do not depend on the
+        The Gaussians and the seconds of the steps. The bits do not depend on the
         number of threads.
     """
     _core.set_num_threads(options.threads)
     options = dataclasses.replace(options, exposure="off" if light is None else "on")
-    loop = TrainingLoop(scene, options, gaussians, light=light)
+    recipe = dataclasses.replace(
+        options.recipe, coarse_to_fine=(0.0, 0.0), densify_every=options.steps + 1,  # never
+        noise=False, sh_every=1, regularizer=0.0, **_RATES,
+    )  # fmt: skip
+    loop = TrainingLoop(scene, options, gaussians, light=light, recipe=recipe)
     while loop.step < options.steps:
         on_step(loop, loop.advance())
     return loop.make_result().copy(), loop.seconds
