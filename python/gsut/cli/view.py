@@ -69,8 +69,8 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"gsut: note: {note}", file=sys.stderr)
     told = sys.stderr if arguments.json else sys.stdout
     with (
-        open_server(Session(stage).routes, arguments.serve, told) as server,
         contextlib.suppress(KeyboardInterrupt),
+        open_server(Session(stage).routes, arguments.serve, told) as server,
     ):
         if arguments.json:
             print_json({"address": server.address})
