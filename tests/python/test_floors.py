@@ -13,7 +13,7 @@ lint_imports = pytest.importorskip("importlinter.cli").lint_imports
 ROOT = Path(__file__).resolve().parents[2]
 MAX_DOOR, MAX_DOORS = 30, 278  # names in a folder's __all__; in those of floors together
 LIBRARIES = {
-    *("av", "cv2", "jinja2", "matplotlib", "numpy", "PIL", "simplejpeg", "tqdm", "yaml"),
+    *("av", "cv2", "jinja2", "numpy", "PIL", "simplejpeg", "tqdm", "yaml"),
     # Optional: fewer faces, photographs, USD, SPZ, clusters, ROS bags.
     *("fast_simplification", "pillow_heif", "rawpy", "pxr", "zstandard", "ray", "rosbags"),
 }

@@ -42,16 +42,17 @@ def made(tmp_path_factory):
     gsut.save_camera(gsut.Camera("pinhole", [300.0, 300.0, 160.0, 120.0], 320, 240), lens)
     words = ["scene", str(video), "--camera", str(lens), *WORDS]
 
-    def announce(address, *_):
+    def open_page(address):
         SEEN["address"], (SEEN["first"],) = address, ask_page(address, "scene")
 
     def wait_for_end():
         SEEN["last"], SEEN["made"] = ask_page(SEEN["address"], "scene", "making")
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("gsut.cli.view.announce", announce)
+        patch.setattr("gsut.cli.view.has_display", lambda: True)
+        patch.setattr("webbrowser.open", open_page)
         patch.setattr("gsut.cli.view.wait_for_end", wait_for_end)
-        assert main([*words, "-o", str(folder / "run"), "--quiet", "--view", "--no-open"]) == 0
+        assert main([*words, "-o", str(folder / "run"), "--quiet", "--view"]) == 0
     return folder, words
 
 
