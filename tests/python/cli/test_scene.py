@@ -212,6 +212,7 @@ def test_killed_at_any_stage_it_ends_with_the_same_bits(made, tmp_path):
     assert all((run / n).read_bytes() == (folder / "run" / n).read_bytes() for n in names)
 
 
+@pytest.mark.slow
 def test_scene_called_from_python_resumes_after_interrupts(tmp_path):
     video, pictures = cv2.VideoCapture(str(walk_past(tmp_path / "walk.mp4"))), tmp_path / "pictures"
     pictures.mkdir()
