@@ -46,6 +46,7 @@ GEODETIC_METRES = 0.005  # metres at 111 m: the earth's curve is 1 mm there; wor
 SFM_READOUT_SHORT = 0.03  # share, a time from noisy flow with its reliability
 SFM_TOLD_APART_ATE_PERCENT = 0.1  # one of two rooms alike; worst observed 0
 SEVERAL_LENSES_FOCAL = 0.0018  # relative, of two cameras of 14 images each, 0.1 px; worst 0.00089
+SEVERAL_LENSES_FEW_FOCAL = 0.012  # of two images, which leave higher coefficients at 0; worst 0.006
 SEVERAL_LENSES_ATE_PERCENT = 0.11  # of the path, in the same scenes; worst 0.059
 FOCAL_SIGMAS = 3.0  # standard deviations of a focal length that its error stays within; worst 0.84
 HALVES_FACTOR = (

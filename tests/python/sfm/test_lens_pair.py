@@ -42,7 +42,7 @@ class Pair:
             self.mapping.images.with_lens(lens(FRONT)), self.scene.pairs, PosesOptions(),
             adjustment=Adjustment(FLAGS),
         )  # fmt: skip
-        self.mapping.solution = self.alone
+        self.mapping = self.mapping.replace(solution=self.alone)
 
     def find(self, **changes):
         mapping = dataclasses.replace(self.mapping, **changes)

@@ -1,4 +1,6 @@
-"""Four 220-degree fisheyes on a body: from OCamCalib's files to poses in metres."""
+"""Four 220-degree fisheyes on a body: from OCamCalib's files to poses, training and depth."""
+
+import json
 
 import numpy as np
 import pytest
@@ -86,3 +88,18 @@ def test_poses_of_all_images_come_out_in_metres(truth, poses):
     assert errors.metric_ate < tolerances.AROUND_METRES
     lenses = {gsut.load_dataset(poses).camera(row).model for row in range(4 * FRAMES)}
     assert lenses == {"ocam"}
+
+
+@pytest.mark.slow
+def test_training_on_them_tells_depth_beyond_ninety_degrees(truth, poses, tmp_path, capsys):
+    run = tmp_path / "run"
+    words = ["train", str(poses), "-o", str(run), "--preset", "fast", "--steps", "100", "--quiet"]
+    assert main([*words, "--max-gaussians", "3000"]) == 0
+    capsys.readouterr()
+    assert main(["eval", str(run), "--geometry", str(truth / "depth"), "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)["geometry"]["depth"]["expected"]
+    wide = found["rings"][-1]
+    print(found["abs_rel_median"], found["coverage"], wide)
+    assert found["coverage"] > tolerances.AROUND_COVERED
+    assert wide["from_degrees"] >= 80 and wide["pixels"] > 1000
+    assert found["abs_rel_median"] < tolerances.AROUND_DEPTH

@@ -114,6 +114,7 @@ def test_poses_with_a_disturbed_rig_refine_it(demo, tmp_path):
     assert np.degrees(max(turns)) < 0.2 * 0.5
 
 
+@pytest.mark.slow
 def test_poses_with_a_rig_estimates_the_lens_that_it_does_not_name(demo, tmp_path):
     values = json.loads((demo / "rig_hall" / "rig.json").read_text())
     left, right = values["cameras"].values()
@@ -165,6 +166,7 @@ def two_cameras(demo, tmp_path):
     return tmp_path / "in"
 
 
+@pytest.mark.slow
 def test_poses_command_of_two_cameras_uses_the_lens_file_of_each(demo, two_cameras, tmp_path):
     out = tmp_path / "out"
     assert main(["poses", str(two_cameras), "-o", str(out), "--quiet"]) == 0
@@ -184,3 +186,16 @@ def test_poses_command_of_two_cameras_uses_the_lens_file_of_each(demo, two_camer
     errors = compare_poses(*(np.array([poses[name] for name in names]) for poses in where))
     assert np.median(errors.rotation_degrees) < 1  # observed 0.4; small pictures
     assert errors.ate < 0.01 * errors.extent  # observed 0.0012
+
+
+@pytest.mark.slow
+def test_poses_command_of_two_cameras_with_one_lens_file_estimates_the_other(two_cameras, tmp_path):
+    truth = gsut.load_camera(two_cameras / "right.lens.json")
+    (two_cameras / "right.lens.json").unlink()
+    assert main(["poses", str(two_cameras), "-o", str(tmp_path / "out"), "--quiet"]) == 0
+    figures = json.loads((tmp_path / "out/poses.json").read_text())
+    held, found = figures["lenses"]
+    left = gsut.load_camera(two_cameras / "left.lens.json")
+    assert held["params"] == left.params.tolist()
+    assert found["params"][0] == pytest.approx(truth.params[0], rel=tolerances.RIG_OTHER_LENS_FOCAL)
+    assert any("of these cameras was found: right" in note for note in figures["notes"])

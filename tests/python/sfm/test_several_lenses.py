@@ -64,12 +64,12 @@ def found(scene):
         return run(scene, start(scene), monkeypatch)
 
 
-def check(scene, mapping, registered):
+def check(scene, mapping, registered, focal_error=tolerances.SEVERAL_LENSES_FOCAL):
     solution = mapping.solved
     assert solution.num_registered == registered
     focal = [solution.cameras[i].params[0] for i in range(len(solution.names))]
     for found, number in zip(focal, scene.photographs.rig_cameras, strict=True):
-        assert found == pytest.approx(LENSES[number].params[0], rel=tolerances.SEVERAL_LENSES_FOCAL)
+        assert found == pytest.approx(LENSES[number].params[0], rel=focal_error)
     errors = compare_poses(solution.camera_from_world, scene.poses)
     assert errors.ate_percent < tolerances.SEVERAL_LENSES_ATE_PERCENT
 
@@ -104,10 +104,30 @@ def test_two_unknown_lenses_on_a_rig_are_found_with_the_rigs_turns(scene, found)
     assert np.degrees(turn) < tolerances.RIG_FOUND_DEGREES  # was 0.5
 
 
+@pytest.mark.slow
 def test_an_unknown_lens_beside_a_known_one_is_found_and_the_known_one_held(scene, monkeypatch):
     mapping = run(scene, start(scene, known=(0,)), monkeypatch)
     check(scene, mapping, 2 * FRAMES)
     assert mapping.solved.cameras[0] is scene.photographs.cameras[0]
+
+
+@pytest.mark.slow
+def test_a_camera_of_two_photographs_gets_its_lens_from_points_of_the_others(scene, monkeypatch):
+    photographs = start(scene)
+    left, right = photographs.groups
+    kept = [*left.images, *right.images[:2]]
+    few = dataclasses.replace(scene.photographs)
+    scene_few = object.__new__(SyntheticRig)
+    vars(scene_few).update(vars(scene))
+    pick = lambda values: [values[i] for i in sorted(kept)]  # noqa: E731
+    scene_few.features, scene_few.poses = pick(scene.features), scene.poses[sorted(kept)]
+    scene_few.photographs = dataclasses.replace(
+        few, names=pick(few.names), paths=pick(few.paths), masks=pick(few.masks),
+        cameras=pick(few.cameras), rig_cameras=few.rig_cameras[sorted(kept)],
+        frames=few.frames[sorted(kept)],
+    )  # fmt: skip
+    mapping = run(scene_few, start(scene_few), monkeypatch)
+    check(scene_few, mapping, FRAMES + 2, tolerances.SEVERAL_LENSES_FEW_FOCAL)
 
 
 def test_a_camera_that_sees_nothing_of_the_others_gets_no_pose_and_a_note(scene, monkeypatch):
