@@ -124,7 +124,8 @@ std::vector<Eigen::Matrix3d> FivePoint(const std::array<Eigen::Vector3d, 5>& ray
   // SVD would cost several times as much for the same space, and only the space matters. Eigen's
   // own QR does the same steps; its blocked variant, which so few columns never reach, takes longer
   // to compile than the rest of this file.
-  constexpr int kRows = 9, kColumns = 5;
+  constexpr int kRows = 9;     // entries of E
+  constexpr int kColumns = 5;  // pairs of bearings
   Eigen::Matrix<double, kColumns, 1> coefficients;
   Eigen::Matrix<double, kRows, 1> workspace;
   for (int k = 0; k < kColumns; ++k) {
