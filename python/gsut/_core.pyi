@@ -187,9 +187,15 @@ def verify_pairs(
     max_error: float,
     seed: int,
 ) -> list[tuple[NDArray[np.bool_], NDArray[np.float64], int, float, bool]]: ...
-def subtract_blocks(
-    target: NDArray[np.float64], images: ArrayLike, blocks: NDArray[np.float64]
-) -> None: ...
+def shared_information(
+    body: ArrayLike,
+    point: ArrayLike,
+    by_body: ArrayLike,
+    by_shared: ArrayLike,
+    by_point: ArrayLike,
+    prior: ArrayLike,
+    held: Sequence[int],
+) -> tuple[NDArray[np.float64], int]: ...
 def structure_covariances(
     images: Sequence[ImageBearings],
     camera_from_world: ArrayLike,
