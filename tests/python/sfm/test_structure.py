@@ -588,9 +588,9 @@ def test_poses_command_lens_without_one_centre_is_refused_first(tmp_path, capsys
 
 
 def test_poses_options_are_checked():
-    with pytest.raises(gsut.InputError, match="--set pairs must be one of"):
+    with pytest.raises(gsut.InputError, match="--pairs must be one of"):
         PosesOptions(pairs="some")
-    with pytest.raises(gsut.InputError, match="--set max_error"):
+    with pytest.raises(gsut.InputError, match="max_error must"):
         PosesOptions(max_error=0.0)
 
 
