@@ -6,7 +6,14 @@ from precision_paths import blob, every_path, run_every_path
 
 import gsut
 import tolerances
-from random_scenes import fisheye, gaussians_in_view, pinhole, random_pose, random_weights
+from random_scenes import (
+    fisheye,
+    gaussians_in_view,
+    list_isas,
+    pinhole,
+    random_pose,
+    random_weights,
+)
 
 
 def project(g, camera, pose, path, **options):
@@ -24,12 +31,12 @@ def test_small_alpha_in_float_keeps_a_ten_thousandth_of_a_pixel(rng, alpha):
     rows = truth.valid
     assert rows.sum() > 1900
     ran = 0
-    for isa in gsut.machine.available_isas():
+    for isa in list_isas():
         found = project(g, camera, pose, isa, unscented=(alpha, 2.0, 0.0))
         error = np.abs(found.centers - truth.centers)[rows].max()
         assert error < tolerances.HARD_PROJECTION_PIXELS, (isa, error)
         ran += 1
-    assert ran == len(gsut.machine.available_isas())
+    assert ran == len(list_isas())
 
 
 @pytest.mark.parametrize("alpha", [1.0, 0.1, 1e-2, 1e-3])
@@ -47,7 +54,7 @@ def test_covariance_of_any_alpha_is_positive_definite_in_every_path(rng, alpha):
         assert np.all(determinant > -tolerances.HARD_DETERMINANT * c[:, 0, 0] * c[:, 1, 1]), path
         assert np.isfinite(found.extents[found.valid]).all()
         ran += 1
-    assert ran == 1 + len(gsut.machine.available_isas())
+    assert ran == 1 + len(list_isas())
 
 
 def test_small_alpha_bounds_render_the_same_image(rng):
@@ -56,10 +63,10 @@ def test_small_alpha_bounds_render_the_same_image(rng):
     g = gaussians_in_view(rng, camera, pose, 400, sizes=(0.01, 0.5))
     images = {}
     for unscented in ((1.0, 2.0, 0.0), (0.1, 2.0, 0.0), (1e-3, 2.0, 0.0), (1.5, 0.0, 1.0)):
-        for isa in gsut.machine.available_isas():
+        for isa in list_isas():
             gsut.machine.set_isa(isa)
             images[unscented, isa] = gsut.render(g, camera, pose, unscented=unscented).image
-    assert len(images) == 4 * len(gsut.machine.available_isas())
+    assert len(images) == 4 * len(list_isas())
     for (_, isa), image in images.items():
         assert np.array_equal(image, images[(1.0, 2.0, 0.0), isa])
 
@@ -82,7 +89,7 @@ def test_projection_on_the_axis_and_against_it_is_exact_or_invalid(rng):
                     else:
                         assert np.isnan(found.centers).all()
                     ran += 1
-    assert ran == 3 * 4 * 2 * (1 + len(gsut.machine.available_isas()))
+    assert ran == 3 * 4 * 2 * (1 + len(list_isas()))
 
 
 @pytest.mark.parametrize("size", [1e-12, 1e-9, 1e-6, 1e-4])
@@ -98,7 +105,7 @@ def test_covariance_of_a_tiny_gaussian_is_never_negative(rng, size):
         assert np.all(c[:, 0, 0] >= 0) and np.all(c[:, 1, 1] >= 0)
         assert np.isfinite(c).all() and np.isfinite(found.extents).all()
         ran += 1
-    assert ran == 1 + len(gsut.machine.available_isas())
+    assert ran == 1 + len(list_isas())
 
 
 def test_tiny_gaussians_on_pixel_centres_are_drawn_although_their_ellipse_vanishes(rng):
@@ -115,4 +122,4 @@ def test_tiny_gaussians_on_pixel_centres_are_drawn_although_their_ellipse_vanish
             assert outcome.result.alpha[row, column] == pytest.approx(0.8, abs=1e-4)
             assert (outcome.result.alpha > 0).sum() == 1
             ran += 1
-    assert ran == 6 * (1 + len(gsut.machine.available_isas()))
+    assert ran == 6 * (1 + len(list_isas()))

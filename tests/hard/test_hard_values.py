@@ -6,7 +6,14 @@ from precision_paths import FIELDS, blob, errors_of, joined, run_every_path
 
 import gsut
 import tolerances
-from random_scenes import fisheye, gaussians_in_view, pinhole, random_pose, random_weights
+from random_scenes import (
+    fisheye,
+    gaussians_in_view,
+    list_isas,
+    pinhole,
+    random_pose,
+    random_weights,
+)
 
 EPS = float(np.finfo(np.float32).eps)
 # `render` warns of the very values that some of these tests plant.
@@ -45,7 +52,7 @@ def test_response_of_needles_at_any_distance_errs_by_the_rounding_of_their_place
             assert error < allowed, (outcome.path, error, allowed)
             worst, bound = max(worst, error), max(bound, allowed)
             ran += 1
-    assert ran == 12 * len(gsut.machine.available_isas())
+    assert ran == 12 * len(list_isas())
     print(f"aspect {aspect:g} at {distance:g}: alpha off by {worst:.1e}, allowed {bound:.1e}")
 
 
@@ -76,7 +83,7 @@ def test_scales_of_any_exponent_leave_every_number_finite(rng):
             both = joined(blob((0.3, -0.1, 3.0), 0.4), g)
             # The reference refuses scales whose inverse is not finite; the float paths leave them
             # out, as they do what float cannot hold.
-            for isa in gsut.machine.available_isas():
+            for isa in list_isas():
                 gsut.machine.set_isa(isa)
                 result = gsut.render(both, camera, np.eye(4))
                 if not -87.3 < first < 88.5:  # beyond float: the other one alone
@@ -89,7 +96,7 @@ def test_scales_of_any_exponent_leave_every_number_finite(rng):
                     assert np.isfinite(getattr(found.gaussians, name)).all(), (isa, name, g)
                 assert np.isfinite(found.pose).all()
                 ran += 1
-    assert ran == len(exponents) * 3 * len(gsut.machine.available_isas())
+    assert ran == len(exponents) * 3 * len(list_isas())
 
 
 def test_zero_quaternion_is_the_identity_with_gradient_zero(rng):
@@ -138,7 +145,7 @@ def test_value_that_is_no_number_drops_its_gaussian_and_touches_no_other(rng):
     whole = gaussians_in_view(rng, camera, np.eye(4), 20, sh_degree=1)
     without = whole[np.arange(20) != 1]
     ran = 0
-    for isa in gsut.machine.available_isas():
+    for isa in list_isas():
         gsut.machine.set_isa(isa)
         clean = gsut.render(without, camera, np.eye(4))
         slopes = gsut.render_backward(clean, *weights)
@@ -158,7 +165,7 @@ def test_value_that_is_no_number_drops_its_gaussian_and_touches_no_other(rng):
                     assert np.array_equal(others, getattr(slopes.gaussians, field))
                 assert np.allclose(found.pose, slopes.pose, rtol=tolerances.RENDER_CLOSED_FORM)
                 ran += 1
-    assert ran == len(gsut.machine.available_isas()) * (3 + 4 + 3 + 1 + 12) * 3
+    assert ran == len(list_isas()) * (3 + 4 + 3 + 1 + 12) * 3
 
 
 def test_opacity_zero_and_one_have_closed_forms_and_finite_gradients(rng):
@@ -184,7 +191,7 @@ def test_opacity_zero_and_one_have_closed_forms_and_finite_gradients(rng):
             if expected == 0:
                 assert np.all(outcome.gradients.gaussians.opacity_logits == 0)
             ran += 1
-    assert ran == len(logits) * (1 + len(gsut.machine.available_isas()))
+    assert ran == len(logits) * (1 + len(list_isas()))
 
 
 def test_ten_thousand_layers_on_one_pixel_match_the_closed_form():

@@ -52,8 +52,6 @@ RENDER_GRADIENT = 1e-4
 RENDER_POSE_GRADIENT = 1e-4  # as above, one sum over all Gaussians; worst 6e-5
 # relative; float's alpha may lie this much below the cut-off where double's lies above it
 RENDER_MISS_MARGIN = 1e-4
-LINES_IMAGE_RMS = 1e-5  # worst 1.1e-7
-LINES_GRADIENT = 1e-4  # relative L2, worst 1.2e-5, of the poses 2.7e-5
 LINES_TRAIN_RANDOM_PSNR = 15.0  # dB after 150 steps from random Gaussians; found 22.5, 30.3
 # dB, of helmet_distorted_rs after 250 steps at half size, found 3.1; 11.3 after 1000 at full size
 SHUTTER_LEAST_GAIN = 2.0
@@ -79,7 +77,6 @@ INTEGRAL_CONTINUITY = 5e-9
 EXTINCTION_FLIPS = 1e-3  # share of pixels on a cut-off: at most 2 of 2304; worst 0
 # Share of pixels on a cut-off, or of two nearest points that are one to float: at most 2 of 1024.
 RAY_ORDER_FLIPS = 2e-3  # worst 9.8e-4
-EXTINCTION_JACOBIAN = 1e-5  # relative L2, float against differences in double; worst 3.8e-6
 # alpha of a beta that is nearly a Gaussian: 1412 times the rounding of a logarithm; worst 6.3e-6
 PRIMITIVE_FLOAT = 1.2e-5
 PRIMITIVE_DIFFERENCES = 1e-6  # as RENDER_DIFFERENCES, at the steeper rim of a beta; worst 5.2e-7
@@ -89,4 +86,6 @@ PRIMITIVE_GRADIENT = 1e-4  # as RENDER_GRADIENT and RENDER_POSE_GRADIENT; worst 
 PRIMITIVE_FLAT_GRADIENT = 1.6e-3
 # of an image: 1 / 2b times the square of ln G, at most 4 / e^2, with b = 1412; worst 2.8e-4
 PRIMITIVE_LARGE_SHAPE = 5.6e-4
-PRIMITIVE_JACOBIAN = 9.8e-6  # relative L2, float against differences in double; worst 4.9e-6
+PRIMITIVE_JACOBIAN = (
+    9.8e-6  # and of the extinction; relative L2, float against differences in double; worst 4.9e-6
+)

@@ -12,12 +12,14 @@ from random_scenes import (
     central_differences,
     fisheye,
     gaussians_in_view,
+    list_isas,
     open_rule,
     pinhole,
     pose_differences,
     random_pose,
     random_weights,
     relative_error,
+    roll,
 )
 
 SIZE = 70  # five tiles a side, the last one cut
@@ -27,10 +29,7 @@ FIELDS = tuple(field.name for field in dataclasses.fields(gsut.Gaussians))
 def place_of(rng, rolling):
     """A pose, and how the camera is there: still, or moving with a rolling shutter."""
     pose = random_pose(rng)
-    if not rolling:
-        return pose, pose
-    start, end = (gsut.exp_pose(np.full(6, sign * 0.01)) @ pose for sign in (-1.0, 1.0))
-    return pose, gsut.CameraMotion(start, end, gsut.Shutter("top_to_bottom"))
+    return pose, roll(pose) if rolling else pose
 
 
 def make_scene(rng, camera, pose, count=150, **options):
@@ -59,7 +58,7 @@ def test_features_equal_to_the_colours_are_the_image_bit_by_bit(rng, rolling):
     colors[:] = 0.5
     values = np.concatenate([colors, np.ones((len(g), 1))], axis=1)
     rules = ("", "gsplat", "3dgrut")
-    isas = gsut.machine.available_isas()
+    isas = list_isas()
     for isa in isas:
         gsut.machine.set_isa(isa)
         for parity in rules:

@@ -8,7 +8,15 @@ import pytest
 import gsut
 import tolerances
 from gsut import InputError
-from random_scenes import every_lens, fisheye, gaussians_in_view, no_gaussians, pinhole, random_pose
+from random_scenes import (
+    every_lens,
+    fisheye,
+    gaussians_in_view,
+    list_isas,
+    no_gaussians,
+    pinhole,
+    random_pose,
+)
 from ray_model import rotations
 
 LENSES = dict(every_lens())
@@ -90,7 +98,7 @@ def test_project_float_every_lens_and_isa_matches_double(rng, unscented):
         bounds = tolerances.PROJECTION_FLOAT_PIXELS * np.maximum(
             1, widths / tolerances.PROJECTION_FLOAT_WIDTH
         )
-        for isa in gsut.machine.available_isas():
+        for isa in list_isas():
             gsut.machine.set_isa(isa)
             found = gsut.project(g, camera, pose, unscented=unscented)
             assert found.valid[rows].all()
@@ -102,7 +110,7 @@ def test_project_float_every_lens_and_isa_matches_double(rng, unscented):
             depth = np.abs(found.depths / expected.depths - 1).max()
             assert depth < tolerances.PROJECTION_FLOAT_DEPTH
             ran += 1
-    assert ran == len(LENSES) * len(gsut.machine.available_isas())
+    assert ran == len(LENSES) * len(list_isas())
 
 
 def test_project_sigma_point_outside_the_domain_is_never_averaged_in():
