@@ -1,4 +1,4 @@
-"""Every primitive and the extinction: gradients by differences, kernels against double, tiles."""
+"""Triangles and the extinction: gradients by differences, kernels against double, tiles."""
 
 import dataclasses
 
@@ -25,21 +25,14 @@ from random_scenes import (
 pytestmark = pytest.mark.quick
 
 PRIMITIVES = gsut.Gaussians.PRIMITIVES
-OTHERS = PRIMITIVES[1:]
-KINDS = ("extinction", *OTHERS)  # what is not the Gaussian's largest response along the ray
-FLAT = [name for name, (_, _, is_flat) in _core.list_primitives().items() if is_flat]
-SHAPES = (-3.0, -1.0, 0.0, 1.5, 5.0)  # from a ball to nearly a Gaussian
+KINDS = ("extinction", "triangle")  # what is not the Gaussian's largest response along the ray
 
 
-def make_scene(rng, camera, pose, primitive, count=150, dtype=np.float32, **options):
+def make_scene(rng, camera, pose, count=150, dtype=np.float32, kind="triangle", **options):
     shape = {"sizes": (0.01, 0.3), "opacity": 0.5, **options}
     g = gaussians_in_view(rng, camera, pose, count, **shape).to_dtype(dtype)
-    if primitive == "extinction":
-        return dataclasses.replace(g, response=primitive)
-    g = dataclasses.replace(g, primitive=primitive)
-    if g.shapes is not None:
-        g.shapes[:] = np.resize(SHAPES, count)
-    return g
+    changed = {"response": kind} if kind == "extinction" else {"primitive": kind}
+    return dataclasses.replace(g, **changed)
 
 
 def move(rng, pose, shutter):
@@ -47,26 +40,17 @@ def move(rng, pose, shutter):
     return pose if shutter is None else (pose, gsut.exp_pose(0.05 * rng.normal(size=6)) @ pose)
 
 
-def profile(primitive, d2, stored=0.0):
-    """The response, once more; d2: of a flat one the gauge's square."""
-    b = 0.5 + 3.5 * np.exp(stored)
-    sharp = 0.5 + 0.5 * np.exp(stored)
-    r = np.sqrt(2 / 3 * (sharp + 3) * (sharp + 4))
-    return {
-        "gaussian": lambda: np.exp(-d2 / 2),
-        "power4": lambda: np.exp(-(d2**2) / 18),
-        "beta": lambda: np.maximum(1 - d2 / (2 * b), 0) ** b,
-        "triangle": lambda: np.maximum(1 - np.sqrt(d2) / r, 0) ** sharp,
-    }[primitive]()
+def profile(primitive, d2):
+    """The response, once more; d2: of a triangle the gauge's square."""
+    if primitive == "gaussian":
+        return np.exp(-d2 / 2)
+    return np.maximum(1 - np.sqrt(d2) / np.sqrt(40 / 3), 0)
 
 
-def test_primitives_are_those_of_the_build_with_the_gaussian_first():
-    assert set(_core.list_primitives()) == set(PRIMITIVES)
-    assert PRIMITIVES[0] == "gaussian"
-    with pytest.raises(InputError, match='primitive "cube" is unknown; known: gaussian, beta, pow'):
+def test_primitives_are_those_of_the_core_with_the_gaussian_first():
+    assert tuple(_core.list_primitives()) == PRIMITIVES == ("gaussian", "triangle")
+    with pytest.raises(InputError, match='primitive "cube" is unknown; known: gaussian, triangle'):
         dataclasses.replace(gsut.Gaussians(*make_one()), primitive="cube")
-    with pytest.raises(InputError, match="power4 has no shapes; with them: beta, triangle"):
-        gsut.Gaussians(*make_one(), primitive="power4", shapes=np.zeros(1))
 
 
 def make_one(opacity_logit=2.0):
@@ -78,37 +62,31 @@ def make_one(opacity_logit=2.0):
 @pytest.mark.parametrize("primitive", PRIMITIVES)
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 def test_one_primitive_along_a_fan_of_rays_is_its_closed_form(primitive, dtype):
-    camera, checked = pinhole(65, 1, focal=40.0), 0
-    for stored in SHAPES:
-        g = gsut.Gaussians(*(np.asarray(a, dtype) for a in make_one()), primitive=primitive)
-        if g.shapes is not None:
-            g.shapes[:] = stored
-        rays = camera.rays()[0][0]
-        distance2 = 9 - (3 * rays[:, 2]) ** 2  # of the mean from the ray
-        if primitive in FLAT:
-            distance2 = 3 * (3 * rays[:, 0] / rays[:, 2]) ** 2  # (sqrt(3) |x|)^2 in its plane
-        alpha = profile(primitive, distance2 / 0.4**2, stored) / (1 + np.exp(-2.0))
-        alpha = np.where(alpha < 1 / 255, 0.0, alpha)
-        found = gsut.render(g, camera, np.eye(4), dtype=dtype).alpha[0]
-        sure = np.abs(alpha - 1 / 255) > tolerances.RENDER_CUT_MARGIN
-        bound = tolerances.RENDER_DOUBLE if dtype == "float64" else tolerances.PRIMITIVE_FLOAT
-        assert np.abs(found - alpha)[sure].max() < bound, stored
-        assert 0 < (found > 0).sum() < 65
-        checked += 1
-    assert checked == len(SHAPES)
+    camera = pinhole(65, 1, focal=40.0)
+    g = gsut.Gaussians(*(np.asarray(a, dtype) for a in make_one()), primitive=primitive)
+    rays = camera.rays()[0][0]
+    distance2 = 9 - (3 * rays[:, 2]) ** 2  # of the mean from the ray
+    if primitive == "triangle":
+        distance2 = 3 * (3 * rays[:, 0] / rays[:, 2]) ** 2  # (sqrt(3) |x|)^2 in its plane
+    alpha = profile(primitive, distance2 / 0.4**2) / (1 + np.exp(-2.0))
+    alpha = np.where(alpha < 1 / 255, 0.0, alpha)
+    found = gsut.render(g, camera, np.eye(4), dtype=dtype).alpha[0]
+    sure = np.abs(alpha - 1 / 255) > tolerances.RENDER_CUT_MARGIN
+    bound = tolerances.RENDER_DOUBLE if dtype == "float64" else tolerances.PRIMITIVE_FLOAT
+    assert np.abs(found - alpha)[sure].max() < bound
+    assert 0 < (found > 0).sum() < 65
 
 
 @pytest.mark.parametrize("response", ["maximum", "extinction"])
-@pytest.mark.parametrize("primitive", OTHERS)
-def test_primitive_backward_in_double_matches_central_differences(rng, primitive, response):
+def test_triangle_backward_in_double_matches_central_differences(rng, response):
     camera = fisheye(12)
     pose = random_pose(rng)
-    g = make_scene(rng, camera, pose, primitive, 6, np.float64, distances=(2.0, 3.0),
+    g = make_scene(rng, camera, pose, 6, np.float64, distances=(2.0, 3.0),
                    sizes=(0.05, 0.1), aspect=0.3)  # fmt: skip
     g = dataclasses.replace(g, response=response)
     weights = random_weights(rng, camera)
     rule = open_rule()
-    rule.alpha_min = 1e-3  # a beta's rim is no smooth place: it lies beyond
+    rule.alpha_min = 1e-3  # the rim is no smooth place: it lies beyond
     options = {"dtype": "float64", "blend": rule, "background": (0.2, 0.5, 0.9)}
     found = gsut.render_backward(gsut.render(g, camera, pose, **options), *weights)
     moved, checked = g.copy(), 0
@@ -120,7 +98,7 @@ def test_primitive_backward_in_double_matches_central_differences(rng, primitive
         error = relative_error(getattr(found.gaussians, field), slopes)
         assert error < tolerances.PRIMITIVE_DIFFERENCES, (field, error)
         checked += array.size
-    assert checked == 6 * (3 + 4 + 3 + 1 + 12 + (g.shapes is not None))
+    assert checked == 6 * (3 + 4 + 3 + 1 + 12)
     slopes = pose_differences(
         lambda near: loss_of(gsut.render(g, camera, near, **options), weights), pose
     )
@@ -134,7 +112,7 @@ def test_primitive_backward_in_double_matches_central_differences(rng, primitive
 )
 def test_kernels_of_every_isa_match_double(rng, kind, shutter, parity):
     camera, pose = fisheye(48), random_pose(rng)
-    g = make_scene(rng, camera, pose, kind)
+    g = make_scene(rng, camera, pose, kind=kind)
     # From nearly nothing to more than float's alpha tells from 1.
     g.opacity_logits[:4] = (-5.5, -5.0, 8.0, 12.0)
     if kind == "extinction":
@@ -142,10 +120,11 @@ def test_kernels_of_every_isa_match_double(rng, kind, shutter, parity):
     place = move(rng, pose, shutter)
     options = {"shutter": shutter, "parity": parity, "background": (0.3, 0.1, 0.6)}
     expected = gsut.render(g, camera, place, dtype="float64", **options)
-    as_gaussians = dataclasses.replace(g, primitive="gaussian", shapes=None, response="maximum")
+    as_gaussians = dataclasses.replace(g, primitive="gaussian", response="maximum")
     plain = gsut.render(as_gaussians, camera, place, dtype="float64", **options)
     assert np.abs(expected.image - plain.image).max() > 0.02
-    gradient = tolerances.PRIMITIVE_FLAT_GRADIENT if kind in FLAT else tolerances.PRIMITIVE_GRADIENT
+    flat, ball = tolerances.PRIMITIVE_FLAT_GRADIENT, tolerances.RENDER_GRADIENT
+    gradient = flat if kind == "triangle" else ball
     weights = random_weights(rng, camera)
     flips.assert_isas_match(expected, weights, camera, place, gradient=gradient, **options)
 
@@ -155,7 +134,7 @@ def test_kernels_of_every_isa_match_double(rng, kind, shutter, parity):
 def test_tiles_miss_nothing_that_double_sees(rng, kind, shutter):
     # The cut-off of an extinction lies farther out than the maximum's: bounds must follow.
     camera, pose = fisheye(64), random_pose(rng)
-    g = make_scene(rng, camera, pose, kind, count=300)
+    g = make_scene(rng, camera, pose, count=300, kind=kind)
     g.opacity_logits[:] = 4.6
     rule = gsut.BlendRule()
     rule.transmittance_min = 0.0
@@ -169,7 +148,7 @@ def test_tiles_miss_nothing_that_double_sees(rng, kind, shutter):
 
 def test_extinction_features_are_blended_by_the_weights_of_the_image(rng):
     camera, pose = fisheye(32), random_pose(rng)
-    g = make_scene(rng, camera, pose, "extinction", sh_degree=0)
+    g = make_scene(rng, camera, pose, kind="extinction", sh_degree=0)
     g.sh[:] = np.abs(g.sh)
     colors = 0.5 + gsut.gaussians.SH_C0 * g.sh[:, 0]
     found = gsut.render(g, camera, pose, features=colors)
@@ -182,52 +161,19 @@ def test_extinction_features_are_blended_by_the_weights_of_the_image(rng):
         assert error < tolerances.RENDER_GRADIENT, (field, error)
 
 
-def test_beta_of_a_large_shape_tends_to_the_gaussian(rng):
-    camera, pose = fisheye(24), random_pose(rng)
-    g = make_scene(rng, camera, pose, "beta", 30, np.float64)
-    plain = dataclasses.replace(g, primitive="gaussian", shapes=None)
-    rule = open_rule()
-    expected = gsut.render(plain, camera, pose, dtype="float64", blend=rule).image
-    off = []
-    for stored in (2.0, 4.0, 6.0):
-        g.shapes[:] = stored
-        found = gsut.render(g, camera, pose, dtype="float64", blend=rule).image
-        off.append(np.abs(found - expected).max())
-    # As 1 / b: by e^2 a step.
-    assert off[0] > 4 * off[1] > 16 * off[2]
-    assert off[2] < tolerances.PRIMITIVE_LARGE_SHAPE
-
-
 @pytest.mark.parametrize("kind", KINDS)
-def test_derivatives_of_colors_match_central_differences(rng, kind):
+def test_derivatives_of_colors_are_refused(rng, kind):
+    baseline = pytest.importorskip("gsut_scalar_baseline")
     camera, pose = pinhole(12), random_pose(rng)
-    g = make_scene(rng, camera, pose, kind, 4, sh_degree=0, distances=(2.0, 3.0))
-    if g.shapes is not None:
-        g.shapes[:] = SHAPES[1:]  # the first has an infinite slope at its rim
-    rule = gsut.BlendRule()
-    rule.alpha_min = 1e-9
-    job = _core.RenderJob(camera, pose, rule=rule)
-    if kind in FLAT:
-        with pytest.raises(InputError, match="for primitives that are not flat"):
-            _core.color_jacobian(g, job, np.arange(144, dtype=np.uint32))
-        return
-    _, by_center, _ = _core.color_jacobian(g, job, np.arange(144, dtype=np.uint32))
-    step, rotation = 1e-4, pose[:3, :3]
-    for axis in range(3):
-        sides = []
-        for sign in (1, -1):
-            moved = pose.copy()
-            moved[:3, 3] -= rotation[:, axis] * sign * step
-            sides.append(gsut.render(g, camera, moved, dtype="float64", blend=rule).image)
-        slopes = ((sides[0] - sides[1]) / (2 * step)).reshape(-1, 3)
-        error = relative_error(by_center[:, :, axis], slopes)
-        assert error < tolerances.PRIMITIVE_JACOBIAN, (axis, error)
+    g = make_scene(rng, camera, pose, 4, kind=kind, sh_degree=0, distances=(2.0, 3.0))
+    pixels = np.arange(144, dtype=np.uint32)
+    with pytest.raises(InputError, match="and for Gaussians by their maximum"):
+        baseline.color_jacobian(g, _core.RenderJob(camera, pose), pixels)
 
 
-@pytest.mark.parametrize("primitive", FLAT)
-def test_flat_primitive_is_met_in_its_plane_whatever_its_third_scale(rng, primitive):
+def test_triangle_is_met_in_its_plane_whatever_its_third_scale(rng):
     camera, pose = fisheye(24), random_pose(rng)
-    g = make_scene(rng, camera, pose, primitive, 30)
+    g = make_scene(rng, camera, pose, 30)
     expected = gsut.render(g, camera, pose)
     thick = g.copy()
     thick.log_scales[:, 2] = 0.7
@@ -237,11 +183,10 @@ def test_flat_primitive_is_met_in_its_plane_whatever_its_third_scale(rng, primit
     assert not slopes.log_scales[:, 2].any() and slopes.log_scales[:, :2].any()
 
 
-@pytest.mark.parametrize("primitive", OTHERS)
-def test_primitive_without_a_density_is_refused(rng, primitive):
+def test_triangle_without_a_density_is_refused(rng):
     camera, pose = pinhole(4), np.eye(4)
-    g = make_scene(rng, camera, pose, primitive, 3)
-    with pytest.raises(InputError, match=f'primitive "{primitive}" has no density along a ray'):
+    g = make_scene(rng, camera, pose, 3)
+    with pytest.raises(InputError, match='primitive "triangle" has no density along a ray'):
         gsut.render(g, camera, pose, dtype="float64", order="integral")
     g = dataclasses.replace(g, response="density")
     with pytest.raises(InputError, match="has no density along a ray"):
