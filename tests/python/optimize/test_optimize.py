@@ -128,7 +128,6 @@ def test_regularizer_of_many_rows_matches_double_on_every_instruction_set(rng):
     g.opacity_logits[:4] = [-100.0, 100.0, -20.0, 20.0]
     g.log_scales[0] = [-60.0, -50.0, 50.0]
     opacity, scales = sigmoid(g.opacity_logits), np.exp(g.log_scales.astype(np.float64))
-    ran = 0
     try:
         for isa in list_isas():
             set_isa(isa)
@@ -144,10 +143,8 @@ def test_regularizer_of_many_rows_matches_double_on_every_instruction_set(rng):
                 grads.log_scales, 0.2 / (3 * n) * scales,
                 rtol=tolerances.REGULARIZER_SCALES, atol=0,
             )  # fmt: skip
-            ran += 1
     finally:
         set_isa("")
-    assert ran == len(list_isas())
 
 
 # --- MCMC -------------------------------------------------------------------------------------

@@ -87,13 +87,10 @@ def test_render_every_kind_same_bits_on_1_2_and_8_threads(rng, kind, rolling):
 
 
 def test_render_every_lens_same_bits_on_1_2_and_8_threads(rng):
-    ran = 0
     for _, camera in every_lens():
         pose = random_pose(rng)
         g = gaussians_in_view(rng, camera, pose, 200)
         assert_same_on_any_threads(g, camera, pose, random_weights(rng, camera))
-        ran += 1
-    assert ran == len(every_lens()) >= 5
 
 
 def test_render_equal_depths_are_blended_by_index_on_any_threads(rng):

@@ -36,14 +36,11 @@ def test_sums_are_the_double_references_gradient_to_the_colour(rng, rolling):
     expected = gsut.render_backward(exact, charged).gaussians.sh[:, 0, 0] / SH_C0
     dimage = rng.normal(size=charged.shape).astype(np.float32)
     plain, _ = passes(g, camera, place, dimage)
-    ran = 0
     for isa in list_isas():
         gsut.machine.set_isa(isa)
         _, sums = passes(g, camera, place, dimage, errors)
         assert relative_error(sums - 1.0, expected) < 1e-4, isa
         assert np.all(sums[expected == 0] == 1.0)
-        ran += 1
-    assert ran == len(list_isas()) > 0
     gsut.machine.set_isa("")
     gradients, again = passes(g, camera, place, dimage, errors)
     gsut.set_num_threads(1)

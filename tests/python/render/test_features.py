@@ -69,7 +69,7 @@ def test_features_equal_to_the_colours_are_the_image_bit_by_bit(rng, rolling):
                 same, off = getattr(plain, name), getattr(found, name) - getattr(plain, name)
                 if rolling:
                     assert np.array_equal(getattr(found, name), same), (isa, parity, name)
-                assert np.sqrt(np.mean(off**2)) < tolerances.LINES_IMAGE_RMS, (isa, parity, name)
+                assert np.sqrt(np.mean(off**2)) < tolerances.RENDER_IMAGE_RMS, (isa, parity, name)
             assert found.alpha.max() > 0.5
             assert np.array_equal(found.features[..., :3], found.image), (isa, parity)
             error = np.abs(found.features[..., 3] - found.alpha).max()
@@ -136,15 +136,12 @@ def test_gradients_of_linear_gaussians_and_features_are_central_differences(rng,
     )  # fmt: skip
     gradients = backward(result, weights, dfeatures)
     inside = g.opacities.copy()
-    ran = 0
     for name in ("means", "quats", "scales", "opacities", "sh"):
         array = getattr(g, name)
         chosen = range(4, 12) if name == "opacities" else range(0, array.size, 5)
         expected = central_differences(loss, array, chosen)
         slopes = getattr(gradients.gaussians, name).reshape(-1)[list(chosen)]
         assert relative_error(slopes, expected) < tolerances.RENDER_DIFFERENCES, name
-        ran += 1
-    assert ran == 5
     assert np.array_equal(g.opacities, inside)
     expected = central_differences(loss, features)
     assert relative_error(gradients.features, expected) < tolerances.RENDER_DIFFERENCES

@@ -100,7 +100,6 @@ SPECIAL = {
 @pytest.mark.parametrize("place", SPECIAL)
 @pytest.mark.parametrize("camera", PANORAMA_CAMERAS, ids=lambda c: f"{c.model}-{c.width}")
 def test_render_panorama_with_gaussians_on_seam_and_poles_agrees(camera, place, rng):
-    compared = 0
     for spread in (0.01, 0.05, 0.15):
         centres = np.repeat(np.array(SPECIAL[place]), 40, axis=0)
         rays = centres + rng.normal(0, 3 * spread, centres.shape) * rng.uniform(
@@ -110,8 +109,6 @@ def test_render_panorama_with_gaussians_on_seam_and_poles_agrees(camera, place, 
         rays /= np.linalg.norm(rays, axis=1, keepdims=True)
         gaussians = scene(rng, rays, spread)
         assert_same_image(gaussians, camera)
-        compared += 1
-    assert compared == 3
 
 
 def test_seam_gaussian_shows_on_both_edges_and_nowhere_between():

@@ -39,7 +39,6 @@ def test_step_in_backward_gives_the_bits_of_a_step_after_it(rng, motion):
     in_view = gaussians_in_view(rng, CAMERA, pose, 301, sh_degree=3)
     in_view.means[::5] += 100.0  # some are far off
     dimage = rng.normal(size=(CAMERA.height, CAMERA.width, 3)).astype(np.float32)
-    ran = 0
     for isa in list_isas():
         gsut.machine.set_isa(isa)
         for degree in range(4):
@@ -49,8 +48,6 @@ def test_step_in_backward_gives_the_bits_of_a_step_after_it(rng, motion):
             for expected, found in zip(after.arrays, within.arrays, strict=True):
                 assert arrays_of(found) == arrays_of(expected), (isa, degree)
             assert np.any(after.arrays[1].sh)
-            ran += 1
-    assert ran == 4 * len(list_isas())
 
 
 def test_step_in_backward_of_what_was_not_rendered_raises(rng):
