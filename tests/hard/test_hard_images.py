@@ -9,6 +9,7 @@ import tolerances
 from random_scenes import (
     fisheye,
     gaussians_in_view,
+    list_isas,
     no_gaussians,
     pinhole,
     random_pose,
@@ -22,7 +23,6 @@ def test_nothing_to_draw_gives_the_background_and_gradient_zero(rng):
     background = np.array([0.1, 0.6, 0.9])
     behind = blob((0.0, 0.0, -5.0), 0.1)
     transparent = blob(opacity=1e-4)
-    ran = 0
     for g in (no_gaussians(), behind, transparent, joined(behind, transparent)):
         outcomes = run_every_path(
             g, camera, np.eye(4), random_weights(rng, camera), background=background
@@ -36,8 +36,6 @@ def test_nothing_to_draw_gives_the_background_and_gradient_zero(rng):
             for name in FIELDS:
                 assert np.all(getattr(outcome.gradients.gaussians, name) == 0)
             assert np.all(outcome.gradients.pose == 0)
-            ran += 1
-    assert ran == 4 * (1 + len(gsut.machine.available_isas()))
 
 
 def test_camera_without_a_single_ray_gives_zeros(rng):
@@ -86,14 +84,11 @@ def test_equal_depths_keep_the_order_of_indices_in_every_path(rng):
     g.log_scales[:] = rng.uniform(np.log(0.1), np.log(0.5), g.log_scales.shape)
     # The order shows: reversed, it is another image.
     image, turned = gsut.render(g, camera, np.eye(4)).image, g[::-1].copy()
-    ran = 0
     for path in every_path():
         gsut.machine.set_isa("" if path == "float64" else path)
         dtype = "float64" if path == "float64" else "float32"
         other = gsut.render(turned, camera, np.eye(4), dtype=dtype).image
         assert np.abs(other - image).max() > 0.05
-        ran += 1
-    assert ran == 1 + len(gsut.machine.available_isas())
 
 
 def test_twenty_thousand_gaussians_on_one_spot_stay_exact(rng):
@@ -110,8 +105,7 @@ def test_twenty_thousand_gaussians_on_one_spot_stay_exact(rng):
     layers = int(np.ceil(np.log(1e-4) / np.log1p(-opacity)))
     truth = gsut.render(g, camera, np.eye(4), dtype="float64")
     assert truth.alpha.max() > 0.9998
-    ran = 0
-    for isa in gsut.machine.available_isas():
+    for isa in list_isas():
         gsut.machine.set_isa(isa)
         result = gsut.render(g, camera, np.eye(4))
         assert np.abs(result.image - truth.image).max() < tolerances.HARD_LAYERS_IMAGE
@@ -120,5 +114,3 @@ def test_twenty_thousand_gaussians_on_one_spot_stay_exact(rng):
         touched = np.sort(means[found.touched, 2])
         assert len(touched) >= layers * 0.9
         assert np.isfinite(found.gaussians.means).all()
-        ran += 1
-    assert ran == len(gsut.machine.available_isas())
