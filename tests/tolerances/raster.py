@@ -52,8 +52,6 @@ RENDER_GRADIENT = 1e-4
 RENDER_POSE_GRADIENT = 1e-4  # as above, one sum over all Gaussians; worst 6e-5
 # relative; float's alpha may lie this much below the cut-off where double's lies above it
 RENDER_MISS_MARGIN = 1e-4
-LINES_IMAGE_RMS = 1e-5  # worst 1.1e-7
-LINES_GRADIENT = 1e-4  # relative L2, worst 1.2e-5, of the poses 2.7e-5
 LINES_TRAIN_RANDOM_PSNR = 15.0  # dB after 150 steps from random Gaussians; found 22.5, 30.3
 # dB, of helmet_distorted_rs after 250 steps at half size, found 3.1; 11.3 after 1000 at full size
 SHUTTER_LEAST_GAIN = 2.0
