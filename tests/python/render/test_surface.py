@@ -19,6 +19,7 @@ from random_scenes import (
     relative_error,
     small_camera,
 )
+from ray_model import covariances, rotations
 from surface_scenes import lines_of
 
 
@@ -27,25 +28,13 @@ def rays_of(camera, motion):
     return [part.reshape(-1, *part.shape[2:]) for part in lines_of(camera, motion)]
 
 
-def rotation_of(quat):
-    w, x, y, z = quat / np.linalg.norm(quat)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-
-
 def blended(g, center, origins, rays):
     """(weights, distances, transmittances (N, P), normals (N, P, 3)), nearest Gaussian first."""
     order = np.argsort(np.linalg.norm(g.means - center, axis=1), kind="stable")
     transmittance = np.ones(len(rays))
-    rows = []
+    rows, precisions = [], np.linalg.inv(covariances(g))
     for i in order:
-        inverse = rotation_of(g.quats[i]) @ np.diag(np.exp(-2 * g.log_scales[i]))
-        inverse = inverse @ rotation_of(g.quats[i]).T
+        inverse = precisions[i]
         relative = g.means[i] - origins
         along = np.sum(relative @ inverse * rays, 1) / np.sum(rays @ inverse * rays, 1)
         miss = along[:, None] * rays - relative
@@ -151,7 +140,7 @@ def test_normal_of_a_disc_is_its_axis_towards_the_camera():
         np.array([8], np.float32), np.zeros((1, 1, 3), np.float32),
     )  # fmt: skip
     surface = gsut.render_surface(gsut.render(g, camera, pose))
-    axis = rotation_of(tilt.astype(float))[:, 2]
+    axis = rotations(tilt[None].astype(float))[0, :, 2]
     middle = surface.normals[8, 8] / np.linalg.norm(surface.normals[8, 8])
     assert np.abs(middle + axis).max() < tolerances.SURFACE_DISC
     # On the plane of the disc, along every ray.
