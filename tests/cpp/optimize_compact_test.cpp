@@ -241,24 +241,6 @@ TEST(MergePairs, WhatIsNotSeenChangesNothing) {
   }
 }
 
-TEST(MergePairs, OneNoneDuplicatesAndZeroOpacityAreFine) {
-  GaussianArrays g = RandomScene(1, 4, 23);
-  EXPECT_EQ(AllValues(MergePairs(Read(g), AllRows(1), nullptr, 1, MergeOptions())), AllValues(g));
-  EXPECT_EQ(MergePairs(Read(g), {}, nullptr, 1, MergeOptions()).size, 0);
-  EXPECT_THROW(MergePairs(Read(g), AllRows(1), nullptr, 0, MergeOptions()), InputError);
-  GaussianArrays many(300, 1);
-  for (std::size_t i = 0; i < 300; ++i) {
-    many.quats[4 * i] = 1;
-    many.opacity_logits[i] = i % 2 == 0 ? -200.0f : 1.0f;
-  }
-  for (const std::int64_t target : {1, 7, 299}) {
-    const GaussianArrays out =
-        MergePairs(Read(many), AllRows(300), nullptr, target, MergeOptions());
-    EXPECT_EQ(out.size, target);
-    for (const float value : AllValues(out)) ASSERT_TRUE(std::isfinite(value));
-  }
-}
-
 TEST(HerdPaper, KeepingAllGivesTheSameGaussians) {
   GaussianArrays g = RandomScene(64, 1, 29);
   HerdOptions options;
