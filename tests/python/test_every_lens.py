@@ -1,12 +1,12 @@
 """Lenses of every family through every command, on a scene that the lens itself photographed.
 
 A row is a test function with the argument `case`; GSUT_EVERY_LENS=1 takes all lenses, as the night
-does, and adding a lens adds no line here. What a command
-cannot do with a lens whose rays do not meet, it must refuse in words; those are stated at the row.
+does, and adding a lens adds no line here. What a command cannot do with a lens whose rays do not
+meet, it must refuse in words; those are stated at the row.
 Poses, rigs and localisation have theirs in sfm/test_every_lens_poses.py, camera convert in
-lens/test_camera_convert.py. Rows of compact, poses and rig run the command; the others call the one function that the command calls (doctor:
-`diagnose`, train: `train`, eval: `evaluate`, localize: `localize_image`), which is faster; flags
-and files of these commands are tested in cli/.
+lens/test_camera_convert.py. Rows of compact run the command; the others call the one function
+that the command calls (doctor: `diagnose`, train: `train`, eval: `evaluate`), which is faster;
+flags and files of these commands are tested in cli/.
 """
 
 import dataclasses
