@@ -8,32 +8,20 @@ import tolerances
 from gsut import _core
 from random_scenes import (
     central_differences,
-    fisheye,
     gaussians_in_view,
     list_isas,
     open_rule,
     pinhole,
-    random_pose,
     relative_error,
-    small_camera,
 )
+from surface_scenes import CAMERAS, put_camera
 
 FIELDS = ("means", "quats", "log_scales", "opacity_logits")
-CAMERAS = {
-    "pinhole": lambda: pinhole(14),
-    "fisheye": lambda: fisheye(32),
-    "moving pupil": lambda: small_camera("cahvore", width=14),
-    "rolling shutter": lambda: pinhole(14),
-}
 
 
 def scene_of(rng, kind, count):
-    camera, pose = CAMERAS[kind](), random_pose(rng)
-    g = gaussians_in_view(rng, camera, pose, count, opacity=1.0)
-    if kind != "rolling shutter":
-        return camera, g, pose
-    end = gsut.exp_pose(np.array([0.1, -0.05, 0.08, 0.05, 0.08, -0.04])) @ pose
-    return camera, g, _core.CameraMotion(pose, end, gsut.Shutter("top_to_bottom"))
+    camera, motion, pose = put_camera(rng, kind)
+    return camera, gaussians_in_view(rng, camera, pose, count, opacity=1.0), motion
 
 
 @pytest.mark.parametrize("kind", CAMERAS)

@@ -4,6 +4,8 @@ import dataclasses
 
 import numpy as np
 import pytest
+import test_order
+from test_order import BLUE, RED
 
 import gsut
 import tolerances
@@ -18,7 +20,6 @@ from random_scenes import (
     small_camera,
 )
 
-RED, BLUE = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 BACKGROUND = (0.3, 0.1, 0.6)
 
 
@@ -32,14 +33,9 @@ def move(rng, pose):
     return pose, gsut.exp_pose(0.05 * rng.normal(size=6)) @ pose
 
 
-def place(means, scales, colors, opacity, turns=None):
-    n = len(means)
-    sh = ((np.asarray(colors, np.float64) - 0.5) * np.sqrt(4 * np.pi)).reshape(n, 1, 3)
-    quats = np.tile([1.0, 0, 0, 0], (n, 1)) if turns is None else turns
-    opacity = np.broadcast_to(opacity, n)
-    scales = np.broadcast_to(np.asarray(scales, np.float64), (n, 3))
-    logits = np.log(opacity) - np.log1p(-opacity)
-    return gsut.Gaussians(means, quats, np.log(scales), logits, sh)
+def place(*args):
+    """Gaussians at given places, by the largest response along the ray."""
+    return test_order.place(*args, response="maximum")
 
 
 def make_rule(parity=None):
@@ -82,28 +78,15 @@ def test_ray_order_of_rays_without_one_origin_matches_double(rng, model):
 
 def make_hard_cases():
     """Scenes in which no order of centres is right, or that make many Gaussians wait."""
-    angles = np.radians([0, 120, 240])
-    ring = np.stack([0.3 * np.cos(angles), 0.3 * np.sin(angles), np.full(3, 3.0)], axis=1)
-    tilt = np.array([[np.cos(a / 2), 0, np.sin(a / 2), 0] for a in (np.pi / 4, -np.pi / 4)])
-    lean = np.array([[np.cos(a / 2), 0, 0, np.sin(a / 2)] for a in angles + np.pi / 2])
-    turns = np.stack(
-        [lean[:, 0], -0.17 * lean[:, 3], 0.17 * lean[:, 0], lean[:, 3]], axis=1
-    )  # about their own second axis, so that one end is nearer
-    rng = np.random.default_rng(5)
-    lamp = np.concatenate([[(0, 0, 3.0)], rng.normal((0, 0, 3), 0.05, (20, 3))])
+    shared = test_order.make_hard_cases()
+    names = "surfels that cross", "needles in a circle", "fog around a lamp"
     # The eye is inside all of them: none may be blended before the last is read.
-    around = rng.normal((0, 0, 1), 0.5, (80, 3))
+    rng = np.random.default_rng(5)
+    around, sizes = rng.normal((0, 0, 1), 0.5, (80, 3)), rng.uniform(0.6, 1.5, (80, 3))
     layers = np.stack([*np.zeros((2, 3000)), np.linspace(1, 9, 3000)], axis=1)
     return {
-        "surfels that cross": place([(0, 0, 3)] * 2, (1, 1, 1e-4), [RED, BLUE], 0.9, tilt),
-        "needles in a circle": place(ring, (0.8, 0.05, 0.05), np.eye(3), 0.9, turns),
-        "fog around a lamp": place(
-            lamp, np.array([[1.5] * 3] + [[0.01] * 3] * 20), [RED] + [BLUE] * 20,
-            [0.5] + [0.99] * 20,
-        ),
-        "the eye within eighty": place(
-            around, rng.uniform(0.6, 1.5, (80, 3)), [RED, BLUE] * 40, 0.05
-        ),
+        **{name: dataclasses.replace(shared[name], response="maximum") for name in names},
+        "the eye within eighty": place(around, sizes, [RED, BLUE] * 40, 0.05),
         "its mean behind the eye": place(
             [(0, 0, -0.5), (0, 0, 1)], [[2.0, 0.1, 2], [0.3] * 3], [RED, BLUE], 0.9,
             [(0.9, 0.2, 0.1, 0.3), (1, 0, 0, 0)],

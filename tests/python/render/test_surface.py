@@ -7,7 +7,7 @@ import pytest
 
 import gsut
 import tolerances
-from gsut import InputError, _core
+from gsut import InputError
 from gsut.render import measure_depth, z_from_distance
 from random_scenes import (
     central_differences,
@@ -17,10 +17,9 @@ from random_scenes import (
     pinhole,
     random_pose,
     relative_error,
-    small_camera,
 )
 from ray_model import covariances, rotations
-from surface_scenes import lines_of
+from surface_scenes import CAMERAS, lines_of, put_camera
 
 
 def rays_of(camera, motion):
@@ -61,23 +60,10 @@ def take(values, row):
     return np.where(row >= 0, values[row, np.arange(values.shape[1])], np.nan)
 
 
-CAMERAS = {
-    "pinhole": lambda: pinhole(12),
-    "fisheye": lambda: fisheye(32),
-    "moving pupil": lambda: small_camera("cahvore", width=12),
-    "rolling shutter": lambda: pinhole(12),
-}
-
-
 def scene_of(rng, kind, count=20):
-    camera, pose = CAMERAS[kind](), random_pose(rng)
+    camera, motion, pose = put_camera(rng, kind)
     g = gaussians_in_view(rng, camera, pose, count, opacity=1.0)
-    motion = pose
-    if kind == "rolling shutter":
-        end = gsut.exp_pose(np.array([0.1, -0.05, 0.08, 0.05, 0.08, -0.04])) @ pose
-        motion = _core.CameraMotion(pose, end, gsut.Shutter("top_to_bottom"))
-    middle = pose if motion is pose else motion.at(0.5)
-    return camera, g, motion, -middle[:3, :3].T @ middle[:3, 3]
+    return camera, g, motion, -pose[:3, :3].T @ pose[:3, 3]
 
 
 @pytest.mark.parametrize("kind", CAMERAS)
