@@ -43,7 +43,6 @@ ODD = ("-1", "0", "1e300", MANY)  # of few flags a number in a good sense: these
 COORDINATES = ("-1", "0", MANY)
 GOOD: dict[tuple[str, str], tuple[str, ...]] = {
     ("edit", "--up"): COORDINATES,  # its direction counts
-    ("edit", "--length"): ("-1", "0"),  # the first number, of a place
     ("measure", "--point"): COORDINATES,
     ("measure", "--length"): (MANY,),  # of what was measured, in any unit
     ("camera convert", "--distance"): (MANY,),  # far away
@@ -56,8 +55,7 @@ GOOD: dict[tuple[str, str], tuple[str, ...]] = {
             "edit": ("--min-opacity",),
             "poses": ("--nadir-cap", "--zenith-cap", "--threads", "--seed"),
             "scene": ("--nadir-cap", "--zenith-cap", "--threads", "--seed"),
-            "train": ("--port", "--seed", "--threads", "--max-side", "--test-every",
-                      "--sh-degree"),
+            "train": ("--seed", "--threads", "--max-side", "--test-every", "--sh-degree"),
         }.items() for flag in flags
     },
 }  # fmt: skip

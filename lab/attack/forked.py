@@ -23,7 +23,6 @@ def import_everything() -> None:
     import av  # noqa: F401
     import cv2  # noqa: F401
     import jinja2  # noqa: F401
-    import matplotlib.figure  # noqa: F401
     import tqdm  # noqa: F401
     import yaml  # noqa: F401
 

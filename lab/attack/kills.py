@@ -28,7 +28,7 @@ from lab.attack.zygote import Zygote
 
 LONGEST = 600.0  # seconds by the clock of one command
 FIRST = 0.02  # of an unbroken run's time, before which nothing happens
-VIEWED = ("--view", "--no-open")
+VIEWED = ("--view", "--serve", "127.0.0.1:0")
 VIEW_SECONDS = 2.0  # after which a page is left, unbroken
 PAGES = ("view", "train, viewed")
 DONE = re.compile("exists|already holds|is not empty")  # what is said where a kill came too late
@@ -71,7 +71,7 @@ COMMANDS = (
     Killed("mesh", ("mesh", "run", "-o", "out.ply"), ("out.ply",), ("ds", "run")),
     Killed("render", ("render", "run", "-o", "out", "--frames", "40", "--size", "64x64"),
            ("out/00000.png", "out/00039.png"), ("ds", "run")),
-    Killed("view", ("view", "run", "--no-open"), (), ("ds", "run")),
+    Killed("view", ("view", "run", "--serve", "127.0.0.1:0"), (), ("ds", "run")),
     Killed("poses", ("poses", "film.mp4", "-o", "out", "--camera", "lens320.json", "--quiet"),
            ("out/transforms.json", "out/points3D.ply"), ("film.mp4", "lens320.json")),
     Killed("scene", ("scene", "film.mp4", "-o", "out", "--camera", "lens320.json", "--steps", "30",

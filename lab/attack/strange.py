@@ -42,7 +42,7 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     "measure": ("measure", "IN", *POINTS),
     "localize": ("localize", "IN", "--run", "run"),
     "localize in": ("localize", "photo.png", "--run", "IN"),
-    "view": ("view", "IN", "--no-open"),
+    "view": ("view", "IN", "--serve", "127.0.0.1:0"),
 }  # fmt: skip
 DATA = frozenset(("doctor", "train", "data", "measure"))
 FILE = frozenset(("render", "convert", "edit", "compact", "measure"))

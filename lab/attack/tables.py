@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
-
 from formats.wrong_fields import WRONG
+
 from gsut.cli import main
 from lab.attack.damage import CAUSES, TO_ANY_FILE, TO_TEXT, Damage
 from lab.attack.flags import BASES, list_flag_cases
@@ -81,7 +81,7 @@ def list_file_cases() -> Iterator[Case]:
         ("scene", "scenes/a.ply", ("edit", "scenes/a.ply", "-o", "out.ply", "--scale", "2")),
         ("scene", "scenes/a.ply", ("compact", "scenes/a.ply", "-o", "out.ply", "--keep", "0.5")),
         ("scene", "scenes/a.ply", ("render", "scenes/a.ply", "-o", "out", "--frames", "1")),
-        ("scene", "scenes/a.ply", ("view", "scenes/a.ply", "--no-open")),
+        ("scene", "scenes/a.ply", ("view", "scenes/a.ply", "--serve", "127.0.0.1:0")),
         ("scene", "scenes/a.ply", ("measure", "scenes/a.ply", "--point", "0", "0", "0",
                                    "--point", "1", "0", "0")),
         ("table", "path.json", ("render", "scenes/a.ply", "-o", "out", "--path", "path.json",

@@ -141,7 +141,7 @@ def _draw_views(gaussians: gsut.Gaussians, scene: gsut.Scene, scale: float) -> R
         found = []
         for _ in range(_DRAWS):
             began = time.process_time()
-            drawn = gsut.render(gaussians, camera, pose, device="cpu")
+            drawn = gsut.render(gaussians, camera, pose)
             found.append(1e3 * (time.process_time() - began))
         times.append(min(found))
         pairs.append(drawn.get_statistics()["num_pairs"] / (camera.width * camera.height))

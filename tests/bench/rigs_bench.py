@@ -22,14 +22,14 @@ from tests.bench.walk_film import Film, trace_frames, write_film
 _READOUT = 0.02  # seconds, of an action camera
 # How the back lens reads its lines where the front one reads downwards: seconds, below 0 upwards.
 _BACK = {"both down": _READOUT, "down and up": -_READOUT}
-_TOLD = ("rig and shutters", "rig, global shutters", "nothing: a film")
+_GIVEN = ("rig and shutters", "rig, global shutters", "nothing: a film")
 
 
 def list_cases(settings: Settings) -> Iterator[Row]:
     """Lists rigs with what is said of them."""
     for name in settings.rigs:
-        for told in _TOLD:
-            yield {"rig": name, "told": told}
+        for given in _GIVEN:
+            yield {"rig": name, "given": given}
 
 
 def measure(case: Row, settings: Settings) -> Row:
@@ -38,15 +38,15 @@ def measure(case: Row, settings: Settings) -> Row:
         resize_film(FILMS["dual fisheye"](settings.seconds), settings), readout=_READOUT,
         back_readout=_BACK[case["rig"]],
     )  # fmt: skip
-    folder = settings.folder / f"{case['rig']}, {case['told']}".replace(" ", "-")
+    folder = settings.folder / f"{case['rig']}, {case['given']}".replace(" ", "-")
     folder.mkdir(exist_ok=True)
-    if case["told"] == _TOLD[2]:
+    if case["given"] == _GIVEN[2]:
         write_film(film, folder / "film.mp4")
         words = [str(folder / "film.mp4"), "--frames", str(len(film.times))]
     else:
         write_rig(film, folder)
         words = [str(folder / "images"), "--rig", str(folder / "rig.json")]
-        words += ["--shutter", "global"] if case["told"] == _TOLD[1] else []
+        words += ["--shutter", "global"] if case["given"] == _GIVEN[1] else []
     try:
         took = run_gsut(["poses", *words], folder / "poses")
     except InputError:
@@ -55,7 +55,7 @@ def measure(case: Row, settings: Settings) -> Row:
     found = (figures.get("readout") or {}).get("seconds")
     metrics = train(folder / "poses", folder / "run", ["--preset", "fast"])
     errors = compare_with_film(film, folder / "poses")
-    if case["told"] == _TOLD[2]:
+    if case["given"] == _GIVEN[2]:
         errors["scale_percent"] = None  # a film has no unit
     return errors | {
         "registered": figures["registered"], "images": figures["images"],
@@ -119,7 +119,7 @@ BENCHMARK = Benchmark(
     help="rolling rigs of two fisheyes in the demo's hall: poses, readout and scene against truth",
     columns=(
         Column("rig"),
-        Column("told"),
+        Column("given"),
         Column("registered", form="d"),
         Column("images", form="d"),
         Column("centers_percent", "centres", "% of extent", ".3f"),

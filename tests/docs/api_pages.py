@@ -1,4 +1,4 @@
-"""Writes the pages of the Python API from the docstrings: an index, and a page for each task."""
+"""Makes the pages of the Python API from the docstrings: an index, and a page for each task."""
 
 from __future__ import annotations
 
@@ -185,32 +185,23 @@ def make_page(task: Task) -> str:
     return f"{NOTE}# {task.heading}\n\n{about}\n{block}\n\n{sections}"
 
 
-def list_links(task: Task) -> str:
-    """Returns links to the names of a page; equal anchors are numbered as GitHub numbers them."""
-    taken = [task.heading.lower().replace(" ", "-")]
-    links = []
-    for _, name in task.names:
-        anchor = name.lower()
-        number = taken.count(anchor)
-        taken.append(anchor)
-        suffix = f"-{number}" if number else ""
-        links.append(f"[{name}](api/{task.slug}.md#{anchor}{suffix})")
-    return ", ".join(links)
-
-
 def make_index() -> str:
-    """Returns the index of all pages and names."""
+    """Returns the index of all tasks and names, which stands in the repository."""
     rows = "".join(
-        f"| [{task.heading}](api/{task.slug}.md) | {list_links(task)} |\n" for task in find_tasks()
+        f"| [{task.heading}](examples/{task.slug}.py) | "
+        + ", ".join(f"`{module}.{name}`".replace("`gsut.", "`") for module, name in task.names)
+        + " |\n"
+        for task in find_tasks()
     )
     return (
-        f"{NOTE}# Python API\n\nEvery public name, by task; `help(gsut.render)` prints the same. "
-        "Axes, pixel centres and\nunits: [conventions](conventions.md).\n\n"
+        f"{NOTE}# Python API\n\nEvery public name of `gsut`, by task, with a program that uses it. "
+        "`help(gsut.render)` prints shapes, units,\nerrors and sources; `./run docs` writes the "
+        "same as pages, `docs/api/`. Axes and pixel centres: [conventions](conventions.md).\n\n"
         f"| Task | Names |\n|---|---|\n{rows}"
     )
 
 
+# Made for a release, not kept in the repository.
 API_PAGES: dict[str, Callable[[], str]] = {
-    "api.md": make_index,
     **{f"api/{task.slug}.md": functools.partial(make_page, task) for task in find_tasks()},
 }

@@ -19,10 +19,11 @@ from pathlib import Path
 import numpy as np
 
 import gsut
-from api_pages import API_PAGES, NOTE
+from api_pages import API_PAGES, NOTE, make_index
 from gsut.cli import build_parser
 from gsut.cli import main as gsut_main
 from lens_examples import find_widest_example, measure_seen_angle
+from readme_figures import write_readme
 
 ROOT = Path(__file__).resolve().parents[2]
 MODELS = ROOT / "cpp" / "gsut" / "cameras" / "models"
@@ -95,8 +96,10 @@ def lenses_page() -> str:
     return (
         f"{NOTE}# Lens models\n\n"
         f"The {len(models)} lenses that `Camera`, every command and every dataset reader take. "
-        "Each is one file in\n`cpp/gsut/cameras/models`, and below is the comment at its top. "
-        "[Which lens do I have?](which-lens.md)\nhelps to choose.\n\n"
+        "[Which lens do I have?](which-lens.md)\nhelps to choose, and `gsut camera find` looks up "
+        "a camera by its name:\n\n```bash\ngsut camera find hero9 max wide\n```\n\n"
+        "Below the table stands the comment at the top of each lens' file in "
+        "`cpp/gsut/cameras/models`.\n\n"
         f"| Lens | What it is |\n|---|---|\n{rows}\n" + "\n".join(map(lens_section, models))
     )
 
@@ -151,12 +154,13 @@ def cli_page() -> str:
     )
 
 
-PAGES = {"lenses.md": lenses_page, "cli.md": cli_page, **API_PAGES}
+# Pages that the repository holds; those of API_PAGES are made for a release.
+PAGES = {"lenses.md": lenses_page, "cli.md": cli_page, "api.md": make_index}
 
 
 def page(name: str) -> str:
     """The text of a generated page."""
-    return re.sub(r"\n{3,}", "\n\n", PAGES[name]()).rstrip() + "\n"
+    return re.sub(r"\n{3,}", "\n\n", (PAGES | API_PAGES)[name]()).rstrip() + "\n"
 
 
 def write_demo_page() -> None:
@@ -170,10 +174,12 @@ def write_demo_page() -> None:
 
 
 def main() -> None:
-    for name in PAGES:
+    for name in PAGES | API_PAGES:
         path = ROOT / "docs" / name
         path.parent.mkdir(exist_ok=True)
         path.write_text(page(name), encoding="utf-8")
+    readme = ROOT / "README.md"
+    readme.write_text(write_readme(readme.read_text(encoding="utf-8")), encoding="utf-8")
     write_demo_page()
 
 

@@ -16,10 +16,12 @@ import pytest
 
 import gsut
 import tolerances
+from api_pages import API_PAGES, find_tasks
 from demo_hall import write_hall
 from generate import PAGES, ROOT, page
 from gsut.cli import build_parser, list_commands, main
 from public_names import list_public_names
+from readme_figures import write_readme
 from tests.bench.__main__ import build_parser as bench_parser
 
 READMES = [ROOT / folder / "README.md" for folder in (".", "calib", "tests/bench", "lab")]
@@ -27,8 +29,8 @@ PAGE_FILES = [
     *READMES,
     *(ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"),
     *sorted((ROOT / "docs").glob("*.md")),
-    *sorted((ROOT / "docs" / "api").glob("*.md")),
 ]
+EXAMPLES = sorted((ROOT / "docs" / "examples").glob("*.py"))
 NOT_RUN = "<!-- not run:"  # and the reason, on the line before the block
 ONES_OF_RUN = {
     script: set(re.findall(r"^  ([a-z]+) ", (ROOT / script).read_text(), re.MULTILINE))
@@ -93,6 +95,29 @@ def test_python_of_the_pages_runs(block, data, monkeypatch):
     monkeypatch.chdir(data)
     with contextlib.redirect_stdout(io.StringIO()):
         exec(compile(block.text, label(block), "exec"), {"__name__": "__main__"})
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_example_of_a_task_runs(path, data, monkeypatch):
+    if NOT_RUN in (text := path.read_text()):
+        pytest.skip("its docstring says why")
+    monkeypatch.chdir(data)
+    with contextlib.redirect_stdout(io.StringIO()):
+        exec(compile(text, str(path), "exec"), {"__name__": "__main__"})
+
+
+@pytest.mark.parametrize("name", API_PAGES)
+def test_page_of_the_api_names_all_of_its_task(name):
+    (task,) = (task for task in find_tasks() if name == f"api/{task.slug}.md")
+    text = page(name)
+    assert text.count("\n## ") >= len(task.names) > 0
+    assert [each for _, each in task.names if f"## {each}\n" not in text] == []
+
+
+def test_readme_has_the_figures_of_the_tables():
+    text = READMES[0].read_text()
+    assert text == write_readme(text), "./run docs renews it"
+    assert text.count("<!-- figures: ") == 2
 
 
 def test_the_readmes_snippet_gives_the_psnr_that_eval_gives(data, monkeypatch, capsys):
@@ -226,7 +251,8 @@ def test_every_lens_has_a_picture_and_every_page_is_linked():
     readme = READMES[0].read_text()
     pages = [path.name for path in PAGE_FILES if path.parent == ROOT / "docs"]
     assert [name for name in pages if f"docs/{name}" not in readme] == []
-    assert len(readme.splitlines()) <= 90
+    shown = [line for line in readme.splitlines() if not line.startswith("<!--")]
+    assert len(shown) <= 90
 
 
 def test_table_of_lenses_in_the_readme_names_all_with_the_errors_that_tests_hold():

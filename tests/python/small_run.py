@@ -67,7 +67,7 @@ def install(monkeypatch, scene: gsut.Scene, error: float = 0.1) -> None:
     """Makes the renderer show each view's photograph, off by `error` towards mid-grey."""
     photographs = _photographs()
 
-    def render(gaussians, camera, camera_from_world, background=(0.0, 0.0, 0.0), device="cpu",
+    def render(gaussians, camera, camera_from_world, background=(0.0, 0.0, 0.0),
                order="distance"):  # fmt: skip
         shape = (camera.height, camera.width)
         image = np.full((*shape, 3), 0.5, np.float32)

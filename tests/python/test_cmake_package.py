@@ -62,7 +62,10 @@ FetchContent_Declare(gsut SOURCE_DIR "{ROOT}")
 FetchContent_MakeAvailable(gsut)
 """
 
-pytestmark = pytest.mark.skipif(not shutil.which("cmake"), reason="needs cmake")
+pytestmark = [
+    pytest.mark.slow,  # compiles examples, and each header alone
+    pytest.mark.skipif(not shutil.which("cmake"), reason="needs cmake"),
+]
 
 
 def call(*command: object, stdin: str = "") -> str:

@@ -67,6 +67,7 @@ COMMANDS = (  # each uses what those before it made
 )
 
 
+@pytest.mark.slow
 def test_commands_run_without_names_of_one_platform(folder):
     done = subprocess.run(
         [sys.executable, "-c", STRANGER, *COMMANDS],

@@ -1,7 +1,7 @@
 """Tolerances of what the tests train."""
 
-PANORAMA_PSNR = 23.0  # dB, 260 steps on ten images of 160 x 80; observed 24.2
-PANORAMA_SEAM_DB = 0.8  # dB that the columns at the seam may be below the others; observed 0.4
+PANORAMA_PSNR = 23.0  # dB, 260 steps on ten images of 160 x 80; observed 25.5
+PANORAMA_SEAM_DB = 0.8  # dB that the columns at the seam may be below the others; observed -1.3
 PANORAMA_SEAM_STEP = (
     1.5  # colour step across the seam over the step between its neighbours; observed 1.2
 )

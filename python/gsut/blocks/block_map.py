@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 
 from gsut.data import Scene
-from gsut.files import whole_file
+from gsut.files import write_file
 from gsut.gaussians import Gaussians
-from gsut.page import Style, make_figure
+from gsut.page import Chart, Style
 
 # Name of the picture in the folder of the blocks.
-MAP = "map.png"
+MAP = "map.svg"
 # Gaussians that are drawn, evenly chosen: more would cover each other.
 _DOTS = 20_000
 # Percent of the Gaussians on each side that may lie beyond the map's edge.
@@ -22,7 +22,7 @@ _MOST_NUMBERS = 100
 
 
 def write_map(folder: Path, gaussians: Gaussians, owners: np.ndarray, scene: Scene) -> None:
-    """Writes FOLDER/map.png.
+    """Writes FOLDER/map.svg.
 
     Args:
         folder: exists.
@@ -36,27 +36,25 @@ def write_map(folder: Path, gaussians: Gaussians, owners: np.ndarray, scene: Sce
     low, high = np.minimum(low, centers.min(axis=0)), np.maximum(high, centers.max(axis=0))
     across, along = np.sort(np.argsort(-np.ptp(centers, axis=0), kind="stable")[:2])
     rows = np.linspace(0, len(points) - 1, min(_DOTS, len(points))).astype(int)
-    figure, axes = make_figure("Blocks, and the cameras as rings", 7.0, 5.0)
     blocks, number = np.unique(owners, return_inverse=True)
     middles = np.array([np.median(points[number == each], axis=0) for each in range(len(blocks))])
-    colors = np.array(Style.SERIES)[choose_colors(middles)[number[rows]]]
-    axes.scatter(points[rows, across], points[rows, along], s=1.5, c=colors, linewidths=0)
-    axes.scatter(
-        centers[:, across], centers[:, along], s=24, facecolors="none", edgecolors=Style.INK,
-        linewidths=1.0,
+    colors = np.array([_read_color(text) for text in Style.SERIES], np.uint8)
+    chart = Chart.make_map(
+        "Blocks, and the cameras as rings", f"{'xyz'[across]} across, {'xyz'[along]} up",
+        np.array([low[across], high[across]]), np.array([low[along], high[along]]),
     )  # fmt: skip
+    chart.draw_points(
+        points[rows, across], points[rows, along], colors[choose_colors(middles)[number[rows]]]
+    )
+    chart.draw_marks(centers[:, across], centers[:, along])
     for block, at in zip(blocks, middles, strict=True) if len(blocks) <= _MOST_NUMBERS else ():
-        axes.annotate(
-            str(block), (at[across], at[along]), color=Style.INK, fontweight="bold", ha="center",
-            bbox={"boxstyle": "round,pad=0.2", "facecolor": "white", "alpha": 0.8, "lw": 0},
-        )  # fmt: skip
-    axes.set_xlim(low[across], high[across])
-    axes.set_ylim(low[along], high[along])
-    axes.set_aspect("equal")
-    for axis, name in ((axes.xaxis, "xyz"[across]), (axes.yaxis, "xyz"[along])):
-        axis.set_label_text(name, color=Style.MUTED)
-    with whole_file(folder / MAP) as temporary:
-        figure.savefig(temporary, format="png", dpi=110)
+        chart.label_place(at[across], at[along], str(block))
+    write_file(folder / MAP, chart.build())
+
+
+def _read_color(text: str) -> list[int]:
+    """Reads red, green and blue of a colour such as #1668b8."""
+    return list(bytes.fromhex(text[1:]))
 
 
 def choose_colors(middles: np.ndarray) -> np.ndarray:

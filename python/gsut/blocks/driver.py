@@ -63,18 +63,18 @@ def train_blocks(
     engine = Workers(b.workers, o.threads) if b.cluster is None else Cluster(b.cluster)
     run, o = _open_run(out, o, b, scene, resume)
     training = Stages(run, o, b, near, engine, progress)
-    with training.stage("coarse"):
+    with training.clock.stage("coarse"):
         training.coarse = training.train_coarse()  # everything; poses, lens and light, then frozen
-    with training.stage("layout"):
+    with training.clock.stage("layout"):
         training.layout = training.choose_layout()  # bisection of the work
     for number in range(ROUNDS):
         for turn in training.list_turns(number):
-            with training.stage(f"tasks {number + 1}"):
+            with training.clock.stage(f"tasks {number + 1}"):
                 jobs = training.write_tasks(number, turn)  # views, pixels, context
-            with training.stage(f"round {number + 1}"):
+            with training.clock.stage(f"round {number + 1}"):
                 training.run_turn(jobs)  # workers; merge by ownership
         training.note(number)
-    with training.stage("measure"):
+    with training.clock.stage("measure"):
         return training.finish()
 
 

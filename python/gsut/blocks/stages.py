@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import functools
-import time
-from collections.abc import Collection, Iterator
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +27,7 @@ from gsut.blocks.plan import (
     make_coarse_options,
 )
 from gsut.blocks.shares import Shares, find_shares, measure_work
+from gsut.blocks.stage_clock import StageClock
 from gsut.blocks.store import BlockStore
 from gsut.blocks.task import Trained
 from gsut.blocks.tasks import TaskMaker
@@ -45,7 +44,6 @@ from gsut.run import (
     RunFolder,
     TrainOptions,
     read_plan,
-    release_memory,
 )
 from gsut.system import rename_over
 from gsut.training.first import choose_complexity, find_plain_background
@@ -61,8 +59,6 @@ from gsut.training.record import (
 _CURVE_VIEWS = 8
 # Path of the layout in the run's folder.
 _LAYOUT = f"{RunFile.BLOCKS}/layout.json"
-# Path of the stages' times and sizes in the run's folder.
-_STAGES = f"{RunFile.BLOCKS}/stages.json"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -102,6 +98,9 @@ class Stages:
         scene: at the size to train at, centred on its cameras.
         engine: trains blocks.
         progress: show bars.
+
+    Attributes:
+        clock: of the stages.
     """
 
     coarse: Coarse
@@ -124,7 +123,7 @@ class Stages:
         self._options = dataclasses.replace(options, max_gaussians=self._complexity.max_gaussians)
         self._scene = scene
         self._folder = run.path / RunFile.BLOCKS
-        self._stages: dict[str, dict[str, float]] = run.read_json(_STAGES) or {}
+        self.clock = StageClock(run)
         self._peak: dict[int, float] = {}
         self._count = self._choose_count()
         self._shares: Shares | None = None
@@ -141,22 +140,6 @@ class Stages:
                 plan["count"] = choose_count(self._scene, self._options, self._blocks)
             self._run.write_json(RunFile.PLAN, plan)
         return int(plan["count"])
-
-    @contextlib.contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        """Adds the seconds of a stage, and the bytes that it wrote, to those of the run."""
-        began, before = time.perf_counter(), self._count_bytes()
-        try:
-            yield
-        finally:
-            row = self._stages.setdefault(name, {"seconds": 0.0, "bytes": 0})
-            row["seconds"] += time.perf_counter() - began
-            row["bytes"] += self._count_bytes() - before
-            release_memory()
-            self._run.write_json(_STAGES, self._stages)
-
-    def _count_bytes(self) -> int:
-        return sum(file.stat().st_size for file in self._folder.rglob("*.npz"))
 
     def train_coarse(self) -> Coarse:
         """Trains the coarse model, if it fits into memory."""
@@ -272,7 +255,7 @@ class Stages:
         scene = self.coarse.scene
         row: dict[str, Any] = {
             "step": step, "num_gaussians": sum(self._store.count_gaussians(self._turn)),
-            "seconds": sum(row["seconds"] for row in self._stages.values()),
+            "seconds": self.clock.count_seconds(),
         }  # fmt: skip
         test = scene.test_indices
         if test and not self._options.refine_poses:
@@ -308,7 +291,7 @@ class Stages:
         write_map(self._folder, *self._store.sample(self._turn), scene)
         metrics["blocks"] = {
             "count": len(self.layout), "rounds": ROUNDS,
-            "workers": self._blocks.workers, "rows": rows, "stages": self._stages,
+            "workers": self._blocks.workers, "rows": rows, "stages": self.clock.rows,
             "coarse": {"gaussians": len(self.coarse.gaussians), "pixels": self.coarse.pixels,
                        "steps": make_coarse_options(o, self._count).steps,
                        "seconds": self.coarse.seconds},

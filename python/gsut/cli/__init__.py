@@ -80,7 +80,7 @@ def run_command(
     """Parses, and calls `run` of what was parsed.
 
     Args:
-        parser_of: makes the parser for these words.
+        make_parser: makes the parser for these words.
         arguments: the words after the program's name; those of the process if None.
 
     Returns:

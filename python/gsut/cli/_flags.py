@@ -26,7 +26,6 @@ FILE_SUFFIXES = frozenset(
 
 
 _MOST = 1e100  # of flags without bounds: its square is finite
-_MOST_UNIT = 1e6  # of a level of 16 bits
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:
@@ -100,24 +99,6 @@ def add_moved_data(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--data", metavar="DATA", help="the dataset, if it is not where training read it"
     )
-
-
-def add_memory(parser: argparse.ArgumentParser) -> None:
-    """Adds --memory, for commands that read a run."""
-    parser.add_argument(
-        "--memory",
-        metavar="SIZE",
-        help="that the Gaussians of a run may take, such as 2GB: those of a larger scene stay in "
-        "their file, and each image reads what its lens may see [default: most of what is free]",
-    )
-
-
-def add_depth_unit(parser: argparse.ArgumentParser) -> None:
-    """Adds --depth-unit, for 16-bit files that are read or written."""
-    parser.add_argument(
-        "--depth-unit", type=Number(0, _MOST_UNIT, above=True), default=1e-3, metavar="X",
-        help="the dataset's units in a level of 16-bit depths [default 0.001: millimetres]",
-    )  # fmt: skip
 
 
 class Number:

@@ -18,7 +18,8 @@ from gsut.render import measure_depth, write_png, z_from_distance
 from gsut.surface import Cloud, DepthMap, save_mesh
 
 _DEPTH = "depth"
-_LEVELS = 65535
+_LEVELS = 65535  # of a 16-bit picture
+UNIT = 1e-3  # of the dataset's, in a level: millimetres of a scene in metres
 
 
 class DepthOutput:
@@ -32,9 +33,8 @@ class DepthOutput:
 
     def __init__(self, arguments: argparse.Namespace, folder: Path | None) -> None:
         self.folder, self._along, self._kind = folder, arguments.depth, arguments.depth_kind
-        self._unit = arguments.depth_unit
         self._file = Path(arguments.cloud) if arguments.cloud else None
-        self._cloud = Cloud(arguments.voxel)
+        self._cloud = Cloud(None)
         self._frames: list[Frame] = []
         self._too_far = self._known = 0
 
@@ -45,8 +45,6 @@ class DepthOutput:
         Raises:
             InputError: depths of a film, a unit out of range, or a file that exists.
         """
-        if arguments.voxel is not None and not arguments.cloud:
-            raise InputError("--voxel is of a cloud of points; add --cloud FILE.ply")
         if arguments.depth_kind != "median" and arguments.depth is None:
             raise InputError("--depth-kind is of depths; add --depth ray or --depth z")
         if arguments.depth is None and not arguments.cloud:
@@ -85,7 +83,7 @@ class DepthOutput:
         with whole_file(file) as temporary:
             np.save(temporary, depth.astype(np.float32))
         with np.errstate(invalid="ignore"):
-            levels = np.rint(depth / self._unit)
+            levels = np.rint(depth / UNIT)
             fits = levels <= _LEVELS
         self._known += int(np.isfinite(levels).sum())
         self._too_far += int((levels > _LEVELS).sum())
@@ -115,8 +113,8 @@ class DepthOutput:
         if self._too_far:
             share = self._too_far / self._known
             print(
-                f"gsut: note: {share:.1%} of the depths are beyond {_LEVELS * self._unit:g} and 0 "
-                f"in the 16-bit files; a larger --depth-unit holds them, the .npy files do",
+                f"gsut: note: {share:.1%} of the depths are beyond {_LEVELS * UNIT:g} and 0 "
+                f"in the 16-bit files; the .npy files hold them",
                 file=sys.stderr,
             )
         if self._file is not None:

@@ -50,8 +50,7 @@ class LiftedOutput:
         """Makes the writer that the flags request; None without lifted values.
 
         Raises:
-            InputError: lifted values of a film or by the graphics card, or those of other
-                Gaussians.
+            InputError: lifted values of a film, or those of other Gaussians.
         """
         if arguments.lifted is None:
             return None

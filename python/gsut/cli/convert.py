@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from gsut._core import InputError
-from gsut.cli._flags import add_json, add_moved_data, add_quiet, print_json
+from gsut.cli._flags import add_json, add_moved_data, print_json
 from gsut.files import refuse_existing
 
 HELP = "a scene in another format: SPZ, SOG, glTF, USD, PLY, a page for any browser"
@@ -47,7 +47,6 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "[default gsut: as it is]",
     )  # fmt: skip
     add_moved_data(parser)
-    add_quiet(parser)
     add_json(parser)
 
 
@@ -88,7 +87,7 @@ def run(arguments: argparse.Namespace) -> int:
     }
     if arguments.json:
         print_json(figures)
-    elif not arguments.quiet:
+    else:
         _print_summary(figures)
     return 0
 
@@ -111,7 +110,7 @@ def _write_page(arguments: argparse.Namespace, out: Path) -> int:
     _link_in_report(out)
     if arguments.json:
         print_json(figures)
-    elif not arguments.quiet:
+    else:
         print(
             f"{figures['num_gaussians']:,} Gaussians, {out.stat().st_size / 1e6:.1f} MB: {out} "
             "(a page of one file; a double click opens it)"
@@ -135,7 +134,7 @@ def _tune_for_viewers(arguments: argparse.Namespace) -> tuple[Any, dict[str, Any
         )
     options, scene, gaussians = read_trained(RunFolder.open(arguments.source), arguments.data)
     steps = VIEWER_STEPS
-    with Progress(not arguments.quiet) as bars:
+    with Progress(not arguments.json) as bars:
         tuned = tune_for_viewers(
             scene, gaussians, steps, background=choose_solid(options.background),
             for_playcanvas=arguments.out.lower().endswith(_PLAYCANVAS),

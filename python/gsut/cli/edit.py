@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.cli._flags import add_json, add_moved_data, add_quiet, finite, print_json
+from gsut.cli._flags import add_json, add_moved_data, finite, print_json
 from gsut.cli.convert import find_scene_file
 from gsut.files import refuse_existing
 
@@ -68,11 +68,12 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "--ground", action="store_true",
         help="find the ground, within 30 degrees of --up or --upright [default], and make it y = 0",
     )  # fmt: skip
-    parser.add_argument("--scale", type=finite, metavar="X", help="multiply all lengths by X")
     parser.add_argument(
-        "--length", type=finite, nargs=7, metavar=("X", "Y", "Z", "X", "Y", "Z", "L"),
-        help="instead: scale so that these two points are L apart, such as 1.20 for a table",
-    )  # fmt: skip
+        "--scale",
+        type=finite,
+        metavar="X",
+        help="multiply all lengths by X (from a known length: gsut measure)",
+    )
     parser.add_argument(
         "--positions", metavar="FILE.csv",
         help="instead of up and scale: where a run's photographs were taken, by GPS or surveyed; a "
@@ -85,7 +86,6 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "shift and scale are taken back, into the coordinates of transforms.json",
     )  # fmt: skip
     add_moved_data(parser)
-    add_quiet(parser)
     add_json(parser)
 
 
@@ -144,7 +144,7 @@ def run(arguments: argparse.Namespace) -> int:
     }
     if arguments.json:
         print_json(figures)
-    elif not arguments.quiet:
+    else:
         _print_summary(figures)
     return 0
 
@@ -165,22 +165,15 @@ def _print_summary(figures: dict[str, Any]) -> None:
 
 
 def _scale_of(arguments: argparse.Namespace) -> float:
-    if arguments.scale is not None and arguments.length is not None:
-        raise InputError("give --scale or --length, not both")
-    others = (arguments.scale, arguments.length, arguments.up)
+    others = (arguments.scale, arguments.up)
     by_hand = arguments.upright or arguments.ground or any(each is not None for each in others)
     whole = [f"--{name}" for name in ("positions", "undo") if getattr(arguments, name)]
     if len(whole) + by_hand > 1:
         raise InputError(f"{whole[0]} says scale and up; give no other of them")
     scale = 1.0 if arguments.scale is None else arguments.scale
-    if arguments.length is not None:
-        known = np.array(arguments.length)
-        apart = np.linalg.norm(known[3:6] - known[:3])
-        scale = known[6] / apart if apart > 0 else np.nan
     if not _LEAST_SCALE <= scale <= 1 / _LEAST_SCALE:
-        flag = "--scale" if arguments.length is None else "--length"
         raise InputError(
-            f"{flag}: the scale must be above 0, from {_LEAST_SCALE:g} to {1 / _LEAST_SCALE:g}, "
+            f"--scale must be above 0, from {_LEAST_SCALE:g} to {1 / _LEAST_SCALE:g}, "
             f"found {scale:g}"
         )
     return float(scale)
@@ -248,7 +241,7 @@ def _remove_unsupported(arguments: argparse.Namespace, source: str, gaussians: A
         arguments, source, "give a run for --floaters and --unseen"
     )
     rows = scene.train_indices
-    with Progress(not arguments.quiet) as bars:
+    with Progress(not arguments.json) as bars:
         support = find_support(
             scene, gaussians, rows, background=options.background, light=read_light(run, scene),
             on_view=lambda done: bars.show("photographs", done, len(rows)),

@@ -11,10 +11,9 @@ from typing import Any
 
 from gsut._core import InputError
 from gsut.cli._flags import (
-    add_depth_unit,
+    Number,
     add_force,
     add_json,
-    add_memory,
     add_run,
     check_first,
     print_json,
@@ -28,6 +27,7 @@ DESCRIPTION = (
     "angle. Changes nothing in RUN."
 )
 _PAGE = "surface.html"
+_MOST_UNIT = 1e6  # of a level of 16 bits
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
@@ -62,14 +62,16 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "counts), a point cloud (.ply), or a folder of depths along the rays named like the images "
         "(.npy, or .png of 16 bits) [alone: the depth files that the dataset names]",
     )
-    add_depth_unit(parser)
-    add_memory(parser)
+    parser.add_argument(
+        "--depth-unit",
+        type=Number(0, _MOST_UNIT, above=True),
+        default=1e-3,
+        metavar="X",
+        help="of --geometry: the dataset's units in a level of 16-bit depths [default 0.001: "
+        "millimetres]",
+    )
     add_force(parser)
     add_json(parser)
-    parser.add_argument(
-        "--mesh", metavar="FILE",
-        help="with --geometry: the mesh to judge [default: as `gsut mesh` makes it]",
-    )  # fmt: skip
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -78,9 +80,7 @@ def run(arguments: argparse.Namespace) -> int:
     from gsut.training import open_trained, read_scene
 
     run = RunFolder.open(arguments.folder)
-    options, trained_on, gaussians = open_trained(
-        run, arguments.data, arguments.memory, any_data=arguments.force
-    )
+    options, trained_on, gaussians = open_trained(run, arguments.data, any_data=arguments.force)
     scene = trained_on
     if arguments.scale is not None:
         scene = read_scene(run, arguments.data, arguments.scale, any_data=arguments.force)[1]
@@ -172,7 +172,6 @@ def _measure_geometry(
         build_surface_page,
         choose_views,
         judge_geometry,
-        load_mesh,
     )
 
     names = {scene.views[index].name for index in choose_views(indices)}
@@ -190,7 +189,6 @@ def _measure_geometry(
             indices,
             Path(arguments.geometry) if arguments.geometry else None,
             depth_unit=arguments.depth_unit,
-            mesh=load_mesh(arguments.mesh) if arguments.mesh else None,
             background=background,
             progress=bars.show,
             on_view=keep,

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.cli._flags import add_json, add_quiet, print_json, whole
+from gsut.cli._flags import add_json, print_json, whole
 from gsut.files import refuse_existing
 
 HELP = "put labels or other numbers of pixels onto the Gaussians, without training"
@@ -42,7 +42,6 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--unknown", type=whole, metavar="N", help="a label that says nothing, such as 255"
     )
-    add_quiet(parser)
     add_json(parser)
 
 
@@ -59,7 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
     scene, gaussians = _open_scene(arguments)
     maps = MapFolder(Path(arguments.maps), scene)
     options = {"labels": arguments.labels, "unknown": arguments.unknown}
-    with Progress(not arguments.quiet) as bars:
+    with Progress(not arguments.json) as bars:
 
         def show_view(done: int, total: int) -> None:
             bars.show("views", done, total)
@@ -75,7 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
     }  # fmt: skip
     if arguments.json:
         print_json(figures)
-    elif not arguments.quiet:
+    else:
         print(
             f"{width} {'labels' if arguments.labels else 'values a pixel'} on {seen:.1%} of "
             f"{len(gaussians):,} Gaussians: {out}"

@@ -14,7 +14,6 @@ from gsut._core import InputError
 from gsut.cli._flags import (
     Number,
     add_json,
-    add_memory,
     add_quiet,
     add_run,
     count,
@@ -81,7 +80,6 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "squares and, in N rounds, vertices along their normals; 0: colours only",
     )  # fmt: skip
     _add_pages(parser)
-    add_memory(parser)
     add_quiet(parser)
     add_json(parser)
     _add_fusion(parser)
@@ -154,9 +152,7 @@ def run(arguments: argparse.Namespace) -> int:
     out, report = _check_files(arguments)
     to_grid = _is_grid(arguments)
     began = time.perf_counter()
-    options, scene, gaussians = open_trained(
-        RunFolder.open(arguments.folder), arguments.data, arguments.memory
-    )
+    options, scene, gaussians = open_trained(RunFolder.open(arguments.folder), arguments.data)
     settings = MeshOptions(
         voxel=arguments.voxel,
         support=arguments.support,

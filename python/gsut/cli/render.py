@@ -14,14 +14,11 @@ import numpy as np
 
 from gsut._core import CameraMotion, InputError
 from gsut.cli._flags import (
-    add_depth_unit,
     add_json,
-    add_memory,
     add_moved_data,
     degrees,
     finite,
     parse_image_size,
-    positive,
     print_json,
     whole,
 )
@@ -98,13 +95,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     _add_more_than_images(parser)
     add_order(parser)
-    add_memory(parser)
     add_json(parser)
-    parser.add_argument(
-        "--voxel", type=positive, metavar="SIZE",
-        help="one point of the cloud in each voxel of this size, in the dataset's units [default: "
-        "a pixel's width at the first image's median depth]",
-    )  # fmt: skip
 
 
 def _add_more_than_images(parser: argparse.ArgumentParser) -> None:
@@ -115,7 +106,6 @@ def _add_more_than_images(parser: argparse.ArgumentParser) -> None:
         "depth/NAME.png (16 bits, 0: nothing); ray: along each pixel's ray; z: along the camera's "
         "axis, for lenses below 90 degrees from it",
     )
-    add_depth_unit(parser)
     parser.add_argument(
         "--depth-kind",
         choices=("mean", "median", "smooth", "strongest", "sum"),
@@ -235,7 +225,7 @@ def _stage(arguments: argparse.Namespace) -> Any:
     if place.is_file():
         if arguments.out is None:
             raise InputError("a file has no folder for its images: say where to, with -o")
-        stage = open_stage(place, arguments.data, arguments.memory)
+        stage = open_stage(place, arguments.data)
         if stage.kind == "data":
             raise InputError(f"{place} is of a dataset, which has no Gaussians; `gsut train` it")
         return stage
@@ -243,7 +233,7 @@ def _stage(arguments: argparse.Namespace) -> Any:
         raise InputError(
             f"{place}: no such file or folder; give the folder of a run or a file of Gaussians"
         )
-    return open_stage(RunFolder.open(place).path, arguments.data, arguments.memory)
+    return open_stage(RunFolder.open(place).path, arguments.data)
 
 
 def _make_pixel_filter(stage: Any) -> Any:

@@ -10,56 +10,71 @@ import threading
 import webbrowser
 from typing import Any, TextIO
 
-from gsut.cli._flags import Number, add_json, add_memory, add_moved_data, print_json
+from gsut._core import InputError
+from gsut.cli._flags import add_json, add_moved_data, print_json
 
 HELP = "walk through a scene in the browser"
 DESCRIPTION = (
     "Serves a page on this machine that walks through a run, a file of Gaussians or, before "
     "training, a dataset, drawn by gsut's renderer through any lens. Ctrl-C ends it."
 )
+_LAST_PORT = 65535
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scene", metavar="RUN|FILE.ply|DATA", help="what to look at")
     add_moved_data(parser)
-    add_memory(parser)
-    add_view_flags(parser)
+    add_serve(parser)
     add_json(parser)
 
 
-def add_view_flags(parser: argparse.ArgumentParser) -> None:
-    """Adds the flags that say where the page is served."""
+def add_serve(parser: argparse.ArgumentParser) -> None:
+    """Adds the flag that says where the page is served."""
     parser.add_argument(
-        "--host",
-        metavar="ADDRESS",
-        help="address to serve on; any but the loopback lets other machines look, whoever has the "
-        "page's address with its token [default: the loopback]",
+        "--serve",
+        type=parse_address,
+        metavar="HOST:PORT",
+        help="serve the page there and open no browser: 127.0.0.1:0 for this machine and a free "
+        "port, 0.0.0.0:8000 to let other machines look, whoever has the page's address with its "
+        "token [default: this machine, a free port, opened in a browser]",
     )
-    parser.add_argument(
-        "--port",
-        type=Number(0, 65535, whole=True),
-        default=0,
-        metavar="N",
-        help="[default 0: a free one]",
-    )
-    parser.add_argument("--no-open", action="store_true", help="do not open the page in a browser")
+
+
+def parse_address(text: str) -> tuple[str, int]:
+    """Reads host and port of --serve, for `type=`."""
+    host, _, port = text.rpartition(":")
+    if not host or not port.isdecimal() or int(port) > _LAST_PORT:
+        raise argparse.ArgumentTypeError(
+            f"must be like 127.0.0.1:8000, with a port from 0 to {_LAST_PORT}, found {text!r}"
+        )
+    return host.strip("[]"), int(port)
+
+
+def open_server(routes: dict[str, Any], address: tuple[str, int] | None, file: TextIO) -> Any:
+    """Serves a page, prints its address, and opens it unless `address` says where to serve it."""
+    from gsut.view import LOOPBACK, ViewServer
+
+    server = ViewServer(routes, *(address or (LOOPBACK, 0)))
+    print(f"gsut view: {server.address} (Ctrl-C ends it)", file=file, flush=True)
+    if address is None and has_display():
+        webbrowser.open(server.address)
+    return server
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from gsut.view import LOOPBACK, Session, ViewServer, open_stage
+    from gsut.view import Session, open_stage
 
-    stage = open_stage(arguments.scene, arguments.data, arguments.memory)
+    stage = open_stage(arguments.scene, arguments.data)
     for note in () if stage.scene is None else stage.scene.notes:
         print(f"gsut: note: {note}", file=sys.stderr)
-    session = Session(stage)
+    told = sys.stderr if arguments.json else sys.stdout
     with (
-        ViewServer(session.routes, arguments.host or LOOPBACK, arguments.port) as server,
         contextlib.suppress(KeyboardInterrupt),
+        open_server(Session(stage).routes, arguments.serve, told) as server,
     ):
         if arguments.json:
             print_json({"address": server.address})
             sys.stdout.flush()
-        announce(server.address, arguments.no_open, sys.stderr if arguments.json else sys.stdout)
         wait_for_end()
     return 0
 
@@ -73,7 +88,7 @@ def add_live_flags(parser: argparse.ArgumentParser) -> None:
         "found, and the scene while it trains; it can pause the training, or stop it and keep what "
         "there is; it stays until Ctrl-C",
     )
-    add_view_flags(parser)
+    add_serve(parser)
 
 
 class LivePage:
@@ -89,18 +104,19 @@ class LivePage:
     def __init__(self, arguments: argparse.Namespace) -> None:
         self.live: Any = None
         self._arguments = arguments
+        if arguments.serve is not None and not arguments.view:
+            raise InputError("--serve says where the page of --view is served; add --view")
         self._stack = contextlib.ExitStack()
 
     def open(self, name: str) -> Any:
         """Starts to serve the page of a scene of this name; returns `live`."""
         if not self._arguments.view:
             return None
-        from gsut.view import LOOPBACK, LiveScene, ViewServer
+        from gsut.view import LiveScene
 
         self.live = LiveScene(name)
-        host, port = self._arguments.host or LOOPBACK, self._arguments.port
-        server = self._stack.enter_context(ViewServer(self.live.routes, host, port))
-        announce(server.address, self._arguments.no_open, sys.stderr)
+        server = open_server(self.live.routes, self._arguments.serve, sys.stderr)
+        self._stack.enter_context(server)
         return self.live
 
     def finish(self, result: Any) -> None:
@@ -126,13 +142,6 @@ class LivePage:
         if self.live is not None:
             self.live.stop_draft()
         self._stack.close()
-
-
-def announce(address: str, no_open: bool, file: TextIO) -> None:
-    """Prints the page's address and opens it where somebody could see it."""
-    print(f"gsut view: {address} (Ctrl-C ends it)", file=file, flush=True)
-    if not no_open and has_display():
-        webbrowser.open(address)
 
 
 def wait_for_end() -> None:

@@ -91,7 +91,7 @@ def write_report(run: RunFolder) -> Path:
         light_plots=plot_light(metrics["light"]) if "light" in metrics else [],
         confidence=_describe_confidence(run.path / RunFile.CONFIDENCE),
         settings=_list_settings(options),
-        block_map=_embed_block_map(run.path / RunFile.BLOCKS / "map.png"),
+        block_map=_embed_block_map(run.path / RunFile.BLOCKS / "map.svg"),
         title=_choose_title(run, metrics),
         page=RunFile.PAGE if (run.path / RunFile.PAGE).is_file() else None,
     )
@@ -272,7 +272,7 @@ def _read(path: Path) -> np.ndarray:
 
 def _embed_block_map(path: Path) -> str | None:
     """Returns the map of a training in blocks as a data address; None if there is none."""
-    return embed_bytes(path.read_bytes(), "image/png") if path.is_file() else None
+    return embed_bytes(path.read_bytes(), "image/svg+xml") if path.is_file() else None
 
 
 def _embed(image: np.ndarray) -> str:

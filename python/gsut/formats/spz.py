@@ -142,7 +142,7 @@ def _compress_gzip(data: bytes) -> bytes:
     return compressor.compress(data) + compressor.flush()
 
 
-def _compress_zstandard() -> Any:
+def _import_zstandard() -> Any:
     try:
         import zstandard
     except ImportError:
@@ -154,7 +154,7 @@ def _compress_zstandard() -> Any:
 
 
 def _build_streams(head: tuple[int, ...], planes: list[bytes]) -> bytes:
-    compressor = _compress_zstandard().ZstdCompressor(level=12)
+    compressor = _import_zstandard().ZstdCompressor(level=12)
     packed = [compressor.compress(plane) for plane in planes]
     table = [
         _ENTRY.pack(len(small), len(plane)) for small, plane in zip(packed, planes, strict=True)
@@ -255,7 +255,7 @@ def _decompress_zstandard(path: Path, data: bytes) -> tuple[_Layout, list[bytes]
         raise InputError(
             f"{path}: {streams} streams listed at byte {table}; {len(wanted)} are needed"
         )
-    planes, decompressor = [], _compress_zstandard().ZstdDecompressor()
+    planes, decompressor = [], _import_zstandard().ZstdDecompressor()
     for number, size in enumerate(wanted):
         small, large = _ENTRY.unpack_from(data, table + number * _ENTRY.size)
         piece = data[begin : begin + small]
@@ -268,7 +268,7 @@ def _decompress_zstandard(path: Path, data: bytes) -> tuple[_Layout, list[bytes]
         try:
             with decompressor.stream_reader(piece) as reader:
                 planes.append(reader.read(size + 1))
-        except _compress_zstandard().ZstdError as error:
+        except _import_zstandard().ZstdError as error:
             raise InputError(f"{path}: stream {number} is damaged: {error}") from None
         if len(planes[-1]) != size:
             raise InputError(f"{path}: stream {number} has not the {size:,} bytes that it says")

@@ -110,7 +110,7 @@ class StoredGaussians:
     def to_gaussians(self) -> Gaussians:
         """Raises InputError: the Gaussians do not fit in memory."""
         raise InputError(
-            f"this needs all {self.count:,} Gaussians in memory: give more --memory, or a smaller "
+            f"this needs all {self.count:,} Gaussians in memory: free some, or take a smaller "
             "scene (gsut compact)"
         )
 

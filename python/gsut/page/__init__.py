@@ -1,6 +1,6 @@
 """The one kit for reports: a page, its tables and embedded pictures, and plots in one style."""
 
-from gsut.page.chart import Chart
+from gsut.page.chart import Chart, Style
 from gsut.page.page import (
     build_page,
     build_table,
@@ -11,17 +11,11 @@ from gsut.page.page import (
     paint_values,
     render_template,
 )
-from gsut.page.plots import (
-    Style,
-    make_figure,
-    make_image_figure,
-    plot_map,
-    plot_residuals,
-    render_svg,
-)
+from gsut.page.plots import ImageChart, plot_map, plot_residuals
 
 __all__ = [
     "Chart",
+    "ImageChart",
     "Style",
     "build_page",
     "build_table",
@@ -29,11 +23,8 @@ __all__ = [
     "embed_picture",
     "format_duration",
     "format_number",
-    "make_figure",
-    "make_image_figure",
     "paint_values",
     "plot_map",
     "plot_residuals",
-    "render_svg",
     "render_template",
 ]

@@ -1,4 +1,4 @@
-"""Draws charts of lines, bars or points as SVG text: no second is lost to loading matplotlib."""
+"""Draws charts of lines, bars and points as SVG text."""
 
 from __future__ import annotations
 
@@ -9,18 +9,31 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from gsut.page.page import embed_bytes
-from gsut.page.plots import Style
 
 _WIDTH = 520  # of the chart, in its pixels
-_HEIGHT = 300  # of the chart
-_LEFT = 58  # edge of the axes' area; leaves room for the values of y
-_RIGHT = 510  # edge of the area
-_TOP = 34  # edge of the area, below the title
-_BOTTOM = 252  # edge of the area, above the values of x
+LEFT = 58  # edge of the axes' area; leaves room for the values of y
+TOP = 34  # edge of the area, below the title
+_BELOW = 48  # room below the area, for the values of x and a label
+AREA = (452.0, 218.0)  # width and height of the area
 _TICKS = 8  # the most on an axis; more would crowd it
 _FONT = "Helvetica, Arial, 'DejaVu Sans', sans-serif"
 _MARGIN = 0.04  # of the values' range, added above and below it
 _FINER = 2  # pixels of a picture of points for one of the chart, each way
+
+
+class Style:
+    """Colours of the page's plots (see page.html.j2), on white in its dark mode, too.
+
+    Attributes:
+        INK: of titles and values. MUTED: of labels. GRID: of grid and frame.
+        LINE: of the first line. SERIES: of several lines.
+    """
+
+    INK = "#1d2733"
+    MUTED = "#6b7785"
+    GRID = "#e3e8ee"
+    LINE = "#1668b8"
+    SERIES = (LINE, "#c8442f", "#2a8f5a", "#8a4fb0", "#b07a12", "#3a8fa0")
 
 
 class Chart:
@@ -33,6 +46,10 @@ class Chart:
         log: the y axis is logarithmic.
         y_text: formats the value of a tick.
         x_ticks: False if `draw_bars` writes labels instead.
+        area: width and height of the axes' area.
+
+    Attributes:
+        right, bottom: edges of the area, in the chart's pixels. height: of the chart.
     """
 
     def __init__(
@@ -45,28 +62,30 @@ class Chart:
         log: bool = False,
         y_text: Callable[[float], str] = "{:g}".format,
         x_ticks: bool = True,
+        area: tuple[float, float] = AREA,
     ) -> None:
         self._log, self._x_limits, self._y_limits = log, x_limits, y_limits
+        self.right, self.bottom = LEFT + round(area[0]), TOP + round(area[1])
+        self.height = self.bottom + _BELOW
         self._parts: list[str] = []
-        for value in (_list_log_ticks if log else _list_ticks)(*y_limits):
+        for value in (_list_log_ticks if log else _list_ticks)(*sorted(y_limits)):
             y = float(self._place_y(np.array(value)))
-            self._parts.append(f'<path d="M{_LEFT} {y:.1f}H{_RIGHT}" stroke="{Style.GRID}"/>')
-            self.write(_LEFT - 6, y + 4, y_text(value), Style.MUTED, 12, "end")
-        self._parts.append(f'<path d="M{_LEFT} {_BOTTOM}H{_RIGHT}" stroke="{Style.GRID}"/>')
+            self._parts.append(f'<path d="M{LEFT} {y:.1f}H{self.right}" stroke="{Style.GRID}"/>')
+            self.write(LEFT - 6, y + 4, y_text(value), Style.MUTED, 12, "end")
+        self._parts.append(f'<path d="M{LEFT} {self.bottom}H{self.right}" stroke="{Style.GRID}"/>')
         for value in _list_ticks(*x_limits) if x_ticks else ():
-            self.write(
-                float(self._place_x(np.array(value))), _BOTTOM + 17, f"{value:g}", Style.MUTED, 12
-            )
-        self.write((_LEFT + _RIGHT) / 2, _HEIGHT - 10, x_label, Style.MUTED, 13)
-        self.write(_LEFT, 20, title, Style.INK, 15, "start", bold=True)
+            across = float(self._place_x(np.array(value)))
+            self.write(across, self.bottom + 17, f"{value:g}", Style.MUTED, 12)
+        self.write((LEFT + self.right) / 2, self.height - 10, x_label, Style.MUTED, 13)
+        self.write(LEFT, 20, title, Style.INK, 15, "start", bold=True)
 
     @classmethod
     def make_map(cls, title: str, label: str, x: np.ndarray, y: np.ndarray) -> Chart:
         """Makes a chart that shows points in the same scale along both axes."""
         (left, right), (low, high) = cls.pad_limits(x), cls.pad_limits(y)
-        unit = max((right - left) / (_RIGHT - _LEFT), (high - low) / (_BOTTOM - _TOP))
-        middle, half = (left + right) / 2, 0.5 * unit * (_RIGHT - _LEFT)
-        center, tall = (low + high) / 2, 0.5 * unit * (_BOTTOM - _TOP)
+        unit = max((right - left) / AREA[0], (high - low) / AREA[1])
+        middle, half = (left + right) / 2, 0.5 * unit * AREA[0]
+        center, tall = (low + high) / 2, 0.5 * unit * AREA[1]
         return cls(title, label, (middle - half, middle + half), (center - tall, center + tall))
 
     @staticmethod
@@ -78,10 +97,11 @@ class Chart:
 
     def write(
         self, x: float, y: float, words: str, color: str, size: float, anchor: str = "middle",
-        bold: bool = False,
+        bold: bool = False, halo: bool = False,
     ) -> None:  # fmt: skip
-        """Writes words at a place of the chart, in its pixels."""
+        """Writes words at a place of the chart, in its pixels; a halo sets them off."""
         weight = ' font-weight="bold"' if bold else ""
+        weight += ' stroke="white" stroke-width="4" paint-order="stroke"' if halo else ""
         self._parts.append(
             f'<text x="{x:.1f}" y="{y:.1f}" fill="{color}" font-size="{size:g}" '
             f'text-anchor="{anchor}"{weight}>{html.escape(words)}</text>'
@@ -109,11 +129,24 @@ class Chart:
         across, down = float(self._place_x(np.array(x))), float(self._place_y(np.array(y)))
         self.write(across - 2, down + 19, words, Style.INK, 12.5, "end", bold=True)
 
-    def mark_x(self, x: float, words: str) -> None:
+    def label_place(self, x: float, y: float, words: str) -> None:
+        """Writes words at a place of a map, set off from what is below."""
+        across, down = float(self._place_x(np.array(x))), float(self._place_y(np.array(y)))
+        self.write(across, down + 4, words, Style.INK, 12.5, bold=True, halo=True)
+
+    def list_names(self, names: Sequence[tuple[str, str]]) -> None:
+        """Lists the names of lines, each in its colour, at the top right of the area."""
+        for number, (words, color) in enumerate(names):
+            self.write(
+                self.right - 6, TOP + 16 + 17 * number, words, color, 12.5, "end", bold=True,
+                halo=True,
+            )  # fmt: skip
+
+    def mark_x(self, x: float, words: str, color: str = Style.GRID) -> None:
         """Draws a thin vertical line at x behind everything else, with words beside its top."""
         across = float(self._place_x(np.array(x)))
-        self._parts.insert(0, f'<path d="M{across:.1f} {_TOP}V{_BOTTOM}" stroke="{Style.GRID}"/>')
-        self.write(across + 4, _TOP + 9, words, Style.MUTED, 10, "start")
+        self._parts.insert(0, f'<path d="M{across:.1f} {TOP}V{self.bottom}" stroke="{color}"/>')
+        self.write(across + 4, TOP + 9, words, Style.MUTED, 10, "start")
 
     def draw_bars(self, labels: Sequence[str], values: Sequence[float]) -> None:
         """Draws bars at x = 0, 1, 2 ... with the value above and the label below each."""
@@ -121,17 +154,18 @@ class Chart:
             left, middle, right = self._place_x(place + np.array([-0.31, 0.0, 0.31]))
             top = float(self._place_y(np.array(value)))
             self._parts.append(
-                f'<path d="M{left:.1f} {_BOTTOM}V{top:.1f}H{right:.1f}V{_BOTTOM}Z" '
+                f'<path d="M{left:.1f} {self.bottom}V{top:.1f}H{right:.1f}V{self.bottom}Z" '
                 f'fill="{Style.LINE}"/>'
             )
             self.write(middle, top - 6, f"{value:.2f}", Style.INK, 12.5, bold=True)
-            self.write(middle, _BOTTOM + 17, label, Style.MUTED, 12)
+            self.write(middle, self.bottom + 17, label, Style.MUTED, 12)
 
     def draw_histogram(self, edges: np.ndarray, values: np.ndarray) -> None:
         """Draws bars (N,) between edges (N + 1,) of x."""
         across, tops = self._place_x(edges), self._place_y(values)
         bars = zip(across[:-1], tops, across[1:], strict=True)
-        path = "".join(f"M{a:.1f} {_BOTTOM}V{top:.1f}H{b:.1f}V{_BOTTOM}Z" for a, top, b in bars)
+        floor = self.bottom
+        path = "".join(f"M{a:.1f} {floor}V{top:.1f}H{b:.1f}V{floor}Z" for a, top, b in bars)
         self._parts.append(f'<path d="{path}" fill="{Style.LINE}"/>')
 
     def draw_segments(
@@ -144,41 +178,66 @@ class Chart:
             f'<path d="{path}" stroke="{color}" stroke-width="{width:g}" stroke-linecap="round"/>'
         )
 
-    def draw_points(self, x: np.ndarray, y: np.ndarray, colors: np.ndarray) -> None:
-        """Draws many points as one picture, in colours (N, 3) uint8, the last ones on top."""
+    def draw_points(self, x: np.ndarray, y: np.ndarray, colors: np.ndarray, size: int = 2) -> None:
+        """Draws many points as one picture, in colours (N, 3) uint8, the last ones on top.
+
+        Each is a square of `size` half pixels of the chart.
+        """
         import cv2
 
-        width, height = _RIGHT - _LEFT, _BOTTOM - _TOP
+        width, height = self.right - LEFT, self.bottom - TOP
         picture = np.zeros((_FINER * height, _FINER * width, 4), np.uint8)
-        column = np.floor(_FINER * (self._place_x(x) - _LEFT)).astype(int)
-        row = np.floor(_FINER * (self._place_y(y) - _TOP)).astype(int)
+        column = np.floor(_FINER * (self._place_x(x) - LEFT)).astype(int)
+        row = np.floor(_FINER * (self._place_y(y) - TOP)).astype(int)
         inside = (column >= 0) & (column < picture.shape[1]) & (row >= 0) & (row < len(picture))
         picture[row[inside], column[inside], :3] = colors[inside, ::-1]
         picture[row[inside], column[inside], 3] = 255
-        thicker = cv2.dilate(picture, np.ones((2, 2), np.uint8))
-        address = embed_bytes(cv2.imencode(".png", thicker)[1].tobytes(), "image/png")
-        self._parts.append(
-            f'<image x="{_LEFT}" y="{_TOP}" width="{width}" height="{height}" href="{address}"/>'
+        thicker = cv2.dilate(picture, np.ones((size, size), np.uint8))
+        self.place_picture(thicker, LEFT, TOP, width, height)
+
+    def draw_marks(self, x: np.ndarray, y: np.ndarray, color: str = Style.INK) -> None:
+        """Draws rings at points that lie within the area."""
+        for across, down in zip(self._place_x(x), self._place_y(y), strict=True):
+            if LEFT <= across <= self.right and TOP <= down <= self.bottom:
+                self._parts.append(
+                    f'<circle cx="{across:.1f}" cy="{down:.1f}" r="3.5" fill="none" '
+                    f'stroke="{color}" stroke-width="1.2"/>'
+                )
+
+    def build(self) -> str:
+        """Returns the chart as the text of an SVG file."""
+        return (
+            f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {_WIDTH} {self.height}" '
+            f'width="{_WIDTH}" height="{self.height}" font-family="{_FONT}">'
+            f"{''.join(self._parts)}</svg>"
         )
 
     def embed(self) -> str:
         """Returns the chart as the data address of an SVG."""
-        text = (
-            f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {_WIDTH} {_HEIGHT}" '
-            f'width="{_WIDTH}" height="{_HEIGHT}" font-family="{_FONT}">'
-            f"{''.join(self._parts)}</svg>"
+        return embed_bytes(self.build().encode(), "image/svg+xml")
+
+    def place_picture(
+        self, picture: np.ndarray, x: float, y: float, width: float, height: float
+    ) -> None:
+        """Places a BGR or BGRA picture in the chart; its pixels stay sharp squares."""
+        import cv2
+
+        address = embed_bytes(cv2.imencode(".png", picture)[1].tobytes(), "image/png")
+        self._parts.append(
+            f'<image x="{x:g}" y="{y:g}" width="{width:g}" height="{height:g}" href="{address}" '
+            'preserveAspectRatio="none" style="image-rendering: pixelated"/>'
         )
-        return embed_bytes(text.encode(), "image/svg+xml")
 
     def _place_x(self, values: np.ndarray) -> np.ndarray:
         low, high = self._x_limits
-        return _LEFT + (values - low) / (high - low) * (_RIGHT - _LEFT)
+        return LEFT + (values - low) / (high - low) * (self.right - LEFT)
 
     def _place_y(self, values: np.ndarray) -> np.ndarray:
         low, high = self._y_limits
         if self._log:
             low, high, values = math.log(low), math.log(high), np.log(values)
-        return np.clip(_BOTTOM - (values - low) / (high - low) * (_BOTTOM - _TOP), 0, _HEIGHT)
+        down = self.bottom - (values - low) / (high - low) * (self.bottom - TOP)
+        return np.clip(down, 0, self.height)
 
 
 def _list_ticks(low: float, high: float) -> list[float]:

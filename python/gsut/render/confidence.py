@@ -132,7 +132,7 @@ class Confidence:
             raise InputError("confidence is drawn as features: render your features by themselves")
         if isinstance(gaussians, StoredGaussians):
             raise InputError(
-                "confidence needs all Gaussians in memory: give more --memory, or compact the "
+                "confidence needs all Gaussians in memory: free some, or compact the "
                 "scene (gsut compact)"
             )
         if not self.is_of(gaussians):

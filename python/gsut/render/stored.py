@@ -115,7 +115,7 @@ class StoredImage:
         if size > limit:
             raise InputError(
                 f"{format_size(limit)} of memory do not hold what 16 x 16 pixels may see of the "
-                f"scene, {format_size(size)}; give more --memory, or compact the scene "
+                f"scene, {format_size(size)}; free some memory, or compact the scene "
                 "(gsut compact)"
             )
         whole = rows * _TILE >= self._shape[0] and columns * _TILE >= self._shape[1]

@@ -13,47 +13,47 @@ from gsut.compact import find_support
 from gsut.files import refuse_existing
 from gsut.formats import WriteSettings, choose_format, save_gaussians
 from gsut.gaussians import find_ground, rotate_upright, transform_gaussians
-from gsut.view.frames import Frames
+from gsut.view.shown_gaussians import ShownGaussians
 
 # Name of the new file if the page gives none.
 _DEFAULT_NAME = "edited.ply"
 
 
-def locate_ground(frames: Frames, up: Any) -> dict[str, Any]:
+def locate_ground(shown: ShownGaussians, up: Any) -> dict[str, Any]:
     """Finds the plane that the scene stands on, roughly across `up`: "normal" (3,) and "level"."""
-    normal, level = find_ground(frames.load_all(), parse_direction(up))
+    normal, level = find_ground(shown.load_all(), parse_direction(up))
     return {"normal": normal, "level": level}
 
 
-def find_floaters(frames: Frames, on_view: Callable[[int], object]) -> dict[str, int]:
-    """Finds the floaters, stores them in `frames` and returns how many there are.
+def find_floaters(shown: ShownGaussians, on_view: Callable[[int], object]) -> dict[str, int]:
+    """Finds the floaters, stores them in `shown` and returns how many there are.
 
     Raises:
         InputError: the stage has no training photographs.
     """
-    stage = frames.stage
+    stage = shown.stage
     if stage.scene is None or stage.kind != "run":
         raise InputError("floaters are found by a run's photographs, and there are none here")
-    if frames.floaters is None:
+    if shown.floaters is None:
         support = find_support(
-            stage.scene, frames.load_all(), stage.scene.train_indices,
+            stage.scene, shown.load_all(), stage.scene.train_indices,
             background=stage.background, light=stage.light, on_view=on_view,
         )  # fmt: skip
-        frames.floaters = support.contradicted
-    return {"count": int(np.count_nonzero(frames.floaters)), "of": len(frames.floaters)}
+        shown.floaters = support.contradicted
+    return {"count": int(np.count_nonzero(shown.floaters)), "of": len(shown.floaters)}
 
 
-def check_floaters(frames: Frames, clean: bool) -> None:
+def check_floaters(shown: ShownGaussians, clean: bool) -> None:
     """Raises InputError if floaters are to be left out before the search for them has ended."""
-    if clean and frames.floaters is None:
+    if clean and shown.floaters is None:
         raise InputError("floaters are not found yet: wait until the search ends, or keep them")
 
 
-def save_edited(frames: Frames, values: dict[str, Any]) -> dict[str, Any]:
+def save_edited(shown: ShownGaussians, values: dict[str, Any]) -> dict[str, Any]:
     """Writes the scene as it is shown to a new file beside the run or file.
 
     Args:
-        frames: of the stage.
+        shown: of the stage.
         values: "name" of the file; "crop" and "clean" as in a frame; "up" (3,) becomes -y, and with
             "level" the ground, which lies there along "up", becomes y = 0; lengths are multiplied
             by "scale".
@@ -64,7 +64,7 @@ def save_edited(frames: Frames, values: dict[str, Any]) -> dict[str, Any]:
     Raises:
         InputError: the file exists, lies in another folder or has an unknown format.
     """
-    folder = frames.stage.folder
+    folder = shown.stage.folder
     if folder is None:
         raise InputError("this scene is not a file yet: it is saved when the training ends")
     name = str(values.get("name") or _DEFAULT_NAME)
@@ -73,13 +73,13 @@ def save_edited(frames: Frames, values: dict[str, Any]) -> dict[str, Any]:
     path = folder / name
     choose_format(path)
     refuse_existing(path)
-    check_floaters(frames, bool(values.get("clean")))
+    check_floaters(shown, bool(values.get("clean")))
     scale = float(values.get("scale") or 1)
     if not 0 < scale < np.inf:
         raise InputError(f"lengths cannot be multiplied by {scale}")
     crop = None if not values.get("crop") else np.array(values["crop"], np.float64).reshape(2, 3)
-    whole = frames.load_all()
-    kept = whole[frames.select_kept(whole, crop, bool(values.get("clean")))]
+    whole = shown.load_all()
+    kept = whole[shown.select_kept(whole, crop, bool(values.get("clean")))]
     if not len(kept):
         raise InputError("nothing is left; crop less")
     turn, height = np.eye(3), 0.0
@@ -87,7 +87,7 @@ def save_edited(frames: Frames, values: dict[str, Any]) -> dict[str, Any]:
         turn = rotate_upright(parse_direction(values["up"]))
         height = float(values.get("level") or 0)
     moved = transform_gaussians(kept, turn, scale, scale * np.array([0.0, height, 0.0]))
-    written = save_gaussians(path, moved, WriteSettings(antialiased=frames.stage.antialiased))
+    written = save_gaussians(path, moved, WriteSettings(antialiased=shown.stage.antialiased))
     return {
         "path": str(path), "num_gaussians": len(moved), "of": len(whole),
         "left_out": list(written.left_out),

@@ -76,7 +76,7 @@ class Film:
             shown,
             count,
             closed=bool(settings.get("closed")),
-            up=parse_direction(settings.get("up") or frames.axes[1]),
+            up=parse_direction(settings.get("up") or frames.shown.axes[1]),
         )
         self._poses = turn_camera(path, -turns)
         self._done, self._failure, self._stop = 0, "", threading.Event()

@@ -35,15 +35,15 @@ class FrameRequest:
         view: the photograph whose pose this is, or None.
         shutter: the photograph whose rolling shutter is used, or None.
         layers: names of what is drawn over it: cameras, points, domain, axes, box.
-        crop: (2, 3) lower and upper corner of the box in `Frames.axes`, or None.
+        crop: (2, 3) lower and upper corner of the box in `ShownGaussians.axes`, or None.
         marks: (n, 3) measured points.
         quality: of the JPEG; None: a lossless PNG.
         share: of the Gaussians, the most visible ones; below 1 while the eye moves.
-        clean: leave floaters out, once `Frames.floaters` is known.
+        clean: leave floaters out, once `ShownGaussians.floaters` is known.
         turns: quarter turns clockwise from the image, whose pose, lens and size these are, to the
             picture on the page.
         ground: (4,) a plane's normal n and d, with n . x = d on it, that the layer "axes" draws;
-            None: across `Frames.axes` through the scene's middle.
+            None: across `ShownGaussians.axes` through the scene's middle.
     """
 
     pose: np.ndarray

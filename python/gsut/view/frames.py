@@ -37,7 +37,8 @@ from gsut.view.overlays import (
     draw_points,
     mark_without_ray,
 )
-from gsut.view.stage import Stage, move_motion
+from gsut.view.shown_gaussians import ShownGaussians
+from gsut.view.stage import move_motion
 
 # Percentiles of the distances that the colours span.
 _RANGE_PERCENT = (2.0, 98.0)
@@ -63,30 +64,16 @@ class Frames:
     """Draws frames of a stage.
 
     Args:
-        stage: what is shown; its Gaussians may change from frame to frame.
+        shown: the Gaussians of a stage.
         lenses: by number.
-
-    Attributes:
-        axes: (3, 3) rows: right, up, forward of the scene, along which the crop box stands.
-        floaters: (N,) bool of `load_all()`; None before they are searched.
     """
 
-    def __init__(self, stage: Stage, lenses: Lenses) -> None:
-        self.stage, self.lenses = stage, lenses
+    def __init__(self, shown: ShownGaussians, lenses: Lenses) -> None:
+        self.shown, self.stage, self.lenses = shown, shown.stage, lenses
         self._renderer = _core.Renderer()
         self._rule = _core.BlendRule()
         self._buffers: tuple[np.ndarray, ...] = ()
-        self._chosen: dict[Any, Any] = {}
-        self.floaters: np.ndarray | None = None
         self._pixels: Any = None  # a PixelFilter
-        place = stage.place()
-        self.center, self.extent = place["center"], place["extent"]
-        up = place["up"] / np.linalg.norm(place["up"])
-        forward = place["pose"][2, :3] - up * (up @ place["pose"][2, :3])
-        if np.linalg.norm(forward) < 1e-6:
-            forward = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
-        forward = forward / np.linalg.norm(forward)
-        self.axes = np.stack([np.cross(forward, up), up, forward])
 
     def _release_large(self, camera: Camera) -> None:
         """Gives back the memory of a frame larger than those that screens request."""
@@ -119,11 +106,11 @@ class Frames:
             draw_cameras(image, camera, pose, scene, request.view)
         if "axes" in layers:
             axes, middle = self._find_ground_axes(request.ground)
-            draw_grid(image, camera, pose, axes * self.extent, middle)
+            draw_grid(image, camera, pose, axes * self.shown.extent, middle)
         if request.crop is not None and "box" in layers:
             sides = (np.arange(8)[:, None] >> np.arange(3)) & 1
-            corners = request.crop[sides, np.arange(3)] * self.extent
-            draw_box(image, camera, pose, corners @ self.axes + self.center)
+            corners = request.crop[sides, np.arange(3)] * self.shown.extent
+            draw_box(image, camera, pose, corners @ self.shown.axes + self.shown.center)
         if request.marks is not None and len(request.marks):
             draw_marks(image, camera, pose, request.marks)
         self._release_large(camera)
@@ -168,7 +155,7 @@ class Frames:
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = np.where(alpha > SEEN, depth / alpha, np.nan)
         if request.mode == "normal":
-            return Drawn(_draw_normals(self.axes, camera, request.pose, distance))
+            return Drawn(_draw_normals(self.shown.axes, camera, request.pose, distance))
         known = distance[::_SAMPLES, ::_SAMPLES]
         known = known[np.isfinite(known)]
         span = tuple(np.percentile(known, _RANGE_PERCENT)) if len(known) else (1.0, 2.0)
@@ -184,7 +171,7 @@ class Frames:
         if not self._buffers or self._buffers[1].shape != shape:
             self._buffers = tuple(np.zeros((*shape, *rest), np.float32) for rest in ((3,), (), ()))
         image, alpha, depth = self._buffers
-        stage, g = self.stage, self._choose_gaussians(request)
+        stage, g = self.stage, self.shown.choose(request)
         fills, behind = stage.background is None, choose_solid(stage.background)
         if g is None or not len(g):
             image[:], alpha[:], depth[:] = behind, 0, 0
@@ -218,58 +205,9 @@ class Frames:
             self._pixels = PixelFilter.from_scene(gaussians, scene, _FILTER_CAMERAS)
         return self._pixels.widen(camera, place)
 
-    def load_all(self) -> Gaussians:
-        """Returns all Gaussians of the stage.
-
-        Raises:
-            InputError: there are none.
-        """
-        g = self.stage.gaussians
-        if g is None:
-            raise InputError("there are no Gaussians here")
-        return g if isinstance(g, Gaussians) else g.to_gaussians()
-
-    def select_kept(self, whole: Gaussians, crop: np.ndarray | None, clean: bool) -> np.ndarray:
-        """Returns (N,) bool: inside the crop box and, if `clean`, no floaters."""
-        kept = np.ones(len(whole), bool)
-        if crop is not None:
-            at = self._move_to_axes(whole)
-            kept = np.all((at >= crop[0]) & (at <= crop[1]), axis=1)
-        if clean and self.floaters is not None and len(self.floaters) == len(whole):
-            kept &= ~self.floaters
-        return kept
-
-    def _move_to_axes(self, whole: Gaussians) -> np.ndarray:
-        return (whole.means + (whole.origin - self.center)) @ self.axes.T / self.extent
-
-    def _choose_gaussians(self, request: FrameRequest) -> Any:
-        """Returns the most visible share of the Gaussians inside the crop box."""
-        g, crop, share = self.stage.gaussians, request.crop, request.share
-        if isinstance(g, StoredGaussians):
-            if crop is None:
-                return g
-            return g.with_change(lambda part: part[self.select_kept(part, crop, False)])
-        clean = request.clean and self.floaters is not None
-        some = share < 1 and self.stage.kind != "training"
-        if g is None or not (some or clean or crop is not None):
-            return g
-        if self._chosen.get("of") is not g:
-            self._chosen = {"of": g}
-        key = share, clean, None if crop is None else crop.tobytes()
-        if key not in self._chosen:
-            boxes = (None, key[2])
-            for old in [o for o in self._chosen if o != "of" and o[2] not in boxes]:
-                del self._chosen[old]  # of a box as it was before
-            whole = self.load_all()
-            kept = self.select_kept(whole, crop, clean)
-            if some:
-                kept &= _select_most_seen(whole, self._move_to_axes(whole), share)
-            self._chosen[key] = whole[kept]
-        return self._chosen[key]
-
     def _draw_centers(self, request: FrameRequest, camera: Camera) -> np.ndarray:
         image = np.zeros((camera.height, camera.width, 3), np.uint8)
-        gaussians = self._choose_gaussians(request)
+        gaussians = self.shown.choose(request)
         if gaussians is not None and len(gaussians):
             if not isinstance(gaussians, Gaussians):
                 gaussians = gaussians.to_gaussians()
@@ -303,11 +241,12 @@ class Frames:
 
     def _find_ground_axes(self, ground: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
         """Returns axes (3, 3) and middle (3,) of the ground, or of the scene without one."""
+        axes, center = self.shown.axes, self.shown.center
         if ground is None:
-            return self.axes, self.center
-        turn = rotate_upright(self.axes[1]).T @ rotate_upright(ground[:3])
-        height = ground[3] - ground[:3] @ self.center
-        return self.axes @ turn, self.center + height * ground[:3]
+            return axes, center
+        turn = rotate_upright(axes[1]).T @ rotate_upright(ground[:3])
+        height = ground[3] - ground[:3] @ center
+        return axes @ turn, center + height * ground[:3]
 
 
 def _draw_normals(
@@ -339,17 +278,3 @@ def _apply_colors(level: np.ndarray, known: np.ndarray, colors: str) -> np.ndarr
     levels = to_uint8(np.where(known, level, 0))
     mapped = cv2.applyColorMap(levels, getattr(cv2, f"COLORMAP_{colors}")) * known[..., None]
     return cv2.cvtColor(mapped, cv2.COLOR_BGR2RGB)
-
-
-def _select_most_seen(gaussians: Gaussians, at: np.ndarray, share: float) -> np.ndarray:
-    """Selects (N,) bool a share of the Gaussians, those that look largest from a point.
-
-    Args:
-        gaussians: N Gaussians.
-        at: (N, 3) centres from that point, in units of the scene's extent.
-        share: 0 to 1.
-    """
-    scales = np.sort(gaussians.log_scales, axis=1)[:, 1:].sum(axis=1)
-    opacity = -np.logaddexp(0, -gaussians.opacity_logits)
-    seen = opacity + scales - np.log1p(np.sum(at**2, axis=1))
-    return seen >= np.quantile(seen, 1 - share)

@@ -55,7 +55,7 @@ def write_page(path: Path, session: Any, photographs: int, sh_degree: int = 3) -
         What became of the Gaussians, which the page holds as SPZ.
     """
     stage = session.stage
-    whole = session.frames.load_all()
+    whole = session.shown.load_all()
     if whole.sh_degree > sh_degree:
         whole = dataclasses.replace(whole, sh=whole.sh[:, : (sh_degree + 1) ** 2])
     with TemporaryDirectory(prefix="gsut-") as folder:

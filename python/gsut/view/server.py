@@ -82,7 +82,7 @@ class ViewServer:
         except (OSError, OverflowError) as error:
             reason = getattr(error, "strerror", None) or error
             raise InputError(
-                f"cannot listen on {host}:{port} ({reason}); give another --host or --port"
+                f"cannot listen on {host}:{port} ({reason}); give another --serve HOST:PORT"
             ) from None
         self.host, self.port = host, self._server.server_address[1]
         Handler.host, Handler.port = host, self.port
@@ -148,7 +148,7 @@ class _Handler(http.server.BaseHTTPRequestHandler):
             self._refuse(403, "wrong token: open the address that gsut view printed")
         elif not _is_own_name(host, self.host, self.port):
             where = "on the loopback only" if self.host == LOOPBACK else "by the machine's name"
-            self._refuse(403, f"gsut view answers {where}, not as {host!r}; see --host")
+            self._refuse(403, f"gsut view answers {where}, not as {host!r}; see --serve")
         elif origin is not None and origin != f"http://{host}":
             self._refuse(403, f"gsut view does not answer pages of {origin!r}")
         else:

@@ -25,6 +25,7 @@ from gsut.view.frames import Frames
 from gsut.view.lenses import Lenses
 from gsut.view.page_file import write_page
 from gsut.view.server import Reply, Route
+from gsut.view.shown_gaussians import ShownGaussians
 from gsut.view.stage import Stage
 
 # Longer side of a thumbnail in pixels.
@@ -71,7 +72,8 @@ class Session:
     ) -> None:
         self.stage = stage
         self.lenses = Lenses(stage.cameras)
-        self.frames = Frames(stage, self.lenses)
+        self.shown = ShownGaussians(stage)
+        self.frames = Frames(self.shown, self.lenses)
         self._draw: Drawing = drawing or AtOnce()
         self._training = training
         self._film: Film | None = None
@@ -105,7 +107,7 @@ class Session:
             "name": stage.name, "kind": stage.kind, "modes": MODES,
             "num_gaussians": 0 if gaussians is None else len(gaussians),
             "num_points": 0 if stage.scene is None else len(stage.scene.points),
-            "up": self.frames.axes[1], "axes": self.frames.axes, "center": place["center"],
+            "up": self.shown.axes[1], "axes": self.shown.axes, "center": place["center"],
             "extent": place["extent"], "pose": place["pose"].ravel(),
             "lenses": [
                 {**self.lenses.describe(row),
@@ -192,7 +194,7 @@ class Session:
             _check_object(values.get("frame"))
             if self._film is not None:
                 self._film.stop()
-            check_floaters(self.frames, bool(values["frame"].get("clean")))
+            check_floaters(self.shown, bool(values["frame"].get("clean")))
             requests = [self._request({**values["frame"], "pose": key}) for key in values["keys"]]
             self._film = Film(self.frames, self._draw, requests, values)
         elif values.get("stop") and self._film is not None:
@@ -223,7 +225,7 @@ class Session:
 
     def find_ground(self, values: dict[str, Any]) -> Reply:
         """Finds the plane that the scene stands on, roughly across "up"."""
-        return Reply(locate_ground(self.frames, values["up"]))
+        return Reply(locate_ground(self.shown, values["up"]))
 
     def find_floaters(self, values: dict[str, Any]) -> Reply:
         """Finds floaters, which takes up to a second for each photograph; with "far", returns
@@ -232,12 +234,12 @@ class Session:
             return Reply({"done": self._photographs_done})
         with self._lock:
             return Reply(
-                find_floaters(self.frames, lambda done: setattr(self, "_photographs_done", done))
+                find_floaters(self.shown, lambda done: setattr(self, "_photographs_done", done))
             )
 
     def save_scene(self, values: dict[str, Any]) -> Reply:
         """Writes the scene as it is shown to a new file."""
-        return Reply(save_edited(self.frames, values))
+        return Reply(save_edited(self.shown, values))
 
     def _request(self, values: dict[str, Any]) -> FrameRequest:
         _check_object(values)

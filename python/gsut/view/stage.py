@@ -99,15 +99,12 @@ def _place_views(scene: Scene) -> dict[str, Any]:
     return {"up": find_up(scene), "center": center, "extent": scene.extent, "pose": first}
 
 
-def open_stage(
-    path: str | os.PathLike[str], data: str | None = None, memory: str | None = None
-) -> Stage:
+def open_stage(path: str | os.PathLike[str], data: str | None = None) -> Stage:
     """Opens a finished run, a file of Gaussians or a dataset.
 
     Args:
         path: of one of these, which is recognised by its content.
         data: a run's dataset, if it is not where training read it; photographs beside a file.
-        memory: that a run's Gaussians may take, such as 2GB; None: most of what is free.
 
     Raises:
         InputError: there is no such file or folder, or it cannot be read.
@@ -119,15 +116,13 @@ def open_stage(
         )
     if (place / RunFile.OPTIONS).is_file():
         run = RunFolder.open(place)
-        options, scene, gaussians = open_trained(run, data, memory)
+        options, scene, gaussians = open_trained(run, data)
         figures = run.read_json(RunFile.METRICS) or {}
         name = "/".join(place.resolve().parts[-2:])
         return Stage(
             name, "run", gaussians, scene, options.background, figures=figures,
             light=read_light(run, scene), folder=place,
         )  # fmt: skip
-    if memory is not None:
-        raise InputError(f"--memory is for runs, and {place} is none; leave it out")
     if place.is_file() and place.suffix.lower() != ".json":
         file = read_scene_file(place)
         photographs = None if data is None else load_dataset(data)

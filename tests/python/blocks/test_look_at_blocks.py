@@ -1,4 +1,4 @@
-"""A run in blocks that is larger than the memory given: eval, render and view look at it alike."""
+"""A run in blocks that is larger than the free memory: eval, render and view look at it alike."""
 
 import json
 import shutil
@@ -8,6 +8,7 @@ import pytest
 
 import gsut
 from gsut.cli import main
+from gsut.formats.ply import _OF_FREE
 from gsut.gaussians import StoredGaussians, stored
 from gsut.run import RunFolder
 from gsut.training import open_trained
@@ -15,7 +16,8 @@ from gsut.view import Session, open_stage
 from stored_reads import count_reads
 
 COUNT = 6000
-MEMORY = "2.2MB"  # of the 2.4 that these take
+ENOUGH = 10**9  # bytes of memory
+MEMORY = 2_200_000  # of the 2.4 MB that these take
 
 
 @pytest.fixture(scope="module")
@@ -46,10 +48,21 @@ def reads(monkeypatch):
     return count_reads(monkeypatch)
 
 
-def test_eval_has_the_same_figures(run, reads, capsys):
+@pytest.fixture
+def give(monkeypatch):
+    """Sets the bytes of memory that Gaussians may take."""
+
+    def set_limit(limit):
+        monkeypatch.setattr("gsut.formats.ply.free_memory", lambda: limit / _OF_FREE)
+
+    return set_limit
+
+
+def test_eval_has_the_same_figures(run, reads, give, capsys):
     told = []
-    for flags in ([], ["--memory", MEMORY]):
-        assert main(["eval", str(run), "--json", "--split", "all", *flags]) == 0
+    for limit in (ENOUGH, MEMORY):
+        give(limit)
+        assert main(["eval", str(run), "--json", "--split", "all"]) == 0
         told.append(json.loads(capsys.readouterr().out))
         for row in (told[-1], *told[-1]["views"]):
             del row["render_ms"]
@@ -59,11 +72,12 @@ def test_eval_has_the_same_figures(run, reads, capsys):
 
 
 @pytest.mark.parametrize("size", ["40x40", "32x32"])  # the second is coarser than the photographs
-def test_render_writes_the_same_pictures(run, reads, tmp_path, size):
+def test_render_writes_the_same_pictures(run, reads, give, tmp_path, size):
     flags = ["render", str(run), "--path", "test", "--size", size]
     assert main([*flags, "-o", str(tmp_path / "whole")]) == 0
     assert not reads
-    assert main([*flags, "-o", str(tmp_path / "stored"), "--memory", MEMORY]) == 0
+    give(MEMORY)
+    assert main([*flags, "-o", str(tmp_path / "stored")]) == 0
     assert reads
     names = sorted(path.name for path in (tmp_path / "whole").glob("*.png"))
     assert len(names) == 2
@@ -72,23 +86,28 @@ def test_render_writes_the_same_pictures(run, reads, tmp_path, size):
         assert pictures[0] == pictures[1]
 
 
-def test_mesh_is_the_same_and_says_what_it_cannot(run, reads, tmp_path, capsys, monkeypatch):
+def test_mesh_is_the_same_and_says_what_it_cannot(run, reads, give, tmp_path, capsys, monkeypatch):
     flags = ["mesh", str(run), "--quiet", "--voxel", "0.1", "-o"]
     assert main([*flags, str(tmp_path / "whole.ply")]) == 0
     assert not reads
     # All are too many, those of a view are not.
     monkeypatch.setattr("gsut.formats.ply.count_bytes_per_gaussian", lambda degree: 1000)
-    assert main([*flags, str(tmp_path / "stored.ply"), "--memory", "3MB"]) == 0
+    give(3_000_000)
+    assert main([*flags, str(tmp_path / "stored.ply")]) == 0
     assert reads
     pictures = [(tmp_path / f"{kind}.ply").read_bytes() for kind in ("whole", "stored")]
     assert pictures[0] == pictures[1]
-    assert main([*flags, str(tmp_path / "none.ply"), "--memory", "100kB"]) != 0
-    assert "give more --memory" in capsys.readouterr().err
+    give(100_000)
+    assert main([*flags, str(tmp_path / "none.ply")]) != 0
+    assert "free some memory" in capsys.readouterr().err
 
 
-def test_view_draws_the_same_frames_and_refuses_what_needs_all(run, reads):
-    sessions = [Session(open_stage(run, None, memory)) for memory in (None, MEMORY)]
-    pose = open_trained(RunFolder.open(run), None, None)[1].views[3].camera_from_world
+def test_view_draws_the_same_frames_and_refuses_what_needs_all(run, reads, give):
+    sessions = []
+    for limit in (ENOUGH, MEMORY):
+        give(limit)
+        sessions.append(Session(open_stage(run)))
+    pose = open_trained(RunFolder.open(run), None)[1].views[3].camera_from_world
     frame = {"pose": pose.ravel().tolist(), "lens": 0, "width": 40, "height": 40, "quality": None}
     box = [[-0.5, -0.5, -0.5], [0.5, 0.5, 0.2]]
     cases = ({}, {"mode": "distance"}, {"crop": box}, {"share": 0.5})
@@ -103,10 +122,3 @@ def test_view_draws_the_same_frames_and_refuses_what_needs_all(run, reads):
     ):
         with pytest.raises(gsut.InputError, match="needs all 6,000 Gaussians"):
             ask(sessions[1])
-
-
-def test_memory_is_for_runs(run, finished, capsys):
-    assert main(["render", str(run / "scene.ply"), "-o", "x", "--memory", "1GB"]) != 0
-    assert "--memory is for runs" in capsys.readouterr().err
-    assert main(["eval", str(run), "--memory", "much"]) != 0
-    assert "--memory must be like" in capsys.readouterr().err

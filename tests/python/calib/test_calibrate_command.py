@@ -55,7 +55,7 @@ def test_calibrate_fisheye_writes_lens_report_and_corners(folder, tmp_path):
     assert report["valid_angle_degrees"] == pytest.approx(degrees, abs=1e-5)
     assert set(report["cameras"]) == {"camera"}
     page = (out.parent / "report.html").read_text()
-    assert page.count("data:image/png") >= 4
+    assert page.count("data:image/svg+xml") >= 4
     assert "http" not in page  # self-contained
     assert len(list((out.parent / "corners").iterdir())) == 10
     assert (out.parent / "corners.vnl").read_text().count("\n") == 1 + 10 * 35

@@ -40,8 +40,8 @@ def test_edit_crops_by_box_sphere_and_opacity(ply, capsys):
     np.testing.assert_array_equal(found.means, ply.means[kept])
 
 
-def test_edit_scales_by_a_known_length_and_turns_up(ply, capsys):
-    flags = "--length 0 0 0 0 0 2 5 --up 0 0 1"
+def test_edit_scales_and_turns_up(ply, capsys):
+    flags = "--scale 2.5 --up 0 0 1"
     found, figures = edited(capsys, "in.ply", *flags.split())
     assert figures["scale"] == 2.5
     expected = 2.5 * ply.means @ np.array(figures["rotation"]).T
@@ -63,8 +63,7 @@ def test_edit_merges_several(ply, capsys):
         ("-o out.obj", "no format to write has this suffix"),
         ("-o out.ply --crop-box 1 2 3", "--crop-box: expected 6 arguments"),
         ("-o out.ply --crop-sphere 99 0 0 1", "nothing is left"),
-        ("-o out.ply --length 1 1 1 1 1 1 2", "scale must be above 0"),
-        ("-o out.ply --scale 2 --length 0 0 0 1 0 0 2", "not both"),
+        ("-o out.ply --scale 0", "--scale must be above 0"),
         ("-o out.ply --min-opacity 2", "must lie in 0 to 1"),
         ("-o out.ply --up 0 0 0", "must be a direction"),
         ("-o out.ply --up 0 0 1 --upright", "not both"),
@@ -94,7 +93,7 @@ def test_edit_leaves_floaters_out_of_a_run(run, monkeypatch, capsys):
         return SimpleNamespace(unseen=marks < 100, contradicted=marks % 2 == 0)
 
     monkeypatch.setattr(importlib.import_module("gsut.compact"), "find_support", find_support)
-    found, figures = edited(capsys, "run", "--floaters", "--unseen", "--quiet")
+    found, figures = edited(capsys, "run", "--floaters", "--unseen")
     assert asked == [(1, 2, 4, 5)]  # the training photographs
     assert figures["floaters"] == 100 + (1234 - 100) // 2
     assert len(found) == 1234 - figures["floaters"]

@@ -209,43 +209,6 @@ def test_every_writer_on_a_full_disk_fails_and_names_the_file(tmp_path, rng):
     assert left == []
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (
-            ["render", "in.ply", "-o", "a.mp4", "--fps", "inf"],
-            "--fps: takes a finite number",
-        ),
-        (["render", "in.ply", "-o", "a", "--frames", "1000000000"], "from 1 to 100000"),
-        (["render", "in.ply", "-o", "a", "--size", "100000x100000"], "from 1 to 65536"),
-        (["edit", "in.ply", "-o", "a.ply", "--scale", "inf"], "--scale: takes a finite"),
-        (["compact", "in.ply", "-o", "a.ply", "--keep", "nan"], "--keep: takes a finite number"),
-        (["mesh", "in", "-o", "a.ply", "--faces", "9" * 25], "--faces: takes a whole number"),
-        (["render", "in.ply", "-o", "a", "--fov", "0"], "--fov: takes a number above 0, up to 360"),
-        (["edit", "in.ply", "-o", "a.ply", "--scale", "1e30"], "--scale: the scale must be above"),
-        (["edit", "in.ply", "-o", "a.ply", "--up", "1e300", "0", "0"], "--up: takes a number from"),
-        (
-            ["poses", "in", "-o", "a", "--set", f"min_inliers={'9' * 25}"],
-            "--set min_inliers must be >= ",
-        ),
-        (["train", "in", "-o", "a", "--port", "99999"], "--port: takes a whole number from 0 to"),
-        (["train", "in", "-o", ""], "the name is empty"),
-        (["poses", "in", "-o", ""], "the name is empty"),
-        (["doctor", ""], "after doctor the name is empty"),
-        (["eval", "in", "--data", ""], "after --data the name is empty"),
-    ],
-)
-def test_sizes_without_bound_are_refused_at_once(words, said, tmp_path, monkeypatch, rng, capsys):
-    monkeypatch.chdir(tmp_path)
-    gsut.formats.save_ply("in.ply", plain_scene(rng, 20, 1))
-    gsut.save_camera(
-        gsut.Camera("kannala_brandt", [99, 99, 64, 48, 0.1, 0, 0, 0], 128, 96), "in.yaml"
-    )
-    assert main(words) == EXIT_INPUT
-    assert said in capsys.readouterr().err
-    assert {p.name for p in tmp_path.iterdir()} - {"a"} == {"in.ply", "in.yaml"}
-
-
 def test_closed_output_is_no_fault(monkeypatch):
     monkeypatch.setattr("sys.stdout", None)
     monkeypatch.setattr("sys.stderr", None)

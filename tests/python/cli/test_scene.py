@@ -42,16 +42,17 @@ def made(tmp_path_factory):
     gsut.save_camera(gsut.Camera("pinhole", [300.0, 300.0, 160.0, 120.0], 320, 240), lens)
     words = ["scene", str(video), "--camera", str(lens), *WORDS]
 
-    def announce(address, *_):
+    def open_page(address):
         SEEN["address"], (SEEN["first"],) = address, ask_page(address, "scene")
 
     def wait_for_end():
         SEEN["last"], SEEN["made"] = ask_page(SEEN["address"], "scene", "making")
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("gsut.cli.view.announce", announce)
+        patch.setattr("gsut.cli.view.has_display", lambda: True)
+        patch.setattr("webbrowser.open", open_page)
         patch.setattr("gsut.cli.view.wait_for_end", wait_for_end)
-        assert main([*words, "-o", str(folder / "run"), "--quiet", "--view", "--no-open"]) == 0
+        assert main([*words, "-o", str(folder / "run"), "--quiet", "--view"]) == 0
     return folder, words
 
 
@@ -211,6 +212,7 @@ def test_killed_at_any_stage_it_ends_with_the_same_bits(made, tmp_path):
     assert all((run / n).read_bytes() == (folder / "run" / n).read_bytes() for n in names)
 
 
+@pytest.mark.slow
 def test_scene_called_from_python_resumes_after_interrupts(tmp_path):
     video, pictures = cv2.VideoCapture(str(walk_past(tmp_path / "walk.mp4"))), tmp_path / "pictures"
     pictures.mkdir()

@@ -157,7 +157,7 @@ def test_mesh_and_cut_scene_lie_where_the_points_do(case, tmp_path):
     vertices = gsut.load_mesh(tmp_path / "mesh.ply").vertices
     assert np.linalg.norm(np.median(vertices, axis=0) - middle) < 1
     box = [f"{value:.17g}" for value in (*(middle - 0.3), *(middle + 0.3))]
-    words = ["edit", str(run), "-o", str(tmp_path / "cut.ply"), "--quiet", "--crop-box", *box]
+    words = ["edit", str(run), "-o", str(tmp_path / "cut.ply"), "--crop-box", *box]
     assert main(words) == 0
     whole, cut = (
         gsut.formats.load_ply(run / "scene.ply"),

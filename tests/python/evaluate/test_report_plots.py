@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from gsut.evaluate.report_plots import plot_curve, plot_rings
+from gsut.page import ImageChart, plot_residuals
 from gsut.page.chart import Chart, _list_log_ticks, _list_ticks
 from gsut.run import TrainOptions
 
@@ -96,3 +97,28 @@ def test_rings_without_pixels_have_no_bar():
     ]
     words = texts(plot_rings(rings))
     assert "31.50" in words and "0–30°" in words and "30–60°" not in words
+
+
+def test_a_map_over_an_image_has_its_pixels_its_border_and_its_scale():
+    values = np.array([[1.0, 1.0, 10.0], [1.0, np.nan, 10.0]])
+    chart = ImageChart("map", (300, 200))
+    chart.draw_map(values, cv2.COLORMAP_INFERNO, "px", (1.0, 10.0), log=True)
+    chart.draw_border(values > 5, np.isfinite(values), "white")
+    text = svg(chart.embed())
+    address = re.search(r'<image x="58" y="34" .*?base64,([^"]*)"', text).group(1)
+    picture = cv2.imdecode(np.frombuffer(base64.b64decode(address), np.uint8), -1)
+    assert picture.shape == (2, 3, 4) and picture[1, 1, 3] == 0
+    np.testing.assert_array_equal(picture[0, 0, :3], [4, 0, 0])  # the map's first colour
+    np.testing.assert_array_equal(picture[0, 2, :3], [164, 255, 252])  # and its last
+    (path,) = re.findall(r'd="([^"]*)" stroke="white"', text)
+    assert path.count("M") == 1 and "v" in path  # between 1 and 10, not beside what is unknown
+    assert "1" in texts(chart.embed()) and "10   px" in texts(chart.embed())
+
+
+def test_residuals_leave_their_pixels_enlarged_alike():
+    pixels, residuals = np.array([[100.0, 50.0], [200.0, 150.0]]), np.array([[1.0, 0], [0, 0.5]])
+    text = svg(plot_residuals("Residuals", (300, 200), pixels, residuals).embed())
+    (path,) = re.findall(r'd="([^"]*)" stroke="#1668b8" stroke-width="0.7"', text)
+    ends = np.array([place.split() for place in re.split("[ML]", path)[1:]], float).reshape(2, 2, 2)
+    moved = ends[:, 1] - ends[:, 0]
+    assert moved[0, 0] == pytest.approx(2 * moved[1, 1], rel=0.02) and moved[0, 1] == 0

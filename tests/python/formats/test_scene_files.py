@@ -1,8 +1,8 @@
 """Tests every format of scene files: round trips within their bounds, and files that are wrong."""
 
+import gzip
 import struct
 import warnings
-import zlib
 
 import numpy as np
 import pytest
@@ -147,35 +147,11 @@ def test_damaged_file_is_read_or_refused_in_a_sentence(written, tmp_path, rng, c
     assert len(outcomes) == 60
 
 
-def spz(count, body=b"", version=3, degree=0, bits=12, magic=0x5053474E):
-    data = struct.pack("<IIIBBBB", magic, version, count, degree, bits, 0, 0) + body
-    compressor = zlib.compressobj(9, zlib.DEFLATED, 31)
-    return compressor.compress(data) + compressor.flush()
-
-
-@pytest.mark.parametrize(
-    ("data", "message"),
-    [
-        (spz(4_000_000_000), "claims 4,000,000,000"),
-        (spz(60_000), "more than .* bytes of gzip can hold"),
-        (spz(1, bytes(19)), "need 20 bytes, 19"),
-        (spz(1, bytes(10_000_000)), "need 20 bytes, 21 or more"),  # a bomb is not unpacked
-        (spz(1, bytes(20), version=1), "SPZ version 1"),
-        (spz(1, bytes(20), degree=4), "degree 4"),
-        (spz(1, bytes(20), magic=1), "no SPZ file"),
-        (b"PK\3\4", "does not look like one"),
-    ],
-)
-def test_wrong_spz_file_is_refused_before_memory_is_asked_for(tmp_path, data, message):
-    (tmp_path / "a.spz").write_bytes(data)
-    with pytest.raises(InputError, match=message):
-        formats.load_gaussians(tmp_path / "a.spz")
-
-
 def test_spz_of_version_2_is_read(tmp_path):
     body = np.array([1 << 12, 0, -(1 << 11)], "<i4").view(np.uint8).reshape(3, 4)[:, :3].tobytes()
     body += bytes([128, 255, 0, 128, 160, 144, 128, 255, 128, 128])
-    (tmp_path / "a.spz").write_bytes(spz(1, body, version=2))
+    data = struct.pack("<IIIBBBB", 0x5053474E, 2, 1, 0, 12, 0, 0) + body
+    (tmp_path / "a.spz").write_bytes(gzip.compress(data))
     found = formats.load_gaussians(tmp_path / "a.spz")
     np.testing.assert_array_equal(found.means, [[1.0, 0.0, -0.5]])
     np.testing.assert_allclose(found.quats, [[0, 1, 0, 0]], atol=5e-3)
@@ -232,21 +208,6 @@ def test_gltf_is_half_a_turn_about_z_away(tmp_path, rng):
     view = document["bufferViews"][0]
     means = np.frombuffer(data, "<f4", 9, 28 + length + view["byteOffset"]).reshape(3, 3)
     np.testing.assert_array_equal(means, g.means * [-1, -1, 1])
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        (b"[" * 100000, "is no JSON"),
-        (b"{}", "no glTF file of Gaussians"),
-        (b'{"meshes": [{"primitives": [{"attributes": {}}]}]}', "0 meshes with KHR"),
-    ],
-)
-def test_wrong_gltf_file_is_refused_in_a_sentence(tmp_path, text, message):
-    chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", 0, b"BIN\0")
-    (tmp_path / "a.glb").write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks)
-    with pytest.raises(InputError, match=message):
-        formats.load_gaussians(tmp_path / "a.glb")
 
 
 def test_usd_is_valid_and_has_w_x_y_z_of_a_turned_scene(tmp_path, rng):

@@ -134,7 +134,7 @@ def test_file_of_another_layout_is_read_whole(ply, tmp_path):
 
 def test_what_does_not_fit_or_needs_all_is_said(ply, rng):
     stored = open_ply(ply, 200_000)
-    with pytest.raises(gsut.InputError, match=r"16 x 16 pixels.*more --memory"):
+    with pytest.raises(gsut.InputError, match=r"16 x 16 pixels.*free some memory"):
         gsut.render(stored, pinhole(64), pose_near(rng))
     with pytest.raises(gsut.InputError, match="needs all 60,000 Gaussians"):
         stored.to_gaussians()

@@ -71,6 +71,7 @@ def test_focal_prior_that_images_know_better_changes_nothing(walk):
     assert abs(error) < tolerances.FOCAL_SIGMAS * alone.found.focal_sigma
 
 
+@pytest.mark.slow
 def test_focal_sigma_with_errors_that_features_share_covers_the_error():
     errors, wider = [], 0
     for seed in range(5):

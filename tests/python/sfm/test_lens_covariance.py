@@ -57,6 +57,7 @@ def distant_errors(found: gsut.Camera, truth: gsut.Camera, seen: np.ndarray, pix
     return found.project(truth.unproject(pixels)[0] @ turn.T)[0] - pixels
 
 
+@pytest.mark.slow
 def test_lens_covariance_is_that_of_many_draws():
     z, lengths = [], []
     for seed in range(100, 116):

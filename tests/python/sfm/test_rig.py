@@ -141,6 +141,7 @@ def test_solve_rig_frames_that_do_not_connect_become_a_model_in_the_rigs_unit(rn
     assert not [note for note in list_notes(mapping) if "without a pose" in note]
 
 
+@pytest.mark.slow
 def test_solve_rig_standard_error_of_lengths_is_that_of_many_runs():
     errors, told = [], []
     for seed in range(RUNS):

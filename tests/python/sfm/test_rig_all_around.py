@@ -90,6 +90,7 @@ def test_poses_of_all_images_come_out_in_metres(truth, poses):
     assert lenses == {"ocam"}
 
 
+@pytest.mark.slow
 def test_training_on_them_tells_depth_beyond_ninety_degrees(truth, poses, tmp_path, capsys):
     run = tmp_path / "run"
     words = ["train", str(poses), "-o", str(run), "--preset", "fast", "--steps", "100", "--quiet"]

@@ -114,6 +114,7 @@ def test_poses_with_a_disturbed_rig_refine_it(demo, tmp_path):
     assert np.degrees(max(turns)) < 0.2 * 0.5
 
 
+@pytest.mark.slow
 def test_poses_with_a_rig_estimates_the_lens_that_it_does_not_name(demo, tmp_path):
     values = json.loads((demo / "rig_hall" / "rig.json").read_text())
     left, right = values["cameras"].values()
@@ -165,6 +166,7 @@ def two_cameras(demo, tmp_path):
     return tmp_path / "in"
 
 
+@pytest.mark.slow
 def test_poses_command_of_two_cameras_uses_the_lens_file_of_each(demo, two_cameras, tmp_path):
     out = tmp_path / "out"
     assert main(["poses", str(two_cameras), "-o", str(out), "--quiet"]) == 0
@@ -186,6 +188,7 @@ def test_poses_command_of_two_cameras_uses_the_lens_file_of_each(demo, two_camer
     assert errors.ate < 0.01 * errors.extent  # observed 0.0012
 
 
+@pytest.mark.slow
 def test_poses_command_of_two_cameras_with_one_lens_file_estimates_the_other(two_cameras, tmp_path):
     truth = gsut.load_camera(two_cameras / "right.lens.json")
     (two_cameras / "right.lens.json").unlink()

@@ -94,6 +94,7 @@ def test_mounts_are_determined_where_both_cameras_see_the_same_points(rng, move)
     assert mount.list_open_directions() == []
 
 
+@pytest.mark.slow
 def test_standard_deviations_of_mounts_are_those_of_many_runs():
     ratios = []
     for seed in range(SEEDS):

@@ -196,6 +196,7 @@ def test_rolling_rig_dataset_has_the_lines_of_each_camera(rng, tmp_path):
     assert describe(again.readings) == describe(READINGS["opposite"])
 
 
+@pytest.mark.slow
 def test_training_on_a_rolling_rig_follows_the_lines_of_each_camera(rng, tmp_path):
     """Its scene is better by the lines of both cameras than with one pose an image."""
     gaussians, lens = truth(rng), pinhole(48)

@@ -104,12 +104,14 @@ def test_two_unknown_lenses_on_a_rig_are_found_with_the_rigs_turns(scene, found)
     assert np.degrees(turn) < tolerances.RIG_FOUND_DEGREES  # was 0.5
 
 
+@pytest.mark.slow
 def test_an_unknown_lens_beside_a_known_one_is_found_and_the_known_one_held(scene, monkeypatch):
     mapping = run(scene, start(scene, known=(0,)), monkeypatch)
     check(scene, mapping, 2 * FRAMES)
     assert mapping.solved.cameras[0] is scene.photographs.cameras[0]
 
 
+@pytest.mark.slow
 def test_a_camera_of_two_photographs_gets_its_lens_from_points_of_the_others(scene, monkeypatch):
     photographs = start(scene)
     left, right = photographs.groups

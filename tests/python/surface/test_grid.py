@@ -141,7 +141,7 @@ def test_render_writes_depths_that_lead_back_to_the_plane(kind, tmp_path, capsys
     assert np.abs(cloud.vertices[:, 2]).max() < tolerances.PLANE_POINTS
 
 
-def test_render_refuses_z_beyond_ninety_degrees_and_depths_of_a_film(tmp_path, capsys):
+def test_render_refuses_z_beyond_ninety_degrees_and_depths_of_a_film(tmp_path, monkeypatch, capsys):
     run = plane_run(tmp_path)
     gsut.save_camera(fisheye(60), tmp_path / "wide.json")
     words = ["render", str(run), "--camera", str(tmp_path / "wide.json"), "-o"]
@@ -151,8 +151,9 @@ def test_render_refuses_z_beyond_ninety_degrees_and_depths_of_a_film(tmp_path, c
     assert main(["render", str(run), "-o", str(tmp_path / "a.mp4"), "--depth", "ray"]) == 2
     assert "a film has no depths" in capsys.readouterr().err
     words = ["render", str(run), "--frames", "1", "-o", str(tmp_path / "two")]
-    assert main([*words, "--depth", "ray", "--depth-unit", "1e-6"]) == 0
-    assert "larger --depth-unit" in capsys.readouterr().err
+    monkeypatch.setattr("gsut.cli._render_depth.UNIT", 1e-6)
+    assert main([*words, "--depth", "ray"]) == 0
+    assert "the .npy files hold them" in capsys.readouterr().err
 
 
 def test_mesh_writes_a_grid_in_the_datasets_coordinates(tmp_path, capsys):

@@ -16,7 +16,7 @@ SEAM_COLUMNS = 8  # on either side of the seam
 def panorama_data(tmp_path_factory):
     folder = tmp_path_factory.mktemp("panorama") / "hall"
     camera = gsut.Camera("equirectangular", [], WIDTH, HEIGHT)
-    return write_box_room(folder, camera, plan_walk(12), test=(3, 9))
+    return write_box_room(folder, camera, plan_walk(14), test=(1, 4, 8, 11))
 
 
 def lonlat() -> gsut.Camera:

@@ -138,6 +138,7 @@ def test_a_video_is_registered_by_its_colours(video, registered):
     assert (out / "report.html").is_file()
 
 
+@pytest.mark.slow
 def test_a_killed_run_goes_on_from_its_last_images_to_the_same_bits(
     video, registered, count_images, tmp_path
 ):

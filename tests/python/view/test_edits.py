@@ -33,12 +33,12 @@ def session(scene, gaussians, tmp_path):
 
 
 def test_save_writes_what_is_shown_turned_and_scaled(session, gaussians, tmp_path):
-    frames = session.frames
+    shown = session.shown
     crop = [[-9, -9, -9], [0.2, 9, 9]]
     up = np.array([0.1, 0.2, 1.0])
     values = {"name": "a.ply", "crop": crop, "up": up.tolist(), "level": 0.3, "scale": 2.0}
     said = session.save_scene(values).content
-    inside = (gaussians.means - frames.center) @ frames.axes[0] <= 0.2 * frames.extent
+    inside = (gaussians.means - shown.center) @ shown.axes[0] <= 0.2 * shown.extent
     assert said["num_gaussians"] == inside.sum() and said["of"] == 300
     found = gsut.formats.load_ply(tmp_path / "a.ply")
     heights = -2.0 * (gaussians.means[inside] @ (up / np.linalg.norm(up)) - 0.3)

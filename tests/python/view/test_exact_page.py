@@ -202,6 +202,19 @@ def test_page_of_another_scene_is_refused(window, tmp_path, scene, gaussians):
     assert "Gaussians" in window.run("return $('toast').textContent;")
 
 
+def test_page_on_a_phone_comes_to_rest_and_fits_its_screen(tmp_path, scene, gaussians):
+    with browser(390, 844) as phone:
+        phone.devtools(
+            "Emulation.setDeviceMetricsOverride", width=390, height=844, deviceScaleFactor=2,
+            mobile=True,
+        )  # fmt: skip
+        write_and_open(phone, tmp_path, Stage("small", "run", gaussians, scene))
+        phone.wait("!busy && !wanted && $('canvas').width > 390")  # at rest: all of its pixels
+        phone.run("look(0.1, 0);")
+        phone.wait("!busy && !wanted && $('canvas').width > 390")
+        assert phone.run("return document.documentElement.scrollWidth;") == 390
+
+
 @pytest.mark.quick
 def test_convert_writes_the_page_of_a_file(tmp_path, gaussians):
     save_gaussians(tmp_path / "a.ply", gaussians)

@@ -188,7 +188,7 @@ def test_train_view_serves_the_finished_scene_until_the_end(scene, tmp_path, mon
 
     monkeypatch.setattr("gsut.cli.view.wait_for_end", wait_for_end)
     words = ["train", str(scene.path), "-o", str(tmp_path / "run"), "--steps", "8", "--quiet"]
-    assert main([*words, "--view", "--no-open"]) == 0
+    assert main([*words, "--view", "--serve", "127.0.0.1:0"]) == 0
     assert (told["state"], told["step"], told["steps"]) == ("finished", 8, 8)
     gaussians = gsut.formats.load_ply(tmp_path / "run/scene.ply")
     truth = gsut.render(gaussians, scene.cameras[0], scene.views[0].camera_from_world)

@@ -189,7 +189,7 @@ def test_scene_that_cannot_be_read_is_refused(tmp_path, content, words):
 
 
 def test_control_c_ends_the_command_within_a_second(ply):
-    command = [sys.executable, "-m", "gsut", "view", str(ply), "--no-open"]
+    command = [sys.executable, "-m", "gsut", "view", str(ply), "--serve", "127.0.0.1:0"]
     listening = functools.partial(signal.signal, signal.SIGINT, signal.SIG_DFL)  # nohup's do not
     seconds = []
     while len(seconds) < 4 and min(seconds, default=END_SECONDS) >= END_SECONDS:  # a busy machine

@@ -19,6 +19,7 @@ IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp")
 # Formats whose headers Pillow reads; decoders turn the pixels of a TIFF upright.
 _FORMATS = ("JPEG", "PNG", "WEBP", "BMP")
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_PNG_DEPTH = 24  # place of the byte that says how many bits a channel has
 _JPEG_BARE = frozenset({0x01, *range(0xD0, 0xD9)})  # markers without a length
 _JPEG_START = b"\xff\xd8"
 # What the decoder says of data that no encoder writes, and of which it made the picture up.
@@ -61,8 +62,11 @@ def read_header(path: Path) -> ImageHeader:
         except (OSError, ValueError, SyntaxError, struct.error):
             pixels, _ = decode_image(path)  # says what is wrong, unless OpenCV can read it
             return ImageHeader(pixels.shape[1], pixels.shape[0])
-        size = os.fstat(file.fileno()).st_size
-    if kind == "PNG" and width * height * channels // 8 > _DEFLATES * size:
+        size, bits = os.fstat(file.fileno()).st_size, 0
+        if kind == "PNG":
+            file.seek(_PNG_DEPTH)
+            bits = channels * file.read(1)[0]
+    if width * height * bits // 8 > _DEFLATES * size:
         raise DatasetError(
             path, f"says {width} x {height} pixels, more than its {size} bytes can hold",
             _COPY_AGAIN,

@@ -42,15 +42,15 @@ class _Kind:
 
     Args:
         name, files, rank: see `Layout`.
-        inside: where a sequence may lie below the folder that is given.
-        cameras: pattern of the cameras' folders; None: one camera, whose pictures `times` lists.
-        marks: files of which one must be there; none: the cameras' folders suffice.
-        preferred: cameras that are used where they are there.
-        times: "NAME": a list of times and files, in the camera's folder or beside `marks`;
-            "=NAME": a list of times alone, one a picture.
         poses: files of poses; "{}" is the sequence's name, and "../" the folder above.
         points: files of points.
         mount: finds the lenses, with notes; `mount(root, streams, notes)`.
+        inside: where a sequence may lie below the folder that is given.
+        cameras: pattern of the cameras' folders; None: one camera, whose pictures a mark lists.
+        marks: files of which one must be there; none: the cameras' folders suffice.
+        preferred: cameras that are used where they are there.
+        listing: file in a camera's folder that lists times and pictures, or "".
+        times: file that lists times alone, one a picture, or "".
         unit: of times without a point.
         poses_of: see `Recording`.
     """
@@ -58,14 +58,15 @@ class _Kind:
     name: str
     files: str
     rank: int
-    inside: str | None
-    cameras: str | None
-    marks: tuple[str, ...]
-    preferred: tuple[str, ...]
-    times: tuple[str, ...]
     poses: tuple[str, ...]
     points: tuple[str, ...]
     mount: Callable[[Path, list[Stream], list[str]], Callable | None]
+    inside: str | None = None
+    cameras: str | None = None
+    marks: tuple[str, ...] = ()
+    preferred: tuple[str, ...] = ()
+    listing: str = ""
+    times: str = ""
     unit: str | None = None
     poses_of: str | None = None
 
@@ -148,18 +149,17 @@ def _read_camera(kind: _Kind, root: Path, name: str, pictures: Path, notes: list
     stream = find_stream(name, pictures)
     if stream.mask is None and (root / name / MASK).is_file():
         stream.mask = root / name / MASK
-    for table in kind.times:
-        if not table.startswith("=") and (root / name / table).is_file():
-            return _read_list(root / name / table, pictures, stream, notes)
-        file = root / table.removeprefix("=")
-        if table.startswith("=") and file.is_file():
-            texts = read_text(file).split()
-            if len(texts) < len(stream.images):
-                raise DatasetError(
-                    file, f"it has {len(texts)} times for {len(stream.images)} pictures of {name}",
-                    "copy the file again",
-                )  # fmt: skip
-            stream.times = texts[: len(stream.images)]
+    table, file = root / name / kind.listing, root / kind.times
+    if table.is_file():
+        return _read_list(table, pictures, stream, notes)
+    if file.is_file():
+        texts = read_text(file).split()
+        if len(texts) < len(stream.images):
+            raise DatasetError(
+                file, f"it has {len(texts)} times for {len(stream.images)} pictures of {name}",
+                "copy the file again",
+            )  # fmt: skip
+        stream.times = texts[: len(stream.images)]
     return stream
 
 
@@ -251,25 +251,23 @@ def _read_kitti(calib: Path, name: str, picture: Path) -> Mount:
 _KINDS = (
     _Kind(
         "kitti", "calib.txt and image_0 ... (KITTI odometry)", rank=20,
-        inside="sequences/*", cameras=r"image_[0-3]", marks=("calib.txt",),
-        preferred=("image_2", "image_3"), times=("=times.txt",),
-        poses=("../../poses/{}.txt", "poses.txt", "{}.txt", "poses/{}.txt"),
-        points=POINT_FILES, mount=_mount_kitti, poses_of=BODY,
+        inside="sequences/*", cameras=r"image_[0-3]", preferred=("image_2", "image_3"),
+        marks=("calib.txt",), times="times.txt", mount=_mount_kitti, poses_of=BODY,
+        poses=("../../poses/{}.txt", "poses.txt", "{}.txt", "poses/{}.txt"), points=POINT_FILES,
     ),
     _Kind(
         "euroc", "mav0/cam0 ... (EuRoC, TUM-VI)", rank=30,
-        inside="mav0", cameras=r"cam\d+", marks=(), preferred=(), times=("data.csv",),
+        inside="mav0", cameras=r"cam\d+", listing="data.csv", unit="ns", mount=_mount_euroc,
         poses=(
             "state_groundtruth_estimate0/data.csv", "vicon0/data.csv", "mocap0/data.csv",
             "dso/gt_imu.csv", *_TRAJECTORIES, "groundtruth.csv",
         ),
-        points=("pointcloud0/data.ply", *POINT_FILES), mount=_mount_euroc, unit="ns", poses_of=BODY,
+        poses_of=BODY, points=("pointcloud0/data.ply", *POINT_FILES),
     ),
     _Kind(
         "tum", "rgb.txt and groundtruth.txt (TUM RGB-D)", rank=50,
-        inside=None, cameras=None,
         marks=("rgb.txt", "associations.txt", "associate.txt", "associated.txt"),
-        preferred=(), times=(), poses=_TRAJECTORIES, points=POINT_FILES, mount=_mount_tum,
+        mount=_mount_tum, poses=_TRAJECTORIES, points=POINT_FILES,
     ),
 )  # fmt: skip
 

@@ -16,7 +16,6 @@ from gsut.gaussians import Gaussians
 from gsut.refine import read_refined
 from gsut.render import Light
 from gsut.run import RunFile, RunFolder, TrainOptions, read_plan
-from gsut.run.options import parse_size
 from gsut.training.first import prepare_scene
 from gsut.training.photograph import Movers
 
@@ -38,18 +37,16 @@ def read_trained(run: RunFolder, data: str | None) -> tuple[TrainOptions, Scene,
 
 
 def open_trained(
-    run: RunFolder, data: str | None, memory: str | None, *, any_data: bool = False
+    run: RunFolder, data: str | None, *, any_data: bool = False
 ) -> tuple[TrainOptions, Scene, Any]:
-    """Reads what `read_trained` does, with `StoredGaussians` if they do not fit into memory.
+    """Reads what `read_trained` does, with `StoredGaussians` if they do not fit into free memory.
 
     Args:
         run, data: see `read_trained`.
-        memory: that the Gaussians may take, such as 2GB; None: most of what is free.
         any_data: see `read_scene`.
     """
-    limit = None if memory is None else parse_size(memory, "--memory")
     scene = read_scene(run, data, any_data=any_data)
-    return *scene, open_ply(run.path / RunFile.SCENE, limit)
+    return *scene, open_ply(run.path / RunFile.SCENE)
 
 
 def read_scene(

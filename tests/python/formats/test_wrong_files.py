@@ -1,4 +1,4 @@
-"""Ways to make a field of a scene file wrong, and the words that must name it."""
+"""Scene files that are wrong in one place: refused by its name before memory is asked for."""
 
 from __future__ import annotations
 
@@ -8,10 +8,19 @@ import json
 import re
 import struct
 import zipfile
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import cv2
+import numpy as np
+import pytest
+
+from formats.scene_cases import plain_scene
+from gsut import InputError, formats
+
+COUNT = 300
 EXTENSION = "KHR_gaussian_splatting"
 ATTRIBUTES = ["meshes", 0, "primitives", 0, "attributes"]
 ABOUT = ["meshes", 0, "primitives", 0, "extensions", EXTENSION]
@@ -48,6 +57,21 @@ def pack_otherwise(path: Path, method: int) -> None:
     repack(path, method, {})
 
 
+def replace_image(path: Path, name: str, side: tuple[int, int], lossless: bool = True) -> None:
+    """Puts a black picture of (width, height) in the place of another."""
+    quality = [cv2.IMWRITE_WEBP_QUALITY, 101 if lossless else 50]
+    black = np.zeros((side[1], side[0], 3), np.uint8)
+    repack(path, zipfile.ZIP_STORED, {name: cv2.imencode(".webp", black, quality)[1].tobytes()})
+
+
+def drop_meta(path: Path) -> None:
+    with zipfile.ZipFile(path) as source:
+        members = {name: source.read(name) for name in source.namelist() if name != "meta.json"}
+    with zipfile.ZipFile(path, "w") as target:
+        for name, content in members.items():
+            target.writestr(name, content)
+
+
 def mark_encrypted(path: Path) -> None:
     """Sets the flag of each member, in both of its headers."""
     data = bytearray(path.read_bytes())
@@ -81,6 +105,20 @@ def set_fractional_bits(path: Path, bits: int) -> None:
     path.write_bytes(gzip.compress(bytes(data)))
 
 
+def write_spz(
+    path: Path, count: int, body: bytes = b"", version: int = 3, degree: int = 0,
+    magic: int = 0x5053474E,
+) -> None:  # fmt: skip
+    data = struct.pack("<IIIBBBB", magic, version, count, degree, 12, 0, 0) + body
+    compressor = zlib.compressobj(9, zlib.DEFLATED, 31)
+    path.write_bytes(compressor.compress(data) + compressor.flush())
+
+
+def write_glb(path: Path, text: bytes) -> None:
+    chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", 0, b"BIN\0")
+    path.write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks)
+
+
 def set_first_bound(path: Path, value: float) -> None:
     head, end, data = path.read_bytes().partition(b"end_header\n")
     path.write_bytes(head + end + struct.pack("<f", value) + data[4:])
@@ -104,6 +142,12 @@ SOG = {
     "version 3": (["version"], 3, "SOG version 3"),
     "bands of 4": (["shN", "bands"], 4, "shN.bands"),
     "a palette below its labels": (["shN", "count"], 3, "shN"),
+    "a huge claim": (["count"], 10**12, "claims 1,000,000,000,000"),
+    "more than its images hold": (["count"], 9000, "9,000 are needed"),
+    "version 1": (["version"], 1, "SOG version 1"),
+    "no means": (["means"], None, "means is missing"),
+    "a huge palette": (["shN", "count"], 10**9, "1 to 65536"),
+    "an infinite count": (["count"], float("inf"), "count is inf"),
 }
 
 GLTF = {
@@ -127,10 +171,26 @@ GLTF = {
     "triangles": (["meshes", 0, "primitives", 0, "mode"], 4, "primitive.mode"),
 }
 
+SPZ: dict[str, tuple[dict[str, Any], str]] = {
+    "a huge claim": ({"count": 4_000_000_000}, "claims 4,000,000,000"),
+    "more than gzip can hold": ({"count": 60_000}, "bytes of gzip can hold"),
+    "a byte too few": ({"count": 1, "body": bytes(19)}, "need 20 bytes, 19"),
+    "a bomb": ({"count": 1, "body": bytes(10_000_000)}, "need 20 bytes, 21 or more"),
+    "version 1": ({"count": 1, "body": bytes(20), "version": 1}, "SPZ version 1"),
+    "degree 4": ({"count": 1, "body": bytes(20), "degree": 4}, "degree 4"),
+    "another magic": ({"count": 1, "body": bytes(20), "magic": 1}, "no SPZ file"),
+}
+
+GLB = {
+    "deep brackets": (b"[" * 100000, "is no JSON"),
+    "an empty object": (b"{}", "no glTF file of Gaussians"),
+    "a mesh": (b'{"meshes": [{"primitives": [{"attributes": {}}]}]}', "0 meshes with KHR"),
+}
+
 ARCHIVE = "encrypted or packed by a method"
 BOUND = "max_x is below its min_x"
 # (suffix, what is wrong) -> what is done to a file, and what the sentence must say.
-WRONG: dict[tuple[str, str], tuple[Callable[[Path], None], str]] = {
+WRONG: dict[tuple[str, str], tuple[Callable[[Path], object], str]] = {
     **{
         (".sog", name): (functools.partial(change_sog, place=place, value=value), said)
         for name, (place, value, said) in SOG.items()
@@ -139,6 +199,32 @@ WRONG: dict[tuple[str, str], tuple[Callable[[Path], None], str]] = {
         (".glb", name): (functools.partial(change_glb, place=place, value=value), said)
         for name, (place, value, said) in GLTF.items()
     },
+    **{
+        (".spz", name): (functools.partial(write_spz, **values), said)
+        for name, (values, said) in SPZ.items()
+    },
+    **{
+        (".glb", name): (functools.partial(write_glb, text=text), said)
+        for name, (text, said) in GLB.items()
+    },
+    (".spz", "an archive"): (lambda path: path.write_bytes(b"PK\3\4"), "does not look like one"),
+    (".sog", "deep brackets"): (
+        lambda path: repack(path, zipfile.ZIP_DEFLATED, {"meta.json": b"[" * 100000}),
+        "lacks what SOG needs",
+    ),
+    (".sog", "no meta.json"): (drop_meta, "meta.json is missing"),
+    (".sog", "a huge image"): (
+        functools.partial(replace_image, name="quats.webp", side=(4000, 4000)),
+        "4000 x 4000 pixels",
+    ),
+    (".sog", "a lossy image"): (
+        functools.partial(replace_image, name="quats.webp", side=(20, 16), lossless=False),
+        "no lossless WebP",
+    ),
+    (".sog", "a bomb"): (
+        lambda path: repack(path, zipfile.ZIP_DEFLATED, {"scales.webp": bytes(10**8)}),
+        "scales.webp has more than",
+    ),
     (".sog", "LZMA"): (functools.partial(pack_otherwise, method=zipfile.ZIP_LZMA), ARCHIVE),
     (".sog", "BZIP2"): (functools.partial(pack_otherwise, method=zipfile.ZIP_BZIP2), ARCHIVE),
     (".sog", "encrypted"): (mark_encrypted, ARCHIVE),
@@ -155,3 +241,13 @@ WRONG: dict[tuple[str, str], tuple[Callable[[Path], None], str]] = {
         for value in (1e30, float("nan"), float("inf"))
     },
 }
+
+
+@pytest.mark.parametrize(("suffix", "case"), WRONG)
+def test_wrong_file_is_refused_by_the_name_of_what_is_wrong(tmp_path, suffix, case):
+    path = tmp_path / f"a{suffix}"
+    formats.save_gaussians(path, plain_scene(np.random.default_rng(1), COUNT))
+    spoil, said = WRONG[suffix, case]
+    spoil(path)
+    with pytest.raises(InputError, match=re.escape(said)):
+        formats.load_gaussians(path)

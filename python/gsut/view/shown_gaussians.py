@@ -1,0 +1,101 @@
+"""Chooses which of a stage's Gaussians a frame shows: inside the crop box, without floaters."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from gsut._core import InputError
+from gsut.gaussians import Gaussians, StoredGaussians
+from gsut.view.frame_request import FrameRequest
+from gsut.view.stage import Stage
+
+
+class ShownGaussians:
+    """The Gaussians of a stage, and the parts of them that frames have shown.
+
+    Args:
+        stage: what is shown; its Gaussians may change from frame to frame.
+
+    Attributes:
+        center, extent: middle (3,) and size of the scene.
+        axes: (3, 3) rows: right, up, forward of the scene, along which the crop box stands.
+        floaters: (N,) bool of `load_all()`; None before they are searched.
+    """
+
+    def __init__(self, stage: Stage) -> None:
+        self.stage = stage
+        self._chosen: dict[Any, Any] = {}
+        self.floaters: np.ndarray | None = None
+        place = stage.place()
+        self.center, self.extent = place["center"], place["extent"]
+        up = place["up"] / np.linalg.norm(place["up"])
+        forward = place["pose"][2, :3] - up * (up @ place["pose"][2, :3])
+        if np.linalg.norm(forward) < 1e-6:
+            forward = np.cross(up, np.eye(3)[np.argmin(np.abs(up))])
+        forward = forward / np.linalg.norm(forward)
+        self.axes = np.stack([np.cross(forward, up), up, forward])
+
+    def load_all(self) -> Gaussians:
+        """Returns all Gaussians of the stage.
+
+        Raises:
+            InputError: there are none.
+        """
+        g = self.stage.gaussians
+        if g is None:
+            raise InputError("there are no Gaussians here")
+        return g if isinstance(g, Gaussians) else g.to_gaussians()
+
+    def select_kept(self, whole: Gaussians, crop: np.ndarray | None, clean: bool) -> np.ndarray:
+        """Returns (N,) bool: inside the crop box and, if `clean`, no floaters."""
+        kept = np.ones(len(whole), bool)
+        if crop is not None:
+            at = self._move_to_axes(whole)
+            kept = np.all((at >= crop[0]) & (at <= crop[1]), axis=1)
+        if clean and self.floaters is not None and len(self.floaters) == len(whole):
+            kept &= ~self.floaters
+        return kept
+
+    def _move_to_axes(self, whole: Gaussians) -> np.ndarray:
+        return (whole.means + (whole.origin - self.center)) @ self.axes.T / self.extent
+
+    def choose(self, request: FrameRequest) -> Any:
+        """Returns the most visible share of the Gaussians inside the crop box."""
+        g, crop, share = self.stage.gaussians, request.crop, request.share
+        if isinstance(g, StoredGaussians):
+            if crop is None:
+                return g
+            return g.with_change(lambda part: part[self.select_kept(part, crop, False)])
+        clean = request.clean and self.floaters is not None
+        some = share < 1 and self.stage.kind != "training"
+        if g is None or not (some or clean or crop is not None):
+            return g
+        if self._chosen.get("of") is not g:
+            self._chosen = {"of": g}
+        key = share, clean, None if crop is None else crop.tobytes()
+        if key not in self._chosen:
+            boxes = (None, key[2])
+            for old in [o for o in self._chosen if o != "of" and o[2] not in boxes]:
+                del self._chosen[old]  # of a box as it was before
+            whole = self.load_all()
+            kept = self.select_kept(whole, crop, clean)
+            if some:
+                kept &= _select_most_seen(whole, self._move_to_axes(whole), share)
+            self._chosen[key] = whole[kept]
+        return self._chosen[key]
+
+
+def _select_most_seen(gaussians: Gaussians, at: np.ndarray, share: float) -> np.ndarray:
+    """Selects (N,) bool a share of the Gaussians, those that look largest from a point.
+
+    Args:
+        gaussians: N Gaussians.
+        at: (N, 3) centres from that point, in units of the scene's extent.
+        share: 0 to 1.
+    """
+    scales = np.sort(gaussians.log_scales, axis=1)[:, 1:].sum(axis=1)
+    opacity = -np.logaddexp(0, -gaussians.opacity_logits)
+    seen = opacity + scales - np.log1p(np.sum(at**2, axis=1))
+    return seen >= np.quantile(seen, 1 - share)
