@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+import gsut_scalar_baseline
 import numpy as np
 from PIL import Image, ImageDraw
 
@@ -46,7 +47,7 @@ def draw_lines(
     """Draws image, alpha and depth of lines (P, K, 6) in double, in the order from a pose."""
     rule = _core.BlendRule()
     rule.order = order
-    return _core.render_lines_reference(g, lines, ordered_from, rule)[:3]
+    return gsut_scalar_baseline.render_lines_reference(g, lines, ordered_from, rule)[:3]
 
 
 def film_orders(

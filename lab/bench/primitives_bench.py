@@ -24,7 +24,7 @@ from tests.bench.harness import HALL, Benchmark, Column, Option, Row, Settings
 # Numbers of one beside its harmonics: centre 3, rotation 4, scales 3, opacity 1.
 _GAUSSIAN = 11
 # What others have in place of them.
-_NUMBERS = {"atom": 5, "surfel": 10, "beta": 12}
+_NUMBERS = {"atom": 5, "surfel": 10}
 _BYTES = 4  # a number
 _MESH = "mesh"  # in place of a primitive: the fitted surface of Gaussians
 _OF_VERTEX, _OF_FACE = 15, 12  # bytes: three floats and a colour, three indices
@@ -176,7 +176,7 @@ BENCHMARK = Benchmark(
     options=(
         Option(
             "primitives",
-            ("surfel", "atom", "power4", "beta", "triangle", _MESH),
+            ("surfel", "atom", "triangle", _MESH),
             "beside Gaussians; mesh: their surface, fitted",
         ),
         Option("steps", 500, "of each training at equal bytes"),

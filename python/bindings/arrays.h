@@ -124,9 +124,6 @@ View GaussiansOf(const py::handle& gaussians, Get&& get) {
   }
   if (py::hasattr(gaussians, "primitive")) {
     view.primitive = PrimitiveNamed(py::cast<std::string>(gaussians.attr("primitive")));
-    if (HasShape(view.primitive)) {
-      view.shapes = get(gaussians.attr("shapes"), "shapes", {view.size});
-    }
   }
   const int k = view.sh_coefficients;
   if (k != 1 && k != 4 && k != 9 && k != 16) {
@@ -164,7 +161,12 @@ class SettingsReader {
   template <class T>
   void Read(const char* name, T* field) {
     known_.emplace_back(name);
-    if (values_.contains(name)) *field = py::cast<T>(values_[name]);
+    if (!values_.contains(name)) return;
+    try {
+      *field = py::cast<T>(values_[name]);
+    } catch (const py::cast_error&) {
+      throw InputError(std::string(function_) + ": " + name + " is of a wrong type");
+    }
   }
 
   // Throws InputError for a setting that was neither read nor is among `others`.

@@ -30,12 +30,6 @@ py::tuple ReadPly(const py::bytes& path) {
       reader.size(),        reader.sh_coefficients(),  means.mutable_data(),
       quats.mutable_data(), log_scales.mutable_data(), opacity_logits.mutable_data(),
       sh.mutable_data()};
-  py::object shapes = py::none();
-  if (reader.has_shapes()) {
-    auto array = NewArray<float>({n});
-    view.shapes = array.mutable_data();
-    shapes = array;
-  }
   std::int64_t not_finite = 0;
   {
     const py::gil_scoped_release release;
@@ -43,7 +37,7 @@ py::tuple ReadPly(const py::bytes& path) {
   }
   // Coordinates far from zero keep their digits: floats about an origin in double.
   const auto& [x, y, z] = reader.origin();
-  return py::make_tuple(means, quats, log_scales, opacity_logits, sh, shapes, not_finite,
+  return py::make_tuple(means, quats, log_scales, opacity_logits, sh, not_finite,
                         py::make_tuple(x, y, z));
 }
 
@@ -77,10 +71,9 @@ py::tuple ReadPoints(const py::bytes& path_bytes) {
 }  // namespace
 
 void BindFormats(pybind11::module_& m) {
-  m.def(
-      "read_ply", &ReadPly, py::arg("path"),
-      "Means, quats, log_scales, opacity_logits, sh, shapes or None (float32), the number of rows "
-      "that are not finite, and what was taken off the means (3 numbers), of a PLY file.");
+  m.def("read_ply", &ReadPly, py::arg("path"),
+        "Means, quats, log_scales, opacity_logits, sh (float32), the number of rows that are not "
+        "finite, and what was taken off the means (3 numbers), of a PLY file.");
   m.def("write_ply", &WritePlyFile, py::arg("path"), py::arg("gaussians"),
         py::arg("comments") = std::vector<std::string>(), py::arg("surfels") = false,
         "Writes float32 Gaussians as a binary PLY file, atomically; surfels: without scale_2.");

@@ -117,13 +117,12 @@ void BindGaussians(pybind11::module_& m) {
         py::dict found;
         for (const std::string& name : PrimitiveNames()) {
           const Primitive primitive = PrimitiveNamed(name);
-          found[py::str(name)] =
-              py::make_tuple(HasShape(primitive), WidthOf(primitive), IsFlat(primitive));
+          found[py::str(name)] = py::make_tuple(WidthOf(primitive), IsFlat(primitive));
         }
         return found;
       },
-      "Primitive -> whether each has a shape, its width at half its response over a Gaussian's of "
-      "the same scales, and whether it is flat.");
+      "Primitive -> its width at half its response over a Gaussian's of the same scales, and "
+      "whether it is flat.");
   m.def("harmonics_basis", &Basis, py::arg("degree"), py::arg("directions"),
         "Basis values (N,K) of unit directions (N,3), in double.");
   m.def("eval_harmonics", &Colors, py::arg("directions"), py::arg("sh"),

@@ -86,7 +86,7 @@ Returns:
   BindProjection(m);
   BindOptimize(m);  // before what takes its steps
   BindRaster(m);
-  BindRasterLines(m);
+  BindRasterReference(m);
   BindSurroundings(m);
   BindLoss(m);
   BindLossPixels(m);

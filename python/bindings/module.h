@@ -12,7 +12,7 @@ void BindCameras(pybind11::module_& m);
 void BindGaussians(pybind11::module_& m);
 void BindProjection(pybind11::module_& m);
 void BindRaster(pybind11::module_& m);
-void BindRasterLines(pybind11::module_& m);
+void BindRasterReference(pybind11::module_& m);
 void BindSurroundings(pybind11::module_& m);
 void BindLoss(pybind11::module_& m);
 void BindLossPixels(pybind11::module_& m);

@@ -126,13 +126,12 @@ py::dict ProjectMotion(const py::object& gaussians, const Camera& camera,
 // (N,) D^2, or the gauge's square, at which each has this alpha; 0: nowhere.
 py::array_t<double> Cutoffs(const std::string& primitive, const std::string& response,
                             const py::array_t<double, py::array::c_style>& opacity_logits,
-                            const py::object& shapes, double alpha_min) {
+                            double alpha_min) {
   GaussiansView<const double> view;
   view.size = static_cast<std::int64_t>(opacity_logits.size());
   view.opacity_logits = opacity_logits.data();
   view.primitive = PrimitiveNamed(primitive);
   view.response = ResponseNamed(response);
-  view.shapes = OptionalData<double>(shapes, "shapes", {view.size});
   py::array_t<double> out(opacity_logits.size());
   for (std::int64_t i = 0; i < view.size; ++i) {
     out.mutable_at(i) = std::max(CutoffOf(view, i, FootprintRule{alpha_min}), 0.0);
@@ -142,7 +141,7 @@ py::array_t<double> Cutoffs(const std::string& primitive, const std::string& res
 
 void BindProjection(py::module_& m) {
   m.def("compute_cutoffs", &Cutoffs, py::arg("primitive"), py::arg("response"),
-        py::arg("opacity_logits"), py::arg("shapes"), py::arg("alpha_min"));
+        py::arg("opacity_logits"), py::arg("alpha_min"));
   m.def("project_moving", &ProjectMotion, py::arg("gaussians"), py::arg("camera"),
         py::arg("motion"), py::arg("alpha"), py::arg("beta"), py::arg("kappa"));
   m.def("project", &ProjectFloat, py::arg("gaussians"), py::arg("camera"),

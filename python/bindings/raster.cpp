@@ -21,6 +21,31 @@
 namespace gsut::bindings {
 namespace {
 
+// The keywords of Renderer.backward.
+struct BackwardKeywords {
+  py::object dalpha = py::none(), ddepth = py::none(), ddistortion = py::none();  // (H, W)
+  py::object errors = py::none(), error_sums = py::none();                        // (H, W), (N,)
+  py::object dfeatures = py::none(), to_features = py::none();  // (H, W, D), (N, D)
+  bool write_untouched = true, with_poses = true, with_lens = false;
+  const BoundHarmonicsStep* harmonics_step = nullptr;
+
+  explicit BackwardKeywords(const py::kwargs& keywords) {
+    SettingsReader reader(keywords, "backward");
+    reader.Read("dalpha", &dalpha);
+    reader.Read("ddepth", &ddepth);
+    reader.Read("ddistortion", &ddistortion);
+    reader.Read("errors", &errors);
+    reader.Read("error_sums", &error_sums);
+    reader.Read("dfeatures", &dfeatures);
+    reader.Read("to_features", &to_features);
+    reader.Read("write_untouched", &write_untouched);
+    reader.Read("with_poses", &with_poses);
+    reader.Read("with_lens", &with_lens);
+    reader.Read("harmonics_step", &harmonics_step);
+    reader.CheckAllRead();
+  }
+};
+
 // Not thread-safe: one a Python thread. The Gaussians are kept alive, as the backward pass reads
 // them.
 // A renderer and what its last image was made from.
@@ -57,20 +82,18 @@ class BoundRenderer {
     renderer_.Render(view, job);
   }
 
-  // None without with_poses.
+  // None without with_poses. keywords: see BackwardKeywords.
   py::object Backward(const py::object& dimage, const py::object& gradients,
-                      const py::object& touched, const py::object& dalpha, const py::object& ddepth,
-                      const py::object& ddistortion, const py::object& errors,
-                      const py::object& error_sums, bool write_untouched, bool with_poses,
-                      bool with_lens, const BoundHarmonicsStep* step, const py::object& dfeatures,
-                      const py::object& to_features) {
+                      const py::object& touched, const py::kwargs& keywords) {
+    const BackwardKeywords how(keywords);
+    const BoundHarmonicsStep* const step = how.harmonics_step;
     const ImageGradients to_image = {
         ConstData<float>(dimage, "dimage", {height_, width_, 3}),
-        OptionalData<float>(dalpha, "dalpha", {height_, width_}),
-        OptionalData<float>(ddepth, "ddepth", {height_, width_}),
-        OptionalData<float>(ddistortion, "ddistortion", {height_, width_}),
-        OptionalData<float>(errors, "errors", {height_, width_}),
-        OptionalData<float>(dfeatures, "dfeatures", {height_, width_, channels_})};
+        OptionalData<float>(how.dalpha, "dalpha", {height_, width_}),
+        OptionalData<float>(how.ddepth, "ddepth", {height_, width_}),
+        OptionalData<float>(how.ddistortion, "ddistortion", {height_, width_}),
+        OptionalData<float>(how.errors, "errors", {height_, width_}),
+        OptionalData<float>(how.dfeatures, "dfeatures", {height_, width_, channels_})};
     const auto view = MutableGaussians<float>(gradients);
     std::uint8_t* touched_data = MutableData<std::uint8_t>(touched, "touched", {view.size});
     double dpose[12] = {};
@@ -78,16 +101,17 @@ class BoundRenderer {
     const GradientRows to = {
         view,
         touched_data,
-        write_untouched,
+        how.write_untouched,
         step == nullptr ? nullptr : &step->step,
-        error_sums.is_none() ? nullptr : MutableData<float>(error_sums, "error_sums", {view.size}),
-        to_features.is_none()
+        how.error_sums.is_none() ? nullptr
+                                 : MutableData<float>(how.error_sums, "error_sums", {view.size}),
+        how.to_features.is_none()
             ? nullptr
-            : MutableData<float>(to_features, "to_features", {view.size, channels_})};
+            : MutableData<float>(how.to_features, "to_features", {view.size, channels_})};
     const auto run = [&] {
-      renderer_.Backward(to_image, to, with_poses ? dpose : nullptr,
-                         with_lens ? &lens_.to_rays : nullptr);
-      if (with_lens) lens_.Chain(*camera_, motion_);
+      renderer_.Backward(to_image, to, how.with_poses ? dpose : nullptr,
+                         how.with_lens ? &lens_.to_rays : nullptr);
+      if (how.with_lens) lens_.Chain(*camera_, motion_);
     };
     if (step == nullptr) {
       const LongCall released;
@@ -96,8 +120,8 @@ class BoundRenderer {
       const py::gil_scoped_release released;
       run();
     }
-    has_lens_ = with_lens;
-    if (!with_poses) return py::none();
+    has_lens_ = how.with_lens;
+    if (!how.with_poses) return py::none();
     return PoseGradient(dpose, motion_);
   }
 
@@ -232,6 +256,28 @@ class BoundRenderer {
   std::int64_t height_ = 0, width_ = 0, channels_ = 0;
 };
 
+// Keywords: rule, background (3,), sh_degree, unscented (3,), tiles, keep, features,
+// features_background.
+BoundJob ReadJob(const Camera& camera, const py::object& pose, const py::kwargs& keywords) {
+  BoundJob job = {camera, ReadMotion(pose), {}, {}, py::none(), true, py::none(), py::none()};
+  BlendRule rule;
+  std::array<double, 3> background = {}, unscented = {1.0, 2.0, 0.0};
+  int sh_degree = 3;
+  SettingsReader reader(keywords, "RenderJob");
+  reader.Read("rule", &rule);
+  reader.Read("background", &background);
+  reader.Read("sh_degree", &sh_degree);
+  reader.Read("unscented", &unscented);
+  reader.Read("tiles", &job.tiles);
+  reader.Read("keep", &job.keep);
+  reader.Read("features", &job.features);
+  reader.Read("features_background", &job.features_background);
+  reader.CheckAllRead();
+  job.settings = Settings(rule, background, sh_degree);
+  job.unscented = {unscented[0], unscented[1], unscented[2]};
+  return job;
+}
+
 }  // namespace
 
 void BindRaster(py::module_& m) {
@@ -270,36 +316,14 @@ Raises:
           "pixel's ray is nearest to each of them; \"integral\": no order, they overlap as "
           "densities; \"model\", of gsut's own rule: as the Gaussians say, see `gsut.Gaussians`.");
   py::class_<BoundJob>(m, "RenderJob", "One image to be rendered: its camera, pose and rules.")
-      .def(py::init([](const Camera& camera, const py::object& pose, const BlendRule& rule,
-                       const std::array<double, 3>& background, int sh_degree,
-                       const std::array<double, 3>& unscented, const py::object& tiles, bool keep,
-                       const py::object& features, const py::object& features_background) {
-             return BoundJob{camera,
-                             ReadMotion(pose),
-                             Settings(rule, background, sh_degree),
-                             {unscented[0], unscented[1], unscented[2]},
-                             tiles,
-                             keep,
-                             features,
-                             features_background};
-           }),
-           py::arg("camera"), py::arg("camera_from_world"), py::kw_only(),
-           py::arg("rule") = BlendRule(), py::arg("background") = std::array<double, 3>{},
-           py::arg("sh_degree") = 3, py::arg("unscented") = std::array<double, 3>{1.0, 2.0, 0.0},
-           py::arg("tiles") = py::none(), py::arg("keep") = true, py::arg("features") = py::none(),
-           py::arg("features_background") = py::none());
+      .def(py::init(&ReadJob), py::arg("camera"), py::arg("camera_from_world"));
   py::class_<BoundRenderer>(m, "Renderer", "The tiled float renderer with its buffers.")
       .def(py::init<>())
       .def("render", &BoundRenderer::Render, py::arg("gaussians"), py::arg("job"), py::arg("image"),
            py::arg("alpha") = py::none(), py::arg("depth") = py::none(),
            py::arg("distortion") = py::none(), py::arg("features") = py::none())
       .def("backward", &BoundRenderer::Backward, py::arg("dimage"), py::arg("gradients"),
-           py::arg("touched"), py::kw_only(), py::arg("dalpha") = py::none(),
-           py::arg("ddepth") = py::none(), py::arg("ddistortion") = py::none(),
-           py::arg("errors") = py::none(), py::arg("error_sums") = py::none(),
-           py::arg("write_untouched") = true, py::arg("with_poses") = true,
-           py::arg("with_lens") = false, py::arg("harmonics_step") = nullptr,
-           py::arg("dfeatures") = py::none(), py::arg("to_features") = py::none())
+           py::arg("touched"))
       .def("add_significance", &BoundRenderer::AddSignificance, py::arg("chosen"),
            py::arg("significance"))
       .def("add_fisher", &BoundRenderer::AddFisher, py::arg("chosen"), py::arg("fisher"))

@@ -9,6 +9,7 @@
 #include <algorithm>
 #include <array>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "bindings/arrays.h"
@@ -18,10 +19,10 @@
 #include "bindings/pixels.h"
 #include "gsut/base/parallel.h"
 #include "gsut/sfm/absolute_pose.h"
+#include "gsut/sfm/eliminate_points.h"
 #include "gsut/sfm/match.h"
 #include "gsut/sfm/relative_pose.h"
 #include "gsut/sfm/structure_covariance.h"
-#include "gsut/sfm/subtract_product.h"
 
 namespace gsut::bindings {
 namespace {
@@ -182,21 +183,53 @@ py::tuple AbsolutePoseOf(const ImageBearings& image, const py::object& features_
   return py::make_tuple(WritePose(found.camera_from_world), inliers);
 }
 
-// See gsut/sfm/subtract_product.h; target (N, N, D, D) is changed in place, blocks (P, L D, L D).
-void SubtractBlocksOf(const py::object& target, const py::object& images,
-                      const py::object& blocks) {
-  const auto seen_by = ReadArray<std::int64_t>(images, "images", {kAny, kAny});
-  const std::int64_t points = seen_by.shape(0), length = seen_by.shape(1);
-  // The target's own shape says how many images there are, and unknowns of each.
-  const auto shape = py::cast<std::vector<std::int64_t>>(target.attr("shape"));
-  if (shape.size() != 4) throw InputError("target must have four axes");
-  const std::int64_t count = shape[0], size = shape[3];
-  double* out = MutableData<double>(target, "target", {count, count, size, size});
-  const double* values =
-      ConstData<double>(blocks, "blocks", {points, length * size, length * size});
-  // Not a LongCall: half of the change would stay.
-  const py::gil_scoped_release released;
-  SubtractBlocks(seen_by.data(), values, points, length, count, size, out);
+// See gsut/sfm/eliminate_points.h. body, point (S,) from 0; by_body (S, 2, D), by_shared (S, 2, F)
+// and by_point (S, 2, 3) weighted derivatives; prior (D,); held: unknowns of bodies.
+py::tuple Information(const py::object& body, const py::object& point, const py::object& by_body,
+                      const py::object& by_shared, const py::object& by_point,
+                      const py::object& prior, const std::vector<int>& held) {
+  const auto of_body = ReadArray<std::int64_t>(body, "body", {kAny});
+  const py::ssize_t count = of_body.shape(0);
+  const auto of_point = ReadArray<std::int64_t>(point, "point", {count});
+  const auto priors = ReadArray<double>(prior, "prior", {kAny});
+  const py::ssize_t size = priors.shape(0);
+  const auto bodies_rows = ReadArray<double>(by_body, "by_body", {count, 2, size});
+  const auto shared_rows = ReadArray<double>(by_shared, "by_shared", {count, 2, kAny});
+  const auto point_rows = ReadArray<double>(by_point, "by_point", {count, 2, 3});
+  const py::ssize_t shared = shared_rows.shape(2);
+  using Rows = Eigen::Matrix<double, 2, Eigen::Dynamic, Eigen::RowMajor>;
+  // Checked here once, so that the core may index without a look.
+  ObservationTable table;
+  std::int64_t bodies = 0;
+  for (py::ssize_t i = 0; i < count; ++i) {
+    const std::int64_t own = of_body.data()[i], seen = of_point.data()[i];
+    if (own < 0 || own >= count || seen < 0 || seen >= count) {
+      throw InputError("body and point must be numbered from 0 without gaps");
+    }
+    bodies = std::max(bodies, own + 1);
+    const auto read = [&](const auto& rows, py::ssize_t columns) {
+      return Eigen::Map<const Rows>(rows.data() + 2 * columns * i, 2, columns);
+    };
+    table.linear.push_back({static_cast<int>(own), read(bodies_rows, size),
+                            read(shared_rows, shared), read(point_rows, 3), {}});
+    if (seen >= static_cast<std::int64_t>(table.of_point.size())) table.of_point.resize(seen + 1);
+    table.of_point[seen].push_back(static_cast<int>(i));
+  }
+  // The unknowns of bodies are numbered body by body.
+  for (const int unknown : held) {
+    if (unknown < 0 || unknown >= size * bodies) throw InputError("held names no unknown");
+  }
+  SharedInformation found;
+  {
+    // The table is the solver's own by now: no array of the caller is touched.
+    const LongCall released;
+    found = FindSharedInformation(std::move(table), static_cast<int>(bodies),
+                                  Eigen::Map<const Eigen::VectorXd>(priors.data(), size), held,
+                                  static_cast<int>(shared));
+  }
+  py::array_t<double> normal({shared, shared});
+  Eigen::Map<Eigen::MatrixXd>(normal.mutable_data(), shared, shared) = found.normal;
+  return py::make_tuple(normal, found.determined);
 }
 
 // See gsut/sfm/structure_covariance.h; camera_from_world (N, 4, 4) as `estimate_poses` gave them.
@@ -267,8 +300,9 @@ void BindSfmMatching(py::module_& m) {
         py::arg("max_distance"));
   m.def("verify_pairs", &VerifyPairs, py::arg("images"), py::arg("pairs"), py::arg("matches"),
         py::arg("max_error"), py::arg("seed"));
-  m.def("subtract_blocks", &SubtractBlocksOf, py::arg("target"), py::arg("images"),
-        py::arg("blocks"));
+  m.def("shared_information", &Information, py::arg("body"), py::arg("point"),
+        py::arg("by_body"), py::arg("by_shared"), py::arg("by_point"), py::arg("prior"),
+        py::arg("held"));
   m.def("structure_covariances", &Covariances, py::arg("images"), py::arg("camera_from_world"),
         py::arg("points"), py::arg("observations"), py::arg("initial_pair"),
         py::arg("loss_pixels"));

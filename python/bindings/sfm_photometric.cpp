@@ -65,25 +65,6 @@ std::vector<std::uint32_t> ReadChosen(const py::handle& object) {
   return {array.data(), array.data() + array.size()};
 }
 
-// Colours (count, 3) of pixels and their derivatives by centre and ray, each (count, 3, 3).
-py::tuple ColorJacobian(const py::object& gaussians, const BoundJob& job,
-                        const py::object& pixels) {
-  // A scene for this one call: tests compare the derivatives with central differences.
-  GaussianColors scene(ConstGaussians<float>(gaussians), job.settings, job.unscented);
-  const std::vector<std::uint32_t> chosen = ReadChosen(pixels);
-  const Pose camera_from_world = job.motion.Middle();
-  const auto count = static_cast<py::ssize_t>(chosen.size());
-  auto colors = NewArray<double>({count, 3});
-  auto by_center = NewArray<double>({count, 3, 3});
-  auto by_ray = NewArray<double>({count, 3, 3});
-  double* outputs[3] = {colors.mutable_data(), by_center.mutable_data(), by_ray.mutable_data()};
-  {
-    const LongCall released;
-    scene.Evaluate(job.camera, camera_from_world, chosen, outputs[0], outputs[1], outputs[2]);
-  }
-  return py::make_tuple(colors, by_center, by_ray);
-}
-
 // Unknown settings are refused, so that a misspelt one is not silently its default.
 PhotometricOptions ReadOptions(const py::dict& values) {
   PhotometricOptions options;  // one thread of Ceres: its sums differ with their number
@@ -153,7 +134,6 @@ py::dict Refine(const py::object& gaussians, const std::vector<const Camera*>& c
 }  // namespace
 
 void BindSfmPhotometric(py::module_& m) {
-  m.def("color_jacobian", &ColorJacobian, py::arg("gaussians"), py::arg("job"), py::arg("pixels"));
   m.def("refine_photometric", &Refine, py::arg("gaussians"), py::arg("cameras"), py::arg("views"),
         py::arg("rule"), py::arg("background"), py::arg("sh_degree"), py::arg("unscented"),
         py::arg("settings"));

@@ -5,6 +5,7 @@ from typing import Any, Protocol, TypeAlias, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from typing_extensions import Unpack
 
 __version__: str
 
@@ -187,9 +188,15 @@ def verify_pairs(
     max_error: float,
     seed: int,
 ) -> list[tuple[NDArray[np.bool_], NDArray[np.float64], int, float, bool]]: ...
-def subtract_blocks(
-    target: NDArray[np.float64], images: ArrayLike, blocks: NDArray[np.float64]
-) -> None: ...
+def shared_information(
+    body: ArrayLike,
+    point: ArrayLike,
+    by_body: ArrayLike,
+    by_shared: ArrayLike,
+    by_point: ArrayLike,
+    prior: ArrayLike,
+    held: Sequence[int],
+) -> tuple[NDArray[np.float64], int]: ...
 def structure_covariances(
     images: Sequence[ImageBearings],
     camera_from_world: ArrayLike,
@@ -227,7 +234,7 @@ SURFEL_LOG_THICKNESS: float
 
 def harmonics_basis(degree: int, directions: ArrayLike) -> NDArray[np.float64]: ...
 def eval_harmonics(directions: ArrayLike, sh: ArrayLike) -> NDArray[np.float64]: ...
-def list_primitives() -> dict[str, tuple[bool, float, bool]]: ...
+def list_primitives() -> dict[str, tuple[float, bool]]: ...
 def facing_axes(gaussians: _Gaussians, center: Sequence[float], sh: NDArray[Any]) -> None: ...
 def facing_axes_backward(
     gaussians: _Gaussians,
@@ -271,7 +278,6 @@ def compute_cutoffs(
     primitive: str,
     response: str,
     opacity_logits: NDArray[np.float64],
-    shapes: NDArray[np.float64] | None,
     alpha_min: float,
 ) -> NDArray[np.float64]: ...
 def project_reference(
@@ -392,21 +398,36 @@ class DepthViews:
     def colors(self, points: NDArray[np.float64], tolerance: float) -> NDArray[np.float32]: ...
     def __len__(self) -> int: ...
 
+class _JobKeywords(TypedDict, total=False):
+    rule: BlendRule
+    background: Sequence[float]  # (0.0, 0.0, 0.0)
+    sh_degree: int  # 3
+    unscented: Sequence[float]  # (1.0, 2.0, 0.0)
+    tiles: NDArray[np.uint8] | None  # 16 x 16 pixels each; 0: left out
+    keep: bool  # True: what a backward pass needs
+    features: NDArray[Any] | None
+    features_background: NDArray[Any] | None
+
 class RenderJob:
     def __init__(
         self,
         camera: Camera,
         camera_from_world: _MotionLike,
-        *,
-        rule: BlendRule = ...,
-        background: Sequence[float] = (0.0, 0.0, 0.0),
-        sh_degree: int = 3,
-        unscented: Sequence[float] = (1.0, 2.0, 0.0),
-        tiles: NDArray[np.uint8] | None = None,  # 16 x 16 pixels each; 0: left out
-        keep: bool = True,  # what a backward pass needs
-        features: NDArray[Any] | None = None,
-        features_background: NDArray[Any] | None = None,
+        **keywords: Unpack[_JobKeywords],
     ) -> None: ...
+
+class _BackwardKeywords(TypedDict, total=False):
+    dalpha: NDArray[np.float32] | None
+    ddepth: NDArray[np.float32] | None
+    ddistortion: NDArray[np.float32] | None
+    errors: NDArray[np.float32] | None
+    error_sums: NDArray[np.float32] | None
+    dfeatures: NDArray[np.float32] | None
+    to_features: NDArray[np.float32] | None
+    write_untouched: bool  # True
+    with_poses: bool  # True
+    with_lens: bool  # False
+    harmonics_step: HarmonicsStep | None
 
 class Renderer:
     def __init__(self) -> None: ...
@@ -420,24 +441,14 @@ class Renderer:
         distortion: NDArray[np.float32] | None = None,
         features: NDArray[np.float32] | None = None,
     ) -> None: ...
+    # NDArray[np.float64], or None without with_poses
     def backward(
         self,
         dimage: NDArray[np.float32],
         gradients: _Gaussians,
         touched: NDArray[np.uint8],
-        *,
-        dalpha: NDArray[np.float32] | None = None,
-        ddepth: NDArray[np.float32] | None = None,
-        ddistortion: NDArray[np.float32] | None = None,
-        errors: NDArray[np.float32] | None = None,
-        error_sums: NDArray[np.float32] | None = None,
-        write_untouched: bool = True,
-        with_poses: bool = True,
-        with_lens: bool = False,
-        harmonics_step: HarmonicsStep | None = None,
-        dfeatures: NDArray[np.float32] | None = None,
-        to_features: NDArray[np.float32] | None = None,
-    ) -> Any: ...  # NDArray[np.float64], or None without with_poses
+        **keywords: Unpack[_BackwardKeywords],
+    ) -> Any: ...
     def add_significance(
         self, chosen: NDArray[np.uint8] | None, significance: NDArray[np.float64]
     ) -> tuple[NDArray[np.int32], NDArray[np.float32]]: ...  # winner, point
@@ -465,25 +476,23 @@ def render_reference(
 ) -> tuple[
     NDArray[Any], ...
 ]: ...  # image, alpha, depth, samples, distortion, and features where the job has some
+
+class _ReferenceKeywords(TypedDict, total=False):
+    dalpha: NDArray[np.float64] | None
+    ddepth: NDArray[np.float64] | None
+    ddistortion: NDArray[np.float64] | None
+    dfeatures: NDArray[np.float64] | None
+    to_features: NDArray[np.float64] | None
+    pixels: NDArray[np.uint8] | None
+    with_lens: bool  # False
+
 def render_reference_backward(
     gaussians: _Gaussians,
     job: RenderJob,
     dimage: NDArray[np.float64],
     gradients: _Gaussians,
-    *,
-    dalpha: NDArray[np.float64] | None = None,
-    ddepth: NDArray[np.float64] | None = None,
-    ddistortion: NDArray[np.float64] | None = None,
-    pixels: NDArray[np.uint8] | None = None,
-    with_lens: bool = False,
-    dfeatures: NDArray[np.float64] | None = None,
-    to_features: NDArray[np.float64] | None = None,
+    **keywords: Unpack[_ReferenceKeywords],
 ) -> tuple[NDArray[np.float64], tuple[NDArray[np.float64], NDArray[np.float64]] | None]: ...
-
-# Colours (n, 3) of pixels, and by_center and by_ray (n, 3, 3) of them.
-def color_jacobian(
-    gaussians: _Gaussians, job: RenderJob, pixels: NDArray[Any]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]: ...
 
 # views: (camera's index, camera_from_world, pixels (n,), colours (n, 3)).
 def refine_photometric(
@@ -499,19 +508,6 @@ def refine_photometric(
 def compute_surroundings(
     image: NDArray[Any], alpha: NDArray[Any], valid: NDArray[Any]
 ) -> NDArray[np.float32] | None: ...
-def render_lines_reference(
-    gaussians: _Gaussians, lines: ArrayLike, reference: _PoseLike, rule: BlendRule
-) -> tuple[NDArray[Any], ...]: ...  # as render_reference
-def render_lines_reference_backward(
-    gaussians: _Gaussians,
-    lines: ArrayLike,
-    reference: _PoseLike,
-    rule: BlendRule,
-    dimage: NDArray[np.float64],
-    dalpha: NDArray[np.float64] | None,
-    ddepth: NDArray[np.float64] | None,
-    gradients: _Gaussians,
-) -> NDArray[np.float64]: ...
 
 # --- loss -----------------------------------------------------------------------------------------
 
@@ -712,7 +708,6 @@ def read_ply(
     NDArray[np.float32],
     NDArray[np.float32],
     NDArray[np.float32],
-    NDArray[np.float32] | None,
     int,
     tuple[float, float, float],
 ]: ...

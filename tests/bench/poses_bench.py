@@ -17,6 +17,7 @@ from gsut.data import read_dataset
 from gsut.lens import convert_camera, save_camera
 from gsut.lens.files import to_colmap
 from gsut.sfm import PoseErrors, PosesOptions, compare_datasets, compare_poses, find_poses
+from gsut.sfm.matches import ROLLING_ERROR
 from gsut.sfm.photographs import find_photographs
 from gsut.sfm.world import read_poses_by_path
 from tests.bench import pycolmap_poses
@@ -83,11 +84,7 @@ def _choose_options(data: Path, settings: Settings) -> PosesOptions:
     options = PosesOptions(threads=settings.threads, shutter=settings.shutter)
     if settings.shutter != "global" or find_photographs(data, None).shutter is None:
         return options
-    return dataclasses.replace(
-        options,
-        max_error=options.rolling_error * options.max_error,
-        max_two_view_error=options.rolling_error * options.max_two_view_error,
-    )
+    return dataclasses.replace(options, max_error=ROLLING_ERROR * options.max_error)
 
 
 def _describe_errors(errors: PoseErrors) -> Row:

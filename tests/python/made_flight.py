@@ -16,7 +16,7 @@ from synthetic_walk import observe
 
 LENS = gsut.Camera("kannala_brandt", [520, 520, 320, 240, 1 / 3, 0.13, 0, 0], 640, 480)
 FREE = np.array([2, 2, 0, 0, 1, 0, 0, 0], np.uint8)
-OPTIONS = PosesOptions(extend_rounds=0)
+OPTIONS = PosesOptions()
 HEIGHT = 10.0
 
 

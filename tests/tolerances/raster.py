@@ -79,14 +79,9 @@ INTEGRAL_CONTINUITY = 5e-9
 EXTINCTION_FLIPS = 1e-3  # share of pixels on a cut-off: at most 2 of 2304; worst 0
 # Share of pixels on a cut-off, or of two nearest points that are one to float: at most 2 of 1024.
 RAY_ORDER_FLIPS = 2e-3  # worst 9.8e-4
-EXTINCTION_JACOBIAN = 1e-5  # relative L2, float against differences in double; worst 3.8e-6
-# alpha of a beta that is nearly a Gaussian: 1412 times the rounding of a logarithm; worst 6.3e-6
+# alpha of a closed form; worst 6.3e-6
 PRIMITIVE_FLOAT = 1.2e-5
-PRIMITIVE_DIFFERENCES = 1e-6  # as RENDER_DIFFERENCES, at the steeper rim of a beta; worst 5.2e-7
-PRIMITIVE_GRADIENT = 1e-4  # as RENDER_GRADIENT and RENDER_POSE_GRADIENT; worst 5.1e-5
-# as PRIMITIVE_GRADIENT, nearly all of it one's that is seen edge-on: rounding over its cosine's
+PRIMITIVE_DIFFERENCES = 1e-6  # as RENDER_DIFFERENCES, at a triangle's rim; worst 5.2e-7
+# as RENDER_GRADIENT, nearly all of it one's that is seen edge-on: rounding over its cosine's
 # square; worst 8.1e-4
 PRIMITIVE_FLAT_GRADIENT = 1.6e-3
-# of an image: 1 / 2b times the square of ln G, at most 4 / e^2, with b = 1412; worst 2.8e-4
-PRIMITIVE_LARGE_SHAPE = 5.6e-4
-PRIMITIVE_JACOBIAN = 9.8e-6  # relative L2, float against differences in double; worst 4.9e-6

@@ -7,8 +7,7 @@
 //   f_rest_0 .. 3 (K - 1) - 1 the others, channel by channel: all K - 1 of red come first;
 //   opacity                   logit;
 //   scale_0 .. 2              natural logarithms (surfels: two);
-//   rot_0 .. 3                quaternion w x y z, of any norm;
-//   shape                     as stored, of primitives that have one (gaussians/primitive.h).
+//   rot_0 .. 3                quaternion w x y z, of any norm.
 // Readers find properties by name, so other properties and orders do no harm.
 #include "gsut/formats/ply.h"
 
@@ -141,7 +140,6 @@ std::string GaussianHeader(const GaussiansView<const float>& gaussians,
   add("opacity");
   add_numbered("scale_", scales);
   add_numbered("rot_", 4);
-  if (gaussians.shapes != nullptr) add("shape");
   return text + "end_header\n";
 }
 
@@ -164,7 +162,6 @@ void PutRow(const GaussiansView<const float>& g, std::int64_t row, int scales, c
   put(g.opacity_logits[row]);
   put_range(g.log_scales + 3 * row, scales);
   put_range(g.quats + 4 * row, 4);
-  if (g.shapes != nullptr) put(g.shapes[row]);
 }
 
 }  // namespace
@@ -181,8 +178,6 @@ PlyGaussianReader::PlyGaussianReader(const std::string& path)
   FindNumbered(element, "scale_", CountScales(element), path);
   FindNumbered(element, "rot_", 4, path);
   sh_coefficients_ = CountCoefficients(element, path);
-  has_shapes_ = element.Find("shape") >= 0;
-  if (has_shapes_) FindProperty(element, "shape", path, "Gaussians");
   FindNumbered(element, "f_rest_", 3 * (sh_coefficients_ - 1), path);
   CheckPlySize(stream_, path, header_);
   size_ = element.count;
@@ -195,8 +190,6 @@ std::int64_t PlyGaussianReader::Read(const GaussiansView<float>& out) {
     means.push_back(FindProperty(element, name, path_, "Gaussians"));
   }
   const std::size_t opacity = FindProperty(element, "opacity", path_, "Gaussians");
-  std::vector<std::size_t> shape;
-  if (out.shapes != nullptr) shape = {FindProperty(element, "shape", path_, "Gaussians")};
   const auto scales = FindNumbered(element, "scale_", CountScales(element), path_);
   const auto rotations = FindNumbered(element, "rot_", 4, path_);
   // sh[k][channel] of the file: f_dc for k = 0, then channel-major f_rest.
@@ -237,7 +230,6 @@ std::int64_t PlyGaussianReader::Read(const GaussiansView<float>& out) {
       finite = finite && std::isfinite(mean);
     }
     get(rotations, out.quats + 4 * row);
-    get(shape, out.shapes + (out.shapes == nullptr ? 0 : row));
     get(scales, out.log_scales + 3 * row);
     if (scales.size() < 3) PressSurfel(out.log_scales + 3 * row);
     float& logit = out.opacity_logits[row];

@@ -23,12 +23,9 @@ class PlyGaussianReader {
 
   std::int64_t size() const { return size_; }
   int sh_coefficients() const { return sh_coefficients_; }
-  // Whether there is a property `shape`.
-  bool has_shapes() const { return has_shapes_; }
 
-  // Fills the arrays of `out`, which has size() rows and sh_coefficients(), the shapes where it has
-  // room for them; call once. Rows
-  // are kept as they are, also those that are not finite; returns how many these are. Only infinite
+  // Fills the arrays of `out`, which has size() rows and sh_coefficients(); call once. Rows are
+  // kept as they are, also those that are not finite; returns how many these are. Only infinite
   // opacity logits, which some writers use for opacities of exactly 0 and 1, become -20 and 20.
   // Throws InputError naming file and row if the data is truncated.
   std::int64_t Read(const GaussiansView<float>& out);
@@ -43,7 +40,6 @@ class PlyGaussianReader {
   std::size_t element_ = 0;
   std::int64_t size_ = 0;
   int sh_coefficients_ = 1;
-  bool has_shapes_ = false;
   std::array<double, 3> origin_ = {0.0, 0.0, 0.0};
 };
 

@@ -33,15 +33,14 @@ struct GaussiansView {
   bool is_linear = false;
   // The rule by which they are drawn; of linear ones the maximum only.
   Response response = Response::kMaximum;
-  // How their responses fall, and (N,) the shapes of those that have one, as stored; else null.
+  // How their responses fall.
   Primitive primitive = Primitive::kGaussian;
-  T* shapes = nullptr;
   // In which they are blended, unless the blend rule says another.
   OrderKey order = OrderKey::kDistance;
 
   GaussiansView<const T> AsConst() const {
     return {size, sh_coefficients, means,    quats,     log_scales, opacity_logits,
-            sh,   is_linear,       response, primitive, shapes,     order};
+            sh,   is_linear,       response, primitive, order};
   }
   // Of Gaussian i in double: its standard deviation along axis k, and its opacity.
   double Scale(std::int64_t i, int k) const {
@@ -51,9 +50,6 @@ struct GaussiansView {
   double Opacity(std::int64_t i) const {
     const double stored = static_cast<double>(opacity_logits[i]);
     return is_linear ? stored : Sigmoid(stored);
-  }
-  Profile ProfileOf(std::int64_t i) const {
-    return {primitive, shapes == nullptr ? 0.0 : static_cast<double>(shapes[i])};
   }
   // Of Gaussian i in double, what its response is multiplied by: see Response.
   double Strength(std::int64_t i) const {

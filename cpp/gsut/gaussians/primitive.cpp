@@ -1,142 +1,73 @@
-// The primitives that the build found: names, and their text for double.
+// The primitives' names, and their responses in double.
+//
+// With l = ln f at the cut-off, which is a Gaussian's -D^2 / 2 there, a triangle ends at the gauge
+// g = r (1 - e^l). Its slope is that of ln (1 - g / r) by -g^2 / 2: 1 / (r g (1 - g / r)). Vector
+// kernels have the same in projection/seen-inl.h and raster/lines/flat_hit-inl.h.
 #include "gsut/gaussians/primitive.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "gsut/base/errors.h"
 
 namespace gsut {
-namespace primitives {
 namespace {
 
-// What the text of a primitive calls, for double; vectors have theirs in primitives-inl.h.
-double Sqrt(double x) { return std::sqrt(x); }
-double Log2(double x) { return std::log2(x); }
-double Exp2(double x) { return std::exp2(x); }
-double Min(double a, double b) { return b < a ? b : a; }
-double Max(double a, double b) { return a < b ? b : a; }
-double Select(bool mask, double yes, double no) { return mask ? yes : no; }
+constexpr const char* kNames[] = {"gaussian", "triangle"};
+// Of 1 - g / r and of g: less says nothing, and the derivative of g^2 / 2 to (x, y) is 0 at the
+// centre.
+constexpr double kLeastRest = 1e-30;
+constexpr double kLeastGauge = 1e-17;
 
-#include "gsut_primitive_files.inc"
-
-}  // namespace
-}  // namespace primitives
-
-namespace {
-
-constexpr double kLn2 = 0.69314718055994530942;
-// v = kPerSquare x D^2
-constexpr double kPerSquare = -0.72134752044448170368;
-
-// Calls visitor(primitives::Beta()) for kBeta, and so on.
-template <class Visitor>
-auto Visit(Primitive primitive, Visitor&& visitor) {
-  switch (primitive) {
-#define GSUT_PRIMITIVE_CASE(Kind) \
-  case Primitive::k##Kind:        \
-    return visitor(primitives::Kind());
-    GSUT_FOR_EACH_PRIMITIVE(GSUT_PRIMITIVE_CASE)
-#undef GSUT_PRIMITIVE_CASE
-  }
-  __builtin_unreachable();  // values come from PrimitiveNamed only
+// 1 - g / r at g^2.
+double RestOf(double gauge2) {
+  return std::max(1.0 - std::sqrt(gauge2) / triangle::kRadius, kLeastRest);
 }
 
 }  // namespace
 
-// The generated list is in the order of the files' names, and so are the values of the enumeration:
-// a primitive's value is its place in the list. Files name primitives by their names, so that the
-// order may change.
-std::vector<std::string> PrimitiveNames() {
-  return {
-#define GSUT_PRIMITIVE_NAME(Kind) primitives::Kind::kName,
-      GSUT_FOR_EACH_PRIMITIVE(GSUT_PRIMITIVE_NAME)
-#undef GSUT_PRIMITIVE_NAME
-  };
-}
+std::vector<std::string> PrimitiveNames() { return {std::begin(kNames), std::end(kNames)}; }
 
 Primitive PrimitiveNamed(const std::string& name) {
-  const std::vector<std::string> names = PrimitiveNames();
   std::string known;
-  for (std::size_t i = 0; i < names.size(); ++i) {
-    if (name == names[i]) return static_cast<Primitive>(i);
-    known += (i == 0 ? "" : ", ") + names[i];
+  for (int i = 0; i < static_cast<int>(std::size(kNames)); ++i) {
+    if (name == kNames[i]) return static_cast<Primitive>(i);
+    known += (i == 0 ? "" : ", ") + std::string(kNames[i]);
   }
   throw InputError("primitive \"" + name + "\" is unknown; known: " + known);
 }
 
-const char* NameOf(Primitive primitive) {
-  return Visit(primitive, [](auto kind) { return decltype(kind)::kName; });
-}
+const char* NameOf(Primitive primitive) { return kNames[static_cast<int>(primitive)]; }
 
-bool HasShape(Primitive primitive) {
-  return Visit(primitive, [](auto kind) { return decltype(kind)::kHasShape; });
-}
-
-bool IsFlat(Primitive primitive) {
-  return Visit(primitive, [](auto kind) {
-    return requires { kind.kEdges; };
-  });
-}
-
+// The area in which the gauge is below g is that of a circle of radius g times kArea.
 double WidthOf(Primitive primitive) {
-  const double half = 2.0 * kLn2;  // D^2 of a Gaussian at half its response
-  const double area = Visit(primitive, [](auto kind) {
-    if constexpr (requires { kind.kArea; }) {
-      return decltype(kind)::kArea;
-    } else {
-      return 1.0;
-    }
-  });
-  return std::sqrt(area * Profile{primitive}.Cutoff(half) / half);
+  if (!IsFlat(primitive)) return 1.0;
+  constexpr double kHalf = 2.0 * 0.69314718055994530942;  // D^2 of a Gaussian at half its response
+  return std::sqrt(triangle::kArea * Profile{primitive}.Cutoff(kHalf) / kHalf);
 }
 
-std::span<const double> ExampleShapes(Primitive primitive) {
-  return Visit(primitive,
-               [](auto kind) { return std::span<const double>(decltype(kind)::kExampleShapes); });
-}
-
+// Of the three edges' forms the two that go up at the sides differ in the sign of x alone.
 double Profile::Gauge(double x, double y, double* slopes) const {
-  return Visit(primitive, [&](auto kind) {
-    if constexpr (requires { kind.kEdges; }) {
-      return kind.Gauge(x, y, &slopes[0], &slopes[1]);
-    } else {
-      return 0.0;  // no flat primitive
-    }
-  });
+  const double side = x < 0.0 ? -triangle::kRoot3 : triangle::kRoot3;
+  const double upper = side * x + y, lower = -2.0 * y;
+  slopes[0] = upper < lower ? 0.0 : side;
+  slopes[1] = upper < lower ? -2.0 : 1.0;
+  return std::max(upper, lower);
 }
 
-// The text counts in halvings, log2, as the float kernels do; here it is turned into nats. The
-// derivative of ln f by -D^2 / 2 is that of log2 f by v: both logarithms have the same base.
 double Profile::Response(double d2) const {
-  return Visit(primitive, [&](auto kind) {
-    return std::exp2(kind.LogResponse(kPerSquare * d2, kind.Activate(stored)));
-  });
+  return IsGaussian() ? std::exp(-0.5 * d2) : RestOf(d2);
 }
 
 double Profile::Slope(double d2) const {
-  return Visit(primitive,
-               [&](auto kind) { return kind.Slope(kPerSquare * d2, kind.Activate(stored)); });
-}
-
-double Profile::StoredSlope(double d2) const {
-  return Visit(primitive, [&](auto kind) {
-    return kLn2 * kind.ShapeSlope(kPerSquare * d2, kind.Activate(stored)) *
-           kind.ActivationSlope(stored);
-  });
+  if (IsGaussian()) return 1.0;
+  return 1.0 / (triangle::kRadius * std::max(std::sqrt(d2), kLeastGauge) * RestOf(d2));
 }
 
 double Profile::Cutoff(double gaussian_cutoff) const {
-  return Visit(primitive, [&](auto kind) {
-    return kind.Invert(kPerSquare * gaussian_cutoff, kind.Activate(stored)) / kPerSquare;
-  });
-}
-
-double Profile::Shape() const {
-  return Visit(primitive, [&](auto kind) { return kind.Activate(stored); });
-}
-
-double Profile::ActivationSlope() const {
-  return Visit(primitive, [&](auto kind) { return kind.ActivationSlope(stored); });
+  if (IsGaussian()) return gaussian_cutoff;
+  const double gauge = triangle::kRadius * -std::expm1(-0.5 * gaussian_cutoff);
+  return gauge * gauge;
 }
 
 }  // namespace gsut

@@ -1,41 +1,34 @@
-// Primitives with ellipsoids or flat polygons as their levels: how the response falls.
+// Primitives, and how their responses fall: ellipsoids as a Gaussian's levels, or a flat triangle.
 //
-// One primitive = one file under primitives/, found by the build; this is its contract. A ray comes
-// within the Mahalanobis distance D of the mean; v = log2 exp(-D^2 / 2) is what a Gaussian's
-// response would be. A file says what becomes of it, as text for double and for vectors:
-//   LogResponse(v, b)  log2 of the response f, 0 at v = 0, falling;
-//   Slope(v, b)        its derivative by v;
-//   ShapeSlope(v, b)   its derivative by b;
-//   Invert(l, b)       the v at which log2 f is l, where f ends if it ends before;
-//   Activate(x)        b, a number of each primitive, of which x is stored (kHasShape; else neither
-//                      is read), and ActivationSlope(x) its derivative.
-// A flat one lies in the plane of the first two axes, and its third scale is not read. With (x, y)
-// where the ray meets the plane, in units of the scales, a gauge takes the place of D:
-//   Gauge(x, y)        of degree 1, convex, nowhere below D; and its derivatives;
-//   kEdges             the linear forms of (x, y) whose largest it is;
-//   kArea              the area of the polygon Gauge < 1, over that of the unit circle;
-//   Radius(b)          r, where f = (1 - gauge / r)^b ends, and RadiusSlope(b), its derivative.
-// Flat ones are drawn as lines in space through every lens, see raster/lines.
-// All else, the point of the nearest pass, the hit test without division, tiles, gradients to
-// means, rotations, scales and rays, densification and files, is that of the Gaussian: the cut-off
-// of D^2 and dlog f / dv are all that changes.
+// gaussian: exp(-D^2 / 2), D the smallest Mahalanobis distance along the ray. Surfels are Gaussians
+// that are thin along one axis (gaussians/surfels.h).
+// triangle: flat, 1 - g / r with g growing from 0 at the centre to r at the outline, 0 beyond. It
+// lies in the plane of the first two axes, and its third scale is not read. With (x, y) where the
+// ray meets the plane, in units of the scales, the gauge g = max(-2 y, sqrt(3) |x| + y) takes the
+// place of D: nowhere below it, convex and of degree 1. The corners of g = 1 lie on the unit
+// circle, one of them at (0, 1); two scales and a rotation make every isosceles triangle of it, and
+// no other. r^2 = 40 / 3 makes the second moments of the response those of a Gaussian of the same
+// scales. Triangles are drawn as lines in space through every lens, see raster/lines.
+// Sources: Kerbl et al., "3D Gaussian splatting for real-time radiance field rendering", 2023; Held
+// et al., "Triangle splatting", 2025, whose window falls with the distance from the outline in the
+// image; here it is taken in the triangle's plane, the same through every lens.
 #pragma once
 
-#include <cstdint>
-#include <span>
 #include <string>
 #include <vector>
 
-#include "gsut_primitive_list.h"
-
 namespace gsut {
 
-// kBeta, kGaussian ...: one value a file, in the order of their names.
-enum class Primitive : int {
-#define GSUT_PRIMITIVE_VALUE(Kind) k##Kind,
-  GSUT_FOR_EACH_PRIMITIVE(GSUT_PRIMITIVE_VALUE)
-#undef GSUT_PRIMITIVE_VALUE
-};
+enum class Primitive : int { kGaussian = 0, kTriangle = 1 };
+
+namespace triangle {
+inline constexpr double kRoot3 = 1.73205080756887729353;
+// The gauge is the largest of these linear forms of (x, y).
+inline constexpr double kEdges[3][2] = {{0.0, -2.0}, {kRoot3, 1.0}, {-kRoot3, 1.0}};
+// The area where the gauge is below 1, over that of the unit circle.
+inline constexpr double kArea = 0.41349667156634407;
+inline constexpr double kRadius = 3.65148371670110744;  // r
+}  // namespace triangle
 
 // All names, in the order of Primitive.
 std::vector<std::string> PrimitiveNames();
@@ -44,36 +37,25 @@ std::vector<std::string> PrimitiveNames();
 Primitive PrimitiveNamed(const std::string& name);
 const char* NameOf(Primitive primitive);
 
-// Whether each primitive has a number of its own beside the Gaussian's parameters.
-bool HasShape(Primitive primitive);
-
 // Whether it is a polygon in the plane of its first two axes.
-bool IsFlat(Primitive primitive);
+constexpr bool IsFlat(Primitive primitive) { return primitive == Primitive::kTriangle; }
 
 // The size of each at half its response over a Gaussian's of the same scales: the square root of
 // the ratio of areas.
 double WidthOf(Primitive primitive);
 
-// Stored shapes that tests loop over; one that is not read for primitives without.
-std::span<const double> ExampleShapes(Primitive primitive);
-
 // How one primitive's response falls, in double.
 struct Profile {
   Primitive primitive = Primitive::kGaussian;
-  double stored = 0.0;  // the shape as stored
 
   bool IsGaussian() const { return primitive == Primitive::kGaussian; }
-  // Of a flat primitive, in place of D; slopes[2]: its derivatives.
+  // Of a triangle, in place of D; slopes[2]: its derivatives.
   double Gauge(double x, double y, double* slopes) const;
-  // f, d ln f / d(-D^2 / 2) and d ln f / dstored at D^2.
+  // f and d ln f / d(-D^2 / 2) at D^2.
   double Response(double d2) const;
   double Slope(double d2) const;
-  double StoredSlope(double d2) const;
   // D^2 at which f equals exp(-gaussian_cutoff / 2), a Gaussian's at its cut-off.
   double Cutoff(double gaussian_cutoff) const;
-  // The shape b, and d b / dstored.
-  double Shape() const;
-  double ActivationSlope() const;
 };
 
 }  // namespace gsut

@@ -14,16 +14,15 @@ struct Column {
   std::int64_t width;
 };
 
-// The arrays of a view with their widths; shapes only where there are some.
+// The arrays of a view with their widths.
 struct Columns {
   explicit Columns(const GaussiansView<float>& view)
       : all{{view.means, 3},
             {view.quats, 4},
             {view.log_scales, 3},
             {view.opacity_logits, 1},
-            {view.sh, 3 * std::int64_t{view.sh_coefficients}},
-            {view.shapes, view.shapes == nullptr ? 0 : 1}} {}
-  Column all[6];
+            {view.sh, 3 * std::int64_t{view.sh_coefficients}}} {}
+  Column all[5];
 };
 
 // An exponent of all ones is infinity or no number: one integer comparison, in vectors.

@@ -96,7 +96,7 @@ double CutoffOf(double strength, Response response, const FootprintRule& rule,
                 const Profile& profile = {});
 template <class T>
 double CutoffOf(const GaussiansView<T>& gaussians, std::int64_t i, const FootprintRule& rule) {
-  return CutoffOf(gaussians.Strength(i), gaussians.response, rule, gaussians.ProfileOf(i));
+  return CutoffOf(gaussians.Strength(i), gaussians.response, rule, Profile{gaussians.primitive});
 }
 
 }  // namespace gsut

@@ -9,7 +9,6 @@
 
 #include "gsut/base/lanes-inl.h"
 #include "gsut/gaussians/gaussians.h"
-#include "gsut/gaussians/primitives-inl.h"
 #include "gsut/gaussians/surfels.h"
 #include "gsut/projection/view.h"
 
@@ -111,9 +110,13 @@ HWY_INLINE void RotationOf(const Lane* q, Lane* r) {
   r[8] = one - two * (x * x + y * y);
 }
 
-// Stored shapes of the Gaussians [first, first + kLanes); 0 where they have none.
-HWY_INLINE Lane LoadShapes(const GaussiansView<const float>& g, std::int64_t first) {
-  return g.shapes == nullptr ? Lane(0.0) : LoadRows1(g.shapes + first, g.size - first);
+// The square of a triangle's gauge where a Gaussian's D^2 would be at its cut-off, see
+// gaussians/primitive.h. A cut-off below 0, of what is never drawn, counts as 0.
+HWY_INLINE Lane TriangleCutoff(Lane gaussian_cutoff) {
+  constexpr double kLeastExponent = -83.0;  // Highway's Exp is garbage far below
+  const Lane exponent = Max(Lane(-0.5) * Max(gaussian_cutoff, Lane(0.0)), Lane(kLeastExponent));
+  const Lane gauge = Lane(triangle::kRadius) * (Lane(1.0) - Exp(exponent));
+  return gauge * gauge;
 }
 
 // log2_raw_min: of BlendRule::alpha_min, see Log2RawOf; max_cutoff: of D^2, by response_min.
@@ -183,13 +186,9 @@ HWY_INLINE SeenLanes LoadSeen(const GaussiansView<const float>& g, std::int64_t 
   const Lane cutoff = Lane(kTwoLn2) * (out.log2_strength - Lane(log2_raw_min));
   out.cutoff = Min(cutoff, Lane(max_cutoff));
   out.usable = AndMask(AndMask(cutoff > Lane(0.0), IsFinite(stored_opacity)), usable);
-  if (HWY_UNLIKELY(g.primitive != Primitive::kGaussian)) {
-    const Lane stored = LoadShapes(g, first);
-    out.usable = AndMask(out.usable, IsFinite(stored));
-    out.cutoff = ShapeCutoff(g.primitive, stored, out.cutoff);
-    if (HasEdges(g.primitive)) {
-      out.scale[2] = Min(out.scale[0], out.scale[1]) * Lane(kSurfelThickness);
-    }
+  if (HWY_UNLIKELY(IsFlat(g.primitive))) {
+    out.cutoff = TriangleCutoff(out.cutoff);
+    out.scale[2] = Min(out.scale[0], out.scale[1]) * Lane(kSurfelThickness);
   }
   return out;
 }

@@ -1,5 +1,4 @@
-// What the tiles' passes share for any lens: the blend of a group of alphas, and
-// flags of the run as flags of the build.
+// Blends a group of alphas, for any lens, and makes flags of the run flags of the build.
 
 #if defined(GSUT_RASTER_BLEND_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef GSUT_RASTER_BLEND_INL_H_
@@ -10,7 +9,6 @@
 
 #include <type_traits>
 
-#include "gsut/gaussians/primitives-inl.h"
 #include "gsut/raster/blend_rule.h"
 #include "gsut/raster/frame.h"
 #include "gsut/raster/task.h"
@@ -35,17 +33,6 @@ HWY_INLINE void WithFlag(bool flag, const Run& run) {
     run(std::false_type());
   }
 #endif
-}
-
-// The activated shape of a Gaussian; 0 where it has none.
-HWY_INLINE float ShapeOf(const RasterTask& task, std::uint32_t gaussian) {
-  return task.shapes == nullptr ? 0.0f : task.shapes[gaussian];
-}
-
-// log2 of the response of one pair, of v, a Gaussian's.
-HWY_INLINE FloatVec ShapeExponent(Primitive primitive, float shape, FloatVec v) {
-  ShapeExponents(primitive, &shape, 1, &v);
-  return v;
 }
 
 // The alpha of raw under extinction; raw counts halvings of the light.

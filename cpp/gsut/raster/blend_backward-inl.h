@@ -1,9 +1,9 @@
-// The blend of a tile in reverse mode, for any kind of rays: what its backward passes share.
+// Takes gradients back through the blend of a tile, for any kind of rays.
 //
 // The forward pass gives a pixel, with w_i = alpha_i T_i and T_(i+1) = T_i (1 - alpha_i),
 //   C = sum w_i c_i + T_end background,  depth = sum w_i x_i,
 //   distortion = sum w_i (x_i - mean)^2,  mean = depth / sum w_i,
-// x_i the distance to Gaussian i. To L, one unit of weight on Gaussian i is worth
+// x_i the distance to Gaussian i. To L, one unit of weight on Gaussian i adds
 //   v_i = dL/dC . c_i + dL/ddepth x_i + dL/ddistortion (x_i - mean)^2:
 // the mean's own change adds nothing, as sum w_i (x_i - mean) = 0. What lies behind i,
 //   B_i = sum over j > i of w_j v_j + T_end dL/dT_end,
@@ -28,7 +28,7 @@ HWY_BEFORE_NAMESPACE();
 namespace gsut {
 namespace HWY_NAMESPACE {
 
-// What a backward pass has to do; constants of the build, see WithBackwardFlags.
+// What a backward pass has to do: constants of the build where that pays, else flags of the run.
 struct BackwardFlags {
   bool with_depth;             // gradients to depth or distortion arrive
   bool with_rays;              // gradients to the rays are wanted
@@ -129,52 +129,15 @@ struct ResponseGradient {
   FloatVec to_distance;  // dL/dx; 0 without flags.with_depth
 };
 
-// The rule's alpha_max and transmittance_min, the response, and the primitive.
+// The rule's alpha_max and transmittance_min, and the response.
 struct BlendLimits {
   FloatVec alpha_max, stop;
   bool stop_before, is_extinction;
-  Primitive primitive;
   HWY_INLINE explicit BlendLimits(const RasterTask& task)
       : alpha_max(hn::Set(FloatTag(), task.alpha_max)),
         stop(hn::Set(FloatTag(), task.transmittance_min)),
         stop_before(task.stop_before),
-        is_extinction(task.is_extinction),
-        primitive(task.gaussians.primitive) {}
-  HWY_INLINE bool IsGaussian() const { return HWY_LIKELY(primitive == Primitive::kGaussian); }
-};
-
-// What one pair's response sends to its Gaussian's shape, summed over pixels; in memory, since
-// Gaussians have none and the registers are theirs.
-struct ShapeSums {
-  float shape = 0.0f;  // activated
-  HWY_ALIGN float sums[kLanes];
-
-  // Starts a pair, where its primitive is no Gaussian.
-  HWY_INLINE void Start(const RasterTask& task, std::uint32_t gaussian) {
-    shape = ShapeOf(task, gaussian);
-    hn::Store(hn::Zero(FloatTag()), FloatTag(), sums);
-  }
-  // The forms' gradients below are those of a Gaussian, whose exponent v = log2 G is kappa u: they
-  // hold for any response that is a function of v once h is multiplied by dln f / dln G.
-  // h, the gradient to ln raw, goes on to the exponent v: returns h dln f / dln G.
-  HWY_INLINE FloatVec PassOn(Primitive primitive, FloatVec h, FloatVec v) {
-    const FloatTag d;
-    FloatVec by_v, by_shape;
-    ShapeSlopes(primitive, shape, v, &by_v, &by_shape);
-    hn::Store(hn::MulAdd(h, by_shape, hn::Load(d, sums)), d, sums);
-    return hn::Mul(h, by_v);
-  }
-  // Adds a block's h dlog2 f / db.
-  HWY_INLINE void Add(FloatVec to_shape) {
-    const FloatTag d;
-    hn::Store(hn::Add(to_shape, hn::Load(d, sums)), d, sums);
-  }
-  HWY_INLINE void Finish(std::uint32_t slot, Frame* frame) const {
-    if (frame->slot_shapes.empty()) return;
-    float total = 0.0f;
-    for (const float sum : sums) total += sum;
-    frame->slot_shapes[slot] = total;
-  }
+        is_extinction(task.is_extinction) {}
 };
 
 // One Gaussian's share of a block's pixels, and the light that it leaves.
@@ -200,7 +163,7 @@ HWY_INLINE BlendStep StepBlend(const BlendLimits& limits, FloatVec alpha, FloatV
 // Steps over one Gaussian at one block: adds to the sums of its colour and error, updates T and B,
 // and returns the gradients to its alpha and distance. alpha: at most limits.alpha_max, where it
 // counts as clamped; 0 without a hit. distance: finite, also without a hit. pair: with
-// flags.with_channels kLanes floats, what the Gaussian's channels are worth to L, which become its
+// flags.with_channels kLanes floats, what the Gaussian's channels add to v_i, which become its
 // blend weights.
 HWY_INLINE ResponseGradient StepOver(BackwardFlags flags, const BlendLimits& limits,
                                      const FloatVec* color, FloatVec alpha, FloatVec distance,
@@ -261,19 +224,6 @@ struct KeptPairs {
   // Puts T and B in front of entry e at a block into its fields.
   HWY_INLINE void Restore(std::uint32_t, int, BlockFields) const {}
 };
-
-// Calls run(flags) with constant flags, a build of the pass for each combination that occurs. run
-// is a lambda marked GSUT_INLINED_LAMBDA: only inlined, its flags are constants.
-template <class Run>
-HWY_INLINE void WithBackwardFlags(const ImageGradients& gradients, bool with_rays, const Run& run) {
-  if (gradients.error != nullptr) {  // comes alone, see Renderer::Backward
-    run(BackwardFlags{false, false, true});
-    return;
-  }
-  WithFlag(gradients.HasDepth(), [&](auto depth) HWY_ATTR {
-    WithFlag(with_rays, [&](auto rays) HWY_ATTR { run(BackwardFlags{depth, rays, false}); });
-  });
-}
 
 }  // namespace HWY_NAMESPACE
 }  // namespace gsut

@@ -1,11 +1,11 @@
-// What all passes of channels share: slices of channels, lists of blend weights, values by pixel.
+// Multiplies channels by blend weights, slice by slice, forward and backward.
 //
 // A pair's weights w at a block of pixels are computed once, whatever the number of channels, and
 // held for kSegment pairs. With f_d its Gaussian's values, C_d = sum of w f_d + T_end background_d.
-// In the backward pass its channels add v = sum over d of f_d dL/dC_d to what the pair is worth at
-// a pixel (blend_backward-inl.h), and dL/df_d is the sum over pixels of w dL/dC_d. All three are
-// products of small matrices, made for kSlice channels at a time, so that what is read again and
-// again stays in the first cache and sums stay in registers.
+// In the backward pass its channels add v = sum over d of f_d dL/dC_d to the pair's v_i at a pixel
+// (blend_backward-inl.h), and dL/df_d is the sum over pixels of w dL/dC_d. All three are products
+// of small matrices, made for kSlice channels at a time, so that what is read again and again stays
+// in the first cache and sums stay in registers.
 
 #if defined(GSUT_RASTER_CHANNEL_SLICES_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef GSUT_RASTER_CHANNEL_SLICES_INL_H_

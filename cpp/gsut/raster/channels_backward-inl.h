@@ -1,4 +1,4 @@
-// The gradients to a tile's channels, to their pairs' values and to what the pairs are worth.
+// Takes the gradients to a tile's channels on to its pairs' values and to their blend.
 
 #if defined(GSUT_RASTER_CHANNELS_BACKWARD_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef GSUT_RASTER_CHANNELS_BACKWARD_INL_H_
@@ -31,9 +31,9 @@ class TileChannels {
         to_values_(to_values) {}
 
   // What the tile's pixels pass on before its pairs: final_transmittance[256] grows by dL/dT_end,
-  // worth[256] becomes the sum of dL/dC_d C_d, without the background.
+  // contribution[256] becomes the sum of dL/dC_d C_d, without the background.
   HWY_INLINE void AddToPixels(std::size_t pixel0, const Frame& frame, float* final_transmittance,
-                              float* worth) const {
+                              float* contribution) const {
     const FloatTag d;
     const float* values = &frame.channels[pixel0 * rows_.padded()];
     for (int block = 0; block < kBlocks; ++block) {
@@ -52,12 +52,12 @@ class TileChannels {
         sum = hn::Add(sum, of_slice);
         to_end = hn::Add(to_end, end_of_slice);
       });
-      hn::Store(sum, d, worth + block * kLanes);
+      hn::Store(sum, d, contribution + block * kLanes);
       hn::Store(to_end, d, final_transmittance + block * kLanes);
     }
   }
 
-  // Before entry e: with the first of a segment, what all of its pairs are worth at their pixels.
+  // Before entry e: with the first of a segment, what all of its pairs contribute at their pixels.
   HWY_INLINE void Prepare(std::uint32_t e) {
     if (e % kSegment != 0) return;
     first_ = e;
@@ -78,9 +78,9 @@ class TileChannels {
     for (int block = 0; block < kBlocks; ++block) {
       int at = WeightLists::First(block);
       const int end = at + lists_.count(block);
-      for (; at + kWide <= end; at += kWide) AddWorth<kWide>(block, at);
-      for (; at + kNarrow <= end; at += kNarrow) AddWorth<kNarrow>(block, at);
-      for (; at < end; ++at) AddWorth<1>(block, at);
+      for (; at + kWide <= end; at += kWide) AddContributions<kWide>(block, at);
+      for (; at + kNarrow <= end; at += kNarrow) AddContributions<kNarrow>(block, at);
+      for (; at < end; ++at) AddContributions<1>(block, at);
     }
   }
 
@@ -101,9 +101,9 @@ class TileChannels {
   // The same for the few that are left.
   static constexpr int kNarrow = 4;
 
-  // What kPairs pairs of a block's list are worth at its pixels.
+  // Computes v of kPairs pairs of a block's list at its pixels.
   template <int kPairs>
-  HWY_INLINE void AddWorth(int block, int at) {
+  HWY_INLINE void AddContributions(int block, int at) {
     const FloatTag d;
     FloatVec sums[kPairs];
     GSUT_UNROLL for (int j = 0; j < kPairs; ++j) sums[j] = hn::Zero(d);
@@ -134,26 +134,6 @@ class TileChannels {
   std::uint64_t blocks_of_[kSegment];
   std::uint16_t places_[kSegment * kBlocks];
 };
-
-// Runs a tile's backward pass, run(flags, pixels, channels), with gradients to its channels.
-// Distances and rays have one build together: both are rare beside channels.
-template <class Run>
-HWY_INLINE void BackwardWithChannels(const RasterTask& task, const TileGrid& grid, int tile,
-                                     const ImageGradients& gradients, bool with_rays,
-                                     const Frame& frame, float* to_values, const Run& run) {
-  // Planes that no gradient arrives for are read all the same, as zeros: see the flags below.
-  HWY_ALIGN float buffer[7 * kTilePixels];
-  HWY_ALIGN float worth[kTilePixels];
-  std::fill_n(buffer, 7 * kTilePixels, 0.0f);
-  PixelGradients pixels = ReadPixelGradients(grid, tile, gradients, task.background, buffer);
-  TileChannels channels(task, grid, tile, gradients.channels, frame, to_values);
-  channels.AddToPixels(static_cast<std::size_t>(tile) * kTilePixels, frame,
-                       buffer + 3 * kTilePixels, worth);
-  pixels.channels = worth;
-  WithFlag(gradients.HasDepth() || with_rays, [&](auto all) HWY_ATTR {
-    run(BackwardFlags{all, all, false, true}, pixels, &channels);
-  });
-}
 
 }  // namespace HWY_NAMESPACE
 }  // namespace gsut

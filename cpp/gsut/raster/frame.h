@@ -141,8 +141,6 @@ struct Frame {
   // Results of the backward pass.
   AlignedVector<float> slot_gradients;       // (slots, 16)
   AlignedVector<std::uint8_t> slot_touched;  // (slots)
-  // (slots) sums of h dlog2 f / db, b the shape (gaussians/primitive.h); empty: there are none.
-  AlignedVector<float> slot_shapes;
 
   const std::vector<RowSpan>& SpansOf(std::size_t gaussian) const {
     return row_spans[gaussian / static_cast<std::size_t>(kRecordsPart)];

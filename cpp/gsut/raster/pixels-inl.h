@@ -87,7 +87,7 @@ struct PixelGradients {
   const float* distortion;           // to distortion, times the length squared
   const float* final_transmittance;  // to the transmittance that is left
   const float* error;                // no gradient: ImageGradients::error
-  const float* channels = nullptr;   // what all channels of the pixel are worth to L
+  const float* channels = nullptr;   // sum over the channels of dL/dC_d C_d
 };
 
 // Reads them into buffer[7 * 256], which the result points into. Pixels outside the image are 0.

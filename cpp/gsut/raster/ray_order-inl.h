@@ -1,4 +1,4 @@
-// The forward pass of one tile in the order of each pixel's own ray, for any kind of rays.
+// The forward pass of one tile in the order of each pixel's own ray.
 //
 // What a hit lets through of the light behind it is multiplied into the light in front of every
 // other hit that lies behind it, pair by pair: for hits i and j of a pixel, at t_i and t_j along
@@ -11,9 +11,9 @@
 // whose far end is not beyond the near end of the next is in front of all that follow, at every
 // pixel. Its light is known, it is blended, and what it lets through multiplies the light in front
 // of all that is swept from then on; until then it is open. The tile's list is sorted by the least
-// t at which any ray may be nearest to a Gaussian (RayOrderKeysKernel), which bounds what is not
-// read yet: hits beyond that wait, which costs nothing. This is exact: t of the hits decides, and
-// intervals and bounds decide only which pairs are made.
+// t at which any ray may be nearest to a Gaussian (LineRayOrderKeysKernel), which bounds what is
+// not read yet: hits beyond that wait, which costs nothing. This is exact: t of the hits decides,
+// and intervals and bounds decide only which pairs are made.
 
 #if defined(GSUT_RASTER_RAY_ORDER_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef GSUT_RASTER_RAY_ORDER_INL_H_
@@ -165,7 +165,7 @@ HWY_INLINE void Release(const RasterTask& task, float bound, BlockHits* hits, Pi
     for (int p = base; bits != 0; bits &= ~(std::uint64_t{1} << (p - base))) {
       p = base + 63 - __builtin_clzll(bits);
       const BlockHit& hit = slots[open[p]];
-      if constexpr (Notes::kTakes) notes->Settle(slots, open[p], open, count);
+      if constexpr (Notes::kTakes) notes->ResolveHit(slots, open[p], open, count);
       pixels->Blend(task, hit, hn::Load(d, hit.t), hn::Load(d, hit.rest), hn::Load(d, hit.front));
       hits->GiveBackIf(true, open[p]);
       --count;
@@ -191,10 +191,9 @@ HWY_INLINE void BlendOrOpen(const RasterTask& task, float bound, int slot, Float
   hits->GiveBackIf(hit.last <= bound, slot);
 }
 
-// Reads the Gaussians of a chunk of kernel whose bits are set in todo[part] at the block at pixel
-// o.
+// Reads the Gaussians of a kernel's chunk whose bits are set in todo at the block at pixel o.
 template <class Kernel, class Notes>
-HWY_INLINE void ReadHits(const RasterTask& task, const Kernel& kernel, std::uint64_t todo, int part,
+HWY_INLINE void ReadHits(const RasterTask& task, const Kernel& kernel, std::uint64_t todo,
                          std::size_t o, FloatVec length, FloatMask open, BlockHits* hits,
                          Notes* notes) {
   constexpr int kJam = Kernel::kJam;
@@ -209,7 +208,7 @@ HWY_INLINE void ReadHits(const RasterTask& task, const Kernel& kernel, std::uint
     FloatMask hit[kJam];
     float least[2 * kJam];  // of t, and of -t
     GSUT_UNROLL for (int i = 0; i < kJam; ++i) {
-      index[i] = todo != 0 ? part * kChunk + __builtin_ctzll(todo) : Kernel::kNone;
+      index[i] = todo != 0 ? __builtin_ctzll(todo) : kMissing;
       todo &= todo - 1;
     }
     kernel.Respond(rays, index, open, alpha_limit, alpha, t, hit);
@@ -222,7 +221,7 @@ HWY_INLINE void ReadHits(const RasterTask& task, const Kernel& kernel, std::uint
     GSUT_UNROLL for (int i = 0; i < kJam; ++i) {
       if (hn::AllFalse(d, hit[i])) continue;
       const int slot = hits->Take();
-      if constexpr (Notes::kTakes) notes->Name(slot, index[i]);
+      if constexpr (Notes::kTakes) notes->NoteGaussian(slot, index[i]);
       BlockHit& added = slots[slot];
       hn::Store(hn::IfThenElse(hit[i], t[i], never), d, added.t);
       hn::Store(hn::Sub(hn::Set(d, 1.0f), alpha[i]), d, added.rest);
@@ -261,12 +260,12 @@ HWY_INLINE bool SweepHits(const RasterTask& task, float unread, BlockHits* hits,
     }
     FilterPairs<kJam>(t, rest, front, hits);
     if constexpr (Notes::kTakes) {
-      notes->EnterGroup(hits->slots, next + k, HWY_MIN(end - k, kJam), front);
+      notes->StartGroup(hits->slots, next + k, HWY_MIN(end - k, kJam), front);
     }
     bound = k + kJam < end ? FirstOf(next[k + kJam]) : unread;
     Release(task, bound, hits, pixels, notes);
     if constexpr (Notes::kTakes) {
-      notes->LeaveGroup(hits->slots, bound, hits->open, hits->num_open);
+      notes->FinishGroup(hits->slots, bound, hits->open, hits->num_open);
     }
     GSUT_UNROLL for (int i = 0; i < kJam; ++i) {
       if (k + i >= end) break;
@@ -284,7 +283,6 @@ HWY_INLINE bool SweepHits(const RasterTask& task, float unread, BlockHits* hits,
 template <class Kernel, class Notes>
 HWY_INLINE void BlendTileAlongRays(const RasterTask& task, const TileGrid& grid, int tile,
                                    float closest, Kernel& kernel, Frame* frame, Notes* notes) {
-  constexpr std::uint32_t kStep = Kernel::kParts * kChunk;
   const FloatTag d;
   TileHits* const hits = HitsOfThread();
   for (HitMemory& each : hits->blocks) each.Clear();
@@ -297,35 +295,28 @@ HWY_INLINE void BlendTileAlongRays(const RasterTask& task, const TileGrid& grid,
   const std::uint32_t begin = frame->tile_begin[tile];
   const std::uint32_t end = frame->tile_begin[tile + 1];
   std::uint64_t alive = frame->alive[tile];
-  std::uint64_t gaussians_of[Kernel::kParts][kBlocks];
+  std::uint64_t blocks_of[kChunk], gaussians_of[kBlocks];
   const auto bound_of = [&](std::uint32_t pair) HWY_ATTR {
     return pair < end ? frame->order_key[frame->pairs[pair].gaussian] - closest : kNever;
   };
-  for (std::uint32_t step = begin; step < end && alive != 0; step += kStep) {
-    const int chunks = static_cast<int>((HWY_MIN(end - step, kStep) + kChunk - 1) / kChunk);
-    for (int part = 0; part < chunks; ++part) {
-      const std::uint32_t chunk = step + static_cast<std::uint32_t>(part * kChunk);
-      const int available = static_cast<int>(end - chunk);
-      const int count = HWY_MIN(available, kChunk);
-      std::uint64_t blocks_of[kChunk] = {};
-      kernel.Fill(&frame->pairs[chunk], count, available, blocks_of, part);
-      for (int j = 0; j < count; ++j) blocks_of[j] &= alive;
-      TransposeMasks(blocks_of, gaussians_of[part]);
-    }
-    const float unread = bound_of(step + kStep);
+  for (std::uint32_t chunk = begin; chunk < end && alive != 0; chunk += kChunk) {
+    const int available = static_cast<int>(end - chunk);
+    const int count = HWY_MIN(available, kChunk);
+    kernel.Fill(&frame->pairs[chunk], count, available, blocks_of);
+    for (int j = 0; j < count; ++j) blocks_of[j] &= alive;
+    for (int j = count; j < kChunk; ++j) blocks_of[j] = 0;
+    TransposeMasks(blocks_of, gaussians_of);
+    const float unread = bound_of(chunk + kChunk);
     for (std::uint64_t rest = alive; rest != 0; rest &= rest - 1) {
       const int block = __builtin_ctzll(rest);
       const std::size_t o = pixel0 + static_cast<std::size_t>(block) * kLanes;
       const FloatVec length = hn::Load(d, &grid.length[o]);
       BlockPixels<Notes::kTakes> pixels(task, *frame, o);
       HitMemory* const memory = &hits->blocks[block];
-      memory->Reserve(static_cast<int>(kStep));
+      memory->Reserve(kChunk);
       BlockHits of_block = memory->hits;
-      if constexpr (Notes::kTakes) notes->Turn(block, step - begin);
-      for (int part = 0; part < chunks; ++part) {
-        ReadHits(task, kernel, gaussians_of[part][block], part, o, length, pixels.open, &of_block,
-                 notes);
-      }
+      if constexpr (Notes::kTakes) notes->MoveToBlock(block, chunk - begin);
+      ReadHits(task, kernel, gaussians_of[block], o, length, pixels.open, &of_block, notes);
       if (SweepHits<kSweepJam>(task, unread, &of_block, &hits->swept, &pixels, notes)) {
         alive &= ~(std::uint64_t{1} << block);
       }

@@ -1,15 +1,15 @@
-// What the backward pass of one tile needs of a blend in the order of each pixel's own ray.
+// Notes T_i and B_(i-1) of a blend in the order of each pixel's own ray, for the backward pass.
 //
 // blend_backward-inl.h walks a tile's Gaussians in one order and carries T_i and B_i along. Here
 // each pixel has an order of its own, so the blend is made a second time (ray_order-inl.h) and
 // leaves both for each Gaussian and block: T_i is the light in front of the hit, and B_(i-1), what
-// it and all behind it are worth to L, is the whole less what is in front of it,
+// it and all behind it contribute to L, is the whole less what is in front of it,
 //   B_(i-1) = B_0 - sum over j in front of i of w_j v_j.
-// Hits are settled (blended) by the far ends of their intervals, so that most that are settled
-// before i are in front of it at all pixels: their sum is one a block. Of two that are live at the
-// same time the one that is settled later may be in front at some pixels. There, and only then,
-// they trade their w v when the first of them is settled: by then the light in front of both is
-// known where it counts, as nothing unswept is nearer.
+// Hits are resolved (blended) by the far ends of their intervals, so that most that are resolved
+// before i are in front of it at all pixels: their sum is one a block. Of two that are open at the
+// same time the one that is resolved later may be in front at some pixels. There, and only then,
+// each one's w v is added to or taken from the other's sum when the first of them is resolved: by
+// then the light in front of both is known where it counts, as nothing unswept is nearer.
 
 #if defined(GSUT_RASTER_RAY_ORDER_BACKWARD_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef GSUT_RASTER_RAY_ORDER_BACKWARD_INL_H_
@@ -27,17 +27,17 @@ namespace HWY_NAMESPACE {
 
 // The memory of a thread's notes, kept from tile to tile.
 struct NotesMemory {
-  // By slot: sum of w_j v_j in front of it, less what is settled before; its place in the tile's
-  // list; when it was swept.
+  // By slot: sum of w_j v_j in front of it, less what is resolved before; its place in the tile's
+  // list; its number in the order of the sweep.
   AlignedVector<float> passed[kBlocks];
-  AlignedVector<std::uint32_t> pairs[kBlocks], turns[kBlocks];
-  AlignedVector<int> mixed;                  // slots that trade
-  HWY_ALIGN float settled[kBlocks][kLanes];  // sum of w_j v_j of all that is settled
-  AlignedVector<float> rows;                 // of each settled hit: T_i and B_(i-1)
-  AlignedVector<std::uint32_t> row_of;       // (pairs, kBlocks)
-  AlignedVector<std::uint64_t> blocks_of;    // (pairs) where there is a row
-  AlignedVector<TileEntry> entries;          // of the pairs that have one
-  AlignedVector<std::uint32_t> pair_of;      // of each entry
+  AlignedVector<std::uint32_t> pairs[kBlocks], sweep_order[kBlocks];
+  AlignedVector<int> overlapping;             // slots whose order differs from pixel to pixel
+  HWY_ALIGN float resolved[kBlocks][kLanes];  // sum of w_j v_j of all that is resolved
+  AlignedVector<float> rows;                  // of each resolved hit: T_i and B_(i-1)
+  AlignedVector<std::uint32_t> row_of;        // (pairs, kBlocks)
+  AlignedVector<std::uint64_t> blocks_of;     // (pairs) where there is a row
+  AlignedVector<TileEntry> entries;           // of the pairs that have one
+  AlignedVector<std::uint32_t> pair_of;       // of each entry
 };
 
 // Returns the calling thread's.
@@ -63,24 +63,24 @@ class RayNotes {
     memory_->row_of.resize(std::size_t{pairs} * kBlocks);
     memory_->blocks_of.assign(pairs, 0);
     for (int block = 0; block < kBlocks; ++block) {
-      hn::Store(hn::Zero(FloatTag()), FloatTag(), memory_->settled[block]);
+      hn::Store(hn::Zero(FloatTag()), FloatTag(), memory_->resolved[block]);
     }
   }
 
-  // Goes on at another block, where pairs from first_pair on are read.
-  HWY_INLINE void Turn(int block, std::uint32_t first_pair) {
+  // Moves to another block, where pairs from first_pair on are read.
+  HWY_INLINE void MoveToBlock(int block, std::uint32_t first_pair) {
     block_ = block;
     first_pair_ = first_pair;
     group_size_ = 0;
   }
   // Notes the Gaussian of a hit that was read.
-  HWY_INLINE void Name(int slot, int index) {
+  HWY_INLINE void NoteGaussian(int slot, int index) {
     const auto i = static_cast<std::size_t>(slot);
     if (HWY_UNLIKELY(i >= memory_->pairs[block_].size())) Grow(2 * i + kChunk);
     memory_->pairs[block_][i] = first_pair_ + static_cast<std::uint32_t>(index);
   }
-  // Begins with hits that are swept together.
-  HWY_INLINE void EnterGroup(BlockHit* hits, const SweptHit* begin, int count,
+  // Starts a group of hits that are swept together.
+  HWY_INLINE void StartGroup(BlockHit* hits, const SweptHit* begin, int count,
                              const FloatVec* front) {
     const FloatTag d;
     group_size_ = count;
@@ -89,11 +89,11 @@ class RayNotes {
       group_[i] = SlotOf(begin[i]);
       hn::Store(front[i], d, hits[slot].front);
       hn::Store(hn::Zero(d), d, &memory_->passed[block_][slot * kLanes]);
-      memory_->turns[block_][slot] = turn_++;
+      memory_->sweep_order[block_][slot] = num_swept_++;
     }
   }
-  // Settles those of the group whose t is nowhere above `bound`; others will be open.
-  HWY_INLINE void LeaveGroup(const BlockHit* hits, float bound, const int* open, int num_open) {
+  // Resolves those of the group whose t is nowhere above `bound`; others will be open.
+  HWY_INLINE void FinishGroup(const BlockHit* hits, float bound, const int* open, int num_open) {
     for (int i = 0; i < group_size_;) {
       const int slot = group_[i];
       if (!(hits[slot].last <= bound)) {
@@ -101,43 +101,44 @@ class RayNotes {
         continue;
       }
       group_[i] = group_[--group_size_];
-      Settle(hits, slot, open, num_open);
+      ResolveHit(hits, slot, open, num_open);
     }
     group_size_ = 0;
   }
-  // Settles a hit: trades with the open ones and the rest of the group, and writes its row. One
-  // function, as it is called from many places.
-  HWY_NOINLINE void Settle(const BlockHit* hits, int slot, const int* open, int num_open) {
+  // Resolves a hit: orders it among the open ones and the rest of the group at each pixel, and
+  // writes its row. One function, as it is called from many places.
+  HWY_NOINLINE void ResolveHit(const BlockHit* hits, int slot, const int* open, int num_open) {
     const FloatTag d;
     float* const passed_of = memory_->passed[block_].data();
-    int* const mixed = memory_->mixed.data();
-    int num_mixed = 0;
+    int* const overlapping = memory_->overlapping.data();
+    int num_overlapping = 0;
     // Nothing is in front where there is no hit.
     FloatVec t = hn::Load(d, hits[slot].t);
     t = hn::IfThenElse(hn::Lt(t, hn::Set(d, kNever)), t, hn::Set(d, -kNever));
-    const auto meet = [&](int other) HWY_ATTR {
-      mixed[num_mixed] = other;
-      num_mixed += !hn::AllFalse(d, hn::Le(hn::Load(d, hits[other].t), t));
+    const auto add_if_overlapping = [&](int other) HWY_ATTR {
+      overlapping[num_overlapping] = other;
+      num_overlapping += !hn::AllFalse(d, hn::Le(hn::Load(d, hits[other].t), t));
     };
-    for (int p = 0; p < num_open; ++p) meet(open[p]);
-    for (int i = 0; i < group_size_; ++i) meet(group_[i]);
-    const FloatVec worth = WorthOf(hits[slot]);
+    for (int p = 0; p < num_open; ++p) add_if_overlapping(open[p]);
+    for (int i = 0; i < group_size_; ++i) add_if_overlapping(group_[i]);
+    const FloatVec contribution = ContributionOf(hits[slot]);
     FloatVec passed = hn::Load(d, passed_of + slot * kLanes);
-    const std::uint32_t* const turns = memory_->turns[block_].data();
-    for (int k = 0; k < num_mixed; ++k) {
-      const int other = mixed[k];
+    const std::uint32_t* const order = memory_->sweep_order[block_].data();
+    for (int k = 0; k < num_overlapping; ++k) {
+      const int other = overlapping[k];
       if (other == slot) continue;
       // Of two at the same place the one that was swept first is in front.
       const FloatVec t_other = hn::Load(d, hits[other].t);
       const FloatMask is_front =
-          turns[other] < turns[slot] ? hn::Le(t_other, t) : hn::Lt(t_other, t);
-      passed = hn::Add(passed, hn::IfThenElseZero(is_front, WorthOf(hits[other])));
+          order[other] < order[slot] ? hn::Le(t_other, t) : hn::Lt(t_other, t);
+      passed = hn::Add(passed, hn::IfThenElseZero(is_front, ContributionOf(hits[other])));
       float* const of_other = passed_of + other * kLanes;
-      hn::Store(hn::Sub(hn::Load(d, of_other), hn::IfThenElseZero(is_front, worth)), d, of_other);
+      hn::Store(hn::Sub(hn::Load(d, of_other), hn::IfThenElseZero(is_front, contribution)), d,
+                of_other);
     }
-    float* const settled = memory_->settled[block_];
-    const FloatVec before = hn::Load(d, settled);
-    hn::Store(hn::Add(before, worth), d, settled);
+    float* const resolved = memory_->resolved[block_];
+    const FloatVec before = hn::Load(d, resolved);
+    hn::Store(hn::Add(before, contribution), d, resolved);
     const FloatVec front = hn::Load(d, hits[slot].front);
     if (hn::AllFalse(d, Shows(front))) return;
     passed = hn::Add(before, passed);
@@ -152,11 +153,11 @@ class RayNotes {
   HWY_NOINLINE void Grow(std::size_t slots) {
     memory_->passed[block_].resize(slots * kLanes);
     memory_->pairs[block_].resize(slots);
-    memory_->turns[block_].resize(slots);
-    memory_->mixed.resize(HWY_MAX(memory_->mixed.size(), slots));
+    memory_->sweep_order[block_].resize(slots);
+    memory_->overlapping.resize(HWY_MAX(memory_->overlapping.size(), slots));
   }
   // w v of a hit, where its light is known.
-  HWY_INLINE FloatVec WorthOf(const BlockHit& hit) const {
+  HWY_INLINE FloatVec ContributionOf(const BlockHit& hit) const {
     const FloatTag d;
     const FloatVec front = hn::Load(d, hit.front);
     const FloatVec behind = hn::Mul(front, hn::Load(d, hit.rest));
@@ -195,9 +196,9 @@ class RayNotes {
   TileFields<kNumFields>* const fields_;
   NotesMemory* const memory_;
   int block_ = 0;
-  std::uint32_t first_pair_ = 0, turn_ = 0, num_rows_ = 0;
+  std::uint32_t first_pair_ = 0, num_swept_ = 0, num_rows_ = 0;
   int group_size_ = 0;
-  int group_[kSweepJam];  // slots of hits that are swept together and not settled
+  int group_[kSweepJam];  // slots of hits that are swept together and not resolved
 };
 
 // The pairs of a tile that is blended along its rays: each has T and B of its own at each block.

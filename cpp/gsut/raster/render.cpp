@@ -60,9 +60,13 @@ void Renderer::Render(const GaussiansView<const float>& gaussians, const RenderJ
   lines_ = nullptr;
   Stopwatch watch;
   // Rays that meet in one point are linear forms of a pixel's place in its tile; rays with origins
-  // of their own are lines, as all rays are for flat primitives. Tiles and bounds follow from
-  // camera and motion alone and are kept from frame to frame.
-  if (HasOneCenter(job.camera, job.motion) && !IsFlat(gaussians.primitive)) {
+  // of their own are lines. So are all rays for what is rare: triangles, extinction, the order
+  // along the ray and channels. Tiles and bounds follow from camera and motion alone and are kept
+  // from frame to frame.
+  const bool is_common = gaussians.primitive == Primitive::kGaussian &&
+                         gaussians.response == Response::kMaximum && !along_ray &&
+                         job.channels.count == 0 && !job.as_lines;
+  if (is_common && HasOneCenter(job.camera, job.motion)) {
     grid_ = TilesOf(job.camera, ActiveLanes());
   } else {
     lines_ = LinesOf(job.camera, job.motion, ActiveLanes());
@@ -84,7 +88,6 @@ void Renderer::Render(const GaussiansView<const float>& gaussians, const RenderJ
     frame_.row_spans[static_cast<std::size_t>(begin / kRecordsPart)].clear();
     if (lines_ == nullptr) {
       RecordsKernel(task_, *grid_, splats_, begin, end, &frame_);
-      if (along_ray) RayOrderKeysKernel(task_, begin, end, &frame_);
     } else {
       LineRecordsKernel(task_, *lines_, begin, end, &frame_, &splats_);
       if (along_ray) LineRayOrderKeysKernel(task_, lines_->is_parallel, begin, end, &frame_);
@@ -108,19 +111,12 @@ void Renderer::Render(const GaussiansView<const float>& gaussians, const RenderJ
   timings_.push_back(watch.Lap("bin"));
   ParallelFor(tiles().num_tiles(), 1, [&](std::int64_t index, std::int64_t) {
     const int tile = TileInOrder(index);
-    const bool with_channels = task_.channels.count > 0;
-    if (along_ray && lines_ == nullptr) {
-      RayOrderForwardKernel(task_, *grid_, tile, &frame_, job.image, job.alpha, job.depth,
-                            job.distortion);
+    if (lines_ == nullptr) {
+      ForwardKernel(task_, *grid_, tile, &frame_, job.image, job.alpha, job.depth, job.distortion);
     } else if (along_ray) {
       LineRayOrderForwardKernel(task_, *lines_, tile, &frame_, job.image, job.alpha, job.depth,
                                 job.distortion);
-    } else if (lines_ == nullptr && with_channels) {
-      ChannelsForwardKernel(task_, *grid_, tile, &frame_, job.image, job.alpha, job.depth,
-                            job.distortion, job.channel_image);
-    } else if (lines_ == nullptr) {
-      ForwardKernel(task_, *grid_, tile, &frame_, job.image, job.alpha, job.depth, job.distortion);
-    } else if (with_channels) {
+    } else if (task_.channels.count > 0) {
       LineChannelsForwardKernel(task_, *lines_, tile, &frame_, job.image, job.alpha, job.depth,
                                 job.distortion, job.channel_image);
     } else {
@@ -159,7 +155,6 @@ void Renderer::FillTask(const GaussiansView<const float>& gaussians, const Rende
   task_.near_z = static_cast<float>(rule_.near_z);
   task_.far_z = static_cast<float>(rule_.far_z);
   task_.is_extinction = gaussians.response == Response::kExtinction;
-  ActivateShapes(gaussians);
   task_.order_by_z = rule_.order == OrderKey::kDepthZ;
   task_.stop_before = rule_.stop_before;
   task_.crossing = task_.transmittance_min;
@@ -170,18 +165,6 @@ void Renderer::FillTask(const GaussiansView<const float>& gaussians, const Rende
   task_.keep = (job.keep_for_backward || job.channels.count > 0) && rule_.order != OrderKey::kRay;
   const int stored_degree = ShDegree(gaussians.sh_coefficients);
   task_.sh_degree = settings.sh_degree < stored_degree ? settings.sh_degree : stored_degree;
-}
-
-// Kernels read shapes as they act, not as they are stored. They lie beside the records, whose 16
-// floats are full: only primitives that have shapes pay for them.
-void Renderer::ActivateShapes(const GaussiansView<const float>& gaussians) {
-  task_.shapes = nullptr;
-  if (!HasShape(gaussians.primitive)) return;
-  shapes_.resize(static_cast<std::size_t>(gaussians.size));
-  for (std::int64_t i = 0; i < gaussians.size; ++i) {
-    shapes_[static_cast<std::size_t>(i)] = static_cast<float>(gaussians.ProfileOf(i).Shape());
-  }
-  task_.shapes = shapes_.data();
 }
 
 // Makes room for whole vectors beyond the last Gaussian, and takes the tiles that are not chosen
@@ -225,8 +208,7 @@ std::int64_t Renderer::buffer_bytes() const {
   const Frame& f = frame_;
   add(f.records, f.mean_direction, f.order_key, f.rects, f.slot_begin, f.order, f.pairs,
       f.tile_begin, f.transmittance, f.color[0], f.color[1], f.color[2], f.depth, f.first_depth,
-      f.depth_moment, f.channels, f.entries, f.entry_count, f.slot_gradients, f.slot_touched,
-      f.slot_shapes, shapes_);
+      f.depth_moment, f.channels, f.entries, f.entry_count, f.slot_gradients, f.slot_touched);
   for (const std::vector<RowSpan>& spans : f.row_spans) add(spans);
   return static_cast<std::int64_t>(sum);
 }

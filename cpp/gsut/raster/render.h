@@ -37,6 +37,8 @@ struct RenderJob {
   const std::uint8_t* tiles = nullptr;
   // Values beside the colours; they force keep_for_backward.
   Channels<float> channels = {};
+  // Whether also rays that start at one point take the kernels of lines.
+  bool as_lines = false;
   // Outputs, row-major; all but the image may be null.
   float* image = nullptr;          // (H, W, 3)
   float* alpha = nullptr;          // (H, W)
@@ -50,8 +52,8 @@ struct RenderJob {
 
 // Renders one camera after another with buffers that only grow. Not thread-safe; inside, all loops
 // are parallel and give the same bits on any number of threads. Rays that start at one point (a
-// central lens, standing still) and lines (a rolling shutter, a lens without one centre) have
-// kernels of their own.
+// central lens, standing still) have kernels of their own for Gaussians by their maximum in an
+// order of centres; lines (a rolling shutter, a lens without one centre, and all else) have others.
 // Error against the double reference: image rms at most 1e-5 (RENDER_IMAGE_RMS in
 // tests/tolerances/raster.py).
 class Renderer {
@@ -128,7 +130,6 @@ class Renderer {
 
  private:
   void FillTask(const GaussiansView<const float>& gaussians, const RenderJob& job);
-  void ActivateShapes(const GaussiansView<const float>& gaussians);
   void ResizeFrame(const std::uint8_t* chosen);
   const TileGrid& tiles() const { return lines_ == nullptr ? *grid_ : lines_->tiles; }
   // The tile that is drawn as number `index`: in strips from top to bottom, so that what a tile
@@ -145,14 +146,14 @@ class Renderer {
   // `without`.
   void CheckKept(bool kept, const char* without) const;
   WalkScene LastScene() const;
+  // Renders the last image once more, by the kernels of lines.
+  void RenderAsLines();
   void CheckBackward(const ImageGradients& to_image, const GradientRows& to, bool is_plain) const;
   void CheckStep(const GradientRows& to) const;
   // Stage 1 of Backward: gradients of one tile's pairs into their slots, of its rays into `rays`
   // unless null, and of its pairs' channels into to_channels unless null.
   void BackwardOfTile(int tile, const ImageGradients& to_image, RayGradients* rays,
                       float* to_channels);
-  // The gradients to the stored shapes of the Gaussians [begin, end), from their slots.
-  void ShapeGradients(std::int64_t begin, std::int64_t end, const GradientRows& to) const;
   // From the kernels' gradients to a tile's lines (or rays) to those of its pixels' rays.
   void ToRays(int tile, const float* to_lines, const ImageGradients& to_image,
               RayGradients* rays) const;
@@ -169,7 +170,6 @@ class Renderer {
   double background_[3] = {0, 0, 0};
   Splats splats_;
   Frame frame_;
-  AlignedVector<float> shapes_;  // see RasterTask::shapes
   bool rendered_ = false, stepped_ = false;
   bool along_rays_ = false;  // rendered for the backward pass in the order of each ray
 };

@@ -31,7 +31,6 @@ void Renderer::Backward(const ImageGradients& to_image, const GradientRows& to, 
   const std::size_t slots = frame_.pairs.size();
   frame_.slot_gradients.resize(slots * 16);
   frame_.slot_touched.resize(slots);
-  frame_.slot_shapes.resize(task_.shapes == nullptr ? 0 : slots);
   std::fill(frame_.slot_touched.begin(), frame_.slot_touched.end(), std::uint8_t{0});
   Stopwatch watch;
   // The gradient to the poses of lines comes through their rays.
@@ -66,7 +65,6 @@ void Renderer::Backward(const ImageGradients& to_image, const GradientRows& to, 
     } else {
       LineGradientsKernel(task_, lines_->is_parallel, frame_, begin, end, to, sum);
     }
-    if (task_.shapes != nullptr) ShapeGradients(begin, end, to);
   });
   timings_.push_back(watch.Lap("gradients"));
   // Stage 3, to the poses: seen from one centre, moving the camera is moving all Gaussians the
@@ -84,33 +82,12 @@ void Renderer::Backward(const ImageGradients& to_image, const GradientRows& to, 
   timings_.push_back(watch.Lap("poses"));
 }
 
-// raw = strength f: h is dL/dln raw, and the slots hold that times dlog2 f / dshape.
-void Renderer::ShapeGradients(std::int64_t begin, std::int64_t end, const GradientRows& to) const {
-  constexpr double kLn2 = 0.69314718055994530942;
-  for (std::int64_t i = begin; i < end; ++i) {
-    if (!to.touched[i] && !to.write_untouched) continue;
-    double sum = 0.0;
-    const std::uint32_t last = frame_.slot_begin[static_cast<std::size_t>(i) + 1];
-    for (std::uint32_t slot = frame_.slot_begin[static_cast<std::size_t>(i)]; slot < last; ++slot) {
-      if (frame_.slot_touched[slot]) sum += static_cast<double>(frame_.slot_shapes[slot]);
-    }
-    const double slope = kLn2 * task_.gaussians.ProfileOf(i).ActivationSlope();
-    to.rows.shapes[i] = static_cast<float>(sum * slope);
-  }
-}
-
 void Renderer::BackwardOfTile(int tile, const ImageGradients& to_image, RayGradients* rays,
                               float* to_channels) {
   alignas(64) float buffer[kLineGradients * kTilePixels];
   float* const to_rays = rays == nullptr ? nullptr : buffer;
   if (to_channels != nullptr) {
-    if (lines_ == nullptr) {
-      ChannelsBackwardKernel(task_, *grid_, tile, to_image, &frame_, to_rays, to_channels);
-    } else {
-      LineChannelsBackwardKernel(task_, *lines_, tile, to_image, &frame_, to_rays, to_channels);
-    }
-  } else if (along_rays_ && lines_ == nullptr) {
-    RayOrderBackwardKernel(task_, *grid_, tile, to_image, &frame_, to_rays);
+    LineChannelsBackwardKernel(task_, *lines_, tile, to_image, &frame_, to_rays, to_channels);
   } else if (along_rays_) {
     LineRayOrderBackwardKernel(task_, *lines_, tile, to_image, &frame_, to_rays);
   } else if (lines_ == nullptr) {
@@ -124,16 +101,30 @@ void Renderer::BackwardOfTile(int tile, const ImageGradients& to_image, RayGradi
 void Renderer::AddFeatures(const float* map, int count, float* sums) {
   CheckKept(rendered_ && !stepped_,
             "features are lifted after a render, made with keep_for_backward");
+  if (lines_ == nullptr) RenderAsLines();
   AddOverTiles(
       frame_, tiles().num_tiles(), count,
-      [&](int tile, float* out) {
-        if (lines_ == nullptr) {
-          LiftKernel(task_, *grid_, tile, map, count, &frame_, out);
-        } else {
-          LineLiftKernel(task_, *lines_, tile, map, count, &frame_, out);
-        }
-      },
+      [&](int tile, float* out) { LineLiftKernel(task_, *lines_, tile, map, count, &frame_, out); },
       sums);
+}
+
+// Blend weights are lifted by the kernels of lines alone: what was rendered along rays from one
+// point is rendered once more. Its backward pass is then that of lines.
+void Renderer::RenderAsLines() {
+  RenderJob job = {*camera_, motion_};
+  job.settings.rule = rule_;
+  std::copy_n(background_, 3, job.settings.background);
+  job.settings.sh_degree = task_.sh_degree;
+  std::vector<std::uint8_t> chosen;
+  for (const std::uint64_t blocks : frame_.alive) chosen.push_back(blocks != 0 ? 1 : 0);
+  job.tiles = chosen.data();
+  const std::size_t pixels = static_cast<std::size_t>(tiles().width) * tiles().height;
+  std::vector<float> image(3 * pixels), depth(task_.with_depth ? pixels : 0);
+  job.image = image.data();
+  if (task_.with_depth) job.depth = depth.data();
+  job.as_lines = true;
+  const GaussiansView<const float> gaussians = task_.gaussians;
+  Render(gaussians, job);
 }
 
 // is_plain: gradients neither of depth nor to poses nor to a lens.
@@ -146,8 +137,7 @@ void Renderer::CheckBackward(const ImageGradients& to_image, const GradientRows&
   }
   if (to.rows.size != task_.gaussians.size ||
       to.rows.sh_coefficients != task_.gaussians.sh_coefficients ||
-      to.rows.is_linear != task_.gaussians.is_linear ||
-      (to.rows.shapes == nullptr) != (task_.gaussians.shapes == nullptr)) {
+      to.rows.is_linear != task_.gaussians.is_linear) {
     throw InputError("gradients must be shaped like the rendered Gaussians");
   }
   if ((to_image.error != nullptr) != (to.error_sums != nullptr) ||

@@ -1,5 +1,5 @@
-// What the gradients of Gaussians share for all kinds of rays: the sums over their slots before,
-// and after it colours, quaternions and the rows of the arrays.
+// Sums the slots of Gaussians, and takes gradients on to colours, quaternions and the rows of the
+// arrays, for any kind of rays.
 
 #if defined(GSUT_RASTER_SLOT_SUMS_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef GSUT_RASTER_SLOT_SUMS_INL_H_

@@ -30,8 +30,7 @@ struct RasterTask {
   float background[3] = {0, 0, 0};
   float near_z = 0, far_z = 0;
   bool order_by_z = false;
-  bool is_extinction = false;     // gaussians.response
-  const float* shapes = nullptr;  // (N) of gaussians.shapes, activated; null: they have none
+  bool is_extinction = false;  // gaussians.response
   bool stop_before = false;
   float crossing =
       0.0f;  // a transmittance below it ends a pixel: transmittance_min or the next float

@@ -1,6 +1,5 @@
 // Covariances of the poses of a bundle: the reduced normal equations, inverted.
 #include <Eigen/Cholesky>
-#include <Eigen/LU>
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -9,40 +8,23 @@
 #include "gsut/base/parallel.h"
 #include "gsut/sfm/bundle.h"
 #include "gsut/sfm/bundle_state.h"
+#include "gsut/sfm/eliminate_points.h"
 #include "gsut/geometry/rotation_vector.h"
 
 namespace gsut {
 namespace {
 
 // At the minimum the covariance of all unknowns is sigma^2 (J^T J)^-1, and that of the poses alone
-// is its block, which is sigma^2 times the inverse of the Schur complement of the points:
-// eliminating points is marginalising them. No damping here: what the gauge leaves free must be
-// determined.
+// is its block, which is sigma^2 times the inverse of what is left when points are eliminated. No
+// damping here: what the gauge leaves free must be determined.
 
 // Bodies beyond which their velocities count as known: memory grows with the square of the
 // unknowns, time with the cube.
 constexpr int kMostMoving = 400;
 constexpr Eigen::Index kColumns = 60;  // of the inverse, made at once
-constexpr std::int64_t kGrain = 64;    // observations or points of a chunk of parallel work
+constexpr std::int64_t kGrain = 64;    // observations of a chunk of parallel work
 
 using Matrix6 = Eigen::Matrix<double, 6, 6>;
-using MatrixX3 = Eigen::Matrix<double, Eigen::Dynamic, 3>;
-
-// An observation's derivatives by its body's pose and, if bodies move, velocity; by the point; and
-// of both together what eliminating the point takes.
-struct Linearized {
-  int body;
-  Eigen::Matrix<double, 2, Eigen::Dynamic> by_body;
-  Eigen::Matrix<double, 2, 3> by_point;
-  MatrixX3 cross;
-};
-
-// All observations in their order, and those of each point.
-struct Observations {
-  std::vector<Linearized> linear;
-  std::vector<std::vector<int>> of_point;
-  double squares = 0.0;  // sum of the weighted residuals'
-};
 
 // Pose and, if bodies move, velocity.
 int UnknownsOfBody(const BundleState& state) {
@@ -65,14 +47,14 @@ Matrix6 CameraByBody(const BundleState& state, int image) {
 }
 
 // At the current unknowns and weighted by the loss as in the normal equations of the last step;
-// size: unknowns of a body.
-Observations Linearize(const Bundle& bundle, const BundleState& state, double loss_scale,
-                       int size) {
-  Observations found;
+// size: unknowns of a body; squares: sum of the weighted residuals'.
+ObservationTable Linearize(const Bundle& bundle, const BundleState& state, double loss_scale,
+                           int size, double* squares) {
+  ObservationTable found;
   const auto count = static_cast<std::int64_t>(bundle.observations.size());
   found.linear.resize(count);
   found.of_point.resize(bundle.points.size());
-  std::vector<double> squares(count);
+  std::vector<double> weighted(count);
   ParallelFor(count, kGrain, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t i = begin; i < end; ++i) {
       const BundleObservation& observation = bundle.observations[i];
@@ -84,9 +66,9 @@ Observations Linearize(const Bundle& bundle, const BundleState& state, double lo
       const double squared = residual.squaredNorm();
       const double weight =
           loss_scale > 0 ? std::sqrt(1.0 / (1.0 + squared / (loss_scale * loss_scale))) : 1.0;
-      squares[i] = weight * weight * squared;
+      weighted[i] = weight * weight * squared;
       const ChainDerivatives by = Derivatives(chain, point, weight * by_p);
-      Linearized& linear = found.linear[i];
+      ObservationDerivatives& linear = found.linear[i];
       linear.body = state.body_of_image[observation.image];
       linear.by_point = by.by_point;
       linear.by_body.resize(2, size);
@@ -96,34 +78,10 @@ Observations Linearize(const Bundle& bundle, const BundleState& state, double lo
   });
   // In order, for the same bits on any number of threads.
   for (std::int64_t i = 0; i < count; ++i) {
-    found.squares += squares[i];
+    *squares += weighted[i];
     found.of_point[bundle.observations[i].point].push_back(static_cast<int>(i));
   }
   return found;
-}
-
-// What eliminating points takes: the inverse of each point's own block, and `cross` of all
-// observations.
-std::vector<Eigen::Matrix3d> InvertPoints(Observations* observations) {
-  const auto count = static_cast<std::int64_t>(observations->of_point.size());
-  std::vector<Eigen::Matrix3d> inverse(count, Eigen::Matrix3d::Zero());
-  ParallelFor(count, kGrain, [&](std::int64_t begin, std::int64_t end) {
-    for (std::int64_t point = begin; point < end; ++point) {
-      if (observations->of_point[point].empty()) continue;
-      Eigen::Matrix3d by_point = Eigen::Matrix3d::Zero();
-      for (const int i : observations->of_point[point]) {
-        Linearized& linear = observations->linear[i];
-        by_point += linear.by_point.transpose() * linear.by_point;
-        linear.cross = linear.by_body.transpose() * linear.by_point;
-      }
-      inverse[point] = by_point.inverse();
-    }
-  });
-  // A loop's body must not throw.
-  for (const Eigen::Matrix3d& each : inverse) {
-    if (!each.allFinite()) throw SolveError("a point of the bundle is not determined");
-  }
-  return inverse;
 }
 
 // Adds what is known beforehand of the velocities.
@@ -135,50 +93,6 @@ void AddVelocityPriors(const BundleState& state, const BundleOptions& options, i
     const Velocity weight = options.noise * options.velocity_priors[i].sigma.cwiseInverse();
     reduced->diagonal().segment<6>(size * body + kPoseTangent) += weight.cwiseAbs2();
   }
-}
-
-// The normal equations of the bodies, the points eliminated; the lower triangle. Each body's rows
-// are made by one thread, point by point: the same bits on any number of threads.
-Eigen::MatrixXd ReducedNormal(Observations observations, const BundleState& state,
-                              const BundleOptions& options, int size) {
-  const std::vector<Eigen::Matrix3d> inverse = InvertPoints(&observations);
-  const std::vector<Linearized>& linear = observations.linear;
-  const int bodies = state.num_bodies();
-  struct Group {  // what a body sees of a point
-    int point;
-    std::vector<int> own;
-  };
-  std::vector<std::vector<Group>> of_body(bodies);
-  for (std::size_t point = 0; point < inverse.size(); ++point) {
-    for (const int i : observations.of_point[point]) {
-      std::vector<Group>& groups = of_body[linear[i].body];
-      if (groups.empty() || groups.back().point != static_cast<int>(point)) {
-        groups.push_back({static_cast<int>(point), {}});
-      }
-      groups.back().own.push_back(i);
-    }
-  }
-  Eigen::MatrixXd reduced = Eigen::MatrixXd::Zero(size * bodies, size * bodies);
-  ParallelFor(bodies, 1, [&](std::int64_t begin, std::int64_t) {
-    const int body = bodies - 1 - static_cast<int>(begin);  // the longest rows first
-    for (const Group& group : of_body[body]) {
-      for (const int i : group.own) {
-        reduced.block(size * body, size * body, size, size) +=
-            linear[i].by_body.transpose() * linear[i].by_body;
-      }
-      // The point's unknowns go: what it ties together is subtracted.
-      for (const int i : group.own) {
-        const MatrixX3 scaled = linear[i].cross * inverse[group.point];
-        for (const int j : observations.of_point[group.point]) {
-          if (linear[j].body > body) continue;
-          reduced.block(size * body, size * linear[j].body, size, size) -=
-              scaled * linear[j].cross.transpose();
-        }
-      }
-    }
-  });
-  if (size > kPoseTangent) AddVelocityPriors(state, options, size, &reduced);
-  return reduced;
 }
 
 // The unknowns of the bodies, `size` each, that the gauge leaves.
@@ -257,7 +171,8 @@ std::vector<Matrix6> PoseCovariances(const Bundle& bundle, const BundleOptions& 
   const BundleState state(bundle);
   const int bodies = state.num_bodies();
   const int size = bodies > kMostMoving ? kPoseTangent : UnknownsOfBody(state);
-  Observations observations = Linearize(bundle, state, options.loss_scale, size);
+  double squares = 0.0;
+  ObservationTable observations = Linearize(bundle, state, options.loss_scale, size, &squares);
   const auto points = std::count_if(observations.of_point.begin(), observations.of_point.end(),
                                     [](const std::vector<int>& own) { return !own.empty(); });
   const std::vector<int> free = FreeUnknowns(state, options, size);
@@ -265,10 +180,12 @@ std::vector<Matrix6> PoseCovariances(const Bundle& bundle, const BundleOptions& 
   const std::int64_t freedom = 2 * static_cast<std::int64_t>(bundle.observations.size()) -
                                3 * static_cast<std::int64_t>(points) -
                                static_cast<std::int64_t>(free.size());
-  const double variance =
-      observations.squares / static_cast<double>(std::max<std::int64_t>(1, freedom));
-  Eigen::MatrixXd normal = ReducedNormal(std::move(observations), state, options, size);
-  const std::vector<Matrix6> of_body = InvertBlocks(KeepFree(free, &normal), free, bodies, size);
+  const double variance = squares / static_cast<double>(std::max<std::int64_t>(1, freedom));
+  EliminatedPoints left = EliminatePoints(std::move(observations), bodies, size, 0);
+  if (left.determined < 3 * points) throw SolveError("a point of the bundle is not determined");
+  if (size > kPoseTangent) AddVelocityPriors(state, options, size, &left.normal);
+  const std::vector<Matrix6> of_body =
+      InvertBlocks(KeepFree(free, &left.normal), free, bodies, size);
   std::vector<Matrix6> covariances(images);
   for (int image = 0; image < images; ++image) {
     const Matrix6 by_body = CameraByBody(state, image);

@@ -3,7 +3,7 @@
 
 #include <Eigen/Eigenvalues>
 #include <Eigen/LU>
-#include <Eigen/QR>
+#include <Eigen/Householder>
 #include <cmath>
 #include <complex>
 
@@ -120,10 +120,28 @@ std::vector<Eigen::Matrix3d> FivePoint(const std::array<Eigen::Vector3d, 5>& ray
       for (int c = 0; c < 3; ++c) equations(3 * r + c, i) = rays2[i][r] * rays1[i][c];
     }
   }
-  // The null space: the last four columns of Q of a QR decomposition. An SVD would cost several
-  // times as much for the same space, and only the space matters.
-  const Eigen::HouseholderQR<Eigen::Matrix<double, 9, 5>> qr(equations);
-  const Eigen::Matrix<double, 9, 9> orthogonal = qr.householderQ();
+  // The null space: the last four columns of Q of a QR decomposition by Householder reflections. An
+  // SVD would cost several times as much for the same space, and only the space matters. Eigen's
+  // own QR does the same steps; its blocked variant, which so few columns never reach, takes longer
+  // to compile than the rest of this file.
+  constexpr int kRows = 9;     // entries of E
+  constexpr int kColumns = 5;  // pairs of bearings
+  Eigen::Matrix<double, kColumns, 1> coefficients;
+  Eigen::Matrix<double, kRows, 1> workspace;
+  for (int k = 0; k < kColumns; ++k) {
+    double beta = 0.0;
+    equations.col(k).tail(kRows - k).makeHouseholderInPlace(coefficients[k], beta);
+    equations(k, k) = beta;
+    equations.bottomRightCorner(kRows - k, kColumns - 1 - k)
+        .applyHouseholderOnTheLeft(equations.col(k).tail(kRows - 1 - k), coefficients[k],
+                                   workspace.data());
+  }
+  Eigen::Matrix<double, kRows, kRows> orthogonal = Eigen::Matrix<double, kRows, kRows>::Identity();
+  for (int k = kColumns - 1; k >= 0; --k) {
+    orthogonal.bottomRightCorner(kRows - k, kRows - k)
+        .applyHouseholderOnTheLeft(equations.col(k).tail(kRows - 1 - k), coefficients[k],
+                                   workspace.data());
+  }
   const Eigen::Matrix<double, 9, 4> null_space = orthogonal.rightCols<4>();
   LinearMatrix e;
   for (int r = 0; r < 3; ++r) {

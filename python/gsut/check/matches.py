@@ -14,6 +14,7 @@ from gsut.data import Scene
 from gsut.data.images import decode_mask
 from gsut.data.scene import order_frames
 from gsut.sfm import PosesOptions
+from gsut.sfm.matches import MAX_DISTANCE
 from gsut.sfm.photographs import Features, detect_features
 
 
@@ -37,11 +38,13 @@ class _Look:
 
 
 _QUICK = _Look(9, ((0, 1), (0, 2), (1, 2)), 250, 0, PosesOptions(
-    max_features=700, max_megapixels=0.14, contrast=0.01, max_ratio=0.75, threads=0
+    max_features=700, max_megapixels=0.14, threads=0
 ))  # fmt: skip
 _CLOSE = _Look(24, ((0, 1), (1, 2), (0, 3), (3, 6), (0, 6)), 600, 12, PosesOptions(
-    max_features=1500, max_megapixels=0.8, contrast=0.01, max_ratio=0.75, threads=0
+    max_features=1500, max_megapixels=0.8, threads=0
 ))  # fmt: skip
+_CONTRAST = 0.01  # threshold of SIFT: even surfaces are not needed here
+_MAX_RATIO = 0.75  # of descriptors' distances: few wrong matches rather than many right ones
 _JUMPS = 2  # longest steps of a path that are examined: one pose far away makes two
 _LOOP = 0.25  # of a path's length in frames, from which a pair that sees the same closes a loop
 _SAME_DIRECTION = np.cos(np.radians(40.0))  # between optical axes of images that see the same
@@ -90,8 +93,7 @@ def match_neighbours(scene: Scene, closely: bool = False) -> list[ImagePair]:
     place = {index: number for number, index in enumerate(used)}
     rows = np.array([[place[a], place[b]] for a, b in wanted], np.int64).reshape(-1, 2)
     descriptors = [features[index].descriptors for index in used]
-    options = look.options
-    matched = _core.match_pairs(descriptors, rows, options.max_ratio, options.max_distance)
+    matched = _core.match_pairs(descriptors, rows, _MAX_RATIO, MAX_DISTANCE)
     pairs = []
     for (a, b), matches in zip(wanted, matched, strict=True):
         pixels = np.stack([features[a].pixels[matches[:, 0]], features[b].pixels[matches[:, 1]]])
@@ -188,4 +190,4 @@ def _find_features(scene: Scene, index: int, options: PosesOptions) -> Features:
         valid = view.valid if view.mask_path is None else decode_mask(view.mask_path)
     except InputError:  # reported by the checks of the files
         pixels, valid = np.zeros((8, 8, 3), np.uint8), None
-    return detect_features(pixels, valid, options)
+    return detect_features(pixels, valid, options, _CONTRAST)

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import dataclasses
-import functools
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -86,6 +85,8 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError("--unknown-lens contradicts --camera; give one of them")
     if options.refine_rig and not arguments.rig:
         raise InputError("--refine-rig needs a rig; give its file by --rig")
+    if arguments.photometric and arguments.rig:
+        raise InputError("--photometric contradicts --rig: leave one out")
     if arguments.photometric and options.unknown_lens:
         raise InputError("--photometric needs a known lens; give it by --camera")
     check_lens(arguments.camera)
@@ -121,22 +122,20 @@ def find_once(
 ) -> tuple[dict[str, Any], bool]:
     """Returns the content of poses.json, and whether it was found now rather than earlier."""
     settings: dict[str, Any] = {"camera": arguments.camera, "options": options}
+    find: Callable[..., PosesResult] = find_poses
     if arguments.photometric:
-        from gsut.sfm import FOLDER
-        from gsut.training import grow_poses
+        from gsut.training import find_video_poses
 
-        if options.pairs == "auto":
-            settings["options"] = dataclasses.replace(options, pairs="sequential")
-        keep = Path(arguments.out) / FOLDER / "growth.npz"
-        settings["mapper"] = functools.partial(grow_poses, keep=keep)
-    if arguments.rig is not None:
+        find = find_video_poses
+    elif arguments.rig is not None:
         settings["camera"] = read_rig(arguments.rig)
-    elif not arguments.photometric:
+    else:
         figures = read_finished(images, arguments.out, **settings)
         if figures is not None:
             return figures, False
     try:
-        return find_with_bar(images, arguments.out, not arguments.quiet, **settings).figures, True
+        found = find_with_bar(find, images, arguments.out, not arguments.quiet, **settings)
+        return found.figures, True
     except KeyboardInterrupt:
         raise KeyboardInterrupt(
             f"interrupted; the features and matches found so far are kept in {arguments.out}. Run "
@@ -145,15 +144,19 @@ def find_once(
 
 
 def find_with_bar(
-    images: str | os.PathLike[str], out: str | os.PathLike[str], enabled: bool, **settings: Any
+    find: Callable[..., PosesResult],
+    images: str | os.PathLike[str],
+    out: str | os.PathLike[str],
+    enabled: bool,
+    **settings: Any,
 ) -> PosesResult:
-    """Calls `find_poses` with one progress bar for all its stages."""
+    """Calls `find_poses` or its like with one progress bar for all its stages."""
     with (
         StagedProgress("poses", enabled=enabled) as bars,
         contextlib.closing(StageFollower(bars)) as stages,
     ):
         log = PosesLog(stages.show, bars.note, stages.expect)
-        return find_poses(images, out, log=log, **settings)
+        return find(images, out, log=log, **settings)
 
 
 def print_poses(figures: dict[str, Any], out: Path, is_new: bool) -> None:

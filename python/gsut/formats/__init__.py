@@ -85,8 +85,7 @@ def _match_formats(path: Path, verb: str) -> list[Format]:
     if not fitting and verb == "read" and name.endswith(_CHECKPOINTS):
         raise InputError(
             f"{path}: gsut reads no checkpoints of other programs; export a PLY file there. A "
-            "model of 3DGRT or 3DGRUT can be drawn if particle_kernel_degree was 2 or, with the "
-            'line "comment gsut: primitive power4" in the header of the PLY file, 4; no primitive '
+            "model of 3DGRT or 3DGRUT can be drawn if particle_kernel_degree was 2; no primitive "
             f"here is a kernel of another degree (known: {', '.join(Gaussians.PRIMITIVES)})"
         )
     if not fitting:

@@ -92,7 +92,7 @@ class Format:
             `Gaussians.origin`; without it the zero of a scene far from the world's is lost.
         keeps_surfels: it has a layout of surfels.
         keeps_rule: the file says by which response and in which order it is drawn, see `Gaussians`.
-        keeps_primitive: the file says which primitives it holds, with their shapes.
+        keeps_primitive: the file says which primitives it holds.
     """
 
     name: str

@@ -61,8 +61,7 @@ def load_ply(path: str | os.PathLike[str]) -> Gaussians:
             are surfels (2DGS): Gaussians a ten-thousandth as thick as they are wide. A comment
             "gsut: dataset coordinates = these + X Y Z" is where the file's zero lies in the
             world; "gsut: response NAME", "gsut: order NAME" and "gsut: primitive NAME" are what
-            they are drawn by, see `Gaussians`, and the property "shape" are the shapes of
-            primitives that have some.
+            they are drawn by, see `Gaussians`.
 
     Returns:
         float32 Gaussians in world coordinates, with the comment's `origin`, or one near the first
@@ -78,17 +77,10 @@ def load_ply(path: str | os.PathLike[str]) -> Gaussians:
             its rows can be drawn.
     """
     _check_size(path)
-    *arrays, shapes, not_finite, origin = _core.read_ply(os.fsencode(path))
+    *arrays, not_finite, origin = _core.read_ply(os.fsencode(path))
     comments = read_comments(path)
     rule: dict[str, Any] = {kind: _parse_rule(kind, comments, path) for kind in _RULE_KEYS}
     gaussians = Gaussians(*arrays, **rule)
-    if gaussians.shapes is not None and shapes is None:
-        raise InputError(
-            f'{os.fspath(path)}: property "shape" is missing, which primitive '
-            f"{gaussians.primitive} needs; write it again from the run"
-        )
-    if gaussians.shapes is not None:
-        gaussians.shapes = shapes
     gaussians = gaussians.translate(parse_origin(comments, path)).translate(origin)
     if not_finite or not gaussians.quats.any(axis=1).all():
         return keep_drawable(path, gaussians)

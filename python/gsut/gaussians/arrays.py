@@ -19,7 +19,7 @@ SH_C0 = 0.28209479177387814
 _MAXIMUM = "maximum"  # everyone's response
 _DISTANCE = "distance"  # the order of models that do not say theirs
 _GAUSSIAN = "gaussian"  # everyone's primitive
-# Primitive -> whether each has a shape, its width, and whether it is flat, as the build found them.
+# Primitive -> its width at half its response over a Gaussian's, and whether it is flat.
 _PRIMITIVES = _core.list_primitives()
 _Arrays = TypeVar("_Arrays", bound="ParameterArrays")
 
@@ -141,10 +141,7 @@ class Gaussians(ParameterArrays):
         order: in which they are blended unless a render says another, see `gsut.render`:
             "distance", "z" or "ray".
         primitive: how the response falls with D in place of G, see docs/primitives.md. "gaussian";
-            "power4": exp(-D^4 / 18); "beta": (1 - D^2 / 2b)^b, with a shape b of each; "triangle":
-            flat, (1 - g / r)^b with the gauge g of a triangle; its third scale is not read.
-        shapes: (N,) numbers x of primitives that have a shape; of "beta" b = 1/2 + 7/2 exp(x), of
-            "triangle" b = 1/2 + 1/2 exp(x). None: 0 for each, and for all other primitives.
+            "triangle": flat, 1 - g / r with the gauge g of a triangle; its third scale is not read.
 
     Arrays are stored C-contiguous, as float64 if `means` is float64 and as float32 otherwise.
 
@@ -167,15 +164,11 @@ class Gaussians(ParameterArrays):
         response: str = dataclasses.field(default=_MAXIMUM, kw_only=True)
         order: str = dataclasses.field(default=_DISTANCE, kw_only=True)
         primitive: str = dataclasses.field(default=_GAUSSIAN, kw_only=True)
-        shapes: np.ndarray | None = dataclasses.field(default=None, kw_only=True)
     else:  # not of the fields, which are arrays of N rows; `dataclasses.replace` keeps them
         origin: dataclasses.InitVar[np.ndarray] = NO_ORIGIN
         response: dataclasses.InitVar[str] = dataclasses.field(default=_MAXIMUM, kw_only=True)
         order: dataclasses.InitVar[str] = dataclasses.field(default=_DISTANCE, kw_only=True)
         primitive: dataclasses.InitVar[str] = dataclasses.field(default=_GAUSSIAN, kw_only=True)
-        shapes: dataclasses.InitVar[np.ndarray | None] = dataclasses.field(
-            default=None, kw_only=True
-        )
 
     def __post_init__(
         self,
@@ -183,7 +176,6 @@ class Gaussians(ParameterArrays):
         response: str = _MAXIMUM,  # noqa: RUF033
         order: str = _DISTANCE,  # noqa: RUF033
         primitive: str = _GAUSSIAN,  # noqa: RUF033
-        shapes: np.ndarray | None = None,  # noqa: RUF033
     ) -> None:
         for kind, name, known in (
             ("response", response, self.RESPONSES),
@@ -194,24 +186,12 @@ class Gaussians(ParameterArrays):
                 raise InputError(f'{kind} "{name}" is unknown; known: {", ".join(known)}')
         self.response, self.order, self.primitive = response, order, primitive
         widths = {"means": (3,), "quats": (4,), "log_scales": (3,), "opacity_logits": ()}
-        if _PRIMITIVES[primitive][0]:
-            widths["shapes"] = ()
-            shapes = np.zeros(len(self.means), np.float32) if shapes is None else shapes
-        elif shapes is not None:
-            with_one = ", ".join(name for name, (has_one, *_) in _PRIMITIVES.items() if has_one)
-            raise InputError(f"primitive {primitive} has no shapes; with them: {with_one}")
-        self.shapes = shapes
         self.read_arrays(origin, widths)
-
-    def list_arrays(self) -> list[str]:
-        """Lists the names of the arrays; `shapes` only where the primitive has some."""
-        return [*super().list_arrays(), *(["shapes"] if self.shapes is not None else [])]
 
     @property
     def rule(self) -> dict[str, Any]:
-        """Returns response, order, primitive and shapes, as keywords of `Gaussians`."""
-        names = ("response", "order", "primitive", "shapes")
-        return {name: getattr(self, name) for name in names}
+        """Returns response, order and primitive, as keywords of `Gaussians`."""
+        return {name: getattr(self, name) for name in ("response", "order", "primitive")}
 
     @property
     def are_surfels(self) -> bool:
@@ -229,15 +209,14 @@ class Gaussians(ParameterArrays):
     def to_primitive(self, primitive: str) -> Gaussians:
         """Draws them as another primitive, as wide where responses are a half; others are equal.
 
-        Shapes become 0; those of the old primitive count as 0. What becomes flat loses its shortest
-        axis, and what was flat becomes surfels.
+        What becomes flat loses its shortest axis, and what was flat becomes surfels.
         """
         if primitive == self.primitive:
             return self
-        _, width, was_flat = _PRIMITIVES[self.primitive]
-        _, new_width, is_flat = _PRIMITIVES[primitive]
+        width, was_flat = _PRIMITIVES[self.primitive]
+        new_width, is_flat = _PRIMITIVES[primitive]
         drawn = self.to_surfels() if is_flat and not was_flat else self
-        drawn = dataclasses.replace(drawn, primitive=primitive, shapes=None)
+        drawn = dataclasses.replace(drawn, primitive=primitive)
         drawn.log_scales = drawn.log_scales + self.dtype.type(np.log(width / new_width))
         if was_flat:
             press_surfels(drawn.log_scales)

@@ -14,11 +14,12 @@ LEAST_ALPHA = 1.0 / 255.0
 
 def compute_reach(gaussians: Any) -> np.ndarray:
     """Computes (N,) the distance from its centre beyond which no ray sees a Gaussian."""
-    shapes = getattr(gaussians, "shapes", None)
     squared = _core.compute_cutoffs(
-        gaussians.primitive, gaussians.response, gaussians.opacity_logits.astype(np.float64),
-        None if shapes is None else shapes.astype(np.float64), LEAST_ALPHA,
-    )  # fmt: skip
+        gaussians.primitive,
+        gaussians.response,
+        gaussians.opacity_logits.astype(np.float64),
+        LEAST_ALPHA,
+    )
     return np.sqrt(squared) * np.exp(gaussians.log_scales.max(axis=1).astype(np.float64))
 
 

@@ -63,7 +63,6 @@ class LearningRates:
         opacity_logits: of the opacities' logits.
         sh0: of the constant coefficient of the harmonics.
         sh_rest: of the other coefficients.
-        shapes: of primitives that have shapes.
     """
 
     means: float
@@ -72,7 +71,6 @@ class LearningRates:
     opacity_logits: float
     sh0: float
     sh_rest: float
-    shapes: float = 0.0
 
 
 class GaussianOptimizer:
@@ -247,9 +245,7 @@ class GaussianOptimizer:
     @allow_one_thread
     def restart_with(self, gaussians: Gaussians) -> GaussianOptimizer:
         """Returns an optimizer of other Gaussians, drawn as these, that keeps counting steps."""
-        rule = self.arrays[0].rule
-        del rule["shapes"]
-        gaussians = dataclasses.replace(gaussians, **rule)
+        gaussians = dataclasses.replace(gaussians, **self.arrays[0].rule)
         new = GaussianOptimizer(gaussians, seed=self.seed, surfels=self.surfels, atoms=self.atoms)
         new.steps = self.steps
         return new

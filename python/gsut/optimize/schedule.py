@@ -38,7 +38,7 @@ def compute_learning_rates(recipe: Recipe, fraction: float, extent: float) -> Le
     return LearningRates(
         means=r.lr_means * extent * r.lr_means_final_factor**fraction, quats=r.lr_quats * decay,
         log_scales=r.lr_scales * decay, opacity_logits=r.lr_opacity * decay, sh0=r.lr_sh0 * decay,
-        sh_rest=r.lr_sh_rest * decay, shapes=r.lr_shapes * decay,
+        sh_rest=r.lr_sh_rest * decay,
     )  # fmt: skip
 
 

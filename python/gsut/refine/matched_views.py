@@ -16,6 +16,7 @@ from gsut.refine.matched_lines import find_line_poses
 from gsut.refine.pixel_rows import POSE
 from gsut.render import render, to_uint8
 from gsut.sfm import PosesOptions
+from gsut.sfm.matches import MAX_DISTANCE, MAX_RATIO
 from gsut.sfm.photographs import Features, detect_features
 
 # Numbers of rendered views that are matched, best ranked first: more where fewer do not suffice.
@@ -74,7 +75,7 @@ def find_pose_by_matches(
             found, places = _detect_rendered_features(gaussians, *views[index], background, options)
             features.append(found)
             points.append(places)
-        best = _find_pose_by_features(camera, photograph, features, points, shutter, options)
+        best = _find_pose_by_features(camera, photograph, features, points, shutter)
         if best is not None and best.matches >= _PLENTY_OF_MATCHES:
             break
     return best
@@ -86,12 +87,11 @@ def _find_pose_by_features(
     features: list[Features],
     points: list[np.ndarray],
     shutter: Shutter | None,
-    options: PosesOptions,
 ) -> Start | None:
     """Estimates a pose from features of rendered views and their points (n, 3) each."""
     descriptors = [f.descriptors for f in (photograph, *features)]
     pairs = np.array([(0, number) for number in range(1, len(descriptors))])
-    matched = _core.match_pairs(descriptors, pairs, options.max_ratio, options.max_distance)
+    matched = _core.match_pairs(descriptors, pairs, MAX_RATIO, MAX_DISTANCE)
     rows = np.concatenate([matches[:, 0] for matches in matched]).astype(np.int64)
     places = np.concatenate(
         [points[number][matches[:, 1]] for number, matches in enumerate(matched)]

@@ -138,7 +138,7 @@ def _adjust_tracks(scene: Scene, options: TrainOptions, show: OnProgress) -> Sol
     poses = [view.camera_from_world for view in views]
     free = find_refinable_params(cameras[0]) if options.refine_lens else None
     # Through a wrong lens few matches agree: a first, loose round finds a better one.
-    loose = dataclasses.replace(settings, max_two_view_error=_LOOSER * settings.max_two_view_error)
+    loose = dataclasses.replace(settings, max_error=_LOOSER * settings.max_error)
     for round_settings in [loose, settings] if options.refine_lens else [settings]:
         images = Images(names, cameras, features)
         verified = verify_matches(images, raw, round_settings)

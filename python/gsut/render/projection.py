@@ -81,7 +81,8 @@ def project(
         raise InputError(f'projection method "{method}" is unknown; known: {", ".join(METHODS)}')
     if dtype not in ("float32", "float64"):
         raise InputError(f'dtype "{dtype}" is unknown; known: float32, float64')
-    weights = tuple(float(x) for x in unscented)
+    alpha, beta, kappa = (float(x) for x in unscented)
+    weights = alpha, beta, kappa
     motion = read_motion(camera_from_world, shutter)
     gaussians = convert_about_camera(gaussians, motion, dtype)
     place = place_about(motion, gaussians.origin)
@@ -115,8 +116,10 @@ def _pack_double(
     extents = _compute_extents(g, cov, alpha_min)
     with np.errstate(invalid="ignore", over="ignore"):
         depths = np.linalg.norm(g.means @ pose[:3, :3].T + pose[:3, 3], axis=1)
-        arrays = [array.astype(dtype) for array in (found["centers"], cov, extents, depths)]
-    return Projection(*arrays, found["valid"].astype(bool), converged)
+        return Projection(
+            found["centers"].astype(dtype), cov.astype(dtype), extents.astype(dtype),
+            depths.astype(dtype), found["valid"].astype(bool), converged,
+        )  # fmt: skip
 
 
 def _compute_extents(g: Any, cov: np.ndarray, alpha_min: float) -> np.ndarray:

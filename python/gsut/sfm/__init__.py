@@ -2,7 +2,13 @@
 
 from gsut.sfm.mapping import PosesLog
 from gsut.sfm.photographs import FOLDER, PosesOptions, add_lens_readout, check_lens
-from gsut.sfm.pipeline import PosesResult, find_poses, read_finished
+from gsut.sfm.pipeline import (
+    PosesResult,
+    find_poses,
+    read_finished,
+    run_mapping,
+    start_mapping,
+)
 from gsut.sfm.report import is_finished
 from gsut.sfm.world import (
     PoseErrors,
@@ -27,4 +33,6 @@ __all__ = [
     "is_finished",
     "read_finished",
     "read_positions",
+    "run_mapping",
+    "start_mapping",
 ]

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from gsut import _core
-from gsut._core import InputError, Shutter, SolveError
+from gsut._core import Shutter, SolveError
 from gsut.data.images import read_header
 from gsut.data.rigs import Rig
 from gsut.data.scene import capture_state
@@ -24,6 +24,7 @@ from gsut.sfm.lens import (
 )
 from gsut.sfm.mapping import Mapping, PosesLog
 from gsut.sfm.matches import (
+    WINDOW,
     PairMatches,
     explain_failure,
     find_frame_numbers,
@@ -32,8 +33,6 @@ from gsut.sfm.matches import (
     verify_matches,
 )
 from gsut.sfm.photographs import (
-    Features,
-    Photographs,
     PosesOptions,
     Stages,
     collect_features,
@@ -54,7 +53,6 @@ from gsut.sfm.rig import (
 from gsut.sfm.shutter import find_shutter, is_probably_rolling
 from gsut.sfm.solution import (
     Adjustment,
-    OnStep,
     Solution,
     find_further_models,
     find_look_alikes,
@@ -64,9 +62,6 @@ from gsut.sfm.solution import (
 )
 from gsut.sfm.starts import compare_halves, register_left_out, try_other_starts
 from gsut.sfm.world import place_on_earth
-
-# (photographs, features, pairs, options, on_step) -> poses and points; lenses are known.
-Mapper = Callable[[Photographs, list[Features], list[PairMatches], PosesOptions, OnStep], Solution]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -94,7 +89,6 @@ def find_poses(
     *,
     camera: str | os.PathLike[str] | Rig | None = None,
     options: PosesOptions | None = None,
-    mapper: Mapper | None = None,
     log: PosesLog | None = None,
 ) -> PosesResult:
     """Estimates camera poses and sparse points of photographs, without COLMAP, through any lens.
@@ -115,8 +109,6 @@ def find_poses(
             one pose of the rig, and all lengths are in its unit; the rig as it was used is written
             to rig.json.
         options: every setting of the search; None: the defaults.
-        mapper: makes poses of verified pairs where the lens is known; None: incremental, with
-            bundle adjustment.
         log: receives progress, notes and expected times.
 
     Returns:
@@ -128,43 +120,57 @@ def find_poses(
         SolveError: nothing could be reconstructed: no overlap, images all the same, or a camera
             that only turned; says which.
     """
-    mapping = _start_mapping(images, camera, options, log)
-    if mapper is not None and mapping.rig is not None:
-        raise InputError("--photometric contradicts --rig: leave one out")
-    if mapper is not None and mapping.shutter is not None:
-        raise InputError(
-            "--photometric takes every image for one pose, and these have a rolling shutter: "
-            "leave it out, or give --shutter global"
-        )
+    return run_mapping(
+        images, out, start_mapping(images, camera, options, log), lambda mapping, _: _map(mapping)
+    )
+
+
+def run_mapping(
+    images: str | os.PathLike[str],
+    out: str | os.PathLike[str],
+    mapping: Mapping,
+    find: Callable[[Mapping, Path], Mapping],
+) -> PosesResult:
+    """Finds features and matches, then poses, and writes everything.
+
+    Args:
+        images, out: see `find_poses`.
+        mapping: as `start_mapping` returns it.
+        find: returns the run with a solution, of one with matches, which are verified where lenses
+            are known; receives the folder of the stages, too, which an interrupted run keeps.
+
+    Raises:
+        InputError, SolveError: see `find_poses`.
+    """
     with claim_folder(out, "poses", images) as claimed:
         stages = Stages(claimed.path, _make_key(mapping, claimed.path))
         with _set_threads(mapping.options.threads):
-            _find_matches(mapping, stages)
-            _map_photographs(mapping, mapper)
-            if mapper is None:
-                register_left_out(mapping)
-            _separate_places(mapping, is_final=bool(mapping.rig or mapper))
-            if mapper is None:
-                try_other_starts(mapping)
-                register_left_out(mapping)  # another start may see more of them
-            find_shutter(mapping)
-            if mapper is None:
-                free_center(mapping)
-            judge_lens(mapping)
-            find_lens_pair(mapping)
-            find_rig_shutter(mapping)
-            if mapper is None:
-                compare_halves(mapping)
-            mapping.log.show("writing", 0, 1, "")
-            place_on_earth(mapping, adjust_rig_near_places)
+            mapping = find(_find_matches(mapping, stages), stages.folder)
             mapping.log.watch.record_lap("mapping")
-            if mapper is None:
-                agreement = measure_agreement(mapping.solved, mapping.pairs)
-                mapping.found.agreement = agreement.share
-                mapping.found.contradicted = agreement.contradicted
         values = write_poses(mapping, claimed.path, stages.digest)
         stages.remove()
         return PosesResult(claimed.path, mapping.solved, values)
+
+
+def _map(mapping: Mapping) -> Mapping:
+    """Finds poses, points and what is not known of lenses and shutter.
+
+    What each stage may change beside its findings is said behind it.
+    """
+    mapping = _map_photographs(mapping)  # photographs' lenses, pairs, lens_free, solution
+    mapping = register_left_out(mapping)  # pairs, solution
+    mapping = _separate_places(mapping)  # pairs, solution
+    mapping = try_other_starts(mapping)  # solution
+    mapping = register_left_out(mapping)  # pairs, solution: another start may see more of them
+    mapping = find_shutter(mapping)  # solution
+    mapping = free_center(mapping)  # lens_free, solution
+    mapping = judge_lens(mapping)  # pairs, solution: where the focal length is stated
+    mapping = find_lens_pair(mapping)  # lens_free, solution
+    mapping = find_rig_shutter(mapping)  # solution
+    mapping = compare_halves(mapping)  # findings alone
+    mapping = place_on_earth(mapping, adjust_rig_near_places)  # solution
+    agreement = measure_agreement(mapping.solved, mapping.pairs)
+    return mapping.add_findings(agreement=agreement.share, contradicted=agreement.contradicted)
 
 
 def read_finished(
@@ -180,18 +186,25 @@ def read_finished(
     """
     if not is_finished(Path(out)):
         return None
-    key = _make_key(_start_mapping(images, camera, options, None), Path(out))
+    key = _make_key(start_mapping(images, camera, options, None), Path(out))
     figures = read_figures(Path(out))
     return figures if figures.get("made_from") == digest_key(key) else None
 
 
-def _start_mapping(
+def start_mapping(
     images: str | os.PathLike[str],
     camera: str | os.PathLike[str] | Rig | None,
     options: PosesOptions | None,
     log: PosesLog | None,
 ) -> Mapping:
-    """Finds the photographs, with their lenses as far as these are known, rig and shutter."""
+    """Finds the photographs, with their lenses as far as these are known, rig and shutter.
+
+    Args:
+        images, camera, options, log: see `find_poses`.
+
+    Raises:
+        InputError: see `find_poses`.
+    """
     options = options or PosesOptions()
     is_rolling = options.shutter == "rolling" or options.readout_time is not None
     if isinstance(camera, Rig):
@@ -251,27 +264,26 @@ def _make_key(mapping: Mapping, out: Path) -> dict[str, Any]:
     }
 
 
-def _find_matches(mapping: Mapping, stages: Stages) -> None:
+def _find_matches(mapping: Mapping, stages: Stages) -> Mapping:
     """Finds features and matches; verifies the matches where the lenses are known."""
     photographs, options, log = mapping.photographs, mapping.options, mapping.log
     _expect_stages(mapping)
-    mapping.features = collect_features(photographs, options, log.show, log.note, stages)
+    features = collect_features(photographs, options, log.show, log.note, stages)
     if mapping.rig is not None:
-        require_features(photographs, mapping.features)
+        require_features(photographs, features)
     log.watch.record_lap("features")
     is_lens_known = photographs.are_lenses_known
-    mapping.found.figures["lens"] = "known" if is_lens_known else "estimated"
-    if not is_lens_known:
-        mapping.photographs = guess_lenses(photographs, options.fov)
-    mapping.raw = match_images(
-        photographs.names, mapping.features, options, log.show, photographs.frames, stages
-    )
+    raw = match_images(photographs.names, features, options, log.show, photographs.frames, stages)
+    mapping = mapping.replace(features=features, raw=raw)
+    mapping = mapping.add_findings({"lens": "known" if is_lens_known else "estimated"})
     if is_lens_known:
-        mapping.pairs = verify_matches(
-            mapping.images, mapping.raw, options, log.follow_pairs("verifying")
-        )
-        require_overlap(mapping.images, mapping.pairs, is_lens_known=True)
+        pairs = verify_matches(mapping.images, raw, options, log.follow_pairs("verifying"))
+        require_overlap(mapping.images, pairs, is_lens_known=True)
+        mapping = mapping.replace(pairs=pairs)
+    else:
+        mapping = mapping.replace(photographs=guess_lenses(photographs, options.fov))
     log.watch.record_lap("matching")
+    return mapping
 
 
 def _expect_stages(mapping: Mapping) -> None:
@@ -288,47 +300,36 @@ def _expect_stages(mapping: Mapping) -> None:
     mapping.log.expect([stage for stage in stages if conditions.get(stage, True)])
 
 
-def _map_photographs(mapping: Mapping, mapper: Mapper | None) -> None:
+def _map_photographs(mapping: Mapping) -> Mapping:
     """Estimates poses and points: on a rig, through known lenses, or together with the lens."""
     if mapping.found.figures["lens"] == "estimated":
-        search_lenses(mapping)
+        mapping = search_lenses(mapping)
     if mapping.rig is not None:
-        solve_rig(mapping)
-    elif mapping.solution is not None:
-        return
-    elif mapper is not None:
-        mapping.solution = mapper(
-            mapping.photographs, mapping.features, mapping.pairs, mapping.options,
+        return solve_rig(mapping)
+    if mapping.solution is not None:
+        return mapping
+    try:
+        solution = solve_poses(
+            mapping.images, mapping.pairs, mapping.options,
             mapping.log.follow_steps("mapping"),
+            Adjustment(defer_covariances=mapping.shutter_follows),
         )  # fmt: skip
-        return
-    else:
-        try:
-            mapping.solution = solve_poses(
-                mapping.images, mapping.pairs, mapping.options,
-                mapping.log.follow_steps("mapping"),
-                Adjustment(defer_covariances=mapping.shutter_follows),
-            )  # fmt: skip
-        except SolveError as error:
-            advice = "let the lens be estimated: --unknown-lens"
-            raise explain_failure(error, mapping.features, mapping.pairs, advice) from None
-        mapping.found.zooms = find_zooms(
-            mapping.solution, mapping.features, mapping.raw, mapping.options
-        )
+    except SolveError as error:
+        advice = "let the lens be estimated: --unknown-lens"
+        raise explain_failure(error, mapping.features, mapping.pairs, advice) from None
+    zooms = find_zooms(solution, mapping.features, mapping.raw, mapping.options)
+    return mapping.replace(solution=solution).add_findings(zooms=zooms)
 
 
-def _separate_places(mapping: Mapping, *, is_final: bool) -> None:
+def _separate_places(mapping: Mapping) -> Mapping:
     """Separates places that look alike, and reconstructs images that do not connect.
 
-    Args:
-        is_final: look for such places, but leave the solution unchanged.
+    On a rig looks for such places, but leaves the solution unchanged.
     """
-    found, options, window = mapping.found, mapping.options, mapping.options.window
-    photographs, solution = mapping.photographs, mapping.solved
+    options, photographs, solution = mapping.options, mapping.photographs, mapping.solved
     times = find_frame_numbers(photographs.names, photographs.frames)
-    if is_final:
-        found.look_alikes = find_look_alikes(solution, times, window)
-        return
+    if mapping.rig is not None:
+        return mapping.add_findings(look_alikes=find_look_alikes(solution, times, WINDOW))
 
     def solve_again(kept: list[PairMatches]) -> Solution:
         images = dataclasses.replace(mapping.images, cameras=solution.cameras)
@@ -337,14 +338,14 @@ def _separate_places(mapping: Mapping, *, is_final: bool) -> None:
         return solve_poses(images, kept, options, on_step, adjustment)
 
     before = len(mapping.pairs)
-    mapping.solution, mapping.pairs, found.look_alikes = separate_look_alikes(
-        solution, mapping.pairs, solve_again, times, window
+    separated, pairs, look_alikes = separate_look_alikes(
+        solution, mapping.pairs, solve_again, times, WINDOW
     )
-    if len(mapping.pairs) < before:
+    if len(pairs) < before:
         mapping.log.note(
-            f"{before - len(mapping.pairs)} of {before} pairs of images were left out: they took "
+            f"{before - len(pairs)} of {before} pairs of images were left out: they took "
             "places that look alike for one"
         )
-    mapping.solution, found.models = find_further_models(
-        mapping.solution, mapping.features, mapping.pairs, options
-    )
+    first, models = find_further_models(separated, mapping.features, pairs, options)
+    mapping = mapping.replace(solution=first, pairs=pairs)
+    return mapping.add_findings(look_alikes=look_alikes, models=models)

@@ -40,9 +40,11 @@ def make_soup(gaussians: Gaussians, scene: Any) -> Mesh:
             "train with --primitive triangle, or make a mesh of the surface"
         )
     squared = _core.compute_cutoffs(
-        gaussians.primitive, gaussians.response, gaussians.opacity_logits.astype(np.float64),
-        np.asarray(gaussians.shapes, np.float64), _OPAQUE,
-    )  # fmt: skip
+        gaussians.primitive,
+        gaussians.response,
+        gaussians.opacity_logits.astype(np.float64),
+        _OPAQUE,
+    )
     kept = np.flatnonzero(squared > 0.0)
     if not len(kept):
         raise InputError(f"none of the {len(gaussians):,} triangles hides half of what is behind")

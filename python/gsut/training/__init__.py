@@ -4,7 +4,7 @@ Rooms of their own, whose doors anyone may use: `first`, `record` and `tuning`.
 """
 
 from gsut.training.loop import TrainingLoop
-from gsut.training.photometric_poses import grow_poses
+from gsut.training.photometric_poses import find_video_poses
 from gsut.training.record import (
     TrainedRun,
     load_run,
@@ -17,7 +17,7 @@ from gsut.training.record import (
 __all__ = [
     "TrainedRun",
     "TrainingLoop",
-    "grow_poses",
+    "find_video_poses",
     "load_run",
     "open_trained",
     "read_light",

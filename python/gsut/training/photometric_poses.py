@@ -9,16 +9,19 @@ so that bundle adjustment of features is more accurate if it succeeds.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import dataclasses
+import os
 from pathlib import Path
 from typing import Any
 
 from gsut._core import InputError, SolveError
 from gsut.run import RunFolder, read_checkpoint, write_checkpoint
-from gsut.sfm import PosesOptions
-from gsut.sfm.matches import PairMatches
-from gsut.sfm.photographs import Features, Images, Photographs
-from gsut.sfm.solution import Solution, solve_poses
+from gsut.sfm import PosesLog, PosesOptions, PosesResult, run_mapping, start_mapping
+from gsut.sfm.mapping import Mapping
+from gsut.sfm.photographs import Images
+from gsut.sfm.rig import adjust_rig_near_places
+from gsut.sfm.solution import OnStep, solve_poses
+from gsut.sfm.world import place_on_earth
 from gsut.training.video_scene import Video, VideoScene
 
 # Numbers of first images to solve by features, tried in turn: the fewest that give a structure.
@@ -28,56 +31,69 @@ _ROUNDS = 3
 # Images between writes of the state.
 _KEEP_EVERY = 5
 
-OnProgress = Callable[[int, int, int, str], None]
+_STATE = "growth.npz"  # the stage file, written every few images
 
 
-def grow_poses(
-    photographs: Photographs,
-    features: Sequence[Features],
-    pairs: Sequence[PairMatches],
-    options: PosesOptions,
-    on_progress: OnProgress,
+def find_video_poses(
+    images: str | os.PathLike[str],
+    out: str | os.PathLike[str],
     *,
-    keep: Path | None = None,
-) -> Solution:
-    """Registers the images of a video by their colours, in order of names.
+    camera: str | os.PathLike[str] | None = None,
+    options: PosesOptions | None = None,
+    log: PosesLog | None = None,
+) -> PosesResult:
+    """Estimates poses of the images of a video by their colours, in order of names.
 
-    This is a mapper for `find_poses`.
+    If interrupted, the same call continues from the last images that were kept, to the same bits.
 
     Args:
-        photographs: of a video, with known lenses of one centre.
-        features, pairs: of the images; verified.
-        options: seed, max_error and min_angle.
-        on_progress: called with (registered, images, points, step).
-        keep: a file that holds the state, written every few images: if interrupted, the next call
-            continues from there, to the same bits. The caller ensures that it belongs to these
-            photographs and options. None: no file.
+        images, out, camera, options, log: see `find_poses`; the lens must be known and have one
+            centre. Pairs are sequential where the options leave them open.
 
     Returns:
         Poses with the covariances of `refine_pose`, a lower bound; triangulated points.
 
     Raises:
-        InputError: a lens is unknown or has more than one centre.
+        InputError: a lens is unknown or has more than one centre, or a rolling shutter.
         SolveError: the first images give no structure.
     """
-    cameras = [c for c in photographs.cameras if c is not None]
-    if len(cameras) < len(photographs) or not all(c.is_central for c in cameras):
+    options = options or PosesOptions()
+    if options.pairs == "auto":
+        options = dataclasses.replace(options, pairs="sequential")
+    mapping = start_mapping(images, camera, options, log)
+    if mapping.shutter is not None:
+        raise InputError(
+            "--photometric takes every image for one pose, and these have a rolling shutter: "
+            "leave it out, or give --shutter global"
+        )
+    if not mapping.photographs.are_lenses_known:
         raise InputError("--photometric needs a known lens with one centre; give it by --camera")
-    video = Video(photographs, cameras, features, pairs, options)
-    kept = None if keep is None else _read_kept(keep)
+    return run_mapping(images, out, mapping, _grow_poses)
+
+
+def _grow_poses(mapping: Mapping, folder: Path) -> Mapping:
+    """Registers the images one by one; returns the run with the solution.
+
+    Args:
+        folder: holds the state.
+    """
+    photographs, on_step = mapping.photographs, mapping.log.follow_steps("mapping")
+    video = Video(photographs, photographs.lenses, mapping.features, mapping.pairs, mapping.options)
+    kept = _read_kept(folder / _STATE)
     if kept is None:
-        growth = VideoScene(video, _solve_first(video, on_progress))
+        growth = VideoScene(video, _solve_first(video, on_step))
         growth.begin()
     else:
         growth = VideoScene(video, kept["first"])
         growth.load_state_dict(kept)
 
+    def write(path: Path) -> None:
+        write_checkpoint(path, growth.state_dict())
+
     def show(step: str, to_keep: bool) -> None:
-        if keep is not None and to_keep:
-            RunFolder(keep.parent).write(
-                keep.name, lambda path: write_checkpoint(path, growth.state_dict())
-            )
-        on_progress(len(growth.posed), len(photographs), len(growth.points.positions), step)
+        if to_keep:
+            RunFolder(folder).write(_STATE, write)
+        on_step(len(growth.posed), len(photographs), len(growth.points.positions), step)
 
     show("grow", kept is None)
     while growth.next < len(photographs):
@@ -86,7 +102,8 @@ def grow_poses(
     while growth.rounds < _ROUNDS:
         growth.refine_all()
         show("all poses", True)
-    return growth.make_solution()
+    grown = mapping.replace(solution=growth.make_solution()).add_findings({"shutter": "global"})
+    return place_on_earth(grown, adjust_rig_near_places)
 
 
 def _read_kept(path: Path) -> dict[str, Any] | None:
@@ -97,7 +114,7 @@ def _read_kept(path: Path) -> dict[str, Any] | None:
         return None
 
 
-def _solve_first(video: Video, on_progress: OnProgress) -> dict[str, Any]:
+def _solve_first(video: Video, on_step: OnStep) -> dict[str, Any]:
     """Solves the first images by their features; returns their poses and how they were found."""
     failure: SolveError | None = None
     for wanted in _FIRST_IMAGES:
@@ -106,7 +123,7 @@ def _solve_first(video: Video, on_progress: OnProgress) -> dict[str, Any]:
             names = video.photographs.names[:count]
             images = Images(names, video.cameras[:count], video.features[:count])
             own = [pair for pair in video.pairs if pair.second < count]
-            found = solve_poses(images, own, video.options, on_progress)
+            found = solve_poses(images, own, video.options, on_step)
             if found.num_registered == count:
                 return {
                     "poses": found.camera_from_world,

@@ -1,4 +1,4 @@
-"""Holds the scene and poses of a video that grows image by image, see `grow_poses`."""
+"""Holds the scene and poses of a video that grows image by image, see `find_video_poses`."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ from gsut.sfm.matches import PairMatches
 from gsut.sfm.photographs import Features, Photographs
 from gsut.sfm.points import BearingPoints
 from gsut.sfm.solution import (
+    MIN_ANGLE_DEGREES,
     Solution,
     evaluate_observations,
     measure_diagonal,
@@ -70,7 +71,7 @@ class Video:
         photographs: in order of time.
         cameras: the lens of each.
         features, pairs: of the images; verified.
-        options: seed, max_error and min_angle.
+        options: seed and max_error.
     """
 
     photographs: Photographs
@@ -112,7 +113,7 @@ class VideoScene:
         self._found: dict[int, RefinedPose] = {}
         max_error = video.options.max_error * measure_diagonal(cameras) / 1000
         self.points = BearingPoints(
-            cameras, video.features, video.pairs, max_error, np.radians(video.options.min_angle)
+            cameras, video.features, video.pairs, max_error, np.radians(MIN_ANGLE_DEGREES)
         )
         self._first, self.next, self.rounds = first, len(first["poses"]), 0
         for image, pose in enumerate(first["poses"]):
@@ -201,7 +202,7 @@ class VideoScene:
         self.rounds += 1
 
     def make_solution(self) -> Solution:
-        """Returns the result in the form of the mapper by features."""
+        """Returns poses and points as the solver does."""
         points, observations, n = (
             self.points.positions,
             self.points.observations,

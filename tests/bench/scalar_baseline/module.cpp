@@ -1,4 +1,5 @@
-// The Python module gsut_scalar_baseline: the scalar renderer that ./run bench compares with.
+// The Python module gsut_scalar_baseline: the scalar renderer that ./run bench compares with, and
+// what only tests call.
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
@@ -7,6 +8,7 @@
 
 #include "bindings/arrays.h"
 #include "gsut/base/parallel.h"
+#include "references.h"
 #include "scalar_renderer.h"
 
 namespace gsut::bindings {
@@ -84,4 +86,5 @@ PYBIND11_MODULE(gsut_scalar_baseline, m) {
       .def("backward", &BoundScalarRenderer::Backward, py::arg("dimage"), py::arg("gradients"))
       .def("timings", &BoundScalarRenderer::Timings)
       .def("statistics", &BoundScalarRenderer::Statistics);
+  gsut::bindings::BindReferences(m);
 }

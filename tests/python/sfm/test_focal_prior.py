@@ -26,7 +26,7 @@ def judge(flight, px=None, sigma=0.06, fov=None):
         flight, photographs=photographs, options=options, log=PosesLog(),
         found=type(flight.found)(),
     )  # fmt: skip
-    judge_lens(run)
+    run = judge_lens(run)
     return run, math.log(run.solved.cameras[0].params[0] / LENS.params[0])
 
 
@@ -78,9 +78,7 @@ def test_focal_sigma_with_errors_that_features_share_covers_the_error():
         flight = fly(np.random.default_rng(seed), relief=0.1, stretch=0.004)
         run, error = judge(flight)
         errors.append(error / run.found.focal_sigma)
-        (known,) = estimate_lens_covariances(
-            flight.solution, FREE, OPTIONS.loss_scale, FEATURE_VARIANCE
-        )
+        (known,) = estimate_lens_covariances(flight.solution, FREE, FEATURE_VARIANCE)
         wider += run.found.focal_sigma > known.sigmas[0] / flight.solution.cameras[0].params[0]
     assert len(errors) == 5 and wider > 0
     assert max(map(abs, errors)) < tolerances.FOCAL_SIGMAS
@@ -104,7 +102,7 @@ def test_focal_prior_that_poses_do_not_follow_starts_again(flight, monkeypatch, 
 def test_focal_sigma_where_features_leave_no_doubt_counts_what_they_share():
     bent = fly(np.random.default_rng(1), relief=0.3, turn=0.3, stretch=0.004)
     run, error = judge(bent)
-    (known,) = estimate_lens_covariances(bent.solution, FREE, OPTIONS.loss_scale, FEATURE_VARIANCE)
+    (known,) = estimate_lens_covariances(bent.solution, FREE, FEATURE_VARIANCE)
     alone = known.sigmas[0] / bent.solution.cameras[0].params[0]
     assert run.found.focal_sigma > tolerances.FOCAL_SIGMA_SHARED * alone
     assert abs(error) < tolerances.FOCAL_SIGMAS * run.found.focal_sigma
@@ -127,7 +125,7 @@ def give_lens(flight, factor):
     run = dataclasses.replace(
         flight, solution=solution, lens_free=None, log=PosesLog(), found=type(flight.found)()
     )
-    judge_lens(run)
+    run = judge_lens(run)
     return run, judge_solution(run.solution, run.features, run.found)
 
 

@@ -42,7 +42,7 @@ def test_refine_of_a_splined_lens_holds_its_surface(rng):
     )  # fmt: skip
     after = found.cameras[0].params
     assert np.array_equal(after[~free], lens.params[~free])
-    sigmas = estimate_lens_covariances(found, free, PosesOptions().loss_scale)[0].sigmas
+    sigmas = estimate_lens_covariances(found, free)[0].sigmas
     errors = (after - lens.params)[free] / sigmas[free]
     assert np.abs(errors).max() < tolerances.REFINED_LENS_SIGMAS
 
@@ -67,9 +67,7 @@ def test_lens_covariance_is_that_of_many_draws():
             scene.images(disturbed_lens(scene.camera)), scene.verified(),
             disturbed_poses(scene, rng), PosesOptions(), adjustment=Adjustment(np.ones(8, bool)),
         )  # fmt: skip
-        (covariance,) = estimate_lens_covariances(
-            found, np.ones(8, bool), PosesOptions().loss_scale
-        )
+        (covariance,) = estimate_lens_covariances(found, np.ones(8, bool))
         z.append((found.cameras[0].params - scene.camera.params) / covariance.sigmas)
         seen = np.concatenate([features.pixels for features in scene.features])
         grid = seen[:: len(seen) // 50]

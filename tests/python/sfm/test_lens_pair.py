@@ -42,11 +42,11 @@ class Pair:
             self.mapping.images.with_lens(lens(FRONT)), self.scene.pairs, PosesOptions(),
             adjustment=Adjustment(FLAGS),
         )  # fmt: skip
-        self.mapping.solution = self.alone
+        self.mapping = self.mapping.replace(solution=self.alone)
 
     def find(self, **changes):
         mapping = dataclasses.replace(self.mapping, **changes)
-        find_lens_pair(mapping)
+        mapping = find_lens_pair(mapping)
         return mapping.solved, mapping.found.rig, mapping.log.notes[-1]
 
 

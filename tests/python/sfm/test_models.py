@@ -17,7 +17,7 @@ from gsut.sfm.world.comparison import compare_poses
 from synthetic_walk import Synthetic
 
 IMAGES = 12
-OPTIONS = PosesOptions(extend_rounds=0)
+OPTIONS = PosesOptions()
 
 
 @pytest.fixture(scope="module")

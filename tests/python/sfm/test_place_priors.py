@@ -1,6 +1,5 @@
 """Places of GPS in the adjustment: flights over flat ground, with noise and with wrong places."""
 
-import copy
 import dataclasses
 
 import numpy as np
@@ -36,10 +35,10 @@ def state_places(truth, rng, noise, wrong=0, bowl=0.0):
 def place(run, places):
     """Places a flight on the earth: the run, its notes, and metres that the ground is a dome."""
     run = dataclasses.replace(
-        run, log=PosesLog(), found=type(run.found)(rig=copy.deepcopy(run.found.rig)),
+        run, log=PosesLog(), found=type(run.found)(rig=run.found.rig),
         photographs=dataclasses.replace(run.photographs, places=places),
     )  # fmt: skip
-    place_on_earth(run, adjust_rig_near_places)
+    run = place_on_earth(run, adjust_rig_near_places)
     return run, run.log.notes, measure_dome(run.solved)
 
 

@@ -33,9 +33,7 @@ def find_center(run, sigma=CENTER_SIGMA, flags=CENTER_FREE):
         adjustment=Adjustment(flags, center_sigma=sigma),
     )  # fmt: skip
     error = found.cameras[0].params[list(CENTER)] - LENS.params[list(CENTER)]
-    known = estimate_lens_covariances(
-        found, flags, run.options.loss_scale, FEATURE_VARIANCE, center_sigma=sigma
-    )[0]
+    known = estimate_lens_covariances(found, flags, FEATURE_VARIANCE, center_sigma=sigma)[0]
     return error, known.sigmas[list(CENTER)]
 
 
@@ -61,14 +59,18 @@ def test_center_that_images_leave_open_stays_at_the_middle_with_the_priors_sigma
 @pytest.mark.parametrize(("signs", "is_estimated"), [(None, True), (1.0, True), (3.0, False)])
 def test_center_is_estimated_unless_a_video_may_have_a_rolling_shutter(signs, is_estimated):
     run = fly(np.random.default_rng(1), relief=0.3, turn=0.5)
-    run.solution = adjust_registered(
-        widen(run), run.features, run.pairs, run.options, adjustment=Adjustment(FREE)
+    run = run.replace(
+        solution=adjust_registered(
+            widen(run), run.features, run.pairs, run.options, adjustment=Adjustment(FREE)
+        )
     )
     if signs is not None:
-        run.photographs = dataclasses.replace(run.photographs, flows={"00.jpg": np.zeros((1, 4))})
-        run.found.figures["shutter_signs"] = signs
-    free_center(run)
-    judge_lens(run)
+        run = run.replace(
+            photographs=dataclasses.replace(run.photographs, flows={"00.jpg": np.zeros((1, 4))})
+        )
+        run = run.add_findings({"shutter_signs": signs})
+    run = free_center(run)
+    run = judge_lens(run)
     error = run.solved.cameras[0].params[list(CENTER)] - LENS.params[list(CENTER)]
     row = run.found.figures["principal_point"]
     assert row["estimated"] is is_estimated
@@ -86,11 +88,13 @@ def test_center_stays_where_it_is_in_the_middle_and_where_the_motion_leaves_it_o
 ):
     run = fly(np.random.default_rng(1), relief=relief, turn=turn)
     if pixels:
-        run.solution = adjust_registered(
-            widen(run), run.features, run.pairs, run.options, adjustment=Adjustment(FREE)
+        run = run.replace(
+            solution=adjust_registered(
+                widen(run), run.features, run.pairs, run.options, adjustment=Adjustment(FREE)
+            )
         )
     before = run.solved.camera_from_world.copy()
-    free_center(run)
+    run = free_center(run)
     np.testing.assert_array_equal(run.solved.camera_from_world, before)
-    judge_lens(run)
+    run = judge_lens(run)
     assert run.found.figures["principal_point"]["estimated"] is False

@@ -58,7 +58,7 @@ def made(rng, readings, **settings):
 
 def solved(scene, **known):
     mapping = scene.mapping(rig=scene.rig, **known)
-    solve_rig(mapping)
+    mapping = solve_rig(mapping)
     return mapping
 
 
@@ -136,12 +136,14 @@ def test_video_of_two_fisheyes_shows_its_rig_and_how_each_lens_is_read(readings)
     mapping = dataclasses.replace(
         scene.mapping(shutter=None, lines=None, lens_free=FLAGS), photographs=photographs
     )
-    mapping.solution = solve_poses(
-        mapping.images, scene.pairs, PosesOptions(), adjustment=Adjustment(FLAGS)
+    mapping = mapping.replace(
+        solution=solve_poses(
+            mapping.images, scene.pairs, PosesOptions(), adjustment=Adjustment(FLAGS)
+        )
     )
-    find_shutter(mapping)
-    find_lens_pair(mapping)
-    find_rig_shutter(mapping)
+    mapping = find_shutter(mapping)
+    mapping = find_lens_pair(mapping)
+    mapping = find_rig_shutter(mapping)
     fit = mapping.found.rig
     assert [r.shutter.direction for r in fit.rig.readings] == [
         r.shutter.direction for r in readings

@@ -24,7 +24,7 @@ LENSES = (
     gsut.Camera("kannala_brandt", [393, 393, 640, 480, 0.02, -0.01, 0.002, 0], 1280, 960),
 )
 FRAMES = 12
-OPTIONS = PosesOptions(extend_rounds=0)
+OPTIONS = PosesOptions()
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +53,7 @@ def run(scene, photographs, monkeypatch):
         scene.mapping(), photographs=guess_lenses(photographs, None), options=OPTIONS, raw=raw,
         pairs=[],
     )  # fmt: skip
-    search_lenses(mapping)
+    mapping = search_lenses(mapping)
     return mapping
 
 
@@ -78,7 +78,7 @@ def test_two_unknown_lenses_of_one_size_are_both_found(scene, found):
     mapping = found
     assert [group.name for group in start(scene).groups] == ["left", "right"]
     check(scene, mapping, 2 * FRAMES)
-    judge_lens(mapping)
+    mapping = judge_lens(mapping)
     assert mapping.found.focal_sigma < tolerances.SEVERAL_LENSES_FOCAL
     assert len({row["camera"] for row in mapping.found.figures["lens_search"]}) == 2
 
@@ -92,7 +92,7 @@ def test_two_unknown_lenses_on_a_rig_are_found_with_the_rigs_turns(scene, found)
             found.photographs, frames=given.frames, rig_cameras=given.rig_cameras
         ),
     )  # fmt: skip
-    solve_rig(mapping)
+    mapping = solve_rig(mapping)
     check(scene, mapping, 2 * FRAMES)
     fit = mapping.found.rig
     off = [
@@ -166,7 +166,7 @@ def test_photographs_of_a_camera_each_all_get_a_pose_and_their_focal_length(monk
     unknown = dataclasses.replace(mapping.photographs, cameras=[None] * len(zooms), groups=each)
     monkeypatch.setattr("gsut.sfm.lens.candidates.read_header", lambda path: lens)
     mapping = dataclasses.replace(mapping, photographs=guess_lenses(unknown, None))
-    search_lenses(mapping)
+    mapping = search_lenses(mapping)
     assert mapping.solved.num_registered == len(zooms)
     for found, zoom in zip(mapping.solved.cameras, zooms, strict=True):
         assert found.params[0] == pytest.approx(600 * zoom, rel=tolerances.LENS_EACH_FOCAL)

@@ -11,14 +11,11 @@ import gsut
 import tolerances
 from gsut import _core
 from gsut.cli import main
-from gsut.sfm import compare_datasets
 from gsut.sfm.lens.candidates import guess_lens
 from gsut.sfm.lens.search import search_lens
-from gsut.sfm.mapping.log import PosesLog
 from gsut.sfm.matches.matching import match_images
 from gsut.sfm.matches.verification import verify_matches
 from gsut.sfm.photographs.options import PosesOptions
-from gsut.sfm.pipeline import find_poses
 from gsut.sfm.shutter.readout import estimate_readout_time
 from gsut.sfm.solution.result import measure_agreement
 from gsut.sfm.solution.solver import solve_poses
@@ -89,7 +86,7 @@ def test_solve_with_the_readout_time_given_agrees(walk):
 def test_search_lens_finds_a_rolling_fisheye_with_the_poses(walk):
     guess = guess_lens(walk.camera.width, walk.camera.height, 180.0)
     mapping = walk.mapping(PosesOptions(fov=180.0), camera=guess, shutter=SHUTTER)
-    search_lens(mapping)
+    mapping = search_lens(mapping)
     found = mapping.solved
     assert found.registered.all() and found.velocities is not None
     errors = compare_poses(found.camera_from_world, np.array(walk.poses))
@@ -133,22 +130,6 @@ def some_helmet(folder, choose):
     return folder
 
 
-def test_poses_command_upright_rolling_images_that_bend_are_doubted(tmp_path):
-    def nearest(frames):
-        # Twelve beside each other, all upright: the motion cannot be told from a bent scene.
-        centers = np.array([f["transform_matrix_start"] for f in frames])[:, :3, 3]
-        order = np.argsort(np.linalg.norm(centers - centers[0], axis=1))
-        return [frames[i] for i in sorted(order[:12])]
-
-    notes: list[str] = []
-    result = find_poses(
-        some_helmet(tmp_path, nearest), tmp_path / "out", log=PosesLog(on_note=notes.append)
-    )
-    assert compare_datasets(tmp_path, tmp_path / "out").ate_percent > 1  # it does bend
-    assert result.figures["verdict"]["level"] != "good"
-    assert sum("the scene has bent with the motion" in note for note in notes) == 1
-
-
 @pytest.fixture(scope="module")
 def solved_helmet(tmp_path_factory):
     """The first views, which go all around the helmet, solved by the command line; both shutters"""
@@ -156,11 +137,7 @@ def solved_helmet(tmp_path_factory):
     results = {}
     for shutter in ("auto", "global"):
         out = folder / shutter
-        loose = (
-            ["--set", "max_error=20", "--set", "max_two_view_error=15"]
-            if shutter == "global"
-            else []
-        )
+        loose = ["--set", "max_error=22"] if shutter == "global" else []
         arguments = ["poses", str(folder), "-o", str(out), "--shutter", shutter, "--quiet", *loose]
         assert main(arguments) == 0
         results[shutter] = out

@@ -12,9 +12,9 @@ from gsut.cli import main
 from gsut.lens import with_scaled_focal
 from gsut.run import Verdict
 from gsut.sfm.lens.candidates import adjust_bend, explain_implausible, list_lens_ladder
-from gsut.sfm.lens.covariance import spread_free_parameters
 from gsut.sfm.lens.critical_motion import TURNED, find_critical_motion
 from gsut.sfm.lens.doubt import describe_doubt
+from gsut.sfm.lens.information import spread_free_parameters
 from gsut.sfm.lens.ranking import LensRanking
 from gsut.sfm.lens.search import search_lens
 from gsut.sfm.mapping import Findings

@@ -81,7 +81,7 @@ def test_errors_of_the_flow_shorten_the_time_by_the_reliability(rolling):
             for name, rows in rolling.flows.items()
         }
         rates, spread = estimate_rates(rolling.still, flows)
-        times.append(estimate_readout_by_flow(rolling.still, rates, spread, lines, None, 1.5))
+        times.append(estimate_readout_by_flow(rolling.still, rates, spread, lines, None))
     exact, noisy = times
     assert exact.reliability > 0.99 > 0.97 > noisy.reliability
     short, right = noisy.time / exact.time, noisy.time / noisy.reliability / exact.time
@@ -92,9 +92,9 @@ def test_errors_of_the_flow_shorten_the_time_by_the_reliability(rolling):
 def test_readout_time_by_a_window_is_that_by_all_images(rolling, monkeypatch):
     shutters = [Shutter("top_to_bottom")] * IMAGES
     lines = measure_line_times(rolling.still, shutters)
-    given = (rolling.still, *estimate_rates(rolling.still, rolling.flows), lines, None, 1.5)
+    given = (rolling.still, *estimate_rates(rolling.still, rolling.flows), lines, None)
     whole = estimate_readout_by_flow(*given)
-    monkeypatch.setattr("gsut.sfm.shutter.readout._MOST_IMAGES", 4)
+    monkeypatch.setattr("gsut.sfm.lens.information._MOST_IMAGES", 4)
     window = estimate_readout_by_flow(*given)
     assert window.time == pytest.approx(whole.time, rel=tolerances.ONE_WINDOW - 1)
     assert window.sigma == pytest.approx(whole.sigma, rel=tolerances.ONE_WINDOW - 1)
@@ -136,7 +136,7 @@ def test_global_video_is_left_as_it_is(still):
 def test_a_rolling_video_that_is_said_to_be_global_is_doubted(film, doubted, request):
     walk = request.getfixturevalue(film)
     mapping = walk.map(PosesOptions(shutter="global"))
-    find_shutter(mapping)
+    mapping = find_shutter(mapping)
     assert mapping.solved is walk.still and mapping.found.figures["shutter"] == "global"
     said = ["lines were read top to bottom" in note for note in mapping.log.notes]
     assert said == [True] * doubted

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 import tolerances
-from gsut.sfm.lens import covariance, elimination, prior
+from gsut import _core
+from gsut.sfm.lens import information, prior
 from gsut.sfm.lens.covariance import estimate_lens_covariances
 from gsut.sfm.solution import FEATURE_VARIANCE
-from made_flight import FREE, OPTIONS, fly
+from made_flight import FREE, fly
 
 IMAGES, POINTS, SHARED = 5, 30, 3
 
@@ -22,52 +23,57 @@ def test_windows_are_of_images_that_share_points():
     place = np.arange(40) % 2  # images of two places in turn
     image = np.repeat(np.arange(40), POINTS)
     point = np.tile(np.arange(POINTS), 40) + POINTS * place[image]
-    windows = elimination.split_windows(image, point, 41, count=2)
+    windows = information.split_windows(image, point, 41, count=2)
     assert [window.tolist() for window in windows] == [[*range(0, 40, 2)], [*range(1, 40, 2)]]
-    quarters = elimination.split_windows(image, point, 41, count=4)
+    quarters = information.split_windows(image, point, 41, count=4)
     assert [len(window) for window in quarters] == [10] * 4
     assert sorted(np.concatenate(quarters)) == list(range(40))
     assert all(len(set(place[window])) == 1 for window in quarters)
 
 
-def test_eliminated_poses_leave_the_schur_complement(rng):
+@pytest.mark.parametrize("is_open", [False, True])
+def test_eliminated_poses_leave_the_schur_complement(is_open, rng):
     image, point = (a.ravel() for a in np.meshgrid(np.arange(IMAGES), np.arange(POINTS)))
     by_pose, by_shared, by_point = (rng.normal(size=(len(image), 2, n)) for n in (6, SHARED, 3))
-    centers = np.zeros((IMAGES, 3))
-    centers[3, 1] = 1.0  # the farthest, along y
-    normal, determined = elimination.eliminate_by_windows(
-        image, point, centers, lambda rows: (by_pose[rows], by_shared[rows], by_point[rows]),
-        np.zeros(6),
-    )  # fmt: skip
+    if is_open:  # one point that images of one place see, and whose distance nothing says
+        by_point[point == 5] = by_point[point == 5][:1]
+    held = [*range(6), 6 * 3 + 1]
+    normal, determined = _core.shared_information(
+        image, point, by_pose, by_shared, by_point, np.zeros(6), held
+    )
     gone = np.zeros((len(image), 2, 6 * IMAGES + 3 * POINTS))
     for row, (i, p) in enumerate(zip(image, point, strict=True)):
         gone[row, :, 6 * i : 6 * i + 6] = by_pose[row]
         gone[row, :, 6 * IMAGES + 3 * p :][:, :3] = by_point[row]
-    held = [*range(6), 6 * 3 + 1]
     gone = np.delete(gone.reshape(2 * len(image), -1), held, axis=1)
     kept = by_shared.reshape(-1, SHARED)
     wanted = kept.T @ (kept - gone @ np.linalg.lstsq(gone, kept, rcond=None)[0])
     np.testing.assert_allclose(normal, wanted, rtol=0, atol=tolerances.SCHUR_DENSE)
-    assert determined == -gone.shape[1]
+    assert determined == np.linalg.matrix_rank(gone) == gone.shape[1] - is_open
 
 
-def test_window_whose_images_do_not_hold_together_tells_nothing(rng):
+def test_images_that_do_not_hold_together_tell_nothing(rng):
     image, point = (a.ravel() for a in np.meshgrid(np.arange(IMAGES), np.arange(POINTS)))
     columns = [rng.normal(size=(len(image), 2, n)) for n in (6, SHARED, 3)]
     columns[0][image == 2] = 0.0  # nothing says where this image is
-    normal, determined = elimination.eliminate_by_windows(
-        image, point, rng.normal(size=(IMAGES, 3)), lambda rows: [each[rows] for each in columns],
-        np.zeros(6),
-    )  # fmt: skip
-    assert not normal.any() and determined == -2 * len(image)
+    normal, determined = _core.shared_information(image, point, *columns, np.zeros(6), range(7))
+    assert not normal.any() and determined == 2 * len(image)
+
+
+def test_information_numbers_that_are_not_there_are_rejected():
+    rows = [np.zeros((2, 2, n)) for n in (6, 1, 3)]
+    with pytest.raises(_core.InputError, match="numbered from 0"):
+        _core.shared_information([0, 2], [0, 0], *rows, np.zeros(6), [])
+    with pytest.raises(_core.InputError, match="held names no unknown"):
+        _core.shared_information([0, 1], [0, 0], *rows, np.zeros(6), [12])
 
 
 @pytest.mark.parametrize(("size", "most"), [(12, tolerances.ONE_WINDOW), (6, 2.0)])
 def test_lens_covariance_by_windows_is_a_little_larger(flight, monkeypatch, size, most):
-    given = (flight.solution, FREE, OPTIONS.loss_scale, FEATURE_VARIANCE)
+    given = (flight.solution, FREE, FEATURE_VARIANCE)
     whole = estimate_lens_covariances(*given)[0].sigmas
-    monkeypatch.setattr(covariance, "_MOST_IMAGES", 4)
-    monkeypatch.setattr(elimination, "_WINDOW", size)
+    monkeypatch.setattr(information, "_MOST_IMAGES", 4)
+    monkeypatch.setattr(information, "_WINDOW", size)
     split = estimate_lens_covariances(*given)[0].sigmas
     free = FREE > 0
     assert (split[free] > whole[free] / tolerances.ONE_WINDOW).all()

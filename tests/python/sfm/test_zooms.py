@@ -17,7 +17,7 @@ from gsut.sfm.solution.solver import solve_poses
 from synthetic_walk import Synthetic, quiet
 
 IMAGES, FACTOR = 9, 1.5
-OPTIONS = PosesOptions(extend_rounds=0)
+OPTIONS = PosesOptions()
 LENS = gsut.Camera("kannala_brandt", [500, 500, 500, 505, 0.02, -0.01, 0, 0], 1000, 1010)
 NAMES = [f"{i:03d}.png" for i in range(IMAGES)]
 SECOND = [2, 5, 8]  # images of the second zoom
@@ -85,12 +85,12 @@ def test_lens_is_sought_by_the_images_of_one_zoom_where_many_are_left_out(
 
     def search(mapping):
         searched.append({int(image) for image in mapping.raw.pairs.ravel()})
-        mapping.solution = compromise if len(searched) == 1 else of_one
+        return mapping.replace(solution=compromise if len(searched) == 1 else of_one)
 
     monkeypatch.setattr(zooms, "search_lens", search)
     monkeypatch.setattr(zooms, "_FOCALS", np.geomspace(0.7, 1.6, 5))
     mapping = scene.mapping(OPTIONS, raw=raw)
-    search_zooms(mapping)
+    mapping = search_zooms(mapping)
     assert mapping.solution is of_one
     assert [len(zoom.names) for zoom in mapping.found.zooms] == [6, 3]
     whole, own = searched
@@ -107,11 +107,11 @@ def test_lens_is_not_sought_again_where_images_only_do_not_connect(monkeypatch):
 
     def search(mapping):
         searched.append(1)
-        mapping.solution = half
+        return mapping.replace(solution=half)
 
     monkeypatch.setattr(zooms, "search_lens", search)
     apart = [i for i, (a, b) in enumerate(raw.pairs) if (a < 5) == (b < 5)]
     raw = dataclasses.replace(raw, pairs=raw.pairs[apart], matches=[raw.matches[i] for i in apart])
     mapping = scene.mapping(OPTIONS, raw=raw)
-    search_zooms(mapping)
+    mapping = search_zooms(mapping)
     assert mapping.solution is half and mapping.found.zooms == [] and len(searched) == 1

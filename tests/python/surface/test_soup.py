@@ -25,9 +25,8 @@ def model():
     scales = np.log([[0.25, 0.18, 1.0], [0.2, 0.3, 1.0], [0.1, 0.1, 1.0]])
     sh = (np.concatenate([COLORS, [[0.5] * 3]]) - 0.5)[:, None] / SH_C0
     return gsut.Gaussians(
-        means, quats, scales, np.array([3.0, 2.0, -0.5]), sh, primitive="triangle",
-        shapes=np.array([-1.0, 0.5, 0.0]),
-    ).to_dtype(np.float32)  # fmt: skip
+        means, quats, scales, np.array([3.0, 2.0, -0.5]), sh, primitive="triangle"
+    ).to_dtype(np.float32)
 
 
 @pytest.fixture

@@ -1,6 +1,5 @@
 """Poses of a video by the colours of Gaussians that grow image by image."""
 
-import functools
 import json
 
 import numpy as np
@@ -14,7 +13,6 @@ from gsut.sfm.matches.matching import PairMatches
 from gsut.sfm.photographs.features import Features
 from gsut.sfm.photographs.options import PosesOptions
 from gsut.sfm.photographs.stages import FOLDER
-from gsut.sfm.pipeline import find_poses
 from gsut.sfm.points.bearing_points import BearingPoints
 from gsut.sfm.solution.result import measure_rotation_angles
 from gsut.sfm.world.comparison import compare_poses
@@ -112,12 +110,12 @@ def registered(video, count_images, tmp_path_factory):
     out, results = tmp_path_factory.mktemp("registered") / "poses", []
 
     def find(*args, **kwargs):
-        results.append(find_poses(*args, **kwargs))
+        results.append(photometric_poses.find_video_poses(*args, **kwargs))
         return results[-1]
 
     count_images.clear()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("gsut.cli.poses.find_poses", find)
+        patch.setattr("gsut.training.find_video_poses", find)
         assert main(["poses", str(video), "--photometric", "-o", str(out), "--quiet"]) == 0
     return out, results[0].solution, list(count_images)
 
@@ -144,14 +142,12 @@ def test_a_killed_run_goes_on_from_its_last_images_to_the_same_bits(
 ):
     _, whole, posed_by_whole = registered
     assert posed_by_whole == [8, 9, 10, 11]
-    options = PosesOptions(pairs="sequential", threads=1)  # the whole run had all
+    options = PosesOptions(threads=1)  # the whole run had all
 
     def run(on_progress=None):
         count_images.clear()
-        keep = tmp_path / "part" / FOLDER / "growth.npz"
-        mapper = functools.partial(photometric_poses.grow_poses, keep=keep)
-        return find_poses(
-            video, tmp_path / "part", options=options, mapper=mapper, log=PosesLog(on_progress)
+        return photometric_poses.find_video_poses(
+            video, tmp_path / "part", options=options, log=PosesLog(on_progress)
         ).solution
 
     class Killed(Exception):

@@ -13,7 +13,7 @@ from gsut.training.loop import TrainingLoop
 SHORT = {"steps": 100, "max_gaussians": 150}
 
 
-@pytest.mark.parametrize("primitive", ["power4", "beta", "atom", "triangle"])
+@pytest.mark.parametrize("primitive", ["atom", "triangle"])
 def test_train_of_a_primitive_learns_and_the_run_carries_it(scene, tmp_path, primitive):
     # A triangle's ridges take a few steps more than smooth primitives.
     options = TrainOptions(**SHORT | {"steps": 130}, primitive=primitive)
@@ -24,8 +24,6 @@ def test_train_of_a_primitive_learns_and_the_run_carries_it(scene, tmp_path, pri
     assert found.primitive == result.gaussians.primitive == drawn
     if primitive == "atom":
         assert np.ptp(found.log_scales, axis=1).max() == 0
-    if primitive in ("beta", "triangle"):
-        assert np.ptp(found.shapes) > 0
     if primitive == "triangle":
         assert found.are_surfels
         out = tmp_path / "soup.off"
@@ -33,19 +31,23 @@ def test_train_of_a_primitive_learns_and_the_run_carries_it(scene, tmp_path, pri
         assert 0 < len(load_mesh(out)) <= len(found)
 
 
-def test_train_of_beta_goes_on_from_a_state_to_the_same_bits(scene):
-    options = TrainOptions(**SHORT, primitive="beta")
+def test_train_of_triangles_goes_on_from_a_state_to_the_same_bits(scene):
+    options = TrainOptions(**SHORT, primitive="triangle")
     whole = TrainingLoop(scene, options)
     for _ in range(30):
         whole.advance()
     state = whole.optimizer.state_dict()
     again = TrainingLoop(scene, options)
     again.optimizer.load_state_dict(state)
-    assert again.gaussians.primitive == "beta"
-    assert again.gaussians.shapes.any()
-    assert again.gaussians.shapes.tobytes() == whole.gaussians.shapes.tobytes()
+    assert again.gaussians.primitive == "triangle"
+    for name in whole.gaussians.list_arrays():
+        same = (getattr(each.gaussians, name).tobytes() for each in (again, whole))
+        assert len(set(same)) == 1, name
 
 
 def test_options_of_a_primitive_that_contradict_are_refused():
-    with pytest.raises(InputError, match="--surface cannot be combined with --primitive beta"):
-        TrainOptions(primitive="beta", surface=True)
+    with pytest.raises(InputError, match="--surface cannot be combined with --primitive triangle"):
+        TrainOptions(primitive="triangle", surface=True)
+    for rule in ({"primitive": "triangle"}, {"response": "extinction"}, {"order": "ray"}):
+        with pytest.raises(InputError, match="--refine-poses cannot be combined with --"):
+            TrainOptions(**rule, refine_poses=True)

@@ -20,7 +20,6 @@
 #include "gsut/raster/blend_backward-inl.h"
 #include "gsut/raster/central/response-inl.h"
 #include "gsut/raster/central/tile_axes-inl.h"
-#include "gsut/raster/channels_backward-inl.h"
 
 HWY_BEFORE_NAMESPACE();
 namespace gsut {
@@ -34,7 +33,7 @@ enum RayField {
   kFieldZ,
   kFieldReciprocal,  // R, 0 where there is no hit
   kFieldU,
-  kFieldAlpha,  // clamped; under extinction raw, and not clamped. 0 where there is no hit
+  kFieldAlpha,  // clamped; 0 where there is no hit
   // Gradients to the ray, with rays only:
   kFieldToS,
   kFieldToT,
@@ -62,9 +61,8 @@ struct RecordVectors {
   }
 };
 
-// Phase 1: evaluates the response again and leaves it in the block's fields; most: of kFieldAlpha.
-HWY_INLINE void RespondAgain(const BlendLimits& limits, const RecordVectors& g, float shape,
-                             FloatVec most, BlockFields fields) {
+// Phase 1: evaluates the response again and leaves it in the block's fields.
+HWY_INLINE void RespondAgain(const RecordVectors& g, FloatVec alpha_max, BlockFields fields) {
   const RayForms forms = FormsAlong(g.r, fields.Get(kFieldS), fields.Get(kFieldT));
   const FloatMask hit = forms.IsHit();
   // A miss may hold infinities: they are taken out here.
@@ -75,13 +73,8 @@ HWY_INLINE void RespondAgain(const BlendLimits& limits, const RecordVectors& g, 
   fields.Set(kFieldZ, forms.z);
   fields.Set(kFieldReciprocal, reciprocal);
   fields.Set(kFieldU, u);
-  FloatVec exponent = hn::MulAdd(g.kappa, u, g.log2_strength);
-  if (!limits.IsGaussian()) {
-    const FloatVec of_primitive = ShapeExponent(limits.primitive, shape, hn::Mul(g.kappa, u));
-    exponent = hn::Add(of_primitive, g.log2_strength);
-  }
-  const FloatVec raw = FastExp2(exponent);
-  fields.Set(kFieldAlpha, hn::IfThenElseZero(hit, hn::Min(raw, most)));
+  const FloatVec raw = FastExp2(hn::MulAdd(g.kappa, u, g.log2_strength));
+  fields.Set(kFieldAlpha, hn::IfThenElseZero(hit, hn::Min(raw, alpha_max)));
 }
 
 // Adds (to_form, s to_form, t to_form), the gradient to a linear form of (1, s, t), to three sums.
@@ -93,26 +86,15 @@ HWY_INLINE void AddToForm(FloatVec to_form, FloatVec s, FloatVec t, FloatVec* su
 
 // Phase 2: walks the blend on, and from alpha and distance back to the forms and the rays.
 HWY_INLINE void BackwardRays(BackwardFlags flags, const BlendLimits& limits, const RecordVectors& g,
-                             BlockFields fields, FloatVec* sums, ShapeSums* shapes, float* pair) {
+                             BlockFields fields, FloatVec* sums) {
   const FloatTag d;
   const FloatVec reciprocal = fields.Get(kFieldReciprocal);
   const FloatVec z = fields.Get(kFieldZ);
   const FloatVec unit_distance = flags.with_depth ? hn::Mul(z, reciprocal) : hn::Zero(d);
-  FloatVec alpha = fields.Get(kFieldAlpha);
-  if (HWY_UNLIKELY(limits.is_extinction)) {
-    alpha = hn::Min(ExtinctionAlpha(alpha), limits.alpha_max);
-  }
-  const auto [to_raw, to_distance] =
-      StepOver(flags, limits, g.color, alpha, hn::Mul(g.depth, unit_distance), fields, sums, pair);
-  FloatVec h = to_raw;
-  if (HWY_UNLIKELY(limits.is_extinction)) {
-    const FloatVec ln2 = hn::Set(d, static_cast<float>(RecordVectors::kLn2));
-    h = hn::Mul(h, hn::Mul(ln2, fields.Get(kFieldAlpha)));
-  }
+  const auto [h, to_distance] = StepOver(flags, limits, g.color, fields.Get(kFieldAlpha),
+                                         hn::Mul(g.depth, unit_distance), fields, sums, nullptr);
   const FloatVec u = fields.Get(kFieldU);
   sums[slot::kH] = hn::Add(sums[slot::kH], h);
-  // From here on h is the gradient to the exponent v, in place of that to ln raw.
-  if (!limits.IsGaussian()) h = shapes->PassOn(limits.primitive, h, hn::Mul(g.kappa, u));
   const FloatVec hr = hn::Mul(h, reciprocal);
   const FloatVec hru = hn::Mul(hr, u);
   FloatVec to_pq = hn::NegMulAdd(g.k, hru, hr);  // times p is dL/dp, times q dL/dq
@@ -155,15 +137,15 @@ HWY_INLINE void FetchAhead(const Frame& frame, const TileEntry* entry, std::uint
   __builtin_prefetch(&frame.slot_touched[next.slot], 1);
 }
 
-// Fills the slots of a tile's pairs: KeptPairs, or RayPairs. to_rays: with flags.with_rays 2 x 256
-// floats for the gradients to s and t of the tile's pixels, swizzled. channels: with
-// flags.with_channels.
-template <class Pairs>
+// Fills the slots of a tile's pairs. to_rays: with flags.with_rays 2 x 256 floats for the gradients
+// to s and t of the tile's pixels, swizzled.
 HWY_INLINE void BackwardTile(BackwardFlags flags, const RasterTask& task, const TileGrid& grid,
-                             int tile, Pairs pairs, const PixelGradients& gradients, Frame* frame,
-                             float* to_rays, TileChannels* channels = nullptr) {
+                             int tile, const PixelGradients& gradients, Frame* frame,
+                             float* to_rays) {
   const FloatTag d;
-  if (pairs.count == 0) {
+  const TileEntry* entries = frame->entries.data() + frame->tile_begin[tile];
+  const std::uint32_t count = frame->entry_count[tile];
+  if (count == 0) {
     if (flags.with_rays) __builtin_memset(to_rays, 0, sizeof(float) * 2 * kTilePixels);
     return;
   }
@@ -175,42 +157,29 @@ HWY_INLINE void BackwardTile(BackwardFlags flags, const RasterTask& task, const 
     fields.Block(block).Set(kFieldToS, hn::Zero(d));
     fields.Block(block).Set(kFieldToT, hn::Zero(d));
   }
-  pairs.Start(flags, &fields);
-  const std::uint32_t count = pairs.count;
-  const TileEntry* entries = pairs.entries;
   const TileAxes to_tile = ToTileAxes(grid, tile);
   const TileAxes from_tile = FromTileAxes(grid, tile);
   const float* center = &grid.center[static_cast<std::size_t>(tile) * kDirectionSize];
   const BlendLimits limits(task);
-  const FloatVec most =
-      hn::Set(d, task.is_extinction ? hwy::HighestValue<float>() : task.alpha_max);
-  ShapeSums shapes;
   for (std::uint32_t e = 0; e < count; ++e) {
     FetchAhead(*frame, entries + e, count - e);
     HWY_ALIGN float r[record::kSize];
     TurnRecord(to_tile, center, *frame, entries[e].gaussian, r);
-    if (flags.with_channels) channels->Prepare(e);
-    if (!limits.IsGaussian()) shapes.Start(task, entries[e].gaussian);
     const RecordVectors g(r);
     FloatVec sums[16];
     GSUT_UNROLL for (int i = 0; i < 16; ++i) sums[i] = hn::Zero(d);
     // First all alphas, then the blend: the first is wide and without order, the second needs the
     // registers for its sums. In one loop both take a fifth longer.
     for (std::uint64_t todo = entries[e].blocks; todo != 0; todo &= todo - 1) {
-      RespondAgain(limits, g, shapes.shape, most, fields.Block(__builtin_ctzll(todo)));
+      RespondAgain(g, limits.alpha_max, fields.Block(__builtin_ctzll(todo)));
     }
     for (std::uint64_t todo = entries[e].blocks; todo != 0; todo &= todo - 1) {
-      const int block = __builtin_ctzll(todo);
-      float* pair = flags.with_channels ? channels->NextPair() : nullptr;
-      pairs.Restore(e, block, fields.Block(block));
-      BackwardRays(flags, limits, g, fields.Block(block), sums, &shapes, pair);
+      BackwardRays(flags, limits, g, fields.Block(__builtin_ctzll(todo)), sums);
     }
-    if (flags.with_channels) channels->Finish(e);
     HWY_ALIGN float totals[16];
     SumLanes<16>(sums, totals);
     from_tile.Turn(totals, &frame->slot_gradients[std::size_t{16} * entries[e].slot]);
     frame->slot_touched[entries[e].slot] = 1;
-    if (!limits.IsGaussian()) shapes.Finish(entries[e].slot, frame);
   }
   if (flags.with_rays) fields.Export(kFieldToS, to_rays);
 }

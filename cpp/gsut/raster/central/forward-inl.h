@@ -20,51 +20,37 @@ inline constexpr int kPrefetch = 32;
 // The same for the directions of sharp records: known to be sharp once the record is here.
 inline constexpr int kPrefetchDirection = 8;
 
-// Up to 64 records in the frame of one tile, or that many times kParts.
-template <int kParts_>
-class CentralChunks {
+// Up to 64 records in the frame of one tile.
+class CentralChunk {
  public:
-  static constexpr int kParts = kParts_;
-  // Index of a record that hits nothing.
-  static constexpr int kNone = kParts * kChunk;
   // Gaussians blended together, to hide the latency of exponential and reciprocal.
   static constexpr int kJam = 4;
   struct Pixels {
     FloatVec s, t;
   };
 
-  HWY_INLINE CentralChunks(const RasterTask& task, const TileGrid& grid, int tile,
-                           const Frame& frame)
-      : task_(task),
-        is_extinction_(task.is_extinction),
-        primitive_(task.gaussians.primitive),
-        grid_(grid),
+  HWY_INLINE CentralChunk(const TileGrid& grid, int tile, const Frame& frame)
+      : grid_(grid),
         frame_(frame),
         axes_(ToTileAxes(grid, tile)),
         center_(&grid.center[static_cast<std::size_t>(tile) * kDirectionSize]),
         boxes_(&grid.block_box[static_cast<std::size_t>(tile) * 4 * kBlockStride]) {
     // N = 1 and z = 0 everywhere: hits nothing.
-    for (float& value : rows_[kNone]) value = 0.0f;
-    rows_[kNone][record::kA] = 1.0f;
+    for (float& value : rows_[kMissing]) value = 0.0f;
+    rows_[kMissing][record::kA] = 1.0f;
   }
 
   // Turns the records of `count` pairs and bounds the blocks that they touch; `available` pairs lie
-  // at `pairs` and may be fetched. Their indices begin at part * kChunk.
-  HWY_INLINE void Fill(const TilePair* pairs, int count, int available, std::uint64_t* blocks_of,
-                       int part = 0) {
+  // at `pairs` and may be fetched.
+  HWY_INLINE void Fill(const TilePair* pairs, int count, int available, std::uint64_t* blocks_of) {
     const float* records = frame_.records.data();
-    float(*const rows)[record::kSize] = rows_ + part * kChunk;
     for (int j = 0; j < count; ++j) {
       if (j + kPrefetch < available) {
         hwy::Prefetch(records + std::size_t{record::kSize} * pairs[j + kPrefetch].gaussian);
         FetchDirection(frame_, pairs[j + kPrefetchDirection].gaussian);
       }
-      TurnRecord(axes_, center_, frame_, pairs[j].gaussian, rows[j]);
-      blocks_of[j] = TouchedBlocks(rows[j], boxes_);
-    }
-    if (HWY_LIKELY(task_.shapes == nullptr)) return;
-    for (int j = 0; j < count; ++j) {
-      shapes_[part * kChunk + j] = ShapeOf(task_, pairs[j].gaussian);
+      TurnRecord(axes_, center_, frame_, pairs[j].gaussian, rows_[j]);
+      blocks_of[j] = TouchedBlocks(rows_[j], boxes_);
     }
   }
 
@@ -91,18 +77,7 @@ class CentralChunks {
       alpha[i] = hn::MulAdd(Value(record::kKappa, index[i]), hn::Mul(n[i], reciprocal[i]),
                             Value(record::kLog2Strength, index[i]));
     }
-    // Once more, from v = kappa u on: a group's branch costs nothing where all are Gaussians.
-    if (HWY_UNLIKELY(primitive_ != Primitive::kGaussian)) {
-      GSUT_UNROLL for (int i = 0; i < kJam; ++i) {
-        const FloatVec v = hn::Mul(Value(record::kKappa, index[i]), hn::Mul(n[i], reciprocal[i]));
-        alpha[i] = hn::Add(ShapeExponent(primitive_, shapes_[index[i]], v),
-                           Value(record::kLog2Strength, index[i]));
-      }
-    }
     GSUT_UNROLL for (int i = 0; i < kJam; ++i) alpha[i] = FastExp2(alpha[i]);
-    if (HWY_UNLIKELY(is_extinction_)) {
-      GSUT_UNROLL for (int i = 0; i < kJam; ++i) alpha[i] = ExtinctionAlpha(alpha[i]);
-    }
     GSUT_UNROLL for (int i = 0; i < kJam; ++i) {
       alpha[i] = hn::IfThenElseZero(hit[i], hn::Min(alpha[i], limit));
       distance[i] = hn::Mul(Value(record::kDepth, index[i]), hn::Mul(z[i], reciprocal[i]));
@@ -114,19 +89,13 @@ class CentralChunks {
  private:
   HWY_INLINE FloatVec Value(int k, int j) const { return hn::Set(FloatTag(), rows_[j][k]); }
 
-  const RasterTask& task_;
-  const bool is_extinction_;
-  const Primitive primitive_;
   const TileGrid& grid_;
   const Frame& frame_;
   const TileAxes axes_;
   const float* center_;
   const float* boxes_;
-  HWY_ALIGN float rows_[kNone + 1][record::kSize];
-  float shapes_[kNone + 1] = {};  // of what has shapes, activated
+  HWY_ALIGN float rows_[kMissing + 1][record::kSize];
 };
-
-using CentralChunk = CentralChunks<1>;
 
 }  // namespace HWY_NAMESPACE
 }  // namespace gsut

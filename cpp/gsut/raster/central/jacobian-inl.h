@@ -34,8 +34,8 @@ struct AlphaSlopes {
 };
 
 // Phase 1: evaluates alpha and its slopes, and steps T on.
-HWY_INLINE AlphaSlopes EvaluateSlopes(const BlendLimits& limits, const float* r, float shape,
-                                      FloatVec s, FloatVec t, BlockFields fields) {
+HWY_INLINE AlphaSlopes EvaluateSlopes(const BlendLimits& limits, const float* r, FloatVec s,
+                                      FloatVec t, BlockFields fields) {
   constexpr float kTwoLn2 = 1.38629436111989061883f;
   const FloatTag d;
   const RayForms forms = FormsAlong(r, s, t);
@@ -46,13 +46,7 @@ HWY_INLINE AlphaSlopes EvaluateSlopes(const BlendLimits& limits, const float* r,
   const FloatVec reciprocal = hn::IfThenElseZero(hit, FastReciprocal(sum));
   const FloatVec kappa = hn::Set(d, r[record::kKappa]);
   const FloatVec log2_strength = hn::Set(d, r[record::kLog2Strength]);
-  const FloatVec v = hn::Mul(kappa, hn::Mul(forms.n, reciprocal));
-  FloatVec exponent = hn::MulAdd(kappa, hn::Mul(forms.n, reciprocal), log2_strength);
-  if (!limits.IsGaussian()) {
-    exponent = hn::Add(ShapeExponent(limits.primitive, shape, v), log2_strength);
-  }
-  const FloatVec raw = FastExp2(exponent);
-  const FloatVec alpha = limits.is_extinction ? ExtinctionAlpha(raw) : raw;
+  const FloatVec alpha = FastExp2(hn::MulAdd(kappa, hn::Mul(forms.n, reciprocal), log2_strength));
   out.alpha = hn::IfThenElseZero(hit, hn::Min(alpha, limits.alpha_max));
   FloatVec left = hn::NegMulAdd(out.alpha, out.transmittance, out.transmittance);
   if (HWY_UNLIKELY(limits.stop_before)) {
@@ -63,17 +57,7 @@ HWY_INLINE AlphaSlopes EvaluateSlopes(const BlendLimits& limits, const float* r,
   }
   fields.Set(kSlopeT, left);
   // dalpha/ds = factor (z (p p_s + q q_s) - N z_s); 0 where alpha is clamped.
-  FloatVec moving = hn::IfThenElseZero(hn::Lt(alpha, limits.alpha_max), out.alpha);
-  if (limits.is_extinction) {  // raw dalpha/draw
-    const FloatVec left = hn::Sub(hn::Set(d, 1.0f), out.alpha);
-    const FloatVec slope = hn::Mul(hn::Mul(hn::Set(d, kTwoLn2 / 2.0f), raw), left);
-    moving = hn::IfThenElseZero(hn::Gt(moving, hn::Zero(d)), slope);
-  }
-  if (!limits.IsGaussian()) {
-    FloatVec by_v, by_shape;
-    ShapeSlopes(limits.primitive, shape, v, &by_v, &by_shape);
-    moving = hn::Mul(moving, by_v);
-  }
+  const FloatVec moving = hn::IfThenElseZero(hn::Lt(alpha, limits.alpha_max), out.alpha);
   const FloatVec factor = hn::Mul(hn::Mul(hn::Set(d, kTwoLn2), hn::Mul(kappa, moving)),
                                   hn::Mul(forms.z, hn::Mul(reciprocal, reciprocal)));
   const auto by_direction = [&](int j) HWY_ATTR {
@@ -138,13 +122,12 @@ HWY_INLINE void TileJacobian(bool with_shading, const RasterTask& task, const Ti
     to_tile.Turn(&frame.records[std::size_t{record::kSize} * entries[e].gaussian], r);
     const float* of_gaussian =
         with_shading ? shading + std::size_t{kShadingSlopes} * entries[e].gaussian : nullptr;
-    const float shape = ShapeOf(task, entries[e].gaussian);
     for (std::uint64_t todo = entries[e].blocks & wanted; todo != 0; todo &= todo - 1) {
       const int block = __builtin_ctzll(todo);
       const BlockFields at = fields.Block(block);
       const std::size_t o = pixel0 + static_cast<std::size_t>(block) * kLanes;
       const FloatVec s = hn::Load(d, &grid.s[o]), t = hn::Load(d, &grid.t[o]);
-      AddSlopes(EvaluateSlopes(limits, r, shape, s, t, at), r, of_gaussian, at);
+      AddSlopes(EvaluateSlopes(limits, r, s, t, at), r, of_gaussian, at);
     }
   }
   for (int block = 0; block < kBlocks; ++block) {

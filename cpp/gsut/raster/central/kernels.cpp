@@ -1,4 +1,4 @@
-// The raster kernels, compiled once per instruction set.
+// The kernels of Gaussians along rays from one point, compiled once per instruction set.
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "gsut/raster/central/kernels.cpp"
 #include "gsut/base/hwy_targets.h"
@@ -140,7 +140,7 @@ void Records(const RasterTask& task, const TileGrid& grid, const Splats& splats,
 void Forward(const RasterTask& task, const TileGrid& grid, int tile, Frame* frame, float* image,
              float* alpha, float* depth, float* distortion) {
   WithFlag(task.with_depth, [&](auto with_depth) HWY_ATTR {
-    CentralChunk chunk(task, grid, tile, *frame);
+    CentralChunk chunk(grid, tile, *frame);
     BlendTile(with_depth, task, grid, tile, chunk, frame);
   });
   WritePixels(grid, tile, *frame, task.background, task.with_depth, image, alpha, depth,
@@ -151,9 +151,18 @@ void Backward(const RasterTask& task, const TileGrid& grid, int tile,
               const ImageGradients& gradients, Frame* frame, float* to_rays) {
   HWY_ALIGN float buffer[7 * kTilePixels];
   const PixelGradients pixels = ReadPixelGradients(grid, tile, gradients, task.background, buffer);
-  WithBackwardFlags(gradients, to_rays != nullptr, [&](BackwardFlags flags) GSUT_INLINED_LAMBDA {
-    BackwardTile(flags, task, grid, tile, KeptPairs(*frame, tile), pixels, frame, to_rays);
-  });
+  // A build of the pass for each of these flags: only inlined, they are constants.
+  const auto run = [&](BackwardFlags flags) GSUT_INLINED_LAMBDA {
+    BackwardTile(flags, task, grid, tile, pixels, frame, to_rays);
+  };
+  const bool with_rays = to_rays != nullptr;
+  if (gradients.error != nullptr) {  // comes alone, see Renderer::Backward
+    run({false, false, true});
+  } else if (gradients.HasDepth()) {
+    run({true, with_rays, false});  // rays are rare here: a flag of the run
+  } else {
+    WithFlag(with_rays, [&](auto rays) HWY_ATTR { run({false, rays, false}); });
+  }
 }
 
 void Gradients(const RasterTask& task, const Frame& frame, std::int64_t begin, std::int64_t end,

@@ -57,7 +57,7 @@ void Renderer::Jacobian(std::span<const std::uint32_t> pixels, double* by_center
   if (lines_ != nullptr) {
     throw InputError(
         "derivatives of colours are for a lens with one centre and a global shutter, and for "
-        "primitives that are not flat; refine the poses of other images through render_backward");
+        "Gaussians by their maximum; refine the poses of other images through render_backward");
   }
   const std::size_t num_pixels = static_cast<std::size_t>(grid_->width) * grid_->height;
   // Places in `pixels`, tile by tile.

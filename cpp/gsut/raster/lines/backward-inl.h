@@ -90,7 +90,7 @@ struct ResidualGradient {
 // Phase 1: evaluates the response again, walks the blend on, and forms the residual's gradient.
 HWY_INLINE ResidualGradient BackwardResidual(BackwardFlags flags, const BlendLimits& limits,
                                              const LineChunk& chunk, int j, BlockFields fields,
-                                             FloatVec* sums, ShapeSums* shapes, float* pair) {
+                                             FloatVec* sums, float* pair) {
   using C = LineChunk;
   const FloatTag d;
   const LinePixels line = LinesOf(fields);
@@ -98,20 +98,10 @@ HWY_INLINE ResidualGradient BackwardResidual(BackwardFlags flags, const BlendLim
   const FloatMask is_hit = IsHit(hit, line);
   // A miss may be anywhere: its weight 0 must not meet infinity.
   const auto of_hit = [&](FloatVec v) HWY_ATTR { return hn::IfThenElseZero(is_hit, v); };
-  const FloatVec kappa = chunk.Get(C::kKappa, j), log2_strength = chunk.Get(C::kLog2Strength, j);
-  FloatVec exponent = hn::MulAdd(kappa, hit.u, log2_strength);
-  if (!limits.IsGaussian()) {
-    const FloatVec v = hn::Mul(kappa, of_hit(hit.u));
-    exponent = hn::Add(ShapeExponent(limits.primitive, shapes->shape, v), log2_strength);
-  }
-  const auto [to_raw, to_distance] =
-      PassBlend(flags, limits, chunk, j, is_hit, exponent, of_hit(hn::Sub(hit.x, line.slide)),
-                fields, sums, pair);
-  FloatVec h = to_raw;
-  // From here on h is the gradient to the exponent v, in place of that to ln raw.
-  if (!limits.IsGaussian()) {
-    h = shapes->PassOn(limits.primitive, h, hn::Mul(kappa, of_hit(hit.u)));
-  }
+  const FloatVec exponent =
+      hn::MulAdd(chunk.Get(C::kKappa, j), hit.u, chunk.Get(C::kLog2Strength, j));
+  const auto [h, to_distance] = PassBlend(flags, limits, chunk, j, is_hit, exponent,
+                                          of_hit(hn::Sub(hit.x, line.slide)), fields, sums, pair);
   ResidualGradient out;
   out.x = of_hit(hit.x);
   out.to_distance = to_distance;
@@ -189,6 +179,15 @@ HWY_INLINE void AddToLines(BackwardFlags flags, const LineChunk& chunk, int j,
   add(kLineToT, x_b, turn_x, y_b, turn_y);
 }
 
+// All phases of a Gaussian at one block.
+HWY_INLINE void BackwardSolid(BackwardFlags flags, const BlendLimits& limits,
+                              const LineChunk& chunk, int j, BlockFields fields, FloatVec* sums,
+                              float* pair) {
+  const ResidualGradient of = BackwardResidual(flags, limits, chunk, j, fields, sums, pair);
+  AddToSums(flags, of, sums);
+  if (flags.with_rays) AddToLines(flags, chunk, j, of, fields);
+}
+
 // Fills the slots of a tile's pairs: KeptPairs, or RayPairs. to_lines: with flags.with_rays 5 x 256
 // floats for the gradients to a, b, s, t and slide of the tile's lines, swizzled. channels: with
 // flags.with_channels.
@@ -213,9 +212,8 @@ HWY_INLINE void BackwardLines(BackwardFlags flags, const RasterTask& task, const
   const TileEntry* entries = pairs.entries;
   const float* bundle = grid.bundles[static_cast<std::size_t>(tile)].values;
   const BlendLimits limits(task);
-  const bool is_flat = HasEdges(limits.primitive);
+  const bool is_flat = IsFlat(task.gaussians.primitive);
   LineChunk chunk;
-  ShapeSums shapes;
   HWY_ALIGN float columns[16][kBackwardPairs];  // sums, a pair a column
   for (std::uint32_t first = 0; first < count; first += kBackwardPairs) {
     const int here = static_cast<int>(HWY_MIN(count - first, std::uint32_t{kBackwardPairs}));
@@ -228,7 +226,6 @@ HWY_INLINE void BackwardLines(BackwardFlags flags, const RasterTask& task, const
     for (int j = 0; j < here; ++j) {
       const std::uint32_t e = first + static_cast<std::uint32_t>(j);
       if (channels != nullptr) channels->Prepare(e);
-      if (!limits.IsGaussian()) shapes.Start(task, entries[e].gaussian);
       FloatVec sums[16];
       GSUT_UNROLL for (int i = 0; i < 16; ++i) sums[i] = hn::Zero(d);
       for (std::uint64_t todo = entries[e].blocks; todo != 0; todo &= todo - 1) {
@@ -237,18 +234,12 @@ HWY_INLINE void BackwardLines(BackwardFlags flags, const RasterTask& task, const
         float* pair = channels != nullptr ? channels->NextPair() : nullptr;
         pairs.Restore(e, block, at);
         if (HWY_UNLIKELY(is_flat)) {
-          VisitFlat(limits.primitive, [&](auto kind) HWY_ATTR {
-            BackwardFlat(kind, flags, limits, chunk, j, at, sums, &shapes, pair);
-          });
-          continue;
+          BackwardFlat(flags, limits, chunk, j, at, sums, pair);
+        } else {
+          BackwardSolid(flags, limits, chunk, j, at, sums, pair);
         }
-        const ResidualGradient of =
-            BackwardResidual(flags, limits, chunk, j, at, sums, &shapes, pair);
-        AddToSums(flags, of, sums);
-        if (flags.with_rays) AddToLines(flags, chunk, j, of, at);
       }
       if (channels != nullptr) channels->Finish(e);
-      if (!limits.IsGaussian()) shapes.Finish(entries[e].slot, frame);
       HWY_ALIGN float totals[16];
       SumLanes<16>(sums, totals);
       for (int k = 0; k < 16; ++k) columns[k][j] = totals[k];

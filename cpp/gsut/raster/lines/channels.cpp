@@ -1,4 +1,4 @@
-// The kernels of channels beside the colour for lines, compiled once per instruction set.
+// The kernels of channels beside the colour, compiled once per instruction set.
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "gsut/raster/lines/channels.cpp"
 #include "gsut/base/hwy_targets.h"
@@ -29,17 +29,20 @@ void LineChannelsForward(const RasterTask& task, const LineGrid& grid, int tile,
               distortion);
 }
 
-// The tile's whole backward pass, colours included: what channels are worth joins what colours are
-// worth before the gradient goes on to the response.
+// The tile's whole backward pass, colours included: what channels contribute to v_i joins what
+// colours contribute before the gradient goes on to the response.
 void LineChannelsBackward(const RasterTask& task, const LineGrid& grid, int tile,
                           const ImageGradients& gradients, Frame* frame, float* to_rays,
                           float* to_channels) {
-  BackwardWithChannels(task, grid.tiles, tile, gradients, to_rays != nullptr, *frame, to_channels,
-                       [&](BackwardFlags flags, const PixelGradients& pixels,
-                           TileChannels* channels) GSUT_INLINED_LAMBDA {
-                         BackwardLines(flags, task, grid, tile, KeptPairs(*frame, tile), pixels,
-                                       frame, to_rays, channels);
-                       });
+  HWY_ALIGN float buffer[7 * kTilePixels];
+  HWY_ALIGN float contribution[kTilePixels];
+  PixelGradients pixels = ReadPixelGradients(grid.tiles, tile, gradients, task.background, buffer);
+  TileChannels channels(task, grid.tiles, tile, gradients.channels, *frame, to_channels);
+  channels.AddToPixels(static_cast<std::size_t>(tile) * kTilePixels, *frame,
+                       buffer + 3 * kTilePixels, contribution);
+  pixels.channels = contribution;
+  BackwardLines({gradients.HasDepth(), to_rays != nullptr, false, true}, task, grid, tile,
+                KeptPairs(*frame, tile), pixels, frame, to_rays, &channels);
 }
 
 void LineLift(const RasterTask& task, const LineGrid& grid, int tile, const float* map, int count,

@@ -1,8 +1,8 @@
-// The backward pass of one flat primitive at one block of lines.
+// The backward pass of one triangle at one block of lines.
 //
 // With (x, y) over k where a line meets the plane and g the gauge there (flat-inl.h), raw =
-// strength (1 - g k / r)^b gives -k^2 q as gradient to (x, y),
-//   q = h b / (k r (1 - g k / r)) (dg/dx, dg/dy),  h = raw dL/draw.
+// strength (1 - g k / r) gives -k^2 q as gradient to (x, y),
+//   q = h / (k r (1 - g k / r)) (dg/dx, dg/dy),  h = raw dL/draw.
 // Along the line (x, y) goes by w and the distance by 1, so that where on its line the hit lies
 // gets -k^2 L (n.d),
 //   L = (q.w - dL/ddistance / k^2) / (n.d),
@@ -25,30 +25,25 @@ namespace gsut {
 namespace HWY_NAMESPACE {
 
 // Adds to V and K, and with rays to the gradients to the block's lines.
-template <class Kind>
-HWY_INLINE void BackwardFlat(Kind kind, BackwardFlags flags, const BlendLimits& limits,
-                             const LineChunk& chunk, int j, BlockFields fields, FloatVec* sums,
-                             ShapeSums* shapes, float* pair) {
+HWY_INLINE void BackwardFlat(BackwardFlags flags, const BlendLimits& limits, const LineChunk& chunk,
+                             int j, BlockFields fields, FloatVec* sums, float* pair) {
   using C = LineChunk;
   const FloatTag d;
   const LinePixels line = LinesOf(fields);
-  const FlatHit hit = FlatHitOf(kind, chunk, j, line);
+  const FlatHit hit = FlatHitOf(chunk, j, line);
   const FloatMask is_hit = IsHit(hit, line);
   const auto of_hit = [&](FloatVec value) HWY_ATTR { return hn::IfThenElseZero(is_hit, value); };
   // A miss may be anywhere: its weight 0 must not meet what is no number.
   const FloatVec log2_rest = of_hit(Log2(Lane(hit.rest)).v);
-  const FloatVec exponent =
-      hn::MulAdd(chunk.Get(C::kShape, j), log2_rest, chunk.Get(C::kLog2Strength, j));
+  const FloatVec exponent = hn::Add(log2_rest, chunk.Get(C::kLog2Strength, j));
   const auto [to_raw, to_distance] =
       PassBlend(flags, limits, chunk, j, is_hit, exponent, of_hit(hn::Sub(hit.along, line.slide)),
                 fields, sums, pair);
   const FloatVec inverse = of_hit(FastReciprocal(hit.rest));
-  const FloatVec by_radius = hn::Mul(hn::Mul(chunk.Get(C::kSpread, j), of_hit(hit.gauge)), inverse);
-  shapes->Add(hn::Mul(to_raw, hn::Add(log2_rest, by_radius)));
   const FloatVec x = of_hit(hit.x), y = of_hit(hit.y);
   constexpr float kTwoLn2 = 1.38629436111989061883f;
   const float cutoff = -kTwoLn2 * chunk.values[C::kKappa][j];  // k^2
-  const float slope = chunk.values[C::kShape][j] * chunk.values[C::kEnd][j] / cutoff;
+  const float slope = chunk.values[C::kEnd][j] / cutoff;
   const FloatVec pull = hn::Mul(hn::Mul(to_raw, hn::Set(d, slope)), inverse);
   const FloatVec q_x = hn::Mul(pull, hit.by_x), q_y = hn::Mul(pull, hit.by_y);
   FloatVec along = hn::MulAdd(q_x, of_hit(hit.w_x), hn::Mul(q_y, of_hit(hit.w_y)));

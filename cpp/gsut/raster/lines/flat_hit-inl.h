@@ -1,4 +1,4 @@
-// Where the lines of a block of pixels meet a flat primitive, see flat-inl.h.
+// Where the lines of a block of pixels meet a triangle, see flat-inl.h.
 
 #if defined(GSUT_RASTER_LINES_FLAT_HIT_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef GSUT_RASTER_LINES_FLAT_HIT_INL_H_
@@ -7,7 +7,6 @@
 #define GSUT_RASTER_LINES_FLAT_HIT_INL_H_
 #endif
 
-#include "gsut/gaussians/primitives-inl.h"
 #include "gsut/raster/lines/pair-inl.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -24,9 +23,9 @@ struct FlatHit {
   FloatVec along;       // where on the line
 };
 
-template <class Kind>
-HWY_INLINE FlatHit FlatHitOf(Kind kind, const LineChunk& chunk, int j, const LinePixels& line) {
+HWY_INLINE FlatHit FlatHitOf(const LineChunk& chunk, int j, const LinePixels& line) {
   using C = LineChunk;
+  const FloatTag d;
   FlatHit hit;
   const FloatVec depth = chunk.Get(C::kMd, j);
   const FloatVec a = hn::NegMulAdd(depth, line.s, hn::Sub(chunk.Get(C::kM1, j), line.a));
@@ -44,15 +43,18 @@ HWY_INLINE FlatHit FlatHitOf(Kind kind, const LineChunk& chunk, int j, const Lin
   const FloatVec xi = hn::Mul(across(C::kNormal + 1, C::kNormal + 2), hit.reciprocal);
   hit.x = hn::MulSub(xi, hit.w_x, across(C::kXa, C::kXb));
   hit.y = hn::MulSub(xi, hit.w_y, across(C::kYa, C::kYb));
-  Lane by_x, by_y;
-  hit.gauge = kind.Gauge(Lane(hit.x), Lane(hit.y), &by_x, &by_y).v;
-  hit.by_x = by_x.v;
-  hit.by_y = by_y.v;
+  // The gauge, as Profile::Gauge.
+  const FloatVec side = hn::CopySign(hn::Set(d, static_cast<float>(triangle::kRoot3)), hit.x);
+  const FloatVec upper = hn::MulAdd(side, hit.x, hit.y);
+  const FloatVec lower = hn::Mul(hn::Set(d, -2.0f), hit.y);
+  const FloatMask is_lower = hn::Lt(upper, lower);
+  hit.gauge = hn::Max(upper, lower);
+  hit.by_x = hn::IfThenZeroElse(is_lower, side);
+  hit.by_y = hn::IfThenElse(is_lower, hn::Set(d, -2.0f), hn::Set(d, 1.0f));
   // Of a miss as of the outline: a logarithm must be a number.
   constexpr float kLeastRest = 1e-30f;
-  const FloatVec one = hn::Set(FloatTag(), 1.0f);
-  hit.rest = hn::Max(hn::NegMulAdd(hit.gauge, chunk.Get(C::kEnd, j), one),
-                     hn::Set(FloatTag(), kLeastRest));
+  hit.rest = hn::Max(hn::NegMulAdd(hit.gauge, chunk.Get(C::kEnd, j), hn::Set(d, 1.0f)),
+                     hn::Set(d, kLeastRest));
   hit.along = hn::Add(depth, xi);
   return hit;
 }

@@ -30,8 +30,6 @@ enum class LineKind { kSolid, kFlat, kEither };
 template <LineKind kKind>
 class LineKernel {
  public:
-  static constexpr int kParts = 1;
-  static constexpr int kNone = kMissing;
   // Gaussians blended together, to hide the latency of exponential and reciprocal. Their responses
   // take twice the registers of rays from one point, hence half as many.
   static constexpr int kJam = 2;
@@ -44,21 +42,16 @@ class LineKernel {
         boxes_(&grid.block_box[static_cast<std::size_t>(tile) * 8 * kBlockStride]) {}
 
   HWY_INLINE void Fill(const TilePair* pairs, int count, int /*available*/,
-                       std::uint64_t* blocks_of, int /*part*/ = 0) {
+                       std::uint64_t* blocks_of) {
     const auto ids = [&](int j) { return pairs[j].gaussian; };
     if (IsFlat()) {
       chunk_.Fill<true>(task_, frame_.records.data(), bundle_, count, ids);
-      VisitFlat(task_.gaussians.primitive, [&](auto kind) HWY_ATTR {
-        for (int j = 0; j < count; ++j) {
-          blocks_of[j] = chunk_.TouchedFlat(kind, j, boxes_, kBlockStride);
-        }
-      });
+      for (int j = 0; j < count; ++j) {
+        blocks_of[j] = chunk_.TouchedFlat(j, boxes_, kBlockStride);
+      }
       return;
     }
     chunk_.Fill<false>(task_, frame_.records.data(), bundle_, count, ids);
-    for (int j = 0; j < count && HWY_UNLIKELY(task_.shapes != nullptr); ++j) {
-      shapes_[j] = ShapeOf(task_, pairs[j].gaussian);
-    }
     for (int j = 0; j < count; ++j) {
       blocks_of[j] = chunk_.TouchedBlocks(j, boxes_, kBlockStride, bundle_[LineBundle::kSlide]);
     }
@@ -71,9 +64,7 @@ class LineKernel {
   HWY_INLINE void Respond(const LinePixels& lines, const int* index, FloatMask open, FloatVec limit,
                           FloatVec* alpha, FloatVec* distance, FloatMask* hit) const {
     if (IsFlat()) {
-      VisitFlat(task_.gaussians.primitive, [&](auto kind) HWY_ATTR {
-        RespondFlat(kind, lines, index, open, limit, alpha, distance, hit);
-      });
+      RespondFlat(lines, index, open, limit, alpha, distance, hit);
       return;
     }
     GSUT_UNROLL for (int i = 0; i < kJam; ++i) {
@@ -83,12 +74,6 @@ class LineKernel {
       const FloatVec kappa = chunk_.Get(LineChunk::kKappa, index[i]);
       const FloatVec log2_strength = chunk_.Get(LineChunk::kLog2Strength, index[i]);
       alpha[i] = hn::MulAdd(kappa, response.u, log2_strength);
-      // As for rays from one point: v = kappa u, and what the primitive makes of it.
-      if (HWY_UNLIKELY(task_.gaussians.primitive != Primitive::kGaussian)) {
-        const FloatVec v = hn::Mul(kappa, response.u);
-        alpha[i] =
-            hn::Add(ShapeExponent(task_.gaussians.primitive, shapes_[index[i]], v), log2_strength);
-      }
       alpha[i] = AlphaOf(alpha[i], limit, hit[i]);
     }
   }
@@ -99,7 +84,7 @@ class LineKernel {
 
  private:
   HWY_INLINE bool IsFlat() const {
-    if constexpr (kKind == LineKind::kEither) return HasEdges(task_.gaussians.primitive);
+    if constexpr (kKind == LineKind::kEither) return gsut::IsFlat(task_.gaussians.primitive);
     return kKind == LineKind::kFlat;
   }
   // exponent: log2 of raw.
@@ -109,17 +94,15 @@ class LineKernel {
     return hn::IfThenElseZero(hit, hn::Min(alpha, limit));
   }
 
-  template <class Kind>
-  HWY_INLINE void RespondFlat(Kind kind, const LinePixels& lines, const int* index, FloatMask open,
+  HWY_INLINE void RespondFlat(const LinePixels& lines, const int* index, FloatMask open,
                               FloatVec limit, FloatVec* alpha, FloatVec* distance,
                               FloatMask* hit) const {
     GSUT_UNROLL for (int i = 0; i < kJam; ++i) {
-      const FlatHit response = FlatHitOf(kind, chunk_, index[i], lines);
+      const FlatHit response = FlatHitOf(chunk_, index[i], lines);
       hit[i] = hn::And(open, IsHit(response, lines));
       distance[i] = hn::Sub(response.along, lines.slide);
       const FloatVec log2_raw =
-          hn::MulAdd(chunk_.Get(LineChunk::kShape, index[i]), Log2(Lane(response.rest)).v,
-                     chunk_.Get(LineChunk::kLog2Strength, index[i]));
+          hn::Add(Log2(Lane(response.rest)).v, chunk_.Get(LineChunk::kLog2Strength, index[i]));
       alpha[i] = AlphaOf(log2_raw, limit, hit[i]);
     }
   }
@@ -130,7 +113,6 @@ class LineKernel {
   const float* bundle_;
   const float* boxes_;
   LineChunk chunk_;
-  float shapes_[kChunk + 1] = {};  // of what has shapes, activated
 };
 
 // A function, so that what it inlines stays out of the caller.
@@ -145,7 +127,7 @@ HWY_NOINLINE void RunFlatKernel(const RasterTask& task, const LineGrid& grid, in
 template <class Run>
 HWY_INLINE void WithLineKernel(const RasterTask& task, const LineGrid& grid, int tile,
                                const Frame& frame, const Run& run) {
-  if (HWY_UNLIKELY(HasEdges(task.gaussians.primitive))) {
+  if (HWY_UNLIKELY(IsFlat(task.gaussians.primitive))) {
     RunFlatKernel(task, grid, tile, frame, run);
     return;
   }

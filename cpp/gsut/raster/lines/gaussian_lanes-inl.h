@@ -30,9 +30,9 @@ struct GaussianLanes {
   Lane log2_strength, cutoff, k, inverse_k;
 };
 
-// load(k): float k of the records; stored(): their shapes.
-template <class Load, class Shapes>
-HWY_INLINE GaussianLanes LoadGaussians(const RasterTask& task, Load&& load, Shapes&& stored) {
+// load(k): float k of the records.
+template <class Load>
+HWY_INLINE GaussianLanes LoadGaussians(const RasterTask& task, Load&& load) {
   GaussianLanes g;
   g.inverse_volume = Lane(1.0);
   for (int k = 0; k < 3; ++k) {
@@ -46,10 +46,7 @@ HWY_INLINE GaussianLanes LoadGaussians(const RasterTask& task, Load&& load, Shap
   constexpr double kTwoLn2 = 1.38629436111989061883;
   g.cutoff =
       Min(Lane(kTwoLn2) * (g.log2_strength - Lane(task.log2_raw_min)), Lane(task.max_cutoff));
-  const Primitive primitive = task.gaussians.primitive;
-  if (HWY_UNLIKELY(primitive != Primitive::kGaussian)) {
-    g.cutoff = ShapeCutoff(primitive, stored(), g.cutoff);
-  }
+  if (HWY_UNLIKELY(IsFlat(task.gaussians.primitive))) g.cutoff = TriangleCutoff(g.cutoff);
   g.k = Sqrt(g.cutoff);
   g.inverse_k = Lane(1.0) / g.k;
   return g;

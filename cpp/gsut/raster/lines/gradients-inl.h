@@ -3,7 +3,7 @@
 // With r = M (mean - nearest point) over k, dL/dM M^T = -cut-off K and M^T dL/d(M mean) =
 // -k M^T V, both to D^2 as it is: the mean gets -k R S^-1 V, the logarithm of scale i cut-off K_ii,
 // and a turn about the Gaussian's own axis z -cut-off K_xy (s_y / s_x - s_x / s_y), and so on. No
-// difference of large numbers occurs, needles included. A flat primitive's sums are of another kind
+// difference of large numbers occurs, needles included. A triangle's sums are of another kind
 // (flat_backward-inl.h): along its normal the mean gets cut-off V_z, and turns about x and y are
 // moments of that.
 
@@ -44,7 +44,7 @@ HWY_INLINE void LineGradients(const RasterTask& task, bool is_parallel, std::int
   ParameterGradients out;
   const Lane k = Sqrt(s.cutoff);
   Lane to_mean[3];  // camera frame
-  const bool is_flat = HasEdges(g.primitive);
+  const bool is_flat = IsFlat(g.primitive);
   const Lane to_axes[3] = {
       k * sums[line_slot::kV] / s.scale[0], k * sums[line_slot::kV + 1] / s.scale[1],
       is_flat ? s.cutoff * sums[line_slot::kV + 2] : k * sums[line_slot::kV + 2] / s.scale[2]};

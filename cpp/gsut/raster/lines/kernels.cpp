@@ -75,7 +75,7 @@ void LineRecords(const RasterTask& task, const LineGrid& grid, std::int64_t begi
       splats->status[j] = SplatStatus::kUnseen;
       if (!((bits >> k) & 1)) continue;
       const float* row = &frame->records[j * record::kSize];
-      frame->rects[j] = LineTileRect(task, grid, j, row, rows.get(), spans);
+      frame->rects[j] = LineTileRect(task, grid, row, rows.get(), spans);
       if (frame->rects[j].x0 < frame->rects[j].x1) splats->status[j] = SplatStatus::kUncertain;
     }
   }
@@ -99,8 +99,10 @@ void LineBackward(const RasterTask& task, const LineGrid& grid, int tile,
   HWY_ALIGN float buffer[7 * kTilePixels];
   const PixelGradients pixels =
       ReadPixelGradients(grid.tiles, tile, gradients, task.background, buffer);
-  WithBackwardFlags(gradients, to_lines != nullptr, [&](BackwardFlags flags) GSUT_INLINED_LAMBDA {
-    BackwardLines(flags, task, grid, tile, KeptPairs(*frame, tile), pixels, frame, to_lines);
+  const bool with_rays = to_lines != nullptr, with_error = gradients.error != nullptr;
+  WithFlag(gradients.HasDepth(), [&](auto with_depth) HWY_ATTR {
+    BackwardLines({with_depth, with_rays, with_error}, task, grid, tile, KeptPairs(*frame, tile),
+                  pixels, frame, to_lines);
   });
 }
 

@@ -46,12 +46,18 @@ void LineChannelsBackwardKernel(const RasterTask& task, const LineGrid& grid, in
 void LineLiftKernel(const RasterTask& task, const LineGrid& grid, int tile, const float* map,
                     int count, Frame* frame, float* out);
 
-// As RayOrderKeysKernel, RayOrderForwardKernel and RayOrderBackwardKernel. A key is less the
-// distance from the reference at which a line may start.
+// For OrderKey::kRay, after LineRecordsKernel: order keys that bound where any line is nearest to a
+// Gaussian from below, less the distance from the reference at which a line may start, for the
+// Gaussians [begin, end), begin a multiple of 16.
 void LineRayOrderKeysKernel(const RasterTask& task, bool is_parallel, std::int64_t begin,
                             std::int64_t end, Frame* frame);
+
+// As LineForwardKernel, of lists by those keys: each pixel blends in the order of its own line.
+// Leaves no entries.
 void LineRayOrderForwardKernel(const RasterTask& task, const LineGrid& grid, int tile, Frame* frame,
                                float* image, float* alpha, float* depth, float* distortion);
+
+// As LineBackwardKernel, of a tile that LineRayOrderForwardKernel has blended.
 void LineRayOrderBackwardKernel(const RasterTask& task, const LineGrid& grid, int tile,
                                 const ImageGradients& gradients, Frame* frame, float* to_lines);
 

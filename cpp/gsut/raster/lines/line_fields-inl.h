@@ -1,4 +1,4 @@
-// What the backward passes of Gaussians and of flat primitives share at one block of lines.
+// Walks the blend back over one pair at one block of lines, a Gaussian or a triangle.
 
 #if defined(GSUT_RASTER_LINES_LINE_FIELDS_INL_H_) == defined(HWY_TARGET_TOGGLE)
 #ifdef GSUT_RASTER_LINES_LINE_FIELDS_INL_H_
@@ -28,8 +28,8 @@ enum LineField {
   kNumLineFields
 };
 
-// Where a slot holds V and K's upper triangle, row by row; the rest as in `slot`. Of flat
-// primitives, see flat_backward-inl.h.
+// Where a slot holds V and K's upper triangle, row by row; the rest as in `slot`. Of
+// triangles, see flat_backward-inl.h.
 namespace line_slot {
 inline constexpr int kV = 0;
 inline constexpr int kK = 3;

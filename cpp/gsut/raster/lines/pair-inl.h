@@ -178,11 +178,9 @@ struct LineChunk {
     kQ1,
     kQ2 = kQ1 + 3,
     kColumns = kQ2 + 3,
-    // Of flat primitives, which have X in kWx0, kXa and kXb and Y likewise.
+    // Of triangles, which have X in kWx0, kXa and kXb and Y likewise.
     kNormal = kQ1,
-    kShape = kWxs,
-    kEnd = kWxt,
-    kSpread = kWys
+    kEnd = kWxt
   };
   // Of X, Y and n: along D, E1 and E2.
   static constexpr int kColumnsOf[3][3] = {
@@ -213,14 +211,7 @@ struct LineChunk {
         for (int k = 0; k < record::kSize; ++k) rows[k][i] = row[k];
       }
       const auto load = [&](int k) HWY_ATTR { return Lane(hn::Load(d, rows[k])); };
-      const auto stored = [&]() HWY_ATTR {
-        HWY_ALIGN float shapes[kLanes] = {};
-        for (int i = 0; i < kLanes && task.shapes != nullptr; ++i) {
-          shapes[i] = task.gaussians.shapes[ids(first + i < count ? first + i : first)];
-        }
-        return Lane(hn::Load(d, shapes));
-      };
-      const GaussianLanes g = LoadGaussians(task, load, stored);
+      const GaussianLanes g = LoadGaussians(task, load);
       const auto store = [&](int column, Lane value)
                              HWY_ATTR { hn::Store(value.v, d, values[column] + first); };
       constexpr double kHalfLog2E = 0.72134752044448170368;
@@ -228,10 +219,7 @@ struct LineChunk {
       store(kLog2Strength, g.log2_strength);
       for (int c = 0; c < 3; ++c) store(kRed + c, load(line_record::kColor + c));
       if constexpr (kIsFlat) {
-        FlatPair p = PlaceFlat(g, axes);
-        VisitFlat(task.gaussians.primitive,
-                  [&](auto kind) HWY_ATTR { ShapeFlat(kind, g, stored(), &p); });
-        StoreFlat(p, store);
+        StoreFlat(PlaceFlat(g, axes), store);
         continue;
       }
       const LinePair p = PlaceInFrame(g, axes);
@@ -265,9 +253,7 @@ struct LineChunk {
       store(kColumnsOf[1][k], p.y[k]);
       store(kColumnsOf[2][k], p.n[k]);
     }
-    store(kShape, p.shape);
     store(kEnd, p.end);
-    store(kSpread, p.spread);
   }
 
   HWY_INLINE FloatVec Get(int column, int pair) const {
@@ -290,10 +276,8 @@ struct LineChunk {
     return blocks;
   }
 
-  // As TouchedBlocks, of a flat primitive.
-  template <class Kind>
-  HWY_INLINE std::uint64_t TouchedFlat(Kind kind, int pair, const float* boxes,
-                                       int block_stride) const {
+  // As TouchedBlocks, of a triangle.
+  HWY_INLINE std::uint64_t TouchedFlat(int pair, const float* boxes, int block_stride) const {
     const auto get = [&](int column) HWY_ATTR { return Lane(Get(column, pair)); };
     FlatPair p;
     for (int k = 0; k < 3; ++k) {
@@ -303,7 +287,7 @@ struct LineChunk {
       p.n[k] = get(kColumnsOf[2][k]);
     }
     return VisitBlocks(boxes, block_stride, [&](const Lane* center, const Lane* half) HWY_ATTR {
-      return MayHitFlat(kind, p, center, half);
+      return MayHitFlat(p, center, half);
     });
   }
 

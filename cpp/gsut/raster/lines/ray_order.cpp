@@ -1,5 +1,4 @@
-// The kernels of the order along each pixel's ray for lines, compiled once per
-// instruction set.
+// The kernels of the order along each pixel's ray, compiled once per instruction set.
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "gsut/raster/lines/ray_order.cpp"
 #include "gsut/base/hwy_targets.h"
@@ -55,7 +54,6 @@ float FarthestOrigin(const LineGrid& grid, int tile) {
   return farthest;
 }
 
-// A function, which is compiled once for all flags of a backward pass.
 template <class Notes>
 HWY_NOINLINE void BlendLinesAlongRays(const RasterTask& task, const LineGrid& grid, int tile,
                                       Frame* frame, Notes* notes) {
@@ -79,10 +77,9 @@ void LineRayOrderBackward(const RasterTask& task, const LineGrid& grid, int tile
       ReadPixelGradients(grid.tiles, tile, gradients, task.background, buffer);
   const auto blend = [&](RayNotes<kNumLineFields>* notes)
                          HWY_ATTR { BlendLinesAlongRays(task, grid, tile, frame, notes); };
-  WithBackwardFlags(gradients, to_lines != nullptr, [&](BackwardFlags flags) GSUT_INLINED_LAMBDA {
-    BackwardLines(flags, task, grid, tile, RayPairs(task, *frame, tile, blend), pixels, frame,
-                  to_lines);
-  });
+  const bool with_error = gradients.error != nullptr;
+  BackwardLines({gradients.HasDepth(), to_lines != nullptr, with_error}, task, grid, tile,
+                RayPairs(task, *frame, tile, blend), pixels, frame, to_lines);
 }
 
 }  // namespace HWY_NAMESPACE

@@ -105,31 +105,24 @@ HWY_INLINE TileWindow TouchWindow(const LineGrid& grid, const MayHitBundle& may_
   return hits;
 }
 
-// A function, so that Gaussians keep their registers, see primitives-inl.h.
-inline HWY_NOINLINE TileWindow TouchFlat(const LineGrid& grid, Primitive primitive, GaussianLanes g,
-                                         TileWindow window, TouchedRows* rows) {
-  TileWindow hits;
-  VisitFlat(primitive, [&](auto kind) HWY_ATTR {
-    const auto may_hit = [&](const GaussianLanes& of, const BundleLanes& bundle) HWY_ATTR {
-      return MayHitFlat(kind, PlaceFlat(of, bundle.axes), bundle.center, bundle.half);
-    };
-    hits = TouchWindow(grid, may_hit, g, window, rows);
-  });
-  return hits;
+// A function, so that Gaussians keep their registers.
+inline HWY_NOINLINE TileWindow TouchFlat(const LineGrid& grid, GaussianLanes g, TileWindow window,
+                                         TouchedRows* rows) {
+  const auto may_hit = [](const GaussianLanes& of, const BundleLanes& bundle) HWY_ATTR {
+    return MayHitFlat(PlaceFlat(of, bundle.axes), bundle.center, bundle.half);
+  };
+  return TouchWindow(grid, may_hit, g, window, rows);
 }
 
 // The tiles of the Gaussian with this record; all of them that it may touch.
-HWY_INLINE TileRect LineTileRect(const RasterTask& task, const LineGrid& grid, std::size_t gaussian,
-                                 const float* row, TouchedRows* rows, std::vector<RowSpan>* spans) {
+HWY_INLINE TileRect LineTileRect(const RasterTask& task, const LineGrid& grid, const float* row,
+                                 TouchedRows* rows, std::vector<RowSpan>* spans) {
   const auto load = [&](int k) HWY_ATTR { return Lane(row[k]); };
-  const auto stored = [&]() HWY_ATTR {
-    return Lane(task.shapes == nullptr ? 0.0f : task.gaussians.shapes[gaussian]);
-  };
-  const GaussianLanes g = LoadGaussians(task, load, stored);
+  const GaussianLanes g = LoadGaussians(task, load);
   const TileWindow window = {0, grid.tiles.tiles_x, 0, grid.tiles.tiles_y};
   rows->Clear(window);
-  if (HWY_UNLIKELY(HasEdges(task.gaussians.primitive))) {
-    return RectOf(TouchFlat(grid, task.gaussians.primitive, g, window, rows), *rows, spans);
+  if (HWY_UNLIKELY(IsFlat(task.gaussians.primitive))) {
+    return RectOf(TouchFlat(grid, g, window, rows), *rows, spans);
   }
   const auto may_hit = [](const GaussianLanes& of, const BundleLanes& bundle) HWY_ATTR {
     return MayHit(PlaceInFrame(of, bundle.axes), bundle.center, bundle.half, bundle.slide);

@@ -1,5 +1,4 @@
-// What the double reference's two passes share: the Gaussians of a view in order, and their blend
-// along one ray.
+// Orders the Gaussians of a view and blends them along one ray, for the double reference.
 #pragma once
 
 #include <Eigen/Core>
@@ -43,37 +42,38 @@ struct Ray {
   Eigen::Vector3d origin, direction;
 };
 
-// Where a ray passes a Gaussian. With w = A d and v = A (m - o), |v - t w|^2 is least at t =
-// v.w / |w|^2. A flat primitive is met in its plane, where v - t w has no third component, and a
-// gauge of the other two takes the place of |v - t w|.
+// Where a ray passes a Gaussian: with w = A d and v = A (m - o), D^2 = |v - t w|^2 is least at
+// t = v.w / |w|^2. For triangles see HitPlane.
 struct Passing {
   Eigen::Vector3d w, v;
   double t, w2;  // w2 = |w|^2
-  double d2;     // |v - t w|^2 or the gauge's square
-  double peak;   // the primitive's response, of a Gaussian exp(-d2 / 2)
+  double d2;     // |v - t w|^2; of a triangle the gauge's square
+  double peak;   // the response, of a Gaussian exp(-d2 / 2)
   // Derivatives by v: of d2 / 2, and of t. Those by w are -t pull, and t_by_w.
   Eigen::Vector3d pull, t_by_v, t_by_w;
 
   Passing(const Seen& s, const Ray& ray)
       : w(s.whiten * ray.direction), v(s.whitened - s.whiten * ray.origin) {
     w2 = w.squaredNorm();
-    if (IsFlat(s.profile.primitive)) {
-      MeetPlane(s.profile);
-    } else {
+    if (s.profile.IsGaussian()) {
       t = v.dot(w) / w2;
       pull = v - t * w;  // across w
       d2 = pull.squaredNorm();
       t_by_v = w / w2;
       t_by_w = (v - 2.0 * t * w) / w2;
+    } else {
+      HitPlane(s.profile);
     }
-    peak = s.profile.IsGaussian() ? std::exp(-0.5 * d2) : s.profile.Response(d2);
+    peak = s.profile.Response(d2);
   }
   // The standard deviation along the ray, in units of t.
   double Width() const { return 1.0 / std::sqrt(w2); }
 
  private:
-  // The gauge is of the hit seen from the mean, t w - v, and t = v_z / w_z carries the hit along.
-  void MeetPlane(const Profile& profile) {
+  // A triangle is hit in its plane, where v - t w has no third component, and a gauge of the other
+  // two takes the place of D. The gauge is of the hit seen from the mean, t w - v, and t = v_z /
+  // w_z carries the hit along.
+  void HitPlane(const Profile& profile) {
     t = v.z() / w.z();
     double slopes[2];
     const double gauge = profile.Gauge(t * w.x() - v.x(), t * w.y() - v.y(), slopes);

@@ -76,11 +76,11 @@ std::vector<Seen> SortedGaussians(const GaussiansView<const double>& g, const Vi
     s.whitened = s.whiten * s.relative;
     s.mean_scale = 3.0 / scale.cwiseInverse().sum();
     s.strength = g.Strength(i);
-    s.profile = g.ProfileOf(i);
+    s.profile = Profile{g.primitive};
     if (!(scale.allFinite() && s.whiten.allFinite() && s.whitened.allFinite() &&
-          std::isfinite(s.strength) && std::isfinite(s.profile.stored))) {
+          std::isfinite(s.strength))) {
       throw InputError("Gaussian " + std::to_string(i) +
-                       " has a quaternion, scale, opacity or shape that is not finite");
+                       " has a quaternion, scale or opacity that is not finite");
     }
     s.direction = view.is_parallel ? Vector3d(pose.rotation.row(2)) : s.relative.normalized();
     double basis[kMaxShCoefficients];

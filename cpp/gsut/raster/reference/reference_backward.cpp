@@ -28,7 +28,6 @@ struct GradientSums {
   Vector3d whitened = Vector3d::Zero();  // to A m, chained to mean and whiten at the end
   double strength = 0;
   double log_mean_scale = 0;  // to the logarithm of Seen::mean_scale
-  double shape = 0;           // as stored
   Vector3d color = Vector3d::Zero();
   Eigen::VectorXd channels;
 };
@@ -44,7 +43,7 @@ struct PixelGradient {
 };
 
 // With w = A d, v = A (m - o), t = v.w / |w|^2 and residual r = v - t w (Passing, which has what
-// flat primitives have in place of these):
+// triangles have in place of these):
 //   D^2 = |r|^2:  dD^2/dv = 2 r,  dD^2/dw = -2 t r, and dln f/dD^2 is Profile::Slope over -2;
 //   t:            dt/dv = w / |w|^2,  dt/dw = (v - 2 t w) / |w|^2.
 // The blend itself is taken back to front: T_i = T_(i+1) / (1 - alpha_i), see
@@ -87,10 +86,7 @@ PixelGradient BackwardPixel(const std::vector<Seen>& seen, const Ray& ray,
     gs.strength += g_raw * hit.response;
     const Passing at(s, ray);
     double g_log = g_raw * s.strength * hit.response;  // dL/dln raw
-    if (!s.profile.IsGaussian()) {
-      gs.shape += g_log * s.profile.StoredSlope(at.d2);
-      g_log *= s.profile.Slope(at.d2);
-    }
+    if (!s.profile.IsGaussian()) g_log *= s.profile.Slope(at.d2);
     double e = hit.weight * (from.depth + 2.0 * g_distortion * apart);  // dL/dt
     Vector3d g_w = Vector3d::Zero();
     if (response == Response::kDensity) {
@@ -147,7 +143,6 @@ void WriteGradients(const Seen& s, GradientSums total, const GaussiansView<const
 
   Eigen::Map<Vector3d>(gradients.means + 3 * i) = g_relative;
   gradients.opacity_logits[i] = total.strength * gaussians.StrengthSlope(s.strength);
-  if (gradients.shapes != nullptr) gradients.shapes[i] = total.shape;
   // A = S^-1 R^T: row k of A is column k of R divided by the scale k.
   Matrix3d g_rotation;
   for (int k = 0; k < 3; ++k) {
@@ -220,7 +215,6 @@ void RenderReferenceBackward(const GaussiansView<const double>& gaussians, const
   std::fill_n(gradients.quats, 4 * n, 0.0);
   std::fill_n(gradients.log_scales, 3 * n, 0.0);
   std::fill_n(gradients.opacity_logits, n, 0.0);
-  if (gradients.shapes != nullptr) std::fill_n(gradients.shapes, n, 0.0);
   std::fill_n(gradients.sh, 3 * k_all * n, 0.0);
   const int num_channels = to_image.channels.count;
   std::fill_n(to_image.to_channels, num_channels * n, 0.0);
@@ -235,7 +229,6 @@ void RenderReferenceBackward(const GaussiansView<const double>& gaussians, const
       total.whitened += sum[j].whitened;
       total.strength += sum[j].strength;
       total.log_mean_scale += sum[j].log_mean_scale;
-      total.shape += sum[j].shape;
       total.color += sum[j].color;
       to_channels += sum[j].channels;
     }

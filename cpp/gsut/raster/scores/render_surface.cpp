@@ -128,9 +128,9 @@ void Renderer::Surface(const SurfaceMaps& maps) const {
 // Both lead on to A and to A m, which are summed over pixels, and from these to the parameters.
 // First walk: the whole sums; second walk: the gradients, front to back.
 void Renderer::SurfaceBackward(const float* dnormals, const GaussiansView<float>& gradients) const {
-  if (task_.shapes != nullptr) {
+  if (IsFlat(task_.gaussians.primitive)) {
     throw InputError(std::string("normals of primitive \"") + NameOf(task_.gaussians.primitive) +
-                     "\" have no gradient to its shapes; with one: gaussian, power4");
+                     "\" have no gradient; with one: gaussian");
   }
   const WalkScene scene = LastScene();
   const auto tile = [&](int number, double* sums) {

@@ -28,7 +28,7 @@ WalkGaussian WalkGaussianOf(const WalkScene& scene, std::int64_t index) {
   out.whitened = out.whiten * (Map<const Eigen::Vector3f>(g.means + 3 * index).cast<double>() -
                                scene.camera_from_world.CenterInSource());
   out.strength = g.Strength(index);
-  out.profile = g.ProfileOf(index);
+  out.profile = Profile{g.primitive};
   return out;
 }
 

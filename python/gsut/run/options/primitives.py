@@ -10,23 +10,27 @@ from gsut._core import InputError
 OTHER_PRIMITIVES = tuple(name for name in _core.list_primitives() if name != "gaussian")
 FLAT_PRIMITIVES = (
     "surfel",
-    *(name for name, (_, _, is_flat) in _core.list_primitives().items() if is_flat),
+    *(name for name, (_, is_flat) in _core.list_primitives().items() if is_flat),
 )
 
 
 def check_rule(options: Any) -> None:
     """Raises InputError for options that the order or a primitive that is no Gaussian rule out."""
     primitive = options.primitive
-    if options.order == "ray" and options.refine_poses:
-        raise InputError(
-            "--refine-poses cannot be combined with --order ray, along which colours have no "
-            "derivatives by the pose; refine first (gsut poses), or leave one of the two out"
-        )
+    for flag, given in (
+        ("--order ray", options.order == "ray"),
+        ("--response extinction", options.response == "extinction"),
+        (f"--primitive {primitive}", primitive in OTHER_PRIMITIVES),
+    ):
+        if given and options.refine_poses:
+            raise InputError(
+                f"--refine-poses cannot be combined with {flag}, whose colours have no derivatives "
+                "by the pose; refine first (gsut poses), or leave one of the two out"
+            )
     if primitive not in OTHER_PRIMITIVES:
         return
-    has_shape, *_ = _core.list_primitives()[primitive]
-    if options.surface and has_shape:
+    if options.surface:
         raise InputError(
-            f"--surface cannot be combined with --primitive {primitive}: normals have no gradient "
-            "to its shapes; leave one of the two out"
+            f"--surface cannot be combined with --primitive {primitive}, whose normals have no "
+            "gradient; leave one of the two out"
         )

@@ -57,9 +57,9 @@ class Recipe:
         noise: whether MCMC adds noise to the centres.
         regularizer: weights of the mean opacity and of the mean scale in the loss (MCMC).
         lr_means: of the centres, x scene extent; `lr_means_final_factor` is their factor.
-        lr_scales, lr_quats, lr_opacity, lr_sh0, lr_sh_rest, lr_shapes: of the logarithms of scales,
-            rotations, opacity logits, base colour, other harmonics, and shapes of primitives;
-            `lr_final_factor` is the factor of them all.
+        lr_scales, lr_quats, lr_opacity, lr_sh0, lr_sh_rest: of the logarithms of scales, rotations,
+            opacity logits, base colour and other harmonics; `lr_final_factor` is the factor of them
+            all.
     """
 
     coarse_to_fine: tuple[float, float]
@@ -73,7 +73,6 @@ class Recipe:
     lr_quats: float = 4e-3  # 4 x published
     lr_opacity: float = 0.1  # 2 x published
     lr_sh0: float = 7e-3  # 3 x published
-    lr_shapes: float = 2e-2
     lr_means_final_factor: float = 0.01  # published
     regularizer: float = 0.01  # published (MCMC)
 

@@ -117,9 +117,8 @@ class TrainOptions:
     )
     primitive: str = define_option(
         "gaussian", "Gaussians", "surfel: flat discs without a third scale, written as in 2DGS; "
-        "atom: Gaussians with one scale; power4: exp(-D^4 / 18), 3DGRT's default; beta: "
-        "(1 - D^2 / 2b)^b, its shape b learnt; triangle: flat, its sharpness learnt; other viewers "
-        "do not draw the last three",
+        "atom: Gaussians with one scale; triangle: flat, falling linearly to its outline, which "
+        "other viewers do not draw",
         choices=("gaussian", "surfel", "atom", *OTHER_PRIMITIVES),
     )
     response: str = define_option(

@@ -3,25 +3,18 @@
 from gsut.sfm.lens.cameras import search_lenses
 from gsut.sfm.lens.candidates import guess_lenses
 from gsut.sfm.lens.center import free_center
-from gsut.sfm.lens.covariance import (
-    differentiate_by_turn,
-    estimate_residual_spread,
-    spread_free_parameters,
-)
 from gsut.sfm.lens.critical_motion import TURNED
 from gsut.sfm.lens.doubt import compare_lens, describe_doubt, judge_lens
-from gsut.sfm.lens.elimination import eliminate_by_windows, eliminate_points
+from gsut.sfm.lens.information import WeightedObservations, differentiate_by_turn
 from gsut.sfm.lens.zooms import describe_zooms, find_zooms, index_points, join_points
 
 __all__ = [
     "TURNED",
+    "WeightedObservations",
     "compare_lens",
     "describe_doubt",
     "describe_zooms",
     "differentiate_by_turn",
-    "eliminate_by_windows",
-    "eliminate_points",
-    "estimate_residual_spread",
     "find_zooms",
     "free_center",
     "guess_lenses",
@@ -29,5 +22,4 @@ __all__ = [
     "join_points",
     "judge_lens",
     "search_lenses",
-    "spread_free_parameters",
 ]

@@ -28,7 +28,7 @@ _GUESSED_FIELDS = (45.0, 60.0, 75.0)
 _BENDS = (1.0, 0.0)  # perspective and equidistant: kinds of lenses that are tried
 
 
-def search_lenses(mapping: Mapping) -> None:
+def search_lenses(mapping: Mapping) -> Mapping:
     """Estimates poses, points and every unknown lens.
 
     One lens of all photographs is searched with its zooms. Of several cameras each lens is chosen
@@ -38,35 +38,32 @@ def search_lenses(mapping: Mapping) -> None:
     points that the other cameras see, and all is estimated once more. If no camera has enough of
     its own, all start from what they state, or from usual fields of view.
 
-    Sets the mapping's solution, verified pairs and `lens_free`.
+    Returns:
+        The run with solution, verified pairs and `lens_free`.
 
     Raises:
         SolveError: nothing could be reconstructed.
     """
     groups, log = mapping.photographs.unknown_groups, mapping.log
     if len(groups) == 1 and len(groups[0].images) == len(mapping.photographs):
-        search_zooms(mapping)
-        return
+        return search_zooms(mapping)
     lenses = _Lenses(mapping, groups)
-    open_groups, failure = [], None
+    open_groups, failure, rows = [], None, []
     for group in groups:
         try:
             if len(group.images) < _FEWEST_IMAGES:
                 raise SolveError(f"{len(group.images)} images are too few")
             own = mapping.select(group)
-            lens, flags, _ = choose_lens(own)
+            lens, flags, _, trials = choose_lens(own)
         except SolveError as error:
             open_groups.append(group)
             failure = error
             continue
         lenses.set(group, lens, flags)
-        rows = own.found.figures["lens_search"]
-        mapping.found.figures.setdefault("lens_search", []).extend(
-            {"camera": group.name, **row} for row in rows
-        )
+        rows += [{"camera": group.name, **row} for row in trials]
     if failure is not None and not lenses.known.any():
         _start_from_guesses(lenses, groups)
-        open_groups = [g for g in groups if not mapping.solved.registered[g.images].any()]
+        open_groups = [g for g in groups if not lenses.mapping.solved.registered[g.images].any()]
     lenses.solve()
     found = [group for group in open_groups if _fit_to_points(lenses, group)]
     if found:
@@ -79,13 +76,14 @@ def search_lenses(mapping: Mapping) -> None:
                 f"have no pose: {list_some(names)}; give their lens file, or more images that "
                 "overlap with each other or with those of the other cameras"
             )
+    return lenses.mapping.add_findings({"lens_search": rows} if rows else None)
 
 
 class _Lenses:
     """The lenses of a run's photographs, as far as they are known.
 
     Attributes:
-        mapping: the run.
+        mapping: the run, with what was solved last.
         known: (N,) bool, whether an image's lens is known or estimated.
     """
 
@@ -115,32 +113,32 @@ class _Lenses:
             for image in np.flatnonzero(self.known):
                 if self._free[image] is not None and mapping.solution.registered[image]:
                     self._cameras[image] = mapping.solution.cameras[image]
-        mapping.photographs = mapping.photographs.with_cameras(self._cameras)
-        pairs = {(int(a), int(b)) for a, b in mapping.raw.pairs if self.known[a] and self.known[b]}
-        mapping.pairs = verify_matches(mapping.images, select_pairs(mapping.raw, pairs), options)
-        require_overlap(mapping.images, mapping.pairs, is_lens_known=False)
-        mapping.lens_free = list(self._free)
-        mapping.solution = solve_poses(
-            mapping.images, mapping.pairs, options, mapping.log.follow_steps("mapping"),
-            Adjustment(mapping.lens_free, lens_settled=settled),
+        mapping = mapping.replace(photographs=mapping.photographs.with_cameras(self._cameras))
+        among = {(int(a), int(b)) for a, b in mapping.raw.pairs if self.known[a] and self.known[b]}
+        pairs = verify_matches(mapping.images, select_pairs(mapping.raw, among), options)
+        require_overlap(mapping.images, pairs, is_lens_known=False)
+        self.mapping = mapping.replace(pairs=pairs, lens_free=list(self._free))
+        solution = solve_poses(
+            mapping.images, pairs, options, mapping.log.follow_steps("mapping"),
+            Adjustment(self.mapping.lens_free, lens_settled=settled),
         )  # fmt: skip
+        self.mapping = self.mapping.replace(solution=solution)
 
 
 def _start_from_guesses(lenses: _Lenses, groups: Sequence[LensGroup]) -> None:
     """Solves from the focal length that each camera states, or from usual fields of view.
 
-    For cameras none of which has photographs enough to choose its lens by them alone. Sets the
-    mapping's solution of the field of view that registers most images, and points with them.
+    For cameras none of which has photographs enough to choose its lens by them alone. The solution
+    is then that of the field of view that registers most images, and points with them.
 
     Raises:
         SolveError: nothing could be reconstructed with any of them.
     """
-    mapping = lenses.mapping
     best, most, failure = None, (0, 0), None
     for field in _GUESSED_FIELDS:
-        mapping.solution = None
+        lenses.mapping = lenses.mapping.replace(solution=None)
         for group in groups:
-            size = mapping.photographs.lenses[group.images[0]]
+            size = lenses.mapping.photographs.lenses[group.images[0]]
             guess = make_lens(size.width, size.height, field, 1.0)
             lenses.set(group, next(iter(group.candidates), guess), START)
         try:
@@ -148,12 +146,13 @@ def _start_from_guesses(lenses: _Lenses, groups: Sequence[LensGroup]) -> None:
         except SolveError as error:
             failure = error
             continue
-        rank = mapping.solved.num_registered, len(mapping.solved.points)
+        found = lenses.mapping.solved
+        rank = found.num_registered, len(found.points)
         if rank > most:
-            best, most = mapping.solution, rank
+            best, most = found, rank
         if all(group.candidates for group in groups):
             break
-    mapping.solution = best
+    mapping = lenses.mapping = lenses.mapping.replace(solution=best)
     if best is None and failure is not None:
         raise explain_failure(failure, mapping.features, mapping.pairs, ADVICE)
 

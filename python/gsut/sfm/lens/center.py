@@ -34,21 +34,24 @@ _TRIAL_MATCHES = 150  # of a pair, the most distinct, in a first adjustment
 _FREE = 1  # flag of a parameter that is estimated by itself
 
 
-def free_center(mapping: Mapping) -> None:
+def free_center(mapping: Mapping) -> Mapping:
     """Estimates the principal point with everything else, near the middle as far as priors say.
 
     The middle was assumed so far. It stays where the lens is known, under a rolling shutter, for
     two lenses in one frame, for a video that may have a rolling shutter, after a motion that leaves
     the lens open, and unless the images clearly place it elsewhere: without that evidence two more
-    unknowns only cost accuracy. Else sets the mapping's solution and `lens_free`.
+    unknowns only cost accuracy.
+
+    Returns:
+        The run with solution and `lens_free`.
     """
     solution, flags, photographs = mapping.solved, mapping.one_lens_free, mapping.photographs
     if flags is None or solution.shutter is not None or photographs.frames is not None:
-        return
+        return mapping
     if photographs.flows and not mapping.found.figures.get("shutter_signs", math.inf) < _SUSPECTED:
-        return
+        return mapping
     if find_critical_motion(solution, mapping.pairs) is not None:
-        return
+        return mapping
     freed = flags.copy()
     freed[list(CENTER)] = _FREE
     found = solution
@@ -62,29 +65,30 @@ def free_center(mapping: Mapping) -> None:
                 Adjustment(freed, covariances=is_last, extend=is_last),
             )  # fmt: skip
     except SolveError:
-        return
+        return mapping
     if found.num_registered < solution.num_registered:
-        return
+        return mapping
     lens = found.cameras[int(np.flatnonzero(found.registered)[0])]
-    is_off = _is_clearly_off(found, lens, freed, mapping.options.loss_scale)
+    is_off = _is_clearly_off(found, lens, freed)
     if is_off and explain_implausible(lens, mapping.features) is None:
         found = dataclasses.replace(
             found, initial_pair=solution.initial_pair, restarts=solution.restarts
         )
-        mapping.solution, mapping.lens_free = found, freed
+        return mapping.replace(solution=found, lens_free=freed)
+    return mapping
 
 
-def _is_clearly_off(solution: Solution, lens: Camera, flags: np.ndarray, loss_scale: float) -> bool:
+def _is_clearly_off(solution: Solution, lens: Camera, flags: np.ndarray) -> bool:
     """Decides whether the principal point differs from the middle beyond doubt."""
     try:
-        known = estimate_lens_covariances(solution, flags, loss_scale, FEATURE_VARIANCE)[0]
+        known = estimate_lens_covariances(solution, flags, FEATURE_VARIANCE)[0]
     except SolveError:
         return False
     off = lens.params[list(CENTER)] - [lens.width / 2, lens.height / 2]
     return bool(np.linalg.norm(off / known.sigmas[list(CENTER)]) > _CLEARLY_OFF)
 
 
-def describe_center(mapping: Mapping, lens: Camera, known: LensCovariance | None) -> None:
+def describe_center(mapping: Mapping, lens: Camera, known: LensCovariance | None) -> Mapping:
     """Adds the principal point of the one lens to the figures, and a note if it deserves one.
 
     Args:
@@ -97,7 +101,7 @@ def describe_center(mapping: Mapping, lens: Camera, known: LensCovariance | None
     is_free = flags is not None and bool(flags[list(CENTER)].all())
     sigma = known.sigmas[list(CENTER)] if known is not None and is_free else np.full(2, prior)
     off = lens.params[list(CENTER)] - [lens.width / 2, lens.height / 2]
-    mapping.found.figures["principal_point"] = {
+    figures = {
         "off_px": off.tolist(), "sigma_px": sigma.tolist(), "estimated": is_free,
     }  # fmt: skip
     if is_free and (np.abs(off) > _CLEARLY_OFF * sigma).any():
@@ -112,3 +116,4 @@ def describe_center(mapping: Mapping, lens: Camera, known: LensCovariance | None
             f"the principal point is taken to be near the middle of the picture ({way}): all "
             f"cameras may be turned alike by {turn:.1f} degrees (standard deviation)"
         )
+    return mapping.add_findings({"principal_point": figures})

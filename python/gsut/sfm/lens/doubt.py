@@ -22,26 +22,20 @@ from gsut.sfm.solution import FEATURE_VARIANCE, index_lenses
 _CONTRADICTS = 0.1  # relative difference of focal lengths that needs an explanation
 
 
-def judge_lens(mapping: Mapping) -> None:
+def judge_lens(mapping: Mapping) -> Mapping:
     """Adds to the findings how well the focal length of the least known lens is known.
 
     Where all lenses are known, whether the photographs contradict them; see `check_given_lens`.
     """
     solution, flags = mapping.solved, mapping.lens_free
     if flags is None:
-        check_given_lens(mapping)
-        return
-    found = mapping.found
-    found.motion = find_critical_motion(solution, mapping.pairs)
-    found.focal_sigma = math.inf
-    covariances = []
+        return check_given_lens(mapping)
+    sigma, covariances = math.inf, []
     try:
-        covariances = estimate_lens_covariances(
-            solution, flags, mapping.options.loss_scale, FEATURE_VARIANCE
-        )
+        covariances = estimate_lens_covariances(solution, flags, FEATURE_VARIANCE)
         lenses = index_lenses(solution.cameras, flags)
         estimated = [c for c, f in zip(lenses.cameras, lenses.free, strict=True) if f is not None]
-        found.focal_sigma = max(
+        sigma = max(
             float(covariance.sigmas[0] / lens.params[0])
             for covariance, lens in zip(covariances, estimated, strict=True)
         )
@@ -49,10 +43,11 @@ def judge_lens(mapping: Mapping) -> None:
         pass
     if isinstance(flags, np.ndarray) and mapping.photographs.frames is None:
         lens = solution.cameras[int(np.flatnonzero(solution.registered)[0])]
-        describe_center(mapping, lens, covariances[0] if covariances else None)
-    found.focal_sigma = weigh_focal_prior(mapping, found.focal_sigma)
-    is_finite = math.isfinite(found.focal_sigma)
-    found.figures["focal_sigma_percent"] = 100 * found.focal_sigma if is_finite else None
+        mapping = describe_center(mapping, lens, covariances[0] if covariances else None)
+    motion = find_critical_motion(solution, mapping.pairs)
+    mapping, sigma = weigh_focal_prior(mapping, sigma)
+    percent = 100 * sigma if math.isfinite(sigma) else None
+    return mapping.add_findings({"focal_sigma_percent": percent}, motion=motion, focal_sigma=sigma)
 
 
 def describe_doubt(found: Findings) -> str | None:
@@ -73,25 +68,24 @@ def describe_doubt(found: Findings) -> str | None:
     )
 
 
-def compare_lens(mapping: Mapping) -> list[str]:
-    """Compares the lens that was found with what the photographs say, one sentence each.
+def compare_lens(mapping: Mapping) -> tuple[list[str], dict[str, Any]]:
+    """Compares the lens that was found with what the photographs say.
 
-    Adds "lens_start" to the figures where the lens was named.
+    Returns:
+        One sentence each; and "lens_start" of the figures where the lens was named.
     """
     photographs, figures = mapping.photographs, mapping.found.figures
     lens, notes = mapping.solved.cameras[0], []
     groups = photographs.groups
     if len(groups) > 1 or (groups and len(groups[0].images) < len(photographs)):
         names = ", ".join(group.name or "images" for group in groups)
-        return [f"the lens of each of these cameras was found: {names}"]
+        return [f"the lens of each of these cameras was found: {names}"], {}
     if figures["lens"] == "estimated" and photographs.exif_focal_px is not None:
         notes += explain_contradiction(photographs.exif_focal_px, lens)
-    if photographs.profile is not None:
-        figures["lens_start"] = compare_with_profile(
-            photographs.profile, lens, figures.get("readout"), mapping.options
-        )
-        notes.append(describe_start(figures["lens_start"]))
-    return notes
+    if photographs.profile is None:
+        return notes, {}
+    start = compare_with_profile(photographs.profile, lens, figures.get("readout"), mapping.options)
+    return [*notes, describe_start(start)], {"lens_start": start}
 
 
 def compare_with_profile(

@@ -22,17 +22,17 @@ _TIED = 2  # flag of the focal lengths, which change by one factor
 _CONTRADICTS = 3.0
 
 
-def check_given_lens(mapping: Mapping) -> None:
+def check_given_lens(mapping: Mapping) -> Mapping:
     """Adds to the findings how far the photographs contradict the focal length of a given lens.
 
     Everything is adjusted again with the focal length free. Only a difference that would lower the
     verdict is compared with its standard deviation. Does nothing for a rig, several lenses, or a
     lens that has no focal length.
     """
-    solution, found = mapping.solved, mapping.found
+    solution = mapping.solved
     lens = _find_one_lens(solution)
     if lens is None or mapping.rig is not None or not len(solution.points):
-        return
+        return mapping
     flags = np.zeros(len(lens.params), np.uint8)
     flags[find_focal_params(lens)] = _TIED
     pairs = keep_most_distinct(mapping.pairs, _MATCHES)
@@ -42,26 +42,25 @@ def check_given_lens(mapping: Mapping) -> None:
             adjustment=Adjustment(flags, covariances=False),
         )  # fmt: skip
     except SolveError:  # nothing can be said
-        return
+        return mapping
     given, own = float(lens.params[0]), find_focal(free)
     gap = math.log(own / given)
     figures = {"px": given, "images_px": own, "images_sigma_percent": None, "agrees": True}
-    found.figures["given_focal"] = figures
     if abs(gap) <= FOCAL_LIMITS[0]:
-        return
+        return mapping.add_findings({"given_focal": figures})
     sigma = _estimate_sigma(mapping, free, flags)
     if math.isfinite(sigma):
         figures["images_sigma_percent"] = 100 * sigma
     freedom = count_groups(free) - 1
     if not math.isfinite(sigma) or convert_to_normal(gap / sigma, freedom) <= _CONTRADICTS:
-        return
+        return mapping.add_findings({"given_focal": figures})
     figures["agrees"] = False
-    found.focal_gap = own / given - 1
     mapping.log.note(
         f"the photographs give a focal length of {own:.1f} px, known to {200 * sigma:.1f} % (two "
         f"standard deviations), which contradicts the {given:.1f} px of the given lens; let the "
         "lens be estimated with --unknown-lens, or give the lens that took them"
     )
+    return mapping.add_findings({"given_focal": figures}, focal_gap=own / given - 1)
 
 
 def _find_one_lens(solution: Solution) -> Camera | None:
@@ -75,9 +74,7 @@ def _find_one_lens(solution: Solution) -> Camera | None:
 def _estimate_sigma(mapping: Mapping, free: Solution, flags: np.ndarray) -> float:
     """Estimates the standard deviation of the logarithm of a freed focal length."""
     try:
-        (known,) = estimate_lens_covariances(
-            free, flags, mapping.options.loss_scale, FEATURE_VARIANCE
-        )
+        (known,) = estimate_lens_covariances(free, flags, FEATURE_VARIANCE)
     except SolveError:  # the images do not determine it
         return math.inf
     by_features = float(known.sigmas[0] / find_focal(free))

@@ -12,10 +12,10 @@ from gsut._core import SolveError
 from gsut.lens import FocalPrior, find_focal_params, with_scaled_focal
 from gsut.sfm.lens.candidates import guess_lens
 from gsut.sfm.lens.covariance import estimate_lens_covariances
-from gsut.sfm.lens.elimination import split_windows
+from gsut.sfm.lens.information import split_windows
 from gsut.sfm.lens.trials import run_trials
 from gsut.sfm.mapping import Mapping
-from gsut.sfm.matches import keep_most_distinct, verify_matches
+from gsut.sfm.matches import PairMatches, keep_most_distinct, verify_matches
 from gsut.sfm.solution import (
     Adjustment,
     OnStep,
@@ -48,26 +48,26 @@ _EXIF = "EXIF"  # source of the focal length that photographs state
 _AGREE = 4.5
 
 
-def weigh_focal_prior(mapping: Mapping, features_sigma: float) -> float:
+def weigh_focal_prior(mapping: Mapping, features_sigma: float) -> tuple[Mapping, float]:
     """Moves the focal length to the weighted mean of images and prior, where the two agree.
 
-    Everything else is adjusted again with that focal length held. Sets the mapping's solution, and
-    "focal_prior" of the figures, where there is a prior.
+    Everything else is adjusted again with that focal length held.
 
     Args:
         features_sigma: standard deviation of the logarithm of the focal length by the errors of
             the features alone.
 
     Returns:
-        The standard deviation of the logarithm of the focal length.
+        The run with solution, pairs, and "focal_prior" of the figures where there is a prior; and
+        the standard deviation of the logarithm of the focal length.
     """
     solution, flags = mapping.solved, mapping.one_lens_free
     if flags is None:
-        return features_sigma
+        return mapping, features_sigma
     sigma = estimate_focal_sigma(mapping, solution, flags, features_sigma)
     prior = _find_prior(mapping)
     if prior is None:
-        return sigma
+        return mapping, sigma
     focal = find_focal(solution)
     gap = math.log(focal / prior.px)
     agrees = abs(gap) <= _AGREE * math.hypot(sigma, prior.sigma)
@@ -77,27 +77,27 @@ def weigh_focal_prior(mapping: Mapping, features_sigma: float) -> float:
     if agrees and sigma > _NEGLIGIBLE * prior.sigma and solution.shutter is None:
         held = _hold_focal(mapping, flags, math.exp((share - 1) * gap))
     known = f"{focal:.0f} px, known to {200 * sigma:.1f} % (two standard deviations)"
-    mapping.found.figures["focal_prior"] = {
+    figures = {
         "source": prior.source, "px": prior.px, "sigma_percent": 100 * prior.sigma,
         "images_px": focal,
         "images_sigma_percent": 100 * sigma if math.isfinite(sigma) else None,
         "agrees": agrees, "used": held is not None,
     }  # fmt: skip
+    mapping = mapping.add_findings({"focal_prior": figures})
     if not agrees and prior.source != _EXIF:  # `explain_contradiction` speaks of EXIF
         mapping.log.note(
             f"the images give a focal length of {known}, which contradicts the {prior.px:.0f} px "
             f"of {prior.source}, likelier wrong and not used; check it"
         )
     if held is None:
-        return sigma
-    mapping.solution = held
+        return mapping, sigma
     if share < 0.5:
         alone = f"a focal length of {known}" if sigma < 1 else "no focal length"
         mapping.log.note(
             f"the images alone give {alone}; with the {prior.px:.0f} px of {prior.source} it is "
-            f"{find_focal(held):.0f} px, known to {200 * both:.1f} %"
+            f"{find_focal(held[0]):.0f} px, known to {200 * both:.1f} %"
         )
-    return both
+    return mapping.replace(solution=held[0], pairs=held[1]), both
 
 
 def _find_prior(mapping: Mapping) -> FocalPrior | None:
@@ -125,11 +125,12 @@ def count_groups(solution: Solution) -> int:
     return min(_GROUPS, solution.num_registered)
 
 
-def _hold_focal(mapping: Mapping, flags: np.ndarray, factor: float) -> Solution | None:
+def _hold_focal(
+    mapping: Mapping, flags: np.ndarray, factor: float
+) -> tuple[Solution, list[PairMatches]] | None:
     """Adjusts everything but the focal length, changed by a factor; None if images are lost.
 
-    Where the structure does not follow so far, it is found from nothing. Sets the mapping's pairs
-    then.
+    Where the structure does not follow so far, it is found from nothing, of pairs verified again.
     """
     solution = mapping.solved
     lens = with_scaled_focal(solution.cameras[0], factor)
@@ -143,7 +144,7 @@ def _hold_focal(mapping: Mapping, flags: np.ndarray, factor: float) -> Solution 
             start, features, mapping.pairs, options, on_step, Adjustment(free, extend=True)
         )
         if held.num_registered == solution.num_registered:
-            return held
+            return held, mapping.pairs
     except SolveError:
         pass
     images = dataclasses.replace(mapping.images, cameras=start.cameras, shutter=None)
@@ -154,8 +155,7 @@ def _hold_focal(mapping: Mapping, flags: np.ndarray, factor: float) -> Solution 
         return None
     if held.num_registered < solution.num_registered:
         return None
-    mapping.pairs = pairs
-    return held
+    return held, pairs
 
 
 def estimate_focal_sigma(
@@ -206,7 +206,7 @@ def _measure_spread_of_windows(mapping: Mapping, solution: Solution, flags: np.n
         if found is None:
             return None
         try:
-            (known,) = estimate_lens_covariances(found, flags, mapping.options.loss_scale)
+            (known,) = estimate_lens_covariances(found, flags)
         except SolveError:
             return None
         focal = find_focal(found)

@@ -52,20 +52,21 @@ ADVICE = "give a rough field of view by --fov, or a lens by --camera"
 _ROLLING_PAIRS = 3.0
 
 
-def search_lens(mapping: Mapping) -> None:
+def search_lens(mapping: Mapping) -> Mapping:
     """Estimates poses and the one lens of all photographs together.
-
-    Sets the mapping's solution, verified pairs and `lens_free`.
 
     Args:
         mapping: photographs with any guess of their size as lenses, features and raw matches.
 
+    Returns:
+        The run with solution, verified pairs and `lens_free`.
+
     Raises:
         SolveError: nothing could be reconstructed with any lens.
     """
-    lens, flags, pairs = choose_lens(mapping)
+    lens, flags, pairs, rows = choose_lens(mapping)
     try:
-        mapping.solution = solve_poses(
+        solution = solve_poses(
             mapping.images.with_lens(lens), pairs, mapping.options,
             mapping.log.follow_steps("mapping"),
             Adjustment(
@@ -74,10 +75,13 @@ def search_lens(mapping: Mapping) -> None:
         )  # fmt: skip
     except SolveError as error:
         raise explain_failure(error, mapping.features, pairs, ADVICE) from None
-    mapping.pairs, mapping.lens_free = pairs, flags
+    searched = mapping.replace(solution=solution, pairs=pairs, lens_free=flags)
+    return searched.add_findings({"lens_search": rows})
 
 
-def choose_lens(mapping: Mapping) -> tuple[Camera, np.ndarray, list[PairMatches]]:
+def choose_lens(
+    mapping: Mapping,
+) -> tuple[Camera, np.ndarray, list[PairMatches], list[dict[str, Any]]]:
     """Estimates the one lens of all photographs from some of them.
 
     First lenses (the photographs' candidates of the database or EXIF, and a ladder of fields of
@@ -88,8 +92,8 @@ def choose_lens(mapping: Mapping) -> tuple[Camera, np.ndarray, list[PairMatches]
     against it; impossible lenses are rejected.
 
     Returns:
-        The lens, flags of its estimated parameters (see `Adjustment`), and the pairs of all
-        photographs verified through a lens near it.
+        The lens, flags of its estimated parameters (see `Adjustment`), the pairs of all
+        photographs verified through a lens near it, and the result of each trial.
 
     Raises:
         SolveError: see `search_lens`.
@@ -116,8 +120,7 @@ def choose_lens(mapping: Mapping) -> tuple[Camera, np.ndarray, list[PairMatches]
         raise explain_failure(
             error, mapping.features, pairs, ADVICE, has_only_turned=turned
         ) from None
-    mapping.found.figures["lens_search"] = trials.rows
-    return chosen.cameras[0], flags, pairs
+    return chosen.cameras[0], flags, pairs, trials.rows
 
 
 def _solve_first_images(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import functools
 import math
 from collections.abc import Sequence
@@ -15,13 +14,13 @@ from gsut._core import SolveError
 from gsut.data import list_some
 from gsut.lens import Camera, find_focal_params, has_focal_length, with_scaled_focal
 from gsut.sfm.lens.candidates import make_lens
-from gsut.sfm.lens.covariance import differentiate_by_turn
+from gsut.sfm.lens.information import differentiate_by_turn
 from gsut.sfm.lens.search import search_lens
 from gsut.sfm.lens.trials import run_trials
-from gsut.sfm.mapping import Findings, Mapping, Zoom
+from gsut.sfm.mapping import Mapping, Zoom
 from gsut.sfm.matches import RawMatches, select_pairs
 from gsut.sfm.photographs import Features, PosesOptions
-from gsut.sfm.solution import OnStep, Solution
+from gsut.sfm.solution import MIN_INLIERS, OnStep, Solution
 
 # Factors on the focal length that an image without a pose is tried with.
 _FACTORS = np.geomspace(0.25, 4.0, 33)
@@ -48,46 +47,44 @@ _FIELD = 60.0  # degrees across of the lens whose focal length is scaled where n
 Sightings = tuple[np.ndarray, np.ndarray]  # pixels (M, 2) and the points (M, 3) seen there
 
 
-def search_zooms(mapping: Mapping) -> None:
+def search_zooms(mapping: Mapping) -> Mapping:
     """Searches the lens, and the zooms of the images where they are several.
 
     Images of two zooms can pass for images of one between them, from nearer and from farther away.
     Where a tenth of the images are left without a pose, and the matches of some suggest another
     zoom than those of most, the lens is searched once more by the latter alone.
 
-    Sets what `search_lens` sets, and the zooms found.
+    Returns:
+        The run with what `search_lens` finds, and the zooms.
 
     Raises:
         SolveError: see `search_lens`.
     """
     features, raw, options = mapping.features, mapping.raw, mapping.options
-    failure = None
+    failure, first = None, mapping
     try:
-        search_lens(mapping)
+        first = search_lens(mapping)
     except SolveError as error:
         failure = error
-    solution = mapping.solution
+    solution = first.solution
     if solution is not None:
-        mapping.found.zooms = find_zooms(solution, features, raw, options)
-        if mapping.found.zooms or solution.num_registered >= (1 - _LEFT_OUT) * len(features):
-            return
+        first = first.add_findings(zooms=find_zooms(solution, features, raw, options))
+        if first.found.zooms or solution.num_registered >= (1 - _LEFT_OUT) * len(features):
+            return first
     size = mapping.photographs.lenses[0]
     start = make_lens(size.width, size.height, _FIELD, 1.0)
     lens = start if solution is None else solution.cameras[0]
     group, others = _split_by_zoom(lens, features, raw, options)
     if len(others) >= _FEWEST_IMAGES and len(group) > _FEWEST_IMAGES:
         own = select_pairs(raw, {(int(a), int(b)) for a, b in raw.pairs if {a, b} <= group})
-        again = dataclasses.replace(mapping, raw=own, solution=None, found=Findings())
-        again.found.figures.update(mapping.found.figures)
         with contextlib.suppress(SolveError):
-            search_lens(again)
-            again.found.zooms = find_zooms(again.solved, features, raw, options)
+            again = search_lens(mapping.replace(raw=own)).replace(raw=raw)
+            again = again.add_findings(zooms=find_zooms(again.solved, features, raw, options))
             if again.found.zooms:
-                mapping.solution, mapping.pairs = again.solution, again.pairs
-                mapping.lens_free, mapping.found = again.lens_free, again.found
-                return
+                return again
     if failure is not None:
         raise failure
+    return first
 
 
 def _split_by_zoom(
@@ -259,7 +256,7 @@ def try_focals(
         pose, inliers = _core.absolute_pose(bearings, rows, points[rows], max_error, options.seed)
         if inliers.sum() > most:
             most, best = int(inliers.sum()), (factor, pose, rows[inliers])
-    if best is None or most < max(options.min_inliers, least * len(pixels)):
+    if best is None or most < max(MIN_INLIERS, least * len(pixels)):
         return math.nan
     factor, pose, rows = best
     return math.log(factor) + _fit_focal(

@@ -40,11 +40,15 @@ class RigFit:
         """Rescales the rig and its figures to another unit."""
         poses = self.rig.camera_from_reference.copy()
         poses[:, :3, 3] *= scale
-        self.figures["baseline"] *= scale
-        for row, pose in zip(self.figures["cameras"], poses, strict=True):
-            row["camera_from_reference"] = pose.tolist()
-        return dataclasses.replace(
-            self, rig=dataclasses.replace(self.rig, camera_from_reference=poses)
+        cameras = [
+            {**row, "camera_from_reference": pose.tolist()}
+            for row, pose in zip(self.figures["cameras"], poses, strict=True)
+        ]
+        baseline = scale * self.figures["baseline"]
+        return RigFit(
+            dataclasses.replace(self.rig, camera_from_reference=poses),
+            {**self.figures, "baseline": baseline, "cameras": cameras},
+            self.notes,
         )
 
 
@@ -56,7 +60,7 @@ class Zoom:
     names: list[str]
 
 
-@dataclasses.dataclass
+@dataclasses.dataclass(frozen=True)
 class Findings:
     """What a run has found so far, for its notes, verdict and poses.json.
 
@@ -92,9 +96,9 @@ class Findings:
     figures: dict[str, Any] = dataclasses.field(default_factory=dict)
 
 
-@dataclasses.dataclass
+@dataclasses.dataclass(frozen=True)
 class Mapping:
-    """What a run knows so far; each stage adds to it.
+    """What a run knows so far; each stage returns what it knows then.
 
     Args:
         photographs: with their lenses; a first guess where the lens is unknown.
@@ -126,6 +130,20 @@ class Mapping:
     lens_free: LensFlags = None
     found: Findings = dataclasses.field(default_factory=Findings)
 
+    def replace(self, **changes: Any) -> Mapping:
+        """Returns the run with other fields."""
+        return dataclasses.replace(self, **changes)
+
+    def add_findings(self, figures: dict[str, Any] | None = None, **findings: Any) -> Mapping:
+        """Returns the run with further findings.
+
+        Args:
+            figures: of poses.json, beside those known.
+            findings: fields of `Findings`.
+        """
+        figures = {**self.found.figures, **(figures or {})}
+        return self.replace(found=dataclasses.replace(self.found, figures=figures, **findings))
+
     def select(self, group: LensGroup) -> Mapping:
         """Returns a run of the photographs of one lens, with the matches among them."""
         place = np.full(len(self.photographs), -1)
@@ -152,15 +170,11 @@ class Mapping:
             and self.rig is None
         )
 
-    def complete_solution(self, solution: Solution) -> Solution:
-        """Sets the solution, and adds covariances that were deferred, see `Adjustment`.
-
-        Returns:
-            The solution as it is then.
-        """
-        self.found.models = [each.add_covariances(self.features) for each in self.found.models]
-        self.solution = solution.add_covariances(self.features)
-        return self.solution
+    def complete_solution(self, solution: Solution) -> Mapping:
+        """Returns the run with a solution and covariances that were deferred, see `Adjustment`."""
+        models = [each.add_covariances(self.features) for each in self.found.models]
+        completed = self.replace(solution=solution.add_covariances(self.features))
+        return completed.add_findings(models=models)
 
     @property
     def one_lens_free(self) -> np.ndarray | None:

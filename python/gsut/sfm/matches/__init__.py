@@ -1,6 +1,14 @@
 """Pairs of photographs: features that look alike, and those of them that agree with a pose."""
 
-from gsut.sfm.matches.matching import PairMatches, RawMatches, find_frame_numbers, match_images
+from gsut.sfm.matches.matching import (
+    MAX_DISTANCE,
+    MAX_RATIO,
+    WINDOW,
+    PairMatches,
+    RawMatches,
+    find_frame_numbers,
+    match_images,
+)
 from gsut.sfm.matches.selection import (
     choose_connected_pairs,
     keep_most_distinct,
@@ -8,6 +16,7 @@ from gsut.sfm.matches.selection import (
     select_verified_pairs,
 )
 from gsut.sfm.matches.verification import (
+    ROLLING_ERROR,
     explain_failure,
     find_picture_faults,
     require_overlap,
@@ -15,6 +24,10 @@ from gsut.sfm.matches.verification import (
 )
 
 __all__ = [
+    "MAX_DISTANCE",
+    "MAX_RATIO",
+    "ROLLING_ERROR",
+    "WINDOW",
     "PairMatches",
     "RawMatches",
     "choose_connected_pairs",

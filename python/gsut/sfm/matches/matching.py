@@ -18,6 +18,17 @@ _WORDS = 64
 _SAMPLE = 20000  # descriptors that the vocabulary is made from
 _WORD_FEATURES = 500  # of each image, largest first, that are compared with the vocabulary
 _ROUNDS = 8  # of k-means: the vocabulary need not be exact
+_ALL_UP_TO = 100  # images, of which all pairs are compared
+WINDOW = 8  # images after each that it is compared with, where names count up
+_NEIGHBORS = 20  # images most like each that it is compared with
+# Features, the largest, that decide whether a pair is compared in full.
+_PREVIEW_FEATURES = 700
+_PREVIEW_MATCHES = 8  # of them that must match
+# Most images that an image is compared with in full: those with the most matches of the largest
+# features.
+_MOST_PARTNERS = 24
+MAX_RATIO = 0.85  # of the distances of matched descriptors, nearest to second nearest
+MAX_DISTANCE = 0.7  # of matched descriptors, of unit length
 # Called with (pairs done, pairs in all).
 OnPairs = Callable[[int, int], None]
 
@@ -90,15 +101,13 @@ def match_images(
         descriptors = [f.descriptors[:most] for f in features]  # largest features first
         for begin in range(0, len(pairs), BATCH):
             batch = pairs[begin : begin + BATCH]
-            yield from _core.match_pairs(
-                descriptors, batch, options.max_ratio, options.max_distance
-            )
+            yield from _core.match_pairs(descriptors, batch, MAX_RATIO, MAX_DISTANCE)
             done, total = begin + len(batch), len(pairs)
             on_progress(stage, done, total, f"{total} pairs")
 
     # The largest features show which pairs match: most pairs of a walk see different things.
-    counts = np.array([len(m) for m in match("preview", options.preview_features)], np.int64)
-    pairs = _keep_partners(pairs, counts, options)
+    counts = np.array([len(m) for m in match("preview", _PREVIEW_FEATURES)], np.int64)
+    pairs = _keep_partners(pairs, counts)
     raw = RawMatches(pairs, list(match("matching", None)))
     if stages is not None:
         arrays = {
@@ -110,16 +119,16 @@ def match_images(
     return raw
 
 
-def _keep_partners(pairs: np.ndarray, counts: np.ndarray, options: PosesOptions) -> np.ndarray:
+def _keep_partners(pairs: np.ndarray, counts: np.ndarray) -> np.ndarray:
     """Keeps (Q, 2) of pairs (P, 2), each image's best by counts (P,) of matches."""
-    good = np.flatnonzero(counts >= options.preview_matches)
+    good = np.flatnonzero(counts >= _PREVIEW_MATCHES)
     # A pair stays if either of its images keeps it.
     order = good[np.argsort(-counts[good], kind="stable")]
     used = np.zeros(pairs.max(initial=-1) + 1, np.int64)
     kept = []
     for index in order:
         first, second = pairs[index]
-        if min(used[first], used[second]) < options.partners:
+        if min(used[first], used[second]) < _MOST_PARTNERS:
             used[first] += 1
             used[second] += 1
             kept.append(index)
@@ -145,7 +154,7 @@ def choose_pairs(
     """
     count = len(names)
     rule = options.pairs
-    if rule == "auto" and count <= options.all_up_to:
+    if rule == "auto" and count <= _ALL_UP_TO:
         rule = "all"
     if rule == "all":
         first, second = np.triu_indices(count, 1)
@@ -154,9 +163,9 @@ def choose_pairs(
     in_time = find_frame_numbers(names, frames) is not None
     if rule == "sequential" or (rule == "auto" and in_time):
         together = 1 if frames is None else int(np.bincount(frames).max())
-        chosen.append(_pair_sequential(count, options.window * together))
+        chosen.append(_pair_sequential(count, WINDOW * together))
     if rule in ("similar", "auto"):
-        chosen.append(_pair_similar(features, options.neighbors, options.seed))
+        chosen.append(_pair_similar(features, options.seed))
     pairs = np.unique(np.sort(np.concatenate(chosen), axis=1), axis=0)
     return pairs[pairs[:, 0] != pairs[:, 1]]
 
@@ -187,7 +196,7 @@ def _pair_sequential(count: int, window: int) -> np.ndarray:
     return np.array(pairs, np.int64).reshape(-1, 2)
 
 
-def _pair_similar(features: Sequence[Features], neighbors: int, seed: int) -> np.ndarray:
+def _pair_similar(features: Sequence[Features], seed: int) -> np.ndarray:
     """Pairs the images most alike by aggregated descriptors (VLAD: Jegou et al. 2010)."""
     rng = np.random.default_rng(seed)
     largest = [f.normalize_descriptors(_WORD_FEATURES) for f in features]
@@ -199,7 +208,7 @@ def _pair_similar(features: Sequence[Features], neighbors: int, seed: int) -> np
     signatures = np.stack([_sum_residuals(d, words) for d in largest])
     likeness = signatures @ signatures.T
     np.fill_diagonal(likeness, -np.inf)
-    count = min(neighbors, len(features) - 1)
+    count = min(_NEIGHBORS, len(features) - 1)
     nearest = np.argsort(-likeness, axis=1, kind="stable")[:, :count]
     first = np.repeat(np.arange(len(features)), count)
     return np.stack([first, nearest.ravel()], axis=1).astype(np.int64)

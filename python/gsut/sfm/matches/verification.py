@@ -32,6 +32,9 @@ _BRIGHT = 235  # mean grey value of the features of an overexposed picture, of 2
 _FEW_FEATURES = 500  # of a picture that is blurred, dark or without texture
 # Share of bad pictures above which a result is usable at most, and above which it is poor.
 _BAD_SHARES = (0.25, 0.75)
+_FEWEST_MATCHES = 20  # verified, of a pair that is used
+# Factor on the largest errors under a rolling shutter, until velocities are estimated.
+ROLLING_ERROR = 12.0
 
 
 def verify_matches(
@@ -42,10 +45,10 @@ def verify_matches(
 ) -> list[PairMatches]:
     """Keeps matches that agree with one relative pose a pair, and with the other pairs' rotations.
 
-    Matches of a rolling shutter may be `options.rolling_error` times farther off.
+    Matches of a rolling shutter may be ROLLING_ERROR times farther off.
 
     Returns:
-        The pairs with at least min_matches matches that the others do not contradict.
+        The pairs with at least _FEWEST_MATCHES matches that the others do not contradict.
     """
     bearings = [
         _core.ImageBearings(c, f.pixels)
@@ -55,7 +58,7 @@ def verify_matches(
     diagonal = max(float(np.hypot(c.width, c.height)) for c in images.cameras)
     max_error = options.max_two_view_error * diagonal / 1000
     if images.shutter is not None:
-        max_error *= options.rolling_error
+        max_error *= ROLLING_ERROR
     result = []
     for begin in range(0, len(raw.pairs), BATCH):
         batch = raw.pairs[begin : begin + BATCH]
@@ -67,7 +70,7 @@ def verify_matches(
         for (a, b), matches, (inliers, pose, rotation, parallax, ok) in zip(
             batch, found, verified, strict=True
         ):
-            if ok and int(inliers.sum()) >= options.min_matches:
+            if ok and int(inliers.sum()) >= _FEWEST_MATCHES:
                 result.append(
                     PairMatches(int(a), int(b), matches[inliers], pose, rotation, parallax)
                 )

@@ -29,6 +29,8 @@ _EDGE_SIZES = 1.0
 # Pixels for each wanted feature up to which describing all keypoints is cheaper than building the
 # image pyramid a second time.
 _PIXELS_EACH = 300
+# Of SIFT: a higher one misses features of even surfaces, and images with them.
+_CONTRAST = 0.0067
 _STAGE = "features-{:06d}"  # name of an image's stage file
 
 
@@ -204,7 +206,10 @@ def read_features(
 
 
 def detect_features(
-    pixels: np.ndarray, valid: np.ndarray | None, options: PosesOptions
+    pixels: np.ndarray,
+    valid: np.ndarray | None,
+    options: PosesOptions,
+    contrast: float = _CONTRAST,
 ) -> Features:
     """Detects the features of an image in memory.
 
@@ -212,13 +217,12 @@ def detect_features(
         pixels: (H, W, 3) uint8.
         valid: (H, W) bool, where features may lie; None: everywhere.
         options: see PosesOptions.
+        contrast: SIFT's threshold.
     """
     import cv2
 
     height, width = pixels.shape[:2]
-    scale = options.feature_scale
-    if scale == 0:
-        scale = min(1.0, math.sqrt(options.max_megapixels * 1e6 / (width * height)))
+    scale = min(1.0, math.sqrt(options.max_megapixels * 1e6 / (width * height)))
     small = shrink_image(pixels, max(1, round(scale * width)), max(1, round(scale * height)))
     factor = np.array([width / small.shape[1], height / small.shape[0]])
     grey = cv2.cvtColor(small, cv2.COLOR_RGB2GRAY)
@@ -230,7 +234,7 @@ def detect_features(
     at_once = small_mask is None or grey.size < _PIXELS_EACH * options.max_features
     sift = cv2.SIFT.create(
         options.max_features if small_mask is None else 0,
-        contrastThreshold=options.contrast, enable_precise_upscale=True,
+        contrastThreshold=contrast, enable_precise_upscale=True,
     )  # fmt: skip
     if at_once:
         keypoints, descriptors = sift.detectAndCompute(grey, small_mask)

@@ -29,33 +29,37 @@ class Stages:
     Args:
         out: the output folder; made if absent.
         key: all that the stages depend on, as JSON values. Stages of another key are deleted.
+
+    Attributes:
+        folder: of the files.
+        digest: hash of the key.
     """
 
     def __init__(self, out: Path, key: dict[str, Any]) -> None:
-        self._folder = out / FOLDER
+        self.folder = out / FOLDER
         self.digest = digest_key(key)
-        stored = self._folder / _KEY
+        stored = self.folder / _KEY
         if not (stored.is_file() and stored.read_text(encoding="utf-8") == self.digest):
-            shutil.rmtree(self._folder, ignore_errors=True)
+            shutil.rmtree(self.folder, ignore_errors=True)
         try:
-            self._folder.mkdir(parents=True, exist_ok=True)
+            self.folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise InputError(f"cannot make {self._folder}: {error.strerror}") from error
+            raise InputError(f"cannot make {self.folder}: {error.strerror}") from error
         write_file(stored, self.digest)
 
     def remove(self) -> None:
         """Deletes the stage files once the run is complete."""
-        shutil.rmtree(self._folder, ignore_errors=True)
+        shutil.rmtree(self.folder, ignore_errors=True)
 
     def save(self, name: str, arrays: dict[str, np.ndarray]) -> None:
         """Writes named arrays as one stage file."""
-        with whole_file(self._folder / f"{name}.npz") as file:
+        with whole_file(self.folder / f"{name}.npz") as file:
             np.savez(file, **arrays)  # type: ignore[arg-type]  # numpy's stub wants bool for a name
 
     def load(self, name: str) -> dict[str, np.ndarray] | None:
         """Reads the arrays of a stage; None if the file is absent or damaged."""
         try:
-            with np.load(self._folder / f"{name}.npz") as file:
+            with np.load(self.folder / f"{name}.npz") as file:
                 return {key: file[key] for key in file.files}
         except (OSError, ValueError, KeyError, zipfile.BadZipFile):
             return None

@@ -18,6 +18,7 @@ from gsut.data.points import format_points_ply
 from gsut.data.poses import invert_pose
 from gsut.files import check_shape, reading, write_file
 from gsut.run import Verdict
+from gsut.sfm.lens import compare_lens
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.photographs import Photographs
 from gsut.sfm.report.page import REPORT, write_report
@@ -47,11 +48,13 @@ def write_poses(mapping: Mapping, folder: Path, made_from: str) -> dict[str, Any
         made_from: digest of all that the poses depend on.
     """
     solution, found, log = mapping.solved, mapping.found, mapping.log
-    log.note(*list_notes(mapping), *write_models(found.models, mapping.photographs, folder))
+    of_lens, figures = compare_lens(mapping)
+    models = write_models(found.models, mapping.photographs, folder)
+    log.note(*list_notes(mapping, of_lens), *models)
     verdict = judge_solution(solution, mapping.features, found)
     look_alikes = found.look_alikes
     is_measured = found.halves_px is not None and math.isfinite(sum(found.halves_px))
-    found.figures |= {
+    figures = found.figures | figures | {
         "matches_in_points": found.agreement,
         "contradicted_pairs": found.contradicted,
         "halves_px": found.halves_px if is_measured else None,
@@ -59,19 +62,19 @@ def write_poses(mapping: Mapping, folder: Path, made_from: str) -> dict[str, Any
         "verdict": verdict.as_dict(),
         "made_from": made_from,
         "look_alikes": None if look_alikes is None else look_alikes.to_figures(),
-    }
-    up = find_stated_up(found.figures)
+    }  # fmt: skip
+    up = find_stated_up(figures)
     log.note(*write_dataset(solution, mapping.photographs, folder, up))
     if found.rig is not None:
-        found.figures |= {"rig": found.rig.figures, "covariance_of": COVARIANCE_OF}
+        figures |= {"rig": found.rig.figures, "covariance_of": COVARIANCE_OF}
         write_rig_fit(found.rig, folder)
     log.watch.record_lap("writing")
     seconds, cpu_seconds = (
         {stage: times[clock] for stage, times in log.watch.seconds.items()} for clock in (0, 1)
     )
     cpu_seconds["total"] = sum(cpu_seconds.values())
-    found.figures["cpu_seconds"] = cpu_seconds
-    values = list_figures(solution, seconds, log.notes, found.figures)
+    figures["cpu_seconds"] = cpu_seconds
+    values = list_figures(solution, seconds, log.notes, figures)
     write_report(folder, solution, values)
     write_file(folder / FIGURES, json.dumps(values, indent=1) + "\n")
     return values

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from gsut.data import list_some
 from gsut.run import Verdict
 from gsut.run.verdicts import FEW_AGREE, PosesQuality, has_bent, judge_poses
-from gsut.sfm.lens import TURNED, compare_lens, describe_doubt, describe_zooms
+from gsut.sfm.lens import TURNED, describe_doubt, describe_zooms
 from gsut.sfm.mapping import Findings, Mapping
 from gsut.sfm.matches import find_picture_faults
 from gsut.sfm.photographs import Features
@@ -48,11 +48,15 @@ def judge_solution(solution: Solution, features: Sequence[Features], found: Find
     )
 
 
-def list_notes(mapping: Mapping) -> list[str]:
-    """Lists what a user should know of the poses, one sentence each."""
+def list_notes(mapping: Mapping, of_lens: list[str]) -> list[str]:
+    """Lists what a user should know of the poses, one sentence each.
+
+    Args:
+        of_lens: sentences of `compare_lens`.
+    """
     solution, found = mapping.solved, mapping.found
     agreement, is_lens_known = found.agreement, found.figures["lens"] == "known"
-    notes = [*compare_lens(mapping), *describe_zooms(found.zooms)]
+    notes = [*of_lens, *describe_zooms(found.zooms)]
     notes += found.rig.notes if found.rig is not None else []
     elsewhere = {name for model in found.models for name in model.registered_names}
     without = [name for name in solution.unregistered_names if name not in elsewhere]

@@ -38,7 +38,7 @@ FREE = 1  # flag of a parameter that is estimated by itself
 _PLACED_RATES = 0.1
 
 
-def solve_rig(mapping: Mapping) -> None:
+def solve_rig(mapping: Mapping) -> Mapping:
     """Estimates poses and points in the rig's unit, with one pose of the rig a frame.
 
     First each image by itself, through its own lens, unless the search of an unknown lens placed
@@ -48,7 +48,8 @@ def solve_rig(mapping: Mapping) -> None:
     lenses. Frames without a placed image are placed by the points found; those that do not connect
     become models of their own.
 
-    Sets the mapping's solution, and in its findings the fit of the rig and further models.
+    Returns:
+        The run with the solution, flags of the lenses, the fit of the rig and further models.
 
     Raises:
         SolveError: nothing could be reconstructed; no frame has two placed images, so nothing
@@ -58,16 +59,18 @@ def solve_rig(mapping: Mapping) -> None:
     assert rig is not None
     if mapping.solution is None:
         # With tracks extended as at the end: short tracks fit any poses, and residuals show little.
-        mapping.solution = solve_poses(
+        alone = solve_poses(
             mapping.images, mapping.pairs, options, mapping.log.follow_steps("mapping")
         )
-    join_models_of_cameras(mapping, rig)
-    mapping.lens_free = _free_centers(mapping.lens_free)
+        mapping = mapping.replace(solution=alone)
+    joined = join_models_of_cameras(mapping, rig)
+    mapping = mapping.replace(solution=joined, lens_free=_free_centers(mapping.lens_free))
     placed = [put_on_rig(mapping, rig, options.refine_rig)]
     placed += _place_further_frames(mapping, rig, placed[0][0])
     placed.sort(key=lambda each: -each[0].num_registered)
-    (mapping.solution, mapping.found.rig), *others = placed
-    mapping.found.models = [solution for solution, _ in others]
+    (solution, fit), *others = placed
+    models = [other for other, _ in others]
+    return mapping.replace(solution=solution).add_findings(rig=fit, models=models)
 
 
 def _free_centers(lens_free: LensFlags) -> LensFlags:
@@ -97,12 +100,12 @@ def _place_further_frames(
     assert frames is not None
     left = ~np.isin(frames, frames[first.registered])
     images = dataclasses.replace(mapping.images, cameras=first.cameras)
-    known = dataclasses.replace(
-        mapping, photographs=mapping.photographs.with_cameras(first.cameras), lens_free=None
+    known = mapping.replace(
+        photographs=mapping.photographs.with_cameras(first.cameras), lens_free=None
     )
     found = []
     for alone, pairs in solve_left_out(images, left, mapping.pairs, options):
-        own = dataclasses.replace(known, solution=alone, pairs=pairs)
+        own = known.replace(solution=alone, pairs=pairs)
         try:
             solution, fit = put_on_rig(own, rig, options.refine_rig)
         except SolveError:
@@ -161,7 +164,7 @@ def put_on_rig(
     now = dataclasses.replace(now, readings=readings)
     figures = describe_rig(photographs, (rig, now), start, alone, solution)
     if adjust:
-        uncertainty = estimate_mount_uncertainty(solution, constraint, mapping.options.loss_scale)
+        uncertainty = estimate_mount_uncertainty(solution, constraint)
         add_uncertainty(figures, uncertainty)
     return solution, RigFit(now, figures, list_rig_notes(rig, figures))
 
@@ -200,7 +203,7 @@ def adjust_rig_near_places(
         photographs.frames, photographs.rig_cameras - 1, camera_from_body[1:], known
     )
     held = _adjust_bodies(
-        dataclasses.replace(mapping, solution=solution, lens_free=lens_free), constraint,
+        mapping.replace(solution=solution, lens_free=lens_free), constraint,
         list(poses), find_body_motion(solution, 1.0, constraint, _PLACED_RATES),
         StatedPlaces(centers, places.sigma),
     )  # fmt: skip

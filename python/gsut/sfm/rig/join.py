@@ -10,6 +10,7 @@ import numpy as np
 from gsut.data.poses import find_centers
 from gsut.data.rigs import Rig
 from gsut.sfm.mapping import Mapping
+from gsut.sfm.photographs import Photographs
 from gsut.sfm.solution import Solution, measure_rotation_angles, solve_left_out
 
 _FEWEST = 4  # images of the other model with a mate in the first
@@ -19,32 +20,33 @@ _AGREE = np.radians(5.0)  # of turns between the models, from frame to frame
 _KNOWN = 0.2
 
 
-def join_models_of_cameras(mapping: Mapping, rig: Rig) -> None:
+def join_models_of_cameras(mapping: Mapping, rig: Rig) -> Solution:
     """Joins models of images of the same frames that share no points with the solution.
 
     Cameras that never see the same things make models of their own, each with a world and a scale.
     Where the rig turns, its baselines determine both (as hand and eye do each other).
 
-    Sets the mapping's solution.
+    Returns:
+        The solution with them.
     """
     solution, frames = mapping.solved, mapping.photographs.frames
     assert frames is not None
     left = ~solution.registered & np.isin(frames, frames[solution.registered])
     images = dataclasses.replace(mapping.images, cameras=solution.cameras, lines=solution.lines)
     for other, _ in solve_left_out(images, left, mapping.pairs, mapping.options):
-        found = _find_similarity(mapping, rig, other)
+        found = _find_similarity(mapping.photographs, rig, solution, other)
         if found is not None:
-            mapping.solution = _merge(mapping.solved, other, *found)
+            solution = _merge(solution, other, *found)
+    return solution
 
 
 def _find_similarity(
-    mapping: Mapping, rig: Rig, other: Solution
+    photographs: Photographs, rig: Rig, first: Solution, other: Solution
 ) -> tuple[float, np.ndarray, np.ndarray] | None:
-    """Finds scale, rotation and translation from the other model's world to the solution's.
+    """Finds scale, rotation and translation from the other model's world to the first one's.
 
     None where too few frames have images of both, or these do not determine it.
     """
-    first, photographs = mapping.solved, mapping.photographs
     frames, cameras = photographs.frames, photographs.rig_cameras
     assert frames is not None and cameras is not None
     seats = find_centers(rig.camera_from_reference)

@@ -7,9 +7,10 @@ import math
 
 import numpy as np
 
+from gsut import _core
 from gsut.data.poses import find_centers
-from gsut.sfm.lens import differentiate_by_turn, eliminate_points, estimate_residual_spread
-from gsut.sfm.solution import FEATURE_VARIANCE, RigConstraint, Solution, index_lenses
+from gsut.sfm.lens import WeightedObservations, differentiate_by_turn
+from gsut.sfm.solution import FEATURE_VARIANCE, RigConstraint, Solution
 
 # Standard deviations beyond which a direction counts as not determined: of a camera's place over
 # the size of the rig, which a ruler measures better; and of its turn, which one sees by eye.
@@ -55,7 +56,7 @@ class MountUncertainty:
 
 
 def estimate_mount_uncertainty(
-    solution: Solution, constraint: RigConstraint, loss_scale: float
+    solution: Solution, constraint: RigConstraint
 ) -> list[MountUncertainty]:
     """Estimates how well the images determine the mounts of a refined rig.
 
@@ -65,89 +66,53 @@ def estimate_mount_uncertainty(
     Args:
         solution: with the refined mounts.
         constraint: the frames and mounts of the images.
-        loss_scale: of Cauchy's loss, as in the adjustment.
     """
     mounts = solution.camera_from_body
     assert mounts is not None
     used = solution.registered[solution.observations[:, 1]]
-    linear = _Linearization(solution, constraint, used, loss_scale)
-    bodies = int(constraint.body_of_image.max()) + 1
-    normal, freedom = eliminate_points(
-        linear.body, linear.point, linear.by_body, linear.by_mounts, linear.by_point, bodies
-    )
+    seen = WeightedObservations(solution, used=used)
     size = _measure_size(mounts)
     extent = max(float(np.ptp(find_centers(solution.camera_from_world), axis=0).max()), size)
-    units = np.concatenate(
-        [np.tile([extent] * 3 + [1.0] * 3, bodies), np.tile([size] * 3 + [1.0] * 3, len(mounts))]
-    )
-    scaled = normal * np.outer(units, units)
-    scaled[np.diag_indices(len(scaled))] += linear.noise**2 / _ANYWHERE**2
+    noise = max(math.sqrt(seen.median / 2), 1e-12)
+    anywhere = noise**2 / _ANYWHERE**2
+    by_body, by_mounts, by_point = _differentiate(seen, solution, constraint)
     # One body is held, and the size of the rig.
-    moving = np.flatnonzero(np.repeat(np.isin(np.arange(bodies), np.unique(linear.body)[1:]), 6))
+    normal, determined = _core.shared_information(
+        np.unique(constraint.body_of_image[seen.image], return_inverse=True)[1],
+        np.unique(seen.point, return_inverse=True)[1], by_body, by_mounts, by_point,
+        anywhere / np.repeat([extent**2, 1.0], 3), list(range(6)),
+    )  # fmt: skip
+    units = np.tile([size] * 3 + [1.0] * 3, len(mounts))
+    scaled = normal * np.outer(units, units)
+    scaled[np.diag_indices(len(scaled))] += anywhere
     rest = _hold_size(mounts, size)
-    free = np.zeros((len(scaled), len(moving) + rest.shape[1]))
-    free[moving, np.arange(len(moving))] = 1.0
-    free[6 * bodies :, len(moving) :] = rest
-    variance = linear.estimate_variance(freedom - free.shape[1])
-    spread = np.linalg.inv(free.T @ scaled @ free)[len(moving) :, len(moving) :]
-    full = variance * rest @ spread @ rest.T
+    freedom = max(2 * len(seen.rows) - determined - rest.shape[1], 1)
+    variance = FEATURE_VARIANCE * seen.estimate_spread(freedom)[1]
+    full = variance * rest @ np.linalg.inv(rest.T @ scaled @ rest) @ rest.T
     return [
         MountUncertainty(full[i : i + 3, i : i + 3], full[i + 3 : i + 6, i + 3 : i + 6])
         for i in range(0, len(full), 6)
     ]
 
 
-class _Linearization:
-    """Weighted derivatives of the observations by bodies, mounts and points."""
-
-    def __init__(
-        self, solution: Solution, constraint: RigConstraint, used: np.ndarray, loss_scale: float
-    ) -> None:
-        image = solution.observations[:, 1]
-        poses, mounts = solution.camera_from_world, solution.camera_from_body
-        assert mounts is not None
-        rotation = poses[image, :3, :3]
-        world = solution.points[solution.observations[:, 0]]
-        p = np.einsum("nij,nj->ni", rotation, world) + poses[image, :3, 3]
-        by_p = np.zeros((len(p), 2, 3))
-        lenses = index_lenses(solution.cameras, None)
-        of_lens = np.array(lenses.of_image)[image]
-        for number, camera in enumerate(lenses.cameras):
-            own = of_lens == number
-            by_p[own], _ = camera.project_jacobian(p[own], with_params=False)
-        good = used & np.isfinite(by_p).all(axis=(1, 2))
-        good &= np.isfinite(solution.residuals).all(axis=1)
-        image, p, by_p, rotation = image[good], p[good], by_p[good], rotation[good]
-        self._squared = np.sum(solution.residuals[good] ** 2, axis=1)
-        self.noise = max(math.sqrt(float(np.median(self._squared)) / 2), 1e-12)
-        scale = loss_scale * max(math.sqrt(float(np.median(self._squared))), 1e-12)
-        self._weight = np.sqrt(1 / (1 + self._squared / scale**2))
-        weight = self._weight[:, None, None]
-        mount = constraint.mount_of_image[image]
-        chain = np.stack([np.eye(4), *mounts])[mount + 1]
-        turned = chain[:, :3, :3]
-        on_body = np.einsum("nji,nj->ni", turned, p - chain[:, :3, 3])
-        by_q = by_p @ turned
-        self.point = solution.observations[good, 0]
-        self.body = constraint.body_of_image[image]
-        self.by_point = weight * (by_p @ rotation)
-        self.by_body = np.concatenate(
-            [-self.by_point, weight * differentiate_by_turn(by_q, on_body)], axis=2
-        )
-        own = weight * np.concatenate([-by_q, differentiate_by_turn(by_p, p)], axis=2)
-        self.by_mounts = np.zeros((len(p), 2, 6 * len(mounts)))
-        for number in range(len(mounts)):
-            self.by_mounts[mount == number, :, 6 * number : 6 * number + 6] = own[mount == number]
-
-    def estimate_variance(self, freedom: int) -> float:
-        """Estimates the factor of the inverse normal equations.
-
-        Args:
-            freedom: minus the unknowns.
-        """
-        left = max(freedom + 2 * len(self._squared), 1)
-        factor = estimate_residual_spread(self._squared, self._weight**2, left)[1]
-        return FEATURE_VARIANCE * factor
+def _differentiate(
+    seen: WeightedObservations, solution: Solution, constraint: RigConstraint
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Returns weighted derivatives (O, 2, 6), (O, 2, 6 M), (O, 2, 3) by bodies, mounts, points."""
+    mounts = solution.camera_from_body
+    assert mounts is not None
+    mount = constraint.mount_of_image[seen.image]
+    chain = np.stack([np.eye(4), *mounts])[mount + 1]
+    on_body = np.einsum("nji,nj->ni", chain[:, :3, :3], seen.p - chain[:, :3, 3])
+    by_p = seen.weight * seen.by_p
+    by_q = by_p @ chain[:, :3, :3]
+    by_point = by_p @ solution.camera_from_world[seen.image, :3, :3]
+    by_body = np.concatenate([-by_point, differentiate_by_turn(by_q, on_body)], axis=2)
+    own = np.concatenate([-by_q, differentiate_by_turn(by_p, seen.p)], axis=2)
+    by_mounts = np.zeros((len(own), 2, 6 * len(mounts)))
+    for number in range(len(mounts)):
+        by_mounts[mount == number, :, 6 * number : 6 * number + 6] = own[mount == number]
+    return by_body, by_mounts, by_point
 
 
 def _measure_size(mounts: np.ndarray) -> float:

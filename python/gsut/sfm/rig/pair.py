@@ -24,7 +24,7 @@ _RIGID = 1.5  # growth of the median residual with one pose a frame that contrad
 _DIFFERENCE = 1e-9
 
 
-def find_lens_pair(mapping: Mapping) -> None:
+def find_lens_pair(mapping: Mapping) -> Mapping:
     """Finds the rig of two lenses, and the poses of all images on it.
 
     Does nothing where the lens was known or images have no frames. With a rolling shutter the rig
@@ -32,18 +32,21 @@ def find_lens_pair(mapping: Mapping) -> None:
 
     Args:
         mapping: poses image by image, through one lens for both.
+
+    Returns:
+        The run with the solution on the rig, flags of both lenses and the fit of the rig.
     """
     photographs, alone = mapping.photographs, mapping.solved
     frames, flags = photographs.frames, mapping.one_lens_free
     if flags is None or frames is None:
-        return
+        return mapping
     start = _find_back_from_front(alone, photographs)
     if start is None:
         mapping.log.note(
             f"fewer than {_FEWEST} frames have poses of both lenses that agree: their images are "
             "placed one by one, not as those of a rig"
         )
-        return
+        return mapping
     lens = alone.cameras[0]
     second = lens.with_params(lens.params * (1 + _DIFFERENCE))
     rig = Rig(Path(RIG), LENS_NAMES, (lens, second), np.stack([np.eye(4), start]), (None, None))
@@ -55,13 +58,11 @@ def find_lens_pair(mapping: Mapping) -> None:
     through_both = dataclasses.replace(alone, cameras=cameras)
     try:
         solution, fit = put_on_rig(
-            dataclasses.replace(
-                mapping, photographs=of_rig, lens_free=flags, solution=through_both
-            ), rig, True,
+            mapping.replace(photographs=of_rig, lens_free=flags, solution=through_both), rig, True
         )  # fmt: skip
     except SolveError as error:
         mapping.log.note(f"the images' poses make no rig of two lenses: {error}")
-        return
+        return mapping
     before, after = fit.figures["residual_alone_px"], fit.figures["residual_px"]
     if after > _RIGID * before or solution.num_registered < alone.num_registered:
         mapping.log.note(
@@ -69,14 +70,14 @@ def find_lens_pair(mapping: Mapping) -> None:
             f"off by {after:.2f} px, one by one {alone.num_registered} by {before:.2f}: the two "
             "lenses were not read in one moment, and their images are placed one by one"
         )
-        return
+        return mapping
     turn = float(np.degrees(measure_rotation_angles(fit.rig.camera_from_reference[1:, :3, :3])[0]))
-    fit.figures.update(found=True, turn_degrees=turn)
+    fit = dataclasses.replace(fit, figures={**fit.figures, "found": True, "turn_degrees": turn})
     mapping.log.note(
         f"the two lenses are a rig: {fit.figures['frames_registered']} frames, the back one turned "
         f"by {turn:.2f} degrees against the front one (rig.json)"
     )
-    mapping.solution, mapping.found.rig, mapping.lens_free = solution, fit, flags
+    return mapping.replace(solution=solution, lens_free=flags).add_findings(rig=fit)
 
 
 def _find_back_from_front(alone: Solution, photographs: Photographs) -> np.ndarray | None:

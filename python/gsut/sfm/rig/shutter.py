@@ -17,12 +17,15 @@ _EXACT = 0.0  # uncertainty of the flow while readout times are compared
 _FLOW = 0.1  # and of the result: share of itself
 
 
-def find_rig_shutter(mapping: Mapping) -> None:
+def find_rig_shutter(mapping: Mapping) -> Mapping:
     """Finds how the lenses of a rig that was found read their lines, from the flow of the video.
 
     One pose a frame leaves the images less freedom to bend with the motion than poses of their own,
     so that shutters show here which do not show image by image. Does nothing where the shutter is
     said, or was found already.
+
+    Returns:
+        The run with the solution and rig that move, and the figures.
     """
     solution, fit = mapping.solved, mapping.found.rig
     flows, options = mapping.photographs.flows, mapping.options
@@ -34,11 +37,13 @@ def find_rig_shutter(mapping: Mapping) -> None:
         or options.shutter != "auto"
         or not flows
     ):
-        return
+        return mapping
     velocities = estimate_rates(solution, flows)
-    order = find_line_order(mapping, velocities, None)
+    order, signs = find_line_order(mapping, velocities, None)
+    if signs is not None:
+        mapping = mapping.add_findings({"shutter_signs": signs})
     if order is None:
-        return
+        return mapping
     readouts = np.ones(len(solution.names)) if order.lines is None else order.lines.readouts
 
     def place(time: float, sigma: float = _EXACT) -> tuple[Solution, RigFit]:
@@ -46,29 +51,29 @@ def find_rig_shutter(mapping: Mapping) -> None:
             solution, shutter=order.shutter, lines=order.lines,
             velocities=time * readouts[:, None] * velocities[0],
         )  # fmt: skip
-        return put_on_rig(
-            dataclasses.replace(mapping, solution=moving), fit.rig, True, rate_sigma=sigma
-        )
+        return put_on_rig(mapping.replace(solution=moving), fit.rig, True, rate_sigma=sigma)
 
     try:
         readout = correct_readout(
             mapping, velocities, order.first, lambda time: place(time)[0], None
         )
         if readout is None:
-            return
+            return mapping
         moved, found = place(readout.time, _FLOW)
     except SolveError:
-        return
+        return mapping
     if moved.num_registered < solution.num_registered:
-        return
+        return mapping
     readings = list_readings(moved, cameras, readout.time)
-    found = dataclasses.replace(found, rig=dataclasses.replace(found.rig, readings=readings))
-    before = fit.figures
     kept = ("file", "found", "scale_from_frames", "scale_spread_percent", "residual_alone_px")
-    found.figures.update({key: before[key] for key in kept})
-    mapping.solution, mapping.found.rig = moved, found
-    mapping.found.figures |= {
+    found = dataclasses.replace(
+        found,
+        rig=dataclasses.replace(found.rig, readings=readings),
+        figures={**found.figures, **{key: fit.figures[key] for key in kept}},
+    )
+    mapping.log.note(VideoShutter(moved, readout).describe())
+    figures = {
         "shutter": order.shutter.direction,
         "readout": {"seconds": readout.time, "sigma_seconds": readout.sigma},
     }
-    mapping.log.note(VideoShutter(moved, readout).describe())
+    return mapping.replace(solution=moved).add_findings(figures, rig=found)

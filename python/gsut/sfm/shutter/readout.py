@@ -20,24 +20,10 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from gsut import _core
-from gsut.data.poses import find_centers
 from gsut.lens import Camera
-from gsut.sfm.lens import (
-    differentiate_by_turn,
-    eliminate_by_windows,
-    eliminate_points,
-    estimate_residual_spread,
-    spread_free_parameters,
-)
-from gsut.sfm.solution import (
-    FEATURE_VARIANCE,
-    Solution,
-    index_lenses,
-    order_by_folder,
-    transform_to_cameras,
-)
+from gsut.sfm.lens import WeightedObservations
+from gsut.sfm.solution import FEATURE_VARIANCE, Solution, order_by_folder, transform_to_cameras
 
-_MOST_IMAGES = 400  # at once; of more the information is added up over windows
 _FEWEST_FRAMES = 6  # with neighbours: fewer do not show how well the time explains them
 _LEAST_EXPLAINED = 0.5  # of the velocities' squares, below which the frames are no video
 _TINY = 1e-300  # keeps quotients finite
@@ -136,7 +122,6 @@ def estimate_readout_by_flow(
     spread: np.ndarray,
     times: np.ndarray,
     lens_free: np.ndarray | None,
-    loss_scale: float,
 ) -> FlowReadout | None:
     """Estimates the readout time that explains the residuals of a solution best.
 
@@ -146,61 +131,40 @@ def estimate_readout_by_flow(
             `estimate_rates`; NaN: image not used.
         times: (S,) when the lines of the observations are read, see `measure_line_times`.
         lens_free: flags of the one lens, see `Adjustment`; None: lenses are known.
-        loss_scale: of Cauchy's loss, as in the adjustment.
 
     Returns:
         The time of the longest readout, below 0 for lines read in the other order; None where it is
         not determined.
     """
-    image, point = solution.observations[:, 1], solution.observations[:, 0]
     known = solution.registered & np.isfinite(rates).all(axis=1)
-    p = transform_to_cameras(solution.points, solution.observations, solution.camera_from_world)
-    by_p, by_params = _differentiate_projection(solution, p)
-    good = np.isfinite(by_p).all(axis=(1, 2)) & np.isfinite(solution.residuals).all(axis=1)
-    good &= known[image]
-    good &= np.bincount(point, weights=good, minlength=len(solution.points))[point] > 1
-    image, point, p, by_p = image[good], point[good], p[good], by_p[good]
-    rotation, residual = solution.camera_from_world[image, :3, :3], solution.residuals[good]
-    squared = np.sum(residual**2, axis=1)
-    if not len(squared):
+    used = known[solution.observations[:, 1]]
+    seen = WeightedObservations(solution, lens_free, used)
+    if not len(seen.rows):
         return None
-    scale = loss_scale * max(math.sqrt(float(np.median(squared))), 1e-12)
-    weight = np.sqrt(1 / (1 + squared / scale**2))[:, None, None]
-    line = times[good]
+    rotation, line = solution.camera_from_world[:, :3, :3], times[seen.rows]
     # dp / d(time): the centre moves in the world, and the camera turns. A column for each group of
     # images, whose sum is that of the time, and some of what errors of the velocities look like.
     group = _assign_groups(known)
     motions = [rates, *_draw_errors(spread, known)]
     last = _GROUPS + _DRAWS + 1
-    by_lens = None if lens_free is None else by_params[good] @ spread_free_parameters(lens_free)
 
-    def differentiate(rows: np.ndarray | slice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Returns the weighted derivatives of some observations by poses, what is asked, points."""
-        columns = []
+    def differentiate(rows: np.ndarray) -> np.ndarray:
+        """Returns the weighted derivatives of some observations by lens, times and residual."""
+        image, columns = seen.image[rows], []
         for rate in motions:
-            turned = np.cross(rate[image[rows], 3:], p[rows])
-            moves = turned - np.einsum("nij,nj->ni", rotation[rows], rate[image[rows], :3])
-            columns.append(by_p[rows] @ (line[rows, None] * moves)[:, :, None])
-        grouped = columns[0] * (group[image[rows]][:, None] == np.arange(_GROUPS))[:, None, :]
-        columns = [grouped, *columns[1:], residual[rows, :, None]]
-        if by_lens is not None:
-            columns.insert(0, by_lens[rows])
-        by_centre = -by_p[rows] @ rotation[rows]
-        by_pose = np.concatenate([by_centre, differentiate_by_turn(by_p[rows], p[rows])], axis=2)
-        each = weight[rows]
-        return each * by_pose, each * np.concatenate(columns, axis=2), -each * by_centre
+            moves = np.cross(rate[image, 3:], seen.p[rows])
+            moves -= np.einsum("nij,nj->ni", rotation[image], rate[image, :3])
+            columns.append(seen.by_p[rows] @ (line[rows, None] * moves)[:, :, None])
+        columns[0] = columns[0] * (group[image][:, None] == np.arange(_GROUPS))[:, None, :]
+        residual = solution.residuals[seen.rows[rows], :, None]
+        return seen.weight[rows] * np.concatenate([seen.by_lens[rows], *columns, residual], axis=2)
 
-    if known.sum() > _MOST_IMAGES:
-        centers = find_centers(solution.camera_from_world)
-        normal, freedom = eliminate_by_windows(image, point, centers, differentiate, np.zeros(6))
-        unknown = np.arange(len(normal) - last)
-    else:
-        normal, freedom = eliminate_points(image, point, *differentiate(slice(None)), len(known))
-        unknown = _find_unknowns(solution, known, len(normal) - last)
-    freedom += 2 * len(image) - len(unknown) - 1
-    small = normal[np.ix_(unknown, unknown)]
+    normal, freedom = seen.find_information(differentiate, np.zeros(6))
+    lens = len(normal) - last
+    freedom -= lens + 1
+    small = normal[:lens, :lens]
     length = 1 / np.sqrt(np.maximum(np.diag(small), _TINY))
-    cross = normal[unknown, -last:] * length[:, None]
+    cross = normal[:lens, -last:] * length[:, None]
     try:
         taken_up = cross.T @ np.linalg.solve(small * np.outer(length, length), cross)
     except np.linalg.LinAlgError:
@@ -210,7 +174,7 @@ def estimate_readout_by_flow(
     if freedom <= 0 or not information > 0:
         return None
     time = -float(left[:_GROUPS, -1].sum()) / information
-    factor = estimate_residual_spread(squared, weight[:, 0, 0] ** 2, freedom)[1] * FEATURE_VARIANCE
+    factor = seen.estimate_spread(freedom)[1] * FEATURE_VARIANCE
     scores = left[:_GROUPS, -1] + left[:_GROUPS, :_GROUPS].sum(axis=1) * time
     apart = _GROUPS / (_GROUPS - 1) * float(scores @ scores) / information**2
     noise = float(np.diag(left)[_GROUPS:-1].mean())
@@ -218,21 +182,6 @@ def estimate_readout_by_flow(
         time, math.sqrt(max(factor / information, apart)),
         max(1 - noise / information, _LEAST_RELIABLE),
     )  # fmt: skip
-
-
-def _differentiate_projection(solution: Solution, p: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns (S, 2, 3) and (S, 2, K) derivatives of the observations by points and lens.
-
-    Those by the lens are of one lens only; of several they are empty.
-    """
-    lenses = index_lenses(solution.cameras, None)
-    if len(lenses.cameras) == 1:
-        return lenses.cameras[0].project_jacobian(p)
-    by_p = np.zeros((len(p), 2, 3))
-    of_lens = np.array(lenses.of_image)[solution.observations[:, 1]]
-    for number, camera in enumerate(lenses.cameras):
-        by_p[of_lens == number] = camera.project_jacobian(p[of_lens == number])[0]
-    return by_p, np.zeros((len(p), 2, 0))
 
 
 def _assign_groups(known: np.ndarray) -> np.ndarray:
@@ -248,20 +197,6 @@ def _draw_errors(spread: np.ndarray, known: np.ndarray) -> list[np.ndarray]:
     roots = axes * np.sqrt(np.maximum(values, 0.0))[:, None, :]
     draws = rng.standard_normal((_DRAWS, len(known), 6))
     return [np.einsum("nij,nj->ni", roots, draw) for draw in draws]
-
-
-def _find_unknowns(solution: Solution, known: np.ndarray, size: int) -> np.ndarray:
-    """Returns the indices of the unknowns that the gauge leaves free."""
-    images = np.flatnonzero(known)
-    centres = find_centers(solution.camera_from_world)
-    away = centres[images] - centres[images[0]]
-    second = int(images[np.argmax((away**2).sum(axis=1))])
-    axis = int(np.argmax(np.abs(centres[second] - centres[images[0]])))
-    keep = np.ones(size, bool)
-    keep[: 6 * len(known)] = np.repeat(known, 6)
-    keep[6 * images[0] : 6 * images[0] + 6] = False
-    keep[6 * second + axis] = False
-    return np.flatnonzero(keep)
 
 
 def estimate_rates(

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -58,10 +59,12 @@ class VideoShutter:
     Args:
         solution: with a rolling shutter, or the one given.
         readout: None: not determined, and the shutter counts as global.
+        signs: standard deviations of the readout time from nothing; None: not measured.
     """
 
     solution: Solution
     readout: FlowReadout | None
+    signs: float | None = None
 
     @property
     def is_known(self) -> bool:
@@ -86,18 +89,23 @@ class VideoShutter:
         )
 
 
-def find_shutter(mapping: Mapping) -> None:
+def find_shutter(mapping: Mapping) -> Mapping:
     """Finds the rolling shutter of a video of which nothing is said, and adds it to the figures.
 
-    The mapping's solution is then one with a rolling shutter.
+    Returns:
+        The run, whose solution is then one with a rolling shutter, and the figures.
     """
-    solution, figures = mapping.solved, mapping.found.figures
+    solution = mapping.solved
+    figures: dict[str, Any] = {}
     is_unknown = solution.shutter is None and mapping.options.shutter == "auto"
     if is_unknown and mapping.photographs.flows:
         lines = find_video_shutter(mapping)
-        solution = mapping.complete_solution(lines.solution)
+        mapping = mapping.complete_solution(lines.solution)
+        solution = mapping.solved
         mapping.log.note(lines.describe())
         found = lines.readout
+        if lines.signs is not None:
+            figures["shutter_signs"] = lines.signs
         figures["shutter"] = solution.shutter.direction if solution.shutter else "global"
         figures["readout"] = {
             "seconds": found.time if found else None,
@@ -105,7 +113,7 @@ def find_shutter(mapping: Mapping) -> None:
         }
     elif solution.shutter is None:
         figures["shutter"] = "global"
-        _note_readout(mapping)
+        figures |= _note_readout(mapping)
     else:
         time = estimate_readout_time(mapping.photographs.names, solution)
         figures["shutter"] = solution.shutter.direction
@@ -114,14 +122,20 @@ def find_shutter(mapping: Mapping) -> None:
             "estimated": time.time if time else None,
             "explained": time.explained if time else None,
         }
+    return mapping.add_findings(figures)
 
 
-def _note_readout(mapping: Mapping) -> None:
-    """Notes that residuals speak for a rolling shutter of a video that was said to have none."""
+def _note_readout(mapping: Mapping) -> dict[str, Any]:
+    """Notes that residuals speak for a rolling shutter of a video that was said to have none.
+
+    Returns:
+        "shutter_signs" of the figures, where they were measured.
+    """
     solution, flows = mapping.solved, mapping.photographs.flows
     if not flows or len(set(solution.cameras)) > 1:
-        return
-    order = find_line_order(mapping, estimate_rates(solution, flows), mapping.one_lens_free)
+        return {}
+    rates = estimate_rates(solution, flows)
+    order, signs = find_line_order(mapping, rates, mapping.one_lens_free)
     if order is not None:
         way = order.shutter.direction.replace("_", " ")
         mapping.log.note(
@@ -129,6 +143,7 @@ def _note_readout(mapping: Mapping) -> None:
             f"more, though --shutter global was said ({order.first.clearness:.0f} standard "
             "deviations): leave it out, and the readout time is found"
         )
+    return {} if signs is None else {"shutter_signs": signs}
 
 
 def find_video_shutter(mapping: Mapping) -> VideoShutter:
@@ -138,11 +153,11 @@ def find_video_shutter(mapping: Mapping) -> VideoShutter:
     lenses along the same side.
     """
     solution, options = mapping.solved, mapping.options
-    nothing = VideoShutter(solution, None)
-    rates, spread = estimate_rates(solution, mapping.photographs.flows)
     if len(set(solution.cameras)) > 1:
-        return nothing
-    order = find_line_order(mapping, (rates, spread), mapping.one_lens_free)
+        return VideoShutter(solution, None)
+    rates, spread = estimate_rates(solution, mapping.photographs.flows)
+    order, signs = find_line_order(mapping, (rates, spread), mapping.one_lens_free)
+    nothing = VideoShutter(solution, None, signs)
     order = order or _find_order_by_matches(mapping, rates)
     if order is None:
         return nothing
@@ -167,7 +182,7 @@ def find_video_shutter(mapping: Mapping) -> VideoShutter:
     except SolveError:
         return nothing
     kept = moved.num_registered >= _KEPT * solution.num_registered
-    return VideoShutter(moved, readout) if kept else nothing
+    return VideoShutter(moved, readout, signs) if kept else nothing
 
 
 def _adjust_trial(
@@ -221,24 +236,23 @@ class LineOrder:
 
 def find_line_order(
     mapping: Mapping, velocities: tuple[np.ndarray, np.ndarray], lens_free: np.ndarray | None
-) -> LineOrder | None:
+) -> tuple[LineOrder | None, float | None]:
     """Finds the order of the lines, of each lens where there are two.
 
     Args:
         velocities: rates and their covariances, see `estimate_rates`.
         lens_free: see `estimate_readout_by_flow`.
 
-    Adds "shutter_signs" to the figures: standard deviations of the readout time from nothing.
-
     Returns:
-        None where nothing speaks for a rolling shutter, or it matters too little.
+        None where nothing speaks for a rolling shutter, or it matters too little; and the standard
+        deviations of the readout time from nothing, None where too few images show it.
     """
     solution, (rates, spread) = mapping.solved, velocities
     of_image = mapping.photographs.rig_cameras
     if of_image is None:
         of_image = np.zeros(len(solution.names), np.int64)
     if np.isfinite(rates).all(axis=1).sum() < _FEWEST:
-        return None
+        return None, None
 
     def estimate(ways: Sequence[Shutter], lengths: Sequence[float], lens: int = -1) -> _Trial:
         shutters = [ways[each] for each in of_image]
@@ -247,7 +261,6 @@ def find_line_order(
         own = np.where(((of_image == lens) | (lens < 0))[:, None], rates, np.nan)
         found = estimate_readout_by_flow(
             solution, own, spread, measure_line_times(solution, shutters, lines), lens_free,
-            mapping.options.loss_scale,
         )  # fmt: skip
         return _Trial(found or FlowReadout(0.0, math.inf), list(ways), lines)
 
@@ -264,13 +277,13 @@ def find_line_order(
         )
         best = estimate(best.ways, lengths)
     found, camera = best.found, solution.cameras[0]
-    mapping.found.figures["shutter_signs"] = found.clearness
-    if found.clearness < _CLEAR or abs(found.time) > _LONGEST:
-        return None
+    signs = found.clearness
+    if signs < _CLEAR or abs(found.time) > _LONGEST:
+        return None, signs
     flows = mapping.photographs.flows
     if not _has_enough_motion(_SHORT * abs(found.time), flows, camera.width, camera.height):
-        return None
-    return best.turn_forward()
+        return None, signs
+    return best.turn_forward(), signs
 
 
 @dataclasses.dataclass(frozen=True)
@@ -350,9 +363,7 @@ def correct_readout(
         text = f"lines read in {1000 * time:.1f} ms?"
         mapping.log.show_share("shutter", 0.5 * number / _CORRECTIONS, text)
         moved = adjust(time)
-        more = estimate_readout_by_flow(
-            moved, rates, spread, moved.measure_line_times(), lens_free, mapping.options.loss_scale
-        )
+        more = estimate_readout_by_flow(moved, rates, spread, moved.measure_line_times(), lens_free)
         if more is None:
             break
         own, found = more.time, more

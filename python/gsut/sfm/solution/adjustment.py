@@ -18,6 +18,8 @@ CENTER = (2, 3)
 # Standard deviation of a coordinate of a principal point from the middle of its picture, over the
 # diagonal: of the lens database's cameras.
 CENTER_SIGMA = 0.012
+LOSS_SCALE = 1.5  # of the Cauchy loss, in medians of the residuals
+MIN_INLIERS = 15  # fewest of an image while the structure grows
 
 
 @dataclasses.dataclass(frozen=True)
@@ -122,6 +124,7 @@ class Adjustment:
         places: of `adjust_poses`: where cameras stood, in the world of the poses, or None.
         center_sigma: standard deviation of a coordinate of a free principal point from the middle
             of its picture, over the diagonal; infinite: nothing is known of it beforehand.
+        min_inliers: fewest inliers of an image while the structure grows.
     """
 
     lens_free: LensFlags = None
@@ -134,6 +137,7 @@ class Adjustment:
     extend: bool = False
     places: StatedPlaces | None = None
     center_sigma: float = CENTER_SIGMA
+    min_inliers: int = MIN_INLIERS
 
 
 PLAIN = Adjustment()

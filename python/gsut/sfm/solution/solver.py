@@ -13,9 +13,10 @@ from gsut import _core
 from gsut._core import SolveError
 from gsut.data.scene import order_frames
 from gsut.lens import Camera
-from gsut.sfm.matches import PairMatches, select_verified_pairs
+from gsut.sfm.matches import ROLLING_ERROR, PairMatches, select_verified_pairs
 from gsut.sfm.photographs import Features, Images, PosesOptions
 from gsut.sfm.solution.adjustment import (
+    LOSS_SCALE,
     PLAIN,
     Adjustment,
     IndexedLenses,
@@ -30,6 +31,14 @@ from gsut.sfm.solution.result import (
     measure_diagonal,
 )
 
+MIN_ANGLE_DEGREES = 1.5  # smallest triangulation angle of a point
+# Rounds of track extension at the end, in which points are sought in images that do not observe
+# them yet: more add few observations.
+_EXTEND_ROUNDS = 2
+# Search radius around the predicted pixel of a point, in thousandths of the image's diagonal.
+_EXTEND_RADIUS = 2.2
+# Largest distance of a feature's descriptor, of unit length, to the mean descriptor of the point.
+_EXTEND_DISTANCE = 0.8
 # Called with (registered images, images, points, name of the step, look) after each step; look()
 # returns the `Solution` so far, during the call.
 OnStep = Callable[..., None]
@@ -56,7 +65,7 @@ def solve_poses(
     settings["defer_covariances"] = adjustment.defer_covariances
     if images.shutter is not None:
         settings["shutter"] = images.shutter.direction
-        settings["rolling_error"] = options.rolling_error
+        settings["rolling_error"] = ROLLING_ERROR
         if images.lines is not None:
             settings |= images.lines.to_settings()
         if options.readout_time is not None:
@@ -65,7 +74,7 @@ def solve_poses(
             settings |= {"frame_times": times.tolist(), "frame_cameras": folders.tolist()}
     if not adjustment.hold_out_every:
         descriptors = [f.descriptors for f in images.features]
-        settings |= list_extension_settings(options, descriptors, images.cameras)
+        settings |= _list_extension_settings(descriptors, images.cameras)
     lenses = index_lenses(images.cameras, adjustment.lens_free)
     found = _core.estimate_poses(
         lenses.cameras, lenses.of_image, [f.pixels for f in images.features],
@@ -107,7 +116,7 @@ def adjust_poses(
     is_extended = adjustment.extend or (motion is not None and motion.extend)
     if rig is not None or is_extended:
         descriptors = [f.descriptors for f in images.features]
-        settings |= list_extension_settings(options, descriptors, images.cameras)
+        settings |= _list_extension_settings(descriptors, images.cameras)
     lenses = index_lenses(images.cameras, adjustment.lens_free)
     found = _core.refine_structure(
         lenses.cameras, lenses.of_image, [f.pixels for f in images.features],
@@ -179,17 +188,15 @@ def order_by_folder(names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
     return times, of_image
 
 
-def list_extension_settings(
-    options: PosesOptions, descriptors: Sequence[np.ndarray], cameras: Sequence[Camera]
+def _list_extension_settings(
+    descriptors: Sequence[np.ndarray], cameras: Sequence[Camera]
 ) -> dict[str, Any]:
-    """Returns the solver's settings for the extension of tracks; {} if there is none."""
-    if not options.extend_rounds:
-        return {}
+    """Returns the solver's settings for the extension of tracks."""
     return {
         "descriptors": list(descriptors),
-        "extend_rounds": options.extend_rounds,
-        "extend_radius": options.extend_radius * measure_diagonal(cameras) / 1000,
-        "extend_distance": options.extend_distance,
+        "extend_rounds": _EXTEND_ROUNDS,
+        "extend_radius": _EXTEND_RADIUS * measure_diagonal(cameras) / 1000,
+        "extend_distance": _EXTEND_DISTANCE,
     }
 
 
@@ -197,9 +204,9 @@ def _make_settings(images: Images, options: PosesOptions, adjustment: Adjustment
     """Returns the settings that both ways of solving share."""
     settings: dict[str, Any] = {
         "max_error": options.max_error * measure_diagonal(images.cameras) / 1000,
-        "min_angle": math.radians(options.min_angle),
-        "min_inliers": options.min_inliers,
-        "loss_scale": options.loss_scale,
+        "min_angle": math.radians(MIN_ANGLE_DEGREES),
+        "min_inliers": adjustment.min_inliers,
+        "loss_scale": LOSS_SCALE,
         "hold_out_every": adjustment.hold_out_every,
         "seed": options.seed,
     }

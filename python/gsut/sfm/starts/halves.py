@@ -13,9 +13,9 @@ from gsut.data.poses import find_centers
 from gsut.sfm.lens import index_points
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import PairMatches, keep_most_distinct
-from gsut.sfm.photographs import PosesOptions
 from gsut.sfm.points import measure_pixels_per_radian
 from gsut.sfm.solution import (
+    MIN_INLIERS,
     Adjustment,
     ReadoutMotion,
     Solution,
@@ -30,9 +30,11 @@ _SHARES = (0.9, 0.6)  # of the pairs of images, that agree where poses are good,
 # Baseline over the distance of what is seen, below which a pair has no direction to get wrong.
 _NO_BASELINE = 0.005
 _SEED = 0  # of the halves
+# Half of the matches hold an image that all of them hold.
+HALF_INLIERS = MIN_INLIERS // 2
 
 
-def compare_halves(mapping: Mapping) -> None:
+def compare_halves(mapping: Mapping) -> Mapping:
     """Adds to the findings half of the difference of poses adjusted with either half of the points.
 
     It shows what points do not share: wrong matches, and too few of them to hold a pose. An error
@@ -42,30 +44,26 @@ def compare_halves(mapping: Mapping) -> None:
     """
     solution, options = mapping.solved, mapping.options
     if mapping.rig is not None or not len(solution.points):
-        return
-    motion, fewer = ReadoutMotion.hold(solution), allow_halves(options)
+        return mapping
+    motion = ReadoutMotion.hold(solution)
     try:
         one, other = (
             adjust_registered(
                 solution,
                 mapping.features,
                 half,
-                fewer,
-                adjustment=Adjustment(lens_settled=True, motion=motion, covariances=False),
+                options,
+                adjustment=Adjustment(
+                    lens_settled=True, motion=motion, covariances=False, min_inliers=HALF_INLIERS
+                ),
             )
             for half in split_matches(mapping)
         )
     except SolveError:
-        mapping.found.halves_px = (math.inf, math.inf)
-        return
+        return mapping.add_findings(halves_px=(math.inf, math.inf))
     differences = measure_differences(one, other, solution)
     good, usable = 0.5 * np.quantile(differences, _SHARES, method="higher")
-    mapping.found.halves_px = (float(good), float(usable))
-
-
-def allow_halves(options: PosesOptions) -> PosesOptions:
-    """Returns options for half of the matches: these hold an image that all of them hold."""
-    return dataclasses.replace(options, min_inliers=max(1, options.min_inliers // 2))
+    return mapping.add_findings(halves_px=(float(good), float(usable)))
 
 
 def split_matches(mapping: Mapping) -> list[list[PairMatches]]:

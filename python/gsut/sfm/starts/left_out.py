@@ -36,7 +36,7 @@ _FEWEST_MATCHES = 4  # of a pair of images whose poses are known: a few may be w
 _STEADY = 0.1  # relative deviation of velocities in a readout while images are added
 
 
-def register_left_out(mapping: Mapping) -> None:
+def register_left_out(mapping: Mapping) -> Mapping:
     """Registers images whose matches with many images are too few pair by pair, but not together.
 
     A photograph far from the others shares few features with each of them. Its pose is that which
@@ -46,27 +46,30 @@ def register_left_out(mapping: Mapping) -> None:
     any. Does nothing for a rig, where images were taken at several zooms, or where those left form
     models of their own.
 
-    Sets the mapping's solution and pairs, and adds to the findings which images they are.
+    Returns:
+        The run with solution and pairs, and in its findings which images they are.
     """
     found = mapping.found
     if mapping.rig is not None or found.zooms or found.models:
-        return
+        return mapping
     before = set(mapping.solved.unregistered_names)
     while not mapping.solved.registered.all() and len(mapping.solved.points):
         poses = _find_poses(mapping)
         best = [each for each in poses if each[0] >= _NEARLY * poses[0][0]]
-        is_any = _add_images(mapping, best)
-        if not is_any and len(best) < len(poses):
-            is_any = _add_images(mapping, poses)
-        if not is_any or len(mapping.solved.names) > _MOST_IMAGES:
+        more = _add_images(mapping, best)
+        if more is None and len(best) < len(poses):
+            more = _add_images(mapping, poses)
+        mapping = more or mapping
+        if more is None or len(mapping.solved.names) > _MOST_IMAGES:
             break
     added = sorted(before - set(mapping.solved.unregistered_names))
-    if added:
-        found.held_by_few += added
-        mapping.log.note(
-            "poses are less certain of images that share few points with the others: "
-            f"{list_some(added)}"
-        )
+    if not added:
+        return mapping
+    mapping.log.note(
+        "poses are less certain of images that share few points with the others: "
+        f"{list_some(added)}"
+    )
+    return mapping.add_findings(held_by_few=[*found.held_by_few, *added])
 
 
 def _find_poses(mapping: Mapping) -> list[tuple[int, int, np.ndarray]]:
@@ -96,10 +99,9 @@ def _limit_error(mapping: Mapping, image: int) -> float:
     return _LOOSER * mapping.options.max_error * math.hypot(lens.width, lens.height) / 1000
 
 
-def _add_images(mapping: Mapping, found: list[tuple[int, int, np.ndarray]]) -> bool:
-    """Adds images to the solution, without those that it does not hold; False if none is left."""
+def _add_images(mapping: Mapping, found: list[tuple[int, int, np.ndarray]]) -> Mapping | None:
+    """Adds images to the solution, without those that it does not hold; None if none is left."""
     solution, poses = mapping.solved, {image: pose for _, image, pose in found}
-    fewer = dataclasses.replace(mapping.options, min_inliers=_FEWEST)
     while poses:
         start = dataclasses.replace(
             solution,
@@ -116,8 +118,9 @@ def _add_images(mapping: Mapping, found: list[tuple[int, int, np.ndarray]]) -> b
             motion = ReadoutMotion(solution.shutter, 1.0, solution.velocities, _STEADY)
         try:
             more = adjust_registered(
-                start, mapping.features, pairs, fewer, mapping.log.follow_steps("mapping"),
-                Adjustment(mapping.lens_free, motion=motion, extend=True),
+                start, mapping.features, pairs, mapping.options,
+                mapping.log.follow_steps("mapping"),
+                Adjustment(mapping.lens_free, motion=motion, extend=True, min_inliers=_FEWEST),
             )  # fmt: skip
         except SolveError:  # the image that holds the scale is one of those that do not fit
             poses = dict(list(poses.items())[: len(poses) // 2])
@@ -126,11 +129,10 @@ def _add_images(mapping: Mapping, found: list[tuple[int, int, np.ndarray]]) -> b
         kept = {image: pose for image, pose in poses.items() if held[image] >= _FEWEST_HELD}
         if len(kept) == len(poses):
             if not np.all(more.registered[start.registered]):
-                return False
-            mapping.solution, mapping.pairs = more, pairs
-            return True
+                return None
+            return mapping.replace(solution=more, pairs=pairs)
         poses = kept
-    return False
+    return None
 
 
 def _count_held(solution: Solution, others: np.ndarray) -> np.ndarray:

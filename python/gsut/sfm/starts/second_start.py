@@ -20,7 +20,7 @@ from gsut.sfm.solution import (
     measure_diagonal,
     solve_poses,
 )
-from gsut.sfm.starts.halves import allow_halves, measure_differences, split_matches
+from gsut.sfm.starts.halves import HALF_INLIERS, measure_differences, split_matches
 
 # Error over the diagonal that one in ten pairs of images exceeds where two structures are not the
 # same one: no adjustment brings them together.
@@ -33,7 +33,7 @@ _STEADY = 0.1
 _WORTH = 0.03
 
 
-def try_other_starts(mapping: Mapping) -> None:
+def try_other_starts(mapping: Mapping) -> Mapping:
     """Replaces the solution by that of another start, if more matches agree with it.
 
     A structure that grows image by image may take a wrong turn that no adjustment undoes, and most
@@ -44,13 +44,14 @@ def try_other_starts(mapping: Mapping) -> None:
     more of the matches then agree with them. Does nothing for a rig, for a film, whose shutter is
     found later, where the readout time is given, or without points.
 
-    Sets the mapping's solution.
+    Returns:
+        The run with the solution.
     """
     solution = mapping.solved
     is_rolling = solution.shutter is not None
     is_timed = bool(mapping.photographs.flows) or mapping.options.readout_time is not None
     if mapping.rig is not None or is_timed or not len(solution.points):
-        return
+        return mapping
     best, most = solution, _count_agreeing(mapping, solution)
     if has_bent(solution.readout_turn, agreement=1.0):  # whatever agrees
         most = 0
@@ -60,14 +61,14 @@ def try_other_starts(mapping: Mapping) -> None:
         if agreeing > most * (1 - _WORTH if is_rolling else 1):
             best, most = found, agreeing
         elif is_rolling and most > 0:
-            return  # velocities are needed, and structures without them say nothing
+            return mapping  # velocities are needed, and structures without them say nothing
     for start in _find_others(mapping, still):
         found, agreeing = _adjust(mapping, start, None)
         if agreeing > most * (1 + _WORTH):
             best, most = found, agreeing
     if best is not solution and mapping.lens_free is not None:
         best = _adjust(mapping, best, mapping.lens_free)[0]
-    mapping.solution = best
+    return mapping.replace(solution=best)
 
 
 def _adjust(mapping: Mapping, start: Solution, lens_free: LensFlags) -> tuple[Solution, int]:
@@ -105,8 +106,8 @@ def _find_others(mapping: Mapping, still: Solution) -> Iterator[Solution]:
     for half in split_matches(mapping):
         try:
             found = solve_poses(
-                images, half, allow_halves(mapping.options), mapping.log.follow_steps("mapping"),
-                Adjustment(lens_settled=True, covariances=False),
+                images, half, mapping.options, mapping.log.follow_steps("mapping"),
+                Adjustment(lens_settled=True, covariances=False, min_inliers=HALF_INLIERS),
             )  # fmt: skip
         except SolveError:
             continue

@@ -111,31 +111,35 @@ def find_earth(
     return Earth(1.0, rotate_upright(up), np.zeros(3), figures, tuple(notes))
 
 
-def place_on_earth(mapping: Mapping, adjust_rig: Adjust) -> None:
+def place_on_earth(mapping: Mapping, adjust_rig: Adjust) -> Mapping:
     """Moves poses, points and rig to the world of the earth, as far as the photographs show it.
 
     Args:
         mapping: with a solution.
         adjust_rig: adjusts the images of a rig near the places of GPS.
+
+    Returns:
+        The run with solution and rig in that world, and "earth" of the figures.
     """
-    photographs, found = mapping.photographs, mapping.found
+    photographs, fit = mapping.photographs, mapping.found.rig
     earth = find_earth(
         mapping.solved, photographs.orientations, photographs.places, photographs.ups
     )
     if earth is None:
-        return
-    found.figures["earth"] = earth.figures
+        return mapping
     mapping.log.note(*earth.notes)
-    if found.rig is not None:
-        found.rig = found.rig.rescale(earth.scale)
+    if fit is not None:
+        fit = fit.rescale(earth.scale)
         if mapping.rig is not None and earth.places is not None:
             mapping.log.note(
                 f"a unit of {mapping.rig.source.name} is {earth.scale:.4g} m by GPS; lengths, and "
                 "the rig as it was used, are now in metres"
             )
-    mapping.solution = move_to_earth(mapping.solved, earth)
-    if earth.places is not None:
-        mapping.solution = adjust_near_places(mapping, mapping.solution, earth.places, adjust_rig)
+    mapping = mapping.replace(solution=move_to_earth(mapping.solved, earth))
+    mapping = mapping.add_findings({"earth": earth.figures}, rig=fit)
+    if earth.places is None:
+        return mapping
+    return adjust_near_places(mapping, earth.places, adjust_rig)
 
 
 def find_stated_up(figures: dict[str, Any]) -> tuple[float, float, float] | None:

@@ -42,19 +42,18 @@ _AGREE = 2.0
 Adjust = Callable[[Mapping, Solution, StatedPlaces, LensFlags], Solution]
 
 
-def adjust_near_places(
-    mapping: Mapping, solution: Solution, places: np.ndarray, adjust_rig: Adjust
-) -> Solution:
-    """Adjusts a solution near stated places; returns it as it was where images contradict them.
-
-    Notes what was done, and adds to the figures of GPS "in_adjustment" and "sigma_m".
+def adjust_near_places(mapping: Mapping, places: np.ndarray, adjust_rig: Adjust) -> Mapping:
+    """Adjusts the solution near stated places; it stays as it is where images contradict them.
 
     Args:
-        solution: in the world of the places.
+        mapping: with a solution in the world of the places.
         places: (N, 3) east, down, north in metres; NaN: not known, or far off.
         adjust_rig: adjusts the images of a rig.
+
+    Returns:
+        The run with the solution, and with "in_adjustment" and "sigma_m" of the figures of GPS.
     """
-    figures = mapping.found.figures["earth"]["gps"]
+    solution, earth = mapping.solved, mapping.found.figures["earth"]
     off = find_centers(solution.camera_from_world) - places
     known = solution.registered & np.isfinite(off).all(axis=1)
     ground = float((off[known][:, [0, 2]] ** 2).sum())
@@ -66,21 +65,22 @@ def adjust_near_places(
     before = np.abs(off[known] / stated.sigma)
     adjust = _adjust_images if mapping.found.rig is None else adjust_rig
     held = _adjust(mapping, solution, stated, adjust)
-    figures |= {"sigma_m": sigma, "in_adjustment": held is not None}
+    gps = {**earth["gps"], "sigma_m": sigma, "in_adjustment": held is not None}
+    mapping = mapping.add_findings({"earth": {**earth, "gps": gps}})
     if held is None:
         mapping.log.note(
             "GPS stays out of the adjustment: the images contradict its places, whose heights are "
             f"{float(np.median(np.abs(off[known][:, 1]))):.1f} m off the cameras' (median); either "
             "its altitudes are wrong, or the lens is"
         )
-        return solution
+        return mapping
     after = np.abs((find_centers(held.camera_from_world) - places)[known][:, 1])
     mapping.log.note(
         f"the places of GPS took part in the adjustment (to {sigma:.1f} m along the ground, "
         f"{_VERTICAL * sigma:.1f} m in height): heights are off by {float(np.median(after)):.2f} m "
         f"(median), before by {float(np.median(before[:, 1]) * stated.sigma[1]):.2f} m"
     )
-    return held
+    return mapping.replace(solution=held)
 
 
 def _adjust_images(

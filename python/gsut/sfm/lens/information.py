@@ -1,0 +1,214 @@
+"""What observations say of what all images share: a lens, or a readout time.
+
+Poses and points are free too, and eliminated from the normal equations. Equations of many images at
+once are large. A window of images with poses and points of its own is an independent estimate:
+windows together know a little less than all images at once, because a point that two windows see
+counts as two.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from gsut import _core
+from gsut.data.poses import find_centers
+from gsut.sfm.solution import LOSS_SCALE, LensFlags, Solution, index_lenses, transform_to_cameras
+
+_MOST_IMAGES = 400  # at once; of more the information is added up over windows
+_WINDOW = 150  # images, about
+# Points that an image must share with a window to join it: fewer do not hold its pose.
+_LEAST_SHARED = 20
+_MEDIAN_SQUARE = 2 * math.log(2)  # of a normal vector's length in the plane, in variances
+
+
+class WeightedObservations:
+    """Derivatives of the observations by their points, weighted as Cauchy's loss does.
+
+    Args:
+        solution: poses and points.
+        free: flags of the lenses' parameters, see `Adjustment`.
+        used: (S,) bool, the observations that count; None: all.
+
+    Attributes:
+        rows: (O,) which observations have derivatives.
+        image, point: (O,) of these.
+        p: (O, 3) their points in the camera.
+        by_p: (O, 2, 3) derivatives by those, not weighted.
+        by_lens: (O, 2, F) derivatives by the free parameters of all lenses, not weighted.
+        lenses, bases: the different lenses, and what turns their free parameters into all.
+        squared, median: (O,) squared lengths of the residuals, and their median.
+        weight: (O, 1, 1) roots of the weights.
+    """
+
+    def __init__(
+        self,
+        solution: Solution,
+        free: LensFlags = None,
+        used: np.ndarray | None = None,
+    ) -> None:
+        self._poses = poses = solution.camera_from_world
+        self.lenses = lenses = index_lenses(solution.cameras, free)
+        self.bases = bases = [None if f is None else spread_free_parameters(f) for f in lenses.free]
+        point, image = solution.observations[:, 0], solution.observations[:, 1]
+        p = transform_to_cameras(solution.points, solution.observations, poses)
+        of_lens = np.array(lenses.of_image)[image]
+        ends = np.cumsum([0 if basis is None else basis.shape[1] for basis in bases])
+        by_p, by_lens = np.zeros((len(p), 2, 3)), np.zeros((len(p), 2, ends[-1]))
+        for number, (camera, basis, end) in enumerate(
+            zip(lenses.cameras, bases, ends, strict=True)
+        ):
+            own, is_free = of_lens == number, basis is not None
+            by_p[own], by_params = camera.project_jacobian(p[own], with_params=is_free)
+            if basis is not None:
+                by_lens[own, :, end - basis.shape[1] : end] = by_params @ basis
+        good = np.isfinite(by_p).all(axis=(1, 2)) & np.isfinite(solution.residuals).all(axis=1)
+        self.rows = rows = np.flatnonzero(good if used is None else good & used)
+        self.image, self.point, self.lens_of = image[rows], point[rows], of_lens[rows]
+        self.p, self.by_p, self.by_lens = p[rows], by_p[rows], by_lens[rows]
+        self.squared = np.sum(solution.residuals[rows] ** 2, axis=1)
+        self.median = float(np.median(self.squared)) if len(rows) else 0.0
+        scale = LOSS_SCALE * max(math.sqrt(self.median), 1e-12)
+        self.weight = np.sqrt(1 / (1 + self.squared / scale**2))[:, None, None]
+
+    def differentiate_poses(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Returns (R, 2, 6) and (R, 2, 3) weighted derivatives of some by poses and points."""
+        weighted = self.weight[rows] * self.by_p[rows]
+        by_point = weighted @ self._poses[self.image[rows], :3, :3]
+        turned = differentiate_by_turn(weighted, self.p[rows])
+        return np.concatenate([-by_point, turned], axis=2), by_point
+
+    def find_information(
+        self,
+        by_shared: Callable[[np.ndarray], np.ndarray],
+        prior: np.ndarray,
+        times: np.ndarray | None = None,
+    ) -> tuple[np.ndarray, int]:
+        """Finds the information on what all images share; poses and points are free too.
+
+        Args:
+            by_shared: returns the weighted derivatives (R, 2, F) of some observations.
+            prior: (D,) what is known beforehand of an image's unknowns, as their normal equations.
+            times: (O,) of the observations' lines: bodies have a velocity too; None: they do not.
+
+        Returns:
+            The normal equations (F, F), and coordinates minus the directions that poses and points
+            take up.
+        """
+        centers, known = find_centers(self._poses), np.unique(self.image)
+        is_large = len(known) > _MOST_IMAGES
+        total: np.ndarray | int = 0
+        freedom = 2 * len(self.rows)
+        for window in split_windows(self.image, self.point, len(centers)) if is_large else [known]:
+            chosen = np.flatnonzero(np.isin(self.image, window))
+            by_pose, by_point = self.differentiate_poses(chosen)
+            if times is not None:
+                moved = times[chosen, None, None] * by_pose
+                by_pose = np.concatenate([by_pose, moved], axis=2)
+            own, determined = _core.shared_information(
+                np.searchsorted(window, self.image[chosen]),
+                np.unique(self.point[chosen], return_inverse=True)[1],
+                by_pose, by_shared(chosen), by_point, prior, _hold_gauge(centers[window], prior),
+            )  # fmt: skip
+            total = total + own
+            freedom -= determined
+        return np.asarray(total), freedom
+
+    def estimate_spread(self, freedom: int) -> tuple[float, float]:
+        """Estimates a coordinate's noise in pixels, and the factor of the inverse normal equations.
+
+        Takes in what Cauchy's loss costs (Huber 1964: E[psi^2] / E[psi']^2).
+
+        Args:
+            freedom: number of coordinates minus unknowns.
+        """
+        weight, lost = self.weight[:, 0, 0] ** 2, 2 * len(self.squared) / freedom
+        noise = math.sqrt(self.median / _MEDIAN_SQUARE * lost)
+        # psi = w r; over all directions of a residual r in the plane its mean derivative is w^2.
+        psi = float(np.mean(weight**2 * self.squared)) / 2
+        return noise, lost * psi * float(np.mean(weight)) / float(np.mean(weight**2)) ** 2
+
+
+def invert_scaled(normal: np.ndarray) -> np.ndarray:
+    """Inverts normal equations, scaled; NaN where they are singular."""
+    size = 1 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
+    try:
+        return np.linalg.inv(normal * np.outer(size, size)) * np.outer(size, size)
+    except np.linalg.LinAlgError:
+        return np.full_like(normal, np.nan)
+
+
+def spread_free_parameters(flags: np.ndarray) -> np.ndarray:
+    """Returns (K, F) with a column for each free parameter or tied group of the flags (K,)."""
+    flags = np.asarray(flags).astype(int)
+    groups = np.where(flags == 1, -1 - np.arange(len(flags)), flags)
+    wanted = list(dict.fromkeys(groups[flags > 0].tolist()))
+    return np.stack([groups == group for group in wanted], axis=1).astype(np.float64)
+
+
+def differentiate_by_turn(by_point: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """Returns (N, 2, 3) the derivative by w of a function of p + w x p.
+
+    Args:
+        by_point: (N, 2, 3) its derivative by the point.
+        p: (N, 3) the points.
+    """
+    return np.cross(p[:, None, :], by_point)
+
+
+def split_windows(
+    image: np.ndarray, point: np.ndarray, images: int, count: int | None = None
+) -> list[np.ndarray]:
+    """Splits images into windows that share many points.
+
+    A window grows by the image that sees most of its points, and the next one begins beside it.
+
+    Args:
+        image, point: (S,) of the observations.
+        images: number of images; those without observations are in no window.
+        count: of windows; None: one for every 150 images or so.
+
+    Returns:
+        The sorted images of each window.
+    """
+    by_image, by_point = np.argsort(image, kind="stable"), np.argsort(point, kind="stable")
+    begin_image = np.searchsorted(image[by_image], np.arange(images + 1))
+    begin_point = np.searchsorted(point[by_point], np.arange(int(point.max(initial=-1)) + 2))
+    is_open = np.diff(begin_image) > 0
+    count = count or max(1, round(int(is_open.sum()) / _WINDOW))
+    size = -(-int(is_open.sum()) // count)
+    windows: list[np.ndarray] = []
+    shared = np.zeros(images, np.int64)
+    while is_open.any():
+        own: list[int] = []
+        following = int(np.argmax(np.where(is_open, shared, -1)))
+        shared = np.zeros(images, np.int64)
+        is_known = np.zeros(len(begin_point) - 1, bool)
+        while len(own) < size and is_open[following]:
+            own.append(following)
+            is_open[following] = False
+            seen = point[by_image[begin_image[following] : begin_image[following + 1]]]
+            seen = np.unique(seen[~is_known[seen]])
+            is_known[seen] = True
+            lengths = begin_point[seen + 1] - begin_point[seen]
+            steps = np.arange(lengths.sum()) - np.repeat(np.cumsum(lengths) - lengths, lengths)
+            rows = by_point[np.repeat(begin_point[seen], lengths) + steps]
+            shared += np.bincount(image[rows], minlength=images)
+            following = int(np.argmax(np.where(is_open, shared, -1)))
+            if shared[following] < _LEAST_SHARED:
+                break
+        windows.append(np.sort(own))
+    return windows
+
+
+def _hold_gauge(centers: np.ndarray, prior: np.ndarray) -> list[int]:
+    """Lists the unknowns of images (N, 3) that fix the gauge, on which nothing depends.
+
+    The first image's pose, and one component of the farthest centre.
+    """
+    away = centers - centers[0]
+    second = int(np.argmax((away**2).sum(axis=1)))
+    axis = int(np.argmax(np.abs(away[second])))
+    return [*range(6), len(prior) * second + axis]
