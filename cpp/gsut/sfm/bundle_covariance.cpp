@@ -173,16 +173,13 @@ std::vector<Matrix6> PoseCovariances(const Bundle& bundle, const BundleOptions& 
   const int size = bodies > kMostMoving ? kPoseTangent : UnknownsOfBody(state);
   double squares = 0.0;
   ObservationTable observations = Linearize(bundle, state, options.loss_scale, size, &squares);
-  const auto points = std::count_if(observations.of_point.begin(), observations.of_point.end(),
-                                    [](const std::vector<int>& own) { return !own.empty(); });
   const std::vector<int> free = FreeUnknowns(state, options, size);
-  // Residuals less unknowns: what is left to estimate the noise from.
-  const std::int64_t freedom = 2 * static_cast<std::int64_t>(bundle.observations.size()) -
-                               3 * static_cast<std::int64_t>(points) -
-                               static_cast<std::int64_t>(free.size());
-  const double variance = squares / static_cast<double>(std::max<std::int64_t>(1, freedom));
   EliminatedPoints left = EliminatePoints(std::move(observations), bodies, size, 0);
-  if (left.determined < 3 * points) throw SolveError("a point of the bundle is not determined");
+  // Residuals less unknowns: what is left to estimate the noise from. A direction in which a point
+  // is not determined, as the distance of one far away, takes nothing and ties nothing together.
+  const std::int64_t freedom = 2 * static_cast<std::int64_t>(bundle.observations.size()) -
+                               left.determined - static_cast<std::int64_t>(free.size());
+  const double variance = squares / static_cast<double>(std::max<std::int64_t>(1, freedom));
   if (size > kPoseTangent) AddVelocityPriors(state, options, size, &left.normal);
   const std::vector<Matrix6> of_body =
       InvertBlocks(KeepFree(free, &left.normal), free, bodies, size);
