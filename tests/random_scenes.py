@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
@@ -26,6 +26,13 @@ FAMILIES = (
 def list_models() -> list[str]:
     """Lists the lenses for loops over renders and commands: FAMILIES, all with GSUT_EVERY_LENS."""
     return list(gsut.lens.camera_models() if os.environ.get("GSUT_EVERY_LENS") else FAMILIES)
+
+
+def list_isas() -> list[str]:
+    """Lists the instruction sets for loops: the best and the least, all with GSUT_EVERY_LENS."""
+    available = gsut.machine.available_isas()
+    chosen = available if os.environ.get("GSUT_EVERY_LENS") else (available[0], available[-1])
+    return list(dict.fromkeys(chosen))
 
 
 @functools.cache
@@ -81,6 +88,12 @@ def pinhole(width: int = 48, height: int | None = None, focal: float | None = No
 def random_pose(rng: np.random.Generator) -> np.ndarray:
     """(4, 4) camera_from_world: any rotation, centre within a few units of the origin."""
     return gsut.exp_pose(np.concatenate([rng.normal(size=3), rng.uniform(-2, 2, 3)]))
+
+
+def roll(pose: np.ndarray, twist: Sequence[float] = (0.02,) * 6) -> gsut.CameraMotion:
+    """A camera that moves by a twist, about this pose, while its image is read top to bottom."""
+    start, end = (gsut.exp_pose(sign * np.array(twist) / 2) @ pose for sign in (-1, 1))
+    return gsut.CameraMotion(start, end, gsut.Shutter("top_to_bottom"))
 
 
 def gaussians_in_view(

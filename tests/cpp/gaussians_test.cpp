@@ -3,7 +3,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 #include <random>
 #include <vector>
 
@@ -44,14 +43,11 @@ struct Sphere {
 };
 
 TEST(ActivationsTest, SigmoidAndLogitAreInverse) {
-  int cases = 0;
   for (const double logit : {-30.0, -5.0, -0.1, 0.0, 0.3, 8.0, 30.0}) {
     EXPECT_NEAR(Logit(Sigmoid(logit)), logit, logit < 9 ? kQuadratureTolerance : kLogitTolerance);
     EXPECT_NEAR((Sigmoid(logit + kStep) - Sigmoid(logit - kStep)) / (2 * kStep),
                 SigmoidDerivative(Sigmoid(logit)), kDifferenceTolerance);
-    ++cases;
   }
-  EXPECT_EQ(cases, 7);
   EXPECT_EQ(Sigmoid(-1000.0f), 0.0f);
   EXPECT_EQ(Sigmoid(1000.0f), 1.0f);
 }
@@ -64,16 +60,13 @@ TEST(ActivationsTest, RotationDoesNotDependOnTheNorm) {
                        expected[1] * (expected[3] * expected[8] - expected[5] * expected[6]) +
                        expected[2] * (expected[3] * expected[7] - expected[4] * expected[6]);
   EXPECT_NEAR(determinant, 1.0, kRoundingTolerance);
-  int cases = 0;
   for (const double factor : {1e-300, 1e-160, 1e-3, -1.0, 1e5, 1e200, 1e300}) {
     const double scaled[4] = {quat[0] * factor, quat[1] * factor, quat[2] * factor,
                               quat[3] * factor};
     double rotation[9];
     RotationFromQuaternion(scaled, rotation);
     for (int i = 0; i < 9; ++i) EXPECT_NEAR(rotation[i], expected[i], kRoundingTolerance) << factor;
-    ++cases;
   }
-  EXPECT_EQ(cases, 7);
 }
 
 TEST(ActivationsTest, RotationOfZeroQuaternionIsTheIdentityWithoutGradient) {
@@ -84,16 +77,6 @@ TEST(ActivationsTest, RotationOfZeroQuaternionIsTheIdentityWithoutGradient) {
   RotationFromQuaternionBackward(zero, upstream, gradient);
   for (int i = 0; i < 9; ++i) EXPECT_EQ(rotation[i], i % 4 == 0 ? 1.0f : 0.0f);
   for (int i = 0; i < 4; ++i) EXPECT_EQ(gradient[i], 0.0f);
-}
-
-TEST(ActivationsTest, NanQuaternionStaysNan) {
-  const float nan = std::numeric_limits<float>::quiet_NaN();
-  for (int i = 0; i < 4; ++i) {
-    float quat[4] = {1, 2, 3, 4}, unit[4];
-    quat[i] = nan;
-    NormalizeQuaternion(quat, unit);
-    EXPECT_TRUE(std::isnan(unit[0]));
-  }
 }
 
 TEST(ActivationsTest, QuaternionGradientMatchesCentralDifferences) {
@@ -124,32 +107,6 @@ TEST(ActivationsTest, QuaternionGradientMatchesCentralDifferences) {
   }
 }
 
-TEST(HarmonicsTest, BasisIsOrthonormalOnTheSphere) {
-  // Gauss-Legendre with 4 points in z and 8 equidistant azimuths: exact to polynomial degree 7.
-  const double nodes[4] = {-0.8611363115940526, -0.3399810435848563, 0.3399810435848563,
-                           0.8611363115940526};
-  const double node_weights[4] = {0.3478548451374538, 0.6521451548625461, 0.6521451548625461,
-                                  0.3478548451374538};
-  constexpr double kPi = 3.14159265358979323846;
-  double gram[16][16] = {};
-  for (int i = 0; i < 4; ++i) {
-    for (int j = 0; j < 8; ++j) {
-      const double azimuth = 2 * kPi * (j + 0.3) / 8;
-      const double radius = std::sqrt(1 - nodes[i] * nodes[i]);
-      double basis[16];
-      HarmonicsBasis(3, radius * std::cos(azimuth), radius * std::sin(azimuth), nodes[i], basis);
-      for (int a = 0; a < 16; ++a) {
-        for (int b = 0; b < 16; ++b) {
-          gram[a][b] += node_weights[i] * (2 * kPi / 8) * basis[a] * basis[b];
-        }
-      }
-    }
-  }
-  for (int a = 0; a < 16; ++a) {
-    for (int b = 0; b < 16; ++b) EXPECT_NEAR(gram[a][b], a == b ? 1.0 : 0.0, kQuadratureTolerance);
-  }
-}
-
 TEST(HarmonicsTest, GradientMatchesCentralDifferences) {
   Sphere sphere;
   int cases = 0;
@@ -175,40 +132,6 @@ TEST(HarmonicsTest, GradientMatchesCentralDifferences) {
     }
   }
   EXPECT_EQ(cases, 40);
-}
-
-TEST(HarmonicsTest, HomogeneousDegreesObeyEulersIdentity) {
-  // Basis k of degree l is a homogeneous polynomial: direction . gradient = l basis.
-  Sphere sphere;
-  double direction[3], basis[16];
-  sphere.Draw(direction);
-  HarmonicsBasis(3, direction[0], direction[1], direction[2], basis);
-  for (int degree = 0; degree <= 3; ++degree) {
-    for (int k = degree * degree; k < NumShCoefficients(degree); ++k) {
-      double one[16] = {}, gradient[3];
-      one[k] = 1;
-      HarmonicsBasisGradient(3, direction[0], direction[1], direction[2], one, gradient);
-      const double along =
-          direction[0] * gradient[0] + direction[1] * gradient[1] + direction[2] * gradient[2];
-      EXPECT_NEAR(along, degree * basis[k], kRoundingTolerance);
-    }
-  }
-}
-
-TEST(HarmonicsTest, ClampedChannelsHaveNoGradient) {
-  const double direction[3] = {0, 0, 1};
-  const double sh[3] = {-10, 0.5, -1.7};
-  double color[3], dl_dsh[3], dl_ddirection[3];
-  const unsigned clamped = EvalHarmonics(0, direction, sh, color);
-  EXPECT_EQ(clamped, 1u);
-  EXPECT_EQ(color[0], 0.0);
-  EXPECT_DOUBLE_EQ(color[1], 0.5 + kSh0 * 0.5);
-  EXPECT_DOUBLE_EQ(color[2], 0.5 - kSh0 * 1.7);
-  const double upstream[3] = {1, 1, 1};
-  EvalHarmonicsBackward(0, direction, sh, clamped, upstream, dl_dsh, dl_ddirection);
-  EXPECT_EQ(dl_dsh[0], 0.0);
-  EXPECT_DOUBLE_EQ(dl_dsh[1], kSh0);
-  EXPECT_EQ(dl_ddirection[0], 0.0);
 }
 
 TEST(HarmonicsTest, ColorGradientMatchesCentralDifferences) {
@@ -265,7 +188,6 @@ std::vector<double> BruteForceDistances(const std::vector<double>& points) {
 TEST(SeedTest, DistancesToNeighborsMatchBruteForce) {
   std::mt19937_64 engine(2);
   std::normal_distribution<double> normal;
-  int cases = 0;
   for (const int n : {0, 1, 2, 3, 4, 5, 12, 13, 14, 25, 100, 777, 2000}) {
     for (const char* shape : {"volume", "line", "grid", "duplicates"}) {
       std::vector<double> points;
@@ -287,10 +209,8 @@ TEST(SeedTest, DistancesToNeighborsMatchBruteForce) {
         ASSERT_NEAR(found[i].frame.norm(), 1.0, kRoundingTolerance);
         ASSERT_TRUE(found[i].thickness >= 0.0 && found[i].thickness <= 1.0) << shape << " " << n;
       }
-      ++cases;
     }
   }
-  EXPECT_EQ(cases, 52);
 }
 
 // Points near a plane: the frame's third axis is its normal, the thickness what they are off it.

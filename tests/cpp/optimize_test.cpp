@@ -91,7 +91,6 @@ TEST(AdamTest, MatchesDoubleReferenceOnEveryInstructionSetWithTheSameBits) {
       cases.push_back({rows, 48, active, false, true});
     }
   }
-  int ran = 0;
   for (const Case& c : cases) {
     const auto count = static_cast<std::size_t>(c.rows * c.columns);
     const AdamData in(count, 5);
@@ -130,11 +129,9 @@ TEST(AdamTest, MatchesDoubleReferenceOnEveryInstructionSetWithTheSameBits) {
       }
       if (first.empty()) first = data.params;
       EXPECT_EQ(first, data.params) << isa;
-      ++ran;
     }
     SetIsa("");
   }
-  EXPECT_EQ(ran, static_cast<int>(112 * AvailableIsas().size()));
 }
 
 TEST(AdamTest, SameBitsOnAnyThreadCount) {
@@ -244,7 +241,6 @@ TEST(McmcTest, CapacityTooSmallRaises) {
 }
 
 TEST(McmcTest, RowIsFiniteFindsEveryParameter) {
-  int cases = 0;
   for (const float bad :
        {std::numeric_limits<float>::quiet_NaN(), std::numeric_limits<float>::infinity(),
         -std::numeric_limits<float>::infinity()}) {
@@ -256,10 +252,8 @@ TEST(McmcTest, RowIsFiniteFindsEveryParameter) {
       EXPECT_FALSE(RowIsFinite(owned.state.params, 1));
       EXPECT_TRUE(RowIsFinite(owned.state.params, 0));
       EXPECT_TRUE(RowIsFinite(owned.state.params, 2));
-      ++cases;
     }
   }
-  EXPECT_EQ(cases, 15);
 }
 
 TEST(AdaptiveTest, SameBitsOnAnyThreadCount) {

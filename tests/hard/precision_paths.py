@@ -9,7 +9,7 @@ import numpy as np
 import flips
 import gsut
 import tolerances
-from random_scenes import relative_error
+from random_scenes import list_isas, relative_error
 
 FIELDS = tuple(field.name for field in dataclasses.fields(gsut.Gaussians))
 
@@ -25,7 +25,7 @@ class Outcome:
 
 def every_path() -> list[str]:
     """The double reference first, then the instruction sets."""
-    return ["float64", *gsut.machine.available_isas()]
+    return ["float64", *list_isas()]
 
 
 def run_every_path(g, camera, pose, weights, **options) -> list[Outcome]:
@@ -44,7 +44,7 @@ def run_every_path(g, camera, pose, weights, **options) -> list[Outcome]:
         assert np.isfinite(gradients.pose).all(), path
         outcomes.append(Outcome(path, result, gradients))
     gsut.machine.set_isa("")
-    assert len(outcomes) == 1 + len(gsut.machine.available_isas())
+    assert len(outcomes) == 1 + len(list_isas())
     return outcomes
 
 

@@ -2,94 +2,20 @@
 
 import numpy as np
 import pytest
-from precision_paths import FIELDS, blob, errors_of, joined, run_every_path
+from precision_paths import FIELDS, blob, run_every_path
 
 import gsut
 import tolerances
-from random_scenes import fisheye, gaussians_in_view, pinhole, random_pose, random_weights
+from random_scenes import (
+    gaussians_in_view,
+    list_isas,
+    pinhole,
+    random_weights,
+)
 
-EPS = float(np.finfo(np.float32).eps)
 # `render` warns of the very values that some of these tests plant.
 WARNED = pytest.mark.filterwarnings("ignore:of [0-9]+ Gaussians:RuntimeWarning")
 BLACK_HARMONIC = 1 / np.sqrt(4 * np.pi)
-
-
-@pytest.mark.parametrize("distance", [1.0, 10.0, 100.0, 1000.0])
-@pytest.mark.parametrize("aspect", [1.0, 10.0, 100.0, 1000.0])
-def test_response_of_needles_at_any_distance_errs_by_the_rounding_of_their_place(
-    rng, aspect, distance
-):
-    # The nearest that float can know of a Gaussian's place is eps / 2 of its distance; over the
-    # smallest scale that is an error of D, and alpha changes by at most 0.61 opacity a unit of D.
-    camera = pinhole(32, focal=400.0)  # 4.6 degrees: the field's edge is as far as the axis
-    worst = bound = 0.0
-    ran = 0
-    for _ in range(12):
-        length = distance * rng.uniform(0.005, 0.02)
-        thickness = length / aspect
-        pose = random_pose(rng)
-        direction = np.array([*rng.uniform(-0.02, 0.02, 2), 1.0])
-        mean = (distance * direction - pose[:3, 3]) @ pose[:3, :3]
-        scales = np.array([length, thickness, thickness])
-        g = blob(mean, scales, opacity=0.9, quat=rng.normal(size=4))
-        outcomes = run_every_path(g, camera, pose, random_weights(rng, camera))
-        truth = outcomes[0].result.alpha
-        for outcome in outcomes[1:]:
-            alpha = outcome.result.alpha
-            # Where the cut-off is crossed alpha jumps by 1/255; both must lie at it.
-            jump = (alpha > 0) != (truth > 0)
-            at_cut = np.maximum(alpha, truth)[jump] - 1 / 255
-            error = max(np.abs(alpha - truth)[~jump].max(), np.abs(at_cut).max(initial=0))
-            allowed = tolerances.HARD_RESPONSE_ULPS * EPS * np.linalg.norm(mean) / thickness
-            allowed += tolerances.HARD_RESPONSE_FLOOR
-            assert error < allowed, (outcome.path, error, allowed)
-            worst, bound = max(worst, error), max(bound, allowed)
-            ran += 1
-    assert ran == 12 * len(gsut.machine.available_isas())
-    print(f"aspect {aspect:g} at {distance:g}: alpha off by {worst:.1e}, allowed {bound:.1e}")
-
-
-@WARNED
-def test_scales_of_any_exponent_leave_every_number_finite(rng):
-    camera = fisheye(40)
-    weights = random_weights(rng, camera)
-    ran = 0
-    exponents = (
-        -1e30,
-        -200.0,
-        -88.0,
-        -80.0,
-        -40.0,
-        -20.0,
-        -10.0,
-        10.0,
-        20.0,
-        44.0,
-        88.0,
-        105.0,
-        1e30,
-    )
-    for first in exponents:
-        for second in (first, 0.0, -first):
-            g = blob((0.1, 0.1, 2.0), 0.3, quat=rng.normal(size=4))
-            g.log_scales[0] = (first, second, -1.0)
-            both = joined(blob((0.3, -0.1, 3.0), 0.4), g)
-            # The reference refuses scales whose inverse is not finite; the float paths leave them
-            # out, as they do what float cannot hold.
-            for isa in gsut.machine.available_isas():
-                gsut.machine.set_isa(isa)
-                result = gsut.render(both, camera, np.eye(4))
-                if not -87.3 < first < 88.5:  # beyond float: the other one alone
-                    alone = gsut.render(both[:1], camera, np.eye(4))
-                    assert np.array_equal(result.image, alone.image), (isa, first, second)
-                assert np.isfinite(result.image).all() and np.isfinite(result.depth).all()
-                assert np.all((result.alpha >= 0) & (result.alpha <= 1))
-                found = gsut.render_backward(result, *weights)
-                for name in FIELDS:
-                    assert np.isfinite(getattr(found.gaussians, name)).all(), (isa, name, g)
-                assert np.isfinite(found.pose).all()
-                ran += 1
-    assert ran == len(exponents) * 3 * len(gsut.machine.available_isas())
 
 
 def test_zero_quaternion_is_the_identity_with_gradient_zero(rng):
@@ -137,8 +63,7 @@ def test_value_that_is_no_number_drops_its_gaussian_and_touches_no_other(rng):
     weights = random_weights(rng, camera)
     whole = gaussians_in_view(rng, camera, np.eye(4), 20, sh_degree=1)
     without = whole[np.arange(20) != 1]
-    ran = 0
-    for isa in gsut.machine.available_isas():
+    for isa in list_isas():
         gsut.machine.set_isa(isa)
         clean = gsut.render(without, camera, np.eye(4))
         slopes = gsut.render_backward(clean, *weights)
@@ -157,14 +82,11 @@ def test_value_that_is_no_number_drops_its_gaussian_and_touches_no_other(rng):
                     others = np.delete(rows, 1, axis=0)
                     assert np.array_equal(others, getattr(slopes.gaussians, field))
                 assert np.allclose(found.pose, slopes.pose, rtol=tolerances.RENDER_CLOSED_FORM)
-                ran += 1
-    assert ran == len(gsut.machine.available_isas()) * (3 + 4 + 3 + 1 + 12) * 3
 
 
 def test_opacity_zero_and_one_have_closed_forms_and_finite_gradients(rng):
     camera = pinhole(33)
     weights = random_weights(rng, camera)
-    ran = 0
     logits = (
         (-1e30, 0),
         (-200.0, 0),
@@ -183,8 +105,6 @@ def test_opacity_zero_and_one_have_closed_forms_and_finite_gradients(rng):
             )
             if expected == 0:
                 assert np.all(outcome.gradients.gaussians.opacity_logits == 0)
-            ran += 1
-    assert ran == len(logits) * (1 + len(gsut.machine.available_isas()))
 
 
 def test_ten_thousand_layers_on_one_pixel_match_the_closed_form():
@@ -224,23 +144,6 @@ def test_ten_thousand_layers_on_one_pixel_match_the_closed_form():
     for outcome in stopped:
         touched = np.flatnonzero(outcome.gradients.gaussians.sh[:, 0, 0])
         assert abs(len(touched) - last) <= 2 and touched[-1] == len(touched) - 1
-
-
-def test_cutoffs_of_any_size_give_finite_numbers_that_match_double(rng):
-    # 1e-30 is about what float's exponent can hold of alpha; 0.5 leaves the cores only.
-    camera, pose = fisheye(40), random_pose(rng)
-    g = gaussians_in_view(rng, camera, pose, 30)
-    weights = random_weights(rng, camera)
-    ran = 0
-    for alpha_min in (1e-30, 1e-7, 0.5):
-        for alpha_max in (0.5, 0.999):
-            rule = gsut.BlendRule()
-            rule.alpha_min, rule.alpha_max = alpha_min, alpha_max
-            found = errors_of(run_every_path(g, camera, pose, weights, blend=rule), weights)
-            assert found.image < tolerances.HARD_IMAGE, (alpha_min, alpha_max, found)
-            assert max(found.gradients, found.pose) < tolerances.HARD_GRADIENT, (alpha_min, found)
-            ran += 1
-    assert ran == 6
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ import gsut
 import small_datasets
 from gsut import _core
 from gsut.run import RunFile, RunFolder, describe_environment
+from random_scenes import fisheye, pinhole, random_pose, roll, small_camera
 
 
 def lines_of(camera, motion):
@@ -22,6 +23,22 @@ def lines_of(camera, motion):
         origins[row] = (camera.origins()[row] - shift) @ rotation
         world[row] = rays[row] @ rotation
     return origins, world, valid
+
+
+CAMERAS = {
+    "pinhole": lambda: pinhole(12),
+    "fisheye": lambda: fisheye(24),
+    "moving pupil": lambda: small_camera("cahvore", width=12),
+    "rolling shutter": lambda: pinhole(12),
+}
+
+
+def put_camera(rng, kind, cameras=CAMERAS):
+    """A camera of a kind, its pose or motion, and its pose in the middle of that."""
+    camera, pose = cameras[kind](), random_pose(rng)
+    if kind != "rolling shutter":
+        return camera, pose, pose
+    return camera, roll(pose, (0.1, -0.05, 0.08, 0.05, 0.08, -0.04)), pose
 
 
 def sphere_depth(origins, rays, center, radius):

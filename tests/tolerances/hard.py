@@ -1,6 +1,5 @@
 """Tolerances of the hard cases."""
 
-HARD_IMAGE = 1e-4  # RENDER_FLIP: what differs by more has a reason and is left out; worst 9.9e-5
 HARD_ALPHA = 1e-5  # one Gaussian, also around the camera, with or without a jump; worst 1.9e-6
 # relative L2 of each array; needles and near Gaussians: 6e-8 of the distance over the scale, in
 # sums that cancel; worst 6.9e-4
@@ -10,6 +9,3 @@ HARD_GRADIENT = 1e-3
 HARD_ZERO_GRADIENT = 1e-2
 HARD_JUMPS_AN_IMAGE = 5  # pixels exactly on a discontinuity
 HARD_WALL = 4e-6  # a wall of any width against its closed form; worst 1.8e-6
-# alpha errs by at most this times eps x distance / smallest scale: three roundings of half an ulp
-# of the mean's place, times 0.61 (the steepest slope of exp(-D^2 / 2)), times opacity 0.9 = 0.4
-HARD_RESPONSE_ULPS = 0.5

@@ -44,9 +44,7 @@ LENS_RENDER_STEP = 1e-4
 LENS_RENDER_STEPS = 4
 LENS_RENDER_CUTOFF = 6e-3
 LENS_GRADIENT_RELATIVE = 1e-4
-HARD_RESPONSE_FLOOR = 4e-6  # alpha of a round Gaussian; worst 3.4e-6
 HARD_LAYERS = 1e-5  # relative: 10 000 products of float; worst 3.2e-7
-HARD_LAYERS_IMAGE = 1e-5  # 700 layers, then the stop; worst 5e-7
 HARD_PROJECTION_PIXELS = 2e-4  # px at 640 px (float spacing 6e-5); worst 9.3e-5
 HARD_DETERMINANT = 1e-4  # of a covariance over the product of its variances; rounding of 1e-6
 # All twenty on small scenes (tests/hard/test_hard_matrix.py): float by every instruction set and
@@ -85,7 +83,6 @@ EVERY_LENS_GREY_LEVELS = 0.6  # a photograph of 8 bits against the truth rendere
 EVERY_LENS_GAIN_DB = 0.94  # least observed 1.88, of equirectangular
 EVERY_LENS_SAME_DB = 0.01
 EVERY_LENS_COMPACT_DB = 0.33  # worst observed 0.17, of opencv5
-EVERY_LENS_CONVERT_PX = 1.4e-4  # worst observed 7.3e-5, of mei
 # Turns between views after refinement against the true Gaussians over those before. Without the
 # lens the worst is 0.047, of opencv12. With it five views of 64 pixels do not determine all
 # lenses: most reach 0.02 to 0.2, splined_stereographic stays at 1

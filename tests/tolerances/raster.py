@@ -52,14 +52,9 @@ RENDER_GRADIENT = 1e-4
 RENDER_POSE_GRADIENT = 1e-4  # as above, one sum over all Gaussians; worst 6e-5
 # relative; float's alpha may lie this much below the cut-off where double's lies above it
 RENDER_MISS_MARGIN = 1e-4
-LINES_IMAGE_RMS = 1e-5  # worst 1.1e-7
-LINES_GRADIENT = 1e-4  # relative L2, worst 1.2e-5, of the poses 2.7e-5
 LINES_TRAIN_RANDOM_PSNR = 15.0  # dB after 150 steps from random Gaussians; found 22.5, 30.3
 # dB, of helmet_distorted_rs after 250 steps at half size, found 3.1; 11.3 after 1000 at full size
 SHUTTER_LEAST_GAIN = 2.0
-# Share of the motion within a frame by which start and end poses from neighbours' velocities miss.
-# Central differences of a made sway, see the test; found 0.1415.
-READOUT_POSE_SHARE = 0.28
 TRAIN_LEAST_PSNR = 25.0  # dB after 100 steps; least over all instruction sets 32.8
 EWA_DISCS = 1e-6  # discs of a thousandth's thickness in place of an affine map; worst 3.2e-8
 EWA_FLOAT = 2e-5  # rms would be 1e-5; the largest of all pixels; worst 5e-7

@@ -7,7 +7,6 @@ RIG_FEW_UNITS = 0.011  # a moment of ten points in each camera, 3 seeds; worst 0
 RIG_FEW_DEGREES = 0.1  # the same; worst 0.048
 RIG_HELD = 5.2e-15  # poses of a moment's cameras to each other; worst 2.6e-15
 RIG_DEMO_SCALE_PERCENT = 0.048  # six moments of two fisheyes at 200 x 200; worst 0.024
-RIG_DEMO_REFINED_PERCENT = 0.1  # the same with a rig that is refined; worst 0.051
 RIG_DEMO_METRES = 0.0056  # centres there, no scale taken out
 RIG_SCALE_SIGMA = (
     2.0  # errors of the scale over their standard error, rms of 12 runs, either way; found 1.33
@@ -17,15 +16,10 @@ RIG_REFINED_DEGREES = 0.021  # left of 0.5, 3 seeds; worst 0.0107
 RIG_REFINED_SHARE = 0.0035  # of the baseline, left of 0.01, 3 seeds; worst 0.0017
 RIG_FOUND_DEGREES = 0.11  # a rig and its two lenses found from 8 frames, 3 seeds; worst 0.055
 RIG_FOUND_LENS_PX = 0.5  # focal lengths and centres of these lenses; worst 0.25
-OCAM_FILE = 1.2e-15  # relative, radians: text of doubles, affine part inverted; worst 5.6e-16
 AROUND_SCALE_PERCENT = 1.0  # four moments of four fisheyes at 128 x 128; worst 0.57
 AROUND_METRES = 0.0074  # centres there, no scale taken out; worst 0.0044
 AROUND_COVERED = 0.98  # share of the pixels with a depth; worst 1.0
 AROUND_DEPTH = 0.064  # relative, median, after 100 steps; worst 0.032
-# Six moments of two fisheyes at 200 x 200, one lens or both estimated, 3 seeds; worst 0.0135.
-RIG_ESTIMATED_FOCAL = 0.027
-RIG_ESTIMATED_SCALE_PERCENT = 2.0  # the same; worst 1.02
-RIG_OTHER_LENS_FOCAL = 0.0022  # of six small pictures beside those of a known lens; worst 0.0011
 RIG_CENTER_PX = 0.042  # principal points of two estimated lenses on a refined rig; worst 0.0207
 RIG_ROLLING_EXACT = (
     1e-9  # centres of rigs with rolling shutters from exact tracks, 4 kinds; worst 5e-10, since
@@ -35,6 +29,5 @@ RIG_ROLLING_ENDS = (
     1.5e-4  # their centres at both ends of a readout, whose arc is a line; worst 7.3e-5
 )
 RIG_READOUT = 0.036  # of a video of two fisheyes, found with its rig, 3 orders; worst 0.018
-RIG_LINES_DB = 5.0  # held out, gained by the lines of both cameras of a rolling rig; found 10
 RIG_OPEN_SHIFT = 0.06  # of the baseline: a refined place, its height open, no overlap; worst 0.030
 RIG_TURN_CHI_SQUARE = 3.0  # squared error of a mount's turn a degree of freedom, 6 runs; found 1.02

@@ -174,9 +174,10 @@ std::vector<Matrix6> PoseCovariances(const Bundle& bundle, const BundleOptions& 
   double squares = 0.0;
   ObservationTable observations = Linearize(bundle, state, options.loss_scale, size, &squares);
   const std::vector<int> free = FreeUnknowns(state, options, size);
+  // A direction in which a point is open, as along the ray of a single sight, says nothing and
+  // takes no freedom.
   EliminatedPoints left = EliminatePoints(std::move(observations), bodies, size, 0);
-  // Residuals less unknowns: what is left to estimate the noise from. A direction in which a point
-  // is not determined, as the distance of one far away, takes nothing and ties nothing together.
+  // Residuals less unknowns: what is left to estimate the noise from.
   const std::int64_t freedom = 2 * static_cast<std::int64_t>(bundle.observations.size()) -
                                left.determined - static_cast<std::int64_t>(free.size());
   const double variance = squares / static_cast<double>(std::max<std::int64_t>(1, freedom));

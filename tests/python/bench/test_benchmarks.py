@@ -83,6 +83,7 @@ def test_train_measures_whole_commands(hall):
     assert row["seconds"] > row["train_seconds"] > 0 and row["cpu_seconds"] > 0
 
 
+@pytest.mark.slow
 def test_compact_measures_the_whole_model_methods_and_rivals(hall):
     options = {"keep": (0.5,), "finetune": 5, "steps": 20, "cap": 200, "scale": 1.0}
     rows = run_bench("compact", hall, **options)
@@ -94,6 +95,7 @@ def test_compact_measures_the_whole_model_methods_and_rivals(hall):
     assert rows["hall, ghap, 0.5"]["cpu_seconds"] > whole["cpu_seconds"]
 
 
+@pytest.mark.slow
 def test_refine_measures_what_is_left_of_a_disturbance(hall):
     options = {"steps": 20, "max_gaussians": 300, "disturbances": ("small", "lens")}
     rows = run_bench("refine", hall, **options)
@@ -104,6 +106,7 @@ def test_refine_measures_what_is_left_of_a_disturbance(hall):
     assert rows["hall, focal 2 %, k1 20 %, plain"]["focal_percent"] == pytest.approx(2.0)
 
 
+@pytest.mark.slow
 def test_light_is_compared_with_the_truth(hall):
     options = {"steps": 20, "max_gaussians": 200, "views": 8, "size": 48}
     rows = run_bench("light", hall, only="falloff + noise", **options)

@@ -56,6 +56,7 @@ def test_poses_with_the_lens_have_errors_beside_seconds(hall, tmp_path):
     assert "focal_sigma_percent" not in row
 
 
+@pytest.mark.slow
 def test_poses_without_the_lens_state_its_uncertainty(tmp_path):
     hall = write_hall(tmp_path / "few", views=8, test_views=0, size=112)
     row = find_hall_poses(hall, tmp_path, UNKNOWN)

@@ -30,7 +30,6 @@ def _found(paths, board=BOARD):
 def test_corners_drawn_boards_lie_where_the_lens_puts_them(pictures):
     paths, poses = pictures
     photographs = _found(paths)
-    checked = 0
     for photograph, pose in zip(photographs, poses, strict=True):
         truth = FISHEYE.project(transform_points(pose, BOARD.locate_corners()))[0] - 0.5
         assert photograph.corners is not None, photograph.reason
@@ -42,8 +41,6 @@ def test_corners_drawn_boards_lie_where_the_lens_puts_them(pictures):
         assert np.abs(error.mean(axis=0)).max() < tolerances.CALIB_DRAWN_OFFSET_PX
         rms = np.sqrt(np.mean(np.sum(error**2, axis=1)))
         assert rms < tolerances.CALIB_DRAWN_CORNER_PX
-        checked += 1
-    assert checked == 6
 
 
 def test_corners_image_upside_down_keep_their_order_where_colours_tell(tmp_path):
@@ -101,63 +98,6 @@ def test_assign_cameras_pairs_by_name():
     photographs = assign_cameras(paths, ["left", "right"])
     assert [p.camera for p in photographs] == ["left", "right", "left"]
     assert photographs[0].frame == photographs[1].frame != photographs[2].frame
-
-
-@pytest.mark.parametrize(
-    ("spoil", "sentence"),
-    [
-        ("unreadable", "spoiled.png: not a readable image"),
-        ("cut off", "spoiled.png: the image is cut off"),
-        ("missing", "spoiled.png: cannot be read"),
-        ("other size", "spoiled.png has 210 x 160 pixels"),
-    ],
-)
-def test_find_boards_spoiled_file_is_named(pictures, tmp_path, spoil, sentence):
-    spoiled = tmp_path / "spoiled.png"
-    whole = pictures[0][0].read_bytes()
-    if spoil == "unreadable":
-        spoiled.write_text("this is no image")
-    elif spoil == "cut off":
-        spoiled.write_bytes(whole[: len(whole) // 2])
-    elif spoil == "other size":
-        cv2.imwrite(str(spoiled), cv2.resize(cv2.imread(str(pictures[0][0])), (210, 160)))
-    with pytest.raises(BoardError, match=sentence):
-        _found([*pictures[0], spoiled])
-
-
-def test_find_boards_no_board_names_the_first_file(tmp_path):
-    paths = []
-    for index in range(3):
-        paths.append(tmp_path / f"empty{index}.png")
-        cv2.imwrite(str(paths[-1]), np.full((120, 160), 128, np.uint8))
-    with pytest.raises(BoardError, match=r"no board of 7 x 5 .*empty0\.png: no board is seen"):
-        _found(paths)
-
-
-def test_find_boards_too_few_says_how_many(pictures):
-    with pytest.raises(BoardError, match="too few boards: 2 found in 2 images"):
-        _found(pictures[0][:2])
-
-
-@pytest.mark.parametrize("board", [Board(8, 6, 0.03), Board(6, 4, 0.03)])
-def test_find_boards_wrong_size_says_the_right_one(pictures, board):
-    with pytest.raises(BoardError, match=r"wrong board size: .*board\d\.png.* 7 x 5"):
-        _found(pictures[0], board)
-
-
-def test_find_board_blurred_and_cropped_say_so(pictures):
-    image = read_grey(pictures[0][0])
-    photograph = Photograph(pictures[0][0], "camera", "0")
-    find_board(image, photograph, BOARD)
-    left, right = photograph.corners[:, 0].min(), photograph.corners[:, 0].max()
-    cropped = Photograph(pictures[0][0], "camera", "0")
-    find_board(image[:, : int(left + 0.6 * (right - left))], cropped, BOARD)
-    assert cropped.corners is None
-    assert "cropped" in cropped.reason
-    blurred = Photograph(pictures[0][0], "camera", "0")
-    find_board(cv2.GaussianBlur(image, (0, 0), 7), blurred, BOARD)
-    assert blurred.corners is None
-    assert "blurred" in blurred.reason
 
 
 def test_board_parse_nonsense_is_refused():

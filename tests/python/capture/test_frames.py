@@ -344,21 +344,6 @@ def test_a_cut_is_said_and_a_fast_walk_or_a_flash_is_none(tmp_path):
         )
 
 
-def test_frame_rate_that_the_file_names_wrongly_does_not_choose_its_frames(tmp_path):
-    film = walk(tmp_path / "walk.mp4", frames=40)
-    video = write_stamps(tmp_path / "walk.mkv", film, lambda i: 512 * i)  # 30 a second
-    seen = extract_frames(video, tmp_path / "a").figures
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(Video, "frame_rate", property(lambda _: 1000.0, _skip), raising=False)
-        told = extract_frames(video, tmp_path / "b").figures
-    assert [row["time"] for row in told["frames"]] == [row["time"] for row in seen["frames"]]
-    assert told["name_rate"] == told["frame_rate"] == 1000.0
-
-
-def _skip(*_):
-    """Takes a value that is not kept."""
-
-
 @pytest.mark.parametrize(
     "name", [os.fsdecode(b"caf\xe9.mp4"), "http:a.mp4", "concat:a|b.mp4", "pipe:.mp4", "-a%03d.mp4"]
 )

@@ -118,12 +118,6 @@ def test_edit_takes_positions_alone(run, capsys, flag):
     assert "--positions says scale and up" in capsys.readouterr().err
 
 
-def test_edit_takes_one_of_positions_and_undo(run, capsys):
-    words = ["edit", "run", "-o", "a.ply", "--positions", "p.csv", "--undo", "x.json"]
-    assert main(words) == 2
-    assert "--positions says scale and up" in capsys.readouterr().err
-
-
 def test_edit_asks_for_a_run_where_photographs_are_needed(ply, capsys):
     assert main(["edit", "in.ply", "-o", "out.ply", "--floaters"]) == 2
     assert "which has no cameras: give a run for --floaters" in capsys.readouterr().err

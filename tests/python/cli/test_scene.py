@@ -248,15 +248,6 @@ def test_scene_called_from_python_resumes_after_interrupts(tmp_path):
     assert (whole.path / "scene.ply").read_bytes() == (run / "scene.ply").read_bytes()
 
 
-def test_bad_input_is_one_sentence(tmp_path, capsys):
-    assert main(["scene", str(tmp_path / "no.mp4"), "-o", str(tmp_path / "run"), "--quiet"]) == 2
-    assert "no such file" in capsys.readouterr().err
-    (tmp_path / "empty").mkdir()
-    words = ["scene", str(tmp_path / "empty"), "-o", str(tmp_path / "run"), "--quiet"]
-    assert main(words) == 2
-    assert "there are no photographs here" in capsys.readouterr().err
-
-
 class Clock:
     now = 0.0
 

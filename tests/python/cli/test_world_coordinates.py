@@ -99,14 +99,6 @@ def test_scene_file_with_the_datasets_poses_gives_the_psnr_of_the_run(case):
     assert (b"comment gsut: dataset coordinates = these + " in header) == far
 
 
-def test_eval_of_the_run_measures_the_same(case, capsys):
-    _, _, run = case
-    metrics = json.loads((run / "metrics.json").read_text())
-    assert main(["eval", str(run), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert abs(found["psnr"] - metrics["psnr"]) < tolerances.SAME_FRAME_DB
-
-
 def test_render_along_a_path_of_the_datasets_poses_shows_these_views(case, tmp_path):
     _, data, run = case
     scene = gsut.load_dataset(data)
@@ -136,17 +128,6 @@ def test_render_along_a_path_of_the_datasets_poses_shows_these_views(case, tmp_p
     np.testing.assert_allclose(cloud, seen, rtol=0, atol=tolerances.CLOUD_UNITS)
     assert len(colors) == len(cloud) > 500
     assert np.linalg.norm(np.median(cloud, axis=0) - np.median(scene.points, axis=0)) < 1
-
-
-def test_grid_of_a_run_lies_where_the_points_do(case, tmp_path):
-    _, data, run = case
-    voxels = ["--voxel", "0.1", "--support", "0"]
-    assert main(["mesh", str(run), "-o", str(tmp_path / "grid.npy"), *voxels]) == 0
-    told = json.loads((tmp_path / "grid.json").read_text())
-    cells = np.argwhere(np.abs(np.load(tmp_path / "grid.npy")) < told["voxel"])
-    surface = told["origin"] + told["voxel"] * cells
-    middle = np.median(gsut.load_dataset(data).points, axis=0)
-    assert np.linalg.norm(np.median(surface, axis=0) - middle) < 1
 
 
 def test_mesh_and_cut_scene_lie_where_the_points_do(case, tmp_path):

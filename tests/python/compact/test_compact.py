@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import gsut
+import ray_model
 import tolerances
 from gsut import InputError, _core
 from gsut.compact import compact, score_gaussians
@@ -18,7 +19,7 @@ from gsut.compact.method import METHODS
 from gsut.compact.methods.lightgaussian import score_significance, sum_hits
 from gsut.compact.methods.pup import score_sensitivity, sum_fisher_matrices
 from gsut.compact.scores import SeenView, blend_weights, find_strongest
-from gsut.gaussians import SH_C0
+from gsut.gaussians import SH_C0, transform_gaussians
 from gsut.render import place_about
 from random_scenes import arrays_of, fisheye, gaussians_in_view, pinhole, random_pose
 
@@ -95,34 +96,17 @@ def test_scores_of_gaussians_about_an_origin_equal_those_about_zero(scene, views
 
 
 def blended_by_hand(g, view):
-    """(pixels, N) alpha and transmittance in front, 0 where not drawn, in plain numpy."""
-    rays, valid = view.camera.rays()
-    pose = np.asarray(view.camera_from_world)
-    rays = np.asarray(rays)[np.asarray(valid, bool) & view.mask] @ pose[:3, :3]
-    means = g.means.astype(float) + pose[:3, :3].T @ pose[:3, 3]
-    depth = (means @ pose[:3, :3].T)[:, 2]
-    alphas = np.zeros((len(rays), len(g)))
-    for i in range(len(g)):
-        w, x, y, z = g.quats[i].astype(float) / np.linalg.norm(g.quats[i].astype(float))
-        axes = np.array(
-            [
-                [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-                [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-                [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-            ]
-        )
-        whiten = axes.T / np.exp(g.log_scales[i].astype(float))[:, None]
-        ray, mean = rays @ whiten.T, whiten @ means[i]
-        along = ray @ mean / np.sum(ray**2, axis=1)
-        square = np.sum((mean - along[:, None] * ray) ** 2, axis=1)
-        alpha = np.minimum(0.99, np.exp(-square / 2) / (1 + np.exp(-float(g.opacity_logits[i]))))
-        alphas[:, i] = np.where((along > 0) & (alpha >= 1 / 255), alpha, 0.0)
-    rule = _core.BlendRule()
-    alphas[:, (depth < rule.near_z) | (depth > rule.far_z)] = 0.0
-    order = np.argsort(np.linalg.norm(means, axis=1).astype(np.float32), kind="stable")
+    """(pixels, N) alpha and transmittance in front, 0 where not drawn, by the second renderer."""
+    rule, pose = _core.BlendRule(), view.camera_from_world
+    seen = view.mask & np.asarray(view.camera.rays()[1], bool)
+    traced = ray_model.trace(
+        g.to_dtype(np.float64), view.camera, pose, rule, pixels=np.argwhere(seen)
+    )
+    alphas = np.where(traced.alpha >= rule.alpha_min, traced.alpha, 0.0)
+    order = np.argsort(traced.keys.astype(np.float32), kind="stable")
     front = np.cumprod(1 - alphas[:, order], axis=1)
-    transmittance = np.empty_like(alphas)
-    transmittance[:, order] = np.concatenate([np.ones((len(rays), 1)), front[:, :-1]], axis=1)
+    transmittance = np.ones_like(alphas)
+    transmittance[:, order[1:]] = front[:, :-1]
     drawn = (alphas > 0) & (transmittance >= rule.transmittance_min)
     return np.where(drawn, alphas, 0.0), np.where(drawn, transmittance, 0.0)
 
@@ -355,13 +339,7 @@ def test_ghap_turns_and_scales_with_the_scene(rng, factor):
     camera, pose = fisheye(96), random_pose(rng)
     g = gaussians_in_view(rng, camera, pose, 2000, sh_degree=0, opacity=1.0)
     rotation = random_pose(rng)[:3, :3]
-    moved = gsut.Gaussians(
-        factor * g.means @ rotation.T,
-        _quaternion_product(_quaternion(rotation), g.quats),
-        g.log_scales + np.float32(np.log(factor)),
-        g.opacity_logits,
-        g.sh,
-    )
+    moved = transform_gaussians(g, rotation, factor)
     moved_pose = pose.copy()
     moved_pose[:3, :3] = pose[:3, :3] @ rotation.T
     moved_pose[:3, 3] *= factor
@@ -422,25 +400,6 @@ def test_compact_takes_the_same_memory_for_each_gaussian(count):
 def test_merge_pairs_refuses_wrong_weights(scene):
     with pytest.raises(InputError, match="weights must have shape"):
         _core.merge_pairs(scene, 10, np.zeros(3, np.float32))
-
-
-def _quaternion(rotation):
-    """w, x, y, z of a rotation matrix with trace > -1."""
-    w = np.sqrt(1 + np.trace(rotation)) / 2
-    r = rotation
-    xyz = np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]]) / (4 * w)
-    return np.concatenate([[w], xyz])
-
-
-def _quaternion_product(a, b):
-    w, v = a[0], a[1:]
-    return np.concatenate(
-        [
-            w * b[:, :1] - b[:, 1:] @ v[:, None],
-            w * b[:, 1:] + b[:, :1] * v + np.cross(v, b[:, 1:]),
-        ],
-        axis=1,
-    )
 
 
 def test_blend_weights_give_the_mean_colour_seen(scene, views):

@@ -84,7 +84,7 @@ def test_place_that_views_show_gets_finite_sigmas(ball, confidence):
     plain = gsut.render(ball, CAMERA, inward_pose(0.3))
     # The sigmas are blended as features, whose kernels round differently.
     off = np.sqrt(np.mean((plain.image - result.image) ** 2))
-    assert off < tolerances.LINES_IMAGE_RMS and plain.color_sigma is None
+    assert off < tolerances.RENDER_IMAGE_RMS and plain.color_sigma is None
 
 
 def test_factors_bound_shares_of_held_out_pixels(rng, confidence):

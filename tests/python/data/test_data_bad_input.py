@@ -185,8 +185,6 @@ case("png_cut_off", nerfstudio(IMAGE, lambda data: data[:-300]),
      IMAGE, "PNG file is truncated", "copy")  # fmt: skip
 case("png_damaged", nerfstudio(IMAGE, flipped_byte), IMAGE, "wrong checksum")
 case("jpeg_cut_off", jpeg(JPEG[:-200]), "images/004.jpg", "JPEG file is truncated")
-case("jpeg_cut_off_in_header", jpeg(b"\xff\xd8\xff\xe0\x00\x10JF"),
-     "images/004.jpg", "JPEG file is truncated")  # fmt: skip
 case("image_is_text", nerfstudio(IMAGE, "<html>404 not found</html>"), IMAGE, "cannot be decoded")
 case("image_is_empty", nerfstudio(IMAGE, b""), IMAGE, "empty")
 case("image_of_wrong_size", nerfstudio(IMAGE, picture(36, 20)),
@@ -199,8 +197,6 @@ case("mask_missing", frame(2, mask_path="no.png"),
 # --- transforms.json
 case("json_cut_off", nerfstudio("transforms.json", lambda data: data[:700]),
      "transforms.json", "not valid JSON at line 1, column", "cut off")  # fmt: skip
-case("json_is_binary", nerfstudio("transforms.json", b"\xff\xfe{\x00"),
-     "transforms.json", "byte 0 is not UTF-8")  # fmt: skip
 case("json_without_frames", listed(lambda v: v.pop("frames")),
      "transforms.json", "no list 'frames'")  # fmt: skip
 case("frame_without_name", listed(lambda v: v["frames"][5].pop("file_path")),
@@ -211,23 +207,17 @@ case("shutter_without_end", frame(5, transform_matrix_start=np.eye(4).tolist()),
      "frame images/005.png", "only one of transform_matrix_start")  # fmt: skip
 POSE = "frame images/003.png"
 case("pose_nan", entry(1, 2, np.nan), POSE, "the pose holds nan in row 1, column 2")
-case("pose_infinite", entry(0, 3, -np.inf), POSE, "the pose holds -inf in row 0, column 3")
 case("pose_of_wrong_shape", posed(lambda pose: pose[:3, :3]), POSE, "shape (3, 3)")
 case("pose_of_words", posed(lambda pose: [["a"] * 4] * 4), POSE, "not a matrix of numbers")
 case("pose_sheared", entry(slice(3), 0, lambda pose: pose[:3, 0] + 0.1 * pose[:3, 1]),
      POSE, "not a rotation", "differs from the identity by")  # fmt: skip
 case("pose_scaled", entry(slice(3), slice(3), lambda pose: 2.5 * pose[:3, :3]),
      POSE, "rotation times a uniform scale of 2.5")  # fmt: skip
-case("pose_zero", entry(slice(3), slice(3), 0), POSE, "not a rotation")
 case("pose_mirrored", entry(slice(3), 0, lambda pose: -pose[:3, 0]),
      POSE, "mirrors", "determinant -1")  # fmt: skip
 case("pose_transposed", posed(np.transpose), POSE, "last row", "transposed")
 case("frame_twice_with_two_poses", listed(one_frame_twice),
      "listed twice with different poses", "images/000.png")  # fmt: skip
-case("unknown_camera_model", listed(lambda v: v.update(camera_model="FISHEYE_8000")),
-     "transforms.json", "camera_model", "FISHEYE_8000", "OPENCV_FISHEYE")  # fmt: skip
-case("intrinsics_nan", listed(lambda v: v.update(fl_x=np.nan)), "transforms.json", "fl_x", "nan")
-case("focal_length_missing", listed(lambda v: v.pop("fl_x")), "transforms.json", "fl_x")
 case("unknown_test_name", listed(lambda v: v.update(test_filenames=["images/00.png"])),
      "transforms.json", "test_filenames has 'images/00.png', which is not an image",
      "nearest")  # fmt: skip
@@ -243,16 +233,8 @@ case("everything_held_out", listed(lambda v: v.update(test_filenames=NAMES)),
 case("points_missing", nerfstudio("points3D.ply", None),
      "transforms.json", "'points3D.ply' does not exist")  # fmt: skip
 case("points_cut_off", nerfstudio("points3D.ply", lambda data: data[:-100]), "points3D.ply")
-case("points_are_text", nerfstudio("points3D.ply", "x y z\n"), "points3D.ply")
 
 # --- COLMAP
-case("colmap_camera_line_cut_off", colmap_text("cameras.txt", "# cameras\n7 PINHOLE 48"),
-     "cameras.txt, line 2", "expected CAMERA_ID MODEL WIDTH HEIGHT PARAMS[]",
-     "'7 PINHOLE 48'")  # fmt: skip
-case("colmap_unknown_model", colmap_text("cameras.txt", "7 RAINBOW 48 36 1 2 3 4\n"),
-     "cameras.txt, line 1", "RAINBOW", "SIMPLE_PINHOLE")  # fmt: skip
-case("colmap_camera_nan", colmap_text("cameras.txt", "7 PINHOLE 48 36 40 nan 24 18\n"),
-     "cameras.txt, line 1", "not finite")  # fmt: skip
 case("colmap_camera_missing", colmap_text("cameras.txt", replaced(b"7 PINHOLE", b"8 PINHOLE")),
      "images.txt, line 2", "camera 7, which does not exist")  # fmt: skip
 case("colmap_image_line_malformed", colmap_text("images.txt", replaced(b"7 002.png", b"002.png")),
@@ -268,11 +250,6 @@ case("colmap_point_line_cut_off", colmap_text("points3D.txt", line(3, "1 0.5 0.5
      "points3D.txt, line 3", "expected POINT3D_ID", "'1 0.5 0.5'")  # fmt: skip
 case("colmap_point_nan", colmap_text("points3D.txt", line(3, "1 nan 0.5 0.5 1 2 3 0")),
      "points3D.txt", "1 of 400 points have NaN", "the first is row 1")  # fmt: skip
-case("colmap_cameras_truncated", colmap_binary("cameras.bin", lambda data: data[:60]),
-     "cameras.bin", "ends at byte 60", "camera 1 of 1", "byte 32")  # fmt: skip
-case("colmap_binary_unknown_model",
-     lambda path: small.write_colmap_binary(path, model_number=99),
-     "cameras.bin", "camera model 99")  # fmt: skip
 case("colmap_images_truncated", colmap_binary("images.bin", lambda data: data[:-30]),
      "images.bin", "image 10 of 10", "ends at byte")  # fmt: skip
 case("colmap_images_empty", colmap_binary("images.bin", b""), "images.bin", "in its header")
@@ -289,23 +266,19 @@ case("colmap_images_folder_missing", renamed_images, "images.bin", "none of its 
 # --- plain folder
 case("folder_pose_line_cut_off", folder("poses.txt", line(3, "001.png 1 2 3")),
      "poses.txt, line 3", "name tx ty tz qx qy qz qw", "'001.png 1 2 3'")  # fmt: skip
-case("folder_quaternion_not_unit", folder("poses.txt", line(3, "001.png 1 2 3 0 0 0 2")),
-     "poses.txt, line 3", "norm is 2")  # fmt: skip
 case("folder_json_pose_not_a_rotation", instead_of_poses_txt(HALVES),
      "poses.json, image 001", "not a rotation")  # fmt: skip
 case("folder_json_cut_off", instead_of_poses_txt('{"001": [[1,'), "poses.json", "not valid JSON")
 case("folder_poses_of_other_images",
      folder("poses.txt", lambda data: data.replace(b".png", b"_left.png")),
      "poses.txt", "none of its 10 images exist")  # fmt: skip
-case("folder_lens_broken", folder("cameras.txt", "1 PINHOLE forty-eight 36 1 2 3 4\n"),
-     "cameras.txt")  # fmt: skip
 
 # Cases that show only when pixels are decoded; the doctor must find them, and so must `image`.
 NEEDS_DECODING = {"png_cut_off", "png_damaged", "jpeg_cut_off", "mask_of_wrong_size"}
 
 
 def test_bad_input_table_has_all_its_cases():
-    assert len(CASES) == 67
+    assert len(CASES) == 52
 
 
 @pytest.fixture
@@ -316,7 +289,7 @@ def path(tmp_path):
 
 
 @pytest.mark.parametrize(("write", "parts"), CASES.values(), ids=CASES)
-def test_load_bad_input_is_one_clear_sentence(write, parts, path):
+def test_bad_input_is_one_clear_sentence_of_the_loader_and_the_doctor(write, parts, path):
     write(path)
     with pytest.raises(gsut.InputError) as caught:
         load_dataset(path).check_pixels()
@@ -325,17 +298,12 @@ def test_load_bad_input_is_one_clear_sentence(write, parts, path):
     missing = [part for part in parts if part not in message]
     assert not missing, f"{missing} not in: {message}"
     assert str(path) in message
+    errors = [str(f) for f in diagnose(path, progress=False) if f.severity == "error"]
+    assert any(all(part in error for part in parts) for error in errors), errors
+    assert all("\n" not in error for error in errors)
 
 
 @pytest.mark.parametrize("name", sorted(NEEDS_DECODING))
 def test_load_bad_pixels_are_not_read_before_they_are_needed(name, tmp_path):
     CASES[name][0](tmp_path)
     assert len(load_dataset(tmp_path)) == small.VIEWS
-
-
-@pytest.mark.parametrize(("write", "parts"), CASES.values(), ids=CASES)
-def test_diagnose_bad_input_says_the_same_without_raising(write, parts, path):
-    write(path)
-    errors = [str(f) for f in diagnose(path, progress=False) if f.severity == "error"]
-    assert any(all(part in error for part in parts) for error in errors), errors
-    assert all("\n" not in error for error in errors)

@@ -118,15 +118,6 @@ def write_two_cameras(path, offset=0):
     (path / "transforms.json").write_text(json.dumps(values))
 
 
-@pytest.mark.parametrize("to", LAYOUTS)
-def test_cameras_with_a_lens_each_come_back_from_the_layout(to, tmp_path):
-    write_two_cameras(tmp_path / "in")
-    gsut.convert_dataset(tmp_path / "in", tmp_path / "out", to)
-    scene, found = (gsut.load_dataset(tmp_path / name, test_every=0) for name in ("in", "out"))
-    assert len({camera for camera in found.cameras}) == 2
-    assert_same(found, scene)
-
-
 def test_cameras_of_a_dataset_with_poses_are_chosen_by_their_folders(tmp_path, capsys):
     write_two_cameras(tmp_path / "in", offset=1000)
     words = ["data", "convert", str(tmp_path / "in"), str(tmp_path / "out")]
@@ -284,15 +275,6 @@ def test_make_scene_is_the_scene_of_the_files(tmp_path):
     for i in range(small.VIEWS):
         np.testing.assert_array_equal(half.image(i), small_files.image(i))
         np.testing.assert_array_equal(scene.mask(i), files.mask(i))
-
-
-def test_make_scene_trains_and_is_judged_without_files(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    scene = gsut.scene_from_arrays(**arrays(), test_every=4)
-    result = gsut.train(scene, gsut.TrainOptions(preset="fast", steps=20), progress=False)
-    figures = gsut.evaluate(result.gaussians, scene, scene.test_indices)
-    assert len(figures["views"]) == len(scene.test_indices) == 3
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_links_are_made_only_where_asked(tmp_path):

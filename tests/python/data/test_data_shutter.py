@@ -2,6 +2,7 @@
 
 import json
 
+import cv2
 import numpy as np
 import pytest
 
@@ -9,7 +10,10 @@ import gsut
 import small_datasets as small
 import tolerances
 from gsut import InputError, TrainOptions
+from gsut.cli import main
 from gsut.data.scene import with_shutter
+from gsut.render import PixelFilter
+from gsut.render.pictures import to_uint8
 
 
 def rolling_transforms(direction=None):
@@ -119,3 +123,25 @@ def test_train_rolling_scene_beats_treating_it_as_global(shared):
         psnr[shutter] = gsut.train(scene, options, progress=False).metrics["psnr"]
     print(psnr)
     assert psnr["auto"] > psnr["global"] + tolerances.SHUTTER_LEAST_GAIN
+
+
+def test_render_of_held_out_views_keeps_the_rolling_shutter(tmp_path):
+    data, run, out = (tmp_path / name for name in ("data", "run", "out"))
+    small.write_nerfstudio(data)
+    words = ["--steps", "60", "--max-gaussians", "600", "--sh-degree", "0", "--quiet"]
+    assert main(["train", str(data), "-o", str(run), "--readout-time", "0.8", *words]) == 0
+    assert main(["render", str(run), "--path", "test", "-o", str(out)]) == 0
+    scene = with_shutter(gsut.load_dataset(data), readout_time=0.8)
+    gaussians = gsut.formats.load_ply(run / "scene.ply")
+    train = scene.train_indices
+    pixels = PixelFilter(gaussians, [scene.camera(i) for i in train], scene.poses(train))
+    for index in scene.test_indices:
+        view, camera = scene.views[index], scene.camera(index)
+        found = cv2.imread(str(out / view.name.replace("/", "_")))[..., ::-1]
+        rolling, still = (
+            to_uint8(gsut.render(pixels.widen(camera, place), camera, place, background=None).image)
+            for place in (view.motion, view.camera_from_world)
+        )
+        assert np.array_equal(found, rolling)
+        assert not np.array_equal(found, still)
+    assert len(scene.test_indices) == 2

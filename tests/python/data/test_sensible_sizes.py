@@ -73,10 +73,3 @@ def test_half_levels_of_a_limited_scene_come_from_its_own_pictures(dataset):
     expected = cv2.resize(scene.image(1), (20, 15), interpolation=cv2.INTER_AREA)
     np.testing.assert_array_equal(level.image(1), expected)
     assert dataclasses.replace(scene).decodes_small
-
-
-def test_a_file_that_changed_its_size_is_still_named(dataset):
-    scene = prepare_scene(gsut.load_dataset(dataset), gsut.TrainOptions(max_side=40))
-    cv2.imwrite(str(dataset / "2.jpg"), np.zeros((44, 66, 3), np.uint8))
-    with pytest.raises(gsut.DatasetError, match="expected 80 x 60"):
-        scene.image(2)

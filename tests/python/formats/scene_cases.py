@@ -16,12 +16,3 @@ def plain_scene(rng, count=2000, coefficients=16):
         rng.uniform(-4, 4, count),
         sh,
     )
-
-
-def same_rows(reference, gaussians):
-    """The rows of `reference` that are nearest to those of `gaussians`; each is to be used once."""
-    from scipy.spatial import cKDTree
-
-    _, rows = cKDTree(reference.means).query(gaussians.means)
-    assert len(np.unique(rows)) == len(gaussians)
-    return reference[rows]

@@ -109,17 +109,6 @@ def test_load_ply_skips_elements_with_lists_before_the_vertices(tmp_path, rng):
     assert_same(formats.load_ply(tmp_path / "a.ply"), g)
 
 
-def test_load_ply_with_rows_that_are_not_finite_leaves_them_out_and_counts(tmp_path, rng):
-    g = random_gaussians(rng, 10, 4)
-    g.means[3, 1] = np.nan
-    g.sh[3, 2, 2] = np.inf
-    g.sh[8, 3, 0] = -np.inf
-    formats.save_ply(tmp_path / "a.ply", g)
-    with pytest.warns(UserWarning, match=r"a\.ply: 2 of 10 Gaussians"):
-        found = formats.load_ply(tmp_path / "a.ply")
-    assert_same(found, g[np.array([0, 1, 2, 4, 5, 6, 7, 9])])
-
-
 def test_load_ply_with_infinite_opacity_logits_keeps_them_as_20(tmp_path, rng):
     g = random_gaussians(rng, 3, 1)
     g.opacity_logits[:] = [np.inf, 0.0, -np.inf]
@@ -157,21 +146,6 @@ def test_surfels_are_written_and_read_as_2dgs_does(tmp_path, rng):
     assert_same(formats.load_ply(tmp_path / "three.ply"), g)
 
 
-@pytest.mark.parametrize("byte_order", ["<", "a"])
-def test_load_ply_truncated_anywhere_raises(tmp_path, rng, byte_order):
-    columns = columns_of(random_gaussians(rng, 4, 1))
-    write_table(tmp_path / "a.ply", columns, byte_order, dict.fromkeys(columns, "f4"))
-    whole = (tmp_path / "a.ply").read_bytes()
-    tried = 0
-    last = len(whole) if byte_order == "<" else len(whole.rstrip()) - 30
-    for length in range(0, last, 17):
-        (tmp_path / "b.ply").write_bytes(whole[:length])
-        with pytest.raises(InputError, match=r"b\.ply"):
-            formats.load_ply(tmp_path / "b.ply")
-        tried += 1
-    assert tried > 30
-
-
 @pytest.mark.parametrize(
     ("count", "said"), [(4 * 10**12, "truncated"), (2**63 - 1, r"at least \d{21} bytes of data")]
 )
@@ -193,6 +167,7 @@ def test_load_ply_with_a_huge_count_raises_before_asking_for_memory(tmp_path, rn
         (b"ply\nformat utf8 1.0\nend_header\n", "line 2: unknown format"),
         (b"ply\nelement vertex 1\nend_header\n", "no format line"),
         (b"ply\nformat ascii 1.0\nelement vertex -1\nend_header\n", "line 3: expected"),
+        (b"ply\nformat ascii 1.0\nelement camera 04list\nend_header\n", "line 3: expected"),
         (b"ply\nformat ascii 1.0\nproperty float x\nend_header\n", "before the first element"),
         (b"ply\nformat ascii 1.0\nelement vertex 1\nproperty half x\n", "unknown type"),
         (b"ply\nformat ascii 1.0\nelement face 1\nproperty float x\nend_header\n1\n", "no element"),
@@ -216,16 +191,6 @@ def test_load_ply_with_a_word_that_is_no_number_names_row_and_property(tmp_path)
     (tmp_path / "a.ply").write_text(header + "1 2 3\n4 oops 6\n")
     with pytest.raises(InputError, match='vertex row 1 of 2, property y: "oops" is not a number'):
         load_points_ply(tmp_path / "a.ply")
-
-
-def test_load_ply_of_a_file_that_does_not_exist_raises(tmp_path):
-    with pytest.raises(InputError, match="cannot be opened"):
-        formats.load_ply(tmp_path / "absent.ply")
-
-
-def test_save_ply_into_a_folder_that_does_not_exist_raises(tmp_path, rng):
-    with pytest.raises(InputError, match="cannot be written"):
-        formats.save_ply(tmp_path / "absent" / "a.ply", random_gaussians(rng, 1, 1))
 
 
 def test_save_ply_with_a_line_break_in_a_comment_raises(tmp_path, rng):
@@ -253,6 +218,13 @@ def test_load_points_ply_reads_points_and_colors(tmp_path, rng, byte_order, pref
     np.testing.assert_array_equal(found_points, points)
     np.testing.assert_array_equal(found_colors, colors)
     assert found_points.dtype == np.float64 and found_colors.dtype == np.uint8
+
+
+def test_load_points_ply_skips_rows_of_nothing_at_once(tmp_path):
+    header = "ply\nformat ascii 1.0\nelement camera 900000000000000\nelement vertex 1\n"
+    header += "".join(f"property float {name}\n" for name in "xyz") + "end_header\n"
+    (tmp_path / "a.ply").write_text(header + "1 2 3\n")
+    assert load_points_ply(tmp_path / "a.ply")[0].tolist() == [[1.0, 2.0, 3.0]]
 
 
 def test_load_points_ply_without_colors_is_mid_grey(tmp_path):
@@ -286,9 +258,3 @@ def test_load_points_ply_with_colors_of_an_unusual_range_says_so(tmp_path, kind,
     write_table(tmp_path / "b.ply", columns, "<", types | {"red": "f4"})
     with pytest.raises(InputError, match="neither of 0 to 1"):
         load_points_ply(tmp_path / "b.ply")
-
-
-def test_load_points_ply_of_fox_has_its_points(shared):
-    points, colors = load_points_ply(shared / "data" / "fox" / "points3D.ply")
-    assert points.shape == (11954, 3) and colors.shape == (11954, 3)
-    assert np.isfinite(points).all()

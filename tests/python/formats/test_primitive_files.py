@@ -5,42 +5,12 @@ import pytest
 
 import gsut
 from gsut import InputError
-from gsut.edit import merge_gaussians
-from gsut.formats import open_ply
-from gsut.formats.ply import read_comments
 from gsut.gaussians import rotations_from_quaternions
 from random_scenes import random_gaussians
 
 
 def make_model(rng, count=40):
     return random_gaussians(rng, count).to_primitive("triangle")
-
-
-def test_primitive_stays_with_rows_copies_types_and_origins(rng):
-    g = make_model(rng)
-    moved = g.translate((1e6, 0, 0))
-    for same in (g.copy(), g.to_dtype(np.float64), moved, moved.with_origin((0, 0, 0)), g[3:5]):
-        assert same.primitive == "triangle"
-    assert g.make_zeros().primitive == "triangle"
-
-
-def test_save_ply_names_the_primitive_and_load_ply_reads_it(rng, tmp_path):
-    g, path = make_model(rng), tmp_path / "scene.ply"
-    assert not gsut.save_gaussians(path, g).left_out
-    assert "gsut: primitive triangle" in read_comments(path)
-    found = gsut.load_gaussians(path)
-    assert found.primitive == open_ply(path, memory=1).primitive == "triangle"
-    assert found.means.tobytes() == g.means.tobytes()
-    gsut.save_gaussians(path, g.to_primitive("gaussian"))
-    assert not any("primitive" in comment for comment in read_comments(path))
-
-
-def test_load_ply_of_an_unknown_primitive_is_refused(rng, tmp_path):
-    path = tmp_path / "scene.ply"
-    gsut.save_gaussians(path, make_model(rng))
-    path.write_bytes(path.read_bytes().replace(b"primitive triangle", b"primitive squarish"))
-    with pytest.raises(InputError, match=r"names an unknown primitive; known: gaussian, triangle"):
-        gsut.load_gaussians(path)
 
 
 @pytest.mark.parametrize("suffix", [".pt", ".pth", ".ckpt", ".ingp"])
@@ -73,10 +43,7 @@ def test_to_primitive_of_flat_ones_drops_the_shortest_axis_and_gives_surfels_bac
     assert np.abs(back.log_scales[:, :2] - flat.log_scales[:, :2]).max() < 0.01
 
 
-def test_merge_and_compaction_refuse_what_is_undefined(rng):
+def test_compaction_that_merges_refuses_triangles(rng):
     g = make_model(rng)
-    with pytest.raises(InputError, match="one primitive, found triangle, gaussian"):
-        merge_gaussians([g, g.to_primitive("gaussian")])
-    assert merge_gaussians([g, g]).primitive == "triangle"
     with pytest.raises(InputError, match=r'"ghap" merges .* triangle .* by lightgaussian, pup, or'):
         gsut.compact(g, 0.5)

@@ -53,10 +53,6 @@ def change_sog(path: Path, place: list[Any], value: Any) -> None:
     repack(path, zipfile.ZIP_STORED, {"meta.json": json.dumps(meta).encode()})
 
 
-def pack_otherwise(path: Path, method: int) -> None:
-    repack(path, method, {})
-
-
 def replace_image(path: Path, name: str, side: tuple[int, int], lossless: bool = True) -> None:
     """Puts a black picture of (width, height) in the place of another."""
     quality = [cv2.IMWRITE_WEBP_QUALITY, 101 if lossless else 50]
@@ -126,45 +122,32 @@ def set_first_bound(path: Path, value: float) -> None:
 
 SOG = {
     "one mins for three": (["means", "mins"], [0.0], "means.mins"),
-    "a number as mins": (["means", "mins"], 0.5, "means.mins"),
     "mins above maxs": (["means", "mins"], [9e1, 0, 0], "means.mins"),
-    "infinite maxs": (["means", "maxs"], [float("inf"), 0, 0], "means.maxs"),
     "maxs that no float has": (["means", "maxs"], [500, 500, 500], "means.maxs"),
     "one file for both halves": (["means", "files"], 2 * ["means_l.webp"], "means.files"),
     "a short codebook": (["scales", "codebook"], [0.0, 1.0], "scales.codebook"),
-    "a long codebook": (["sh0", "codebook"], [0.0] * 300, "sh0.codebook"),
     "words in a codebook": (["sh0", "codebook"], ["x"] * 256, "sh0.codebook"),
     "no quats": (["quats"], None, "quats is missing"),
     "colours as rotations": (["quats", "files"], ["sh0.webp"], "quats"),
     "half a count": (["count"], 150.5, "count"),
-    "a true count": (["count"], True, "count"),
     "no Gaussians": (["count"], 0, "count is 0"),
-    "version 3": (["version"], 3, "SOG version 3"),
     "bands of 4": (["shN", "bands"], 4, "shN.bands"),
     "a palette below its labels": (["shN", "count"], 3, "shN"),
     "a huge claim": (["count"], 10**12, "claims 1,000,000,000,000"),
     "more than its images hold": (["count"], 9000, "9,000 are needed"),
     "version 1": (["version"], 1, "SOG version 1"),
-    "no means": (["means"], None, "means is missing"),
-    "a huge palette": (["shN", "count"], 10**9, "1 to 65536"),
-    "an infinite count": (["count"], float("inf"), "count is inf"),
 }
 
 GLTF = {
     "a negative accessor": ([*ATTRIBUTES, SCALE], -1, "SCALE is -1"),
-    "an accessor beyond all": ([*ATTRIBUTES, SCALE], 999, "SCALE is 999"),
     "a negative view": (["accessors", 3, "bufferView"], -1, "accessors[3].bufferView is -1"),
     "a sparse accessor": (["accessors", 3, "sparse"], {"count": 1}, "accessors[3].sparse"),
     "another buffer": (["bufferViews", 3, "buffer"], 1, "bufferViews[3].buffer"),
-    "a buffer elsewhere": (["buffers", 0, "uri"], "x.bin", "buffers[0].uri"),
-    "fewer opacities": (["accessors", 4, "count"], 1, "OPACITY"),
     "no Gaussians": (["accessors", 0, "count"], 0, "accessors[0].count is 0"),
     "a negative offset": (["bufferViews", 3, "byteOffset"], -4, "bufferViews[3].byteOffset"),
     "beyond its view": (["accessors", 3, "byteOffset"], 4, "bufferViews[3]"),
     "overlapping rows": (["bufferViews", 3, "byteStride"], 4, "bufferViews[3].byteStride"),
     "scales of four": (["accessors", 3, "type"], "VEC4", "accessors[3].type"),
-    "scales of bytes": (["accessors", 3, "componentType"], 5121, "accessors[3].componentType"),
-    "opacities of scales": ([*ATTRIBUTES, OPACITY], 3, "accessors[3].type"),
     "half of a degree": ([*ATTRIBUTES, f"{EXTENSION}:SH_DEGREE_1_COEF_1"], None, "SH_DEGREE_1"),
     "linear colours": ([*ABOUT, "colorSpace"], "lin_rec709_display", "colorSpace"),
     "another kernel": ([*ABOUT, "kernel"], "box", "kernel"),
@@ -184,11 +167,9 @@ SPZ: dict[str, tuple[dict[str, Any], str]] = {
 GLB = {
     "deep brackets": (b"[" * 100000, "is no JSON"),
     "an empty object": (b"{}", "no glTF file of Gaussians"),
-    "a mesh": (b'{"meshes": [{"primitives": [{"attributes": {}}]}]}', "0 meshes with KHR"),
 }
 
 ARCHIVE = "encrypted or packed by a method"
-BOUND = "max_x is below its min_x"
 # (suffix, what is wrong) -> what is done to a file, and what the sentence must say.
 WRONG: dict[tuple[str, str], tuple[Callable[[Path], object], str]] = {
     **{
@@ -225,21 +206,17 @@ WRONG: dict[tuple[str, str], tuple[Callable[[Path], object], str]] = {
         lambda path: repack(path, zipfile.ZIP_DEFLATED, {"scales.webp": bytes(10**8)}),
         "scales.webp has more than",
     ),
-    (".sog", "LZMA"): (functools.partial(pack_otherwise, method=zipfile.ZIP_LZMA), ARCHIVE),
-    (".sog", "BZIP2"): (functools.partial(pack_otherwise, method=zipfile.ZIP_BZIP2), ARCHIVE),
+    (".sog", "LZMA"): (lambda path: repack(path, zipfile.ZIP_LZMA, {}), ARCHIVE),
     (".sog", "encrypted"): (mark_encrypted, ARCHIVE),
     (".glb", "an opacity of 7.5"): (raise_opacity, "OPACITY has values"),
     (".spz", "255 fractional bits"): (
         functools.partial(set_fractional_bits, bits=255),
         "fractional bits are 255",
     ),
-    **{
-        (".compressed.ply", f"a bound of {value:g}"): (
-            functools.partial(set_first_bound, value=value),
-            BOUND,
-        )
-        for value in (1e30, float("nan"), float("inf"))
-    },
+    (".compressed.ply", "a bound that is no number"): (
+        functools.partial(set_first_bound, value=float("nan")),
+        "max_x is below its min_x",
+    ),
 }
 
 

@@ -1,14 +1,11 @@
 """patch_gsplat: gsplat's functions are ours, by a stand-in of its modules and by gsplat itself."""
 
 import importlib
-import itertools
 import math
-import os
 import runpy
 import sys
 import types
 import warnings
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -294,42 +291,3 @@ def test_gsplats_strategies_densify_on_the_cpu(gsplat, name):
         strategy.step_post_backward(params, optimizers, state, step, info, **more)
     assert 60 < len(params["means"]) <= (70 if name == "MCMCStrategy" else 10_000)
     assert torch.isfinite(params["means"]).all()
-
-
-def load_gsplats_tests(name):
-    """The names of one of gsplat's own test files, of its source package, for a CPU."""
-    folder = os.environ.get("GSUT_GSPLAT_TESTS")
-    if folder is None:
-        pytest.skip("needs GSUT_GSPLAT_TESTS, the folder tests of gsplat's source package")
-    code = (Path(folder) / f"{name}.py").read_text("utf-8")
-    for gpu, cpu in (("cuda:0", "cpu"), ("not torch.cuda.is_available()", "False")):
-        code = code.replace(gpu, cpu)
-    module = {"__name__": name}
-    exec(code.replace("10_000", "300"), module)
-    return {key: value for key, value in module.items() if key.startswith("test_")}
-
-
-def test_gsplats_own_strategy_tests_pass(gsplat):
-    tests = load_gsplats_tests("test_strategy")
-    for test in tests.values():
-        test()
-    assert len(tests) == 2
-
-
-def test_gsplats_own_rasterization_test_reaches_its_comparison_with_2d_splats(gsplat, monkeypatch):
-    (test,) = load_gsplats_tests("test_rasterization").values()
-    rendering = importlib.import_module("gsplat.rendering")
-
-    # The reference splats in 2D, which gsut does not: what is asserted before it counts.
-    def refuse(**_):
-        raise NotImplementedError("2D splats")
-
-    monkeypatch.setattr(rendering, "_rasterization", refuse)
-    ran = 0
-    for choice in itertools.product(
-        (True, False), (None, 3), ("RGB", "RGB+D", "D"), (True, False), ((), (2,), (1, 2))
-    ):
-        with pytest.raises(NotImplementedError, match="2D splats"):
-            test(*choice)
-        ran += 1
-    assert ran == 72

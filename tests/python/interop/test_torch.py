@@ -147,13 +147,10 @@ def test_oracle_vectors_images_and_gradients_of_everything_match(shared, name):
         assert np.abs(to_array(values, key) - v[f"all_{key}"]).max() < limit, key
     sum((values * tensor(v[f"w_{key}"], dtype)).sum() for key, values in found.items()).backward()
     limit = tolerances.ORACLE_SLERP_GRADIENT if rolling else tolerances.ORACLE_GRADIENT
-    compared = 0
     for key, leaf in {**leaves, **lens, **xi}.items():
         expected = v[f"all_grad_{key}"]
         error = relative_error(to_array(leaf.grad, key).reshape(expected.shape), expected)
         assert error < limit, (key, error)
-        compared += 1
-    assert compared == len(leaves) + len(lens) + len(xi)
 
 
 def test_modes_backgrounds_masks_and_batches_are_as_in_gsplat(rng):
@@ -240,7 +237,6 @@ def test_radii_have_the_shape_of_each_version(rng):
 
 def test_any_lens_renders_and_its_parameters_get_gradients(rng):
     (means, quats, scales, opacities, sh), _, pose = make_scene(rng)
-    ran = 0
     for model in ("double_sphere", "equirectangular", "ocam"):
         _, params, width, height = gsut._core.camera_examples(model)[0]
         camera = gsut.Camera(model, params, width, height).resize(48, round(48 * height / width))
@@ -252,8 +248,6 @@ def test_any_lens_renders_and_its_parameters_get_gradients(rng):
         assert image.max() > 0.05, model
         image.sum().backward()
         assert len(camera.params) == 0 or values.grad.abs().sum() > 0
-        ran += 1
-    assert ran == 3
 
 
 # gsplat 1.6's signature, an argument a line: how a value that is not the default is taken.
@@ -348,7 +342,6 @@ def test_every_argument_of_gsplat_is_supported_or_refused_by_name_and_reason(rng
     assert set(inspect.signature(rasterization).parameters) == set(SIGNATURE) | OURS
     base, second, needs = make_values(rng)
     plain, _, _ = rasterization(**base)
-    walked = 0
     for name, effect in SIGNATURE.items():
         call = {**base, **needs.get(name, {}), name: second[name]}
         if effect not in (CHANGES_THE_IMAGE, CHANGES_NO_PIXEL):
@@ -360,8 +353,6 @@ def test_every_argument_of_gsplat_is_supported_or_refused_by_name_and_reason(rng
             assert is_same == (effect == CHANGES_NO_PIXEL), name
             if name.startswith("extra_signals"):
                 assert info["render_extra_signals"].shape[:3] == image.shape[:3], name
-        walked += 1
-    assert walked == len(second) == 43
 
 
 def test_words_that_are_not_known_are_refused(rng):

@@ -183,16 +183,6 @@ def test_matlab_fisheye_is_its_formula(tmp_path):
     assert load_camera(tmp_path / "matlab.json") == camera
 
 
-def test_ocam_resized_sees_the_same_rays(published):
-    _, camera = published
-    small = camera.resize(camera.width // 3, camera.height // 2)
-    scale = np.array([small.width / camera.width, small.height / camera.height])
-    rays, _ = camera.unproject(grid(camera))
-    pixels, valid = small.project(rays)
-    assert valid.all()
-    np.testing.assert_allclose(pixels, grid(camera) * scale, rtol=0, atol=tol.ROUND_TRIP_PIXELS)
-
-
 @pytest.mark.parametrize(
     ("change", "words"),
     [

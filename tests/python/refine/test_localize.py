@@ -215,7 +215,7 @@ def test_localize_tiny_photograph_is_refused(run, tmp_path, capsys):
     assert "5 x 5 pixels" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("factor", [1.0, 0.99, 1.01, 0.97, 1.03, 0.95, 1.08, 0.9, 1.1])
+@pytest.mark.parametrize("factor", [1.0, 0.99, 1.03, 0.9, 1.1])
 def test_stated_uncertainty_covers_the_error_also_of_a_wrong_focal_length(
     run, tmp_path, capsys, factor
 ):

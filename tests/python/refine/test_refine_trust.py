@@ -108,6 +108,7 @@ def test_lenses_are_weighed_by_where_rays_go():
     assert weigh_lens(longer(0.99), longer(1.01), camera)[0] == 0.0
 
 
+@pytest.mark.slow
 def test_true_poses_stay_where_colours_alone_would_worsen_them(tmp_path, monkeypatch):
     """A young scene misplaces views: before there were halves, poses only got worse."""
     scene = gsut.load_dataset(write_room(tmp_path / "data", np.random.default_rng(7)))

@@ -12,12 +12,14 @@ from random_scenes import (
     central_differences,
     fisheye,
     gaussians_in_view,
+    list_isas,
     open_rule,
     pinhole,
     pose_differences,
     random_pose,
     random_weights,
     relative_error,
+    roll,
 )
 
 SIZE = 70  # five tiles a side, the last one cut
@@ -27,10 +29,7 @@ FIELDS = tuple(field.name for field in dataclasses.fields(gsut.Gaussians))
 def place_of(rng, rolling):
     """A pose, and how the camera is there: still, or moving with a rolling shutter."""
     pose = random_pose(rng)
-    if not rolling:
-        return pose, pose
-    start, end = (gsut.exp_pose(np.full(6, sign * 0.01)) @ pose for sign in (-1.0, 1.0))
-    return pose, gsut.CameraMotion(start, end, gsut.Shutter("top_to_bottom"))
+    return pose, roll(pose) if rolling else pose
 
 
 def make_scene(rng, camera, pose, count=150, **options):
@@ -60,7 +59,7 @@ def test_features_equal_to_the_colours_are_the_image_bit_by_bit(rng, rolling):
     colors[:] = 0.5
     values = np.concatenate([colors, np.ones((len(g), 1))], axis=1)
     rules = ("", "gsplat", "3dgrut")
-    isas = gsut.machine.available_isas()
+    isas = list_isas()
     for isa in isas:
         gsut.machine.set_isa(isa)
         for parity in rules:
@@ -70,7 +69,7 @@ def test_features_equal_to_the_colours_are_the_image_bit_by_bit(rng, rolling):
                 same, off = getattr(plain, name), getattr(found, name) - getattr(plain, name)
                 if rolling:
                     assert np.array_equal(getattr(found, name), same), (isa, parity, name)
-                assert np.sqrt(np.mean(off**2)) < tolerances.LINES_IMAGE_RMS, (isa, parity, name)
+                assert np.sqrt(np.mean(off**2)) < tolerances.RENDER_IMAGE_RMS, (isa, parity, name)
             assert found.alpha.max() > 0.5
             assert np.array_equal(found.features[..., :3], found.image), (isa, parity)
             error = np.abs(found.features[..., 3] - found.alpha).max()
@@ -137,15 +136,12 @@ def test_gradients_of_linear_gaussians_and_features_are_central_differences(rng,
     )  # fmt: skip
     gradients = backward(result, weights, dfeatures)
     inside = g.opacities.copy()
-    ran = 0
     for name in ("means", "quats", "scales", "opacities", "sh"):
         array = getattr(g, name)
         chosen = range(4, 12) if name == "opacities" else range(0, array.size, 5)
         expected = central_differences(loss, array, chosen)
         slopes = getattr(gradients.gaussians, name).reshape(-1)[list(chosen)]
         assert relative_error(slopes, expected) < tolerances.RENDER_DIFFERENCES, name
-        ran += 1
-    assert ran == 5
     assert np.array_equal(g.opacities, inside)
     expected = central_differences(loss, features)
     assert relative_error(gradients.features, expected) < tolerances.RENDER_DIFFERENCES

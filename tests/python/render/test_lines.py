@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from test_shutter import DIRECTIONS, moved, pair_differences
 
+import flips
 import gsut
 import rendered_dataset
 import tolerances
@@ -13,6 +14,7 @@ from gsut import InputError, _core
 from random_scenes import (
     fisheye,
     gaussians_in_view,
+    list_isas,
     loss_of,
     open_rule,
     pinhole,
@@ -76,8 +78,7 @@ SCENES = 36
 
 
 def test_render_float_lines_every_isa_matches_double():
-    ran = pixels = flipped = 0
-    worst = dict.fromkeys(("image", "depth", "pose", *FIELDS), 0.0)
+    pixels = flipped = 0
     for seed in range(SCENES):
         rng, label, camera, place, shutter = lines_case(seed)
         g = in_view(rng, camera, place, shutter, 120, sh_degree=seed % 4, sizes=(0.01, 0.3))
@@ -89,51 +90,16 @@ def test_render_float_lines_every_isa_matches_double():
         expected = gsut.render(g, camera, place, dtype="float64", **options)
         assert (expected.alpha > 0.2).mean() > 0.05, label
         weights = random_weights(rng, camera)
-        for isa in gsut.machine.available_isas():
-            gsut.machine.set_isa(isa)
-            found = gsut.render(g, camera, place, **options)
-            off = np.abs(found.image - expected.image).max(axis=2)
-            same = np.maximum(off, np.abs(found.alpha - expected.alpha)) < tolerances.RENDER_FLIP
-            flipped += int((~same).sum())
-            pixels += same.size
-            error = np.sqrt(np.mean(np.square((found.image - expected.image)[same])))
-            worst["image"] = max(worst["image"], error)
-            worst["depth"] = max(
-                worst["depth"], relative_error(found.depth[same], expected.depth[same])
-            )
-            kept = [np.where(same if w.ndim == 2 else same[..., None], w, 0) for w in weights]
-            slopes = gsut.render_backward(found, *kept)
-            truth = gsut.render_backward(expected, *kept)
-            for field in FIELDS:
-                error = relative_error(
-                    getattr(slopes.gaussians, field), getattr(truth.gaussians, field)
-                )
-                worst[field] = max(worst[field], error)
-                assert error < tolerances.LINES_GRADIENT, (label, isa, field, error)
-            assert slopes.pose.shape == truth.pose.shape
-            error = relative_error(slopes.pose, truth.pose)
-            worst["pose"] = max(worst["pose"], error)
-            assert error < tolerances.LINES_GRADIENT, (label, isa, "pose", error)
-            ran += 1
-    print(f"{ran} images, {pixels} pixels, {flipped} flipped; worst {worst}")
-    assert worst["image"] < tolerances.LINES_IMAGE_RMS
-    assert worst["depth"] < tolerances.RENDER_DEPTH
+        flipped += flips.assert_isas_match(expected, weights, camera, place, **options)
+        pixels += len(list_isas()) * camera.width * camera.height
     assert flipped <= tolerances.RENDER_FLIPS_A_PIXEL * pixels
-    assert ran == SCENES * len(gsut.machine.available_isas())
 
 
-KINDS = {
-    "ordinary": {},
-    "needles": {"aspect": 2.5},
-    "close": {"distances": (0.02, 0.5), "sizes": (0.1, 1.0)},
-    "huge": {"sizes": (0.5, 5.0)},
-    "tiny": {"sizes": (1e-4, 1e-2)},
-}
 MISS_ROUNDS = 24
 MISS_GAUSSIANS = 120
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", flips.SHAPES)
 def test_render_float_lines_miss_no_gaussian_that_double_sees(kind):
     # As the test of central lenses in test_render.py, with fast turns.
     rule, strict = gsut.BlendRule(), gsut.BlendRule()
@@ -145,7 +111,14 @@ def test_render_float_lines_miss_no_gaussian_that_double_sees(kind):
         if shutter is not None:
             place = (place[0], moved(rng, place[0], 0.5, (0.1, 1.0, 2.5)[seed % 3]))
         g = in_view(
-            rng, camera, place, shutter, MISS_GAUSSIANS, sh_degree=0, opacity=-2.0, **KINDS[kind]
+            rng,
+            camera,
+            place,
+            shutter,
+            MISS_GAUSSIANS,
+            sh_degree=0,
+            opacity=-2.0,
+            **flips.SHAPES[kind],
         )
         g.means[::10] += rng.normal(size=g.means[::10].shape) * 3  # some out of view
         dimage = np.ones((camera.height, camera.width, 3))
@@ -172,35 +145,6 @@ def test_render_lines_large_image_no_tile_is_missed(rng):
     off = np.abs(found.image - expected.image).max(axis=2) > tolerances.RENDER_FLIP
     assert off.sum() <= tolerances.RENDER_FLIPS_A_PIXEL * off.size
     assert (expected.alpha > 0.2).sum() > 1000
-
-
-def test_render_lines_same_bits_on_any_number_of_threads(rng):
-    camera, start = fisheye(80), random_pose(rng)
-    pair = (start, moved(rng, start))
-    g = in_view(rng, camera, pair, gsut.Shutter("top_to_bottom"), 300)
-    weights = random_weights(rng, camera)
-    bits = set()
-    for threads in (1, 2, 5):
-        gsut.set_num_threads(threads)
-        result = gsut.render(g, camera, pair, shutter="top_to_bottom")
-        slopes = gsut.render_backward(result, *weights)
-        arrays = [result.image, result.depth, slopes.pose]
-        arrays += [getattr(slopes.gaussians, field) for field in FIELDS]
-        bits.add(b"".join(array.tobytes() for array in arrays))
-    assert len(bits) == 1
-
-
-def test_render_lines_every_isa_runs_its_own_kernels(rng):
-    camera, start = fisheye(64), random_pose(rng)
-    pair = (start, moved(rng, start))
-    g = in_view(rng, camera, pair, gsut.Shutter("top_to_bottom"), 100)
-    weights = random_weights(rng, camera)
-    bits = set()
-    for isa in gsut.machine.available_isas():
-        gsut.machine.set_isa(isa)
-        result = gsut.render(g, camera, pair, shutter="top_to_bottom")
-        bits.add(gsut.render_backward(result, *weights).gaussians.means.tobytes())
-    assert len(bits) == len(gsut.machine.available_isas())
 
 
 def test_render_lines_of_a_still_central_camera_are_its_rays(rng):

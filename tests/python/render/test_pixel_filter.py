@@ -8,6 +8,7 @@ import tolerances as tol
 from gsut.gaussians import find_pixel_sizes
 from gsut.render import PixelFilter
 from random_scenes import fisheye, gaussians_in_view, pinhole, random_pose
+from ray_model import covariances
 
 FACTOR = 4
 
@@ -67,12 +68,8 @@ def shadows(g, pose):
     """Areas (N,) across the ray to each centre: the covariance without the ray's direction."""
     center = -pose[:3, :3].T @ pose[:3, 3]
     areas = []
-    for mean, quat, scale in zip(g.means, g.quats, np.exp(g.log_scales), strict=True):
-        w, x, y, z = quat / np.linalg.norm(quat)
-        cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-        axes = np.eye(3) + 2 * w * cross + 2 * cross @ cross
+    for mean, inverse in zip(g.means, np.linalg.inv(covariances(g)), strict=True):
         ray = (mean - center) / np.linalg.norm(mean - center)
-        inverse = axes @ np.diag(scale**-2.0) @ axes.T
         # Drawn is the largest response along the ray: its precision across is the complement's.
         across = inverse - np.outer(inverse @ ray, inverse @ ray) / (ray @ inverse @ ray)
         values = np.linalg.eigvalsh(across)[1:]

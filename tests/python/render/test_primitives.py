@@ -1,4 +1,4 @@
-"""Triangles: their gradients by differences, their kernels against double, tiles, identities."""
+"""Triangles and the extinction: gradients by differences, kernels against double, tiles."""
 
 import dataclasses
 
@@ -25,17 +25,19 @@ from random_scenes import (
 pytestmark = pytest.mark.quick
 
 PRIMITIVES = gsut.Gaussians.PRIMITIVES
+KINDS = ("extinction", "triangle")  # what is not the Gaussian's largest response along the ray
 
 
-def make_scene(rng, camera, pose, count=150, dtype=np.float32, **options):
+def make_scene(rng, camera, pose, count=150, dtype=np.float32, kind="triangle", **options):
     shape = {"sizes": (0.01, 0.3), "opacity": 0.5, **options}
     g = gaussians_in_view(rng, camera, pose, count, **shape).to_dtype(dtype)
-    return dataclasses.replace(g, primitive="triangle")
+    changed = {"response": kind} if kind == "extinction" else {"primitive": kind}
+    return dataclasses.replace(g, **changed)
 
 
-def move(rng, pose):
-    """A pair of poses some hundredths apart."""
-    return pose, gsut.exp_pose(0.05 * rng.normal(size=6)) @ pose
+def move(rng, pose, shutter):
+    """A pair of poses some hundredths apart, or the one pose without a shutter."""
+    return pose if shutter is None else (pose, gsut.exp_pose(0.05 * rng.normal(size=6)) @ pose)
 
 
 def profile(primitive, d2):
@@ -103,31 +105,40 @@ def test_triangle_backward_in_double_matches_central_differences(rng, response):
     assert relative_error(found.pose, slopes) < tolerances.PRIMITIVE_DIFFERENCES
 
 
-@pytest.mark.parametrize("parity", [None, "3dgrut"])
 @pytest.mark.parametrize("shutter", [None, "top_to_bottom"])
-def test_triangle_every_isa_matches_double(rng, shutter, parity):
+@pytest.mark.parametrize(
+    ("kind", "parity"),
+    [("extinction", "gsplat"), *((kind, parity) for kind in KINDS for parity in (None, "3dgrut"))],
+)
+def test_kernels_of_every_isa_match_double(rng, kind, shutter, parity):
     camera, pose = fisheye(48), random_pose(rng)
-    g = make_scene(rng, camera, pose)
+    g = make_scene(rng, camera, pose, kind=kind)
+    # From nearly nothing to more than float's alpha tells from 1.
     g.opacity_logits[:4] = (-5.5, -5.0, 8.0, 12.0)
-    place = pose if shutter is None else move(rng, pose)
+    if kind == "extinction":
+        g.opacity_logits[4:6] = (30.0, 80.0)
+    place = move(rng, pose, shutter)
     options = {"shutter": shutter, "parity": parity, "background": (0.3, 0.1, 0.6)}
     expected = gsut.render(g, camera, place, dtype="float64", **options)
-    as_gaussians = dataclasses.replace(g, primitive="gaussian")
+    as_gaussians = dataclasses.replace(g, primitive="gaussian", response="maximum")
     plain = gsut.render(as_gaussians, camera, place, dtype="float64", **options)
     assert np.abs(expected.image - plain.image).max() > 0.02
-    bounds = (tolerances.PRIMITIVE_FLAT_GRADIENT,) * 2
+    flat, ball = tolerances.PRIMITIVE_FLAT_GRADIENT, tolerances.RENDER_GRADIENT
+    gradient = flat if kind == "triangle" else ball
     weights = random_weights(rng, camera)
-    flips.assert_isas_match(g, camera, place, expected, weights, g.list_arrays(), bounds, **options)
+    flips.assert_isas_match(expected, weights, camera, place, gradient=gradient, **options)
 
 
 @pytest.mark.parametrize("shutter", [None, "top_to_bottom"])
-def test_triangle_tiles_miss_nothing_that_double_sees(rng, shutter):
+@pytest.mark.parametrize("kind", KINDS)
+def test_tiles_miss_nothing_that_double_sees(rng, kind, shutter):
+    # The cut-off of an extinction lies farther out than the maximum's: bounds must follow.
     camera, pose = fisheye(64), random_pose(rng)
-    g = make_scene(rng, camera, pose, count=300)
+    g = make_scene(rng, camera, pose, count=300, kind=kind)
     g.opacity_logits[:] = 4.6
     rule = gsut.BlendRule()
     rule.transmittance_min = 0.0
-    place = pose if shutter is None else move(rng, pose)
+    place = move(rng, pose, shutter)
     expected = gsut.render(g, camera, place, shutter=shutter, dtype="float64", blend=rule)
     found = gsut.render(g, camera, place, shutter=shutter, blend=rule)
     assert np.abs(found.alpha - expected.alpha).max() < 2 / 255
@@ -135,23 +146,26 @@ def test_triangle_tiles_miss_nothing_that_double_sees(rng, shutter):
     assert flipped.mean() < tolerances.EXTINCTION_FLIPS
 
 
-def test_triangle_same_bits_on_1_and_8_threads(rng):
-    camera, pose = fisheye(70), random_pose(rng)
-    g = make_scene(rng, camera, pose, count=1500)
-    weights, seen = random_weights(rng, camera), []
-    for threads in (1, 8):
-        gsut.set_num_threads(threads)
-        result = gsut.render(g, camera, pose)
-        slopes = gsut.render_backward(result, *weights).gaussians
-        arrays = [getattr(slopes, name).tobytes() for name in g.list_arrays()]
-        seen.append([result.image.tobytes(), *arrays])
-    assert seen[0] == seen[1]
+def test_extinction_features_are_blended_by_the_weights_of_the_image(rng):
+    camera, pose = fisheye(32), random_pose(rng)
+    g = make_scene(rng, camera, pose, kind="extinction", sh_degree=0)
+    g.sh[:] = np.abs(g.sh)
+    colors = 0.5 + gsut.gaussians.SH_C0 * g.sh[:, 0]
+    found = gsut.render(g, camera, pose, features=colors)
+    assert np.abs(found.features - found.image).max() < tolerances.RENDER_CLOSED_FORM
+    dfeatures = rng.normal(size=found.image.shape)
+    slopes = gsut.render_backward(found, np.zeros_like(found.image), dfeatures=dfeatures)
+    plain = gsut.render_backward(gsut.render(g, camera, pose), dfeatures)
+    for field in ("means", "quats", "log_scales", "opacity_logits"):
+        error = relative_error(getattr(slopes.gaussians, field), getattr(plain.gaussians, field))
+        assert error < tolerances.RENDER_GRADIENT, (field, error)
 
 
-def test_triangle_derivatives_of_colors_are_refused(rng):
+@pytest.mark.parametrize("kind", KINDS)
+def test_derivatives_of_colors_are_refused(rng, kind):
     baseline = pytest.importorskip("gsut_scalar_baseline")
     camera, pose = pinhole(12), random_pose(rng)
-    g = make_scene(rng, camera, pose, 4, sh_degree=0, distances=(2.0, 3.0))
+    g = make_scene(rng, camera, pose, 4, kind=kind, sh_degree=0, distances=(2.0, 3.0))
     pixels = np.arange(144, dtype=np.uint32)
     with pytest.raises(InputError, match="and for Gaussians by their maximum"):
         baseline.color_jacobian(g, _core.RenderJob(camera, pose), pixels)

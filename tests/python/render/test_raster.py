@@ -148,7 +148,6 @@ def test_render_scaled_scene_keeps_the_image_and_scales_the_depth(rng, scale):
 
 def test_render_backward_scaling_the_scene_leaves_a_loss_of_the_image_alone(rng):
     # Euler: sum of mean . dL/dmean + sum of dL/dlog_scale + t . dL/dt = 0, t the translation.
-    ran = 0
     for camera in LENSES.values():
         g, pose = scene(rng, camera)
         dimage, dalpha, _ = random_weights(rng, camera)
@@ -159,8 +158,6 @@ def test_render_backward_scaling_the_scene_leaves_a_loss_of_the_image_alone(rng)
             pose[:3, 3] @ found.pose[:3],
         ]
         assert abs(sum(parts)) < tolerances.RENDER_SAME_SUMS * max(map(abs, parts))
-        ran += 1
-    assert ran == len(LENSES)
 
 
 def test_render_world_and_camera_moved_together_change_nothing(rng):
@@ -340,7 +337,6 @@ FINITE_MEANING = {("opacity_logits", np.inf), ("opacity_logits", -np.inf)}
 
 
 def test_render_reference_value_that_is_not_finite_is_refused_with_its_index():
-    ran = 0
     for field in FIELDS:
         for value in (np.nan, np.inf, -np.inf):
             if (field, value) in FINITE_MEANING:
@@ -349,5 +345,3 @@ def test_render_reference_value_that_is_not_finite_is_refused_with_its_index():
             getattr(g, field).flat[-1] = value
             with pytest.raises(InputError, match="Gaussian 1 "):
                 double_render(g, AXIS, np.eye(4))
-            ran += 1
-    assert ran == 3 * len(FIELDS) - len(FINITE_MEANING)

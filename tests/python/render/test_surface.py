@@ -7,7 +7,7 @@ import pytest
 
 import gsut
 import tolerances
-from gsut import InputError, _core
+from gsut import InputError
 from gsut.render import measure_depth, z_from_distance
 from random_scenes import (
     central_differences,
@@ -17,9 +17,9 @@ from random_scenes import (
     pinhole,
     random_pose,
     relative_error,
-    small_camera,
 )
-from surface_scenes import lines_of
+from ray_model import covariances, rotations
+from surface_scenes import CAMERAS, lines_of, put_camera
 
 
 def rays_of(camera, motion):
@@ -27,25 +27,13 @@ def rays_of(camera, motion):
     return [part.reshape(-1, *part.shape[2:]) for part in lines_of(camera, motion)]
 
 
-def rotation_of(quat):
-    w, x, y, z = quat / np.linalg.norm(quat)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-
-
 def blended(g, center, origins, rays):
     """(weights, distances, transmittances (N, P), normals (N, P, 3)), nearest Gaussian first."""
     order = np.argsort(np.linalg.norm(g.means - center, axis=1), kind="stable")
     transmittance = np.ones(len(rays))
-    rows = []
+    rows, precisions = [], np.linalg.inv(covariances(g))
     for i in order:
-        inverse = rotation_of(g.quats[i]) @ np.diag(np.exp(-2 * g.log_scales[i]))
-        inverse = inverse @ rotation_of(g.quats[i]).T
+        inverse = precisions[i]
         relative = g.means[i] - origins
         along = np.sum(relative @ inverse * rays, 1) / np.sum(rays @ inverse * rays, 1)
         miss = along[:, None] * rays - relative
@@ -72,23 +60,10 @@ def take(values, row):
     return np.where(row >= 0, values[row, np.arange(values.shape[1])], np.nan)
 
 
-CAMERAS = {
-    "pinhole": lambda: pinhole(12),
-    "fisheye": lambda: fisheye(32),
-    "moving pupil": lambda: small_camera("cahvore", width=12),
-    "rolling shutter": lambda: pinhole(12),
-}
-
-
 def scene_of(rng, kind, count=20):
-    camera, pose = CAMERAS[kind](), random_pose(rng)
+    camera, motion, pose = put_camera(rng, kind)
     g = gaussians_in_view(rng, camera, pose, count, opacity=1.0)
-    motion = pose
-    if kind == "rolling shutter":
-        end = gsut.exp_pose(np.array([0.1, -0.05, 0.08, 0.05, 0.08, -0.04])) @ pose
-        motion = _core.CameraMotion(pose, end, gsut.Shutter("top_to_bottom"))
-    middle = pose if motion is pose else motion.at(0.5)
-    return camera, g, motion, -middle[:3, :3].T @ middle[:3, 3]
+    return camera, g, motion, -pose[:3, :3].T @ pose[:3, 3]
 
 
 @pytest.mark.parametrize("kind", CAMERAS)
@@ -151,7 +126,7 @@ def test_normal_of_a_disc_is_its_axis_towards_the_camera():
         np.array([8], np.float32), np.zeros((1, 1, 3), np.float32),
     )  # fmt: skip
     surface = gsut.render_surface(gsut.render(g, camera, pose))
-    axis = rotation_of(tilt.astype(float))[:, 2]
+    axis = rotations(tilt[None].astype(float))[0, :, 2]
     middle = surface.normals[8, 8] / np.linalg.norm(surface.normals[8, 8])
     assert np.abs(middle + axis).max() < tolerances.SURFACE_DISC
     # On the plane of the disc, along every ray.

@@ -4,30 +4,24 @@ import numpy as np
 import pytest
 
 import gsut
+import surface_scenes
 import tolerances
-from gsut import _core
 from gsut.gaussians import press_surfels, quaternion_from_rotation, rotations_from_quaternions
 from random_scenes import (
     central_differences,
-    fisheye,
     gaussians_in_view,
     open_rule,
-    pinhole,
-    random_pose,
     random_weights,
     relative_error,
     small_camera,
 )
-from surface_scenes import lines_of
+from surface_scenes import lines_of, put_camera
 
 STEP = 1e-6
 LEAST_COSINE = 0.02  # between a ray and the normals of the discs that are looked at edge-on
 CAMERAS = {
-    "pinhole": lambda: pinhole(12),
-    "fisheye": lambda: fisheye(24),
+    **surface_scenes.CAMERAS,
     "splined": lambda: small_camera("splined_stereographic", width=32),
-    "moving pupil": lambda: small_camera("cahvore", width=12),
-    "rolling shutter": lambda: pinhole(12),
 }
 SHAPES = {
     "plain": {},
@@ -89,14 +83,9 @@ def blend(g, center, origins, rays):
 
 def scene_of(rng, kind, shape, count=16):
     """Camera, surfels, motion, centre; origins, rays and pixels not too edge-on to any surfel."""
-    camera, pose = CAMERAS[kind](), random_pose(rng)
+    camera, motion, pose = put_camera(rng, kind, CAMERAS)
     g = surfels_in_view(rng, camera, pose, count, **SHAPES[shape])
-    motion = pose
-    if kind == "rolling shutter":
-        end = gsut.exp_pose(np.array([0.1, -0.05, 0.08, 0.05, 0.08, -0.04])) @ pose
-        motion = _core.CameraMotion(pose, end, gsut.Shutter("top_to_bottom"))
-    middle = pose if motion is pose else motion.at(0.5)
-    center = -middle[:3, :3].T @ middle[:3, 3]
+    center = -pose[:3, :3].T @ pose[:3, 3]
     origins, rays, valid = lines_of(camera, motion)
     flat = origins[valid], rays[valid]
     clear = np.abs(hit_planes(g.to_dtype(np.float64), *flat)[2]).min(axis=0) > LEAST_COSINE

@@ -5,7 +5,7 @@ import pytest
 
 from gsut import _core
 from gsut.gaussians import Gaussians
-from random_scenes import fisheye, random_gaussians
+from random_scenes import fisheye, list_isas, random_gaussians
 
 FIELDS = ("means", "quats", "log_scales", "opacity_logits", "sh")
 SIZE, SPARE = 32, 40
@@ -31,7 +31,7 @@ def gradients_of(gaussians, spare):
     return image, rows
 
 
-@pytest.mark.parametrize("isa", _core.available_isas())
+@pytest.mark.parametrize("isa", list_isas())
 @pytest.mark.parametrize("degree", [0, 1, 2, 3])
 def test_render_rows_of_no_whole_vector_have_the_bits_of_more(rng, isa, degree):
     _core.set_isa(isa)

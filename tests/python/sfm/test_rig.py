@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import shutil
 from pathlib import Path
 
 import cv2
@@ -153,13 +152,6 @@ def test_solve_rig_standard_error_of_lengths_is_that_of_many_runs():
     told = np.array(told) / np.sqrt(FEATURE_VARIANCE)
     ratio = np.sqrt(np.mean((np.array(errors) / told) ** 2))
     assert 1 / tolerances.RIG_SCALE_SIGMA < ratio < tolerances.RIG_SCALE_SIGMA
-
-
-def test_solve_rig_back_to_back_cameras_never_see_one_point_at_one_frame(rng):
-    scene = SyntheticRig(rng, BACKWARD)
-    frames = scene.photographs.frames
-    together = [p for p in scene.pairs if frames[p.first] == frames[p.second]]
-    assert not together  # what the test above is about
 
 
 def test_solve_rig_images_that_fail_alone_get_their_pose_from_their_mates(rng):
@@ -449,16 +441,6 @@ def test_read_rig_reads_what_calibrate_wrote_with_the_exact_lenses():
     assert [camera.model for camera in rig.cameras] == ["kannala_brandt"] * 2  # not the splined
     said = json.loads(report.read_text())["cameras"]["right"]["distance_to_reference"]
     assert rig.baseline == pytest.approx(said, abs=1e-6)  # the report has six digits
-
-
-def test_read_rig_takes_a_splined_lens_itself_beside_another_lens_of_its_name(tmp_path):
-    lenses, name = ROOT / "calib" / "lenses", "fisheye_stereo"
-    for file in lenses.glob(f"{name}*"):
-        shutil.copy(file, tmp_path)
-    shutil.copy(lenses / f"{name}-left.yaml", tmp_path / f"{name}-right.yaml")
-    left, right = read_rig(tmp_path / f"{name}.report.json").cameras
-    assert left.model == "kannala_brandt"
-    assert right == gsut.load_camera(lenses / f"{name}-right.cameramodel")
 
 
 def test_read_rig_reads_a_camchain_of_kalibr(tmp_path):

@@ -9,11 +9,8 @@ import pytest
 import gsut
 import tolerances
 from box_room import make_rig_of_two, place_right, plan_walk, write_box_rig
-from disturbances import disturb_rig
 from gsut.cli import main
-from gsut.data.poses import invert_pose
-from gsut.data.rigs.rig import measure_changes, read_rig, write_rig
-from gsut.sfm import PosesOptions, compare_datasets, compare_poses, find_poses
+from gsut.sfm import compare_datasets, compare_poses
 
 FRAMES, SIZE = 6, 200
 PATH_SHARE = 0.15  # of the walk: neighbours see the same
@@ -34,18 +31,6 @@ def poses(demo):
     words = ["poses", str(truth / "images"), "--rig", str(truth / "rig.json"), "--quiet"]
     assert main([*words, "-o", str(demo / "rig_poses")]) == 0
     return demo / "rig_poses"
-
-
-def test_truth_of_a_rig_has_the_rig_and_a_lens_a_frame(demo):
-    scene = gsut.load_dataset(demo / "rig_hall", test_every=0)
-    assert [view.name for view in scene.views][::FRAMES] == [
-        "images/left/000.png", "images/right/000.png"
-    ]  # fmt: skip
-    left, right = scene.views[:FRAMES], scene.views[FRAMES:]
-    for a, b in zip(left, right, strict=True):
-        step = b.camera_from_world @ invert_pose(a.camera_from_world) - place_right()
-        assert np.abs(step).max() < tolerances.RIG_HELD
-    assert scene.camera(0) != scene.camera(FRAMES)
 
 
 def test_poses_with_a_rig_finds_all_images_in_metres(demo, poses):
@@ -80,58 +65,6 @@ def test_poses_with_a_rig_writes_both_lenses_in_all_forms(demo, poses):
     page = (poses / "report.html").read_text()
     assert "6 of 6 frames" in page
     assert "camera right" in page
-
-
-def test_train_takes_what_poses_with_a_rig_wrote(poses, tmp_path):
-    run = tmp_path / "run"
-    words = ["train", str(poses), "-o", str(run), "--steps", "60", "--max-gaussians", "3000"]
-    assert main([*words, "--quiet"]) == 0
-    metrics = json.loads((run / "metrics.json").read_text())
-    assert metrics["psnr"] > 15.0
-    tested = {row["name"].split("/")[-2] for row in metrics["views"]}
-    assert tested == {"left", "right"}
-
-
-def test_demo_rig_tells_compare_datasets_the_truth(demo, poses, capsys):
-    words = ["demo", "--rig", "-o", str(demo), "--steps", "30", "--no-open"]
-    assert main(words) == 0  # rig_hall and rig_poses are there already
-    told = capsys.readouterr().out
-    assert "poses of 12 images against the truth: lengths off by" in told
-    assert (demo / "rig_run" / "report.html").is_file()
-
-
-def test_poses_with_a_disturbed_rig_refine_it(demo, tmp_path):
-    truth = read_rig(demo / "rig_hall" / "rig.json")
-    write_rig(disturb_rig(truth, degrees=0.5), tmp_path / "rig.json")
-    out = tmp_path / "out"
-    rig, options = read_rig(tmp_path / "rig.json"), PosesOptions(refine_rig=True)
-    found = find_poses(demo / "rig_hall", out, camera=rig, options=options).figures
-    errors = compare_datasets(demo / "rig_hall", out)
-    assert found["registered"] == 2 * FRAMES
-    assert abs(errors.scale_error_percent) < tolerances.RIG_DEMO_REFINED_PERCENT
-    poses = np.array([camera["camera_from_reference"] for camera in found["rig"]["cameras"]])
-    turns = [turn for turn, _ in measure_changes(truth, poses)]
-    assert np.degrees(max(turns)) < 0.2 * 0.5
-
-
-@pytest.mark.slow
-def test_poses_with_a_rig_estimates_the_lens_that_it_does_not_name(demo, tmp_path):
-    values = json.loads((demo / "rig_hall" / "rig.json").read_text())
-    left, right = values["cameras"].values()
-    left["file"], right["file"] = str(demo / "rig_hall" / left["file"]), None
-    (tmp_path / "rig.json").write_text(json.dumps(values))
-    out, images = tmp_path / "out", str(demo / "rig_hall" / "images")
-    words = ["poses", images, "--rig", str(tmp_path / "rig.json"), "-o", str(out), "--quiet"]
-    assert main(words) == 0
-    truth, found = read_rig(demo / "rig_hall" / "rig.json"), read_rig(out / "rig.json")
-    assert found.cameras[0] == truth.cameras[0]
-    focal = [rig.cameras[1].params[0] for rig in (found, truth)]
-    assert focal[0] == pytest.approx(focal[1], rel=tolerances.RIG_ESTIMATED_FOCAL)
-    errors = compare_datasets(demo / "rig_hall", out)
-    assert errors.images == 2 * FRAMES
-    assert abs(errors.scale_error_percent) < tolerances.RIG_ESTIMATED_SCALE_PERCENT
-    figures = json.loads((out / "poses.json").read_text())
-    assert figures["lens"] == "estimated" and figures["rig"]["lenses_estimated"] == ["right"]
 
 
 @pytest.mark.parametrize(
@@ -186,16 +119,3 @@ def test_poses_command_of_two_cameras_uses_the_lens_file_of_each(demo, two_camer
     errors = compare_poses(*(np.array([poses[name] for name in names]) for poses in where))
     assert np.median(errors.rotation_degrees) < 1  # observed 0.4; small pictures
     assert errors.ate < 0.01 * errors.extent  # observed 0.0012
-
-
-@pytest.mark.slow
-def test_poses_command_of_two_cameras_with_one_lens_file_estimates_the_other(two_cameras, tmp_path):
-    truth = gsut.load_camera(two_cameras / "right.lens.json")
-    (two_cameras / "right.lens.json").unlink()
-    assert main(["poses", str(two_cameras), "-o", str(tmp_path / "out"), "--quiet"]) == 0
-    figures = json.loads((tmp_path / "out/poses.json").read_text())
-    held, found = figures["lenses"]
-    left = gsut.load_camera(two_cameras / "left.lens.json")
-    assert held["params"] == left.params.tolist()
-    assert found["params"][0] == pytest.approx(truth.params[0], rel=tolerances.RIG_OTHER_LENS_FOCAL)
-    assert any("of these cameras was found: right" in note for note in figures["notes"])

@@ -9,12 +9,10 @@ import pytest
 
 import gsut
 import tolerances
-from gsut import CameraMotion, Shutter, _core
-from gsut.data import Frame, load_dataset, write_transforms
-from gsut.data.points import format_points_ply
+from gsut import Shutter, _core
+from gsut.data import load_dataset
 from gsut.data.poses import invert_pose
 from gsut.data.rigs import LineReading, read_rig
-from gsut.files import write_picture
 from gsut.sfm.photographs.options import PosesOptions
 from gsut.sfm.report.output import write_dataset
 from gsut.sfm.rig import find_lens_pair, find_rig_shutter, write_rig_fit
@@ -23,9 +21,7 @@ from gsut.sfm.shutter import find_shutter
 from gsut.sfm.solution import Adjustment
 from gsut.sfm.solution.solver import solve_poses
 from gsut.sfm.world.comparison import compare_poses
-from random_scenes import pinhole
-from rendered_dataset import poses, truth
-from synthetic_rig import BACKWARD, SyntheticRig, pose_of
+from synthetic_rig import BACKWARD, SyntheticRig
 
 
 def fisheye():
@@ -93,9 +89,6 @@ def test_solve_rig_exact_rolling_tracks_give_poses_and_motion_exactly(rng, readi
     assert describe(mapping.found.rig.rig.readings) == describe(readings)
 
 
-SWING = 0.12  # radians that a body turns during a readout
-STEPS = 80  # of a training of pictures of 48 pixels
-TURNED = pose_of([0.05, 0.08, 0.3], [0.1, 0.0, 0.0])  # the right camera from the left one
 STEP = 0.05  # seconds before and after a frame, by which its flow is measured
 READOUT = 0.03  # seconds; frames are a second apart
 FLAGS = np.array([2, 2, 0, 0, 1, 1, 0, 0], np.uint8)  # of a lens that is estimated
@@ -196,37 +189,3 @@ def test_rolling_rig_dataset_has_the_lines_of_each_camera(rng, tmp_path):
     write_rig_fit(dataclasses.replace(mapping.found.rig, rig=rig), tmp_path)
     again = read_rig(tmp_path / "rig.json")
     assert describe(again.readings) == describe(READINGS["opposite"])
-
-
-@pytest.mark.slow
-def test_training_on_a_rolling_rig_follows_the_lines_of_each_camera(rng, tmp_path):
-    """Its scene is better by the lines of both cameras than with one pose an image."""
-    gaussians, lens = truth(rng), pinhole(48)
-    shift, frames = np.array([0.0, 0.0, 0.0, 0.0, SWING, 0.0]), []
-    for number, middle in enumerate(poses()):
-        for name, reading in (("left", DOWN), ("right", UP)):
-            mount = np.eye(4) if name == "left" else TURNED
-            start, end = (
-                mount @ _core.moved_pose(middle, shift, share * reading.seconds / DOWN.seconds)
-                for share in (-0.5, 0.5)
-            )
-            image = gsut.render(gaussians, lens, CameraMotion(start, end, reading.shutter)).image
-            path = tmp_path / name / f"{number:03d}.png"
-            path.parent.mkdir(exist_ok=True)
-            write_picture(path, np.round(255 * np.clip(image, 0, 1)).astype(np.uint8)[..., ::-1])
-            frames.append(
-                Frame(
-                    f"{name}/{number:03d}", path, lens, invert_pose(mount @ middle),
-                    invert_pose(start), invert_pose(end), shutter=reading.shutter,
-                )
-            )  # fmt: skip
-    points = format_points_ply(gaussians.means, np.full((len(gaussians.means), 3), 128, np.uint8))
-    (tmp_path / "points3D.ply").write_bytes(points)
-    write_transforms(tmp_path / "transforms.json", frames, points_file="points3D.ply")
-    found = {}
-    for shutter in ("auto", "global"):
-        options = gsut.TrainOptions(steps=STEPS, shutter=shutter, max_gaussians=400)
-        found[shutter] = gsut.train(gsut.load_dataset(tmp_path), options, progress=False).metrics
-    views = len(gsut.load_dataset(tmp_path).views)
-    assert views == len(frames) == 2 * len(poses())
-    assert found["auto"]["psnr"] > found["global"]["psnr"] + tolerances.RIG_LINES_DB

@@ -151,12 +151,6 @@ def run_without_matches(scene, photographs, monkeypatch):
     return run(alone, photographs, monkeypatch)
 
 
-def test_folders_of_images_without_a_lens_are_cameras_of_their_own(scene):
-    groups = start(scene).groups
-    assert all(isinstance(group, LensGroup) for group in groups)
-    assert sorted(i for group in groups for i in group.images) == list(range(2 * FRAMES))
-
-
 def test_photographs_of_a_camera_each_all_get_a_pose_and_their_focal_length(monkeypatch):
     lens = gsut.Camera("opencv4", [600, 600, 500, 505, 0, 0, 0, 0], 1000, 1010)
     zooms = [1.0, 0.9, 1.2, 1.1, 0.85, 1.0, 1.15, 0.95]

@@ -14,7 +14,6 @@ import tolerances
 from gsut import _core
 from gsut.cli import main
 from gsut.gaussians import quaternion_from_rotation
-from gsut.lens import convert_camera
 from gsut.sfm import pipeline
 from gsut.sfm.lens.candidates import guess_lens
 from gsut.sfm.lens.search import search_lens
@@ -49,6 +48,11 @@ def test_estimate_poses_synthetic_walk_finds_all_poses_within_noise(rng):
     assert errors.rotation_degrees.max() < tolerances.SFM_SYNTHETIC_DEGREES
     assert errors.ate_percent < tolerances.SFM_SYNTHETIC_ATE_PERCENT
     assert len(found["points"]) > 400
+    behind = 0
+    for point, image, _ in found["observations"]:
+        pose = found["camera_from_world"][image]
+        behind += (pose[:3, :3] @ found["points"][point] + pose[:3, 3])[2] < 0
+    assert behind > 20  # observations behind the camera plane are used, not dropped
 
 
 def test_estimate_poses_thinned_finds_poses_as_well_as_by_all_tracks(rng):
@@ -73,17 +77,6 @@ def test_estimate_poses_thinned_has_the_same_bits_on_any_threads(rng):
     _core.set_num_threads(0)
     for key in ("camera_from_world", "points"):
         assert np.array_equal(found[0][key], found[1][key])
-
-
-def test_estimate_poses_sees_beyond_ninety_degrees(rng):
-    scene = Synthetic(rng)
-    found = scene.solve()
-    observations = found["observations"]
-    behind = 0
-    for point, image, _ in observations:
-        pose = found["camera_from_world"][image]
-        behind += (pose[:3, :3] @ found["points"][point] + pose[:3, 3])[2] < 0
-    assert behind > 20  # observations behind the camera plane are used, not dropped
 
 
 def test_solve_extends_tracks_to_images_that_no_match_told_of(rng, monkeypatch):
@@ -117,31 +110,6 @@ def test_estimate_poses_covariances_hold_the_gauge_and_are_positive(rng):
     assert len(free) == 6
     for i in free:
         assert np.linalg.eigvalsh(covariances[i]).min() > 0
-
-
-def test_trial_leaves_covariances_out_and_finds_poses_within_noise(rng):
-    scene = Synthetic(rng)
-    found = scene.solve(covariances=False)
-    assert found["registered"].all() and not np.any(found["covariances"])
-    errors = compare_poses(found["camera_from_world"], np.array(scene.poses))
-    assert errors.ate_percent < tolerances.SFM_SYNTHETIC_ATE_PERCENT
-
-
-def test_estimate_poses_unknown_lens_comes_back(rng):
-    scene = Synthetic(rng, images=10, points=900, noise=0.1)
-    guess = gsut.Camera("kannala_brandt", [320, 320, 500, 505, 0, 0, 0, 0], 1000, 1010)
-    found = scene.solve(guess, lens_free=[[1] * 8], max_error=8.0)
-    assert found["registered"].all()
-    focal = found["lens_params"][0][:2]
-    assert np.abs(focal / scene.camera.params[:2] - 1).max() < tolerances.SFM_FOCAL
-    errors = compare_poses(found["camera_from_world"], np.array(scene.poses))
-    assert errors.rotation_degrees.max() < 3 * tolerances.SFM_SYNTHETIC_DEGREES
-
-
-def test_estimate_poses_turn_on_the_spot_says_so(rng):
-    found = Synthetic(rng, turn_only=True).solve()
-    assert not found["registered"].any()
-    assert "rotation" in found["failure"]
 
 
 def test_estimate_poses_stopped_by_progress_raises_its_exception(rng):
@@ -200,19 +168,6 @@ def test_estimate_poses_unknown_setting_is_refused(rng):
         _core.estimate_poses([], [], [], [], {"speed": 1}, None)
 
 
-def test_absolute_pose_finds_a_new_image(rng):
-    scene = Synthetic(rng, noise=0.0)
-    pose = scene.poses[3]
-    p = scene.points @ pose[:3, :3].T + pose[:3, 3]
-    pixels, valid = scene.camera.project(p)
-    bearings = _core.ImageBearings(scene.camera, pixels[valid])
-    wrong = scene.points[valid].copy()
-    wrong[::3] = rng.uniform(-4, 4, wrong[::3].shape)
-    found, inliers = _core.absolute_pose(bearings, np.arange(len(wrong)), wrong, 2.0, 0)
-    assert np.abs(found - pose).max() < tolerances.SFM_EXACT
-    assert inliers.sum() >= 0.6 * len(wrong)
-
-
 def test_relative_pose_agrees_with_opencv_on_a_narrow_lens(rng):
     camera = gsut.Camera("pinhole", [800, 800, 320, 240], 640, 480)
     points = rng.uniform([-2, -1.5, 4], [2, 1.5, 9], (300, 3))
@@ -266,12 +221,9 @@ def test_find_features_puts_a_blob_at_its_pixel(tmp_path):
     path = tmp_path / "blobs.png"
     cv2.imwrite(str(path), (255 * image).clip(0, 255).astype(np.uint8))
     found = read_features(path, None, PosesOptions())
-    checked = 0
     for center in centers:
         nearest = np.linalg.norm(found.pixels - center, axis=1).min()
         assert nearest < tolerances.SIFT_BLOB_PIXELS
-        checked += 1
-    assert checked == 3
 
 
 def test_find_features_leaves_out_what_has_no_ray(tmp_path):
@@ -315,15 +267,12 @@ def test_similarity_is_found_again(rng):
 
 
 def test_quaternion_of_any_rotation(rng):
-    checked = 0
     turns = [*rng.standard_normal((50, 3)), [np.pi, 0, 0], [0, np.pi, 0], [0, 0, 0]]
     for turn in turns:
         rotation = _core.exp_pose([0, 0, 0, *turn])[:3, :3]
         w, x, y, z = quaternion_from_rotation(rotation)
         skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
         assert np.abs(np.eye(3) + 2 * w * skew + 2 * skew @ skew - rotation).max() < 1e-12
-        checked += 1
-    assert checked == 53
 
 
 def test_guess_lens_has_the_field_of_view():
@@ -451,19 +400,6 @@ def test_poses_command_corrupt_image_is_named_and_the_rest_kept(some_sponza, tmp
 # --- bad input ------------------------------------------------------------------------------------
 
 
-def test_poses_command_images_of_another_place_are_named_and_the_rest_kept(some_sponza, tmp_path):
-    folder = tmp_path / "in"
-    (folder / "images").mkdir(parents=True)
-    for path in sorted((some_sponza[0] / "images").iterdir())[:6]:
-        (folder / "images" / path.name).symlink_to(path.resolve())
-    for name in ("elsewhere_1.png", "elsewhere_2.png"):
-        texture(folder / "images" / name, len(name), 480)
-    result = find_poses(folder, tmp_path / "out", camera=some_sponza[0] / "lens.yaml")
-    assert result.solution.num_registered == 6
-    (note,) = [note for note in result.figures["notes"] if "6 of 8 images" in note]
-    assert "elsewhere_1.png" in note and "elsewhere_2.png" in note
-
-
 def texture(path: Path, seed: int, size: int = 160) -> None:
     """A picture with many features."""
     noise = np.random.default_rng(seed).integers(0, 255, (size, size, 3), np.uint8)
@@ -478,7 +414,6 @@ def texture(path: Path, seed: int, size: int = 160) -> None:
         ("same", "all images are the same"),
         ("apart", "matches that agree"),
         ("flat", "almost no features"),
-        ("sizes", "matches that agree"),
     ],
 )
 def test_poses_command_bad_images_get_one_clear_sentence(case, words, tmp_path, capsys):
@@ -491,7 +426,7 @@ def test_poses_command_bad_images_get_one_clear_sentence(case, words, tmp_path, 
         if case == "flat":
             cv2.imwrite(str(path), np.full((160, 160, 3), 90, np.uint8))
         else:
-            texture(path, 0 if case == "same" else i, 160 + 8 * (case == "sizes" and i == 2))
+            texture(path, 0 if case == "same" else i)
     assert main(["poses", str(folder), "-o", str(tmp_path / "out"), "--quiet", "--fov", "60"]) == 2
     message = capsys.readouterr().err
     assert words in message and message.count("\n") == 1
@@ -564,29 +499,6 @@ def test_poses_command_camera_that_only_turns_gets_one_clear_sentence(tmp_path, 
     assert not (tmp_path / "out" / "transforms.json").exists()
 
 
-def test_poses_command_wrong_lens_size_says_so(tmp_path, capsys):
-    folder = tmp_path / "in"
-    folder.mkdir()
-    for i in range(3):
-        texture(folder / f"{i}.png", i)
-    gsut.save_camera(gsut.Camera("pinhole", [100, 100, 50, 50], 100, 100), tmp_path / "lens.yaml")
-    arguments = ["poses", str(folder), "--camera", str(tmp_path / "lens.yaml"), "--quiet"]
-    assert main([*arguments, "-o", str(tmp_path / "out")]) == 2
-    assert "the lens is for 100 x 100" in capsys.readouterr().err
-
-
-def test_poses_command_lens_without_one_centre_is_refused_first(tmp_path, capsys):
-    folder = tmp_path / "in"
-    folder.mkdir()
-    for i in range(2):
-        texture(folder / f"{i}.png", i)
-    lens = tmp_path / "lens.lens.json"
-    gsut.save_camera(gsut.Camera("orthographic", [100, 100, 80, 80], 160, 160), lens)
-    arguments = ["poses", str(folder), "--camera", str(lens), "-o", str(tmp_path / "out")]
-    assert main(arguments) == 2
-    assert "camera convert" in capsys.readouterr().err
-
-
 def test_poses_options_are_checked():
     with pytest.raises(gsut.InputError, match="--set pairs must be one of"):
         PosesOptions(pairs="some")
@@ -607,15 +519,6 @@ def test_search_lens_finds_the_fisheye_of_a_synthetic_walk(rng):
     assert lens.model == "kannala_brandt"
     assert abs(lens.params[0] / scene.camera.params[0] - 1) < tolerances.SFM_FOCAL
     assert found.found.figures["lens_search"][-1]["held_out_px"] < 0.5
-
-
-def test_convert_camera_to_a_fisheye_is_the_same_lens():
-    lens = gsut.Camera("opencv4", [330, 331, 243, 178, -0.12, 0.03, 0, 0], 480, 360)
-    pixels = np.stack(np.meshgrid(np.arange(5.0, 480, 25), np.arange(5.0, 360, 25)), -1)
-    rays, valid = lens.unproject(pixels.reshape(-1, 2))
-    assert valid.all()
-    off = convert_camera(lens, "kannala_brandt").camera.project(rays)[0] - pixels.reshape(-1, 2)
-    assert np.linalg.norm(off, axis=1).max() < tolerances.SFM_AS_FISHEYE_PX
 
 
 def test_keep_most_distinct_keeps_the_most_distinct_matches(rng):

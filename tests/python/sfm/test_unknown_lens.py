@@ -7,8 +7,6 @@ import numpy as np
 import pytest
 
 import gsut
-from demo_hall import write_hall
-from gsut.cli import main
 from gsut.lens import with_scaled_focal
 from gsut.run import Verdict
 from gsut.sfm.lens.candidates import adjust_bend, explain_implausible, list_lens_ladder
@@ -181,27 +179,19 @@ def turning(radians):
         ({}, "good", ""),
         ({"agreeing": 0.2}, "poor", "of the matches agree"),
         ({"agreeing": 0.35}, "usable", "of the matches agree"),
-        ({"agreeing": 0.5}, "good", ""),
         # Pairs whose matches are rejected as a whole; a few are wrong matches.
-        ({"doubt": Findings(contradicted=0.03)}, "good", ""),
         ({"doubt": Findings(contradicted=0.08)}, "usable", "reject all matches of 8 %"),
         ({"doubt": Findings(contradicted=0.3)}, "poor", "reject all matches of 30 %"),
-        ({"agreeing": 0.7}, "good", ""),
         # Either half of the points: all pairs alike, a tenth apart, most apart, images lost.
-        ({"doubt": Findings(halves_px=(1.0, 0.5))}, "good", ""),
         ({"doubt": Findings(halves_px=(90.0, 0.5))}, "usable", "gives poses 90.0 px off"),
         ({"doubt": Findings(halves_px=(200.0, 90.0))}, "poor", "gives poses 200.0 px off"),
         ({"doubt": Findings(halves_px=(math.inf, 0.5))}, "usable", "loses images"),
         # The error of the focal length adds to that of the points.
-        ({"doubt": Findings(halves_px=(6.0, 0.5), focal_sigma=0.01)}, "good", ""),
         ({"doubt": Findings(halves_px=(7.0, 0.5), focal_sigma=0.015)}, "usable", "9.3 px off"),
         ({"doubt": Findings(halves_px=(3.0, 0.5), focal_sigma=0.0199)}, "usable", "px open"),
-        ({"doubt": Findings(halves_px=(3.0, 0.5), focal_sigma=0.03)}, "usable", "only to 6.0 %"),
         # A rolling shutter: turns that hands make, too fast ones, and impossible ones.
-        ({"agreeing": 0.7, "velocities": turning(0.05)}, "good", ""),
         ({"velocities": turning(0.12)}, "usable", "turn by 7 degrees while they are read"),
         ({"velocities": turning(0.3)}, "poor", "turn by 17 degrees while they are read"),
-        ({"doubt": doubt(0.015)}, "good", ""),
         ({"doubt": doubt(0.03)}, "usable", "known only to 6.0 %"),
         ({"doubt": doubt(0.08)}, "poor", "known only to 16.0 %"),
         ({"doubt": doubt(math.inf)}, "poor", "not determined"),
@@ -212,7 +202,6 @@ def turning(radians):
         ({"registered": np.arange(30) < 25}, "usable", "5 of 30 images could not"),
         ({"registered": np.arange(30) < 5}, "poor", "only 5 views"),
         # Images that few points hold, as if they had no pose.
-        ({"doubt": Findings(held_by_few=["3"])}, "good", ""),
         ({"doubt": Findings(held_by_few=list("12345"))}, "usable", "5 of 30 images are held by"),
         ({"doubt": Findings(held_by_few=[f"{i}" for i in range(13)])}, "poor", "13 of 30 images"),
         ({"median": 2.0}, "usable", "off by 2.00 px"),
@@ -220,11 +209,6 @@ def turning(radians):
         ({"colors": 5}, "poor", "30 of 30 images are too dark"),
         # Small pictures have few features; those that have a pose had enough.
         ({"features": 100}, "good", ""),
-        (
-            {"features": 100, "such": 10, "registered": np.arange(30) >= 10},
-            "usable",
-            "10 of 30 images have few features",
-        ),
         (
             {"features": 100, "registered": np.arange(30) < 5},
             "poor",
@@ -270,23 +254,6 @@ def test_poses_log_of_a_mapper_never_goes_back():
         show(done, 20, 100, step)
     shares = [done / total for done, total in told]
     assert shares == sorted(shares) and shares[0] < shares[4] < shares[-1] <= 1
-
-
-@pytest.fixture(scope="module")
-def hall(tmp_path_factory):
-    """A few views of the demo's hall."""
-    folder = tmp_path_factory.mktemp("hall") / "hall"
-    return write_hall(folder, views=8, test_views=0, size=176)
-
-
-def test_poses_command_run_again_says_done(hall, tmp_path, capsys):
-    arguments = ["poses", str(hall), "-o", str(tmp_path / "out")]
-    assert main([*arguments, "--quiet"]) == 0
-    before = (tmp_path / "out" / "poses.json").stat().st_mtime_ns
-    assert main(arguments) == 0
-    words = capsys.readouterr().out
-    assert "already finished" in words and "poses of" in words
-    assert (tmp_path / "out" / "poses.json").stat().st_mtime_ns == before
 
 
 def test_search_lens_of_few_images_that_hardly_move_says_so():

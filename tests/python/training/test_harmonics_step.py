@@ -10,17 +10,11 @@ from gsut import _core
 from gsut.optimize import GaussianOptimizer, LearningRates, find_last_densification
 from gsut.run import TrainOptions
 from gsut.training import TrainingLoop
-from random_scenes import arrays_of, fisheye, gaussians_in_view, random_pose
+from random_scenes import arrays_of, fisheye, gaussians_in_view, list_isas, random_pose, roll
 
 RATES = LearningRates(1e-3, 2e-3, 3e-3, 4e-2, 5e-3, 6e-4)
 CAMERA = fisheye(40)
 STEPS = 3
-
-
-def rolling(pose):
-    """Moves within the image: its rays are lines."""
-    start, end = (gsut.exp_pose(np.full(6, sign * 0.01)) @ pose for sign in (-1.0, 1.0))
-    return gsut.CameraMotion(start, end, gsut.Shutter("top_to_bottom"))
 
 
 def passes(optimizer, place, degree, dimage, in_backward):
@@ -39,14 +33,13 @@ def passes(optimizer, place, degree, dimage, in_backward):
     return gradients.sh
 
 
-@pytest.mark.parametrize("motion", [lambda pose: pose, rolling], ids=["still", "rolling"])
+@pytest.mark.parametrize("motion", [lambda pose: pose, roll], ids=["still", "rolling"])
 def test_step_in_backward_gives_the_bits_of_a_step_after_it(rng, motion):
     pose = random_pose(rng)
     in_view = gaussians_in_view(rng, CAMERA, pose, 301, sh_degree=3)
     in_view.means[::5] += 100.0  # some are far off
     dimage = rng.normal(size=(CAMERA.height, CAMERA.width, 3)).astype(np.float32)
-    ran = 0
-    for isa in gsut.machine.available_isas():
+    for isa in list_isas():
         gsut.machine.set_isa(isa)
         for degree in range(4):
             after, within = (GaussianOptimizer(in_view, 400) for _ in range(2))
@@ -55,8 +48,6 @@ def test_step_in_backward_gives_the_bits_of_a_step_after_it(rng, motion):
             for expected, found in zip(after.arrays, within.arrays, strict=True):
                 assert arrays_of(found) == arrays_of(expected), (isa, degree)
             assert np.any(after.arrays[1].sh)
-            ran += 1
-    assert ran == 4 * len(gsut.machine.available_isas())
 
 
 def test_step_in_backward_of_what_was_not_rendered_raises(rng):

@@ -67,7 +67,7 @@ def test_reinitialised_gaussians_lie_where_the_views_see_them_in_their_colours(s
 def test_sampling_draws_in_proportion_to_blend_weights(scene, trained):
     weights = blend_weights(trained, list_seen_views(scene, scene.train_indices))
     drawn = np.zeros(len(trained))
-    for seed in range(60):
+    for seed in range(20):
         kept = sample(trained, scene, 40, [seed])
         assert np.count_nonzero(kept) == 40
         drawn += kept

@@ -237,6 +237,10 @@ def advance_to(loop, step):
         {"surface": True},
         {"primitive": "surfel", "surface": True},
         {"primitive": "surfel", "strategy": "mini"},
+        {"primitive": "triangle"},
+        {"response": "extinction"},
+        {"order": "ray"},
+        {"order": "z"},
     ],
     ids=lambda given: " ".join(map(str, given.values())),
 )
@@ -249,7 +253,10 @@ def test_train_loop_state_restored_into_a_new_loop_same_bits(scene, given, stop)
     assert other.step == stop
     losses = [(loop.advance(), other.advance()) for _ in range(STEPS - stop)]
     assert all(a == b for a, b in losses)
-    assert arrays_of(loop.make_result()) == arrays_of(other.make_result())
+    whole, again = loop.make_result(), other.make_result()
+    assert arrays_of(whole) == arrays_of(again)
+    for rule in ("order", "response", "primitive"):
+        assert getattr(again, rule) == getattr(whole, rule) == getattr(loop.gaussians, rule)
 
 
 def test_every_view_is_shown_once_an_epoch():
