@@ -33,14 +33,11 @@ def thin(data, folder, step, phase):
 
 
 def test_thinned_exact_views_are_not_accused(hall, tmp_path):
-    count = 0
     for step in (2, 3, 5):
         for phase in range(0, step, 2):
             scene = gsut.load_dataset(thin(hall, tmp_path / f"{step}{phase}", step, phase))
             said = [str(f) for f in check_scene(scene) if f.severity != "info"]
             assert [text for text in said if "photograph" in text or "contradict" in text] == []
-            count += 1
-    assert count == 6
 
 
 def make_verdict(free, given, free_by_chance=5.0, given_by_chance=1.0):
