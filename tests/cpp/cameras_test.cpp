@@ -91,15 +91,12 @@ TEST(PlaneMapTest, InvertFollowsTheSegmentWhereNewtonFails) {
     const double c = -g / s;
     return PlanePoint{x * g, y * g, g + x * x * c, x * y * c, x * y * c, g + y * y * c};
   };
-  int solved = 0;
   for (const double target : {0.1, 0.9, 0.999, 0.9999}) {
     double x = -50.0, y = 30.0;
     ASSERT_TRUE(InvertPlaneMap(map, 1000.0, target, 0.0, &x, &y)) << target;
     EXPECT_NEAR(map(x, y).u, target, 1e-12);
     EXPECT_NEAR(map(x, y).v, 0.0, 1e-12);
-    ++solved;
   }
-  EXPECT_EQ(solved, 4);
   double x = 0.0, y = 0.0;
   EXPECT_FALSE(InvertPlaneMap(map, 1000.0, 1.5, 0.0, &x, &y));
   EXPECT_FALSE(ImageOfDiscContains(map, 1000.0, 1.5, 0.0));

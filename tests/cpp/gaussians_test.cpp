@@ -41,14 +41,11 @@ struct Sphere {
 };
 
 TEST(ActivationsTest, SigmoidAndLogitAreInverse) {
-  int cases = 0;
   for (const double logit : {-30.0, -5.0, -0.1, 0.0, 0.3, 8.0, 30.0}) {
     EXPECT_NEAR(Logit(Sigmoid(logit)), logit, logit < 9 ? kQuadratureTolerance : kLogitTolerance);
     EXPECT_NEAR((Sigmoid(logit + kStep) - Sigmoid(logit - kStep)) / (2 * kStep),
                 SigmoidDerivative(Sigmoid(logit)), kDifferenceTolerance);
-    ++cases;
   }
-  EXPECT_EQ(cases, 7);
   EXPECT_EQ(Sigmoid(-1000.0f), 0.0f);
   EXPECT_EQ(Sigmoid(1000.0f), 1.0f);
 }
@@ -61,16 +58,13 @@ TEST(ActivationsTest, RotationDoesNotDependOnTheNorm) {
                        expected[1] * (expected[3] * expected[8] - expected[5] * expected[6]) +
                        expected[2] * (expected[3] * expected[7] - expected[4] * expected[6]);
   EXPECT_NEAR(determinant, 1.0, kRoundingTolerance);
-  int cases = 0;
   for (const double factor : {1e-300, 1e-160, 1e-3, -1.0, 1e5, 1e200, 1e300}) {
     const double scaled[4] = {quat[0] * factor, quat[1] * factor, quat[2] * factor,
                               quat[3] * factor};
     double rotation[9];
     RotationFromQuaternion(scaled, rotation);
     for (int i = 0; i < 9; ++i) EXPECT_NEAR(rotation[i], expected[i], kRoundingTolerance) << factor;
-    ++cases;
   }
-  EXPECT_EQ(cases, 7);
 }
 
 TEST(ActivationsTest, QuaternionGradientMatchesCentralDifferences) {
@@ -128,40 +122,6 @@ TEST(HarmonicsTest, GradientMatchesCentralDifferences) {
   EXPECT_EQ(cases, 40);
 }
 
-TEST(HarmonicsTest, HomogeneousDegreesObeyEulersIdentity) {
-  // Basis k of degree l is a homogeneous polynomial: direction . gradient = l basis.
-  Sphere sphere;
-  double direction[3], basis[16];
-  sphere.Draw(direction);
-  HarmonicsBasis(3, direction[0], direction[1], direction[2], basis);
-  for (int degree = 0; degree <= 3; ++degree) {
-    for (int k = degree * degree; k < NumShCoefficients(degree); ++k) {
-      double one[16] = {}, gradient[3];
-      one[k] = 1;
-      HarmonicsBasisGradient(3, direction[0], direction[1], direction[2], one, gradient);
-      const double along =
-          direction[0] * gradient[0] + direction[1] * gradient[1] + direction[2] * gradient[2];
-      EXPECT_NEAR(along, degree * basis[k], kRoundingTolerance);
-    }
-  }
-}
-
-TEST(HarmonicsTest, ClampedChannelsHaveNoGradient) {
-  const double direction[3] = {0, 0, 1};
-  const double sh[3] = {-10, 0.5, -1.7};
-  double color[3], dl_dsh[3], dl_ddirection[3];
-  const unsigned clamped = EvalHarmonics(0, direction, sh, color);
-  EXPECT_EQ(clamped, 1u);
-  EXPECT_EQ(color[0], 0.0);
-  EXPECT_DOUBLE_EQ(color[1], 0.5 + kSh0 * 0.5);
-  EXPECT_DOUBLE_EQ(color[2], 0.5 - kSh0 * 1.7);
-  const double upstream[3] = {1, 1, 1};
-  EvalHarmonicsBackward(0, direction, sh, clamped, upstream, dl_dsh, dl_ddirection);
-  EXPECT_EQ(dl_dsh[0], 0.0);
-  EXPECT_DOUBLE_EQ(dl_dsh[1], kSh0);
-  EXPECT_EQ(dl_ddirection[0], 0.0);
-}
-
 TEST(HarmonicsTest, ColorGradientMatchesCentralDifferences) {
   Sphere sphere;
   double direction[3], sh[48], weights[3], dl_dsh[48], dl_ddirection[3], color[3];
@@ -216,7 +176,6 @@ std::vector<double> BruteForceDistances(const std::vector<double>& points) {
 TEST(SeedTest, DistancesToNeighborsMatchBruteForce) {
   std::mt19937_64 engine(2);
   std::normal_distribution<double> normal;
-  int cases = 0;
   for (const int n : {0, 1, 2, 3, 4, 5, 12, 13, 14, 25, 100, 777, 2000}) {
     for (const char* shape : {"volume", "line", "grid", "duplicates"}) {
       std::vector<double> points;
@@ -238,10 +197,8 @@ TEST(SeedTest, DistancesToNeighborsMatchBruteForce) {
         ASSERT_NEAR(found[i].frame.norm(), 1.0, kRoundingTolerance);
         ASSERT_TRUE(found[i].thickness >= 0.0 && found[i].thickness <= 1.0) << shape << " " << n;
       }
-      ++cases;
     }
   }
-  EXPECT_EQ(cases, 52);
 }
 
 TEST(SeedTest, PointsInOneLineHaveNoPlane) {

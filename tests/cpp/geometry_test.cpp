@@ -46,7 +46,6 @@ Eigen::Matrix4d SeriesExp(const Vector6d& xi) {
 }
 
 TEST(PoseTest, ExpMatchesThePowerSeriesAtAnyAngle) {
-  int ran = 0;
   for (const double angle :
        {1e-300, 1e-12, 1e-6, 0.9e-4, 1.1e-4, 0.01, 1.0, 3.0, std::numbers::pi, 5.0}) {
     for (std::uint64_t stream = 0; stream < 10; ++stream) {
@@ -55,10 +54,8 @@ TEST(PoseTest, ExpMatchesThePowerSeriesAtAnyAngle) {
       EXPECT_LT((found - SeriesExp(xi)).cwiseAbs().maxCoeff(), kSeries) << angle;
       const Eigen::Matrix3d r = found.topLeftCorner<3, 3>();
       EXPECT_LT((r.transpose() * r - Eigen::Matrix3d::Identity()).norm(), kRounding) << angle;
-      ++ran;
     }
   }
-  EXPECT_EQ(ran, 100);
 }
 
 TEST(PoseTest, ExpOfZeroIsTheIdentity) {
@@ -83,7 +80,6 @@ TEST(PoseTest, InterpolateMeetsItsEndsAndTurnsEvenly) {
   end.translation = Eigen::Vector3d(1, 2, 3);
   EXPECT_LT((Interpolate(start, end, 0.0).Matrix() - start.Matrix()).norm(), kRounding);
   EXPECT_LT((Interpolate(start, end, 1.0).Matrix() - end.Matrix()).norm(), kRounding);
-  int ran = 0;
   for (const double t : {0.1, 0.25, 0.5, 0.9}) {
     const Pose middle = Interpolate(start, end, t);
     Vector6d part = Vector6d::Zero();
@@ -92,9 +88,7 @@ TEST(PoseTest, InterpolateMeetsItsEndsAndTurnsEvenly) {
     EXPECT_LT((middle.rotation - expected).norm(), kRounding);
     const Eigen::Vector3d place = (1 - t) * start.translation + t * end.translation;
     EXPECT_LT((middle.translation - place).norm(), kRounding);
-    ++ran;
   }
-  EXPECT_EQ(ran, 4);
 }
 
 TEST(PoseTest, FromMatrixKeepsAnExactRotationAndCleansARoundedOne) {
@@ -133,17 +127,14 @@ TEST(PoseTest, FromMatrixRefusesWhatIsNoRigidTransform) {
   EXPECT_NE(ErrorOf(mirrored).find("determinant"), std::string::npos);
   EXPECT_NE(ErrorOf(sheared).find("rotation"), std::string::npos);
   EXPECT_NE(ErrorOf(projective).find("last row"), std::string::npos);
-  int ran = 0;
   for (const double value :
        {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::infinity()}) {
     for (int k = 0; k < 16; ++k) {
       Eigen::Matrix4d bad = good;
       bad(k / 4, k % 4) = value;
       EXPECT_NE(ErrorOf(bad).find("finite"), std::string::npos) << k;
-      ++ran;
     }
   }
-  EXPECT_EQ(ran, 32);
   EXPECT_NE(ErrorOf(Eigen::Matrix4d::Zero()), "");
 }
 
@@ -168,25 +159,21 @@ TEST(ShutterTest, NamesAreKnownOrRefused) {
 }
 
 TEST(ShutterTest, PixelTimeOfALineIsItsTime) {
-  int ran = 0;
   for (const char* name : {"top_to_bottom", "bottom_to_top", "left_to_right", "right_to_left"}) {
     for (const char* parity : {"", "gsplat"}) {
       const Shutter shutter = Shutter::Named(name, parity);
       for (int line = 0; line < shutter.NumLines(8, 6); ++line) {
         EXPECT_NEAR(shutter.PixelTime(line + 0.5, line + 0.5, 8, 6), shutter.LineTime(line, 8, 6),
                     1e-15);
-        ++ran;
       }
     }
   }
-  EXPECT_EQ(ran, 2 * (6 + 6 + 8 + 8));
   EXPECT_EQ(Shutter().NumLines(8, 6), 1);
   EXPECT_EQ(Shutter::Named("top_to_bottom", "gsplat").LineTime(0, 1, 1), 0.0);
 }
 
 TEST(ShutterTest, JacobianMatchesCentralDifferencesAtAnyTurn) {
   constexpr double kStep = 1e-6;
-  int ran = 0;
   for (const double turn : {1e-12, 1e-4, 0.9e-3, 1.1e-3, 0.3, 2.0, 3.1}) {
     for (const char* parity : {"", "gsplat"}) {
       for (const double t : {0.0, 0.1, 0.5, 0.93, 1.0}) {
@@ -207,12 +194,10 @@ TEST(ShutterTest, JacobianMatchesCentralDifferencesAtAnyTurn) {
               (Difference(here, c.At(t)) - Difference(here, d.At(t))) / (2 * kStep);
           EXPECT_LT((found.from_start.col(k) - of_start).norm(), kDifferences) << turn << " " << t;
           EXPECT_LT((found.from_end.col(k) - of_end).norm(), kDifferences) << turn << " " << t;
-          ++ran;
         }
       }
     }
   }
-  EXPECT_EQ(ran, 7 * 2 * 5 * 6);
 }
 
 TEST(ShutterTest, StillCameraIsOnePose) {

@@ -65,7 +65,6 @@ std::vector<float> AllValues(const GaussianArrays& g) {
 
 TEST(Moments, ShadowAreaOfSphereDiscAndNeedleAgreesWithIntegration) {
   const double shapes[][3] = {{1, 1, 1}, {1, 1, 0}, {3, 2, 1}, {1, 0.2, 0.01}, {5, 0.1, 0.1}};
-  int checked = 0;
   for (const auto& s : shapes) {
     // The shadow along a unit direction d has the area |diag(bc, ac, ab) d| times pi.
     double sum = 0.0;
@@ -82,9 +81,7 @@ TEST(Moments, ShadowAreaOfSphereDiscAndNeedleAgreesWithIntegration) {
     }
     const double expected = sum / (kSteps * kSteps);
     EXPECT_NEAR(ShadowArea(s[0], s[1], s[2]), expected, kShadowRelative * expected);
-    ++checked;
   }
-  EXPECT_EQ(checked, 5);
 }
 
 TEST(Moments, ParametersOfCovarianceGoBackToIt) {

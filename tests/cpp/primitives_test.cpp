@@ -61,7 +61,6 @@ TEST(PrimitivesTest, ResponseFallsFromOneAndCutoffIsItsInverse) {
 
 TEST(PrimitivesTest, TriangleGaugeIsTheLargestOfItsEdgesWithTheirSlopes) {
   const Profile triangle = {Primitive::kTriangle};
-  int ran = 0;
   for (int i = 2; i < 360; i += 7) {  // beside the ridges at 90, 210 and 330 degrees
     const double angle = i * 3.14159265358979323846 / 180.0;
     const double x = 0.7 * std::cos(angle), y = 0.7 * std::sin(angle);
@@ -76,9 +75,7 @@ TEST(PrimitivesTest, TriangleGaugeIsTheLargestOfItsEdgesWithTheirSlopes) {
         triangle.Gauge(x, y + kStep, ignored) - triangle.Gauge(x, y - kStep, ignored);
     EXPECT_NEAR(0.5 * by_x / kStep, slopes[0], kDifferenceTolerance);
     EXPECT_NEAR(0.5 * by_y / kStep, slopes[1], kDifferenceTolerance);
-    ++ran;
   }
-  EXPECT_EQ(ran, 52);
 }
 
 // By the midpoint rule over squares of side 2 h, whose error is that of the outline and the ridges.

@@ -42,7 +42,6 @@ Eigen::Vector2d Output(const CameraChain& chain, const Eigen::Vector3d& point,
 TEST(CameraChain, DerivativesAgreeWithCentralDifferences) {
   constexpr double kStep = 1e-5;
   Numbers numbers(41);
-  int cases = 0;
   for (int i = 0; i < 40; ++i) {
     PoseBlock pose = ToBlock(numbers.RandomPose(1.0));
     PoseBlock mount = ToBlock(numbers.RandomPose(0.3));
@@ -85,9 +84,7 @@ TEST(CameraChain, DerivativesAgreeWithCentralDifferences) {
     turned(&pose, by.by_pose);
     if (chain.velocity != nullptr) plain(velocity.data(), 6, by.by_velocity);
     if (chain.mount != nullptr) turned(&mount, by.by_mount);
-    ++cases;
   }
-  EXPECT_EQ(cases, 40);
 }
 
 TEST(CameraChain, MovesAsTheShutterOfTheRendererDoes) {
@@ -117,7 +114,6 @@ Bundle MovingBundle(int images, int points, std::uint64_t stream) {
 }
 
 TEST(AdjustBundle, FindsVelocitiesOfARollingShutterInBothResiduals) {
-  int cases = 0;
   for (const bool through_lens : {false, true}) {
     const Bundle truth = MovingBundle(6, 200, 43);
     Bundle bundle = truth;
@@ -142,9 +138,7 @@ TEST(AdjustBundle, FindsVelocitiesOfARollingShutterInBothResiduals) {
     Bundle still = truth;
     still.velocities.clear();
     EXPECT_GT(AdjustBundle(&still, options).rms_after, 1.0);
-    ++cases;
   }
-  EXPECT_EQ(cases, 2);
 }
 
 TEST(AdjustBundle, PriorsHoldVelocitiesThatNothingTells) {

@@ -68,15 +68,12 @@ Eigen::Vector3d PointInView(Numbers* numbers) {
 TEST(Bearing, ResidualIsTheReprojectionErrorToFirstOrder) {
   Numbers numbers(1);
   const Camera camera = WideLens();
-  int count = 0;
   for (int i = 0; i < 200; ++i) {
     const Eigen::Vector3d point = PointInView(&numbers);
     const Eigen::Vector2d error = 1e-3 * Eigen::Vector2d(numbers.Normal(), numbers.Normal());
     const Eigen::Vector2d residual = BearingResidual(See(camera, point, error), point);
     EXPECT_LT((residual + error).norm(), 1e-4 * error.norm());
-    ++count;
   }
-  EXPECT_EQ(count, 200);
 }
 
 TEST(Bearing, ResidualDerivativeAgreesWithDifferences) {
@@ -308,7 +305,6 @@ TEST(AdjustBundle, MeasuresAPanoramaTheShortWayRoundItsSeam) {
 // Images at a few places, which see all points, or those alone whose number is near their own.
 TEST(AdjustBundle, SolvesManyImagesAsABandIfOnlyNeighboursShareTheirPoints) {
   constexpr int kPlaces = 5, kImages = 160, kPointsAnImage = 2, kWindow = 8;
-  int cases = 0;
   for (const bool shared : {false, true}) {
     Bundle bundle = MakeBundle(WideLens(), kPlaces, kImages * kPointsAnImage, 14);
     bundle.camera_of_image.assign(kImages, 0);
@@ -335,9 +331,7 @@ TEST(AdjustBundle, SolvesManyImagesAsABandIfOnlyNeighboursShareTheirPoints) {
     }
     EXPECT_GT(summary.rms_before, 1.0);
     EXPECT_LT(summary.rms_after, kExact);
-    ++cases;
   }
-  EXPECT_EQ(cases, 2);
 }
 
 TEST(AdjustBundle, FindsTheLensAgain) {

@@ -1,16 +1,15 @@
 """Lenses of every family through every command, on a scene that the lens itself photographed.
 
 A row is a test function with the argument `case`; GSUT_EVERY_LENS=1 takes all lenses, as the night
-does, and adding a lens adds no line here. What a command
-cannot do with a lens whose rays do not meet, it must refuse in words; those are stated at the row.
-Poses, rigs and localisation have theirs in sfm/test_every_lens_poses.py. Rows of compact, convert,
-poses and rig run the command; the others call the one function that the command calls (doctor:
-`diagnose`, train: `train`, eval: `evaluate`, localize: `localize_image`), which is faster; flags
-and files of these commands are tested in cli/.
+does, and adding a lens adds no line here. What a command cannot do with a lens whose rays do not
+meet, it must refuse in words; those are stated at the row.
+Poses, rigs and localisation have theirs in sfm/test_every_lens_poses.py, camera convert in
+lens/test_camera_convert.py. Rows of compact run the command; the others call the one function
+that the command calls (doctor: `diagnose`, train: `train`, eval: `evaluate`), which is faster;
+flags and files of these commands are tested in cli/.
 """
 
 import dataclasses
-import json
 from functools import cached_property
 from pathlib import Path
 
@@ -28,7 +27,7 @@ from gsut.data.points import format_points_ply
 from gsut.data.scene import TrainingViews
 from gsut.evaluate import evaluate
 from gsut.gaussians import SH_C0
-from gsut.lens import Camera, load_camera
+from gsut.lens import Camera
 from gsut.refine import TrainingRefiner
 from random_scenes import list_models, small_camera
 from rendered_dataset import poses, truth
@@ -100,12 +99,6 @@ def case(request, tmp_path_factory) -> Case:
     return _CASES[model]
 
 
-def json_of(words: list[str], capsys) -> dict:
-    capsys.readouterr()
-    assert main([*words, "--json"]) == 0
-    return json.loads(capsys.readouterr().out)
-
-
 def test_dataset_comes_back_and_the_doctor_finds_no_error(case):
     scene = gsut.load_dataset(case.data)
     assert list(scene.cameras) == [case.camera] and list(scene.test_indices) == [TEST_VIEW]
@@ -142,17 +135,6 @@ def test_compact_keeps_most_of_the_picture(case):
     psnr = evaluate(fewer, case.trained.scene, [TEST_VIEW])["psnr"]
     print(case.model, case.trained.metrics["psnr"], "->", psnr, "dB")
     assert psnr > case.trained.metrics["psnr"] - tol.EVERY_LENS_COMPACT_DB
-
-
-def test_convert_writes_the_same_lens_anew(case, capsys):
-    lens, out = case.folder / "given.lens.json", case.folder / "found.lens.json"
-    gsut.save_camera(case.camera, lens)
-    words = ["camera", "convert", str(lens), case.model, "-o", str(out), "--max-angle", "30"]
-    words += ["--distance", "4"] if case.camera.is_parallel else []
-    worst = json_of(words, capsys)["worst"]
-    print(case.model, worst, "px")
-    assert worst < tol.EVERY_LENS_CONVERT_PX
-    assert load_camera(out).model == case.model
 
 
 @pytest.mark.parametrize("refine_lens", [False, True])

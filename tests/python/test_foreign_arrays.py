@@ -114,13 +114,10 @@ CALLS = {
 
 @pytest.mark.parametrize("kind", WRAPPERS)
 def test_arrays_of_other_libraries_give_what_numpy_gives(kind):
-    compared = 0
     for name, call in CALLS.items():
         expected, found = call(np.asarray), call(WRAPPERS[kind])
         # float32 of values that float32 holds exactly; the renderer draws in it
         assert np.allclose(expected, found, rtol=0, atol=1e-6 if kind == "float32" else 0), name
-        compared += 1
-    assert compared == len(CALLS)
 
 
 REFUSALS = {
@@ -133,12 +130,9 @@ REFUSALS = {
 
 @pytest.mark.parametrize("wrap", REFUSALS, ids=lambda wrap: wrap.__name__)
 def test_arrays_that_cannot_be_read_are_refused_with_the_cure(wrap):
-    refused = 0
     for call in CALLS.values():
         with raises_saying(REFUSALS[wrap]):
             call(wrap if wrap is not Traced else lambda _: Traced())
-        refused += 1
-    assert refused == len(CALLS)
 
 
 def test_gaussians_share_the_memory_of_what_dlpack_offers():

@@ -83,7 +83,6 @@ EVERY_LENS_GREY_LEVELS = 0.6  # a photograph of 8 bits against the truth rendere
 EVERY_LENS_GAIN_DB = 0.94  # least observed 1.88, of equirectangular
 EVERY_LENS_SAME_DB = 0.01
 EVERY_LENS_COMPACT_DB = 0.33  # worst observed 0.17, of opencv5
-EVERY_LENS_CONVERT_PX = 1.4e-4  # worst observed 7.3e-5, of mei
 # Turns between views after refinement against the true Gaussians over those before. Without the
 # lens the worst is 0.047, of opencv12. With it five views of 64 pixels do not determine all
 # lenses: most reach 0.02 to 0.2, splined_stereographic stays at 1

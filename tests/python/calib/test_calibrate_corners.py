@@ -30,7 +30,6 @@ def _found(paths, board=BOARD):
 def test_corners_drawn_boards_lie_where_the_lens_puts_them(pictures):
     paths, poses = pictures
     photographs = _found(paths)
-    checked = 0
     for photograph, pose in zip(photographs, poses, strict=True):
         truth = FISHEYE.project(transform_points(pose, BOARD.locate_corners()))[0] - 0.5
         assert photograph.corners is not None, photograph.reason
@@ -42,8 +41,6 @@ def test_corners_drawn_boards_lie_where_the_lens_puts_them(pictures):
         assert np.abs(error.mean(axis=0)).max() < tolerances.CALIB_DRAWN_OFFSET_PX
         rms = np.sqrt(np.mean(np.sum(error**2, axis=1)))
         assert rms < tolerances.CALIB_DRAWN_CORNER_PX
-        checked += 1
-    assert checked == 6
 
 
 def test_corners_image_upside_down_keep_their_order_where_colours_tell(tmp_path):

@@ -39,15 +39,12 @@ def noisy():
 
 
 def test_rigid_compose_and_inverse_cancel(rng):
-    checked = 0
     for size in (1e-12, 1e-3, 1.0, 3.14):
         axis = rng.standard_normal(3)
         pose = np.concatenate([axis / np.linalg.norm(axis) * size, rng.standard_normal(3)])
         assert np.abs(compose(pose, invert(pose))).max() < tolerances.CALIB_RIGID
         again = rodrigues_from_matrix(matrix_from_rodrigues(pose[:3]))
         assert np.abs(again - pose[:3]).max() < tolerances.CALIB_RIGID
-        checked += 1
-    assert checked == 4
 
 
 def test_solve_fisheye_without_noise_recovers_the_lens(rng):

@@ -145,7 +145,6 @@ def test_damaged_metadata_never_harms(tmp_path):
     start = whole.index(b"Exif\0\0")
     (length,) = struct.unpack(">H", whole[start - 2 : start])
     rng = np.random.default_rng(0)
-    ran = 0
     for _ in range(DAMAGES):
         data = bytearray(whole)
         for at in rng.integers(start + 6, start + length - 2, 4):
@@ -155,5 +154,3 @@ def test_damaged_metadata_never_harms(tmp_path):
         assert (facts.width, facts.height) == (64, 48)
         assert facts.focal is None or 0 < facts.focal.sigma < 10
         assert facts.place is None or np.isfinite(facts.place.to_values()).all()
-        ran += 1
-    assert ran == DAMAGES

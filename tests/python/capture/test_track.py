@@ -85,7 +85,6 @@ def test_damaged_films_never_harm(tmp_path):
     film = make_film(tmp_path / "a.mp4", b"gpmd", [payload] * 2)
     whole = film.read_bytes()
     rng = np.random.default_rng(0)
-    ran = 0
     for _ in range(DAMAGES):
         data = bytearray(whole)
         for at in rng.integers(0, len(data), 3):
@@ -94,8 +93,6 @@ def test_damaged_films_never_harm(tmp_path):
         facts = read_film_facts(film)
         assert np.isfinite(facts.track).all() and np.isfinite(facts.forces).all()
         assert facts.rotation in (0, 90, 180, 270)
-        ran += 1
-    assert ran == DAMAGES
 
 
 def test_subtitles_of_a_drone_give_its_track(tmp_path):

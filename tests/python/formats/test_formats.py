@@ -167,6 +167,7 @@ def test_load_ply_with_a_huge_count_raises_before_asking_for_memory(tmp_path, rn
         (b"ply\nformat utf8 1.0\nend_header\n", "line 2: unknown format"),
         (b"ply\nelement vertex 1\nend_header\n", "no format line"),
         (b"ply\nformat ascii 1.0\nelement vertex -1\nend_header\n", "line 3: expected"),
+        (b"ply\nformat ascii 1.0\nelement camera 04list\nend_header\n", "line 3: expected"),
         (b"ply\nformat ascii 1.0\nproperty float x\nend_header\n", "before the first element"),
         (b"ply\nformat ascii 1.0\nelement vertex 1\nproperty half x\n", "unknown type"),
         (b"ply\nformat ascii 1.0\nelement face 1\nproperty float x\nend_header\n1\n", "no element"),
@@ -217,6 +218,13 @@ def test_load_points_ply_reads_points_and_colors(tmp_path, rng, byte_order, pref
     np.testing.assert_array_equal(found_points, points)
     np.testing.assert_array_equal(found_colors, colors)
     assert found_points.dtype == np.float64 and found_colors.dtype == np.uint8
+
+
+def test_load_points_ply_skips_rows_of_nothing_at_once(tmp_path):
+    header = "ply\nformat ascii 1.0\nelement camera 900000000000000\nelement vertex 1\n"
+    header += "".join(f"property float {name}\n" for name in "xyz") + "end_header\n"
+    (tmp_path / "a.ply").write_text(header + "1 2 3\n")
+    assert load_points_ply(tmp_path / "a.ply")[0].tolist() == [[1.0, 2.0, 3.0]]
 
 
 def test_load_points_ply_without_colors_is_mid_grey(tmp_path):

@@ -60,14 +60,11 @@ def test_unproject_whole_domain_returns_the_ray(camera, part):
 def test_project_beyond_domain_is_invalid_and_nan(camera):
     if camera.max_angle == np.pi:
         return  # nothing lies beyond
-    checked = 0
     rest = np.pi - camera.max_angle
     for angle in (0.001 * rest, 0.1 * rest, 0.5 * rest, 0.999 * rest, 1e-9 * camera.max_angle):
         pixels, valid = camera.project(circle(camera.max_angle + min(angle, rest), 50))
         assert not valid.any()
         assert np.isnan(pixels).all()
-        checked += 1
-    assert checked == 5
 
 
 @each_lens
@@ -95,18 +92,15 @@ def test_unproject_around_edge_is_valid_inside_only(camera):
 
 @each_cone
 def test_domain_is_one_to_one(camera):
-    checked = 0
     for part in (0.1, 0.5, 0.9, 0.999, 1 - 1e-6):
         rays = circle(part * camera.max_angle, 721)
         assert (determinants(camera, rays) > 0).all()
-        checked += 1
         if camera.is_panorama:
             continue
         # Once around the image of the axis, strictly forward.
         offset = camera.project(rays)[0] - centre(camera)
         turn = np.angle(np.roll(offset @ [1, 1j], -1) / (offset @ [1, 1j]))
         assert (turn > 0).all() and turn.sum() == pytest.approx(2 * np.pi)
-    assert checked == 5
 
 
 @each_cone

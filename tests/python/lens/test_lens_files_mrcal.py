@@ -37,14 +37,11 @@ def test_cahvore_file_of_mrcal_is_read(tmp_path):
 
 
 def test_cahvore_writes_every_digit_of_its_linearity(tmp_path):
-    checked = 0
     for linearity in (0.375, -0.1, 1.0, 0.0, 1 / 3):
         camera = Camera("cahvore", [*PARAMS[:-1], linearity], 640, 480)
         path = tmp_path / "lens.cameramodel"
         save_camera(camera, path)
         assert load_camera(path).params[-1] == linearity
-        checked += 1
-    assert checked == 5
 
 
 @pytest.mark.parametrize(

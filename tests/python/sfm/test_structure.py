@@ -221,12 +221,9 @@ def test_find_features_puts_a_blob_at_its_pixel(tmp_path):
     path = tmp_path / "blobs.png"
     cv2.imwrite(str(path), (255 * image).clip(0, 255).astype(np.uint8))
     found = read_features(path, None, PosesOptions())
-    checked = 0
     for center in centers:
         nearest = np.linalg.norm(found.pixels - center, axis=1).min()
         assert nearest < tolerances.SIFT_BLOB_PIXELS
-        checked += 1
-    assert checked == 3
 
 
 def test_find_features_leaves_out_what_has_no_ray(tmp_path):
@@ -270,15 +267,12 @@ def test_similarity_is_found_again(rng):
 
 
 def test_quaternion_of_any_rotation(rng):
-    checked = 0
     turns = [*rng.standard_normal((50, 3)), [np.pi, 0, 0], [0, np.pi, 0], [0, 0, 0]]
     for turn in turns:
         rotation = _core.exp_pose([0, 0, 0, *turn])[:3, :3]
         w, x, y, z = quaternion_from_rotation(rotation)
         skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
         assert np.abs(np.eye(3) + 2 * w * skew + 2 * skew @ skew - rotation).max() < 1e-12
-        checked += 1
-    assert checked == 53
 
 
 def test_guess_lens_has_the_field_of_view():
@@ -506,9 +500,9 @@ def test_poses_command_camera_that_only_turns_gets_one_clear_sentence(tmp_path, 
 
 
 def test_poses_options_are_checked():
-    with pytest.raises(gsut.InputError, match="--set pairs must be one of"):
+    with pytest.raises(gsut.InputError, match="--pairs must be one of"):
         PosesOptions(pairs="some")
-    with pytest.raises(gsut.InputError, match="--set max_error"):
+    with pytest.raises(gsut.InputError, match="max_error must"):
         PosesOptions(max_error=0.0)
 
 
