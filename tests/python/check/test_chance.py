@@ -100,6 +100,7 @@ def test_a_large_ratio_of_few_pairs_is_no_rare_one():
     assert abs(convert_to_normal(np.array(3.0), 10_000) - 3) < 0.01
 
 
+@pytest.mark.slow
 def test_coefficients_in_another_order_are_named(tmp_path):
     """k3 before p1: written in the order of MATLAB's or a table's columns, read in OpenCV's."""
     lens = gsut.Camera("opencv5", [90, 90, 80, 80, -0.25, 0.06, 0.002, -0.001, -0.04], 160, 160)
