@@ -51,10 +51,9 @@ GOOD: dict[tuple[str, str], tuple[str, ...]] = {
         (command, flag): ("0",)
         for command, flags in {
             "compact": ("--finetune",),
-            "convert": ("--sh-degree",),
             "edit": ("--min-opacity",),
-            "poses": ("--nadir-cap", "--zenith-cap", "--threads", "--seed"),
-            "scene": ("--nadir-cap", "--zenith-cap", "--threads", "--seed"),
+            "poses": ("--nadir-cap", "--threads", "--seed"),
+            "scene": ("--nadir-cap",),
             "train": ("--seed", "--threads", "--max-side", "--test-every", "--sh-degree"),
         }.items() for flag in flags
     },

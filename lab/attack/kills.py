@@ -53,7 +53,7 @@ class Killed:
     again: tuple[str, ...] | None = None
 
 
-TRAIN = ("train", "ds", "-o", "out", "--steps", "80", "--quiet", "--set", "checkpoint_every=10",
+TRAIN = ("train", "ds", "-o", "out", "--steps", "600", "--quiet",
          "--max-gaussians", "300")  # fmt: skip
 REFINE = ("--refine-poses", "--max-side", "48")
 BLOCKS = ("--blocks", "2")

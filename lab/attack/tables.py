@@ -91,8 +91,6 @@ def list_file_cases() -> Iterator[Case]:
         ("table", "positions.csv", ("edit", "run", "-o", "out.ply", "--positions",
                                     "positions.csv")),
         ("table", "photo.png", ("localize", "photo.png", "--run", "run")),
-        ("table", "mask.png", ("localize", "ds/images/003.png", "--run", "run", "--mask",
-                               "mask.png")),
         ("table", "lens48.json", ("localize", "photo.png", "--run", "run", "--camera",
                                   "lens48.json")),
         ("table", "rig.yaml", ("poses", "folder", "-o", "out", "--rig", "rig.yaml")),

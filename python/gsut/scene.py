@@ -142,7 +142,7 @@ def _choose_pictures(
     with bars.stage("capture"):
         shares = {"looking": 0.7, "frames": 0.3, "photographs": 1.0}
         pictures = capture(
-            folder.inputs, folder.pictures, count=o.frames, caps=(o.nadir_cap, o.zenith_cap),
+            folder.inputs, folder.pictures, count=o.frames, nadir_cap=o.nadir_cap,
             on_progress=_spread_over(bars, shares),
         )  # fmt: skip
         for note in pictures.notes:
@@ -158,7 +158,7 @@ def _find_poses(
 ) -> tuple[dict[str, Any], float]:
     """Finds poses and lens; returns the content of poses.json and the seconds taken here."""
     o, out = folder.options, folder.poses
-    options = PosesOptions(fov=o.fov, shutter=o.shutter, seed=o.seed, threads=o.threads)
+    options = PosesOptions(fov=o.fov, shutter=o.shutter)
     options = add_lens_readout(options, o.camera, pictures.figures)
     done = read_finished(pictures.path, out, o.camera, options)
     if done is not None:
@@ -175,7 +175,7 @@ def _find_poses(
 
 def _announce(options: SceneOptions, pictures: Capture) -> str:
     """Says how much there is to do."""
-    training, threads = _make_training_options(options), options.threads or _core.num_threads()
+    training, threads = _make_training_options(options), _core.num_threads()
     return (
         f"poses of {len(pictures.figures['frames'])} pictures, then {training.steps:,} steps of "
         f"training with up to {training.most_gaussians:,} Gaussians on {threads} "
@@ -185,7 +185,7 @@ def _announce(options: SceneOptions, pictures: Capture) -> str:
 
 def _make_training_options(options: SceneOptions) -> TrainOptions:
     o = options
-    make = functools.partial(TrainOptions, preset=o.preset, seed=o.seed, threads=o.threads)
+    make = functools.partial(TrainOptions, preset=o.preset)
     return make() if o.steps is None else make(steps=o.steps)
 
 

@@ -251,10 +251,10 @@ def check_trainable(options: TrainOptions) -> None:
     unsupported = {
         "--robust": options.robust,
         "--surface": options.surface,
-        "--set response=extinction": options.response != "maximum",
+        "response=extinction": options.response != "maximum",
         f"--order {options.order}": options.order != "distance",
         f"--primitive {options.primitive}": options.primitive not in ("gaussian", "surfel"),
-        "--set strategy=mini": options.strategy == "mini",
+        "strategy=mini": options.strategy == "mini",
     }
     for flag, given in unsupported.items():
         if given:

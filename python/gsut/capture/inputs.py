@@ -24,7 +24,7 @@ def capture(
     out: str | os.PathLike[str],
     *,
     count: int | None = None,
-    caps: tuple[float, float] = (0.0, 0.0),
+    nadir_cap: float = 0.0,
     on_progress: OnProgress | None = None,
 ) -> Capture:
     """Makes one folder of pictures from videos and photographs of one camera.
@@ -36,7 +36,7 @@ def capture(
         inputs: videos, photographs and folders of photographs, in any number.
         out: the folder; what is finished in it is not repeated.
         count: frames to choose of each video; None: by how far its view moves.
-        caps: degrees from straight down and straight up that are masked in 360-degree pictures.
+        nadir_cap: degrees from straight down that are masked in 360-degree pictures.
         on_progress: called with (stage, done, total, text).
 
     Returns:
@@ -46,7 +46,7 @@ def capture(
         InputError: see `extract_frames`, `collect_photographs` and `prepare_panoramas`; or pictures
             of several sizes.
     """
-    return prepare_panoramas(_take_pictures(inputs, out, count, on_progress), *caps)
+    return prepare_panoramas(_take_pictures(inputs, out, count, on_progress), nadir_cap)
 
 
 def find_changed_inputs(

@@ -55,24 +55,22 @@ class _Circle:
     radius: float
 
 
-def prepare_panoramas(taken: Capture, nadir: float = 0.0, zenith: float = 0.0) -> Capture:
+def prepare_panoramas(taken: Capture, nadir: float = 0.0) -> Capture:
     """Splits and masks a capture if it comes from a 360-degree camera.
 
     Args:
         taken: of any camera.
-        nadir, zenith: degrees from straight down and straight up that are masked: tripod, hand,
-            selfie stick; for pictures held upright.
+        nadir: degrees from straight down that are masked: tripod, hand, selfie stick; for pictures
+            held upright.
 
     Returns:
         The same capture if it is of another camera and nothing is masked.
 
     Raises:
-        InputError: caps are out of range, or given for pictures that are no panoramas.
+        InputError: the cap is out of range, or given for pictures that are no panoramas.
     """
-    if not (0 <= nadir < 90 and 0 <= zenith < 90):
-        raise InputError(
-            f"caps take 0 to 90 degrees, found {nadir:g} (nadir cap) and {zenith:g} (zenith cap)"
-        )
+    if not 0 <= nadir < 90:
+        raise InputError(f"--nadir-cap must be from 0 to below 90 degrees, found {nadir:g}")
     width, height = taken.figures["size"]
     paths = [taken.path / row["path"] for row in taken.figures["frames"]]
     if _WIDTHS[0] * height <= width <= _WIDTHS[1] * height:
@@ -80,11 +78,11 @@ def prepare_panoramas(taken: Capture, nadir: float = 0.0, zenith: float = 0.0) -
         brightest, seam = _examine_pictures(some)
         circles = [_find_circle(half) for half in np.hsplit(brightest[:, : width // 2 * 2], 2)]
         if None not in circles:
-            return _split(taken, [c for c in circles if c is not None], nadir, zenith)
+            return _split(taken, [c for c in circles if c is not None], nadir)
     if width != 2 * height:
-        if nadir or zenith:
+        if nadir:
             raise InputError(
-                "--nadir-cap and --zenith-cap are for 360-degree pictures, twice as wide as high; "
+                "--nadir-cap is for 360-degree pictures, twice as wide as high; "
                 f"these are {width} x {height}: draw masks instead (masks/NAME.png)"
             )
         return taken
@@ -92,7 +90,7 @@ def prepare_panoramas(taken: Capture, nadir: float = 0.0, zenith: float = 0.0) -
         return taken
     lens = Camera("equirectangular", [], width, height)
     note = "the pictures are 360-degree panoramas (equirectangular): their lens is known"
-    _write_mask(taken.path / MASK, lens, None, nadir, zenith)
+    _write_mask(taken.path / MASK, lens, None, nadir)
     rows = [{**row, "mask": MASK} for row in taken.figures["frames"]]
     figures = {**taken.figures, "frames": rows, "lens": values_from_camera(lens)}
     figures["notes"] = [*(n for n in taken.notes if n != note), note]
@@ -165,10 +163,10 @@ def _find_circle(half: np.ndarray) -> _Circle | None:
     return circle
 
 
-def _split(taken: Capture, circles: Sequence[_Circle], nadir: float, zenith: float) -> Capture:
+def _split(taken: Capture, circles: Sequence[_Circle], nadir: float) -> Capture:
     """Writes the pictures of both lenses as a capture in a folder of its own."""
     folder = taken.path / _SPLIT
-    key = {**taken.figures["key"], "caps": [nadir, zenith]}
+    key = {**taken.figures["key"], "nadir_cap": nadir}
     before = read_capture(folder)
     if before is not None and before["key"] == key:
         return Capture(folder, before)
@@ -190,7 +188,7 @@ def _split(taken: Capture, circles: Sequence[_Circle], nadir: float, zenith: flo
             rows.append({**row, "name": own, "path": f"{IMAGES}/{own}", "mask": MASK, "flow": flow})
     radius = min(circle.radius for circle in circles)
     lens = _make_fisheye(side, radius)
-    _write_mask(folder / MASK, lens, _RIM * radius, nadir, zenith)
+    _write_mask(folder / MASK, lens, _RIM * radius, nadir)
     figures = {
         **taken.figures, "key": key, "size": [side, side], "frames": rows, "camera": "",
         "focal_px": None, "fisheye": values_from_camera(lens), "lenses": LENSES,
@@ -226,17 +224,13 @@ def _make_fisheye(side: int, radius: float) -> Camera:
     return Camera("kannala_brandt", [focal, focal, side / 2, side / 2, 0, 0, 0, 0], side, side)
 
 
-def _write_mask(
-    path: Path, lens: Camera, radius: float | None, nadir: float, zenith: float
-) -> None:
-    """Writes an image that is white inside the circle and outside the caps."""
+def _write_mask(path: Path, lens: Camera, radius: float | None, nadir: float) -> None:
+    """Writes an image that is white inside the circle and outside the cap."""
     rays, valid = lens.rays()
     mask = np.array(valid)
     down = np.degrees(np.arccos(np.clip(np.nan_to_num(rays[:, :, 1]), -1, 1)))
     if nadir:
         mask &= down > nadir
-    if zenith:
-        mask &= down < 180 - zenith
     if radius is not None:
         y, x = np.mgrid[: lens.height, : lens.width] + 0.5
         mask &= np.hypot(x - lens.width / 2, y - lens.height / 2) < radius

@@ -78,21 +78,19 @@ def add_capture(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help="frames to choose of a video [default: by how far the view moves, 60 to 300]",
     )
-    for name, where in (("nadir", "down"), ("zenith", "up")):
-        parser.add_argument(
-            f"--{name}-cap",
-            type=Number(0, 90),
-            default=0.0,
-            metavar="DEGREES",
-            help=f"of 360-degree pictures: so far from straight {where} nothing counts (tripod, "
-            "hand, selfie stick) [default: all counts]",
-        )
+    parser.add_argument(
+        "--nadir-cap",
+        type=Number(0, 90),
+        default=0.0,
+        metavar="DEGREES",
+        help="of 360-degree pictures: so far from straight down nothing counts (tripod, hand, "
+        "selfie stick) [default: all counts]",
+    )
 
 
 def add_run(parser: argparse.ArgumentParser) -> None:
-    """Adds a finished run as the first argument, and --data for a dataset that moved."""
+    """Adds a finished run as the first argument."""
     parser.add_argument("folder", metavar="RUN", help="folder of the run")
-    add_moved_data(parser)
 
 
 def add_moved_data(parser: argparse.ArgumentParser) -> None:

@@ -87,11 +87,6 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     add_quiet(parser)
     add_json(parser)
-    parser.add_argument(
-        "--knot-degrees", type=finite, metavar="X",
-        help="angle between the knots of a splined lens, in degrees [default: 16, more where "
-        "corners are few]",
-    )  # fmt: skip
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -127,7 +122,6 @@ def _calibrate(arguments: argparse.Namespace) -> None:
         lens=arguments.lens,
         solver=arguments.solver,
         cameras=tuple(name.strip() for name in arguments.rig.split(",") if name.strip()),
-        knot_degrees=arguments.knot_degrees,
         progress=not arguments.quiet,
     )
     result = calib.calibrate(job)

@@ -8,7 +8,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from gsut.cli._flags import Number, add_json, parse_image_size, positive, print_json
+from gsut.cli._flags import Number, add_json, positive, print_json
 from gsut.files import refuse_existing
 from gsut.system import format_command
 
@@ -28,7 +28,6 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "of a search, not truth.",
     )
     find.add_argument("words", metavar="WORDS", nargs="+", help="such as: hero9 max wide")
-    find.add_argument("--size", metavar="WxH", help="of your pictures: such lenses come first")
     add_json(find)
     find.set_defaults(action=_find)
 
@@ -40,8 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _find(arguments: argparse.Namespace) -> int:
     from gsut.lens import find_lens, find_lenses
 
-    size = None if arguments.size is None else parse_image_size(arguments.size)
-    found = find_lenses(arguments.words, size=size)
+    found = find_lenses(arguments.words)
     if not found:
         find_lens(" ".join(arguments.words))  # says which word is to blame
     shown = found[:_LINES]

@@ -12,7 +12,6 @@ from gsut._core import InputError
 from gsut.cli._flags import (
     FILE_SUFFIXES,
     add_json,
-    add_moved_data,
     add_quiet,
     finite,
     print_json,
@@ -59,7 +58,6 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="train the result STEPS steps on the photographs; the fewer Gaussians are kept, the "
         "more steps pay, up to the number of the run [default 0: no photograph is used]",
     )  # fmt: skip
-    add_moved_data(parser)
     add_quiet(parser)
     add_json(parser)
 
@@ -140,7 +138,7 @@ def _compact_run(arguments: argparse.Namespace, options: Any) -> dict[str, Any]:
         )
     target = RunFolder.claim(arguments.out, "compact", arguments.source)
     target.refuse_finished(arguments.source)  # before anything that takes long
-    trained = load_run(arguments.source, arguments.data)
+    trained = load_run(arguments.source)
     check_room("compacting", [trained.gaussians], _WORKING, StoredGaussians.DRAWN_BYTES)
 
     def on_try(count: int, psnr: float) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from gsut._core import InputError
-from gsut.cli._flags import add_json, add_moved_data, print_json
+from gsut.cli._flags import add_json, print_json
 from gsut.files import refuse_existing
 
 HELP = "a scene in another format: SPZ, SOG, glTF, USD, PLY, a page for any browser"
@@ -32,10 +32,6 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("out", metavar="OUT", help="the file to write; its suffix says the format")
     parser.add_argument(
-        "--sh-degree", type=int, choices=(0, 1, 2, 3), default=3, metavar="{0,1,2,3}",
-        help="leave harmonics above this degree out, which makes files smaller [default 3: none]",
-    )  # fmt: skip
-    parser.add_argument(
         "--three-scales", action="store_true",
         help="of a .ply of surfels: with a third scale, as programs need it that know no 2DGS "
         "[default: as 2DGS, without]",
@@ -46,7 +42,6 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "and 0.3 pixels wider, show it as gsut does; gsut itself then shows it a little thinner "
         "[default gsut: as it is]",
     )  # fmt: skip
-    add_moved_data(parser)
     add_json(parser)
 
 
@@ -70,7 +65,6 @@ def run(arguments: argparse.Namespace) -> int:
     check_room("converting", [gaussians], _WORKING)
     if arguments.reader == "viewers":
         gaussians, tuning = _tune_for_viewers(arguments)
-    gaussians = _lower_degree(gaussians, arguments.sh_degree)
     settings = WriteSettings(antialiased=found.antialiased, three_scales=arguments.three_scales)
     figures = {
         "source": str(path),
@@ -98,10 +92,10 @@ def _write_page(arguments: argparse.Namespace, out: Path) -> int:
 
     if arguments.reader == "viewers":
         raise InputError("a page draws the scene as gsut does; leave --for viewers out")
-    stage = open_stage(arguments.source, arguments.data)
+    stage = open_stage(arguments.source, None)
     if stage.gaussians is None or stage.kind == "data":
         raise InputError(f"{arguments.source}: no Gaussians to show; give a run or a scene file")
-    written = Session(stage).write_page(out, _PHOTOGRAPHS, arguments.sh_degree)
+    written = Session(stage).write_page(out, _PHOTOGRAPHS)
     figures = {
         "source": str(arguments.source), "out": str(out), "format": "HTML",
         "bytes": out.stat().st_size, "num_gaussians": len(stage.gaussians),
@@ -132,7 +126,7 @@ def _tune_for_viewers(arguments: argparse.Namespace) -> tuple[Any, dict[str, Any
             f"--for viewers looks from where photographs were taken; {arguments.source} is a file, "
             "give the folder of a run"
         )
-    options, scene, gaussians = read_trained(RunFolder.open(arguments.source), arguments.data)
+    options, scene, gaussians = read_trained(RunFolder.open(arguments.source), None)
     steps = VIEWER_STEPS
     with Progress(not arguments.json) as bars:
         tuned = tune_for_viewers(
@@ -180,14 +174,6 @@ def find_scene_file(source: Path) -> Path:
     if not path.is_file():
         raise InputError(f"{path} is absent: the run is not finished; resume it")
     return path
-
-
-def _lower_degree(gaussians: Any, degree: int) -> Any:
-    import dataclasses
-
-    if gaussians.sh_degree <= degree:
-        return gaussians
-    return dataclasses.replace(gaussians, sh=gaussians.sh[:, : (degree + 1) ** 2])
 
 
 def _write(out: Path, gaussians: Any, settings: Any) -> dict[str, Any]:

@@ -35,9 +35,6 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "--to", choices=sorted(list_writable_layouts()), default="nerfstudio",
         help="layout [default: %(default)s]",
     )  # fmt: skip
-    convert.add_argument(
-        "--link", action="store_true", help="link to the pictures in place of copying them"
-    )
     _add_parts(convert)
     add_json(convert)
     convert.set_defaults(action=_convert)
@@ -77,7 +74,6 @@ def _convert(arguments: argparse.Namespace) -> int:
         arguments.out,
         arguments.to,
         parts=parts,
-        link=arguments.link,
         scene=scene,
         poses_topic=arguments.poses_topic,
         progress=True,

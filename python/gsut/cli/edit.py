@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.cli._flags import add_json, add_moved_data, finite, print_json
+from gsut.cli._flags import add_json, finite, print_json
 from gsut.cli.convert import find_scene_file
 from gsut.files import refuse_existing
 
@@ -85,7 +85,6 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="instead of up and scale: nerfstudio's dataparser_transforms.json, whose rotation, "
         "shift and scale are taken back, into the coordinates of transforms.json",
     )  # fmt: skip
-    add_moved_data(parser)
     add_json(parser)
 
 
@@ -229,7 +228,7 @@ def _load_trained(arguments: argparse.Namespace, source: str, otherwise: str) ->
     if not Path(source).is_dir():
         raise InputError(f"{source} is a file, which has no cameras: {otherwise}")
     run = RunFolder.open(source)
-    return (run, *read_trained(run, arguments.data))
+    return (run, *read_trained(run, None))
 
 
 def _remove_unsupported(arguments: argparse.Namespace, source: str, gaussians: Any) -> Any:

@@ -11,11 +11,8 @@ from typing import Any
 
 from gsut._core import InputError
 from gsut.cli._flags import (
-    Number,
-    add_force,
     add_json,
     add_run,
-    check_first,
     print_json,
     read_folder_name,
 )
@@ -27,7 +24,6 @@ DESCRIPTION = (
     "angle. Changes nothing in RUN."
 )
 _PAGE = "surface.html"
-_MOST_UNIT = 1e6  # of a level of 16 bits
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
@@ -60,17 +56,9 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         metavar="TRUTH",
         help="also judge depth and mesh: a mesh (.ply, .obj; only what training views see of it "
         "counts), a point cloud (.ply), or a folder of depths along the rays named like the images "
-        "(.npy, or .png of 16 bits) [alone: the depth files that the dataset names]",
+        "(.npy, or .png of 16 bits in thousandths of the dataset's unit) [alone: the depth files "
+        "that the dataset names]",
     )
-    parser.add_argument(
-        "--depth-unit",
-        type=Number(0, _MOST_UNIT, above=True),
-        default=1e-3,
-        metavar="X",
-        help="of --geometry: the dataset's units in a level of 16-bit depths [default 0.001: "
-        "millimetres]",
-    )
-    add_force(parser)
     add_json(parser)
 
 
@@ -80,10 +68,10 @@ def run(arguments: argparse.Namespace) -> int:
     from gsut.training import open_trained, read_scene
 
     run = RunFolder.open(arguments.folder)
-    options, trained_on, gaussians = open_trained(run, arguments.data, any_data=arguments.force)
+    options, trained_on, gaussians = open_trained(run, None)
     scene = trained_on
     if arguments.scale is not None:
-        scene = read_scene(run, arguments.data, arguments.scale, any_data=arguments.force)[1]
+        scene = read_scene(run, None, arguments.scale)[1]
     indices = {
         "test": scene.test_indices,
         "train": scene.train_indices,
@@ -93,7 +81,6 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(
             f"{scene.path} has no {arguments.split} views with these options; try --split all"
         )
-    check_first(scene, arguments.force, quiet=True)
     with whole_folder(arguments.out) if arguments.out else contextlib.nullcontext() as out:
         figures = _measure_run(
             arguments, run, options, (trained_on, scene), gaussians, indices, out
@@ -188,7 +175,6 @@ def _measure_geometry(
             scene,
             indices,
             Path(arguments.geometry) if arguments.geometry else None,
-            depth_unit=arguments.depth_unit,
             background=background,
             progress=bars.show,
             on_view=keep,

@@ -7,7 +7,7 @@ import math
 import sys
 from typing import Any
 
-from gsut.cli._flags import add_force, add_json, add_moved_data, check_first, print_json
+from gsut.cli._flags import add_json, print_json
 
 _FOCAL_OFF = 0.025  # relative; reported above this
 HELP = "where a photograph of a trained scene was taken"
@@ -26,16 +26,6 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         metavar="LENS",
         help="lens file of IMAGE, or name (`gsut camera find`) [default: the run's only camera]",
     )
-    parser.add_argument("--mask", metavar="FILE", help="image: black where IMAGE does not count")
-    parser.add_argument(
-        "--shutter",
-        choices=("auto", "global", "rolling"),
-        default="auto",
-        help="rolling: each line of IMAGE has its own pose, and the camera's motion is estimated; "
-        "auto: as the run's photographs without --camera, otherwise as IMAGE shows [default auto]",
-    )
-    add_moved_data(parser)
-    add_force(parser)
     add_json(parser)
 
 
@@ -45,17 +35,14 @@ def run(arguments: argparse.Namespace) -> int:
     from gsut.run import Progress, RunFolder
     from gsut.training import read_trained
 
-    options, scene, gaussians = read_trained(RunFolder.open(arguments.folder), arguments.data)
-    check_first(scene, arguments.force, quiet=True)
+    options, scene, gaussians = read_trained(RunFolder.open(arguments.folder), None)
     with Progress() as bars:
         found = localize(
             arguments.image,
             scene,
             gaussians,
             camera=arguments.camera,
-            mask=arguments.mask,
             background=choose_solid(options.background),
-            shutter=arguments.shutter,
             on_progress=bars.show,
         )
     indices = scene.train_indices or range(len(scene.views))
@@ -138,6 +125,6 @@ def _print_shutter(figures: dict[str, Any]) -> None:
         print(
             "gsut: warning: the photograph does not determine whether its lines were read one "
             "after the other; it is posed as read at once, and the uncertainty says how far motion "
-            "would move the pose: say --shutter rolling or global if you know",
+            "would move the pose",
             file=sys.stderr,
         )

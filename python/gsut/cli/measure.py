@@ -7,7 +7,7 @@ import argparse
 import numpy as np
 
 from gsut._core import InputError
-from gsut.cli._flags import add_json, add_moved_data, finite, print_json
+from gsut.cli._flags import add_json, finite, print_json
 
 HELP = "distances between points of a scene, by pixels of photographs"
 DESCRIPTION = (
@@ -30,7 +30,6 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "--length", type=finite, metavar="L",
         help="how far the first two are apart in truth: prints the --scale for `gsut edit`",
     )  # fmt: skip
-    add_moved_data(parser)
     add_json(parser)
 
 
@@ -42,7 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError("a distance needs two of --pixel PHOTO X Y and --point X Y Z")
     if arguments.length is not None and not 0 < arguments.length < np.inf:
         raise InputError(f"--length must be above 0, found {arguments.length}")
-    stage = open_stage(arguments.scene, arguments.data)
+    stage = open_stage(arguments.scene, None)
     points = np.array(
         [find_point_in_photograph(stage, name, (x, y)) for name, x, y in pixels] + arguments.point
     )

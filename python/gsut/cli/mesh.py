@@ -152,7 +152,7 @@ def run(arguments: argparse.Namespace) -> int:
     out, report = _check_files(arguments)
     to_grid = _is_grid(arguments)
     began = time.perf_counter()
-    options, scene, gaussians = open_trained(RunFolder.open(arguments.folder), arguments.data)
+    options, scene, gaussians = open_trained(RunFolder.open(arguments.folder), None)
     settings = MeshOptions(
         voxel=arguments.voxel,
         support=arguments.support,

@@ -110,7 +110,7 @@ def capture_first(
     with Progress(not arguments.quiet) as bars:
         taken = capture(
             [images], Path(arguments.out) / CAPTURE_FOLDER, count=arguments.frames,
-            on_progress=bars.show, caps=(arguments.nadir_cap, arguments.zenith_cap),
+            on_progress=bars.show, nadir_cap=arguments.nadir_cap,
         )  # fmt: skip
         for note in taken.notes:
             bars.note(note)

@@ -17,7 +17,6 @@ from gsut.cli._flags import (
     add_json,
     add_moved_data,
     degrees,
-    finite,
     parse_image_size,
     print_json,
     whole,
@@ -35,7 +34,7 @@ _PATHS = ("auto", "orbit", "train", "test")
 _FRAMES = 120  # images along a path, unless given
 _FILM_FRAMES = 300  # of a film, unless given: ten seconds
 _MOST_FRAMES = 100_000  # an hour of film
-_MOST_FPS = 1000  # no player shows more
+_FPS = 30  # of a film
 _FILM_SIZE = (1920, 1080)
 _SIZES = {".gif": (640, 360)}
 _WIDEST = 90.0  # degrees of a plain lens: beyond, what is at the edge is drawn out
@@ -78,13 +77,6 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         type=whole,
         metavar="N",
         help="number of images of auto, orbit and train [default 120; of a film 300]",
-    )
-    parser.add_argument(
-        "--fps",
-        type=finite,
-        default=30.0,
-        metavar="X",
-        help="images a second of a film [default 30; of a GIF at most 50]",
     )
     parser.add_argument(
         "-o",
@@ -144,11 +136,8 @@ def run(arguments: argparse.Namespace) -> int:
     from gsut.run import Progress
 
     frames = _FRAMES if arguments.frames is None else arguments.frames
-    if not (1 <= frames <= _MOST_FRAMES and 0 < arguments.fps <= _MOST_FPS):
-        raise InputError(
-            f"--frames must be from 1 to {_MOST_FRAMES} and --fps above 0 and at most {_MOST_FPS}, "
-            f"found {frames} and {arguments.fps:g}"
-        )
+    if not 1 <= frames <= _MOST_FRAMES:
+        raise InputError(f"--frames must be from 1 to {_MOST_FRAMES}, found {frames}")
     check_order(arguments, arguments.order)
     label = arguments.path if arguments.path in _PATHS else "path"
     out = Path(arguments.out or Path(arguments.folder) / label)
@@ -193,7 +182,7 @@ def run(arguments: argparse.Namespace) -> int:
                 turn_picture(image, shot.turns)
                 for shot, image in zip(shots, render_images(), strict=True)
             )
-            _write_video(out, upright, shots, arguments.fps)
+            _write_video(out, upright, shots, _FPS)
         else:  # the pixels are the lens'
             for shot, image in zip(shots, render_images(), strict=True):
                 write_png(folder / f"{shot.name}.png", image, shot.turns)

@@ -82,7 +82,7 @@ def link_file(source: Path, target: Path) -> None:
         os.symlink(source.resolve(), target)
     except OSError as error:
         raise WriteError(
-            f"cannot link {target}: {error.strerror}; give it without --link, which copies"
+            f"cannot link {target}: {error.strerror}; copy in place of linking"
         ) from None
 
 
@@ -138,7 +138,7 @@ def list_losses(export: Export) -> list[str]:
     if any(frame.shutter is not None for frame in export.frames):
         found.append("COLMAP has the pose in the middle of each readout: it knows no other")
     if export.test is not None:
-        found.append("COLMAP has no place for lists of held-out images: give --set test_names")
+        found.append("COLMAP has no place for lists of held-out images: give --test-names")
     if find_frame_times(export.frames) is not None:
         found.append("COLMAP has no place for the times of images: they are left out")
     deep = sum(f.depth_path is not None or f.normal_path is not None for f in export.frames)

@@ -64,7 +64,7 @@ def find_point_in_photograph(stage: Stage, name: str, pixel: tuple[float, float]
     """
     scene = stage.scene
     if scene is None:
-        raise InputError(f"{stage.name} has no photographs; give --data or points")
+        raise InputError(f"{stage.name} has no photographs; give a run, a dataset, or points")
     rows = [i for i, view in enumerate(scene.views) if view.name == name]
     rows = rows or [i for i, view in enumerate(scene.views) if view.name.endswith(f"/{name}")]
     if len(rows) != 1:

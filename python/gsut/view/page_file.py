@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import dataclasses
 import importlib.resources
 import math
 from pathlib import Path
@@ -42,22 +41,19 @@ _NOTICE = (
 )
 
 
-def write_page(path: Path, session: Any, photographs: int, sh_degree: int = 3) -> Any:
+def write_page(path: Path, session: Any, photographs: int) -> Any:
     """Writes a page that shows a stage by gsut's own renderer, without a server.
 
     Args:
         path: of the page, .html.
         session: a `Session` of a stage with Gaussians.
         photographs: how many held-out photographs it carries at most; the others are left out.
-        sh_degree: harmonics above it are left out.
 
     Returns:
         What became of the Gaussians, which the page holds as SPZ.
     """
     stage = session.stage
     whole = session.shown.load_all()
-    if whole.sh_degree > sh_degree:
-        whole = dataclasses.replace(whole, sh=whole.sh[:, : (sh_degree + 1) ** 2])
     with TemporaryDirectory(prefix="gsut-") as folder:
         scene = Path(folder) / "scene.spz"
         written = save_gaussians(scene, whole, WriteSettings(antialiased=stage.antialiased))

@@ -95,9 +95,9 @@ class Session:
             routes["training"] = self._training
         return routes
 
-    def write_page(self, path: Path, photographs: int, sh_degree: int = 3) -> Any:
+    def write_page(self, path: Path, photographs: int) -> Any:
         """Writes the page with the scene in it as one file; see `page_file.write_page`."""
-        return write_page(path, self, photographs, sh_degree)
+        return write_page(path, self, photographs)
 
     def describe_scene(self, _: dict[str, Any]) -> Reply:
         """Returns everything that the page needs at its start."""

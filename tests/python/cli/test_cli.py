@@ -158,10 +158,10 @@ def test_missing_file_of_the_system_is_one_sentence(monkeypatch, capsys, run):
 
 def test_train_hands_the_given_options_on(tmp_path, training, capsys):
     out = tmp_path / "new"
-    words = ["train", "data", "-o", str(out), "--steps", "7", "--seed", "3", "--set", "init=random"]
+    words = ["train", "data", "-o", str(out), "--steps", "7", "--seed", "3", "--test-every", "4"]
     assert main(words) == 0
     (call,) = training
-    assert call.options == TrainOptions(steps=7, seed=3, init="random")
+    assert call.options == TrainOptions(steps=7, seed=3, test_every=4)
     assert (call.out, call.resume, call.progress) == (out, False, True)
     captured = capsys.readouterr()
     assert f"report: {out / RunFile.REPORT}" in captured.out

@@ -33,24 +33,23 @@ REFUSED = {
     "render in.ply -o new --frames 1000000000": "from 1 to 100000",
     "render run --size big": "--size must be like 1280x720",
     "render in.ply -o new --size 100000x100000": "from 1 to 65536",
-    "render in.ply -o new.mp4 --fps inf": "--fps: takes a finite number",
     "render in.ply -o new --fov 0": "--fov: takes a number above 0, up to 360",
     "edit in.ply -o new.ply --scale inf": "--scale: takes a finite",
     "edit in.ply -o new.ply --scale 1e30": "--scale must be above 0, from",
     "edit in.ply -o new.ply --up 1e300 0 0": "--up: takes a number from",
     "compact in.ply -o new.ply --keep nan": "--keep: takes a finite number",
     f"mesh run -o new.ply --faces {LARGE}": "--faces: takes a whole number",
-    f"poses data -o new --set min_inliers={LARGE}": "--set min_inliers must be >= ",
+    f"poses data -o new --fov {LARGE}": "--fov must be >= ",
     # places that are not there, or of another kind
     "train data -o file": "is a file",
     "eval absent": "no such folder",
     "eval data": "holds no run",
-    "eval run --data moved": "the dataset moved does not exist",
+    "render run --data moved": "the dataset moved does not exist",
     "render run --path absent.json": "cannot read the camera path",
     "train data -o ''": "the name is empty",
     "poses data -o ''": "the name is empty",
     "doctor ''": "after doctor the name is empty",
-    "eval run --data ''": "after --data the name is empty",
+    "render run --data ''": "after --data the name is empty",
     # names whose end says that they are of another kind
     **{
         f"{words} {name}": "ends as a file's name does"

@@ -157,7 +157,7 @@ def test_each_layout_keeps_the_place(case, tmp_path):
     atol = tolerances.DATA_UTM_POSITION
     for layout in list_writable_layouts():
         out = tmp_path / layout
-        assert main(["data", "convert", str(data), str(out), "--to", layout, "--link"]) == 0
+        assert main(["data", "convert", str(data), str(out), "--to", layout]) == 0
         found = gsut.load_dataset(out, test_every=0)
         theirs, mine = (np.array([v.camera_center for v in each.views]) for each in (found, scene))
         away = np.linalg.norm(theirs[:, None] - mine, axis=-1)  # a layout may order by other names

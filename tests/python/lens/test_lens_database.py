@@ -136,7 +136,7 @@ def test_camera_find_prints_a_table_and_json(capsys):
     assert 3 <= len(lines) <= 22
     assert "GoPro HERO9 Black, Max Wide" in lines[1]
     assert " lenses; " in lines[-1] and "--camera 'hero9 max wide'" in lines[-1]
-    assert main(["camera", "find", "hero9", "--size", "3840x2160", "--json"]) == 0
+    assert main(["camera", "find", "hero9", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
     assert rows[0]["fov_degrees"] > 100 and len(rows[0]["params"]) == 8
     assert main(["camera", "find", "hero99"]) == 2

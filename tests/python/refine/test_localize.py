@@ -62,7 +62,7 @@ def test_localize_finds_a_pose_between_the_training_views(run, tmp_path, capsys)
     assert "centre:" in capsys.readouterr().out
 
 
-@pytest.mark.parametrize("known_by", ["flag", "dataset", "picture"])
+@pytest.mark.parametrize("known_by", ["dataset", "picture"])
 def test_localize_poses_the_lines_of_a_rolling_shutter(
     run, tmp_path, capsys, monkeypatch, known_by
 ):
@@ -83,8 +83,7 @@ def test_localize_poses_the_lines_of_a_rolling_shutter(
 
     if known_by == "dataset":
         monkeypatch.setattr("gsut.training.read_trained", read_with_shutter)
-    flags = ["--shutter", "rolling"] if known_by == "flag" else []
-    words = ["localize", str(image), "--run", str(folder), "--json", *flags]
+    words = ["localize", str(image), "--run", str(folder), "--json"]
     assert main(words) == 0
     found = json.loads(capsys.readouterr().out)
     error = np.array(found["center"]) + pose[:3, :3].T @ pose[:3, 3]
@@ -94,7 +93,7 @@ def test_localize_poses_the_lines_of_a_rolling_shutter(
     assert np.linalg.norm(error) < tolerances.LOCALIZED_UNITS
     assert (np.abs(error) < 3 * np.array(found["center_std"])).all()
     assert np.abs(np.array(found["motion"]) - motion).max() < tolerances.LOCALIZED_MOTION
-    assert main(words[:4] + flags) == 0
+    assert main(words[:4]) == 0
     assert "from first to last line the centre moves by" in capsys.readouterr().out
 
 
@@ -150,15 +149,12 @@ def test_localize_shrinks_a_larger_photograph(run, tmp_path, capsys):
     )
 
 
-def test_localize_refuses_other_shapes_and_masks(run, tmp_path, capsys):
-    folder, g = run
+def test_localize_refuses_other_shapes(run, tmp_path, capsys):
+    folder, _ = run
     image = tmp_path / "wide.png"
     write_png(image, np.zeros((40, 90, 3), np.uint8))
     assert main(["localize", str(image), "--run", str(folder)]) == 2
     assert "90 x 40" in capsys.readouterr().err
-    photo = photograph(tmp_path / "photo.png", g, poses()[1], 48)
-    assert main(["localize", str(photo), "--run", str(folder), "--mask", str(image)]) == 2
-    assert "a mask has its image's size" in capsys.readouterr().err
 
 
 def test_photograph_of_another_place_is_refused_with_the_evidence(run, tmp_path, capsys):

@@ -500,9 +500,9 @@ def test_poses_command_camera_that_only_turns_gets_one_clear_sentence(tmp_path, 
 
 
 def test_poses_options_are_checked():
-    with pytest.raises(gsut.InputError, match="--set pairs must be one of"):
+    with pytest.raises(gsut.InputError, match="--pairs must be one of"):
         PosesOptions(pairs="some")
-    with pytest.raises(gsut.InputError, match="--set max_error"):
+    with pytest.raises(gsut.InputError, match="max_error must"):
         PosesOptions(max_error=0.0)
 
 

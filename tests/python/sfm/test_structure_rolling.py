@@ -132,14 +132,13 @@ def some_helmet(folder, choose):
 
 @pytest.fixture(scope="module")
 def solved_helmet(tmp_path_factory):
-    """The first views, which go all around the helmet, solved by the command line; both shutters"""
+    """The first views, which go all around the helmet, solved by both shutters"""
     folder = some_helmet(tmp_path_factory.mktemp("helmet"), lambda frames: frames[:HELMET_VIEWS])
     results = {}
     for shutter in ("auto", "global"):
         out = folder / shutter
-        loose = ["--set", "max_error=22"] if shutter == "global" else []
-        arguments = ["poses", str(folder), "-o", str(out), "--shutter", shutter, "--quiet", *loose]
-        assert main(arguments) == 0
+        loose = {"max_error": 22.0} if shutter == "global" else {}
+        gsut.find_poses(folder, out, options=gsut.PosesOptions(shutter=shutter, **loose))
         results[shutter] = out
     return folder, results
 

@@ -282,7 +282,7 @@ def test_train_random_init_learns_from_nothing(tmp_path, rng):
 
 def test_train_init_points_without_points_is_refused(tmp_path, rng):
     scene = gsut.load_dataset(write_dataset(tmp_path / "data", rng, with_points=False))
-    with pytest.raises(InputError, match="--set init=random"):
+    with pytest.raises(InputError, match="use init='random'"):
         train(scene, TrainOptions(**SHORT, init="points"))
 
 

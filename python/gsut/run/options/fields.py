@@ -91,7 +91,7 @@ def list_fields(options: Any) -> list[dataclasses.Field]:
 
 
 def has_flag(options: Any, name: str) -> bool:
-    """Returns whether an option has a flag of its own rather than being reached by --set.
+    """Returns whether an option has a flag, rather than being set in Python only.
 
     Args:
         options: a dataclass or its instance; its class attribute FLAGS lists the fields with a
@@ -108,8 +108,8 @@ def format_flag(name: str) -> str:
 
 
 def label_option(options: Any, name: str) -> str:
-    """Returns how the command line names an option, for messages: --steps, or --set strategy."""
-    return format_flag(name) if has_flag(options, name) else f"--set {name}"
+    """Returns the name of an option for messages: --steps, or strategy, which has no flag."""
+    return format_flag(name) if has_flag(options, name) else name
 
 
 def format_default(field: dataclasses.Field) -> str:
@@ -124,7 +124,7 @@ def format_default(field: dataclasses.Field) -> str:
 
 
 def list_words(options: Any, default: Any, but: Sequence[str] = ()) -> list[str]:
-    """Lists the words of a command line that turn `default` into `options`.
+    """Lists the words of a command line that turn `default` into `options`, as far as flags do.
 
     Args:
         options, default: instances of one class.
@@ -135,10 +135,10 @@ def list_words(options: Any, default: Any, but: Sequence[str] = ()) -> list[str]
         name, value = field.name, getattr(options, field.name)
         if value is None or value == getattr(default, name) or name in but:
             continue
-        text = ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
         if not has_flag(options, name):
-            words += ["--set", f"{name}={text.lower() if isinstance(value, bool) else text}"]
-        elif isinstance(value, bool):
+            continue
+        text = ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
+        if isinstance(value, bool):
             words.append(format_flag(name if value else f"no_{name}"))
         else:
             words += [format_flag(name), text]

@@ -1,14 +1,12 @@
-"""Turns options dataclasses into command-line flags and into names that --set takes."""
+"""Turns options dataclasses into command-line flags."""
 
 from __future__ import annotations
 
 import argparse
 import functools
 import typing
-from collections.abc import Callable
 from typing import Any
 
-from gsut._core import InputError
 from gsut.run.options.fields import (
     OptionInfo,
     describe_option,
@@ -25,18 +23,16 @@ _TRUTH = {"true": True, "on": True, "yes": True, "false": False, "off": False, "
 def add_option_flags(parser: argparse.ArgumentParser, *classes: type) -> None:
     """Adds the flags of options dataclasses, grouped, with units and defaults.
 
-    Fields that their class does not list in FLAGS are set by `--set NAME=VALUE`. Options that are
-    not given leave nothing in the namespace, so that `collect_given` distinguishes a given value
-    from a default.
+    Fields that their class does not list in FLAGS are set in Python only. Options that are not
+    given leave nothing in the namespace, so that `collect_given` distinguishes a given value from a
+    default.
     """
     groups: dict[str, Any] = {}
-    others = []
     for options, field in ((each, field) for each in classes for field in list_fields(each)):
         info, kind = get_info(field), strip_none(_find_kinds(options)[field.name])
         words = describe_option(field).replace("%", "%%")
         read, metavar = functools.partial(_read, kind=kind, info=info), _write_metavar(kind, info)
         if not has_flag(options, field.name):
-            others.append((field.name, read, metavar, words))
             continue
         if info.group not in groups:
             groups[info.group] = parser.add_argument_group(info.group)
@@ -47,51 +43,12 @@ def add_option_flags(parser: argparse.ArgumentParser, *classes: type) -> None:
             format_flag(field.name), dest=field.name, default=argparse.SUPPRESS, help=words,
             **settings,
         )  # fmt: skip
-    if others:
-        group = parser.add_argument_group("Other options, by --set NAME=VALUE")
-        action: Any = group.add_argument(
-            "--set", action=_SetOption, group=group, metavar="NAME=VALUE",
-            default=argparse.SUPPRESS, help="set one of these; may be given several times",
-        )  # fmt: skip
-        for other in others:
-            action.add(*other)
 
 
 def collect_given(options: type, namespace: argparse.Namespace) -> dict[str, Any]:
     """Returns the options that were given on the command line, by field name."""
     given = vars(namespace)
     return {f.name: given[f.name] for f in list_fields(options) if f.name in given}
-
-
-class _SetOption(argparse.Action):
-    """`--set NAME=VALUE`: puts the value where a flag of the option's own would put it."""
-
-    def __init__(self, *, group: Any, **settings: Any) -> None:
-        super().__init__(**settings)
-        self._group = group
-        self._readers: dict[str, Callable[[str], Any]] = {}
-
-    def add(self, name: str, read: Callable[[str], Any], metavar: str, words: str) -> None:
-        """Accepts an option, and lists it in the help of the group, which is all that rows of a
-        group do."""
-        self._readers[name] = read
-        row = argparse.Action([], name, metavar=f"{name}={metavar}", help=words)
-        self._group._group_actions.append(row)
-
-    def __call__(
-        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, *_: Any
-    ) -> None:
-        name, equals, text = values.partition("=")
-        name = name.strip().replace("-", "_")
-        if not equals:
-            raise InputError(f"--set takes NAME=VALUE, such as {next(iter(self._readers))}=..., "
-                             f"found {values!r}")  # fmt: skip
-        if name not in self._readers:
-            own, known = format_flag(name), ", ".join(self._readers)
-            has_own = own in parser._option_string_actions
-            hint = f"use {own}" if has_own else f"no such option; known are {known}"
-            raise InputError(f"--set {name}: {hint}")
-        setattr(namespace, name, self._readers[name](text.strip()))
 
 
 _find_kinds = functools.cache(typing.get_type_hints)  # evaluates all fields of a class each time

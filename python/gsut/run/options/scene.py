@@ -46,12 +46,6 @@ class SceneOptions:
         0.0, "Pictures", "360-degree pictures: mask everything within this angle of straight down "
         "(tripod, hand, selfie stick)", unit="degrees", low=0, high=90,
     )
-    zenith_cap: float = define_option(
-        0.0, "Pictures", "360-degree pictures: mask everything within this angle of straight up",
-        unit="degrees", low=0, high=90,
-    )
-    seed: int = define_option(0, "Run", "seed of every random number", low=0, high=2**63 - 1)
-    threads: int = define_option(0, "Run", "threads; 0 = all processors", low=0, high=4096)
     # fmt: on
 
     def __post_init__(self) -> None:

@@ -42,8 +42,8 @@ class TrainOptions:
     """
 
     FLAGS: ClassVar[tuple[str, ...]] = (
-        *("preset", "steps", "seed", "threads", "scale", "max_side", "test_every", "shutter"),
-        *("readout_time", "refine_poses", "refine_lens", "max_gaussians", "sh_degree"),
+        *("preset", "steps", "seed", "threads", "scale", "max_side", "test_every", "test_names"),
+        *("shutter", "readout_time", "refine_poses", "refine_lens", "max_gaussians", "sh_degree"),
         *("primitive", "order", "background", "exposure", "surface", "robust"),
     )
     _open: ClassVar[set[str]] = set()  # of each instance: what the preset gave; see presets.py

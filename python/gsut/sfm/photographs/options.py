@@ -25,7 +25,8 @@ class PosesOptions:
     """
 
     FLAGS: ClassVar[tuple[str, ...]] = (
-        *("unknown_lens", "fov", "refine_rig", "shutter", "readout_time", "seed", "threads"),
+        *("unknown_lens", "fov", "refine_rig", "pairs", "shutter", "readout_time"),
+        *("seed", "threads"),
     )
 
     # fmt: off

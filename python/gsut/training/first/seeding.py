@@ -58,8 +58,7 @@ def choose_first_gaussians(scene: Scene, options: TrainOptions) -> tuple[Gaussia
     if found is not None:
         notes.append(
             f"{len(found[0])} of the first Gaussians lie where neighbouring photographs agree, "
-            f"beside {len(scene.points)} points of the data (--set init=points "
-            "or init=random: without)."
+            f"beside {len(scene.points)} points of the data."
         )
     return seed_first(scene, options, [more for more in (sky, found) if more is not None]), notes
 
@@ -106,7 +105,7 @@ def seed_first(scene: Scene, options: TrainOptions, more: Sequence[Colored] = ()
     o = options
     shape: dict[str, Any] = {"sh_degree": o.sh_degree, "seed": o.seed}
     if o.init == "points" and len(scene.points) == 0:
-        raise InputError(f"{scene.path} has no points to start from; use --set init=random")
+        raise InputError(f"{scene.path} has no points to start from; use init='random'")
     if more or _is_on_points(scene, o):
         first = seed_from_points(*_choose_colored_points(scene, o, more), **shape)
     else:

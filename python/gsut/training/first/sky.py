@@ -105,8 +105,7 @@ def describe_sky(count: int) -> str:
     """Explains in a sentence that `count` first Gaussians form a sky."""
     return (
         f"{count} of the first Gaussians are a sky, {_FAR:g} times as far as the points: there the "
-        "photographs show no points, but colours that agree when they are taken for far away "
-        "(--set init=points leaves it out)."
+        "photographs show no points, but colours that agree when they are taken for far away."
     )
 
 

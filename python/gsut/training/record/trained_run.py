@@ -36,28 +36,23 @@ def read_trained(run: RunFolder, data: str | None) -> tuple[TrainOptions, Scene,
     return *read_scene(run, data), load_ply(run.path / RunFile.SCENE)
 
 
-def open_trained(
-    run: RunFolder, data: str | None, *, any_data: bool = False
-) -> tuple[TrainOptions, Scene, Any]:
+def open_trained(run: RunFolder, data: str | None) -> tuple[TrainOptions, Scene, Any]:
     """Reads what `read_trained` does, with `StoredGaussians` if they do not fit into free memory.
 
     Args:
         run, data: see `read_trained`.
-        any_data: see `read_scene`.
     """
-    scene = read_scene(run, data, any_data=any_data)
-    return *scene, open_ply(run.path / RunFile.SCENE)
+    return *read_scene(run, data), open_ply(run.path / RunFile.SCENE)
 
 
 def read_scene(
-    run: RunFolder, data: str | None, scale: float | None = None, *, any_data: bool = False
+    run: RunFolder, data: str | None, scale: float | None = None
 ) -> tuple[TrainOptions, Scene]:
     """Reads the options of a finished run, and its scene with the poses that it refined.
 
     Args:
         run, data: see `read_trained`.
         scale: of the images relative to the files; None: as they were trained on.
-        any_data: also take a dataset with other images, poses or lenses than the run's.
 
     Raises:
         InputError: the run is not finished, or the dataset is not found or not that of the run.
@@ -68,18 +63,20 @@ def read_scene(
     options = run.read_options()
     data = data or (run.read_json(RunFile.ENVIRONMENT) or {}).get("dataset")
     if data is None:
-        raise InputError(f"{run.path} does not say which dataset it was trained on; give --data")
+        raise InputError(f"{run.path} does not say which dataset it was trained on")
     inside = run.path / Path(data).name  # where `gsut scene` puts it: the run may have been moved
-    if not os.path.exists(data) and inside.is_dir():
+    if not os.path.exists(data) and inside.exists():
         data = str(inside)
     if not os.path.exists(data):
-        raise InputError(f"the dataset {data} does not exist any more; give its path with --data")
-    scene = load_dataset(data, test_every=options.test_every, test_names=options.test_names)
-    changed = [] if any_data else list_changed_data(run, scene)
-    if changed:
         raise InputError(
-            f"{scene.path} has other {' and '.join(changed)} than {run.path} was trained on; give "
-            "the dataset of the run by --data, or train again (of `gsut eval`, --force goes on)"
+            f"the dataset {data} does not exist any more; put it back, or a link to it, or either "
+            f"of them to {inside}"
+        )
+    scene = load_dataset(data, test_every=options.test_every, test_names=options.test_names)
+    if changed := list_changed_data(run, scene):
+        raise InputError(
+            f"{scene.path} has other {' and '.join(changed)} than {run.path} was trained on; put "
+            f"the dataset of the run there, or train again"
         )
     size = options if scale is None else dataclasses.replace(options, scale=scale, max_side=0)
     return options, read_refined(run, prepare_scene(scene, size))
