@@ -135,11 +135,10 @@ View GaussiansOf(const py::handle& gaussians, Get&& get) {
 
 template <class T>
 GaussiansView<T> MutableGaussians(const py::handle& gaussians) {
-  return GaussiansOf<GaussiansView<T>>(
-      gaussians,
-      [](const py::handle& array, const char* name, std::initializer_list<std::int64_t> shape) {
-        return MutableData<T>(array, name, shape);
-      });
+  return GaussiansOf<GaussiansView<T>>(gaussians, [](const py::handle& array, const char* name,
+                                                     std::initializer_list<std::int64_t> shape) {
+    return MutableData<T>(array, name, shape);
+  });
 }
 
 template <class T>

@@ -210,8 +210,11 @@ py::tuple Information(const py::object& body, const py::object& point, const py:
     const auto read = [&](const auto& rows, py::ssize_t columns) {
       return Eigen::Map<const Rows>(rows.data() + 2 * columns * i, 2, columns);
     };
-    table.linear.push_back({static_cast<int>(own), read(bodies_rows, size),
-                            read(shared_rows, shared), read(point_rows, 3), {}});
+    table.linear.push_back({static_cast<int>(own),
+                            read(bodies_rows, size),
+                            read(shared_rows, shared),
+                            read(point_rows, 3),
+                            {}});
     if (seen >= static_cast<std::int64_t>(table.of_point.size())) table.of_point.resize(seen + 1);
     table.of_point[seen].push_back(static_cast<int>(i));
   }
@@ -300,9 +303,8 @@ void BindSfmMatching(py::module_& m) {
         py::arg("max_distance"));
   m.def("verify_pairs", &VerifyPairs, py::arg("images"), py::arg("pairs"), py::arg("matches"),
         py::arg("max_error"), py::arg("seed"));
-  m.def("shared_information", &Information, py::arg("body"), py::arg("point"),
-        py::arg("by_body"), py::arg("by_shared"), py::arg("by_point"), py::arg("prior"),
-        py::arg("held"));
+  m.def("shared_information", &Information, py::arg("body"), py::arg("point"), py::arg("by_body"),
+        py::arg("by_shared"), py::arg("by_point"), py::arg("prior"), py::arg("held"));
   m.def("structure_covariances", &Covariances, py::arg("images"), py::arg("camera_from_world"),
         py::arg("points"), py::arg("observations"), py::arg("initial_pair"),
         py::arg("loss_pixels"));

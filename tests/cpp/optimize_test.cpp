@@ -1,8 +1,7 @@
-// Tests gsut/optimize: Adam on every instruction set, MCMC and adaptive densification.
+// Tests gsut/optimize: Adam on every instruction set; the rest is tested from Python.
 #include <gtest/gtest.h>
 
 #include <cmath>
-#include <cstring>
 #include <limits>
 #include <random>
 #include <string>
@@ -10,11 +9,7 @@
 
 #include "gsut/base/errors.h"
 #include "gsut/base/isa.h"
-#include "gsut/base/parallel.h"
-#include "gsut/gaussians/activations.h"
 #include "gsut/optimize/adam.h"
-#include "gsut/optimize/adaptive.h"
-#include "gsut/optimize/mcmc.h"
 
 namespace gsut {
 namespace {
@@ -23,7 +18,6 @@ namespace {
 // rounded to float, 6e-8 each.
 constexpr double kAdamRelative = 4e-7;
 constexpr double kFloatEpsilon = 1.2e-7;
-constexpr int kThreads[] = {1, 2, 8};
 
 struct AdamData {
   std::vector<float> params, gradients, moment1, moment2;
@@ -134,30 +128,6 @@ TEST(AdamTest, MatchesDoubleReferenceOnEveryInstructionSetWithTheSameBits) {
   }
 }
 
-TEST(AdamTest, SameBitsOnAnyThreadCount) {
-  std::vector<std::vector<float>> results;
-  for (const int threads : kThreads) {
-    SetNumThreads(threads);
-    AdamData data(3 * 20011, 6);
-    std::vector<std::uint8_t> visible(20011, 1);
-    for (std::size_t i = 0; i < visible.size(); i += 3) visible[i] = 0;
-    for (std::int64_t step = 1; step <= 3; ++step) {
-      AdamStep({{data.params.data(),
-                 data.gradients.data(),
-                 data.moment1.data(),
-                 data.moment2.data(),
-                 3,
-                 3,
-                 {1e-2}}},
-               20011, step, visible.data());
-    }
-    results.push_back(data.params);
-  }
-  SetNumThreads(0);
-  EXPECT_EQ(results[0], results[1]);
-  EXPECT_EQ(results[0], results[2]);
-}
-
 TEST(AdamTest, WrongOptionsRaise) {
   float value = 0;
   const AdamGroup good = {&value, &value, &value, &value, 1, 1, {1e-2}};
@@ -171,128 +141,6 @@ TEST(AdamTest, WrongOptionsRaise) {
   EXPECT_THROW(AdamStep({bad}, 1, 1, nullptr), InputError);
   bad.learning_rates = {std::numeric_limits<double>::quiet_NaN()};
   EXPECT_THROW(AdamStep({bad}, 1, 1, nullptr), InputError);
-}
-
-// A state that owns its arrays.
-struct OwnedState {
-  std::vector<float> arrays[3][5];
-  TrainingState state;
-  OwnedState(std::int64_t size, std::int64_t capacity, unsigned seed, int coefficients = 4) {
-    std::mt19937_64 engine(seed);
-    std::normal_distribution<float> normal;
-    const std::int64_t widths[5] = {3, 4, 3, 1, 3 * std::int64_t{coefficients}};
-    GaussiansView<float>* views[3] = {&state.params, &state.moment1, &state.moment2};
-    for (int set = 0; set < 3; ++set) {
-      for (int k = 0; k < 5; ++k) {
-        arrays[set][k].resize(static_cast<std::size_t>(capacity * widths[k]));
-        for (float& value : arrays[set][k]) value = normal(engine);
-      }
-      *views[set] = {capacity,
-                     coefficients,
-                     arrays[set][0].data(),
-                     arrays[set][1].data(),
-                     arrays[set][2].data(),
-                     arrays[set][3].data(),
-                     arrays[set][4].data()};
-    }
-    state.size = size;
-    state.capacity = capacity;
-  }
-  bool SameBits(const OwnedState& other) const {
-    for (int set = 0; set < 3; ++set) {
-      for (int k = 0; k < 5; ++k) {
-        const auto& a = arrays[set][k];
-        const auto& b = other.arrays[set][k];
-        if (a.size() != b.size()) return false;
-        if (!a.empty() && std::memcmp(a.data(), b.data(), a.size() * sizeof(float)) != 0) {
-          return false;
-        }
-      }
-    }
-    return true;
-  }
-};
-
-TEST(McmcTest, SameBitsOnAnyThreadCount) {
-  std::vector<OwnedState> results;
-  for (const int threads : kThreads) {
-    SetNumThreads(threads);
-    results.emplace_back(20000, 30000, 3);
-    OwnedState& owned = results.back();
-    for (int i = 0; i < 20000; i += 9) owned.state.params.opacity_logits[i] = -7;
-    const std::vector<float> weights(20000, 1.0f);
-    McmcOptions options;
-    options.seed = 11;
-    options.step = 100;
-    const McmcCounts counts = McmcDensify(owned.state, 26000, weights.data(), options);
-    EXPECT_EQ(counts.size, 26000);
-    EXPECT_GE(counts.relocated, 2222);
-    McmcNoise(owned.state.params, 26000, 1e-3, 5e5, 11, 100);
-  }
-  SetNumThreads(0);
-  EXPECT_TRUE(results[0].SameBits(results[1]));
-  EXPECT_TRUE(results[0].SameBits(results[2]));
-}
-
-TEST(McmcTest, CapacityTooSmallRaises) {
-  OwnedState owned(4, 5, 3);
-  const std::vector<float> weights(4, 1.0f);
-  EXPECT_THROW(McmcDensify(owned.state, 6, weights.data(), {}), InputError);
-}
-
-TEST(McmcTest, RowIsFiniteFindsEveryParameter) {
-  for (const float bad :
-       {std::numeric_limits<float>::quiet_NaN(), std::numeric_limits<float>::infinity(),
-        -std::numeric_limits<float>::infinity()}) {
-    for (int k = 0; k < 5; ++k) {
-      OwnedState owned(3, 3, 3);
-      ASSERT_TRUE(RowIsFinite(owned.state.params, 1));
-      auto& array = owned.arrays[0][k];
-      array[2 * array.size() / 3 - 1] = bad;  // the last value of row 1
-      EXPECT_FALSE(RowIsFinite(owned.state.params, 1));
-      EXPECT_TRUE(RowIsFinite(owned.state.params, 0));
-      EXPECT_TRUE(RowIsFinite(owned.state.params, 2));
-    }
-  }
-}
-
-TEST(AdaptiveTest, SameBitsOnAnyThreadCount) {
-  std::vector<OwnedState> results;
-  for (const int threads : kThreads) {
-    SetNumThreads(threads);
-    results.emplace_back(20000, 45000, 3);
-    OwnedState& owned = results.back();
-    std::vector<float> sums(20000, 0.0f), distances(20000, 2.0f);
-    std::vector<std::int32_t> counts(20000, 0);
-    AccumulateDensity(20000, owned.state.moment1.means, distances.data(), nullptr, nullptr,
-                      sums.data(), counts.data());
-    AdaptiveOptions options;
-    options.gradient_threshold = 1.0;
-    options.clone_scale = 2.0;
-    options.prune_opacity = 0.2;
-    const AdaptivePlan plan =
-        PlanAdaptive(owned.state.params, 20000, sums.data(), counts.data(), options);
-    EXPECT_GT(plan.pruned, 100);
-    EXPECT_GT(plan.cloned, 100);
-    EXPECT_GT(plan.split, 100);
-    EXPECT_EQ(ApplyAdaptive(owned.state, plan, 1, 2), plan.SizeAfter());
-  }
-  SetNumThreads(0);
-  EXPECT_TRUE(results[0].SameBits(results[1]));
-  EXPECT_TRUE(results[0].SameBits(results[2]));
-}
-
-TEST(AdaptiveTest, CapacityTooSmallNamesTheNeed) {
-  OwnedState owned(2, 3, 3);
-  AdaptivePlan plan;
-  plan.actions = {AdaptiveAction::kClone, AdaptiveAction::kSplit};
-  plan.cloned = plan.split = 1;
-  try {
-    ApplyAdaptive(owned.state, plan, 0, 0);
-    FAIL() << "expected InputError";
-  } catch (const InputError& error) {
-    EXPECT_NE(std::string(error.what()).find("capacity of 4"), std::string::npos) << error.what();
-  }
 }
 
 }  // namespace

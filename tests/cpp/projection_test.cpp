@@ -1,4 +1,4 @@
-// Tests gsut/projection: weights, float against double, and that small splats bound silhouettes.
+// Tests gsut/projection: cut-offs, and that small splats bound silhouettes.
 #include "gsut/projection/project.h"
 
 #include <gtest/gtest.h>
@@ -8,10 +8,8 @@
 #include <cmath>
 #include <cstdio>
 #include <numbers>
-#include <string>
 #include <vector>
 
-#include "gsut/base/isa.h"
 #include "gsut/gaussians/activations.h"
 #include "random_gaussians.h"
 
@@ -20,34 +18,12 @@ namespace {
 
 using namespace testing_scenes;
 
-// Pixels; coordinates up to 200 px in float have a spacing of 1.5e-5. Observed 2.4e-5.
-constexpr double kFloatPixels = 1e-4;
-// Standard deviation in pixels up to which that holds; beyond it the bound grows in proportion, as
-// the sigma points' own rounding does (at the pole of a panorama, or where a polynomial is steep).
-constexpr double kFloatWidth = 50.0;
 // The extents of a small splat may miss its silhouette by this many pixels more than kSmallMargin
 // says: the renderer widens them by as much for float rounding.
 constexpr double kRoundingPixels = 0.01;
 
 constexpr SceneKind kOrdinary = {"ordinary", 1.0, 6.0, 0.005, 0.1, 0.5, 0.0};
 constexpr SceneKind kSmallAndThin = {"small", 1.0, 6.0, 0.0005, 0.03, 1.0, 0.0};
-
-TEST(UnscentedTest, WeightsFollowTheirDefinitionAndSumToOne) {
-  for (const double alpha : {1e-3, 0.1, 0.5, 1.0, 1.7}) {
-    for (const double kappa : {-2.5, 0.0, 3.0}) {
-      const UnscentedWeights w = MakeUnscentedWeights({alpha, 2.0, kappa});
-      const double reach = alpha * alpha * (3.0 + kappa);
-      EXPECT_NEAR(w.spread * w.spread, reach, 1e-12 * reach);
-      EXPECT_NEAR((w.mean_0 + 6.0 * w.mean_i) * reach, reach, 1e-12);
-      EXPECT_NEAR(w.cov_0, w.mean_0 + 3.0 - alpha * alpha, 1e-9);
-    }
-  }
-  // As in gsplat.
-  const UnscentedWeights gsplat = MakeUnscentedWeights({0.1, 2.0, 0.0});
-  EXPECT_NEAR(gsplat.mean_0, -99.0, 1e-9);
-  EXPECT_NEAR(gsplat.cov_0, -96.01, 1e-9);
-  EXPECT_NEAR(gsplat.mean_i, 16.6666667, 1e-6);
-}
 
 TEST(CutoffTest, TakesTheNearerOfAlphaAndResponse) {
   const FootprintRule own;
@@ -60,53 +36,6 @@ TEST(CutoffTest, TakesTheNearerOfAlphaAndResponse) {
   // Optical depth 2: 1 - exp(-2 G) is 1/255 at this D.
   const double cutoff = CutoffOf(2.0, Response::kExtinction, own);
   EXPECT_NEAR(-std::expm1(-2.0 * std::exp(-0.5 * cutoff)), 1.0 / 255.0, 1e-12);
-}
-
-TEST(ProjectTest, FloatMatchesDoubleOnEveryLensAndInstructionSet) {
-  int ran = 0;
-  for (const NamedCamera& lens : EveryLens(100)) {
-    Draws draws(1, testing_scenes::StreamOf(lens.name));
-    const Pose pose = RandomPose(&draws);
-    const auto g = GaussiansInView(lens.camera, pose, 203, kOrdinary, &draws);
-    const auto exact = ToDouble(g);
-    const std::size_t n = static_cast<std::size_t>(g.size());
-    std::vector<double> means(2 * n), covariances(4 * n);
-    std::vector<std::uint8_t> valid(n);
-    ProjectReference(exact.View(), lens.camera, pose, {}, means.data(), covariances.data(),
-                     valid.data());
-    for (const std::string& isa : AvailableIsas()) {
-      SetIsa(isa);
-      Splats splats;
-      Project(g.View(), lens.camera, pose, {}, {}, &splats);
-      ASSERT_EQ(splats.size, g.size());
-      int compared = 0, on_edge = 0;
-      for (std::size_t i = 0; i < n; ++i) {
-        if (!valid[i]) continue;
-        const double width = std::sqrt(std::max(covariances[4 * i], covariances[4 * i + 3]));
-        double bound = kFloatPixels * std::max(1.0, width / kFloatWidth);
-        if (const int axis = lens.camera.domain().pole_axis; lens.camera.domain().IsPanorama()) {
-          // Around its poles a panorama stretches a direction's rounding by 1 / sine.
-          const Eigen::Vector3d seen =
-              pose.rotation * Eigen::Map<const Eigen::Vector3d>(&exact.means[3 * i]) +
-              pose.translation;
-          bound /= std::sqrt(1.0 - std::pow(seen[axis] / seen.norm(), 2));
-        }
-        if (std::isnan(splats.u[i])) {  // a sigma point on the domain's edge, outside in float
-          ++on_edge;
-          continue;
-        }
-        EXPECT_NEAR(splats.u[i], means[2 * i], bound) << lens.name << " " << isa;
-        EXPECT_NEAR(splats.v[i], means[2 * i + 1], bound) << lens.name << " " << isa;
-        ++compared;
-      }
-      EXPECT_GT(compared, 150) << lens.name;
-      EXPECT_LE(on_edge, 2) << lens.name;
-    }
-    ++ran;
-  }
-  SetIsa("");
-  EXPECT_EQ(ran, static_cast<int>(EveryLens(100).size()));
-  EXPECT_GE(ran, 5);
 }
 
 // Points of the silhouette of the ellipsoid {D^2 = cutoff} of Gaussian i, in the camera frame: the

@@ -62,14 +62,6 @@ struct SceneKind {
   double opacity_logit;  // mean; standard deviation 1.5
 };
 
-// A stream for a name (FNV-1a), so that what one lens draws does not depend on the others.
-inline std::uint64_t StreamOf(const std::string& name) {
-  std::uint64_t hash = 14695981039346656037ull;
-  for (const char letter : name)
-    hash = (hash ^ static_cast<unsigned char>(letter)) * 1099511628211ull;
-  return hash;
-}
-
 // Numbers of one stream, one after the other.
 class Draws {
  public:

@@ -55,8 +55,9 @@ void FacingAxes(const GaussiansView<const T>& g, const double* center, T* sh) {
   });
 }
 
-// With n = s R e_k, s the sign that faces the camera and k the shortest axis, dL/dR has the one column
-// s dL/dn, which the rotation's derivative carries to the quaternion as stored, not to a unit one.
+// With n = s R e_k, s the sign that faces the camera and k the shortest axis, dL/dR has the one
+// column s dL/dn, which the rotation's derivative carries to the quaternion as stored, not to a
+// unit one.
 template <class T>
 void FacingAxesBackward(const GaussiansView<const T>& g, const double* center, const T* dsh,
                         T* dquats) {
@@ -76,8 +77,8 @@ void FacingAxesBackward(const GaussiansView<const T>& g, const double* center, c
   });
 }
 
-// Of L = weight / N sum over i of min_k exp(l_ik): each Gaussian's own shortest axis shrinks, and the
-// others have no gradient.
+// Of L = weight / N sum over i of min_k exp(l_ik): each Gaussian's own shortest axis shrinks, and
+// the others have no gradient.
 template <class T>
 void FlattenGradient(const GaussiansView<const T>& g, double weight, T* dlog_scales) {
   if (g.size == 0) return;

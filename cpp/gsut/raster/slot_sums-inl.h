@@ -199,8 +199,7 @@ HWY_INLINE void ColorGradients(const GaussiansView<const float>& g, std::int64_t
   } else {
     StoreColumns(g_sh, stride, available, to.rows.sh + first * stride);
   }
-  HarmonicsBasisGradient(degree, direction[0], direction[1], direction[2], g_basis,
-                         g_direction);
+  HarmonicsBasisGradient(degree, direction[0], direction[1], direction[2], g_basis, g_direction);
 }
 
 // A turn by w (world or camera axes, the same on both sides) of a unit quaternion q: q + (0, w) q

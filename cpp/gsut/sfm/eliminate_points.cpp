@@ -129,8 +129,7 @@ EliminatedPoints EliminatePoints(ObservationTable table, int bodies, int size, i
         }
         if (shared == 0) continue;
         normal.block(end, size * body, shared, size) +=
-            linear[i].by_shared.transpose() * linear[i].by_body -
-            share.shared * scaled.transpose();
+            linear[i].by_shared.transpose() * linear[i].by_body - share.shared * scaled.transpose();
       }
     }
   });
@@ -163,8 +162,7 @@ SharedInformation FindSharedInformation(ObservationTable table, int bodies,
     for (Eigen::Index row = column; row < count; ++row) {
       bodies_own(row, column) = left.normal(free[row], free[column]) * length[row] * length[column];
     }
-    tied.row(column) =
-        left.normal.col(free[column]).tail(shared).transpose() * length[column];
+    tied.row(column) = left.normal.col(free[column]).tail(shared).transpose() * length[column];
   }
   // In place: the factor takes the memory of the equations.
   const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> cholesky(bodies_own);

@@ -10,8 +10,8 @@ namespace gsut {
 // Eliminating points is marginalising them: at the minimum the covariance of the other unknowns is
 // the inverse of the Schur complement of the points, times the variance of the residuals.
 
-// Weighted derivatives of a residual by the pose of its body (an image, or a rig that several images
-// are on), by what all bodies share, such as a lens, and by its point.
+// Weighted derivatives of a residual by the pose of its body (an image, or a rig that several
+// images are on), by what all bodies share, such as a lens, and by its point.
 struct ObservationDerivatives {
   int body = 0;
   Eigen::Matrix<double, 2, Eigen::Dynamic> by_body;

@@ -33,14 +33,11 @@ def thin(data, folder, step, phase):
 
 
 def test_thinned_exact_views_are_not_accused(hall, tmp_path):
-    count = 0
     for step in (2, 3, 5):
         for phase in range(0, step, 2):
             scene = gsut.load_dataset(thin(hall, tmp_path / f"{step}{phase}", step, phase))
             said = [str(f) for f in check_scene(scene) if f.severity != "info"]
             assert [text for text in said if "photograph" in text or "contradict" in text] == []
-            count += 1
-    assert count == 6
 
 
 def make_verdict(free, given, free_by_chance=5.0, given_by_chance=1.0):
@@ -103,6 +100,7 @@ def test_a_large_ratio_of_few_pairs_is_no_rare_one():
     assert abs(convert_to_normal(np.array(3.0), 10_000) - 3) < 0.01
 
 
+@pytest.mark.slow
 def test_coefficients_in_another_order_are_named(tmp_path):
     """k3 before p1: written in the order of MATLAB's or a table's columns, read in OpenCV's."""
     lens = gsut.Camera("opencv5", [90, 90, 80, 80, -0.25, 0.06, 0.002, -0.001, -0.04], 160, 160)

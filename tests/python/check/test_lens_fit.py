@@ -55,7 +55,6 @@ def test_correction_of_an_exact_lens_on_a_straight_path_is_not_claimed(name):
     for seed in range(4):
         matches, poses = make_matches(LENSES[name], [0, 0, 0.4], np.random.default_rng(seed))
         claimed.append(bool(is_off(fit_lens([LENSES[name]], matches, poses)).any()))
-    assert len(claimed) == 4
     assert not any(claimed)
 
 

@@ -352,6 +352,7 @@ def test_ghap_turns_and_scales_with_the_scene(rng, factor):
     assert abs(figures[0] - figures[1]) < tolerances.COMPACT_INVARIANCE_DB
 
 
+@pytest.mark.slow
 def test_compact_merges_a_million_in_time():
     """A tenth of a million here: what the figures for a million rest on."""
     rng = np.random.default_rng(1)
@@ -388,7 +389,7 @@ print((peak() - before) / n)
 
 
 @pytest.mark.skipif(not Path("/proc/self/status").is_file(), reason="peak memory as Linux gives it")
-@pytest.mark.parametrize("count", [20_000, 80_000])
+@pytest.mark.parametrize("count", [20_000, pytest.param(80_000, marks=pytest.mark.slow)])
 def test_compact_takes_the_same_memory_for_each_gaussian(count):
     done = subprocess.run(
         [sys.executable, "-c", _PEAK, str(count)], capture_output=True, text=True, check=True

@@ -232,7 +232,6 @@ def test_radii_have_the_shape_of_each_version(rng):
             sh_degree=1, camera_model="fisheye", packed=False, api=api,
         )  # fmt: skip
         assert info["radii"].shape == shape
-    assert len(shapes) == 3
 
 
 def test_any_lens_renders_and_its_parameters_get_gradients(rng):
@@ -368,7 +367,6 @@ def test_words_that_are_not_known_are_refused(rng):
     for name, (value, message) in cases.items():
         with pytest.raises(gsut.InputError, match=message):
             rasterization(**{**base, name: value})
-    assert len(cases) == 6
     with pytest.raises(gsut.InputError, match=r"colors is torch.int64: convert"):
         numbers = torch.ones(80, 3, dtype=torch.int64)
         rasterization(**{**base, "colors": numbers, "sh_degree": None})

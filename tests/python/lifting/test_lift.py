@@ -110,7 +110,6 @@ def test_lift_of_maps_that_cannot_be_is_refused_with_the_views_name(dataset):
     for maps, options, message in cases:
         with pytest.raises(gsut.InputError, match=message):
             gsut.lift(gaussians, scene, maps, **options)
-    assert len(cases) == 6
     drawn = gsut.render(gaussians, scene.camera(0), scene.views[0].motion, dtype="float64")
     with pytest.raises(gsut.InputError, match="renders in float32"):
         drawn.add_map(np.zeros((SIZE, SIZE, 1)), np.zeros((len(gaussians), 1), np.float32))
@@ -180,7 +179,6 @@ def test_lift_and_render_commands_write_labels_that_meet_the_held_out_maps(
     for words, message in refused:
         assert main(words) == 2, words
         assert message in capsys.readouterr().err
-    assert len(refused) == 6
 
 
 def test_lift_command_prints_the_error_of_numbers_on_held_out_views(dataset, tmp_path, capsys):

@@ -71,7 +71,6 @@ def test_stored_scene_has_the_bits_of_one_in_memory(ply, rng, monkeypatch):
             for key in ("image", "alpha", "depth", "distortion"):
                 assert (getattr(found, key) == getattr(expected, key)).all(), (name, key)
         monkeypatch.undo()
-    assert len(parts) == 4
     assert all(max(reads) < COUNT / 2 for reads in parts.values())
     assert len(parts["sphere"]) > 4  # it was drawn in parts
     assert sum(parts["pinhole"]) < sum(parts["sphere"])  # of less

@@ -95,7 +95,7 @@ def test_what_commands_need_beside_a_file_counts_before_they_begin(
     assert f"{work} 600 Gaussians of degree " in capsys.readouterr().err
     assert os.listdir(tmp_path) == ["in.ply"]
     monkeypatch.setattr(memory, "free_memory", lambda: 8 * size)
-    assert main([*words, "--quiet"]) == 0
+    assert main(words) == 0
 
 
 def test_doctor_and_training_refuse_what_does_not_fit_in_the_same_words(little, plane):

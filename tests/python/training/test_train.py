@@ -82,7 +82,6 @@ def test_train_any_threads_same_bits(scene, tmp_path, strategy):
         assert gsut.num_threads() == threads
         files.append(arrays_of(result.gaussians))
         histories.append([{**row, "seconds": 0, "cpu_seconds": 0} for row in result.history])
-    assert len(files) == 3
     assert files[1] == files[0] and files[2] == files[0]
     assert histories[1] == histories[0] and histories[2] == histories[0]
 

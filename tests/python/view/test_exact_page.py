@@ -13,7 +13,7 @@ from browser import browser
 from gsut.cli import main
 from gsut.formats import load_gaussians, save_gaussians
 from gsut.view import Session, Stage
-from random_scenes import fisheye, gaussians_in_view, rng_of, small_camera
+from random_scenes import fisheye, gaussians_in_view, list_models, rng_of, small_camera
 
 
 @pytest.fixture(scope="module")
@@ -146,7 +146,7 @@ def test_every_moving_frame_is_ordered_from_its_own_pose(window, tmp_path, scene
 
 def test_page_draws_every_lens_and_measures(window, tmp_path, scene, gaussians):
     write_and_open(window, tmp_path, Stage("small", "run", gaussians, scene))
-    for model in gsut.lens.camera_models():
+    for model in list_models():
         window.run(f"await makeLens({{ model: {model!r}, fit: windowShape() }});")
         assert window.run("return [lens.model, $('lens-error').hidden];") == [model, True]
         window.wait("!busy && !wanted")

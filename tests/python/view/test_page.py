@@ -9,7 +9,7 @@ import gsut
 import small_run
 from browser import browser
 from gsut.view import Session, Stage, ViewServer
-from random_scenes import fisheye, gaussians_in_view, rng_of
+from random_scenes import fisheye, gaussians_in_view, list_models, rng_of
 from tolerances.view import MEASURED
 
 
@@ -197,7 +197,7 @@ def test_plain_lens_fills_the_window(window):
 
 
 def test_every_model_is_chosen_without_an_error(window):
-    for model in gsut.lens.camera_models():
+    for model in list_models():
         window.run(f"await makeLens({{ model: {model!r}, fit: windowShape() }});")
         assert window.run("return [lens.model, $('lens-error').hidden];") == [model, True]
     window.run("await makeLens({ id: lens.id, params: [-1] });")
