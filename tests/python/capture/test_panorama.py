@@ -127,15 +127,15 @@ def test_two_ordinary_videos_stay_one_after_the_other(tmp_path):
     assert "lenses" not in found.figures and len(found.figures["frames"]) == 8
 
 
-def test_video_of_a_panorama_knows_its_lens_and_caps_are_masked(tmp_path):
+def test_video_of_a_panorama_knows_its_lens_and_its_cap_is_masked(tmp_path):
     video = write_video(tmp_path / "walk.mp4", [panorama(6 * i) for i in range(20)])
-    found = capture([video], tmp_path / "out", count=4, caps=(20.0, 10.0))
+    found = capture([video], tmp_path / "out", count=4, nadir_cap=20.0)
     photographs = find_photographs(found.path, None)
     assert photographs.are_lenses_known
     assert photographs.cameras[0] == gsut.Camera("equirectangular", [], 512, 256)
     mask = decode_mask(photographs.masks[0])
     rows = mask.all(axis=1)
-    assert not rows[:14].any() and rows[15:227].all() and not rows[229:].any()
+    assert rows[:227].all() and not rows[229:].any()
     assert any("360-degree panoramas" in note for note in found.notes)
 
 
@@ -144,8 +144,8 @@ def test_wide_pictures_of_other_cameras_are_left_as_they_are(tmp_path):
     folder = write_all(tmp_path / "in", [ground[100:356, s : s + 512] for s in (0, 40, 80)])
     found = capture([folder], tmp_path / "out")
     assert "lens" not in found.figures and len(found.figures["frames"]) == 3
-    with pytest.raises(gsut.InputError, match="caps take 0 to 90 degrees"):
-        capture([folder], tmp_path / "out", caps=(-1.0, 0.0))
+    with pytest.raises(gsut.InputError, match="--nadir-cap must be from 0"):
+        capture([folder], tmp_path / "out", nadir_cap=-1.0)
     narrow = write_all(tmp_path / "narrow", [ground[:200, :300]] * 2)
     with pytest.raises(gsut.InputError, match=r"twice as wide as high; these are 300 x 200"):
-        capture([narrow], tmp_path / "out2", caps=(10.0, 0.0))
+        capture([narrow], tmp_path / "out2", nadir_cap=10.0)

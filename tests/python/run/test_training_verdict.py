@@ -100,7 +100,7 @@ def options_of(command, kind):
     [
         ({}, {"preset": "best"}),
         ({"preset": "fast"}, {"preset": "best"}),
-        ({"steps": 500, "checkpoint_every": 9, "max_gaussians": 20_000, "sh_degree": 0,
+        ({"steps": 500, "max_gaussians": 20_000, "sh_degree": 0,
           "robust": True, "background": (0.0, 0.5, 1.0), "test_names": ("a b.png", "c.png")},
          {"preset": "best", "steps": None}),
         ({"preset": "best", "refine_lens": True, "test_every": 5}, {"refine_poses": True}),

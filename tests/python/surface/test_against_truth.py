@@ -95,7 +95,7 @@ def test_cast_distances_are_exact(direction):
 def test_eval_judges_depth_and_mesh_against_a_mesh_and_files(tmp_path, capsys):
     run = plane_run(tmp_path)
     save_mesh(tmp_path / "truth.ply", sheet(0.0))
-    words = ["eval", str(run), "--split", "all", "--json", "--force"]
+    words = ["eval", str(run), "--split", "all", "--json"]
     out = ["-o", str(tmp_path / "judged")]
     assert main([*words, *out, "--geometry", str(tmp_path / "truth.ply")]) == 0
     page = (tmp_path / "judged" / "surface.html").read_text()
