@@ -32,6 +32,7 @@ def list_isas() -> list[str]:
     """Lists the instruction sets for loops: the best and the least, all with GSUT_EVERY_LENS."""
     available = gsut.machine.available_isas()
     chosen = available if os.environ.get("GSUT_EVERY_LENS") else (available[0], available[-1])
+    assert chosen  # so that no loop over them runs over nothing
     return list(dict.fromkeys(chosen))
 
 
@@ -60,7 +61,9 @@ def every_lens(width: int = 48) -> list[tuple[str, gsut.Camera]]:
         for model in list_models()
         for example in range(len(_core.camera_examples(model)))
     ]
-    return [(name, camera) for name, camera in cameras if camera.is_central]
+    central = [(name, camera) for name, camera in cameras if camera.is_central]
+    assert len(central) >= 5  # so that no loop over them runs over nothing
+    return central
 
 
 def rng_of(name: str) -> np.random.Generator:

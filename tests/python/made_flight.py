@@ -1,5 +1,7 @@
 """A made flight straight down over the ground: features, matches, poses and a lens to estimate."""
 
+import dataclasses
+import functools
 from pathlib import Path
 
 import numpy as np
@@ -92,3 +94,13 @@ def fly(rng, relief, stretch=0.0, turn=0.0, speed=0.0, mounts=()):
         photographs, OPTIONS, PosesLog(), features=features, pairs=pairs, solution=solution,
         lens_free=FREE, found=Findings(rig=fit),
     )  # fmt: skip
+
+
+@functools.cache
+def _fly_once(seed, relief, turn, speed):
+    return fly(np.random.default_rng(seed), relief, turn=turn, speed=speed)
+
+
+def fly_again(seed, relief, turn=0.0, speed=0.0):
+    """A flight as `fly` makes it from a seed, made once for all tests; its log is its own."""
+    return dataclasses.replace(_fly_once(seed, relief, turn, speed), log=PosesLog())

@@ -39,7 +39,10 @@ def write_moved(folder, offset, rng):
     return folder
 
 
-@pytest.fixture(scope="module", params=[NEAR, UTM], ids=["near", "utm"])
+@pytest.fixture(
+    scope="module",
+    params=[pytest.param(NEAR, id="near", marks=pytest.mark.slow), pytest.param(UTM, id="utm")],
+)
 def case(request, tmp_path_factory):
     """Offset, dataset and run."""
     folder = tmp_path_factory.mktemp("world")

@@ -115,6 +115,7 @@ def test_with_shutter_contradictions_say_what_to_do(tmp_path):
         TrainOptions(shutter="sideways")
 
 
+@pytest.mark.slow
 def test_train_rolling_scene_beats_treating_it_as_global(shared):
     scene = gsut.load_dataset(shared / "data" / "helmet_distorted_rs")
     psnr = {}

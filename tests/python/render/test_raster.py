@@ -337,6 +337,7 @@ FINITE_MEANING = {("opacity_logits", np.inf), ("opacity_logits", -np.inf)}
 
 
 def test_render_reference_value_that_is_not_finite_is_refused_with_its_index():
+    ran = 0
     for field in FIELDS:
         for value in (np.nan, np.inf, -np.inf):
             if (field, value) in FINITE_MEANING:
@@ -345,3 +346,5 @@ def test_render_reference_value_that_is_not_finite_is_refused_with_its_index():
             getattr(g, field).flat[-1] = value
             with pytest.raises(InputError, match="Gaussian 1 "):
                 double_render(g, AXIS, np.eye(4))
+            ran += 1
+    assert ran == 3 * len(FIELDS) - len(FINITE_MEANING)

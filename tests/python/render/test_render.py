@@ -26,8 +26,7 @@ from random_scenes import (
 LENSES = every_lens(width=48)
 PARITIES = (None, "gsplat", "3dgrut")
 FIELDS = tuple(field.name for field in dataclasses.fields(gsut.Gaussians))
-# Each example of a lens several times, in each rule.
-RANDOM_SCENES = max(36, 3 * len(LENSES))
+RANDOM_SCENES = max(3, -(-36 // len(LENSES))) * len(LENSES)  # each lens by each rule
 
 
 @dataclasses.dataclass
@@ -50,7 +49,7 @@ def random_comparison(seed):
     g = gaussians_in_view(
         rng, camera, pose, 150, sh_degree=seed % 4, sizes=(0.01, 0.3), opacity=0.5
     )
-    parity = PARITIES[seed % len(PARITIES)]
+    parity = PARITIES[seed // len(LENSES) % len(PARITIES)]
     expected = gsut.render(g, camera, pose, parity=parity, background=BACKGROUND, dtype="float64")
     return Comparison(name, g, camera, pose, parity, random_weights(rng, camera), expected)
 

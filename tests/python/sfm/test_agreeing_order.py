@@ -8,7 +8,7 @@ import pytest
 from gsut import Shutter
 from gsut.sfm.shutter.agreement import find_agreeing_order
 from gsut.sfm.solution import Adjustment, ReadoutMotion, adjust_registered
-from made_flight import DOWN, fly
+from made_flight import DOWN, fly_again
 
 UP = Shutter("bottom_to_top")
 WAYS = [(DOWN, UP), (Shutter("left_to_right"), Shutter("right_to_left"))]
@@ -31,12 +31,12 @@ def find(flight, speed):
 
 @pytest.mark.parametrize(("speed", "order"), [(0.2, DOWN), (-0.2, UP)])
 def test_order_of_lines_is_the_one_that_keeps_matches(speed, order):
-    flight = fly(np.random.default_rng(3), relief=0.3, turn=0.3, speed=0.2)
+    flight = fly_again(3, relief=0.3, turn=0.3, speed=0.2)
     found = find(flight, speed)
     assert found.shutter.direction == order.direction
     assert 0.5 < found.share <= 1
 
 
 def test_order_of_lines_read_at_once_is_not_found():
-    flight = fly(np.random.default_rng(3), relief=0.3, turn=0.3)
+    flight = fly_again(3, relief=0.3, turn=0.3)
     assert find(flight, 0.2) is None

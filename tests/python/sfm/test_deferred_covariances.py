@@ -2,7 +2,6 @@
 
 import numpy as np
 
-from gsut import _core
 from gsut.sfm.photographs.options import PosesOptions
 from gsut.sfm.solution import Adjustment, solve_poses
 from synthetic_walk import Synthetic
@@ -22,13 +21,3 @@ def test_deferred_covariances_have_the_bits_of_those_at_once(rng):
     later = deferred.add_covariances(scene.images().features)
     assert np.array_equal(later.covariances, at_once.covariances)
     assert later.add_covariances(scene.images().features) is later
-
-
-def test_covariances_have_the_same_bits_on_any_threads(rng):
-    scene = Synthetic(rng, images=12, points=900)
-    found = []
-    for threads in (1, 2):
-        _core.set_num_threads(threads)
-        found.append(scene.solve()["covariances"])
-    _core.set_num_threads(0)
-    assert found[0].any() and np.array_equal(*found)

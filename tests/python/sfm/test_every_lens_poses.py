@@ -16,13 +16,13 @@ from gsut.render.pictures import to_uint8
 from gsut.sfm import compare_poses
 from gsut.sfm.photographs import features as core_features
 from gsut.sfm.report import output
-from random_scenes import every_lens, gaussians_in_view, list_models, pinhole
+from random_scenes import every_lens, gaussians_in_view, list_models, pinhole, small_camera
 from synthetic_rig import pose_of
 from synthetic_walk import observe, shuffled
 
 WIDTH, NOISE_PX = 256, 0.1
 FRAMES, POINTS = 5, 300
-LENSES = every_lens(WIDTH)
+LENSES = [row for row in every_lens(WIDTH) if row[0].endswith("[0]")]  # a lens of each model
 WITHOUT_CENTRE = ("cahvore", "orthographic")
 # Right of the first camera, turned in: both see the same points.
 RIGHT = pose_of([0.01, -0.03, 0.02], [0.3, 0.02, 0.01])
@@ -107,10 +107,9 @@ def test_a_rig_of_every_lens_has_the_scale_of_its_file(name, camera, find_poses,
     assert errors.rotation_degrees.max() < tolerances.SFM_EVERY_LENS_DEGREES
 
 
-@pytest.mark.parametrize(
-    ("name", "camera"), every_lens(96), ids=[name for name, _ in LENSES]
-)  # fmt: skip
+@pytest.mark.parametrize(("name", "camera"), LENSES, ids=[name for name, _ in LENSES])
 def test_localize_through_every_lens_finds_the_pose(name, camera, rng):
+    camera = small_camera(camera.model, 0, 96)
     gaussians = gaussians_in_view(rng, camera, np.eye(4), 800, sizes=(0.03, 0.15), opacity=3.0)
     views = [(camera, disturb_pose(rng, np.eye(4), 1.0, 0.015)) for _ in range(2)]
     pixels = to_uint8(gsut.render(gaussians, camera, np.eye(4)).image)

@@ -9,12 +9,12 @@ import pytest
 import tolerances
 from gsut import _core
 from gsut.sfm.starts.halves import compare_halves, measure_differences, split_matches
-from made_flight import CENTERS, fly
+from made_flight import CENTERS, fly_again
 
 
 @pytest.fixture(scope="module")
 def flight():
-    return fly(np.random.default_rng(36), relief=0.3, turn=0.3)
+    return fly_again(36, relief=0.3, turn=0.3)
 
 
 def keep_points(flight, count):

@@ -31,7 +31,7 @@ def disturbed_poses(scene: Synthetic, rng) -> list[np.ndarray]:
 def test_refine_of_a_splined_lens_holds_its_surface(rng):
     _, params, width, height = gsut._core.camera_examples("splined_stereographic")[0]
     lens = gsut.Camera("splined_stereographic", params, width, height)
-    scene = Synthetic(rng, images=8, points=700, noise=NOISE_PX, camera=lens)
+    scene = Synthetic(rng, images=6, points=400, noise=NOISE_PX, camera=lens)
     start = lens.params.copy()
     start[4:8] += [2.0, 2.5, 2.0, -1.0]  # fx fy cx cy
     free = find_refinable_params(lens)

@@ -12,7 +12,7 @@ from gsut.sfm.mapping import PosesLog
 from gsut.sfm.rig import adjust_rig_near_places
 from gsut.sfm.solution import similarity_from_points
 from gsut.sfm.world import place_on_earth
-from made_flight import CENTERS, fly
+from made_flight import CENTERS, fly, fly_again
 
 METRES = 20.0  # in a unit of the flight's world: 200 m above the ground
 ORIGIN = (47.37, 8.54, 430.0)
@@ -55,7 +55,7 @@ def measure_dome(solution):
 
 @pytest.fixture(scope="module")
 def flights():
-    return [fly(np.random.default_rng(seed), relief=0.02) for seed in (1, 2, 3)]
+    return [fly_again(seed, relief=0.02) for seed in (1, 2, 3)]
 
 
 def test_exact_places_flatten_the_dome_over_flat_ground(flights):

@@ -11,7 +11,7 @@ from gsut.lens import Camera
 from gsut.sfm.lens import free_center, judge_lens
 from gsut.sfm.lens.covariance import estimate_lens_covariances
 from gsut.sfm.solution import CENTER, CENTER_SIGMA, FEATURE_VARIANCE, Adjustment, adjust_registered
-from made_flight import FREE, LENS, fly
+from made_flight import FREE, LENS, fly_again
 
 WIDER = 60  # pixels that the picture reaches farther to the right: its middle moves by half of it
 CENTER_FREE = FREE.copy()
@@ -38,7 +38,7 @@ def find_center(run, sigma=CENTER_SIGMA, flags=CENTER_FREE):
 
 
 def test_center_is_found_where_turns_determine_it():
-    run = fly(np.random.default_rng(1), relief=0.3, turn=0.5)
+    run = fly_again(1, relief=0.3, turn=0.5)
     error, sigma = find_center(run)
     assert (np.abs(error) < tolerances.CENTER_SIGMAS * sigma).all()
     assert (sigma < WIDER / 10).all()
@@ -47,7 +47,7 @@ def test_center_is_found_where_turns_determine_it():
 
 
 def test_center_that_images_leave_open_stays_at_the_middle_with_the_priors_sigma():
-    run = fly(np.random.default_rng(1), relief=0.02)
+    run = fly_again(1, relief=0.02)
     error, sigma = find_center(run)
     width = CENTER_SIGMA * math.hypot(LENS.width + WIDER, LENS.height)
     assert np.abs(error - [WIDER / 2, 0]).max() < tolerances.CENTER_SIGMAS * width
@@ -58,7 +58,7 @@ def test_center_that_images_leave_open_stays_at_the_middle_with_the_priors_sigma
 
 @pytest.mark.parametrize(("signs", "is_estimated"), [(None, True), (1.0, True), (3.0, False)])
 def test_center_is_estimated_unless_a_video_may_have_a_rolling_shutter(signs, is_estimated):
-    run = fly(np.random.default_rng(1), relief=0.3, turn=0.5)
+    run = fly_again(1, relief=0.3, turn=0.5)
     run = run.replace(
         solution=adjust_registered(
             widen(run), run.features, run.pairs, run.options, adjustment=Adjustment(FREE)
@@ -86,7 +86,7 @@ def test_center_is_estimated_unless_a_video_may_have_a_rolling_shutter(signs, is
 def test_center_stays_where_it_is_in_the_middle_and_where_the_motion_leaves_it_open(
     relief, turn, pixels
 ):
-    run = fly(np.random.default_rng(1), relief=relief, turn=turn)
+    run = fly_again(1, relief=relief, turn=turn)
     if pixels:
         run = run.replace(
             solution=adjust_registered(

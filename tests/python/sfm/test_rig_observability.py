@@ -65,9 +65,14 @@ def list_open(mount):
     return [(kind, np.round(axis, 2).tolist()) for kind, axis, _ in mount.list_open_directions()]
 
 
-@pytest.mark.parametrize("overlap", [True, False], ids=["overlap", "no overlap"])
-def test_mounts_of_a_rig_that_turns_every_way_are_determined(rng, overlap):
-    _, mount = refine(MovingRig(rng, overlap=overlap))
+@pytest.mark.parametrize(
+    ("move", "overlap"),
+    [(None, True), (None, False), (move_straight, True), (move_in_a_plane, True)],
+)
+def test_mounts_are_determined_by_turns_every_way_or_by_points_that_both_cameras_see(
+    rng, move, overlap
+):
+    _, mount = refine(MovingRig(rng, move, overlap=overlap))
     assert mount.list_open_directions() == []
 
 
@@ -88,12 +93,6 @@ def test_mounts_moved_in_a_plane_without_overlap_have_no_height(rng):
     found = np.stack([np.eye(4), *solution.camera_from_body])
     _, (_, shift) = measure_changes(scene.rig, found)
     assert shift < tolerances.RIG_OPEN_SHIFT * np.linalg.norm(SIDEWAYS[:3, 3])
-
-
-@pytest.mark.parametrize("move", [move_straight, move_in_a_plane])
-def test_mounts_are_determined_where_both_cameras_see_the_same_points(rng, move):
-    _, mount = refine(MovingRig(rng, move))
-    assert mount.list_open_directions() == []
 
 
 @pytest.mark.slow

@@ -143,6 +143,7 @@ def solved_helmet(tmp_path_factory):
     return folder, results
 
 
+@pytest.mark.slow
 def test_poses_command_helmet_rolling_beats_global(solved_helmet):
     folder, results = solved_helmet
     truth = {v.image_path.resolve(): v for v in gsut.load_dataset(folder, test_every=0).views}
