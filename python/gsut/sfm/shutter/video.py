@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import PairMatches, choose_connected_pairs, keep_most_distinct
 from gsut.sfm.photographs import ImageLines
 from gsut.sfm.shutter.agreement import find_agreeing_order
+from gsut.sfm.shutter.correction import LONGEST_READOUT, USUALLY_SHORT, correct_readout
 from gsut.sfm.shutter.readout import (
     FlowReadout,
     estimate_rates,
@@ -34,18 +35,13 @@ from gsut.sfm.solution import (
 )
 
 _FEWEST = 8  # images whose motion is known
-_LONGEST = 0.05  # seconds that a readout takes at most: slower sensors are not used for video
 _KNOWN = 0.1  # two standard deviations over the time, up to which the time counts as known
 _CLEAR = 4.0  # standard deviations from zero, below which there is no sign of a rolling shutter
 _KEPT = 0.95  # share of the images that must keep a pose
-_CORRECTIONS = 5  # of the readout time at most: the secant method converges in two or three
 _IMAGES = 30  # that the readout time is corrected on
-_SETTLED = 0.03  # relative size of a correction that ends them
-_LEAST_SLOPE = 0.25  # share of what is missing that a correction is taken to reach at least
 _TRIAL_MATCHES = 150  # of a pair, the most distinct, that corrections use
 # Motion during a readout over the diagonal that is worth the time that training takes longer.
 _MATTERS = 1e-3
-_SHORT = 2.0  # factor by which the first estimate is usually too short
 _USUAL_READOUT = 0.015  # seconds: of phones and action cameras
 _TRIED = 0.02  # seconds: a readout long enough for a wrong order to lose matches
 _OBLONG = 1.2  # ratio of a picture's sides from which it shows how the sensor was held
@@ -278,10 +274,10 @@ def find_line_order(
         best = estimate(best.ways, lengths)
     found, camera = best.found, solution.cameras[0]
     signs = found.clearness
-    if signs < _CLEAR or abs(found.time) > _LONGEST:
+    if signs < _CLEAR or abs(found.time) > LONGEST_READOUT:
         return None, signs
     flows = mapping.photographs.flows
-    if not _has_enough_motion(_SHORT * abs(found.time), flows, camera.width, camera.height):
+    if not _has_enough_motion(USUALLY_SHORT * abs(found.time), flows, camera.width, camera.height):
         return None, signs
     return best.turn_forward(), signs
 
@@ -334,50 +330,6 @@ def _compare_lengths(single: Sequence[FlowReadout]) -> list[float]:
         differs = gap > _CLEAR * math.hypot(each.sigma, clearest.sigma)
         lengths.append(max(abs((each if differs else clearest).time), 1e-12))
     return [length / max(lengths) for length in lengths]
-
-
-def correct_readout(
-    mapping: Mapping,
-    velocities: tuple[np.ndarray, np.ndarray],
-    found: FlowReadout,
-    adjust: Callable[[float], Solution],
-    lens_free: np.ndarray | None,
-) -> FlowReadout | None:
-    """Corrects the readout time until the residuals favour no other one.
-
-    Poses without a rolling shutter have lost the observations that speak most for one: each
-    correction is too small, by a share that the last two show (the secant method).
-
-    Args:
-        velocities: rates and their covariances, see `estimate_rates`.
-        found: a first time.
-        adjust: returns the solution with a readout time, whose velocities are the rates' exactly.
-        lens_free: see `estimate_readout_by_flow`.
-
-    Returns:
-        None where there is no such time.
-    """
-    rates, spread = velocities
-    time, slope, before = found.time, 1 / _SHORT, None
-    for number in range(_CORRECTIONS):
-        text = f"lines read in {1000 * time:.1f} ms?"
-        mapping.log.show_share("shutter", 0.5 * number / _CORRECTIONS, text)
-        moved = adjust(time)
-        more = estimate_readout_by_flow(moved, rates, spread, moved.measure_line_times(), lens_free)
-        if more is None:
-            break
-        own, found = more.time, more
-        if before is not None and abs(time - before[0]) > _SETTLED * time:
-            slope = float(np.clip((before[1] - own) / (time - before[0]), _LEAST_SLOPE, 1.0))
-        before = time, own
-        time += own / slope
-        if abs(own / slope) < _SETTLED * time or not 0 < time < _LONGEST:
-            break
-    # The standard deviation is too small by the same share as a correction.
-    time /= found.reliability
-    if not 0 < time < _LONGEST:
-        return None
-    return FlowReadout(time, found.sigma / (slope * found.reliability), found.reliability)
 
 
 def _choose_images(
