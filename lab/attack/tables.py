@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
-from formats.wrong_fields import WRONG
 
+from formats.test_wrong_files import WRONG
 from gsut.cli import main
 from lab.attack.damage import CAUSES, TO_ANY_FILE, TO_TEXT, Damage
 from lab.attack.flags import BASES, list_flag_cases

@@ -10,8 +10,9 @@ import subprocess
 
 import numpy as np
 import pytest
+from scipy.spatial import cKDTree
 
-from formats.scene_cases import plain_scene, same_rows
+from formats.scene_cases import plain_scene
 from gsut import formats
 from gsut.formats import WriteSettings
 from lab_tolerances import FOREIGN_ROUNDING, FOREIGN_SPLAT_DEGREES, FOREIGN_SPZ
@@ -50,6 +51,13 @@ def splat_transform():
         subprocess.run(words, check=True, capture_output=True)
 
     return convert
+
+
+def same_rows(reference, gaussians):
+    """The rows of `reference` that are nearest to those of `gaussians`; each is to be used once."""
+    _, rows = cKDTree(reference.means).query(gaussians.means)
+    assert len(np.unique(rows)) == len(gaussians)
+    return reference[rows]
 
 
 def assert_close(chosen, reference, found, factor=1.0):
