@@ -4,11 +4,20 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#ifdef _WIN32
+#include <io.h>
+#else
+#include <unistd.h>
+#endif
+
 #include <algorithm>
+#include <cerrno>
+#include <fstream>
 
 #include "bindings/arrays.h"
 #include "bindings/module.h"
 #include "gsut/formats/ply.h"
+#include "gsut/formats/ply_rows.h"
 
 namespace gsut::bindings {
 namespace {
@@ -41,13 +50,54 @@ py::tuple ReadPly(const py::bytes& path) {
                         py::make_tuple(x, y, z));
 }
 
-// Written to a temporary file beside it and moved, so that an interrupted call leaves the old one.
-void WritePlyFile(const py::bytes& path_bytes, const py::object& gaussians,
-                  const std::vector<std::string>& comments, bool surfels) {
-  const std::string path = path_bytes;
+// Writes to an open file, which Python makes whole: see gsut.files. announced: see PutPly.
+void WritePlyRows(int descriptor, const py::object& gaussians,
+                  const std::vector<std::string>& comments, bool surfels, std::int64_t announced) {
   const GaussiansView<const float> view = ConstGaussians<float>(gaussians);
-  const py::gil_scoped_release release;
-  WritePly(path, view, comments, surfels);
+  int failed = 0;
+  {
+    const py::gil_scoped_release release;
+    PutPly(view, comments, surfels, announced, [&](const char* data, std::size_t size) {
+      while (size > 0 && failed == 0) {
+        const auto done = write(descriptor, data, static_cast<unsigned>(size));
+        if (done < 0 && errno != EINTR) failed = errno;
+        if (done <= 0) continue;
+        data += done;
+        size -= static_cast<std::size_t>(done);
+      }
+    });
+  }
+  if (failed == 0) return;
+  errno = failed;
+  PyErr_SetFromErrno(PyExc_OSError);
+  throw py::error_already_set();
+}
+
+// What a type of PLY is to numpy, without the byte order.
+const char* NumpyName(PlyType type) {
+  static constexpr const char* kNames[] = {"i1", "u1", "i2", "u2", "i4", "u4", "f4", "f8"};
+  return kNames[static_cast<int>(type)];
+}
+
+// The one parser of headers, also for the layouts that only Python reads.
+py::tuple ReadHeader(const py::bytes& path_bytes) {
+  const std::string path = path_bytes;
+  std::ifstream stream = OpenToRead(path);
+  const PlyHeader header = ReadPlyHeader(stream, path);
+  CheckPlySize(stream, path, header);
+  py::list elements, comments;
+  for (const PlyElement& element : header.elements) {
+    py::list properties;
+    for (const PlyProperty& property : element.properties) {
+      const char* length = property.is_list ? NumpyName(property.count_type) : "";
+      properties.append(py::make_tuple(property.name, NumpyName(property.type), length));
+    }
+    elements.append(py::make_tuple(element.name, element.count, properties));
+  }
+  for (const std::string& comment : header.comments) comments.append(py::str(comment));
+  static constexpr const char* kOrders[] = {"", "<", ">"};
+  return py::make_tuple(kOrders[static_cast<int>(header.format)], elements, comments,
+                        static_cast<std::int64_t>(stream.tellg()));
 }
 
 // Colours come as bytes: files with 16-bit or float colours are scaled by their own full value,
@@ -74,9 +124,13 @@ void BindFormats(pybind11::module_& m) {
   m.def("read_ply", &ReadPly, py::arg("path"),
         "Means, quats, log_scales, opacity_logits, sh (float32), the number of rows that are not "
         "finite, and what was taken off the means (3 numbers), of a PLY file.");
-  m.def("write_ply", &WritePlyFile, py::arg("path"), py::arg("gaussians"),
-        py::arg("comments") = std::vector<std::string>(), py::arg("surfels") = false,
-        "Writes float32 Gaussians as a binary PLY file, atomically; surfels: without scale_2.");
+  m.def("read_ply_header", &ReadHeader, py::arg("path"),
+        "Byte order (\"\": text), elements (name, count, properties (name, numpy's type, that of a "
+        "list's length or \"\")), comments and the offset of the data, of a PLY file.");
+  m.def("write_ply", &WritePlyRows, py::arg("descriptor"), py::arg("gaussians"),
+        py::arg("comments"), py::arg("surfels"), py::arg("announced"),
+        "Writes float32 Gaussians as binary PLY to an open file; surfels: without scale_2; "
+        "announced: the number of Gaussians in the header, negative: without a header.");
   m.def("read_ply_points", &ReadPoints, py::arg("path"),
         "Positions (N,3) float64, colours (N,3) uint8 of a PLY point cloud, and the file's value "
         "of full brightness where it is an unusual one, else 0.");

@@ -711,8 +711,15 @@ def read_ply(
     int,
     tuple[float, float, float],
 ]: ...
+def read_ply_header(
+    path: bytes,
+) -> tuple[str, list[tuple[str, int, list[tuple[str, str, str]]]], list[str], int]: ...
 def write_ply(
-    path: bytes, gaussians: _Gaussians, comments: Sequence[str] = ..., surfels: bool = ...
+    descriptor: int,
+    gaussians: _Gaussians,
+    comments: Sequence[str],
+    surfels: bool,
+    announced: int,
 ) -> None: ...
 def make_palette(
     rows: NDArray[np.float32], entries: int, rounds: int = ...

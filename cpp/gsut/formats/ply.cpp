@@ -22,6 +22,8 @@
 
 #include "gsut/base/errors.h"
 #include "gsut/formats/ply_rows.h"
+#include "gsut/formats/whole_file.h"
+#include "gsut/gaussians/check_gaussians.h"
 #include "gsut/gaussians/harmonics.h"
 #include "gsut/gaussians/surfels.h"
 
@@ -32,37 +34,6 @@ namespace {
 constexpr float kLargestLogit = 20.0f;
 // Farther from zero, neighbouring floats lie 0.5 mm apart, or more, of coordinates in metres.
 constexpr double kFarFromZero = 4096.0;
-
-// The system would cut the name off at a zero byte and open another file.
-void RequireWholeName(const std::string& path) {
-  if (path.find('\0') != std::string::npos) {
-    throw InputError(std::string(path.c_str()) + "...: the name holds a zero byte; give another");
-  }
-}
-
-// Names are UTF-8 everywhere; Windows would take plain bytes for its own code page.
-std::filesystem::path ToPath(const std::string& name) {
-#ifdef _WIN32
-  return std::filesystem::path(std::u8string(name.begin(), name.end()));
-#else
-  return name;  // whatever bytes it has
-#endif
-}
-
-// A folder opens without an error and then reads nothing; a pipe would wait for ever.
-std::ifstream Open(const std::string& path) {
-  RequireWholeName(path);
-  std::error_code unknown;
-  const std::filesystem::file_status status = std::filesystem::status(ToPath(path), unknown);
-  if (std::filesystem::exists(status) && !std::filesystem::is_regular_file(status)) {
-    const bool is_folder = std::filesystem::is_directory(status);
-    throw InputError(path + ": " + (is_folder ? "a folder" : "a pipe or a device") +
-                     ", not a file");
-  }
-  std::ifstream stream(ToPath(path), std::ios::binary);
-  if (!stream) throw InputError(path + ": cannot be opened: " + std::strerror(errno));
-  return stream;
-}
 
 // Element of this name, or an error that lists what the file has instead.
 std::size_t FindVertices(const PlyHeader& header, const std::string& path) {
@@ -121,11 +92,11 @@ int CountScales(const PlyElement& element) {
   return element.Find("scale_2") < 0 && element.Find("scale_1") >= 0 ? 2 : 3;
 }
 
-std::string GaussianHeader(const GaussiansView<const float>& gaussians,
+std::string GaussianHeader(const GaussiansView<const float>& gaussians, std::int64_t announced,
                            const std::vector<std::string>& comments, int scales, int* properties) {
   std::string text = "ply\nformat binary_little_endian 1.0\n";
   for (const std::string& comment : comments) text += "comment " + comment + "\n";
-  text += "element vertex " + std::to_string(gaussians.size) + "\n";
+  text += "element vertex " + std::to_string(announced) + "\n";
   *properties = 0;
   const auto add = [&](const std::string& name) {
     text += "property float " + name + "\n";
@@ -166,8 +137,23 @@ void PutRow(const GaussiansView<const float>& g, std::int64_t row, int scales, c
 
 }  // namespace
 
+// A folder opens without an error and then reads nothing; a pipe would wait for ever.
+std::ifstream OpenToRead(const std::string& path) {
+  RequireWholeName(path);
+  std::error_code unknown;
+  const std::filesystem::file_status status = std::filesystem::status(ToPath(path), unknown);
+  if (std::filesystem::exists(status) && !std::filesystem::is_regular_file(status)) {
+    const bool is_folder = std::filesystem::is_directory(status);
+    throw InputError(path + ": " + (is_folder ? "a folder" : "a pipe or a device") +
+                     ", not a file");
+  }
+  std::ifstream stream(ToPath(path), std::ios::binary);
+  if (!stream) throw InputError(path + ": cannot be opened: " + std::strerror(errno));
+  return stream;
+}
+
 PlyGaussianReader::PlyGaussianReader(const std::string& path)
-    : path_(path), stream_(Open(path)), header_(ReadPlyHeader(stream_, path)) {
+    : path_(path), stream_(OpenToRead(path)), header_(ReadPlyHeader(stream_, path)) {
   element_ = FindVertices(header_, path);
   const PlyElement& element = header_.elements[element_];
   // Everything is looked for now, so that a file of another kind fails before memory is allocated.
@@ -184,6 +170,12 @@ PlyGaussianReader::PlyGaussianReader(const std::string& path)
 }
 
 std::int64_t PlyGaussianReader::Read(const GaussiansView<float>& out) {
+  CheckGaussians(out.AsConst());
+  if (out.size != size_ || out.sh_coefficients != sh_coefficients_) {
+    throw InputError(path_ + ": the arrays have " + std::to_string(out.size) + " rows of " +
+                     std::to_string(out.sh_coefficients) + " coefficients; the file has " +
+                     std::to_string(size_) + " of " + std::to_string(sh_coefficients_));
+  }
   const PlyElement& element = header_.elements[element_];
   std::vector<std::size_t> means;
   for (const char* name : {"x", "y", "z"}) {
@@ -244,25 +236,9 @@ std::int64_t PlyGaussianReader::Read(const GaussiansView<float>& out) {
   return not_finite;
 }
 
-namespace {
-
-// What is to be written: where a link leads to. Throws InputError if that is not a file.
-std::filesystem::path FindWritablePath(const std::string& path) {
-  RequireWholeName(path);
-  std::error_code error;
-  const std::filesystem::path real = std::filesystem::weakly_canonical(ToPath(path), error);
-  const std::filesystem::file_status status = std::filesystem::status(ToPath(path), error);
-  if (std::filesystem::exists(status) && !std::filesystem::is_regular_file(status)) {
-    throw InputError(path + ": cannot be written: it is not a file; give another name");
-  }
-  return real.empty() ? ToPath(path) : real;
-}
-
-}  // namespace
-
-void WritePly(const std::string& path, const GaussiansView<const float>& gaussians,
-              const std::vector<std::string>& comments, bool surfels) {
-  const std::filesystem::path target = FindWritablePath(path);
+void PutPly(const GaussiansView<const float>& gaussians, const std::vector<std::string>& comments,
+            bool surfels, std::int64_t announced, const PutBytes& put) {
+  CheckGaussians(gaussians);
   // A line break would end the comment and begin a line of the header.
   for (const std::string& comment : comments) {
     if (comment.find_first_of("\r\n") != std::string::npos) {
@@ -271,13 +247,8 @@ void WritePly(const std::string& path, const GaussiansView<const float>& gaussia
   }
   int properties = 0;
   const int scales = surfels ? 2 : 3;
-  const std::string header = GaussianHeader(gaussians, comments, scales, &properties);
-  // Written beside, then renamed: a crash or a full disk leaves the old file as it was.
-  std::filesystem::path partial = target;
-  partial += ".partial";
-  std::ofstream stream(partial, std::ios::binary | std::ios::trunc);
-  if (!stream) throw InputError(path + ": cannot be written: " + std::strerror(errno));
-  stream.write(header.data(), static_cast<std::streamsize>(header.size()));
+  const std::string header = GaussianHeader(gaussians, announced, comments, scales, &properties);
+  if (announced >= 0) put(header.data(), header.size());
   // Rows written at a time: about a megabyte.
   constexpr std::int64_t kBlockRows = 4096;
   // Rows are put together in memory: one write a block, not a number.
@@ -289,17 +260,16 @@ void WritePly(const std::string& path, const GaussiansView<const float>& gaussia
       PutRow(gaussians, row, scales,
              block.data() + static_cast<std::size_t>(row - begin) * row_bytes);
     }
-    stream.write(block.data(),
-                 static_cast<std::streamsize>(static_cast<std::size_t>(end - begin) * row_bytes));
+    put(block.data(), static_cast<std::size_t>(end - begin) * row_bytes);
   }
-  stream.close();
-  std::error_code error(errno, std::generic_category());
-  if (stream) std::filesystem::rename(partial, target, error);
-  if (!stream || error) {
-    std::error_code ignored;
-    std::filesystem::remove(partial, ignored);
-    throw InputError(path + ": cannot be written: " + error.message());
-  }
+}
+
+void WritePly(const std::string& path, const GaussiansView<const float>& gaussians,
+              const std::vector<std::string>& comments, bool surfels) {
+  WholeFile file(path);
+  PutPly(gaussians, comments, surfels, gaussians.size,
+         [&](const char* data, std::size_t size) { file.Write(data, size); });
+  file.Commit();
 }
 
 // Which value of a file's colours is full brightness.
@@ -316,7 +286,7 @@ static double White(double largest, bool whole, const std::string& path) {
 }
 
 PlyPoints ReadPlyPoints(const std::string& path) {
-  std::ifstream stream = Open(path);
+  std::ifstream stream = OpenToRead(path);
   const PlyHeader header = ReadPlyHeader(stream, path);
   const std::size_t index = FindVertices(header, path);
   CheckPlySize(stream, path, header);

@@ -4,6 +4,7 @@
 #include <array>
 #include <cstdint>
 #include <fstream>
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -43,9 +44,21 @@ class PlyGaussianReader {
   std::array<double, 3> origin_ = {0.0, 0.0, 0.0};
 };
 
-// Writes binary little-endian float32 with nx ny nz = 0, as 3DGS does: to "PATH.partial" first,
-// then renamed, so that PATH is never half a file. Bits are kept. surfels: without the third scale,
-// as 2DGS does. Throws InputError if a comment holds a line break or the file cannot be written.
+// Opens a file to read. Throws InputError for a folder, a pipe, a device, or what is not there.
+std::ifstream OpenToRead(const std::string& path);
+
+// Takes bytes of a file, in order.
+using PutBytes = std::function<void(const char* data, std::size_t size)>;
+
+// Formats binary little-endian float32 with nx ny nz = 0, as 3DGS does. Bits are kept. surfels:
+// without the third scale, as 2DGS does. announced: the number of Gaussians that the header gives,
+// of which these may be the first; negative: rows without a header. Throws InputError if a comment
+// holds a line break.
+void PutPly(const GaussiansView<const float>& gaussians, const std::vector<std::string>& comments,
+            bool surfels, std::int64_t announced, const PutBytes& put);
+
+// Writes a file of all of it, whole or not at all (see WholeFile). Throws InputError also if it
+// cannot be written.
 void WritePly(const std::string& path, const GaussiansView<const float>& gaussians,
               const std::vector<std::string>& comments = {}, bool surfels = false);
 

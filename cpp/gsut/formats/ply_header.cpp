@@ -2,6 +2,7 @@
 #include "gsut/formats/ply_header.h"
 
 #include <sstream>
+#include <unordered_set>
 #include <utility>
 
 #include "gsut/base/errors.h"
@@ -11,6 +12,8 @@ namespace {
 
 constexpr int kMaxHeaderLines = 100000;
 constexpr std::size_t kMaxLineBytes = 65536;
+constexpr std::size_t kQuotedBytes = 60;  // of a file's words in a message
+constexpr std::size_t kNamedBytes = 600;  // of the names that a message lists: 60 or more
 
 struct TypeName {
   const char* name;
@@ -25,6 +28,10 @@ constexpr TypeName kTypes[] = {
     {"int", "int32", PlyType::kInt32, 4},       {"uint", "uint32", PlyType::kUint32, 4},
     {"float", "float32", PlyType::kFloat32, 4}, {"double", "float64", PlyType::kFloat64, 8},
 };
+
+std::string Quote(const std::string& word) {
+  return '"' + (word.size() <= kQuotedBytes ? word : word.substr(0, kQuotedBytes) + "...") + '"';
+}
 
 // One header line without its end; stops early on a line that no header has (binary rubbish). Bytes
 // beyond ASCII become "?": lines are quoted in messages, which have to be text.
@@ -72,7 +79,7 @@ class Parser {
       } else if (keyword == "property") {
         ParseProperty(words);
       } else if (!keyword.empty() && keyword != "obj_info") {
-        Fail("unknown keyword \"" + keyword + "\"");
+        Fail("unknown keyword " + Quote(keyword));
       }
     }
     Fail("the file ends before end_header");
@@ -95,8 +102,8 @@ class Parser {
     } else if (name == "binary_big_endian") {
       header_.format = PlyFormat::kBinaryBigEndian;
     } else {
-      Fail("unknown format \"" + name +
-           "\"; known are ascii, binary_little_endian, binary_big_endian");
+      Fail("unknown format " + Quote(name) +
+           "; known are ascii, binary_little_endian, binary_big_endian");
     }
   }
 
@@ -107,7 +114,11 @@ class Parser {
     if (!(words >> element.name >> element.count) || element.count < 0 || words >> more) {
       Fail("expected \"element NAME COUNT\" with COUNT >= 0");
     }
+    if (!elements_.insert(element.name).second) {
+      Fail("element " + Quote(element.name) + " appears twice");
+    }
     header_.elements.push_back(std::move(element));
+    properties_.clear();
   }
 
   // "property float x" or "property list uchar int vertex_indices", of the last element named.
@@ -124,8 +135,8 @@ class Parser {
     }
     property.type = ParseType(type);
     if (!(words >> property.name)) Fail("a property has no name");
-    if (header_.elements.back().Find(property.name) >= 0) {
-      Fail("property \"" + property.name + "\" appears twice");
+    if (!properties_.insert(property.name).second) {
+      Fail("property " + Quote(property.name) + " appears twice");
     }
     header_.elements.back().properties.push_back(std::move(property));
   }
@@ -135,12 +146,13 @@ class Parser {
     for (const TypeName& type : kTypes) {
       if (name == type.name || name == type.sized_name) return type.type;
     }
-    Fail("unknown type \"" + name + "\"");
+    Fail("unknown type " + Quote(name));
   }
 
   std::istream& stream_;
   const std::string& path_;
   PlyHeader header_;
+  std::unordered_set<std::string> elements_, properties_;  // names; of the last element
   int line_ = 1;
 };
 
@@ -167,6 +179,7 @@ std::string PlyElement::PropertyNames() const {
   std::string names;
   for (const PlyProperty& property : properties) {
     names += (names.empty() ? "" : " ") + property.name;
+    if (names.size() > kNamedBytes) return names.substr(0, kNamedBytes) + " ...";
   }
   return names;
 }

@@ -4,6 +4,7 @@
 #include <array>
 #include <bit>
 #include <charconv>
+#include <cmath>
 #include <cstring>
 #include <vector>
 
@@ -147,15 +148,16 @@ void ReadElement(Values& reader, const PlyElement& element, const std::string& p
   std::vector<double> values(element.properties.size());
   if (element.properties.empty()) return;  // rows of nothing, however many the header claims
   for (std::int64_t row = 0; row < element.count; ++row) {
+    const auto fail = [&](const PlyProperty& property, const std::string& what) {
+      throw InputError(path + ": " + element.name + " row " + std::to_string(row) + " of " +
+                       std::to_string(element.count) + ", property " + property.name + ": " + what);
+    };
     const auto read = [&](const PlyProperty& property, PlyType type, double* value) {
       const Outcome outcome = reader.Read(type, value);
-      if (outcome == Outcome::kValue) return;
-      const std::string where = path + ": " + element.name + " row " + std::to_string(row) +
-                                " of " + std::to_string(element.count) + ", property " +
-                                property.name;
-      throw InputError(outcome == Outcome::kEnd
-                           ? where + ": the file ends here; it is truncated"
-                           : where + ": \"" + reader.word() + "\" is not a number");
+      if (outcome == Outcome::kEnd) fail(property, "the file ends here; it is truncated");
+      if (outcome == Outcome::kNotANumber) {
+        fail(property, "\"" + reader.word() + "\" is not a number");
+      }
     };
     for (std::size_t i = 0; i < values.size(); ++i) {
       const PlyProperty& property = element.properties[i];
@@ -165,11 +167,12 @@ void ReadElement(Values& reader, const PlyElement& element, const std::string& p
       }
       double length = 0.0, entry = 0.0;
       read(property, property.count_type, &length);
-      // A list's length may be of any type, negative or huge: the loop needs no memory for it.
-      while (length > 0.0) {  // too long: the file ends first
-        read(property, property.type, &entry);
-        length -= 1.0;
+      // A list's length may be of any type. The loop needs no memory for it: of one too long the
+      // file ends first.
+      if (!(length >= 0.0 && length == std::floor(length))) {
+        fail(property, "is a list of " + std::to_string(length) + " entries, which cannot be");
       }
+      for (; length > 0.0; length -= 1.0) read(property, property.type, &entry);
       values[i] = 0.0;
     }
     if (row_function != nullptr) (*row_function)(values.data());

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import struct
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
+
+from gsut.capture.video import open_container
 
 # Bytes of a GPMF record's header: key, type, size, repeats.
 _HEADER = 8
@@ -15,9 +18,9 @@ _HEADER = 8
 _GPMF_START = b"DEVC"
 # Bytes of one sample of metadata, which lasts about a second.
 _MOST_SAMPLE = 16 << 20
-# GPMF's types and the characters of Python's struct.
-_TYPES = {"b": "b", "B": "B", "s": "h", "S": "H", "l": "i", "L": "I", "f": "f", "d": "d", "j": "q",
-          "J": "Q"}  # fmt: skip
+# GPMF's types and numpy's.
+_TYPES = {"b": "i1", "B": "u1", "s": "i2", "S": "u2", "l": "i4", "L": "u4", "f": "f4", "d": "f8",
+          "j": "i8", "J": "u8"}  # fmt: skip
 # Streams of GPMF that are read: positions of HERO11 and later, of HERO5 to 10 and of drones, and
 # acceleration.
 _GPMF_STREAMS = ("GPS9", "GPS5", "GLPI", "ACCL")
@@ -43,8 +46,12 @@ def read_streams(video: Path) -> tuple[int, dict[str, np.ndarray]]:
     import av
 
     damaged = (av.FFmpegError, OSError, ValueError, LookupError)
-    rotation, found = 0, dict[str, list[np.ndarray]]()
-    with contextlib.suppress(*damaged), av.open(str(video.absolute())) as film:
+    rotation, found, left = 0, dict[str, list[np.ndarray]](), os.path.getsize(video)
+    with contextlib.ExitStack() as opened, contextlib.suppress(*damaged):
+        film = open_container(video)
+        if film is None:
+            return rotation, {}
+        opened.enter_context(film)
         with contextlib.suppress(*damaged, StopIteration):
             first = next(film.decode(film.streams.video[0]))
             rotation = round(-first.rotation / 90) * 90 % 360
@@ -54,6 +61,9 @@ def read_streams(video: Path) -> tuple[int, dict[str, np.ndarray]]:
             if stream.type != "data":
                 stream.discard = av.stream.Discard.all
         for packet in film.demux(tracks) if tracks else ():
+            left -= packet.size
+            if left < 0:  # samples that lie over one another
+                break
             if packet.pts is None or packet.size > _MOST_SAMPLE:
                 continue
             start = float(packet.pts * packet.time_base)
@@ -136,11 +146,14 @@ def _read_rows(held: dict[str, list], key: str) -> np.ndarray | None:
     if kind == "?":
         kind = held["TYPE"][3].decode("latin1").strip("\0") if "TYPE" in held else ""
     elif kind in _TYPES:
-        kind *= size // struct.calcsize(_TYPES[kind])
-    layout = ">" + "".join(_TYPES.get(each, "?") for each in kind)
-    if not kind or "?" in layout or struct.calcsize(layout) != size or not count:
+        kind *= size // np.dtype(_TYPES[kind]).itemsize
+    if not kind or not set(kind) <= _TYPES.keys():
         return None
-    rows = np.array(list(struct.iter_unpack(layout, data)), np.float64)
+    layout = np.dtype([(str(i), ">" + _TYPES[each]) for i, each in enumerate(kind)])
+    if layout.itemsize != size or not count:
+        return None
+    table = np.frombuffer(data, layout)
+    rows = np.stack([table[name].astype(np.float64) for name in layout.names or ()], axis=1)
     if key in ("GPSF", "SCAL") or "SCAL" not in held:
         return rows
     scale = _read_rows(held, "SCAL")

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.capture.boxes import list_boxes
+from gsut.capture.boxes import check_tables, list_boxes
 from gsut.files import check_regular
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".mts", ".m2ts", ".360", ".insv")
@@ -39,6 +39,8 @@ _MOST_STRETCH = 4.0
 _BRIGHT_CURVES = {16: "PQ", 18: "HLG"}
 # Bytes at either end of a file that are searched for the camera's name.
 _METADATA_BYTES = 4_000_000
+# Films pasted into one file: more than the hours that a battery lasts, a minute each.
+_MOST_FILMS = 1000
 # Decoders that drop damaged pictures in silence unless they are to report them. Others then drop
 # more than is damaged.
 _SILENT = ("hevc",)
@@ -69,7 +71,8 @@ class Video:
         frame_rate: mean number of frames per second.
         frame_count, duration: according to the file, in frames and seconds; 0 if it does not say.
         untimed: frames read so far whose time stamps do not rise; the frame rate times them.
-        damaged: seconds of the frames read so far that are damaged, or refer to damaged ones.
+        damaged: seconds of the frames read so far that are damaged, refer to damaged ones, or
+            (`resized` of them) have another size than the first.
 
     Films pasted into one file (MP4, MOV) are read one after another.
 
@@ -97,13 +100,17 @@ class Video:
         self.frame_count = stream.frames or round(self.duration * self.frame_rate)
         self.untimed = 0
         self.damaged: list[float] = []
+        self.resized = 0
         self.interlaced = 0
         self.stretch = _find_stretch(stream)
         self._curve = _BRIGHT_CURVES.get(stream.codec_context.color_trc, "")
         self.width, self.height = _stretch_size(stream, self.stretch)
+        self._shape: tuple[int, int, int] | None = None
         first = next(self._frames, None)
         if first is not None:
             self._frames = itertools.chain([first], self._frames)
+            self._shape = _find_shape(first[1])
+            self.width, self.height = _stretch_size(first[1], self.stretch)
         if self._other is not None:
             self.width *= 2  # whose frames are not turned
         elif first is not None and first[1].rotation % 180:
@@ -125,6 +132,8 @@ class Video:
                 pair.append(beside[1])
                 is_sound &= beside[2]
             self.interlaced += frame.interlaced_frame
+            if is_sound and _find_shape(frame) != self._shape:
+                self.resized, is_sound = self.resized + 1, False
             if not is_sound:
                 self.damaged.append(seconds)
             yield number, seconds, functools.partial(self._convert, pair) if is_sound else _skip
@@ -172,11 +181,16 @@ class Video:
                 f"the time stamps of {self.untimed} frames of {name} do not rise: they are taken "
                 f"to be {1 / self.frame_rate:.3g} s apart, as the frame rate says"
             )
-        if self.damaged:
+        if self.resized:
+            notes.append(
+                f"{self.resized} of {count} frames of {name} have another size or turn than the "
+                "first and are left out; cut the film there and make a scene of each part"
+            )
+        if len(self.damaged) > self.resized:
             notes.append(
                 f"frames of {name} between {self.damaged[0]:.1f} and {self.damaged[-1]:.1f} s are "
-                f"damaged and left out ({len(self.damaged)} of {count}); copy the film from the "
-                "camera again"
+                f"damaged and left out ({len(self.damaged) - self.resized} of {count}); copy the "
+                "film from the camera again"
             )
         return notes
 
@@ -219,7 +233,10 @@ def read_stream_start(
     import av
 
     try:
-        with av.open(_name_file(check_regular(path))) as container:
+        container = open_container(path)
+        if container is None:
+            return None
+        with container:
             streams = container.streams.video
             if stream >= len(streams):
                 return None
@@ -268,7 +285,7 @@ def _decode_films(path: Path, container: Any, number: int, unread: list[int]) ->
         with contextlib.ExitStack() as opened:
             if film:
                 part = opened.enter_context(contextlib.closing(_open_slice(path, start, end)))
-                container = _open_container(part)
+                container = open_container(path, part)
                 if container is None or len(container.streams.video) <= number:
                     unread.append(film + 1)
                     continue
@@ -276,9 +293,8 @@ def _decode_films(path: Path, container: Any, number: int, unread: list[int]) ->
             stream = container.streams.video[number]
             zero, last = stream.start_time or 0, begin
             for frame, is_sound in _decode_stream(container, stream):
-                shown = (frame.width, frame.height, frame.rotation)
-                shape = shape or shown
-                if film and shown != shape:
+                shape = shape or _find_shape(frame)
+                if film and _find_shape(frame) != shape:
                     unread.append(film + 1)
                     break
                 last = begin + float((_find_stamp(frame, -math.inf) - zero) * frame.time_base)
@@ -314,19 +330,19 @@ def _decode_stream(container: Any, stream: Any) -> Iterator[tuple[Any, bool]]:
                 yield frame, is_sound
 
 
+def _find_shape(frame: Any) -> tuple[int, int, int]:
+    """Returns width, height and turn of a frame, which are those of all that can be used."""
+    return frame.width, frame.height, frame.rotation
+
+
 def _find_stamp(given: Any, absent: float) -> float:
     """Returns when a packet or a frame is shown, in the stream's unit of time."""
     stamp = given.dts if given.pts is None else given.pts
     return absent if stamp is None else stamp
 
 
-def _name_file(path: Path) -> str:
-    """Returns the name that FFmpeg takes for a file's: one with a colon may be an address."""
-    return str(path.absolute())
-
-
 def _open_video(path: Path) -> Any:
-    container = _open_container(_name_file(check_regular(path)))
+    container = open_container(path)
     if container is not None:
         return container
     if _is_without_index(path):
@@ -340,12 +356,25 @@ def _open_video(path: Path) -> Any:
     )
 
 
-def _open_container(source: Any) -> Any:
-    """Opens a file, by name or as an object; None if FFmpeg decodes no stream of video in it."""
+def open_container(path: Path, part: Any = None) -> Any:
+    """Opens a film; None if FFmpeg decodes no stream of video in it.
+
+    Args:
+        path: the file.
+        part: of the file, as an object; None: all of it.
+
+    Raises:
+        InputError: its tables claim more than there can be.
+        OSError: it is no file.
+    """
     import av
 
+    if part is None:
+        check_tables(check_regular(path))
+    # A name with a colon may be an address; one of an absolute path is none.
+    source = str(path.absolute()) if part is None else part
     with contextlib.suppress(av.FFmpegError, OSError):
-        container = av.open(source)
+        container = av.open(source, metadata_errors="replace")
         # A stream whose codec is not known has no width.
         if any(getattr(stream, "width", 0) > 0 for stream in container.streams.video[:1]):
             return container
@@ -373,14 +402,25 @@ def _split_films(path: Path) -> list[tuple[int, int]]:
     """Returns the bytes [begin, end) of each film in an MP4 or MOV: of several if pasted together.
 
     A film begins with its type and has an index; of a file of another kind there is none.
+
+    Raises:
+        InputError: there are more than anybody pastes together.
     """
     size = path.stat().st_size
+    films: list[tuple[int, int]] = []
+    begin, has_index = None, False
     with open(path, "rb") as file:
-        boxes = list(list_boxes(file, size))
-    starts = [start - 8 for kind, start, _ in boxes if kind == b"ftyp"]
-    films = itertools.pairwise([*starts, size])
-    indices = [start for kind, start, _ in boxes if kind == b"moov"]
-    return [(a, b) for a, b in films if any(a < index < b for index in indices)]
+        for kind, start, _ in itertools.chain(list_boxes(file, size), [(b"ftyp", size + 8, 0)]):
+            if kind == b"ftyp":
+                if begin is not None and has_index:
+                    films.append((begin, start - 8))
+                begin, has_index = start - 8, False
+            has_index |= kind == b"moov"
+    if len(films) > _MOST_FILMS:
+        raise InputError(
+            f"{path}: {len(films):,} films in one file, and {_MOST_FILMS:,} are the most: damaged"
+        )
+    return films
 
 
 def _is_without_index(path: Path) -> bool:

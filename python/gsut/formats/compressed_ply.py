@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
+from gsut import _core
 from gsut._core import InputError
 from gsut.files import whole_file
 from gsut.formats._format import Format, SceneFile, WriteSettings, Written, check_claim
@@ -18,7 +20,7 @@ from gsut.formats._quantize import (
     restore_largest,
     to_bytes,
 )
-from gsut.formats.ply import PACKED, format_antialiased, is_antialiased, read_comments
+from gsut.formats.ply import PACKED, format_antialiased, is_antialiased
 from gsut.gaussians import SH_C0, Gaussians, order_by_morton_code
 
 _CHUNK = 256  # Gaussians with bounds of their own
@@ -33,7 +35,6 @@ _THREE_BITS = (11, 10, 11)  # of x, y, z in one number
 _LEAST_LOG_SCALE = -20.0  # that readers of the format accept
 _MOST_LOG_SCALE = 20.0  # likewise
 _SH_RANGE = 8.0  # a byte spans -4 to 4
-_HEADER_BYTES = 65536
 
 
 def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written:
@@ -109,22 +110,18 @@ def _pack_rotations(quats: np.ndarray) -> np.ndarray:
 
 
 def _read(path: Path) -> SceneFile:
-    with open(path, "rb") as file:
-        elements, begin = _parse_header(path, file.read(_HEADER_BYTES))
-    vertices, chunks = elements["vertex"], elements["chunk"]
-    count, harmonics = vertices[0], len(elements["sh"][1]) if "sh" in elements else 0
-    size = path.stat().st_size
-    check_claim(path, count, size)
-    needed = begin + 4 * len(_BOUNDS) * chunks[0] + (16 + harmonics) * count
-    if chunks[0] != -(-count // _CHUNK) or size < needed:
+    elements, comments, begin = _parse_header(path)
+    count, chunks = elements["vertex"][0], elements["chunk"][0]
+    harmonics = len(elements["sh"][1]) if "sh" in elements else 0
+    check_claim(path, count, path.stat().st_size)
+    if chunks != -(-count // _CHUNK):
         raise InputError(
-            f"{path}: truncated: the header announces {count:,} Gaussians in {chunks[0]:,} chunks, "
-            f"{needed:,} bytes; {size:,} are there"
+            f"{path}: damaged: the header announces {count:,} Gaussians in {chunks:,} chunks, "
+            f"which have {_CHUNK} each"
         )
-    data = np.fromfile(path, np.uint8, needed - begin, offset=begin)
-    bounds, packed, sh = np.split(
-        data, [4 * len(_BOUNDS) * chunks[0], 4 * len(_BOUNDS) * chunks[0] + 16 * count]
-    )
+    sizes = [4 * len(_BOUNDS) * chunks, 16 * count, harmonics * count]
+    data = np.fromfile(path, np.uint8, sum(sizes), offset=begin)
+    bounds, packed, sh = np.split(data, np.cumsum(sizes[:2]))
     limits = bounds.view("<f4").reshape(-1, len(_BOUNDS))
     for name, low, high in _pair_bounds(limits):
         if not (np.isfinite(low) & np.isfinite(high) & (low <= high)).all():
@@ -143,7 +140,7 @@ def _read(path: Path) -> SceneFile:
     rgba = _unpack(words[:, 3], (8, 8, 8, 8))
     means = interpolate(0, _unpack(words[:, 0], _THREE_BITS))
     constant = (interpolate(12, rgba[:, :3]) - 0.5) / SH_C0
-    rest = ((sh.reshape(count, 3, -1) + 0.5) / 256 - 0.5) * _SH_RANGE
+    rest = ((sh.reshape(count, 3, harmonics // 3) + 0.5) / 256 - 0.5) * _SH_RANGE
     return SceneFile(
         Gaussians(
             means.astype(np.float32),
@@ -151,7 +148,7 @@ def _read(path: Path) -> SceneFile:
             interpolate(6, _unpack(words[:, 2], _THREE_BITS)),
             logits_from_opacity(rgba[:, 3]),
             np.concatenate([constant[:, None], rest.transpose(0, 2, 1)], axis=1),
-        ).translate(parse_origin(read_comments(path), path)),
+        ).translate(parse_origin(comments, path)),
         is_antialiased(path),
     )
 
@@ -165,38 +162,32 @@ def _pair_bounds(limits: np.ndarray) -> Iterator[tuple[str, np.ndarray, np.ndarr
             yield name, low, columns[f"max_{name}"]
 
 
-def _parse_header(path: Path, head: bytes) -> tuple[dict[str, tuple[int, list[str]]], int]:
-    """Reads each element's count and properties "TYPE NAME", and where the data begins."""
-    text, found, _ = head.partition(b"end_header\n")
-    elements: dict[str, tuple[int, list[str]]] = {}
-    last = ""
-    for line in text.decode("ascii", "replace").splitlines():
-        words = line.split()
-        if len(words) == 3 and words[0] == "element" and words[2].isdecimal():
-            last = words[1]
-            elements[last] = (int(words[2]), [])
-        elif len(words) == 3 and words[0] == "property" and last:
-            elements[last][1].append(" ".join(words[1:]))
-    harmonics = [f"uchar f_rest_{i}" for i in range(len(elements.get("sh", (0, []))[1]))]
+def _parse_header(path: Path) -> tuple[dict[str, tuple[int, list[str]]], list[str], int]:
+    """Reads each element's count and properties "TYPE NAME", the comments, and where data begin."""
+    order, described, comments, begin = _core.read_ply_header(os.fsencode(path))
+    elements = {
+        name: (count, [f"{kind}{length} {each}" for each, kind, length in properties])
+        for name, count, properties in described
+    }
+    harmonics = [f"u1 f_rest_{i}" for i in range(len(elements.get("sh", (0, []))[1]))]
     wanted = {
-        "chunk": [f"float {name}" for name in _BOUNDS],
-        "vertex": [f"uint {name}" for name in _PACKED],
+        "chunk": [f"f4 {name}" for name in _BOUNDS],
+        "vertex": [f"u4 {name}" for name in _PACKED],
         **({"sh": harmonics} if "sh" in elements else {}),
     }
-    counts = {elements[name][0] for name in ("vertex", "sh") if name in elements}
     layout = {name: properties for name, (_, properties) in elements.items()}
-    little = b"binary_little_endian" in text
-    if not (found and little) or list(layout.items()) != [*wanted.items()]:
+    if order != "<" or list(layout.items()) != [*wanted.items()]:
         raise InputError(
             f"{path}: no compressed PLY file of SuperSplat's present layout (elements chunk with "
             "18 bounds, vertex with 4 packed numbers, and sh)"
         )
+    counts = {elements[name][0] for name in ("vertex", "sh") if name in elements}
     if len(counts) != 1 or len(harmonics) not in (0, 9, 24, 45):
         raise InputError(
             f"{path}: the element sh has {len(harmonics)} properties and the elements these "
             f"counts: {sorted(counts)}; 9, 24 or 45 and one count are needed"
         )
-    return elements, len(text) + len(found)
+    return elements, comments, begin
 
 
 FORMAT = Format(

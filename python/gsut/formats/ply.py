@@ -12,7 +12,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.files import check_regular, whole_file
+from gsut.files import whole_file
 from gsut.formats._format import (
     ELSEWHERE,
     Format,
@@ -42,12 +42,10 @@ _KNOWN_RULES = {
     "primitive": Gaussians.PRIMITIVES,
 }
 _RULE_KEYS = {kind: f"gsut: {kind} " for kind in _KNOWN_RULES}
-_HEADER_BYTES = 65536  # read for comments
+_NO_HEADER = -1  # in place of the number of Gaussians: rows alone
 _TEXT_BYTES = 4  # of a text file for one in memory, at most
 _OF_FREE = 0.8  # share of the free memory that Gaussians may take by default
-_PLAIN_FORMAT = ["format", "binary_little_endian", "1.0"]
-_PLAIN_ELEMENT = ["element", "vertex"]
-_PLAIN_END = b"end_header\n"
+_DEGREES = {0: 0, 9: 1, 24: 2, 45: 3}  # of harmonics by the number of properties f_rest_*
 PACKED = b"packed_position"  # a property of SuperSplat's compressed files
 
 
@@ -115,27 +113,21 @@ def open_ply(
 def _find_plain_rows(path: Path) -> tuple[Callable[[int, int], Gaussians], int, int] | None:
     """Returns a reader of rows of a file of only float32, their number and degree. None for other
     files."""
-    with open(check_regular(path), "rb") as file:
-        head = file.read(_HEADER_BYTES)
-    text, end, _ = head.partition(_PLAIN_END)
-    words = [line.split() for line in text.decode("utf-8", "replace").splitlines()]
-    words = [line for line in words if line[:1] not in ([], ["comment"])]
-    comments = read_comments(path)
+    order, elements, comments, offset = _core.read_ply_header(os.fsencode(path))
     if any(comment.startswith(tuple(_RULE_KEYS.values())) for comment in comments):
         return None  # the bounds of pieces are those of the maximum of Gaussians by the distance
-    is_plain = end and words[:2] == [["ply"], _PLAIN_FORMAT] and words[2][:2] == _PLAIN_ELEMENT
-    if not is_plain or any(line[:2] != ["property", "float"] for line in words[3:]):
+    name, count, properties = elements[0] if elements else ("", 0, [])
+    is_plain = order == "<" and name == "vertex"
+    if not is_plain or any(kind != ["f4", ""] for _, *kind in properties):
         return None
-    columns = {line[2]: number for number, line in enumerate(words[3:])}
+    columns = {name: number for number, (name, *_) in enumerate(properties)}
     rest = sum(name.startswith("f_rest_") for name in columns)
     names = [
         [*"xyz"], [f"rot_{i}" for i in range(4)],
         [f"scale_{i}" for i in range(3 if "scale_2" in columns else 2)], ["opacity"],
         [f"f_dc_{i}" for i in range(3)], [f"f_rest_{i}" for i in range(rest)],
     ]  # fmt: skip
-    count, offset = int(words[2][2]), len(text) + len(end)
-    whole = path.stat().st_size >= offset + 4 * len(columns) * count
-    if not whole or any(name not in columns for group in names for name in group):
+    if rest not in _DEGREES or any(name not in columns for group in names for name in group):
         return None  # `load_ply` says what is wrong
     means, quats, scales, opacity, base, others = ([columns[n] for n in group] for group in names)
     origin = parse_origin(comments, path)
@@ -152,16 +144,12 @@ def _find_plain_rows(path: Path) -> tuple[Callable[[int, int], Gaussians], int, 
             press_surfels(sizes)
         return Gaussians(table[:, means], table[:, quats], sizes, table[:, opacity[0]], sh, origin)
 
-    return read_rows, count, {0: 0, 9: 1, 24: 2, 45: 3}.get(rest, 0)
+    return read_rows, count, _DEGREES[rest]
 
 
 def _check_size(path: str | os.PathLike[str]) -> None:
     """Raises InputError if the memory that is free cannot hold the file's numbers."""
-    try:
-        with open(check_regular(path), "rb") as file:
-            is_text = b"\nformat ascii" in file.read(_HEADER_BYTES)
-    except OSError:
-        return  # the reader reports it
+    is_text = not _core.read_ply_header(os.fsencode(path))[0]
     size = os.path.getsize(path) // (_TEXT_BYTES if is_text else 1)
     check_fits(f"reading {os.fspath(path)}", size, ELSEWHERE)
 
@@ -190,7 +178,7 @@ def save_ply(
     """Writes Gaussians as a PLY file in the layout of 3DGS (binary little endian, float32).
 
     Args:
-        path: the file; written as PATH.partial first and then renamed, so it is never half a file.
+        path: the file, written whole or not at all, see `gsut.files.whole_file`.
         gaussians: written in world coordinates, in float32. Where that would round them by more
             than 1e-5 of the scene's extent (UTM coordinates), about their `origin`, which
             a comment names and `load_ply` reads back.
@@ -203,7 +191,8 @@ def save_ply(
     stored = prepare_for_file(gaussians)
     flat = stored.are_surfels if surfels is None else surfels
     named = [*comments, *format_origin(stored), *_format_rule(stored)]
-    _core.write_ply(os.fsencode(path), stored, named, flat)
+    with whole_file(path) as temporary, open(temporary, "wb") as out:
+        _core.write_ply(out.fileno(), stored, named, flat, len(stored))
 
 
 def save_ply_parts(
@@ -228,29 +217,17 @@ def save_ply_parts(
     place = prepare_for_file(sample)
     named = [*comments, *format_origin(place), *_format_rule(place)]
     with whole_file(path) as temporary, open(temporary, "wb") as out:
-        piece = temporary.with_name(temporary.name + ".piece")
+        announced = count
         for part in parts:
-            _core.write_ply(
-                os.fsencode(piece),
-                part.with_origin(place.origin).to_dtype(np.float32),
-                named,
-                surfels,
-            )
-            head, end, rows = piece.read_bytes().partition(_PLAIN_END)
-            piece.unlink()
-            if not out.tell():
-                of_part, of_all = (b"element vertex %d\n" % n for n in (len(part), count))
-                out.write(head.replace(of_part, of_all) + end)
-            out.write(rows)
+            rows = part.with_origin(place.origin).to_dtype(np.float32)
+            _core.write_ply(out.fileno(), rows, named, surfels, announced)
+            announced = _NO_HEADER
     return place.origin
 
 
 def read_comments(path: str | os.PathLike[str]) -> list[str]:
     """Reads the comments in a PLY file's header."""
-    with open(path, "rb") as file:
-        head = file.read(_HEADER_BYTES).split(b"end_header", 1)[0]
-    lines = head.decode("utf-8", "replace").splitlines()
-    return [line.removeprefix("comment").strip() for line in lines if line.startswith("comment ")]
+    return _core.read_ply_header(os.fsencode(path))[2]
 
 
 def _format_rule(gaussians: Gaussians) -> list[str]:

@@ -174,7 +174,8 @@ def _read(path: Path) -> SceneFile:
     wide[:, 1:] = positions.reshape(-1, 3)
     means = (wide.view("<i4") >> 8).astype(np.float64).reshape(n, 3) * 2.0**-layout.fractional_bits
     constant = (colors.reshape(n, 1, 3) / 255 - 0.5) / _COLOR_SCALE
-    rest = (harmonics.reshape(n, -1, 3).astype(np.float32) - 128) / 128
+    others = (layout.degree + 1) ** 2 - 1
+    rest = (harmonics.reshape(n, others, 3).astype(np.float32) - 128) / 128
     gaussians = Gaussians(
         means.astype(np.float32),
         _unpack_rotations(rotations, layout.version),

@@ -2,26 +2,23 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from gsut import _core
 from gsut._core import InputError
-from gsut.files import check_regular, write_file
+from gsut.files import check_regular, reading, write_file
 from gsut.surface.mesh import Mesh
 
 # Coordinates that float32 would move by more than this share of their extent are written in double.
 _FLOAT_SHARE = 1e-6
-_PLY_TYPES = {
-    **dict.fromkeys(("char", "int8"), "i1"), **dict.fromkeys(("uchar", "uint8"), "u1"),
-    **dict.fromkeys(("short", "int16"), "i2"), **dict.fromkeys(("ushort", "uint16"), "u2"),
-    **dict.fromkeys(("int", "int32"), "i4"), **dict.fromkeys(("uint", "uint32"), "u4"),
-    **dict.fromkeys(("float", "float32"), "f4"), **dict.fromkeys(("double", "float64"), "f8"),
-}  # fmt: skip
 _CHANNELS = ("red", "green", "blue")  # PLY's names
 _GLB_HEAD = struct.Struct("<4sII")
 _GLB_CHUNK = struct.Struct("<I4s")
@@ -173,7 +170,7 @@ def load_mesh(path: str | os.PathLike[str]) -> Mesh:
     """Reads a mesh, or a cloud of points, with the colours of its vertices.
 
     Args:
-        path: .ply (ascii, or binary little-endian), .off or .obj; faces of more corners are cut
+        path: .ply, .off or .obj; faces of more corners are cut
             into triangles from their first.
 
     Returns:
@@ -184,28 +181,40 @@ def load_mesh(path: str | os.PathLike[str]) -> Mesh:
         InputError: the file is absent, damaged or of another format.
     """
     path = Path(path)
-    try:
-        content = check_regular(path).read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}") from None
     readers = {".ply": _read_ply, ".off": _read_off, ".obj": _read_obj}
     if path.suffix.lower() not in readers:
         raise InputError(f"{path}: meshes are read from {', '.join(readers)}")
     try:
-        mesh = readers[path.suffix.lower()](content)
-    except (ValueError, IndexError, KeyError, UnicodeDecodeError) as error:
-        raise InputError(f"{path} is damaged, or no mesh that gsut reads: {error}") from None
-    if len(mesh.faces) and int(mesh.faces.max()) >= len(mesh.vertices):
-        raise InputError(f"{path} is damaged: a face names a vertex that is not there")
-    return mesh
+        content = check_regular(path).read_bytes()
+    except OSError as error:
+        raise InputError(f"{path}: {error.strerror or error}") from None
+    with reading(lambda what: InputError(f"{path} is damaged, or no mesh that gsut reads: {what}")):
+        mesh = readers[path.suffix.lower()](path, content)
+    if not all(np.isfinite(a).all() for a in (mesh.vertices, mesh.colors) if a is not None):
+        raise InputError(f"{path} is damaged: a vertex or its colour is not finite")
+    low, high = mesh.faces.min(initial=0), mesh.faces.max(initial=-1)
+    if low < 0 or high >= len(mesh.vertices):
+        raise InputError(
+            f"{path} is damaged: a face names vertex {low if low < 0 else high}, which is not there"
+        )
+    return dataclasses.replace(mesh, faces=mesh.faces.astype(np.uint32))
 
 
 def _read_triangles(polygons: list[np.ndarray]) -> np.ndarray:
     rows = [(row[0], row[k], row[k + 1]) for row in polygons for k in range(1, len(row) - 1)]
-    return np.array(rows, dtype=np.uint32).reshape(-1, 3)
+    return np.array(rows, np.int64).reshape(-1, 3)
 
 
-def _read_off(content: bytes) -> Mesh:
+def _take_list(words: Sequence[bytes | str], at: int) -> tuple[np.ndarray, int]:
+    """Takes a list of whole numbers behind its length; returns it and where it ends."""
+    size = int(words[at])
+    if not 0 <= size < len(words) - at:
+        raise ValueError(f"a list of {size} entries, and {len(words) - at - 1} are there")
+    end = at + 1 + size
+    return np.array([int(word) for word in words[at + 1 : end]], np.int64), end
+
+
+def _read_off(path: Path, content: bytes) -> Mesh:
     lines = [line.split("#")[0].split() for line in content.decode().splitlines()]
     lines = [words for words in lines if words]
     if not lines or not lines[0][0].endswith("OFF"):
@@ -213,16 +222,16 @@ def _read_off(content: bytes) -> Mesh:
     head = lines[0][1:] or lines[1]  # the counts may stand on the first line
     count, faces = int(head[0]), int(head[1])
     rows = lines[1 if len(lines[0]) > 1 else 2 :]
-    if len(rows) < count + faces:
+    if min(count, faces) < 0 or len(rows) < count + faces:
         raise ValueError(f"{len(rows)} rows for {count} vertices and {faces} faces")
     vertices = np.array([row[:3] for row in rows[:count]], np.float64).reshape(-1, 3)
-    polygons = [np.array(row[1 : 1 + int(row[0])], np.int64) for row in rows[count : count + faces]]
+    polygons = [_take_list(row, 0)[0] for row in rows[count : count + faces]]
     colored = lines[0][0] == "COFF" and count > 0
     levels = np.array([row[3:6] for row in rows[:count]], np.float32) if colored else None
     return Mesh(vertices, _read_triangles(polygons), _from_levels(levels))
 
 
-def _read_obj(content: bytes) -> Mesh:
+def _read_obj(path: Path, content: bytes) -> Mesh:
     vertices: list[list[float]] = []
     polygons, colors = [], []
     for line in content.decode().splitlines():
@@ -241,64 +250,51 @@ def _read_obj(content: bytes) -> Mesh:
     )  # fmt: skip
 
 
-def _read_ply(content: bytes) -> Mesh:
-    end = content.index(b"end_header")
-    begin = content.index(b"\n", end) + 1
-    elements: list[tuple[str, int, list[list[str]]]] = []
-    order = ""
-    for line in content[:end].decode().splitlines():
-        words = line.split()
-        if words[:1] == ["format"]:
-            order = words[1]
-        elif words[:1] == ["element"]:
-            elements.append((words[1], int(words[2]), []))
-        elif words[:1] == ["property"]:
-            elements[-1][2].append(words[1:])
-    if order == "ascii":
+def _read_ply(path: Path, content: bytes) -> Mesh:
+    order, elements, _, begin = _core.read_ply_header(os.fsencode(path))
+    if not order:
         return _read_text_ply(content[begin:].split(), elements)
-    if order != "binary_little_endian":
-        raise ValueError(f"format {order or 'missing'}")
-    vertices, faces, levels = np.zeros((0, 3)), np.zeros((0, 3), np.uint32), None
+    vertices, faces, levels = np.zeros((0, 3)), np.zeros((0, 3), np.int64), None
     for name, count, properties in elements:
-        if properties and properties[0][0] == "list":
-            kinds = [_PLY_TYPES[word] for word in properties[0][1:3]]
+        if any(length for *_, length in properties):
             # Triangles only, which is what meshes are.
-            row = np.dtype([("count", f"<{kinds[0]}"), ("of", f"<{kinds[1]}", 3)])
-            if len(properties) > 1:
-                raise ValueError(f"element {name} has more than its list")
+            (_, kind, length), *more = properties
+            if more or {kind[0], length[:1]} - set("iu"):
+                raise ValueError(f"element {name} has more than one list of whole numbers")
+            row = np.dtype([("count", order + length), ("of", order + kind, 3)])
             rows = np.frombuffer(content, row, count, begin)
             if np.any(rows["count"] != 3):
                 raise ValueError("binary faces must be triangles")
             if name == "face":
-                faces = rows["of"].astype(np.uint32)
-        else:
-            row = np.dtype([(words[1], f"<{_PLY_TYPES[words[0]]}") for words in properties])
+                faces = rows["of"].astype(np.int64)
+            begin += row.itemsize * count
+        elif properties:
+            row = np.dtype([(each, order + kind) for each, kind, _ in properties])
             rows = np.frombuffer(content, row, count, begin)
             if name == "vertex":
                 vertices = np.stack([rows[axis].astype(np.float64) for axis in "xyz"], axis=1)
-                channels = [
-                    c for c in _CHANNELS if row.fields and c in row.fields and row[c] == np.uint8
-                ]
-                if len(channels) == 3:
-                    levels = np.stack([rows[channel] for channel in channels], axis=1)
-        begin += row.itemsize * count
+                kinds = {each: kind for each, kind, _ in properties}
+                if all(kinds.get(channel) == "u1" for channel in _CHANNELS):
+                    levels = np.stack([rows[channel] for channel in _CHANNELS], axis=1)
+            begin += row.itemsize * count
     return Mesh(vertices, faces, _from_levels(levels))
 
 
-def _read_text_ply(words: list[bytes], elements: list[tuple[str, int, list[list[str]]]]) -> Mesh:
-    vertices, polygons, at = np.zeros((0, 3)), [], 0
+def _read_text_ply(words: list[bytes], elements: list[Any]) -> Mesh:
+    vertices, polygons, at = np.zeros((0, 3)), list[np.ndarray](), 0
     for name, count, properties in elements:
-        if properties and properties[0][0] == "list":
+        if any(length for *_, length in properties):
+            if len(properties) > 1:
+                raise ValueError(f"element {name} has more than its list")
             for _ in range(count):
-                size = int(words[at])
+                entries, at = _take_list(words, at)
                 if name == "face":
-                    polygons.append(np.array(words[at + 1 : at + 1 + size], dtype=np.int64))
-                at += 1 + size
-        else:
+                    polygons.append(entries)
+        elif properties:
             width = len(properties)
-            rows = np.array(words[at : at + width * count], dtype=np.float64).reshape(count, width)
+            rows = np.array(words[at : at + width * count], np.float64).reshape(count, width)
             if name == "vertex":
-                columns = [words[1] for words in properties]
+                columns = [each for each, *_ in properties]
                 vertices = rows[:, [columns.index(axis) for axis in "xyz"]]
             at += width * count
     return Mesh(vertices, _read_triangles(polygons))

@@ -6,6 +6,7 @@ quaternions w, x, y, z; the centre of the first pixel is (0.5, 0.5).
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -103,7 +104,7 @@ def read_colmap(path: Path, *, on_error: OnError = raise_error) -> Listing:
                     f"cameras{suffix} and images{suffix} are of different models: copy both again",
                 )
             image_path = folder / row.name
-            if not image_path.is_file():
+            if not os.path.isfile(image_path):  # of names that no file has, too
                 listing.missing.append(row.name)
                 continue
             pose = pose_from_quaternion(
@@ -149,7 +150,7 @@ def _find_image_folder(path: Path, model: Path, names: list[str]) -> Path:
     """Finds the folder that holds most of the images; of several, that of the full size."""
     roots = list(dict.fromkeys([path, model.parent, model.parent.parent]))
     folders = [root / name for root in roots for name in IMAGE_FOLDERS if (root / name).is_dir()]
-    return max(folders, key=lambda folder: sum((folder / name).is_file() for name in names))
+    return max(folders, key=lambda folder: sum(os.path.isfile(folder / name) for name in names))
 
 
 def _list_other_models(path: Path, model: Path) -> list[str]:

@@ -1,0 +1,122 @@
+// Writes a temporary file, flushes it and renames it.
+#include "gsut/formats/whole_file.h"
+
+#ifdef _WIN32
+#include <io.h>
+#include <process.h>
+#else
+#include <fcntl.h>
+#include <unistd.h>
+#endif
+
+#include <atomic>
+#include <cerrno>
+#include <cstring>
+#include <system_error>
+
+#include "gsut/base/errors.h"
+
+namespace gsut {
+namespace {
+
+// Opens a file that does not exist yet: neither a file nor a link of that name is followed.
+std::FILE* OpenNew(const std::filesystem::path& path) {
+#ifdef _WIN32
+  return _wfopen(path.c_str(), L"wbx");
+#else
+  return std::fopen(path.c_str(), "wbx");
+#endif
+}
+
+long ProcessNumber() {
+#ifdef _WIN32
+  return _getpid();
+#else
+  return getpid();
+#endif
+}
+
+bool FlushToDisk(std::FILE* file) {
+  if (std::fflush(file) != 0) return false;
+#ifdef _WIN32
+  return _commit(_fileno(file)) == 0;
+#else
+  return fsync(fileno(file)) == 0;
+#endif
+}
+
+// Makes a rename last through a power cut, where the system can.
+void FlushFolder(const std::filesystem::path& folder) {
+#ifndef _WIN32
+  const int opened = open(folder.empty() ? "." : folder.c_str(), O_RDONLY | O_DIRECTORY);
+  if (opened < 0) return;
+  fsync(opened);
+  close(opened);
+#else
+  (void)folder;
+#endif
+}
+
+}  // namespace
+
+std::filesystem::path ToPath(const std::string& name) {
+#ifdef _WIN32
+  return std::filesystem::path(std::u8string(name.begin(), name.end()));
+#else
+  return name;  // whatever bytes it has
+#endif
+}
+
+void RequireWholeName(const std::string& path) {
+  if (path.find('\0') != std::string::npos) {
+    throw InputError(std::string(path.c_str()) + "...: the name holds a zero byte; give another");
+  }
+}
+
+void WholeFile::Fail(const std::string& why) const {
+  throw InputError(path_ + ": cannot be written: " + why);
+}
+
+WholeFile::WholeFile(const std::string& path) : path_(path) {
+  RequireWholeName(path);
+  std::error_code error;
+  const std::filesystem::path given = ToPath(path);
+  const std::filesystem::file_status status = std::filesystem::status(given, error);
+  if (std::filesystem::exists(status) && !std::filesystem::is_regular_file(status)) {
+    Fail("it is not a file; give another name");
+  }
+  target_ = std::filesystem::weakly_canonical(given, error);
+  if (error || target_.empty()) target_ = given;
+  static std::atomic<unsigned> count = 0;
+  do {
+    temporary_ = target_;
+    temporary_ += ".writing-" + std::to_string(ProcessNumber()) + "-" + std::to_string(count++);
+    file_ = OpenNew(temporary_);
+  } while (file_ == nullptr && errno == EEXIST);
+  if (file_ == nullptr) Fail(std::strerror(errno));
+}
+
+WholeFile::~WholeFile() {
+  if (file_ != nullptr) std::fclose(file_);
+  std::error_code ignored;
+  if (!temporary_.empty()) std::filesystem::remove(temporary_, ignored);
+}
+
+void WholeFile::Write(const char* data, std::size_t size) {
+  if (std::fwrite(data, 1, size, file_) != size) Fail(std::strerror(errno));
+}
+
+void WholeFile::Commit() {
+  const bool is_flushed = FlushToDisk(file_);
+  std::error_code error(errno, std::generic_category());
+  const bool is_closed = std::fclose(file_) == 0;
+  file_ = nullptr;
+  if (!is_flushed) Fail(error.message());
+  if (!is_closed) Fail(std::strerror(errno));
+  std::filesystem::rename(temporary_, target_, error);
+  if (error) Fail(error.message());
+  temporary_.clear();
+  FlushFolder(target_.parent_path());
+}
+
+}  // namespace gsut
