@@ -176,7 +176,7 @@ def _check_array(
             raise FileError(where, f"has shape {found.shape}, expected ({said})", _EXPORT)
         letters = zip(array.shape, found.shape, strict=True)
         lengths.update({axis: size for axis, size in letters if isinstance(axis, str)})
-    if array.kind in "bU" or found.size == 0:
+    if array.kind in ("b", "U") or found.size == 0:
         return found.astype(np.int64) if array.kind == "i" else found
     least, most = found.min(), found.max()  # NaN where one is
     if array.finite and not (np.isfinite(least) and np.isfinite(most)):
