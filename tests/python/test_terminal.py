@@ -82,7 +82,7 @@ def dataset(tmp_path):
         ["data", "convert", "{data}", "{out}", "--to", "colmap"],
         ["train", "{data}", "-o", "{out}", "--steps", "1", "--force"],
         ["depth", "{data}/" + HOSTILE, "-o", "{out}"],
-        ["camera", "convert", "{data}/" + HOSTILE, "{out}.yaml", "--model", "opencv8"],
+        ["camera", "convert", "{data}/" + HOSTILE, "opencv8"],
         [HOSTILE],
     ],
 )
