@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from gsut._core import InputError
+from gsut.files import open_binary
 
 # Boxes of boxes, on the way to the tables.
 _PARENTS = (b"moov", b"trak", b"mdia", b"minf", b"stbl", b"edts", b"mvex", b"moof", b"traf")
@@ -29,7 +30,7 @@ def check_tables(path: Path) -> None:
             file has.
     """
     left = os.path.getsize(path)
-    with open(path, "rb") as file:
+    with open_binary(path) as file:
         for kind, count, each, room in _list_tables(file, 0, left, 0):
             if not room:  # samples without an entry of their own: of this many bytes in the file
                 left -= count * max(each, 1)

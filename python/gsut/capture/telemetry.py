@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gsut.capture.video import open_container
+from gsut.capture.video import find_quarter_turns, open_container
 
 # Bytes of a GPMF record's header: key, type, size, repeats.
 _HEADER = 8
@@ -54,7 +54,7 @@ def read_streams(video: Path) -> tuple[int, dict[str, np.ndarray]]:
         opened.enter_context(film)
         with contextlib.suppress(*damaged, StopIteration):
             first = next(film.decode(film.streams.video[0]))
-            rotation = round(-first.rotation / 90) * 90 % 360
+            rotation = -find_quarter_turns(first) % 4 * 90
         film.seek(0)
         tracks = film.streams.data
         for stream in film.streams if hasattr(av.stream, "Discard") else ():  # else read in vain

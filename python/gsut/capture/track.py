@@ -10,6 +10,7 @@ import numpy as np
 from gsut.capture.facts import FilmFacts
 from gsut.capture.telemetry import read_streams
 from gsut.capture.video import read_camera_name
+from gsut.files import open_binary, register_reader
 
 # Streams of positions, the best first, and the columns of latitude, longitude and altitude (m):
 # of HERO11 and later, of HERO5 to 10, and of drones.
@@ -32,6 +33,7 @@ _NAMES = ("latitude",), ("longitude", "longtitude"), ("abs_alt", "altitude", "re
 _NUMBER = r"\s*:?\s*(-?\d{1,9}(?:\.\d{0,15})?)"
 
 
+@register_reader("sensors of a film", ".mp4", ".mov", ".srt")
 def read_film_facts(video: Path) -> FilmFacts:
     """Reads what a camera wrote about a film.
 
@@ -53,7 +55,7 @@ def _find_track(video: Path, streams: dict[str, np.ndarray]) -> np.ndarray:
     for suffix in (".SRT", ".srt"):
         subtitles = video.with_suffix(suffix)
         if subtitles.is_file():
-            with open(subtitles, "rb") as file:
+            with open_binary(subtitles) as file:
                 text = file.read(_MOST_SUBTITLES).decode("utf-8", "replace")
             return _drop_implausible(_parse_subtitles(text))
     for name, columns in _STREAMS.items():

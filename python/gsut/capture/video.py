@@ -21,7 +21,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.capture.boxes import check_tables, list_boxes
-from gsut.files import check_regular
+from gsut.files import check_regular, open_binary, register_reader
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".mts", ".m2ts", ".360", ".insv")
 # GoPro's firmware names since HERO9; before, HD8 is HERO8.
@@ -55,6 +55,7 @@ def is_video(path: str | os.PathLike[str]) -> bool:
     return Path(path).suffix.lower() in VIDEO_SUFFIXES
 
 
+@register_reader("film", ".mp4", ".mov", ".avi", ".mkv", ".webm")
 class Video:
     """Reads an open video.
 
@@ -113,7 +114,7 @@ class Video:
             self.width, self.height = _stretch_size(first[1], self.stretch)
         if self._other is not None:
             self.width *= 2  # whose frames are not turned
-        elif first is not None and first[1].rotation % 180:
+        elif first is not None and find_quarter_turns(first[1]) % 2:
             self.width, self.height = self.height, self.width
 
     def read_frames(self) -> Iterator[tuple[int, float, Decode]]:
@@ -146,7 +147,7 @@ class Video:
             for f in frames
         ]
         if len(pictures) == 1:
-            return np.ascontiguousarray(np.rot90(pictures[0], frames[0].rotation // 90))
+            return np.ascontiguousarray(np.rot90(pictures[0], find_quarter_turns(frames[0])))
         return np.hstack(pictures) if pictures[0].shape == pictures[1].shape else None
 
     def list_notes(self, count: int) -> list[str]:
@@ -252,7 +253,8 @@ def read_stream_start(
 
 def _open_slice(path: Path, begin: int, end: int) -> Any:
     """Opens bytes [begin, end) of a file as FFmpeg takes a file of its own: an object."""
-    file = open(path, "rb")  # noqa: SIM115  # closed with the object
+    opened = contextlib.ExitStack()
+    file = opened.enter_context(open_binary(path))
 
     def read(size: int) -> bytes:
         return file.read(max(0, min(size, end - file.tell())))
@@ -263,7 +265,7 @@ def _open_slice(path: Path, begin: int, end: int) -> Any:
 
     seek(0)
     return types.SimpleNamespace(
-        read=read, seek=seek, tell=lambda: file.tell() - begin, close=file.close
+        read=read, seek=seek, tell=lambda: file.tell() - begin, close=opened.close
     )
 
 
@@ -330,9 +332,15 @@ def _decode_stream(container: Any, stream: Any) -> Iterator[tuple[Any, bool]]:
                 yield frame, is_sound
 
 
+def find_quarter_turns(frame: Any) -> int:
+    """Returns by how many quarter turns, 0 to 3, a frame is turned counterclockwise to be shown."""
+    # A damaged matrix gives FFmpeg's answer for none, which is no angle.
+    return round(frame.rotation / 90) % 4 if abs(frame.rotation) <= 360 else 0
+
+
 def _find_shape(frame: Any) -> tuple[int, int, int]:
     """Returns width, height and turn of a frame, which are those of all that can be used."""
-    return frame.width, frame.height, frame.rotation
+    return frame.width, frame.height, find_quarter_turns(frame)
 
 
 def _find_stamp(given: Any, absent: float) -> float:
@@ -385,7 +393,7 @@ def open_container(path: Path, part: Any = None) -> Any:
 def read_camera_name(path: Path) -> str:
     """Reads the camera's name for `find_lenses` from an MP4 or MOV; "" if it has none."""
     size = path.stat().st_size
-    with open(path, "rb") as file:  # the index stands at the beginning or at the end
+    with open_binary(path) as file:  # the index stands at the beginning or at the end
         data = file.read(_METADATA_BYTES)
         if size > len(data):
             file.seek(max(len(data), size - _METADATA_BYTES))
@@ -409,7 +417,7 @@ def _split_films(path: Path) -> list[tuple[int, int]]:
     size = path.stat().st_size
     films: list[tuple[int, int]] = []
     begin, has_index = None, False
-    with open(path, "rb") as file:
+    with open_binary(path) as file:
         for kind, start, _ in itertools.chain(list_boxes(file, size), [(b"ftyp", size + 8, 0)]):
             if kind == b"ftyp":
                 if begin is not None and has_index:
@@ -425,6 +433,6 @@ def _split_films(path: Path) -> list[tuple[int, int]]:
 
 def _is_without_index(path: Path) -> bool:
     """Returns whether an MP4 or MOV has no 'moov' box, which cameras write when recording ends."""
-    with open(path, "rb") as file:
+    with open_binary(path) as file:
         kinds = [kind for kind, _, _ in list_boxes(file, path.stat().st_size)]
     return bool(kinds) and kinds[0] in (b"ftyp", b"mdat", b"wide") and b"moov" not in kinds

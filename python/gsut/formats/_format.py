@@ -19,11 +19,6 @@ from gsut.run import check_fits
 _FREE_CLAIM = 65536
 _LEAST_BYTES = 56  # of a Gaussian without harmonics, in memory
 ELSEWHERE = "read it on a machine that has more, or make it smaller there (gsut compact)"
-# What reading a description raises that is JSON, or not even that, but not of the kind expected.
-WRONG_JSON = (
-    *(KeyError, IndexError, TypeError, ValueError, AttributeError),
-    *(OverflowError, RecursionError),
-)
 
 
 @dataclasses.dataclass(frozen=True)

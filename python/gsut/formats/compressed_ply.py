@@ -10,7 +10,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.files import whole_file
+from gsut.files import create_file, open_binary, register_reader
 from gsut.formats._format import Format, SceneFile, WriteSettings, Written, check_claim
 from gsut.formats._origin import format_origin, parse_origin
 from gsut.formats._quantize import (
@@ -53,7 +53,7 @@ def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written
     rest = g.sh[:, 1:].transpose(0, 2, 1).reshape(len(g), -1)  # channel-major
     sh, clipped = to_bytes((rest / _SH_RANGE + 0.5) * 256 - 0.5)
     chunks = np.concatenate([position_bounds, scale_bounds, color_bounds], axis=1).astype("<f4")
-    with whole_file(path) as temporary, open(temporary, "wb") as file:
+    with create_file(path) as file:
         comments = [format_antialiased(settings.antialiased), *format_origin(gaussians)]
         file.write(_build_header(len(g), rest.shape[1], comments))
         for array in (chunks, vertices, sh):
@@ -109,6 +109,7 @@ def _pack_rotations(quats: np.ndarray) -> np.ndarray:
     return _pack(values, (2, 10, 10, 10))
 
 
+@register_reader("compressed PLY", ".ply")
 def _read(path: Path) -> SceneFile:
     elements, comments, begin = _parse_header(path)
     count, chunks = elements["vertex"][0], elements["chunk"][0]
@@ -120,7 +121,9 @@ def _read(path: Path) -> SceneFile:
             f"which have {_CHUNK} each"
         )
     sizes = [4 * len(_BOUNDS) * chunks, 16 * count, harmonics * count]
-    data = np.fromfile(path, np.uint8, sum(sizes), offset=begin)
+    with open_binary(path) as file:
+        file.seek(begin)
+        data = np.frombuffer(file.read(sum(sizes)), np.uint8)
     bounds, packed, sh = np.split(data, np.cumsum(sizes[:2]))
     limits = bounds.view("<f4").reshape(-1, len(_BOUNDS))
     for name, low, high in _pair_bounds(limits):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import os
 import struct
 from pathlib import Path
 from typing import Any
@@ -11,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.files import whole_file
+from gsut.files import create_file, open_binary, parse_json, reading, register_reader
 from gsut.formats._axes import place_in_world, turn_half
 from gsut.formats._fields import Fields
-from gsut.formats._format import WRONG_JSON, Format, SceneFile, WriteSettings, Written
+from gsut.formats._format import Format, SceneFile, WriteSettings, Written
 from gsut.formats._quantize import (
     logits_from_opacity,
     normalize_quats,
@@ -79,7 +80,7 @@ def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written
     total = _HEAD.size + 2 * _CHUNK.size + len(text) + size
     if total >= 2**32:
         raise InputError(f"{path}: {total:,} bytes are more than a .glb file can have (4 GiB)")
-    with whole_file(path) as temporary, open(temporary, "wb") as file:
+    with create_file(path) as file:
         file.write(_HEAD.pack(b"glTF", 2, total))
         file.write(_CHUNK.pack(len(text), b"JSON") + text + _CHUNK.pack(size, b"BIN\0"))
         for array in arrays.values():
@@ -125,9 +126,10 @@ def _build_document(arrays: dict[str, np.ndarray]) -> dict[str, Any]:
     }
 
 
+@register_reader("glTF of Gaussians", ".glb")
 def _read(path: Path) -> SceneFile:
     document, begin, size = _parse(path)
-    try:
+    with reading(path, "it is no glTF file of Gaussians"):
         primitive = _find_primitive(path, document)
         attributes = Fields(path, primitive.get("attributes"), "attributes")
         arrays = {
@@ -140,18 +142,12 @@ def _read(path: Path) -> SceneFile:
         )
         placed_so = place_in_world(gaussians, _place_of(path, document), f"{path}: its mesh")
         return SceneFile(turn_half(placed_so))
-    except WRONG_JSON as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(
-            f"{path}: no glTF file of Gaussians: {type(error).__name__} at {error}"
-        ) from None
 
 
 def _parse(path: Path) -> tuple[dict[str, Any], int, int]:
     """Reads the description, and where the binary chunk begins and how long it is."""
-    size = path.stat().st_size
-    with open(path, "rb") as file:
+    with open_binary(path) as file:
+        size = os.fstat(file.fileno()).st_size
         head = file.read(_HEAD.size + _CHUNK.size)
         if len(head) < _HEAD.size + _CHUNK.size or head[:4] != b"glTF":
             raise InputError(f"{path}: no binary glTF file (it does not begin with glTF)")
@@ -161,10 +157,7 @@ def _parse(path: Path) -> tuple[dict[str, Any], int, int]:
             raise InputError(f"{path}: glTF version {version}, {length:,} bytes of {kind!r} first")
         text = file.read(length)
         rest = file.read(_CHUNK.size)
-    try:
-        document = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: its description is no JSON ({error})") from None
+    document = parse_json(text, f"{path}, its description", {})
     begin = len(head) + len(text) + len(rest)
     there = size - begin
     if len(rest) < _CHUNK.size or rest[4:] != b"BIN\0" or _CHUNK.unpack(rest)[0] > there:
@@ -269,10 +262,10 @@ def _read_array(
             f"{path}: truncated or damaged: {name} needs {inside + needed:,} bytes of {view.name}, "
             f"whose byteLength is {view.values['byteLength']:,}"
         )
-    data = np.memmap(path, np.uint8, "r", begin + place + inside, (needed,))
-    rows = np.lib.stride_tricks.as_strided(
-        np.frombuffer(data, np.uint8), (count, 4 * width), (stride, 1)
-    )
+    with open_binary(path) as file:
+        file.seek(begin + place + inside)
+        data = np.frombuffer(file.read(needed), np.uint8)
+    rows = np.lib.stride_tricks.as_strided(data, (count, 4 * width), (stride, 1))
     return np.ascontiguousarray(rows).view("<f4")
 
 

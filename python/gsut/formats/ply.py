@@ -12,7 +12,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.files import whole_file
+from gsut.files import create_file, open_binary, register_reader
 from gsut.formats._format import (
     ELSEWHERE,
     Format,
@@ -49,6 +49,7 @@ _DEGREES = {0: 0, 9: 1, 24: 2, 45: 3}  # of harmonics by the number of propertie
 PACKED = b"packed_position"  # a property of SuperSplat's compressed files
 
 
+@register_reader("PLY of Gaussians", ".ply")
 def load_ply(path: str | os.PathLike[str]) -> Gaussians:
     """Reads Gaussians from a PLY file in the layout of 3DGS.
 
@@ -86,6 +87,7 @@ def load_ply(path: str | os.PathLike[str]) -> Gaussians:
     return gaussians
 
 
+@register_reader("large PLY of Gaussians", ".ply")
 def open_ply(
     path: str | os.PathLike[str], memory: int | None = None
 ) -> Gaussians | StoredGaussians:
@@ -133,9 +135,10 @@ def _find_plain_rows(path: Path) -> tuple[Callable[[int, int], Gaussians], int, 
     origin = parse_origin(comments, path)
 
     def read_rows(begin: int, end: int) -> Gaussians:
-        table = np.fromfile(
-            path, "<f4", (end - begin) * len(columns), offset=offset + 4 * begin * len(columns)
-        ).reshape(end - begin, len(columns))
+        with open_binary(path) as file:
+            file.seek(offset + 4 * begin * len(columns))
+            data = file.read(4 * (end - begin) * len(columns))
+        table = np.frombuffer(data, "<f4").reshape(end - begin, len(columns))
         harmonics = table[:, others].reshape(len(table), 3, rest // 3).transpose(0, 2, 1)
         sh = np.concatenate([table[:, None, base], harmonics], axis=1)
         sizes = np.zeros((len(table), 3), np.float32)
@@ -191,7 +194,7 @@ def save_ply(
     stored = prepare_for_file(gaussians)
     flat = stored.are_surfels if surfels is None else surfels
     named = [*comments, *format_origin(stored), *_format_rule(stored)]
-    with whole_file(path) as temporary, open(temporary, "wb") as out:
+    with create_file(path) as out:
         _core.write_ply(out.fileno(), stored, named, flat, len(stored))
 
 
@@ -216,7 +219,7 @@ def save_ply_parts(
     """
     place = prepare_for_file(sample)
     named = [*comments, *format_origin(place), *_format_rule(place)]
-    with whole_file(path) as temporary, open(temporary, "wb") as out:
+    with create_file(path) as out:
         announced = count
         for part in parts:
             rows = part.with_origin(place.origin).to_dtype(np.float32)

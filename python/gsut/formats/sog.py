@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
 import io
 import json
 import math
-import zipfile
-import zlib
-from collections.abc import Iterator
+import os
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +14,9 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.files import whole_file
+from gsut.files import open_archive, parse_json, reading, register_reader, write_archive
 from gsut.formats._fields import Fields
 from gsut.formats._format import (
-    WRONG_JSON,
     Format,
     SceneFile,
     WriteSettings,
@@ -38,8 +34,6 @@ from gsut.formats._quantize import (
 from gsut.gaussians import Gaussians, order_by_morton_code
 
 _META = "meta.json"
-_ENCRYPTED = 1  # a bit of an archive member's flags
-_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 _MOST_META = 1 << 20  # bytes; real ones have 16 thousand
 _LOSSLESS = [cv2.IMWRITE_WEBP_QUALITY, 101]  # what OpenCV takes for: lossless
 _MOST_SIDE = 16383  # pixels of a WebP image
@@ -61,18 +55,12 @@ def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written
     images, meta = _encode_images(g)
     if settings.antialiased:
         meta |= {"antialias": True, "model": "antialiased"}
-    with whole_file(path) as temporary, zipfile.ZipFile(temporary, "w") as archive:
-        for name, pixels in images.items():
-            archive.writestr(_make_entry(name), _encode_webp(path, pixels))
-        archive.writestr(_make_entry(_META), json.dumps(meta, separators=(",", ":")))
+    members = {name: _encode_webp(path, pixels) for name, pixels in images.items()}
+    members[_META] = json.dumps(meta, separators=(",", ":")).encode()
+    write_archive(path, members.items())
     unseen = len(gaussians) - len(seen)
     said = f"{unseen:,} Gaussians of opacity below 1/510, which nobody sees, were left out"
     return Written(order, {}, (said,) if unseen else ())
-
-
-def _make_entry(name: str) -> zipfile.ZipInfo:
-    """Makes an archive entry with a fixed time, so that equal scenes give equal bytes."""
-    return zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
 
 
 def _encode_images(g: Gaussians) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
@@ -152,58 +140,27 @@ def _encode_webp(path: Path, pixels: np.ndarray) -> bytes:
     return cv2.imencode(".webp", cv2.cvtColor(pixels, swap), _LOSSLESS)[1].tobytes()
 
 
+@register_reader("SOG", ".sog")
 def _read(path: Path) -> SceneFile:
-    size = path.stat().st_size
-    with _archive(path) as archive:
-        try:
-            description = json.loads(_read_member(path, archive, _META, _MOST_META))
-            meta = Fields(path, description)
-            if (version := description.get("version")) != 2:
-                raise InputError(f"{path}: SOG version {version}; gsut reads 2")
-            count = meta.read_whole("count", 1)
-            check_claim(path, count, size)
-            gaussians = _decode_gaussians(_Images(path, archive), meta, count)
-            antialiased = description.get("antialias") is True
-            antialiased |= description.get("model") == "antialiased"
-        except WRONG_JSON as error:
-            if isinstance(error, InputError):
-                raise
-            raise InputError(
-                f"{path}: damaged: {_META} lacks what SOG needs ({type(error).__name__}: {error})"
-            ) from None
+    with open_archive(path) as archive, reading(path):
+        if _META not in archive.names:
+            raise InputError(f"{path}: no SOG file: {_META} is missing")
+        text = archive.read(_META, _MOST_META)
+        meta = Fields(path, parse_json(text, f"{path}, {_META}", {}))
+        if (version := meta.values.get("version")) != 2:
+            raise InputError(f"{path}: SOG version {version}; gsut reads 2")
+        count = meta.read_whole("count", 1)
+        check_claim(path, count, os.path.getsize(path))
+        gaussians = _decode_gaussians(_Images(path, archive), meta, count)
+    antialiased = meta.values.get("antialias") is True
+    antialiased |= meta.values.get("model") == "antialiased"
     return SceneFile(gaussians, antialiased)
-
-
-@contextlib.contextmanager
-def _archive(path: Path) -> Iterator[zipfile.ZipFile]:
-    try:
-        with zipfile.ZipFile(path) as archive:
-            yield archive
-    except (zipfile.BadZipFile, zlib.error, EOFError, OSError, NotImplementedError) as error:
-        raise InputError(f"{path}: truncated or damaged archive: {error}") from None
-
-
-def _read_member(path: Path, archive: zipfile.ZipFile, name: str, most: int) -> bytes:
-    """Reads a file of the archive and stops if it unpacks beyond the size it may have."""
-    if name not in archive.namelist():
-        raise InputError(f"{path}: no SOG file: {name} is missing")
-    entry = archive.getinfo(name)
-    if entry.flag_bits & _ENCRYPTED or entry.compress_type not in _METHODS:
-        raise InputError(
-            f"{path}: {name} is encrypted or packed by a method that SOG does not have (number "
-            f"{entry.compress_type}); pack the archive again, stored or deflated, with no password"
-        )
-    with archive.open(entry) as file:
-        data = file.read(most + 1)
-    if len(data) > most:
-        raise InputError(f"{path}: {name} has more than {most:,} bytes; it is damaged")
-    return data
 
 
 class _Images:
     """The images of an archive; none is decoded that is not of the size it has to be."""
 
-    def __init__(self, path: Path, archive: zipfile.ZipFile) -> None:
+    def __init__(self, path: Path, archive: Any) -> None:
         self.path, self.archive = path, archive
 
     def read_pixels(
@@ -218,7 +175,7 @@ class _Images:
             width: that the image must have; None: any.
         """
         # A lossless pixel takes 4 bytes and the tables of an image some thousands, at most.
-        data = _read_member(self.path, self.archive, name, 5 * count + (1 << 16))
+        data = self.archive.read(name, 5 * count + (1 << 16))
         found = _read_webp_size(data)
         if found is None:
             raise InputError(f"{self.path}: {name} is no lossless WebP image")

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import InputError
-from gsut.files import write_file
+from gsut.files import read_bytes, register_reader, write_file
 from gsut.formats._format import Format, SceneFile, WriteSettings, Written
 from gsut.formats._quantize import (
     logits_from_opacity,
@@ -22,14 +22,16 @@ _ROW = np.dtype([("mean", "<f4", 3), ("scale", "<f4", 3), ("rgba", "u1", 4), ("q
 _QUAT_SCALE = 128.0
 
 
+@register_reader("splat", ".splat")
 def _read(path: Path) -> SceneFile:
-    size = path.stat().st_size
+    content = read_bytes(path)
+    size = len(content)
     if size % _ROW.itemsize:
         raise InputError(
             f"{path}: {size} bytes are no whole number of Gaussians of {_ROW.itemsize} bytes; it "
             "is truncated or no .splat file"
         )
-    rows = np.fromfile(path, _ROW)
+    rows = np.frombuffer(content, _ROW)
     with np.errstate(divide="ignore", invalid="ignore"):
         log_scales = np.log(rows["scale"])
     quats = (rows["quat"].astype(np.float32) - _QUAT_SCALE) / _QUAT_SCALE

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.files import write_file
+from gsut.files import read_bytes, register_reader, write_file
 from gsut.formats._format import Format, SceneFile, WriteSettings, Written, check_claim
 from gsut.formats._quantize import (
     drop_largest,
@@ -162,8 +162,9 @@ def _build_streams(head: tuple[int, ...], planes: list[bytes]) -> bytes:
     return b"".join([_HEADER_4.pack(*head, len(planes), _HEADER_4.size), *table, *packed])
 
 
+@register_reader("SPZ", ".spz")
 def _read(path: Path) -> SceneFile:
-    data = path.read_bytes()
+    data = read_bytes(path)
     layout, planes = (
         _decompress_gzip(path, data) if data[:2] == _GZIP else _decompress_zstandard(path, data)
     )

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.files import whole_file
+from gsut.files import register_reader, whole_file
 from gsut.formats._axes import place_in_world, turn_half
 from gsut.formats._format import Format, SceneFile, WriteSettings, Written, check_claim
 from gsut.formats._quantize import logits_from_opacity, normalize_quats, opacity_from_logits
@@ -68,6 +68,7 @@ def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written
     return Written(None, {}, left_out)
 
 
+@register_reader("USD", ".usdc", ".usda", ".usd", ".usdz")
 def _read(path: Path) -> SceneFile:
     _, tf, usd, geometry, _, _ = _import_library()
     try:

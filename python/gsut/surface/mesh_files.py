@@ -14,7 +14,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.files import check_regular, reading, write_file
+from gsut.files import read_bytes, reading, register_reader, write_file
 from gsut.surface.mesh import Mesh
 
 # Coordinates that float32 would move by more than this share of their extent are written in double.
@@ -166,6 +166,7 @@ def _write_glb(mesh: Mesh) -> bytes:
     )
 
 
+@register_reader("mesh", ".ply", ".off", ".obj")
 def load_mesh(path: str | os.PathLike[str]) -> Mesh:
     """Reads a mesh, or a cloud of points, with the colours of its vertices.
 
@@ -184,12 +185,11 @@ def load_mesh(path: str | os.PathLike[str]) -> Mesh:
     readers = {".ply": _read_ply, ".off": _read_off, ".obj": _read_obj}
     if path.suffix.lower() not in readers:
         raise InputError(f"{path}: meshes are read from {', '.join(readers)}")
-    try:
-        content = check_regular(path).read_bytes()
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}") from None
-    with reading(lambda what: InputError(f"{path} is damaged, or no mesh that gsut reads: {what}")):
+    content = read_bytes(path)
+    with reading(path, "it is damaged, or no mesh that gsut reads"):
         mesh = readers[path.suffix.lower()](path, content)
+    if not len(mesh.vertices):
+        raise InputError(f"{path} holds no vertices: it is empty, or no mesh that gsut reads")
     if not all(np.isfinite(a).all() for a in (mesh.vertices, mesh.colors) if a is not None):
         raise InputError(f"{path} is damaged: a vertex or its colour is not finite")
     low, high = mesh.faces.min(initial=0), mesh.faces.max(initial=-1)

@@ -165,11 +165,10 @@ SPZ: dict[str, tuple[dict[str, Any], str]] = {
 }
 
 GLB = {
-    "deep brackets": (b"[" * 100000, "is no JSON"),
+    "deep brackets": (b"[" * 100000, "nested too deeply"),
     "an empty object": (b"{}", "no glTF file of Gaussians"),
 }
 
-ARCHIVE = "encrypted or packed by a method"
 # (suffix, what is wrong) -> what is done to a file, and what the sentence must say.
 WRONG: dict[tuple[str, str], tuple[Callable[[Path], object], str]] = {
     **{
@@ -191,7 +190,7 @@ WRONG: dict[tuple[str, str], tuple[Callable[[Path], object], str]] = {
     (".spz", "an archive"): (lambda path: path.write_bytes(b"PK\3\4"), "does not look like one"),
     (".sog", "deep brackets"): (
         lambda path: repack(path, zipfile.ZIP_DEFLATED, {"meta.json": b"[" * 100000}),
-        "lacks what SOG needs",
+        "nested too deeply",
     ),
     (".sog", "no meta.json"): (drop_meta, "meta.json is missing"),
     (".sog", "a huge image"): (
@@ -204,10 +203,10 @@ WRONG: dict[tuple[str, str], tuple[Callable[[Path], object], str]] = {
     ),
     (".sog", "a bomb"): (
         lambda path: repack(path, zipfile.ZIP_DEFLATED, {"scales.webp": bytes(10**8)}),
-        "scales.webp has more than",
+        "scales.webp: has 100,000,000 bytes",
     ),
-    (".sog", "LZMA"): (lambda path: repack(path, zipfile.ZIP_LZMA, {}), ARCHIVE),
-    (".sog", "encrypted"): (mark_encrypted, ARCHIVE),
+    (".sog", "LZMA"): (lambda path: repack(path, zipfile.ZIP_LZMA, {}), "packed by method 14"),
+    (".sog", "encrypted"): (mark_encrypted, "is encrypted"),
     (".glb", "an opacity of 7.5"): (raise_opacity, "OPACITY has values"),
     (".spz", "255 fractional bits"): (
         functools.partial(set_fractional_bits, bits=255),
