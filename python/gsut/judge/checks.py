@@ -8,10 +8,9 @@ from typing import Any, Generic, NamedTuple, TypeVar
 
 from gsut.run import Verdict
 
-# Pixels of a picture with this diagonal, by which nearly all of a good result is off at most, and
-# most of a usable one: the unit of all limits on geometry.
-DIAGONAL = 350.0
-GOOD_PX, USABLE_PX = 2.0, 6.0
+DIAGONAL = 350.0  # of the pictures in whose pixels all limits on geometry are
+GOOD_PX = 2.0  # such pixels by which nearly all of a good result is off at most
+USABLE_PX = 6.0  # the same of most of a usable one
 
 _Result = TypeVar("_Result", contravariant=True)
 
@@ -77,9 +76,8 @@ def judge(checks: Iterable[Check[Any]], result: Any, what: str, advice: str) -> 
         advice: what to do next if there is no fault.
     """
     faults = find_faults(checks, result)
-    level = max((fault.severity for fault in faults), default=0)
-    hidden = max((fault.severity for fault in faults if not fault.is_visible), default=0)
-    level, hidden = (Verdict.LEVELS[severity] for severity in (level, hidden))
+    level = Verdict.LEVELS[max((f.severity for f in faults), default=0)]
+    hidden = Verdict.LEVELS[max((f.severity for f in faults if not f.is_visible), default=0)]
     advice = faults[0].advice if faults else advice
     return Verdict(level, what, tuple(fault.what for fault in faults), advice, hidden)
 
@@ -96,11 +94,9 @@ def combine_verdicts(measured: Verdict, *inferred: Verdict) -> Verdict:
         inferred: of the stages before.
     """
     verdicts = measured, *inferred
-    levels = [Verdict.LEVELS.index(measured.level)]
-    levels += [Verdict.LEVELS.index(verdict.hidden_level or verdict.level) for verdict in inferred]
-    level = min(max(levels), levels[0] + 1)
-    poorest = verdicts[levels.index(max(levels))]
+    ranks = [Verdict.LEVELS.index(measured.level)]
+    ranks += [Verdict.LEVELS.index(verdict.hidden_level or verdict.level) for verdict in inferred]
+    level = Verdict.LEVELS[min(max(ranks), ranks[0] + 1)]
+    poorest = verdicts[ranks.index(max(ranks))]
     reasons = (r for v in (poorest, *verdicts) if v.level != "good" for r in v.reasons)
-    return dataclasses.replace(
-        poorest, level=Verdict.LEVELS[level], reasons=tuple(dict.fromkeys(reasons))
-    )
+    return dataclasses.replace(poorest, level=level, reasons=tuple(dict.fromkeys(reasons)))
