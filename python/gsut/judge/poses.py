@@ -73,22 +73,22 @@ class PosesQuality(PictureQuality):
 
     @property
     def scale(self) -> float:
-        """Pixels of a picture with the diagonal `DIAGONAL` for one of these."""
+        """Returns the pixels of a picture with the diagonal `DIAGONAL` for one of these."""
         return DIAGONAL / self.diagonal_px
 
     @property
     def lost(self) -> float:
-        """Share of the images without a pose."""
+        """Returns the share of the images without a pose."""
         return (self.images - self.registered) / max(1, self.images)
 
     @property
     def lens_px(self) -> float:
-        """Standard deviation of the picture's shift by an error of the focal length."""
+        """Returns by how many pixels the error of the focal length shifts a picture."""
         return convert_focal_error(self.focal_sigma or 0.0)
 
     @property
     def error_px(self) -> float:
-        """Error that focal length and points leave open.
+        """Returns the pixels that focal length and points leave open.
 
         Of nine in ten pairs of images, as a good result needs it; from USABLE_PX on, of six in ten.
         The halves are adjusted through one lens, so that they do not show its error.
@@ -123,13 +123,13 @@ def _advise_on_error(q: PosesQuality) -> str:
 
 
 def _advise_on_matches(q: PosesQuality) -> str:
-    """Advises where matches fit neither lens nor poses."""
+    """Names a step where matches fit neither lens nor poses."""
     is_doubtful = q.focal_sigma is None and q.readout_turn is None
     return _ESTIMATE_LENS if is_doubtful else _advise_on_pairs(q)
 
 
 def _advise_on_pairs(q: PosesQuality) -> str:
-    """Advises where pairs of images fit each other and not the poses."""
+    """Names a step where pairs of images fit each other and not the poses."""
     if q.readout_turn is not None:
         return _ADD_TURNED
     return (

@@ -57,7 +57,7 @@ class TrainingQuality:
 
     @property
     def train(self) -> float | None:
-        """Detail of training views; None: no other views were measured."""
+        """Returns the detail of training views; None: no other views were measured."""
         return self.metrics.get("detail_train")
 
     @property
@@ -66,12 +66,12 @@ class TrainingQuality:
 
     @property
     def moving(self) -> float:
-        """Share of the training pixels that show what moved."""
+        """Returns the share of the training pixels that show what moved."""
         return float(self.metrics.get("moving_train", 0.0))
 
     @property
     def is_lost_between(self) -> bool:
-        """Whether held-out views lose more against training views than these have lost."""
+        """Reports whether held-out views lose more than training views have lost."""
         return self.train is not None and self.train - self.detail > 1 - self.train
 
     def lose_if(self, condition: bool) -> float:
@@ -118,7 +118,7 @@ def _name_wrong(q: TrainingQuality, unknown: str) -> str:
 
 
 def _mend_wrong(q: TrainingQuality) -> str:
-    """Advises against wrong poses or a wrong lens."""
+    """Names a step against wrong poses or a wrong lens."""
     if q.accused is not None and q.accused["subject"] == "lens":
         return f"{q.accused['advice']}; then {q.repeat.as_it_was()}"
     return f"{format_command(['gsut', 'doctor', q.repeat.data])}, then {q.repeat.with_poses()}"

@@ -5,8 +5,8 @@ import json
 
 import pytest
 
-from gsut.judge import Check, combine_verdicts, judge_pictures
-from gsut.judge.checks import judge
+from gsut.judge import combine_verdicts, judge_pictures
+from gsut.judge.checks import Check, judge
 from gsut.run import Verdict
 
 GOOD = Verdict("good", "61 of 61 images registered")
