@@ -13,7 +13,7 @@ import numpy as np
 import gsut
 from gsut._core import interpolate_pose
 from gsut.evaluate.detail import measure_detail
-from gsut.judge import combine_verdicts
+from gsut.judge.checks import combine_verdicts
 from gsut.run import Verdict
 from lab.proving.capture import Capture
 from lab.proving.commands import run_training

@@ -1,19 +1,10 @@
-"""Decides by evidence: which of two structures matches prefer, and how good a result is."""
+"""Decides by evidence: which of two structures explains the same matches better."""
 
-from gsut.judge.checks import combine_verdicts, find_faults
 from gsut.judge.epipolar import (
     compute_readout_poses,
     find_readout_moments,
     measure_angular_errors,
     measure_pixels_per_radian,
-)
-from gsut.judge.pictures import PICTURE_CHECKS, PictureQuality, judge_pictures
-from gsut.judge.poses import (
-    FEW_AGREE,
-    FOCAL_LIMIT,
-    PosesQuality,
-    has_bent,
-    judge_poses,
 )
 from gsut.judge.preference import (
     Matches,
@@ -23,26 +14,14 @@ from gsut.judge.preference import (
     prefer,
     score_errors,
 )
-from gsut.judge.training import judge_training
 
 __all__ = [
-    "FEW_AGREE",
-    "FOCAL_LIMIT",
-    "PICTURE_CHECKS",
     "Matches",
-    "PictureQuality",
-    "PosesQuality",
     "Preference",
     "Structure",
-    "combine_verdicts",
     "compute_readout_poses",
     "estimate_noise",
-    "find_faults",
     "find_readout_moments",
-    "has_bent",
-    "judge_pictures",
-    "judge_poses",
-    "judge_training",
     "measure_angular_errors",
     "measure_pixels_per_radian",
     "prefer",

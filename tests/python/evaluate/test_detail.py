@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from gsut.evaluate.detail import measure_detail, measure_details
-from gsut.judge.training import GOOD, POOR, SHIFT_GAIN
+from gsut.judge.checks.training import GOOD, POOR, SHIFT_GAIN
 from gsut.metrics import psnr
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from gsut.check import Finding
 from gsut.cli.train import keep_accusation
-from gsut.judge import judge_training
+from gsut.judge.checks import judge_training
 from gsut.run import BlockOptions, RunFile, RunFolder, TrainOptions, Verdict
 from gsut.run.options import add_option_flags, collect_given
 

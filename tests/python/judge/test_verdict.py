@@ -5,8 +5,7 @@ import json
 
 import pytest
 
-from gsut.judge import combine_verdicts, judge_pictures
-from gsut.judge.checks import Check, judge
+from gsut.judge.checks import Check, combine_verdicts, judge, judge_pictures
 from gsut.run import Verdict
 
 GOOD = Verdict("good", "61 of 61 images registered")

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import SolveError
-from gsut.judge import FOCAL_LIMIT
+from gsut.judge.checks import FOCAL_LIMIT
 from gsut.lens import Camera, LensProfile, measure_field_of_view
 from gsut.sfm.lens.center import describe_center
 from gsut.sfm.lens.covariance import estimate_lens_covariances

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from gsut._core import SolveError
-from gsut.judge import FOCAL_LIMIT
+from gsut.judge.checks import FOCAL_LIMIT
 from gsut.lens import Camera, find_focal_params, has_focal_length
 from gsut.sfm.lens.covariance import estimate_lens_covariances
 from gsut.sfm.lens.prior import count_groups, estimate_focal_sigma, find_focal

@@ -9,7 +9,7 @@ import numpy as np
 from gsut import _core
 from gsut._core import SolveError
 from gsut.data import list_some
-from gsut.judge import PICTURE_CHECKS, PictureQuality, find_faults
+from gsut.judge.checks import PICTURE_CHECKS, PictureQuality, find_faults
 from gsut.sfm.matches.matching import BATCH, OnPairs, PairMatches, RawMatches
 from gsut.sfm.photographs import Features, Images, PosesOptions
 

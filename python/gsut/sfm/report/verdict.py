@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 
 from gsut.data import list_some
-from gsut.judge import FEW_AGREE, PosesQuality, has_bent, judge_poses
+from gsut.judge.checks import FEW_AGREE, PosesQuality, has_bent, judge_poses
 from gsut.run import Verdict
 from gsut.sfm.lens import TURNED, describe_doubt, describe_zooms
 from gsut.sfm.mapping import Findings, Mapping

@@ -16,7 +16,7 @@ from gsut.evaluate import (
 )
 from gsut.formats import NO_BACKGROUND, name_origin, prepare_for_file, save_ply
 from gsut.gaussians import Gaussians
-from gsut.judge import judge_training
+from gsut.judge.checks import judge_training
 from gsut.refine import evaluate_aligned, write_refined
 from gsut.render import Light
 from gsut.run import RunFile, RunFolder, TrainOptions

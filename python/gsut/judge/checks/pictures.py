@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
-from gsut.judge.checks import Check, judge
+from gsut.judge.checks.check import Check, judge
 from gsut.run import Verdict
 
 # Share of bad pictures above which the others no longer make up for them.

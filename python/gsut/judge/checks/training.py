@@ -7,7 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from gsut.judge.checks import Check, find_faults
+from gsut.judge.checks.check import Check, find_faults
 from gsut.run import TrainOptions, Verdict
 from gsut.run.options import PRESETS
 from gsut.system import format_command
@@ -74,7 +74,7 @@ class TrainingQuality:
         """Reports whether held-out views lose more than training views have lost."""
         return self.train is not None and self.train - self.detail > 1 - self.train
 
-    def lose_if(self, condition: bool) -> float:
+    def count_lost(self, condition: bool) -> float:
         """Returns the share of the detail that is lost, under a condition; else 0."""
         return condition * (1 - self.detail)
 
@@ -117,7 +117,7 @@ def _name_wrong(q: TrainingQuality, unknown: str) -> str:
     return f"the {what} wrong: {q.accused['what']}"
 
 
-def _mend_wrong(q: TrainingQuality) -> str:
+def _choose_step_on_wrong(q: TrainingQuality) -> str:
     """Names a step against wrong poses or a wrong lens."""
     if q.accused is not None and q.accused["subject"] == "lens":
         return f"{q.accused['advice']}; then {q.repeat.as_it_was()}"
@@ -142,33 +142,33 @@ def _describe_soft(q: TrainingQuality) -> str:
 # The first that explains the lost detail is the cause.
 TRAINING_CHECKS: tuple[Check[TrainingQuality], ...] = (
     Check(
-        "shift", lambda q: q.lose_if(q.shifted > q.detail + SHIFT_GAIN), 1 - GOOD, 1 - POOR,
+        "shift", lambda q: q.count_lost(q.shifted > q.detail + SHIFT_GAIN), 1 - GOOD, 1 - POOR,
         lambda q: f"renders stand beside their photographs (shifted, {100 * q.shifted:.0f} % of "
         f"the detail is right): {_name_wrong(q, 'poses or the lens are wrong')}",
-        _mend_wrong,
+        _choose_step_on_wrong,
     ),
     Check(
-        "between photographs", lambda q: q.lose_if(q.is_lost_between), 1 - GOOD, 1 - POOR,
+        "between photographs", lambda q: q.count_lost(q.is_lost_between), 1 - GOOD, 1 - POOR,
         _describe_between,
         lambda q: "photograph more from between the places there are"
         + (", while nothing moves" if q.moving >= _MAY_MOVE else ""),
     ),
     Check(
-        "length", lambda q: q.lose_if(q.train is None or q.repeat.is_short), 1 - GOOD, 1 - POOR,
+        "length", lambda q: q.count_lost(q.train is None or q.repeat.is_short), 1 - GOOD, 1 - POOR,
         lambda q: ("" if q.train is None else f"{_describe_soft(q)}: ")
         + "steps and Gaussians are few",
         lambda q: q.repeat.make_longer(),
     ),
     Check(
-        "detail", lambda q: q.lose_if(True), 1 - GOOD, 1 - POOR,
+        "detail", lambda q: q.count_lost(True), 1 - GOOD, 1 - POOR,
         lambda q: f"{_describe_soft(q)}, after many steps: "
         + _name_wrong(q, "that looks like wrong poses or a wrong lens"),
-        _mend_wrong,
+        _choose_step_on_wrong,
     ),
 )  # fmt: skip
 
 
-def _gain_by_colors(metrics: Mapping[str, Any]) -> float:
+def _measure_color_gain(metrics: Mapping[str, Any]) -> float:
     corrected = metrics.get("psnr_color_corrected")
     return 0.0 if corrected is None else float(corrected - metrics["psnr"])
 
@@ -189,7 +189,7 @@ NOTES: tuple[Check[Mapping[str, Any]], ...] = (
         "",
     ),
     Check(
-        "colours", _gain_by_colors, _COLORS_DB, math.inf,
+        "colours", _measure_color_gain, _COLORS_DB, math.inf,
         lambda m: "brightness or colours differ from the photographs "
         f"({m['psnr_color_corrected']:.1f} dB with colours corrected): exposure, white balance, or "
         "fog in a sky",

@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 import math
 
-from gsut.judge.checks import DIAGONAL, GOOD_PX, USABLE_PX, Check, judge
-from gsut.judge.pictures import PICTURE_CHECKS, PictureQuality
+from gsut.judge.checks.check import DIAGONAL, GOOD_PX, USABLE_PX, Check, judge
+from gsut.judge.checks.pictures import PICTURE_CHECKS, PictureQuality
 from gsut.run import Verdict
 
 # Relative error of the focal length that shifts a picture by GOOD_PX (root mean square).
@@ -116,19 +116,19 @@ def _describe_error(q: PosesQuality) -> str:
     return f"the focal length is {known}"
 
 
-def _advise_on_error(q: PosesQuality) -> str:
+def _choose_step_on_error(q: PosesQuality) -> str:
     if q.lens_px > q.scale * q.halves_px[0]:
         return "give the lens by --camera or --fov, or turn the camera more while you walk"
-    return _advise_on_matches(q) if q.agreement < FEW_AGREE else _ADD_BETWEEN
+    return _choose_step_on_matches(q) if q.agreement < FEW_AGREE else _ADD_BETWEEN
 
 
-def _advise_on_matches(q: PosesQuality) -> str:
+def _choose_step_on_matches(q: PosesQuality) -> str:
     """Names a step where matches fit neither lens nor poses."""
     is_doubtful = q.focal_sigma is None and q.readout_turn is None
-    return _ESTIMATE_LENS if is_doubtful else _advise_on_pairs(q)
+    return _ESTIMATE_LENS if is_doubtful else _choose_step_on_pairs(q)
 
 
-def _advise_on_pairs(q: PosesQuality) -> str:
+def _choose_step_on_pairs(q: PosesQuality) -> str:
     """Names a step where pairs of images fit each other and not the poses."""
     if q.readout_turn is not None:
         return _ADD_TURNED
@@ -186,12 +186,12 @@ POSES_CHECKS: tuple[Check[PosesQuality], ...] = (
         "rejected pairs", lambda q: q.contradicted, 0.05, 0.15,
         lambda q: f"the poses reject all matches of {100 * q.contradicted:.0f} % of the pairs of "
         "images",
-        _advise_on_pairs,
+        _choose_step_on_pairs,
     ),
     Check(
         "agreement", lambda q: 1 - q.agreement, 1 - FEW_AGREE, 1 - _HARDLY_AGREE,
         lambda q: f"only {100 * q.agreement:.0f} % of the matches agree in all images together",
-        _advise_on_matches, is_visible=True,
+        _choose_step_on_matches, is_visible=True,
     ),
     Check(
         "given focal length", lambda q: convert_focal_error(q.focal_gap), GOOD_PX, USABLE_PX,
@@ -206,8 +206,8 @@ POSES_CHECKS: tuple[Check[PosesQuality], ...] = (
         is_visible=True,
     ),
     Check(
-        "open error", lambda q: q.error_px, GOOD_PX, USABLE_PX, _describe_error, _advise_on_error,
-        is_visible=True,
+        "open error", lambda q: q.error_px, GOOD_PX, USABLE_PX,
+        _describe_error, _choose_step_on_error, is_visible=True,
     ),
 )  # fmt: skip
 
