@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import gsut
 from formats.scene_cases import plain_scene
 from gsut import InputError, formats
 from gsut.data.export import copy_file
@@ -118,3 +119,20 @@ def test_check_shape_of_another_value_says_where(value, shape, said):
 def test_check_shape_of_what_fits_says_nothing():
     shape = {"a?": int, "b": [(str, type(None))], "c": {"*": [float]}, "d": frozenset("xy")}
     check_shape({"b": ["x", None], "c": {"k": [0.5]}, "d": "x", "more": []}, shape)
+
+
+def test_ply_writer_leaves_files_and_links_beside_it_alone(tmp_path):
+    beside, target, link = (tmp_path / name for name in ("a.ply.partial", "target", "link.ply"))
+    target.write_text("mine")
+    beside.symlink_to(target)
+    scene = plain_scene(np.random.default_rng(1), 5)
+    gsut.save_ply(tmp_path / "a.ply", scene)
+    assert beside.is_symlink()
+    assert target.read_text() == "mine"
+    link.symlink_to(tmp_path / "a.ply")
+    gsut.save_ply(link, scene[:2])
+    assert link.is_symlink()
+    assert len(gsut.load_ply(tmp_path / "a.ply")) == 2
+    assert sorted(p.name for p in tmp_path.iterdir()) == [
+        "a.ply", "a.ply.partial", "link.ply", "target"
+    ]  # fmt: skip

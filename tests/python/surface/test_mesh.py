@@ -107,7 +107,7 @@ def test_bad_mesh_files_are_refused(tmp_path, ball):
     content = (tmp_path / "a.ply").read_bytes()
     for cut in (10, 300, len(content) - 5):
         (tmp_path / "b.ply").write_bytes(content[:cut])
-        with pytest.raises(InputError, match="damaged|ends before end_header|truncated"):
+        with pytest.raises(InputError, match=r"damaged|ends before end_header|truncated"):
             load_mesh(tmp_path / "b.ply")
 
 
